@@ -1,0 +1,68 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+#include <cstddef>
+#include <memory>
+#include <string>
+#include <string_view>
+#include <vector>
+
+namespace cama {
+
+/// Memory on a device; what it points to is the backend's business.
+using Buffer = void *;
+
+/// Which compilation of a kernel: kernels that use `real` exist once per precision, the others once.
+enum class Precision { none, f32, f64 };
+
+struct KernelKey {
+  int index;            ///< position in kernels.def
+  Precision precision;
+  const char *name;
+};
+
+/// One kernel argument: a scalar's address, or a buffer.
+struct Argument {
+  const void *scalar = nullptr;
+  std::size_t size = 0;   ///< of the scalar, bytes
+  Buffer buffer = nullptr;
+  bool is_buffer = false;
+};
+
+/// Memory, launching, prefix sums and sorting on one device. Knows nothing about cloth.
+/// All calls enqueue in order; `download` and `synchronize` wait.
+class Backend {
+public:
+  virtual ~Backend() = default;
+  virtual std::string_view name() const = 0;     ///< "cpu", "opencl", "cuda"
+  virtual std::string device() const = 0;        ///< what a user calls the hardware
+
+  virtual Buffer allocate(std::size_t bytes) = 0;             ///< throws MemoryError
+  virtual void release(Buffer buffer) noexcept = 0;
+  virtual void upload(Buffer to, const void *from, std::size_t bytes) = 0;
+  virtual void download(void *to, Buffer from, std::size_t bytes, std::size_t offset = 0) = 0;
+  virtual void copy(Buffer to, Buffer from, std::size_t bytes) = 0;
+  virtual void fill(Buffer buffer, unsigned char byte, std::size_t bytes) = 0;
+
+  virtual void launch(const KernelKey &kernel, int n, const Argument *arguments, int count) = 0;
+  /// to[i] = sum of from[0..i), to[n] = total. `to` holds n + 1 ints and may not alias `from`.
+  virtual void scan(Buffer from, Buffer to, int n) = 0;
+  /// Stable radix sort of n 64-bit keys by their low `bits` bits, values moved along.
+  virtual void sort(Buffer keys, Buffer values, int n, int bits) = 0;
+  virtual void synchronize() = 0;
+
+  std::size_t allocated_bytes() const { return allocated_; }
+  std::size_t peak_bytes() const { return peak_; }
+  long launches() const { return launches_; }
+
+protected:
+  std::size_t allocated_ = 0, peak_ = 0;
+  long launches_ = 0;
+};
+
+/// name: "auto", "cpu", "opencl" or "cuda". threads: of the CPU backend, 0 = all. Throws BackendError listing what is there.
+std::unique_ptr<Backend> make_backend(const std::string &name, int device = 0, int threads = 0);
+
+struct BackendInfo { std::string name; bool available; std::vector<std::string> devices; std::string note; };
+std::vector<BackendInfo> list_backends();
+
+}  // namespace cama

@@ -1,0 +1,36 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+#include <array>
+#include <filesystem>
+#include <string>
+#include <vector>
+
+#include "cama/types.hpp"
+
+namespace cama {
+
+using Triangle = std::array<int, 3>;
+using MaterialPoint = std::array<double, 2>;  ///< (u, v), m
+
+/// Triangles in world space; panels may be separate in material space while they share vertices in world space.
+struct Mesh {
+  std::vector<dvec3> position;                    ///< [vertices], m
+  std::vector<Triangle> face;                     ///< [triangles] indices into position
+  std::vector<MaterialPoint> material_position;   ///< [material vertices], m; empty: none
+  std::vector<Triangle> material_face;            ///< [triangles] indices into material_position; empty: none
+
+  /// Throws MeshError naming `object` and the element: empty mesh, non-finite coordinate, index out of range, repeated index,
+  /// zero area (world, and material where present), duplicate face, vertex that no face uses.
+  void validate(const std::string &object) const;
+};
+
+/// Unique undirected edges (lo, hi), ordered by lo then hi.
+std::vector<std::array<int, 2>> unique_edges(const std::vector<Triangle> &face);
+
+/// Reads OBJ, PLY, glTF, FBX, DAE, STL through assimp; all meshes of the file become one, in metres.
+/// Texture coordinates become material space, times `material_scale` (m per unit). Throws FileError.
+Mesh load_mesh(const std::filesystem::path &file, double scale = 1.0, double material_scale = 1.0);
+/// Writes OBJ with material coordinates where present. Throws FileError.
+void save_obj(const std::filesystem::path &file, const Mesh &mesh);
+
+}  // namespace cama

@@ -1,0 +1,52 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+#include <array>
+#include <filesystem>
+#include <memory>
+#include <string>
+#include <vector>
+
+#include "cama/mesh.hpp"
+
+namespace cama {
+
+/// Placement: x -> translation + scale * rotation * (x - center) + center. Rotation is a unit quaternion (w, x, y, z).
+struct RigidTransform {
+  dvec3 translation{0, 0, 0};
+  std::array<double, 4> rotation{1, 0, 0, 0};
+  double scale = 1;
+  dvec3 center{0, 0, 0};
+  dvec3 apply(const dvec3 &x) const;
+};
+
+/// A prescribed motion, continuous in time: rigid keys, steady rates, oscillation, or sampled vertex positions.
+struct Motion {
+  struct Key { double time = 0; RigidTransform transform; };
+  std::vector<Key> keys;                         ///< linear in translation and scale, spherical in rotation; held outside
+  dvec3 velocity{0, 0, 0};                       ///< steady translation, m/s
+  dvec3 rotation_rate{0, 0, 0};                  ///< steady rotation about `center`, rad/s (axis times rate)
+  dvec3 oscillation{0, 0, 0};                    ///< amplitude of a sine translation, m
+  double period = 1;                             ///< of the oscillation, s
+  dvec3 center{0, 0, 0};
+  double start = 0, stop = 1e300;                ///< the steady parts act between these times, s
+
+  /// Vertex animation (skinned characters, sequences): positions at given times, linear between, held outside.
+  struct Sampled { std::vector<double> time; std::vector<std::vector<dvec3>> position; };
+  std::shared_ptr<const Sampled> sampled;
+
+  bool is_static() const;
+  bool is_rigid() const { return !sampled; }
+  RigidTransform at(double time) const;                                  ///< rigid part
+  void evaluate(double time, const std::vector<dvec3> &rest, std::vector<dvec3> &position) const;  ///< all vertices
+};
+
+/// A skinned character: the mesh at the clip's first frame and its sampled motion.
+struct Character { Mesh mesh; Motion motion; double duration = 0; };
+
+/// Loads a mesh with skeletal animation through assimp (glTF, FBX, DAE).
+/// @param clip name or index of the animation ("" or "0": the first). @param animation_file other file to take the clip from, nodes matched by name.
+/// @param samples_per_second density of the sampled vertex motion. @param y_up turn y-up files to z-up. Throws FileError.
+Character load_character(const std::filesystem::path &file, const std::string &clip = "", const std::filesystem::path &animation_file = {},
+                         double scale = 1.0, double samples_per_second = 60, bool y_up = true);
+
+}  // namespace cama

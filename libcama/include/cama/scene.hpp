@@ -1,0 +1,98 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+#include <array>
+#include <cstdint>
+#include <filesystem>
+#include <limits>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "cama/material.hpp"
+#include "cama/mesh.hpp"
+#include "cama/motion.hpp"
+
+namespace cama {
+
+/// One piece of cloth: a mesh in its starting position, with a rest state in material space.
+struct Cloth {
+  std::string name;
+  Mesh mesh;                     ///< mesh.material_position is the rest state; empty: the starting position is the rest state
+  Material material;
+  dvec3 velocity{0, 0, 0};       ///< starting velocity, m/s
+  std::string source;            ///< what it was made from ("grid", a file name), for `explain`
+};
+
+/// A body that cloth collides with; it moves as told and feels nothing.
+struct Obstacle {
+  std::string name;
+  Mesh mesh;                     ///< position at rest of the motion
+  Motion motion;                 ///< rigid keys or vertex animation
+  double friction = 0.3;         ///< Coulomb coefficient against cloth
+  std::string source;
+};
+
+/// Cloth vertices whose motion is prescribed (degrees of freedom eliminated from the system).
+struct Pin {
+  int cloth = 0;
+  std::vector<int> vertices;     ///< indices into the cloth's mesh
+  Motion motion;                 ///< rigid motion of the starting position; ignored when `obstacle` is set
+  std::optional<int> obstacle;   ///< attach: follow the nearest point of this obstacle's surface
+  double release = std::numeric_limits<double>::infinity();  ///< time at which the vertices are let go, s
+};
+
+/// Zero-length spring between a vertex and a point on an edge: x_a = (1 - ratio) x_b + ratio x_c.
+struct Stitch {
+  int cloth_a = 0, vertex_a = 0;
+  int cloth_b = 0, vertex_b = 0, vertex_c = 0;
+  double ratio = 0;
+  double stiffness = 1e3;        ///< N/m
+};
+
+struct Wind {
+  dvec3 velocity{0, 0, 0};       ///< m/s
+  double density = 1.2;          ///< of air, kg/m^3
+  double drag = 0.0;             ///< tangential drag coefficient, dimensionless
+};
+
+enum class ContactForm { rank_one, star };
+
+struct Contact {
+  bool enabled = true;           ///< false: cloth passes through everything
+  bool self = true;              ///< cloth against cloth
+  double thickness = 1e-3;       ///< distance below which the penalty acts, m
+  double stiffness = 1e6;        ///< penalty stiffness k of Equation 2 per contact area, N/m^3
+  double friction = 0.2;         ///< Coulomb coefficient cloth against cloth
+};
+
+/// What the user describes: host data only. Lengths in m, masses in kg, times in s.
+struct Scene {
+  std::string name = "scene", description;
+  double time_step = 1.0 / 200;  ///< s
+  double frame_time = 0;         ///< s between recorded frames; 0: one frame per step
+  int frames = 100;
+  dvec3 gravity{0, 0, -9.81};    ///< m/s^2
+  std::optional<Wind> wind;
+  Contact contact;
+  std::vector<Cloth> cloths;
+  std::vector<Obstacle> obstacles;
+  std::vector<Pin> pins;
+  std::vector<Stitch> stitches;
+
+  /// Loads a folder with scene.json, or a JSON file.
+  /// @param resolution total number of cloth triangles aimed at by generated meshes; 0: the scene's own default.
+  /// Throws FileError, SceneError (naming the field), MeshError or MaterialError.
+  static Scene load(const std::filesystem::path &path, int resolution = 0);
+  /// The same from JSON text; `folder` is where relative file names start.
+  static Scene parse(const std::string &json, const std::filesystem::path &folder, int resolution = 0);
+  /// JSON text of the whole scene with meshes inline; parse(save()) gives the same scene.
+  std::string save() const;
+
+  /// Throws a named error for the first thing that cannot be simulated; called by Simulation before any kernel runs.
+  void validate() const;
+
+  int cloth_vertex_count() const;
+  int cloth_triangle_count() const;
+};
+
+}  // namespace cama

@@ -1,0 +1,114 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+#include <array>
+#include <cstdint>
+#include <memory>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "cama/backend.hpp"
+#include "cama/scene.hpp"
+
+namespace cama {
+
+enum class Assembly { gather, algorithm1, sorted };          ///< static pattern; the paper's Algorithm 1; collect, sort, reduce
+enum class Preconditioner { none, jacobi, block_jacobi };
+enum class LinearSolver { conjugate_gradient, direct };
+
+/// How to compute; what to compute is the Scene. The defaults are those of accuracy "production".
+struct Options {
+  std::string backend = "auto";
+  int device = 0;
+  int threads = 0;                        ///< CPU threads; 0: all
+  std::string precision = "double";       ///< of forces, matrix and solve: "double" or "single"; state and collision are double
+  std::string accuracy = "production";    ///< "production" or "paper"
+  Assembly assembly = Assembly::gather;
+  bool atomic_filling = false;            ///< Algorithm 1 as printed: fill with floating-point atomics (order, hence bits, vary)
+  Preconditioner preconditioner = Preconditioner::block_jacobi;
+  LinearSolver solver = LinearSolver::conjugate_gradient;
+  double tolerance = 1e-3;                ///< of the solve, relative, in the preconditioned norm
+  int max_iterations = 5000;
+  int max_impact_passes = 8;              ///< rounds of continuous detection and inelastic projection
+  bool commit = true;                     ///< certified commit at the end of every step
+  bool audit = false;                     ///< count intersections after every step
+
+  /// Sets every option that the named accuracy fixes. Throws SceneError listing the names.
+  static Options preset(const std::string &accuracy);
+};
+
+struct StageTime { std::string name; int depth; double milliseconds; };   ///< of the last step
+struct StreamInfo { std::string name; std::string element; std::size_t size, bytes; };
+
+/// What the last step did.
+struct StepReport {
+  int step = 0;
+  double time = 0;                        ///< s, at the end of the step
+  int contacts = 0;                       ///< proximity contacts in the matrix
+  int candidates = 0;                     ///< pairs examined
+  int impacts = 0;                        ///< found by continuous detection in the first pass
+  int impact_passes = 0;
+  int truncated = 0;                      ///< vertices whose motion the commit cut
+  double lost_motion = 0;                 ///< mean fraction of motion that the commit cut, over all cloth vertices
+  int substeps = 1;                       ///< pieces that moving obstacles divided the step into
+  int iterations = 0;                     ///< of the linear solve
+  double residual = 0;                    ///< true relative residual |b - A x| / |b|, when checked
+  double milliseconds = 0;
+  int intersections = -1;                 ///< -1: not audited
+};
+
+struct Energy { double kinetic = 0, stretching = 0, bending = 0, gravity = 0; };   ///< J
+
+/// Contact pairs of the last step, cloth vertices first in the numbering of all vertices.
+struct ContactArrays {
+  std::vector<std::array<int, 4>> vertices;       ///< vertex then face, or two edges
+  std::vector<std::array<double, 4>> weights;     ///< signed barycentric weights
+  std::vector<dvec3> normal;
+  std::vector<double> distance;                   ///< m
+  std::vector<int> kind;                          ///< 0 vertex-face, 1 edge-edge
+};
+
+/// Backend, state and pipeline of one scene. Vertices: all cloths in order, then all obstacles.
+class Simulation {
+public:
+  explicit Simulation(const Scene &scene, const Options &options = {});   ///< validates; throws before any kernel runs
+  ~Simulation();
+  Simulation(Simulation &&) noexcept;
+  Simulation &operator=(Simulation &&) noexcept;
+
+  void step();                                    ///< one time step; throws SolverError or CollisionError, state stays readable
+  int step_count() const;
+  double time() const;
+
+  int vertex_count() const;                       ///< cloth and obstacles
+  int cloth_vertex_count() const;
+  const std::vector<Triangle> &faces() const;     ///< all, cloths first, indices into all vertices
+  int cloth_triangle_count() const;
+  std::vector<std::pair<int, int>> cloth_ranges() const;      ///< [first, last) vertices of each cloth
+  std::vector<std::pair<int, int>> obstacle_ranges() const;
+
+  std::vector<dvec3> positions() const;           ///< [all vertices], m
+  std::vector<dvec3> velocities() const;          ///< [all vertices], m/s
+  std::vector<double> masses() const;             ///< [cloth vertices], kg
+  void set_state(const std::vector<dvec3> &positions, const std::vector<dvec3> &velocities);   ///< [cloth vertices] each
+  ContactArrays contacts() const;
+
+  const StepReport &report() const;
+  std::vector<StageTime> timings() const;         ///< of the last step, pipeline order
+  std::vector<StreamInfo> streams() const;        ///< every stream that outlives a stage
+  std::vector<std::pair<std::string, std::string>> explain() const;  ///< stage name, why it is there
+  Energy energy() const;
+  double min_gap() const;                         ///< smallest distance over candidate pairs of the last step, m; inf if none
+  double max_strain() const;                      ///< largest principal stretch minus one over all triangles
+  int count_intersections() const;                ///< edge-triangle intersections, exact predicates, between all objects but obstacle-obstacle
+  std::uint64_t state_hash() const;               ///< of cloth positions and velocities, bit for bit
+  std::size_t peak_memory_bytes() const;          ///< of the device memory this simulation allocated
+  const Options &options() const;
+  const Backend &backend() const;
+
+private:
+  struct Implementation;
+  std::unique_ptr<Implementation> implementation_;
+};
+
+}  // namespace cama

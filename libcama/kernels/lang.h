@@ -1,0 +1,114 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* The kernel dialect: one text, valid as C99, C++17, CUDA C++ and OpenCL C 1.2. The only place with #if on the language.
+   `real` is the working precision; it is defined by whoever includes the kernels (double or float). */
+#ifndef CAMA_LANG_H
+#define CAMA_LANG_H
+
+#if defined(__OPENCL_C_VERSION__)
+#pragma OPENCL EXTENSION cl_khr_fp64 : enable
+#pragma OPENCL EXTENSION cl_khr_int64_base_atomics : enable
+#pragma OPENCL FP_CONTRACT OFF
+#define KERNEL __kernel void
+#define DEVICE static inline
+#define GLOBAL __global
+#define RESTRICT restrict
+#define FOR_EACH(i, n) for (int i = (int)get_global_id(0); i < (n); i += (int)get_global_size(0))
+#define FOR_EACH_UNEVEN(i, n) FOR_EACH(i, n)
+typedef ulong key64;
+DEVICE int atomic_add_int(volatile GLOBAL int *p, int v) { return atomic_add(p, v); }
+DEVICE int atomic_min_int(volatile GLOBAL int *p, int v) { return atomic_min(p, v); }
+DEVICE int atomic_max_int(volatile GLOBAL int *p, int v) { return atomic_max(p, v); }
+DEVICE int float_bits(float x) { return as_int(x); }
+DEVICE float bits_float(int i) { return as_float(i); }
+DEVICE void atomic_add_double(volatile GLOBAL double *p, double v)
+{
+  volatile GLOBAL ulong *word = (volatile GLOBAL ulong *)p;
+  ulong old = *word, seen;
+  do { seen = old; old = atom_cmpxchg(word, seen, as_ulong(as_double(seen) + v)); } while (old != seen);
+}
+DEVICE void atomic_add_float(volatile GLOBAL float *p, float v)
+{
+  volatile GLOBAL uint *word = (volatile GLOBAL uint *)p;
+  uint old = *word, seen;
+  do { seen = old; old = atomic_cmpxchg(word, seen, as_uint(as_float(seen) + v)); } while (old != seen);
+}
+
+#else
+#include <math.h>
+#include <stdint.h>
+#include <string.h>
+#define GLOBAL
+typedef unsigned long long key64;
+
+#if defined(__CUDACC__)
+#define KERNEL static __global__ void
+#define DEVICE static __host__ __device__ inline
+#define RESTRICT __restrict__
+#define FOR_EACH(i, n) for (int i = (int)(blockIdx.x * blockDim.x + threadIdx.x); i < (n); i += (int)(gridDim.x * blockDim.x))
+#define FOR_EACH_UNEVEN(i, n) FOR_EACH(i, n)
+static __device__ inline int atomic_add_int(int *p, int v) { return atomicAdd(p, v); }
+static __device__ inline int atomic_min_int(int *p, int v) { return atomicMin(p, v); }
+static __device__ inline int atomic_max_int(int *p, int v) { return atomicMax(p, v); }
+static __device__ inline int float_bits(float x) { return __float_as_int(x); }
+static __device__ inline float bits_float(int i) { return __int_as_float(i); }
+static __device__ inline void atomic_add_double(double *p, double v) { atomicAdd(p, v); }
+static __device__ inline void atomic_add_float(float *p, float v) { atomicAdd(p, v); }
+
+#else
+#if defined(__cplusplus)
+#define KERNEL inline void
+#define DEVICE inline
+#define RESTRICT __restrict__
+#else
+#define KERNEL static inline void
+#define DEVICE static inline
+#define RESTRICT restrict
+#endif
+#define CAMA_PRAGMA(text) _Pragma(#text)
+#if defined(_OPENMP)
+#define FOR_EACH(i, n) CAMA_PRAGMA(omp parallel for schedule(static) if ((n) > 512)) for (int i = 0; i < (n); ++i)
+#define FOR_EACH_UNEVEN(i, n) CAMA_PRAGMA(omp parallel for schedule(dynamic, 64) if ((n) > 64)) for (int i = 0; i < (n); ++i)
+#else
+#define FOR_EACH(i, n) for (int i = 0; i < (n); ++i)
+#define FOR_EACH_UNEVEN(i, n) FOR_EACH(i, n)
+#endif
+DEVICE int atomic_add_int(int *p, int v) { return __atomic_fetch_add(p, v, __ATOMIC_RELAXED); }
+DEVICE int atomic_min_int(int *p, int v)
+{
+  int seen = __atomic_load_n(p, __ATOMIC_RELAXED);
+  while (v < seen && !__atomic_compare_exchange_n(p, &seen, v, 0, __ATOMIC_RELAXED, __ATOMIC_RELAXED)) {}
+  return seen;
+}
+DEVICE int atomic_max_int(int *p, int v)
+{
+  int seen = __atomic_load_n(p, __ATOMIC_RELAXED);
+  while (v > seen && !__atomic_compare_exchange_n(p, &seen, v, 0, __ATOMIC_RELAXED, __ATOMIC_RELAXED)) {}
+  return seen;
+}
+DEVICE int float_bits(float x) { int i; memcpy(&i, &x, sizeof i); return i; }
+DEVICE float bits_float(int i) { float x; memcpy(&x, &i, sizeof x); return x; }
+DEVICE void atomic_add_double(double *p, double v)
+{
+  int64_t seen, next; double sum;
+  memcpy(&seen, p, sizeof seen);
+  do { memcpy(&sum, &seen, sizeof sum); sum += v; memcpy(&next, &sum, sizeof next); }
+  while (!__atomic_compare_exchange_n((int64_t *)p, &seen, next, 0, __ATOMIC_RELAXED, __ATOMIC_RELAXED));
+}
+DEVICE void atomic_add_float(float *p, float v)
+{
+  int32_t seen, next; float sum;
+  memcpy(&seen, p, sizeof seen);
+  do { memcpy(&sum, &seen, sizeof sum); sum += v; memcpy(&next, &sum, sizeof next); }
+  while (!__atomic_compare_exchange_n((int32_t *)p, &seen, next, 0, __ATOMIC_RELAXED, __ATOMIC_RELAXED));
+}
+#endif
+#endif
+
+/* Total orders written out: fmin and fmax differ between languages on signed zeros. */
+DEVICE double min_double(double a, double b) { return a < b ? a : b; }
+DEVICE double max_double(double a, double b) { return a > b ? a : b; }
+DEVICE double clamp_double(double x, double lo, double hi) { return min_double(max_double(x, lo), hi); }
+DEVICE int min_int(int a, int b) { return a < b ? a : b; }
+DEVICE int max_int(int a, int b) { return a > b ? a : b; }
+
+#endif
