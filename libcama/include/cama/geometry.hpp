@@ -26,6 +26,7 @@ Distance edge_edge_distance(const Quad &x);
 
 /// Pairs (edge as vertex pair, face index) that intersect, by exact predicates; edges that share a vertex with the face excluded.
 struct Intersection { std::array<int, 2> edge; int face; };
-std::vector<Intersection> intersections(const std::vector<dvec3> &position, const std::vector<Triangle> &face);
+/// Vertices from first_obstacle_vertex on belong to obstacles, whose pairs among themselves are left out; -1: none. Ordered by edge, then face.
+std::vector<Intersection> intersections(const std::vector<dvec3> &position, const std::vector<Triangle> &face, int first_obstacle_vertex = -1);
 
 }  // namespace cama

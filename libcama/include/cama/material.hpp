@@ -15,7 +15,8 @@ struct Material {
   double density = 0.2;                                  ///< kg/m^2
   /// [6][k11 k12 k22 k33] N/m: row 0 unstrained, rows 1 to 5 at stretch 1/6 in directions 0, 22.5, 45, 67.5, 90 degrees from warp
   std::array<std::array<double, 4>, 6> stretching{};
-  /// [direction 0, 45, 90 degrees][curvature 0, 5, 10, 15, 20 1/m] N m
+  /// [fold line at 0, 45, 90 degrees from warp][curvature 0, 5, 10, 15, 20 1/m] N m: the hinge stiffness k of E = k l^2 angle^2 / (8 A),
+  /// l the shared edge and A the area of both faces, which is four times the stiffness of the plate that the hinges stand for
   std::array<std::array<double, 5>, 3> bending{};
   double damping = 0;                                    ///< stiffness damping c, s: D = -c K
   double friction = 0.2;                                 ///< Coulomb coefficient of cloth against cloth
@@ -28,7 +29,8 @@ struct Material {
 
   /// Young's modulus times thickness [N/m], Poisson ratio, bending stiffness [N m] (of a plate, per unit width).
   static Material isotropic(double youngs_modulus, double poisson_ratio, double bending, double density);
-  /// Warp and weft moduli times thickness [N/m], shear modulus times thickness [N/m], bending along warp and weft [N m].
+  /// Warp and weft moduli times thickness [N/m], geometric mean of the two Poisson ratios, shear modulus times thickness [N/m],
+  /// bending stiffness along warp and weft [N m] (of a plate, per unit width; bending along the warp curves the warp yarns).
   static Material orthotropic(double youngs_warp, double youngs_weft, double poisson_ratio, double shear, double bending_warp,
                               double bending_weft, double density);
   /// One of the fabrics that ship with cama ("cotton", "denim", "silk", ...). Throws MaterialError listing the names.

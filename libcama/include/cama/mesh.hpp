@@ -27,9 +27,16 @@ struct Mesh {
 /// Unique undirected edges (lo, hi), ordered by lo then hi.
 std::vector<std::array<int, 2>> unique_edges(const std::vector<Triangle> &face);
 
-/// Reads OBJ, PLY, glTF, FBX, DAE, STL through assimp; all meshes of the file become one, in metres.
-/// Texture coordinates become material space, times `material_scale` (m per unit). Throws FileError.
+/// Sewing line of a mesh file: x_a is held at (1 - ratio) x_b + ratio x_c.
+struct MeshStitch { int a = 0, b = 0, c = 0; double ratio = 0; };
+
+/// Reads OBJ (own reader: vertex order, separate texture indices and every bit kept) and PLY, glTF, FBX, DAE, STL through assimp;
+/// all meshes of the file become one, vertices at equal positions are welded, coordinates are file units times `scale`; the y-up
+/// formats (glTF, FBX, DAE) are turned to z-up. Texture coordinates become material space, times `material_scale` (m per unit).
+/// Throws FileError.
 Mesh load_mesh(const std::filesystem::path &file, double scale = 1.0, double material_scale = 1.0);
+/// The lines "stitch a b c ratio" of an OBJ file (vertices counted from 0); other formats have none. Throws FileError.
+std::vector<MeshStitch> load_stitches(const std::filesystem::path &file);
 /// Writes OBJ with material coordinates where present. Throws FileError.
 void save_obj(const std::filesystem::path &file, const Mesh &mesh);
 

@@ -45,8 +45,10 @@ struct Character { Mesh mesh; Motion motion; double duration = 0; };
 
 /// Loads a mesh with skeletal animation through assimp (glTF, FBX, DAE).
 /// @param clip name or index of the animation ("" or "0": the first). @param animation_file other file to take the clip from, nodes matched by name.
-/// @param samples_per_second density of the sampled vertex motion. @param y_up turn y-up files to z-up. Throws FileError.
+/// @param scale m per file unit. @param samples_per_second density of the sampled vertex motion. @param y_up turn y-up files to z-up.
+/// @param lead_in seconds of easing from the bind pose into the clip before it starts (0: starts with the clip; clip "bind": no clip at all).
+/// @param loops how often the clip is played. Throws FileError.
 Character load_character(const std::filesystem::path &file, const std::string &clip = "", const std::filesystem::path &animation_file = {},
-                         double scale = 1.0, double samples_per_second = 60, bool y_up = true);
+                         double scale = 1.0, double samples_per_second = 60, bool y_up = true, double lead_in = 0, int loops = 1);
 
 }  // namespace cama

@@ -25,12 +25,15 @@ struct Options {
   std::string accuracy = "production";    ///< "production" or "paper"
   Assembly assembly = Assembly::gather;
   bool atomic_filling = false;            ///< Algorithm 1 as printed: fill with floating-point atomics (order, hence bits, vary)
+  ContactForm contact_form = ContactForm::rank_one;   ///< of the penalty in the matrix: consistent, or the paper's star of springs
+  bool anticipate_contacts = true;        ///< contacts also for pairs that would close within the step; false: distance alone (paper)
   Preconditioner preconditioner = Preconditioner::block_jacobi;
   LinearSolver solver = LinearSolver::conjugate_gradient;
   double tolerance = 1e-3;                ///< of the solve, relative, in the preconditioned norm
   int max_iterations = 5000;
   int max_impact_passes = 8;              ///< rounds of continuous detection and inelastic projection
   bool commit = true;                     ///< certified commit at the end of every step
+  bool arcsim_conventions = false;         ///< sample bending at the signed curvature, extrapolated below zero, as ARCSim does
   bool audit = false;                     ///< count intersections after every step
 
   /// Sets every option that the named accuracy fixes. Throws SceneError listing the names.

@@ -1,0 +1,154 @@
+// SPDX-License-Identifier: Apache-2.0
+// The OpenMP backend: an ordinary loop per kernel. With one thread it is the serial reference.
+#include "cpu_backend.hpp"
+
+#include <omp.h>
+
+#include <algorithm>
+#include <cstdlib>
+#include <cstring>
+#include <fstream>
+#include <new>
+#include <thread>
+
+#include "launch.hpp"
+
+namespace cama {
+namespace {
+
+using Trampoline = void (*)(int, const Argument *);
+
+template <class P>
+P unpack(const Argument &argument)
+{
+  if constexpr (std::is_pointer_v<P>) return static_cast<P>(argument.buffer);
+  else return *static_cast<const P *>(argument.scalar);
+}
+
+template <auto function, class... P, std::size_t... I>
+void call(int n, const Argument *arguments, void (*)(int, P...), std::index_sequence<I...>)
+{
+  function(n, unpack<P>(arguments[I])...);
+}
+
+template <auto function, class... P>
+constexpr std::size_t parameter_count(void (*)(int, P...)) { return sizeof...(P); }
+
+template <auto function>
+void trampoline(int n, const Argument *arguments)
+{
+  call<function>(n, arguments, function, std::make_index_sequence<parameter_count<function>(function)>{});
+}
+
+struct Entry { Trampoline once, f32, f64; };
+
+const Entry entries[] = {
+#define CAMA_DOUBLE_KERNEL(name) {&trampoline<&kernels::name>, nullptr, nullptr},
+#define CAMA_REAL_KERNEL(name) {nullptr, &trampoline<&kernels::f32::name>, &trampoline<&kernels::f64::name>},
+#include "../../libcama/kernels/kernels.def"
+};
+
+constexpr std::size_t header = 64;   // keeps the size in front of every allocation, and 64-byte alignment
+
+std::string processor_name()
+{
+  std::ifstream file("/proc/cpuinfo");
+  for (std::string line; std::getline(file, line);)
+    if (line.rfind("model name", 0) == 0) return line.substr(line.find(':') + 2);
+  return "processor";
+}
+
+class CpuBackend final : public Backend {
+public:
+  explicit CpuBackend(int threads) : threads_(threads > 0 ? threads : omp_get_num_procs()) {}
+
+  std::string_view name() const override { return "cpu"; }
+  std::string device() const override { return processor_name() + ", " + std::to_string(threads_) + (threads_ == 1 ? " thread" : " threads"); }
+
+  Buffer allocate(std::size_t bytes) override
+  {
+    const std::size_t whole = (bytes + header + 63) / 64 * 64;
+    auto *memory = static_cast<unsigned char *>(std::aligned_alloc(64, whole));
+    if (!memory) throw MemoryError("out of memory: " + std::to_string(bytes) + " bytes asked on top of " + std::to_string(allocated_) +
+                                   "; lower the resolution");
+    std::memcpy(memory, &bytes, sizeof bytes);
+#ifndef NDEBUG
+    std::memset(memory + header, 0xff, bytes);   // every double and float of a new stream is NaN
+#endif
+    allocated_ += bytes;
+    peak_ = std::max(peak_, allocated_);
+    return memory + header;
+  }
+  void release(Buffer buffer) noexcept override
+  {
+    auto *memory = static_cast<unsigned char *>(buffer) - header;
+    std::size_t bytes;
+    std::memcpy(&bytes, memory, sizeof bytes);
+    allocated_ -= bytes;
+    std::free(memory);
+  }
+  void upload(Buffer to, const void *from, std::size_t bytes) override { std::memcpy(to, from, bytes); }
+  void download(void *to, Buffer from, std::size_t bytes, std::size_t offset) override
+  {
+    std::memcpy(to, static_cast<const char *>(from) + offset, bytes);
+  }
+  void copy(Buffer to, Buffer from, std::size_t bytes) override { std::memcpy(to, from, bytes); }
+  void fill(Buffer buffer, unsigned char byte, std::size_t bytes) override { std::memset(buffer, byte, bytes); }
+
+  void launch(const KernelKey &kernel, int n, const Argument *arguments, int) override
+  {
+    ++launches_;
+    omp_set_num_threads(threads_);
+    const Entry &entry = entries[kernel.index];
+    (kernel.precision == Precision::none ? entry.once : kernel.precision == Precision::f32 ? entry.f32 : entry.f64)(n, arguments);
+  }
+
+  void scan(Buffer from, Buffer to, int n) override
+  {
+    const int *in = static_cast<const int *>(from);
+    int *out = static_cast<int *>(to);
+    long long sum = 0;
+    for (int i = 0; i < n; ++i) {
+      out[i] = static_cast<int>(sum);
+      sum += in[i];
+    }
+    if (sum > 0x7fffffff) throw MemoryError("a list of this scene exceeds 2^31 entries; lower the resolution or the contact thickness");
+    out[n] = static_cast<int>(sum);
+  }
+
+  void sort(Buffer keys, Buffer values, int n, int bits) override
+  {
+    const std::size_t count = static_cast<std::size_t>(n);
+    if (keys_.size() < count) { keys_.resize(count); values_.resize(count); }
+    key64 *key = static_cast<key64 *>(keys), *other_key = keys_.data();
+    int *value = static_cast<int *>(values), *other_value = values_.data();
+    for (int shift = 0; shift < bits; shift += 11) {
+      std::size_t start[2049] = {};
+      for (std::size_t i = 0; i < count; ++i) ++start[((key[i] >> shift) & 2047) + 1];
+      for (int d = 0; d < 2048; ++d) start[d + 1] += start[d];
+      for (std::size_t i = 0; i < count; ++i) {
+        const std::size_t at = start[(key[i] >> shift) & 2047]++;
+        other_key[at] = key[i];
+        other_value[at] = value[i];
+      }
+      std::swap(key, other_key);
+      std::swap(value, other_value);
+    }
+    if (key != keys) {
+      std::copy_n(key, count, static_cast<key64 *>(keys));
+      std::copy_n(value, count, static_cast<int *>(values));
+    }
+  }
+  void synchronize() override {}
+
+private:
+  int threads_;
+  std::vector<key64> keys_;   // scratch of sort
+  std::vector<int> values_;
+};
+
+}  // namespace
+
+std::unique_ptr<Backend> make_cpu_backend(int threads) { return std::make_unique<CpuBackend>(threads); }
+
+}  // namespace cama

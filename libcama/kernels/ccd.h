@@ -1,0 +1,244 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* Continuous collision of a vertex and a face, and of two edges, whose vertices move on straight lines over one step, times in [0, 1].
+
+   Additive method with a directional certificate. A and B are the convex hulls of the first `split` and the remaining of four
+   vertices x_i + s d_i. For ANY unit vector n, g(s) = min_{i in A, j in B} n.(x_i - x_j) + s n.(d_i - d_j) bounds the distance from
+   below at every s, and is concave and piecewise linear, so the first s at which it falls to the wanted distance is known exactly:
+   the pair cannot touch before. Advance there, take n anew from the closest points, repeat. Where features turn about each other, a
+   direction that turns too, (1 - s/h) n + (s/h) m with m the closest direction at s = h, goes much further: each cross pair is then a
+   quadratic, its first root exact, and the direction is never longer than 1. n and m only decide how far a step goes, never whether
+   it is right; no distance is trusted. Only differences enter, so common motion costs nothing. */
+
+typedef struct { int hit; double time; } impact_time;
+
+#define CCD_ITERATIONS 64       /* more means "hit at the time reached", the safe answer */
+#define CCD_ROUNDING 4e-14      /* bound on the rounding error of g over the pair's extent */
+#define CCD_TOLERANCE 1e-9      /* a pair nearer than this, over its extent, that is not certified to the end counts as hit */
+#define CUBIC_TOLERANCE 1e-8    /* inside test of the cubic, over the pair's extent */
+
+DEVICE double largest_component(dvec3 a) { return max_double(fabs(a.x), max_double(fabs(a.y), fabs(a.z))); }
+
+/* Closest features of the pair: split 1 is vertex-face, split 2 is edge-edge. */
+DEVICE proximity hull_proximity(const dvec3 *x, int split)
+{
+  return split == 1 ? vertex_face_proximity(x[0], x[1], x[2], x[3]) : edge_edge_proximity(x[0], x[1], x[2], x[3]);
+}
+
+/* g(s) for s in {0, 1}: the least separation of the hulls of x + s d along n. */
+DEVICE double hull_separation(const dvec3 *x, const dvec3 *d, int split, dvec3 n, double s)
+{
+  double least = 0.0, most = 0.0;
+  for (int k = 0; k < 4; ++k) {
+    double h = ddot(n, x[k]) + s * ddot(n, d[k]);
+    if (k == 0 || (k < split && h < least)) least = h;
+    if (k == split || (k > split && h > most)) most = h;
+  }
+  return least - most;
+}
+
+/* First s >= 0 at which g(s) = target along n, x taken at s = 0; 2 if never within [0, 1]. */
+DEVICE double hull_advance(const dvec3 *x, const dvec3 *d, int split, dvec3 n, double target)
+{
+  double height[4], rate[4], first = 2.0;
+  for (int k = 0; k < 4; ++k) { height[k] = ddot(n, x[k]); rate[k] = ddot(n, d[k]); }
+  for (int i = 0; i < split; ++i)
+    for (int j = split; j < 4; ++j) {
+      double room = height[i] - height[j] - target, closing = rate[j] - rate[i];
+      if (closing > 0.0 && room < first * closing) first = max_double(room, 0.0) / closing;
+    }
+  return first;
+}
+
+/* First s in [0, 1] at which a s^2 + b s + c = 0, given c >= 0; 1 if there is none. */
+DEVICE double first_quadratic_root(double a, double b, double c)
+{
+  double disc = b * b - 4.0 * a * c, q, root;
+  if (!(a + b + c <= 0.0) && !(b < 0.0 && a > 0.0 && disc >= 0.0)) return 1.0;
+  q = b < 0.0 ? 0.5 * (sqrt(max_double(disc, 0.0)) - b) : -0.5 * (sqrt(max_double(disc, 0.0)) + b);
+  root = b < 0.0 ? c / q : q / a;
+  return root >= 1.0 ? 1.0 : (root > 0.0 ? root : 0.0);
+}
+
+/* The same as hull_advance for the direction that turns from n at s = 0 to m at s = span; at most span. */
+DEVICE double hull_advance_turning(const dvec3 *x, const dvec3 *d, int split, dvec3 n, dvec3 m, double span, double target)
+{
+  double first = 1.0;
+  dvec3 turn = dsub(m, n);
+  for (int i = 0; i < split; ++i)
+    for (int j = split; j < 4; ++j) {
+      dvec3 c = dsub(x[i], x[j]), e = dscale(span, dsub(d[i], d[j]));
+      first = min_double(first, first_quadratic_root(ddot(turn, e), ddot(n, e) + ddot(turn, c), max_double(ddot(n, c) - target, 0.0)));
+    }
+  return first * span;
+}
+
+/* 1 if a coordinate axis separates the moving hulls by more than `distance` for the whole step. */
+DEVICE int axis_separated(const dvec3 *x, const dvec3 *d, int split, double distance)
+{
+  for (int axis = 0; axis < 3; ++axis) {
+    double lo_a[2], hi_a[2], lo_b[2], hi_b[2];
+    for (int s = 0; s < 2; ++s) {
+      lo_a[s] = hi_a[s] = lo_b[s] = hi_b[s] = 0.0;
+      for (int k = 0; k < 4; ++k) {
+        double h = dcomponent(x[k], axis) + (s ? dcomponent(d[k], axis) : 0.0);
+        if (k < split) { lo_a[s] = k == 0 ? h : min_double(lo_a[s], h); hi_a[s] = k == 0 ? h : max_double(hi_a[s], h); }
+        else { lo_b[s] = k == split ? h : min_double(lo_b[s], h); hi_b[s] = k == split ? h : max_double(hi_b[s], h); }
+      }
+    }
+    if (lo_a[0] - hi_b[0] > distance && lo_a[1] - hi_b[1] > distance) return 1;
+    if (lo_b[0] - hi_a[0] > distance && lo_b[1] - hi_a[1] > distance) return 1;
+  }
+  return 0;
+}
+
+/* The loop. x and d are relative to one vertex of the pair, `extent` the largest coordinate at both ends together. No false negative;
+   the time is never after the first moment at which the distance is minimum_distance. */
+DEVICE impact_time hull_impact_time(const dvec3 *x, const dvec3 *d, int split, double minimum_distance, double extent)
+{
+  double span = 0.0, turned, sure = minimum_distance + CCD_ROUNDING * extent, near = minimum_distance + CCD_TOLERANCE * extent;
+  impact_time result;
+  result.hit = 0;
+  result.time = 1.0;
+  if (axis_separated(x, d, split, sure)) return result;
+  result.hit = 1;
+  result.time = 0.0;
+  for (int iteration = 0; iteration < CCD_ITERATIONS; ++iteration) {
+    dvec3 y[4], n;
+    double separation, step;
+    for (int k = 0; k < 4; ++k) y[k] = daxpy(x[k], result.time, d[k]);
+    n = hull_proximity(y, split).normal;
+    separation = hull_separation(y, d, split, n, 0.0);
+    if (!(separation > sure)) return result;
+    step = hull_advance(y, d, split, n, sure);
+    if (iteration > 0 && result.time + step <= 1.0) {
+      dvec3 z[4], m;
+      span = min_double(max_double(2.0 * step, span), 1.0 - result.time);
+      for (int k = 0; k < 4; ++k) z[k] = daxpy(y[k], span, d[k]);
+      m = hull_proximity(z, split).normal;
+      if (ddot(m, n) < 0.0) m = dscale(-1.0, m);   /* beyond the contact, on the other side */
+      turned = hull_advance_turning(y, d, split, n, m, span, sure);
+      if (turned >= span && result.time + span >= 1.0) turned = 2.0;
+      step = max_double(step, turned);
+      span = turned >= span ? 4.0 * span : step;
+    }
+    if (result.time + step > 1.0) { result.hit = 0; result.time = 1.0; return result; }
+    if (separation <= near || !(result.time + step > result.time)) return result;
+    result.time += step;
+  }
+  return result;
+}
+
+DEVICE impact_time linear_impact_time(int split, dvec3 a0, dvec3 b0, dvec3 c0, dvec3 d0, dvec3 a1, dvec3 b1, dvec3 c1, dvec3 d1,
+                                    double minimum_distance)
+{
+  dvec3 x[4], d[4];
+  double start = 0.0, end = 0.0;
+  x[0] = dvec3_make(0.0, 0.0, 0.0); x[1] = dsub(b0, a0); x[2] = dsub(c0, a0); x[3] = dsub(d0, a0);
+  d[0] = x[0]; d[1] = dsub(b1, a1); d[2] = dsub(c1, a1); d[3] = dsub(d1, a1);
+  for (int k = 1; k < 4; ++k) {
+    start = max_double(start, largest_component(x[k]));
+    end = max_double(end, largest_component(d[k]));
+    d[k] = dsub(d[k], x[k]);
+  }
+  return hull_impact_time(x, d, split, minimum_distance, start + end);
+}
+
+/* Vertex v against face (a, b, c) moving from positions 0 to positions 1. minimum_distance: m. */
+DEVICE impact_time vertex_face_impact_time(dvec3 v0, dvec3 a0, dvec3 b0, dvec3 c0, dvec3 v1, dvec3 a1, dvec3 b1, dvec3 c1,
+                                           double minimum_distance)
+{
+  return linear_impact_time(1, v0, a0, b0, c0, v1, a1, b1, c1, minimum_distance);
+}
+
+/* Edge (a, b) against edge (c, d). */
+DEVICE impact_time edge_edge_impact_time(dvec3 a0, dvec3 b0, dvec3 c0, dvec3 d0, dvec3 a1, dvec3 b1, dvec3 c1, dvec3 d1,
+                                         double minimum_distance)
+{
+  return linear_impact_time(2, a0, b0, c0, d0, a1, b1, c1, d1, minimum_distance);
+}
+
+/* The paper's test: roots of the coplanarity cubic, then an inside test (Section 5; Provot 1997). Without the customary early-outs. */
+
+/* Value of the cubic with coefficients c. */
+DEVICE double cubic_value(const double *c, double t) { return c[0] + t * (c[1] + t * (c[2] + t * c[3])); }
+
+/* The root of a cubic that changes sign over [lo, hi] and is monotone there: bisection, sped up by Newton while it stays inside. */
+DEVICE double cubic_root(const double *c, double lo, double hi)
+{
+  int rising = cubic_value(c, lo) < 0.0;
+  double t = 0.5 * (lo + hi);
+  for (int k = 0; k < 80 && hi - lo > 1e-16; ++k) {
+    double f = cubic_value(c, t), slope = c[1] + t * (2.0 * c[2] + 3.0 * t * c[3]), next;
+    if (f == 0.0) return t;
+    if ((f < 0.0) == rising) lo = t; else hi = t;
+    next = slope != 0.0 ? t - f / slope : lo;
+    if (!(next > lo && next < hi)) next = 0.5 * (lo + hi);
+    else if (fabs(next - t) < 1e-16) return next;
+    t = next;
+  }
+  return t;
+}
+
+/* Candidate times of coplanarity in [0, 1], ascending: roots, turning points and both ends (double roots and contacts at an end differ
+   from crossings only by rounding; the inside test decides). Writes at most 7, returns how many. */
+DEVICE int cubic_times(const double *c, double *time)
+{
+  double turn[4], a = 3.0 * c[3], b = c[2], e = c[1], disc = b * b - a * e;
+  int turns = 1, count = 0;
+  turn[0] = 0.0;
+  if (disc > 0.0) {   /* derivative a t^2 + 2 b t + e, roots without cancellation */
+    double q = -(b + (b < 0.0 ? -sqrt(disc) : sqrt(disc))), r0 = a != 0.0 ? q / a : -1.0, r1 = q != 0.0 ? e / q : -1.0;
+    double first = min_double(r0, r1), second = max_double(r0, r1);
+    if (first > 0.0 && first < 1.0) turn[turns++] = first;
+    if (second > 0.0 && second < 1.0) turn[turns++] = second;
+  } else if (disc == 0.0 && a != 0.0 && -b / a > 0.0 && -b / a < 1.0) turn[turns++] = -b / a;
+  turn[turns] = 1.0;
+  for (int k = 0; k <= turns; ++k) {
+    time[count++] = turn[k];
+    if (k < turns) {
+      double f0 = cubic_value(c, turn[k]), f1 = cubic_value(c, turn[k + 1]);
+      if ((f0 < 0.0 && f1 > 0.0) || (f0 > 0.0 && f1 < 0.0)) time[count++] = cubic_root(c, turn[k], turn[k + 1]);
+    }
+  }
+  return count;
+}
+
+DEVICE double triple_product(dvec3 a, dvec3 b, dvec3 c) { return ddot(a, dcross(b, c)); }
+
+DEVICE impact_time linear_impact_cubic(int split, dvec3 a0, dvec3 b0, dvec3 c0, dvec3 d0, dvec3 a1, dvec3 b1, dvec3 c1, dvec3 d1)
+{
+  dvec3 x[4], d[4];
+  double c[4], time[8], extent = 0.0, size;
+  impact_time result;
+  int count;
+  x[0] = d[0] = dvec3_make(0.0, 0.0, 0.0);
+  x[1] = dsub(b0, a0); x[2] = dsub(c0, a0); x[3] = dsub(d0, a0);
+  d[1] = dsub(dsub(b1, a1), x[1]); d[2] = dsub(dsub(c1, a1), x[2]); d[3] = dsub(dsub(d1, a1), x[3]);
+  for (int k = 1; k < 4; ++k) extent = max_double(extent, largest_component(x[k]) + largest_component(d[k]));
+  result.hit = 0;
+  result.time = 1.0;
+  if (axis_separated(x, d, split, CUBIC_TOLERANCE * extent)) return result;
+  c[0] = triple_product(x[1], x[2], x[3]);
+  c[1] = triple_product(d[1], x[2], x[3]) + triple_product(x[1], d[2], x[3]) + triple_product(x[1], x[2], d[3]);
+  c[2] = triple_product(x[1], d[2], d[3]) + triple_product(d[1], x[2], d[3]) + triple_product(d[1], d[2], x[3]);
+  c[3] = triple_product(d[1], d[2], d[3]);
+  size = fabs(c[0]) + fabs(c[1]) + fabs(c[2]) + fabs(c[3]);
+  if (size <= 1e-13 * extent * extent * extent)   /* coplanar throughout: the cubic says nothing */
+    return hull_impact_time(x, d, split, 0.0, 2.0 * extent);
+  count = cubic_times(c, time);
+  for (int k = 0; k < count; ++k) {
+    dvec3 y[4];
+    for (int i = 0; i < 4; ++i) y[i] = daxpy(x[i], time[k], d[i]);
+    if (hull_proximity(y, split).distance <= CUBIC_TOLERANCE * extent) { result.hit = 1; result.time = time[k]; return result; }
+  }
+  return result;
+}
+
+DEVICE impact_time vertex_face_impact_cubic(dvec3 v0, dvec3 a0, dvec3 b0, dvec3 c0, dvec3 v1, dvec3 a1, dvec3 b1, dvec3 c1)
+{
+  return linear_impact_cubic(1, v0, a0, b0, c0, v1, a1, b1, c1);
+}
+DEVICE impact_time edge_edge_impact_cubic(dvec3 a0, dvec3 b0, dvec3 c0, dvec3 d0, dvec3 a1, dvec3 b1, dvec3 c1, dvec3 d1)
+{
+  return linear_impact_cubic(2, a0, b0, c0, d0, a1, b1, c1, d1);
+}

@@ -1,0 +1,121 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* Records of the contact system, and proximity checking: candidate pairs become contacts (paper, section 3.2). */
+
+typedef struct {
+  int node[4];        /* vertex then face, or two edges */
+  int kind;           /* 0 vertex-face, 1 edge-edge */
+  int candidate;      /* the pair it came from */
+  double weight[4];   /* sum_k w_k x_k is the difference vector, side A minus side B */
+  dvec3 normal;       /* from B to A */
+  double distance;    /* m */
+  double thickness;   /* m */
+  double stiffness;   /* N/m */
+  double friction;    /* Coulomb coefficient */
+} contact;
+
+typedef struct { int node[3]; double ratio, stiffness; } stitch;
+
+/* Per vertex: what contact needs to know. */
+typedef struct { double thickness, area, friction; int obstacle; int padding; } vertex_contact;
+
+DEVICE element_nodes pair_nodes(int kind, pair p, GLOBAL const face_nodes *face, GLOBAL const edge_nodes *edge)
+{
+  element_nodes e;
+  if (kind == 0) {
+    e.node[0] = p.a; e.node[1] = face[p.b].node[0]; e.node[2] = face[p.b].node[1]; e.node[3] = face[p.b].node[2];
+  } else {
+    e.node[0] = edge[p.a].node[0]; e.node[1] = edge[p.a].node[1]; e.node[2] = edge[p.b].node[0]; e.node[3] = edge[p.b].node[1];
+  }
+  return e;
+}
+
+/* The proximity of a pair at given positions. */
+DEVICE proximity pair_proximity(int kind, element_nodes e, GLOBAL const dvec3 *x)
+{
+  dvec3 o = x[e.node[0]], z = dvec3_make(0.0, 0.0, 0.0);
+  dvec3 b = dsub(x[e.node[1]], o), c = dsub(x[e.node[2]], o), d = dsub(x[e.node[3]], o);
+  return kind == 0 ? vertex_face_proximity(z, b, c, d) : edge_edge_proximity(z, b, c, d);
+}
+
+DEVICE double mean4(double a, double b, double c, double d) { return 0.25 * (a + b + c + d); }
+
+/* Thickness of a pair: half of side A's plus half of side B's. */
+DEVICE double pair_thickness(int kind, element_nodes e, GLOBAL const vertex_contact *v)
+{
+  double t0 = v[e.node[0]].thickness, t1 = v[e.node[1]].thickness, t2 = v[e.node[2]].thickness, t3 = v[e.node[3]].thickness;
+  return kind == 0 ? 0.5 * t0 + (t1 + t2 + t3) / 6.0 : mean4(t0, t1, t2, t3);
+}
+
+/* An obstacle's coefficient holds for all that touches it; two cloths meet at their mean. */
+DEVICE double pair_friction(vertex_contact a, vertex_contact b)
+{
+  return a.obstacle ? a.friction : (b.obstacle ? b.friction : 0.5 * (a.friction + b.friction));
+}
+
+/* The contact of a candidate pair, if it is one: closest points inside the features, and closer than the thickness now or
+   (anticipate > 0) after moving with the predicted displacement. */
+DEVICE int make_contact(int kind, element_nodes e, GLOBAL const dvec3 *position, GLOBAL const dvec3 *predicted,
+                        GLOBAL const vertex_contact *v, double stiffness, double anticipate, contact *c)
+{
+  double thickness = pair_thickness(kind, e, v), approach = 0.0, area_a, area_b;
+  proximity p = pair_proximity(kind, e, position);
+  int k;
+  if (!p.interior || !(p.distance > 0.0)) return 0;
+  for (k = 0; k < 4; ++k) approach += p.weight[k] * ddot(p.normal, dsub(predicted[e.node[k]], position[e.node[k]]));
+  if (!(p.distance < thickness || (anticipate > 0.0 && p.distance + approach < thickness))) return 0;
+  if (p.distance >= thickness + anticipate) return 0;
+  if (kind == 0) {
+    area_a = v[e.node[0]].area;
+    area_b = v[e.node[1]].area + v[e.node[2]].area + v[e.node[3]].area;
+  } else {
+    area_a = 0.5 * (v[e.node[0]].area + v[e.node[1]].area);
+    area_b = 0.5 * (v[e.node[2]].area + v[e.node[3]].area);
+  }
+  for (k = 0; k < 4; ++k) { c->node[k] = e.node[k]; c->weight[k] = p.weight[k]; }
+  c->kind = kind;
+  c->normal = p.normal;
+  c->distance = p.distance;
+  c->thickness = thickness;
+  c->stiffness = stiffness * min_double(area_a, area_b);
+  c->friction = pair_friction(v[e.node[0]], v[e.node[3]]);
+  return 1;
+}
+
+/* flag[i] = 1 where candidate i is a contact. */
+KERNEL find_contacts(int n, int kind, GLOBAL const pair *pairs, GLOBAL const face_nodes *face, GLOBAL const edge_nodes *edge,
+                     GLOBAL const dvec3 *position, GLOBAL const dvec3 *predicted, GLOBAL const vertex_contact *v,
+                     double stiffness, double anticipate, GLOBAL int *flag)
+{
+  FOR_EACH(i, n)
+  {
+    contact c;
+    flag[i] = make_contact(kind, pair_nodes(kind, pairs[i], face, edge), position, predicted, v, stiffness, anticipate, &c);
+  }
+}
+
+/* Writes the flagged contacts at their scanned places, behind `first`. */
+KERNEL fill_contacts(int n, int kind, GLOBAL const pair *pairs, GLOBAL const face_nodes *face, GLOBAL const edge_nodes *edge,
+                     GLOBAL const dvec3 *position, GLOBAL const dvec3 *predicted, GLOBAL const vertex_contact *v,
+                     double stiffness, double anticipate, GLOBAL const int *place, int first, GLOBAL contact *contacts)
+{
+  FOR_EACH(i, n)
+  {
+    contact c;
+    if (place[i + 1] == place[i]) continue;
+    make_contact(kind, pair_nodes(kind, pairs[i], face, edge), position, predicted, v, stiffness, anticipate, &c);
+    c.candidate = i;
+    contacts[first + place[i]] = c;
+  }
+}
+
+KERNEL contact_nodes(int n, GLOBAL const contact *contacts, GLOBAL element_nodes *nodes)
+{
+  FOR_EACH(i, n)
+  {
+    int a;
+    for (a = 0; a < 4; ++a) nodes[i].node[a] = contacts[i].node[a];
+  }
+}
+
+/* Number of nodes on side A: 1 for vertex-face, 2 for edge-edge. */
+KERNEL contact_splits(int n, GLOBAL const contact *contacts, GLOBAL int *split) { FOR_EACH(i, n) { split[i] = contacts[i].kind + 1; } }

@@ -1,0 +1,180 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* Penetration handling (paper, section 4; inelastic impact zones of Harmon et al. 2008 as one linear system): all impacts are
+   projected at once, S lambda = target - C(x) with S = J M^-1 J', C_i = n_i . sum_k w_ik x_k, then x += M^-1 J' lambda. */
+
+typedef struct {
+  int node[4];
+  int kind;
+  int candidate;
+  double weight[4];   /* signed, at the time of impact */
+  dvec3 normal;       /* from side B to side A at the time of impact */
+} impact;
+
+DEVICE impact_time candidate_impact_time(int kind, element_nodes e, GLOBAL const dvec3 *x, GLOBAL const dvec3 *y, double minimum)
+{
+  dvec3 o = x[e.node[0]], z = dvec3_make(0.0, 0.0, 0.0);
+  dvec3 a0 = dsub(x[e.node[1]], o), b0 = dsub(x[e.node[2]], o), c0 = dsub(x[e.node[3]], o);
+  dvec3 o1 = dsub(y[e.node[0]], o), a1 = dsub(y[e.node[1]], o), b1 = dsub(y[e.node[2]], o), c1 = dsub(y[e.node[3]], o);
+  return kind == 0 ? vertex_face_impact_time(z, a0, b0, c0, o1, a1, b1, c1, minimum)
+                   : edge_edge_impact_time(z, a0, b0, c0, o1, a1, b1, c1, minimum);
+}
+
+/* flag[i] = 1 where candidate i comes closer than `minimum` on its way from x to y and is not yet known (known[i] = 0). */
+KERNEL find_impacts(int n, int kind, GLOBAL const pair *pairs, GLOBAL const face_nodes *face, GLOBAL const edge_nodes *edge,
+                    GLOBAL const dvec3 *x, GLOBAL const dvec3 *y, GLOBAL const double *inverse_mass, double minimum,
+                    GLOBAL const int *known, GLOBAL int *flag)
+{
+  FOR_EACH_UNEVEN(i, n)
+  {
+    element_nodes e = pair_nodes(kind, pairs[i], face, edge);
+    int movable = inverse_mass[e.node[0]] + inverse_mass[e.node[1]] + inverse_mass[e.node[2]] + inverse_mass[e.node[3]] > 0.0;
+    flag[i] = !known[i] && movable && candidate_impact_time(kind, e, x, y, minimum).hit;
+  }
+}
+
+/* Appends the flagged impacts behind `first` and marks them known. */
+KERNEL fill_impacts(int n, int kind, GLOBAL const pair *pairs, GLOBAL const face_nodes *face, GLOBAL const edge_nodes *edge,
+                    GLOBAL const dvec3 *x, GLOBAL const dvec3 *y, double minimum, GLOBAL const int *place, int first,
+                    GLOBAL int *known, GLOBAL impact *impacts)
+{
+  FOR_EACH(i, n)
+  {
+    element_nodes e;
+    impact m;
+    dvec3 o, at[4];
+    proximity p;
+    double t;
+    int k;
+    if (place[i + 1] == place[i]) continue;
+    e = pair_nodes(kind, pairs[i], face, edge);
+    t = candidate_impact_time(kind, e, x, y, minimum).time;
+    o = dlerp(x[e.node[0]], y[e.node[0]], t);
+    for (k = 0; k < 4; ++k) at[k] = dsub(dlerp(x[e.node[k]], y[e.node[k]], t), o);
+    p = kind == 0 ? vertex_face_proximity(at[0], at[1], at[2], at[3]) : edge_edge_proximity(at[0], at[1], at[2], at[3]);
+    for (k = 0; k < 4; ++k) { m.node[k] = e.node[k]; m.weight[k] = p.weight[k]; }
+    m.kind = kind;
+    m.candidate = i;
+    m.normal = p.normal;
+    known[i] = 1;
+    impacts[first + place[i]] = m;
+  }
+}
+
+KERNEL impact_nodes(int n, GLOBAL const impact *impacts, GLOBAL element_nodes *nodes)
+{
+  FOR_EACH(i, n)
+  {
+    int a;
+    for (a = 0; a < 4; ++a) nodes[i].node[a] = impacts[i].node[a];
+  }
+}
+
+/* c = max(target - C(x), 0), diagonal of S, active = c > 0; lambda and the search direction start at zero and c / diagonal. */
+KERNEL start_impacts(int n, GLOBAL const impact *impacts, GLOBAL const dvec3 *x, GLOBAL const double *inverse_mass, double target,
+                     GLOBAL double *constraint, GLOBAL double *diagonal, GLOBAL int *active)
+{
+  FOR_EACH(i, n)
+  {
+    impact m = impacts[i];
+    dvec3 o = x[m.node[0]];
+    double c = 0.0, d = 0.0;
+    int k;
+    for (k = 1; k < 4; ++k) c += m.weight[k] * ddot(m.normal, dsub(x[m.node[k]], o));
+    for (k = 0; k < 4; ++k) d += m.weight[k] * m.weight[k] * inverse_mass[m.node[k]];
+    constraint[i] = target - c;
+    diagonal[i] = d;
+    active[i] = target - c > 0.0 && d > 0.0;
+  }
+}
+
+/* y_v = m_v^-1 sum over impacts at v of w n lambda, cloth vertices. incidence: 4 * impact + local index. */
+KERNEL spread_impulses(int n, GLOBAL const int *row, GLOBAL const int *incidence, GLOBAL const impact *impacts,
+                       GLOBAL const double *inverse_mass, GLOBAL const double *lambda, GLOBAL dvec3 *y)
+{
+  FOR_EACH(i, n)
+  {
+    dvec3 sum = dvec3_make(0.0, 0.0, 0.0);
+    int k;
+    for (k = row[i]; k < row[i + 1]; ++k) {
+      int e = incidence[k] >> 2;
+      sum = daxpy(sum, impacts[e].weight[incidence[k] & 3] * lambda[e], impacts[e].normal);
+    }
+    y[i] = dscale(inverse_mass[i], sum);
+  }
+}
+
+/* q = S p + regularisation diagonal p on active rows. */
+KERNEL gather_impulses(int n, int rows, GLOBAL const impact *impacts, GLOBAL const int *active, GLOBAL const dvec3 *y,
+                       GLOBAL const double *diagonal, GLOBAL const double *p, GLOBAL double *q)
+{
+  FOR_EACH(i, n)
+  {
+    double sum = 1e-8 * diagonal[i] * p[i];
+    int k;
+    for (k = 0; k < 4; ++k)
+      if (impacts[i].node[k] < rows) sum += impacts[i].weight[k] * ddot(impacts[i].normal, y[impacts[i].node[k]]);
+    q[i] = active[i] ? sum : 0.0;
+  }
+}
+
+/* r = constraint on active rows, z = r / diagonal, p = z, lambda = 0. */
+KERNEL start_impulses(int n, GLOBAL const int *active, GLOBAL const double *constraint, GLOBAL const double *diagonal,
+                      GLOBAL double *lambda, GLOBAL double *r, GLOBAL double *z, GLOBAL double *p)
+{
+  FOR_EACH(i, n)
+  {
+    lambda[i] = 0.0;
+    r[i] = active[i] ? constraint[i] : 0.0;
+    z[i] = active[i] ? r[i] / diagonal[i] : 0.0;
+    p[i] = z[i];
+  }
+}
+
+KERNEL update_impulses(int n, GLOBAL const double *scalar, GLOBAL const int *active, GLOBAL const double *diagonal,
+                       GLOBAL const double *p, GLOBAL const double *q, GLOBAL double *lambda, GLOBAL double *r, GLOBAL double *z)
+{
+  FOR_EACH(i, n)
+  {
+    lambda[i] += scalar[SCALAR_ALPHA] * p[i];
+    r[i] -= scalar[SCALAR_ALPHA] * q[i];
+    z[i] = active[i] ? r[i] / diagonal[i] : 0.0;
+  }
+}
+
+KERNEL update_impulse_direction(int n, GLOBAL const double *scalar, GLOBAL const double *z, GLOBAL double *p)
+{
+  FOR_EACH(i, n) { p[i] = z[i] + scalar[SCALAR_BETA] * p[i]; }
+}
+
+/* Impacts that would pull (lambda < 0) leave the active set. */
+KERNEL drop_pulling(int n, GLOBAL const double *lambda, GLOBAL int *active, GLOBAL int *dropped)
+{
+  FOR_EACH(i, n)
+  {
+    if (active[i] && lambda[i] < 0.0) { active[i] = 0; atomic_add_int(dropped, 1); }
+  }
+}
+
+/* x += M^-1 J' lambda, cloth vertices; lambda below zero counts as zero. */
+KERNEL apply_impulses(int n, GLOBAL const dvec3 *y, GLOBAL dvec3 *x) { FOR_EACH(i, n) { x[i] = dadd(x[i], y[i]); } }
+KERNEL clamp_impulses(int n, GLOBAL const int *active, GLOBAL double *lambda)
+{
+  FOR_EACH(i, n) { lambda[i] = active[i] ? max_double(lambda[i], 0.0) : 0.0; }
+}
+
+/* escaped counts vertices whose motion leaves the box that the candidates were searched with. */
+KERNEL check_coverage(int n, GLOBAL const dvec3 *x, GLOBAL const dvec3 *y, GLOBAL const box *boxes, GLOBAL const dvec3 *bounds,
+                      double margin, GLOBAL int *escaped)
+{
+  FOR_EACH(i, n)
+  {
+    dvec3 a = dsub(x[i], bounds[0]), b = dsub(y[i], bounds[0]);
+    box k = boxes[i];
+    int axis, outside = 0;
+    for (axis = 0; axis < 3; ++axis) {
+      double lo = min_double(dcomponent(a, axis), dcomponent(b, axis)) - margin, hi = max_double(dcomponent(a, axis), dcomponent(b, axis)) + margin;
+      outside |= lo < (double)k.lo[axis] || hi > (double)k.hi[axis];
+    }
+    if (outside) atomic_add_int(escaped, 1);
+  }
+}

@@ -1,0 +1,58 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* Scalars of a conjugate gradient stay on the device, always in double. Dot products are summed in chunks of DOT_CHUNK and then
+   over the chunks, so their order depends on the data alone. */
+
+#define DOT_CHUNK 256
+
+#define SCALAR_RZ 0        /* r' z of this iteration */
+#define SCALAR_PQ 1        /* p' A p */
+#define SCALAR_ALPHA 2
+#define SCALAR_BETA 3
+#define SCALAR_BROKEN 4    /* 1: p' A p <= 0 or not finite */
+#define SCALAR_COUNT 8
+
+/* scalar[SCALAR_PQ] = sum of partials; alpha = rz / pq, or 0 and the broken mark. One work item. */
+KERNEL finish_alpha(int n, int chunks, GLOBAL const double *partial, GLOBAL double *scalar)
+{
+  FOR_EACH(i, n)
+  {
+    double sum = 0.0;
+    int j;
+    for (j = 0; j < chunks; ++j) sum += partial[j];
+    scalar[SCALAR_PQ] = sum;
+    if (sum > 0.0) {
+      scalar[SCALAR_ALPHA] = scalar[SCALAR_RZ] / sum;
+    } else {
+      scalar[SCALAR_ALPHA] = 0.0;
+      if (scalar[SCALAR_RZ] != 0.0) scalar[SCALAR_BROKEN] = 1.0;
+    }
+  }
+}
+
+/* beta = rz_new / rz, rz = rz_new (start: only rz). One work item. */
+KERNEL finish_beta(int n, int chunks, int start, GLOBAL const double *partial, GLOBAL double *scalar)
+{
+  FOR_EACH(i, n)
+  {
+    double sum = 0.0;
+    int j;
+    for (j = 0; j < chunks; ++j) sum += partial[j];
+    scalar[SCALAR_BETA] = !start && scalar[SCALAR_RZ] > 0.0 ? sum / scalar[SCALAR_RZ] : 0.0;
+    scalar[SCALAR_RZ] = sum;
+    if (!(sum >= 0.0)) scalar[SCALAR_BROKEN] = 1.0;
+    if (start) scalar[SCALAR_BROKEN] = 0.0;
+  }
+}
+
+/* partial[i] = sum of a_j b_j over chunk i. */
+KERNEL dot_scalars(int n, int size, GLOBAL const double *a, GLOBAL const double *b, GLOBAL double *partial)
+{
+  FOR_EACH(i, n)
+  {
+    int j, end = min_int((i + 1) * DOT_CHUNK, size);
+    double sum = 0.0;
+    for (j = i * DOT_CHUNK; j < end; ++j) sum += a[j] * b[j];
+    partial[i] = sum;
+  }
+}
+

@@ -1,0 +1,126 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* Preconditioned conjugate gradient on BCSR with 3x3 blocks. Scalars stay on the device in `scalar` (doubles). Dot products are
+   summed in chunks of DOT_CHUNK and then over the chunks, so their order depends on the data alone. */
+
+#define PRECONDITIONER_NONE 0
+#define PRECONDITIONER_JACOBI 1
+#define PRECONDITIONER_BLOCK_JACOBI 2
+
+/* y = A x for a matrix of 3x3 blocks in BCSR form; rows of fixed vertices give zero. */
+KERNEL bcsr_multiply(int n, GLOBAL const int *row, GLOBAL const int *column, GLOBAL const mat3 *block, GLOBAL const int *fixed,
+                     GLOBAL const vec3 *x, GLOBAL vec3 *y)
+{
+  FOR_EACH(i, n)
+  {
+    vec3 sum = vec3_make((real)0, (real)0, (real)0);
+    int k, end = fixed[i] ? row[i] : row[i + 1];
+    for (k = row[i]; k < end; ++k) sum = add(sum, mat3_multiply(block[k], x[column[k]]));
+    y[i] = sum;
+  }
+}
+
+KERNEL extract_diagonal(int n, GLOBAL const int *row, GLOBAL const int *column, GLOBAL const mat3 *block, GLOBAL mat3 *diagonal)
+{
+  FOR_EACH(i, n)
+  {
+    int lo = row[i], hi = row[i + 1] - 1;
+    while (lo < hi) {
+      int middle = (lo + hi) / 2;
+      if (column[middle] < i) lo = middle + 1; else hi = middle;
+    }
+    diagonal[i] = block[lo];
+  }
+}
+
+/* Replaces diagonal blocks by the preconditioner. */
+KERNEL invert_diagonal(int n, int kind, GLOBAL mat3 *diagonal)
+{
+  FOR_EACH(i, n)
+  {
+    mat3 d = diagonal[i], m = mat3_diagonal((real)1);
+    if (kind == PRECONDITIONER_JACOBI) {
+      m.row[0].x = (real)1 / d.row[0].x;
+      m.row[1].y = (real)1 / d.row[1].y;
+      m.row[2].z = (real)1 / d.row[2].z;
+    } else if (kind == PRECONDITIONER_BLOCK_JACOBI) {
+      m = mat3_inverse_spd(d);
+    }
+    diagonal[i] = m;
+  }
+}
+
+/* b = dt f + M v, and the starting guess x: v of free vertices, the prescribed velocity of fixed ones. n: all vertices. */
+KERNEL start_solve(int n, int rows, real time_step, GLOBAL const real *mass, GLOBAL const dvec3 *velocity,
+                   GLOBAL const dvec3 *prescribed, GLOBAL const int *fixed, GLOBAL const vec3 *force, GLOBAL vec3 *b, GLOBAL vec3 *x)
+{
+  FOR_EACH(i, n)
+  {
+    vec3 v = to_vec3(fixed[i] ? prescribed[i] : velocity[i]);
+    x[i] = v;
+    if (i < rows) b[i] = axpy(scale(mass[i], v), time_step, force[i]);
+  }
+}
+
+/* r = b - q on free rows, z = P r, p = z. n: all vertices; p stays zero where nothing moves. */
+KERNEL start_residual(int n, int rows, GLOBAL const int *fixed, GLOBAL const vec3 *b, GLOBAL const vec3 *q,
+                      GLOBAL const mat3 *inverse, GLOBAL vec3 *r, GLOBAL vec3 *z, GLOBAL vec3 *p)
+{
+  FOR_EACH(i, n)
+  {
+    vec3 zero = vec3_make((real)0, (real)0, (real)0);
+    if (i < rows) {
+      r[i] = fixed[i] ? zero : sub(b[i], q[i]);
+      z[i] = fixed[i] ? zero : mat3_multiply(inverse[i], r[i]);
+      p[i] = z[i];
+    } else {
+      p[i] = zero;
+    }
+  }
+}
+
+/* partial[i] = sum of a_j . b_j over chunk i; n chunks of `size` vectors in all. */
+KERNEL dot_chunks(int n, int size, GLOBAL const vec3 *a, GLOBAL const vec3 *b, GLOBAL double *partial)
+{
+  FOR_EACH(i, n)
+  {
+    int j, end = min_int((i + 1) * DOT_CHUNK, size);
+    double sum = 0.0;
+    for (j = i * DOT_CHUNK; j < end; ++j)
+      sum += (double)a[j].x * (double)b[j].x + (double)a[j].y * (double)b[j].y + (double)a[j].z * (double)b[j].z;
+    partial[i] = sum;
+  }
+}
+
+/* x += alpha p, r -= alpha q, z = P r on cloth rows. */
+KERNEL update_solution(int n, GLOBAL const double *scalar, GLOBAL const mat3 *inverse, GLOBAL const vec3 *p, GLOBAL const vec3 *q,
+                       GLOBAL vec3 *x, GLOBAL vec3 *r, GLOBAL vec3 *z)
+{
+  FOR_EACH(i, n)
+  {
+    real alpha = (real)scalar[SCALAR_ALPHA];
+    x[i] = axpy(x[i], alpha, p[i]);
+    r[i] = axpy(r[i], -alpha, q[i]);
+    z[i] = mat3_multiply(inverse[i], r[i]);
+  }
+}
+
+KERNEL update_direction(int n, GLOBAL const double *scalar, GLOBAL const vec3 *z, GLOBAL vec3 *p)
+{
+  FOR_EACH(i, n) { p[i] = axpy(z[i], (real)scalar[SCALAR_BETA], p[i]); }
+}
+
+/* The solved velocities become the next ones; fixed vertices keep what is prescribed. n: cloth vertices. */
+KERNEL store_velocity(int n, GLOBAL const int *fixed, GLOBAL const vec3 *x, GLOBAL dvec3 *velocity_next)
+{
+  FOR_EACH(i, n) { if (!fixed[i]) velocity_next[i] = to_dvec3(x[i]); }
+}
+
+/* Velocity after this step from forces other than contact, with the elastic response left out: v + dt f / m. n: all vertices. */
+KERNEL free_velocities(int n, int rows, real time_step, GLOBAL const real *mass, GLOBAL const int *fixed, GLOBAL const dvec3 *velocity,
+                       GLOBAL const dvec3 *prescribed, GLOBAL const vec3 *force, GLOBAL dvec3 *free_velocity)
+{
+  FOR_EACH(i, n)
+  {
+    free_velocity[i] = i < rows && !fixed[i] ? daxpy(velocity[i], (double)(time_step / mass[i]), to_dvec3(force[i])) : prescribed[i];
+  }
+}

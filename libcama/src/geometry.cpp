@@ -1,0 +1,115 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "cama/geometry.hpp"
+
+#include <algorithm>
+#include <numeric>
+
+#include "predicates.hpp"
+
+namespace cama::kernels {
+#include "../kernels/distance.h"
+#include "../kernels/ccd.h"
+#include "../kernels/bounds.h"
+#include "../kernels/tree.h"
+#include "../kernels/query.h"
+}  // namespace cama::kernels
+
+namespace cama {
+namespace {
+
+using namespace kernels;
+
+Ccd as_ccd(impact_time t) { return {t.hit != 0, t.hit ? t.time : 1.0}; }
+
+Distance as_distance(const proximity &p) { return {p.distance, {p.weight[0], p.weight[1], p.weight[2], p.weight[3]}}; }
+
+/// Faces under an implicit tree, for queries by box.
+struct FaceTree {
+  std::vector<dvec3> bounds{2};
+  std::vector<box> vertex_boxes, node;
+  std::vector<int> order;
+  int leaves = 0;
+
+  FaceTree(const std::vector<dvec3> &position, const std::vector<Triangle> &face) : leaves(static_cast<int>(face.size()))
+  {
+    const int vertices = static_cast<int>(position.size());
+    position_bounds(1, vertices, position.data(), position.data(), bounds.data());
+    vertex_boxes.resize(position.size());
+    for (std::size_t v = 0; v < position.size(); ++v) vertex_boxes[v] = swept_box(position[v], position[v], 0, bounds[0]);
+    std::vector<box> boxes(face.size());
+    for (std::size_t f = 0; f < face.size(); ++f)
+      boxes[f] = box_union(box_union(vertex_boxes[face[f][0]], vertex_boxes[face[f][1]]), vertex_boxes[face[f][2]]);
+    std::vector<key64> key(face.size());
+    order.resize(face.size());
+    morton_codes(leaves, boxes.data(), bounds.data(), key.data(), order.data());
+    std::stable_sort(order.begin(), order.end(), [&](int a, int b) { return key[a] < key[b]; });
+    node.resize(tree_size(leaves));
+    tree_leaves(leaves, order.data(), boxes.data(), node.data());
+    const int root = tree_root_level(leaves);
+    if (root > 0) tree_levels(1, leaves, root, root, node.data());
+  }
+
+  template <class Visit> void visit(const box &b, Visit &&found) const
+  {
+    for (tree_node at = tree_find(tree_root(leaves), leaves, node.data(), b); at.level == 0;
+         at = tree_find(tree_next(at), leaves, node.data(), b))
+      found(order[at.index]);
+  }
+};
+
+}  // namespace
+
+Ccd vertex_face_ccd(const Quad &a, const Quad &b, double minimum_distance)
+{
+  return as_ccd(vertex_face_impact_time(a[0], a[1], a[2], a[3], b[0], b[1], b[2], b[3], minimum_distance));
+}
+
+Ccd edge_edge_ccd(const Quad &a, const Quad &b, double minimum_distance)
+{
+  return as_ccd(edge_edge_impact_time(a[0], a[1], a[2], a[3], b[0], b[1], b[2], b[3], minimum_distance));
+}
+
+Ccd vertex_face_ccd_cubic(const Quad &a, const Quad &b)
+{
+  return as_ccd(vertex_face_impact_cubic(a[0], a[1], a[2], a[3], b[0], b[1], b[2], b[3]));
+}
+
+Ccd edge_edge_ccd_cubic(const Quad &a, const Quad &b)
+{
+  return as_ccd(edge_edge_impact_cubic(a[0], a[1], a[2], a[3], b[0], b[1], b[2], b[3]));
+}
+
+Distance vertex_face_distance(const Quad &x) { return as_distance(vertex_face_proximity(x[0], x[1], x[2], x[3])); }
+Distance edge_edge_distance(const Quad &x) { return as_distance(edge_edge_proximity(x[0], x[1], x[2], x[3])); }
+
+std::vector<Intersection> intersections(const std::vector<dvec3> &position, const std::vector<Triangle> &face, int first_obstacle_vertex)
+{
+  if (face.empty()) return {};
+  const FaceTree tree(position, face);
+  const auto edge = unique_edges(face);
+  const auto obstacle = [&](int vertex) { return first_obstacle_vertex >= 0 && vertex >= first_obstacle_vertex; };
+  constexpr int chunk = 1024;   // edges; chunks run in parallel and are joined in order
+  const int edges = static_cast<int>(edge.size()), chunks = (edges + chunk - 1) / chunk;
+  std::vector<std::vector<Intersection>> found(chunks);
+#if defined(_OPENMP)
+#pragma omp parallel for schedule(dynamic)
+#endif
+  for (int c = 0; c < chunks; ++c)
+    for (int e = c * chunk; e < std::min(edges, (c + 1) * chunk); ++e) {
+      const int p = edge[e][0], q = edge[e][1];
+      const std::size_t first = found[c].size();
+      tree.visit(box_union(tree.vertex_boxes[p], tree.vertex_boxes[q]), [&](int f) {
+        const Triangle &t = face[f];
+        if (obstacle(p) && obstacle(t[0])) return;
+        if (std::any_of(t.begin(), t.end(), [&](int v) { return v == p || v == q; })) return;
+        if (exact::segment_meets_triangle(position[p], position[q], position[t[0]], position[t[1]], position[t[2]]))
+          found[c].push_back({{p, q}, f});
+      });
+      std::sort(found[c].begin() + first, found[c].end(), [](const Intersection &a, const Intersection &b) { return a.face < b.face; });
+    }
+  std::vector<Intersection> all;
+  for (const auto &part : found) all.insert(all.end(), part.begin(), part.end());
+  return all;
+}
+
+}  // namespace cama

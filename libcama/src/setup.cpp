@@ -1,0 +1,212 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "setup.hpp"
+
+#include <algorithm>
+
+namespace cama {
+namespace {
+
+constexpr double thickest_per_edge = 0.45;   // of the shortest edge: neighbours at rest are never in contact
+
+template <class Real> void set_up_materials(System<Real> &s, Backend &b, const Scene &scene)
+{
+  using T = Types<Real>;
+  std::vector<typename T::stretching_stiffness> table;
+  std::vector<typename T::bending_stiffness> bending;
+  std::vector<int> start;
+  std::vector<Real> scale;
+  const auto push = [&](const std::array<double, 4> &row) {
+    typename T::stretching_stiffness k;
+    for (int m = 0; m < 4; ++m) k.k[m] = static_cast<Real>(row[m]);
+    table.push_back(k);
+  };
+  for (std::size_t c = 0; c < scene.cloths.size(); ++c) {
+    const Material &material = scene.cloths[c].material;
+    std::size_t same = 0;
+    while (same < c && scene.cloths[same].material.stretching != material.stretching) ++same;
+    if (same < c) {
+      start.push_back(start[same]);
+    } else if (material.has_table()) {
+      start.push_back(static_cast<int>(table.size()));
+      for (const auto &row : stretching_table(material)) push(row);
+    } else {
+      start.push_back(-1 - static_cast<int>(table.size()));
+      push(material.stretching[0]);
+    }
+    typename T::bending_stiffness k;
+    for (int m = 0; m < 15; ++m) k.k[m] = static_cast<Real>(material.bending[m / 5][m % 5]);
+    bending.push_back(k);
+    scale.push_back(static_cast<Real>(scene.time_step * (scene.time_step + material.damping)));
+  }
+  s.stretching_table = Stream<typename T::stretching_stiffness>(b, table);
+  s.stretching_start = Stream<int>(b, start);
+  s.bending_table = Stream<typename T::bending_stiffness>(b, bending);
+  s.material_scale = Stream<Real>(b, scale);
+}
+
+template <class Real> void set_up_elements(State &state, System<Real> &s, const Topology &t)
+{
+  using T = Types<Real>;
+  Backend &b = *state.backend;
+  std::vector<typename T::triangle_rest> triangles;
+  std::vector<typename T::hinge_rest> hinges;
+  std::vector<kernels::element_nodes> triangle_nodes, hinge_nodes;
+  for (const RestTriangle &r : t.triangle) {
+    typename T::triangle_rest e;
+    std::copy(r.node.begin(), r.node.end(), e.node);
+    e.material = r.material;
+    for (int k = 0; k < 4; ++k) e.d[k] = static_cast<Real>(r.d[k]);
+    e.area = static_cast<Real>(r.area);
+    triangles.push_back(e);
+    triangle_nodes.push_back({{r.node[0], r.node[1], r.node[2], -1}});
+  }
+  for (const RestHinge &r : t.hinge) {
+    typename T::hinge_rest e;
+    std::copy(r.node.begin(), r.node.end(), e.node);
+    e.material = r.material;
+    e.rest_angle = static_cast<Real>(r.rest_angle);
+    e.length = static_cast<Real>(r.length);
+    e.area = static_cast<Real>(r.area);
+    for (int k = 0; k < 2; ++k) e.direction[k] = static_cast<Real>(r.direction[k]);
+    hinges.push_back(e);
+    hinge_nodes.push_back({{r.node[0], r.node[1], r.node[2], r.node[3]}});
+  }
+  const auto incidence = [&](Incidence &list, const Stream<kernels::element_nodes> &nodes, int n, Stream<int> &split) {
+    Stream<int> count(b, state.cloth_vertices);
+    list.reset(b, state.cloth_vertices);
+    list.build(b, nodes, n, count);
+    split = Stream<int>(b, std::vector<int>(static_cast<std::size_t>(n), 0));
+  };
+  s.triangle_rest = Stream<typename T::triangle_rest>(b, triangles);
+  s.triangle_factor = Stream<typename T::triangle_factor>(b, state.triangles);
+  s.triangle_force = Stream<typename T::vec3>(b, 3 * state.triangles);
+  state.triangle_nodes = Stream<kernels::element_nodes>(b, triangle_nodes);
+  incidence(state.triangle_incidence, state.triangle_nodes, state.triangles, state.triangle_split);
+  if (state.hinges == 0) return;
+  s.hinge_rest = Stream<typename T::hinge_rest>(b, hinges);
+  s.hinge_factor = Stream<typename T::hinge_factor>(b, state.hinges);
+  s.hinge_force = Stream<typename T::vec3>(b, 4 * state.hinges);
+  state.hinge_nodes = Stream<kernels::element_nodes>(b, hinge_nodes);
+  incidence(state.hinge_incidence, state.hinge_nodes, state.hinges, state.hinge_split);
+}
+
+void set_up_contact(State &state, const Scene &scene, const Topology &t)
+{
+  Backend &b = *state.backend;
+  std::vector<kernels::face_nodes> faces;
+  std::vector<kernels::edge_nodes> edges;
+  std::vector<kernels::vertex_contact> properties(t.position.size());
+  std::vector<double> margin(t.position.size());
+  for (const Triangle &f : t.face) faces.push_back({{f[0], f[1], f[2]}});
+  for (const auto &e : t.edge) edges.push_back({{e[0], e[1]}});
+  for (std::size_t v = 0; v < t.position.size(); ++v) {
+    const std::size_t object = static_cast<std::size_t>(t.object[v]), cloths = scene.cloths.size();
+    const bool obstacle = object >= cloths;
+    kernels::vertex_contact &p = properties[v];
+    const double own = obstacle ? 0 : scene.cloths[object].material.thickness;
+    p.thickness = own > 0 ? own : scene.contact.thickness;
+    if (!obstacle) p.thickness = std::min(p.thickness, thickest_per_edge * t.shortest_edge[v]);
+    p.area = t.area[v];
+    p.friction = obstacle ? scene.obstacles[object - cloths].friction : scene.cloths[object].material.friction;
+    p.obstacle = obstacle;
+    p.padding = 0;
+    margin[v] = p.thickness;   // half for the contact distance, half for what the solve adds to the predicted motion
+  }
+  state.face = Stream<kernels::face_nodes>(b, faces);
+  state.edge = Stream<kernels::edge_nodes>(b, edges);
+  state.vertex_contact = Stream<kernels::vertex_contact>(b, properties);
+  state.margin = Stream<double>(b, margin);
+  state.bounds = Stream<dvec3>(b, 2);
+  state.vertex_box = Stream<kernels::box>(b, state.vertices);
+  state.face_box = Stream<kernels::box>(b, state.faces);
+  state.edge_box = Stream<kernels::box>(b, state.edges);
+  state.face_tree = Stream<kernels::box>(b);
+  state.edge_tree = Stream<kernels::box>(b);
+  state.face_order = Stream<int>(b);
+  state.edge_order = Stream<int>(b);
+  for (PairList *list : {&state.vertex_face, &state.edge_edge}) {
+    list->pairs = Stream<kernels::pair>(b);
+    list->known = Stream<int>(b);
+  }
+  state.contact = Stream<kernels::contact>(b);
+  state.impact = Stream<kernels::impact>(b);
+}
+
+std::vector<kernels::stitch> stitches_of(const Scene &scene, const Topology &t)
+{
+  std::vector<kernels::stitch> stitches;
+  for (const Stitch &s : scene.stitches) {
+    const int a = t.cloth_range[s.cloth_a].first, b = t.cloth_range[s.cloth_b].first;
+    stitches.push_back({{a + s.vertex_a, b + s.vertex_b, b + s.vertex_c}, s.ratio, s.stiffness});
+  }
+  return stitches;
+}
+
+}  // namespace
+
+template <class Real> void set_up(State &state, const Scene &scene, const Topology &t)
+{
+  Backend &b = *state.backend;
+  System<Real> *s;
+  if constexpr (sizeof(Real) == 8) s = (state.system64 = std::make_unique<System<double>>()).get();
+  else s = (state.system32 = std::make_unique<System<float>>()).get();
+
+  state.time_step = scene.time_step;
+  state.contact_settings = scene.contact;
+  state.cloth_vertices = t.cloth_vertices;
+  state.vertices = static_cast<int>(t.position.size());
+  state.triangles = static_cast<int>(t.triangle.size());
+  state.hinges = static_cast<int>(t.hinge.size());
+  state.faces = static_cast<int>(t.face.size());
+  state.edges = static_cast<int>(t.edge.size());
+
+  std::vector<int> fixed(t.position.size(), 0);
+  std::fill(fixed.begin() + t.cloth_vertices, fixed.end(), 1);
+  for (const Pin &pin : scene.pins)
+    for (int v : pin.vertices) fixed[t.cloth_range[pin.cloth].first + v] = 1;
+  std::vector<double> inverse_mass(t.position.size(), 0.0);
+  std::vector<Real> mass;
+  std::vector<dvec3> velocity(t.position.size(), dvec3{0, 0, 0});
+  for (int v = 0; v < t.cloth_vertices; ++v) {
+    mass.push_back(static_cast<Real>(t.mass[v]));
+    if (fixed[v]) continue;
+    inverse_mass[v] = 1 / t.mass[v];
+    velocity[v] = scene.cloths[t.object[v]].velocity;
+  }
+  state.position = Stream<dvec3>(b, t.position);
+  state.velocity = Stream<dvec3>(b, velocity);
+  state.position_next = Stream<dvec3>(b, t.position);
+  state.velocity_next = Stream<dvec3>(b, velocity);
+  state.inverse_mass = Stream<double>(b, inverse_mass);
+  state.fixed = Stream<int>(b, fixed);
+  state.gravity = Stream<dvec3>(b, std::vector<dvec3>{scene.gravity});
+  if (scene.wind) state.wind = Stream<dvec3>(b, std::vector<dvec3>{scene.wind->velocity});
+  if (!scene.obstacles.empty()) state.rest_position = Stream<dvec3>(b, t.rest_position);
+
+  s->mass = Stream<Real>(b, mass);
+  set_up_materials(*s, b, scene);
+  set_up_elements(state, *s, t);
+  s->force = Stream<typename Types<Real>::vec3>(b, t.cloth_vertices);
+  s->matrix = {Stream<int>(b), Stream<int>(b), Stream<typename Types<Real>::mat3>(b)};
+  s->right_side = Stream<typename Types<Real>::vec3>(b, t.cloth_vertices);
+  s->solution = Stream<typename Types<Real>::vec3>(b, state.vertices);
+
+  const std::vector<kernels::stitch> stitches = stitches_of(scene, t);
+  state.stitches = static_cast<int>(stitches.size());
+  if (scene.contact.enabled) {
+    state.predicted = Stream<dvec3>(b, state.vertices);
+    set_up_contact(state, scene, t);
+  }
+  if (scene.contact.enabled || state.stitches) {
+    state.stitch = Stream<kernels::stitch>(b, stitches);
+    s->term = Stream<typename Types<Real>::term>(b);
+    state.term_nodes = Stream<kernels::element_nodes>(b);
+    state.term_split = Stream<int>(b);
+    state.term_incidence.reset(b, t.cloth_vertices);
+  }
+}
+
+template void set_up<double>(State &, const Scene &, const Topology &);
+template void set_up<float>(State &, const Scene &, const Topology &);
+
+}  // namespace cama

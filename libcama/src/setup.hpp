@@ -1,0 +1,14 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+#include "state.hpp"
+#include "topology.hpp"
+
+namespace cama {
+
+/// Fills the state from a scene: allocates the streams this scene needs and no other.
+template <class Real> void set_up(State &state, const Scene &scene, const Topology &topology);
+
+extern template void set_up<double>(State &, const Scene &, const Topology &);
+extern template void set_up<float>(State &, const Scene &, const Topology &);
+
+}  // namespace cama

@@ -1,0 +1,287 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "cama/simulation.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <cstring>
+#include <functional>
+#include <limits>
+
+#include "cama/geometry.hpp"
+#include "launch.hpp"
+#include "pipeline_factory.hpp"
+#include "setup.hpp"
+
+namespace cama {
+
+Options Options::preset(const std::string &accuracy)
+{
+  Options o;
+  o.accuracy = accuracy;
+  if (accuracy == "production") return o;
+  if (accuracy == "paper") {
+    o.assembly = Assembly::algorithm1;
+    o.contact_form = ContactForm::star;
+    o.anticipate_contacts = false;
+    o.preconditioner = Preconditioner::jacobi;
+    o.tolerance = 1e-6;
+    o.max_impact_passes = 100;
+    o.commit = false;
+    return o;
+  }
+  throw SceneError("accuracy: '" + accuracy + "' is not known; use production or paper");
+}
+
+struct Simulation::Implementation {
+  Implementation(const Scene &scene, const Options &options)
+      : backend(make_backend(options.backend, options.device, options.threads)), state(*backend), topology(build_topology(scene))
+  {
+    state.options = options;
+    single = options.precision == "single";
+    if (single) {
+      set_up<float>(state, scene, topology);
+      pipeline = make_pipeline<float>(scene, state);
+    } else {
+      set_up<double>(state, scene, topology);
+      pipeline = make_pipeline<double>(scene, state);
+    }
+  }
+
+  std::unique_ptr<Backend> backend;
+  State state;
+  Topology topology;
+  StepPipeline pipeline;
+  bool single = false;
+};
+
+namespace {
+
+void check(const Options &o)
+{
+  if (o.precision != "double" && o.precision != "single")
+    throw SceneError("precision: '" + o.precision + "' is not known; use double or single");
+  if (!(o.tolerance > 0) || !(o.tolerance < 1)) throw SceneError("tolerance: " + std::to_string(o.tolerance) + " is outside (0, 1)");
+  if (o.max_iterations < 1) throw SceneError("max_iterations: " + std::to_string(o.max_iterations) + " is below 1");
+  if (o.max_impact_passes < 0) throw SceneError("max_impact_passes: " + std::to_string(o.max_impact_passes) + " is below 0");
+  if (o.contact_form == ContactForm::star && o.assembly == Assembly::gather)
+    throw SceneError("contact_form: star needs its entries in the matrix; use assembly algorithm1 or sorted");
+}
+
+const Scene &checked(const Scene &scene, const Options &options)
+{
+  scene.validate();
+  check(options);
+  return scene;
+}
+
+}  // namespace
+
+Simulation::Simulation(const Scene &scene, const Options &options)
+    : implementation_(std::make_unique<Implementation>(checked(scene, options), options))
+{}
+Simulation::~Simulation() = default;
+Simulation::Simulation(Simulation &&) noexcept = default;
+Simulation &Simulation::operator=(Simulation &&) noexcept = default;
+
+void Simulation::step()
+{
+  State &s = implementation_->state;
+  const int number = s.report.step + 1;
+  const StepReport before = s.report;
+  s.report = StepReport{};
+  s.report.step = number;
+  try {
+    implementation_->pipeline.step->timed_run(s);
+  } catch (...) {
+    s.report = before;
+    throw;
+  }
+  s.time = number * s.time_step;
+  s.report.time = s.time;
+  s.report.milliseconds = implementation_->pipeline.step->milliseconds();
+  if (s.options.audit) s.report.intersections = count_intersections();
+}
+
+int Simulation::step_count() const { return implementation_->state.report.step; }
+double Simulation::time() const { return implementation_->state.time; }
+int Simulation::vertex_count() const { return implementation_->state.vertices; }
+int Simulation::cloth_vertex_count() const { return implementation_->state.cloth_vertices; }
+const std::vector<Triangle> &Simulation::faces() const { return implementation_->topology.face; }
+int Simulation::cloth_triangle_count() const { return implementation_->state.triangles; }
+std::vector<std::pair<int, int>> Simulation::cloth_ranges() const { return implementation_->topology.cloth_range; }
+std::vector<std::pair<int, int>> Simulation::obstacle_ranges() const { return implementation_->topology.obstacle_range; }
+std::vector<dvec3> Simulation::positions() const { return implementation_->state.position.download(); }
+std::vector<dvec3> Simulation::velocities() const { return implementation_->state.velocity.download(); }
+std::vector<double> Simulation::masses() const { return implementation_->topology.mass; }
+const StepReport &Simulation::report() const { return implementation_->state.report; }
+const Options &Simulation::options() const { return implementation_->state.options; }
+const Backend &Simulation::backend() const { return *implementation_->backend; }
+std::size_t Simulation::peak_memory_bytes() const { return implementation_->backend->peak_bytes(); }
+
+void Simulation::set_state(const std::vector<dvec3> &positions, const std::vector<dvec3> &velocities)
+{
+  State &s = implementation_->state;
+  const std::size_t n = static_cast<std::size_t>(s.cloth_vertices);
+  const auto checked = [n](const char *name, const std::vector<dvec3> &values) {
+    if (values.size() != n)
+      throw SceneError(std::string(name) + ": has " + std::to_string(values.size()) + " rows, the cloth has " + std::to_string(n) + " vertices");
+    for (std::size_t i = 0; i < n; ++i)
+      if (!std::isfinite(values[i].x + values[i].y + values[i].z))
+        throw SceneError(std::string(name) + "[" + std::to_string(i) + "]: is not finite");
+  };
+  checked("positions", positions);
+  checked("velocities", velocities);
+  const auto replace = [n](Stream<dvec3> &stream, const std::vector<dvec3> &values) {
+    std::vector<dvec3> all = stream.download();
+    std::copy_n(values.begin(), n, all.begin());
+    stream.assign(all);
+  };
+  replace(s.position, positions);
+  replace(s.position_next, positions);
+  replace(s.velocity, velocities);
+}
+
+ContactArrays Simulation::contacts() const
+{
+  ContactArrays result;
+  if (implementation_->state.contacts == 0) return result;
+  for (const kernels::contact &c : implementation_->state.contact.download()) {
+    result.vertices.push_back({c.node[0], c.node[1], c.node[2], c.node[3]});
+    result.weights.push_back({c.weight[0], c.weight[1], c.weight[2], c.weight[3]});
+    result.normal.push_back(c.normal);
+    result.distance.push_back(c.distance);
+    result.kind.push_back(c.kind);
+  }
+  return result;
+}
+
+namespace {
+
+void list_stages(const Stage &stage, int depth, const std::function<void(const Stage &, int)> &visit)
+{
+  visit(stage, depth);
+  for (const auto &child : stage.children()) list_stages(*child, depth + 1, visit);
+}
+
+template <class T> std::string element_name()
+{
+  if constexpr (std::is_same_v<T, int>) return "int";
+  else if constexpr (std::is_same_v<T, double>) return "double";
+  else if constexpr (std::is_same_v<T, float>) return "float";
+  else return std::to_string(sizeof(T)) + " bytes";
+}
+
+}  // namespace
+
+std::vector<StageTime> Simulation::timings() const
+{
+  std::vector<StageTime> times;
+  list_stages(*implementation_->pipeline.step, 0, [&](const Stage &s, int depth) { times.push_back({std::string(s.name()), depth, s.milliseconds()}); });
+  return times;
+}
+
+std::vector<std::pair<std::string, std::string>> Simulation::explain() const
+{
+  std::vector<std::pair<std::string, std::string>> stages;
+  list_stages(*implementation_->pipeline.step, 0,
+              [&](const Stage &s, int depth) { stages.emplace_back(std::string(static_cast<std::size_t>(2 * depth), ' ') + std::string(s.name()), s.reason()); });
+  return stages;
+}
+
+std::vector<StreamInfo> Simulation::streams() const
+{
+  std::vector<StreamInfo> streams;
+  implementation_->state.visit([&](const char *name, auto &stream) {
+    using T = typename std::decay_t<decltype(stream)>::value_type;
+    if (stream.backend()) streams.push_back({name, element_name<T>(), static_cast<std::size_t>(stream.size()), stream.bytes()});
+  });
+  return streams;
+}
+
+namespace {
+
+double sum(const std::vector<double> &values)
+{
+  double total = 0;
+  for (double v : values) total += v;
+  return total;
+}
+
+struct TriangleMeasure { double energy, strain; };
+
+template <class Real> TriangleMeasure measure_triangles(State &s)
+{
+  Stream<double> energy(*s.backend, s.triangles), strain(*s.backend, s.triangles);
+  System<Real> &y = s.system<Real>();
+  CAMA_LAUNCH_REAL(Real, *s.backend, measure_triangles, s.triangles, y.triangle_rest, y.stretching_table, y.stretching_start, s.position,
+                   energy, strain);
+  const std::vector<double> strains = strain.download();
+  return {sum(energy.download()), *std::max_element(strains.begin(), strains.end())};
+}
+
+template <class Real> double measure_hinges(State &s)
+{
+  if (s.hinges == 0) return 0;
+  Stream<double> energy(*s.backend, s.hinges);
+  System<Real> &y = s.system<Real>();
+  CAMA_LAUNCH_REAL(Real, *s.backend, measure_hinges, s.hinges, y.hinge_rest, y.bending_table, s.options.arcsim_conventions ? 1 : 0,
+                   s.position, energy);
+  return sum(energy.download());
+}
+
+}  // namespace
+
+Energy Simulation::energy() const
+{
+  State &s = implementation_->state;
+  Stream<double> mass(*s.backend, implementation_->topology.mass), kinetic(*s.backend, s.cloth_vertices), potential(*s.backend, s.cloth_vertices);
+  CAMA_LAUNCH(*s.backend, measure_vertices, s.cloth_vertices, mass, s.position, s.velocity, s.gravity, kinetic, potential);
+  Energy e;
+  e.kinetic = sum(kinetic.download());
+  e.gravity = sum(potential.download());
+  e.stretching = implementation_->single ? measure_triangles<float>(s).energy : measure_triangles<double>(s).energy;
+  e.bending = implementation_->single ? measure_hinges<float>(s) : measure_hinges<double>(s);
+  return e;
+}
+
+double Simulation::max_strain() const
+{
+  State &s = implementation_->state;
+  return implementation_->single ? measure_triangles<float>(s).strain : measure_triangles<double>(s).strain;
+}
+
+double Simulation::min_gap() const
+{
+  State &s = implementation_->state;
+  double smallest = std::numeric_limits<double>::infinity();
+  const PairList *lists[2] = {&s.vertex_face, &s.edge_edge};
+  for (int kind = 0; kind < 2; ++kind) {
+    const int n = lists[kind]->pairs.size();
+    if (n == 0) continue;
+    Stream<double> distance(*s.backend, n);
+    CAMA_LAUNCH(*s.backend, measure_pairs, n, kind, lists[kind]->pairs, s.face, s.edge, s.position, distance);
+    for (double d : distance.download()) smallest = std::min(smallest, d);
+  }
+  return smallest;
+}
+
+int Simulation::count_intersections() const
+{
+  const Implementation &i = *implementation_;
+  return static_cast<int>(intersections(i.state.position.download(), i.topology.face, i.state.cloth_vertices).size());
+}
+
+std::uint64_t Simulation::state_hash() const
+{
+  std::uint64_t hash = 14695981039346656037ull;   // FNV-1a
+  const std::size_t bytes = sizeof(dvec3) * static_cast<std::size_t>(implementation_->state.cloth_vertices);
+  const auto add = [&](const std::vector<dvec3> &values) {
+    const auto *byte = reinterpret_cast<const unsigned char *>(values.data());
+    for (std::size_t k = 0; k < bytes; ++k) hash = (hash ^ byte[k]) * 1099511628211ull;
+  };
+  add(positions());
+  add(velocities());
+  return hash;
+}
+
+}  // namespace cama

@@ -1,0 +1,57 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "launch.hpp"
+#include "stages/matrix_assembly.hpp"
+
+namespace cama {
+
+template <class Real>
+EvaluateElements<Real>::EvaluateElements(const Scene &scene, Backend &backend)
+    : windy_(scene.wind.has_value()), air_density_(scene.wind ? scene.wind->density : 0), drag_(scene.wind ? scene.wind->drag : 0),
+      no_force_(backend)
+{}
+
+template <class Real>
+void EvaluateElements<Real>::run(State &state)
+{
+  Backend &b = *state.backend;
+  System<Real> &s = state.system<Real>();
+  CAMA_LAUNCH_REAL(Real, b, evaluate_triangles, state.triangles, s.triangle_rest, s.stretching_table, s.stretching_start,
+                   s.material_scale, state.position, s.triangle_factor, s.triangle_force);
+  if (windy_)
+    CAMA_LAUNCH_REAL(Real, b, add_wind, state.triangles, s.triangle_rest, state.position, state.velocity, state.wind,
+                     static_cast<Real>(air_density_), static_cast<Real>(drag_), s.triangle_force);
+  if (state.hinges)
+    CAMA_LAUNCH_REAL(Real, b, evaluate_hinges, state.hinges, s.hinge_rest, s.bending_table, s.material_scale,
+                     state.options.arcsim_conventions ? 1 : 0, state.position, s.hinge_factor, s.hinge_force);
+  CAMA_LAUNCH_REAL(Real, b, gather_forces, state.cloth_vertices, state.triangle_incidence.row, state.triangle_incidence.entry,
+                   s.triangle_force, state.hinge_incidence.row, state.hinge_incidence.entry, s.hinge_force, state.hinges, s.mass,
+                   state.gravity, s.force);
+}
+
+template <class Real>
+void EvaluateTerms<Real>::run(State &state)
+{
+  Backend &b = *state.backend;
+  System<Real> &s = state.system<Real>();
+  const Real dt = static_cast<Real>(state.time_step);
+  state.terms = state.contacts + state.stitches;
+  s.term.resize(state.terms);
+  state.term_nodes.resize(state.terms);
+  if (state.contacts) {
+    free_velocity_.resize(state.vertices);
+    CAMA_LAUNCH_REAL(Real, b, free_velocities, state.vertices, state.cloth_vertices, dt, s.mass, state.fixed, state.velocity,
+                     state.velocity_next, s.force, free_velocity_);
+    CAMA_LAUNCH_REAL(Real, b, make_contact_terms, state.contacts, state.contact, state.inverse_mass, free_velocity_, dt, s.term);
+  }
+  CAMA_LAUNCH_REAL(Real, b, make_stitch_terms, state.stitches, state.stitch, state.position, dt, state.contacts, s.term);
+  CAMA_LAUNCH_REAL(Real, b, term_nodes, state.terms, s.term, state.term_nodes);
+  count_.resize(state.cloth_vertices);
+  state.term_incidence.build(b, state.term_nodes, state.terms, count_);
+}
+
+template class EvaluateElements<double>;
+template class EvaluateElements<float>;
+template class EvaluateTerms<double>;
+template class EvaluateTerms<float>;
+
+}  // namespace cama

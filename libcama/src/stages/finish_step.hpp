@@ -1,0 +1,25 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+#include "pipeline.hpp"
+
+namespace cama {
+
+/// Projects positions along the solved velocities (Equation 1).
+class AdvancePositions final : public Stage {
+public:
+  std::string_view name() const override { return "advance positions"; }
+  void run(State &state) override;
+};
+
+/// Refuses non-finite results, then makes the updated streams the current ones.
+class FinishStep final : public Stage {
+public:
+  explicit FinishStep(Backend &backend) : bad_(backend, 1) {}
+  std::string_view name() const override { return "finish step"; }
+  void run(State &state) override;
+
+private:
+  Stream<int> bad_;
+};
+
+}  // namespace cama

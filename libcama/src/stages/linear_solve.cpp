@@ -1,0 +1,155 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "stages/linear_solve.hpp"
+
+#include <cmath>
+
+#include <Eigen/SparseCholesky>
+
+#include "launch.hpp"
+
+namespace cama {
+namespace {
+int chunks(int n) { return (n + DOT_CHUNK - 1) / DOT_CHUNK; }
+constexpr int iterations_per_check = 4;
+}  // namespace
+
+template <class Real>
+LinearSolve<Real>::LinearSolve(Backend &b)
+    : inverse_(b), r_(b), z_(b), p_(b), q_(b), product_(b), partial_(b), scalar_(b, SCALAR_COUNT)
+{}
+
+template <class Real>
+void LinearSolve<Real>::multiply(State &state, const Stream<vec3> &x, Stream<vec3> &q)
+{
+  Backend &b = *state.backend;
+  System<Real> &s = state.system<Real>();
+  CAMA_LAUNCH_REAL(Real, b, bcsr_multiply, state.cloth_vertices, s.matrix.row, s.matrix.column, s.matrix.block, state.fixed, x, q);
+  if (!terms_as_operator(state)) return;
+  product_.resize(state.terms);
+  CAMA_LAUNCH_REAL(Real, b, term_products, state.terms, s.term, x, product_);
+  CAMA_LAUNCH_REAL(Real, b, add_term_products, state.cloth_vertices, state.term_incidence.row, state.term_incidence.entry, s.term,
+                   product_, state.fixed, q);
+}
+
+template <class Real>
+void LinearSolve<Real>::precondition(State &state)
+{
+  Backend &b = *state.backend;
+  System<Real> &s = state.system<Real>();
+  inverse_.resize(state.cloth_vertices);
+  CAMA_LAUNCH_REAL(Real, b, extract_diagonal, state.cloth_vertices, s.matrix.row, s.matrix.column, s.matrix.block, inverse_);
+  if (terms_as_operator(state))
+    CAMA_LAUNCH_REAL(Real, b, add_term_diagonal, state.cloth_vertices, state.term_incidence.row, state.term_incidence.entry, s.term, inverse_);
+  CAMA_LAUNCH_REAL(Real, b, invert_diagonal, state.cloth_vertices, static_cast<int>(state.options.preconditioner), inverse_);
+}
+
+template <class Real>
+void LinearSolve<Real>::dot(State &state, const Stream<vec3> &a, const Stream<vec3> &b)
+{
+  partial_.resize(chunks(state.cloth_vertices));
+  CAMA_LAUNCH_REAL(Real, *state.backend, dot_chunks, chunks(state.cloth_vertices), state.cloth_vertices, a, b, partial_);
+}
+
+template <class Real>
+void LinearSolve<Real>::conjugate_gradient(State &state)
+{
+  Backend &b = *state.backend;
+  System<Real> &s = state.system<Real>();
+  const int rows = state.cloth_vertices, parts = chunks(rows);
+  for (Stream<vec3> *v : {&r_, &z_, &q_}) v->resize(rows);
+  p_.resize(state.vertices);
+  precondition(state);
+  multiply(state, s.solution, q_);
+  CAMA_LAUNCH_REAL(Real, b, start_residual, state.vertices, rows, state.fixed, s.right_side, q_, inverse_, r_, z_, p_);
+  dot(state, r_, z_);
+  CAMA_LAUNCH(b, finish_beta, 1, parts, 1, partial_, scalar_);
+  const double start = scalar_.at(SCALAR_RZ), goal = state.options.tolerance * state.options.tolerance * start;
+  if (!std::isfinite(start)) throw SolverError("step " + std::to_string(state.report.step) + ": the linear system is not finite");
+  double now = start;
+  int i = 0;
+  while (i < state.options.max_iterations && now > goal && start > 0) {
+    for (int k = 0; k < iterations_per_check; ++k, ++i) {
+      multiply(state, p_, q_);
+      dot(state, p_, q_);
+      CAMA_LAUNCH(b, finish_alpha, 1, parts, partial_, scalar_);
+      CAMA_LAUNCH_REAL(Real, b, update_solution, rows, scalar_, inverse_, p_, q_, s.solution, r_, z_);
+      dot(state, r_, z_);
+      CAMA_LAUNCH(b, finish_beta, 1, parts, 0, partial_, scalar_);
+      CAMA_LAUNCH_REAL(Real, b, update_direction, rows, scalar_, z_, p_);
+    }
+    now = scalar_.at(SCALAR_RZ);
+    if (!std::isfinite(now) || scalar_.at(SCALAR_BROKEN) != 0)
+      throw SolverError("step " + std::to_string(state.report.step) + ": the linear solve broke down after " + std::to_string(i) +
+                        " iterations (the matrix is not positive definite); check stiffness and density, or take a smaller time step");
+  }
+  state.report.iterations = i;
+  state.report.residual = start > 0 ? std::sqrt(now / start) : 0;
+}
+
+template <class Real>
+void LinearSolve<Real>::direct(State &state)
+{
+  System<Real> &s = state.system<Real>();
+  const int rows = state.cloth_vertices;
+  const auto row = s.matrix.row.download(), column = s.matrix.column.download();
+  const auto block = s.matrix.block.download();
+  const auto fixed = state.fixed.download();
+  const auto right = s.right_side.download();
+  auto x = s.solution.download();
+  const auto component = [](const auto &v, int k) { return static_cast<double>(k == 0 ? v.x : k == 1 ? v.y : v.z); };
+  std::vector<Eigen::Triplet<double>> entries;
+  Eigen::VectorXd rhs = Eigen::VectorXd::Zero(3 * rows);
+  const auto add = [&](int i, int j, int a, int c, double value) {
+    if (i >= rows || fixed[i]) return;
+    if (j >= rows || fixed[j]) rhs[3 * i + a] -= value * component(x[j], c);
+    else entries.emplace_back(3 * i + a, 3 * j + c, value);
+  };
+  for (int i = 0; i < rows; ++i) {
+    for (int k = row[i]; k < row[i + 1]; ++k)
+      for (int a = 0; a < 3; ++a)
+        for (int c = 0; c < 3; ++c) add(i, column[k], a, c, component(block[k].row[a], c));
+    for (int a = 0; a < 3; ++a) {
+      rhs[3 * i + a] += component(right[i], a);
+      if (fixed[i]) { entries.emplace_back(3 * i + a, 3 * i + a, 1.0); rhs[3 * i + a] = component(x[i], a); }
+    }
+  }
+  if (terms_as_operator(state))
+    for (const auto &t : s.term.download())
+      for (int i = 0; i < 4; ++i)
+        for (int j = 0; j < 4; ++j)
+          for (int a = 0; a < 3; ++a)
+            for (int c = 0; c < 3; ++c)
+              if (t.node[i] >= 0 && t.node[j] >= 0)
+                add(t.node[i], t.node[j], a, c, static_cast<double>(t.weight[i]) * t.weight[j] *
+                    (t.along * component(t.normal, a) * component(t.normal, c) + (a == c ? t.around : Real(0))));
+  Eigen::SparseMatrix<double> matrix(3 * rows, 3 * rows);
+  matrix.setFromTriplets(entries.begin(), entries.end());
+  Eigen::SimplicialLDLT<Eigen::SparseMatrix<double>> factor(matrix);
+  if (factor.info() != Eigen::Success) throw SolverError("step " + std::to_string(state.report.step) + ": the sparse factorisation failed");
+  const Eigen::VectorXd v = factor.solve(rhs);
+  for (int i = 0; i < rows; ++i)
+    if (!fixed[i]) x[i] = {static_cast<Real>(v[3 * i]), static_cast<Real>(v[3 * i + 1]), static_cast<Real>(v[3 * i + 2])};
+  s.solution.assign(x);
+  state.report.iterations = 0;
+  state.report.residual = (matrix * v - rhs).norm() / std::max(rhs.norm(), 1e-300);
+}
+
+template <class Real>
+void LinearSolve<Real>::run(State &state)
+{
+  Backend &b = *state.backend;
+  System<Real> &s = state.system<Real>();
+  s.right_side.resize(state.cloth_vertices);
+  s.solution.resize(state.vertices);
+  CAMA_LAUNCH_REAL(Real, b, start_solve, state.vertices, state.cloth_vertices, static_cast<Real>(state.time_step), s.mass, state.velocity,
+                   state.velocity_next, state.fixed, s.force, s.right_side, s.solution);
+  if (state.terms)
+    CAMA_LAUNCH_REAL(Real, b, add_term_forces, state.cloth_vertices, state.term_incidence.row, state.term_incidence.entry, s.term, s.right_side);
+  if (state.options.solver == LinearSolver::direct) direct(state); else conjugate_gradient(state);
+  CAMA_LAUNCH_REAL(Real, b, store_velocity, state.cloth_vertices, state.fixed, s.solution, state.velocity_next);
+}
+
+template class LinearSolve<double>;
+template class LinearSolve<float>;
+
+}  // namespace cama

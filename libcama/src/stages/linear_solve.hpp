@@ -1,0 +1,34 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+#include "pipeline.hpp"
+
+namespace cama {
+
+/// A v = b of Equation 1 by preconditioned conjugate gradient, or by a sparse direct factorisation (the reference). Starts from the
+/// current velocities; prescribed degrees of freedom are eliminated; stops by sqrt(r' P r) relative to its start.
+template <class Real> class LinearSolve final : public Stage {
+public:
+  explicit LinearSolve(Backend &backend);
+  std::string_view name() const override { return "linear solve"; }
+  void run(State &state) override;
+
+  /// q = A x on the free rows, terms included.
+  void multiply(State &state, const Stream<typename Types<Real>::vec3> &x, Stream<typename Types<Real>::vec3> &q);
+
+private:
+  using vec3 = typename Types<Real>::vec3;
+  void precondition(State &state);
+  void conjugate_gradient(State &state);
+  void direct(State &state);
+  bool terms_as_operator(const State &state) const { return state.options.assembly == Assembly::gather && state.terms > 0; }
+  void dot(State &state, const Stream<vec3> &a, const Stream<vec3> &b);
+
+  Stream<typename Types<Real>::mat3> inverse_;
+  Stream<vec3> r_, z_, p_, q_, product_;
+  Stream<double> partial_, scalar_;
+};
+
+extern template class LinearSolve<double>;
+extern template class LinearSolve<float>;
+
+}  // namespace cama

@@ -1,0 +1,158 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "stages/matrix_assembly.hpp"
+
+#include "launch.hpp"
+
+namespace cama {
+
+template <class Real>
+AssembleMatrix<Real>::AssembleMatrix(Backend &b)
+    : count_(b), space_(b), cursor_(b), index_(b), triangle_slot_(b), hinge_slot_(b), term_slot_(b), key_(b), entry_(b), head_(b), place_(b)
+{}
+
+template <class Real>
+void AssembleMatrix<Real>::algorithm1(State &state, bool with_terms)
+{
+  Backend &b = *state.backend;
+  BlockMatrix<Real> &m = state.system<Real>().matrix;
+  const int rows = state.cloth_vertices, terms = with_terms ? state.terms : 0;
+  count_.resize(rows);
+  space_.resize(rows + 1);
+  cursor_.resize(rows);
+  m.row.resize(rows + 1);
+  // Space counting, lines 2-5. Every row starts with its diagonal.
+  CAMA_LAUNCH(b, set_int, rows, 1, count_);
+  const auto count = [&](int n, const Stream<kernels::element_nodes> &nodes, const Stream<int> &split) {
+    CAMA_LAUNCH_REAL(Real, b, count_entries, n, nodes, split, rows, count_);
+  };
+  count(state.triangles, state.triangle_nodes, state.triangle_split);
+  count(state.hinges, state.hinge_nodes, state.hinge_split);
+  count(terms, state.term_nodes, state.term_split);
+  b.scan(count_.buffer(), space_.buffer(), rows);
+  index_.resize(space_.at(rows));
+  // Filling indices, lines 7-9.
+  CAMA_LAUNCH_REAL(Real, b, fill_diagonal, rows, space_, cursor_, index_);
+  const auto fill = [&](int n, const Stream<kernels::element_nodes> &nodes, const Stream<int> &split) {
+    CAMA_LAUNCH_REAL(Real, b, fill_entries, n, nodes, split, rows, space_, cursor_, index_);
+  };
+  fill(state.triangles, state.triangle_nodes, state.triangle_split);
+  fill(state.hinges, state.hinge_nodes, state.hinge_split);
+  fill(terms, state.term_nodes, state.term_split);
+  // Removing duplications, lines 11-13; data reduction, lines 15-16.
+  CAMA_LAUNCH_REAL(Real, b, remove_duplicates, rows, space_, index_, count_);
+  b.scan(count_.buffer(), m.row.buffer(), rows);
+  m.column.resize(m.row.at(rows));
+  CAMA_LAUNCH_REAL(Real, b, reduce_entries, rows, space_, index_, m.row, m.column);
+  m.block.resize(m.column.size());
+}
+
+template <class Real>
+void AssembleMatrix<Real>::locate(State &state, bool with_terms)
+{
+  Backend &b = *state.backend;
+  BlockMatrix<Real> &m = state.system<Real>().matrix;
+  const auto slots = [&](const Incidence &i, const Stream<kernels::element_nodes> &nodes, const Stream<int> &split, Stream<int> &slot) {
+    slot.resize(4 * i.entry.size());
+    if (i.entry.size())
+      CAMA_LAUNCH_REAL(Real, b, locate_slots, state.cloth_vertices, i.row, i.entry, nodes, split, m.row, m.column, slot);
+  };
+  slots(state.triangle_incidence, state.triangle_nodes, state.triangle_split, triangle_slot_);
+  if (state.hinges) slots(state.hinge_incidence, state.hinge_nodes, state.hinge_split, hinge_slot_);
+  if (with_terms && state.terms) slots(state.term_incidence, state.term_nodes, state.term_split, term_slot_);
+}
+
+template <class Real>
+void AssembleMatrix<Real>::gather(State &state, bool with_terms)
+{
+  Backend &b = *state.backend;
+  System<Real> &s = state.system<Real>();
+  const int rows = state.cloth_vertices;
+  CAMA_LAUNCH_REAL(Real, b, set_mass_rows, rows, s.matrix.row, s.matrix.column, s.mass, s.matrix.block);
+  CAMA_LAUNCH_REAL(Real, b, gather_triangles, rows, state.triangle_incidence.row, state.triangle_incidence.entry, triangle_slot_,
+                   s.triangle_factor, s.matrix.block);
+  if (state.hinges)
+    CAMA_LAUNCH_REAL(Real, b, gather_hinges, rows, state.hinge_incidence.row, state.hinge_incidence.entry, hinge_slot_, s.hinge_factor,
+                     s.matrix.block);
+  if (with_terms && state.terms)
+    CAMA_LAUNCH_REAL(Real, b, gather_terms, rows, state.term_incidence.row, state.term_incidence.entry, term_slot_, s.term,
+                     static_cast<int>(state.options.contact_form), s.matrix.block);
+}
+
+template <class Real>
+void AssembleMatrix<Real>::scatter(State &state)
+{
+  Backend &b = *state.backend;
+  System<Real> &s = state.system<Real>();
+  BlockMatrix<Real> &m = s.matrix;
+  const int rows = state.cloth_vertices;
+  CAMA_LAUNCH_REAL(Real, b, set_mass_rows, rows, m.row, m.column, s.mass, m.block);
+  CAMA_LAUNCH_REAL(Real, b, scatter_triangles, state.triangles, state.triangle_nodes, s.triangle_factor, rows, m.row, m.column, m.block);
+  CAMA_LAUNCH_REAL(Real, b, scatter_hinges, state.hinges, state.hinge_nodes, s.hinge_factor, rows, m.row, m.column, m.block);
+  CAMA_LAUNCH_REAL(Real, b, scatter_terms, state.terms, state.term_nodes, state.term_split, s.term,
+                   static_cast<int>(state.options.contact_form), rows, m.row, m.column, m.block);
+}
+
+template <class Real>
+void AssembleMatrix<Real>::sorted(State &state)
+{
+  Backend &b = *state.backend;
+  System<Real> &s = state.system<Real>();
+  BlockMatrix<Real> &m = s.matrix;
+  const int rows = state.cloth_vertices, elements = state.triangles + state.hinges + state.terms, n = 16 * elements + rows;
+  key_.resize(n);
+  entry_.resize(n);
+  head_.resize(n);
+  place_.resize(n + 1);
+  const auto collect = [&](int count, const Stream<kernels::element_nodes> &nodes, const Stream<int> &split, int first) {
+    CAMA_LAUNCH_REAL(Real, b, collect_entries, count, nodes, split, rows, first, key_, entry_);
+  };
+  collect(state.triangles, state.triangle_nodes, state.triangle_split, 0);
+  collect(state.hinges, state.hinge_nodes, state.hinge_split, state.triangles);
+  collect(state.terms, state.term_nodes, state.term_split, state.triangles + state.hinges);
+  CAMA_LAUNCH_REAL(Real, b, collect_diagonal, rows, 16 * elements, key_, entry_);
+  b.sort(key_.buffer(), entry_.buffer(), n, 62);
+  CAMA_LAUNCH_REAL(Real, b, mark_heads, n, key_, rows, head_);
+  b.scan(head_.buffer(), place_.buffer(), n);
+  const int total = place_.at(n);
+  m.row.resize(rows + 1);
+  m.column.resize(total);
+  m.block.resize(total);
+  CAMA_LAUNCH_REAL(Real, b, reduce_sorted, n, key_, entry_, place_, total, rows, s.mass, state.triangles, s.triangle_factor,
+                   state.hinges, s.hinge_factor, s.term, static_cast<int>(state.options.contact_form), m.row, m.column, m.block);
+}
+
+template <class Real>
+void AssembleMatrix<Real>::run(State &state)
+{
+  const Options &options = state.options;
+  if (options.assembly != Assembly::gather) {
+    // Sides of terms: the star couples across sides only; vertex-face terms split after one node, edge-edge terms after two.
+    state.term_split.resize(state.terms);
+    CAMA_LAUNCH(*state.backend, set_int, state.terms, 0, state.term_split);
+    if (options.contact_form == ContactForm::star)
+      CAMA_LAUNCH(*state.backend, contact_splits, state.contacts, state.contact, state.term_split);
+  }
+  if (options.assembly == Assembly::sorted) {
+    sorted(state);
+  } else if (options.assembly == Assembly::algorithm1) {
+    algorithm1(state, true);
+    if (options.atomic_filling) {
+      scatter(state);
+    } else {
+      locate(state, true);
+      gather(state, true);
+    }
+  } else {
+    if (!pattern_ready_) {
+      algorithm1(state, false);
+      locate(state, false);
+      pattern_ready_ = true;
+    }
+    gather(state, false);
+  }
+}
+
+template class AssembleMatrix<double>;
+template class AssembleMatrix<float>;
+
+}  // namespace cama

@@ -1,0 +1,61 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+#include "pipeline.hpp"
+
+namespace cama {
+
+/// Forces and matrix factors of triangles and hinges, wind, gravity; gathered to vertices.
+template <class Real> class EvaluateElements final : public Stage {
+public:
+  explicit EvaluateElements(const Scene &scene, Backend &backend);
+  std::string_view name() const override { return "element forces"; }
+  void run(State &state) override;
+
+private:
+  bool windy_;
+  double air_density_ = 0, drag_ = 0;
+  Stream<typename Types<Real>::vec3> no_force_;
+};
+
+/// Contacts and stitches become terms of the system, with friction.
+template <class Real> class EvaluateTerms final : public Stage {
+public:
+  explicit EvaluateTerms(Backend &backend) : free_velocity_(backend), count_(backend) {}
+  std::string_view name() const override { return "contact terms"; }
+  std::string reason() const override { return "contact or stitches"; }
+  void run(State &state) override;
+
+private:
+  Stream<dvec3> free_velocity_;
+  Stream<int> count_;
+};
+
+/// The matrix of Equation 1 in BCSR: by gathering into the static elastic pattern (terms stay an operator of rank one each), by the
+/// paper's Algorithm 1, or by collecting, sorting and reducing all entries.
+template <class Real> class AssembleMatrix final : public Stage {
+public:
+  explicit AssembleMatrix(Backend &backend);
+  std::string_view name() const override { return "matrix assembly"; }
+  void run(State &state) override;
+
+private:
+  void algorithm1(State &state, bool with_terms);
+  void sorted(State &state);
+  void locate(State &state, bool with_terms);
+  void gather(State &state, bool with_terms);
+  void scatter(State &state);
+
+  bool pattern_ready_ = false;
+  Stream<int> count_, space_, cursor_, index_, triangle_slot_, hinge_slot_, term_slot_;
+  Stream<key64> key_;
+  Stream<int> entry_, head_, place_;
+};
+
+extern template class EvaluateElements<double>;
+extern template class EvaluateElements<float>;
+extern template class EvaluateTerms<double>;
+extern template class EvaluateTerms<float>;
+extern template class AssembleMatrix<double>;
+extern template class AssembleMatrix<float>;
+
+}  // namespace cama

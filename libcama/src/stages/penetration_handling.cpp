@@ -1,0 +1,183 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "stages/penetration_handling.hpp"
+
+#include <cstring>
+
+#include "launch.hpp"
+
+namespace cama {
+namespace {
+constexpr int active_set_rounds = 4, most_iterations = 200, most_substeps = 64;
+constexpr double impulse_tolerance = 1e-4;   // relative, of the projection: its result is certified afterwards
+
+float as_fraction(int bits)
+{
+  float value;
+  std::memcpy(&value, &bits, sizeof value);
+  return value;
+}
+int chunks(int n) { return (n + DOT_CHUNK - 1) / DOT_CHUNK; }
+}  // namespace
+
+ImpactProjection::ImpactProjection(Backend &b)
+    : nodes_(b), count_(b), active_(b), dropped_(b, 1), constraint_(b), diagonal_(b), lambda_(b), r_(b), z_(b), p_(b), q_(b), partial_(b),
+      scalar_(b, SCALAR_COUNT), y_(b)
+{}
+
+void ImpactProjection::spread(State &state, const Stream<double> &lambda)
+{
+  CAMA_LAUNCH(*state.backend, spread_impulses, state.cloth_vertices, incidence_.row, incidence_.entry, state.impact, state.inverse_mass,
+              lambda, y_);
+}
+
+void ImpactProjection::solve(State &state)
+{
+  Backend &b = *state.backend;
+  const int n = state.impact.size();
+  const auto dot = [&](const Stream<double> &x, const Stream<double> &y) { CAMA_LAUNCH(b, dot_scalars, chunks(n), n, x, y, partial_); };
+  CAMA_LAUNCH(b, start_impulses, n, active_, constraint_, diagonal_, lambda_, r_, z_, p_);
+  dot(r_, z_);
+  CAMA_LAUNCH(b, finish_beta, 1, chunks(n), 1, partial_, scalar_);
+  const double start = scalar_.at(SCALAR_RZ);
+  for (int i = 0; i < most_iterations; ++i) {
+    if (i % 4 == 0 && scalar_.at(SCALAR_RZ) <= impulse_tolerance * impulse_tolerance * start) return;
+    spread(state, p_);
+    CAMA_LAUNCH(b, gather_impulses, n, state.cloth_vertices, state.impact, active_, y_, diagonal_, p_, q_);
+    dot(p_, q_);
+    CAMA_LAUNCH(b, finish_alpha, 1, chunks(n), partial_, scalar_);
+    CAMA_LAUNCH(b, update_impulses, n, scalar_, active_, diagonal_, p_, q_, lambda_, r_, z_);
+    dot(r_, z_);
+    CAMA_LAUNCH(b, finish_beta, 1, chunks(n), 0, partial_, scalar_);
+    CAMA_LAUNCH(b, update_impulse_direction, n, scalar_, z_, p_);
+  }
+}
+
+void ImpactProjection::run(State &state, Stream<dvec3> &positions, double target)
+{
+  Backend &b = *state.backend;
+  const int n = state.impact.size();
+  nodes_.resize(n);
+  for (Stream<double> *s : {&constraint_, &diagonal_, &lambda_, &r_, &z_, &p_, &q_}) s->resize(n);
+  active_.resize(n);
+  partial_.resize(chunks(n));
+  y_.resize(state.cloth_vertices);
+  count_.resize(state.cloth_vertices);
+  CAMA_LAUNCH(b, impact_nodes, n, state.impact, nodes_);
+  incidence_.reset(b, state.cloth_vertices);
+  incidence_.build(b, nodes_, n, count_);
+  CAMA_LAUNCH(b, start_impacts, n, state.impact, positions, state.inverse_mass, target, constraint_, diagonal_, active_);
+  for (int round = 0; round < active_set_rounds; ++round) {
+    solve(state);
+    dropped_.fill_zero();
+    CAMA_LAUNCH(b, drop_pulling, n, lambda_, active_, dropped_);
+    if (dropped_.at(0) == 0) break;
+  }
+  CAMA_LAUNCH(b, clamp_impulses, n, active_, lambda_);
+  spread(state, lambda_);
+  CAMA_LAUNCH(b, apply_impulses, state.cloth_vertices, y_, positions);
+}
+
+PenetrationHandling::PenetrationHandling(Backend &b, CandidateSearch &search)
+    : search_(search), projection_(b), from_(b), committed_(b), flag_(b), vertex_face_place_(b), edge_edge_place_(b),
+      accepted_{Stream<int>(b), Stream<int>(b)}, fraction_(b), sigma_(b, 1), counter_(b, 2), grown_(b)
+{}
+
+void PenetrationHandling::cover(State &state)
+{
+  if (search_.covers(state, from_, state.position_next, minimum_)) return;
+  search_.run(state, from_, state.position_next);
+}
+
+int PenetrationHandling::find_impacts(State &state)
+{
+  Backend &b = *state.backend;
+  const auto count = [&](int kind, const PairList &list, Stream<int> &place) {
+    flag_.resize(list.pairs.size());
+    place.resize(list.pairs.size() + 1);
+    CAMA_LAUNCH(b, find_impacts, list.pairs.size(), kind, list.pairs, state.face, state.edge, from_, state.position_next,
+                state.inverse_mass, minimum_, list.known, flag_);
+    b.scan(flag_.buffer(), place.buffer(), list.pairs.size());
+    return place.at(list.pairs.size());
+  };
+  const int known = state.impact.size();
+  const int faces = count(0, state.vertex_face, vertex_face_place_), edges = count(1, state.edge_edge, edge_edge_place_);
+  if (faces + edges == 0) return 0;
+  grown_.resize(known + faces + edges);
+  if (known) b.copy(grown_.buffer(), state.impact.buffer(), sizeof(kernels::impact) * static_cast<std::size_t>(known));
+  state.impact.swap(grown_);
+  const auto fill = [&](int kind, PairList &list, const Stream<int> &place, int first) {
+    CAMA_LAUNCH(b, fill_impacts, list.pairs.size(), kind, list.pairs, state.face, state.edge, from_, state.position_next, minimum_, place,
+                first, list.known, state.impact);
+  };
+  fill(0, state.vertex_face, vertex_face_place_, known);
+  fill(1, state.edge_edge, edge_edge_place_, known + faces);
+  return faces + edges;
+}
+
+double PenetrationHandling::commit(State &state)
+{
+  Backend &b = *state.backend;
+  fraction_.resize(state.vertices);
+  CAMA_LAUNCH(b, commit_begin, state.vertices, fraction_, sigma_, counter_);
+  PairList *lists[2] = {&state.vertex_face, &state.edge_edge};
+  int settled = -1;
+  for (int pass = 0;; ++pass) {
+    for (int kind = 0; kind < 2; ++kind) {
+      accepted_[kind].resize(lists[kind]->pairs.size());
+      CAMA_LAUNCH(b, commit_pairs, lists[kind]->pairs.size(), kind, pass, lists[kind]->pairs, state.face, state.edge, from_,
+                  state.position_next, state.inverse_mass, minimum_, 0, accepted_[kind], fraction_, fraction_, sigma_, counter_);
+    }
+    const int now = counter_.at(0);
+    if (now == settled) break;
+    settled = now;
+  }
+  const double sigma = as_fraction(sigma_.at(0));
+  committed_.resize(state.vertices);
+  CAMA_LAUNCH(b, commit_apply, state.vertices, from_, state.position_next, fraction_, sigma_, committed_);
+  if (state.report.substeps == 1) {
+    const std::vector<int> fraction = fraction_.download();
+    double lost = 0;
+    for (int i = 0; i < state.cloth_vertices; ++i)
+      if (fraction[i] != COMMIT_WHOLE) {
+        ++state.report.truncated;
+        lost += 1 - as_fraction(fraction[i]);
+      }
+    state.report.lost_motion = lost / state.cloth_vertices;
+  }
+  return sigma;
+}
+
+void PenetrationHandling::run(State &state)
+{
+  from_.copy_from(state.position);
+  for (;; ++state.report.substeps) {
+    state.impact.resize(0);
+    state.vertex_face.known.fill_zero();
+    state.edge_edge.known.fill_zero();
+    for (int pass = 0; pass < state.options.max_impact_passes; ++pass) {
+      cover(state);
+      const int found = find_impacts(state);
+      if (pass == 0 && state.report.substeps == 1) state.report.impacts = found;
+      if (found == 0) break;
+      ++state.report.impact_passes;
+      projection_.run(state, state.position_next, target_);
+    }
+    if (!state.options.commit) break;
+    cover(state);
+    const double sigma = commit(state);
+    if (sigma >= 1) {
+      state.position_next.swap(committed_);
+      break;
+    }
+    if (state.report.substeps >= most_substeps)
+      throw CollisionError("step " + std::to_string(state.report.step) +
+                           ": a moving obstacle or pin pinches cloth without a way out; slow the motion, lower the contact thickness, or "
+                           "keep the bodies apart");
+    // The obstacles wait at sigma of their way; cloth goes on towards the same target from there.
+    from_.swap(committed_);
+  }
+  CAMA_LAUNCH(*state.backend, follow_positions, state.cloth_vertices, state.time_step, state.fixed, state.position, state.position_next,
+              state.velocity_next);
+}
+
+}  // namespace cama

@@ -1,0 +1,50 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+#include "pipeline.hpp"
+#include "stages/candidate_search.hpp"
+
+namespace cama {
+
+/// Inelastic projection of all impacts as one linear system, matrix-free conjugate gradient with an active set (section 4).
+class ImpactProjection {
+public:
+  explicit ImpactProjection(Backend &backend);
+  /// Moves `positions` so that every impact of the state ends apart by `target` at least.
+  void run(State &state, Stream<dvec3> &positions, double target);
+
+private:
+  void solve(State &state);
+  void spread(State &state, const Stream<double> &lambda);
+
+  Stream<kernels::element_nodes> nodes_;
+  Incidence incidence_;
+  Stream<int> count_, active_, dropped_;
+  Stream<double> constraint_, diagonal_, lambda_, r_, z_, p_, q_, partial_, scalar_;
+  Stream<dvec3> y_;
+};
+
+/// Continuous detection, projection of impacts, repeated; then the certified commit. Moving obstacles that would run over cloth
+/// within the step divide it.
+class PenetrationHandling final : public Stage {
+public:
+  PenetrationHandling(Backend &backend, CandidateSearch &search);
+  std::string_view name() const override { return "penetration handling"; }
+  std::string reason() const override { return "contact"; }
+  void run(State &state) override;
+  void set_distances(double minimum, double target) { minimum_ = minimum; target_ = target; }
+
+private:
+  void cover(State &state);
+  int find_impacts(State &state);
+  double commit(State &state);
+
+  CandidateSearch &search_;
+  ImpactProjection projection_;
+  Stream<dvec3> from_, committed_;
+  Stream<int> flag_, vertex_face_place_, edge_edge_place_;
+  Stream<int> accepted_[2], fraction_, sigma_, counter_;
+  Stream<kernels::impact> grown_;
+  double minimum_ = 1e-6, target_ = 1e-4;   // m: certified distance, distance after an impact
+};
+
+}  // namespace cama

@@ -1,0 +1,132 @@
+// SPDX-License-Identifier: Apache-2.0
+// Every stream that outlives a stage. Names follow the paper's Figure 4; docs/architecture.md has the table.
+#pragma once
+#include <memory>
+#include <vector>
+
+#include "cama/simulation.hpp"
+#include "cama/stream.hpp"
+#include "kernels.hpp"
+
+namespace cama {
+
+/// Vertex-to-element lists in CSR form.
+struct Incidence {
+  Stream<int> row, entry;   // [vertices + 1], [sum] 4 * element + local index
+  int vertices = 0;
+  void reset(Backend &backend, int vertex_count);
+  /// Rebuilds the lists on the device. `count` is scratch of at least vertex_count ints.
+  void build(Backend &backend, const Stream<kernels::element_nodes> &nodes, int elements, Stream<int> &count);
+};
+
+/// A matrix of 3x3 blocks in block compressed sparse row form.
+template <class Real> struct BlockMatrix {
+  Stream<int> row, column;                        // [rows + 1], [blocks]
+  Stream<typename Types<Real>::mat3> block;       // [blocks], kg
+};
+
+/// Streams in the working precision: elements, the linear system, its solution.
+template <class Real> struct System {
+  using T = Types<Real>;
+  Stream<Real> mass;                                              // [cloth vertices], kg
+  Stream<Real> material_scale;                                    // [materials] dt (dt + damping), s^2
+  Stream<typename T::stretching_stiffness> stretching_table;
+  Stream<int> stretching_start;                                   // [materials] place in the table; below 0: constant
+  Stream<typename T::bending_stiffness> bending_table;            // [materials]
+  Stream<typename T::triangle_rest> triangle_rest;
+  Stream<typename T::triangle_factor> triangle_factor;
+  Stream<typename T::vec3> triangle_force;                        // [3 triangles], N
+  Stream<typename T::hinge_rest> hinge_rest;
+  Stream<typename T::hinge_factor> hinge_factor;
+  Stream<typename T::vec3> hinge_force;                           // [4 hinges], N
+  Stream<typename T::term> term;                                  // contacts, then stitches
+  Stream<typename T::vec3> force;                                 // [cloth vertices], N
+  BlockMatrix<Real> matrix;
+  Stream<typename T::vec3> right_side, solution;                  // [cloth vertices], [vertices]
+};
+
+struct PairList {
+  Stream<kernels::pair> pairs;
+  Stream<int> known;        // [pairs] 1: already an impact of this step
+};
+
+struct State {
+  explicit State(Backend &device) : backend(&device) {}
+
+  Backend *backend;
+  double time = 0, time_step = 0;
+  int cloth_vertices = 0, vertices = 0;       // cloth vertices come first
+  int triangles = 0, hinges = 0, stitches = 0, terms = 0;
+  int faces = 0, edges = 0;                   // of cloth and obstacles
+  int contacts = 0;
+
+  Stream<dvec3> position, velocity;           // [vertices] m, m/s at the start of the step
+  Stream<dvec3> position_next, velocity_next; // [vertices] at its end
+  Stream<dvec3> predicted;                    // [vertices] ballistic end of the step
+  Stream<dvec3> rest_position;                // [vertices] obstacles at rest of their motion
+  Stream<double> inverse_mass;                // [vertices] 1/kg; 0: prescribed
+  Stream<int> fixed;                          // [vertices] 1: prescribed
+  Stream<dvec3> gravity, wind;                // [1]
+
+  Stream<kernels::element_nodes> triangle_nodes, hinge_nodes, term_nodes;
+  Stream<int> triangle_split, hinge_split, term_split;
+  Incidence triangle_incidence, hinge_incidence, term_incidence;
+  Stream<kernels::stitch> stitch;
+
+  Stream<kernels::face_nodes> face;           // cloth, then obstacles
+  Stream<kernels::edge_nodes> edge;
+  Stream<kernels::vertex_contact> vertex_contact;
+  Stream<double> margin;                      // [vertices] by which boxes are inflated, m
+  Stream<dvec3> bounds;                       // [2] of the scene
+  Stream<kernels::box> vertex_box, face_box, edge_box;
+  Stream<kernels::box> face_tree, edge_tree;
+  Stream<int> face_order, edge_order;         // leaf to primitive
+  PairList vertex_face, edge_edge;
+  Stream<kernels::contact> contact;
+  Stream<kernels::impact> impact;
+
+  std::unique_ptr<System<double>> system64;
+  std::unique_ptr<System<float>> system32;
+  template <class Real> System<Real> &system()
+  {
+    if constexpr (sizeof(Real) == 8) return *system64; else return *system32;
+  }
+
+  Options options;
+  StepReport report;
+  Contact contact_settings;                   // of the scene
+
+  /// Calls f(name, stream) for every stream.
+  template <class F> void visit(F &&f)
+  {
+    f("position", position); f("velocity", velocity); f("position_next", position_next); f("velocity_next", velocity_next);
+    f("predicted", predicted); f("rest_position", rest_position); f("inverse_mass", inverse_mass); f("fixed", fixed);
+    f("gravity", gravity); f("wind", wind);
+    f("triangle_nodes", triangle_nodes); f("hinge_nodes", hinge_nodes); f("term_nodes", term_nodes);
+    f("triangle_split", triangle_split); f("hinge_split", hinge_split); f("term_split", term_split);
+    f("triangle_incidence.row", triangle_incidence.row); f("triangle_incidence.entry", triangle_incidence.entry);
+    f("hinge_incidence.row", hinge_incidence.row); f("hinge_incidence.entry", hinge_incidence.entry);
+    f("term_incidence.row", term_incidence.row); f("term_incidence.entry", term_incidence.entry);
+    f("stitch", stitch); f("face", face); f("edge", edge); f("vertex_contact", vertex_contact); f("margin", margin);
+    f("bounds", bounds); f("vertex_box", vertex_box); f("face_box", face_box); f("edge_box", edge_box);
+    f("face_tree", face_tree); f("edge_tree", edge_tree); f("face_order", face_order); f("edge_order", edge_order);
+    f("vertex_face.pairs", vertex_face.pairs); f("vertex_face.known", vertex_face.known);
+    f("edge_edge.pairs", edge_edge.pairs); f("edge_edge.known", edge_edge.known);
+    f("contact", contact); f("impact", impact);
+    if (system64) visit_system(*system64, f);
+    if (system32) visit_system(*system32, f);
+  }
+
+private:
+  template <class S, class F> static void visit_system(S &s, F &&f)
+  {
+    f("mass", s.mass); f("material_scale", s.material_scale); f("stretching_table", s.stretching_table);
+    f("stretching_start", s.stretching_start); f("bending_table", s.bending_table); f("triangle_rest", s.triangle_rest);
+    f("triangle_factor", s.triangle_factor); f("triangle_force", s.triangle_force); f("hinge_rest", s.hinge_rest);
+    f("hinge_factor", s.hinge_factor); f("hinge_force", s.hinge_force); f("term", s.term); f("force", s.force);
+    f("row", s.matrix.row); f("column", s.matrix.column); f("block", s.matrix.block);
+    f("right_side", s.right_side); f("solution", s.solution);
+  }
+};
+
+}  // namespace cama
