@@ -14,7 +14,8 @@ typedef struct { int hit; double time; } impact_time;
 #define CCD_ITERATIONS 64       /* more means "hit at the time reached", the safe answer */
 #define CCD_ROUNDING 4e-14      /* bound on the rounding error of g over the pair's extent */
 #define CCD_TOLERANCE 1e-9      /* a pair nearer than this, over its extent, that is not certified to the end counts as hit */
-#define CUBIC_TOLERANCE 1e-8    /* inside test of the cubic, over the pair's extent */
+#define CUBIC_TOLERANCE 1e-9    /* inside test at a root of the cubic, over the pair's extent */
+#define CUBIC_TOUCH 1e-13       /* the same where the cubic does not change sign: turning points, ends of the step */
 
 DEVICE double largest_component(dvec3 a) { return max_double(fabs(a.x), max_double(fabs(a.y), fabs(a.z))); }
 
@@ -91,11 +92,11 @@ DEVICE int axis_separated(const dvec3 *x, const dvec3 *d, int split, double dist
   return 0;
 }
 
-/* The loop. x and d are relative to one vertex of the pair, `extent` the largest coordinate at both ends together. No false negative;
-   the time is never after the first moment at which the distance is minimum_distance. */
-DEVICE impact_time hull_impact_time(const dvec3 *x, const dvec3 *d, int split, double minimum_distance, double extent)
+/* The loop. x and d are relative to one vertex of the pair, `extent` the largest coordinate at both ends together, tolerance a part
+   of it. No false negative; the time is never after the first moment at which the distance is minimum_distance. */
+DEVICE impact_time hull_impact_time(const dvec3 *x, const dvec3 *d, int split, double minimum_distance, double extent, double tolerance)
 {
-  double span = 0.0, turned, sure = minimum_distance + CCD_ROUNDING * extent, near = minimum_distance + CCD_TOLERANCE * extent;
+  double span = 0.0, turned, sure = minimum_distance + CCD_ROUNDING * extent, near = minimum_distance + tolerance * extent;
   impact_time result;
   result.hit = 0;
   result.time = 1.0;
@@ -140,7 +141,7 @@ DEVICE impact_time linear_impact_time(int split, dvec3 a0, dvec3 b0, dvec3 c0, d
     end = max_double(end, largest_component(d[k]));
     d[k] = dsub(d[k], x[k]);
   }
-  return hull_impact_time(x, d, split, minimum_distance, start + end);
+  return hull_impact_time(x, d, split, minimum_distance, start + end, CCD_TOLERANCE);
 }
 
 /* Vertex v against face (a, b, c) moving from positions 0 to positions 1. minimum_distance: m. */
@@ -180,8 +181,8 @@ DEVICE double cubic_root(const double *c, double lo, double hi)
 }
 
 /* Candidate times of coplanarity in [0, 1], ascending: roots, turning points and both ends (double roots and contacts at an end differ
-   from crossings only by rounding; the inside test decides). Writes at most 7, returns how many. */
-DEVICE int cubic_times(const double *c, double *time)
+   from crossings only by rounding; the inside test decides). Writes at most 7, returns how many; crosses[k] tells a root. */
+DEVICE int cubic_times(const double *c, double *time, int *crosses)
 {
   double turn[4], a = 3.0 * c[3], b = c[2], e = c[1], disc = b * b - a * e;
   int turns = 1, count = 0;
@@ -194,10 +195,14 @@ DEVICE int cubic_times(const double *c, double *time)
   } else if (disc == 0.0 && a != 0.0 && -b / a > 0.0 && -b / a < 1.0) turn[turns++] = -b / a;
   turn[turns] = 1.0;
   for (int k = 0; k <= turns; ++k) {
-    time[count++] = turn[k];
+    time[count] = turn[k];
+    crosses[count++] = 0;
     if (k < turns) {
       double f0 = cubic_value(c, turn[k]), f1 = cubic_value(c, turn[k + 1]);
-      if ((f0 < 0.0 && f1 > 0.0) || (f0 > 0.0 && f1 < 0.0)) time[count++] = cubic_root(c, turn[k], turn[k + 1]);
+      if ((f0 < 0.0 && f1 > 0.0) || (f0 > 0.0 && f1 < 0.0)) {
+        time[count] = cubic_root(c, turn[k], turn[k + 1]);
+        crosses[count++] = 1;
+      }
     }
   }
   return count;
@@ -210,7 +215,7 @@ DEVICE impact_time linear_impact_cubic(int split, dvec3 a0, dvec3 b0, dvec3 c0, 
   dvec3 x[4], d[4];
   double c[4], time[8], extent = 0.0, size;
   impact_time result;
-  int count;
+  int count, crosses[8];
   x[0] = d[0] = dvec3_make(0.0, 0.0, 0.0);
   x[1] = dsub(b0, a0); x[2] = dsub(c0, a0); x[3] = dsub(d0, a0);
   d[1] = dsub(dsub(b1, a1), x[1]); d[2] = dsub(dsub(c1, a1), x[2]); d[3] = dsub(dsub(d1, a1), x[3]);
@@ -224,12 +229,16 @@ DEVICE impact_time linear_impact_cubic(int split, dvec3 a0, dvec3 b0, dvec3 c0, 
   c[3] = triple_product(d[1], d[2], d[3]);
   size = fabs(c[0]) + fabs(c[1]) + fabs(c[2]) + fabs(c[3]);
   if (size <= 1e-13 * extent * extent * extent)   /* coplanar throughout: the cubic says nothing */
-    return hull_impact_time(x, d, split, 0.0, 2.0 * extent);
-  count = cubic_times(c, time);
+    return hull_impact_time(x, d, split, 0.0, 2.0 * extent, CUBIC_TOUCH);
+  count = cubic_times(c, time, crosses);
   for (int k = 0; k < count; ++k) {
     dvec3 y[4];
     for (int i = 0; i < 4; ++i) y[i] = daxpy(x[i], time[k], d[i]);
-    if (hull_proximity(y, split).distance <= CUBIC_TOLERANCE * extent) { result.hit = 1; result.time = time[k]; return result; }
+    if (hull_proximity(y, split).distance <= (crosses[k] ? CUBIC_TOLERANCE : CUBIC_TOUCH) * extent) {
+      result.hit = 1;
+      result.time = time[k];
+      return result;
+    }
   }
   return result;
 }

@@ -7,10 +7,11 @@
    SETTLED: a fixed plane n.x = p keeps A above and B below: every vertex starts on its side by half of dmin and ends there, hence is there
    throughout, for ANY smaller t_v and sigma; so truncating others never harms it, and one pass over such pairs is final. Vertices of
    inverse mass 0 are never truncated: the plane stays ahead of them, and if it would pass a vertex of the other side, sigma is cut.
-   CONDITIONAL: while all four t_v are 1 the pair moves as proposed, and min over cross pairs of n.(x_i - x_j) + s n.(d_i - d_j), concave in
-   s, is at least dmin at s = 0 and s = 1 for some n, or the additive CCD certifies the distance. Only relative motion enters: common
-   translation loses nothing. When a vertex of it is truncated it must be settled with planes. Each pair changes once, so passes end;
-   the result does not depend on their order because a plane depends on x and d alone.
+   CONDITIONAL: for the fractions t as they are, the pair's actual motion is certified: it is linear between the t's, and over each piece
+   min over cross pairs of n.(x_i - x_j), concave there, is at least dmin at both ends for one n, or the additive CCD certifies the distance.
+   Only relative motion enters: common translation loses nothing. When a vertex of it has been truncated the pair is looked at again, and
+   settled with a plane if the new motion is not certified. Each pair settles at most once and only settling lowers a t, so passes end;
+   after one in which nothing settled every pair is safe for the same t. Passes read a copy of t, so the result is the same everywhere.
    Positions closer than dmin (bad input) may not come closer; intersecting ones cannot be certified: counted, frozen or let go. */
 
 #define COMMIT_SETTLED 0
@@ -79,44 +80,86 @@ DEVICE commit_bound commit_plane(const dvec3 *x, const dvec3 *d, const int *fixe
   return r;
 }
 
-/* 1 if along n the moving pair keeps `least` at both ends of the step, hence throughout. */
-DEVICE int commit_certified(const dvec3 *x, const dvec3 *d, int split, dvec3 n, double least)
+/* 1 if the boxes that the hulls sweep are apart by more than `distance` along an axis: a plane between them settles the pair. */
+DEVICE int swept_apart(const dvec3 *x, const dvec3 *d, int split, double distance)
 {
-  return hull_separation(x, d, split, n, 0.0) >= least && hull_separation(x, d, split, n, 1.0) >= least;
+  for (int axis = 0; axis < 3; ++axis) {
+    double lo[2], hi[2];
+    lo[0] = hi[0] = lo[1] = hi[1] = 0.0;
+    for (int k = 0; k < 4; ++k) {
+      double h = dcomponent(x[k], axis), e = h + dcomponent(d[k], axis);
+      int side = k >= split, first = k == 0 || k == split;
+      lo[side] = first ? min_double(h, e) : min_double(lo[side], min_double(h, e));
+      hi[side] = first ? max_double(h, e) : max_double(hi[side], max_double(h, e));
+    }
+    if (lo[0] - hi[1] > distance || lo[1] - hi[0] > distance) return 1;
+  }
+  return 0;
 }
 
-/* One pair. first: CONDITIONAL is allowed (the first pass). Position y_k is where the step wants vertex k, a position at 1. */
-DEVICE commit_bound commit_decide(dvec3 x0, dvec3 x1, dvec3 x2, dvec3 x3, dvec3 y0, dvec3 y1, dvec3 y2, dvec3 y3,
-                                  int fixed0, int fixed1, int fixed2, int fixed3, int split, double dmin, int first)
+/* Positions relative to vertex 0 when each vertex has gone min(s, t_k) of its way; y: all of it. */
+DEVICE void positions_along(const dvec3 *x, const dvec3 *d, const dvec3 *y, const double *t, double s, dvec3 *z)
 {
-  dvec3 x[4], y[4], d[4], relative[4], n;
-  int fixed[4];
-  double largest = 0.0, extent, rounding, gap, least;
+  int whole = s >= 1.0 && t[0] >= 1.0 && t[1] >= 1.0 && t[2] >= 1.0 && t[3] >= 1.0;
+  for (int k = 0; k < 4; ++k)
+    z[k] = whole ? y[k] : dadd(x[k], dsub(dscale(min_double(s, t[k]), d[k]), dscale(min_double(s, t[0]), d[0])));
+}
+
+/* The next s at which some vertex stops. */
+DEVICE double next_stop(const double *t, double s)
+{
+  double next = 1.0;
+  for (int k = 0; k < 4; ++k) if (t[k] > s && t[k] < next) next = t[k];
+  return next;
+}
+
+/* 1 if the motion keeps the distance `least` on its way: for direction n at every stop, or (ccd) by additive CCD between stops. */
+DEVICE int path_certified(const dvec3 *x, const dvec3 *d, const dvec3 *y, const double *t, int split, dvec3 n, int ccd, double least, double extent)
+{
+  dvec3 from[4], to[4], motion[4];
+  double s = 0.0;
+  for (int k = 0; k < 4; ++k) from[k] = x[k];
+  if (!ccd && !(hull_separation(x, d, split, n, 0.0) >= least)) return 0;
+  while (s < 1.0) {
+    s = next_stop(t, s);
+    positions_along(x, d, y, t, s, to);
+    if (ccd) {
+      for (int k = 0; k < 4; ++k) motion[k] = dsub(to[k], from[k]);
+      if (hull_impact_time(from, motion, split, least, extent, CCD_TOLERANCE).hit) return 0;
+      for (int k = 0; k < 4; ++k) from[k] = to[k];
+    } else if (!(hull_separation(to, d, split, n, 0.0) >= least)) return 0;
+  }
+  return 1;
+}
+
+/* One pair: x where its vertices are, y where the step wants them, t the fractions so far, fixed: cannot be truncated. recheck: it is
+   known not to be settled already. */
+DEVICE commit_bound commit_decide(dvec3 *x, dvec3 *y, const double *t, const int *fixed, int split, double dmin, int conditional, int recheck)
+{
+  dvec3 d[4], z[4], n, x0 = x[0], y0 = y[0];
+  double largest = 0.0, extent = 0.0, rounding, gap, least;
   commit_bound r;
-  x[0] = x0; x[1] = x1; x[2] = x2; x[3] = x3;
-  y[0] = y0; y[1] = y1; y[2] = y2; y[3] = y3;
-  fixed[0] = fixed0; fixed[1] = fixed1; fixed[2] = fixed2; fixed[3] = fixed3;
-  extent = 0.0;
   for (int k = 0; k < 4; ++k) {
     largest = max_double(largest, max_double(largest_component(x[k]), largest_component(y[k])));
     d[k] = dsub(y[k], x[k]);
     x[k] = dsub(x[k], x0);
     y[k] = dsub(y[k], y0);
-    relative[k] = dsub(y[k], x[k]);
     extent = max_double(extent, largest_component(x[k]) + largest_component(y[k]) + largest_component(d[k]));
   }
   rounding = 1e-15 * largest + CCD_ROUNDING * extent;
+  if (!recheck && swept_apart(x, d, split, dmin + 2.0 * rounding)) return commit_free(COMMIT_SETTLED);
   n = hull_proximity(x, split).normal;
   r = commit_plane(x, d, fixed, split, n, dmin, rounding);
-  if (!first || r.state == COMMIT_INTERSECTING ||
+  if (!conditional || r.state == COMMIT_INTERSECTING ||
       (r.fraction[0] >= 1.0 && r.fraction[1] >= 1.0 && r.fraction[2] >= 1.0 && r.fraction[3] >= 1.0 && r.sigma >= 1.0)) return r;
   /* Pairs nearer than dmin keep what they have, but for rounding. */
   gap = hull_separation(x, d, split, n, 0.0);
   least = min_double(dmin, gap - (gap > 8.0 * rounding ? 2.0 * rounding : 0.0));
-  if (commit_certified(x, relative, split, n, least)) return commit_free(COMMIT_CONDITIONAL);
-  n = hull_proximity(y, split).normal;
-  if (commit_certified(x, relative, split, n, least)) return commit_free(COMMIT_CONDITIONAL);
-  if (!hull_impact_time(x, relative, split, least, extent).hit) return commit_free(COMMIT_CONDITIONAL);
+  if (path_certified(x, d, y, t, split, n, 0, least, extent)) return commit_free(COMMIT_CONDITIONAL);
+  positions_along(x, d, y, t, 1.0, z);
+  n = hull_proximity(z, split).normal;
+  if (path_certified(x, d, y, t, split, n, 0, least, extent)) return commit_free(COMMIT_CONDITIONAL);
+  if (path_certified(x, d, y, t, split, n, 1, least, extent)) return commit_free(COMMIT_CONDITIONAL);
   return r;
 }
 
@@ -130,33 +173,37 @@ DEVICE void commit_vertices(int kind, pair p, GLOBAL const face_nodes *face, GLO
   }
 }
 
-/* 1 if the pair is to be (re)decided in this pass; see commit_pairs. */
-DEVICE int commit_due(int pass, int state, const int *v, const int *fixed, GLOBAL const int *fraction_before)
+/* 1 if the pair, not yet settled, is to be decided in this pass; see commit_pairs. */
+DEVICE int commit_due(int pass, const double *t, const int *fixed)
 {
   if (pass == 0) return !(fixed[0] && fixed[1] && fixed[2] && fixed[3]);
-  if (state != COMMIT_CONDITIONAL) return 0;
-  return pass < 0 || fraction_before[v[0]] != COMMIT_WHOLE || fraction_before[v[1]] != COMMIT_WHOLE ||
-         fraction_before[v[2]] != COMMIT_WHOLE || fraction_before[v[3]] != COMMIT_WHOLE;
+  return pass < 0 || t[0] < 1.0 || t[1] < 1.0 || t[2] < 1.0 || t[3] < 1.0;
 }
 
-/* Pass 0 sees every pair. Pass k > 0 settles conditional pairs that lost a vertex's t = 1; repeat until counter[0] stays as it is. Pass -1
-   settles every conditional pair: final whatever came before, for a cap on the number of passes. Both kinds go through each pass.
-   `fraction_before` is `fraction` as it was before the pass (a copy), or `fraction` itself when passes run until nothing changes, which
-   has the same result. accepted: [n] states; fraction: [vertices] bits of floats; sigma: [1], likewise; counter: [2] pairs settled after
-   having been conditional, intersecting pairs; commit_begin sets them. dmin: m. let_go 1: intersecting pairs are free, 0: their vertices stay. */
+/* Pass 0 sees every pair. Pass k > 0 looks at conditional pairs with truncated vertices again; repeat until counter[0] stays as it is.
+   Pass -1 settles every conditional pair: final whatever came before, for a cap on the number of passes. Both kinds go through each pass.
+   `fraction_before` is a copy of `fraction` made before the pass (not read in pass 0).
+   accepted: [n] states; fraction: [vertices] bits of floats; sigma: [1], likewise; counter: [2] pairs settled after having been
+   conditional, intersecting pairs; commit_begin sets them. dmin: m. let_go 1: intersecting pairs are free, 0: their vertices stay. */
 KERNEL commit_pairs(int n, int kind, int pass, GLOBAL const pair *candidate, GLOBAL const face_nodes *face, GLOBAL const edge_nodes *edge,
                     GLOBAL const dvec3 *position, GLOBAL const dvec3 *target, GLOBAL const double *inverse_mass, double dmin, int let_go,
                     GLOBAL int *accepted, GLOBAL const int *fraction_before, GLOBAL int *fraction, GLOBAL int *sigma, GLOBAL int *counter)
 {
   FOR_EACH_UNEVEN(i, n) {
     int v[4], fixed[4], k;
+    double t[4];
     commit_bound r = commit_free(COMMIT_SETTLED);
+    if (pass != 0 && accepted[i] != COMMIT_CONDITIONAL) continue;
     commit_vertices(kind, candidate[i], face, edge, v);
-    for (k = 0; k < 4; ++k) fixed[k] = inverse_mass[v[k]] == 0.0;
-    if (commit_due(pass, pass == 0 ? COMMIT_SETTLED : accepted[i], v, fixed, fraction_before)) {
-      r = commit_decide(position[v[0]], position[v[1]], position[v[2]], position[v[3]], target[v[0]], target[v[1]], target[v[2]],
-                        target[v[3]], fixed[0], fixed[1], fixed[2], fixed[3], kind + 1, dmin, pass == 0);
-      if (pass != 0) atomic_add_int(counter, 1);
+    for (k = 0; k < 4; ++k) {
+      fixed[k] = inverse_mass[v[k]] == 0.0;
+      t[k] = pass == 0 ? 1.0 : (double)bits_float(fraction_before[v[k]]);
+    }
+    if (commit_due(pass, t, fixed)) {
+      dvec3 x[4], y[4];
+      for (k = 0; k < 4; ++k) { x[k] = position[v[k]]; y[k] = target[v[k]]; }
+      r = commit_decide(x, y, t, fixed, kind + 1, dmin, pass >= 0, pass != 0);
+      if (pass != 0 && r.state != COMMIT_CONDITIONAL) atomic_add_int(counter, 1);
     } else if (pass != 0) continue;
     accepted[i] = r.state == COMMIT_CONDITIONAL ? COMMIT_CONDITIONAL : COMMIT_SETTLED;
     if (r.state == COMMIT_INTERSECTING) {

@@ -27,11 +27,14 @@ DEVICE double segment_parameter(dvec3 p, dvec3 u)
   return uu > 0.0 ? clamp_double(ddot(p, u) / uu, 0.0, 1.0) : 0.0;
 }
 
+/* The part of r perpendicular to u. */
+DEVICE dvec3 segment_rejection(dvec3 r, dvec3 u) { return daxpy(r, -ddot(r, u) / ddot(u, u), u); }
+
 /* Difference vector p - s u, with what rounding left along u taken out where the foot point is inside the segment. */
 DEVICE dvec3 segment_difference(dvec3 p, dvec3 u, double s)
 {
   dvec3 r = daxpy(p, -s, u);
-  return s > 0.0 && s < 1.0 ? daxpy(r, -ddot(r, u) / ddot(u, u), u) : r;
+  return s > 0.0 && s < 1.0 ? segment_rejection(r, u) : r;
 }
 
 /* Sets distance and normal from the difference vector; `fallback` is any normal for touching features. */
@@ -55,12 +58,16 @@ DEVICE proximity vertex_face_proximity(dvec3 v, dvec3 a, dvec3 b, dvec3 c)
   r = p;
   result.weight[0] = 1.0; result.weight[1] = -1.0; result.weight[2] = 0.0; result.weight[3] = 0.0;
   if (nn > 0.0) {
-    double wb = ddot(dcross(p, w), n) / nn, wc = ddot(dcross(u, p), n) / nn, wa = 1.0 - wb - wc;
+    double wb = ddot(dcross(p, w), n) / nn, wc = ddot(dcross(u, p), n) / nn, wa;
+    if (!(nn > sliver)) {   /* both are uncertain along the sliver: let the longer edge's follow the other's */
+      if (uu > ww) wb = ddot(daxpy(p, -wc, w), u) / uu; else wc = ddot(daxpy(p, -wb, u), w) / ww;
+    }
+    wa = 1.0 - wb - wc;
     if (wa > 0.0 && wb > 0.0 && wc > 0.0) {
       double h = ddot(p, n) / sqrt(nn);
       result.interior = 1;
       result.weight[1] = -wa; result.weight[2] = -wb; result.weight[3] = -wc;
-      r = nn > sliver ? dscale(h / sqrt(nn), n) : daxpy(daxpy(p, -wb, u), -wc, w);
+      r = nn > sliver ? dscale(h / sqrt(nn), n) : segment_rejection(daxpy(daxpy(p, -wb, u), -wc, w), uu > ww ? u : w);
       best = ddot(r, r);
     }
   }
@@ -94,9 +101,12 @@ DEVICE proximity edge_edge_proximity(dvec3 a0, dvec3 a1, dvec3 b0, dvec3 b1)
   if (nn > 0.0) {
     s = ddot(dcross(q, v), n) / nn;
     t = ddot(dcross(q, u), n) / nn;
+    if (!(nn > parallel)) {   /* both are uncertain along the edges: let the longer edge's follow the other's */
+      if (uu > vv) s = ddot(daxpy(q, t, v), u) / uu; else t = ddot(dsub(dscale(s, u), q), v) / vv;
+    }
     if (s > 0.0 && s < 1.0 && t > 0.0 && t < 1.0) {
       result.interior = 1;
-      r = nn > parallel ? dscale(-ddot(q, n) / nn, n) : dsub(dscale(s, u), daxpy(q, t, v));
+      r = nn > parallel ? dscale(-ddot(q, n) / nn, n) : segment_rejection(dsub(dscale(s, u), daxpy(q, t, v)), uu > vv ? u : v);
       best = ddot(r, r);
     }
   }

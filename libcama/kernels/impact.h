@@ -69,23 +69,77 @@ KERNEL impact_nodes(int n, GLOBAL const impact *impacts, GLOBAL element_nodes *n
   }
 }
 
-/* c = max(target - C(x), 0), diagonal of S, active = c > 0; lambda and the search direction start at zero and c / diagonal. */
-KERNEL start_impacts(int n, GLOBAL const impact *impacts, GLOBAL const dvec3 *x, GLOBAL const double *inverse_mass, double target,
-                     GLOBAL double *constraint, GLOBAL double *diagonal, GLOBAL int *active)
+/* constraint = target - C(x); diagonal of S; majorant: sum_k count_k w_k^2 / m_k with count_k the impacts at node k, a diagonal
+   matrix that exceeds S (mass splitting), so that steps scaled by it never overshoot. active: violated and movable. row: incidence. */
+KERNEL start_impacts(int n, int rows, GLOBAL const impact *impacts, GLOBAL const dvec3 *x, GLOBAL const double *inverse_mass,
+                     GLOBAL const int *row, double target, GLOBAL double *constraint, GLOBAL double *diagonal,
+                     GLOBAL double *majorant, GLOBAL int *active)
 {
   FOR_EACH(i, n)
   {
     impact m = impacts[i];
     dvec3 o = x[m.node[0]];
-    double c = 0.0, d = 0.0;
+    double c = 0.0, d = 0.0, split = 0.0;
     int k;
     for (k = 1; k < 4; ++k) c += m.weight[k] * ddot(m.normal, dsub(x[m.node[k]], o));
-    for (k = 0; k < 4; ++k) d += m.weight[k] * m.weight[k] * inverse_mass[m.node[k]];
+    for (k = 0; k < 4; ++k) {
+      double mobility = m.weight[k] * m.weight[k] * inverse_mass[m.node[k]];
+      d += mobility;
+      if (m.node[k] < rows) split += mobility * (double)(row[m.node[k] + 1] - row[m.node[k]]);
+    }
     constraint[i] = target - c;
     diagonal[i] = d;
+    majorant[i] = split;
     active[i] = target - c > 0.0 && d > 0.0;
   }
 }
+
+/* Accelerated projected gradient on min lambda' S lambda / 2 - constraint' lambda, lambda >= 0: one step from the extrapolated
+   point y (q = S y), lambda = max(0, y + (constraint - q) / majorant). change: lambda_new - lambda_old. */
+KERNEL project_impulses(int n, GLOBAL const double *constraint, GLOBAL const double *q, GLOBAL const double *majorant,
+                        GLOBAL const double *y, GLOBAL double *lambda, GLOBAL double *change, GLOBAL double *ascent, GLOBAL double *size)
+{
+  FOR_EACH(i, n)
+  {
+    double gradient = constraint[i] - q[i];
+    double next = majorant[i] > 0.0 ? max_double(0.0, y[i] + gradient / majorant[i]) : 0.0;
+    change[i] = next - lambda[i];
+    ascent[i] = (next - y[i]) * majorant[i]; /* gradient mapping */
+    size[i] = next * majorant[i];
+    lambda[i] = next;
+  }
+}
+
+/* scalar[0]: t of Nesterov's sequence, [1]: momentum, [2]: |change|^2, [3]: |lambda|^2, majorant norms. Restarts when the step
+   went against the momentum. partial_*: chunk sums of ascent.change, change.change, lambda.size. One work item. */
+KERNEL finish_momentum(int n, int chunks, GLOBAL const double *ascent_change, GLOBAL const double *change_change,
+                       GLOBAL const double *lambda_size, GLOBAL double *scalar)
+{
+  FOR_EACH(i, n)
+  {
+    double along = 0.0, moved = 0.0, whole = 0.0, t = scalar[0], next;
+    int j;
+    for (j = 0; j < chunks; ++j) { along += ascent_change[j]; moved += change_change[j]; whole += lambda_size[j]; }
+    if (along < 0.0) t = 1.0;
+    next = 0.5 * (1.0 + sqrt(1.0 + 4.0 * t * t));
+    scalar[1] = along < 0.0 ? 0.0 : (t - 1.0) / next;
+    scalar[0] = next;
+    scalar[2] = moved;
+    scalar[3] = whole;
+  }
+}
+
+KERNEL extrapolate_impulses(int n, GLOBAL const double *scalar, GLOBAL const double *lambda, GLOBAL const double *change, GLOBAL double *y)
+{
+  FOR_EACH(i, n) { y[i] = lambda[i] + scalar[1] * change[i]; }
+}
+
+KERNEL weigh_change(int n, GLOBAL const double *majorant, GLOBAL const double *change, GLOBAL double *weighed)
+{
+  FOR_EACH(i, n) { weighed[i] = majorant[i] * change[i]; }
+}
+KERNEL start_momentum(int n, GLOBAL double *scalar) { FOR_EACH(i, n) { scalar[i] = i == 0 ? 1.0 : 0.0; } }
+KERNEL set_double(int n, double value, GLOBAL double *out) { FOR_EACH(i, n) { out[i] = value; } }
 
 /* y_v = m_v^-1 sum over impacts at v of w n lambda, cloth vertices. incidence: 4 * impact + local index. */
 KERNEL spread_impulses(int n, GLOBAL const int *row, GLOBAL const int *incidence, GLOBAL const impact *impacts,
@@ -104,12 +158,12 @@ KERNEL spread_impulses(int n, GLOBAL const int *row, GLOBAL const int *incidence
 }
 
 /* q = S p + regularisation diagonal p on active rows. */
-KERNEL gather_impulses(int n, int rows, GLOBAL const impact *impacts, GLOBAL const int *active, GLOBAL const dvec3 *y,
+KERNEL gather_impulses(int n, int rows, double regularisation, GLOBAL const impact *impacts, GLOBAL const int *active, GLOBAL const dvec3 *y,
                        GLOBAL const double *diagonal, GLOBAL const double *p, GLOBAL double *q)
 {
   FOR_EACH(i, n)
   {
-    double sum = 1e-8 * diagonal[i] * p[i];
+    double sum = regularisation * diagonal[i] * p[i];
     int k;
     for (k = 0; k < 4; ++k)
       if (impacts[i].node[k] < rows) sum += impacts[i].weight[k] * ddot(impacts[i].normal, y[impacts[i].node[k]]);

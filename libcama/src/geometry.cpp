@@ -2,17 +2,9 @@
 #include "cama/geometry.hpp"
 
 #include <algorithm>
-#include <numeric>
 
+#include "kernels.hpp"
 #include "predicates.hpp"
-
-namespace cama::kernels {
-#include "../kernels/distance.h"
-#include "../kernels/ccd.h"
-#include "../kernels/bounds.h"
-#include "../kernels/tree.h"
-#include "../kernels/query.h"
-}  // namespace cama::kernels
 
 namespace cama {
 namespace {

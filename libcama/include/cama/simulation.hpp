@@ -32,6 +32,7 @@ struct Options {
   double tolerance = 1e-3;                ///< of the solve, relative, in the preconditioned norm
   int max_iterations = 5000;
   int max_impact_passes = 8;              ///< rounds of continuous detection and inelastic projection
+  bool linear_impacts = false;            ///< impacts as one linear system with an active set (paper); false: impulses that only push
   bool commit = true;                     ///< certified commit at the end of every step
   bool arcsim_conventions = false;         ///< sample bending at the signed curvature, extrapolated below zero, as ARCSim does
   bool audit = false;                     ///< count intersections after every step

@@ -8,7 +8,9 @@
 namespace cama {
 namespace {
 constexpr int active_set_rounds = 4, most_iterations = 200, most_substeps = 64;
-constexpr double impulse_tolerance = 1e-4;   // relative, of the projection: its result is certified afterwards
+constexpr double impulse_tolerance = 1e-4;   // relative residual of the linear system
+constexpr double regularisation = 1e-6;      // of its diagonal: duplicate impacts make it singular
+constexpr double pushing_tolerance = 1e-3;   // relative change of impulses: the result is certified afterwards
 
 float as_fraction(int bits)
 {
@@ -20,8 +22,8 @@ int chunks(int n) { return (n + DOT_CHUNK - 1) / DOT_CHUNK; }
 }  // namespace
 
 ImpactProjection::ImpactProjection(Backend &b)
-    : nodes_(b), count_(b), active_(b), dropped_(b, 1), constraint_(b), diagonal_(b), lambda_(b), r_(b), z_(b), p_(b), q_(b), partial_(b),
-      scalar_(b, SCALAR_COUNT), y_(b)
+    : nodes_(b), count_(b), active_(b), dropped_(b, 1), constraint_(b), diagonal_(b), majorant_(b), lambda_(b), r_(b), z_(b), p_(b), q_(b),
+      partial_(b), partial2_(b), partial3_(b), scalar_(b, SCALAR_COUNT), y_(b)
 {}
 
 void ImpactProjection::spread(State &state, const Stream<double> &lambda)
@@ -30,25 +32,59 @@ void ImpactProjection::spread(State &state, const Stream<double> &lambda)
               lambda, y_);
 }
 
-void ImpactProjection::solve(State &state)
+void ImpactProjection::multiply(State &state, double regularisation, const Stream<double> &x, Stream<double> &q)
+{
+  spread(state, x);
+  CAMA_LAUNCH(*state.backend, gather_impulses, state.impact.size(), state.cloth_vertices, regularisation, state.impact, active_, y_,
+              diagonal_, x, q);
+}
+
+void ImpactProjection::solve_linear_system(State &state)
 {
   Backend &b = *state.backend;
   const int n = state.impact.size();
   const auto dot = [&](const Stream<double> &x, const Stream<double> &y) { CAMA_LAUNCH(b, dot_scalars, chunks(n), n, x, y, partial_); };
-  CAMA_LAUNCH(b, start_impulses, n, active_, constraint_, diagonal_, lambda_, r_, z_, p_);
-  dot(r_, z_);
-  CAMA_LAUNCH(b, finish_beta, 1, chunks(n), 1, partial_, scalar_);
-  const double start = scalar_.at(SCALAR_RZ);
-  for (int i = 0; i < most_iterations; ++i) {
-    if (i % 4 == 0 && scalar_.at(SCALAR_RZ) <= impulse_tolerance * impulse_tolerance * start) return;
-    spread(state, p_);
-    CAMA_LAUNCH(b, gather_impulses, n, state.cloth_vertices, state.impact, active_, y_, diagonal_, p_, q_);
-    dot(p_, q_);
-    CAMA_LAUNCH(b, finish_alpha, 1, chunks(n), partial_, scalar_);
-    CAMA_LAUNCH(b, update_impulses, n, scalar_, active_, diagonal_, p_, q_, lambda_, r_, z_);
+  for (int round = 0; round < active_set_rounds; ++round) {
+    CAMA_LAUNCH(b, start_impulses, n, active_, constraint_, diagonal_, lambda_, r_, z_, p_);
     dot(r_, z_);
-    CAMA_LAUNCH(b, finish_beta, 1, chunks(n), 0, partial_, scalar_);
-    CAMA_LAUNCH(b, update_impulse_direction, n, scalar_, z_, p_);
+    CAMA_LAUNCH(b, finish_beta, 1, chunks(n), 1, partial_, scalar_);
+    const double start = scalar_.at(SCALAR_RZ);
+    for (int i = 0; i < most_iterations; ++i) {
+      if (i % 4 == 0 && scalar_.at(SCALAR_RZ) <= impulse_tolerance * impulse_tolerance * start) break;
+      multiply(state, regularisation, p_, q_);
+      dot(p_, q_);
+      CAMA_LAUNCH(b, finish_alpha, 1, chunks(n), partial_, scalar_);
+      CAMA_LAUNCH(b, update_impulses, n, scalar_, active_, diagonal_, p_, q_, lambda_, r_, z_);
+      dot(r_, z_);
+      CAMA_LAUNCH(b, finish_beta, 1, chunks(n), 0, partial_, scalar_);
+      CAMA_LAUNCH(b, update_impulse_direction, n, scalar_, z_, p_);
+    }
+    dropped_.fill_zero();
+    CAMA_LAUNCH(b, drop_pulling, n, lambda_, active_, dropped_);
+    if (dropped_.at(0) == 0) break;
+  }
+  CAMA_LAUNCH(b, clamp_impulses, n, active_, lambda_);
+}
+
+void ImpactProjection::solve_pushing(State &state)
+{
+  Backend &b = *state.backend;
+  const int n = state.impact.size();
+  CAMA_LAUNCH(b, set_int, n, 1, active_);
+  CAMA_LAUNCH(b, set_double, n, 0.0, lambda_);
+  CAMA_LAUNCH(b, set_double, n, 0.0, p_);
+  CAMA_LAUNCH(b, start_momentum, SCALAR_COUNT, scalar_);
+  for (int i = 1; i <= most_iterations; ++i) {
+    multiply(state, 0.0, p_, q_);
+    // r_: change, z_: gradient mapping, q_ becomes majorant times lambda
+    CAMA_LAUNCH(b, project_impulses, n, constraint_, q_, majorant_, p_, lambda_, r_, z_, q_);
+    CAMA_LAUNCH(b, dot_scalars, chunks(n), n, z_, r_, partial_);
+    CAMA_LAUNCH(b, weigh_change, n, majorant_, r_, z_);
+    CAMA_LAUNCH(b, dot_scalars, chunks(n), n, z_, r_, partial2_);
+    CAMA_LAUNCH(b, dot_scalars, chunks(n), n, q_, lambda_, partial3_);
+    CAMA_LAUNCH(b, finish_momentum, 1, chunks(n), partial_, partial2_, partial3_, scalar_);
+    CAMA_LAUNCH(b, extrapolate_impulses, n, scalar_, lambda_, r_, p_);
+    if (i % 8 == 0 && scalar_.at(2) <= pushing_tolerance * pushing_tolerance * scalar_.at(3)) break;
   }
 }
 
@@ -57,22 +93,17 @@ void ImpactProjection::run(State &state, Stream<dvec3> &positions, double target
   Backend &b = *state.backend;
   const int n = state.impact.size();
   nodes_.resize(n);
-  for (Stream<double> *s : {&constraint_, &diagonal_, &lambda_, &r_, &z_, &p_, &q_}) s->resize(n);
+  for (Stream<double> *s : {&constraint_, &diagonal_, &majorant_, &lambda_, &r_, &z_, &p_, &q_}) s->resize(n);
   active_.resize(n);
-  partial_.resize(chunks(n));
+  for (Stream<double> *s : {&partial_, &partial2_, &partial3_}) s->resize(chunks(n));
   y_.resize(state.cloth_vertices);
   count_.resize(state.cloth_vertices);
   CAMA_LAUNCH(b, impact_nodes, n, state.impact, nodes_);
   incidence_.reset(b, state.cloth_vertices);
   incidence_.build(b, nodes_, n, count_);
-  CAMA_LAUNCH(b, start_impacts, n, state.impact, positions, state.inverse_mass, target, constraint_, diagonal_, active_);
-  for (int round = 0; round < active_set_rounds; ++round) {
-    solve(state);
-    dropped_.fill_zero();
-    CAMA_LAUNCH(b, drop_pulling, n, lambda_, active_, dropped_);
-    if (dropped_.at(0) == 0) break;
-  }
-  CAMA_LAUNCH(b, clamp_impulses, n, active_, lambda_);
+  CAMA_LAUNCH(b, start_impacts, n, state.cloth_vertices, state.impact, positions, state.inverse_mass, incidence_.row, target, constraint_,
+              diagonal_, majorant_, active_);
+  if (state.options.linear_impacts) solve_linear_system(state); else solve_pushing(state);
   spread(state, lambda_);
   CAMA_LAUNCH(b, apply_impulses, state.cloth_vertices, y_, positions);
 }

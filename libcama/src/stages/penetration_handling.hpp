@@ -5,7 +5,8 @@
 
 namespace cama {
 
-/// Inelastic projection of all impacts as one linear system, matrix-free conjugate gradient with an active set (section 4).
+/// Inelastic projection of all impacts at once (section 4). As one linear system by conjugate gradient with an active set, as in the
+/// paper; or, the default, with the condition that impulses only push, by accelerated projected gradient. Matrix-free both.
 class ImpactProjection {
 public:
   explicit ImpactProjection(Backend &backend);
@@ -13,13 +14,15 @@ public:
   void run(State &state, Stream<dvec3> &positions, double target);
 
 private:
-  void solve(State &state);
+  void solve_linear_system(State &state);
+  void solve_pushing(State &state);
+  void multiply(State &state, double regularisation, const Stream<double> &x, Stream<double> &q);
   void spread(State &state, const Stream<double> &lambda);
 
   Stream<kernels::element_nodes> nodes_;
   Incidence incidence_;
   Stream<int> count_, active_, dropped_;
-  Stream<double> constraint_, diagonal_, lambda_, r_, z_, p_, q_, partial_, scalar_;
+  Stream<double> constraint_, diagonal_, majorant_, lambda_, r_, z_, p_, q_, partial_, partial2_, partial3_, scalar_;
   Stream<dvec3> y_;
 };
 
