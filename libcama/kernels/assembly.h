@@ -150,7 +150,7 @@ KERNEL gather_terms(int n, GLOBAL const int *incidence_row, GLOBAL const int *in
 }
 
 /* Algorithm 1, line 21, as printed: nine atomic additions a block. */
-DEVICE void atomic_add_block(GLOBAL mat3 *block, mat3 m)
+DEVICE_ATOMIC void atomic_add_block(GLOBAL mat3 *block, mat3 m)
 {
   GLOBAL real *p = (GLOBAL real *)block;
   ATOMIC_ADD_REAL(p, m.row[0].x); ATOMIC_ADD_REAL(p + 1, m.row[0].y); ATOMIC_ADD_REAL(p + 2, m.row[0].z);

@@ -2,13 +2,13 @@
 /* Certified commit: how far each vertex may go along its straight motion so that no candidate pair crosses (ALGORITHMS A.8; Divide and
    Truncate, arXiv 2604.15513). Given no intersection before, there is none after, whatever the solver proposed.
 
-   Vertex v follows x_v + min(s, t_v) d_v for s from 0 to sigma, t_v its fraction (1 unless truncated), sigma the step's (1 unless an
+   Vertex v follows x_v + s t_v d_v for s from 0 to sigma, t_v its fraction (1 unless truncated), sigma the step's (1 unless an
    obstacle must wait). A pair with hulls A, B is safe in one of two ways.
    SETTLED: a fixed plane n.x = p keeps A above and B below: every vertex starts on its side by half of dmin and ends there, hence is there
    throughout, for ANY smaller t_v and sigma; so truncating others never harms it, and one pass over such pairs is final. Vertices of
    inverse mass 0 are never truncated: the plane stays ahead of them, and if it would pass a vertex of the other side, sigma is cut.
-   CONDITIONAL: for the fractions t as they are, the pair's actual motion is certified: it is linear between the t's, and over each piece
-   min over cross pairs of n.(x_i - x_j), concave there, is at least dmin at both ends for one n, or the additive CCD certifies the distance.
+   CONDITIONAL: for the fractions t as they are, the pair's actual motion is certified: for one n, min over cross pairs of
+   n.(x_i - x_j), concave in s, is at least dmin at both ends, or the additive CCD certifies the distance.
    Only relative motion enters: common translation loses nothing. When a vertex of it has been truncated the pair is looked at again, and
    settled with a plane if the new motion is not certified. Each pair settles at most once and only settling lowers a t, so passes end;
    after one in which nothing settled every pair is safe for the same t. Passes read a copy of t, so the result is the same everywhere.
@@ -97,47 +97,19 @@ DEVICE int swept_apart(const dvec3 *x, const dvec3 *d, int split, double distanc
   return 0;
 }
 
-/* Positions relative to vertex 0 when each vertex has gone min(s, t_k) of its way; y: all of it. */
-DEVICE void positions_along(const dvec3 *x, const dvec3 *d, const dvec3 *y, const double *t, double s, dvec3 *z)
+/* 1 if along n the motion x -> z keeps `least` at both ends, hence throughout. */
+DEVICE int commit_certified(const dvec3 *x, const dvec3 *z, int split, dvec3 n, double least)
 {
-  int whole = s >= 1.0 && t[0] >= 1.0 && t[1] >= 1.0 && t[2] >= 1.0 && t[3] >= 1.0;
-  for (int k = 0; k < 4; ++k)
-    z[k] = whole ? y[k] : dadd(x[k], dsub(dscale(min_double(s, t[k]), d[k]), dscale(min_double(s, t[0]), d[0])));
-}
-
-/* The next s at which some vertex stops. */
-DEVICE double next_stop(const double *t, double s)
-{
-  double next = 1.0;
-  for (int k = 0; k < 4; ++k) if (t[k] > s && t[k] < next) next = t[k];
-  return next;
-}
-
-/* 1 if the motion keeps the distance `least` on its way: for direction n at every stop, or (ccd) by additive CCD between stops. */
-DEVICE int path_certified(const dvec3 *x, const dvec3 *d, const dvec3 *y, const double *t, int split, dvec3 n, int ccd, double least, double extent)
-{
-  dvec3 from[4], to[4], motion[4];
-  double s = 0.0;
-  for (int k = 0; k < 4; ++k) from[k] = x[k];
-  if (!ccd && !(hull_separation(x, d, split, n, 0.0) >= least)) return 0;
-  while (s < 1.0) {
-    s = next_stop(t, s);
-    positions_along(x, d, y, t, s, to);
-    if (ccd) {
-      for (int k = 0; k < 4; ++k) motion[k] = dsub(to[k], from[k]);
-      if (hull_impact_time(from, motion, split, least, extent, CCD_TOLERANCE).hit) return 0;
-      for (int k = 0; k < 4; ++k) from[k] = to[k];
-    } else if (!(hull_separation(to, d, split, n, 0.0) >= least)) return 0;
-  }
-  return 1;
+  return hull_separation(x, z, split, n, 0.0) >= least && hull_separation(z, x, split, n, 0.0) >= least;
 }
 
 /* One pair: x where its vertices are, y where the step wants them, t the fractions so far, fixed: cannot be truncated. recheck: it is
    known not to be settled already. */
 DEVICE commit_bound commit_decide(dvec3 *x, dvec3 *y, const double *t, const int *fixed, int split, double dmin, int conditional, int recheck)
 {
-  dvec3 d[4], z[4], n, x0 = x[0], y0 = y[0];
+  dvec3 d[4], z[4], motion[4], n, x0 = x[0], y0 = y[0];
   double largest = 0.0, extent = 0.0, rounding, gap, least;
+  int whole = t[0] >= 1.0 && t[1] >= 1.0 && t[2] >= 1.0 && t[3] >= 1.0;
   commit_bound r;
   for (int k = 0; k < 4; ++k) {
     largest = max_double(largest, max_double(largest_component(x[k]), largest_component(y[k])));
@@ -155,11 +127,13 @@ DEVICE commit_bound commit_decide(dvec3 *x, dvec3 *y, const double *t, const int
   /* Pairs nearer than dmin keep what they have, but for rounding. */
   gap = hull_separation(x, d, split, n, 0.0);
   least = min_double(dmin, gap - (gap > 8.0 * rounding ? 2.0 * rounding : 0.0));
-  if (path_certified(x, d, y, t, split, n, 0, least, extent)) return commit_free(COMMIT_CONDITIONAL);
-  positions_along(x, d, y, t, 1.0, z);
-  n = hull_proximity(z, split).normal;
-  if (path_certified(x, d, y, t, split, n, 0, least, extent)) return commit_free(COMMIT_CONDITIONAL);
-  if (path_certified(x, d, y, t, split, n, 1, least, extent)) return commit_free(COMMIT_CONDITIONAL);
+  for (int k = 0; k < 4; ++k) {   /* where the vertices end, relative to vertex 0 */
+    z[k] = whole ? y[k] : dadd(x[k], dsub(dscale(t[k], d[k]), dscale(t[0], d[0])));
+    motion[k] = dsub(z[k], x[k]);
+  }
+  if (commit_certified(x, z, split, n, least)) return commit_free(COMMIT_CONDITIONAL);
+  if (commit_certified(x, z, split, hull_proximity(z, split).normal, least)) return commit_free(COMMIT_CONDITIONAL);
+  if (!hull_impact_time(x, motion, split, least, extent, CCD_TOLERANCE).hit) return commit_free(COMMIT_CONDITIONAL);
   return r;
 }
 
@@ -229,7 +203,7 @@ KERNEL commit_apply(int n, GLOBAL const dvec3 *position, GLOBAL const dvec3 *tar
                     GLOBAL dvec3 *committed)
 {
   FOR_EACH(i, n) {
-    int t = min_int(fraction[i], sigma[0]);
-    committed[i] = t == COMMIT_WHOLE ? target[i] : daxpy(position[i], (double)bits_float(t), dsub(target[i], position[i]));
+    double t = (double)bits_float(fraction[i]) * (double)bits_float(sigma[0]);
+    committed[i] = t == 1.0 ? target[i] : daxpy(position[i], t, dsub(target[i], position[i]));
   }
 }

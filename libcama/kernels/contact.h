@@ -55,10 +55,9 @@ DEVICE double pair_friction(vertex_contact a, vertex_contact b)
 /* The contact of a candidate pair, if it is one: closest points inside the features, and closer than the thickness now or
    (anticipate > 0) after moving with the predicted displacement. */
 DEVICE int make_contact(int kind, element_nodes e, GLOBAL const dvec3 *position, GLOBAL const dvec3 *predicted,
-                        GLOBAL const vertex_contact *v, double stiffness, double anticipate, contact *c)
+                        GLOBAL const vertex_contact *v, double stiffness, double anticipate, proximity p, contact *c)
 {
   double thickness = pair_thickness(kind, e, v), approach = 0.0, area_a, area_b;
-  proximity p = pair_proximity(kind, e, position);
   int k;
   if (!p.interior || !(p.distance > 0.0)) return 0;
   for (k = 0; k < 4; ++k) approach += p.weight[k] * ddot(p.normal, dsub(predicted[e.node[k]], position[e.node[k]]));
@@ -81,16 +80,26 @@ DEVICE int make_contact(int kind, element_nodes e, GLOBAL const dvec3 *position,
   return 1;
 }
 
-/* flag[i] = 1 where candidate i is a contact. */
+/* flag[i] = 1 where candidate i is a contact; direction[i]: between its closest points, from side B to side A. */
 KERNEL find_contacts(int n, int kind, GLOBAL const pair *pairs, GLOBAL const face_nodes *face, GLOBAL const edge_nodes *edge,
                      GLOBAL const dvec3 *position, GLOBAL const dvec3 *predicted, GLOBAL const vertex_contact *v,
-                     double stiffness, double anticipate, GLOBAL int *flag)
+                     double stiffness, double anticipate, GLOBAL int *flag, GLOBAL dvec3 *direction)
 {
   FOR_EACH(i, n)
   {
     contact c;
-    flag[i] = make_contact(kind, pair_nodes(kind, pairs[i], face, edge), position, predicted, v, stiffness, anticipate, &c);
+    element_nodes e = pair_nodes(kind, pairs[i], face, edge);
+    proximity p = pair_proximity(kind, e, position);
+    direction[i] = p.normal;
+    flag[i] = make_contact(kind, e, position, predicted, v, stiffness, anticipate, p, &c);
   }
+}
+
+/* The directions alone, for a search that contacts are not wanted from. */
+KERNEL find_directions(int n, int kind, GLOBAL const pair *pairs, GLOBAL const face_nodes *face, GLOBAL const edge_nodes *edge,
+                       GLOBAL const dvec3 *position, GLOBAL dvec3 *direction)
+{
+  FOR_EACH(i, n) { direction[i] = pair_proximity(kind, pair_nodes(kind, pairs[i], face, edge), position).normal; }
 }
 
 /* Writes the flagged contacts at their scanned places, behind `first`. */
@@ -101,8 +110,10 @@ KERNEL fill_contacts(int n, int kind, GLOBAL const pair *pairs, GLOBAL const fac
   FOR_EACH(i, n)
   {
     contact c;
+    element_nodes e;
     if (place[i + 1] == place[i]) continue;
-    make_contact(kind, pair_nodes(kind, pairs[i], face, edge), position, predicted, v, stiffness, anticipate, &c);
+    e = pair_nodes(kind, pairs[i], face, edge);
+    make_contact(kind, e, position, predicted, v, stiffness, anticipate, pair_proximity(kind, e, position), &c);
     c.candidate = i;
     contacts[first + place[i]] = c;
   }

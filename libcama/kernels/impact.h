@@ -19,16 +19,36 @@ DEVICE impact_time candidate_impact_time(int kind, element_nodes e, GLOBAL const
                    : edge_edge_impact_time(z, a0, b0, c0, o1, a1, b1, c1, minimum);
 }
 
+/* 1 if the pair keeps `least` between its sides along direction n at both ends of the motion x to y, hence all the way: the separation
+   along a fixed direction is concave in time. Only relative motion counts. */
+DEVICE int separated_along(int kind, element_nodes e, GLOBAL const dvec3 *x, GLOBAL const dvec3 *y, dvec3 n, double least)
+{
+  dvec3 o = x[e.node[0]], p = y[e.node[0]];
+  double a0 = 0.0, a1 = 0.0, b0 = -1e300, b1 = -1e300;
+  int k;
+  for (k = 1; k < 4; ++k) {
+    double h0 = ddot(n, dsub(x[e.node[k]], o)), h1 = ddot(n, dsub(y[e.node[k]], p));
+    if (k == 1 && kind == 1) {
+      a0 = min_double(a0, h0);
+      a1 = min_double(a1, h1);
+    } else {
+      b0 = max_double(b0, h0);
+      b1 = max_double(b1, h1);
+    }
+  }
+  return a0 - b0 >= least && a1 - b1 >= least;
+}
+
 /* flag[i] = 1 where candidate i comes closer than `minimum` on its way from x to y and is not yet known (known[i] = 0). */
 KERNEL find_impacts(int n, int kind, GLOBAL const pair *pairs, GLOBAL const face_nodes *face, GLOBAL const edge_nodes *edge,
                     GLOBAL const dvec3 *x, GLOBAL const dvec3 *y, GLOBAL const double *inverse_mass, double minimum,
-                    GLOBAL const int *known, GLOBAL int *flag)
+                    GLOBAL const dvec3 *direction, GLOBAL const int *known, GLOBAL int *flag)
 {
   FOR_EACH_UNEVEN(i, n)
   {
     element_nodes e = pair_nodes(kind, pairs[i], face, edge);
     int movable = inverse_mass[e.node[0]] + inverse_mass[e.node[1]] + inverse_mass[e.node[2]] + inverse_mass[e.node[3]] > 0.0;
-    flag[i] = !known[i] && movable && candidate_impact_time(kind, e, x, y, minimum).hit;
+    flag[i] = !known[i] && movable && !separated_along(kind, e, x, y, direction[i], 1.001 * minimum) && candidate_impact_time(kind, e, x, y, minimum).hit;
   }
 }
 

@@ -10,6 +10,7 @@
 #pragma OPENCL FP_CONTRACT OFF
 #define KERNEL __kernel void
 #define DEVICE static inline
+#define DEVICE_ATOMIC DEVICE /* element functions that use atomics */
 #define GLOBAL __global
 #define RESTRICT restrict
 #define FOR_EACH(i, n) for (int i = (int)get_global_id(0); i < (n); i += (int)get_global_size(0))
@@ -43,6 +44,7 @@ typedef unsigned long long key64;
 #if defined(__CUDACC__)
 #define KERNEL static __global__ void
 #define DEVICE static __host__ __device__ inline
+#define DEVICE_ATOMIC static __device__ inline
 #define RESTRICT __restrict__
 #define FOR_EACH(i, n) for (int i = (int)(blockIdx.x * blockDim.x + threadIdx.x); i < (n); i += (int)(gridDim.x * blockDim.x))
 #define FOR_EACH_UNEVEN(i, n) FOR_EACH(i, n)
@@ -64,6 +66,7 @@ static __device__ inline void atomic_add_float(float *p, float v) { atomicAdd(p,
 #define DEVICE static inline
 #define RESTRICT restrict
 #endif
+#define DEVICE_ATOMIC DEVICE
 #define CAMA_PRAGMA(text) _Pragma(#text)
 #if defined(_OPENMP)
 #define FOR_EACH(i, n) CAMA_PRAGMA(omp parallel for schedule(static) if ((n) > 512)) for (int i = 0; i < (n); ++i)

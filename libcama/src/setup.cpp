@@ -127,6 +127,7 @@ void set_up_contact(State &state, const Scene &scene, const Topology &t)
   for (PairList *list : {&state.vertex_face, &state.edge_edge}) {
     list->pairs = Stream<kernels::pair>(b);
     list->known = Stream<int>(b);
+    list->direction = Stream<dvec3>(b);
   }
   state.contact = Stream<kernels::contact>(b);
   state.impact = Stream<kernels::impact>(b);

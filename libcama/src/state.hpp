@@ -48,6 +48,7 @@ template <class Real> struct System {
 struct PairList {
   Stream<kernels::pair> pairs;
   Stream<int> known;        // [pairs] 1: already an impact of this step
+  Stream<dvec3> direction;  // [pairs] between the closest points when the pair was found
 };
 
 struct State {
@@ -110,8 +111,9 @@ struct State {
     f("stitch", stitch); f("face", face); f("edge", edge); f("vertex_contact", vertex_contact); f("margin", margin);
     f("bounds", bounds); f("vertex_box", vertex_box); f("face_box", face_box); f("edge_box", edge_box);
     f("face_tree", face_tree); f("edge_tree", edge_tree); f("face_order", face_order); f("edge_order", edge_order);
-    f("vertex_face.pairs", vertex_face.pairs); f("vertex_face.known", vertex_face.known);
+    f("vertex_face.pairs", vertex_face.pairs); f("vertex_face.known", vertex_face.known); f("vertex_face.direction", vertex_face.direction);
     f("edge_edge.pairs", edge_edge.pairs); f("edge_edge.known", edge_edge.known);
+    f("edge_edge.direction", edge_edge.direction);
     f("contact", contact); f("impact", impact);
     if (system64) visit_system(*system64, f);
     if (system32) visit_system(*system32, f);

@@ -107,10 +107,11 @@ private:
       const int base = static_cast<int>(corner.size());
       for (unsigned v = 0; v < m.mNumVertices; ++v) corner.push_back({vector(m.mVertices[v]), {}});
       for (unsigned b = 0; b < m.mNumBones; ++b) add_bone(*m.mBones[b], base, corner);
-      if (m.mNumBones == 0) bone_.push_back({node, Affine()});
+      bone_.push_back({node, Affine()});   // for vertices that no bone moves: they follow the mesh's node
+      const int unmoved = static_cast<int>(bone_.size()) - 1;
       for (unsigned v = 0; v < m.mNumVertices; ++v) {
         Vertex &c = corner[base + v];
-        if (c.influence.empty()) c.influence.push_back({m.mNumBones ? nearest_free_bone(node) : static_cast<int>(bone_.size()) - 1, 1.0});
+        if (c.influence.empty()) c.influence.push_back({unmoved, 1.0});
         double sum = 0;
         for (const Influence &i : c.influence) sum += i.weight;
         std::string key;
@@ -122,7 +123,8 @@ private:
       }
       for (unsigned f = 0; f < m.mNumFaces; ++f)
         if (m.mFaces[f].mNumIndices == 3)
-          face.push_back({base + static_cast<int>(m.mFaces[f].mIndices[0]), base + static_cast<int>(m.mFaces[f].mIndices[1]), base + static_cast<int>(m.mFaces[f].mIndices[2])});
+          face.push_back({base + static_cast<int>(m.mFaces[f].mIndices[0]), base + static_cast<int>(m.mFaces[f].mIndices[1]),
+                          base + static_cast<int>(m.mFaces[f].mIndices[2])});
     }
     std::vector<dvec3> position;
     for (const Vertex &c : corner) position.push_back(c.position);
@@ -149,14 +151,8 @@ private:
     if (n == index_.end()) throw FileError(file_ + ": bone \"" + b.mName.C_Str() + "\" has no node of that name");
     bone_.push_back({n->second, Affine::from(b.mOffsetMatrix)});
     for (unsigned w = 0; w < b.mNumWeights; ++w)
-      if (b.mWeights[w].mWeight > 0) corner[base + b.mWeights[w].mVertexId].influence.push_back({static_cast<int>(bone_.size()) - 1, b.mWeights[w].mWeight});
-  }
-
-  /// A vertex that no bone moves follows its mesh's node.
-  int nearest_free_bone(int node)
-  {
-    bone_.push_back({node, Affine()});
-    return static_cast<int>(bone_.size()) - 1;
+      if (b.mWeights[w].mWeight > 0)
+        corner[base + b.mWeights[w].mVertexId].influence.push_back({static_cast<int>(bone_.size()) - 1, b.mWeights[w].mWeight});
   }
 
   void choose_clip(const std::string &clip, const std::filesystem::path &animation_file)
@@ -182,7 +178,8 @@ private:
       node_[n->second].channel = channel;
       ++matched;
       for (const double t : {channel->mPositionKeys[0].mTime, channel->mRotationKeys[0].mTime}) first = std::min(first, t);
-      last = std::max({last, channel->mPositionKeys[channel->mNumPositionKeys - 1].mTime, channel->mRotationKeys[channel->mNumRotationKeys - 1].mTime});
+      last =
+          std::max({last, channel->mPositionKeys[channel->mNumPositionKeys - 1].mTime, channel->mRotationKeys[channel->mNumRotationKeys - 1].mTime});
     }
     if (matched == 0) throw FileError(from + ": no animated node has the name of a node in " + file_);
     first_ = first / ticks_;
@@ -194,10 +191,16 @@ private:
     const double t = time * ticks_;
     const aiNodeAnim &c = *n.channel;
     Pose p;
-    p.translation = key_value<aiVectorKey, dvec3>(c.mPositionKeys, c.mNumPositionKeys, t, [](const aiVectorKey &k) { return vector(k.mValue); }, kernels::dlerp);
+    p.translation = key_value<aiVectorKey, dvec3>(
+        c.mPositionKeys, c.mNumPositionKeys, t, [](const aiVectorKey &k) { return vector(k.mValue); }, kernels::dlerp);
     p.rotation = key_value<aiQuatKey, Quaternion>(
-        c.mRotationKeys, c.mNumRotationKeys, t, [](const aiQuatKey &k) { return normalized({k.mValue.w, k.mValue.x, k.mValue.y, k.mValue.z}); }, slerp);
-    p.scale = key_value<aiVectorKey, dvec3>(c.mScalingKeys, c.mNumScalingKeys, t, [](const aiVectorKey &k) { return vector(k.mValue); }, kernels::dlerp);
+        c.mRotationKeys, c.mNumRotationKeys, t,
+        [](const aiQuatKey &k) {
+          return normalized({k.mValue.w, k.mValue.x, k.mValue.y, k.mValue.z});
+        },
+        slerp);
+    p.scale = key_value<aiVectorKey, dvec3>(
+        c.mScalingKeys, c.mNumScalingKeys, t, [](const aiVectorKey &k) { return vector(k.mValue); }, kernels::dlerp);
     return blend < 1 ? mix(n.pose, p, blend) : p;
   }
 

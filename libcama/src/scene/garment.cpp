@@ -341,7 +341,8 @@ void add_gore(Pattern &p, const FlatGore &gore, int panel, int per_panel, int co
     for (int i = 0; i < per_panel; ++i) {
       const int g = panel * per_panel + i, h = (g + 1) % columns;
       const auto m = [&](int a, int b) { return base + b * (per_panel + 1) + a; };
-      const std::array<int, 4> world{j * columns + g, j * columns + h, (j + 1) * columns + h, (j + 1) * columns + g}, material{m(i, j), m(i + 1, j), m(i + 1, j + 1), m(i, j + 1)};
+      const std::array<int, 4> world{j * columns + g, j * columns + h, (j + 1) * columns + h, (j + 1) * columns + g},
+          material{m(i, j), m(i + 1, j), m(i + 1, j + 1), m(i, j + 1)};
       const Triangle split[2][2] = {{{0, 1, 3}, {1, 2, 3}}, {{0, 1, 2}, {0, 2, 3}}};
       for (const Triangle &t : split[(g + j) % 2]) {
         p.mesh.face.push_back({world[t[0]], world[t[1]], world[t[2]]});
@@ -374,7 +375,8 @@ Pattern make_garment(const Mesh &body, const Garment &g, int triangles)
   const double around = 0.5 * (length_of(shell.level.front()) + length_of(shell.level.back())), down = std::hypot(g.length, g.flare);
   const double cells = std::max(triangles, 64) / 2.0;
   const int unit = g.panels % 2 ? 2 * g.panels : g.panels;
-  const int columns = std::max(1, static_cast<int>(std::lround(std::sqrt(cells * around / down) / unit))) * unit, rows = std::max(2, static_cast<int>(std::lround(cells / columns)));
+  const int columns = std::max(1, static_cast<int>(std::lround(std::sqrt(cells * around / down) / unit))) * unit,
+            rows = std::max(2, static_cast<int>(std::lround(cells / columns)));
 
   Pattern p;
   for (int j = 0; j <= rows; ++j)   // from the hem up

@@ -65,7 +65,8 @@ Pattern make_grid_cells(double width, double height, int columns, int rows)
 
 Pattern make_tube(double bottom_radius, double top_radius, double height, int triangles, int seams)
 {
-  if (!(bottom_radius > 0) || !(top_radius > 0) || !(height > 0) || seams < 1) throw MeshError("tube: radii, height and seams must be greater than 0");
+  if (!(bottom_radius > 0) || !(top_radius > 0) || !(height > 0) || seams < 1)
+    throw MeshError("tube: radii, height and seams must be greater than 0");
   const double around = pi * (bottom_radius + top_radius), cells = std::max(8, triangles) / 2.0;
   int columns = static_cast<int>(std::lround(std::sqrt(cells * around / height) / (2 * seams))) * 2 * seams;
   columns = std::max(columns, std::max(2 * seams, 4));
@@ -103,9 +104,11 @@ Mesh make_sphere(double radius, int triangles)
   if (!(radius > 0)) throw MeshError("sphere: radius must be greater than 0");
   const int n = std::max(1, static_cast<int>(std::lround(std::sqrt(std::max(20, triangles) / 20.0))));
   const double g = 0.5 * (1 + std::sqrt(5.0));
-  const std::vector<dvec3> corner{{-1, g, 0}, {1, g, 0}, {-1, -g, 0}, {1, -g, 0}, {0, -1, g}, {0, 1, g}, {0, -1, -g}, {0, 1, -g}, {g, 0, -1}, {g, 0, 1}, {-g, 0, -1}, {-g, 0, 1}};
-  const std::vector<Triangle> side{{0, 11, 5}, {0, 5, 1}, {0, 1, 7}, {0, 7, 10}, {0, 10, 11}, {1, 5, 9}, {5, 11, 4}, {11, 10, 2}, {10, 7, 6}, {7, 1, 8},
-                                   {3, 9, 4}, {3, 4, 2}, {3, 2, 6}, {3, 6, 8}, {3, 8, 9}, {4, 9, 5}, {2, 4, 11}, {6, 2, 10}, {8, 6, 7}, {9, 8, 1}};
+  const std::vector<dvec3> corner{{-1, g, 0},  {1, g, 0},  {-1, -g, 0}, {1, -g, 0}, {0, -1, g},  {0, 1, g},
+                                  {0, -1, -g}, {0, 1, -g}, {g, 0, -1},  {g, 0, 1},  {-g, 0, -1}, {-g, 0, 1}};
+  const std::vector<Triangle> side{{0, 11, 5},  {0, 5, 1},  {0, 1, 7},  {0, 7, 10}, {0, 10, 11}, {1, 5, 9}, {5, 11, 4},
+                                   {11, 10, 2}, {10, 7, 6}, {7, 1, 8},  {3, 9, 4},  {3, 4, 2},   {3, 2, 6}, {3, 6, 8},
+                                   {3, 8, 9},   {4, 9, 5},  {2, 4, 11}, {6, 2, 10}, {8, 6, 7},   {9, 8, 1}};
   Mesh m;
   std::map<std::array<int, 6>, int> known;   // corners with a weight above zero, sorted
   const auto vertex = [&](const Triangle &t, int a, int b, int c) {
@@ -113,7 +116,8 @@ Mesh make_sphere(double radius, int triangles)
     for (auto &x : w)
       if (x.second == 0) x.first = -1;
     std::sort(w.begin(), w.end());
-    const auto [place, fresh] = known.try_emplace({w[0].first, w[0].second, w[1].first, w[1].second, w[2].first, w[2].second}, static_cast<int>(m.position.size()));
+    const auto [place, fresh] =
+        known.try_emplace({w[0].first, w[0].second, w[1].first, w[1].second, w[2].first, w[2].second}, static_cast<int>(m.position.size()));
     if (fresh) {
       dvec3 x{0, 0, 0};
       for (const auto &[index, weight] : w)
@@ -136,7 +140,8 @@ Mesh make_box(const dvec3 &size, int triangles)
 {
   if (!(size.x > 0) || !(size.y > 0) || !(size.z > 0)) throw MeshError("box: size must be greater than 0 in all directions");
   const double area = 2 * (size.x * size.y + size.y * size.z + size.z * size.x), edge = std::sqrt(2 * area / std::max(12, triangles));
-  const int n[3] = {std::max(1, static_cast<int>(std::lround(size.x / edge))), std::max(1, static_cast<int>(std::lround(size.y / edge))), std::max(1, static_cast<int>(std::lround(size.z / edge)))};
+  const int n[3] = {std::max(1, static_cast<int>(std::lround(size.x / edge))), std::max(1, static_cast<int>(std::lround(size.y / edge))),
+                    std::max(1, static_cast<int>(std::lround(size.z / edge)))};
   const double s[3] = {size.x, size.y, size.z};
   Mesh m;
   std::map<std::array<int, 3>, int> known;
@@ -167,7 +172,8 @@ Mesh make_capsule(double radius, double length, int triangles)
 {
   if (!(radius > 0) || !(length >= 0)) throw MeshError("capsule: radius must be greater than 0 and length 0 or more");
   const double area = 2 * pi * radius * (length + 2 * radius), edge = std::sqrt(2 * area / std::max(40, triangles));
-  const int around = std::max(6, static_cast<int>(std::lround(2 * pi * radius / edge))), cap = std::max(2, static_cast<int>(std::lround(0.5 * pi * radius / edge)));
+  const int around = std::max(6, static_cast<int>(std::lround(2 * pi * radius / edge))),
+            cap = std::max(2, static_cast<int>(std::lround(0.5 * pi * radius / edge)));
   const int straight = length > 0 ? std::max(1, static_cast<int>(std::lround(length / edge))) : 0;
   std::vector<std::pair<double, double>> ring;   // radius, z; from below
   for (int i = 1; i <= cap; ++i) ring.emplace_back(radius * std::sin(0.5 * pi * i / cap), -0.5 * length - radius * std::cos(0.5 * pi * i / cap));
@@ -213,7 +219,8 @@ Mesh make_funnel(const Funnel &f, int triangles)
     throw MeshError("funnel: needs top_radius > throat_radius > wall > 0, cone_height > 0, tube_length > 0");
   // Middle line of the wall from the tube's lower end to the cone's upper rim; the corner at the throat is an arc.
   const double slope = std::atan2(f.top_radius - f.throat_radius, f.cone_height);   // of the cone, from the vertical
-  const double r0 = f.throat_radius + 0.5 * f.wall, bend = std::min(0.6 * f.throat_radius + f.wall, 0.4 * std::min(f.cone_height, f.tube_length) / std::tan(0.5 * slope));
+  const double r0 = f.throat_radius + 0.5 * f.wall,
+               bend = std::min(0.6 * f.throat_radius + f.wall, 0.4 * std::min(f.cone_height, f.tube_length) / std::tan(0.5 * slope));
   const double cut = bend * std::tan(0.5 * slope);   // where the arc starts, before and after the corner
   struct Point { double r, z, nr, nz; };             // and the normal towards the inside
   std::vector<Point> line;

@@ -52,7 +52,8 @@ template <std::size_t Rows, std::size_t Columns>
 std::array<std::array<double, Columns>, Rows> table(const Field &f, double scale)
 {
   const auto items = f.items();
-  if (items.size() != Rows) f.fail("expected " + std::to_string(Rows) + " rows of " + std::to_string(Columns) + " numbers, got " + std::to_string(items.size()) + " rows");
+  if (items.size() != Rows)
+    f.fail("expected " + std::to_string(Rows) + " rows of " + std::to_string(Columns) + " numbers, got " + std::to_string(items.size()) + " rows");
   std::array<std::array<double, Columns>, Rows> rows;
   for (std::size_t r = 0; r < Rows; ++r) {
     const auto v = items[r].numbers(Columns);
@@ -148,7 +149,8 @@ Material Material::isotropic(double youngs_modulus, double poisson_ratio, double
 Material Material::orthotropic(double youngs_warp, double youngs_weft, double poisson_ratio, double shear, double bending_warp, double bending_weft,
                                double density)
 {
-  if (!(std::abs(poisson_ratio) < 1)) throw MaterialError("poisson_ratio is " + std::to_string(poisson_ratio) + "; a sheet needs a value between -1 and 1");
+  if (!(std::abs(poisson_ratio) < 1))
+    throw MaterialError("poisson_ratio is " + std::to_string(poisson_ratio) + "; a sheet needs a value between -1 and 1");
   if (!(youngs_warp >= 0) || !(youngs_weft >= 0)) throw MaterialError("Young's modulus must be 0 or more, N/m");
   const double scale = 1 / (1 - poisson_ratio * poisson_ratio);   // plane stress; poisson_ratio^2 = nu_12 nu_21
   Material m;

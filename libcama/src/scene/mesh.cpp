@@ -25,7 +25,8 @@ void check_indices(const std::string &object, const std::vector<Triangle> &face,
     const Triangle &t = face[f];
     for (int v : t)
       if (v < 0 || static_cast<std::size_t>(v) >= size)
-        fail(object, describe(static_cast<int>(f), t) + " uses " + of + " " + std::to_string(v) + ", but there are " + std::to_string(size) + "; indices count from 0");
+        fail(object, describe(static_cast<int>(f), t) + " uses " + of + " " + std::to_string(v) + ", but there are " + std::to_string(size) +
+                         "; indices count from 0");
     if (t[0] == t[1] || t[1] == t[2] || t[2] == t[0])
       fail(object, describe(static_cast<int>(f), t) + " uses one " + std::string(of) + " twice; remove the face");
   }
@@ -69,7 +70,8 @@ void check_duplicates(const std::string &object, const std::vector<Triangle> &fa
 void Mesh::validate(const std::string &object) const
 {
   if (position.empty() || face.empty())
-    fail(object, "is empty (" + std::to_string(position.size()) + " vertices, " + std::to_string(face.size()) + " faces); give at least one triangle");
+    fail(object,
+         "is empty (" + std::to_string(position.size()) + " vertices, " + std::to_string(face.size()) + " faces); give at least one triangle");
   for (std::size_t v = 0; v < position.size(); ++v)
     if (!std::isfinite(position[v].x) || !std::isfinite(position[v].y) || !std::isfinite(position[v].z))
       fail(object, "vertex " + std::to_string(v) + " has a coordinate that is not finite (NaN or infinity)");
@@ -79,7 +81,8 @@ void Mesh::validate(const std::string &object) const
   check_indices(object, face, position.size(), "vertex");
   if (!material_face.empty()) {
     if (material_face.size() != face.size())
-      fail(object, "has " + std::to_string(face.size()) + " faces but " + std::to_string(material_face.size()) + " faces in material space; give one for each, or none");
+      fail(object, "has " + std::to_string(face.size()) + " faces but " + std::to_string(material_face.size()) +
+                       " faces in material space; give one for each, or none");
     check_indices(object, material_face, material_position.size(), "material vertex");
   }
   check_area(object, *this);

@@ -43,7 +43,8 @@ void collect(const aiScene &scene, const aiNode &node, const Affine &parent, Cor
     }
     for (unsigned f = 0; f < m.mNumFaces; ++f)
       if (m.mFaces[f].mNumIndices == 3)
-        out.face.push_back({base + static_cast<int>(m.mFaces[f].mIndices[0]), base + static_cast<int>(m.mFaces[f].mIndices[1]), base + static_cast<int>(m.mFaces[f].mIndices[2])});
+        out.face.push_back({base + static_cast<int>(m.mFaces[f].mIndices[0]), base + static_cast<int>(m.mFaces[f].mIndices[1]),
+                            base + static_cast<int>(m.mFaces[f].mIndices[2])});
   }
   for (unsigned c = 0; c < node.mNumChildren; ++c) collect(scene, *node.mChildren[c], here, out, textured);
 }

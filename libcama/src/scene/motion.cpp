@@ -46,7 +46,8 @@ bool Motion::is_static() const
 {
   const auto same = [&](const Key &k) {
     const RigidTransform &a = k.transform, &b = keys.front().transform;
-    return a.scale == b.scale && a.rotation == b.rotation && zero(kernels::dsub(a.translation, b.translation)) && zero(kernels::dsub(a.center, b.center));
+    return a.scale == b.scale && a.rotation == b.rotation && zero(kernels::dsub(a.translation, b.translation)) &&
+           zero(kernels::dsub(a.center, b.center));
   };
   const bool steady = stop <= start || (zero(velocity) && zero(rotation_rate) && zero(oscillation));
   return steady && std::all_of(keys.begin(), keys.end(), same) && (!sampled || sampled->position.size() < 2);

@@ -140,7 +140,8 @@ private:
     const auto count = static_cast<int>(m.position.size());
     for (const MeshStitch &s : out_.stitches)
       for (int v : {s.a, s.b, s.c})
-        if (v < 0 || v >= count) fail("a stitch uses vertex " + std::to_string(v) + ", but the file has " + std::to_string(count) + " (stitches count from 0)");
+        if (v < 0 || v >= count)
+          fail("a stitch uses vertex " + std::to_string(v) + ", but the file has " + std::to_string(count) + " (stitches count from 0)");
   }
 
   std::string file_, text_;

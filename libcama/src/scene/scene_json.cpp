@@ -115,7 +115,8 @@ void SceneReader::read_pin(const Field &f)
     for (const Field &v : f.at("vertices").items()) {
       const int i = v.integer();
       if (i < 0 || i >= static_cast<int>(mesh.position.size()))
-        v.fail("cloth \"" + scene_.cloths[p.cloth].name + "\" has no vertex " + std::to_string(i) + "; it has " + std::to_string(mesh.position.size()) + ", counted from 0");
+        v.fail("cloth \"" + scene_.cloths[p.cloth].name + "\" has no vertex " + std::to_string(i) + "; it has " +
+               std::to_string(mesh.position.size()) + ", counted from 0");
       chosen.insert(i);
     }
   if (f.has("box")) {
@@ -132,7 +133,9 @@ void SceneReader::read_pin(const Field &f)
     const auto g = groups.find(name.text());
     std::string names;
     for (const auto &[n, vertices] : groups) names += (names.empty() ? "" : ", ") + n;
-    if (g == groups.end()) name.fail("cloth \"" + scene_.cloths[p.cloth].name + "\" has no vertices of that name; it has: " + (names.empty() ? "none (not generated)" : names));
+    if (g == groups.end())
+      name.fail("cloth \"" + scene_.cloths[p.cloth].name +
+                "\" has no vertices of that name; it has: " + (names.empty() ? "none (not generated)" : names));
     chosen.insert(g->second.begin(), g->second.end());
   };
   if (f.has("edge")) add_group(f.at("edge"));

@@ -276,7 +276,8 @@ Pattern SceneReader::cloth_shape(const Field &f, int triangles, std::string &sou
 
 void SceneReader::read_cloth(const Field &f, std::size_t index)
 {
-  f.only({"name", "source", "grid", "tube", "garment", "file", "mesh", "material", "thickness", "transform", "velocity", "share", "triangles", "stitch_stiffness"});
+  f.only({"name", "source", "grid", "tube", "garment", "file", "mesh", "material", "thickness", "transform", "velocity", "share", "triangles",
+          "stitch_stiffness"});
   Cloth c;
   c.name = f.text("name", "cloth " + std::to_string(index));
   std::vector<MeshStitch> stitches;
@@ -285,7 +286,8 @@ void SceneReader::read_cloth(const Field &f, std::size_t index)
   c.mesh = std::move(p.mesh);
   if (f.has("transform")) {
     const RigidTransform t = read_transform(f.at("transform"));
-    if (c.mesh.material_face.empty() && t.scale != 1) f.at("transform").fail("a cloth without material space cannot be scaled after it is made; scale its file");
+    if (c.mesh.material_face.empty() && t.scale != 1)
+      f.at("transform").fail("a cloth without material space cannot be scaled after it is made; scale its file");
     apply_transform(t, c.mesh.position);
     for (MaterialPoint &u : c.mesh.material_position) u = {t.scale * u[0], t.scale * u[1]};
   }

@@ -213,7 +213,8 @@ void write_stitch(Writer &w, const Stitch &s)
   w.key("a");
   w.text += "{\"cloth\":" + std::to_string(s.cloth_a) + ",\"vertex\":" + std::to_string(s.vertex_a) + "}";
   w.key("b");
-  w.text += "{\"cloth\":" + std::to_string(s.cloth_b) + ",\"vertex\":" + std::to_string(s.vertex_b) + ",\"other\":" + std::to_string(s.vertex_c) + ",\"ratio\":";
+  w.text += "{\"cloth\":" + std::to_string(s.cloth_b) + ",\"vertex\":" + std::to_string(s.vertex_b) + ",\"other\":" + std::to_string(s.vertex_c) +
+            ",\"ratio\":";
   w.number(s.ratio);
   w.text += '}';
   w.key("stiffness");

@@ -18,25 +18,33 @@ void require(bool good, const std::string &field, double value, const std::strin
 
 void check_motion(const std::string &field, const Motion &m, std::size_t vertices)
 {
-  require(finite(m.velocity) && finite(m.rotation_rate) && finite(m.oscillation) && finite(m.center), field, "not finite", "give finite velocity, rotation_rate, oscillation and center");
+  require(finite(m.velocity) && finite(m.rotation_rate) && finite(m.oscillation) && finite(m.center), field, "not finite",
+          "give finite velocity, rotation_rate, oscillation and center");
   require(std::isfinite(m.period) && m.period > 0, field + ".oscillation.period", m.period, "give seconds, greater than 0");
   require(!std::isnan(m.start) && !std::isnan(m.stop), field + ".start", "not a number", "give seconds");
   for (std::size_t k = 0; k < m.keys.size(); ++k) {
     const std::string key = field + ".keys[" + std::to_string(k) + "]";
     const RigidTransform &t = m.keys[k].transform;
     const auto &q = t.rotation;
-    require(std::isfinite(m.keys[k].time) && (k == 0 || m.keys[k].time > m.keys[k - 1].time), key + ".time", m.keys[k].time, "times must be finite and increase");
-    require(finite(t.translation) && finite(t.center) && std::isfinite(t.scale) && t.scale > 0, key, "not a placement", "give finite numbers and a scale greater than 0");
-    require(std::abs(q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3] - 1) < 1e-5, key + ".quaternion", "not of length 1", "give a unit quaternion (w, x, y, z)");
+    require(std::isfinite(m.keys[k].time) && (k == 0 || m.keys[k].time > m.keys[k - 1].time), key + ".time", m.keys[k].time,
+            "times must be finite and increase");
+    require(finite(t.translation) && finite(t.center) && std::isfinite(t.scale) && t.scale > 0, key, "not a placement",
+            "give finite numbers and a scale greater than 0");
+    require(std::abs(q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3] - 1) < 1e-5, key + ".quaternion", "not of length 1",
+            "give a unit quaternion (w, x, y, z)");
   }
   if (!m.sampled) return;
   const auto &s = *m.sampled;
-  require(!s.time.empty() && s.time.size() == s.position.size(), field + ".sampled", std::to_string(s.time.size()) + " times and " + std::to_string(s.position.size()) + " frames", "give one frame for each time, at least one");
+  require(!s.time.empty() && s.time.size() == s.position.size(), field + ".sampled",
+          std::to_string(s.time.size()) + " times and " + std::to_string(s.position.size()) + " frames",
+          "give one frame for each time, at least one");
   for (std::size_t i = 0; i < s.time.size(); ++i) {
     const std::string frame = field + ".sampled.position[" + std::to_string(i) + "]";
-    require(std::isfinite(s.time[i]) && (i == 0 || s.time[i] > s.time[i - 1]), field + ".sampled.time[" + std::to_string(i) + "]", s.time[i], "times must be finite and increase");
+    require(std::isfinite(s.time[i]) && (i == 0 || s.time[i] > s.time[i - 1]), field + ".sampled.time[" + std::to_string(i) + "]", s.time[i],
+            "times must be finite and increase");
     require(s.position[i].size() == vertices, frame, std::to_string(s.position[i].size()) + " vertices", "the mesh has " + std::to_string(vertices));
-    for (std::size_t v = 0; v < s.position[i].size(); ++v) require(finite(s.position[i][v]), frame + ", vertex " + std::to_string(v), "not finite", "give finite coordinates");
+    for (std::size_t v = 0; v < s.position[i].size(); ++v)
+      if (!finite(s.position[i][v])) throw SceneError(frame + ", vertex " + std::to_string(v) + ": is not finite; give finite coordinates");
   }
 }
 
@@ -48,7 +56,8 @@ void check_settings(const Scene &s)
   require(finite(s.gravity), "gravity", "not finite", "give three finite numbers, m/s^2");
   require(std::isfinite(s.contact.thickness) && s.contact.thickness > 0, "contact.thickness", s.contact.thickness, "give metres, greater than 0");
   require(std::isfinite(s.contact.stiffness) && s.contact.stiffness > 0, "contact.stiffness", s.contact.stiffness, "give N/m^3, greater than 0");
-  require(std::isfinite(s.contact.friction) && s.contact.friction >= 0, "contact.friction", s.contact.friction, "give a Coulomb coefficient, 0 or more");
+  require(std::isfinite(s.contact.friction) && s.contact.friction >= 0, "contact.friction", s.contact.friction,
+          "give a Coulomb coefficient, 0 or more");
   if (!s.wind) return;
   require(finite(s.wind->velocity), "wind.velocity", "not finite", "give three finite numbers, m/s");
   require(std::isfinite(s.wind->density) && s.wind->density >= 0, "wind.density", s.wind->density, "give kg/m^3, 0 or more");
@@ -59,14 +68,16 @@ void check_pin(const Scene &s, std::size_t i)
 {
   const Pin &p = s.pins[i];
   const std::string field = "pins[" + std::to_string(i) + "]";
-  require(p.cloth >= 0 && p.cloth < static_cast<int>(s.cloths.size()), field + ".cloth", std::to_string(p.cloth), "there are " + std::to_string(s.cloths.size()) + " cloths, counted from 0");
+  require(p.cloth >= 0 && p.cloth < static_cast<int>(s.cloths.size()), field + ".cloth", std::to_string(p.cloth),
+          "there are " + std::to_string(s.cloths.size()) + " cloths, counted from 0");
   const Cloth &c = s.cloths[p.cloth];
   require(!p.vertices.empty(), field + ".vertices", "empty", "name at least one vertex, or leave the pin out");
   for (std::size_t k = 0; k < p.vertices.size(); ++k)
-    require(p.vertices[k] >= 0 && p.vertices[k] < static_cast<int>(c.mesh.position.size()), field + ".vertices[" + std::to_string(k) + "]", std::to_string(p.vertices[k]),
-            "cloth \"" + c.name + "\" has " + std::to_string(c.mesh.position.size()) + " vertices, counted from 0");
+    require(p.vertices[k] >= 0 && p.vertices[k] < static_cast<int>(c.mesh.position.size()), field + ".vertices[" + std::to_string(k) + "]",
+            std::to_string(p.vertices[k]), "cloth \"" + c.name + "\" has " + std::to_string(c.mesh.position.size()) + " vertices, counted from 0");
   if (p.obstacle)
-    require(*p.obstacle >= 0 && *p.obstacle < static_cast<int>(s.obstacles.size()), field + ".attach", std::to_string(*p.obstacle), "there are " + std::to_string(s.obstacles.size()) + " obstacles, counted from 0");
+    require(*p.obstacle >= 0 && *p.obstacle < static_cast<int>(s.obstacles.size()), field + ".attach", std::to_string(*p.obstacle),
+            "there are " + std::to_string(s.obstacles.size()) + " obstacles, counted from 0");
   require(!std::isnan(p.release), field + ".release", "not a number", "give seconds, or leave it out");
   require(!p.motion.sampled, field + ".motion", "vertex animation", "pins move rigidly");
   check_motion(field + ".motion", p.motion, 0);
@@ -77,16 +88,19 @@ void check_stitch(const Scene &s, std::size_t i)
   const Stitch &t = s.stitches[i];
   const std::string field = "stitches[" + std::to_string(i) + "]";
   const auto vertex = [&](int cloth, int v, const char *end) {
-    require(cloth >= 0 && cloth < static_cast<int>(s.cloths.size()), field + "." + end + ".cloth", std::to_string(cloth), "there are " + std::to_string(s.cloths.size()) + " cloths, counted from 0");
+    require(cloth >= 0 && cloth < static_cast<int>(s.cloths.size()), field + "." + end + ".cloth", std::to_string(cloth),
+            "there are " + std::to_string(s.cloths.size()) + " cloths, counted from 0");
     const auto count = s.cloths[cloth].mesh.position.size();
-    require(v >= 0 && static_cast<std::size_t>(v) < count, field + "." + end + ".vertex", std::to_string(v), "cloth \"" + s.cloths[cloth].name + "\" has " + std::to_string(count) + " vertices, counted from 0");
+    require(v >= 0 && static_cast<std::size_t>(v) < count, field + "." + end + ".vertex", std::to_string(v),
+            "cloth \"" + s.cloths[cloth].name + "\" has " + std::to_string(count) + " vertices, counted from 0");
   };
   vertex(t.cloth_a, t.vertex_a, "a");
   vertex(t.cloth_b, t.vertex_b, "b");
   vertex(t.cloth_b, t.vertex_c, "b");
   require(t.ratio >= 0 && t.ratio <= 1, field + ".b.ratio", t.ratio, "give a number from 0 to 1");
   require(std::isfinite(t.stiffness) && t.stiffness > 0, field + ".stiffness", t.stiffness, "give N/m, greater than 0");
-  require(!(t.cloth_a == t.cloth_b && (t.vertex_a == t.vertex_b || t.vertex_a == t.vertex_c)), field, "a stitch of vertex " + std::to_string(t.vertex_a) + " to itself", "remove it");
+  require(!(t.cloth_a == t.cloth_b && (t.vertex_a == t.vertex_b || t.vertex_a == t.vertex_c)), field,
+          "a stitch of vertex " + std::to_string(t.vertex_a) + " to itself", "remove it");
 }
 
 }  // namespace

@@ -71,7 +71,8 @@ std::vector<Triangle> triangles(const Field &f)
   const std::vector<double> x = rows(f, 3);
   std::vector<Triangle> t(x.size() / 3);
   for (std::size_t i = 0; i < x.size(); ++i) {
-    if (x[i] != std::floor(x[i]) || std::abs(x[i]) > 2147483647.0) f.fail("triangle " + std::to_string(i / 3) + ": vertex indices must be whole numbers, got " + std::to_string(x[i]));
+    if (x[i] != std::floor(x[i]) || std::abs(x[i]) > 2147483647.0)
+      f.fail("triangle " + std::to_string(i / 3) + ": vertex indices must be whole numbers, got " + std::to_string(x[i]));
     t[i / 3][i % 3] = static_cast<int>(x[i]);
   }
   return t;
@@ -117,7 +118,8 @@ Motion read_motion(const Field &f)
     auto sampled = std::make_shared<Motion::Sampled>();
     for (const Field &t : s.at("time").items()) sampled->time.push_back(t.finite());
     for (const Field &p : s.at("position").items()) sampled->position.push_back(points(p));
-    if (sampled->time.empty() || sampled->time.size() != sampled->position.size()) s.fail("\"time\" and \"position\" must be lists of one length, not empty");
+    if (sampled->time.empty() || sampled->time.size() != sampled->position.size())
+      s.fail("\"time\" and \"position\" must be lists of one length, not empty");
     m.sampled = std::move(sampled);
   }
   return m;

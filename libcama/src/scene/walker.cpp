@@ -16,7 +16,22 @@ using namespace kernels;
 
 constexpr double pi = 3.14159265358979323846, degree = pi / 180;
 
-enum Bone { pelvis, spine, head, arm_left, forearm_left, arm_right, forearm_right, thigh_left, shin_left, foot_left, thigh_right, shin_right, foot_right, bone_count };
+enum Bone {
+  pelvis,
+  spine,
+  head,
+  arm_left,
+  forearm_left,
+  arm_right,
+  forearm_right,
+  thigh_left,
+  shin_left,
+  foot_left,
+  thigh_right,
+  shin_right,
+  foot_right,
+  bone_count
+};
 
 /// A segment with a radius at each end; flesh of one bone.
 struct Part { Bone bone; dvec3 a, b; double ra, rb; };
@@ -34,8 +49,11 @@ std::vector<Part> body_parts()
   std::vector<Part> p{{pelvis, {-0.068, 0, 0.945}, {0.068, 0, 0.945}, 0.112, 0.112}, {spine, {-0.05, 0.002, 1.1}, {0.05, 0.002, 1.1}, 0.098, 0.098},
                       {spine, {-0.075, 0, 1.27}, {0.075, 0, 1.27}, 0.112, 0.112},    {spine, {-0.145, 0.005, 1.39}, {0.145, 0.005, 1.39}, 0.06, 0.06},
                       {head, {0, 0.005, 1.45}, {0, -0.005, 1.52}, 0.055, 0.055},     {head, {0, -0.015, 1.575}, {0, -0.015, 1.61}, 0.085, 0.085}};
-  const std::vector<Part> left{{arm_left, shoulder, elbow, 0.05, 0.041},     {forearm_left, elbow, hand, 0.04, 0.032}, {thigh_left, hip, knee, 0.09, 0.06},
-                               {shin_left, knee, ankle, 0.057, 0.042}, {foot_left, ankle, toe, 0.045, 0.035}};
+  const std::vector<Part> left{{arm_left, shoulder, elbow, 0.05, 0.041},
+                               {forearm_left, elbow, hand, 0.04, 0.032},
+                               {thigh_left, hip, knee, 0.09, 0.06},
+                               {shin_left, knee, ankle, 0.057, 0.042},
+                               {foot_left, ankle, toe, 0.045, 0.035}};
   for (const Part &l : left) {
     p.push_back(l);
     const Bone other = static_cast<Bone>(l.bone < thigh_left ? l.bone + 2 : l.bone + 3);
@@ -71,7 +89,8 @@ dvec3 gradient(const std::vector<Part> &parts, const dvec3 &x)
 /// Surface nets: a vertex in every cell that the surface crosses, a quadrilateral around every crossed grid edge.
 Mesh surface_net(const std::function<double(const dvec3 &)> &distance, const dvec3 &lo, const dvec3 &hi, double cell)
 {
-  const std::array<int, 3> n{static_cast<int>(std::ceil((hi.x - lo.x) / cell)) + 1, static_cast<int>(std::ceil((hi.y - lo.y) / cell)) + 1, static_cast<int>(std::ceil((hi.z - lo.z) / cell)) + 1};
+  const std::array<int, 3> n{static_cast<int>(std::ceil((hi.x - lo.x) / cell)) + 1, static_cast<int>(std::ceil((hi.y - lo.y) / cell)) + 1,
+                             static_cast<int>(std::ceil((hi.z - lo.z) / cell)) + 1};
   const auto at = [&](int i, int j, int k) { return (static_cast<std::size_t>(k) * n[1] + j) * n[0] + i; };
   const auto point = [&](int i, int j, int k) { return dvec3{lo.x + i * cell, lo.y + j * cell, lo.z + k * cell}; };
   std::vector<double> value(static_cast<std::size_t>(n[0]) * n[1] * n[2]);
@@ -88,7 +107,8 @@ Mesh surface_net(const std::function<double(const dvec3 &)> &distance, const dve
         for (int a = 0; a < 8; ++a)
           for (int axis = 0; axis < 3; ++axis) {
             if (a >> axis & 1) continue;
-            const int b = a | 1 << axis, i0 = i + (a & 1), j0 = j + (a >> 1 & 1), k0 = k + (a >> 2), i1 = i + (b & 1), j1 = j + (b >> 1 & 1), k1 = k + (b >> 2);
+            const int b = a | 1 << axis, i0 = i + (a & 1), j0 = j + (a >> 1 & 1), k0 = k + (a >> 2), i1 = i + (b & 1), j1 = j + (b >> 1 & 1),
+                      k1 = k + (b >> 2);
             const double f = value[at(i0, j0, k0)], g = value[at(i1, j1, k1)];
             if ((f < 0) == (g < 0)) continue;
             sum = dadd(sum, dlerp(point(i0, j0, k0), point(i1, j1, k1), f / (f - g)));
@@ -106,7 +126,8 @@ Mesh surface_net(const std::function<double(const dvec3 &)> &distance, const dve
           const double f = value[at(i, j, k)], g = value[at(i + di, j + dj, k + dk)];
           if ((f < 0) == (g < 0)) continue;
           const int ui = axis == 2, uj = axis == 0, uk = axis == 1, vi = axis == 1, vj = axis == 2, vk = axis == 0;   // the two other axes, in order
-          int q[4] = {vertex[at(i - ui - vi, j - uj - vj, k - uk - vk)], vertex[at(i - vi, j - vj, k - vk)], vertex[at(i, j, k)], vertex[at(i - ui, j - uj, k - uk)]};
+          int q[4] = {vertex[at(i - ui - vi, j - uj - vj, k - uk - vk)], vertex[at(i - vi, j - vj, k - vk)], vertex[at(i, j, k)],
+                      vertex[at(i - ui, j - uj, k - uk)]};
           if (f >= 0) std::swap(q[1], q[3]);   // outward
           const double across = dnorm(dsub(m.position[q[0]], m.position[q[2]])), other = dnorm(dsub(m.position[q[1]], m.position[q[3]]));
           if (across <= other) m.face.insert(m.face.end(), {{q[0], q[1], q[2]}, {q[0], q[2], q[3]}});

@@ -11,11 +11,11 @@ void FindContacts::run(State &state)
   const double stiffness = state.contact_settings.stiffness;
   // The paper's proximity is a distance alone; by default contacts also act on pairs that would close within the step.
   const double anticipate = state.options.anticipate_contacts ? 20 * state.contact_settings.thickness : 0.0;
-  const auto count = [&](int kind, const PairList &list, Stream<int> &place) {
+  const auto count = [&](int kind, PairList &list, Stream<int> &place) {
     flag_.resize(list.pairs.size());
     place.resize(list.pairs.size() + 1);
     CAMA_LAUNCH(b, find_contacts, list.pairs.size(), kind, list.pairs, state.face, state.edge, state.position, state.predicted,
-                state.vertex_contact, stiffness, anticipate, flag_);
+                state.vertex_contact, stiffness, anticipate, flag_, list.direction);
     b.scan(flag_.buffer(), place.buffer(), list.pairs.size());
     return place.at(list.pairs.size());
   };

@@ -110,13 +110,18 @@ void ImpactProjection::run(State &state, Stream<dvec3> &positions, double target
 
 PenetrationHandling::PenetrationHandling(Backend &b, CandidateSearch &search)
     : search_(search), projection_(b), from_(b), committed_(b), flag_(b), vertex_face_place_(b), edge_edge_place_(b),
-      accepted_{Stream<int>(b), Stream<int>(b)}, fraction_(b), sigma_(b, 1), counter_(b, 2), grown_(b)
+      accepted_{Stream<int>(b), Stream<int>(b)}, fraction_(b), fraction_before_(b), sigma_(b, 1), counter_(b, 2), grown_(b)
 {}
 
 void PenetrationHandling::cover(State &state)
 {
   if (search_.covers(state, from_, state.position_next, minimum_)) return;
   search_.run(state, from_, state.position_next);
+  const auto direct = [&](int kind, PairList &list) {
+    CAMA_LAUNCH(*state.backend, find_directions, list.pairs.size(), kind, list.pairs, state.face, state.edge, from_, list.direction);
+  };
+  direct(0, state.vertex_face);
+  direct(1, state.edge_edge);
 }
 
 int PenetrationHandling::find_impacts(State &state)
@@ -126,7 +131,7 @@ int PenetrationHandling::find_impacts(State &state)
     flag_.resize(list.pairs.size());
     place.resize(list.pairs.size() + 1);
     CAMA_LAUNCH(b, find_impacts, list.pairs.size(), kind, list.pairs, state.face, state.edge, from_, state.position_next,
-                state.inverse_mass, minimum_, list.known, flag_);
+                state.inverse_mass, minimum_, list.direction, list.known, flag_);
     b.scan(flag_.buffer(), place.buffer(), list.pairs.size());
     return place.at(list.pairs.size());
   };
@@ -149,14 +154,17 @@ double PenetrationHandling::commit(State &state)
 {
   Backend &b = *state.backend;
   fraction_.resize(state.vertices);
+  fraction_before_.resize(state.vertices);
   CAMA_LAUNCH(b, commit_begin, state.vertices, fraction_, sigma_, counter_);
   PairList *lists[2] = {&state.vertex_face, &state.edge_edge};
   int settled = -1;
   for (int pass = 0;; ++pass) {
+    if (pass > 0) fraction_before_.copy_from(fraction_);
     for (int kind = 0; kind < 2; ++kind) {
       accepted_[kind].resize(lists[kind]->pairs.size());
       CAMA_LAUNCH(b, commit_pairs, lists[kind]->pairs.size(), kind, pass, lists[kind]->pairs, state.face, state.edge, from_,
-                  state.position_next, state.inverse_mass, minimum_, 0, accepted_[kind], fraction_, fraction_, sigma_, counter_);
+                  state.position_next, state.inverse_mass, minimum_, 0, accepted_[kind], fraction_before_, fraction_,
+                  sigma_, counter_);
     }
     const int now = counter_.at(0);
     if (now == settled) break;

@@ -45,7 +45,7 @@ private:
   ImpactProjection projection_;
   Stream<dvec3> from_, committed_;
   Stream<int> flag_, vertex_face_place_, edge_edge_place_;
-  Stream<int> accepted_[2], fraction_, sigma_, counter_;
+  Stream<int> accepted_[2], fraction_, fraction_before_, sigma_, counter_;
   Stream<kernels::impact> grown_;
   double minimum_ = 1e-6, target_ = 1e-4;   // m: certified distance, distance after an impact
 };

@@ -1,0 +1,349 @@
+// SPDX-License-Identifier: Apache-2.0
+// The certified commit: whatever motion is proposed, no pair crosses. Judged by an own distance in long double with a Lipschitz
+// certificate over the whole path, and by exact intersection tests on scenes.
+#include "../catch.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <cstdlib>
+#include <cstring>
+#include <random>
+
+#include "cama/geometry.hpp"
+#include "kernels.hpp"
+
+using namespace cama;
+using namespace cama::kernels;
+
+namespace {
+
+/// Distances in long double, written for the test: all pairs of sub-features, the least wins.
+namespace judge {
+using Real = long double;
+struct Vec { Real x, y, z; };
+Vec operator-(Vec a, Vec b) { return {a.x - b.x, a.y - b.y, a.z - b.z}; }
+Vec operator+(Vec a, Vec b) { return {a.x + b.x, a.y + b.y, a.z + b.z}; }
+Vec operator*(Real s, Vec a) { return {s * a.x, s * a.y, s * a.z}; }
+Real dot(Vec a, Vec b) { return a.x * b.x + a.y * b.y + a.z * b.z; }
+Vec cross(Vec a, Vec b) { return {a.y * b.z - a.z * b.y, a.z * b.x - a.x * b.z, a.x * b.y - a.y * b.x}; }
+Real length(Vec a) { return std::sqrt(dot(a, a)); }
+Real point_segment(Vec p, Vec a, Vec b)
+{
+  const Vec u = b - a;
+  const Real s = std::clamp<Real>(dot(p - a, u) / dot(u, u), 0, 1);
+  return length(p - (a + s * u));
+}
+Real point_triangle(Vec p, Vec a, Vec b, Vec c)
+{
+  const Vec n = cross(b - a, c - a);
+  Real d = std::min({point_segment(p, a, b), point_segment(p, b, c), point_segment(p, c, a)});
+  if (dot(cross(b - a, p - a), n) > 0 && dot(cross(c - b, p - b), n) > 0 && dot(cross(a - c, p - c), n) > 0)
+    d = std::min(d, std::fabs(dot(p - a, n)) / length(n));
+  return d;
+}
+Real segment_segment(Vec a, Vec b, Vec c, Vec d)
+{
+  Real least = std::min({point_segment(a, c, d), point_segment(b, c, d), point_segment(c, a, b), point_segment(d, a, b)});
+  const Vec u = b - a, v = d - c, n = cross(u, v);
+  const Real nn = dot(n, n);
+  if (nn > 0) {
+    const Real s = dot(cross(c - a, v), n) / nn, t = dot(cross(c - a, u), n) / nn;
+    if (s > 0 && s < 1 && t > 0 && t < 1) least = std::min(least, std::fabs(dot(c - a, n)) / std::sqrt(nn));
+  }
+  return least;
+}
+}  // namespace judge
+
+using judge::Real;
+using judge::Vec;
+using Four = std::array<Vec, 4>;
+
+Real distance(const Four &x, bool edges)
+{
+  return edges ? judge::segment_segment(x[0], x[1], x[2], x[3]) : judge::point_triangle(x[0], x[1], x[2], x[3]);
+}
+
+/// Is the distance above `least` for the whole linear motion a -> b? Halves until the midpoint's distance covers the half.
+bool stays_apart(const Four &a, const Four &b, bool edges, Real least, int depth = 0)
+{
+  Four middle;
+  Real reach = 0;
+  for (int k = 0; k < 4; ++k) {
+    middle[k] = 0.5L * (a[k] + b[k]);
+    for (int j = 0; j < k; ++j) reach = std::max(reach, judge::length((b[k] - a[k]) - (b[j] - a[j])));
+  }
+  const Real d = distance(middle, edges);
+  if (!(d > least)) return false;
+  if (d - least > 0.5L * reach) return true;
+  if (depth > 60) return false;
+  return stays_apart(a, middle, edges, least, depth + 1) && stays_apart(middle, b, edges, least, depth + 1);
+}
+
+struct Trial { Quad x, y; std::array<double, 4> inverse_mass{1, 1, 1, 1}; bool edges = false; };
+
+struct Result { std::array<double, 4> fraction; double sigma; Quad committed; int intersecting, state; };
+
+Result commit(const Trial &trial, double dmin, bool settle = false)
+{
+  const pair candidate{0, trial.edges ? 1 : 0};
+  const face_nodes face{{1, 2, 3}};
+  const edge_nodes edge[2] = {{{0, 1}}, {{2, 3}}};
+  int fraction[4], sigma[1], counter[2], accepted[1];
+  commit_begin(4, fraction, sigma, counter);
+  for (const int pass : {0, settle ? -1 : 1})
+    commit_pairs(1, trial.edges, pass, &candidate, &face, edge, trial.x.data(), trial.y.data(), trial.inverse_mass.data(), dmin, 1, accepted,
+                 fraction, fraction, sigma, counter);
+  Result r;
+  commit_apply(4, trial.x.data(), trial.y.data(), fraction, sigma, r.committed.data());
+  for (int k = 0; k < 4; ++k) r.fraction[k] = double(bits_float(fraction[k])) * bits_float(sigma[0]);
+  r.sigma = bits_float(sigma[0]);
+  r.intersecting = counter[1];
+  r.state = accepted[0];
+  return r;
+}
+
+Vec wide(dvec3 a) { return {a.x, a.y, a.z}; }
+Four wide(const Quad &x) { return {wide(x[0]), wide(x[1]), wide(x[2]), wide(x[3])}; }
+
+/// The path x + s t d, s from 0 to sigma.
+bool path_is_safe(const Trial &trial, const Result &r, Real least)
+{
+  Four end;
+  for (int k = 0; k < 4; ++k) {
+    const Vec x = wide(trial.x[k]);
+    end[k] = x + static_cast<Real>(r.fraction[k]) * (wide(trial.y[k]) - x);
+  }
+  return stays_apart(wide(trial.x), end, trial.edges, least);
+}
+
+class Random {
+public:
+  explicit Random(unsigned seed) : engine_(seed) {}
+  double operator()(double lo, double hi) { return std::uniform_real_distribution<double>(lo, hi)(engine_); }
+  double scale(double lo, double hi) { return std::exp((*this)(std::log(lo), std::log(hi))); }
+  dvec3 vector(double size) { return dvec3_make((*this)(-size, size), (*this)(-size, size), (*this)(-size, size)); }
+  dvec3 direction() { return dnormalize(dvec3_make(normal_(engine_), normal_(engine_), normal_(engine_))); }
+
+private:
+  std::mt19937_64 engine_;
+  std::normal_distribution<double> normal_;
+};
+
+constexpr double edge_length = 0.01, dmin = 1e-6;   // m; dmin a thousandth of a 1 mm thickness
+
+/// A pair near touching, its features at random angles; `thin` the sine of the angle between edges, or of the face's corner.
+Quad near_pair(Random &random, bool edges, double thin, double gap)
+{
+  const dvec3 u = random.direction(), w = random.direction(), v = dnormalize(daxpy(u, thin, w));
+  const dvec3 n = dnormalize(dcross(u, v)), zero = dvec3_make(0, 0, 0);
+  const double a = random(0.3, 1.5) * edge_length, b = random(0.3, 1.5) * edge_length, s = random(-0.1, 1.1), t = random(-0.1, 1.1);
+  if (edges) return {daxpy(dscale(gap, n), -s * a, u), daxpy(dscale(gap, n), (1 - s) * a, u), daxpy(zero, -t * b, v), daxpy(zero, (1 - t) * b, v)};
+  const dvec3 e = dscale(a, u), f = dscale(b, v), p = daxpy(daxpy(dscale(gap, n), s, e), t * (1 - s), f);
+  return {p, zero, e, f};
+}
+
+/// kind: 0 generic, 1 sliding, 2 sliver or near parallel, 3 large common motion, 4 far from the origin
+Trial make_trial(Random &random, int kind, bool kinematic)
+{
+  Trial trial;
+  do {
+    trial.edges = random(0, 1) < 0.5;
+    const double thin = kind == 2 ? random.scale(1e-8, 1e-1) : random(0.1, 1), speed = random.scale(1e-5, 0.1);
+    trial.x = near_pair(random, trial.edges, thin, random.scale(dmin, 5e-3));
+    const dvec3 slide = random.vector(speed);
+    for (int k = 0; k < 4; ++k) {
+      const bool first = k < (trial.edges ? 2 : 1);
+      const dvec3 d = kind == 1 ? daxpy(dscale(first ? 1 : -1, slide), 0.05, random.vector(speed)) : random.vector(speed);
+      trial.y[k] = dadd(trial.x[k], d);
+      trial.inverse_mass[k] = kinematic && random(0, 1) < 0.4 ? 0 : 1;
+    }
+    if (*std::max_element(trial.inverse_mass.begin(), trial.inverse_mass.end()) == 0) trial.inverse_mass[0] = 1;
+    const dvec3 shift = kind == 4 ? random.vector(random.scale(1, 1e6)) : random.vector(1), common = kind >= 3 ? random.vector(kind == 3 ? 1 : 0.1) : dvec3_make(0, 0, 0);
+    for (int k = 0; k < 4; ++k) { trial.x[k] = dadd(trial.x[k], shift); trial.y[k] = dadd(trial.y[k], dadd(shift, common)); }
+  } while (!(distance(wide(trial.x), trial.edges) > dmin * 1.001));
+  return trial;
+}
+
+}  // namespace
+
+TEST_CASE("no proposed motion makes a pair cross or come nearer than the minimum", "[commit]")
+{
+  Random random(11);
+  for (const bool kinematic : {false, true})
+    for (int kind = 0; kind < 5; ++kind) {
+      int unsafe = 0, nearer = 0, whole = 0, conditional = 0, intersecting = 0, stopped = 0;
+      double kept = 0;
+      const int count = 20000;
+      for (int i = 0; i < count; ++i) {
+        const Trial trial = make_trial(random, kind, kinematic);
+        const Result r = commit(trial, dmin, i % 4 == 0);
+        unsafe += !path_is_safe(trial, r, 0.9L * dmin);
+        nearer += !(distance(wide(r.committed), trial.edges) > dmin * 0.9999L - (kind == 4 ? 1e-9L : 0));
+        intersecting += r.intersecting;
+        conditional += r.state == COMMIT_CONDITIONAL;
+        for (double t : r.fraction) kept += 0.25 * t / count;
+        whole += *std::min_element(r.fraction.begin(), r.fraction.end()) == 1;
+        stopped += r.sigma == 0;
+      }
+      CAPTURE(kinematic, kind);
+      INFO("motion kept " << kept << ", untouched " << double(whole) / count << ", conditional " << double(conditional) / count << ", sigma 0: " << stopped);
+      CHECK(unsafe == 0);
+      CHECK(nearer == 0);
+      CHECK(intersecting == 0);
+      CHECK(stopped == 0);
+      CHECK(kept > 0.3);
+      if (std::getenv("CAMA_VERBOSE")) WARN("kinematic " << kinematic << " kind " << kind << ": kept " << kept << ", untouched " << double(whole) / count << ", conditional " << double(conditional) / count);
+    }
+}
+
+TEST_CASE("common translation of touching pairs loses nothing", "[commit]")
+{
+  Random random(12);
+  for (const double far : {0.0, 1e3, 1e6})
+    for (const double nearness : {0.3, 1.0, 1.0001, 3.0}) {   // of dmin: pairs below it may travel too
+      int lost = 0;
+      for (int i = 0; i < 5000; ++i) {
+        Trial trial;
+        trial.edges = i % 2;
+        trial.x = near_pair(random, trial.edges, random(0.05, 1), nearness * dmin);
+        const dvec3 shift = random.vector(far), fall = random.vector(random.scale(1e-3, 100));
+        for (int k = 0; k < 4; ++k) {
+          trial.x[k] = dadd(trial.x[k], shift);
+          trial.y[k] = dadd(trial.x[k], fall);
+          trial.inverse_mass[k] = random(0, 1) < 0.3 ? 0 : 1;
+        }
+        const Result r = commit(trial, dmin);
+        lost += *std::min_element(r.fraction.begin(), r.fraction.end()) < 1;
+        for (int k = 0; k < 4; ++k) lost += std::memcmp(&r.committed[k], &trial.y[k], sizeof(dvec3)) != 0 && r.fraction[k] == 1;
+      }
+      CAPTURE(far, nearness);
+      CHECK(lost == 0);
+    }
+}
+
+TEST_CASE("an obstacle waits for what it would run over", "[commit]")
+{
+  Trial trial;   // a pinned vertex 1 mm above an obstacle that rises 4 mm
+  trial.x = {dvec3_make(0.2, 0.2, 1e-3), dvec3_make(0, 0, 0), dvec3_make(1, 0, 0), dvec3_make(0, 1, 0)};
+  trial.y = trial.x;
+  for (int k = 1; k < 4; ++k) trial.y[k].z = 4e-3;
+  trial.inverse_mass = {1, 0, 0, 0};
+  const Result r = commit(trial, dmin);
+  CHECK(r.sigma == Approx(0.9 * (1e-3 - dmin) / 4e-3).epsilon(1e-6));
+  CHECK(path_is_safe(trial, r, dmin));
+  trial.y[0].z = 5e-3;   // it gets out of the way
+  const Result free = commit(trial, dmin);
+  CHECK(free.sigma == 1);
+  CHECK(free.fraction[0] == 1);
+  trial.y[0].z = -1e-3;   // it comes down on an obstacle at rest: only the vertex is stopped, short of it
+  for (int k = 1; k < 4; ++k) trial.y[k].z = 0;
+  const Result falling = commit(trial, dmin);
+  CHECK(falling.sigma == 1);
+  CHECK(falling.committed[0].z >= dmin);
+  CHECK(falling.committed[0].z < 2e-4);
+  trial.inverse_mass[0] = 0;   // two obstacles: none of our business
+  CHECK(commit(trial, dmin).fraction[0] == 1);
+}
+
+TEST_CASE("pairs nearer than the minimum may leave but not approach; intersecting ones are counted", "[commit]")
+{
+  Trial trial;
+  trial.x = {dvec3_make(0.2, 0.2, 0.5e-6), dvec3_make(0, 0, 0), dvec3_make(1, 0, 0), dvec3_make(0, 1, 0)};
+  trial.y = trial.x;
+  trial.y[0].z = 1e-3;
+  CHECK(commit(trial, dmin).fraction[0] == 1);
+  trial.y[0].z = 0.1e-6;
+  CHECK(commit(trial, dmin).fraction[0] == 0);
+  trial.x[0].z = 0;
+  CHECK(commit(trial, dmin).intersecting == 1);
+}
+
+namespace {
+
+/// Triangles by the hundred, every vertex with its own motion; all pairs are candidates.
+struct Soup {
+  std::vector<dvec3> position;
+  std::vector<Triangle> face;
+  std::vector<face_nodes> faces;
+  std::vector<edge_nodes> edges;
+  std::vector<pair> vertex_face, edge_edge;
+  std::vector<double> inverse_mass;
+
+  void connect()
+  {
+    for (const Triangle &t : face) {
+      faces.push_back({{t[0], t[1], t[2]}});
+      for (int k = 0; k < 3; ++k) edges.push_back({{t[k], t[(k + 1) % 3]}});
+    }
+    inverse_mass.assign(position.size(), 1);
+    for (int v = 0; v < int(position.size()); ++v)
+      for (int f = 0; f < int(face.size()); ++f)
+        if (std::find(face[f].begin(), face[f].end(), v) == face[f].end()) vertex_face.push_back({v, f});
+    for (int a = 0; a < int(edges.size()); ++a)
+      for (int b = a + 1; b < int(edges.size()); ++b)
+        if (a / 3 != b / 3) edge_edge.push_back({a, b});
+  }
+
+  /// Runs the commit and returns the fractions' mean. cap < 0: until nothing changes.
+  double commit(const std::vector<dvec3> &target, int cap)
+  {
+    const int n = int(position.size());
+    std::vector<int> fraction(n), before, accepted[2] = {std::vector<int>(vertex_face.size()), std::vector<int>(edge_edge.size())};
+    int sigma, counter[2];
+    commit_begin(n, fraction.data(), &sigma, counter);
+    const auto pass = [&](int number) {
+      const int seen = counter[0];
+      before = fraction;
+      for (const int kind : {0, 1})
+        commit_pairs(int((kind ? edge_edge : vertex_face).size()), kind, number, (kind ? edge_edge : vertex_face).data(), faces.data(), edges.data(),
+                     position.data(), target.data(), inverse_mass.data(), 1e-6, 0, accepted[kind].data(), before.data(), fraction.data(), &sigma, counter);
+      return counter[0] != seen;
+    };
+    pass(0);
+    for (int k = 1; k != cap && pass(k); ++k) {}
+    if (cap >= 0) pass(-1);
+    std::vector<dvec3> committed(position.size());
+    commit_apply(n, position.data(), target.data(), fraction.data(), &sigma, committed.data());
+    position = committed;
+    double sum = 0;
+    for (int t : fraction) sum += bits_float(t);
+    return sum / n;
+  }
+};
+
+Soup make_soup(Random &random)
+{
+  Soup soup;
+  for (int k = 0; k < 60; ++k) {
+    const std::vector<dvec3> kept = soup.position;
+    const dvec3 p = random.vector(0.02);
+    const int first = int(kept.size());
+    for (int j = 0; j < 3; ++j) soup.position.push_back(dadd(p, random.vector(0.008)));
+    soup.face.push_back({first, first + 1, first + 2});
+    if (!intersections(soup.position, soup.face).empty()) { soup.position = kept; soup.face.pop_back(); }
+  }
+  soup.connect();
+  return soup;
+}
+
+}  // namespace
+
+TEST_CASE("a soup of triangles in wild motion never intersects", "[commit]")
+{
+  Random random(13);
+  for (const int cap : {-1, 1, 3}) {
+    Soup soup = make_soup(random);
+    REQUIRE(soup.face.size() > 25);
+    double kept = 0;
+    for (int step = 0; step < 40; ++step) {
+      std::vector<dvec3> target = soup.position;
+      const dvec3 common = random.vector(0.05);
+      for (std::size_t v = 0; v < target.size(); ++v) target[v] = dadd(target[v], dadd(common, random.vector(step % 2 ? 0.004 : 0.0004)));
+      kept += soup.commit(target, cap) / 40;
+      REQUIRE(intersections(soup.position, soup.face).empty());
+    }
+    CAPTURE(cap, kept);
+    CHECK(kept > 0.2);
+    if (std::getenv("CAMA_VERBOSE")) WARN("soup, cap " << cap << ": kept " << kept);
+  }
+}

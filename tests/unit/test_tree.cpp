@@ -1,0 +1,266 @@
+// SPDX-License-Identifier: Apache-2.0
+// Boxes, the implicit tree and the candidate queries against brute force over every pair.
+#include "../catch.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <numeric>
+#include <random>
+#include <set>
+
+#include "cama/mesh.hpp"
+#include "kernels.hpp"
+
+using namespace cama;
+using namespace cama::kernels;
+
+namespace {
+
+using Pairs = std::vector<std::array<int, 2>>;
+
+struct Scene {
+  std::vector<dvec3> position, target;
+  std::vector<double> margin;
+  std::vector<face_nodes> face;
+  std::vector<edge_nodes> edge;
+  int cloth_vertices = 0;
+};
+
+/// The tree of a set of boxes.
+struct Tree {
+  std::vector<int> order;
+  std::vector<box> node;
+};
+
+Tree build_tree(const std::vector<box> &boxes, const std::vector<dvec3> &bounds, int steps)
+{
+  Tree tree;
+  const int n = static_cast<int>(boxes.size());
+  std::vector<key64> key(n);
+  tree.order.resize(n);
+  morton_codes(n, boxes.data(), bounds.data(), key.data(), tree.order.data());
+  std::stable_sort(tree.order.begin(), tree.order.end(), [&](int a, int b) { return key[a] < key[b]; });
+  tree.node.resize(tree_size(n));
+  tree_leaves(n, tree.order.data(), boxes.data(), tree.node.data());
+  const int root = tree_root_level(n);
+  for (int level = 0; level < root;) {
+    const int s = std::min(steps, root - level);
+    level += s;
+    tree_levels(tree_level_size(n, level), n, level, s, tree.node.data());
+  }
+  return tree;
+}
+
+struct Found { Pairs vertex_face, edge_edge; };
+
+Found query(const Scene &s, int self, int slots, int steps)
+{
+  const int vertices = int(s.position.size()), faces = int(s.face.size()), edges = int(s.edge.size());
+  const int chunks = std::min(vertices, 7);
+  std::vector<dvec3> corners(2 * chunks), bounds(2);
+  position_bounds(chunks, vertices, s.position.data(), s.target.data(), corners.data());
+  reduce_bounds(1, chunks, corners.data(), bounds.data());
+  std::vector<box> vertex_box(vertices), face_box(faces), edge_box(edges);
+  vertex_boxes(vertices, s.position.data(), s.target.data(), s.margin.data(), bounds.data(), vertex_box.data());
+  face_boxes(faces, s.face.data(), vertex_box.data(), face_box.data());
+  edge_boxes(edges, s.edge.data(), vertex_box.data(), edge_box.data());
+  const Tree face_tree = build_tree(face_box, bounds, steps), edge_tree = build_tree(edge_box, bounds, steps);
+
+  const auto collect = [&](int items, auto &&count, auto &&fill) {
+    std::vector<int> slot(std::size_t(items) * slots), counts(items), offset(items + 1, 0);
+    count(slot.data(), counts.data());
+    std::partial_sum(counts.begin(), counts.end(), offset.begin() + 1);
+    std::vector<pair> out(offset[items]);
+    fill(slot.data(), counts.data(), offset.data(), out.data());
+    Pairs all;
+    for (pair p : out) all.push_back({p.a, p.b});
+    return all;
+  };
+  std::vector<int> order(vertices);
+  std::iota(order.rbegin(), order.rend(), 0);
+  Found found;
+  found.vertex_face = collect(
+      vertices,
+      [&](int *slot, int *count) {
+        query_vertex_face_count(vertices, order.data(), vertex_box.data(), faces, face_tree.order.data(), face_tree.node.data(), s.face.data(),
+                                s.cloth_vertices, self, slots, slot, count);
+      },
+      [&](const int *slot, const int *count, const int *offset, pair *out) {
+        query_vertex_face_fill(vertices, order.data(), vertex_box.data(), faces, face_tree.order.data(), face_tree.node.data(), s.face.data(),
+                               s.cloth_vertices, self, slots, slot, count, offset, out);
+      });
+  found.edge_edge = collect(
+      edges,
+      [&](int *slot, int *count) {
+        query_edge_edge_count(edges, edge_tree.order.data(), edge_tree.node.data(), s.edge.data(), s.cloth_vertices, self, slots, slot, count);
+      },
+      [&](const int *slot, const int *count, const int *offset, pair *out) {
+        query_edge_edge_fill(edges, edge_tree.order.data(), edge_tree.node.data(), s.edge.data(), s.cloth_vertices, self, slots, slot, count,
+                             offset, out);
+      });
+  return found;
+}
+
+/// Boxes in double, every pair; `slack` widens them.
+Found brute_force(const Scene &s, int self, double slack)
+{
+  struct Box { double lo[3], hi[3]; };
+  const auto make = [&](const int *v, int count) {
+    Box b;
+    for (int k = 0; k < 3; ++k) {
+      b.lo[k] = 1e300;
+      b.hi[k] = -1e300;
+      for (int i = 0; i < count; ++i) {
+        const double x = dcomponent(s.position[v[i]], k), y = dcomponent(s.target[v[i]], k);
+        b.lo[k] = std::min(b.lo[k], std::min(x, y) - s.margin[v[i]] - slack);
+        b.hi[k] = std::max(b.hi[k], std::max(x, y) + s.margin[v[i]] + slack);
+      }
+    }
+    return b;
+  };
+  const auto overlap = [](const Box &a, const Box &b) {
+    for (int k = 0; k < 3; ++k) if (a.lo[k] > b.hi[k] || b.lo[k] > a.hi[k]) return false;
+    return true;
+  };
+  const auto wanted = [&](int a, int b) {
+    const bool obstacle_a = a >= s.cloth_vertices, obstacle_b = b >= s.cloth_vertices;
+    return obstacle_a != obstacle_b || (!obstacle_a && self);
+  };
+  std::vector<Box> vertex, face, edge;
+  for (int v = 0; v < int(s.position.size()); ++v) vertex.push_back(make(&v, 1));
+  for (const auto &f : s.face) face.push_back(make(f.node, 3));
+  for (const auto &e : s.edge) edge.push_back(make(e.node, 2));
+  Found found;
+  for (int v = 0; v < int(vertex.size()); ++v)
+    for (int f = 0; f < int(face.size()); ++f) {
+      const int *t = s.face[f].node;
+      if (t[0] != v && t[1] != v && t[2] != v && wanted(v, t[0]) && overlap(vertex[v], face[f])) found.vertex_face.push_back({v, f});
+    }
+  for (int a = 0; a < int(edge.size()); ++a)
+    for (int b = a + 1; b < int(edge.size()); ++b) {
+      const int *p = s.edge[a].node, *q = s.edge[b].node;
+      if (p[0] != q[0] && p[0] != q[1] && p[1] != q[0] && p[1] != q[1] && wanted(p[0], q[0]) && overlap(edge[a], edge[b]))
+        found.edge_edge.push_back({a, b});
+    }
+  return found;
+}
+
+/// A crumpled sheet of (n+1)^2 vertices and an obstacle likewise.
+Scene make_scene(unsigned seed, int n, double size, double offset)
+{
+  std::mt19937_64 engine(seed);
+  const auto random = [&](double s) { return std::uniform_real_distribution<double>(-s, s)(engine); };
+  Scene s;
+  std::vector<Triangle> triangles;
+  for (int sheet = 0; sheet < 2; ++sheet) {
+    const int base = int(s.position.size());
+    for (int i = 0; i <= n; ++i)
+      for (int j = 0; j <= n; ++j) {
+        const dvec3 x = dvec3_make(offset + size * i / n, offset + size * j / n, offset + random(size * 0.2));
+        s.position.push_back(x);
+        s.target.push_back(dadd(x, dvec3_make(random(size * 0.05), random(size * 0.05), random(size * 0.05))));
+        s.margin.push_back(size * 0.01 * std::fabs(random(1)));
+      }
+    for (int i = 0; i < n; ++i)
+      for (int j = 0; j < n; ++j) {
+        const int a = base + i * (n + 1) + j, b = a + 1, c = a + n + 1, d = c + 1;
+        triangles.push_back({a, b, c});
+        triangles.push_back({b, d, c});
+      }
+    if (sheet == 0) s.cloth_vertices = int(s.position.size());
+  }
+  for (const Triangle &t : triangles) s.face.push_back({{t[0], t[1], t[2]}});
+  for (const auto &e : unique_edges(triangles)) s.edge.push_back({{e[0], e[1]}});
+  return s;
+}
+
+Pairs sorted(Pairs p) { std::sort(p.begin(), p.end()); return p; }
+bool contains(const Pairs &all, const Pairs &some) { return std::includes(all.begin(), all.end(), some.begin(), some.end()); }
+
+}  // namespace
+
+TEST_CASE("level sizes and offsets of the implicit tree add up", "[tree]")
+{
+  for (int leaves = 1; leaves < 600; ++leaves) {
+    int offset = 0, level = 0;
+    for (int size = leaves;; size = (size + 1) / 2, ++level) {
+      REQUIRE(tree_level_size(leaves, level) == size);
+      REQUIRE(tree_level_offset(leaves, level) == offset);
+      offset += size;
+      if (size == 1) break;
+    }
+    REQUIRE(tree_root_level(leaves) == level);
+    REQUIRE(tree_size(leaves) == offset);
+  }
+  CHECK(tree_size(40000000) < 2 * 40000000 + 32);
+}
+
+TEST_CASE("a traversal meets every leaf once, a half traversal the leaves behind it", "[tree]")
+{
+  box all;
+  for (int k = 0; k < 3; ++k) { all.lo[k] = -1; all.hi[k] = 1; }
+  for (int leaves = 1; leaves < 140; ++leaves) {
+    const std::vector<box> node(tree_size(leaves), all);
+    int next = 0;
+    for (tree_node n = tree_find(tree_root(leaves), leaves, node.data(), all); n.level == 0; n = tree_find(tree_next(n), leaves, node.data(), all))
+      REQUIRE(n.index == next++);
+    REQUIRE(next == leaves);
+    for (int i = 0; i < leaves; ++i) {
+      next = i + 1;
+      for (tree_node n = tree_find(tree_after_leaf(i), leaves, node.data(), all); n.level == 0; n = tree_find(tree_next(n), leaves, node.data(), all))
+        REQUIRE(n.index == next++);
+      REQUIRE(next == leaves);
+    }
+  }
+}
+
+TEST_CASE("floats are rounded outward", "[tree]")
+{
+  std::mt19937_64 engine(31);
+  std::uniform_real_distribution<double> exponent(-45, 30), mantissa(-1, 1);
+  for (int i = 0; i < 100000; ++i) {
+    const double x = i < 3 ? (i - 1) * 1e-320 : mantissa(engine) * std::pow(10.0, exponent(engine));
+    REQUIRE(double(float_below(x)) <= x);
+    REQUIRE(double(float_above(x)) >= x);
+    REQUIRE(double(float_above(x)) - double(float_below(x)) <= 8e-7 * std::fabs(x) + 2.1e-30);
+  }
+}
+
+TEST_CASE("the trees' candidates are those of brute force", "[tree]")
+{
+  for (const double offset : {0.0, 1e6})
+    for (const int n : {1, 2, 5, 14})
+      for (const int self : {0, 1}) {
+        const Scene s = make_scene(unsigned(n), n, 0.5, offset);
+        const Found exact = brute_force(s, self, 0), wide = brute_force(s, self, 1e-6);
+        CAPTURE(offset, n, self, exact.vertex_face.size(), exact.edge_edge.size());
+        Found reference;
+        for (const int slots : {0, 1, 8, 64})
+          for (const int steps : {1, 3, 40}) {
+            const Found found = query(s, self, slots, steps);
+            if (slots == 0 && steps == 1) {
+              reference = found;
+              const Pairs vf = sorted(found.vertex_face), ee = sorted(found.edge_edge);
+              CHECK(std::adjacent_find(vf.begin(), vf.end()) == vf.end());   // each once
+              CHECK(std::adjacent_find(ee.begin(), ee.end()) == ee.end());
+              CHECK(contains(vf, exact.vertex_face));                        // none missed
+              CHECK(contains(ee, exact.edge_edge));
+              CHECK(contains(wide.vertex_face, vf));                         // none but for rounding
+              CHECK(contains(wide.edge_edge, ee));
+            }
+            REQUIRE(found.vertex_face == reference.vertex_face);
+            REQUIRE(found.edge_edge == reference.edge_edge);
+          }
+        if (n == 14) CHECK(exact.edge_edge.size() > 1000);
+      }
+}
+
+TEST_CASE("everything in one point: every pair, and no hang", "[tree]")
+{
+  Scene s = make_scene(1, 4, 0.5, 0);
+  for (auto &x : s.position) x = dvec3_make(3, 3, 3);
+  s.target = s.position;
+  const Found exact = brute_force(s, 1, 0), found = query(s, 1, 4, 3);
+  CHECK(sorted(found.vertex_face) == exact.vertex_face);
+  CHECK(sorted(found.edge_edge) == exact.edge_edge);
+}
