@@ -8,7 +8,7 @@
 
 namespace cama {
 namespace {
-constexpr int slots = 12;             // hits kept by the count pass
+constexpr int slots = 32;             // hits kept by the count pass
 constexpr int searches_per_sort = 16; // leaf order is kept between sorts; boxes are always fresh
 constexpr int morton_bits = 63;
 }  // namespace

@@ -158,14 +158,17 @@ double PenetrationHandling::commit(State &state)
   CAMA_LAUNCH(b, commit_begin, state.vertices, fraction_, sigma_, counter_);
   PairList *lists[2] = {&state.vertex_face, &state.edge_edge};
   int settled = -1;
+  for (int kind = 0; kind < 2; ++kind) {
+    accepted_[kind].resize(lists[kind]->pairs.size());
+    CAMA_LAUNCH(b, commit_screen, lists[kind]->pairs.size(), kind, lists[kind]->pairs, state.face, state.edge, from_, state.position_next,
+                lists[kind]->direction, minimum_, accepted_[kind]);
+  }
   for (int pass = 0;; ++pass) {
     if (pass > 0) fraction_before_.copy_from(fraction_);
-    for (int kind = 0; kind < 2; ++kind) {
-      accepted_[kind].resize(lists[kind]->pairs.size());
+    for (int kind = 0; kind < 2; ++kind)
       CAMA_LAUNCH(b, commit_pairs, lists[kind]->pairs.size(), kind, pass, lists[kind]->pairs, state.face, state.edge, from_,
                   state.position_next, state.inverse_mass, minimum_, 0, accepted_[kind], fraction_before_, fraction_,
                   sigma_, counter_);
-    }
     const int now = counter_.at(0);
     if (now == settled) break;
     settled = now;
