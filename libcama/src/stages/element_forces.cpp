@@ -19,7 +19,7 @@ void EvaluateElements<Real>::run(State &state)
                    s.material_scale, state.position, s.triangle_factor, s.triangle_force);
   if (windy_)
     CAMA_LAUNCH_REAL(Real, b, add_wind, state.triangles, s.triangle_rest, state.position, state.velocity, state.wind,
-                     static_cast<Real>(air_density_), static_cast<Real>(drag_), s.triangle_force);
+                     static_cast<Real>(air_density_), static_cast<Real>(drag_), state.options.arcsim_conventions ? 1 : 0, s.triangle_force);
   if (state.hinges)
     CAMA_LAUNCH_REAL(Real, b, evaluate_hinges, state.hinges, s.hinge_rest, s.bending_table, s.material_scale,
                      state.options.arcsim_conventions ? 1 : 0, state.position, s.hinge_factor, s.hinge_force);

@@ -1,0 +1,25 @@
+# SPDX-License-Identifier: Apache-2.0
+"""cama: cloth simulation with implicit integration and exact contact, on CPUs and GPUs.
+
+    scene = cama.Scene()
+    sheet = scene.add_cloth("sheet.obj", material="cotton", thickness=1e-3)
+    scene.add_obstacle("walk.glb")
+    scene.pin(sheet, vertices=[0, 1])
+    for frame in cama.Simulation(scene).frames(240):
+        print(frame.index, frame.contacts, frame.intersections)
+"""
+
+from . import collision, shipped
+from ._core import __version__, list_backends as backends
+from .errors import (ArrayError, BackendError, CollisionError, DeviceMemoryError, Error, FileError, MaterialError,
+                     MeshError, SceneError, SolverError)
+from .material import Material, fabrics
+from .motion import Motion
+from .scene import Cloth, Obstacle, Scene
+from .simulation import Frame, Simulation
+
+scenes = shipped.names
+
+__all__ = ["Scene", "Cloth", "Obstacle", "Material", "Motion", "Simulation", "Frame", "collision", "backends", "fabrics",
+           "scenes", "Error", "ArrayError", "BackendError", "CollisionError", "DeviceMemoryError", "FileError",
+           "MaterialError", "MeshError", "SceneError", "SolverError"]

@@ -1,0 +1,222 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The command `cama`."""
+
+import functools
+import importlib.metadata
+import platform
+import sys
+from enum import Enum
+from pathlib import Path
+from typing import Annotated, Optional
+
+import typer
+from rich.console import Console
+from rich.markup import escape
+from rich.table import Table
+
+import cama
+
+from . import _core, runner
+
+app = typer.Typer(help="Cloth simulation on CPUs and GPUs.", no_args_is_help=True, add_completion=False,
+                  pretty_exceptions_enable=False, rich_markup_mode="rich")
+
+
+class Backend(str, Enum):
+    auto, cpu, opencl, cuda = "auto", "cpu", "opencl", "cuda"
+
+
+class Precision(str, Enum):
+    double, single = "double", "single"
+
+
+class Accuracy(str, Enum):
+    production, paper = "production", "paper"
+
+
+SceneName = Annotated[str, typer.Argument(metavar="SCENE", help="A folder with scene.json, a JSON file, or a shipped scene's name.")]
+BackendOption = Annotated[Backend, typer.Option(help="Where to compute.")]
+PrecisionOption = Annotated[Precision, typer.Option(help="Of forces, matrix and solve.")]
+AccuracyOption = Annotated[Accuracy, typer.Option(help="Preset of solver and collision options.")]
+Resolution = Annotated[int, typer.Option(min=0, help="Total number of cloth triangles aimed at; 0: the scene's own.")]
+Threads = Annotated[int, typer.Option(min=0, help="Threads of the CPU backend; 0: all.")]
+Device = Annotated[int, typer.Option(min=0, help="Index of the backend's device.")]
+Debug = Annotated[bool, typer.Option("--debug", help="Show Python's traceback of an error.")]
+
+
+def clean(command):
+    """Turns an exception of cama into one red line and exit code 2 (1 once a run has started)."""
+    @functools.wraps(command)
+    def run_clean(*arguments, debug=False, **options):
+        try:
+            return command(*arguments, debug=debug, **options)
+        except cama.Error as problem:
+            if debug:
+                raise
+            fail(problem)
+            raise typer.Exit(2) from None
+    return run_clean
+
+
+def fail(problem):
+    """One red line on standard error."""
+    Console(stderr=True, soft_wrap=True).print(f"[bold red]{type(problem).__name__}:[/] [red]{escape(str(problem))}[/]", highlight=False)
+
+
+def console():
+    return Console(soft_wrap=True, highlight=False)
+
+
+@app.command()
+@clean
+def run(scene: SceneName,
+        backend: BackendOption = Backend.auto, precision: PrecisionOption = Precision.double,
+        accuracy: AccuracyOption = Accuracy.production, resolution: Resolution = 0,
+        frames: Annotated[Optional[int], typer.Option(min=0, help="Frames to record; default: the scene's.")] = None,
+        threads: Threads = 0, device: Device = 0,
+        store: Annotated[Precision, typer.Option(help="Of the positions in frames.h5.")] = Precision.double,
+        output: Annotated[Optional[Path], typer.Option("--output", "-o", metavar="OUT", help="Folder of the results; default: out/SCENE.")] = None,
+        debug: Debug = False):
+    """Simulates SCENE; writes OUT/frames.h5 and OUT/summary.json. Ctrl-C stops between steps and keeps what was computed."""
+    loaded = cama.Scene.load(scene, resolution)
+    simulation = cama.Simulation(loaded, backend=backend.value, precision=precision.value, accuracy=accuracy.value,
+                                 device=device, threads=threads)
+    folder = output or Path("out") / (Path(scene).stem if Path(scene).name != "scene.json" else Path(scene).resolve().parent.name)
+    result = runner.run(simulation, folder, loaded.frames if frames is None else frames,
+                        store=store.value, progress=Console(stderr=True, highlight=False))
+    print_summary(result.fields, folder)
+    if result.problem is not None:
+        if debug:
+            raise result.problem
+        fail(result.problem)
+        raise typer.Exit(1)
+    if result.interrupted:
+        console().print(f"[yellow]Stopped after {result.fields['steps']} steps; what was computed is kept.[/]")
+        raise typer.Exit(130)
+
+
+def number(value, pattern="{:.4g}", unit=""):
+    return "-" if value is None else pattern.format(value) + unit
+
+
+def print_summary(s, folder):
+    """A short table of summary.json."""
+    ms, iterations = s["ms_per_step"], s["pcg"]["iterations"]
+    bad = s["intersections"] > 0
+    rows = [
+        ("scene", f"{s['scene']}, {s['triangles']:,} triangles, {s['vertices']:,} vertices"),
+        ("computed on", f"{s['backend']} ({s['device']}), {s['precision']} precision, accuracy {s['accuracy']}"),
+        ("steps", f"{s['steps']} of {number(s['dt'] * 1e3)} ms"),
+        ("time per step", f"{number(ms['mean'])} ms mean, {number(ms['median'])} median, {number(ms['max'])} max"),
+        ("solver iterations", f"{number(iterations['mean'])} mean, {number(iterations['max'], '{:d}')} max"),
+        ("contacts, impacts", f"at most {s['contacts']['max']:,} and {s['impacts']['max']:,} in a step"),
+        ("intersections", f"[{'bold red' if bad else 'green'}]{s['intersections']:,}[/] in all recorded frames"),
+        ("smallest gap", number(s["min_gap"] and s["min_gap"] * 1e3, unit=" mm")),
+        ("largest strain", number(s["max_strain"] and s["max_strain"] * 100, unit=" %")),
+        ("peak memory", f"{s['peak_memory_bytes'] / 2**20:,.1f} MiB"),
+        ("state hash", s["state_hash"]),
+        ("written to", escape(str(folder))),
+    ]
+    slowest = sorted(((v, k) for k, v in s["stages"].items() if "/" not in k), reverse=True)[:6]
+    if slowest:
+        rows.insert(4, ("of which", ", ".join(f"{escape(name)} {value:.3g} ms" for value, name in slowest)))
+    table = Table(show_header=False, box=None, padding=(0, 2))
+    for name, text in rows:
+        table.add_row(f"[bold]{name}[/]", text)
+    console().print(table)
+
+
+@app.command()
+@clean
+def info(debug: Debug = False):
+    """Shows backends, devices, versions, shipped scenes and fabrics."""
+    table = Table("backend", "devices", "note", box=None, padding=(0, 2))
+    for backend in cama.backends():
+        mark = "[green]" if backend["available"] else "[dim]"
+        table.add_row(mark + backend["name"], escape(", ".join(backend["devices"]) or "-"), escape(backend["note"]))
+    out = console()
+    out.print(table)
+    versions = [f"cama {cama.__version__}", f"built with {_core.compiler}", f"Python {platform.python_version()}"]
+    for package in ("numpy", "h5py", "pyvista", "vtk"):
+        try:
+            versions.append(f"{package} {importlib.metadata.version(package)}")
+        except importlib.metadata.PackageNotFoundError:
+            versions.append(f"{package} absent")
+    out.print("versions  " + ", ".join(versions))
+    out.print("scenes    " + (", ".join(cama.scenes()) or "-"))
+    out.print("fabrics   " + ", ".join(cama.fabrics()))
+
+
+@app.command()
+@clean
+def explain(scene: SceneName, backend: BackendOption = Backend.auto, precision: PrecisionOption = Precision.double,
+            accuracy: AccuracyOption = Accuracy.production, resolution: Resolution = 0, threads: Threads = 0, device: Device = 0,
+            debug: Debug = False):
+    """Shows which stages and streams SCENE gets, why, and their memory after one step."""
+    simulation = cama.Simulation(cama.Scene.load(scene, resolution), backend=backend.value, precision=precision.value,
+                                 accuracy=accuracy.value, device=device, threads=threads)
+    simulation.step()
+    out = console()
+    out.print(f"[bold]{escape(repr(simulation.scene))}[/] on {simulation.backend} ({escape(simulation.device)})")
+    stages = Table("stage", "why", box=None, padding=(0, 2))
+    for name, why in simulation.explain():
+        stages.add_row(escape(name), escape(why))
+    out.print(stages)
+    streams = Table("stream", "element", box=None, padding=(0, 2))
+    streams.add_column("elements", justify="right")
+    streams.add_column("KiB", justify="right")
+    rows = sorted(simulation.streams, key=lambda s: -s["bytes"])
+    for s in rows:
+        streams.add_row(escape(s["name"]), escape(s["element"]), f"{s['size']:,}", f"{s['bytes'] / 1024:,.1f}")
+    streams.add_row("[bold]all[/]", "", "", f"[bold]{sum(s['bytes'] for s in rows) / 1024:,.1f}[/]")
+    out.print(streams)
+    out.print(f"peak of everything that was allocated: {simulation.peak_memory_bytes / 2**20:,.1f} MiB")
+
+
+@app.command()
+@clean
+def check(scene: SceneName, resolution: Resolution = 0, debug: Debug = False):
+    """Validates SCENE; reports its parts and intersections at the start. Exit code 1 if there are any."""
+    loaded = cama.Scene.load(scene, resolution)
+    loaded.validate()
+    table = Table("part", "name", "from", box=None, padding=(0, 2))
+    for title in ("triangles", "vertices"):
+        table.add_column(title, justify="right")
+    for kind, parts in (("cloth", loaded.cloths), ("obstacle", loaded.obstacles)):
+        for part in parts:
+            table.add_row(kind, escape(part.name), escape(part.source), f"{len(part.faces):,}", f"{len(part.vertices):,}")
+    out = console()
+    out.print(table)
+    pinned = sum(len(pin["vertices"]) for pin in loaded.pins)
+    count = cama.Simulation(loaded, backend="cpu").count_intersections()
+    out.print(f"{loaded.triangle_count:,} cloth triangles, {pinned:,} pinned vertices, {loaded.stitch_count:,} stitches, "
+              f"{loaded.frames} frames of {loaded.steps_per_frame} steps of {loaded.time_step * 1e3:g} ms")
+    out.print(f"intersections at the start: [{'bold red' if count else 'green'}]{count}[/]")
+    if count:
+        raise typer.Exit(1)
+
+
+@app.command()
+@clean
+def render(output: Annotated[Path, typer.Argument(metavar="OUT", help="Folder that `cama run` wrote.")],
+           fps: Annotated[int, typer.Option(min=1, max=240, help="Images per second of the video.")] = 30,
+           speed: Annotated[Optional[float], typer.Option(min=1e-6, help="1: real time, 0.5: half. Default: slow enough to see.")] = None,
+           width: Annotated[int, typer.Option(min=16)] = 1280, height: Annotated[int, typer.Option(min=16)] = 720,
+           azimuth: Annotated[float, typer.Option(help="Where the camera stands, degrees from the x axis.")] = -60.0,
+           elevation: Annotated[float, typer.Option(help="How high it stands, degrees.")] = 22.0,
+           images: Annotated[bool, typer.Option(help="Write one PNG per image to OUT/images.")] = True,
+           debug: Debug = False):
+    """Draws OUT/frames.h5 without a display: PNG images and OUT/video.mp4."""
+    from . import render as draw
+    result = draw.render(output, fps=fps, speed=speed, size=(width, height), azimuth=azimuth, elevation=elevation, images=images,
+                         progress=Console(stderr=True, highlight=False))
+    console().print(f"{result.images} images, {result.seconds:.1f} s at {draw.speed_text(result.speed)}: [bold]{escape(str(result.video))}[/]")
+
+
+def main():
+    """Entry point of the console script."""
+    app()
+
+
+if __name__ == "__main__":
+    sys.exit(main())

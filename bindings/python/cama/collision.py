@@ -1,0 +1,74 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Geometry queries on arrays: continuous collision, distances, intersections.
+
+A row of a [n, 4, 3] array is four points: a vertex then the three of a face, or the two ends of one edge then of another.
+"""
+
+from . import _core
+from .arrays import integers, number, reals
+from .errors import ArrayError, MeshError
+
+__all__ = ["vertex_face_ccd", "edge_edge_ccd", "vertex_face_distance", "edge_edge_distance", "intersections"]
+
+
+def _ccd(name, start, end, minimum_distance, method):
+    start = reals(f"{name}: start", start, (None, 4, 3))
+    end = reals(f"{name}: end", end, (None, 4, 3))
+    if len(start) != len(end):
+        raise ArrayError(f"{name}: start has {len(start)} rows, end has {len(end)}")
+    minimum_distance = number(f"{name}: minimum_distance", minimum_distance)
+    if minimum_distance < 0:
+        raise ArrayError(f"{name}: minimum_distance is negative: {minimum_distance}")
+    if method == "additive":
+        return getattr(_core, name)(start, end, minimum_distance)
+    if method == "cubic":
+        if minimum_distance:
+            raise ArrayError(f"{name}: minimum_distance: the cubic method knows only 0")
+        return getattr(_core, name + "_cubic")(start, end)
+    raise ArrayError(f"{name}: method: {method!r} is not one of additive, cubic")
+
+
+def vertex_face_ccd(start, end, minimum_distance=0.0, method="additive"):
+    """Does a vertex meet a face while all four points move straight from `start` to `end`?
+
+    start, end: [n, 4, 3] float64, m; row = vertex, face.  minimum_distance: m, meet means come this close.
+    method: "additive" (no false negative, time never late) or "cubic" (the paper's; may miss near-degenerate cases).
+    Returns hit [n] bool and time [n] float64 in [0, 1], 1 where there is no hit. Throws ArrayError.
+    """
+    return _ccd("vertex_face_ccd", start, end, minimum_distance, method)
+
+
+def edge_edge_ccd(start, end, minimum_distance=0.0, method="additive"):
+    """Do two edges meet? As `vertex_face_ccd`; row = two ends of one edge, two of the other."""
+    return _ccd("edge_edge_ccd", start, end, minimum_distance, method)
+
+
+def vertex_face_distance(points, return_weights=False):
+    """Distance [n] in m between vertex and face of [n, 4, 3] rows.
+
+    With `return_weights` also [n, 4]: sum over k of weight_k x_k is the difference vector. Throws ArrayError.
+    """
+    result = _core.vertex_face_distance(reals("vertex_face_distance: points", points, (None, 4, 3)))
+    return result if return_weights else result[0]
+
+
+def edge_edge_distance(points, return_weights=False):
+    """Distance [n] in m between two edges of [n, 4, 3] rows; as `vertex_face_distance`."""
+    result = _core.edge_edge_distance(reals("edge_edge_distance: points", points, (None, 4, 3)))
+    return result if return_weights else result[0]
+
+
+def intersections(vertices, faces, first_obstacle_vertex=-1):
+    """Edges that pass through faces, by exact predicates; edges that share a vertex with the face do not count.
+
+    vertices: [n, 3] float64, m.  faces: [m, 3] integers.  first_obstacle_vertex: this vertex and all later ones belong to
+    obstacles, whose pairs among themselves are left out; -1: none do.
+    Returns [k, 3] int32: the edge's two vertices and the face's index. Throws ArrayError, MeshError.
+    """
+    vertices = reals("intersections: vertices", vertices, (None, 3))
+    faces = integers("intersections: faces", faces, (None, 3))
+    outside = ((faces < 0) | (faces >= len(vertices))).any(axis=1)
+    if outside.any():
+        row = int(outside.argmax())
+        raise MeshError(f"intersections: face {row} is {faces[row].tolist()}, outside 0 to {len(vertices) - 1}")
+    return _core.intersections(vertices, faces, int(first_obstacle_vertex))

@@ -1,0 +1,63 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What cloth is made of."""
+
+import json
+from pathlib import Path
+
+from . import _core
+from .arrays import number
+from .errors import MaterialError
+
+__all__ = ["Material", "fabrics"]
+
+
+def fabrics():
+    """Names of the fabrics that ship with cama."""
+    return _core.Material.fabric_names()
+
+
+class Material(_core.Material):
+    """A fabric in SI units.
+
+    Fields: name, source, density [kg/m^2], stretching [6][4] N/m, bending [3][5] N m, damping [s], friction, and
+    thickness [m] (0: the scene's). Made by `isotropic`, `orthotropic`, `fabric` or `load`; fields may then be changed.
+    """
+
+    @classmethod
+    def isotropic(cls, youngs_modulus, poisson_ratio=0.3, bending=0.0, density=0.2):
+        """Young's modulus times thickness [N/m], Poisson ratio, plate bending stiffness [N m], density [kg/m^2]."""
+        return cls(_core.Material.isotropic(youngs_modulus, poisson_ratio, bending, density))
+
+    @classmethod
+    def orthotropic(cls, youngs_warp, youngs_weft, poisson_ratio, shear, bending_warp, bending_weft, density):
+        """Moduli times thickness along warp and weft and in shear [N/m], bending along both [N m], density [kg/m^2]."""
+        return cls(_core.Material.orthotropic(youngs_warp, youngs_weft, poisson_ratio, shear, bending_warp, bending_weft, density))
+
+    @classmethod
+    def fabric(cls, name):
+        """A shipped fabric, see `cama.fabrics()`. Throws MaterialError."""
+        return cls(_core.Material.fabric(name))
+
+    @classmethod
+    def load(cls, file):
+        """A JSON file in cama's or ARCSim's format. Throws FileError, MaterialError."""
+        return cls(_core.Material.load(Path(file)))
+
+    @classmethod
+    def of(cls, value):
+        """A Material from itself, a fabric's name, a file or a dict of fields as in scene.json."""
+        if isinstance(value, _core.Material):
+            return cls(value)
+        if isinstance(value, dict):
+            return cls(_core.Material.parse(json.dumps(value), value.get("name", "material")))
+        if isinstance(value, Path) or str(value).endswith(".json"):
+            return cls.load(value)
+        if isinstance(value, str):
+            return cls.fabric(value)
+        raise MaterialError(f"material: {value!r} is neither a name, a file, a dict nor a cama.Material")
+
+    def with_thickness(self, thickness):
+        """A copy with this contact thickness [m]."""
+        other = Material(self)
+        other.thickness = number("thickness", thickness)
+        return other

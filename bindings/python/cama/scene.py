@@ -1,0 +1,426 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What is simulated: cloth, obstacles, pins and stitches."""
+
+import json
+import math
+from pathlib import Path
+
+import numpy as np
+
+from . import _core, shipped
+from .arrays import integers, number, reals, vector
+from .errors import ArrayError, FileError, SceneError
+from .material import Material
+from .motion import Motion
+
+__all__ = ["Scene", "Cloth", "Obstacle"]
+
+ANIMATED = {".glb", ".gltf", ".fbx", ".dae"}
+
+
+class _Part:
+    """A cloth or an obstacle of a scene, by its index."""
+
+    _kind = ""
+
+    def __init__(self, scene, index):
+        self._scene, self.index = scene, index
+
+    def _core(self):
+        return getattr(self._scene._core, self._kind)(self.index)
+
+    def __repr__(self):
+        return f"<cama.{type(self).__name__} {self.index} {self.name!r}: {len(self.faces)} triangles>"
+
+    @property
+    def name(self):
+        """Name in error texts and results."""
+        return self._core().name
+
+    @property
+    def vertices(self):
+        """[n, 3] float64, m: a copy of the starting positions."""
+        return self._core().mesh.vertices
+
+    @property
+    def faces(self):
+        """[m, 3] int32: a copy."""
+        return self._core().mesh.faces
+
+    @property
+    def source(self):
+        """What it was made from."""
+        return self._core().source
+
+
+class Cloth(_Part):
+    """A piece of cloth of a scene; what `Scene.add_cloth` returns."""
+
+    _kind = "cloth"
+
+    @property
+    def material(self):
+        """A copy of its Material; assign to change it."""
+        return Material(self._core().material)
+
+    @material.setter
+    def material(self, value):
+        self._core().material = Material.of(value)
+
+    @property
+    def material_vertices(self):
+        """[k, 2] float64, m: rest positions in material space; empty where the starting position is the rest state."""
+        return self._core().mesh.material_vertices
+
+    @property
+    def material_faces(self):
+        """[m, 3] int32 indices into `material_vertices`."""
+        return self._core().mesh.material_faces
+
+
+class Obstacle(_Part):
+    """A body that cloth collides with; what `Scene.add_obstacle` returns."""
+
+    _kind = "obstacle"
+
+    @property
+    def friction(self):
+        """Coulomb coefficient against cloth."""
+        return self._core().friction
+
+    @property
+    def motion(self):
+        """Its motion (compiled type; `evaluate(time, vertices)` gives positions)."""
+        return self._core().motion
+
+
+def _placement(transform, translate, rotate, scale):
+    """4x4 matrix: `transform` after scale, rotation (unit quaternion w, x, y, z) and translation."""
+    w, x, y, z = vector("rotate", rotate, 4)
+    length = math.sqrt(w * w + x * x + y * y + z * z)
+    if length == 0:
+        raise ArrayError("rotate: a quaternion of length 0")
+    w, x, y, z = (c / length for c in (w, x, y, z))
+    own = np.eye(4)
+    own[:3, :3] = number("scale", scale) * np.array([
+        [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
+        [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
+        [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)]])
+    own[:3, 3] = vector("translate", translate)
+    if transform is not None:
+        own = reals("transform", transform, (4, 4)) @ own
+    return own
+
+
+def _mesh(name, mesh, faces, material_vertices, material_faces, material_scale=1.0):
+    """The compiled Mesh of a file, a pair of arrays, or an object with `vertices` and `faces`; and where it is from."""
+    if isinstance(mesh, (str, Path)):
+        if faces is not None:
+            raise SceneError(f"{name}: faces are given beside the file {mesh}")
+        return _core.load_mesh(Path(mesh), 1.0, material_scale), str(mesh)
+    if faces is None:
+        if not (hasattr(mesh, "vertices") and hasattr(mesh, "faces")):
+            raise SceneError(f"{name}: neither a file, vertices with faces, nor an object that has both")
+        mesh, faces = mesh.vertices, mesh.faces
+    if (material_vertices is None) != (material_faces is None):
+        if material_faces is not None:
+            raise SceneError(f"{name}: material_faces are given without material_vertices")
+        material_faces = faces
+    vertices = reals(f"{name}: vertices", mesh, (None, 3), finite=False)
+    faces = integers(f"{name}: faces", faces, (None, 3))
+    if material_vertices is None:
+        return _core.Mesh(vertices, faces, np.zeros((0, 2)), np.zeros((0, 3), np.int32)), "arrays"
+    material_vertices = reals(f"{name}: material_vertices", material_vertices, (None, 2), finite=False)
+    material_faces = integers(f"{name}: material_faces", material_faces, (len(faces), 3))
+    return _core.Mesh(vertices, faces, material_vertices, material_faces), "arrays"
+
+
+def _shape(kind, name, shape):
+    """A scene whose one cloth or obstacle is a generated shape, described as in scene.json."""
+    if not isinstance(shape, dict):
+        raise SceneError(f"{name}: shape: {shape!r} is not a dict as in scene.json, for example {{'sphere': {{'radius': 0.25}}}}")
+    key = "cloth" if kind == "cloth" else "obstacles"
+    return _core.Scene.parse(json.dumps({key: [dict(shape, name=name)]}), Path("."), 0)
+
+
+class Scene:
+    """What the user describes. Lengths in m, masses in kg, times in s.
+
+    gravity: [3] m/s^2.  time_step: s.  frames: how many `cama run` records.  frame_time: s between frames, 0: every step.
+    thickness: distance below which contact acts, m.  stiffness: of the contact penalty, N/m^3.  friction: cloth against
+    cloth.  contact: False lets cloth pass through everything.  self_contact: cloth against cloth.
+    wind: None or a dict with `velocity` [3] m/s, `density` kg/m^3, `drag`.
+    """
+
+    def __init__(self, gravity=(0, 0, -9.81), time_step=1 / 200, frames=100, frame_time=0.0, name="scene", description="",
+                 thickness=1e-3, stiffness=None, friction=None, contact=True, self_contact=True, wind=None):
+        self._core = _core.Scene()
+        self.gravity, self.time_step, self.frames, self.frame_time = gravity, time_step, frames, frame_time
+        self._core.name, self._core.description = str(name), str(description)
+        own = self._core.contact
+        own.enabled, own.self = bool(contact), bool(self_contact)
+        own.thickness = number("thickness", thickness)
+        if stiffness is not None:
+            own.stiffness = number("stiffness", stiffness)
+        if friction is not None:
+            own.friction = number("friction", friction)
+        self.wind = wind
+
+    @classmethod
+    def _of(cls, core):
+        scene = cls.__new__(cls)
+        scene._core = core
+        return scene
+
+    @classmethod
+    def load(cls, scene, resolution=0):
+        """A folder with scene.json, a JSON file, or the name of a shipped scene.
+
+        resolution: total number of cloth triangles aimed at, 0: the scene's own. Throws FileError, SceneError, MeshError,
+        MaterialError.
+        """
+        return cls._of(_core.Scene.load(shipped.resolve(scene), int(resolution)))
+
+    @classmethod
+    def parse(cls, text, folder=".", resolution=0):
+        """The same from JSON text (or a dict); relative file names start at `folder`."""
+        text = text if isinstance(text, str) else json.dumps(text)
+        return cls._of(_core.Scene.parse(text, Path(folder), int(resolution)))
+
+    def to_json(self):
+        """JSON text of the whole scene, meshes inline."""
+        return self._core.save()
+
+    def save(self, path):
+        """Writes `to_json()` to a file; `Scene.load(path)` gives the same scene. Throws FileError."""
+        try:
+            Path(path).write_text(self.to_json(), encoding="utf-8")
+        except OSError as problem:
+            raise FileError(f"{path}: {problem.strerror}") from None
+
+    def copy(self):
+        """An independent copy."""
+        return Scene._of(_core.Scene(self._core))
+
+    def validate(self):
+        """Throws a named error for the first thing that cannot be simulated. `Simulation` calls it too."""
+        self._core.validate()
+
+    def add_cloth(self, mesh=None, faces=None, *, shape=None, material="cotton", thickness=None, material_vertices=None,
+                  material_faces=None, material_scale=1.0, transform=None, translate=(0, 0, 0), rotate=(1, 0, 0, 0),
+                  scale=1.0, velocity=(0, 0, 0), name=None):
+        """Adds a piece of cloth; returns its handle.
+
+        mesh: a file (OBJ, PLY, glTF, FBX, DAE, STL), vertices [n, 3] float64 in m with `faces` [m, 3] integers, or an object
+        that has `vertices` and `faces`.  shape: instead of a mesh, a generated one as in scene.json, for example
+        {"grid": {"size": [1, 1]}, "triangles": 2000}.
+        material: a fabric's name, a JSON file, a dict or a Material.  thickness: contact thickness, m.
+        material_vertices [k, 2] m, material_faces [m, 3]: rest state in material space (faces alone default to `faces`);
+        for files it comes from texture coordinates times `material_scale`. Stitch lines of an OBJ file are kept.
+        Placement of the start: scale (of the material space too), rotate (unit quaternion w, x, y, z), translate [m],
+        then transform [4, 4].
+        velocity: [3] m/s. Throws ArrayError, MeshError, MaterialError, FileError, SceneError.
+        """
+        name = str(name) if name is not None else f"cloth {self._core.cloth_count}"
+        cloth, cloth_source = self._part("cloth", name, mesh, faces, shape, material_vertices, material_faces, material_scale)
+        cloth.name, cloth.source = name, cloth_source
+        cloth.mesh.transform(_placement(transform, translate, rotate, scale).tolist())
+        cloth.mesh.scale_material(number(f"{name}: scale", scale))
+        cloth.mesh.validate(name)
+        material = Material.of(material)
+        if thickness is not None:
+            material = material.with_thickness(thickness)
+        material.validate(name)
+        cloth.material = material
+        cloth.velocity = vector(f"{name}: velocity", velocity)
+        handle = Cloth(self, self._core.add_cloth(cloth))
+        if isinstance(mesh, (str, Path)) and Path(mesh).suffix.lower() == ".obj":
+            for a, b, c, ratio in _core.load_stitches(Path(mesh)):
+                self._core.add_stitch(handle.index, a, handle.index, b, c, ratio, 1e3)
+        return handle
+
+    def add_obstacle(self, mesh=None, faces=None, *, shape=None, motion=None, friction=0.3, clip="", animation=None,
+                     samples_per_second=60.0, y_up=True, lead_in=0.0, loops=1, transform=None, translate=(0, 0, 0), rotate=(1, 0, 0, 0),
+                     scale=1.0, name=None):
+        """Adds a body that cloth collides with; returns its handle.
+
+        mesh, faces, shape and placement: as for `add_cloth`. glTF, FBX and DAE files bring their skeletal animation:
+        `clip` is its name or index, "bind" for a still body, `animation` another file to take it from, `y_up` turns y-up files to z-up,
+        `lead_in` eases from the bind pose into the clip for so many seconds, `loops` plays it so often. Shapes are, for
+        example, {"sphere": {"radius": 0.25}}, {"box": {"size": [1, 1, 0.1]}} or {"walker": {}}.
+        motion: a cama.Motion, or a dict of its arguments; with one, a file's own animation is left out.
+        friction: Coulomb coefficient against cloth. Throws as `add_cloth`.
+        """
+        name = str(name) if name is not None else f"obstacle {self._core.obstacle_count}"
+        obstacle = _core.Obstacle()
+        obstacle.name, obstacle.friction = name, number(f"{name}: friction", friction)
+        matrix = _placement(transform, translate, rotate, scale).tolist()
+        file = isinstance(mesh, (str, Path))
+        if motion is None and file and (animation is not None or Path(mesh).suffix.lower() in ANIMATED):
+            part = _core.load_character(Path(mesh), str(clip), Path(animation or ""), 1.0, float(samples_per_second), bool(y_up),
+                                        number(f"{name}: lead_in", lead_in), int(loops))
+            obstacle.source = str(mesh)
+        else:
+            part, obstacle.source = self._part("obstacle", name, mesh, faces, shape)
+        body, moving = part.mesh, part.motion if motion is None else _core.Motion(Motion.of(motion))
+        body.transform(matrix)
+        moving.transform(matrix)
+        body.validate(name)
+        obstacle.mesh, obstacle.motion = body, moving
+        return Obstacle(self, self._core.add_obstacle(obstacle))
+
+    def _part(self, kind, name, mesh, faces, shape, *material):
+        """A compiled Cloth or Obstacle with the mesh that was asked for, and where it is from."""
+        if (mesh is None) == (shape is None):
+            raise SceneError(f"{name}: exactly one of mesh and shape is needed")
+        if shape is not None:
+            made = _shape(kind, name, shape)
+            part = _core.Cloth(made.cloth(0)) if kind == "cloth" else _core.Obstacle(made.obstacle(0))
+            return part, part.source
+        part = _core.Cloth() if kind == "cloth" else _core.Obstacle()
+        part.mesh, source = _mesh(name, mesh, faces, *(material or (None, None)))
+        return part, source
+
+    def pin(self, cloth, vertices, motion=None, release=math.inf):
+        """Holds cloth vertices in place, or moves them.
+
+        cloth: a handle, index or name.  vertices: [k] integers.  motion: rigid cama.Motion (or dict) of their starting
+        position, None: fixed.  release: time at which they are let go, s. Throws ArrayError, SceneError.
+        """
+        motion = Motion.of(motion)
+        index, vertices = self._vertices("pin", cloth, vertices)
+        self._core.add_pin(index, vertices, motion, None, float(release))
+
+    def attach(self, cloth, vertices, obstacle, release=math.inf):
+        """Lets cloth vertices follow the nearest point of an obstacle's surface; arguments as for `pin`."""
+        index, vertices = self._vertices("attach", cloth, vertices)
+        self._core.add_pin(index, vertices, Motion(), self._index("attach", obstacle, self.obstacles), float(release))
+
+    def stitch(self, cloth_a, vertex_a, cloth_b, vertex_b, vertex_c=None, ratio=0.0, stiffness=1e3):
+        """Zero-length springs x_a = (1 - ratio) x_b + ratio x_c; x_c may be left out.
+
+        vertex_a, vertex_b, vertex_c: [k] integers or one.  ratio: [k] or one, in [0, 1].  stiffness: N/m.
+        Throws ArrayError, SceneError.
+        """
+        a, first = self._vertices("stitch", cloth_a, np.atleast_1d(vertex_a))
+        b, second = self._vertices("stitch", cloth_b, np.atleast_1d(vertex_b))
+        third = second if vertex_c is None else self._vertices("stitch", cloth_b, np.atleast_1d(vertex_c))[1]
+        if not len(first) == len(second) == len(third):
+            raise ArrayError(f"stitch: {len(first)} vertices a, {len(second)} b, {len(third)} c")
+        ratio = np.broadcast_to(reals("stitch: ratio", np.atleast_1d(ratio), (None,)), (len(first),))
+        for i, j, k, r in zip(first, second, third, ratio):
+            self._core.add_stitch(a, int(i), b, int(j), int(k), float(r), number("stitch: stiffness", stiffness))
+
+    def _index(self, what, part, parts):
+        if isinstance(part, _Part):
+            if part._scene is not self:
+                raise SceneError(f"{what}: {part!r} belongs to another scene")
+            return part.index
+        for candidate in parts:
+            if part in (candidate.index, candidate.name):
+                return candidate.index
+        raise SceneError(f"{what}: there is no {part!r}; there are {[p.name for p in parts]}")
+
+    def _vertices(self, what, cloth, vertices):
+        index = self._index(what, cloth, self.cloths)
+        name, count = self.cloths[index].name, len(self.cloths[index].vertices)
+        vertices = integers(f"{what}: {name}: vertices", vertices, (None,))
+        for row in np.flatnonzero((vertices < 0) | (vertices >= count))[:1]:
+            raise SceneError(f"{what}: {name}: vertex {vertices[row]} (row {row}) is outside 0 to {count - 1}")
+        return index, vertices
+
+    @property
+    def cloths(self):
+        """Handles of all pieces of cloth."""
+        return [Cloth(self, i) for i in range(self._core.cloth_count)]
+
+    @property
+    def obstacles(self):
+        """Handles of all obstacles."""
+        return [Obstacle(self, i) for i in range(self._core.obstacle_count)]
+
+    @property
+    def pins(self):
+        """List of dicts: cloth (index), vertices [k], obstacle (index or None), release [s]."""
+        return [dict(zip(("cloth", "vertices", "obstacle", "release"), row)) for row in self._core.pins()]
+
+    @property
+    def stitch_count(self):
+        """Number of stitches."""
+        return self._core.stitch_count
+
+    @property
+    def vertex_count(self):
+        """Number of cloth vertices."""
+        return self._core.cloth_vertex_count
+
+    @property
+    def triangle_count(self):
+        """Number of cloth triangles."""
+        return self._core.cloth_triangle_count
+
+    @property
+    def steps_per_frame(self):
+        """Time steps between recorded frames, at least one."""
+        return max(1, round(self.frame_time / self.time_step)) if self.frame_time > 0 else 1
+
+    @property
+    def gravity(self):
+        """[3] m/s^2."""
+        return self._core.gravity
+
+    @gravity.setter
+    def gravity(self, value):
+        self._core.gravity = vector("gravity", value)
+
+    @property
+    def wind(self):
+        """None, or a dict with velocity, density and drag."""
+        wind = self._core.wind
+        return wind and {"velocity": wind.velocity, "density": wind.density, "drag": wind.drag}
+
+    @wind.setter
+    def wind(self, value):
+        wind = None
+        if value is not None:
+            wind = _core.Wind()
+            for key, entry in dict(value).items():
+                if key not in ("velocity", "density", "drag"):
+                    raise SceneError(f"wind: unknown key {key!r}; there are velocity, density, drag")
+                setattr(wind, key, vector("wind: velocity", entry) if key == "velocity" else number(f"wind: {key}", entry))
+        self._core.wind = wind
+
+    def __repr__(self):
+        return (f"<cama.Scene {self.name!r}: {self._core.cloth_count} cloths with {self.triangle_count} triangles, "
+                f"{self._core.obstacle_count} obstacles>")
+
+
+def _forward(target, field, check, text):
+    """A property of Scene that reads and writes a field of its compiled part."""
+    def read(self):
+        return getattr(target(self), field)
+
+    def write(self, value):
+        setattr(target(self), field, check(field, value))
+    return property(read, write, doc=text)
+
+
+def _whole(name, value):
+    result = number(name, value)
+    if result != int(result) or abs(result) > 2**31 - 1:
+        raise ArrayError(f"{name}: {value!r} is not a whole number")
+    return int(result)
+
+
+def _text(name, value):
+    return str(value)
+
+
+Scene.name = _forward(lambda s: s._core, "name", _text, "Name of the scene.")
+Scene.description = _forward(lambda s: s._core, "description", _text, "What it shows.")
+Scene.time_step = _forward(lambda s: s._core, "time_step", number, "s.")
+Scene.frame_time = _forward(lambda s: s._core, "frame_time", number, "s between recorded frames; 0: every step.")
+Scene.frames = _forward(lambda s: s._core, "frames", _whole, "Frames that `cama run` records.")
+Scene.thickness = _forward(lambda s: s._core.contact, "thickness", number, "Contact thickness, m.")
+Scene.stiffness = _forward(lambda s: s._core.contact, "stiffness", number, "Contact penalty, N/m^3.")
+Scene.friction = _forward(lambda s: s._core.contact, "friction", number, "Coulomb coefficient cloth against cloth.")

@@ -1,0 +1,236 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Running a scene."""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from . import _core
+from .arrays import reals
+from .errors import ArrayError, SceneError
+from .scene import Scene
+
+__all__ = ["Simulation", "Frame"]
+
+CONTACT = np.dtype([("vertices", np.int32, 4), ("weights", np.float64, 4), ("normal", np.float64, 3),
+                    ("distance", np.float64), ("kind", np.int32)])
+
+
+@dataclass
+class Frame:
+    """One recorded moment of a simulation."""
+
+    index: int            #: frames since the start, 1 for the first that was computed
+    time: float           #: s
+    positions: np.ndarray = field(repr=False)  #: [vertices, 3] m, cloths then obstacles
+    contacts: int         #: contacts in the last step's matrix
+    intersections: int    #: edges through faces, -1 where not audited
+    report: dict = field(repr=False)           #: of the last step, see `Simulation.report`
+
+
+def _options(backend, precision, accuracy, device, threads, overrides):
+    options = _core.Options.preset(accuracy)
+    known = [n for n in dir(options) if not n.startswith("_") and n not in ("preset", "accuracy")]
+    given = dict(backend=backend, precision=precision, device=device, threads=threads, **overrides)
+    for name, value in given.items():
+        if name not in known:
+            raise SceneError(f"option {name!r} is unknown; there are {', '.join(known)}")
+        try:
+            setattr(options, name, value)
+        except TypeError:
+            raise SceneError(f"option {name}: {value!r} is of the wrong type, expected like {getattr(options, name)!r}") from None
+    return options
+
+
+class Simulation:
+    """Backend, state and pipeline of one scene.
+
+    scene: a cama.Scene, or what `Scene.load` takes.  backend: "auto", "cpu", "opencl" or "cuda".
+    precision: of forces, matrix and solve, "double" or "single".  accuracy: "production" or "paper".
+    device: index.  threads: of the CPU backend, 0: all.  overrides: single options, for example tolerance=1e-6,
+    max_iterations, preconditioner="jacobi", solver="direct", assembly="algorithm1", commit, max_impact_passes.
+
+    Vertices are numbered through all cloths in order, then all obstacles. Arrays are copies of the state when asked for.
+    Throws a subclass of cama.Error before any kernel runs if the scene cannot be simulated.
+    """
+
+    def __init__(self, scene, backend="auto", precision="double", accuracy="production", device=0, threads=0, **overrides):
+        self.scene = scene.copy() if isinstance(scene, Scene) else Scene.load(scene)
+        self._core = _core.Simulation(self.scene._core, _options(backend, precision, accuracy, device, threads, overrides))
+        self._frame = 0
+
+    def step(self, n=1):
+        """Computes n time steps with the GIL released. Ctrl-C stops between steps and keeps what was computed.
+
+        Throws SolverError or CollisionError; the state stays readable.
+        """
+        if n < 0:
+            raise ArrayError(f"step: n is negative: {n}")
+        self._core.step(int(n))
+
+    def frames(self, n=None, audit=True):
+        """Iterates over the next n frames (default: the scene's), each `scene.steps_per_frame` steps.
+
+        audit: count intersections in every frame, exactly.
+        """
+        for _ in range(self.scene.frames if n is None else n):
+            self.step(self.scene.steps_per_frame)
+            self._frame += 1
+            report = self.report
+            yield Frame(self._frame, self.time, self.positions, report["contacts"],
+                        self.count_intersections() if audit else -1, report)
+
+    @property
+    def step_count(self):
+        """Steps computed."""
+        return self._core.step_count()
+
+    @property
+    def time(self):
+        """s."""
+        return self._core.time()
+
+    @property
+    def vertex_count(self):
+        """Cloth and obstacle vertices."""
+        return self._core.vertex_count()
+
+    @property
+    def cloth_vertex_count(self):
+        """Cloth vertices."""
+        return self._core.cloth_vertex_count()
+
+    @property
+    def cloth_triangle_count(self):
+        """Cloth triangles; they come first in `faces`."""
+        return self._core.cloth_triangle_count()
+
+    @property
+    def cloth_ranges(self):
+        """[(first, last)] vertices of each cloth, last excluded."""
+        return self._core.cloth_ranges()
+
+    @property
+    def obstacle_ranges(self):
+        """[(first, last)] vertices of each obstacle, last excluded."""
+        return self._core.obstacle_ranges()
+
+    @property
+    def positions(self):
+        """[vertices, 3] float64, m."""
+        return self._core.positions()
+
+    @property
+    def velocities(self):
+        """[vertices, 3] float64, m/s."""
+        return self._core.velocities()
+
+    @property
+    def faces(self):
+        """[triangles, 3] int32, cloths first."""
+        return self._core.faces()
+
+    @property
+    def masses(self):
+        """[cloth vertices] float64, kg."""
+        return self._core.masses()
+
+    @property
+    def contacts(self):
+        """Structured array, one row per contact of the last step.
+
+        Fields: vertices [4] (vertex then face, or two edges), weights [4] signed barycentric, normal [3], distance in m,
+        kind (0 vertex-face, 1 edge-edge).
+        """
+        columns = self._core.contacts()
+        rows = np.empty(len(columns[0]), CONTACT)
+        for name, column in zip(CONTACT.names, columns):
+            rows[name] = column
+        return rows
+
+    def set_state(self, positions, velocities):
+        """Replaces positions [m] and velocities [m/s] of all cloth vertices, [cloth vertices, 3] each. Throws ArrayError."""
+        shape = (self.cloth_vertex_count, 3)
+        self._core.set_state(reals("set_state: positions", positions, shape), reals("set_state: velocities", velocities, shape))
+
+    @property
+    def report(self):
+        """What the last step did: dict of contacts, candidates, impacts, iterations, residual, truncated, milliseconds, ..."""
+        return self._core.report()
+
+    @property
+    def timings(self):
+        """Milliseconds of the last step: {stage: ms}; nested stages are "outer/inner"."""
+        return stage_paths(self._core.timings())
+
+    @property
+    def streams(self):
+        """Every stream that outlives a stage: list of dicts with name, element, size, bytes."""
+        return [dict(zip(("name", "element", "size", "bytes"), row)) for row in self._core.streams()]
+
+    def explain(self):
+        """List of (stage, why this scene needs it), in order."""
+        return self._core.explain()
+
+    def energy(self):
+        """Dict of kinetic, stretching, bending and gravity energy, J."""
+        return self._core.energy()
+
+    @property
+    def min_gap(self):
+        """Smallest distance over the last step's candidate pairs, m; inf if there are none."""
+        return self._core.min_gap()
+
+    @property
+    def max_strain(self):
+        """Largest principal stretch minus one."""
+        return self._core.max_strain()
+
+    def count_intersections(self):
+        """Edges through faces between all objects but obstacle and obstacle, by exact predicates."""
+        return self._core.count_intersections()
+
+    @property
+    def state_hash(self):
+        """16 hexadecimal digits over the bits of cloth positions and velocities."""
+        return f"{self._core.state_hash():016x}"
+
+    @property
+    def peak_memory_bytes(self):
+        """Most device memory that this simulation held at once."""
+        return self._core.peak_memory_bytes()
+
+    @property
+    def backend(self):
+        """Name of the backend in use."""
+        return self._core.backend()[0]
+
+    @property
+    def device(self):
+        """What the hardware is called."""
+        return self._core.backend()[1]
+
+    @property
+    def options(self):
+        """Dict of every option in force."""
+        options = self._core.options()
+        return {n: getattr(options, n) for n in dir(options) if not n.startswith("_") and n != "preset"}
+
+    def __repr__(self):
+        return f"<cama.Simulation of {self.scene.name!r} on {self.backend}: step {self.step_count}, time {self.time:g} s>"
+
+
+def stage_paths(rows):
+    """(name, depth, ms) rows in pipeline order as {"outer/inner": ms}; the pipeline around all stages is left out.
+
+    Equal names beside each other are added up.
+    """
+    rows = list(rows)
+    if len(rows) > 1 and sum(depth == 0 for _, depth, _ in rows) == 1:
+        rows = [(name, depth - 1, milliseconds) for name, depth, milliseconds in rows[1:]]
+    result, path = {}, []
+    for name, depth, milliseconds in rows:
+        path[depth:] = [name]
+        key = "/".join(path)
+        result[key] = result.get(key, 0.0) + milliseconds
+    return result

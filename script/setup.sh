@@ -1,0 +1,83 @@
+# SPDX-License-Identifier: Apache-2.0
+# What script/demo and script/test share: phases with times, system packages, .venv, build. Sourced, not run.
+
+cd "$(dirname "${BASH_SOURCE[0]}")/.."
+JOBS=${CAMA_JOBS:-$(nproc)}
+PYTHON=$PWD/.venv/bin/python
+
+SYSTEM_PACKAGES=(
+  ca-certificates cmake ninja-build g++ git ccache
+  libassimp-dev libfcl-dev libccd-dev nlohmann-json3-dev catch2 libeigen3-dev
+  python3 python3-venv python3-dev
+  libgl1 libegl1 libgl1-mesa-dri
+  ocl-icd-opencl-dev opencl-headers pocl-opencl-icd)
+PYTHON_PACKAGES=(
+  "scikit-build-core>=0.10" "pybind11>=2.12" "numpy>=1.22" "h5py>=3.6" "typer>=0.12" "rich>=13"
+  "pyvista>=0.43" "imageio>=2.30" "imageio-ffmpeg>=0.4")
+TEST_PACKAGES=("pytest>=7" "jsonschema>=4" "ipctk>=1.3" "scipy>=1.8" "trimesh>=4")
+
+# phase NAME COMMAND...: runs it and says how long it took.
+phase() {
+  local name=$1 start=$SECONDS
+  shift
+  echo "== $name"
+  "$@"
+  echo "== $name: $((SECONDS - start)) s"
+}
+
+as_root() {
+  if [ "$(id -u)" -eq 0 ]; then "$@"; else sudo "$@"; fi
+}
+
+system_packages() {
+  local missing=() package
+  for package in "${SYSTEM_PACKAGES[@]}"; do
+    dpkg-query -W -f '${Status}' "$package" 2>/dev/null | grep -q 'ok installed' || missing+=("$package")
+  done
+  if [ ${#missing[@]} -gt 0 ]; then
+    echo "installing ${missing[*]}"
+    as_root apt-get update -q
+    as_root env DEBIAN_FRONTEND=noninteractive apt-get install -y -q --no-install-recommends "${missing[@]}"
+  fi
+}
+
+# python_packages NAME...: what .venv lacks; the network is asked only then.
+python_packages() {
+  [ -x "$PYTHON" ] || python3 -m venv .venv
+  local missing
+  missing=$("$PYTHON" - "$@" <<'CHECK'
+import importlib.metadata, re, sys
+def number(text):
+    return [int(part) for part in re.findall(r"\d+", text)[:3]]
+for wanted in sys.argv[1:]:
+    name, least = wanted.split(">=")
+    try:
+        present = number(importlib.metadata.version(name)) >= number(least)
+    except importlib.metadata.PackageNotFoundError:
+        present = False
+    if not present:
+        print(wanted)
+CHECK
+)
+  if [ -n "$missing" ]; then
+    # shellcheck disable=SC2086
+    "$PYTHON" -m pip install -q --disable-pip-version-check $missing
+  fi
+}
+
+# configure ON|OFF: with or without the C++ tests. One build folder serves the library, the tests and the package.
+configure() {
+  cmake -S . -B build -G Ninja -DCMAKE_BUILD_TYPE=Release -DCAMA_BUILD_TESTS="$1" -DCAMA_BUILD_PYTHON=ON \
+    -DPython_EXECUTABLE="$PYTHON" -Dpybind11_DIR="$("$PYTHON" -m pybind11 --cmakedir)" --log-level=WARNING >/dev/null
+  TESTS=$1
+}
+
+build() {
+  cmake --build build -j "$JOBS"
+}
+
+# Installs what `build` made: the same folder and options, so nothing is compiled again.
+install_package() {
+  "$PYTHON" -m pip install -q --disable-pip-version-check --no-build-isolation --no-deps --force-reinstall \
+    -C build-dir=build -C cmake.define.CAMA_BUILD_TESTS="$TESTS" .
+}

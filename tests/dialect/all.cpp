@@ -1,0 +1,3 @@
+// SPDX-License-Identifier: Apache-2.0
+// Every kernel header as C++17.
+#include "all.c"

@@ -1,0 +1,137 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The command `cama`: what it writes, and how it fails."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+
+import h5py
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+import cama
+from cama.cli import app
+from conftest import judge
+
+RUNNER = CliRunner()
+FIELDS = {"scene", "backend", "device", "precision", "accuracy", "triangles", "vertices", "steps", "dt", "ms_per_step", "stages",
+          "pcg", "contacts", "impacts", "intersections", "min_gap", "max_strain", "energy", "peak_memory_bytes", "truncated",
+          "lost_motion", "state_hash"}
+
+
+def call(*words):
+    return RUNNER.invoke(app, [str(w) for w in words], catch_exceptions=False)
+
+
+@pytest.fixture(scope="module")
+def drape(tmp_path_factory):
+    """A short run of the drape scene."""
+    folder = tmp_path_factory.mktemp("drape")
+    result = call("run", "drape", "--resolution", 600, "--frames", 12, "-o", folder)
+    assert result.exit_code == 0, result.output
+    return folder
+
+
+def no_constant(word):
+    raise AssertionError(f"{word} in JSON")
+
+
+def test_summary_has_exactly_its_fields(drape):
+    s = json.loads((drape / "summary.json").read_text(), parse_constant=no_constant)
+    assert set(s) == FIELDS
+    assert s["scene"] == "drape" and s["steps"] == 12 and s["dt"] == 0.005
+    assert set(s["ms_per_step"]) == {"mean", "median", "max"} and 0 < s["ms_per_step"]["median"] <= s["ms_per_step"]["max"]
+    assert s["stages"] and all(ms >= 0 for ms in s["stages"].values())
+    assert s["pcg"]["iterations"]["max"] >= s["pcg"]["iterations"]["mean"] > 0
+    assert s["intersections"] == 0 and s["contacts"]["max"] >= 0 and s["impacts"]["max"] >= 0
+    assert int(s["state_hash"], 16) >= 0 and s["peak_memory_bytes"] > 0
+    assert not list(drape.glob("*.partial"))
+
+
+def test_frames_hold_the_clip(drape):
+    with h5py.File(drape / "frames.h5") as f:
+        assert f["positions"].shape == (13, f["cloth_ranges"][-1, 1] + np.ptp(f["obstacle_ranges"][0]), 3)
+        np.testing.assert_allclose(f["times"], np.arange(13) * 0.005, atol=1e-12)
+        assert [n.decode() for n in f["cloth_ranges"].attrs["names"].astype("S")] == ["lower", "middle", "upper"]
+        assert f["faces"].shape[1] == 3 and f.attrs["scene"] == "drape" and f.attrs["time_step"] == 0.005
+        assert f["positions"].chunks[0] == 1 and f["positions"].maxshape[0] is None
+    assert judge(drape) == 0
+
+
+def test_run_twice_gives_the_same_hash_and_leaves_other_files(drape, tmp_path):
+    (tmp_path / "notes.txt").write_text("mine")
+    for _ in range(2):
+        assert call("run", "drape", "--resolution", 600, "--frames", 12, "-o", tmp_path, "--threads", 1, "--store", "single").exit_code == 0
+    first, second = (json.loads((f / "summary.json").read_text())["state_hash"] for f in (drape, tmp_path))
+    assert first == second and (tmp_path / "notes.txt").read_text() == "mine"
+
+
+def test_info_explain_check():
+    info = call("info")
+    assert info.exit_code == 0 and "cpu" in info.output and cama.__version__ in info.output and "cotton" in info.output
+    explain = call("explain", "drape", "--resolution", 300)
+    assert explain.exit_code == 0 and "position" in explain.output and "KiB" in explain.output
+    check = call("check", "drape", "--resolution", 300)
+    assert check.exit_code == 0 and "intersections at the start: 0" in check.output
+
+
+@pytest.mark.parametrize("words, expected", [
+    (["run", "no_such_scene"], "no_such_scene"),
+    (["check", "broken.json"], "gravitas"),
+    (["run", "drape", "--backend", "cuda", "--device", "97"], "cuda"),
+    (["render", "no_such_folder"], "no_such_folder"),
+    (["run", "drape", "--resolution", "200", "--frames", "1", "-o", "broken.json"], "broken.json"),
+])
+def test_bad_input_is_one_line_and_exit_code_2(words, expected, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "broken.json").write_text('{"gravitas": 1}')
+    result = call(*words)
+    assert result.exit_code == 2
+    assert expected in result.output and "Error:" in result.output and "Traceback" not in result.output
+    assert len(result.output.strip().splitlines()) == 1
+
+
+def test_debug_shows_the_exception():
+    with pytest.raises(cama.FileError):
+        call("run", "no_such_scene", "--debug")
+
+
+def wait_for_frames(path, count, process):
+    for _ in range(600):
+        try:
+            with h5py.File(path, "r", locking=False) as f:
+                if len(f["times"]) >= count:
+                    return
+        except (OSError, KeyError, RuntimeError):
+            pass
+        assert process.poll() is None
+        time.sleep(0.1)
+    raise AssertionError("no frames came")
+
+
+def test_interrupt_keeps_what_was_computed(tmp_path):
+    process = subprocess.Popen([sys.executable, "-m", "cama.cli", "run", "drape", "--resolution", "600", "--frames", "100000", "-o", str(tmp_path)],
+                               stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, cwd=tmp_path, env=dict(os.environ, COLUMNS="120"))
+    wait_for_frames(tmp_path / "frames.h5", 4, process)
+    process.send_signal(signal.SIGINT)
+    output = process.communicate(timeout=60)[0]
+    assert process.returncode == 130 and "Traceback" not in output, output
+    s = json.loads((tmp_path / "summary.json").read_text())
+    with h5py.File(tmp_path / "frames.h5") as f:
+        assert len(f["times"]) == len(f["positions"]) >= 4
+        assert s["steps"] - 1 <= len(f["times"]) - 1 <= s["steps"]
+        assert np.isfinite(f["positions"][-1]).all()
+
+
+def test_interrupt_in_python_keeps_the_state():
+    code = ("import cama, os, signal, threading\n"
+            "s = cama.Simulation(cama.Scene.load('drape', 300))\n"
+            "threading.Timer(0.5, os.kill, (os.getpid(), signal.SIGINT)).start()\n"
+            "try:\n    s.step(10**6)\n"
+            "except KeyboardInterrupt:\n    n = s.step_count; s.step(); print('kept', n > 0, s.step_count - n)\n")
+    output = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60)
+    assert output.stdout.split() == ["kept", "True", "1"], output

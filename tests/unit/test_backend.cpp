@@ -1,0 +1,269 @@
+// SPDX-License-Identifier: Apache-2.0
+// The backend's primitives against the standard library, streams, and the arithmetic that replaces the maths library.
+#include "../catch.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <cstdint>
+#include <cstring>
+#include <limits>
+#include <numeric>
+#include <random>
+
+#include "cama/error.hpp"
+#include "launch.hpp"
+
+using namespace cama;
+
+namespace {
+
+/// Keys of several kinds, some with many equal ones.
+std::vector<std::vector<key64>> key_sets(int n, int bits)
+{
+  std::mt19937_64 random(11);
+  const key64 mask = bits == 64 ? ~key64(0) : (key64(1) << bits) - 1;
+  std::vector<std::vector<key64>> sets(5, std::vector<key64>(static_cast<std::size_t>(n)));
+  for (std::size_t i = 0; i < sets[0].size(); ++i) {
+    sets[0][i] = random() & mask;
+    sets[1][i] = random() % 3;
+    sets[2][i] = mask;
+    sets[3][i] = (mask - i) & mask;
+    sets[4][i] = (i % 5) << (bits - 4);
+  }
+  return sets;
+}
+
+/// Distance in units in the last place of the expected value.
+template <class Real> double ulps(Real value, Real expected)
+{
+  if (value == expected) return 0;
+  const Real size = std::max(std::abs(expected), std::numeric_limits<Real>::min());
+  const Real unit = std::nextafter(size, std::numeric_limits<Real>::infinity()) - size;
+  return std::abs(static_cast<double>(value) - static_cast<double>(expected)) / static_cast<double>(unit);
+}
+
+template <class Real, class Plain> double worst_atan2(Plain plain)
+{
+  double worst = 0;
+  const auto look = [&](Real y, Real x) { worst = std::max(worst, ulps<Real>(plain(y, x), std::atan2(y, x))); };
+  const int steps = 200000;
+  for (int i = 0; i <= steps; ++i) {   // around the circle
+    const double angle = (2.0 * i / steps - 1) * 3.14159265358979;
+    look(static_cast<Real>(std::sin(angle)), static_cast<Real>(std::cos(angle)));
+  }
+  for (int e = -30; e <= 30; ++e)   // all ratios, all quadrants
+    for (int i = 0; i < 500; ++i) {
+      const Real y = static_cast<Real>(std::ldexp(1 + i / 500.0, e));
+      for (Real sy : {Real(-1), Real(1)})
+        for (Real sx : {Real(-1), Real(1)}) look(sy * y, sx * Real(1.3));
+    }
+  return worst;
+}
+
+}  // namespace
+
+TEST_CASE("scan equals the running sum", "[backend]")
+{
+  std::mt19937 random(3);
+  for (int threads : {1, 3}) {
+    const auto backend = make_backend("cpu", 0, threads);
+    for (int n : {0, 1, 2, 255, 256, 257, 100000}) {
+      std::vector<int> values(static_cast<std::size_t>(n));
+      for (int &v : values) v = static_cast<int>(random() % 7);
+      Stream<int> from(*backend, values), to(*backend, n + 1);
+      backend->scan(from.buffer(), to.buffer(), n);
+      std::vector<int> expected(values.size() + 1, 0);
+      std::partial_sum(values.begin(), values.end(), expected.begin() + 1);
+      REQUIRE(to.download() == expected);
+      REQUIRE(from.download() == values);
+    }
+  }
+}
+
+TEST_CASE("scan refuses a list of 2^31 entries", "[backend]")
+{
+  const auto backend = make_backend("cpu", 0, 1);
+  Stream<int> fits(*backend, std::vector<int>{0x7fffffff, 0}), beyond(*backend, std::vector<int>{0x7fffffff, 1}), to(*backend, 3);
+  backend->scan(fits.buffer(), to.buffer(), 2);
+  CHECK(to.at(2) == 0x7fffffff);
+  CHECK_THROWS_AS(backend->scan(beyond.buffer(), to.buffer(), 2), MemoryError);
+}
+
+TEST_CASE("sort is std::stable_sort of keys with their values", "[backend]")
+{
+  for (int threads : {1, 3}) {
+    const auto backend = make_backend("cpu", 0, threads);
+    for (int bits : {11, 30, 62, 63, 64})
+      for (int n : {0, 1, 2, 255, 1000, 100000}) {
+        if (n == 100000 && bits != 63) continue;
+        for (const auto &keys : key_sets(n, bits)) {
+          std::vector<int> order(keys.size());
+          std::iota(order.begin(), order.end(), 0);
+          Stream<key64> key(*backend, keys);
+          Stream<int> value(*backend, order);
+          backend->sort(key.buffer(), value.buffer(), n, bits);
+          std::stable_sort(order.begin(), order.end(), [&](int a, int b) { return keys[static_cast<std::size_t>(a)] < keys[static_cast<std::size_t>(b)]; });
+          REQUIRE(value.download() == order);   // stable: equal keys keep their order
+          std::vector<key64> sorted = keys;
+          std::sort(sorted.begin(), sorted.end());
+          REQUIRE(key.download() == sorted);
+        }
+      }
+  }
+}
+
+TEST_CASE("a stream grows from capacity 1 and loses nothing that is written after", "[backend]")
+{
+  const auto backend = make_backend("cpu", 0, 1);
+  Stream<int> s(*backend, 1);
+  REQUIRE(s.capacity() == 1);
+  for (int n : {1, 2, 3, 10, 9, 1000, 0, 1001}) {
+    std::vector<int> values(static_cast<std::size_t>(n));
+    std::iota(values.begin(), values.end(), n);
+    s.assign(values);
+    REQUIRE(s.size() == n);
+    REQUIRE(s.capacity() >= n);
+    REQUIRE(s.download() == values);
+    if (n) REQUIRE(s.at(n - 1) == 2 * n - 1);
+  }
+  CHECK_THROWS_AS(s.resize(-1), MemoryError);
+  const int before = s.capacity();
+  s.resize(5);
+  CHECK(s.capacity() == before);   // shrinking keeps the memory
+}
+
+TEST_CASE("streams move, swap and copy", "[backend]")
+{
+  const auto backend = make_backend("cpu", 0, 1);
+  Stream<double> a(*backend, std::vector<double>{1, 2, 3}), b(*backend, std::vector<double>{4}), c;
+  a.swap(b);
+  CHECK(b.download() == std::vector<double>{1, 2, 3});
+  c = std::move(b);
+  CHECK(c.size() == 3);
+  a.copy_from(c);
+  CHECK(a.download() == std::vector<double>{1, 2, 3});
+  a.fill_zero();
+  CHECK(a.download() == std::vector<double>{0, 0, 0});
+}
+
+TEST_CASE("memory is aligned to 64 bytes and accounted for", "[backend]")
+{
+  const auto backend = make_backend("cpu", 0, 1);
+  REQUIRE(backend->allocated_bytes() == 0);
+  {
+    std::vector<Stream<char>> streams;
+    std::size_t bytes = 0;
+    for (int n : {1, 3, 63, 64, 65, 1000}) {
+      streams.emplace_back(*backend, n);
+      bytes += static_cast<std::size_t>(n);
+      CHECK(reinterpret_cast<std::uintptr_t>(streams.back().buffer()) % 64 == 0);
+      CHECK(backend->allocated_bytes() == bytes);
+    }
+    CHECK(backend->peak_bytes() == bytes);
+    streams.back().resize(2000);   // grows by half, the old memory goes back first
+    CHECK(backend->allocated_bytes() == bytes - 1000 + 3000);
+  }
+  CHECK(backend->allocated_bytes() == 0);
+  CHECK(backend->peak_bytes() == 1 + 3 + 63 + 64 + 65 + 3000);
+}
+
+TEST_CASE("memory that cannot be had is an error that says how much", "[backend]")
+{
+  const auto backend = make_backend("cpu", 0, 1);
+  const std::string text = thrown<MemoryError>([&] { backend->allocate(std::size_t(1) << 60); });
+  CHECK(contains(text, std::to_string(std::size_t(1) << 60)));
+  CHECK(backend->allocated_bytes() == 0);
+}
+
+TEST_CASE("new streams hold NaN in debug builds of the library", "[backend]")
+{
+  const auto backend = make_backend("cpu", 0, 1);
+  // Memory that was just zeroed and released comes back from the allocator; poisoned it is NaN again.
+  { Stream<double> zero(*backend, 32); zero.fill_zero(); }
+  Stream<double> d(*backend, 32);
+  const std::vector<double> values = d.download();
+  const bool poisoned = std::all_of(values.begin(), values.end(), [](double x) { return std::isnan(x); });
+#ifndef NDEBUG
+  CHECK(poisoned);
+#else
+  CHECK_FALSE(poisoned);
+#endif
+}
+
+TEST_CASE("backends that are not there are named", "[backend]")
+{
+  CHECK(contains(thrown<BackendError>([] { make_backend("vulkan"); }), "vulkan"));
+  CHECK_THROWS_AS(make_backend("cpu", 3), BackendError);
+  CHECK_THROWS_AS(make_backend("cpu", 0, -1), BackendError);
+}
+
+TEST_CASE("launch counts its calls and skips empty ones", "[backend]")
+{
+  const auto backend = make_backend("cpu", 0, 2);
+  Stream<int> s(*backend, 1000);
+  CAMA_LAUNCH(*backend, set_int, 1000, 7, s);
+  CHECK(s.download() == std::vector<int>(1000, 7));
+  CHECK(backend->launches() == 1);
+  CAMA_LAUNCH(*backend, set_int, 0, 9, s);
+  CHECK(backend->launches() == 1);
+}
+
+TEST_CASE("integer atomics count, and keep the least and the most", "[backend]")
+{
+  int sum = 0, least = 1 << 30, most = -(1 << 30);
+#pragma omp parallel for num_threads(4)
+  for (int i = 0; i < 20000; ++i) {
+    atomic_add_int(&sum, i % 3);
+    atomic_min_int(&least, (i * 7919) % 20011 - 5);
+    atomic_max_int(&most, (i * 7919) % 20011);
+  }
+  int s = 0, lo = 1 << 30, hi = -(1 << 30);
+  for (int i = 0; i < 20000; ++i) {
+    s += i % 3;
+    lo = std::min(lo, (i * 7919) % 20011 - 5);
+    hi = std::max(hi, (i * 7919) % 20011);
+  }
+  CHECK(sum == s);
+  CHECK(least == lo);
+  CHECK(most == hi);
+}
+
+TEST_CASE("atan2_plain is within 4 units in the last place of std::atan2", "[backend]")
+{
+  CHECK(worst_atan2<double>([](double y, double x) { return kernels::f64::atan2_plain(y, x); }) <= 4);
+  CHECK(worst_atan2<float>([](float y, float x) { return kernels::f32::atan2_plain(y, x); }) <= 4);
+}
+
+TEST_CASE("atan2_plain on the axes and at the origin", "[backend]")
+{
+  const double pi = 3.14159265358979323846;
+  CHECK(kernels::f64::atan2_plain(0, 0) == 0);
+  CHECK(kernels::f64::atan2_plain(0, 2) == 0);
+  CHECK(kernels::f64::atan2_plain(0, -2) == pi);
+  CHECK(kernels::f64::atan2_plain(3, 0) == pi / 2);
+  CHECK(kernels::f64::atan2_plain(-3, 0) == -pi / 2);
+  CHECK(kernels::f64::atan2_plain(1e-300, 1) == 1e-300);
+}
+
+TEST_CASE("float_below and float_above bracket every double closely", "[backend]")
+{
+  std::mt19937_64 random(5);
+  std::uniform_real_distribution<double> mantissa(-2, 2);
+  int wrong = 0;
+  double widest = 0;
+  const auto look = [&](double x) {
+    const float lo = kernels::float_below(x), hi = kernels::float_above(x);
+    wrong += !(static_cast<double>(lo) <= x && x <= static_cast<double>(hi));
+    wrong += std::fpclassify(lo) == FP_SUBNORMAL || std::fpclassify(hi) == FP_SUBNORMAL;
+    if (std::abs(x) > 1e-29) widest = std::max({widest, ulps<float>(lo, static_cast<float>(x)), ulps<float>(hi, static_cast<float>(x))});
+  };
+  for (int e = -140; e <= 120; ++e)
+    for (int i = 0; i < 1000; ++i) look(std::ldexp(mantissa(random), e));
+  for (int i = 0; i < 100000; ++i) {   // at and beside floats
+    const float f = static_cast<float>(std::ldexp(mantissa(random), static_cast<int>(random() % 60) - 30));
+    for (double x : {static_cast<double>(f), std::nextafter(static_cast<double>(f), 1e9), std::nextafter(static_cast<double>(f), -1e9)}) look(x);
+  }
+  for (double x : {0.0, -0.0, 1e-45, -1e-45, 1e-38, 1e-30, 5e-324, 1.0, -1.0}) look(x);
+  CHECK(wrong == 0);
+  CHECK(widest <= 3);
+}

@@ -1,0 +1,423 @@
+// SPDX-License-Identifier: Apache-2.0
+// The linear solve against Eigen: products, preconditioners, elimination of prescribed vertices, broken systems.
+#include "../catch.hpp"
+
+#include <cmath>
+#include <cstring>
+#include <limits>
+#include <random>
+
+#include <Eigen/Dense>
+#include <Eigen/Sparse>
+#include <Eigen/SparseCholesky>
+
+#include "../engine.hpp"
+#include "../meshes.hpp"
+#include "cama/error.hpp"
+#include "launch.hpp"
+#include "stages/linear_solve.hpp"
+
+using namespace cama;
+using Eigen::Matrix3d;
+using Eigen::Vector3d;
+using Eigen::VectorXd;
+
+namespace {
+
+template <class V> Vector3d eigen(const V &v) { return {static_cast<double>(v.x), static_cast<double>(v.y), static_cast<double>(v.z)}; }
+template <class M> Matrix3d eigen_matrix(const M &m)
+{
+  Matrix3d r;
+  for (int a = 0; a < 3; ++a) r.row(a) = eigen(m.row[a]).transpose();
+  return r;
+}
+
+/// The system of the step that the engine stands before solving, over all vertices: A (with terms), b, and what is prescribed.
+struct System64 { Eigen::SparseMatrix<double> matrix; VectorXd right, prescribed; std::vector<bool> free; };
+
+System64 download(Engine &engine)
+{
+  State &s = engine.state;
+  System<double> &y = s.system<double>();
+  const auto row = y.matrix.row.download(), column = y.matrix.column.download(), fixed = s.fixed.download();
+  const auto block = y.matrix.block.download();
+  const auto velocity = s.velocity.download(), target = s.velocity_next.download();
+  const auto force = y.force.download();
+  const auto mass = y.mass.download();
+  const int n = s.vertices;
+  System64 r{Eigen::SparseMatrix<double>(3 * n, 3 * n), VectorXd::Zero(3 * n), VectorXd::Zero(3 * n), {}};
+  std::vector<Eigen::Triplet<double>> entries;
+  const auto add = [&](int i, int j, const Matrix3d &m) {
+    for (int a = 0; a < 3; ++a)
+      for (int b = 0; b < 3; ++b) entries.emplace_back(3 * i + a, 3 * j + b, m(a, b));
+  };
+  for (int i = 0; i < s.cloth_vertices; ++i) {
+    const auto p = static_cast<std::size_t>(i);
+    for (int k = row[p]; k < row[p + 1]; ++k) add(i, column[static_cast<std::size_t>(k)], eigen_matrix(block[static_cast<std::size_t>(k)]));
+    r.right.segment<3>(3 * i) = s.time_step * eigen(force[p]) + mass[p] * eigen(velocity[p]);
+  }
+  if (s.terms && s.options.assembly == Assembly::gather)
+    for (const auto &t : y.term.download())
+      for (int a = 0; a < 4; ++a)
+        for (int b = 0; b < 4; ++b)
+          if (t.node[a] >= 0 && t.node[b] >= 0)
+            add(t.node[a], t.node[b], t.weight[a] * t.weight[b] * (t.along * eigen(t.normal) * eigen(t.normal).transpose() + t.around * Matrix3d::Identity()));
+  if (s.terms)
+    for (const auto &t : y.term.download())
+      for (int a = 0; a < 4; ++a)
+        if (t.node[a] >= 0) r.right.segment<3>(3 * t.node[a]) += t.weight[a] * t.push * eigen(t.normal);
+  for (int i = 0; i < n; ++i) {
+    r.free.push_back(!fixed[static_cast<std::size_t>(i)]);
+    r.prescribed.segment<3>(3 * i) = eigen(target[static_cast<std::size_t>(i)]);
+  }
+  r.matrix.setFromTriplets(entries.begin(), entries.end());
+  return r;
+}
+
+/// Eigen's answer, over all vertices.
+VectorXd solve(const System64 &s)
+{
+  std::vector<int> place(s.free.size(), -1);
+  int count = 0;
+  for (std::size_t i = 0; i < s.free.size(); ++i)
+    if (s.free[i]) place[i] = count++;
+  VectorXd known = s.prescribed, right(3 * count);
+  for (std::size_t i = 0; i < s.free.size(); ++i)
+    if (s.free[i]) known.segment<3>(3 * static_cast<int>(i)).setZero();
+  const VectorXd moved = s.matrix * known;
+  std::vector<Eigen::Triplet<double>> entries;
+  for (int k = 0; k < s.matrix.outerSize(); ++k)
+    for (Eigen::SparseMatrix<double>::InnerIterator e(s.matrix, k); e; ++e) {
+      const int i = place[static_cast<std::size_t>(e.row() / 3)], j = place[static_cast<std::size_t>(e.col() / 3)];
+      if (i >= 0 && j >= 0) entries.emplace_back(3 * i + static_cast<int>(e.row() % 3), 3 * j + static_cast<int>(e.col() % 3), e.value());
+    }
+  for (std::size_t i = 0; i < s.free.size(); ++i)
+    if (s.free[i]) right.segment<3>(3 * place[i]) = s.right.segment<3>(3 * static_cast<int>(i)) - moved.segment<3>(3 * static_cast<int>(i));
+  Eigen::SparseMatrix<double> matrix(3 * count, 3 * count);
+  matrix.setFromTriplets(entries.begin(), entries.end());
+  Eigen::SimplicialLDLT<Eigen::SparseMatrix<double>> factor(matrix);
+  REQUIRE(factor.info() == Eigen::Success);
+  const VectorXd x = factor.solve(right);
+  VectorXd all = s.prescribed;
+  for (std::size_t i = 0; i < s.free.size(); ++i)
+    if (s.free[i]) all.segment<3>(3 * static_cast<int>(i)) = x.segment<3>(3 * place[i]);
+  return all;
+}
+
+double distance(const std::vector<dvec3> &a, const VectorXd &b, int n)
+{
+  double most = 0;
+  for (int i = 0; i < n; ++i) most = std::max(most, (eigen(a[static_cast<std::size_t>(i)]) - b.segment<3>(3 * i)).norm());
+  return most / b.cwiseAbs().maxCoeff();
+}
+
+Options options(Preconditioner preconditioner, LinearSolver solver = LinearSolver::conjugate_gradient, Assembly assembly = Assembly::gather)
+{
+  Options o = serial();
+  o.preconditioner = preconditioner;
+  o.solver = solver;
+  o.assembly = assembly;
+  o.tolerance = 1e-11;
+  return o;
+}
+
+const Preconditioner preconditioners[] = {Preconditioner::none, Preconditioner::jacobi, Preconditioner::block_jacobi};
+
+/// Stretched sheets on a ball with a pin that moves: contacts, friction, prescribed vertices of cloth and obstacle.
+Scene busy()
+{
+  Scene s = meshes::pile(8);
+  Pin pin;
+  pin.vertices = {0, 5};
+  pin.motion.velocity = {0, -0.5, 0.2};
+  s.pins.push_back(pin);
+  s.stitches.push_back({0, 80, 1, 80, 79, 0.25, 500});
+  return s;
+}
+
+/// Stiff and uneven: where preconditioning pays.
+Scene uneven()
+{
+  Scene s = meshes::hanging(12);
+  s.cloths[0].material = Material::isotropic(2000, 0.3, 1e-4, 0.1);
+  s.cloths.push_back(meshes::cloth(meshes::grid(10, 10, 0.1, 0.4, 1), Material::isotropic(20, 0.3, 1e-6, 1.5), "heavy"));
+  s.cloths[1].velocity = {0, 0, 2};
+  return s;
+}
+
+}  // namespace
+
+TEST_CASE("bcsr_multiply equals Eigen's product", "[solver]")
+{
+  const auto backend = make_backend("cpu", 0, 2);
+  std::mt19937 random(1);
+  std::normal_distribution<double> normal;
+  const int n = 60;
+  std::vector<int> row{0}, column, fixed;
+  std::vector<kernels::f64::mat3> block;
+  std::vector<dvec3> dummy;
+  std::vector<kernels::f64::vec3> x;
+  Eigen::MatrixXd dense = Eigen::MatrixXd::Zero(3 * n, 3 * n);
+  VectorXd v(3 * n);
+  for (int i = 0; i < n; ++i) {
+    for (int j = 0; j < n; ++j) {
+      if (i != j && random() % 6) continue;
+      if (i == 7) continue;   // an empty row
+      column.push_back(j);
+      kernels::f64::mat3 m;
+      for (auto &r : m.row) r = {normal(random), normal(random), normal(random)};
+      block.push_back(m);
+      if (i != 9) dense.block<3, 3>(3 * i, 3 * j) = eigen_matrix(m);
+    }
+    row.push_back(static_cast<int>(column.size()));
+    fixed.push_back(i == 9);   // a fixed row gives zero
+    x.push_back({normal(random), normal(random), normal(random)});
+    v.segment<3>(3 * i) = eigen(x.back());
+  }
+  Stream<int> rows(*backend, row), columns(*backend, column), fixed_stream(*backend, fixed);
+  Stream<kernels::f64::mat3> blocks(*backend, block);
+  Stream<kernels::f64::vec3> in(*backend, x), out(*backend, n);
+  CAMA_LAUNCH_REAL(double, *backend, bcsr_multiply, n, rows, columns, blocks, fixed_stream, in, out);
+  const VectorXd expected = dense * v;
+  const auto y = out.download();
+  for (int i = 0; i < n; ++i) REQUIRE((eigen(y[static_cast<std::size_t>(i)]) - expected.segment<3>(3 * i)).norm() < 1e-13 * expected.norm());
+}
+
+namespace {
+
+/// Largest error of the inverse relative to the true one, and how many inverses were not positive definite.
+struct Inverses { double worst = 0; int indefinite = 0; };
+
+/// Random symmetric blocks with eigenvalues (1, middle, 1 / condition), times random scales; middle is 1 or 1 / condition: the
+/// latter is a contact on a light vertex.
+template <class Real, class Block, class Invert> Inverses invert_random(double condition, double middle, Invert invert)
+{
+  using Exact = Eigen::Matrix<long double, 3, 3>;
+  std::mt19937 random(2);
+  std::normal_distribution<double> normal;
+  Inverses result;
+  for (int i = 0; i < 3000; ++i) {
+    Matrix3d g;
+    for (int k = 0; k < 9; ++k) g(k / 3, k % 3) = normal(random);
+    const Matrix3d q = Eigen::HouseholderQR<Matrix3d>(g).householderQ();
+    const Matrix3d a = std::pow(10.0, 2 * normal(random)) * q * Vector3d(1, middle, 1 / condition).asDiagonal() * q.transpose();
+    Block m;
+    for (int r = 0; r < 3; ++r) m.row[r] = {static_cast<Real>(a(r, 0)), static_cast<Real>(a(r, 1)), static_cast<Real>(a(r, 2))};
+    m.row[1].x = m.row[0].y; m.row[2].x = m.row[0].z; m.row[2].y = m.row[1].z;
+    const Matrix3d inverse = eigen_matrix(invert(m));
+    const Exact exact = eigen_matrix(m).template cast<long double>().llt().solve(Exact::Identity());
+    result.worst = std::max(result.worst, static_cast<double>((inverse.cast<long double>() - exact).norm() / exact.norm()));
+    const double least = Eigen::SelfAdjointEigenSolver<Matrix3d>(0.5 * (inverse + inverse.transpose())).eigenvalues()[0];
+    result.indefinite += !(least > 0);
+  }
+  return result;
+}
+
+}  // namespace
+
+TEST_CASE("mat3_inverse_spd equals Eigen's inverse up to condition 1e9", "[solver]")
+{
+  for (double condition : {1.0, 1e2, 1e4, 1e6, 1e9})
+    for (double middle : {1.0, 1 / condition}) {
+      const Inverses r = invert_random<double, kernels::f64::mat3>(condition, middle, [](auto m) { return kernels::f64::mat3_inverse_spd(m); });
+      INFO("condition " << condition << ", middle " << middle << ": error " << r.worst << ", indefinite " << r.indefinite);
+      CHECK(r.worst < 3e-15 * condition + 1e-15);   // rounding times condition: backward stable
+      CHECK(r.indefinite == 0);
+    }
+}
+
+TEST_CASE("mat3_inverse_spd in single precision stays positive definite up to condition 1e5", "[solver]")
+{
+  for (double condition : {1.0, 1e2, 1e4, 1e5})
+    for (double middle : {1.0, 1 / condition}) {
+      const Inverses r = invert_random<float, kernels::f32::mat3>(condition, middle, [](auto m) { return kernels::f32::mat3_inverse_spd(m); });
+      INFO("condition " << condition << ", middle " << middle << ": error " << r.worst << ", indefinite " << r.indefinite);
+      CHECK(r.worst < 1.5e-6 * condition + 1e-6);
+      CHECK(r.indefinite == 0);
+    }
+}
+
+TEST_CASE("mat3_inverse_spd of badly scaled diagonals is exact to rounding", "[solver]")
+{
+  kernels::f64::mat3 m = kernels::f64::mat3_zero();
+  m.row[0].x = 1e-9;
+  m.row[1].y = 1;
+  m.row[2].z = 1e9;
+  const Matrix3d inverse = eigen_matrix(kernels::f64::mat3_inverse_spd(m));
+  CHECK(inverse(0, 0) == Approx(1e9).epsilon(1e-15));
+  CHECK(inverse(1, 1) == Approx(1).epsilon(1e-15));
+  CHECK(inverse(2, 2) == Approx(1e-9).epsilon(1e-15));
+}
+
+TEST_CASE("conjugate gradient with each preconditioner and the direct solve equal Eigen on a step with contacts", "[solver]")
+{
+  for (int warm_up : {0, 3}) {
+    for (Assembly assembly : {Assembly::gather, Assembly::algorithm1, Assembly::sorted})
+      for (int way = 0; way < 4; ++way) {
+        INFO("assembly " << static_cast<int>(assembly) << ", way " << way << ", after " << warm_up << " steps");
+        Scene scene = busy();
+        if (assembly != Assembly::gather) scene.obstacles[0].motion = {};   // see the next test for moving ones
+        Engine engine(scene, options(preconditioners[way % 3], way == 3 ? LinearSolver::direct : LinearSolver::conjugate_gradient, assembly));
+        for (int i = 0; i < warm_up; ++i) engine.step();
+        engine.run_before("linear solve");
+        REQUIRE(engine.state.contacts > 10);
+        const VectorXd expected = solve(download(engine));
+        engine.find("linear solve")->run(engine.state);
+        CHECK(distance(engine.state.velocity_next.download(), expected, engine.state.vertices) < 1e-8);
+      }
+  }
+}
+
+TEST_CASE("a moving obstacle pulls alike on every way of assembly", "[solver]")
+{
+  std::vector<std::vector<dvec3>> velocity;
+  for (Assembly assembly : {Assembly::gather, Assembly::algorithm1, Assembly::sorted}) {
+    Engine engine(busy(), options(Preconditioner::block_jacobi, LinearSolver::direct, assembly));
+    engine.run_before("linear solve");
+    REQUIRE(engine.state.contacts > 10);
+    engine.find("linear solve")->run(engine.state);
+    velocity.push_back(engine.state.velocity_next.download());
+  }
+  for (std::size_t k = 1; k < velocity.size(); ++k) {
+    double most = 0;
+    for (std::size_t i = 0; i < velocity[0].size(); ++i) most = std::max(most, (eigen(velocity[k][i]) - eigen(velocity[0][i])).norm());
+    INFO("assembly " << k << " differs from gather by " << most << " m/s");
+    CHECK(most < 1e-8);
+  }
+}
+
+TEST_CASE("all solvers take a simulation to the same place", "[solver]")
+{
+  std::vector<std::vector<dvec3>> position;
+  for (int way = 0; way < 4; ++way) {
+    Simulation simulation(uneven(), options(preconditioners[way % 3], way == 3 ? LinearSolver::direct : LinearSolver::conjugate_gradient));
+    for (int i = 0; i < 5; ++i) simulation.step();
+    position.push_back(simulation.positions());
+  }
+  for (int way = 1; way < 4; ++way)
+    for (std::size_t i = 0; i < position[0].size(); ++i)
+      REQUIRE((eigen(position[static_cast<std::size_t>(way)][i]) - eigen(position[0][i])).norm() < 1e-8);
+}
+
+TEST_CASE("the solve in single precision stays near the one in double", "[solver]")
+{
+  std::vector<std::vector<dvec3>> position;
+  for (const char *precision : {"double", "single"}) {
+    Options o = serial();
+    o.precision = precision;
+    o.tolerance = 1e-5;
+    Simulation simulation(meshes::hanging(8), o);
+    for (int i = 0; i < 10; ++i) simulation.step();
+    position.push_back(simulation.positions());
+  }
+  double most = 0;
+  for (std::size_t i = 0; i < position[0].size(); ++i) most = std::max(most, (eigen(position[0][i]) - eigen(position[1][i])).norm());
+  INFO("largest distance " << most << " m");
+  CHECK(most < 1e-4);
+  CHECK(most > 0);
+}
+
+TEST_CASE("Jacobi needs fewer iterations than no preconditioner, block Jacobi no more than Jacobi", "[solver]")
+{
+  int iterations[3];
+  for (int k = 0; k < 3; ++k) {
+    Options o = options(preconditioners[k]);
+    o.tolerance = 1e-6;
+    Simulation simulation(uneven(), o);
+    int sum = 0;
+    for (int i = 0; i < 5; ++i) {
+      simulation.step();
+      sum += simulation.report().iterations;
+    }
+    iterations[k] = sum;
+  }
+  INFO("none " << iterations[0] << ", jacobi " << iterations[1] << ", block jacobi " << iterations[2]);
+  CHECK(iterations[1] < iterations[0]);
+  CHECK(iterations[2] <= iterations[1]);
+}
+
+TEST_CASE("prescribed degrees of freedom are eliminated exactly", "[solver]")
+{
+  Scene scene = meshes::hanging(6);
+  scene.pins[0].motion.velocity = {0.3, -0.2, 0.1};
+  for (LinearSolver solver : {LinearSolver::conjugate_gradient, LinearSolver::direct})
+    for (const char *precision : {"double", "single"}) {
+      Options o = serial();
+      o.solver = solver;
+      o.precision = precision;
+      Engine engine(scene, o);
+      for (int i = 1; i <= 5; ++i) {
+        engine.step();
+        const RigidTransform now = scene.pins[0].motion.at(i * scene.time_step);
+        for (int v : scene.pins[0].vertices) {
+          const dvec3 expected = now.apply(scene.cloths[0].mesh.position[static_cast<std::size_t>(v)]), got = engine.state.position.at(v);
+          CHECK(got.x == expected.x);   // to the bit: no solver, no precision in between
+          CHECK(got.y == expected.y);
+          CHECK(got.z == expected.z);
+        }
+      }
+    }
+}
+
+TEST_CASE("a system that is not positive definite raises SolverError and says the step", "[solver]")
+{
+  for (const char *precision : {"double", "single"})
+    for (Preconditioner preconditioner : preconditioners) {
+      Options o = options(preconditioner);
+      o.precision = precision;
+      o.tolerance = 1e-4;
+      Engine engine(meshes::hanging(6), o);
+      engine.run_before("linear solve");
+      const auto poke = [&](auto &stream) {
+        auto block = stream.download();
+        for (auto &b : block) b.row[0].x = -std::abs(b.row[0].x) * 100;
+        stream.assign(block);
+      };
+      if (engine.state.system32) poke(engine.state.system32->matrix.block); else poke(engine.state.system64->matrix.block);
+      const std::string text = thrown<SolverError>([&] { engine.find("linear solve")->run(engine.state); });
+      INFO(text);
+      CHECK(contains(text, "step 1"));
+    }
+}
+
+TEST_CASE("a system that is not finite raises SolverError", "[solver]")
+{
+  for (LinearSolver solver : {LinearSolver::conjugate_gradient, LinearSolver::direct})
+    for (bool in_matrix : {true, false}) {
+      INFO((solver == LinearSolver::direct ? "direct, " : "conjugate gradient, ") << (in_matrix ? "matrix" : "force"));
+      Engine engine(meshes::hanging(6), options(Preconditioner::block_jacobi, solver));
+      engine.run_before("linear solve");
+      const double nan = std::numeric_limits<double>::quiet_NaN();
+      System<double> &s = engine.state.system<double>();
+      if (in_matrix) {
+        auto block = s.matrix.block.download();
+        block[block.size() / 2].row[1].y = nan;
+        s.matrix.block.assign(block);
+      } else {
+        auto force = s.force.download();
+        force[force.size() / 2].y = nan;
+        s.force.assign(force);
+      }
+      const auto rest = [&] {
+        engine.find("linear solve")->run(engine.state);
+        engine.find("advance positions")->run(engine.state);
+        engine.find("finish step")->run(engine.state);
+      };
+      CHECK_THROWS_AS(rest(), SolverError);
+    }
+}
+
+TEST_CASE("the solve starts from, and stops at, what it reports", "[solver]")
+{
+  Options o = options(Preconditioner::jacobi);
+  o.tolerance = 1e-3;
+  Simulation simulation(uneven(), o);
+  simulation.step();
+  CHECK(simulation.report().residual <= 1e-3);
+  CHECK(simulation.report().iterations > 0);
+  o.max_iterations = 4;
+  o.tolerance = 1e-12;
+  Simulation cut(uneven(), o);
+  cut.step();
+  CHECK(cut.report().iterations == 4);
+}
