@@ -363,6 +363,7 @@ TEST_CASE("a system that is not positive definite raises SolverError and says th
 {
   for (const char *precision : {"double", "single"})
     for (Preconditioner preconditioner : preconditioners) {
+      INFO(precision << ", preconditioner " << static_cast<int>(preconditioner));
       Options o = options(preconditioner);
       o.precision = precision;
       o.tolerance = 1e-4;
@@ -370,12 +371,11 @@ TEST_CASE("a system that is not positive definite raises SolverError and says th
       engine.run_before("linear solve");
       const auto poke = [&](auto &stream) {
         auto block = stream.download();
-        for (auto &b : block) b.row[0].x = -std::abs(b.row[0].x) * 100;
+        for (auto &b : block) b.row[2].z = -std::abs(b.row[2].z) * 100;
         stream.assign(block);
       };
       if (engine.state.system32) poke(engine.state.system32->matrix.block); else poke(engine.state.system64->matrix.block);
       const std::string text = thrown<SolverError>([&] { engine.find("linear solve")->run(engine.state); });
-      INFO(text);
       CHECK(contains(text, "step 1"));
     }
 }

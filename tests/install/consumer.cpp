@@ -1,0 +1,22 @@
+// SPDX-License-Identifier: Apache-2.0
+// One triangle in free fall, through the installed headers: z = -g dt^2 n (n + 1) / 2 for backward Euler.
+#include <cmath>
+#include <cstdio>
+
+#include "cama/simulation.hpp"
+
+int main()
+{
+  cama::Scene scene;
+  cama::Cloth cloth;
+  cloth.name = "triangle";
+  cloth.mesh.position = {{0, 0, 0}, {1, 0, 0}, {0, 1, 0}};
+  cloth.mesh.face = {{0, 1, 2}};
+  cloth.material = cama::Material::fabric("cotton");
+  scene.cloths.push_back(cloth);
+  cama::Simulation simulation(scene);
+  for (int i = 0; i < 10; ++i) simulation.step();
+  const double z = simulation.positions()[0].z, exact = -9.81 * scene.time_step * scene.time_step * 10 * 11 / 2;
+  std::printf("z = %.12f, exact %.12f\n", z, exact);
+  return std::abs(z - exact) < 1e-12 ? 0 : 1;
+}

@@ -1,0 +1,420 @@
+// SPDX-License-Identifier: Apache-2.0
+// Inelastic projection of impacts against dense solutions: projected Gauss-Seidel run to convergence for impulses that only push,
+// Eigen with an active set for the linear system; and what mechanics says of one impact.
+#include "../catch.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <memory>
+#include <random>
+
+#include <Eigen/Dense>
+
+#include "cama/geometry.hpp"
+#include "launch.hpp"
+#include "stages/penetration_handling.hpp"
+
+using namespace cama;
+using Eigen::MatrixXd;
+using Eigen::Vector3d;
+using Eigen::VectorXd;
+using kernels::impact;
+
+namespace {
+
+Vector3d eigen(const dvec3 &v) { return {v.x, v.y, v.z}; }
+
+struct Problem {
+  int cloth = 0;                       // vertices; those behind do not move
+  std::vector<dvec3> position;
+  std::vector<double> inverse_mass;
+  std::vector<impact> impacts;
+
+  VectorXd stacked() const
+  {
+    VectorXd x(3 * position.size());
+    for (std::size_t i = 0; i < position.size(); ++i) x.segment<3>(3 * static_cast<int>(i)) = eigen(position[i]);
+    return x;
+  }
+  MatrixXd jacobian() const
+  {
+    MatrixXd j = MatrixXd::Zero(static_cast<int>(impacts.size()), 3 * static_cast<int>(position.size()));
+    for (std::size_t i = 0; i < impacts.size(); ++i)
+      for (int k = 0; k < 4; ++k)
+        j.block<1, 3>(static_cast<int>(i), 3 * impacts[i].node[k]) += impacts[i].weight[k] * eigen(impacts[i].normal).transpose();
+    return j;
+  }
+  VectorXd mobility() const
+  {
+    VectorXd m(3 * position.size());
+    for (std::size_t i = 0; i < position.size(); ++i) m.segment<3>(3 * static_cast<int>(i)).setConstant(inverse_mass[i]);
+    return m;
+  }
+};
+
+/// Displacements that the stage computes, all vertices.
+VectorXd project(const Problem &p, double target, bool linear, int threads = 1)
+{
+  const auto backend = make_backend("cpu", 0, threads);
+  State state(*backend);
+  state.cloth_vertices = p.cloth;
+  state.vertices = static_cast<int>(p.position.size());
+  state.options.linear_impacts = linear;
+  state.inverse_mass = {*backend, p.inverse_mass};
+  state.impact = {*backend, p.impacts};
+  Stream<dvec3> positions(*backend, p.position);
+  ImpactProjection(*backend).run(state, positions, target);
+  VectorXd moved = -p.stacked();
+  const std::vector<dvec3> after = positions.download();
+  for (std::size_t i = 0; i < after.size(); ++i) moved.segment<3>(3 * static_cast<int>(i)) += eigen(after[i]);
+  return moved;
+}
+
+/// min |dx|_M^2 / 2 with J (x + dx) >= target, by projected Gauss-Seidel on the dual until nothing changes.
+VectorXd quadratic_program(const Problem &p, double target)
+{
+  const MatrixXd j = p.jacobian(), w = p.mobility().asDiagonal() * j.transpose(), s = j * w;
+  const VectorXd c = VectorXd::Constant(j.rows(), target) - j * p.stacked();
+  VectorXd lambda = VectorXd::Zero(j.rows());
+  double change = 1;
+  for (int sweep = 0; sweep < 200000 && change > 1e-15; ++sweep) {
+    change = 0;
+    for (int i = 0; i < j.rows(); ++i) {
+      if (s(i, i) == 0) continue;
+      const double next = std::max(0.0, lambda[i] + (c[i] - s.row(i).dot(lambda)) / s(i, i));
+      change = std::max(change, std::abs(next - lambda[i]) / (1e-300 + lambda.cwiseAbs().maxCoeff()));
+      lambda[i] = next;
+    }
+  }
+  // KKT: nothing pulls, nothing stays violated, what pushes is tight.
+  const VectorXd slack = s * lambda - c;
+  for (int i = 0; i < j.rows(); ++i) {
+    if (s(i, i) == 0) continue;
+    REQUIRE(slack[i] > -1e-9);
+    REQUIRE(std::abs(slack[i] * lambda[i]) < 1e-9);
+  }
+  return w * lambda;
+}
+
+/// The paper's: violated impacts as equations, those that would pull leave, four rounds.
+VectorXd active_set(const Problem &p, double target, double regularisation)
+{
+  const MatrixXd j = p.jacobian(), w = p.mobility().asDiagonal() * j.transpose(), s = j * w;
+  const VectorXd c = VectorXd::Constant(j.rows(), target) - j * p.stacked();
+  std::vector<int> active;
+  for (int i = 0; i < j.rows(); ++i)
+    if (c[i] > 0 && s(i, i) > 0) active.push_back(i);
+  VectorXd lambda;
+  for (int round = 0; round < 4; ++round) {
+    const int n = static_cast<int>(active.size());
+    MatrixXd part(n, n);
+    VectorXd right(n);
+    for (int a = 0; a < n; ++a) {
+      right[a] = c[active[static_cast<std::size_t>(a)]];
+      for (int b = 0; b < n; ++b)
+        part(a, b) = s(active[static_cast<std::size_t>(a)], active[static_cast<std::size_t>(b)]) * (a == b ? 1 + regularisation : 1);
+    }
+    const VectorXd solution = part.ldlt().solve(right);
+    lambda = VectorXd::Zero(j.rows());
+    std::vector<int> kept;
+    for (int a = 0; a < n; ++a)
+      if (solution[a] >= 0) {
+        kept.push_back(active[static_cast<std::size_t>(a)]);
+        lambda[active[static_cast<std::size_t>(a)]] = solution[a];
+      }
+    if (kept.size() == active.size()) break;
+    active = kept;
+  }
+  return w * lambda;
+}
+
+/// Displacement measured by what it costs, sum m |dx|^2.
+double cost(const Problem &p, const VectorXd &dx)
+{
+  double sum = 0;
+  for (std::size_t i = 0; i < p.position.size(); ++i)
+    if (p.inverse_mass[i] > 0) sum += dx.segment<3>(3 * static_cast<int>(i)).squaredNorm() / p.inverse_mass[i];
+  return std::sqrt(sum);
+}
+
+class Maker {
+public:
+  explicit Maker(unsigned seed) : random_(seed) {}
+  double normal() { return normal_(random_); }
+  double fraction() { return std::uniform_real_distribution<double>(0, 1)(random_); }
+  dvec3 vector() { return {normal(), normal(), normal()}; }
+
+  /// Vertices of uneven mass, the last two of which do not move; a fifth of the cloth is pinned.
+  Problem vertices(int cloth)
+  {
+    Problem p;
+    p.cloth = cloth;
+    for (int i = 0; i < cloth + 2; ++i) {
+      p.position.push_back(vector());
+      p.inverse_mass.push_back(i >= cloth || i % 5 == 4 ? 0.0 : std::exp(normal()));
+    }
+    return p;
+  }
+  /// `apart`: no vertex is in two impacts.
+  void add(Problem &p, int count, bool apart)
+  {
+    const int n = static_cast<int>(p.position.size());
+    for (int i = 0; i < count; ++i) {
+      impact m{};
+      for (int k = 0; k < 4;) {
+        m.node[k] = apart ? 4 * i + k : static_cast<int>(random_() % static_cast<unsigned>(n));
+        if (std::find(m.node, m.node + k, m.node[k]) == m.node + k) ++k;
+      }
+      const double s = fraction(), t = fraction() * (1 - s);
+      m.kind = i % 2;
+      if (m.kind == 0) { m.weight[0] = 1; m.weight[1] = s + t - 1; m.weight[2] = -s; m.weight[3] = -t; }
+      else { const double u = fraction(); m.weight[0] = 1 - s; m.weight[1] = s; m.weight[2] = u - 1; m.weight[3] = -u; }
+      m.normal = kernels::dnormalize(vector());
+      p.impacts.push_back(m);
+    }
+  }
+
+private:
+  std::mt19937 random_;
+  std::normal_distribution<double> normal_;
+};
+
+/// The vertex-face (0) or edge-edge (1) impact on the way x -> y, if there is one: weights and normal at its time.
+std::vector<impact> find(const std::vector<dvec3> &x, const std::vector<dvec3> &y, int kind, double minimum)
+{
+  std::vector<impact> found;
+  const std::array<dvec3, 4> start{x[0], x[1], x[2], x[3]}, end{y[0], y[1], y[2], y[3]};
+  const Ccd ccd = kind == 0 ? vertex_face_ccd(start, end, minimum) : edge_edge_ccd(start, end, minimum);
+  if (!ccd.hit) return found;
+  impact m{};
+  std::array<dvec3, 4> at;
+  for (std::size_t k = 0; k < 4; ++k) at[k] = kernels::dlerp(x[k], y[k], ccd.time);
+  const kernels::proximity p = kind == 0 ? kernels::vertex_face_proximity(at[0], at[1], at[2], at[3]) : kernels::edge_edge_proximity(at[0], at[1], at[2], at[3]);
+  for (int k = 0; k < 4; ++k) { m.node[k] = k; m.weight[k] = p.weight[k]; }
+  m.kind = kind;
+  m.normal = p.normal;
+  found.push_back(m);
+  return found;
+}
+
+impact between(int a, int b, dvec3 normal)
+{
+  impact m{};
+  m.node[0] = a; m.node[1] = b; m.node[2] = 2; m.node[3] = 3;
+  m.weight[0] = 1; m.weight[1] = -1;
+  m.normal = normal;
+  return m;
+}
+
+}  // namespace
+
+TEST_CASE("impulses that only push equal the quadratic program on small random systems", "[impact]")
+{
+  double worst = 0;
+  for (unsigned seed = 0; seed < 60; ++seed) {
+    Maker maker(seed);
+    Problem p = maker.vertices(10 + static_cast<int>(seed % 20));
+    maker.add(p, 2 + static_cast<int>(seed % 9), false);
+    const VectorXd expected = quadratic_program(p, 0.05), got = project(p, 0.05, false);
+    const double error = cost(p, got - expected) / std::max(1e-12, cost(p, expected));
+    INFO("seed " << seed);
+    CHECK(error < 0.01);   // it stops at a relative change of 1e-3
+    worst = std::max(worst, error);
+  }
+  INFO("largest relative error " << worst);
+  CHECK(worst > 0);
+}
+
+TEST_CASE("what pushes leaves no impact violated by more than the tolerance", "[impact]")
+{
+  for (unsigned seed = 100; seed < 120; ++seed) {
+    Maker maker(seed);
+    Problem p = maker.vertices(40);
+    maker.add(p, 12, false);
+    const VectorXd moved = p.stacked() + project(p, 0.01, false);
+    const VectorXd before = p.jacobian() * p.stacked(), after = p.jacobian() * moved;
+    const double violated = (VectorXd::Constant(12, 0.01) - before).maxCoeff();
+    for (int i = 0; i < 12; ++i) {
+      INFO("seed " << seed << ", impact " << i);
+      if ((p.jacobian() * p.mobility().asDiagonal() * p.jacobian().transpose())(i, i) > 0) CHECK(after[i] > 0.01 - 0.02 * violated);
+    }
+  }
+}
+
+TEST_CASE("the linear system equals Eigen on impacts apart from each other, and with its active set on others", "[impact]")
+{
+  for (unsigned seed = 0; seed < 40; ++seed) {
+    Maker maker(seed);
+    const bool apart = seed % 2;
+    Problem p = maker.vertices(30);
+    maker.add(p, 7, apart);
+    const VectorXd expected = active_set(p, 0.05, 1e-6), got = project(p, 0.05, true);
+    INFO("seed " << seed);
+    CHECK(cost(p, got - expected) <= 2e-3 * cost(p, expected) + 1e-12);   // residual 1e-4
+    if (apart) CHECK(cost(p, got - quadratic_program(p, 0.05)) <= 1e-5 * cost(p, expected) + 1e-12);
+  }
+}
+
+TEST_CASE("an impact of two masses ends with the common velocity of the centre of mass", "[impact]")
+{
+  const double dt = 0.01;
+  const dvec3 n{0, 0, 1};
+  for (bool linear : {false, true})
+    for (double ratio : {1.0, 3.0, 100.0}) {
+      INFO((linear ? "linear, " : "pushing, ") << "mass ratio " << ratio);
+      Problem p;
+      p.cloth = 4;
+      const Vector3d v1(0.3, 0, -2), v2(-0.1, 0.2, 1);
+      p.position = {{v1.x() * dt, v1.y() * dt, v1.z() * dt}, {v2.x() * dt, v2.y() * dt, v2.z() * dt}, {1, 0, 0}, {0, 1, 0}};
+      p.inverse_mass = {1.0, ratio, 1.0, 1.0};   // m1 = 1, m2 = 1 / ratio
+      p.impacts = {between(0, 1, n)};
+      const VectorXd dx = project(p, 0, linear);
+      const double common = (v1.z() + v2.z() / ratio) / (1 + 1 / ratio), tolerance = linear ? 1e-5 : 3e-3;
+      CHECK(std::abs(v1.z() + dx[2] / dt - common) < tolerance);
+      CHECK(std::abs(v2.z() + dx[5] / dt - common) < tolerance);
+      CHECK(dx[0] == 0);   // along the normal only
+      CHECK(dx[4] == 0);
+      CHECK(dx.tail(6).norm() == 0);
+      if (ratio == 1) CHECK(std::abs(v1.z() + dx[2] / dt - 0.5 * (v1.z() + v2.z())) < tolerance);
+    }
+}
+
+TEST_CASE("impacts that separate already are left alone", "[impact]")
+{
+  Problem p;
+  p.cloth = 4;
+  p.position = {{0, 0, 1}, {0, 0, 0}, {1, 0, 0}, {0, 1, 0}};
+  p.inverse_mass.assign(4, 1.0);
+  p.impacts = {between(0, 1, {0, 0, 1})};
+  for (bool linear : {false, true}) CHECK(project(p, 0.1, linear).norm() == 0);
+}
+
+TEST_CASE("impacts between what cannot move change nothing and break nothing", "[impact]")
+{
+  Problem p;
+  p.cloth = 2;
+  p.position = {{0, 0, -1}, {0, 0, 0}, {1, 0, -3}, {0, 1, 0}};
+  p.inverse_mass.assign(4, 0.0);
+  p.impacts = {between(0, 1, {0, 0, 1}), between(2, 3, {0, 0, 1})};
+  for (bool linear : {false, true}) CHECK(project(p, 0, linear).norm() == 0);
+}
+
+TEST_CASE("momentum is conserved to rounding by any set of impacts of free vertices", "[impact]")
+{
+  for (unsigned seed = 0; seed < 20; ++seed) {
+    Maker maker(seed);
+    Problem p = maker.vertices(25);
+    for (double &m : p.inverse_mass) m = std::exp(maker.normal());
+    p.cloth = static_cast<int>(p.position.size());
+    maker.add(p, 9, false);
+    for (bool linear : {false, true}) {
+      const VectorXd dx = project(p, 0.1, linear);
+      Vector3d momentum(0, 0, 0);
+      double size = 0;
+      for (std::size_t i = 0; i < p.position.size(); ++i) {
+        const Vector3d part = dx.segment<3>(3 * static_cast<int>(i)) / p.inverse_mass[i];
+        momentum += part;
+        size += part.norm();
+      }
+      REQUIRE(size > 0);
+      CHECK(momentum.norm() < 1e-14 * size);
+    }
+  }
+}
+
+TEST_CASE("angular momentum is conserved to rounding by an impact as detection finds it", "[impact]")
+{
+  int hits = 0;
+  for (unsigned seed = 0; seed < 400 && hits < 60; ++seed) {
+    Maker maker(seed);
+    const int kind = static_cast<int>(seed % 2);
+    std::vector<dvec3> x, y;
+    if (kind == 0) x = {{0.3, 0.3, 0.5}, {0, 0, 0}, {1, 0, 0}, {0, 1, 0}};
+    else x = {{-1, 0, 0.5}, {1, 0, 0.5}, {0, -1, 0}, {0, 1, 0}};
+    for (int k = 0; k < 4; ++k) {
+      const bool above = kind == 0 ? k == 0 : k < 2;
+      x[static_cast<std::size_t>(k)] = kernels::daxpy(x[static_cast<std::size_t>(k)], 0.1, maker.vector());
+      y.push_back(kernels::dadd(kernels::daxpy(x[static_cast<std::size_t>(k)], 0.2, maker.vector()), {0, 0, above ? -1.0 : 0.2}));
+    }
+    Problem p;
+    p.cloth = 4;
+    p.position = y;
+    p.impacts = find(x, y, kind, 1e-3);
+    if (p.impacts.empty()) continue;
+    ++hits;
+    for (int k = 0; k < 4; ++k) p.inverse_mass.push_back(std::exp(maker.normal()));
+    const VectorXd dx = project(p, 0.01, seed % 4 < 2);
+    // Moments about where the vertices are at the time of impact: that is where the impulse acts.
+    const std::array<dvec3, 4> start{x[0], x[1], x[2], x[3]}, end{y[0], y[1], y[2], y[3]};
+    const double time = kind == 0 ? vertex_face_ccd(start, end, 1e-3).time : edge_edge_ccd(start, end, 1e-3).time;
+    Vector3d linear(0, 0, 0), angular(0, 0, 0);
+    double size = 0;
+    for (std::size_t k = 0; k < 4; ++k) {
+      const Vector3d impulse = dx.segment<3>(3 * static_cast<int>(k)) / p.inverse_mass[k];
+      linear += impulse;
+      angular += eigen(kernels::dlerp(x[k], y[k], time)).cross(impulse);
+      size += impulse.norm();
+    }
+    INFO("seed " << seed);
+    REQUIRE(size > 0);
+    CHECK(linear.norm() < 1e-14 * size);
+    CHECK(angular.norm() < 1e-12 * size);
+  }
+  CHECK(hits >= 30);
+}
+
+TEST_CASE("duplicate and nearly duplicate impacts change nothing", "[impact]")
+{
+  Maker maker(3);
+  Problem p = maker.vertices(12);
+  maker.add(p, 4, false);
+  const VectorXd alone = quadratic_program(p, 0.05);
+  Problem many = p;
+  for (int copy = 0; copy < 50; ++copy)
+    for (const impact &m : p.impacts) {
+      impact other = m;
+      if (copy % 2) other.normal = kernels::dnormalize(kernels::daxpy(m.normal, 1e-9, maker.vector()));
+      many.impacts.push_back(other);
+    }
+  const VectorXd pushed = project(many, 0.05, false);
+  CHECK(cost(p, pushed - alone) < 0.05 * cost(p, alone));
+  for (bool linear : {false, true}) {
+    const VectorXd dx = project(many, 0.05, linear);
+    REQUIRE(dx.allFinite());
+    CHECK(cost(p, dx) < 2 * cost(p, alone));   // nothing blows up
+  }
+}
+
+TEST_CASE("the projection is the same for any number of threads", "[impact]")
+{
+  Maker maker(8);
+  Problem p = maker.vertices(3000);
+  maker.add(p, 2500, false);
+  for (bool linear : {false, true}) {
+    const VectorXd one = project(p, 0.01, linear, 1), seven = project(p, 0.01, linear, 7);
+    CHECK((one.array() == seven.array()).all());
+  }
+}
+
+TEST_CASE("lists grow from nothing: impacts by the thousand after none", "[impact]")
+{
+  const auto backend = make_backend("cpu", 0, 1);
+  State state(*backend);
+  state.impact = Stream<impact>(*backend, 1);
+  ImpactProjection stage(*backend);
+  for (int count : {1, 0, 700, 3}) {
+    Maker maker(9);
+    Problem p = maker.vertices(900);
+    maker.add(p, count, false);
+    state.cloth_vertices = p.cloth;
+    state.vertices = static_cast<int>(p.position.size());
+    state.inverse_mass = {*backend, p.inverse_mass};
+    state.impact.assign(p.impacts);
+    Stream<dvec3> positions(*backend, p.position);
+    stage.run(state, positions, 0.01);
+    const std::vector<dvec3> after = positions.download();
+    const VectorXd fresh = project(p, 0.01, false);
+    for (std::size_t i = 0; i < after.size(); ++i)
+      REQUIRE((eigen(after[i]) - eigen(p.position[i]) - fresh.segment<3>(3 * static_cast<int>(i))).norm() == 0);
+  }
+}
