@@ -25,11 +25,17 @@ DEVICE tree_node tree_root(int leaf_count)
 /* Next leaf at or after `node` whose box overlaps b, in depth-first order; its level is -1 when there is none. */
 DEVICE tree_node tree_find(tree_node node, int leaf_count, GLOBAL const box *node_box, box b)
 {
+  int last = leaf_count - 1, offset = tree_level_offset(leaf_count, node.level); /* follows node.level from here on */
   while (tree_inside(node, leaf_count)) {
-    if (box_overlap(b, node_box[tree_level_offset(leaf_count, node.level) + node.index])) {
+    if (box_overlap(b, node_box[offset + node.index])) {
       if (node.level == 0) return node;
       node = tree_child(node);
-    } else node = tree_next(node);
+      offset -= (last >> node.level) + 1;
+    } else {
+      int level = node.level;
+      node = tree_next(node);
+      for (; level < node.level; ++level) offset += (last >> level) + 1;
+    }
   }
   node.level = -1;
   return node;

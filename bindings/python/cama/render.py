@@ -147,7 +147,7 @@ class Stage:
             body += [positions[p.vertices] for p in self._recording.obstacles]
         cloth = np.concatenate(cloth or body)
         low, high = np.percentile(cloth, 0.2, axis=0), np.percentile(cloth, 99.8, axis=0)
-        reach = 0.25 * np.linalg.norm(high - low)
+        reach = 0.4 * np.linalg.norm(high - low)
         body = np.concatenate(body or [cloth])
         near = ((body > low - reach) & (body < high + reach)).all(axis=1)
         return np.concatenate([cloth[((cloth >= low) & (cloth <= high)).all(axis=1)], body[near][:: max(1, near.sum() // 20000)]])
@@ -174,10 +174,11 @@ class Stage:
     def _add_lights(self, seen):
         pv = self._pyvista
         center = (seen.min(axis=0) + seen.max(axis=0)) / 2
-        for direction, color, intensity in (((-0.35, -1.0, 1.15), "#fff6ea", 0.78), ((1.4, -0.5, 0.5), "#eaf1ff", 0.36),
-                                            ((-1.2, 0.9, 0.7), "#ffffff", 0.30)):
+        for direction, color, intensity in (((-0.35, -1.0, 1.15), "#fff6ea", 0.66), ((1.4, -0.5, 0.5), "#eaf1ff", 0.28),
+                                            ((-1.2, 0.9, 0.7), "#ffffff", 0.24)):
             self._plotter.add_light(pv.Light(position=center + 10 * self._reach * np.array(direction), focal_point=center,
                                              color=color, intensity=intensity, light_type="scene light"))
+        self._plotter.add_light(pv.Light(light_type="headlight", intensity=0.30))
 
     def _add_camera(self, seen, azimuth, elevation, aspect):
         camera = self._plotter.camera

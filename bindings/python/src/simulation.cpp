@@ -95,6 +95,7 @@ py::dict to_dict(const StepReport &r)
   d["time"] = r.time;
   d["contacts"] = r.contacts;
   d["candidates"] = r.candidates;
+  d["searches"] = r.searches;
   d["impacts"] = r.impacts;
   d["impact_passes"] = r.impact_passes;
   d["truncated"] = r.truncated;

@@ -50,6 +50,7 @@ struct StepReport {
   double time = 0;                        ///< s, at the end of the step
   int contacts = 0;                       ///< proximity contacts in the matrix
   int candidates = 0;                     ///< pairs examined
+  int searches = 0;                       ///< candidate searches: more than one where motion left the boxes of the first
   int impacts = 0;                        ///< found by continuous detection in the first pass
   int impact_passes = 0;
   int truncated = 0;                      ///< vertices whose motion the commit cut

@@ -91,6 +91,7 @@ void CandidateSearch::run(State &state, const Stream<dvec3> &from, const Stream<
   finish(state.edges, state.edge_edge);
   CAMA_LAUNCH(b, query_edge_edge_fill, state.edges, state.edge_order, state.edge_tree, state.edge, state.cloth_vertices, self, slots,
               slot_, count_, offset_, state.edge_edge.pairs);
+  ++state.report.searches;
   state.report.candidates = state.vertex_face.pairs.size() + state.edge_edge.pairs.size();
 }
 
