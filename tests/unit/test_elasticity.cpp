@@ -3,6 +3,7 @@
 // against ARCSim's printed samples.
 #include "../catch.hpp"
 
+#include <algorithm>
 #include <cmath>
 #include <fstream>
 #include <map>

@@ -3,8 +3,10 @@
 // ARCSim's conventions chosen: bending sampled at the signed curvature, wind on the area at rest.
 #include "../catch.hpp"
 
+#include <algorithm>
 #include <cmath>
 #include <fstream>
+#include <map>
 #include <string>
 
 #include <nlohmann/json.hpp>

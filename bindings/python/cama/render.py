@@ -129,7 +129,7 @@ class Stage:
         vertices = positions[part.vertices]
         surface = pv.PolyData(vertices, np.column_stack([np.full(len(part.faces), 3), part.faces]).ravel())
         surface.point_data.active_normals = smooth_normals(vertices, part.faces)
-        look = dict(ambient=0.30, diffuse=0.80, specular=0.10 if cloth else 0.16, specular_power=14 if cloth else 24)
+        look = dict(ambient=0.36, diffuse=0.80, specular=0.10 if cloth else 0.16, specular_power=14 if cloth else 24)
         back = None
         if cloth:
             rgb = np.array(pv.Color(color).float_rgb)
@@ -174,11 +174,11 @@ class Stage:
     def _add_lights(self, seen):
         pv = self._pyvista
         center = (seen.min(axis=0) + seen.max(axis=0)) / 2
-        for direction, color, intensity in (((-0.35, -1.0, 1.15), "#fff6ea", 0.66), ((1.4, -0.5, 0.5), "#eaf1ff", 0.28),
+        for direction, color, intensity in (((-0.35, -1.0, 1.15), "#fff6ea", 0.52), ((1.4, -0.5, 0.5), "#eaf1ff", 0.28),
                                             ((-1.2, 0.9, 0.7), "#ffffff", 0.24)):
             self._plotter.add_light(pv.Light(position=center + 10 * self._reach * np.array(direction), focal_point=center,
                                              color=color, intensity=intensity, light_type="scene light"))
-        self._plotter.add_light(pv.Light(light_type="headlight", intensity=0.30))
+        self._plotter.add_light(pv.Light(light_type="headlight", intensity=0.50))
 
     def _add_camera(self, seen, azimuth, elevation, aspect):
         camera = self._plotter.camera

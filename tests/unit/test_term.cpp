@@ -1,0 +1,217 @@
+// SPDX-License-Identifier: Apache-2.0
+// Terms of the system that are not elements of the cloth: contacts, friction and stitches, against plane and line distances, finite
+// differences and Coulomb's law for one mass.
+#include "../catch.hpp"
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <random>
+
+#include <Eigen/Dense>
+
+#include "kernels.hpp"
+
+using namespace cama;
+using namespace cama::kernels;
+
+namespace {
+
+using Vector = Eigen::Vector3d;
+using Corners = std::array<Vector, 4>;
+using Term = Types<double>::term;
+using Matrix12 = Eigen::Matrix<double, 12, 12>;
+
+dvec3 to_dvec3(const Vector &v) { return {v[0], v[1], v[2]}; }
+
+class Random {
+public:
+  explicit Random(unsigned seed) : engine_(seed) {}
+  double operator()(double lo, double hi) { return std::uniform_real_distribution<double>(lo, hi)(engine_); }
+  Vector vector(double size) { return Vector((*this)(-size, size), (*this)(-size, size), (*this)(-size, size)); }
+
+private:
+  std::mt19937 engine_;
+};
+
+/// A pair closer than its thickness whose closest points lie inside its features: the vertex over the face, or the edges crossing.
+Corners close_pair(Random &random, int kind)
+{
+  const Eigen::Matrix3d turn = Eigen::Quaterniond(random(-1, 1), random(-1, 1), random(-1, 1), random(-1, 1)).normalized().toRotationMatrix();
+  const Vector shift = random.vector(1);
+  const double gap = random(1e-4, 9e-4) * (random(0, 1) < 0.5 ? 1 : -1);
+  Corners x;
+  if (kind == 0) x = {Vector(0.001, 0.002, gap), Vector(-0.02, -0.01, 0), Vector(0.02, -0.012, 0), Vector(0.001, 0.02, 0)};
+  else x = {Vector(-0.01, random(-2e-3, 2e-3), gap), Vector(0.013, random(-2e-3, 2e-3), gap), Vector(1e-3, -0.012, 0), Vector(2e-3, 0.01, 0)};
+  for (Vector &p : x) p = turn * p + shift;
+  return x;
+}
+
+/// Distance of a point from a plane, or of two lines.
+double reference_distance(int kind, const Corners &x)
+{
+  if (kind == 0) return std::abs((x[0] - x[1]).dot((x[2] - x[1]).cross(x[3] - x[1]).normalized()));
+  return std::abs((x[2] - x[0]).dot((x[1] - x[0]).cross(x[3] - x[2]).normalized()));
+}
+
+constexpr double thickness = 1e-3, stiffness = 10, time_step = 1.0 / 200;
+
+/// The contact of a pair of free vertices, and its term; `velocity`: free velocities.
+void make_terms(int kind, const Corners &x, double friction, const std::array<Vector, 4> &velocity, double mass, contact &c, Term &t)
+{
+  dvec3 position[4], free_velocity[4];
+  double inverse_mass[4];
+  c = contact{};
+  for (int a = 0; a < 4; ++a) {
+    position[a] = to_dvec3(x[a]);
+    free_velocity[a] = to_dvec3(velocity[a]);
+    inverse_mass[a] = 1 / mass;
+    c.node[a] = a;
+  }
+  const proximity p = pair_proximity(kind, {{0, 1, 2, 3}}, position);
+  REQUIRE(p.interior);
+  std::copy(p.weight, p.weight + 4, c.weight);
+  c.kind = kind;
+  c.normal = p.normal;
+  c.distance = p.distance;
+  c.thickness = thickness;
+  c.stiffness = stiffness;
+  c.friction = friction;
+  f64::make_contact_terms(1, &c, inverse_mass, free_velocity, time_step, &t);
+}
+
+Matrix12 matrix(const Term &t, int form)
+{
+  Matrix12 m;
+  for (int a = 0; a < 4; ++a)
+    for (int b = 0; b < 4; ++b) {
+      const auto block = f64::term_block(t, form, a, b);
+      for (int r = 0; r < 3; ++r) m.block<1, 3>(3 * a + r, 3 * b) << block.row[r].x, block.row[r].y, block.row[r].z;
+    }
+  return m;
+}
+
+double lowest_eigenvalue(const Matrix12 &m)
+{
+  return Eigen::SelfAdjointEigenSolver<Matrix12>(m, Eigen::EigenvaluesOnly).eigenvalues()[0];
+}
+
+}  // namespace
+
+TEST_CASE("contact forces are the negative gradient of the penalty energy", "[term]")
+{
+  Random random(1);
+  double worst = 0;
+  for (int n = 0; n < 1000; ++n) {
+    const int kind = n % 2;
+    const Corners x = close_pair(random, kind);
+    contact c;
+    Term t;
+    make_terms(kind, x, 0, {Vector::Zero(), Vector::Zero(), Vector::Zero(), Vector::Zero()}, 1e-4, c, t);
+    REQUIRE(c.distance == Approx(reference_distance(kind, x)).epsilon(1e-9));
+    const auto energy = [&](const Corners &y) {
+      const double d = reference_distance(kind, y) - thickness;
+      return 0.5 * c.stiffness * d * d;
+    };
+    Vector sum = Vector::Zero();
+    double off = 0, scale = 0;
+    for (int a = 0; a < 4; ++a) {
+      const Vector force = t.weight[a] * t.push / time_step * Vector(t.normal.x, t.normal.y, t.normal.z);
+      Vector expected;
+      for (int k = 0; k < 3; ++k) {
+        const auto at = [&](double s) { Corners y = x; y[a][k] += s; return energy(y); };
+        const double h = 1e-6;
+        expected[k] = -(8 * (at(h) - at(-h)) - (at(2 * h) - at(-2 * h))) / (12 * h);
+      }
+      off = std::max(off, (force - expected).norm());
+      scale = std::max(scale, expected.norm());
+      sum += force;
+    }
+    worst = std::max(worst, off / scale);
+    REQUIRE(sum.norm() <= 1e-12 * scale);
+  }
+  CAPTURE(worst);
+  CHECK(worst < 1e-6);
+}
+
+TEST_CASE("contact matrices are symmetric, positive semidefinite and blind to translation, in both forms, with friction", "[term]")
+{
+  Random random(2);
+  for (int n = 0; n < 1000; ++n) {
+    const int kind = n % 2;
+    const Corners x = close_pair(random, kind);
+    contact c;
+    Term t;
+    make_terms(kind, x, random(0, 1), {random.vector(1), random.vector(1), random.vector(1), random.vector(1)}, 1e-4, c, t);
+    for (int form : {FORM_RANK_ONE, FORM_STAR}) {
+      const Matrix12 m = matrix(t, form);
+      const double scale = m.cwiseAbs().maxCoeff();
+      REQUIRE((m - m.transpose()).cwiseAbs().maxCoeff() <= 1e-14 * scale);
+      REQUIRE(lowest_eigenvalue(m) >= -1e-13 * scale);
+      Eigen::Matrix<double, 12, 1> shift;
+      shift << 1, 2, 3, 1, 2, 3, 1, 2, 3, 1, 2, 3;
+      REQUIRE((m * shift).norm() <= 1e-12 * scale);
+    }
+    // Without friction the rank-one form is dt^2 k (w n)(w n)', the Gauss-Newton part of the energy's Hessian.
+    t.along += t.around;
+    t.around = 0;
+    Eigen::Matrix<double, 12, 1> g;
+    for (int a = 0; a < 4; ++a) g.segment<3>(3 * a) = t.weight[a] * Vector(t.normal.x, t.normal.y, t.normal.z);
+    REQUIRE((matrix(t, FORM_RANK_ONE) - time_step * time_step * c.stiffness * g * g.transpose()).cwiseAbs().maxCoeff() <= 1e-12 * t.along);
+  }
+}
+
+TEST_CASE("friction of one contact obeys Coulomb's law over a backward Euler step", "[term]")
+{
+  // A mass m with free speed s and damping phi ends at v = s / (1 + phi dt / m); the friction was phi v.
+  Random random(3);
+  for (int n = 0; n < 2000; ++n) {
+    const double mass = std::pow(10, random(-6, -3)), normal = mass * random(0, 100), mu = random(0, 1), speed = std::pow(10, random(-6, 1));
+    const double phi = f64::friction_damping(mu, normal, speed, mass, time_step);
+    const double after = speed / (1 + phi * time_step / mass), force = phi * after, stopping = speed * mass / time_step;
+    REQUIRE(phi >= 0);
+    REQUIRE(force <= mu * normal * (1 + 1e-9) + 1e-300);
+    if (stopping <= mu * normal) REQUIRE(after <= speed / 1000);                             // sticks
+    else if (after > speed / 500) REQUIRE(force == Approx(mu * normal).epsilon(1e-9));       // slides at the cone
+  }
+  CHECK(f64::friction_damping(0.0, 1.0, 1.0, 1.0, time_step) == 0.0);
+  CHECK(f64::friction_damping(1.0, 0.0, 1.0, 1.0, time_step) == 0.0);
+}
+
+TEST_CASE("a stitch pulls with the gradient of its energy and its matrix is the exact Hessian", "[term]")
+{
+  Random random(4);
+  for (int n = 0; n < 200; ++n) {
+    dvec3 x[3];
+    for (dvec3 &p : x) p = to_dvec3(random.vector(0.1));
+    const stitch s{{0, 1, 2}, random(0, 1), random(1, 2000)};
+    const auto term_of = [&](const dvec3 *y) {
+      Term t;
+      f64::make_stitch_terms(1, &s, y, time_step, 0, &t);
+      return t;
+    };
+    const auto energy = [&](const dvec3 *y) {
+      const Vector gap(y[0].x - (1 - s.ratio) * y[1].x - s.ratio * y[2].x, y[0].y - (1 - s.ratio) * y[1].y - s.ratio * y[2].y,
+                       y[0].z - (1 - s.ratio) * y[1].z - s.ratio * y[2].z);
+      return 0.5 * s.stiffness * gap.squaredNorm();
+    };
+    const Term t = term_of(x);
+    const Matrix12 m = matrix(t, FORM_RANK_ONE) / (time_step * time_step);
+    const auto shifted = [&](int i, double h) {
+      std::array<dvec3, 3> y{x[0], x[1], x[2]};
+      (&y[static_cast<std::size_t>(i / 3)].x)[i % 3] += h;
+      return y;
+    };
+    const auto force = [&](const Term &of, int i) {
+      const double normal[3] = {of.normal.x, of.normal.y, of.normal.z};
+      return of.weight[i / 3] * of.push / time_step * normal[i % 3];
+    };
+    const double h = 1e-3, scale = s.stiffness * 0.1;
+    for (int i = 0; i < 9; ++i) {
+      const auto p = shifted(i, h), q = shifted(i, -h);
+      REQUIRE(std::abs(force(t, i) + (energy(p.data()) - energy(q.data())) / (2 * h)) <= 1e-9 * scale);   // quadratic: exact
+      for (int j = 0; j < 9; ++j)
+        REQUIRE(std::abs(m(j, i) + (force(term_of(p.data()), j) - force(term_of(q.data()), j)) / (2 * h)) <= 1e-9 * s.stiffness);
+    }
+  }
+}
