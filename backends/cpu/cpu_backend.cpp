@@ -98,9 +98,11 @@ public:
   void launch(const KernelKey &kernel, int n, const Argument *arguments, int) override
   {
     ++launches_;
+    const int callers = omp_get_max_threads();
     omp_set_num_threads(threads_);
     const Entry &entry = entries[kernel.index];
     (kernel.precision == Precision::none ? entry.once : kernel.precision == Precision::f32 ? entry.f32 : entry.f64)(n, arguments);
+    omp_set_num_threads(callers);
   }
 
   void scan(Buffer from, Buffer to, int n) override

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* Sparse matrix assembly to BCSR with 3x3 blocks (paper, section 3.2, Algorithm 1). Rows and columns are cloth vertices:
-   [0, rows). Elements are element_nodes; coupling FORM_STAR leaves out pairs on the same side (weights of one sign). */
+   [0, rows); columns may be prescribed vertices too, so that moving obstacles act on the cloth. Elements are element_nodes; coupling FORM_STAR leaves out pairs on the same side (weights of one sign). */
 
 DEVICE int in_matrix(int node, int rows) { return node >= 0 && node < rows; }
 
@@ -16,7 +16,7 @@ KERNEL count_entries(int n, GLOBAL const element_nodes *nodes, GLOBAL const int 
     for (a = 0; a < 4; ++a)
       if (in_matrix(nodes[i].node[a], rows)) {
         int entries = 0;
-        for (b = 0; b < 4; ++b) entries += in_matrix(nodes[i].node[b], rows) && couples(split[i], a, b);
+        for (b = 0; b < 4; ++b) entries += nodes[i].node[b] >= 0 && couples(split[i], a, b);
         atomic_add_int(&count[nodes[i].node[a]], entries);
       }
   }
@@ -32,7 +32,7 @@ KERNEL fill_entries(int n, GLOBAL const element_nodes *nodes, GLOBAL const int *
     for (a = 0; a < 4; ++a)
       if (in_matrix(nodes[i].node[a], rows))
         for (b = 0; b < 4; ++b)
-          if (in_matrix(nodes[i].node[b], rows) && couples(split[i], a, b)) {
+          if (nodes[i].node[b] >= 0 && couples(split[i], a, b)) {
             int s = nodes[i].node[a];
             index[space[s] + atomic_add_int(&cursor[s], 1)] = nodes[i].node[b];
           }
@@ -64,7 +64,6 @@ KERNEL reduce_entries(int n, GLOBAL const int *space, GLOBAL const int *index, G
 }
 
 /* One entry per row: vertices that no element touches keep their diagonal. */
-KERNEL seed_diagonal(int n, GLOBAL int *count) { FOR_EACH(i, n) { count[i] = 1; } }
 KERNEL fill_diagonal(int n, GLOBAL const int *space, GLOBAL int *cursor, GLOBAL int *index)
 {
   FOR_EACH(i, n) { index[space[i]] = i; cursor[i] = 1; }
@@ -92,7 +91,7 @@ KERNEL locate_slots(int n, GLOBAL const int *incidence_row, GLOBAL const int *in
       int e = incidence[k] >> 2, a = incidence[k] & 3;
       for (b = 0; b < 4; ++b) {
         int t = nodes[e].node[b];
-        slot[4 * k + b] = in_matrix(t, n) && couples(split[e], a, b) ? locate(row, column, i, t) : -1;
+        slot[4 * k + b] = t >= 0 && couples(split[e], a, b) ? locate(row, column, i, t) : -1;
       }
     }
   }
@@ -165,7 +164,7 @@ KERNEL scatter_triangles(int n, GLOBAL const element_nodes *nodes, GLOBAL const 
     int a, b;
     for (a = 0; a < 3; ++a)
       for (b = 0; b < 3; ++b)
-        if (in_matrix(nodes[i].node[a], rows) && in_matrix(nodes[i].node[b], rows))
+        if (in_matrix(nodes[i].node[a], rows) && nodes[i].node[b] >= 0)
           atomic_add_block(&block[locate(row, column, nodes[i].node[a], nodes[i].node[b])], triangle_block(factor[i], a, b));
   }
 }
@@ -177,7 +176,7 @@ KERNEL scatter_hinges(int n, GLOBAL const element_nodes *nodes, GLOBAL const hin
     int a, b;
     for (a = 0; a < 4; ++a)
       for (b = 0; b < 4; ++b)
-        if (in_matrix(nodes[i].node[a], rows) && in_matrix(nodes[i].node[b], rows))
+        if (in_matrix(nodes[i].node[a], rows) && nodes[i].node[b] >= 0)
           atomic_add_block(&block[locate(row, column, nodes[i].node[a], nodes[i].node[b])], hinge_block(factor[i], a, b));
   }
 }
@@ -189,7 +188,7 @@ KERNEL scatter_terms(int n, GLOBAL const element_nodes *nodes, GLOBAL const int 
     int a, b;
     for (a = 0; a < 4; ++a)
       for (b = 0; b < 4; ++b)
-        if (in_matrix(nodes[i].node[a], rows) && in_matrix(nodes[i].node[b], rows) && couples(split[i], a, b))
+        if (in_matrix(nodes[i].node[a], rows) && nodes[i].node[b] >= 0 && couples(split[i], a, b))
           atomic_add_block(&block[locate(row, column, nodes[i].node[a], nodes[i].node[b])], term_block(terms[i], form, a, b));
   }
 }
@@ -205,7 +204,7 @@ KERNEL collect_entries(int n, GLOBAL const element_nodes *nodes, GLOBAL const in
     for (a = 0; a < 4; ++a)
       for (b = 0; b < 4; ++b) {
         int at = 16 * (first + i) + 4 * a + b, s = nodes[i].node[a], t = nodes[i].node[b];
-        int used = in_matrix(s, rows) && in_matrix(t, rows) && couples(split[i], a, b);
+        int used = in_matrix(s, rows) && t >= 0 && couples(split[i], a, b);
         key[at] = used ? ((key64)s << 31) | (key64)t : ((key64)rows << 31);
         entry[at] = at;
       }

@@ -119,6 +119,9 @@ KERNEL fill_contacts(int n, int kind, GLOBAL const pair *pairs, GLOBAL const fac
   }
 }
 
+/* Number of nodes on side A: 1 for vertex-face, 2 for edge-edge. */
+KERNEL contact_splits(int n, GLOBAL const contact *contacts, GLOBAL int *split) { FOR_EACH(i, n) { split[i] = contacts[i].kind + 1; } }
+
 KERNEL contact_nodes(int n, GLOBAL const contact *contacts, GLOBAL element_nodes *nodes)
 {
   FOR_EACH(i, n)
@@ -128,5 +131,31 @@ KERNEL contact_nodes(int n, GLOBAL const contact *contacts, GLOBAL element_nodes
   }
 }
 
-/* Number of nodes on side A: 1 for vertex-face, 2 for edge-edge. */
-KERNEL contact_splits(int n, GLOBAL const contact *contacts, GLOBAL int *split) { FOR_EACH(i, n) { split[i] = contacts[i].kind + 1; } }
+/* Nodes of stitches, behind `first`. */
+KERNEL stitch_nodes(int n, GLOBAL const stitch *stitches, int first, GLOBAL element_nodes *nodes)
+{
+  FOR_EACH(i, n)
+  {
+    int a;
+    for (a = 0; a < 3; ++a) nodes[first + i].node[a] = stitches[i].node[a];
+    nodes[first + i].node[3] = -1;
+  }
+}
+
+/* Force of the penalty, N; pairs that are only anticipated push nothing yet. */
+DEVICE double contact_load(contact c) { return c.stiffness * max_double(c.thickness - c.distance, 0.0); }
+
+/* Normal load that its contacts lay on each cloth vertex, N. incidence: 4 * term + local index; terms from `contact_count` on are stitches. */
+KERNEL vertex_loads(int n, int contact_count, GLOBAL const int *row, GLOBAL const int *incidence, GLOBAL const contact *contacts,
+                    GLOBAL double *load)
+{
+  FOR_EACH(i, n)
+  {
+    double sum = 0.0;
+    int k;
+    for (k = row[i]; k < row[i + 1]; ++k)
+      if ((incidence[k] >> 2) < contact_count)
+        sum += fabs(contacts[incidence[k] >> 2].weight[incidence[k] & 3]) * contact_load(contacts[incidence[k] >> 2]);
+    load[i] = sum;
+  }
+}

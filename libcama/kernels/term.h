@@ -40,28 +40,40 @@ DEVICE real friction_damping(real mu, real normal_force, real speed, real effect
   return min_real(most, cone / (speed * ((real)1 - cone / stopping)));
 }
 
+/* sum_k w_k^2 / m_k, 1/kg, where each vertex lends a contact the part of its mass that the contact has of the vertex's whole load:
+   so that all contacts of a vertex together stop it, and no one alone. load: [cloth vertices], N. */
+DEVICE double shared_mobility(contact c, GLOBAL const double *inverse_mass, GLOBAL const double *load)
+{
+  double sum = 0.0, own = contact_load(c);
+  int a;
+  for (a = 0; a < 4; ++a) {
+    double w = fabs(c.weight[a]);
+    if (inverse_mass[c.node[a]] > 0.0 && w * own > 0.0) sum += w * w * inverse_mass[c.node[a]] * (load[c.node[a]] / (w * own));
+  }
+  return sum;
+}
+
 /* Terms from contacts. Penalty E = k (d - thickness)^2 / 2 while d < thickness, linearised: matrix dt^2 k, push dt k (thickness - d).
    free_velocity: velocity after this step if no contact acted, m/s. */
 KERNEL make_contact_terms(int n, GLOBAL const contact *contacts, GLOBAL const double *inverse_mass,
-                          GLOBAL const dvec3 *free_velocity, real time_step, GLOBAL term *terms)
+                          GLOBAL const dvec3 *free_velocity, GLOBAL const double *load, real time_step, GLOBAL term *terms)
 {
   FOR_EACH(i, n)
   {
     contact c = contacts[i];
     term t;
-    double mobility = 0.0;
+    double mobility = shared_mobility(c, inverse_mass, load);
     dvec3 relative = dvec3_make(0.0, 0.0, 0.0), tangential;
     real k = (real)c.stiffness, depth = (real)(c.thickness - c.distance), damping;
     int a;
     for (a = 0; a < 4; ++a) {
       t.node[a] = c.node[a];
       t.weight[a] = (real)c.weight[a];
-      mobility += c.weight[a] * c.weight[a] * inverse_mass[c.node[a]];
       relative = daxpy(relative, c.weight[a], free_velocity[c.node[a]]);
     }
     tangential = daxpy(relative, -ddot(relative, c.normal), c.normal);
-    damping = mobility > 0.0 ? time_step * friction_damping((real)c.friction, k * max_real(depth, (real)0), (real)dnorm(tangential),
-                                                            (real)(1.0 / mobility), time_step) : (real)0;
+    damping = mobility > 0.0 ? time_step * friction_damping((real)c.friction, (real)contact_load(c), (real)dnorm(tangential), (real)(1.0 / mobility),
+                                                            time_step) : (real)0;
     t.normal = to_vec3(c.normal);
     t.along = time_step * time_step * k - damping;
     t.around = damping;
@@ -88,17 +100,6 @@ KERNEL make_stitch_terms(int n, GLOBAL const stitch *stitches, GLOBAL const dvec
     t.around = time_step * time_step * k;
     t.push = -time_step * k * (real)length;
     terms[first + i] = t;
-  }
-}
-
-/* Nodes [n] of terms for index assembly and incidence. */
-KERNEL term_nodes(int n, GLOBAL const term *terms, GLOBAL element_nodes *nodes)
-{
-  FOR_EACH(i, n)
-  {
-    term t = terms[i];
-    int a;
-    for (a = 0; a < 4; ++a) nodes[i].node[a] = t.node[a];
   }
 }
 

@@ -41,15 +41,9 @@ DEVICE mat3 mat3_add_outer(mat3 m, real s, vec3 a, vec3 b)
   m.row[2] = axpy(m.row[2], s * a.z, b);
   return m;
 }
-DEVICE mat3 mat3_add_diagonal(mat3 m, real d) { m.row[0].x += d; m.row[1].y += d; m.row[2].z += d; return m; }
 DEVICE mat3 mat3_add(mat3 a, mat3 b)
 {
   a.row[0] = add(a.row[0], b.row[0]); a.row[1] = add(a.row[1], b.row[1]); a.row[2] = add(a.row[2], b.row[2]);
-  return a;
-}
-DEVICE mat3 mat3_scale(real s, mat3 a)
-{
-  a.row[0] = scale(s, a.row[0]); a.row[1] = scale(s, a.row[1]); a.row[2] = scale(s, a.row[2]);
   return a;
 }
 DEVICE vec3 mat3_multiply(mat3 m, vec3 a) { return vec3_make(dot(m.row[0], a), dot(m.row[1], a), dot(m.row[2], a)); }

@@ -13,8 +13,8 @@
 namespace cama {
 namespace {
 
-constexpr double certified_distance = 1e-2;   // of the contact thickness
-constexpr double impact_distance = 0.1;       // of the contact thickness, after an impact
+constexpr double certified_distance = 1e-2;   // of the smallest contact thickness
+constexpr double impact_distance = 0.1;       // of the smallest contact thickness, after an impact
 
 /// Proximity checking owns the search that penetration handling uses again.
 class ProximityChecking final : public Pipeline {
@@ -45,14 +45,14 @@ template <class Real> StepPipeline make_pipeline(const Scene &scene, State &stat
   if (needs_motion(scene)) result.motion = &step.add<PrescribedMotion>(scene, state);
   if (contact) proximity = &step.add<ProximityChecking>(state);
   Pipeline &assembly = step.add<Pipeline>("matrix assembly");
-  assembly.add<EvaluateElements<Real>>(scene, b);
+  assembly.add<EvaluateElements<Real>>(scene);
   if (contact || state.stitches) assembly.add<EvaluateTerms<Real>>(b);
   assembly.add<AssembleMatrix<Real>>(b);
   step.add<LinearSolve<Real>>(b);
   step.add<AdvancePositions>();
   if (contact)
     step.add<PenetrationHandling>(b, proximity->search)
-        .set_distances(certified_distance * scene.contact.thickness, impact_distance * scene.contact.thickness);
+        .set_distances(certified_distance * state.least_thickness, impact_distance * state.least_thickness);
   step.add<FinishStep>(b);
   return result;
 }

@@ -97,6 +97,7 @@ void set_up_contact(State &state, const Scene &scene, const Topology &t)
   std::vector<kernels::edge_nodes> edges;
   std::vector<kernels::vertex_contact> properties(t.position.size());
   std::vector<double> margin(t.position.size());
+  state.least_thickness = scene.contact.thickness;
   for (const Triangle &f : t.face) faces.push_back({{f[0], f[1], f[2]}});
   for (const auto &e : t.edge) edges.push_back({{e[0], e[1]}});
   for (std::size_t v = 0; v < t.position.size(); ++v) {
@@ -106,8 +107,10 @@ void set_up_contact(State &state, const Scene &scene, const Topology &t)
     const double own = obstacle ? 0 : scene.cloths[object].material.thickness;
     p.thickness = own > 0 ? own : scene.contact.thickness;
     if (!obstacle) p.thickness = std::min(p.thickness, thickest_per_edge * t.shortest_edge[v]);
+    state.least_thickness = std::min(state.least_thickness, p.thickness);
     p.area = t.area[v];
-    p.friction = obstacle ? scene.obstacles[object - cloths].friction : scene.cloths[object].material.friction;
+    const double given = obstacle ? scene.obstacles[object - cloths].friction : scene.cloths[object].material.friction;
+    p.friction = given >= 0 ? given : scene.contact.friction;
     p.obstacle = obstacle;
     p.padding = 0;
     margin[v] = p.thickness;   // half for the contact distance, half for what the solve adds to the predicted motion

@@ -33,11 +33,55 @@ Options Options::preset(const std::string &accuracy)
   throw SceneError("accuracy: '" + accuracy + "' is not known; use production or paper");
 }
 
+namespace {
+
+void check(const Options &o)
+{
+  if (o.precision != "double" && o.precision != "single")
+    throw SceneError("precision: '" + o.precision + "' is not known; use double or single");
+  if (!(o.tolerance > 0) || !(o.tolerance < 1)) throw SceneError("tolerance: " + std::to_string(o.tolerance) + " is outside (0, 1)");
+  if (o.max_iterations < 1) throw SceneError("max_iterations: " + std::to_string(o.max_iterations) + " is below 1");
+  if (o.max_impact_passes < 0) throw SceneError("max_impact_passes: " + std::to_string(o.max_impact_passes) + " is below 0");
+  if (o.contact_form == ContactForm::star && o.assembly == Assembly::gather)
+    throw SceneError("contact_form: star needs its entries in the matrix; use assembly algorithm1 or sorted");
+  if (o.atomic_filling && o.assembly != Assembly::algorithm1)
+    throw SceneError("atomic_filling: is a way to fill the matrix of assembly algorithm1; use it with that, or leave it out");
+}
+
+/// The name of the object that a vertex or face belongs to.
+std::string owner(const Scene &scene, const Topology &t, int vertex)
+{
+  const std::size_t object = static_cast<std::size_t>(t.object[vertex]), cloths = scene.cloths.size();
+  return object < cloths ? "cloth '" + scene.cloths[object].name + "'" : "obstacle '" + scene.obstacles[object - cloths].name + "'";
+}
+
+/// Refuses a start in which cloth intersects itself, another cloth or an obstacle: no step could promise anything from there.
+void check_start(const Scene &scene, const Topology &t)
+{
+  const std::vector<Intersection> found = intersections(t.position, t.face, t.cloth_vertices);
+  if (found.empty()) return;
+  const Intersection &first = found.front();
+  throw CollisionError("the scene starts with " + std::to_string(found.size()) + " intersections; the first: edge " +
+                       std::to_string(first.edge[0]) + "-" + std::to_string(first.edge[1]) + " of " + owner(scene, t, first.edge[0]) +
+                       " and triangle " + std::to_string(first.face) + " of " + owner(scene, t, t.face[first.face][0]) +
+                       " (numbers over all objects); move the objects apart, or set reject_intersections to false");
+}
+
+const Scene &checked(const Scene &scene, const Options &options)
+{
+  scene.validate();
+  check(options);
+  return scene;
+}
+
+}  // namespace
+
 struct Simulation::Implementation {
   Implementation(const Scene &scene, const Options &options)
       : backend(make_backend(options.backend, options.device, options.threads)), state(*backend), topology(build_topology(scene))
   {
     state.options = options;
+    if (options.reject_intersections && scene.contact.enabled) check_start(scene, topology);
     single = options.precision == "single";
     if (single) {
       set_up<float>(state, scene, topology);
@@ -55,27 +99,6 @@ struct Simulation::Implementation {
   bool single = false;
 };
 
-namespace {
-
-void check(const Options &o)
-{
-  if (o.precision != "double" && o.precision != "single")
-    throw SceneError("precision: '" + o.precision + "' is not known; use double or single");
-  if (!(o.tolerance > 0) || !(o.tolerance < 1)) throw SceneError("tolerance: " + std::to_string(o.tolerance) + " is outside (0, 1)");
-  if (o.max_iterations < 1) throw SceneError("max_iterations: " + std::to_string(o.max_iterations) + " is below 1");
-  if (o.max_impact_passes < 0) throw SceneError("max_impact_passes: " + std::to_string(o.max_impact_passes) + " is below 0");
-  if (o.contact_form == ContactForm::star && o.assembly == Assembly::gather)
-    throw SceneError("contact_form: star needs its entries in the matrix; use assembly algorithm1 or sorted");
-}
-
-const Scene &checked(const Scene &scene, const Options &options)
-{
-  scene.validate();
-  check(options);
-  return scene;
-}
-
-}  // namespace
 
 Simulation::Simulation(const Scene &scene, const Options &options)
     : implementation_(std::make_unique<Implementation>(checked(scene, options), options))

@@ -60,6 +60,7 @@ struct State {
   int triangles = 0, hinges = 0, stitches = 0, terms = 0;
   int faces = 0, edges = 0;                   // of cloth and obstacles
   int contacts = 0;
+  double least_thickness = 0;                 // smallest contact thickness of any vertex, m
 
   Stream<dvec3> position, velocity;           // [vertices] m, m/s at the start of the step
   Stream<dvec3> position_next, velocity_next; // [vertices] at its end

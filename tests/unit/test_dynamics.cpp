@@ -317,10 +317,9 @@ Tip cantilever(double gamma, int cells, int rows, bool mirror)
 
 }  // namespace
 
-// Open ([!mayfail]): Material::isotropic takes the hinge stiffness k = 4 B, and H / W comes out 17 to 24 % too large; with 5 B this holds.
 // The hinges of a grid whose diagonals alternate can fold up and down from vertex to vertex on top of the strip's curvature, which
 // lowers the stiffness of a free strip from k / 4 to k / 5: per cell, the energy is k / 8 [(c + d)^2 + d^2 + 4 d^2], least over d.
-TEST_CASE("a cantilever under its weight bends as the elastica", "[dynamics][!mayfail]")
+TEST_CASE("a cantilever under its weight bends as the elastica", "[dynamics]")
 {
   const auto file = test_data("analytic/elastica.csv");
   if (!file) return;
@@ -338,7 +337,7 @@ TEST_CASE("a cantilever under its weight bends as the elastica", "[dynamics][!ma
   }
 }
 
-TEST_CASE("a wide cantilever bends as the elastica but for its anticlastic stiffness", "[dynamics][.long][!mayfail]")
+TEST_CASE("a wide cantilever bends as the elastica but for its anticlastic stiffness", "[dynamics][.long]")
 {
   const auto file = test_data("analytic/elastica.csv");
   if (!file) return;
@@ -409,9 +408,8 @@ TEST_CASE("a patch on a flat slope sticks just above, and slides just below, the
   CHECK(fast.acceleration == Approx(sliding_acceleration(0.5)).epsilon(0.02));
 }
 
-// Open: where a vertex takes part in several contacts (slope edges under the patch), each contact's friction is made for the vertex's whole
-// motion (friction_damping in kernels/term.h), and the sum is no longer Coulomb's.
-TEST_CASE("a patch on a slope of many triangles sticks and slides as on a flat one", "[dynamics][friction][!shouldfail]")
+// Here a vertex takes part in several contacts (slope edges under the patch), which share its mass by their load.
+TEST_CASE("a patch on a slope of many triangles sticks and slides as on a flat one", "[dynamics][friction]")
 {
   const Slide stick = slide(1.02, 10, 1), slip = slide(0.98, 10, 0.5), fast = slide(0.5, 10, 0.3);
   CAPTURE(stick.moved, stick.acceleration, slip.acceleration, fast.acceleration);

@@ -77,7 +77,9 @@ void make_terms(int kind, const Corners &x, double friction, const std::array<Ve
   c.thickness = thickness;
   c.stiffness = stiffness;
   c.friction = friction;
-  f64::make_contact_terms(1, &c, inverse_mass, free_velocity, time_step, &t);
+  double load[4];   // the contact is its vertices' only one, so that each lends it the whole mass
+  for (int a = 0; a < 4; ++a) load[a] = std::abs(c.weight[a]) * stiffness * (thickness - p.distance);
+  f64::make_contact_terms(1, &c, inverse_mass, free_velocity, load, time_step, &t);
 }
 
 Matrix12 matrix(const Term &t, int form)

@@ -19,7 +19,7 @@ struct Material {
   /// l the shared edge and A the area of both faces, which is four times the stiffness of the plate that the hinges stand for
   std::array<std::array<double, 5>, 3> bending{};
   double damping = 0;                                    ///< stiffness damping c, s: D = -c K
-  double friction = 0.2;                                 ///< Coulomb coefficient of cloth against cloth
+  double friction = -1;                                  ///< Coulomb coefficient of cloth against cloth; -1: the scene's
   double thickness = 0;                                  ///< contact thickness, m; 0: the scene's
 
   bool has_table() const;                                ///< stretching rows differ: piecewise-linear sampling is needed

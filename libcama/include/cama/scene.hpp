@@ -52,7 +52,7 @@ struct Stitch {
 struct Wind {
   dvec3 velocity{0, 0, 0};       ///< m/s
   double density = 1.2;          ///< of air, kg/m^3
-  double drag = 0.0;             ///< tangential drag coefficient, dimensionless
+  double drag = 0.0;             ///< tangential drag per area and speed, kg/(m^2 s)
 };
 
 enum class ContactForm { rank_one, star };
@@ -62,7 +62,7 @@ struct Contact {
   bool self = true;              ///< cloth against cloth
   double thickness = 1e-3;       ///< distance below which the penalty acts, m
   double stiffness = 1e6;        ///< penalty stiffness k of Equation 2 per contact area, N/m^3
-  double friction = 0.2;         ///< Coulomb coefficient cloth against cloth
+  double friction = 0.2;         ///< Coulomb coefficient cloth against cloth, for materials that give none
 };
 
 /// What the user describes: host data only. Lengths in m, masses in kg, times in s.

@@ -35,6 +35,7 @@ struct Options {
   bool linear_impacts = false;            ///< impacts as one linear system with an active set (paper); false: impulses that only push
   bool commit = true;                     ///< certified commit at the end of every step
   bool arcsim_conventions = false;         ///< sample bending at the signed curvature, extrapolated below zero, as ARCSim does
+  bool reject_intersections = true;       ///< refuse a start in which cloth intersects something
   bool audit = false;                     ///< count intersections after every step
 
   /// Sets every option that the named accuracy fixes. Throws SceneError listing the names.
@@ -53,11 +54,11 @@ struct StepReport {
   int searches = 0;                       ///< candidate searches: more than one where motion left the boxes of the first
   int impacts = 0;                        ///< found by continuous detection in the first pass
   int impact_passes = 0;
-  int truncated = 0;                      ///< vertices whose motion the commit cut
-  double lost_motion = 0;                 ///< mean fraction of motion that the commit cut, over all cloth vertices
+  int truncated = 0;                      ///< vertices whose motion the commit cut, summed over substeps
+  double lost_motion = 0;                 ///< mean fraction of motion that the commit cut, over all cloth vertices, summed over substeps
   int substeps = 1;                       ///< pieces that moving obstacles divided the step into
   int iterations = 0;                     ///< of the linear solve
-  double residual = 0;                    ///< true relative residual |b - A x| / |b|, when checked
+  double residual = 0;                    ///< of the linear solve, relative to its start, in the norm sqrt(r' P r)
   double milliseconds = 0;
   int intersections = -1;                 ///< -1: not audited
 };

@@ -5,9 +5,8 @@
 namespace cama {
 
 template <class Real>
-EvaluateElements<Real>::EvaluateElements(const Scene &scene, Backend &backend)
-    : windy_(scene.wind.has_value()), air_density_(scene.wind ? scene.wind->density : 0), drag_(scene.wind ? scene.wind->drag : 0),
-      no_force_(backend)
+EvaluateElements<Real>::EvaluateElements(const Scene &scene)
+    : windy_(scene.wind.has_value()), air_density_(scene.wind ? scene.wind->density : 0), drag_(scene.wind ? scene.wind->drag : 0)
 {}
 
 template <class Real>
@@ -37,16 +36,21 @@ void EvaluateTerms<Real>::run(State &state)
   state.terms = state.contacts + state.stitches;
   s.term.resize(state.terms);
   state.term_nodes.resize(state.terms);
+  CAMA_LAUNCH(b, contact_nodes, state.contacts, state.contact, state.term_nodes);
+  CAMA_LAUNCH(b, stitch_nodes, state.stitches, state.stitch, state.contacts, state.term_nodes);
+  count_.resize(state.cloth_vertices);
+  state.term_incidence.build(b, state.term_nodes, state.terms, count_);
   if (state.contacts) {
+    load_.resize(state.cloth_vertices);
+    CAMA_LAUNCH(b, vertex_loads, state.cloth_vertices, state.contacts, state.term_incidence.row, state.term_incidence.entry, state.contact,
+                load_);
     free_velocity_.resize(state.vertices);
     CAMA_LAUNCH_REAL(Real, b, free_velocities, state.vertices, state.cloth_vertices, dt, s.mass, state.fixed, state.velocity,
                      state.velocity_next, s.force, free_velocity_);
-    CAMA_LAUNCH_REAL(Real, b, make_contact_terms, state.contacts, state.contact, state.inverse_mass, free_velocity_, dt, s.term);
+    CAMA_LAUNCH_REAL(Real, b, make_contact_terms, state.contacts, state.contact, state.inverse_mass, free_velocity_, load_, dt,
+                     s.term);
   }
   CAMA_LAUNCH_REAL(Real, b, make_stitch_terms, state.stitches, state.stitch, state.position, dt, state.contacts, s.term);
-  CAMA_LAUNCH_REAL(Real, b, term_nodes, state.terms, s.term, state.term_nodes);
-  count_.resize(state.cloth_vertices);
-  state.term_incidence.build(b, state.term_nodes, state.terms, count_);
 }
 
 template class EvaluateElements<double>;

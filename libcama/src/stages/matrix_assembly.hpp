@@ -7,26 +7,26 @@ namespace cama {
 /// Forces and matrix factors of triangles and hinges, wind, gravity; gathered to vertices.
 template <class Real> class EvaluateElements final : public Stage {
 public:
-  explicit EvaluateElements(const Scene &scene, Backend &backend);
+  explicit EvaluateElements(const Scene &scene);
   std::string_view name() const override { return "element forces"; }
   void run(State &state) override;
 
 private:
   bool windy_;
   double air_density_ = 0, drag_ = 0;
-  Stream<typename Types<Real>::vec3> no_force_;
 };
 
 /// Contacts and stitches become terms of the system, with friction.
 template <class Real> class EvaluateTerms final : public Stage {
 public:
-  explicit EvaluateTerms(Backend &backend) : free_velocity_(backend), count_(backend) {}
+  explicit EvaluateTerms(Backend &backend) : free_velocity_(backend), load_(backend), count_(backend) {}
   std::string_view name() const override { return "contact terms"; }
   std::string reason() const override { return "contact or stitches"; }
   void run(State &state) override;
 
 private:
   Stream<dvec3> free_velocity_;
+  Stream<double> load_;
   Stream<int> count_;
 };
 

@@ -176,16 +176,14 @@ double PenetrationHandling::commit(State &state)
   const double sigma = as_fraction(sigma_.at(0));
   committed_.resize(state.vertices);
   CAMA_LAUNCH(b, commit_apply, state.vertices, from_, state.position_next, fraction_, sigma_, committed_);
-  if (state.report.substeps == 1) {
-    const std::vector<int> fraction = fraction_.download();
-    double lost = 0;
-    for (int i = 0; i < state.cloth_vertices; ++i)
-      if (fraction[i] != COMMIT_WHOLE) {
-        ++state.report.truncated;
-        lost += 1 - as_fraction(fraction[i]);
-      }
-    state.report.lost_motion = lost / state.cloth_vertices;
-  }
+  const std::vector<int> fraction = fraction_.download();
+  double lost = 0;
+  for (int i = 0; i < state.cloth_vertices; ++i)
+    if (fraction[i] != COMMIT_WHOLE) {
+      ++state.report.truncated;
+      lost += 1 - as_fraction(fraction[i]);
+    }
+  state.report.lost_motion += lost / state.cloth_vertices;
   return sigma;
 }
 

@@ -25,7 +25,6 @@ private:
   std::vector<MovingObstacle> obstacles_;
   std::vector<Handle> handles_;
   std::vector<Attached> attached_;
-  std::vector<double> free_inverse_mass_;          // [vertices] as it is once released
   Stream<dvec3> transform_, handle_position_;
   Stream<int> handle_vertex_;
   Stream<kernels::attachment> attachments_;
