@@ -65,9 +65,9 @@ CHECK
   fi
 }
 
-# configure ON|OFF: with or without the C++ tests. One build folder serves the library, the tests and the package.
+# configure ON|OFF [OPTION...]: with or without the C++ tests. One build folder serves the library, the tests and the package.
 configure() {
-  cmake -S . -B build -G Ninja -DCMAKE_BUILD_TYPE=Release -DCAMA_BUILD_TESTS="$1" -DCAMA_BUILD_PYTHON=ON \
+  cmake -S . -B build -G Ninja -DCMAKE_BUILD_TYPE=Release -DCAMA_BUILD_TESTS="$1" "${@:2}" -DCAMA_BUILD_PYTHON=ON \
     -DPython_EXECUTABLE="$PYTHON" -Dpybind11_DIR="$("$PYTHON" -m pybind11 --cmakedir)" --log-level=WARNING >/dev/null
   TESTS=$1
 }

@@ -102,20 +102,29 @@ KERNEL find_directions(int n, int kind, GLOBAL const pair *pairs, GLOBAL const f
   FOR_EACH(i, n) { direction[i] = pair_proximity(kind, pair_nodes(kind, pairs[i], face, edge), position).normal; }
 }
 
-/* Writes the flagged contacts at their scanned places, behind `first`. */
-KERNEL fill_contacts(int n, int kind, GLOBAL const pair *pairs, GLOBAL const face_nodes *face, GLOBAL const edge_nodes *edge,
-                     GLOBAL const dvec3 *position, GLOBAL const dvec3 *predicted, GLOBAL const vertex_contact *v,
-                     double stiffness, double anticipate, GLOBAL const int *place, int first, GLOBAL contact *contacts)
+/* The flagged pairs with a key by their features, so that lists made from them have one order whatever the search's was. */
+KERNEL flagged_pairs(int n, GLOBAL const pair *pairs, GLOBAL const int *place, GLOBAL key64 *key, GLOBAL int *index)
+{
+  FOR_EACH(i, n)
+  {
+    if (place[i + 1] == place[i]) continue;
+    key[place[i]] = ((key64)pairs[i].a << 31) | (key64)pairs[i].b;
+    index[place[i]] = i;
+  }
+}
+
+/* Contacts of the pairs index[0 .. n), behind `first`. */
+KERNEL fill_contacts(int n, int kind, GLOBAL const int *index, GLOBAL const pair *pairs, GLOBAL const face_nodes *face,
+                     GLOBAL const edge_nodes *edge, GLOBAL const dvec3 *position, GLOBAL const dvec3 *predicted,
+                     GLOBAL const vertex_contact *v, double stiffness, double anticipate, int first, GLOBAL contact *contacts)
 {
   FOR_EACH(i, n)
   {
     contact c;
-    element_nodes e;
-    if (place[i + 1] == place[i]) continue;
-    e = pair_nodes(kind, pairs[i], face, edge);
+    element_nodes e = pair_nodes(kind, pairs[index[i]], face, edge);
     make_contact(kind, e, position, predicted, v, stiffness, anticipate, pair_proximity(kind, e, position), &c);
-    c.candidate = i;
-    contacts[first + place[i]] = c;
+    c.candidate = index[i];
+    contacts[first + i] = c;
   }
 }
 

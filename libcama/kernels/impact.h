@@ -52,31 +52,27 @@ KERNEL find_impacts(int n, int kind, GLOBAL const pair *pairs, GLOBAL const face
   }
 }
 
-/* Appends the flagged impacts behind `first` and marks them known. */
-KERNEL fill_impacts(int n, int kind, GLOBAL const pair *pairs, GLOBAL const face_nodes *face, GLOBAL const edge_nodes *edge,
-                    GLOBAL const dvec3 *x, GLOBAL const dvec3 *y, double minimum, GLOBAL const int *place, int first,
+/* Impacts of the pairs index[0 .. n), behind `first`; marks them known. */
+KERNEL fill_impacts(int n, int kind, GLOBAL const int *index, GLOBAL const pair *pairs, GLOBAL const face_nodes *face,
+                    GLOBAL const edge_nodes *edge, GLOBAL const dvec3 *x, GLOBAL const dvec3 *y, double minimum, int first,
                     GLOBAL int *known, GLOBAL impact *impacts)
 {
   FOR_EACH(i, n)
   {
-    element_nodes e;
+    element_nodes e = pair_nodes(kind, pairs[index[i]], face, edge);
+    double t = candidate_impact_time(kind, e, x, y, minimum).time;
+    dvec3 o = dlerp(x[e.node[0]], y[e.node[0]], t), at[4];
     impact m;
-    dvec3 o, at[4];
     proximity p;
-    double t;
     int k;
-    if (place[i + 1] == place[i]) continue;
-    e = pair_nodes(kind, pairs[i], face, edge);
-    t = candidate_impact_time(kind, e, x, y, minimum).time;
-    o = dlerp(x[e.node[0]], y[e.node[0]], t);
     for (k = 0; k < 4; ++k) at[k] = dsub(dlerp(x[e.node[k]], y[e.node[k]], t), o);
     p = kind == 0 ? vertex_face_proximity(at[0], at[1], at[2], at[3]) : edge_edge_proximity(at[0], at[1], at[2], at[3]);
     for (k = 0; k < 4; ++k) { m.node[k] = e.node[k]; m.weight[k] = p.weight[k]; }
     m.kind = kind;
-    m.candidate = i;
+    m.candidate = index[i];
     m.normal = p.normal;
-    known[i] = 1;
-    impacts[first + place[i]] = m;
+    known[index[i]] = 1;
+    impacts[first + i] = m;
   }
 }
 

@@ -47,18 +47,23 @@ DEVICE mat3 mat3_add(mat3 a, mat3 b)
   return a;
 }
 DEVICE vec3 mat3_multiply(mat3 m, vec3 a) { return vec3_make(dot(m.row[0], a), dot(m.row[1], a), dot(m.row[2], a)); }
-/* Inverse of a symmetric positive definite block by cofactors of the diagonally scaled block. */
+/* Inverse of a symmetric positive definite block: Cholesky of the diagonally scaled block, inverse as the Gram matrix of L^-1, which
+   stays positive definite where cofactors lose it. Pivots are held above rounding. */
 DEVICE mat3 mat3_inverse_spd(mat3 m)
 {
+  const real least = sizeof(real) == 8 ? (real)1e-14 : (real)1e-6;
   real sx = (real)1 / (real)sqrt(m.row[0].x), sy = (real)1 / (real)sqrt(m.row[1].y), sz = (real)1 / (real)sqrt(m.row[2].z);
   real xy = m.row[0].y * sx * sy, xz = m.row[0].z * sx * sz, yz = m.row[1].z * sy * sz;
-  real cxx = (real)1 - yz * yz, cyy = (real)1 - xz * xz, czz = (real)1 - xy * xy;
-  real cxy = xz * yz - xy, cxz = xy * yz - xz, cyz = xy * xz - yz;
-  real inverse_determinant = (real)1 / (cxx + xy * cxy + xz * cxz);
+  real l22 = (real)sqrt(max_real((real)1 - xy * xy, least)), l32 = (yz - xy * xz) / l22;
+  real l33 = (real)sqrt(max_real((real)1 - xz * xz - l32 * l32, least));
+  real g21 = -xy / l22, g22 = (real)1 / l22;
+  real g31 = -(xz + l32 * g21) / l33, g32 = -l32 * g22 / l33, g33 = (real)1 / l33;
+  real ixx = (real)1 + g21 * g21 + g31 * g31, iyy = g22 * g22 + g32 * g32, izz = g33 * g33;
+  real ixy = g21 * g22 + g31 * g32, ixz = g31 * g33, iyz = g32 * g33;
   mat3 r;
-  r.row[0] = scale(inverse_determinant * sx, vec3_make(cxx * sx, cxy * sy, cxz * sz));
-  r.row[1] = scale(inverse_determinant * sy, vec3_make(cxy * sx, cyy * sy, cyz * sz));
-  r.row[2] = scale(inverse_determinant * sz, vec3_make(cxz * sx, cyz * sy, czz * sz));
+  r.row[0] = vec3_make(sx * sx * ixx, sx * sy * ixy, sx * sz * ixz);
+  r.row[1] = vec3_make(sx * sy * ixy, sy * sy * iyy, sy * sz * iyz);
+  r.row[2] = vec3_make(sx * sz * ixz, sy * sz * iyz, sz * sz * izz);
   return r;
 }
 

@@ -40,7 +40,7 @@ template <class Real> StepPipeline make_pipeline(const Scene &scene, State &stat
   Backend &b = *state.backend;
   StepPipeline result{std::make_unique<Pipeline>("step"), nullptr};
   Pipeline &step = *result.step;
-  const bool contact = scene.contact.enabled && (scene.contact.self || !scene.obstacles.empty());
+  const bool contact = scene.has_contact();
   ProximityChecking *proximity = nullptr;
   if (needs_motion(scene)) result.motion = &step.add<PrescribedMotion>(scene, state);
   if (contact) proximity = &step.add<ProximityChecking>(state);

@@ -52,7 +52,7 @@ template <class Real> void set_up_elements(State &state, System<Real> &s, const 
   std::vector<typename T::hinge_rest> hinges;
   std::vector<kernels::element_nodes> triangle_nodes, hinge_nodes;
   for (const RestTriangle &r : t.triangle) {
-    typename T::triangle_rest e;
+    typename T::triangle_rest e{};
     std::copy(r.node.begin(), r.node.end(), e.node);
     e.material = r.material;
     for (int k = 0; k < 4; ++k) e.d[k] = static_cast<Real>(r.d[k]);
@@ -61,7 +61,7 @@ template <class Real> void set_up_elements(State &state, System<Real> &s, const 
     triangle_nodes.push_back({{r.node[0], r.node[1], r.node[2], -1}});
   }
   for (const RestHinge &r : t.hinge) {
-    typename T::hinge_rest e;
+    typename T::hinge_rest e{};
     std::copy(r.node.begin(), r.node.end(), e.node);
     e.material = r.material;
     e.rest_angle = static_cast<Real>(r.rest_angle);
@@ -197,11 +197,11 @@ template <class Real> void set_up(State &state, const Scene &scene, const Topolo
 
   const std::vector<kernels::stitch> stitches = stitches_of(scene, t);
   state.stitches = static_cast<int>(stitches.size());
-  if (scene.contact.enabled) {
+  if (scene.has_contact()) {
     state.predicted = Stream<dvec3>(b, state.vertices);
     set_up_contact(state, scene, t);
   }
-  if (scene.contact.enabled || state.stitches) {
+  if (scene.has_contact() || state.stitches) {
     state.stitch = Stream<kernels::stitch>(b, stitches);
     s->term = Stream<typename Types<Real>::term>(b);
     state.term_nodes = Stream<kernels::element_nodes>(b);

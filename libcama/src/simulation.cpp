@@ -81,7 +81,7 @@ struct Simulation::Implementation {
       : backend(make_backend(options.backend, options.device, options.threads)), state(*backend), topology(build_topology(scene))
   {
     state.options = options;
-    if (options.reject_intersections && scene.contact.enabled) check_start(scene, topology);
+    if (options.reject_intersections && scene.has_contact()) check_start(scene, topology);
     single = options.precision == "single";
     if (single) {
       set_up<float>(state, scene, topology);

@@ -9,7 +9,12 @@
         print(frame.index, frame.contacts, frame.intersections)
 """
 
-from . import collision, shipped
+import os as _os
+
+# Threads that wait for each other spin for a moment, then sleep: on a shared machine they would otherwise starve each other.
+_os.environ.setdefault("GOMP_SPINCOUNT", "20000")
+
+from . import collision, shipped  # noqa: E402
 from ._core import __version__, list_backends as backends
 from .errors import (ArrayError, BackendError, CollisionError, DeviceMemoryError, Error, FileError, MaterialError,
                      MeshError, SceneError, SolverError)

@@ -91,6 +91,8 @@ struct Scene {
   /// Throws a named error for the first thing that cannot be simulated; called by Simulation before any kernel runs.
   void validate() const;
 
+  /// Can anything touch? Contact is enabled, and there is an obstacle or cloth meets cloth.
+  bool has_contact() const { return contact.enabled && (contact.self || !obstacles.empty()); }
   int cloth_vertex_count() const;
   int cloth_triangle_count() const;
 };

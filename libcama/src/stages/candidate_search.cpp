@@ -80,6 +80,7 @@ void CandidateSearch::run(State &state, const Stream<dvec3> &from, const Stream<
     list.known.resize(list.pairs.size());
     list.known.fill_zero();
     list.direction.resize(list.pairs.size());
+    list.direction.fill_zero();   // a zero direction certifies nothing
   };
   CAMA_LAUNCH(b, query_vertex_face_count, state.vertices, identity_, state.vertex_box, state.faces, state.face_order, state.face_tree,
               state.face, state.cloth_vertices, self, slots, slot_, count_);

@@ -65,6 +65,8 @@ void LinearSolve<Real>::conjugate_gradient(State &state)
   CAMA_LAUNCH(b, finish_beta, 1, parts, 1, partial_, scalar_);
   const double start = scalar_.at(SCALAR_RZ), goal = state.options.tolerance * state.options.tolerance * start;
   if (!std::isfinite(start)) throw SolverError("step " + std::to_string(state.report.step) + ": the linear system is not finite");
+  if (start < 0)
+    throw SolverError("step " + std::to_string(state.report.step) + ": the preconditioner is not positive definite; check stiffness and density");
   double now = start;
   int i = 0;
   while (i < state.options.max_iterations && now > goal && start > 0) {

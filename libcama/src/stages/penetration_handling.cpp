@@ -109,7 +109,7 @@ void ImpactProjection::run(State &state, Stream<dvec3> &positions, double target
 }
 
 PenetrationHandling::PenetrationHandling(Backend &b, CandidateSearch &search)
-    : search_(search), projection_(b), from_(b), committed_(b), flag_(b), vertex_face_place_(b), edge_edge_place_(b),
+    : search_(search), projection_(b), from_(b), committed_(b), vertex_face_(b), edge_edge_(b),
       accepted_{Stream<int>(b), Stream<int>(b)}, fraction_(b), fraction_before_(b), sigma_(b, 1), counter_(b, 2), grown_(b)
 {}
 
@@ -127,26 +127,24 @@ void PenetrationHandling::cover(State &state)
 int PenetrationHandling::find_impacts(State &state)
 {
   Backend &b = *state.backend;
-  const auto count = [&](int kind, const PairList &list, Stream<int> &place) {
-    flag_.resize(list.pairs.size());
-    place.resize(list.pairs.size() + 1);
+  const auto count = [&](int kind, const PairList &list, FlaggedPairs &flagged) {
+    flagged.resize(list.pairs.size());
     CAMA_LAUNCH(b, find_impacts, list.pairs.size(), kind, list.pairs, state.face, state.edge, from_, state.position_next,
-                state.inverse_mass, minimum_, list.direction, list.known, flag_);
-    b.scan(flag_.buffer(), place.buffer(), list.pairs.size());
-    return place.at(list.pairs.size());
+                state.inverse_mass, minimum_, list.direction, list.known, flagged.flag);
+    return flagged.compact(b, list);
   };
   const int known = state.impact.size();
-  const int faces = count(0, state.vertex_face, vertex_face_place_), edges = count(1, state.edge_edge, edge_edge_place_);
+  const int faces = count(0, state.vertex_face, vertex_face_), edges = count(1, state.edge_edge, edge_edge_);
   if (faces + edges == 0) return 0;
   grown_.resize(known + faces + edges);
   if (known) b.copy(grown_.buffer(), state.impact.buffer(), sizeof(kernels::impact) * static_cast<std::size_t>(known));
   state.impact.swap(grown_);
-  const auto fill = [&](int kind, PairList &list, const Stream<int> &place, int first) {
-    CAMA_LAUNCH(b, fill_impacts, list.pairs.size(), kind, list.pairs, state.face, state.edge, from_, state.position_next, minimum_, place,
-                first, list.known, state.impact);
+  const auto fill = [&](int kind, PairList &list, const FlaggedPairs &flagged, int first) {
+    CAMA_LAUNCH(b, fill_impacts, flagged.index.size(), kind, flagged.index, list.pairs, state.face, state.edge, from_,
+                state.position_next, minimum_, first, list.known, state.impact);
   };
-  fill(0, state.vertex_face, vertex_face_place_, known);
-  fill(1, state.edge_edge, edge_edge_place_, known + faces);
+  fill(0, state.vertex_face, vertex_face_, known);
+  fill(1, state.edge_edge, edge_edge_, known + faces);
   return faces + edges;
 }
 

@@ -2,6 +2,7 @@
 #pragma once
 #include "pipeline.hpp"
 #include "stages/candidate_search.hpp"
+#include "stages/flagged_pairs.hpp"
 
 namespace cama {
 
@@ -44,7 +45,7 @@ private:
   CandidateSearch &search_;
   ImpactProjection projection_;
   Stream<dvec3> from_, committed_;
-  Stream<int> flag_, vertex_face_place_, edge_edge_place_;
+  FlaggedPairs vertex_face_, edge_edge_;
   Stream<int> accepted_[2], fraction_, fraction_before_, sigma_, counter_;
   Stream<kernels::impact> grown_;
   double minimum_ = 1e-6, target_ = 1e-4;   // m: certified distance, distance after an impact
