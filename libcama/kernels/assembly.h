@@ -1,13 +1,14 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Sparse matrix assembly to BCSR with 3x3 blocks (paper, section 3.2, Algorithm 1). Rows and columns are cloth vertices:
-   [0, rows); columns may be prescribed vertices too, so that moving obstacles act on the cloth. Elements are element_nodes; coupling FORM_STAR leaves out pairs on the same side (weights of one sign). */
+/* Sparse matrix assembly to BCSR with 3x3 blocks (paper, section 3.2, Algorithm 1). Rows are cloth vertices, [0, rows); columns are all
+   vertices, obstacles' too, so that moving obstacles act on the cloth. Elements are element_nodes; FORM_STAR leaves out pairs on the
+   same side (weights of one sign). */
 
 DEVICE int in_matrix(int node, int rows) { return node >= 0 && node < rows; }
 
 /* Do nodes a and b of an element couple? split: nodes below it are side A; 0: every pair couples. */
 DEVICE int couples(int split, int a, int b) { return split == 0 || a == b || (a < split) != (b < split); }
 
-/* Algorithm 1, lines 2-4: entries per row. split [n] or one value for all when split_of is unused. */
+/* Algorithm 1, lines 2-4: entries per row. split: [n], see couples. */
 KERNEL count_entries(int n, GLOBAL const element_nodes *nodes, GLOBAL const int *split, int rows, GLOBAL int *count)
 {
   FOR_EACH(i, n)
@@ -194,7 +195,7 @@ KERNEL scatter_terms(int n, GLOBAL const element_nodes *nodes, GLOBAL const int 
 }
 
 /* The naive assembly that the paper compares with: collect every (row, column) key with its entry, sort, reduce.
-   Entry = 16 (first + element) + 4 a + b; entries outside the matrix get the largest key. */
+   Entry = 16 (first + element) + 4 a + b; entries outside the matrix get a key behind all rows. */
 KERNEL collect_entries(int n, GLOBAL const element_nodes *nodes, GLOBAL const int *split, int rows, int first, GLOBAL key64 *key,
                        GLOBAL int *entry)
 {

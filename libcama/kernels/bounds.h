@@ -10,7 +10,7 @@ typedef struct { int node[2]; } edge_nodes;
 DEVICE float float_below(double x) { return fabs(x) < 1e-30 ? -1e-30f : (float)(x - 1.2e-7 * fabs(x)); }
 DEVICE float float_above(double x) { return -float_below(-x); }
 
-/* a < b ? a : b for boxes' sides: the union of two boxes. */
+/* The smallest box that holds both. */
 DEVICE box box_union(box a, box b)
 {
   for (int k = 0; k < 3; ++k) {

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Wind and drag on triangles; ballistic prediction. */
+/* Wind and drag on triangles. */
 
 /* Force on each node of a triangle from air moving with `wind` (m/s) of density rho (kg/m^3): pressure rho A (v.n)|v.n| along
    the normal and tangential drag A drag v_t, a third to each node. Velocity of the triangle is the mean of its nodes.

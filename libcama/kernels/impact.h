@@ -225,8 +225,9 @@ KERNEL drop_pulling(int n, GLOBAL const double *lambda, GLOBAL int *active, GLOB
   }
 }
 
-/* x += M^-1 J' lambda, cloth vertices; lambda below zero counts as zero. */
+/* x += y = M^-1 J' lambda, cloth vertices. */
 KERNEL apply_impulses(int n, GLOBAL const dvec3 *y, GLOBAL dvec3 *x) { FOR_EACH(i, n) { x[i] = dadd(x[i], y[i]); } }
+/* What still pulls at the end counts as zero. */
 KERNEL clamp_impulses(int n, GLOBAL const int *active, GLOBAL double *lambda)
 {
   FOR_EACH(i, n) { lambda[i] = active[i] ? max_double(lambda[i], 0.0) : 0.0; }

@@ -71,7 +71,7 @@ KERNEL advance(int n, double time_step, GLOBAL const int *fixed, GLOBAL const dv
   FOR_EACH(i, n) { if (!fixed[i]) position_next[i] = daxpy(position[i], time_step, velocity_next[i]); }
 }
 
-/* Where handling of penetrations moved a vertex, its velocity follows; moved[i] counts for the report. */
+/* Where handling of penetrations moved a vertex, its velocity follows. n: cloth vertices. */
 KERNEL follow_positions(int n, double time_step, GLOBAL const int *fixed, GLOBAL const dvec3 *position, GLOBAL const dvec3 *position_next,
                         GLOBAL dvec3 *velocity_next)
 {
@@ -83,7 +83,7 @@ KERNEL follow_positions(int n, double time_step, GLOBAL const int *fixed, GLOBAL
   }
 }
 
-/* 1 where a value is not finite. */
+/* bad[0]: 1 + the last vertex of which a value is not finite; 0 from the start: none. */
 KERNEL find_nonfinite(int n, GLOBAL const dvec3 *x, GLOBAL const dvec3 *v, GLOBAL int *bad)
 {
   FOR_EACH(i, n)

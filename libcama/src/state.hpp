@@ -19,7 +19,7 @@ struct Incidence {
   void build(Backend &backend, const Stream<kernels::element_nodes> &nodes, int elements, Stream<int> &count);
 };
 
-/// A matrix of 3x3 blocks in block compressed sparse row form.
+/// A matrix of 3x3 blocks in block compressed sparse row form: rows of cloth vertices, columns of all vertices.
 template <class Real> struct BlockMatrix {
   Stream<int> row, column;                        // [rows + 1], [blocks]
   Stream<typename Types<Real>::mat3> block;       // [blocks], kg

@@ -242,7 +242,7 @@ TEST_CASE("a distant obstacle moves the cloth by no more than rounding", "[pipel
 }
 
 // Candidate pairs come in the order of the trees, whose Morton codes are relative to the bounds of the whole scene; contacts and
-// impacts keep that order and sums over them take it. With pairs sorted by (a, b) after the search this holds to the bit.
+// impacts are sorted by their features (FlaggedPairs), so that sums over them do not see it.
 TEST_CASE("a distant obstacle does not move the cloth by one bit", "[pipeline]")
 {
   for (const Motion &motion : resting_and_moving()) {

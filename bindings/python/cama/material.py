@@ -19,8 +19,8 @@ def fabrics():
 class Material(_core.Material):
     """A fabric in SI units.
 
-    Fields: name, source, density [kg/m^2], stretching [6][4] N/m, bending [3][5] N m, damping [s], friction, and
-    thickness [m] (0: the scene's). Made by `isotropic`, `orthotropic`, `fabric` or `load`; fields may then be changed.
+    Fields: name, source, density [kg/m^2], stretching [6][4] N/m, bending [3][5] N m, damping [s], friction (-1: the
+    scene's), and thickness [m] (0: the scene's). Made by `isotropic`, `orthotropic`, `fabric` or `load`; fields may then be changed.
     """
 
     @classmethod

@@ -148,8 +148,8 @@ class Scene:
 
     gravity: [3] m/s^2.  time_step: s.  frames: how many `cama run` records.  frame_time: s between frames, 0: every step.
     thickness: distance below which contact acts, m.  stiffness: of the contact penalty, N/m^3.  friction: cloth against
-    cloth.  contact: False lets cloth pass through everything.  self_contact: cloth against cloth.
-    wind: None or a dict with `velocity` [3] m/s, `density` kg/m^3, `drag`.
+    cloth, for materials that give none.  contact: False lets cloth pass through everything.  self_contact: cloth against cloth.
+    wind: None or a dict with `velocity` [3] m/s, `density` kg/m^3, `drag` kg/(m^2 s).
     """
 
     def __init__(self, gravity=(0, 0, -9.81), time_step=1 / 200, frames=100, frame_time=0.0, name="scene", description="",
@@ -423,4 +423,4 @@ Scene.frame_time = _forward(lambda s: s._core, "frame_time", number, "s between 
 Scene.frames = _forward(lambda s: s._core, "frames", _whole, "Frames that `cama run` records.")
 Scene.thickness = _forward(lambda s: s._core.contact, "thickness", number, "Contact thickness, m.")
 Scene.stiffness = _forward(lambda s: s._core.contact, "stiffness", number, "Contact penalty, N/m^3.")
-Scene.friction = _forward(lambda s: s._core.contact, "friction", number, "Coulomb coefficient cloth against cloth.")
+Scene.friction = _forward(lambda s: s._core.contact, "friction", number, "Coulomb coefficient cloth against cloth, for materials that give none.")

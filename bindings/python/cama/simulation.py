@@ -48,10 +48,12 @@ class Simulation:
     scene: a cama.Scene, or what `Scene.load` takes.  backend: "auto", "cpu", "opencl" or "cuda".
     precision: of forces, matrix and solve, "double" or "single".  accuracy: "production" or "paper".
     device: index.  threads: of the CPU backend, 0: all.  overrides: single options, for example tolerance=1e-6,
-    max_iterations, preconditioner="jacobi", solver="direct", assembly="algorithm1", commit, max_impact_passes.
+    max_iterations, preconditioner="jacobi", solver="direct", assembly="algorithm1", commit, max_impact_passes,
+    reject_intersections.
 
     Vertices are numbered through all cloths in order, then all obstacles. Arrays are copies of the state when asked for.
-    Throws a subclass of cama.Error before any kernel runs if the scene cannot be simulated.
+    Throws a subclass of cama.Error before any kernel runs if the scene cannot be simulated; CollisionError if it starts with
+    intersections.
     """
 
     def __init__(self, scene, backend="auto", precision="double", accuracy="production", device=0, threads=0, **overrides):

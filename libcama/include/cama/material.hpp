@@ -16,7 +16,7 @@ struct Material {
   /// [6][k11 k12 k22 k33] N/m: row 0 unstrained, rows 1 to 5 at stretch 1/6 in directions 0, 22.5, 45, 67.5, 90 degrees from warp
   std::array<std::array<double, 4>, 6> stretching{};
   /// [fold line at 0, 45, 90 degrees from warp][curvature 0, 5, 10, 15, 20 1/m] N m: the hinge stiffness k of E = k l^2 angle^2 / (8 A),
-  /// l the shared edge and A the area of both faces, which is four times the stiffness of the plate that the hinges stand for
+  /// l the shared edge and A the area of both faces; `isotropic` and `orthotropic` take a plate's stiffness and set five times that
   std::array<std::array<double, 5>, 3> bending{};
   double damping = 0;                                    ///< stiffness damping c, s: D = -c K
   double friction = -1;                                  ///< Coulomb coefficient of cloth against cloth; -1: the scene's

@@ -34,7 +34,7 @@ struct Options {
   int max_impact_passes = 8;              ///< rounds of continuous detection and inelastic projection
   bool linear_impacts = false;            ///< impacts as one linear system with an active set (paper); false: impulses that only push
   bool commit = true;                     ///< certified commit at the end of every step
-  bool arcsim_conventions = false;         ///< sample bending at the signed curvature, extrapolated below zero, as ARCSim does
+  bool arcsim_conventions = false;        ///< as ARCSim: bending at the signed curvature, extrapolated below zero; wind on the rest area
   bool reject_intersections = true;       ///< refuse a start in which cloth intersects something
   bool audit = false;                     ///< count intersections after every step
 
@@ -58,14 +58,14 @@ struct StepReport {
   double lost_motion = 0;                 ///< mean fraction of motion that the commit cut, over all cloth vertices, summed over substeps
   int substeps = 1;                       ///< pieces that moving obstacles divided the step into
   int iterations = 0;                     ///< of the linear solve
-  double residual = 0;                    ///< of the linear solve, relative to its start, in the norm sqrt(r' P r)
+  double residual = 0;                    ///< of the linear solve: sqrt(r' P r) relative to its start; direct: |A v - b| / |b|
   double milliseconds = 0;
   int intersections = -1;                 ///< -1: not audited
 };
 
 struct Energy { double kinetic = 0, stretching = 0, bending = 0, gravity = 0; };   ///< J
 
-/// Contact pairs of the last step, cloth vertices first in the numbering of all vertices.
+/// Contacts of the last step, ordered by their features; vertices in the numbering of all vertices.
 struct ContactArrays {
   std::vector<std::array<int, 4>> vertices;       ///< vertex then face, or two edges
   std::vector<std::array<double, 4>> weights;     ///< signed barycentric weights
