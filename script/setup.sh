@@ -79,5 +79,5 @@ build() {
 # Installs what `build` made: the same folder and options, so nothing is compiled again.
 install_package() {
   "$PYTHON" -m pip install -q --disable-pip-version-check --no-build-isolation --no-deps --force-reinstall \
-    -C build-dir=build -C cmake.define.CAMA_BUILD_TESTS="$TESTS" .
+    --config-settings=build-dir=build --config-settings=cmake.define.CAMA_BUILD_TESTS="$TESTS" .
 }

@@ -122,8 +122,13 @@ KERNEL fill_contacts(int n, int kind, GLOBAL const int *index, GLOBAL const pair
   {
     contact c;
     element_nodes e = pair_nodes(kind, pairs[index[i]], face, edge);
-    make_contact(kind, e, position, predicted, v, stiffness, anticipate, pair_proximity(kind, e, position), &c);
+    int k;
+    c.kind = kind;
     c.candidate = index[i];
+    c.normal = dvec3_make(0.0, 0.0, 1.0);
+    c.distance = c.thickness = c.stiffness = c.friction = 0.0;
+    for (k = 0; k < 4; ++k) { c.node[k] = e.node[k]; c.weight[k] = 0.0; }
+    make_contact(kind, e, position, predicted, v, stiffness, anticipate, pair_proximity(kind, e, position), &c);
     contacts[first + i] = c;
   }
 }

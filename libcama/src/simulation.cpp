@@ -55,10 +55,19 @@ std::string owner(const Scene &scene, const Topology &t, int vertex)
   return object < cloths ? "cloth '" + scene.cloths[object].name + "'" : "obstacle '" + scene.obstacles[object - cloths].name + "'";
 }
 
+/// Intersections that contact is to prevent: cloth with obstacles, and cloth with cloth where the scene wants that.
+std::vector<Intersection> forbidden_intersections(const std::vector<dvec3> &position, const Topology &t, bool self)
+{
+  std::vector<Intersection> found = intersections(position, t.face, t.cloth_vertices);
+  const auto allowed = [&](const Intersection &i) { return !self && i.edge[0] < t.cloth_vertices && t.face[i.face][0] < t.cloth_vertices; };
+  found.erase(std::remove_if(found.begin(), found.end(), allowed), found.end());
+  return found;
+}
+
 /// Refuses a start in which cloth intersects itself, another cloth or an obstacle: no step could promise anything from there.
 void check_start(const Scene &scene, const Topology &t)
 {
-  const std::vector<Intersection> found = intersections(t.position, t.face, t.cloth_vertices);
+  const std::vector<Intersection> found = forbidden_intersections(t.position, t, scene.contact.self);
   if (found.empty()) return;
   const Intersection &first = found.front();
   throw CollisionError("the scene starts with " + std::to_string(found.size()) + " intersections; the first: edge " +
@@ -292,7 +301,7 @@ double Simulation::min_gap() const
 int Simulation::count_intersections() const
 {
   const Implementation &i = *implementation_;
-  return static_cast<int>(intersections(i.state.position.download(), i.topology.face, i.state.cloth_vertices).size());
+  return static_cast<int>(forbidden_intersections(i.state.position.download(), i.topology, i.state.contact_settings.self).size());
 }
 
 std::uint64_t Simulation::state_hash() const

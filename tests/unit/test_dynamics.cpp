@@ -9,6 +9,7 @@
 #include <map>
 #include <sstream>
 
+#include "cama/error.hpp"
 #include "cama/generators.hpp"
 #include "cama/simulation.hpp"
 
@@ -464,4 +465,40 @@ TEST_CASE("two cloths that collide keep their momentum", "[dynamics]")
     CHECK(angular < (speed < 1 ? 0.02 : 0.15));   // impulses act where the vertices were: off by what they move in a step
     CHECK(approach < 0.05 * speed);
   }
+}
+
+TEST_CASE("an obstacle with sampled and rigid motion goes where Motion::evaluate says", "[dynamics]")
+{
+  Scene s = scene_of(make_grid_cells(1, 1, 1, 1).mesh, Material::isotropic(100, 0, 0, 0.1), 0.01);
+  Obstacle o;
+  o.name = "plate";
+  o.mesh.position = {{0, 0, -5}, {1, 0, -5}, {0, 1, -5}};
+  o.mesh.face = {{0, 1, 2}};
+  auto sampled = std::make_shared<Motion::Sampled>();
+  sampled->time = {0, 1};
+  sampled->position = {o.mesh.position, {{0, 0, -5}, {2, 0, -5}, {0, 1, -6}}};
+  o.motion.sampled = sampled;
+  o.motion.velocity = {0.5, 0, 0};
+  o.motion.rotation_rate = {0, 0, 0.3};
+  s.obstacles.push_back(o);
+  s.contact.enabled = true;
+  Simulation sim(s, exact());
+  for (int n = 0; n < 20; ++n) sim.step();
+  std::vector<dvec3> expected;
+  o.motion.evaluate(sim.time(), o.mesh.position, expected);
+  const auto x = sim.positions();
+  for (int k = 0; k < 3; ++k) {
+    const dvec3 d = kernels::dsub(x[static_cast<std::size_t>(sim.obstacle_ranges()[0].first + k)], expected[static_cast<std::size_t>(k)]);
+    CHECK(kernels::dnorm(d) < 1e-12);
+  }
+}
+
+TEST_CASE("a vertex in two pins is refused", "[dynamics]")
+{
+  Scene s = scene_of(make_grid_cells(1, 1, 1, 1).mesh, Material::isotropic(100, 0, 0, 0.1), 0.01);
+  s.pins.push_back({0, {0, 1}, {}, {}});
+  s.pins.push_back({0, {1}, {}, {}, 1.0});
+  CHECK_THROWS_AS(Simulation(s, exact()), SceneError);
+  s.pins.pop_back();
+  CHECK_NOTHROW(Simulation(s, exact()));
 }

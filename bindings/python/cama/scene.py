@@ -90,8 +90,8 @@ class Obstacle(_Part):
 
     @property
     def motion(self):
-        """Its motion (compiled type; `evaluate(time, vertices)` gives positions)."""
-        return self._core().motion
+        """A copy of its motion (compiled type; `evaluate(time, vertices)` gives positions)."""
+        return _core.Motion(self._core().motion)
 
 
 def _placement(transform, translate, rotate, scale):

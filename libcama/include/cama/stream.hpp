@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
+#include <algorithm>
 #include <utility>
 #include <vector>
 
@@ -31,14 +32,15 @@ public:
   void resize(int size)
   {
     if (size < 0) throw MemoryError("stream size " + std::to_string(size) + " exceeds 2^31 elements");
-    if (size > capacity_) reserve(capacity_ == 0 ? size : size + size / 2);
+    constexpr long long most = 0x7fffffff;
+    if (size > capacity_) reserve(static_cast<int>(capacity_ == 0 ? size : std::min(most, size + size / 2ll)));
     size_ = size;
   }
   void reserve(int capacity)
   {
     if (capacity <= capacity_) return;
     if (buffer_) backend_->release(std::exchange(buffer_, nullptr));
-    capacity_ = 0;
+    capacity_ = size_ = 0;   // if allocation throws, the stream is empty
     buffer_ = backend_->allocate(sizeof(T) * static_cast<std::size_t>(capacity));
     capacity_ = capacity;
   }

@@ -212,8 +212,10 @@ Material parse_material(const Field &f, const std::string &name)
 
 Json material_json(const Material &m)
 {
-  return {{"format", "cama"}, {"name", m.name}, {"source", m.source}, {"density", m.density}, {"stretching", m.stretching},
-          {"bending", m.bending}, {"damping", m.damping}, {"friction", m.friction}, {"thickness", m.thickness}};
+  Json json = {{"format", "cama"}, {"name", m.name}, {"source", m.source}, {"density", m.density}, {"stretching", m.stretching},
+               {"bending", m.bending}, {"damping", m.damping}, {"thickness", m.thickness}};
+  if (m.friction >= 0) json["friction"] = m.friction;
+  return json;
 }
 
 }  // namespace cama

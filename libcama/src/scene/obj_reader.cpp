@@ -3,6 +3,7 @@
 // place in the file, panels share world vertices that are separate in material space, and coordinates must survive to the last bit.
 #include "scene/obj_reader.hpp"
 
+#include <limits>
 #include <cstdlib>
 #include <cstring>
 #include <string>
@@ -72,7 +73,7 @@ private:
   int resolve(long i, std::size_t count)
   {
     const long r = i > 0 ? i - 1 : static_cast<long>(count) + i;
-    if (i == 0 || r < 0) fail("index " + std::to_string(i) + " out of range");
+    if (i == 0 || r < 0 || r > std::numeric_limits<int>::max()) fail("index " + std::to_string(i) + " out of range");
     return static_cast<int>(r);
   }
 

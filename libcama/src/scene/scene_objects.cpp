@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // Obstacles and cloths of a scene file.
+#include <cctype>
 #include <algorithm>
 #include <cmath>
 #include <utility>
@@ -27,7 +28,12 @@ std::string one_of(const Field &f, std::initializer_list<const char *> keys)
   return found;
 }
 
-bool is_obj(const std::filesystem::path &p) { return p.extension() == ".obj" || p.extension() == ".OBJ"; }
+bool is_obj(const std::filesystem::path &p)
+{
+  std::string ending = p.extension().string();
+  for (char &c : ending) c = static_cast<char>(std::tolower(static_cast<unsigned char>(c)));
+  return ending == ".obj";
+}
 
 std::pair<double, double> size2(const Field &f)
 {

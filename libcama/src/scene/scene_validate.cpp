@@ -1,4 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
+#include <algorithm>
 #include <cmath>
 #include <set>
 
@@ -83,6 +84,18 @@ void check_pin(const Scene &s, std::size_t i)
   check_motion(field + ".motion", p.motion, 0);
 }
 
+/// A vertex follows one motion.
+void check_pins_apart(const Scene &s)
+{
+  std::vector<std::pair<std::array<int, 2>, std::size_t>> held;
+  for (std::size_t i = 0; i < s.pins.size(); ++i)
+    for (int v : s.pins[i].vertices) held.push_back({{s.pins[i].cloth, v}, i});
+  std::sort(held.begin(), held.end());
+  for (std::size_t k = 1; k < held.size(); ++k)
+    require(held[k].first != held[k - 1].first || held[k].second == held[k - 1].second, "pins[" + std::to_string(held[k].second) + "].vertices",
+            std::to_string(held[k].first[1]), "pins[" + std::to_string(held[k - 1].second) + "] holds this vertex already; leave it to one of them");
+}
+
 void check_stitch(const Scene &s, std::size_t i)
 {
   const Stitch &t = s.stitches[i];
@@ -126,6 +139,7 @@ void Scene::validate() const
     check_motion(object + ": motion", o.motion, o.mesh.position.size());
   }
   for (std::size_t i = 0; i < pins.size(); ++i) check_pin(*this, i);
+  check_pins_apart(*this);
   for (std::size_t i = 0; i < stitches.size(); ++i) check_stitch(*this, i);
 }
 

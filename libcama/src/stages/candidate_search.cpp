@@ -50,9 +50,9 @@ void CandidateSearch::build_tree(State &state, int leaves, const Stream<kernels:
 void CandidateSearch::run(State &state, const Stream<dvec3> &from, const Stream<dvec3> &to)
 {
   Backend &b = *state.backend;
-  const bool sort = state.face_order.size() == 0 || searches_since_sort_++ >= searches_per_sort;
+  const bool sort = searches_since_sort_ == 0 || searches_since_sort_ >= searches_per_sort;
   if (sort) {
-    searches_since_sort_ = 1;
+    searches_since_sort_ = 0;   // stays so if anything below throws
     state.face_order.resize(state.faces);
     state.edge_order.resize(state.edges);
     state.face_tree.resize(kernels::tree_size(state.faces));
@@ -69,6 +69,7 @@ void CandidateSearch::run(State &state, const Stream<dvec3> &from, const Stream<
   CAMA_LAUNCH(b, edge_boxes, state.edges, state.edge, state.vertex_box, state.edge_box);
   build_tree(state, state.faces, state.face_box, state.face_order, state.face_tree, sort);
   build_tree(state, state.edges, state.edge_box, state.edge_order, state.edge_tree, sort);
+  ++searches_since_sort_;
 
   const int self = state.contact_settings.self ? 1 : 0, most = std::max(state.vertices, state.edges);
   slot_.resize(slots * most);

@@ -64,13 +64,13 @@ void LinearSolve<Real>::conjugate_gradient(State &state)
   dot(state, r_, z_);
   CAMA_LAUNCH(b, finish_beta, 1, parts, 1, partial_, scalar_);
   const double start = scalar_.at(SCALAR_RZ), goal = state.options.tolerance * state.options.tolerance * start;
-  if (!std::isfinite(start)) throw SolverError("step " + std::to_string(state.report.step) + ": the linear system is not finite");
+  if (!std::isfinite(start)) throw SolverError("step " + std::to_string(state.report.step) + ": the linear system is not finite; check the material's stiffness and density and the time step");
   if (start < 0)
     throw SolverError("step " + std::to_string(state.report.step) + ": the preconditioner is not positive definite; check stiffness and density");
   double now = start;
   int i = 0;
   while (i < state.options.max_iterations && now > goal && start > 0) {
-    for (int k = 0; k < iterations_per_check; ++k, ++i) {
+    for (int k = 0; k < iterations_per_check && i < state.options.max_iterations; ++k, ++i) {
       multiply(state, p_, q_);
       dot(state, p_, q_);
       CAMA_LAUNCH(b, finish_alpha, 1, parts, partial_, scalar_);
@@ -127,7 +127,7 @@ void LinearSolve<Real>::direct(State &state)
   Eigen::SparseMatrix<double> matrix(3 * rows, 3 * rows);
   matrix.setFromTriplets(entries.begin(), entries.end());
   Eigen::SimplicialLDLT<Eigen::SparseMatrix<double>> factor(matrix);
-  if (factor.info() != Eigen::Success) throw SolverError("step " + std::to_string(state.report.step) + ": the sparse factorisation failed");
+  if (factor.info() != Eigen::Success || !(factor.vectorD().minCoeff() > 0)) throw SolverError("step " + std::to_string(state.report.step) + ": the sparse factorisation failed (the matrix is not positive definite); check stiffness and density");
   const Eigen::VectorXd v = factor.solve(rhs);
   for (int i = 0; i < rows; ++i)
     if (!fixed[i]) x[i] = {static_cast<Real>(v[3 * i]), static_cast<Real>(v[3 * i + 1]), static_cast<Real>(v[3 * i + 2])};

@@ -97,15 +97,30 @@ void PrescribedMotion::release_due(State &state, double time)
   };
   let_go(handles_);
   let_go(attached_);
+  keep_attached();
   state.fixed.assign(fixed);
   state.inverse_mass.assign(inverse_mass);
+}
+
+void PrescribedMotion::keep_attached()
+{
+  const auto released = [](const Attached &a) { return a.released; };
+  if (std::none_of(attached_.begin(), attached_.end(), released)) return;
+  const std::vector<kernels::attachment> all = attachments_.download();
+  std::vector<kernels::attachment> kept;
+  std::size_t at = 0;
+  for (const Attached &a : attached_)
+    for (std::size_t i = 0; i < a.vertices.size(); ++i, ++at)
+      if (!a.released) kept.push_back(all[at]);
+  attachments_.assign(kept);
+  attached_.erase(std::remove_if(attached_.begin(), attached_.end(), released), attached_.end());
 }
 
 void PrescribedMotion::place(State &state, double time)
 {
   for (MovingObstacle &o : obstacles_) {
+    transform_.assign(transform_rows(o.motion.at(time)));
     if (o.motion.is_rigid()) {
-      transform_.assign(transform_rows(o.motion.at(time)));
       CAMA_LAUNCH(*state.backend, move_rigid, o.count, state.rest_position, transform_, o.first, state.position_next);
       continue;
     }
@@ -121,6 +136,7 @@ void PrescribedMotion::place(State &state, double time)
       o.frame_b = b;
     }
     CAMA_LAUNCH(*state.backend, move_sampled, o.count, o.a, o.b, t, o.first, state.position_next);
+    CAMA_LAUNCH(*state.backend, move_rigid, o.count, state.position_next, transform_, o.first, state.position_next);   // as Motion::evaluate
   }
   std::vector<int> vertex;
   std::vector<dvec3> position;
@@ -137,21 +153,7 @@ void PrescribedMotion::place(State &state, double time)
     handle_position_.assign(position);
     CAMA_LAUNCH(*state.backend, scatter_positions, handle_vertex_.size(), handle_vertex_, handle_position_, state.position_next);
   }
-  if (attachments_.size() && std::any_of(attached_.begin(), attached_.end(), [](const Attached &a) { return !a.released; })) {
-    std::vector<kernels::attachment> kept = attachments_.download();
-    std::size_t at = 0, out = 0;
-    bool changed = false;
-    for (Attached &a : attached_)
-      for (std::size_t i = 0; i < a.vertices.size(); ++i, ++at) {
-        if (a.released) changed = true; else kept[out++] = kept[at];
-      }
-    if (changed) {
-      kept.resize(out);
-      attachments_.assign(kept);
-      attached_.erase(std::remove_if(attached_.begin(), attached_.end(), [](const Attached &a) { return a.released; }), attached_.end());
-    }
-    CAMA_LAUNCH(*state.backend, move_attached, attachments_.size(), attachments_, state.position_next);
-  }
+  if (attachments_.size()) CAMA_LAUNCH(*state.backend, move_attached, attachments_.size(), attachments_, state.position_next);
 }
 
 void PrescribedMotion::run(State &state)
