@@ -1,0 +1,222 @@
+// SPDX-License-Identifier: Apache-2.0
+// The CUDA backend: the shared kernels compiled by nvcc, CUB for scan and sort. One stream; `download` and `synchronize` wait.
+#include "cuda_backend.hpp"
+
+#include <cub/cub.cuh>
+
+#include <algorithm>
+#include <unordered_map>
+#include <utility>
+
+#include "cama/error.hpp"
+#include "kernels.hpp"
+
+namespace cama {
+namespace {
+
+constexpr int threads_per_block = 256, blocks_per_processor = 16;
+
+struct Entry { const void *once, *f32, *f64; };
+
+const Entry entries[] = {
+#define CAMA_DOUBLE_KERNEL(name) {reinterpret_cast<const void *>(&kernels::name), nullptr, nullptr},
+#define CAMA_REAL_KERNEL(name) \
+  {nullptr, reinterpret_cast<const void *>(&kernels::f32::name), reinterpret_cast<const void *>(&kernels::f64::name)},
+#include "../../libcama/kernels/kernels.def"
+};
+
+void check(cudaError_t status, const char *call)
+{
+  if (status == cudaSuccess) return;
+  const std::string text = std::string(call) + ": " + cudaGetErrorName(status) + " (" + cudaGetErrorString(status) + ")";
+  if (status == cudaErrorMemoryAllocation) throw MemoryError(text + "; lower the resolution or use a larger device");
+  throw BackendError(text);
+}
+
+struct AddLong {
+  __host__ __device__ long long operator()(long long a, long long b) const { return a + b; }
+};
+
+/// to[n] = total; a total beyond 2^31 raises the flag, which the next download reports.
+__global__ void finish_scan(int n, const int *from, int *to, const long long *total, int *overflow)
+{
+  to[n] = n > 0 ? to[n - 1] + from[n - 1] : 0;
+  if (n > 0 && *total > 0x7fffffffll) *overflow = 1;
+}
+
+class CudaBackend final : public Backend {
+public:
+  explicit CudaBackend(int device)
+  {
+    check(cudaSetDevice(device), "cudaSetDevice");
+    cudaDeviceProp properties;
+    check(cudaGetDeviceProperties(&properties, device), "cudaGetDeviceProperties");
+    device_ = properties.name;
+    blocks_ = properties.multiProcessorCount * blocks_per_processor;
+    check(cudaStreamCreateWithFlags(&queue_, cudaStreamNonBlocking), "cudaStreamCreate");
+    check(cudaMalloc(&flags_, 64), "cudaMalloc");
+    check(cudaMemset(flags_, 0, 64), "cudaMemset");
+  }
+  ~CudaBackend() override
+  {
+    cudaStreamSynchronize(queue_);
+    for (void *scratch : {scratch_, other_keys_, other_values_, flags_}) cudaFree(scratch);
+    cudaStreamDestroy(queue_);
+  }
+
+  std::string_view name() const override { return "cuda"; }
+  std::string device() const override { return device_; }
+
+  Buffer allocate(std::size_t bytes) override
+  {
+    void *memory = nullptr;
+    check(cudaMalloc(&memory, std::max<std::size_t>(bytes, 1)), ("cudaMalloc of " + std::to_string(bytes) + " bytes").c_str());
+#ifndef NDEBUG
+    check(cudaMemsetAsync(memory, 0xff, bytes, queue_), "cudaMemset");   // every double and float of a new stream is NaN
+#endif
+    sizes_[memory] = bytes;
+    allocated_ += bytes;
+    peak_ = std::max(peak_, allocated_);
+    return memory;
+  }
+  void release(Buffer buffer) noexcept override
+  {
+    const auto found = sizes_.find(buffer);
+    if (found != sizes_.end()) {
+      allocated_ -= found->second;
+      sizes_.erase(found);
+    }
+    cudaFree(buffer);   // waits for the work that uses it
+  }
+  void upload(Buffer to, const void *from, std::size_t bytes) override
+  {
+    check(cudaMemcpyAsync(to, from, bytes, cudaMemcpyHostToDevice, queue_), "cudaMemcpy to the device");
+    check(cudaStreamSynchronize(queue_), "upload");   // the caller's memory may go away
+  }
+  void download(void *to, Buffer from, std::size_t bytes, std::size_t offset) override
+  {
+    int overflow = 0;
+    check(cudaMemcpyAsync(to, static_cast<const char *>(from) + offset, bytes, cudaMemcpyDeviceToHost, queue_), "cudaMemcpy to the host");
+    check(cudaMemcpyAsync(&overflow, flag(), sizeof overflow, cudaMemcpyDeviceToHost, queue_), "cudaMemcpy to the host");
+    check(cudaStreamSynchronize(queue_), "download");
+    if (overflow) {
+      check(cudaMemset(flags_, 0, 64), "cudaMemset");
+      throw MemoryError("a list of this scene exceeds 2^31 entries; lower the resolution or the contact thickness");
+    }
+  }
+  void copy(Buffer to, Buffer from, std::size_t bytes) override
+  {
+    check(cudaMemcpyAsync(to, from, bytes, cudaMemcpyDeviceToDevice, queue_), "cudaMemcpy on the device");
+  }
+  void fill(Buffer buffer, unsigned char byte, std::size_t bytes) override
+  {
+    check(cudaMemsetAsync(buffer, byte, bytes, queue_), "cudaMemset");
+  }
+
+  void launch(const KernelKey &kernel, int n, const Argument *arguments, int count) override
+  {
+    ++launches_;
+    const Entry &entry = entries[kernel.index];
+    const void *function = kernel.precision == Precision::none ? entry.once : kernel.precision == Precision::f32 ? entry.f32 : entry.f64;
+    void *parameters[40];
+    parameters[0] = &n;
+    for (int i = 0; i < count; ++i)
+      parameters[i + 1] = arguments[i].is_buffer ? const_cast<Buffer *>(&arguments[i].buffer) : const_cast<void *>(arguments[i].scalar);
+    const int blocks = std::min((n - 1) / threads_per_block + 1, blocks_);
+    check(cudaLaunchKernel(function, dim3(blocks), dim3(n < threads_per_block ? (n + 31) / 32 * 32 : threads_per_block), parameters, 0, queue_),
+          kernel.name);
+  }
+
+  void scan(Buffer from, Buffer to, int n) override
+  {
+    const int *in = static_cast<const int *>(from);
+    int *out = static_cast<int *>(to);
+    auto *total = static_cast<long long *>(flags_);
+    if (n > 0) {
+      with_scratch([&](void *scratch, std::size_t &bytes) { return cub::DeviceScan::ExclusiveSum(scratch, bytes, in, out, n, queue_); }, "scan");
+      with_scratch([&](void *scratch, std::size_t &bytes) {
+        return cub::DeviceReduce::Reduce(scratch, bytes, in, total, n, AddLong{}, 0ll, queue_); }, "scan");
+    }
+    finish_scan<<<1, 1, 0, queue_>>>(n, in, out, total, flag());
+    check(cudaGetLastError(), "finish_scan");
+  }
+
+  void sort(Buffer keys, Buffer values, int n, int bits) override
+  {
+    if (n <= 1) return;
+    if (n > other_size_) {
+      cudaFree(std::exchange(other_keys_, nullptr));
+      cudaFree(std::exchange(other_values_, nullptr));
+      other_size_ = 0;
+      const std::size_t room = static_cast<std::size_t>(n) + static_cast<std::size_t>(n) / 2;
+      check(cudaMalloc(&other_keys_, room * sizeof(key64)), "cudaMalloc for sort");
+      check(cudaMalloc(&other_values_, room * sizeof(int)), "cudaMalloc for sort");
+      other_size_ = static_cast<long long>(room);
+    }
+    cub::DoubleBuffer<key64> key(static_cast<key64 *>(keys), static_cast<key64 *>(other_keys_));
+    cub::DoubleBuffer<int> value(static_cast<int *>(values), static_cast<int *>(other_values_));
+    with_scratch([&](void *scratch, std::size_t &bytes) {
+      return cub::DeviceRadixSort::SortPairs(scratch, bytes, key, value, n, 0, bits, queue_); }, "sort");
+    if (key.Current() != keys) copy(keys, key.Current(), sizeof(key64) * static_cast<std::size_t>(n));
+    if (value.Current() != values) copy(values, value.Current(), sizeof(int) * static_cast<std::size_t>(n));
+  }
+  void synchronize() override { check(cudaStreamSynchronize(queue_), "synchronize"); }
+
+private:
+  int *flag() const { return reinterpret_cast<int *>(static_cast<char *>(flags_) + 8); }
+
+  /// CUB's two calls: how much scratch, then the work.
+  template <class F> void with_scratch(F &&call, const char *what)
+  {
+    std::size_t bytes = 0;
+    check(call(nullptr, bytes), what);
+    if (bytes > scratch_size_) {
+      cudaFree(std::exchange(scratch_, nullptr));
+      scratch_size_ = 0;
+      check(cudaMalloc(&scratch_, bytes + bytes / 2), "cudaMalloc for scratch");
+      scratch_size_ = bytes + bytes / 2;
+    }
+    bytes = scratch_size_;
+    check(call(scratch_, bytes), what);
+  }
+
+  std::string device_;
+  int blocks_ = 1;
+  cudaStream_t queue_ = nullptr;
+  std::unordered_map<Buffer, std::size_t> sizes_;
+  void *scratch_ = nullptr, *other_keys_ = nullptr, *other_values_ = nullptr;
+  void *flags_ = nullptr;   // a 64-bit total, then the overflow flag
+  std::size_t scratch_size_ = 0;
+  long long other_size_ = 0;
+};
+
+}  // namespace
+
+std::vector<std::string> cuda_devices(std::string &note)
+{
+  int count = 0;
+  const cudaError_t status = cudaGetDeviceCount(&count);
+  if (status != cudaSuccess) {
+    cudaGetLastError();
+    note = std::string(cudaGetErrorName(status)) + ": " + cudaGetErrorString(status);
+    return {};
+  }
+  std::vector<std::string> names;
+  for (int i = 0; i < count; ++i) {
+    cudaDeviceProp properties;
+    if (cudaGetDeviceProperties(&properties, i) == cudaSuccess) names.push_back(properties.name);
+  }
+  return names;
+}
+
+std::unique_ptr<Backend> make_cuda_backend(int device)
+{
+  std::string note;
+  const std::vector<std::string> devices = cuda_devices(note);
+  if (devices.empty()) throw BackendError("backend: cuda has no device here (" + note + "); use cpu, or install NVIDIA's driver");
+  if (device < 0 || device >= static_cast<int>(devices.size()))
+    throw BackendError("device: " + std::to_string(device) + " is out of range; backend cuda has " + std::to_string(devices.size()) + " devices, from 0");
+  return std::make_unique<CudaBackend>(device);
+}
+
+}  // namespace cama
