@@ -95,14 +95,8 @@ public:
   }
   void download(void *to, Buffer from, std::size_t bytes, std::size_t offset) override
   {
-    int overflow = 0;
     check(cudaMemcpyAsync(to, static_cast<const char *>(from) + offset, bytes, cudaMemcpyDeviceToHost, queue_), "cudaMemcpy to the host");
-    check(cudaMemcpyAsync(&overflow, flag(), sizeof overflow, cudaMemcpyDeviceToHost, queue_), "cudaMemcpy to the host");
-    check(cudaStreamSynchronize(queue_), "download");
-    if (overflow) {
-      check(cudaMemset(flags_, 0, 64), "cudaMemset");
-      throw MemoryError("a list of this scene exceeds 2^31 entries; lower the resolution or the contact thickness");
-    }
+    synchronize();
   }
   void copy(Buffer to, Buffer from, std::size_t bytes) override
   {
@@ -160,7 +154,16 @@ public:
     if (key.Current() != keys) copy(keys, key.Current(), sizeof(key64) * static_cast<std::size_t>(n));
     if (value.Current() != values) copy(values, value.Current(), sizeof(int) * static_cast<std::size_t>(n));
   }
-  void synchronize() override { check(cudaStreamSynchronize(queue_), "synchronize"); }
+  /// Waits; reports a scan that overflowed since the last wait.
+  void synchronize() override
+  {
+    int overflow = 0;
+    check(cudaMemcpyAsync(&overflow, flag(), sizeof overflow, cudaMemcpyDeviceToHost, queue_), "cudaMemcpy to the host");
+    check(cudaStreamSynchronize(queue_), "synchronize");
+    if (!overflow) return;
+    check(cudaMemset(flags_, 0, 64), "cudaMemset");
+    throw MemoryError("a list of this scene exceeds 2^31 entries; lower the resolution or the contact thickness");
+  }
 
 private:
   int *flag() const { return reinterpret_cast<int *>(static_cast<char *>(flags_) + 8); }

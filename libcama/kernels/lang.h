@@ -13,7 +13,12 @@
 #define DEVICE_ATOMIC DEVICE /* element functions that use atomics */
 #define GLOBAL __global
 #define RESTRICT restrict
+#if defined(CAMA_CHUNKED) /* processors: every work-item has a run of elements */
+#define CHUNK_BEGIN(n, item) ((int)((long)(n) * (long)(item) / (long)get_global_size(0)))
+#define FOR_EACH(i, n) for (int i = CHUNK_BEGIN(n, get_global_id(0)), i##_end = CHUNK_BEGIN(n, get_global_id(0) + 1); i < i##_end; ++i)
+#else
 #define FOR_EACH(i, n) for (int i = (int)get_global_id(0); i < (n); i += (int)get_global_size(0))
+#endif
 #define FOR_EACH_UNEVEN(i, n) FOR_EACH(i, n)
 typedef ulong key64;
 DEVICE int atomic_add_int(volatile GLOBAL int *p, int v) { return atomic_add(p, v); }

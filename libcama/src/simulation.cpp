@@ -121,6 +121,7 @@ void Simulation::step()
   State &s = implementation_->state;
   const int number = s.report.step + 1;
   const StepReport before = s.report;
+  const long launches = implementation_->backend->launches();
   s.report = StepReport{};
   s.report.step = number;
   try {
@@ -131,6 +132,7 @@ void Simulation::step()
   }
   s.time = number * s.time_step;
   s.report.time = s.time;
+  s.report.launches = implementation_->backend->launches() - launches;
   s.report.milliseconds = implementation_->pipeline.step->milliseconds();
   if (s.options.audit) s.report.intersections = count_intersections();
 }

@@ -5,52 +5,13 @@
 #include <cmath>
 #include <limits>
 
-#include "../meshes.hpp"
+#include "everything.hpp"
 #include "lockstep.hpp"
 
 using namespace cama;
+using namespace everything_scene;
 
 namespace {
-
-Options with(const std::string &precision, int threads, Assembly assembly = Assembly::gather)
-{
-  Options o;
-  o.precision = precision;
-  o.threads = threads;
-  o.assembly = assembly;
-  return o;
-}
-
-/// Sheets on a moving ball with a moving pin, a stitch, wind and a measured fabric: every stage and stream there is.
-Scene everything(int cells)
-{
-  Scene s = meshes::pile(cells);
-  s.cloths[0].material.stretching[3][0] *= 1.5;   // a measured table
-  s.cloths[0].material.damping = 0.002;
-  s.wind = Wind{{1, 0.5, 0}, 1.2, 0.1};
-  Pin pin;
-  pin.vertices = {0};
-  pin.motion.velocity = {0, -0.2, 0.1};
-  s.pins.push_back(pin);
-  const int corner = (cells + 1) * (cells + 1) - 1;
-  s.stitches.push_back({0, corner, 1, corner, corner - 1, 0.25, 50});
-  return s;
-}
-
-struct Outcome { std::uint64_t hash; int contacts, impacts; };
-
-Outcome simulate(const Scene &scene, const Options &options, int steps)
-{
-  Simulation simulation(scene, options);
-  Outcome o{0, 0, 0};
-  for (int i = 0; i < steps; ++i) {
-    simulation.step();
-    o.contacts = std::max(o.contacts, simulation.report().contacts);
-    o.impacts = std::max(o.impacts, simulation.report().impacts);
-  }
-  o.hash = simulation.state_hash();
-  return o;
-}
 
 /// The next double after v.
 double bump(double v) { return std::nextafter(v, std::numeric_limits<double>::infinity()); }

@@ -34,7 +34,7 @@ def test_arrays_have_stated_shapes(falling):
     assert simulation.step_count == 3 and simulation.time == pytest.approx(0.015)
     assert len(simulation.state_hash) == 16 and int(simulation.state_hash, 16) >= 0
     assert set(simulation.energy()) == {"kinetic", "stretching", "bending", "gravity"}
-    assert simulation.report["step"] == 3 and simulation.report["milliseconds"] > 0
+    assert simulation.report["step"] == 3 and simulation.report["milliseconds"] > 0 and simulation.report["launches"] > 0
     assert simulation.timings and all(ms >= 0 for ms in simulation.timings.values())
     assert simulation.explain() and all(len(row) == 2 for row in simulation.explain())
     assert simulation.streams and simulation.streams[0].keys() == {"name", "element", "size", "bytes"}

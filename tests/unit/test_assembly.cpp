@@ -286,7 +286,7 @@ const Way ways[] = {{"algorithm 1, gathered", Assembly::algorithm1, false},
 
 template <class Real> void check(const Elements<Real> &e, double tolerance, int threads = 1)
 {
-  const auto backend = make_backend("cpu", 0, threads);
+  const auto backend = make_backend("auto", 0, threads);
   for (ContactForm form : {ContactForm::rank_one, ContactForm::star}) {
     const MatrixXd expected = dense(e, form);
     for (const Way &way : ways) {
@@ -391,7 +391,7 @@ TEST_CASE("assembly with long rows and a single row", "[assembly]")
 
 TEST_CASE("every way of assembly survives a growing and shrinking list of terms", "[assembly]")
 {
-  const auto backend = make_backend("cpu", 0, 1);
+  const auto backend = make_backend("auto", 0, 1);
   for (const Way &way : ways) {
     INFO(way.name);
     AssembleMatrix<double> stage(*backend);
@@ -415,7 +415,7 @@ TEST_CASE("the star form's entries join opposite sides only", "[assembly]")
   e.rows = 8;
   e.mass.assign(8, 1.0);
   maker.add_contacts(e, 1, false);   // vertex-face
-  const auto backend = make_backend("cpu", 0, 1);
+  const auto backend = make_backend("auto", 0, 1);
   for (Assembly assembly : {Assembly::algorithm1, Assembly::sorted}) {
     const auto blocks = [&](ContactForm form) {
       const auto state = fill(*backend, e);

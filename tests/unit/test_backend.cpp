@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // The backend's primitives against the standard library, streams, and the arithmetic that replaces the maths library.
+#include "../backends.hpp"
 #include "../catch.hpp"
 
 #include <algorithm>
@@ -60,14 +61,25 @@ template <class Real, class Plain> double worst_atan2(Plain plain)
   return worst;
 }
 
+/// The CPU with one thread and with three, then the others that are here.
+std::vector<std::unique_ptr<Backend>> every_backend()
+{
+  std::vector<std::unique_ptr<Backend>> backends;
+  backends.push_back(make_backend("cpu", 0, 1));
+  backends.push_back(make_backend("cpu", 0, 3));
+  for (const std::string &name : backends_here())
+    if (name != "cpu") backends.push_back(make_backend(name));
+  return backends;
+}
+
 }  // namespace
 
 TEST_CASE("scan equals the running sum", "[backend]")
 {
   std::mt19937 random(3);
-  for (int threads : {1, 3}) {
-    const auto backend = make_backend("cpu", 0, threads);
-    for (int n : {0, 1, 2, 255, 256, 257, 100000}) {
+  for (const auto &backend : every_backend()) {
+    INFO(backend->name());
+    for (int n : {0, 1, 2, 255, 256, 257, 32768, 32769, 100000}) {
       std::vector<int> values(static_cast<std::size_t>(n));
       for (int &v : values) v = static_cast<int>(random() % 7);
       Stream<int> from(*backend, values), to(*backend, n + 1);
@@ -82,17 +94,25 @@ TEST_CASE("scan equals the running sum", "[backend]")
 
 TEST_CASE("scan refuses a list of 2^31 entries", "[backend]")
 {
-  const auto backend = make_backend("cpu", 0, 1);
-  Stream<int> fits(*backend, std::vector<int>{0x7fffffff, 0}), beyond(*backend, std::vector<int>{0x7fffffff, 1}), to(*backend, 3);
-  backend->scan(fits.buffer(), to.buffer(), 2);
-  CHECK(to.at(2) == 0x7fffffff);
-  CHECK_THROWS_AS(backend->scan(beyond.buffer(), to.buffer(), 2), MemoryError);
+  for (const auto &backend : every_backend()) {
+    INFO(backend->name());
+    Stream<int> fits(*backend, std::vector<int>{0x7fffffff, 0}), beyond(*backend, std::vector<int>{0x7fffffff, 1}), to(*backend, 3);
+    backend->scan(fits.buffer(), to.buffer(), 2);
+    CHECK(to.at(2) == 0x7fffffff);
+    CHECK_THROWS_AS((backend->scan(beyond.buffer(), to.buffer(), 2), to.at(2)), MemoryError);   // when the total is read at the latest
+    CHECK_THROWS_AS((backend->scan(beyond.buffer(), to.buffer(), 2), backend->synchronize()), MemoryError);
+    backend->scan(fits.buffer(), to.buffer(), 2);   // and goes on
+    CHECK(to.at(2) == 0x7fffffff);
+    std::vector<int> ones(300000, 1 << 13);   // 2.4e9: the sum of many
+    Stream<int> many(*backend, ones), places(*backend, 300001);
+    CHECK_THROWS_AS((backend->scan(many.buffer(), places.buffer(), 300000), places.at(1)), MemoryError);
+  }
 }
 
 TEST_CASE("sort is std::stable_sort of keys with their values", "[backend]")
 {
-  for (int threads : {1, 3}) {
-    const auto backend = make_backend("cpu", 0, threads);
+  for (const auto &backend : every_backend()) {
+    INFO(backend->name());
     for (int bits : {11, 30, 62, 63, 64})
       for (int n : {0, 1, 2, 255, 1000, 100000}) {
         if (n == 100000 && bits != 63) continue;
@@ -114,65 +134,73 @@ TEST_CASE("sort is std::stable_sort of keys with their values", "[backend]")
 
 TEST_CASE("a stream grows from capacity 1 and loses nothing that is written after", "[backend]")
 {
-  const auto backend = make_backend("cpu", 0, 1);
-  Stream<int> s(*backend, 1);
-  REQUIRE(s.capacity() == 1);
-  for (int n : {1, 2, 3, 10, 9, 1000, 0, 1001}) {
-    std::vector<int> values(static_cast<std::size_t>(n));
-    std::iota(values.begin(), values.end(), n);
-    s.assign(values);
-    REQUIRE(s.size() == n);
-    REQUIRE(s.capacity() >= n);
-    REQUIRE(s.download() == values);
-    if (n) REQUIRE(s.at(n - 1) == 2 * n - 1);
+  for (const auto &backend : every_backend()) {
+    INFO(backend->name());
+    Stream<int> s(*backend, 1);
+    REQUIRE(s.capacity() == 1);
+    for (int n : {1, 2, 3, 10, 9, 1000, 0, 1001}) {
+      std::vector<int> values(static_cast<std::size_t>(n));
+      std::iota(values.begin(), values.end(), n);
+      s.assign(values);
+      REQUIRE(s.size() == n);
+      REQUIRE(s.capacity() >= n);
+      REQUIRE(s.download() == values);
+      if (n) REQUIRE(s.at(n - 1) == 2 * n - 1);
+    }
+    CHECK_THROWS_AS(s.resize(-1), MemoryError);
+    const int before = s.capacity();
+    s.resize(5);
+    CHECK(s.capacity() == before);   // shrinking keeps the memory
   }
-  CHECK_THROWS_AS(s.resize(-1), MemoryError);
-  const int before = s.capacity();
-  s.resize(5);
-  CHECK(s.capacity() == before);   // shrinking keeps the memory
 }
 
 TEST_CASE("streams move, swap and copy", "[backend]")
 {
-  const auto backend = make_backend("cpu", 0, 1);
-  Stream<double> a(*backend, std::vector<double>{1, 2, 3}), b(*backend, std::vector<double>{4}), c;
-  a.swap(b);
-  CHECK(b.download() == std::vector<double>{1, 2, 3});
-  c = std::move(b);
-  CHECK(c.size() == 3);
-  a.copy_from(c);
-  CHECK(a.download() == std::vector<double>{1, 2, 3});
-  a.fill_zero();
-  CHECK(a.download() == std::vector<double>{0, 0, 0});
+  for (const auto &backend : every_backend()) {
+    INFO(backend->name());
+    Stream<double> a(*backend, std::vector<double>{1, 2, 3}), b(*backend, std::vector<double>{4}), c;
+    a.swap(b);
+    CHECK(b.download() == std::vector<double>{1, 2, 3});
+    c = std::move(b);
+    CHECK(c.size() == 3);
+    a.copy_from(c);
+    CHECK(a.download() == std::vector<double>{1, 2, 3});
+    a.fill_zero();
+    CHECK(a.download() == std::vector<double>{0, 0, 0});
+  }
 }
 
 TEST_CASE("memory is aligned to 64 bytes and accounted for", "[backend]")
 {
-  const auto backend = make_backend("cpu", 0, 1);
-  REQUIRE(backend->allocated_bytes() == 0);
-  {
-    std::vector<Stream<char>> streams;
-    std::size_t bytes = 0;
-    for (int n : {1, 3, 63, 64, 65, 1000}) {
-      streams.emplace_back(*backend, n);
-      bytes += static_cast<std::size_t>(n);
-      CHECK(reinterpret_cast<std::uintptr_t>(streams.back().buffer()) % 64 == 0);
-      CHECK(backend->allocated_bytes() == bytes);
+  for (const auto &backend : every_backend()) {
+    INFO(backend->name());
+    REQUIRE(backend->allocated_bytes() == 0);
+    {
+      std::vector<Stream<char>> streams;
+      std::size_t bytes = 0;
+      for (int n : {1, 3, 63, 64, 65, 1000}) {
+        streams.emplace_back(*backend, n);
+        bytes += static_cast<std::size_t>(n);
+        if (backend->name() == "cpu") CHECK(reinterpret_cast<std::uintptr_t>(streams.back().buffer()) % 64 == 0);
+        CHECK(backend->allocated_bytes() == bytes);
+      }
+      CHECK(backend->peak_bytes() == bytes);
+      streams.back().resize(2000);   // grows by half, the old memory goes back first
+      CHECK(backend->allocated_bytes() == bytes - 1000 + 3000);
     }
-    CHECK(backend->peak_bytes() == bytes);
-    streams.back().resize(2000);   // grows by half, the old memory goes back first
-    CHECK(backend->allocated_bytes() == bytes - 1000 + 3000);
+    CHECK(backend->allocated_bytes() == 0);
+    CHECK(backend->peak_bytes() == 1 + 3 + 63 + 64 + 65 + 3000);
   }
-  CHECK(backend->allocated_bytes() == 0);
-  CHECK(backend->peak_bytes() == 1 + 3 + 63 + 64 + 65 + 3000);
 }
 
 TEST_CASE("memory that cannot be had is an error that says how much", "[backend]")
 {
-  const auto backend = make_backend("cpu", 0, 1);
-  const std::string text = thrown<MemoryError>([&] { backend->allocate(std::size_t(1) << 60); });
-  CHECK(contains(text, std::to_string(std::size_t(1) << 60)));
-  CHECK(backend->allocated_bytes() == 0);
+  for (const auto &backend : every_backend()) {
+    INFO(backend->name());
+    const std::string text = thrown<MemoryError>([&] { backend->allocate(std::size_t(1) << 60); });
+    CHECK(contains(text, std::to_string(std::size_t(1) << 60)));
+    CHECK(backend->allocated_bytes() == 0);
+  }
 }
 
 TEST_CASE("new streams hold NaN in debug builds of the library", "[backend]")
@@ -197,15 +225,37 @@ TEST_CASE("backends that are not there are named", "[backend]")
   CHECK_THROWS_AS(make_backend("cpu", 0, -1), BackendError);
 }
 
+TEST_CASE("downloads start where they are told, copies and fills end there", "[backend]")
+{
+  for (const auto &backend : every_backend()) {
+    INFO(backend->name());
+    Stream<int> s(*backend, std::vector<int>{1, 2, 3, 4, 5, 6, 7}), t(*backend, std::vector<int>(7, -1));
+    int two[2];
+    backend->download(two, s.buffer(), sizeof two, 4 * sizeof(int));
+    CHECK((two[0] == 5 && two[1] == 6));
+    backend->copy(t.buffer(), s.buffer(), 3 * sizeof(int));
+    CHECK(t.download() == std::vector<int>{1, 2, 3, -1, -1, -1, -1});
+    for (int bytes : {1, 4, 16, 20, 28}) {
+      s.assign({-1, -1, -1, -1, -1, -1, -1});
+      backend->fill(s.buffer(), 0, static_cast<std::size_t>(bytes));
+      const std::vector<int> values = s.download();
+      const auto *byte = reinterpret_cast<const unsigned char *>(values.data());
+      for (int i = 0; i < 28; ++i) CHECK(byte[i] == (i < bytes ? 0 : 255));
+    }
+  }
+}
+
 TEST_CASE("launch counts its calls and skips empty ones", "[backend]")
 {
-  const auto backend = make_backend("cpu", 0, 2);
-  Stream<int> s(*backend, 1000);
-  CAMA_LAUNCH(*backend, set_int, 1000, 7, s);
-  CHECK(s.download() == std::vector<int>(1000, 7));
-  CHECK(backend->launches() == 1);
-  CAMA_LAUNCH(*backend, set_int, 0, 9, s);
-  CHECK(backend->launches() == 1);
+  for (const auto &backend : every_backend()) {
+    INFO(backend->name());
+    Stream<int> s(*backend, 1000);
+    CAMA_LAUNCH(*backend, set_int, 1000, 7, s);
+    CHECK(s.download() == std::vector<int>(1000, 7));
+    CHECK(backend->launches() == 1);
+    CAMA_LAUNCH(*backend, set_int, 0, 9, s);
+    CHECK(backend->launches() == 1);
+  }
 }
 
 TEST_CASE("integer atomics count, and keep the least and the most", "[backend]")

@@ -55,7 +55,7 @@ struct Problem {
 /// Displacements that the stage computes, all vertices.
 VectorXd project(const Problem &p, double target, bool linear, int threads = 1)
 {
-  const auto backend = make_backend("cpu", 0, threads);
+  const auto backend = make_backend("auto", 0, threads);
   State state(*backend);
   state.cloth_vertices = p.cloth;
   state.vertices = static_cast<int>(p.position.size());
@@ -398,7 +398,7 @@ TEST_CASE("the projection is the same for any number of threads", "[impact]")
 
 TEST_CASE("lists grow from nothing: impacts by the thousand after none", "[impact]")
 {
-  const auto backend = make_backend("cpu", 0, 1);
+  const auto backend = make_backend("auto", 0, 1);
   State state(*backend);
   state.impact = Stream<impact>(*backend, 1);
   ImpactProjection stage(*backend);

@@ -73,7 +73,7 @@ TEST_CASE("incidence lists are what brute force finds", "[incidence]")
 {
   std::mt19937 random(1);
   for (int threads : {1, 3}) {
-    const auto backend = make_backend("cpu", 0, threads);
+    const auto backend = make_backend("auto", 0, threads);
     check(*backend, {}, 5);
     check(*backend, {{{0, 1, 2, -1}}}, 3);
     check(*backend, {{{0, 0, 0, 0}}}, 1);   // one vertex four times
@@ -85,7 +85,7 @@ TEST_CASE("incidence lists are what brute force finds", "[incidence]")
 
 TEST_CASE("incidence lists are rebuilt for other elements on the same streams", "[incidence]")
 {
-  const auto backend = make_backend("cpu", 0, 1);
+  const auto backend = make_backend("auto", 0, 1);
   std::mt19937 random(2);
   Stream<int> count(*backend, 100);
   Incidence lists;
@@ -115,7 +115,7 @@ TEST_CASE("sort_ints and sort_rows equal std::sort", "[incidence]")
     row.push_back(static_cast<int>(values.size()));
   }
   for (int threads : {1, 4}) {
-    const auto backend = make_backend("cpu", 0, threads);
+    const auto backend = make_backend("auto", 0, threads);
     Stream<int> row_stream(*backend, row), value_stream(*backend, values);
     CAMA_LAUNCH(*backend, sort_rows, static_cast<int>(rows.size()), row_stream, value_stream);
     std::vector<int> expected = values;

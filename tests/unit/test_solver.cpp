@@ -149,7 +149,7 @@ Scene uneven()
 
 TEST_CASE("bcsr_multiply equals Eigen's product", "[solver]")
 {
-  const auto backend = make_backend("cpu", 0, 2);
+  const auto backend = make_backend("auto", 0, 2);
   std::mt19937 random(1);
   std::normal_distribution<double> normal;
   const int n = 60;

@@ -106,6 +106,7 @@ py::dict to_dict(const StepReport &r)
   d["iterations"] = r.iterations;
   d["residual"] = r.residual;
   d["milliseconds"] = r.milliseconds;
+  d["launches"] = r.launches;
   d["intersections"] = r.intersections;
   return d;
 }

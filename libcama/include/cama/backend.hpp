@@ -45,6 +45,7 @@ public:
 
   virtual void launch(const KernelKey &kernel, int n, const Argument *arguments, int count) = 0;
   /// to[i] = sum of from[0..i), to[n] = total. `to` holds n + 1 ints and may not alias `from`.
+  /// A total beyond 2^31 - 1 is a MemoryError, here or, on backends that do not wait, at the next `download` or `synchronize`.
   virtual void scan(Buffer from, Buffer to, int n) = 0;
   /// Stable radix sort of n 64-bit keys by their low `bits` bits, values moved along.
   virtual void sort(Buffer keys, Buffer values, int n, int bits) = 0;
@@ -59,7 +60,8 @@ protected:
   long launches_ = 0;
 };
 
-/// name: "auto", "cpu", "opencl" or "cuda". threads: of the CPU backend, 0 = all. Throws BackendError listing what is there.
+/// name: "auto" (what the environment variable CAMA_BACKEND names, else cpu), "cpu", "opencl" or "cuda".
+/// device: index over the backend's usable devices. threads: of the CPU backend, 0 = all. Throws BackendError listing what is there.
 std::unique_ptr<Backend> make_backend(const std::string &name, int device = 0, int threads = 0);
 
 struct BackendInfo { std::string name; bool available; std::vector<std::string> devices; std::string note; };

@@ -60,6 +60,7 @@ struct StepReport {
   int iterations = 0;                     ///< of the linear solve
   double residual = 0;                    ///< of the linear solve: sqrt(r' P r) relative to its start; direct: |A v - b| / |b|
   double milliseconds = 0;
+  long launches = 0;                      ///< of kernels; what a backend's scan and sort launch is counted too
   int intersections = -1;                 ///< -1: not audited
 };
 

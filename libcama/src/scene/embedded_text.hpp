@@ -7,5 +7,6 @@ namespace cama {
 struct EmbeddedText { const char *name; const char *text; };
 
 extern const EmbeddedText embedded_fabrics[];   ///< materials/*.json; ended by {nullptr, nullptr}
+extern const EmbeddedText embedded_kernels[];   ///< libcama/kernels/*.h and primitives.cl, where OpenCL is built in
 
 }  // namespace cama

@@ -1,0 +1,323 @@
+// SPDX-License-Identifier: Apache-2.0
+// The OpenCL 1.2 backend: one in-order queue on one device. Programs are shared by all backends of the process (program.hpp).
+#include "opencl_backend.hpp"
+
+#include <algorithm>
+#include <array>
+#include <cstdint>
+#include <map>
+#include <vector>
+
+#include "cama/error.hpp"
+#include "program.hpp"
+
+namespace cama {
+namespace {
+
+using opencl::check;
+using opencl::Library;
+using opencl::Text;
+
+/// A kernel with its arguments is the business of one backend.
+struct OwnKernel {
+  cl_kernel kernel = nullptr;
+  size_t group = 1;   ///< work-items per work-group
+};
+
+cl_mem memory(Buffer buffer) { return static_cast<cl_mem>(buffer); }
+
+/// Device memory that only grows.
+class Scratch {
+public:
+  explicit Scratch(Backend &backend) : backend_(backend) {}
+  ~Scratch() { if (buffer_) backend_.release(buffer_); }
+  Scratch(const Scratch &) = delete;
+  Buffer get(std::size_t bytes)
+  {
+    if (bytes <= bytes_) return buffer_;
+    if (buffer_) backend_.release(buffer_);
+    buffer_ = nullptr;
+    bytes_ = 0;
+    buffer_ = backend_.allocate(bytes + bytes / 2);
+    bytes_ = bytes + bytes / 2;
+    return buffer_;
+  }
+
+private:
+  Backend &backend_;
+  Buffer buffer_ = nullptr;
+  std::size_t bytes_ = 0;
+};
+
+class OpenclBackend final : public Backend {
+public:
+  explicit OpenclBackend(const opencl::Device &device) : library_(Library::of(device))
+  {
+    cl_int code = CL_SUCCESS;
+    queue_ = clCreateCommandQueue(library_.context, device.id, 0, &code);
+    check(code, "clCreateCommandQueue", "device '" + device.name + "'");
+    units_ = static_cast<int>(std::max<cl_uint>(1, opencl::number<cl_uint>(device.id, CL_DEVICE_MAX_COMPUTE_UNITS)));
+    most_bytes_ = opencl::number<cl_ulong>(device.id, CL_DEVICE_MAX_MEM_ALLOC_SIZE);
+    all_bytes_ = opencl::number<cl_ulong>(device.id, CL_DEVICE_GLOBAL_MEM_SIZE);
+  }
+  ~OpenclBackend() override
+  {
+    if (queue_) clFinish(queue_);
+    for (auto &entry : kernels_) clReleaseKernel(entry.second.kernel);
+    if (queue_) clReleaseCommandQueue(queue_);
+  }
+
+  std::string_view name() const override { return "opencl"; }
+  std::string device() const override { return library_.device.name + " (" + library_.device.driver + ")"; }
+
+  Buffer allocate(std::size_t bytes) override
+  {
+    const std::string what = "allocating " + std::to_string(bytes) + " bytes on top of " + std::to_string(allocated_) + " on device '" +
+                             library_.device.name + "'";
+    // Drivers that allocate late would fail in the middle of a step.
+    if (bytes > most_bytes_) opencl::fail(CL_INVALID_BUFFER_SIZE, "clCreateBuffer", what);
+    if (bytes > all_bytes_ - std::min<std::size_t>(allocated_, all_bytes_)) opencl::fail(CL_MEM_OBJECT_ALLOCATION_FAILURE, "clCreateBuffer", what);
+    cl_int code = CL_SUCCESS;
+    cl_mem buffer = clCreateBuffer(library_.context, CL_MEM_READ_WRITE, bytes, nullptr, &code);
+    if (code == CL_OUT_OF_RESOURCES) code = CL_MEM_OBJECT_ALLOCATION_FAILURE;
+    check(code, "clCreateBuffer", what);
+    allocated_ += bytes;
+    peak_ = std::max(peak_, allocated_);
+#ifndef NDEBUG
+    fill(buffer, 0xff, bytes);   // every double and float of a new stream is NaN
+#endif
+    return buffer;
+  }
+  void release(Buffer buffer) noexcept override
+  {
+    size_t bytes = 0;
+    clGetMemObjectInfo(memory(buffer), CL_MEM_SIZE, sizeof bytes, &bytes, nullptr);
+    allocated_ -= bytes;
+    clReleaseMemObject(memory(buffer));
+  }
+  void upload(Buffer to, const void *from, std::size_t bytes) override
+  {
+    if (bytes == 0) return;
+    check(clEnqueueWriteBuffer(queue_, memory(to), CL_TRUE, 0, bytes, from, 0, nullptr, nullptr), "clEnqueueWriteBuffer", size_of(bytes));
+  }
+  void download(void *to, Buffer from, std::size_t bytes, std::size_t offset) override
+  {
+    if (bytes == 0) return;
+    cl_int overflow = 0;
+    if (scans_)
+      check(clEnqueueReadBuffer(queue_, memory(overflow_.get(sizeof overflow)), CL_FALSE, 0, sizeof overflow, &overflow, 0, nullptr, nullptr),
+            "clEnqueueReadBuffer", "the scans' overflow");
+    const cl_int code = clEnqueueReadBuffer(queue_, memory(from), CL_TRUE, offset, bytes, to, 0, nullptr, nullptr);
+    if (code != CL_SUCCESS) {
+      clFinish(queue_);   // `overflow` is still being read
+      opencl::fail(code, "clEnqueueReadBuffer", size_of(bytes));
+    }
+    report_overflow(overflow);
+  }
+  void copy(Buffer to, Buffer from, std::size_t bytes) override
+  {
+    if (bytes == 0 || to == from) return;
+    check(clEnqueueCopyBuffer(queue_, memory(from), memory(to), 0, 0, bytes, 0, nullptr, nullptr), "clEnqueueCopyBuffer", size_of(bytes));
+  }
+  void fill(Buffer buffer, unsigned char byte, std::size_t bytes) override
+  {
+    if (bytes == 0) return;
+    std::array<unsigned char, 16> pattern;
+    pattern.fill(byte);
+    const size_t width = bytes % 16 == 0 ? 16 : bytes % 4 == 0 ? 4 : 1;
+    check(clEnqueueFillBuffer(queue_, memory(buffer), pattern.data(), width, 0, bytes, 0, nullptr, nullptr), "clEnqueueFillBuffer", size_of(bytes));
+  }
+
+  void launch(const KernelKey &key, int n, const Argument *arguments, int count) override
+  {
+    const Text text = key.precision == Precision::none ? Text::once : key.precision == Precision::f32 ? Text::f32 : Text::f64;
+    const OwnKernel &kernel = find(text, key.index, key.name);
+    set(kernel, key.name, 0, sizeof n, &n);
+    for (int i = 0; i < count; ++i) {
+      const Argument &a = arguments[i];
+      if (a.is_buffer) set_buffer(kernel, key.name, i + 1, a.buffer);
+      else set(kernel, key.name, i + 1, a.size, a.scalar);
+    }
+    enqueue(kernel, key.name, n);
+  }
+
+  void scan(Buffer from, Buffer to, int n) override
+  {
+    Buffer overflow = overflow_.get(sizeof(cl_int));
+    if (!scans_) fill(overflow, 0, sizeof(cl_int));
+    scans_ = true;
+    const int group = library_.processor ? 4 : 256;
+    if (n <= (library_.processor ? 32768 : 64 * group)) {
+      const OwnKernel &small = find(Text::primitives, 3, "scan_small");
+      run_group(small, "scan_small", group, 5, {&n, from, to, overflow});
+      return;
+    }
+    const int workers = workers_for(n, 64);
+    Buffer sums = sums_.get(sizeof(cl_long) * static_cast<std::size_t>(workers));
+    run(find(Text::primitives, 0, "scan_sums"), "scan_sums", workers, {&workers, &n, from, sums});
+    run_group(find(Text::primitives, 1, "scan_offsets"), "scan_offsets", group, 4, {&workers, sums, overflow});
+    run(find(Text::primitives, 2, "scan_write"), "scan_write", workers, {&workers, &n, from, sums, to});
+  }
+
+  void sort(Buffer keys, Buffer values, int n, int bits) override
+  {
+    if (n <= 1) return;
+    const std::size_t count = static_cast<std::size_t>(n);
+    Buffer key = keys, value = values, other_key = keys_.get(sizeof(std::uint64_t) * count), other_value = values_.get(sizeof(cl_int) * count);
+    if (n <= (library_.processor ? 32768 : 64)) {
+      const int width = n <= 512 ? 8 : 11;
+      run(find(Text::primitives, 6, "sort_small"), "sort_small", 1,
+          {&n, &bits, &width, key, value, other_key, other_value, counts_.get(sizeof(cl_int) * 2049)});
+      return;
+    }
+    const int width = library_.processor && units_ <= 16 ? 11 : library_.processor ? 8 : 4;
+    const int workers = library_.processor ? units_ : workers_for(n, 32);
+    for (int shift = 0; shift < bits; shift += width) {
+      const int digits = 1 << std::min(width, bits - shift), cells = digits * workers;
+      Buffer counts = counts_.get(sizeof(cl_int) * static_cast<std::size_t>(cells));
+      Buffer places = places_.get(sizeof(cl_int) * static_cast<std::size_t>(cells + 1));
+      run(find(Text::primitives, 4, "sort_count"), "sort_count", workers, {&workers, &n, &shift, &digits, key, counts});
+      scan(counts, places, cells);
+      run(find(Text::primitives, 5, "sort_move"), "sort_move", workers, {&workers, &n, &shift, &digits, key, value, other_key, other_value, places});
+      std::swap(key, other_key);
+      std::swap(value, other_value);
+    }
+    if (key != keys) {
+      copy(keys, key, sizeof(std::uint64_t) * count);
+      copy(values, value, sizeof(cl_int) * count);
+    }
+  }
+
+  void synchronize() override
+  {
+    check(clFinish(queue_), "clFinish", "waiting for device '" + library_.device.name + "'");
+    if (!scans_) return;
+    cl_int overflow = 0;
+    Buffer flag = overflow_.get(sizeof overflow);
+    check(clEnqueueReadBuffer(queue_, memory(flag), CL_TRUE, 0, sizeof overflow, &overflow, 0, nullptr, nullptr), "clEnqueueReadBuffer", "the scans' overflow");
+    report_overflow(overflow);
+  }
+
+private:
+  /// An argument of a primitive: an int or a buffer.
+  struct Value {
+    Value(const int *number) : number(number) {}
+    Value(Buffer buffer) : buffer(buffer) {}
+    const int *number = nullptr;
+    Buffer buffer = nullptr;
+  };
+
+  static std::string size_of(std::size_t bytes) { return std::to_string(bytes) + " bytes"; }
+
+  void report_overflow(cl_int overflow)
+  {
+    scans_ = false;
+    if (overflow) throw MemoryError("a list of this scene exceeds 2^31 entries; lower the resolution or the contact thickness");
+  }
+
+  int workers_for(int n, int least) const { return std::clamp(n / least, 1, library_.processor ? units_ : std::min(units_ * 64, 8192)); }
+
+  const OwnKernel &find(Text text, int index, const char *kernel_name)
+  {
+    OwnKernel &own = kernels_[static_cast<int>(text) * 1024 + index];
+    if (own.kernel) return own;
+    cl_int code = CL_SUCCESS;
+    own.kernel = clCreateKernel(library_.program(text), kernel_name, &code);
+    check(code, "clCreateKernel", kernel_name);
+    if (!library_.processor) {
+      size_t most = 0, multiple = 0;
+      const cl_device_id id = library_.device.id;
+      check(clGetKernelWorkGroupInfo(own.kernel, id, CL_KERNEL_WORK_GROUP_SIZE, sizeof most, &most, nullptr), "clGetKernelWorkGroupInfo", kernel_name);
+      clGetKernelWorkGroupInfo(own.kernel, id, CL_KERNEL_PREFERRED_WORK_GROUP_SIZE_MULTIPLE, sizeof multiple, &multiple, nullptr);
+      multiple = std::max<size_t>(multiple, 1);
+      own.group = std::min<size_t>(most, 128);
+      if (own.group > multiple) own.group -= own.group % multiple;
+    }
+    return own;
+  }
+
+  void set(const OwnKernel &kernel, const char *kernel_name, int index, size_t size, const void *value)
+  {
+    const cl_int code = clSetKernelArg(kernel.kernel, static_cast<cl_uint>(index), size, value);
+    if (code != CL_SUCCESS) opencl::fail(code, "clSetKernelArg", "argument " + std::to_string(index) + " of kernel " + kernel_name);
+  }
+  void set_buffer(const OwnKernel &kernel, const char *kernel_name, int index, Buffer buffer)
+  {
+    const cl_mem handle = memory(buffer);
+    set(kernel, kernel_name, index, sizeof handle, handle ? &handle : nullptr);
+  }
+
+  /// Kernels with FOR_EACH accept any number of work-items: on processors a few with a run each, elsewhere up to one per element.
+  void enqueue(const OwnKernel &kernel, const char *kernel_name, int n)
+  {
+    size_t local = kernel.group, global;
+    if (library_.processor) {
+      global = n <= 256 ? 1 : static_cast<size_t>(std::min(n / 64, units_ * 8));
+    } else {
+      const size_t wanted = (static_cast<size_t>(n) + local - 1) / local, most = static_cast<size_t>(units_) * 64;
+      global = std::min(wanted, most) * local;
+    }
+    enqueue(kernel, kernel_name, global, local);
+  }
+  void enqueue(const OwnKernel &kernel, const char *kernel_name, size_t global, size_t local)
+  {
+    ++launches_;
+    const cl_int code = clEnqueueNDRangeKernel(queue_, kernel.kernel, 1, nullptr, &global, &local, 0, nullptr, nullptr);
+    if (code != CL_SUCCESS) opencl::fail(code, "clEnqueueNDRangeKernel", "kernel " + std::string(kernel_name) + " on device '" + library_.device.name + "'");
+  }
+
+  void set_values(const OwnKernel &kernel, const char *kernel_name, const std::vector<Value> &values)
+  {
+    for (int i = 0; i < static_cast<int>(values.size()); ++i) {
+      const Value &v = values[static_cast<std::size_t>(i)];
+      if (v.number) set(kernel, kernel_name, i, sizeof(int), v.number);
+      else set_buffer(kernel, kernel_name, i, v.buffer);
+    }
+  }
+  void run(const OwnKernel &kernel, const char *kernel_name, int workers, const std::vector<Value> &values)
+  {
+    set_values(kernel, kernel_name, values);
+    if (library_.processor) enqueue(kernel, kernel_name, static_cast<size_t>(workers), 1);
+    else enqueue(kernel, kernel_name, workers);
+  }
+  /// One work-group; the last of `parameters` is its local memory, a long per work-item.
+  void run_group(const OwnKernel &kernel, const char *kernel_name, int group, int parameters, const std::vector<Value> &values)
+  {
+    set_values(kernel, kernel_name, values);
+    const size_t size = library_.processor ? static_cast<size_t>(group) : std::min<size_t>(static_cast<size_t>(group), kernel.group);
+    set(kernel, kernel_name, parameters - 1, size * sizeof(cl_long), nullptr);
+    enqueue(kernel, kernel_name, size, size);
+  }
+
+  Library &library_;
+  cl_command_queue queue_ = nullptr;
+  int units_ = 1;
+  std::size_t most_bytes_ = 0, all_bytes_ = 0;
+  std::map<int, OwnKernel> kernels_;
+  bool scans_ = false;   ///< a scan since the overflow flag was read
+  Scratch sums_{*this}, overflow_{*this}, keys_{*this}, values_{*this}, counts_{*this}, places_{*this};
+};
+
+}  // namespace
+
+std::unique_ptr<Backend> make_opencl_backend(int device) { return std::make_unique<OpenclBackend>(opencl::choose_device(device)); }
+
+BackendInfo opencl_info()
+{
+  BackendInfo info{"opencl", false, {}, ""};
+  try {
+    const std::vector<opencl::Device> devices = opencl::find_devices();
+    for (const opencl::Device &d : devices) {
+      if (d.lacks.empty()) info.devices.push_back(d.name);
+      else info.note += (info.note.empty() ? "" : "; ") + ("device '" + d.name + "' lacks " + d.lacks);
+    }
+    info.available = !info.devices.empty();
+    if (devices.empty()) info.note = "no OpenCL device; install a driver, such as pocl-opencl-icd";
+    else if (info.note.empty()) info.note = "OpenCL 1.2";
+  } catch (const Error &e) {
+    info.note = e.what();
+  }
+  return info;
+}
+
+}  // namespace cama

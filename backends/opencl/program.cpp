@@ -1,0 +1,238 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "program.hpp"
+
+#include <unistd.h>
+
+#include <cstdint>
+#include <cstdlib>
+#include <cstring>
+#include <filesystem>
+#include <fstream>
+#include <sstream>
+#include <vector>
+
+#include "cama/error.hpp"
+#include "scene/embedded_text.hpp"
+
+namespace cama::opencl {
+namespace {
+
+namespace fs = std::filesystem;
+
+std::string read_file(const fs::path &path)
+{
+  std::ifstream file(path, std::ios::binary);
+  std::ostringstream text;
+  text << file.rdbuf();
+  return file ? text.str() : "";
+}
+
+/// file: "tree.h", "primitives.cl".
+std::string kernel_text(const std::string &file)
+{
+  const char *folder = std::getenv("CAMA_KERNELS");
+  if (folder && *folder && file != "primitives.cl") {
+    const std::string text = read_file(fs::path(folder) / file);
+    if (text.empty()) throw BackendError("CAMA_KERNELS: cannot read " + (fs::path(folder) / file).string());
+    return text;
+  }
+  const std::string stem = file.substr(0, file.find('.'));
+  for (const EmbeddedText *t = embedded_kernels; t->name; ++t)
+    if (stem == t->name) return t->text;
+  throw BackendError("kernel file " + file + " is not in this build");
+}
+
+/// The file with its #include "..." lines replaced by the files.
+void expand(const std::string &file, std::string &out)
+{
+  const auto at = [&](int line) { out += "#line " + std::to_string(line) + " \"" + file + "\"\n"; };
+  std::istringstream text(kernel_text(file));
+  at(1);
+  int number = 1;
+  for (std::string line; std::getline(text, line); ++number) {
+    if (line.rfind("#include \"", 0) == 0) {
+      expand(line.substr(10, line.find('"', 10) - 10), out);
+      at(number + 1);
+    } else {
+      out += line + "\n";
+    }
+  }
+}
+
+/// FNV-1a, 64 bits.
+std::uint64_t hash(const std::string &text, std::uint64_t h = 0xcbf29ce484222325ull)
+{
+  for (unsigned char c : text) h = (h ^ c) * 0x100000001b3ull;
+  return h;
+}
+
+/// CAMA_CACHE, else the user's cache folder; empty: no cache (CAMA_CACHE=off, or no home). pocl keeps compiled kernels itself, and giving
+/// out a program's binary makes it compile all kernels again, so it is left alone unless CAMA_CACHE names a folder.
+fs::path cache_folder(const Device &device)
+{
+  if (const char *own = std::getenv("CAMA_CACHE"); own && *own) return std::string(own) == "off" ? fs::path() : fs::path(own);
+  if (device.driver.rfind("Portable Computing Language", 0) == 0) return {};
+  if (const char *xdg = std::getenv("XDG_CACHE_HOME"); xdg && *xdg) return fs::path(xdg) / "cama";
+  if (const char *home = std::getenv("HOME"); home && *home) return fs::path(home) / ".cache" / "cama";
+  return {};
+}
+
+/// The compiler's first errors: file, line and message.
+std::string first_errors(const std::string &log)
+{
+  std::string errors, head;
+  int found = 0, lines = 0;
+  std::istringstream text(log);
+  for (std::string line; std::getline(text, line);) {
+    if (lines++ < 10) head += "\n  " + line;
+    if (line.find("error") != std::string::npos && found++ < 5) errors += "\n  " + line;
+  }
+  return errors.empty() ? head : errors;
+}
+
+const char *title(Text text)
+{
+  switch (text) {
+  case Text::once: return "double.h";
+  case Text::f32: return "real.h in single precision";
+  case Text::f64: return "real.h in double precision";
+  default: return "primitives.cl";
+  }
+}
+
+constexpr char magic[] = "cama opencl 1\n";
+
+}  // namespace
+
+std::string source(Text text)
+{
+  std::string out;
+  expand("lang.h", out);
+  if (text == Text::primitives) {
+    expand("primitives.cl", out);
+    return out;
+  }
+  expand("dvec3.h", out);
+  if (text == Text::once) {
+    expand("double.h", out);
+    return out;
+  }
+  // real.h uses types and functions of double.h; its kernels are not wanted twice.
+  const std::string real = text == Text::f32 ? "float" : "double";
+  out += "#undef KERNEL\n#define KERNEL static inline void\n";
+  expand("double.h", out);
+  out += "#undef KERNEL\n#define KERNEL __kernel void\n#define real " + real + "\n#define ATOMIC_ADD_REAL atomic_add_" + real + "\n";
+  expand("real.h", out);
+  return out;
+}
+
+Library &Library::of(const Device &device)
+{
+  static std::mutex mutex;
+  static auto *libraries = new std::map<cl_device_id, Library *>;
+  const std::lock_guard<std::mutex> lock(mutex);
+  Library *&library = (*libraries)[device.id];
+  if (!library) library = new Library(device);
+  return *library;
+}
+
+Library::Library(const Device &d) : device(d), processor(number<cl_device_type>(d.id, CL_DEVICE_TYPE) & CL_DEVICE_TYPE_CPU)
+{
+  const cl_context_properties properties[] = {CL_CONTEXT_PLATFORM, reinterpret_cast<cl_context_properties>(d.platform), 0};
+  cl_int code = CL_SUCCESS;
+  context = clCreateContext(properties, 1, &d.id, nullptr, nullptr, &code);
+  check(code, "clCreateContext", "opening device '" + d.name + "'");
+  options_ = "-cl-std=CL1.2";
+  if (number<cl_device_fp_config>(d.id, CL_DEVICE_SINGLE_FP_CONFIG) & CL_FP_CORRECTLY_ROUNDED_DIVIDE_SQRT)
+    options_ += " -cl-fp32-correctly-rounded-divide-sqrt";
+  if (processor) options_ += " -DCAMA_CHUNKED=1";
+}
+
+cl_program Library::program(Text text)
+{
+  const std::string whole = source(text);
+  const std::lock_guard<std::mutex> lock(mutex_);
+  cl_program &program = programs_[whole];
+  if (program) return program;
+
+  const fs::path folder = cache_folder(device);
+  std::string file;
+  if (!folder.empty()) {
+    char name[40];
+    const std::string key = options_ + "\n" + device.name + "\n" + device.driver + "\n" + device.version + "\n" + whole;
+    std::snprintf(name, sizeof name, "%016llx%016llx.bin", static_cast<unsigned long long>(hash(key)),
+                  static_cast<unsigned long long>(hash(key, 0x9e3779b97f4a7c15ull)));
+    file = (folder / "opencl" / name).string();
+    if ((program = load(file))) return program;
+  }
+  program = build(whole, title(text));
+  if (!file.empty()) store(program, file);
+  return program;
+}
+
+cl_program Library::build(const std::string &whole, const std::string &name)
+{
+  const char *text = whole.c_str();
+  const size_t length = whole.size();
+  cl_int code = CL_SUCCESS;
+  cl_program program = clCreateProgramWithSource(context, 1, &text, &length, &code);
+  check(code, "clCreateProgramWithSource", "kernels of " + name);
+  code = clBuildProgram(program, 1, &device.id, options_.c_str(), nullptr, nullptr);
+  if (code == CL_SUCCESS) return program;
+  size_t size = 0;
+  clGetProgramBuildInfo(program, device.id, CL_PROGRAM_BUILD_LOG, 0, nullptr, &size);
+  std::string log(size, '\0');
+  if (size) clGetProgramBuildInfo(program, device.id, CL_PROGRAM_BUILD_LOG, size, log.data(), nullptr);
+  clReleaseProgram(program);
+  throw BackendError("OpenCL: the kernels of " + name + " do not compile on device '" + device.name + "' (" + device.driver + "): " +
+                     code_name(code) + first_errors(log.c_str()));
+}
+
+/// A file is the magic line, the hash of the binary, the binary. Anything else is ignored.
+cl_program Library::load(const std::string &file)
+{
+  const std::string whole = read_file(file);
+  const size_t head = sizeof magic - 1 + sizeof(std::uint64_t);
+  if (whole.size() <= head || whole.compare(0, sizeof magic - 1, magic) != 0) return nullptr;
+  const std::string binary = whole.substr(head);
+  std::uint64_t sum;
+  std::memcpy(&sum, whole.data() + sizeof magic - 1, sizeof sum);
+  if (sum != hash(binary)) return nullptr;
+  const auto *bytes = reinterpret_cast<const unsigned char *>(binary.data());
+  const size_t size = binary.size();
+  cl_int status = CL_SUCCESS, code = CL_SUCCESS;
+  cl_program program = clCreateProgramWithBinary(context, 1, &device.id, &size, &bytes, &status, &code);
+  if (code == CL_SUCCESS && status == CL_SUCCESS && clBuildProgram(program, 1, &device.id, options_.c_str(), nullptr, nullptr) == CL_SUCCESS)
+    return program;
+  if (program) clReleaseProgram(program);
+  return nullptr;
+}
+
+/// A cache that cannot be written is no error.
+void Library::store(cl_program program, const std::string &file) const
+{
+  size_t size = 0;
+  if (clGetProgramInfo(program, CL_PROGRAM_BINARY_SIZES, sizeof size, &size, nullptr) != CL_SUCCESS || size == 0) return;
+  std::string binary(size, '\0');
+  auto *bytes = reinterpret_cast<unsigned char *>(binary.data());
+  if (clGetProgramInfo(program, CL_PROGRAM_BINARIES, sizeof bytes, &bytes, nullptr) != CL_SUCCESS) return;
+  std::error_code error;
+  fs::create_directories(fs::path(file).parent_path(), error);
+  const std::string temporary = file + "." + std::to_string(getpid());
+  const std::uint64_t sum = hash(binary);
+  {
+    std::ofstream out(temporary, std::ios::binary);
+    out.write(magic, sizeof magic - 1);
+    out.write(reinterpret_cast<const char *>(&sum), sizeof sum);
+    out.write(binary.data(), static_cast<std::streamsize>(binary.size()));
+    if (!out.flush()) {
+      out.close();
+      fs::remove(temporary, error);
+      return;
+    }
+  }
+  fs::rename(temporary, file, error);
+  if (error) fs::remove(temporary, error);
+}
+
+}  // namespace cama::opencl

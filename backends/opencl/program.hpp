@@ -1,0 +1,40 @@
+// SPDX-License-Identifier: Apache-2.0
+// Kernel text to programs: one per precision, built when first asked for, shared by all backends of the process, kept on disk.
+#pragma once
+#include <map>
+#include <mutex>
+
+#include "devices.hpp"
+
+namespace cama::opencl {
+
+/// once: double.h. f32, f64: real.h. primitives: scan and sort.
+enum class Text { once, f32, f64, primitives };
+
+/// One device with its context and programs. Never destroyed: drivers differ in what they allow at exit.
+class Library {
+public:
+  static Library &of(const Device &device);   ///< the process's one
+  explicit Library(const Device &d);
+
+  /// Throws BackendError with kernel file and line of the first errors.
+  cl_program program(Text text);
+
+  const Device device;
+  cl_context context = nullptr;
+  const bool processor;   ///< a CPU: few work-items with a run of elements each
+
+private:
+  cl_program build(const std::string &source, const std::string &title);
+  cl_program load(const std::string &file);
+  void store(cl_program program, const std::string &file) const;
+
+  std::string options_;
+  std::mutex mutex_;
+  std::map<std::string, cl_program> programs_;   // by source
+};
+
+/// The whole text with #line directives. CAMA_KERNELS names a folder to read kernels from instead of those built in.
+std::string source(Text text);
+
+}  // namespace cama::opencl

@@ -1,0 +1,54 @@
+// SPDX-License-Identifier: Apache-2.0
+// A scene with every stage and stream there is, and its outcome.
+#pragma once
+#include <algorithm>
+#include <string>
+
+#include "../meshes.hpp"
+#include "cama/simulation.hpp"
+
+namespace everything_scene {
+
+inline cama::Options with(const std::string &precision, int threads, cama::Assembly assembly = cama::Assembly::gather,
+                          const std::string &backend = "cpu")
+{
+  cama::Options o;
+  o.backend = backend;
+  o.precision = precision;
+  o.threads = threads;
+  o.assembly = assembly;
+  return o;
+}
+
+/// Sheets on a moving ball with a moving pin, a stitch, wind and a measured fabric: every stage and stream there is.
+inline cama::Scene everything(int cells)
+{
+  cama::Scene s = meshes::pile(cells);
+  s.cloths[0].material.stretching[3][0] *= 1.5;   // a measured table
+  s.cloths[0].material.damping = 0.002;
+  s.wind = cama::Wind{{1, 0.5, 0}, 1.2, 0.1};
+  cama::Pin pin;
+  pin.vertices = {0};
+  pin.motion.velocity = {0, -0.2, 0.1};
+  s.pins.push_back(pin);
+  const int corner = (cells + 1) * (cells + 1) - 1;
+  s.stitches.push_back({0, corner, 1, corner, corner - 1, 0.25, 50});
+  return s;
+}
+
+struct Outcome { std::uint64_t hash; int contacts, impacts; };
+
+inline Outcome simulate(const cama::Scene &scene, const cama::Options &options, int steps)
+{
+  cama::Simulation simulation(scene, options);
+  Outcome o{0, 0, 0};
+  for (int i = 0; i < steps; ++i) {
+    simulation.step();
+    o.contacts = std::max(o.contacts, simulation.report().contacts);
+    o.impacts = std::max(o.impacts, simulation.report().impacts);
+  }
+  o.hash = simulation.state_hash();
+  return o;
+}
+
+}  // namespace everything_scene
