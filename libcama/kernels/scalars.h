@@ -1,8 +1,10 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Scalars of a conjugate gradient stay on the device, always in double. Dot products are summed in chunks of DOT_CHUNK and then
-   over the chunks, so their order depends on the data alone. */
+/* Scalars of a conjugate gradient stay on the device, always in double. Dot products are summed over chunks of
+   neighbours, then over chunks of those: the order is the same on every backend, and entries that are zero do not change it. */
 
-#define DOT_CHUNK 256
+#define DOT_CHUNK 256     /* impulses */
+#define VECTOR_CHUNK 32   /* vectors of the linear solve */
+#define PARTIAL_CHUNK 64
 
 #define SCALAR_RZ 0        /* r' z of this iteration */
 #define SCALAR_PQ 1        /* p' A p */
@@ -10,6 +12,18 @@
 #define SCALAR_BETA 3
 #define SCALAR_BROKEN 4    /* 1: p' A p <= 0 or not finite */
 #define SCALAR_COUNT 8
+
+/* reduced[i] = sum over the i-th PARTIAL_CHUNK of `count` partials. */
+KERNEL reduce_partials(int n, int count, GLOBAL const double *partial, GLOBAL double *reduced)
+{
+  FOR_EACH(i, n)
+  {
+    int j, end = min_int((i + 1) * PARTIAL_CHUNK, count);
+    double sum = 0.0;
+    for (j = i * PARTIAL_CHUNK; j < end; ++j) sum += partial[j];
+    reduced[i] = sum;
+  }
+}
 
 /* scalar[SCALAR_PQ] = sum of partials; alpha = rz / pq, or 0 and the broken mark. One work item. */
 KERNEL finish_alpha(int n, int chunks, GLOBAL const double *partial, GLOBAL double *scalar)

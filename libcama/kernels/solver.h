@@ -1,6 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Preconditioned conjugate gradient on BCSR with 3x3 blocks. Scalars stay on the device in `scalar` (doubles). Dot products are
-   summed in chunks of DOT_CHUNK and then over the chunks, so their order depends on the data alone. */
+/* Preconditioned conjugate gradient on BCSR with 3x3 blocks. Scalars stay on the device (scalars.h). */
 
 #define PRECONDITIONER_NONE 0
 #define PRECONDITIONER_JACOBI 1
@@ -78,14 +77,14 @@ KERNEL start_residual(int n, int rows, GLOBAL const int *fixed, GLOBAL const vec
   }
 }
 
-/* partial[i] = sum of a_j . b_j over chunk i; n chunks of `size` vectors in all. */
+/* partial[i] = sum of a_j . b_j over the i-th VECTOR_CHUNK of `size` vectors. */
 KERNEL dot_chunks(int n, int size, GLOBAL const vec3 *a, GLOBAL const vec3 *b, GLOBAL double *partial)
 {
   FOR_EACH(i, n)
   {
-    int j, end = min_int((i + 1) * DOT_CHUNK, size);
+    int j, end = min_int((i + 1) * VECTOR_CHUNK, size);
     double sum = 0.0;
-    for (j = i * DOT_CHUNK; j < end; ++j)
+    for (j = i * VECTOR_CHUNK; j < end; ++j)
       sum += (double)a[j].x * (double)b[j].x + (double)a[j].y * (double)b[j].y + (double)a[j].z * (double)b[j].z;
     partial[i] = sum;
   }

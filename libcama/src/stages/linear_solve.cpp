@@ -9,13 +9,15 @@
 
 namespace cama {
 namespace {
-int chunks(int n) { return (n + DOT_CHUNK - 1) / DOT_CHUNK; }
+// A dot product in three levels: sums over chunks, sums of those, the rest by one work item.
+int first_parts(int n) { return (n + VECTOR_CHUNK - 1) / VECTOR_CHUNK; }
+int second_parts(int n) { return (first_parts(n) + PARTIAL_CHUNK - 1) / PARTIAL_CHUNK; }
 constexpr int iterations_per_check = 4;
 }  // namespace
 
 template <class Real>
 LinearSolve<Real>::LinearSolve(Backend &b)
-    : inverse_(b), r_(b), z_(b), p_(b), q_(b), product_(b), partial_(b), scalar_(b, SCALAR_COUNT)
+    : inverse_(b), r_(b), z_(b), p_(b), q_(b), product_(b), partial_(b), reduced_(b), scalar_(b, SCALAR_COUNT)
 {}
 
 template <class Real>
@@ -46,8 +48,11 @@ void LinearSolve<Real>::precondition(State &state)
 template <class Real>
 void LinearSolve<Real>::dot(State &state, const Stream<vec3> &a, const Stream<vec3> &b)
 {
-  partial_.resize(chunks(state.cloth_vertices));
-  CAMA_LAUNCH_REAL(Real, *state.backend, dot_chunks, chunks(state.cloth_vertices), state.cloth_vertices, a, b, partial_);
+  const int n = state.cloth_vertices;
+  partial_.resize(first_parts(n));
+  reduced_.resize(second_parts(n));
+  CAMA_LAUNCH_REAL(Real, *state.backend, dot_chunks, first_parts(n), n, a, b, partial_);
+  CAMA_LAUNCH(*state.backend, reduce_partials, second_parts(n), first_parts(n), partial_, reduced_);
 }
 
 template <class Real>
@@ -55,14 +60,14 @@ void LinearSolve<Real>::conjugate_gradient(State &state)
 {
   Backend &b = *state.backend;
   System<Real> &s = state.system<Real>();
-  const int rows = state.cloth_vertices, parts = chunks(rows);
+  const int rows = state.cloth_vertices, parts = second_parts(rows);
   for (Stream<vec3> *v : {&r_, &z_, &q_}) v->resize(rows);
   p_.resize(state.vertices);
   precondition(state);
   multiply(state, s.solution, q_);
   CAMA_LAUNCH_REAL(Real, b, start_residual, state.vertices, rows, state.fixed, s.right_side, q_, inverse_, r_, z_, p_);
   dot(state, r_, z_);
-  CAMA_LAUNCH(b, finish_beta, 1, parts, 1, partial_, scalar_);
+  CAMA_LAUNCH(b, finish_beta, 1, parts, 1, reduced_, scalar_);
   const double start = scalar_.at(SCALAR_RZ), goal = state.options.tolerance * state.options.tolerance * start;
   if (!std::isfinite(start)) throw SolverError("step " + std::to_string(state.report.step) + ": the linear system is not finite; check the material's stiffness and density and the time step");
   if (start < 0)
@@ -73,10 +78,10 @@ void LinearSolve<Real>::conjugate_gradient(State &state)
     for (int k = 0; k < iterations_per_check && i < state.options.max_iterations; ++k, ++i) {
       multiply(state, p_, q_);
       dot(state, p_, q_);
-      CAMA_LAUNCH(b, finish_alpha, 1, parts, partial_, scalar_);
+      CAMA_LAUNCH(b, finish_alpha, 1, parts, reduced_, scalar_);
       CAMA_LAUNCH_REAL(Real, b, update_solution, rows, scalar_, inverse_, p_, q_, s.solution, r_, z_);
       dot(state, r_, z_);
-      CAMA_LAUNCH(b, finish_beta, 1, parts, 0, partial_, scalar_);
+      CAMA_LAUNCH(b, finish_beta, 1, parts, 0, reduced_, scalar_);
       CAMA_LAUNCH_REAL(Real, b, update_direction, rows, scalar_, z_, p_);
     }
     now = scalar_.at(SCALAR_RZ);

@@ -25,7 +25,7 @@ private:
 
   Stream<typename Types<Real>::mat3> inverse_;
   Stream<vec3> r_, z_, p_, q_, product_;
-  Stream<double> partial_, scalar_;
+  Stream<double> partial_, reduced_, scalar_;
 };
 
 extern template class LinearSolve<double>;
