@@ -95,11 +95,11 @@ KERNEL find_contacts(int n, int kind, GLOBAL const pair *pairs, GLOBAL const fac
   }
 }
 
-/* The directions alone, for a search that contacts are not wanted from. */
-KERNEL find_directions(int n, int kind, GLOBAL const pair *pairs, GLOBAL const face_nodes *face, GLOBAL const edge_nodes *edge,
+/* The directions alone, from pair `first` on, for a search that contacts are not wanted from. */
+KERNEL find_directions(int n, int kind, int first, GLOBAL const pair *pairs, GLOBAL const face_nodes *face, GLOBAL const edge_nodes *edge,
                        GLOBAL const dvec3 *position, GLOBAL dvec3 *direction)
 {
-  FOR_EACH(i, n) { direction[i] = pair_proximity(kind, pair_nodes(kind, pairs[i], face, edge), position).normal; }
+  FOR_EACH(i, n) { direction[first + i] = pair_proximity(kind, pair_nodes(kind, pairs[first + i], face, edge), position).normal; }
 }
 
 /* The flagged pairs with a key by their features, so that lists made from them have one order whatever the search's was. */

@@ -24,7 +24,7 @@ public:
     add<ProximitySearch>(search);
     add<FindContacts>(*state.backend);
   }
-  CandidateSearch search;
+  TreeSearch search;
 };
 
 bool needs_motion(const Scene &scene)

@@ -13,12 +13,36 @@ constexpr int searches_per_sort = 16; // leaf order is kept between sorts; boxes
 constexpr int morton_bits = 63;
 }  // namespace
 
-CandidateSearch::CandidateSearch(Backend &backend)
-    : corners_(backend), reduced_(backend), key_(backend), slot_(backend), count_(backend), offset_(backend), escaped_(backend, 1),
-      identity_(backend)
+bool CandidateSearch::covers(State &state, const Stream<dvec3> &from, const Stream<dvec3> &to, double margin)
+{
+  escaped_.fill_zero();
+  CAMA_LAUNCH(*state.backend, check_coverage, state.vertices, from, to, state.vertex_box, state.bounds, margin, escaped_);
+  return escaped_.at(0) == 0;
+}
+
+void CandidateSearch::find_directions(State &state, const Stream<dvec3> &from, int first_vertex_face, int first_edge_edge)
+{
+  const auto direct = [&](int kind, PairList &list, int first) {
+    CAMA_LAUNCH(*state.backend, find_directions, list.pairs.size() - first, kind, first, list.pairs, state.face, state.edge, from,
+                list.direction);
+  };
+  direct(0, state.vertex_face, first_vertex_face);
+  direct(1, state.edge_edge, first_edge_edge);
+}
+
+bool CandidateSearch::update(State &state, const Stream<dvec3> &from, const Stream<dvec3> &to, double margin)
+{
+  if (covers(state, from, to, margin)) return false;
+  run(state, from, to);
+  find_directions(state, from, 0, 0);
+  return true;
+}
+
+TreeSearch::TreeSearch(Backend &backend)
+    : CandidateSearch(backend), corners_(backend), reduced_(backend), key_(backend), slot_(backend), count_(backend), offset_(backend), identity_(backend)
 {}
 
-void CandidateSearch::find_bounds(State &state, const Stream<dvec3> &from, const Stream<dvec3> &to)
+void TreeSearch::find_bounds(State &state, const Stream<dvec3> &from, const Stream<dvec3> &to)
 {
   Backend &b = *state.backend;
   const int first = std::min(state.vertices, 4096), second = std::min(first, 64);
@@ -29,7 +53,7 @@ void CandidateSearch::find_bounds(State &state, const Stream<dvec3> &from, const
   CAMA_LAUNCH(b, reduce_bounds, 1, second, reduced_, state.bounds);
 }
 
-void CandidateSearch::build_tree(State &state, int leaves, const Stream<kernels::box> &boxes, Stream<int> &order,
+void TreeSearch::build_tree(State &state, int leaves, const Stream<kernels::box> &boxes, Stream<int> &order,
                                  Stream<kernels::box> &tree, bool sort)
 {
   Backend &b = *state.backend;
@@ -47,7 +71,7 @@ void CandidateSearch::build_tree(State &state, int leaves, const Stream<kernels:
   }
 }
 
-void CandidateSearch::run(State &state, const Stream<dvec3> &from, const Stream<dvec3> &to)
+void TreeSearch::run(State &state, const Stream<dvec3> &from, const Stream<dvec3> &to)
 {
   Backend &b = *state.backend;
   const bool sort = searches_since_sort_ == 0 || searches_since_sort_ >= searches_per_sort;
@@ -95,13 +119,6 @@ void CandidateSearch::run(State &state, const Stream<dvec3> &from, const Stream<
               slot_, count_, offset_, state.edge_edge.pairs);
   ++state.report.searches;
   state.report.candidates = state.vertex_face.pairs.size() + state.edge_edge.pairs.size();
-}
-
-bool CandidateSearch::covers(State &state, const Stream<dvec3> &from, const Stream<dvec3> &to, double margin)
-{
-  escaped_.fill_zero();
-  CAMA_LAUNCH(*state.backend, check_coverage, state.vertices, from, to, state.vertex_box, state.bounds, margin, escaped_);
-  return escaped_.at(0) == 0;
 }
 
 void ProximitySearch::run(State &state)

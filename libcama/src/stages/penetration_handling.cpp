@@ -113,17 +113,6 @@ PenetrationHandling::PenetrationHandling(Backend &b, CandidateSearch &search)
       accepted_{Stream<int>(b), Stream<int>(b)}, fraction_(b), fraction_before_(b), sigma_(b, 1), counter_(b, 2), grown_(b)
 {}
 
-void PenetrationHandling::cover(State &state)
-{
-  if (search_.covers(state, from_, state.position_next, minimum_)) return;
-  search_.run(state, from_, state.position_next);
-  const auto direct = [&](int kind, PairList &list) {
-    CAMA_LAUNCH(*state.backend, find_directions, list.pairs.size(), kind, list.pairs, state.face, state.edge, from_, list.direction);
-  };
-  direct(0, state.vertex_face);
-  direct(1, state.edge_edge);
-}
-
 int PenetrationHandling::find_impacts(State &state)
 {
   Backend &b = *state.backend;
@@ -193,7 +182,7 @@ void PenetrationHandling::run(State &state)
     state.vertex_face.known.fill_zero();
     state.edge_edge.known.fill_zero();
     for (int pass = 0; pass < state.options.max_impact_passes; ++pass) {
-      cover(state);
+      search_.update(state, from_, state.position_next, minimum_);
       const int found = find_impacts(state);
       if (pass == 0 && state.report.substeps == 1) state.report.impacts = found;
       if (found == 0) break;
@@ -201,7 +190,7 @@ void PenetrationHandling::run(State &state)
       projection_.run(state, state.position_next, target_);
     }
     if (!state.options.commit) break;
-    cover(state);
+    search_.update(state, from_, state.position_next, minimum_);
     const double sigma = commit(state);
     if (sigma >= 1) {
       state.position_next.swap(committed_);

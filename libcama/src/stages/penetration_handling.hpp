@@ -38,7 +38,6 @@ public:
   void set_distances(double minimum, double target) { minimum_ = minimum; target_ = target; }
 
 private:
-  void cover(State &state);
   int find_impacts(State &state);
   double commit(State &state);
 
