@@ -80,7 +80,26 @@ DEVICE int make_contact(int kind, element_nodes e, GLOBAL const dvec3 *position,
   return 1;
 }
 
-/* flag[i] = 1 where candidate i is a contact; direction[i]: between its closest points, from side B to side A. */
+/* The direction between the middles of both sides if along it the pair keeps `distance` now and in the prediction: then it is no
+   contact, at a quarter of the cost of its closest points. Else the zero vector. */
+DEVICE dvec3 apart_along(int kind, element_nodes e, GLOBAL const dvec3 *position, GLOBAL const dvec3 *predicted, double distance)
+{
+  dvec3 o = position[e.node[0]], p = predicted[e.node[0]], x[4], y[4], n;
+  double low_now = 0.0, low_then = 0.0, high_now = -1e300, high_then = -1e300;
+  int k;
+  x[0] = y[0] = dvec3_make(0.0, 0.0, 0.0);
+  for (k = 1; k < 4; ++k) { x[k] = dsub(position[e.node[k]], o); y[k] = dsub(predicted[e.node[k]], p); }
+  n = kind == 0 ? dscale(-1.0 / 3.0, dadd(dadd(x[1], x[2]), x[3])) : dscale(0.5, dsub(x[1], dadd(x[2], x[3])));
+  n = dnormalize(n);
+  if (kind == 1) { low_now = min_double(0.0, ddot(n, x[1])); low_then = min_double(0.0, ddot(n, y[1])); }
+  for (k = kind + 1; k < 4; ++k) {
+    high_now = max_double(high_now, ddot(n, x[k]));
+    high_then = max_double(high_then, ddot(n, y[k]));
+  }
+  return low_now - high_now >= distance && low_then - high_then >= distance ? n : dvec3_make(0.0, 0.0, 0.0);
+}
+
+/* flag[i] = 1 where candidate i is a contact; direction[i]: one that tells its sides apart, from side B to side A. */
 KERNEL find_contacts(int n, int kind, GLOBAL const pair *pairs, GLOBAL const face_nodes *face, GLOBAL const edge_nodes *edge,
                      GLOBAL const dvec3 *position, GLOBAL const dvec3 *predicted, GLOBAL const vertex_contact *v,
                      double stiffness, double anticipate, GLOBAL int *flag, GLOBAL dvec3 *direction)
@@ -89,9 +108,12 @@ KERNEL find_contacts(int n, int kind, GLOBAL const pair *pairs, GLOBAL const fac
   {
     contact c;
     element_nodes e = pair_nodes(kind, pairs[i], face, edge);
-    proximity p = pair_proximity(kind, e, position);
-    direction[i] = p.normal;
-    flag[i] = make_contact(kind, e, position, predicted, v, stiffness, anticipate, p, &c);
+    dvec3 apart = apart_along(kind, e, position, predicted, pair_thickness(kind, e, v));
+    int none = apart.x != 0.0 || apart.y != 0.0 || apart.z != 0.0;
+    proximity p;
+    if (!none) p = pair_proximity(kind, e, position);
+    direction[i] = none ? apart : p.normal;
+    flag[i] = !none && make_contact(kind, e, position, predicted, v, stiffness, anticipate, p, &c);
   }
 }
 

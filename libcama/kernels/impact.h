@@ -39,16 +39,19 @@ DEVICE int separated_along(int kind, element_nodes e, GLOBAL const dvec3 *x, GLO
   return a0 - b0 >= least && a1 - b1 >= least;
 }
 
-/* flag[i] = 1 where candidate i comes closer than `minimum` on its way from x to y and is not yet known (known[i] = 0). */
-KERNEL find_impacts(int n, int kind, GLOBAL const pair *pairs, GLOBAL const face_nodes *face, GLOBAL const edge_nodes *edge,
+/* flag[i] = 1 where candidate i comes closer than `minimum` on its way from x to y and is not yet known (known[i] = 0).
+   localized: only pairs with a vertex that the last projection moved are looked at, the others were certified before it. */
+KERNEL find_impacts(int n, int kind, int localized, GLOBAL const pair *pairs, GLOBAL const face_nodes *face, GLOBAL const edge_nodes *edge,
                     GLOBAL const dvec3 *x, GLOBAL const dvec3 *y, GLOBAL const double *inverse_mass, double minimum,
-                    GLOBAL const dvec3 *direction, GLOBAL const int *known, GLOBAL int *flag)
+                    GLOBAL const dvec3 *direction, GLOBAL const int *known, GLOBAL const int *moved, GLOBAL int *flag)
 {
   FOR_EACH_UNEVEN(i, n)
   {
     element_nodes e = pair_nodes(kind, pairs[i], face, edge);
     int movable = inverse_mass[e.node[0]] + inverse_mass[e.node[1]] + inverse_mass[e.node[2]] + inverse_mass[e.node[3]] > 0.0;
-    flag[i] = !known[i] && movable && !separated_along(kind, e, x, y, direction[i], 1.001 * minimum) && candidate_impact_time(kind, e, x, y, minimum).hit;
+    int changed = !localized || moved[e.node[0]] || moved[e.node[1]] || moved[e.node[2]] || moved[e.node[3]];
+    flag[i] = changed && movable && !known[i] && !separated_along(kind, e, x, y, direction[i], 1.001 * minimum) &&
+              candidate_impact_time(kind, e, x, y, minimum).hit;
   }
 }
 
@@ -225,27 +228,46 @@ KERNEL drop_pulling(int n, GLOBAL const double *lambda, GLOBAL int *active, GLOB
   }
 }
 
-/* x += y = M^-1 J' lambda, cloth vertices. */
-KERNEL apply_impulses(int n, GLOBAL const dvec3 *y, GLOBAL dvec3 *x) { FOR_EACH(i, n) { x[i] = dadd(x[i], y[i]); } }
+/* largest[i]: length of the longest of the motions i, i + n, .. < count from x to y. */
+KERNEL longest_motions(int n, int count, GLOBAL const dvec3 *x, GLOBAL const dvec3 *y, GLOBAL double *longest)
+{
+  FOR_EACH(i, n)
+  {
+    double most = 0.0;
+    int k;
+    for (k = i; k < count; k += n) most = max_double(most, dnorm(dsub(y[k], x[k])));
+    longest[i] = most;
+  }
+}
+KERNEL largest_of(int n, int count, GLOBAL const double *value, GLOBAL double *largest)
+{
+  FOR_EACH(i, n)
+  {
+    double most = value[i];
+    int k;
+    for (k = i + n; k < count; k += n) most = max_double(most, value[k]);
+    largest[i] = most;
+  }
+}
+
+/* x += y = M^-1 J' lambda, cloth vertices, but no further from where the solve wanted the vertex than twice the longest motion of the
+   step: impacts that cannot all be met, between obstacles that close, would throw it anywhere. moved[i] = 1 where x changes. */
+KERNEL apply_impulses(int n, double target, GLOBAL const double *longest, GLOBAL const dvec3 *wanted, GLOBAL const dvec3 *y, GLOBAL dvec3 *x,
+                      GLOBAL int *moved)
+{
+  FOR_EACH(i, n)
+  {
+    double most = 2.0 * longest[0] + target, length = dnorm(y[i]), away;
+    dvec3 from = wanted[i], d = dsub(dadd(x[i], y[i]), from);
+    moved[i] = length > 0.0;
+    if (!(length > 0.0)) continue;
+    away = dnorm(d);
+    x[i] = away > most ? daxpy(from, most / away, d) : dadd(x[i], y[i]);
+  }
+}
+
 /* What still pulls at the end counts as zero. */
 KERNEL clamp_impulses(int n, GLOBAL const int *active, GLOBAL double *lambda)
 {
   FOR_EACH(i, n) { lambda[i] = active[i] ? max_double(lambda[i], 0.0) : 0.0; }
-}
-
-/* escaped counts vertices whose motion leaves the box that the candidates were searched with. */
-KERNEL check_coverage(int n, GLOBAL const dvec3 *x, GLOBAL const dvec3 *y, GLOBAL const box *boxes, GLOBAL const dvec3 *bounds,
-                      double margin, GLOBAL int *escaped)
-{
-  FOR_EACH(i, n)
-  {
-    dvec3 a = dsub(x[i], bounds[0]), b = dsub(y[i], bounds[0]);
-    box k = boxes[i];
-    int axis, outside = 0;
-    for (axis = 0; axis < 3; ++axis) {
-      double lo = min_double(dcomponent(a, axis), dcomponent(b, axis)) - margin, hi = max_double(dcomponent(a, axis), dcomponent(b, axis)) + margin;
-      outside |= lo < (double)k.lo[axis] || hi > (double)k.hi[axis];
-    }
-    if (outside) atomic_add_int(escaped, 1);
-  }
 }

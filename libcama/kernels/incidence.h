@@ -64,4 +64,5 @@ KERNEL sort_rows(int n, GLOBAL const int *row, GLOBAL int *value)
   FOR_EACH_UNEVEN(i, n) { sort_ints(value + row[i], row[i + 1] - row[i]); }
 }
 
-KERNEL set_int(int n, int value, GLOBAL int *out) { FOR_EACH(i, n) { out[i] = value; } }
+/* out[first .. first + n) = value */
+KERNEL set_int(int n, int first, int value, GLOBAL int *out) { FOR_EACH(i, n) { out[first + i] = value; } }

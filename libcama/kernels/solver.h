@@ -48,15 +48,27 @@ KERNEL invert_diagonal(int n, int kind, GLOBAL mat3 *diagonal)
   }
 }
 
-/* b = dt f + M v, and the starting guess x: v of free vertices, the prescribed velocity of fixed ones. n: all vertices. */
-KERNEL start_solve(int n, int rows, real time_step, GLOBAL const real *mass, GLOBAL const dvec3 *velocity,
-                   GLOBAL const dvec3 *prescribed, GLOBAL const int *fixed, GLOBAL const vec3 *force, GLOBAL vec3 *b, GLOBAL vec3 *x)
+/* b = dt f + M v. */
+KERNEL make_right_side(int n, real time_step, GLOBAL const real *mass, GLOBAL const dvec3 *velocity, GLOBAL const dvec3 *prescribed,
+                       GLOBAL const int *fixed, GLOBAL const vec3 *force, GLOBAL vec3 *b)
+{
+  FOR_EACH(i, n) { b[i] = axpy(scale(mass[i], to_vec3(fixed[i] ? prescribed[i] : velocity[i])), time_step, force[i]); }
+}
+
+/* The starting guess: v of free vertices, the prescribed velocity of fixed ones. n: all vertices. */
+KERNEL start_solution(int n, GLOBAL const dvec3 *velocity, GLOBAL const dvec3 *prescribed, GLOBAL const int *fixed, GLOBAL vec3 *x)
+{
+  FOR_EACH(i, n) { x[i] = to_vec3(fixed[i] ? prescribed[i] : velocity[i]); }
+}
+
+/* What gravity adds to the right-hand side, r, and z = P r. */
+KERNEL weigh_gravity(int n, real time_step, GLOBAL const dvec3 *gravity, GLOBAL const real *mass, GLOBAL const int *fixed,
+                     GLOBAL const mat3 *inverse, GLOBAL vec3 *r, GLOBAL vec3 *z)
 {
   FOR_EACH(i, n)
   {
-    vec3 v = to_vec3(fixed[i] ? prescribed[i] : velocity[i]);
-    x[i] = v;
-    if (i < rows) b[i] = axpy(scale(mass[i], v), time_step, force[i]);
+    r[i] = fixed[i] ? vec3_make((real)0, (real)0, (real)0) : scale(time_step * mass[i], to_vec3(gravity[0]));
+    z[i] = mat3_multiply(inverse[i], r[i]);
   }
 }
 

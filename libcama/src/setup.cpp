@@ -132,6 +132,8 @@ void set_up_contact(State &state, const Scene &scene, const Topology &t)
     list->known = Stream<int>(b);
     list->direction = Stream<dvec3>(b);
   }
+  const Exemptions::Pairs seam = Exemptions::seams(scene, t);
+  if (!seam.empty() || !state.options.reject_intersections || state.options.pinch == Pinch::release) state.exemptions.set_up(b, t, seam);
   state.contact = Stream<kernels::contact>(b);
   state.impact = Stream<kernels::impact>(b);
 }
@@ -164,6 +166,14 @@ template <class Real> void set_up(State &state, const Scene &scene, const Topolo
   state.faces = static_cast<int>(t.face.size());
   state.edges = static_cast<int>(t.edge.size());
 
+  for (std::size_t c = 0; c < scene.cloths.size(); ++c) {
+    state.object_name.push_back("cloth '" + scene.cloths[c].name + "'");
+    state.object_first.push_back(t.cloth_range[c].first);
+  }
+  for (std::size_t o = 0; o < scene.obstacles.size(); ++o) {
+    state.object_name.push_back("obstacle '" + scene.obstacles[o].name + "'");
+    state.object_first.push_back(t.obstacle_range[o].first);
+  }
   std::vector<int> fixed(t.position.size(), 0);
   std::fill(fixed.begin() + t.cloth_vertices, fixed.end(), 1);
   for (const Pin &pin : scene.pins)

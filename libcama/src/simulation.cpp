@@ -56,10 +56,12 @@ std::string owner(const Scene &scene, const Topology &t, int vertex)
 }
 
 /// Intersections that contact is to prevent: cloth with obstacles, and cloth with cloth where the scene wants that.
-std::vector<Intersection> forbidden_intersections(const std::vector<dvec3> &position, const Topology &t, bool self)
+std::vector<Intersection> forbidden_intersections(const std::vector<dvec3> &position, const Topology &t, bool self, const Exemptions::Pairs &seam)
 {
   std::vector<Intersection> found = intersections(position, t.face, t.cloth_vertices);
-  const auto allowed = [&](const Intersection &i) { return !self && i.edge[0] < t.cloth_vertices && t.face[i.face][0] < t.cloth_vertices; };
+  const auto allowed = [&](const Intersection &i) {
+    return (!self && i.edge[0] < t.cloth_vertices && t.face[i.face][0] < t.cloth_vertices) || at_seam(seam, i, t.face);
+  };
   found.erase(std::remove_if(found.begin(), found.end(), allowed), found.end());
   return found;
 }
@@ -67,7 +69,7 @@ std::vector<Intersection> forbidden_intersections(const std::vector<dvec3> &posi
 /// Refuses a start in which cloth intersects itself, another cloth or an obstacle: no step could promise anything from there.
 void check_start(const Scene &scene, const Topology &t)
 {
-  const std::vector<Intersection> found = forbidden_intersections(t.position, t, scene.contact.self);
+  const std::vector<Intersection> found = forbidden_intersections(t.position, t, scene.contact.self, Exemptions::seams(scene, t));
   if (found.empty()) return;
   const Intersection &first = found.front();
   throw CollisionError("the scene starts with " + std::to_string(found.size()) + " intersections; the first: edge " +
@@ -87,7 +89,7 @@ const Scene &checked(const Scene &scene, const Options &options)
 
 struct Simulation::Implementation {
   Implementation(const Scene &scene, const Options &options)
-      : backend(make_backend(options.backend, options.device, options.threads)), state(*backend), topology(build_topology(scene))
+      : backend(make_backend(options.backend, options.device, options.threads)), state(*backend), topology(build_topology(scene)), seam(Exemptions::seams(scene, topology))
   {
     state.options = options;
     if (options.reject_intersections && scene.has_contact()) check_start(scene, topology);
@@ -99,11 +101,16 @@ struct Simulation::Implementation {
       set_up<double>(state, scene, topology);
       pipeline = make_pipeline<double>(scene, state);
     }
+    if (!options.reject_intersections && scene.has_contact()) {
+      state.exemptions.add_tangle(forbidden_intersections(topology.position, topology, scene.contact.self, seam), topology);
+      state.exemptions.upload();
+    }
   }
 
   std::unique_ptr<Backend> backend;
   State state;
   Topology topology;
+  Exemptions::Pairs seam;
   StepPipeline pipeline;
   bool single = false;
 };
@@ -303,7 +310,7 @@ double Simulation::min_gap() const
 int Simulation::count_intersections() const
 {
   const Implementation &i = *implementation_;
-  return static_cast<int>(forbidden_intersections(i.state.position.download(), i.topology, i.state.contact_settings.self).size());
+  return static_cast<int>(forbidden_intersections(i.state.position.download(), i.topology, i.state.contact_settings.self, i.seam).size());
 }
 
 std::uint64_t Simulation::state_hash() const

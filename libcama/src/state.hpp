@@ -2,10 +2,12 @@
 // Every stream that outlives a stage. Names follow the paper's Figure 4; docs/architecture.md has the table.
 #pragma once
 #include <memory>
+#include <string>
 #include <vector>
 
 #include "cama/simulation.hpp"
 #include "cama/stream.hpp"
+#include "exemptions.hpp"
 #include "kernels.hpp"
 
 namespace cama {
@@ -87,12 +89,21 @@ struct State {
   Stream<kernels::contact> contact;
   Stream<kernels::impact> impact;
 
+  Exemptions exemptions;                      // [vertices], where anything is exempt from contact
+  std::vector<std::string> object_name;       // cloths, then obstacles
+  std::vector<int> object_first;              // their first vertices
+
   std::unique_ptr<System<double>> system64;
   std::unique_ptr<System<float>> system32;
   template <class Real> System<Real> &system()
   {
     if constexpr (sizeof(Real) == 8) return *system64; else return *system32;
   }
+
+  /// "cloth 'shirt', vertex 12": a vertex in the numbering of its own object.
+  std::string describe(int vertex) const;
+  /// Index of the object that a vertex belongs to: cloths, then obstacles.
+  int object_of(int vertex) const;
 
   Options options;
   StepReport report;
@@ -116,6 +127,7 @@ struct State {
     f("edge_edge.pairs", edge_edge.pairs); f("edge_edge.known", edge_edge.known);
     f("edge_edge.direction", edge_edge.direction);
     f("contact", contact); f("impact", impact);
+    f("exemptions.row", exemptions.row); f("exemptions.entry", exemptions.entry); f("exemptions.object", exemptions.object);
     if (system64) visit_system(*system64, f);
     if (system32) visit_system(*system32, f);
   }

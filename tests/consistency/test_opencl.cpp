@@ -96,7 +96,7 @@ TEST_CASE("a kernel that does not compile is named by file and line", "[opencl]"
   Environment kernels("CAMA_KERNELS", folder.path.string()), cache("CAMA_CACHE", "off");
   const auto backend = make_backend("opencl");
   Stream<int> s(*backend, 10);
-  const std::string text = thrown<BackendError>([&] { CAMA_LAUNCH(*backend, set_int, 10, 7, s); });
+  const std::string text = thrown<BackendError>([&] { CAMA_LAUNCH(*backend, set_int, 10, 0, 7, s); });
   INFO(text);
   CHECK(contains(text, "tree.h:" + std::to_string(line)));
   CHECK(contains(text, "no_such_name"));

@@ -250,10 +250,10 @@ TEST_CASE("launch counts its calls and skips empty ones", "[backend]")
   for (const auto &backend : every_backend()) {
     INFO(backend->name());
     Stream<int> s(*backend, 1000);
-    CAMA_LAUNCH(*backend, set_int, 1000, 7, s);
+    CAMA_LAUNCH(*backend, set_int, 1000, 0, 7, s);
     CHECK(s.download() == std::vector<int>(1000, 7));
     CHECK(backend->launches() == 1);
-    CAMA_LAUNCH(*backend, set_int, 0, 9, s);
+    CAMA_LAUNCH(*backend, set_int, 0, 0, 9, s);
     CHECK(backend->launches() == 1);
   }
 }

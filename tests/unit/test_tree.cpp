@@ -76,6 +76,8 @@ Found query(const Scene &s, int self, int slots, int steps)
     for (pair p : out) all.push_back({p.a, p.b});
     return all;
   };
+  std::vector<int> leaf(edges);
+  std::iota(leaf.begin(), leaf.end(), 0);
   std::vector<int> order(vertices);
   std::iota(order.rbegin(), order.rend(), 0);
   Found found;
@@ -83,20 +85,21 @@ Found query(const Scene &s, int self, int slots, int steps)
       vertices,
       [&](int *slot, int *count) {
         query_vertex_face_count(vertices, order.data(), vertex_box.data(), faces, face_tree.order.data(), face_tree.node.data(), s.face.data(),
-                                s.cloth_vertices, self, slots, slot, count);
+                                s.cloth_vertices, self, QUERY_ALL, nullptr, nullptr, slots, slot, count);
       },
       [&](const int *slot, const int *count, const int *offset, pair *out) {
         query_vertex_face_fill(vertices, order.data(), vertex_box.data(), faces, face_tree.order.data(), face_tree.node.data(), s.face.data(),
-                               s.cloth_vertices, self, slots, slot, count, offset, out);
+                               s.cloth_vertices, self, QUERY_ALL, nullptr, slots, slot, count, offset, 0, out);
       });
   found.edge_edge = collect(
       edges,
       [&](int *slot, int *count) {
-        query_edge_edge_count(edges, edge_tree.order.data(), edge_tree.node.data(), s.edge.data(), s.cloth_vertices, self, slots, slot, count);
+        query_edge_edge_count(edges, leaf.data(), edges, edge_tree.order.data(), edge_tree.node.data(), s.edge.data(), s.cloth_vertices, self,
+                              QUERY_ALL, nullptr, nullptr, slots, slot, count);
       },
       [&](const int *slot, const int *count, const int *offset, pair *out) {
-        query_edge_edge_fill(edges, edge_tree.order.data(), edge_tree.node.data(), s.edge.data(), s.cloth_vertices, self, slots, slot, count,
-                             offset, out);
+        query_edge_edge_fill(edges, leaf.data(), edges, edge_tree.order.data(), edge_tree.node.data(), s.edge.data(), s.cloth_vertices, self,
+                             QUERY_ALL, nullptr, nullptr, slots, slot, count, offset, 0, out);
       });
   return found;
 }

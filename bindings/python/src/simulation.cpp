@@ -43,6 +43,7 @@ constexpr Choice<Assembly> assemblies[] = {{"gather", Assembly::gather}, {"algor
 constexpr Choice<Preconditioner> preconditioners[] = {
     {"none", Preconditioner::none}, {"jacobi", Preconditioner::jacobi}, {"block_jacobi", Preconditioner::block_jacobi}};
 constexpr Choice<ContactForm> contact_forms[] = {{"rank_one", ContactForm::rank_one}, {"star", ContactForm::star}};
+constexpr Choice<Pinch> pinches[] = {{"stop", Pinch::stop}, {"release", Pinch::release}};
 constexpr Choice<LinearSolver> solvers[] = {{"conjugate_gradient", LinearSolver::conjugate_gradient}, {"direct", LinearSolver::direct}};
 
 /// An enumeration that Python sees as one of a few words.
@@ -72,6 +73,7 @@ void bind_options(py::module_ &m)
   choice_property(options, "preconditioner", &Options::preconditioner, preconditioners);
   choice_property(options, "solver", &Options::solver, solvers);
   choice_property(options, "contact_form", &Options::contact_form, contact_forms);
+  choice_property(options, "pinch", &Options::pinch, pinches);
   options.def_static("preset", &Options::preset)
       .def_readwrite("backend", &Options::backend)
       .def_readwrite("device", &Options::device)
@@ -102,6 +104,8 @@ py::dict to_dict(const StepReport &r)
   d["impact_passes"] = r.impact_passes;
   d["truncated"] = r.truncated;
   d["lost_motion"] = r.lost_motion;
+  d["released"] = r.released;
+  d["exempt"] = r.exempt;
   d["substeps"] = r.substeps;
   d["iterations"] = r.iterations;
   d["residual"] = r.residual;

@@ -14,6 +14,7 @@ namespace cama {
 
 enum class Assembly { gather, algorithm1, sorted };          ///< static pattern; the paper's Algorithm 1; collect, sort, reduce
 enum class Preconditioner { none, jacobi, block_jacobi };
+enum class Pinch { stop, release };                          ///< cloth caught between moving obstacles or pins without a way out
 enum class LinearSolver { conjugate_gradient, direct };
 
 /// How to compute; what to compute is the Scene. The defaults are those of accuracy "production".
@@ -36,6 +37,7 @@ struct Options {
   bool commit = true;                     ///< certified commit at the end of every step
   bool arcsim_conventions = false;        ///< as ARCSim: bending at the signed curvature, extrapolated below zero; wind on the rest area
   bool reject_intersections = true;       ///< refuse a start in which cloth intersects something
+  Pinch pinch = Pinch::stop;              ///< stop: CollisionError; release: obstacles let go of the caught cloth until it has come free
   bool audit = false;                     ///< count intersections after every step
 
   /// Sets every option that the named accuracy fixes. Throws SceneError listing the names.
@@ -56,6 +58,8 @@ struct StepReport {
   int impact_passes = 0;
   int truncated = 0;                      ///< vertices whose motion the commit cut, summed over substeps
   double lost_motion = 0;                 ///< mean fraction of motion that the commit cut, over all cloth vertices, summed over substeps
+  int released = 0;                       ///< cloth vertices that pinching obstacles let go of in this step
+  int exempt = 0;                         ///< pairs that contact passes over after this step, seams aside
   int substeps = 1;                       ///< pieces that moving obstacles divided the step into
   int iterations = 0;                     ///< of the linear solve
   double residual = 0;                    ///< of the linear solve: sqrt(r' P r) relative to its start; direct: |A v - b| / |b|

@@ -44,6 +44,17 @@ public:
     buffer_ = backend_->allocate(sizeof(T) * static_cast<std::size_t>(capacity));
     capacity_ = capacity;
   }
+  /// Like `resize`, but what was there stays.
+  void grow(int size)
+  {
+    if (size > capacity_) {
+      Stream larger(*backend_);
+      larger.reserve(static_cast<int>(std::min(0x7fffffffll, size + size / 2ll)));
+      if (size_) backend_->copy(larger.buffer_, buffer_, sizeof(T) * static_cast<std::size_t>(size_));
+      swap(larger);
+    }
+    size_ = size;
+  }
   void assign(const std::vector<T> &values)
   {
     resize(static_cast<int>(values.size()));

@@ -8,38 +8,49 @@ namespace cama {
 /// checking, continuous detection and the commit; it grows as vertices leave their boxes.
 class CandidateSearch {
 public:
-  explicit CandidateSearch(Backend &backend) : escaped_(backend, 1) {}
+  enum class Change { none, grown, renewed };   ///< of the lists
+  explicit CandidateSearch(Backend &backend) : wanted_(backend), place_(backend), kept_(backend) {}
   virtual ~CandidateSearch() = default;
   /// Fills state.vertex_face and state.edge_edge for motion from -> to.
   virtual void run(State &state, const Stream<dvec3> &from, const Stream<dvec3> &to) = 0;
-  /// Makes the lists hold every pair of the motion from -> to, with `margin` to spare. Where `known` and `direction` of earlier pairs
-  /// are lost, or pairs are new, `direction` is made anew; returns false if no vertex had left its box.
-  virtual bool update(State &state, const Stream<dvec3> &from, const Stream<dvec3> &to, double margin);
+  /// Makes the lists hold every pair of the motion from -> to with `margin` to spare. Earlier pairs stay, with `known` and `direction`;
+  /// further ones come behind them, or, after large changes, all are made anew.
+  virtual Change update(State &state, const Stream<dvec3> &from, const Stream<dvec3> &to, double margin) = 0;
 
 protected:
-  /// Is every motion from -> to inside the boxes of the last search, with `margin` to spare?
-  bool covers(State &state, const Stream<dvec3> &from, const Stream<dvec3> &to, double margin);
+  /// Takes the pairs that are exempt out of those from `first` on.
+  void drop_exempt(State &state, int kind, int first);
   /// Directions between the closest points at `from`, for the pairs from `first_*` on.
   void find_directions(State &state, const Stream<dvec3> &from, int first_vertex_face, int first_edge_edge);
 
 private:
-  Stream<int> escaped_;
+  Stream<int> wanted_, place_;
+  Stream<kernels::pair> kept_;
 };
 
-/// The default: vertices ask a tree of faces, edges ask a tree of edges, by count, scan and fill.
+/// The default: vertices ask a tree of faces, edges ask a tree of edges, by count, scan and fill. Localised updates (section 4.1 of the
+/// paper): only features with vertices that left their boxes ask, and only for pairs that did not overlap before.
 class TreeSearch final : public CandidateSearch {
 public:
   explicit TreeSearch(Backend &backend);
   void run(State &state, const Stream<dvec3> &from, const Stream<dvec3> &to) override;
+  Change update(State &state, const Stream<dvec3> &from, const Stream<dvec3> &to, double margin) override;
 
 private:
   void find_bounds(State &state, const Stream<dvec3> &from, const Stream<dvec3> &to);
+  void build_boxes(State &state, bool sort);
   void build_tree(State &state, int leaves, const Stream<kernels::box> &boxes, Stream<int> &order, Stream<kernels::box> &tree, bool sort);
+  /// Candidates of the vertices `items` among the leaves of a face tree, behind those that the list has.
+  void query_faces(State &state, int mode, const Stream<int> &items, int leaves, const Stream<int> &order, const Stream<kernels::box> &tree);
+  void query_edges(State &state, int mode, const Stream<int> &items);
+  int keep(State &state, int n, const Stream<int> &flag, const Stream<int> &value, Stream<int> &kept);
 
   Stream<dvec3> corners_, reduced_;
   Stream<key64> key_;
   Stream<int> slot_, count_, offset_;
   Stream<int> identity_;
+  Stream<int> changed_, flag_, offsets_, changed_vertex_, changed_face_, changed_edge_;
+  Stream<kernels::box> before_, changed_tree_;
   int searches_since_sort_ = 0;
 };
 

@@ -22,4 +22,13 @@ void FinishStep::run(State &state)
   state.velocity.swap(state.velocity_next);
 }
 
+void ForgetSeparated::run(State &state)
+{
+  if (state.exemptions.temporary() == 0) return;
+  if (face_.empty())
+    for (const kernels::face_nodes &f : state.face.download()) face_.push_back({f.node[0], f.node[1], f.node[2]});
+  if (state.exemptions.forget_separated(state.position.download(), face_, state.cloth_vertices)) state.exemptions.upload();
+  state.report.exempt = state.exemptions.temporary();
+}
+
 }  // namespace cama

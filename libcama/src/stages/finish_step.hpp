@@ -22,4 +22,15 @@ private:
   Stream<int> bad_;
 };
 
+/// Exempt pairs that have come apart are contacts again. On the host, and only while there are any.
+class ForgetSeparated final : public Stage {
+public:
+  std::string_view name() const override { return "exemptions"; }
+  std::string reason() const override { return "tangled starts or released cloth"; }
+  void run(State &state) override;
+
+private:
+  std::vector<Triangle> face_;
+};
+
 }  // namespace cama

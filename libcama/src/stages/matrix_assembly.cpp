@@ -21,7 +21,7 @@ void AssembleMatrix<Real>::algorithm1(State &state, bool with_terms)
   cursor_.resize(rows);
   m.row.resize(rows + 1);
   // Space counting, lines 2-5. Every row starts with its diagonal.
-  CAMA_LAUNCH(b, set_int, rows, 1, count_);
+  CAMA_LAUNCH(b, set_int, rows, 0, 1, count_);
   const auto count = [&](int n, const Stream<kernels::element_nodes> &nodes, const Stream<int> &split) {
     CAMA_LAUNCH_REAL(Real, b, count_entries, n, nodes, split, rows, count_);
   };
@@ -128,7 +128,7 @@ void AssembleMatrix<Real>::run(State &state)
   if (options.assembly != Assembly::gather) {
     // Sides of terms: the star couples across sides only; vertex-face terms split after one node, edge-edge terms after two.
     state.term_split.resize(state.terms);
-    CAMA_LAUNCH(*state.backend, set_int, state.terms, 0, state.term_split);
+    CAMA_LAUNCH(*state.backend, set_int, state.terms, 0, 0, state.term_split);
     if (options.contact_form == ContactForm::star)
       CAMA_LAUNCH(*state.backend, contact_splits, state.contacts, state.contact, state.term_split);
   }

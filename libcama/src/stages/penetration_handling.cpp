@@ -1,13 +1,17 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "stages/penetration_handling.hpp"
 
+#include <algorithm>
+#include <array>
+#include <cstdio>
 #include <cstring>
+#include <tuple>
 
 #include "launch.hpp"
 
 namespace cama {
 namespace {
-constexpr int active_set_rounds = 4, most_iterations = 200, most_substeps = 64;
+constexpr int active_set_rounds = 4, most_iterations = 200, most_waits = 64;
 constexpr double impulse_tolerance = 1e-4;   // relative residual of the linear system
 constexpr double regularisation = 1e-6;      // of its diagonal: duplicate impacts make it singular
 constexpr double pushing_tolerance = 1e-3;   // relative change of impulses: the result is certified afterwards
@@ -22,8 +26,8 @@ int chunks(int n) { return (n + DOT_CHUNK - 1) / DOT_CHUNK; }
 }  // namespace
 
 ImpactProjection::ImpactProjection(Backend &b)
-    : nodes_(b), count_(b), active_(b), dropped_(b, 1), constraint_(b), diagonal_(b), majorant_(b), lambda_(b), r_(b), z_(b), p_(b), q_(b),
-      partial_(b), partial2_(b), partial3_(b), scalar_(b, SCALAR_COUNT), y_(b)
+    : nodes_(b), count_(b), active_(b), dropped_(b, 1), moved_(b), constraint_(b), diagonal_(b), majorant_(b), lambda_(b), r_(b), z_(b), p_(b), q_(b),
+      partial_(b), partial2_(b), partial3_(b), scalar_(b, SCALAR_COUNT), y_(b), wanted_(b), longest_(b), longer_(b), largest_(b)
 {}
 
 void ImpactProjection::spread(State &state, const Stream<double> &lambda)
@@ -70,7 +74,7 @@ void ImpactProjection::solve_pushing(State &state)
 {
   Backend &b = *state.backend;
   const int n = state.impact.size();
-  CAMA_LAUNCH(b, set_int, n, 1, active_);
+  CAMA_LAUNCH(b, set_int, n, 0, 1, active_);
   CAMA_LAUNCH(b, set_double, n, 0.0, lambda_);
   CAMA_LAUNCH(b, set_double, n, 0.0, p_);
   CAMA_LAUNCH(b, start_momentum, SCALAR_COUNT, scalar_);
@@ -86,6 +90,23 @@ void ImpactProjection::solve_pushing(State &state)
     CAMA_LAUNCH(b, extrapolate_impulses, n, scalar_, lambda_, r_, p_);
     if (i % 8 == 0 && scalar_.at(2) <= pushing_tolerance * pushing_tolerance * scalar_.at(3)) break;
   }
+}
+
+void ImpactProjection::start(State &state, const Stream<dvec3> &from, const Stream<dvec3> &wanted)
+{
+  Backend &b = *state.backend;
+  const int first = std::min(state.vertices, 4096), second = std::min(first, 64);
+  if (moved_.size() == 0) {
+    moved_.resize(state.vertices);
+    moved_.fill_zero();
+    longest_.resize(first);
+    longer_.resize(second);
+    largest_.resize(1);
+  }
+  wanted_.copy_from(wanted);
+  CAMA_LAUNCH(b, longest_motions, first, state.vertices, from, wanted, longest_);
+  CAMA_LAUNCH(b, largest_of, second, first, longest_, longer_);
+  CAMA_LAUNCH(b, largest_of, 1, second, longer_, largest_);
 }
 
 void ImpactProjection::run(State &state, Stream<dvec3> &positions, double target)
@@ -105,7 +126,7 @@ void ImpactProjection::run(State &state, Stream<dvec3> &positions, double target
               diagonal_, majorant_, active_);
   if (state.options.linear_impacts) solve_linear_system(state); else solve_pushing(state);
   spread(state, lambda_);
-  CAMA_LAUNCH(b, apply_impulses, state.cloth_vertices, y_, positions);
+  CAMA_LAUNCH(b, apply_impulses, state.cloth_vertices, target, largest_, wanted_, y_, positions, moved_);
 }
 
 PenetrationHandling::PenetrationHandling(Backend &b, CandidateSearch &search)
@@ -113,13 +134,13 @@ PenetrationHandling::PenetrationHandling(Backend &b, CandidateSearch &search)
       accepted_{Stream<int>(b), Stream<int>(b)}, fraction_(b), fraction_before_(b), sigma_(b, 1), counter_(b, 2), grown_(b)
 {}
 
-int PenetrationHandling::find_impacts(State &state)
+int PenetrationHandling::find_impacts(State &state, bool localized)
 {
   Backend &b = *state.backend;
   const auto count = [&](int kind, const PairList &list, FlaggedPairs &flagged) {
     flagged.resize(list.pairs.size());
-    CAMA_LAUNCH(b, find_impacts, list.pairs.size(), kind, list.pairs, state.face, state.edge, from_, state.position_next,
-                state.inverse_mass, minimum_, list.direction, list.known, flagged.flag);
+    CAMA_LAUNCH(b, find_impacts, list.pairs.size(), kind, localized ? 1 : 0, list.pairs, state.face, state.edge, from_, state.position_next,
+                state.inverse_mass, minimum_, list.direction, list.known, projection_.moved(), flagged.flag);
     return flagged.compact(b, list);
   };
   const int known = state.impact.size();
@@ -137,7 +158,7 @@ int PenetrationHandling::find_impacts(State &state)
   return faces + edges;
 }
 
-double PenetrationHandling::commit(State &state)
+double PenetrationHandling::commit(State &state, bool certified)
 {
   Backend &b = *state.backend;
   fraction_.resize(state.vertices);
@@ -147,8 +168,8 @@ double PenetrationHandling::commit(State &state)
   int settled = -1;
   for (int kind = 0; kind < 2; ++kind) {
     accepted_[kind].resize(lists[kind]->pairs.size());
-    CAMA_LAUNCH(b, commit_screen, lists[kind]->pairs.size(), kind, lists[kind]->pairs, state.face, state.edge, from_, state.position_next,
-                lists[kind]->direction, minimum_, accepted_[kind]);
+    CAMA_LAUNCH(b, commit_screen, lists[kind]->pairs.size(), kind, certified ? 1 : 0, lists[kind]->pairs, state.face, state.edge, from_,
+                state.position_next, lists[kind]->direction, lists[kind]->known, minimum_, accepted_[kind]);
   }
   for (int pass = 0;; ++pass) {
     if (pass > 0) fraction_before_.copy_from(fraction_);
@@ -174,34 +195,111 @@ double PenetrationHandling::commit(State &state)
   return sigma;
 }
 
+std::vector<std::pair<int, kernels::pair>> PenetrationHandling::waiting_pairs(State &state)
+{
+  std::vector<std::pair<int, kernels::pair>> waiting;
+  const PairList *lists[2] = {&state.vertex_face, &state.edge_edge};
+  for (int kind = 0; kind < 2; ++kind) {
+    const std::vector<int> accepted = accepted_[kind].download();
+    const std::vector<kernels::pair> pairs = lists[kind]->pairs.download();
+    for (std::size_t i = 0; i < pairs.size(); ++i)
+      if (accepted[i] == COMMIT_WAITING) waiting.emplace_back(kind, pairs[i]);
+  }
+  std::sort(waiting.begin(), waiting.end(), [](const auto &p, const auto &q) {
+    return std::tie(p.first, p.second.a, p.second.b) < std::tie(q.first, q.second.a, q.second.b);
+  });
+  return waiting;
+}
+
+namespace {
+
+/// The four vertices of a pair; side A's come first.
+std::array<int, 4> vertices_of(int kind, const kernels::pair &p, const State &state)
+{
+  if (kind == 0) {
+    const auto f = state.face.at(p.b);
+    return {p.a, f.node[0], f.node[1], f.node[2]};
+  }
+  const auto e = state.edge.at(p.a), f = state.edge.at(p.b);
+  return {e.node[0], e.node[1], f.node[0], f.node[1]};
+}
+
+}  // namespace
+
+std::string PenetrationHandling::place(State &state, const std::vector<std::pair<int, kernels::pair>> &waiting)
+{
+  if (waiting.empty()) return "";
+  const auto &[kind, pair] = waiting.front();
+  const std::array<int, 4> v = vertices_of(kind, pair, state);
+  const dvec3 x = from_.at(v[0]);
+  const auto coordinate = [](double value) {
+    char text[32];
+    std::snprintf(text, sizeof text, "%.4g", value);
+    return std::string(text);
+  };
+  return " at (" + coordinate(x.x) + ", " + coordinate(x.y) + ", " + coordinate(x.z) + ") m, between " + state.describe(v[0]) + " and " +
+         state.describe(v[static_cast<std::size_t>(kind + 1)]) + (waiting.size() > 1 ? ", and at " + std::to_string(waiting.size() - 1) + " pairs more" : "");
+}
+
+bool PenetrationHandling::release(State &state, const std::vector<std::pair<int, kernels::pair>> &waiting)
+{
+  const int before = state.exemptions.temporary();
+  for (const auto &[kind, pair] : waiting) {
+    const std::array<int, 4> v = vertices_of(kind, pair, state);
+    for (int a = 0; a <= kind; ++a)
+      for (int b = kind + 1; b < 4; ++b) {
+        const bool cloth_a = v[a] < state.cloth_vertices, cloth_b = v[b] < state.cloth_vertices;
+        if (cloth_a && cloth_b) state.exemptions.let_pass(v[a], v[b]);
+        else if (cloth_a) state.exemptions.let_go(v[a], state.object_of(v[b]));
+        else state.exemptions.let_go(v[b], state.object_of(v[a]));
+      }
+  }
+  const int added = state.exemptions.temporary() - before;
+  state.report.released += added;
+  if (added > 0) state.exemptions.upload();
+  return added > 0;
+}
+
 void PenetrationHandling::run(State &state)
 {
   from_.copy_from(state.position);
-  for (;; ++state.report.substeps) {
+  bool projected = false;
+  for (int waits = 0;; ++state.report.substeps) {
     state.impact.resize(0);
     state.vertex_face.known.fill_zero();
     state.edge_edge.known.fill_zero();
+    bool certified = false, localized = false;   // every pair but known impacts, for the motion as it is; but for what moved since
     for (int pass = 0; pass < state.options.max_impact_passes; ++pass) {
-      search_.update(state, from_, state.position_next, minimum_);
-      const int found = find_impacts(state);
+      localized &= search_.update(state, from_, state.position_next, minimum_) != CandidateSearch::Change::renewed;
+      const int found = find_impacts(state, localized);
       if (pass == 0 && state.report.substeps == 1) state.report.impacts = found;
-      if (found == 0) break;
+      certified = found == 0;
+      if (certified) break;
       ++state.report.impact_passes;
+      if (!projected) projection_.start(state, from_, state.position_next);
+      projected = localized = true;
       projection_.run(state, state.position_next, target_);
     }
     if (!state.options.commit) break;
-    search_.update(state, from_, state.position_next, minimum_);
-    const double sigma = commit(state);
+    if (search_.update(state, from_, state.position_next, minimum_) != CandidateSearch::Change::none) certified = false;
+    const double sigma = commit(state, certified);
     if (sigma >= 1) {
       state.position_next.swap(committed_);
       break;
     }
-    if (state.report.substeps >= most_substeps)
-      throw CollisionError("step " + std::to_string(state.report.step) +
-                           ": a moving obstacle or pin pinches cloth without a way out; slow the motion, lower the contact thickness, or "
-                           "keep the bodies apart");
+    if (++waits >= most_waits) {
+      const auto waiting = waiting_pairs(state);
+      if (state.options.pinch == Pinch::stop || !release(state, waiting))
+        throw CollisionError("step " + std::to_string(state.report.step) + ": a moving obstacle or pin pinches cloth without a way out" +
+                             place(state, waiting) +
+                             "; slow the motion, lower the contact thickness, keep the bodies apart, or set pinch to release");
+    }
     // The obstacles wait at sigma of their way; cloth goes on towards the same target from there.
     from_.swap(committed_);
+    if (waits == most_waits) {
+      waits = 0;
+      search_.run(state, from_, state.position_next);
+    }
   }
   CAMA_LAUNCH(*state.backend, follow_positions, state.cloth_vertices, state.time_step, state.fixed, state.position, state.position_next,
               state.velocity_next);

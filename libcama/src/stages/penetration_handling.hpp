@@ -1,5 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
+#include <string>
+#include <utility>
+#include <vector>
+
 #include "pipeline.hpp"
 #include "stages/candidate_search.hpp"
 #include "stages/flagged_pairs.hpp"
@@ -11,8 +15,12 @@ namespace cama {
 class ImpactProjection {
 public:
   explicit ImpactProjection(Backend &backend);
+  /// Before the first run of a step: where the solve wants the vertices, and from where.
+  void start(State &state, const Stream<dvec3> &from, const Stream<dvec3> &wanted);
   /// Moves `positions` so that every impact of the state ends apart by `target` at least.
   void run(State &state, Stream<dvec3> &positions, double target);
+  /// [vertices] 1: moved by the last run.
+  const Stream<int> &moved() const { return moved_; }
 
 private:
   void solve_linear_system(State &state);
@@ -22,9 +30,10 @@ private:
 
   Stream<kernels::element_nodes> nodes_;
   Incidence incidence_;
-  Stream<int> count_, active_, dropped_;
+  Stream<int> count_, active_, dropped_, moved_;
   Stream<double> constraint_, diagonal_, majorant_, lambda_, r_, z_, p_, q_, partial_, partial2_, partial3_, scalar_;
-  Stream<dvec3> y_;
+  Stream<dvec3> y_, wanted_;
+  Stream<double> longest_, longer_, largest_;
 };
 
 /// Continuous detection, projection of impacts, repeated; then the certified commit. Moving obstacles that would run over cloth
@@ -38,8 +47,11 @@ public:
   void set_distances(double minimum, double target) { minimum_ = minimum; target_ = target; }
 
 private:
-  int find_impacts(State &state);
-  double commit(State &state);
+  int find_impacts(State &state, bool localized);
+  double commit(State &state, bool certified);
+  std::vector<std::pair<int, kernels::pair>> waiting_pairs(State &state);
+  std::string place(State &state, const std::vector<std::pair<int, kernels::pair>> &waiting);
+  bool release(State &state, const std::vector<std::pair<int, kernels::pair>> &waiting);
 
   CandidateSearch &search_;
   ImpactProjection projection_;

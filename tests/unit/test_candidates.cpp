@@ -1,0 +1,283 @@
+// SPDX-License-Identifier: Apache-2.0
+// Candidate lists that grow: the pairs after an update are those of brute force over the boxes, and earlier ones keep what is known of
+// them. Exempt pairs: seams, tangles, and cloth that pinching obstacles let go of.
+#include "../catch.hpp"
+
+#include <algorithm>
+#include <random>
+#include <set>
+
+#include "../engine.hpp"
+#include "../meshes.hpp"
+#include "cama/geometry.hpp"
+#include "stages/candidate_search.hpp"
+
+using namespace cama;
+
+namespace {
+
+using Pair = std::pair<int, int>;
+
+struct Lists { std::vector<Pair> vertex_face, edge_edge; };
+
+struct Box { float lo[3], hi[3]; };
+
+Box bound(const std::vector<kernels::box> &boxes, std::initializer_list<int> vertices)
+{
+  Box b{{1e30f, 1e30f, 1e30f}, {-1e30f, -1e30f, -1e30f}};
+  for (int v : vertices)
+    for (int k = 0; k < 3; ++k) {
+      b.lo[k] = std::min(b.lo[k], boxes[v].lo[k]);
+      b.hi[k] = std::max(b.hi[k], boxes[v].hi[k]);
+    }
+  return b;
+}
+
+bool overlap(const Box &a, const Box &b)
+{
+  bool all = true;
+  for (int k = 0; k < 3; ++k) all &= a.lo[k] <= b.hi[k] && b.lo[k] <= a.hi[k];
+  return all;
+}
+
+bool share(std::initializer_list<int> a, std::initializer_list<int> b)
+{
+  return std::any_of(a.begin(), a.end(), [&](int v) { return std::find(b.begin(), b.end(), v) != b.end(); });
+}
+
+/// Every pair of features whose boxes, made from the state's vertex boxes, overlap.
+Lists brute_force(State &s)
+{
+  Lists lists;
+  const auto boxes = s.vertex_box.download();
+  const auto faces = s.face.download();
+  const auto edges = s.edge.download();
+  const auto obstacle = [&](int v) { return v >= s.cloth_vertices; };
+  for (int v = 0; v < s.vertices; ++v)
+    for (int f = 0; f < s.faces; ++f) {
+      const int *n = faces[f].node;
+      if (share({v}, {n[0], n[1], n[2]}) || (obstacle(v) && obstacle(n[0]))) continue;
+      if (overlap(bound(boxes, {v}), bound(boxes, {n[0], n[1], n[2]}))) lists.vertex_face.emplace_back(v, f);
+    }
+  for (int e = 0; e < s.edges; ++e)
+    for (int f = e + 1; f < s.edges; ++f) {
+      const int *a = edges[e].node, *b = edges[f].node;
+      if (share({a[0], a[1]}, {b[0], b[1]}) || (obstacle(a[0]) && obstacle(b[0]))) continue;
+      if (overlap(bound(boxes, {a[0], a[1]}), bound(boxes, {b[0], b[1]}))) lists.edge_edge.emplace_back(e, f);
+    }
+  return lists;
+}
+
+std::vector<Pair> plain(const PairList &list)
+{
+  std::vector<Pair> pairs;
+  for (const kernels::pair &p : list.pairs.download()) pairs.emplace_back(p.a, p.b);
+  return pairs;
+}
+
+Lists sorted(State &s)
+{
+  Lists lists{plain(s.vertex_face), plain(s.edge_edge)};
+  std::sort(lists.vertex_face.begin(), lists.vertex_face.end());
+  std::sort(lists.edge_edge.begin(), lists.edge_edge.end());
+  return lists;
+}
+
+/// A closed slab between z and z + height that moves by `travel` within a second, then back and as far again.
+Obstacle slab(double z, double height, double travel, const std::string &name)
+{
+  Mesh mesh;
+  for (double level : {z, z + height})
+    for (int corner = 0; corner < 4; ++corner)
+      mesh.position.push_back({corner == 1 || corner == 2 ? 0.3 : -0.3, corner >= 2 ? 0.3 : -0.3, level});
+  mesh.face = {{0, 2, 1}, {0, 3, 2}, {4, 5, 6}, {4, 6, 7}};
+  for (int k = 0; k < 4; ++k) {
+    const int next = (k + 1) % 4;
+    mesh.face.push_back({k, next, 4 + next});
+    mesh.face.push_back({k, 4 + next, 4 + k});
+  }
+  Motion motion;
+  motion.keys.resize(3);
+  motion.keys[1].time = 1;
+  motion.keys[1].transform.translation = {0, 0, travel};
+  motion.keys[2].time = 3;
+  motion.keys[2].transform.translation = {0, 0, -travel};
+  return meshes::obstacle(mesh, motion, name);
+}
+
+/// A sheet between two slabs that enter each other after 0.8 s and part again after 1.2 s.
+Scene pinched()
+{
+  Scene s;
+  s.gravity = {0, 0, 0};
+  s.time_step = 0.02;
+  s.contact.thickness = 2e-3;
+  s.cloths.push_back(meshes::cloth(meshes::grid(6, 6, 0.2, 0.2, -0.1, -0.1, 0)));
+  s.obstacles.push_back(slab(-0.14, 0.1, 0.05, "lower"));
+  s.obstacles.push_back(slab(0.04, 0.1, -0.05, "upper"));
+  return s;
+}
+
+}  // namespace
+
+TEST_CASE("an updated list holds the pairs of the grown boxes, each once", "[candidates]")
+{
+  for (const std::string backend : {"cpu", "opencl"}) {
+    Options options = serial();
+    options.backend = backend;
+    Engine engine(meshes::pile(6), options);
+    State &s = engine.state;
+    TreeSearch search(*s.backend);
+    std::mt19937 random(7);
+    std::uniform_real_distribution<double> move(-1, 1);
+    const std::vector<dvec3> start = s.position.download();
+    std::vector<dvec3> target = start;
+    for (dvec3 &x : target) x = kernels::dadd(x, {2e-3 * move(random), 2e-3 * move(random), 2e-3 * move(random)});
+    Stream<dvec3> from(*s.backend, start), to(*s.backend, target);
+    search.run(s, from, to);
+    CHECK(search.update(s, from, to, 0) == CandidateSearch::Change::none);
+    int grown = 0;
+    for (int round = 0; round < 6; ++round) {
+      for (int k = 0; k < 8; ++k) {
+        dvec3 &x = target[std::uniform_int_distribution<std::size_t>(0, target.size() - 1)(random)];
+        x = kernels::dadd(x, {0.05 * move(random), 0.05 * move(random), 0.05 * move(random)});
+      }
+      to.assign(target);
+      s.vertex_face.known.assign(std::vector<int>(static_cast<std::size_t>(s.vertex_face.pairs.size()), 5));
+      const std::vector<Pair> before = plain(s.vertex_face);
+      REQUIRE(search.update(s, from, to, 1e-4) == CandidateSearch::Change::grown);
+      const std::vector<Pair> after = plain(s.vertex_face);
+      REQUIRE(after.size() >= before.size());
+      CHECK(std::equal(before.begin(), before.end(), after.begin()));
+      const std::vector<int> known = s.vertex_face.known.download();
+      CHECK(std::count(known.begin(), known.end(), 5) == static_cast<long>(before.size()));
+      CHECK(std::count(known.begin(), known.end(), 0) == static_cast<long>(after.size() - before.size()));
+      grown += static_cast<int>(after.size() - before.size());
+      const Lists expected = brute_force(s), found = sorted(s);
+      CHECK(found.vertex_face == expected.vertex_face);
+      CHECK(found.edge_edge == expected.edge_edge);
+      // The boxes that the pairs were found with hold every motion.
+      const auto boxes = s.vertex_box.download();
+      const dvec3 origin = s.bounds.download()[0];
+      for (std::size_t v = 0; v < target.size(); ++v)
+        for (const dvec3 &x : {start[v], target[v]}) {
+          REQUIRE(boxes[v].lo[0] <= x.x - origin.x); REQUIRE(boxes[v].hi[0] >= x.x - origin.x);
+          REQUIRE(boxes[v].lo[2] <= x.z - origin.z); REQUIRE(boxes[v].hi[2] >= x.z - origin.z);
+        }
+      CHECK(search.update(s, from, to, 1e-4) == CandidateSearch::Change::none);
+    }
+    CHECK(grown > 20);
+    for (dvec3 &x : target) x.x += 0.1;   // everything leaves: all pairs anew
+    to.assign(target);
+    REQUIRE(search.update(s, from, to, 0) == CandidateSearch::Change::renewed);
+    const Lists expected = brute_force(s), found = sorted(s);
+    CHECK(found.vertex_face == expected.vertex_face);
+    CHECK(found.edge_edge == expected.edge_edge);
+  }
+}
+
+TEST_CASE("both sides of a seam are no candidates; the rest of the two pieces is", "[candidates]")
+{
+  Scene scene;
+  scene.contact.thickness = 4e-3;
+  scene.cloths.push_back(meshes::cloth(meshes::grid(6, 3, 0.2, 0.1)));
+  scene.cloths.push_back(meshes::cloth(meshes::grid(6, 3, 0.2, 0.1, 0, 0, 0.003), meshes::cotton(), "upper"));
+  for (int i = 0; i < 7; ++i) {   // the edge y = 0 of both
+    Stitch s;
+    s.cloth_a = 0;
+    s.vertex_a = i;
+    s.cloth_b = 1;
+    s.vertex_b = i;
+    s.vertex_c = i == 6 ? 5 : i + 1;
+    scene.stitches.push_back(s);
+  }
+  Engine engine(scene);
+  State &s = engine.state;
+  engine.run_before("contacts");
+  const int upper = s.object_first[1];
+  const auto faces = s.face.download();
+  int others = 0;
+  for (const Pair &p : plain(s.vertex_face)) {
+    const int v = p.first, *n = faces[p.second].node;
+    const bool across = (v < upper) != (n[0] < upper);
+    if (across && v % upper < 7) {   // a seam vertex: not against faces with the seam vertices across from it and beside it
+      for (int k = 0; k < 3; ++k)
+        if (n[k] % upper < 7) CHECK(std::abs(n[k] % upper - v % upper) > 3);
+    } else if (across) ++others;
+  }
+  CHECK(others > 20);
+}
+
+TEST_CASE("a pinch stops with the place, and the state before stays", "[candidates]")
+{
+  Simulation simulation(pinched(), serial());
+  std::vector<dvec3> before;
+  int step = 0;
+  const std::string text = thrown<CollisionError>([&] {
+    for (; step < 60; ++step) {
+      before = simulation.positions();
+      simulation.step();
+    }
+  });
+  CAPTURE(text, step);
+  CHECK(step >= 38);   // the slabs meet after 0.8 s
+  CHECK(step <= 40);
+  CHECK(contains(text, "cloth 'cloth', vertex "));
+  CHECK((contains(text, "obstacle 'lower', vertex ") || contains(text, "obstacle 'upper', vertex ")));
+  CHECK(contains(text, "pinch to release"));
+  const std::vector<dvec3> after = simulation.positions();
+  for (std::size_t i = 0; i < after.size(); ++i) REQUIRE((after[i].x == before[i].x && after[i].z == before[i].z));
+  CHECK(simulation.count_intersections() == 0);
+}
+
+TEST_CASE("released cloth goes on, and is held again when it has come free", "[candidates]")
+{
+  Options options = serial();
+  options.pinch = Pinch::release;
+  Scene scene = pinched();
+  Pin hold;
+  hold.vertices = {0, 6, 42, 48};
+  scene.pins.push_back(hold);
+  Simulation simulation(scene, options);
+  int released = 0, most = 0;
+  for (int step = 0; step < 150; ++step) {
+    simulation.step();
+    released += simulation.report().released;
+    most = std::max(most, simulation.report().exempt);
+    for (const dvec3 &x : simulation.positions()) REQUIRE(std::fabs(x.x) + std::fabs(x.y) + std::fabs(x.z) < 1);
+  }
+  CHECK(released > 0);
+  CHECK(most > 0);
+  CHECK(simulation.report().exempt == 0);
+  CHECK(simulation.count_intersections() == 0);
+}
+
+TEST_CASE("tangled cloth is simulated, its pairs are contacts again once apart", "[candidates]")
+{
+  Scene scene;   // a small sheet sinks through the middle of a large one, edge on, and is pulled out
+  scene.gravity = {0, 0, 0};
+  scene.contact.thickness = 2e-3;
+  scene.cloths.push_back(meshes::cloth(meshes::grid(8, 8, 0.4, 0.4, -0.2, -0.2, 0)));
+  Mesh small = meshes::grid(2, 2, 0.08, 0.08, -0.04, -0.01);
+  for (dvec3 &x : small.position) x = {x.x + 0.003, 0.011, x.y};
+  scene.cloths.push_back(meshes::cloth(small, meshes::cotton(), "small"));
+  Pin pin;
+  pin.cloth = 1;
+  for (int v = 0; v < 9; ++v) pin.vertices.push_back(v);
+  pin.motion.velocity = {0, 0, 0.1};
+  scene.pins.push_back(pin);
+  Pin hold;
+  hold.vertices = {0, 8, 72, 80};
+  scene.pins.push_back(hold);
+  CHECK(contains(thrown<CollisionError>([&] { Simulation refused(scene, serial()); }), "intersections"));
+  Options options = serial();
+  options.reject_intersections = false;
+  Simulation simulation(scene, options);
+  const int start = simulation.count_intersections();
+  CHECK(start > 0);
+  simulation.step();
+  CHECK(simulation.report().exempt > 0);
+  for (int step = 1; step < 100; ++step) simulation.step();
+  CHECK(simulation.count_intersections() == 0);
+  CHECK(simulation.report().exempt == 0);
+}
