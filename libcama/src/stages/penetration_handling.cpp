@@ -116,9 +116,10 @@ PenetrationHandling::PenetrationHandling(Backend &b, CandidateSearch &search)
 int PenetrationHandling::find_impacts(State &state)
 {
   Backend &b = *state.backend;
+  const int cubic = state.options.cubic_impacts;
   const auto count = [&](int kind, const PairList &list, FlaggedPairs &flagged) {
     flagged.resize(list.pairs.size());
-    CAMA_LAUNCH(b, find_impacts, list.pairs.size(), kind, list.pairs, state.face, state.edge, from_, state.position_next,
+    CAMA_LAUNCH(b, find_impacts, list.pairs.size(), kind, cubic, list.pairs, state.face, state.edge, from_, state.position_next,
                 state.inverse_mass, minimum_, list.direction, list.known, flagged.flag);
     return flagged.compact(b, list);
   };
@@ -129,7 +130,7 @@ int PenetrationHandling::find_impacts(State &state)
   if (known) b.copy(grown_.buffer(), state.impact.buffer(), sizeof(kernels::impact) * static_cast<std::size_t>(known));
   state.impact.swap(grown_);
   const auto fill = [&](int kind, PairList &list, const FlaggedPairs &flagged, int first) {
-    CAMA_LAUNCH(b, fill_impacts, flagged.index.size(), kind, flagged.index, list.pairs, state.face, state.edge, from_,
+    CAMA_LAUNCH(b, fill_impacts, flagged.index.size(), kind, cubic, flagged.index, list.pairs, state.face, state.edge, from_,
                 state.position_next, minimum_, first, list.known, state.impact);
   };
   fill(0, state.vertex_face, vertex_face_, known);
