@@ -574,6 +574,35 @@ TEST_CASE("what passes nearer than double can tell is told apart in double-doubl
   }
 }
 
+TEST_CASE("an impact of the cubic, at distance 0, has the normal of the features, towards the side that A comes from", "[ccd]")
+{
+  Random random(6);
+  for (const bool edges : {false, true})
+    for (int i = 0; i < 500; ++i) {
+      const Quad contact = touching(random, edges, 1);
+      const dvec3 n = contact_normal(contact, edges);
+      const double side = i % 2 ? 1 : -1, time = random(0.1, 0.9);
+      std::vector<dvec3> x(contact.begin(), contact.end()), y = x;
+      for (int k = 0; k < (edges ? 2 : 1); ++k) {
+        const dvec3 d = dadd(dscale(-side, n), dscale(0.1, random.vector(1)));
+        const dvec3 whole = k == 1 ? dsub(y[0], x[0]) : d;   // an edge moves as one
+        x[k] = daxpy(contact[k], -time, whole);
+        y[k] = daxpy(contact[k], 1 - time, whole);
+      }
+      const kernels::face_nodes face{{1, 2, 3}};
+      const kernels::edge_nodes edge[2] = {{{0, 1}}, {{2, 3}}};
+      const kernels::pair pair{0, edges ? 1 : 0};
+      const double mass[4] = {1, 1, 1, 1};
+      const dvec3 direction = dvec3_make(0, 0, 0);
+      int known = 0, found = 0, index = 0;
+      kernels::impact impact;
+      kernels::find_impacts(1, edges, 1, &pair, &face, edge, x.data(), y.data(), mass, 1e-9, &direction, &known, &found);
+      REQUIRE(found == 1);
+      kernels::fill_impacts(1, edges, 1, &index, &pair, &face, edge, x.data(), y.data(), 1e-9, 0, &known, &impact);
+      REQUIRE(kernels::ddot(impact.normal, n) * side > 1 - 1e-9);
+    }
+}
+
 TEST_CASE("cost of a query", "[.benchmark]")
 {
   Random random(5);
