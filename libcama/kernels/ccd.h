@@ -221,7 +221,7 @@ DEVICE impact_time edge_edge_impact_time(dvec3 a0, dvec3 b0, dvec3 c0, dvec3 d0,
   return linear_impact_time(2, a0, b0, c0, d0, a1, b1, c1, d1, minimum_distance);
 }
 
-/* Touch, decided in double-double: what the loop above cannot tell from contact (nearer than its rounding, 4e-14 of the extent) is passed in
+/* Touch, decided in double-double: what the loop above cannot tell from contact (nearer than its rounding, 4e-14 of extent) is passed in
    numbers with twice the digits, then the loop goes on. Minimum distance 0. */
 
 #define TOUCH_ROUNDING 1e-29    /* bound on the rounding error of a separation in double-double, over extent and |n| */
@@ -229,7 +229,8 @@ DEVICE impact_time edge_edge_impact_time(dvec3 a0, dvec3 b0, dvec3 c0, dvec3 d0,
 #define TOUCH_INSIDE 1e-6       /* closest points so far inside face or edges: a contact, without a second look */
 
 /* Advance along n, which need not be unit, from y: as hull_advance; sets *separation over |n|. 0 if n does not separate. */
-DEVICE double touch_advance(const double_double3 *y, const double_double3 *d, int split, double_double3 n, double extent, double *separation)
+DEVICE double touch_advance(const double_double3 *y, const double_double3 *d, int split, double_double3 n, double extent,
+                            double *separation)
 {
   double_double h[4], r[4], least, most;
   double size = largest_component(dd3_rounded(n)), first = 2.0, margin = TOUCH_ROUNDING * extent * size;
@@ -364,7 +365,7 @@ DEVICE int cubic_pieces(const double *c, double *end)
   return count;
 }
 
-/* Where |f| > bound on the way from `in`, with |f| <= bound, to `out`, with |f| > bound: first where the tangent says, else by bisection. */
+/* Where |f| > bound on the way from `in`, with |f| <= bound, to `out`, with |f| > bound: where the tangent says, else by bisection. */
 DEVICE double cubic_leave(const double *c, double in, double out, double bound)
 {
   double slope = fabs(c[1] + in * (2.0 * c[2] + 3.0 * in * c[3])), lo = in, hi = out;
@@ -381,8 +382,8 @@ DEVICE double cubic_leave(const double *c, double in, double out, double bound)
 
 DEVICE double triple_product(dvec3 a, dvec3 b, dvec3 c) { return ddot(a, dcross(b, c)); }
 
-/* No false negative: a contact needs |f| <= bound, f as computed. That holds in at most one interval per monotone piece. Where it is short the
-   pair hardly moves in it: what a direction separates by more at one moment does not touch. Where it is long (coplanar or grazing motion) the
+/* No false negative: contact needs |f| <= bound, f as computed. That holds in at most one interval a monotone piece. Where it is short the
+   pair hardly moves in it: what a direction separates by more at one moment does not touch. Where it is long (coplanar, grazing motion) the
    additive method decides. Time: of the root where it is one. docs/ccd.md derives the bound. */
 DEVICE impact_time linear_impact_cubic(int split, dvec3 a0, dvec3 b0, dvec3 c0, dvec3 d0, dvec3 a1, dvec3 b1, dvec3 c1, dvec3 d1)
 {

@@ -52,7 +52,7 @@ DEVICE int separated_along(int kind, element_nodes e, GLOBAL const dvec3 *x, GLO
   return a0 - b0 >= least && a1 - b1 >= least;
 }
 
-/* flag[i] = 1 where candidate i comes closer than `minimum` on its way from x to y, or touches (cubic), and is not yet known (known[i] = 0). */
+/* flag[i] = 1 where candidate i comes closer than `minimum`, or touches (cubic), on its way from x to y and is not yet known. */
 KERNEL find_impacts(int n, int kind, int cubic, GLOBAL const pair *pairs, GLOBAL const face_nodes *face, GLOBAL const edge_nodes *edge,
                     GLOBAL const dvec3 *x, GLOBAL const dvec3 *y, GLOBAL const double *inverse_mass, double minimum,
                     GLOBAL const dvec3 *direction, GLOBAL const int *known, GLOBAL int *flag)
