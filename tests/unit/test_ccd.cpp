@@ -298,7 +298,7 @@ TEST_CASE("hand-made degenerate queries: no false negative", "[ccd][data]")
     CHECK(n.cubic_missed == 0);
     CHECK(n.cubic_off <= (name == "erleben-cube-internal-edges" || name == "all"));   // a vertex comes within 1e-16 of the face 0.78 before it touches
   }
-  CHECK(folders["all"].cubic_extra <= 42);   // all pass within 1.3e-15 of their extent, or 2.3e-11 of edges parallel within that
+  CHECK(folders["all"].cubic_extra <= 42);   // which pass each other within 2e-16
 }
 
 namespace {
