@@ -4,6 +4,7 @@
 #include "incidence.h"
 #include "motion.h"
 #include "distance.h"
+#include "double_double.h"
 #include "ccd.h"
 #include "bounds.h"
 #include "tree.h"

@@ -10,13 +10,26 @@ typedef struct {
   dvec3 normal;       /* from side B to side A at the time of impact */
 } impact;
 
-DEVICE impact_time candidate_impact_time(int kind, element_nodes e, GLOBAL const dvec3 *x, GLOBAL const dvec3 *y, double minimum)
+/* cubic: the paper's test, at distance 0; else the additive one, at `minimum`. */
+DEVICE impact_time candidate_impact_time(int kind, int cubic, element_nodes e, GLOBAL const dvec3 *x, GLOBAL const dvec3 *y, double minimum)
 {
   dvec3 o = x[e.node[0]], z = dvec3_make(0.0, 0.0, 0.0);
   dvec3 a0 = dsub(x[e.node[1]], o), b0 = dsub(x[e.node[2]], o), c0 = dsub(x[e.node[3]], o);
   dvec3 o1 = dsub(y[e.node[0]], o), a1 = dsub(y[e.node[1]], o), b1 = dsub(y[e.node[2]], o), c1 = dsub(y[e.node[3]], o);
+  if (cubic) return linear_impact_cubic(kind == 0 ? 1 : 2, z, a0, b0, c0, o1, a1, b1, c1);
   return kind == 0 ? vertex_face_impact_time(z, a0, b0, c0, o1, a1, b1, c1, minimum)
                    : edge_edge_impact_time(z, a0, b0, c0, o1, a1, b1, c1, minimum);
+}
+
+/* Normal of features that touch: of the face or common to the edges where that is well defined, against the weighted relative motion. */
+DEVICE dvec3 touching_normal(int kind, const dvec3 *at, const dvec3 *motion, proximity p)
+{
+  dvec3 u = kind == 0 ? dsub(at[2], at[1]) : dsub(at[1], at[0]), w = kind == 0 ? dsub(at[3], at[1]) : dsub(at[3], at[2]), n = dcross(u, w);
+  double approach = 0.0;
+  int k;
+  n = ddot(n, n) > 1e-12 * ddot(u, u) * ddot(w, w) ? dnormalize(n) : p.normal;
+  for (k = 0; k < 4; ++k) approach += p.weight[k] * ddot(n, motion[k]);
+  return approach > 0.0 ? dscale(-1.0, n) : n;
 }
 
 /* 1 if the pair keeps `least` between its sides along direction n at both ends of the motion x to y, hence all the way: the separation
@@ -39,9 +52,9 @@ DEVICE int separated_along(int kind, element_nodes e, GLOBAL const dvec3 *x, GLO
   return a0 - b0 >= least && a1 - b1 >= least;
 }
 
-/* flag[i] = 1 where candidate i comes closer than `minimum` on its way from x to y and is not yet known (known[i] = 0).
-   localized: only pairs with a vertex that the last projection moved are looked at, the others were certified before it. */
-KERNEL find_impacts(int n, int kind, int localized, GLOBAL const pair *pairs, GLOBAL const face_nodes *face, GLOBAL const edge_nodes *edge,
+/* flag[i] = 1 where candidate i comes closer than `minimum`, or touches (cubic), on its way from x to y and is not yet known. localized:
+   only pairs with a vertex that the last projection moved are looked at, the others were certified before it. */
+KERNEL find_impacts(int n, int kind, int cubic, int localized, GLOBAL const pair *pairs, GLOBAL const face_nodes *face, GLOBAL const edge_nodes *edge,
                     GLOBAL const dvec3 *x, GLOBAL const dvec3 *y, GLOBAL const double *inverse_mass, double minimum,
                     GLOBAL const dvec3 *direction, GLOBAL const int *known, GLOBAL const int *moved, GLOBAL int *flag)
 {
@@ -51,29 +64,32 @@ KERNEL find_impacts(int n, int kind, int localized, GLOBAL const pair *pairs, GL
     int movable = inverse_mass[e.node[0]] + inverse_mass[e.node[1]] + inverse_mass[e.node[2]] + inverse_mass[e.node[3]] > 0.0;
     int changed = !localized || moved[e.node[0]] || moved[e.node[1]] || moved[e.node[2]] || moved[e.node[3]];
     flag[i] = changed && movable && !known[i] && !separated_along(kind, e, x, y, direction[i], 1.001 * minimum) &&
-              candidate_impact_time(kind, e, x, y, minimum).hit;
+              candidate_impact_time(kind, cubic, e, x, y, minimum).hit;
   }
 }
 
 /* Impacts of the pairs index[0 .. n), behind `first`; marks them known. */
-KERNEL fill_impacts(int n, int kind, GLOBAL const int *index, GLOBAL const pair *pairs, GLOBAL const face_nodes *face,
+KERNEL fill_impacts(int n, int kind, int cubic, GLOBAL const int *index, GLOBAL const pair *pairs, GLOBAL const face_nodes *face,
                     GLOBAL const edge_nodes *edge, GLOBAL const dvec3 *x, GLOBAL const dvec3 *y, double minimum, int first,
                     GLOBAL int *known, GLOBAL impact *impacts)
 {
   FOR_EACH(i, n)
   {
     element_nodes e = pair_nodes(kind, pairs[index[i]], face, edge);
-    double t = candidate_impact_time(kind, e, x, y, minimum).time;
-    dvec3 o = dlerp(x[e.node[0]], y[e.node[0]], t), at[4];
+    double t = candidate_impact_time(kind, cubic, e, x, y, minimum).time;
+    dvec3 o = dlerp(x[e.node[0]], y[e.node[0]], t), at[4], motion[4];
     impact m;
     proximity p;
     int k;
-    for (k = 0; k < 4; ++k) at[k] = dsub(dlerp(x[e.node[k]], y[e.node[k]], t), o);
+    for (k = 0; k < 4; ++k) {
+      at[k] = dsub(dlerp(x[e.node[k]], y[e.node[k]], t), o);
+      motion[k] = dsub(y[e.node[k]], x[e.node[k]]);
+    }
     p = kind == 0 ? vertex_face_proximity(at[0], at[1], at[2], at[3]) : edge_edge_proximity(at[0], at[1], at[2], at[3]);
     for (k = 0; k < 4; ++k) { m.node[k] = e.node[k]; m.weight[k] = p.weight[k]; }
     m.kind = kind;
     m.candidate = index[i];
-    m.normal = p.normal;
+    m.normal = cubic ? touching_normal(kind, at, motion, p) : p.normal;
     known[index[i]] = 1;
     impacts[first + i] = m;
   }

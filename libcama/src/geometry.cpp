@@ -53,11 +53,13 @@ struct FaceTree {
 
 Ccd vertex_face_ccd(const Quad &a, const Quad &b, double minimum_distance)
 {
+  if (minimum_distance == 0) return as_ccd(linear_touch_time(1, a[0], a[1], a[2], a[3], b[0], b[1], b[2], b[3]));
   return as_ccd(vertex_face_impact_time(a[0], a[1], a[2], a[3], b[0], b[1], b[2], b[3], minimum_distance));
 }
 
 Ccd edge_edge_ccd(const Quad &a, const Quad &b, double minimum_distance)
 {
+  if (minimum_distance == 0) return as_ccd(linear_touch_time(2, a[0], a[1], a[2], a[3], b[0], b[1], b[2], b[3]));
   return as_ccd(edge_edge_impact_time(a[0], a[1], a[2], a[3], b[0], b[1], b[2], b[3], minimum_distance));
 }
 

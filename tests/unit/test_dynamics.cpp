@@ -221,7 +221,7 @@ double hanging_extension(double q, int cells, const Options &o)
 
 }  // namespace
 
-TEST_CASE("a hanging strip stretches as the table of St. Venant-Kirchhoff", "[dynamics]")
+TEST_CASE("a hanging strip stretches as the table of St. Venant-Kirchhoff", "[dynamics][data]")
 {
   const auto file = test_data("analytic/hanging.csv");
   if (!file) return;
@@ -263,7 +263,7 @@ double catenary_sag(double d, int cells, double bending)
 
 }  // namespace
 
-TEST_CASE("a strip hung by its ends sags as the catenary when bending vanishes", "[dynamics]")
+TEST_CASE("a strip hung by its ends sags as the catenary when bending vanishes", "[dynamics][data]")
 {
   const auto file = test_data("analytic/catenary.csv");
   if (!file) return;
@@ -320,7 +320,7 @@ Tip cantilever(double gamma, int cells, int rows, bool mirror)
 
 // The hinges of a grid whose diagonals alternate can fold up and down from vertex to vertex on top of the strip's curvature, which
 // lowers the stiffness of a free strip from k / 4 to k / 5: per cell, the energy is k / 8 [(c + d)^2 + d^2 + 4 d^2], least over d.
-TEST_CASE("a cantilever under its weight bends as the elastica", "[dynamics]")
+TEST_CASE("a cantilever under its weight bends as the elastica", "[dynamics][data]")
 {
   const auto file = test_data("analytic/elastica.csv");
   if (!file) return;
@@ -338,7 +338,7 @@ TEST_CASE("a cantilever under its weight bends as the elastica", "[dynamics]")
   }
 }
 
-TEST_CASE("a wide cantilever bends as the elastica but for its anticlastic stiffness", "[dynamics][.long]")
+TEST_CASE("a wide cantilever bends as the elastica but for its anticlastic stiffness", "[dynamics][.long][data]")
 {
   const auto file = test_data("analytic/elastica.csv");
   if (!file) return;

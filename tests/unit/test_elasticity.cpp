@@ -263,7 +263,7 @@ TEST_CASE("sampling a stretching table hits its nodes and is linear between them
   }
 }
 
-TEST_CASE("stretching tables equal ARCSim's printed stiffness", "[elasticity][oracle]")
+TEST_CASE("stretching tables equal ARCSim's printed stiffness", "[elasticity][oracle][data]")
 {
   const auto file = test_data("arcsim/oracle/dde_stretching_stiffness.csv");
   const auto materials = test_data("arcsim/materials");

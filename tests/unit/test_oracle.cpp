@@ -203,7 +203,7 @@ template <class Run> void with_oracles(Run run)
 
 }  // namespace
 
-TEST_CASE("masses, angles and bending stiffness equal ARCSim's", "[oracle]")
+TEST_CASE("masses, angles and bending stiffness equal ARCSim's", "[oracle][data]")
 {
   with_oracles([](const Oracle &o) {
     Elements<double> e(o);
@@ -237,7 +237,7 @@ TEST_CASE("masses, angles and bending stiffness equal ARCSim's", "[oracle]")
   });
 }
 
-TEMPLATE_TEST_CASE("forces and matrix products equal ARCSim's", "[oracle]", double, float)
+TEMPLATE_TEST_CASE("forces and matrix products equal ARCSim's", "[oracle][data]", double, float)
 {
   const double bound = sizeof(TestType) == 8 ? 1e-6 : 1e-4;
   with_oracles([bound](const Oracle &o) {
@@ -259,7 +259,7 @@ TEMPLATE_TEST_CASE("forces and matrix products equal ARCSim's", "[oracle]", doub
   });
 }
 
-TEMPLATE_TEST_CASE("gravity and wind equal ARCSim's external force", "[oracle]", double, float)
+TEMPLATE_TEST_CASE("gravity and wind equal ARCSim's external force", "[oracle][data]", double, float)
 {
   const double bound = sizeof(TestType) == 8 ? 1e-6 : 1e-4;
   with_oracles([bound](const Oracle &o) {
@@ -271,7 +271,7 @@ TEMPLATE_TEST_CASE("gravity and wind equal ARCSim's external force", "[oracle]",
   });
 }
 
-TEST_CASE("the energy equals ARCSim's but for the shear term, which ARCSim prints halved", "[oracle]")
+TEST_CASE("the energy equals ARCSim's but for the shear term, which ARCSim prints halved", "[oracle][data]")
 {
   with_oracles([](const Oracle &o) {
     Elements<double> e(o);

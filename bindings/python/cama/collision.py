@@ -32,7 +32,8 @@ def vertex_face_ccd(start, end, minimum_distance=0.0, method="additive"):
     """Does a vertex meet a face while all four points move straight from `start` to `end`?
 
     start, end: [n, 4, 3] float64, m; row = vertex, face.  minimum_distance: m, meet means come this close.
-    method: "additive" (no false negative, time never late) or "cubic" (the paper's; may miss near-degenerate cases).
+    method: "additive" (time never late; at minimum_distance 0 decided in double-double where double cannot tell) or "cubic" (the paper's,
+    with an error bound: what it cannot tell from contact is a hit; the root's time). Neither has false negatives. Source: docs/ccd.md.
     Returns hit [n] bool and time [n] float64 in [0, 1], 1 where there is no hit. Throws ArrayError.
     """
     return _ccd("vertex_face_ccd", start, end, minimum_distance, method)

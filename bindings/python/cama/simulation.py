@@ -48,8 +48,8 @@ class Simulation:
     scene: a cama.Scene, or what `Scene.load` takes.  backend: "auto", "cpu", "opencl" or "cuda".
     precision: of forces, matrix and solve, "double" or "single".  accuracy: "production" or "paper".
     device: index.  threads: of the CPU backend, 0: all.  overrides: single options, for example tolerance=1e-6,
-    max_iterations, preconditioner="jacobi", solver="direct", assembly="algorithm1", commit, max_impact_passes,
-    reject_intersections.
+    max_iterations, preconditioner="jacobi", solver="direct", assembly="algorithm1", commit, cubic_impacts,
+    max_impact_passes, reject_intersections.
 
     Vertices are numbered through all cloths in order, then all obstacles. Arrays are copies of the state when asked for.
     Throws a subclass of cama.Error before any kernel runs if the scene cannot be simulated; CollisionError if it starts with

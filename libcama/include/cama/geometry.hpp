@@ -13,10 +13,11 @@ using Quad = std::array<dvec3, 4>;   ///< vertex then face, or two edges
 
 struct Ccd { bool hit = false; double time = 1; };          ///< time of impact in [0, 1]
 /// Continuous collision over straight motions start -> end, by additive CCD with a directional certificate: no false negative;
-/// `time` is never later than the true one. minimum_distance: m.
+/// `time` is never later than the true one. minimum_distance: m; at 0, pairs that pass nearer than double can tell are decided in double-double.
 Ccd vertex_face_ccd(const Quad &start, const Quad &end, double minimum_distance = 0);
 Ccd edge_edge_ccd(const Quad &start, const Quad &end, double minimum_distance = 0);
-/// The paper's: first root of the coplanarity cubic with an inside test; time within 1e-6, false negatives near degenerate cases.
+/// The paper's: first root of the coplanarity cubic with an inside test, under a forward error bound: no false negative; a pair that comes
+/// within that bound (about 1e-14 of its size) counts as hit. The time is the root's, so it may be late by rounding.
 Ccd vertex_face_ccd_cubic(const Quad &start, const Quad &end);
 Ccd edge_edge_ccd_cubic(const Quad &start, const Quad &end);
 

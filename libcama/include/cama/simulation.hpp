@@ -34,6 +34,7 @@ struct Options {
   int max_iterations = 5000;
   int max_impact_passes = 8;              ///< rounds of continuous detection and inelastic projection
   bool linear_impacts = false;            ///< impacts as one linear system with an active set (paper); false: impulses that only push
+  bool cubic_impacts = false;             ///< impacts by the coplanarity cubic at distance 0 (paper); false: additive, at the certified distance
   bool commit = true;                     ///< certified commit at the end of every step
   bool arcsim_conventions = false;        ///< as ARCSim: bending at the signed curvature, extrapolated below zero; wind on the rest area
   bool reject_intersections = true;       ///< refuse a start in which cloth intersects something

@@ -137,10 +137,11 @@ PenetrationHandling::PenetrationHandling(Backend &b, CandidateSearch &search)
 int PenetrationHandling::find_impacts(State &state, bool localized)
 {
   Backend &b = *state.backend;
+  const int cubic = state.options.cubic_impacts;
   const auto count = [&](int kind, const PairList &list, FlaggedPairs &flagged) {
     flagged.resize(list.pairs.size());
-    CAMA_LAUNCH(b, find_impacts, list.pairs.size(), kind, localized ? 1 : 0, list.pairs, state.face, state.edge, from_, state.position_next,
-                state.inverse_mass, minimum_, list.direction, list.known, projection_.moved(), flagged.flag);
+    CAMA_LAUNCH(b, find_impacts, list.pairs.size(), kind, cubic, localized ? 1 : 0, list.pairs, state.face, state.edge, from_,
+                state.position_next, state.inverse_mass, minimum_, list.direction, list.known, projection_.moved(), flagged.flag);
     return flagged.compact(b, list);
   };
   const int known = state.impact.size();
@@ -150,7 +151,7 @@ int PenetrationHandling::find_impacts(State &state, bool localized)
   if (known) b.copy(grown_.buffer(), state.impact.buffer(), sizeof(kernels::impact) * static_cast<std::size_t>(known));
   state.impact.swap(grown_);
   const auto fill = [&](int kind, PairList &list, const FlaggedPairs &flagged, int first) {
-    CAMA_LAUNCH(b, fill_impacts, flagged.index.size(), kind, flagged.index, list.pairs, state.face, state.edge, from_,
+    CAMA_LAUNCH(b, fill_impacts, flagged.index.size(), kind, cubic, flagged.index, list.pairs, state.face, state.edge, from_,
                 state.position_next, minimum_, first, list.known, state.impact);
   };
   fill(0, state.vertex_face, vertex_face_, known);
@@ -273,8 +274,8 @@ void PenetrationHandling::run(State &state)
       localized &= search_.update(state, from_, state.position_next, minimum_) != CandidateSearch::Change::renewed;
       const int found = find_impacts(state, localized);
       if (pass == 0 && state.report.substeps == 1) state.report.impacts = found;
-      certified = found == 0;
-      if (certified) break;
+      certified = found == 0 && !state.options.cubic_impacts;   // the cubic knows no distances
+      if (found == 0) break;
       ++state.report.impact_passes;
       if (!projected) projection_.start(state, from_, state.position_next);
       projected = localized = true;
