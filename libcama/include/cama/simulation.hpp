@@ -9,12 +9,15 @@
 
 #include "cama/backend.hpp"
 #include "cama/scene.hpp"
+#include "cama/untangle.hpp"
 
 namespace cama {
 
 enum class Assembly { gather, algorithm1, sorted };          ///< static pattern; the paper's Algorithm 1; collect, sort, reduce
 enum class Preconditioner { none, jacobi, block_jacobi };
 enum class LinearSolver { conjugate_gradient, direct };
+/// What becomes of a start in which cloth intersects something: refused; simulated as it is; cloth moved first (refused if some is left).
+enum class Intersections { reject, exempt, untangle };
 
 /// How to compute; what to compute is the Scene. The defaults are those of accuracy "production".
 struct Options {
@@ -35,7 +38,7 @@ struct Options {
   bool linear_impacts = false;            ///< impacts as one linear system with an active set (paper); false: impulses that only push
   bool commit = true;                     ///< certified commit at the end of every step
   bool arcsim_conventions = false;        ///< as ARCSim: bending at the signed curvature, extrapolated below zero; wind on the rest area
-  bool reject_intersections = true;       ///< refuse a start in which cloth intersects something
+  Intersections intersections = Intersections::reject;   ///< of the start
   bool audit = false;                     ///< count intersections after every step
 
   /// Sets every option that the named accuracy fixes. Throws SceneError listing the names.
@@ -110,6 +113,7 @@ public:
   int count_intersections() const;                ///< edge-triangle intersections, exact predicates; cloth with cloth only where contact.self is on
   std::uint64_t state_hash() const;               ///< of cloth positions and velocities, bit for bit
   std::size_t peak_memory_bytes() const;          ///< of the device memory this simulation allocated
+  const UntangleReport &untangled() const;        ///< what Options::intersections "untangle" did to the start; rounds 0: nothing to do
   const Options &options() const;
   const Backend &backend() const;
 
