@@ -193,8 +193,10 @@ void save_intersections(const std::filesystem::path &file, const Scene &scene, c
 
 std::string describe(const std::vector<ObjectIntersections> &found)
 {
+  constexpr std::size_t most = 4;
   std::string text;
-  for (const ObjectIntersections &pair : found) {
+  for (std::size_t k = 0; k < std::min(found.size(), most); ++k) {
+    const ObjectIntersections &pair = found[k];
     const Piercing &p = pair.piercings.front();
     const std::string &edge_name = p.edge_object == pair.first ? pair.first_name : pair.second_name;
     const std::string &face_name = p.face_object == pair.first ? pair.first_name : pair.second_name;
@@ -204,6 +206,7 @@ std::string describe(const std::vector<ObjectIntersections> &found)
             (pair.first == pair.second ? " with itself" : " with " + pair.second_name) + ", the first: edge " + std::to_string(p.edge[0]) + "-" +
             std::to_string(p.edge[1]) + " of " + edge_name + " and face " + std::to_string(p.face) + " of " + face_name + " at " + place;
   }
+  if (found.size() > most) text += "; and " + std::to_string(found.size() - most) + " more pairs of objects";
   return text;
 }
 

@@ -63,8 +63,8 @@ void treat_start(const Scene &scene, const Options &options, Topology &t, Untang
       "untangling took " + std::to_string(untangled.rounds) + " rounds from " + std::to_string(untangled.before) + " intersections to " +
       std::to_string(untangled.after) + "; ";
   throw CollisionError("the scene starts with intersections: " + history + (found.empty() ? "parts that touch" : describe(found)) +
-                       "; move the objects apart, see them with `cama check SCENE --mesh guilty.ply`, or set the option intersections to \"untangle\"" +
-                       " (moves the cloth) or \"exempt\" (starts as it is)");
+                       "; move the objects apart, see them with `cama check SCENE --mesh guilty.ply`, or set the option intersections to " +
+                       (options.intersections == Intersections::reject ? "\"untangle\" (moves the cloth) or " : "") + "\"exempt\" (starts as it is)");
 }
 
 const Scene &checked(const Scene &scene, const Options &options)

@@ -34,7 +34,7 @@ std::vector<ObjectIntersections> start_intersections(const Scene &scene);
 /// The suffix chooses: .obj has named groups, .ply a colour per face. Throws FileError.
 void save_intersections(const std::filesystem::path &file, const Scene &scene, const std::vector<ObjectIntersections> &found);
 
-/// One line per pair of objects with count, first primitives and place; for error texts.
+/// The first four pairs of objects with count, first primitives and place; for error texts.
 std::string describe(const std::vector<ObjectIntersections> &found);
 
 }  // namespace cama
