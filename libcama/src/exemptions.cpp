@@ -28,9 +28,9 @@ double winding_number(const dvec3 &x, const std::vector<dvec3> &position, const 
 
 }  // namespace
 
-Exemptions::Pairs Exemptions::seams(const Scene &scene, const Topology &t)
+std::set<std::pair<int, int>> seam_pairs(const Scene &scene, const Topology &t)
 {
-  Pairs pairs;
+  std::set<std::pair<int, int>> pairs;
   if (scene.stitches.empty()) return pairs;
   std::map<std::pair<int, int>, int> faces_at;
   for (const Triangle &f : t.face)
@@ -56,20 +56,20 @@ Exemptions::Pairs Exemptions::seams(const Scene &scene, const Topology &t)
   return pairs;
 }
 
-bool at_seam(const Exemptions::Pairs &seam, const Intersection &found, const std::vector<Triangle> &face)
+bool at_seam(const Topology &t, const Intersection &found)
 {
   for (int a : found.edge)
-    for (int b : face[found.face])
-      if (seam.count(ordered(a, b))) return true;
+    for (int b : t.face[found.face])
+      if (t.seam.count(ordered(a, b))) return true;
   return false;
 }
 
-void Exemptions::set_up(Backend &b, const Topology &topology, const Pairs &seam)
+void Exemptions::set_up(Backend &b, const Topology &topology)
 {
   row = Stream<int>(b);
   entry = Stream<int>(b);
   object = Stream<int>(b);
-  seam_ = seam;
+  seam_ = topology.seam;
   object_ = topology.object;
   object.assign(object_);
   upload();

@@ -17,10 +17,7 @@ class Exemptions {
 public:
   using Pairs = std::set<std::pair<int, int>>;
 
-  /// Vertices that stitches join, with their neighbours along the seam: too near each other by construction.
-  static Pairs seams(const Scene &scene, const Topology &topology);
-
-  void set_up(Backend &backend, const Topology &topology, const Pairs &seam);
+  void set_up(Backend &backend, const Topology &topology);
   /// Vertices of intersecting cloth may pass each other; those that intersect an obstacle may pass the whole of it.
   void add_tangle(const std::vector<Intersection> &found, const Topology &topology);
   /// A cloth vertex may pass an object.
@@ -43,7 +40,10 @@ private:
   std::vector<int> object_;
 };
 
-/// 1 where edge and face of an intersection belong to both sides of a seam.
-bool at_seam(const Exemptions::Pairs &seam, const Intersection &found, const std::vector<Triangle> &face);
+/// Vertices that stitches join, with their neighbours along the seam.
+std::set<std::pair<int, int>> seam_pairs(const Scene &scene, const Topology &topology);
+
+/// Do edge and face of an intersection belong to both sides of a seam?
+bool at_seam(const Topology &topology, const Intersection &found);
 
 }  // namespace cama

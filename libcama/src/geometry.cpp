@@ -3,7 +3,7 @@
 
 #include <algorithm>
 
-#include "kernels.hpp"
+#include "face_tree.hpp"
 #include "predicates.hpp"
 
 namespace cama {
@@ -14,40 +14,6 @@ using namespace kernels;
 Ccd as_ccd(impact_time t) { return {t.hit != 0, t.hit ? t.time : 1.0}; }
 
 Distance as_distance(const proximity &p) { return {p.distance, {p.weight[0], p.weight[1], p.weight[2], p.weight[3]}}; }
-
-/// Faces under an implicit tree, for queries by box.
-struct FaceTree {
-  std::vector<dvec3> bounds{2};
-  std::vector<box> vertex_boxes, node;
-  std::vector<int> order;
-  int leaves = 0;
-
-  FaceTree(const std::vector<dvec3> &position, const std::vector<Triangle> &face) : leaves(static_cast<int>(face.size()))
-  {
-    const int vertices = static_cast<int>(position.size());
-    position_bounds(1, vertices, position.data(), position.data(), bounds.data());
-    vertex_boxes.resize(position.size());
-    for (std::size_t v = 0; v < position.size(); ++v) vertex_boxes[v] = swept_box(position[v], position[v], 0, bounds[0]);
-    std::vector<box> boxes(face.size());
-    for (std::size_t f = 0; f < face.size(); ++f)
-      boxes[f] = box_union(box_union(vertex_boxes[face[f][0]], vertex_boxes[face[f][1]]), vertex_boxes[face[f][2]]);
-    std::vector<key64> key(face.size());
-    order.resize(face.size());
-    morton_codes(leaves, boxes.data(), bounds.data(), key.data(), order.data());
-    std::stable_sort(order.begin(), order.end(), [&](int a, int b) { return key[a] < key[b]; });
-    node.resize(tree_size(leaves));
-    tree_leaves(leaves, order.data(), boxes.data(), node.data());
-    const int root = tree_root_level(leaves);
-    if (root > 0) tree_levels(1, leaves, root, root, node.data());
-  }
-
-  template <class Visit> void visit(const box &b, Visit &&found) const
-  {
-    for (tree_node at = tree_find(tree_root(leaves), leaves, node.data(), b); at.level == 0;
-         at = tree_find(tree_next(at), leaves, node.data(), b))
-      found(order[at.index]);
-  }
-};
 
 }  // namespace
 

@@ -54,7 +54,7 @@ template <class Real> StepPipeline make_pipeline(const Scene &scene, State &stat
     step.add<PenetrationHandling>(b, proximity->search)
         .set_distances(certified_distance * state.least_thickness, impact_distance * state.least_thickness);
   step.add<FinishStep>(b);
-  if (contact && (!state.options.reject_intersections || state.options.pinch == Pinch::release)) step.add<ForgetSeparated>();
+  if (contact && (state.options.intersections == Intersections::exempt || state.options.pinch == Pinch::release)) step.add<ForgetSeparated>();
   return result;
 }
 

@@ -132,8 +132,7 @@ void set_up_contact(State &state, const Scene &scene, const Topology &t)
     list->known = Stream<int>(b);
     list->direction = Stream<dvec3>(b);
   }
-  const Exemptions::Pairs seam = Exemptions::seams(scene, t);
-  if (!seam.empty() || !state.options.reject_intersections || state.options.pinch == Pinch::release) state.exemptions.set_up(b, t, seam);
+  if (!t.seam.empty() || state.options.intersections == Intersections::exempt || state.options.pinch == Pinch::release) state.exemptions.set_up(b, t);
   state.contact = Stream<kernels::contact>(b);
   state.impact = Stream<kernels::impact>(b);
 }

@@ -7,10 +7,10 @@
 #include <functional>
 #include <limits>
 
-#include "cama/geometry.hpp"
 #include "launch.hpp"
 #include "pipeline_factory.hpp"
 #include "setup.hpp"
+#include "start_check.hpp"
 
 namespace cama {
 
@@ -49,34 +49,23 @@ void check(const Options &o)
     throw SceneError("atomic_filling: is a way to fill the matrix of assembly algorithm1; use it with that, or leave it out");
 }
 
-/// The name of the object that a vertex or face belongs to.
-std::string owner(const Scene &scene, const Topology &t, int vertex)
+/// A start in which cloth intersects itself, another cloth or an obstacle: no step could promise anything from there.
+void treat_start(const Scene &scene, const Options &options, Topology &t, UntangleReport &untangled)
 {
-  const std::size_t object = static_cast<std::size_t>(t.object[vertex]), cloths = scene.cloths.size();
-  return object < cloths ? "cloth '" + scene.cloths[object].name + "'" : "obstacle '" + scene.obstacles[object - cloths].name + "'";
-}
-
-/// Intersections that contact is to prevent: cloth with obstacles, and cloth with cloth where the scene wants that.
-std::vector<Intersection> forbidden_intersections(const std::vector<dvec3> &position, const Topology &t, bool self, const Exemptions::Pairs &seam)
-{
-  std::vector<Intersection> found = intersections(position, t.face, t.cloth_vertices);
-  const auto allowed = [&](const Intersection &i) {
-    return (!self && i.edge[0] < t.cloth_vertices && t.face[i.face][0] < t.cloth_vertices) || at_seam(seam, i, t.face);
-  };
-  found.erase(std::remove_if(found.begin(), found.end(), allowed), found.end());
-  return found;
-}
-
-/// Refuses a start in which cloth intersects itself, another cloth or an obstacle: no step could promise anything from there.
-void check_start(const Scene &scene, const Topology &t)
-{
-  const std::vector<Intersection> found = forbidden_intersections(t.position, t, scene.contact.self, Exemptions::seams(scene, t));
-  if (found.empty()) return;
-  const Intersection &first = found.front();
-  throw CollisionError("the scene starts with " + std::to_string(found.size()) + " intersections; the first: edge " +
-                       std::to_string(first.edge[0]) + "-" + std::to_string(first.edge[1]) + " of " + owner(scene, t, first.edge[0]) +
-                       " and triangle " + std::to_string(first.face) + " of " + owner(scene, t, t.face[first.face][0]) +
-                       " (numbers over all objects); move the objects apart, or set reject_intersections to false");
+  if (options.intersections == Intersections::exempt || !scene.has_contact()) return;
+  if (options.intersections == Intersections::untangle) {
+    if (forbidden_intersections(t.position, t, scene.contact.self).empty()) return;
+    untangled = untangle(scene, t);
+    if (untangled.clean) return;
+  }
+  const std::vector<ObjectIntersections> found = by_objects(scene, t, t.position);
+  if (found.empty() && options.intersections == Intersections::reject) return;
+  const std::string history = options.intersections == Intersections::reject ? "" :
+      "untangling took " + std::to_string(untangled.rounds) + " rounds from " + std::to_string(untangled.before) + " intersections to " +
+      std::to_string(untangled.after) + "; ";
+  throw CollisionError("the scene starts with intersections: " + history + (found.empty() ? "parts that touch" : describe(found)) +
+                       "; move the objects apart, see them with `cama check SCENE --mesh guilty.ply`, or set the option intersections to " +
+                       (options.intersections == Intersections::reject ? "\"untangle\" (moves the cloth) or " : "") + "\"exempt\" (starts as it is)");
 }
 
 const Scene &checked(const Scene &scene, const Options &options)
@@ -90,10 +79,10 @@ const Scene &checked(const Scene &scene, const Options &options)
 
 struct Simulation::Implementation {
   Implementation(const Scene &scene, const Options &options)
-      : backend(make_backend(options.backend, options.device, options.threads)), state(*backend), topology(build_topology(scene)), seam(Exemptions::seams(scene, topology))
+      : backend(make_backend(options.backend, options.device, options.threads)), state(*backend), topology(build_topology(scene))
   {
     state.options = options;
-    if (options.reject_intersections && scene.has_contact()) check_start(scene, topology);
+    treat_start(scene, options, topology, untangled);
     single = options.precision == "single";
     if (single) {
       set_up<float>(state, scene, topology);
@@ -102,8 +91,8 @@ struct Simulation::Implementation {
       set_up<double>(state, scene, topology);
       pipeline = make_pipeline<double>(scene, state);
     }
-    if (!options.reject_intersections && scene.has_contact()) {
-      state.exemptions.add_tangle(forbidden_intersections(topology.position, topology, scene.contact.self, seam), topology);
+    if (options.intersections == Intersections::exempt && scene.has_contact()) {
+      state.exemptions.add_tangle(forbidden_intersections(topology.position, topology, scene.contact.self), topology);
       state.exemptions.upload();
     }
   }
@@ -111,7 +100,7 @@ struct Simulation::Implementation {
   std::unique_ptr<Backend> backend;
   State state;
   Topology topology;
-  Exemptions::Pairs seam;
+  UntangleReport untangled;
   StepPipeline pipeline;
   bool single = false;
 };
@@ -157,6 +146,7 @@ std::vector<dvec3> Simulation::positions() const { return implementation_->state
 std::vector<dvec3> Simulation::velocities() const { return implementation_->state.velocity.download(); }
 std::vector<double> Simulation::masses() const { return implementation_->topology.mass; }
 const StepReport &Simulation::report() const { return implementation_->state.report; }
+const UntangleReport &Simulation::untangled() const { return implementation_->untangled; }
 const Options &Simulation::options() const { return implementation_->state.options; }
 const Backend &Simulation::backend() const { return *implementation_->backend; }
 std::size_t Simulation::peak_memory_bytes() const { return implementation_->backend->peak_bytes(); }
@@ -311,7 +301,7 @@ double Simulation::min_gap() const
 int Simulation::count_intersections() const
 {
   const Implementation &i = *implementation_;
-  return static_cast<int>(forbidden_intersections(i.state.position.download(), i.topology, i.state.contact_settings.self, i.seam).size());
+  return static_cast<int>(forbidden_intersections(i.state.position.download(), i.topology, i.state.contact_settings.self).size());
 }
 
 std::uint64_t Simulation::state_hash() const

@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <cmath>
 
+#include "exemptions.hpp"
 #include "kernels.hpp"
 
 namespace cama {
@@ -130,6 +131,7 @@ Topology build_topology(const Scene &scene)
     const double length = dnorm(dsub(t.position[e[0]], t.position[e[1]]));
     for (int v : e) t.shortest_edge[v] = std::min(t.shortest_edge[v], length);
   }
+  t.seam = seam_pairs(scene, t);
   return t;
 }
 

@@ -2,6 +2,8 @@
 // What a scene's meshes become before they go to the device: elements with rest state, masses, contact properties.
 #pragma once
 #include <array>
+#include <set>
+#include <utility>
 #include <vector>
 
 #include "cama/scene.hpp"
@@ -35,6 +37,7 @@ struct Topology {
   std::vector<double> shortest_edge;               ///< [vertices], m
   std::vector<int> object;                         ///< [vertices] cloth index, or cloths + obstacle index
   std::vector<std::pair<int, int>> cloth_range, obstacle_range;
+  std::set<std::pair<int, int>> seam;              ///< vertices (a < b) on both sides of a seam: as near as they are by construction
 };
 
 Topology build_topology(const Scene &scene);

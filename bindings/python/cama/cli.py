@@ -34,6 +34,10 @@ class Accuracy(str, Enum):
     production, paper = "production", "paper"
 
 
+class Policy(str, Enum):
+    reject, exempt, untangle = "reject", "exempt", "untangle"
+
+
 SceneName = Annotated[str, typer.Argument(metavar="SCENE", help="A folder with scene.json, a JSON file, or a shipped scene's name.")]
 BackendOption = Annotated[Backend, typer.Option(help="Where to compute.")]
 PrecisionOption = Annotated[Precision, typer.Option(help="Of forces, matrix and solve.")]
@@ -74,13 +78,17 @@ def run(scene: SceneName,
         accuracy: AccuracyOption = Accuracy.production, resolution: Resolution = 0,
         frames: Annotated[Optional[int], typer.Option(min=0, help="Frames to record; default: the scene's.")] = None,
         threads: Threads = 0, device: Device = 0,
+        intersections: Annotated[Policy, typer.Option(help="What becomes of a start that intersects: refused, started as it is, cloth moved first.")] = Policy.reject,
         store: Annotated[Precision, typer.Option(help="Of the positions in frames.h5.")] = Precision.double,
         output: Annotated[Optional[Path], typer.Option("--output", "-o", metavar="OUT", help="Folder of the results; default: out/SCENE.")] = None,
         debug: Debug = False):
     """Simulates SCENE; writes OUT/frames.h5 and OUT/summary.json. Ctrl-C stops between steps and keeps what was computed."""
     loaded = cama.Scene.load(scene, resolution)
     simulation = cama.Simulation(loaded, backend=backend.value, precision=precision.value, accuracy=accuracy.value,
-                                 device=device, threads=threads)
+                                 device=device, threads=threads, intersections=intersections.value)
+    if simulation.untangled.rounds:
+        moved = simulation.untangled
+        console().print(f"start untangled: {moved.before:,} intersections, {moved.moved:,} vertices moved by up to {moved.largest_move * 1e3:.3g} mm")
     folder = output or Path("out") / (Path(scene).stem if Path(scene).name != "scene.json" else Path(scene).resolve().parent.name)
     result = runner.run(simulation, folder, loaded.frames if frames is None else frames,
                         store=store.value, progress=Console(stderr=True, highlight=False))
@@ -173,10 +181,31 @@ def explain(scene: SceneName, backend: BackendOption = Backend.auto, precision: 
     out.print(f"peak of everything that was allocated: {simulation.peak_memory_bytes / 2**20:,.1f} MiB")
 
 
+def place_text(place):
+    return "(" + ", ".join(f"{x:.4g}" for x in place) + ")"
+
+
+def intersection_table(found):
+    """Count, place and first primitives for each pair of objects."""
+    table = Table("objects", box=None, padding=(0, 2))
+    table.add_column("count", justify="right")
+    for title in ("around, m", "from, m", "to, m", "first edge", "first face"):
+        table.add_column(title)
+    for pair in found:
+        names = {pair.first: pair.first_name, pair.second: pair.second_name}
+        who = pair.first_name + (" with itself" if pair.first == pair.second else " with " + pair.second_name)
+        edge, face = (escape(names[int(owner[0])]) for owner in (pair.edge_object, pair.face_object))
+        table.add_row(escape(who), f"[bold red]{pair.count:,}[/]", place_text(pair.mean), *map(place_text, pair.bounds),
+                      f"{pair.edge[0, 0]}-{pair.edge[0, 1]} of {edge}", f"{pair.face[0]} of {face}")
+    return table
+
+
 @app.command()
 @clean
-def check(scene: SceneName, resolution: Resolution = 0, debug: Debug = False):
-    """Validates SCENE; reports its parts and intersections at the start. Exit code 1 if there are any."""
+def check(scene: SceneName, resolution: Resolution = 0,
+          mesh: Annotated[Optional[Path], typer.Option(metavar="FILE", help="Write the intersecting faces: .ply (coloured) or .obj (grouped).")] = None,
+          debug: Debug = False):
+    """Validates SCENE; reports its parts and what intersects at the start, and where. Exit code 1 if anything does."""
     loaded = cama.Scene.load(scene, resolution)
     loaded.validate()
     table = Table("part", "name", "from", box=None, padding=(0, 2))
@@ -188,11 +217,17 @@ def check(scene: SceneName, resolution: Resolution = 0, debug: Debug = False):
     out = console()
     out.print(table)
     pinned = sum(len(pin["vertices"]) for pin in loaded.pins)
-    count = cama.Simulation(loaded, backend="cpu", reject_intersections=False).count_intersections()
+    found = loaded.intersections()
+    count = sum(pair.count for pair in found)
     out.print(f"{loaded.triangle_count:,} cloth triangles, {pinned:,} pinned vertices, {loaded.stitch_count:,} stitches, "
               f"{loaded.frames} frames of {loaded.steps_per_frame} steps of {loaded.time_step * 1e3:g} ms")
     out.print(f"intersections at the start: [{'bold red' if count else 'green'}]{count}[/]")
+    if mesh:
+        loaded.save_intersections(mesh)
+        out.print(f"intersecting faces written to {escape(str(mesh))}")
     if count:
+        out.print(intersection_table(found))
+        out.print("`cama run` refuses this start; its option --intersections untangle moves the cloth first, exempt starts as it is.")
         raise typer.Exit(1)
 
 

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from . import _core, shipped
+from . import _core, collision, shipped
 from .arrays import integers, number, reals, vector
 from .errors import ArrayError, FileError, SceneError
 from .material import Material
@@ -205,6 +205,33 @@ class Scene:
     def validate(self):
         """Throws a named error for the first thing that cannot be simulated. `Simulation` calls it too."""
         self._core.validate()
+
+    def intersections(self):
+        """What intersects at the start and may not: one cama.collision.ObjectIntersections per pair of objects.
+
+        Exact predicates; obstacle against obstacle is left out, and cloth against cloth without `self_contact`.
+        """
+        return collision._start_intersections(self._core)
+
+    def save_intersections(self, path):
+        """Writes the faces that are pierced and those beside piercing edges: .obj with a group, .ply with a colour per pair of objects.
+
+        Throws FileError.
+        """
+        collision._save_intersections(path, self._core)
+
+    def untangle(self, max_rounds=400, gap=0.0):
+        """Moves cloth at the start until nothing intersects; obstacles and pinned vertices stay. Returns a collision.UntangleReport.
+
+        gap: distance aimed at around what is moved, m; 0: a tenth of the smallest contact thickness. With something left the
+        report's `clean` is False and the scene has the positions with the fewest intersections. Cloth without material space takes
+        the moved start as its rest state (`Simulation(scene, intersections="untangle")` keeps the old one). After Volino and
+        Magnenat-Thalmann 2006 and Baraff, Witkin and Kass 2003; see docs/bad-starts.md. Throws SceneError, ArrayError.
+        """
+        rounds, gap = int(max_rounds), number("untangle: gap", gap)
+        if rounds < 0 or gap < 0:
+            raise ArrayError(f"untangle: max_rounds {rounds} and gap {gap} must not be negative")
+        return collision.UntangleReport(**_core.untangle(self._core, rounds, gap))
 
     def add_cloth(self, mesh=None, faces=None, *, shape=None, material="cotton", thickness=None, material_vertices=None,
                   material_faces=None, material_scale=1.0, transform=None, translate=(0, 0, 0), rotate=(1, 0, 0, 0),

@@ -7,6 +7,7 @@ import numpy as np
 
 from . import _core
 from .arrays import reals
+from .collision import UntangleReport
 from .errors import ArrayError, SceneError
 from .scene import Scene
 
@@ -49,11 +50,12 @@ class Simulation:
     precision: of forces, matrix and solve, "double" or "single".  accuracy: "production" or "paper".
     device: index.  threads: of the CPU backend, 0: all.  overrides: single options, for example tolerance=1e-6,
     max_iterations, preconditioner="jacobi", solver="direct", assembly="algorithm1", commit, cubic_impacts,
-    max_impact_passes, reject_intersections.
+    max_impact_passes, intersections ("reject", "exempt" or "untangle": what becomes of a start that intersects),
+    pinch ("stop" or "release": what becomes of cloth that moving bodies pinch).
 
     Vertices are numbered through all cloths in order, then all obstacles. Arrays are copies of the state when asked for.
     Throws a subclass of cama.Error before any kernel runs if the scene cannot be simulated; CollisionError if it starts with
-    intersections.
+    intersections, unless the policy is "exempt" (start as it is) or "untangle" (move the cloth first) succeeds.
     """
 
     def __init__(self, scene, backend="auto", precision="double", accuracy="production", device=0, threads=0, **overrides):
@@ -177,6 +179,11 @@ class Simulation:
     def energy(self):
         """Dict of kinetic, stretching, bending and gravity energy, J."""
         return self._core.energy()
+
+    @property
+    def untangled(self):
+        """collision.UntangleReport of the start; 0 rounds where there was nothing to do or the policy is another."""
+        return UntangleReport(**self._core.untangled())
 
     @property
     def min_gap(self):

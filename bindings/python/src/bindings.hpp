@@ -11,6 +11,7 @@
 #include <vector>
 
 #include "cama/mesh.hpp"
+#include "cama/untangle.hpp"
 
 /// The private module cama._core: what cama/*.py wraps. Arrays arrive here with shape, type and finiteness already checked.
 namespace cama::python {
@@ -23,6 +24,8 @@ void bind_errors(py::module_ &module);
 void bind_scene(py::module_ &module);
 void bind_simulation(py::module_ &module);
 void bind_geometry(py::module_ &module);
+
+py::dict to_dict(const UntangleReport &report);
 
 static_assert(sizeof(dvec3) == 3 * sizeof(double) && sizeof(Triangle) == 3 * sizeof(int));
 

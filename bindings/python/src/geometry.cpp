@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "cama/geometry.hpp"
+#include "cama/intersections.hpp"
 
 #include "bindings.hpp"
 
@@ -51,7 +52,37 @@ py::tuple distance(const Doubles &points, Distance (*query)(const Quad &))
   return py::make_tuple(distance, weight);
 }
 
+/// (first, second, first name, second name, rows [k, 5] of edge object, edge, face object, face; places [k, 3]) per pair of objects.
+py::list to_list(const std::vector<ObjectIntersections> &found)
+{
+  py::list pairs;
+  for (const ObjectIntersections &pair : found) {
+    std::vector<std::array<int, 5>> row;
+    std::vector<dvec3> place;
+    for (const Piercing &p : pair.piercings) {
+      row.push_back({p.edge_object, p.edge[0], p.edge[1], p.face_object, p.face});
+      place.push_back(p.place);
+    }
+    pairs.append(py::make_tuple(pair.first, pair.second, pair.first_name, pair.second_name, to_array<int>(std::move(row)),
+                                to_array<double>(std::move(place))));
+  }
+  return pairs;
+}
+
 }  // namespace
+
+py::dict to_dict(const UntangleReport &r)
+{
+  py::dict d;
+  d["clean"] = r.clean;
+  d["before"] = r.before;
+  d["after"] = r.after;
+  d["rounds"] = r.rounds;
+  d["moved"] = r.moved;
+  d["largest_move"] = r.largest_move;
+  d["smallest_gap"] = r.smallest_gap;
+  return d;
+}
 
 void bind_geometry(py::module_ &m)
 {
@@ -74,6 +105,26 @@ void bind_geometry(py::module_ &m)
       found = intersections(position, face, first_obstacle_vertex);
     }
     return to_array<int>(std::move(found));
+  });
+  m.def("start_intersections", [](const Scene &scene) {
+    std::vector<ObjectIntersections> found;
+    {
+      py::gil_scoped_release release;
+      found = start_intersections(scene);
+    }
+    return to_list(found);
+  });
+  m.def("save_intersections", [](const std::filesystem::path &file, const Scene &scene) {
+    py::gil_scoped_release release;
+    save_intersections(file, scene, start_intersections(scene));
+  });
+  m.def("untangle", [](Scene &scene, int max_rounds, double gap) {
+    UntangleReport report;
+    {
+      py::gil_scoped_release release;
+      report = untangle(scene, UntangleOptions{max_rounds, gap});
+    }
+    return to_dict(report);
   });
 }
 

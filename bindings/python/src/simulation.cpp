@@ -46,6 +46,9 @@ constexpr Choice<ContactForm> contact_forms[] = {{"rank_one", ContactForm::rank_
 constexpr Choice<Pinch> pinches[] = {{"stop", Pinch::stop}, {"release", Pinch::release}};
 constexpr Choice<LinearSolver> solvers[] = {{"conjugate_gradient", LinearSolver::conjugate_gradient}, {"direct", LinearSolver::direct}};
 
+constexpr Choice<Intersections> policies[] = {
+    {"reject", Intersections::reject}, {"exempt", Intersections::exempt}, {"untangle", Intersections::untangle}};
+
 /// An enumeration that Python sees as one of a few words.
 template <class Enum, std::size_t count>
 void choice_property(py::class_<Options> &bound, const char *name, Enum Options::*member, const Choice<Enum> (&choices)[count])
@@ -74,6 +77,7 @@ void bind_options(py::module_ &m)
   choice_property(options, "solver", &Options::solver, solvers);
   choice_property(options, "contact_form", &Options::contact_form, contact_forms);
   choice_property(options, "pinch", &Options::pinch, pinches);
+  choice_property(options, "intersections", &Options::intersections, policies);
   options.def_static("preset", &Options::preset)
       .def_readwrite("backend", &Options::backend)
       .def_readwrite("device", &Options::device)
@@ -83,7 +87,6 @@ void bind_options(py::module_ &m)
       .def_readwrite("atomic_filling", &Options::atomic_filling)
       .def_readwrite("linear_impacts", &Options::linear_impacts)
       .def_readwrite("cubic_impacts", &Options::cubic_impacts)
-      .def_readwrite("reject_intersections", &Options::reject_intersections)
       .def_readwrite("anticipate_contacts", &Options::anticipate_contacts)
       .def_readwrite("arcsim_conventions", &Options::arcsim_conventions)
       .def_readwrite("tolerance", &Options::tolerance)
@@ -179,6 +182,7 @@ void bind_simulation(py::module_ &m)
         d["gravity"] = e.gravity;
         return d;
       })
+      .def("untangled", [](Guarded &g) { return to_dict(g.with([](Simulation &s) { return s.untangled(); })); })
       .def("min_gap", ask(&Simulation::min_gap))
       .def("max_strain", ask(&Simulation::max_strain))
       .def("count_intersections", ask(&Simulation::count_intersections))

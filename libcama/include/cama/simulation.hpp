@@ -9,6 +9,7 @@
 
 #include "cama/backend.hpp"
 #include "cama/scene.hpp"
+#include "cama/untangle.hpp"
 
 namespace cama {
 
@@ -16,6 +17,8 @@ enum class Assembly { gather, algorithm1, sorted };          ///< static pattern
 enum class Preconditioner { none, jacobi, block_jacobi };
 enum class Pinch { stop, release };                          ///< cloth caught between moving obstacles or pins without a way out
 enum class LinearSolver { conjugate_gradient, direct };
+/// What becomes of a start in which cloth intersects something: refused; simulated as it is; cloth moved first (refused if some is left).
+enum class Intersections { reject, exempt, untangle };
 
 /// How to compute; what to compute is the Scene. The defaults are those of accuracy "production".
 struct Options {
@@ -37,7 +40,7 @@ struct Options {
   bool cubic_impacts = false;             ///< impacts by the coplanarity cubic at distance 0 (paper); false: additive, at the certified distance
   bool commit = true;                     ///< certified commit at the end of every step
   bool arcsim_conventions = false;        ///< as ARCSim: bending at the signed curvature, extrapolated below zero; wind on the rest area
-  bool reject_intersections = true;       ///< refuse a start in which cloth intersects something
+  Intersections intersections = Intersections::reject;   ///< of the start
   Pinch pinch = Pinch::stop;              ///< stop: CollisionError; release: obstacles let go of the caught cloth until it has come free
   bool audit = false;                     ///< count intersections after every step
 
@@ -115,6 +118,7 @@ public:
   int count_intersections() const;                ///< edge-triangle intersections, exact predicates; cloth with cloth only where contact.self is on
   std::uint64_t state_hash() const;               ///< of cloth positions and velocities, bit for bit
   std::size_t peak_memory_bytes() const;          ///< of the device memory this simulation allocated
+  const UntangleReport &untangled() const;        ///< what Options::intersections "untangle" did to the start; rounds 0: nothing to do
   const Options &options() const;
   const Backend &backend() const;
 
