@@ -61,13 +61,13 @@ KERNEL start_solution(int n, GLOBAL const dvec3 *velocity, GLOBAL const dvec3 *p
   FOR_EACH(i, n) { x[i] = to_vec3(fixed[i] ? prescribed[i] : velocity[i]); }
 }
 
-/* What gravity adds to the right-hand side, r, and z = P r. */
-KERNEL weigh_gravity(int n, real time_step, GLOBAL const dvec3 *gravity, GLOBAL const real *mass, GLOBAL const int *fixed,
-                     GLOBAL const mat3 *inverse, GLOBAL vec3 *r, GLOBAL vec3 *z)
+/* What the forces add to the right-hand side, r, and z = P r. */
+KERNEL weigh_forces(int n, real time_step, GLOBAL const vec3 *force, GLOBAL const int *fixed, GLOBAL const mat3 *inverse, GLOBAL vec3 *r,
+                    GLOBAL vec3 *z)
 {
   FOR_EACH(i, n)
   {
-    r[i] = fixed[i] ? vec3_make((real)0, (real)0, (real)0) : scale(time_step * mass[i], to_vec3(gravity[0]));
+    r[i] = fixed[i] ? vec3_make((real)0, (real)0, (real)0) : scale(time_step, force[i]);
     z[i] = mat3_multiply(inverse[i], r[i]);
   }
 }

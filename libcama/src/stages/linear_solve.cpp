@@ -65,17 +65,17 @@ void LinearSolve<Real>::conjugate_gradient(State &state)
   for (Stream<vec3> *v : {&r_, &z_, &q_}) v->resize(rows);
   p_.resize(state.vertices);
   precondition(state);
-  CAMA_LAUNCH_REAL(Real, b, weigh_gravity, rows, static_cast<Real>(state.time_step), state.gravity, s.mass, state.fixed, inverse_, r_, z_);
+  CAMA_LAUNCH_REAL(Real, b, weigh_forces, rows, static_cast<Real>(state.time_step), s.force, state.fixed, inverse_, r_, z_);
   dot(state, r_, z_);
   CAMA_LAUNCH(b, finish_beta, 1, parts, 1, reduced_, scalar_);
-  const double weight = scalar_.at(SCALAR_RZ);
+  const double forces = scalar_.at(SCALAR_RZ);
   multiply(state, s.solution, q_);
   CAMA_LAUNCH_REAL(Real, b, start_residual, state.vertices, rows, state.fixed, s.right_side, q_, inverse_, r_, z_, p_);
   dot(state, r_, z_);
   CAMA_LAUNCH(b, finish_beta, 1, parts, 1, reduced_, scalar_);
   const double start = scalar_.at(SCALAR_RZ);
-  // Relative to the weight where penalties are much larger: a tolerance of theirs would leave gravity unsolved.
-  const double goal = state.options.tolerance * state.options.tolerance * (weight > 0 ? std::min(start, weight) : start);
+  // Relative to the forces alone where penalties are much larger: a tolerance of theirs would leave gravity unsolved.
+  const double goal = state.options.tolerance * state.options.tolerance * (forces > 0 ? std::min(start, forces) : start);
   if (!std::isfinite(start)) throw SolverError("step " + std::to_string(state.report.step) + ": the linear system is not finite; check the material's stiffness and density and the time step");
   if (start < 0)
     throw SolverError("step " + std::to_string(state.report.step) + ": the preconditioner is not positive definite; check stiffness and density");

@@ -6,7 +6,7 @@ namespace cama {
 
 /// A v = b of Equation 1 by preconditioned conjugate gradient, or by a sparse direct factorisation (the reference). Starts from the
 /// current velocities; prescribed degrees of freedom are eliminated; stops by sqrt(r' P r) relative to its start,
-/// or to that of the weight where it is smaller. Anticipated contacts that would pull are dropped, and the rest is solved again.
+/// or to that of the forces without penalties where it is smaller. Anticipated contacts that would pull are dropped, and the rest is solved again.
 template <class Real> class LinearSolve final : public Stage {
 public:
   explicit LinearSolve(Backend &backend);
