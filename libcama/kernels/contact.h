@@ -10,13 +10,19 @@ typedef struct {
   double distance;    /* m */
   double thickness;   /* m */
   double stiffness;   /* N/m */
-  double friction;    /* Coulomb coefficient */
+  double friction;         /* Coulomb coefficient while it slides */
+  double static_friction;  /* while it sticks, not below `friction` */
 } contact;
 
 typedef struct { int node[3]; double ratio, stiffness; } stitch;
 
 /* Per vertex: what contact needs to know. */
-typedef struct { double thickness, area, friction; int obstacle; int padding; } vertex_contact;
+typedef struct {
+  double thickness, area;            /* m, m^2 */
+  double stiffness;                  /* penalty per area against its own like, N/m^3 */
+  double friction, static_friction;
+  int obstacle, padding;
+} vertex_contact;
 
 DEVICE element_nodes pair_nodes(int kind, pair p, GLOBAL const face_nodes *face, GLOBAL const edge_nodes *edge)
 {
@@ -51,11 +57,21 @@ DEVICE double pair_friction(vertex_contact a, vertex_contact b)
 {
   return a.obstacle ? a.friction : (b.obstacle ? b.friction : 0.5 * (a.friction + b.friction));
 }
+DEVICE double pair_static_friction(vertex_contact a, vertex_contact b)
+{
+  return a.obstacle ? a.static_friction : (b.obstacle ? b.static_friction : 0.5 * (a.static_friction + b.static_friction));
+}
+
+/* Penalty per area of two layers that yield one behind the other, N/m^3: the harmonic mean, so that like on like keeps its own. */
+DEVICE double pair_stiffness(vertex_contact a, vertex_contact b)
+{
+  return a.stiffness == b.stiffness ? a.stiffness : 2.0 * a.stiffness * b.stiffness / (a.stiffness + b.stiffness);
+}
 
 /* The contact of a candidate pair, if it is one: closest points inside the features, and closer than the thickness now or
    (anticipate > 0) after moving with the predicted displacement. */
 DEVICE int make_contact(int kind, element_nodes e, GLOBAL const dvec3 *position, GLOBAL const dvec3 *predicted,
-                        GLOBAL const vertex_contact *v, double stiffness, double anticipate, proximity p, contact *c)
+                        GLOBAL const vertex_contact *v, double anticipate, proximity p, contact *c)
 {
   double thickness = pair_thickness(kind, e, v), approach = 0.0, area_a, area_b;
   int k;
@@ -75,8 +91,9 @@ DEVICE int make_contact(int kind, element_nodes e, GLOBAL const dvec3 *position,
   c->normal = p.normal;
   c->distance = p.distance;
   c->thickness = thickness;
-  c->stiffness = stiffness * min_double(area_a, area_b);
+  c->stiffness = pair_stiffness(v[e.node[0]], v[e.node[3]]) * min_double(area_a, area_b);
   c->friction = pair_friction(v[e.node[0]], v[e.node[3]]);
+  c->static_friction = pair_static_friction(v[e.node[0]], v[e.node[3]]);
   return 1;
 }
 
@@ -102,7 +119,7 @@ DEVICE dvec3 apart_along(int kind, element_nodes e, GLOBAL const dvec3 *position
 /* flag[i] = 1 where candidate i is a contact; direction[i]: one that tells its sides apart, from side B to side A. */
 KERNEL find_contacts(int n, int kind, GLOBAL const pair *pairs, GLOBAL const face_nodes *face, GLOBAL const edge_nodes *edge,
                      GLOBAL const dvec3 *position, GLOBAL const dvec3 *predicted, GLOBAL const vertex_contact *v,
-                     double stiffness, double anticipate, GLOBAL int *flag, GLOBAL dvec3 *direction)
+                     double anticipate, GLOBAL int *flag, GLOBAL dvec3 *direction)
 {
   FOR_EACH(i, n)
   {
@@ -113,7 +130,7 @@ KERNEL find_contacts(int n, int kind, GLOBAL const pair *pairs, GLOBAL const fac
     proximity p;
     if (!none) p = pair_proximity(kind, e, position);
     direction[i] = none ? apart : p.normal;
-    flag[i] = !none && make_contact(kind, e, position, predicted, v, stiffness, anticipate, p, &c);
+    flag[i] = !none && make_contact(kind, e, position, predicted, v, anticipate, p, &c);
   }
 }
 
@@ -138,7 +155,7 @@ KERNEL flagged_pairs(int n, GLOBAL const pair *pairs, GLOBAL const int *place, G
 /* Contacts of the pairs index[0 .. n), behind `first`. */
 KERNEL fill_contacts(int n, int kind, GLOBAL const int *index, GLOBAL const pair *pairs, GLOBAL const face_nodes *face,
                      GLOBAL const edge_nodes *edge, GLOBAL const dvec3 *position, GLOBAL const dvec3 *predicted,
-                     GLOBAL const vertex_contact *v, double stiffness, double anticipate, int first, GLOBAL contact *contacts)
+                     GLOBAL const vertex_contact *v, double anticipate, int first, GLOBAL contact *contacts)
 {
   FOR_EACH(i, n)
   {
@@ -148,9 +165,9 @@ KERNEL fill_contacts(int n, int kind, GLOBAL const int *index, GLOBAL const pair
     c.kind = kind;
     c.candidate = index[i];
     c.normal = dvec3_make(0.0, 0.0, 1.0);
-    c.distance = c.thickness = c.stiffness = c.friction = 0.0;
+    c.distance = c.thickness = c.stiffness = c.friction = c.static_friction = 0.0;
     for (k = 0; k < 4; ++k) { c.node[k] = e.node[k]; c.weight[k] = 0.0; }
-    make_contact(kind, e, position, predicted, v, stiffness, anticipate, pair_proximity(kind, e, position), &c);
+    make_contact(kind, e, position, predicted, v, anticipate, pair_proximity(kind, e, position), &c);
     contacts[first + i] = c;
   }
 }

@@ -104,13 +104,14 @@ void set_up_contact(State &state, const Scene &scene, const Topology &t)
     const std::size_t object = static_cast<std::size_t>(t.object[v]), cloths = scene.cloths.size();
     const bool obstacle = object >= cloths;
     kernels::vertex_contact &p = properties[v];
-    const double own = obstacle ? 0 : scene.cloths[object].material.thickness;
-    p.thickness = own > 0 ? own : scene.contact.thickness;
+    const ContactProperties own = scene.contact_properties(object);
+    p.thickness = own.thickness;
     if (!obstacle) p.thickness = std::min(p.thickness, thickest_per_edge * t.shortest_edge[v]);
     state.least_thickness = std::min(state.least_thickness, p.thickness);
     p.area = t.area[v];
-    const double given = obstacle ? scene.obstacles[object - cloths].friction : scene.cloths[object].material.friction;
-    p.friction = given >= 0 ? given : scene.contact.friction;
+    p.stiffness = own.stiffness;
+    p.friction = own.friction;
+    p.static_friction = own.static_friction;
     p.obstacle = obstacle;
     p.padding = 0;
     margin[v] = p.thickness;   // half for the contact distance, half for what the solve adds to the predicted motion

@@ -85,8 +85,13 @@ class Obstacle(_Part):
 
     @property
     def friction(self):
-        """Coulomb coefficient against cloth."""
+        """Coulomb coefficient against cloth while it slides."""
         return self._core().friction
+
+    @property
+    def static_friction(self):
+        """The same while it sticks; -1: equal to `friction`."""
+        return self._core().static_friction
 
     @property
     def motion(self):
@@ -148,12 +153,12 @@ class Scene:
 
     gravity: [3] m/s^2.  time_step: s.  frames: how many `cama run` records.  frame_time: s between frames, 0: every step.
     thickness: distance below which contact acts, m.  stiffness: of the contact penalty, N/m^3.  friction: cloth against
-    cloth, for materials that give none.  contact: False lets cloth pass through everything.  self_contact: cloth against cloth.
+    cloth, for materials that give none.  static_friction: the same while it sticks, None: equal.  contact: False lets cloth pass through everything.  self_contact: cloth against cloth.
     wind: None or a dict with `velocity` [3] m/s, `density` kg/m^3, `drag` kg/(m^2 s).
     """
 
     def __init__(self, gravity=(0, 0, -9.81), time_step=1 / 200, frames=100, frame_time=0.0, name="scene", description="",
-                 thickness=1e-3, stiffness=None, friction=None, contact=True, self_contact=True, wind=None):
+                 thickness=1e-3, stiffness=None, friction=None, static_friction=None, contact=True, self_contact=True, wind=None):
         self._core = _core.Scene()
         self.gravity, self.time_step, self.frames, self.frame_time = gravity, time_step, frames, frame_time
         self._core.name, self._core.description = str(name), str(description)
@@ -164,6 +169,8 @@ class Scene:
             own.stiffness = number("stiffness", stiffness)
         if friction is not None:
             own.friction = number("friction", friction)
+        if static_friction is not None:
+            own.static_friction = number("static_friction", static_friction)
         self.wind = wind
 
     @classmethod
@@ -266,7 +273,8 @@ class Scene:
                 self._core.add_stitch(handle.index, a, handle.index, b, c, ratio, 1e3)
         return handle
 
-    def add_obstacle(self, mesh=None, faces=None, *, shape=None, motion=None, friction=0.3, clip="", animation=None,
+    def add_obstacle(self, mesh=None, faces=None, *, shape=None, motion=None, friction=0.3, static_friction=None, thickness=None,
+                     contact_stiffness=None, clip="", animation=None,
                      samples_per_second=60.0, y_up=True, lead_in=0.0, loops=1, transform=None, translate=(0, 0, 0), rotate=(1, 0, 0, 0),
                      scale=1.0, name=None):
         """Adds a body that cloth collides with; returns its handle.
@@ -276,11 +284,14 @@ class Scene:
         `lead_in` eases from the bind pose into the clip for so many seconds, `loops` plays it so often. Shapes are, for
         example, {"sphere": {"radius": 0.25}}, {"box": {"size": [1, 1, 0.1]}} or {"walker": {}}.
         motion: a cama.Motion, or a dict of its arguments; with one, a file's own animation is left out.
-        friction: Coulomb coefficient against cloth. Throws as `add_cloth`.
+        friction, static_friction: Coulomb coefficients against cloth while it slides and while it sticks (None: the same).
+        thickness: contact thickness, m, contact_stiffness: penalty, N/m^3 (None: the scene's). Throws as `add_cloth`.
         """
         name = str(name) if name is not None else f"obstacle {self._core.obstacle_count}"
         obstacle = _core.Obstacle()
-        obstacle.name, obstacle.friction = name, number(f"{name}: friction", friction)
+        obstacle.name = name
+        given = {"friction": friction, "static_friction": static_friction, "thickness": thickness, "contact_stiffness": contact_stiffness}
+        given = {key: number(f"{name}: {key}", value) for key, value in given.items() if value is not None}
         matrix = _placement(transform, translate, rotate, scale).tolist()
         file = isinstance(mesh, (str, Path))
         if motion is None and file and (animation is not None or Path(mesh).suffix.lower() in ANIMATED):
@@ -294,6 +305,8 @@ class Scene:
         moving.transform(matrix)
         body.validate(name)
         obstacle.mesh, obstacle.motion = body, moving
+        for key, value in given.items():
+            setattr(obstacle, key, value)
         return Obstacle(self, self._core.add_obstacle(obstacle))
 
     def _part(self, kind, name, mesh, faces, shape, *material):
@@ -451,3 +464,4 @@ Scene.frames = _forward(lambda s: s._core, "frames", _whole, "Frames that `cama 
 Scene.thickness = _forward(lambda s: s._core.contact, "thickness", number, "Contact thickness, m.")
 Scene.stiffness = _forward(lambda s: s._core.contact, "stiffness", number, "Contact penalty, N/m^3.")
 Scene.friction = _forward(lambda s: s._core.contact, "friction", number, "Coulomb coefficient cloth against cloth, for materials that give none.")
+Scene.static_friction = _forward(lambda s: s._core.contact, "static_friction", number, "The same while it sticks, not below `friction`; -1: equal to it.")

@@ -184,10 +184,14 @@ Mesh SceneReader::obstacle_shape(const Field &f, Motion &motion, std::string &so
 
 void SceneReader::read_obstacle(const Field &f, std::size_t index)
 {
-  f.only({"name", "source", "sphere", "box", "capsule", "plane", "funnel", "walker", "file", "character", "mesh", "transform", "motion", "friction"});
+  f.only({"name", "source", "sphere", "box", "capsule", "plane", "funnel", "walker", "file", "character", "mesh", "transform", "motion", "friction",
+          "static_friction", "thickness", "contact_stiffness"});
   Obstacle o;
   o.name = f.text("name", "obstacle " + std::to_string(index));
   o.friction = f.finite("friction", o.friction);
+  o.static_friction = f.finite("static_friction", o.static_friction);
+  o.thickness = f.finite("thickness", o.thickness);
+  o.contact_stiffness = f.finite("contact_stiffness", o.contact_stiffness);
   Motion shape_motion;
   o.mesh = obstacle_shape(f, shape_motion, o.source);
   o.source = f.text("source", o.source);

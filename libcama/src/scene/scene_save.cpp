@@ -180,6 +180,15 @@ void write_obstacle(Writer &w, const Obstacle &o)
   w.quoted(o.source);
   w.key("friction");
   w.number(o.friction);
+  const auto optional = [&](const char *key, double value) {
+    if (value == -1) return;
+    w.key(key);
+    w.number(value);
+  };
+  optional("static_friction", o.static_friction);
+  optional("contact_stiffness", o.contact_stiffness);
+  w.key("thickness");
+  w.number(o.thickness);
   w.key("motion");
   write_motion(w, o.motion);
   w.key("mesh");
@@ -263,6 +272,10 @@ std::string Scene::save() const
   w.number(contact.stiffness);
   w.key("friction");
   w.number(contact.friction);
+  if (contact.static_friction != -1) {
+    w.key("static_friction");
+    w.number(contact.static_friction);
+  }
   w.text += '}';
   w.key("obstacles");
   w.list(obstacles, [&](const Obstacle &o) { write_obstacle(w, o); });
