@@ -61,7 +61,9 @@ VectorXd project(const Problem &p, double target, bool linear, int threads = 1)
   state.vertices = static_cast<int>(p.position.size());
   state.options.linear_impacts = linear;
   state.inverse_mass = {*backend, p.inverse_mass};
-  state.impact = {*backend, p.impacts};
+  std::vector<impact> impacts = p.impacts;
+  for (impact &m : impacts) m.target = target;
+  state.impact = {*backend, impacts};
   Stream<dvec3> positions(*backend, p.position);
   const std::vector<dvec3> far(p.position.size(), dvec3{1e6, 0, 0});
   ImpactProjection stage(*backend);
@@ -440,6 +442,7 @@ TEST_CASE("lists grow from nothing: impacts by the thousand after none", "[impac
     state.cloth_vertices = p.cloth;
     state.vertices = static_cast<int>(p.position.size());
     state.inverse_mass = {*backend, p.inverse_mass};
+    for (impact &m : p.impacts) m.target = 0.01;
     state.impact.assign(p.impacts);
     Stream<dvec3> positions(*backend, p.position);
     stage.start(state, Stream<dvec3>(*backend, std::vector<dvec3>(p.position.size(), dvec3{1e6, 0, 0})), positions);

@@ -94,6 +94,16 @@ class Obstacle(_Part):
         return self._core().static_friction
 
     @property
+    def surface(self):
+        """"mesh", or of an exact obstacle "sphere", "capsule", "box", "plane", whose `vertices` are its defining points."""
+        return self._core().surface
+
+    @property
+    def radius(self):
+        """Of an exact sphere or capsule, m; else 0."""
+        return self._core().radius
+
+    @property
     def motion(self):
         """A copy of its motion (compiled type; `evaluate(time, vertices)` gives positions)."""
         return _core.Motion(self._core().motion)
@@ -115,6 +125,14 @@ def _placement(transform, translate, rotate, scale):
     if transform is not None:
         own = reals("transform", transform, (4, 4)) @ own
     return own
+
+
+def _uniform_scale(name, surface, matrix):
+    """Of a rotation times a scale [3, 3], which an exact obstacle keeps its form under."""
+    scale = np.cbrt(np.linalg.det(matrix))
+    if not scale > 0 or np.abs(matrix @ matrix.T - scale**2 * np.eye(3)).max() > 1e-9 * scale**2:
+        raise SceneError(f"{name}: transform: an exact {surface} can be turned, moved and scaled alike in all directions only")
+    return 1.0 if abs(scale - 1) < 1e-12 else float(scale)  # unit quaternions round
 
 
 def _mesh(name, mesh, faces, material_vertices, material_faces, material_scale=1.0):
@@ -282,7 +300,8 @@ class Scene:
         mesh, faces, shape and placement: as for `add_cloth`. glTF, FBX and DAE files bring their skeletal animation:
         `clip` is its name or index, "bind" for a still body, `animation` another file to take it from, `y_up` turns y-up files to z-up,
         `lead_in` eases from the bind pose into the clip for so many seconds, `loops` plays it so often. Shapes are, for
-        example, {"sphere": {"radius": 0.25}}, {"box": {"size": [1, 1, 0.1]}} or {"walker": {}}.
+        example, {"sphere": {"radius": 0.25}}, {"box": {"size": [1, 1, 0.1]}} or {"walker": {}}; {"shape": {"sphere": {"radius": 0.25}}},
+        and likewise capsule, box and plane, is exact instead of meshed.
         motion: a cama.Motion, or a dict of its arguments; with one, a file's own animation is left out.
         friction, static_friction: Coulomb coefficients against cloth while it slides and while it sticks (None: the same).
         thickness: contact thickness, m, contact_stiffness: penalty, N/m^3 (None: the scene's). Throws as `add_cloth`.
@@ -300,10 +319,13 @@ class Scene:
             obstacle.source = str(mesh)
         else:
             part, obstacle.source = self._part("obstacle", name, mesh, faces, shape)
+        if getattr(part, "surface", "mesh") != "mesh":
+            given.update(surface=part.surface, radius=part.radius * _uniform_scale(name, part.surface, np.array(matrix)[:3, :3]))
         body, moving = part.mesh, part.motion if motion is None else _core.Motion(Motion.of(motion))
         body.transform(matrix)
         moving.transform(matrix)
-        body.validate(name)
+        if "surface" not in given:
+            body.validate(name)
         obstacle.mesh, obstacle.motion = body, moving
         for key, value in given.items():
             setattr(obstacle, key, value)

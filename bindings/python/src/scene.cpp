@@ -6,6 +6,8 @@
 namespace cama::python {
 namespace {
 
+constexpr const char *surface_names[] = {"mesh", "sphere", "capsule", "box", "plane"};   // in the order of Form
+
 using Matrix4 = std::array<std::array<double, 4>, 4>;
 
 dvec3 transformed(const Matrix4 &m, const dvec3 &x)
@@ -135,6 +137,12 @@ void bind_parts(py::module_ &m)
       .def_readwrite("motion", &Obstacle::motion)
       .def_readwrite("friction", &Obstacle::friction)
       .def_readwrite("static_friction", &Obstacle::static_friction)
+      .def_property("surface", [](const Obstacle &o) { return surface_names[static_cast<int>(o.surface)]; },
+                    [](Obstacle &o, const std::string &name) {
+                      for (int k = 0; k < 5; ++k)
+                        if (name == surface_names[k]) o.surface = static_cast<Form>(k);
+                    })
+      .def_readwrite("radius", &Obstacle::radius)
       .def_readwrite("thickness", &Obstacle::thickness)
       .def_readwrite("contact_stiffness", &Obstacle::contact_stiffness)
       .def_readwrite("source", &Obstacle::source);

@@ -23,6 +23,11 @@ struct Cloth {
   std::string source;            ///< what it was made from ("grid", a file name), for `explain`
 };
 
+/// What an obstacle's surface is: a mesh, or exact. The defining points of an exact one are its mesh's vertices: the centre of a sphere,
+/// both ends of a capsule's axis, eight corners of a box (corner k at the low or high side along axis a by bit a of k; with 12 faces), and
+/// three points of a plane whose normal (b - a) x (c - a) points out of the solid half space.
+enum class Form { mesh, sphere, capsule, box, plane };
+
 /// A body that cloth collides with; it moves as told and feels nothing.
 struct Obstacle {
   std::string name;
@@ -33,7 +38,16 @@ struct Obstacle {
   double thickness = 0;          ///< contact thickness, m; 0: the scene's
   double contact_stiffness = -1; ///< penalty, N/m^3; -1: the scene's
   std::string source;
+  Form surface = Form::mesh;
+  double radius = 0;             ///< of a sphere or capsule, m
 };
+
+/// Exact obstacles, without meshing. Lengths in m; normal need not be of length 1. Throw SceneError.
+Obstacle exact_sphere(const dvec3 &center, double radius);
+Obstacle exact_capsule(const dvec3 &end_a, const dvec3 &end_b, double radius);
+Obstacle exact_box(const dvec3 &center, const dvec3 &size);
+Obstacle exact_plane(const dvec3 &point, const dvec3 &normal);
+
 
 /// Cloth vertices whose motion is prescribed (degrees of freedom eliminated from the system).
 struct Pin {

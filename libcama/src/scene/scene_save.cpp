@@ -6,6 +6,7 @@
 
 #include "cama/error.hpp"
 #include "cama/scene.hpp"
+#include "scene/exact_obstacle.hpp"
 #include "scene/material_json.hpp"
 
 namespace cama {
@@ -191,8 +192,20 @@ void write_obstacle(Writer &w, const Obstacle &o)
   w.number(o.thickness);
   w.key("motion");
   write_motion(w, o.motion);
-  w.key("mesh");
-  write_mesh(w, o.mesh);
+  if (o.surface == Form::mesh) {
+    w.key("mesh");
+    write_mesh(w, o.mesh);
+  } else {
+    w.key("shape");
+    w.text += std::string("{\"") + surface_name(o.surface) + "\":{";
+    if (o.radius != 0) {
+      w.key("radius");
+      w.number(o.radius);
+    }
+    w.key("points");
+    w.list(o.mesh.position, [&](const dvec3 &x) { w.vector(x); });
+    w.text += "}}";
+  }
   w.text += '}';
 }
 

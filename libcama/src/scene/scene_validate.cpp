@@ -5,6 +5,7 @@
 
 #include "cama/error.hpp"
 #include "cama/scene.hpp"
+#include "scene/exact_obstacle.hpp"
 
 namespace cama {
 namespace {
@@ -87,6 +88,8 @@ void check_pin(const Scene &s, std::size_t i)
   if (p.obstacle)
     require(*p.obstacle >= 0 && *p.obstacle < static_cast<int>(s.obstacles.size()), field + ".attach", std::to_string(*p.obstacle),
             "there are " + std::to_string(s.obstacles.size()) + " obstacles, counted from 0");
+  if (p.obstacle && s.obstacles[*p.obstacle].mesh.face.empty())
+    throw SceneError(field + ".attach: obstacle \"" + s.obstacles[*p.obstacle].name + "\" has no mesh to follow; use a meshed one");
   require(!std::isnan(p.release), field + ".release", "not a number", "give seconds, or leave it out");
   require(!p.motion.sampled, field + ".motion", "vertex animation", "pins move rigidly");
   check_motion(field + ".motion", p.motion, 0);
@@ -144,7 +147,8 @@ void Scene::validate() const
   for (const Obstacle &o : obstacles) {
     const std::string object = "obstacle \"" + o.name + "\"";
     if (!names.insert(o.name).second) throw SceneError("obstacles: two obstacles are named \"" + o.name + "\"; give each its own name");
-    o.mesh.validate(object);
+    if (o.surface == Form::mesh) o.mesh.validate(object);
+    else validate_exact(object, o);
     require(std::isfinite(o.friction) && o.friction >= 0, object + ": friction", o.friction, "give a Coulomb coefficient, 0 or more");
     check_static_friction(object + ": static_friction", o.static_friction, o.friction);
     require(std::isfinite(o.thickness) && o.thickness >= 0, object + ": thickness", o.thickness, "give metres, 0 or more (0: the scene's)");
