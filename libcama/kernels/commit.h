@@ -139,6 +139,20 @@ DEVICE commit_bound commit_decide(dvec3 *x, dvec3 *y, const double *t, const int
   return r;
 }
 
+/* A vertex and a plane, which only translates: heights are linear in time and the plane's normal decides alone, for any extent. */
+DEVICE commit_bound commit_half_space(dvec3 *x, const dvec3 *y, const int *fixed, double dmin)
+{
+  dvec3 d[4], x0 = x[0], n = vertex_plane_proximity(x[0], x[1], x[2], x[3]).normal;
+  double largest = 0.0, extent = 0.0;
+  for (int k = 0; k < 4; ++k) {
+    largest = max_double(largest, max_double(largest_component(x[k]), largest_component(y[k])));
+    d[k] = dsub(y[k], x[k]);
+    x[k] = dsub(x[k], x0);
+    extent = max_double(extent, largest_component(x[k]) + largest_component(d[k]));
+  }
+  return commit_plane(x, d, fixed, 1, n, dmin, 1e-15 * largest + CCD_ROUNDING * extent);
+}
+
 /* The four vertices of a candidate: kind 0 is (vertex, face), kind 1 (edge, edge). */
 DEVICE void commit_vertices(int kind, pair p, GLOBAL const face_nodes *face, GLOBAL const edge_nodes *edge, int *v)
 {
@@ -156,17 +170,17 @@ DEVICE int commit_due(int pass, const double *t, const int *fixed)
   return pass < 0 || t[0] < 1.0 || t[1] < 1.0 || t[2] < 1.0 || t[3] < 1.0;
 }
 
-/* Marks pairs that keep dmin along the direction known from their search; for most this settles pass 0 at a fifth of its cost.
+/* Marks pairs that keep their clearance along the direction known from their search; for most this settles pass 0 at a fifth of its cost.
    certified 1: find_impacts has certified every pair that is no impact for this very motion, so nothing is left to be done for them. */
 KERNEL commit_screen(int n, int kind, int certified, GLOBAL const pair *candidate, GLOBAL const face_nodes *face,
                      GLOBAL const edge_nodes *edge, GLOBAL const dvec3 *position, GLOBAL const dvec3 *target, GLOBAL const dvec3 *direction,
-                     GLOBAL const int *known, double dmin, GLOBAL int *accepted)
+                     GLOBAL const vertex_contact *properties, GLOBAL const int *known, double share, GLOBAL int *accepted)
 {
   FOR_EACH(i, n) {
     int screened = certified && !known[i];
     if (!screened) {
       element_nodes e = pair_nodes(kind, candidate[i], face, edge);
-      screened = separated_along(kind, e, position, target, direction[i], 1.001 * dmin);
+      screened = separated_along(kind, e, position, target, direction[i], pair_clearance(kind, e, properties, 1.001 * share));
     }
     accepted[i] = screened ? COMMIT_SCREENED : COMMIT_SETTLED;
   }
@@ -176,10 +190,11 @@ KERNEL commit_screen(int n, int kind, int certified, GLOBAL const pair *candidat
    Pass -1 settles every conditional pair: final whatever came before, for a cap on the number of passes. Both kinds go through each pass.
    `fraction_before` is a copy of `fraction` made before the pass (not read in pass 0).
    accepted: [n] states; fraction: [vertices] bits of floats; sigma: [1], likewise; counter: [2] pairs settled after having been
-   conditional, intersecting pairs; commit_begin sets them. dmin: m. let_go 1: intersecting pairs are free, 0: their vertices stay. */
+   conditional, intersecting pairs; commit_begin sets them. share: dmin is a pair's clearance at it. let_go 1: intersecting pairs are free, 0: their vertices stay. */
 KERNEL commit_pairs(int n, int kind, int pass, GLOBAL const pair *candidate, GLOBAL const face_nodes *face, GLOBAL const edge_nodes *edge,
-                    GLOBAL const dvec3 *position, GLOBAL const dvec3 *target, GLOBAL const double *inverse_mass, double dmin, int let_go,
-                    GLOBAL int *accepted, GLOBAL const int *fraction_before, GLOBAL int *fraction, GLOBAL int *sigma, GLOBAL int *counter)
+                    GLOBAL const dvec3 *position, GLOBAL const dvec3 *target, GLOBAL const double *inverse_mass,
+                    GLOBAL const vertex_contact *properties, double share, int let_go, GLOBAL int *accepted,
+                    GLOBAL const int *fraction_before, GLOBAL int *fraction, GLOBAL int *sigma, GLOBAL int *counter)
 {
   FOR_EACH_UNEVEN(i, n) {
     int v[4], fixed[4], k;
@@ -194,8 +209,10 @@ KERNEL commit_pairs(int n, int kind, int pass, GLOBAL const pair *candidate, GLO
     }
     if (commit_due(pass, t, fixed)) {
       dvec3 x[4], y[4];
+      element_nodes e = pair_nodes(kind, candidate[i], face, edge);
       for (k = 0; k < 4; ++k) { x[k] = position[v[k]]; y[k] = target[v[k]]; }
-      r = commit_decide(x, y, t, fixed, kind + 1, dmin, pass >= 0, pass != 0);
+      if (pair_has_plane(kind, e, properties)) r = commit_half_space(x, y, fixed, pair_clearance(kind, e, properties, share));
+      else r = commit_decide(x, y, t, fixed, kind + 1, pair_clearance(kind, e, properties, share), pass >= 0, pass != 0);
       if (pass != 0 && r.state != COMMIT_CONDITIONAL) atomic_add_int(counter, 1);
     } else if (pass != 0) continue;
     accepted[i] = r.sigma < 1.0 ? COMMIT_WAITING : (r.state == COMMIT_CONDITIONAL ? COMMIT_CONDITIONAL : COMMIT_SETTLED);

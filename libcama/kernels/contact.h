@@ -10,13 +10,24 @@ typedef struct {
   double distance;    /* m */
   double thickness;   /* m */
   double stiffness;   /* N/m */
-  double friction;    /* Coulomb coefficient */
+  double friction;         /* Coulomb coefficient while it slides */
+  double static_friction;  /* while it sticks, not below `friction` */
 } contact;
 
 typedef struct { int node[3]; double ratio, stiffness; } stitch;
 
 /* Per vertex: what contact needs to know. */
-typedef struct { double thickness, area, friction; int obstacle; int padding; } vertex_contact;
+typedef struct {
+  double thickness, area;            /* m, m^2 */
+  double stiffness;                  /* penalty per area against its own like, N/m^3 */
+  double friction, static_friction;
+  double radius;                     /* of the sphere around it that an analytic obstacle is made of; 0 elsewhere, m */
+  int obstacle, form;                /* form: SURFACE_* */
+} vertex_contact;
+
+#define SURFACE_MESH 0
+#define SURFACE_ROUND 1   /* a sphere is the face (c, c, c), a capsule the face (a, b, b): distances are those of the hulls less the radius */
+#define SURFACE_PLANE 2   /* the half space below the plane of the face, without end */
 
 DEVICE element_nodes pair_nodes(int kind, pair p, GLOBAL const face_nodes *face, GLOBAL const edge_nodes *edge)
 {
@@ -37,6 +48,46 @@ DEVICE proximity pair_proximity(int kind, element_nodes e, GLOBAL const dvec3 *x
   return kind == 0 ? vertex_face_proximity(z, b, c, d) : edge_edge_proximity(z, b, c, d);
 }
 
+/* Radii of both sides together, m. All vertices of a side belong to one object. */
+DEVICE double pair_radius(int kind, element_nodes e, GLOBAL const vertex_contact *v) { return v[e.node[0]].radius + v[e.node[kind + 1]].radius; }
+
+/* Smallest contact thickness of the four vertices, m. */
+DEVICE double pair_least_thickness(element_nodes e, GLOBAL const vertex_contact *v)
+{
+  return min_double(min_double(v[e.node[0]].thickness, v[e.node[1]].thickness), min_double(v[e.node[2]].thickness, v[e.node[3]].thickness));
+}
+
+/* Distance that a pair's hulls keep: a share of its least thickness, and the radii, m. */
+DEVICE double pair_clearance(int kind, element_nodes e, GLOBAL const vertex_contact *v, double share)
+{
+  return share * pair_least_thickness(e, v) + pair_radius(kind, e, v);
+}
+
+DEVICE int pair_has_plane(int kind, element_nodes e, GLOBAL const vertex_contact *v) { return kind == 0 && v[e.node[1]].form == SURFACE_PLANE; }
+
+/* A vertex over the half space below the plane of a, b, c; the distance is negative inside. A plane only translates, so that each of its
+   points moves as the closest one does: one stands for it. */
+DEVICE proximity vertex_plane_proximity(dvec3 vertex, dvec3 a, dvec3 b, dvec3 c)
+{
+  proximity p;
+  p.normal = dnormalize(dcross(dsub(b, a), dsub(c, a)));
+  p.distance = ddot(p.normal, dsub(vertex, a));
+  p.weight[0] = 1.0; p.weight[1] = -1.0; p.weight[2] = p.weight[3] = 0.0;
+  p.interior = 1;
+  return p;
+}
+
+/* The proximity of a pair as contact sees it: radii and planes heeded. A round obstacle has no border: all its points are inside. */
+DEVICE proximity surface_proximity(int kind, element_nodes e, GLOBAL const dvec3 *x, GLOBAL const vertex_contact *v)
+{
+  proximity p;
+  if (pair_has_plane(kind, e, v)) return vertex_plane_proximity(x[e.node[0]], x[e.node[1]], x[e.node[2]], x[e.node[3]]);
+  p = pair_proximity(kind, e, x);
+  if (kind == 0 && v[e.node[1]].form == SURFACE_ROUND) p.interior = p.distance > 0.0;
+  p.distance -= pair_radius(kind, e, v);
+  return p;
+}
+
 DEVICE double mean4(double a, double b, double c, double d) { return 0.25 * (a + b + c + d); }
 
 /* Thickness of a pair: half of side A's plus half of side B's. */
@@ -51,15 +102,25 @@ DEVICE double pair_friction(vertex_contact a, vertex_contact b)
 {
   return a.obstacle ? a.friction : (b.obstacle ? b.friction : 0.5 * (a.friction + b.friction));
 }
+DEVICE double pair_static_friction(vertex_contact a, vertex_contact b)
+{
+  return a.obstacle ? a.static_friction : (b.obstacle ? b.static_friction : 0.5 * (a.static_friction + b.static_friction));
+}
+
+/* Penalty per area of two layers that yield one behind the other, N/m^3: the harmonic mean, so that like on like keeps its own. */
+DEVICE double pair_stiffness(vertex_contact a, vertex_contact b)
+{
+  return a.stiffness == b.stiffness ? a.stiffness : 2.0 * a.stiffness * b.stiffness / (a.stiffness + b.stiffness);
+}
 
 /* The contact of a candidate pair, if it is one: closest points inside the features, and closer than the thickness now or
    (anticipate > 0) after moving with the predicted displacement. */
 DEVICE int make_contact(int kind, element_nodes e, GLOBAL const dvec3 *position, GLOBAL const dvec3 *predicted,
-                        GLOBAL const vertex_contact *v, double stiffness, double anticipate, proximity p, contact *c)
+                        GLOBAL const vertex_contact *v, double anticipate, proximity p, contact *c)
 {
   double thickness = pair_thickness(kind, e, v), approach = 0.0, area_a, area_b;
   int k;
-  if (!p.interior || !(p.distance > 0.0)) return 0;
+  if (!p.interior || !(p.distance + pair_radius(kind, e, v) > 0.0)) return 0;
   for (k = 0; k < 4; ++k) approach += p.weight[k] * ddot(p.normal, dsub(predicted[e.node[k]], position[e.node[k]]));
   if (!(p.distance < thickness || (anticipate > 0.0 && p.distance + approach < thickness))) return 0;
   if (p.distance >= thickness + anticipate) return 0;
@@ -75,8 +136,9 @@ DEVICE int make_contact(int kind, element_nodes e, GLOBAL const dvec3 *position,
   c->normal = p.normal;
   c->distance = p.distance;
   c->thickness = thickness;
-  c->stiffness = stiffness * min_double(area_a, area_b);
+  c->stiffness = pair_stiffness(v[e.node[0]], v[e.node[3]]) * min_double(area_a, area_b);
   c->friction = pair_friction(v[e.node[0]], v[e.node[3]]);
+  c->static_friction = pair_static_friction(v[e.node[0]], v[e.node[3]]);
   return 1;
 }
 
@@ -102,26 +164,27 @@ DEVICE dvec3 apart_along(int kind, element_nodes e, GLOBAL const dvec3 *position
 /* flag[i] = 1 where candidate i is a contact; direction[i]: one that tells its sides apart, from side B to side A. */
 KERNEL find_contacts(int n, int kind, GLOBAL const pair *pairs, GLOBAL const face_nodes *face, GLOBAL const edge_nodes *edge,
                      GLOBAL const dvec3 *position, GLOBAL const dvec3 *predicted, GLOBAL const vertex_contact *v,
-                     double stiffness, double anticipate, GLOBAL int *flag, GLOBAL dvec3 *direction)
+                     double anticipate, GLOBAL int *flag, GLOBAL dvec3 *direction)
 {
   FOR_EACH(i, n)
   {
     contact c;
     element_nodes e = pair_nodes(kind, pairs[i], face, edge);
-    dvec3 apart = apart_along(kind, e, position, predicted, pair_thickness(kind, e, v));
+    dvec3 apart = pair_has_plane(kind, e, v) ? dvec3_make(0.0, 0.0, 0.0)
+                                             : apart_along(kind, e, position, predicted, pair_thickness(kind, e, v) + pair_radius(kind, e, v));
     int none = apart.x != 0.0 || apart.y != 0.0 || apart.z != 0.0;
     proximity p;
-    if (!none) p = pair_proximity(kind, e, position);
+    if (!none) p = surface_proximity(kind, e, position, v);
     direction[i] = none ? apart : p.normal;
-    flag[i] = !none && make_contact(kind, e, position, predicted, v, stiffness, anticipate, p, &c);
+    flag[i] = !none && make_contact(kind, e, position, predicted, v, anticipate, p, &c);
   }
 }
 
 /* The directions alone, from pair `first` on, for a search that contacts are not wanted from. */
 KERNEL find_directions(int n, int kind, int first, GLOBAL const pair *pairs, GLOBAL const face_nodes *face, GLOBAL const edge_nodes *edge,
-                       GLOBAL const dvec3 *position, GLOBAL dvec3 *direction)
+                       GLOBAL const dvec3 *position, GLOBAL const vertex_contact *v, GLOBAL dvec3 *direction)
 {
-  FOR_EACH(i, n) { direction[first + i] = pair_proximity(kind, pair_nodes(kind, pairs[first + i], face, edge), position).normal; }
+  FOR_EACH(i, n) { direction[first + i] = surface_proximity(kind, pair_nodes(kind, pairs[first + i], face, edge), position, v).normal; }
 }
 
 /* The flagged pairs with a key by their features, so that lists made from them have one order whatever the search's was. */
@@ -138,7 +201,7 @@ KERNEL flagged_pairs(int n, GLOBAL const pair *pairs, GLOBAL const int *place, G
 /* Contacts of the pairs index[0 .. n), behind `first`. */
 KERNEL fill_contacts(int n, int kind, GLOBAL const int *index, GLOBAL const pair *pairs, GLOBAL const face_nodes *face,
                      GLOBAL const edge_nodes *edge, GLOBAL const dvec3 *position, GLOBAL const dvec3 *predicted,
-                     GLOBAL const vertex_contact *v, double stiffness, double anticipate, int first, GLOBAL contact *contacts)
+                     GLOBAL const vertex_contact *v, double anticipate, int first, GLOBAL contact *contacts)
 {
   FOR_EACH(i, n)
   {
@@ -148,9 +211,9 @@ KERNEL fill_contacts(int n, int kind, GLOBAL const int *index, GLOBAL const pair
     c.kind = kind;
     c.candidate = index[i];
     c.normal = dvec3_make(0.0, 0.0, 1.0);
-    c.distance = c.thickness = c.stiffness = c.friction = 0.0;
+    c.distance = c.thickness = c.stiffness = c.friction = c.static_friction = 0.0;
     for (k = 0; k < 4; ++k) { c.node[k] = e.node[k]; c.weight[k] = 0.0; }
-    make_contact(kind, e, position, predicted, v, stiffness, anticipate, pair_proximity(kind, e, position), &c);
+    make_contact(kind, e, position, predicted, v, anticipate, surface_proximity(kind, e, position, v), &c);
     contacts[first + i] = c;
   }
 }

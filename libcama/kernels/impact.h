@@ -8,6 +8,7 @@ typedef struct {
   int candidate;
   double weight[4];   /* signed, at the time of impact */
   dvec3 normal;       /* from side B to side A at the time of impact */
+  double target;      /* distance that it is put apart to, m */
 } impact;
 
 /* cubic: the paper's test, at distance 0; else the additive one, at `minimum`. */
@@ -52,31 +53,52 @@ DEVICE int separated_along(int kind, element_nodes e, GLOBAL const dvec3 *x, GLO
   return a0 - b0 >= least && a1 - b1 >= least;
 }
 
-/* flag[i] = 1 where candidate i comes closer than `minimum`, or touches (cubic), on its way from x to y and is not yet known. localized:
+/* The first time at which the hulls of a pair come closer than `minimum`. A plane is met where the height, linear in time, falls below it;
+   what starts lower is met at once. The cubic, which knows no distance, is for pairs without a radius. */
+DEVICE int takes_cubic(int kind, int cubic, element_nodes e, GLOBAL const vertex_contact *v)
+{
+  return cubic && !pair_has_plane(kind, e, v) && pair_radius(kind, e, v) == 0.0;
+}
+DEVICE impact_time surface_impact_time(int kind, int cubic, element_nodes e, GLOBAL const dvec3 *x, GLOBAL const dvec3 *y,
+                                       GLOBAL const vertex_contact *v, double minimum)
+{
+  impact_time r;
+  double start, end;
+  if (!pair_has_plane(kind, e, v)) return candidate_impact_time(kind, takes_cubic(kind, cubic, e, v), e, x, y, minimum);
+  start = vertex_plane_proximity(x[e.node[0]], x[e.node[1]], x[e.node[2]], x[e.node[3]]).distance;
+  end = vertex_plane_proximity(y[e.node[0]], y[e.node[1]], y[e.node[2]], y[e.node[3]]).distance;
+  r.hit = start < minimum || end < minimum;
+  r.time = start > minimum && end < minimum ? (start - minimum) / (start - end) : 0.0;
+  return r;
+}
+
+/* flag[i] = 1 where candidate i comes closer than its clearance at `share`, or touches (cubic), on its way from x to y and is not yet known. localized:
    only pairs with a vertex that the last projection moved are looked at, the others were certified before it. */
 KERNEL find_impacts(int n, int kind, int cubic, int localized, GLOBAL const pair *pairs, GLOBAL const face_nodes *face, GLOBAL const edge_nodes *edge,
-                    GLOBAL const dvec3 *x, GLOBAL const dvec3 *y, GLOBAL const double *inverse_mass, double minimum,
+                    GLOBAL const dvec3 *x, GLOBAL const dvec3 *y, GLOBAL const double *inverse_mass, GLOBAL const vertex_contact *v, double share,
                     GLOBAL const dvec3 *direction, GLOBAL const int *known, GLOBAL const int *moved, GLOBAL int *flag)
 {
   FOR_EACH_UNEVEN(i, n)
   {
     element_nodes e = pair_nodes(kind, pairs[i], face, edge);
     int movable = inverse_mass[e.node[0]] + inverse_mass[e.node[1]] + inverse_mass[e.node[2]] + inverse_mass[e.node[3]] > 0.0;
+    double minimum = pair_clearance(kind, e, v, share);
     int changed = !localized || moved[e.node[0]] || moved[e.node[1]] || moved[e.node[2]] || moved[e.node[3]];
-    flag[i] = changed && movable && !known[i] && !separated_along(kind, e, x, y, direction[i], 1.001 * minimum) &&
-              candidate_impact_time(kind, cubic, e, x, y, minimum).hit;
+    flag[i] = changed && movable && !known[i] && !separated_along(kind, e, x, y, direction[i], minimum + 0.001 * share * pair_least_thickness(e, v)) &&
+              surface_impact_time(kind, cubic, e, x, y, v, minimum).hit;
   }
 }
 
 /* Impacts of the pairs index[0 .. n), behind `first`; marks them known. */
 KERNEL fill_impacts(int n, int kind, int cubic, GLOBAL const int *index, GLOBAL const pair *pairs, GLOBAL const face_nodes *face,
-                    GLOBAL const edge_nodes *edge, GLOBAL const dvec3 *x, GLOBAL const dvec3 *y, double minimum, int first,
+                    GLOBAL const edge_nodes *edge, GLOBAL const dvec3 *x, GLOBAL const dvec3 *y, GLOBAL const vertex_contact *v,
+                    double share, double target_share, int first,
                     GLOBAL int *known, GLOBAL impact *impacts)
 {
   FOR_EACH(i, n)
   {
     element_nodes e = pair_nodes(kind, pairs[index[i]], face, edge);
-    double t = candidate_impact_time(kind, cubic, e, x, y, minimum).time;
+    double t = surface_impact_time(kind, cubic, e, x, y, v, pair_clearance(kind, e, v, share)).time;
     dvec3 o = dlerp(x[e.node[0]], y[e.node[0]], t), at[4], motion[4];
     impact m;
     proximity p;
@@ -85,11 +107,13 @@ KERNEL fill_impacts(int n, int kind, int cubic, GLOBAL const int *index, GLOBAL 
       at[k] = dsub(dlerp(x[e.node[k]], y[e.node[k]], t), o);
       motion[k] = dsub(y[e.node[k]], x[e.node[k]]);
     }
-    p = kind == 0 ? vertex_face_proximity(at[0], at[1], at[2], at[3]) : edge_edge_proximity(at[0], at[1], at[2], at[3]);
+    if (pair_has_plane(kind, e, v)) p = vertex_plane_proximity(at[0], at[1], at[2], at[3]);
+    else p = kind == 0 ? vertex_face_proximity(at[0], at[1], at[2], at[3]) : edge_edge_proximity(at[0], at[1], at[2], at[3]);
     for (k = 0; k < 4; ++k) { m.node[k] = e.node[k]; m.weight[k] = p.weight[k]; }
     m.kind = kind;
     m.candidate = index[i];
-    m.normal = cubic ? touching_normal(kind, at, motion, p) : p.normal;
+    m.normal = takes_cubic(kind, cubic, e, v) ? touching_normal(kind, at, motion, p) : p.normal;
+    m.target = pair_clearance(kind, e, v, target_share);
     known[index[i]] = 1;
     impacts[first + i] = m;
   }
@@ -107,7 +131,7 @@ KERNEL impact_nodes(int n, GLOBAL const impact *impacts, GLOBAL element_nodes *n
 /* constraint = target - C(x); diagonal of S; majorant: sum_k count_k w_k^2 / m_k with count_k the impacts at node k, a diagonal
    matrix that exceeds S (mass splitting), so that steps scaled by it never overshoot. active: violated and movable. row: incidence. */
 KERNEL start_impacts(int n, int rows, GLOBAL const impact *impacts, GLOBAL const dvec3 *x, GLOBAL const double *inverse_mass,
-                     GLOBAL const int *row, double target, GLOBAL double *constraint, GLOBAL double *diagonal,
+                     GLOBAL const int *row, GLOBAL double *constraint, GLOBAL double *diagonal,
                      GLOBAL double *majorant, GLOBAL int *active)
 {
   FOR_EACH(i, n)
@@ -122,10 +146,10 @@ KERNEL start_impacts(int n, int rows, GLOBAL const impact *impacts, GLOBAL const
       d += mobility;
       if (m.node[k] < rows) split += mobility * (double)(row[m.node[k] + 1] - row[m.node[k]]);
     }
-    constraint[i] = target - c;
+    constraint[i] = m.target - c;
     diagonal[i] = d;
     majorant[i] = split;
-    active[i] = target - c > 0.0 && d > 0.0;
+    active[i] = m.target - c > 0.0 && d > 0.0;
   }
 }
 
@@ -267,13 +291,13 @@ KERNEL largest_of(int n, int count, GLOBAL const double *value, GLOBAL double *l
 }
 
 /* x += y = M^-1 J' lambda, cloth vertices, but no further from where the solve wanted the vertex than twice the longest motion of the
-   step: impacts that cannot all be met, between obstacles that close, would throw it anywhere. moved[i] = 1 where x changes. */
-KERNEL apply_impulses(int n, double target, GLOBAL const double *longest, GLOBAL const dvec3 *wanted, GLOBAL const dvec3 *y, GLOBAL dvec3 *x,
+   step and `slack`, m: impacts that cannot all be met, between obstacles that close, would throw it anywhere. moved[i] = 1 where x changes. */
+KERNEL apply_impulses(int n, double slack, GLOBAL const double *longest, GLOBAL const dvec3 *wanted, GLOBAL const dvec3 *y, GLOBAL dvec3 *x,
                       GLOBAL int *moved)
 {
   FOR_EACH(i, n)
   {
-    double most = 2.0 * longest[0] + target, length = dnorm(y[i]), away;
+    double most = 2.0 * longest[0] + slack, length = dnorm(y[i]), away;
     dvec3 from = wanted[i], d = dsub(dadd(x[i], y[i]), from);
     moved[i] = length > 0.0;
     if (!(length > 0.0)) continue;

@@ -14,7 +14,7 @@ KERNEL measure_vertices(int n, GLOBAL const double *mass, GLOBAL const dvec3 *po
 
 /* Distance of each candidate pair, m. */
 KERNEL measure_pairs(int n, int kind, GLOBAL const pair *pairs, GLOBAL const face_nodes *face, GLOBAL const edge_nodes *edge,
-                     GLOBAL const dvec3 *position, GLOBAL double *distance)
+                     GLOBAL const dvec3 *position, GLOBAL const vertex_contact *v, GLOBAL double *distance)
 {
-  FOR_EACH(i, n) { distance[i] = pair_proximity(kind, pair_nodes(kind, pairs[i], face, edge), position).distance; }
+  FOR_EACH(i, n) { distance[i] = surface_proximity(kind, pair_nodes(kind, pairs[i], face, edge), position, v).distance; }
 }

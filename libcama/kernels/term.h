@@ -28,15 +28,15 @@ DEVICE mat3 term_block(term t, int form, int a, int b)
   return mat3_add_outer(mat3_diagonal(c * t.around), c * t.along, t.normal, t.normal);
 }
 
-/* Lagged Coulomb friction of one contact as a damping coefficient phi (N s/m) such that the step ends sticking inside the cone
-   and with the force mu N outside it. `speed`: tangential speed that the contact would have after this step without friction,
+/* Lagged Coulomb friction of one contact as a damping coefficient phi (N s/m) such that the step ends sticking while the stopping force
+   is within static_friction N, and else with the sliding force friction N; static_friction >= friction. `speed`: tangential speed that the contact would have after this step without friction,
    m/s; effective_mass: 1 / sum w^2/m, kg. */
-DEVICE real friction_damping(real mu, real normal_force, real speed, real effective_mass, real time_step)
+DEVICE real friction_damping(real static_friction, real friction, real normal_force, real speed, real effective_mass, real time_step)
 {
   const real stick = (real)1000; /* a sticking contact keeps 1/1000 of the speed that a step would add */
-  real stopping = speed * effective_mass / time_step, cone = mu * normal_force, most = stick * effective_mass / time_step;
-  if (!(cone > (real)0)) return (real)0;
-  if (stopping <= cone) return most;
+  real stopping = speed * effective_mass / time_step, cone = friction * normal_force, most = stick * effective_mass / time_step;
+  if (!(static_friction * normal_force > (real)0)) return (real)0;
+  if (stopping <= static_friction * normal_force) return most;
   return min_real(most, cone / (speed * ((real)1 - cone / stopping)));
 }
 
@@ -72,8 +72,8 @@ KERNEL make_contact_terms(int n, GLOBAL const contact *contacts, GLOBAL const do
       relative = daxpy(relative, c.weight[a], free_velocity[c.node[a]]);
     }
     tangential = daxpy(relative, -ddot(relative, c.normal), c.normal);
-    damping = mobility > 0.0 ? time_step * friction_damping((real)c.friction, (real)contact_load(c), (real)dnorm(tangential), (real)(1.0 / mobility),
-                                                            time_step) : (real)0;
+    damping = mobility > 0.0 ? time_step * friction_damping((real)c.static_friction, (real)c.friction, (real)contact_load(c),
+                                                            (real)dnorm(tangential), (real)(1.0 / mobility), time_step) : (real)0;
     t.normal = to_vec3(c.normal);
     t.along = time_step * time_step * k - damping;
     t.around = damping;

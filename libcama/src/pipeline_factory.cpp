@@ -13,8 +13,8 @@
 namespace cama {
 namespace {
 
-constexpr double certified_distance = 1e-2;   // of the smallest contact thickness
-constexpr double impact_distance = 0.1;       // of the smallest contact thickness, after an impact
+constexpr double certified_distance = 1e-2;   // of the smallest contact thickness of a pair
+constexpr double impact_distance = 0.1;       // the same after an impact
 
 /// Proximity checking owns the search that penetration handling uses again.
 class ProximityChecking final : public Pipeline {
@@ -51,8 +51,7 @@ template <class Real> StepPipeline make_pipeline(const Scene &scene, State &stat
   step.add<LinearSolve<Real>>(b);
   step.add<AdvancePositions>();
   if (contact)
-    step.add<PenetrationHandling>(b, proximity->search)
-        .set_distances(certified_distance * state.least_thickness, impact_distance * state.least_thickness);
+    step.add<PenetrationHandling>(b, proximity->search).set_distances(certified_distance, impact_distance);
   step.add<FinishStep>(b);
   if (contact && (state.options.intersections == Intersections::exempt || state.options.pinch == Pinch::release)) step.add<ForgetSeparated>();
   return result;

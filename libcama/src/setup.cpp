@@ -6,6 +6,7 @@
 namespace cama {
 namespace {
 
+constexpr double without_end = 1e30;         // m; boxes of planes
 constexpr double thickest_per_edge = 0.45;   // of the shortest edge: neighbours at rest are never in contact
 
 template <class Real> void set_up_materials(System<Real> &s, Backend &b, const Scene &scene)
@@ -97,28 +98,43 @@ void set_up_contact(State &state, const Scene &scene, const Topology &t)
   std::vector<kernels::edge_nodes> edges;
   std::vector<kernels::vertex_contact> properties(t.position.size());
   std::vector<double> margin(t.position.size());
-  state.least_thickness = scene.contact.thickness;
-  for (const Triangle &f : t.face) faces.push_back({{f[0], f[1], f[2]}});
-  for (const auto &e : t.edge) edges.push_back({{e[0], e[1]}});
+  std::vector<int> asking;
+  state.largest_thickness = 0;
+  for (const auto *list : {&t.face, &t.exact_face})
+    for (const Triangle &f : *list) faces.push_back({{f[0], f[1], f[2]}});
+  for (const auto &e : t.edge) {
+    if (t.surface[e[0]] == Form::box) {   // without the diagonals of its sides: corners along an edge differ in one bit
+      const int first = t.obstacle_range[static_cast<std::size_t>(t.object[e[0]]) - scene.cloths.size()].first, bits = (e[0] - first) ^ (e[1] - first);
+      if (bits & (bits - 1)) continue;
+    }
+    edges.push_back({{e[0], e[1]}});
+  }
+  state.edges = static_cast<int>(edges.size());
   for (std::size_t v = 0; v < t.position.size(); ++v) {
     const std::size_t object = static_cast<std::size_t>(t.object[v]), cloths = scene.cloths.size();
     const bool obstacle = object >= cloths;
     kernels::vertex_contact &p = properties[v];
-    const double own = obstacle ? 0 : scene.cloths[object].material.thickness;
-    p.thickness = own > 0 ? own : scene.contact.thickness;
+    const ContactProperties own = scene.contact_properties(object);
+    p.thickness = own.thickness;
     if (!obstacle) p.thickness = std::min(p.thickness, thickest_per_edge * t.shortest_edge[v]);
-    state.least_thickness = std::min(state.least_thickness, p.thickness);
+    state.largest_thickness = std::max(state.largest_thickness, p.thickness);
     p.area = t.area[v];
-    const double given = obstacle ? scene.obstacles[object - cloths].friction : scene.cloths[object].material.friction;
-    p.friction = given >= 0 ? given : scene.contact.friction;
+    p.stiffness = own.stiffness;
+    p.friction = own.friction;
+    p.static_friction = own.static_friction;
     p.obstacle = obstacle;
-    p.padding = 0;
-    margin[v] = p.thickness;   // half for the contact distance, half for what the solve adds to the predicted motion
+    const Form surface = t.surface[v];
+    p.radius = t.radius[v];
+    p.form = surface == Form::plane ? SURFACE_PLANE : (surface == Form::sphere || surface == Form::capsule ? SURFACE_ROUND : SURFACE_MESH);
+    if (surface != Form::plane) asking.push_back(static_cast<int>(v));
+    // Half of the thickness for the contact distance, half for what the solve adds to the predicted motion.
+    margin[v] = surface == Form::plane ? without_end : p.radius + p.thickness;
   }
   state.face = Stream<kernels::face_nodes>(b, faces);
   state.edge = Stream<kernels::edge_nodes>(b, edges);
   state.vertex_contact = Stream<kernels::vertex_contact>(b, properties);
   state.margin = Stream<double>(b, margin);
+  state.asking = Stream<int>(b, asking);
   state.bounds = Stream<dvec3>(b, 2);
   state.vertex_box = Stream<kernels::box>(b, state.vertices);
   state.face_box = Stream<kernels::box>(b, state.faces);
@@ -162,7 +178,7 @@ template <class Real> void set_up(State &state, const Scene &scene, const Topolo
   state.vertices = static_cast<int>(t.position.size());
   state.triangles = static_cast<int>(t.triangle.size());
   state.hinges = static_cast<int>(t.hinge.size());
-  state.faces = static_cast<int>(t.face.size());
+  state.faces = static_cast<int>(t.face.size() + t.exact_face.size());
   state.edges = static_cast<int>(t.edge.size());
 
   for (std::size_t c = 0; c < scene.cloths.size(); ++c) {

@@ -11,6 +11,7 @@
 #include "pipeline_factory.hpp"
 #include "setup.hpp"
 #include "start_check.hpp"
+#include "exact_audit.hpp"
 
 namespace cama {
 
@@ -49,17 +50,38 @@ void check(const Options &o)
     throw SceneError("atomic_filling: is a way to fill the matrix of assembly algorithm1; use it with that, or leave it out");
 }
 
+/// The name of the object that a vertex belongs to.
+std::string owner(const Scene &scene, const Topology &t, int vertex)
+{
+  const std::size_t object = static_cast<std::size_t>(t.object[vertex]), cloths = scene.cloths.size();
+  return object < cloths ? "cloth '" + scene.cloths[object].name + "'" : "obstacle '" + scene.obstacles[object - cloths].name + "'";
+}
+
+/// Cloth in exact spheres and capsules or below planes, which nothing untangles.
+void check_exact_start(const Scene &scene, const Topology &t)
+{
+  const std::vector<Intrusion> inside = intrusions(t.position, t);
+  if (inside.empty()) return;
+  const Intrusion &first = inside.front();
+  const bool plane = t.surface[first.vertex] == Form::plane;
+  const int vertex = plane ? first.feature : t.face[first.feature][0];
+  throw CollisionError("the scene starts with " + std::to_string(inside.size()) + (inside.size() == 1 ? " intersection" : " intersections") +
+                       " with exact obstacles; the first: " + (plane ? "vertex " : "triangle ") + std::to_string(first.feature) + " of " +
+                       owner(scene, t, vertex) + (plane ? " is below " : " reaches into ") + owner(scene, t, first.vertex) +
+                       " (numbers over all objects); move the objects apart, or set the option intersections to \"exempt\" (starts as it is)");
+}
+
 /// A start in which cloth intersects itself, another cloth or an obstacle: no step could promise anything from there.
 void treat_start(const Scene &scene, const Options &options, Topology &t, UntangleReport &untangled)
 {
   if (options.intersections == Intersections::exempt || !scene.has_contact()) return;
   if (options.intersections == Intersections::untangle) {
-    if (forbidden_intersections(t.position, t, scene.contact.self).empty()) return;
+    if (forbidden_intersections(t.position, t, scene.contact.self).empty()) return check_exact_start(scene, t);
     untangled = untangle(scene, t);
-    if (untangled.clean) return;
+    if (untangled.clean) return check_exact_start(scene, t);
   }
   const std::vector<ObjectIntersections> found = by_objects(scene, t, t.position);
-  if (found.empty() && options.intersections == Intersections::reject) return;
+  if (found.empty() && options.intersections == Intersections::reject) return check_exact_start(scene, t);
   const std::string history = options.intersections == Intersections::reject ? "" :
       "untangling took " + std::to_string(untangled.rounds) + " rounds from " + std::to_string(untangled.before) + " intersections to " +
       std::to_string(untangled.after) + "; ";
@@ -292,7 +314,7 @@ double Simulation::min_gap() const
     const int n = lists[kind]->pairs.size();
     if (n == 0) continue;
     Stream<double> distance(*s.backend, n);
-    CAMA_LAUNCH(*s.backend, measure_pairs, n, kind, lists[kind]->pairs, s.face, s.edge, s.position, distance);
+    CAMA_LAUNCH(*s.backend, measure_pairs, n, kind, lists[kind]->pairs, s.face, s.edge, s.position, s.vertex_contact, distance);
     for (double d : distance.download()) smallest = std::min(smallest, d);
   }
   return smallest;
@@ -301,7 +323,8 @@ double Simulation::min_gap() const
 int Simulation::count_intersections() const
 {
   const Implementation &i = *implementation_;
-  return static_cast<int>(forbidden_intersections(i.state.position.download(), i.topology, i.state.contact_settings.self).size());
+  const std::vector<dvec3> position = i.state.position.download();
+  return static_cast<int>(forbidden_intersections(position, i.topology, i.state.contact_settings.self).size() + intrusions(position, i.topology).size());
 }
 
 std::uint64_t Simulation::state_hash() const

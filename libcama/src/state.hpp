@@ -62,7 +62,7 @@ struct State {
   int triangles = 0, hinges = 0, stitches = 0, terms = 0;
   int faces = 0, edges = 0;                   // of cloth and obstacles
   int contacts = 0;
-  double least_thickness = 0;                 // smallest contact thickness of any vertex, m
+  double largest_thickness = 0;               // largest contact thickness of any vertex, m
 
   Stream<dvec3> position, velocity;           // [vertices] m, m/s at the start of the step
   Stream<dvec3> position_next, velocity_next; // [vertices] at its end
@@ -79,6 +79,7 @@ struct State {
 
   Stream<kernels::face_nodes> face;           // cloth, then obstacles
   Stream<kernels::edge_nodes> edge;
+  Stream<int> asking;                         // vertices that are tested against faces: all but those that span planes
   Stream<kernels::vertex_contact> vertex_contact;
   Stream<double> margin;                      // [vertices] by which boxes are inflated, m
   Stream<dvec3> bounds;                       // [2] of the scene
@@ -120,7 +121,7 @@ struct State {
     f("triangle_incidence.row", triangle_incidence.row); f("triangle_incidence.entry", triangle_incidence.entry);
     f("hinge_incidence.row", hinge_incidence.row); f("hinge_incidence.entry", hinge_incidence.entry);
     f("term_incidence.row", term_incidence.row); f("term_incidence.entry", term_incidence.entry);
-    f("stitch", stitch); f("face", face); f("edge", edge); f("vertex_contact", vertex_contact); f("margin", margin);
+    f("stitch", stitch); f("face", face); f("edge", edge); f("asking", asking); f("vertex_contact", vertex_contact); f("margin", margin);
     f("bounds", bounds); f("vertex_box", vertex_box); f("face_box", face_box); f("edge_box", edge_box);
     f("face_tree", face_tree); f("edge_tree", edge_tree); f("face_order", face_order); f("edge_order", edge_order);
     f("vertex_face.pairs", vertex_face.pairs); f("vertex_face.known", vertex_face.known); f("vertex_face.direction", vertex_face.direction);

@@ -89,13 +89,16 @@ Topology build_topology(const Scene &scene)
     t.position.insert(t.position.end(), position.begin(), position.end());
     t.rest_position.insert(t.rest_position.end(), mesh.position.begin(), mesh.position.end());
     for (const Triangle &f : mesh.face) t.face.push_back({first + f[0], first + f[1], first + f[2]});
-    for (auto e : unique_edges(mesh.face)) t.edge.push_back({first + e[0], first + e[1]});
     t.object.resize(t.position.size(), object);
     return first;
+  };
+  const auto add_edges = [&](const Mesh &mesh, int first) {
+    for (auto e : unique_edges(mesh.face)) t.edge.push_back({first + e[0], first + e[1]});
   };
   for (std::size_t c = 0; c < scene.cloths.size(); ++c) {
     const Cloth &cloth = scene.cloths[c];
     const int first = add_mesh(cloth.mesh, cloth.mesh.position, static_cast<int>(c));
+    add_edges(cloth.mesh, first);
     const std::size_t first_triangle = t.triangle.size();
     t.mass.resize(t.position.size(), 0.0);
     for (std::size_t f = 0; f < cloth.mesh.face.size(); ++f) {
@@ -115,10 +118,24 @@ Topology build_topology(const Scene &scene)
     t.cloth_range.emplace_back(first, static_cast<int>(t.position.size()));
   }
   t.cloth_vertices = static_cast<int>(t.position.size());
+  t.radius.assign(t.position.size(), 0.0);
+  t.surface.assign(t.position.size(), Form::mesh);
   for (std::size_t o = 0; o < scene.obstacles.size(); ++o) {
     std::vector<dvec3> placed;
     scene.obstacles[o].motion.evaluate(0, scene.obstacles[o].mesh.position, placed);
     const int first = add_mesh(scene.obstacles[o].mesh, placed, static_cast<int>(scene.cloths.size() + o));
+    t.radius.resize(t.position.size(), scene.obstacles[o].radius);
+    t.surface.resize(t.position.size(), scene.obstacles[o].surface);
+    switch (scene.obstacles[o].surface) {
+      case Form::mesh:
+      case Form::box: add_edges(scene.obstacles[o].mesh, first); break;
+      case Form::sphere: t.exact_face.push_back({first, first, first}); break;
+      case Form::capsule:
+        t.exact_face.push_back({first, first + 1, first + 1});
+        t.edge.push_back({first, first + 1});
+        break;
+      case Form::plane: t.exact_face.push_back({first, first + 1, first + 2}); break;
+    }
     t.obstacle_range.emplace_back(first, static_cast<int>(t.position.size()));
   }
   t.area.assign(t.position.size(), 0.0);
@@ -127,6 +144,8 @@ Topology build_topology(const Scene &scene)
     const double area = 0.5 * dnorm(dcross(dsub(t.position[f[1]], t.position[f[0]]), dsub(t.position[f[2]], t.position[f[0]])));
     for (int v : f) t.area[v] += area / 3;
   }
+  for (const Triangle &f : t.exact_face)
+    for (int v : f) t.area[v] = 1e300;   // as wide as what touches it
   for (const auto &e : t.edge) {
     const double length = dnorm(dsub(t.position[e[0]], t.position[e[1]]));
     for (int v : e) t.shortest_edge[v] = std::min(t.shortest_edge[v], length);

@@ -28,13 +28,16 @@ struct RestHinge {
 struct Topology {
   int cloth_vertices = 0;
   std::vector<dvec3> position, rest_position;      ///< start; obstacles at rest of their motion
-  std::vector<Triangle> face;
+  std::vector<Triangle> face;                      ///< of meshes and boxes
+  std::vector<Triangle> exact_face;                ///< of spheres (c, c, c), capsules (a, b, b) and planes
   std::vector<std::array<int, 2>> edge;
   std::vector<RestTriangle> triangle;
   std::vector<RestHinge> hinge;
   std::vector<double> mass;                        ///< [cloth vertices], kg
   std::vector<double> area;                        ///< [vertices], a third of the area around, m^2
   std::vector<double> shortest_edge;               ///< [vertices], m
+  std::vector<double> radius;                      ///< [vertices] of exact obstacles, m
+  std::vector<Form> surface;                    ///< [vertices]
   std::vector<int> object;                         ///< [vertices] cloth index, or cloths + obstacle index
   std::vector<std::pair<int, int>> cloth_range, obstacle_range;
   std::set<std::pair<int, int>> seam;              ///< vertices (a < b) on both sides of a seam: as near as they are by construction

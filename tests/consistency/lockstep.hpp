@@ -46,12 +46,12 @@ template <class F> void each(const cama::kernels::element_nodes &e, F &&f) { eac
 template <class F> void each(const cama::kernels::face_nodes &e, F &&f) { each(e.node, f); }
 template <class F> void each(const cama::kernels::edge_nodes &e, F &&f) { each(e.node, f); }
 template <class F> void each(const cama::kernels::stitch &s, F &&f) { each_of(f, s.node, s.ratio, s.stiffness); }
-template <class F> void each(const cama::kernels::vertex_contact &v, F &&f) { each_of(f, v.thickness, v.area, v.friction, v.obstacle, v.padding); }
+template <class F> void each(const cama::kernels::vertex_contact &v, F &&f) { each_of(f, v.thickness, v.area, v.stiffness, v.friction, v.static_friction, v.radius, v.obstacle, v.form); }
 template <class F> void each(const cama::kernels::box &b, F &&f) { each_of(f, b.lo, b.hi); }
 template <class F> void each(const cama::kernels::pair &p, F &&f) { each_of(f, p.a, p.b); }
 template <class F> void each(const cama::kernels::contact &c, F &&f)
-{ each_of(f, c.node, c.kind, c.candidate, c.weight, c.normal, c.distance, c.thickness, c.stiffness, c.friction); }
-template <class F> void each(const cama::kernels::impact &m, F &&f) { each_of(f, m.node, m.kind, m.candidate, m.weight, m.normal); }
+{ each_of(f, c.node, c.kind, c.candidate, c.weight, c.normal, c.distance, c.thickness, c.stiffness, c.friction, c.static_friction); }
+template <class F> void each(const cama::kernels::impact &m, F &&f) { each_of(f, m.node, m.kind, m.candidate, m.weight, m.normal, m.target); }
 
 /// The numbers of a value as words: equal words are equal bits; every NaN is one word (its payload is no one's promise).
 template <class T> std::vector<std::uint64_t> words(const T &value)

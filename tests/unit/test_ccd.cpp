@@ -594,11 +594,13 @@ TEST_CASE("an impact of the cubic, at distance 0, has the normal of the features
       const kernels::pair pair{0, edges ? 1 : 0};
       const double mass[4] = {1, 1, 1, 1};
       const dvec3 direction = dvec3_make(0, 0, 0);
+      kernels::vertex_contact properties[4] = {};
+      for (auto &p : properties) p.thickness = 1e-9;
       int known = 0, found = 0, index = 0;
       kernels::impact impact;
-      kernels::find_impacts(1, edges, 1, 0, &pair, &face, edge, x.data(), y.data(), mass, 1e-9, &direction, &known, nullptr, &found);
+      kernels::find_impacts(1, edges, 1, 0, &pair, &face, edge, x.data(), y.data(), mass, properties, 1.0, &direction, &known, nullptr, &found);
       REQUIRE(found == 1);
-      kernels::fill_impacts(1, edges, 1, &index, &pair, &face, edge, x.data(), y.data(), 1e-9, 0, &known, &impact);
+      kernels::fill_impacts(1, edges, 1, &index, &pair, &face, edge, x.data(), y.data(), properties, 1.0, 1.0, 0, &known, &impact);
       REQUIRE(kernels::ddot(impact.normal, n) * side > 1 - 1e-9);
     }
 }

@@ -2,6 +2,7 @@
 // The certified commit: whatever motion is proposed, no pair crosses. Judged by an own distance in long double with a Lipschitz
 // certificate over the whole path, and by exact intersection tests on scenes.
 #include "../catch.hpp"
+#include "../judge.hpp"
 
 #include <algorithm>
 #include <cmath>
@@ -16,43 +17,6 @@ using namespace cama;
 using namespace cama::kernels;
 
 namespace {
-
-/// Distances in long double, written for the test: all pairs of sub-features, the least wins.
-namespace judge {
-using Real = long double;
-struct Vec { Real x, y, z; };
-Vec operator-(Vec a, Vec b) { return {a.x - b.x, a.y - b.y, a.z - b.z}; }
-Vec operator+(Vec a, Vec b) { return {a.x + b.x, a.y + b.y, a.z + b.z}; }
-Vec operator*(Real s, Vec a) { return {s * a.x, s * a.y, s * a.z}; }
-Real dot(Vec a, Vec b) { return a.x * b.x + a.y * b.y + a.z * b.z; }
-Vec cross(Vec a, Vec b) { return {a.y * b.z - a.z * b.y, a.z * b.x - a.x * b.z, a.x * b.y - a.y * b.x}; }
-Real length(Vec a) { return std::sqrt(dot(a, a)); }
-Real point_segment(Vec p, Vec a, Vec b)
-{
-  const Vec u = b - a;
-  const Real s = std::clamp<Real>(dot(p - a, u) / dot(u, u), 0, 1);
-  return length(p - (a + s * u));
-}
-Real point_triangle(Vec p, Vec a, Vec b, Vec c)
-{
-  const Vec n = cross(b - a, c - a);
-  Real d = std::min({point_segment(p, a, b), point_segment(p, b, c), point_segment(p, c, a)});
-  if (dot(cross(b - a, p - a), n) > 0 && dot(cross(c - b, p - b), n) > 0 && dot(cross(a - c, p - c), n) > 0)
-    d = std::min(d, std::fabs(dot(p - a, n)) / length(n));
-  return d;
-}
-Real segment_segment(Vec a, Vec b, Vec c, Vec d)
-{
-  Real least = std::min({point_segment(a, c, d), point_segment(b, c, d), point_segment(c, a, b), point_segment(d, a, b)});
-  const Vec u = b - a, v = d - c, n = cross(u, v);
-  const Real nn = dot(n, n);
-  if (nn > 0) {
-    const Real s = dot(cross(c - a, v), n) / nn, t = dot(cross(c - a, u), n) / nn;
-    if (s > 0 && s < 1 && t > 0 && t < 1) least = std::min(least, std::fabs(dot(c - a, n)) / std::sqrt(nn));
-  }
-  return least;
-}
-}  // namespace judge
 
 using judge::Real;
 using judge::Vec;
@@ -88,10 +52,12 @@ Result commit(const Trial &trial, double dmin, bool settle = false)
   const pair candidate{0, trial.edges ? 1 : 0};
   const face_nodes face{{1, 2, 3}};
   const edge_nodes edge[2] = {{{0, 1}}, {{2, 3}}};
+  vertex_contact properties[4] = {};
+  for (vertex_contact &p : properties) p.thickness = dmin;   // the whole of it is kept
   int fraction[4], sigma[1], counter[2], accepted[1];
   commit_begin(4, fraction, sigma, counter);
   for (const int pass : {0, settle ? -1 : 1})
-    commit_pairs(1, trial.edges, pass, &candidate, &face, edge, trial.x.data(), trial.y.data(), trial.inverse_mass.data(), dmin, 1, accepted,
+    commit_pairs(1, trial.edges, pass, &candidate, &face, edge, trial.x.data(), trial.y.data(), trial.inverse_mass.data(), properties, 1.0, 1, accepted,
                  fraction, fraction, sigma, counter);
   Result r;
   commit_apply(4, trial.x.data(), trial.y.data(), fraction, sigma, r.committed.data());
@@ -289,6 +255,8 @@ struct Soup {
   {
     const int n = int(position.size());
     std::vector<int> fraction(n), before, accepted[2] = {std::vector<int>(vertex_face.size()), std::vector<int>(edge_edge.size())};
+    std::vector<vertex_contact> properties(position.size());
+    for (vertex_contact &p : properties) p.thickness = 1e-6;
     int sigma, counter[2];
     commit_begin(n, fraction.data(), &sigma, counter);
     const auto pass = [&](int number) {
@@ -296,7 +264,7 @@ struct Soup {
       before = fraction;
       for (const int kind : {0, 1})
         commit_pairs(int((kind ? edge_edge : vertex_face).size()), kind, number, (kind ? edge_edge : vertex_face).data(), faces.data(), edges.data(),
-                     position.data(), target.data(), inverse_mass.data(), 1e-6, 0, accepted[kind].data(), before.data(), fraction.data(), &sigma, counter);
+                     position.data(), target.data(), inverse_mass.data(), properties.data(), 1.0, 0, accepted[kind].data(), before.data(), fraction.data(), &sigma, counter);
       return counter[0] != seen;
     };
     pass(0);

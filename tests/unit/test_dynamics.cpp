@@ -362,31 +362,50 @@ namespace {
 
 struct Slide { double moved, acceleration; };   // along the slope, m and m/s^2, after settling
 
-/// A patch of 5 cm on a slope of 26.57 degrees with friction `factor` times its tangent. `cells`: of the slope's mesh, along each side.
-Slide slide(double factor, int cells, double duration)
+enum class Ground { obstacle, cloth };
+
+/// A patch of 5 cm on a slope of 26.57 degrees with friction `factor` times its tangent, and static friction likewise. `cells`: of the
+/// slope's mesh, along each side. On a cloth: one that is held everywhere. loaded: starts where the penalty carries its weight; else just
+/// out of contact, so that its first step is without friction and it moves when the load sets in.
+Slide slide(double factor, double static_factor, int cells, double duration, Ground kind = Ground::obstacle, bool loaded = false)
 {
   const double angle = 26.57 * pi / 180, turn = 0.3;
   const dvec3 down{std::cos(angle), 0, -std::sin(angle)}, normal{std::sin(angle), 0, std::cos(angle)};
+  const double density = 0.2, stiffness = 1e6, thickness = 1e-3;
+  const double gap = thickness - (loaded ? density * gravity * std::cos(angle) / stiffness : 0);
   const auto at = [&](double a, double b, double c) { return dadd(dadd(dscale(a, down), {0, b, 0}), dscale(c, normal)); };
   Pattern patch = make_grid_cells(0.05, 0.05, 4, 4), ground = make_grid_cells(1, 0.4, cells, cells);
   place(patch.mesh, [&](double u, double v) {
     u -= 0.025;
     v -= 0.025;
-    return at(0.0033 + u * std::cos(turn) - v * std::sin(turn), u * std::sin(turn) + v * std::cos(turn), 1e-3);
+    return at(0.0033 + u * std::cos(turn) - v * std::sin(turn), u * std::sin(turn) + v * std::cos(turn), gap);
   });
   place(ground.mesh, [&](double u, double v) { return at(u - 0.3, v - 0.2, 0); });
-  ground.mesh.material_position.clear();
-  ground.mesh.material_face.clear();
-  Scene s = scene_of(patch.mesh, Material::isotropic(500, 0.3, 1e-4, 0.2), 1.0 / 200);
+  Scene s = scene_of(patch.mesh, Material::isotropic(500, 0.3, 1e-4, density), 1.0 / 200);
   s.contact.enabled = true;
-  s.contact.self = false;
-  Obstacle slope;
-  slope.name = "slope";
-  slope.mesh = ground.mesh;
-  slope.friction = factor * std::tan(angle);
-  s.obstacles.push_back(slope);
+  s.contact.self = kind == Ground::cloth;
+  if (kind == Ground::cloth) {
+    s.cloths.push_back({"slope", ground.mesh, s.cloths[0].material, {0, 0, 0}, ""});
+    for (Cloth &c : s.cloths) {
+      c.material.friction = factor * std::tan(angle);
+      c.material.static_friction = static_factor * std::tan(angle);
+    }
+    Pin held;
+    held.cloth = 1;
+    for (std::size_t i = 0; i < ground.mesh.position.size(); ++i) held.vertices.push_back(static_cast<int>(i));
+    s.pins.push_back(held);
+  } else {
+    Obstacle slope;
+    slope.name = "slope";
+    slope.mesh = ground.mesh;
+    slope.mesh.material_position.clear();
+    slope.mesh.material_face.clear();
+    slope.friction = factor * std::tan(angle);
+    slope.static_friction = static_factor * std::tan(angle);
+    s.obstacles.push_back(slope);
+  }
   Simulation sim(s, exact());
-  std::vector<int> all(static_cast<std::size_t>(sim.cloth_vertex_count()));
+  std::vector<int> all(patch.mesh.position.size());
   for (std::size_t i = 0; i < all.size(); ++i) all[i] = static_cast<int>(i);
   const auto along = [&](const std::vector<dvec3> &x) { return ddot(mean(x, all), down); };
   const double settled = 0.3;
@@ -402,7 +421,7 @@ double sliding_acceleration(double factor) { return gravity * std::sin(26.57 * p
 
 TEST_CASE("a patch on a flat slope sticks just above, and slides just below, the angle of friction", "[dynamics][friction]")
 {
-  const Slide stick = slide(1.02, 1, 1), slip = slide(0.98, 1, 0.5), fast = slide(0.5, 1, 0.3);
+  const Slide stick = slide(1.02, 1.02, 1, 1), slip = slide(0.98, 0.98, 1, 0.5), fast = slide(0.5, 0.5, 1, 0.3);
   CAPTURE(stick.moved, stick.acceleration, slip.acceleration, fast.acceleration);
   CHECK(std::abs(stick.moved) < 1e-3);
   CHECK(slip.acceleration == Approx(sliding_acceleration(0.98)).epsilon(0.02));
@@ -412,12 +431,61 @@ TEST_CASE("a patch on a flat slope sticks just above, and slides just below, the
 // Here a vertex takes part in several contacts (slope edges under the patch), which share its mass by their load.
 TEST_CASE("a patch on a slope of many triangles sticks and slides as on a flat one", "[dynamics][friction]")
 {
-  const Slide stick = slide(1.02, 10, 1), slip = slide(0.98, 10, 0.5), fast = slide(0.5, 10, 0.3);
+  const Slide stick = slide(1.02, 1.02, 10, 1), slip = slide(0.98, 0.98, 10, 0.5), fast = slide(0.5, 0.5, 10, 0.3);
   CAPTURE(stick.moved, stick.acceleration, slip.acceleration, fast.acceleration);
   const double one_percent = 0.01 * gravity * std::sin(26.57 * pi / 180);   // of the friction at the limit
   CHECK(std::abs(stick.moved) < 1e-3);
   CHECK(std::abs(slip.acceleration - sliding_acceleration(0.98)) < one_percent);
   CHECK(std::abs(fast.acceleration - sliding_acceleration(0.5)) < one_percent);
+}
+
+TEST_CASE("with a static coefficient above the kinetic one a patch sticks up to the one and slides with the other", "[dynamics][friction]")
+{
+  const double kinetic = 0.6;
+  for (const Ground ground : {Ground::obstacle, Ground::cloth})
+    for (const int cells : {1, 10}) {
+      // On many triangles the load is uneven, and from rest heavily loaded vertices hold their neighbours: there it starts moving.
+      const Slide stick = slide(kinetic, 1.02, cells, 1, ground, true), slip = slide(kinetic, 0.98, cells, 0.3, ground, cells == 1);
+      const Slide low = slide(kinetic, kinetic, cells, 0.3, ground, cells == 1);
+      CAPTURE(static_cast<int>(ground), cells, stick.moved, stick.acceleration, slip.acceleration, low.acceleration);
+      CHECK(std::abs(stick.moved) < 1e-3);
+      CHECK(slip.acceleration == Approx(sliding_acceleration(kinetic)).epsilon(0.01));
+      CHECK(low.acceleration == Approx(sliding_acceleration(kinetic)).epsilon(0.01));
+    }
+}
+
+TEST_CASE("a cloth rests where the penalty of its pair carries its weight", "[dynamics]")
+{
+  // One cell above a large triangle: each corner has one contact with its own area, so that density g = k (thickness - gap).
+  const double density = 0.3;
+  const auto gap = [&](double cloth_stiffness, double body_stiffness, double cloth_thickness, double body_thickness, double start) {
+    Pattern p = make_grid_cells(0.05, 0.05, 1, 1);
+    place(p.mesh, [&](double u, double v) { return dvec3{u, v, start}; });
+    Scene s = scene_of(p.mesh, Material::isotropic(500, 0.3, 0, density), 1.0 / 200);
+    s.contact.enabled = true;
+    s.contact.self = false;
+    s.cloths[0].material.contact_stiffness = cloth_stiffness;
+    s.cloths[0].material.thickness = cloth_thickness;
+    Obstacle o;
+    o.name = "ground";
+    o.mesh.position = {{-3, -1, 0}, {3, -1, 0}, {0, 4, 0}};
+    o.mesh.face = {{0, 1, 2}};
+    o.contact_stiffness = body_stiffness;
+    o.thickness = body_thickness;
+    s.obstacles.push_back(o);
+    Simulation sim(s, exact());
+    for (int n = 0; n < 400; ++n) sim.step();
+    double lowest = 1, highest = 0;
+    for (int v = 0; v < 4; ++v) {
+      lowest = std::min(lowest, sim.positions()[static_cast<std::size_t>(v)].z);
+      highest = std::max(highest, sim.positions()[static_cast<std::size_t>(v)].z);
+    }
+    CHECK(highest - lowest < 1e-9);
+    return lowest;
+  };
+  CHECK(gap(-1, -1, 0, 0, 1e-3) == Approx(1e-3 - density * gravity / 1e6).epsilon(1e-6));
+  CHECK(gap(2e4, -1, 0, 0, 1e-3) == Approx(1e-3 - density * gravity / (2 * 2e4 * 1e6 / (2e4 + 1e6))).epsilon(1e-6));
+  CHECK(gap(2e4, 1e5, 3e-3, 1e-3, 2e-3) == Approx(2e-3 - density * gravity / (2 * 2e4 * 1e5 / 1.2e5)).epsilon(1e-6));
 }
 
 TEST_CASE("two cloths that collide keep their momentum", "[dynamics]")

@@ -161,6 +161,10 @@ TEST_CASE("bad materials are named", "[material]")
   CHECK(contains(broken([](Material &m) { m.damping = -1; }), "damping"));
   CHECK(contains(broken([](Material &m) { m.friction = -0.5; }), "friction"));
   CHECK(contains(broken([](Material &m) { m.thickness = -1; }), "thickness"));
+  CHECK(contains(broken([](Material &m) { m.friction = 0.4; m.static_friction = 0.39; }), "static_friction is 0.39"));
+  CHECK(contains(broken([](Material &m) { m.static_friction = std::nan(""); }), "static_friction"));
+  CHECK(contains(broken([](Material &m) { m.contact_stiffness = 0; }), "contact_stiffness"));
+  CHECK(contains(broken([](Material &m) { m.contact_stiffness = std::numeric_limits<double>::infinity(); }), "contact_stiffness"));
   CHECK(contains(broken([](Material &m) { m.stretching[3][1] = std::numeric_limits<double>::infinity(); }), "stretching"));
   CHECK(contains(broken([](Material &m) { m.bending[1][2] = -1e-6; }), "bending"));
   CHECK(contains(broken([](Material &m) { for (auto &row : m.stretching) row[1] = 5000; }), "k12"));

@@ -14,7 +14,7 @@ namespace fs = std::filesystem;
 
 namespace {
 
-const char *shipped[] = {"drape", "sphere", "funnel", "twisting", "flag", "garment"};
+const char *shipped[] = {"drape", "sphere", "funnel", "twisting", "flag", "garment", "shapes"};
 fs::path scene_folder(const std::string &name) { return fs::path(CAMA_SOURCE_DIR) / "scenes" / name; }
 
 double distance(const dvec3 &a, const dvec3 &b) { return kernels::dnorm(kernels::dsub(a, b)); }
@@ -46,14 +46,15 @@ Scene small_scene()
   return Scene::parse(R"({
     "name": "small", "description": "a \"quoted\" text", "time_step": 0.01, "gravity": [0, 0.1, -9.81], "frames": 7, "frame_time": 0.02,
     "wind": {"velocity": [1, 2, 3], "drag": 0.1},
-    "contact": {"thickness": 0.002, "self": false, "friction": 0.33},
-    "materials": {"mine": {"isotropic": {"youngs_modulus": 1000, "poisson_ratio": 0.3, "bending": 1e-5}, "density": 0.15, "damping": 0.001}},
+    "contact": {"thickness": 0.002, "self": false, "friction": 0.33, "static_friction": 0.4},
+    "materials": {"mine": {"isotropic": {"youngs_modulus": 1000, "poisson_ratio": 0.3, "bending": 1e-5}, "density": 0.15, "damping": 0.001, "friction": 0.3, "static_friction": 0.35, "contact_stiffness": 3e5}},
     "cloth": [
       {"name": "a", "grid": {"size": [1, 1]}, "triangles": 72, "material": "mine", "velocity": [0, 0, -1], "transform": {"translate": [0.1, 0.2, 1], "rotate": {"axis": [1, 2, 3], "angle_deg": 37}}},
       {"name": "b", "mesh": {"position": [[0, 0, 2], [1, 0, 2], [0, 1, 2]], "face": [[0, 1, 2]]}, "material": "silk"}
     ],
     "obstacles": [
-      {"name": "ball", "sphere": {"radius": 0.3, "triangles": 320}, "motion": {"rotation_rate": [0, 0, 1], "oscillation": {"amplitude": [0.1, 0, 0], "period": 3}, "start": 0.5, "stop": 2}, "friction": 0.7},
+      {"name": "ball", "sphere": {"radius": 0.3, "triangles": 320}, "motion": {"rotation_rate": [0, 0, 1], "oscillation": {"amplitude": [0.1, 0, 0], "period": 3}, "start": 0.5, "stop": 2}, "friction": 0.7, "static_friction": 0.9,
+       "thickness": 0.003, "contact_stiffness": 4e6},
       {"name": "key", "box": {"size": [0.1, 0.1, 0.1]}, "transform": {"translate": [3, 0, 0]},
        "motion": {"keys": [{"time": 0}, {"time": 1, "translate": [0, 0, 1], "rotate": {"axis": [0, 0, 1], "angle_deg": 90}, "center": [3, 0, 0]}]}}
     ],
@@ -242,6 +243,19 @@ TEST_CASE("errors name the field", "[scene]")
   CHECK_THROWS_AS(Scene::load(scene_folder("drape"), -5), SceneError);
 }
 
+TEST_CASE("what a material or obstacle leaves out of contact comes from the scene", "[scene]")
+{
+  Scene s = small_scene();   // cloth a and ball give all but a's thickness; cloth b is of a fabric, the key gives nothing
+  const ContactProperties a = s.contact_properties(0), ball = s.contact_properties(2), key = s.contact_properties(3);
+  CHECK((a.thickness == 0.002 && a.stiffness == 3e5 && a.friction == 0.3 && a.static_friction == 0.35));
+  CHECK((ball.thickness == 0.003 && ball.stiffness == 4e6 && ball.friction == 0.7 && ball.static_friction == 0.9));
+  CHECK((key.thickness == 0.002 && key.stiffness == 1e6 && key.friction == 0.3 && key.static_friction == 0.3));
+  s.cloths[0].material.friction = s.cloths[0].material.static_friction = -1;
+  CHECK((s.contact_properties(0).friction == 0.33 && s.contact_properties(0).static_friction == 0.4));
+  s.cloths[0].material.friction = 0.5;   // its own, so the scene's static one does not apply
+  CHECK(s.contact_properties(0).static_friction == 0.5);
+}
+
 TEST_CASE("scenes made by a program are checked too", "[scene]")
 {
   const auto broken = [](auto change) {
@@ -257,6 +271,14 @@ TEST_CASE("scenes made by a program are checked too", "[scene]")
   CHECK(contains(broken([](Scene &s) { s.cloths[0].mesh.position[3].x = std::nan(""); }), "cloth \"a\""));
   CHECK(contains(broken([](Scene &s) { s.cloths[0].material.density = -1; }), "density is -1"));
   CHECK(contains(broken([](Scene &s) { s.obstacles[0].friction = -1; }), "obstacle \"ball\": friction"));
+  CHECK(contains(broken([](Scene &s) { s.obstacles[0].static_friction = 0.69; }), "obstacle \"ball\": static_friction"));
+  CHECK(contains(broken([](Scene &s) { s.obstacles[0].static_friction = INFINITY; }), "obstacle \"ball\": static_friction"));
+  CHECK(contains(broken([](Scene &s) { s.obstacles[0].thickness = -1e-3; }), "obstacle \"ball\": thickness"));
+  CHECK(contains(broken([](Scene &s) { s.obstacles[0].contact_stiffness = 0; }), "obstacle \"ball\": contact_stiffness"));
+  CHECK(contains(broken([](Scene &s) { s.contact.static_friction = 0.32; }), "contact.static_friction"));
+  CHECK(contains(broken([](Scene &s) { s.cloths[0].material.static_friction = 0.29; }), "static_friction"));
+  CHECK(contains(broken([](Scene &s) { s.cloths[0].material.friction = -1; s.cloths[0].material.static_friction = 0.32; }),
+                 "cloth \"a\": material.static_friction"));   // below the scene's 0.33
   CHECK(contains(broken([](Scene &s) { s.obstacles[1].mesh.face[0][0] = 100000; }), "obstacle \"key\""));
   CHECK(contains(broken([](Scene &s) { s.pins[0].vertices[0] = -1; }), "pins[0].vertices[0]"));
   CHECK(contains(broken([](Scene &s) { s.pins[0].cloth = 9; }), "pins[0].cloth"));

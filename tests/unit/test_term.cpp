@@ -76,7 +76,7 @@ void make_terms(int kind, const Corners &x, double friction, const std::array<Ve
   c.distance = p.distance;
   c.thickness = thickness;
   c.stiffness = stiffness;
-  c.friction = friction;
+  c.friction = c.static_friction = friction;
   double load[4];   // the contact is its vertices' only one, so that each lends it the whole mass
   for (int a = 0; a < 4; ++a) load[a] = std::abs(c.weight[a]) * stiffness * (thickness - p.distance);
   f64::make_contact_terms(1, &c, inverse_mass, free_velocity, load, time_step, &t);
@@ -169,15 +169,27 @@ TEST_CASE("friction of one contact obeys Coulomb's law over a backward Euler ste
   Random random(3);
   for (int n = 0; n < 2000; ++n) {
     const double mass = std::pow(10, random(-6, -3)), normal = mass * random(0, 100), mu = random(0, 1), speed = std::pow(10, random(-6, 1));
-    const double phi = f64::friction_damping(mu, normal, speed, mass, time_step);
+    const double phi = f64::friction_damping(mu, mu, normal, speed, mass, time_step);
     const double after = speed / (1 + phi * time_step / mass), force = phi * after, stopping = speed * mass / time_step;
     REQUIRE(phi >= 0);
     REQUIRE(force <= mu * normal * (1 + 1e-9) + 1e-300);
     if (stopping <= mu * normal) REQUIRE(after <= speed / 1000);                             // sticks
     else if (after > speed / 500) REQUIRE(force == Approx(mu * normal).epsilon(1e-9));       // slides at the cone
   }
-  CHECK(f64::friction_damping(0.0, 1.0, 1.0, 1.0, time_step) == 0.0);
-  CHECK(f64::friction_damping(1.0, 0.0, 1.0, 1.0, time_step) == 0.0);
+  // With a static coefficient above the kinetic one it sticks up to the first and slides with the second.
+  const double mass = 2e-4, normal = 3e-3;
+  const auto force = [&](double stopping, double &after) {
+    const double speed = stopping * time_step / mass, phi = f64::friction_damping(0.5, 0.3, normal, speed, mass, time_step);
+    after = speed / (1 + phi * time_step / mass);
+    return phi * after;
+  };
+  double after;
+  CHECK(force(0.499 * normal, after) == Approx(0.499 * normal).epsilon(2e-3));
+  CHECK(after <= 0.499 * normal * time_step / mass / 1000);
+  CHECK(force(0.501 * normal, after) == Approx(0.3 * normal).epsilon(1e-9));
+  CHECK(after == Approx(0.201 * normal * time_step / mass).epsilon(1e-9));
+  CHECK(f64::friction_damping(0.0, 0.0, 1.0, 1.0, 1.0, time_step) == 0.0);
+  CHECK(f64::friction_damping(1.0, 1.0, 0.0, 1.0, 1.0, time_step) == 0.0);
 }
 
 TEST_CASE("a stitch pulls with the gradient of its energy and its matrix is the exact Hessian", "[term]")

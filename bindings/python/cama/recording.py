@@ -2,7 +2,8 @@
 """frames.h5: every recorded moment of a run, written as it is computed.
 
 positions [frames, vertices, 3] m; times [frames] s; contacts, intersections [frames]; faces [triangles, 3]; cloth_ranges and
-obstacle_ranges [objects, 2], first vertex and last excluded, with attribute `names`; what was run as attributes of the file.
+obstacle_ranges [objects, 2], first vertex and last excluded, with attribute `names`, obstacles also with `surfaces` and `radii` (of
+exact ones, whose vertices are their defining points); what was run as attributes of the file.
 Frame 0 is the start.
 """
 
@@ -29,6 +30,9 @@ class Recorder:
             ranges = np.array(getattr(simulation, f"{kind}_ranges"), np.int64).reshape(-1, 2)
             self._file[f"{kind}_ranges"] = ranges
             self._file[f"{kind}_ranges"].attrs["names"] = np.array([p.name for p in parts], dtype=h5py.string_dtype())
+            if kind == "obstacle":
+                self._file["obstacle_ranges"].attrs["surfaces"] = np.array([p.surface for p in parts], dtype=h5py.string_dtype())
+                self._file["obstacle_ranges"].attrs["radii"] = np.array([p.radius for p in parts], np.float64)
         self._rows = {
             "positions": self._growing("positions", (count, 3), dtype),
             "contacts": self._growing("contacts", (), np.int64),
@@ -67,6 +71,8 @@ class Part:
     name: str
     vertices: slice        #: into the vertices of a frame
     faces: np.ndarray      #: [triangles, 3] int64, counted from the part's first vertex
+    surface: str = "mesh"  #: or that of an exact obstacle, whose vertices are its defining points
+    radius: float = 0.0    #: of an exact sphere or capsule, m
 
 
 class Recording:
@@ -90,8 +96,10 @@ class Recording:
 
     def _parts(self, kind):
         ranges = self._file[f"{kind}_ranges"]
-        return [Part(name if isinstance(name, str) else name.decode(), slice(first, last), self._faces_of(first, last))
-                for name, (first, last) in zip(ranges.attrs["names"], ranges[:].tolist())]
+        texts = lambda key: [t if isinstance(t, str) else t.decode() for t in ranges.attrs.get(key, ["mesh"] * len(ranges))]
+        radii = ranges.attrs.get("radii", [0.0] * len(ranges))
+        return [Part(name, slice(first, last), self._faces_of(first, last), surface, float(radius))
+                for name, (first, last), surface, radius in zip(texts("names"), ranges[:].tolist(), texts("surfaces"), radii)]
 
     def _faces_of(self, first, last):
         inside = (self.faces[:, 0] >= first) & (self.faces[:, 0] < last)

@@ -61,6 +61,46 @@ def smooth_normals(vertices, faces):
     return sums / np.where(length > 0, length, 1)
 
 
+def tessellate(surface, radius, points, around=48, seen=((0, 0, 0), 1.0)):
+    """Triangles to draw an exact obstacle by: vertices [n, 3], faces [m, 3]; their number depends on `surface` alone.
+
+    points: its defining points, [1, 3] of a sphere, [2, 3] of a capsule, [3, 3] of a plane.
+    seen: a point and a length, m; of a plane a square is drawn, twice as wide as that, around the foot of the point.
+    """
+    if surface == "plane":
+        u, w = points[1] - points[0], points[2] - points[0]
+        u = u / np.linalg.norm(u)
+        w = w - (w @ u) * u
+        w = w / np.linalg.norm(w)
+        center, extent = seen
+        off = np.asarray(center) - points[0]
+        return points[0] + (off @ u) * u + (off @ w) * w + extent * np.array([-u - w, u - w, u + w, w - u]), np.array([[0, 1, 2], [0, 2, 3]])
+    low, high = points[0], points[-1]
+    axis = high - low
+    length = np.linalg.norm(axis)
+    axis = axis / length if length > 0 else np.array([0.0, 0.0, 1.0])
+    u = np.cross(axis, np.eye(3)[np.argmin(np.abs(axis))])
+    u /= np.linalg.norm(u)
+    w = np.cross(axis, u)
+    half = around // 4
+    latitudes = np.concatenate([np.linspace(-np.pi / 2, 0, half + 1), np.linspace(0, np.pi / 2, half + 1)])
+    ends = np.repeat([low, high], half + 1, axis=0)
+    turn = 2 * np.pi * np.arange(around) / around
+    ring = np.cos(turn)[:, None] * u + np.sin(turn)[:, None] * w
+    vertices = (ends[:, None] + radius * (np.cos(latitudes)[:, None, None] * ring + np.sin(latitudes)[:, None, None] * axis)).reshape(-1, 3)
+    i, j = np.meshgrid(np.arange(len(latitudes) - 1), np.arange(around), indexing="ij")
+    a, b = (i * around + j).ravel(), (i * around + (j + 1) % around).ravel()
+    return vertices, np.concatenate([np.stack([a, b, b + around], 1), np.stack([a, b + around, a + around], 1)])
+
+
+def drawn(part, positions, seen=((0, 0, 0), 1.0)):
+    """Vertices [n, 3] and faces [m, 3] that show a part of a frame; `seen` as for `tessellate`."""
+    points = positions[part.vertices]
+    if part.surface in ("mesh", "box"):
+        return points, part.faces
+    return tessellate(part.surface, part.radius, points, seen=seen)
+
+
 def frame_camera(points, azimuth, elevation, aspect):
     """Position, focal point and up vector of a camera that sees all points."""
     a, e = np.radians([azimuth, elevation])
@@ -113,12 +153,13 @@ class Stage:
         self._plotter.set_background(SKY)
         self._plotter.enable_anti_aliasing("msaa", multi_samples=8)
         self._parts = []
-        start = recording.frame(int(frames[0]))
+        start, seen = recording.frame(int(frames[0])), self._sample(frames)
+        low, high = seen.min(axis=0), seen.max(axis=0)
+        self._seen = (low + high) / 2, np.linalg.norm(high - low)
         for index, part in enumerate(recording.cloths):
             self._add(part, start, CLOTHS[index % len(CLOTHS)], cloth=True)
         for part in recording.obstacles:
             self._add(part, start, BODY, cloth=False)
-        seen = self._sample(frames)
         self._add_floor(seen)
         self._add_lights(seen)
         self._add_camera(seen, azimuth, elevation, size[0] / size[1])
@@ -126,16 +167,16 @@ class Stage:
 
     def _add(self, part, positions, color, cloth):
         pv = self._pyvista
-        vertices = positions[part.vertices]
-        surface = pv.PolyData(vertices, np.column_stack([np.full(len(part.faces), 3), part.faces]).ravel())
-        surface.point_data.active_normals = smooth_normals(vertices, part.faces)
+        vertices, faces = drawn(part, positions, self._seen)
+        surface = pv.PolyData(vertices, np.column_stack([np.full(len(faces), 3), faces]).ravel())
+        surface.point_data.active_normals = smooth_normals(vertices, faces)
         look = dict(ambient=0.36, diffuse=0.80, specular=0.10 if cloth else 0.16, specular_power=14 if cloth else 24)
         back = None
         if cloth:
             rgb = np.array(pv.Color(color).float_rgb)
             back = dict(look, color=tuple(0.55 * rgb + 0.45 * np.array([0.93, 0.92, 0.9])))
         self._plotter.add_mesh(surface, color=color, smooth_shading=False, backface_params=back, interpolation="phong", **look)
-        self._parts.append((part, surface))
+        self._parts.append((part, surface, faces))
 
     def _sample(self, frames):
         """Points [n, 3] the picture is framed on: cloth over the whole clip, and the obstacle vertices near it."""
@@ -144,7 +185,7 @@ class Stage:
         for index in some:
             positions = self._recording.frame(int(index))
             cloth += [positions[p.vertices][:: max(1, (p.vertices.stop - p.vertices.start) // 2000)] for p in self._recording.cloths]
-            body += [positions[p.vertices] for p in self._recording.obstacles]
+            body += [drawn(p, positions)[0] for p in self._recording.obstacles if p.surface != "plane"]
         cloth = np.concatenate(cloth or body)
         low, high = np.percentile(cloth, 0.2, axis=0), np.percentile(cloth, 99.8, axis=0)
         reach = 0.4 * np.linalg.norm(high - low)
@@ -163,13 +204,13 @@ class Stage:
         self._floor_texture = pv.Texture(np.zeros((Shade.SIZE, Shade.SIZE, 3), np.uint8))
         self._floor_texture.InterpolateOn()
         self._plotter.add_mesh(plane, texture=self._floor_texture, lighting=False)
-        self._areas = [self._point_areas(part, surface) for part, surface in self._parts]
+        self._areas = [self._point_areas(faces, surface) for part, surface, faces in self._parts if part.surface != "plane"]
 
     @staticmethod
-    def _point_areas(part, surface):
-        corners = np.asarray(surface.points)[part.faces]
+    def _point_areas(faces, surface):
+        corners = np.asarray(surface.points)[faces]
         area = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1) / 6
-        return np.bincount(part.faces.ravel(), np.repeat(area, 3), len(surface.points))
+        return np.bincount(faces.ravel(), np.repeat(area, 3), len(surface.points))
 
     def _add_lights(self, seen):
         pv = self._pyvista
@@ -189,11 +230,11 @@ class Stage:
     def draw(self, index, caption):
         """[height, width, 3] uint8 picture of one recorded frame."""
         positions = self._recording.frame(index)
-        for part, surface in self._parts:
-            surface.points = positions[part.vertices]
-            surface.point_data.active_normals = smooth_normals(positions[part.vertices], part.faces)
+        for part, surface, faces in self._parts:
+            surface.points = drawn(part, positions, self._seen)[0]
+            surface.point_data.active_normals = smooth_normals(np.asarray(surface.points), faces)
         pv = self._pyvista
-        shaded = self._shade.image(np.concatenate([s.points for _, s in self._parts]), np.concatenate(self._areas),
+        shaded = self._shade.image(np.concatenate([s.points for p, s, _ in self._parts if p.surface != "plane"]), np.concatenate(self._areas),
                                    np.array(pv.Color(FLOOR).float_rgb), np.array(pv.Color(SKY).float_rgb))
         self._floor_texture.SetInputData(pv.Texture(shaded[::-1]).to_image())
         self._caption = self._plotter.add_text(caption, position=(16, 12), font_size=9, color="#8a8d93", name="caption")

@@ -85,8 +85,23 @@ class Obstacle(_Part):
 
     @property
     def friction(self):
-        """Coulomb coefficient against cloth."""
+        """Coulomb coefficient against cloth while it slides."""
         return self._core().friction
+
+    @property
+    def static_friction(self):
+        """The same while it sticks; -1: equal to `friction`."""
+        return self._core().static_friction
+
+    @property
+    def surface(self):
+        """"mesh", or of an exact obstacle "sphere", "capsule", "box", "plane", whose `vertices` are its defining points."""
+        return self._core().surface
+
+    @property
+    def radius(self):
+        """Of an exact sphere or capsule, m; else 0."""
+        return self._core().radius
 
     @property
     def motion(self):
@@ -110,6 +125,14 @@ def _placement(transform, translate, rotate, scale):
     if transform is not None:
         own = reals("transform", transform, (4, 4)) @ own
     return own
+
+
+def _uniform_scale(name, surface, matrix):
+    """Of a rotation times a scale [3, 3], which an exact obstacle keeps its form under."""
+    scale = np.cbrt(np.linalg.det(matrix))
+    if not scale > 0 or np.abs(matrix @ matrix.T - scale**2 * np.eye(3)).max() > 1e-9 * scale**2:
+        raise SceneError(f"{name}: transform: an exact {surface} can be turned, moved and scaled alike in all directions only")
+    return 1.0 if abs(scale - 1) < 1e-12 else float(scale)  # unit quaternions round
 
 
 def _mesh(name, mesh, faces, material_vertices, material_faces, material_scale=1.0):
@@ -148,12 +171,12 @@ class Scene:
 
     gravity: [3] m/s^2.  time_step: s.  frames: how many `cama run` records.  frame_time: s between frames, 0: every step.
     thickness: distance below which contact acts, m.  stiffness: of the contact penalty, N/m^3.  friction: cloth against
-    cloth, for materials that give none.  contact: False lets cloth pass through everything.  self_contact: cloth against cloth.
+    cloth, for materials that give none.  static_friction: the same while it sticks, None: equal.  contact: False lets cloth pass through everything.  self_contact: cloth against cloth.
     wind: None or a dict with `velocity` [3] m/s, `density` kg/m^3, `drag` kg/(m^2 s).
     """
 
     def __init__(self, gravity=(0, 0, -9.81), time_step=1 / 200, frames=100, frame_time=0.0, name="scene", description="",
-                 thickness=1e-3, stiffness=None, friction=None, contact=True, self_contact=True, wind=None):
+                 thickness=1e-3, stiffness=None, friction=None, static_friction=None, contact=True, self_contact=True, wind=None):
         self._core = _core.Scene()
         self.gravity, self.time_step, self.frames, self.frame_time = gravity, time_step, frames, frame_time
         self._core.name, self._core.description = str(name), str(description)
@@ -164,6 +187,8 @@ class Scene:
             own.stiffness = number("stiffness", stiffness)
         if friction is not None:
             own.friction = number("friction", friction)
+        if static_friction is not None:
+            own.static_friction = number("static_friction", static_friction)
         self.wind = wind
 
     @classmethod
@@ -266,7 +291,8 @@ class Scene:
                 self._core.add_stitch(handle.index, a, handle.index, b, c, ratio, 1e3)
         return handle
 
-    def add_obstacle(self, mesh=None, faces=None, *, shape=None, motion=None, friction=0.3, clip="", animation=None,
+    def add_obstacle(self, mesh=None, faces=None, *, shape=None, motion=None, friction=0.3, static_friction=None, thickness=None,
+                     contact_stiffness=None, clip="", animation=None,
                      samples_per_second=60.0, y_up=True, lead_in=0.0, loops=1, transform=None, translate=(0, 0, 0), rotate=(1, 0, 0, 0),
                      scale=1.0, name=None):
         """Adds a body that cloth collides with; returns its handle.
@@ -274,13 +300,17 @@ class Scene:
         mesh, faces, shape and placement: as for `add_cloth`. glTF, FBX and DAE files bring their skeletal animation:
         `clip` is its name or index, "bind" for a still body, `animation` another file to take it from, `y_up` turns y-up files to z-up,
         `lead_in` eases from the bind pose into the clip for so many seconds, `loops` plays it so often. Shapes are, for
-        example, {"sphere": {"radius": 0.25}}, {"box": {"size": [1, 1, 0.1]}} or {"walker": {}}.
+        example, {"sphere": {"radius": 0.25}}, {"box": {"size": [1, 1, 0.1]}} or {"walker": {}}; {"shape": {"sphere": {"radius": 0.25}}},
+        and likewise capsule, box and plane, is exact instead of meshed.
         motion: a cama.Motion, or a dict of its arguments; with one, a file's own animation is left out.
-        friction: Coulomb coefficient against cloth. Throws as `add_cloth`.
+        friction, static_friction: Coulomb coefficients against cloth while it slides and while it sticks (None: the same).
+        thickness: contact thickness, m, contact_stiffness: penalty, N/m^3 (None: the scene's). Throws as `add_cloth`.
         """
         name = str(name) if name is not None else f"obstacle {self._core.obstacle_count}"
         obstacle = _core.Obstacle()
-        obstacle.name, obstacle.friction = name, number(f"{name}: friction", friction)
+        obstacle.name = name
+        given = {"friction": friction, "static_friction": static_friction, "thickness": thickness, "contact_stiffness": contact_stiffness}
+        given = {key: number(f"{name}: {key}", value) for key, value in given.items() if value is not None}
         matrix = _placement(transform, translate, rotate, scale).tolist()
         file = isinstance(mesh, (str, Path))
         if motion is None and file and (animation is not None or Path(mesh).suffix.lower() in ANIMATED):
@@ -289,11 +319,16 @@ class Scene:
             obstacle.source = str(mesh)
         else:
             part, obstacle.source = self._part("obstacle", name, mesh, faces, shape)
+        if getattr(part, "surface", "mesh") != "mesh":
+            given.update(surface=part.surface, radius=part.radius * _uniform_scale(name, part.surface, np.array(matrix)[:3, :3]))
         body, moving = part.mesh, part.motion if motion is None else _core.Motion(Motion.of(motion))
         body.transform(matrix)
         moving.transform(matrix)
-        body.validate(name)
+        if "surface" not in given:
+            body.validate(name)
         obstacle.mesh, obstacle.motion = body, moving
+        for key, value in given.items():
+            setattr(obstacle, key, value)
         return Obstacle(self, self._core.add_obstacle(obstacle))
 
     def _part(self, kind, name, mesh, faces, shape, *material):
@@ -451,3 +486,4 @@ Scene.frames = _forward(lambda s: s._core, "frames", _whole, "Frames that `cama 
 Scene.thickness = _forward(lambda s: s._core.contact, "thickness", number, "Contact thickness, m.")
 Scene.stiffness = _forward(lambda s: s._core.contact, "stiffness", number, "Contact penalty, N/m^3.")
 Scene.friction = _forward(lambda s: s._core.contact, "friction", number, "Coulomb coefficient cloth against cloth, for materials that give none.")
+Scene.static_friction = _forward(lambda s: s._core.contact, "static_friction", number, "The same while it sticks, not below `friction`; -1: equal to it.")

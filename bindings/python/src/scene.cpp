@@ -6,6 +6,8 @@
 namespace cama::python {
 namespace {
 
+constexpr const char *surface_names[] = {"mesh", "sphere", "capsule", "box", "plane"};   // in the order of Form
+
 using Matrix4 = std::array<std::array<double, 4>, 4>;
 
 dvec3 transformed(const Matrix4 &m, const dvec3 &x)
@@ -75,7 +77,9 @@ void bind_material(py::module_ &m)
       .def_readwrite("bending", &Material::bending)
       .def_readwrite("damping", &Material::damping)
       .def_readwrite("friction", &Material::friction)
+      .def_readwrite("static_friction", &Material::static_friction)
       .def_readwrite("thickness", &Material::thickness)
+      .def_readwrite("contact_stiffness", &Material::contact_stiffness)
       .def("validate", &Material::validate)
       .def_static("isotropic", &Material::isotropic)
       .def_static("orthotropic", &Material::orthotropic)
@@ -132,13 +136,23 @@ void bind_parts(py::module_ &m)
       .def_readwrite("mesh", &Obstacle::mesh)
       .def_readwrite("motion", &Obstacle::motion)
       .def_readwrite("friction", &Obstacle::friction)
+      .def_readwrite("static_friction", &Obstacle::static_friction)
+      .def_property("surface", [](const Obstacle &o) { return surface_names[static_cast<int>(o.surface)]; },
+                    [](Obstacle &o, const std::string &name) {
+                      for (int k = 0; k < 5; ++k)
+                        if (name == surface_names[k]) o.surface = static_cast<Form>(k);
+                    })
+      .def_readwrite("radius", &Obstacle::radius)
+      .def_readwrite("thickness", &Obstacle::thickness)
+      .def_readwrite("contact_stiffness", &Obstacle::contact_stiffness)
       .def_readwrite("source", &Obstacle::source);
   py::class_<Contact>(m, "Contact")
       .def_readwrite("enabled", &Contact::enabled)
       .def_readwrite("self", &Contact::self)
       .def_readwrite("thickness", &Contact::thickness)
       .def_readwrite("stiffness", &Contact::stiffness)
-      .def_readwrite("friction", &Contact::friction);
+      .def_readwrite("friction", &Contact::friction)
+      .def_readwrite("static_friction", &Contact::static_friction);
   py::class_<Wind> wind(m, "Wind");
   vector_property(wind, "velocity", &Wind::velocity);
   wind.def(py::init<>()).def_readwrite("density", &Wind::density).def_readwrite("drag", &Wind::drag);

@@ -19,8 +19,10 @@ struct Material {
   /// l the shared edge and A the area of both faces; `isotropic` and `orthotropic` take a plate's stiffness and set five times that
   std::array<std::array<double, 5>, 3> bending{};
   double damping = 0;                                    ///< stiffness damping c, s: D = -c K
-  double friction = -1;                                  ///< Coulomb coefficient of cloth against cloth; -1: the scene's
+  double friction = -1;                                  ///< Coulomb coefficient of cloth against cloth while it slides; -1: the scene's
+  double static_friction = -1;                           ///< while it sticks, not below `friction`; -1: equal to it (with no friction of its own: the scene's)
   double thickness = 0;                                  ///< contact thickness, m; 0: the scene's
+  double contact_stiffness = -1;                         ///< penalty, N/m^3; -1: the scene's
 
   bool has_table() const;                                ///< stretching rows differ: piecewise-linear sampling is needed
   bool has_bending() const;                              ///< any bending stiffness above zero

@@ -23,14 +23,31 @@ struct Cloth {
   std::string source;            ///< what it was made from ("grid", a file name), for `explain`
 };
 
+/// What an obstacle's surface is: a mesh, or exact. The defining points of an exact one are its mesh's vertices: the centre of a sphere,
+/// both ends of a capsule's axis, eight corners of a box (corner k at the low or high side along axis a by bit a of k; with 12 faces), and
+/// three points of a plane whose normal (b - a) x (c - a) points out of the solid half space.
+enum class Form { mesh, sphere, capsule, box, plane };
+
 /// A body that cloth collides with; it moves as told and feels nothing.
 struct Obstacle {
   std::string name;
   Mesh mesh;                     ///< position at rest of the motion
   Motion motion;                 ///< rigid keys or vertex animation
-  double friction = 0.3;         ///< Coulomb coefficient against cloth
+  double friction = 0.3;         ///< Coulomb coefficient against cloth while it slides
+  double static_friction = -1;   ///< while it sticks, not below `friction`; -1: equal to it
+  double thickness = 0;          ///< contact thickness, m; 0: the scene's
+  double contact_stiffness = -1; ///< penalty, N/m^3; -1: the scene's
   std::string source;
+  Form surface = Form::mesh;
+  double radius = 0;             ///< of a sphere or capsule, m
 };
+
+/// Exact obstacles, without meshing. Lengths in m; normal need not be of length 1. Throw SceneError.
+Obstacle exact_sphere(const dvec3 &center, double radius);
+Obstacle exact_capsule(const dvec3 &end_a, const dvec3 &end_b, double radius);
+Obstacle exact_box(const dvec3 &center, const dvec3 &size);
+Obstacle exact_plane(const dvec3 &point, const dvec3 &normal);
+
 
 /// Cloth vertices whose motion is prescribed (degrees of freedom eliminated from the system).
 struct Pin {
@@ -63,7 +80,11 @@ struct Contact {
   double thickness = 1e-3;       ///< distance below which the penalty acts, m
   double stiffness = 1e6;        ///< penalty stiffness k of Equation 2 per contact area, N/m^3
   double friction = 0.2;         ///< Coulomb coefficient cloth against cloth, for materials that give none
+  double static_friction = -1;   ///< while it sticks, not below `friction`, for those materials; -1: equal to it
 };
+
+/// What holds for one cloth or obstacle once the scene's values stand in for what it leaves out.
+struct ContactProperties { double thickness, stiffness, friction, static_friction; };
 
 /// What the user describes: host data only. Lengths in m, masses in kg, times in s.
 struct Scene {
@@ -93,6 +114,8 @@ struct Scene {
 
   /// Can anything touch? Contact is enabled, and there is an obstacle or cloth meets cloth.
   bool has_contact() const { return contact.enabled && (contact.self || !obstacles.empty()); }
+  /// Of cloth `object`, or of obstacle `object` - number of cloths.
+  ContactProperties contact_properties(std::size_t object) const;
   int cloth_vertex_count() const;
   int cloth_triangle_count() const;
 };

@@ -115,7 +115,7 @@ public:
   Energy energy() const;
   double min_gap() const;                         ///< smallest distance over candidate pairs of the last step, m; inf if none
   double max_strain() const;                      ///< largest principal stretch minus one over all triangles
-  int count_intersections() const;                ///< edge-triangle intersections, exact predicates; cloth with cloth only where contact.self is on
+  int count_intersections() const;                ///< edge-triangle intersections, exact predicates (cloth with cloth only where contact.self is on); cloth triangles that reach into exact spheres and capsules, cloth vertices below planes
   std::uint64_t state_hash() const;               ///< of cloth positions and velocities, bit for bit
   std::size_t peak_memory_bytes() const;          ///< of the device memory this simulation allocated
   const UntangleReport &untangled() const;        ///< what Options::intersections "untangle" did to the start; rounds 0: nothing to do

@@ -80,7 +80,7 @@ Material from_arcsim(const Field &f)
 Material from_cama(const Field &f)
 {
   f.only({"format", "name", "description", "source", "units", "evidence", "density", "isotropic", "orthotropic", "stretching", "bending",
-          "damping", "friction", "thickness"});
+          "damping", "friction", "static_friction", "thickness", "contact_stiffness"});
   const double density = f.finite("density", 0.2);
   const int forms = f.has("isotropic") + f.has("orthotropic") + f.has("stretching");
   if (forms != 1) f.fail("give exactly one of \"isotropic\", \"orthotropic\", \"stretching\" (with \"bending\")");
@@ -97,7 +97,9 @@ Material from_cama(const Field &f)
   m.source = f.text("source", m.source);
   m.damping = f.finite("damping", 0);
   m.friction = f.finite("friction", m.friction);
+  m.static_friction = f.finite("static_friction", m.static_friction);
   m.thickness = f.finite("thickness", 0);
+  m.contact_stiffness = f.finite("contact_stiffness", m.contact_stiffness);
   return m;
 }
 
@@ -127,6 +129,10 @@ void Material::validate(const std::string &object) const
   require(std::isfinite(damping) && damping >= 0, object, "damping", damping, "give seconds, 0 or more");
   require(friction == -1 || (std::isfinite(friction) && friction >= 0), object, "friction", friction,
           "give a Coulomb coefficient, 0 or more, or leave it out for the scene's");
+  require(static_friction == -1 || (std::isfinite(static_friction) && static_friction >= std::max(friction, 0.0)), object, "static_friction",
+          static_friction, "give a Coulomb coefficient not below friction, or leave it out for the same");
+  require(contact_stiffness == -1 || (std::isfinite(contact_stiffness) && contact_stiffness > 0), object, "contact_stiffness",
+          contact_stiffness, "give N/m^3, greater than 0, or leave it out for the scene's");
   require(std::isfinite(thickness) && thickness >= 0, object, "thickness", thickness, "give metres, 0 or more (0: the scene's)");
   for (const auto &row : stretching) {
     for (double k : row) require(std::isfinite(k), object, "stretching", k, "every entry must be finite, N/m");
@@ -215,6 +221,8 @@ Json material_json(const Material &m)
   Json json = {{"format", "cama"}, {"name", m.name}, {"source", m.source}, {"density", m.density}, {"stretching", m.stretching},
                {"bending", m.bending}, {"damping", m.damping}, {"thickness", m.thickness}};
   if (m.friction >= 0) json["friction"] = m.friction;
+  if (m.static_friction >= 0) json["static_friction"] = m.static_friction;
+  if (m.contact_stiffness >= 0) json["contact_stiffness"] = m.contact_stiffness;
   return json;
 }
 

@@ -55,13 +55,14 @@ void SceneReader::read_settings(const Field &f)
   }
   if (f.has("contact")) {
     const Field c = f.at("contact");
-    c.only({"enabled", "self", "thickness", "stiffness", "friction"});
+    c.only({"enabled", "self", "thickness", "stiffness", "friction", "static_friction"});
     Contact &k = scene_.contact;
     k.enabled = c.boolean("enabled", k.enabled);
     k.self = c.boolean("self", k.self);
     k.thickness = c.positive("thickness", k.thickness);
     k.stiffness = c.positive("stiffness", k.stiffness);
     k.friction = c.finite("friction", k.friction);
+    k.static_friction = c.finite("static_friction", k.static_friction);
   }
 }
 
@@ -74,12 +75,14 @@ Material SceneReader::read_material(const Field &f, const std::string &name) con
       return Material::load(file_path(f.at("file")));
     }
     if (!f.has("fabric")) return parse_material(f, name);
-    f.only({"fabric", "density", "damping", "friction", "thickness"});
+    f.only({"fabric", "density", "damping", "friction", "static_friction", "thickness", "contact_stiffness"});
     Material m = Material::fabric(f.at("fabric").text());
     m.density = f.finite("density", m.density);
     m.damping = f.finite("damping", m.damping);
     m.friction = f.finite("friction", m.friction);
+    m.static_friction = f.finite("static_friction", m.static_friction);
     m.thickness = f.finite("thickness", m.thickness);
+    m.contact_stiffness = f.finite("contact_stiffness", m.contact_stiffness);
     m.validate(name);
     return m;
   } catch (const MaterialError &e) {

@@ -5,6 +5,7 @@
 #include <cmath>
 #include <utility>
 
+#include "scene/exact_obstacle.hpp"
 #include "scene/obj_reader.hpp"
 #include "scene/quaternion.hpp"
 #include "scene/scene_reader.hpp"
@@ -123,8 +124,9 @@ Character SceneReader::read_character(const Field &f) const
 
 Mesh SceneReader::obstacle_shape(const Field &f, Motion &motion, std::string &source) const
 {
-  source = one_of(f, {"sphere", "box", "capsule", "plane", "funnel", "walker", "file", "character", "mesh"});
+  source = one_of(f, {"shape", "sphere", "box", "capsule", "plane", "funnel", "walker", "file", "character", "mesh"});
   const Field s = f.at(source);
+  if (source == "shape") return {};   // read_exact
   if (source == "sphere") {
     s.only({"radius", "triangles"});
     return make_sphere(s.positive("radius", 0.25), s.integer("triangles", 6480));
@@ -184,12 +186,24 @@ Mesh SceneReader::obstacle_shape(const Field &f, Motion &motion, std::string &so
 
 void SceneReader::read_obstacle(const Field &f, std::size_t index)
 {
-  f.only({"name", "source", "sphere", "box", "capsule", "plane", "funnel", "walker", "file", "character", "mesh", "transform", "motion", "friction"});
+  f.only({"name", "source", "shape", "sphere", "box", "capsule", "plane", "funnel", "walker", "file", "character", "mesh", "transform", "motion", "friction",
+          "static_friction", "thickness", "contact_stiffness"});
   Obstacle o;
   o.name = f.text("name", "obstacle " + std::to_string(index));
   o.friction = f.finite("friction", o.friction);
+  o.static_friction = f.finite("static_friction", o.static_friction);
+  o.thickness = f.finite("thickness", o.thickness);
+  o.contact_stiffness = f.finite("contact_stiffness", o.contact_stiffness);
   Motion shape_motion;
-  o.mesh = obstacle_shape(f, shape_motion, o.source);
+  Mesh mesh = obstacle_shape(f, shape_motion, o.source);
+  if (o.source == "shape") {
+    Obstacle made = read_exact(f.at("shape"));
+    o.surface = made.surface;
+    o.radius = made.radius;
+    o.source = made.source;
+    mesh = std::move(made.mesh);
+  }
+  o.mesh = std::move(mesh);
   o.source = f.text("source", o.source);
   if (f.has("motion")) o.motion = read_motion(f.at("motion"));
   if (shape_motion.sampled) {
@@ -198,7 +212,8 @@ void SceneReader::read_obstacle(const Field &f, std::size_t index)
   }
   if (f.has("transform")) {
     const RigidTransform t = read_transform(f.at("transform"));
-    apply_transform(t, o.mesh.position);
+    if (o.surface == Form::mesh) apply_transform(t, o.mesh.position);
+    else place_exact(t, o);
     if (o.motion.sampled) {
       auto moved = std::make_shared<Motion::Sampled>(*o.motion.sampled);
       for (auto &positions : moved->position) apply_transform(t, positions);
@@ -231,6 +246,7 @@ Pattern SceneReader::read_garment(const Field &f, int triangles) const
   const Field g = f.at(kind);
   g.only({"body", "waist", "chest", "waist_fraction", "chest_fraction", "hip", "length", "panels", "flare", "clearance"});
   const Obstacle &body = scene_.obstacles[find_obstacle(g.at("body"))];
+  if (body.surface != Form::mesh) g.at("body").fail("\"" + body.name + "\" has no mesh; a garment is made around a meshed body");
   double lo = 1e300, hi = -1e300;
   for (const dvec3 &x : body.mesh.position) {
     lo = std::min(lo, x.z);

@@ -6,6 +6,7 @@
 
 #include "cama/error.hpp"
 #include "cama/scene.hpp"
+#include "scene/exact_obstacle.hpp"
 #include "scene/material_json.hpp"
 
 namespace cama {
@@ -180,10 +181,31 @@ void write_obstacle(Writer &w, const Obstacle &o)
   w.quoted(o.source);
   w.key("friction");
   w.number(o.friction);
+  const auto optional = [&](const char *key, double value) {
+    if (value == -1) return;
+    w.key(key);
+    w.number(value);
+  };
+  optional("static_friction", o.static_friction);
+  optional("contact_stiffness", o.contact_stiffness);
+  w.key("thickness");
+  w.number(o.thickness);
   w.key("motion");
   write_motion(w, o.motion);
-  w.key("mesh");
-  write_mesh(w, o.mesh);
+  if (o.surface == Form::mesh) {
+    w.key("mesh");
+    write_mesh(w, o.mesh);
+  } else {
+    w.key("shape");
+    w.text += std::string("{\"") + surface_name(o.surface) + "\":{";
+    if (o.radius != 0) {
+      w.key("radius");
+      w.number(o.radius);
+    }
+    w.key("points");
+    w.list(o.mesh.position, [&](const dvec3 &x) { w.vector(x); });
+    w.text += "}}";
+  }
   w.text += '}';
 }
 
@@ -263,6 +285,10 @@ std::string Scene::save() const
   w.number(contact.stiffness);
   w.key("friction");
   w.number(contact.friction);
+  if (contact.static_friction != -1) {
+    w.key("static_friction");
+    w.number(contact.static_friction);
+  }
   w.text += '}';
   w.key("obstacles");
   w.list(obstacles, [&](const Obstacle &o) { write_obstacle(w, o); });

@@ -5,6 +5,7 @@
 
 #include "cama/error.hpp"
 #include "cama/scene.hpp"
+#include "scene/exact_obstacle.hpp"
 
 namespace cama {
 namespace {
@@ -49,6 +50,13 @@ void check_motion(const std::string &field, const Motion &m, std::size_t vertice
   }
 }
 
+/// `friction`: the coefficient of sliding that it goes with.
+void check_static_friction(const std::string &field, double value, double friction)
+{
+  require(value == -1 || (std::isfinite(value) && value >= friction), field, value,
+          "give a Coulomb coefficient not below that of sliding (" + std::to_string(friction) + "), or leave it out for the same");
+}
+
 void check_settings(const Scene &s)
 {
   require(std::isfinite(s.time_step) && s.time_step > 0, "time_step", s.time_step, "give seconds, greater than 0, for example 0.005");
@@ -59,6 +67,7 @@ void check_settings(const Scene &s)
   require(std::isfinite(s.contact.stiffness) && s.contact.stiffness > 0, "contact.stiffness", s.contact.stiffness, "give N/m^3, greater than 0");
   require(std::isfinite(s.contact.friction) && s.contact.friction >= 0, "contact.friction", s.contact.friction,
           "give a Coulomb coefficient, 0 or more");
+  check_static_friction("contact.static_friction", s.contact.static_friction, s.contact.friction);
   if (!s.wind) return;
   require(finite(s.wind->velocity), "wind.velocity", "not finite", "give three finite numbers, m/s");
   require(std::isfinite(s.wind->density) && s.wind->density >= 0, "wind.density", s.wind->density, "give kg/m^3, 0 or more");
@@ -79,6 +88,8 @@ void check_pin(const Scene &s, std::size_t i)
   if (p.obstacle)
     require(*p.obstacle >= 0 && *p.obstacle < static_cast<int>(s.obstacles.size()), field + ".attach", std::to_string(*p.obstacle),
             "there are " + std::to_string(s.obstacles.size()) + " obstacles, counted from 0");
+  if (p.obstacle && s.obstacles[*p.obstacle].mesh.face.empty())
+    throw SceneError(field + ".attach: obstacle \"" + s.obstacles[*p.obstacle].name + "\" has no mesh to follow; use a meshed one");
   require(!std::isnan(p.release), field + ".release", "not a number", "give seconds, or leave it out");
   require(!p.motion.sampled, field + ".motion", "vertex animation", "pins move rigidly");
   check_motion(field + ".motion", p.motion, 0);
@@ -128,19 +139,42 @@ void Scene::validate() const
     if (!names.insert(c.name).second) throw SceneError("cloth: two cloths are named \"" + c.name + "\"; give each its own name");
     c.mesh.validate(object);
     c.material.validate(object);
+    if (c.material.static_friction != -1 && c.material.friction == -1)
+      check_static_friction(object + ": material.static_friction", c.material.static_friction, contact.friction);
     require(finite(c.velocity), object + ": velocity", "not finite", "give three finite numbers, m/s");
   }
   names.clear();
   for (const Obstacle &o : obstacles) {
     const std::string object = "obstacle \"" + o.name + "\"";
     if (!names.insert(o.name).second) throw SceneError("obstacles: two obstacles are named \"" + o.name + "\"; give each its own name");
-    o.mesh.validate(object);
+    if (o.surface == Form::mesh) o.mesh.validate(object);
+    else validate_exact(object, o);
     require(std::isfinite(o.friction) && o.friction >= 0, object + ": friction", o.friction, "give a Coulomb coefficient, 0 or more");
+    check_static_friction(object + ": static_friction", o.static_friction, o.friction);
+    require(std::isfinite(o.thickness) && o.thickness >= 0, object + ": thickness", o.thickness, "give metres, 0 or more (0: the scene's)");
+    require(o.contact_stiffness == -1 || (std::isfinite(o.contact_stiffness) && o.contact_stiffness > 0), object + ": contact_stiffness",
+            o.contact_stiffness, "give N/m^3, greater than 0, or leave it out for the scene's");
     check_motion(object + ": motion", o.motion, o.mesh.position.size());
   }
   for (std::size_t i = 0; i < pins.size(); ++i) check_pin(*this, i);
   check_pins_apart(*this);
   for (std::size_t i = 0; i < stitches.size(); ++i) check_stitch(*this, i);
+}
+
+ContactProperties Scene::contact_properties(std::size_t object) const
+{
+  const auto combine = [&](double thickness, double stiffness, double friction, double static_friction) {
+    const bool own = friction >= 0;
+    const double kinetic = own ? friction : contact.friction, inherited = own ? -1 : contact.static_friction;
+    const double sticking = static_friction >= 0 ? static_friction : (inherited >= 0 ? inherited : kinetic);
+    return ContactProperties{thickness > 0 ? thickness : contact.thickness, stiffness >= 0 ? stiffness : contact.stiffness, kinetic, sticking};
+  };
+  if (object < cloths.size()) {
+    const Material &m = cloths[object].material;
+    return combine(m.thickness, m.contact_stiffness, m.friction, m.static_friction);
+  }
+  const Obstacle &o = obstacles[object - cloths.size()];
+  return combine(o.thickness, o.contact_stiffness, o.friction, o.static_friction);
 }
 
 int Scene::cloth_vertex_count() const

@@ -39,7 +39,7 @@ void CandidateSearch::find_directions(State &state, const Stream<dvec3> &from, i
 {
   const auto direct = [&](int kind, PairList &list, int first) {
     CAMA_LAUNCH(*state.backend, find_directions, list.pairs.size() - first, kind, first, list.pairs, state.face, state.edge, from,
-                list.direction);
+                state.vertex_contact, list.direction);
   };
   direct(0, state.vertex_face, first_vertex_face);
   direct(1, state.edge_edge, first_edge_edge);
@@ -162,8 +162,7 @@ void TreeSearch::run(State &state, const Stream<dvec3> &from, const Stream<dvec3
     list->known.resize(0);
     list->direction.resize(0);
   }
-  identity_.resize(state.vertices);
-  query_faces(state, QUERY_ALL, identity_, state.faces, state.face_order, state.face_tree);
+  query_faces(state, QUERY_ALL, state.asking, state.faces, state.face_order, state.face_tree);
   identity_.resize(state.edges);
   query_edges(state, QUERY_ALL, identity_);
   for (PairList *list : {&state.vertex_face, &state.edge_edge}) {
@@ -202,8 +201,7 @@ CandidateSearch::Change TreeSearch::update(State &state, const Stream<dvec3> &fr
   if (const int faces = keep(state, state.faces, flag_, state.face_order, changed_face_)) {
     changed_tree_.resize(kernels::tree_size(faces));
     build_tree(state, faces, state.face_box, changed_face_, changed_tree_, false);
-    identity_.resize(state.vertices);
-    query_faces(state, QUERY_UNCHANGED, identity_, faces, changed_face_, changed_tree_);
+    query_faces(state, QUERY_UNCHANGED, state.asking, faces, changed_face_, changed_tree_);
   }
   query_faces(state, QUERY_CHANGED, changed_vertex_, state.faces, state.face_order, state.face_tree);
   CAMA_LAUNCH(b, changed_edges, state.edges, state.edge_order, state.edge, changed_, flag_);

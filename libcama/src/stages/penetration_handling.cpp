@@ -109,7 +109,7 @@ void ImpactProjection::start(State &state, const Stream<dvec3> &from, const Stre
   CAMA_LAUNCH(b, largest_of, 1, second, longer_, largest_);
 }
 
-void ImpactProjection::run(State &state, Stream<dvec3> &positions, double target)
+void ImpactProjection::run(State &state, Stream<dvec3> &positions, double slack)
 {
   Backend &b = *state.backend;
   const int n = state.impact.size();
@@ -122,11 +122,11 @@ void ImpactProjection::run(State &state, Stream<dvec3> &positions, double target
   CAMA_LAUNCH(b, impact_nodes, n, state.impact, nodes_);
   incidence_.reset(b, state.cloth_vertices);
   incidence_.build(b, nodes_, n, count_);
-  CAMA_LAUNCH(b, start_impacts, n, state.cloth_vertices, state.impact, positions, state.inverse_mass, incidence_.row, target, constraint_,
+  CAMA_LAUNCH(b, start_impacts, n, state.cloth_vertices, state.impact, positions, state.inverse_mass, incidence_.row, constraint_,
               diagonal_, majorant_, active_);
   if (state.options.linear_impacts) solve_linear_system(state); else solve_pushing(state);
   spread(state, lambda_);
-  CAMA_LAUNCH(b, apply_impulses, state.cloth_vertices, target, largest_, wanted_, y_, positions, moved_);
+  CAMA_LAUNCH(b, apply_impulses, state.cloth_vertices, slack, largest_, wanted_, y_, positions, moved_);
 }
 
 PenetrationHandling::PenetrationHandling(Backend &b, CandidateSearch &search)
@@ -141,7 +141,7 @@ int PenetrationHandling::find_impacts(State &state, bool localized)
   const auto count = [&](int kind, const PairList &list, FlaggedPairs &flagged) {
     flagged.resize(list.pairs.size());
     CAMA_LAUNCH(b, find_impacts, list.pairs.size(), kind, cubic, localized ? 1 : 0, list.pairs, state.face, state.edge, from_,
-                state.position_next, state.inverse_mass, minimum_, list.direction, list.known, projection_.moved(), flagged.flag);
+                state.position_next, state.inverse_mass, state.vertex_contact, certified_, list.direction, list.known, projection_.moved(), flagged.flag);
     return flagged.compact(b, list);
   };
   const int known = state.impact.size();
@@ -152,7 +152,7 @@ int PenetrationHandling::find_impacts(State &state, bool localized)
   state.impact.swap(grown_);
   const auto fill = [&](int kind, PairList &list, const FlaggedPairs &flagged, int first) {
     CAMA_LAUNCH(b, fill_impacts, flagged.index.size(), kind, cubic, flagged.index, list.pairs, state.face, state.edge, from_,
-                state.position_next, minimum_, first, list.known, state.impact);
+                state.position_next, state.vertex_contact, certified_, target_, first, list.known, state.impact);
   };
   fill(0, state.vertex_face, vertex_face_, known);
   fill(1, state.edge_edge, edge_edge_, known + faces);
@@ -170,13 +170,13 @@ double PenetrationHandling::commit(State &state, bool certified)
   for (int kind = 0; kind < 2; ++kind) {
     accepted_[kind].resize(lists[kind]->pairs.size());
     CAMA_LAUNCH(b, commit_screen, lists[kind]->pairs.size(), kind, certified ? 1 : 0, lists[kind]->pairs, state.face, state.edge, from_,
-                state.position_next, lists[kind]->direction, lists[kind]->known, minimum_, accepted_[kind]);
+                state.position_next, lists[kind]->direction, state.vertex_contact, lists[kind]->known, certified_, accepted_[kind]);
   }
   for (int pass = 0;; ++pass) {
     if (pass > 0) fraction_before_.copy_from(fraction_);
     for (int kind = 0; kind < 2; ++kind)
       CAMA_LAUNCH(b, commit_pairs, lists[kind]->pairs.size(), kind, pass, lists[kind]->pairs, state.face, state.edge, from_,
-                  state.position_next, state.inverse_mass, minimum_, 0, accepted_[kind], fraction_before_, fraction_,
+                  state.position_next, state.inverse_mass, state.vertex_contact, certified_, 0, accepted_[kind], fraction_before_, fraction_,
                   sigma_, counter_);
     const int now = counter_.at(0);
     if (now == settled) break;
@@ -271,7 +271,7 @@ void PenetrationHandling::run(State &state)
     state.edge_edge.known.fill_zero();
     bool certified = false, localized = false;   // every pair but known impacts, for the motion as it is; but for what moved since
     for (int pass = 0; pass < state.options.max_impact_passes; ++pass) {
-      localized &= search_.update(state, from_, state.position_next, minimum_) != CandidateSearch::Change::renewed;
+      localized &= search_.update(state, from_, state.position_next, certified_ * state.largest_thickness) != CandidateSearch::Change::renewed;
       const int found = find_impacts(state, localized);
       if (pass == 0 && state.report.substeps == 1) state.report.impacts = found;
       certified = found == 0 && !state.options.cubic_impacts;   // the cubic knows no distances
@@ -279,10 +279,10 @@ void PenetrationHandling::run(State &state)
       ++state.report.impact_passes;
       if (!projected) projection_.start(state, from_, state.position_next);
       projected = localized = true;
-      projection_.run(state, state.position_next, target_);
+      projection_.run(state, state.position_next, target_ * state.largest_thickness);
     }
     if (!state.options.commit) break;
-    if (search_.update(state, from_, state.position_next, minimum_) != CandidateSearch::Change::none) certified = false;
+    if (search_.update(state, from_, state.position_next, certified_ * state.largest_thickness) != CandidateSearch::Change::none) certified = false;
     const double sigma = commit(state, certified);
     if (sigma >= 1) {
       state.position_next.swap(committed_);

@@ -17,8 +17,9 @@ public:
   explicit ImpactProjection(Backend &backend);
   /// Before the first run of a step: where the solve wants the vertices, and from where.
   void start(State &state, const Stream<dvec3> &from, const Stream<dvec3> &wanted);
-  /// Moves `positions` so that every impact of the state ends apart by `target` at least.
-  void run(State &state, Stream<dvec3> &positions, double target);
+  /// Moves `positions` so that every impact of the state ends apart by its target at least. slack: m, how much
+  /// further than twice the longest motion a vertex may go from where it was wanted.
+  void run(State &state, Stream<dvec3> &positions, double slack);
   /// [vertices] 1: moved by the last run.
   const Stream<int> &moved() const { return moved_; }
 
@@ -44,7 +45,8 @@ public:
   std::string_view name() const override { return "penetration handling"; }
   std::string reason() const override { return "contact"; }
   void run(State &state) override;
-  void set_distances(double minimum, double target) { minimum_ = minimum; target_ = target; }
+  /// Shares of a pair's smallest contact thickness: certified distance, distance after an impact.
+  void set_distances(double certified, double target) { certified_ = certified; target_ = target; }
 
 private:
   int find_impacts(State &state, bool localized);
@@ -59,7 +61,7 @@ private:
   FlaggedPairs vertex_face_, edge_edge_;
   Stream<int> accepted_[2], fraction_, fraction_before_, sigma_, counter_;
   Stream<kernels::impact> grown_;
-  double minimum_ = 1e-6, target_ = 1e-4;   // m: certified distance, distance after an impact
+  double certified_ = 1e-2, target_ = 0.1;
 };
 
 }  // namespace cama
