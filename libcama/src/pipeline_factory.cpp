@@ -6,6 +6,7 @@
 #include "stages/candidate_search.hpp"
 #include "stages/find_contacts.hpp"
 #include "stages/finish_step.hpp"
+#include "stages/front_search.hpp"
 #include "stages/linear_solve.hpp"
 #include "stages/matrix_assembly.hpp"
 #include "stages/penetration_handling.hpp"
@@ -16,15 +17,21 @@ namespace {
 constexpr double certified_distance = 1e-2;   // of the smallest contact thickness
 constexpr double impact_distance = 0.1;       // of the smallest contact thickness, after an impact
 
+std::unique_ptr<CandidateSearch> make_search(State &state)
+{
+  if (state.options.search == SearchKind::fronts) return std::make_unique<FrontSearch>(state);
+  return std::make_unique<TreeSearch>(*state.backend);
+}
+
 /// Proximity checking owns the search that penetration handling uses again.
 class ProximityChecking final : public Pipeline {
 public:
-  explicit ProximityChecking(State &state) : Pipeline("proximity checking", "contact"), search(*state.backend)
+  explicit ProximityChecking(State &state) : Pipeline("proximity checking", "contact"), search(make_search(state))
   {
-    add<ProximitySearch>(search);
+    add<ProximitySearch>(*search);
     add<FindContacts>(*state.backend);
   }
-  TreeSearch search;
+  std::unique_ptr<CandidateSearch> search;
 };
 
 bool needs_motion(const Scene &scene)
@@ -51,7 +58,7 @@ template <class Real> StepPipeline make_pipeline(const Scene &scene, State &stat
   step.add<LinearSolve<Real>>(b);
   step.add<AdvancePositions>();
   if (contact)
-    step.add<PenetrationHandling>(b, proximity->search)
+    step.add<PenetrationHandling>(b, *proximity->search)
         .set_distances(certified_distance * state.least_thickness, impact_distance * state.least_thickness);
   step.add<FinishStep>(b);
   if (contact && (state.options.intersections == Intersections::exempt || state.options.pinch == Pinch::release)) step.add<ForgetSeparated>();
