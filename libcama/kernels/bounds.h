@@ -100,19 +100,24 @@ DEVICE key64 spread_bits(int v)
   return x;
 }
 
-/* 63-bit Morton codes of the boxes' centres on a cubic grid over the scene, and the identity permutation to sort with them. */
+/* 63-bit Morton code of a box's centre on a cubic grid over the scene. */
+DEVICE key64 morton_code(box b, GLOBAL const dvec3 *scene_bounds)
+{
+  dvec3 size = dsub(scene_bounds[1], scene_bounds[0]);
+  double extent = max_double(size.x, max_double(size.y, size.z)), cells = extent > 0.0 ? 2097151.0 / extent : 0.0;
+  key64 code = 0;
+  for (int k = 0; k < 3; ++k) {
+    double c = 0.5 * ((double)b.lo[k] + (double)b.hi[k]) * cells;
+    code |= spread_bits((int)clamp_double(c, 0.0, 2097151.0)) << k;
+  }
+  return code;
+}
+
+/* Morton codes of the boxes, and the identity permutation to sort with them. */
 KERNEL morton_codes(int n, GLOBAL const box *primitive_box, GLOBAL const dvec3 *scene_bounds, GLOBAL key64 *key, GLOBAL int *index)
 {
   FOR_EACH(i, n) {
-    dvec3 size = dsub(scene_bounds[1], scene_bounds[0]);
-    double extent = max_double(size.x, max_double(size.y, size.z)), cells = extent > 0.0 ? 2097151.0 / extent : 0.0;
-    box b = primitive_box[i];
-    key64 code = 0;
-    for (int k = 0; k < 3; ++k) {
-      double c = 0.5 * ((double)b.lo[k] + (double)b.hi[k]) * cells;
-      code |= spread_bits((int)clamp_double(c, 0.0, 2097151.0)) << k;
-    }
-    key[i] = code;
+    key[i] = morton_code(primitive_box[i], scene_bounds);
     index[i] = i;
   }
 }

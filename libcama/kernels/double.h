@@ -9,6 +9,7 @@
 #include "bounds.h"
 #include "tree.h"
 #include "query.h"
+#include "front.h"
 #include "contact.h"
 #include "impact.h"
 #include "commit.h"

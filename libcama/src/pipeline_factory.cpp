@@ -6,6 +6,7 @@
 #include "stages/candidate_search.hpp"
 #include "stages/find_contacts.hpp"
 #include "stages/finish_step.hpp"
+#include "stages/front_search.hpp"
 #include "stages/linear_solve.hpp"
 #include "stages/matrix_assembly.hpp"
 #include "stages/penetration_handling.hpp"
@@ -16,15 +17,23 @@ namespace {
 constexpr double certified_distance = 1e-2;   // of the smallest contact thickness of a pair
 constexpr double impact_distance = 0.1;       // the same after an impact
 
+/// Fronts are of triangles: exact obstacles are searched by trees.
+std::unique_ptr<CandidateSearch> make_search(const Scene &scene, State &state)
+{
+  const bool exact = std::any_of(scene.obstacles.begin(), scene.obstacles.end(), [](const Obstacle &o) { return o.surface != Form::mesh; });
+  if (state.options.search == SearchKind::fronts && !exact) return std::make_unique<FrontSearch>(state);
+  return std::make_unique<TreeSearch>(*state.backend);
+}
+
 /// Proximity checking owns the search that penetration handling uses again.
 class ProximityChecking final : public Pipeline {
 public:
-  explicit ProximityChecking(State &state) : Pipeline("proximity checking", "contact"), search(*state.backend)
+  ProximityChecking(const Scene &scene, State &state) : Pipeline("proximity checking", "contact"), search(make_search(scene, state))
   {
-    add<ProximitySearch>(search);
+    add<ProximitySearch>(*search);
     add<FindContacts>(*state.backend);
   }
-  TreeSearch search;
+  std::unique_ptr<CandidateSearch> search;
 };
 
 bool needs_motion(const Scene &scene)
@@ -43,7 +52,7 @@ template <class Real> StepPipeline make_pipeline(const Scene &scene, State &stat
   const bool contact = scene.has_contact();
   ProximityChecking *proximity = nullptr;
   if (needs_motion(scene)) result.motion = &step.add<PrescribedMotion>(scene, state);
-  if (contact) proximity = &step.add<ProximityChecking>(state);
+  if (contact) proximity = &step.add<ProximityChecking>(scene, state);
   Pipeline &assembly = step.add<Pipeline>("matrix assembly");
   assembly.add<EvaluateElements<Real>>(scene);
   if (contact || state.stitches) assembly.add<EvaluateTerms<Real>>(b);
@@ -51,7 +60,7 @@ template <class Real> StepPipeline make_pipeline(const Scene &scene, State &stat
   step.add<LinearSolve<Real>>(b);
   step.add<AdvancePositions>();
   if (contact)
-    step.add<PenetrationHandling>(b, proximity->search).set_distances(certified_distance, impact_distance);
+    step.add<PenetrationHandling>(b, *proximity->search).set_distances(certified_distance, impact_distance);
   step.add<FinishStep>(b);
   if (contact && (state.options.intersections == Intersections::exempt || state.options.pinch == Pinch::release)) step.add<ForgetSeparated>();
   return result;

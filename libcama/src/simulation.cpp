@@ -27,6 +27,7 @@ Options Options::preset(const std::string &accuracy)
     o.preconditioner = Preconditioner::jacobi;
     o.tolerance = 1e-6;
     o.max_impact_passes = 100;
+    o.search = SearchKind::fronts;
     o.linear_impacts = true;
     o.cubic_impacts = true;
     o.commit = false;

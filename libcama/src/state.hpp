@@ -86,6 +86,12 @@ struct State {
   Stream<kernels::box> vertex_box, face_box, edge_box;
   Stream<kernels::box> face_tree, edge_tree;
   Stream<int> face_order, edge_order;         // leaf to primitive
+  Stream<kernels::box> obstacle_tree;         // with fronts: face_tree is of the cloth, this of the obstacles
+  Stream<int> obstacle_order;
+  Stream<kernels::face_features> face_features;
+  Stream<kernels::pair> front, self_front;    // of cloth with obstacles, of cloth with itself: pairs of tree nodes
+  Stream<kernels::pair> triangle_pairs;       // of the last search or localized update
+  Stream<kernels::pair> orphan_vertex_face, orphan_edge_edge;   // feature pairs of adjacent triangles
   PairList vertex_face, edge_edge;
   Stream<kernels::contact> contact;
   Stream<kernels::impact> impact;
@@ -124,6 +130,9 @@ struct State {
     f("stitch", stitch); f("face", face); f("edge", edge); f("asking", asking); f("vertex_contact", vertex_contact); f("margin", margin);
     f("bounds", bounds); f("vertex_box", vertex_box); f("face_box", face_box); f("edge_box", edge_box);
     f("face_tree", face_tree); f("edge_tree", edge_tree); f("face_order", face_order); f("edge_order", edge_order);
+    f("obstacle_tree", obstacle_tree); f("obstacle_order", obstacle_order); f("face_features", face_features);
+    f("front", front); f("self_front", self_front); f("triangle_pairs", triangle_pairs);
+    f("orphan_vertex_face", orphan_vertex_face); f("orphan_edge_edge", orphan_edge_edge);
     f("vertex_face.pairs", vertex_face.pairs); f("vertex_face.known", vertex_face.known); f("vertex_face.direction", vertex_face.direction);
     f("edge_edge.pairs", edge_edge.pairs); f("edge_edge.known", edge_edge.known);
     f("edge_edge.direction", edge_edge.direction);

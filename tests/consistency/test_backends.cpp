@@ -36,6 +36,19 @@ TEST_CASE("lock step: every backend agrees with cpu on every stream after every 
   }
 }
 
+TEST_CASE("lock step: every backend agrees with cpu in the paper's mode, fronts included", "[lockstep]")
+{
+  for (const std::string &backend : device_backends()) {
+    INFO(backend);
+    Options serial_cpu = Options::preset("paper"), other = serial_cpu;
+    serial_cpu.backend = "cpu";
+    serial_cpu.threads = 1;
+    other.backend = backend;
+    Engine reference(everything(8), serial_cpu), candidate(everything(8), other);
+    CHECK(lockstep::run(reference, candidate, 10) == "");
+  }
+}
+
 TEST_CASE("the state hash after 30 steps is the same on every backend", "[determinism]")
 {
   for (const std::string &backend : device_backends()) {

@@ -65,6 +65,17 @@ TEST_CASE("lock step: one thread and seven agree on every stream after every sta
     }
 }
 
+TEST_CASE("lock step: one thread and seven agree in the paper's mode, fronts included", "[lockstep]")
+{
+  Options one = Options::preset("paper"), seven = one;
+  one.backend = seven.backend = "cpu";
+  one.threads = 1;
+  seven.threads = 7;
+  Engine reference(everything(8), one), candidate(everything(8), seven);
+  REQUIRE(reference.has_stream("self_front"));
+  CHECK(lockstep::run(reference, candidate, 10) == "");
+}
+
 TEST_CASE("lock step: every stage of a step is among the leaves, and sees contacts", "[lockstep]")
 {
   Engine reference(everything(10), with("double", 1)), candidate(everything(10), with("double", 2));

@@ -49,7 +49,7 @@ class Simulation:
     scene: a cama.Scene, or what `Scene.load` takes.  backend: "auto", "cpu", "opencl" or "cuda".
     precision: of forces, matrix and solve, "double" or "single".  accuracy: "production" or "paper".
     device: index.  threads: of the CPU backend, 0: all.  overrides: single options, for example tolerance=1e-6,
-    max_iterations, preconditioner="jacobi", solver="direct", assembly="algorithm1", commit, cubic_impacts,
+    max_iterations, preconditioner="jacobi", solver="direct", assembly="algorithm1", search="fronts", commit, cubic_impacts,
     max_impact_passes, intersections ("reject", "exempt" or "untangle": what becomes of a start that intersects),
     pinch ("stop" or "release": what becomes of cloth that moving bodies pinch).
 

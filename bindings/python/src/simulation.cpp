@@ -44,6 +44,7 @@ constexpr Choice<Preconditioner> preconditioners[] = {
     {"none", Preconditioner::none}, {"jacobi", Preconditioner::jacobi}, {"block_jacobi", Preconditioner::block_jacobi}};
 constexpr Choice<ContactForm> contact_forms[] = {{"rank_one", ContactForm::rank_one}, {"star", ContactForm::star}};
 constexpr Choice<Pinch> pinches[] = {{"stop", Pinch::stop}, {"release", Pinch::release}};
+constexpr Choice<SearchKind> searches[] = {{"tree", SearchKind::tree}, {"fronts", SearchKind::fronts}};
 constexpr Choice<LinearSolver> solvers[] = {{"conjugate_gradient", LinearSolver::conjugate_gradient}, {"direct", LinearSolver::direct}};
 
 constexpr Choice<Intersections> policies[] = {
@@ -75,6 +76,7 @@ void bind_options(py::module_ &m)
   choice_property(options, "assembly", &Options::assembly, assemblies);
   choice_property(options, "preconditioner", &Options::preconditioner, preconditioners);
   choice_property(options, "solver", &Options::solver, solvers);
+  choice_property(options, "search", &Options::search, searches);
   choice_property(options, "contact_form", &Options::contact_form, contact_forms);
   choice_property(options, "pinch", &Options::pinch, pinches);
   choice_property(options, "intersections", &Options::intersections, policies);
@@ -85,6 +87,7 @@ void bind_options(py::module_ &m)
       .def_readwrite("precision", &Options::precision)
       .def_readonly("accuracy", &Options::accuracy)
       .def_readwrite("atomic_filling", &Options::atomic_filling)
+      .def_readwrite("localized_search", &Options::localized_search)
       .def_readwrite("linear_impacts", &Options::linear_impacts)
       .def_readwrite("cubic_impacts", &Options::cubic_impacts)
       .def_readwrite("anticipate_contacts", &Options::anticipate_contacts)

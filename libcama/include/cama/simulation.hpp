@@ -16,6 +16,7 @@ namespace cama {
 enum class Assembly { gather, algorithm1, sorted };          ///< static pattern; the paper's Algorithm 1; collect, sort, reduce
 enum class Preconditioner { none, jacobi, block_jacobi };
 enum class Pinch { stop, release };                          ///< cloth caught between moving obstacles or pins without a way out
+enum class SearchKind { tree, fronts };                       ///< trees searched from the root; the paper's fronts
 enum class LinearSolver { conjugate_gradient, direct };
 /// What becomes of a start in which cloth intersects something: refused; simulated as it is; cloth moved first (refused if some is left).
 enum class Intersections { reject, exempt, untangle };
@@ -31,6 +32,8 @@ struct Options {
   bool atomic_filling = false;            ///< Algorithm 1 as printed: fill with floating-point atomics (order, hence bits, vary)
   ContactForm contact_form = ContactForm::rank_one;   ///< of the penalty in the matrix: consistent, or the paper's star of springs
   bool anticipate_contacts = true;        ///< contacts also for pairs that would close within the step; false: distance alone (paper)
+  SearchKind search = SearchKind::tree;   ///< how candidate pairs are found; the pairs are the same
+  bool localized_search = true;           ///< with fronts, when few vertices leave their boxes: search only near those (Figure 8)
   Preconditioner preconditioner = Preconditioner::block_jacobi;
   LinearSolver solver = LinearSolver::conjugate_gradient;
   double tolerance = 1e-3;                ///< of the solve, relative, in the preconditioned norm

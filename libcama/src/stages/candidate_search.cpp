@@ -46,11 +46,11 @@ void CandidateSearch::find_directions(State &state, const Stream<dvec3> &from, i
 }
 
 TreeSearch::TreeSearch(Backend &b)
-    : CandidateSearch(b), corners_(b), reduced_(b), key_(b), slot_(b), count_(b), offset_(b), identity_(b), changed_(b), flag_(b), offsets_(b), changed_vertex_(b),
+    : CandidateSearch(b), key_(b), slot_(b), count_(b), offset_(b), identity_(b), changed_(b), flag_(b), offsets_(b), changed_vertex_(b),
       changed_face_(b), changed_edge_(b), before_(b), changed_tree_(b)
 {}
 
-void TreeSearch::find_bounds(State &state, const Stream<dvec3> &from, const Stream<dvec3> &to)
+void CandidateSearch::find_bounds(State &state, const Stream<dvec3> &from, const Stream<dvec3> &to)
 {
   Backend &b = *state.backend;
   const int first = std::min(state.vertices, 4096), second = std::min(first, 64);

@@ -9,7 +9,7 @@ namespace cama {
 class CandidateSearch {
 public:
   enum class Change { none, grown, renewed };   ///< of the lists
-  explicit CandidateSearch(Backend &backend) : wanted_(backend), place_(backend), kept_(backend) {}
+  explicit CandidateSearch(Backend &backend) : wanted_(backend), place_(backend), kept_(backend), corners_(backend), reduced_(backend) {}
   virtual ~CandidateSearch() = default;
   /// Fills state.vertex_face and state.edge_edge for motion from -> to.
   virtual void run(State &state, const Stream<dvec3> &from, const Stream<dvec3> &to) = 0;
@@ -23,9 +23,13 @@ protected:
   /// Directions between the closest points at `from`, for the pairs from `first_*` on.
   void find_directions(State &state, const Stream<dvec3> &from, int first_vertex_face, int first_edge_edge);
 
+  /// Of all positions of the motion, into state.bounds.
+  void find_bounds(State &state, const Stream<dvec3> &from, const Stream<dvec3> &to);
+
 private:
   Stream<int> wanted_, place_;
   Stream<kernels::pair> kept_;
+  Stream<dvec3> corners_, reduced_;
 };
 
 /// The default: vertices ask a tree of faces, edges ask a tree of edges, by count, scan and fill. Localised updates (section 4.1 of the
@@ -37,7 +41,6 @@ public:
   Change update(State &state, const Stream<dvec3> &from, const Stream<dvec3> &to, double margin) override;
 
 private:
-  void find_bounds(State &state, const Stream<dvec3> &from, const Stream<dvec3> &to);
   void build_boxes(State &state, bool sort);
   void build_tree(State &state, int leaves, const Stream<kernels::box> &boxes, Stream<int> &order, Stream<kernels::box> &tree, bool sort);
   /// Candidates of the vertices `items` among the leaves of a face tree, behind those that the list has.
@@ -45,7 +48,6 @@ private:
   void query_edges(State &state, int mode, const Stream<int> &items);
   int keep(State &state, int n, const Stream<int> &flag, const Stream<int> &value, Stream<int> &kept);
 
-  Stream<dvec3> corners_, reduced_;
   Stream<key64> key_;
   Stream<int> slot_, count_, offset_;
   Stream<int> identity_;
