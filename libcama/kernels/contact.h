@@ -180,6 +180,61 @@ KERNEL find_contacts(int n, int kind, GLOBAL const pair *pairs, GLOBAL const fac
   }
 }
 
+#define SIDES 6            /* +x, -x, +y, -y, +z, -z */
+#define SIDE_COMPONENT 0.45 /* a direction points to every side along which its component is larger than this, to one at least */
+
+DEVICE double side_component(dvec3 n, int side) { return (side & 1) ? -dcomponent(n, side >> 1) : dcomponent(n, side >> 1); }
+
+/* nearest[SIDES v + side]: bits of the smallest distance (float, m) at which cloth vertex v has a contact on that side. */
+KERNEL nearest_contacts(int n, int kind, GLOBAL const pair *pairs, GLOBAL const face_nodes *face, GLOBAL const edge_nodes *edge,
+                        GLOBAL const dvec3 *position, GLOBAL const vertex_contact *v, int cloth_vertex_count, GLOBAL const int *flag,
+                        GLOBAL int *nearest)
+{
+  FOR_EACH(i, n)
+  {
+    element_nodes e;
+    proximity p;
+    int k, side;
+    if (!flag[i]) continue;
+    e = pair_nodes(kind, pairs[i], face, edge);
+    p = surface_proximity(kind, e, position, v);
+    for (k = 0; k < 4; ++k) {
+      dvec3 towards = k <= kind ? dscale(-1.0, p.normal) : p.normal;
+      if (e.node[k] >= cloth_vertex_count) continue;
+      for (side = 0; side < SIDES; ++side)
+        if (side_component(towards, side) > SIDE_COMPONENT) atomic_min_int(nearest + SIDES * e.node[k] + side, float_bits((float)p.distance));
+    }
+  }
+}
+
+/* Takes back anticipated contacts through other cloth: one of their vertices has a contact on the same side that is nearer by more than
+   the thickness. The term of such a pair would pull its sides together through what lies between them. */
+KERNEL drop_hidden_contacts(int n, int kind, GLOBAL const pair *pairs, GLOBAL const face_nodes *face, GLOBAL const edge_nodes *edge,
+                            GLOBAL const dvec3 *position, GLOBAL const vertex_contact *v, int cloth_vertex_count,
+                            GLOBAL const int *nearest, GLOBAL int *flag)
+{
+  FOR_EACH(i, n)
+  {
+    element_nodes e;
+    proximity p;
+    double thickness;
+    int k, side, hidden = 0;
+    if (!flag[i]) continue;
+    e = pair_nodes(kind, pairs[i], face, edge);
+    p = surface_proximity(kind, e, position, v);
+    thickness = pair_thickness(kind, e, v);
+    if (!(p.distance > thickness)) continue;
+    for (k = 0; k < 4; ++k) {
+      dvec3 towards = k <= kind ? dscale(-1.0, p.normal) : p.normal;
+      if (e.node[k] >= cloth_vertex_count) continue;
+      for (side = 0; side < SIDES; ++side)
+        if (side_component(towards, side) > SIDE_COMPONENT)
+          hidden |= p.distance > (double)bits_float(nearest[SIDES * e.node[k] + side]) + thickness;
+    }
+    if (hidden) flag[i] = 0;
+  }
+}
+
 /* The directions alone, from pair `first` on, for a search that contacts are not wanted from. */
 KERNEL find_directions(int n, int kind, int first, GLOBAL const pair *pairs, GLOBAL const face_nodes *face, GLOBAL const edge_nodes *edge,
                        GLOBAL const dvec3 *position, GLOBAL const vertex_contact *v, GLOBAL dvec3 *direction)

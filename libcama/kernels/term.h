@@ -82,24 +82,6 @@ KERNEL make_contact_terms(int n, GLOBAL const contact *contacts, GLOBAL const do
   }
 }
 
-/* An anticipated contact holds its pair from either side. Where the solved velocities would have it pull back a pair that other contacts
-   keep more than twice the thickness apart, it was none: it goes. dropped[0] counts. */
-KERNEL drop_pulling_terms(int n, GLOBAL const contact *contacts, GLOBAL const vec3 *velocity, real time_step, GLOBAL term *terms,
-                          GLOBAL int *dropped)
-{
-  FOR_EACH(i, n)
-  {
-    term t = terms[i];
-    real end = (real)contacts[i].distance;
-    int a;
-    if (!(contacts[i].distance > contacts[i].thickness)) continue;
-    for (a = 0; a < 4; ++a) end += time_step * t.weight[a] * dot(t.normal, velocity[t.node[a]]);
-    if (!(end > (real)(2.0 * contacts[i].thickness))) continue;
-    terms[i].along = terms[i].around = terms[i].push = (real)0;
-    atomic_add_int(dropped, 1);
-  }
-}
-
 /* Appends zero-length springs (stitches) to the terms, starting at `first`. */
 KERNEL make_stitch_terms(int n, GLOBAL const stitch *stitches, GLOBAL const dvec3 *position, real time_step, int first,
                          GLOBAL term *terms)

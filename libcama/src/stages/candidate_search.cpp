@@ -186,6 +186,11 @@ int TreeSearch::keep(State &state, int n, const Stream<int> &flag, const Stream<
 CandidateSearch::Change TreeSearch::update(State &state, const Stream<dvec3> &from, const Stream<dvec3> &to, double margin)
 {
   Backend &b = *state.backend;
+  if (searches_since_sort_ == 0) {
+    run(state, from, to);
+    find_directions(state, from, 0, 0);
+    return Change::renewed;
+  }
   CAMA_LAUNCH(b, grow_boxes, state.vertices, from, to, state.margin, state.bounds, margin, before_, state.vertex_box, changed_);
   const int changed = keep(state, state.vertices, changed_, identity_, changed_vertex_);
   if (changed == 0) return Change::none;

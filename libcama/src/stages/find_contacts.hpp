@@ -8,13 +8,14 @@ namespace cama {
 /// Candidate pairs that are closer than their thickness, or will be, become contacts (discrete detection, Figure 7).
 class FindContacts final : public Stage {
 public:
-  explicit FindContacts(Backend &backend) : vertex_face_(backend), edge_edge_(backend) {}
+  explicit FindContacts(Backend &backend) : vertex_face_(backend), edge_edge_(backend), nearest_(backend) {}
   std::string_view name() const override { return "contacts"; }
   std::string reason() const override { return "contact"; }
   void run(State &state) override;
 
 private:
   FlaggedPairs vertex_face_, edge_edge_;
+  Stream<int> nearest_;
 };
 
 }  // namespace cama

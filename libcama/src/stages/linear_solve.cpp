@@ -14,11 +14,12 @@ namespace {
 int first_parts(int n) { return (n + VECTOR_CHUNK - 1) / VECTOR_CHUNK; }
 int second_parts(int n) { return (first_parts(n) + PARTIAL_CHUNK - 1) / PARTIAL_CHUNK; }
 constexpr int iterations_per_check = 4;
+constexpr double forces_slack = 10;   // of the tolerance, relative to the forces without penalties
 }  // namespace
 
 template <class Real>
 LinearSolve<Real>::LinearSolve(Backend &b)
-    : inverse_(b), r_(b), z_(b), p_(b), q_(b), product_(b), partial_(b), reduced_(b), scalar_(b, SCALAR_COUNT), dropped_(b, 1)
+    : inverse_(b), r_(b), z_(b), p_(b), q_(b), product_(b), partial_(b), reduced_(b), scalar_(b, SCALAR_COUNT)
 {}
 
 template <class Real>
@@ -74,8 +75,8 @@ void LinearSolve<Real>::conjugate_gradient(State &state)
   dot(state, r_, z_);
   CAMA_LAUNCH(b, finish_beta, 1, parts, 1, reduced_, scalar_);
   const double start = scalar_.at(SCALAR_RZ);
-  // Relative to the forces alone where penalties are much larger: a tolerance of theirs would leave gravity unsolved.
-  const double goal = state.options.tolerance * state.options.tolerance * (forces > 0 ? std::min(start, forces) : start);
+  // Where penalties are much larger than all other forces, a tolerance of theirs would leave gravity unsolved.
+  const double goal = state.options.tolerance * state.options.tolerance * (forces > 0 ? std::min(start, forces_slack * forces_slack * forces) : start);
   if (!std::isfinite(start)) throw SolverError("step " + std::to_string(state.report.step) + ": the linear system is not finite; check the material's stiffness and density and the time step");
   if (start < 0)
     throw SolverError("step " + std::to_string(state.report.step) + ": the preconditioner is not positive definite; check stiffness and density");
@@ -96,7 +97,7 @@ void LinearSolve<Real>::conjugate_gradient(State &state)
       throw SolverError("step " + std::to_string(state.report.step) + ": the linear solve broke down after " + std::to_string(i) +
                         " iterations (the matrix is not positive definite); check stiffness and density, or take a smaller time step");
   }
-  state.report.iterations += i;
+  state.report.iterations = i;
   state.report.residual = start > 0 ? std::sqrt(now / start) : 0;
 }
 
@@ -149,28 +150,6 @@ void LinearSolve<Real>::direct(State &state)
 }
 
 template <class Real>
-bool LinearSolve<Real>::drop_pulling(State &state)
-{
-  if (!state.options.anticipate_contacts || !terms_as_operator(state) || state.contacts == 0) return false;
-  dropped_.fill_zero();
-  CAMA_LAUNCH_REAL(Real, *state.backend, drop_pulling_terms, state.contacts, state.contact, state.system<Real>().solution,
-                   static_cast<Real>(state.time_step), state.system<Real>().term, dropped_);
-  return dropped_.at(0) > 0;
-}
-
-template <class Real>
-void LinearSolve<Real>::solve(State &state)
-{
-  System<Real> &s = state.system<Real>();
-  CAMA_LAUNCH_REAL(Real, *state.backend, make_right_side, state.cloth_vertices, static_cast<Real>(state.time_step), s.mass, state.velocity,
-                   state.velocity_next, state.fixed, s.force, s.right_side);
-  if (state.terms)
-    CAMA_LAUNCH_REAL(Real, *state.backend, add_term_forces, state.cloth_vertices, state.term_incidence.row, state.term_incidence.entry, s.term,
-                     s.right_side);
-  if (state.options.solver == LinearSolver::direct) direct(state); else conjugate_gradient(state);
-}
-
-template <class Real>
 void LinearSolve<Real>::run(State &state)
 {
   Backend &b = *state.backend;
@@ -178,8 +157,11 @@ void LinearSolve<Real>::run(State &state)
   s.right_side.resize(state.cloth_vertices);
   s.solution.resize(state.vertices);
   CAMA_LAUNCH_REAL(Real, b, start_solution, state.vertices, state.velocity, state.velocity_next, state.fixed, s.solution);
-  solve(state);
-  if (drop_pulling(state)) solve(state);
+  CAMA_LAUNCH_REAL(Real, b, make_right_side, state.cloth_vertices, static_cast<Real>(state.time_step), s.mass, state.velocity,
+                   state.velocity_next, state.fixed, s.force, s.right_side);
+  if (state.terms)
+    CAMA_LAUNCH_REAL(Real, b, add_term_forces, state.cloth_vertices, state.term_incidence.row, state.term_incidence.entry, s.term, s.right_side);
+  if (state.options.solver == LinearSolver::direct) direct(state); else conjugate_gradient(state);
   CAMA_LAUNCH_REAL(Real, b, store_velocity, state.cloth_vertices, state.fixed, s.solution, state.velocity_next);
 }
 

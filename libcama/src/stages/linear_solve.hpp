@@ -6,7 +6,7 @@ namespace cama {
 
 /// A v = b of Equation 1 by preconditioned conjugate gradient, or by a sparse direct factorisation (the reference). Starts from the
 /// current velocities; prescribed degrees of freedom are eliminated; stops by sqrt(r' P r) relative to its start,
-/// or to that of the forces without penalties where it is smaller. Anticipated contacts that would pull are dropped, and the rest is solved again.
+/// or to that of the forces without penalties where it is smaller.
 template <class Real> class LinearSolve final : public Stage {
 public:
   explicit LinearSolve(Backend &backend);
@@ -18,8 +18,6 @@ public:
 
 private:
   using vec3 = typename Types<Real>::vec3;
-  void solve(State &state);
-  bool drop_pulling(State &state);
   void precondition(State &state);
   void conjugate_gradient(State &state);
   void direct(State &state);
@@ -29,7 +27,6 @@ private:
   Stream<typename Types<Real>::mat3> inverse_;
   Stream<vec3> r_, z_, p_, q_, product_;
   Stream<double> partial_, reduced_, scalar_;
-  Stream<int> dropped_;
 };
 
 extern template class LinearSolve<double>;
