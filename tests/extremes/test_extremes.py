@@ -1,0 +1,164 @@
+# SPDX-License-Identifier: Apache-2.0
+"""No intersection at any step of any extreme case, by cama's exact audit and by ipctk; and what each case must end with.
+
+The quick tests are short runs of small meshes; `-m long` runs every case with ten jittered starts.
+"""
+
+import numpy as np
+import pytest
+
+import cama
+import judge
+import scenes
+import shapes
+from cases import CASES
+from run import perform
+
+REPEATS = 10
+
+# name, cloth triangles, arguments of the case: what a short run needs to reach the hard part
+QUICK = [("knot", 480, {}), ("chain", 300, {}), ("needle_bed", 300, {}), ("knife", 300, {}), ("needle_shot", 200, {}), ("press_tight", 200, {}),
+         ("press_shut", 200, {}), ("hole", 300, {}), ("coincident", 300, {}), ("rope", 300, {}), ("pile", 500, {"sheets": 5, "seconds": 0.6}),
+         ("drape", 300, {}), ("stack", 200, {"sheets": 3, "seconds": 2.0})]
+
+
+def free_of_trouble(run, complaints):
+    assert complaints == []
+    assert len(run.audit) == len(run.referee) == len(run.reports) > 0
+    assert max(run.audit) == max(run.referee) == 0
+
+
+@pytest.mark.parametrize("name, resolution, build", QUICK, ids=[q[0] for q in QUICK])
+def test_small(name, resolution, build):
+    free_of_trouble(*perform(name, 1, resolution, build=build))
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("seed", range(REPEATS))
+@pytest.mark.parametrize("name", CASES)
+def test_every_case(name, seed):
+    free_of_trouble(*perform(name, seed))
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_start_is_reproducible_and_jittered(name):
+    first, again, other = (np.concatenate([c.vertices for c in CASES[name].build(200, seed).cloths]) for seed in (3, 3, 4))
+    assert np.array_equal(first, again)
+    assert np.abs(first - other).max() > 1e-4
+
+
+# The judges must be able to see.
+
+def crossing():
+    """Two sheets through each other, contact off."""
+    scene = cama.Scene(gravity=(0, 0, 0), contact=False)
+    mesh = shapes.sheet(0.2, 0.2, 50)
+    scene.add_cloth(*mesh)
+    scene.add_cloth(mesh[0] @ shapes.rotation((0, 1, 0), 1.2).T + [0.003, 0.004, 0.005], mesh[1])
+    return scene
+
+
+def test_judges_see_an_intersection():
+    run = judge.run(crossing(), steps=1, stop=False)
+    assert run.problems and run.referee[0] > 0 and run.audit[0] > 0
+
+
+def test_judges_see_tunnelling():
+    """A sheet thrown at the knife with nothing but forces against it is cut by it."""
+    run = judge.run(scenes.knife(300), steps=10, bound=60.0, commit=False, max_impact_passes=0)
+    assert max(run.audit) > 0 and max(run.referee) > 0
+
+
+def test_order_is_seen_to_be_lost():
+    scene = scenes.drape(300)
+    run = judge.run(scene, steps=0)
+    assert CASES["drape"].expect(run) == []
+    first, last = run.simulation.cloth_ranges[0]
+    upper = run.simulation.cloth_ranges[2]
+    positions = run.simulation.positions[:run.simulation.cloth_vertex_count]
+    positions[first:last, 2] += 1.0
+    positions[upper[0]:upper[1], 2] -= 0.01
+    run.simulation.set_state(positions, np.zeros_like(positions))
+    assert CASES["drape"].expect(run)
+
+
+# Measures against known values.
+
+def test_linking_and_writhe_of_known_curves():
+    t = np.linspace(0, 2 * np.pi, 200, endpoint=False)
+    ring = np.stack([np.cos(t), np.sin(t), 0 * t], 1)
+    other = np.stack([1 + np.cos(t), 0 * t, np.sin(t)], 1)
+    assert abs(shapes.linking(ring, other)) == pytest.approx(1, abs=1e-9)
+    assert shapes.linking(ring, other + [3, 0, 0]) == pytest.approx(0, abs=1e-9)
+    assert shapes.writhe(np.stack([t, 0 * t, 0 * t], 1)) == pytest.approx(0, abs=1e-9)
+    assert 3 < abs(shapes.writhe(shapes.resample(shapes.overhand(), 300)[0])) < 3.5  # ideal trefoil 3.4 (Katritch et al. 1996)
+
+
+def test_heights_of_a_slope():
+    vertices, faces = shapes.sheet(1, 1, 32)
+    vertices[:, 2] = 0.5 + 0.3 * vertices[:, 0]
+    found = shapes.heights(vertices, faces, [(0.21, 0.13), (2, 2)])
+    assert found[0] == pytest.approx([0.563], abs=1e-12) and len(found[1]) == 0
+
+
+# Contact that has nothing to do must do nothing.
+
+def lost(run):
+    return run.total("truncated"), run.total("lost_motion"), run.total("impacts")
+
+
+def test_free_fall_is_not_held_up():
+    """Backward Euler: z_n - z_0 = -g dt^2 n (n + 1) / 2."""
+    scene = scenes.flight(400, 1, gravity=(0, 0, -9.81))
+    run = judge.run(scene, bound=20.0)
+    free_of_trouble(run, run.problems)
+    n = len(run.reports)
+    expected = run.start - [0, 0, 9.81 * scene.time_step**2 * n * (n + 1) / 2]
+    assert np.abs(run.positions - expected).max() < 1e-9  # the solve's tolerance is relative to a motion of metres
+    assert lost(run) == (0, 0, 0)
+
+
+@pytest.mark.parametrize("speed", [1.0, 300.0])
+def test_translation_is_not_held_up(speed):
+    scene = scenes.flight(400, 2, velocity=(0.6 * speed, 0.0, -0.8 * speed))
+    run = judge.run(scene, bound=2 * speed + 1)
+    free_of_trouble(run, run.problems)
+    moved = np.array([0.6, 0, -0.8]) * speed * scene.time_step * len(run.reports)
+    assert np.abs(run.positions - run.start - moved).max() < 1e-9 * speed
+    assert lost(run) == (0, 0, 0)
+
+
+def test_rotation_is_not_held_up():
+    """One turn a second about an axis in the sheet's plane: momentum stays 0, angular momentum falls by the integrator's damping alone."""
+    scene = scenes.flight(400, 3)
+    simulation = cama.Simulation(scene, backend="cpu", threads=1)
+    start, mass = simulation.positions, simulation.masses[:, None]
+    middle = (mass * start).sum(0) / mass.sum()
+    axis = start[1] - start[0]
+    axis *= 2 * np.pi / np.linalg.norm(axis)
+    simulation.set_state(start, np.cross(axis, start - middle))
+    before = (mass * np.cross(start - middle, simulation.velocities)).sum(0)
+    for _ in range(50):
+        simulation.step()
+        report = simulation.report
+        assert (report["truncated"], report["lost_motion"], report["impacts"], simulation.count_intersections()) == (0, 0, 0, 0)
+    end, velocities = simulation.positions, simulation.velocities
+    assert np.abs((mass * end).sum(0) / mass.sum() - middle).max() < 1e-9
+    after = (mass * np.cross(end - middle, velocities)).sum(0)
+    assert np.dot(after, before) / np.dot(before, before) == pytest.approx(1, abs=0.05)
+    normal = np.cross(end[-1] - end[0], end[1] - end[0])
+    normal_before = np.cross(start[-1] - start[0], start[1] - start[0])
+    turned = np.degrees(np.arctan2(np.dot(np.cross(normal_before, normal), axis) / np.linalg.norm(axis), np.dot(normal_before, normal)))
+    assert abs(turned) == pytest.approx(90, abs=5)  # a quarter of a second
+
+
+def test_sheets_a_micrometre_apart_fall_freely():
+    """E.4 37: both fall as one until they meet the ball; the pair's middle as a free body, whatever they do to each other."""
+    scene = scenes.coincident(300, 5)
+    run = judge.run(scene, steps=15)
+    free_of_trouble(run, run.problems)
+    n, count = len(run.reports), run.simulation.cloth_vertex_count
+    fallen = (run.positions - run.start)[:count, 2]
+    assert fallen.mean() == pytest.approx(-9.81 * scene.time_step**2 * n * (n + 1) / 2, rel=1e-6)
+    assert np.abs(run.positions[:count // 2, 2] - run.positions[count // 2:count, 2]).max() < 2 * scenes.THICKNESS
+    assert run.total("truncated") == 0
