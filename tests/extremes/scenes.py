@@ -224,7 +224,7 @@ def knot(resolution=900, seed=0):
     points, _ = shapes.resample(curve, max(60, round(resolution / 2 / columns)) + 1)
     angle = random.uniform(0, 2 * np.pi)
     vertices, faces, rest = shapes.ribbon(points, KNOT_WIDTH, columns, (np.cos(angle), np.sin(angle), 0))
-    seconds, stretch = 3.0, length - 0.30
+    seconds, stretch = 3.0, length - 0.15
     scene = _scene("knot", round((seconds + 0.5) / 0.005), gravity=(0, 0, 0))
     cloth = _add(scene, (vertices, faces), rest, name="strip")
     away = points[-1] - points[0]
