@@ -194,6 +194,10 @@ def expect_coincident(run):
     return order_along(run, center, cone_of_directions(10) + cone_of_directions(30)) + _complain(_quiet(run, 1e-2))
 
 
+def expect_thick(run):
+    return _complain(_floor(run), (run.simulation.max_strain < 0.1, f"stretched by {run.simulation.max_strain:.3g} at rest"), _quiet(run, 1e-2))
+
+
 def expect_stack(run):
     return _complain(_floor(run), _quiet(run, 1e-6))
 
@@ -217,5 +221,9 @@ CASES = {
     "knot": Case(scenes.knot, expect_knot, 900, 20000, bound=4.0),
     "chain": Case(scenes.chain, expect_chain, 900, 20000, bound=1.0),
     "coincident": Case(scenes.coincident, expect_coincident, bound=1.0),
+    "thick": Case(scenes.thick, expect_thick, bound=1.0, hide=("floor",)),
+    "bullet": Case(scenes.bullet, expect_shot, bound=60.0),
+    "teleport": Case(scenes.teleport, expect_shot),
+    "flip": Case(scenes.flip, expect_shot, bound=5.0),
     "stack": Case(scenes.stack, expect_stack, 1000, 4000, bound=1.0),
 }

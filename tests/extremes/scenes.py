@@ -107,7 +107,7 @@ def needle_bed(resolution=1000, seed=0, needles=6):
     tips = np.stack(np.meshgrid(line, line), 2).reshape(-1, 2) + random.uniform(-8e-3, 8e-3, (needles**2, 2))
     bed = shapes.join([_placed(shapes.cone(6e-3, 0.08, 6), shift=(*p, 0)) for p in tips])
     scene.add_obstacle(*bed, name="needles", friction=0.3)
-    scene.add_obstacle(shape={"plane": {"size": [2, 2], "triangles": 8}}, name="floor", translate=(0, 0, -2e-3), friction=0.3)
+    scene.add_obstacle(shape={"plane": {"size": [2, 2], "triangles": 8}}, name="floor", translate=(0, 0, -1e-5), friction=0.3)
     mesh = shapes.sheet(0.5, 0.5, resolution)
     _add(scene, _placed(mesh, shapes.rotation((0, 0, 1), random.uniform(-0.2, 0.2)), (0, 0, 0.085)), mesh[0][:, :2], name="sheet")
     return scene
@@ -132,7 +132,7 @@ def needle_shot(resolution=1000, seed=0, speed=300.0):
     tips = np.stack(np.meshgrid(line, line), 2).reshape(-1, 2) + random.uniform(-8e-3, 8e-3, (16, 2))
     bed = shapes.join([_placed(shapes.cone(6e-3, 0.2, 6), shift=(*p, 0)) for p in tips])
     scene.add_obstacle(*bed, name="needles", friction=0.3)
-    scene.add_obstacle(shape={"plane": {"size": [4, 4], "triangles": 8}}, name="floor", translate=(0, 0, -2e-3), friction=0.3)
+    scene.add_obstacle(shape={"plane": {"size": [4, 4], "triangles": 8}}, name="floor", translate=(0, 0, -1e-5), friction=0.3)
     mesh = shapes.sheet(0.5, 0.5, resolution)
     _add(scene, _placed(mesh, shapes.rotation((0, 0, 1), random.uniform(-0.2, 0.2)), (0, 0, 0.23)), mesh[0][:, :2], name="sheet",
          velocity=(0, 0, -speed))
@@ -264,6 +264,65 @@ def coincident(resolution=1000, seed=0, gap=1e-6):
     turn = shapes.rotation((0, 0, 1), random.uniform(0, 0.7))
     for k in range(2):
         _add(scene, _placed(mesh, turn, (0, 0, 0.25 + gap * k)), mesh[0][:, :2], name=("lower", "upper")[k])
+    return scene
+
+
+def touching(resolution=1000, seed=0):
+    """The same at distance 0: every vertex lies on another."""
+    scene = coincident(resolution, seed, gap=0.0)
+    scene.name = "touching"
+    return scene
+
+
+def thick(resolution=1000, seed=0):
+    """A sheet whose contact thickness, 30 mm, is longer than its edges, on a ball and a floor of two triangles."""
+    random = np.random.default_rng(seed)
+    scene = _scene("thick", 300)
+    scene.add_obstacle(shape={"sphere": {"radius": 0.1, "triangles": 1280}}, name="ball", translate=(0, 0, 0.15))
+    scene.add_obstacle([[-500, -500, 0], [500, -500, 0], [500, 500, 0], [-500, 500, 0]], [[0, 1, 2], [0, 2, 3]], name="floor", friction=0.4)
+    mesh = shapes.sheet(0.4, 0.4, resolution)
+    _add(scene, _placed(mesh, shapes.rotation((0, 0, 1), random.uniform(0, 0.7)), (*random.uniform(-0.03, 0.03, 2), 0.27)), mesh[0][:, :2],
+         name="sheet", thickness=0.03)
+    return scene
+
+
+def _upright(resolution, seed, scene, pinned):
+    """Adds a sheet in the plane y = 0, 0.4 m wide and high, its upper corners held if `pinned`."""
+    random = np.random.default_rng(seed)
+    mesh = shapes.sheet(0.4, 0.4, resolution)
+    turn = shapes.rotation((0, 0, 1), random.uniform(-0.1, 0.1)) @ shapes.rotation((1, 0, 0), np.pi / 2)
+    cloth = _add(scene, _placed(mesh, turn, random.uniform(-0.02, 0.02, 3)), mesh[0][:, :2], name="sheet")
+    if pinned:
+        top = np.flatnonzero(mesh[0][:, 1] == mesh[0][:, 1].max())
+        scene.pin(cloth, top[[0, -1]])
+    return scene
+
+
+def bullet(resolution=1000, seed=0, speed=1000.0):
+    """A ball of 40 mm at 1000 m/s meets a free sheet and carries it for 2 m; one metre a step."""
+    scene = _scene("bullet", 150, time_step=1e-3, gravity=(0, 0, 0))
+    scene.add_obstacle(shape={"sphere": {"radius": 0.02, "triangles": 320}}, name="bullet", translate=(0, -0.5, 0),
+                       motion=dict(velocity=(0, speed, 0), stop=2.5 / speed))
+    return _upright(resolution, seed, scene, pinned=False)
+
+
+def teleport(resolution=1000, seed=0, distance=0.5):
+    """A ball of 0.2 m is half a metre farther within one step, on the other side of a sheet held at its corners."""
+    scene = _scene("teleport", 200)
+    scene.add_obstacle(shape={"sphere": {"radius": 0.1, "triangles": 1280}}, name="ball", translate=(0, -0.2, 0),
+                       motion=dict(velocity=(0, distance / 0.005, 0), start=0.1, stop=0.105))
+    return _upright(resolution, seed, scene, pinned=True)
+
+
+def flip(resolution=1000, seed=0):
+    """A bar under a draped sheet turns by 180 degrees about its length within one step, and again half a second later."""
+    random = np.random.default_rng(seed)
+    scene = _scene("flip", 300)
+    half = [np.cos(np.pi / 2), 0, np.sin(np.pi / 2), 0]
+    keys = [dict(time=t, rotation=q) for t, q in ((0.5, (1, 0, 0, 0)), (0.505, half), (1.0, half), (1.005, (-1, 0, 0, 0)))]
+    scene.add_obstacle(*shapes.box((0.2, 0.5, 0.04), (4, 10, 1)), name="bar", friction=0.3, motion=dict(keys=keys))
+    mesh = shapes.sheet(0.4, 0.4, resolution)
+    _add(scene, _placed(mesh, shapes.rotation((0, 0, 1), random.uniform(0, 0.7)), (*random.uniform(-0.02, 0.02, 2), 0.03)), mesh[0][:, :2], name="sheet")
     return scene
 
 

@@ -18,8 +18,8 @@ REPEATS = 10
 
 # name, cloth triangles, arguments of the case: what a short run needs to reach the hard part
 QUICK = [("knot", 480, {}), ("chain", 300, {}), ("needle_bed", 300, {}), ("knife", 300, {}), ("needle_shot", 200, {}), ("press_tight", 200, {}),
-         ("press_shut", 200, {}), ("hole", 300, {}), ("coincident", 300, {}), ("rope", 300, {}), ("pile", 500, {"sheets": 5, "seconds": 0.6}),
-         ("drape", 300, {}), ("stack", 200, {"sheets": 3, "seconds": 2.0})]
+         ("press_shut", 100, {}), ("hole", 300, {}), ("coincident", 200, {}), ("rope", 200, {}), ("pile", 500, {"sheets": 5, "seconds": 0.6}),
+         ("bullet", 100, {}), ("stack", 200, {"sheets": 3, "seconds": 2.0})]
 
 
 def free_of_trouble(run, complaints):
@@ -45,6 +45,12 @@ def test_start_is_reproducible_and_jittered(name):
     first, again, other = (np.concatenate([c.vertices for c in CASES[name].build(200, seed).cloths]) for seed in (3, 3, 5))
     assert np.array_equal(first, again)
     assert np.abs(first - other).max() > 1e-4
+
+
+def test_sheets_at_distance_zero_are_refused():
+    """E.4 10: every vertex of one sheet lies on one of the other; the error names both."""
+    with pytest.raises(cama.CollisionError, match="intersections.*'lower'.*'upper'"):
+        judge.run(scenes.touching(100), steps=0)
 
 
 # The judges must be able to see.
@@ -185,6 +191,11 @@ def test_sheets_a_micrometre_apart_fall_freely():
 @pytest.mark.xfail(reason="the default tolerance of the solve is relative to the penalty forces, and leaves part of gravity unsolved")
 def test_sheets_a_micrometre_apart_fall_freely_by_default():
     assert fall_of_two() == pytest.approx(1, abs=0.05)
+
+
+@pytest.mark.xfail(reason="where the penalty is weak against the membrane, impacts put back what the solve would free: a jam, not an equilibrium")
+def test_stretched_cloth_recovers():
+    free_of_trouble(*perform("teleport", 1, 100))
 
 
 @pytest.mark.xfail(reason="anticipated contacts pull too, and reach through other layers: a pile gains energy")
