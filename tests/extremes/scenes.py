@@ -117,7 +117,7 @@ def knife(resolution=1000, seed=0, speed=300.0):
     """A sheet thrown at 300 m/s onto the edge of a thin wedge (opening angle 4 degrees)."""
     random = np.random.default_rng(seed)
     scene = _scene("knife", 200, time_step=1e-3)
-    scene.add_obstacle(*shapes.wedge(0.02, 0.3, 1.0, 40), name="knife", friction=0.3)
+    scene.add_obstacle(*shapes.wedge(0.2, 3.0, 1.0, 40), name="knife", friction=0.3)
     mesh = shapes.sheet(0.4, 0.4, resolution)
     turn = shapes.rotation((0, 0, 1), random.uniform(0, 0.5)) @ shapes.rotation((*random.normal(size=2), 0), random.uniform(0, 0.05))
     _add(scene, _placed(mesh, turn, (*random.uniform(-0.02, 0.02, 2), 0.03)), mesh[0][:, :2], name="sheet", velocity=(0, 0, -speed))
