@@ -5,8 +5,8 @@
     python benchmarks/ablation.py --resolution 200000 --steps 100 --backend cuda --every 10 --csv ablation.csv
 
 impacts: pairs (vertex-face, edge-edge) that touch while a step takes all vertices straight from where it began to where it ended; pairs by
-ipctk's broad phase, the test cama.collision (no false negative).  intersections: edges through faces at the end, exact.  first: impacts that
-the step itself found after its solve (report), where it looked for them.  Means over the judged steps.
+ipctk's broad phase, the test cama.collision (no false negative).  intersections: edges through faces at the end, exact.  first: impacts
+that the step itself found after its solve (report), where it looked for them.  Means over the judged steps.
 """
 
 import argparse

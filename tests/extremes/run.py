@@ -48,7 +48,8 @@ def row(name, seed, run, complaints):
     return dict(zip(COLUMNS, [
         name, s.backend, seed, s.cloth_triangle_count, len(run.reports), sum(of("milliseconds")) / steps, max(of("milliseconds")),
         max(run.audit, default=-1), max(run.referee, default=-1), run.total("impacts") / steps,
-        run.total("truncated") / steps / s.cloth_vertex_count, run.total("lost_motion") / steps, max(of("lost_motion")), max(of("substeps")),
+        run.total("truncated") / steps / s.cloth_vertex_count, run.total("lost_motion") / steps, max(of("lost_motion")),
+        max(of("substeps")),
         1e3 * s.min_gap, s.max_strain, run.kinetic[-1] / max(run.kinetic) if run.kinetic else 0.0, outcome]))
 
 

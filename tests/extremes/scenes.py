@@ -92,7 +92,8 @@ def pile(resolution=1600, seed=0, sheets=50, seconds=1.5):
     scene = _scene("pile", round(seconds / 0.005))
     scene.add_obstacle(shape={"plane": {"size": [2, 2], "triangles": 8}}, friction=0.4, name="floor", translate=(0.0131, 0.0177, 0))
     for k in range(sheets):
-        turn = shapes.rotation((0, 0, 1), random.uniform(-0.15, 0.15)) @ shapes.rotation((*random.normal(size=2), 0), random.uniform(0, 0.012))
+        turn = shapes.rotation((0, 0, 1), random.uniform(-0.15, 0.15)) @ \
+            shapes.rotation((*random.normal(size=2), 0), random.uniform(0, 0.012))
         shift = (*random.uniform(-0.01, 0.01, 2), 0.01 + 0.008 * k)
         mesh = shapes.sheet(0.3, 0.3, resolution / sheets)
         _add(scene, _placed(mesh, turn, shift), mesh[0][:, :2], name=f"sheet {k}", material="cotton")
@@ -182,7 +183,8 @@ def clamp(resolution=1000, seed=0):
     for side, name in ((1, "right"), (-1, "left")):
         turn = shapes.rotation((0, 0, 1), 0.02 * side)
         reach = 0.25 * 0.02
-        scene.add_obstacle(*_placed(shapes.box(plate, (1, 6 + side, 6 + side)), turn, (side * (opening / 2 + plate[0] / 2 + reach), 0, -0.3)),
+        scene.add_obstacle(*_placed(shapes.box(plate, (1, 6 + side, 6 + side)), turn,
+                                    (side * (opening / 2 + plate[0] / 2 + reach), 0, -0.3)),
                            name=name, friction=0.3,
                            motion=dict(velocity=(-side * (opening - gap) / 2 / seconds, 0, 0), stop=seconds))
     mesh = shapes.sheet(0.4, 0.4, resolution)
@@ -249,7 +251,8 @@ def chain(resolution=900, seed=0, rings=3):
     faces = shapes.cells(around, rows, wrap=True)
     for k in range(rings):
         turn = shapes.rotation((0, 0, 1), np.pi / 2 * (k % 2) + random.uniform(-0.15, 0.15))
-        ring = scene.add_cloth(*_placed((band, faces), turn, (*random.uniform(-2e-3, 2e-3, 2), -1.5 * radius * k)), name=f"ring {k}", material="denim")
+        ring = scene.add_cloth(*_placed((band, faces), turn, (*random.uniform(-2e-3, 2e-3, 2), -1.5 * radius * k)),
+                               name=f"ring {k}", material="denim")
         if k == 0:
             scene.pin(ring, np.flatnonzero(band[:, 2] > 0.93 * radius))
     return scene
@@ -322,7 +325,8 @@ def flip(resolution=1000, seed=0):
     keys = [dict(time=t, rotation=q) for t, q in ((0.5, (1, 0, 0, 0)), (0.505, half), (1.0, half), (1.005, (-1, 0, 0, 0)))]
     scene.add_obstacle(*shapes.box((0.2, 0.5, 0.04), (4, 10, 1)), name="bar", friction=0.3, motion=dict(keys=keys))
     mesh = shapes.sheet(0.4, 0.4, resolution)
-    _add(scene, _placed(mesh, shapes.rotation((0, 0, 1), random.uniform(0, 0.7)), (*random.uniform(-0.02, 0.02, 2), 0.03)), mesh[0][:, :2], name="sheet")
+    _add(scene, _placed(mesh, shapes.rotation((0, 0, 1), random.uniform(0, 0.7)), (*random.uniform(-0.02, 0.02, 2), 0.03)), mesh[0][:, :2],
+         name="sheet")
     return scene
 
 
@@ -343,5 +347,6 @@ def flight(resolution=400, seed=0, gravity=(0, 0, 0), velocity=(0, 0, 0)):
     random = np.random.default_rng(seed)
     scene = _scene("flight", 100, gravity=gravity)
     mesh = shapes.sheet(0.5, 0.5, resolution)
-    _add(scene, _placed(mesh, shapes.rotation(random.normal(size=3), random.uniform(0, 3))), mesh[0][:, :2], name="sheet", velocity=velocity)
+    _add(scene, _placed(mesh, shapes.rotation(random.normal(size=3), random.uniform(0, 3))), mesh[0][:, :2], name="sheet",
+         velocity=velocity)
     return scene

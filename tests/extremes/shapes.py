@@ -12,7 +12,10 @@ def rotation(axis, angle):
 
 
 def cells(columns, rows, wrap=False):
-    """Faces over a (columns + 1) x (rows + 1) lattice of vertices, row after row; diagonals alternate. wrap: column `columns` is column 0."""
+    """Faces over a (columns + 1) x (rows + 1) lattice of vertices, row after row; diagonals alternate.
+
+    wrap: column `columns` is column 0.
+    """
     across = columns if wrap else columns + 1
     i, j = np.meshgrid(np.arange(columns), np.arange(rows), indexing="xy")
     i, j = i.ravel(), j.ravel()
