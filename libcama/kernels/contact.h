@@ -142,23 +142,29 @@ DEVICE int make_contact(int kind, element_nodes e, GLOBAL const dvec3 *position,
   return 1;
 }
 
-/* The direction between the middles of both sides if along it the pair keeps `distance` now and in the prediction: then it is no
-   contact, at a quarter of the cost of its closest points. Else the zero vector. */
+/* The direction between the middles of both sides if along it the pair is further apart than `distance` by more than its vertices move
+   against each other until the prediction: then it is no contact, at a quarter of the cost of its closest points. Else the zero vector. */
 DEVICE dvec3 apart_along(int kind, element_nodes e, GLOBAL const dvec3 *position, GLOBAL const dvec3 *predicted, double distance)
 {
-  dvec3 o = position[e.node[0]], p = predicted[e.node[0]], x[4], y[4], n;
-  double low_now = 0.0, low_then = 0.0, high_now = -1e300, high_then = -1e300;
-  int k;
-  x[0] = y[0] = dvec3_make(0.0, 0.0, 0.0);
-  for (k = 1; k < 4; ++k) { x[k] = dsub(position[e.node[k]], o); y[k] = dsub(predicted[e.node[k]], p); }
+  dvec3 o = position[e.node[0]], p = predicted[e.node[0]], x[4], moved[4], n;
+  double low = 0.0, high = -1e300, most = 0.0, room;
+  int k, j;
+  x[0] = moved[0] = dvec3_make(0.0, 0.0, 0.0);
+  for (k = 1; k < 4; ++k) {
+    x[k] = dsub(position[e.node[k]], o);
+    moved[k] = dsub(dsub(predicted[e.node[k]], p), x[k]);
+  }
   n = kind == 0 ? dscale(-1.0 / 3.0, dadd(dadd(x[1], x[2]), x[3])) : dscale(0.5, dsub(x[1], dadd(x[2], x[3])));
   n = dnormalize(n);
-  if (kind == 1) { low_now = min_double(0.0, ddot(n, x[1])); low_then = min_double(0.0, ddot(n, y[1])); }
-  for (k = kind + 1; k < 4; ++k) {
-    high_now = max_double(high_now, ddot(n, x[k]));
-    high_then = max_double(high_then, ddot(n, y[k]));
-  }
-  return low_now - high_now >= distance && low_then - high_then >= distance ? n : dvec3_make(0.0, 0.0, 0.0);
+  if (kind == 1) low = min_double(0.0, ddot(n, x[1]));
+  for (k = kind + 1; k < 4; ++k) high = max_double(high, ddot(n, x[k]));
+  room = low - high - distance;
+  for (j = 0; j <= kind; ++j)
+    for (k = kind + 1; k < 4; ++k) {
+      dvec3 d = dsub(moved[j], moved[k]);
+      most = max_double(most, ddot(d, d));
+    }
+  return room > 0.0 && room * room > most ? n : dvec3_make(0.0, 0.0, 0.0);
 }
 
 /* flag[i] = 1 where candidate i is a contact; direction[i]: one that tells its sides apart, from side B to side A. */
