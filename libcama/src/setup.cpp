@@ -8,6 +8,7 @@ namespace {
 
 constexpr double without_end = 1e30;         // m; boxes of planes
 constexpr double thickest_per_edge = 0.45;   // of the shortest edge: neighbours at rest are never in contact
+constexpr double contact_margin = 0.6;       // of the thickness: half for the contact distance, the rest for what the solve adds to the prediction
 
 template <class Real> void set_up_materials(System<Real> &s, Backend &b, const Scene &scene)
 {
@@ -127,8 +128,7 @@ void set_up_contact(State &state, const Scene &scene, const Topology &t)
     p.radius = t.radius[v];
     p.form = surface == Form::plane ? SURFACE_PLANE : (surface == Form::sphere || surface == Form::capsule ? SURFACE_ROUND : SURFACE_MESH);
     if (surface != Form::plane) asking.push_back(static_cast<int>(v));
-    // Half of the thickness for the contact distance, half for what the solve adds to the predicted motion.
-    margin[v] = surface == Form::plane ? without_end : p.radius + p.thickness;
+    margin[v] = surface == Form::plane ? without_end : p.radius + contact_margin * p.thickness;
   }
   state.face = Stream<kernels::face_nodes>(b, faces);
   state.edge = Stream<kernels::edge_nodes>(b, edges);
