@@ -12,7 +12,8 @@
    Only relative motion enters: common translation loses nothing. When a vertex of it has been truncated the pair is looked at again, and
    settled with a plane if the new motion is not certified. Each pair settles at most once and only settling lowers a t, so passes end;
    after one in which nothing settled every pair is safe for the same t. Passes read a copy of t, so the result is the same everywhere.
-   Positions closer than dmin (bad input) may not come closer; intersecting ones cannot be certified: counted, frozen or let go. */
+   Positions closer than dmin (a start that was so, or what a pinch left) may come nearer by half, so that they stay apart whatever an obstacle
+   does; intersecting ones cannot be certified: counted, frozen or let go. */
 
 #define COMMIT_SETTLED 0
 #define COMMIT_CONDITIONAL 1
@@ -38,13 +39,13 @@ DEVICE commit_bound commit_free(int state)
   return r;
 }
 
-/* SETTLED. Divides the gap along n between both hulls. x relative to one vertex, d absolute displacements, fixed[k]: vertex k cannot be
+/* SETTLED. Divides the gap along n between both hulls. radius: of them together, m, part of dmin. x relative to one vertex, d absolute displacements, fixed[k]: vertex k cannot be
    truncated, rounding: m, covers what float arithmetic loses in x and d. */
-DEVICE commit_bound commit_plane(const dvec3 *x, const dvec3 *d, const int *fixed, int split, dvec3 n, double dmin, double rounding)
+DEVICE commit_bound commit_plane(const dvec3 *x, const dvec3 *d, const int *fixed, int split, dvec3 n, double dmin, double radius, double rounding)
 {
   commit_bound r = commit_free(COMMIT_SETTLED);
   /* Heights along the outward side of each hull, A first (0), B (1) with n reversed: approach is positive towards the other hull. */
-  double height[4], approach[4], start[2], most[2], most_fixed[2], floor_distance = dmin + 2.0 * rounding, gap, share, plane;
+  double height[4], approach[4], start[2], most[2], most_fixed[2], floor_distance, gap, share, plane;
   start[0] = start[1] = most[0] = most[1] = most_fixed[0] = most_fixed[1] = 0.0;
   for (int k = 0; k < 4; ++k) {
     int side = k >= split;
@@ -56,9 +57,10 @@ DEVICE commit_bound commit_plane(const dvec3 *x, const dvec3 *d, const int *fixe
     if (fixed[k]) most_fixed[side] = max_double(most_fixed[side], approach[k]);
   }
   gap = start[0] + start[1];
+  floor_distance = (gap < dmin ? radius + 0.5 * (gap - radius) : dmin) + 2.0 * rounding;
   if (!(gap > rounding)) { r.state = COMMIT_INTERSECTING; return r; }
   if (most[0] + most[1] <= gap - floor_distance) return r;
-  if (gap <= floor_distance) {   /* touching: nothing comes nearer, everything may leave */
+  if (gap <= floor_distance) {   /* touching, but for rounding: nothing comes nearer, everything may leave */
     for (int k = 0; k < 4; ++k)
       if (approach[k] > 0.0) { if (fixed[k]) r.sigma = 0.0; else r.fraction[k] = 0.0; }
     return r;
@@ -107,7 +109,7 @@ DEVICE int commit_certified(const dvec3 *x, const dvec3 *z, int split, dvec3 n, 
 
 /* One pair: x where its vertices are, y where the step wants them, t the fractions so far, fixed: cannot be truncated. recheck: it is
    known not to be settled already. */
-DEVICE commit_bound commit_decide(dvec3 *x, dvec3 *y, const double *t, const int *fixed, int split, double dmin, int conditional, int recheck)
+DEVICE commit_bound commit_decide(dvec3 *x, dvec3 *y, const double *t, const int *fixed, int split, double dmin, double radius, int conditional, int recheck)
 {
   dvec3 d[4], z[4], motion[4], n, x0 = x[0], y0 = y[0];
   double largest = 0.0, extent = 0.0, rounding, gap, least;
@@ -123,7 +125,7 @@ DEVICE commit_bound commit_decide(dvec3 *x, dvec3 *y, const double *t, const int
   rounding = 1e-15 * largest + CCD_ROUNDING * extent;
   if (!recheck && swept_apart(x, d, split, dmin + 2.0 * rounding)) return commit_free(COMMIT_SETTLED);
   n = hull_proximity(x, split).normal;
-  r = commit_plane(x, d, fixed, split, n, dmin, rounding);
+  r = commit_plane(x, d, fixed, split, n, dmin, radius, rounding);
   if (!conditional || r.state == COMMIT_INTERSECTING ||
       (r.fraction[0] >= 1.0 && r.fraction[1] >= 1.0 && r.fraction[2] >= 1.0 && r.fraction[3] >= 1.0 && r.sigma >= 1.0)) return r;
   /* Pairs nearer than dmin keep what they have, but for rounding. */
@@ -140,7 +142,7 @@ DEVICE commit_bound commit_decide(dvec3 *x, dvec3 *y, const double *t, const int
 }
 
 /* A vertex and a plane, which only translates: heights are linear in time and the plane's normal decides alone, for any extent. */
-DEVICE commit_bound commit_half_space(dvec3 *x, const dvec3 *y, const int *fixed, double dmin)
+DEVICE commit_bound commit_half_space(dvec3 *x, const dvec3 *y, const int *fixed, double dmin, double radius)
 {
   dvec3 d[4], x0 = x[0], n = vertex_plane_proximity(x[0], x[1], x[2], x[3]).normal;
   double largest = 0.0, extent = 0.0;
@@ -150,7 +152,7 @@ DEVICE commit_bound commit_half_space(dvec3 *x, const dvec3 *y, const int *fixed
     x[k] = dsub(x[k], x0);
     extent = max_double(extent, largest_component(x[k]) + largest_component(d[k]));
   }
-  return commit_plane(x, d, fixed, 1, n, dmin, 1e-15 * largest + CCD_ROUNDING * extent);
+  return commit_plane(x, d, fixed, 1, n, dmin, radius, 1e-15 * largest + CCD_ROUNDING * extent);
 }
 
 /* The four vertices of a candidate: kind 0 is (vertex, face), kind 1 (edge, edge). */
@@ -210,9 +212,10 @@ KERNEL commit_pairs(int n, int kind, int pass, GLOBAL const pair *candidate, GLO
     if (commit_due(pass, t, fixed)) {
       dvec3 x[4], y[4];
       element_nodes e = pair_nodes(kind, candidate[i], face, edge);
+      double dmin = pair_clearance(kind, e, properties, share), radius = pair_radius(kind, e, properties);
       for (k = 0; k < 4; ++k) { x[k] = position[v[k]]; y[k] = target[v[k]]; }
-      if (pair_has_plane(kind, e, properties)) r = commit_half_space(x, y, fixed, pair_clearance(kind, e, properties, share));
-      else r = commit_decide(x, y, t, fixed, kind + 1, pair_clearance(kind, e, properties, share), pass >= 0, pass != 0);
+      if (pair_has_plane(kind, e, properties)) r = commit_half_space(x, y, fixed, dmin, radius);
+      else r = commit_decide(x, y, t, fixed, kind + 1, dmin, radius, pass >= 0, pass != 0);
       if (pass != 0 && r.state != COMMIT_CONDITIONAL) atomic_add_int(counter, 1);
     } else if (pass != 0) continue;
     accepted[i] = r.sigma < 1.0 ? COMMIT_WAITING : (r.state == COMMIT_CONDITIONAL ? COMMIT_CONDITIONAL : COMMIT_SETTLED);

@@ -34,7 +34,7 @@ def test_small(name, resolution, build):
     free_of_trouble(*perform(name, 1, resolution, build=build))
 
 
-JAMS = ("knife", "teleport", "bullet")  # cloth that was stretched many times may stay so; never intersecting, see docs/extremes.md
+JAMS = ("teleport", "bullet", "flip")  # cloth that was stretched many times may stay so; never intersecting, see docs/extremes.md
 
 
 @pytest.mark.long
@@ -206,7 +206,6 @@ def test_stretched_cloth_recovers():
     free_of_trouble(*perform("teleport", 1, 100))
 
 
-@pytest.mark.xfail(reason="anticipated contacts pull too, and reach through other layers: a pile gains energy")
 def test_a_pile_gains_no_energy():
     scene = scenes.pile(640, 0, sheets=20, seconds=0.5)
     simulation = cama.Simulation(scene, backend="cpu", threads=1)

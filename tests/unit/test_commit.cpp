@@ -219,7 +219,7 @@ TEST_CASE("an obstacle waits for what it would run over", "[commit]")
   CHECK(commit(trial, dmin).fraction[0] == 1);
 }
 
-TEST_CASE("pairs nearer than the minimum may leave but not approach; intersecting ones are counted", "[commit]")
+TEST_CASE("pairs nearer than the minimum may leave, and approach by half; intersecting ones are counted", "[commit]")
 {
   Trial trial;
   trial.x = {dvec3_make(0.2, 0.2, 0.5e-6), dvec3_make(0, 0, 0), dvec3_make(1, 0, 0), dvec3_make(0, 1, 0)};
@@ -227,7 +227,10 @@ TEST_CASE("pairs nearer than the minimum may leave but not approach; intersectin
   trial.y[0].z = 1e-3;
   CHECK(commit(trial, dmin).fraction[0] == 1);
   trial.y[0].z = 0.1e-6;
-  CHECK(commit(trial, dmin).fraction[0] == 0);
+  CHECK(commit(trial, dmin).committed[0].z >= 0.25e-6);
+  CHECK(commit(trial, dmin).committed[0].z < 0.5e-6);
+  trial.y[0].z = -1;
+  CHECK(commit(trial, dmin).committed[0].z >= 0.25e-6);
   trial.x[0].z = 0;
   CHECK(commit(trial, dmin).intersecting == 1);
 }
