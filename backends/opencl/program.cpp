@@ -8,6 +8,7 @@
 #include <cstring>
 #include <filesystem>
 #include <fstream>
+#include <regex>
 #include <sstream>
 #include <vector>
 
@@ -77,15 +78,38 @@ fs::path cache_folder(const Device &device)
   return {};
 }
 
+/// Compilers that ignore #line say "<kernel>:1188:5: ..": the file and line that line 1188 of the whole text came from.
+std::string with_place(const std::string &message, const std::string &source)
+{
+  static const std::regex physical("^(\\s*)<(?:kernel|program source|source)>:(\\d+):");
+  std::smatch match;
+  if (!std::regex_search(message, match, physical)) return message;
+  const int wanted = std::stoi(match[2]);
+  std::istringstream text(source);
+  std::string file;
+  int line = 0, number = 1;
+  for (std::string row; number <= wanted && std::getline(text, row); ++number) {
+    std::smatch directive;
+    static const std::regex form("^#line (\\d+) \"(.*)\"$");
+    if (std::regex_match(row, directive, form)) {
+      line = std::stoi(directive[1]) - 1;
+      file = directive[2];
+    } else {
+      ++line;
+    }
+  }
+  return file.empty() ? message : match[1].str() + file + ":" + std::to_string(line) + ":" + match.suffix().str();
+}
+
 /// The compiler's first errors: file, line and message.
-std::string first_errors(const std::string &log)
+std::string first_errors(const std::string &log, const std::string &source)
 {
   std::string errors, head;
   int found = 0, lines = 0;
   std::istringstream text(log);
   for (std::string line; std::getline(text, line);) {
     if (lines++ < 10) head += "\n  " + line;
-    if (line.find("error") != std::string::npos && found++ < 5) errors += "\n  " + line;
+    if (line.find("error") != std::string::npos && found++ < 5) errors += "\n  " + with_place(line, source);
   }
   return errors.empty() ? head : errors;
 }
@@ -185,7 +209,7 @@ cl_program Library::build(const std::string &whole, const std::string &name)
   if (size) clGetProgramBuildInfo(program, device.id, CL_PROGRAM_BUILD_LOG, size, log.data(), nullptr);
   clReleaseProgram(program);
   throw BackendError("OpenCL: the kernels of " + name + " do not compile on device '" + device.name + "' (" + device.driver + "): " +
-                     code_name(code) + first_errors(log.c_str()));
+                     code_name(code) + first_errors(log.c_str(), whole));
 }
 
 /// A file is the magic line, the hash of the binary, the binary. Anything else is ignored.

@@ -149,6 +149,7 @@ TEST_CASE("programs are kept on disk, and a bad file is ignored and replaced", "
 
 TEST_CASE("devices are chosen by index or by part of a name", "[opencl]")
 {
+  Environment first("CAMA_OPENCL_DEVICE", "0");
   if (!backend_here("opencl")) return;
   std::vector<std::string> devices;
   for (const BackendInfo &info : list_backends())
@@ -162,7 +163,7 @@ TEST_CASE("devices are chosen by index or by part of a name", "[opencl]")
     CHECK(contains(make_backend("opencl")->device(), part));
   }
   {
-    Environment device("CAMA_OPENCL_DEVICE", "0");
+    Environment first("CAMA_OPENCL_DEVICE", "0");
     CHECK(contains(make_backend("opencl")->device(), devices[0]));
   }
   Environment device("CAMA_OPENCL_DEVICE", "no such device");
