@@ -20,7 +20,7 @@ from conftest import judge
 RUNNER = CliRunner()
 FIELDS = {"scene", "backend", "device", "precision", "accuracy", "triangles", "vertices", "steps", "dt", "ms_per_step", "stages",
           "pcg", "contacts", "impacts", "intersections", "min_gap", "max_strain", "energy", "peak_memory_bytes", "truncated",
-          "lost_motion", "state_hash"}
+          "lost_motion", "released", "state_hash"}
 
 
 def call(*words):
@@ -135,3 +135,23 @@ def test_interrupt_in_python_keeps_the_state():
             "except KeyboardInterrupt:\n    n = s.step_count; s.step(); print('kept', n > 0, s.step_count - n)\n")
     output = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60)
     assert output.stdout.split() == ["kept", "True", "1"], output
+
+
+def test_pinched_cloth_stops_the_run_or_is_let_go_of(tmp_path):
+    """Two balls pass into each other with a sheet between them: there is no way out."""
+    line = np.linspace(-0.1, 0.1, 4)
+    x, y = np.meshgrid(line, line)
+    k = np.array([4 * j + i for j in range(3) for i in range(3)])
+    scene = cama.Scene(gravity=(0, 0, 0), time_step=0.02, frame_time=0.02, frames=10, thickness=2e-3)
+    scene.add_cloth(np.stack([x.ravel(), y.ravel(), 0 * x.ravel()], 1),
+                    np.concatenate([np.stack([k, k + 1, k + 5], 1), np.stack([k, k + 5, k + 4], 1)]), material="cotton")
+    for name, sign in (("lower", -1), ("upper", 1)):
+        scene.add_obstacle(shape={"sphere": {"radius": 0.3}}, translate=(0, 0, sign * 0.305), name=name,
+                           motion=cama.Motion(velocity=(0, 0, -0.05 * sign)))
+    path = tmp_path / "pinched.json"
+    path.write_text(scene.to_json())
+    stopped = call("run", path, "-o", tmp_path / "a")
+    assert stopped.exit_code == 1 and "pinches cloth" in stopped.output and "obstacle '" in stopped.output
+    free = call("run", path, "-o", tmp_path / "b", "--pinch", "release")
+    assert free.exit_code == 0 and "let go of" in free.output
+    assert json.loads((tmp_path / "b" / "summary.json").read_text())["released"] > 0

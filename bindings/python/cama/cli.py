@@ -38,6 +38,10 @@ class Policy(str, Enum):
     reject, exempt, untangle = "reject", "exempt", "untangle"
 
 
+class Pinch(str, Enum):
+    stop, release = "stop", "release"
+
+
 SceneName = Annotated[str, typer.Argument(metavar="SCENE", help="A folder with scene.json, a JSON file, or a shipped scene's name.")]
 BackendOption = Annotated[Backend, typer.Option(help="Where to compute.")]
 PrecisionOption = Annotated[Precision, typer.Option(help="Of forces, matrix and solve.")]
@@ -79,13 +83,15 @@ def run(scene: SceneName,
         frames: Annotated[Optional[int], typer.Option(min=0, help="Frames to record; default: the scene's.")] = None,
         threads: Threads = 0, device: Device = 0,
         intersections: Annotated[Policy, typer.Option(help="What becomes of a start that intersects: refused, started as it is, cloth moved first.")] = Policy.reject,
+        pinch: Annotated[Pinch, typer.Option(help="What becomes of cloth that moving bodies pinch: an error, or it is let go of until free.")] = Pinch.stop,
         store: Annotated[Precision, typer.Option(help="Of the positions in frames.h5.")] = Precision.double,
         output: Annotated[Optional[Path], typer.Option("--output", "-o", metavar="OUT", help="Folder of the results; default: out/SCENE.")] = None,
         debug: Debug = False):
     """Simulates SCENE; writes OUT/frames.h5 and OUT/summary.json. Ctrl-C stops between steps and keeps what was computed."""
     loaded = cama.Scene.load(scene, resolution)
     simulation = cama.Simulation(loaded, backend=backend.value, precision=precision.value, accuracy=accuracy.value,
-                                 device=device, threads=threads, intersections=intersections.value)
+                                 device=device, threads=threads, intersections=intersections.value,
+                                 pinch=pinch.value)
     if simulation.untangled.rounds:
         moved = simulation.untangled
         console().print(f"start untangled: {moved.before:,} intersections, {moved.moved:,} vertices moved by up to {moved.largest_move * 1e3:.3g} mm")
@@ -119,12 +125,15 @@ def print_summary(s, folder):
         ("solver iterations", f"{number(iterations['mean'])} mean, {number(iterations['max'], '{:d}')} max"),
         ("contacts, impacts", f"at most {s['contacts']['max']:,} and {s['impacts']['max']:,} in a step"),
         ("intersections", f"[{'bold red' if bad else 'green'}]{s['intersections']:,}[/] in all recorded frames"),
+        ("motion cut", f"of {s['truncated']:,} vertices in all; at most {s['lost_motion'] * 100:.3g} % of a step's motion"),
         ("smallest gap", number(s["min_gap"] and s["min_gap"] * 1e3, unit=" mm")),
         ("largest strain", number(s["max_strain"] and s["max_strain"] * 100, unit=" %")),
         ("peak memory", f"{s['peak_memory_bytes'] / 2**20:,.1f} MiB"),
         ("state hash", s["state_hash"]),
         ("written to", escape(str(folder))),
     ]
+    if s["released"]:
+        rows.append(("let go of", f"[bold red]{s['released']:,}[/] vertices that moving bodies pinched"))
     slowest = sorted(((v, k) for k, v in s["stages"].items() if "/" not in k), reverse=True)[:6]
     if slowest:
         rows.insert(4, ("of which", ", ".join(f"{escape(name)} {value:.3g} ms" for value, name in slowest)))

@@ -63,6 +63,7 @@ class Summary:
             "peak_memory_bytes": s.peak_memory_bytes,
             "truncated": sum(self._column("truncated")),
             "lost_motion": max(self._column("lost_motion"), default=0.0),
+            "released": sum(self._column("released")),
             "state_hash": s.state_hash,
         })
 
