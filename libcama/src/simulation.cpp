@@ -95,6 +95,10 @@ const Scene &checked(const Scene &scene, const Options &options)
 {
   scene.validate();
   check(options);
+  if (options.pinch == Pinch::release)   // when cloth has come free is told by meshes
+    for (const Obstacle &o : scene.obstacles)
+      if (o.surface != Form::mesh && o.surface != Form::box)
+        throw SceneError("pinch: release is for obstacles that are meshes or boxes, '" + o.name + "' is not; mesh it, or use stop");
   return scene;
 }
 

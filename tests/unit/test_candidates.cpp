@@ -252,6 +252,18 @@ TEST_CASE("released cloth goes on, and is held again when it has come free", "[c
   CHECK(simulation.count_intersections() == 0);
 }
 
+TEST_CASE("exact obstacles that cannot let go are refused by name", "[candidates]")
+{
+  Scene scene = pinched();
+  scene.obstacles.push_back(exact_sphere({0, 0, 1}, 0.1));
+  scene.obstacles.back().name = "ball";
+  Options options = serial();
+  options.pinch = Pinch::release;
+  CHECK(contains(thrown<SceneError>([&] { Simulation refused(scene, options); }), "'ball'"));
+  options.pinch = Pinch::stop;
+  CHECK(Simulation(scene, options).step_count() == 0);
+}
+
 TEST_CASE("tangled cloth is simulated, its pairs are contacts again once apart", "[candidates]")
 {
   Scene scene;   // a small sheet sinks through the middle of a large one, edge on, and is pulled out
