@@ -32,7 +32,7 @@ int measure(int argc, char **argv)
   const cama::Scene scene = cama::Scene::load(argv[1], std::atoi(argv[2]));
   cama::Options options = cama::Options::preset(option(argc, argv, "accuracy", "production"));
   options.backend = option(argc, argv, "backend", "cpu");
-  options.precision = option(argc, argv, "precision", "double");
+  options.precision = option(argc, argv, "precision", options.precision);
   options.device = std::atoi(option(argc, argv, "device", "0").c_str());
   options.threads = std::atoi(option(argc, argv, "threads", "0").c_str());
   cama::Simulation simulation(scene, options);

@@ -90,6 +90,7 @@ public:
   void upload(Buffer to, const void *from, std::size_t bytes) override { std::memcpy(to, from, bytes); }
   void download(void *to, Buffer from, std::size_t bytes, std::size_t offset) override
   {
+    ++waits_;
     std::memcpy(to, static_cast<const char *>(from) + offset, bytes);
   }
   void copy(Buffer to, Buffer from, std::size_t bytes) override { std::memcpy(to, from, bytes); }
@@ -101,7 +102,7 @@ public:
     const int callers = omp_get_max_threads();
     omp_set_num_threads(threads_);
     const Entry &entry = entries[kernel.index];
-    (kernel.precision == Precision::none ? entry.once : kernel.precision == Precision::f32 ? entry.f32 : entry.f64)(n, arguments);
+    timed(kernel.name, [&] { (kernel.precision == Precision::none ? entry.once : kernel.precision == Precision::f32 ? entry.f32 : entry.f64)(n, arguments); });
     omp_set_num_threads(callers);
   }
 

@@ -22,6 +22,7 @@ using opencl::Text;
 struct OwnKernel {
   cl_kernel kernel = nullptr;
   size_t group = 1;   ///< work-items per work-group
+  size_t most = 1;    ///< the most that the device allows
 };
 
 cl_mem memory(Buffer buffer) { return static_cast<cl_mem>(buffer); }
@@ -103,6 +104,7 @@ public:
   void download(void *to, Buffer from, std::size_t bytes, std::size_t offset) override
   {
     if (bytes == 0) return;
+    ++waits_;
     cl_int overflow = 0;
     if (scans_)
       check(clEnqueueReadBuffer(queue_, memory(overflow_.get(sizeof overflow)), CL_FALSE, 0, sizeof overflow, &overflow, 0, nullptr, nullptr),
@@ -138,7 +140,8 @@ public:
       if (a.is_buffer) set_buffer(kernel, key.name, i + 1, a.buffer);
       else set(kernel, key.name, i + 1, a.size, a.scalar);
     }
-    enqueue(kernel, key.name, n);
+    if (key.team == 0) enqueue(kernel, key.name, n);
+    else enqueue_teams(kernel, key.name, n, key.team);
   }
 
   void scan(Buffer from, Buffer to, int n) override
@@ -190,6 +193,7 @@ public:
 
   void synchronize() override
   {
+    ++waits_;
     check(clFinish(queue_), "clFinish", "waiting for device '" + library_.device.name + "'");
     if (!scans_) return;
     cl_int overflow = 0;
@@ -230,6 +234,7 @@ private:
       check(clGetKernelWorkGroupInfo(own.kernel, id, CL_KERNEL_WORK_GROUP_SIZE, sizeof most, &most, nullptr), "clGetKernelWorkGroupInfo", kernel_name);
       clGetKernelWorkGroupInfo(own.kernel, id, CL_KERNEL_PREFERRED_WORK_GROUP_SIZE_MULTIPLE, sizeof multiple, &multiple, nullptr);
       multiple = std::max<size_t>(multiple, 1);
+      own.most = std::max<size_t>(most, 1);
       own.group = std::min<size_t>(most, 128);
       if (own.group > multiple) own.group -= own.group % multiple;
     }
@@ -259,10 +264,21 @@ private:
     }
     enqueue(kernel, kernel_name, global, local);
   }
+  /// On processors a team is one work-item; elsewhere a work-group, smaller where the device wants it so.
+  void enqueue_teams(const OwnKernel &kernel, const char *kernel_name, int n, int team)
+  {
+    if (library_.processor) {
+      enqueue(kernel, kernel_name, static_cast<size_t>(std::min(n, units_ * 8)), 1);
+      return;
+    }
+    const size_t local = std::min(static_cast<size_t>(team), kernel.most);
+    enqueue(kernel, kernel_name, static_cast<size_t>(std::min(n, units_ * 256)) * local, local);
+  }
   void enqueue(const OwnKernel &kernel, const char *kernel_name, size_t global, size_t local)
   {
     ++launches_;
-    const cl_int code = clEnqueueNDRangeKernel(queue_, kernel.kernel, 1, nullptr, &global, &local, 0, nullptr, nullptr);
+    cl_int code = CL_SUCCESS;
+    timed(kernel_name, [&] { code = clEnqueueNDRangeKernel(queue_, kernel.kernel, 1, nullptr, &global, &local, 0, nullptr, nullptr); });
     if (code != CL_SUCCESS) opencl::fail(code, "clEnqueueNDRangeKernel", "kernel " + std::string(kernel_name) + " on device '" + library_.device.name + "'");
   }
 

@@ -149,6 +149,59 @@ KERNEL gather_terms(int n, GLOBAL const int *incidence_row, GLOBAL const int *in
   }
 }
 
+/* The same by blocks: each adds up its own sources, sorted. A source is 16 * (first + element) + 4 a + b, hinges behind triangles, or -1 - row
+   for the mass on the diagonal. */
+KERNEL count_diagonal_sources(int n, GLOBAL const int *row, GLOBAL const int *column, GLOBAL int *count)
+{
+  FOR_EACH(i, n) { count[locate(row, column, i, i)] = 1; }
+}
+KERNEL count_sources(int n, GLOBAL const int *incidence_row, GLOBAL const int *slot, GLOBAL int *count)
+{
+  FOR_EACH(i, n)
+  {
+    int k;
+    for (k = 4 * incidence_row[i]; k < 4 * incidence_row[i + 1]; ++k)
+      if (slot[k] >= 0) atomic_add_int(&count[slot[k]], 1);
+  }
+}
+KERNEL fill_diagonal_sources(int n, GLOBAL const int *row, GLOBAL const int *column, GLOBAL const int *start, GLOBAL int *cursor, GLOBAL int *source)
+{
+  FOR_EACH(i, n)
+  {
+    int at = locate(row, column, i, i);
+    source[start[at] + atomic_add_int(&cursor[at], 1)] = -1 - i;
+  }
+}
+KERNEL fill_sources(int n, int first, GLOBAL const int *incidence_row, GLOBAL const int *incidence, GLOBAL const int *slot,
+                    GLOBAL const int *start, GLOBAL int *cursor, GLOBAL int *source)
+{
+  FOR_EACH(i, n)
+  {
+    int k, b;
+    for (k = incidence_row[i]; k < incidence_row[i + 1]; ++k)
+      for (b = 0; b < 4; ++b) {
+        int at = slot[4 * k + b];
+        if (at >= 0) source[start[at] + atomic_add_int(&cursor[at], 1)] = 16 * (first + (incidence[k] >> 2)) + 4 * (incidence[k] & 3) + b;
+      }
+  }
+}
+KERNEL gather_blocks(int n, GLOBAL const int *start, GLOBAL const int *source, GLOBAL const real *mass, int triangles,
+                     GLOBAL const triangle_factor *triangle, GLOBAL const hinge_factor *hinge, GLOBAL mat3 *block)
+{
+  FOR_EACH(i, n)
+  {
+    mat3 sum = mat3_zero();
+    int k;
+    for (k = start[i]; k < start[i + 1]; ++k) {
+      int e = source[k] >> 4, a = (source[k] >> 2) & 3, b = source[k] & 3;
+      if (source[k] < 0) sum = mat3_add(sum, mat3_diagonal(mass[-1 - source[k]]));
+      else if (e < triangles) sum = mat3_add(sum, triangle_block(triangle[e], a, b));
+      else sum = mat3_add_outer(sum, hinge[e - triangles].coefficient, hinge[e - triangles].gradient[a], hinge[e - triangles].gradient[b]);
+    }
+    block[i] = sum;
+  }
+}
+
 /* Algorithm 1, line 21, as printed: nine atomic additions a block. */
 DEVICE_ATOMIC void atomic_add_block(GLOBAL mat3 *block, mat3 m)
 {

@@ -96,7 +96,7 @@ DEVICE triangle_factor make_triangle_factor(triangle_rest rest, green_strain g, 
 /* Shape function gradients of node a: d[2 a - 2], d[2 a - 1]; node 0 has the negative sum. */
 DEVICE real triangle_gradient(triangle_factor t, int a, int component)
 {
-  return a == 0 ? -(t.d[component] + t.d[2 + component]) : t.d[2 * (a - 1) + component];
+  return a == 0 ? -(t.d[component] + t.d[2 + component]) : a == 1 ? t.d[component] : t.d[2 + component];
 }
 
 /* Block (a, b) of the scaled stiffness of one triangle. */

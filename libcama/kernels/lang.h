@@ -11,6 +11,7 @@
 #define KERNEL __kernel void
 #define DEVICE static inline
 #define DEVICE_ATOMIC DEVICE /* element functions that use atomics */
+#define DEVICE_TEAM DEVICE   /* functions that a whole team calls */
 #define GLOBAL __global
 #define RESTRICT restrict
 #if defined(CAMA_CHUNKED) /* processors: every work-item has a run of elements */
@@ -20,6 +21,29 @@
 #define FOR_EACH(i, n) for (int i = (int)get_global_id(0); i < (n); i += (int)get_global_size(0))
 #endif
 #define FOR_EACH_UNEVEN(i, n) FOR_EACH(i, n)
+#define LOCAL __local
+#define TEAM_LOCAL(type, name, count) __local type name[count]
+#if defined(CAMA_CHUNKED) /* a team is one work-item */
+#define FOR_EACH_TEAM(t, n) FOR_EACH(t, n)
+#define TEAM_FOR(l, m) for (int l = 0; l < (m); ++l)
+#define LANES 16
+#define LANES_TYPE(type, lanes) typedef type lanes __attribute__((ext_vector_type(LANES)))
+#define LANES_LOAD(lanes, p) vload16(0, p)
+#define LANES_STORE(lanes, p, v) vstore16(v, 0, p)
+#define LANES_ALL(lanes, v) ((lanes)(v))
+#define LANE(v, q) (v)[q]
+#define TEAM_BARRIER
+#else
+#define FOR_EACH_TEAM(t, n) for (int t = (int)get_group_id(0); t < (n); t += (int)get_num_groups(0))
+#define TEAM_FOR(l, m) for (int l = (int)get_local_id(0); l < (m); l += (int)get_local_size(0))
+#define LANES 1
+#define LANES_TYPE(type, lanes) typedef type lanes
+#define LANES_LOAD(lanes, p) (*(p))
+#define LANES_STORE(lanes, p, v) (*(p) = (v))
+#define LANES_ALL(lanes, v) (v)
+#define LANE(v, q) (v)
+#define TEAM_BARRIER barrier(CLK_LOCAL_MEM_FENCE)
+#endif
 typedef ulong key64;
 DEVICE int atomic_add_int(volatile GLOBAL int *p, int v) { return atomic_add(p, v); }
 DEVICE int atomic_min_int(volatile GLOBAL int *p, int v) { return atomic_min(p, v); }
@@ -44,15 +68,27 @@ DEVICE void atomic_add_float(volatile GLOBAL float *p, float v)
 #include <stdint.h>
 #include <string.h>
 #define GLOBAL
+#define LOCAL
 typedef unsigned long long key64;
 
 #if defined(__CUDACC__)
 #define KERNEL static __global__ void
 #define DEVICE static __host__ __device__ inline
 #define DEVICE_ATOMIC static __device__ inline
+#define DEVICE_TEAM static __device__ inline
 #define RESTRICT __restrict__
 #define FOR_EACH(i, n) for (int i = (int)(blockIdx.x * blockDim.x + threadIdx.x); i < (n); i += (int)(gridDim.x * blockDim.x))
 #define FOR_EACH_UNEVEN(i, n) FOR_EACH(i, n)
+#define TEAM_LOCAL(type, name, count) __shared__ type name[count]
+#define FOR_EACH_TEAM(t, n) for (int t = (int)blockIdx.x; t < (n); t += (int)gridDim.x)
+#define TEAM_FOR(l, m) for (int l = (int)threadIdx.x; l < (m); l += (int)blockDim.x)
+#define LANES 1
+#define LANES_TYPE(type, lanes) typedef type lanes
+#define LANES_LOAD(lanes, p) (*(p))
+#define LANES_STORE(lanes, p, v) (*(p) = (v))
+#define LANES_ALL(lanes, v) (v)
+#define LANE(v, q) (v)
+#define TEAM_BARRIER __syncthreads()
 static __device__ inline int atomic_add_int(int *p, int v) { return atomicAdd(p, v); }
 static __device__ inline int atomic_min_int(int *p, int v) { return atomicMin(p, v); }
 static __device__ inline int atomic_max_int(int *p, int v) { return atomicMax(p, v); }
@@ -72,6 +108,7 @@ static __device__ inline void atomic_add_float(float *p, float v) { atomicAdd(p,
 #define RESTRICT restrict
 #endif
 #define DEVICE_ATOMIC DEVICE
+#define DEVICE_TEAM DEVICE
 #define CAMA_PRAGMA(text) _Pragma(#text)
 #if defined(_OPENMP)
 #define FOR_EACH(i, n) CAMA_PRAGMA(omp parallel for schedule(static) if ((n) > 512)) for (int i = 0; i < (n); ++i)
@@ -80,6 +117,20 @@ static __device__ inline void atomic_add_float(float *p, float v) { atomicAdd(p,
 #define FOR_EACH(i, n) for (int i = 0; i < (n); ++i)
 #define FOR_EACH_UNEVEN(i, n) FOR_EACH(i, n)
 #endif
+#define TEAM_LOCAL(type, name, count) static __thread type name[count]
+#if defined(_OPENMP)
+#define FOR_EACH_TEAM(t, n) CAMA_PRAGMA(omp parallel for schedule(static) if ((n) > 8)) for (int t = 0; t < (n); ++t)
+#else
+#define FOR_EACH_TEAM(t, n) for (int t = 0; t < (n); ++t)
+#endif
+#define TEAM_FOR(l, m) for (int l = 0; l < (m); ++l)
+#define LANES 16
+#define LANES_TYPE(type, lanes) typedef type lanes __attribute__((vector_size(LANES * sizeof(type)), aligned(sizeof(type)), may_alias))
+#define LANES_LOAD(lanes, p) (*(const lanes *)(p))
+#define LANES_STORE(lanes, p, v) (*(lanes *)(p) = (v))
+#define LANES_ALL(lanes, v) ((lanes){0} + (v))
+#define LANE(v, q) (v)[q]
+#define TEAM_BARRIER
 DEVICE int atomic_add_int(int *p, int v) { return __atomic_fetch_add(p, v, __ATOMIC_RELAXED); }
 DEVICE int atomic_min_int(int *p, int v)
 {
@@ -111,6 +162,15 @@ DEVICE void atomic_add_float(float *p, float v)
 }
 #endif
 #endif
+
+/* Teams: the work-items of one group share TEAM_LOCAL memory. Between two TEAM_BARRIERs a member writes only what no other reads.
+     KERNEL k(int n, ...) { TEAM_LOCAL(real, a, 128); FOR_EACH_TEAM(t, n) { TEAM_FOR(l, 128) a[l] = ...; TEAM_BARRIER; ... } }
+   A processor's team is one thread: its loops run over all members, LANES of them together as one vector where written so:
+     LANES_TYPE(real, lanes); TEAM_FOR_LANES(j, m) { lanes sum = LANES_ALL(lanes, 0); sum += LANES_LOAD(lanes, p + j) * x; } */
+#define TEAM_FOR_LANES(j, m) TEAM_FOR(j##_group, ((m) + LANES - 1) / LANES) for (int j = j##_group * LANES, j##_once = 1; j##_once; j##_once = 0)
+/* Without teams: n, a multiple of 16, work items, LANES of them together. */
+#define FOR_EACH_LANES(j, n) FOR_EACH(j##_group, (n) / LANES) for (int j = j##_group * LANES, j##_once = 1; j##_once; j##_once = 0)
+#define FOR_LANES(q) for (int q = 0; q < LANES; ++q)
 
 /* Total orders written out: fmin and fmax differ between languages on signed zeros. */
 DEVICE double min_double(double a, double b) { return a < b ? a : b; }

@@ -7,3 +7,4 @@
 #include "term.h"
 #include "assembly.h"
 #include "solver.h"
+#include "schwarz.h"

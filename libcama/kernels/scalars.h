@@ -69,4 +69,3 @@ KERNEL dot_scalars(int n, int size, GLOBAL const double *a, GLOBAL const double 
     partial[i] = sum;
   }
 }
-

@@ -45,24 +45,51 @@ void pack(Argument &argument, Parameter &scalar, const Value &value)
   }
 }
 
+/// A stream of values that are all numbers of one type, as a plain array of them.
+template <class Number> struct Components { Buffer buffer; };
+template <class Number, class T> Components<Number> components(const Stream<T> &stream)
+{
+  static_assert(sizeof(T) % sizeof(Number) == 0 && std::is_trivially_copyable_v<T>, "not made of such numbers");
+  return {stream.buffer()};
+}
+/// Where a kernel takes a buffer that this launch has not.
+template <class Number> Components<Number> nothing() { return {nullptr}; }
+template <class Parameter, class Number>
+void pack(Argument &argument, Parameter &, const Components<Number> &value)
+{
+  static_assert(std::is_same_v<std::remove_const_t<std::remove_pointer_t<Parameter>>, Number>, "components of another type");
+  argument.is_buffer = true;
+  argument.buffer = value.buffer;
+}
+
 template <class K, class... Parameters, class... Values, std::size_t... I>
-void launch_with(Backend &backend, int n, void (*)(int, Parameters...), std::index_sequence<I...>, const Values &...values)
+void launch_with(Backend &backend, int team, int n, void (*)(int, Parameters...), std::index_sequence<I...>, const Values &...values)
 {
   static_assert(sizeof...(Parameters) == sizeof...(Values), "wrong number of kernel arguments");
   if (n <= 0) return;
   std::tuple<Parameters...> scalars{};
   Argument arguments[sizeof...(Values) + 1];
   (pack<Parameters>(arguments[I], std::get<I>(scalars), values), ...);
-  backend.launch(K::key, n, arguments, static_cast<int>(sizeof...(Values)));
+  KernelKey key = K::key;
+  key.team = team;
+  backend.launch(key, n, arguments, static_cast<int>(sizeof...(Values)));
 }
 
 template <class K, class... Values>
 void launch(Backend &backend, int n, const Values &...values)
 {
-  launch_with<K>(backend, n, K::function, std::index_sequence_for<Values...>{}, values...);
+  launch_with<K>(backend, 0, n, K::function, std::index_sequence_for<Values...>{}, values...);
+}
+template <class K, class... Values>
+void launch_teams(Backend &backend, int team, int n, const Values &...values)
+{
+  launch_with<K>(backend, team, n, K::function, std::index_sequence_for<Values...>{}, values...);
 }
 
 }  // namespace cama
 
 #define CAMA_LAUNCH(backend, name, n, ...) ::cama::launch<::cama::Kernel<::cama::KernelId::name, void>>(backend, n, __VA_ARGS__)
 #define CAMA_LAUNCH_REAL(Real, backend, name, n, ...) ::cama::launch<::cama::Kernel<::cama::KernelId::name, Real>>(backend, n, __VA_ARGS__)
+/// n teams of `team` members: kernels with FOR_EACH_TEAM.
+#define CAMA_LAUNCH_TEAMS(Real, backend, name, team, n, ...) \
+  ::cama::launch_teams<::cama::Kernel<::cama::KernelId::name, Real>>(backend, team, n, __VA_ARGS__)

@@ -24,6 +24,7 @@ Options Options::preset(const std::string &accuracy)
     o.assembly = Assembly::algorithm1;
     o.contact_form = ContactForm::star;
     o.anticipate_contacts = false;
+    o.precision = "double";
     o.preconditioner = Preconditioner::jacobi;
     o.tolerance = 1e-6;
     o.max_impact_passes = 100;
@@ -40,8 +41,8 @@ namespace {
 
 void check(const Options &o)
 {
-  if (o.precision != "double" && o.precision != "single")
-    throw SceneError("precision: '" + o.precision + "' is not known; use double or single");
+  if (o.precision != "double" && o.precision != "mixed" && o.precision != "single")
+    throw SceneError("precision: '" + o.precision + "' is not known; use double, mixed or single");
   if (!(o.tolerance > 0) || !(o.tolerance < 1)) throw SceneError("tolerance: " + std::to_string(o.tolerance) + " is outside (0, 1)");
   if (o.max_iterations < 1) throw SceneError("max_iterations: " + std::to_string(o.max_iterations) + " is below 1");
   if (o.max_impact_passes < 0) throw SceneError("max_impact_passes: " + std::to_string(o.max_impact_passes) + " is below 0");
@@ -145,7 +146,7 @@ void Simulation::step()
   State &s = implementation_->state;
   const int number = s.report.step + 1;
   const StepReport before = s.report;
-  const long launches = implementation_->backend->launches();
+  const long launches = implementation_->backend->launches(), waits = implementation_->backend->waits();
   s.report = StepReport{};
   s.report.step = number;
   try {
@@ -157,6 +158,7 @@ void Simulation::step()
   s.time = number * s.time_step;
   s.report.time = s.time;
   s.report.launches = implementation_->backend->launches() - launches;
+  s.report.waits = implementation_->backend->waits() - waits;
   s.report.milliseconds = implementation_->pipeline.step->milliseconds();
   if (s.options.audit) s.report.intersections = count_intersections();
 }

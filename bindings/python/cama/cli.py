@@ -27,7 +27,7 @@ class Backend(str, Enum):
 
 
 class Precision(str, Enum):
-    double, single = "double", "single"
+    double, mixed, single = "double", "mixed", "single"
 
 
 class Accuracy(str, Enum):
@@ -44,7 +44,7 @@ class Pinch(str, Enum):
 
 SceneName = Annotated[str, typer.Argument(metavar="SCENE", help="A folder with scene.json, a JSON file, or a shipped scene's name.")]
 BackendOption = Annotated[Backend, typer.Option(help="Where to compute.")]
-PrecisionOption = Annotated[Precision, typer.Option(help="Of forces, matrix and solve.")]
+PrecisionOption = Annotated[Optional[Precision], typer.Option(help="Of forces, matrix and solve; left out: what the accuracy says.")]
 AccuracyOption = Annotated[Accuracy, typer.Option(help="Preset of solver and collision options.")]
 Resolution = Annotated[int, typer.Option(min=0, help="Total number of cloth triangles aimed at; 0: the scene's own.")]
 Threads = Annotated[int, typer.Option(min=0, help="Threads of the CPU backend; 0: all.")]
@@ -78,7 +78,7 @@ def console():
 @app.command()
 @clean
 def run(scene: SceneName,
-        backend: BackendOption = Backend.auto, precision: PrecisionOption = Precision.double,
+        backend: BackendOption = Backend.auto, precision: PrecisionOption = None,
         accuracy: AccuracyOption = Accuracy.production, resolution: Resolution = 0,
         frames: Annotated[Optional[int], typer.Option(min=0, help="Frames to record; default: the scene's.")] = None,
         threads: Threads = 0, device: Device = 0,
@@ -89,7 +89,7 @@ def run(scene: SceneName,
         debug: Debug = False):
     """Simulates SCENE; writes OUT/frames.h5 and OUT/summary.json. Ctrl-C stops between steps and keeps what was computed."""
     loaded = cama.Scene.load(scene, resolution)
-    simulation = cama.Simulation(loaded, backend=backend.value, precision=precision.value, accuracy=accuracy.value,
+    simulation = cama.Simulation(loaded, backend=backend.value, precision=precision.value if precision else None, accuracy=accuracy.value,
                                  device=device, threads=threads, intersections=intersections.value,
                                  pinch=pinch.value)
     if simulation.untangled.rounds:
@@ -166,11 +166,11 @@ def info(debug: Debug = False):
 
 @app.command()
 @clean
-def explain(scene: SceneName, backend: BackendOption = Backend.auto, precision: PrecisionOption = Precision.double,
+def explain(scene: SceneName, backend: BackendOption = Backend.auto, precision: PrecisionOption = None,
             accuracy: AccuracyOption = Accuracy.production, resolution: Resolution = 0, threads: Threads = 0, device: Device = 0,
             debug: Debug = False):
     """Shows which stages and streams SCENE gets, why, and their memory after one step."""
-    simulation = cama.Simulation(cama.Scene.load(scene, resolution), backend=backend.value, precision=precision.value,
+    simulation = cama.Simulation(cama.Scene.load(scene, resolution), backend=backend.value, precision=precision.value if precision else None,
                                  accuracy=accuracy.value, device=device, threads=threads)
     simulation.step()
     out = console()

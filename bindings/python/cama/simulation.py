@@ -32,7 +32,9 @@ class Frame:
 def _options(backend, precision, accuracy, device, threads, overrides):
     options = _core.Options.preset(accuracy)
     known = [n for n in dir(options) if not n.startswith("_") and n not in ("preset", "accuracy")]
-    given = dict(backend=backend, precision=precision, device=device, threads=threads, **overrides)
+    given = dict(backend=backend, device=device, threads=threads, **overrides)
+    if precision is not None:
+        given["precision"] = precision
     for name, value in given.items():
         if name not in known:
             raise SceneError(f"option {name!r} is unknown; there are {', '.join(known)}")
@@ -47,7 +49,8 @@ class Simulation:
     """Backend, state and pipeline of one scene.
 
     scene: a cama.Scene, or what `Scene.load` takes.  backend: "auto", "cpu", "opencl" or "cuda".
-    precision: of forces, matrix and solve, "double" or "single".  accuracy: "production" or "paper".
+    precision: "double", "mixed" (forces, matrix and residual in double, the solve in single with refinement) or "single"; None: what
+    the accuracy says, mixed for "production", double for "paper".
     device: index.  threads: of the CPU backend, 0: all.  overrides: single options, for example tolerance=1e-6,
     max_iterations, preconditioner="jacobi", solver="direct", assembly="algorithm1", search="fronts", commit, cubic_impacts,
     max_impact_passes, intersections ("reject", "exempt" or "untangle": what becomes of a start that intersects),
@@ -58,7 +61,7 @@ class Simulation:
     intersections, unless the policy is "exempt" (start as it is) or "untangle" (move the cloth first) succeeds.
     """
 
-    def __init__(self, scene, backend="auto", precision="double", accuracy="production", device=0, threads=0, **overrides):
+    def __init__(self, scene, backend="auto", precision=None, accuracy="production", device=0, threads=0, **overrides):
         self.scene = scene.copy() if isinstance(scene, Scene) else Scene.load(scene)
         self._core = _core.Simulation(self.scene._core, _options(backend, precision, accuracy, device, threads, overrides))
         self._frame = 0

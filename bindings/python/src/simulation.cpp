@@ -41,7 +41,8 @@ struct Choice { const char *name; Enum value; };
 
 constexpr Choice<Assembly> assemblies[] = {{"gather", Assembly::gather}, {"algorithm1", Assembly::algorithm1}, {"sorted", Assembly::sorted}};
 constexpr Choice<Preconditioner> preconditioners[] = {
-    {"none", Preconditioner::none}, {"jacobi", Preconditioner::jacobi}, {"block_jacobi", Preconditioner::block_jacobi}};
+    {"none", Preconditioner::none}, {"jacobi", Preconditioner::jacobi}, {"block_jacobi", Preconditioner::block_jacobi},
+    {"schwarz", Preconditioner::schwarz}};
 constexpr Choice<ContactForm> contact_forms[] = {{"rank_one", ContactForm::rank_one}, {"star", ContactForm::star}};
 constexpr Choice<Pinch> pinches[] = {{"stop", Pinch::stop}, {"release", Pinch::release}};
 constexpr Choice<SearchKind> searches[] = {{"tree", SearchKind::tree}, {"fronts", SearchKind::fronts}};
@@ -118,6 +119,7 @@ py::dict to_dict(const StepReport &r)
   d["residual"] = r.residual;
   d["milliseconds"] = r.milliseconds;
   d["launches"] = r.launches;
+  d["waits"] = r.waits;
   d["intersections"] = r.intersections;
   return d;
 }

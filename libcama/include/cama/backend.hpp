@@ -1,6 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
+#include <chrono>
 #include <cstddef>
+#include <cstdlib>
+#include <functional>
+#include <map>
 #include <memory>
 #include <string>
 #include <string_view>
@@ -18,6 +22,7 @@ struct KernelKey {
   int index;            ///< position in kernels.def
   Precision precision;
   const char *name;
+  int team = 0;         ///< members of a team; 0: the kernel has none
 };
 
 /// One kernel argument: a scalar's address, or a buffer.
@@ -43,7 +48,10 @@ public:
   virtual void copy(Buffer to, Buffer from, std::size_t bytes) = 0;
   virtual void fill(Buffer buffer, unsigned char byte, std::size_t bytes) = 0;
 
+  /// n work items, or n teams where the kernel has teams.
   virtual void launch(const KernelKey &kernel, int n, const Argument *arguments, int count) = 0;
+  /// Runs `work`, which only launches, `times` times; a backend may record it once and replay it.
+  virtual void repeat(int times, const std::function<void()> &work) { for (int i = 0; i < times; ++i) work(); }
   /// to[i] = sum of from[0..i), to[n] = total. `to` holds n + 1 ints and may not alias `from`.
   /// A total beyond 2^31 - 1 is a MemoryError, here or, on backends that do not wait, at the next `download` or `synchronize`.
   virtual void scan(Buffer from, Buffer to, int n) = 0;
@@ -54,10 +62,29 @@ public:
   std::size_t allocated_bytes() const { return allocated_; }
   std::size_t peak_bytes() const { return peak_; }
   long launches() const { return launches_; }
+  long waits() const { return waits_; }          ///< times the host waited for the device
+
+  struct KernelTime { long launches = 0; double milliseconds = 0; };
+  /// Every kernel's share, where the environment variable CAMA_KERNEL_TIMES is set: launches then wait for each other.
+  const std::map<std::string, KernelTime> &kernel_times() const { return kernel_times_; }
 
 protected:
+  /// Runs the launch of one kernel, timed where times are wanted.
+  template <class Launch> void timed(const char *kernel, Launch &&launch)
+  {
+    if (!timing_) return launch();
+    synchronize();
+    const auto start = std::chrono::steady_clock::now();
+    launch();
+    synchronize();
+    KernelTime &time = kernel_times_[kernel];
+    ++time.launches;
+    time.milliseconds += std::chrono::duration<double, std::milli>(std::chrono::steady_clock::now() - start).count();
+  }
+  const bool timing_ = std::getenv("CAMA_KERNEL_TIMES") != nullptr;
+  std::map<std::string, KernelTime> kernel_times_;
   std::size_t allocated_ = 0, peak_ = 0;
-  long launches_ = 0;
+  long launches_ = 0, waits_ = 0;
 };
 
 /// name: "auto" (what the environment variable CAMA_BACKEND names, else cpu), "cpu", "opencl" or "cuda".

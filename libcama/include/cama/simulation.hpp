@@ -14,7 +14,7 @@
 namespace cama {
 
 enum class Assembly { gather, algorithm1, sorted };          ///< static pattern; the paper's Algorithm 1; collect, sort, reduce
-enum class Preconditioner { none, jacobi, block_jacobi };
+enum class Preconditioner { none, jacobi, block_jacobi, schwarz };   ///< schwarz: multilevel additive, blocks of 16 strongly coupled vertices
 enum class Pinch { stop, release };                          ///< cloth caught between moving obstacles or pins without a way out
 enum class SearchKind { tree, fronts };                       ///< trees searched from the root; the paper's fronts
 enum class LinearSolver { conjugate_gradient, direct };
@@ -26,7 +26,9 @@ struct Options {
   std::string backend = "auto";
   int device = 0;
   int threads = 0;                        ///< CPU threads; 0: all
-  std::string precision = "double";       ///< of forces, matrix and solve: "double" or "single"; state and collision are double
+  /// "double"; "mixed": forces, matrix and residual double, the solve single with refinement; "single": all of these. State and collision
+  /// are double always. Mixed is for the Schwarz preconditioner; others solve in the matrix's precision.
+  std::string precision = "mixed";
   std::string accuracy = "production";    ///< "production" or "paper"
   Assembly assembly = Assembly::gather;
   bool atomic_filling = false;            ///< Algorithm 1 as printed: fill with floating-point atomics (order, hence bits, vary)
@@ -34,7 +36,7 @@ struct Options {
   bool anticipate_contacts = true;        ///< contacts also for pairs that would close within the step; false: distance alone (paper)
   SearchKind search = SearchKind::tree;   ///< how candidate pairs are found; the pairs are the same
   bool localized_search = true;           ///< with fronts, when few vertices leave their boxes: search only near those (Figure 8)
-  Preconditioner preconditioner = Preconditioner::block_jacobi;
+  Preconditioner preconditioner = Preconditioner::schwarz;
   LinearSolver solver = LinearSolver::conjugate_gradient;
   double tolerance = 1e-3;                ///< of the solve, relative, in the preconditioned norm
   int max_iterations = 5000;
@@ -69,9 +71,10 @@ struct StepReport {
   int exempt = 0;                         ///< pairs that contact passes over after this step, seams aside
   int substeps = 1;                       ///< pieces that moving obstacles divided the step into
   int iterations = 0;                     ///< of the linear solve
-  double residual = 0;                    ///< of the linear solve: sqrt(r' P r) relative to its start; direct: |A v - b| / |b|
+  double residual = 0;                    ///< of the linear solve: sqrt(r' P r) relative to its start (Schwarz: computed afresh); direct: |A v - b| / |b|
   double milliseconds = 0;
   long launches = 0;                      ///< of kernels; what a backend's scan and sort launch is counted too
+  long waits = 0;                         ///< times the host waited for the device
   int intersections = -1;                 ///< -1: not audited
 };
 

@@ -36,7 +36,7 @@ void LinearSolve<Real>::multiply(State &state, const Stream<vec3> &x, Stream<vec
 }
 
 template <class Real>
-void LinearSolve<Real>::precondition(State &state)
+void LinearSolve<Real>::extract_diagonal(State &state)
 {
   Backend &b = *state.backend;
   System<Real> &s = state.system<Real>();
@@ -44,7 +44,6 @@ void LinearSolve<Real>::precondition(State &state)
   CAMA_LAUNCH_REAL(Real, b, extract_diagonal, state.cloth_vertices, s.matrix.row, s.matrix.column, s.matrix.block, inverse_);
   if (terms_as_operator(state))
     CAMA_LAUNCH_REAL(Real, b, add_term_diagonal, state.cloth_vertices, state.term_incidence.row, state.term_incidence.entry, s.term, inverse_);
-  CAMA_LAUNCH_REAL(Real, b, invert_diagonal, state.cloth_vertices, static_cast<int>(state.options.preconditioner), inverse_);
 }
 
 template <class Real>
@@ -58,14 +57,29 @@ void LinearSolve<Real>::dot(State &state, const Stream<vec3> &a, const Stream<ve
 }
 
 template <class Real>
-void LinearSolve<Real>::conjugate_gradient(State &state)
+template <class S>
+bool LinearSolve<Real>::schwarz(State &state, std::unique_ptr<SchwarzSolver<S>> &solver)
+{
+  if (!solver) solver = std::make_unique<SchwarzSolver<S>>(*state.backend);
+  q_.resize(state.cloth_vertices);
+  extract_diagonal(state);
+  solver->template prepare<Real>(state, inverse_);
+  const auto result = solver->template solve<Real>(state, q_, [&](const Stream<vec3> &x, Stream<vec3> &q) { multiply(state, x, q); });
+  state.report.iterations = result.iterations;
+  state.report.residual = result.residual;
+  return !result.broken;
+}
+
+template <class Real>
+void LinearSolve<Real>::conjugate_gradient(State &state, Preconditioner preconditioner)
 {
   Backend &b = *state.backend;
   System<Real> &s = state.system<Real>();
   const int rows = state.cloth_vertices, parts = second_parts(rows);
   for (Stream<vec3> *v : {&r_, &z_, &q_}) v->resize(rows);
   p_.resize(state.vertices);
-  precondition(state);
+  extract_diagonal(state);
+  CAMA_LAUNCH_REAL(Real, b, invert_diagonal, rows, static_cast<int>(preconditioner), inverse_);
   CAMA_LAUNCH_REAL(Real, b, weigh_forces, rows, static_cast<Real>(state.time_step), s.force, state.fixed, inverse_, r_, z_);
   dot(state, r_, z_);
   CAMA_LAUNCH(b, finish_beta, 1, parts, 1, reduced_, scalar_);
@@ -161,7 +175,16 @@ void LinearSolve<Real>::run(State &state)
                    state.velocity_next, state.fixed, s.force, s.right_side);
   if (state.terms)
     CAMA_LAUNCH_REAL(Real, b, add_term_forces, state.cloth_vertices, state.term_incidence.row, state.term_incidence.entry, s.term, s.right_side);
-  if (state.options.solver == LinearSolver::direct) direct(state); else conjugate_gradient(state);
+  if (state.options.solver == LinearSolver::direct) {
+    direct(state);
+  } else if (state.options.preconditioner != Preconditioner::schwarz) {
+    conjugate_gradient(state, state.options.preconditioner);
+  } else {
+    bool solved = false;
+    if constexpr (sizeof(Real) == 8) solved = state.options.precision == "double" ? schwarz(state, double_solver_) : schwarz(state, single_solver_);
+    else solved = schwarz(state, single_solver_);
+    if (!solved) conjugate_gradient(state, Preconditioner::block_jacobi);
+  }
   CAMA_LAUNCH_REAL(Real, b, store_velocity, state.cloth_vertices, state.fixed, s.solution, state.velocity_next);
 }
 

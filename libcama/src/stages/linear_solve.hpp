@@ -1,11 +1,14 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
+#include <memory>
+
 #include "pipeline.hpp"
+#include "solver/schwarz.hpp"
 
 namespace cama {
 
-/// A v = b of Equation 1 by preconditioned conjugate gradient, or by a sparse direct factorisation (the reference). Starts from the
-/// current velocities; prescribed degrees of freedom are eliminated; stops by sqrt(r' P r) relative to its start,
+/// A v = b of Equation 1 by preconditioned conjugate gradient, or by a sparse direct factorisation (the reference). Where the Schwarz
+/// preconditioner is not positive definite in its precision, the blocks of the diagonal take its place. Starts from the current velocities; prescribed degrees of freedom are eliminated; stops by sqrt(r' P r) relative to its start,
 /// or to that of the forces without penalties where it is smaller.
 template <class Real> class LinearSolve final : public Stage {
 public:
@@ -18,8 +21,9 @@ public:
 
 private:
   using vec3 = typename Types<Real>::vec3;
-  void precondition(State &state);
-  void conjugate_gradient(State &state);
+  void extract_diagonal(State &state);
+  void conjugate_gradient(State &state, Preconditioner preconditioner);
+  template <class S> bool schwarz(State &state, std::unique_ptr<SchwarzSolver<S>> &solver);
   void direct(State &state);
   bool terms_as_operator(const State &state) const { return state.options.assembly == Assembly::gather && state.terms > 0; }
   void dot(State &state, const Stream<vec3> &a, const Stream<vec3> &b);
@@ -27,6 +31,8 @@ private:
   Stream<typename Types<Real>::mat3> inverse_;
   Stream<vec3> r_, z_, p_, q_, product_;
   Stream<double> partial_, reduced_, scalar_;
+  std::unique_ptr<SchwarzSolver<double>> double_solver_;   // what the precision asks for, made when first used
+  std::unique_ptr<SchwarzSolver<float>> single_solver_;
 };
 
 extern template class LinearSolve<double>;

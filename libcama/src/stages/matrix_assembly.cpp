@@ -7,7 +7,7 @@ namespace cama {
 
 template <class Real>
 AssembleMatrix<Real>::AssembleMatrix(Backend &b)
-    : count_(b), space_(b), cursor_(b), index_(b), triangle_slot_(b), hinge_slot_(b), term_slot_(b), key_(b), entry_(b), head_(b), place_(b)
+    : count_(b), space_(b), cursor_(b), index_(b), triangle_slot_(b), hinge_slot_(b), term_slot_(b), source_start_(b), source_(b), key_(b), entry_(b), head_(b), place_(b)
 {}
 
 template <class Real>
@@ -59,6 +59,31 @@ void AssembleMatrix<Real>::locate(State &state, bool with_terms)
   slots(state.triangle_incidence, state.triangle_nodes, state.triangle_split, triangle_slot_);
   if (state.hinges) slots(state.hinge_incidence, state.hinge_nodes, state.hinge_split, hinge_slot_);
   if (with_terms && state.terms) slots(state.term_incidence, state.term_nodes, state.term_split, term_slot_);
+}
+
+/// Lists the elements of every block of the static pattern; what found them is not needed again.
+template <class Real>
+void AssembleMatrix<Real>::find_sources(State &state)
+{
+  Backend &b = *state.backend;
+  BlockMatrix<Real> &m = state.system<Real>().matrix;
+  const int rows = state.cloth_vertices, blocks = m.column.size();
+  const Incidence &triangles = state.triangle_incidence, &hinges = state.hinge_incidence;
+  Stream<int> count(b, blocks);
+  source_start_.resize(blocks + 1);
+  count.fill_zero();
+  CAMA_LAUNCH_REAL(Real, b, count_diagonal_sources, rows, m.row, m.column, count);
+  CAMA_LAUNCH_REAL(Real, b, count_sources, rows, triangles.row, triangle_slot_, count);
+  if (state.hinges) CAMA_LAUNCH_REAL(Real, b, count_sources, rows, hinges.row, hinge_slot_, count);
+  b.scan(count.buffer(), source_start_.buffer(), blocks);
+  source_.resize(source_start_.at(blocks));
+  count.fill_zero();
+  CAMA_LAUNCH_REAL(Real, b, fill_diagonal_sources, rows, m.row, m.column, source_start_, count, source_);
+  CAMA_LAUNCH_REAL(Real, b, fill_sources, rows, 0, triangles.row, triangles.entry, triangle_slot_, source_start_, count, source_);
+  if (state.hinges)
+    CAMA_LAUNCH_REAL(Real, b, fill_sources, rows, state.triangles, hinges.row, hinges.entry, hinge_slot_, source_start_, count, source_);
+  CAMA_LAUNCH(b, sort_rows, blocks, source_start_, source_);
+  for (Stream<int> *s : {&count_, &space_, &cursor_, &index_, &triangle_slot_, &hinge_slot_}) *s = Stream<int>(b);
 }
 
 template <class Real>
@@ -143,12 +168,15 @@ void AssembleMatrix<Real>::run(State &state)
       gather(state, true);
     }
   } else {
+    System<Real> &s = state.system<Real>();
     if (!pattern_ready_) {
       algorithm1(state, false);
       locate(state, false);
+      find_sources(state);
       pattern_ready_ = true;
     }
-    gather(state, false);
+    CAMA_LAUNCH_REAL(Real, *state.backend, gather_blocks, s.matrix.block.size(), source_start_, source_, s.mass, state.triangles,
+                     s.triangle_factor, s.hinge_factor, s.matrix.block);
   }
 }
 

@@ -42,11 +42,13 @@ private:
   void algorithm1(State &state, bool with_terms);
   void sorted(State &state);
   void locate(State &state, bool with_terms);
+  void find_sources(State &state);
   void gather(State &state, bool with_terms);
   void scatter(State &state);
 
   bool pattern_ready_ = false;
   Stream<int> count_, space_, cursor_, index_, triangle_slot_, hinge_slot_, term_slot_;
+  Stream<int> source_start_, source_;   // elements of every block of the static pattern
   Stream<key64> key_;
   Stream<int> entry_, head_, place_;
 };

@@ -1,0 +1,154 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "solver/aggregates.hpp"
+
+#include "launch.hpp"
+
+namespace cama {
+namespace {
+constexpr int most_rounds = 7;       // of joining two by two: 2, 4, 8, 16, then what is left over
+constexpr int wishes = 4;            // handshakes a round
+constexpr double least_progress = 0.6;   // of the nodes must go in a level, or it is the last
+}  // namespace
+
+int key_bits(int rows)
+{
+  int bits = 31;
+  for (; rows > 0; rows >>= 1) ++bits;
+  return bits;
+}
+
+Aggregates::Aggregates(Backend &b)
+    : order(b), place(b), graph_(b), merged_(b), key_(b), merged_key_(b), entry_(b), head_(b), place_(b), vertex_(b), size_(b), joined_size_(b), mate_(b),
+      wish_(b), parent_(b), cluster_(b), strength_(b), weight_(b)
+{}
+
+void Aggregates::merge(Backend &b, int n, int nodes, Graph &graph)
+{
+  head_.resize(n);
+  place_.resize(n + 1);
+  b.sort(key_.buffer(), entry_.buffer(), n, key_bits(nodes));
+  CAMA_LAUNCH(b, key_heads, n, key_, nodes, head_);
+  b.scan(head_.buffer(), place_.buffer(), n);
+  const int entries = n ? place_.at(n) : 0;
+  merged_key_.resize(entries);
+  graph.nodes = nodes;
+  graph.row.resize(nodes + 1);
+  graph.column.resize(entries);
+  graph.weight.resize(entries);
+  CAMA_LAUNCH(b, merge_entries, n, key_, entry_, place_, weight_, merged_key_, graph.column, graph.weight);
+  CAMA_LAUNCH(b, row_starts, nodes + 1, entries, merged_key_, graph.row);
+}
+
+int Aggregates::match(Backend &b)
+{
+  const int start = graph_.nodes;
+  int nodes = start;
+  size_.resize(nodes);
+  cluster_.resize(start);
+  CAMA_LAUNCH(b, set_int, nodes, 0, 1, size_);
+  CAMA_LAUNCH(b, number_items, start, cluster_);
+  for (int round = 0; round < most_rounds && nodes > 1; ++round) {
+    for (Stream<int> *s : {&mate_, &wish_, &head_, &parent_, &joined_size_}) s->resize(nodes);
+    place_.resize(nodes + 1);
+    CAMA_LAUNCH(b, set_int, nodes, 0, -1, mate_);
+    for (int i = 0; i < wishes; ++i) {
+      CAMA_LAUNCH(b, propose_mates, nodes, graph_.row, graph_.column, graph_.weight, size_, BLOCK_ROWS, mate_, wish_);
+      CAMA_LAUNCH(b, accept_mates, nodes, wish_, mate_);
+    }
+    CAMA_LAUNCH(b, first_of_mates, nodes, mate_, head_);
+    b.scan(head_.buffer(), place_.buffer(), nodes);
+    CAMA_LAUNCH(b, join_mates, nodes, mate_, place_, size_, parent_, joined_size_);
+    const int joined = place_.at(nodes);
+    if (joined == nodes) break;
+    CAMA_LAUNCH(b, follow_parents, start, parent_, cluster_);
+    size_.swap(joined_size_);
+    const int entries = graph_.column.size();
+    key_.resize(entries);
+    entry_.resize(entries);
+    CAMA_LAUNCH(b, parent_keys, nodes, graph_.row, graph_.column, parent_, nodes, joined, 0, key_, entry_);
+    weight_.swap(graph_.weight);
+    merge(b, entries, joined, merged_);
+    std::swap(graph_, merged_);
+    nodes = joined;
+  }
+  return nodes;
+}
+
+void Aggregates::number(State &state)
+{
+  Backend &b = *state.backend;
+  const int vertices = state.cloth_vertices;
+  head_.resize(vertices);
+  place_.resize(vertices + 1);
+  place.resize(vertices);
+  CAMA_LAUNCH(b, free_flags, vertices, state.fixed, head_);
+  b.scan(head_.buffer(), place_.buffer(), vertices);
+  rows_ = place_.at(vertices);
+  vertex_.resize(rows_);
+  CAMA_LAUNCH(b, number_free, vertices, head_, place_, place, vertex_);
+}
+
+void Aggregates::arrange(State &state, std::vector<Stream<int>> &parents, const std::vector<int> &count)
+{
+  Backend &b = *state.backend;
+  const int levels = static_cast<int>(count.size());
+  level_.clear();
+  for (int l = 0; l < levels; ++l) level_.emplace_back(b);
+  Stream<int> above(b, count.back()), here(b), sorted(b);   // places of blocks, of nodes; nodes in order
+  CAMA_LAUNCH(b, number_items, count.back(), above);
+  for (int l = levels - 1; l >= 0; --l) {
+    Level &level = level_[static_cast<std::size_t>(l)];
+    const Stream<int> &parent = parents[static_cast<std::size_t>(l)];
+    level.nodes = l ? count[static_cast<std::size_t>(l - 1)] : rows_;
+    level.blocks = count[static_cast<std::size_t>(l)];
+    key_.resize(level.nodes);
+    sorted.resize(level.nodes);
+    here.resize(level.nodes);
+    level.parent.resize(level.nodes);
+    level.start.resize(level.blocks + 1);
+    CAMA_LAUNCH(b, order_keys, level.nodes, parent, above, key_, sorted);
+    b.sort(key_.buffer(), sorted.buffer(), level.nodes, key_bits(level.blocks));
+    CAMA_LAUNCH(b, row_starts, level.blocks + 1, level.nodes, key_, level.start);
+    CAMA_LAUNCH(b, invert_order, level.nodes, sorted, here);
+    CAMA_LAUNCH(b, place_parents, level.nodes, here, parent, above, level.parent);
+    above.swap(here);
+  }
+  order.resize(rows_);
+  CAMA_LAUNCH(b, take_items, rows_, sorted, vertex_, order);
+  CAMA_LAUNCH(b, invert_order, rows_, order, place);
+}
+
+template <class Real>
+void Aggregates::build(State &state, const Stream<typename Types<Real>::mat3> &diagonal)
+{
+  Backend &b = *state.backend;
+  System<Real> &s = state.system<Real>();
+  number(state);
+  if (rows_ == 0) return level_.clear();
+  const int vertices = state.cloth_vertices, blocks = s.matrix.column.size(), entries = blocks + 16 * state.terms;
+  strength_.resize(vertices);
+  key_.resize(entries);
+  entry_.resize(entries);
+  weight_.resize(entries);
+  CAMA_LAUNCH_REAL(Real, b, vertex_strengths, vertices, diagonal, strength_);
+  CAMA_LAUNCH_REAL(Real, b, matrix_entries, vertices, s.matrix.row, s.matrix.column, s.matrix.block, place, rows_, strength_, key_, entry_,
+                   weight_);
+  CAMA_LAUNCH_REAL(Real, b, term_entries, state.terms, blocks, vertices, s.term, place, rows_, strength_, key_, entry_, weight_);
+  merge(b, entries, rows_, graph_);
+  // Each level's clusters are the nodes of the next, until one block holds them all or matching gets stuck.
+  std::vector<Stream<int>> parents;
+  std::vector<int> count;
+  do {
+    const int before = graph_.nodes, now = match(b);
+    if (!parents.empty() && now > least_progress * before) break;
+    parents.emplace_back(b);
+    parents.back().swap(cluster_);
+    count.push_back(now);
+  } while (count.back() > 1);
+  arrange(state, parents, count);
+}
+
+template void Aggregates::build<double>(State &, const Stream<kernels::f64::mat3> &);
+template void Aggregates::build<float>(State &, const Stream<kernels::f32::mat3> &);
+
+}  // namespace cama
