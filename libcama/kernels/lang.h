@@ -32,6 +32,7 @@
 #define LANES_STORE(lanes, p, v) vstore16(v, 0, p)
 #define LANES_ALL(lanes, v) ((lanes)(v))
 #define LANE(v, q) (v)[q]
+#define SIMD
 #define TEAM_BARRIER
 #else
 #define FOR_EACH_TEAM(t, n) for (int t = (int)get_group_id(0); t < (n); t += (int)get_num_groups(0))
@@ -42,6 +43,7 @@
 #define LANES_STORE(lanes, p, v) (*(p) = (v))
 #define LANES_ALL(lanes, v) (v)
 #define LANE(v, q) (v)
+#define SIMD
 #define TEAM_BARRIER barrier(CLK_LOCAL_MEM_FENCE)
 #endif
 typedef ulong key64;
@@ -88,6 +90,7 @@ typedef unsigned long long key64;
 #define LANES_STORE(lanes, p, v) (*(p) = (v))
 #define LANES_ALL(lanes, v) (v)
 #define LANE(v, q) (v)
+#define SIMD
 #define TEAM_BARRIER __syncthreads()
 static __device__ inline int atomic_add_int(int *p, int v) { return atomicAdd(p, v); }
 static __device__ inline int atomic_min_int(int *p, int v) { return atomicMin(p, v); }
@@ -130,6 +133,11 @@ static __device__ inline void atomic_add_float(float *p, float v) { atomicAdd(p,
 #define LANES_STORE(lanes, p, v) (*(lanes *)(p) = (v))
 #define LANES_ALL(lanes, v) ((lanes){0} + (v))
 #define LANE(v, q) (v)[q]
+#if defined(_OPENMP)
+#define SIMD CAMA_PRAGMA(omp simd)   /* before a loop whose turns are independent */
+#else
+#define SIMD
+#endif
 #define TEAM_BARRIER
 DEVICE int atomic_add_int(int *p, int v) { return __atomic_fetch_add(p, v, __ATOMIC_RELAXED); }
 DEVICE int atomic_min_int(int *p, int v)
@@ -168,8 +176,6 @@ DEVICE void atomic_add_float(float *p, float v)
    A processor's team is one thread: its loops run over all members, LANES of them together as one vector where written so:
      LANES_TYPE(real, lanes); TEAM_FOR_LANES(j, m) { lanes sum = LANES_ALL(lanes, 0); sum += LANES_LOAD(lanes, p + j) * x; } */
 #define TEAM_FOR_LANES(j, m) TEAM_FOR(j##_group, ((m) + LANES - 1) / LANES) for (int j = j##_group * LANES, j##_once = 1; j##_once; j##_once = 0)
-/* Without teams: n, a multiple of 16, work items, LANES of them together. */
-#define FOR_EACH_LANES(j, n) FOR_EACH(j##_group, (n) / LANES) for (int j = j##_group * LANES, j##_once = 1; j##_once; j##_once = 0)
 #define FOR_LANES(q) for (int q = 0; q < LANES; ++q)
 
 /* Total orders written out: fmin and fmax differ between languages on signed zeros. */

@@ -1,110 +1,149 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* The multilevel additive Schwarz preconditioner (Wu et al. 2022, "A GPU-based multilevel additive Schwarz preconditioner for cloth and
    deformable body simulation") and the conjugate gradient around it, in one reduction an iteration (Chronopoulos and Gear 1989).
-   Rows are free vertices, ordered so that each block's are neighbours. A block has at most BLOCK_ROWS rows; its dense inverse is
-   kept whole. */
+   Rows are free vertices, ordered so that each block's are neighbours. A block B has at most BLOCK_ROWS rows; with S B S of unit
+   diagonal = L D L', its inverse is applied as S G' G S with G = D^-1/2 L^-1, which is positive definite however
+   coarsely G is stored: 16 bits an entry, each column in units of its largest. */
 
 #define BLOCK_ROWS 16
 #define BLOCK_SIZE 48
 #define SLICE_ROWS 32   /* rows of the sliced matrix that share a width */
 #define TEAM_ROWS 128   /* rows of a team in the matrix product */
 #define BLOCK_TEAM 64   /* members of a team that has a block */
-/* Column c, row l of an inverse: 16 rows at a time, so that processors read it from front to back. */
-#define INVERSE_AT(c, l) (((l) / 16 * BLOCK_SIZE + (c)) * 16 + (l) % 16)
+/* Entries of G: 16 rows at a time, of these the columns up to the diagonal, of these 16 numbers. Word k holds entries k and k + FACTOR_WORDS. */
+#define FACTOR_WORDS 768
+#define FACTOR_COLUMN(group, c) (8 * (group) * ((group) + 1) + (c))
+#define FACTOR_STRIDE (LANES == 1 ? 17 : 16)   /* of columns where a team works on them: no two members in one bank */
 
 LANES_TYPE(real, lanes);
 
 /* Scalars of the conjugate gradient in one reduction. */
 #define CG_GAMMA 0       /* r' z */
 #define CG_ALPHA 1
-#define CG_BETA 2
-#define CG_GOAL 3        /* of r' z */
-#define CG_DONE 4        /* 1: nothing more changes */
-#define CG_BROKEN 5      /* 1: not positive definite, or not finite */
-#define CG_ITERATIONS 6
-#define CG_START 7       /* r' z at the start */
-#define CG_FORCES 8      /* f' P f of the forces without penalties */
-#define CG_INNER 9       /* r' z that working precision can reach from this start */
-#define CG_COUNT 10
+#define CG_GOAL 2        /* of r' z */
+#define CG_DONE 3        /* 1: nothing more changes */
+#define CG_BROKEN 4      /* 1: not positive definite, or not finite */
+#define CG_ITERATIONS 5
+#define CG_START 6       /* r' z at the start */
+#define CG_FORCES 7      /* f' P f of the forces without penalties */
+#define CG_INNER 8       /* r' z that working precision can reach from this start */
+#define CG_COUNT 9
 #define CG_TEAM 256
+#define CG_NUMBERS 1024  /* numbers of the vectors that a team advances */
 
 #define CG_MEASURE_FORCES 0
 #define CG_MEASURE_START 1  /* sets the goal */
 #define CG_MEASURE_CHECK 2  /* the goal stays: a residual computed afresh */
-#define CG_ITERATE 3
 
-/* The next alpha and beta from the partial sums of r'z and z'w, or the end. One team.
-   goal: tolerance^2; slack: (of the forces) a tolerance relative to huge penalties would leave gravity unsolved; restart = 1: beta is 0.
-   inner: least r'z relative to this start that working precision can reach. */
-KERNEL cg_scalars(int n, int mode, int partials, GLOBAL const double *partial, double goal, double slack, double inner, int most, GLOBAL double *scalar)
+/* rz[0], zw[0] = sums of the partial r'z and z'w, in an order that depends on their number alone. */
+DEVICE_TEAM void sum_partials(int partials, GLOBAL const double *partial, LOCAL double *rz, LOCAL double *zw)
+{
+  int span;
+  TEAM_FOR(l, CG_TEAM)
+  {
+    double a = 0.0, b = 0.0;
+    int k;
+    for (k = l; k < partials; k += CG_TEAM) {
+      a += partial[2 * k];
+      b += partial[2 * k + 1];
+    }
+    rz[l] = a;
+    zw[l] = b;
+  }
+  TEAM_BARRIER;
+  for (span = CG_TEAM / 2; span > 0; span /= 2) {
+    TEAM_FOR(l, span)
+    {
+      rz[l] += rz[l + span];
+      zw[l] += zw[l + span];
+    }
+    TEAM_BARRIER;
+  }
+}
+
+/* Starts from a residual whose products are in `partial`. goal: tolerance^2; slack: (of the forces) a tolerance relative to huge
+   penalties would leave gravity unsolved; inner: least r'z relative to this start that working precision can reach. One team. */
+KERNEL cg_start(int n, int mode, int partials, GLOBAL const double *partial, double goal, double slack, double inner, GLOBAL double *scalar)
 {
   TEAM_LOCAL(double, rz, CG_TEAM);
   TEAM_LOCAL(double, zw, CG_TEAM);
   FOR_EACH_TEAM(t, n)
   {
-    int span;
-    if (mode == CG_ITERATE && scalar[CG_DONE] != 0.0) continue;
-    TEAM_FOR(l, CG_TEAM)
-    {
-      double a = 0.0, b = 0.0;
-      int k;
-      for (k = l; k < partials; k += CG_TEAM) {
-        a += partial[2 * k];
-        b += partial[2 * k + 1];
-      }
-      rz[l] = a;
-      zw[l] = b;
-    }
-    TEAM_BARRIER;
-    for (span = CG_TEAM / 2; span > 0; span /= 2) {
-      TEAM_FOR(l, span)
-      {
-        rz[l] += rz[l + span];
-        zw[l] += zw[l + span];
-      }
-      TEAM_BARRIER;
-    }
+    sum_partials(partials, partial, rz, zw);
     TEAM_FOR(l, 1)
     {
-      double before = scalar[CG_GAMMA], alpha = scalar[CG_ALPHA], least = scalar[CG_GOAL], reached = scalar[CG_INNER];
-      double forces = scalar[CG_FORCES], iterations = scalar[CG_ITERATIONS], gamma = rz[0], denominator = zw[0], beta = 0.0;
+      double gamma = rz[0], forces = scalar[CG_FORCES];
       if (mode == CG_MEASURE_FORCES) {
         scalar[CG_FORCES] = gamma;
-        continue;
-      }
-      if (mode == CG_MEASURE_START) {
-        iterations = 0.0;
-        least = goal * (forces > 0.0 ? min_double(gamma, slack * forces) : gamma);
-        scalar[CG_START] = gamma;
-        scalar[CG_GOAL] = least;
-      }
-      if (mode == CG_ITERATE) {
-        beta = before > 0.0 ? gamma / before : 0.0;
-        denominator -= beta * gamma / alpha;
       } else {
-        reached = inner * gamma;
-        scalar[CG_INNER] = reached;
-        scalar[CG_DONE] = 0.0;
+        if (mode == CG_MEASURE_START) {
+          scalar[CG_START] = gamma;
+          scalar[CG_GOAL] = goal * (forces > 0.0 ? min_double(gamma, slack * forces) : gamma);
+          scalar[CG_ITERATIONS] = 0.0;
+        }
+        scalar[CG_GAMMA] = 0.0;
+        scalar[CG_INNER] = inner * gamma;
         scalar[CG_BROKEN] = 0.0;
       }
-      scalar[CG_BETA] = beta;
-      scalar[CG_GAMMA] = gamma;
-      if (gamma <= max_double(least, reached) || iterations >= (double)most) {
-        scalar[CG_DONE] = 1.0;
-      } else if (!(gamma > 0.0) || !(denominator > 0.0) || !(gamma < 1e300)) {
-        scalar[CG_DONE] = 1.0;
-        scalar[CG_BROKEN] = 1.0;
-      } else {
-        scalar[CG_ALPHA] = gamma / denominator;
-        iterations += 1.0;
-      }
-      scalar[CG_ITERATIONS] = iterations;
+      scalar[CG_DONE] = 0.0;
     }
   }
 }
 
-/* A residual computed afresh is about to be measured. One work item. */
-KERNEL cg_resume(int n, GLOBAL double *scalar) { FOR_EACH(i, n) { scalar[CG_DONE] = 0.0; } }
+/* One iteration's scalars and vectors: alpha and beta from the partial sums (each team for itself), then p = z + beta p, s = w + beta s,
+   x += alpha p, r -= alpha s. The scalars at `from` become those at `to`. numbers: 3 rows. */
+KERNEL cg_advance(int n, int numbers, int partials, GLOBAL const double *partial, int most, int from, int to, GLOBAL double *scalar,
+                  GLOBAL const real *RESTRICT z, GLOBAL const real *RESTRICT w, GLOBAL real *RESTRICT p, GLOBAL real *RESTRICT s,
+                  GLOBAL real *RESTRICT x, GLOBAL real *RESTRICT r)
+{
+  TEAM_LOCAL(double, rz, CG_TEAM);
+  TEAM_LOCAL(double, zw, CG_TEAM);
+  FOR_EACH_TEAM(t, n)
+  {
+    double before = scalar[from + CG_GAMMA], alpha = scalar[from + CG_ALPHA], done = scalar[from + CG_DONE], broken = scalar[from + CG_BROKEN];
+    double iterations = scalar[from + CG_ITERATIONS], least = max_double(scalar[from + CG_GOAL], scalar[from + CG_INNER]), beta = 0.0;
+    TEAM_BARRIER;
+    if (done == 0.0) {
+      double gamma, denominator;
+      sum_partials(partials, partial, rz, zw);
+      gamma = rz[0];
+      denominator = zw[0];
+      beta = before > 0.0 ? gamma / before : 0.0;
+      if (before > 0.0) denominator -= beta * gamma / alpha;
+      alpha = gamma / denominator;
+      if (gamma <= least || iterations >= (double)most) done = 1.0;
+      else if (!(gamma > 0.0) || !(denominator > 0.0) || !(gamma < 1e300)) done = broken = 1.0;
+      else iterations += 1.0;
+      before = gamma;
+    }
+    if (t == 0)
+      TEAM_FOR(l, 1)
+      {
+        scalar[to + CG_GAMMA] = before;
+        scalar[to + CG_ALPHA] = alpha;
+        scalar[to + CG_DONE] = done;
+        scalar[to + CG_BROKEN] = broken;
+        scalar[to + CG_ITERATIONS] = iterations;
+        scalar[to + CG_GOAL] = scalar[from + CG_GOAL];
+        scalar[to + CG_INNER] = scalar[from + CG_INNER];
+        scalar[to + CG_START] = scalar[from + CG_START];
+        scalar[to + CG_FORCES] = scalar[from + CG_FORCES];
+      }
+    if (done == 0.0) {
+      const int first = t * CG_NUMBERS, count = min_int(numbers - first, CG_NUMBERS), restart = beta == 0.0;
+      const real a = (real)alpha, b = (real)beta;
+      TEAM_FOR(l, count)
+      {
+        int i = first + l;
+        real pi = restart ? z[i] : z[i] + b * p[i], si = restart ? w[i] : w[i] + b * s[i];
+        p[i] = pi;
+        s[i] = si;
+        x[i] = (restart ? (real)0 : x[i]) + a * pi;
+        r[i] -= a * si;
+      }
+    }
+  }
+}
 
 /* Strength of a vertex: 1 / sqrt(trace of its diagonal block). */
 KERNEL vertex_strengths(int n, GLOBAL const mat3 *diagonal, GLOBAL float *strength)
@@ -228,47 +267,73 @@ KERNEL fill_slice_values(int n, GLOBAL const int *source, int wide, GLOBAL const
 }
 
 /* a: a symmetric positive definite matrix of m rows in BLOCK_SIZE columns, scaled to a unit diagonal by the outer product of `scaling`;
-   zero elsewhere. Leaves its inverse, unscaled, in `inverse`: Gauss-Jordan sweeps in symmetric form; pivots are held above rounding. */
-DEVICE_TEAM void sweep_block(int m, LOCAL real *a, LOCAL real *pivot_column, LOCAL double *scaling, GLOBAL real *inverse)
+   zero elsewhere. Leaves G in `factor`, its columns' units times the scaling in `weight`. Below the diagonal of a, L^-1 grows as rows are
+   eliminated; pivots are held above rounding. */
+DEVICE_TEAM void factor_block(int m, LOCAL real *a, LOCAL real *pivot_row, LOCAL real *root, LOCAL double *scaling, GLOBAL int *factor,
+                              GLOBAL real *weight)
 {
   const real least = sizeof(real) == 8 ? (real)1e-14 : (real)1e-6;
   int k;
   for (k = 0; k < m; ++k) {
     real p;
-    TEAM_FOR(l, BLOCK_SIZE) pivot_column[l] = a[k * BLOCK_SIZE + l];
+    TEAM_FOR(l, BLOCK_SIZE) pivot_row[l] = a[k * BLOCK_SIZE + l];
     TEAM_BARRIER;
-    p = (real)1 / max_real(pivot_column[k], least);
+    p = (real)1 / max_real(pivot_row[k], least);
     TEAM_FOR_LANES(j, m)
     {
+      lanes own = LANES_LOAD(lanes, pivot_row + j);
       int i;
-      lanes own = LANES_LOAD(lanes, pivot_column + j);
-      for (i = 0; i < m; ++i) {
+      for (i = k + 1; i < m; ++i) {   /* row k behind its diagonal is also column k: what is still to be eliminated is symmetric */
         LOCAL real *at = a + i * BLOCK_SIZE + j;
-        LANES_STORE(lanes, at, LANES_LOAD(lanes, at) - own * pivot_column[i] * p);
+        LANES_STORE(lanes, at, LANES_LOAD(lanes, at) - own * pivot_row[i] * p);
       }
     }
     TEAM_BARRIER;
     TEAM_FOR(l, m)
     {
-      real v = l == k ? -p : pivot_column[l] * p;
-      a[k * BLOCK_SIZE + l] = v;
-      a[l * BLOCK_SIZE + k] = v;
+      if (l > k) a[l * BLOCK_SIZE + k] = -pivot_row[l] * p;
+      if (l == k) root[k] = (real)sqrt(p);
     }
     TEAM_BARRIER;
   }
-  for (k = 0; k < BLOCK_SIZE; ++k)
-    TEAM_FOR(l, BLOCK_SIZE)
-      inverse[INVERSE_AT(k, l)] = l < m && k < m ? (real)(-(double)a[k * BLOCK_SIZE + l] * (scaling[l] * scaling[k])) : (real)0;
+  TEAM_FOR(c, BLOCK_SIZE)
+  {
+    real largest = (real)0;
+    int l;
+    for (l = c; l < m; ++l) {
+      real v = (l == c ? (real)1 : a[l * BLOCK_SIZE + c]) * root[l];
+      a[l * BLOCK_SIZE + c] = v;
+      largest = max_real(largest, v < (real)0 ? -v : v);
+    }
+    pivot_row[c] = largest;
+    weight[c] = c < m ? (real)((double)largest * (1.0 / 32767.0) * scaling[c]) : (real)0;
+  }
+  TEAM_BARRIER;
+  TEAM_FOR(word, FACTOR_WORDS)
+  {
+    int part, both = 0;
+    for (part = 1; part >= 0; --part) {
+      int at = word + part * FACTOR_WORDS, column = at / 16, group = column < 16 ? 0 : column < 48 ? 1 : 2;
+      int c = column - FACTOR_COLUMN(group, 0), l = 16 * group + at % 16, q = 0;
+      if (c <= l && l < m && pivot_row[c] > (real)0) {
+        real v = a[l * BLOCK_SIZE + c] * ((real)32767 / pivot_row[c]);
+        q = (int)(v < (real)0 ? v - (real)0.5 : v + (real)0.5);
+      }
+      both = (int)(((unsigned int)both << 16) | ((unsigned int)q & 0xffffu));
+    }
+    factor[word] = both;
+  }
 }
 
-/* Inverses of the finest blocks: the matrix's entries within a block, and the terms'. */
-KERNEL invert_fine_blocks(int n, GLOBAL const int *block_start, GLOBAL const int *slice_start, GLOBAL const int *column,
+/* Factors of the finest blocks: the matrix's entries within a block, and the terms'. */
+KERNEL factor_fine_blocks(int n, GLOBAL const int *block_start, GLOBAL const int *slice_start, GLOBAL const int *column,
                           GLOBAL const real *value, int terms, GLOBAL const int *order, GLOBAL const int *term_row,
                           GLOBAL const int *term_entry, GLOBAL const element_nodes *nodes, GLOBAL const real *coefficient,
-                          GLOBAL real *inverse)
+                          GLOBAL int *factor, GLOBAL real *weight)
 {
   TEAM_LOCAL(real, a, BLOCK_SIZE * BLOCK_SIZE);
-  TEAM_LOCAL(real, pivot_column, BLOCK_SIZE);
+  TEAM_LOCAL(real, pivot_row, BLOCK_SIZE);
+  TEAM_LOCAL(real, root, BLOCK_SIZE);
   TEAM_LOCAL(double, scaling, BLOCK_SIZE);
   FOR_EACH_TEAM(t, n)
   {
@@ -316,17 +381,19 @@ KERNEL invert_fine_blocks(int n, GLOBAL const int *block_start, GLOBAL const int
       }
     }
     TEAM_BARRIER;
-    sweep_block(m, a, pivot_column, scaling, inverse + (size_t)t * BLOCK_SIZE * BLOCK_SIZE);
+    factor_block(m, a, pivot_row, root, scaling, factor + (size_t)t * FACTOR_WORDS, weight + (size_t)t * BLOCK_SIZE);
   }
 }
 
-/* Inverses of the blocks of one coarse level, whose nodes are coupled by row, column and value; terms = 1: with their diagonals.
-   Block t is at `at` + t of the inverses. */
-KERNEL invert_coarse_blocks(int n, int at, GLOBAL const int *block_start, GLOBAL const int *row, GLOBAL const int *column,
-                            GLOBAL const double *value, int terms, GLOBAL const double *diagonal, GLOBAL real *inverse)
+/* Factors of the blocks of one coarse level, whose nodes are coupled by row, column and value; terms = 1: with their diagonals.
+   Block t is at `at` + t of the factors. */
+KERNEL factor_coarse_blocks(int n, int at, GLOBAL const int *block_start, GLOBAL const int *row, GLOBAL const int *column,
+                            GLOBAL const double *value, int terms, GLOBAL const double *diagonal, GLOBAL int *factor,
+                            GLOBAL real *weight)
 {
   TEAM_LOCAL(real, a, BLOCK_SIZE * BLOCK_SIZE);
-  TEAM_LOCAL(real, pivot_column, BLOCK_SIZE);
+  TEAM_LOCAL(real, pivot_row, BLOCK_SIZE);
+  TEAM_LOCAL(real, root, BLOCK_SIZE);
   TEAM_LOCAL(double, scaling, BLOCK_SIZE);
   FOR_EACH_TEAM(t, n)
   {
@@ -364,96 +431,80 @@ KERNEL invert_coarse_blocks(int n, int at, GLOBAL const int *block_start, GLOBAL
       }
     }
     TEAM_BARRIER;
-    sweep_block(m, a, pivot_column, scaling, inverse + (size_t)(at + t) * BLOCK_SIZE * BLOCK_SIZE);
+    factor_block(m, a, pivot_row, root, scaling, factor + (size_t)(at + t) * FACTOR_WORDS, weight + (size_t)(at + t) * BLOCK_SIZE);
   }
 }
 
-/* p = z + beta p, s = w + beta s, x += alpha p, r -= alpha s; start = 1: r is what is there, and the rest is made zero. n: 3 rows. */
-KERNEL cg_update(int n, int start, GLOBAL const double *scalar, GLOBAL const real *RESTRICT z, GLOBAL const real *RESTRICT w,
-                 GLOBAL real *RESTRICT p, GLOBAL real *RESTRICT s, GLOBAL real *RESTRICT x, GLOBAL real *RESTRICT r)
+/* z = S G' G S r of each block. coarse = 0: r of rows, and sums[t] = the sum of r over block t. coarse = 1: r of a node is the sum of r over
+   the finest blocks [first, last) that it covers. at: of the scalars. */
+KERNEL apply_blocks(int n, int coarse, GLOBAL const int *block_start, GLOBAL const int *first, GLOBAL const int *last, int at,
+                    GLOBAL const double *scalar, GLOBAL const int *RESTRICT factor, GLOBAL const real *RESTRICT weight,
+                    GLOBAL const real *RESTRICT r, GLOBAL real *RESTRICT z, GLOBAL real *RESTRICT sums)
 {
-  FOR_EACH(i, n)
-  {
-    if (start) {
-      p[i] = (real)0;
-      s[i] = (real)0;
-      x[i] = (real)0;
-    } else if (scalar[CG_DONE] == 0.0) {
-      real alpha = (real)scalar[CG_ALPHA], beta = (real)scalar[CG_BETA], pi = z[i] + beta * p[i], si = w[i] + beta * s[i];
-      p[i] = pi;
-      s[i] = si;
-      x[i] += alpha * pi;
-      r[i] -= alpha * si;
-    }
-  }
-}
-
-#define COLUMN_STEP 12   /* columns read at once; r has as many numbers more than rows */
-
-/* z = inverse of each block times r; sums = 1: coarse[t] = the sum of r over block t. n: BLOCK_SIZE blocks. */
-KERNEL apply_blocks(int n, GLOBAL const int *block_start, GLOBAL const double *scalar, GLOBAL const real *RESTRICT inverse,
-                    GLOBAL const real *RESTRICT r, GLOBAL real *RESTRICT z, int sums, GLOBAL real *RESTRICT coarse)
-{
-  FOR_EACH_LANES(at, n)
-  {
-    int t = at / BLOCK_SIZE, j = at - t * BLOCK_SIZE, first = 3 * block_start[t], m = 3 * block_start[t + 1] - first, c, k;
-    GLOBAL const real *RESTRICT v = inverse + (size_t)t * BLOCK_SIZE * BLOCK_SIZE + INVERSE_AT(0, j);
-    GLOBAL const real *RESTRICT x = r + first;
-    lanes even = LANES_ALL(lanes, (real)0), odd = even;
-    if (j >= m || scalar[CG_DONE] != 0.0) continue;
-    for (c = 0; c < m; c += COLUMN_STEP)
-      for (k = c; k < c + COLUMN_STEP; k += 2) {
-        even += LANES_LOAD(lanes, v + 16 * k) * x[k];
-        odd += LANES_LOAD(lanes, v + 16 * k + 16) * x[k + 1];
-      }
-    even += odd;
-    FOR_LANES(q)
-    {
-      if (j + q < m) z[first + j + q] = LANE(even, q);
-      if (sums && j + q < 3) {
-        real sum = (real)0;
-        for (k = j + q; k < m; k += 3) sum += x[k];
-        coarse[3 * t + j + q] = sum;
-      }
-    }
-  }
-}
-
-#define SUM_TEAM 64
-
-/* residual[node] = the sum over the finest blocks that it covers, for nodes from `node` on. */
-KERNEL restrict_residual(int n, int node, GLOBAL const int *first, GLOBAL const int *last, GLOBAL const double *scalar, GLOBAL real *residual)
-{
-  TEAM_LOCAL(real, sum, 3 * SUM_TEAM);
+  TEAM_LOCAL(real, g, 2 * FACTOR_WORDS / 16 * 17);
+  TEAM_LOCAL(real, own, BLOCK_SIZE);
+  TEAM_LOCAL(real, u, BLOCK_SIZE);
+  TEAM_LOCAL(real, y, BLOCK_SIZE);
   FOR_EACH_TEAM(t, n)
   {
-    int span;
-    if (scalar[CG_DONE] != 0.0) continue;
+    int node = block_start[t], m = 3 * (block_start[t + 1] - node);
+    if (scalar[at + CG_DONE] != 0.0) continue;
     TEAM_BARRIER;
-    TEAM_FOR(l, SUM_TEAM)
+    TEAM_FOR_LANES(k, FACTOR_WORDS)
     {
-      int k, end = last[node + t];
-      real x = (real)0, y = (real)0, u = (real)0;
-      for (k = first[node + t] + l; k < end; k += SUM_TEAM) {
-        x += residual[3 * k];
-        y += residual[3 * k + 1];
-        u += residual[3 * k + 2];
+      GLOBAL const int *RESTRICT word = factor + (size_t)t * FACTOR_WORDS + k;
+      LOCAL real *low = g + k / 16 * FACTOR_STRIDE + k % 16, *high = low + FACTOR_WORDS / 16 * FACTOR_STRIDE;
+      SIMD FOR_LANES(q)
+      {
+        low[q] = (real)((int)((unsigned int)word[q] << 16) >> 16);
+        high[q] = (real)(word[q] >> 16);
       }
-      sum[l] = x;
-      sum[SUM_TEAM + l] = y;
-      sum[2 * SUM_TEAM + l] = u;
+    }
+    TEAM_FOR(l, BLOCK_SIZE)
+    {
+      real v = (real)0;
+      if (l < m && !coarse) v = r[3 * node + l];
+      if (l < m && coarse) {
+        int i = node + l / 3, c = l - l / 3 * 3, k, end = last[i];
+        for (k = first[i]; k < end; ++k) v += r[3 * k + c];
+      }
+      own[l] = v;
+      u[l] = weight[t * BLOCK_SIZE + l] * v;
     }
     TEAM_BARRIER;
-    for (span = SUM_TEAM / 2; span > 0; span /= 2) {
-      TEAM_FOR(l, span)
-      {
-        sum[l] += sum[l + span];
-        sum[SUM_TEAM + l] += sum[SUM_TEAM + l + span];
-        sum[2 * SUM_TEAM + l] += sum[2 * SUM_TEAM + l + span];
+    TEAM_FOR_LANES(j, BLOCK_SIZE)
+    {
+      int group = j / 16, c;
+      LOCAL const real *column = g + FACTOR_COLUMN(group, 0) * FACTOR_STRIDE + (j - 16 * group);
+      lanes even = LANES_ALL(lanes, (real)0), odd = even;
+      for (c = 0; c < 16 * (group + 1); c += 2) {
+        even += LANES_LOAD(lanes, column + c * FACTOR_STRIDE) * u[c];
+        odd += LANES_LOAD(lanes, column + (c + 1) * FACTOR_STRIDE) * u[c + 1];
       }
-      TEAM_BARRIER;
+      LANES_STORE(lanes, y + j, even + odd);
     }
-    TEAM_FOR(c, 3) residual[3 * (node + t) + c] = sum[c * SUM_TEAM];
+    TEAM_BARRIER;
+    TEAM_FOR(c, m)
+    {
+      real sum[16];
+      int group, q, span;
+      for (q = 0; q < 16; ++q) sum[q] = (real)0;
+      for (group = c / 16; group < 3; ++group) {
+        LOCAL const real *column = g + FACTOR_COLUMN(group, c) * FACTOR_STRIDE, *v = y + 16 * group;
+        SIMD for (q = 0; q < 16; ++q) sum[q] += column[q] * v[q];
+      }
+      for (span = 8; span > 0; span /= 2)
+        for (q = 0; q < span; ++q) sum[q] += sum[q + span];
+      z[3 * node + c] = weight[t * BLOCK_SIZE + c] * sum[0];
+    }
+    if (!coarse)
+      TEAM_FOR(c, 3)
+      {
+        real sum = (real)0;
+        int l;
+        for (l = c; l < m; l += 3) sum += own[l];
+        sums[3 * t + c] = sum;
+      }
   }
 }
 
@@ -467,34 +518,36 @@ KERNEL coarse_paths(int n, int levels, GLOBAL const int *parent, GLOBAL int *pat
   }
 }
 
-/* z += the corrections of all coarse levels. block: of rows. n: 3 rows. */
-KERNEL add_corrections(int n, int levels, GLOBAL const int *block, GLOBAL const int *RESTRICT path, GLOBAL const double *scalar,
-                       GLOBAL const real *RESTRICT correction, GLOBAL real *RESTRICT z)
+/* z of a row with the corrections of all coarse levels. block: of rows. */
+DEVICE vec3 corrected(int row, int levels, GLOBAL const int *block, GLOBAL const int *path, GLOBAL const vec3 *correction, GLOBAL const vec3 *z)
 {
-  FOR_EACH(i, n)
-  {
-    int row = i / 3, c = i - 3 * row, k;
-    GLOBAL const int *RESTRICT own = path + levels * block[row];
-    real sum = z[i];
-    if (scalar[CG_DONE] != 0.0) continue;
-    for (k = 0; k < levels; ++k) sum += correction[3 * own[k] + c];
-    z[i] = sum;
-  }
+  vec3 sum = z[row];
+  int k, own = levels * block[row];
+  for (k = 0; k < levels; ++k) sum = add(sum, correction[path[own + k]]);
+  return sum;
 }
 
-/* (along n n' + around I) sum_k w_k z_k of each term. */
-KERNEL cg_term_products(int n, GLOBAL const element_nodes *nodes, GLOBAL const real *coefficient, GLOBAL const double *scalar,
-                        GLOBAL const vec3 *z, GLOBAL vec3 *product)
+/* total = z with the corrections, of rows; then product = (along n n' + around I) sum_k w_k total_k of each term. n: rows and terms. */
+KERNEL combine_levels(int n, int rows, int levels, GLOBAL const int *RESTRICT block, GLOBAL const int *RESTRICT path, int at,
+                      GLOBAL const double *scalar, GLOBAL const vec3 *RESTRICT correction, GLOBAL const vec3 *RESTRICT z,
+                      GLOBAL const element_nodes *RESTRICT nodes, GLOBAL const real *RESTRICT coefficient, GLOBAL vec3 *RESTRICT total,
+                      GLOBAL vec3 *RESTRICT product)
 {
   FOR_EACH(i, n)
   {
-    GLOBAL const real *x = coefficient + 9 * i;
-    vec3 normal = vec3_make(x[4], x[5], x[6]), s = vec3_make((real)0, (real)0, (real)0);
-    int a;
-    if (scalar[CG_DONE] != 0.0) continue;
-    for (a = 0; a < 4; ++a)
-      if (nodes[i].node[a] >= 0) s = axpy(s, x[a], z[nodes[i].node[a]]);
-    product[i] = axpy(scale(x[8], s), x[7] * dot(normal, s), normal);
+    if (scalar[at + CG_DONE] != 0.0) continue;
+    if (i < rows) {
+      total[i] = corrected(i, levels, block, path, correction, z);
+    } else {
+      GLOBAL const real *RESTRICT x = coefficient + 9 * (i - rows);
+      element_nodes own = nodes[i - rows];
+      vec3 normal = vec3_make(x[4], x[5], x[6]), s = vec3_make((real)0, (real)0, (real)0);
+      if (own.node[0] >= 0) s = axpy(s, x[0], corrected(own.node[0], levels, block, path, correction, z));
+      if (own.node[1] >= 0) s = axpy(s, x[1], corrected(own.node[1], levels, block, path, correction, z));
+      if (own.node[2] >= 0) s = axpy(s, x[2], corrected(own.node[2], levels, block, path, correction, z));
+      if (own.node[3] >= 0) s = axpy(s, x[3], corrected(own.node[3], levels, block, path, correction, z));
+      product[i - rows] = axpy(scale(x[8], s), x[7] * dot(normal, s), normal);
+    }
   }
 }
 
@@ -503,7 +556,7 @@ KERNEL cg_term_products(int n, GLOBAL const element_nodes *nodes, GLOBAL const r
 /* w = A z with the terms; partial[2 t], partial[2 t + 1] = r'z and z'w over the TEAM_ROWS rows of team t. */
 KERNEL cg_multiply(int n, int rows, GLOBAL const int *slice_start, GLOBAL const int *RESTRICT column, GLOBAL const real *RESTRICT value,
                    int terms, GLOBAL const int *order, GLOBAL const int *term_row, GLOBAL const int *term_entry,
-                   GLOBAL const real *coefficient, GLOBAL const vec3 *product, GLOBAL const double *scalar,
+                   GLOBAL const real *coefficient, GLOBAL const vec3 *product, int at, GLOBAL const double *scalar,
                    GLOBAL const vec3 *RESTRICT z, GLOBAL const vec3 *r, GLOBAL vec3 *w, GLOBAL double *partial)
 {
   TEAM_LOCAL(double, rz, TEAM_ROWS);
@@ -511,7 +564,7 @@ KERNEL cg_multiply(int n, int rows, GLOBAL const int *slice_start, GLOBAL const 
   FOR_EACH_TEAM(t, n)
   {
     int span;
-    if (scalar[CG_DONE] != 0.0) continue;
+    if (scalar[at + CG_DONE] != 0.0) continue;
     TEAM_BARRIER;
     TEAM_FOR_LANES(row, TEAM_ROWS)
     {
@@ -576,13 +629,14 @@ KERNEL cg_multiply(int n, int rows, GLOBAL const int *slice_start, GLOBAL const 
   }
 }
 
-/* r of rows from vertices: r = b - q, or r = b where plain = 1. */
+/* r of rows from vertices: r = b - q, or r = b where plain = 1; the conjugate gradient is no longer done. */
 KERNEL gather_residual(int n, GLOBAL const int *order, int plain, int wide, GLOBAL const double *b64, GLOBAL const double *q64,
-                       GLOBAL const float *b32, GLOBAL const float *q32, GLOBAL real *r)
+                       GLOBAL const float *b32, GLOBAL const float *q32, GLOBAL real *r, GLOBAL double *scalar)
 {
   FOR_EACH(i, n)
   {
     int c, at = 3 * order[i];
+    if (i == 0) scalar[CG_DONE] = 0.0;
     for (c = 0; c < 3; ++c, ++at)
       r[3 * i + c] = wide ? (real)(plain ? b64[at] : b64[at] - q64[at]) : (real)(plain ? b32[at] : b32[at] - q32[at]);
   }

@@ -33,9 +33,9 @@ template <class Number, class Real, class T> Components<Number> as(const Stream<
 template <class S>
 SchwarzSolver<S>::SchwarzSolver(Backend &b)
     : aggregates_(b), slice_width_(b), slice_start_(b), slice_column_(b), slice_source_(b), slice_value_(b), term_nodes_(b), term_value_(b),
-      inverse_(b), coarse_inverse_(b), block_start_(b), first_(b), last_(b), parent_(b), path_(b), vertex_parent_(b), head_(b), place_(b), entry_(b),
-      key_(b), coarse_key_(b), sum_(b), other_sum_(b), r_(b), z_(b), w_(b), p_(b), s_(b), x_(b), product_(b), coarse_r_(b), coarse_z_(b),
-      partial_(b), scalar_(b, CG_COUNT)
+      factor_(b), coarse_factor_(b), weight_(b), coarse_weight_(b), block_start_(b), first_(b), last_(b), parent_(b), path_(b), vertex_parent_(b), head_(b), place_(b), entry_(b),
+      key_(b), coarse_key_(b), sum_(b), other_sum_(b), r_(b), z_(b), total_(b), w_(b), p_(b), s_(b), x_(b), product_(b), coarse_r_(b), coarse_z_(b),
+      partial_(b), scalar_(b, 2 * CG_COUNT)
 {}
 
 template <class S>
@@ -183,10 +183,12 @@ void SchwarzSolver<S>::prepare(State &state, const Stream<typename Types<Real>::
   }
   const auto &fine = aggregates_.level(0);
   const int terms = state.terms > 0;
-  inverse_.resize(BLOCK_SIZE * BLOCK_SIZE * fine.blocks);
-  coarse_inverse_.resize(BLOCK_SIZE * BLOCK_SIZE * coarse_blocks_);
-  CAMA_LAUNCH_TEAMS(S, b, invert_fine_blocks, BLOCK_TEAM, fine.blocks, fine.start, slice_start_, slice_column_, slice_value_, terms,
-                    aggregates_.order, state.term_incidence.row, state.term_incidence.entry, term_nodes_, term_value_, inverse_);
+  factor_.resize(FACTOR_WORDS * fine.blocks);
+  weight_.resize(BLOCK_SIZE * fine.blocks);
+  coarse_factor_.resize(FACTOR_WORDS * coarse_blocks_);
+  coarse_weight_.resize(BLOCK_SIZE * coarse_blocks_);
+  CAMA_LAUNCH_TEAMS(S, b, factor_fine_blocks, BLOCK_TEAM, fine.blocks, fine.start, slice_start_, slice_column_, slice_value_, terms,
+                    aggregates_.order, state.term_incidence.row, state.term_incidence.entry, term_nodes_, term_value_, factor_, weight_);
   for (int l = 1, at = 0; l < aggregates_.levels(); ++l) {
     Level &level = level_[static_cast<std::size_t>(l)];
     const int blocks = aggregates_.level(l).blocks;
@@ -194,39 +196,27 @@ void SchwarzSolver<S>::prepare(State &state, const Stream<typename Types<Real>::
                             as<float, Real>(s.matrix.block), level.value);
     else CAMA_LAUNCH(b, coarse_values, level.value.size(), level.source_start, level.source, 1, level_[static_cast<std::size_t>(l - 1)].value,
                      nothing<float>(), level.value);
-    CAMA_LAUNCH_TEAMS(S, b, invert_coarse_blocks, BLOCK_TEAM, blocks, at, aggregates_.level(l).start, level.row, level.column, level.value,
-                      terms, level.diagonal, coarse_inverse_);
+    CAMA_LAUNCH_TEAMS(S, b, factor_coarse_blocks, BLOCK_TEAM, blocks, at, aggregates_.level(l).start, level.row, level.column, level.value,
+                      terms, level.diagonal, coarse_factor_, coarse_weight_);
     at += blocks;
   }
 }
 
 template <class S>
-void SchwarzSolver<S>::apply(State &state, int start)
+void SchwarzSolver<S>::apply(State &state, int at)
 {
   Backend &b = *state.backend;
   const auto &fine = aggregates_.level(0);
-  const int rows = aggregates_.rows(), teams = parts(rows, TEAM_ROWS), terms = state.terms > 0, coarse = coarse_blocks_ > 0;
-  CAMA_LAUNCH_REAL(S, b, cg_update, 3 * rows, start, scalar_, components<S>(z_), components<S>(w_), components<S>(p_), components<S>(s_),
-                   components<S>(x_), components<S>(r_));
-  CAMA_LAUNCH_REAL(S, b, apply_blocks, BLOCK_SIZE * fine.blocks, fine.start, scalar_, inverse_, components<S>(r_), components<S>(z_), coarse,
-                   components<S>(coarse_r_));
-  if (coarse) {
-    CAMA_LAUNCH_TEAMS(S, b, restrict_residual, SUM_TEAM, coarse_nodes_ - fine.blocks, fine.blocks, first_, last_, scalar_, components<S>(coarse_r_));
-    CAMA_LAUNCH_REAL(S, b, apply_blocks, BLOCK_SIZE * coarse_blocks_, block_start_, scalar_, coarse_inverse_, components<S>(coarse_r_),
-                     components<S>(coarse_z_), 0, nothing<S>());
-    CAMA_LAUNCH_REAL(S, b, add_corrections, 3 * rows, aggregates_.levels() - 1, fine.parent, path_, scalar_, components<S>(coarse_z_),
-                     components<S>(z_));
-  }
-  if (terms) CAMA_LAUNCH_REAL(S, b, cg_term_products, state.terms, term_nodes_, term_value_, scalar_, z_, product_);
-  CAMA_LAUNCH_TEAMS(S, b, cg_multiply, TEAM_ROWS, teams, rows, slice_start_, slice_column_, slice_value_, terms, aggregates_.order,
-                    state.term_incidence.row, state.term_incidence.entry, term_value_, product_, scalar_, z_, r_, w_, partial_);
-}
-
-template <class S>
-void SchwarzSolver<S>::measure(Backend &b, int mode, double goal, double slack, int most)
-{
-  CAMA_LAUNCH_TEAMS(S, b, cg_scalars, CG_TEAM, 1, mode, parts(aggregates_.rows(), TEAM_ROWS), partial_, goal, slack,
-                    reachable<S>, most, scalar_);
+  const int rows = aggregates_.rows(), levels = aggregates_.levels() - 1;
+  CAMA_LAUNCH_TEAMS(S, b, apply_blocks, BLOCK_TEAM, fine.blocks, 0, fine.start, first_, last_, at, scalar_, factor_, weight_,
+                    components<S>(r_), components<S>(z_), components<S>(coarse_r_));
+  CAMA_LAUNCH_TEAMS(S, b, apply_blocks, BLOCK_TEAM, coarse_blocks_, 1, block_start_, first_, last_, at, scalar_, coarse_factor_, coarse_weight_,
+                    components<S>(coarse_r_), components<S>(coarse_z_), nothing<S>());
+  CAMA_LAUNCH_REAL(S, b, combine_levels, rows + state.terms, rows, levels, fine.parent, path_, at, scalar_, coarse_z_, z_, term_nodes_,
+                   term_value_, total_, product_);
+  CAMA_LAUNCH_TEAMS(S, b, cg_multiply, TEAM_ROWS, parts(rows, TEAM_ROWS), rows, slice_start_, slice_column_, slice_value_, state.terms > 0,
+                    aggregates_.order, state.term_incidence.row, state.term_incidence.entry, term_value_, product_, at, scalar_, total_, r_, w_,
+                    partial_);
 }
 
 template <class S> template <class Real>
@@ -237,52 +227,49 @@ typename SchwarzSolver<S>::Result SchwarzSolver<S>::solve(State &state, Stream<t
   const int rows = aggregates_.rows(), wide = sizeof(Real) == 8;
   Result result;
   if (rows == 0) return result;
-  for (Stream<vec3> *v : {&z_, &w_, &p_, &s_, &x_}) v->resize(rows);
-  const auto padded = [&](Stream<vec3> &v, int size) {   // blocks are read in steps of COLUMN_STEP numbers
-    if (v.size() == size + COLUMN_STEP) return;
-    v.resize(size + COLUMN_STEP);
-    v.fill_zero();
-  };
-  padded(r_, rows);
-  padded(coarse_r_, coarse_nodes_);
+  for (Stream<vec3> *v : {&r_, &z_, &total_, &w_, &p_, &s_, &x_}) v->resize(rows);
+  coarse_r_.resize(aggregates_.level(0).blocks);
   coarse_z_.resize(coarse_nodes_);
   partial_.resize(2 * parts(rows, TEAM_ROWS));
-  const double tolerance = state.options.tolerance, goal = tolerance * tolerance, dt = state.time_step;
-  const double slack = forces_slack * forces_slack * dt * dt;
-  const int most = state.options.max_iterations;
-  const auto residual = [&](int plain, const Stream<typename Types<Real>::vec3> &b1, const Stream<typename Types<Real>::vec3> &q1) {
-    CAMA_LAUNCH_REAL(S, b, cg_resume, 1, scalar_);
+  const double tolerance = state.options.tolerance, dt = state.time_step;
+  const int most = state.options.max_iterations, partials = parts(rows, TEAM_ROWS), numbers = 3 * rows;
+  const auto start_from = [&](int mode, int plain, const Stream<typename Types<Real>::vec3> &b1, const Stream<typename Types<Real>::vec3> &q1) {
+    if (mode == CG_MEASURE_FORCES) scalar_.fill_zero();
     CAMA_LAUNCH_REAL(S, b, gather_residual, rows, aggregates_.order, plain, wide, as<double, Real>(b1), as<double, Real>(q1),
-                     as<float, Real>(b1), as<float, Real>(q1), components<S>(r_));
-    apply(state, 1);
+                     as<float, Real>(b1), as<float, Real>(q1), components<S>(r_), scalar_);
+    apply(state, 0);
+    CAMA_LAUNCH_TEAMS(S, b, cg_start, CG_TEAM, 1, mode, partials, partial_, tolerance * tolerance, forces_slack * forces_slack * dt * dt,
+                      reachable<S>, scalar_);
   };
-  residual(1, s.force, q);
-  measure(b, CG_MEASURE_FORCES, goal, slack, most);
+  const auto iterate = [&] {
+    for (int i = 0; i < iterations_per_block; ++i) {
+      const int from = i % 2 * CG_COUNT, to = CG_COUNT - from;
+      CAMA_LAUNCH_TEAMS(S, b, cg_advance, CG_TEAM, parts(numbers, CG_NUMBERS), numbers, partials, partial_, most, from, to, scalar_,
+                        components<S>(total_), components<S>(w_), components<S>(p_), components<S>(s_), components<S>(x_), components<S>(r_));
+      apply(state, to);
+    }
+  };
+  start_from(CG_MEASURE_FORCES, 1, s.force, q);
   std::vector<double> scalar;
   double before = 0;
   for (int refinement = 0;; ++refinement) {
     multiply(s.solution, q);
-    residual(0, s.right_side, q);
-    measure(b, refinement == 0 ? CG_MEASURE_START : CG_MEASURE_CHECK, goal, slack, most);
-    int blocks = refinement == 0 ? std::max(1, expected_ * 3 / 4 / iterations_per_block) : 0;
-    const auto iterate = [&] {
-      for (int i = 0; i < iterations_per_block; ++i) {
-        apply(state, 0);
-        measure(b, CG_ITERATE, goal, slack, most);
-      }
-    };
-    if (blocks) b.repeat(blocks, iterate);
+    start_from(refinement == 0 ? CG_MEASURE_START : CG_MEASURE_CHECK, 0, s.right_side, q);
+    if (refinement == 0) b.repeat(std::max(1, expected_ * 3 / 4 / iterations_per_block), iterate);
     scalar = scalar_.download();
     const double start = refinement == 0 ? scalar[CG_START] : scalar[CG_INNER] / reachable<S>;
-    const bool met = refinement > 0 && start <= accepted * accepted * scalar[CG_GOAL];
     if (refinement > 0) result.residual = scalar[CG_START] > 0 ? std::sqrt(start / scalar[CG_START]) : 0;
-    if (scalar[CG_BROKEN] != 0) { result.broken = true; break; }
+    const bool met = refinement > 0 && start <= accepted * accepted * scalar[CG_GOAL];
     if (met || refinement == most_refinements || (refinement > 0 && start > before / 4) || scalar[CG_ITERATIONS] >= most) break;
     while (scalar[CG_DONE] == 0) {
       b.repeat(1, iterate);
       scalar = scalar_.download();
     }
-    if (scalar[CG_BROKEN] != 0) { result.broken = true; break; }
+    if (scalar[CG_BROKEN] != 0) {
+      result.broken = true;
+      break;
+    }
+    if (scalar[CG_ITERATIONS] == 0) break;   // nothing to do
     before = start;
     CAMA_LAUNCH_REAL(S, b, add_solution, rows, aggregates_.order, components<S>(x_), wide, as<double, Real>(s.solution), as<float, Real>(s.solution));
   }

@@ -42,9 +42,8 @@ private:
   void make_level(Backend &b, int l, const Stream<int> &row, const Stream<int> &column, int rows, int columns, const Stream<int> &parent);
   void make_tables(Backend &b);
   void weigh_terms(State &state);
-  /// z = P r, w = A z and their products with r; start: r alone is given.
-  void apply(State &state, int start);
-  void measure(Backend &b, int mode, double goal, double slack, int most);
+  /// z = P r, w = A z, r'z and z'w. at: place of the scalars.
+  void apply(State &state, int at);
 
   Aggregates aggregates_;
   int terms_ = -1, steps_ = 0, coarse_blocks_ = 0, coarse_nodes_ = 0, expected_ = 0;
@@ -53,13 +52,14 @@ private:
   Stream<S> slice_value_;
   Stream<kernels::element_nodes> term_nodes_;
   Stream<S> term_value_;                // [9 terms]
-  Stream<S> inverse_, coarse_inverse_;
+  Stream<int> factor_, coarse_factor_;
+  Stream<S> weight_, coarse_weight_;
   Stream<int> block_start_, first_, last_, parent_, path_;   // of all coarse levels, one behind the other
   Stream<int> vertex_parent_, head_, place_, entry_;
   Stream<key64> key_, coarse_key_;
   Stream<double> sum_, other_sum_;
-  Stream<vec3> r_, z_, w_, p_, s_, x_, product_, coarse_r_, coarse_z_;
-  Stream<double> partial_, scalar_;
+  Stream<vec3> r_, z_, total_, w_, p_, s_, x_, product_, coarse_r_, coarse_z_;
+  Stream<double> partial_, scalar_;     // scalars twice: of the last iteration and of this one
 };
 
 }  // namespace cama
