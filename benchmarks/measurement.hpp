@@ -29,7 +29,7 @@ struct Measurement {
 /// Steps from rest, then the measured ones. An error of the simulation ends it and is kept; errors of the scene are thrown.
 Measurement measure(const Settings &settings, int resolution);
 
-/// Bytes read and written a second by copying 256 MiB on the device, median of five, GB/s.
+/// Bytes read and written a second by copying 256 MiB on the device, best of five, GB/s: a floor is of the undisturbed device.
 double copy_bandwidth(const Options &options);
 
 /// Slope of the least squares line through (log x, log y); 0 with fewer than two points.

@@ -4,8 +4,8 @@
     python benchmarks/paper_tables.py OUT --resolution 2000 --skip 40 --steps 10                  # here
     python benchmarks/paper_tables.py OUT --resolution 200000 --backend cuda --budget 540         # on a machine with a GPU
 
-Runs benchmarks/step_times; needs nothing beyond Python itself. Writes OUT/paper.csv (every run), OUT/paper_tables.csv and OUT/paper_tables.md,
-and where matplotlib is, OUT/paper_stages.png. What the paper reports (Tang et al. 2016, Figures 6, 13, 18 and section 5) stands beside.
+Runs benchmarks/step_times; needs nothing beyond Python itself. Writes OUT/paper.csv (every run), OUT/paper_tables.csv,
+OUT/paper_tables.md, and where matplotlib is, OUT/paper_stages.png. What the paper reports (Tang et al. 2016, Figures 6, 13, 18 and section 5) stands beside.
 """
 
 import argparse
@@ -78,10 +78,11 @@ def run_all(arguments, file):
     """{scene: {variant: Run}}; the CSV of every run goes to `file` as it comes."""
     program, root = times.find_program(arguments.build), os.path.dirname(os.path.dirname(os.path.abspath(__file__)))
     begin, runs = time.monotonic(), {scene: {} for scene in arguments.scenes}
+    share = 3 * arguments.budget / (len(VARIANTS) * len(arguments.scenes))   # at most, of one run
     for variant, changed in VARIANTS.items():
         for scene in arguments.scenes:
-            left = arguments.budget - (time.monotonic() - begin)
-            if left < 10:
+            left = min(max(share, 10), arguments.budget - (time.monotonic() - begin))
+            if left < 5:
                 print(f"  {scene}, {variant}: not run, the time is spent", file=sys.stderr)
                 continue
             settings = dict(accuracy="paper", backend=arguments.backend, precision=arguments.precision, threads=arguments.threads,
@@ -104,7 +105,8 @@ def tables(runs):
     for scene in scenes:
         run, parts = runs[scene]["paper"], shares(runs[scene]["paper"])
         total = sum(parts.values())
-        rows.append([scene, f"{run['triangles']:,}", times.short(run["median_ms"]), times.short(run["iterations"]), times.short(run["contacts"], 9)] +
+        rows.append([scene, f"{run['triangles']:,}", times.short(run["median_ms"]), times.short(run["iterations"]),
+                     times.short(run["contacts"], 9)] +
                     [f"{100 * v / total:.0f} %" for v in parts.values()] + [times.short(run["intersections"])])
     columns = ["scene", "triangles", "ms per step", "iterations", "contacts", "PC", "MA", "LS", "PH", "Misc", "intersections"]
     worth = [[claim, said] + [value or "not run" for value in values]
@@ -143,7 +145,8 @@ def write(runs, folder):
     first = next((r for variants in runs.values() for r in variants.values()), None)
     if first is None:
         raise SystemExit("nothing ran")
-    title += f"Paper mode, {first['precision']}, {first['backend']} on {first['device']}; medians of {first['steps']} steps after {first['skipped']}.\n"
+    title += f"Paper mode, {first['precision']}, {first['backend']} on {first['device']}; "
+    title += f"medians of {first['steps']} steps after {first['skipped']}.\n"
     with open(os.path.join(folder, "paper_tables.csv"), "w", newline="", encoding="utf-8") as file:
         writer = csv.writer(file)
         for name, columns, rows in tables(runs):

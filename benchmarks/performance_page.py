@@ -34,8 +34,8 @@ def published(run):
 
 
 def bars(runs):
-    columns = ["scene", "triangles", "settings", "ms per step, median", "95 %", "published ms", "floor ms", "iterations", "launches", "waits",
-               "contacts", "intersections", "peak MiB", "steps"]
+    columns = ["scene", "triangles", "settings", "ms per step, median", "95 %", "published ms", "floor ms", "iterations", "launches",
+               "waits", "contacts", "intersections", "peak MiB", "steps"]
     rows = [[r["scene"], f"{r['triangles']:,}", settings(r), times.short(r["median_ms"]), times.short(r["p95_ms"]), published(r),
              times.short(r["floor_ms"]), times.short(r["iterations"]), times.short(r["launches"]), times.short(r["waits"]),
              times.short(r["contacts"], 9), times.short(r["intersections"]), times.short(r["peak_mib"]),
@@ -60,8 +60,9 @@ def scaling(runs):
         points = [(r["triangles"], r["median_ms"]) for r in group]
         if math.isnan(times.exponent(points)):
             continue
-        rows.append([scene, words, " / ".join(f"{x:,}" for x, _ in points), " / ".join(times.short(y) for _, y in points),
-                     f"{times.exponent(points):.2f}", times.short(group[-1]["peak_mib"] * 2 ** 20 / group[-1]["triangles"])])
+        rows.append([scene, words, " / ".join(f"{x:,}" for x, _ in points),
+                     " / ".join(times.short(y) for _, y in points), f"{times.exponent(points):.2f}",
+                     times.short(group[-1]["peak_mib"] * 2 ** 20 / group[-1]["triangles"])])
     return times.markdown(["scene", "settings", "triangles", "ms per step, median", "exponent", "peak bytes per triangle"], rows) if rows else ""
 
 
@@ -84,8 +85,8 @@ def stages(runs):
 
 def everything(runs):
     devices = sorted({f"{r['device']} (copy {times.short(r['bandwidth_gbs'])} GB/s)" for r in runs})
-    largest = [r for r in runs if not r["options"] and not any(o["scene"] == r["scene"] and settings(o) == settings(r) and o["triangles"] > r["triangles"]
-                                                               for o in runs)]
+    same = lambda a, b: a["scene"] == b["scene"] and settings(a) == settings(b)  # noqa: E731
+    largest = [r for r in runs if not r["options"] and not any(same(o, r) and o["triangles"] > r["triangles"] for o in runs)]
     parts = ["; ".join(devices) + ".", bars(runs), scaling(runs), stages(largest)]
     return "\n\n".join(p for p in parts if p)
 

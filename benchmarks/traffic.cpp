@@ -51,12 +51,14 @@ double motion(const Streams &s, double cloth) { return 3 * vector_bytes * (s.n("
 /// Boxes of vertices, faces and edges, both trees written and read, candidate pairs with flag and direction written.
 double boxes_and_trees(const Streams &s)
 {
-  return s.bytes({"position", "position_next", "margin", "vertex_box", "face", "face_box", "edge", "edge_box", "face_order", "edge_order"}) +
+  return s.bytes({"position", "position_next", "margin", "vertex_box", "face", "face_box", "edge", "edge_box", "face_order",
+                  "edge_order"}) +
          2 * s.bytes({"face_tree", "edge_tree", "obstacle_tree"});
 }
 double pairs_written(const Streams &s)
 {
-  return s.bytes({"vertex_face.pairs", "vertex_face.known", "vertex_face.direction", "edge_edge.pairs", "edge_edge.known", "edge_edge.direction"});
+  return s.bytes({"vertex_face.pairs", "vertex_face.known", "vertex_face.direction", "edge_edge.pairs", "edge_edge.known",
+                  "edge_edge.direction"});
 }
 double fronts(const Streams &s) { return 2 * s.bytes({"front", "self_front"}) + s.bytes({"triangle_pairs", "face_features"}); }
 double candidate_search(const Streams &s)
@@ -82,7 +84,8 @@ double element_forces(const Streams &s)
 
 double contact_terms(const Streams &s)
 {
-  return s.bytes({"contact", "term_nodes", "term", "term_incidence.row", "force", "velocity", "velocity_next"}) + 2 * s.bytes({"term_incidence.entry"});
+  return s.bytes({"contact", "term_nodes", "term", "term_incidence.row", "force", "velocity", "velocity_next"}) +
+         2 * s.bytes({"term_incidence.entry"});
 }
 
 /// gather: slots of the static pattern read. algorithm1: index list written and read, slots found. sorted: entries through a radix sort.
@@ -117,7 +120,9 @@ double finish(const Streams &s) { return s.bytes({"position_next", "velocity_nex
 
 const char *name_of(Preconditioner p)
 {
-  return p == Preconditioner::none ? "none" : p == Preconditioner::jacobi ? "jacobi" : p == Preconditioner::block_jacobi ? "block_jacobi" : "schwarz";
+  if (p == Preconditioner::none) return "none";
+  if (p == Preconditioner::jacobi) return "jacobi";
+  return p == Preconditioner::block_jacobi ? "block_jacobi" : "schwarz";
 }
 
 SolveShape shape_of(const Streams &s, const Simulation &simulation)
