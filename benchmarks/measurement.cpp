@@ -37,16 +37,16 @@ double median(const std::vector<double> &values) { return statistics(values).med
 /// Times and counts of the measured steps.
 class Samples {
 public:
-  /// stages: whether the times of stages are of their work; step: whether the time of the step is without waits between stages.
-  void add(const Simulation &simulation, double milliseconds, bool stages, bool step)
+  /// stages: whether the times of stages are of their work; step: whether the time of the step is without waits between stages. The last
+  /// stage of a step waits for the device in any case.
+  void add(const Simulation &simulation, bool stages, bool step)
   {
     std::string outer;
     const std::map<std::string, double> bytes = step_bytes(simulation);
     for (const StageTime &time : simulation.timings()) {
       const std::string name = nested_name(time, outer);
       if (std::find(order_.begin(), order_.end(), name) == order_.end()) order_.push_back(name);
-      const bool whole = time.depth == 0;
-      if (whole ? step : stages) times_[name].push_back(whole ? milliseconds : time.milliseconds);
+      if (time.depth == 0 ? step : stages) times_[name].push_back(time.milliseconds);
       const auto found = bytes.find(name);
       if (found != bytes.end()) bytes_[name].push_back(found->second);
     }
@@ -96,9 +96,8 @@ void run_steps(const Settings &settings, Simulation &simulation, Samples &sample
   for (int i = 0; i < settings.steps && (i < 2 || !spent()); ++i) {
     const bool wait = waits(settings, i);
     wait_for_stages(wait);
-    const Clock one;
     simulation.step();
-    samples.add(simulation, 1e3 * one.seconds(), wait || synchronous || settings.wait == Wait::never,
+    samples.add(simulation, wait || synchronous || settings.wait == Wait::never,
                 !wait || synchronous || settings.wait == Wait::always);
   }
   m.seconds = all.seconds();

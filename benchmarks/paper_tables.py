@@ -3,6 +3,7 @@
 
     python benchmarks/paper_tables.py OUT --resolution 2000 --skip 40 --steps 10                  # here
     python benchmarks/paper_tables.py OUT --resolution 200000 --backend cuda --budget 540         # on a machine with a GPU
+    python benchmarks/paper_tables.py OUT --read OUT/paper.csv                                    # tables and plot again, nothing is run
 
 Runs benchmarks/step_times; needs nothing beyond Python itself. Writes OUT/paper.csv (every run), OUT/paper_tables.csv,
 OUT/paper_tables.md, and where matplotlib is, OUT/paper_stages.png. What the paper reports (Tang et al. 2016, Figures 6, 13, 18 and section 5) stands beside.
@@ -98,6 +99,16 @@ def run_all(arguments, file):
     return runs
 
 
+def read_runs(path):
+    """The same from a CSV of before; a run's changed options say which variant it is."""
+    names = {" ".join(f"{name}={value}" for name, value in changed.items()): variant for variant, changed in VARIANTS.items()}
+    runs = {}
+    for run in times.read([path]):
+        if run["options"] in names:
+            runs.setdefault(run["scene"], {})[names[run["options"]]] = run
+    return runs
+
+
 def tables(runs):
     """Two tables as (title, columns, rows)."""
     scenes = [s for s in runs if "paper" in runs[s]]
@@ -171,11 +182,15 @@ def main():
     p.add_argument("--device", type=int, default=0)
     p.add_argument("--threads", type=int, default=0)
     p.add_argument("--budget", type=float, default=3600, help="seconds for all runs; what does not fit is left out and said so")
+    p.add_argument("--read", metavar="CSV", help="of an earlier call, in place of running")
     p.add_argument("--build", help="build folder with benchmarks/step_times")
     arguments = p.parse_args()
     os.makedirs(arguments.out, exist_ok=True)
-    with open(os.path.join(arguments.out, "paper.csv"), "w", encoding="utf-8") as file:
-        runs = run_all(arguments, file)
+    if arguments.read:
+        runs = read_runs(arguments.read)
+    else:
+        with open(os.path.join(arguments.out, "paper.csv"), "w", encoding="utf-8") as file:
+            runs = run_all(arguments, file)
     write(runs, arguments.out)
 
 

@@ -50,10 +50,10 @@ def settings(run):
 
 
 def scaling(runs):
-    """Runs of one scene and setting at several sizes; the exponent is of the fit over all of them."""
+    """Runs of one scene and setting, from the same step on, at several sizes; the exponent is of the fit over all of them."""
     groups = collections.defaultdict(list)
     for r in runs:
-        groups[r["scene"], settings(r)].append(r)
+        groups[r["scene"], f"{settings(r)}, after {r['skipped']} steps"].append(r)
     rows = []
     for (scene, words), group in groups.items():
         group.sort(key=lambda r: r["triangles"])

@@ -84,7 +84,7 @@ def series(runs):
     """{(scene, setting): [(triangles, ms)]}, those with at least two sizes."""
     found = collections.defaultdict(list)
     for run in runs:
-        found[run["scene"], setting(run)].append((run["triangles"], run["median_ms"]))
+        found[run["scene"], f"{setting(run)}, after {run['skipped']} steps"].append((run["triangles"], run["median_ms"]))
     return {key: sorted(points) for key, points in found.items() if len({x for x, _ in points}) > 1}
 
 

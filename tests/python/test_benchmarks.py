@@ -71,6 +71,12 @@ def test_published_figures_stand_beside_runs_of_their_size_alone():
     assert performance_page.published(large) == "2,840 (CAMA, K40c)" and performance_page.published(small) == ""
 
 
+def test_sizes_are_compared_from_the_same_step_on_alone():
+    text = HEADER + rows(20, PARTS) + rows(80, PARTS, triangles=800000) + rows(1, PARTS, triangles=2000).replace(",1,2,", ",9,2,")
+    table = performance_page.scaling(times.parse(text)).splitlines()
+    assert len(table) == 3 and "200,000 / 800,000 | 20 / 80 | 1.00 |" in table[2]
+
+
 def step_times(**settings):
     """Runs of the program; skips where it is not built."""
     try:
