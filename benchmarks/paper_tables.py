@@ -117,7 +117,7 @@ def tables(runs):
         run, parts = runs[scene]["paper"], shares(runs[scene]["paper"])
         total = sum(parts.values())
         rows.append([scene, f"{run['triangles']:,}", times.short(run["median_ms"]), times.short(run["iterations"]),
-                     times.short(run["contacts"], 9)] +
+                     times.short(run["contacts"])] +
                     [f"{100 * v / total:.0f} %" for v in parts.values()] + [times.short(run["intersections"])])
     columns = ["scene", "triangles", "ms per step", "iterations", "contacts", "PC", "MA", "LS", "PH", "Misc", "intersections"]
     worth = [[claim, said] + [value or "not run" for value in values]

@@ -38,7 +38,7 @@ def bars(runs):
                "waits", "contacts", "intersections", "peak MiB", "steps"]
     rows = [[r["scene"], f"{r['triangles']:,}", settings(r), times.short(r["median_ms"]), times.short(r["p95_ms"]), published(r),
              times.short(r["floor_ms"]), times.short(r["iterations"]), times.short(r["launches"]), times.short(r["waits"]),
-             times.short(r["contacts"], 9), times.short(r["intersections"]), times.short(r["peak_mib"]),
+             times.short(r["contacts"]), times.short(r["intersections"]), times.short(r["peak_mib"]),
              f"{r['steps']} after {r['skipped']}"] for r in runs]
     return times.markdown(columns, rows)
 
@@ -95,12 +95,12 @@ TABLES = {"bars": bars, "scaling": scaling, "stages": stages, "all": everything}
 
 
 def paper(paths):
-    """What paper_tables.py wrote, headings one level lower, its title left out."""
+    """What paper_tables.py wrote, headings two levels lower, its title left out."""
     text = ""
     for path in paths:
         with open(path, encoding="utf-8") as file:
             text += file.read()
-    return re.sub(r"^## ", "### ", re.sub(r"^# .*\n+", "", text, flags=re.M), flags=re.M).strip()
+    return re.sub(r"^## ", "#### ", re.sub(r"^# .*\n+", "", text, flags=re.M), flags=re.M).strip()
 
 
 def replace_section(page, name, text):
