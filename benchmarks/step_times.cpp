@@ -77,6 +77,7 @@ int run(int count, char **arguments)
   std::vector<double> triangles, times;
   int failures = 0;
   if (settings.header) std::printf("%s\n", columns);
+  std::fflush(stdout);
   for (int resolution : settings.resolutions) {
     const Measurement m = measure(settings, resolution);
     print(settings, m, bandwidth);
