@@ -18,7 +18,11 @@ double element_bytes(const std::string &element)
   return std::atof(element.c_str());   // "24 bytes"
 }
 
-double working_bytes(const std::string &precision) { return precision == "double" ? 8 : 4; }
+/// Bytes of a number of the solve: mixed is single for the Schwarz preconditioner alone.
+double solve_real(const SolveShape &shape)
+{
+  return shape.precision == "single" || (shape.precision == "mixed" && shape.preconditioner == "schwarz") ? 4 : 8;
+}
 
 /// Sizes of the streams: S(name) is all bytes of one, n(name) its elements.
 class Streams {
@@ -145,15 +149,15 @@ SolveShape shape_of(const Streams &s, const Simulation &simulation)
 
 double solve_bytes(const SolveShape &shape)
 {
-  const double real = working_bytes(shape.precision), vectors = 3 * real * shape.rows;
+  const double real = solve_real(shape), vectors = 3 * real * shape.rows;
   const double term = 4 * int_bytes + 10 * real, product = 3 * real;
   const double multiply = shape.blocks * (9 * real + int_bytes) + shape.rows * int_bytes + 2 * vectors +
                           shape.terms * (term + 2 * product) + shape.entries * (int_bytes + real);
   double precondition = 0;
   if (shape.preconditioner == "jacobi") precondition = vectors;
   if (shape.preconditioner == "block_jacobi") precondition = 3 * vectors;
-  if (shape.preconditioner == "schwarz") {   // packed triangles of 48 x 48 in single precision, all levels
-    const double side = 3 * aggregate, packed = side * (side + 1) / 2 * 4 / aggregate;
+  if (shape.preconditioner == "schwarz") {   // inverses of 48 x 48, symmetric halves, all levels
+    const double side = 3 * aggregate, packed = side * (side + 1) / 2 * real / aggregate;
     precondition = shape.rows * packed * aggregate / (aggregate - 1);
   }
   const double update = 7 * vectors, direction = 3 * vectors;   // x, p, q, r read, x, r, z written; z, p read, p written
