@@ -1,76 +1,105 @@
 // SPDX-License-Identifier: Apache-2.0
-// step_times SCENE RESOLUTION STEPS [backend=cpu] [precision=double] [accuracy=production] [device=0] [threads=0]
-// One CSV row per stage: median milliseconds a step, and for the whole step iterations, launches, intersections and the state hash.
-#include <algorithm>
+// step_times SCENE [name=value ...]: one CSV row per stage and resolution; docs/performance.md describes the columns.
 #include <cstdio>
-#include <cstdlib>
-#include <map>
 #include <string>
 #include <vector>
 
 #include "cama/error.hpp"
-#include "cama/simulation.hpp"
+#include "measurement.hpp"
+
+using namespace cama::benchmark;
 
 namespace {
 
-double median(std::vector<double> values)
+const char *columns =
+    "scene,triangles,accuracy,backend,device,precision,options,time_step,skipped,steps,stage,mean_ms,median_ms,stddev_ms,p95_ms,bytes,"
+    "bandwidth_gbs,floor_ms,ratio,iterations,launches,waits,contacts,candidates,intersections,peak_mib,hash";
+
+std::string quoted(std::string text)
 {
-  std::sort(values.begin(), values.end());
-  return values.empty() ? 0 : values[values.size() / 2];
+  for (char &c : text)
+    if (c == '"' || c == '\n') c = '\'';
+  return "\"" + text + "\"";
 }
 
-std::string option(int argc, char **argv, const std::string &name, const std::string &otherwise)
+std::string number(double value, const char *format = "%.4f")
 {
-  for (int i = 4; i < argc; ++i)
-    if (std::string(argv[i]).rfind(name + "=", 0) == 0) return argv[i] + name.size() + 1;
-  return otherwise;
+  char text[48];
+  std::snprintf(text, sizeof text, format, value);
+  return text;
 }
 
-int measure(int argc, char **argv)
+/// Bytes, bandwidth, floor and ratio; empty where no bytes are known.
+std::string floor_of(const StageRow &row, double bandwidth)
 {
-  const int steps = std::atoi(argv[3]);
-  const cama::Scene scene = cama::Scene::load(argv[1], std::atoi(argv[2]));
-  cama::Options options = cama::Options::preset(option(argc, argv, "accuracy", "production"));
-  options.backend = option(argc, argv, "backend", "cpu");
-  options.precision = option(argc, argv, "precision", options.precision);
-  options.device = std::atoi(option(argc, argv, "device", "0").c_str());
-  options.threads = std::atoi(option(argc, argv, "threads", "0").c_str());
-  cama::Simulation simulation(scene, options);
-  std::vector<std::string> order;
-  std::map<std::string, std::vector<double>> times;
-  std::vector<double> iterations;
-  const long launches = simulation.backend().launches();
-  for (int i = 0; i < steps; ++i) {
-    simulation.step();
-    iterations.push_back(simulation.report().iterations);
-    std::string outer;
-    for (const cama::StageTime &t : simulation.timings()) {
-      if (t.depth <= 1) outer = t.name;
-      const std::string name = t.depth <= 1 ? t.name : outer + "/" + t.name;
-      if (!times.count(name)) order.push_back(name);
-      times[name].push_back(t.milliseconds);
-    }
+  if (row.bytes <= 0) return ",,,";
+  const double floor = row.bytes / bandwidth * 1e-6;
+  return number(row.bytes, "%.0f") + "," + number(bandwidth, "%.1f") + "," + number(floor, "%.5f") + "," +
+         number(row.milliseconds.median / floor, "%.2f");
+}
+
+std::string counts_of(const Measurement &m)
+{
+  char hash[17];
+  std::snprintf(hash, sizeof hash, "%016llx", static_cast<unsigned long long>(m.hash));
+  return number(m.iterations, "%.0f") + "," + number(m.launches, "%.0f") + "," + (m.waits < 0 ? "" : number(m.waits, "%.0f")) + "," +
+         number(m.contacts, "%.0f") + "," + number(m.candidates, "%.0f") + "," + std::to_string(m.intersections) + "," +
+         number(m.peak_mib, "%.1f") + "," + hash;
+}
+
+void print(const Settings &s, const Measurement &m, double bandwidth)
+{
+  const std::string run = m.scene + "," + std::to_string(m.triangles) + "," + s.options.accuracy + "," + s.options.backend + "," +
+                          quoted(m.device) + "," + s.options.precision + "," + quoted(s.changed) + "," + number(m.time_step, "%.6g") + "," +
+                          std::to_string(m.skipped) + "," + std::to_string(m.steps) + ",";
+  for (std::size_t i = 0; i < m.stages.size(); ++i) {
+    const StageRow &row = m.stages[i];
+    const Statistics &t = row.milliseconds;
+    std::printf("%s%s,%.4f,%.4f,%.4f,%.4f,%s,%s\n", run.c_str(), quoted(row.name).c_str(), t.mean, t.median, t.deviation, t.percentile95,
+                floor_of(row, bandwidth).c_str(), i == 0 ? counts_of(m).c_str() : ",,,,,,,");
   }
-  for (const std::string &name : order)
-    std::printf("%s,%d,%s,%s,%s,\"%s\",%.4f\n", scene.name.c_str(), simulation.cloth_triangle_count(), options.backend.c_str(),
-                options.precision.c_str(), options.accuracy.c_str(), name.c_str(), median(times[name]));
-  std::printf("# %s on %s: %d triangles, median %.0f iterations, %.0f launches a step, %d intersections, peak %.0f MiB, hash %016llx\n",
-              scene.name.c_str(), simulation.backend().device().c_str(), simulation.cloth_triangle_count(), median(iterations),
-              double(simulation.backend().launches() - launches) / std::max(steps, 1), simulation.count_intersections(),
-              double(simulation.peak_memory_bytes()) / (1 << 20), static_cast<unsigned long long>(simulation.state_hash()));
-  return 0;
+  std::fflush(stdout);
+}
+
+void remark(const Measurement &m)
+{
+  if (m.stages.empty()) return;
+  std::fprintf(stderr, "# %s on %s: %d triangles, %d steps after %d, median %.3f ms, %.0f iterations, %.0f launches, %d intersections, "
+               "peak %.0f MiB, %.1f s, hash %016llx\n", m.scene.c_str(), m.device.c_str(), m.triangles, m.steps, m.skipped,
+               m.stages[0].milliseconds.median, m.iterations, m.launches, m.intersections, m.peak_mib, m.seconds,
+               static_cast<unsigned long long>(m.hash));
+}
+
+int run(int count, char **arguments)
+{
+  const Settings settings = parse_settings(count, arguments);
+  const double bandwidth = settings.bandwidth > 0 ? settings.bandwidth : copy_bandwidth(settings.options);
+  std::vector<double> triangles, times;
+  int failures = 0;
+  if (settings.header) std::printf("%s\n", columns);
+  std::fflush(stdout);
+  for (int resolution : settings.resolutions) {
+    const Measurement m = measure(settings, resolution);
+    print(settings, m, bandwidth);
+    remark(m);
+    if (!m.error.empty()) {
+      std::fprintf(stderr, "%s\n", m.error.c_str());
+      ++failures;
+    }
+    if (m.stages.empty()) continue;
+    triangles.push_back(m.triangles);
+    times.push_back(m.stages[0].milliseconds.median);
+  }
+  if (times.size() > 1) std::fprintf(stderr, "# exponent %.3f of the median step time in triangles\n", exponent(triangles, times));
+  return failures ? 1 : 0;
 }
 
 }  // namespace
 
-int main(int argc, char **argv)
+int main(int count, char **arguments)
 {
-  if (argc < 4) {
-    std::fprintf(stderr, "usage: step_times SCENE RESOLUTION STEPS [backend=] [precision=] [accuracy=] [device=] [threads=]\n");
-    return 2;
-  }
   try {
-    return measure(argc, argv);
+    return run(count, arguments);
   } catch (const cama::Error &error) {
     std::fprintf(stderr, "%s\n", error.what());
     return 2;

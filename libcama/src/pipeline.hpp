@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 #include <chrono>
+#include <cstdlib>
 #include <memory>
 #include <string>
 #include <string_view>
@@ -24,10 +25,12 @@ public:
   }
   double milliseconds() const { return milliseconds_; }     ///< of the last run
 
+  /// With the environment variable CAMA_WAIT_FOR_STAGES set, waits for the device, so that times are of work and not of enqueueing it.
   void timed_run(State &state)
   {
     const auto start = std::chrono::steady_clock::now();
     run(state);
+    if (std::getenv("CAMA_WAIT_FOR_STAGES")) state.backend->synchronize();
     milliseconds_ = std::chrono::duration<double, std::milli>(std::chrono::steady_clock::now() - start).count();
   }
 

@@ -12,7 +12,7 @@ from cama.cli import app
 from conftest import judge
 from typer.testing import CliRunner
 
-SCENES = ["drape", "flag", "funnel", "garment", "sphere", "twisting"]
+SCENES = ["drape", "flag", "funnel", "garment", "pile", "sphere", "twisting"]
 
 
 def test_all_are_there():

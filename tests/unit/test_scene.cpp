@@ -14,7 +14,7 @@ namespace fs = std::filesystem;
 
 namespace {
 
-const char *shipped[] = {"drape", "sphere", "funnel", "twisting", "flag", "garment", "shapes"};
+const char *shipped[] = {"drape", "sphere", "funnel", "twisting", "flag", "garment", "shapes", "pile"};
 fs::path scene_folder(const std::string &name) { return fs::path(CAMA_SOURCE_DIR) / "scenes" / name; }
 
 double distance(const dvec3 &a, const dvec3 &b) { return kernels::dnorm(kernels::dsub(a, b)); }

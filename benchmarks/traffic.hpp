@@ -1,0 +1,30 @@
+// SPDX-License-Identifier: Apache-2.0
+// Bytes that a step must move at least. docs/performance.md holds the same formulas as a table.
+#pragma once
+#include <map>
+#include <optional>
+#include <string>
+
+#include "cama/simulation.hpp"
+
+namespace cama::benchmark {
+
+/// What the bytes of a solve depend on.
+struct SolveShape {
+  double rows = 0, blocks = 0;      ///< of the matrix, 3x3 blocks
+  double iterations = 0;
+  double terms = 0, entries = 0;    ///< rank-one contacts outside of the matrix, vertices they name
+  std::string precision;            ///< double, mixed or single
+  std::string preconditioner;       ///< none, jacobi, block_jacobi or schwarz
+};
+
+/// Conjugate gradient of three kernels an iteration: product, update of x, r and z, update of p.
+double solve_bytes(const SolveShape &shape);
+
+/// Bytes of each stage of the last step by its nested name, sums for stages made of stages; stages without a formula are absent.
+std::map<std::string, double> step_bytes(const Simulation &simulation);
+
+/// "stage" or "stage/part" for each of a step's timings, "step" for the whole.
+std::string nested_name(const StageTime &time, std::string &outer);
+
+}  // namespace cama::benchmark
