@@ -487,15 +487,15 @@ KERNEL apply_blocks(int n, int coarse, GLOBAL const int *block_start, GLOBAL con
     TEAM_FOR(c, m)
     {
       real sum[16];
-      int group, q, span;
-      for (q = 0; q < 16; ++q) sum[q] = (real)0;
+      int group, q;
+      SIMD for (q = 0; q < 16; ++q) sum[q] = (real)0;
       for (group = c / 16; group < 3; ++group) {
         LOCAL const real *column = g + FACTOR_COLUMN(group, c) * FACTOR_STRIDE, *v = y + 16 * group;
         SIMD for (q = 0; q < 16; ++q) sum[q] += column[q] * v[q];
       }
-      for (span = 8; span > 0; span /= 2)
-        for (q = 0; q < span; ++q) sum[q] += sum[q + span];
-      z[3 * node + c] = weight[t * BLOCK_SIZE + c] * sum[0];
+      SIMD for (q = 0; q < 8; ++q) sum[q] += sum[q + 8];
+      SIMD for (q = 0; q < 4; ++q) sum[q] += sum[q + 4];
+      z[3 * node + c] = weight[t * BLOCK_SIZE + c] * (sum[0] + sum[2] + (sum[1] + sum[3]));
     }
     if (!coarse)
       TEAM_FOR(c, 3)
