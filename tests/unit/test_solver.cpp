@@ -114,6 +114,7 @@ double distance(const std::vector<dvec3> &a, const VectorXd &b, int n)
 Options options(Preconditioner preconditioner, LinearSolver solver = LinearSolver::conjugate_gradient, Assembly assembly = Assembly::gather)
 {
   Options o = serial();
+  o.precision = "double";
   o.preconditioner = preconditioner;
   o.solver = solver;
   o.assembly = assembly;
@@ -121,7 +122,7 @@ Options options(Preconditioner preconditioner, LinearSolver solver = LinearSolve
   return o;
 }
 
-const Preconditioner preconditioners[] = {Preconditioner::none, Preconditioner::jacobi, Preconditioner::block_jacobi};
+const Preconditioner preconditioners[] = {Preconditioner::none, Preconditioner::jacobi, Preconditioner::block_jacobi, Preconditioner::schwarz};
 
 /// Stretched sheets on a ball with a pin that moves: contacts, friction, prescribed vertices of cloth and obstacle.
 Scene busy()
@@ -253,9 +254,11 @@ TEST_CASE("conjugate gradient with each preconditioner and the direct solve equa
 {
   for (int warm_up : {0, 3}) {
     for (Assembly assembly : {Assembly::gather, Assembly::algorithm1, Assembly::sorted})
-      for (int way = 0; way < 4; ++way) {
+      for (int way = 0; way < 6; ++way) {
         INFO("assembly " << static_cast<int>(assembly) << ", way " << way << ", after " << warm_up << " steps");
-        Engine engine(busy(), options(preconditioners[way % 3], way == 3 ? LinearSolver::direct : LinearSolver::conjugate_gradient, assembly));
+        Options o = options(preconditioners[std::min(way, 3)], way == 5 ? LinearSolver::direct : LinearSolver::conjugate_gradient, assembly);
+        if (way == 4) o.precision = "mixed";
+        Engine engine(busy(), o);
         for (int i = 0; i < warm_up; ++i) engine.step();
         engine.run_before("linear solve");
         REQUIRE(engine.state.contacts > 10);
@@ -287,12 +290,14 @@ TEST_CASE("a moving obstacle pulls alike on every way of assembly", "[solver]")
 TEST_CASE("all solvers take a simulation to the same place", "[solver]")
 {
   std::vector<std::vector<dvec3>> position;
-  for (int way = 0; way < 4; ++way) {
-    Simulation simulation(uneven(), options(preconditioners[way % 3], way == 3 ? LinearSolver::direct : LinearSolver::conjugate_gradient));
+  for (int way = 0; way < 6; ++way) {
+    Options o = options(preconditioners[std::min(way, 3)], way == 5 ? LinearSolver::direct : LinearSolver::conjugate_gradient);
+    if (way == 4) o.precision = "mixed";
+    Simulation simulation(uneven(), o);
     for (int i = 0; i < 5; ++i) simulation.step();
     position.push_back(simulation.positions());
   }
-  for (int way = 1; way < 4; ++way)
+  for (int way = 1; way < 6; ++way)
     for (std::size_t i = 0; i < position[0].size(); ++i)
       REQUIRE((eigen(position[static_cast<std::size_t>(way)][i]) - eigen(position[0][i])).norm() < 1e-8);
 }
@@ -315,10 +320,10 @@ TEST_CASE("the solve in single precision stays near the one in double", "[solver
   CHECK(most > 0);
 }
 
-TEST_CASE("Jacobi needs fewer iterations than no preconditioner, block Jacobi no more than Jacobi", "[solver]")
+TEST_CASE("Jacobi needs fewer iterations than no preconditioner, block Jacobi no more than Jacobi, Schwarz fewer still", "[solver]")
 {
-  int iterations[3];
-  for (int k = 0; k < 3; ++k) {
+  int iterations[4];
+  for (int k = 0; k < 4; ++k) {
     Options o = options(preconditioners[k]);
     o.tolerance = 1e-6;
     Simulation simulation(uneven(), o);
@@ -329,9 +334,10 @@ TEST_CASE("Jacobi needs fewer iterations than no preconditioner, block Jacobi no
     }
     iterations[k] = sum;
   }
-  INFO("none " << iterations[0] << ", jacobi " << iterations[1] << ", block jacobi " << iterations[2]);
+  INFO("none " << iterations[0] << ", jacobi " << iterations[1] << ", block jacobi " << iterations[2] << ", schwarz " << iterations[3]);
   CHECK(iterations[1] < iterations[0]);
   CHECK(iterations[2] <= iterations[1]);
+  CHECK(2 * iterations[3] < iterations[2]);
 }
 
 TEST_CASE("prescribed degrees of freedom are eliminated exactly", "[solver]")

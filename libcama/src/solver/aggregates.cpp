@@ -126,7 +126,8 @@ void Aggregates::build(State &state, const Stream<typename Types<Real>::mat3> &d
   System<Real> &s = state.system<Real>();
   number(state);
   if (rows_ == 0) return level_.clear();
-  const int vertices = state.cloth_vertices, blocks = s.matrix.column.size(), entries = blocks + 16 * state.terms;
+  const int vertices = state.cloth_vertices, blocks = s.matrix.column.size();
+  const int terms = state.options.assembly == Assembly::gather ? state.terms : 0, entries = blocks + 16 * terms;
   strength_.resize(vertices);
   key_.resize(entries);
   entry_.resize(entries);
@@ -134,7 +135,7 @@ void Aggregates::build(State &state, const Stream<typename Types<Real>::mat3> &d
   CAMA_LAUNCH_REAL(Real, b, vertex_strengths, vertices, diagonal, strength_);
   CAMA_LAUNCH_REAL(Real, b, matrix_entries, vertices, s.matrix.row, s.matrix.column, s.matrix.block, place, rows_, strength_, key_, entry_,
                    weight_);
-  CAMA_LAUNCH_REAL(Real, b, term_entries, state.terms, blocks, vertices, s.term, place, rows_, strength_, key_, entry_, weight_);
+  CAMA_LAUNCH_REAL(Real, b, term_entries, terms, blocks, vertices, s.term, place, rows_, strength_, key_, entry_, weight_);
   merge(b, entries, rows_, graph_);
   // Each level's clusters are the nodes of the next, until one block holds them all or matching gets stuck.
   std::vector<Stream<int>> parents;

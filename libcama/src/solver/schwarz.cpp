@@ -21,6 +21,9 @@ template <class S> constexpr double reachable = sizeof(S) == 8 ? 1e-28 : 4e-8;
 
 int parts(int n, int size) { return (n + size - 1) / size; }
 
+/// Terms that act beside the matrix; other ways of assembly put them in, in a new pattern every step.
+int terms_beside(const State &state) { return state.options.assembly == Assembly::gather ? state.terms : 0; }
+
 /// A stream of the precision of the forces as the two pointers of which kernels use one.
 template <class Number, class Real, class T> Components<Number> as(const Stream<T> &stream)
 {
@@ -133,7 +136,7 @@ void SchwarzSolver<S>::make_pattern(State &state)
 template <class S>
 bool SchwarzSolver<S>::outdated(const State &state) const
 {
-  if (terms_ < 0) return true;
+  if (terms_ < 0 || state.options.assembly != Assembly::gather) return true;
   return (state.terms > 0 && steps_ >= steps_per_matching) || std::abs(state.terms - terms_) > changed_terms * (state.terms + terms_) + 64;
 }
 
@@ -173,16 +176,16 @@ void SchwarzSolver<S>::prepare(State &state, const Stream<typename Types<Real>::
   const int wide = sizeof(Real) == 8;
   CAMA_LAUNCH_REAL(S, b, fill_slice_values, slice_source_.size(), slice_source_, wide, as<double, Real>(s.matrix.block),
                    as<float, Real>(s.matrix.block), slice_value_);
-  if (state.terms) {
-    term_nodes_.resize(state.terms);
-    term_value_.resize(9 * state.terms);
-    product_.resize(state.terms);
-    CAMA_LAUNCH_REAL(Real, b, pack_terms, state.terms, s.term, state.cloth_vertices, aggregates_.place, sizeof(S) == 8 ? 1 : 0, term_nodes_,
+  if (const int terms = terms_beside(state)) {
+    term_nodes_.resize(terms);
+    term_value_.resize(9 * terms);
+    product_.resize(terms);
+    CAMA_LAUNCH_REAL(Real, b, pack_terms, terms, s.term, state.cloth_vertices, aggregates_.place, sizeof(S) == 8 ? 1 : 0, term_nodes_,
                      as<double, S>(term_value_), as<float, S>(term_value_));
     weigh_terms(state);
   }
   const auto &fine = aggregates_.level(0);
-  const int terms = state.terms > 0;
+  const int terms = terms_beside(state) > 0;
   factor_.resize(FACTOR_WORDS * fine.blocks);
   weight_.resize(BLOCK_SIZE * fine.blocks);
   coarse_factor_.resize(FACTOR_WORDS * coarse_blocks_);
@@ -207,14 +210,14 @@ void SchwarzSolver<S>::apply(State &state, int at)
 {
   Backend &b = *state.backend;
   const auto &fine = aggregates_.level(0);
-  const int rows = aggregates_.rows(), levels = aggregates_.levels() - 1;
+  const int rows = aggregates_.rows(), levels = aggregates_.levels() - 1, terms = terms_beside(state);
   CAMA_LAUNCH_TEAMS(S, b, apply_blocks, BLOCK_TEAM, fine.blocks, 0, fine.start, first_, last_, at, scalar_, factor_, weight_,
                     components<S>(r_), components<S>(z_), components<S>(coarse_r_));
   CAMA_LAUNCH_TEAMS(S, b, apply_blocks, BLOCK_TEAM, coarse_blocks_, 1, block_start_, first_, last_, at, scalar_, coarse_factor_, coarse_weight_,
                     components<S>(coarse_r_), components<S>(coarse_z_), nothing<S>());
-  CAMA_LAUNCH_REAL(S, b, combine_levels, rows + state.terms, rows, levels, fine.parent, path_, at, scalar_, coarse_z_, z_, term_nodes_,
+  CAMA_LAUNCH_REAL(S, b, combine_levels, rows + terms, rows, levels, fine.parent, path_, at, scalar_, coarse_z_, z_, term_nodes_,
                    term_value_, total_, product_);
-  CAMA_LAUNCH_TEAMS(S, b, cg_multiply, TEAM_ROWS, parts(rows, TEAM_ROWS), rows, slice_start_, slice_column_, slice_value_, state.terms > 0,
+  CAMA_LAUNCH_TEAMS(S, b, cg_multiply, TEAM_ROWS, parts(rows, TEAM_ROWS), rows, slice_start_, slice_column_, slice_value_, terms > 0,
                     aggregates_.order, state.term_incidence.row, state.term_incidence.entry, term_value_, product_, at, scalar_, total_, r_, w_,
                     partial_);
 }

@@ -1,0 +1,232 @@
+// SPDX-License-Identifier: Apache-2.0
+// The Schwarz preconditioner: blocks of neighbours, their inverses, the same on every backend.
+#include "../backends.hpp"
+
+#include <numeric>
+#include <random>
+#include <set>
+
+#include <Eigen/Dense>
+
+#include "../engine.hpp"
+#include "../meshes.hpp"
+#include "launch.hpp"
+#include "solver/aggregates.hpp"
+
+using namespace cama;
+using Eigen::MatrixXd;
+using Eigen::VectorXd;
+
+namespace {
+
+/// A sheet with pins, before its first solve.
+Engine before_solve(int cells, const std::string &backend)
+{
+  Scene scene = meshes::pile(cells);
+  Pin pin;
+  pin.vertices = {0, 5, 17};
+  scene.pins.push_back(pin);
+  Options o = serial();
+  o.backend = backend;
+  Engine engine(scene, o);
+  engine.run_before("linear solve");
+  return engine;
+}
+
+Stream<kernels::f64::mat3> diagonal_of(Engine &engine)
+{
+  System<double> &s = engine.state.system<double>();
+  Stream<kernels::f64::mat3> diagonal(*engine.backend, engine.state.cloth_vertices);
+  CAMA_LAUNCH_REAL(double, *engine.backend, extract_diagonal, engine.state.cloth_vertices, s.matrix.row, s.matrix.column, s.matrix.block, diagonal);
+  return diagonal;
+}
+
+/// One block of `rows` vertices whose matrix is dense, and what the kernels make of it.
+struct Block {
+  Block(Backend &b, const MatrixXd &a) : rows(static_cast<int>(a.rows()) / 3), backend(b)
+  {
+    std::vector<int> start{0, rows}, column, order(static_cast<std::size_t>(rows));
+    std::vector<float> value;
+    std::iota(order.begin(), order.end(), 0);
+    const int width = (rows + 1) / 2 * 2;
+    for (int k = 0; k < width; ++k)
+      for (int l = 0; l < SLICE_ROWS; ++l) column.push_back(k < rows && l < rows ? k : 0);
+    for (int k = 0; k < width; ++k)
+      for (int c = 0; c < 9; ++c)
+        for (int l = 0; l < SLICE_ROWS; ++l) value.push_back(k < rows && l < rows ? static_cast<float>(a(3 * l + c / 3, 3 * k + c % 3)) : 0.0f);
+    block_start.assign(start);
+    const Stream<int> slices(b, std::vector<int>{0, width}), columns(b, column), places(b, order), none(b, std::vector<int>{0});
+    const Stream<float> values(b, value), no_terms(b, std::vector<float>{0.0f});
+    const Stream<kernels::element_nodes> no_nodes(b, 1);
+    CAMA_LAUNCH_TEAMS(float, b, factor_fine_blocks, BLOCK_TEAM, 1, block_start, slices, columns, values, 0, places, none, none, no_nodes,
+                      no_terms, factor, weight);
+  }
+  VectorXd apply(const VectorXd &r)
+  {
+    std::vector<float> in(static_cast<std::size_t>(r.size()));
+    for (int i = 0; i < r.size(); ++i) in[static_cast<std::size_t>(i)] = static_cast<float>(r[i]);
+    Stream<float> right(backend, in), z(backend, static_cast<int>(r.size())), sums(backend, 3);
+    Stream<double> scalar(backend, std::vector<double>(CG_COUNT, 0.0));
+    CAMA_LAUNCH_TEAMS(float, backend, apply_blocks, BLOCK_TEAM, 1, 0, block_start, block_start, block_start, 0, scalar, factor, weight, right, z, sums);
+    const auto out = z.download();
+    coarse = sums.download();
+    VectorXd result(r.size());
+    for (int i = 0; i < r.size(); ++i) result[i] = out[static_cast<std::size_t>(i)];
+    return result;
+  }
+
+  int rows;
+  Backend &backend;
+  Stream<int> block_start{backend}, factor{backend, FACTOR_WORDS};
+  Stream<float> weight{backend, BLOCK_SIZE};
+  std::vector<float> coarse;
+};
+
+/// Symmetric positive definite with eigenvalues from 1 / condition to 1, badly scaled.
+MatrixXd random_matrix(int n, double condition, std::mt19937 &random)
+{
+  std::normal_distribution<double> normal;
+  MatrixXd g(n, n);
+  for (double &v : g.reshaped()) v = normal(random);
+  const MatrixXd q = Eigen::HouseholderQR<MatrixXd>(g).householderQ();
+  VectorXd eigenvalues(n), scale(n);
+  for (int i = 0; i < n; ++i) {
+    eigenvalues[i] = std::pow(condition, -i / double(n - 1));
+    scale[i] = std::pow(10.0, 2 * std::sin(i));
+  }
+  return scale.asDiagonal() * (q * eigenvalues.asDiagonal() * q.transpose()) * scale.asDiagonal();
+}
+
+}  // namespace
+
+TEST_CASE("aggregates: every free vertex is in one block of at most 16 connected vertices", "[schwarz]")
+{
+  for (const std::string &backend : backends_here()) {
+    INFO(backend);
+    Engine engine = before_solve(12, backend);
+    State &s = engine.state;
+    Aggregates aggregates(*engine.backend);
+    aggregates.build<double>(s, diagonal_of(engine));
+    const auto order = aggregates.order.download(), place = aggregates.place.download(), fixed = s.fixed.download();
+    const auto row = s.system<double>().matrix.row.download(), column = s.system<double>().matrix.column.download();
+    const auto start = aggregates.level(0).start.download(), parent = aggregates.level(0).parent.download();
+    const int free = static_cast<int>(std::count(fixed.begin(), fixed.begin() + s.cloth_vertices, 0));
+    REQUIRE(aggregates.rows() == free);
+    REQUIRE(std::set<int>(order.begin(), order.end()).size() == static_cast<std::size_t>(free));
+    for (int v = 0; v < s.cloth_vertices; ++v) {
+      const int p = place[static_cast<std::size_t>(v)];
+      REQUIRE((p < 0) == (fixed[static_cast<std::size_t>(v)] != 0));
+      if (p >= 0) REQUIRE(order[static_cast<std::size_t>(p)] == v);
+    }
+    REQUIRE(start.front() == 0);
+    REQUIRE(start.back() == free);
+    const int blocks = aggregates.level(0).blocks;
+    CHECK(free > 10 * blocks);   // well filled
+    std::vector<std::set<int>> terms(static_cast<std::size_t>(s.cloth_vertices));
+    for (const auto &t : s.system<double>().term.download())
+      for (int a : t.node)
+        for (int b : t.node)
+          if (a >= 0 && b >= 0 && a < s.cloth_vertices) terms[static_cast<std::size_t>(a)].insert(b);
+    for (int t = 0; t < blocks; ++t) {
+      const int first = start[static_cast<std::size_t>(t)], last = start[static_cast<std::size_t>(t) + 1];
+      REQUIRE(last > first);
+      REQUIRE(last - first <= BLOCK_ROWS);
+      std::set<int> members(order.begin() + first, order.begin() + last), reached{*members.begin()};
+      for (std::size_t before = 0; before != reached.size();) {
+        before = reached.size();
+        for (int v : std::set<int>(reached)) {
+          for (int k = row[static_cast<std::size_t>(v)]; k < row[static_cast<std::size_t>(v) + 1]; ++k)
+            if (members.count(column[static_cast<std::size_t>(k)])) reached.insert(column[static_cast<std::size_t>(k)]);
+          for (int u : terms[static_cast<std::size_t>(v)])
+            if (members.count(u)) reached.insert(u);
+        }
+      }
+      CHECK(reached == members);
+      for (int i = first; i < last; ++i) CHECK(parent[static_cast<std::size_t>(i)] == t);
+    }
+    for (int l = 1; l < aggregates.levels(); ++l) {
+      const auto above = aggregates.level(l).start.download();
+      CHECK(aggregates.level(l).nodes == aggregates.level(l - 1).blocks);
+      CHECK(above.back() == aggregates.level(l).nodes);
+      for (std::size_t t = 1; t < above.size(); ++t) CHECK(above[t] - above[t - 1] <= BLOCK_ROWS);
+    }
+  }
+}
+
+TEST_CASE("aggregates are the same on every backend", "[schwarz]")
+{
+  std::vector<int> first;
+  for (const std::string &backend : backends_here()) {
+    INFO(backend);
+    Engine engine = before_solve(12, backend);
+    Aggregates aggregates(*engine.backend);
+    aggregates.build<double>(engine.state, diagonal_of(engine));
+    const auto order = aggregates.order.download();
+    if (first.empty()) first = order;
+    CHECK(order == first);
+  }
+}
+
+TEST_CASE("a block's factors in 16 bits give its inverse to their accuracy, symmetric and positive", "[schwarz]")
+{
+  for (const std::string &name : backends_here()) {
+    INFO(name);
+    const auto backend = make_backend(name);
+    std::mt19937 random(3);
+    std::normal_distribution<double> normal;
+    for (int rows : {1, 2, 5, 11, 16})
+      for (double condition : {1.0, 1e2, 1e4}) {
+        INFO(rows << " rows, condition " << condition);
+        const MatrixXd a = random_matrix(3 * rows, condition, random);
+        Block block(*backend, a);
+        VectorXd r(3 * rows), other(3 * rows);
+        for (double &v : r) v = normal(random);
+        for (double &v : other) v = normal(random);
+        const VectorXd expected = a.llt().solve(r), z = block.apply(r);
+        const double error = std::sqrt((z - expected).dot(a * (z - expected)) / expected.dot(r));
+        INFO("error in the energy norm " << error);
+        CHECK(error < 5e-3);
+        CHECK(z.dot(r) > 0);
+        const double forth = other.dot(block.apply(r)), back = r.dot(block.apply(other));
+        CHECK(std::abs(forth - back) < 1e-4 * std::sqrt(z.dot(r) * other.dot(block.apply(other))));
+        block.apply(r);
+        for (int c = 0; c < 3; ++c) {
+          double sum = 0;
+          for (int i = c; i < r.size(); i += 3) sum += r[i];
+          CHECK(std::abs(block.coarse[static_cast<std::size_t>(c)] - sum) < 1e-5 * rows);
+        }
+      }
+  }
+}
+
+TEST_CASE("a block's factors stay positive where single precision has lost the matrix", "[schwarz]")
+{
+  const auto backend = make_backend("cpu", 0, 1);
+  std::mt19937 random(4);
+  std::normal_distribution<double> normal;
+  for (double condition : {1e7, 1e10}) {
+    Block block(*backend, random_matrix(48, condition, random));
+    for (int k = 0; k < 200; ++k) {
+      VectorXd r(48);
+      for (double &v : r) v = normal(random);
+      REQUIRE(block.apply(r).dot(r) > 0);
+    }
+  }
+}
+
+TEST_CASE("repeated work is work done as many times", "[backend]")
+{
+  for (const std::string &name : backends_here()) {
+    INFO(name);
+    const auto backend = make_backend(name);
+    const Stream<int> next(*backend, std::vector<int>{1, 2, 3, 4, 0});
+    Stream<int> here(*backend, std::vector<int>{10, 11, 12, 13, 14}), there(*backend, 5);
+    for (int times : {0, 1, 7}) {   // each turns the ring by two
+      backend->repeat(times, [&] {
+        CAMA_LAUNCH(*backend, take_items, 5, next, here, there);
+        CAMA_LAUNCH(*backend, take_items, 5, next, there, here);
+      });
+    }
+    CHECK(here.download() == std::vector<int>{11, 12, 13, 14, 10});
+  }
+}
