@@ -5,6 +5,7 @@
 #include <cub/cub.cuh>
 
 #include <algorithm>
+#include <cstdint>
 #include <unordered_map>
 #include <utility>
 
@@ -54,6 +55,10 @@ public:
     device_ = properties.name;
     blocks_ = properties.multiProcessorCount * blocks_per_processor;
     check(cudaStreamCreateWithFlags(&queue_, cudaStreamNonBlocking), "cudaStreamCreate");
+    cudaMemPool_t pool = nullptr;
+    check(cudaDeviceGetDefaultMemPool(&pool, device), "cudaDeviceGetDefaultMemPool");
+    std::uint64_t kept = std::uint64_t(1) << 30;   // bytes that a wait does not give back to the driver
+    check(cudaMemPoolSetAttribute(pool, cudaMemPoolAttrReleaseThreshold, &kept), "cudaMemPoolSetAttribute");
     check(cudaMalloc(&flags_, 64), "cudaMalloc");
     check(cudaMemset(flags_, 0, 64), "cudaMemset");
   }
@@ -71,7 +76,7 @@ public:
   Buffer allocate(std::size_t bytes) override
   {
     void *memory = nullptr;
-    check(cudaMalloc(&memory, std::max<std::size_t>(bytes, 1)), ("cudaMalloc of " + std::to_string(bytes) + " bytes").c_str());
+    check(cudaMallocAsync(&memory, std::max<std::size_t>(bytes, 1), queue_), ("cudaMallocAsync of " + std::to_string(bytes) + " bytes").c_str());
 #ifndef NDEBUG
     check(cudaMemsetAsync(memory, 0xff, bytes, queue_), "cudaMemset");   // every double and float of a new stream is NaN
 #endif
@@ -87,7 +92,7 @@ public:
       allocated_ -= found->second;
       sizes_.erase(found);
     }
-    cudaFree(buffer);   // waits for the work that uses it
+    cudaFreeAsync(buffer, queue_);   // behind the work that uses it; the pool keeps it for the next
   }
   void upload(Buffer to, const void *from, std::size_t bytes) override
   {
@@ -123,30 +128,12 @@ public:
   }
 
   /// Recorded once as a graph: a node costs an eighth of a launch.
-  void repeat(int times, const std::function<void()> &work) override
+  void repeat(int times, const std::function<void()> &work, bool again) override
   {
     if (times < 1) return;
     if (timing_) return Backend::repeat(times, work);
-    const long before = launches_;
-    cudaGraph_t graph = nullptr;
-    check(cudaStreamBeginCapture(queue_, cudaStreamCaptureModeThreadLocal), "cudaStreamBeginCapture");
-    try {
-      work();
-    } catch (...) {
-      cudaStreamEndCapture(queue_, &graph);
-      if (graph) cudaGraphDestroy(graph);
-      throw;
-    }
-    check(cudaStreamEndCapture(queue_, &graph), "cudaStreamEndCapture");
-    launches_ = before + (launches_ - before) * times;
-    cudaGraphExecUpdateResultInfo result{};
-    if (replay_ && cudaGraphExecUpdate(replay_, graph, &result) != cudaSuccess) {
-      cudaGetLastError();
-      cudaGraphExecDestroy(std::exchange(replay_, nullptr));
-    }
-    const cudaError_t status = replay_ ? cudaSuccess : cudaGraphInstantiate(&replay_, graph, 0);
-    cudaGraphDestroy(graph);
-    check(status, "cudaGraphInstantiate");
+    if (!again || !replay_) record(work);
+    launches_ += recorded_ * times;
     for (int i = 0; i < times; ++i) check(cudaGraphLaunch(replay_, queue_), "cudaGraphLaunch");
   }
 
@@ -196,6 +183,32 @@ public:
   }
 
 private:
+  /// The launches of `work` as the graph that is replayed.
+  void record(const std::function<void()> &work)
+  {
+    const long before = launches_;
+    cudaGraph_t graph = nullptr;
+    check(cudaStreamBeginCapture(queue_, cudaStreamCaptureModeThreadLocal), "cudaStreamBeginCapture");
+    try {
+      work();
+    } catch (...) {
+      cudaStreamEndCapture(queue_, &graph);
+      if (graph) cudaGraphDestroy(graph);
+      throw;
+    }
+    check(cudaStreamEndCapture(queue_, &graph), "cudaStreamEndCapture");
+    recorded_ = launches_ - before;
+    launches_ = before;
+    cudaGraphExecUpdateResultInfo result{};
+    if (replay_ && cudaGraphExecUpdate(replay_, graph, &result) != cudaSuccess) {
+      cudaGetLastError();
+      cudaGraphExecDestroy(std::exchange(replay_, nullptr));
+    }
+    const cudaError_t status = replay_ ? cudaSuccess : cudaGraphInstantiate(&replay_, graph, 0);
+    cudaGraphDestroy(graph);
+    check(status, "cudaGraphInstantiate");
+  }
+
   int *flag() const { return reinterpret_cast<int *>(static_cast<char *>(flags_) + 8); }
 
   /// CUB's two calls: how much scratch, then the work.
@@ -217,6 +230,7 @@ private:
   int blocks_ = 1;
   cudaStream_t queue_ = nullptr;
   cudaGraphExec_t replay_ = nullptr;   // of the last `repeat`
+  long recorded_ = 0;                  // launches in it
   std::unordered_map<Buffer, std::size_t> sizes_;
   void *scratch_ = nullptr, *other_keys_ = nullptr, *other_values_ = nullptr;
   void *flags_ = nullptr;   // a 64-bit total, then the overflow flag

@@ -50,8 +50,12 @@ public:
 
   /// n work items, or n teams where the kernel has teams.
   virtual void launch(const KernelKey &kernel, int n, const Argument *arguments, int count) = 0;
-  /// Runs `work`, which only launches, `times` times; a backend may record it once and replay it.
-  virtual void repeat(int times, const std::function<void()> &work) { for (int i = 0; i < times; ++i) work(); }
+  /// Runs `work`, which only launches, `times` times; a backend may record it once and replay it. again: it is the work of the last call.
+  virtual void repeat(int times, const std::function<void()> &work, bool again = false)
+  {
+    static_cast<void>(again);
+    for (int i = 0; i < times; ++i) work();
+  }
   /// to[i] = sum of from[0..i), to[n] = total. `to` holds n + 1 ints and may not alias `from`.
   /// A total beyond 2^31 - 1 is a MemoryError, here or, on backends that do not wait, at the next `download` or `synchronize`.
   virtual void scan(Buffer from, Buffer to, int n) = 0;

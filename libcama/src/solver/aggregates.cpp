@@ -148,6 +148,12 @@ void Aggregates::build(State &state, const Stream<typename Types<Real>::mat3> &d
     count.push_back(now);
   } while (count.back() > 1 && static_cast<int>(count.size()) < most_levels);
   arrange(state, parents, count);
+  // What is left is for many steps.
+  graph_ = Graph(b);
+  merged_ = Graph(b);
+  for (Stream<int> *s : {&entry_, &head_, &place_, &vertex_, &size_, &joined_size_, &mate_, &wish_, &parent_, &cluster_}) *s = Stream<int>(b);
+  for (Stream<key64> *s : {&key_, &merged_key_}) *s = Stream<key64>(b);
+  for (Stream<float> *s : {&strength_, &weight_}) *s = Stream<float>(b);
 }
 
 template void Aggregates::build<double>(State &, const Stream<kernels::f64::mat3> &);

@@ -36,8 +36,7 @@ template <class Number, class Real, class T> Components<Number> as(const Stream<
 template <class S>
 SchwarzSolver<S>::SchwarzSolver(Backend &b)
     : aggregates_(b), slice_width_(b), slice_start_(b), slice_column_(b), slice_source_(b), slice_value_(b), term_nodes_(b), term_value_(b),
-      factor_(b), coarse_factor_(b), weight_(b), coarse_weight_(b), block_start_(b), first_(b), last_(b), parent_(b), path_(b), vertex_parent_(b), head_(b), place_(b), entry_(b),
-      key_(b), coarse_key_(b), sum_(b), other_sum_(b), r_(b), z_(b), total_(b), w_(b), p_(b), s_(b), x_(b), product_(b), coarse_r_(b), coarse_z_(b),
+      factor_(b), coarse_factor_(b), weight_(b), coarse_weight_(b), block_start_(b), first_(b), last_(b), parent_(b), path_(b), vertex_parent_(b), sum_(b), other_sum_(b), r_(b), z_(b), total_(b), w_(b), p_(b), s_(b), x_(b), product_(b), coarse_r_(b), coarse_z_(b),
       partial_(b), scalar_(b, 2 * CG_COUNT)
 {}
 
@@ -64,22 +63,21 @@ void SchwarzSolver<S>::make_level(Backend &b, int l, const Stream<int> &row, con
 {
   Level &level = level_[static_cast<std::size_t>(l)];
   const int n = column.size(), nodes = aggregates_.level(l).nodes;
-  key_.resize(n);
+  Stream<key64> key(b, n), coarse_key(b);
+  Stream<int> head(b, n), place(b, n + 1);
   level.source.resize(n);
-  head_.resize(n);
-  place_.resize(n + 1);
-  CAMA_LAUNCH(b, parent_keys, rows, row, column, parent, columns, nodes, 1, key_, level.source);
-  b.sort(key_.buffer(), level.source.buffer(), n, key_bits(nodes));
-  CAMA_LAUNCH(b, key_heads, n, key_, nodes, head_);
-  b.scan(head_.buffer(), place_.buffer(), n);
-  const int entries = place_.at(n);
-  coarse_key_.resize(entries);
+  CAMA_LAUNCH(b, parent_keys, rows, row, column, parent, columns, nodes, 1, key, level.source);
+  b.sort(key.buffer(), level.source.buffer(), n, key_bits(nodes));
+  CAMA_LAUNCH(b, key_heads, n, key, nodes, head);
+  b.scan(head.buffer(), place.buffer(), n);
+  const int entries = place.at(n);
+  coarse_key.resize(entries);
   level.column.resize(entries);
   level.source_start.resize(entries + 1);
   level.row.resize(nodes + 1);
   level.value.resize(9 * entries);
-  CAMA_LAUNCH(b, coarse_pattern, n, key_, place_, nodes, coarse_key_, level.column, level.source_start);
-  CAMA_LAUNCH(b, row_starts, nodes + 1, entries, coarse_key_, level.row);
+  CAMA_LAUNCH(b, coarse_pattern, n, key, place, nodes, coarse_key, level.column, level.source_start);
+  CAMA_LAUNCH(b, row_starts, nodes + 1, entries, coarse_key, level.row);
   // The ancestors of rows.
   level.ancestor.resize(aggregates_.rows());
   if (l == 1) level.ancestor.copy_from(aggregates_.level(0).parent);
@@ -258,14 +256,16 @@ typename SchwarzSolver<S>::Result SchwarzSolver<S>::solve(State &state, Stream<t
   for (int refinement = 0;; ++refinement) {
     multiply(s.solution, q);
     start_from(refinement == 0 ? CG_MEASURE_START : CG_MEASURE_CHECK, 0, s.right_side, q);
-    if (refinement == 0) b.repeat(std::max(1, expected_ * 3 / 4 / iterations_per_block), iterate);
+    if (refinement == 0) b.repeat(std::max(1, expected_ * 7 / 8 / iterations_per_block), iterate);
+    bool recorded = refinement == 0;
     scalar = scalar_.download();
     const double start = refinement == 0 ? scalar[CG_START] : scalar[CG_INNER] / reachable<S>;
     if (refinement > 0) result.residual = scalar[CG_START] > 0 ? std::sqrt(start / scalar[CG_START]) : 0;
     const bool met = refinement > 0 && start <= accepted * accepted * scalar[CG_GOAL];
     if (met || refinement == most_refinements || (refinement > 0 && start > before / 4) || scalar[CG_ITERATIONS] >= most) break;
     while (scalar[CG_DONE] == 0) {
-      b.repeat(1, iterate);
+      b.repeat(1, iterate, recorded);
+      recorded = true;
       scalar = scalar_.download();
     }
     if (scalar[CG_BROKEN] != 0) {

@@ -55,8 +55,7 @@ private:
   Stream<int> factor_, coarse_factor_;
   Stream<S> weight_, coarse_weight_;
   Stream<int> block_start_, first_, last_, parent_, path_;   // of all coarse levels, one behind the other
-  Stream<int> vertex_parent_, head_, place_, entry_;
-  Stream<key64> key_, coarse_key_;
+  Stream<int> vertex_parent_;
   Stream<double> sum_, other_sum_;
   Stream<vec3> r_, z_, total_, w_, p_, s_, x_, product_, coarse_r_, coarse_z_;
   Stream<double> partial_, scalar_;     // scalars twice: of the last iteration and of this one
