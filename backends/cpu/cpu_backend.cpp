@@ -122,7 +122,14 @@ public:
   void sort(Buffer keys, Buffer values, int n, int bits) override
   {
     const std::size_t count = static_cast<std::size_t>(n);
-    if (keys_.size() < count) { keys_.resize(count); values_.resize(count); }
+    if (values_.size() < count) {
+      try {
+        keys_.resize(count);
+        values_.resize(count);
+      } catch (const std::bad_alloc &) {
+        throw MemoryError("out of memory: sorting " + std::to_string(n) + " keys; lower the resolution");
+      }
+    }
     key64 *key = static_cast<key64 *>(keys), *other_key = keys_.data();
     int *value = static_cast<int *>(values), *other_value = values_.data();
     for (int shift = 0; shift < bits; shift += 11) {

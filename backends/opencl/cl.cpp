@@ -45,7 +45,12 @@ constexpr Code codes[] = {
     {CL_INVALID_WORK_GROUP_SIZE, "CL_INVALID_WORK_GROUP_SIZE", bug},
     {CL_INVALID_WORK_ITEM_SIZE, "CL_INVALID_WORK_ITEM_SIZE", bug},
     {CL_INVALID_BUFFER_SIZE, "CL_INVALID_BUFFER_SIZE", lower},
+    {CL_INVALID_EVENT, "CL_INVALID_EVENT", bug},
+    {CL_INVALID_OPERATION, "CL_INVALID_OPERATION", bug},
+    {CL_INVALID_GLOBAL_OFFSET, "CL_INVALID_GLOBAL_OFFSET", bug},
+    {CL_INVALID_EVENT_WAIT_LIST, "CL_INVALID_EVENT_WAIT_LIST", bug},
     {CL_INVALID_GLOBAL_WORK_SIZE, "CL_INVALID_GLOBAL_WORK_SIZE", bug},
+    {CL_INVALID_PROPERTY, "CL_INVALID_PROPERTY", bug},
     {-1001, "CL_PLATFORM_NOT_FOUND_KHR", "no OpenCL driver is installed; pocl (package pocl-opencl-icd) runs on any processor"},
     {-9999, "NVIDIA's illegal read or write", bug},
 };
@@ -57,6 +62,14 @@ std::string code_name(cl_int code)
   for (const Code &c : codes)
     if (c.code == code) return std::string(c.name) + " (" + std::to_string(code) + ")";
   return "OpenCL error " + std::to_string(code);
+}
+
+bool means_lost(cl_int code)
+{
+  for (cl_int lost : {CL_DEVICE_NOT_AVAILABLE, CL_OUT_OF_RESOURCES, CL_EXEC_STATUS_ERROR_FOR_EVENTS_IN_WAIT_LIST, CL_INVALID_DEVICE,
+                      CL_INVALID_CONTEXT, CL_INVALID_COMMAND_QUEUE, -9999})
+    if (code == lost) return true;
+  return false;
 }
 
 void fail(cl_int code, const char *call, const std::string &what)

@@ -56,6 +56,13 @@ std::vector<Device> find_devices()
   return devices;
 }
 
+size_t most_work_items(cl_device_id id)
+{
+  std::vector<size_t> sizes(std::max<cl_uint>(1, number<cl_uint>(id, CL_DEVICE_MAX_WORK_ITEM_DIMENSIONS)), 1);
+  clGetDeviceInfo(id, CL_DEVICE_MAX_WORK_ITEM_SIZES, sizes.size() * sizeof(size_t), sizes.data(), nullptr);
+  return std::max<size_t>(1, std::min(sizes[0], number<size_t>(id, CL_DEVICE_MAX_WORK_GROUP_SIZE)));
+}
+
 Device choose_device(int index)
 {
   std::vector<Device> usable;

@@ -14,7 +14,6 @@
 namespace cama {
 namespace {
 
-using opencl::check;
 using opencl::Library;
 using opencl::Text;
 
@@ -22,7 +21,7 @@ using opencl::Text;
 struct OwnKernel {
   cl_kernel kernel = nullptr;
   size_t group = 1;   ///< work-items per work-group
-  size_t most = 1;    ///< the most that the device allows
+  size_t most = 1;    ///< the same, at most
 };
 
 cl_mem memory(Buffer buffer) { return static_cast<cl_mem>(buffer); }
@@ -60,11 +59,13 @@ public:
     units_ = static_cast<int>(std::max<cl_uint>(1, opencl::number<cl_uint>(device.id, CL_DEVICE_MAX_COMPUTE_UNITS)));
     most_bytes_ = opencl::number<cl_ulong>(device.id, CL_DEVICE_MAX_MEM_ALLOC_SIZE);
     all_bytes_ = opencl::number<cl_ulong>(device.id, CL_DEVICE_GLOBAL_MEM_SIZE);
+    most_items_ = opencl::most_work_items(device.id);
   }
   ~OpenclBackend() override
   {
     if (queue_) clFinish(queue_);
-    for (auto &entry : kernels_) clReleaseKernel(entry.second.kernel);
+    for (auto &entry : kernels_)
+      if (entry.second.kernel) clReleaseKernel(entry.second.kernel);
     if (queue_) clReleaseCommandQueue(queue_);
   }
 
@@ -85,7 +86,12 @@ public:
     allocated_ += bytes;
     peak_ = std::max(peak_, allocated_);
 #ifndef NDEBUG
-    fill(buffer, 0xff, bytes);   // every double and float of a new stream is NaN
+    try {
+      fill(buffer, 0xff, bytes);   // every double and float of a new stream is NaN
+    } catch (...) {
+      release(buffer);
+      throw;
+    }
 #endif
     return buffer;
   }
@@ -112,7 +118,7 @@ public:
     const cl_int code = clEnqueueReadBuffer(queue_, memory(from), CL_TRUE, offset, bytes, to, 0, nullptr, nullptr);
     if (code != CL_SUCCESS) {
       clFinish(queue_);   // `overflow` is still being read
-      opencl::fail(code, "clEnqueueReadBuffer", size_of(bytes));
+      fail(code, "clEnqueueReadBuffer", size_of(bytes));
     }
     report_overflow(overflow);
   }
@@ -211,6 +217,15 @@ private:
     Buffer buffer = nullptr;
   };
 
+  [[noreturn]] void fail(cl_int code, const char *call, const std::string &what)
+  {
+    if (opencl::means_lost(code)) library_.lose();
+    opencl::fail(code, call, what);
+  }
+  void check(cl_int code, const char *call, const std::string &what)
+  {
+    if (code != CL_SUCCESS) fail(code, call, what);
+  }
   static std::string size_of(std::size_t bytes) { return std::to_string(bytes) + " bytes"; }
 
   void report_overflow(cl_int overflow)
@@ -228,23 +243,22 @@ private:
     cl_int code = CL_SUCCESS;
     own.kernel = clCreateKernel(library_.program(text), kernel_name, &code);
     check(code, "clCreateKernel", kernel_name);
-    if (!library_.processor) {
-      size_t most = 0, multiple = 0;
-      const cl_device_id id = library_.device.id;
-      check(clGetKernelWorkGroupInfo(own.kernel, id, CL_KERNEL_WORK_GROUP_SIZE, sizeof most, &most, nullptr), "clGetKernelWorkGroupInfo", kernel_name);
-      clGetKernelWorkGroupInfo(own.kernel, id, CL_KERNEL_PREFERRED_WORK_GROUP_SIZE_MULTIPLE, sizeof multiple, &multiple, nullptr);
-      multiple = std::max<size_t>(multiple, 1);
-      own.most = std::max<size_t>(most, 1);
-      own.group = std::min<size_t>(most, 128);
-      if (own.group > multiple) own.group -= own.group % multiple;
-    }
+    size_t multiple = 0;
+    const cl_device_id id = library_.device.id;
+    check(clGetKernelWorkGroupInfo(own.kernel, id, CL_KERNEL_WORK_GROUP_SIZE, sizeof own.most, &own.most, nullptr), "clGetKernelWorkGroupInfo", kernel_name);
+    own.most = std::clamp<size_t>(own.most, 1, most_items_);
+    if (library_.processor) return own;
+    clGetKernelWorkGroupInfo(own.kernel, id, CL_KERNEL_PREFERRED_WORK_GROUP_SIZE_MULTIPLE, sizeof multiple, &multiple, nullptr);
+    multiple = std::max<size_t>(multiple, 1);
+    own.group = std::min<size_t>(own.most, 128);
+    if (own.group > multiple) own.group -= own.group % multiple;
     return own;
   }
 
   void set(const OwnKernel &kernel, const char *kernel_name, int index, size_t size, const void *value)
   {
     const cl_int code = clSetKernelArg(kernel.kernel, static_cast<cl_uint>(index), size, value);
-    if (code != CL_SUCCESS) opencl::fail(code, "clSetKernelArg", "argument " + std::to_string(index) + " of kernel " + kernel_name);
+    if (code != CL_SUCCESS) fail(code, "clSetKernelArg", "argument " + std::to_string(index) + " of kernel " + kernel_name);
   }
   void set_buffer(const OwnKernel &kernel, const char *kernel_name, int index, Buffer buffer)
   {
@@ -279,7 +293,7 @@ private:
     ++launches_;
     cl_int code = CL_SUCCESS;
     timed(kernel_name, [&] { code = clEnqueueNDRangeKernel(queue_, kernel.kernel, 1, nullptr, &global, &local, 0, nullptr, nullptr); });
-    if (code != CL_SUCCESS) opencl::fail(code, "clEnqueueNDRangeKernel", "kernel " + std::string(kernel_name) + " on device '" + library_.device.name + "'");
+    if (code != CL_SUCCESS) fail(code, "clEnqueueNDRangeKernel", "kernel " + std::string(kernel_name) + " on device '" + library_.device.name + "'");
   }
 
   void set_values(const OwnKernel &kernel, const char *kernel_name, const std::vector<Value> &values)
@@ -300,7 +314,7 @@ private:
   void run_group(const OwnKernel &kernel, const char *kernel_name, int group, int parameters, const std::vector<Value> &values)
   {
     set_values(kernel, kernel_name, values);
-    const size_t size = library_.processor ? static_cast<size_t>(group) : std::min<size_t>(static_cast<size_t>(group), kernel.group);
+    const size_t size = std::min(static_cast<size_t>(group), library_.processor ? kernel.most : kernel.group);
     set(kernel, kernel_name, parameters - 1, size * sizeof(cl_long), nullptr);
     enqueue(kernel, kernel_name, size, size);
   }
@@ -308,7 +322,7 @@ private:
   Library &library_;
   cl_command_queue queue_ = nullptr;
   int units_ = 1;
-  std::size_t most_bytes_ = 0, all_bytes_ = 0;
+  std::size_t most_bytes_ = 0, all_bytes_ = 0, most_items_ = 1;
   std::map<int, OwnKernel> kernels_;
   bool scans_ = false;   ///< a scan since the overflow flag was read
   Scratch sums_{*this}, overflow_{*this}, keys_{*this}, values_{*this}, counts_{*this}, places_{*this};

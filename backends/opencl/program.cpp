@@ -10,6 +10,7 @@
 #include <fstream>
 #include <regex>
 #include <sstream>
+#include <utility>
 #include <vector>
 
 #include "cama/error.hpp"
@@ -154,8 +155,10 @@ Library &Library::of(const Device &device)
 {
   static std::mutex mutex;
   static auto *libraries = new std::map<cl_device_id, Library *>;
+  static auto *lost = new std::vector<Library *>;   // backends may still hold them
   const std::lock_guard<std::mutex> lock(mutex);
   Library *&library = (*libraries)[device.id];
+  if (library && library->lost_) lost->push_back(std::exchange(library, nullptr));
   if (!library) library = new Library(device);
   return *library;
 }
@@ -242,7 +245,11 @@ void Library::store(cl_program program, const std::string &file) const
   if (clGetProgramInfo(program, CL_PROGRAM_BINARIES, sizeof bytes, &bytes, nullptr) != CL_SUCCESS) return;
   std::error_code error;
   fs::create_directories(fs::path(file).parent_path(), error);
-  const std::string temporary = file + "." + std::to_string(getpid());
+  // A name of its own for every writer, in other containers with the same process numbers too.
+  std::string temporary = file + ".XXXXXX";
+  const int descriptor = mkstemp(temporary.data());
+  if (descriptor < 0) return;
+  close(descriptor);
   const std::uint64_t sum = hash(binary);
   {
     std::ofstream out(temporary, std::ios::binary);

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // Kernel text to programs: one per precision, built when first asked for, shared by all backends of the process, kept on disk.
 #pragma once
+#include <atomic>
 #include <map>
 #include <mutex>
 
@@ -14,11 +15,14 @@ enum class Text { once, f32, f64, primitives };
 /// One device with its context and programs. Never destroyed: drivers differ in what they allow at exit.
 class Library {
 public:
-  static Library &of(const Device &device);   ///< the process's one
+  static Library &of(const Device &device);   ///< the process's one; a new one after a loss
   explicit Library(const Device &d);
 
   /// Throws BackendError with kernel file and line of the first errors.
   cl_program program(Text text);
+
+  /// The device failed in a way that contexts do not survive: the next simulation opens it anew.
+  void lose() { lost_ = true; }
 
   const Device device;
   cl_context context = nullptr;
@@ -30,6 +34,7 @@ private:
   void store(cl_program program, const std::string &file) const;
 
   std::string options_;
+  std::atomic<bool> lost_{false};
   std::mutex mutex_;
   std::map<std::string, cl_program> programs_;   // by source
 };

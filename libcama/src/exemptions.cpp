@@ -115,8 +115,27 @@ bool Exemptions::forget_separated(const std::vector<dvec3> &position, const std:
   return tangled_.size() + released_.size() != before;
 }
 
+void Exemptions::begin_step()
+{
+  marked_ = false;
+  tangled_before_ = tangled_;
+  released_before_ = released_;
+  marked_ = true;
+  if (stale_) upload();
+}
+
+void Exemptions::restore() noexcept
+{
+  if (!marked_) return;
+  marked_ = false;
+  stale_ |= tangled_ != tangled_before_ || released_ != released_before_;
+  tangled_.swap(tangled_before_);
+  released_.swap(released_before_);
+}
+
 void Exemptions::upload()
 {
+  stale_ = true;   // stays so if anything below throws
   const int vertices = static_cast<int>(object_.size());
   std::vector<std::vector<int>> of(object_.size());
   for (const Pairs *pairs : {&seam_, &tangled_})
@@ -133,6 +152,7 @@ void Exemptions::upload()
   }
   row.assign(rows);
   entry.assign(entries);
+  stale_ = false;
 }
 
 }  // namespace cama

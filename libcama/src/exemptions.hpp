@@ -28,6 +28,10 @@ public:
   bool forget_separated(const std::vector<dvec3> &position, const std::vector<Triangle> &face, int cloth_vertices);
   /// Brings the lists to the device.
   void upload();
+  /// At the start of a step: what `restore` comes back to. Brings lists to the device that a failed step left behind.
+  void begin_step();
+  /// After a step that failed: the pairs are those of its start.
+  void restore() noexcept;
 
   bool any() const { return !seam_.empty() || !tangled_.empty() || !released_.empty(); }
   int temporary() const { return static_cast<int>(tangled_.size() + released_.size()); }
@@ -37,6 +41,9 @@ public:
 
 private:
   Pairs seam_, tangled_, released_;
+  Pairs tangled_before_, released_before_;
+  bool marked_ = false;  // there is something to restore
+  bool stale_ = false;   // the device's lists are not those of the host
   std::vector<int> object_;
 };
 

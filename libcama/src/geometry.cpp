@@ -2,6 +2,8 @@
 #include "cama/geometry.hpp"
 
 #include <algorithm>
+#include <atomic>
+#include <new>
 
 #include "face_tree.hpp"
 #include "predicates.hpp"
@@ -51,10 +53,7 @@ std::vector<Intersection> intersections(const std::vector<dvec3> &position, cons
   constexpr int chunk = 1024;   // edges; chunks run in parallel and are joined in order
   const int edges = static_cast<int>(edge.size()), chunks = (edges + chunk - 1) / chunk;
   std::vector<std::vector<Intersection>> found(chunks);
-#if defined(_OPENMP)
-#pragma omp parallel for schedule(dynamic)
-#endif
-  for (int c = 0; c < chunks; ++c)
+  const auto look = [&](int c) {
     for (int e = c * chunk; e < std::min(edges, (c + 1) * chunk); ++e) {
       const int p = edge[e][0], q = edge[e][1];
       const std::size_t first = found[c].size();
@@ -67,6 +66,19 @@ std::vector<Intersection> intersections(const std::vector<dvec3> &position, cons
       });
       std::sort(found[c].begin() + first, found[c].end(), [](const Intersection &a, const Intersection &b) { return a.face < b.face; });
     }
+  };
+  std::atomic<bool> out_of_memory{false};   // exceptions may not leave a parallel loop
+#if defined(_OPENMP)
+#pragma omp parallel for schedule(dynamic)
+#endif
+  for (int c = 0; c < chunks; ++c) {
+    try {
+      look(c);
+    } catch (const std::bad_alloc &) {
+      out_of_memory = true;
+    }
+  }
+  if (out_of_memory) throw std::bad_alloc();
   std::vector<Intersection> all;
   for (const auto &part : found) all.insert(all.end(), part.begin(), part.end());
   return all;

@@ -6,6 +6,7 @@
 #include <cstring>
 #include <functional>
 #include <limits>
+#include <new>
 
 #include "launch.hpp"
 #include "pipeline_factory.hpp"
@@ -103,6 +104,26 @@ const Scene &checked(const Scene &scene, const Options &options)
   return scene;
 }
 
+/// Back to the start of a step that threw: positions, velocities, time and report as they were, no contacts, no candidates.
+void undo_step(State &s, Buffer position, double time, const StepReport &report) noexcept
+{
+  if (s.position.buffer() != position) {   // the step had been taken
+    s.position.swap(s.position_next);
+    s.velocity.swap(s.velocity_next);
+  }
+  s.exemptions.restore();
+  s.contacts = 0;
+  if (s.contact.backend()) s.contact.resize(0);
+  for (PairList *list : {&s.vertex_face, &s.edge_edge}) {
+    if (!list->pairs.backend()) continue;
+    list->pairs.resize(0);
+    list->known.resize(0);
+    list->direction.resize(0);
+  }
+  s.time = time;
+  s.report = report;
+}
+
 }  // namespace
 
 struct Simulation::Implementation {
@@ -135,8 +156,10 @@ struct Simulation::Implementation {
 
 
 Simulation::Simulation(const Scene &scene, const Options &options)
-    : implementation_(std::make_unique<Implementation>(checked(scene, options), options))
-{}
+try : implementation_(std::make_unique<Implementation>(checked(scene, options), options)) {
+} catch (const std::bad_alloc &) {
+  throw MemoryError("out of memory on the host while the simulation is set up; lower the resolution");
+}
 Simulation::~Simulation() = default;
 Simulation::Simulation(Simulation &&) noexcept = default;
 Simulation &Simulation::operator=(Simulation &&) noexcept = default;
@@ -146,21 +169,27 @@ void Simulation::step()
   State &s = implementation_->state;
   const int number = s.report.step + 1;
   const StepReport before = s.report;
+  const Buffer position = s.position.buffer();
+  const double time = s.time;
   const long launches = implementation_->backend->launches(), waits = implementation_->backend->waits();
-  s.report = StepReport{};
-  s.report.step = number;
   try {
+    s.exemptions.begin_step();
+    s.report = StepReport{};
+    s.report.step = number;
     implementation_->pipeline.step->timed_run(s);
+    s.time = number * s.time_step;
+    s.report.time = s.time;
+    s.report.launches = implementation_->backend->launches() - launches;
+    s.report.waits = implementation_->backend->waits() - waits;
+    s.report.milliseconds = implementation_->pipeline.step->milliseconds();
+    if (s.options.audit) s.report.intersections = count_intersections();
+  } catch (const std::bad_alloc &) {
+    undo_step(s, position, time, before);
+    throw MemoryError("step " + std::to_string(number) + ": out of memory on the host; lower the resolution");
   } catch (...) {
-    s.report = before;
+    undo_step(s, position, time, before);
     throw;
   }
-  s.time = number * s.time_step;
-  s.report.time = s.time;
-  s.report.launches = implementation_->backend->launches() - launches;
-  s.report.waits = implementation_->backend->waits() - waits;
-  s.report.milliseconds = implementation_->pipeline.step->milliseconds();
-  if (s.options.audit) s.report.intersections = count_intersections();
 }
 
 int Simulation::step_count() const { return implementation_->state.report.step; }
@@ -193,14 +222,15 @@ void Simulation::set_state(const std::vector<dvec3> &positions, const std::vecto
   };
   checked("positions", positions);
   checked("velocities", velocities);
-  const auto replace = [n](Stream<dvec3> &stream, const std::vector<dvec3> &values) {
+  const auto replaced = [n](const Stream<dvec3> &stream, const std::vector<dvec3> &values) {
     std::vector<dvec3> all = stream.download();
     std::copy_n(values.begin(), n, all.begin());
-    stream.assign(all);
+    return all;
   };
-  replace(s.position, positions);
-  replace(s.position_next, positions);
-  replace(s.velocity, velocities);
+  const std::vector<dvec3> x = replaced(s.position, positions), next = replaced(s.position_next, positions), v = replaced(s.velocity, velocities);
+  s.position.assign(x);
+  s.position_next.assign(next);
+  s.velocity.assign(v);
 }
 
 ContactArrays Simulation::contacts() const

@@ -10,9 +10,23 @@
 #include <type_traits>
 #include <vector>
 
+#include "../catch.hpp"
 #include "../engine.hpp"
 
 namespace lockstep {
+
+#if CAMA_FAST_MATH
+inline constexpr bool strict = false;
+#else
+inline constexpr bool strict = true;
+#endif
+
+/// False, and said aloud, where products and sums may be contracted: bits are promised in strict builds alone.
+inline bool strict_build()
+{
+  if (!strict) WARN("SKIPPED: built with CAMA_FAST_MATH, bits differ between backends and machines");
+  return strict;
+}
 
 /// Calls f on every number of a value: padding between members never counts.
 template <class F> void each(int v, F &&f) { f(v); }
@@ -121,26 +135,37 @@ inline std::optional<Difference> first_difference(cama::State &a, cama::State &b
 /// Called after a stage has run on the candidate: a planted error goes in here.
 using Tamper = std::function<void(int step, const std::string &stage, cama::State &candidate)>;
 
-/// Runs both through `steps` steps. Empty: the same; else "step 3, stage linear solve, stream solution, index 12: values differ".
-inline std::string run(Engine &reference, Engine &candidate, int steps, const Tamper &tamper = {})
+/// Runs both through `steps` steps. For every stage of every step that differs, the first difference: "step 3, stage linear solve, stream
+/// solution, index 12: values differ". Stages start from the reference's state, so that one finding is not the cause of the next. At most `most`.
+inline std::vector<std::string> differences(Engine &reference, Engine &candidate, int steps, const Tamper &tamper = {}, std::size_t most = 1000)
 {
-  if (reference.leaves().size() != candidate.leaves().size()) return "the pipelines have different stages";
+  if (reference.leaves().size() != candidate.leaves().size()) return {"the pipelines have different stages"};
+  std::vector<std::string> found;
   for (int step = 1; step <= steps; ++step) {
     reference.begin_step();
     candidate.begin_step();
-    for (std::size_t k = 0; k < reference.leaves().size(); ++k) {
+    for (std::size_t k = 0; k < reference.leaves().size() && found.size() < most; ++k) {
       const std::string stage(reference.leaves()[k]->name());
       copy(reference.state, candidate.state);
       reference.leaves()[k]->run(reference.state);
       candidate.leaves()[k]->run(candidate.state);
       if (tamper) tamper(step, stage, candidate.state);
       if (const auto d = first_difference(reference.state, candidate.state))
-        return "step " + std::to_string(step) + ", stage " + stage + ", stream " + d->stream + ", index " + std::to_string(d->index) + ": " + d->what;
+        found.push_back("step " + std::to_string(reference.state.report.step) + ", stage " + stage + ", stream " + d->stream + ", index " +
+                        std::to_string(d->index) + ": " + d->what);
     }
+    if (found.size() >= most) break;
     reference.end_step();
     candidate.end_step();
   }
-  return "";
+  return found;
+}
+
+/// The first difference; empty: none.
+inline std::string run(Engine &reference, Engine &candidate, int steps, const Tamper &tamper = {})
+{
+  const std::vector<std::string> found = differences(reference, candidate, steps, tamper, 1);
+  return found.empty() ? "" : found.front();
 }
 
 }  // namespace lockstep

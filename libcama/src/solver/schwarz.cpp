@@ -135,7 +135,7 @@ template <class S>
 bool SchwarzSolver<S>::outdated(const State &state) const
 {
   if (terms_ < 0 || state.options.assembly != Assembly::gather) return true;
-  return (state.terms > 0 && steps_ >= steps_per_matching) || std::abs(state.terms - terms_) > changed_terms * (state.terms + terms_) + 64;
+  return (state.terms > 0 && state.report.step - matched_ >= steps_per_matching) || std::abs(state.terms - terms_) > changed_terms * (state.terms + terms_) + 64;
 }
 
 /// The terms' part of the coarse diagonals: each level sums what rows add, child by child.
@@ -163,12 +163,12 @@ void SchwarzSolver<S>::prepare(State &state, const Stream<typename Types<Real>::
 {
   Backend &b = *state.backend;
   System<Real> &s = state.system<Real>();
-  ++steps_;
   if (outdated(state)) {
+    terms_ = -1;   // stays so if anything below throws
     aggregates_.build<Real>(state, diagonal);
     make_pattern<Real>(state);
     terms_ = state.terms;
-    steps_ = 0;
+    matched_ = state.report.step;   // by number: a step that fails and is taken again counts once
   }
   if (aggregates_.rows() == 0) return;
   const int wide = sizeof(Real) == 8;

@@ -46,7 +46,7 @@ private:
   void apply(State &state, int at);
 
   Aggregates aggregates_;
-  int terms_ = -1, steps_ = 0, coarse_blocks_ = 0, coarse_nodes_ = 0, expected_ = 0;
+  int terms_ = -1, matched_ = 0, coarse_blocks_ = 0, coarse_nodes_ = 0, expected_ = 0;
   std::vector<Level> level_;            // 0 is unused: the finest matrix is in slices
   Stream<int> slice_width_, slice_start_, slice_column_, slice_source_;
   Stream<S> slice_value_;

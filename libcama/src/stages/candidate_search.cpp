@@ -141,7 +141,7 @@ void TreeSearch::run(State &state, const Stream<dvec3> &from, const Stream<dvec3
     state.edge_order.resize(state.edges);
     state.face_tree.resize(kernels::tree_size(state.faces));
     state.edge_tree.resize(kernels::tree_size(state.edges));
-    if (identity_.size() == 0) {
+    if (before_.size() == 0) {   // the last to be made
       std::vector<int> identity(static_cast<std::size_t>(most));
       std::iota(identity.begin(), identity.end(), 0);
       identity_.assign(identity);

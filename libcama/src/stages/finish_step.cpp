@@ -25,8 +25,11 @@ void FinishStep::run(State &state)
 void ForgetSeparated::run(State &state)
 {
   if (state.exemptions.temporary() == 0) return;
-  if (face_.empty())
-    for (const kernels::face_nodes &f : state.face.download()) face_.push_back({f.node[0], f.node[1], f.node[2]});
+  if (face_.empty()) {
+    std::vector<Triangle> faces;
+    for (const kernels::face_nodes &f : state.face.download()) faces.push_back({f.node[0], f.node[1], f.node[2]});
+    face_.swap(faces);
+  }
   if (state.exemptions.forget_separated(state.position.download(), face_, state.cloth_vertices)) state.exemptions.upload();
   state.report.exempt = state.exemptions.temporary();
 }

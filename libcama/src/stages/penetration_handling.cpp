@@ -96,7 +96,7 @@ void ImpactProjection::start(State &state, const Stream<dvec3> &from, const Stre
 {
   Backend &b = *state.backend;
   const int first = std::min(state.vertices, 4096), second = std::min(first, 64);
-  if (moved_.size() == 0) {
+  if (largest_.size() == 0) {   // the last to be made
     moved_.resize(state.vertices);
     moved_.fill_zero();
     longest_.resize(first);

@@ -88,32 +88,25 @@ void PrescribedMotion::release_due(State &state, double time)
     const std::vector<float> single = state.system32->mass.download();
     return std::vector<double>(single.begin(), single.end());
   }();
-  const auto let_go = [&](auto &list) {
-    for (auto &p : list)
-      if (due(p)) {
-        p.released = true;
+  const auto let_go = [&](const auto &list) {
+    for (const auto &p : list)
+      if (due(p))
         for (int v : p.vertices) { fixed[v] = 0; inverse_mass[v] = 1 / mass[v]; }
-      }
   };
   let_go(handles_);
   let_go(attached_);
-  keep_attached();
-  state.fixed.assign(fixed);
-  state.inverse_mass.assign(inverse_mass);
-}
-
-void PrescribedMotion::keep_attached()
-{
-  const auto released = [](const Attached &a) { return a.released; };
-  if (std::none_of(attached_.begin(), attached_.end(), released)) return;
   const std::vector<kernels::attachment> all = attachments_.download();
   std::vector<kernels::attachment> kept;
   std::size_t at = 0;
   for (const Attached &a : attached_)
     for (std::size_t i = 0; i < a.vertices.size(); ++i, ++at)
-      if (!a.released) kept.push_back(all[at]);
+      if (!due(a)) kept.push_back(all[at]);
+  // Nothing grows from here on: all of it is done, or, where memory ran out above, nothing.
   attachments_.assign(kept);
-  attached_.erase(std::remove_if(attached_.begin(), attached_.end(), released), attached_.end());
+  state.fixed.assign(fixed);
+  state.inverse_mass.assign(inverse_mass);
+  for (Handle &h : handles_) h.released |= due(h);
+  attached_.erase(std::remove_if(attached_.begin(), attached_.end(), due), attached_.end());
 }
 
 void PrescribedMotion::place(State &state, double time)

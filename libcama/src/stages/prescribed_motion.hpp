@@ -21,7 +21,6 @@ private:
   struct Attached { std::vector<int> vertices; double release; bool released = false; };
 
   void release_due(State &state, double time);
-  void keep_attached();
 
   std::vector<MovingObstacle> obstacles_;
   std::vector<Handle> handles_;

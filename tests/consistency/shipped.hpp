@@ -1,0 +1,80 @@
+// SPDX-License-Identifier: Apache-2.0
+// The shipped scenes at small size: every folder of scenes/ that has a scene.json, so that one added later is covered without a new test.
+#pragma once
+#include <algorithm>
+#include <cmath>
+#include <filesystem>
+#include <map>
+#include <string>
+#include <vector>
+
+#include "../catch.hpp"
+#include "../engine.hpp"
+#include "cama/simulation.hpp"
+
+namespace shipped {
+
+/// Every value of Options::precision.
+inline const std::vector<std::string> precisions = {"double", "mixed", "single"};
+
+/// Names, sorted.
+inline std::vector<std::string> scenes()
+{
+  std::vector<std::string> names;
+  for (const auto &entry : std::filesystem::directory_iterator(std::filesystem::path(CAMA_SOURCE_DIR) / "scenes"))
+    if (std::filesystem::exists(entry.path() / "scene.json")) names.push_back(entry.path().filename().string());
+  std::sort(names.begin(), names.end());
+  return names;
+}
+
+/// About `triangles` triangles of cloth. Read once.
+inline const cama::Scene &load(const std::string &name, int triangles)
+{
+  static std::map<std::pair<std::string, int>, cama::Scene> loaded;
+  const auto found = loaded.find({name, triangles});
+  if (found != loaded.end()) return found->second;
+  return loaded.emplace(std::pair{name, triangles}, cama::Scene::load(std::filesystem::path(CAMA_SOURCE_DIR) / "scenes" / name, triangles)).first->second;
+}
+
+inline cama::Options options(const std::string &accuracy, const std::string &precision, const std::string &backend, int threads = 0)
+{
+  cama::Options o = cama::Options::preset(accuracy);
+  o.precision = precision;
+  o.backend = backend;
+  o.threads = backend == "cpu" ? threads : 0;
+  return o;
+}
+
+/// A moment of a run.
+struct Moment {
+  int step = 0, contacts = 0;
+  std::vector<cama::dvec3> position, velocity;   ///< of all vertices
+};
+
+/// Where a serial run first has at least `contacts` contacts, a few steps on; after `most` steps wherever it is.
+inline const Moment &in_contact(const std::string &name, int triangles, int contacts, int most)
+{
+  static std::map<std::string, Moment> known;
+  const auto found = known.find(name);
+  if (found != known.end()) return found->second;
+  cama::Simulation simulation(load(name, triangles), options("production", "double", "cpu", 1));
+  int left = most;
+  for (int more = 5; left > 0 && more > 0; --left) {
+    simulation.step();
+    if (simulation.report().contacts >= contacts) --more;
+  }
+  return known[name] = {simulation.step_count(), simulation.report().contacts, simulation.positions(), simulation.velocities()};
+}
+
+/// Goes on from there.
+inline void start_at(Engine &engine, const Moment &moment)
+{
+  engine.state.position.assign(moment.position);
+  engine.state.position_next.assign(moment.position);
+  engine.state.velocity.assign(moment.velocity);
+  engine.state.velocity_next.assign(moment.velocity);
+  engine.state.report.step = moment.step;
+  engine.end_step();
+}
+
+}  // namespace shipped

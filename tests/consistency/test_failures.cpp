@@ -1,0 +1,495 @@
+// SPDX-License-Identifier: Apache-2.0
+// What fails, fails cleanly: memory of the device and of the host that runs out at any allocation, devices that are lost, drivers and
+// features that are not there. The linker puts __wrap_f in the place of f in this program alone (--wrap).
+#include <atomic>
+#include <cstddef>
+#include <cstdlib>
+#include <functional>
+#include <new>
+
+#include "../backends.hpp"
+#include "everything.hpp"
+#include "launch.hpp"
+#include "lockstep.hpp"
+#if CAMA_HAS_OPENCL
+#include "../../backends/opencl/program.hpp"
+#endif
+
+namespace fault {
+
+/// The how-manieth call from now on fails; below 0: none.
+using Countdown = std::atomic<long>;
+Countdown device_memory{-1}, host_memory{-1};
+
+bool due(Countdown &countdown) { return countdown >= 0 && countdown-- == 0; }
+
+}  // namespace fault
+
+extern "C" {
+void *__real_aligned_alloc(std::size_t, std::size_t);
+void *__wrap_aligned_alloc(std::size_t alignment, std::size_t bytes)
+{
+  return fault::due(fault::device_memory) ? nullptr : __real_aligned_alloc(alignment, bytes);
+}
+void *__real__Znwm(std::size_t);
+void *__wrap__Znwm(std::size_t bytes)   // operator new
+{
+  if (fault::due(fault::host_memory)) throw std::bad_alloc();
+  return __real__Znwm(bytes);
+}
+#if CAMA_HAS_CUDA
+int __real_cudaMalloc(void **, std::size_t);
+int __wrap_cudaMalloc(void **memory, std::size_t bytes) { return fault::due(fault::device_memory) ? 2 : __real_cudaMalloc(memory, bytes); }
+#endif
+}
+
+#if CAMA_HAS_OPENCL
+namespace fault {
+
+bool no_platform = false, no_double = false, as_gpu = false;
+std::size_t most_work_items = 0;       // of any kernel; 0: as they are
+std::string lost_call;                 // this call fails
+cl_int lost_code = CL_SUCCESS;
+long contexts = 0, buffers = 0;        // made; alive
+
+bool lost(const char *call) { return lost_call == call; }
+
+}  // namespace fault
+
+extern "C" {
+#define CAMA_REAL(result, name, ...) result __real_##name(__VA_ARGS__)
+CAMA_REAL(cl_int, clGetPlatformIDs, cl_uint, cl_platform_id *, cl_uint *);
+CAMA_REAL(cl_int, clGetDeviceInfo, cl_device_id, cl_device_info, size_t, void *, size_t *);
+CAMA_REAL(cl_int, clGetKernelWorkGroupInfo, cl_kernel, cl_device_id, cl_kernel_work_group_info, size_t, void *, size_t *);
+CAMA_REAL(cl_context, clCreateContext, const cl_context_properties *, cl_uint, const cl_device_id *,
+          void (*)(const char *, const void *, size_t, void *), void *, cl_int *);
+CAMA_REAL(cl_mem, clCreateBuffer, cl_context, cl_mem_flags, size_t, void *, cl_int *);
+CAMA_REAL(cl_int, clReleaseMemObject, cl_mem);
+CAMA_REAL(cl_int, clEnqueueNDRangeKernel, cl_command_queue, cl_kernel, cl_uint, const size_t *, const size_t *, const size_t *, cl_uint, const cl_event *, cl_event *);
+CAMA_REAL(cl_int, clEnqueueReadBuffer, cl_command_queue, cl_mem, cl_bool, size_t, size_t, void *, cl_uint, const cl_event *, cl_event *);
+CAMA_REAL(cl_int, clEnqueueWriteBuffer, cl_command_queue, cl_mem, cl_bool, size_t, size_t, const void *, cl_uint, const cl_event *, cl_event *);
+CAMA_REAL(cl_int, clFinish, cl_command_queue);
+
+cl_int __wrap_clGetPlatformIDs(cl_uint n, cl_platform_id *ids, cl_uint *count)
+{
+  return fault::no_platform ? -1001 : __real_clGetPlatformIDs(n, ids, count);
+}
+cl_int __wrap_clGetDeviceInfo(cl_device_id id, cl_device_info what, size_t size, void *value, size_t *needed)
+{
+  const cl_int code = __real_clGetDeviceInfo(id, what, size, value, needed);
+  if (value && what == CL_DEVICE_DOUBLE_FP_CONFIG && fault::no_double) *static_cast<cl_device_fp_config *>(value) = 0;
+  if (value && what == CL_DEVICE_TYPE && fault::as_gpu) *static_cast<cl_device_type *>(value) = CL_DEVICE_TYPE_GPU;
+  return code;
+}
+cl_int __wrap_clGetKernelWorkGroupInfo(cl_kernel kernel, cl_device_id id, cl_kernel_work_group_info what, size_t size, void *value, size_t *needed)
+{
+  const cl_int code = __real_clGetKernelWorkGroupInfo(kernel, id, what, size, value, needed);
+  if (value && what == CL_KERNEL_WORK_GROUP_SIZE && fault::most_work_items) *static_cast<size_t *>(value) = fault::most_work_items;
+  return code;
+}
+cl_context __wrap_clCreateContext(const cl_context_properties *properties, cl_uint n, const cl_device_id *ids,
+                                  void (*notify)(const char *, const void *, size_t, void *), void *user, cl_int *code)
+{
+  ++fault::contexts;
+  return __real_clCreateContext(properties, n, ids, notify, user, code);
+}
+cl_mem __wrap_clCreateBuffer(cl_context context, cl_mem_flags flags, size_t bytes, void *host, cl_int *code)
+{
+  if (fault::due(fault::device_memory)) {
+    *code = CL_MEM_OBJECT_ALLOCATION_FAILURE;
+    return nullptr;
+  }
+  cl_mem buffer = __real_clCreateBuffer(context, flags, bytes, host, code);
+  fault::buffers += buffer != nullptr;
+  return buffer;
+}
+cl_int __wrap_clReleaseMemObject(cl_mem buffer)
+{
+  --fault::buffers;
+  return __real_clReleaseMemObject(buffer);
+}
+cl_int __wrap_clEnqueueNDRangeKernel(cl_command_queue queue, cl_kernel kernel, cl_uint dimensions, const size_t *offset, const size_t *global,
+                                     const size_t *local, cl_uint n, const cl_event *wait, cl_event *event)
+{
+  if (fault::lost("clEnqueueNDRangeKernel")) return fault::lost_code;
+  if (fault::most_work_items && local && *local > fault::most_work_items) return CL_INVALID_WORK_GROUP_SIZE;
+  return __real_clEnqueueNDRangeKernel(queue, kernel, dimensions, offset, global, local, n, wait, event);
+}
+cl_int __wrap_clEnqueueReadBuffer(cl_command_queue queue, cl_mem buffer, cl_bool block, size_t offset, size_t bytes, void *to, cl_uint n,
+                                  const cl_event *wait, cl_event *event)
+{
+  if (fault::lost("clEnqueueReadBuffer")) return fault::lost_code;
+  return __real_clEnqueueReadBuffer(queue, buffer, block, offset, bytes, to, n, wait, event);
+}
+cl_int __wrap_clEnqueueWriteBuffer(cl_command_queue queue, cl_mem buffer, cl_bool block, size_t offset, size_t bytes, const void *from,
+                                   cl_uint n, const cl_event *wait, cl_event *event)
+{
+  if (fault::lost("clEnqueueWriteBuffer")) return fault::lost_code;
+  return __real_clEnqueueWriteBuffer(queue, buffer, block, offset, bytes, from, n, wait, event);
+}
+cl_int __wrap_clFinish(cl_command_queue queue)
+{
+  if (fault::lost("clFinish")) return fault::lost_code;
+  return __real_clFinish(queue);
+}
+}
+#endif
+
+using namespace cama;
+using namespace everything_scene;
+
+namespace {
+
+/// Everything a user can read after a step.
+struct Seen {
+  int step, contacts, iterations, exempt;
+  double time;
+  std::uint64_t hash;
+  std::vector<dvec3> position, velocity;
+};
+
+Seen look(const Simulation &s)
+{
+  const StepReport &r = s.report();
+  return {s.step_count(), r.contacts, r.iterations, r.exempt, s.time(), s.state_hash(), s.positions(), s.velocities()};
+}
+
+bool same(const std::vector<dvec3> &a, const std::vector<dvec3> &b)
+{
+  return a.size() == b.size() && std::equal(a.begin(), a.end(), b.begin(), [](const dvec3 &p, const dvec3 &q) { return p.x == q.x && p.y == q.y && p.z == q.z; });
+}
+
+bool same(const Seen &a, const Seen &b)
+{
+  return a.step == b.step && a.contacts == b.contacts && a.iterations == b.iterations && a.exempt == b.exempt && a.time == b.time &&
+         a.hash == b.hash && same(a.position, b.position) && same(a.velocity, b.velocity);
+}
+
+struct Case { const char *name; Scene scene; Options options; int middle; };   ///< middle: the step from which a run is disturbed
+
+/// A strip that sticks in a sheet and leaves it upwards within a few steps.
+Scene tangle()
+{
+  Scene s;
+  s.contact.thickness = 4e-3;
+  s.cloths.push_back(meshes::cloth(meshes::grid(4, 4, 0.2, 0.2, -0.101, -0.103)));
+  Mesh strip = meshes::grid(2, 3, 0.06, 0.09, -0.03, 0);
+  for (dvec3 &x : strip.position) x = {x.x, 0.004, x.y - 0.011};
+  s.cloths.push_back(meshes::cloth(strip, meshes::cotton(), "strip"));
+  s.cloths[1].velocity = {0, 0, 2};
+  return s;
+}
+
+/// Two boxes that close on a sheet: it is let go of at step 39 or so.
+Scene pinched()
+{
+  Scene s;
+  s.gravity = {0, 0, 0};
+  s.time_step = 0.02;
+  s.contact.thickness = 2e-3;
+  s.cloths.push_back(meshes::cloth(meshes::grid(4, 4, 0.2, 0.2, -0.1, -0.1, 0)));
+  for (double side : {-1.0, 1.0}) {
+    Obstacle box = exact_box({0.003, 0.002, 0.09 * side}, {0.15, 0.14, 0.1});
+    box.name = side < 0 ? "lower" : "upper";
+    box.motion.velocity = {0, 0, -0.05 * side};
+    s.obstacles.push_back(box);
+  }
+  Pin hold;
+  hold.vertices = {0, 4, 20, 24};
+  hold.release = 0.85;
+  s.pins.push_back(hold);
+  return s;
+}
+
+/// Pins that end: one that follows the ball, one by itself.
+Scene released()
+{
+  Scene s = everything(4);
+  Pin follows;
+  follows.vertices = {20, 24};
+  follows.obstacle = 0;
+  follows.release = s.pins[0].release = 2.5 * s.time_step;
+  s.pins.push_back(follows);
+  return s;
+}
+
+/// The ways of computing that keep different things between steps.
+std::vector<Case> cases(const std::string &backend)
+{
+  std::vector<Case> list;
+  const auto add = [&](const char *name, Scene scene, Options o, int middle = 0) {
+    o.backend = backend;
+    o.threads = backend == "cpu" ? 2 : 0;
+    list.push_back({name, std::move(scene), o, middle});
+  };
+  Options production, paper = Options::preset("paper"), sorted, exempt, release;
+  sorted.assembly = Assembly::sorted;
+  sorted.precision = "single";
+  exempt.intersections = Intersections::exempt;
+  exempt.audit = true;
+  release.pinch = Pinch::release;
+  add("production", everything(4), production);
+  add("paper", everything(4), paper);
+  add("sorted, single", everything(4), sorted);
+  add("released pins", released(), production);
+  add("tangled start", tangle(), exempt);
+  add("pinch", pinched(), release, 36);
+  return list;
+}
+
+/// A step in which allocation 0 fails, then allocation 1, and so on until none does. After each failure the state is that of before,
+/// readable in every way. Returns how many failed.
+int step_through_failures(Simulation &s, fault::Countdown &countdown)
+{
+  const Seen before = look(s);
+  for (int k = 0;; ++k) {
+    countdown = k;
+    try {
+      s.step();
+    } catch (const MemoryError &) {
+      countdown = -1;
+      REQUIRE(same(look(s), before));
+      s.energy();
+      s.max_strain();
+      s.contacts();
+      s.min_gap();
+      continue;
+    } catch (const std::exception &e) {
+      countdown = -1;
+      FAIL("not a MemoryError at allocation " << k << ": " << e.what());
+    }
+    const bool failed_in_silence = countdown < 0;
+    countdown = -1;
+    REQUIRE_FALSE(failed_in_silence);
+    return k;
+  }
+}
+
+std::vector<std::uint64_t> undisturbed(const Case &c, int steps)
+{
+  Simulation s(c.scene, c.options);
+  std::vector<std::uint64_t> hashes{s.state_hash()};
+  for (int i = 0; i < steps; ++i) {
+    s.step();
+    hashes.push_back(s.state_hash());
+  }
+  return hashes;
+}
+
+}  // namespace
+
+TEST_CASE("device memory that runs out at any allocation of the first step: the start stays, a later step gives the same bits", "[failures]")
+{
+  for (const std::string &backend : backends_here())
+    for (const Case &c : cases(backend)) {
+      INFO(backend << ", " << c.name);
+      if (backend != "cpu" && c.options.accuracy == "production" && std::string(c.name) != "production") continue;   // the same allocations
+      const std::vector<std::uint64_t> expected = undisturbed(c, 2);
+      int failures = 0;
+      for (bool failed = true; failed; failures += failed) {
+        INFO("allocation " << failures);
+        Simulation s(c.scene, c.options);
+        fault::device_memory = failures;
+        try {
+          s.step();
+          failed = false;
+        } catch (const MemoryError &e) {
+          CHECK(std::string(e.what()).size() > 40);
+        }
+        fault::device_memory = -1;
+        REQUIRE(s.state_hash() == expected[failed ? 0 : 1]);
+        while (s.step_count() < 2) s.step();
+        REQUIRE(s.state_hash() == expected[2]);
+      }
+      CHECK(failures > 10);
+    }
+}
+
+TEST_CASE("device memory that runs out again and again in the middle of a run: the same bits in the end", "[failures]")
+{
+  for (const std::string &backend : backends_here())
+    for (const Case &c : cases(backend)) {
+      INFO(backend << ", " << c.name);
+      const std::vector<std::uint64_t> expected = undisturbed(c, c.middle + 10);
+      Simulation s(c.scene, c.options);
+      int failures = 0;
+      while (s.step_count() < c.middle) s.step();
+      for (int i = c.middle + 1; i <= c.middle + 10; ++i) {
+        failures += step_through_failures(s, fault::device_memory);
+        REQUIRE(s.state_hash() == expected[static_cast<std::size_t>(i)]);
+      }
+      CHECK(failures > 10);
+    }
+}
+
+TEST_CASE("host memory that runs out at any allocation: the same bits in the end", "[failures]")
+{
+  for (const Case &c : cases("cpu")) {
+    INFO(c.name);
+    const std::vector<std::uint64_t> expected = undisturbed(c, c.middle + 8);
+    Simulation s(c.scene, c.options);
+    int failures = 0;
+    while (s.step_count() < c.middle) s.step();
+    for (int i = c.middle + 1; i <= c.middle + 8; ++i) {
+      failures += step_through_failures(s, fault::host_memory);
+      REQUIRE(s.state_hash() == expected[static_cast<std::size_t>(i)]);
+    }
+    CHECK(failures > 10);
+  }
+}
+
+TEST_CASE("memory that runs out while a simulation is made is a MemoryError, and nothing leaks", "[failures]")
+{
+  const auto count = [](const Case &c, fault::Countdown &countdown, int stride) {
+    for (int k = 0;; k += stride) {
+#if CAMA_HAS_OPENCL
+      const long buffers = fault::buffers;
+#endif
+      countdown = k;
+      try {
+        const Simulation s(c.scene, c.options);
+        countdown = -1;
+        return k;
+      } catch (const MemoryError &e) {
+        countdown = -1;
+      }
+#if CAMA_HAS_OPENCL
+      REQUIRE(fault::buffers == buffers);
+#endif
+    }
+  };
+  for (const std::string &backend : backends_here())
+    for (const Case &c : cases(backend)) {
+      INFO(backend << ", " << c.name);
+      CHECK(count(c, fault::device_memory, 1) > 20);
+      if (backend == "cpu") CHECK(count(c, fault::host_memory, 7) > 100);
+    }
+}
+
+TEST_CASE("out of memory: what was asked for, what was there and what to do", "[failures]")
+{
+  for (const std::string &name : backends_here()) {
+    INFO(name);
+    const auto backend = make_backend(name);
+    Stream<int> kept(*backend, std::vector<int>{1, 2, 3});
+    fault::device_memory = 0;
+    const std::string text = thrown<MemoryError>([&] { Stream<double> s(*backend, 1000); });
+    INFO(text);
+    CHECK(contains(text, "8000"));
+    CHECK(contains(text, "lower the resolution"));
+    if (name == "opencl") CHECK(contains(text, "clCreateBuffer"));
+    if (name == "opencl") CHECK(contains(text, "CL_MEM_OBJECT_ALLOCATION_FAILURE (-4)"));
+    if (name == "cuda") CHECK(contains(text, "cudaErrorMemoryAllocation"));
+    CHECK(kept.download() == std::vector<int>{1, 2, 3});
+    CHECK(backend->allocated_bytes() == 12);
+  }
+}
+
+#if CAMA_HAS_OPENCL
+TEST_CASE("a lost device is a BackendError with the driver's code; a new simulation opens it anew", "[failures][opencl]")
+{
+  if (!backend_here("opencl")) return;
+  const Scene scene = everything(4);
+  const Options o = with("double", 0, Assembly::gather, "opencl");
+  Simulation whole(scene, o);
+  whole.step();
+  struct Loss { const char *call; cl_int code; const char *name; };
+  for (const Loss &loss : {Loss{"clEnqueueNDRangeKernel", CL_DEVICE_NOT_AVAILABLE, "CL_DEVICE_NOT_AVAILABLE (-2)"},
+                           Loss{"clEnqueueNDRangeKernel", CL_OUT_OF_RESOURCES, "CL_OUT_OF_RESOURCES (-5)"},
+                           Loss{"clEnqueueReadBuffer", CL_OUT_OF_RESOURCES, "CL_OUT_OF_RESOURCES (-5)"},
+                           Loss{"clEnqueueReadBuffer", CL_INVALID_COMMAND_QUEUE, "CL_INVALID_COMMAND_QUEUE (-36)"},
+                           Loss{"clEnqueueWriteBuffer", CL_DEVICE_NOT_AVAILABLE, "CL_DEVICE_NOT_AVAILABLE (-2)"}}) {
+    INFO(loss.call << " " << loss.name);
+    const long contexts = fault::contexts;
+    {
+      Simulation s(scene, o);
+      fault::lost_call = loss.call;
+      fault::lost_code = loss.code;
+      const std::string text = thrown<BackendError>([&] { s.step(); });
+      fault::lost_call.clear();
+      INFO(text);
+      CHECK(contains(text, loss.call));
+      CHECK(contains(text, loss.name));
+      CHECK(contains(text, "; "));   // and what to do
+      CHECK(s.step_count() == 0);
+    }
+    Simulation again(scene, o);
+    CHECK(fault::contexts == contexts + 1);
+    again.step();
+    CHECK(again.state_hash() == whole.state_hash());
+  }
+  const auto backend = make_backend("opencl");
+  fault::lost_call = "clFinish";
+  fault::lost_code = CL_DEVICE_NOT_AVAILABLE;
+  const std::string text = thrown<BackendError>([&] { backend->synchronize(); });
+  fault::lost_call.clear();
+  CHECK(contains(text, "clFinish"));
+  CHECK(contains(text, "CL_DEVICE_NOT_AVAILABLE (-2); the device may be lost: make a new simulation"));
+}
+
+TEST_CASE("no driver: the backend is listed as absent, and asking for it says what to install", "[failures][opencl]")
+{
+  fault::no_platform = true;
+  const std::string text = thrown<BackendError>([] { make_backend("opencl"); });
+  std::string note;
+  bool available = true;
+  for (const BackendInfo &info : list_backends())
+    if (info.name == "opencl") {
+      note = info.note;
+      available = info.available;
+    }
+  fault::no_platform = false;
+  CHECK(contains(text, "install a driver"));
+  CHECK_FALSE(available);
+  CHECK(contains(note, "pocl"));
+}
+
+TEST_CASE("a device without double precision is refused by name", "[failures][opencl]")
+{
+  if (!backend_here("opencl")) return;
+  const std::string name = opencl::choose_device(0).name;
+  fault::no_double = true;
+  const std::string text = thrown<BackendError>([] { make_backend("opencl"); });
+  std::string note;
+  for (const BackendInfo &info : list_backends())
+    if (info.name == "opencl") note = info.note;
+  fault::no_double = false;
+  for (const std::string &said : {text, note}) {
+    INFO(said);
+    CHECK(contains(said, "device '" + name + "' lacks double precision (cl_khr_fp64)"));
+  }
+}
+
+namespace {
+
+/// A driver's limits of the work-group; 0: its own.
+void check_as_gpu(std::initializer_list<std::size_t> limits)
+{
+  if (!lockstep::strict_build() || !backend_here("opencl")) return;
+  const opencl::Device device = opencl::choose_device(0);
+  const Scene scene = everything(9);
+  const std::uint64_t expected = simulate(scene, with("double", 1), 4).hash;
+  fault::as_gpu = true;
+  for (std::size_t most : limits) {
+    INFO("work-groups of at most " << most);
+    fault::most_work_items = most;
+    opencl::Library::of(device).lose();
+    CHECK_FALSE(opencl::Library::of(device).processor);
+    CHECK(simulate(scene, with("double", 0, Assembly::gather, "opencl"), 4).hash == expected);
+    const auto backend = make_backend("opencl");
+    std::vector<int> ones(40000, 1);
+    Stream<int> from(*backend, ones), to(*backend, 40001);
+    backend->scan(from.buffer(), to.buffer(), 40000);
+    CHECK(to.at(40000) == 40000);
+    CHECK(to.at(20011) == 20011);
+  }
+  fault::as_gpu = false;
+  fault::most_work_items = 0;
+  opencl::Library::of(device).lose();
+}
+
+}  // namespace
+
+TEST_CASE("launched as on a graphics card with small work-groups, the bits are the same", "[failures][opencl]") { check_as_gpu({3}); }
+TEST_CASE("launched as on a graphics card, at any limit of the work-group, the bits are the same", "[failures][opencl][.][long]") { check_as_gpu({0, 1, 96}); }
+#endif
