@@ -142,47 +142,130 @@ DEVICE int make_contact(int kind, element_nodes e, GLOBAL const dvec3 *position,
   return 1;
 }
 
-/* The direction between the middles of both sides if along it the pair is further apart than `distance` by more than its vertices move
-   against each other until the prediction: then it is no contact, at a quarter of the cost of its closest points. Else the zero vector. */
-DEVICE dvec3 apart_along(int kind, element_nodes e, GLOBAL const dvec3 *position, GLOBAL const dvec3 *predicted, double distance)
-{
-  dvec3 o = position[e.node[0]], p = predicted[e.node[0]], x[4], moved[4], n;
-  double low = 0.0, high = -1e300, most = 0.0, room;
-  int k, j;
-  x[0] = moved[0] = dvec3_make(0.0, 0.0, 0.0);
-  for (k = 1; k < 4; ++k) {
-    x[k] = dsub(position[e.node[k]], o);
-    moved[k] = dsub(dsub(predicted[e.node[k]], p), x[k]);
-  }
-  n = kind == 0 ? dscale(-1.0 / 3.0, dadd(dadd(x[1], x[2]), x[3])) : dscale(0.5, dsub(x[1], dadd(x[2], x[3])));
-  n = dnormalize(n);
-  if (kind == 1) low = min_double(0.0, ddot(n, x[1]));
-  for (k = kind + 1; k < 4; ++k) high = max_double(high, ddot(n, x[k]));
-  room = low - high - distance;
-  for (j = 0; j <= kind; ++j)
-    for (k = kind + 1; k < 4; ++k) {
-      dvec3 d = dsub(moved[j], moved[k]);
-      most = max_double(most, ddot(d, d));
-    }
-  return room > 0.0 && room * room > most ? n : dvec3_make(0.0, 0.0, 0.0);
-}
+/* What tells most pairs apart, per vertex: position and motion until the prediction relative to the scene's lower corner, contact thickness
+   and radius, all m. Rounded: what is told by it is told with MOVER_ROUNDING of the scene's extent to spare. */
+typedef struct { float x[3], move[3], thickness, radius; } mover;
+#define MOVER_ROUNDING 1e-6
 
-/* flag[i] = 1 where candidate i is a contact; direction[i]: one that tells its sides apart, from side B to side A. */
-KERNEL find_contacts(int n, int kind, GLOBAL const pair *pairs, GLOBAL const face_nodes *face, GLOBAL const edge_nodes *edge,
-                     GLOBAL const dvec3 *position, GLOBAL const dvec3 *predicted, GLOBAL const vertex_contact *v,
-                     double anticipate, GLOBAL int *flag, GLOBAL dvec3 *direction)
+/* A plane's radius is without end, so that movers tell nothing of it. */
+KERNEL make_movers(int n, GLOBAL const dvec3 *position, GLOBAL const dvec3 *predicted, GLOBAL const dvec3 *scene_bounds,
+                   GLOBAL const vertex_contact *v, GLOBAL mover *movers)
 {
   FOR_EACH(i, n)
   {
+    mover m;
+    int k;
+    for (k = 0; k < 3; ++k) {
+      m.x[k] = (float)(dcomponent(position[i], k) - dcomponent(scene_bounds[0], k));
+      m.move[k] = (float)(dcomponent(predicted[i], k) - dcomponent(position[i], k));
+    }
+    m.thickness = float_above(v[i].thickness);
+    m.radius = v[i].form == SURFACE_PLANE ? 1e30f : float_above(v[i].radius);
+    movers[i] = m;
+  }
+}
+
+DEVICE dvec3 mover_offset(mover a, mover b) { return dvec3_make((double)a.x[0] - (double)b.x[0], (double)a.x[1] - (double)b.x[1], (double)a.x[2] - (double)b.x[2]); }
+DEVICE dvec3 mover_motion(mover a, mover b) { return dvec3_make((double)a.move[0] - (double)b.move[0], (double)a.move[1] - (double)b.move[1], (double)a.move[2] - (double)b.move[2]); }
+
+/* How far a pair's hulls are apart along a direction of any length, m; x: vertices 1 to 3 relative to 0. unit: the direction, no longer than 1. */
+DEVICE double hulls_apart(int kind, dvec3 x1, dvec3 x2, dvec3 x3, dvec3 direction, dvec3 *unit)
+{
+  double length = dnorm(direction), low = 0.0, high;
+  dvec3 n = dscale(length > 0.0 ? (1.0 - 1e-12) / length : 0.0, direction);
+  high = max_double(ddot(n, x2), ddot(n, x3));
+  if (kind == 0) high = max_double(high, ddot(n, x1)); else low = min_double(0.0, ddot(n, x1));
+  *unit = n;
+  return low - high;
+}
+
+/* `a` less its part along b, scaled by |b|^2. */
+DEVICE dvec3 across(dvec3 a, dvec3 b) { return dsub(dscale(ddot(b, b), a), dscale(ddot(a, b), b)); }
+
+/* room: the least distance of a pair's surfaces until the prediction as far as one of a few directions can tell: along it now, less what its
+   vertices move against each other; 0 if that does not exceed the thickness. A pair with room is no contact, at a fraction of the cost of
+   its closest points. Directions: between the middles of both sides; of two edges, that across either of them. */
+typedef struct { double spent, thickness, room; dvec3 direction; } apartness; /* spent: radii, motion and rounding, m */
+
+DEVICE apartness apart_along(int kind, element_nodes e, GLOBAL const mover *movers, double rounding)
+{
+  mover m[4];
+  apartness r;
+  dvec3 x1, x2, x3, middle, d;
+  double most;
+  int k;
+  for (k = 0; k < 4; ++k) m[k] = movers[e.node[k]];
+  x1 = mover_offset(m[1], m[0]);
+  x2 = mover_offset(m[2], m[0]);
+  x3 = mover_offset(m[3], m[0]);
+  d = mover_motion(m[0], m[2]);
+  most = ddot(d, d);
+  d = mover_motion(m[0], m[3]);
+  most = max_double(most, ddot(d, d));
+  d = mover_motion(m[1], m[kind == 0 ? 0 : 2]);
+  most = max_double(most, ddot(d, d));
+  if (kind == 0) {
+    middle = dscale(-1.0 / 3.0, dadd(dadd(x1, x2), x3));
+    r.thickness = 0.5 * (double)m[0].thickness + ((double)m[1].thickness + (double)m[2].thickness + (double)m[3].thickness) * (1.0 / 6.0);
+  } else {
+    middle = dscale(0.5, dsub(x1, dadd(x2, x3)));
+    d = mover_motion(m[1], m[3]);
+    most = max_double(most, ddot(d, d));
+    r.thickness = mean4((double)m[0].thickness, (double)m[1].thickness, (double)m[2].thickness, (double)m[3].thickness);
+  }
+  r.thickness *= 1.000001;
+  r.spent = sqrt(most) + (double)m[0].radius + (double)m[kind + 1].radius + rounding;
+  r.room = hulls_apart(kind, x1, x2, x3, middle, &r.direction) - r.spent;
+  if (kind == 1 && !(r.room > r.thickness)) {
+    r.room = hulls_apart(kind, x1, x2, x3, across(middle, x1), &r.direction) - r.spent;
+    if (!(r.room > r.thickness)) r.room = hulls_apart(kind, x1, x2, x3, across(middle, dsub(x3, x2)), &r.direction) - r.spent;
+  }
+  if (!(r.room > r.thickness)) r.room = 0.0;
+  return r;
+}
+
+/* Pair i of the two candidate lists one behind the other, vertex-face first. */
+DEVICE pair listed_pair(int i, int first_size, GLOBAL const pair *vertex_face, GLOBAL const pair *edge_edge)
+{
+  return i < first_size ? vertex_face[i] : edge_edge[i - first_size];
+}
+
+/* flag[i] = 1 where candidate i of both lists is a contact; direction: one that tells its sides apart, from side B to side A; room: how far
+   apart, m, they are along it at least until the prediction, 0 where that is not known to exceed the thickness. */
+KERNEL find_contacts(int n, int first_size, GLOBAL const pair *vertex_face, GLOBAL const pair *edge_edge, GLOBAL const face_nodes *face,
+                     GLOBAL const edge_nodes *edge, GLOBAL const dvec3 *position, GLOBAL const dvec3 *predicted, GLOBAL const mover *movers,
+                     GLOBAL const dvec3 *scene_bounds, GLOBAL const vertex_contact *v, double anticipate, GLOBAL int *flag,
+                     GLOBAL dvec3 *vertex_face_direction, GLOBAL float *vertex_face_room, GLOBAL dvec3 *edge_edge_direction,
+                     GLOBAL float *edge_edge_room)
+{
+  FOR_EACH_UNEVEN(i, n)
+  {
     contact c;
-    element_nodes e = pair_nodes(kind, pairs[i], face, edge);
-    dvec3 apart = pair_has_plane(kind, e, v) ? dvec3_make(0.0, 0.0, 0.0)
-                                             : apart_along(kind, e, position, predicted, pair_thickness(kind, e, v) + pair_radius(kind, e, v));
-    int none = apart.x != 0.0 || apart.y != 0.0 || apart.z != 0.0;
-    proximity p;
-    if (!none) p = surface_proximity(kind, e, position, v);
-    direction[i] = none ? apart : p.normal;
-    flag[i] = !none && make_contact(kind, e, position, predicted, v, anticipate, p, &c);
+    int kind = i >= first_size, hit = 0;
+    element_nodes e = pair_nodes(kind, listed_pair(i, first_size, vertex_face, edge_edge), face, edge);
+    double rounding = MOVER_ROUNDING * largest_component(dsub(scene_bounds[1], scene_bounds[0])) +
+                      1e-15 * max_double(largest_component(scene_bounds[0]), largest_component(scene_bounds[1]));
+    apartness r = apart_along(kind, e, movers, rounding);
+    dvec3 direction = r.direction;
+    double room = r.room;
+    if (!(room > 0.0)) {
+      proximity p = surface_proximity(kind, e, position, v);
+      direction = p.normal;
+      hit = make_contact(kind, e, position, predicted, v, anticipate, p, &c);
+      if (!hit && p.distance + rounding > r.spent + r.thickness) {   /* the direction of the closest points may tell more */
+        dvec3 o = position[e.node[0]], unit;
+        room = hulls_apart(kind, dsub(position[e.node[1]], o), dsub(position[e.node[2]], o), dsub(position[e.node[3]], o), direction, &unit) - r.spent;
+        if (!(room > r.thickness)) room = 0.0;
+      }
+    }
+    flag[i] = hit;
+    if (kind == 0) {
+      vertex_face_direction[i] = direction;
+      vertex_face_room[i] = float_below(room);
+    } else {
+      edge_edge_direction[i - first_size] = direction;
+      edge_edge_room[i - first_size] = float_below(room);
+    }
   }
 }
 
@@ -192,17 +275,17 @@ KERNEL find_contacts(int n, int kind, GLOBAL const pair *pairs, GLOBAL const fac
 DEVICE double side_component(dvec3 n, int side) { return (side & 1) ? -dcomponent(n, side >> 1) : dcomponent(n, side >> 1); }
 
 /* nearest[SIDES v + side]: bits of the smallest distance (float, m) at which cloth vertex v has a contact on that side. */
-KERNEL nearest_contacts(int n, int kind, GLOBAL const pair *pairs, GLOBAL const face_nodes *face, GLOBAL const edge_nodes *edge,
-                        GLOBAL const dvec3 *position, GLOBAL const vertex_contact *v, int cloth_vertex_count, GLOBAL const int *flag,
-                        GLOBAL int *nearest)
+KERNEL nearest_contacts(int n, int first_size, GLOBAL const pair *vertex_face, GLOBAL const pair *edge_edge, GLOBAL const face_nodes *face,
+                        GLOBAL const edge_nodes *edge, GLOBAL const dvec3 *position, GLOBAL const vertex_contact *v, int cloth_vertex_count,
+                        GLOBAL const int *flag, GLOBAL int *nearest)
 {
   FOR_EACH(i, n)
   {
     element_nodes e;
     proximity p;
-    int k, side;
+    int k, side, kind = i >= first_size;
     if (!flag[i]) continue;
-    e = pair_nodes(kind, pairs[i], face, edge);
+    e = pair_nodes(kind, listed_pair(i, first_size, vertex_face, edge_edge), face, edge);
     p = surface_proximity(kind, e, position, v);
     for (k = 0; k < 4; ++k) {
       dvec3 towards = k <= kind ? dscale(-1.0, p.normal) : p.normal;
@@ -215,18 +298,18 @@ KERNEL nearest_contacts(int n, int kind, GLOBAL const pair *pairs, GLOBAL const 
 
 /* Takes back anticipated contacts through other cloth: one of their vertices has a contact on the same side that is nearer by more than
    the thickness. The term of such a pair would pull its sides together through what lies between them. */
-KERNEL drop_hidden_contacts(int n, int kind, GLOBAL const pair *pairs, GLOBAL const face_nodes *face, GLOBAL const edge_nodes *edge,
-                            GLOBAL const dvec3 *position, GLOBAL const vertex_contact *v, int cloth_vertex_count,
-                            GLOBAL const int *nearest, GLOBAL int *flag)
+KERNEL drop_hidden_contacts(int n, int first_size, GLOBAL const pair *vertex_face, GLOBAL const pair *edge_edge, GLOBAL const face_nodes *face,
+                            GLOBAL const edge_nodes *edge, GLOBAL const dvec3 *position, GLOBAL const vertex_contact *v,
+                            int cloth_vertex_count, GLOBAL const int *nearest, GLOBAL int *flag)
 {
   FOR_EACH(i, n)
   {
     element_nodes e;
     proximity p;
     double thickness;
-    int k, side, hidden = 0;
+    int k, side, hidden = 0, kind = i >= first_size;
     if (!flag[i]) continue;
-    e = pair_nodes(kind, pairs[i], face, edge);
+    e = pair_nodes(kind, listed_pair(i, first_size, vertex_face, edge_edge), face, edge);
     p = surface_proximity(kind, e, position, v);
     thickness = pair_thickness(kind, e, v);
     if (!(p.distance > thickness)) continue;
@@ -248,34 +331,38 @@ KERNEL find_directions(int n, int kind, int first, GLOBAL const pair *pairs, GLO
   FOR_EACH(i, n) { direction[first + i] = surface_proximity(kind, pair_nodes(kind, pairs[first + i], face, edge), position, v).normal; }
 }
 
-/* The flagged pairs with a key by their features, so that lists made from them have one order whatever the search's was. */
-KERNEL flagged_pairs(int n, GLOBAL const pair *pairs, GLOBAL const int *place, GLOBAL key64 *key, GLOBAL int *index)
+/* The flagged pairs of both lists with a key by their features, so that lists made from them have one order whatever the search's was:
+   vertex-face pairs first. */
+KERNEL flagged_pairs(int n, int first_size, GLOBAL const pair *vertex_face, GLOBAL const pair *edge_edge, GLOBAL const int *place,
+                     GLOBAL key64 *key, GLOBAL int *index)
 {
   FOR_EACH(i, n)
   {
+    pair p;
     if (place[i + 1] == place[i]) continue;
-    key[place[i]] = ((key64)pairs[i].a << 31) | (key64)pairs[i].b;
+    p = listed_pair(i, first_size, vertex_face, edge_edge);
+    key[place[i]] = ((key64)(i >= first_size) << 62) | ((key64)p.a << 31) | (key64)p.b;
     index[place[i]] = i;
   }
 }
 
-/* Contacts of the pairs index[0 .. n), behind `first`. */
-KERNEL fill_contacts(int n, int kind, GLOBAL const int *index, GLOBAL const pair *pairs, GLOBAL const face_nodes *face,
-                     GLOBAL const edge_nodes *edge, GLOBAL const dvec3 *position, GLOBAL const dvec3 *predicted,
-                     GLOBAL const vertex_contact *v, double anticipate, int first, GLOBAL contact *contacts)
+/* Contacts of the pairs index[0 .. n). */
+KERNEL fill_contacts(int n, int first_size, GLOBAL const int *index, GLOBAL const pair *vertex_face, GLOBAL const pair *edge_edge,
+                     GLOBAL const face_nodes *face, GLOBAL const edge_nodes *edge, GLOBAL const dvec3 *position, GLOBAL const dvec3 *predicted,
+                     GLOBAL const vertex_contact *v, double anticipate, GLOBAL contact *contacts)
 {
   FOR_EACH(i, n)
   {
     contact c;
-    element_nodes e = pair_nodes(kind, pairs[index[i]], face, edge);
-    int k;
+    int k, kind = index[i] >= first_size;
+    element_nodes e = pair_nodes(kind, listed_pair(index[i], first_size, vertex_face, edge_edge), face, edge);
     c.kind = kind;
-    c.candidate = index[i];
+    c.candidate = kind == 0 ? index[i] : index[i] - first_size;
     c.normal = dvec3_make(0.0, 0.0, 1.0);
     c.distance = c.thickness = c.stiffness = c.friction = c.static_friction = 0.0;
     for (k = 0; k < 4; ++k) { c.node[k] = e.node[k]; c.weight[k] = 0.0; }
     make_contact(kind, e, position, predicted, v, anticipate, surface_proximity(kind, e, position, v), &c);
-    contacts[first + i] = c;
+    contacts[i] = c;
   }
 }
 
