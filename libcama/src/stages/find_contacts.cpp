@@ -18,9 +18,11 @@ void FindContacts::run(State &state)
     list->direction.resize(list->pairs.size());
     list->room.resize(list->pairs.size());
   }
-  CAMA_LAUNCH(b, make_movers, state.vertices, state.position, state.predicted, state.bounds, state.vertex_contact, movers_);
+  CAMA_LAUNCH(b, make_movers, state.vertices, state.position, state.predicted, state.bounds, state.vertex_contact, movers_, spare_);
+  CAMA_LAUNCH(b, tell_apart, first, 0, vertex_face.pairs, state.face, state.edge, movers_, spare_, vertex_face.direction, vertex_face.room);
+  CAMA_LAUNCH(b, tell_apart, n - first, 1, edge_edge.pairs, state.face, state.edge, movers_, spare_, edge_edge.direction, edge_edge.room);
   CAMA_LAUNCH(b, find_contacts, n, first, vertex_face.pairs, edge_edge.pairs, state.face, state.edge, state.position, state.predicted, movers_,
-              state.bounds, state.vertex_contact, anticipate, flagged_.flag, vertex_face.direction, vertex_face.room, edge_edge.direction,
+              spare_, state.vertex_contact, anticipate, flagged_.flag, vertex_face.direction, vertex_face.room, edge_edge.direction,
               edge_edge.room);
   if (anticipate > 0) {
     nearest_.resize(SIDES * state.cloth_vertices);
