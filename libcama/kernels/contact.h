@@ -292,13 +292,13 @@ KERNEL tell_apart(int n, int kind, GLOBAL const pair *pairs, GLOBAL const face_n
       }
     }
     if (kind == 0) {
-      LANES
+      SIDE_BY_SIDE
       for (int j = 0; j < ABREAST; ++j) {
         apartness r = apart_along(0, mover_of(m, j), mover_of(m + 1, j), mover_of(m + 2, j), mover_of(m + 3, j), rounding);
         gap[j] = r.gap; x[j] = r.direction.x; y[j] = r.direction.y; z[j] = r.direction.z;
       }
     } else {
-      LANES
+      SIDE_BY_SIDE
       for (int j = 0; j < ABREAST; ++j) {
         apartness r = apart_along(1, mover_of(m, j), mover_of(m + 1, j), mover_of(m + 2, j), mover_of(m + 3, j), rounding);
         gap[j] = r.gap; x[j] = r.direction.x; y[j] = r.direction.y; z[j] = r.direction.z;

@@ -117,9 +117,9 @@ KERNEL tree_levels(int n, int leaf_count, int level, int steps, GLOBAL box *node
 typedef struct { float lo[3][GROUP], hi[3][GROUP]; } box_group;
 
 #if defined(CAMA_PRAGMA) && defined(_OPENMP)
-#define LANES CAMA_PRAGMA(omp simd) /* the loop's turns side by side in vector registers */
+#define SIDE_BY_SIDE CAMA_PRAGMA(omp simd) /* the loop's turns side by side in vector registers */
 #else
-#define LANES
+#define SIDE_BY_SIDE
 #endif
 
 DEVICE int group_level_size(int leaf_count, int level) { return ((leaf_count - 1) >> (3 * level + 3)) + 1; }
@@ -142,7 +142,7 @@ DEVICE int group_tree_size(int leaf_count) { return group_level_offset(leaf_coun
 DEVICE int group_overlap(GLOBAL const box_group *g, box b)
 {
   int hit[GROUP], mask = 0;
-  LANES
+  SIDE_BY_SIDE
   for (int k = 0; k < GROUP; ++k)
     hit[k] = (b.lo[0] <= g->hi[0][k]) & (g->lo[0][k] <= b.hi[0]) & (b.lo[1] <= g->hi[1][k]) & (g->lo[1][k] <= b.hi[1]) &
              (b.lo[2] <= g->hi[2][k]) & (g->lo[2][k] <= b.hi[2]);
