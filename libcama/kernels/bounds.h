@@ -23,6 +23,11 @@ DEVICE int box_overlap(box a, box b)
 {
   return a.lo[0] <= b.hi[0] && b.lo[0] <= a.hi[0] && a.lo[1] <= b.hi[1] && b.lo[1] <= a.hi[1] && a.lo[2] <= b.hi[2] && b.lo[2] <= a.hi[2];
 }
+/* 1 if a holds all of b. */
+DEVICE int box_holds(box a, box b)
+{
+  return a.lo[0] <= b.lo[0] && a.lo[1] <= b.lo[1] && a.lo[2] <= b.lo[2] && a.hi[0] >= b.hi[0] && a.hi[1] >= b.hi[1] && a.hi[2] >= b.hi[2];
+}
 
 DEVICE dvec3 dvec3_least(dvec3 a, dvec3 b) { return dvec3_make(min_double(a.x, b.x), min_double(a.y, b.y), min_double(a.z, b.z)); }
 DEVICE dvec3 dvec3_most(dvec3 a, dvec3 b) { return dvec3_make(max_double(a.x, b.x), max_double(a.y, b.y), max_double(a.z, b.z)); }
@@ -119,5 +124,14 @@ KERNEL morton_codes(int n, GLOBAL const box *primitive_box, GLOBAL const dvec3 *
   FOR_EACH(i, n) {
     key[i] = morton_code(primitive_box[i], scene_bounds);
     index[i] = i;
+  }
+}
+
+/* The same of the boxes item[i], with their numbers. */
+KERNEL morton_codes_of(int n, GLOBAL const int *item, GLOBAL const box *all_boxes, GLOBAL const dvec3 *scene_bounds, GLOBAL key64 *key, GLOBAL int *index)
+{
+  FOR_EACH(i, n) {
+    key[i] = morton_code(all_boxes[item[i]], scene_bounds);
+    index[i] = item[i];
   }
 }

@@ -142,47 +142,210 @@ DEVICE int make_contact(int kind, element_nodes e, GLOBAL const dvec3 *position,
   return 1;
 }
 
-/* The direction between the middles of both sides if along it the pair is further apart than `distance` by more than its vertices move
-   against each other until the prediction: then it is no contact, at a quarter of the cost of its closest points. Else the zero vector. */
-DEVICE dvec3 apart_along(int kind, element_nodes e, GLOBAL const dvec3 *position, GLOBAL const dvec3 *predicted, double distance)
-{
-  dvec3 o = position[e.node[0]], p = predicted[e.node[0]], x[4], moved[4], n;
-  double low = 0.0, high = -1e300, most = 0.0, room;
-  int k, j;
-  x[0] = moved[0] = dvec3_make(0.0, 0.0, 0.0);
-  for (k = 1; k < 4; ++k) {
-    x[k] = dsub(position[e.node[k]], o);
-    moved[k] = dsub(dsub(predicted[e.node[k]], p), x[k]);
-  }
-  n = kind == 0 ? dscale(-1.0 / 3.0, dadd(dadd(x[1], x[2]), x[3])) : dscale(0.5, dsub(x[1], dadd(x[2], x[3])));
-  n = dnormalize(n);
-  if (kind == 1) low = min_double(0.0, ddot(n, x[1]));
-  for (k = kind + 1; k < 4; ++k) high = max_double(high, ddot(n, x[k]));
-  room = low - high - distance;
-  for (j = 0; j <= kind; ++j)
-    for (k = kind + 1; k < 4; ++k) {
-      dvec3 d = dsub(moved[j], moved[k]);
-      most = max_double(most, ddot(d, d));
-    }
-  return room > 0.0 && room * room > most ? n : dvec3_make(0.0, 0.0, 0.0);
-}
+/* Vectors of three floats. */
+typedef struct { float x, y, z; } fvec3;
+DEVICE fvec3 fvec3_make(float x, float y, float z) { fvec3 r; r.x = x; r.y = y; r.z = z; return r; }
+DEVICE fvec3 fvec3_sub(fvec3 a, fvec3 b) { return fvec3_make(a.x - b.x, a.y - b.y, a.z - b.z); }
+DEVICE fvec3 fvec3_scale(float s, fvec3 a) { return fvec3_make(s * a.x, s * a.y, s * a.z); }
+DEVICE float fvec3_dot(fvec3 a, fvec3 b) { return a.x * b.x + a.y * b.y + a.z * b.z; }
+DEVICE float float_most(float a, float b) { return a > b ? a : b; }
+DEVICE float float_least(float a, float b) { return a < b ? a : b; }
+/* The same everywhere: division and roots of doubles are rounded correctly in every language, those of floats are not. */
+DEVICE float float_root(float a) { return (float)sqrt((double)a); }
+DEVICE float float_inverse(float a) { return (float)(1.0 / (double)a); }
 
-/* flag[i] = 1 where candidate i is a contact; direction[i]: one that tells its sides apart, from side B to side A. */
-KERNEL find_contacts(int n, int kind, GLOBAL const pair *pairs, GLOBAL const face_nodes *face, GLOBAL const edge_nodes *edge,
-                     GLOBAL const dvec3 *position, GLOBAL const dvec3 *predicted, GLOBAL const vertex_contact *v,
-                     double anticipate, GLOBAL int *flag, GLOBAL dvec3 *direction)
+/* What tells most pairs apart, per vertex: position and motion until the prediction relative to the scene's lower corner, contact thickness
+   and radius, all m. Rounded: what is told by it is told with MOVER_ROUNDING of the scene's extent to spare, which covers the floats (6e-8 each,
+   two to an offset) and the some thirty operations on them. */
+typedef struct { float x, y, z, dx, dy, dz, thickness, radius; } mover;
+#define MOVER_ROUNDING 6e-6
+
+/* A plane's radius is without end, so that movers tell nothing of it. spare: [1] what rounding may take, m. */
+KERNEL make_movers(int n, GLOBAL const dvec3 *position, GLOBAL const dvec3 *predicted, GLOBAL const dvec3 *scene_bounds,
+                   GLOBAL const vertex_contact *v, GLOBAL mover *movers, GLOBAL float *spare)
 {
   FOR_EACH(i, n)
   {
+    dvec3 x = dsub(position[i], scene_bounds[0]), d = dsub(predicted[i], position[i]);
+    mover m;
+    m.x = (float)x.x; m.y = (float)x.y; m.z = (float)x.z;
+    m.dx = (float)d.x; m.dy = (float)d.y; m.dz = (float)d.z;
+    m.thickness = float_above(v[i].thickness);
+    m.radius = v[i].form == SURFACE_PLANE ? 1e30f : float_above(v[i].radius);
+    movers[i] = m;
+    if (i == 0)
+      spare[0] = float_above(MOVER_ROUNDING * largest_component(dsub(scene_bounds[1], scene_bounds[0])) +
+                             1e-15 * max_double(largest_component(scene_bounds[0]), largest_component(scene_bounds[1])));
+  }
+}
+
+DEVICE fvec3 mover_offset(mover a, mover b) { return fvec3_make(a.x - b.x, a.y - b.y, a.z - b.z); }
+/* Square of how far two vertices move against each other. */
+DEVICE float mover_motion(mover a, mover b)
+{
+  fvec3 d = fvec3_make(a.dx - b.dx, a.dy - b.dy, a.dz - b.dz);
+  return fvec3_dot(d, d);
+}
+
+/* Not below a pair's thickness, m. */
+DEVICE float mover_thickness(int kind, mover m0, mover m1, mover m2, mover m3)
+{
+  return 1.000001f * (kind == 0 ? 0.5f * m0.thickness + (m1.thickness + m2.thickness + m3.thickness) * 0.16666667f
+                                : 0.25f * (m0.thickness + m1.thickness + m2.thickness + m3.thickness));
+}
+
+/* What of the distance of a pair's hulls along a direction is not the surfaces' until the prediction: motion of the sides against each
+   other, radii, rounding, m. */
+DEVICE float mover_spent(int kind, mover m0, mover m1, mover m2, mover m3, float rounding)
+{
+  float most = float_most(float_most(mover_motion(m0, m2), mover_motion(m0, m3)), mover_motion(m1, kind == 0 ? m0 : m2));
+  if (kind == 1) most = float_most(most, mover_motion(m1, m3));
+  return 1.000001f * float_root(most) + m0.radius + (kind == 0 ? m1.radius : m2.radius) + rounding;
+}
+
+/* How far a pair's hulls are apart along n times the length of n, 0 at least; x: vertices 1 to 3 relative to 0. */
+DEVICE float hulls_apart(int kind, fvec3 x1, fvec3 x2, fvec3 x3, fvec3 n)
+{
+  float a = fvec3_dot(n, x1), high = float_most(fvec3_dot(n, x2), fvec3_dot(n, x3));
+  return float_most(0.0f, kind == 0 ? -float_most(high, a) : float_least(0.0f, a) - high);
+}
+
+/* `a` less its part along b. */
+DEVICE fvec3 across(fvec3 a, fvec3 b) { return fvec3_sub(a, fvec3_scale(fvec3_dot(a, b) * float_inverse(fvec3_dot(b, b)), b)); }
+
+/* gap: of the hulls along the direction times its length, size: square of that. */
+typedef struct { float gap, size; fvec3 direction; } apartness;
+
+/* The wider of a and what direction d has. */
+DEVICE apartness wider_apart(int kind, fvec3 x1, fvec3 x2, fvec3 x3, fvec3 d, apartness a)
+{
+  float gap = hulls_apart(kind, x1, x2, x3, d), size = fvec3_dot(d, d);
+  int better = gap * gap * a.size > a.gap * a.gap * size;
+  a.gap = better ? gap : a.gap;
+  a.size = better ? size : a.size;
+  a.direction.x = better ? d.x : a.direction.x;
+  a.direction.y = better ? d.y : a.direction.y;
+  a.direction.z = better ? d.z : a.direction.z;
+  return a;
+}
+
+/* The direction with the widest gap of three: between the middles of both sides, and that across two of the pair's edges; about as long as 1.
+   gap becomes the room along it: the least distance of the surfaces until the prediction, 0 if it does not exceed the thickness. No
+   branches: they would be guessed wrong, and pairs could not be told side by side. */
+DEVICE apartness apart_along(int kind, mover m0, mover m1, mover m2, mover m3, float rounding)
+{
+  apartness r;
+  fvec3 x1 = mover_offset(m1, m0), x2 = mover_offset(m2, m0), x3 = mover_offset(m3, m0);
+  fvec3 middle = kind == 0 ? fvec3_make(-0.33333334f * (x1.x + x2.x + x3.x), -0.33333334f * (x1.y + x2.y + x3.y), -0.33333334f * (x1.z + x2.z + x3.z))
+                           : fvec3_make(0.5f * (x1.x - x2.x - x3.x), 0.5f * (x1.y - x2.y - x3.y), 0.5f * (x1.z - x2.z - x3.z));
+  float scale;
+  r.direction = middle;
+  r.gap = hulls_apart(kind, x1, x2, x3, middle);
+  r.size = fvec3_dot(middle, middle);
+  r = wider_apart(kind, x1, x2, x3, across(middle, kind == 0 ? fvec3_sub(x2, x1) : x1), r);
+  r = wider_apart(kind, x1, x2, x3, across(middle, fvec3_sub(x3, x2)), r);
+  scale = r.size > 1e-30f ? 0.999999f * float_inverse(float_root(r.size)) : 0.0f;
+  r.direction = fvec3_scale(scale, r.direction);
+  r.gap = r.gap * scale - mover_spent(kind, m0, m1, m2, m3, rounding);
+  r.gap = r.gap > mover_thickness(kind, m0, m1, m2, m3) ? r.gap : 0.0f;
+  return r;
+}
+
+/* Pairs that a work-item tells apart side by side. */
+#if defined(CAMA_PRAGMA) || defined(CAMA_CHUNKED)
+#define ABREAST 8
+#else
+#define ABREAST 1
+#endif
+
+/* Of one vertex of each pair. */
+typedef struct { float x[ABREAST], y[ABREAST], z[ABREAST], dx[ABREAST], dy[ABREAST], dz[ABREAST], thickness[ABREAST], radius[ABREAST]; } movers_abreast;
+
+DEVICE mover mover_of(const movers_abreast *m, int k)
+{
+  mover r;
+  r.x = m->x[k]; r.y = m->y[k]; r.z = m->z[k];
+  r.dx = m->dx[k]; r.dy = m->dy[k]; r.dz = m->dz[k];
+  r.thickness = m->thickness[k]; r.radius = m->radius[k];
+  return r;
+}
+
+/* Pairs that movers can tell to be no contact, at a fraction of the cost of their closest points: room, how far apart they are along
+   `direction`, from side B to side A, at least until the prediction, m; 0 for the others. */
+KERNEL tell_apart(int n, int kind, GLOBAL const pair *pairs, GLOBAL const face_nodes *face, GLOBAL const edge_nodes *edge,
+                  GLOBAL const mover *movers, GLOBAL const float *spare, GLOBAL dvec3 *direction, GLOBAL float *room)
+{
+  int batches = (n - 1) / ABREAST + 1;
+  float rounding = spare[0];
+  FOR_EACH(b, batches)
+  {
+    movers_abreast m[4];
+    float gap[ABREAST], x[ABREAST], y[ABREAST], z[ABREAST];
+    int first = ABREAST * b, count = min_int(ABREAST, n - first);
+    for (int j = 0; j < ABREAST; ++j) {
+      element_nodes e = pair_nodes(kind, pairs[first + min_int(j, count - 1)], face, edge);
+      for (int k = 0; k < 4; ++k) {
+        mover v = movers[e.node[k]];
+        m[k].x[j] = v.x; m[k].y[j] = v.y; m[k].z[j] = v.z;
+        m[k].dx[j] = v.dx; m[k].dy[j] = v.dy; m[k].dz[j] = v.dz;
+        m[k].thickness[j] = v.thickness; m[k].radius[j] = v.radius;
+      }
+    }
+    if (kind == 0) {
+      SIDE_BY_SIDE
+      for (int j = 0; j < ABREAST; ++j) {
+        apartness r = apart_along(0, mover_of(m, j), mover_of(m + 1, j), mover_of(m + 2, j), mover_of(m + 3, j), rounding);
+        gap[j] = r.gap; x[j] = r.direction.x; y[j] = r.direction.y; z[j] = r.direction.z;
+      }
+    } else {
+      SIDE_BY_SIDE
+      for (int j = 0; j < ABREAST; ++j) {
+        apartness r = apart_along(1, mover_of(m, j), mover_of(m + 1, j), mover_of(m + 2, j), mover_of(m + 3, j), rounding);
+        gap[j] = r.gap; x[j] = r.direction.x; y[j] = r.direction.y; z[j] = r.direction.z;
+      }
+    }
+    for (int j = 0; j < count; ++j) {
+      direction[first + j] = dvec3_make(x[j], y[j], z[j]);
+      room[first + j] = gap[j];
+    }
+  }
+}
+
+/* Pair i of the two candidate lists one behind the other, vertex-face first. */
+DEVICE pair listed_pair(int i, int first_size, GLOBAL const pair *vertex_face, GLOBAL const pair *edge_edge)
+{
+  return i < first_size ? vertex_face[i] : edge_edge[i - first_size];
+}
+
+/* flag[i] = 1 where candidate i of both lists is a contact; direction: one that tells its sides apart, from side B to side A; room: how far
+   apart, m, they are along it at least until the prediction, 0 where that is not known to exceed the thickness. Both come from tell_apart;
+   here pairs without room are looked at. */
+KERNEL find_contacts(int n, int first_size, GLOBAL const pair *vertex_face, GLOBAL const pair *edge_edge, GLOBAL const face_nodes *face,
+                     GLOBAL const edge_nodes *edge, GLOBAL const dvec3 *position, GLOBAL const dvec3 *predicted, GLOBAL const mover *movers,
+                     GLOBAL const float *spare, GLOBAL const vertex_contact *v, double anticipate, GLOBAL int *flag,
+                     GLOBAL dvec3 *vertex_face_direction, GLOBAL float *vertex_face_room, GLOBAL dvec3 *edge_edge_direction,
+                     GLOBAL float *edge_edge_room)
+{
+  FOR_EACH_UNEVEN(i, n)
+  {
     contact c;
-    element_nodes e = pair_nodes(kind, pairs[i], face, edge);
-    dvec3 apart = pair_has_plane(kind, e, v) ? dvec3_make(0.0, 0.0, 0.0)
-                                             : apart_along(kind, e, position, predicted, pair_thickness(kind, e, v) + pair_radius(kind, e, v));
-    int none = apart.x != 0.0 || apart.y != 0.0 || apart.z != 0.0;
-    proximity p;
-    if (!none) p = surface_proximity(kind, e, position, v);
-    direction[i] = none ? apart : p.normal;
-    flag[i] = !none && make_contact(kind, e, position, predicted, v, anticipate, p, &c);
+    int kind = i >= first_size, at = kind == 0 ? i : i - first_size, hit = 0;
+    if (!((kind == 0 ? vertex_face_room[at] : edge_edge_room[at]) > 0.0f)) {
+      element_nodes e = pair_nodes(kind, listed_pair(i, first_size, vertex_face, edge_edge), face, edge);
+      proximity p = surface_proximity(kind, e, position, v);
+      hit = make_contact(kind, e, position, predicted, v, anticipate, p, &c);
+      if (kind == 0) vertex_face_direction[at] = p.normal; else edge_edge_direction[at] = p.normal;
+      if (!hit) {   /* the direction of the closest points may tell more */
+        mover m0 = movers[e.node[0]], m1 = movers[e.node[1]], m2 = movers[e.node[2]], m3 = movers[e.node[3]];
+        fvec3 normal = fvec3_make(0.999999f * (float)p.normal.x, 0.999999f * (float)p.normal.y, 0.999999f * (float)p.normal.z);
+        float room = hulls_apart(kind, mover_offset(m1, m0), mover_offset(m2, m0), mover_offset(m3, m0), normal) -
+                     mover_spent(kind, m0, m1, m2, m3, spare[0]);
+        if (room > mover_thickness(kind, m0, m1, m2, m3)) {
+          if (kind == 0) vertex_face_room[at] = room; else edge_edge_room[at] = room;
+        }
+      }
+    }
+    flag[i] = hit;
   }
 }
 
@@ -192,17 +355,17 @@ KERNEL find_contacts(int n, int kind, GLOBAL const pair *pairs, GLOBAL const fac
 DEVICE double side_component(dvec3 n, int side) { return (side & 1) ? -dcomponent(n, side >> 1) : dcomponent(n, side >> 1); }
 
 /* nearest[SIDES v + side]: bits of the smallest distance (float, m) at which cloth vertex v has a contact on that side. */
-KERNEL nearest_contacts(int n, int kind, GLOBAL const pair *pairs, GLOBAL const face_nodes *face, GLOBAL const edge_nodes *edge,
-                        GLOBAL const dvec3 *position, GLOBAL const vertex_contact *v, int cloth_vertex_count, GLOBAL const int *flag,
-                        GLOBAL int *nearest)
+KERNEL nearest_contacts(int n, int first_size, GLOBAL const pair *vertex_face, GLOBAL const pair *edge_edge, GLOBAL const face_nodes *face,
+                        GLOBAL const edge_nodes *edge, GLOBAL const dvec3 *position, GLOBAL const vertex_contact *v, int cloth_vertex_count,
+                        GLOBAL const int *flag, GLOBAL int *nearest)
 {
   FOR_EACH(i, n)
   {
     element_nodes e;
     proximity p;
-    int k, side;
+    int k, side, kind = i >= first_size;
     if (!flag[i]) continue;
-    e = pair_nodes(kind, pairs[i], face, edge);
+    e = pair_nodes(kind, listed_pair(i, first_size, vertex_face, edge_edge), face, edge);
     p = surface_proximity(kind, e, position, v);
     for (k = 0; k < 4; ++k) {
       dvec3 towards = k <= kind ? dscale(-1.0, p.normal) : p.normal;
@@ -215,18 +378,18 @@ KERNEL nearest_contacts(int n, int kind, GLOBAL const pair *pairs, GLOBAL const 
 
 /* Takes back anticipated contacts through other cloth: one of their vertices has a contact on the same side that is nearer by more than
    the thickness. The term of such a pair would pull its sides together through what lies between them. */
-KERNEL drop_hidden_contacts(int n, int kind, GLOBAL const pair *pairs, GLOBAL const face_nodes *face, GLOBAL const edge_nodes *edge,
-                            GLOBAL const dvec3 *position, GLOBAL const vertex_contact *v, int cloth_vertex_count,
-                            GLOBAL const int *nearest, GLOBAL int *flag)
+KERNEL drop_hidden_contacts(int n, int first_size, GLOBAL const pair *vertex_face, GLOBAL const pair *edge_edge, GLOBAL const face_nodes *face,
+                            GLOBAL const edge_nodes *edge, GLOBAL const dvec3 *position, GLOBAL const vertex_contact *v,
+                            int cloth_vertex_count, GLOBAL const int *nearest, GLOBAL int *flag)
 {
   FOR_EACH(i, n)
   {
     element_nodes e;
     proximity p;
     double thickness;
-    int k, side, hidden = 0;
+    int k, side, hidden = 0, kind = i >= first_size;
     if (!flag[i]) continue;
-    e = pair_nodes(kind, pairs[i], face, edge);
+    e = pair_nodes(kind, listed_pair(i, first_size, vertex_face, edge_edge), face, edge);
     p = surface_proximity(kind, e, position, v);
     thickness = pair_thickness(kind, e, v);
     if (!(p.distance > thickness)) continue;
@@ -248,34 +411,38 @@ KERNEL find_directions(int n, int kind, int first, GLOBAL const pair *pairs, GLO
   FOR_EACH(i, n) { direction[first + i] = surface_proximity(kind, pair_nodes(kind, pairs[first + i], face, edge), position, v).normal; }
 }
 
-/* The flagged pairs with a key by their features, so that lists made from them have one order whatever the search's was. */
-KERNEL flagged_pairs(int n, GLOBAL const pair *pairs, GLOBAL const int *place, GLOBAL key64 *key, GLOBAL int *index)
+/* The flagged pairs of both lists with a key by their features, so that lists made from them have one order whatever the search's was:
+   vertex-face pairs first. */
+KERNEL flagged_pairs(int n, int first_size, GLOBAL const pair *vertex_face, GLOBAL const pair *edge_edge, GLOBAL const int *place,
+                     GLOBAL key64 *key, GLOBAL int *index)
 {
   FOR_EACH(i, n)
   {
+    pair p;
     if (place[i + 1] == place[i]) continue;
-    key[place[i]] = ((key64)pairs[i].a << 31) | (key64)pairs[i].b;
+    p = listed_pair(i, first_size, vertex_face, edge_edge);
+    key[place[i]] = ((key64)(i >= first_size) << 62) | ((key64)p.a << 31) | (key64)p.b;
     index[place[i]] = i;
   }
 }
 
-/* Contacts of the pairs index[0 .. n), behind `first`. */
-KERNEL fill_contacts(int n, int kind, GLOBAL const int *index, GLOBAL const pair *pairs, GLOBAL const face_nodes *face,
-                     GLOBAL const edge_nodes *edge, GLOBAL const dvec3 *position, GLOBAL const dvec3 *predicted,
-                     GLOBAL const vertex_contact *v, double anticipate, int first, GLOBAL contact *contacts)
+/* Contacts of the pairs index[0 .. n). */
+KERNEL fill_contacts(int n, int first_size, GLOBAL const int *index, GLOBAL const pair *vertex_face, GLOBAL const pair *edge_edge,
+                     GLOBAL const face_nodes *face, GLOBAL const edge_nodes *edge, GLOBAL const dvec3 *position, GLOBAL const dvec3 *predicted,
+                     GLOBAL const vertex_contact *v, double anticipate, GLOBAL contact *contacts)
 {
   FOR_EACH(i, n)
   {
     contact c;
-    element_nodes e = pair_nodes(kind, pairs[index[i]], face, edge);
-    int k;
+    int k, kind = index[i] >= first_size;
+    element_nodes e = pair_nodes(kind, listed_pair(index[i], first_size, vertex_face, edge_edge), face, edge);
     c.kind = kind;
-    c.candidate = index[i];
+    c.candidate = kind == 0 ? index[i] : index[i] - first_size;
     c.normal = dvec3_make(0.0, 0.0, 1.0);
     c.distance = c.thickness = c.stiffness = c.friction = c.static_friction = 0.0;
     for (k = 0; k < 4; ++k) { c.node[k] = e.node[k]; c.weight[k] = 0.0; }
     make_contact(kind, e, position, predicted, v, anticipate, surface_proximity(kind, e, position, v), &c);
-    contacts[first + i] = c;
+    contacts[i] = c;
   }
 }
 

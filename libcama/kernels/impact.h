@@ -72,37 +72,70 @@ DEVICE impact_time surface_impact_time(int kind, int cubic, element_nodes e, GLO
   return r;
 }
 
-/* flag[i] = 1 where candidate i comes closer than its clearance at `share`, or touches (cubic), on its way from x to y and is not yet known. localized:
-   only pairs with a vertex that the last projection moved are looked at, the others were certified before it. */
-KERNEL find_impacts(int n, int kind, int cubic, int localized, GLOBAL const pair *pairs, GLOBAL const face_nodes *face, GLOBAL const edge_nodes *edge,
-                    GLOBAL const dvec3 *x, GLOBAL const dvec3 *y, GLOBAL const double *inverse_mass, GLOBAL const vertex_contact *v, double share,
-                    GLOBAL const dvec3 *direction, GLOBAL const int *known, GLOBAL const int *moved, GLOBAL int *flag)
+/* strayed[i]: how far vertex i ends from where it was predicted, m, not less. look[0]: adds the vertices whose motion x to y comes nearer to
+   the border of its box than `least`, m. */
+KERNEL find_strayed(int n, GLOBAL const dvec3 *x, GLOBAL const dvec3 *y, GLOBAL const dvec3 *predicted, GLOBAL const box *vertex_box,
+                    GLOBAL const dvec3 *scene_bounds, double least, GLOBAL float *strayed, GLOBAL int *look)
+{
+  FOR_EACH(i, n)
+  {
+    strayed[i] = float_above(dnorm(dsub(y[i], predicted[i])) + 1e-15 * (largest_component(y[i]) + largest_component(predicted[i])));
+    if (!box_holds(vertex_box[i], swept_box(x[i], y[i], least, scene_bounds[0]))) atomic_add_int(look, 1);
+  }
+}
+
+/* flag[i] = 1 where candidate i of both lists comes closer than its clearance at `share`, or touches (cubic), on its way from x to y and is
+   not yet known; look[1]: adds them. The first *_done pairs of each list have been looked at for this very motion and are none. localized: only pairs with a vertex that the last projection moved are looked at, the others were
+   certified before it. Most pairs are told by their room and how far their vertices strayed; *_rooms: pairs of which it is known.
+   largest: of all contact thicknesses, m. */
+KERNEL find_impacts(int n, int first_size, int cubic, int localized, GLOBAL const pair *vertex_face, GLOBAL const pair *edge_edge,
+                    GLOBAL const face_nodes *face, GLOBAL const edge_nodes *edge, GLOBAL const dvec3 *x, GLOBAL const dvec3 *y,
+                    GLOBAL const double *inverse_mass, GLOBAL const vertex_contact *v, double share, double largest,
+                    GLOBAL const float *strayed, int vertex_face_done, int edge_edge_done, int vertex_face_rooms, GLOBAL const float *vertex_face_room,
+                    GLOBAL const dvec3 *vertex_face_direction, GLOBAL const int *vertex_face_known, int edge_edge_rooms,
+                    GLOBAL const float *edge_edge_room, GLOBAL const dvec3 *edge_edge_direction, GLOBAL const int *edge_edge_known,
+                    GLOBAL const int *moved, GLOBAL int *flag, GLOBAL int *look)
 {
   FOR_EACH_UNEVEN(i, n)
   {
-    element_nodes e = pair_nodes(kind, pairs[i], face, edge);
-    int movable = inverse_mass[e.node[0]] + inverse_mass[e.node[1]] + inverse_mass[e.node[2]] + inverse_mass[e.node[3]] > 0.0;
-    double minimum = pair_clearance(kind, e, v, share);
-    int changed = !localized || moved[e.node[0]] || moved[e.node[1]] || moved[e.node[2]] || moved[e.node[3]];
-    flag[i] = changed && movable && !known[i] && !separated_along(kind, e, x, y, direction[i], minimum + 0.001 * share * pair_least_thickness(e, v)) &&
-              surface_impact_time(kind, cubic, e, x, y, v, minimum).hit;
+    int kind = i >= first_size, at = kind == 0 ? i : i - first_size, hit = 0, told = 0;
+    element_nodes e;
+    if (at < (kind == 0 ? vertex_face_done : edge_edge_done)) { flag[i] = 0; continue; }
+    e = pair_nodes(kind, listed_pair(i, first_size, vertex_face, edge_edge), face, edge);
+    if (at < (kind == 0 ? vertex_face_rooms : edge_edge_rooms)) {
+      float room = kind == 0 ? vertex_face_room[at] : edge_edge_room[at], a = strayed[e.node[0]], b = strayed[e.node[3]];
+      if (kind == 1 && strayed[e.node[1]] > a) a = strayed[e.node[1]];
+      if (kind == 0 && strayed[e.node[1]] > b) b = strayed[e.node[1]];
+      if (strayed[e.node[2]] > b) b = strayed[e.node[2]];
+      told = room > 0.0f && (double)room - 1.00001 * ((double)a + (double)b) > 1.01 * share * largest;
+    }
+    if (!told && (!localized || moved[e.node[0]] || moved[e.node[1]] || moved[e.node[2]] || moved[e.node[3]]) &&
+        !(kind == 0 ? vertex_face_known[at] : edge_edge_known[at]) &&
+        inverse_mass[e.node[0]] + inverse_mass[e.node[1]] + inverse_mass[e.node[2]] + inverse_mass[e.node[3]] > 0.0) {
+      double minimum = pair_clearance(kind, e, v, share);
+      hit = !separated_along(kind, e, x, y, kind == 0 ? vertex_face_direction[at] : edge_edge_direction[at],
+                             minimum + 0.001 * share * pair_least_thickness(e, v)) &&
+            surface_impact_time(kind, cubic, e, x, y, v, minimum).hit;
+    }
+    flag[i] = hit;
+    if (hit) atomic_add_int(look + 1, 1);
   }
 }
 
 /* Impacts of the pairs index[0 .. n), behind `first`; marks them known. */
-KERNEL fill_impacts(int n, int kind, int cubic, GLOBAL const int *index, GLOBAL const pair *pairs, GLOBAL const face_nodes *face,
-                    GLOBAL const edge_nodes *edge, GLOBAL const dvec3 *x, GLOBAL const dvec3 *y, GLOBAL const vertex_contact *v,
-                    double share, double target_share, int first,
-                    GLOBAL int *known, GLOBAL impact *impacts)
+KERNEL fill_impacts(int n, int first_size, int cubic, GLOBAL const int *index, GLOBAL const pair *vertex_face, GLOBAL const pair *edge_edge,
+                    GLOBAL const face_nodes *face, GLOBAL const edge_nodes *edge, GLOBAL const dvec3 *x, GLOBAL const dvec3 *y,
+                    GLOBAL const vertex_contact *v, double share, double target_share, int first, GLOBAL int *vertex_face_known,
+                    GLOBAL int *edge_edge_known, GLOBAL impact *impacts)
 {
   FOR_EACH(i, n)
   {
-    element_nodes e = pair_nodes(kind, pairs[index[i]], face, edge);
+    int k, kind = index[i] >= first_size, candidate = kind == 0 ? index[i] : index[i] - first_size;
+    element_nodes e = pair_nodes(kind, listed_pair(index[i], first_size, vertex_face, edge_edge), face, edge);
     double t = surface_impact_time(kind, cubic, e, x, y, v, pair_clearance(kind, e, v, share)).time;
     dvec3 o = dlerp(x[e.node[0]], y[e.node[0]], t), at[4], motion[4];
     impact m;
     proximity p;
-    int k;
     for (k = 0; k < 4; ++k) {
       at[k] = dsub(dlerp(x[e.node[k]], y[e.node[k]], t), o);
       motion[k] = dsub(y[e.node[k]], x[e.node[k]]);
@@ -111,10 +144,10 @@ KERNEL fill_impacts(int n, int kind, int cubic, GLOBAL const int *index, GLOBAL 
     else p = kind == 0 ? vertex_face_proximity(at[0], at[1], at[2], at[3]) : edge_edge_proximity(at[0], at[1], at[2], at[3]);
     for (k = 0; k < 4; ++k) { m.node[k] = e.node[k]; m.weight[k] = p.weight[k]; }
     m.kind = kind;
-    m.candidate = index[i];
+    m.candidate = candidate;
     m.normal = takes_cubic(kind, cubic, e, v) ? touching_normal(kind, at, motion, p) : p.normal;
     m.target = pair_clearance(kind, e, v, target_share);
-    known[index[i]] = 1;
+    if (kind == 0) vertex_face_known[candidate] = 1; else edge_edge_known[candidate] = 1;
     impacts[first + i] = m;
   }
 }

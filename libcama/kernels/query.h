@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* Candidate pairs from the trees by count, scan, fill: vertices against the tree of faces, edges against the tree of edges, so every
    pair of features arises exactly once and no representative triangles or orphan sets are needed. The count pass keeps each item's first
-   `slots` hits in slot[slots i ..]; the fill pass walks the tree again only for items with more. Vertices are numbered cloth first:
+   `slots` hits in slot[slots (first_slot + i) ..]; the fill pass walks the tree again only for items with more. Vertices are numbered cloth first:
    those from cloth_vertex_count on are obstacles, whose pairs among themselves are left out. self = 0 leaves out cloth against cloth. */
 
 typedef struct { int a, b; } pair;
@@ -11,48 +11,6 @@ DEVICE int wanted_pair(int a, int b, int cloth_vertex_count, int self)
 {
   int obstacle_a = a >= cloth_vertex_count, obstacle_b = b >= cloth_vertex_count;
   return !(obstacle_a && obstacle_b) && (self || obstacle_a || obstacle_b);
-}
-
-/* Root of the tree. */
-DEVICE tree_node tree_root(int leaf_count)
-{
-  tree_node node;
-  node.level = tree_root_level(leaf_count);
-  node.index = 0;
-  return node;
-}
-
-/* Next leaf at or after `node` whose box overlaps b, in depth-first order; its level is -1 when there is none. */
-DEVICE tree_node tree_find(tree_node node, int leaf_count, GLOBAL const box *node_box, box b)
-{
-  int last = leaf_count - 1, offset = tree_level_offset(leaf_count, node.level); /* follows node.level from here on */
-  while (tree_inside(node, leaf_count)) {
-    if (box_overlap(b, node_box[offset + node.index])) {
-      if (node.level == 0) return node;
-      node = tree_child(node);
-      offset -= (last >> node.level) + 1;
-    } else {
-      int level = node.level;
-      node = tree_next(node);
-      for (; level < node.level; ++level) offset += (last >> level) + 1;
-    }
-  }
-  node.level = -1;
-  return node;
-}
-
-/* Next face at or after `node` that is a candidate of vertex v. */
-DEVICE tree_node next_candidate_face(tree_node node, int v, box b, int leaf_count, GLOBAL const int *face_order, GLOBAL const box *node_box,
-                                     GLOBAL const face_nodes *face, int cloth_vertex_count, int self)
-{
-  for (;;) {
-    face_nodes f;
-    node = tree_find(node, leaf_count, node_box, b);
-    if (node.level < 0) return node;
-    f = face[face_order[node.index]];
-    if (f.node[0] != v && f.node[1] != v && f.node[2] != v && wanted_pair(v, f.node[0], cloth_vertex_count, self)) return node;
-    node = tree_next(node);
-  }
 }
 
 /* A search that follows another one for motion that has changed: boxes of changed vertices have grown, box_before has the earlier ones.
@@ -71,124 +29,121 @@ DEVICE int fresh_edge_edge(edge_nodes e, edge_nodes f, GLOBAL const box *box_bef
 #define QUERY_CHANGED 1   /* fresh pairs; items are the changed vertices, or edges */
 #define QUERY_UNCHANGED 2 /* fresh pairs; items are all vertices, changed ones are passed over; the tree holds changed faces */
 
-/* Next face at or after `node` that is a candidate of vertex v and, but for QUERY_ALL, a fresh one. */
-DEVICE tree_node next_wanted_face(tree_node node, int v, box b, int leaf_count, GLOBAL const int *face_order, GLOBAL const box *node_box,
-                                  GLOBAL const face_nodes *face, int cloth_vertex_count, int self, int mode, GLOBAL const box *box_before)
+/* 1 if face f is to be tested against vertex v; changed and box_before, per vertex, are read unless mode is QUERY_ALL. */
+DEVICE int wanted_vertex_face(int v, face_nodes f, int cloth_vertex_count, int self, int mode, GLOBAL const box *box_before)
 {
-  for (;;) {
-    node = next_candidate_face(node, v, b, leaf_count, face_order, node_box, face, cloth_vertex_count, self);
-    if (node.level < 0 || mode == QUERY_ALL || fresh_vertex_face(v, face[face_order[node.index]], box_before)) return node;
-    node = tree_next(node);
-  }
+  return (f.node[0] != v) & (f.node[1] != v) & (f.node[2] != v) && wanted_pair(v, f.node[0], cloth_vertex_count, self) &&
+         (mode == QUERY_ALL || fresh_vertex_face(v, f, box_before));
 }
 
-/* Item i is vertex vertex_order[i]; count[i]: its candidate faces. mode: QUERY_*; changed and box_before, per vertex, are read unless
-   it is QUERY_ALL. */
-KERNEL query_vertex_face_count(int n, GLOBAL const int *vertex_order, GLOBAL const box *vertex_box, int leaf_count,
-                               GLOBAL const int *face_order, GLOBAL const box *node_box, GLOBAL const face_nodes *face,
+/* Items that ask: 8 i .. 8 i + 8, or one a work-item with batch = 1. A batch walks the tree once, for the box of all; near the leaves each
+   tests for itself. What an item finds, and in which order, does not depend on the batch. */
+
+/* Item k is vertex vertex_order[k]; count[first_slot + k]: its candidate faces. n = items / batch, rounded up. mode: QUERY_*. */
+KERNEL query_vertex_face_count(int n, int items, int batch, GLOBAL const int *vertex_order, GLOBAL const box *vertex_box, int leaf_count,
+                               GLOBAL const int *face_order, GLOBAL const face_nodes *leaf_face, GLOBAL const box_group *tree,
                                int cloth_vertex_count, int self, int mode, GLOBAL const int *changed, GLOBAL const box *box_before,
-                               int slots, GLOBAL int *slot, GLOBAL int *count)
+                               int slots, int first_slot, GLOBAL int *slot, GLOBAL int *count)
 {
   FOR_EACH_UNEVEN(i, n) {
-    int v = vertex_order[i], found = 0;
-    if (mode != QUERY_UNCHANGED || !changed[v]) {
-      box b = vertex_box[v];
-      tree_node node = next_wanted_face(tree_root(leaf_count), v, b, leaf_count, face_order, node_box, face, cloth_vertex_count, self, mode, box_before);
-      while (node.level == 0) {
-        if (found < slots) slot[slots * i + found] = face_order[node.index];
-        ++found;
-        node = next_wanted_face(tree_next(node), v, b, leaf_count, face_order, node_box, face, cloth_vertex_count, self, mode, box_before);
+    int first = batch * i, end = min_int(first + batch, items), g;
+    box all = empty_box();
+    group_walk walk;
+    for (int k = first; k < end; ++k) {
+      int v = vertex_order[k];
+      count[first_slot + k] = 0;
+      if (mode != QUERY_UNCHANGED || !changed[v]) all = box_union(all, vertex_box[v]);
+    }
+    walk = groups_overlapping(leaf_count, tree, all);
+    while ((g = next_group(&walk, leaf_count, tree, all)) >= 0) {
+      for (int k = first; k < end; ++k) {
+        int v = vertex_order[k], mask = mode == QUERY_UNCHANGED && changed[v] ? 0 : group_overlap(tree + g, vertex_box[v]);
+        for (; mask; mask &= mask - 1) {
+          int leaf = GROUP * g + lowest_bit(mask), found = count[first_slot + k];
+          if (!wanted_vertex_face(v, leaf_face[leaf], cloth_vertex_count, self, mode, box_before)) continue;
+          if (found < slots) slot[slots * (first_slot + k) + found] = face_order[leaf];
+          count[first_slot + k] = found + 1;
+        }
       }
     }
-    count[i] = found;
   }
 }
 
-/* candidate[first + offset[i] ..]: (vertex, face); offset is the exclusive sum of count. */
+/* candidate[first + offset[first_slot + k] ..]: (vertex, face); offset is the exclusive sum of count. known: 0 for them. */
 KERNEL query_vertex_face_fill(int n, GLOBAL const int *vertex_order, GLOBAL const box *vertex_box, int leaf_count,
-                              GLOBAL const int *face_order, GLOBAL const box *node_box, GLOBAL const face_nodes *face,
-                              int cloth_vertex_count, int self, int mode, GLOBAL const box *box_before, int slots,
-                              GLOBAL const int *slot, GLOBAL const int *count, GLOBAL const int *offset, int first, GLOBAL pair *candidate)
+                              GLOBAL const int *face_order, GLOBAL const face_nodes *leaf_face, GLOBAL const box_group *tree,
+                              int cloth_vertex_count, int self, int mode, GLOBAL const box *box_before, int slots, int first_slot,
+                              GLOBAL const int *slot, GLOBAL const int *count, GLOBAL const int *offset, int first, GLOBAL pair *candidate,
+                              GLOBAL int *known)
 {
-  FOR_EACH_UNEVEN(i, n) {
-    int v = vertex_order[i], at = first + offset[i], found = count[i];
+  FOR_EACH_UNEVEN(k, n) {
+    int v = vertex_order[k], at = first + offset[first_slot + k], found = count[first_slot + k], g;
     pair p;
     p.a = v;
+    for (int j = 0; j < found; ++j) known[at + j] = 0;
     if (found <= slots) {
-      for (int k = 0; k < found; ++k) { p.b = slot[slots * i + k]; candidate[at + k] = p; }
+      for (int j = 0; j < found; ++j) { p.b = slot[slots * (first_slot + k) + j]; candidate[at + j] = p; }
     } else {
       box b = vertex_box[v];
-      tree_node node = next_wanted_face(tree_root(leaf_count), v, b, leaf_count, face_order, node_box, face, cloth_vertex_count, self, mode, box_before);
-      while (node.level == 0) {
-        p.b = face_order[node.index];
-        candidate[at++] = p;
-        node = next_wanted_face(tree_next(node), v, b, leaf_count, face_order, node_box, face, cloth_vertex_count, self, mode, box_before);
+      group_walk walk = groups_overlapping(leaf_count, tree, b);
+      while ((g = next_group(&walk, leaf_count, tree, b)) >= 0) {
+        for (int mask = group_overlap(tree + g, b); mask; mask &= mask - 1) {
+          int leaf = GROUP * g + lowest_bit(mask);
+          if (!wanted_vertex_face(v, leaf_face[leaf], cloth_vertex_count, self, mode, box_before)) continue;
+          p.b = face_order[leaf];
+          candidate[at++] = p;
+        }
       }
     }
   }
-}
-
-/* Next edge at or after `node` that is a candidate of edge e. */
-DEVICE tree_node next_candidate_edge(tree_node node, edge_nodes e, box b, int leaf_count, GLOBAL const int *edge_order,
-                                     GLOBAL const box *node_box, GLOBAL const edge_nodes *edge, int cloth_vertex_count, int self)
-{
-  for (;;) {
-    edge_nodes f;
-    node = tree_find(node, leaf_count, node_box, b);
-    if (node.level < 0) return node;
-    f = edge[edge_order[node.index]];
-    if (e.node[0] != f.node[0] && e.node[0] != f.node[1] && e.node[1] != f.node[0] && e.node[1] != f.node[1] &&
-        wanted_pair(e.node[0], f.node[0], cloth_vertex_count, self)) return node;
-    node = tree_next(node);
-  }
-}
-
-/* The leaf after sorted leaf i in depth-first order: half traversal, every pair once. */
-DEVICE tree_node tree_after_leaf(int i)
-{
-  tree_node node;
-  node.level = 0;
-  node.index = i;
-  return tree_next(node);
 }
 
 DEVICE int edge_changed(edge_nodes e, GLOBAL const int *changed) { return changed[e.node[0]] || changed[e.node[1]]; }
 
-/* Where the query of leaf i begins: half traversal for QUERY_ALL; for QUERY_CHANGED at the root, since unchanged edges do not ask. */
-DEVICE tree_node edge_query_start(int i, int leaf_count, int mode) { return mode == QUERY_ALL ? tree_after_leaf(i) : tree_root(leaf_count); }
-
-/* Next edge at or after `node` that is a candidate of leaf i, edge e, and, but for QUERY_ALL, a fresh one; two changed edges meet once. */
-DEVICE tree_node next_wanted_edge(tree_node node, int i, edge_nodes e, box b, int leaf_count, GLOBAL const int *edge_order,
-                                  GLOBAL const box *node_box, GLOBAL const edge_nodes *edge, int cloth_vertex_count, int self, int mode,
-                                  GLOBAL const int *changed, GLOBAL const box *box_before)
+/* 1 if leaf j, edge f, is to be tested against leaf i, edge e. Every pair once: QUERY_ALL asks leaves behind i only; with QUERY_CHANGED
+   unchanged edges do not ask, and two changed ones meet from the first. */
+DEVICE int wanted_edge_edge(int i, edge_nodes e, int j, edge_nodes f, int cloth_vertex_count, int self, int mode, GLOBAL const int *changed,
+                            GLOBAL const box *box_before)
 {
-  for (;;) {
-    edge_nodes f;
-    node = next_candidate_edge(node, e, b, leaf_count, edge_order, node_box, edge, cloth_vertex_count, self);
-    if (node.level < 0 || mode == QUERY_ALL) return node;
-    f = edge[edge_order[node.index]];
-    if ((node.index > i || !edge_changed(f, changed)) && fresh_edge_edge(e, f, box_before)) return node;
-    node = tree_next(node);
-  }
+  return (e.node[0] != f.node[0]) & (e.node[0] != f.node[1]) & (e.node[1] != f.node[0]) & (e.node[1] != f.node[1]) &&
+         wanted_pair(e.node[0], f.node[0], cloth_vertex_count, self) &&
+         (mode == QUERY_ALL || ((j > i || !edge_changed(f, changed)) && fresh_edge_edge(e, f, box_before)));
 }
 
-/* Item k is the sorted leaf leaf[k], edge edge_order[leaf[k]]. mode: QUERY_ALL, where leaf is the identity, or QUERY_CHANGED. */
-KERNEL query_edge_edge_count(int n, GLOBAL const int *leaf, int leaf_count, GLOBAL const int *edge_order, GLOBAL const box *node_box,
-                             GLOBAL const edge_nodes *edge, int cloth_vertex_count, int self, int mode, GLOBAL const int *changed,
-                             GLOBAL const box *box_before, int slots, GLOBAL int *slot, GLOBAL int *count)
+/* The leaves of group g that overlap leaf i: with QUERY_ALL those behind it. */
+DEVICE int edge_leaves(int g, int i, GLOBAL const box_group *tree, int mode)
 {
-  FOR_EACH_UNEVEN(k, n) {
-    int i = leaf[k], found = 0;
-    edge_nodes e = edge[edge_order[i]];
-    box b = node_box[i];
-    tree_node node = next_wanted_edge(edge_query_start(i, leaf_count, mode), i, e, b, leaf_count, edge_order, node_box, edge,
-                                      cloth_vertex_count, self, mode, changed, box_before);
-    while (node.level == 0) {
-      if (found < slots) slot[slots * k + found] = edge_order[node.index];
-      ++found;
-      node = next_wanted_edge(tree_next(node), i, e, b, leaf_count, edge_order, node_box, edge, cloth_vertex_count, self, mode, changed, box_before);
+  int mask = group_overlap(tree + g, group_box(tree + (i >> 3), i & 7));
+  return mode == QUERY_ALL && g == i >> 3 ? mask & (0xfe << (i & 7)) : mask;
+}
+
+/* Item k is leaf[k] in the order of the leaves; with QUERY_ALL leaf is the identity. mode: QUERY_ALL or QUERY_CHANGED. */
+KERNEL query_edge_edge_count(int n, int items, int batch, GLOBAL const int *leaf, int leaf_count, GLOBAL const int *edge_order,
+                             GLOBAL const edge_nodes *leaf_edge, GLOBAL const box_group *tree, int cloth_vertex_count, int self, int mode,
+                             GLOBAL const int *changed, GLOBAL const box *box_before, int slots, int first_slot, GLOBAL int *slot,
+                             GLOBAL int *count)
+{
+  FOR_EACH_UNEVEN(b, n) {
+    int first = batch * b, end = min_int(first + batch, items), g;
+    box all = empty_box();
+    group_walk walk;
+    for (int k = first; k < end; ++k) {
+      count[first_slot + k] = 0;
+      all = box_union(all, group_box(tree + (leaf[k] >> 3), leaf[k] & 7));
     }
-    count[k] = found;
+    walk = mode == QUERY_ALL ? groups_overlapping_from(leaf[first] >> 3, leaf_count, tree, all) : groups_overlapping(leaf_count, tree, all);
+    while ((g = next_group(&walk, leaf_count, tree, all)) >= 0) {
+      for (int k = first; k < end; ++k) {
+        int i = leaf[k];
+        edge_nodes e = leaf_edge[i];
+        for (int mask = edge_leaves(g, i, tree, mode); mask; mask &= mask - 1) {
+          int j = GROUP * g + lowest_bit(mask), found = count[first_slot + k];
+          if (!wanted_edge_edge(i, e, j, leaf_edge[j], cloth_vertex_count, self, mode, changed, box_before)) continue;
+          if (found < slots) slot[slots * (first_slot + k) + found] = edge_order[j];
+          count[first_slot + k] = found + 1;
+        }
+      }
+    }
   }
 }
 
@@ -201,26 +156,38 @@ DEVICE pair ordered_pair(int a, int b)
   return p;
 }
 
-/* candidate[first + offset[k] ..]: (edge, edge). */
-KERNEL query_edge_edge_fill(int n, GLOBAL const int *leaf, int leaf_count, GLOBAL const int *edge_order, GLOBAL const box *node_box,
-                            GLOBAL const edge_nodes *edge, int cloth_vertex_count, int self, int mode, GLOBAL const int *changed,
-                            GLOBAL const box *box_before, int slots, GLOBAL const int *slot, GLOBAL const int *count,
-                            GLOBAL const int *offset, int first, GLOBAL pair *candidate)
+/* candidate[first + offset[first_slot + k] - offset[first_slot] ..]: (edge, edge). known: 0 for them. */
+KERNEL query_edge_edge_fill(int n, GLOBAL const int *leaf, int leaf_count, GLOBAL const int *edge_order, GLOBAL const edge_nodes *leaf_edge,
+                            GLOBAL const box_group *tree, int cloth_vertex_count, int self, int mode, GLOBAL const int *changed,
+                            GLOBAL const box *box_before, int slots, int first_slot, GLOBAL const int *slot, GLOBAL const int *count,
+                            GLOBAL const int *offset, int first, GLOBAL pair *candidate, GLOBAL int *known)
 {
   FOR_EACH_UNEVEN(k, n) {
-    int i = leaf[k], at = first + offset[k], found = count[k], own = edge_order[i];
+    int i = leaf[k], at = first + offset[first_slot + k] - offset[first_slot], found = count[first_slot + k], own = edge_order[i], g;
+    for (int j = 0; j < found; ++j) known[at + j] = 0;
     if (found <= slots) {
-      for (int j = 0; j < found; ++j) candidate[at + j] = ordered_pair(own, slot[slots * k + j]);
+      for (int j = 0; j < found; ++j) candidate[at + j] = ordered_pair(own, slot[slots * (first_slot + k) + j]);
     } else {
-      edge_nodes e = edge[own];
-      box b = node_box[i];
-      tree_node node = next_wanted_edge(edge_query_start(i, leaf_count, mode), i, e, b, leaf_count, edge_order, node_box, edge,
-                                        cloth_vertex_count, self, mode, changed, box_before);
-      while (node.level == 0) {
-        candidate[at++] = ordered_pair(own, edge_order[node.index]);
-        node = next_wanted_edge(tree_next(node), i, e, b, leaf_count, edge_order, node_box, edge, cloth_vertex_count, self, mode, changed, box_before);
+      edge_nodes e = leaf_edge[i];
+      box b = group_box(tree + (i >> 3), i & 7);
+      group_walk walk = mode == QUERY_ALL ? groups_overlapping_from(i >> 3, leaf_count, tree, b) : groups_overlapping(leaf_count, tree, b);
+      while ((g = next_group(&walk, leaf_count, tree, b)) >= 0) {
+        for (int mask = edge_leaves(g, i, tree, mode); mask; mask &= mask - 1) {
+          int j = GROUP * g + lowest_bit(mask);
+          if (wanted_edge_edge(i, e, j, leaf_edge[j], cloth_vertex_count, self, mode, changed, box_before))
+            candidate[at++] = ordered_pair(own, edge_order[j]);
+        }
       }
     }
+  }
+}
+
+/* Totals of a scan over the items of two lists, the first with n_first of them. */
+KERNEL scan_totals(int n, int n_first, int n_all, GLOBAL const int *offset, GLOBAL pair *totals)
+{
+  FOR_EACH(i, n) {
+    totals[i].a = offset[n_first];
+    totals[i].b = offset[n_all] - offset[n_first];
   }
 }
 
@@ -247,15 +214,15 @@ KERNEL changed_faces(int n, GLOBAL const int *face_order, GLOBAL const face_node
     flag[i] = changed[f.node[0]] || changed[f.node[1]] || changed[f.node[2]];
   }
 }
-KERNEL changed_edges(int n, GLOBAL const int *edge_order, GLOBAL const edge_nodes *edge, GLOBAL const int *changed, GLOBAL int *flag)
+KERNEL changed_edges(int n, int first, GLOBAL const int *edge_order, GLOBAL const edge_nodes *edge, GLOBAL const int *changed, GLOBAL int *flag)
 {
-  FOR_EACH(i, n) flag[i] = edge_changed(edge[edge_order[i]], changed);
+  FOR_EACH(i, n) flag[first + i] = edge_changed(edge[edge_order[i]], changed);
 }
 
-/* The flagged values, in order; place: exclusive sum of the flags. */
-KERNEL keep_flagged(int n, GLOBAL const int *place, GLOBAL const int *value, GLOBAL int *kept)
+/* The values whose flags, from `first` on, are 1, in order; place: exclusive sum of all flags. */
+KERNEL keep_flagged(int n, int first, GLOBAL const int *place, GLOBAL const int *value, GLOBAL int *kept)
 {
-  FOR_EACH(i, n) if (place[i + 1] > place[i]) kept[place[i]] = value[i];
+  FOR_EACH(i, n) if (place[first + i + 1] > place[first + i]) kept[place[first + i] - place[first]] = value[i];
 }
 
 /* 1 if `value` is in the sorted row of vertex v. */

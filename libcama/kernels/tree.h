@@ -1,7 +1,8 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* Implicit bounding volume hierarchy (after Chitalu, Dubach, Komura: Binary Ostensibly-Implicit Trees, 2020): primitives sorted by Morton
    code are the leaves, level 0; node i of level l covers the sorted leaves [i << l, (i + 1) << l). No pointers, no atomics. Boxes of all
-   levels lie one after the other in `node_box`; level l has tree_level_size nodes, the first at tree_level_offset. */
+   levels lie one after the other in `node_box`; level l has tree_level_size nodes, the first at tree_level_offset.
+   The same with eight children to a node, further down, is what candidates are searched with; the binary tree serves fronts and audits. */
 
 typedef struct { int level, index; } tree_node;
 
@@ -48,6 +49,43 @@ DEVICE tree_node tree_next(tree_node node)
 }
 DEVICE int tree_inside(tree_node node, int leaf_count) { return node.level < 31 && node.index <= ((leaf_count - 1) >> node.level); }
 
+/* Root of the tree. */
+DEVICE tree_node tree_root(int leaf_count)
+{
+  tree_node node;
+  node.level = tree_root_level(leaf_count);
+  node.index = 0;
+  return node;
+}
+
+/* Next leaf at or after `node` whose box overlaps b, in depth-first order; its level is -1 when there is none. */
+DEVICE tree_node tree_find(tree_node node, int leaf_count, GLOBAL const box *node_box, box b)
+{
+  int last = leaf_count - 1, offset = tree_level_offset(leaf_count, node.level); /* follows node.level from here on */
+  while (tree_inside(node, leaf_count)) {
+    if (box_overlap(b, node_box[offset + node.index])) {
+      if (node.level == 0) return node;
+      node = tree_child(node);
+      offset -= (last >> node.level) + 1;
+    } else {
+      int level = node.level;
+      node = tree_next(node);
+      for (; level < node.level; ++level) offset += (last >> level) + 1;
+    }
+  }
+  node.level = -1;
+  return node;
+}
+
+/* The leaf after sorted leaf i in depth-first order. */
+DEVICE tree_node tree_after_leaf(int i)
+{
+  tree_node node;
+  node.level = 0;
+  node.index = i;
+  return tree_next(node);
+}
+
 /* Leaf boxes in sorted order. */
 KERNEL tree_leaves(int n, GLOBAL const int *order, GLOBAL const box *primitive_box, GLOBAL box *node_box)
 {
@@ -71,3 +109,179 @@ KERNEL tree_levels(int n, int leaf_count, int level, int steps, GLOBAL box *node
     }
   }
 }
+
+/* The tree with eight children to a node. The boxes of eight sorted leaves are a group of level 0; the boxes of eight groups of level l - 1
+   are a group of level l. All groups lie one after the other, lower levels first. Places without a leaf have boxes that overlap nothing.
+   The root level is 1 at least, and 7 at most: beyond 8^8 leaves it has several groups. */
+#define GROUP 8
+typedef struct { float lo[3][GROUP], hi[3][GROUP]; } box_group;
+
+#if defined(CAMA_PRAGMA) && defined(_OPENMP)
+#define SIDE_BY_SIDE CAMA_PRAGMA(omp simd) /* the loop's turns side by side in vector registers */
+#else
+#define SIDE_BY_SIDE
+#endif
+
+DEVICE int group_level_size(int leaf_count, int level) { return ((leaf_count - 1) >> (3 * level + 3)) + 1; }
+DEVICE int group_root_level(int leaf_count)
+{
+  int level = 1;
+  while (level < 7 && ((leaf_count - 1) >> (3 * level + 3)) > 0) ++level;
+  return level;
+}
+DEVICE int group_level_offset(int leaf_count, int level)
+{
+  int offset = 0;
+  for (int l = 0; l < level; ++l) offset += group_level_size(leaf_count, l);
+  return offset;
+}
+/* Groups to allocate. */
+DEVICE int group_tree_size(int leaf_count) { return group_level_offset(leaf_count, group_root_level(leaf_count) + 1); }
+
+/* Bit k is 1 where box k of the group overlaps b. */
+DEVICE int group_overlap(GLOBAL const box_group *g, box b)
+{
+  int hit[GROUP], mask = 0;
+  SIDE_BY_SIDE
+  for (int k = 0; k < GROUP; ++k)
+    hit[k] = (b.lo[0] <= g->hi[0][k]) & (g->lo[0][k] <= b.hi[0]) & (b.lo[1] <= g->hi[1][k]) & (g->lo[1][k] <= b.hi[1]) &
+             (b.lo[2] <= g->hi[2][k]) & (g->lo[2][k] <= b.hi[2]);
+  for (int k = 0; k < GROUP; ++k) mask |= hit[k] << k;
+  return mask;
+}
+
+/* Number of the lowest bit of a mask of eight that is 1. */
+DEVICE int lowest_bit(int mask)
+{
+  int low = mask & -mask;
+  return ((low & 0xaa) != 0) + (((low & 0xcc) != 0) << 1) + (((low & 0xf0) != 0) << 2);
+}
+
+DEVICE box group_box(GLOBAL const box_group *g, int k)
+{
+  box b;
+  for (int c = 0; c < 3; ++c) { b.lo[c] = g->lo[c][k]; b.hi[c] = g->hi[c][k]; }
+  return b;
+}
+DEVICE void set_group_box(GLOBAL box_group *g, int k, box b)
+{
+  for (int c = 0; c < 3; ++c) { g->lo[c][k] = b.lo[c]; g->hi[c][k] = b.hi[c]; }
+}
+/* Overlaps nothing, not even itself. */
+DEVICE box empty_box(void)
+{
+  box b;
+  for (int c = 0; c < 3; ++c) { b.lo[c] = 3e38f; b.hi[c] = -3e38f; }
+  return b;
+}
+DEVICE box group_union(GLOBAL const box_group *g)
+{
+  box b = group_box(g, 0);
+  for (int k = 1; k < GROUP; ++k) b = box_union(b, group_box(g, k));
+  return b;
+}
+
+/* A walk over the groups of level 0 whose box overlaps another, in order. Byte l of `open`: the children at level l still to be gone into. */
+typedef struct { key64 open; int level, root, group, offset; } group_walk;
+
+DEVICE group_walk groups_overlapping(int leaf_count, GLOBAL const box_group *tree, box b)
+{
+  group_walk w;
+  w.level = w.root = group_root_level(leaf_count);
+  w.group = 0;
+  w.offset = group_level_offset(leaf_count, w.level);
+  w.open = (key64)group_overlap(tree + w.offset, b) << (8 * w.level);
+  return w;
+}
+
+/* The same from group `first` of level 0 on. */
+DEVICE group_walk groups_overlapping_from(int first, int leaf_count, GLOBAL const box_group *tree, box b)
+{
+  group_walk w;
+  int offset = group_level_size(leaf_count, 0);
+  w.level = 1;
+  w.root = group_root_level(leaf_count);
+  w.group = first >> 3;
+  w.offset = offset;
+  w.open = 0;
+  for (int l = 1; l <= w.root; ++l) {
+    int later = (l == 1 ? 0xff : 0xfe) << ((first >> (3 * l - 3)) & 7);
+    w.open |= (key64)(group_overlap(tree + offset + (first >> (3 * l)), b) & later & 0xff) << (8 * l);
+    offset += group_level_size(leaf_count, l);
+  }
+  return w;
+}
+
+/* The next group, -1 after the last. b: as at the start. */
+DEVICE int next_group(group_walk *w, int leaf_count, GLOBAL const box_group *tree, box b)
+{
+  for (;;) {
+    int mask = (int)(w->open >> (8 * w->level)) & 0xff;
+    if (mask) {
+      int k = lowest_bit(mask);
+      w->open &= ~((key64)1 << (8 * w->level + k));
+      if (w->level == 1) return GROUP * w->group + k;
+      w->group = GROUP * w->group + k;
+      --w->level;
+      w->offset -= group_level_size(leaf_count, w->level);
+    } else if (w->level < w->root) {
+      w->offset += group_level_size(leaf_count, w->level);
+      ++w->level;
+      w->group >>= 3;
+      continue;
+    } else if (++w->group >= group_level_size(leaf_count, w->root)) {
+      return -1;
+    }
+    w->open |= (key64)group_overlap(tree + w->offset + w->group, b) << (8 * w->level);
+  }
+}
+
+/* Groups of level 0. leaf_face, leaf_edge: nodes of the sorted leaves. n = group_level_size(leaf_count, 0). */
+KERNEL face_groups(int n, int leaf_count, GLOBAL const face_nodes *leaf_face, GLOBAL const box *vertex_box, GLOBAL box_group *tree)
+{
+  FOR_EACH(i, n) {
+    for (int k = 0; k < GROUP; ++k) {
+      box b = empty_box();
+      if (GROUP * i + k < leaf_count) {
+        face_nodes f = leaf_face[GROUP * i + k];
+        b = box_union(box_union(vertex_box[f.node[0]], vertex_box[f.node[1]]), vertex_box[f.node[2]]);
+      }
+      set_group_box(tree + i, k, b);
+    }
+  }
+}
+KERNEL edge_groups(int n, int leaf_count, GLOBAL const edge_nodes *leaf_edge, GLOBAL const box *vertex_box, GLOBAL box_group *tree)
+{
+  FOR_EACH(i, n) {
+    for (int k = 0; k < GROUP; ++k) {
+      box b = empty_box();
+      if (GROUP * i + k < leaf_count) b = box_union(vertex_box[leaf_edge[GROUP * i + k].node[0]], vertex_box[leaf_edge[GROUP * i + k].node[1]]);
+      set_group_box(tree + i, k, b);
+    }
+  }
+}
+
+/* Boxes of level `level`, and with both = 1 of the level below it, which is 1 at least, from the groups beneath. Item i makes box i of
+   the level, n = 8 group_level_size(leaf_count, level). */
+KERNEL group_levels(int n, int leaf_count, int level, int both, GLOBAL box_group *tree)
+{
+  FOR_EACH(i, n) {
+    int here = group_level_offset(leaf_count, level), below = group_level_offset(leaf_count, level - 1), below_size = group_level_size(leaf_count, level - 1);
+    box b = empty_box();
+    if (i < below_size) {
+      if (both) {
+        int beneath_size = group_level_size(leaf_count, level - 2), beneath = below - beneath_size;
+        for (int k = 0; k < GROUP; ++k) {
+          int child = GROUP * i + k;
+          set_group_box(tree + below + i, k, child < beneath_size ? group_union(tree + beneath + child) : empty_box());
+        }
+      }
+      b = group_union(tree + below + i);
+    }
+    set_group_box(tree + here + (i >> 3), i & 7, b);
+  }
+}
+
+/* Nodes in the order of the leaves. */
+KERNEL order_faces(int n, GLOBAL const int *order, GLOBAL const face_nodes *face, GLOBAL face_nodes *leaf_face) { FOR_EACH(i, n) leaf_face[i] = face[order[i]]; }
+KERNEL order_edges(int n, GLOBAL const int *order, GLOBAL const edge_nodes *edge, GLOBAL edge_nodes *leaf_edge) { FOR_EACH(i, n) leaf_edge[i] = edge[order[i]]; }

@@ -139,14 +139,15 @@ void set_up_contact(State &state, const Scene &scene, const Topology &t)
   state.vertex_box = Stream<kernels::box>(b, state.vertices);
   state.face_box = Stream<kernels::box>(b, state.faces);
   state.edge_box = Stream<kernels::box>(b, state.edges);
-  state.face_tree = Stream<kernels::box>(b);
-  state.edge_tree = Stream<kernels::box>(b);
+  state.face_groups = Stream<kernels::box_group>(b);
+  state.edge_groups = Stream<kernels::box_group>(b);
   state.face_order = Stream<int>(b);
   state.edge_order = Stream<int>(b);
   for (PairList *list : {&state.vertex_face, &state.edge_edge}) {
     list->pairs = Stream<kernels::pair>(b);
     list->known = Stream<int>(b);
     list->direction = Stream<dvec3>(b);
+    list->room = Stream<float>(b);
   }
   if (!t.seam.empty() || state.options.intersections == Intersections::exempt || state.options.pinch == Pinch::release) state.exemptions.set_up(b, t);
   state.contact = Stream<kernels::contact>(b);

@@ -50,7 +50,8 @@ template <class Real> struct System {
 struct PairList {
   Stream<kernels::pair> pairs;
   Stream<int> known;        // [pairs] 1: already an impact of this step
-  Stream<dvec3> direction;  // [pairs] between the closest points when the pair was found
+  Stream<dvec3> direction;  // [pairs] that tells the sides apart, from B to A
+  Stream<float> room;       // [pairs that proximity checking saw] their distance along it until the prediction at least, m; not positive: unknown
 };
 
 struct State {
@@ -84,9 +85,9 @@ struct State {
   Stream<double> margin;                      // [vertices] by which boxes are inflated, m
   Stream<dvec3> bounds;                       // [2] of the scene
   Stream<kernels::box> vertex_box, face_box, edge_box;
-  Stream<kernels::box> face_tree, edge_tree;
+  Stream<kernels::box_group> face_groups, edge_groups;   // trees with eight children to a node
   Stream<int> face_order, edge_order;         // leaf to primitive
-  Stream<kernels::box> obstacle_tree;         // with fronts: face_tree is of the cloth, this of the obstacles
+  Stream<kernels::box> face_tree, obstacle_tree;   // with fronts: binary trees of the cloth and of the obstacles
   Stream<int> obstacle_order;
   Stream<kernels::face_features> face_features;
   Stream<kernels::pair> front, self_front;    // of cloth with obstacles, of cloth with itself: pairs of tree nodes
@@ -129,13 +130,13 @@ struct State {
     f("term_incidence.row", term_incidence.row); f("term_incidence.entry", term_incidence.entry);
     f("stitch", stitch); f("face", face); f("edge", edge); f("asking", asking); f("vertex_contact", vertex_contact); f("margin", margin);
     f("bounds", bounds); f("vertex_box", vertex_box); f("face_box", face_box); f("edge_box", edge_box);
-    f("face_tree", face_tree); f("edge_tree", edge_tree); f("face_order", face_order); f("edge_order", edge_order);
+    f("face_groups", face_groups); f("edge_groups", edge_groups); f("face_tree", face_tree); f("face_order", face_order); f("edge_order", edge_order);
     f("obstacle_tree", obstacle_tree); f("obstacle_order", obstacle_order); f("face_features", face_features);
     f("front", front); f("self_front", self_front); f("triangle_pairs", triangle_pairs);
     f("orphan_vertex_face", orphan_vertex_face); f("orphan_edge_edge", orphan_edge_edge);
     f("vertex_face.pairs", vertex_face.pairs); f("vertex_face.known", vertex_face.known); f("vertex_face.direction", vertex_face.direction);
     f("edge_edge.pairs", edge_edge.pairs); f("edge_edge.known", edge_edge.known);
-    f("edge_edge.direction", edge_edge.direction);
+    f("edge_edge.direction", edge_edge.direction); f("vertex_face.room", vertex_face.room); f("edge_edge.room", edge_edge.room);
     f("contact", contact); f("impact", impact);
     f("exemptions.row", exemptions.row); f("exemptions.entry", exemptions.entry); f("exemptions.object", exemptions.object);
     if (system64) visit_system(*system64, f);

@@ -63,6 +63,7 @@ template <class F> void each(const cama::kernels::face_features &e, F &&f) { eac
 template <class F> void each(const cama::kernels::stitch &s, F &&f) { each_of(f, s.node, s.ratio, s.stiffness); }
 template <class F> void each(const cama::kernels::vertex_contact &v, F &&f) { each_of(f, v.thickness, v.area, v.stiffness, v.friction, v.static_friction, v.radius, v.obstacle, v.form); }
 template <class F> void each(const cama::kernels::box &b, F &&f) { each_of(f, b.lo, b.hi); }
+template <class F> void each(const cama::kernels::box_group &g, F &&f) { each_of(f, g.lo, g.hi); }
 template <class F> void each(const cama::kernels::pair &p, F &&f) { each_of(f, p.a, p.b); }
 template <class F> void each(const cama::kernels::contact &c, F &&f)
 { each_of(f, c.node, c.kind, c.candidate, c.weight, c.normal, c.distance, c.thickness, c.stiffness, c.friction, c.static_friction); }

@@ -598,9 +598,12 @@ TEST_CASE("an impact of the cubic, at distance 0, has the normal of the features
       for (auto &p : properties) p.thickness = 1e-9;
       int known = 0, found = 0, index = 0;
       kernels::impact impact;
-      kernels::find_impacts(1, edges, 1, 0, &pair, &face, edge, x.data(), y.data(), mass, properties, 1.0, &direction, &known, nullptr, &found);
+      int look[2] = {0, 0};
+      kernels::find_impacts(1, edges ? 0 : 1, 1, 0, &pair, &pair, &face, edge, x.data(), y.data(), mass, properties, 1.0, 1e-9, nullptr, 0, 0, 0,
+                            nullptr, &direction, &known, 0, nullptr, &direction, &known, nullptr, &found, look);
       REQUIRE(found == 1);
-      kernels::fill_impacts(1, edges, 1, &index, &pair, &face, edge, x.data(), y.data(), properties, 1.0, 1.0, 0, &known, &impact);
+      REQUIRE(look[1] == 1);
+      kernels::fill_impacts(1, edges ? 0 : 1, 1, &index, &pair, &pair, &face, edge, x.data(), y.data(), properties, 1.0, 1.0, 0, &known, &known, &impact);
       REQUIRE(kernels::ddot(impact.normal, n) * side > 1 - 1e-9);
     }
 }

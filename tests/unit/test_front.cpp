@@ -435,7 +435,7 @@ TEST_CASE("the paper's mode has the same bits with trees and with fronts", "[fro
       if (info.bytes) streams.insert(info.name);
     for (const char *name : {"front", "self_front", "triangle_pairs", "orphan_vertex_face", "orphan_edge_edge", "face_features"})
       CHECK(streams.count(name) == static_cast<std::size_t>(way));
-    CHECK(streams.count("edge_tree") == static_cast<std::size_t>(1 - way));
+    CHECK(streams.count("edge_groups") == static_cast<std::size_t>(1 - way));
   }
   CHECK(hash[0] == hash[1]);
 }

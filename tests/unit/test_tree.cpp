@@ -4,6 +4,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <cstring>
 #include <numeric>
 #include <random>
 #include <set>
@@ -26,34 +27,46 @@ struct Scene {
   int cloth_vertices = 0;
 };
 
-/// The tree of a set of boxes.
-struct Tree {
+/// Leaves in order, and the groups above them.
+template <class Nodes> struct Tree {
   std::vector<int> order;
-  std::vector<box> node;
+  std::vector<Nodes> leaf;
+  std::vector<box_group> group;
 };
 
-Tree build_tree(const std::vector<box> &boxes, const std::vector<dvec3> &bounds, int steps)
+void make_groups(int n, const face_nodes *leaf, const std::vector<box> &boxes, box_group *tree) { face_groups(group_level_size(n, 0), n, leaf, boxes.data(), tree); }
+void make_groups(int n, const edge_nodes *leaf, const std::vector<box> &boxes, box_group *tree) { edge_groups(group_level_size(n, 0), n, leaf, boxes.data(), tree); }
+
+/// both: two levels at a time.
+void make_levels(int n, bool both, box_group *tree)
 {
-  Tree tree;
+  const int root = group_root_level(n);
+  for (int level = 0; level < root;) {
+    const int two = both && level + 2 <= root;
+    level += 1 + two;
+    group_levels(GROUP * group_level_size(n, level), n, level, two, tree);
+  }
+}
+
+template <class Nodes>
+Tree<Nodes> build_tree(const std::vector<Nodes> &nodes, const std::vector<box> &boxes, const std::vector<box> &vertex_box, const std::vector<dvec3> &bounds, bool both)
+{
+  Tree<Nodes> tree;
   const int n = static_cast<int>(boxes.size());
   std::vector<key64> key(n);
   tree.order.resize(n);
   morton_codes(n, boxes.data(), bounds.data(), key.data(), tree.order.data());
   std::stable_sort(tree.order.begin(), tree.order.end(), [&](int a, int b) { return key[a] < key[b]; });
-  tree.node.resize(tree_size(n));
-  tree_leaves(n, tree.order.data(), boxes.data(), tree.node.data());
-  const int root = tree_root_level(n);
-  for (int level = 0; level < root;) {
-    const int s = std::min(steps, root - level);
-    level += s;
-    tree_levels(tree_level_size(n, level), n, level, s, tree.node.data());
-  }
+  for (int i : tree.order) tree.leaf.push_back(nodes[i]);
+  tree.group.resize(group_tree_size(n));
+  make_groups(n, tree.leaf.data(), vertex_box, tree.group.data());
+  make_levels(n, both, tree.group.data());
   return tree;
 }
 
 struct Found { Pairs vertex_face, edge_edge; };
 
-Found query(const Scene &s, int self, int slots, int steps)
+Found query(const Scene &s, int self, int slots, int batch, bool both)
 {
   const int vertices = int(s.position.size()), faces = int(s.face.size()), edges = int(s.edge.size());
   const int chunks = std::min(vertices, 7);
@@ -64,43 +77,36 @@ Found query(const Scene &s, int self, int slots, int steps)
   vertex_boxes(vertices, s.position.data(), s.target.data(), s.margin.data(), bounds.data(), vertex_box.data());
   face_boxes(faces, s.face.data(), vertex_box.data(), face_box.data());
   edge_boxes(edges, s.edge.data(), vertex_box.data(), edge_box.data());
-  const Tree face_tree = build_tree(face_box, bounds, steps), edge_tree = build_tree(edge_box, bounds, steps);
+  const auto face_tree = build_tree(s.face, face_box, vertex_box, bounds, both);
+  const auto edge_tree = build_tree(s.edge, edge_box, vertex_box, bounds, both);
 
-  const auto collect = [&](int items, auto &&count, auto &&fill) {
-    std::vector<int> slot(std::size_t(items) * slots), counts(items), offset(items + 1, 0);
-    count(slot.data(), counts.data());
-    std::partial_sum(counts.begin(), counts.end(), offset.begin() + 1);
-    std::vector<pair> out(offset[items]);
-    fill(slot.data(), counts.data(), offset.data(), out.data());
-    Pairs all;
-    for (pair p : out) all.push_back({p.a, p.b});
-    return all;
-  };
   std::vector<int> leaf(edges);
   std::iota(leaf.begin(), leaf.end(), 0);
   std::vector<int> order(vertices);
   std::iota(order.rbegin(), order.rend(), 0);
+  // Vertices, then edges, in one list of items.
+  const int items = vertices + edges;
+  std::vector<int> slot(std::size_t(items) * slots + 1), count(items, -1), offset(items + 1, 0);
+  query_vertex_face_count((vertices + batch - 1) / batch, vertices, batch, order.data(), vertex_box.data(), faces, face_tree.order.data(),
+                          face_tree.leaf.data(), face_tree.group.data(), s.cloth_vertices, self, QUERY_ALL, nullptr, nullptr, slots, 0,
+                          slot.data(), count.data());
+  query_edge_edge_count((edges + batch - 1) / batch, edges, batch, leaf.data(), edges, edge_tree.order.data(), edge_tree.leaf.data(),
+                        edge_tree.group.data(), s.cloth_vertices, self, QUERY_ALL, nullptr, nullptr, slots, vertices, slot.data(), count.data());
+  std::partial_sum(count.begin(), count.end(), offset.begin() + 1);
+  pair totals;
+  scan_totals(1, vertices, items, offset.data(), &totals);
+  const int first = 3;   // behind what a list has
+  std::vector<pair> vf(totals.a + first), ee(totals.b + first);
+  std::vector<int> vf_known(vf.size(), 7), ee_known(ee.size(), 7);
+  query_vertex_face_fill(vertices, order.data(), vertex_box.data(), faces, face_tree.order.data(), face_tree.leaf.data(), face_tree.group.data(),
+                         s.cloth_vertices, self, QUERY_ALL, nullptr, slots, 0, slot.data(), count.data(), offset.data(), first, vf.data(),
+                         vf_known.data());
+  query_edge_edge_fill(edges, leaf.data(), edges, edge_tree.order.data(), edge_tree.leaf.data(), edge_tree.group.data(), s.cloth_vertices, self,
+                       QUERY_ALL, nullptr, nullptr, slots, vertices, slot.data(), count.data(), offset.data(), first, ee.data(), ee_known.data());
   Found found;
-  found.vertex_face = collect(
-      vertices,
-      [&](int *slot, int *count) {
-        query_vertex_face_count(vertices, order.data(), vertex_box.data(), faces, face_tree.order.data(), face_tree.node.data(), s.face.data(),
-                                s.cloth_vertices, self, QUERY_ALL, nullptr, nullptr, slots, slot, count);
-      },
-      [&](const int *slot, const int *count, const int *offset, pair *out) {
-        query_vertex_face_fill(vertices, order.data(), vertex_box.data(), faces, face_tree.order.data(), face_tree.node.data(), s.face.data(),
-                               s.cloth_vertices, self, QUERY_ALL, nullptr, slots, slot, count, offset, 0, out);
-      });
-  found.edge_edge = collect(
-      edges,
-      [&](int *slot, int *count) {
-        query_edge_edge_count(edges, leaf.data(), edges, edge_tree.order.data(), edge_tree.node.data(), s.edge.data(), s.cloth_vertices, self,
-                              QUERY_ALL, nullptr, nullptr, slots, slot, count);
-      },
-      [&](const int *slot, const int *count, const int *offset, pair *out) {
-        query_edge_edge_fill(edges, leaf.data(), edges, edge_tree.order.data(), edge_tree.node.data(), s.edge.data(), s.cloth_vertices, self,
-                             QUERY_ALL, nullptr, nullptr, slots, slot, count, offset, 0, out);
-      });
+  for (int i = 0; i < first; ++i) REQUIRE((vf_known[i] == 7 && ee_known[i] == 7));
+  for (std::size_t i = first; i < vf.size(); ++i) { REQUIRE(vf_known[i] == 0); found.vertex_face.push_back({vf[i].a, vf[i].b}); }
+  for (std::size_t i = first; i < ee.size(); ++i) { REQUIRE(ee_known[i] == 0); found.edge_edge.push_back({ee[i].a, ee[i].b}); }
   return found;
 }
 
@@ -217,6 +223,81 @@ TEST_CASE("a traversal meets every leaf once, a half traversal the leaves behind
   }
 }
 
+TEST_CASE("groups: sizes and offsets add up; every level is the union of the one below, made one or two at a time", "[tree]")
+{
+  for (int leaves : {1, 2, 7, 8, 9, 63, 64, 65, 511, 512, 513, 4097, 70000}) {
+    int offset = 0, level = 0;
+    for (int size = (leaves + 7) / 8;; size = (size + 7) / 8, ++level) {
+      REQUIRE(group_level_size(leaves, level) == size);
+      REQUIRE(group_level_offset(leaves, level) == offset);
+      offset += size;
+      if (size == 1 && level > 0) break;
+    }
+    REQUIRE(group_root_level(leaves) == level);
+    REQUIRE(group_tree_size(leaves) == offset);
+    std::mt19937 random(static_cast<unsigned>(leaves));
+    std::uniform_real_distribution<float> place(-5, 5);
+    std::vector<box> vertex_box(2 * leaves);
+    std::vector<edge_nodes> leaf(leaves);
+    for (box &b : vertex_box)
+      for (int k = 0; k < 3; ++k) { b.lo[k] = place(random); b.hi[k] = b.lo[k] + 0.1f; }
+    for (int i = 0; i < leaves; ++i) leaf[i] = {{2 * i, 2 * i + 1}};
+    std::vector<box_group> one(offset), two(offset);
+    make_groups(leaves, leaf.data(), vertex_box, one.data());
+    two = one;
+    make_levels(leaves, false, one.data());
+    make_levels(leaves, true, two.data());
+    REQUIRE(std::memcmp(one.data(), two.data(), one.size() * sizeof(box_group)) == 0);
+    std::vector<box> below(leaves);   // by hand
+    for (int i = 0; i < leaves; ++i) below[i] = box_union(vertex_box[2 * i], vertex_box[2 * i + 1]);
+    for (int l = 0; l <= level; ++l) {
+      std::vector<box> here;
+      for (int g = 0; g < group_level_size(leaves, l); ++g) {
+        for (int k = 0; k < 8; ++k) {
+          const box b = group_box(&one[group_level_offset(leaves, l) + g], k);
+          if (8 * g + k < int(below.size())) REQUIRE(std::memcmp(&b, &below[8 * g + k], sizeof b) == 0);
+          else REQUIRE(b.lo[0] > b.hi[0]);
+        }
+        here.push_back(below[8 * g]);
+        for (int k = 1; k < 8 && 8 * g + k < int(below.size()); ++k) here.back() = box_union(here.back(), below[8 * g + k]);
+      }
+      below = here;
+    }
+  }
+  CHECK(group_root_level(16777216) == 7);
+  CHECK(group_level_size(16777217, group_root_level(16777217)) == 2);
+  CHECK(group_tree_size(2000000000) < 2000000000 / 6);
+}
+
+TEST_CASE("a walk meets every group that overlaps once and in order, from any group on", "[tree]")
+{
+  std::mt19937 random(3);
+  for (int leaves : {1, 8, 9, 64, 65, 700, 4097}) {
+    std::uniform_real_distribution<float> place(0, 10), size(0, 3);
+    std::vector<box> vertex_box(2 * leaves);
+    std::vector<edge_nodes> leaf(leaves);
+    for (box &b : vertex_box)
+      for (int k = 0; k < 3; ++k) { b.lo[k] = place(random); b.hi[k] = b.lo[k] + 0.1f; }
+    for (int i = 0; i < leaves; ++i) leaf[i] = {{2 * i, 2 * i + 1}};
+    std::vector<box_group> tree(group_tree_size(leaves));
+    make_groups(leaves, leaf.data(), vertex_box, tree.data());
+    make_levels(leaves, true, tree.data());
+    const int groups = group_level_size(leaves, 0);
+    for (int trial = 0; trial < 60; ++trial) {
+      box b;
+      for (int k = 0; k < 3; ++k) { b.lo[k] = place(random); b.hi[k] = b.lo[k] + (trial == 0 ? 20 : size(random)); if (trial == 0) b.lo[k] = -1; }
+      const int first = trial % 2 ? std::uniform_int_distribution<int>(0, groups - 1)(random) : 0;
+      std::vector<int> expected, met;
+      for (int g = first; g < groups; ++g)
+        if (box_overlap(b, group_union(&tree[g]))) expected.push_back(g);
+      group_walk w = trial % 2 ? groups_overlapping_from(first, leaves, tree.data(), b) : groups_overlapping(leaves, tree.data(), b);
+      for (int g = next_group(&w, leaves, tree.data(), b); g >= 0; g = next_group(&w, leaves, tree.data(), b)) met.push_back(g);
+      REQUIRE(met == expected);
+      if (trial == 0) REQUIRE(int(met.size()) == groups);
+    }
+  }
+}
+
 TEST_CASE("floats are rounded outward", "[tree]")
 {
   std::mt19937_64 engine(31);
@@ -239,9 +320,9 @@ TEST_CASE("the trees' candidates are those of brute force", "[tree]")
         CAPTURE(offset, n, self, exact.vertex_face.size(), exact.edge_edge.size());
         Found reference;
         for (const int slots : {0, 1, 8, 64})
-          for (const int steps : {1, 3, 40}) {
-            const Found found = query(s, self, slots, steps);
-            if (slots == 0 && steps == 1) {
+          for (const int batch : {1, 2, 8}) {
+            const Found found = query(s, self, slots, batch, batch == 2);
+            if (slots == 0 && batch == 1) {
               reference = found;
               const Pairs vf = sorted(found.vertex_face), ee = sorted(found.edge_edge);
               CHECK(std::adjacent_find(vf.begin(), vf.end()) == vf.end());   // each once
@@ -263,7 +344,7 @@ TEST_CASE("everything in one point: every pair, and no hang", "[tree]")
   Scene s = make_scene(1, 4, 0.5, 0);
   for (auto &x : s.position) x = dvec3_make(3, 3, 3);
   s.target = s.position;
-  const Found exact = brute_force(s, 1, 0), found = query(s, 1, 4, 3);
+  const Found exact = brute_force(s, 1, 0), found = query(s, 1, 4, 8, true);
   CHECK(sorted(found.vertex_face) == exact.vertex_face);
   CHECK(sorted(found.edge_edge) == exact.edge_edge);
 }

@@ -17,11 +17,12 @@ public:
   /// further ones come behind them, or, after large changes, all are made anew.
   virtual Change update(State &state, const Stream<dvec3> &from, const Stream<dvec3> &to, double margin) = 0;
 
+  /// Directions between the closest points at `from`, for the pairs from `first_*` on and those without one.
+  static void find_directions(State &state, const Stream<dvec3> &from, int first_vertex_face, int first_edge_edge);
+
 protected:
   /// Takes the pairs that are exempt out of those from `first` on.
   void drop_exempt(State &state, int kind, int first);
-  /// Directions between the closest points at `from`, for the pairs from `first_*` on.
-  void find_directions(State &state, const Stream<dvec3> &from, int first_vertex_face, int first_edge_edge);
 
   /// Of all positions of the motion, into state.bounds.
   void find_bounds(State &state, const Stream<dvec3> &from, const Stream<dvec3> &to);
@@ -41,18 +42,31 @@ public:
   Change update(State &state, const Stream<dvec3> &from, const Stream<dvec3> &to, double margin) override;
 
 private:
-  void build_boxes(State &state, bool sort);
-  void build_tree(State &state, int leaves, const Stream<kernels::box> &boxes, Stream<int> &order, Stream<kernels::box> &tree, bool sort);
-  /// Candidates of the vertices `items` among the leaves of a face tree, behind those that the list has.
-  void query_faces(State &state, int mode, const Stream<int> &items, int leaves, const Stream<int> &order, const Stream<kernels::box> &tree);
-  void query_edges(State &state, int mode, const Stream<int> &items);
-  int keep(State &state, int n, const Stream<int> &flag, const Stream<int> &value, Stream<int> &kept);
+  /// Vertices that ask the tree of some faces.
+  struct FaceQuery {
+    int mode;
+    const Stream<int> *items;
+    int leaves;
+    const Stream<int> *order;
+    const Stream<kernels::face_nodes> *leaf_face;
+    const Stream<kernels::box_group> *tree;
+  };
+  void sort_features(State &state);
+  void build_trees(State &state);
+  void build_faces(State &state, int leaves, const Stream<kernels::face_nodes> &leaf_face, Stream<kernels::box_group> &tree);
+  static void build_levels(Backend &backend, int leaves, Stream<kernels::box_group> &tree);
+  void query(State &state, const std::vector<FaceQuery> &faces, int edge_mode, const Stream<int> &leaves);
 
+  const int batch_;   // items that walk a tree together: on processors those of a group; on devices each has its own thread
   Stream<key64> key_;
   Stream<int> slot_, count_, offset_;
-  Stream<int> identity_;
+  Stream<int> identity_, asking_;   // asking_: along the curve
+  Stream<kernels::face_nodes> leaf_face_, changed_leaf_face_;
+  Stream<kernels::edge_nodes> leaf_edge_;
+  Stream<kernels::pair> totals_;
   Stream<int> changed_, flag_, offsets_, changed_vertex_, changed_face_, changed_edge_;
-  Stream<kernels::box> before_, changed_tree_;
+  Stream<kernels::box> before_;
+  Stream<kernels::box_group> changed_groups_;
   int searches_since_sort_ = 0;
 };
 

@@ -10,33 +10,32 @@ void FindContacts::run(State &state)
   Backend &b = *state.backend;
   // The paper's proximity is a distance alone; by default contacts also act on pairs that would close within the step.
   const double anticipate = state.options.anticipate_contacts ? 20 * state.contact_settings.thickness : 0.0;
-  PairList *lists[2] = {&state.vertex_face, &state.edge_edge};
-  FlaggedPairs *flagged[2] = {&vertex_face_, &edge_edge_};
-  for (int kind = 0; kind < 2; ++kind) {
-    PairList &list = *lists[kind];
-    flagged[kind]->resize(list.pairs.size());
-    CAMA_LAUNCH(b, find_contacts, list.pairs.size(), kind, list.pairs, state.face, state.edge, state.position, state.predicted,
-                state.vertex_contact, anticipate, flagged[kind]->flag, list.direction);
+  PairList &vertex_face = state.vertex_face, &edge_edge = state.edge_edge;
+  const int first = vertex_face.pairs.size(), n = first + edge_edge.pairs.size();
+  movers_.resize(state.vertices);
+  flagged_.resize(state);
+  for (PairList *list : {&vertex_face, &edge_edge}) {
+    list->direction.resize(list->pairs.size());
+    list->room.resize(list->pairs.size());
   }
+  CAMA_LAUNCH(b, make_movers, state.vertices, state.position, state.predicted, state.bounds, state.vertex_contact, movers_, spare_);
+  CAMA_LAUNCH(b, tell_apart, first, 0, vertex_face.pairs, state.face, state.edge, movers_, spare_, vertex_face.direction, vertex_face.room);
+  CAMA_LAUNCH(b, tell_apart, n - first, 1, edge_edge.pairs, state.face, state.edge, movers_, spare_, edge_edge.direction, edge_edge.room);
+  CAMA_LAUNCH(b, find_contacts, n, first, vertex_face.pairs, edge_edge.pairs, state.face, state.edge, state.position, state.predicted, movers_,
+              spare_, state.vertex_contact, anticipate, flagged_.flag, vertex_face.direction, vertex_face.room, edge_edge.direction,
+              edge_edge.room);
   if (anticipate > 0) {
     nearest_.resize(SIDES * state.cloth_vertices);
     b.fill(nearest_.buffer(), 0x7f, nearest_.bytes());   // a float of 3e38
-    for (int kind = 0; kind < 2; ++kind)
-      CAMA_LAUNCH(b, nearest_contacts, lists[kind]->pairs.size(), kind, lists[kind]->pairs, state.face, state.edge, state.position,
-                  state.vertex_contact, state.cloth_vertices, flagged[kind]->flag, nearest_);
-    for (int kind = 0; kind < 2; ++kind)
-      CAMA_LAUNCH(b, drop_hidden_contacts, lists[kind]->pairs.size(), kind, lists[kind]->pairs, state.face, state.edge, state.position,
-                  state.vertex_contact, state.cloth_vertices, nearest_, flagged[kind]->flag);
+    CAMA_LAUNCH(b, nearest_contacts, n, first, vertex_face.pairs, edge_edge.pairs, state.face, state.edge, state.position,
+                state.vertex_contact, state.cloth_vertices, flagged_.flag, nearest_);
+    CAMA_LAUNCH(b, drop_hidden_contacts, n, first, vertex_face.pairs, edge_edge.pairs, state.face, state.edge, state.position,
+                state.vertex_contact, state.cloth_vertices, nearest_, flagged_.flag);
   }
-  const int faces = vertex_face_.compact(b, state.vertex_face), edges = edge_edge_.compact(b, state.edge_edge);
-  state.contacts = faces + edges;
+  state.contacts = flagged_.compact(state);
   state.contact.resize(state.contacts);
-  const auto fill = [&](int kind, const PairList &list, const FlaggedPairs &flagged, int first) {
-    CAMA_LAUNCH(b, fill_contacts, flagged.index.size(), kind, flagged.index, list.pairs, state.face, state.edge, state.position,
-                state.predicted, state.vertex_contact, anticipate, first, state.contact);
-  };
-  fill(0, state.vertex_face, vertex_face_, 0);
-  fill(1, state.edge_edge, edge_edge_, faces);
+  CAMA_LAUNCH(b, fill_contacts, state.contacts, first, flagged_.index, vertex_face.pairs, edge_edge.pairs, state.face, state.edge,
+              state.position, state.predicted, state.vertex_contact, anticipate, state.contact);
   state.report.contacts = state.contacts;
 }
 

@@ -8,14 +8,16 @@ namespace cama {
 /// Candidate pairs that are closer than their thickness, or will be, become contacts (discrete detection, Figure 7).
 class FindContacts final : public Stage {
 public:
-  explicit FindContacts(Backend &backend) : vertex_face_(backend), edge_edge_(backend), nearest_(backend) {}
+  explicit FindContacts(Backend &backend) : flagged_(backend), nearest_(backend), movers_(backend), spare_(backend, 1) {}
   std::string_view name() const override { return "contacts"; }
   std::string reason() const override { return "contact"; }
   void run(State &state) override;
 
 private:
-  FlaggedPairs vertex_face_, edge_edge_;
+  FlaggedPairs flagged_;
   Stream<int> nearest_;
+  Stream<kernels::mover> movers_;
+  Stream<float> spare_;
 };
 
 }  // namespace cama

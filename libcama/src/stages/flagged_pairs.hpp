@@ -4,17 +4,17 @@
 
 namespace cama {
 
-/// Compacts the flagged pairs of one candidate list, ordered by their features.
+/// Compacts the flagged pairs of both candidate lists, ordered by their features, vertex-face pairs first.
 class FlaggedPairs {
 public:
   explicit FlaggedPairs(Backend &backend) : flag(backend), index(backend), place_(backend), key_(backend) {}
-  /// Makes room for the flags of `pairs` candidates.
-  void resize(int pairs) { flag.resize(pairs); }
-  /// After the flags are written: fills `index` and returns how many there are.
-  int compact(Backend &backend, const PairList &list);
+  /// Makes room for a flag of every candidate.
+  void resize(const State &state) { flag.resize(state.vertex_face.pairs.size() + state.edge_edge.pairs.size()); }
+  /// After the flags are written: fills `index` and returns how many there are. `flagged`: how many, where that is known; else it waits.
+  int compact(State &state, int flagged = -1);
 
-  Stream<int> flag;    // [pairs]
-  Stream<int> index;   // [flagged] candidates, by (a, b)
+  Stream<int> flag;    // [candidates] of vertex_face, then of edge_edge
+  Stream<int> index;   // [flagged] places in `flag`, by (kind, a, b)
 
 private:
   Stream<int> place_;

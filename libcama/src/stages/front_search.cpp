@@ -35,6 +35,7 @@ FrontSearch::FrontSearch(State &s)
   key_ = Stream<key64>(b);
   partial_ = Stream<double>(b);
   total_ = Stream<double>(b, 2);
+  s.face_tree = Stream<kernels::box>(b);
   s.obstacle_tree = Stream<kernels::box>(b);
   const int one = s.options.localized_search ? 0 : 1;   // kernels take them, and use them, in localized updates only
   vertex_dirty_ = Stream<int>(b, s.vertices);
@@ -289,6 +290,7 @@ void FrontSearch::run(State &s, const Stream<dvec3> &from, const Stream<dvec3> &
     list->pairs.resize(0);
     list->known.resize(0);
     list->direction.resize(0);
+    list->room.resize(0);
   }
   collect_features(s, false);
   for (PairList *list : {&s.vertex_face, &s.edge_edge}) list->direction.fill_zero();   // a zero direction certifies nothing

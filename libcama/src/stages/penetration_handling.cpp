@@ -130,33 +130,39 @@ void ImpactProjection::run(State &state, Stream<dvec3> &positions, double slack)
 }
 
 PenetrationHandling::PenetrationHandling(Backend &b, CandidateSearch &search)
-    : search_(search), projection_(b), from_(b), committed_(b), vertex_face_(b), edge_edge_(b),
-      accepted_{Stream<int>(b), Stream<int>(b)}, fraction_(b), fraction_before_(b), sigma_(b, 1), counter_(b, 2), grown_(b)
+    : search_(search), projection_(b), from_(b), committed_(b), flagged_(b), strayed_(b), look_(b, 2),
+      accepted_{Stream<int>(b), Stream<int>(b)}, fraction_(b), fraction_before_(b), sigma_(b, 1), counter_(b, 2)
 {}
 
-int PenetrationHandling::find_impacts(State &state, bool localized)
+PenetrationHandling::Look PenetrationHandling::look(State &state, bool first_piece, bool localized, int vertex_face_done, int edge_edge_done)
 {
   Backend &b = *state.backend;
-  const int cubic = state.options.cubic_impacts;
-  const auto count = [&](int kind, const PairList &list, FlaggedPairs &flagged) {
-    flagged.resize(list.pairs.size());
-    CAMA_LAUNCH(b, find_impacts, list.pairs.size(), kind, cubic, localized ? 1 : 0, list.pairs, state.face, state.edge, from_,
-                state.position_next, state.inverse_mass, state.vertex_contact, certified_, list.direction, list.known, projection_.moved(), flagged.flag);
-    return flagged.compact(b, list);
-  };
+  const PairList &vertex_face = state.vertex_face, &edge_edge = state.edge_edge;
+  const int all = 0x7fffffff, first = vertex_face.pairs.size();
+  CandidateSearch::find_directions(state, from_, all, all);
+  flagged_.resize(state);
+  strayed_.resize(state.vertices);
+  look_.fill_zero();
+  CAMA_LAUNCH(b, find_strayed, state.vertices, from_, state.position_next, state.predicted, state.vertex_box, state.bounds,
+              certified_ * state.largest_thickness, strayed_, look_);
+  CAMA_LAUNCH(b, find_impacts, flagged_.flag.size(), first, state.options.cubic_impacts ? 1 : 0, localized ? 1 : 0, vertex_face.pairs,
+              edge_edge.pairs, state.face, state.edge, from_, state.position_next, state.inverse_mass, state.vertex_contact, certified_,
+              state.largest_thickness, strayed_, vertex_face_done, edge_edge_done, first_piece ? vertex_face.room.size() : 0, vertex_face.room, vertex_face.direction,
+              vertex_face.known, first_piece ? edge_edge.room.size() : 0, edge_edge.room, edge_edge.direction, edge_edge.known,
+              projection_.moved(), flagged_.flag, look_);
+  const std::vector<int> counts = look_.download();
+  return {counts[0], counts[1]};
+}
+
+void PenetrationHandling::add_impacts(State &state, int found)
+{
+  Backend &b = *state.backend;
   const int known = state.impact.size();
-  const int faces = count(0, state.vertex_face, vertex_face_), edges = count(1, state.edge_edge, edge_edge_);
-  if (faces + edges == 0) return 0;
-  grown_.resize(known + faces + edges);
-  if (known) b.copy(grown_.buffer(), state.impact.buffer(), sizeof(kernels::impact) * static_cast<std::size_t>(known));
-  state.impact.swap(grown_);
-  const auto fill = [&](int kind, PairList &list, const FlaggedPairs &flagged, int first) {
-    CAMA_LAUNCH(b, fill_impacts, flagged.index.size(), kind, cubic, flagged.index, list.pairs, state.face, state.edge, from_,
-                state.position_next, state.vertex_contact, certified_, target_, first, list.known, state.impact);
-  };
-  fill(0, state.vertex_face, vertex_face_, known);
-  fill(1, state.edge_edge, edge_edge_, known + faces);
-  return faces + edges;
+  flagged_.compact(state, found);
+  state.impact.grow(known + found);
+  CAMA_LAUNCH(b, fill_impacts, found, state.vertex_face.pairs.size(), state.options.cubic_impacts ? 1 : 0, flagged_.index,
+              state.vertex_face.pairs, state.edge_edge.pairs, state.face, state.edge, from_, state.position_next, state.vertex_contact, certified_,
+              target_, known, state.vertex_face.known, state.edge_edge.known, state.impact);
 }
 
 double PenetrationHandling::commit(State &state, bool certified)
@@ -264,25 +270,39 @@ bool PenetrationHandling::release(State &state, const std::vector<std::pair<int,
 void PenetrationHandling::run(State &state)
 {
   from_.copy_from(state.position);
-  bool projected = false;
-  for (int waits = 0;; ++state.report.substeps) {
-    state.impact.resize(0);
-    state.vertex_face.known.fill_zero();
-    state.edge_edge.known.fill_zero();
+  const double spare = certified_ * state.largest_thickness;
+  bool projected = false, first_piece = true;
+  state.impact.resize(0);
+  for (int waits = 0;; ++state.report.substeps, first_piece = false) {
+    if (state.impact.size()) {
+      state.impact.resize(0);
+      state.vertex_face.known.fill_zero();
+      state.edge_edge.known.fill_zero();
+    }
     bool certified = false, localized = false;   // every pair but known impacts, for the motion as it is; but for what moved since
     for (int pass = 0; pass < state.options.max_impact_passes; ++pass) {
-      localized &= search_.update(state, from_, state.position_next, certified_ * state.largest_thickness) != CandidateSearch::Change::renewed;
-      const int found = find_impacts(state, localized);
-      if (pass == 0 && state.report.substeps == 1) state.report.impacts = found;
-      certified = found == 0 && !state.options.cubic_impacts;   // the cubic knows no distances
-      if (found == 0) break;
+      Look now = look(state, first_piece, localized, 0, 0);
+      if (now.escaped) {
+        const int faces = now.found ? 0 : state.vertex_face.pairs.size(), edges = now.found ? 0 : state.edge_edge.pairs.size();
+        const bool renewed = search_.update(state, from_, state.position_next, spare) == CandidateSearch::Change::renewed;
+        localized &= !renewed;
+        now = look(state, first_piece, localized, renewed ? 0 : faces, renewed ? 0 : edges);
+      }
+      if (pass == 0 && state.report.substeps == 1) state.report.impacts = now.found;
+      certified = now.found == 0 && !state.options.cubic_impacts;   // the cubic knows no distances
+      if (now.found == 0) break;
+      add_impacts(state, now.found);
       ++state.report.impact_passes;
       if (!projected) projection_.start(state, from_, state.position_next);
       projected = localized = true;
       projection_.run(state, state.position_next, target_ * state.largest_thickness);
     }
     if (!state.options.commit) break;
-    if (search_.update(state, from_, state.position_next, certified_ * state.largest_thickness) != CandidateSearch::Change::none) certified = false;
+    if (certified && state.impact.size() == 0) break;   // every pair keeps its distance all the way
+    if (!certified) {
+      search_.update(state, from_, state.position_next, spare);
+      CandidateSearch::find_directions(state, from_, 0x7fffffff, 0x7fffffff);
+    }
     const double sigma = commit(state, certified);
     if (sigma >= 1) {
       state.position_next.swap(committed_);

@@ -49,7 +49,11 @@ public:
   void set_distances(double certified, double target) { certified_ = certified; target_ = target; }
 
 private:
-  int find_impacts(State &state, bool localized);
+  /// What one look at the motion finds; one wait. first_piece: motion starts where proximity checking saw the pairs. *_done: pairs that an
+  /// earlier look at it has found to be no impacts.
+  struct Look { int escaped, found; };   // vertices that leave their boxes; impacts not yet known, of the pairs in the lists
+  Look look(State &state, bool first_piece, bool localized, int vertex_face_done, int edge_edge_done);
+  void add_impacts(State &state, int found);
   double commit(State &state, bool certified);
   std::vector<std::pair<int, kernels::pair>> waiting_pairs(State &state);
   std::string place(State &state, const std::vector<std::pair<int, kernels::pair>> &waiting);
@@ -58,9 +62,10 @@ private:
   CandidateSearch &search_;
   ImpactProjection projection_;
   Stream<dvec3> from_, committed_;
-  FlaggedPairs vertex_face_, edge_edge_;
+  FlaggedPairs flagged_;
+  Stream<float> strayed_;
+  Stream<int> look_;
   Stream<int> accepted_[2], fraction_, fraction_before_, sigma_, counter_;
-  Stream<kernels::impact> grown_;
   double certified_ = 1e-2, target_ = 0.1;
 };
 
