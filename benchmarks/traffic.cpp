@@ -57,7 +57,7 @@ double boxes_and_trees(const Streams &s)
 {
   return s.bytes({"position", "position_next", "margin", "vertex_box", "face", "face_box", "edge", "edge_box", "face_order",
                   "edge_order"}) +
-         2 * s.bytes({"face_tree", "edge_tree", "obstacle_tree"});
+         2 * s.bytes({"face_groups", "edge_groups", "face_tree", "obstacle_tree"});
 }
 double pairs_written(const Streams &s)
 {
