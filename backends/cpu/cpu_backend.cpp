@@ -65,6 +65,8 @@ public:
   std::string_view name() const override { return "cpu"; }
   std::string device() const override { return processor_name() + ", " + std::to_string(threads_) + (threads_ == 1 ? " thread" : " threads"); }
 
+  bool processor() const override { return true; }
+
   Buffer allocate(std::size_t bytes) override
   {
     const std::size_t whole = (bytes + header + 63) / 64 * 64;

@@ -29,6 +29,7 @@ const Entry entries[] = {
 void check(cudaError_t status, const char *call)
 {
   if (status == cudaSuccess) return;
+  cudaGetLastError();   // what is reported here is not found again by a later call
   const std::string text = std::string(call) + ": " + cudaGetErrorName(status) + " (" + cudaGetErrorString(status) + ")";
   if (status == cudaErrorMemoryAllocation) throw MemoryError(text + "; lower the resolution or use a larger device");
   throw BackendError(text);
@@ -72,6 +73,8 @@ public:
 
   std::string_view name() const override { return "cuda"; }
   std::string device() const override { return device_; }
+
+  bool processor() const override { return false; }
 
   Buffer allocate(std::size_t bytes) override
   {

@@ -72,6 +72,8 @@ public:
   std::string_view name() const override { return "opencl"; }
   std::string device() const override { return library_.device.name + " (" + library_.device.driver + ")"; }
 
+  bool processor() const override { return library_.processor; }
+
   Buffer allocate(std::size_t bytes) override
   {
     const std::string what = "allocating " + std::to_string(bytes) + " bytes on top of " + std::to_string(allocated_) + " on device '" +

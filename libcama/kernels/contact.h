@@ -252,11 +252,7 @@ DEVICE apartness apart_along(int kind, mover m0, mover m1, mover m2, mover m3, f
 }
 
 /* Pairs that a work-item tells apart side by side. */
-#if defined(CAMA_PRAGMA) || defined(CAMA_CHUNKED)
-#define ABREAST 8
-#else
-#define ABREAST 1
-#endif
+#define ABREAST (LANES == 1 ? 1 : 8)
 
 /* Of one vertex of each pair. */
 typedef struct { float x[ABREAST], y[ABREAST], z[ABREAST], dx[ABREAST], dy[ABREAST], dz[ABREAST], thickness[ABREAST], radius[ABREAST]; } movers_abreast;
@@ -292,13 +288,13 @@ KERNEL tell_apart(int n, int kind, GLOBAL const pair *pairs, GLOBAL const face_n
       }
     }
     if (kind == 0) {
-      SIDE_BY_SIDE
+      SIMD
       for (int j = 0; j < ABREAST; ++j) {
         apartness r = apart_along(0, mover_of(m, j), mover_of(m + 1, j), mover_of(m + 2, j), mover_of(m + 3, j), rounding);
         gap[j] = r.gap; x[j] = r.direction.x; y[j] = r.direction.y; z[j] = r.direction.z;
       }
     } else {
-      SIDE_BY_SIDE
+      SIMD
       for (int j = 0; j < ABREAST; ++j) {
         apartness r = apart_along(1, mover_of(m, j), mover_of(m + 1, j), mover_of(m + 2, j), mover_of(m + 3, j), rounding);
         gap[j] = r.gap; x[j] = r.direction.x; y[j] = r.direction.y; z[j] = r.direction.z;

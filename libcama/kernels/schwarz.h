@@ -62,8 +62,10 @@ DEVICE_TEAM void sum_partials(int partials, GLOBAL const double *partial, LOCAL 
 }
 
 /* Starts from a residual whose products are in `partial`. goal: tolerance^2; slack: (of the forces) a tolerance relative to huge
-   penalties would leave gravity unsolved; inner: least r'z relative to this start that working precision can reach. One team. */
-KERNEL cg_start(int n, int mode, int partials, GLOBAL const double *partial, double goal, double slack, double inner, GLOBAL double *scalar)
+   penalties would leave gravity unsolved; rounding: (of slack times the forces) what is left of a solution that was right from the start;
+   inner: least r'z relative to this start that working precision can reach. One team. */
+KERNEL cg_start(int n, int mode, int partials, GLOBAL const double *partial, double goal, double slack, double rounding, double inner,
+                GLOBAL double *scalar)
 {
   TEAM_LOCAL(double, rz, CG_TEAM);
   TEAM_LOCAL(double, zw, CG_TEAM);
@@ -78,7 +80,7 @@ KERNEL cg_start(int n, int mode, int partials, GLOBAL const double *partial, dou
       } else {
         if (mode == CG_MEASURE_START) {
           scalar[CG_START] = gamma;
-          scalar[CG_GOAL] = goal * (forces > 0.0 ? min_double(gamma, slack * forces) : gamma);
+          scalar[CG_GOAL] = forces > 0.0 ? max_double(goal * min_double(gamma, slack * forces), rounding * slack * forces) : goal * gamma;
           scalar[CG_ITERATIONS] = 0.0;
         }
         scalar[CG_GAMMA] = 0.0;
@@ -315,7 +317,7 @@ DEVICE_TEAM void factor_block(int m, LOCAL real *a, LOCAL real *pivot_row, LOCAL
     for (part = 1; part >= 0; --part) {
       int at = word + part * FACTOR_WORDS, column = at / 16, group = column < 16 ? 0 : column < 48 ? 1 : 2;
       int c = column - FACTOR_COLUMN(group, 0), l = 16 * group + at % 16, q = 0;
-      if (c <= l && l < m && pivot_row[c] > (real)0) {
+      if (c <= l && l < m && pivot_row[c] > (real)0 && pivot_row[c] < (real)1e30) {
         real v = a[l * BLOCK_SIZE + c] * ((real)32767 / pivot_row[c]);
         q = (int)(v < (real)0 ? v - (real)0.5 : v + (real)0.5);
       }
@@ -367,8 +369,7 @@ KERNEL factor_fine_blocks(int n, GLOBAL const int *block_start, GLOBAL const int
     TEAM_BARRIER;
     TEAM_FOR(l, m)
     {
-      double d = (double)a[l * BLOCK_SIZE + l];
-      scaling[l] = d > 0.0 ? 1.0 / sqrt(d) : 0.0;
+      scaling[l] = 1.0 / sqrt((double)a[l * BLOCK_SIZE + l]);   /* not a number where the matrix is not positive: the solve says so */
     }
     TEAM_BARRIER;
     TEAM_FOR(l, m)
@@ -409,7 +410,7 @@ KERNEL factor_coarse_blocks(int n, int at, GLOBAL const int *block_start, GLOBAL
           if (column[k] == i) {
             const int packed[3] = {0, 3, 5};
             double v = value[9 * k + 4 * d] + (terms ? diagonal[6 * i + packed[d]] : 0.0);
-            scaling[l] = v > 0.0 ? 1.0 / sqrt(v) : 0.0;
+            scaling[l] = 1.0 / sqrt(v);
           }
     }
     TEAM_BARRIER;

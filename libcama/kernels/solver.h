@@ -135,3 +135,91 @@ KERNEL free_velocities(int n, int rows, real time_step, GLOBAL const real *mass,
     free_velocity[i] = i < rows && !fixed[i] ? daxpy(velocity[i], (double)(time_step / mass[i]), to_dvec3(force[i])) : prescribed[i];
   }
 }
+
+/* r = b - q on free rows. */
+KERNEL subtract_product(int n, GLOBAL const int *fixed, GLOBAL const vec3 *b, GLOBAL const vec3 *q, GLOBAL vec3 *r)
+{
+  FOR_EACH(i, n) { r[i] = fixed[i] ? vec3_make((real)0, (real)0, (real)0) : sub(b[i], q[i]); }
+}
+
+#define SUM_ROWS 128
+
+/* partial[3 t ...] = the sum of r over the SUM_ROWS rows of team t. */
+KERNEL sum_vectors(int n, int rows, GLOBAL const vec3 *r, GLOBAL double *partial)
+{
+  TEAM_LOCAL(double, sum, 3 * SUM_ROWS);
+  FOR_EACH_TEAM(t, n)
+  {
+    int span;
+    TEAM_BARRIER;
+    TEAM_FOR(l, SUM_ROWS)
+    {
+      int i = t * SUM_ROWS + l;
+      sum[l] = i < rows ? (double)r[i].x : 0.0;
+      sum[SUM_ROWS + l] = i < rows ? (double)r[i].y : 0.0;
+      sum[2 * SUM_ROWS + l] = i < rows ? (double)r[i].z : 0.0;
+    }
+    TEAM_BARRIER;
+    for (span = SUM_ROWS / 2; span > 0; span /= 2) {
+      TEAM_FOR(l, span)
+      {
+        sum[l] += sum[l + span];
+        sum[SUM_ROWS + l] += sum[SUM_ROWS + l + span];
+        sum[2 * SUM_ROWS + l] += sum[2 * SUM_ROWS + l + span];
+      }
+      TEAM_BARRIER;
+    }
+    TEAM_FOR(c, 3) partial[3 * t + c] = sum[c * SUM_ROWS];
+  }
+}
+
+/* d = the vector partial[0 ... 2] on every free row, zero elsewhere. n: vertices. */
+KERNEL uniform_direction(int n, int rows, GLOBAL const double *partial, GLOBAL const int *fixed, GLOBAL vec3 *d)
+{
+  FOR_EACH(i, n)
+  {
+    vec3 v = vec3_make((real)0, (real)0, (real)0);
+    if (i < rows && !fixed[i]) v = vec3_make((real)partial[0], (real)partial[1], (real)partial[2]);
+    d[i] = v;
+  }
+}
+
+/* partial[0 ... 2] = the sum of all. One team. */
+KERNEL sum_sums(int n, int partials, GLOBAL double *partial)
+{
+  TEAM_LOCAL(double, sum, 3 * SUM_ROWS);
+  FOR_EACH_TEAM(t, n)
+  {
+    int span;
+    TEAM_FOR(l, SUM_ROWS)
+    {
+      double x = 0.0, y = 0.0, z = 0.0;
+      int k;
+      for (k = l; k < partials; k += SUM_ROWS) {
+        x += partial[3 * k];
+        y += partial[3 * k + 1];
+        z += partial[3 * k + 2];
+      }
+      sum[l] = x;
+      sum[SUM_ROWS + l] = y;
+      sum[2 * SUM_ROWS + l] = z;
+    }
+    TEAM_BARRIER;
+    for (span = SUM_ROWS / 2; span > 0; span /= 2) {
+      TEAM_FOR(l, span)
+      {
+        sum[l] += sum[l + span];
+        sum[SUM_ROWS + l] += sum[SUM_ROWS + l + span];
+        sum[2 * SUM_ROWS + l] += sum[2 * SUM_ROWS + l + span];
+      }
+      TEAM_BARRIER;
+    }
+    TEAM_FOR(c, 3) partial[c] = sum[c * SUM_ROWS];
+  }
+}
+
+/* x += alpha d. */
+KERNEL move_along(int n, GLOBAL const double *scalar, GLOBAL const vec3 *d, GLOBAL vec3 *x)
+{
+  FOR_EACH(i, n) { x[i] = axpy(x[i], (real)scalar[SCALAR_ALPHA], d[i]); }
+}

@@ -116,12 +116,6 @@ KERNEL tree_levels(int n, int leaf_count, int level, int steps, GLOBAL box *node
 #define GROUP 8
 typedef struct { float lo[3][GROUP], hi[3][GROUP]; } box_group;
 
-#if defined(CAMA_PRAGMA) && defined(_OPENMP)
-#define SIDE_BY_SIDE CAMA_PRAGMA(omp simd) /* the loop's turns side by side in vector registers */
-#else
-#define SIDE_BY_SIDE
-#endif
-
 DEVICE int group_level_size(int leaf_count, int level) { return ((leaf_count - 1) >> (3 * level + 3)) + 1; }
 DEVICE int group_root_level(int leaf_count)
 {
@@ -142,7 +136,7 @@ DEVICE int group_tree_size(int leaf_count) { return group_level_offset(leaf_coun
 DEVICE int group_overlap(GLOBAL const box_group *g, box b)
 {
   int hit[GROUP], mask = 0;
-  SIDE_BY_SIDE
+  SIMD
   for (int k = 0; k < GROUP; ++k)
     hit[k] = (b.lo[0] <= g->hi[0][k]) & (g->lo[0][k] <= b.hi[0]) & (b.lo[1] <= g->hi[1][k]) & (g->lo[1][k] <= b.hi[1]) &
              (b.lo[2] <= g->hi[2][k]) & (g->lo[2][k] <= b.hi[2]);

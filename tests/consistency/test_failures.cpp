@@ -40,6 +40,11 @@ void *__wrap__Znwm(std::size_t bytes)   // operator new
 #if CAMA_HAS_CUDA
 int __real_cudaMalloc(void **, std::size_t);
 int __wrap_cudaMalloc(void **memory, std::size_t bytes) { return fault::due(fault::device_memory) ? 2 : __real_cudaMalloc(memory, bytes); }
+int __real_cudaMallocAsync(void **, std::size_t, void *);
+int __wrap_cudaMallocAsync(void **memory, std::size_t bytes, void *queue)
+{
+  return fault::due(fault::device_memory) ? 2 : __real_cudaMallocAsync(memory, bytes, queue);
+}
 #endif
 }
 

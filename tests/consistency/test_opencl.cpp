@@ -76,7 +76,7 @@ TEST_CASE("lock step finds and names an error of 1e-15 planted in a kernel's tex
   const std::vector<Plant> plants = {
       {"motion.h", "out[vertex[i]] = position[i];", "out[vertex[i]] = dscale(1.0 + 1e-15, position[i]);", "prescribed motion", "position_next"},
       {"motion.h", "target[i] : daxpy(daxpy(position[i]", "target[i] : daxpy(daxpy(dscale(1.0 + 1e-15, position[i])", "candidate search", "predicted"},
-      {"contact.h", "    contacts[first + i] = c;", "    c.distance *= 1.0 + 1e-15;\n    contacts[first + i] = c;", "contacts", "contact"},
+      {"contact.h", "    contacts[i] = c;", "    c.distance *= 1.0 + 1e-15;\n    contacts[i] = c;", "contacts", "contact"},
       {"bending.h", "f.coefficient = half_c *", "f.coefficient = (real)(1.0 + 1e-15) * half_c *", "element forces", "hinge_factor"},
       {"term.h", "t.push = time_step * k * depth;", "t.push = (real)(1.0 + 1e-15) * time_step * k * depth;", "contact terms", "term"},
       {"assembly.h", "mat3_diagonal(mass[-1 - source[k]])", "mat3_diagonal((real)(1.0 + 1e-15) * mass[-1 - source[k]])", "matrix assembly", "block"},

@@ -41,6 +41,8 @@ public:
   virtual std::string_view name() const = 0;     ///< "cpu", "opencl", "cuda"
   virtual std::string device() const = 0;        ///< what a user calls the hardware
 
+  virtual bool processor() const = 0;            ///< work items are cores with vector registers, not thousands of threads
+
   virtual Buffer allocate(std::size_t bytes) = 0;             ///< throws MemoryError
   virtual void release(Buffer buffer) noexcept = 0;
   virtual void upload(Buffer to, const void *from, std::size_t bytes) = 0;

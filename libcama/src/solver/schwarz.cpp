@@ -240,7 +240,7 @@ typename SchwarzSolver<S>::Result SchwarzSolver<S>::solve(State &state, Stream<t
                      as<float, Real>(b1), as<float, Real>(q1), components<S>(r_), scalar_);
     apply(state, 0);
     CAMA_LAUNCH_TEAMS(S, b, cg_start, CG_TEAM, 1, mode, partials, partial_, tolerance * tolerance, forces_slack * forces_slack * dt * dt,
-                      reachable<S>, scalar_);
+                      std::min(1e-20, 1e-6 * tolerance * tolerance), reachable<S>, scalar_);
   };
   const auto iterate = [&] {
     for (int i = 0; i < iterations_per_block; ++i) {

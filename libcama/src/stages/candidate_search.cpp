@@ -47,7 +47,7 @@ void CandidateSearch::find_directions(State &state, const Stream<dvec3> &from, i
 }
 
 TreeSearch::TreeSearch(Backend &b)
-    : CandidateSearch(b), batch_(b.name() == "cuda" ? 1 : GROUP), key_(b), slot_(b), count_(b), offset_(b), identity_(b), asking_(b),
+    : CandidateSearch(b), batch_(b.processor() ? GROUP : 1), key_(b), slot_(b), count_(b), offset_(b), identity_(b), asking_(b),
       leaf_face_(b), changed_leaf_face_(b), leaf_edge_(b), totals_(b, 1), changed_(b), flag_(b), offsets_(b), changed_vertex_(b),
       changed_face_(b), changed_edge_(b), before_(b), changed_groups_(b)
 {}

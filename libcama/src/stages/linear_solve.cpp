@@ -19,7 +19,7 @@ constexpr double forces_slack = 10;   // of the tolerance, relative to the force
 
 template <class Real>
 LinearSolve<Real>::LinearSolve(Backend &b)
-    : inverse_(b), r_(b), z_(b), p_(b), q_(b), product_(b), partial_(b), reduced_(b), scalar_(b, SCALAR_COUNT)
+    : inverse_(b), r_(b), z_(b), p_(b), q_(b), product_(b), partial_(b), reduced_(b), sum_(b), scalar_(b, SCALAR_COUNT)
 {}
 
 template <class Real>
@@ -57,16 +57,40 @@ void LinearSolve<Real>::dot(State &state, const Stream<vec3> &a, const Stream<ve
 }
 
 template <class Real>
+void LinearSolve<Real>::balance(State &state)
+{
+  Backend &b = *state.backend;
+  System<Real> &s = state.system<Real>();
+  const int rows = state.cloth_vertices, teams = (rows + SUM_ROWS - 1) / SUM_ROWS, parts = second_parts(rows);
+  r_.resize(rows);
+  p_.resize(state.vertices);
+  sum_.resize(3 * teams);
+  multiply(state, s.solution, q_);
+  CAMA_LAUNCH_REAL(Real, b, subtract_product, rows, state.fixed, s.right_side, q_, r_);
+  CAMA_LAUNCH_TEAMS(Real, b, sum_vectors, SUM_ROWS, teams, rows, r_, sum_);
+  CAMA_LAUNCH_TEAMS(Real, b, sum_sums, SUM_ROWS, 1, teams, sum_);
+  CAMA_LAUNCH_REAL(Real, b, uniform_direction, state.vertices, rows, sum_, state.fixed, p_);
+  multiply(state, p_, q_);
+  dot(state, r_, p_);
+  CAMA_LAUNCH(b, finish_beta, 1, parts, 1, reduced_, scalar_);
+  dot(state, p_, q_);
+  CAMA_LAUNCH(b, finish_alpha, 1, parts, reduced_, scalar_);
+  CAMA_LAUNCH_REAL(Real, b, move_along, rows, scalar_, p_, s.solution);
+}
+
+template <class Real>
 template <class S>
 bool LinearSolve<Real>::schwarz(State &state, std::unique_ptr<SchwarzSolver<S>> &solver)
 {
   if (!solver) solver = std::make_unique<SchwarzSolver<S>>(*state.backend);
   q_.resize(state.cloth_vertices);
+  balance(state);
   extract_diagonal(state);
   solver->template prepare<Real>(state, inverse_);
   const auto result = solver->template solve<Real>(state, q_, [&](const Stream<vec3> &x, Stream<vec3> &q) { multiply(state, x, q); });
   state.report.iterations = result.iterations;
   state.report.residual = result.residual;
+  if (!result.broken) balance(state);
   return !result.broken;
 }
 

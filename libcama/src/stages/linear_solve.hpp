@@ -23,6 +23,8 @@ private:
   using vec3 = typename Types<Real>::vec3;
   void extract_diagonal(State &state);
   void conjugate_gradient(State &state, Preconditioner preconditioner);
+  /// Moves all free vertices alike so that no net force is left over: free fall is exact, and momentum is kept beyond the tolerance.
+  void balance(State &state);
   template <class S> bool schwarz(State &state, std::unique_ptr<SchwarzSolver<S>> &solver);
   void direct(State &state);
   bool terms_as_operator(const State &state) const { return state.options.assembly == Assembly::gather && state.terms > 0; }
@@ -30,7 +32,7 @@ private:
 
   Stream<typename Types<Real>::mat3> inverse_;
   Stream<vec3> r_, z_, p_, q_, product_;
-  Stream<double> partial_, reduced_, scalar_;
+  Stream<double> partial_, reduced_, sum_, scalar_;
   std::unique_ptr<SchwarzSolver<double>> double_solver_;   // what the precision asks for, made when first used
   std::unique_ptr<SchwarzSolver<float>> single_solver_;
 };
