@@ -156,9 +156,9 @@ double solve_bytes(const SolveShape &shape)
   double precondition = 0;
   if (shape.preconditioner == "jacobi") precondition = vectors;
   if (shape.preconditioner == "block_jacobi") precondition = 3 * vectors;
-  if (shape.preconditioner == "schwarz") {   // inverses of 48 x 48, symmetric halves, all levels
-    const double side = 3 * aggregate, packed = side * (side + 1) / 2 * real / aggregate;
-    precondition = shape.rows * packed * aggregate / (aggregate - 1);
+  if (shape.preconditioner == "schwarz") {   // triangular factors in 16 bits, by tiles of 16 x 16, and weights; all levels
+    const double side = 3 * aggregate, block = 2 * 6 * 256 + side * real;
+    precondition = shape.rows * block / (aggregate - 1);
   }
   const double update = 7 * vectors, direction = 3 * vectors;   // x, p, q, r read, x, r, z written; z, p read, p written
   return (shape.iterations + 1) * multiply + shape.iterations * (precondition + update + direction);

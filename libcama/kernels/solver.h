@@ -173,14 +173,14 @@ KERNEL sum_vectors(int n, int rows, GLOBAL const vec3 *r, GLOBAL double *partial
   }
 }
 
-/* d = the vector partial[0 ... 2] on every free row, zero elsewhere. n: vertices. */
-KERNEL uniform_direction(int n, int rows, GLOBAL const double *partial, GLOBAL const int *fixed, GLOBAL vec3 *d)
+/* d = factor times the vector v[0 ... 2] on every free row, zero elsewhere. n: vertices. */
+KERNEL uniform_direction(int n, int rows, double factor, GLOBAL const double *v, GLOBAL const int *fixed, GLOBAL vec3 *d)
 {
   FOR_EACH(i, n)
   {
-    vec3 v = vec3_make((real)0, (real)0, (real)0);
-    if (i < rows && !fixed[i]) v = vec3_make((real)partial[0], (real)partial[1], (real)partial[2]);
-    d[i] = v;
+    vec3 own = vec3_make((real)0, (real)0, (real)0);
+    if (i < rows && !fixed[i]) own = vec3_make((real)(factor * v[0]), (real)(factor * v[1]), (real)(factor * v[2]));
+    d[i] = own;
   }
 }
 
@@ -218,8 +218,13 @@ KERNEL sum_sums(int n, int partials, GLOBAL double *partial)
   }
 }
 
-/* x += alpha d. */
+/* x += alpha d; an alpha that is 1 but for the rounding of its sums is 1, whatever else is in the scene. */
 KERNEL move_along(int n, GLOBAL const double *scalar, GLOBAL const vec3 *d, GLOBAL vec3 *x)
 {
-  FOR_EACH(i, n) { x[i] = axpy(x[i], (real)scalar[SCALAR_ALPHA], d[i]); }
+  FOR_EACH(i, n)
+  {
+    double alpha = scalar[SCALAR_ALPHA];
+    if (fabs(alpha - 1.0) < 1e-12) alpha = 1.0;
+    x[i] = axpy(x[i], (real)alpha, d[i]);
+  }
 }

@@ -293,6 +293,7 @@ TEST_CASE("a distant cloth moves the first by no more than the solver's toleranc
   // One conjugate gradient solves for all cloths: its step lengths and its stop are common, so bits do change, and with them which pairs
   // are contacts. With a direct solve, or as the tolerance goes down, they agree.
   Scene scene = draped();
+  for (dvec3 &x : scene.cloths[0].mesh.position) x = {x.x + 0.013, x.y + 0.007, x.z};   // off the ball's axes, where contacts would be ties
   Scene both = scene;
   both.cloths.push_back(meshes::cloth(meshes::grid(6, 6, 0.2, 0.2, 5, 3, 0), Material::isotropic(1000, 0.2, 1e-5, 0.3), "far"));
   Options o = serial();

@@ -57,7 +57,7 @@ void LinearSolve<Real>::dot(State &state, const Stream<vec3> &a, const Stream<ve
 }
 
 template <class Real>
-void LinearSolve<Real>::balance(State &state)
+void LinearSolve<Real>::move_alike(State &state, bool falling)
 {
   Backend &b = *state.backend;
   System<Real> &s = state.system<Real>();
@@ -67,9 +67,13 @@ void LinearSolve<Real>::balance(State &state)
   sum_.resize(3 * teams);
   multiply(state, s.solution, q_);
   CAMA_LAUNCH_REAL(Real, b, subtract_product, rows, state.fixed, s.right_side, q_, r_);
-  CAMA_LAUNCH_TEAMS(Real, b, sum_vectors, SUM_ROWS, teams, rows, r_, sum_);
-  CAMA_LAUNCH_TEAMS(Real, b, sum_sums, SUM_ROWS, 1, teams, sum_);
-  CAMA_LAUNCH_REAL(Real, b, uniform_direction, state.vertices, rows, sum_, state.fixed, p_);
+  if (falling) {
+    CAMA_LAUNCH_REAL(Real, b, uniform_direction, state.vertices, rows, state.time_step, components<double>(state.gravity), state.fixed, p_);
+  } else {
+    CAMA_LAUNCH_TEAMS(Real, b, sum_vectors, SUM_ROWS, teams, rows, r_, sum_);
+    CAMA_LAUNCH_TEAMS(Real, b, sum_sums, SUM_ROWS, 1, teams, sum_);
+    CAMA_LAUNCH_REAL(Real, b, uniform_direction, state.vertices, rows, 1.0, components<double>(sum_), state.fixed, p_);
+  }
   multiply(state, p_, q_);
   dot(state, r_, p_);
   CAMA_LAUNCH(b, finish_beta, 1, parts, 1, reduced_, scalar_);
@@ -84,13 +88,13 @@ bool LinearSolve<Real>::schwarz(State &state, std::unique_ptr<SchwarzSolver<S>> 
 {
   if (!solver) solver = std::make_unique<SchwarzSolver<S>>(*state.backend);
   q_.resize(state.cloth_vertices);
-  balance(state);
+  move_alike(state, true);
   extract_diagonal(state);
   solver->template prepare<Real>(state, inverse_);
   const auto result = solver->template solve<Real>(state, q_, [&](const Stream<vec3> &x, Stream<vec3> &q) { multiply(state, x, q); });
   state.report.iterations = result.iterations;
   state.report.residual = result.residual;
-  if (!result.broken) balance(state);
+  if (!result.broken && result.iterations > 0) move_alike(state, false);
   return !result.broken;
 }
 

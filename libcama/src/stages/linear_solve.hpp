@@ -23,8 +23,9 @@ private:
   using vec3 = typename Types<Real>::vec3;
   void extract_diagonal(State &state);
   void conjugate_gradient(State &state, Preconditioner preconditioner);
-  /// Moves all free vertices alike so that no net force is left over: free fall is exact, and momentum is kept beyond the tolerance.
-  void balance(State &state);
+  /// Moves all free vertices alike by what lowers the energy of the error most: along gravity before the solve, so that free fall is
+  /// exact; along the net force that is left over after it, so that momentum is kept beyond the tolerance.
+  void move_alike(State &state, bool falling);
   template <class S> bool schwarz(State &state, std::unique_ptr<SchwarzSolver<S>> &solver);
   void direct(State &state);
   bool terms_as_operator(const State &state) const { return state.options.assembly == Assembly::gather && state.terms > 0; }
