@@ -446,10 +446,10 @@ KERNEL apply_blocks(int n, int coarse, GLOBAL const int *block_start, GLOBAL con
   TEAM_LOCAL(real, own, BLOCK_SIZE);
   TEAM_LOCAL(real, u, BLOCK_SIZE);
   TEAM_LOCAL(real, y, BLOCK_SIZE);
+  if (scalar[at + CG_DONE] != 0.0) return;
   FOR_EACH_TEAM(t, n)
   {
     int node = block_start[t], m = 3 * (block_start[t + 1] - node);
-    if (scalar[at + CG_DONE] != 0.0) continue;
     TEAM_BARRIER;
     TEAM_FOR_LANES(k, FACTOR_WORDS)
     {
@@ -534,9 +534,9 @@ KERNEL combine_levels(int n, int rows, int levels, GLOBAL const int *RESTRICT bl
                       GLOBAL const element_nodes *RESTRICT nodes, GLOBAL const real *RESTRICT coefficient, GLOBAL vec3 *RESTRICT total,
                       GLOBAL vec3 *RESTRICT product)
 {
+  if (scalar[at + CG_DONE] != 0.0) return;
   FOR_EACH(i, n)
   {
-    if (scalar[at + CG_DONE] != 0.0) continue;
     if (i < rows) {
       total[i] = corrected(i, levels, block, path, correction, z);
     } else {
@@ -562,10 +562,10 @@ KERNEL cg_multiply(int n, int rows, GLOBAL const int *slice_start, GLOBAL const 
 {
   TEAM_LOCAL(double, rz, TEAM_ROWS);
   TEAM_LOCAL(double, zw, TEAM_ROWS);
+  if (scalar[at + CG_DONE] != 0.0) return;
   FOR_EACH_TEAM(t, n)
   {
     int span;
-    if (scalar[at + CG_DONE] != 0.0) continue;
     TEAM_BARRIER;
     TEAM_FOR_LANES(row, TEAM_ROWS)
     {

@@ -213,8 +213,16 @@ void SchwarzSolver<S>::apply(State &state, int at)
                     components<S>(r_), components<S>(z_), components<S>(coarse_r_));
   CAMA_LAUNCH_TEAMS(S, b, apply_blocks, BLOCK_TEAM, coarse_blocks_, 1, block_start_, first_, last_, at, scalar_, coarse_factor_, coarse_weight_,
                     components<S>(coarse_r_), components<S>(coarse_z_), nothing<S>());
-  CAMA_LAUNCH_REAL(S, b, combine_levels, rows + terms, rows, levels, fine.parent, path_, at, scalar_, coarse_z_, z_, term_nodes_,
-                   term_value_, total_, product_);
+  const auto combine = [&](int rows_now, int terms_now, int levels_now, const Stream<vec3> &z) {
+    CAMA_LAUNCH_REAL(S, b, combine_levels, rows_now + terms_now, rows_now, levels_now, fine.parent, path_, at, scalar_, coarse_z_, z,
+                     term_nodes_, term_value_, total_, product_);
+  };
+  if (b.processor()) {   // terms read what rows have summed: less work, one launch more, the same bits
+    combine(rows, 0, levels, z_);
+    combine(0, terms, 0, total_);
+  } else {
+    combine(rows, terms, levels, z_);
+  }
   CAMA_LAUNCH_TEAMS(S, b, cg_multiply, TEAM_ROWS, parts(rows, TEAM_ROWS), rows, slice_start_, slice_column_, slice_value_, terms > 0,
                     aggregates_.order, state.term_incidence.row, state.term_incidence.entry, term_value_, product_, at, scalar_, total_, r_, w_,
                     partial_);
