@@ -95,8 +95,8 @@ typedef unsigned long long key64;
 static __device__ inline int atomic_add_int(int *p, int v) { return atomicAdd(p, v); }
 static __device__ inline int atomic_min_int(int *p, int v) { return atomicMin(p, v); }
 static __device__ inline int atomic_max_int(int *p, int v) { return atomicMax(p, v); }
-static __device__ inline int float_bits(float x) { return __float_as_int(x); }
-static __device__ inline float bits_float(int i) { return __int_as_float(i); }
+DEVICE int float_bits(float x) { int i; memcpy(&i, &x, sizeof i); return i; }
+DEVICE float bits_float(int i) { float x; memcpy(&x, &i, sizeof x); return x; }
 static __device__ inline void atomic_add_double(double *p, double v) { atomicAdd(p, v); }
 static __device__ inline void atomic_add_float(float *p, float v) { atomicAdd(p, v); }
 
@@ -177,6 +177,12 @@ DEVICE void atomic_add_float(float *p, float v)
      LANES_TYPE(real, lanes); TEAM_FOR_LANES(j, m) { lanes sum = LANES_ALL(lanes, 0); sum += LANES_LOAD(lanes, p + j) * x; } */
 #define TEAM_FOR_LANES(j, m) TEAM_FOR(j##_group, ((m) + LANES - 1) / LANES) for (int j = j##_group * LANES, j##_once = 1; j##_once; j##_once = 0)
 #define FOR_LANES(q) for (int q = 0; q < LANES; ++q)
+
+#if defined(__GNUC__) && !defined(__CUDACC__) && !(defined(__OPENCL_C_VERSION__) && !defined(CAMA_CHUNKED))
+#define INLINED __attribute__((always_inline)) /* called in a loop whose turns run side by side */
+#else
+#define INLINED
+#endif
 
 /* Total orders written out: fmin and fmax differ between languages on signed zeros. */
 DEVICE double min_double(double a, double b) { return a < b ? a : b; }

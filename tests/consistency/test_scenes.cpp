@@ -239,7 +239,8 @@ TEST_CASE("a free sheet keeps its momentum on every backend", "[scenes][invarian
       for (std::size_t i = 0; i < mass.size(); ++i) largest += mass[i] * kernels::dnorm(v[i]);
       for (int i = 0; i < 60; ++i) simulation.step();
       const double drift = kernels::dnorm(kernels::dsub(momentum(simulation.velocities()), before)) / largest;
-      CHECK(drift < (precision == "single" ? 1e-4 : 1e-6));
+      // In single precision the elastic products, some hundred times the momentum, are rounded to 6e-8 in each of 60 steps.
+      CHECK(drift < (precision == "single" ? 2e-4 : 1e-6));
       CHECK(kernels::dnorm(kernels::dsub(simulation.velocities()[0], v[0])) > 0.01);   // it did move by its inner forces
     }
 }
