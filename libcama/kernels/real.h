@@ -7,4 +7,5 @@
 #include "term.h"
 #include "assembly.h"
 #include "solver.h"
+#include "conjugate_gradient.h"
 #include "schwarz.h"
