@@ -36,8 +36,9 @@ template <class Number, class Real, class T> Components<Number> as(const Stream<
 template <class S>
 SchwarzSolver<S>::SchwarzSolver(Backend &b)
     : aggregates_(b), slice_width_(b), slice_start_(b), slice_column_(b), slice_source_(b), slice_value_(b), term_nodes_(b), term_value_(b),
-      factor_(b), coarse_factor_(b), weight_(b), coarse_weight_(b), block_start_(b), first_(b), last_(b), parent_(b), path_(b), vertex_parent_(b), sum_(b), other_sum_(b), r_(b), z_(b), total_(b), w_(b), p_(b), s_(b), x_(b), product_(b), coarse_r_(b), coarse_z_(b),
-      partial_(b), scalar_(b, 2 * CG_COUNT)
+      factor_(b), coarse_factor_(b), weight_(b), coarse_weight_(b), block_start_(b), first_(b), last_(b), parent_(b), path_(b), vertex_parent_(b),
+      sum_(b), other_sum_(b), r_(b), z_(b), total_(b), w_(b), p_(b), s_(b), x_(b), product_(b), coarse_r_(b), coarse_z_(b), partial_(b),
+      scalar_(b, 2 * CG_COUNT)
 {}
 
 template <class S>
