@@ -2,8 +2,8 @@
 /* The conjugate gradient in one reduction an iteration (Chronopoulos and Gear 1989) on a matrix in slices; its preconditioner is in
    schwarz.h. Rows are free vertices. */
 
-#define SLICE_ROWS 32   /* rows of the sliced matrix that share a width */
 #define TEAM_ROWS 128   /* rows of a team in the matrix product */
+#define ROW_PARTS 2     /* members of a team that share a row, each with every second entry */
 
 LANES_TYPE(real, lanes);
 
@@ -19,7 +19,7 @@ LANES_TYPE(real, lanes);
 #define CG_INNER 8       /* r' z that working precision can reach from this start */
 #define CG_COUNT 9
 #define CG_TEAM 256
-#define CG_NUMBERS 1024  /* numbers of the vectors that a team advances */
+#define CG_NUMBERS 768   /* numbers of the vectors that a team advances: whole rows */
 
 #define CG_MEASURE_FORCES 0
 #define CG_MEASURE_START 1  /* sets the goal */
@@ -82,57 +82,110 @@ KERNEL cg_start(int n, int mode, int partials, GLOBAL const double *partial, dou
   }
 }
 
-/* One iteration's scalars and vectors: alpha and beta from the partial sums (each team for itself), then p = z + beta p, s = w + beta s,
-   x += alpha p, r -= alpha s. The scalars at `from` become those at `to`. numbers: 3 rows. */
-KERNEL cg_advance(int n, int numbers, int partials, GLOBAL const double *partial, int most, int from, int to, GLOBAL double *scalar,
-                  GLOBAL const real *RESTRICT z, GLOBAL const real *RESTRICT w, GLOBAL real *RESTRICT p, GLOBAL real *RESTRICT s,
-                  GLOBAL real *RESTRICT x, GLOBAL real *RESTRICT r)
+typedef struct { double alpha, beta; int done; } cg_step;
+
+/* alpha and beta of one iteration from the partial sums, by every team for itself; the scalars at `from` become those at `to`. */
+DEVICE_TEAM cg_step next_step(int t, int partials, GLOBAL const double *partial, int most, int from, int to, GLOBAL double *scalar,
+                              LOCAL double *rz, LOCAL double *zw)
+{
+  double before = scalar[from + CG_GAMMA], alpha = scalar[from + CG_ALPHA], done = scalar[from + CG_DONE], broken = scalar[from + CG_BROKEN];
+  double iterations = scalar[from + CG_ITERATIONS], least = max_double(scalar[from + CG_GOAL], scalar[from + CG_INNER]);
+  cg_step step;
+  step.beta = 0.0;
+  TEAM_BARRIER;
+  if (done == 0.0) {
+    double gamma, denominator;
+    sum_partials(partials, partial, rz, zw);
+    gamma = rz[0];
+    denominator = zw[0];
+    step.beta = before > 0.0 ? gamma / before : 0.0;
+    if (before > 0.0) denominator -= step.beta * gamma / alpha;
+    alpha = gamma / denominator;
+    if (!(gamma >= 0.0) || !(gamma < 1e300)) done = broken = 1.0;
+    else if (gamma <= least || iterations >= (double)most) done = 1.0;
+    else if (!(denominator > 0.0)) done = broken = 1.0;
+    else iterations += 1.0;
+    before = gamma;
+  }
+  if (t == 0)
+    TEAM_FOR(l, 1)
+    {
+      scalar[to + CG_GAMMA] = before;
+      scalar[to + CG_ALPHA] = alpha;
+      scalar[to + CG_DONE] = done;
+      scalar[to + CG_BROKEN] = broken;
+      scalar[to + CG_ITERATIONS] = iterations;
+      scalar[to + CG_GOAL] = scalar[from + CG_GOAL];
+      scalar[to + CG_INNER] = scalar[from + CG_INNER];
+      scalar[to + CG_START] = scalar[from + CG_START];
+      scalar[to + CG_FORCES] = scalar[from + CG_FORCES];
+    }
+  step.alpha = alpha;
+  step.done = done != 0.0;
+  return step;
+}
+
+/* Number i of p = z + beta p, s = w + beta s, x += alpha p, r -= alpha s; the first iteration has beta = 0 and nothing before. Returns r. */
+DEVICE real advance_number(int i, cg_step step, GLOBAL const real *RESTRICT z, GLOBAL const real *RESTRICT w, GLOBAL real *RESTRICT p,
+                           GLOBAL real *RESTRICT s, GLOBAL real *RESTRICT x, GLOBAL real *RESTRICT r)
+{
+  const int first = step.beta == 0.0;
+  const real a = (real)step.alpha, b = (real)step.beta;
+  real pi = first ? z[i] : z[i] + b * p[i], si = first ? w[i] : w[i] + b * s[i], ri = r[i] - a * si;
+  p[i] = pi;
+  s[i] = si;
+  x[i] = (first ? (real)0 : x[i]) + a * pi;
+  r[i] = ri;
+  return ri;
+}
+
+/* One iteration's scalars and vectors, and z = P r where P is diagonal (across = 1: numbers) or has a block for each row (across = 3).
+   numbers: 3 rows. */
+KERNEL cg_advance(int n, int numbers, int across, GLOBAL const real *RESTRICT inverse, int partials, GLOBAL const double *partial, int most,
+                  int from, int to, GLOBAL double *scalar, GLOBAL real *RESTRICT z, GLOBAL const real *RESTRICT w, GLOBAL real *RESTRICT p,
+                  GLOBAL real *RESTRICT s, GLOBAL real *RESTRICT x, GLOBAL real *RESTRICT r)
 {
   TEAM_LOCAL(double, rz, CG_TEAM);
   TEAM_LOCAL(double, zw, CG_TEAM);
+  TEAM_LOCAL(real, own, CG_NUMBERS);
   FOR_EACH_TEAM(t, n)
   {
-    double before = scalar[from + CG_GAMMA], alpha = scalar[from + CG_ALPHA], done = scalar[from + CG_DONE], broken = scalar[from + CG_BROKEN];
-    double iterations = scalar[from + CG_ITERATIONS], least = max_double(scalar[from + CG_GOAL], scalar[from + CG_INNER]), beta = 0.0;
-    TEAM_BARRIER;
-    if (done == 0.0) {
-      double gamma, denominator;
-      sum_partials(partials, partial, rz, zw);
-      gamma = rz[0];
-      denominator = zw[0];
-      beta = before > 0.0 ? gamma / before : 0.0;
-      if (before > 0.0) denominator -= beta * gamma / alpha;
-      alpha = gamma / denominator;
-      if (gamma <= least || iterations >= (double)most) done = 1.0;
-      else if (!(gamma > 0.0) || !(denominator > 0.0) || !(gamma < 1e300)) done = broken = 1.0;
-      else iterations += 1.0;
-      before = gamma;
-    }
-    if (t == 0)
-      TEAM_FOR(l, 1)
-      {
-        scalar[to + CG_GAMMA] = before;
-        scalar[to + CG_ALPHA] = alpha;
-        scalar[to + CG_DONE] = done;
-        scalar[to + CG_BROKEN] = broken;
-        scalar[to + CG_ITERATIONS] = iterations;
-        scalar[to + CG_GOAL] = scalar[from + CG_GOAL];
-        scalar[to + CG_INNER] = scalar[from + CG_INNER];
-        scalar[to + CG_START] = scalar[from + CG_START];
-        scalar[to + CG_FORCES] = scalar[from + CG_FORCES];
-      }
-    if (done == 0.0) {
-      const int first = t * CG_NUMBERS, count = min_int(numbers - first, CG_NUMBERS), restart = beta == 0.0;
-      const real a = (real)alpha, b = (real)beta;
+    const int first = t * CG_NUMBERS, count = min_int(numbers - first, CG_NUMBERS);
+    cg_step step = next_step(t, partials, partial, most, from, to, scalar, rz, zw);
+    if (!step.done) {
+      TEAM_FOR(l, count) own[l] = advance_number(first + l, step, z, w, p, s, x, r);
+      TEAM_BARRIER;
       TEAM_FOR(l, count)
       {
-        int i = first + l;
-        real pi = restart ? z[i] : z[i] + b * p[i], si = restart ? w[i] : w[i] + b * s[i];
-        p[i] = pi;
-        s[i] = si;
-        x[i] = (restart ? (real)0 : x[i]) + a * pi;
-        r[i] -= a * si;
+        const int i = first + l, row = l - l % 3;
+        if (across == 1) z[i] = inverse[i] * own[l];
+        else z[i] = inverse[3 * i] * own[row] + inverse[3 * i + 1] * own[row + 1] + inverse[3 * i + 2] * own[row + 2];
       }
+    }
+  }
+}
+
+/* z = P r with P as in cg_advance. n: numbers. */
+KERNEL apply_diagonal(int n, int across, GLOBAL const real *RESTRICT inverse, GLOBAL const real *RESTRICT r, GLOBAL real *RESTRICT z)
+{
+  FOR_EACH(i, n)
+  {
+    const int row = i - i % 3;
+    if (across == 1) z[i] = inverse[i] * r[i];
+    else z[i] = inverse[3 * i] * r[row] + inverse[3 * i + 1] * r[row + 1] + inverse[3 * i + 2] * r[row + 2];
+  }
+}
+
+/* The inverses of diagonal blocks as P of the rows: their diagonals (across = 1), or whole. */
+KERNEL pack_diagonal(int n, GLOBAL const int *order, int across, int wide, GLOBAL const double *from64, GLOBAL const float *from32,
+                     GLOBAL real *inverse)
+{
+  FOR_EACH(i, n)
+  {
+    int c;
+    for (c = 0; c < 3 * across; ++c) {
+      int at = 9 * order[i] + (across == 1 ? 4 * c : c);
+      inverse[3 * across * i + c] = wide ? (real)from64[at] : (real)from32[at];
     }
   }
 }
@@ -157,43 +210,10 @@ KERNEL pack_terms(int n, GLOBAL const term *terms, int vertices, GLOBAL const in
   }
 }
 
-/* Widths of the slices: the longest row without columns that are not free. n: slices. */
-KERNEL slice_widths(int n, int rows, GLOBAL const int *order, GLOBAL const int *row, GLOBAL const int *column, int vertices,
-                    GLOBAL const int *place, GLOBAL int *width)
+/* The weight of each entry of the terms' incidence. */
+KERNEL pack_weights(int n, GLOBAL const int *entry, GLOBAL const real *coefficient, GLOBAL real *weight)
 {
-  FOR_EACH(s, n)
-  {
-    int l, widest = 0;
-    for (l = 0; l < SLICE_ROWS && s * SLICE_ROWS + l < rows; ++l) {
-      int v = order[s * SLICE_ROWS + l], k, count = 0;
-      for (k = row[v]; k < row[v + 1]; ++k) count += column[k] < vertices && place[column[k]] >= 0;
-      widest = max_int(widest, count);
-    }
-    width[s] = (widest + 1) / 2 * 2;   /* the product takes two entries at once */
-  }
-}
-
-/* Columns and source blocks of the sliced matrix; entry k of lane l of slice s is at SLICE_ROWS (start[s] + k) + l. n: lanes. */
-KERNEL fill_slices(int n, int rows, GLOBAL const int *order, GLOBAL const int *row, GLOBAL const int *column, int vertices,
-                   GLOBAL const int *place, GLOBAL const int *start, GLOBAL int *slice_column, GLOBAL int *source)
-{
-  FOR_EACH(i, n)
-  {
-    int s = i / SLICE_ROWS, l = i - s * SLICE_ROWS, at = start[s], k;
-    if (i < rows) {
-      int v = order[i];
-      for (k = row[v]; k < row[v + 1]; ++k)
-        if (column[k] < vertices && place[column[k]] >= 0) {
-          slice_column[SLICE_ROWS * at + l] = place[column[k]];
-          source[SLICE_ROWS * at + l] = k;
-          ++at;
-        }
-    }
-    for (; at < start[s + 1]; ++at) {
-      slice_column[SLICE_ROWS * at + l] = 0;
-      source[SLICE_ROWS * at + l] = -1;
-    }
-  }
+  FOR_EACH(i, n) weight[i] = coefficient[9 * (entry[i] >> 2) + (entry[i] & 3)];
 }
 
 /* Blocks into slices: number c of entry e of lane l is at SLICE_ROWS (9 e + c) + l. n: entries of all lanes. */
@@ -212,12 +232,13 @@ KERNEL fill_slice_values(int n, GLOBAL const int *source, int wide, GLOBAL const
 
 #define SLICE_NUMBER(v, c) LANES_LOAD(lanes, (v) + (c) * SLICE_ROWS)
 
-/* w = A z with the terms; partial[2 t], partial[2 t + 1] = r'z and z'w over the TEAM_ROWS rows of team t. */
+/* w = A z with the terms; partial[2 t], partial[2 t + 1] = r'z and z'w over the TEAM_ROWS rows of team t. entry_weight: of the terms' entries. */
 KERNEL cg_multiply(int n, int rows, GLOBAL const int *slice_start, GLOBAL const int *RESTRICT column, GLOBAL const real *RESTRICT value,
                    int terms, GLOBAL const int *order, GLOBAL const int *term_row, GLOBAL const int *term_entry,
-                   GLOBAL const real *coefficient, GLOBAL const vec3 *product, int at, GLOBAL const double *scalar,
+                   GLOBAL const real *entry_weight, GLOBAL const vec3 *product, int at, GLOBAL const double *scalar,
                    GLOBAL const vec3 *RESTRICT z, GLOBAL const vec3 *r, GLOBAL vec3 *w, GLOBAL double *partial)
 {
+  TEAM_LOCAL(real, sum, ROW_PARTS * 3 * TEAM_ROWS);
   TEAM_LOCAL(double, rz, TEAM_ROWS);
   TEAM_LOCAL(double, zw, TEAM_ROWS);
   if (scalar[at + CG_DONE] != 0.0) return;
@@ -225,50 +246,63 @@ KERNEL cg_multiply(int n, int rows, GLOBAL const int *slice_start, GLOBAL const 
   {
     int span;
     TEAM_BARRIER;
-    TEAM_FOR_LANES(row, TEAM_ROWS)
+    TEAM_FOR_LANES(item, ROW_PARTS * TEAM_ROWS)
     {
       lanes x = LANES_ALL(lanes, (real)0), y = x, u = x;
-      int first = t * TEAM_ROWS + row, s = first / SLICE_ROWS, lane = first - s * SLICE_ROWS, e;
-      if (first < rows)
-        for (e = slice_start[s]; e < slice_start[s + 1]; e += 2) {
-          GLOBAL const real *RESTRICT v = value + (size_t)SLICE_ROWS * 9 * e + lane;
-          GLOBAL const int *RESTRICT c = column + (size_t)SLICE_ROWS * e + lane;
+      int part = item / TEAM_ROWS, row = item - part * TEAM_ROWS, first = t * TEAM_ROWS + row, s = first / SLICE_ROWS;
+      int lane = first - s * SLICE_ROWS, e, end;
+      LOCAL real *own = sum + part * 3 * TEAM_ROWS + row;
+      if (first < rows) {
+        end = slice_start[s + 1];
+        for (e = slice_start[s] + part; e < end; e += 2 * ROW_PARTS) {   /* two entries at once: their loads do not wait for each other */
+          const int next = e + ROW_PARTS < end ? ROW_PARTS : 0;
+          GLOBAL const real *RESTRICT v = value + (size_t)SLICE_ROWS * 9 * e + lane, *RESTRICT v1 = v + SLICE_ROWS * 9 * next;
+          GLOBAL const int *RESTRICT c = column + (size_t)SLICE_ROWS * e + lane, *RESTRICT c1 = c + SLICE_ROWS * next;
           lanes ax, ay, az, bx, by, bz;
           FOR_LANES(q)
           {
-            vec3 a = z[c[q]], b = z[c[q + SLICE_ROWS]];
+            vec3 a = z[c[q]], b = z[c1[q]];
             LANE(ax, q) = a.x; LANE(ay, q) = a.y; LANE(az, q) = a.z;
-            LANE(bx, q) = b.x; LANE(by, q) = b.y; LANE(bz, q) = b.z;
+            LANE(bx, q) = next ? b.x : (real)0; LANE(by, q) = next ? b.y : (real)0; LANE(bz, q) = next ? b.z : (real)0;
           }
           x += SLICE_NUMBER(v, 0) * ax + SLICE_NUMBER(v, 1) * ay + SLICE_NUMBER(v, 2) * az +
-               (SLICE_NUMBER(v, 9) * bx + SLICE_NUMBER(v, 10) * by + SLICE_NUMBER(v, 11) * bz);
+               (SLICE_NUMBER(v1, 0) * bx + SLICE_NUMBER(v1, 1) * by + SLICE_NUMBER(v1, 2) * bz);
           y += SLICE_NUMBER(v, 3) * ax + SLICE_NUMBER(v, 4) * ay + SLICE_NUMBER(v, 5) * az +
-               (SLICE_NUMBER(v, 12) * bx + SLICE_NUMBER(v, 13) * by + SLICE_NUMBER(v, 14) * bz);
+               (SLICE_NUMBER(v1, 3) * bx + SLICE_NUMBER(v1, 4) * by + SLICE_NUMBER(v1, 5) * bz);
           u += SLICE_NUMBER(v, 6) * ax + SLICE_NUMBER(v, 7) * ay + SLICE_NUMBER(v, 8) * az +
-               (SLICE_NUMBER(v, 15) * bx + SLICE_NUMBER(v, 16) * by + SLICE_NUMBER(v, 17) * bz);
+               (SLICE_NUMBER(v1, 6) * bx + SLICE_NUMBER(v1, 7) * by + SLICE_NUMBER(v1, 8) * bz);
         }
+      }
       FOR_LANES(q)
       {
+        vec3 all = vec3_make(LANE(x, q), LANE(y, q), LANE(u, q));
         int i = first + q;
-        rz[row + q] = 0.0;
-        zw[row + q] = 0.0;
-        if (i < rows) {
-          vec3 sum = vec3_make(LANE(x, q), LANE(y, q), LANE(u, q)), zi = z[i], ri = r[i];
-          if (terms) {
-            int v = order[i], k = term_row[v], end = term_row[v + 1];
-            for (; k + 3 < end; k += 4) {   /* four at once: their loads do not wait for each other */
-              int e0 = term_entry[k], e1 = term_entry[k + 1], e2 = term_entry[k + 2], e3 = term_entry[k + 3];
-              real w0 = coefficient[9 * (e0 >> 2) + (e0 & 3)], w1 = coefficient[9 * (e1 >> 2) + (e1 & 3)];
-              real w2 = coefficient[9 * (e2 >> 2) + (e2 & 3)], w3 = coefficient[9 * (e3 >> 2) + (e3 & 3)];
-              vec3 p0 = product[e0 >> 2], p1 = product[e1 >> 2], p2 = product[e2 >> 2], p3 = product[e3 >> 2];
-              sum = axpy(axpy(axpy(axpy(sum, w0, p0), w1, p1), w2, p2), w3, p3);
-            }
-            for (; k < end; ++k) sum = axpy(sum, coefficient[9 * (term_entry[k] >> 2) + (term_entry[k] & 3)], product[term_entry[k] >> 2]);
-          }
-          w[i] = sum;
-          rz[row + q] = (double)ri.x * (double)zi.x + (double)ri.y * (double)zi.y + (double)ri.z * (double)zi.z;
-          zw[row + q] = (double)sum.x * (double)zi.x + (double)sum.y * (double)zi.y + (double)sum.z * (double)zi.z;
+        if (terms && i < rows) {
+          int v = order[i], k = term_row[v] + part;
+          end = term_row[v + 1];
+          for (; k + ROW_PARTS < end; k += 2 * ROW_PARTS)
+            all = axpy(axpy(all, entry_weight[k], product[term_entry[k] >> 2]), entry_weight[k + ROW_PARTS],
+                       product[term_entry[k + ROW_PARTS] >> 2]);
+          if (k < end) all = axpy(all, entry_weight[k], product[term_entry[k] >> 2]);
         }
+        own[q] = all.x;
+        own[TEAM_ROWS + q] = all.y;
+        own[2 * TEAM_ROWS + q] = all.z;
+      }
+    }
+    TEAM_BARRIER;
+    TEAM_FOR(l, TEAM_ROWS)
+    {
+      int i = t * TEAM_ROWS + l;
+      rz[l] = 0.0;
+      zw[l] = 0.0;
+      if (i < rows) {
+        vec3 zi = z[i], ri = r[i];
+        vec3 all = vec3_make(sum[l] + sum[3 * TEAM_ROWS + l], sum[TEAM_ROWS + l] + sum[4 * TEAM_ROWS + l],
+                             sum[2 * TEAM_ROWS + l] + sum[5 * TEAM_ROWS + l]);
+        w[i] = all;
+        rz[l] = (double)ri.x * (double)zi.x + (double)ri.y * (double)zi.y + (double)ri.z * (double)zi.z;
+        zw[l] = (double)all.x * (double)zi.x + (double)all.y * (double)zi.y + (double)all.z * (double)zi.z;
       }
     }
     TEAM_BARRIER;

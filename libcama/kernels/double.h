@@ -3,6 +3,7 @@
 #include "scalars.h"
 #include "incidence.h"
 #include "graph.h"
+#include "slices.h"
 #include "motion.h"
 #include "distance.h"
 #include "double_double.h"

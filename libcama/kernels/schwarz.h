@@ -228,14 +228,11 @@ KERNEL factor_coarse_blocks(int n, int at, GLOBAL const int *block_start, GLOBAL
   }
 }
 
-/* z = S G' G S r of each block. coarse = 0: r of rows, and sums[t] = the sum of r over block t. coarse = 1: r of a node is the sum of r over
-   the finest blocks [first, last) that it covers. at: of the scalars. */
-KERNEL apply_blocks(int n, int coarse, GLOBAL const int *block_start, GLOBAL const int *first, GLOBAL const int *last, int at,
-                    GLOBAL const double *scalar, GLOBAL const int *RESTRICT factor, GLOBAL const real *RESTRICT weight,
-                    GLOBAL const real *RESTRICT r, GLOBAL real *RESTRICT z, GLOBAL real *RESTRICT sums)
+/* z = S G' G S r of each block, of all levels: the nodes of a coarse level are numbered behind those of the finer one. at: of the scalars. */
+KERNEL apply_blocks(int n, GLOBAL const int *block_start, int at, GLOBAL const double *scalar, GLOBAL const int *RESTRICT factor,
+                    GLOBAL const real *RESTRICT weight, GLOBAL const real *RESTRICT r, GLOBAL real *RESTRICT z)
 {
   TEAM_LOCAL(real, g, 2 * FACTOR_WORDS / 16 * 17);
-  TEAM_LOCAL(real, own, BLOCK_SIZE);
   TEAM_LOCAL(real, u, BLOCK_SIZE);
   TEAM_LOCAL(real, y, BLOCK_SIZE);
   if (scalar[at + CG_DONE] != 0.0) return;
@@ -253,17 +250,7 @@ KERNEL apply_blocks(int n, int coarse, GLOBAL const int *block_start, GLOBAL con
         high[q] = (real)(word[q] >> 16);
       }
     }
-    TEAM_FOR(l, BLOCK_SIZE)
-    {
-      real v = (real)0;
-      if (l < m && !coarse) v = r[3 * node + l];
-      if (l < m && coarse) {
-        int i = node + l / 3, c = l - l / 3 * 3, k, end = last[i];
-        for (k = first[i]; k < end; ++k) v += r[3 * k + c];
-      }
-      own[l] = v;
-      u[l] = weight[t * BLOCK_SIZE + l] * v;
-    }
+    TEAM_FOR(l, BLOCK_SIZE) u[l] = l < m ? weight[t * BLOCK_SIZE + l] * r[3 * node + l] : (real)0;
     TEAM_BARRIER;
     TEAM_FOR_LANES(j, BLOCK_SIZE)
     {
@@ -290,56 +277,103 @@ KERNEL apply_blocks(int n, int coarse, GLOBAL const int *block_start, GLOBAL con
       SIMD for (q = 0; q < 4; ++q) sum[q] += sum[q + 4];
       z[3 * node + c] = weight[t * BLOCK_SIZE + c] * (sum[0] + sum[2] + (sum[1] + sum[3]));
     }
-    if (!coarse)
-      TEAM_FOR(c, 3)
-      {
-        real sum = (real)0;
-        int l;
-        for (l = c; l < m; l += 3) sum += own[l];
-        sums[3 * t + c] = sum;
-      }
   }
 }
 
-/* path[levels b + k]: the coarse nodes above finest block b. parent: of coarse nodes; the first are the finest blocks. */
-KERNEL coarse_paths(int n, int levels, GLOBAL const int *parent, GLOBAL int *path)
+/* Where a team works on the rows of the blocks of one block of the next level: its residuals are in `own`. The sums of r over each block,
+   and over all of them, become the residuals of the nodes on coarse levels. nodes: [levels + 1] first node of each level. */
+DEVICE_TEAM void sum_blocks(int t, int levels, int rows, int blocks, int first_block, int last_block, GLOBAL const int *block_start,
+                            LOCAL const real *own, LOCAL real *sums, GLOBAL real *r)
 {
-  FOR_EACH(i, n)
+  const int first = block_start[first_block];
+  if (levels < 2) return;
+  TEAM_FOR(l, 3 * (last_block - first_block))
   {
-    int k, node = i;
-    for (k = 0; k < levels; ++k, node = parent[node]) path[levels * i + k] = node;
+    int b = first_block + l / 3, c = l % 3, k;
+    real sum = (real)0;
+    for (k = block_start[b] - first; k < block_start[b + 1] - first; ++k) sum += own[3 * k + c];
+    sums[l] = sum;
+    r[3 * (rows + first_block) + l] = sum;
+  }
+  TEAM_BARRIER;
+  if (levels < 3) return;
+  TEAM_FOR(c, 3)
+  {
+    real sum = (real)0;
+    int k;
+    for (k = 0; k < last_block - first_block; ++k) sum += sums[3 * k + c];
+    r[3 * (rows + blocks + t) + c] = sum;
   }
 }
 
-/* z of a row with the corrections of all coarse levels. block: of rows. */
-DEVICE vec3 corrected(int row, int levels, GLOBAL const int *block, GLOBAL const int *path, GLOBAL const vec3 *correction, GLOBAL const vec3 *z)
+/* The residuals of coarse nodes. Team t: the blocks [group_start[t], group_start[t + 1]) of the finest level. */
+KERNEL restrict_residual(int n, int levels, int rows, int blocks, GLOBAL const int *group_start, GLOBAL const int *block_start, GLOBAL real *r)
+{
+  TEAM_LOCAL(real, own, BLOCK_ROWS * BLOCK_SIZE);
+  TEAM_LOCAL(real, sums, BLOCK_SIZE);
+  FOR_EACH_TEAM(t, n)
+  {
+    const int first_block = group_start[t], last_block = group_start[t + 1], first = block_start[first_block];
+    TEAM_BARRIER;
+    TEAM_FOR(l, 3 * (block_start[last_block] - first)) own[l] = r[3 * first + l];
+    TEAM_BARRIER;
+    sum_blocks(t, levels, rows, blocks, first_block, last_block, block_start, own, sums, r);
+  }
+}
+
+/* One iteration's scalars and vectors, and the residuals of coarse nodes. Teams as in restrict_residual. */
+KERNEL cg_advance_blocks(int n, int levels, int rows, int blocks, GLOBAL const int *group_start, GLOBAL const int *block_start, int partials,
+                         GLOBAL const double *partial, int most, int from, int to, GLOBAL double *scalar, GLOBAL const real *RESTRICT z,
+                         GLOBAL const real *RESTRICT w, GLOBAL real *RESTRICT p, GLOBAL real *RESTRICT s, GLOBAL real *RESTRICT x,
+                         GLOBAL real *RESTRICT r)
+{
+  TEAM_LOCAL(double, rz, CG_TEAM);
+  TEAM_LOCAL(double, zw, CG_TEAM);
+  TEAM_LOCAL(real, own, BLOCK_ROWS * BLOCK_SIZE);
+  TEAM_LOCAL(real, sums, BLOCK_SIZE);
+  FOR_EACH_TEAM(t, n)
+  {
+    const int first_block = group_start[t], last_block = group_start[t + 1], first = block_start[first_block];
+    cg_step step = next_step(t, partials, partial, most, from, to, scalar, rz, zw);
+    if (!step.done) {
+      TEAM_FOR(l, 3 * (block_start[last_block] - first)) own[l] = advance_number(3 * first + l, step, z, w, p, s, x, r);
+      TEAM_BARRIER;
+      sum_blocks(t, levels, rows, blocks, first_block, last_block, block_start, own, sums, r);
+    }
+  }
+}
+
+/* z of a row with the corrections of the coarse levels. block: of rows; parent: of blocks. */
+DEVICE vec3 corrected(int row, int levels, int rows, int blocks, GLOBAL const int *block, GLOBAL const int *parent, GLOBAL const vec3 *z)
 {
   vec3 sum = z[row];
-  int k, own = levels * block[row];
-  for (k = 0; k < levels; ++k) sum = add(sum, correction[path[own + k]]);
+  if (levels > 1) {
+    int own = block[row];
+    sum = add(sum, z[rows + own]);
+    if (levels > 2) sum = add(sum, z[rows + blocks + parent[own]]);
+  }
   return sum;
 }
 
-/* total = z with the corrections, of rows; then product = (along n n' + around I) sum_k w_k total_k of each term. n: rows and terms. */
-KERNEL combine_levels(int n, int rows, int levels, GLOBAL const int *RESTRICT block, GLOBAL const int *RESTRICT path, int at,
-                      GLOBAL const double *scalar, GLOBAL const vec3 *RESTRICT correction, GLOBAL const vec3 *RESTRICT z,
-                      GLOBAL const element_nodes *RESTRICT nodes, GLOBAL const real *RESTRICT coefficient, GLOBAL vec3 *RESTRICT total,
-                      GLOBAL vec3 *RESTRICT product)
+/* total = z with the corrections, of rows; then product = (along n n' + around I) sum_k w_k total_k of each term. n: rows_here and terms. */
+KERNEL combine_levels(int n, int rows_here, int levels, int rows, int blocks, GLOBAL const int *RESTRICT block, GLOBAL const int *RESTRICT parent,
+                      int at, GLOBAL const double *scalar, GLOBAL const vec3 *RESTRICT z, GLOBAL const element_nodes *RESTRICT nodes,
+                      GLOBAL const real *RESTRICT coefficient, GLOBAL vec3 *RESTRICT total, GLOBAL vec3 *RESTRICT product)
 {
   if (scalar[at + CG_DONE] != 0.0) return;
   FOR_EACH(i, n)
   {
-    if (i < rows) {
-      total[i] = corrected(i, levels, block, path, correction, z);
+    if (i < rows_here) {
+      total[i] = corrected(i, levels, rows, blocks, block, parent, z);
     } else {
-      GLOBAL const real *RESTRICT x = coefficient + 9 * (i - rows);
-      element_nodes own = nodes[i - rows];
+      GLOBAL const real *RESTRICT x = coefficient + 9 * (i - rows_here);
+      element_nodes own = nodes[i - rows_here];
       vec3 normal = vec3_make(x[4], x[5], x[6]), s = vec3_make((real)0, (real)0, (real)0);
-      if (own.node[0] >= 0) s = axpy(s, x[0], corrected(own.node[0], levels, block, path, correction, z));
-      if (own.node[1] >= 0) s = axpy(s, x[1], corrected(own.node[1], levels, block, path, correction, z));
-      if (own.node[2] >= 0) s = axpy(s, x[2], corrected(own.node[2], levels, block, path, correction, z));
-      if (own.node[3] >= 0) s = axpy(s, x[3], corrected(own.node[3], levels, block, path, correction, z));
-      product[i - rows] = axpy(scale(x[8], s), x[7] * dot(normal, s), normal);
+      if (own.node[0] >= 0) s = axpy(s, x[0], corrected(own.node[0], levels, rows, blocks, block, parent, z));
+      if (own.node[1] >= 0) s = axpy(s, x[1], corrected(own.node[1], levels, rows, blocks, block, parent, z));
+      if (own.node[2] >= 0) s = axpy(s, x[2], corrected(own.node[2], levels, rows, blocks, block, parent, z));
+      if (own.node[3] >= 0) s = axpy(s, x[3], corrected(own.node[3], levels, rows, blocks, block, parent, z));
+      product[i - rows_here] = axpy(scale(x[8], s), x[7] * dot(normal, s), normal);
     }
   }
 }

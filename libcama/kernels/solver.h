@@ -61,34 +61,6 @@ KERNEL start_solution(int n, GLOBAL const dvec3 *velocity, GLOBAL const dvec3 *p
   FOR_EACH(i, n) { x[i] = to_vec3(fixed[i] ? prescribed[i] : velocity[i]); }
 }
 
-/* What the forces add to the right-hand side, r, and z = P r. */
-KERNEL weigh_forces(int n, real time_step, GLOBAL const vec3 *force, GLOBAL const int *fixed, GLOBAL const mat3 *inverse, GLOBAL vec3 *r,
-                    GLOBAL vec3 *z)
-{
-  FOR_EACH(i, n)
-  {
-    r[i] = fixed[i] ? vec3_make((real)0, (real)0, (real)0) : scale(time_step, force[i]);
-    z[i] = mat3_multiply(inverse[i], r[i]);
-  }
-}
-
-/* r = b - q on free rows, z = P r, p = z. n: all vertices; p stays zero where nothing moves. */
-KERNEL start_residual(int n, int rows, GLOBAL const int *fixed, GLOBAL const vec3 *b, GLOBAL const vec3 *q,
-                      GLOBAL const mat3 *inverse, GLOBAL vec3 *r, GLOBAL vec3 *z, GLOBAL vec3 *p)
-{
-  FOR_EACH(i, n)
-  {
-    vec3 zero = vec3_make((real)0, (real)0, (real)0);
-    if (i < rows) {
-      r[i] = fixed[i] ? zero : sub(b[i], q[i]);
-      z[i] = fixed[i] ? zero : mat3_multiply(inverse[i], r[i]);
-      p[i] = z[i];
-    } else {
-      p[i] = zero;
-    }
-  }
-}
-
 /* partial[i] = sum of a_j . b_j over the i-th VECTOR_CHUNK of `size` vectors. */
 KERNEL dot_chunks(int n, int size, GLOBAL const vec3 *a, GLOBAL const vec3 *b, GLOBAL double *partial)
 {
@@ -100,24 +72,6 @@ KERNEL dot_chunks(int n, int size, GLOBAL const vec3 *a, GLOBAL const vec3 *b, G
       sum += (double)a[j].x * (double)b[j].x + (double)a[j].y * (double)b[j].y + (double)a[j].z * (double)b[j].z;
     partial[i] = sum;
   }
-}
-
-/* x += alpha p, r -= alpha q, z = P r on cloth rows. */
-KERNEL update_solution(int n, GLOBAL const double *scalar, GLOBAL const mat3 *inverse, GLOBAL const vec3 *p, GLOBAL const vec3 *q,
-                       GLOBAL vec3 *x, GLOBAL vec3 *r, GLOBAL vec3 *z)
-{
-  FOR_EACH(i, n)
-  {
-    real alpha = (real)scalar[SCALAR_ALPHA];
-    x[i] = axpy(x[i], alpha, p[i]);
-    r[i] = axpy(r[i], -alpha, q[i]);
-    z[i] = mat3_multiply(inverse[i], r[i]);
-  }
-}
-
-KERNEL update_direction(int n, GLOBAL const double *scalar, GLOBAL const vec3 *z, GLOBAL vec3 *p)
-{
-  FOR_EACH(i, n) { p[i] = axpy(z[i], (real)scalar[SCALAR_BETA], p[i]); }
 }
 
 /* The solved velocities become the next ones; fixed vertices keep what is prescribed. n: cloth vertices. */

@@ -63,6 +63,7 @@ struct State {
   int triangles = 0, hinges = 0, stitches = 0, terms = 0;
   int faces = 0, edges = 0;                   // of cloth and obstacles
   int contacts = 0;
+  int releases = 0;                           // times that pins let vertices go
   double largest_thickness = 0;               // largest contact thickness of any vertex, m
 
   Stream<dvec3> position, velocity;           // [vertices] m, m/s at the start of the step

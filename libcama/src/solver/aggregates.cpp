@@ -1,8 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "solver/aggregates.hpp"
 
-#include "launch.hpp"
-
 namespace cama {
 namespace {
 constexpr int most_rounds = 7;       // of joining two by two: 2, 4, 8, 16, then what is left over
@@ -11,15 +9,8 @@ constexpr int most_levels = 3;         // more make the sum overshoot: 142 itera
 constexpr double least_progress = 0.6;   // of the nodes must go in a level, or it is the last
 }  // namespace
 
-int key_bits(int rows)
-{
-  int bits = 31;
-  for (; rows > 0; rows >>= 1) ++bits;
-  return bits;
-}
-
 Aggregates::Aggregates(Backend &b)
-    : order(b), place(b), graph_(b), merged_(b), key_(b), merged_key_(b), entry_(b), head_(b), place_(b), vertex_(b), size_(b), joined_size_(b), mate_(b),
+    : rows(b), graph_(b), merged_(b), key_(b), merged_key_(b), entry_(b), head_(b), place_(b), size_(b), joined_size_(b), mate_(b),
       wish_(b), parent_(b), cluster_(b), strength_(b), weight_(b)
 {}
 
@@ -75,23 +66,8 @@ int Aggregates::match(Backend &b)
   return nodes;
 }
 
-void Aggregates::number(State &state)
+void Aggregates::arrange(Backend &b, std::vector<Stream<int>> &parents, const std::vector<int> &count)
 {
-  Backend &b = *state.backend;
-  const int vertices = state.cloth_vertices;
-  head_.resize(vertices);
-  place_.resize(vertices + 1);
-  place.resize(vertices);
-  CAMA_LAUNCH(b, free_flags, vertices, state.fixed, head_);
-  b.scan(head_.buffer(), place_.buffer(), vertices);
-  rows_ = place_.at(vertices);
-  vertex_.resize(rows_);
-  CAMA_LAUNCH(b, number_free, vertices, head_, place_, place, vertex_);
-}
-
-void Aggregates::arrange(State &state, std::vector<Stream<int>> &parents, const std::vector<int> &count)
-{
-  Backend &b = *state.backend;
   const int levels = static_cast<int>(count.size());
   level_.clear();
   for (int l = 0; l < levels; ++l) level_.emplace_back(b);
@@ -100,7 +76,7 @@ void Aggregates::arrange(State &state, std::vector<Stream<int>> &parents, const 
   for (int l = levels - 1; l >= 0; --l) {
     Level &level = level_[static_cast<std::size_t>(l)];
     const Stream<int> &parent = parents[static_cast<std::size_t>(l)];
-    level.nodes = l ? count[static_cast<std::size_t>(l - 1)] : rows_;
+    level.nodes = l ? count[static_cast<std::size_t>(l - 1)] : rows.size;
     level.blocks = count[static_cast<std::size_t>(l)];
     key_.resize(level.nodes);
     sorted.resize(level.nodes);
@@ -114,9 +90,10 @@ void Aggregates::arrange(State &state, std::vector<Stream<int>> &parents, const 
     CAMA_LAUNCH(b, place_parents, level.nodes, here, parent, above, level.parent);
     above.swap(here);
   }
-  order.resize(rows_);
-  CAMA_LAUNCH(b, take_items, rows_, sorted, vertex_, order);
-  CAMA_LAUNCH(b, invert_order, rows_, order, place);
+  Stream<int> vertex(b, rows.size);
+  vertex.swap(rows.order);
+  CAMA_LAUNCH(b, take_items, rows.size, sorted, vertex, rows.order);
+  CAMA_LAUNCH(b, invert_order, rows.size, rows.order, rows.place);
 }
 
 template <class Real>
@@ -124,19 +101,19 @@ void Aggregates::build(State &state, const Stream<typename Types<Real>::mat3> &d
 {
   Backend &b = *state.backend;
   System<Real> &s = state.system<Real>();
-  number(state);
-  if (rows_ == 0) return level_.clear();
+  rows.number(state);
+  if (rows.size == 0) return level_.clear();
   const int vertices = state.cloth_vertices, blocks = s.matrix.column.size();
-  const int terms = state.options.assembly == Assembly::gather ? state.terms : 0, entries = blocks + 16 * terms;
+  const int terms = terms_beside(state), entries = blocks + 16 * terms;
   strength_.resize(vertices);
   key_.resize(entries);
   entry_.resize(entries);
   weight_.resize(entries);
   CAMA_LAUNCH_REAL(Real, b, vertex_strengths, vertices, diagonal, strength_);
-  CAMA_LAUNCH_REAL(Real, b, matrix_entries, vertices, s.matrix.row, s.matrix.column, s.matrix.block, place, rows_, strength_, key_, entry_,
+  CAMA_LAUNCH_REAL(Real, b, matrix_entries, vertices, s.matrix.row, s.matrix.column, s.matrix.block, rows.place, rows.size, strength_, key_, entry_,
                    weight_);
-  CAMA_LAUNCH_REAL(Real, b, term_entries, terms, blocks, vertices, s.term, place, rows_, strength_, key_, entry_, weight_);
-  merge(b, entries, rows_, graph_);
+  CAMA_LAUNCH_REAL(Real, b, term_entries, terms, blocks, vertices, s.term, rows.place, rows.size, strength_, key_, entry_, weight_);
+  merge(b, entries, rows.size, graph_);
   // Each level's clusters are the nodes of the next, until one block holds them all or matching gets stuck.
   std::vector<Stream<int>> parents;
   std::vector<int> count;
@@ -147,11 +124,11 @@ void Aggregates::build(State &state, const Stream<typename Types<Real>::mat3> &d
     parents.back().swap(cluster_);
     count.push_back(now);
   } while (count.back() > 1 && static_cast<int>(count.size()) < most_levels);
-  arrange(state, parents, count);
+  arrange(b, parents, count);
   // What is left is for many steps.
   graph_ = Graph(b);
   merged_ = Graph(b);
-  for (Stream<int> *s : {&entry_, &head_, &place_, &vertex_, &size_, &joined_size_, &mate_, &wish_, &parent_, &cluster_}) *s = Stream<int>(b);
+  for (Stream<int> *s : {&entry_, &head_, &place_, &size_, &joined_size_, &mate_, &wish_, &parent_, &cluster_}) *s = Stream<int>(b);
   for (Stream<key64> *s : {&key_, &merged_key_}) *s = Stream<key64>(b);
   for (Stream<float> *s : {&strength_, &weight_}) *s = Stream<float>(b);
 }

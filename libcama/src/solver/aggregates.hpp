@@ -2,9 +2,7 @@
 #pragma once
 #include <vector>
 
-#include "cama/stream.hpp"
-#include "kernels.hpp"
-#include "state.hpp"
+#include "solver/sliced_matrix.hpp"
 
 namespace cama {
 
@@ -17,7 +15,6 @@ public:
   /// diagonal: of the matrix, terms included.
   template <class Real> void build(State &state, const Stream<typename Types<Real>::mat3> &diagonal);
 
-  int rows() const { return rows_; }              ///< free vertices
   int levels() const { return static_cast<int>(level_.size()); }
 
   /// Level 0: rows in blocks; level l: blocks of level l - 1 in blocks.
@@ -29,8 +26,7 @@ public:
   };
   const Level &level(int l) const { return level_[static_cast<std::size_t>(l)]; }
 
-  Stream<int> order;      // [rows] vertex
-  Stream<int> place;      // [cloth vertices] row; -1: fixed
+  Rows rows;   // so ordered that each block's are neighbours
 
 private:
   struct Graph {
@@ -43,20 +39,14 @@ private:
   void merge(Backend &b, int n, int nodes, Graph &graph);
   /// Joins neighbours until no two fit into BLOCK_ROWS; cluster_: [nodes] the cluster of each node of graph_. Returns how many.
   int match(Backend &b);
-  /// Numbers the free vertices.
-  void number(State &state);
   /// Renumbers nodes so that each block's are neighbours. parents, count: clusters of each level's nodes.
-  void arrange(State &state, std::vector<Stream<int>> &parents, const std::vector<int> &count);
+  void arrange(Backend &b, std::vector<Stream<int>> &parents, const std::vector<int> &count);
 
-  int rows_ = 0;
   std::vector<Level> level_;
   Graph graph_, merged_;
   Stream<key64> key_, merged_key_;
-  Stream<int> entry_, head_, place_, vertex_, size_, joined_size_, mate_, wish_, parent_, cluster_;
+  Stream<int> entry_, head_, place_, size_, joined_size_, mate_, wish_, parent_, cluster_;
   Stream<float> strength_, weight_;
 };
-
-/// Bits of keys whose rows go up to `rows`.
-int key_bits(int rows);
 
 }  // namespace cama

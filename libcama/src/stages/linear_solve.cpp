@@ -13,13 +13,11 @@ namespace {
 // A dot product in three levels: sums over chunks, sums of those, the rest by one work item.
 int first_parts(int n) { return (n + VECTOR_CHUNK - 1) / VECTOR_CHUNK; }
 int second_parts(int n) { return (first_parts(n) + PARTIAL_CHUNK - 1) / PARTIAL_CHUNK; }
-constexpr int iterations_per_check = 4;
-constexpr double forces_slack = 10;   // of the tolerance, relative to the forces without penalties
 }  // namespace
 
 template <class Real>
 LinearSolve<Real>::LinearSolve(Backend &b)
-    : inverse_(b), r_(b), z_(b), p_(b), q_(b), product_(b), partial_(b), reduced_(b), sum_(b), scalar_(b, SCALAR_COUNT)
+    : diagonal_(b), r_(b), p_(b), q_(b), product_(b), partial_(b), reduced_(b), sum_(b), scalar_(b, SCALAR_COUNT)
 {}
 
 template <class Real>
@@ -40,10 +38,10 @@ void LinearSolve<Real>::extract_diagonal(State &state)
 {
   Backend &b = *state.backend;
   System<Real> &s = state.system<Real>();
-  inverse_.resize(state.cloth_vertices);
-  CAMA_LAUNCH_REAL(Real, b, extract_diagonal, state.cloth_vertices, s.matrix.row, s.matrix.column, s.matrix.block, inverse_);
+  diagonal_.resize(state.cloth_vertices);
+  CAMA_LAUNCH_REAL(Real, b, extract_diagonal, state.cloth_vertices, s.matrix.row, s.matrix.column, s.matrix.block, diagonal_);
   if (terms_as_operator(state))
-    CAMA_LAUNCH_REAL(Real, b, add_term_diagonal, state.cloth_vertices, state.term_incidence.row, state.term_incidence.entry, s.term, inverse_);
+    CAMA_LAUNCH_REAL(Real, b, add_term_diagonal, state.cloth_vertices, state.term_incidence.row, state.term_incidence.entry, s.term, diagonal_);
 }
 
 template <class Real>
@@ -84,63 +82,32 @@ void LinearSolve<Real>::move_alike(State &state, bool falling)
 
 template <class Real>
 template <class S>
-bool LinearSolve<Real>::schwarz(State &state, std::unique_ptr<SchwarzSolver<S>> &solver)
+bool LinearSolve<Real>::conjugate_gradient(State &state, std::unique_ptr<ConjugateGradient<S>> &solver, Preconditioner preconditioner, bool alike)
 {
-  if (!solver) solver = std::make_unique<SchwarzSolver<S>>(*state.backend);
+  if (!solver) solver = std::make_unique<ConjugateGradient<S>>(*state.backend, preconditioner);
   q_.resize(state.cloth_vertices);
-  move_alike(state, true);
+  if (alike) move_alike(state, true);
   extract_diagonal(state);
-  solver->template prepare<Real>(state, inverse_);
+  solver->template prepare<Real>(state, diagonal_);
   const auto result = solver->template solve<Real>(state, q_, [&](const Stream<vec3> &x, Stream<vec3> &q) { multiply(state, x, q); });
   state.report.iterations = result.iterations;
   state.report.residual = result.residual;
-  if (!result.broken && result.iterations > 0) move_alike(state, false);
+  finite_ = std::isfinite(result.start);
+  if (alike && !result.broken && result.iterations > 0) move_alike(state, false);
   return !result.broken;
 }
 
 template <class Real>
-void LinearSolve<Real>::conjugate_gradient(State &state, Preconditioner preconditioner)
+void LinearSolve<Real>::iterative(State &state)
 {
-  Backend &b = *state.backend;
-  System<Real> &s = state.system<Real>();
-  const int rows = state.cloth_vertices, parts = second_parts(rows);
-  for (Stream<vec3> *v : {&r_, &z_, &q_}) v->resize(rows);
-  p_.resize(state.vertices);
-  extract_diagonal(state);
-  CAMA_LAUNCH_REAL(Real, b, invert_diagonal, rows, static_cast<int>(preconditioner), inverse_);
-  CAMA_LAUNCH_REAL(Real, b, weigh_forces, rows, static_cast<Real>(state.time_step), s.force, state.fixed, inverse_, r_, z_);
-  dot(state, r_, z_);
-  CAMA_LAUNCH(b, finish_beta, 1, parts, 1, reduced_, scalar_);
-  const double forces = scalar_.at(SCALAR_RZ);
-  multiply(state, s.solution, q_);
-  CAMA_LAUNCH_REAL(Real, b, start_residual, state.vertices, rows, state.fixed, s.right_side, q_, inverse_, r_, z_, p_);
-  dot(state, r_, z_);
-  CAMA_LAUNCH(b, finish_beta, 1, parts, 1, reduced_, scalar_);
-  const double start = scalar_.at(SCALAR_RZ);
-  // Where penalties are much larger than all other forces, a tolerance of theirs would leave gravity unsolved.
-  const double goal = state.options.tolerance * state.options.tolerance * (forces > 0 ? std::min(start, forces_slack * forces_slack * forces) : start);
-  if (!std::isfinite(start)) throw SolverError("step " + std::to_string(state.report.step) + ": the linear system is not finite; check the material's stiffness and density and the time step");
-  if (start < 0)
-    throw SolverError("step " + std::to_string(state.report.step) + ": the preconditioner is not positive definite; check stiffness and density");
-  double now = start;
-  int i = 0;
-  while (i < state.options.max_iterations && now > goal && start > 0) {
-    for (int k = 0; k < iterations_per_check && i < state.options.max_iterations; ++k, ++i) {
-      multiply(state, p_, q_);
-      dot(state, p_, q_);
-      CAMA_LAUNCH(b, finish_alpha, 1, parts, reduced_, scalar_);
-      CAMA_LAUNCH_REAL(Real, b, update_solution, rows, scalar_, inverse_, p_, q_, s.solution, r_, z_);
-      dot(state, r_, z_);
-      CAMA_LAUNCH(b, finish_beta, 1, parts, 0, reduced_, scalar_);
-      CAMA_LAUNCH_REAL(Real, b, update_direction, rows, scalar_, z_, p_);
-    }
-    now = scalar_.at(SCALAR_RZ);
-    if (!std::isfinite(now) || scalar_.at(SCALAR_BROKEN) != 0)
-      throw SolverError("step " + std::to_string(state.report.step) + ": the linear solve broke down after " + std::to_string(i) +
-                        " iterations (the matrix is not positive definite); check stiffness and density, or take a smaller time step");
-  }
-  state.report.iterations = i;
-  state.report.residual = start > 0 ? std::sqrt(now / start) : 0;
+  const Preconditioner wanted = state.options.preconditioner;
+  const bool single = sizeof(Real) == 4 || state.options.precision == "mixed", alike = wanted == Preconditioner::schwarz;
+  if (single ? conjugate_gradient(state, single_, wanted, alike) : conjugate_gradient<Real>(state, own_, wanted, alike)) return;
+  if (wanted != Preconditioner::block_jacobi && conjugate_gradient<Real>(state, fallback_, Preconditioner::block_jacobi, false)) return;
+  const std::string step = "step " + std::to_string(state.report.step);
+  if (!finite_) throw SolverError(step + ": the linear system is not finite; check the material's stiffness and density and the time step");
+  throw SolverError(step + ": the linear solve broke down after " + std::to_string(state.report.iterations) +
+                    " iterations (the matrix is not positive definite); check stiffness and density, or take a smaller time step");
 }
 
 template <class Real>
@@ -205,13 +172,8 @@ void LinearSolve<Real>::run(State &state)
     CAMA_LAUNCH_REAL(Real, b, add_term_forces, state.cloth_vertices, state.term_incidence.row, state.term_incidence.entry, s.term, s.right_side);
   if (state.options.solver == LinearSolver::direct) {
     direct(state);
-  } else if (state.options.preconditioner != Preconditioner::schwarz) {
-    conjugate_gradient(state, state.options.preconditioner);
   } else {
-    bool solved = false;
-    if constexpr (sizeof(Real) == 8) solved = state.options.precision == "double" ? schwarz(state, double_solver_) : schwarz(state, single_solver_);
-    else solved = schwarz(state, single_solver_);
-    if (!solved) conjugate_gradient(state, Preconditioner::block_jacobi);
+    iterative(state);
   }
   CAMA_LAUNCH_REAL(Real, b, store_velocity, state.cloth_vertices, state.fixed, s.solution, state.velocity_next);
 }

@@ -3,13 +3,13 @@
 #include <memory>
 
 #include "pipeline.hpp"
-#include "solver/schwarz.hpp"
+#include "solver/conjugate_gradient.hpp"
 
 namespace cama {
 
-/// A v = b of Equation 1 by preconditioned conjugate gradient, or by a sparse direct factorisation (the reference). Where the Schwarz
-/// preconditioner is not positive definite in its precision, the blocks of the diagonal take its place. Starts from the current velocities; prescribed degrees of freedom are eliminated; stops by sqrt(r' P r) relative to its start,
-/// or to that of the forces without penalties where it is smaller.
+/// A v = b of Equation 1 by preconditioned conjugate gradient, or by a sparse direct factorisation (the reference). Where the preconditioner
+/// is not positive definite in its precision, the blocks of the diagonal take its place. Starts from the current velocities; prescribed
+/// degrees of freedom are eliminated; stops by sqrt(r' P r) relative to its start, or to that of the forces without penalties where it is smaller.
 template <class Real> class LinearSolve final : public Stage {
 public:
   explicit LinearSolve(Backend &backend);
@@ -22,20 +22,23 @@ public:
 private:
   using vec3 = typename Types<Real>::vec3;
   void extract_diagonal(State &state);
-  void conjugate_gradient(State &state, Preconditioner preconditioner);
   /// Moves all free vertices alike by what lowers the energy of the error most: along gravity before the solve, so that free fall is
   /// exact; along the net force that is left over after it, so that momentum is kept beyond the tolerance.
   void move_alike(State &state, bool falling);
-  template <class S> bool schwarz(State &state, std::unique_ptr<SchwarzSolver<S>> &solver);
+  void iterative(State &state);
+  /// False if it broke down. alike: with `move_alike`.
+  template <class S>
+  bool conjugate_gradient(State &state, std::unique_ptr<ConjugateGradient<S>> &solver, Preconditioner preconditioner, bool alike);
   void direct(State &state);
   bool terms_as_operator(const State &state) const { return state.options.assembly == Assembly::gather && state.terms > 0; }
   void dot(State &state, const Stream<vec3> &a, const Stream<vec3> &b);
 
-  Stream<typename Types<Real>::mat3> inverse_;
-  Stream<vec3> r_, z_, p_, q_, product_;
+  Stream<typename Types<Real>::mat3> diagonal_;
+  Stream<vec3> r_, p_, q_, product_;
   Stream<double> partial_, reduced_, sum_, scalar_;
-  std::unique_ptr<SchwarzSolver<double>> double_solver_;   // what the precision asks for, made when first used
-  std::unique_ptr<SchwarzSolver<float>> single_solver_;
+  bool finite_ = true;                                     // the last system
+  std::unique_ptr<ConjugateGradient<float>> single_;       // made when first used
+  std::unique_ptr<ConjugateGradient<Real>> own_, fallback_;
 };
 
 extern template class LinearSolve<double>;

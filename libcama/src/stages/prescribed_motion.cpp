@@ -105,6 +105,7 @@ void PrescribedMotion::release_due(State &state, double time)
   attachments_.assign(kept);
   state.fixed.assign(fixed);
   state.inverse_mass.assign(inverse_mass);
+  ++state.releases;
   for (Handle &h : handles_) h.released |= due(h);
   attached_.erase(std::remove_if(attached_.begin(), attached_.end(), due), attached_.end());
 }

@@ -1,0 +1,78 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "solver/sliced_matrix.hpp"
+
+namespace cama {
+
+int key_bits(int rows)
+{
+  int bits = 31;
+  for (; rows > 0; rows >>= 1) ++bits;
+  return bits;
+}
+
+void Rows::number(State &state)
+{
+  Backend &b = *state.backend;
+  const int vertices = state.cloth_vertices;
+  Stream<int> flag(b, vertices), at(b, vertices + 1);
+  place.resize(vertices);
+  CAMA_LAUNCH(b, free_flags, vertices, state.fixed, flag);
+  b.scan(flag.buffer(), at.buffer(), vertices);
+  size = at.at(vertices);
+  order.resize(size);
+  CAMA_LAUNCH(b, number_free, vertices, flag, at, place, order);
+}
+
+void Rows::sort_by_length(Backend &b, const Stream<int> &row)
+{
+  Stream<key64> key(b, size);
+  CAMA_LAUNCH(b, length_keys, size, order, row, key);
+  b.sort(key.buffer(), order.buffer(), size, 12 + key_bits(size / ROW_WINDOW) - 31);
+  CAMA_LAUNCH(b, invert_order, size, order, place);
+}
+
+template <class S> template <class Real>
+void SlicedMatrix<S>::make_pattern(State &state, const Rows &rows, const BlockMatrix<Real> &matrix)
+{
+  Backend &b = *state.backend;
+  const int slices = parts(rows.size, SLICE_ROWS);
+  width_.resize(slices);
+  start.resize(slices + 1);
+  CAMA_LAUNCH(b, slice_widths, slices, rows.size, rows.order, matrix.row, matrix.column, state.cloth_vertices, rows.place, width_);
+  b.scan(width_.buffer(), start.buffer(), slices);
+  const int entries = SLICE_ROWS * start.at(slices);
+  column.resize(entries);
+  source_.resize(entries);
+  value.resize(9 * entries);
+  CAMA_LAUNCH(b, fill_slices, SLICE_ROWS * slices, rows.size, rows.order, matrix.row, matrix.column, state.cloth_vertices, rows.place, start,
+              column, source_);
+}
+
+template <class S> template <class Real>
+void SlicedMatrix<S>::fill(State &state, const Rows &rows, const BlockMatrix<Real> &matrix)
+{
+  Backend &b = *state.backend;
+  CAMA_LAUNCH_REAL(S, b, fill_slice_values, source_.size(), source_, sizeof(Real) == 8 ? 1 : 0, as<double, Real>(matrix.block),
+                   as<float, Real>(matrix.block), value);
+  const int terms = terms_beside(state);
+  if (terms == 0) return;
+  term_nodes.resize(terms);
+  term_value.resize(9 * terms);
+  entry_weight.resize(state.term_incidence.entry.size());
+  CAMA_LAUNCH_REAL(Real, b, pack_terms, terms, state.system<Real>().term, state.cloth_vertices, rows.place, sizeof(S) == 8 ? 1 : 0, term_nodes,
+                   as<double, S>(term_value), as<float, S>(term_value));
+  CAMA_LAUNCH_REAL(S, b, pack_weights, entry_weight.size(), state.term_incidence.entry, term_value, entry_weight);
+}
+
+template class SlicedMatrix<double>;
+template class SlicedMatrix<float>;
+#define CAMA_SLICED(S, Real)                                                                          \
+  template void SlicedMatrix<S>::make_pattern<Real>(State &, const Rows &, const BlockMatrix<Real> &); \
+  template void SlicedMatrix<S>::fill<Real>(State &, const Rows &, const BlockMatrix<Real> &);
+CAMA_SLICED(double, double)
+CAMA_SLICED(double, float)
+CAMA_SLICED(float, double)
+CAMA_SLICED(float, float)
+#undef CAMA_SLICED
+
+}  // namespace cama

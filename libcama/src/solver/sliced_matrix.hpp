@@ -1,0 +1,55 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+#include <type_traits>
+
+#include "launch.hpp"
+#include "state.hpp"
+
+namespace cama {
+
+inline int parts(int n, int size) { return (n + size - 1) / size; }
+
+/// Terms that act beside the matrix; other ways of assembly put them in, in a new pattern every step.
+inline int terms_beside(const State &state) { return state.options.assembly == Assembly::gather ? state.terms : 0; }
+
+/// A stream of the precision of the forces as the two pointers of which kernels use one.
+template <class Number, class Real, class T> Components<Number> as(const Stream<T> &stream)
+{
+  if constexpr (std::is_same_v<Number, Real>) return components<Number>(stream);
+  else return nothing<Number>();
+}
+
+/// Bits of keys whose rows go up to `rows`.
+int key_bits(int rows);
+
+/// The rows of a linear system: free vertices, in some order.
+struct Rows {
+  explicit Rows(Backend &b) : order(b), place(b) {}
+  /// Free vertices by number.
+  void number(State &state);
+  /// Rows of alike length beside each other, within windows: slices are then full. row: of the matrix.
+  void sort_by_length(Backend &backend, const Stream<int> &row);
+
+  int size = 0;
+  Stream<int> order;      // [size] vertex
+  Stream<int> place;      // [cloth vertices] row; -1: fixed
+};
+
+/// The matrix on these rows, in slices of SLICE_ROWS so that neighbours read neighbours (sliced ELLPACK), and the terms beside it.
+template <class S> class SlicedMatrix {
+public:
+  explicit SlicedMatrix(Backend &b) : start(b), column(b), value(b), term_nodes(b), term_value(b), entry_weight(b), width_(b), source_(b) {}
+  template <class Real> void make_pattern(State &state, const Rows &rows, const BlockMatrix<Real> &matrix);
+  template <class Real> void fill(State &state, const Rows &rows, const BlockMatrix<Real> &matrix);
+
+  Stream<int> start, column;
+  Stream<S> value;
+  Stream<kernels::element_nodes> term_nodes;   // [terms] rows
+  Stream<S> term_value;                        // [9 terms]
+  Stream<S> entry_weight;                      // of the terms' incidence
+
+private:
+  Stream<int> width_, source_;
+};
+
+}  // namespace cama
