@@ -5,7 +5,20 @@
 #define TEAM_ROWS 128   /* rows of a team in the matrix product */
 #define ROW_PARTS 2     /* members of a team that share a row, each with every second entry */
 
+/* Vectors of the solve: three numbers and a zero, so that one load takes them. */
+typedef struct ALIGNED(16) { real x, y, z, w; } vec4;
+
 LANES_TYPE(real, lanes);
+LANES_GATHER(real, lanes, vec4)
+
+DEVICE vec4 vec4_make(real x, real y, real z)
+{
+  vec4 v;
+  v.x = x; v.y = y; v.z = z; v.w = (real)0;
+  return v;
+}
+DEVICE vec4 vec4_axpy(vec4 v, real a, vec4 w) { return vec4_make(v.x + a * w.x, v.y + a * w.y, v.z + a * w.z); }
+DEVICE real vec4_dot(vec4 v, vec4 w) { return v.x * w.x + v.y * w.y + v.z * w.z; }
 
 /* Scalars of the conjugate gradient in one reduction. */
 #define CG_GAMMA 0       /* r' z */
@@ -19,7 +32,7 @@ LANES_TYPE(real, lanes);
 #define CG_INNER 8       /* r' z that working precision can reach from this start */
 #define CG_COUNT 9
 #define CG_TEAM 256
-#define CG_NUMBERS 768   /* numbers of the vectors that a team advances: whole rows */
+#define CG_ROWS 256      /* rows of the vectors that a team advances */
 
 #define CG_MEASURE_FORCES 0
 #define CG_MEASURE_START 1  /* sets the goal */
@@ -125,67 +138,63 @@ DEVICE_TEAM cg_step next_step(int t, int partials, GLOBAL const double *partial,
   return step;
 }
 
-/* Number i of p = z + beta p, s = w + beta s, x += alpha p, r -= alpha s; the first iteration has beta = 0 and nothing before. Returns r. */
-DEVICE real advance_number(int i, cg_step step, GLOBAL const real *RESTRICT z, GLOBAL const real *RESTRICT w, GLOBAL real *RESTRICT p,
-                           GLOBAL real *RESTRICT s, GLOBAL real *RESTRICT x, GLOBAL real *RESTRICT r)
+/* Row i of p = z + beta p, s = w + beta s, x += alpha p, r -= alpha s; the first iteration has beta = 0 and nothing before. Returns r. */
+DEVICE vec4 advance_row(int i, cg_step step, GLOBAL const vec4 *RESTRICT z, GLOBAL const vec4 *RESTRICT w, GLOBAL vec4 *RESTRICT p,
+                        GLOBAL vec4 *RESTRICT s, GLOBAL vec4 *RESTRICT x, GLOBAL vec4 *RESTRICT r)
 {
   const int first = step.beta == 0.0;
   const real a = (real)step.alpha, b = (real)step.beta;
-  real pi = first ? z[i] : z[i] + b * p[i], si = first ? w[i] : w[i] + b * s[i], ri = r[i] - a * si;
+  const vec4 pi = first ? z[i] : vec4_axpy(z[i], b, p[i]), si = first ? w[i] : vec4_axpy(w[i], b, s[i]), ri = vec4_axpy(r[i], -a, si);
   p[i] = pi;
   s[i] = si;
-  x[i] = (first ? (real)0 : x[i]) + a * pi;
+  x[i] = vec4_axpy(first ? vec4_make((real)0, (real)0, (real)0) : x[i], a, pi);
   r[i] = ri;
   return ri;
 }
 
-/* One iteration's scalars and vectors, and z = P r where P is diagonal (across = 1: numbers) or has a block for each row (across = 3).
-   numbers: 3 rows. */
-KERNEL cg_advance(int n, int numbers, int across, GLOBAL const real *RESTRICT inverse, int partials, GLOBAL const double *partial, int most,
-                  int from, int to, GLOBAL double *scalar, GLOBAL real *RESTRICT z, GLOBAL const real *RESTRICT w, GLOBAL real *RESTRICT p,
-                  GLOBAL real *RESTRICT s, GLOBAL real *RESTRICT x, GLOBAL real *RESTRICT r)
+/* P r of row i where P is diagonal (across = 1), or has a block for each row (across = 3: its rows). */
+DEVICE vec4 apply_inverse(int i, int across, GLOBAL const vec4 *RESTRICT inverse, vec4 r)
+{
+  if (across == 1) return vec4_make(inverse[i].x * r.x, inverse[i].y * r.y, inverse[i].z * r.z);
+  return vec4_make(vec4_dot(inverse[3 * i], r), vec4_dot(inverse[3 * i + 1], r), vec4_dot(inverse[3 * i + 2], r));
+}
+
+/* One iteration's scalars and vectors, and z = P r. */
+KERNEL cg_advance(int n, int rows, int across, GLOBAL const vec4 *RESTRICT inverse, int partials, GLOBAL const double *partial, int most,
+                  int from, int to, GLOBAL double *scalar, GLOBAL vec4 *RESTRICT z, GLOBAL const vec4 *RESTRICT w, GLOBAL vec4 *RESTRICT p,
+                  GLOBAL vec4 *RESTRICT s, GLOBAL vec4 *RESTRICT x, GLOBAL vec4 *RESTRICT r)
 {
   TEAM_LOCAL(double, rz, CG_TEAM);
   TEAM_LOCAL(double, zw, CG_TEAM);
-  TEAM_LOCAL(real, own, CG_NUMBERS);
   FOR_EACH_TEAM(t, n)
   {
-    const int first = t * CG_NUMBERS, count = min_int(numbers - first, CG_NUMBERS);
+    const int first = t * CG_ROWS, count = min_int(rows - first, CG_ROWS);
     cg_step step = next_step(t, partials, partial, most, from, to, scalar, rz, zw);
-    if (!step.done) {
-      TEAM_FOR(l, count) own[l] = advance_number(first + l, step, z, w, p, s, x, r);
-      TEAM_BARRIER;
-      TEAM_FOR(l, count)
-      {
-        const int i = first + l, row = l - l % 3;
-        if (across == 1) z[i] = inverse[i] * own[l];
-        else z[i] = inverse[3 * i] * own[row] + inverse[3 * i + 1] * own[row + 1] + inverse[3 * i + 2] * own[row + 2];
-      }
-    }
+    if (!step.done)
+      TEAM_FOR(l, count) z[first + l] = apply_inverse(first + l, across, inverse, advance_row(first + l, step, z, w, p, s, x, r));
   }
 }
 
-/* z = P r with P as in cg_advance. n: numbers. */
-KERNEL apply_diagonal(int n, int across, GLOBAL const real *RESTRICT inverse, GLOBAL const real *RESTRICT r, GLOBAL real *RESTRICT z)
+/* z = P r with P as in cg_advance. n: rows. */
+KERNEL apply_diagonal(int n, int across, GLOBAL const vec4 *RESTRICT inverse, GLOBAL const vec4 *RESTRICT r, GLOBAL vec4 *RESTRICT z)
 {
-  FOR_EACH(i, n)
-  {
-    const int row = i - i % 3;
-    if (across == 1) z[i] = inverse[i] * r[i];
-    else z[i] = inverse[3 * i] * r[row] + inverse[3 * i + 1] * r[row + 1] + inverse[3 * i + 2] * r[row + 2];
-  }
+  FOR_EACH(i, n) z[i] = apply_inverse(i, across, inverse, r[i]);
 }
 
 /* The inverses of diagonal blocks as P of the rows: their diagonals (across = 1), or whole. */
 KERNEL pack_diagonal(int n, GLOBAL const int *order, int across, int wide, GLOBAL const double *from64, GLOBAL const float *from32,
-                     GLOBAL real *inverse)
+                     GLOBAL vec4 *inverse)
 {
   FOR_EACH(i, n)
   {
-    int c;
-    for (c = 0; c < 3 * across; ++c) {
-      int at = 9 * order[i] + (across == 1 ? 4 * c : c);
-      inverse[3 * across * i + c] = wide ? (real)from64[at] : (real)from32[at];
+    int k, c, at = 9 * order[i];
+    for (k = 0; k < across; ++k) {
+      real v[3];
+      for (c = 0; c < 3; ++c) {
+        int number = at + (across == 1 ? 4 * c : 3 * k + c);
+        v[c] = wide ? (real)from64[number] : (real)from32[number];
+      }
+      inverse[across * i + k] = vec4_make(v[0], v[1], v[2]);
     }
   }
 }
@@ -235,8 +244,8 @@ KERNEL fill_slice_values(int n, GLOBAL const int *source, int wide, GLOBAL const
 /* w = A z with the terms; partial[2 t], partial[2 t + 1] = r'z and z'w over the TEAM_ROWS rows of team t. entry_weight: of the terms' entries. */
 KERNEL cg_multiply(int n, int rows, GLOBAL const int *slice_start, GLOBAL const int *RESTRICT column, GLOBAL const real *RESTRICT value,
                    int terms, GLOBAL const int *order, GLOBAL const int *term_row, GLOBAL const int *term_entry,
-                   GLOBAL const real *entry_weight, GLOBAL const vec3 *product, int at, GLOBAL const double *scalar,
-                   GLOBAL const vec3 *RESTRICT z, GLOBAL const vec3 *r, GLOBAL vec3 *w, GLOBAL double *partial)
+                   GLOBAL const real *entry_weight, GLOBAL const vec4 *RESTRICT product, int at, GLOBAL const double *scalar,
+                   GLOBAL const vec4 *RESTRICT z, GLOBAL const vec4 *RESTRICT r, GLOBAL vec4 *RESTRICT w, GLOBAL double *partial)
 {
   TEAM_LOCAL(real, sum, ROW_PARTS * 3 * TEAM_ROWS);
   TEAM_LOCAL(double, rz, TEAM_ROWS);
@@ -259,12 +268,9 @@ KERNEL cg_multiply(int n, int rows, GLOBAL const int *slice_start, GLOBAL const 
           GLOBAL const real *RESTRICT v = value + (size_t)SLICE_ROWS * 9 * e + lane, *RESTRICT v1 = v + SLICE_ROWS * 9 * next;
           GLOBAL const int *RESTRICT c = column + (size_t)SLICE_ROWS * e + lane, *RESTRICT c1 = c + SLICE_ROWS * next;
           lanes ax, ay, az, bx, by, bz;
-          FOR_LANES(q)
-          {
-            vec3 a = z[c[q]], b = z[c1[q]];
-            LANE(ax, q) = a.x; LANE(ay, q) = a.y; LANE(az, q) = a.z;
-            LANE(bx, q) = next ? b.x : (real)0; LANE(by, q) = next ? b.y : (real)0; LANE(bz, q) = next ? b.z : (real)0;
-          }
+          gather_lanes(z, c, &ax, &ay, &az);
+          gather_lanes(z, c1, &bx, &by, &bz);
+          if (!next) bx = by = bz = LANES_ALL(lanes, (real)0);
           x += SLICE_NUMBER(v, 0) * ax + SLICE_NUMBER(v, 1) * ay + SLICE_NUMBER(v, 2) * az +
                (SLICE_NUMBER(v1, 0) * bx + SLICE_NUMBER(v1, 1) * by + SLICE_NUMBER(v1, 2) * bz);
           y += SLICE_NUMBER(v, 3) * ax + SLICE_NUMBER(v, 4) * ay + SLICE_NUMBER(v, 5) * az +
@@ -275,15 +281,15 @@ KERNEL cg_multiply(int n, int rows, GLOBAL const int *slice_start, GLOBAL const 
       }
       FOR_LANES(q)
       {
-        vec3 all = vec3_make(LANE(x, q), LANE(y, q), LANE(u, q));
+        vec4 all = vec4_make(LANE(x, q), LANE(y, q), LANE(u, q));
         int i = first + q;
         if (terms && i < rows) {
           int v = order[i], k = term_row[v] + part;
           end = term_row[v + 1];
           for (; k + ROW_PARTS < end; k += 2 * ROW_PARTS)
-            all = axpy(axpy(all, entry_weight[k], product[term_entry[k] >> 2]), entry_weight[k + ROW_PARTS],
+            all = vec4_axpy(vec4_axpy(all, entry_weight[k], product[term_entry[k] >> 2]), entry_weight[k + ROW_PARTS],
                        product[term_entry[k + ROW_PARTS] >> 2]);
-          if (k < end) all = axpy(all, entry_weight[k], product[term_entry[k] >> 2]);
+          if (k < end) all = vec4_axpy(all, entry_weight[k], product[term_entry[k] >> 2]);
         }
         own[q] = all.x;
         own[TEAM_ROWS + q] = all.y;
@@ -297,8 +303,8 @@ KERNEL cg_multiply(int n, int rows, GLOBAL const int *slice_start, GLOBAL const 
       rz[l] = 0.0;
       zw[l] = 0.0;
       if (i < rows) {
-        vec3 zi = z[i], ri = r[i];
-        vec3 all = vec3_make(sum[l] + sum[3 * TEAM_ROWS + l], sum[TEAM_ROWS + l] + sum[4 * TEAM_ROWS + l],
+        vec4 zi = z[i], ri = r[i];
+        vec4 all = vec4_make(sum[l] + sum[3 * TEAM_ROWS + l], sum[TEAM_ROWS + l] + sum[4 * TEAM_ROWS + l],
                              sum[2 * TEAM_ROWS + l] + sum[5 * TEAM_ROWS + l]);
         w[i] = all;
         rz[l] = (double)ri.x * (double)zi.x + (double)ri.y * (double)zi.y + (double)ri.z * (double)zi.z;
@@ -324,24 +330,30 @@ KERNEL cg_multiply(int n, int rows, GLOBAL const int *slice_start, GLOBAL const 
 
 /* r of rows from vertices: r = b - q, or r = b where plain = 1; the conjugate gradient is no longer done. */
 KERNEL gather_residual(int n, GLOBAL const int *order, int plain, int wide, GLOBAL const double *b64, GLOBAL const double *q64,
-                       GLOBAL const float *b32, GLOBAL const float *q32, GLOBAL real *r, GLOBAL double *scalar)
+                       GLOBAL const float *b32, GLOBAL const float *q32, GLOBAL vec4 *r, GLOBAL double *scalar)
 {
   FOR_EACH(i, n)
   {
     int c, at = 3 * order[i];
+    real v[3];
     if (i == 0) scalar[CG_DONE] = 0.0;
     for (c = 0; c < 3; ++c, ++at)
-      r[3 * i + c] = wide ? (real)(plain ? b64[at] : b64[at] - q64[at]) : (real)(plain ? b32[at] : b32[at] - q32[at]);
+      v[c] = wide ? (real)(plain ? b64[at] : b64[at] - q64[at]) : (real)(plain ? b32[at] : b32[at] - q32[at]);
+    r[i] = vec4_make(v[0], v[1], v[2]);
   }
 }
 
 /* The correction joins the solution of vertices. */
-KERNEL add_solution(int n, GLOBAL const int *order, GLOBAL const real *x, int wide, GLOBAL double *solution64, GLOBAL float *solution32)
+KERNEL add_solution(int n, GLOBAL const int *order, GLOBAL const vec4 *x, int wide, GLOBAL double *solution64, GLOBAL float *solution32)
 {
   FOR_EACH(i, n)
   {
-    int c, at = 3 * order[i];
-    for (c = 0; c < 3; ++c, ++at)
-      if (wide) solution64[at] += (double)x[3 * i + c]; else solution32[at] += (float)x[3 * i + c];
+    int at = 3 * order[i];
+    vec4 v = x[i];
+    if (wide) {
+      solution64[at] += (double)v.x; solution64[at + 1] += (double)v.y; solution64[at + 2] += (double)v.z;
+    } else {
+      solution32[at] += (float)v.x; solution32[at + 1] += (float)v.y; solution32[at + 2] += (float)v.z;
+    }
   }
 }

@@ -230,7 +230,7 @@ KERNEL factor_coarse_blocks(int n, int at, GLOBAL const int *block_start, GLOBAL
 
 /* z = S G' G S r of each block, of all levels: the nodes of a coarse level are numbered behind those of the finer one. at: of the scalars. */
 KERNEL apply_blocks(int n, GLOBAL const int *block_start, int at, GLOBAL const double *scalar, GLOBAL const int *RESTRICT factor,
-                    GLOBAL const real *RESTRICT weight, GLOBAL const real *RESTRICT r, GLOBAL real *RESTRICT z)
+                    GLOBAL const real *RESTRICT weight, GLOBAL const vec4 *RESTRICT residual, GLOBAL vec4 *RESTRICT result)
 {
   TEAM_LOCAL(real, g, 2 * FACTOR_WORDS / 16 * 17);
   TEAM_LOCAL(real, u, BLOCK_SIZE);
@@ -238,7 +238,9 @@ KERNEL apply_blocks(int n, GLOBAL const int *block_start, int at, GLOBAL const d
   if (scalar[at + CG_DONE] != 0.0) return;
   FOR_EACH_TEAM(t, n)
   {
-    int node = block_start[t], m = 3 * (block_start[t + 1] - node);
+    const int node = block_start[t], m = 3 * (block_start[t + 1] - node), groups = (m + 15) / 16;
+    GLOBAL const real *RESTRICT r = (GLOBAL const real *)(residual + node);
+    GLOBAL real *RESTRICT z = (GLOBAL real *)(result + node);
     TEAM_BARRIER;
     TEAM_FOR_LANES(k, FACTOR_WORDS)
     {
@@ -250,16 +252,18 @@ KERNEL apply_blocks(int n, GLOBAL const int *block_start, int at, GLOBAL const d
         high[q] = (real)(word[q] >> 16);
       }
     }
-    TEAM_FOR(l, BLOCK_SIZE) u[l] = l < m ? weight[t * BLOCK_SIZE + l] * r[3 * node + l] : (real)0;
+    TEAM_FOR(l, BLOCK_SIZE) u[l] = l < m ? weight[t * BLOCK_SIZE + l] * r[l + l / 3] : (real)0;
     TEAM_BARRIER;
-    TEAM_FOR_LANES(j, BLOCK_SIZE)
+    TEAM_FOR_LANES(j, 16 * groups)
     {
       int group = j / 16, c;
       LOCAL const real *column = g + FACTOR_COLUMN(group, 0) * FACTOR_STRIDE + (j - 16 * group);
       lanes even = LANES_ALL(lanes, (real)0), odd = even;
-      for (c = 0; c < 16 * (group + 1); c += 2) {
+      for (c = 0; c < 16 * (group + 1); c += 4) {
         even += LANES_LOAD(lanes, column + c * FACTOR_STRIDE) * u[c];
         odd += LANES_LOAD(lanes, column + (c + 1) * FACTOR_STRIDE) * u[c + 1];
+        even += LANES_LOAD(lanes, column + (c + 2) * FACTOR_STRIDE) * u[c + 2];
+        odd += LANES_LOAD(lanes, column + (c + 3) * FACTOR_STRIDE) * u[c + 3];
       }
       LANES_STORE(lanes, y + j, even + odd);
     }
@@ -269,53 +273,54 @@ KERNEL apply_blocks(int n, GLOBAL const int *block_start, int at, GLOBAL const d
       real sum[16];
       int group, q;
       SIMD for (q = 0; q < 16; ++q) sum[q] = (real)0;
-      for (group = c / 16; group < 3; ++group) {
+      for (group = c / 16; group < groups; ++group) {
         LOCAL const real *column = g + FACTOR_COLUMN(group, c) * FACTOR_STRIDE, *v = y + 16 * group;
         SIMD for (q = 0; q < 16; ++q) sum[q] += column[q] * v[q];
       }
       SIMD for (q = 0; q < 8; ++q) sum[q] += sum[q + 8];
       SIMD for (q = 0; q < 4; ++q) sum[q] += sum[q + 4];
-      z[3 * node + c] = weight[t * BLOCK_SIZE + c] * (sum[0] + sum[2] + (sum[1] + sum[3]));
+      z[c + c / 3] = weight[t * BLOCK_SIZE + c] * (sum[0] + sum[2] + (sum[1] + sum[3]));
     }
   }
 }
 
 /* Where a team works on the rows of the blocks of one block of the next level: its residuals are in `own`. The sums of r over each block,
-   and over all of them, become the residuals of the nodes on coarse levels. nodes: [levels + 1] first node of each level. */
+   and over all of them, become the residuals of the nodes on coarse levels. */
 DEVICE_TEAM void sum_blocks(int t, int levels, int rows, int blocks, int first_block, int last_block, GLOBAL const int *block_start,
-                            LOCAL const real *own, LOCAL real *sums, GLOBAL real *r)
+                            LOCAL const vec4 *own, LOCAL vec4 *sums, GLOBAL vec4 *r)
 {
   const int first = block_start[first_block];
   if (levels < 2) return;
-  TEAM_FOR(l, 3 * (last_block - first_block))
+  TEAM_FOR(l, last_block - first_block)
   {
-    int b = first_block + l / 3, c = l % 3, k;
-    real sum = (real)0;
-    for (k = block_start[b] - first; k < block_start[b + 1] - first; ++k) sum += own[3 * k + c];
+    const int end = block_start[first_block + l + 1] - first;
+    int k;
+    vec4 sum = vec4_make((real)0, (real)0, (real)0);
+    for (k = block_start[first_block + l] - first; k < end; ++k) sum = vec4_axpy(sum, (real)1, own[k]);
     sums[l] = sum;
-    r[3 * (rows + first_block) + l] = sum;
+    r[rows + first_block + l] = sum;
   }
   TEAM_BARRIER;
   if (levels < 3) return;
-  TEAM_FOR(c, 3)
+  TEAM_FOR(l, 1)
   {
-    real sum = (real)0;
+    vec4 sum = vec4_make((real)0, (real)0, (real)0);
     int k;
-    for (k = 0; k < last_block - first_block; ++k) sum += sums[3 * k + c];
-    r[3 * (rows + blocks + t) + c] = sum;
+    for (k = 0; k < last_block - first_block; ++k) sum = vec4_axpy(sum, (real)1, sums[k]);
+    r[rows + blocks + t] = sum;
   }
 }
 
-/* The residuals of coarse nodes. Team t: the blocks [group_start[t], group_start[t + 1]) of the finest level. */
-KERNEL restrict_residual(int n, int levels, int rows, int blocks, GLOBAL const int *group_start, GLOBAL const int *block_start, GLOBAL real *r)
+/* The residuals of coarse nodes. Team t: the blocks [group_start[t], group_start[t + 1]) of the finest level, at most BLOCK_ROWS. */
+KERNEL restrict_residual(int n, int levels, int rows, int blocks, GLOBAL const int *group_start, GLOBAL const int *block_start, GLOBAL vec4 *r)
 {
-  TEAM_LOCAL(real, own, BLOCK_ROWS * BLOCK_SIZE);
-  TEAM_LOCAL(real, sums, BLOCK_SIZE);
+  TEAM_LOCAL(vec4, own, BLOCK_ROWS * BLOCK_ROWS);
+  TEAM_LOCAL(vec4, sums, BLOCK_ROWS);
   FOR_EACH_TEAM(t, n)
   {
     const int first_block = group_start[t], last_block = group_start[t + 1], first = block_start[first_block];
     TEAM_BARRIER;
-    TEAM_FOR(l, 3 * (block_start[last_block] - first)) own[l] = r[3 * first + l];
+    TEAM_FOR(l, block_start[last_block] - first) own[l] = r[first + l];
     TEAM_BARRIER;
     sum_blocks(t, levels, rows, blocks, first_block, last_block, block_start, own, sums, r);
   }
@@ -323,20 +328,20 @@ KERNEL restrict_residual(int n, int levels, int rows, int blocks, GLOBAL const i
 
 /* One iteration's scalars and vectors, and the residuals of coarse nodes. Teams as in restrict_residual. */
 KERNEL cg_advance_blocks(int n, int levels, int rows, int blocks, GLOBAL const int *group_start, GLOBAL const int *block_start, int partials,
-                         GLOBAL const double *partial, int most, int from, int to, GLOBAL double *scalar, GLOBAL const real *RESTRICT z,
-                         GLOBAL const real *RESTRICT w, GLOBAL real *RESTRICT p, GLOBAL real *RESTRICT s, GLOBAL real *RESTRICT x,
-                         GLOBAL real *RESTRICT r)
+                         GLOBAL const double *partial, int most, int from, int to, GLOBAL double *scalar, GLOBAL const vec4 *RESTRICT z,
+                         GLOBAL const vec4 *RESTRICT w, GLOBAL vec4 *RESTRICT p, GLOBAL vec4 *RESTRICT s, GLOBAL vec4 *RESTRICT x,
+                         GLOBAL vec4 *RESTRICT r)
 {
   TEAM_LOCAL(double, rz, CG_TEAM);
   TEAM_LOCAL(double, zw, CG_TEAM);
-  TEAM_LOCAL(real, own, BLOCK_ROWS * BLOCK_SIZE);
-  TEAM_LOCAL(real, sums, BLOCK_SIZE);
+  TEAM_LOCAL(vec4, own, BLOCK_ROWS * BLOCK_ROWS);
+  TEAM_LOCAL(vec4, sums, BLOCK_ROWS);
   FOR_EACH_TEAM(t, n)
   {
     const int first_block = group_start[t], last_block = group_start[t + 1], first = block_start[first_block];
     cg_step step = next_step(t, partials, partial, most, from, to, scalar, rz, zw);
     if (!step.done) {
-      TEAM_FOR(l, 3 * (block_start[last_block] - first)) own[l] = advance_number(3 * first + l, step, z, w, p, s, x, r);
+      TEAM_FOR(l, block_start[last_block] - first) own[l] = advance_row(first + l, step, z, w, p, s, x, r);
       TEAM_BARRIER;
       sum_blocks(t, levels, rows, blocks, first_block, last_block, block_start, own, sums, r);
     }
@@ -344,21 +349,21 @@ KERNEL cg_advance_blocks(int n, int levels, int rows, int blocks, GLOBAL const i
 }
 
 /* z of a row with the corrections of the coarse levels. block: of rows; parent: of blocks. */
-DEVICE vec3 corrected(int row, int levels, int rows, int blocks, GLOBAL const int *block, GLOBAL const int *parent, GLOBAL const vec3 *z)
+DEVICE vec4 corrected(int row, int levels, int rows, int blocks, GLOBAL const int *block, GLOBAL const int *parent, GLOBAL const vec4 *z)
 {
-  vec3 sum = z[row];
+  vec4 sum = z[row];
   if (levels > 1) {
     int own = block[row];
-    sum = add(sum, z[rows + own]);
-    if (levels > 2) sum = add(sum, z[rows + blocks + parent[own]]);
+    sum = vec4_axpy(sum, (real)1, z[rows + own]);
+    if (levels > 2) sum = vec4_axpy(sum, (real)1, z[rows + blocks + parent[own]]);
   }
   return sum;
 }
 
 /* total = z with the corrections, of rows; then product = (along n n' + around I) sum_k w_k total_k of each term. n: rows_here and terms. */
 KERNEL combine_levels(int n, int rows_here, int levels, int rows, int blocks, GLOBAL const int *RESTRICT block, GLOBAL const int *RESTRICT parent,
-                      int at, GLOBAL const double *scalar, GLOBAL const vec3 *RESTRICT z, GLOBAL const element_nodes *RESTRICT nodes,
-                      GLOBAL const real *RESTRICT coefficient, GLOBAL vec3 *RESTRICT total, GLOBAL vec3 *RESTRICT product)
+                      int at, GLOBAL const double *scalar, GLOBAL const vec4 *RESTRICT z, GLOBAL const element_nodes *RESTRICT nodes,
+                      GLOBAL const real *RESTRICT coefficient, GLOBAL vec4 *RESTRICT total, GLOBAL vec4 *RESTRICT product)
 {
   if (scalar[at + CG_DONE] != 0.0) return;
   FOR_EACH(i, n)
@@ -368,12 +373,12 @@ KERNEL combine_levels(int n, int rows_here, int levels, int rows, int blocks, GL
     } else {
       GLOBAL const real *RESTRICT x = coefficient + 9 * (i - rows_here);
       element_nodes own = nodes[i - rows_here];
-      vec3 normal = vec3_make(x[4], x[5], x[6]), s = vec3_make((real)0, (real)0, (real)0);
-      if (own.node[0] >= 0) s = axpy(s, x[0], corrected(own.node[0], levels, rows, blocks, block, parent, z));
-      if (own.node[1] >= 0) s = axpy(s, x[1], corrected(own.node[1], levels, rows, blocks, block, parent, z));
-      if (own.node[2] >= 0) s = axpy(s, x[2], corrected(own.node[2], levels, rows, blocks, block, parent, z));
-      if (own.node[3] >= 0) s = axpy(s, x[3], corrected(own.node[3], levels, rows, blocks, block, parent, z));
-      product[i - rows_here] = axpy(scale(x[8], s), x[7] * dot(normal, s), normal);
+      vec4 normal = vec4_make(x[4], x[5], x[6]), s = vec4_make((real)0, (real)0, (real)0);
+      if (own.node[0] >= 0) s = vec4_axpy(s, x[0], corrected(own.node[0], levels, rows, blocks, block, parent, z));
+      if (own.node[1] >= 0) s = vec4_axpy(s, x[1], corrected(own.node[1], levels, rows, blocks, block, parent, z));
+      if (own.node[2] >= 0) s = vec4_axpy(s, x[2], corrected(own.node[2], levels, rows, blocks, block, parent, z));
+      if (own.node[3] >= 0) s = vec4_axpy(s, x[3], corrected(own.node[3], levels, rows, blocks, block, parent, z));
+      product[i - rows_here] = vec4_axpy(vec4_make(x[8] * s.x, x[8] * s.y, x[8] * s.z), x[7] * vec4_dot(normal, s), normal);
     }
   }
 }

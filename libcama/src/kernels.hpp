@@ -27,6 +27,7 @@ template <class Real> struct Types;
 #define CAMA_TYPES(Real, space)                                                                                                   \
   template <> struct Types<Real> {                                                                                                \
     using vec3 = kernels::space::vec3;                                                                                            \
+    using vec4 = kernels::space::vec4;                                                                                            \
     using mat3 = kernels::space::mat3;                                                                                            \
     using stretching_stiffness = kernels::space::stretching_stiffness;                                                            \
     using bending_stiffness = kernels::space::bending_stiffness;                                                                  \

@@ -63,19 +63,21 @@ struct Block {
   }
   VectorXd apply(const VectorXd &r)
   {
-    std::vector<float> in(static_cast<std::size_t>(r.size()));
-    for (int i = 0; i < r.size(); ++i) in[static_cast<std::size_t>(i)] = static_cast<float>(r[i]);
-    std::vector<float> with_node = in;   // and the node that the block is on the next level
-    with_node.resize(in.size() + 3, -1.0f);
-    Stream<float> right(backend, with_node), z(backend, static_cast<int>(r.size()));
+    std::vector<kernels::f32::vec4> in(static_cast<std::size_t>(rows) + 1, kernels::f32::vec4{-1, -1, -1, 0});   // and the block's node
+    for (int i = 0; i < rows; ++i)
+      in[static_cast<std::size_t>(i)] = {static_cast<float>(r[3 * i]), static_cast<float>(r[3 * i + 1]), static_cast<float>(r[3 * i + 2]), 0};
+    Stream<kernels::f32::vec4> right(backend, in), z(backend, rows);
     Stream<double> scalar(backend, std::vector<double>(CG_COUNT, 0.0));
     const Stream<int> groups(backend, std::vector<int>{0, 1});
     CAMA_LAUNCH_TEAMS(float, backend, restrict_residual, CG_TEAM, 1, 2, rows, 1, groups, block_start, right);
     CAMA_LAUNCH_TEAMS(float, backend, apply_blocks, BLOCK_TEAM, 1, block_start, 0, scalar, factor, weight, right, z);
     const auto out = z.download(), all = right.download();
-    coarse.assign(all.end() - 3, all.end());
+    coarse = {all.back().x, all.back().y, all.back().z};
     VectorXd result(r.size());
-    for (int i = 0; i < r.size(); ++i) result[i] = out[static_cast<std::size_t>(i)];
+    for (int i = 0; i < rows; ++i) {
+      const auto &v = out[static_cast<std::size_t>(i)];
+      result.segment<3>(3 * i) = Eigen::Vector3d(v.x, v.y, v.z);
+    }
     return result;
   }
 

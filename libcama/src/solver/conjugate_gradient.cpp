@@ -41,7 +41,7 @@ void ConjugateGradient<S>::prepare(State &state, Stream<typename Types<Real>::ma
   matrix_.template fill<Real>(state, rows(), matrix);
   if (schwarz_) return schwarz_->template factor<Real>(state, matrix_);
   const int across = kind_ == Preconditioner::block_jacobi ? 3 : 1;
-  inverse_.resize(3 * across * rows_.size);
+  inverse_.resize(across * rows_.size);
   CAMA_LAUNCH_REAL(Real, b, invert_diagonal, state.cloth_vertices, static_cast<int>(kind_), diagonal);
   CAMA_LAUNCH_REAL(S, b, pack_diagonal, rows_.size, rows_.order, across, sizeof(Real) == 8 ? 1 : 0, as<double, Real>(diagonal),
                    as<float, Real>(diagonal), inverse_);
@@ -53,10 +53,10 @@ void ConjugateGradient<S>::precondition(State &state)
   Backend &b = *state.backend;
   if (schwarz_)
     CAMA_LAUNCH_TEAMS(S, b, restrict_residual, CG_TEAM, schwarz_->group_start().size() - 1, schwarz_->levels(), rows().size,
-                      schwarz_->fine_blocks(), schwarz_->group_start(), schwarz_->block_start(), components<S>(r_));
+                      schwarz_->fine_blocks(), schwarz_->group_start(), schwarz_->block_start(), r_);
   else
-    CAMA_LAUNCH_REAL(S, b, apply_diagonal, 3 * rows().size, kind_ == Preconditioner::block_jacobi ? 3 : 1, inverse_, components<S>(r_),
-                     components<S>(z_));
+    CAMA_LAUNCH_REAL(S, b, apply_diagonal, rows().size, kind_ == Preconditioner::block_jacobi ? 3 : 1, inverse_, r_,
+                     z_);
 }
 
 template <class S>
@@ -66,12 +66,12 @@ void ConjugateGradient<S>::advance(State &state, int from, int to)
   const int n = rows().size, partials = parts(n, TEAM_ROWS), most = state.options.max_iterations;
   if (schwarz_)
     CAMA_LAUNCH_TEAMS(S, b, cg_advance_blocks, CG_TEAM, schwarz_->group_start().size() - 1, schwarz_->levels(), n, schwarz_->fine_blocks(),
-                      schwarz_->group_start(), schwarz_->block_start(), partials, partial_, most, from, to, scalar_, components<S>(total_),
-                      components<S>(w_), components<S>(p_), components<S>(s_), components<S>(x_), components<S>(r_));
+                      schwarz_->group_start(), schwarz_->block_start(), partials, partial_, most, from, to, scalar_, total_,
+                      w_, p_, s_, x_, r_);
   else
-    CAMA_LAUNCH_TEAMS(S, b, cg_advance, CG_TEAM, parts(3 * n, CG_NUMBERS), 3 * n, kind_ == Preconditioner::block_jacobi ? 3 : 1, inverse_, partials,
-                      partial_, most, from, to, scalar_, components<S>(z_), components<S>(w_), components<S>(p_), components<S>(s_),
-                      components<S>(x_), components<S>(r_));
+    CAMA_LAUNCH_TEAMS(S, b, cg_advance, CG_TEAM, parts(n, CG_ROWS), n, kind_ == Preconditioner::block_jacobi ? 3 : 1, inverse_, partials,
+                      partial_, most, from, to, scalar_, z_, w_, p_, s_,
+                      x_, r_);
 }
 
 template <class S>
@@ -79,7 +79,7 @@ void ConjugateGradient<S>::multiply(State &state, int at)
 {
   Backend &b = *state.backend;
   const int n = rows().size, terms = terms_beside(state);
-  const auto combine = [&](int rows_here, int terms_here, int levels, const Stream<vec3> &z) {
+  const auto combine = [&](int rows_here, int terms_here, int levels, const Stream<vec4> &z) {
     const Stream<int> &none = state.term_incidence.row;
     CAMA_LAUNCH_REAL(S, b, combine_levels, rows_here + terms_here, rows_here, levels, n, levels > 1 ? schwarz_->fine_blocks() : 0,
                      levels > 1 ? schwarz_->block_of_row() : none, levels > 1 ? schwarz_->parents() : none, at, scalar_, z, matrix_.term_nodes,
@@ -87,7 +87,7 @@ void ConjugateGradient<S>::multiply(State &state, int at)
   };
   if (schwarz_) {
     CAMA_LAUNCH_TEAMS(S, b, apply_blocks, BLOCK_TEAM, schwarz_->blocks(), schwarz_->block_start(), at, scalar_, schwarz_->factors(),
-                      schwarz_->weights(), components<S>(r_), components<S>(z_));
+                      schwarz_->weights(), r_, z_);
     const bool together = !b.processor() && 4 * terms < n;   // one launch less, but every term sums up its own rows; the same bits
     combine(n, together ? terms : 0, schwarz_->levels(), z_);
     if (!together) combine(0, terms, 1, total_);
@@ -107,8 +107,8 @@ typename ConjugateGradient<S>::Result ConjugateGradient<S>::solve(State &state, 
   const int n = rows().size, wide = sizeof(Real) == 8, nodes = schwarz_ && n ? schwarz_->nodes() : n;
   Result result;
   if (n == 0) return result;
-  for (Stream<vec3> *v : {&w_, &p_, &s_, &x_}) v->resize(n);
-  for (Stream<vec3> *v : {&r_, &z_}) v->resize(nodes);
+  for (Stream<vec4> *v : {&w_, &p_, &s_, &x_}) v->resize(n);
+  for (Stream<vec4> *v : {&r_, &z_}) v->resize(nodes);
   if (schwarz_) total_.resize(n);
   product_.resize(terms_beside(state));
   partial_.resize(2 * parts(n, TEAM_ROWS));
@@ -117,7 +117,7 @@ typename ConjugateGradient<S>::Result ConjugateGradient<S>::solve(State &state, 
   const auto start_from = [&](int mode, int plain, const Stream<typename Types<Real>::vec3> &b1, const Stream<typename Types<Real>::vec3> &q1) {
     if (mode == CG_MEASURE_FORCES) scalar_.fill_zero();
     CAMA_LAUNCH_REAL(S, b, gather_residual, n, rows().order, plain, wide, as<double, Real>(b1), as<double, Real>(q1), as<float, Real>(b1),
-                     as<float, Real>(q1), components<S>(r_), scalar_);
+                     as<float, Real>(q1), r_, scalar_);
     precondition(state);
     multiply(state, 0);
     CAMA_LAUNCH_TEAMS(S, b, cg_start, CG_TEAM, 1, mode, partials, partial_, tolerance * tolerance, forces_slack * forces_slack * dt * dt,
@@ -155,7 +155,7 @@ typename ConjugateGradient<S>::Result ConjugateGradient<S>::solve(State &state, 
     }
     if (scalar[CG_ITERATIONS] == 0) break;   // nothing to do
     before = start;
-    CAMA_LAUNCH_REAL(S, b, add_solution, n, rows().order, components<S>(x_), wide, as<double, Real>(s.solution), as<float, Real>(s.solution));
+    CAMA_LAUNCH_REAL(S, b, add_solution, n, rows().order, x_, wide, as<double, Real>(s.solution), as<float, Real>(s.solution));
   }
   result.iterations = expected_ = static_cast<int>(scalar[CG_ITERATIONS]);
   return result;

@@ -27,9 +27,9 @@ public:
   Result solve(State &state, Stream<typename Types<Real>::vec3> &q, const Product<Real> &multiply);
 
 private:
-  using vec3 = typename Types<S>::vec3;
+  using vec4 = typename Types<S>::vec4;
   const Rows &rows() const { return schwarz_ ? schwarz_->rows() : rows_; }
-  const Stream<vec3> &preconditioned() const { return schwarz_ ? total_ : z_; }
+  const Stream<vec4> &preconditioned() const { return schwarz_ ? total_ : z_; }
   /// z = P r where it was not made with r.
   void precondition(State &state);
   /// z = P r with the coarse corrections, w = A z, r'z and z'w. at: place of the scalars.
@@ -40,10 +40,10 @@ private:
   std::unique_ptr<Schwarz<S>> schwarz_;   // of the Schwarz preconditioner
   Rows rows_;                             // of others
   SlicedMatrix<S> matrix_;
-  Stream<S> inverse_;                     // others' P
+  Stream<vec4> inverse_;                  // others' P
   int releases_ = -1;                     // of pins, when the pattern was made; -1: it has to be
   int expected_ = 0;                      // iterations
-  Stream<vec3> r_, z_, total_, w_, p_, s_, x_, product_;   // r_, z_: with the nodes of coarse levels behind
+  Stream<vec4> r_, z_, total_, w_, p_, s_, x_, product_;   // r_, z_: with the nodes of coarse levels behind
   Stream<double> partial_, scalar_;       // scalars twice: of the last iteration and of this one
 };
 
