@@ -38,46 +38,19 @@ DEVICE real vec4_dot(vec4 v, vec4 w) { return v.x * w.x + v.y * w.y + v.z * w.z;
 #define CG_MEASURE_START 1  /* sets the goal */
 #define CG_MEASURE_CHECK 2  /* the goal stays: a residual computed afresh */
 
-/* rz[0], zw[0] = sums of the partial r'z and z'w, in an order that depends on their number alone. */
-DEVICE_TEAM void sum_partials(int partials, GLOBAL const double *partial, LOCAL double *rz, LOCAL double *zw)
-{
-  int span;
-  TEAM_FOR(l, CG_TEAM)
-  {
-    double a = 0.0, b = 0.0;
-    int k;
-    for (k = l; k < partials; k += CG_TEAM) {
-      a += partial[2 * k];
-      b += partial[2 * k + 1];
-    }
-    rz[l] = a;
-    zw[l] = b;
-  }
-  TEAM_BARRIER;
-  for (span = CG_TEAM / 2; span > 0; span /= 2) {
-    TEAM_FOR(l, span)
-    {
-      rz[l] += rz[l + span];
-      zw[l] += zw[l + span];
-    }
-    TEAM_BARRIER;
-  }
-}
-
 /* Starts from a residual whose products are in `partial`. goal: tolerance^2; slack: (of the forces) a tolerance relative to huge
    penalties would leave gravity unsolved; rounding: (of slack times the forces) what is left of a solution that was right from the start;
    inner: least r'z relative to this start that working precision can reach. One team. */
 KERNEL cg_start(int n, int mode, int partials, GLOBAL const double *partial, double goal, double slack, double rounding, double inner,
                 GLOBAL double *scalar)
 {
-  TEAM_LOCAL(double, rz, CG_TEAM);
-  TEAM_LOCAL(double, zw, CG_TEAM);
+  TEAM_LOCAL(double, sums, 2 * CG_TEAM);
   FOR_EACH_TEAM(t, n)
   {
-    sum_partials(partials, partial, rz, zw);
+    sum_of_teams(CG_TEAM, 2, partials, partial, sums);
     TEAM_FOR(l, 1)
     {
-      double gamma = rz[0], forces = scalar[CG_FORCES];
+      double gamma = sums[0], forces = scalar[CG_FORCES];
       if (mode == CG_MEASURE_FORCES) {
         scalar[CG_FORCES] = gamma;
       } else {
@@ -99,7 +72,7 @@ typedef struct { double alpha, beta; int done; } cg_step;
 
 /* alpha and beta of one iteration from the partial sums, by every team for itself; the scalars at `from` become those at `to`. */
 DEVICE_TEAM cg_step next_step(int t, int partials, GLOBAL const double *partial, int most, int from, int to, GLOBAL double *scalar,
-                              LOCAL double *rz, LOCAL double *zw)
+                              LOCAL double *sums)
 {
   double before = scalar[from + CG_GAMMA], alpha = scalar[from + CG_ALPHA], done = scalar[from + CG_DONE], broken = scalar[from + CG_BROKEN];
   double iterations = scalar[from + CG_ITERATIONS], least = max_double(scalar[from + CG_GOAL], scalar[from + CG_INNER]);
@@ -108,9 +81,9 @@ DEVICE_TEAM cg_step next_step(int t, int partials, GLOBAL const double *partial,
   TEAM_BARRIER;
   if (done == 0.0) {
     double gamma, denominator;
-    sum_partials(partials, partial, rz, zw);
-    gamma = rz[0];
-    denominator = zw[0];
+    sum_of_teams(CG_TEAM, 2, partials, partial, sums);
+    gamma = sums[0];
+    denominator = sums[CG_TEAM];
     step.beta = before > 0.0 ? gamma / before : 0.0;
     if (before > 0.0) denominator -= step.beta * gamma / alpha;
     alpha = gamma / denominator;
@@ -164,12 +137,11 @@ KERNEL cg_advance(int n, int rows, int across, GLOBAL const vec4 *RESTRICT inver
                   int from, int to, GLOBAL double *scalar, GLOBAL vec4 *RESTRICT z, GLOBAL const vec4 *RESTRICT w, GLOBAL vec4 *RESTRICT p,
                   GLOBAL vec4 *RESTRICT s, GLOBAL vec4 *RESTRICT x, GLOBAL vec4 *RESTRICT r)
 {
-  TEAM_LOCAL(double, rz, CG_TEAM);
-  TEAM_LOCAL(double, zw, CG_TEAM);
+  TEAM_LOCAL(double, sums, 2 * CG_TEAM);
   FOR_EACH_TEAM(t, n)
   {
     const int first = t * CG_ROWS, count = min_int(rows - first, CG_ROWS);
-    cg_step step = next_step(t, partials, partial, most, from, to, scalar, rz, zw);
+    cg_step step = next_step(t, partials, partial, most, from, to, scalar, sums);
     if (!step.done)
       TEAM_FOR(l, count) z[first + l] = apply_inverse(first + l, across, inverse, advance_row(first + l, step, z, w, p, s, x, r));
   }
@@ -248,12 +220,10 @@ KERNEL cg_multiply(int n, int rows, GLOBAL const int *slice_start, GLOBAL const 
                    GLOBAL const vec4 *RESTRICT z, GLOBAL const vec4 *RESTRICT r, GLOBAL vec4 *RESTRICT w, GLOBAL double *partial)
 {
   TEAM_LOCAL(real, sum, ROW_PARTS * 3 * TEAM_ROWS);
-  TEAM_LOCAL(double, rz, TEAM_ROWS);
-  TEAM_LOCAL(double, zw, TEAM_ROWS);
+  TEAM_LOCAL(double, products, 2 * TEAM_ROWS);
   if (scalar[at + CG_DONE] != 0.0) return;
   FOR_EACH_TEAM(t, n)
   {
-    int span;
     TEAM_BARRIER;
     TEAM_FOR_LANES(item, ROW_PARTS * TEAM_ROWS)
     {
@@ -300,30 +270,21 @@ KERNEL cg_multiply(int n, int rows, GLOBAL const int *slice_start, GLOBAL const 
     TEAM_FOR(l, TEAM_ROWS)
     {
       int i = t * TEAM_ROWS + l;
-      rz[l] = 0.0;
-      zw[l] = 0.0;
+      products[l] = products[TEAM_ROWS + l] = 0.0;
       if (i < rows) {
         vec4 zi = z[i], ri = r[i];
         vec4 all = vec4_make(sum[l] + sum[3 * TEAM_ROWS + l], sum[TEAM_ROWS + l] + sum[4 * TEAM_ROWS + l],
                              sum[2 * TEAM_ROWS + l] + sum[5 * TEAM_ROWS + l]);
         w[i] = all;
-        rz[l] = (double)ri.x * (double)zi.x + (double)ri.y * (double)zi.y + (double)ri.z * (double)zi.z;
-        zw[l] = (double)all.x * (double)zi.x + (double)all.y * (double)zi.y + (double)all.z * (double)zi.z;
+        products[l] = (double)ri.x * (double)zi.x + (double)ri.y * (double)zi.y + (double)ri.z * (double)zi.z;
+        products[TEAM_ROWS + l] = (double)all.x * (double)zi.x + (double)all.y * (double)zi.y + (double)all.z * (double)zi.z;
       }
     }
-    TEAM_BARRIER;
-    for (span = TEAM_ROWS / 2; span > 0; span /= 2) {
-      TEAM_FOR(l, span)
-      {
-        rz[l] += rz[l + span];
-        zw[l] += zw[l + span];
-      }
-      TEAM_BARRIER;
-    }
+    tree_sums(TEAM_ROWS, 2, products);
     TEAM_FOR(l, 1)
     {
-      partial[2 * t] = rz[0];
-      partial[2 * t + 1] = zw[0];
+      partial[2 * t] = products[0];
+      partial[2 * t + 1] = products[TEAM_ROWS];
     }
   }
 }

@@ -186,51 +186,83 @@ KERNEL start_impacts(int n, int rows, GLOBAL const impact *impacts, GLOBAL const
   }
 }
 
+#define PUSH_TEAM 256
+#define PUSH_IMPACTS 1024   /* of a team */
+#define PUSH_T 0            /* t of Nesterov's sequence */
+#define PUSH_MOVED 1        /* |change|^2 in the majorant's norm */
+#define PUSH_SIZE 2         /* |lambda|^2 in it */
+#define PUSH_COUNT 4
+
+/* Row i of S p, S = C M^-1 C'; y: M^-1 C' p of cloth vertices. */
+DEVICE double impulse_response(impact m, int rows, GLOBAL const dvec3 *y)
+{
+  double sum = 0.0;
+  int k;
+  for (k = 0; k < 4; ++k)
+    if (m.node[k] < rows) sum += m.weight[k] * ddot(m.normal, y[m.node[k]]);
+  return sum;
+}
+
 /* Accelerated projected gradient on min lambda' S lambda / 2 - constraint' lambda, lambda >= 0: one step from the extrapolated
-   point y (q = S y), lambda = max(0, y + (constraint - q) / majorant). change: lambda_new - lambda_old. */
-KERNEL project_impulses(int n, GLOBAL const double *constraint, GLOBAL const double *q, GLOBAL const double *majorant,
-                        GLOBAL const double *y, GLOBAL double *lambda, GLOBAL double *change, GLOBAL double *ascent, GLOBAL double *size)
+   point p, lambda = max(0, p + (constraint - S p) / majorant); y: M^-1 C' p. change: lambda_new - lambda_old. partial[3 t ...], over the
+   PUSH_IMPACTS impacts of team t: gradient mapping times change, |change|^2, |lambda|^2, these two in the majorant's norm. */
+KERNEL push_impulses(int n, int count, int rows, GLOBAL const impact *impacts, GLOBAL const int *active, GLOBAL const dvec3 *y,
+                     GLOBAL const double *constraint, GLOBAL const double *majorant, GLOBAL const double *p, GLOBAL double *lambda,
+                     GLOBAL double *change, GLOBAL double *partial)
 {
-  FOR_EACH(i, n)
+  TEAM_LOCAL(double, sums, 3 * PUSH_TEAM);
+  FOR_EACH_TEAM(t, n)
   {
-    double gradient = constraint[i] - q[i];
-    double next = majorant[i] > 0.0 ? max_double(0.0, y[i] + gradient / majorant[i]) : 0.0;
-    change[i] = next - lambda[i];
-    ascent[i] = (next - y[i]) * majorant[i]; /* gradient mapping */
-    size[i] = next * majorant[i];
-    lambda[i] = next;
+    TEAM_BARRIER;
+    TEAM_FOR(l, PUSH_TEAM)
+    {
+      double along = 0.0, moved = 0.0, size = 0.0;
+      int i, end = min_int((t + 1) * PUSH_IMPACTS, count);
+      for (i = t * PUSH_IMPACTS + l; i < end; i += PUSH_TEAM) {
+        double weight = majorant[i], gradient = constraint[i] - (active[i] ? impulse_response(impacts[i], rows, y) : 0.0);
+        double next = weight > 0.0 ? max_double(0.0, p[i] + gradient / weight) : 0.0, by = next - lambda[i];
+        along += (next - p[i]) * weight * by;
+        moved += weight * by * by;
+        size += next * weight * next;
+        change[i] = by;
+        lambda[i] = next;
+      }
+      sums[l] = along;
+      sums[PUSH_TEAM + l] = moved;
+      sums[2 * PUSH_TEAM + l] = size;
+    }
+    tree_sums(PUSH_TEAM, 3, sums);
+    TEAM_FOR(c, 3) partial[3 * t + c] = sums[c * PUSH_TEAM];
   }
 }
 
-/* scalar[0]: t of Nesterov's sequence, [1]: momentum, [2]: |change|^2, [3]: |lambda|^2, majorant norms. Restarts when the step
-   went against the momentum. partial_*: chunk sums of ascent.change, change.change, lambda.size. One work item. */
-KERNEL finish_momentum(int n, int chunks, GLOBAL const double *ascent_change, GLOBAL const double *change_change,
-                       GLOBAL const double *lambda_size, GLOBAL double *scalar)
+/* p = lambda + momentum change; Nesterov's sequence starts again when the step went against the momentum. The scalars at `from` become
+   those at `to`. */
+KERNEL extrapolate_impulses(int n, int count, int teams, GLOBAL const double *partial, int from, int to, GLOBAL double *scalar,
+                            GLOBAL const double *lambda, GLOBAL const double *change, GLOBAL double *p)
 {
-  FOR_EACH(i, n)
+  TEAM_LOCAL(double, sums, 3 * PUSH_TEAM);
+  FOR_EACH_TEAM(t, n)
   {
-    double along = 0.0, moved = 0.0, whole = 0.0, t = scalar[0], next;
-    int j;
-    for (j = 0; j < chunks; ++j) { along += ascent_change[j]; moved += change_change[j]; whole += lambda_size[j]; }
-    if (along < 0.0) t = 1.0;
-    next = 0.5 * (1.0 + sqrt(1.0 + 4.0 * t * t));
-    scalar[1] = along < 0.0 ? 0.0 : (t - 1.0) / next;
-    scalar[0] = next;
-    scalar[2] = moved;
-    scalar[3] = whole;
+    double before = scalar[from + PUSH_T], next, momentum;
+    const int first = t * PUSH_IMPACTS;
+    TEAM_BARRIER;
+    sum_of_teams(PUSH_TEAM, 3, teams, partial, sums);
+    if (sums[0] < 0.0) before = 1.0;
+    next = 0.5 * (1.0 + sqrt(1.0 + 4.0 * before * before));
+    momentum = sums[0] < 0.0 ? 0.0 : (before - 1.0) / next;
+    if (t == 0)
+      TEAM_FOR(l, 1)
+      {
+        scalar[to + PUSH_T] = next;
+        scalar[to + PUSH_MOVED] = sums[PUSH_TEAM];
+        scalar[to + PUSH_SIZE] = sums[2 * PUSH_TEAM];
+      }
+    TEAM_FOR(l, min_int(count - first, PUSH_IMPACTS)) p[first + l] = lambda[first + l] + momentum * change[first + l];
   }
 }
 
-KERNEL extrapolate_impulses(int n, GLOBAL const double *scalar, GLOBAL const double *lambda, GLOBAL const double *change, GLOBAL double *y)
-{
-  FOR_EACH(i, n) { y[i] = lambda[i] + scalar[1] * change[i]; }
-}
-
-KERNEL weigh_change(int n, GLOBAL const double *majorant, GLOBAL const double *change, GLOBAL double *weighed)
-{
-  FOR_EACH(i, n) { weighed[i] = majorant[i] * change[i]; }
-}
-KERNEL start_momentum(int n, GLOBAL double *scalar) { FOR_EACH(i, n) { scalar[i] = i == 0 ? 1.0 : 0.0; } }
+KERNEL start_momentum(int n, GLOBAL double *scalar) { FOR_EACH(i, n) { scalar[i] = i == PUSH_T ? 1.0 : 0.0; } }
 KERNEL set_double(int n, double value, GLOBAL double *out) { FOR_EACH(i, n) { out[i] = value; } }
 
 /* y_v = m_v^-1 sum over impacts at v of w n lambda, cloth vertices. incidence: 4 * impact + local index. */
@@ -255,11 +287,7 @@ KERNEL gather_impulses(int n, int rows, double regularisation, GLOBAL const impa
 {
   FOR_EACH(i, n)
   {
-    double sum = regularisation * diagonal[i] * p[i];
-    int k;
-    for (k = 0; k < 4; ++k)
-      if (impacts[i].node[k] < rows) sum += impacts[i].weight[k] * ddot(impacts[i].normal, y[impacts[i].node[k]]);
-    q[i] = active[i] ? sum : 0.0;
+    q[i] = active[i] ? regularisation * diagonal[i] * p[i] + impulse_response(impacts[i], rows, y) : 0.0;
   }
 }
 

@@ -69,3 +69,28 @@ KERNEL dot_scalars(int n, int size, GLOBAL const double *a, GLOBAL const double 
     partial[i] = sum;
   }
 }
+
+/* a[c size] = the sum of a[c size ...], size numbers, for each of `columns`: in halves, the same on every backend. size: a power of two. */
+DEVICE_TEAM void tree_sums(int size, int columns, LOCAL double *a)
+{
+  int span, c;
+  TEAM_BARRIER;
+  for (span = size / 2; span > 0; span /= 2) {
+    TEAM_FOR(l, span)
+      for (c = 0; c < columns; ++c) a[c * size + l] += a[c * size + l + span];
+    TEAM_BARRIER;
+  }
+}
+
+/* The same of the sums of teams, partial[columns k + c]: every team for itself, `size` members. */
+DEVICE_TEAM void sum_of_teams(int size, int columns, int teams, GLOBAL const double *partial, LOCAL double *a)
+{
+  TEAM_FOR(l, size)
+  {
+    int k, c;
+    for (c = 0; c < columns; ++c) a[c * size + l] = 0.0;
+    for (k = l; k < teams; k += size)
+      for (c = 0; c < columns; ++c) a[c * size + l] += partial[columns * k + c];
+  }
+  tree_sums(size, columns, a);
+}

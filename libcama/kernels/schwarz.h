@@ -332,14 +332,13 @@ KERNEL cg_advance_blocks(int n, int levels, int rows, int blocks, GLOBAL const i
                          GLOBAL const vec4 *RESTRICT w, GLOBAL vec4 *RESTRICT p, GLOBAL vec4 *RESTRICT s, GLOBAL vec4 *RESTRICT x,
                          GLOBAL vec4 *RESTRICT r)
 {
-  TEAM_LOCAL(double, rz, CG_TEAM);
-  TEAM_LOCAL(double, zw, CG_TEAM);
+  TEAM_LOCAL(double, products, 2 * CG_TEAM);
   TEAM_LOCAL(vec4, own, BLOCK_ROWS * BLOCK_ROWS);
   TEAM_LOCAL(vec4, sums, BLOCK_ROWS);
   FOR_EACH_TEAM(t, n)
   {
     const int first_block = group_start[t], last_block = group_start[t + 1], first = block_start[first_block];
-    cg_step step = next_step(t, partials, partial, most, from, to, scalar, rz, zw);
+    cg_step step = next_step(t, partials, partial, most, from, to, scalar, products);
     if (!step.done) {
       TEAM_FOR(l, block_start[last_block] - first) own[l] = advance_row(first + l, step, z, w, p, s, x, r);
       TEAM_BARRIER;

@@ -104,7 +104,6 @@ KERNEL sum_vectors(int n, int rows, GLOBAL const vec3 *r, GLOBAL double *partial
   TEAM_LOCAL(double, sum, 3 * SUM_ROWS);
   FOR_EACH_TEAM(t, n)
   {
-    int span;
     TEAM_BARRIER;
     TEAM_FOR(l, SUM_ROWS)
     {
@@ -113,16 +112,7 @@ KERNEL sum_vectors(int n, int rows, GLOBAL const vec3 *r, GLOBAL double *partial
       sum[SUM_ROWS + l] = i < rows ? (double)r[i].y : 0.0;
       sum[2 * SUM_ROWS + l] = i < rows ? (double)r[i].z : 0.0;
     }
-    TEAM_BARRIER;
-    for (span = SUM_ROWS / 2; span > 0; span /= 2) {
-      TEAM_FOR(l, span)
-      {
-        sum[l] += sum[l + span];
-        sum[SUM_ROWS + l] += sum[SUM_ROWS + l + span];
-        sum[2 * SUM_ROWS + l] += sum[2 * SUM_ROWS + l + span];
-      }
-      TEAM_BARRIER;
-    }
+    tree_sums(SUM_ROWS, 3, sum);
     TEAM_FOR(c, 3) partial[3 * t + c] = sum[c * SUM_ROWS];
   }
 }
@@ -144,30 +134,7 @@ KERNEL sum_sums(int n, int partials, GLOBAL double *partial)
   TEAM_LOCAL(double, sum, 3 * SUM_ROWS);
   FOR_EACH_TEAM(t, n)
   {
-    int span;
-    TEAM_FOR(l, SUM_ROWS)
-    {
-      double x = 0.0, y = 0.0, z = 0.0;
-      int k;
-      for (k = l; k < partials; k += SUM_ROWS) {
-        x += partial[3 * k];
-        y += partial[3 * k + 1];
-        z += partial[3 * k + 2];
-      }
-      sum[l] = x;
-      sum[SUM_ROWS + l] = y;
-      sum[2 * SUM_ROWS + l] = z;
-    }
-    TEAM_BARRIER;
-    for (span = SUM_ROWS / 2; span > 0; span /= 2) {
-      TEAM_FOR(l, span)
-      {
-        sum[l] += sum[l + span];
-        sum[SUM_ROWS + l] += sum[SUM_ROWS + l + span];
-        sum[2 * SUM_ROWS + l] += sum[2 * SUM_ROWS + l + span];
-      }
-      TEAM_BARRIER;
-    }
+    sum_of_teams(SUM_ROWS, 3, partials, partial, sum);
     TEAM_FOR(c, 3) partial[c] = sum[c * SUM_ROWS];
   }
 }

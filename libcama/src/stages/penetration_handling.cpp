@@ -12,6 +12,7 @@
 namespace cama {
 namespace {
 constexpr int active_set_rounds = 4, most_iterations = 200, most_waits = 64;
+constexpr int iterations_per_check = 8;      // even: scalars change places
 constexpr double impulse_tolerance = 1e-4;   // relative residual of the linear system
 constexpr double regularisation = 1e-6;      // of its diagonal: duplicate impacts make it singular
 constexpr double pushing_tolerance = 1e-3;   // relative change of impulses: the result is certified afterwards
@@ -27,7 +28,7 @@ int chunks(int n) { return (n + DOT_CHUNK - 1) / DOT_CHUNK; }
 
 ImpactProjection::ImpactProjection(Backend &b)
     : nodes_(b), count_(b), active_(b), dropped_(b, 1), moved_(b), constraint_(b), diagonal_(b), majorant_(b), lambda_(b), r_(b), z_(b), p_(b), q_(b),
-      partial_(b), partial2_(b), partial3_(b), scalar_(b, SCALAR_COUNT), y_(b), wanted_(b), longest_(b), longer_(b), largest_(b)
+      partial_(b), scalar_(b, SCALAR_COUNT), y_(b), wanted_(b), longest_(b), longer_(b), largest_(b)
 {}
 
 void ImpactProjection::spread(State &state, const Stream<double> &lambda)
@@ -73,22 +74,25 @@ void ImpactProjection::solve_linear_system(State &state)
 void ImpactProjection::solve_pushing(State &state)
 {
   Backend &b = *state.backend;
-  const int n = state.impact.size();
+  const int n = state.impact.size(), teams = (n + PUSH_IMPACTS - 1) / PUSH_IMPACTS;
+  partial_.resize(3 * teams);
   CAMA_LAUNCH(b, set_int, n, 0, 1, active_);
   CAMA_LAUNCH(b, set_double, n, 0.0, lambda_);
   CAMA_LAUNCH(b, set_double, n, 0.0, p_);
-  CAMA_LAUNCH(b, start_momentum, SCALAR_COUNT, scalar_);
-  for (int i = 1; i <= most_iterations; ++i) {
-    multiply(state, 0.0, p_, q_);
-    // r_: change, z_: gradient mapping, q_ becomes majorant times lambda
-    CAMA_LAUNCH(b, project_impulses, n, constraint_, q_, majorant_, p_, lambda_, r_, z_, q_);
-    CAMA_LAUNCH(b, dot_scalars, chunks(n), n, z_, r_, partial_);
-    CAMA_LAUNCH(b, weigh_change, n, majorant_, r_, z_);
-    CAMA_LAUNCH(b, dot_scalars, chunks(n), n, z_, r_, partial2_);
-    CAMA_LAUNCH(b, dot_scalars, chunks(n), n, q_, lambda_, partial3_);
-    CAMA_LAUNCH(b, finish_momentum, 1, chunks(n), partial_, partial2_, partial3_, scalar_);
-    CAMA_LAUNCH(b, extrapolate_impulses, n, scalar_, lambda_, r_, p_);
-    if (i % 8 == 0 && scalar_.at(2) <= pushing_tolerance * pushing_tolerance * scalar_.at(3)) break;
+  CAMA_LAUNCH(b, start_momentum, PUSH_COUNT, scalar_);
+  const auto iterate = [&] {
+    for (int i = 0; i < iterations_per_check; ++i) {
+      const int from = i % 2 * PUSH_COUNT, to = PUSH_COUNT - from;
+      spread(state, p_);
+      CAMA_LAUNCH_TEAMS(void, b, push_impulses, PUSH_TEAM, teams, n, state.cloth_vertices, state.impact, active_, y_, constraint_, majorant_, p_, lambda_,
+                        r_, partial_);
+      CAMA_LAUNCH_TEAMS(void, b, extrapolate_impulses, PUSH_TEAM, teams, n, teams, partial_, from, to, scalar_, lambda_, r_, p_);
+    }
+  };
+  for (int i = 0; i < most_iterations; i += iterations_per_check) {
+    b.repeat(1, iterate, i > 0);
+    const std::vector<double> scalar = scalar_.download();
+    if (scalar[PUSH_MOVED] <= pushing_tolerance * pushing_tolerance * scalar[PUSH_SIZE]) break;
   }
 }
 
@@ -116,7 +120,7 @@ void ImpactProjection::run(State &state, Stream<dvec3> &positions, double slack)
   nodes_.resize(n);
   for (Stream<double> *s : {&constraint_, &diagonal_, &majorant_, &lambda_, &r_, &z_, &p_, &q_}) s->resize(n);
   active_.resize(n);
-  for (Stream<double> *s : {&partial_, &partial2_, &partial3_}) s->resize(chunks(n));
+  partial_.resize(chunks(n));
   y_.resize(state.cloth_vertices);
   count_.resize(state.cloth_vertices);
   CAMA_LAUNCH(b, impact_nodes, n, state.impact, nodes_);

@@ -32,7 +32,7 @@ private:
   Stream<kernels::element_nodes> nodes_;
   Incidence incidence_;
   Stream<int> count_, active_, dropped_, moved_;
-  Stream<double> constraint_, diagonal_, majorant_, lambda_, r_, z_, p_, q_, partial_, partial2_, partial3_, scalar_;
+  Stream<double> constraint_, diagonal_, majorant_, lambda_, r_, z_, p_, q_, partial_, scalar_;
   Stream<dvec3> y_, wanted_;
   Stream<double> longest_, longer_, largest_;
 };
