@@ -26,12 +26,33 @@ const Entry entries[] = {
 #include "../../libcama/kernels/kernels.def"
 };
 
+/// What to do about a CUDA error.
+const char *advice(cudaError_t status)
+{
+  switch (status) {
+    case cudaErrorMemoryAllocation: return "lower the resolution or use a larger device";
+    case cudaErrorNoDevice: return "use backend cpu or opencl, or look at nvidia-smi whether the device is seen";
+    case cudaErrorInsufficientDriver:
+    case cudaErrorSystemDriverMismatch: return "update NVIDIA's driver, or use backend cpu or opencl";
+    case cudaErrorNoKernelImageForDevice:
+    case cudaErrorUnsupportedPtxVersion: return "the driver cannot compile for this device: update it, or build with CMAKE_CUDA_ARCHITECTURES of the device";
+    case cudaErrorDevicesUnavailable: return "another process has the device for itself, or it is being reset: take another one, or try again";
+    case cudaErrorECCUncorrectable: return "the device's memory is faulty: take another one, and look at the system's log";
+    case cudaErrorIllegalAddress:
+    case cudaErrorMisalignedAddress:
+    case cudaErrorIllegalInstruction:
+    case cudaErrorInvalidValue:
+    case cudaErrorInvalidConfiguration: return "this is a bug of cama: report it with the scene; a new process can use the device again";
+    default: return "the device may be lost: start a new process, and look at the system's log if it happens again";
+  }
+}
+
 void check(cudaError_t status, const char *call)
 {
   if (status == cudaSuccess) return;
   cudaGetLastError();   // what is reported here is not found again by a later call
-  const std::string text = std::string(call) + ": " + cudaGetErrorName(status) + " (" + cudaGetErrorString(status) + ")";
-  if (status == cudaErrorMemoryAllocation) throw MemoryError(text + "; lower the resolution or use a larger device");
+  const std::string text = std::string(call) + ": " + cudaGetErrorName(status) + " " + std::to_string(status) + " (" + cudaGetErrorString(status) + "); " + advice(status);
+  if (status == cudaErrorMemoryAllocation) throw MemoryError(text);
   throw BackendError(text);
 }
 

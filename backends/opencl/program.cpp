@@ -144,9 +144,9 @@ std::string source(Text text)
   }
   // real.h uses types and functions of double.h; its kernels are not wanted twice.
   const std::string real = text == Text::f32 ? "float" : "double";
-  out += "#undef KERNEL\n#define KERNEL static inline void\n";
+  out += "#undef KERNEL\n#define KERNEL static inline void\n#undef TEAM_LOCAL\n#define TEAM_LOCAL(type, name, count) LOCAL type *name = 0\n";
   expand("double.h", out);
-  out += "#undef KERNEL\n#define KERNEL __kernel void\n#define real " + real + "\n#define ATOMIC_ADD_REAL atomic_add_" + real + "\n";
+  out += "#undef TEAM_LOCAL\n#define TEAM_LOCAL TEAM_LOCAL_MEMORY\n#undef KERNEL\n#define KERNEL __kernel void\n#define real " + real + "\n#define ATOMIC_ADD_REAL atomic_add_" + real + "\n";
   expand("real.h", out);
   return out;
 }

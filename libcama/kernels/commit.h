@@ -175,14 +175,14 @@ DEVICE int commit_due(int pass, const double *t, const int *fixed)
 /* Marks pairs that keep their clearance along the direction known from their search; for most this settles pass 0 at a fifth of its cost.
    certified 1: find_impacts has certified every pair that is no impact for this very motion, so nothing is left to be done for them. */
 KERNEL commit_screen(int n, int kind, int certified, GLOBAL const pair *candidate, GLOBAL const face_nodes *face,
-                     GLOBAL const edge_nodes *edge, GLOBAL const dvec3 *position, GLOBAL const dvec3 *target, GLOBAL const dvec3 *direction,
+                     GLOBAL const edge_nodes *edge, GLOBAL const dvec3 *position, GLOBAL const dvec3 *target, GLOBAL const fvec3 *direction,
                      GLOBAL const vertex_contact *properties, GLOBAL const int *known, double share, GLOBAL int *accepted)
 {
   FOR_EACH(i, n) {
     int screened = certified && !known[i];
     if (!screened) {
       element_nodes e = pair_nodes(kind, candidate[i], face, edge);
-      screened = separated_along(kind, e, position, target, direction[i], pair_clearance(kind, e, properties, 1.001 * share));
+      screened = separated_along(kind, e, position, target, from_direction(direction[i]), pair_clearance(kind, e, properties, 1.001 * share));
     }
     accepted[i] = screened ? COMMIT_SCREENED : COMMIT_SETTLED;
   }

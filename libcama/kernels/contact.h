@@ -147,6 +147,9 @@ typedef struct { float x, y, z; } fvec3;
 DEVICE fvec3 fvec3_make(float x, float y, float z) { fvec3 r; r.x = x; r.y = y; r.z = z; return r; }
 DEVICE fvec3 fvec3_sub(fvec3 a, fvec3 b) { return fvec3_make(a.x - b.x, a.y - b.y, a.z - b.z); }
 DEVICE fvec3 fvec3_scale(float s, fvec3 a) { return fvec3_make(s * a.x, s * a.y, s * a.z); }
+/* A unit vector as a direction that tells sides apart: not longer than 1. */
+DEVICE fvec3 to_direction(dvec3 n) { return fvec3_make((float)(0.9999999 * n.x), (float)(0.9999999 * n.y), (float)(0.9999999 * n.z)); }
+DEVICE dvec3 from_direction(fvec3 n) { return dvec3_make((double)n.x, (double)n.y, (double)n.z); }
 DEVICE float fvec3_dot(fvec3 a, fvec3 b) { return a.x * b.x + a.y * b.y + a.z * b.z; }
 DEVICE float float_most(float a, float b) { return a > b ? a : b; }
 DEVICE float float_least(float a, float b) { return a < b ? a : b; }
@@ -277,7 +280,7 @@ DEVICE mover mover_of(const movers_abreast *m, int k)
 /* Pairs that movers can tell to be no contact, at a fraction of the cost of their closest points: room, how far apart they are along
    `direction`, from side B to side A, at least until the prediction, m; 0 for the others. */
 KERNEL tell_apart(int n, int kind, GLOBAL const pair *pairs, GLOBAL const face_nodes *face, GLOBAL const edge_nodes *edge,
-                  GLOBAL const mover *movers, GLOBAL const float *spare, GLOBAL dvec3 *direction, GLOBAL float *room)
+                  GLOBAL const mover *movers, GLOBAL const float *spare, GLOBAL fvec3 *direction, GLOBAL float *room)
 {
   int batches = (n - 1) / ABREAST + 1;
   float rounding = spare[0];
@@ -309,7 +312,7 @@ KERNEL tell_apart(int n, int kind, GLOBAL const pair *pairs, GLOBAL const face_n
       }
     }
     for (int j = 0; j < count; ++j) {
-      direction[first + j] = dvec3_make(x[j], y[j], z[j]);
+      direction[first + j] = fvec3_make(x[j], y[j], z[j]);
       room[first + j] = gap[j];
     }
   }
@@ -327,7 +330,7 @@ DEVICE pair listed_pair(int i, int first_size, GLOBAL const pair *vertex_face, G
 KERNEL find_contacts(int n, int first_size, GLOBAL const pair *vertex_face, GLOBAL const pair *edge_edge, GLOBAL const face_nodes *face,
                      GLOBAL const edge_nodes *edge, GLOBAL const dvec3 *position, GLOBAL const dvec3 *predicted, GLOBAL const mover *movers,
                      GLOBAL const float *spare, GLOBAL const vertex_contact *v, double anticipate, GLOBAL int *flag,
-                     GLOBAL dvec3 *vertex_face_direction, GLOBAL float *vertex_face_room, GLOBAL dvec3 *edge_edge_direction,
+                     GLOBAL fvec3 *vertex_face_direction, GLOBAL float *vertex_face_room, GLOBAL fvec3 *edge_edge_direction,
                      GLOBAL float *edge_edge_room)
 {
   FOR_EACH_UNEVEN(i, n)
@@ -338,7 +341,7 @@ KERNEL find_contacts(int n, int first_size, GLOBAL const pair *vertex_face, GLOB
       element_nodes e = pair_nodes(kind, listed_pair(i, first_size, vertex_face, edge_edge), face, edge);
       proximity p = surface_proximity(kind, e, position, v);
       hit = make_contact(kind, e, position, predicted, v, anticipate, p, &c);
-      if (kind == 0) vertex_face_direction[at] = p.normal; else edge_edge_direction[at] = p.normal;
+      if (kind == 0) vertex_face_direction[at] = to_direction(p.normal); else edge_edge_direction[at] = to_direction(p.normal);
       if (!hit) {   /* the direction of the closest points may tell more */
         mover m0 = movers[e.node[0]], m1 = movers[e.node[1]], m2 = movers[e.node[2]], m3 = movers[e.node[3]];
         fvec3 normal = fvec3_make(0.999999f * (float)p.normal.x, 0.999999f * (float)p.normal.y, 0.999999f * (float)p.normal.z);
@@ -410,9 +413,9 @@ KERNEL drop_hidden_contacts(int n, int first_size, GLOBAL const pair *vertex_fac
 
 /* The directions alone, from pair `first` on, for a search that contacts are not wanted from. */
 KERNEL find_directions(int n, int kind, int first, GLOBAL const pair *pairs, GLOBAL const face_nodes *face, GLOBAL const edge_nodes *edge,
-                       GLOBAL const dvec3 *position, GLOBAL const vertex_contact *v, GLOBAL dvec3 *direction)
+                       GLOBAL const dvec3 *position, GLOBAL const vertex_contact *v, GLOBAL fvec3 *direction)
 {
-  FOR_EACH(i, n) { direction[first + i] = surface_proximity(kind, pair_nodes(kind, pairs[first + i], face, edge), position, v).normal; }
+  FOR_EACH(i, n) { direction[first + i] = to_direction(surface_proximity(kind, pair_nodes(kind, pairs[first + i], face, edge), position, v).normal); }
 }
 
 /* The flagged pairs of both lists with a key by their features, so that lists made from them have one order whatever the search's was:

@@ -92,8 +92,8 @@ KERNEL find_impacts(int n, int first_size, int cubic, int localized, GLOBAL cons
                     GLOBAL const face_nodes *face, GLOBAL const edge_nodes *edge, GLOBAL const dvec3 *x, GLOBAL const dvec3 *y,
                     GLOBAL const double *inverse_mass, GLOBAL const vertex_contact *v, double share, double largest,
                     GLOBAL const float *strayed, int vertex_face_done, int edge_edge_done, int vertex_face_rooms, GLOBAL const float *vertex_face_room,
-                    GLOBAL const dvec3 *vertex_face_direction, GLOBAL const int *vertex_face_known, int edge_edge_rooms,
-                    GLOBAL const float *edge_edge_room, GLOBAL const dvec3 *edge_edge_direction, GLOBAL const int *edge_edge_known,
+                    GLOBAL const fvec3 *vertex_face_direction, GLOBAL const int *vertex_face_known, int edge_edge_rooms,
+                    GLOBAL const float *edge_edge_room, GLOBAL const fvec3 *edge_edge_direction, GLOBAL const int *edge_edge_known,
                     GLOBAL const int *moved, GLOBAL int *flag, GLOBAL int *look)
 {
   FOR_EACH_UNEVEN(i, n)
@@ -113,7 +113,7 @@ KERNEL find_impacts(int n, int first_size, int cubic, int localized, GLOBAL cons
         !(kind == 0 ? vertex_face_known[at] : edge_edge_known[at]) &&
         inverse_mass[e.node[0]] + inverse_mass[e.node[1]] + inverse_mass[e.node[2]] + inverse_mass[e.node[3]] > 0.0) {
       double minimum = pair_clearance(kind, e, v, share);
-      hit = !separated_along(kind, e, x, y, kind == 0 ? vertex_face_direction[at] : edge_edge_direction[at],
+      hit = !separated_along(kind, e, x, y, from_direction(kind == 0 ? vertex_face_direction[at] : edge_edge_direction[at]),
                              minimum + 0.001 * share * pair_least_thickness(e, v)) &&
             surface_impact_time(kind, cubic, e, x, y, v, minimum).hit;
     }

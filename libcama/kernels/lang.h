@@ -23,7 +23,8 @@
 #define FOR_EACH_UNEVEN(i, n) FOR_EACH(i, n)
 #define LOCAL __local
 #define ALIGNED(n) __attribute__((aligned(n)))
-#define TEAM_LOCAL(type, name, count) __local type name[count] ALIGNED(16)
+#define TEAM_LOCAL_MEMORY(type, name, count) __local type name[count] ALIGNED(16)
+#define TEAM_LOCAL TEAM_LOCAL_MEMORY
 #if defined(CAMA_CHUNKED) /* a team is one work-item */
 #define FOR_EACH_TEAM(t, n) FOR_EACH(t, n)
 #define TEAM_FOR(l, m) for (int l = 0; l < (m); ++l)

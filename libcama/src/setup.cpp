@@ -146,7 +146,7 @@ void set_up_contact(State &state, const Scene &scene, const Topology &t)
   for (PairList *list : {&state.vertex_face, &state.edge_edge}) {
     list->pairs = Stream<kernels::pair>(b);
     list->known = Stream<int>(b);
-    list->direction = Stream<dvec3>(b);
+    list->direction = Stream<kernels::fvec3>(b);
     list->room = Stream<float>(b);
   }
   if (!t.seam.empty() || state.options.intersections == Intersections::exempt || state.options.pinch == Pinch::release) state.exemptions.set_up(b, t);

@@ -50,7 +50,7 @@ template <class Real> struct System {
 struct PairList {
   Stream<kernels::pair> pairs;
   Stream<int> known;        // [pairs] 1: already an impact of this step
-  Stream<dvec3> direction;  // [pairs] that tells the sides apart, from B to A
+  Stream<kernels::fvec3> direction;  // [pairs] that tells the sides apart, from B to A
   Stream<float> room;       // [pairs that proximity checking saw] their distance along it until the prediction at least, m; not positive: unknown
 };
 

@@ -59,6 +59,7 @@ LOCKSTEP_REAL(f32)
 template <class F> void each(const cama::kernels::element_nodes &e, F &&f) { each(e.node, f); }
 template <class F> void each(const cama::kernels::face_nodes &e, F &&f) { each(e.node, f); }
 template <class F> void each(const cama::kernels::edge_nodes &e, F &&f) { each(e.node, f); }
+template <class F> void each(const cama::kernels::fvec3 &v, F &&f) { each_of(f, v.x, v.y, v.z); }
 template <class F> void each(const cama::kernels::face_features &e, F &&f) { each_of(f, e.edge, e.owned); }
 template <class F> void each(const cama::kernels::stitch &s, F &&f) { each_of(f, s.node, s.ratio, s.stiffness); }
 template <class F> void each(const cama::kernels::vertex_contact &v, F &&f) { each_of(f, v.thickness, v.area, v.stiffness, v.friction, v.static_friction, v.radius, v.obstacle, v.form); }

@@ -234,7 +234,7 @@ TEST_CASE("fronts give every pair of features whose boxes overlap, once, and tho
           REQUIRE(s.vertex_face.known.size() == static_cast<int>(vf.size()));
           REQUIRE(s.edge_edge.direction.size() == static_cast<int>(ee.size()));
           for (int known : s.vertex_face.known.download()) REQUIRE(known == 0);
-          for (dvec3 d : s.edge_edge.direction.download()) REQUIRE((d.x == 0 && d.y == 0 && d.z == 0));
+          for (const auto &d : s.edge_edge.direction.download()) REQUIRE((d.x == 0 && d.y == 0 && d.z == 0));
           if (c.scene.contact.self) check_cut(s, t);
           const int front = s.front.size() + s.self_front.size();
           most = std::max(most, front);

@@ -28,12 +28,11 @@ public:
   Buffer buffer() const { return buffer_; }
   Backend *backend() const { return backend_; }
 
-  /// Contents are lost when the stream has to grow; it grows by half so that repeated growth is rare.
+  /// Contents are lost when the stream has to grow; it grows by half, large ones by an eighth, so that repeated growth is rare.
   void resize(int size)
   {
     if (size < 0) throw MemoryError("stream size " + std::to_string(size) + " exceeds 2^31 elements");
-    constexpr long long most = 0x7fffffff;
-    if (size > capacity_) reserve(static_cast<int>(capacity_ == 0 ? size : std::min(most, size + size / 2ll)));
+    if (size > capacity_) reserve(capacity_ == 0 ? size : with_room(size));
     size_ = size;
   }
   void reserve(int capacity)
@@ -49,7 +48,7 @@ public:
   {
     if (size > capacity_) {
       Stream larger(*backend_);
-      larger.reserve(static_cast<int>(std::min(0x7fffffffll, size + size / 2ll)));
+      larger.reserve(with_room(size));
       if (size_) backend_->copy(larger.buffer_, buffer_, sizeof(T) * static_cast<std::size_t>(size_));
       swap(larger);
     }
@@ -88,6 +87,11 @@ public:
   }
 
 private:
+  static int with_room(int size)
+  {
+    const long long more = sizeof(T) * static_cast<std::size_t>(size) > (std::size_t(16) << 20) ? size / 8 : size / 2;
+    return static_cast<int>(std::min(0x7fffffffll, size + more));
+  }
   Backend *backend_ = nullptr;
   Buffer buffer_ = nullptr;
   int size_ = 0, capacity_ = 0;
