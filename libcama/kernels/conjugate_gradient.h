@@ -31,7 +31,7 @@ DEVICE real vec4_dot(vec4 v, vec4 w) { return v.x * w.x + v.y * w.y + v.z * w.z;
 #define CG_FORCES 7      /* f' P f of the forces without penalties */
 #define CG_INNER 8       /* r' z that working precision can reach from this start */
 #define CG_COUNT 9
-#define CG_TEAM 256
+#define CG_TEAM 128     /* members of a team: all teams have room at once */
 #define CG_ROWS 256      /* rows of the vectors that a team advances */
 
 #define CG_MEASURE_FORCES 0

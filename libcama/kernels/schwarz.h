@@ -6,7 +6,8 @@
 
 #define BLOCK_ROWS 16
 #define BLOCK_SIZE 48
-#define BLOCK_TEAM 64   /* members of a team that has a block */
+#define BLOCK_TEAM 64   /* members of a team that factors a block */
+#define APPLY_TEAM 32   /* and of one that applies it */
 /* Entries of G: 16 rows at a time, of these the columns up to the diagonal, of these 16 numbers. Word k holds entries k and k + FACTOR_WORDS. */
 #define FACTOR_WORDS 768
 #define FACTOR_COLUMN(group, c) (8 * (group) * ((group) + 1) + (c))
@@ -254,32 +255,49 @@ KERNEL apply_blocks(int n, GLOBAL const int *block_start, int at, GLOBAL const d
     }
     TEAM_FOR(l, BLOCK_SIZE) u[l] = l < m ? weight[t * BLOCK_SIZE + l] * r[l + l / 3] : (real)0;
     TEAM_BARRIER;
-    TEAM_FOR_LANES(j, 16 * groups)
+    /* y = G u. Rows in three groups of 16 have 16, 32 and 48 columns; a member has a row of the last group, or one of each of the others:
+       48 columns in three turns. */
+    TEAM_FOR_LANES(j, APPLY_TEAM)
     {
-      int group = j / 16, c;
-      LOCAL const real *column = g + FACTOR_COLUMN(group, 0) * FACTOR_STRIDE + (j - 16 * group);
+      const int last = j < 16, turns = groups == 1 ? 1 : 3;
       lanes even = LANES_ALL(lanes, (real)0), odd = even;
-      for (c = 0; c < 16 * (group + 1); c += 4) {
-        even += LANES_LOAD(lanes, column + c * FACTOR_STRIDE) * u[c];
-        odd += LANES_LOAD(lanes, column + (c + 1) * FACTOR_STRIDE) * u[c + 1];
-        even += LANES_LOAD(lanes, column + (c + 2) * FACTOR_STRIDE) * u[c + 2];
-        odd += LANES_LOAD(lanes, column + (c + 3) * FACTOR_STRIDE) * u[c + 3];
-      }
-      LANES_STORE(lanes, y + j, even + odd);
+      int turn, c;
+      if (!last || groups == 3)
+        for (turn = 0; turn < turns; ++turn) {
+          const int group = last ? 2 : turn > 0, first = last ? 16 * turn : turn == 2 ? 16 : 0, lane = last ? j : j - 16;
+          LOCAL const real *column = g + FACTOR_COLUMN(group, first) * FACTOR_STRIDE + lane, *v = u + first;
+          for (c = 0; c < 16; c += 4) {
+            even += LANES_LOAD(lanes, column + c * FACTOR_STRIDE) * v[c];
+            odd += LANES_LOAD(lanes, column + (c + 1) * FACTOR_STRIDE) * v[c + 1];
+            even += LANES_LOAD(lanes, column + (c + 2) * FACTOR_STRIDE) * v[c + 2];
+            odd += LANES_LOAD(lanes, column + (c + 3) * FACTOR_STRIDE) * v[c + 3];
+          }
+          if (turn == 2 || (turn == 0 && !last)) {
+            LANES_STORE(lanes, y + 16 * group + lane, even + odd);
+            even = odd = LANES_ALL(lanes, (real)0);
+          }
+        }
     }
     TEAM_BARRIER;
-    TEAM_FOR(c, m)
+    /* z = S G' y. Columns in three groups have 48, 32 and 16 rows: shared out in the same way. */
+    TEAM_FOR(l, APPLY_TEAM)
     {
       real sum[16];
-      int group, q;
+      int turn, q;
       SIMD for (q = 0; q < 16; ++q) sum[q] = (real)0;
-      for (group = c / 16; group < groups; ++group) {
-        LOCAL const real *column = g + FACTOR_COLUMN(group, c) * FACTOR_STRIDE, *v = y + 16 * group;
-        SIMD for (q = 0; q < 16; ++q) sum[q] += column[q] * v[q];
+      for (turn = 0; turn < 3; ++turn) {
+        const int c = l >= 16 && turn == 2 ? l + 16 : l, group = l < 16 ? turn : turn == 0 ? 1 : 2;
+        if (group < groups) {
+          LOCAL const real *column = g + FACTOR_COLUMN(group, c) * FACTOR_STRIDE, *v = y + 16 * group;
+          SIMD for (q = 0; q < 16; ++q) sum[q] += column[q] * v[q];
+        }
+        if (turn == 2 || (turn == 1 && l >= 16)) {
+          SIMD for (q = 0; q < 8; ++q) sum[q] += sum[q + 8];
+          SIMD for (q = 0; q < 4; ++q) sum[q] += sum[q + 4];
+          if (c < m) z[c + c / 3] = weight[t * BLOCK_SIZE + c] * (sum[0] + sum[2] + (sum[1] + sum[3]));
+          SIMD for (q = 0; q < 16; ++q) sum[q] = (real)0;
+        }
       }
-      SIMD for (q = 0; q < 8; ++q) sum[q] += sum[q + 8];
-      SIMD for (q = 0; q < 4; ++q) sum[q] += sum[q + 4];
-      z[c + c / 3] = weight[t * BLOCK_SIZE + c] * (sum[0] + sum[2] + (sum[1] + sum[3]));
     }
   }
 }

@@ -70,7 +70,7 @@ struct Block {
     Stream<double> scalar(backend, std::vector<double>(CG_COUNT, 0.0));
     const Stream<int> groups(backend, std::vector<int>{0, 1});
     CAMA_LAUNCH_TEAMS(float, backend, restrict_residual, CG_TEAM, 1, 2, rows, 1, groups, block_start, right);
-    CAMA_LAUNCH_TEAMS(float, backend, apply_blocks, BLOCK_TEAM, 1, block_start, 0, scalar, factor, weight, right, z);
+    CAMA_LAUNCH_TEAMS(float, backend, apply_blocks, APPLY_TEAM, 1, block_start, 0, scalar, factor, weight, right, z);
     const auto out = z.download(), all = right.download();
     coarse = {all.back().x, all.back().y, all.back().z};
     VectorXd result(r.size());

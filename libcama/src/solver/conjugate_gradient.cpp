@@ -86,7 +86,7 @@ void ConjugateGradient<S>::multiply(State &state, int at)
                      matrix_.term_value, total_, product_);
   };
   if (schwarz_) {
-    CAMA_LAUNCH_TEAMS(S, b, apply_blocks, BLOCK_TEAM, schwarz_->blocks(), schwarz_->block_start(), at, scalar_, schwarz_->factors(),
+    CAMA_LAUNCH_TEAMS(S, b, apply_blocks, APPLY_TEAM, schwarz_->blocks(), schwarz_->block_start(), at, scalar_, schwarz_->factors(),
                       schwarz_->weights(), r_, z_);
     const bool together = !b.processor() && 4 * terms < n;   // one launch less, but every term sums up its own rows; the same bits
     combine(n, together ? terms : 0, schwarz_->levels(), z_);
