@@ -13,7 +13,7 @@ LEVELS = ("preview", "interactive", "production", "accurate", "reference", "pape
 # Where a setting runs and what becomes of bad input trades nothing for accuracy.
 FIXED = ("backend", "device", "threads", "audit", "intersections", "pinch")
 # Steps, s, and values that are tried where the caller names none.
-STEPS = tuple(Fraction(1, n) for n in (60, 120, 200, 240, 300, 400, 480, 600, 800, 960))
+STEPS = tuple(Fraction(1, n) for n in (60, 120, 240, 480, 960))
 TOLERANCES, PRECISIONS = (1e-1, 1e-2, 1e-3), ("double", "mixed", "single")
 
 
@@ -79,10 +79,8 @@ def product(chosen):
 
 
 def default_plan(scene, window):
-    """Settings that say most: every level as it is, and time step by tolerance by precision of `production`."""
-    fitting = [float(step) for step in STEPS if _divides(float(step), window)]
-    wanted = [step for step in fitting if step <= 4.01 * scene.time_step and step >= 0.2 * scene.time_step] or fitting[-1:]
-    steps = sorted({min(fitting, key=lambda s: abs(math.log(s / w))) for w in wanted}, reverse=True)
+    """Settings that say most: every level as it is, and `production` with time steps by tolerances, and in every precision at both ends."""
+    steps = [float(step) for step in STEPS if _divides(float(step), window)] or [scene.time_step]
     plan = [{"accuracy": level} for level in levels()]
     plan += product({"accuracy": ["production"], "time_step": steps, "tolerance": TOLERANCES, "precision": ["mixed"]})
     plan += product({"accuracy": ["production"], "time_step": [steps[0], steps[-1]], "tolerance": [1e-2], "precision": ["double", "single"]})
