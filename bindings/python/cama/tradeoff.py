@@ -37,8 +37,8 @@ class Tradeoff:
     facts: dict                     #: of the reference and the run: window, windows, time_step, uncertainty_edges, converged, version, seconds
 
     def front(self, backend, x="ms_per_second", y="restart_rms_edges"):
-        """Indices of the points on the front of any two measures, the smaller x first."""
-        own = [i for i, p in enumerate(self.points) if p["backend"] == backend and not p["failed"]]
+        """Indices of the points on the front of any two measures, the smaller x first; points that intersect are never on it."""
+        own = [i for i, p in enumerate(self.points) if p["backend"] == backend and not p["failed"] and not p.get("intersections")]
         return [own[k] for k in pareto([(self.points[i].get(x), self.points[i].get(y)) for i in own])]
 
 

@@ -132,9 +132,10 @@ def _panel(axis, result, measure, logarithmic):
         axis.set_yscale("log")
         usable = [p for p in usable if p[measure] > 0]
     for p in usable:
-        paper = p["settings"].get("accuracy") == "paper"
+        paper, clean, color = p["settings"].get("accuracy") == "paper", not p.get("intersections"), COLORS.get(p["backend"], "#777777")
         axis.plot(p["ms_per_second"], p[measure], "*" if paper else MARKERS.get(precision_of(p), "o"), ms=13 if paper else 5,
-                  color=COLORS.get(p["backend"], "#777777"), mec="black" if paper else "none", mew=0.7, alpha=0.95 if paper else 0.75, zorder=4 if paper else 3)
+                  mfc=color if clean else "white", mec="black" if paper and clean else color, mew=0.7 if clean else 1.2, alpha=0.95 if paper else 0.75,
+                  zorder=4 if paper else 3)
     for backend in result.fronts if measure != "strain_max" else ():  # a strain is no error
         front = [result.points[i] for i in result.front(backend, "ms_per_second", measure)]
         front = [p for p in front if not logarithmic or p[measure] > 0]
@@ -195,6 +196,8 @@ def _legend(axis, result):
         axis.plot([], [], MARKERS.get(precision, "o"), color="#777777", label=f"precision {precision}")
     if any(p["settings"].get("accuracy") == "paper" for p in result.points):
         axis.plot([], [], "*", color="white", mec="black", ms=12, label="the paper's settings")
+    if any(p.get("intersections") for p in result.points):
+        axis.plot([], [], "o", color="white", mec="#777777", mew=1.2, label="hollow: left intersections, not on any front")
     if published(result.scene):
         axis.plot([], [], ":", color="#888888", label="others, at their sizes and on their hardware")
     axis.legend(loc="upper left", frameon=False, fontsize=8)
@@ -244,7 +247,7 @@ def html_text(results, figures):
             parts.append(f"<p>Published: {html.escape(row['system'])} on {html.escape(row['hardware'])}, {row['triangles']:,} triangles: "
                          f"{row['ms_per_second']:,.0f} ms per simulated second ({html.escape(row['source'])}).</p>")
     parts += ["<h2>Columns</h2><ul>", *(f"<li><b>{m}</b> ({html.escape(u)}): {html.escape(t)}</li>" for m, (u, t) in MEASURES.items()),
-              "</ul><p>Green rows are on the front of ms_per_second and restart_rms_edges of their backend.</p><script>", SCRIPT, "</script></body></html>\n"]
+              "</ul><p>Green rows are on the front of ms_per_second and restart_rms_edges of their backend; rows with intersections are never on it.</p><script>", SCRIPT, "</script></body></html>\n"]
     return "".join(parts)
 
 
