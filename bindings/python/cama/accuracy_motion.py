@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from . import _core
 from .arrays import number, reals
 from .errors import ArrayError, SceneError
 from .material import Material
@@ -106,8 +107,8 @@ def accelerations(scene, positions, velocities, instant=1e-9, **options):
     Obstacles and pins are where the scene starts; held vertices and impacts follow their constraints, not forces. The error grows with
     `instant` times stiffness times speed, and rounding with 1e-16 |v| / instant. Throws what Simulation throws.
     """
-    options = {**options, "precision": "double", "tolerance": 1e-12, "intersections": "exempt"}
-    options.pop("time_step", None)
+    own = {"precision": "double", "tolerance": 1e-12, "intersections": "exempt", "time_step": instant, "integrator": "backward_euler", "newton_iterations": 1}
+    options = {**options, **{name: value for name, value in own.items() if hasattr(_core.Options, name)}}
     probe = Simulation(with_time_step(scene, instant), **options)
     velocities = reals("accelerations: velocities", velocities, (probe.cloth_vertex_count, 3))
     probe.set_state(positions, velocities)

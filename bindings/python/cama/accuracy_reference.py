@@ -57,12 +57,8 @@ def steps_of(span, time_step, what):
 
 
 def best_options(given):
-    """Options of a reference: double precision, solves to 1e-10, and the accuracy `reference` where this version has one."""
-    from .tradeoff_grid import levels
-    options = {"precision": "double", "tolerance": 1e-10}
-    if "reference" in levels() and "accuracy" not in given:
-        options["accuracy"] = "reference"
-    return {**options, **given}
+    """Options of a reference: double precision and solves to 1e-10, on top of `production`, which small steps take to the same limit."""
+    return {"accuracy": "production", "precision": "double", "tolerance": 1e-10, **given}
 
 
 def reach(simulation, time):
@@ -73,8 +69,8 @@ def reach(simulation, time):
 
 
 def step_length(simulation):
-    """Seconds that a step takes: what the options say, else the scene."""
-    return simulation.options.get("time_step") or simulation.scene.time_step
+    """Seconds that a step takes: what the simulation says, else the scene."""
+    return getattr(simulation, "time_step", None) or simulation.scene.time_step
 
 
 def start_times(window, count, first=0, stride=1):
@@ -104,7 +100,7 @@ def reference(scene, window=0.05, windows=10, first=0, stride=1, time_step=None,
 
     window: s between a start state and its target.  windows, first, stride: they start at every `stride`-th multiple of `window` from number
     `first`, or at `starts` [k] s, ascending and apart by `window` at least.  time_step: s, default: the scene's / 32, so that it divides
-    `window`.  options: as of Simulation, on top of double precision, a tolerance of 1e-10 and the accuracy `reference` where there is one.
+    `window`.  options: as of Simulation, on top of `production` in double precision with a tolerance of 1e-10.
 
     From every start state the window is run with the time step, twice and four times it. Richardson: where the extrapolations to no time
     step from each pair agree better than the runs themselves, the target is the finer extrapolation and the uncertainty their difference; else

@@ -81,7 +81,7 @@ class Simulation:
     def __init__(self, scene, backend="auto", precision=None, accuracy=None, device=0, threads=0, **overrides):
         self.scene = scene.copy() if isinstance(scene, Scene) else Scene.load(scene)
         if accuracy is None:
-            overrides = {**self.scene.options, **overrides}
+            overrides = {**self.scene.options, **{k: v for k, v in overrides.items() if k != "time_step" or v}}
             accuracy, own = overrides.pop("accuracy", "production"), overrides.pop("precision", None)
             precision = own if precision is None else precision
         self._core = _core.Simulation(self.scene._core, _options(backend, precision, accuracy, device, threads, overrides))

@@ -19,6 +19,8 @@ TOLERANCES, PRECISIONS = (1e-1, 1e-2, 1e-3), ("double", "mixed", "single")
 
 def levels():
     """Names of the accuracy presets that this version has, from fast to exact, the paper's last."""
+    if hasattr(_core, "accuracy_levels"):
+        return sorted(_core.accuracy_levels(), key=lambda name: LEVELS.index(name) if name in LEVELS else len(LEVELS))
     found = []
     for name in LEVELS:
         try:

@@ -142,7 +142,12 @@ def _panel(axis, result, measure, logarithmic):
         axis.step([p["ms_per_second"] for p in front], [p[measure] for p in front], where="post", lw=1, alpha=0.8,
                   color=COLORS.get(backend, "#777777"), zorder=2)
         if measure == PANELS[0][0] and backend == next(iter(result.fronts)):
+            named = []
             for p in front:
+                place = math.log10(p["ms_per_second"]), math.log10(p[measure]) if logarithmic else 0
+                if any(abs(place[0] - q[0]) < 0.06 and abs(place[1] - q[1]) < 0.12 for q in named):
+                    continue
+                named.append(place)
                 axis.annotate(short(p["settings"]), (p["ms_per_second"], p[measure]), xytext=(4, 4), textcoords="offset points", fontsize=6)
     axis.grid(which="major", alpha=0.3)
     axis.set_axisbelow(True)
@@ -184,6 +189,7 @@ def _others(time_axis, strain_axis, result):
         time_axis.text(row["ms_per_second"], 0.98, words + " (error not published)", transform=time_axis.get_xaxis_transform(), rotation=90, fontsize=5.5,
                        va="top", ha="right", color="#555555")
         if row["strain"] is not None:
+            strain_axis.set_ylim(0, max(strain_axis.get_ylim()[1], 1.15 * row["strain"]))
             strain_axis.plot(row["ms_per_second"], row["strain"], "X", color="#888888", ms=7)
             strain_axis.annotate(words, (row["ms_per_second"], row["strain"]), xytext=(-4, -9), textcoords="offset points", fontsize=5.5, ha="right")
 
