@@ -191,6 +191,11 @@ def test_the_error_of_a_free_fall_is_the_known_one(tmp_path):
     assert errors == sorted(errors, reverse=True) and len(front) >= 1
 
 
+def test_settings_that_intersect_are_on_no_front():
+    points = [dict(point(1, 0.1, intersections=3), backend="cpu"), dict(point(2, 0.2), backend="cpu"), dict(point(3, 0.1), backend="cpu")]
+    assert tradeoff.Tradeoff("", 0, points, {}, None, {}).front("cpu") == [1, 2]
+
+
 def test_coarser_meshes_are_compared_by_surface(tmp_path):
     path = tmp_path / "scene.json"
     path.write_text(json.dumps(dict(FALL, cloth=[{"name": "sheet", "grid": {"size": [0.3, 0.3]}, "material": "cotton"}])))
@@ -307,6 +312,11 @@ def test_the_command_names_bad_input(tmp_path, words, text):
     assert result.exit_code == 2 and text in result.output
 
 
+def test_files_have_names_that_a_file_may_have():
+    names = tradeoff_report.file_names([tradeoff.Tradeoff(n, 0, [], {}, None, {}) for n in ("a/b c", "drape", "drape", "../..", "")])
+    assert names == ["a_b_c", "drape", "drape-3", "scene", "scene-5"]
+
+
 def test_published_figures_are_per_simulated_second():
     sphere = {row["system"]: row["ms_per_second"] for row in tradeoff_report.published("sphere")}
     assert sphere["CAMA"] == pytest.approx(2840 * 200) and sphere["I-Cloth"] == pytest.approx(200 / 1.95 * 1000)
@@ -368,10 +378,12 @@ def test_the_judge_has_other_states_and_a_finer_reference(tmp_path):
     assert cama.Simulation(with_options).options["tolerance"] == 1e-2
 
 
-def test_budgets_that_cannot_be_kept_say_what_can(tmp_path):
+def test_budgets_that_cannot_be_kept_say_what_can(tmp_path, falling):
     arguments = dict(plan=[{"time_step": 1 / 80}], windows=1, reference_step=0.05 / 64, setup=tradeoff.Setup(threads=1, jobs=0))
     with pytest.raises(tune.BudgetError, match=r"most accurate: dt 1/80 s \(3.07 mm rms"):
         tune.tune(cama.Scene.parse(FALL), tmp_path, error=1e-6, **arguments)
+    with pytest.raises(tune.BudgetError, match="reference may be off"):
+        tune.tune(falling, tmp_path, error=1e-7, **arguments)
     with pytest.raises(tune.BudgetError, match="fastest"):
         tune.tune(cama.Scene.parse(FALL), tmp_path, frame=1e-12, **arguments)
     for bad in (dict(), dict(error=1e-3, edges=0.1), dict(error=-1.0), dict(error=1e-3, measure="mean"), dict(error=1e-3, safety=0.5)):

@@ -7,7 +7,7 @@ import numpy as np
 
 from . import collision
 from .arrays import integers, number, reals
-from .errors import ArrayError, MeshError
+from .errors import ArrayError, BackendError, MeshError
 
 
 @dataclass
@@ -73,16 +73,22 @@ def samples(vertices, faces, count):
     return np.concatenate([points, vertices[used]]), np.concatenate([(own / number_of)[row], np.zeros(len(used))])
 
 
+def _tree(points):
+    try:
+        from scipy.spatial import cKDTree
+    except ImportError:
+        raise BackendError("accuracy: SciPy is not installed; pip install cama[tradeoff]") from None
+    return cKDTree(points)
+
+
 def distance_to_surface(points, vertices, faces):
     """Distance [k] m of points [k, 3] to a surface, exact: triangles near by centroid (k-d tree of scipy), more until none nearer can be left."""
-    from scipy.spatial import cKDTree
-
     points = reals("distance_to_surface: points", points, (None, 3))
     vertices, faces = _surface("distance_to_surface", vertices, faces)
     corners = vertices[faces]
     centroids = corners.mean(axis=1)
     reach = np.linalg.norm(corners - centroids[:, None], axis=2).max()
-    tree, best, left, near = cKDTree(centroids), np.full(len(points), np.inf), np.arange(len(points)), min(8, len(faces))
+    tree, best, left, near = _tree(centroids), np.full(len(points), np.inf), np.arange(len(points)), min(8, len(faces))
     while len(left):
         spans, chosen = tree.query(points[left], k=near)
         spans, chosen = spans.reshape(len(left), near), chosen.reshape(len(left), near)
@@ -186,8 +192,6 @@ def smallest_gap(vertices, faces, within, first_obstacle_vertex=-1):
     vertices [n, 3] m, faces [m, 3].  first_obstacle_vertex: pairs of this vertex and later ones among themselves are left out; -1: none.
     0 where surfaces touch or intersect only if a pair's own distance is 0: count intersections too. Throws ArrayError, MeshError.
     """
-    from scipy.spatial import cKDTree
-
     vertices, faces = _surface("smallest_gap", vertices, faces)
     within = number("smallest_gap: within", within)
     first = len(vertices) if first_obstacle_vertex < 0 else int(first_obstacle_vertex)
@@ -196,13 +200,13 @@ def smallest_gap(vertices, faces, within, first_obstacle_vertex=-1):
     middle = corners.mean(axis=1)
     reach = within + np.linalg.norm(corners - middle[:, None], axis=2).max()
     used = np.unique(faces)
-    rows, others = _near(cKDTree(middle), vertices[used], reach)
+    rows, others = _near(_tree(middle), vertices[used], reach)
     if len(rows):
         smallest = _gap_of(collision.vertex_face_distance, used[rows][:, None], faces[others], vertices[used[rows]][:, None], corners[others], first)
     pairs = edges(faces)
     ends = vertices[pairs]
     middle, half = ends.mean(axis=1), np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1).max() / 2
-    tree = cKDTree(middle)
+    tree = _tree(middle)
     close = tree.query_pairs(within + 2 * half, output_type="ndarray")
     if len(close):
         a, b = close[:, 0], close[:, 1]

@@ -6,6 +6,7 @@ import html
 import io
 import json
 import math
+import re
 from pathlib import Path
 
 from .errors import BackendError, FileError
@@ -264,6 +265,15 @@ def _cell(value):
     return f"<td data-v=\"{value}\">{text}</td>"
 
 
+def file_names(results):
+    """A name for the files of each result: its scene's, without what file names may not have, and numbered where it repeats."""
+    names = []
+    for r in results:
+        plain = re.sub(r"[^\w.-]+", "_", r.scene).strip("._") or "scene"
+        names.append(plain if plain not in names else f"{plain}-{len(names) + 1}")
+    return names
+
+
 def write(results, folder, plots=True):
     """Writes tradeoff.csv, tradeoff.json and, with plots, SCENE.svg, SCENE.png and index.html; returns their paths. Throws FileError, BackendError."""
     folder, written = Path(folder), []
@@ -278,12 +288,12 @@ def write(results, folder, plots=True):
         put("tradeoff.json", json_text(results))
         if plots:
             plt, svgs = _matplotlib(), []
-            for r in results:
+            for r, name in zip(results, file_names(results)):
                 fig = figure(r)
                 svgs.append(svg_text(fig))
-                put(f"{r.scene}.svg", '<?xml version="1.0" encoding="utf-8"?>\n' + svgs[-1])
-                fig.savefig(folder / f"{r.scene}.png", dpi=110)
-                written.append(folder / f"{r.scene}.png")
+                put(f"{name}.svg", '<?xml version="1.0" encoding="utf-8"?>\n' + svgs[-1])
+                fig.savefig(folder / f"{name}.png", dpi=110)
+                written.append(folder / f"{name}.png")
                 plt.close(fig)
             put("index.html", html_text(results, svgs))
     except OSError as problem:

@@ -6,6 +6,7 @@
 """
 
 import json
+import math
 import re
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -195,7 +196,7 @@ def tune(scene, output, error=None, edges=None, frame=None, measure="rms", plan=
 
     The search starts its windows at odd multiples of `window`, the judge at even ones, with a reference of half the time step; where its
     measurement is over the budget, the factor grows by 1.5 and the next choice meets windows later still, `rounds` times.
-    Throws BudgetError, and what `tradeoff` throws.
+    A budget that is not three times the reference's own uncertainty is refused. Throws BudgetError, and what `tradeoff` throws.
     """
     budget = Budget(error, edges, frame, measure)
     budget.check()
@@ -206,6 +207,10 @@ def tune(scene, output, error=None, edges=None, frame=None, measure="rms", plan=
     common = dict(resolution=resolution, window=window, windows=windows, stride=2, setup=setup)
     search = tradeoff(scene, output, plan, first=1, reference_step=reference_step, progress=say, **common)
     edge, refused = search.reference.edge, None
+    doubt = math.sqrt((search.reference.uncertainty**2).mean()) if measure == "rms" else search.reference.uncertainty_largest.max()
+    if budget.limit(edge) is not None and 3 * doubt > budget.limit(edge):
+        raise BudgetError(f"the reference may be off by {1e3 * doubt:.3g} mm itself, which is not well below the budget of "
+                          f"{1e3 * budget.limit(edge):.3g} mm; give a smaller reference step, fewer windows or a larger budget")
     for number_of in range(1, rounds + 1):
         chosen = budget.best(search.points, edge, safety)
         if chosen is None:
