@@ -35,7 +35,7 @@ def grid_table(scene):
     found = {}
     for p in scene["points"]:
         s = p["settings"]
-        if p["backend"] == backend and s.get("precision") == "mixed" and "tolerance" in s and not p["failed"]:
+        if p["backend"] == backend and s.get("precision", "mixed") == "mixed" and {"tolerance", "time_step"} <= set(s) and not p["failed"]:
             found[s["time_step"], s["tolerance"]] = p
     steps, tolerances = sorted({k[0] for k in found}, reverse=True), sorted({k[1] for k in found}, reverse=True)
     if not found:

@@ -24,7 +24,7 @@ from cama import executor, tradeoff, tradeoff_grid, tradeoff_report, tune
 from cama.cli import app
 from conftest import grid
 
-G = 9.81
+G, ROOT = 9.81, Path(__file__).parents[2]
 # Free fall: the error after a window w is g dt w / 2 exactly, whatever the mesh.
 FALL = {"name": "fall", "time_step": 0.005, "frames": 40, "contact": {"enabled": False},
         "cloth": [{"name": "sheet", "grid": {"size": [0.3, 0.3], "cells": [2, 2]}, "material": "cotton"}]}
@@ -301,6 +301,12 @@ def test_the_command_writes_table_plots_and_page(fall, tmp_path):
     assert page.fetched == [] and not re.search(r"(src|href)=\"http", (out / "index.html").read_text())
     import xml.etree.ElementTree
     xml.etree.ElementTree.parse(out / "fall.svg")
+    document = tmp_path / "page.md"
+    document.write_text("before\n<!-- section fronts -->\nold\n<!-- end fronts -->\nafter\n")
+    subprocess.run([sys.executable, ROOT / "benchmarks" / "accuracy_page.py", out, "--page", document, "--images", tmp_path], check=True)
+    text = document.read_text()
+    assert text.startswith("before\n") and text.endswith("after\n") and "old" not in text and "### fall, 8 triangles" in text
+    assert "tolerance 0.1" in text and f"{100 * scene['points'][scene['fronts']['cpu'][0]]['restart_rms_edges']:.2f} %" in text and (tmp_path / "tradeoff-fall.svg").is_file()
 
 
 @pytest.mark.parametrize("words, text", [

@@ -56,8 +56,9 @@ def bar(console):
 
 def front_table(results):
     """The fronts, fastest first."""
-    table = Table("scene", "backend", "settings on the front", box=None, padding=(0, 2))
-    for title in ("ms per simulated second", "error, edges", "error, mm"):
+    table = Table("scene", "backend", box=None, padding=(0, 1), title="Fronts: ms per simulated second and rms error")
+    table.add_column("settings", no_wrap=True)
+    for title in ("ms", "edges", "mm"):
         table.add_column(title, justify="right")
     for r in results:
         for backend, name, cost, edges, millimetres in tradeoff_report.summary_rows(r):
