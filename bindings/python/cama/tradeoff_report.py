@@ -109,9 +109,9 @@ def _matplotlib():
 
 
 def figure(result):
-    """A matplotlib figure: every measure of PANELS against time per simulated second, with the front of each backend."""
+    """A matplotlib figure: measures of PANELS against time per simulated second with the front of each backend, and what others published."""
     plt = _matplotlib()
-    fig, grid = plt.subplots(2, 3, figsize=(12.5, 7.4), layout="constrained")
+    fig, grid = plt.subplots(2, 3, figsize=(12.5, 7.9), layout="constrained")
     axes = grid.ravel()
     samples = [t for t in result.reference.starts if t > 0] or [result.reference.window]
     for axis, (measure, title, logarithmic) in zip(axes, PANELS):
@@ -119,10 +119,26 @@ def figure(result):
         axis.set_title(title.format(window=result.reference.window, end=samples[-1]), fontsize=8.5)
         axis.set_xlabel("ms per simulated second")
     _floor(axes[0], result)
-    _others(axes[0], axes[3], result)
-    _legend(axes[5], result)
-    fig.suptitle(f"{result.scene}, {result.triangles:,} triangles: speed for accuracy", fontsize=11)
+    _others(axes[5], axes[3], result)
+    for axis in axes:
+        _ticks(axis)
+    f = result.facts
+    fig.suptitle(f"{result.scene}, {result.triangles:,} triangles: speed for accuracy\nReference: steps of {step_text(f['reference_step'])} s, off itself by about "
+                 f"{f['uncertainty_edges']:.2g} edge lengths (rms); an edge is {1e3 * f['edge']:.3g} mm. {len(result.points)} settings, "
+                 f"{sum(bool(p['failed']) for p in result.points)} failed.", fontsize=9)
+    fig.legend(handles=_handles(plt, result), loc="outside lower center", ncols=4, frameon=False, fontsize=7.5)
     return fig
+
+
+def _ticks(axis):
+    """At 1, 2, 5 on logarithmic axes, or 1 alone where those are many; plain numbers."""
+    from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
+    for own in (axis.xaxis, axis.yaxis):
+        if own.get_scale() == "log":
+            low, high = sorted(own.get_view_interval())
+            own.set_major_locator(LogLocator(subs=(1,) if high > 200 * low else (1, 2, 5)))
+            own.set_minor_formatter(NullFormatter())
+            own.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}" if value < 1e5 else f"{value:.0e}"))
 
 
 def _panel(axis, result, measure, logarithmic):
@@ -146,7 +162,7 @@ def _panel(axis, result, measure, logarithmic):
             named = []
             for p in front:
                 place = math.log10(p["ms_per_second"]), math.log10(p[measure]) if logarithmic else 0
-                if any(abs(place[0] - q[0]) < 0.06 and abs(place[1] - q[1]) < 0.12 for q in named):
+                if any(abs(place[0] - q[0]) < 0.2 and abs(place[1] - q[1]) < 0.05 for q in named):
                     continue
                 named.append(place)
                 axis.annotate(short(p["settings"]), (p["ms_per_second"], p[measure]), xytext=(4, 4), textcoords="offset points", fontsize=6)
@@ -155,8 +171,9 @@ def _panel(axis, result, measure, logarithmic):
     axis.margins(0.1)
     axis.autoscale_view()
     if not logarithmic:
-        axis.set_ylim(0, max(axis.get_ylim()[1], 1e-6))
+        axis.set_ylim(0, 1.1 * max([p[measure] for p in usable] + [1e-3]))
     if measure == "strain_max" and result.facts.get("strain_max") is not None:
+        axis.set_ylim(0, max(axis.get_ylim()[1], 1.1 * result.facts["strain_max"]))
         axis.axhline(result.facts["strain_max"], color="#555555", ls="--", lw=0.8)
         axis.text(0.01, result.facts["strain_max"], " the reference", transform=axis.get_yaxis_transform(), fontsize=6, va="bottom", color="#555555")
 
@@ -183,35 +200,46 @@ def _floor(axis, result):
         axis.set_ylim(min(low, floor / 1.5), high)
 
 
-def _others(time_axis, strain_axis, result):
+def _others(axis, strain_axis, result):
+    """Times of others at their sizes beside the span of our fronts; strains where they are known."""
+    found = [p["ms_per_second"] for p in result.points if p.get("ms_per_second") and not p["failed"]]
+    if not found:
+        axis.axis("off")
+        return
+    names = []
+    for backend, front in result.fronts.items():
+        own = [result.points[i]["ms_per_second"] for i in front]
+        if own:
+            axis.plot([min(own), max(own)], [len(names)] * 2, "-|", color=COLORS.get(backend, "#777777"), lw=3)
+            names.append(f"front of {backend}, {result.triangles:,}")
     for row in published(result.scene):
-        words = f"{row['system']}, {row['hardware']}, {row['triangles'] // 1000}K"
-        time_axis.axvline(row["ms_per_second"], color="#888888", ls=":", lw=0.8)
-        time_axis.text(row["ms_per_second"], 0.98, words + " (error not published)", transform=time_axis.get_xaxis_transform(), rotation=90, fontsize=5.5,
-                       va="top", ha="right", color="#555555")
+        axis.plot(row["ms_per_second"], len(names), "X", color="#777777", ms=7)
+        names.append(f"{row['system']},\n{row['hardware']}, {row['triangles']:,}")
         if row["strain"] is not None:
             strain_axis.set_ylim(0, max(strain_axis.get_ylim()[1], 1.15 * row["strain"]))
-            strain_axis.plot(row["ms_per_second"], row["strain"], "X", color="#888888", ms=7)
-            strain_axis.annotate(words, (row["ms_per_second"], row["strain"]), xytext=(-4, -9), textcoords="offset points", fontsize=5.5, ha="right")
+            strain_axis.plot(row["ms_per_second"], row["strain"], "X", color="#777777", ms=7)
+            strain_axis.annotate(f"{row['system']}, {row['hardware']}", (row["ms_per_second"], row["strain"]), xytext=(-5, -9), textcoords="offset points",
+                                 fontsize=6, ha="right")
+    axis.set(xscale="log", yticks=range(len(names)), yticklabels=names, ylim=(len(names) - 0.5, -0.5), xlabel="ms per simulated second")
+    axis.tick_params(axis="y", labelsize=6.5)
+    axis.set_title("times, triangles: others on their hardware" if len(names) > len(result.fronts) else "times, triangles", fontsize=8.5)
+    axis.grid(axis="x", alpha=0.3)
 
 
-def _legend(axis, result):
-    axis.axis("off")
+def _handles(plt, result):
+    line, handles = plt.Line2D, []
     for backend in result.fronts:
-        axis.plot([], [], "-o", color=COLORS.get(backend, "#777777"), ms=5, lw=1, label=f"{backend} and its front ({result.facts['devices'][backend]})")
+        handles.append(line([], [], ls="-", marker="o", ms=5, lw=1, color=COLORS.get(backend, "#777777"),
+                            label=f"{backend} and its front ({result.facts['devices'][backend]})"))
     for precision in dict.fromkeys(precision_of(p) for p in result.points):
-        axis.plot([], [], MARKERS.get(precision, "o"), color="#777777", label=f"precision {precision}")
+        handles.append(line([], [], ls="", marker=MARKERS.get(precision, "o"), color="#777777", label=f"precision {precision}"))
     if any(p["settings"].get("accuracy") == "paper" for p in result.points):
-        axis.plot([], [], "*", color="white", mec="black", ms=12, label="the paper's settings")
+        handles.append(line([], [], ls="", marker="*", color="white", mec="black", ms=12, label="the paper's settings"))
     if any(p.get("intersections") for p in result.points):
-        axis.plot([], [], "o", color="white", mec="#777777", mew=1.2, label="hollow: left intersections, not on any front")
+        handles.append(line([], [], ls="", marker="o", color="white", mec="#777777", label="hollow: left intersections, on no front"))
     if published(result.scene):
-        axis.plot([], [], ":", color="#888888", label="others, at their sizes and on their hardware")
-    axis.legend(loc="upper left", frameon=False, fontsize=8)
-    f = result.facts
-    axis.text(0.02, 0.02, f"Reference: steps of {step_text(f['reference_step'])} s, off itself by about {f['uncertainty_edges']:.2g} edge lengths "
-              f"(rms);\nan edge is {1e3 * f['edge']:.3g} mm. {len(result.points)} settings, {sum(bool(p['failed']) for p in result.points)} failed.",
-              transform=axis.transAxes, fontsize=7, va="bottom")
+        handles.append(line([], [], ls="", marker="X", color="#777777", ms=7, label="others, at their sizes"))
+    return handles
 
 
 def svg_text(fig):
