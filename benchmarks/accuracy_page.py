@@ -90,7 +90,7 @@ def section(scenes):
         threads = f"{scene['threads']} thread{'s' if scene['threads'] > 1 else ''}" if scene["threads"] else "all threads"
         parts.append(f"### {scene['scene']}, {scene['triangles']:,} triangles\n\n"
                      f"{devices}; {threads} on the CPU. Reference: steps of {step(scene['reference_step'])} s, off itself by {100 * scene['uncertainty_edges']:.2g} % of an edge (rms); "
-                     f"an edge is {1e3 * scene['edge']:.3g} mm; {scene['windows']} windows of {scene['window']:g} s from {scene['first'] * scene['window']:g} s.\n\n"
+                     f"cama {scene['version'].split('+')[0]}; an edge is {1e3 * scene['edge']:.3g} mm; {scene['windows']} windows of {scene['window']:g} s from {scene['first'] * scene['window']:g} s.\n\n"
                      f"![{scene['scene']}](images/tradeoff-{scene['scene']}.svg)\n\n{front_table(scene)}\n")
         if grid_table(scene):
             parts.append(f"Error / ms per simulated second / solver iterations per simulated second, mixed precision:\n\n{grid_table(scene)}\n")

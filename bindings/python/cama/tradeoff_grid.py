@@ -81,11 +81,16 @@ def product(chosen):
 
 
 def default_plan(scene, window):
-    """Settings that say most: every level as it is, and `production` with time steps by tolerances, and in every precision at both ends."""
+    """Settings that say most: every level but `reference` as it is, and `production` with time steps by tolerances, in every precision at both ends,
+    and with the second-order integrator and Newton's iterations where this version has them.
+    """
     steps = [float(step) for step in STEPS if _divides(float(step), window)] or [scene.time_step]
-    plan = [{"accuracy": level} for level in levels()]
+    plan = [{"accuracy": level} for level in levels() if level != "reference"]
     plan += product({"accuracy": ["production"], "time_step": steps, "tolerance": TOLERANCES, "precision": ["mixed"]})
     plan += product({"accuracy": ["production"], "time_step": [steps[0], steps[-1]], "tolerance": [1e-2], "precision": ["double", "single"]})
+    for name, value in (("integrator", "bdf2"), ("newton_iterations", 4)):
+        if name in knobs():
+            plan += product({"accuracy": ["production"], "time_step": steps[1::2], "tolerance": [1e-2], "precision": ["mixed"], name: [value]})
     return unique(plan)
 
 
