@@ -14,7 +14,7 @@ SYSTEM_PACKAGES=(
 PYTHON_PACKAGES=(
   "scikit-build-core>=0.10" "pybind11>=2.12" "numpy>=1.22" "h5py>=3.6" "typer>=0.12" "rich>=13"
   "pyvista>=0.43" "imageio>=2.30" "imageio-ffmpeg>=0.4")
-TEST_PACKAGES=("pytest>=7" "jsonschema>=4" "ipctk>=1.3" "scipy>=1.8" "trimesh>=4")
+TEST_PACKAGES=("matplotlib>=3.6" "pytest>=7" "jsonschema>=4" "ipctk>=1.3" "scipy>=1.8" "trimesh>=4")
 
 # phase NAME COMMAND...: runs it and says how long it took.
 phase() {

@@ -22,9 +22,10 @@ from .material import Material, fabrics
 from .motion import Motion
 from .scene import Cloth, Obstacle, Scene
 from .simulation import Frame, Simulation
+from . import accuracy, tradeoff, tune  # noqa: E402
 
 scenes = shipped.names
 
-__all__ = ["Scene", "Cloth", "Obstacle", "Material", "Motion", "Simulation", "Frame", "collision", "backends", "fabrics",
+__all__ = ["Scene", "Cloth", "Obstacle", "Material", "Motion", "Simulation", "Frame", "accuracy", "collision", "tradeoff", "tune", "backends", "fabrics",
            "scenes", "Error", "ArrayError", "BackendError", "CollisionError", "DeviceMemoryError", "FileError",
            "MaterialError", "MeshError", "SceneError", "SolverError"]

@@ -16,7 +16,7 @@ from rich.table import Table
 
 import cama
 
-from . import _core, runner
+from . import _core, runner, tradeoff_command
 
 app = typer.Typer(help="Cloth simulation on CPUs and GPUs.", no_args_is_help=True, add_completion=False,
                   pretty_exceptions_enable=False, rich_markup_mode="rich")
@@ -45,7 +45,7 @@ class Pinch(str, Enum):
 SceneName = Annotated[str, typer.Argument(metavar="SCENE", help="A folder with scene.json, a JSON file, or a shipped scene's name.")]
 BackendOption = Annotated[Backend, typer.Option(help="Where to compute.")]
 PrecisionOption = Annotated[Optional[Precision], typer.Option(help="Of forces, matrix and solve; left out: what the accuracy says.")]
-AccuracyOption = Annotated[Accuracy, typer.Option(help="Preset of solver and collision options.")]
+AccuracyOption = Annotated[Optional[Accuracy], typer.Option(help="Preset of solver and collision options; left out: the scene's options, else production.")]
 Resolution = Annotated[int, typer.Option(min=0, help="Total number of cloth triangles aimed at; 0: the scene's own.")]
 Threads = Annotated[int, typer.Option(min=0, help="Threads of the CPU backend; 0: all.")]
 Device = Annotated[int, typer.Option(min=0, help="Index of the backend's device.")]
@@ -79,7 +79,7 @@ def console():
 @clean
 def run(scene: SceneName,
         backend: BackendOption = Backend.auto, precision: PrecisionOption = None,
-        accuracy: AccuracyOption = Accuracy.production, resolution: Resolution = 0,
+        accuracy: AccuracyOption = None, resolution: Resolution = 0,
         frames: Annotated[Optional[int], typer.Option(min=0, help="Frames to record; default: the scene's.")] = None,
         threads: Threads = 0, device: Device = 0,
         intersections: Annotated[Policy, typer.Option(help="What becomes of a start that intersects: refused, started as it is, cloth moved first.")] = Policy.reject,
@@ -89,7 +89,7 @@ def run(scene: SceneName,
         debug: Debug = False):
     """Simulates SCENE; writes OUT/frames.h5 and OUT/summary.json. Ctrl-C stops between steps and keeps what was computed."""
     loaded = cama.Scene.load(scene, resolution)
-    simulation = cama.Simulation(loaded, backend=backend.value, precision=precision.value if precision else None, accuracy=accuracy.value,
+    simulation = cama.Simulation(loaded, backend=backend.value, precision=precision.value if precision else None, accuracy=accuracy.value if accuracy else None,
                                  device=device, threads=threads, intersections=intersections.value,
                                  pinch=pinch.value)
     if simulation.untangled.rounds:
@@ -167,11 +167,11 @@ def info(debug: Debug = False):
 @app.command()
 @clean
 def explain(scene: SceneName, backend: BackendOption = Backend.auto, precision: PrecisionOption = None,
-            accuracy: AccuracyOption = Accuracy.production, resolution: Resolution = 0, threads: Threads = 0, device: Device = 0,
+            accuracy: AccuracyOption = None, resolution: Resolution = 0, threads: Threads = 0, device: Device = 0,
             debug: Debug = False):
     """Shows which stages and streams SCENE gets, why, and their memory after one step."""
     simulation = cama.Simulation(cama.Scene.load(scene, resolution), backend=backend.value, precision=precision.value if precision else None,
-                                 accuracy=accuracy.value, device=device, threads=threads)
+                                 accuracy=accuracy.value if accuracy else None, device=device, threads=threads)
     simulation.step()
     out = console()
     out.print(f"[bold]{escape(repr(simulation.scene))}[/] on {simulation.backend} ({escape(simulation.device)})")
@@ -255,6 +255,9 @@ def render(output: Annotated[Path, typer.Argument(metavar="OUT", help="Folder th
     result = draw.render(output, fps=fps, speed=speed, size=(width, height), azimuth=azimuth, elevation=elevation, images=images,
                          progress=Console(stderr=True, highlight=False))
     console().print(f"{result.images} images, {result.seconds:.1f} s at {draw.speed_text(result.speed)}: [bold]{escape(str(result.video))}[/]")
+
+
+tradeoff_command.register(app, clean, console)
 
 
 def main():

@@ -204,13 +204,21 @@ class Scene:
         resolution: total number of cloth triangles aimed at, 0: the scene's own. Throws FileError, SceneError, MeshError,
         MaterialError.
         """
-        return cls._of(_core.Scene.load(shipped.resolve(scene), int(resolution)))
+        path = shipped.resolve(scene)
+        loaded = cls._of(_core.Scene.load(path, int(resolution)))
+        try:
+            loaded.options = loaded.options
+        except SceneError as problem:
+            raise SceneError(f"{path}: {problem}") from None
+        return loaded
 
     @classmethod
     def parse(cls, text, folder=".", resolution=0):
         """The same from JSON text (or a dict); relative file names start at `folder`."""
         text = text if isinstance(text, str) else json.dumps(text)
-        return cls._of(_core.Scene.parse(text, Path(folder), int(resolution)))
+        parsed = cls._of(_core.Scene.parse(text, Path(folder), int(resolution)))
+        parsed.options = parsed.options
+        return parsed
 
     def to_json(self):
         """JSON text of the whole scene, meshes inline."""
@@ -451,6 +459,22 @@ class Scene:
                     raise SceneError(f"wind: unknown key {key!r}; there are velocity, density, drag")
                 setattr(wind, key, vector("wind: velocity", entry) if key == "velocity" else number(f"wind: {key}", entry))
         self._core.wind = wind
+
+    @property
+    def options(self):
+        """Dict of options that `Simulation` uses where its caller gives none: `accuracy` and single options such as `tolerance`.
+
+        `options` of scene.json; assign to change them. Where they run (`backend`, `device`, `threads`) and what a caller decides
+        (`audit`, `intersections`, `pinch`) is refused, with a SceneError that names the option, and so is an unknown name or wrong type.
+        """
+        return json.loads(self._core.options or "{}")
+
+    @options.setter
+    def options(self, value):
+        from .simulation import check_scene_options
+        value = dict(value)
+        check_scene_options(value)
+        self._core.options = json.dumps(value, sort_keys=True) if value else ""
 
     def __repr__(self):
         return (f"<cama.Scene {self.name!r}: {self._core.cloth_count} cloths with {self.triangle_count} triangles, "

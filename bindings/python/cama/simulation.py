@@ -45,10 +45,27 @@ def _options(backend, precision, accuracy, device, threads, overrides):
     return options
 
 
+def check_scene_options(options):
+    """Throws SceneError for a name or a type that a scene's options may not have."""
+    for name in options:
+        if name in ("backend", "device", "threads", "audit", "intersections", "pinch"):
+            raise SceneError(f"options: {name!r} is chosen by who runs the scene, not by the scene")
+    single = dict(options)
+    try:
+        accuracy = single.pop("accuracy", "production")
+        if not isinstance(accuracy, str):
+            raise SceneError(f"option accuracy: {accuracy!r} is not a text")
+        _options("auto", None, accuracy, 0, 0, single)
+    except SceneError as problem:
+        raise SceneError(f"options: {problem}") from None
+
+
 class Simulation:
     """Backend, state and pipeline of one scene.
 
     scene: a cama.Scene, or what `Scene.load` takes.  backend: "auto", "cpu", "opencl" or "cuda".
+    accuracy: a preset of options; None: the scene's `options`, else "production". Given, it sets the scene's options aside; single
+    options in `overrides` come on top of either.
     precision: "double", "mixed" (forces, matrix and residual in double, the solve in single with refinement) or "single"; None: what
     the accuracy says, mixed for "production", double for "paper".
     device: index.  threads: of the CPU backend, 0: all.  overrides: single options, for example tolerance=1e-6,
@@ -61,8 +78,12 @@ class Simulation:
     intersections, unless the policy is "exempt" (start as it is) or "untangle" (move the cloth first) succeeds.
     """
 
-    def __init__(self, scene, backend="auto", precision=None, accuracy="production", device=0, threads=0, **overrides):
+    def __init__(self, scene, backend="auto", precision=None, accuracy=None, device=0, threads=0, **overrides):
         self.scene = scene.copy() if isinstance(scene, Scene) else Scene.load(scene)
+        if accuracy is None:
+            overrides = {**self.scene.options, **{k: v for k, v in overrides.items() if k != "time_step" or v}}
+            accuracy, own = overrides.pop("accuracy", "production"), overrides.pop("precision", None)
+            precision = own if precision is None else precision
         self._core = _core.Simulation(self.scene._core, _options(backend, precision, accuracy, device, threads, overrides))
         self._frame = 0
 

@@ -99,6 +99,7 @@ struct Scene {
   std::vector<Obstacle> obstacles;
   std::vector<Pin> pins;
   std::vector<Stitch> stitches;
+  std::string options;           ///< JSON object of how to compute it where the caller does not say; empty: nothing
 
   /// Loads a folder with scene.json, or a JSON file.
   /// @param resolution total number of cloth triangles aimed at by generated meshes; 0: the scene's own default.

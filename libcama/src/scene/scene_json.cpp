@@ -12,7 +12,7 @@ namespace cama {
 Scene SceneReader::read(const Field &top)
 {
   top.only({"name", "description", "time_step", "frame_time", "frames", "gravity", "wind", "contact", "resolution", "materials", "cloth", "obstacles",
-            "pins", "stitches"});
+            "pins", "stitches", "options"});
   read_settings(top);
   if (top.has("materials")) {
     const Field all = top.at("materials");
@@ -52,6 +52,13 @@ void SceneReader::read_settings(const Field &f)
     scene_.wind->velocity = w.vector("velocity", scene_.wind->velocity);
     scene_.wind->density = w.finite("density", scene_.wind->density);
     scene_.wind->drag = w.finite("drag", scene_.wind->drag);
+  }
+  if (f.has("options")) {
+    const Field o = f.at("options");
+    if (!o.json().is_object()) o.fail("expected an object that maps options to values, got " + o.brief());
+    for (auto it = o.json().begin(); it != o.json().end(); ++it)
+      if (!it->is_string() && !it->is_number() && !it->is_boolean()) o.at(it.key()).fail("expected a text, a number, true or false, got " + o.at(it.key()).brief());
+    scene_.options = o.json().dump();
   }
   if (f.has("contact")) {
     const Field c = f.at("contact");

@@ -290,6 +290,10 @@ std::string Scene::save() const
     w.number(contact.static_friction);
   }
   w.text += '}';
+  if (!options.empty()) {
+    w.key("options");
+    w.text += options;
+  }
   w.key("obstacles");
   w.list(obstacles, [&](const Obstacle &o) { write_obstacle(w, o); });
   w.key("cloth");

@@ -1,0 +1,125 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Tables and plots of `cama tradeoff` written into docs/accuracy.md and docs/images. Standard library only.
+
+    cama tradeoff drape sphere flag funnel twisting --backend cpu --backend opencl --resolution 400 --threads 1 -o out/tradeoff
+    python benchmarks/accuracy_page.py out/tradeoff
+
+Text between <!-- section fronts --> and <!-- end fronts --> is made here; nothing there is written by hand.
+"""
+
+import argparse
+import json
+import re
+import shutil
+from fractions import Fraction
+from pathlib import Path
+
+import times
+
+ROOT = Path(__file__).resolve().parents[1]
+PAGE, IMAGES = ROOT / "docs" / "accuracy.md", ROOT / "docs" / "images"
+LIMIT = 200_000  # bytes of a plot
+
+
+def step(seconds):
+    return str(Fraction(seconds).limit_denominator(100000))
+
+
+def number(value, digits=3):
+    return "" if value is None else times.short(float(value), digits)
+
+
+def grid_table(scene):
+    """Error in percent of an edge and time, time step by tolerance, of the first backend in mixed precision."""
+    backend = next(iter(scene["fronts"]))
+    found = {}
+    for p in scene["points"]:
+        s = p["settings"]
+        if p["backend"] == backend and s.get("precision", "mixed") == "mixed" and {"tolerance", "time_step"} <= set(s) and not p["failed"]:
+            found[s["time_step"], s["tolerance"]] = p
+    steps, tolerances = sorted({k[0] for k in found}, reverse=True), sorted({k[1] for k in found}, reverse=True)
+    if not found:
+        return ""
+    cell = lambda p: "" if p is None else f"{100 * p['restart_rms_edges']:.2f} % / {number(p['ms_per_second'])} ms / {p['iterations'] / p['dt']:,.0f}"
+    rows = [[step(t), *(cell(found.get((t, tolerance))) for tolerance in tolerances)] for t in steps]
+    return times.markdown(["time step, s", *(f"tolerance {t:g}" for t in tolerances)], rows)
+
+
+def precision_table(scene):
+    """The same time step and tolerance in every precision, first backend."""
+    backend, groups = next(iter(scene["fronts"])), {}
+    for p in scene["points"]:
+        s = p["settings"]
+        if p["backend"] == backend and {"precision", "time_step", "tolerance"} <= set(s) and not p["failed"]:
+            groups.setdefault((s["time_step"], s["tolerance"]), {})[s["precision"]] = p
+    rows = [[step(t), f"{tolerance:g}", *(f"{100 * g[k]['restart_rms_edges']:.3f} %" for k in ("double", "mixed", "single"))]
+            for (t, tolerance), g in sorted(groups.items(), reverse=True) if len(g) == 3]
+    return times.markdown(["time step, s", "tolerance", "double", "mixed", "single"], rows) if rows else ""
+
+
+def front_table(scene):
+    """The front of every backend, and the levels and the paper's settings beside it."""
+    rows = []
+    for backend, front in scene["fronts"].items():
+        for i, p in enumerate(scene["points"]):
+            level = set(p["settings"]) == {"accuracy"}
+            if p["backend"] != backend or (i not in front and not level):
+                continue
+            where = "front" if i in front else ("" if not p.get("intersections") else "intersects")
+            if p["failed"]:
+                where = "failed: " + p["failed"].replace("|", "/")[:80]
+            rows.append((backend, p.get("ms_per_second") or float("inf"),
+                         [backend, p["label"], number(p.get("ms_per_second")), "" if p.get("restart_rms_edges") is None else f"{100 * p['restart_rms_edges']:.2f} %",
+                          number(p.get("surface_mean_edges")), number(p.get("energy_error")), number(p.get("strain_max")),
+                          number(p.get("intersections")), number(p.get("lost_motion")), where]))
+    return times.markdown(["backend", "settings", "ms per simulated s", "error, of an edge", "surface, edges", "energy", "largest strain", "intersections",
+                           "motion cut", ""], [row for _, _, row in sorted(rows, key=lambda r: (r[0], r[1]))])
+
+
+def published_table(scenes):
+    rows = [[scene["scene"], row["system"], row["hardware"], f"{row['triangles']:,}", step(row["time_step"]), number(row["ms_per_second"]),
+             "" if row["strain"] is None else number(row["strain"]), row["source"]] for scene in scenes for row in scene["published"]]
+    return times.markdown(["scene", "system", "hardware", "triangles", "time step, s", "ms per simulated s", "largest strain", "source"], rows) if rows else ""
+
+
+def section(scenes):
+    """Text of the section."""
+    parts = []
+    for scene in scenes:
+        devices = "; ".join(f"{b}: {d}" for b, d in scene["devices"].items())
+        threads = f"{scene['threads']} thread{'s' if scene['threads'] > 1 else ''}" if scene["threads"] else "all threads"
+        parts.append(f"### {scene['scene']}, {scene['triangles']:,} triangles\n\n"
+                     f"{devices}; {threads} on the CPU. Reference: steps of {step(scene['reference_step'])} s, off itself by {100 * scene['uncertainty_edges']:.2g} % of an edge (rms); "
+                     f"cama {scene['version'].split('+')[0]}; an edge is {1e3 * scene['edge']:.3g} mm; {scene['windows']} windows of {scene['window']:g} s from {scene['first'] * scene['window']:g} s.\n\n"
+                     f"![{scene['scene']}](images/tradeoff-{scene['scene']}.svg)\n\n{front_table(scene)}\n")
+        if grid_table(scene):
+            parts.append(f"Error / ms per simulated second / solver iterations per simulated second, mixed precision:\n\n{grid_table(scene)}\n")
+        if precision_table(scene):
+            parts.append(f"Error by precision:\n\n{precision_table(scene)}\n")
+    if published_table(scenes):
+        parts.append(f"### What others published of scenes of these names\n\n{published_table(scenes)}\n")
+    return "\n".join(parts)
+
+
+def main():
+    p = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    p.add_argument("folder", type=Path, help="what `cama tradeoff -o` wrote")
+    p.add_argument("--page", type=Path, default=PAGE)
+    p.add_argument("--images", type=Path, default=IMAGES)
+    arguments = p.parse_args()
+    scenes = json.loads((arguments.folder / "tradeoff.json").read_text(encoding="utf-8"))["scenes"]
+    text = arguments.page.read_text(encoding="utf-8")
+    changed, count = re.subn(r"(<!-- section fronts -->\n).*?(<!-- end fronts -->)", lambda m: m[1] + "\n" + section(scenes) + "\n" + m[2], text, flags=re.S)
+    if count != 1:
+        raise SystemExit(f"{arguments.page}: no section fronts")
+    for scene in scenes:
+        plot = arguments.folder / f"{scene['scene']}.svg"
+        if plot.stat().st_size > LIMIT:
+            raise SystemExit(f"{plot}: {plot.stat().st_size} bytes, above {LIMIT}")
+        shutil.copyfile(plot, arguments.images / f"tradeoff-{scene['scene']}.svg")
+    arguments.page.write_text(changed, encoding="utf-8")
+    print(f"{arguments.page}: {len(scenes)} scenes")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,431 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Trade-offs, executors and tuning: fronts made by hand, runs that are killed, a real Ray, budgets with known answers."""
+
+import csv
+import html.parser
+import importlib.util
+import json
+import math
+import os
+import re
+import secrets
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+import cama
+from cama import executor, tradeoff, tradeoff_grid, tradeoff_report, tune
+from cama.cli import app
+from conftest import grid
+
+G, ROOT = 9.81, Path(__file__).parents[2]
+# Free fall: the error after a window w is g dt w / 2 exactly, whatever the mesh.
+FALL = {"name": "fall", "time_step": 0.005, "frames": 40, "contact": {"enabled": False},
+        "cloth": [{"name": "sheet", "grid": {"size": [0.3, 0.3], "cells": [2, 2]}, "material": "cotton"}]}
+ONE = ["--threads", 1, "--error-jobs", 1]
+
+
+def call(*words):
+    return CliRunner().invoke(app, [str(w) for w in words], catch_exceptions=False)
+
+
+@pytest.fixture
+def fall(tmp_path):
+    """A scene file."""
+    path = tmp_path / "fall.json"
+    path.write_text(json.dumps(FALL))
+    return path
+
+
+# Fronts and grids
+
+@pytest.mark.parametrize("points, front", [
+    ([], []), ([(1, 1)], [0]), ([(1, 3), (2, 2), (3, 1)], [0, 1, 2]), ([(1, 3), (2, 4), (3, 1)], [0, 2]), ([(1, 1), (2, 2), (3, 3)], [0]),
+    ([(2, 1), (1, 1)], [1]), ([(1, 2), (1, 1)], [1]), ([(1, 1), (1, 1)], [0]), ([(3, 1), (2, 2), (1, 3)], [2, 1, 0]),
+    ([(1, math.nan), (math.inf, 1), (2, None), (None, 2), (5, 5)], [4])])
+def test_pareto_fronts_by_hand(points, front):
+    assert tradeoff.pareto(points) == front
+
+
+def test_pareto_is_what_brute_force_finds():
+    points = [tuple(p) for p in np.random.default_rng(4).integers(0, 12, (80, 2)).tolist()]
+    dominated = lambda p: any(q[0] <= p[0] and q[1] <= p[1] and q != p for q in points)
+    found = tradeoff.pareto(points)
+    assert {points[i] for i in found} == {p for p in points if not dominated(p)}
+    assert [points[i][0] for i in found] == sorted(points[i][0] for i in found)
+
+
+def test_knobs_are_those_of_the_installed_version():
+    known = tradeoff_grid.knobs()
+    assert {"tolerance", "precision", "preconditioner", "time_step", "resolution", "accuracy"} <= set(known)
+    assert not {"backend", "threads", "audit", "pinch"} & set(known)
+    assert {"production", "paper"} <= set(tradeoff_grid.levels())
+    assert tradeoff_grid.parse_knob("time_step=1/60, 1/200") == ("time_step", [1 / 60, 1 / 200])
+    assert tradeoff_grid.parse_knob("commit=true,false") == ("commit", [True, False])
+    assert tradeoff_grid.parse_knob("max_iterations=50") == ("max_iterations", [50])
+    assert len(tradeoff_grid.product({"time_step": [0.01, 0.02], "tolerance": [0.1], "precision": ["double", "mixed"]})) == 4
+    plan = tradeoff_grid.default_plan(cama.Scene.parse(FALL), 0.05)
+    assert {"accuracy": "paper"} in plan and len(plan) == len(tradeoff_grid.unique(plan)) > 10
+    tradeoff_grid.check_plan(plan, 0.05)
+
+
+@pytest.mark.parametrize("text, words", [
+    ("tollerance=1", "tollerance.*tolerance"), ("tolerance", "name=value"), ("tolerance=", "name=value"), ("tolerance=-1", "positive"),
+    ("tolerance=small", "positive"), ("max_iterations=1.5", "int"), ("commit=maybe", "bool"), ("time_step=1/0", "positive"), ("backend=cpu", "backend")])
+def test_bad_knobs_are_named(text, words):
+    with pytest.raises(cama.SceneError, match=words):
+        tradeoff_grid.parse_knob(text)
+
+
+@pytest.mark.parametrize("settings, words", [
+    ({"time_step": 0.03}, "whole number of steps"), ({"precision": "half"}, "half"), ({"accuracy": "best"}, "best"), ({"tolerance": 2.0}, "tolerance"),
+    ({"resolution": 0}, "resolution"), ({"preconditioner": "magic"}, "magic")])
+def test_settings_that_cannot_be_are_refused_before_anything_runs(tmp_path, settings, words):
+    with pytest.raises(cama.Error, match=words):
+        tradeoff.tradeoff(cama.Scene.parse(FALL), tmp_path / "out", [settings], windows=1)
+    assert not list((tmp_path / "out").glob("points/*"))
+
+
+# Executors
+
+def square(task, shared):
+    if task == "die":
+        os._exit(3)
+    if task == "raise":
+        raise ValueError("as asked")
+    return task * task + shared
+
+
+@pytest.mark.parametrize("jobs", [0, 1, 2])
+def test_a_pool_gives_every_result_once(jobs):
+    assert dict(executor.Local(jobs).run(square, list(range(5)), 100)) == {i: i * i + 100 for i in range(5)}
+
+
+@pytest.mark.parametrize("jobs", [1, 2])
+def test_a_task_that_dies_takes_no_other_with_it(jobs):
+    found = dict(executor.Local(jobs).run(square, [1, "die", 2, "raise", 3], 0))
+    assert {k: v for k, v in found.items() if k in (0, 2, 4)} == {0: 1, 2: 4, 4: 9}
+    assert "ProcessDied" in found[1].text and found[3].text == "ValueError: as asked"
+
+
+def test_an_abandoned_pool_ends_its_processes():
+    run = executor.Local(1).run(square, [1, 2, 3], 0)
+    assert next(run) == (0, 1)
+    run.close()  # would wait for ever, were a process left
+
+
+@pytest.fixture(scope="module")
+def ray_address(tmp_path_factory):
+    """A Ray that this test starts, in a process of its own."""
+    if importlib.util.find_spec("ray") is None:
+        pytest.skip("Ray is not installed: pip install cama[cluster]")
+    script = ("import ray, sys\ncontext = ray.init(num_cpus=2, include_dashboard=False, log_to_driver=False, logging_level='error')\n"
+              "print(context.address_info['gcs_address'], flush=True)\nsys.stdin.read()\n")
+    patch = pytest.MonkeyPatch()
+    patch.setenv("RAY_AUTH_MODE", "token")  # a token of this test's own, set before Ray is imported: Ray of late asks for one
+    patch.setenv("RAY_AUTH_TOKEN", secrets.token_hex(32))
+    environment = dict(os.environ, RAY_USAGE_STATS_ENABLED="0", PYTHONPATH=os.pathsep.join([str(Path(__file__).parent), *sys.path]))
+    head = subprocess.Popen([sys.executable, "-c", script], stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True, env=environment)
+    address = head.stdout.readline().strip().splitlines()[-1:]
+    if not address:
+        head.kill()
+        patch.undo()
+        pytest.skip("Ray does not start on this machine")
+    yield address[0]
+    head.stdin.close()
+    head.wait(30)
+    patch.undo()
+
+
+def test_a_ray_cluster_gives_the_same_results(ray_address, tmp_path):
+    pool = executor.make(ray_address, gpu=True)
+    try:
+        assert pool.gpus == 0 and pool.jobs == 2
+        found = dict(pool.run(square, [1, 2, "raise", 3], 10))
+        assert {k: v for k, v in found.items() if k != 2} == {0: 11, 1: 14, 3: 19} and found[2].text == "ValueError: as asked"
+        assert "died" in dict(pool.run(square, ["die"], 0))[0].text.lower()
+    finally:
+        pool.close()
+    scene, plan = cama.Scene.parse(FALL), [{"time_step": 0.01}, {"time_step": 0.005}]
+    there = tradeoff.tradeoff(scene, tmp_path / "ray", plan, windows=2, reference_step=0.05 / 16, setup=tradeoff.Setup(threads=1, cluster=ray_address))
+    here = tradeoff.tradeoff(scene, tmp_path / "here", plan, windows=2, reference_step=0.05 / 16, setup=tradeoff.Setup(threads=1, jobs=0))
+    for a, b in zip(there.points, here.points):
+        assert a["restart_rms"] == b["restart_rms"] and a["state_hash"] == b["state_hash"] and not a["failed"]
+
+
+def test_no_cluster_is_a_named_error(monkeypatch):
+    pytest.importorskip("ray", reason="Ray is not installed: pip install cama[cluster]")
+    with pytest.raises(cama.BackendError, match="127.0.0.1:1"):
+        executor.make("127.0.0.1:1")
+    monkeypatch.setitem(sys.modules, "ray", None)
+    with pytest.raises(cama.BackendError, match=r"cama\[cluster\]"):
+        executor.make("auto")
+
+
+# Trade-offs
+
+def test_the_error_of_a_free_fall_is_the_known_one(tmp_path):
+    plan = tradeoff.product({"time_step": [0.025, 0.01, 0.005], "precision": ["double", "mixed", "single"]})
+    result = tradeoff.tradeoff(cama.Scene.parse(FALL), tmp_path, plan, windows=3, reference_step=0.05 / 64, setup=tradeoff.Setup(threads=1, jobs=0, warm_up=1))
+    for p in result.points:
+        dt = p["settings"]["time_step"]
+        assert not p["failed"] and p["dt"] == pytest.approx(dt, rel=1e-9)
+        assert p["restart_rms"] == pytest.approx(G * dt * 0.05 / 2, rel=1e-4)
+        assert p["restart_max_edges"] == pytest.approx(p["restart_rms_edges"], rel=1e-4)
+        # At the last start, 0.15 s: from the start on, g dt t / 2 below the exact fall; the reference's own run has its step's error.
+        assert p["surface_mean"] == pytest.approx(G * (dt - result.reference.time_step) * 0.15 / 2, rel=1e-3)
+        assert p["hausdorff"] == pytest.approx(p["surface_mean"], rel=1e-5)
+        mass = result.reference.masses.sum()
+        assert p["energy_drift"] == pytest.approx(-0.5 * mass * G**2 * dt, rel=1e-3)
+        assert p["nonlinear_residual"] < 1e-3 and p["intersections"] == 0 and p["strain_max"] < 1e-5 and p["lost_motion"] == 0
+        assert p["ms_per_second"] == pytest.approx(p["ms_per_step"] / dt) and p["ms_per_step"] > 0
+    assert result.facts["converged"] and result.facts["uncertainty_edges"] < 1e-6
+    front = [result.points[i] for i in result.fronts["cpu"]]
+    errors = [p["restart_rms_edges"] for p in front]
+    assert errors == sorted(errors, reverse=True) and len(front) >= 1
+
+
+def test_settings_that_intersect_are_on_no_front():
+    points = [dict(point(1, 0.1, intersections=3), backend="cpu"), dict(point(2, 0.2), backend="cpu"), dict(point(3, 0.1), backend="cpu")]
+    assert tradeoff.Tradeoff("", 0, points, {}, None, {}).front("cpu") == [1, 2]
+
+
+def test_coarser_meshes_are_compared_by_surface(tmp_path):
+    path = tmp_path / "scene.json"
+    path.write_text(json.dumps(dict(FALL, cloth=[{"name": "sheet", "grid": {"size": [0.3, 0.3]}, "material": "cotton"}])))
+    result = tradeoff.tradeoff(str(path), tmp_path, tradeoff.product({"resolution": [16, 64]}), windows=1, reference_step=0.05 / 16,
+                               setup=tradeoff.Setup(threads=1, jobs=0))
+    coarse, fine = result.points
+    assert coarse["triangles"] < fine["triangles"] == result.triangles
+    assert coarse["restart_rms"] is None and fine["restart_rms"] > 0
+    assert coarse["surface_mean"] == pytest.approx(fine["surface_mean"], rel=1e-6) and coarse["strain_error"] is None
+    with pytest.raises(cama.ArrayError, match="resolution"):
+        tradeoff.tradeoff(cama.Scene.parse(FALL), tmp_path, [{"resolution": 9}], windows=1)
+
+
+def test_what_fails_is_a_point_that_says_why(tmp_path):
+    result = tradeoff.tradeoff(cama.Scene.parse(FALL), tmp_path, [{"time_step": 0.005}], windows=4, reference_step=0.05 / 16,
+                               setup=tradeoff.Setup(threads=1, jobs=0, limit=1e-9))
+    assert "limit" in result.points[0]["failed"] and result.fronts == {"cpu": []}
+    tradeoff_report.write([result], tmp_path / "report")
+    assert "limit" in (tmp_path / "report" / "index.html").read_text()
+
+
+def test_the_memory_tells_scenes_and_settings_apart(tmp_path):
+    setup, seen = tradeoff.Setup(threads=1, jobs=0), []
+    def run(scene, plan):
+        seen.clear()
+        tradeoff.tradeoff(scene, tmp_path, plan, windows=1, reference_step=0.05 / 16, setup=setup, progress=lambda done, of, words: seen.append(words))
+        return [w for w in seen if "," in w or w == "reference"]
+    scene = cama.Scene.parse(FALL)
+    assert len(run(scene, [{"time_step": 0.01}])) == 3      # reference, error, time
+    assert len(run(scene, [{"time_step": 0.01}])) == 0
+    assert len(run(scene, [{"time_step": 0.005}])) == 2
+    scene.gravity = (0, 0, -1)
+    assert len(run(scene, [{"time_step": 0.01}])) == 3
+
+
+def test_a_killed_run_goes_on_where_it_was(fall, tmp_path):
+    out = tmp_path / "out"
+    command = [sys.executable, "-m", "cama.cli", "tradeoff", fall, "--knob", "time_step=1/20,1/40,1/60,1/80,1/100,1/120,1/140,1/160", "--window", "0.05",
+               "--windows", "40", "--reference-step", "0.003125", "-o", out, "--no-plots", *ONE]
+    process = subprocess.Popen([str(w) for w in command], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, start_new_session=True)
+    finished = lambda: {p: p.stat().st_mtime_ns for p in (out / "points").glob("*.json")} if out.exists() else {}
+    end = time.time() + 120
+    while len(finished()) < 3 and time.time() < end:
+        time.sleep(0.02)
+    process.send_signal(signal.SIGKILL)
+    process.wait()
+    before = finished()
+    assert 3 <= len(before) < 16
+    done = subprocess.run([str(w) for w in command], capture_output=True, text=True, timeout=200, check=False)
+    assert done.returncode == 0, done.stdout + done.stderr
+    after = finished()
+    assert len(after) == 16 and all(after[p] == t for p, t in before.items())
+    assert not list((out / "points").glob("*.partial"))
+    points = json.loads((out / "tradeoff.json").read_text())["scenes"][0]["points"]
+    assert [p["settings"]["time_step"] for p in points] == [1 / n for n in (20, 40, 60, 80, 100, 120, 140, 160)]
+    for p in points:
+        assert p["restart_rms"] == pytest.approx(G * p["settings"]["time_step"] * 0.05 / 2, rel=1e-3)
+
+
+def no_constant(word):
+    raise AssertionError(f"{word} in JSON")
+
+
+class Page(html.parser.HTMLParser):
+    """Counts of tags, and everything that would be fetched."""
+
+    VOID = {"meta", "br", "img", "path", "use"}
+
+    def __init__(self, text):
+        super().__init__()
+        self.tags, self.fetched, self._open, self.unclosed = {}, [], [], 0
+        self.feed(text)
+
+    def handle_starttag(self, tag, attributes):
+        self.tags[tag] = self.tags.get(tag, 0) + 1
+        self.fetched += [v for k, v in attributes if k in ("src", "href", "xlink:href") and not str(v).startswith("#")]
+        if tag not in self.VOID:
+            self._open.append(tag)
+
+    def handle_endtag(self, tag):
+        if tag in self.VOID:
+            return
+        while self._open and self._open.pop() != tag:
+            self.unclosed += 1
+
+
+def test_the_command_writes_table_plots_and_page(fall, tmp_path):
+    out = tmp_path / "out"
+    result = call("tradeoff", fall, "--knob", "time_step=1/100,1/200", "--knob", "tolerance=1e-1,1e-3", "--also", "accuracy=paper", "--windows", 2,
+                  "--reference-step", 0.003125, "-o", out, *ONE)
+    assert result.exit_code == 0, result.output
+    data = json.loads((out / "tradeoff.json").read_text(), parse_constant=no_constant)
+    scene = data["scenes"][0]
+    assert len(scene["points"]) == 5 and scene["scene"] == "fall" and set(tradeoff.MEASURES) <= set(scene["points"][0])
+    assert [p["settings"].get("accuracy") for p in scene["points"]].count("paper") == 1
+    table = list(csv.DictReader((out / "tradeoff.csv").open()))
+    assert len(table) == 5 and {"scene", "backend", "time_step", "tolerance", "accuracy", "ms_per_second", "restart_rms", "front"} <= set(table[0])
+    assert "nan" not in (out / "tradeoff.csv").read_text().lower()
+    assert sum(row["front"] == "True" for row in table) == len(scene["fronts"]["cpu"]) >= 1
+    assert (out / "fall.png").stat().st_size > 10_000 and (out / "fall.svg").stat().st_size < 200_000
+    page = Page((out / "index.html").read_text())
+    assert page.tags["table"] == 1 and page.tags["svg"] == 1 and page.tags["tr"] == 6 and page.unclosed == 0
+    assert page.fetched == [] and not re.search(r"(src|href)=\"http", (out / "index.html").read_text())
+    import xml.etree.ElementTree
+    xml.etree.ElementTree.parse(out / "fall.svg")
+    document = tmp_path / "page.md"
+    document.write_text("before\n<!-- section fronts -->\nold\n<!-- end fronts -->\nafter\n")
+    subprocess.run([sys.executable, ROOT / "benchmarks" / "accuracy_page.py", out, "--page", document, "--images", tmp_path], check=True)
+    text = document.read_text()
+    assert text.startswith("before\n") and text.endswith("after\n") and "old" not in text and "### fall, 8 triangles" in text
+    assert "tolerance 0.1" in text and f"{100 * scene['points'][scene['fronts']['cpu'][0]]['restart_rms_edges']:.2f} %" in text and (tmp_path / "tradeoff-fall.svg").is_file()
+
+
+@pytest.mark.parametrize("words, text", [
+    (["nowhere", "--knob", "time_step=1/60"], "nowhere"), (["flag", "--knob", "tollerance=1"], "tollerance"), (["flag", "--backend", "tpu"], "tpu"),
+    (["flag", "--knob", "time_step=1/7"], "whole number"), (["flag", "--also", "tolerance=1,2"], "one value"), (["flag", "--device", 9], "number 9"),
+    (["flag", "--cluster", "127.0.0.1:1"], "Ray")])
+def test_the_command_names_bad_input(tmp_path, words, text):
+    result = call("tradeoff", *words, "-o", tmp_path)
+    assert result.exit_code == 2 and text in result.output
+
+
+def test_files_have_names_that_a_file_may_have():
+    names = tradeoff_report.file_names([tradeoff.Tradeoff(n, 0, [], {}, None, {}) for n in ("a/b c", "drape", "drape", "../..", "")])
+    assert names == ["a_b_c", "drape", "drape-3", "scene", "scene-5"]
+
+
+def test_published_figures_are_per_simulated_second():
+    sphere = {row["system"]: row["ms_per_second"] for row in tradeoff_report.published("sphere")}
+    assert sphere["CAMA"] == pytest.approx(2840 * 200) and sphere["I-Cloth"] == pytest.approx(200 / 1.95 * 1000)
+    drape = {row["system"]: row["ms_per_second"] for row in tradeoff_report.published("drape")}
+    assert drape["Newton 1.8.0 VBD, 4 x 10"] == pytest.approx(16700)
+
+
+# Tuning
+
+def test_lengths_and_times():
+    assert tune.parse_error("1mm") == ("m", 1e-3) and tune.parse_error("0.5 cm") == ("m", 5e-3) and tune.parse_error("1%") == ("edges", 0.01)
+    assert tune.parse_time("16ms") == 0.016 and tune.parse_time("2 s") == 2.0
+    for text in ("1", "mm", "-1mm", "0%", "1lb", "", "nanmm", "1e999mm"):
+        with pytest.raises(cama.ArrayError):
+            tune.parse_error(text)
+    for text in ("16", "0ms", "ms"):
+        with pytest.raises(cama.ArrayError):
+            tune.parse_time(text)
+
+
+def point(cost, error, **other):
+    return dict({"failed": None, "intersections": 0, "ms_per_second": cost, "restart_rms_edges": error, "restart_max_edges": 3 * error, "label": f"{cost}"}, **other)
+
+
+def test_the_choice_among_points_made_by_hand():
+    points = [point(10, 0.5), point(20, 0.2), point(30, 0.1), point(5, 0.01, failed="no"), point(6, 0.01, intersections=2), point(None, 0.01)]
+    best = lambda safety=1.0, edge=1e-2, **budget: tune.Budget(**budget).best(points, edge, safety)
+    assert best(error=2e-3)["ms_per_second"] == 20 and best(edges=0.2)["ms_per_second"] == 20
+    assert best(edges=0.2, safety=1.5)["ms_per_second"] == 30 and best(edges=0.2, safety=3) is None
+    assert best(edges=0.4, measure="max")["ms_per_second"] == 30
+    assert best(frame=20.5e-3 / 60)["ms_per_second"] == 20 and best(frame=1e-6) is None  # the most accurate that is fast enough
+    assert best(edges=0.6, frame=1.0)["ms_per_second"] == 10
+
+
+def test_tune_finds_the_cheapest_time_step_and_run_uses_it(fall, tmp_path):
+    # g dt w / 2 with w = 0.05 s: 1/80 s gives 3.07 mm, 1/160 1.53 mm, 1/320 0.77 mm. With a factor of 1.5 to spare, 2.5 mm needs 1/160.
+    scene = tmp_path / "tuned" / "scene.json"
+    result = call("tune", fall, "--error", "2.5mm", "--knob", "time_step=1/80,1/160,1/320", "--windows", 3, "--reference-step", 0.05 / 64,
+                  "--results", tmp_path / "points", "-o", scene, *ONE)
+    assert result.exit_code == 0, result.output
+    data = json.loads(scene.read_text())
+    assert data["time_step"] in (1 / 160, 1 / 320) and set(data["options"]) <= {"time_step"} and "judge" in data["$tuned"]
+    tuned = cama.Scene.load(scene)
+    assert tuned.frames * tuned.frame_time == pytest.approx(40 * 0.005, rel=0.05)
+    assert call("run", scene, "--frames", 2, "-o", tmp_path / "run").exit_code == 0
+    assert json.loads((tmp_path / "run" / "summary.json").read_text())["dt"] == data["time_step"]
+
+
+def test_the_judge_has_other_states_and_a_finer_reference(tmp_path):
+    scene = cama.Scene.parse(FALL)
+    tuned = tune.tune(scene, tmp_path, error=2.5e-3, plan=tradeoff.product({"time_step": [1 / 80, 1 / 160], "tolerance": [1e-2]}), windows=3,
+                      reference_step=0.05 / 64, setup=tradeoff.Setup(threads=1, jobs=0))
+    assert tuned.settings == {"time_step": 1 / 160, "tolerance": 1e-2} and tuned.rounds == 1
+    seen, judged = tuned.search.reference, tuned.judge.reference
+    assert not set(np.round(seen.starts, 9)) & set(np.round(judged.starts, 9)) and judged.time_step == seen.time_step / 2
+    assert tuned.judged["restart_rms"] == pytest.approx(G / 160 * 0.05 / 2, rel=1e-3)
+    with_options = tuned.scene()
+    assert with_options.time_step == 1 / 160 and with_options.options["tolerance"] == 1e-2
+    assert cama.Simulation(with_options).options["tolerance"] == 1e-2
+
+
+def test_budgets_that_cannot_be_kept_say_what_can(tmp_path, falling):
+    arguments = dict(plan=[{"time_step": 1 / 80}], windows=1, reference_step=0.05 / 64, setup=tradeoff.Setup(threads=1, jobs=0))
+    with pytest.raises(tune.BudgetError, match=r"most accurate: dt 1/80 s \(3.07 mm rms"):
+        tune.tune(cama.Scene.parse(FALL), tmp_path, error=1e-6, **arguments)
+    with pytest.raises(tune.BudgetError, match="reference may be off"):
+        tune.tune(falling, tmp_path, error=1e-7, **arguments)
+    with pytest.raises(tune.BudgetError, match="fastest"):
+        tune.tune(cama.Scene.parse(FALL), tmp_path, frame=1e-12, **arguments)
+    for bad in (dict(), dict(error=1e-3, edges=0.1), dict(error=-1.0), dict(error=1e-3, measure="mean"), dict(error=1e-3, safety=0.5)):
+        with pytest.raises(cama.ArrayError):
+            tune.tune(cama.Scene.parse(FALL), tmp_path, **{**arguments, **bad})
+
+
+def test_a_judge_that_refuses_makes_the_search_stricter(tmp_path, monkeypatch):
+    # The judge is made to see three times the error: the first choice fails, the next has a larger factor to spare.
+    real = tune.tradeoff
+    def unfair(scene, output, plan, first=1, **rest):
+        result = real(scene, output, plan, first=first, **rest)
+        if first > 1:
+            for p in result.points:
+                p["restart_rms_edges"] *= 1.9
+        return result
+    monkeypatch.setattr(tune, "tradeoff", unfair)
+    tuned = tune.tune(cama.Scene.parse(FALL), tmp_path, error=2.5e-3, plan=tradeoff.product({"time_step": [1 / 160, 1 / 320]}), windows=1, safety=1.5,
+                      reference_step=0.05 / 64, setup=tradeoff.Setup(threads=1, jobs=0))
+    assert tuned.rounds == 2 and tuned.settings == {"time_step": 1 / 320} and tuned.safety == 2.25
+
+
+def test_written_scenes_keep_their_files_and_lose_only_comments(tmp_path):
+    folder, other = tmp_path / "here", tmp_path / "there"
+    folder.mkdir()
+    vertices, faces = grid(2)
+    (folder / "sheet.obj").write_text("".join(f"v {x} {y} {z}\n" for x, y, z in vertices) + "".join(f"f {a + 1} {b + 1} {c + 1}\n" for a, b, c in faces))
+    (folder / "scene.json").write_text('{ // a remark\n "name": "sheet.obj // no remark", /* more */ "cloth": [{"file": "sheet.obj", "material": "cotton"}],\n'
+                                       ' "time_step": 0.01, "frame_time": 0.04, "frames": 50}')
+    settings = {"accuracy": "production", "tolerance": 0.1, "time_step": 0.005}
+    for path in (folder / "tuned.json", other / "scene.json"):
+        tune.write_scene(folder, settings, path, "as asked")
+        scene = cama.Scene.load(path)
+        assert scene.triangle_count == 8 and scene.name == "sheet.obj // no remark"
+        assert {**scene.options, "time_step": 0.005} == {"accuracy": "production", "tolerance": 0.1, "time_step": 0.005} and scene.time_step == 0.005
+        assert (scene.frame_time, scene.frames, scene.steps_per_frame) == (0.04, 50, 8)
+    assert json.loads((folder / "tuned.json").read_text())["cloth"][0]["file"] == "sheet.obj"
+    with pytest.raises(cama.SceneError, match="pinch"):
+        tune.write_scene(folder, {"pinch": "release"}, other / "bad.json")
