@@ -147,7 +147,7 @@ PenetrationHandling::Look PenetrationHandling::look(State &state, bool first_pie
   flagged_.resize(state);
   strayed_.resize(state.vertices);
   look_.fill_zero();
-  CAMA_LAUNCH(b, find_strayed, state.vertices, from_, state.position_next, state.predicted, state.vertex_box, state.bounds,
+  CAMA_LAUNCH(b, find_strayed, state.vertices, from_, state.position_next, state.predicted, state.vertex_box, state.box_origin(),
               certified_ * state.largest_thickness, strayed_, look_);
   CAMA_LAUNCH(b, find_impacts, flagged_.flag.size(), first, state.options.cubic_impacts ? 1 : 0, localized ? 1 : 0, vertex_face.pairs,
               edge_edge.pairs, state.face, state.edge, from_, state.position_next, state.inverse_mass, state.vertex_contact, certified_,
