@@ -486,11 +486,14 @@ const Feature far_features[] = {
     {"a plane", [](Scene &s) { add(s, exact_plane({0, 0, -6}, {0, 0, 1})); }},
     {"a plane that moves", [](Scene &s) { add(s, exact_plane({0, 0, -6}, {0, 0, 1}), drifting({0, 0, 1})); }},
     {"rougher and stiffer ground", [](Scene &s) { add(s, far_mesh({0, 0, -5})); s.obstacles.back().friction = 2; s.obstacles.back().contact_stiffness = 1e8; }},
+    {"thicker ground", [](Scene &s) { add(s, far_mesh({0, 0, -5})); s.obstacles.back().thickness = 0.03; }},
     {"a pinned cloth", [](Scene &s) { add_pinned(s, meshes::cotton()); }},
     {"a pinned cloth that is moved", [](Scene &s) { add_pinned(s, meshes::cotton(), drifting({0.3, 0, 0})); }},
     {"a pinned cloth without bending", [](Scene &s) { add_pinned(s, Material::isotropic(100, 0.3, 0, 0.1)); }},
     {"a pinned cloth of a tabulated fabric", [](Scene &s) { add_pinned(s, tabulated(true)); }},
     {"a pinned cloth that is damped", [](Scene &s) { Material m = meshes::cotton(); m.damping = 0.02; add_pinned(s, m); }},
+    {"a pinned cloth with a seam", [](Scene &s) { const int c = static_cast<int>(add_pinned(s, meshes::cotton())); s.stitches.push_back({c, 0, c, 3, 2, 0, 10}); }},
+    {"a thicker pinned cloth", [](Scene &s) { const std::size_t c = add_pinned(s, meshes::cotton()); s.cloths[c].material.thickness = 0.01; }},
 };
 
 /// Features that every vertex sees, and that are nothing.

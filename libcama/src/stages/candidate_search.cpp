@@ -85,7 +85,7 @@ void TreeSearch::build_faces(State &state, int leaves, const Stream<kernels::fac
 void TreeSearch::find_groups(State &state)
 {
   Backend &b = *state.backend;
-  const auto group_of = [&](int v) { return v < state.cloth_vertices ? 0 : state.object_still[static_cast<std::size_t>(state.object_of(v))] ? 2 : 1; };
+  const auto group_of = [&](int v) { return v < state.cloth_vertices ? 0 : 1 + state.object_still[static_cast<std::size_t>(state.object_of(v))]; };
   Group *group[3] = {&cloth_, &moving_, &still_};
   std::vector<int> face[3], edge[3], asking[3];
   const auto faces = state.face.download();
@@ -140,24 +140,25 @@ void TreeSearch::sort_features(State &state, Group &g)
 {
   Backend &b = *state.backend;
   const int faces = g.face.size(), edges = g.edge.size(), asking = g.asking.size();
+  const Stream<dvec3> &origin = state.box_origin();
   key_.resize(std::max({faces, edges, asking}));
   if (faces) {
     g.trees->face_order.resize(faces);
     g.leaf_face.resize(faces);
-    CAMA_LAUNCH(b, codes_of_faces, faces, g.face, state.face, state.vertex_box, state.bounds, state.box_origin(), key_, g.trees->face_order);
+    CAMA_LAUNCH(b, codes_of_faces, faces, g.face, state.face, state.vertex_box, state.bounds, origin, key_, g.trees->face_order);
     b.sort(key_.buffer(), g.trees->face_order.buffer(), faces, morton_bits);
     CAMA_LAUNCH(b, order_faces, faces, g.trees->face_order, state.face, g.leaf_face);
   }
   if (edges) {
     g.trees->edge_order.resize(edges);
     g.leaf_edge.resize(edges);
-    CAMA_LAUNCH(b, codes_of_edges, edges, g.edge, state.edge, state.vertex_box, state.bounds, state.box_origin(), key_, g.trees->edge_order);
+    CAMA_LAUNCH(b, codes_of_edges, edges, g.edge, state.edge, state.vertex_box, state.bounds, origin, key_, g.trees->edge_order);
     b.sort(key_.buffer(), g.trees->edge_order.buffer(), edges, morton_bits);
     CAMA_LAUNCH(b, order_edges, edges, g.trees->edge_order, state.edge, g.leaf_edge);
   }
   if (asking) {
     g.asking_order.resize(asking);
-    CAMA_LAUNCH(b, codes_of_vertices, asking, g.asking, state.vertex_box, state.bounds, state.box_origin(), key_, g.asking_order);
+    CAMA_LAUNCH(b, codes_of_vertices, asking, g.asking, state.vertex_box, state.bounds, origin, key_, g.asking_order);
     b.sort(key_.buffer(), g.asking_order.buffer(), asking, morton_bits);
   }
 }
@@ -187,20 +188,20 @@ void TreeSearch::query(State &state, const std::vector<FaceQuery> &faces, const 
   slot_.resize(slots * items);
   count_.resize(items);
   offset_.resize(items + 1);
-  const auto batches = [&](int n, int mode) { const int batch = mode == QUERY_CHANGED ? 1 : batch_; return std::pair<int, int>{(n + batch - 1) / batch, batch}; };
+  const auto batch_of = [&](int mode) { return mode == QUERY_CHANGED ? 1 : batch_; };
   int at = 0;
   for (const FaceQuery &q : faces) {
-    const auto [n, batch] = batches(q.items->size(), q.mode);
-    CAMA_LAUNCH(b, query_vertex_face_count, n, q.items->size(), batch, *q.items, state.vertex_box, q.leaves, *q.order, *q.leaf_face, *q.tree,
-                state.cloth_vertices, self, q.mode, changed_, before_, slots, at, slot_, count_);
-    at += q.items->size();
+    const int n = q.items->size(), batch = batch_of(q.mode);
+    CAMA_LAUNCH(b, query_vertex_face_count, (n + batch - 1) / batch, n, batch, *q.items, state.vertex_box, q.leaves, *q.order, *q.leaf_face,
+                *q.tree, state.cloth_vertices, self, q.mode, changed_, before_, slots, at, slot_, count_);
+    at += n;
   }
   for (const EdgeQuery &q : edges) {
-    const auto [n, batch] = batches(q.items->size(), q.mode);
-    CAMA_LAUNCH(b, query_edge_edge_count, n, q.items->size(), batch, *q.items, *q.item_edge, state.vertex_box, q.group->edge.size(),
-                q.group->trees->edge_order, q.group->leaf_edge, q.group->trees->edge_groups, state.cloth_vertices, self, q.mode, changed_, before_,
-                slots, at, slot_, count_);
-    at += q.items->size();
+    const int n = q.items->size(), batch = batch_of(q.mode);
+    CAMA_LAUNCH(b, query_edge_edge_count, (n + batch - 1) / batch, n, batch, *q.items, *q.item_edge, state.vertex_box, q.group->edge.size(),
+                q.group->trees->edge_order, q.group->leaf_edge, q.group->trees->edge_groups, state.cloth_vertices, self, q.mode, changed_,
+                before_, slots, at, slot_, count_);
+    at += n;
   }
   b.scan(count_.buffer(), offset_.buffer(), items);
   CAMA_LAUNCH(b, scan_totals, 1, vertex_items, items, offset_, totals_);
@@ -299,7 +300,9 @@ CandidateSearch::Change TreeSearch::update(State &state, const Stream<dvec3> &fr
   const Group *const groups[3] = {&cloth_, &moving_, &still_};
   const int faces_of[2] = {cloth_.face.size(), moving_.face.size()}, edges_of[2] = {cloth_.edge.size(), moving_.edge.size()};
   const int all_faces = faces_of[0] + faces_of[1], features = all_faces + edges_of[0] + edges_of[1];
-  for (Group *g : {&cloth_, &moving_}) build_trees(state, *g, true, g == &moving_ || self_ || moving_.edge.size() > 0);
+  const bool cloth_edges_asked = self_ || moving_.edge.size() > 0;
+  build_trees(state, cloth_, true, cloth_edges_asked);
+  build_trees(state, moving_, true, true);
   flag_.resize(features);
   offsets_.resize(features + 1);
   for (int k = 0; k < 2; ++k) {
@@ -331,8 +334,9 @@ CandidateSearch::Change TreeSearch::update(State &state, const Stream<dvec3> &fr
     CAMA_LAUNCH(b, order_edges, of.b, changed_edge_, state.edge, changed_leaf_edge_);
   }
   for (const Group *g : groups) {
-    const bool edge_tree = g->edge.size() && (g != &cloth_ || self_ || moving_.edge.size());
-    if (g->face.size()) faces.push_back({QUERY_CHANGED, &changed_vertex_, g->face.size(), &g->trees->face_order, &g->leaf_face, &g->trees->face_groups});
+    const bool edge_tree = g->edge.size() && (g != &cloth_ || cloth_edges_asked);
+    if (g->face.size())
+      faces.push_back({QUERY_CHANGED, &changed_vertex_, g->face.size(), &g->trees->face_order, &g->leaf_face, &g->trees->face_groups});
     if (of.b && edge_tree) edges.push_back({QUERY_CHANGED, &changed_edge_, &changed_leaf_edge_, g});
   }
   const int first_face = state.vertex_face.pairs.size(), first_edge = state.edge_edge.pairs.size();
