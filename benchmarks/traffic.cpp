@@ -56,8 +56,8 @@ double motion(const Streams &s, double cloth) { return 3 * vector_bytes * (s.n("
 double boxes_and_trees(const Streams &s)
 {
   return s.bytes({"position", "position_next", "margin", "vertex_box", "face", "face_box", "edge", "edge_box", "face_order",
-                  "edge_order"}) +
-         2 * s.bytes({"face_groups", "edge_groups", "face_tree", "obstacle_tree"});
+                  "edge_order", "moving.face_order", "moving.edge_order", "tree_order", "still.face_groups", "still.edge_groups"}) +
+         2 * s.bytes({"face_groups", "edge_groups", "moving.face_groups", "moving.edge_groups", "face_tree", "obstacle_tree"});
 }
 double pairs_written(const Streams &s)
 {

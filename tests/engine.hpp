@@ -3,6 +3,7 @@
 #pragma once
 #include <memory>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include "pipeline_factory.hpp"
@@ -19,7 +20,10 @@ inline cama::Options serial(const std::string &accuracy = "production")
 class Engine {
 public:
   explicit Engine(const cama::Scene &scene, const cama::Options &options = serial())
-      : backend(cama::make_backend(options.backend, options.device, options.threads)), state(*backend), topology(cama::build_topology(scene))
+      : Engine(scene, options, cama::make_backend(options.backend, options.device, options.threads))
+  {}
+  Engine(const cama::Scene &scene, const cama::Options &options, std::unique_ptr<cama::Backend> device)
+      : backend(std::move(device)), state(*backend), topology(cama::build_topology(scene))
   {
     scene.validate();
     state.options = options;

@@ -5,10 +5,13 @@
 
 DEVICE int in_matrix(int node, int rows) { return node >= 0 && node < rows; }
 
-/* Do nodes a and b of an element couple? split: nodes below it are side A; 0: every pair couples. */
-DEVICE int couples(int split, int a, int b) { return split == 0 || a == b || (a < split) != (b < split); }
+/* Do nodes a and b of element i couple? split: [elements] nodes below it are side A, 0: every pair couples; none: so do all elements'. */
+DEVICE int couples(GLOBAL const int *split, int i, int a, int b)
+{
+  return !split || split[i] == 0 || a == b || (a < split[i]) != (b < split[i]);
+}
 
-/* Algorithm 1, lines 2-4: entries per row. split: [n], see couples. */
+/* Algorithm 1, lines 2-4: entries per row. split: [n] or none, see couples. */
 KERNEL count_entries(int n, GLOBAL const element_nodes *nodes, GLOBAL const int *split, int rows, GLOBAL int *count)
 {
   FOR_EACH(i, n)
@@ -17,7 +20,7 @@ KERNEL count_entries(int n, GLOBAL const element_nodes *nodes, GLOBAL const int 
     for (a = 0; a < 4; ++a)
       if (in_matrix(nodes[i].node[a], rows)) {
         int entries = 0;
-        for (b = 0; b < 4; ++b) entries += nodes[i].node[b] >= 0 && couples(split[i], a, b);
+        for (b = 0; b < 4; ++b) entries += nodes[i].node[b] >= 0 && couples(split, i, a, b);
         atomic_add_int(&count[nodes[i].node[a]], entries);
       }
   }
@@ -33,7 +36,7 @@ KERNEL fill_entries(int n, GLOBAL const element_nodes *nodes, GLOBAL const int *
     for (a = 0; a < 4; ++a)
       if (in_matrix(nodes[i].node[a], rows))
         for (b = 0; b < 4; ++b)
-          if (nodes[i].node[b] >= 0 && couples(split[i], a, b)) {
+          if (nodes[i].node[b] >= 0 && couples(split, i, a, b)) {
             int s = nodes[i].node[a];
             index[space[s] + atomic_add_int(&cursor[s], 1)] = nodes[i].node[b];
           }
@@ -92,7 +95,7 @@ KERNEL locate_slots(int n, GLOBAL const int *incidence_row, GLOBAL const int *in
       int e = incidence[k] >> 2, a = incidence[k] & 3;
       for (b = 0; b < 4; ++b) {
         int t = nodes[e].node[b];
-        slot[4 * k + b] = t >= 0 && couples(split[e], a, b) ? locate(row, column, i, t) : -1;
+        slot[4 * k + b] = t >= 0 && couples(split, e, a, b) ? locate(row, column, i, t) : -1;
       }
     }
   }
@@ -242,7 +245,7 @@ KERNEL scatter_terms(int n, GLOBAL const element_nodes *nodes, GLOBAL const int 
     int a, b;
     for (a = 0; a < 4; ++a)
       for (b = 0; b < 4; ++b)
-        if (in_matrix(nodes[i].node[a], rows) && nodes[i].node[b] >= 0 && couples(split[i], a, b))
+        if (in_matrix(nodes[i].node[a], rows) && nodes[i].node[b] >= 0 && couples(split, i, a, b))
           atomic_add_block(&block[locate(row, column, nodes[i].node[a], nodes[i].node[b])], term_block(terms[i], form, a, b));
   }
 }
@@ -258,7 +261,7 @@ KERNEL collect_entries(int n, GLOBAL const element_nodes *nodes, GLOBAL const in
     for (a = 0; a < 4; ++a)
       for (b = 0; b < 4; ++b) {
         int at = 16 * (first + i) + 4 * a + b, s = nodes[i].node[a], t = nodes[i].node[b];
-        int used = in_matrix(s, rows) && t >= 0 && couples(split[i], a, b);
+        int used = in_matrix(s, rows) && t >= 0 && couples(split, i, a, b);
         key[at] = used ? ((key64)s << 31) | (key64)t : ((key64)rows << 31);
         entry[at] = at;
       }

@@ -105,14 +105,15 @@ DEVICE key64 spread_bits(int v)
   return x;
 }
 
-/* 63-bit Morton code of a box's centre on a cubic grid over the scene. */
-DEVICE key64 morton_code(box b, GLOBAL const dvec3 *scene_bounds)
+/* 63-bit Morton code of a box's centre on a cubic grid over the scene. origin: what boxes are relative to. */
+DEVICE key64 morton_code(box b, GLOBAL const dvec3 *scene_bounds, dvec3 origin)
 {
   dvec3 size = dsub(scene_bounds[1], scene_bounds[0]);
   double extent = max_double(size.x, max_double(size.y, size.z)), cells = extent > 0.0 ? 2097151.0 / extent : 0.0;
+  dvec3 shift = dsub(origin, scene_bounds[0]);
   key64 code = 0;
   for (int k = 0; k < 3; ++k) {
-    double c = 0.5 * ((double)b.lo[k] + (double)b.hi[k]) * cells;
+    double c = (0.5 * ((double)b.lo[k] + (double)b.hi[k]) + dcomponent(shift, k)) * cells;
     code |= spread_bits((int)clamp_double(c, 0.0, 2097151.0)) << k;
   }
   return code;
@@ -122,16 +123,39 @@ DEVICE key64 morton_code(box b, GLOBAL const dvec3 *scene_bounds)
 KERNEL morton_codes(int n, GLOBAL const box *primitive_box, GLOBAL const dvec3 *scene_bounds, GLOBAL key64 *key, GLOBAL int *index)
 {
   FOR_EACH(i, n) {
-    key[i] = morton_code(primitive_box[i], scene_bounds);
+    key[i] = morton_code(primitive_box[i], scene_bounds, scene_bounds[0]);
     index[i] = i;
   }
 }
 
-/* The same of the boxes item[i], with their numbers. */
-KERNEL morton_codes_of(int n, GLOBAL const int *item, GLOBAL const box *all_boxes, GLOBAL const dvec3 *scene_bounds, GLOBAL key64 *key, GLOBAL int *index)
+DEVICE box box_of_face(face_nodes f, GLOBAL const box *vertex_box)
+{
+  return box_union(box_union(vertex_box[f.node[0]], vertex_box[f.node[1]]), vertex_box[f.node[2]]);
+}
+DEVICE box box_of_edge(edge_nodes e, GLOBAL const box *vertex_box) { return box_union(vertex_box[e.node[0]], vertex_box[e.node[1]]); }
+
+/* The same of vertices, faces or edges item[i], with their numbers; origin: [1], what boxes are relative to. */
+KERNEL codes_of_vertices(int n, GLOBAL const int *item, GLOBAL const box *vertex_box, GLOBAL const dvec3 *scene_bounds, GLOBAL const dvec3 *origin,
+                         GLOBAL key64 *key, GLOBAL int *index)
 {
   FOR_EACH(i, n) {
-    key[i] = morton_code(all_boxes[item[i]], scene_bounds);
+    key[i] = morton_code(vertex_box[item[i]], scene_bounds, origin[0]);
+    index[i] = item[i];
+  }
+}
+KERNEL codes_of_faces(int n, GLOBAL const int *item, GLOBAL const face_nodes *face, GLOBAL const box *vertex_box, GLOBAL const dvec3 *scene_bounds,
+                     GLOBAL const dvec3 *origin, GLOBAL key64 *key, GLOBAL int *index)
+{
+  FOR_EACH(i, n) {
+    key[i] = morton_code(box_of_face(face[item[i]], vertex_box), scene_bounds, origin[0]);
+    index[i] = item[i];
+  }
+}
+KERNEL codes_of_edges(int n, GLOBAL const int *item, GLOBAL const edge_nodes *edge, GLOBAL const box *vertex_box, GLOBAL const dvec3 *scene_bounds,
+                     GLOBAL const dvec3 *origin, GLOBAL key64 *key, GLOBAL int *index)
+{
+  FOR_EACH(i, n) {
+    key[i] = morton_code(box_of_edge(edge[item[i]], vertex_box), scene_bounds, origin[0]);
     index[i] = item[i];
   }
 }

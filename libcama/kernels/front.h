@@ -55,7 +55,7 @@ DEVICE int adjacent_faces(face_nodes f, int flags, face_nodes g)
 KERNEL face_codes(int n, int first, GLOBAL const box *face_box, GLOBAL const dvec3 *scene_bounds, GLOBAL key64 *key, GLOBAL int *index)
 {
   FOR_EACH(i, n) {
-    key[i] = morton_code(face_box[first + i], scene_bounds);
+    key[i] = morton_code(face_box[first + i], scene_bounds, scene_bounds[0]);
     index[i] = first + i;
   }
 }

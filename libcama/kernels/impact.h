@@ -329,14 +329,20 @@ KERNEL drop_pulling(int n, GLOBAL const double *lambda, GLOBAL int *active, GLOB
   }
 }
 
-/* largest[i]: length of the longest of the motions i, i + n, .. < count from x to y. */
-KERNEL longest_motions(int n, int count, GLOBAL const dvec3 *x, GLOBAL const dvec3 *y, GLOBAL double *longest)
+/* length[i]: of the motion of vertex i from x to y, m. */
+KERNEL motion_lengths(int n, GLOBAL const dvec3 *x, GLOBAL const dvec3 *y, GLOBAL double *length)
+{
+  FOR_EACH(i, n) { length[i] = dnorm(dsub(y[i], x[i])); }
+}
+/* longest[i]: length of the longest motion of a vertex of impacts i, i + n, .. < count. */
+KERNEL longest_motions(int n, int count, GLOBAL const impact *impacts, GLOBAL const double *length, GLOBAL double *longest)
 {
   FOR_EACH(i, n)
   {
     double most = 0.0;
-    int k;
-    for (k = i; k < count; k += n) most = max_double(most, dnorm(dsub(y[k], x[k])));
+    int k, a;
+    for (k = i; k < count; k += n)
+      for (a = 0; a < 4; ++a) most = max_double(most, length[impacts[k].node[a]]);
     longest[i] = most;
   }
 }
@@ -351,8 +357,8 @@ KERNEL largest_of(int n, int count, GLOBAL const double *value, GLOBAL double *l
   }
 }
 
-/* x += y = M^-1 J' lambda, cloth vertices, but no further from where the solve wanted the vertex than twice the longest motion of the
-   step and `slack`, m: impacts that cannot all be met, between obstacles that close, would throw it anywhere. moved[i] = 1 where x changes. */
+/* x += y = M^-1 J' lambda, cloth vertices, but no further from where the solve wanted the vertex than twice the longest motion of
+   what is hit in the step and `slack`, m: impacts that cannot all be met, between obstacles that close, would throw it anywhere. moved[i] = 1 where x changes. */
 KERNEL apply_impulses(int n, double slack, GLOBAL const double *longest, GLOBAL const dvec3 *wanted, GLOBAL const dvec3 *y, GLOBAL dvec3 *x,
                       GLOBAL int *moved)
 {

@@ -100,28 +100,34 @@ KERNEL query_vertex_face_fill(int n, GLOBAL const int *vertex_order, GLOBAL cons
 
 DEVICE int edge_changed(edge_nodes e, GLOBAL const int *changed) { return changed[e.node[0]] || changed[e.node[1]]; }
 
-/* 1 if leaf j, edge f, is to be tested against leaf i, edge e. Every pair once: QUERY_ALL asks leaves behind i only; with QUERY_CHANGED
+#define QUERY_OTHER 3 /* every pair; items are edges of another tree */
+
+/* 1 if edge j, f, is to be tested against edge i, e. Every pair once: QUERY_ALL asks leaves behind the item's only; with QUERY_CHANGED
    unchanged edges do not ask, and two changed ones meet from the first. */
 DEVICE int wanted_edge_edge(int i, edge_nodes e, int j, edge_nodes f, int cloth_vertex_count, int self, int mode, GLOBAL const int *changed,
                             GLOBAL const box *box_before)
 {
   return (e.node[0] != f.node[0]) & (e.node[0] != f.node[1]) & (e.node[1] != f.node[0]) & (e.node[1] != f.node[1]) &&
          wanted_pair(e.node[0], f.node[0], cloth_vertex_count, self) &&
-         (mode == QUERY_ALL || ((j > i || !edge_changed(f, changed)) && fresh_edge_edge(e, f, box_before)));
+         (mode != QUERY_CHANGED || ((j > i || !edge_changed(f, changed)) && fresh_edge_edge(e, f, box_before)));
 }
 
-/* The leaves of group g that overlap leaf i: with QUERY_ALL those behind it. */
-DEVICE int edge_leaves(int g, int i, GLOBAL const box_group *tree, int mode)
+/* The leaves of group g that overlap item k, of box b: with QUERY_ALL, where the item is leaf k, those behind it. */
+DEVICE int edge_leaves(int g, int k, box b, GLOBAL const box_group *tree, int mode)
 {
-  int mask = group_overlap(tree + g, group_box(tree + (i >> 3), i & 7));
-  return mode == QUERY_ALL && g == i >> 3 ? mask & (0xfe << (i & 7)) : mask;
+  int mask = group_overlap(tree + g, b);
+  return mode == QUERY_ALL && g == k >> 3 ? mask & (0xfe << (k & 7)) : mask;
+}
+DEVICE box edge_item_box(int k, GLOBAL const edge_nodes *item_edge, GLOBAL const box *vertex_box, GLOBAL const box_group *tree, int mode)
+{
+  return mode == QUERY_ALL ? group_box(tree + (k >> 3), k & 7) : box_of_edge(item_edge[k], vertex_box);
 }
 
-/* Item k is leaf[k] in the order of the leaves; with QUERY_ALL leaf is the identity. mode: QUERY_ALL or QUERY_CHANGED. */
-KERNEL query_edge_edge_count(int n, int items, int batch, GLOBAL const int *leaf, int leaf_count, GLOBAL const int *edge_order,
-                             GLOBAL const edge_nodes *leaf_edge, GLOBAL const box_group *tree, int cloth_vertex_count, int self, int mode,
-                             GLOBAL const int *changed, GLOBAL const box *box_before, int slots, int first_slot, GLOBAL int *slot,
-                             GLOBAL int *count)
+/* Item k is edge item[k], nodes item_edge[k]; with QUERY_ALL they are the leaves. mode: QUERY_ALL, QUERY_OTHER or QUERY_CHANGED. */
+KERNEL query_edge_edge_count(int n, int items, int batch, GLOBAL const int *item, GLOBAL const edge_nodes *item_edge,
+                             GLOBAL const box *vertex_box, int leaf_count, GLOBAL const int *edge_order, GLOBAL const edge_nodes *leaf_edge,
+                             GLOBAL const box_group *tree, int cloth_vertex_count, int self, int mode, GLOBAL const int *changed,
+                             GLOBAL const box *box_before, int slots, int first_slot, GLOBAL int *slot, GLOBAL int *count)
 {
   FOR_EACH_UNEVEN(b, n) {
     int first = batch * b, end = min_int(first + batch, items), g;
@@ -129,16 +135,15 @@ KERNEL query_edge_edge_count(int n, int items, int batch, GLOBAL const int *leaf
     group_walk walk;
     for (int k = first; k < end; ++k) {
       count[first_slot + k] = 0;
-      all = box_union(all, group_box(tree + (leaf[k] >> 3), leaf[k] & 7));
+      all = box_union(all, edge_item_box(k, item_edge, vertex_box, tree, mode));
     }
-    walk = mode == QUERY_ALL ? groups_overlapping_from(leaf[first] >> 3, leaf_count, tree, all) : groups_overlapping(leaf_count, tree, all);
+    walk = mode == QUERY_ALL ? groups_overlapping_from(first >> 3, leaf_count, tree, all) : groups_overlapping(leaf_count, tree, all);
     while ((g = next_group(&walk, leaf_count, tree, all)) >= 0) {
       for (int k = first; k < end; ++k) {
-        int i = leaf[k];
-        edge_nodes e = leaf_edge[i];
-        for (int mask = edge_leaves(g, i, tree, mode); mask; mask &= mask - 1) {
+        edge_nodes e = item_edge[k];
+        for (int mask = edge_leaves(g, k, edge_item_box(k, item_edge, vertex_box, tree, mode), tree, mode); mask; mask &= mask - 1) {
           int j = GROUP * g + lowest_bit(mask), found = count[first_slot + k];
-          if (!wanted_edge_edge(i, e, j, leaf_edge[j], cloth_vertex_count, self, mode, changed, box_before)) continue;
+          if (!wanted_edge_edge(item[k], e, edge_order[j], leaf_edge[j], cloth_vertex_count, self, mode, changed, box_before)) continue;
           if (found < slots) slot[slots * (first_slot + k) + found] = edge_order[j];
           count[first_slot + k] = found + 1;
         }
@@ -156,25 +161,26 @@ DEVICE pair ordered_pair(int a, int b)
   return p;
 }
 
-/* candidate[first + offset[first_slot + k] - offset[first_slot] ..]: (edge, edge). known: 0 for them. */
-KERNEL query_edge_edge_fill(int n, GLOBAL const int *leaf, int leaf_count, GLOBAL const int *edge_order, GLOBAL const edge_nodes *leaf_edge,
-                            GLOBAL const box_group *tree, int cloth_vertex_count, int self, int mode, GLOBAL const int *changed,
-                            GLOBAL const box *box_before, int slots, int first_slot, GLOBAL const int *slot, GLOBAL const int *count,
-                            GLOBAL const int *offset, int first, GLOBAL pair *candidate, GLOBAL int *known)
+/* candidate[first + offset[first_slot + k] ..]: (edge, edge). known: 0 for them. */
+KERNEL query_edge_edge_fill(int n, GLOBAL const int *item, GLOBAL const edge_nodes *item_edge, GLOBAL const box *vertex_box, int leaf_count,
+                            GLOBAL const int *edge_order, GLOBAL const edge_nodes *leaf_edge, GLOBAL const box_group *tree,
+                            int cloth_vertex_count, int self, int mode, GLOBAL const int *changed, GLOBAL const box *box_before, int slots,
+                            int first_slot, GLOBAL const int *slot, GLOBAL const int *count, GLOBAL const int *offset, int first,
+                            GLOBAL pair *candidate, GLOBAL int *known)
 {
   FOR_EACH_UNEVEN(k, n) {
-    int i = leaf[k], at = first + offset[first_slot + k] - offset[first_slot], found = count[first_slot + k], own = edge_order[i], g;
+    int own = item[k], at = first + offset[first_slot + k], found = count[first_slot + k], g;
     for (int j = 0; j < found; ++j) known[at + j] = 0;
     if (found <= slots) {
       for (int j = 0; j < found; ++j) candidate[at + j] = ordered_pair(own, slot[slots * (first_slot + k) + j]);
     } else {
-      edge_nodes e = leaf_edge[i];
-      box b = group_box(tree + (i >> 3), i & 7);
-      group_walk walk = mode == QUERY_ALL ? groups_overlapping_from(i >> 3, leaf_count, tree, b) : groups_overlapping(leaf_count, tree, b);
+      edge_nodes e = item_edge[k];
+      box b = edge_item_box(k, item_edge, vertex_box, tree, mode);
+      group_walk walk = mode == QUERY_ALL ? groups_overlapping_from(k >> 3, leaf_count, tree, b) : groups_overlapping(leaf_count, tree, b);
       while ((g = next_group(&walk, leaf_count, tree, b)) >= 0) {
-        for (int mask = edge_leaves(g, i, tree, mode); mask; mask &= mask - 1) {
+        for (int mask = edge_leaves(g, k, b, tree, mode); mask; mask &= mask - 1) {
           int j = GROUP * g + lowest_bit(mask);
-          if (wanted_edge_edge(i, e, j, leaf_edge[j], cloth_vertex_count, self, mode, changed, box_before))
+          if (wanted_edge_edge(own, e, edge_order[j], leaf_edge[j], cloth_vertex_count, self, mode, changed, box_before))
             candidate[at++] = ordered_pair(own, edge_order[j]);
         }
       }
@@ -206,12 +212,12 @@ KERNEL grow_boxes(int n, GLOBAL const dvec3 *x, GLOBAL const dvec3 *y, GLOBAL co
   }
 }
 
-/* 1 for the leaves whose face, or edge, has a changed vertex. */
-KERNEL changed_faces(int n, GLOBAL const int *face_order, GLOBAL const face_nodes *face, GLOBAL const int *changed, GLOBAL int *flag)
+/* flag[first + i] = 1 for the leaves whose face, or edge, has a changed vertex. */
+KERNEL changed_faces(int n, int first, GLOBAL const int *face_order, GLOBAL const face_nodes *face, GLOBAL const int *changed, GLOBAL int *flag)
 {
   FOR_EACH(i, n) {
     face_nodes f = face[face_order[i]];
-    flag[i] = changed[f.node[0]] || changed[f.node[1]] || changed[f.node[2]];
+    flag[first + i] = changed[f.node[0]] || changed[f.node[1]] || changed[f.node[2]];
   }
 }
 KERNEL changed_edges(int n, int first, GLOBAL const int *edge_order, GLOBAL const edge_nodes *edge, GLOBAL const int *changed, GLOBAL int *flag)
@@ -219,10 +225,10 @@ KERNEL changed_edges(int n, int first, GLOBAL const int *edge_order, GLOBAL cons
   FOR_EACH(i, n) flag[first + i] = edge_changed(edge[edge_order[i]], changed);
 }
 
-/* The values whose flags, from `first` on, are 1, in order; place: exclusive sum of all flags. */
-KERNEL keep_flagged(int n, int first, GLOBAL const int *place, GLOBAL const int *value, GLOBAL int *kept)
+/* The values whose flags, from `first` on, are 1, in order, behind those with flags from `start` on; place: exclusive sum of all flags. */
+KERNEL keep_flagged(int n, int start, int first, GLOBAL const int *place, GLOBAL const int *value, GLOBAL int *kept)
 {
-  FOR_EACH(i, n) if (place[first + i + 1] > place[first + i]) kept[place[first + i] - place[first]] = value[i];
+  FOR_EACH(i, n) if (place[first + i + 1] > place[first + i]) kept[place[first + i] - place[start]] = value[i];
 }
 
 /* 1 if `value` is in the sorted row of vertex v. */

@@ -82,6 +82,24 @@ KERNEL make_contact_terms(int n, GLOBAL const contact *contacts, GLOBAL const do
   }
 }
 
+/* The same where nothing has friction: neither loads nor free velocities. */
+KERNEL make_frictionless_terms(int n, GLOBAL const contact *contacts, real time_step, GLOBAL term *terms)
+{
+  FOR_EACH(i, n)
+  {
+    contact c = contacts[i];
+    term t;
+    real k = (real)c.stiffness, depth = (real)(c.thickness - c.distance);
+    int a;
+    for (a = 0; a < 4; ++a) { t.node[a] = c.node[a]; t.weight[a] = (real)c.weight[a]; }
+    t.normal = to_vec3(c.normal);
+    t.along = time_step * time_step * k;
+    t.around = (real)0;
+    t.push = time_step * k * depth;
+    terms[i] = t;
+  }
+}
+
 /* Appends zero-length springs (stitches) to the terms, starting at `first`. */
 KERNEL make_stitch_terms(int n, GLOBAL const stitch *stitches, GLOBAL const dvec3 *position, real time_step, int first,
                          GLOBAL term *terms)

@@ -28,7 +28,7 @@ struct FaceTree {
     std::vector<key64> key(face.size());
     order.resize(face.size());
     morton_codes(leaves, boxes.data(), bounds.data(), key.data(), order.data());
-    std::stable_sort(order.begin(), order.end(), [&](int a, int b) { return key[a] < key[b]; });
+    std::sort(order.begin(), order.end(), [&](int a, int b) { return key[a] != key[b] ? key[a] < key[b] : a < b; });
     node.resize(tree_size(leaves));
     tree_leaves(leaves, order.data(), boxes.data(), node.data());
     const int root = tree_root_level(leaves);

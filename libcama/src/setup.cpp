@@ -10,7 +10,7 @@ constexpr double without_end = 1e30;         // m; boxes of planes
 constexpr double thickest_per_edge = 0.45;   // of the shortest edge: neighbours at rest are never in contact
 constexpr double contact_margin = 0.6;       // of the thickness: half for the contact distance, the rest for what the solve adds to the prediction
 
-template <class Real> void set_up_materials(System<Real> &s, Backend &b, const Scene &scene)
+template <class Real> void set_up_materials(System<Real> &s, Backend &b, const Scene &scene, bool hinges)
 {
   using T = Types<Real>;
   std::vector<typename T::stretching_stiffness> table;
@@ -42,7 +42,7 @@ template <class Real> void set_up_materials(System<Real> &s, Backend &b, const S
   }
   s.stretching_table = Stream<typename T::stretching_stiffness>(b, table);
   s.stretching_start = Stream<int>(b, start);
-  s.bending_table = Stream<typename T::bending_stiffness>(b, bending);
+  if (hinges) s.bending_table = Stream<typename T::bending_stiffness>(b, bending);
   s.material_scale = Stream<Real>(b, scale);
 }
 
@@ -73,28 +73,30 @@ template <class Real> void set_up_elements(State &state, System<Real> &s, const 
     hinges.push_back(e);
     hinge_nodes.push_back({{r.node[0], r.node[1], r.node[2], r.node[3]}});
   }
-  const auto incidence = [&](Incidence &list, const Stream<kernels::element_nodes> &nodes, int n, Stream<int> &split) {
+  const auto incidence = [&](Incidence &list, const Stream<kernels::element_nodes> &nodes, int n) {
     Stream<int> count(b, state.cloth_vertices);
     list.reset(b, state.cloth_vertices);
     list.build(b, nodes, n, count);
-    split = Stream<int>(b, std::vector<int>(static_cast<std::size_t>(n), 0));
   };
   s.triangle_rest = Stream<typename T::triangle_rest>(b, triangles);
   s.triangle_factor = Stream<typename T::triangle_factor>(b, state.triangles);
   s.triangle_force = Stream<typename T::vec3>(b, 3 * state.triangles);
   state.triangle_nodes = Stream<kernels::element_nodes>(b, triangle_nodes);
-  incidence(state.triangle_incidence, state.triangle_nodes, state.triangles, state.triangle_split);
+  incidence(state.triangle_incidence, state.triangle_nodes, state.triangles);
   if (state.hinges == 0) return;
   s.hinge_rest = Stream<typename T::hinge_rest>(b, hinges);
   s.hinge_factor = Stream<typename T::hinge_factor>(b, state.hinges);
   s.hinge_force = Stream<typename T::vec3>(b, 4 * state.hinges);
   state.hinge_nodes = Stream<kernels::element_nodes>(b, hinge_nodes);
-  incidence(state.hinge_incidence, state.hinge_nodes, state.hinges, state.hinge_split);
+  incidence(state.hinge_incidence, state.hinge_nodes, state.hinges);
 }
 
-void set_up_contact(State &state, const Scene &scene, const Topology &t)
+void set_up_contact(State &state, const Scene &scene, const Topology &t, const std::vector<double> &inverse_mass)
 {
   Backend &b = *state.backend;
+  state.friction = has_friction(scene);
+  state.predicted = Stream<dvec3>(b, state.vertices);
+  state.inverse_mass = Stream<double>(b, inverse_mass);
   std::vector<kernels::face_nodes> faces;
   std::vector<kernels::edge_nodes> edges;
   std::vector<kernels::vertex_contact> properties(t.position.size());
@@ -110,6 +112,8 @@ void set_up_contact(State &state, const Scene &scene, const Topology &t)
     }
     edges.push_back({{e[0], e[1]}});
   }
+  const auto of_obstacle = [&](const kernels::edge_nodes &e) { return e.node[0] >= t.cloth_vertices; };
+  if (!scene.contact.self && std::none_of(edges.begin(), edges.end(), of_obstacle)) edges.clear();   // nothing for the cloth's to meet
   state.edges = static_cast<int>(edges.size());
   for (std::size_t v = 0; v < t.position.size(); ++v) {
     const std::size_t object = static_cast<std::size_t>(t.object[v]), cloths = scene.cloths.size();
@@ -137,12 +141,6 @@ void set_up_contact(State &state, const Scene &scene, const Topology &t)
   state.asking = Stream<int>(b, asking);
   state.bounds = Stream<dvec3>(b, 2);
   state.vertex_box = Stream<kernels::box>(b, state.vertices);
-  state.face_box = Stream<kernels::box>(b, state.faces);
-  state.edge_box = Stream<kernels::box>(b, state.edges);
-  state.face_groups = Stream<kernels::box_group>(b);
-  state.edge_groups = Stream<kernels::box_group>(b);
-  state.face_order = Stream<int>(b);
-  state.edge_order = Stream<int>(b);
   for (PairList *list : {&state.vertex_face, &state.edge_edge}) {
     list->pairs = Stream<kernels::pair>(b);
     list->known = Stream<int>(b);
@@ -166,6 +164,18 @@ std::vector<kernels::stitch> stitches_of(const Scene &scene, const Topology &t)
 
 }  // namespace
 
+bool has_wind(const Scene &scene) { return scene.wind && (scene.wind->density != 0 || scene.wind->drag != 0); }
+
+bool has_friction(const Scene &scene)
+{
+  const std::size_t cloths = scene.cloths.size();
+  for (std::size_t object = scene.contact.self ? 0 : cloths; object < cloths + scene.obstacles.size(); ++object) {
+    const ContactProperties p = scene.contact_properties(object);
+    if (p.friction > 0 || p.static_friction > 0) return true;
+  }
+  return false;
+}
+
 template <class Real> void set_up(State &state, const Scene &scene, const Topology &t)
 {
   Backend &b = *state.backend;
@@ -185,10 +195,12 @@ template <class Real> void set_up(State &state, const Scene &scene, const Topolo
   for (std::size_t c = 0; c < scene.cloths.size(); ++c) {
     state.object_name.push_back("cloth '" + scene.cloths[c].name + "'");
     state.object_first.push_back(t.cloth_range[c].first);
+    state.object_still.push_back(0);
   }
   for (std::size_t o = 0; o < scene.obstacles.size(); ++o) {
     state.object_name.push_back("obstacle '" + scene.obstacles[o].name + "'");
     state.object_first.push_back(t.obstacle_range[o].first);
+    state.object_still.push_back(scene.obstacles[o].motion.is_static());
   }
   std::vector<int> fixed(t.position.size(), 0);
   std::fill(fixed.begin() + t.cloth_vertices, fixed.end(), 1);
@@ -207,14 +219,14 @@ template <class Real> void set_up(State &state, const Scene &scene, const Topolo
   state.velocity = Stream<dvec3>(b, velocity);
   state.position_next = Stream<dvec3>(b, t.position);
   state.velocity_next = Stream<dvec3>(b, velocity);
-  state.inverse_mass = Stream<double>(b, inverse_mass);
   state.fixed = Stream<int>(b, fixed);
   state.gravity = Stream<dvec3>(b, std::vector<dvec3>{scene.gravity});
-  if (scene.wind) state.wind = Stream<dvec3>(b, std::vector<dvec3>{scene.wind->velocity});
-  if (!scene.obstacles.empty()) state.rest_position = Stream<dvec3>(b, t.rest_position);
+  if (has_wind(scene)) state.wind = Stream<dvec3>(b, std::vector<dvec3>{scene.wind->velocity});
+  if (std::any_of(scene.obstacles.begin(), scene.obstacles.end(), [](const Obstacle &o) { return !o.motion.is_static() && o.motion.is_rigid(); }))
+    state.rest_position = Stream<dvec3>(b, t.rest_position);
 
   s->mass = Stream<Real>(b, mass);
-  set_up_materials(*s, b, scene);
+  set_up_materials(*s, b, scene, state.hinges > 0);
   set_up_elements(state, *s, t);
   s->force = Stream<typename Types<Real>::vec3>(b, t.cloth_vertices);
   s->matrix = {Stream<int>(b), Stream<int>(b), Stream<typename Types<Real>::mat3>(b)};
@@ -223,15 +235,12 @@ template <class Real> void set_up(State &state, const Scene &scene, const Topolo
 
   const std::vector<kernels::stitch> stitches = stitches_of(scene, t);
   state.stitches = static_cast<int>(stitches.size());
-  if (scene.has_contact()) {
-    state.predicted = Stream<dvec3>(b, state.vertices);
-    set_up_contact(state, scene, t);
-  }
+  if (scene.has_contact()) set_up_contact(state, scene, t, inverse_mass);
+  if (state.stitches) state.stitch = Stream<kernels::stitch>(b, stitches);
   if (scene.has_contact() || state.stitches) {
-    state.stitch = Stream<kernels::stitch>(b, stitches);
     s->term = Stream<typename Types<Real>::term>(b);
     state.term_nodes = Stream<kernels::element_nodes>(b);
-    state.term_split = Stream<int>(b);
+    if (state.options.contact_form == ContactForm::star) state.term_split = Stream<int>(b);
     state.term_incidence.reset(b, t.cloth_vertices);
   }
 }

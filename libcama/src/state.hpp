@@ -47,6 +47,12 @@ template <class Real> struct System {
   Stream<typename T::vec3> right_side, solution;                  // [cloth vertices], [vertices]
 };
 
+/// Faces and edges of some objects along the Morton curve, under trees with eight children to a node.
+struct FeatureTrees {
+  Stream<int> face_order, edge_order;                     // leaf to primitive
+  Stream<kernels::box_group> face_groups, edge_groups;
+};
+
 struct PairList {
   Stream<kernels::pair> pairs;
   Stream<int> known;        // [pairs] 1: already an impact of this step
@@ -69,13 +75,13 @@ struct State {
   Stream<dvec3> position, velocity;           // [vertices] m, m/s at the start of the step
   Stream<dvec3> position_next, velocity_next; // [vertices] at its end
   Stream<dvec3> predicted;                    // [vertices] ballistic end of the step
-  Stream<dvec3> rest_position;                // [vertices] obstacles at rest of their motion
-  Stream<double> inverse_mass;                // [vertices] 1/kg; 0: prescribed
+  Stream<dvec3> rest_position;                // [vertices] obstacles at rest of their motion, where any moves rigidly
+  Stream<double> inverse_mass;                // [vertices] 1/kg; 0: prescribed; of contact
   Stream<int> fixed;                          // [vertices] 1: prescribed
   Stream<dvec3> gravity, wind;                // [1]
 
   Stream<kernels::element_nodes> triangle_nodes, hinge_nodes, term_nodes;
-  Stream<int> triangle_split, hinge_split, term_split;
+  Stream<int> term_split;                     // [terms] of the star: nodes on side A
   Incidence triangle_incidence, hinge_incidence, term_incidence;
   Stream<kernels::stitch> stitch;
 
@@ -85,11 +91,13 @@ struct State {
   Stream<kernels::vertex_contact> vertex_contact;
   Stream<double> margin;                      // [vertices] by which boxes are inflated, m
   Stream<dvec3> bounds;                       // [2] of the scene
-  Stream<kernels::box> vertex_box, face_box, edge_box;
-  Stream<kernels::box_group> face_groups, edge_groups;   // trees with eight children to a node
-  Stream<int> face_order, edge_order;         // leaf to primitive
+  Stream<dvec3> origin;                       // [2] what boxes are relative to where obstacles are at rest: the bounds when those were boxed
+  const Stream<dvec3> &box_origin() const { return origin.size() ? origin : bounds; }
+  Stream<kernels::box> vertex_box;
+  FeatureTrees cloth_trees, moving_trees, still_trees;   // of the cloth, of obstacles that move, of those that do not
+  Stream<kernels::box> face_box, edge_box;    // with fronts
   Stream<kernels::box> face_tree, obstacle_tree;   // with fronts: binary trees of the cloth and of the obstacles
-  Stream<int> obstacle_order;
+  Stream<int> face_order, obstacle_order;     // leaf to face
   Stream<kernels::face_features> face_features;
   Stream<kernels::pair> front, self_front;    // of cloth with obstacles, of cloth with itself: pairs of tree nodes
   Stream<kernels::pair> triangle_pairs;       // of the last search or localized update
@@ -101,6 +109,8 @@ struct State {
   Exemptions exemptions;                      // [vertices], where anything is exempt from contact
   std::vector<std::string> object_name;       // cloths, then obstacles
   std::vector<int> object_first;              // their first vertices
+  std::vector<char> object_still;             // 1: an obstacle that never moves
+  bool friction = false;                      // anything in contact has some
 
   std::unique_ptr<System<double>> system64;
   std::unique_ptr<System<float>> system32;
@@ -125,13 +135,19 @@ struct State {
     f("predicted", predicted); f("rest_position", rest_position); f("inverse_mass", inverse_mass); f("fixed", fixed);
     f("gravity", gravity); f("wind", wind);
     f("triangle_nodes", triangle_nodes); f("hinge_nodes", hinge_nodes); f("term_nodes", term_nodes);
-    f("triangle_split", triangle_split); f("hinge_split", hinge_split); f("term_split", term_split);
+    f("term_split", term_split);
     f("triangle_incidence.row", triangle_incidence.row); f("triangle_incidence.entry", triangle_incidence.entry);
     f("hinge_incidence.row", hinge_incidence.row); f("hinge_incidence.entry", hinge_incidence.entry);
     f("term_incidence.row", term_incidence.row); f("term_incidence.entry", term_incidence.entry);
     f("stitch", stitch); f("face", face); f("edge", edge); f("asking", asking); f("vertex_contact", vertex_contact); f("margin", margin);
-    f("bounds", bounds); f("vertex_box", vertex_box); f("face_box", face_box); f("edge_box", edge_box);
-    f("face_groups", face_groups); f("edge_groups", edge_groups); f("face_tree", face_tree); f("face_order", face_order); f("edge_order", edge_order);
+    f("bounds", bounds); f("origin", origin); f("vertex_box", vertex_box); f("face_box", face_box); f("edge_box", edge_box);
+    f("face_groups", cloth_trees.face_groups); f("edge_groups", cloth_trees.edge_groups);
+    f("face_order", cloth_trees.face_order); f("edge_order", cloth_trees.edge_order);
+    f("moving.face_groups", moving_trees.face_groups); f("moving.edge_groups", moving_trees.edge_groups);
+    f("moving.face_order", moving_trees.face_order); f("moving.edge_order", moving_trees.edge_order);
+    f("still.face_groups", still_trees.face_groups); f("still.edge_groups", still_trees.edge_groups);
+    f("still.face_order", still_trees.face_order); f("still.edge_order", still_trees.edge_order);
+    f("face_tree", face_tree); f("tree_order", face_order);
     f("obstacle_tree", obstacle_tree); f("obstacle_order", obstacle_order); f("face_features", face_features);
     f("front", front); f("self_front", self_front); f("triangle_pairs", triangle_pairs);
     f("orphan_vertex_face", orphan_vertex_face); f("orphan_edge_edge", orphan_edge_edge);

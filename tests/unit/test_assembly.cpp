@@ -234,8 +234,6 @@ template <class Real> std::unique_ptr<State> fill(Backend &b, const Elements<Rea
   s.triangle_nodes = {b, e.triangle_nodes};
   s.hinge_nodes = {b, e.hinge_nodes};
   s.term_nodes = {b, term_nodes};
-  s.triangle_split = {b, std::vector<int>(e.triangle.size(), 0)};
-  s.hinge_split = {b, std::vector<int>(e.hinge.size(), 0)};
   s.term_split = Stream<int>(b);
   Stream<int> count(b, e.rows);
   const auto incidence = [&](Incidence &lists, const Stream<kernels::element_nodes> &nodes) {

@@ -54,17 +54,21 @@ Lists brute_force(State &s)
   const auto boxes = s.vertex_box.download();
   const auto faces = s.face.download();
   const auto edges = s.edge.download();
-  const auto obstacle = [&](int v) { return v >= s.cloth_vertices; };
+  const std::vector<int> asking = s.asking.download();
+  const auto unwanted = [&](int v, int w) {
+    const bool a = v >= s.cloth_vertices, b = w >= s.cloth_vertices;
+    return a == b && (a || !s.contact_settings.self);
+  };
   for (int v = 0; v < s.vertices; ++v)
     for (int f = 0; f < s.faces; ++f) {
       const int *n = faces[f].node;
-      if (share({v}, {n[0], n[1], n[2]}) || (obstacle(v) && obstacle(n[0]))) continue;
+      if (share({v}, {n[0], n[1], n[2]}) || unwanted(v, n[0]) || !std::binary_search(asking.begin(), asking.end(), v)) continue;
       if (overlap(bound(boxes, {v}), bound(boxes, {n[0], n[1], n[2]}))) lists.vertex_face.emplace_back(v, f);
     }
   for (int e = 0; e < s.edges; ++e)
     for (int f = e + 1; f < s.edges; ++f) {
       const int *a = edges[e].node, *b = edges[f].node;
-      if (share({a[0], a[1]}, {b[0], b[1]}) || (obstacle(a[0]) && obstacle(b[0]))) continue;
+      if (share({a[0], a[1]}, {b[0], b[1]}) || unwanted(a[0], b[0])) continue;
       if (overlap(bound(boxes, {a[0], a[1]}), bound(boxes, {b[0], b[1]}))) lists.edge_edge.emplace_back(e, f);
     }
   return lists;
@@ -122,60 +126,92 @@ Scene pinched()
 
 }  // namespace
 
+namespace {
+
+struct Variant { const char *name; bool self, moving, still, exact; };
+
+/// The pile, with a ball that moves, one at rest below, an exact one at rest above.
+Scene pile_of(const Variant &v)
+{
+  Scene scene = meshes::pile(6);
+  scene.contact.self = v.self;
+  if (!v.moving) scene.obstacles.clear();
+  if (v.still) scene.obstacles.push_back(meshes::obstacle(meshes::sphere(10, 7, 0.1, {0.02, 0.01, -0.11}), {}, "still"));
+  if (v.exact) {
+    scene.obstacles.push_back(exact_sphere({0.01, 0, 0.115}, 0.1));
+    scene.obstacles.back().name = "exact";
+  }
+  return scene;
+}
+
+}  // namespace
+
 TEST_CASE("an updated list holds the pairs of the grown boxes, each once", "[candidates]")
 {
-  for (const std::string backend : {"cpu", "opencl"}) {
-    Options options = serial();
-    options.backend = backend;
-    Engine engine(meshes::pile(6), options);
-    State &s = engine.state;
-    TreeSearch search(*s.backend);
-    std::mt19937 random(7);
-    std::uniform_real_distribution<double> move(-1, 1);
-    const std::vector<dvec3> start = s.position.download();
-    std::vector<dvec3> target = start;
-    for (dvec3 &x : target) x = kernels::dadd(x, {2e-3 * move(random), 2e-3 * move(random), 2e-3 * move(random)});
-    Stream<dvec3> from(*s.backend, start), to(*s.backend, target);
-    search.run(s, from, to);
-    CHECK(search.update(s, from, to, 0) == CandidateSearch::Change::none);
-    int grown = 0;
-    for (int round = 0; round < 6; ++round) {
-      for (int k = 0; k < 8; ++k) {
-        dvec3 &x = target[std::uniform_int_distribution<std::size_t>(0, target.size() - 1)(random)];
-        x = kernels::dadd(x, {0.05 * move(random), 0.05 * move(random), 0.05 * move(random)});
+  const Variant variants[] = {{"cloth and a moving ball", true, true, false, false}, {"cloth and a ball at rest", true, false, true, false},
+                              {"cloth alone", true, false, false, false},           {"both balls, cloth does not meet cloth", false, true, true, false},
+                              {"a moving ball alone", false, true, false, false},   {"a ball at rest alone", false, false, true, false},
+                              {"an exact ball alone", false, false, false, true},   {"all", true, true, true, true}};
+  for (const std::string backend : {"cpu", "opencl"})
+    for (const Variant &variant : variants) {
+      INFO(backend << ", " << variant.name);
+      if (backend != "cpu" && !variant.moving) continue;
+      Options options = serial();
+      options.backend = backend;
+      Engine engine(pile_of(variant), options);
+      State &s = engine.state;
+      const auto moves = [&](std::size_t v) { return !s.object_still[static_cast<std::size_t>(s.object_of(static_cast<int>(v)))]; };
+      TreeSearch search(*s.backend);
+      std::mt19937 random(7);
+      std::uniform_real_distribution<double> move(-1, 1);
+      const std::vector<dvec3> start = s.position.download();
+      std::vector<dvec3> target = start;
+      for (std::size_t v = 0; v < target.size(); ++v)
+        if (moves(v)) target[v] = kernels::dadd(target[v], {2e-3 * move(random), 2e-3 * move(random), 2e-3 * move(random)});
+      Stream<dvec3> from(*s.backend, start), to(*s.backend, target);
+      search.run(s, from, to);
+      CHECK(search.update(s, from, to, 0) == CandidateSearch::Change::none);
+      int grown = 0;
+      for (int round = 0; round < 6; ++round) {
+        for (int k = 0; k < 8; ++k) {
+          const std::size_t v = std::uniform_int_distribution<std::size_t>(0, target.size() - 1)(random);
+          if (!moves(v)) { --k; continue; }
+          dvec3 &x = target[v];
+          x = kernels::dadd(x, {0.05 * move(random), 0.05 * move(random), 0.05 * move(random)});
+        }
+        to.assign(target);
+        s.vertex_face.known.assign(std::vector<int>(static_cast<std::size_t>(s.vertex_face.pairs.size()), 5));
+        const std::vector<Pair> before = plain(s.vertex_face);
+        REQUIRE(search.update(s, from, to, 1e-4) == CandidateSearch::Change::grown);
+        const std::vector<Pair> after = plain(s.vertex_face);
+        REQUIRE(after.size() >= before.size());
+        CHECK(std::equal(before.begin(), before.end(), after.begin()));
+        const std::vector<int> known = s.vertex_face.known.download();
+        CHECK(std::count(known.begin(), known.end(), 5) == static_cast<long>(before.size()));
+        CHECK(std::count(known.begin(), known.end(), 0) == static_cast<long>(after.size() - before.size()));
+        grown += static_cast<int>(after.size() - before.size());
+        const Lists expected = brute_force(s), found = sorted(s);
+        CHECK(found.vertex_face == expected.vertex_face);
+        CHECK(found.edge_edge == expected.edge_edge);
+        // The boxes that the pairs were found with hold every motion.
+        const auto boxes = s.vertex_box.download();
+        const dvec3 origin = s.box_origin().download()[0];
+        for (std::size_t v = 0; v < target.size(); ++v)
+          for (const dvec3 &x : {start[v], target[v]}) {
+            REQUIRE(boxes[v].lo[0] <= x.x - origin.x); REQUIRE(boxes[v].hi[0] >= x.x - origin.x);
+            REQUIRE(boxes[v].lo[2] <= x.z - origin.z); REQUIRE(boxes[v].hi[2] >= x.z - origin.z);
+          }
+        CHECK(search.update(s, from, to, 1e-4) == CandidateSearch::Change::none);
       }
+      CHECK(grown > (variant.exact && !variant.self ? 2 : 20));
+      for (std::size_t v = 0; v < target.size(); ++v)
+        if (moves(v)) target[v].x += 0.1;   // everything leaves: all pairs anew
       to.assign(target);
-      s.vertex_face.known.assign(std::vector<int>(static_cast<std::size_t>(s.vertex_face.pairs.size()), 5));
-      const std::vector<Pair> before = plain(s.vertex_face);
-      REQUIRE(search.update(s, from, to, 1e-4) == CandidateSearch::Change::grown);
-      const std::vector<Pair> after = plain(s.vertex_face);
-      REQUIRE(after.size() >= before.size());
-      CHECK(std::equal(before.begin(), before.end(), after.begin()));
-      const std::vector<int> known = s.vertex_face.known.download();
-      CHECK(std::count(known.begin(), known.end(), 5) == static_cast<long>(before.size()));
-      CHECK(std::count(known.begin(), known.end(), 0) == static_cast<long>(after.size() - before.size()));
-      grown += static_cast<int>(after.size() - before.size());
+      REQUIRE(search.update(s, from, to, 0) == CandidateSearch::Change::renewed);
       const Lists expected = brute_force(s), found = sorted(s);
       CHECK(found.vertex_face == expected.vertex_face);
       CHECK(found.edge_edge == expected.edge_edge);
-      // The boxes that the pairs were found with hold every motion.
-      const auto boxes = s.vertex_box.download();
-      const dvec3 origin = s.bounds.download()[0];
-      for (std::size_t v = 0; v < target.size(); ++v)
-        for (const dvec3 &x : {start[v], target[v]}) {
-          REQUIRE(boxes[v].lo[0] <= x.x - origin.x); REQUIRE(boxes[v].hi[0] >= x.x - origin.x);
-          REQUIRE(boxes[v].lo[2] <= x.z - origin.z); REQUIRE(boxes[v].hi[2] >= x.z - origin.z);
-        }
-      CHECK(search.update(s, from, to, 1e-4) == CandidateSearch::Change::none);
     }
-    CHECK(grown > 20);
-    for (dvec3 &x : target) x.x += 0.1;   // everything leaves: all pairs anew
-    to.assign(target);
-    REQUIRE(search.update(s, from, to, 0) == CandidateSearch::Change::renewed);
-    const Lists expected = brute_force(s), found = sorted(s);
-    CHECK(found.vertex_face == expected.vertex_face);
-    CHECK(found.edge_edge == expected.edge_edge);
-  }
 }
 
 TEST_CASE("rooms are no more than the distances until the prediction; pairs with room are no contacts, all others are looked at", "[candidates]")

@@ -111,7 +111,9 @@ Scene with(std::vector<Mesh> cloths, std::vector<Mesh> obstacles, bool self = tr
   s.contact.thickness = 4e-3;
   s.contact.self = self;
   for (std::size_t i = 0; i < cloths.size(); ++i) s.cloths.push_back(meshes::cloth(std::move(cloths[i]), meshes::cotton(), "cloth" + std::to_string(i)));
-  for (std::size_t i = 0; i < obstacles.size(); ++i) s.obstacles.push_back(meshes::obstacle(std::move(obstacles[i]), {}, "obstacle" + std::to_string(i)));
+  Motion moving;   // the tests move everything themselves
+  moving.velocity = {1, 0, 0};
+  for (std::size_t i = 0; i < obstacles.size(); ++i) s.obstacles.push_back(meshes::obstacle(std::move(obstacles[i]), moving, "obstacle" + std::to_string(i)));
   return s;
 }
 

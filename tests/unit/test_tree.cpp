@@ -80,8 +80,6 @@ Found query(const Scene &s, int self, int slots, int batch, bool both)
   const auto face_tree = build_tree(s.face, face_box, vertex_box, bounds, both);
   const auto edge_tree = build_tree(s.edge, edge_box, vertex_box, bounds, both);
 
-  std::vector<int> leaf(edges);
-  std::iota(leaf.begin(), leaf.end(), 0);
   std::vector<int> order(vertices);
   std::iota(order.rbegin(), order.rend(), 0);
   // Vertices, then edges, in one list of items.
@@ -90,8 +88,9 @@ Found query(const Scene &s, int self, int slots, int batch, bool both)
   query_vertex_face_count((vertices + batch - 1) / batch, vertices, batch, order.data(), vertex_box.data(), faces, face_tree.order.data(),
                           face_tree.leaf.data(), face_tree.group.data(), s.cloth_vertices, self, QUERY_ALL, nullptr, nullptr, slots, 0,
                           slot.data(), count.data());
-  query_edge_edge_count((edges + batch - 1) / batch, edges, batch, leaf.data(), edges, edge_tree.order.data(), edge_tree.leaf.data(),
-                        edge_tree.group.data(), s.cloth_vertices, self, QUERY_ALL, nullptr, nullptr, slots, vertices, slot.data(), count.data());
+  query_edge_edge_count((edges + batch - 1) / batch, edges, batch, edge_tree.order.data(), edge_tree.leaf.data(), vertex_box.data(), edges,
+                        edge_tree.order.data(), edge_tree.leaf.data(), edge_tree.group.data(), s.cloth_vertices, self, QUERY_ALL, nullptr,
+                        nullptr, slots, vertices, slot.data(), count.data());
   std::partial_sum(count.begin(), count.end(), offset.begin() + 1);
   pair totals;
   scan_totals(1, vertices, items, offset.data(), &totals);
@@ -101,8 +100,9 @@ Found query(const Scene &s, int self, int slots, int batch, bool both)
   query_vertex_face_fill(vertices, order.data(), vertex_box.data(), faces, face_tree.order.data(), face_tree.leaf.data(), face_tree.group.data(),
                          s.cloth_vertices, self, QUERY_ALL, nullptr, slots, 0, slot.data(), count.data(), offset.data(), first, vf.data(),
                          vf_known.data());
-  query_edge_edge_fill(edges, leaf.data(), edges, edge_tree.order.data(), edge_tree.leaf.data(), edge_tree.group.data(), s.cloth_vertices, self,
-                       QUERY_ALL, nullptr, nullptr, slots, vertices, slot.data(), count.data(), offset.data(), first, ee.data(), ee_known.data());
+  query_edge_edge_fill(edges, edge_tree.order.data(), edge_tree.leaf.data(), vertex_box.data(), edges, edge_tree.order.data(),
+                       edge_tree.leaf.data(), edge_tree.group.data(), s.cloth_vertices, self, QUERY_ALL, nullptr, nullptr, slots, vertices,
+                       slot.data(), count.data(), offset.data(), first - totals.a, ee.data(), ee_known.data());
   Found found;
   for (int i = 0; i < first; ++i) REQUIRE((vf_known[i] == 7 && ee_known[i] == 7));
   for (std::size_t i = first; i < vf.size(); ++i) { REQUIRE(vf_known[i] == 0); found.vertex_face.push_back({vf[i].a, vf[i].b}); }

@@ -8,8 +8,9 @@
 
 namespace cama {
 namespace {
-constexpr int slots = 24;             // hits kept by the count pass
+constexpr int most_slots = 24;        // hits of an item kept by the count pass
 constexpr int searches_per_sort = 16; // leaf order is kept between sorts; boxes are always fresh
+constexpr int sorts_per_placing = 64; // what boxes are relative to is kept between placings of obstacles at rest
 constexpr int morton_bits = 63;
 constexpr double most_changed = 0.3;  // of the vertices: beyond, a full search costs less
 }  // namespace
@@ -47,8 +48,8 @@ void CandidateSearch::find_directions(State &state, const Stream<dvec3> &from, i
 }
 
 TreeSearch::TreeSearch(Backend &b)
-    : CandidateSearch(b), batch_(b.processor() ? GROUP : 1), key_(b), slot_(b), count_(b), offset_(b), identity_(b), asking_(b),
-      leaf_face_(b), changed_leaf_face_(b), leaf_edge_(b), totals_(b, 1), changed_(b), flag_(b), offsets_(b), changed_vertex_(b),
+    : CandidateSearch(b), batch_(b.processor() ? GROUP : 1), cloth_(b), moving_(b), still_(b), key_(b), slot_(b), count_(b), offset_(b),
+      identity_(b), changed_leaf_face_(b), changed_leaf_edge_(b), totals_(b, 1), changed_(b), flag_(b), offsets_(b), changed_vertex_(b),
       changed_face_(b), changed_edge_(b), before_(b), changed_groups_(b)
 {}
 
@@ -80,62 +81,128 @@ void TreeSearch::build_faces(State &state, int leaves, const Stream<kernels::fac
   build_levels(*state.backend, leaves, tree);
 }
 
-void TreeSearch::build_trees(State &state)
+/// Which features are of which group. What only cloth meeting cloth needs is left out where nothing does.
+void TreeSearch::find_groups(State &state)
 {
-  if (state.faces) build_faces(state, state.faces, leaf_face_, state.face_groups);
-  if (state.edges == 0) return;
-  state.edge_groups.resize(kernels::group_tree_size(state.edges));
-  CAMA_LAUNCH(*state.backend, edge_groups, kernels::group_level_size(state.edges, 0), state.edges, leaf_edge_, state.vertex_box, state.edge_groups);
-  build_levels(*state.backend, state.edges, state.edge_groups);
+  Backend &b = *state.backend;
+  const auto group_of = [&](int v) { return v < state.cloth_vertices ? 0 : 1 + state.object_still[static_cast<std::size_t>(state.object_of(v))]; };
+  Group *group[3] = {&cloth_, &moving_, &still_};
+  std::vector<int> face[3], edge[3], asking[3];
+  const auto faces = state.face.download();
+  const auto edges = state.edge.download();
+  for (std::size_t f = 0; f < faces.size(); ++f) face[group_of(faces[f].node[0])].push_back(static_cast<int>(f));
+  for (std::size_t e = 0; e < edges.size(); ++e) edge[group_of(edges[e].node[0])].push_back(static_cast<int>(e));
+  for (int v : state.asking.download()) asking[group_of(v)].push_back(v);
+  self_ = state.contact_settings.self;
+  if (!self_ && asking[1].empty() && asking[2].empty()) face[0].clear();
+  if (!self_ && edge[1].empty() && edge[2].empty()) edge[0].clear();
+  boxed_ = state.cloth_vertices;
+  for (std::size_t o = 0; o < state.object_still.size(); ++o)
+    if (!state.object_still[o]) boxed_ = o + 1 < state.object_first.size() ? state.object_first[o + 1] : state.vertices;
+  FeatureTrees *trees[3] = {&state.cloth_trees, &state.moving_trees, &state.still_trees};
+  for (int k = 0; k < 3; ++k) {
+    Group &g = *group[k];
+    g.face.assign(face[k]);
+    g.edge.assign(edge[k]);
+    g.asking.assign(asking[k]);
+    g.trees = trees[k];
+    if (g.face.size() && !g.trees->face_order.backend()) {
+      g.trees->face_order = Stream<int>(b);
+      g.trees->face_groups = Stream<kernels::box_group>(b);
+    }
+    if (g.edge.size() && !g.trees->edge_order.backend()) {
+      g.trees->edge_order = Stream<int>(b);
+      g.trees->edge_groups = Stream<kernels::box_group>(b);
+    }
+  }
+  if (still_.face.size() && !state.origin.backend()) state.origin = Stream<dvec3>(b);
+  std::vector<int> identity(static_cast<std::size_t>(state.vertices));
+  std::iota(identity.begin(), identity.end(), 0);
+  identity_.assign(identity);
+  changed_.resize(state.vertices);
+  before_.resize(state.vertices);
+  found_ = true;
+}
+
+void TreeSearch::build_trees(State &state, Group &g, bool faces, bool edges)
+{
+  Backend &b = *state.backend;
+  if (faces && g.face.size()) build_faces(state, g.face.size(), g.leaf_face, g.trees->face_groups);
+  const int leaves = g.edge.size();
+  if (!edges || leaves == 0) return;
+  g.trees->edge_groups.resize(kernels::group_tree_size(leaves));
+  CAMA_LAUNCH(b, edge_groups, kernels::group_level_size(leaves, 0), leaves, g.leaf_edge, state.vertex_box, g.trees->edge_groups);
+  build_levels(b, leaves, g.trees->edge_groups);
 }
 
 /// Faces, edges and vertices along the Morton curve.
-void TreeSearch::sort_features(State &state)
+void TreeSearch::sort_features(State &state, Group &g)
 {
   Backend &b = *state.backend;
-  const int asking = state.asking.size();
-  key_.resize(std::max({state.faces, state.edges, asking}));
-  state.face_order.resize(state.faces);
-  state.edge_order.resize(state.edges);
-  asking_.resize(asking);
-  leaf_face_.resize(state.faces);
-  leaf_edge_.resize(state.edges);
-  CAMA_LAUNCH(b, face_boxes, state.faces, state.face, state.vertex_box, state.face_box);
-  CAMA_LAUNCH(b, morton_codes, state.faces, state.face_box, state.bounds, key_, state.face_order);
-  b.sort(key_.buffer(), state.face_order.buffer(), state.faces, morton_bits);
-  CAMA_LAUNCH(b, order_faces, state.faces, state.face_order, state.face, leaf_face_);
-  CAMA_LAUNCH(b, edge_boxes, state.edges, state.edge, state.vertex_box, state.edge_box);
-  CAMA_LAUNCH(b, morton_codes, state.edges, state.edge_box, state.bounds, key_, state.edge_order);
-  b.sort(key_.buffer(), state.edge_order.buffer(), state.edges, morton_bits);
-  CAMA_LAUNCH(b, order_edges, state.edges, state.edge_order, state.edge, leaf_edge_);
-  CAMA_LAUNCH(b, morton_codes_of, asking, state.asking, state.vertex_box, state.bounds, key_, asking_);
-  b.sort(key_.buffer(), asking_.buffer(), asking, morton_bits);
+  const int faces = g.face.size(), edges = g.edge.size(), asking = g.asking.size();
+  const Stream<dvec3> &origin = state.box_origin();
+  key_.resize(std::max({faces, edges, asking}));
+  if (faces) {
+    g.trees->face_order.resize(faces);
+    g.leaf_face.resize(faces);
+    CAMA_LAUNCH(b, codes_of_faces, faces, g.face, state.face, state.vertex_box, state.bounds, origin, key_, g.trees->face_order);
+    b.sort(key_.buffer(), g.trees->face_order.buffer(), faces, morton_bits);
+    CAMA_LAUNCH(b, order_faces, faces, g.trees->face_order, state.face, g.leaf_face);
+  }
+  if (edges) {
+    g.trees->edge_order.resize(edges);
+    g.leaf_edge.resize(edges);
+    CAMA_LAUNCH(b, codes_of_edges, edges, g.edge, state.edge, state.vertex_box, state.bounds, origin, key_, g.trees->edge_order);
+    b.sort(key_.buffer(), g.trees->edge_order.buffer(), edges, morton_bits);
+    CAMA_LAUNCH(b, order_edges, edges, g.trees->edge_order, state.edge, g.leaf_edge);
+  }
+  if (asking) {
+    g.asking_order.resize(asking);
+    CAMA_LAUNCH(b, codes_of_vertices, asking, g.asking, state.vertex_box, state.bounds, origin, key_, g.asking_order);
+    b.sort(key_.buffer(), g.asking_order.buffer(), asking, morton_bits);
+  }
 }
 
-/// Counts and then fills in the candidates of vertices and edges that ask, behind those that the lists have: one wait for both.
-void TreeSearch::query(State &state, const std::vector<FaceQuery> &faces, int edge_mode, const Stream<int> &leaves)
+/// Boxes and trees of obstacles at rest.
+void TreeSearch::place_still(State &state, const Stream<dvec3> &from, const Stream<dvec3> &to)
+{
+  sorts_since_placed_ = 0;   // stays so if anything below throws
+  state.origin.copy_from(state.bounds);
+  CAMA_LAUNCH(*state.backend, vertex_boxes, state.vertices, from, to, state.margin, state.origin, state.vertex_box);
+  sort_features(state, still_);
+  build_trees(state, still_, true, true);
+}
+
+/// Counts and then fills in the candidates of vertices and edges that ask, behind those that the lists have: one wait for all.
+void TreeSearch::query(State &state, const std::vector<FaceQuery> &faces, const std::vector<EdgeQuery> &edges)
 {
   Backend &b = *state.backend;
-  const int self = state.contact_settings.self ? 1 : 0;
-  int vertex_items = 0;
+  const int self = self_ ? 1 : 0;
+  int vertex_items = 0, edge_items = 0;
   for (const FaceQuery &q : faces) vertex_items += q.items->size();
-  const int edge_items = leaves.size(), items = vertex_items + edge_items;
+  for (const EdgeQuery &q : edges) edge_items += q.items->size();
+  const int items = vertex_items + edge_items;
   ++state.report.searches;
   if (items == 0) return;
+  const int slots = std::min(most_slots, 0x7fffffff / items);
   slot_.resize(slots * items);
   count_.resize(items);
   offset_.resize(items + 1);
-  const auto batches = [&](int n, int batch) { return (n + batch - 1) / batch; };
+  const auto batch_of = [&](int mode) { return mode == QUERY_CHANGED ? 1 : batch_; };
   int at = 0;
   for (const FaceQuery &q : faces) {
-    const int batch = q.mode == QUERY_CHANGED ? 1 : batch_, n = q.items->size();
-    CAMA_LAUNCH(b, query_vertex_face_count, batches(n, batch), n, batch, *q.items, state.vertex_box, q.leaves, *q.order, *q.leaf_face, *q.tree,
-                state.cloth_vertices, self, q.mode, changed_, before_, slots, at, slot_, count_);
+    const int n = q.items->size(), batch = batch_of(q.mode);
+    CAMA_LAUNCH(b, query_vertex_face_count, (n + batch - 1) / batch, n, batch, *q.items, state.vertex_box, q.leaves, *q.order, *q.leaf_face,
+                *q.tree, state.cloth_vertices, self, q.mode, changed_, before_, slots, at, slot_, count_);
     at += n;
   }
-  const int edge_batch = edge_mode == QUERY_CHANGED ? 1 : batch_;
-  CAMA_LAUNCH(b, query_edge_edge_count, batches(edge_items, edge_batch), edge_items, edge_batch, leaves, state.edges, state.edge_order, leaf_edge_,
-              state.edge_groups, state.cloth_vertices, self, edge_mode, changed_, before_, slots, vertex_items, slot_, count_);
+  for (const EdgeQuery &q : edges) {
+    const int n = q.items->size(), batch = batch_of(q.mode);
+    CAMA_LAUNCH(b, query_edge_edge_count, (n + batch - 1) / batch, n, batch, *q.items, *q.item_edge, state.vertex_box, q.group->edge.size(),
+                q.group->trees->edge_order, q.group->leaf_edge, q.group->trees->edge_groups, state.cloth_vertices, self, q.mode, changed_,
+                before_, slots, at, slot_, count_);
+    at += n;
+  }
   b.scan(count_.buffer(), offset_.buffer(), items);
   CAMA_LAUNCH(b, scan_totals, 1, vertex_items, items, offset_, totals_);
   const kernels::pair found = totals_.at(0);
@@ -154,8 +221,13 @@ void TreeSearch::query(State &state, const std::vector<FaceQuery> &faces, int ed
                 q.mode, before_, slots, at, slot_, count_, offset_, first_face, state.vertex_face.pairs, state.vertex_face.known);
     at += n;
   }
-  CAMA_LAUNCH(b, query_edge_edge_fill, edge_items, leaves, state.edges, state.edge_order, leaf_edge_, state.edge_groups, state.cloth_vertices, self,
-              edge_mode, changed_, before_, slots, vertex_items, slot_, count_, offset_, first_edge, state.edge_edge.pairs, state.edge_edge.known);
+  for (const EdgeQuery &q : edges) {
+    const int n = q.items->size();
+    CAMA_LAUNCH(b, query_edge_edge_fill, n, *q.items, *q.item_edge, state.vertex_box, q.group->edge.size(), q.group->trees->edge_order,
+                q.group->leaf_edge, q.group->trees->edge_groups, state.cloth_vertices, self, q.mode, changed_, before_, slots, at, slot_, count_,
+                offset_, first_edge - found.a, state.edge_edge.pairs, state.edge_edge.known);
+    at += n;
+  }
   drop_exempt(state, 0, first_face);
   drop_exempt(state, 1, first_edge);
   state.report.candidates = state.vertex_face.pairs.size() + state.edge_edge.pairs.size();
@@ -166,28 +238,41 @@ void TreeSearch::run(State &state, const Stream<dvec3> &from, const Stream<dvec3
   Backend &b = *state.backend;
   const bool sort = searches_since_sort_ == 0 || searches_since_sort_ >= searches_per_sort;
   if (sort) searches_since_sort_ = 0;   // stays so if anything below throws
-  if (before_.size() == 0) {   // the last to be made
-    std::vector<int> identity(static_cast<std::size_t>(std::max(state.vertices, state.edges)));
-    std::iota(identity.begin(), identity.end(), 0);
-    identity_.assign(identity);
-    changed_.resize(state.vertices);
-    before_.resize(state.vertices);
-  }
+  if (!found_) find_groups(state);
   find_bounds(state, from, to);
-  CAMA_LAUNCH(b, vertex_boxes, state.vertices, from, to, state.margin, state.bounds, state.vertex_box);
-  if (sort) sort_features(state);
-  build_trees(state);
+  const bool still = still_.face.size() > 0;
+  if (still && (sorts_since_placed_ == 0 || (sort && sorts_since_placed_ >= sorts_per_placing)))
+    place_still(state, from, to);
+  else
+    CAMA_LAUNCH(b, vertex_boxes, boxed_, from, to, state.margin, state.box_origin(), state.vertex_box);
+  for (Group *g : {&cloth_, &moving_}) {
+    if (sort) sort_features(state, *g);
+    build_trees(state, *g, true, g == &moving_ || self_);
+  }
   ++searches_since_sort_;
+  if (sort) ++sorts_since_placed_;
   for (PairList *list : {&state.vertex_face, &state.edge_edge}) {
     list->pairs.resize(0);
     list->known.resize(0);
     list->direction.resize(0);
     list->room.resize(0);
   }
-  identity_.resize(state.edges);
   std::vector<FaceQuery> faces;
-  if (state.faces) faces.push_back({QUERY_ALL, &asking_, state.faces, &state.face_order, &leaf_face_, &state.face_groups});
-  query(state, faces, QUERY_ALL, identity_);
+  std::vector<EdgeQuery> edges;
+  const auto ask = [&](const Group &items, const Group &tree) {
+    if (tree.face.size() && items.asking.size())
+      faces.push_back({QUERY_ALL, &items.asking_order, tree.face.size(), &tree.trees->face_order, &tree.leaf_face, &tree.trees->face_groups});
+  };
+  if (self_) {
+    ask(cloth_, cloth_);
+    edges.push_back({QUERY_ALL, &cloth_.trees->edge_order, &cloth_.leaf_edge, &cloth_});
+  }
+  for (const Group *g : {&moving_, &still_}) {
+    ask(*g, cloth_);
+    ask(cloth_, *g);
+    if (g->edge.size()) edges.push_back({QUERY_OTHER, &cloth_.trees->edge_order, &cloth_.leaf_edge, g});
+  }
+  query(state, faces, edges);
 }
 
 CandidateSearch::Change TreeSearch::update(State &state, const Stream<dvec3> &from, const Stream<dvec3> &to, double margin)
@@ -198,7 +283,7 @@ CandidateSearch::Change TreeSearch::update(State &state, const Stream<dvec3> &fr
     find_directions(state, from, 0, 0);
     return Change::renewed;
   }
-  CAMA_LAUNCH(b, grow_boxes, state.vertices, from, to, state.margin, state.bounds, margin, before_, state.vertex_box, changed_);
+  CAMA_LAUNCH(b, grow_boxes, state.vertices, from, to, state.margin, state.box_origin(), margin, before_, state.vertex_box, changed_);
   offsets_.resize(state.vertices + 1);
   b.scan(changed_.buffer(), offsets_.buffer(), state.vertices);
   const int changed = offsets_.at(state.vertices);
@@ -208,33 +293,54 @@ CandidateSearch::Change TreeSearch::update(State &state, const Stream<dvec3> &fr
     find_directions(state, from, 0, 0);
     return Change::renewed;
   }
-  identity_.resize(std::max(state.vertices, state.edges));
   changed_vertex_.resize(changed);
-  CAMA_LAUNCH(b, keep_flagged, state.vertices, 0, offsets_, identity_, changed_vertex_);
-  build_trees(state);
+  CAMA_LAUNCH(b, keep_flagged, state.vertices, 0, 0, offsets_, identity_, changed_vertex_);
 
-  const int features = state.faces + state.edges;
+  // Faces and edges with such vertices; obstacles at rest have none.
+  const Group *const groups[3] = {&cloth_, &moving_, &still_};
+  const int faces_of[2] = {cloth_.face.size(), moving_.face.size()}, edges_of[2] = {cloth_.edge.size(), moving_.edge.size()};
+  const int all_faces = faces_of[0] + faces_of[1], features = all_faces + edges_of[0] + edges_of[1];
+  const bool cloth_edges_asked = self_ || moving_.edge.size() > 0;
+  build_trees(state, cloth_, true, cloth_edges_asked);
+  build_trees(state, moving_, true, true);
   flag_.resize(features);
   offsets_.resize(features + 1);
-  CAMA_LAUNCH(b, changed_faces, state.faces, state.face_order, state.face, changed_, flag_);
-  CAMA_LAUNCH(b, changed_edges, state.edges, state.faces, state.edge_order, state.edge, changed_, flag_);
+  for (int k = 0; k < 2; ++k) {
+    const FeatureTrees &t = *groups[k]->trees;
+    CAMA_LAUNCH(b, changed_faces, faces_of[k], k * faces_of[0], t.face_order, state.face, changed_, flag_);
+    CAMA_LAUNCH(b, changed_edges, edges_of[k], all_faces + k * edges_of[0], t.edge_order, state.edge, changed_, flag_);
+  }
   b.scan(flag_.buffer(), offsets_.buffer(), features);
-  CAMA_LAUNCH(b, scan_totals, 1, state.faces, features, offsets_, totals_);
-  const kernels::pair of = totals_.at(0);   // faces and edges with such vertices
+  CAMA_LAUNCH(b, scan_totals, 1, all_faces, features, offsets_, totals_);
+  const kernels::pair of = totals_.at(0);
   changed_face_.resize(of.a);
   changed_edge_.resize(of.b);
-  CAMA_LAUNCH(b, keep_flagged, of.a ? state.faces : 0, 0, offsets_, state.face_order, changed_face_);
-  CAMA_LAUNCH(b, keep_flagged, of.b ? state.edges : 0, state.faces, offsets_, identity_, changed_edge_);
+  for (int k = 0; k < 2; ++k) {
+    const FeatureTrees &t = *groups[k]->trees;
+    CAMA_LAUNCH(b, keep_flagged, of.a ? faces_of[k] : 0, 0, k * faces_of[0], offsets_, t.face_order, changed_face_);
+    CAMA_LAUNCH(b, keep_flagged, of.b ? edges_of[k] : 0, all_faces, all_faces + k * edges_of[0], offsets_, t.edge_order, changed_edge_);
+  }
   std::vector<FaceQuery> faces;
+  std::vector<EdgeQuery> edges;
   if (of.a) {
     changed_leaf_face_.resize(of.a);
     CAMA_LAUNCH(b, order_faces, of.a, changed_face_, state.face, changed_leaf_face_);
     build_faces(state, of.a, changed_leaf_face_, changed_groups_);
-    faces.push_back({QUERY_UNCHANGED, &asking_, of.a, &changed_face_, &changed_leaf_face_, &changed_groups_});
+    for (const Group *g : groups)
+      if (g->asking.size()) faces.push_back({QUERY_UNCHANGED, &g->asking_order, of.a, &changed_face_, &changed_leaf_face_, &changed_groups_});
   }
-  if (state.faces) faces.push_back({QUERY_CHANGED, &changed_vertex_, state.faces, &state.face_order, &leaf_face_, &state.face_groups});
+  if (of.b) {
+    changed_leaf_edge_.resize(of.b);
+    CAMA_LAUNCH(b, order_edges, of.b, changed_edge_, state.edge, changed_leaf_edge_);
+  }
+  for (const Group *g : groups) {
+    const bool edge_tree = g->edge.size() && (g != &cloth_ || cloth_edges_asked);
+    if (g->face.size())
+      faces.push_back({QUERY_CHANGED, &changed_vertex_, g->face.size(), &g->trees->face_order, &g->leaf_face, &g->trees->face_groups});
+    if (of.b && edge_tree) edges.push_back({QUERY_CHANGED, &changed_edge_, &changed_leaf_edge_, g});
+  }
   const int first_face = state.vertex_face.pairs.size(), first_edge = state.edge_edge.pairs.size();
-  query(state, faces, QUERY_CHANGED, changed_edge_);
+  query(state, faces, edges);
   find_directions(state, from, first_face, first_edge);
   return Change::grown;
 }

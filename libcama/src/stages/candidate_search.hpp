@@ -33,8 +33,10 @@ private:
   Stream<dvec3> corners_, reduced_;
 };
 
-/// The default: vertices ask a tree of faces, edges ask a tree of edges, by count, scan and fill. Localised updates (section 4.1 of the
-/// paper): only features with vertices that left their boxes ask, and only for pairs that did not overlap before.
+/// The default: vertices ask trees of faces, edges ask trees of edges, by count, scan and fill. The cloth, obstacles that move and those
+/// that do not have trees of their own, so that obstacles never meet obstacles, cloth meets cloth only where contact.self is on, and
+/// obstacles at rest are boxed and sorted once in a thousand searches. Localised updates (section 4.1 of the paper): only features with
+/// vertices that left their boxes ask, and only for pairs that did not overlap before.
 class TreeSearch final : public CandidateSearch {
 public:
   explicit TreeSearch(Backend &backend);
@@ -42,6 +44,15 @@ public:
   Change update(State &state, const Stream<dvec3> &from, const Stream<dvec3> &to, double margin) override;
 
 private:
+  /// Features of some objects, under trees of the state.
+  struct Group {
+    explicit Group(Backend &b) : face(b), edge(b), asking(b), asking_order(b), leaf_face(b), leaf_edge(b) {}
+    Stream<int> face, edge, asking;          // by number; vertices that are tested against faces
+    Stream<int> asking_order;                // along the curve
+    Stream<kernels::face_nodes> leaf_face;
+    Stream<kernels::edge_nodes> leaf_edge;
+    FeatureTrees *trees = nullptr;
+  };
   /// Vertices that ask the tree of some faces.
   struct FaceQuery {
     int mode;
@@ -51,23 +62,35 @@ private:
     const Stream<kernels::face_nodes> *leaf_face;
     const Stream<kernels::box_group> *tree;
   };
-  void sort_features(State &state);
-  void build_trees(State &state);
+  /// Edges that ask the tree of some edges.
+  struct EdgeQuery {
+    int mode;
+    const Stream<int> *items;
+    const Stream<kernels::edge_nodes> *item_edge;
+    const Group *group;
+  };
+  void find_groups(State &state);
+  void sort_features(State &state, Group &group);
+  void build_trees(State &state, Group &group, bool faces, bool edges);
   void build_faces(State &state, int leaves, const Stream<kernels::face_nodes> &leaf_face, Stream<kernels::box_group> &tree);
+  void place_still(State &state, const Stream<dvec3> &from, const Stream<dvec3> &to);
   static void build_levels(Backend &backend, int leaves, Stream<kernels::box_group> &tree);
-  void query(State &state, const std::vector<FaceQuery> &faces, int edge_mode, const Stream<int> &leaves);
+  void query(State &state, const std::vector<FaceQuery> &faces, const std::vector<EdgeQuery> &edges);
 
   const int batch_;   // items that walk a tree together: on processors those of a group; on devices each has its own thread
+  Group cloth_, moving_, still_;   // still_: obstacles that never move
+  int boxed_ = 0;                  // vertices with fresh boxes in every search: the first ones
+  bool self_ = false, found_ = false;
   Stream<key64> key_;
   Stream<int> slot_, count_, offset_;
-  Stream<int> identity_, asking_;   // asking_: along the curve
-  Stream<kernels::face_nodes> leaf_face_, changed_leaf_face_;
-  Stream<kernels::edge_nodes> leaf_edge_;
+  Stream<int> identity_;
+  Stream<kernels::face_nodes> changed_leaf_face_;
+  Stream<kernels::edge_nodes> changed_leaf_edge_;
   Stream<kernels::pair> totals_;
   Stream<int> changed_, flag_, offsets_, changed_vertex_, changed_face_, changed_edge_;
   Stream<kernels::box> before_;
   Stream<kernels::box_group> changed_groups_;
-  int searches_since_sort_ = 0;
+  int searches_since_sort_ = 0, sorts_since_placed_ = 0;
 };
 
 /// The step's search, over the ballistic motion.

@@ -1,12 +1,13 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "launch.hpp"
+#include "setup.hpp"
 #include "stages/matrix_assembly.hpp"
 
 namespace cama {
 
 template <class Real>
 EvaluateElements<Real>::EvaluateElements(const Scene &scene)
-    : windy_(scene.wind.has_value()), air_density_(scene.wind ? scene.wind->density : 0), drag_(scene.wind ? scene.wind->drag : 0)
+    : windy_(has_wind(scene)), air_density_(scene.wind ? scene.wind->density : 0), drag_(scene.wind ? scene.wind->drag : 0)
 {}
 
 template <class Real>
@@ -36,11 +37,14 @@ void EvaluateTerms<Real>::run(State &state)
   state.terms = state.contacts + state.stitches;
   s.term.resize(state.terms);
   state.term_nodes.resize(state.terms);
+  if (state.terms == 0) return;
   CAMA_LAUNCH(b, contact_nodes, state.contacts, state.contact, state.term_nodes);
   CAMA_LAUNCH(b, stitch_nodes, state.stitches, state.stitch, state.contacts, state.term_nodes);
   count_.resize(state.cloth_vertices);
   state.term_incidence.build(b, state.term_nodes, state.terms, count_);
-  if (state.contacts) {
+  if (!state.friction) {
+    CAMA_LAUNCH_REAL(Real, b, make_frictionless_terms, state.contacts, state.contact, dt, s.term);
+  } else if (state.contacts) {
     load_.resize(state.cloth_vertices);
     CAMA_LAUNCH(b, vertex_loads, state.cloth_vertices, state.contacts, state.term_incidence.row, state.term_incidence.entry, state.contact,
                 load_);

@@ -35,6 +35,9 @@ FrontSearch::FrontSearch(State &s)
   key_ = Stream<key64>(b);
   partial_ = Stream<double>(b);
   total_ = Stream<double>(b, 2);
+  s.face_order = Stream<int>(b);
+  s.face_box = Stream<kernels::box>(b, s.faces);
+  s.edge_box = Stream<kernels::box>(b, s.edges);
   s.face_tree = Stream<kernels::box>(b);
   s.obstacle_tree = Stream<kernels::box>(b);
   const int one = s.options.localized_search ? 0 : 1;   // kernels take them, and use them, in localized updates only

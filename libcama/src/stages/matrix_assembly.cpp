@@ -25,8 +25,8 @@ void AssembleMatrix<Real>::algorithm1(State &state, bool with_terms)
   const auto count = [&](int n, const Stream<kernels::element_nodes> &nodes, const Stream<int> &split) {
     CAMA_LAUNCH_REAL(Real, b, count_entries, n, nodes, split, rows, count_);
   };
-  count(state.triangles, state.triangle_nodes, state.triangle_split);
-  count(state.hinges, state.hinge_nodes, state.hinge_split);
+  count(state.triangles, state.triangle_nodes, all_couple_);
+  count(state.hinges, state.hinge_nodes, all_couple_);
   count(terms, state.term_nodes, state.term_split);
   b.scan(count_.buffer(), space_.buffer(), rows);
   index_.resize(space_.at(rows));
@@ -35,8 +35,8 @@ void AssembleMatrix<Real>::algorithm1(State &state, bool with_terms)
   const auto fill = [&](int n, const Stream<kernels::element_nodes> &nodes, const Stream<int> &split) {
     CAMA_LAUNCH_REAL(Real, b, fill_entries, n, nodes, split, rows, space_, cursor_, index_);
   };
-  fill(state.triangles, state.triangle_nodes, state.triangle_split);
-  fill(state.hinges, state.hinge_nodes, state.hinge_split);
+  fill(state.triangles, state.triangle_nodes, all_couple_);
+  fill(state.hinges, state.hinge_nodes, all_couple_);
   fill(terms, state.term_nodes, state.term_split);
   // Removing duplications, lines 11-13; data reduction, lines 15-16.
   CAMA_LAUNCH_REAL(Real, b, remove_duplicates, rows, space_, index_, count_);
@@ -56,8 +56,8 @@ void AssembleMatrix<Real>::locate(State &state, bool with_terms)
     if (i.entry.size())
       CAMA_LAUNCH_REAL(Real, b, locate_slots, state.cloth_vertices, i.row, i.entry, nodes, split, m.row, m.column, slot);
   };
-  slots(state.triangle_incidence, state.triangle_nodes, state.triangle_split, triangle_slot_);
-  if (state.hinges) slots(state.hinge_incidence, state.hinge_nodes, state.hinge_split, hinge_slot_);
+  slots(state.triangle_incidence, state.triangle_nodes, all_couple_, triangle_slot_);
+  if (state.hinges) slots(state.hinge_incidence, state.hinge_nodes, all_couple_, hinge_slot_);
   if (with_terms && state.terms) slots(state.term_incidence, state.term_nodes, state.term_split, term_slot_);
 }
 
@@ -131,8 +131,8 @@ void AssembleMatrix<Real>::sorted(State &state)
   const auto collect = [&](int count, const Stream<kernels::element_nodes> &nodes, const Stream<int> &split, int first) {
     CAMA_LAUNCH_REAL(Real, b, collect_entries, count, nodes, split, rows, first, key_, entry_);
   };
-  collect(state.triangles, state.triangle_nodes, state.triangle_split, 0);
-  collect(state.hinges, state.hinge_nodes, state.hinge_split, state.triangles);
+  collect(state.triangles, state.triangle_nodes, all_couple_, 0);
+  collect(state.hinges, state.hinge_nodes, all_couple_, state.triangles);
   collect(state.terms, state.term_nodes, state.term_split, state.triangles + state.hinges);
   CAMA_LAUNCH_REAL(Real, b, collect_diagonal, rows, 16 * elements, key_, entry_);
   b.sort(key_.buffer(), entry_.buffer(), n, 62);
@@ -150,12 +150,11 @@ template <class Real>
 void AssembleMatrix<Real>::run(State &state)
 {
   const Options &options = state.options;
-  if (options.assembly != Assembly::gather) {
+  if (options.contact_form == ContactForm::star && state.terms) {
     // Sides of terms: the star couples across sides only; vertex-face terms split after one node, edge-edge terms after two.
     state.term_split.resize(state.terms);
-    CAMA_LAUNCH(*state.backend, set_int, state.terms, 0, 0, state.term_split);
-    if (options.contact_form == ContactForm::star)
-      CAMA_LAUNCH(*state.backend, contact_splits, state.contacts, state.contact, state.term_split);
+    CAMA_LAUNCH(*state.backend, set_int, state.stitches, state.contacts, 0, state.term_split);
+    CAMA_LAUNCH(*state.backend, contact_splits, state.contacts, state.contact, state.term_split);
   }
   if (options.assembly == Assembly::sorted) {
     sorted(state);

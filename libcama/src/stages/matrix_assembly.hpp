@@ -25,7 +25,7 @@ public:
   void run(State &state) override;
 
 private:
-  Stream<dvec3> free_velocity_;
+  Stream<dvec3> free_velocity_;         // with friction
   Stream<double> load_;
   Stream<int> count_;
 };
@@ -47,6 +47,7 @@ private:
   void scatter(State &state);
 
   bool pattern_ready_ = false;
+  const Stream<int> all_couple_;        // none: all nodes of a triangle, or hinge, couple
   Stream<int> count_, space_, cursor_, index_, triangle_slot_, hinge_slot_, term_slot_;
   Stream<int> source_start_, source_;   // elements of every block of the static pattern
   Stream<key64> key_;

@@ -28,7 +28,7 @@ int chunks(int n) { return (n + DOT_CHUNK - 1) / DOT_CHUNK; }
 
 ImpactProjection::ImpactProjection(Backend &b)
     : nodes_(b), count_(b), active_(b), dropped_(b, 1), moved_(b), constraint_(b), diagonal_(b), majorant_(b), lambda_(b), r_(b), z_(b), p_(b), q_(b),
-      partial_(b), scalar_(b, SCALAR_COUNT), y_(b), wanted_(b), longest_(b), longer_(b), largest_(b)
+      partial_(b), scalar_(b, SCALAR_COUNT), y_(b), wanted_(b), length_(b), longest_(b), longer_(b), largest_(b)
 {}
 
 void ImpactProjection::spread(State &state, const Stream<double> &lambda)
@@ -99,18 +99,14 @@ void ImpactProjection::solve_pushing(State &state)
 void ImpactProjection::start(State &state, const Stream<dvec3> &from, const Stream<dvec3> &wanted)
 {
   Backend &b = *state.backend;
-  const int first = std::min(state.vertices, 4096), second = std::min(first, 64);
   if (largest_.size() == 0) {   // the last to be made
     moved_.resize(state.vertices);
     moved_.fill_zero();
-    longest_.resize(first);
-    longer_.resize(second);
+    length_.resize(state.vertices);
     largest_.resize(1);
   }
   wanted_.copy_from(wanted);
-  CAMA_LAUNCH(b, longest_motions, first, state.vertices, from, wanted, longest_);
-  CAMA_LAUNCH(b, largest_of, second, first, longest_, longer_);
-  CAMA_LAUNCH(b, largest_of, 1, second, longer_, largest_);
+  CAMA_LAUNCH(b, motion_lengths, state.vertices, from, wanted, length_);
 }
 
 void ImpactProjection::run(State &state, Stream<dvec3> &positions, double slack)
@@ -130,6 +126,12 @@ void ImpactProjection::run(State &state, Stream<dvec3> &positions, double slack)
               diagonal_, majorant_, active_);
   if (state.options.linear_impacts) solve_linear_system(state); else solve_pushing(state);
   spread(state, lambda_);
+  const int first = std::clamp(n, 1, 4096), second = std::min(first, 64);
+  longest_.resize(first);
+  longer_.resize(second);
+  CAMA_LAUNCH(b, longest_motions, first, n, state.impact, length_, longest_);
+  CAMA_LAUNCH(b, largest_of, second, first, longest_, longer_);
+  CAMA_LAUNCH(b, largest_of, 1, second, longer_, largest_);
   CAMA_LAUNCH(b, apply_impulses, state.cloth_vertices, slack, largest_, wanted_, y_, positions, moved_);
 }
 
@@ -147,7 +149,7 @@ PenetrationHandling::Look PenetrationHandling::look(State &state, bool first_pie
   flagged_.resize(state);
   strayed_.resize(state.vertices);
   look_.fill_zero();
-  CAMA_LAUNCH(b, find_strayed, state.vertices, from_, state.position_next, state.predicted, state.vertex_box, state.bounds,
+  CAMA_LAUNCH(b, find_strayed, state.vertices, from_, state.position_next, state.predicted, state.vertex_box, state.box_origin(),
               certified_ * state.largest_thickness, strayed_, look_);
   CAMA_LAUNCH(b, find_impacts, flagged_.flag.size(), first, state.options.cubic_impacts ? 1 : 0, localized ? 1 : 0, vertex_face.pairs,
               edge_edge.pairs, state.face, state.edge, from_, state.position_next, state.inverse_mass, state.vertex_contact, certified_,

@@ -18,7 +18,7 @@ public:
   /// Before the first run of a step: where the solve wants the vertices, and from where.
   void start(State &state, const Stream<dvec3> &from, const Stream<dvec3> &wanted);
   /// Moves `positions` so that every impact of the state ends apart by its target at least. slack: m, how much
-  /// further than twice the longest motion a vertex may go from where it was wanted.
+  /// further than twice the longest motion of what is hit a vertex may go from where it was wanted.
   void run(State &state, Stream<dvec3> &positions, double slack);
   /// [vertices] 1: moved by the last run.
   const Stream<int> &moved() const { return moved_; }
@@ -34,7 +34,7 @@ private:
   Stream<int> count_, active_, dropped_, moved_;
   Stream<double> constraint_, diagonal_, majorant_, lambda_, r_, z_, p_, q_, partial_, scalar_;
   Stream<dvec3> y_, wanted_;
-  Stream<double> longest_, longer_, largest_;
+  Stream<double> length_, longest_, longer_, largest_;   // of motions: by vertex; the longest of what is hit
 };
 
 /// Continuous detection, projection of impacts, repeated; then the certified commit. Moving obstacles that would run over cloth

@@ -83,7 +83,7 @@ void PrescribedMotion::release_due(State &state, double time)
   const auto due = [time](const auto &p) { return !p.released && p.release <= time; };
   if (std::none_of(handles_.begin(), handles_.end(), due) && std::none_of(attached_.begin(), attached_.end(), due)) return;
   std::vector<int> fixed = state.fixed.download();
-  std::vector<double> inverse_mass = state.inverse_mass.download();
+  std::vector<double> inverse_mass = state.inverse_mass.download();   // empty without contact
   const std::vector<double> mass = state.system64 ? state.system64->mass.download() : [&] {
     const std::vector<float> single = state.system32->mass.download();
     return std::vector<double>(single.begin(), single.end());
@@ -91,7 +91,10 @@ void PrescribedMotion::release_due(State &state, double time)
   const auto let_go = [&](const auto &list) {
     for (const auto &p : list)
       if (due(p))
-        for (int v : p.vertices) { fixed[v] = 0; inverse_mass[v] = 1 / mass[v]; }
+        for (int v : p.vertices) {
+          fixed[v] = 0;
+          if (!inverse_mass.empty()) inverse_mass[v] = 1 / mass[v];
+        }
   };
   let_go(handles_);
   let_go(attached_);
@@ -104,7 +107,7 @@ void PrescribedMotion::release_due(State &state, double time)
   // Nothing grows from here on: all of it is done, or, where memory ran out above, nothing.
   attachments_.assign(kept);
   state.fixed.assign(fixed);
-  state.inverse_mass.assign(inverse_mass);
+  if (!inverse_mass.empty()) state.inverse_mass.assign(inverse_mass);
   ++state.releases;
   for (Handle &h : handles_) h.released |= due(h);
   attached_.erase(std::remove_if(attached_.begin(), attached_.end(), due), attached_.end());

@@ -1,0 +1,547 @@
+// SPDX-License-Identifier: Apache-2.0
+// Only what the scene requires: what a term brings, in streams, stages, kernels and matrix blocks, and that a scene without it has none
+// of that. What is expected is written from the table in docs/terms.md, not read off the program.
+#include "../catch.hpp"
+
+#include <algorithm>
+#include <cstring>
+#include <functional>
+#include <map>
+#include <set>
+
+#include "../backends.hpp"
+#include "../engine.hpp"
+#include "../meshes.hpp"
+#include "../recorder.hpp"
+
+using namespace cama;
+
+namespace {
+
+using Names = std::set<std::string>;
+using Kernels = std::map<std::string, int>;   // launches of one step
+
+Names operator+(Names a, const Names &b)
+{
+  a.insert(b.begin(), b.end());
+  return a;
+}
+Kernels operator+(Kernels a, const Kernels &b)
+{
+  for (const auto &[name, n] : b) a[name] += n;
+  return a;
+}
+
+constexpr int columns = 6, rows = 5, vertices = 42, edges = 101, inner_edges = 79;   // 60 triangles: V - E + F = 1; 22 edges of the border
+
+/// A grid whose cells are all split along the same diagonal: six triangles around every inner vertex, and no two hinges with the same ends.
+Mesh grid(int columns, int rows, double width, double height, double x = 0, double y = 0, double z = 0)
+{
+  Mesh m = meshes::grid(columns, rows, width, height, x, y, z);
+  for (std::size_t f = 0; f < m.face.size(); f += 2) {
+    const int a = *std::min_element(m.face[f].begin(), m.face[f].end()), b = a + 1, c = a + columns + 1, d = c + 1;
+    m.face[f] = {a, b, d};
+    m.face[f + 1] = {a, d, c};
+  }
+  return m;
+}
+
+/// A sheet that falls: elasticity and gravity, no bending, no contact.
+Scene bare()
+{
+  Scene s;
+  s.contact.enabled = false;
+  s.contact.self = false;
+  s.contact.friction = 0;
+  s.cloths.push_back(meshes::cloth(grid(columns, rows, 0.3, 0.25), Material::isotropic(100, 0.3, 0, 0.1)));
+  return s;
+}
+
+Material tabulated(bool bending)
+{
+  Material m = Material::isotropic(100, 0.3, bending ? 1e-5 : 0, 0.1);
+  for (std::size_t row = 1; row < m.stretching.size(); ++row) m.stretching[row][0] *= 1 + 0.1 * static_cast<double>(row);
+  return m;
+}
+
+/// What a scene has after some steps, and what one more step launches.
+struct Inventory {
+  Names streams;                           // of more than no bytes
+  std::vector<std::string> stages;
+  std::map<std::string, Kernels> kernels;  // by stage
+  int blocks = 0, contacts = 0;
+};
+
+Inventory take(const Scene &scene, const Options &options, int steps = 3)
+{
+  auto recorder = std::make_unique<Recorder>(make_backend("cpu", 0, 1));
+  Recorder &counts = *recorder;
+  Engine engine(scene, options, std::move(recorder));
+  for (int i = 0; i < steps; ++i) engine.step();
+  Inventory found;
+  engine.begin_step();
+  for (Stage *stage : engine.leaves()) {
+    counts.launches.clear();
+    stage->run(engine.state);
+    found.stages.emplace_back(stage->name());
+    found.kernels[found.stages.back()] = counts.launches;
+  }
+  engine.state.visit([&](const char *name, auto &stream) {
+    if (stream.bytes()) found.streams.insert(name);
+  });
+  found.blocks = engine.state.system64 ? engine.state.system64->matrix.column.size() : engine.state.system32->matrix.column.size();
+  found.contacts = engine.state.contacts;
+  return found;
+}
+
+/// Every kernel of the step but those of the linear solve, which test_required names only where they are a term's.
+Kernels outside_the_solve(const Inventory &i)
+{
+  Kernels all;
+  for (const auto &[stage, kernels] : i.kernels)
+    if (stage != "linear solve") all = all + kernels;
+  return all;
+}
+
+bool launched(const Inventory &i, const std::string &kernel)
+{
+  return std::any_of(i.kernels.begin(), i.kernels.end(), [&](const auto &stage) { return stage.second.count(kernel) > 0; });
+}
+
+const Names elastic_streams = {"position", "velocity", "position_next", "velocity_next", "fixed", "gravity", "mass",
+                               "triangle_nodes", "triangle_incidence.row", "triangle_incidence.entry", "triangle_rest", "triangle_factor",
+                               "triangle_force", "material_scale", "stretching_table", "stretching_start",
+                               "force", "row", "column", "block", "right_side", "solution"};
+const Names hinge_streams = {"hinge_nodes", "hinge_incidence.row", "hinge_incidence.entry", "hinge_rest", "hinge_factor", "hinge_force",
+                             "bending_table"};
+const Names term_streams = {"term", "term_nodes", "term_incidence.row", "term_incidence.entry"};
+const Names contact_streams = {"predicted", "inverse_mass", "face", "asking", "vertex_contact", "margin", "bounds", "vertex_box"};
+const Names face_pair_streams = {"vertex_face.pairs", "vertex_face.known", "vertex_face.direction", "vertex_face.room"};
+const Names edge_pair_streams = {"edge_edge.pairs", "edge_edge.known", "edge_edge.direction", "edge_edge.room"};
+
+const Kernels elastic_kernels = {{"evaluate_triangles", 1}, {"gather_forces", 1}, {"gather_blocks", 1}, {"advance", 1}, {"find_nonfinite", 1}};
+/// A list of elements, vertex by vertex: count, scan, fill, sort.
+const Kernels incidence_kernels = {{"set_int", 2}, {"count_incidence", 1}, {"scan", 1}, {"fill_incidence", 1}, {"sort_rows", 1}};
+const Names friction_kernels = {"vertex_loads", "free_velocities", "make_contact_terms"};
+const Names solve_kernels_of_terms = {"pack_terms", "term_products", "add_term_products", "add_term_forces", "add_term_diagonal", "term_diagonals"};
+
+const std::vector<std::string> elastic_stages = {"element forces", "matrix assembly", "linear solve", "advance positions", "finish step"};
+const std::vector<std::string> contact_stages = {"candidate search", "contacts", "element forces", "contact terms", "matrix assembly",
+                                                 "linear solve", "advance positions", "penetration handling", "finish step"};
+std::vector<std::string> behind(const std::string &first, std::vector<std::string> stages)
+{
+  stages.insert(stages.begin(), first);
+  return stages;
+}
+
+/// The bare sheet just above something: in contact from the first step on.
+Scene on(Obstacle obstacle, const Motion &motion = {})
+{
+  Scene s = bare();
+  s.contact.enabled = true;
+  s.contact.thickness = 4e-3;
+  obstacle.name = "ground";
+  obstacle.motion = motion;
+  obstacle.friction = 0;
+  s.obstacles.push_back(std::move(obstacle));
+  return s;
+}
+
+Obstacle plane() { return exact_plane({0, 0, -2e-3}, {0, 0, 1}); }
+Obstacle ball() { return exact_sphere({0.15, 0.125, -0.102}, 0.1); }
+Obstacle table() { return meshes::obstacle(meshes::grid(3, 3, 0.5, 0.5, -0.1, -0.1, -2e-3)); }
+Motion rising()
+{
+  Motion m;
+  m.velocity = {0, 0, 0.01};
+  return m;
+}
+
+}  // namespace
+
+TEST_CASE("a sheet that falls has elasticity and nothing else", "[required]")
+{
+  for (const char *precision : {"double", "mixed", "single"}) {
+    Options o = serial();
+    o.precision = precision;
+    const Inventory found = take(bare(), o);
+    CHECK(found.streams == elastic_streams);
+    CHECK(found.stages == elastic_stages);
+    CHECK(outside_the_solve(found) == elastic_kernels);
+    for (const std::string &kernel : solve_kernels_of_terms) CHECK_FALSE(launched(found, kernel));
+  }
+}
+
+TEST_CASE("bending brings hinges and the second ring: 13 blocks a row instead of 7", "[required]")
+{
+  Scene scene = bare();
+  const Inventory without = take(scene, serial());
+  scene.cloths[0].material = Material::isotropic(100, 0.3, 1e-5, 0.1);
+  const Inventory with = take(scene, serial());
+  CHECK(with.streams == elastic_streams + hinge_streams);
+  CHECK(with.stages == elastic_stages);
+  CHECK(outside_the_solve(with) == elastic_kernels + Kernels{{"evaluate_hinges", 1}});
+  CHECK(without.blocks == vertices + 2 * edges);
+  CHECK(with.blocks == vertices + 2 * edges + 2 * inner_edges);
+  // n x n cells have (n + 1)^2 vertices, 3 n^2 + 2 n edges, 3 n^2 - 2 n of them inside: away from the border 7 and 13.
+  Scene large = bare();
+  large.cloths[0].mesh = grid(100, 100, 1, 1);
+  CHECK(take(large, serial(), 1).blocks == 10201 + 2 * 30200);
+  large.cloths[0].material = scene.cloths[0].material;
+  CHECK(take(large, serial(), 1).blocks == 10201 + 2 * 30200 + 2 * 29800);
+}
+
+TEST_CASE("bending of one cloth gives the other no hinges", "[required]")
+{
+  Scene scene = bare();
+  scene.cloths.push_back(meshes::cloth(grid(columns, rows, 0.3, 0.25, 2), Material::isotropic(100, 0.3, 1e-5, 0.1), "second"));
+  CHECK(take(scene, serial()).blocks == 2 * (vertices + 2 * edges) + 2 * inner_edges);
+}
+
+TEST_CASE("wind brings its velocity and a kernel; air without density and drag is none", "[required]")
+{
+  Scene scene = bare();
+  scene.wind = Wind{{3, 0, 0}, 0, 0};
+  Inventory found = take(scene, serial());
+  CHECK(found.streams == elastic_streams);
+  CHECK(outside_the_solve(found) == elastic_kernels);
+  scene.wind = Wind{{3, 0, 0}, 1.2, 0};
+  found = take(scene, serial());
+  CHECK(found.streams == elastic_streams + Names{"wind"});
+  CHECK(found.stages == elastic_stages);
+  CHECK(outside_the_solve(found) == elastic_kernels + Kernels{{"add_wind", 1}});
+}
+
+TEST_CASE("damping and tables bring neither streams nor kernels; a table brings its samples", "[required]")
+{
+  Scene scene = bare();
+  scene.cloths[0].material.damping = 0.01;
+  const Inventory damped = take(scene, serial());
+  CHECK(damped.streams == elastic_streams);
+  CHECK(outside_the_solve(damped) == elastic_kernels);
+  scene.cloths[0].material = tabulated(false);
+  const Inventory sampled = take(scene, serial());
+  CHECK(sampled.streams == elastic_streams);
+  CHECK(outside_the_solve(sampled) == elastic_kernels);
+}
+
+TEST_CASE("pins bring a stage, and no stream of the state", "[required]")
+{
+  Scene scene = bare();
+  Pin pin;
+  pin.vertices = {0, columns};
+  scene.pins.push_back(pin);
+  const Inventory found = take(scene, serial());
+  CHECK(found.streams == elastic_streams);
+  CHECK(found.stages == behind("prescribed motion", elastic_stages));
+  CHECK(outside_the_solve(found) == elastic_kernels + Kernels{{"scatter_positions", 1}, {"prescribe_velocities", 1}});
+}
+
+TEST_CASE("stitches bring their terms alone", "[required]")
+{
+  Scene scene = bare();
+  scene.stitches.push_back({0, 0, 0, columns, columns - 1, 0.5, 10});
+  const Inventory found = take(scene, serial());
+  CHECK(found.streams == elastic_streams + term_streams + Names{"stitch"});
+  std::vector<std::string> stages = elastic_stages;
+  stages.insert(stages.begin() + 1, "contact terms");
+  CHECK(found.stages == stages);
+  CHECK(outside_the_solve(found) == elastic_kernels + incidence_kernels + Kernels{{"stitch_nodes", 1}, {"make_stitch_terms", 1}});
+}
+
+TEST_CASE("obstacles without contact bring nothing but their vertices; moving ones their motion", "[required]")
+{
+  Scene scene = on(table());
+  scene.contact.enabled = false;
+  Inventory found = take(scene, serial());
+  CHECK(found.streams == elastic_streams);
+  CHECK(outside_the_solve(found) == elastic_kernels);
+  scene.obstacles[0].motion = rising();
+  found = take(scene, serial());
+  CHECK(found.streams == elastic_streams + Names{"rest_position"});
+  CHECK(found.stages == behind("prescribed motion", elastic_stages));
+  CHECK(outside_the_solve(found) == elastic_kernels + Kernels{{"move_rigid", 1}, {"prescribe_velocities", 1}});
+}
+
+TEST_CASE("a plane: the cloth's vertices ask one face; no edges, no trees of the cloth", "[required]")
+{
+  const Inventory found = take(on(plane()), serial());
+  REQUIRE(found.contacts > 0);
+  CHECK(found.stages == contact_stages);
+  CHECK(found.streams == elastic_streams + term_streams + contact_streams + face_pair_streams +
+                             Names{"origin", "still.face_groups", "still.face_order", "contact"});
+  CHECK(found.kernels.at("candidate search") ==
+        Kernels{{"predict_positions", 1}, {"position_bounds", 1}, {"reduce_bounds", 2}, {"vertex_boxes", 1}, {"query_vertex_face_count", 1},
+                {"scan", 1}, {"scan_totals", 1}, {"query_vertex_face_fill", 1}});
+}
+
+TEST_CASE("a ball's centre asks the faces of the cloth: no edges", "[required]")
+{
+  const Inventory found = take(on(ball()), serial());
+  REQUIRE(found.contacts > 0);
+  CHECK(found.streams == elastic_streams + term_streams + contact_streams + face_pair_streams +
+                             Names{"origin", "still.face_groups", "still.face_order", "face_groups", "face_order", "contact"});
+  CHECK(found.kernels.at("candidate search").at("face_groups") == 1);
+  CHECK(found.kernels.at("candidate search").at("query_vertex_face_count") == 2);
+  for (const char *kernel : {"edge_groups", "query_edge_edge_count", "query_edge_edge_fill", "sort"})
+    CHECK_FALSE(found.kernels.at("candidate search").count(kernel));
+}
+
+TEST_CASE("an obstacle at rest is neither boxed nor sorted again, and its tree stands", "[required]")
+{
+  const Inventory still = take(on(table()), serial()), moving = take(on(table(), rising()), serial());
+  REQUIRE(still.contacts > 0);
+  REQUIRE(moving.contacts > 0);
+  const Names both = elastic_streams + term_streams + contact_streams + face_pair_streams + edge_pair_streams +
+                     Names{"edge", "face_groups", "face_order", "edge_order", "contact"};   // edges of the cloth ask; nothing asks them
+  CHECK(still.streams == both + Names{"origin", "still.face_groups", "still.face_order", "still.edge_groups", "still.edge_order"});
+  CHECK(moving.streams == both + Names{"rest_position", "moving.face_groups", "moving.face_order", "moving.edge_groups", "moving.edge_order"});
+  CHECK(still.kernels.at("candidate search").at("face_groups") == 1);    // of the cloth
+  CHECK_FALSE(still.kernels.at("candidate search").count("edge_groups"));
+  CHECK(moving.kernels.at("candidate search").at("face_groups") == 2);
+  CHECK(moving.kernels.at("candidate search").at("edge_groups") == 1);
+  CHECK(still.stages == contact_stages);
+  CHECK(moving.stages == behind("prescribed motion", contact_stages));
+}
+
+TEST_CASE("cloth meets cloth: trees of the cloth, none of obstacles", "[required]")
+{
+  Scene scene = bare();
+  scene.contact.enabled = scene.contact.self = true;
+  scene.contact.thickness = 4e-3;
+  scene.cloths.push_back(meshes::cloth(grid(columns, rows, 0.3, 0.25, 0.01, 0.007, 3e-3), scene.cloths[0].material, "second"));
+  const Inventory found = take(scene, serial());
+  REQUIRE(found.contacts > 0);
+  CHECK(found.streams == elastic_streams + term_streams + contact_streams + face_pair_streams + edge_pair_streams +
+                             Names{"edge", "face_groups", "face_order", "edge_groups", "edge_order", "contact"});
+  const Kernels &search = found.kernels.at("candidate search");
+  for (const char *kernel : {"face_groups", "edge_groups", "query_vertex_face_count", "query_edge_edge_count"}) CHECK(search.at(kernel) == 1);
+}
+
+TEST_CASE("without cloth on cloth none of its pairs are looked at", "[required]")
+{
+  // Folded over: the layers are nearer than the thickness, and the table is near to both.
+  Scene scene = on(table());
+  for (dvec3 &x : scene.cloths[0].mesh.position)
+    if (x.x > 0.15) x = {0.3 - x.x, x.y, 3e-3};
+  const auto &source = scene.cloths[0].mesh;
+  scene.cloths[0].mesh.material_face = source.face;
+  for (const dvec3 &x : grid(columns, rows, 0.3, 0.25).position) scene.cloths[0].mesh.material_position.push_back({x.x, x.y});
+  Engine engine(scene);
+  engine.step();
+  const auto faces = engine.state.face.download();
+  for (const kernels::pair &p : engine.state.vertex_face.pairs.download())
+    CHECK((p.a < engine.state.cloth_vertices) != (faces[static_cast<std::size_t>(p.b)].node[0] < engine.state.cloth_vertices));
+  CHECK(engine.state.edge_edge.pairs.size() > 0);
+}
+
+TEST_CASE("contact without friction sums no loads and predicts no velocities", "[required]")
+{
+  Scene scene = on(plane());
+  const Inventory smooth = take(scene, serial());
+  CHECK(smooth.kernels.at("contact terms") == incidence_kernels + Kernels{{"contact_nodes", 1}, {"make_frictionless_terms", 1}});
+  scene.cloths[0].material.friction = 0.5;   // cloth meets no cloth: it has nothing to rub
+  CHECK(take(scene, serial()).kernels.at("contact terms") == smooth.kernels.at("contact terms"));
+  scene.obstacles[0].friction = 0.5;
+  const Inventory rough = take(scene, serial());
+  CHECK(rough.streams == smooth.streams);
+  CHECK(rough.kernels.at("contact terms") == incidence_kernels + Kernels{{"contact_nodes", 1}, {"vertex_loads", 1}, {"free_velocities", 1}, {"make_contact_terms", 1}});
+}
+
+TEST_CASE("contact terms without friction are those of friction zero, bit for bit", "[required]")
+{
+  Scene scene = on(ball());
+  Engine smooth(scene), rubbing(scene);
+  rubbing.state.friction = true;   // all coefficients stay zero
+  for (int i = 0; i < 10; ++i) {
+    smooth.step();
+    rubbing.step();
+  }
+  REQUIRE(smooth.state.contacts > 0);
+  const auto a = smooth.state.position.download(), b = rubbing.state.position.download();
+  CHECK(std::memcmp(a.data(), b.data(), a.size() * sizeof a[0]) == 0);
+}
+
+TEST_CASE("contact that touches nothing has no terms", "[required]")
+{
+  Scene scene = on(plane());
+  for (dvec3 &x : scene.cloths[0].mesh.position) x.z += 1;
+  const Inventory found = take(scene, serial());
+  REQUIRE(found.contacts == 0);
+  CHECK(found.kernels.at("contact terms").empty());
+  for (const std::string &kernel : solve_kernels_of_terms) CHECK_FALSE(launched(found, kernel));
+  CHECK_FALSE(found.streams.count("term"));
+  CHECK_FALSE(found.streams.count("term_nodes"));
+}
+
+TEST_CASE("no guarantee, no commit", "[required]")
+{
+  Options o = serial();
+  o.commit = false;
+  const Inventory found = take(on(table(), rising()), o, 8);
+  for (const char *kernel : {"commit_begin", "commit_screen", "commit_pairs", "commit_apply"}) CHECK_FALSE(launched(found, kernel));
+}
+
+TEST_CASE("every stage that a term brings says so", "[required]")
+{
+  Scene scene = on(table(), rising());
+  scene.stitches.push_back({0, 0, 0, columns, columns - 1, 0.5, 10});
+  Simulation simulation(scene, serial());
+  std::map<std::string, std::string> reason;
+  for (auto [name, why] : simulation.explain()) {
+    name.erase(0, name.find_first_not_of(' '));
+    reason.emplace(name, why);
+  }
+  CHECK(reason.at("element forces") == "always");
+  CHECK(reason.at("linear solve") == "always");
+  CHECK(reason.at("prescribed motion") == "pins, handles or moving obstacles");
+  CHECK(reason.at("proximity checking") == "contact");
+  CHECK(reason.at("candidate search") == "contact");
+  CHECK(reason.at("contacts") == "contact");
+  CHECK(reason.at("contact terms") == "contact or stitches");
+  CHECK(reason.at("penetration handling") == "contact");
+}
+
+// What is far away does not move the cloth by one bit. It may not be in the same contact, nor, as a free cloth, in the same solve: the
+// conjugate gradient's steps are ratios of sums over all free vertices, and those change with every free vertex that has a residual.
+namespace {
+
+/// A sheet on a ball: in contact with it, moving, wrinkling.
+Scene draped()
+{
+  Scene s;
+  s.contact.thickness = 4e-3;
+  s.cloths.push_back(meshes::cloth(meshes::grid(10, 10, 0.3, 0.3, -0.15, -0.15, 0.004)));
+  s.cloths[0].velocity = {0.05, 0, -1};
+  s.obstacles.push_back(meshes::obstacle(meshes::sphere(12, 8, 0.1, {0, 0, -0.101})));
+  return s;
+}
+
+/// Two sheets that fall on each other and on a ball that moves.
+Scene pile() { return meshes::pile(8); }
+
+struct Trace { std::vector<dvec3> position, velocity; int contacts = 0; };
+
+Trace follow_first(const Scene &scene, int cloths, int steps, const Options &options)
+{
+  Simulation simulation(scene, options);
+  Trace r;
+  for (int i = 0; i < steps; ++i) {
+    simulation.step();
+    r.contacts = std::max(r.contacts, simulation.report().contacts);
+  }
+  const std::size_t n = static_cast<std::size_t>(simulation.cloth_ranges()[static_cast<std::size_t>(cloths) - 1].second);
+  r.position = simulation.positions();
+  r.velocity = simulation.velocities();
+  r.position.resize(n);
+  r.velocity.resize(n);
+  return r;
+}
+
+bool same_bits(const Trace &a, const Trace &b)
+{
+  const auto same = [](const std::vector<dvec3> &x, const std::vector<dvec3> &y) {
+    return x.size() == y.size() && std::memcmp(x.data(), y.data(), x.size() * sizeof(dvec3)) == 0;
+  };
+  return same(a.position, b.position) && same(a.velocity, b.velocity);
+}
+
+void add(Scene &s, Obstacle o, const Motion &motion = {})
+{
+  o.name = "far" + std::to_string(s.obstacles.size());
+  o.motion = motion;
+  s.obstacles.push_back(std::move(o));
+}
+Motion drifting(const dvec3 &velocity)
+{
+  Motion m;
+  m.velocity = velocity;
+  return m;
+}
+/// A cloth far away that is pinned whole.
+std::size_t add_pinned(Scene &s, Material material, const Motion &motion = {})
+{
+  s.cloths.push_back(meshes::cloth(meshes::grid(3, 3, 0.1, 0.1, 4, 5, -2), std::move(material), "far cloth"));
+  Pin pin;
+  pin.cloth = static_cast<int>(s.cloths.size()) - 1;
+  pin.motion = motion;
+  for (int v = 0; v < 16; ++v) pin.vertices.push_back(v);
+  s.pins.push_back(pin);
+  return s.cloths.size() - 1;
+}
+Obstacle far_mesh(const dvec3 &center) { return meshes::obstacle(meshes::sphere(8, 6, 0.2, center)); }
+
+struct Feature { const char *name; std::function<void(Scene &)> add; };
+const Feature far_features[] = {
+    {"a mesh above", [](Scene &s) { add(s, far_mesh({5, 3, 4})); }},
+    {"a mesh below", [](Scene &s) { add(s, far_mesh({-5, -3, -4})); }},
+    {"a mesh a kilometre away", [](Scene &s) { add(s, far_mesh({-1000, 300, 200})); }},
+    {"a mesh that moves", [](Scene &s) { add(s, far_mesh({-5, 3, -4}), drifting({1, -2, 0.5})); }},
+    {"a mesh that moves fast", [](Scene &s) { add(s, far_mesh({-5, 3, -4}), drifting({0, 0, -40})); }},
+    {"meshes at rest and moving", [](Scene &s) { add(s, far_mesh({-5, 3, -4}), drifting({0, -3, 0})); add(s, far_mesh({5, -3, -4})); }},
+    {"an exact sphere", [](Scene &s) { add(s, exact_sphere({3, 0, -3}, 0.5)); }},
+    {"an exact sphere that moves", [](Scene &s) { add(s, exact_sphere({3, 0, -3}, 0.5), drifting({1, 0, 0})); }},
+    {"a capsule", [](Scene &s) { add(s, exact_capsule({-3, 1, 0}, {-3, -1, 1}, 0.2)); }},
+    {"a box", [](Scene &s) { add(s, exact_box({0, 4, 1}, {1, 1, 1})); }},
+    {"a plane", [](Scene &s) { add(s, exact_plane({0, 0, -6}, {0, 0, 1})); }},
+    {"a plane that moves", [](Scene &s) { add(s, exact_plane({0, 0, -6}, {0, 0, 1}), drifting({0, 0, 1})); }},
+    {"rougher and stiffer ground", [](Scene &s) { add(s, far_mesh({0, 0, -5})); s.obstacles.back().friction = 2; s.obstacles.back().contact_stiffness = 1e8; }},
+    {"thicker ground", [](Scene &s) { add(s, far_mesh({0, 0, -5})); s.obstacles.back().thickness = 0.03; }},
+    {"a pinned cloth", [](Scene &s) { add_pinned(s, meshes::cotton()); }},
+    {"a pinned cloth that is moved", [](Scene &s) { add_pinned(s, meshes::cotton(), drifting({0.3, 0, 0})); }},
+    {"a pinned cloth without bending", [](Scene &s) { add_pinned(s, Material::isotropic(100, 0.3, 0, 0.1)); }},
+    {"a pinned cloth of a tabulated fabric", [](Scene &s) { add_pinned(s, tabulated(true)); }},
+    {"a pinned cloth that is damped", [](Scene &s) { Material m = meshes::cotton(); m.damping = 0.02; add_pinned(s, m); }},
+    {"a pinned cloth with a seam", [](Scene &s) { const int c = static_cast<int>(add_pinned(s, meshes::cotton())); s.stitches.push_back({c, 0, c, 3, 2, 0, 10}); }},
+    {"a thicker pinned cloth", [](Scene &s) { const std::size_t c = add_pinned(s, meshes::cotton()); s.cloths[c].material.thickness = 0.01; }},
+};
+
+/// Features that every vertex sees, and that are nothing.
+const Feature empty_features[] = {
+    {"still air without density", [](Scene &s) { s.wind = Wind{{3, 0, 0}, 0, 0}; }},
+    {"a cloth's friction where an obstacle's holds", [](Scene &s) { s.contact.self = false; s.cloths[0].material.friction = 0.7; }},
+};
+
+}  // namespace
+
+TEST_CASE("what is far away does not move the cloth by one bit", "[required][distant]")
+{
+  for (const std::string &backend : backends_here())
+    for (const auto &[start, scene] : {std::pair<const char *, Scene>{"draped", draped()}, {"pile", pile()}}) {
+      Options o = serial();
+      o.backend = backend;
+      const int steps = backend == "cpu" ? 30 : 6, cloths = static_cast<int>(scene.cloths.size());
+      const Trace alone = follow_first(scene, cloths, steps, o);
+      REQUIRE(alone.contacts > 10);
+      for (const Feature &feature : far_features) {
+        INFO(backend << ", " << start << ", " << feature.name);
+        Scene beside = scene;
+        feature.add(beside);
+        CHECK(same_bits(alone, follow_first(beside, cloths, steps, o)));
+      }
+    }
+}
+
+TEST_CASE("what is far away does not move the cloth by one bit in the paper's mode", "[required][distant]")
+{
+  const Scene scene = draped();
+  const Trace alone = follow_first(scene, 1, 12, serial("paper"));
+  for (const Feature &feature : far_features) {
+    INFO(feature.name);
+    Scene beside = scene;
+    feature.add(beside);
+    CHECK(same_bits(alone, follow_first(beside, 1, 12, serial("paper"))));
+  }
+}
+
+TEST_CASE("features that amount to nothing do not move the cloth by one bit", "[required][distant]")
+{
+  for (const Feature &feature : empty_features) {
+    INFO(feature.name);
+    Scene plain = draped();
+    plain.contact.self = false;
+    Scene with = plain;
+    feature.add(with);
+    CHECK(same_bits(follow_first(plain, 1, 20, serial()), follow_first(with, 1, 20, serial())));
+  }
+}
