@@ -15,7 +15,7 @@ import os as _os
 _os.environ.setdefault("GOMP_SPINCOUNT", "20000")
 
 from . import collision, shipped  # noqa: E402
-from ._core import __version__, list_backends as backends
+from ._core import __version__, accuracy_levels, list_backends as backends
 from .errors import (ArrayError, BackendError, CollisionError, DeviceMemoryError, Error, FileError, MaterialError,
                      MeshError, SceneError, SolverError)
 from .material import Material, fabrics
@@ -25,6 +25,6 @@ from .simulation import Frame, Simulation
 
 scenes = shipped.names
 
-__all__ = ["Scene", "Cloth", "Obstacle", "Material", "Motion", "Simulation", "Frame", "collision", "backends", "fabrics",
+__all__ = ["Scene", "Cloth", "Obstacle", "Material", "Motion", "Simulation", "Frame", "accuracy_levels", "collision", "backends", "fabrics",
            "scenes", "Error", "ArrayError", "BackendError", "CollisionError", "DeviceMemoryError", "FileError",
            "MaterialError", "MeshError", "SceneError", "SolverError"]
