@@ -9,7 +9,7 @@
 
 namespace cama {
 namespace {
-constexpr int most_halvings = 10, patience = 3;   // iterations in a row that do not lower the residual
+constexpr int most_halvings = 10, patience = 3;   // iterations in a row that lower neither the potential beyond rounding nor the residual
 constexpr double sufficient = 1e-4;               // of the fall that the slope promises
 constexpr double rounding_units = 16;             // of the potential's parts together
 }  // namespace
@@ -134,7 +134,7 @@ bool NewtonIterations<Real>::search_line(State &state, Norms &norms, bool &evalu
 {
   Backend &b = *state.backend;
   System<Real> &s = state.system<Real>();
-  evaluated = false;
+  evaluated = fell_ = false;
   vertex_[0].resize(state.cloth_vertices);
   CAMA_LAUNCH_REAL(Real, b, descent, state.cloth_vertices, state.fixed, s.right_side, s.solution, vertex_[0]);
   const double slope = sum(state, {&vertex_[0]})[0];
@@ -146,7 +146,11 @@ bool NewtonIterations<Real>::search_line(State &state, Norms &norms, bool &evalu
   for (int halving = 0; halving <= most_halvings; ++halving, alpha /= 2) {
     move(state, alpha);
     const Potential now = measure(state);
-    if (now.value <= before.value + sufficient * alpha * slope + rounding * (before.size + now.size)) return true;
+    const double slack = rounding * (before.size + now.size);
+    if (now.value <= before.value + sufficient * alpha * slope + slack) {
+      fell_ = now.value < before.value - slack;
+      return true;
+    }
     if (halving > 0) continue;
     // Sampled stiffness is not quite the gradient of an energy: close to the solution the residual decides.
     searching_ = true;
@@ -179,7 +183,7 @@ void NewtonIterations<Real>::run(State &state)
     bool evaluated = false;
     if (!search_line(state, norms, evaluated)) break;
     if (!evaluated) norms = evaluate(state);
-    idle = norms.residual < 0.25 * best.residual ? 0 : idle + 1;
+    idle = fell_ || norms.residual < 0.25 * best.residual ? 0 : idle + 1;
     if (norms.residual < best.residual) best = norms;
   }
   state.report.iterations = linear;
