@@ -31,7 +31,6 @@ std::string number(double value)
 
 const char *word(Integrator i) { return i == Integrator::bdf2 ? "bdf2" : "backward_euler"; }
 const char *word(ContactRefresh r) { return r == ContactRefresh::iteration ? "iteration" : "step"; }
-const char *word(MaterialHandling m) { return m == MaterialHandling::constant ? "constant" : "table"; }
 const char *word(bool b) { return b ? "true" : "false"; }
 
 }  // namespace
@@ -60,7 +59,6 @@ Options Options::preset(const std::string &accuracy)
     o.newton_iterations = 4;
     o.newton_tolerance = 1e-3;
     o.tolerance = 1e-2;   // of each of Newton's solves: a tighter one changes nothing
-    o.contact_refresh = ContactRefresh::iteration;
     return o;
   }
   if (accuracy == "reference") {
@@ -123,7 +121,6 @@ std::vector<Setting> settings(const Options &o, const Scene &scene)
   add("anticipate_contacts", word(o.anticipate_contacts), o.anticipate_contacts != level.anticipate_contacts, "impacts left to the projection");
   add("max_impact_passes", std::to_string(o.max_impact_passes), o.max_impact_passes != level.max_impact_passes, "motion that the commit cuts");
   add("commit", word(o.commit), o.commit != level.commit, "the certificate itself");
-  add("material", word(o.material), o.material != level.material, "measured stiffness at large strain");
   return list;
 }
 

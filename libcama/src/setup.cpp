@@ -28,7 +28,7 @@ template <class Real> void set_up_materials(State &state, System<Real> &s, Backe
     while (same < c && scene.cloths[same].material.stretching != material.stretching) ++same;
     if (same < c) {
       start.push_back(start[same]);
-    } else if (material.has_table() && state.options.material == MaterialHandling::table) {
+    } else if (material.has_table()) {
       start.push_back(static_cast<int>(table.size()));
       for (const auto &row : stretching_table(material)) push(row);
     } else {

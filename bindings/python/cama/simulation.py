@@ -56,7 +56,7 @@ class Simulation:
     the accuracy says.
     device: index.  threads: of the CPU backend, 0: all.  overrides: single options, for example time_step (s, 0: the level's),
     integrator ("backward_euler", "bdf2"), newton_iterations, newton_tolerance, contact_refresh ("step", "iteration"),
-    material ("table", "constant"), tolerance=1e-6, max_iterations, preconditioner="jacobi", solver="direct", assembly="algorithm1", search="fronts", commit, cubic_impacts,
+    tolerance=1e-6, max_iterations, preconditioner="jacobi", solver="direct", assembly="algorithm1", search="fronts", commit, cubic_impacts,
     max_impact_passes, intersections ("reject", "exempt" or "untangle": what becomes of a start that intersects),
     pinch ("stop" or "release": what becomes of cloth that moving bodies pinch).
 

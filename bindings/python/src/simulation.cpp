@@ -50,7 +50,6 @@ constexpr Choice<LinearSolver> solvers[] = {{"conjugate_gradient", LinearSolver:
 
 constexpr Choice<Integrator> integrators[] = {{"backward_euler", Integrator::backward_euler}, {"bdf2", Integrator::bdf2}};
 constexpr Choice<ContactRefresh> refreshes[] = {{"step", ContactRefresh::step}, {"iteration", ContactRefresh::iteration}};
-constexpr Choice<MaterialHandling> materials[] = {{"table", MaterialHandling::table}, {"constant", MaterialHandling::constant}};
 
 constexpr Choice<Intersections> policies[] = {
     {"reject", Intersections::reject}, {"exempt", Intersections::exempt}, {"untangle", Intersections::untangle}};
@@ -87,7 +86,6 @@ void bind_options(py::module_ &m)
   choice_property(options, "intersections", &Options::intersections, policies);
   choice_property(options, "integrator", &Options::integrator, integrators);
   choice_property(options, "contact_refresh", &Options::contact_refresh, refreshes);
-  choice_property(options, "material", &Options::material, materials);
   options.def_static("preset", &Options::preset)
       .def_readwrite("backend", &Options::backend)
       .def_readwrite("device", &Options::device)

@@ -20,7 +20,6 @@ enum class SearchKind { tree, fronts };                       ///< trees searche
 enum class LinearSolver { conjugate_gradient, direct };
 enum class Integrator { backward_euler, bdf2 };               ///< bdf2: second order in the time step, less damping
 enum class ContactRefresh { step, iteration };                ///< how often the closest points of contacts are found
-enum class MaterialHandling { table, constant };              ///< measured stretching stiffness by strain; or that at rest
 /// What becomes of a start in which cloth intersects something: refused; simulated as it is; cloth moved first (refused if some is left).
 enum class Intersections { reject, exempt, untangle };
 
@@ -39,7 +38,6 @@ struct Options {
   int newton_iterations = 1;              ///< at most, a step; 1: the linearised step
   double newton_tolerance = 1e-3;         ///< of the nonlinear equation, relative to the forces in it; StepReport::newton_residual
   ContactRefresh contact_refresh = ContactRefresh::step;   ///< iteration: at every Newton iterate
-  MaterialHandling material = MaterialHandling::table;
   Assembly assembly = Assembly::gather;
   bool atomic_filling = false;            ///< Algorithm 1 as printed: fill with floating-point atomics (order, hence bits, vary)
   ContactForm contact_form = ContactForm::rank_one;   ///< of the penalty in the matrix: consistent, or the paper's star of springs
