@@ -159,12 +159,13 @@ double copy_bandwidth(const Options &options)
 Measurement measure(const Settings &settings, int resolution)
 {
   Scene scene = Scene::load(settings.scene, resolution);
-  if (settings.time_step > 0) scene.time_step = settings.time_step;
-  Simulation simulation(scene, settings.options);
+  Options options = settings.options;
+  if (settings.time_step > 0) scene.time_step = options.time_step = settings.time_step;
+  Simulation simulation(scene, options);
   Samples samples;
   Measurement m;
   m.scene = scene.name;
-  m.time_step = scene.time_step;
+  m.time_step = simulation.time_step();
   m.device = simulation.backend().device();
   m.triangles = simulation.cloth_triangle_count();
   try {

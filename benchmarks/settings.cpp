@@ -99,7 +99,7 @@ const std::vector<Entry> &entries()
       {"bandwidth", "GB/s", false, [](Settings &s, const std::string &v) { s.bandwidth = number(v); }},
       {"header", "0|1", false, [](Settings &s, const std::string &v) { s.header = flag(v); }},
       choose_wait(),
-      {"accuracy", "production|paper", false, [](Settings &, const std::string &) {}},   // read first, see parse_settings
+      {"accuracy", "preview|interactive|production|accurate|reference|paper", false, [](Settings &, const std::string &) {}},   // read first, see parse_settings
       {"backend", "auto|cpu|opencl|cuda", false, [](Settings &s, const std::string &v) { s.options.backend = v; }},
       {"device", "N", false, [](Settings &s, const std::string &v) { s.options.device = whole(v); }},
       {"threads", "N", false, [](Settings &s, const std::string &v) { s.options.threads = whole(v); }},

@@ -44,6 +44,12 @@ KERNEL move_attached(int n, GLOBAL const attachment *attachments, GLOBAL dvec3 *
   }
 }
 
+/* base = (4 now - before) / 3, where the second-order backward differentiation formula (BDF2) starts from. */
+KERNEL extrapolate_states(int n, GLOBAL const dvec3 *now, GLOBAL const dvec3 *before, GLOBAL dvec3 *base)
+{
+  FOR_EACH(i, n) { base[i] = daxpy(now[i], 1.0 / 3.0, dsub(now[i], before[i])); }
+}
+
 /* Velocity of prescribed vertices over the step; zero elsewhere. */
 KERNEL prescribe_velocities(int n, GLOBAL const int *fixed, GLOBAL const dvec3 *position, GLOBAL const dvec3 *target, double time_step,
                             GLOBAL dvec3 *velocity_next)
@@ -71,13 +77,13 @@ KERNEL advance(int n, double time_step, GLOBAL const int *fixed, GLOBAL const dv
   FOR_EACH(i, n) { if (!fixed[i]) position_next[i] = daxpy(position[i], time_step, velocity_next[i]); }
 }
 
-/* Where handling of penetrations moved a vertex, its velocity follows. n: cloth vertices. */
-KERNEL follow_positions(int n, double time_step, GLOBAL const int *fixed, GLOBAL const dvec3 *position, GLOBAL const dvec3 *position_next,
-                        GLOBAL dvec3 *velocity_next)
+/* Where handling of penetrations moved a vertex from base + step v, its velocity is the mean one over the time step. n: cloth vertices. */
+KERNEL follow_positions(int n, double time_step, double step, GLOBAL const int *fixed, GLOBAL const dvec3 *position, GLOBAL const dvec3 *base,
+                        GLOBAL const dvec3 *position_next, GLOBAL dvec3 *velocity_next)
 {
   FOR_EACH(i, n)
   {
-    dvec3 free_end = daxpy(position[i], time_step, velocity_next[i]), x = position_next[i];
+    dvec3 free_end = daxpy(base[i], step, velocity_next[i]), x = position_next[i];
     if (!fixed[i] && (x.x != free_end.x || x.y != free_end.y || x.z != free_end.z))
       velocity_next[i] = dscale(1.0 / time_step, dsub(x, position[i]));
   }

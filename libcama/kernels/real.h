@@ -9,3 +9,4 @@
 #include "solver.h"
 #include "conjugate_gradient.h"
 #include "schwarz.h"
+#include "newton.h"

@@ -133,6 +133,14 @@ void Exemptions::restore() noexcept
   released_.swap(released_before_);
 }
 
+void Exemptions::keep(Kept &kept) noexcept
+{
+  marked_ = false;
+  stale_ |= tangled_ != kept.first || released_ != kept.second;
+  tangled_.swap(kept.first);
+  released_.swap(kept.second);
+}
+
 void Exemptions::upload()
 {
   stale_ = true;   // stays so if anything below throws

@@ -33,6 +33,11 @@ public:
   /// After a step that failed: the pairs are those of its start.
   void restore() noexcept;
 
+  /// The temporary pairs, to come back to over more than one step.
+  using Kept = std::pair<Pairs, Pairs>;
+  Kept kept() const { return {tangled_, released_}; }
+  void keep(Kept &kept) noexcept;
+
   bool any() const { return !seam_.empty() || !tangled_.empty() || !released_.empty(); }
   int temporary() const { return static_cast<int>(tangled_.size() + released_.size()); }
 

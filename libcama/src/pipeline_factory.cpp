@@ -9,6 +9,7 @@
 #include "stages/front_search.hpp"
 #include "stages/linear_solve.hpp"
 #include "stages/matrix_assembly.hpp"
+#include "stages/newton.hpp"
 #include "stages/penetration_handling.hpp"
 
 namespace cama {
@@ -51,14 +52,16 @@ template <class Real> StepPipeline make_pipeline(const Scene &scene, State &stat
   Pipeline &step = *result.step;
   const bool contact = scene.has_contact();
   ProximityChecking *proximity = nullptr;
+  if (state.options.integrator == Integrator::bdf2) step.add<Extrapolate>();
   if (needs_motion(scene)) result.motion = &step.add<PrescribedMotion>(scene, state);
   if (contact) proximity = &step.add<ProximityChecking>(scene, state);
   Pipeline &assembly = step.add<Pipeline>("matrix assembly");
-  assembly.add<EvaluateElements<Real>>(scene);
+  EvaluateElements<Real> &elements = assembly.add<EvaluateElements<Real>>(scene);
   if (contact || state.stitches) assembly.add<EvaluateTerms<Real>>(b);
-  assembly.add<AssembleMatrix<Real>>(b);
-  step.add<LinearSolve<Real>>(b);
+  AssembleMatrix<Real> &matrix = assembly.add<AssembleMatrix<Real>>(b);
+  LinearSolve<Real> &solve = step.add<LinearSolve<Real>>(b);
   step.add<AdvancePositions>();
+  if (state.options.newton_iterations > 1) step.add<NewtonIterations<Real>>(scene, b, elements, matrix, solve);
   if (contact)
     step.add<PenetrationHandling>(b, *proximity->search).set_distances(certified_distance, impact_distance);
   step.add<FinishStep>(b);

@@ -10,7 +10,7 @@ constexpr double without_end = 1e30;         // m; boxes of planes
 constexpr double thickest_per_edge = 0.45;   // of the shortest edge: neighbours at rest are never in contact
 constexpr double contact_margin = 0.6;       // of the thickness: half for the contact distance, the rest for what the solve adds to the prediction
 
-template <class Real> void set_up_materials(System<Real> &s, Backend &b, const Scene &scene, bool hinges)
+template <class Real> void set_up_materials(State &state, System<Real> &s, Backend &b, const Scene &scene, bool hinges)
 {
   using T = Types<Real>;
   std::vector<typename T::stretching_stiffness> table;
@@ -38,8 +38,10 @@ template <class Real> void set_up_materials(System<Real> &s, Backend &b, const S
     typename T::bending_stiffness k;
     for (int m = 0; m < 15; ++m) k.k[m] = static_cast<Real>(material.bending[m / 5][m % 5]);
     bending.push_back(k);
-    scale.push_back(static_cast<Real>(scene.time_step * (scene.time_step + material.damping)));
+    scale.push_back(static_cast<Real>(state.time_step * (state.time_step + material.damping)));
+    state.damping.push_back(material.damping);
   }
+  state.implicit_step = state.scaled_step = state.time_step;
   s.stretching_table = Stream<typename T::stretching_stiffness>(b, table);
   s.stretching_start = Stream<int>(b, start);
   if (hinges) s.bending_table = Stream<typename T::bending_stiffness>(b, bending);
@@ -183,7 +185,7 @@ template <class Real> void set_up(State &state, const Scene &scene, const Topolo
   if constexpr (sizeof(Real) == 8) s = (state.system64 = std::make_unique<System<double>>()).get();
   else s = (state.system32 = std::make_unique<System<float>>()).get();
 
-  state.time_step = scene.time_step;
+  state.time_step = chosen_time_step(state.options, scene);
   state.contact_settings = scene.contact;
   state.cloth_vertices = t.cloth_vertices;
   state.vertices = static_cast<int>(t.position.size());
@@ -219,6 +221,12 @@ template <class Real> void set_up(State &state, const Scene &scene, const Topolo
   state.velocity = Stream<dvec3>(b, velocity);
   state.position_next = Stream<dvec3>(b, t.position);
   state.velocity_next = Stream<dvec3>(b, velocity);
+  if (state.options.integrator == Integrator::bdf2) {
+    state.position_before = Stream<dvec3>(b, t.position);
+    state.velocity_before = Stream<dvec3>(b, velocity);
+    state.position_base = Stream<dvec3>(b, t.position);
+    state.velocity_base = Stream<dvec3>(b, velocity);
+  }
   state.fixed = Stream<int>(b, fixed);
   state.gravity = Stream<dvec3>(b, std::vector<dvec3>{scene.gravity});
   if (has_wind(scene)) state.wind = Stream<dvec3>(b, std::vector<dvec3>{scene.wind->velocity});
@@ -226,7 +234,7 @@ template <class Real> void set_up(State &state, const Scene &scene, const Topolo
     state.rest_position = Stream<dvec3>(b, t.rest_position);
 
   s->mass = Stream<Real>(b, mass);
-  set_up_materials(*s, b, scene, state.hinges > 0);
+  set_up_materials(state, *s, b, scene, state.hinges > 0);
   set_up_elements(state, *s, t);
   s->force = Stream<typename Types<Real>::vec3>(b, t.cloth_vertices);
   s->matrix = {Stream<int>(b), Stream<int>(b), Stream<typename Types<Real>::mat3>(b)};

@@ -2,6 +2,7 @@
 #include "cama/simulation.hpp"
 
 #include <algorithm>
+#include <chrono>
 #include <cmath>
 #include <cstring>
 #include <functional>
@@ -12,31 +13,10 @@
 #include "pipeline_factory.hpp"
 #include "setup.hpp"
 #include "start_check.hpp"
+#include "step.hpp"
 #include "exact_audit.hpp"
 
 namespace cama {
-
-Options Options::preset(const std::string &accuracy)
-{
-  Options o;
-  o.accuracy = accuracy;
-  if (accuracy == "production") return o;
-  if (accuracy == "paper") {
-    o.assembly = Assembly::algorithm1;
-    o.contact_form = ContactForm::star;
-    o.anticipate_contacts = false;
-    o.precision = "double";
-    o.preconditioner = Preconditioner::jacobi;
-    o.tolerance = 1e-6;
-    o.max_impact_passes = 100;
-    o.search = SearchKind::fronts;
-    o.linear_impacts = true;
-    o.cubic_impacts = true;
-    o.commit = false;
-    return o;
-  }
-  throw SceneError("accuracy: '" + accuracy + "' is not known; use production or paper");
-}
 
 namespace {
 
@@ -46,6 +26,10 @@ void check(const Options &o)
     throw SceneError("precision: '" + o.precision + "' is not known; use double, mixed or single");
   if (!(o.tolerance > 0) || !(o.tolerance < 1)) throw SceneError("tolerance: " + std::to_string(o.tolerance) + " is outside (0, 1)");
   if (o.max_iterations < 1) throw SceneError("max_iterations: " + std::to_string(o.max_iterations) + " is below 1");
+  if (o.newton_iterations < 1) throw SceneError("newton_iterations: " + std::to_string(o.newton_iterations) + " is below 1");
+  if (!(o.newton_tolerance > 0) || !(o.newton_tolerance < 1))
+    throw SceneError("newton_tolerance: " + std::to_string(o.newton_tolerance) + " is outside (0, 1)");
+  if (!(o.time_step >= 0) || !std::isfinite(o.time_step)) throw SceneError("time_step: " + std::to_string(o.time_step) + " is negative or not finite");
   if (o.max_impact_passes < 0) throw SceneError("max_impact_passes: " + std::to_string(o.max_impact_passes) + " is below 0");
   if (o.contact_form == ContactForm::star && o.assembly == Assembly::gather)
     throw SceneError("contact_form: star needs its entries in the matrix; use assembly algorithm1 or sorted");
@@ -104,26 +88,6 @@ const Scene &checked(const Scene &scene, const Options &options)
   return scene;
 }
 
-/// Back to the start of a step that threw: positions, velocities, time and report as they were, no contacts, no candidates.
-void undo_step(State &s, Buffer position, double time, const StepReport &report) noexcept
-{
-  if (s.position.buffer() != position) {   // the step had been taken
-    s.position.swap(s.position_next);
-    s.velocity.swap(s.velocity_next);
-  }
-  s.exemptions.restore();
-  s.contacts = 0;
-  if (s.contact.backend()) s.contact.resize(0);
-  for (PairList *list : {&s.vertex_face, &s.edge_edge}) {
-    if (!list->pairs.backend()) continue;
-    list->pairs.resize(0);
-    list->known.resize(0);
-    list->direction.resize(0);
-  }
-  s.time = time;
-  s.report = report;
-}
-
 }  // namespace
 
 struct Simulation::Implementation {
@@ -131,6 +95,8 @@ struct Simulation::Implementation {
       : backend(make_backend(options.backend, options.device, options.threads)), state(*backend), topology(build_topology(scene))
   {
     state.options = options;
+    state.options.time_step = chosen_time_step(options, scene);
+    chosen = cama::settings(options, scene);
     treat_start(scene, options, topology, untangled);
     single = options.precision == "single";
     if (single) {
@@ -150,6 +116,7 @@ struct Simulation::Implementation {
   State state;
   Topology topology;
   UntangleReport untangled;
+  std::vector<Setting> chosen;
   StepPipeline pipeline;
   bool single = false;
 };
@@ -167,32 +134,28 @@ Simulation &Simulation::operator=(Simulation &&) noexcept = default;
 void Simulation::step()
 {
   State &s = implementation_->state;
-  const int number = s.report.step + 1;
-  const StepReport before = s.report;
-  const Buffer position = s.position.buffer();
-  const double time = s.time;
-  const long launches = implementation_->backend->launches(), waits = implementation_->backend->waits();
+  Backend &b = *implementation_->backend;
+  Pipeline &pipeline = *implementation_->pipeline.step;
+  const std::string name = "step " + std::to_string(s.report.step + 1);
+  const long launches = b.launches(), waits = b.waits();
+  const auto start = std::chrono::steady_clock::now();
+  const auto audit = [&] { return s.options.audit ? count_intersections() : -1; };
   try {
-    s.exemptions.begin_step();
-    s.report = StepReport{};
-    s.report.step = number;
-    implementation_->pipeline.step->timed_run(s);
-    s.time = number * s.time_step;
-    s.report.time = s.time;
-    s.report.launches = implementation_->backend->launches() - launches;
-    s.report.waits = implementation_->backend->waits() - waits;
-    s.report.milliseconds = implementation_->pipeline.step->milliseconds();
-    if (s.options.audit) s.report.intersections = count_intersections();
+    take_step(s, pipeline, [&] {
+      s.report.launches = b.launches() - launches;
+      s.report.waits = b.waits() - waits;
+      s.report.milliseconds = s.report.retries == 0
+                                  ? pipeline.milliseconds()
+                                  : std::chrono::duration<double, std::milli>(std::chrono::steady_clock::now() - start).count();
+      s.report.intersections = audit();
+    });
   } catch (const std::bad_alloc &) {
-    undo_step(s, position, time, before);
-    throw MemoryError("step " + std::to_string(number) + ": out of memory on the host; lower the resolution");
-  } catch (...) {
-    undo_step(s, position, time, before);
-    throw;
+    throw MemoryError(name + ": out of memory on the host; lower the resolution");
   }
 }
 
 int Simulation::step_count() const { return implementation_->state.report.step; }
+double Simulation::time_step() const { return implementation_->state.time_step; }
 double Simulation::time() const { return implementation_->state.time; }
 int Simulation::vertex_count() const { return implementation_->state.vertices; }
 int Simulation::cloth_vertex_count() const { return implementation_->state.cloth_vertices; }
@@ -205,6 +168,7 @@ std::vector<dvec3> Simulation::velocities() const { return implementation_->stat
 std::vector<double> Simulation::masses() const { return implementation_->topology.mass; }
 const StepReport &Simulation::report() const { return implementation_->state.report; }
 const UntangleReport &Simulation::untangled() const { return implementation_->untangled; }
+std::vector<Setting> Simulation::settings() const { return implementation_->chosen; }
 const Options &Simulation::options() const { return implementation_->state.options; }
 const Backend &Simulation::backend() const { return *implementation_->backend; }
 std::size_t Simulation::peak_memory_bytes() const { return implementation_->backend->peak_bytes(); }
@@ -231,6 +195,7 @@ void Simulation::set_state(const std::vector<dvec3> &positions, const std::vecto
   s.position.assign(x);
   s.position_next.assign(next);
   s.velocity.assign(v);
+  s.history = false;
 }
 
 ContactArrays Simulation::contacts() const

@@ -31,7 +31,7 @@ template <class Real> struct BlockMatrix {
 template <class Real> struct System {
   using T = Types<Real>;
   Stream<Real> mass;                                              // [cloth vertices], kg
-  Stream<Real> material_scale;                                    // [materials] dt (dt + damping), s^2
+  Stream<Real> material_scale;                                    // [materials] h (h + damping), s^2
   Stream<typename T::stretching_stiffness> stretching_table;
   Stream<int> stretching_start;                                   // [materials] place in the table; below 0: constant
   Stream<typename T::bending_stiffness> bending_table;            // [materials]
@@ -64,7 +64,9 @@ struct State {
   explicit State(Backend &device) : backend(&device) {}
 
   Backend *backend;
-  double time = 0, time_step = 0;
+  double time = 0, time_step = 0;             // s
+  double implicit_step = 0;                   // s, h of v = v* + h M^-1 f(x* + h v): time_step, or 2/3 of it with a history
+  bool multistep = false, history = false;    // BDF2: this step uses what was before; the next one may
   int cloth_vertices = 0, vertices = 0;       // cloth vertices come first
   int triangles = 0, hinges = 0, stitches = 0, terms = 0;
   int faces = 0, edges = 0;                   // of cloth and obstacles
@@ -74,6 +76,8 @@ struct State {
 
   Stream<dvec3> position, velocity;           // [vertices] m, m/s at the start of the step
   Stream<dvec3> position_next, velocity_next; // [vertices] at its end
+  Stream<dvec3> position_before, velocity_before;   // [vertices] with BDF2: at the start of the previous step
+  Stream<dvec3> position_base, velocity_base; // [vertices] with BDF2: x*, v*
   Stream<dvec3> predicted;                    // [vertices] ballistic end of the step
   Stream<dvec3> rest_position;                // [vertices] obstacles at rest of their motion, where any moves rigidly
   Stream<double> inverse_mass;                // [vertices] 1/kg; 0: prescribed; of contact
@@ -112,6 +116,12 @@ struct State {
   std::vector<char> object_still;             // 1: an obstacle that never moves
   bool friction = false;                      // anything in contact has some
 
+  /// x*, v* of this step.
+  const Stream<dvec3> &base_position() const { return multistep ? position_base : position; }
+  const Stream<dvec3> &base_velocity() const { return multistep ? velocity_base : velocity; }
+  /// Sets h, and material_scale where it was for another.
+  void set_implicit_step(double step);
+
   std::unique_ptr<System<double>> system64;
   std::unique_ptr<System<float>> system32;
   template <class Real> System<Real> &system()
@@ -127,11 +137,15 @@ struct State {
   Options options;
   StepReport report;
   Contact contact_settings;                   // of the scene
+  std::vector<double> damping;                // [cloths], s
+  double scaled_step = 0;                     // h that material_scale is for
 
   /// Calls f(name, stream) for every stream.
   template <class F> void visit(F &&f)
   {
     f("position", position); f("velocity", velocity); f("position_next", position_next); f("velocity_next", velocity_next);
+    f("position_before", position_before); f("velocity_before", velocity_before);
+    f("position_base", position_base); f("velocity_base", velocity_base);
     f("predicted", predicted); f("rest_position", rest_position); f("inverse_mass", inverse_mass); f("fixed", fixed);
     f("gravity", gravity); f("wind", wind);
     f("triangle_nodes", triangle_nodes); f("hinge_nodes", hinge_nodes); f("term_nodes", term_nodes);
@@ -171,5 +185,8 @@ private:
     f("right_side", s.right_side); f("solution", s.solution);
   }
 };
+
+/// Called with the state after every linear solve. Tests plant failures here.
+inline void (*planted_failure)(State &) = nullptr;
 
 }  // namespace cama

@@ -239,6 +239,7 @@ std::vector<Case> cases(const std::string &backend)
   add("released pins", released(), production);
   add("tangled start", tangle(), exempt);
   add("pinch", pinched(), release, 36);
+  add("accurate", everything(3), Options::preset("accurate"));
   return list;
 }
 

@@ -34,7 +34,7 @@ int check_lock_step(const std::string &backend, int triangles, int steps, int mo
     const Scene &scene = shipped::load(name, triangles);
     const shipped::Moment &moment = shipped::in_contact(name, triangles, 20, most);
     in_contact += moment.contacts >= 20;
-    for (const char *accuracy : {"production", "paper"})
+    for (const char *accuracy : {"production", "paper", "accurate"})
       for (const std::string &precision : shipped::precisions)
         for (bool late : {false, true}) {
           INFO(name << ", " << accuracy << ", " << precision << (late ? ", from step " + std::to_string(moment.step) : ", from the start") << ", " << backend);
@@ -197,6 +197,39 @@ TEST_CASE("the state hashes of the shipped scenes are the same on every backend"
         INFO(name << ", " << precision << ", " << backend);
         CHECK(run(name, pinned_triangles, pinned_steps, shipped::options("production", precision, backend)).hash == serial(name, precision).hash);
       }
+}
+
+TEST_CASE("every accuracy level gives the same hash on every backend and for 1 and 3 threads", "[determinism][scenes][levels]")
+{
+  Scene everything = meshes::pile(5);
+  everything.cloths[0].material.damping = 0.002;
+  everything.wind = Wind{{1, 0.5, 0}, 1.2, 0.1};
+  everything.stitches.push_back({0, 35, 1, 35, 34, 0.25, 50});
+  const auto hash = [&](const std::string &level, const std::string &backend, int threads, bool shipped_scene) {
+    Options o = Options::preset(level);
+    o.backend = backend;
+    o.threads = threads;
+    Simulation simulation(shipped_scene ? shipped::load("sphere", 700) : everything, o);
+    if (shipped_scene) {
+      const shipped::Moment &moment = shipped::in_contact("sphere", 700, 20, 150);
+      const auto n = static_cast<std::size_t>(simulation.cloth_vertex_count());
+      simulation.set_state({moment.position.begin(), moment.position.begin() + static_cast<long>(n)},
+                           {moment.velocity.begin(), moment.velocity.begin() + static_cast<long>(n)});
+    }
+    for (int i = 0; i < (level == "reference" ? 3 : 6); ++i) simulation.step();
+    return simulation.state_hash();
+  };
+  for (const std::string &level : accuracy_levels())
+    for (bool shipped_scene : {false, true}) {
+      const std::uint64_t one = hash(level, "cpu", 1, shipped_scene);
+      INFO(level << (shipped_scene ? ", sphere" : ", everything"));
+      CHECK(hash(level, "cpu", 3, shipped_scene) == one);
+      if (lockstep::strict)
+        for (const std::string &backend : devices_here()) {
+          INFO(backend);
+          CHECK(hash(level, backend, 0, shipped_scene) == one);
+        }
+    }
 }
 
 TEST_CASE("state hashes after 200 steps at 5000 triangles, and in the paper's mode, are the same on every backend", "[determinism][scenes][.][long]")

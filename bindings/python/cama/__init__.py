@@ -15,7 +15,7 @@ import os as _os
 _os.environ.setdefault("GOMP_SPINCOUNT", "20000")
 
 from . import collision, shipped  # noqa: E402
-from ._core import __version__, list_backends as backends
+from ._core import __version__, accuracy_levels, list_backends as backends
 from .errors import (ArrayError, BackendError, CollisionError, DeviceMemoryError, Error, FileError, MaterialError,
                      MeshError, SceneError, SolverError)
 from .material import Material, fabrics
@@ -26,6 +26,7 @@ from . import accuracy, tradeoff, tune  # noqa: E402
 
 scenes = shipped.names
 
-__all__ = ["Scene", "Cloth", "Obstacle", "Material", "Motion", "Simulation", "Frame", "accuracy", "collision", "tradeoff", "tune", "backends", "fabrics",
+__all__ = ["Scene", "Cloth", "Obstacle", "Material", "Motion", "Simulation", "Frame", "accuracy", "accuracy_levels", "collision", "tradeoff", "tune",
+           "backends", "fabrics",
            "scenes", "Error", "ArrayError", "BackendError", "CollisionError", "DeviceMemoryError", "FileError",
            "MaterialError", "MeshError", "SceneError", "SolverError"]

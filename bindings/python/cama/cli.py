@@ -30,8 +30,7 @@ class Precision(str, Enum):
     double, mixed, single = "double", "mixed", "single"
 
 
-class Accuracy(str, Enum):
-    production, paper = "production", "paper"
+Accuracy = Enum("Accuracy", {name: name for name in _core.accuracy_levels()}, type=str)
 
 
 class Policy(str, Enum):
@@ -45,7 +44,9 @@ class Pinch(str, Enum):
 SceneName = Annotated[str, typer.Argument(metavar="SCENE", help="A folder with scene.json, a JSON file, or a shipped scene's name.")]
 BackendOption = Annotated[Backend, typer.Option(help="Where to compute.")]
 PrecisionOption = Annotated[Optional[Precision], typer.Option(help="Of forces, matrix and solve; left out: what the accuracy says.")]
-AccuracyOption = Annotated[Optional[Accuracy], typer.Option(help="Preset of solver and collision options; left out: the scene's options, else production.")]
+AccuracyOption = Annotated[Optional[Accuracy], typer.Option(help="Level: time step, integrator, solver and collision options in one word; left out: the scene's options, else production.")]
+TimeStep = Annotated[float, typer.Option(min=0.0, help="s; 0: the level's, which is the scene's for production and paper.")]
+Set = Annotated[Optional[list[str]], typer.Option("--set", metavar="NAME=VALUE", help="One option in place of the level's, for example tolerance=1e-4; may be repeated.")]
 Resolution = Annotated[int, typer.Option(min=0, help="Total number of cloth triangles aimed at; 0: the scene's own.")]
 Threads = Annotated[int, typer.Option(min=0, help="Threads of the CPU backend; 0: all.")]
 Device = Annotated[int, typer.Option(min=0, help="Index of the backend's device.")]
@@ -71,6 +72,21 @@ def fail(problem):
     Console(stderr=True, soft_wrap=True).print(f"[bold red]{type(problem).__name__}:[/] [red]{escape(str(problem))}[/]", highlight=False)
 
 
+def chosen(accuracy, time_step, words):
+    """Options of `--time-step` and `--set NAME=VALUE`, each of the type that the level has it in. Throws SceneError."""
+    level, result = _core.Options.preset(accuracy.value if accuracy else "production"), {"time_step": time_step} if time_step else {}
+    for word in words or ():
+        name, mark, text = word.partition("=")
+        if not mark:
+            raise cama.SceneError(f"--set {word}: expected NAME=VALUE")
+        kind = type(getattr(level, name, ""))
+        try:
+            result[name] = {"true": True, "false": False}[text.lower()] if kind is bool else kind(text)
+        except (KeyError, ValueError):
+            raise cama.SceneError(f"--set {word}: {text!r} is not a {kind.__name__}") from None
+    return result
+
+
 def console():
     return Console(soft_wrap=True, highlight=False)
 
@@ -79,7 +95,7 @@ def console():
 @clean
 def run(scene: SceneName,
         backend: BackendOption = Backend.auto, precision: PrecisionOption = None,
-        accuracy: AccuracyOption = None, resolution: Resolution = 0,
+        accuracy: AccuracyOption = None, time_step: TimeStep = 0.0, set_: Set = None, resolution: Resolution = 0,
         frames: Annotated[Optional[int], typer.Option(min=0, help="Frames to record; default: the scene's.")] = None,
         threads: Threads = 0, device: Device = 0,
         intersections: Annotated[Policy, typer.Option(help="What becomes of a start that intersects: refused, started as it is, cloth moved first.")] = Policy.reject,
@@ -89,9 +105,9 @@ def run(scene: SceneName,
         debug: Debug = False):
     """Simulates SCENE; writes OUT/frames.h5 and OUT/summary.json. Ctrl-C stops between steps and keeps what was computed."""
     loaded = cama.Scene.load(scene, resolution)
-    simulation = cama.Simulation(loaded, backend=backend.value, precision=precision.value if precision else None, accuracy=accuracy.value if accuracy else None,
-                                 device=device, threads=threads, intersections=intersections.value,
-                                 pinch=pinch.value)
+    simulation = cama.Simulation(loaded, backend=backend.value, precision=precision.value if precision else None,
+                                 accuracy=accuracy.value if accuracy else None, device=device, threads=threads,
+                                 **{"intersections": intersections.value, "pinch": pinch.value, **chosen(accuracy, time_step, set_)})
     if simulation.untangled.rounds:
         moved = simulation.untangled
         console().print(f"start untangled: {moved.before:,} intersections, {moved.moved:,} vertices moved by up to {moved.largest_move * 1e3:.3g} mm")
@@ -132,6 +148,8 @@ def print_summary(s, folder):
         ("state hash", s["state_hash"]),
         ("written to", escape(str(folder))),
     ]
+    if s["retries"]:
+        rows.append(("retries", f"[bold yellow]{s['retries']:,}[/] attempts at steps failed and were done again in shorter ones"))
     if s["released"]:
         rows.append(("let go of", f"[bold red]{s['released']:,}[/] vertices that moving bodies pinched"))
     slowest = sorted(((v, k) for k, v in s["stages"].items() if "/" not in k), reverse=True)[:6]
@@ -167,14 +185,21 @@ def info(debug: Debug = False):
 @app.command()
 @clean
 def explain(scene: SceneName, backend: BackendOption = Backend.auto, precision: PrecisionOption = None,
-            accuracy: AccuracyOption = None, resolution: Resolution = 0, threads: Threads = 0, device: Device = 0,
-            debug: Debug = False):
-    """Shows which stages and streams SCENE gets, why, and their memory after one step."""
-    simulation = cama.Simulation(cama.Scene.load(scene, resolution), backend=backend.value, precision=precision.value if precision else None,
-                                 accuracy=accuracy.value if accuracy else None, device=device, threads=threads)
+            accuracy: AccuracyOption = None, time_step: TimeStep = 0.0, set_: Set = None, resolution: Resolution = 0,
+            threads: Threads = 0, device: Device = 0, debug: Debug = False):
+    """Shows what the accuracy level chose, which stages and streams SCENE gets, why, and their memory after one step."""
+    loaded = cama.Scene.load(scene, resolution)
+    simulation = cama.Simulation(loaded, backend=backend.value, precision=precision.value if precision else None,
+                                 accuracy=accuracy.value if accuracy else None, device=device, threads=threads, **chosen(accuracy, time_step, set_))
+    level = accuracy.value if accuracy else loaded.options.get("accuracy", "production")
     simulation.step()
     out = console()
-    out.print(f"[bold]{escape(repr(simulation.scene))}[/] on {simulation.backend} ({escape(simulation.device)})")
+    out.print(f"[bold]{escape(repr(simulation.scene))}[/] on {simulation.backend} ({escape(simulation.device)}), accuracy {level}")
+    chosen_by = {"level": f"level {level}", "scene": "scene", "user": "[bold]user[/]"}
+    options = Table("option", "value", "set by", "trades time for", box=None, padding=(0, 2))
+    for s in simulation.settings:
+        options.add_row(s["name"], escape(s["value"]), chosen_by[s["origin"]], s["trades"])
+    out.print(options)
     stages = Table("stage", "why", box=None, padding=(0, 2))
     for name, why in simulation.explain():
         stages.add_row(escape(name), escape(why))

@@ -58,8 +58,8 @@ def attributes(simulation):
     """What frames.h5 says about the run."""
     scene, options = simulation.scene, simulation.options
     return {"scene": scene.name, "description": scene.description, "backend": simulation.backend, "device": simulation.device,
-            "precision": options["precision"], "accuracy": options["accuracy"], "time_step": scene.time_step,
-            "steps_per_frame": scene.steps_per_frame, "frame_time": scene.time_step * scene.steps_per_frame,
+            "precision": options["precision"], "accuracy": options["accuracy"], "time_step": simulation.time_step,
+            "steps_per_frame": simulation.steps_per_frame, "frame_time": simulation.time_step * simulation.steps_per_frame,
             "thickness": scene.thickness, "cama_version": __version__, "created": time.strftime("%Y-%m-%dT%H:%M:%S%z")}
 
 
@@ -100,7 +100,7 @@ def run(simulation, folder, frames, store="double", progress=None):
 
 def compute(simulation, summary, pressed):
     """The steps of one frame; False if Ctrl-C stopped them."""
-    for _ in range(simulation.scene.steps_per_frame):
+    for _ in range(simulation.steps_per_frame):
         if pressed():
             return False
         simulation.step()

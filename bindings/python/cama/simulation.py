@@ -30,6 +30,7 @@ class Frame:
 
 
 def _options(backend, precision, accuracy, device, threads, overrides):
+    """Compiled options: the level's with everything given in its place. Throws SceneError."""
     options = _core.Options.preset(accuracy)
     known = [n for n in dir(options) if not n.startswith("_") and n not in ("preset", "accuracy")]
     given = dict(backend=backend, device=device, threads=threads, **overrides)
@@ -64,12 +65,14 @@ class Simulation:
     """Backend, state and pipeline of one scene.
 
     scene: a cama.Scene, or what `Scene.load` takes.  backend: "auto", "cpu", "opencl" or "cuda".
-    accuracy: a preset of options; None: the scene's `options`, else "production". Given, it sets the scene's options aside; single
-    options in `overrides` come on top of either.
+    accuracy: one of cama.accuracy_levels(): "preview", "interactive", "production", "accurate", "reference", "paper"; sets the time step and
+    all that follows but backend, device and threads. None: the scene's `options`, else "production". Given, it sets the scene's options
+    aside; single options in `overrides` come on top of either.
     precision: "double", "mixed" (forces, matrix and residual in double, the solve in single with refinement) or "single"; None: what
-    the accuracy says, mixed for "production", double for "paper".
-    device: index.  threads: of the CPU backend, 0: all.  overrides: single options, for example tolerance=1e-6,
-    max_iterations, preconditioner="jacobi", solver="direct", assembly="algorithm1", search="fronts", commit, cubic_impacts,
+    the accuracy says.
+    device: index.  threads: of the CPU backend, 0: all.  overrides: single options, for example time_step (s, 0: the level's),
+    integrator ("backward_euler", "bdf2"), newton_iterations, newton_tolerance, contact_refresh ("step", "iteration"),
+    tolerance=1e-6, max_iterations, preconditioner="jacobi", solver="direct", assembly="algorithm1", search="fronts", commit, cubic_impacts,
     max_impact_passes, intersections ("reject", "exempt" or "untangle": what becomes of a start that intersects),
     pinch ("stop" or "release": what becomes of cloth that moving bodies pinch).
 
@@ -90,19 +93,20 @@ class Simulation:
     def step(self, n=1):
         """Computes n time steps with the GIL released. Ctrl-C stops between steps and keeps what was computed.
 
-        Throws SolverError or CollisionError; the state stays readable.
+        A step that the solver cannot do is taken back and made of shorter ones, down to 1/16: `report["retries"]` counts what failed.
+        Throws SolverError when that does not help either, or CollisionError; the state is that before the step.
         """
         if n < 0:
             raise ArrayError(f"step: n is negative: {n}")
         self._core.step(int(n))
 
     def frames(self, n=None, audit=True):
-        """Iterates over the next n frames (default: the scene's), each `scene.steps_per_frame` steps.
+        """Iterates over the next n frames (default: the scene's), each `steps_per_frame` steps.
 
         audit: count intersections in every frame, exactly.
         """
         for _ in range(self.scene.frames if n is None else n):
-            self.step(self.scene.steps_per_frame)
+            self.step(self.steps_per_frame)
             self._frame += 1
             report = self.report
             yield Frame(self._frame, self.time, self.positions, report["contacts"],
@@ -117,6 +121,21 @@ class Simulation:
     def time(self):
         """s."""
         return self._core.time()
+
+    @property
+    def time_step(self):
+        """s; the scene's, the accuracy level's or the user's."""
+        return self._core.time_step()
+
+    @property
+    def steps_per_frame(self):
+        """Time steps from one recorded frame to the next: as many as fill the scene's frame_time; without one, its time_step."""
+        return max(1, round((self.scene.frame_time or self.scene.time_step) / self.time_step))
+
+    @property
+    def settings(self):
+        """Options that trade accuracy for time: list of dicts with name, value (text), origin ("level", "scene" or "user"), trades."""
+        return [dict(zip(("name", "value", "origin", "trades"), row)) for row in self._core.settings()]
 
     @property
     def vertex_count(self):
@@ -183,7 +202,8 @@ class Simulation:
 
     @property
     def report(self):
-        """What the last step did: dict of contacts, candidates, impacts, iterations, residual, truncated, milliseconds, ..."""
+        """What the last step did: dict of contacts, candidates, impacts, iterations, residual, newton_iterations, newton_residual, retries,
+        truncated, milliseconds, ..."""
         return self._core.report()
 
     @property

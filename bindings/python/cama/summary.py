@@ -50,7 +50,7 @@ class Summary:
             "triangles": s.cloth_triangle_count,
             "vertices": s.cloth_vertex_count,
             "steps": s.step_count,
-            "dt": s.scene.time_step,
+            "dt": s.time_step,
             "ms_per_step": {"mean": mean(times), "median": statistics.median(times) if times else None, "max": max(times, default=None)},
             "stages": {name: total / max(1, len(times)) for name, total in self._stages.items()},
             "pcg": {"iterations": {"mean": mean(iterations), "max": max(iterations, default=None)}},
@@ -64,6 +64,7 @@ class Summary:
             "truncated": sum(self._column("truncated")),
             "lost_motion": max(self._column("lost_motion"), default=0.0),
             "released": sum(self._column("released")),
+            "retries": sum(self._column("retries")),
             "state_hash": s.state_hash,
         })
 

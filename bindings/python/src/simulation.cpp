@@ -48,6 +48,9 @@ constexpr Choice<Pinch> pinches[] = {{"stop", Pinch::stop}, {"release", Pinch::r
 constexpr Choice<SearchKind> searches[] = {{"tree", SearchKind::tree}, {"fronts", SearchKind::fronts}};
 constexpr Choice<LinearSolver> solvers[] = {{"conjugate_gradient", LinearSolver::conjugate_gradient}, {"direct", LinearSolver::direct}};
 
+constexpr Choice<Integrator> integrators[] = {{"backward_euler", Integrator::backward_euler}, {"bdf2", Integrator::bdf2}};
+constexpr Choice<ContactRefresh> refreshes[] = {{"step", ContactRefresh::step}, {"iteration", ContactRefresh::iteration}};
+
 constexpr Choice<Intersections> policies[] = {
     {"reject", Intersections::reject}, {"exempt", Intersections::exempt}, {"untangle", Intersections::untangle}};
 
@@ -81,12 +84,17 @@ void bind_options(py::module_ &m)
   choice_property(options, "contact_form", &Options::contact_form, contact_forms);
   choice_property(options, "pinch", &Options::pinch, pinches);
   choice_property(options, "intersections", &Options::intersections, policies);
+  choice_property(options, "integrator", &Options::integrator, integrators);
+  choice_property(options, "contact_refresh", &Options::contact_refresh, refreshes);
   options.def_static("preset", &Options::preset)
       .def_readwrite("backend", &Options::backend)
       .def_readwrite("device", &Options::device)
       .def_readwrite("threads", &Options::threads)
       .def_readwrite("precision", &Options::precision)
       .def_readonly("accuracy", &Options::accuracy)
+      .def_readwrite("time_step", &Options::time_step)
+      .def_readwrite("newton_iterations", &Options::newton_iterations)
+      .def_readwrite("newton_tolerance", &Options::newton_tolerance)
       .def_readwrite("atomic_filling", &Options::atomic_filling)
       .def_readwrite("localized_search", &Options::localized_search)
       .def_readwrite("linear_impacts", &Options::linear_impacts)
@@ -115,6 +123,9 @@ py::dict to_dict(const StepReport &r)
   d["released"] = r.released;
   d["exempt"] = r.exempt;
   d["substeps"] = r.substeps;
+  d["retries"] = r.retries;
+  d["newton_iterations"] = r.newton_iterations;
+  d["newton_residual"] = r.newton_residual;
   d["iterations"] = r.iterations;
   d["residual"] = r.residual;
   d["milliseconds"] = r.milliseconds;
@@ -142,6 +153,13 @@ auto ask(Result (Simulation::*method)() const)
 void bind_simulation(py::module_ &m)
 {
   bind_options(m);
+  m.def("accuracy_levels", &accuracy_levels);
+  m.def("chosen_time_step", &chosen_time_step);
+  m.def("settings", [](const Options &options, const Scene &scene) {
+    py::list rows;
+    for (const Setting &s : settings(options, scene)) rows.append(py::make_tuple(s.name, s.value, s.origin, s.trades));
+    return rows;
+  });
   py::class_<Guarded>(m, "Simulation")
       .def(py::init([](const Scene &scene, const Options &options) {
         const Scene own(scene);
@@ -152,6 +170,7 @@ void bind_simulation(py::module_ &m)
       .def("step", &step)
       .def("step_count", ask(&Simulation::step_count))
       .def("time", ask(&Simulation::time))
+      .def("time_step", ask(&Simulation::time_step))
       .def("vertex_count", ask(&Simulation::vertex_count))
       .def("cloth_vertex_count", ask(&Simulation::cloth_vertex_count))
       .def("cloth_triangle_count", ask(&Simulation::cloth_triangle_count))
@@ -194,6 +213,11 @@ void bind_simulation(py::module_ &m)
       .def("state_hash", ask(&Simulation::state_hash))
       .def("peak_memory_bytes", ask(&Simulation::peak_memory_bytes))
       .def("options", ask(&Simulation::options))
+      .def("settings", [](Guarded &g) {
+        py::list rows;
+        for (const Setting &s : g.with([](Simulation &s) { return s.settings(); })) rows.append(py::make_tuple(s.name, s.value, s.origin, s.trades));
+        return rows;
+      })
       .def("backend", [](Guarded &g) {
         return g.with([](Simulation &s) { return std::make_pair(std::string(s.backend().name()), s.backend().device()); });
       });

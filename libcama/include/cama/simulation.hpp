@@ -18,6 +18,8 @@ enum class Preconditioner { none, jacobi, block_jacobi, schwarz };   ///< schwar
 enum class Pinch { stop, release };                          ///< cloth caught between moving obstacles or pins without a way out
 enum class SearchKind { tree, fronts };                       ///< trees searched from the root; the paper's fronts
 enum class LinearSolver { conjugate_gradient, direct };
+enum class Integrator { backward_euler, bdf2 };               ///< bdf2: second order in the time step, less damping
+enum class ContactRefresh { step, iteration };                ///< how often the closest points of contacts are found
 /// What becomes of a start in which cloth intersects something: refused; simulated as it is; cloth moved first (refused if some is left).
 enum class Intersections { reject, exempt, untangle };
 
@@ -29,7 +31,13 @@ struct Options {
   /// "double"; "mixed": forces, matrix and residual double, the solve single with refinement; "single": all of these. State and collision
   /// are double always. Mixed is for the Schwarz preconditioner; others solve in the matrix's precision.
   std::string precision = "mixed";
-  std::string accuracy = "production";    ///< "production" or "paper"
+  /// One of accuracy_levels(): what the other options start as. docs/accuracy-levels.md says what each level sets.
+  std::string accuracy = "production";
+  double time_step = 0;                   ///< s; 0: the level's, which is the scene's for production and paper (see chosen_time_step)
+  Integrator integrator = Integrator::backward_euler;
+  int newton_iterations = 1;              ///< at most, a step; 1: the linearised step
+  double newton_tolerance = 1e-3;         ///< of the nonlinear equation, relative to the forces in it; StepReport::newton_residual
+  ContactRefresh contact_refresh = ContactRefresh::step;   ///< iteration: at every Newton iterate
   Assembly assembly = Assembly::gather;
   bool atomic_filling = false;            ///< Algorithm 1 as printed: fill with floating-point atomics (order, hence bits, vary)
   ContactForm contact_form = ContactForm::rank_one;   ///< of the penalty in the matrix: consistent, or the paper's star of springs
@@ -39,7 +47,7 @@ struct Options {
   Preconditioner preconditioner = Preconditioner::schwarz;
   LinearSolver solver = LinearSolver::conjugate_gradient;
   double tolerance = 1e-3;                ///< of the solve, relative, in the preconditioned norm
-  int max_iterations = 5000;
+  int max_iterations = 5000;              ///< of one solve
   int max_impact_passes = 8;              ///< rounds of continuous detection and inelastic projection
   bool linear_impacts = false;            ///< impacts as one linear system with an active set (paper); false: impulses that only push
   bool cubic_impacts = false;             ///< impacts by the coplanarity cubic at distance 0 (paper); false: additive, at the certified distance
@@ -52,6 +60,21 @@ struct Options {
   /// Sets every option that the named accuracy fixes. Throws SceneError listing the names.
   static Options preset(const std::string &accuracy);
 };
+
+/// Names of the accuracy levels: preview, interactive, production, accurate, reference, paper.
+const std::vector<std::string> &accuracy_levels();
+
+/// The time step that a simulation takes, s: Options::time_step; where it is 0, the level's, shortened so that whole steps fill a frame.
+double chosen_time_step(const Options &options, const Scene &scene);
+
+/// An option that trades accuracy for time, as it was chosen.
+struct Setting {
+  std::string name, value;
+  std::string origin;   ///< "level", "scene" or "user"
+  std::string trades;   ///< what for what
+};
+/// All of them for a scene. An option that differs from its level's is the user's.
+std::vector<Setting> settings(const Options &options, const Scene &scene);
 
 struct StageTime { std::string name; int depth; double milliseconds; };   ///< of the last step
 struct StreamInfo { std::string name; std::string element; std::size_t size, bytes; };
@@ -70,8 +93,11 @@ struct StepReport {
   int released = 0;                       ///< cloth vertices that pinching obstacles let go of in this step
   int exempt = 0;                         ///< pairs that contact passes over after this step, seams aside
   int substeps = 1;                       ///< pieces that moving obstacles divided the step into
-  int iterations = 0;                     ///< of the linear solve
-  double residual = 0;                    ///< of the linear solve: sqrt(r' P r) relative to its start (Schwarz: computed afresh); direct: |A v - b| / |b|
+  int retries = 0;                        ///< attempts that failed and were taken back; the step was then made of shorter ones
+  int newton_iterations = 1;              ///< solves of the step
+  double newton_residual = -1;            ///< of the nonlinear equation, relative to the forces in it; -1: not computed
+  int iterations = 0;                     ///< of the linear solves
+  double residual = 0;                    ///< of the last linear solve: sqrt(r' P r) relative to its start (Schwarz: computed afresh); direct: |A v - b| / |b|
   double milliseconds = 0;
   long launches = 0;                      ///< of kernels; what a backend's scan and sort launch is counted too
   long waits = 0;                         ///< times the host waited for the device
@@ -97,7 +123,10 @@ public:
   Simulation(Simulation &&) noexcept;
   Simulation &operator=(Simulation &&) noexcept;
 
-  void step();                                    ///< one time step; throws SolverError or CollisionError, state stays readable
+  /// One time step. A step that the solver cannot do is taken back and done in halves, down to 1/16 (StepReport::retries).
+  /// Throws SolverError when that does not help either, CollisionError or BackendError; the state before the step stays.
+  void step();
+  double time_step() const;                       ///< s
   int step_count() const;
   double time() const;
 
@@ -118,6 +147,7 @@ public:
   std::vector<StageTime> timings() const;         ///< of the last step, pipeline order
   std::vector<StreamInfo> streams() const;        ///< every stream that outlives a stage
   std::vector<std::pair<std::string, std::string>> explain() const;  ///< stage name, why it is there
+  std::vector<Setting> settings() const;          ///< options that trade accuracy for time, and who chose them
   Energy energy() const;
   double min_gap() const;                         ///< smallest distance over candidate pairs of the last step, m; inf if none
   double max_strain() const;                      ///< largest principal stretch minus one over all triangles

@@ -7,7 +7,7 @@ namespace cama {
 
 void AdvancePositions::run(State &state)
 {
-  CAMA_LAUNCH(*state.backend, advance, state.cloth_vertices, state.time_step, state.fixed, state.velocity_next, state.position,
+  CAMA_LAUNCH(*state.backend, advance, state.cloth_vertices, state.implicit_step, state.fixed, state.velocity_next, state.base_position(),
               state.position_next);
 }
 
@@ -20,6 +20,20 @@ void FinishStep::run(State &state)
                       " is not finite; the state before this step is kept. Take a smaller time step or softer material");
   state.position.swap(state.position_next);
   state.velocity.swap(state.velocity_next);
+  if (!state.position_before.backend()) return;
+  state.position_next.swap(state.position_before);
+  state.velocity_next.swap(state.velocity_before);
+  const StepReport &r = state.report;   // a velocity that jumped would be extrapolated to one that rebounds
+  state.history = r.impact_passes == 0 && r.truncated == 0 && r.substeps == 1;
+}
+
+void Extrapolate::run(State &state)
+{
+  state.multistep = state.history;
+  state.set_implicit_step(state.multistep ? 2.0 / 3.0 * state.time_step : state.time_step);
+  if (!state.multistep) return;
+  CAMA_LAUNCH(*state.backend, extrapolate_states, state.vertices, state.position, state.position_before, state.position_base);
+  CAMA_LAUNCH(*state.backend, extrapolate_states, state.vertices, state.velocity, state.velocity_before, state.velocity_base);
 }
 
 void ForgetSeparated::run(State &state)

@@ -165,17 +165,24 @@ void LinearSolve<Real>::run(State &state)
   System<Real> &s = state.system<Real>();
   s.right_side.resize(state.cloth_vertices);
   s.solution.resize(state.vertices);
-  CAMA_LAUNCH_REAL(Real, b, start_solution, state.vertices, state.velocity, state.velocity_next, state.fixed, s.solution);
-  CAMA_LAUNCH_REAL(Real, b, make_right_side, state.cloth_vertices, static_cast<Real>(state.time_step), s.mass, state.velocity,
+  CAMA_LAUNCH_REAL(Real, b, start_solution, state.vertices, state.base_velocity(), state.velocity_next, state.fixed, s.solution);
+  CAMA_LAUNCH_REAL(Real, b, make_right_side, state.cloth_vertices, static_cast<Real>(state.implicit_step), s.mass, state.base_velocity(),
                    state.velocity_next, state.fixed, s.force, s.right_side);
   if (state.terms)
     CAMA_LAUNCH_REAL(Real, b, add_term_forces, state.cloth_vertices, state.term_incidence.row, state.term_incidence.entry, s.term, s.right_side);
+  solve(state);
+  CAMA_LAUNCH_REAL(Real, b, store_velocity, state.cloth_vertices, state.fixed, s.solution, state.velocity_next);
+  if (planted_failure) planted_failure(state);
+}
+
+template <class Real>
+void LinearSolve<Real>::solve(State &state)
+{
   if (state.options.solver == LinearSolver::direct) {
     direct(state);
   } else {
     iterative(state);
   }
-  CAMA_LAUNCH_REAL(Real, b, store_velocity, state.cloth_vertices, state.fixed, s.solution, state.velocity_next);
 }
 
 template class LinearSolve<double>;

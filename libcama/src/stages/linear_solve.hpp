@@ -15,6 +15,8 @@ public:
   explicit LinearSolve(Backend &backend);
   std::string_view name() const override { return "linear solve"; }
   void run(State &state) override;
+  /// Improves System::solution for System::right_side; report.iterations and residual are its own.
+  void solve(State &state);
 
   /// q = A x on the free rows, terms included.
   void multiply(State &state, const Stream<typename Types<Real>::vec3> &x, Stream<typename Types<Real>::vec3> &q);

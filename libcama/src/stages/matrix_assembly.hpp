@@ -11,6 +11,12 @@ public:
   std::string_view name() const override { return "element forces"; }
   void run(State &state) override;
 
+  using vec3 = typename Types<Real>::vec3;
+  /// Forces and factors at these positions.
+  void evaluate(State &state, const Stream<dvec3> &position, bool with_wind);
+  bool windy() const { return windy_; }
+  void add_wind(State &state, const Stream<dvec3> &position, const Stream<dvec3> &velocity, Stream<vec3> &force);   ///< [3 triangles]
+
 private:
   bool windy_;
   double air_density_ = 0, drag_ = 0;

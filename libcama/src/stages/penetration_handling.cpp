@@ -328,8 +328,8 @@ void PenetrationHandling::run(State &state)
       search_.run(state, from_, state.position_next);
     }
   }
-  CAMA_LAUNCH(*state.backend, follow_positions, state.cloth_vertices, state.time_step, state.fixed, state.position, state.position_next,
-              state.velocity_next);
+  CAMA_LAUNCH(*state.backend, follow_positions, state.cloth_vertices, state.time_step, state.implicit_step, state.fixed, state.position,
+              state.base_position(), state.position_next, state.velocity_next);
 }
 
 }  // namespace cama

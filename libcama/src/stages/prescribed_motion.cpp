@@ -157,7 +157,7 @@ void PrescribedMotion::run(State &state)
 {
   release_due(state, state.time);
   place(state, state.time + state.time_step);
-  CAMA_LAUNCH(*state.backend, prescribe_velocities, state.vertices, state.fixed, state.position, state.position_next, state.time_step,
+  CAMA_LAUNCH(*state.backend, prescribe_velocities, state.vertices, state.fixed, state.base_position(), state.position_next, state.implicit_step,
               state.velocity_next);
 }
 

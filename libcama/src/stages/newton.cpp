@@ -1,0 +1,197 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "stages/newton.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+
+#include "launch.hpp"
+
+namespace cama {
+namespace {
+constexpr int most_halvings = 10, patience = 3;   // iterations in a row that lower neither the potential beyond rounding nor the residual
+constexpr double sufficient = 1e-4;               // of the fall that the slope promises
+constexpr double rounding_units = 16;             // of the potential's parts together
+}  // namespace
+
+template <class Real>
+NewtonIterations<Real>::NewtonIterations(const Scene &scene, Backend &b, EvaluateElements<Real> &elements, AssembleMatrix<Real> &assembly,
+                                         LinearSolve<Real> &solve)
+    : elements_(elements), assembly_(assembly), solve_(solve),
+      damped_(std::any_of(scene.cloths.begin(), scene.cloths.end(), [](const Cloth &c) { return c.material.damping != 0; })),
+      product_(b), outer_(b), outer_triangle_(b), outer_hinge_(b), start_(b), still_(b), vertex_{Stream<double>(b), Stream<double>(b)},
+      triangle_{Stream<double>(b), Stream<double>(b)}, hinge_(b), term_(b), total_(b), part_(b)
+{}
+
+template <class Real>
+std::vector<double> NewtonIterations<Real>::sum(State &state, const std::vector<Stream<double> *> &streams)
+{
+  Backend &b = *state.backend;
+  Stream<double> *slot[4] = {&vertex_[0], &vertex_[0], &vertex_[0], &vertex_[0]};
+  int used = 0;
+  for (std::size_t k = 0; k < streams.size(); ++k) {
+    Stream<double> &values = *streams[k];
+    if (values.size() == 0) continue;
+    for (int n = values.size(); n > 1;) {
+      const int parts = (n + PARTIAL_CHUNK - 1) / PARTIAL_CHUNK;
+      part_.resize(parts);
+      CAMA_LAUNCH(b, reduce_partials, parts, n, values, part_);
+      values.swap(part_);
+      n = parts;
+    }
+    slot[k] = &values;
+    used |= 1 << k;
+  }
+  total_.resize(4);
+  CAMA_LAUNCH(b, collect_totals, 1, used, *slot[0], *slot[1], *slot[2], *slot[3], total_);
+  return total_.download();
+}
+
+template <class Real>
+typename NewtonIterations<Real>::Norms NewtonIterations<Real>::evaluate(State &state)
+{
+  Backend &b = *state.backend;
+  System<Real> &s = state.system<Real>();
+  const int rows = state.cloth_vertices;
+  const Real h = static_cast<Real>(state.implicit_step);
+  const Stream<dvec3> &x = state.position_next, &v = state.velocity_next;
+  elements_.evaluate(state, x, false);
+  if (elements_.windy() || damped_) {
+    outer_triangle_.resize(3 * state.triangles);
+    outer_hinge_.resize(4 * state.hinges);
+    outer_.resize(rows);
+    if (still_.size() == 0) still_.assign({dvec3{0, 0, 0}});
+    outer_triangle_.fill_zero();
+    outer_hinge_.fill_zero();
+    if (elements_.windy()) elements_.add_wind(state, x, v, outer_triangle_);
+    if (damped_) {
+      CAMA_LAUNCH_REAL(Real, b, damp_triangles, state.triangles, s.triangle_rest, s.triangle_factor, s.material_scale, h, v, outer_triangle_);
+      CAMA_LAUNCH_REAL(Real, b, damp_hinges, state.hinges, s.hinge_rest, s.hinge_factor, s.material_scale, h, v, outer_hinge_);
+    }
+    CAMA_LAUNCH_REAL(Real, b, gather_forces, rows, state.triangle_incidence.row, state.triangle_incidence.entry, outer_triangle_,
+                     state.hinge_incidence.row, state.hinge_incidence.entry, outer_hinge_, state.hinges, s.mass, still_, outer_);
+    CAMA_LAUNCH_REAL(Real, b, add_forces, rows, outer_, s.force);
+  }
+  CAMA_LAUNCH_REAL(Real, b, newton_right_side, rows, h, s.mass, state.fixed, state.base_velocity(), v, s.force, s.right_side);
+  if (state.terms) {
+    const int refresh = state.options.contact_refresh == ContactRefresh::iteration;
+    product_.resize(state.terms);
+    CAMA_LAUNCH_REAL(Real, b, update_contact_terms, state.contacts, refresh, state.contact, state.position, x, state.vertex_contact, h, s.term);
+    CAMA_LAUNCH_REAL(Real, b, make_stitch_terms, state.stitches, state.stitch, x, h, state.contacts, s.term);
+    CAMA_LAUNCH_REAL(Real, b, add_term_forces, rows, state.term_incidence.row, state.term_incidence.entry, s.term, s.right_side);
+    CAMA_LAUNCH_REAL(Real, b, friction_products, state.terms, state.contacts, s.term, v, product_);
+    CAMA_LAUNCH_REAL(Real, b, add_term_products, rows, state.term_incidence.row, state.term_incidence.entry, s.term, product_, state.fixed,
+                     s.right_side);
+  }
+  for (Stream<double> &values : vertex_) values.resize(rows);
+  CAMA_LAUNCH_REAL(Real, b, newton_norms, rows, h, s.mass, state.fixed, state.gravity, s.right_side, state.triangle_incidence.row,
+                   state.triangle_incidence.entry, s.triangle_force, state.hinge_incidence.row, state.hinge_incidence.entry, s.hinge_force,
+                   state.hinges, state.terms > 0 ? 1 : 0, state.term_incidence.row, state.term_incidence.entry, s.term, vertex_[0], vertex_[1]);
+  const std::vector<double> totals = sum(state, {&vertex_[0], &vertex_[1]});
+  if (!std::isfinite(totals[0]) && !searching_)
+    throw SolverError("step " + std::to_string(state.report.step) + ": Newton's method met forces that are not finite; check the material's stiffness and density and the time step");
+  return {totals[0], totals[1]};
+}
+
+template <class Real>
+typename NewtonIterations<Real>::Potential NewtonIterations<Real>::measure(State &state)
+{
+  Backend &b = *state.backend;
+  System<Real> &s = state.system<Real>();
+  const Stream<dvec3> &x = state.position_next, &v = state.velocity_next;
+  const bool held = elements_.windy() || damped_;
+  vertex_[0].resize(state.cloth_vertices);
+  CAMA_LAUNCH_REAL(Real, b, measure_inertia, state.cloth_vertices, state.implicit_step, s.mass, state.fixed, state.base_velocity(), v,
+                   state.position, x, state.gravity, held ? 1 : 0, held ? outer_ : s.force, vertex_[0]);
+  for (Stream<double> &values : triangle_) values.resize(state.triangles);
+  CAMA_LAUNCH_REAL(Real, b, measure_triangles, state.triangles, s.triangle_rest, s.stretching_table, s.stretching_start, x, triangle_[0],
+                   triangle_[1]);
+  hinge_.resize(state.hinges);
+  if (state.hinges)
+    CAMA_LAUNCH_REAL(Real, b, measure_hinges, state.hinges, s.hinge_rest, s.bending_table, state.options.arcsim_conventions ? 1 : 0, x, hinge_);
+  term_.resize(state.terms);
+  CAMA_LAUNCH_REAL(Real, b, measure_terms, state.terms, state.contacts, state.options.contact_refresh == ContactRefresh::iteration ? 1 : 0,
+                   state.contact, state.stitch, state.position, x, v, state.vertex_contact, s.term, term_);
+  const std::vector<double> parts = sum(state, {&vertex_[0], &triangle_[0], &hinge_, &term_});
+  Potential result{0, 0};
+  for (double part : parts) {
+    result.value += part;
+    result.size += std::abs(part);
+  }
+  return result;
+}
+
+template <class Real>
+void NewtonIterations<Real>::move(State &state, double alpha)
+{
+  Backend &b = *state.backend;
+  CAMA_LAUNCH_REAL(Real, b, move_iterate, state.cloth_vertices, alpha, state.fixed, start_, state.system<Real>().solution, state.velocity_next);
+  CAMA_LAUNCH(b, advance, state.cloth_vertices, state.implicit_step, state.fixed, state.velocity_next, state.base_position(), state.position_next);
+}
+
+template <class Real>
+bool NewtonIterations<Real>::search_line(State &state, Norms &norms, bool &evaluated)
+{
+  Backend &b = *state.backend;
+  System<Real> &s = state.system<Real>();
+  evaluated = fell_ = false;
+  vertex_[0].resize(state.cloth_vertices);
+  CAMA_LAUNCH_REAL(Real, b, descent, state.cloth_vertices, state.fixed, s.right_side, s.solution, vertex_[0]);
+  const double slope = sum(state, {&vertex_[0]})[0];
+  if (!(slope < 0)) return false;
+  start_.copy_from(state.velocity_next);
+  const Potential before = measure(state);
+  const double rounding = rounding_units * std::numeric_limits<Real>::epsilon();
+  double alpha = 1;
+  for (int halving = 0; halving <= most_halvings; ++halving, alpha /= 2) {
+    move(state, alpha);
+    const Potential now = measure(state);
+    const double slack = rounding * (before.size + now.size);
+    if (now.value <= before.value + sufficient * alpha * slope + slack) {
+      fell_ = now.value < before.value - slack;
+      return true;
+    }
+    if (halving > 0) continue;
+    // Sampled stiffness is not quite the gradient of an energy: close to the solution the residual decides.
+    searching_ = true;
+    const Norms there = evaluate(state);
+    searching_ = false;
+    if (there.residual < norms.residual) {
+      norms = there;
+      return evaluated = true;
+    }
+  }
+  move(state, 0);
+  return false;
+}
+
+template <class Real>
+void NewtonIterations<Real>::run(State &state)
+{
+  System<Real> &s = state.system<Real>();
+  const double goal = state.options.newton_tolerance * state.options.newton_tolerance;
+  int linear = state.report.iterations, taken = 1, idle = 0;
+  searching_ = false;
+  Norms norms = evaluate(state), best = norms;
+  const auto relative = [](const Norms &n) { return n.size > 0 ? std::sqrt(n.residual / n.size) : 0; };
+  while (norms.residual > goal * norms.size && taken < state.options.newton_iterations && idle < patience) {
+    assembly_.run(state);
+    s.solution.fill_zero();
+    solve_.solve(state);
+    linear += state.report.iterations;
+    ++taken;
+    bool evaluated = false;
+    if (!search_line(state, norms, evaluated)) break;
+    if (!evaluated) norms = evaluate(state);
+    idle = fell_ || norms.residual < 0.25 * best.residual ? 0 : idle + 1;
+    if (norms.residual < best.residual) best = norms;
+  }
+  state.report.iterations = linear;
+  state.report.newton_iterations = taken;
+  state.report.newton_residual = relative(norms);
+}
+
+template class NewtonIterations<double>;
+template class NewtonIterations<float>;
+
+}  // namespace cama

@@ -1,0 +1,76 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Accuracy levels from Python and the command line."""
+
+import json
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+import cama
+from cama.cli import app
+
+RUNNER = CliRunner()
+
+
+def falling(**more):
+    scene = cama.Scene(time_step=0.005, frames=3, contact=False, **more)
+    scene.add_cloth(shape={"grid": {"size": [0.2, 0.2]}, "triangles": 50}, material="cotton")
+    return scene
+
+
+def test_levels_set_the_time_step_and_frames_stay_the_same_in_time():
+    assert cama.accuracy_levels() == ["preview", "interactive", "production", "accurate", "reference", "paper"]
+    steps = {level: cama.Simulation(falling(frame_time=0.02), accuracy=level).time_step for level in cama.accuracy_levels()}
+    assert steps["production"] == steps["paper"] == 0.005
+    assert steps["preview"] == pytest.approx(0.02 / 3) and steps["interactive"] == pytest.approx(0.004)
+    assert steps["accurate"] == pytest.approx(0.0005) and steps["reference"] < steps["accurate"]
+    for level in ("preview", "production", "accurate"):
+        simulation = cama.Simulation(falling(frame_time=0.02), accuracy=level)
+        times = [frame.time for frame in simulation.frames(audit=False)]
+        np.testing.assert_allclose(times, [0.02, 0.04, 0.06], rtol=1e-12)
+
+
+def test_free_fall_follows_the_closed_form_of_each_integrator():
+    """Below g t^2 / 2: g dt t / 2 by backward Euler; by BDF2, whose first step is one of backward Euler, 3/4 g dt^2 (1 - 3^-n)."""
+    for level in ("production", "accurate"):
+        simulation = cama.Simulation(falling(), accuracy=level)
+        start, dt = simulation.positions, simulation.time_step
+        while simulation.time < 0.1 - 1e-9:
+            simulation.step()
+        n = simulation.step_count
+        error = 9.81 * dt * 0.1 / 2 if level == "production" else 0.75 * 9.81 * dt**2 * (1 - 3.0**-n)
+        np.testing.assert_allclose(start[:, 2] - 9.81 * 0.1**2 / 2 - simulation.positions[:, 2], error, rtol=1e-6)
+
+
+def test_every_knob_can_be_overridden_and_says_so():
+    simulation = cama.Simulation(falling(), accuracy="accurate", time_step=1e-3, newton_iterations=2, integrator="backward_euler")
+    chosen = {s["name"]: (s["value"], s["origin"]) for s in simulation.settings}
+    assert chosen["time_step"] == ("0.001 s", "user") and chosen["newton_iterations"] == ("2", "user")
+    assert chosen["integrator"] == ("backward_euler", "user") and chosen["newton_tolerance"][1] == "level"
+    assert {s["name"]: s["origin"] for s in cama.Simulation(falling()).settings}["time_step"] == "scene"
+    simulation.step()
+    report = simulation.report
+    assert report["retries"] == 0 and report["newton_iterations"] >= 1 and report["newton_residual"] >= 0
+    with pytest.raises(cama.SceneError, match="backward_euler, bdf2"):
+        cama.Simulation(falling(), integrator="rk4")
+    with pytest.raises(cama.SceneError, match="preview, interactive, production, accurate, reference or paper"):
+        cama.Simulation(falling(), accuracy="best")
+
+
+def test_command_line(tmp_path):
+    path = tmp_path / "falling.json"
+    path.write_text(falling(frame_time=0.01).to_json())
+    result = RUNNER.invoke(app, ["run", str(path), "--accuracy", "accurate", "--set", "newton_iterations=2", "--set", "tolerance=1e-5", "--frames", "2",
+                                 "-o", str(tmp_path / "out")], catch_exceptions=False)
+    assert result.exit_code == 0, result.output
+    summary = json.loads((tmp_path / "out" / "summary.json").read_text())
+    assert summary["steps"] == 40 and summary["dt"] == pytest.approx(0.0005) and summary["retries"] == 0
+    shown = RUNNER.invoke(app, ["explain", str(path), "--accuracy", "accurate", "--time-step", "0.001", "--set", "commit=false"], catch_exceptions=False)
+    lines = {line.split()[0]: line for line in shown.output.splitlines() if line.strip()}
+    assert "0.001 s" in lines["time_step"] and "user" in lines["time_step"]
+    assert "bdf2" in lines["integrator"] and "level accurate" in lines["integrator"]
+    assert "false" in lines["commit"] and "user" in lines["commit"]
+    for words, expected in ((["--set", "tolerance"], "NAME=VALUE"), (["--set", "tolerance=much"], "much"), (["--set", "tolerence=1"], "tolerence")):
+        failed = RUNNER.invoke(app, ["run", str(path), *words, "-o", str(tmp_path / "no")])
+        assert failed.exit_code == 2 and expected in failed.output
