@@ -4,7 +4,10 @@
     cama tradeoff drape sphere flag funnel twisting --backend cpu --backend opencl --resolution 400 --threads 1 -o out/tradeoff
     python benchmarks/accuracy_page.py out/tradeoff
 
-Text between <!-- section fronts --> and <!-- end fronts --> is made here; nothing there is written by hand.
+    cama tradeoff drape sphere flag funnel twisting --resolution 400 --threads 1 -o out/levels $(printf -- '--also accuracy=%s ' preview interactive production accurate paper)
+    python benchmarks/accuracy_page.py out/levels --section levels
+
+Text between <!-- section fronts --> and <!-- end fronts --> (or levels) is made here; nothing there is written by hand.
 """
 
 import argparse
@@ -101,18 +104,38 @@ def section(scenes):
     return "\n".join(parts)
 
 
+def levels(scenes):
+    """Text of the section on levels: error and time of each in every scene."""
+    names = list(dict.fromkeys(p["settings"]["accuracy"] for s in scenes for p in s["points"] if set(p["settings"]) == {"accuracy"}))
+    rows = []
+    for scene in scenes:
+        found = {p["settings"]["accuracy"]: p for p in scene["points"] if set(p["settings"]) == {"accuracy"}}
+        row = [f"{scene['scene']}, {scene['triangles']:,}", f"{100 * scene['uncertainty_edges']:.2g} %"]
+        for name in names:
+            p = found.get(name)
+            if p is None or p["failed"]:
+                row.append("" if p is None else "failed")
+            else:
+                left = f", {p['intersections']} intersections" if p["intersections"] else ""
+                row.append(f"{100 * p['restart_rms_edges']:.2g} %, {number(p['ms_per_second'])} ms{left}")
+        rows.append(row)
+    return times.markdown(["scene, triangles", "reference", *names], rows) + "\n"
+
+
 def main():
     p = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     p.add_argument("folder", type=Path, help="what `cama tradeoff -o` wrote")
+    p.add_argument("--section", choices=["fronts", "levels"], default="fronts")
     p.add_argument("--page", type=Path, default=PAGE)
     p.add_argument("--images", type=Path, default=IMAGES)
     arguments = p.parse_args()
     scenes = json.loads((arguments.folder / "tradeoff.json").read_text(encoding="utf-8"))["scenes"]
     text = arguments.page.read_text(encoding="utf-8")
-    changed, count = re.subn(r"(<!-- section fronts -->\n).*?(<!-- end fronts -->)", lambda m: m[1] + "\n" + section(scenes) + "\n" + m[2], text, flags=re.S)
+    name, made = arguments.section, section(scenes) if arguments.section == "fronts" else levels(scenes)
+    changed, count = re.subn(rf"(<!-- section {name} -->\n).*?(<!-- end {name} -->)", lambda m: m[1] + "\n" + made + "\n" + m[2], text, flags=re.S)
     if count != 1:
-        raise SystemExit(f"{arguments.page}: no section fronts")
-    for scene in scenes:
+        raise SystemExit(f"{arguments.page}: no section {name}")
+    for scene in scenes if name == "fronts" else ():
         plot = arguments.folder / f"{scene['scene']}.svg"
         if plot.stat().st_size > LIMIT:
             raise SystemExit(f"{plot}: {plot.stat().st_size} bytes, above {LIMIT}")

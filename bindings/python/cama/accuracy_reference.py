@@ -57,8 +57,12 @@ def steps_of(span, time_step, what):
 
 
 def best_options(given):
-    """Options of a reference: double precision and solves to 1e-10, on top of `production`, which small steps take to the same limit."""
-    return {"accuracy": "production", "precision": "double", "tolerance": 1e-10, **given}
+    """Options of a reference: the level `reference` where this version has it, else `production` in double precision with solves to 1e-10."""
+    from .tradeoff_grid import levels
+    if "accuracy" in given:
+        return {"precision": "double", **given}
+    best = {"accuracy": "reference"} if "reference" in levels() else {"accuracy": "production", "tolerance": 1e-10}
+    return {**best, "precision": "double", **given}
 
 
 def reach(simulation, time):
@@ -100,7 +104,8 @@ def reference(scene, window=0.05, windows=10, first=0, stride=1, time_step=None,
 
     window: s between a start state and its target.  windows, first, stride: they start at every `stride`-th multiple of `window` from number
     `first`, or at `starts` [k] s, ascending and apart by `window` at least.  time_step: s, default: the scene's / 32, so that it divides
-    `window`.  options: as of Simulation, on top of `production` in double precision with a tolerance of 1e-10.
+    `window`.  options: as of Simulation, on top of the accuracy `reference` where there is one, else of `production` in double
+    precision with a tolerance of 1e-10.
 
     From every start state the window is run with the time step, twice and four times it. Richardson: where the extrapolations to no time
     step from each pair agree better than the runs themselves, the target is the finer extrapolation and the uncertainty their difference; else
