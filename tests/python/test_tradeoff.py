@@ -307,6 +307,9 @@ def test_the_command_writes_table_plots_and_page(fall, tmp_path):
     text = document.read_text()
     assert text.startswith("before\n") and text.endswith("after\n") and "old" not in text and "### fall, 8 triangles" in text
     assert "tolerance 0.1" in text and f"{100 * scene['points'][scene['fronts']['cpu'][0]]['restart_rms_edges']:.2f} %" in text and (tmp_path / "tradeoff-fall.svg").is_file()
+    document.write_text("<!-- section levels -->\nold\n<!-- end levels -->\n")
+    subprocess.run([sys.executable, ROOT / "benchmarks" / "accuracy_page.py", out, "--page", document, "--section", "levels"], check=True)
+    assert "| fall, 8 | 0 % |" in re.sub(r"\d\.?\d*e-\d+ %", "0 %", document.read_text()) and "| paper |" in document.read_text()
 
 
 @pytest.mark.parametrize("words, text", [

@@ -6,6 +6,7 @@
 """
 
 import hashlib
+import itertools
 import json
 import os
 import time
@@ -116,7 +117,7 @@ class Setup:
     device: int = 0
     threads: int = 0          #: of timed runs; 0: all
     jobs: int = 1             #: timed runs at once; more than one disturb each other
-    error_jobs: int = 0       #: runs at once that measure errors alone, one thread each; 0: as many as there are processors
+    error_jobs: int = 0       #: runs at once that measure errors alone, one thread each; 0: as many as there are processors on cpu, one on other devices
     cluster: str = None       #: address of a Ray cluster, or None: this machine
     limit: float = 600.0      #: s of wall time for one run
     warm_up: int = 5          #: steps that are not timed
@@ -210,12 +211,13 @@ class _Run:
         keys = {kind: [self._key(task) for task in tasks[kind]] for kind in tasks}
         results = {kind: [self._store.get(key) for key in keys[kind]] for kind in tasks}
         total, done = 2 * len(rows), sum(r is not None for kind in results.values() for r in kind)
-        jobs = {"time": setup.jobs, "error": setup.jobs and (setup.error_jobs or (0 if setup.cluster else os.cpu_count() or 1))}
         shared = {"texts": self._texts, "reference": reference}
-        for kind in tasks:
-            missing = [i for i, r in enumerate(results[kind]) if r is None]
+        for kind, backend in itertools.product(tasks, setup.backends):
+            missing = [i for i, r in enumerate(results[kind]) if r is None and rows[i]["backend"] == backend]
             self._progress(done, total, kind)
-            for k, result in self._pool.run(measure, [tasks[kind][i] for i in missing], shared, self._jobs(jobs[kind])):
+            if not missing:
+                continue
+            for k, result in self._pool.run(measure, [tasks[kind][i] for i in missing], shared, self._jobs(kind, backend)):
                 i = missing[k]
                 if isinstance(result, executor.Failure):
                     result = {"failed": result.text}
@@ -225,8 +227,14 @@ class _Run:
                 self._progress(done, total, f"{kind}, {rows[i]['backend']}, {label(rows[i]['settings'])}")
         return [self._point(row, results["error"][i], results["time"][i]) for i, row in enumerate(rows)]
 
-    def _jobs(self, count):
-        return None if self._setup.cluster and not count else count
+    def _jobs(self, kind, backend):
+        """At once. None: what the cluster has; 0: in this process. One device is not shared by several runs unless asked for."""
+        setup = self._setup
+        if kind == "time" or not setup.jobs:
+            return setup.jobs
+        if setup.error_jobs or setup.cluster:
+            return setup.error_jobs or None
+        return (os.cpu_count() or 1) if backend == "cpu" else 1
 
     def _key(self, task):
         own = {k: v for k, v in task.items() if task["kind"] == "time" or k in ("kind", "backend", "settings", "device")}

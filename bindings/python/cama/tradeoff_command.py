@@ -23,7 +23,7 @@ ReferenceStep = Annotated[Optional[float], typer.Option(help="Time step of the r
 Threads = Annotated[int, typer.Option(min=0, help="Threads of timed runs on the CPU backend; 0: all.")]
 Device = Annotated[int, typer.Option(min=0, help="Index of the backend's device.")]
 Jobs = Annotated[int, typer.Option(min=1, help="Timed runs at once; more than one disturb each other.")]
-ErrorJobs = Annotated[int, typer.Option(min=0, help="Runs at once that measure errors alone; 0: as many as there are processors.")]
+ErrorJobs = Annotated[int, typer.Option(min=0, help="Runs at once that measure errors alone; 0: as many as there are processors on cpu, one on other devices.")]
 ClusterAddress = Annotated[Optional[str], typer.Option("--cluster", metavar="ADDRESS", help="Run on this Ray cluster, for example auto or HOST:6379.")]
 Limit = Annotated[float, typer.Option(min=1e-3, help="Seconds of wall time for one run.")]
 WarmUp = Annotated[int, typer.Option(min=0, help="Steps that are not timed.")]
