@@ -306,10 +306,10 @@ TEST_CASE("a localized update adds exactly the pairs that are new, and leaves th
             fronts.to.assign(y);
             for (PairList *list : {&s.vertex_face, &s.edge_edge}) {   // marks that must stay
               std::vector<int> known(static_cast<std::size_t>(list->pairs.size()));
-              std::vector<dvec3> direction(known.size());
+              std::vector<kernels::fvec3> direction(known.size());
               for (std::size_t i = 0; i < known.size(); ++i) {
                 known[i] = 1;
-                direction[i] = {double(i), 2, 3};
+                direction[i] = {static_cast<float>(i), 2, 3};
               }
               list->known.assign(known);
               list->direction.assign(direction);
@@ -335,13 +335,13 @@ TEST_CASE("a localized update adds exactly the pairs that are new, and leaves th
             const std::pair<PairList *, std::size_t> lists[] = {{&s.vertex_face, vf.size()}, {&s.edge_edge, ee.size()}};
             for (const auto &[list, old] : lists) {
               const std::vector<int> known = list->known.download();
-              const std::vector<dvec3> direction = list->direction.download();
+              const std::vector<kernels::fvec3> direction = list->direction.download();
               REQUIRE(known.size() == static_cast<std::size_t>(list->pairs.size()));
               REQUIRE(direction.size() == known.size());
               for (std::size_t i = 0; i < known.size(); ++i) {
                 REQUIRE(known[i] == (i < old ? 1 : 0));
-                if (i < old) REQUIRE((direction[i].x == double(i) && direction[i].y == 2 && direction[i].z == 3));
-                else REQUIRE(std::abs(dnorm(direction[i]) - 1) < 1e-9);
+                if (i < old) REQUIRE((direction[i].x == static_cast<float>(i) && direction[i].y == 2 && direction[i].z == 3));
+                else REQUIRE(std::abs(std::hypot(direction[i].x, direction[i].y, direction[i].z) - 1) < 1e-6);
               }
             }
           }
