@@ -309,7 +309,7 @@ TEST_CASE("a localized update adds exactly the pairs that are new, and leaves th
               std::vector<kernels::fvec3> direction(known.size());
               for (std::size_t i = 0; i < known.size(); ++i) {
                 known[i] = 1;
-                direction[i] = {float(i), 2, 3};
+                direction[i] = {static_cast<float>(i), 2, 3};
               }
               list->known.assign(known);
               list->direction.assign(direction);
@@ -340,8 +340,8 @@ TEST_CASE("a localized update adds exactly the pairs that are new, and leaves th
               REQUIRE(direction.size() == known.size());
               for (std::size_t i = 0; i < known.size(); ++i) {
                 REQUIRE(known[i] == (i < old ? 1 : 0));
-                if (i < old) REQUIRE((direction[i].x == float(i) && direction[i].y == 2 && direction[i].z == 3));
-                else REQUIRE(std::abs(kernels::fvec3_dot(direction[i], direction[i]) - 1) < 1e-6);
+                if (i < old) REQUIRE((direction[i].x == static_cast<float>(i) && direction[i].y == 2 && direction[i].z == 3));
+                else REQUIRE(std::abs(std::hypot(direction[i].x, direction[i].y, direction[i].z) - 1) < 1e-6);
               }
             }
           }
