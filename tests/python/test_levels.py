@@ -49,6 +49,10 @@ def test_every_knob_can_be_overridden_and_says_so():
     assert chosen["time_step"] == ("0.001 s", "user") and chosen["newton_iterations"] == ("2", "user")
     assert chosen["integrator"] == ("backward_euler", "user") and chosen["newton_tolerance"][1] == "level"
     assert {s["name"]: s["origin"] for s in cama.Simulation(falling()).settings}["time_step"] == "scene"
+    scene = falling()
+    scene.options = {"accuracy": "accurate", "tolerance": 1e-5, "newton_iterations": 3}
+    chosen = {s["name"]: (s["value"], s["origin"]) for s in cama.Simulation(scene, newton_iterations=2).settings}
+    assert chosen["tolerance"] == ("1e-05", "scene") and chosen["newton_iterations"] == ("2", "user") and chosen["integrator"] == ("bdf2", "level")
     simulation.step()
     report = simulation.report
     assert report["retries"] == 0 and report["newton_iterations"] >= 1 and report["newton_residual"] >= 0

@@ -83,11 +83,15 @@ class Simulation:
 
     def __init__(self, scene, backend="auto", precision=None, accuracy=None, device=0, threads=0, **overrides):
         self.scene = scene.copy() if isinstance(scene, Scene) else Scene.load(scene)
+        of_scene = set()   # options that the scene brings and nobody else
         if accuracy is None:
+            of_scene = set(self.scene.options) - {name for name, value in overrides.items() if name != "time_step" or value}
+            of_scene -= set() if precision is None else {"precision"}
             overrides = {**self.scene.options, **{k: v for k, v in overrides.items() if k != "time_step" or v}}
             accuracy, own = overrides.pop("accuracy", "production"), overrides.pop("precision", None)
             precision = own if precision is None else precision
         self._core = _core.Simulation(self.scene._core, _options(backend, precision, accuracy, device, threads, overrides))
+        self._of_scene = of_scene
         self._frame = 0
 
     def step(self, n=1):
@@ -135,7 +139,8 @@ class Simulation:
     @property
     def settings(self):
         """Options that trade accuracy for time: list of dicts with name, value (text), origin ("level", "scene" or "user"), trades."""
-        return [dict(zip(("name", "value", "origin", "trades"), row)) for row in self._core.settings()]
+        rows = [dict(zip(("name", "value", "origin", "trades"), row)) for row in self._core.settings()]
+        return [{**row, "origin": "scene"} if row["origin"] == "user" and row["name"] in self._of_scene else row for row in rows]
 
     @property
     def vertex_count(self):
