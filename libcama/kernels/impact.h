@@ -334,16 +334,16 @@ KERNEL motion_lengths(int n, GLOBAL const dvec3 *x, GLOBAL const dvec3 *y, GLOBA
 {
   FOR_EACH(i, n) { length[i] = dnorm(dsub(y[i], x[i])); }
 }
-/* longest[i]: length of the longest motion of a vertex of impacts i, i + n, .. < count. */
-KERNEL longest_motions(int n, int count, GLOBAL const impact *impacts, GLOBAL const double *length, GLOBAL double *longest)
+/* farthest[i]: how far impacts i, i + n, .. < count may move a vertex, m: twice the longest motion of one, and the distance aimed at. */
+KERNEL farthest_pushes(int n, int count, GLOBAL const impact *impacts, GLOBAL const double *length, GLOBAL double *farthest)
 {
   FOR_EACH(i, n)
   {
     double most = 0.0;
     int k, a;
     for (k = i; k < count; k += n)
-      for (a = 0; a < 4; ++a) most = max_double(most, length[impacts[k].node[a]]);
-    longest[i] = most;
+      for (a = 0; a < 4; ++a) most = max_double(most, 2.0 * length[impacts[k].node[a]] + impacts[k].target);
+    farthest[i] = most;
   }
 }
 KERNEL largest_of(int n, int count, GLOBAL const double *value, GLOBAL double *largest)
@@ -357,14 +357,14 @@ KERNEL largest_of(int n, int count, GLOBAL const double *value, GLOBAL double *l
   }
 }
 
-/* x += y = M^-1 J' lambda, cloth vertices, but no further from where the solve wanted the vertex than twice the longest motion of
-   what is hit in the step and `slack`, m: impacts that cannot all be met, between obstacles that close, would throw it anywhere. moved[i] = 1 where x changes. */
-KERNEL apply_impulses(int n, double slack, GLOBAL const double *longest, GLOBAL const dvec3 *wanted, GLOBAL const dvec3 *y, GLOBAL dvec3 *x,
+/* x += y = M^-1 J' lambda, cloth vertices, but no further than farthest[0] from where the solve wanted the vertex: impacts that cannot all be met,
+   between obstacles that close, would throw it anywhere. moved[i] = 1 where x changes. */
+KERNEL apply_impulses(int n, GLOBAL const double *farthest, GLOBAL const dvec3 *wanted, GLOBAL const dvec3 *y, GLOBAL dvec3 *x,
                       GLOBAL int *moved)
 {
   FOR_EACH(i, n)
   {
-    double most = 2.0 * longest[0] + slack, length = dnorm(y[i]), away;
+    double most = farthest[0], length = dnorm(y[i]), away;
     dvec3 from = wanted[i], d = dsub(dadd(x[i], y[i]), from);
     moved[i] = length > 0.0;
     if (!(length > 0.0)) continue;

@@ -109,7 +109,7 @@ void ImpactProjection::start(State &state, const Stream<dvec3> &from, const Stre
   CAMA_LAUNCH(b, motion_lengths, state.vertices, from, wanted, length_);
 }
 
-void ImpactProjection::run(State &state, Stream<dvec3> &positions, double slack)
+void ImpactProjection::run(State &state, Stream<dvec3> &positions)
 {
   Backend &b = *state.backend;
   const int n = state.impact.size();
@@ -129,10 +129,10 @@ void ImpactProjection::run(State &state, Stream<dvec3> &positions, double slack)
   const int first = std::clamp(n, 1, 4096), second = std::min(first, 64);
   longest_.resize(first);
   longer_.resize(second);
-  CAMA_LAUNCH(b, longest_motions, first, n, state.impact, length_, longest_);
+  CAMA_LAUNCH(b, farthest_pushes, first, n, state.impact, length_, longest_);
   CAMA_LAUNCH(b, largest_of, second, first, longest_, longer_);
   CAMA_LAUNCH(b, largest_of, 1, second, longer_, largest_);
-  CAMA_LAUNCH(b, apply_impulses, state.cloth_vertices, slack, largest_, wanted_, y_, positions, moved_);
+  CAMA_LAUNCH(b, apply_impulses, state.cloth_vertices, largest_, wanted_, y_, positions, moved_);
 }
 
 PenetrationHandling::PenetrationHandling(Backend &b, CandidateSearch &search)
@@ -301,7 +301,7 @@ void PenetrationHandling::run(State &state)
       ++state.report.impact_passes;
       if (!projected) projection_.start(state, from_, state.position_next);
       projected = localized = true;
-      projection_.run(state, state.position_next, target_ * state.largest_thickness);
+      projection_.run(state, state.position_next);
     }
     if (!state.options.commit) break;
     if (certified && state.impact.size() == 0) break;   // every pair keeps its distance all the way

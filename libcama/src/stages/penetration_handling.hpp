@@ -17,9 +17,9 @@ public:
   explicit ImpactProjection(Backend &backend);
   /// Before the first run of a step: where the solve wants the vertices, and from where.
   void start(State &state, const Stream<dvec3> &from, const Stream<dvec3> &wanted);
-  /// Moves `positions` so that every impact of the state ends apart by its target at least. slack: m, how much
-  /// further than twice the longest motion of what is hit a vertex may go from where it was wanted.
-  void run(State &state, Stream<dvec3> &positions, double slack);
+  /// Moves `positions` so that every impact of the state ends apart by its target at least, but no vertex further than any impact's motion
+  /// and target ask for.
+  void run(State &state, Stream<dvec3> &positions);
   /// [vertices] 1: moved by the last run.
   const Stream<int> &moved() const { return moved_; }
 
