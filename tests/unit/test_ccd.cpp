@@ -593,7 +593,7 @@ TEST_CASE("an impact of the cubic, at distance 0, has the normal of the features
       const kernels::edge_nodes edge[2] = {{{0, 1}}, {{2, 3}}};
       const kernels::pair pair{0, edges ? 1 : 0};
       const double mass[4] = {1, 1, 1, 1};
-      const dvec3 direction = dvec3_make(0, 0, 0);
+      const kernels::fvec3 direction = {0, 0, 0};
       kernels::vertex_contact properties[4] = {};
       for (auto &p : properties) p.thickness = 1e-9;
       int known = 0, found = 0, index = 0;
