@@ -209,9 +209,9 @@ TEST_CASE("every accuracy level gives the same hash on every backend and for 1 a
     Options o = Options::preset(level);
     o.backend = backend;
     o.threads = threads;
-    Simulation simulation(shipped_scene ? shipped::load("sphere", 700) : everything, o);
+    Simulation simulation(shipped_scene ? shipped::load("drape", 700) : everything, o);
     if (shipped_scene) {
-      const shipped::Moment &moment = shipped::in_contact("sphere", 700, 20, 150);
+      const shipped::Moment &moment = shipped::in_contact("drape", 700, 20, 150);
       const auto n = static_cast<std::size_t>(simulation.cloth_vertex_count());
       simulation.set_state({moment.position.begin(), moment.position.begin() + static_cast<long>(n)},
                            {moment.velocity.begin(), moment.velocity.begin() + static_cast<long>(n)});
@@ -222,7 +222,7 @@ TEST_CASE("every accuracy level gives the same hash on every backend and for 1 a
   for (const std::string &level : accuracy_levels())
     for (bool shipped_scene : {false, true}) {
       const std::uint64_t one = hash(level, "cpu", 1, shipped_scene);
-      INFO(level << (shipped_scene ? ", sphere" : ", everything"));
+      INFO(level << (shipped_scene ? ", drape" : ", everything"));
       CHECK(hash(level, "cpu", 3, shipped_scene) == one);
       if (lockstep::strict)
         for (const std::string &backend : devices_here()) {
