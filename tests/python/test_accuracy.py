@@ -94,7 +94,7 @@ def test_the_smallest_gap_of_sheets_and_of_crossing_edges():
 
 
 def test_missed_contacts_are_those_of_an_independent_detection():
-    vertices, faces = grid(3)
+    vertices, faces = grid(2)
     turned = vertices @ trimesh.transformations.rotation_matrix(0.3, [0, 0, 1])[:3, :3].T + [0.02, 0.01, 0]
     before = np.concatenate([vertices, turned + [0, 0, 0.1]])
     after = np.concatenate([vertices, turned - [0, 0, 0.1]])
