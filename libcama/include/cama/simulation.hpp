@@ -141,7 +141,7 @@ public:
   std::vector<dvec3> velocities() const;          ///< [all vertices], m/s
   std::vector<double> masses() const;             ///< [cloth vertices], kg
   void set_state(const std::vector<dvec3> &positions, const std::vector<dvec3> &velocities);   ///< [cloth vertices] each
-  ContactArrays contacts() const;
+  ContactArrays contacts() const;                 ///< of the last step; empty after a step that failed
 
   const StepReport &report() const;
   std::vector<StageTime> timings() const;         ///< of the last step, pipeline order

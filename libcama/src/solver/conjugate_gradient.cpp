@@ -15,9 +15,11 @@ template <class S> constexpr double reachable = sizeof(S) == 8 ? 1e-28 : 4e-8;
 
 template <class S>
 ConjugateGradient<S>::ConjugateGradient(Backend &b, Preconditioner kind)
-    : kind_(kind), schwarz_(kind == Preconditioner::schwarz ? std::make_unique<Schwarz<S>>(b) : nullptr), rows_(b), matrix_(b), inverse_(b), r_(b),
-      z_(b), total_(b), w_(b), p_(b), s_(b), x_(b), product_(b), partial_(b), scalar_(b, 2 * CG_COUNT)
-{}
+    : kind_(kind), rows_(b), matrix_(b), inverse_(b), r_(b), z_(b), total_(b), w_(b), p_(b), s_(b), x_(b), product_(b), partial_(b),
+      scalar_(b, 2 * CG_COUNT)
+{
+  if (kind == Preconditioner::schwarz) schwarz_ = std::make_unique<Schwarz<S>>(b);
+}
 
 template <class S> template <class Real>
 void ConjugateGradient<S>::prepare(State &state, Stream<typename Types<Real>::mat3> &diagonal)
