@@ -68,7 +68,7 @@ VectorXd project(const Problem &p, double target, bool linear, int threads = 1)
   const std::vector<dvec3> far(p.position.size(), dvec3{1e6, 0, 0});
   ImpactProjection stage(*backend);
   stage.start(state, Stream<dvec3>(*backend, far), positions);   // motions so long that nothing is held back
-  stage.run(state, positions, target);
+  stage.run(state, positions);
   VectorXd moved = -p.stacked();
   const std::vector<dvec3> after = positions.download();
   for (std::size_t i = 0; i < after.size(); ++i) moved.segment<3>(3 * static_cast<int>(i)) += eigen(after[i]);
@@ -423,7 +423,7 @@ TEST_CASE("no vertex goes further from where it was wanted than twice the longes
     const double apart = run == 0 ? target : 3 * target;
     for (impact &m : p.impacts) m.target = apart;
     state.impact.assign(p.impacts);
-    stage.run(state, positions, apart);
+    stage.run(state, positions);
   }
   const std::vector<dvec3> after = positions.download();
   for (int v = 0; v < p.cloth; ++v) {
@@ -451,7 +451,7 @@ TEST_CASE("lists grow from nothing: impacts by the thousand after none", "[impac
     state.impact.assign(p.impacts);
     Stream<dvec3> positions(*backend, p.position);
     stage.start(state, Stream<dvec3>(*backend, std::vector<dvec3>(p.position.size(), dvec3{1e6, 0, 0})), positions);
-    stage.run(state, positions, 0.01);
+    stage.run(state, positions);
     const std::vector<dvec3> after = positions.download();
     const VectorXd fresh = project(p, 0.01, false);
     for (std::size_t i = 0; i < after.size(); ++i)
