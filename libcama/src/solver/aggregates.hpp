@@ -6,7 +6,7 @@
 
 namespace cama {
 
-/// Rows of the linear system in blocks of strongly coupled neighbours, blocks in blocks: free vertices only, by deterministic handshake
+/// RowOrder of the linear system in blocks of strongly coupled neighbours, blocks in blocks: free vertices only, by deterministic handshake
 /// matching on |A_ij| / sqrt(tr A_ii tr A_jj), terms included.
 class Aggregates {
 public:
@@ -26,7 +26,7 @@ public:
   };
   const Level &level(int l) const { return level_[static_cast<std::size_t>(l)]; }
 
-  Rows rows;   // so ordered that each block's are neighbours
+  RowOrder rows;   // so ordered that each block's are neighbours
 
 private:
   struct Graph {

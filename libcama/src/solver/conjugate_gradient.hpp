@@ -28,7 +28,7 @@ public:
 
 private:
   using vec4 = typename Types<S>::vec4;
-  const Rows &rows() const { return schwarz_ ? schwarz_->rows() : rows_; }
+  const RowOrder &rows() const { return schwarz_ ? schwarz_->rows() : rows_; }
   const Stream<vec4> &preconditioned() const { return schwarz_ ? total_ : z_; }
   /// z = P r where it was not made with r.
   void precondition(State &state);
@@ -38,7 +38,7 @@ private:
 
   const Preconditioner kind_;
   std::unique_ptr<Schwarz<S>> schwarz_;   // of the Schwarz preconditioner
-  Rows rows_;                             // of others
+  RowOrder rows_;                             // of others
   SlicedMatrix<S> matrix_;
   Stream<vec4> inverse_;                  // others' P
   int releases_ = -1;                     // of pins, when the pattern was made; -1: it has to be

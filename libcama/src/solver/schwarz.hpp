@@ -18,7 +18,7 @@ public:
   /// New values in the blocks. matrix: of the same rows.
   template <class Real> void factor(State &state, const SlicedMatrix<S> &matrix);
 
-  const Rows &rows() const { return aggregates_.rows; }
+  const RowOrder &rows() const { return aggregates_.rows; }
   int levels() const { return aggregates_.levels(); }
   int fine_blocks() const { return aggregates_.level(0).blocks; }
   const Stream<int> &block_of_row() const { return aggregates_.level(0).parent; }

@@ -10,7 +10,7 @@ int key_bits(int rows)
   return bits;
 }
 
-void Rows::number(State &state)
+void RowOrder::number(State &state)
 {
   Backend &b = *state.backend;
   const int vertices = state.cloth_vertices;
@@ -23,7 +23,7 @@ void Rows::number(State &state)
   CAMA_LAUNCH(b, number_free, vertices, flag, at, place, order);
 }
 
-void Rows::sort_by_length(Backend &b, const Stream<int> &row)
+void RowOrder::sort_by_length(Backend &b, const Stream<int> &row)
 {
   Stream<key64> key(b, size);
   CAMA_LAUNCH(b, length_keys, size, order, row, key);
@@ -32,7 +32,7 @@ void Rows::sort_by_length(Backend &b, const Stream<int> &row)
 }
 
 template <class S> template <class Real>
-void SlicedMatrix<S>::make_pattern(State &state, const Rows &rows, const BlockMatrix<Real> &matrix)
+void SlicedMatrix<S>::make_pattern(State &state, const RowOrder &rows, const BlockMatrix<Real> &matrix)
 {
   Backend &b = *state.backend;
   const int slices = parts(rows.size, SLICE_ROWS);
@@ -49,7 +49,7 @@ void SlicedMatrix<S>::make_pattern(State &state, const Rows &rows, const BlockMa
 }
 
 template <class S> template <class Real>
-void SlicedMatrix<S>::fill(State &state, const Rows &rows, const BlockMatrix<Real> &matrix)
+void SlicedMatrix<S>::fill(State &state, const RowOrder &rows, const BlockMatrix<Real> &matrix)
 {
   Backend &b = *state.backend;
   CAMA_LAUNCH_REAL(S, b, fill_slice_values, source_.size(), source_, sizeof(Real) == 8 ? 1 : 0, as<double, Real>(matrix.block),
@@ -67,8 +67,8 @@ void SlicedMatrix<S>::fill(State &state, const Rows &rows, const BlockMatrix<Rea
 template class SlicedMatrix<double>;
 template class SlicedMatrix<float>;
 #define CAMA_SLICED(S, Real)                                                                          \
-  template void SlicedMatrix<S>::make_pattern<Real>(State &, const Rows &, const BlockMatrix<Real> &); \
-  template void SlicedMatrix<S>::fill<Real>(State &, const Rows &, const BlockMatrix<Real> &);
+  template void SlicedMatrix<S>::make_pattern<Real>(State &, const RowOrder &, const BlockMatrix<Real> &); \
+  template void SlicedMatrix<S>::fill<Real>(State &, const RowOrder &, const BlockMatrix<Real> &);
 CAMA_SLICED(double, double)
 CAMA_SLICED(double, float)
 CAMA_SLICED(float, double)

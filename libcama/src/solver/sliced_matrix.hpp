@@ -23,11 +23,11 @@ template <class Number, class Real, class T> Components<Number> as(const Stream<
 int key_bits(int rows);
 
 /// The rows of a linear system: free vertices, in some order.
-struct Rows {
-  explicit Rows(Backend &b) : order(b), place(b) {}
+struct RowOrder {
+  explicit RowOrder(Backend &b) : order(b), place(b) {}
   /// Free vertices by number.
   void number(State &state);
-  /// Rows of alike length beside each other, within windows: slices are then full. row: of the matrix.
+  /// RowOrder of alike length beside each other, within windows: slices are then full. row: of the matrix.
   void sort_by_length(Backend &backend, const Stream<int> &row);
 
   int size = 0;
@@ -39,8 +39,8 @@ struct Rows {
 template <class S> class SlicedMatrix {
 public:
   explicit SlicedMatrix(Backend &b) : start(b), column(b), value(b), term_nodes(b), term_value(b), entry_weight(b), width_(b), source_(b) {}
-  template <class Real> void make_pattern(State &state, const Rows &rows, const BlockMatrix<Real> &matrix);
-  template <class Real> void fill(State &state, const Rows &rows, const BlockMatrix<Real> &matrix);
+  template <class Real> void make_pattern(State &state, const RowOrder &rows, const BlockMatrix<Real> &matrix);
+  template <class Real> void fill(State &state, const RowOrder &rows, const BlockMatrix<Real> &matrix);
 
   Stream<int> start, column;
   Stream<S> value;
