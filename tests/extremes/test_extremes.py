@@ -8,10 +8,8 @@ import numpy as np
 import pytest
 
 import cama
-import judge
-import scenes
-import shapes
-from cases import CASES
+from cama.extremes import judge, scenes, shapes
+from cama.extremes.scene_cases import CASES
 from run import perform
 
 REPEATS = 10

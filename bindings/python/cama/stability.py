@@ -65,7 +65,7 @@ def perform(check, backend="cpu", precision="double", accuracy="production", thr
     seen = probe.seen
     result.steps, result.intersections, result.strain = seen.steps, seen.intersections, float(seen.strain)
     result.energy_ratio, result.error, result.note = seen.energy_ratio, seen.error, seen.note
-    result.known = "" if result.good else check.known(result.outcome)
+    result.known = "" if result.good else check.known(result.outcome, precision)
     return result
 
 
