@@ -14,8 +14,8 @@ import cama
 
 __all__ = ["Outcome", "perform", "run", "write"]
 
-COLUMNS = ("number", "check", "backend", "precision", "accuracy", "outcome", "good", "known", "steps", "intersections", "strain", "energy_ratio", "error",
-           "note", "seconds")
+COLUMNS = ("number", "check", "backend", "precision", "accuracy", "outcome", "good", "known", "steps", "intersections", "strain",
+           "energy_ratio", "error", "note", "seconds")
 
 
 @dataclass
@@ -58,7 +58,8 @@ def perform(check, backend="cpu", precision="double", accuracy="production", thr
     except cama.Error as problem:
         probe.seen.error = f"{type(problem).__name__}: {problem}"
         result.good = type(problem).__name__ == check.error and check.words in str(problem)
-        result.outcome = f"ok: {check.error}" if result.good else probe.seen.error + (f" (expected {check.error} with {check.words!r})" if check.error else "")
+        other = f" (expected {check.error} with {check.words!r})" if check.error else ""
+        result.outcome = f"ok: {check.error}" if result.good else probe.seen.error + other
     except Exception as problem:  # a bare exception of Python is a failure too
         result.outcome = f"not by name: {type(problem).__name__}: {problem}"
     result.seconds = time.perf_counter() - begin
@@ -85,7 +86,8 @@ def _context():
     return context
 
 
-def run(checks, backends=("cpu",), precisions=("double", "mixed", "single"), accuracy="production", limit=120.0, jobs=1, long=False, each=None):
+def run(checks, backends=("cpu",), precisions=("double", "mixed", "single"), accuracy="production", limit=120.0, jobs=1,
+        long=False, each=None):
     """Runs checks on backends in precisions; returns Outcomes in the order of checks.
 
     limit: s of wall time for one.  jobs: processes at once.  long: the long ones too.  each: called with every Outcome.
@@ -192,16 +194,18 @@ def markdown(outcomes, checks):
     good, known = sum(o.good for o in outcomes), sum(bool(o.known) for o in outcomes)
     lines = ["# Stability", "",
              "<!-- written by `cama stability --page docs/stability.md`; edit bindings/python/cama/stability.py -->", "",
-             "Cases that break cloth simulators, each on every backend and in every precision, with an outcome that is expected from outside the code: a closed",
-             "form, a conserved quantity, a scaled copy, an exact count, or a named error. Every step of every run is checked for values that are not finite, in all",
-             f"arrays and reports that a user can read, and for intersections, by {judge.JUDGES}. [`cama stability`](cli.md#cama-stability-case) runs them and",
-             "writes this page; the numbers are those of the list of torture cases. [Extreme cases](extremes.md) has the large runs of the scenes among them.", "",
+             "Cases that break cloth simulators, each on every backend and in every precision, with an outcome that is expected from outside the",
+             "code: a closed form, a conserved quantity, a scaled copy, an exact count, or a named error. Every step of every run is checked for values",
+             "that are not finite, in all arrays and reports that a user can read, and for intersections, by",
+             f"{judge.JUDGES}. [`cama stability`](cli.md#cama-stability-case) runs them and writes this page; the numbers are",
+             "those of the list of torture cases. [Extreme cases](extremes.md) has large runs of the scenes among them.", "",
              f"cama {cama.__version__}, accuracy {levels}: {good} of {len(outcomes)} as expected, {known} fail as known, "
              f"{len(outcomes) - good - known} fail otherwise.", "",
-             "- *ok*, or the named error that was expected and came; **known**: a fault that this page lists below; **fails**: anything else.",
+             "- *ok*, or the named error that was expected and came; **known**: a fault that is listed below; **fails**: anything else.",
              "- *-*: does not apply there.  *not run*: see the end of the page.",
-             "- *steps* is of one configuration; *intersections*, *strain* (largest principal stretch minus one) and *energy* (kinetic energy at the end over its",
-             "  peak) are the largest of all of them. Checks that start tangled on purpose (`exempt`) show how many intersections there were.", "",
+             "- *steps* is of one configuration; *intersections*, *strain* (largest principal stretch minus one) and *energy* (kinetic energy at the",
+             "  end over its peak) are the largest of all of them. Checks that start tangled on purpose (`exempt`) show how many intersections",
+             "  there were.", "",
              "| | check | " + " | ".join(f"{b} {p}" for b, p in configurations) + " | steps | intersections | strain | energy |",
              "|---|---|" + "---|" * (len(configurations) + 4)]
     for check in checks:
@@ -227,7 +231,8 @@ def markdown(outcomes, checks):
         for (name, why), own in texts.items():
             places = ", ".join(f"{o.backend} {o.precision}" for o in own)
             lines.append(f"| `{name}` | {places} | {_plain(own[0].outcome)[:300]} | {_plain(why) or 'not known'} |")
-    idle = [c for c in checks if c.body is None] + [c for c in checks if c.body is not None and c.long and not any(o.check == c.name for o in outcomes)]
+    ran = {o.check for o in outcomes}
+    idle = [c for c in checks if c.body is None] + [c for c in checks if c.body is not None and c.long and c.name not in ran]
     if idle:
         lines += ["", "## What was not run", "", "| | check | why |", "|---|---|---|"]
         lines += [f"| {c.number} | `{c.name}` | {_plain(c.reason) or 'long: with `--long`'} |" for c in idle]

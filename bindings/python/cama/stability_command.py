@@ -15,6 +15,12 @@ from . import _core, stability
 from .errors import BackendError, SceneError
 
 
+Cases = Annotated[Optional[List[str]], typer.Argument(metavar="[CASE...]", help="Numbers (1 to 45) or names; none: all.")]
+Backends = Annotated[Optional[List[str]],
+                     typer.Option("--backend", help="cpu, opencl, cuda; may be repeated. Default: all that are there.")]
+Output = Annotated[Path, typer.Option("--output", "-o", metavar="OUT", help="Folder of the results.")]
+
+
 class Precision(str, Enum):
     double, mixed, single = "double", "mixed", "single"
 
@@ -39,8 +45,9 @@ def outcome_table(outcomes):
     for o in outcomes:
         colour = "green" if o.good else "yellow" if o.known else "bold red"
         energy = "-" if o.energy_ratio is None else f"{o.energy_ratio:.2g}"
+        known = f" [dim](known: {escape(o.known)})[/]" if o.known else ""
         table.add_row(str(o.number), escape(o.check), o.backend, o.precision, str(o.steps), str(o.intersections), f"{o.strain:.2g}", energy,
-                      f"{o.seconds:.1f}", f"[{colour}]{escape(o.outcome[:160])}[/]" + (f" [dim](known: {escape(o.known)})[/]" if o.known else ""))
+                      f"{o.seconds:.1f}", f"[{colour}]{escape(o.outcome[:160])}[/]" + known)
     return table
 
 
@@ -50,8 +57,8 @@ def register(app, clean, console):
 
     @app.command("stability")
     @clean
-    def stability_command(cases: Annotated[Optional[List[str]], typer.Argument(metavar="[CASE...]", help="Numbers (1 to 45) or names; none: all.")] = None,
-                          backend: Annotated[Optional[List[str]], typer.Option(help="cpu, opencl, cuda; may be repeated. Default: all that are there.")] = None,
+    def stability_command(cases: Cases = None,
+                          backend: Backends = None,
                           precision: Annotated[Optional[List[Precision]], typer.Option(help="May be repeated. Default: all three.")] = None,
                           accuracy: Annotated[str, typer.Option(metavar="LEVEL", help=f"One of {', '.join(levels)}.")] = "production",
                           limit: Annotated[float, typer.Option(min=1.0, help="Seconds of wall time for one run.")] = 120.0,
@@ -59,14 +66,15 @@ def register(app, clean, console):
                           long: Annotated[bool, typer.Option("--long", help="The long ones too.")] = False,
                           show: Annotated[bool, typer.Option("--list", help="Print the table of cases and stop.")] = False,
                           page: Annotated[Optional[Path], typer.Option(metavar="FILE", help="Write the Markdown page here too.")] = None,
-                          output: Annotated[Path, typer.Option("--output", "-o", metavar="OUT", help="Folder of the results.")] = Path("out/stability"),
+                          output: Output = Path("out/stability"),
                           debug: Annotated[bool, typer.Option("--debug", help="Show Python's traceback of an error.")] = False):
         """Runs the cases that break cloth simulators and checks what must come of each; exit code 1 if anything else does."""
         from .extremes import table
         try:
             checks = table.select(cases or ())
         except KeyError as word:
-            raise SceneError(f"case {word} is unknown; there are the numbers 1 to 45 and {', '.join(c.name for c in table.CHECKS)}") from None
+            names = ", ".join(c.name for c in table.CHECKS)
+            raise SceneError(f"case {word} is unknown; there are the numbers 1 to 45 and {names}") from None
         out = console()
         if show:
             listing = Table("", "case", "expected", box=None, padding=(0, 1))
@@ -82,10 +90,12 @@ def register(app, clean, console):
         total = sum(c.applies(b, p) and (long or not c.long) for c in checks for b in backends for p in precisions)
         with Progress(TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn(),
                       console=Console(stderr=True, highlight=False), transient=True) as progress:
-            task = progress.add_task("", total=total)
+            task, done = progress.add_task("", total=total), []
 
             def each(o):
                 progress.update(task, advance=1, description=f"{o.number} {o.check} on {o.backend} in {o.precision}")
+                done.append(o)
+                stability.write(done, output, None, checks)
             outcomes = stability.run(checks, backends, precisions, accuracy, limit, jobs or stability.default_jobs(), long, each)
         stability.write(outcomes, output, page, checks)
         out.print(outcome_table(outcomes))

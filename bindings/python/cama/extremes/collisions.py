@@ -189,6 +189,7 @@ def pin_through_own_cloth(p):
     top = np.flatnonzero(np.isclose(vertices[:, 1], 0.1))
     corner = int(np.argmin(vertices[:, 0] + vertices[:, 1]))
     scene.pin(cloth, top)
-    keys = [dict(time=0, translation=(0, 0, 0)), dict(time=0.1, translation=(0.1, 0.08, 0.08)), dict(time=0.2, translation=(0.12, -0.1, 0.1))]
+    keys = [dict(time=0, translation=(0, 0, 0)), dict(time=0.1, translation=(0.1, 0.08, 0.08)),
+            dict(time=0.2, translation=(0.12, -0.1, 0.1))]
     scene.pin(cloth, [corner], dict(keys=keys))
     p.run(scene, 50, bound=1)

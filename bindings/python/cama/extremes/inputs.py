@@ -47,7 +47,8 @@ def degenerate_triangles(p):
     vertices, faces = shapes.sheet(0.2, 0.2, 8)
     a, b, c = faces[3]
     line = _changed(vertices, c, vertices[a] + 0.25 * (vertices[b] - vertices[a]))
-    for what, attempt in (("equal corners", _one_cloth(p, _changed(vertices, b, vertices[a]), faces)), ("corners in a line", _one_cloth(p, line, faces)),
+    for what, attempt in (("equal corners", _one_cloth(p, _changed(vertices, b, vertices[a]), faces)),
+                          ("corners in a line", _one_cloth(p, line, faces)),
                           ("a corner twice", _one_cloth(p, vertices, _changed(faces, 3, [a, b, b])))):
         p.refused(cama.MeshError, ["cloth", "face"], attempt, what)
 
@@ -110,12 +111,14 @@ def _attempts(p, bad):
         "cloth scale": _one_cloth(p, *mesh, scale=bad), "cloth transform": _one_cloth(p, *mesh, transform=np.diag([bad, 1, 1, 1])),
         "gravity": scene_with(lambda s: setattr(s, "gravity", row)), "time_step": scene_with(lambda s: setattr(s, "time_step", bad)),
         "thickness": scene_with(lambda s: setattr(s, "thickness", bad)), "stiffness": scene_with(lambda s: setattr(s, "stiffness", bad)),
-        "friction": scene_with(lambda s: setattr(s, "friction", bad)), "static_friction": scene_with(lambda s: setattr(s, "static_friction", bad)),
+        "friction": scene_with(lambda s: setattr(s, "friction", bad)),
+        "static_friction": scene_with(lambda s: setattr(s, "static_friction", bad)),
         "wind velocity": scene_with(lambda s: setattr(s, "wind", {"velocity": row})),
         "wind density": scene_with(lambda s: setattr(s, "wind", {"density": bad})),
         "wind drag": scene_with(lambda s: setattr(s, "wind", {"drag": bad})),
         "obstacle vertices": scene_with(lambda s: s.add_obstacle(_changed(mesh[0] + [0, 0, -0.5], (4, 1), bad), mesh[1])),
-        "obstacle friction": ball(friction=bad), "obstacle static_friction": ball(static_friction=bad), "obstacle thickness": ball(thickness=bad),
+        "obstacle friction": ball(friction=bad), "obstacle static_friction": ball(static_friction=bad),
+        "obstacle thickness": ball(thickness=bad),
         "obstacle contact_stiffness": ball(contact_stiffness=bad), "obstacle translate": ball(translate=row),
         "obstacle transform": ball(transform=np.diag([1, 1, bad, 1])),
         "sphere radius": scene_with(lambda s: s.add_obstacle(shape={"shape": {"sphere": {"radius": bad}}})),
@@ -126,7 +129,8 @@ def _attempts(p, bad):
         "key rotation": ball(motion={"keys": [{"time": 0, "rotation": [bad, 0, 0, 0]}]}),
         "key scale": ball(motion={"keys": [{"time": 0, "scale": bad}]}),
         "sample times": scene_with(lambda s: s.add_obstacle(samples[0], mesh[1], motion={"times": [0, bad], "positions": samples})),
-        "sample positions": scene_with(lambda s: s.add_obstacle(samples[0], mesh[1], motion={"times": [0, 1], "positions": _changed(samples, (1, 4, 1), bad)})),
+        "sample positions": scene_with(lambda s: s.add_obstacle(samples[0], mesh[1], motion={
+            "times": [0, 1], "positions": _changed(samples, (1, 4, 1), bad)})),
         "pin motion": scene_with(lambda s: s.pin("cloth", [0], {"velocity": row})),
         "stitch ratio": scene_with(lambda s: s.stitch("cloth", 0, "cloth", 5, 6, ratio=bad)),
         "stitch stiffness": scene_with(lambda s: s.stitch("cloth", 0, "cloth", 5, stiffness=bad)),
@@ -134,8 +138,9 @@ def _attempts(p, bad):
         "ccd": lambda: cama.collision.vertex_face_ccd(np.zeros((1, 4, 3)), np.full((1, 4, 3), bad)),
         "intersections": lambda: cama.collision.intersections(_changed(mesh[0], (4, 1), bad), mesh[1]),
     }
-    for name, value in (("density", bad), ("damping", bad), ("friction", bad), ("static_friction", bad), ("thickness", bad), ("contact_stiffness", bad),
-                        ("stretching", [[1000.0, 300.0, bad, 700.0]] * 6), ("bending", [[1e-5, bad, 1e-5, 1e-5, 1e-5]] * 3)):
+    for name, value in (("density", bad), ("damping", bad), ("friction", bad), ("static_friction", bad), ("thickness", bad),
+                        ("contact_stiffness", bad), ("stretching", [[1000.0, 300.0, bad, 700.0]] * 6),
+                        ("bending", [[1e-5, bad, 1e-5, 1e-5, 1e-5]] * 3)):
         result[f"material {name}"] = material_with(name, value)
     for name in ("tolerance",):
         def option(name=name):

@@ -6,7 +6,7 @@ import numpy as np
 import cama
 
 from . import shapes
-from .meshes import GRAVITY, check_fall, cloth_scene, draped_patch
+from .meshes import GRAVITY, cloth_scene, draped_patch
 
 
 def second_step(p):
@@ -101,7 +101,8 @@ def paper_crease(p):
     vertices, faces = shapes.lattice(0.2, 0.1, 12, 6)
     x = vertices[:, 0]
     gap = 5e-4
-    folded = np.stack([np.abs(x), vertices[:, 1], np.where(x > 0, gap / 2, np.where(x < 0, -gap / 2, 0.0)) * np.minimum(1, np.abs(x) / 0.01)], 1)
+    height = np.sign(x) * gap / 2 * np.minimum(1, np.abs(x) / 0.01)
+    folded = np.stack([np.abs(x), vertices[:, 1], height], 1)
     scene, _ = cloth_scene(folded, faces, rest=vertices[:, :2], gravity=(0, 0, 0), thickness=1e-3,
                            material=cama.Material.isotropic(1000, 0.3, 1e-4, 0.2))
     simulation = p.run(scene, 60, bound=1)
@@ -218,7 +219,8 @@ def storm(p):
     vertices, faces = shapes.sheet(0.3, 0.2, 120)
     random = np.random.default_rng(4)
     upright = vertices[:, [0, 2, 1]] + random.uniform(-1e-3, 1e-3, vertices.shape) * [0, 1, 0]
-    scene, cloth = cloth_scene(upright, faces, rest=vertices[:, :2], wind={"velocity": (100, 5, 0), "density": 1.2, "drag": 0.05}, thickness=1e-3)
+    scene, cloth = cloth_scene(upright, faces, rest=vertices[:, :2], thickness=1e-3,
+                               wind={"velocity": (100, 5, 0), "density": 1.2, "drag": 0.05})
     scene.pin(cloth, np.flatnonzero(vertices[:, 0] == vertices[:, 0].min()))
     p.run(scene, 100, bound=2)
     p.require(p.seen.strain < 5, f"stretched by {p.seen.strain:.3g}")

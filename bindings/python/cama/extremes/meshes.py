@@ -10,11 +10,11 @@ from . import shapes
 GRAVITY = 9.81
 
 
-def cloth_scene(vertices, faces, steps=100, time_step=0.005, material="cotton", velocity=(0, 0, 0), rest=None, cloth_thickness=None, **scene):
+def cloth_scene(vertices, faces, steps=100, time_step=0.005, material="cotton", velocity=(0, 0, 0), rest=None, **scene):
     """A scene with one cloth, its handle with it."""
     made = cama.Scene(time_step=time_step, frames=steps, **scene)
     more = {} if rest is None else dict(material_vertices=rest, material_faces=faces)
-    return made, made.add_cloth(vertices, faces, material=material, velocity=velocity, name="cloth", thickness=cloth_thickness, **more)
+    return made, made.add_cloth(vertices, faces, material=material, velocity=velocity, name="cloth", **more)
 
 
 def fallen(steps, time_step):

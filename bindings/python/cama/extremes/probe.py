@@ -66,7 +66,10 @@ class Probe:
         return cama.Simulation(scene, **self.options(scene, **options))
 
     def run(self, scene, steps, bound=1e9, clean=True, judges=("audit", "ipctk"), **options):
-        """Computes steps of a scene, or of a simulation, and watches each. clean: intersections are wrong. judges: of them. Throws Wrong; cama.Error where a step does."""
+        """Computes steps of a scene, or of a simulation, and watches each.
+
+        clean: intersections are wrong. judges: of them. Throws Wrong; cama.Error where a step does.
+        """
         simulation = self.simulation(scene, **options) if isinstance(scene, cama.Scene) else scene
         judges = [(who, count) for who, count in judge.referees(simulation) if who in judges]
         guarded = self.certified and simulation.scene._core.contact.enabled
@@ -125,7 +128,8 @@ class Probe:
         except cama.Error as problem:
             name, text = type(problem).__name__, str(problem)
             self.seen.error = f"{name}: {text}"
-            self.require(isinstance(problem, error) and all(w in text for w in words), f"{what}: expected {error.__name__} with {words}, got {name}: {text}")
+            self.require(isinstance(problem, error) and all(w in text for w in words),
+                         f"{what}: expected {error.__name__} with {words}, got {name}: {text}")
             return
         raise Wrong(f"{what}: expected {error.__name__}, nothing was refused")
 
