@@ -38,9 +38,11 @@ def backends_of(names):
 
 def outcome_table(outcomes):
     """One line per run."""
-    table = Table("", "check", "backend", "precision", box=None, padding=(0, 1))
-    for title in ("steps", "intersections", "strain", "energy", "s"):
-        table.add_column(title, justify="right")
+    table = Table("", box=None, padding=(0, 1))
+    for title in ("check", "backend", "precision"):
+        table.add_column(title, no_wrap=True)
+    for title in ("steps", "cuts", "strain", "energy", "s"):
+        table.add_column(title, justify="right", no_wrap=True)
     table.add_column("outcome")
     for o in outcomes:
         colour = "green" if o.good else "yellow" if o.known else "bold red"

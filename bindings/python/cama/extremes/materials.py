@@ -20,7 +20,7 @@ def tiny_step(p):
     """Free fall with a time step of 0.1 microseconds; velocities are g t to rounding."""
     vertices, faces = shapes.sheet(0.2, 0.2, 32)
     scene, _ = cloth_scene(vertices, faces, time_step=1e-7)
-    simulation = p.run(scene, 100)
+    simulation = p.run(scene, 100, tolerance=p.per_precision(1e-12, 1e-9, 1e-5))
     t = simulation.time
     p.near(simulation.velocities, [0, 0, -GRAVITY * t], p.per_precision(1e-9, 1e-6, 1e-5) * GRAVITY * t, "velocity")
     p.near(simulation.positions - vertices, [0, 0, -GRAVITY * t**2 / 2], 0.02 * GRAVITY * t**2 / 2, "fall")
@@ -64,9 +64,12 @@ def indefinite_stiffness(p):
 def no_bending(p):
     """A held sheet without bending stiffness hangs down; not one Joule is in its folds."""
     scene, vertices, _ = _held(cama.Material.isotropic(1000, 0.3, 0.0, 0.2))
-    simulation = p.run(scene, 100, bound=0.5)
-    p.require(simulation.energy()["bending"] == 0, "it has bending energy")
-    p.require(simulation.positions[:, 2].min() < -0.1, "it does not hang")
+    simulation, lowest = p.simulation(scene), 0.0
+    for _ in range(10):
+        p.run(simulation, 10, bound=0.5)
+        p.require(simulation.energy()["bending"] == 0, "it has bending energy")
+        lowest = min(lowest, simulation.positions[:, 2].min())
+    p.require(lowest < -0.1, "it does not swing down")
 
 
 def huge_bending(p):

@@ -34,7 +34,7 @@ def check_fall(p, simulation, start, what):
 
 def single_triangle(p):
     scene, _ = cloth_scene([[0, 0, 0], [0.1, 0, 0], [0, 0.1, 0]], [[0, 1, 2]])
-    simulation = p.simulation(scene)
+    simulation = p.simulation(scene, tolerance=p.per_precision(1e-12, 1e-9, 1e-5))
     start = simulation.positions
     p.run(simulation, 100)
     check_fall(p, simulation, start, "fall")
