@@ -167,10 +167,10 @@ def _number(value):
     return "-" if value is None else f"{value:.2g}"
 
 
-def _cell(outcome):
+def _cell(check, backend, precision, outcome):
     """Of the matrix."""
     if outcome is None:
-        return "-"
+        return "not run" if check.applies(backend, precision) else "-"
     if outcome.good:
         return outcome.outcome.replace("ok: ", "")
     return "**known**" if outcome.known else "**fails**"
@@ -210,8 +210,8 @@ def markdown(outcomes, checks):
              "|---|---|" + "---|" * (len(configurations) + 4)]
     for check in checks:
         own = [of[check.name, b, p] for b, p in configurations if (check.name, b, p) in of]
-        cells = [_cell(of.get((check.name, b, p))) for b, p in configurations] if own else \
-            (["not run"] if check.body is None else ["long, not run"]) + [""] * (len(configurations) - 1)
+        cells = [_cell(check, b, p, of.get((check.name, b, p))) for b, p in configurations] if check.body else \
+            ["not run"] + [""] * (len(configurations) - 1)
         figures = [max(o.steps for o in own), max(o.intersections for o in own), _number(_largest(o.strain for o in own)),
                    _number(_largest(o.energy_ratio for o in own))] if own and any(o.steps for o in own) else [""] * 4
         lines.append(f"| {check.number} | `{check.name}` | " + " | ".join(str(c) for c in [*cells, *figures]) + " |")
