@@ -204,8 +204,8 @@ def markdown(outcomes, checks):
              "- *ok*, or the named error that was expected and came; **known**: a fault that is listed below; **fails**: anything else.",
              "- *-*: does not apply there.  *not run*: see the end of the page.",
              "- *steps* is of one configuration; *intersections*, *strain* (largest principal stretch minus one) and *energy* (kinetic energy at the",
-             "  end over its peak) are the largest of all of them. Checks that start tangled on purpose (`exempt`) show how many intersections",
-             "  there were.", "",
+             "  end over its peak) are the largest of all of them. Checks that start tangled on purpose (`exempt`) and those without",
+             "  contact show how many intersections there were.", "",
              "| | check | " + " | ".join(f"{b} {p}" for b, p in configurations) + " | steps | intersections | strain | energy |",
              "|---|---|" + "---|" * (len(configurations) + 4)]
     for check in checks:
