@@ -132,6 +132,17 @@ def test_nan_in_an_array_is_seen(array, monkeypatch):
         probe.watch(simulation)
 
 
+@pytest.mark.parametrize("name", ["moebius_strip", "restart", "lists_from_nothing", "huge_friction", "same_as_cpu", "needle_shot", "rotation"])
+def test_every_step_is_looked_at(name, monkeypatch):
+    steps, looks = [], []
+    step, finite = cama.Simulation.step, judge.finite
+    monkeypatch.setattr(cama.Simulation, "step", lambda s, n=1: steps.extend([s] * n) or step(s, n))
+    monkeypatch.setattr(judge, "finite", lambda s: looks.append(s) or finite(s))
+    outcome = stability.perform(table.select([name])[0])
+    assert outcome.good, outcome.outcome
+    assert steps == looks and len(steps) == outcome.steps > 0
+
+
 @pytest.mark.parametrize("field, value", [("residual", math.nan), ("lost_motion", math.inf)])
 def test_nan_in_the_report_is_seen(field, value, monkeypatch):
     scene, _ = meshes.cloth_scene([[0, 0, 0], [1, 0, 0], [0, 1, 0]], [[0, 1, 2]])

@@ -79,14 +79,15 @@ class Probe:
         return simulation
 
     def watch(self, simulation, judges=None, bound=1e9, clean=True):
-        """Looks at the state after a step. bound: of cloth coordinates, m. clean: intersections are wrong."""
+        """Looks at the state after a step. judges: as of judge.referees, None: all. bound: of cloth coordinates, m. clean: intersections are wrong."""
         seen, step = self.seen, simulation.step_count
         seen.steps += 1
         bad = judge.finite(simulation)
         if bad:
             raise Wrong(f"step {step}: not finite: {', '.join(bad)}")
         positions = simulation.positions
-        counts = {who: count(positions) for who, count in (judges or judge.referees(simulation))}
+        judges = judge.referees(simulation) if judges is None else judges
+        counts = {who: count(positions) for who, count in judges}
         seen.intersections = max([seen.intersections, *counts.values()])
         seen.strain = max(seen.strain, simulation.max_strain)
         seen.last = simulation.energy()["kinetic"]

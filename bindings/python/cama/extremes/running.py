@@ -74,8 +74,7 @@ def out_of_memory(p):
         return
     import resource
     scene = stack(6, 3000)
-    whole = p.simulation(scene)
-    whole.step()
+    whole = p.run(scene, 1)
     simulation = p.simulation(scene)
     before = simulation.state_hash
     with open("/proc/self/statm", encoding="ascii") as file:
