@@ -172,7 +172,7 @@ def _cell(check, backend, precision, outcome):
     if outcome is None:
         return "not run" if check.applies(backend, precision) else "-"
     if outcome.good:
-        return outcome.outcome.replace("ok: ", "")
+        return outcome.error.split(":")[0] if outcome.error and not outcome.steps else outcome.outcome.replace("ok: ", "")
     return "**known**" if outcome.known else "**fails**"
 
 
