@@ -202,7 +202,7 @@ def markdown(outcomes, checks):
              f"cama {cama.__version__}, accuracy {levels}: {good} of {len(outcomes)} as expected, {known} fail as known, "
              f"{len(outcomes) - good - known} fail otherwise.", "",
              "- *ok*, or the named error that was expected and came; **known**: a fault that is listed below; **fails**: anything else.",
-             "- *-*: does not apply there.  *not run*: see the end of the page.",
+             "- *-*: does not apply there.  *not run*: long, or see the end of the page.",
              "- *steps* is of one configuration; *intersections*, *strain* (largest principal stretch minus one) and *energy* (kinetic energy at the",
              "  end over its peak) are the largest of all of them. Checks that start tangled on purpose (`exempt`) and those without",
              "  contact show how many intersections there were.", "",
