@@ -10,6 +10,7 @@ import json
 import math
 import os
 import time
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -69,6 +70,13 @@ def test_the_table_is_whole():
         assert set(check.backends) <= set(table.BACKENDS) and set(check.precisions) <= set(table.PRECISIONS)
         assert not check.error or issubclass(getattr(cama, check.error), cama.Error)
         assert bool(check.fault) == bool(check.seen_as)
+
+
+def test_the_page_has_every_check():
+    page = (Path(__file__).parents[2] / "docs" / "stability.md").read_text(encoding="utf-8")
+    for check in table.CHECKS:
+        assert f"| {check.number} | `{check.name}` |" in page
+    assert "**fails**" not in page.split("| | check |")[1] and " 0 fail otherwise" in page
 
 
 def test_every_scene_case_is_in_the_table_or_shipped():
