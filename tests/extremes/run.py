@@ -17,8 +17,8 @@ from pathlib import Path
 
 os.environ.setdefault("OMP_NUM_THREADS", "1")
 
-import judge  # noqa: E402
-from cases import CASES  # noqa: E402
+from cama.extremes import judge  # noqa: E402
+from cama.extremes.scene_cases import CASES  # noqa: E402
 
 COLUMNS = ["case", "backend", "seed", "triangles", "steps", "ms_per_step", "ms_worst", "audit", "ipctk", "impacts", "truncated",
            "lost_motion", "lost_worst", "substeps", "gap_mm", "strain", "kinetic", "outcome"]

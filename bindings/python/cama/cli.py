@@ -16,7 +16,7 @@ from rich.table import Table
 
 import cama
 
-from . import _core, runner, tradeoff_command
+from . import _core, runner, stability_command, tradeoff_command
 
 app = typer.Typer(help="Cloth simulation on CPUs and GPUs.", no_args_is_help=True, add_completion=False,
                   pretty_exceptions_enable=False, rich_markup_mode="rich")
@@ -282,6 +282,7 @@ def render(output: Annotated[Path, typer.Argument(metavar="OUT", help="Folder th
     console().print(f"{result.images} images, {result.seconds:.1f} s at {draw.speed_text(result.speed)}: [bold]{escape(str(result.video))}[/]")
 
 
+stability_command.register(app, clean, console)
 tradeoff_command.register(app, clean, console)
 
 

@@ -6,8 +6,7 @@ from typing import Callable
 
 import numpy as np
 
-import scenes
-import shapes
+from . import scenes, shapes
 
 
 @dataclass(frozen=True)

@@ -9,8 +9,8 @@ import json
 import numpy as np
 
 import cama
-import shapes
-from cama import shipped
+from . import shapes
+from .. import shipped
 
 THICKNESS = 1.5e-3
 
