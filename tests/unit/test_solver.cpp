@@ -356,6 +356,24 @@ TEST_CASE("Jacobi needs fewer iterations than no preconditioner, block Jacobi no
   CHECK(10 * iterations[3] < 7 * iterations[2]);
 }
 
+TEST_CASE("a solve that is cut off keeps what it has and says how far it came", "[solver]")
+{
+  for (Preconditioner preconditioner : preconditioners) {
+    INFO("preconditioner " << static_cast<int>(preconditioner));
+    Options o = options(preconditioner);
+    o.max_iterations = 2;
+    Simulation simulation(uneven(), o);
+    const auto before = simulation.velocities();
+    simulation.step();
+    CHECK(simulation.report().iterations == 2);
+    CHECK(simulation.report().residual > 1e-6);
+    double most = 0;
+    const auto after = simulation.velocities();
+    for (std::size_t i = 0; i < before.size(); ++i) most = std::max(most, (eigen(after[i]) - eigen(before[i])).norm());
+    CHECK(most > 1e-3);
+  }
+}
+
 TEST_CASE("prescribed degrees of freedom are eliminated exactly", "[solver]")
 {
   Scene scene = meshes::hanging(6);

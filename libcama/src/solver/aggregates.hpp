@@ -6,7 +6,7 @@
 
 namespace cama {
 
-/// RowOrder of the linear system in blocks of strongly coupled neighbours, blocks in blocks: free vertices only, by deterministic handshake
+/// Rows of the linear system in blocks of strongly coupled neighbours, blocks in blocks: free vertices only, by deterministic handshake
 /// matching on |A_ij| / sqrt(tr A_ii tr A_jj), terms included.
 class Aggregates {
 public:

@@ -145,7 +145,7 @@ typename ConjugateGradient<S>::Result ConjugateGradient<S>::solve(State &state, 
     if (refinement == 0) result.start = start;
     else result.residual = result.start > 0 ? std::sqrt(start / result.start) : 0;
     const bool met = refinement > 0 && start <= accepted * accepted * scalar[CG_GOAL];
-    if (met || refinement == most_refinements || (refinement > 0 && start > before / 4) || scalar[CG_ITERATIONS] >= most) break;
+    if (met || refinement == most_refinements || (refinement > 0 && (start > before / 4 || scalar[CG_ITERATIONS] >= most))) break;
     while (scalar[CG_DONE] == 0) {
       b.repeat(std::max(1, expected_ / (16 * block)), iterate, recorded);
       recorded = true;

@@ -27,7 +27,7 @@ struct RowOrder {
   explicit RowOrder(Backend &b) : order(b), place(b) {}
   /// Free vertices by number.
   void number(State &state);
-  /// RowOrder of alike length beside each other, within windows: slices are then full. row: of the matrix.
+  /// Rows of alike length beside each other, within windows: slices are then full. row: of the matrix.
   void sort_by_length(Backend &backend, const Stream<int> &row);
 
   int size = 0;
