@@ -6,6 +6,7 @@
 #include <filesystem>
 #include <map>
 #include <string>
+#include <tuple>
 #include <vector>
 
 #include "../catch.hpp"
@@ -54,16 +55,16 @@ struct Moment {
 /// Where a serial run first has at least `contacts` contacts, a few steps on; after `most` steps wherever it is.
 inline const Moment &in_contact(const std::string &name, int triangles, int contacts, int most)
 {
-  static std::map<std::string, Moment> known;
-  const auto found = known.find(name);
-  if (found != known.end()) return found->second;
+  static std::map<std::tuple<std::string, int, int, int>, Moment> known;
+  Moment &moment = known[{name, triangles, contacts, most}];
+  if (!moment.position.empty()) return moment;
   cama::Simulation simulation(load(name, triangles), options("production", "double", "cpu", 1));
   int left = most;
   for (int more = 5; left > 0 && more > 0; --left) {
     simulation.step();
     if (simulation.report().contacts >= contacts) --more;
   }
-  return known[name] = {simulation.step_count(), simulation.report().contacts, simulation.positions(), simulation.velocities()};
+  return moment = {simulation.step_count(), simulation.report().contacts, simulation.positions(), simulation.velocities()};
 }
 
 /// Goes on from there.

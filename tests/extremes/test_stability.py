@@ -52,7 +52,10 @@ def test_check(check, backend, precision):
     if backend == "opencl" and not OPENCL:
         assert "opencl" not in os.environ.get("CAMA_REQUIRE_BACKENDS", ""), "no OpenCL device"
         pytest.skip("no OpenCL device")
-    outcome = stability.perform(check, backend, precision)
+    if check.alone:
+        outcome, = stability.run([check], [backend], [precision], long=True)
+    else:
+        outcome = stability.perform(check, backend, precision)
     if outcome.known:
         pytest.xfail(f"{outcome.known}: {outcome.outcome}")
     assert outcome.good, outcome.outcome

@@ -44,6 +44,7 @@ class Check:
     words: str = ""                 #: in that error's text
     backends: tuple = BACKENDS      #: where it applies
     precisions: tuple = PRECISIONS  #: in which it applies
+    alone: bool = False             #: only right in a process of its own
     long: bool = False              #: left out unless asked for: more than about ten seconds
     reason: str = ""                #: why it is not run here, and what stands in for it
     fault: str = ""                 #: what does not hold in this version
@@ -157,7 +158,7 @@ CHECKS = (
     Check(33, "indefinite_matrix", "SolverError with the step", None,
           reason="no input makes the matrix indefinite; unit test "
                  "\"a system that is not positive definite raises SolverError and says the step\" plants one"),
-    _go(34, "out_of_memory", "DeviceMemoryError, state kept, later the bits of a run with enough", backends=("cpu",)),
+    _go(34, "out_of_memory", "DeviceMemoryError, state kept, later the bits of a run with enough", backends=("cpu",), alone=True),
     Check(34, "device_out_of_memory", "the same on a device", None,
           reason="a full device disturbs who else uses it; tests/consistency/test_failures.cpp fails every allocation on every backend"),
     Check(35, "dryer", "no drift to an intersection in 10 minutes with 5 garments", None,
