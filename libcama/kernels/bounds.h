@@ -14,8 +14,8 @@ DEVICE float float_above(double x) { return -float_below(-x); }
 DEVICE box box_union(box a, box b)
 {
   for (int k = 0; k < 3; ++k) {
-    if (b.lo[k] < a.lo[k]) a.lo[k] = b.lo[k];
-    if (b.hi[k] > a.hi[k]) a.hi[k] = b.hi[k];
+    a.lo[k] = b.lo[k] < a.lo[k] ? b.lo[k] : a.lo[k];   /* no branches: they would be guessed wrong */
+    a.hi[k] = b.hi[k] > a.hi[k] ? b.hi[k] : a.hi[k];
   }
   return a;
 }

@@ -10,6 +10,7 @@ typedef struct ALIGNED(16) { real x, y, z, w; } vec4;
 
 LANES_TYPE(real, lanes);
 LANES_GATHER(real, lanes, vec4)
+LANES_COLUMNS(real, lanes)
 
 DEVICE vec4 vec4_make(real x, real y, real z)
 {
@@ -211,7 +212,7 @@ KERNEL fill_slice_values(int n, GLOBAL const int *source, int wide, GLOBAL const
   }
 }
 
-#define SLICE_NUMBER(v, c) LANES_LOAD(lanes, (v) + (c) * SLICE_ROWS)
+#define SLICE_NUMBER(v, c) LANES_LOAD(GLOBAL lanes, (v) + (c) * SLICE_ROWS)
 
 /* w = A z with the terms; partial[2 t], partial[2 t + 1] = r'z and z'w over the TEAM_ROWS rows of team t. entry_weight: of the terms' entries. */
 KERNEL cg_multiply(int n, int rows, GLOBAL const int *slice_start, GLOBAL const int *RESTRICT column, GLOBAL const real *RESTRICT value,

@@ -12,6 +12,8 @@
 #include "tree.h"
 #include "query.h"
 #include "front.h"
+#include "pair.h"
+#include "movers.h"
 #include "contact.h"
 #include "impact.h"
 #include "commit.h"

@@ -23,46 +23,16 @@
 #define FOR_EACH_UNEVEN(i, n) FOR_EACH(i, n)
 #define LOCAL __local
 #define ALIGNED(n) __attribute__((aligned(n)))
-#define TEAM_LOCAL_MEMORY(type, name, count) __local type name[count] ALIGNED(16)
+#define TEAM_LOCAL_MEMORY(type, name, count) __local type name[count] ALIGNED(64)
 #define TEAM_LOCAL TEAM_LOCAL_MEMORY
 #if defined(CAMA_CHUNKED) /* a team is one work-item */
 #define FOR_EACH_TEAM(t, n) FOR_EACH(t, n)
 #define TEAM_FOR(l, m) for (int l = 0; l < (m); ++l)
-#define LANES 16
-#define LANES_TYPE(type, lanes) typedef type lanes __attribute__((ext_vector_type(LANES)))
-#define LANES_LOAD(lanes, p) vload16(0, p)
-#define LANES_STORE(lanes, p, v) vstore16(v, 0, p)
-#define LANES_ALL(lanes, v) ((lanes)(v))
-#define LANE(v, q) (v)[q]
-#define LANES_FOUR(q) vload4(at[q], n), vload4(at[q + 1], n), vload4(at[q + 2], n), vload4(at[q + 3], n)
-#define LANES_GATHER(real, lanes, vec4)                                                                                    \
-  DEVICE INLINED void gather_lanes(GLOBAL const vec4 *v, GLOBAL const int *at, lanes *x, lanes *y, lanes *z)                \
-  {                                                                                                                        \
-    GLOBAL const real *n = (GLOBAL const real *)v;                                                                          \
-    const lanes a = (lanes)(LANES_FOUR(0)), b = (lanes)(LANES_FOUR(4)), c = (lanes)(LANES_FOUR(8)), d = (lanes)(LANES_FOUR(12)); \
-    *x = (lanes)(a.s048c, b.s048c, c.s048c, d.s048c);                                                                       \
-    *y = (lanes)(a.s159d, b.s159d, c.s159d, d.s159d);                                                                       \
-    *z = (lanes)(a.s26ae, b.s26ae, c.s26ae, d.s26ae);                                                                       \
-  }
 #define SIMD
 #define TEAM_BARRIER
 #else
 #define FOR_EACH_TEAM(t, n) for (int t = (int)get_group_id(0); t < (n); t += (int)get_num_groups(0))
 #define TEAM_FOR(l, m) for (int l = (int)get_local_id(0); l < (m); l += (int)get_local_size(0))
-#define LANES 1
-#define LANES_TYPE(type, lanes) typedef type lanes
-#define LANES_LOAD(lanes, p) (*(p))
-#define LANES_STORE(lanes, p, v) (*(p) = (v))
-#define LANES_ALL(lanes, v) (v)
-#define LANE(v, q) (v)
-#define LANES_GATHER(real, lanes, vec4)                                                                                    \
-  DEVICE INLINED void gather_lanes(GLOBAL const vec4 *v, GLOBAL const int *at, lanes *x, lanes *y, lanes *z)                \
-  {                                                                                                                        \
-    const vec4 a = v[*at];                                                                                                  \
-    *x = a.x;                                                                                                              \
-    *y = a.y;                                                                                                              \
-    *z = a.z;                                                                                                              \
-  }
 #define SIMD
 #define TEAM_BARRIER barrier(CLK_LOCAL_MEM_FENCE)
 #endif
@@ -105,20 +75,6 @@ typedef unsigned long long key64;
 #define TEAM_LOCAL(type, name, count) __shared__ ALIGNED(16) type name[count]
 #define FOR_EACH_TEAM(t, n) for (int t = (int)blockIdx.x; t < (n); t += (int)gridDim.x)
 #define TEAM_FOR(l, m) for (int l = (int)threadIdx.x; l < (m); l += (int)blockDim.x)
-#define LANES 1
-#define LANES_TYPE(type, lanes) typedef type lanes
-#define LANES_LOAD(lanes, p) (*(p))
-#define LANES_STORE(lanes, p, v) (*(p) = (v))
-#define LANES_ALL(lanes, v) (v)
-#define LANE(v, q) (v)
-#define LANES_GATHER(real, lanes, vec4)                                                                                    \
-  DEVICE INLINED void gather_lanes(GLOBAL const vec4 *v, GLOBAL const int *at, lanes *x, lanes *y, lanes *z)                \
-  {                                                                                                                        \
-    const vec4 a = v[*at];                                                                                                  \
-    *x = a.x;                                                                                                              \
-    *y = a.y;                                                                                                              \
-    *z = a.z;                                                                                                              \
-  }
 #define SIMD
 #define TEAM_BARRIER __syncthreads()
 static __device__ inline int atomic_add_int(int *p, int v) { return atomicAdd(p, v); }
@@ -157,56 +113,6 @@ static __device__ inline void atomic_add_float(float *p, float v) { atomicAdd(p,
 #define FOR_EACH_TEAM(t, n) for (int t = 0; t < (n); ++t)
 #endif
 #define TEAM_FOR(l, m) for (int l = 0; l < (m); ++l)
-#define LANES 16
-#define LANES_TYPE(type, lanes) typedef type lanes __attribute__((vector_size(LANES * sizeof(type)), aligned(sizeof(type)), may_alias))
-#define LANES_LOAD(lanes, p) (*(const lanes *)(p))
-#define LANES_STORE(lanes, p, v) (*(lanes *)(p) = (v))
-#define LANES_ALL(lanes, v) ((lanes){0} + (v))
-#define LANE(v, q) (v)[q]
-#if defined(__has_builtin)
-#if __has_builtin(__builtin_shufflevector)
-#define LANES_SHUFFLES
-#endif
-#endif
-#if defined(LANES_SHUFFLES)   /* four numbers at a time, transposed in registers */
-#define LANES_GATHER(real, lanes, vec4)                                                                                    \
-  typedef real lanes_quad __attribute__((vector_size(4 * sizeof(real)), aligned(16), may_alias));                           \
-  typedef real lanes_octet __attribute__((vector_size(8 * sizeof(real)), aligned(16), may_alias));                          \
-  DEVICE INLINED void load_four(const vec4 *v, const int *at, lanes *out)                                                   \
-  {                                                                                                                        \
-    const lanes_quad p = *(const lanes_quad *)(v + at[0]), q = *(const lanes_quad *)(v + at[1]);                            \
-    const lanes_quad r = *(const lanes_quad *)(v + at[2]), s = *(const lanes_quad *)(v + at[3]);                            \
-    const lanes_octet pq = __builtin_shufflevector(p, q, 0, 1, 2, 3, 4, 5, 6, 7);                                           \
-    const lanes_octet rs = __builtin_shufflevector(r, s, 0, 1, 2, 3, 4, 5, 6, 7);                                           \
-    *out = __builtin_shufflevector(pq, rs, 0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15);                           \
-  }                                                                                                                        \
-  DEVICE INLINED void gather_lanes(const vec4 *v, const int *at, lanes *x, lanes *y, lanes *z)                              \
-  {                                                                                                                        \
-    lanes a, b, c, d;                                                                                                      \
-    load_four(v, at, &a);                                                                                                   \
-    load_four(v, at + 4, &b);                                                                                               \
-    load_four(v, at + 8, &c);                                                                                               \
-    load_four(v, at + 12, &d);                                                                                              \
-    const lanes ab = __builtin_shufflevector(a, b, 0, 4, 8, 12, 16, 20, 24, 28, 1, 5, 9, 13, 17, 21, 25, 29);               \
-    const lanes cd = __builtin_shufflevector(c, d, 0, 4, 8, 12, 16, 20, 24, 28, 1, 5, 9, 13, 17, 21, 25, 29);               \
-    const lanes ab_z = __builtin_shufflevector(a, b, 2, 6, 10, 14, 18, 22, 26, 30, 2, 6, 10, 14, 18, 22, 26, 30);           \
-    const lanes cd_z = __builtin_shufflevector(c, d, 2, 6, 10, 14, 18, 22, 26, 30, 2, 6, 10, 14, 18, 22, 26, 30);           \
-    *x = __builtin_shufflevector(ab, cd, 0, 1, 2, 3, 4, 5, 6, 7, 16, 17, 18, 19, 20, 21, 22, 23);                           \
-    *y = __builtin_shufflevector(ab, cd, 8, 9, 10, 11, 12, 13, 14, 15, 24, 25, 26, 27, 28, 29, 30, 31);                     \
-    *z = __builtin_shufflevector(ab_z, cd_z, 0, 1, 2, 3, 4, 5, 6, 7, 16, 17, 18, 19, 20, 21, 22, 23);                       \
-  }
-#else
-#define LANES_GATHER(real, lanes, vec4)                                                                                    \
-  DEVICE INLINED void gather_lanes(const vec4 *v, const int *at, lanes *x, lanes *y, lanes *z)                              \
-  {                                                                                                                        \
-    int q;                                                                                                                 \
-    for (q = 0; q < LANES; ++q) {                                                                                           \
-      (*x)[q] = v[at[q]].x;                                                                                                 \
-      (*y)[q] = v[at[q]].y;                                                                                                 \
-      (*z)[q] = v[at[q]].z;                                                                                                 \
-    }                                                                                                                      \
-  }
-#endif
 #if defined(_OPENMP)
 #define SIMD CAMA_PRAGMA(omp simd)   /* before a loop whose turns are independent */
 #else
@@ -247,9 +153,8 @@ DEVICE void atomic_add_float(float *p, float v)
 
 /* Teams: the work-items of one group share TEAM_LOCAL memory. Between two TEAM_BARRIERs a member writes only what no other reads.
      KERNEL k(int n, ...) { TEAM_LOCAL(real, a, 128); FOR_EACH_TEAM(t, n) { TEAM_FOR(l, 128) a[l] = ...; TEAM_BARRIER; ... } }
-   A processor's team is one thread: its loops run over all members, LANES of them together as one vector where written so:
-     LANES_TYPE(real, lanes); TEAM_FOR_LANES(j, m) { lanes sum = LANES_ALL(lanes, 0); sum += LANES_LOAD(lanes, p + j) * x; }
-   LANES_GATHER(real, lanes, vec4) defines gather_lanes(v, at, &x, &y, &z): the x, y and z of v[at[0]], v[at[1]], ... */
+   A processor's team is one thread: its loops run over all members, LANES of them together as one vector where written so (lanes.h):
+     TEAM_FOR_LANES(j, m) { lanes sum = LANES_ALL(lanes, 0); sum += LANES_LOAD(lanes, p + j) * x; } */
 #define TEAM_FOR_LANES(j, m) TEAM_FOR(j##_group, ((m) + LANES - 1) / LANES) for (int j = j##_group * LANES, j##_once = 1; j##_once; j##_once = 0)
 #define FOR_LANES(q) for (int q = 0; q < LANES; ++q)
 
@@ -258,6 +163,8 @@ DEVICE void atomic_add_float(float *p, float v)
 #else
 #define INLINED
 #endif
+
+#include "lanes.h"
 
 /* Total orders written out: fmin and fmax differ between languages on signed zeros. */
 DEVICE double min_double(double a, double b) { return a < b ? a : b; }

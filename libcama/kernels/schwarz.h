@@ -76,11 +76,11 @@ DEVICE_TEAM void factor_block(int m, LOCAL real *a, LOCAL real *pivot_row, LOCAL
     p = (real)1 / max_real(pivot_row[k], least);
     TEAM_FOR_LANES(j, m)
     {
-      lanes own = LANES_LOAD(lanes, pivot_row + j);
+      lanes own = LANES_LOAD(LOCAL lanes, pivot_row + j);
       int i;
       for (i = k + 1; i < m; ++i) {   /* row k behind its diagonal is also column k: what is still to be eliminated is symmetric */
         LOCAL real *at = a + i * BLOCK_SIZE + j;
-        LANES_STORE(lanes, at, LANES_LOAD(lanes, at) - own * pivot_row[i] * p);
+        LANES_STORE(LOCAL lanes, at, LANES_LOAD(LOCAL lanes, at) - own * pivot_row[i] * p);
       }
     }
     TEAM_BARRIER;
@@ -239,21 +239,23 @@ KERNEL apply_blocks(int n, GLOBAL const int *block_start, int at, GLOBAL const d
   if (scalar[at + CG_DONE] != 0.0) return;
   FOR_EACH_TEAM(t, n)
   {
-    const int node = block_start[t], m = 3 * (block_start[t + 1] - node), groups = (m + 15) / 16;
-    GLOBAL const real *RESTRICT r = (GLOBAL const real *)(residual + node);
-    GLOBAL real *RESTRICT z = (GLOBAL real *)(result + node);
+    const int node = block_start[t], rows = block_start[t + 1] - node, groups = (3 * rows + 15) / 16;
+    GLOBAL const real *RESTRICT w = weight + t * BLOCK_SIZE;
     TEAM_BARRIER;
     TEAM_FOR_LANES(k, FACTOR_WORDS)
     {
-      GLOBAL const int *RESTRICT word = factor + (size_t)t * FACTOR_WORDS + k;
-      LOCAL real *low = g + k / 16 * FACTOR_STRIDE + k % 16, *high = low + FACTOR_WORDS / 16 * FACTOR_STRIDE;
-      SIMD FOR_LANES(q)
-      {
-        low[q] = (real)((int)((unsigned int)word[q] << 16) >> 16);
-        high[q] = (real)(word[q] >> 16);
-      }
+      const int_lanes word = LANES_LOAD(GLOBAL int_lanes, factor + (size_t)t * FACTOR_WORDS + k);
+      LOCAL real *low = g + k / 16 * FACTOR_STRIDE + k % 16;
+      LANES_STORE(LOCAL lanes, low, LANES_TO(real, lanes, ((word & 0xffff) ^ 0x8000) - 0x8000));
+      LANES_STORE(LOCAL lanes, low + FACTOR_WORDS / 16 * FACTOR_STRIDE, LANES_TO(real, lanes, word >> 16));
     }
-    TEAM_FOR(l, BLOCK_SIZE) u[l] = l < m ? weight[t * BLOCK_SIZE + l] * r[l + l / 3] : (real)0;
+    TEAM_FOR(l, BLOCK_ROWS)
+    {
+      const vec4 r = l < rows ? residual[node + l] : vec4_make((real)0, (real)0, (real)0);
+      u[3 * l] = w[3 * l] * r.x;
+      u[3 * l + 1] = w[3 * l + 1] * r.y;
+      u[3 * l + 2] = w[3 * l + 2] * r.z;
+    }
     TEAM_BARRIER;
     /* y = G u. Rows in three groups of 16 have 16, 32 and 48 columns; a member has a row of the last group, or one of each of the others:
        48 columns in three turns. */
@@ -267,38 +269,37 @@ KERNEL apply_blocks(int n, GLOBAL const int *block_start, int at, GLOBAL const d
           const int group = last ? 2 : turn > 0, first = last ? 16 * turn : turn == 2 ? 16 : 0, lane = last ? j : j - 16;
           LOCAL const real *column = g + FACTOR_COLUMN(group, first) * FACTOR_STRIDE + lane, *v = u + first;
           for (c = 0; c < 16; c += 4) {
-            even += LANES_LOAD(lanes, column + c * FACTOR_STRIDE) * v[c];
-            odd += LANES_LOAD(lanes, column + (c + 1) * FACTOR_STRIDE) * v[c + 1];
-            even += LANES_LOAD(lanes, column + (c + 2) * FACTOR_STRIDE) * v[c + 2];
-            odd += LANES_LOAD(lanes, column + (c + 3) * FACTOR_STRIDE) * v[c + 3];
+            even += LANES_LOAD(LOCAL lanes, column + c * FACTOR_STRIDE) * v[c];
+            odd += LANES_LOAD(LOCAL lanes, column + (c + 1) * FACTOR_STRIDE) * v[c + 1];
+            even += LANES_LOAD(LOCAL lanes, column + (c + 2) * FACTOR_STRIDE) * v[c + 2];
+            odd += LANES_LOAD(LOCAL lanes, column + (c + 3) * FACTOR_STRIDE) * v[c + 3];
           }
           if (turn == 2 || (turn == 0 && !last)) {
-            LANES_STORE(lanes, y + 16 * group + lane, even + odd);
+            LANES_STORE(LOCAL lanes, y + 16 * group + lane, even + odd);
             even = odd = LANES_ALL(lanes, (real)0);
           }
         }
     }
     TEAM_BARRIER;
     /* z = S G' y. Columns in three groups have 48, 32 and 16 rows: shared out in the same way. */
-    TEAM_FOR(l, APPLY_TEAM)
+    TEAM_FOR_LANES(l, APPLY_TEAM)
     {
-      real sum[16];
-      int turn, q;
-      SIMD for (q = 0; q < 16; ++q) sum[q] = (real)0;
+      lanes_columns columns;
+      int turn;
+      clear_columns(&columns);
       for (turn = 0; turn < 3; ++turn) {
         const int c = l >= 16 && turn == 2 ? l + 16 : l, group = l < 16 ? turn : turn == 0 ? 1 : 2;
-        if (group < groups) {
-          LOCAL const real *column = g + FACTOR_COLUMN(group, c) * FACTOR_STRIDE, *v = y + 16 * group;
-          SIMD for (q = 0; q < 16; ++q) sum[q] += column[q] * v[q];
-        }
+        if (group < groups) add_columns(&columns, g + FACTOR_COLUMN(group, c) * FACTOR_STRIDE, FACTOR_STRIDE, y + 16 * group);
         if (turn == 2 || (turn == 1 && l >= 16)) {
-          SIMD for (q = 0; q < 8; ++q) sum[q] += sum[q + 8];
-          SIMD for (q = 0; q < 4; ++q) sum[q] += sum[q + 4];
-          if (c < m) z[c + c / 3] = weight[t * BLOCK_SIZE + c] * (sum[0] + sum[2] + (sum[1] + sum[3]));
-          SIMD for (q = 0; q < 16; ++q) sum[q] = (real)0;
+          lanes sums;
+          sum_columns(&columns, &sums);
+          LANES_STORE(LOCAL lanes, u + c, LANES_LOAD(GLOBAL lanes, w + c) * sums);
+          clear_columns(&columns);
         }
       }
     }
+    TEAM_BARRIER;
+    TEAM_FOR(l, rows) result[node + l] = vec4_make(u[3 * l], u[3 * l + 1], u[3 * l + 2]);
   }
 }
 

@@ -259,8 +259,8 @@ KERNEL edge_groups(int n, int leaf_count, GLOBAL const edge_nodes *leaf_edge, GL
    the level, n = 8 group_level_size(leaf_count, level). */
 KERNEL group_levels(int n, int leaf_count, int level, int both, GLOBAL box_group *tree)
 {
+  int here = group_level_offset(leaf_count, level), below = group_level_offset(leaf_count, level - 1), below_size = group_level_size(leaf_count, level - 1);
   FOR_EACH(i, n) {
-    int here = group_level_offset(leaf_count, level), below = group_level_offset(leaf_count, level - 1), below_size = group_level_size(leaf_count, level - 1);
     box b = empty_box();
     if (i < below_size) {
       if (both) {

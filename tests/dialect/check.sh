@@ -28,7 +28,9 @@ c99) both "${CC:-gcc}" -std=c99 -Wall -Werror -fsyntax-only all.c ;;
 cxx17) both "${CXX:-g++}" -std=c++17 -Wall -Wextra -Werror -fsyntax-only all.cpp ;;
 opencl)
   if command -v clang > /dev/null; then
-    both clang -x cl -cl-std=CL1.2 -target spir64 -Xclang -finclude-default-header -Wall -Werror -fsyntax-only all.cl
+    for device in "spir64" "x86_64 -DCAMA_CHUNKED=1"; do
+      both clang -x cl -cl-std=CL1.2 -target $device -Xclang -finclude-default-header -Wall -Werror -fsyntax-only all.cl
+    done
   elif "${CC:-gcc}" -o "$work/build_program" build_program.c -lOpenCL 2> /dev/null; then
     for real in double float; do
       "${CC:-gcc}" -E -P -x c -undef -D__OPENCL_C_VERSION__=120 -Dreal=$real all.cl > "$work/all.cl"
