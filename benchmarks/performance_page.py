@@ -84,7 +84,10 @@ def stages(runs):
 
 
 def everything(runs):
-    devices = sorted({f"{r['device']} (copy {times.short(r['bandwidth_gbs'])} GB/s)" for r in runs})
+    speeds = {}
+    for r in runs:
+        speeds.setdefault(r["device"], []).append(r["bandwidth_gbs"])
+    devices = [f"{device} (copy {' to '.join(dict.fromkeys(times.short(f(s)) for f in (min, max)))} GB/s)" for device, s in sorted(speeds.items())]
     same = lambda a, b: a["scene"] == b["scene"] and settings(a) == settings(b)  # noqa: E731
     largest = [r for r in runs if not r["options"] and not any(same(o, r) and o["triangles"] > r["triangles"] for o in runs)]
     parts = ["; ".join(devices) + ".", bars(runs), scaling(runs), stages(largest)]
