@@ -173,27 +173,28 @@ DEVICE int commit_due(int pass, const double *t, const int *fixed)
 }
 
 /* Marks pairs that keep their clearance along the direction known from their search; for most this settles pass 0 at a fifth of its cost.
-   certified 1: find_impacts has certified every pair that is no impact for this very motion, so nothing is left to be done for them. */
-KERNEL commit_screen(int n, int kind, int certified, GLOBAL const pair *candidate, GLOBAL const face_nodes *face,
+   certified 1: find_impacts has certified every pair that is no impact for this very motion, so nothing is left to be done for them; room:
+   below 0 of an impact. accepted: states from `first` on. */
+KERNEL commit_screen(int n, int kind, int first, int certified, GLOBAL const pair *candidate, GLOBAL const face_nodes *face,
                      GLOBAL const edge_nodes *edge, GLOBAL const dvec3 *position, GLOBAL const dvec3 *target, GLOBAL const fvec3 *direction,
-                     GLOBAL const vertex_contact *properties, GLOBAL const int *known, double share, GLOBAL int *accepted)
+                     GLOBAL const vertex_contact *properties, GLOBAL const float *room, double share, GLOBAL int *accepted)
 {
   FOR_EACH(i, n) {
-    int screened = certified && !known[i];
+    int screened = certified && !(room[i] < 0.0f);
     if (!screened) {
       element_nodes e = pair_nodes(kind, candidate[i], face, edge);
       screened = separated_along(kind, e, position, target, from_direction(direction[i]), pair_clearance(kind, e, properties, 1.001 * share));
     }
-    accepted[i] = screened ? COMMIT_SCREENED : COMMIT_SETTLED;
+    accepted[first + i] = screened ? COMMIT_SCREENED : COMMIT_SETTLED;
   }
 }
 
 /* Pass 0 sees every pair that is not screened. Pass k > 0 looks at conditional pairs with truncated vertices again; repeat until counter[0] stays as it is.
    Pass -1 settles every conditional pair: final whatever came before, for a cap on the number of passes. Both kinds go through each pass.
    `fraction_before` is a copy of `fraction` made before the pass (not read in pass 0).
-   accepted: [n] states; fraction: [vertices] bits of floats; sigma: [1], likewise; counter: [2] pairs settled after having been
+   accepted: [n] states from `first` on; fraction: [vertices] bits of floats; sigma: [1], likewise; counter: [2] pairs settled after having been
    conditional, intersecting pairs; commit_begin sets them. share: dmin is a pair's clearance at it. let_go 1: intersecting pairs are free, 0: their vertices stay. */
-KERNEL commit_pairs(int n, int kind, int pass, GLOBAL const pair *candidate, GLOBAL const face_nodes *face, GLOBAL const edge_nodes *edge,
+KERNEL commit_pairs(int n, int kind, int first, int pass, GLOBAL const pair *candidate, GLOBAL const face_nodes *face, GLOBAL const edge_nodes *edge,
                     GLOBAL const dvec3 *position, GLOBAL const dvec3 *target, GLOBAL const double *inverse_mass,
                     GLOBAL const vertex_contact *properties, double share, int let_go, GLOBAL int *accepted,
                     GLOBAL const int *fraction_before, GLOBAL int *fraction, GLOBAL int *sigma, GLOBAL int *counter)
@@ -202,8 +203,8 @@ KERNEL commit_pairs(int n, int kind, int pass, GLOBAL const pair *candidate, GLO
     int v[4], fixed[4], k;
     double t[4];
     commit_bound r = commit_free(COMMIT_SETTLED);
-    if (pass != 0 && accepted[i] != COMMIT_CONDITIONAL) continue;
-    if (pass == 0 && accepted[i] == COMMIT_SCREENED) { accepted[i] = COMMIT_CONDITIONAL; continue; }
+    if (pass != 0 && accepted[first + i] != COMMIT_CONDITIONAL) continue;
+    if (pass == 0 && accepted[first + i] == COMMIT_SCREENED) { accepted[first + i] = COMMIT_CONDITIONAL; continue; }
     commit_vertices(kind, candidate[i], face, edge, v);
     for (k = 0; k < 4; ++k) {
       fixed[k] = inverse_mass[v[k]] == 0.0;
@@ -218,7 +219,7 @@ KERNEL commit_pairs(int n, int kind, int pass, GLOBAL const pair *candidate, GLO
       else r = commit_decide(x, y, t, fixed, kind + 1, dmin, radius, pass >= 0, pass != 0);
       if (pass != 0 && r.state != COMMIT_CONDITIONAL) atomic_add_int(counter, 1);
     } else if (pass != 0) continue;
-    accepted[i] = r.sigma < 1.0 ? COMMIT_WAITING : (r.state == COMMIT_CONDITIONAL ? COMMIT_CONDITIONAL : COMMIT_SETTLED);
+    accepted[first + i] = r.sigma < 1.0 ? COMMIT_WAITING : (r.state == COMMIT_CONDITIONAL ? COMMIT_CONDITIONAL : COMMIT_SETTLED);
     if (r.state == COMMIT_INTERSECTING) {
       atomic_add_int(counter + 1, 1);
       for (k = 0; k < 4; ++k) if (!let_go && !fixed[k]) atomic_min_int(fraction + v[k], 0);

@@ -262,8 +262,8 @@ KERNEL test_features(int n, int only_new, GLOBAL const pair *triangle_pair, GLOB
 /* Behind first_*; offsets are the exclusive sums of what test_features counted. */
 KERNEL fill_features(int n, GLOBAL const pair *triangle_pair, GLOBAL const face_nodes *face, GLOBAL const face_features *features,
                      GLOBAL const int *mask, int first_vertex_face, GLOBAL const int *vertex_face_offset, GLOBAL pair *vertex_face,
-                     GLOBAL int *vertex_face_known, int first_edge_edge, GLOBAL const int *edge_edge_offset, GLOBAL pair *edge_edge,
-                     GLOBAL int *edge_edge_known)
+                     GLOBAL float *vertex_face_room, int first_edge_edge, GLOBAL const int *edge_edge_offset, GLOBAL pair *edge_edge,
+                     GLOBAL float *edge_edge_room)
 {
   FOR_EACH(i, n) {
     pair p = triangle_pair[i];
@@ -272,13 +272,13 @@ KERNEL fill_features(int n, GLOBAL const pair *triangle_pair, GLOBAL const face_
       if ((mask[i] >> k) & 1) {
         vertex_face[at].a = face[k < 3 ? p.a : p.b].node[k % 3];
         vertex_face[at].b = k < 3 ? p.b : p.a;
-        vertex_face_known[at++] = 0;
+        vertex_face_room[at++] = 0.0f;
       }
     at = first_edge_edge + edge_edge_offset[i];
     for (int k = 0; k < 9; ++k)
       if ((mask[i] >> (6 + k)) & 1) {
         edge_edge[at] = ordered_pair(features[p.a].edge[k / 3], features[p.b].edge[k % 3]);
-        edge_edge_known[at++] = 0;
+        edge_edge_room[at++] = 0.0f;
       }
   }
 }
@@ -294,12 +294,12 @@ KERNEL test_orphans(int n, int only_new, GLOBAL const pair *orphan, GLOBAL const
 }
 
 KERNEL fill_orphans(int n, GLOBAL const pair *orphan, int first, GLOBAL const int *found, GLOBAL const int *offset, int first_pair,
-                    GLOBAL pair *pairs, GLOBAL int *known)
+                    GLOBAL pair *pairs, GLOBAL float *room)
 {
   FOR_EACH(i, n) {
     if (found[first + i]) {
       pairs[first_pair + offset[first + i]] = orphan[i];
-      known[first_pair + offset[first + i]] = 0;
+      room[first_pair + offset[first + i]] = 0.0f;
     }
   }
 }

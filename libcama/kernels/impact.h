@@ -86,15 +86,14 @@ KERNEL find_strayed(int n, GLOBAL const dvec3 *x, GLOBAL const dvec3 *y, GLOBAL 
 
 /* flag[i] = 1 where candidate i of both lists comes closer than its clearance at `share`, or touches (cubic), on its way from x to y and is
    not yet known; look[1]: adds them. The first *_done pairs of each list have been looked at for this very motion and are none. localized: only pairs with a vertex that the last projection moved are looked at, the others were
-   certified before it. Most pairs are told by their room and how far their vertices strayed; *_rooms: pairs of which it is known.
+   certified before it. Most pairs are told by their room and how far their vertices strayed; *_rooms: pairs whose room is of this motion's start; below 0 it is that of a known impact.
    largest: of all contact thicknesses, m. */
 KERNEL find_impacts(int n, int first_size, int cubic, int localized, GLOBAL const pair *vertex_face, GLOBAL const pair *edge_edge,
                     GLOBAL const face_nodes *face, GLOBAL const edge_nodes *edge, GLOBAL const dvec3 *x, GLOBAL const dvec3 *y,
                     GLOBAL const double *inverse_mass, GLOBAL const vertex_contact *v, double share, double largest,
                     GLOBAL const float *strayed, int vertex_face_done, int edge_edge_done, int vertex_face_rooms, GLOBAL const float *vertex_face_room,
-                    GLOBAL const fvec3 *vertex_face_direction, GLOBAL const int *vertex_face_known, int edge_edge_rooms,
-                    GLOBAL const float *edge_edge_room, GLOBAL const fvec3 *edge_edge_direction, GLOBAL const int *edge_edge_known,
-                    GLOBAL const int *moved, GLOBAL int *flag, GLOBAL int *look)
+                    GLOBAL const fvec3 *vertex_face_direction, int edge_edge_rooms, GLOBAL const float *edge_edge_room,
+                    GLOBAL const fvec3 *edge_edge_direction, GLOBAL const int *moved, GLOBAL int *flag, GLOBAL int *look)
 {
   FOR_EACH_UNEVEN(i, n)
   {
@@ -110,7 +109,7 @@ KERNEL find_impacts(int n, int first_size, int cubic, int localized, GLOBAL cons
       told = room > 0.0f && (double)room - 1.00001 * ((double)a + (double)b) > 1.01 * share * largest;
     }
     if (!told && (!localized || moved[e.node[0]] || moved[e.node[1]] || moved[e.node[2]] || moved[e.node[3]]) &&
-        !(kind == 0 ? vertex_face_known[at] : edge_edge_known[at]) &&
+        !((kind == 0 ? vertex_face_room[at] : edge_edge_room[at]) < 0.0f) &&
         inverse_mass[e.node[0]] + inverse_mass[e.node[1]] + inverse_mass[e.node[2]] + inverse_mass[e.node[3]] > 0.0) {
       double minimum = pair_clearance(kind, e, v, share);
       hit = !separated_along(kind, e, x, y, from_direction(kind == 0 ? vertex_face_direction[at] : edge_edge_direction[at]),
@@ -122,11 +121,11 @@ KERNEL find_impacts(int n, int first_size, int cubic, int localized, GLOBAL cons
   }
 }
 
-/* Impacts of the pairs index[0 .. n), behind `first`; marks them known. */
+/* Impacts of the pairs index[0 .. n), behind `first`; their room becomes -1: known. */
 KERNEL fill_impacts(int n, int first_size, int cubic, GLOBAL const int *index, GLOBAL const pair *vertex_face, GLOBAL const pair *edge_edge,
                     GLOBAL const face_nodes *face, GLOBAL const edge_nodes *edge, GLOBAL const dvec3 *x, GLOBAL const dvec3 *y,
-                    GLOBAL const vertex_contact *v, double share, double target_share, int first, GLOBAL int *vertex_face_known,
-                    GLOBAL int *edge_edge_known, GLOBAL impact *impacts)
+                    GLOBAL const vertex_contact *v, double share, double target_share, int first, GLOBAL float *vertex_face_room,
+                    GLOBAL float *edge_edge_room, GLOBAL impact *impacts)
 {
   FOR_EACH(i, n)
   {
@@ -147,10 +146,13 @@ KERNEL fill_impacts(int n, int first_size, int cubic, GLOBAL const int *index, G
     m.candidate = candidate;
     m.normal = takes_cubic(kind, cubic, e, v) ? touching_normal(kind, at, motion, p) : p.normal;
     m.target = pair_clearance(kind, e, v, target_share);
-    if (kind == 0) vertex_face_known[candidate] = 1; else edge_edge_known[candidate] = 1;
+    if (kind == 0) vertex_face_room[candidate] = -1.0f; else edge_edge_room[candidate] = -1.0f;
     impacts[first + i] = m;
   }
 }
+
+/* No pair is a known impact. */
+KERNEL forget_impacts(int n, GLOBAL float *room) { FOR_EACH(i, n) { if (room[i] < 0.0f) room[i] = 0.0f; } }
 
 KERNEL impact_nodes(int n, GLOBAL const impact *impacts, GLOBAL element_nodes *nodes)
 {

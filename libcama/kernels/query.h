@@ -69,18 +69,18 @@ KERNEL query_vertex_face_count(int n, int items, int batch, GLOBAL const int *ve
   }
 }
 
-/* candidate[first + offset[first_slot + k] ..]: (vertex, face); offset is the exclusive sum of count. known: 0 for them. */
+/* candidate[first + offset[first_slot + k] ..]: (vertex, face); offset is the exclusive sum of count. room: 0 for them. */
 KERNEL query_vertex_face_fill(int n, GLOBAL const int *vertex_order, GLOBAL const box *vertex_box, int leaf_count,
                               GLOBAL const int *face_order, GLOBAL const face_nodes *leaf_face, GLOBAL const box_group *tree,
                               int cloth_vertex_count, int self, int mode, GLOBAL const box *box_before, int slots, int first_slot,
                               GLOBAL const int *slot, GLOBAL const int *count, GLOBAL const int *offset, int first, GLOBAL pair *candidate,
-                              GLOBAL int *known)
+                              GLOBAL float *room)
 {
   FOR_EACH_UNEVEN(k, n) {
     int v = vertex_order[k], at = first + offset[first_slot + k], found = count[first_slot + k], g;
     pair p;
     p.a = v;
-    for (int j = 0; j < found; ++j) known[at + j] = 0;
+    for (int j = 0; j < found; ++j) room[at + j] = 0.0f;
     if (found <= slots) {
       for (int j = 0; j < found; ++j) { p.b = slot[slots * (first_slot + k) + j]; candidate[at + j] = p; }
     } else {
@@ -161,16 +161,16 @@ DEVICE pair ordered_pair(int a, int b)
   return p;
 }
 
-/* candidate[first + offset[first_slot + k] ..]: (edge, edge). known: 0 for them. */
+/* candidate[first + offset[first_slot + k] ..]: (edge, edge). room: 0 for them. */
 KERNEL query_edge_edge_fill(int n, GLOBAL const int *item, GLOBAL const edge_nodes *item_edge, GLOBAL const box *vertex_box, int leaf_count,
                             GLOBAL const int *edge_order, GLOBAL const edge_nodes *leaf_edge, GLOBAL const box_group *tree,
                             int cloth_vertex_count, int self, int mode, GLOBAL const int *changed, GLOBAL const box *box_before, int slots,
                             int first_slot, GLOBAL const int *slot, GLOBAL const int *count, GLOBAL const int *offset, int first,
-                            GLOBAL pair *candidate, GLOBAL int *known)
+                            GLOBAL pair *candidate, GLOBAL float *room)
 {
   FOR_EACH_UNEVEN(k, n) {
     int own = item[k], at = first + offset[first_slot + k], found = count[first_slot + k], g;
-    for (int j = 0; j < found; ++j) known[at + j] = 0;
+    for (int j = 0; j < found; ++j) room[at + j] = 0.0f;
     if (found <= slots) {
       for (int j = 0; j < found; ++j) candidate[at + j] = ordered_pair(own, slot[slots * (first_slot + k) + j]);
     } else {

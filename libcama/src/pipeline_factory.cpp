@@ -19,21 +19,22 @@ constexpr double certified_distance = 1e-2;   // of the smallest contact thickne
 constexpr double impact_distance = 0.1;       // the same after an impact
 
 /// Fronts are of triangles: exact obstacles are searched by trees.
-std::unique_ptr<CandidateSearch> make_search(const Scene &scene, State &state)
+std::unique_ptr<CandidateSearch> make_search(const Scene &scene, State &state, FlaggedPairs &flagged)
 {
   const bool exact = std::any_of(scene.obstacles.begin(), scene.obstacles.end(), [](const Obstacle &o) { return o.surface != Form::mesh; });
   if (state.options.search == SearchKind::fronts && !exact) return std::make_unique<FrontSearch>(state);
-  return std::make_unique<TreeSearch>(*state.backend);
+  return std::make_unique<TreeSearch>(*state.backend, flagged);
 }
 
-/// Proximity checking owns the search that penetration handling uses again.
+/// Proximity checking owns the search and the flags that penetration handling uses again.
 class ProximityChecking final : public Pipeline {
 public:
-  ProximityChecking(const Scene &scene, State &state) : Pipeline("proximity checking", "contact"), search(make_search(scene, state))
+  ProximityChecking(const Scene &scene, State &state) : Pipeline("proximity checking", "contact"), flagged(*state.backend), search(make_search(scene, state, flagged))
   {
     add<ProximitySearch>(*search);
-    add<FindContacts>(*state.backend);
+    add<FindContacts>(*state.backend, flagged);
   }
+  FlaggedPairs flagged;
   std::unique_ptr<CandidateSearch> search;
 };
 
@@ -63,7 +64,7 @@ template <class Real> StepPipeline make_pipeline(const Scene &scene, State &stat
   step.add<AdvancePositions>();
   if (state.options.newton_iterations > 1) step.add<NewtonIterations<Real>>(scene, b, elements, matrix, solve);
   if (contact)
-    step.add<PenetrationHandling>(b, *proximity->search).set_distances(certified_distance, impact_distance);
+    step.add<PenetrationHandling>(b, *proximity->search, proximity->flagged).set_distances(certified_distance, impact_distance);
   step.add<FinishStep>(b);
   if (contact && (state.options.intersections == Intersections::exempt || state.options.pinch == Pinch::release)) step.add<ForgetSeparated>();
   return result;

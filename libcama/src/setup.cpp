@@ -145,7 +145,6 @@ void set_up_contact(State &state, const Scene &scene, const Topology &t, const s
   state.vertex_box = Stream<kernels::box>(b, state.vertices);
   for (PairList *list : {&state.vertex_face, &state.edge_edge}) {
     list->pairs = Stream<kernels::pair>(b);
-    list->known = Stream<int>(b);
     list->direction = Stream<kernels::fvec3>(b);
     list->room = Stream<float>(b);
   }

@@ -55,9 +55,8 @@ struct FeatureTrees {
 
 struct PairList {
   Stream<kernels::pair> pairs;
-  Stream<int> known;        // [pairs] 1: already an impact of this step
   Stream<kernels::fvec3> direction;  // [pairs] that tells the sides apart, from B to A
-  Stream<float> room;       // [pairs that proximity checking saw] their distance along it until the prediction at least, m; not positive: unknown
+  Stream<float> room;       // [pairs] distance along it until the prediction at least, m; 0: unknown; below: an impact of this step
 };
 
 struct State {
@@ -165,8 +164,8 @@ struct State {
     f("obstacle_tree", obstacle_tree); f("obstacle_order", obstacle_order); f("face_features", face_features);
     f("front", front); f("self_front", self_front); f("triangle_pairs", triangle_pairs);
     f("orphan_vertex_face", orphan_vertex_face); f("orphan_edge_edge", orphan_edge_edge);
-    f("vertex_face.pairs", vertex_face.pairs); f("vertex_face.known", vertex_face.known); f("vertex_face.direction", vertex_face.direction);
-    f("edge_edge.pairs", edge_edge.pairs); f("edge_edge.known", edge_edge.known);
+    f("vertex_face.pairs", vertex_face.pairs); f("vertex_face.direction", vertex_face.direction);
+    f("edge_edge.pairs", edge_edge.pairs);
     f("edge_edge.direction", edge_edge.direction); f("vertex_face.room", vertex_face.room); f("edge_edge.room", edge_edge.room);
     f("contact", contact); f("impact", impact);
     f("exemptions.row", exemptions.row); f("exemptions.entry", exemptions.entry); f("exemptions.object", exemptions.object);

@@ -27,8 +27,8 @@ void forget_contacts(State &s) noexcept
   for (PairList *list : {&s.vertex_face, &s.edge_edge}) {
     if (!list->pairs.backend()) continue;
     list->pairs.resize(0);
-    list->known.resize(0);
     list->direction.resize(0);
+    list->room.resize(0);
   }
 }
 

@@ -161,7 +161,8 @@ TEST_CASE("an updated list holds the pairs of the grown boxes, each once", "[can
       Engine engine(pile_of(variant), options);
       State &s = engine.state;
       const auto moves = [&](std::size_t v) { return !s.object_still[static_cast<std::size_t>(s.object_of(static_cast<int>(v)))]; };
-      TreeSearch search(*s.backend);
+      FlaggedPairs flagged(*s.backend);
+      TreeSearch search(*s.backend, flagged);
       std::mt19937 random(7);
       std::uniform_real_distribution<double> move(-1, 1);
       const std::vector<dvec3> start = s.position.download();
@@ -180,15 +181,15 @@ TEST_CASE("an updated list holds the pairs of the grown boxes, each once", "[can
           x = kernels::dadd(x, {0.05 * move(random), 0.05 * move(random), 0.05 * move(random)});
         }
         to.assign(target);
-        s.vertex_face.known.assign(std::vector<int>(static_cast<std::size_t>(s.vertex_face.pairs.size()), 5));
+        s.vertex_face.room.assign(std::vector<float>(static_cast<std::size_t>(s.vertex_face.pairs.size()), 5));
         const std::vector<Pair> before = plain(s.vertex_face);
         REQUIRE(search.update(s, from, to, 1e-4) == CandidateSearch::Change::grown);
         const std::vector<Pair> after = plain(s.vertex_face);
         REQUIRE(after.size() >= before.size());
         CHECK(std::equal(before.begin(), before.end(), after.begin()));
-        const std::vector<int> known = s.vertex_face.known.download();
-        CHECK(std::count(known.begin(), known.end(), 5) == static_cast<long>(before.size()));
-        CHECK(std::count(known.begin(), known.end(), 0) == static_cast<long>(after.size() - before.size()));
+        const std::vector<float> room = s.vertex_face.room.download();
+        CHECK(std::count(room.begin(), room.end(), 5.0f) == static_cast<long>(before.size()));
+        CHECK(std::count(room.begin(), room.end(), 0.0f) == static_cast<long>(after.size() - before.size()));
         grown += static_cast<int>(after.size() - before.size());
         const Lists expected = brute_force(s), found = sorted(s);
         CHECK(found.vertex_face == expected.vertex_face);

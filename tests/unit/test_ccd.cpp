@@ -405,7 +405,8 @@ FoundImpacts find_in(const Mesh &start, const Mesh &end, const std::string &prec
   Engine engine(scene, options);
   State &state = engine.state;
   state.position_next.assign(end.position);
-  TreeSearch search(*engine.backend);
+  FlaggedPairs flagged(*engine.backend);
+  TreeSearch search(*engine.backend, flagged);
   search.run(state, state.position, state.position_next);
   FoundImpacts found;
   found.candidates[0] = as_set(state.vertex_face.pairs);
@@ -596,14 +597,16 @@ TEST_CASE("an impact of the cubic, at distance 0, has the normal of the features
       const kernels::fvec3 direction = kernels::fvec3_make(0, 0, 0);
       kernels::vertex_contact properties[4] = {};
       for (auto &p : properties) p.thickness = 1e-9;
-      int known = 0, found = 0, index = 0;
+      float room = 0;
+      int found = 0, index = 0;
       kernels::impact impact;
       int look[2] = {0, 0};
       kernels::find_impacts(1, edges ? 0 : 1, 1, 0, &pair, &pair, &face, edge, x.data(), y.data(), mass, properties, 1.0, 1e-9, nullptr, 0, 0, 0,
-                            nullptr, &direction, &known, 0, nullptr, &direction, &known, nullptr, &found, look);
+                            &room, &direction, 0, &room, &direction, nullptr, &found, look);
       REQUIRE(found == 1);
       REQUIRE(look[1] == 1);
-      kernels::fill_impacts(1, edges ? 0 : 1, 1, &index, &pair, &pair, &face, edge, x.data(), y.data(), properties, 1.0, 1.0, 0, &known, &known, &impact);
+      kernels::fill_impacts(1, edges ? 0 : 1, 1, &index, &pair, &pair, &face, edge, x.data(), y.data(), properties, 1.0, 1.0, 0, &room, &room, &impact);
+      REQUIRE(room < 0);   // known from now on
       REQUIRE(kernels::ddot(impact.normal, n) * side > 1 - 1e-9);
     }
 }

@@ -58,7 +58,7 @@ Result commit(const Trial &trial, double dmin, bool settle = false)
   int fraction[4], sigma[1], counter[2], accepted[1];
   commit_begin(4, fraction, sigma, counter);
   for (const int pass : {0, settle ? -1 : 1})
-    commit_pairs(1, trial.edges, pass, &candidate, &face, edge, trial.x.data(), trial.y.data(), trial.inverse_mass.data(), properties, 1.0, 1, accepted,
+    commit_pairs(1, trial.edges, 0, pass, &candidate, &face, edge, trial.x.data(), trial.y.data(), trial.inverse_mass.data(), properties, 1.0, 1, accepted,
                  fraction, fraction, sigma, counter);
   Result r;
   commit_apply(4, trial.x.data(), trial.y.data(), fraction, sigma, r.committed.data());
@@ -274,7 +274,7 @@ struct Soup {
       const int seen = counter[0];
       before = fraction;
       for (const int kind : {0, 1})
-        commit_pairs(int((kind ? edge_edge : vertex_face).size()), kind, number, (kind ? edge_edge : vertex_face).data(), faces.data(), edges.data(),
+        commit_pairs(int((kind ? edge_edge : vertex_face).size()), kind, 0, number, (kind ? edge_edge : vertex_face).data(), faces.data(), edges.data(),
                      position.data(), target.data(), inverse_mass.data(), properties.data(), 1.0, 0, accepted[kind].data(), before.data(), fraction.data(), &sigma, counter);
       return counter[0] != seen;
     };

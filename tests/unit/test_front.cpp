@@ -216,7 +216,8 @@ TEST_CASE("fronts give every pair of features whose boxes overlap, once, and tho
         INFO(backend << ", seed " << seed << ", " << c.name);
         Fronts fronts(c.scene, backend, 1);
         Engine trees(c.scene);
-        TreeSearch tree(*trees.backend);
+        FlaggedPairs flagged(*trees.backend);
+        TreeSearch tree(*trees.backend, flagged);
         const Topology &t = fronts.engine.topology;
         State &s = fronts.engine.state;
         int most = 0, fewest = 0x7fffffff;
@@ -233,9 +234,9 @@ TEST_CASE("fronts give every pair of features whose boxes overlap, once, and tho
           tree.run(trees.state, trees.state.position, trees.state.position_next);
           REQUIRE(sorted(vf) == sorted(listed(trees.state.vertex_face)));
           REQUIRE(sorted(ee) == sorted(listed(trees.state.edge_edge)));
-          REQUIRE(s.vertex_face.known.size() == static_cast<int>(vf.size()));
+          REQUIRE(s.vertex_face.room.size() == static_cast<int>(vf.size()));
           REQUIRE(s.edge_edge.direction.size() == static_cast<int>(ee.size()));
-          for (int known : s.vertex_face.known.download()) REQUIRE(known == 0);
+          for (float room : s.vertex_face.room.download()) REQUIRE(room == 0);
           for (const auto &d : s.edge_edge.direction.download()) REQUIRE((d.x == 0 && d.y == 0 && d.z == 0));
           if (c.scene.contact.self) check_cut(s, t);
           const int front = s.front.size() + s.self_front.size();
@@ -305,13 +306,12 @@ TEST_CASE("a localized update adds exactly the pairs that are new, and leaves th
             }
             fronts.to.assign(y);
             for (PairList *list : {&s.vertex_face, &s.edge_edge}) {   // marks that must stay
-              std::vector<int> known(static_cast<std::size_t>(list->pairs.size()));
-              std::vector<kernels::fvec3> direction(known.size());
-              for (std::size_t i = 0; i < known.size(); ++i) {
-                known[i] = 1;
+              std::vector<float> room(static_cast<std::size_t>(list->pairs.size()), -1);
+              std::vector<kernels::fvec3> direction(room.size());
+              for (std::size_t i = 0; i < room.size(); ++i) {
                 direction[i] = {static_cast<float>(i), 2, 3};
               }
-              list->known.assign(known);
+              list->room.assign(room);
               list->direction.assign(direction);
             }
             const Pairs vf = listed(s.vertex_face), ee = listed(s.edge_edge);
@@ -334,12 +334,12 @@ TEST_CASE("a localized update adds exactly the pairs that are new, and leaves th
             fresh += static_cast<int>(vf_after.size() + ee_after.size() - vf.size() - ee.size());
             const std::pair<PairList *, std::size_t> lists[] = {{&s.vertex_face, vf.size()}, {&s.edge_edge, ee.size()}};
             for (const auto &[list, old] : lists) {
-              const std::vector<int> known = list->known.download();
+              const std::vector<float> room = list->room.download();
               const std::vector<kernels::fvec3> direction = list->direction.download();
-              REQUIRE(known.size() == static_cast<std::size_t>(list->pairs.size()));
-              REQUIRE(direction.size() == known.size());
-              for (std::size_t i = 0; i < known.size(); ++i) {
-                REQUIRE(known[i] == (i < old ? 1 : 0));
+              REQUIRE(room.size() == static_cast<std::size_t>(list->pairs.size()));
+              REQUIRE(direction.size() == room.size());
+              for (std::size_t i = 0; i < room.size(); ++i) {
+                REQUIRE(room[i] == (i < old ? -1 : 0));
                 if (i < old) REQUIRE((direction[i].x == static_cast<float>(i) && direction[i].y == 2 && direction[i].z == 3));
                 else REQUIRE(std::abs(std::hypot(direction[i].x, direction[i].y, direction[i].z) - 1) < 1e-6);
               }
@@ -362,10 +362,10 @@ TEST_CASE("many vertices out of their boxes, or the option, make a full search; 
     std::vector<dvec3> y = t.position;
     for (std::size_t i = 0; i < y.size(); i += localized ? 2 : 50) y[i].z += 0.1;
     fronts.to.assign(y);
-    s.vertex_face.known.assign(std::vector<int>(static_cast<std::size_t>(s.vertex_face.known.size()), 1));
+    s.vertex_face.room.assign(std::vector<float>(static_cast<std::size_t>(s.vertex_face.room.size()), -1));
     REQUIRE(fronts.search.update(s, fronts.from, fronts.to, 1e-6) == CandidateSearch::Change::renewed);
     CHECK(fronts.search.localized() == 0);
-    for (int known : s.vertex_face.known.download()) CHECK(known == 0);
+    for (float room : s.vertex_face.room.download()) CHECK(room == 0);
     CHECK(sorted(listed(s.vertex_face)) == sorted(brute_force(s, t).vertex_face));
   }
 }

@@ -116,8 +116,8 @@ const Names hinge_streams = {"hinge_nodes", "hinge_incidence.row", "hinge_incide
                              "bending_table"};
 const Names term_streams = {"term", "term_nodes", "term_incidence.row", "term_incidence.entry"};
 const Names contact_streams = {"predicted", "inverse_mass", "face", "asking", "vertex_contact", "margin", "bounds", "vertex_box"};
-const Names face_pair_streams = {"vertex_face.pairs", "vertex_face.known", "vertex_face.direction", "vertex_face.room"};
-const Names edge_pair_streams = {"edge_edge.pairs", "edge_edge.known", "edge_edge.direction", "edge_edge.room"};
+const Names face_pair_streams = {"vertex_face.pairs", "vertex_face.direction", "vertex_face.room"};
+const Names edge_pair_streams = {"edge_edge.pairs", "edge_edge.direction", "edge_edge.room"};
 
 const Kernels elastic_kernels = {{"evaluate_triangles", 1}, {"gather_forces", 1}, {"gather_blocks", 1}, {"advance", 1}, {"find_nonfinite", 1}};
 /// A list of elements, vertex by vertex: count, scan, fill, sort.

@@ -339,3 +339,32 @@ TEST_CASE("garments fit characters from files", "[scene][data]")
   CHECK(contains(thrown<SceneError>([&] { Scene::parse(walking, *folder); }), "in the way"));
 }
 #endif
+
+TEST_CASE("a material space that is the start in other units is refused", "[scene]")
+{
+  Scene scene = small_scene();
+  Mesh &m = scene.cloths[0].mesh;
+  // The grid's own axes: with both factors 1 and no shear the rest shape is the start.
+  const dvec3 o = m.position[0], side = kernels::dsub(m.position[m.face[0][2]], m.position[m.face[0][0]]);
+  const dvec3 x = kernels::dnormalize(kernels::dsub(m.position[m.face[0][1]], m.position[m.face[0][0]]));
+  const dvec3 y = kernels::dnormalize(kernels::daxpy(side, -kernels::ddot(side, x), x));
+  const auto rest = [&](double along, double across, double shear) {
+    m.material_face = m.face;
+    m.material_position.clear();
+    for (const dvec3 &p : m.position) {
+      const double u = kernels::ddot(kernels::dsub(p, o), x), v = kernels::ddot(kernels::dsub(p, o), y);
+      m.material_position.push_back({along * (u + shear * v), across * v});
+    }
+  };
+  for (const auto &[factor, text] : {std::pair(100.0, "is 100 times as large"), std::pair(0.001, "is 1000 times as small"), std::pair(25.4, "is 25.4 times as large")}) {
+    rest(factor, factor, 0);
+    const std::string error = thrown<MeshError>([&] { scene.validate(); });
+    CHECK(contains(error, "cloth \"a\""));
+    CHECK(contains(error, text));
+  }
+  CHECK(contains((rest(100, 100, 0), thrown<MeshError>([&] { scene.validate(); })), "material_scale 0.01"));
+  for (const auto &[along, across, shear] : {std::tuple(1.0, 1.0, 0.0), std::tuple(2.9, 2.9, 0.0), std::tuple(1e6, 1e6, 0.0), std::tuple(100.0, 30.0, 0.0), std::tuple(100.0, 100.0, 1.0)}) {
+    rest(along, across, shear);
+    CHECK_NOTHROW(scene.validate());
+  }
+}

@@ -96,17 +96,17 @@ Found query(const Scene &s, int self, int slots, int batch, bool both)
   scan_totals(1, vertices, items, offset.data(), &totals);
   const int first = 3;   // behind what a list has
   std::vector<pair> vf(totals.a + first), ee(totals.b + first);
-  std::vector<int> vf_known(vf.size(), 7), ee_known(ee.size(), 7);
+  std::vector<float> vf_room(vf.size(), 7), ee_room(ee.size(), 7);
   query_vertex_face_fill(vertices, order.data(), vertex_box.data(), faces, face_tree.order.data(), face_tree.leaf.data(), face_tree.group.data(),
                          s.cloth_vertices, self, QUERY_ALL, nullptr, slots, 0, slot.data(), count.data(), offset.data(), first, vf.data(),
-                         vf_known.data());
+                         vf_room.data());
   query_edge_edge_fill(edges, edge_tree.order.data(), edge_tree.leaf.data(), vertex_box.data(), edges, edge_tree.order.data(),
                        edge_tree.leaf.data(), edge_tree.group.data(), s.cloth_vertices, self, QUERY_ALL, nullptr, nullptr, slots, vertices,
-                       slot.data(), count.data(), offset.data(), first - totals.a, ee.data(), ee_known.data());
+                       slot.data(), count.data(), offset.data(), first - totals.a, ee.data(), ee_room.data());
   Found found;
-  for (int i = 0; i < first; ++i) REQUIRE((vf_known[i] == 7 && ee_known[i] == 7));
-  for (std::size_t i = first; i < vf.size(); ++i) { REQUIRE(vf_known[i] == 0); found.vertex_face.push_back({vf[i].a, vf[i].b}); }
-  for (std::size_t i = first; i < ee.size(); ++i) { REQUIRE(ee_known[i] == 0); found.edge_edge.push_back({ee[i].a, ee[i].b}); }
+  for (int i = 0; i < first; ++i) REQUIRE((vf_room[i] == 7 && ee_room[i] == 7));
+  for (std::size_t i = first; i < vf.size(); ++i) { REQUIRE(vf_room[i] == 0); found.vertex_face.push_back({vf[i].a, vf[i].b}); }
+  for (std::size_t i = first; i < ee.size(); ++i) { REQUIRE(ee_room[i] == 0); found.edge_edge.push_back({ee[i].a, ee[i].b}); }
   return found;
 }
 

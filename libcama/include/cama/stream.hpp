@@ -28,7 +28,7 @@ public:
   Buffer buffer() const { return buffer_; }
   Backend *backend() const { return backend_; }
 
-  /// Contents are lost when the stream has to grow; it grows by half, large ones by an eighth, so that repeated growth is rare.
+  /// Contents are lost when the stream has to grow; it grows by half, large ones by a sixteenth, so that repeated growth is rare.
   void resize(int size)
   {
     if (size < 0) throw MemoryError("stream size " + std::to_string(size) + " exceeds 2^31 elements");
@@ -89,7 +89,7 @@ public:
 private:
   static int with_room(int size)
   {
-    const long long more = sizeof(T) * static_cast<std::size_t>(size) > (std::size_t(16) << 20) ? size / 8 : size / 2;
+    const long long more = sizeof(T) * static_cast<std::size_t>(size) > (std::size_t(16) << 20) ? size / 16 : size / 2;
     return static_cast<int>(std::min(0x7fffffffll, size + more));
   }
   Backend *backend_ = nullptr;

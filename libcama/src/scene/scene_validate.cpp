@@ -1,7 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
 #include <algorithm>
 #include <cmath>
+#include <cstdio>
 #include <set>
+#include <vector>
 
 #include "cama/error.hpp"
 #include "cama/scene.hpp"
@@ -127,6 +129,40 @@ void check_stitch(const Scene &s, std::size_t i)
           "a stitch of vertex " + std::to_string(t.vertex_a) + " to itself", "remove it");
 }
 
+/// Refuses a cloth whose rest shape is the start at another scale, as texture coordinates in other units make it: it would snap to that
+/// size. Cloth that starts crumpled, sheared or collapsed is not stretched by one factor everywhere, or by none that units explain.
+void check_material_scale(const std::string &object, const Mesh &m)
+{
+  constexpr double least = 3, most = 1e5, same = 0.1, share = 0.9;
+  if (m.material_face.empty()) return;
+  std::vector<double> stretch;   // both principal stretches of each face, from the rest shape to the start
+  stretch.reserve(2 * m.face.size());
+  for (std::size_t f = 0; f < m.face.size(); ++f) {
+    const Triangle &t = m.face[f], &u = m.material_face[f];
+    const dvec3 a = kernels::dsub(m.position[t[1]], m.position[t[0]]), b = kernels::dsub(m.position[t[2]], m.position[t[0]]);
+    const MaterialPoint &o = m.material_position[u[0]], &q = m.material_position[u[1]], &r = m.material_position[u[2]];
+    const double ax = q[0] - o[0], ay = q[1] - o[1], bx = r[0] - o[0], by = r[1] - o[1], area = ax * by - ay * bx;
+    const double aa = kernels::ddot(a, a), ab = kernels::ddot(a, b), bb = kernels::ddot(b, b);
+    // Of C = F'F: its trace and, with the areas, its determinant.
+    const double trace = (aa * (bx * bx + by * by) - 2 * ab * (ax * bx + ay * by) + bb * (ax * ax + ay * ay)) / (area * area);
+    const double determinant = (aa * bb - ab * ab) / (area * area);
+    const double root = std::sqrt(std::max(0.0, trace * trace / 4 - determinant));
+    stretch.push_back(std::sqrt(trace / 2 + root));
+    stretch.push_back(std::sqrt(std::max(0.0, trace / 2 - root)));
+  }
+  const auto middle = stretch.begin() + static_cast<std::ptrdiff_t>(stretch.size() / 2);
+  std::nth_element(stretch.begin(), middle, stretch.end());
+  const double factor = *middle, away = std::max(factor, 1 / factor);
+  const auto alike = std::count_if(stretch.begin(), stretch.end(), [&](double x) { return std::abs(x - factor) <= same * factor; });
+  if (!(away > least && away < most) || static_cast<double>(alike) < share * static_cast<double>(stretch.size())) return;
+  char times[64];
+  std::snprintf(times, sizeof times, "%.4g times as %s", away, factor < 1 ? "large" : "small");
+  char scale[32];
+  std::snprintf(scale, sizeof scale, "%.4g", factor);
+  throw MeshError("mesh of " + object + ": its material space is " + times + " as its start, in every direction; check the units (material_scale " +
+                  scale + " would make them equal)");
+}
+
 }  // namespace
 
 void Scene::validate() const
@@ -138,6 +174,7 @@ void Scene::validate() const
     const std::string object = "cloth \"" + c.name + "\"";
     if (!names.insert(c.name).second) throw SceneError("cloth: two cloths are named \"" + c.name + "\"; give each its own name");
     c.mesh.validate(object);
+    check_material_scale(object, c.mesh);
     c.material.validate(object);
     if (c.material.static_friction != -1 && c.material.friction == -1)
       check_static_friction(object + ": material.static_friction", c.material.static_friction, contact.friction);

@@ -8,7 +8,7 @@
 
 namespace cama {
 namespace {
-constexpr int most_slots = 24;        // hits of an item kept by the count pass
+constexpr int most_slots = 16;        // hits of an item kept by the count pass
 constexpr int searches_per_sort = 16; // leaf order is kept between sorts; boxes are always fresh
 constexpr int sorts_per_placing = 64; // what boxes are relative to is kept between placings of obstacles at rest
 constexpr int morton_bits = 63;
@@ -32,7 +32,7 @@ void CandidateSearch::drop_exempt(State &state, int kind, int first)
   CAMA_LAUNCH(b, keep_pairs, n, first, place_, list.pairs, kept_);
   CAMA_LAUNCH(b, copy_pairs, kept, first, kept_, list.pairs);
   list.pairs.resize(first + kept);
-  list.known.resize(first + kept);
+  list.room.resize(first + kept);
 }
 
 void CandidateSearch::find_directions(State &state, const Stream<dvec3> &from, int first_vertex_face, int first_edge_edge)
@@ -47,8 +47,8 @@ void CandidateSearch::find_directions(State &state, const Stream<dvec3> &from, i
   direct(1, state.edge_edge, first_edge_edge);
 }
 
-TreeSearch::TreeSearch(Backend &b)
-    : CandidateSearch(b), batch_(b.processor() ? GROUP : 1), cloth_(b), moving_(b), still_(b), key_(b), slot_(b), count_(b), offset_(b),
+TreeSearch::TreeSearch(Backend &b, FlaggedPairs &flagged)
+    : CandidateSearch(b), batch_(b.processor() ? GROUP : 1), cloth_(b), moving_(b), still_(b), key_(b), slot_(flagged.flag), count_(b), offset_(b),
       identity_(b), changed_leaf_face_(b), changed_leaf_edge_(b), totals_(b, 1), changed_(b), flag_(b), offsets_(b), changed_vertex_(b),
       changed_face_(b), changed_edge_(b), before_(b), changed_groups_(b)
 {}
@@ -210,7 +210,7 @@ void TreeSearch::query(State &state, const std::vector<FaceQuery> &faces, const 
   const auto grow = [](PairList &list, int more) {
     if (more > 0x7fffffff - list.pairs.size()) throw MemoryError("a list of this scene exceeds 2^31 entries; lower the resolution or the contact thickness");
     list.pairs.grow(list.pairs.size() + more);
-    list.known.grow(list.pairs.size());
+    list.room.grow(list.pairs.size());
   };
   grow(state.vertex_face, found.a);
   grow(state.edge_edge, found.b);
@@ -218,14 +218,14 @@ void TreeSearch::query(State &state, const std::vector<FaceQuery> &faces, const 
   for (const FaceQuery &q : faces) {
     const int n = q.items->size();
     CAMA_LAUNCH(b, query_vertex_face_fill, n, *q.items, state.vertex_box, q.leaves, *q.order, *q.leaf_face, *q.tree, state.cloth_vertices, self,
-                q.mode, before_, slots, at, slot_, count_, offset_, first_face, state.vertex_face.pairs, state.vertex_face.known);
+                q.mode, before_, slots, at, slot_, count_, offset_, first_face, state.vertex_face.pairs, state.vertex_face.room);
     at += n;
   }
   for (const EdgeQuery &q : edges) {
     const int n = q.items->size();
     CAMA_LAUNCH(b, query_edge_edge_fill, n, *q.items, *q.item_edge, state.vertex_box, q.group->edge.size(), q.group->trees->edge_order,
                 q.group->leaf_edge, q.group->trees->edge_groups, state.cloth_vertices, self, q.mode, changed_, before_, slots, at, slot_, count_,
-                offset_, first_edge - found.a, state.edge_edge.pairs, state.edge_edge.known);
+                offset_, first_edge - found.a, state.edge_edge.pairs, state.edge_edge.room);
     at += n;
   }
   drop_exempt(state, 0, first_face);
@@ -253,7 +253,6 @@ void TreeSearch::run(State &state, const Stream<dvec3> &from, const Stream<dvec3
   if (sort) ++sorts_since_placed_;
   for (PairList *list : {&state.vertex_face, &state.edge_edge}) {
     list->pairs.resize(0);
-    list->known.resize(0);
     list->direction.resize(0);
     list->room.resize(0);
   }

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 #include "pipeline.hpp"
+#include "stages/flagged_pairs.hpp"
 
 namespace cama {
 
@@ -13,7 +14,7 @@ public:
   virtual ~CandidateSearch() = default;
   /// Fills state.vertex_face and state.edge_edge for motion from -> to.
   virtual void run(State &state, const Stream<dvec3> &from, const Stream<dvec3> &to) = 0;
-  /// Makes the lists hold every pair of the motion from -> to with `margin` to spare. Earlier pairs stay, with `known` and `direction`;
+  /// Makes the lists hold every pair of the motion from -> to with `margin` to spare. Earlier pairs stay, with `direction` and `room`;
   /// further ones come behind them, or, after large changes, all are made anew.
   virtual Change update(State &state, const Stream<dvec3> &from, const Stream<dvec3> &to, double margin) = 0;
 
@@ -39,7 +40,8 @@ private:
 /// vertices that left their boxes ask, and only for pairs that did not overlap before.
 class TreeSearch final : public CandidateSearch {
 public:
-  explicit TreeSearch(Backend &backend);
+  /// flagged: its flags are overwritten by every search.
+  TreeSearch(Backend &backend, FlaggedPairs &flagged);
   void run(State &state, const Stream<dvec3> &from, const Stream<dvec3> &to) override;
   Change update(State &state, const Stream<dvec3> &from, const Stream<dvec3> &to, double margin) override;
 
@@ -82,7 +84,8 @@ private:
   int boxed_ = 0;                  // vertices with fresh boxes in every search: the first ones
   bool self_ = false, found_ = false;
   Stream<key64> key_;
-  Stream<int> slot_, count_, offset_;
+  Stream<int> &slot_;   // hits of items; the memory of flags, which are not needed during a search
+  Stream<int> count_, offset_;
   Stream<int> identity_;
   Stream<kernels::face_nodes> changed_leaf_face_;
   Stream<kernels::edge_nodes> changed_leaf_edge_;

@@ -14,10 +14,7 @@ void FindContacts::run(State &state)
   const int first = vertex_face.pairs.size(), n = first + edge_edge.pairs.size();
   movers_.resize(state.vertices);
   flagged_.resize(state);
-  for (PairList *list : {&vertex_face, &edge_edge}) {
-    list->direction.resize(list->pairs.size());
-    list->room.resize(list->pairs.size());
-  }
+  for (PairList *list : {&vertex_face, &edge_edge}) list->direction.resize(list->pairs.size());
   CAMA_LAUNCH(b, make_movers, state.vertices, state.position, state.predicted, state.bounds, state.vertex_contact, movers_, spare_);
   CAMA_LAUNCH(b, tell_apart, first, 0, vertex_face.pairs, state.face, state.edge, movers_, spare_, vertex_face.direction, vertex_face.room);
   CAMA_LAUNCH(b, tell_apart, n - first, 1, edge_edge.pairs, state.face, state.edge, movers_, spare_, edge_edge.direction, edge_edge.room);

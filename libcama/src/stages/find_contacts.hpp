@@ -8,13 +8,13 @@ namespace cama {
 /// Candidate pairs that are closer than their thickness, or will be, become contacts (discrete detection, Figure 7).
 class FindContacts final : public Stage {
 public:
-  explicit FindContacts(Backend &backend) : flagged_(backend), nearest_(backend), movers_(backend), spare_(backend, 1) {}
+  FindContacts(Backend &backend, FlaggedPairs &flagged) : flagged_(flagged), nearest_(backend), movers_(backend), spare_(backend, 1) {}
   std::string_view name() const override { return "contacts"; }
   std::string reason() const override { return "contact"; }
   void run(State &state) override;
 
 private:
-  FlaggedPairs flagged_;
+  FlaggedPairs &flagged_;
   Stream<int> nearest_;
   Stream<kernels::mover> movers_;
   Stream<float> spare_;

@@ -4,7 +4,8 @@
 
 namespace cama {
 
-/// Compacts the flagged pairs of both candidate lists, ordered by their features, vertex-face pairs first.
+/// Compacts the flagged pairs of both candidate lists, ordered by their features, vertex-face pairs first. One for all stages of a step:
+/// lists of candidates are the largest streams there are.
 class FlaggedPairs {
 public:
   explicit FlaggedPairs(Backend &backend) : flag(backend), index(backend), place_(backend), key_(backend) {}
@@ -13,7 +14,7 @@ public:
   /// After the flags are written: fills `index` and returns how many there are. `flagged`: how many, where that is known; else it waits.
   int compact(State &state, int flagged = -1);
 
-  Stream<int> flag;    // [candidates] of vertex_face, then of edge_edge
+  Stream<int> flag;    // [candidates] of vertex_face, then of edge_edge; between its uses, anyone's
   Stream<int> index;   // [flagged] places in `flag`, by (kind, a, b)
 
 private:

@@ -245,14 +245,14 @@ void FrontSearch::collect_features(State &s, bool only_new)
     b.scan(found_[kind].buffer(), place_[kind].buffer(), found_[kind].size());
     const int size = first[kind] + place_[kind].at(found_[kind].size());
     list[kind]->pairs.grow(size);
-    list[kind]->known.grow(size);
     list[kind]->direction.grow(size);
+    list[kind]->room.grow(size);
   }
   CAMA_LAUNCH(b, fill_features, n, s.triangle_pairs, s.face, s.face_features, mask_, first[0], place_[0], s.vertex_face.pairs,
-              s.vertex_face.known, first[1], place_[1], s.edge_edge.pairs, s.edge_edge.known);
+              s.vertex_face.room, first[1], place_[1], s.edge_edge.pairs, s.edge_edge.room);
   for (int kind = 0; kind < 2; ++kind)
     CAMA_LAUNCH(b, fill_orphans, orphan[kind]->size(), *orphan[kind], n, found_[kind], place_[kind], first[kind], list[kind]->pairs,
-                list[kind]->known);
+                list[kind]->room);
   for (int kind = 0; kind < 2; ++kind) drop_exempt(s, kind, first[kind]);
   s.report.candidates = s.vertex_face.pairs.size() + s.edge_edge.pairs.size();
   ++s.report.searches;
@@ -291,7 +291,6 @@ void FrontSearch::run(State &s, const Stream<dvec3> &from, const Stream<dvec3> &
   if (obstacles) update_front(s, cloth_, obstacles_, s.front, restart);
   for (PairList *list : {&s.vertex_face, &s.edge_edge}) {
     list->pairs.resize(0);
-    list->known.resize(0);
     list->direction.resize(0);
     list->room.resize(0);
   }

@@ -12,7 +12,7 @@ public:
   explicit FrontSearch(State &state);
   void run(State &state, const Stream<dvec3> &from, const Stream<dvec3> &to) override;
   /// With the option `localized_search` and few vertices out of their boxes, only pairs near those are looked for: earlier pairs stay as
-  /// they are, with `known` and `direction`, new ones are appended.
+  /// they are, with `direction` and `room`, new ones are appended.
   Change update(State &state, const Stream<dvec3> &from, const Stream<dvec3> &to, double margin) override;
 
   int rebuilds() const { return rebuilds_; }     ///< of trees and fronts

@@ -135,9 +135,8 @@ void ImpactProjection::run(State &state, Stream<dvec3> &positions)
   CAMA_LAUNCH(b, apply_impulses, state.cloth_vertices, largest_, wanted_, y_, positions, moved_);
 }
 
-PenetrationHandling::PenetrationHandling(Backend &b, CandidateSearch &search)
-    : search_(search), projection_(b), from_(b), committed_(b), flagged_(b), strayed_(b), look_(b, 2),
-      accepted_{Stream<int>(b), Stream<int>(b)}, fraction_(b), fraction_before_(b), sigma_(b, 1), counter_(b, 2)
+PenetrationHandling::PenetrationHandling(Backend &b, CandidateSearch &search, FlaggedPairs &flagged)
+    : search_(search), projection_(b), from_(b), committed_(b), flagged_(flagged), strayed_(b), look_(b, 2), fraction_(b), fraction_before_(b), sigma_(b, 1), counter_(b, 2)
 {}
 
 PenetrationHandling::Look PenetrationHandling::look(State &state, bool first_piece, bool localized, int vertex_face_done, int edge_edge_done)
@@ -154,8 +153,7 @@ PenetrationHandling::Look PenetrationHandling::look(State &state, bool first_pie
   CAMA_LAUNCH(b, find_impacts, flagged_.flag.size(), first, state.options.cubic_impacts ? 1 : 0, localized ? 1 : 0, vertex_face.pairs,
               edge_edge.pairs, state.face, state.edge, from_, state.position_next, state.inverse_mass, state.vertex_contact, certified_,
               state.largest_thickness, strayed_, vertex_face_done, edge_edge_done, first_piece ? vertex_face.room.size() : 0, vertex_face.room, vertex_face.direction,
-              vertex_face.known, first_piece ? edge_edge.room.size() : 0, edge_edge.room, edge_edge.direction, edge_edge.known,
-              projection_.moved(), flagged_.flag, look_);
+              first_piece ? edge_edge.room.size() : 0, edge_edge.room, edge_edge.direction, projection_.moved(), flagged_.flag, look_);
   const std::vector<int> counts = look_.download();
   return {counts[0], counts[1]};
 }
@@ -168,7 +166,7 @@ void PenetrationHandling::add_impacts(State &state, int found)
   state.impact.grow(known + found);
   CAMA_LAUNCH(b, fill_impacts, found, state.vertex_face.pairs.size(), state.options.cubic_impacts ? 1 : 0, flagged_.index,
               state.vertex_face.pairs, state.edge_edge.pairs, state.face, state.edge, from_, state.position_next, state.vertex_contact, certified_,
-              target_, known, state.vertex_face.known, state.edge_edge.known, state.impact);
+              target_, known, state.vertex_face.room, state.edge_edge.room, state.impact);
 }
 
 double PenetrationHandling::commit(State &state, bool certified)
@@ -178,17 +176,19 @@ double PenetrationHandling::commit(State &state, bool certified)
   fraction_before_.resize(state.vertices);
   CAMA_LAUNCH(b, commit_begin, state.vertices, fraction_, sigma_, counter_);
   PairList *lists[2] = {&state.vertex_face, &state.edge_edge};
+  const int first[2] = {0, lists[0]->pairs.size()};
+  Stream<int> &accepted = flagged_.flag;
+  flagged_.resize(state);
   int settled = -1;
   for (int kind = 0; kind < 2; ++kind) {
-    accepted_[kind].resize(lists[kind]->pairs.size());
-    CAMA_LAUNCH(b, commit_screen, lists[kind]->pairs.size(), kind, certified ? 1 : 0, lists[kind]->pairs, state.face, state.edge, from_,
-                state.position_next, lists[kind]->direction, state.vertex_contact, lists[kind]->known, certified_, accepted_[kind]);
+    CAMA_LAUNCH(b, commit_screen, lists[kind]->pairs.size(), kind, first[kind], certified ? 1 : 0, lists[kind]->pairs, state.face, state.edge, from_,
+                state.position_next, lists[kind]->direction, state.vertex_contact, lists[kind]->room, certified_, accepted);
   }
   for (int pass = 0;; ++pass) {
     if (pass > 0) fraction_before_.copy_from(fraction_);
     for (int kind = 0; kind < 2; ++kind)
-      CAMA_LAUNCH(b, commit_pairs, lists[kind]->pairs.size(), kind, pass, lists[kind]->pairs, state.face, state.edge, from_,
-                  state.position_next, state.inverse_mass, state.vertex_contact, certified_, 0, accepted_[kind], fraction_before_, fraction_,
+      CAMA_LAUNCH(b, commit_pairs, lists[kind]->pairs.size(), kind, first[kind], pass, lists[kind]->pairs, state.face, state.edge, from_,
+                  state.position_next, state.inverse_mass, state.vertex_contact, certified_, 0, accepted, fraction_before_, fraction_,
                   sigma_, counter_);
     const int now = counter_.at(0);
     if (now == settled) break;
@@ -211,13 +211,11 @@ double PenetrationHandling::commit(State &state, bool certified)
 std::vector<std::pair<int, kernels::pair>> PenetrationHandling::waiting_pairs(State &state)
 {
   std::vector<std::pair<int, kernels::pair>> waiting;
-  const PairList *lists[2] = {&state.vertex_face, &state.edge_edge};
-  for (int kind = 0; kind < 2; ++kind) {
-    const std::vector<int> accepted = accepted_[kind].download();
-    const std::vector<kernels::pair> pairs = lists[kind]->pairs.download();
-    for (std::size_t i = 0; i < pairs.size(); ++i)
-      if (accepted[i] == COMMIT_WAITING) waiting.emplace_back(kind, pairs[i]);
-  }
+  const std::vector<int> accepted = flagged_.flag.download();
+  std::size_t at = 0;
+  for (int kind = 0; kind < 2; ++kind)
+    for (const kernels::pair &p : (kind == 0 ? state.vertex_face : state.edge_edge).pairs.download())
+      if (accepted[at++] == COMMIT_WAITING) waiting.emplace_back(kind, p);
   std::sort(waiting.begin(), waiting.end(), [](const auto &p, const auto &q) {
     return std::tie(p.first, p.second.a, p.second.b) < std::tie(q.first, q.second.a, q.second.b);
   });
@@ -275,6 +273,7 @@ bool PenetrationHandling::release(State &state, const std::vector<std::pair<int,
 
 void PenetrationHandling::run(State &state)
 {
+  Backend &b = *state.backend;
   from_.copy_from(state.position);
   const double spare = certified_ * state.largest_thickness;
   bool projected = false, first_piece = true;
@@ -282,8 +281,7 @@ void PenetrationHandling::run(State &state)
   for (int waits = 0;; ++state.report.substeps, first_piece = false) {
     if (state.impact.size()) {
       state.impact.resize(0);
-      state.vertex_face.known.fill_zero();
-      state.edge_edge.known.fill_zero();
+      for (PairList *list : {&state.vertex_face, &state.edge_edge}) CAMA_LAUNCH(b, forget_impacts, list->room.size(), list->room);
     }
     bool certified = false, localized = false;   // every pair but known impacts, for the motion as it is; but for what moved since
     for (int pass = 0; pass < state.options.max_impact_passes; ++pass) {

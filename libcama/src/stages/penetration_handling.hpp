@@ -41,7 +41,7 @@ private:
 /// within the step divide it.
 class PenetrationHandling final : public Stage {
 public:
-  PenetrationHandling(Backend &backend, CandidateSearch &search);
+  PenetrationHandling(Backend &backend, CandidateSearch &search, FlaggedPairs &flagged);
   std::string_view name() const override { return "penetration handling"; }
   std::string reason() const override { return "contact"; }
   void run(State &state) override;
@@ -62,10 +62,10 @@ private:
   CandidateSearch &search_;
   ImpactProjection projection_;
   Stream<dvec3> from_, committed_;
-  FlaggedPairs flagged_;
+  FlaggedPairs &flagged_;   // in the commit its flags are what became of each pair
   Stream<float> strayed_;
   Stream<int> look_;
-  Stream<int> accepted_[2], fraction_, fraction_before_, sigma_, counter_;
+  Stream<int> fraction_, fraction_before_, sigma_, counter_;
   double certified_ = 1e-2, target_ = 0.1;
 };
 
