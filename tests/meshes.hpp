@@ -101,6 +101,17 @@ inline cama::Scene hanging(int cells)
   return s;
 }
 
+/// A sheet on a ball: in contact with it, moving, wrinkling.
+inline cama::Scene sheet_on_ball()
+{
+  cama::Scene s;
+  s.contact.thickness = 4e-3;
+  s.cloths.push_back(cloth(grid(10, 10, 0.3, 0.3, -0.15, -0.15, 0.004)));
+  s.cloths[0].velocity = {0.05, 0, -1};
+  s.obstacles.push_back(obstacle(sphere(12, 8, 0.1, {0, 0, -0.101})));
+  return s;
+}
+
 /// Two sheets fall on a moving ball: contacts of cloth with cloth and obstacle from the first steps on.
 inline cama::Scene pile(int cells)
 {

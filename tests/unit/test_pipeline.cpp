@@ -91,17 +91,6 @@ double apart(const std::vector<dvec3> &a, const std::vector<dvec3> &b)
   return most;
 }
 
-/// A sheet on a ball: in contact with it, moving, wrinkling.
-Scene draped()
-{
-  Scene s;
-  s.contact.thickness = 4e-3;
-  s.cloths.push_back(meshes::cloth(meshes::grid(10, 10, 0.3, 0.3, -0.15, -0.15, 0.004)));
-  s.cloths[0].velocity = {0.05, 0, -1};
-  s.obstacles.push_back(meshes::obstacle(meshes::sphere(12, 8, 0.1, {0, 0, -0.101})));
-  return s;
-}
-
 }  // namespace
 
 TEST_CASE("a sheet alone gets the five stages of an implicit step", "[pipeline]")
@@ -216,7 +205,7 @@ namespace {
 /// The draped sheet alone, and with an obstacle far away.
 std::pair<Run, Run> beside_obstacle(const Motion &motion)
 {
-  Scene scene = draped();
+  Scene scene = meshes::sheet_on_ball();
   const Run alone = follow(scene, 20, serial());
   REQUIRE(alone.contacts > 10);
   scene.obstacles.push_back(meshes::obstacle(meshes::sphere(8, 6, 0.2, {5, 3, 1}), motion, "far"));
@@ -255,7 +244,7 @@ TEST_CASE("a distant obstacle does not move the cloth by one bit", "[pipeline]")
 
 TEST_CASE("wind of zero density and no drag moves nothing", "[pipeline]")
 {
-  Scene scene = draped();
+  Scene scene = meshes::sheet_on_ball();
   const Run still = follow(scene, 10, serial());
   scene.wind = Wind{{3, 0, 0}, 0, 0};
   const Run windless = follow(scene, 10, serial());
@@ -292,7 +281,7 @@ TEST_CASE("a distant cloth moves the first by no more than the solver's toleranc
 {
   // One conjugate gradient solves for all cloths: its step lengths and its stop are common, so bits do change, and with them which pairs
   // are contacts. With a direct solve, or as the tolerance goes down, they agree.
-  Scene scene = draped();
+  Scene scene = meshes::sheet_on_ball();
   for (dvec3 &x : scene.cloths[0].mesh.position) x = {x.x + 0.013, x.y + 0.007, x.z};   // off the ball's axes, where contacts would be ties
   Scene both = scene;
   both.cloths.push_back(meshes::cloth(meshes::grid(6, 6, 0.2, 0.2, 5, 3, 0), Material::isotropic(1000, 0.2, 1e-5, 0.3), "far"));

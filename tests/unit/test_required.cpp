@@ -406,17 +406,6 @@ TEST_CASE("every stage that a term brings says so", "[required]")
 // conjugate gradient's steps are ratios of sums over all free vertices, and those change with every free vertex that has a residual.
 namespace {
 
-/// A sheet on a ball: in contact with it, moving, wrinkling.
-Scene draped()
-{
-  Scene s;
-  s.contact.thickness = 4e-3;
-  s.cloths.push_back(meshes::cloth(meshes::grid(10, 10, 0.3, 0.3, -0.15, -0.15, 0.004)));
-  s.cloths[0].velocity = {0.05, 0, -1};
-  s.obstacles.push_back(meshes::obstacle(meshes::sphere(12, 8, 0.1, {0, 0, -0.101})));
-  return s;
-}
-
 /// Two sheets that fall on each other and on a ball that moves.
 Scene pile() { return meshes::pile(8); }
 
@@ -507,7 +496,7 @@ const Feature empty_features[] = {
 TEST_CASE("what is far away does not move the cloth by one bit", "[required][distant]")
 {
   for (const std::string &backend : backends_here())
-    for (const auto &[start, scene] : {std::pair<const char *, Scene>{"draped", draped()}, {"pile", pile()}}) {
+    for (const auto &[start, scene] : {std::pair<const char *, Scene>{"draped", meshes::sheet_on_ball()}, {"pile", pile()}}) {
       Options o = serial();
       o.backend = backend;
       const int steps = backend == "cpu" ? 30 : 6, cloths = static_cast<int>(scene.cloths.size());
@@ -524,7 +513,7 @@ TEST_CASE("what is far away does not move the cloth by one bit", "[required][dis
 
 TEST_CASE("what is far away does not move the cloth by one bit in the paper's mode", "[required][distant]")
 {
-  const Scene scene = draped();
+  const Scene scene = meshes::sheet_on_ball();
   const Trace alone = follow_first(scene, 1, 12, serial("paper"));
   for (const Feature &feature : far_features) {
     INFO(feature.name);
@@ -538,7 +527,7 @@ TEST_CASE("features that amount to nothing do not move the cloth by one bit", "[
 {
   for (const Feature &feature : empty_features) {
     INFO(feature.name);
-    Scene plain = draped();
+    Scene plain = meshes::sheet_on_ball();
     plain.contact.self = false;
     Scene with = plain;
     feature.add(with);

@@ -142,25 +142,25 @@ void TreeSearch::sort_features(State &state, Group &g)
   const int faces = g.face.size(), edges = g.edge.size(), asking = g.asking.size();
   const Stream<dvec3> &origin = state.box_origin();
   key_.resize(std::max({faces, edges, asking}));
-  if (faces) {
-    g.trees->face_order.resize(faces);
+  const auto along_curve = [&](Stream<int> &order, int n, const auto &make_codes) {
+    if (n == 0) return false;
+    order.resize(n);
+    make_codes(order);
+    b.sort(key_.buffer(), order.buffer(), n, morton_bits);
+    return true;
+  };
+  if (along_curve(g.trees->face_order, faces, [&](Stream<int> &order) {
+        CAMA_LAUNCH(b, codes_of_faces, faces, g.face, state.face, state.vertex_box, state.bounds, origin, key_, order); })) {
     g.leaf_face.resize(faces);
-    CAMA_LAUNCH(b, codes_of_faces, faces, g.face, state.face, state.vertex_box, state.bounds, origin, key_, g.trees->face_order);
-    b.sort(key_.buffer(), g.trees->face_order.buffer(), faces, morton_bits);
     CAMA_LAUNCH(b, order_faces, faces, g.trees->face_order, state.face, g.leaf_face);
   }
-  if (edges) {
-    g.trees->edge_order.resize(edges);
+  if (along_curve(g.trees->edge_order, edges, [&](Stream<int> &order) {
+        CAMA_LAUNCH(b, codes_of_edges, edges, g.edge, state.edge, state.vertex_box, state.bounds, origin, key_, order); })) {
     g.leaf_edge.resize(edges);
-    CAMA_LAUNCH(b, codes_of_edges, edges, g.edge, state.edge, state.vertex_box, state.bounds, origin, key_, g.trees->edge_order);
-    b.sort(key_.buffer(), g.trees->edge_order.buffer(), edges, morton_bits);
     CAMA_LAUNCH(b, order_edges, edges, g.trees->edge_order, state.edge, g.leaf_edge);
   }
-  if (asking) {
-    g.asking_order.resize(asking);
-    CAMA_LAUNCH(b, codes_of_vertices, asking, g.asking, state.vertex_box, state.bounds, origin, key_, g.asking_order);
-    b.sort(key_.buffer(), g.asking_order.buffer(), asking, morton_bits);
-  }
+  along_curve(g.asking_order, asking, [&](Stream<int> &order) {
+    CAMA_LAUNCH(b, codes_of_vertices, asking, g.asking, state.vertex_box, state.bounds, origin, key_, order); });
 }
 
 /// Boxes and trees of obstacles at rest.
