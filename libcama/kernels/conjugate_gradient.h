@@ -213,6 +213,12 @@ KERNEL fill_slice_values(int n, GLOBAL const int *source, int wide, GLOBAL const
 }
 
 #define SLICE_NUMBER(v, c) LANES_LOAD(GLOBAL lanes, (v) + (c) * SLICE_ROWS)
+/* A team's blocks are read part by part, in steps that no processor foresees: those of the next team are called for meanwhile. */
+#define SLICE_PREFETCH(v)                                                                                                  \
+  do {                                                                                                                     \
+    int number;                                                                                                            \
+    for (number = 0; number < 9; ++number) PREFETCH((v) + number * SLICE_ROWS);                                             \
+  } while (0)
 
 /* w = A z with the terms; partial[2 t], partial[2 t + 1] = r'z and z'w over the TEAM_ROWS rows of team t. entry_weight: of the terms' entries. */
 KERNEL cg_multiply(int n, int rows, GLOBAL const int *slice_start, GLOBAL const int *RESTRICT column, GLOBAL const real *RESTRICT value,
@@ -233,6 +239,7 @@ KERNEL cg_multiply(int n, int rows, GLOBAL const int *slice_start, GLOBAL const 
       int lane = first - s * SLICE_ROWS, e, end;
       LOCAL real *own = sum + part * 3 * TEAM_ROWS + row;
       if (first < rows) {
+        const size_t ahead = first + TEAM_ROWS < rows ? (size_t)SLICE_ROWS * 9 * (slice_start[s + TEAM_ROWS / SLICE_ROWS] - slice_start[s]) : 0;
         end = slice_start[s + 1];
         for (e = slice_start[s] + part; e < end; e += 2 * ROW_PARTS) {   /* two entries at once: their loads do not wait for each other */
           const int next = e + ROW_PARTS < end ? ROW_PARTS : 0;
@@ -242,6 +249,8 @@ KERNEL cg_multiply(int n, int rows, GLOBAL const int *slice_start, GLOBAL const 
           gather_lanes(z, c, &ax, &ay, &az);
           gather_lanes(z, c1, &bx, &by, &bz);
           if (!next) bx = by = bz = LANES_ALL(lanes, (real)0);
+          SLICE_PREFETCH(v + ahead);
+          SLICE_PREFETCH(v1 + ahead);
           x += SLICE_NUMBER(v, 0) * ax + SLICE_NUMBER(v, 1) * ay + SLICE_NUMBER(v, 2) * az +
                (SLICE_NUMBER(v1, 0) * bx + SLICE_NUMBER(v1, 1) * by + SLICE_NUMBER(v1, 2) * bz);
           y += SLICE_NUMBER(v, 3) * ax + SLICE_NUMBER(v, 4) * ay + SLICE_NUMBER(v, 5) * az +

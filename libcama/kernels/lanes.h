@@ -6,6 +6,7 @@
      LANES_SELECT(lanes, c, a, b)      a where the comparison c holds, b elsewhere
      LANES_TO(type, lanes, v)          v converted to lanes, whose numbers are of that type
      FLOAT_LANES_BITS(v), BITS_FLOAT_LANES(v)
+     PREFETCH(p)                       of what will be read there soon, where the language has that
      LANES_GATHER(real, lanes, vec4)   defines gather_lanes(v, at, &x, &y, &z): the x, y and z of v[at[0]], v[at[1]], ...
      LANES_COLUMNS(real, lanes)        defines lanes_columns: sums over 16 rows of LANES columns times a vector: clear_columns(&c),
                                        add_columns(&c, column, stride, v), sum_columns(&c, &sums); column: the first, the next stride on */
@@ -14,6 +15,7 @@
 
 #if defined(__CUDACC__) || (defined(__OPENCL_C_VERSION__) && !defined(CAMA_CHUNKED))   /* one */
 #define LANES 1
+#define PREFETCH(p) ((void)(p))
 #define LANES_TYPE(type, lanes) typedef type lanes
 #define LANES_LOAD(lanes, p) (*(p))
 #define LANES_STORE(lanes, p, v) (*(p) = (v))
@@ -56,6 +58,7 @@
 #define LANES 16
 
 #if defined(__OPENCL_C_VERSION__)
+#define PREFETCH(p) ((void)(p))
 #define LANES_TYPE(type, lanes) typedef type lanes __attribute__((ext_vector_type(LANES), aligned(sizeof(type))))
 #define LANES_LOAD(lanes, p) (*(const lanes *)(p))
 #define LANES_STORE(lanes, p, v) (*(lanes *)(p) = (v))
@@ -84,6 +87,7 @@
 #define FOLD_1(lanes, a, b) ((lanes)((a).even, (b).even) + (lanes)((a).odd, (b).odd))
 
 #else
+#define PREFETCH(p) __builtin_prefetch(p)
 #define LANES_TYPE(type, lanes) typedef type lanes __attribute__((vector_size(LANES * sizeof(type)), aligned(sizeof(type)), may_alias))
 #define LANES_LOAD(lanes, p) (*(const lanes *)(p))
 #define LANES_STORE(lanes, p, v) (*(lanes *)(p) = (v))
