@@ -8,6 +8,8 @@
 #include "distance.h"
 #include "double_double.h"
 #include "ccd.h"
+#include "touch.h"
+#include "cubic.h"
 #include "bounds.h"
 #include "tree.h"
 #include "query.h"

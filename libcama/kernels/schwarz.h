@@ -252,9 +252,7 @@ KERNEL apply_blocks(int n, GLOBAL const int *block_start, int at, GLOBAL const d
     TEAM_FOR(l, BLOCK_ROWS)
     {
       const vec4 r = l < rows ? residual[node + l] : vec4_make((real)0, (real)0, (real)0);
-      u[3 * l] = w[3 * l] * r.x;
-      u[3 * l + 1] = w[3 * l + 1] * r.y;
-      u[3 * l + 2] = w[3 * l + 2] * r.z;
+      u[3 * l] = w[3 * l] * r.x; u[3 * l + 1] = w[3 * l + 1] * r.y; u[3 * l + 2] = w[3 * l + 2] * r.z;
     }
     TEAM_BARRIER;
     /* y = G u. Rows in three groups of 16 have 16, 32 and 48 columns; a member has a row of the last group, or one of each of the others:

@@ -12,158 +12,12 @@ from .arrays import integers, number, reals, vector
 from .errors import ArrayError, FileError, SceneError
 from .material import Material
 from .motion import Motion
+from .scene_input import compiled_mesh, placement, shape_scene, uniform_scale
+from .scene_parts import Cloth, Obstacle
 
 __all__ = ["Scene", "Cloth", "Obstacle"]
 
 ANIMATED = {".glb", ".gltf", ".fbx", ".dae"}
-
-
-class _Part:
-    """A cloth or an obstacle of a scene, by its index."""
-
-    _kind = ""
-
-    def __init__(self, scene, index):
-        self._scene, self.index = scene, index
-
-    def _core(self):
-        return getattr(self._scene._core, self._kind)(self.index)
-
-    def __repr__(self):
-        return f"<cama.{type(self).__name__} {self.index} {self.name!r}: {len(self.faces)} triangles>"
-
-    @property
-    def name(self):
-        """Name in error texts and results."""
-        return self._core().name
-
-    @property
-    def vertices(self):
-        """[n, 3] float64, m: a copy of the starting positions."""
-        return self._core().mesh.vertices
-
-    @property
-    def faces(self):
-        """[m, 3] int32: a copy."""
-        return self._core().mesh.faces
-
-    @property
-    def source(self):
-        """What it was made from."""
-        return self._core().source
-
-
-class Cloth(_Part):
-    """A piece of cloth of a scene; what `Scene.add_cloth` returns."""
-
-    _kind = "cloth"
-
-    @property
-    def material(self):
-        """A copy of its Material; assign to change it."""
-        return Material(self._core().material)
-
-    @material.setter
-    def material(self, value):
-        self._core().material = Material.of(value)
-
-    @property
-    def material_vertices(self):
-        """[k, 2] float64, m: rest positions in material space; empty where the starting position is the rest state."""
-        return self._core().mesh.material_vertices
-
-    @property
-    def material_faces(self):
-        """[m, 3] int32 indices into `material_vertices`."""
-        return self._core().mesh.material_faces
-
-
-class Obstacle(_Part):
-    """A body that cloth collides with; what `Scene.add_obstacle` returns."""
-
-    _kind = "obstacle"
-
-    @property
-    def friction(self):
-        """Coulomb coefficient against cloth while it slides."""
-        return self._core().friction
-
-    @property
-    def static_friction(self):
-        """The same while it sticks; -1: equal to `friction`."""
-        return self._core().static_friction
-
-    @property
-    def surface(self):
-        """"mesh", or of an exact obstacle "sphere", "capsule", "box", "plane", whose `vertices` are its defining points."""
-        return self._core().surface
-
-    @property
-    def radius(self):
-        """Of an exact sphere or capsule, m; else 0."""
-        return self._core().radius
-
-    @property
-    def motion(self):
-        """A copy of its motion (compiled type; `evaluate(time, vertices)` gives positions)."""
-        return _core.Motion(self._core().motion)
-
-
-def _placement(transform, translate, rotate, scale):
-    """4x4 matrix: `transform` after scale, rotation (unit quaternion w, x, y, z) and translation."""
-    w, x, y, z = vector("rotate", rotate, 4)
-    length = math.sqrt(w * w + x * x + y * y + z * z)
-    if length == 0:
-        raise ArrayError("rotate: a quaternion of length 0")
-    w, x, y, z = (c / length for c in (w, x, y, z))
-    own = np.eye(4)
-    own[:3, :3] = number("scale", scale) * np.array([
-        [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
-        [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
-        [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)]])
-    own[:3, 3] = vector("translate", translate)
-    if transform is not None:
-        own = reals("transform", transform, (4, 4)) @ own
-    return own
-
-
-def _uniform_scale(name, surface, matrix):
-    """Of a rotation times a scale [3, 3], which an exact obstacle keeps its form under."""
-    scale = np.cbrt(np.linalg.det(matrix))
-    if not scale > 0 or np.abs(matrix @ matrix.T - scale**2 * np.eye(3)).max() > 1e-9 * scale**2:
-        raise SceneError(f"{name}: transform: an exact {surface} can be turned, moved and scaled alike in all directions only")
-    return 1.0 if abs(scale - 1) < 1e-12 else float(scale)  # unit quaternions round
-
-
-def _mesh(name, mesh, faces, material_vertices, material_faces, material_scale=1.0):
-    """The compiled Mesh of a file, a pair of arrays, or an object with `vertices` and `faces`; and where it is from."""
-    if isinstance(mesh, (str, Path)):
-        if faces is not None:
-            raise SceneError(f"{name}: faces are given beside the file {mesh}")
-        return _core.load_mesh(Path(mesh), 1.0, material_scale), str(mesh)
-    if faces is None:
-        if not (hasattr(mesh, "vertices") and hasattr(mesh, "faces")):
-            raise SceneError(f"{name}: neither a file, vertices with faces, nor an object that has both")
-        mesh, faces = mesh.vertices, mesh.faces
-    if (material_vertices is None) != (material_faces is None):
-        if material_faces is not None:
-            raise SceneError(f"{name}: material_faces are given without material_vertices")
-        material_faces = faces
-    vertices = reals(f"{name}: vertices", mesh, (None, 3), finite=False)
-    faces = integers(f"{name}: faces", faces, (None, 3))
-    if material_vertices is None:
-        return _core.Mesh(vertices, faces, np.zeros((0, 2)), np.zeros((0, 3), np.int32)), "arrays"
-    material_vertices = reals(f"{name}: material_vertices", material_vertices, (None, 2), finite=False)
-    material_faces = integers(f"{name}: material_faces", material_faces, (len(faces), 3))
-    return _core.Mesh(vertices, faces, material_vertices, material_faces), "arrays"
-
-
-def _shape(kind, name, shape):
-    """A scene whose one cloth or obstacle is a generated shape, described as in scene.json."""
-    if not isinstance(shape, dict):
-        raise SceneError(f"{name}: shape: {shape!r} is not a dict as in scene.json, for example {{'sphere': {{'radius': 0.25}}}}")
-    key = "cloth" if kind == "cloth" else "obstacles"
-    return _core.Scene.parse(json.dumps({key: [dict(shape, name=name)]}), Path("."), 0)
 
 
 class Scene:
@@ -284,7 +138,7 @@ class Scene:
         name = str(name) if name is not None else f"cloth {self._core.cloth_count}"
         cloth, cloth_source = self._part("cloth", name, mesh, faces, shape, material_vertices, material_faces, material_scale)
         cloth.name, cloth.source = name, cloth_source
-        cloth.mesh.transform(_placement(transform, translate, rotate, scale).tolist())
+        cloth.mesh.transform(placement(transform, translate, rotate, scale).tolist())
         cloth.mesh.scale_material(number(f"{name}: scale", scale))
         cloth.mesh.validate(name)
         material = Material.of(material)
@@ -319,7 +173,7 @@ class Scene:
         obstacle.name = name
         given = {"friction": friction, "static_friction": static_friction, "thickness": thickness, "contact_stiffness": contact_stiffness}
         given = {key: number(f"{name}: {key}", value) for key, value in given.items() if value is not None}
-        matrix = _placement(transform, translate, rotate, scale).tolist()
+        matrix = placement(transform, translate, rotate, scale).tolist()
         file = isinstance(mesh, (str, Path))
         if motion is None and file and (animation is not None or Path(mesh).suffix.lower() in ANIMATED):
             part = _core.load_character(Path(mesh), str(clip), Path(animation or ""), 1.0, float(samples_per_second), bool(y_up),
@@ -328,7 +182,7 @@ class Scene:
         else:
             part, obstacle.source = self._part("obstacle", name, mesh, faces, shape)
         if getattr(part, "surface", "mesh") != "mesh":
-            given.update(surface=part.surface, radius=part.radius * _uniform_scale(name, part.surface, np.array(matrix)[:3, :3]))
+            given.update(surface=part.surface, radius=part.radius * uniform_scale(name, part.surface, np.array(matrix)[:3, :3]))
         body, moving = part.mesh, part.motion if motion is None else _core.Motion(Motion.of(motion))
         body.transform(matrix)
         moving.transform(matrix)
@@ -344,11 +198,11 @@ class Scene:
         if (mesh is None) == (shape is None):
             raise SceneError(f"{name}: exactly one of mesh and shape is needed")
         if shape is not None:
-            made = _shape(kind, name, shape)
+            made = shape_scene(kind, name, shape)
             part = _core.Cloth(made.cloth(0)) if kind == "cloth" else _core.Obstacle(made.obstacle(0))
             return part, part.source
         part = _core.Cloth() if kind == "cloth" else _core.Obstacle()
-        part.mesh, source = _mesh(name, mesh, faces, *(material or (None, None)))
+        part.mesh, source = compiled_mesh(name, mesh, faces, *(material or (None, None)))
         return part, source
 
     def pin(self, cloth, vertices, motion=None, release=math.inf):
