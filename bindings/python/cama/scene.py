@@ -13,7 +13,7 @@ from .errors import ArrayError, FileError, SceneError
 from .material import Material
 from .motion import Motion
 from .scene_input import compiled_mesh, placement, shape_scene, uniform_scale
-from .scene_parts import Cloth, Obstacle
+from .scene_parts import Cloth, Obstacle, Part
 
 __all__ = ["Scene", "Cloth", "Obstacle"]
 
@@ -236,7 +236,7 @@ class Scene:
             self._core.add_stitch(a, int(i), b, int(j), int(k), float(r), number("stitch: stiffness", stiffness))
 
     def _index(self, what, part, parts):
-        if isinstance(part, _Part):
+        if isinstance(part, Part):
             if part._scene is not self:
                 raise SceneError(f"{what}: {part!r} belongs to another scene")
             return part.index

@@ -5,7 +5,7 @@ from . import _core
 from .material import Material
 
 
-class _Part:
+class Part:
     """A cloth or an obstacle of a scene, by its index."""
 
     _kind = ""
@@ -40,7 +40,7 @@ class _Part:
         return self._core().source
 
 
-class Cloth(_Part):
+class Cloth(Part):
     """A piece of cloth of a scene; what `Scene.add_cloth` returns."""
 
     _kind = "cloth"
@@ -65,7 +65,7 @@ class Cloth(_Part):
         return self._core().mesh.material_faces
 
 
-class Obstacle(_Part):
+class Obstacle(Part):
     """A body that cloth collides with; what `Scene.add_obstacle` returns."""
 
     _kind = "obstacle"
