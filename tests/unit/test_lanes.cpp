@@ -1,0 +1,93 @@
+// SPDX-License-Identifier: Apache-2.0
+// Vectors of the processors against plain loops over their numbers.
+#include "../catch.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <cstring>
+#include <random>
+#include <vector>
+
+#include "kernels.hpp"
+
+using namespace cama;
+
+namespace {
+
+/// A mover vector with these numbers in its lanes.
+float_lanes lanes_of(const std::vector<float> &v) { return LANES_LOAD(float_lanes, v.data()); }
+
+template <class Real> std::vector<Real> random(std::size_t n, std::mt19937 &engine)
+{
+  std::vector<Real> v(n);
+  for (Real &x : v) x = std::uniform_real_distribution<Real>(-1, 1)(engine);
+  return v;
+}
+
+bool same_bits(float a, float b) { return std::memcmp(&a, &b, sizeof a) == 0; }
+bool same_bits(double a, double b) { return std::memcmp(&a, &b, sizeof a) == 0; }
+
+}  // namespace
+
+TEMPLATE_TEST_CASE("sums of columns come in the order of halves, bit by bit", "[lanes]", float, double)
+{
+  std::mt19937 engine(3);
+  for (int round = 0; round < 20; ++round) {
+    const auto column = random<TestType>(3 * 256, engine), v = random<TestType>(3 * 16, engine);
+    TestType sum[LANES];
+    if constexpr (sizeof(TestType) == 4) {
+      kernels::f32::lanes_columns c;
+      kernels::f32::lanes sums;
+      kernels::f32::clear_columns(&c);
+      for (int k = 0; k < 3; ++k) kernels::f32::add_columns(&c, column.data() + 256 * k, 16, v.data() + 16 * k);
+      kernels::f32::sum_columns(&c, &sums);
+      for (int q = 0; q < LANES; ++q) sum[q] = LANE(sums, q);
+    } else {
+      kernels::f64::lanes_columns c;
+      kernels::f64::lanes sums;
+      kernels::f64::clear_columns(&c);
+      for (int k = 0; k < 3; ++k) kernels::f64::add_columns(&c, column.data() + 256 * k, 16, v.data() + 16 * k);
+      kernels::f64::sum_columns(&c, &sums);
+      for (int q = 0; q < LANES; ++q) sum[q] = LANE(sums, q);
+    }
+    for (int q = 0; q < LANES; ++q) {
+      TestType t[16] = {};
+      for (int k = 0; k < 3; ++k)
+        for (int r = 0; r < 16; ++r) t[r] += column[256 * k + 16 * q + r] * v[16 * k + r];
+      for (int width = 8; width > 0; width /= 2)
+        for (int r = 0; r < width; ++r) t[r] += t[r + width];
+      CHECK(same_bits(sum[q], t[0]));
+    }
+  }
+}
+
+TEST_CASE("lanes choose, invert and take roots as one number does", "[lanes]")
+{
+  std::mt19937 engine(5);
+  for (int round = 0; round < 50; ++round) {
+    const auto a = random<float>(LANES, engine), b = random<float>(LANES, engine);
+    const auto most = kernels::lanes_most(lanes_of(a), lanes_of(b)), least = kernels::lanes_least(lanes_of(a), lanes_of(b));
+    const auto inverse = kernels::lanes_inverse(lanes_of(a)), root = kernels::lanes_inverse_root(lanes_of(a) * lanes_of(a));
+    for (int q = 0; q < LANES; ++q) {
+      CHECK(same_bits(LANE(most, q), std::max(a[q], b[q])));
+      CHECK(same_bits(LANE(least, q), std::min(a[q], b[q])));
+      CHECK(same_bits(LANE(inverse, q), float(1.0 / a[q])));
+      CHECK(LANE(root, q) == Approx(1 / std::abs(a[q])).epsilon(4e-7));
+    }
+  }
+}
+
+TEST_CASE("a pair of movers has the room of its lane", "[lanes]")
+{
+  // A face in the plane z = 0 and a vertex above it: the gap along z, less thickness' test, motion and radii.
+  const auto mover = [](float x, float y, float z, float dz, float radius) { return kernels::mover{x, y, z, 0, 0, dz, 1e-3f, radius}; };
+  const auto room = [&](float height, float falls, float radius) {
+    return kernels::room_along(0, mover(0.2f, 0.2f, height, -falls, radius), mover(0, 0, 0, 0, 0), mover(1, 0, 0, 0, 0), mover(0, 1, 0, 0, 0),
+                               kernels::fvec3_make(0, 0, 1), 0);
+  };
+  CHECK(room(0.5f, 0, 0) == Approx(0.5));
+  CHECK(room(0.5f, 0.1f, 0) == Approx(0.4).epsilon(1e-5));
+  CHECK(room(0.5f, 0.1f, 0.2f) == Approx(0.2).epsilon(1e-5));
+  CHECK(room(0.9e-3f, 0, 0) == 0);   // not beyond the thickness
+  CHECK(room(-0.5f, 0, 0) == 0);
+}
