@@ -32,13 +32,18 @@ def number(value, digits=3):
     return "" if value is None else times.short(float(value), digits)
 
 
+def plain(settings):
+    """Whether a point is of the grid of time steps, tolerances and precisions alone."""
+    return {"tolerance", "time_step"} <= set(settings) <= {"accuracy", "precision", "time_step", "tolerance"}
+
+
 def grid_table(scene):
     """Error in percent of an edge and time, time step by tolerance, of the first backend in mixed precision."""
     backend = next(iter(scene["fronts"]))
     found = {}
     for p in scene["points"]:
         s = p["settings"]
-        if p["backend"] == backend and s.get("precision", "mixed") == "mixed" and {"tolerance", "time_step"} <= set(s) and not p["failed"]:
+        if p["backend"] == backend and s.get("precision", "mixed") == "mixed" and plain(s) and not p["failed"]:
             found[s["time_step"], s["tolerance"]] = p
     steps, tolerances = sorted({k[0] for k in found}, reverse=True), sorted({k[1] for k in found}, reverse=True)
     if not found:
@@ -53,7 +58,7 @@ def precision_table(scene):
     backend, groups = next(iter(scene["fronts"])), {}
     for p in scene["points"]:
         s = p["settings"]
-        if p["backend"] == backend and {"precision", "time_step", "tolerance"} <= set(s) and not p["failed"]:
+        if p["backend"] == backend and "precision" in s and plain(s) and not p["failed"]:
             groups.setdefault((s["time_step"], s["tolerance"]), {})[s["precision"]] = p
     rows = [[step(t), f"{tolerance:g}", *(f"{100 * g[k]['restart_rms_edges']:.3f} %" for k in ("double", "mixed", "single"))]
             for (t, tolerance), g in sorted(groups.items(), reverse=True) if len(g) == 3]
