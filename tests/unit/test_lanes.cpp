@@ -14,7 +14,7 @@ using namespace cama;
 
 namespace {
 
-/// A mover vector with these numbers in its lanes.
+/// These numbers, one a lane.
 float_lanes lanes_of(const std::vector<float> &v) { return LANES_LOAD(float_lanes, v.data()); }
 
 template <class Real> std::vector<Real> random(std::size_t n, std::mt19937 &engine)
@@ -79,7 +79,7 @@ TEST_CASE("lanes choose, invert and take roots as one number does", "[lanes]")
 
 TEST_CASE("a pair of movers has the room of its lane", "[lanes]")
 {
-  // A face in the plane z = 0 and a vertex above it: the gap along z, less thickness' test, motion and radii.
+  // A face in the plane z = 0 and a vertex above it: its height, less motion and radius, if that exceeds the thickness.
   const auto mover = [](float x, float y, float z, float dz, float radius) { return kernels::mover{x, y, z, 0, 0, dz, 1e-3f, radius}; };
   const auto room = [&](float height, float falls, float radius) {
     return kernels::room_along(0, mover(0.2f, 0.2f, height, -falls, radius), mover(0, 0, 0, 0, 0), mover(1, 0, 0, 0, 0), mover(0, 1, 0, 0, 0),
