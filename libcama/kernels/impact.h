@@ -85,8 +85,9 @@ KERNEL find_strayed(int n, GLOBAL const dvec3 *x, GLOBAL const dvec3 *y, GLOBAL 
 }
 
 /* flag[i] = 1 where candidate i of both lists comes closer than its clearance at `share`, or touches (cubic), on its way from x to y and is
-   not yet known; look[1]: adds them. The first *_done pairs of each list have been looked at for this very motion and are none. localized: only pairs with a vertex that the last projection moved are looked at, the others were
-   certified before it. Most pairs are told by their room and how far their vertices strayed; *_rooms: pairs whose room is of this motion's start; below 0 it is that of a known impact.
+   not yet known; look[1]: adds them. The first *_done pairs of each list have been looked at for this very motion and are none. localized:
+   only pairs with a vertex that the last projection moved are looked at, the others were certified before it. Most pairs are told by their
+   room and how far their vertices strayed; *_rooms: pairs whose room is of this motion's start; below 0 it is that of a known impact.
    largest: of all contact thicknesses, m. */
 KERNEL find_impacts(int n, int first_size, int cubic, int localized, GLOBAL const pair *vertex_face, GLOBAL const pair *edge_edge,
                     GLOBAL const face_nodes *face, GLOBAL const edge_nodes *edge, GLOBAL const dvec3 *x, GLOBAL const dvec3 *y,

@@ -136,7 +136,8 @@ void ImpactProjection::run(State &state, Stream<dvec3> &positions)
 }
 
 PenetrationHandling::PenetrationHandling(Backend &b, CandidateSearch &search, FlaggedPairs &flagged)
-    : search_(search), projection_(b), from_(b), committed_(b), flagged_(flagged), strayed_(b), look_(b, 2), fraction_(b), fraction_before_(b), sigma_(b, 1), counter_(b, 2)
+    : search_(search), projection_(b), from_(b), committed_(b), flagged_(flagged), strayed_(b), look_(b, 2),
+      fraction_(b), fraction_before_(b), sigma_(b, 1), counter_(b, 2)
 {}
 
 PenetrationHandling::Look PenetrationHandling::look(State &state, bool first_piece, bool localized, int vertex_face_done, int edge_edge_done)
@@ -152,7 +153,8 @@ PenetrationHandling::Look PenetrationHandling::look(State &state, bool first_pie
               certified_ * state.largest_thickness, strayed_, look_);
   CAMA_LAUNCH(b, find_impacts, flagged_.flag.size(), first, state.options.cubic_impacts ? 1 : 0, localized ? 1 : 0, vertex_face.pairs,
               edge_edge.pairs, state.face, state.edge, from_, state.position_next, state.inverse_mass, state.vertex_contact, certified_,
-              state.largest_thickness, strayed_, vertex_face_done, edge_edge_done, first_piece ? vertex_face.room.size() : 0, vertex_face.room, vertex_face.direction,
+              state.largest_thickness, strayed_, vertex_face_done, edge_edge_done, first_piece ? vertex_face.room.size() : 0,
+              vertex_face.room, vertex_face.direction,
               first_piece ? edge_edge.room.size() : 0, edge_edge.room, edge_edge.direction, projection_.moved(), flagged_.flag, look_);
   const std::vector<int> counts = look_.download();
   return {counts[0], counts[1]};
