@@ -35,21 +35,15 @@ TEMPLATE_TEST_CASE("sums of columns come in the order of halves, bit by bit", "[
   for (int round = 0; round < 20; ++round) {
     const auto column = random<TestType>(3 * 256, engine), v = random<TestType>(3 * 16, engine);
     TestType sum[LANES];
-    if constexpr (sizeof(TestType) == 4) {
-      kernels::f32::lanes_columns c;
-      kernels::f32::lanes sums;
-      kernels::f32::clear_columns(&c);
-      for (int k = 0; k < 3; ++k) kernels::f32::add_columns(&c, column.data() + 256 * k, 16, v.data() + 16 * k);
-      kernels::f32::sum_columns(&c, &sums);
+    const auto add_up = [&](auto c) {   // the functions of its precision's namespace
+      clear_columns(&c);
+      for (int k = 0; k < 3; ++k) add_columns(&c, column.data() + 256 * k, 16, v.data() + 16 * k);
+      auto sums = c.at[0];
+      sum_columns(&c, &sums);
       for (int q = 0; q < LANES; ++q) sum[q] = LANE(sums, q);
-    } else {
-      kernels::f64::lanes_columns c;
-      kernels::f64::lanes sums;
-      kernels::f64::clear_columns(&c);
-      for (int k = 0; k < 3; ++k) kernels::f64::add_columns(&c, column.data() + 256 * k, 16, v.data() + 16 * k);
-      kernels::f64::sum_columns(&c, &sums);
-      for (int q = 0; q < LANES; ++q) sum[q] = LANE(sums, q);
-    }
+    };
+    if constexpr (sizeof(TestType) == 4) add_up(kernels::f32::lanes_columns{});
+    else add_up(kernels::f64::lanes_columns{});
     for (int q = 0; q < LANES; ++q) {
       TestType t[16] = {};
       for (int k = 0; k < 3; ++k)
