@@ -2,7 +2,6 @@
 /* The conjugate gradient in one reduction an iteration (Chronopoulos and Gear 1989) on a matrix in slices; its preconditioner is in
    schwarz.h. Rows are free vertices. */
 
-#define TEAM_ROWS 128   /* rows of a team in the matrix product */
 #define ROW_PARTS 2     /* members of a team that share a row, each with every second entry */
 
 /* Vectors of the solve: three numbers and a zero, so that one load takes them. */
@@ -221,8 +220,8 @@ KERNEL fill_slice_values(int n, GLOBAL const int *source, int wide, GLOBAL const
   } while (0)
 
 /* w = A z with the terms; partial[2 t], partial[2 t + 1] = r'z and z'w over the TEAM_ROWS rows of team t. entry_weight: of the terms' entries. */
-KERNEL cg_multiply(int n, int rows, GLOBAL const int *slice_start, GLOBAL const int *RESTRICT column, GLOBAL const real *RESTRICT value,
-                   int terms, GLOBAL const int *order, GLOBAL const int *term_row, GLOBAL const int *term_entry,
+KERNEL cg_multiply(int n, int rows, GLOBAL const int *slice_start, GLOBAL const int *slice_row, GLOBAL const int *RESTRICT column,
+                   GLOBAL const real *RESTRICT value, int terms, GLOBAL const int *order, GLOBAL const int *term_row, GLOBAL const int *term_entry,
                    GLOBAL const real *entry_weight, GLOBAL const vec4 *RESTRICT product, int at, GLOBAL const double *scalar,
                    GLOBAL const vec4 *RESTRICT z, GLOBAL const vec4 *RESTRICT r, GLOBAL vec4 *RESTRICT w, GLOBAL double *partial)
 {
@@ -235,9 +234,8 @@ KERNEL cg_multiply(int n, int rows, GLOBAL const int *slice_start, GLOBAL const 
     TEAM_FOR_LANES(item, ROW_PARTS * TEAM_ROWS)
     {
       lanes x = LANES_ALL(lanes, (real)0), y = x, u = x;
-      int part = item / TEAM_ROWS, row = item - part * TEAM_ROWS, first = t * TEAM_ROWS + row, s = first / SLICE_ROWS;
+      int part = item / TEAM_ROWS, first = t * TEAM_ROWS + item - part * TEAM_ROWS, s = first / SLICE_ROWS;
       int lane = first - s * SLICE_ROWS, e, end;
-      LOCAL real *own = sum + part * 3 * TEAM_ROWS + row;
       if (first < rows) {
         const size_t ahead = first + TEAM_ROWS < rows ? (size_t)SLICE_ROWS * 9 * (slice_start[s + TEAM_ROWS / SLICE_ROWS] - slice_start[s]) : 0;
         end = slice_start[s + 1];
@@ -260,21 +258,22 @@ KERNEL cg_multiply(int n, int rows, GLOBAL const int *slice_start, GLOBAL const 
         }
       }
       FOR_LANES(q)
-      {
-        vec4 all = vec4_make(LANE(x, q), LANE(y, q), LANE(u, q));
-        int i = first + q;
-        if (terms && i < rows) {
-          int v = order[i], k = term_row[v] + part;
-          end = term_row[v + 1];
-          for (; k + ROW_PARTS < end; k += 2 * ROW_PARTS)
-            all = vec4_axpy(vec4_axpy(all, entry_weight[k], product[term_entry[k] >> 2]), entry_weight[k + ROW_PARTS],
-                       product[term_entry[k + ROW_PARTS] >> 2]);
-          if (k < end) all = vec4_axpy(all, entry_weight[k], product[term_entry[k] >> 2]);
+        if (first + q < rows) {
+          vec4 all = vec4_make(LANE(x, q), LANE(y, q), LANE(u, q));
+          const int i = slice_row[first + q];
+          LOCAL real *own = sum + part * 3 * TEAM_ROWS + i - t * TEAM_ROWS;
+          if (terms) {
+            int v = order[i], k = term_row[v] + part;
+            end = term_row[v + 1];
+            for (; k + ROW_PARTS < end; k += 2 * ROW_PARTS)
+              all = vec4_axpy(vec4_axpy(all, entry_weight[k], product[term_entry[k] >> 2]), entry_weight[k + ROW_PARTS],
+                         product[term_entry[k + ROW_PARTS] >> 2]);
+            if (k < end) all = vec4_axpy(all, entry_weight[k], product[term_entry[k] >> 2]);
+          }
+          own[0] = all.x;
+          own[TEAM_ROWS] = all.y;
+          own[2 * TEAM_ROWS] = all.z;
         }
-        own[q] = all.x;
-        own[TEAM_ROWS + q] = all.y;
-        own[2 * TEAM_ROWS + q] = all.z;
-      }
     }
     TEAM_BARRIER;
     TEAM_FOR(l, TEAM_ROWS)

@@ -84,41 +84,63 @@ KERNEL find_strayed(int n, GLOBAL const dvec3 *x, GLOBAL const dvec3 *y, GLOBAL 
   }
 }
 
-/* flag[i] = 1 where candidate i of both lists comes closer than its clearance at `share`, or touches (cubic), on its way from x to y and is
-   not yet known; look[1]: adds them. The first *_done pairs of each list have been looked at for this very motion and are none. localized:
-   only pairs with a vertex that the last projection moved are looked at, the others were certified before it. Most pairs are told by their
-   room and how far their vertices strayed; *_rooms: pairs whose room is of this motion's start; below 0 it is that of a known impact.
-   largest: of all contact thicknesses, m. */
-KERNEL find_impacts(int n, int first_size, int cubic, int localized, GLOBAL const pair *vertex_face, GLOBAL const pair *edge_edge,
-                    GLOBAL const face_nodes *face, GLOBAL const edge_nodes *edge, GLOBAL const dvec3 *x, GLOBAL const dvec3 *y,
-                    GLOBAL const double *inverse_mass, GLOBAL const vertex_contact *v, double share, double largest,
-                    GLOBAL const float *strayed, int vertex_face_done, int edge_edge_done, int vertex_face_rooms, GLOBAL const float *vertex_face_room,
-                    GLOBAL const fvec3 *vertex_face_direction, int edge_edge_rooms, GLOBAL const float *edge_edge_room,
-                    GLOBAL const fvec3 *edge_edge_direction, GLOBAL const int *moved, GLOBAL int *flag, GLOBAL int *look)
+/* flag[i] = 1 where candidate i of both lists is to be looked at. The first *_done pairs of each list have been looked at for this very motion
+   and are none. localized: only pairs with a vertex that the last projection moved are looked at, the others were certified before it. Most
+   pairs are told by their room and how far their vertices strayed; *_rooms: pairs whose room is of this motion's start; below 0 it is that
+   of a known impact. share: of the thickness, that pairs keep; largest: of all contact thicknesses, m. */
+KERNEL doubt_pairs(int n, int first_size, int localized, GLOBAL const pair *vertex_face, GLOBAL const pair *edge_edge, GLOBAL const face_nodes *face,
+                   GLOBAL const edge_nodes *edge, GLOBAL const double *inverse_mass, double share, double largest, GLOBAL const float *strayed,
+                   int vertex_face_done, int edge_edge_done, int vertex_face_rooms, GLOBAL const float *vertex_face_room, int edge_edge_rooms,
+                   GLOBAL const float *edge_edge_room, GLOBAL const int *moved, GLOBAL int *flag)
 {
-  FOR_EACH_UNEVEN(i, n)
+  FOR_EACH(i, n)
   {
-    int kind = i >= first_size, at = kind == 0 ? i : i - first_size, hit = 0, told = 0;
-    element_nodes e;
-    if (at < (kind == 0 ? vertex_face_done : edge_edge_done)) { flag[i] = 0; continue; }
-    e = pair_nodes(kind, listed_pair(i, first_size, vertex_face, edge_edge), face, edge);
-    if (at < (kind == 0 ? vertex_face_rooms : edge_edge_rooms)) {
-      float room = kind == 0 ? vertex_face_room[at] : edge_edge_room[at], a = strayed[e.node[0]], b = strayed[e.node[3]];
-      if (kind == 1 && strayed[e.node[1]] > a) a = strayed[e.node[1]];
-      if (kind == 0 && strayed[e.node[1]] > b) b = strayed[e.node[1]];
-      if (strayed[e.node[2]] > b) b = strayed[e.node[2]];
-      told = room > 0.0f && (double)room - 1.00001 * ((double)a + (double)b) > 1.01 * share * largest;
+    int kind = i >= first_size, at = kind == 0 ? i : i - first_size, doubtful = 0;
+    if (at >= (kind == 0 ? vertex_face_done : edge_edge_done)) {
+      const float room = kind == 0 ? vertex_face_room[at] : edge_edge_room[at];
+      element_nodes e = pair_nodes(kind, listed_pair(i, first_size, vertex_face, edge_edge), face, edge);
+      doubtful = !(room < 0.0f) && (!localized || moved[e.node[0]] || moved[e.node[1]] || moved[e.node[2]] || moved[e.node[3]]) &&
+                 inverse_mass[e.node[0]] + inverse_mass[e.node[1]] + inverse_mass[e.node[2]] + inverse_mass[e.node[3]] > 0.0;
+      if (doubtful && room > 0.0f && at < (kind == 0 ? vertex_face_rooms : edge_edge_rooms)) {
+        float a = strayed[e.node[0]], b = strayed[e.node[3]];
+        if (kind == 1 && strayed[e.node[1]] > a) a = strayed[e.node[1]];
+        if (kind == 0 && strayed[e.node[1]] > b) b = strayed[e.node[1]];
+        if (strayed[e.node[2]] > b) b = strayed[e.node[2]];
+        doubtful = !((double)room - 1.00001 * ((double)a + (double)b) > 1.01 * share * largest);
+      }
     }
-    if (!told && (!localized || moved[e.node[0]] || moved[e.node[1]] || moved[e.node[2]] || moved[e.node[3]]) &&
-        !((kind == 0 ? vertex_face_room[at] : edge_edge_room[at]) < 0.0f) &&
-        inverse_mass[e.node[0]] + inverse_mass[e.node[1]] + inverse_mass[e.node[2]] + inverse_mass[e.node[3]] > 0.0) {
+    flag[i] = doubtful;
+  }
+}
+
+/* flag[i] stays 1 where candidate i of both lists comes closer than its clearance at `share`, or touches (cubic), on its way from x to y;
+   look[1]: adds them. n: teams; pairs: candidates. */
+KERNEL find_impacts(int n, int pairs, int first_size, int cubic, GLOBAL const pair *vertex_face, GLOBAL const pair *edge_edge,
+                    GLOBAL const face_nodes *face, GLOBAL const edge_nodes *edge, GLOBAL const dvec3 *x, GLOBAL const dvec3 *y,
+                    GLOBAL const vertex_contact *v, double share, GLOBAL const fvec3 *vertex_face_direction,
+                    GLOBAL const fvec3 *edge_edge_direction, GLOBAL int *flag, GLOBAL int *look)
+{
+  TEAM_LOCAL(int, doubtful, TEAM_PAIRS);
+  TEAM_LOCAL(int, doubts, 1);
+  FOR_EACH_UNEVEN_TEAM(t, n)
+  {
+    TEAM_BARRIER;
+    TEAM_FOR(l, 1) doubts[l] = 0;
+    TEAM_BARRIER;
+    TEAM_FOR(l, min_int(pairs - t * TEAM_PAIRS, TEAM_PAIRS))
+      if (flag[t * TEAM_PAIRS + l]) doubtful[local_add_int(doubts, 1)] = t * TEAM_PAIRS + l;
+    TEAM_BARRIER;
+    TEAM_FOR(l, doubts[0])
+    {
+      const int i = doubtful[l], kind = i >= first_size, at = kind == 0 ? i : i - first_size;
+      element_nodes e = pair_nodes(kind, listed_pair(i, first_size, vertex_face, edge_edge), face, edge);
       double minimum = pair_clearance(kind, e, v, share);
-      hit = !separated_along(kind, e, x, y, from_direction(kind == 0 ? vertex_face_direction[at] : edge_edge_direction[at]),
-                             minimum + 0.001 * share * pair_least_thickness(e, v)) &&
-            surface_impact_time(kind, cubic, e, x, y, v, minimum).hit;
+      const int hit = !separated_along(kind, e, x, y, from_direction(kind == 0 ? vertex_face_direction[at] : edge_edge_direction[at]),
+                                       minimum + 0.001 * share * pair_least_thickness(e, v)) &&
+                      surface_impact_time(kind, cubic, e, x, y, v, minimum).hit;
+      if (hit) atomic_add_int(look + 1, 1);
+      else flag[i] = 0;
     }
-    flag[i] = hit;
-    if (hit) atomic_add_int(look + 1, 1);
   }
 }
 

@@ -9,7 +9,8 @@
      PREFETCH(p)                       of what will be read there soon, where the language has that
      LANES_GATHER(real, lanes, vec4)   defines gather_lanes(v, at, &x, &y, &z): the x, y and z of v[at[0]], v[at[1]], ...
      LANES_COLUMNS(real, lanes)        defines lanes_columns: sums over 16 rows of LANES columns times a vector: clear_columns(&c),
-                                       add_columns(&c, column, stride, v), sum_columns(&c, &sums); column: the first, the next stride on */
+                                       add_columns(&c, column, stride, v), sum_columns(&c, &sums); column: the first, the next stride on.
+                                       With one lane c.at has the sums of the 16 rows, and there is no add_columns */
 #ifndef CAMA_LANES_H
 #define CAMA_LANES_H
 
@@ -39,12 +40,6 @@
   {                                                                                                                        \
     int q;                                                                                                                 \
     for (q = 0; q < 16; ++q) c->at[q] = (real)0;                                                                            \
-  }                                                                                                                        \
-  DEVICE INLINED void add_columns(lanes_columns *c, LOCAL const real *column, int stride, LOCAL const real *v)              \
-  {                                                                                                                        \
-    int q;                                                                                                                 \
-    (void)stride;                                                                                                          \
-    for (q = 0; q < 16; ++q) c->at[q] += column[q] * v[q];                                                                  \
   }                                                                                                                        \
   DEVICE INLINED void sum_columns(lanes_columns *c, lanes *sums)                                                            \
   {                                                                                                                        \

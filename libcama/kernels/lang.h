@@ -30,7 +30,9 @@
 #define TEAM_FOR(l, m) for (int l = 0; l < (m); ++l)
 #define SIMD
 #define TEAM_BARRIER
+static inline int local_add_int(LOCAL int *p, int v) { *p += v; return *p - v; }
 #else
+static inline int local_add_int(volatile LOCAL int *p, int v) { return atomic_add(p, v); }
 #define FOR_EACH_TEAM(t, n) for (int t = (int)get_group_id(0); t < (n); t += (int)get_num_groups(0))
 #define TEAM_FOR(l, m) for (int l = (int)get_local_id(0); l < (m); l += (int)get_local_size(0))
 #define SIMD
@@ -42,6 +44,7 @@ DEVICE int atomic_min_int(volatile GLOBAL int *p, int v) { return atomic_min(p, 
 DEVICE int atomic_max_int(volatile GLOBAL int *p, int v) { return atomic_max(p, v); }
 DEVICE int float_bits(float x) { return as_int(x); }
 DEVICE float bits_float(int i) { return as_float(i); }
+DEVICE int lowest_bit(key64 v) { return (int)popcount((v & -v) - 1); }
 DEVICE void atomic_add_double(volatile GLOBAL double *p, double v)
 {
   volatile GLOBAL ulong *word = (volatile GLOBAL ulong *)p;
@@ -77,7 +80,14 @@ typedef unsigned long long key64;
 #define TEAM_FOR(l, m) for (int l = (int)threadIdx.x; l < (m); l += (int)blockDim.x)
 #define SIMD
 #define TEAM_BARRIER __syncthreads()
+#define WHILE_ANY(c) for (unsigned int side_by_side = __activemask(); __any_sync(side_by_side, c);)
+#if defined(__CUDA_ARCH__)
+DEVICE int lowest_bit(key64 v) { return __ffsll((long long)v) - 1; }
+#else
+DEVICE int lowest_bit(key64 v) { return __builtin_ctzll(v); }
+#endif
 static __device__ inline int atomic_add_int(int *p, int v) { return atomicAdd(p, v); }
+static __device__ inline int local_add_int(int *p, int v) { return atomicAdd(p, v); }
 static __device__ inline int atomic_min_int(int *p, int v) { return atomicMin(p, v); }
 static __device__ inline int atomic_max_int(int *p, int v) { return atomicMax(p, v); }
 DEVICE int float_bits(float x) { int i; memcpy(&i, &x, sizeof i); return i; }
@@ -109,6 +119,7 @@ static __device__ inline void atomic_add_float(float *p, float v) { atomicAdd(p,
 #define TEAM_LOCAL(type, name, count) static __thread type name[count] ALIGNED(64)
 #if defined(_OPENMP)
 #define FOR_EACH_TEAM(t, n) CAMA_PRAGMA(omp parallel for schedule(static) if ((n) > 8)) for (int t = 0; t < (n); ++t)
+#define FOR_EACH_UNEVEN_TEAM(t, n) CAMA_PRAGMA(omp parallel for schedule(dynamic) if ((n) > 1)) for (int t = 0; t < (n); ++t)
 #else
 #define FOR_EACH_TEAM(t, n) for (int t = 0; t < (n); ++t)
 #endif
@@ -119,6 +130,8 @@ static __device__ inline void atomic_add_float(float *p, float v) { atomicAdd(p,
 #define SIMD
 #endif
 #define TEAM_BARRIER
+DEVICE int lowest_bit(key64 v) { return __builtin_ctzll(v); }
+DEVICE int local_add_int(int *p, int v) { *p += v; return *p - v; }   /* a team is one thread */
 DEVICE int atomic_add_int(int *p, int v) { return __atomic_fetch_add(p, v, __ATOMIC_RELAXED); }
 DEVICE int atomic_min_int(int *p, int v)
 {
@@ -151,10 +164,19 @@ DEVICE void atomic_add_float(float *p, float v)
 #endif
 #endif
 
+/* WHILE_ANY(c) { if (c) ... }: a loop that work-items leave at different times. Where several run as one, they stay together until the last
+   has left, and do in every turn what is not theirs alone at the same time. lowest_bit(v): number of the lowest bit of v that is 1; v != 0. */
+#if !defined(WHILE_ANY)
+#define WHILE_ANY(c) while (c)
+#endif
+
 /* Teams: the work-items of one group share TEAM_LOCAL memory. Between two TEAM_BARRIERs a member writes only what no other reads.
      KERNEL k(int n, ...) { TEAM_LOCAL(real, a, 128); FOR_EACH_TEAM(t, n) { TEAM_FOR(l, 128) a[l] = ...; TEAM_BARRIER; ... } }
    A processor's team is one thread: its loops run over all members, LANES of them together as one vector where written so (lanes.h):
      TEAM_FOR_LANES(j, m) { lanes sum = LANES_ALL(lanes, 0); sum += LANES_LOAD(lanes, p + j) * x; } */
+#if !defined(FOR_EACH_UNEVEN_TEAM)
+#define FOR_EACH_UNEVEN_TEAM(t, n) FOR_EACH_TEAM(t, n)
+#endif
 #define TEAM_FOR_LANES(j, m) TEAM_FOR(j##_group, ((m) + LANES - 1) / LANES) for (int j = j##_group * LANES, j##_once = 1; j##_once; j##_once = 0)
 #define FOR_LANES(q) for (int q = 0; q < LANES; ++q)
 

@@ -37,7 +37,7 @@ DEVICE int wanted_vertex_face(int v, face_nodes f, int cloth_vertex_count, int s
 }
 
 /* Items that ask: 8 i .. 8 i + 8, or one a work-item with batch = 1. A batch walks the tree once, for the box of all; near the leaves each
-   tests for itself. What an item finds, and in which order, does not depend on the batch. */
+   tests for itself: less work, for one thread. What an item finds, and in which order, does not depend on the batch. */
 
 /* Item k is vertex vertex_order[k]; count[first_slot + k]: its candidate faces. n = items / batch, rounded up. mode: QUERY_*. */
 KERNEL query_vertex_face_count(int n, int items, int batch, GLOBAL const int *vertex_order, GLOBAL const box *vertex_box, int leaf_count,
@@ -49,6 +49,20 @@ KERNEL query_vertex_face_count(int n, int items, int batch, GLOBAL const int *ve
     int first = batch * i, end = min_int(first + batch, items), g;
     box all = empty_box();
     group_walk walk;
+    if (batch == 1) {
+      int v = vertex_order[i], found = 0, leaf = mode == QUERY_UNCHANGED && changed[v] ? WALK_END : WALK_ON;
+      all = vertex_box[v];
+      walk = groups_overlapping(leaf_count, tree, all);
+      WHILE_ANY(leaf != WALK_END) {
+        if (leaf != WALK_END) leaf = walk_leaves(&walk, leaf_count, tree, all);
+        if (leaf >= 0 && wanted_vertex_face(v, leaf_face[leaf], cloth_vertex_count, self, mode, box_before)) {
+          if (found < slots) slot[slots * (first_slot + i) + found] = face_order[leaf];
+          ++found;
+        }
+      }
+      count[first_slot + i] = found;
+      continue;
+    }
     for (int k = first; k < end; ++k) {
       int v = vertex_order[k];
       count[first_slot + k] = 0;
@@ -59,7 +73,7 @@ KERNEL query_vertex_face_count(int n, int items, int batch, GLOBAL const int *ve
       for (int k = first; k < end; ++k) {
         int v = vertex_order[k], mask = mode == QUERY_UNCHANGED && changed[v] ? 0 : group_overlap(tree + g, vertex_box[v]);
         for (; mask; mask &= mask - 1) {
-          int leaf = GROUP * g + lowest_bit(mask), found = count[first_slot + k];
+          int leaf = GROUP * g + lowest_bit((key64)mask), found = count[first_slot + k];
           if (!wanted_vertex_face(v, leaf_face[leaf], cloth_vertex_count, self, mode, box_before)) continue;
           if (found < slots) slot[slots * (first_slot + k) + found] = face_order[leaf];
           count[first_slot + k] = found + 1;
@@ -77,7 +91,7 @@ KERNEL query_vertex_face_fill(int n, GLOBAL const int *vertex_order, GLOBAL cons
                               GLOBAL float *room)
 {
   FOR_EACH_UNEVEN(k, n) {
-    int v = vertex_order[k], at = first + offset[first_slot + k], found = count[first_slot + k], g;
+    int v = vertex_order[k], at = first + offset[first_slot + k], found = count[first_slot + k], leaf = WALK_ON;
     pair p;
     p.a = v;
     for (int j = 0; j < found; ++j) room[at + j] = 0.0f;
@@ -86,10 +100,9 @@ KERNEL query_vertex_face_fill(int n, GLOBAL const int *vertex_order, GLOBAL cons
     } else {
       box b = vertex_box[v];
       group_walk walk = groups_overlapping(leaf_count, tree, b);
-      while ((g = next_group(&walk, leaf_count, tree, b)) >= 0) {
-        for (int mask = group_overlap(tree + g, b); mask; mask &= mask - 1) {
-          int leaf = GROUP * g + lowest_bit(mask);
-          if (!wanted_vertex_face(v, leaf_face[leaf], cloth_vertex_count, self, mode, box_before)) continue;
+      WHILE_ANY(leaf != WALK_END) {
+        if (leaf != WALK_END) leaf = walk_leaves(&walk, leaf_count, tree, b);
+        if (leaf >= 0 && wanted_vertex_face(v, leaf_face[leaf], cloth_vertex_count, self, mode, box_before)) {
           p.b = face_order[leaf];
           candidate[at++] = p;
         }
@@ -133,6 +146,22 @@ KERNEL query_edge_edge_count(int n, int items, int batch, GLOBAL const int *item
     int first = batch * b, end = min_int(first + batch, items), g;
     box all = empty_box();
     group_walk walk;
+    if (batch == 1) {
+      int own = item[b], found = 0, j = WALK_ON;
+      edge_nodes e = item_edge[b];
+      all = edge_item_box(b, item_edge, vertex_box, tree, mode);
+      walk = mode == QUERY_ALL ? groups_overlapping_from(b >> 3, leaf_count, tree, all) : groups_overlapping(leaf_count, tree, all);
+      WHILE_ANY(j != WALK_END) {
+        if (j != WALK_END) j = walk_leaves(&walk, leaf_count, tree, all);
+        if (j >= 0 && (mode != QUERY_ALL || j > b) &&
+            wanted_edge_edge(own, e, edge_order[j], leaf_edge[j], cloth_vertex_count, self, mode, changed, box_before)) {
+          if (found < slots) slot[slots * (first_slot + b) + found] = edge_order[j];
+          ++found;
+        }
+      }
+      count[first_slot + b] = found;
+      continue;
+    }
     for (int k = first; k < end; ++k) {
       count[first_slot + k] = 0;
       all = box_union(all, edge_item_box(k, item_edge, vertex_box, tree, mode));
@@ -142,7 +171,7 @@ KERNEL query_edge_edge_count(int n, int items, int batch, GLOBAL const int *item
       for (int k = first; k < end; ++k) {
         edge_nodes e = item_edge[k];
         for (int mask = edge_leaves(g, k, edge_item_box(k, item_edge, vertex_box, tree, mode), tree, mode); mask; mask &= mask - 1) {
-          int j = GROUP * g + lowest_bit(mask), found = count[first_slot + k];
+          int j = GROUP * g + lowest_bit((key64)mask), found = count[first_slot + k];
           if (!wanted_edge_edge(item[k], e, edge_order[j], leaf_edge[j], cloth_vertex_count, self, mode, changed, box_before)) continue;
           if (found < slots) slot[slots * (first_slot + k) + found] = edge_order[j];
           count[first_slot + k] = found + 1;
@@ -169,7 +198,7 @@ KERNEL query_edge_edge_fill(int n, GLOBAL const int *item, GLOBAL const edge_nod
                             GLOBAL pair *candidate, GLOBAL float *room)
 {
   FOR_EACH_UNEVEN(k, n) {
-    int own = item[k], at = first + offset[first_slot + k], found = count[first_slot + k], g;
+    int own = item[k], at = first + offset[first_slot + k], found = count[first_slot + k], other = WALK_ON;
     for (int j = 0; j < found; ++j) room[at + j] = 0.0f;
     if (found <= slots) {
       for (int j = 0; j < found; ++j) candidate[at + j] = ordered_pair(own, slot[slots * (first_slot + k) + j]);
@@ -177,12 +206,11 @@ KERNEL query_edge_edge_fill(int n, GLOBAL const int *item, GLOBAL const edge_nod
       edge_nodes e = item_edge[k];
       box b = edge_item_box(k, item_edge, vertex_box, tree, mode);
       group_walk walk = mode == QUERY_ALL ? groups_overlapping_from(k >> 3, leaf_count, tree, b) : groups_overlapping(leaf_count, tree, b);
-      while ((g = next_group(&walk, leaf_count, tree, b)) >= 0) {
-        for (int mask = edge_leaves(g, k, b, tree, mode); mask; mask &= mask - 1) {
-          int j = GROUP * g + lowest_bit(mask);
-          if (wanted_edge_edge(own, e, edge_order[j], leaf_edge[j], cloth_vertex_count, self, mode, changed, box_before))
-            candidate[at++] = ordered_pair(own, edge_order[j]);
-        }
+      WHILE_ANY(other != WALK_END) {
+        if (other != WALK_END) other = walk_leaves(&walk, leaf_count, tree, b);
+        if (other >= 0 && (mode != QUERY_ALL || other > k) &&
+            wanted_edge_edge(own, e, edge_order[other], leaf_edge[other], cloth_vertex_count, self, mode, changed, box_before))
+          candidate[at++] = ordered_pair(own, edge_order[other]);
       }
     }
   }

@@ -8,10 +8,10 @@
 #define BLOCK_SIZE 48
 #define BLOCK_TEAM 64   /* members of a team that factors a block */
 #define APPLY_TEAM 32   /* and of one that applies it */
+#define ROW_MEMBERS (LANES == 1 ? 3 : 1)   /* members that gather the entries of a row of vertices */
 /* Entries of G: 16 rows at a time, of these the columns up to the diagonal, of these 16 numbers. Word k holds entries k and k + FACTOR_WORDS. */
 #define FACTOR_WORDS 768
 #define FACTOR_COLUMN(group, c) (8 * (group) * ((group) + 1) + (c))
-#define FACTOR_STRIDE (LANES == 1 ? 17 : 16)   /* of columns where a team works on them: no two members in one bank */
 
 /* Strength of a vertex: 1 / sqrt(trace of its diagonal block). */
 KERNEL vertex_strengths(int n, GLOBAL const mat3 *diagonal, GLOBAL float *strength)
@@ -121,8 +121,8 @@ DEVICE_TEAM void factor_block(int m, LOCAL real *a, LOCAL real *pivot_row, LOCAL
 }
 
 /* Factors of the finest blocks: the matrix's entries within a block, and the terms'. */
-KERNEL factor_fine_blocks(int n, GLOBAL const int *block_start, GLOBAL const int *slice_start, GLOBAL const int *column,
-                          GLOBAL const real *value, int terms, GLOBAL const int *order, GLOBAL const int *term_row,
+KERNEL factor_fine_blocks(int n, GLOBAL const int *block_start, GLOBAL const int *slice_start, GLOBAL const int *slice_place,
+                          GLOBAL const int *column, GLOBAL const real *value, int terms, GLOBAL const int *order, GLOBAL const int *term_row,
                           GLOBAL const int *term_entry, GLOBAL const element_nodes *nodes, GLOBAL const real *coefficient,
                           GLOBAL int *factor, GLOBAL real *weight)
 {
@@ -136,13 +136,13 @@ KERNEL factor_fine_blocks(int n, GLOBAL const int *block_start, GLOBAL const int
     TEAM_BARRIER;
     TEAM_FOR(l, BLOCK_SIZE * BLOCK_SIZE) a[l] = (real)0;
     TEAM_BARRIER;
-    TEAM_FOR(l, last - first)
+    TEAM_FOR(item, (last - first) * ROW_MEMBERS)
     {
-      int i = first + l, s = i / SLICE_ROWS, lane = i - s * SLICE_ROWS, e, k, b, c, d;
+      int l = item / ROW_MEMBERS, i = first + l, place = slice_place[i], s = place / SLICE_ROWS, lane = place - s * SLICE_ROWS, e, k, b, c, d;
       for (e = slice_start[s]; e < slice_start[s + 1]; ++e) {
         int j = column[SLICE_ROWS * e + lane];
         if (j < first || j > i) continue;
-        for (c = 0; c < 3; ++c)
+        for (c = item % ROW_MEMBERS; c < 3; c += ROW_MEMBERS)
           for (d = 0; d < 3; ++d) a[(3 * l + c) * BLOCK_SIZE + 3 * (j - first) + d] += value[SLICE_ROWS * (9 * e + 3 * c + d) + lane];
       }
       if (terms)
@@ -153,7 +153,7 @@ KERNEL factor_fine_blocks(int n, GLOBAL const int *block_start, GLOBAL const int
             int j = nodes[term_index].node[b];
             real w = x[term_entry[k] & 3] * x[b];
             if (j < first || j > i) continue;
-            for (c = 0; c < 3; ++c)
+            for (c = item % ROW_MEMBERS; c < 3; c += ROW_MEMBERS)
               for (d = 0; d < 3; ++d)
                 a[(3 * l + c) * BLOCK_SIZE + 3 * (j - first) + d] += w * (x[7] * (x[4 + c] * x[4 + d]) + (c == d ? x[8] : (real)0));
           }
@@ -229,11 +229,58 @@ KERNEL factor_coarse_blocks(int n, int at, GLOBAL const int *block_start, GLOBAL
   }
 }
 
+/* Where a team works on the columns of a factor. Members with a lane each keep words as they are, half the memory, with columns 17 words
+   apart and those from 32 on another 16: no two members in one bank. */
+#if LANES == 1
+typedef int staged_factor;
+#define FACTOR_STRIDE 17
+#define STAGED_SIZE (48 * 17 + 16)
+#define STAGED_COLUMN(column) ((column) % 48 * 17 + (column) % 48 / 32 * 16)
+/* A number of a column: of the upper half of the word if the column is one of the last group. */
+#define STAGED_LANES(p, upper) ((real)(short)(*(p) >> ((upper) ? 16 : 0)))
+#define ADD_STAGED_COLUMNS(columns, p, upper, v)                                                                        \
+  do {                                                                                                                     \
+    int row;                                                                                                               \
+    for (row = 0; row < 16; ++row) (columns)->at[row] += STAGED_LANES((p) + row, upper) * (v)[row];                         \
+  } while (0)
+typedef struct ALIGNED(16) { int word[4]; } factor_words;
+
+DEVICE_TEAM void stage_factor(GLOBAL const int *factor, LOCAL staged_factor *g)
+{
+  TEAM_FOR(l, APPLY_TEAM)
+  {
+    GLOBAL const factor_words *from = (GLOBAL const factor_words *)factor;
+    factor_words own[FACTOR_WORDS / APPLY_TEAM / 4];   /* all are read before the first is stored */
+    int k, part;
+    for (k = 0; k < FACTOR_WORDS / APPLY_TEAM / 4; ++k) own[k] = from[l + k * APPLY_TEAM];
+    for (k = 0; k < FACTOR_WORDS / APPLY_TEAM / 4; ++k)
+      for (part = 0; part < 4; ++part) g[STAGED_COLUMN((l + k * APPLY_TEAM) / 4) + (l + k * APPLY_TEAM) % 4 * 4 + part] = own[k].word[part];
+  }
+}
+#else
+typedef real staged_factor;
+#define FACTOR_STRIDE 16
+#define STAGED_SIZE (2 * FACTOR_WORDS)
+#define STAGED_COLUMN(column) ((column) * 16)
+#define STAGED_LANES(p, upper) LANES_LOAD(LOCAL lanes, p)
+#define ADD_STAGED_COLUMNS(columns, p, upper, v) add_columns(columns, p, FACTOR_STRIDE, v)
+
+DEVICE_TEAM void stage_factor(GLOBAL const int *factor, LOCAL staged_factor *g)
+{
+  TEAM_FOR_LANES(k, FACTOR_WORDS)
+  {
+    const int_lanes word = LANES_LOAD(GLOBAL int_lanes, factor + k);
+    LANES_STORE(LOCAL lanes, g + k, LANES_TO(real, lanes, ((word & 0xffff) ^ 0x8000) - 0x8000));
+    LANES_STORE(LOCAL lanes, g + FACTOR_WORDS + k, LANES_TO(real, lanes, word >> 16));
+  }
+}
+#endif
+
 /* z = S G' G S r of each block, of all levels: the nodes of a coarse level are numbered behind those of the finer one. at: of the scalars. */
 KERNEL apply_blocks(int n, GLOBAL const int *block_start, int at, GLOBAL const double *scalar, GLOBAL const int *RESTRICT factor,
                     GLOBAL const real *RESTRICT weight, GLOBAL const vec4 *RESTRICT residual, GLOBAL vec4 *RESTRICT result)
 {
-  TEAM_LOCAL(real, g, 2 * FACTOR_WORDS / 16 * 17);
+  TEAM_LOCAL(staged_factor, g, STAGED_SIZE);
   TEAM_LOCAL(real, u, BLOCK_SIZE);
   TEAM_LOCAL(real, y, BLOCK_SIZE);
   if (scalar[at + CG_DONE] != 0.0) return;
@@ -242,13 +289,7 @@ KERNEL apply_blocks(int n, GLOBAL const int *block_start, int at, GLOBAL const d
     const int node = block_start[t], rows = block_start[t + 1] - node, groups = (3 * rows + 15) / 16;
     GLOBAL const real *RESTRICT w = weight + t * BLOCK_SIZE;
     TEAM_BARRIER;
-    TEAM_FOR_LANES(k, FACTOR_WORDS)
-    {
-      const int_lanes word = LANES_LOAD(GLOBAL int_lanes, factor + (size_t)t * FACTOR_WORDS + k);
-      LOCAL real *low = g + k / 16 * FACTOR_STRIDE + k % 16;
-      LANES_STORE(LOCAL lanes, low, LANES_TO(real, lanes, ((word & 0xffff) ^ 0x8000) - 0x8000));
-      LANES_STORE(LOCAL lanes, low + FACTOR_WORDS / 16 * FACTOR_STRIDE, LANES_TO(real, lanes, word >> 16));
-    }
+    stage_factor(factor + (size_t)t * FACTOR_WORDS, g);
     TEAM_FOR(l, BLOCK_ROWS)
     {
       const vec4 r = l < rows ? residual[node + l] : vec4_make((real)0, (real)0, (real)0);
@@ -265,12 +306,13 @@ KERNEL apply_blocks(int n, GLOBAL const int *block_start, int at, GLOBAL const d
       if (!last || groups == 3)
         for (turn = 0; turn < turns; ++turn) {
           const int group = last ? 2 : turn > 0, first = last ? 16 * turn : turn == 2 ? 16 : 0, lane = last ? j : j - 16;
-          LOCAL const real *column = g + FACTOR_COLUMN(group, first) * FACTOR_STRIDE + lane, *v = u + first;
+          LOCAL const staged_factor *column = g + STAGED_COLUMN(FACTOR_COLUMN(group, first)) + lane;
+          LOCAL const real *v = u + first;
           for (c = 0; c < 16; c += 4) {
-            even += LANES_LOAD(LOCAL lanes, column + c * FACTOR_STRIDE) * v[c];
-            odd += LANES_LOAD(LOCAL lanes, column + (c + 1) * FACTOR_STRIDE) * v[c + 1];
-            even += LANES_LOAD(LOCAL lanes, column + (c + 2) * FACTOR_STRIDE) * v[c + 2];
-            odd += LANES_LOAD(LOCAL lanes, column + (c + 3) * FACTOR_STRIDE) * v[c + 3];
+            even += STAGED_LANES(column + c * FACTOR_STRIDE, last) * v[c];
+            odd += STAGED_LANES(column + (c + 1) * FACTOR_STRIDE, last) * v[c + 1];
+            even += STAGED_LANES(column + (c + 2) * FACTOR_STRIDE, last) * v[c + 2];
+            odd += STAGED_LANES(column + (c + 3) * FACTOR_STRIDE, last) * v[c + 3];
           }
           if (turn == 2 || (turn == 0 && !last)) {
             LANES_STORE(LOCAL lanes, y + 16 * group + lane, even + odd);
@@ -287,7 +329,7 @@ KERNEL apply_blocks(int n, GLOBAL const int *block_start, int at, GLOBAL const d
       clear_columns(&columns);
       for (turn = 0; turn < 3; ++turn) {
         const int c = l >= 16 && turn == 2 ? l + 16 : l, group = l < 16 ? turn : turn == 0 ? 1 : 2;
-        if (group < groups) add_columns(&columns, g + FACTOR_COLUMN(group, c) * FACTOR_STRIDE, FACTOR_STRIDE, y + 16 * group);
+        if (group < groups) ADD_STAGED_COLUMNS(&columns, g + STAGED_COLUMN(FACTOR_COLUMN(group, c)), group == 2, y + 16 * group);
         if (turn == 2 || (turn == 1 && l >= 16)) {
           lanes sums;
           sum_columns(&columns, &sums);

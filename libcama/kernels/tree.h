@@ -114,7 +114,7 @@ KERNEL tree_levels(int n, int leaf_count, int level, int steps, GLOBAL box *node
    are a group of level l. All groups lie one after the other, lower levels first. Places without a leaf have boxes that overlap nothing.
    The root level is 1 at least, and 7 at most: beyond 8^8 leaves it has several groups. */
 #define GROUP 8
-typedef struct { float lo[3][GROUP], hi[3][GROUP]; } box_group;
+typedef struct ALIGNED(16) { float lo[3][GROUP], hi[3][GROUP]; } box_group;
 
 DEVICE int group_level_size(int leaf_count, int level) { return ((leaf_count - 1) >> (3 * level + 3)) + 1; }
 DEVICE int group_root_level(int leaf_count)
@@ -142,13 +142,6 @@ DEVICE int group_overlap(GLOBAL const box_group *g, box b)
              (b.lo[2] <= g->hi[2][k]) & (g->lo[2][k] <= b.hi[2]);
   for (int k = 0; k < GROUP; ++k) mask |= hit[k] << k;
   return mask;
-}
-
-/* Number of the lowest bit of a mask of eight that is 1. */
-DEVICE int lowest_bit(int mask)
-{
-  int low = mask & -mask;
-  return ((low & 0xaa) != 0) + (((low & 0xcc) != 0) << 1) + (((low & 0xf0) != 0) << 2);
 }
 
 DEVICE box group_box(GLOBAL const box_group *g, int k)
@@ -212,7 +205,7 @@ DEVICE int next_group(group_walk *w, int leaf_count, GLOBAL const box_group *tre
   for (;;) {
     int mask = (int)(w->open >> (8 * w->level)) & 0xff;
     if (mask) {
-      int k = lowest_bit(mask);
+      int k = lowest_bit((key64)mask);
       w->open &= ~((key64)1 << (8 * w->level + k));
       if (w->level == 1) return GROUP * w->group + k;
       w->group = GROUP * w->group + k;
@@ -228,6 +221,34 @@ DEVICE int next_group(group_walk *w, int leaf_count, GLOBAL const box_group *tre
     }
     w->open |= (key64)group_overlap(tree + w->offset + w->group, b) << (8 * w->level);
   }
+}
+
+/* The same walk a turn at a time, down to the leaves: byte 0 of `open` is of leaves. Turns are alike for all who walk, so that those who do so
+   side by side stay together. Returns a leaf that overlaps, in order, WALK_ON, or WALK_END behind the last. */
+#define WALK_ON -1
+#define WALK_END -2
+DEVICE int walk_leaves(group_walk *w, int leaf_count, GLOBAL const box_group *tree, box b)
+{
+  int bit = w->open ? lowest_bit(w->open) : 8 * w->root, leaf = WALK_ON;
+  for (; w->level < bit >> 3; ++w->level) {
+    w->offset += group_level_size(leaf_count, w->level);
+    w->group >>= 3;
+  }
+  if (w->open) {
+    int child = GROUP * w->group + (bit & 7);
+    w->open &= w->open - 1;
+    if (w->level == 0) {
+      leaf = child;
+    } else {
+      w->group = child;
+      --w->level;
+      w->offset -= group_level_size(leaf_count, w->level);
+    }
+  } else if (++w->group >= group_level_size(leaf_count, w->root)) {
+    leaf = WALK_END;
+  }
+  if (leaf == WALK_ON) w->open |= (key64)group_overlap(tree + w->offset + w->group, b) << (8 * w->level);
+  return leaf;
 }
 
 /* Groups of level 0. leaf_face, leaf_edge: nodes of the sorted leaves. n = group_level_size(leaf_count, 0). */

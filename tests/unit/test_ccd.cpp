@@ -601,8 +601,10 @@ TEST_CASE("an impact of the cubic, at distance 0, has the normal of the features
       int found = 0, index = 0;
       kernels::impact impact;
       int look[2] = {0, 0};
-      kernels::find_impacts(1, edges ? 0 : 1, 1, 0, &pair, &pair, &face, edge, x.data(), y.data(), mass, properties, 1.0, 1e-9, nullptr, 0, 0, 0,
-                            &room, &direction, 0, &room, &direction, nullptr, &found, look);
+      kernels::doubt_pairs(1, edges ? 0 : 1, 0, &pair, &pair, &face, edge, mass, 1.0, 1e-9, nullptr, 0, 0, 0, &room, 0, &room, nullptr, &found);
+      REQUIRE(found == 1);
+      kernels::find_impacts(1, 1, edges ? 0 : 1, 1, &pair, &pair, &face, edge, x.data(), y.data(), properties, 1.0, &direction, &direction,
+                            &found, look);
       REQUIRE(found == 1);
       REQUIRE(look[1] == 1);
       kernels::fill_impacts(1, edges ? 0 : 1, 1, &index, &pair, &pair, &face, edge, x.data(), y.data(), properties, 1.0, 1.0, 0, &room, &room, &impact);

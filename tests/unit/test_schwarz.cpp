@@ -58,8 +58,8 @@ struct Block {
     const Stream<int> slices(b, std::vector<int>{0, width}), columns(b, column), places(b, order), none(b, std::vector<int>{0});
     const Stream<float> values(b, value), no_terms(b, std::vector<float>{0.0f});
     const Stream<kernels::element_nodes> no_nodes(b, 1);
-    CAMA_LAUNCH_TEAMS(float, b, factor_fine_blocks, BLOCK_TEAM, 1, block_start, slices, columns, values, 0, places, none, none, no_nodes,
-                      no_terms, factor, weight);
+    CAMA_LAUNCH_TEAMS(float, b, factor_fine_blocks, BLOCK_TEAM, 1, block_start, slices, places, columns, values, 0, places, none, none,
+                      no_nodes, no_terms, factor, weight);
   }
   VectorXd apply(const VectorXd &r)
   {

@@ -269,7 +269,7 @@ TEST_CASE("groups: sizes and offsets add up; every level is the union of the one
   CHECK(group_tree_size(2000000000) < 2000000000 / 6);
 }
 
-TEST_CASE("a walk meets every group that overlaps once and in order, from any group on", "[tree]")
+TEST_CASE("a walk meets every group, and every leaf, that overlaps once and in order, from any group on", "[tree]")
 {
   std::mt19937 random(3);
   for (int leaves : {1, 8, 9, 64, 65, 700, 4097}) {
@@ -294,6 +294,14 @@ TEST_CASE("a walk meets every group that overlaps once and in order, from any gr
       for (int g = next_group(&w, leaves, tree.data(), b); g >= 0; g = next_group(&w, leaves, tree.data(), b)) met.push_back(g);
       REQUIRE(met == expected);
       if (trial == 0) REQUIRE(int(met.size()) == groups);
+      expected.clear();
+      met.clear();
+      for (int i = GROUP * first; i < leaves; ++i)
+        if (box_overlap(b, group_box(&tree[i / GROUP], i % GROUP))) expected.push_back(i);
+      w = trial % 2 ? groups_overlapping_from(first, leaves, tree.data(), b) : groups_overlapping(leaves, tree.data(), b);
+      for (int i = walk_leaves(&w, leaves, tree.data(), b); i != WALK_END; i = walk_leaves(&w, leaves, tree.data(), b))
+        if (i != WALK_ON) met.push_back(i);
+      REQUIRE(met == expected);
     }
   }
 }

@@ -96,8 +96,8 @@ void ConjugateGradient<S>::multiply(State &state, int at)
   } else {
     combine(0, terms, 1, z_);
   }
-  CAMA_LAUNCH_TEAMS(S, b, cg_multiply, ROW_PARTS * TEAM_ROWS, parts(n, TEAM_ROWS), n, matrix_.start, matrix_.column, matrix_.value, terms > 0 ? 1 : 0,
-                    rows().order, state.term_incidence.row, state.term_incidence.entry, matrix_.entry_weight, product_, at, scalar_,
+  CAMA_LAUNCH_TEAMS(S, b, cg_multiply, ROW_PARTS * TEAM_ROWS, parts(n, TEAM_ROWS), n, matrix_.start, matrix_.row, matrix_.column, matrix_.value,
+                    terms > 0 ? 1 : 0, rows().order, state.term_incidence.row, state.term_incidence.entry, matrix_.entry_weight, product_, at, scalar_,
                     preconditioned(), r_, w_, partial_);
 }
 

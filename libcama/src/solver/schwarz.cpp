@@ -128,8 +128,8 @@ void Schwarz<S>::factor(State &state, const SlicedMatrix<S> &matrix)
   if (terms) weigh_terms(state, matrix);
   factor_.resize(FACTOR_WORDS * blocks_);
   weight_.resize(BLOCK_SIZE * blocks_);
-  CAMA_LAUNCH_TEAMS(S, b, factor_fine_blocks, BLOCK_TEAM, fine.blocks, fine.start, matrix.start, matrix.column, matrix.value, terms, rows().order,
-                    state.term_incidence.row, state.term_incidence.entry, matrix.term_nodes, matrix.term_value, factor_, weight_);
+  CAMA_LAUNCH_TEAMS(S, b, factor_fine_blocks, BLOCK_TEAM, fine.blocks, fine.start, matrix.start, matrix.place, matrix.column, matrix.value, terms,
+                    rows().order, state.term_incidence.row, state.term_incidence.entry, matrix.term_nodes, matrix.term_value, factor_, weight_);
   for (int l = 1, at = fine.blocks; l < aggregates_.levels(); ++l) {
     Level &level = level_[static_cast<std::size_t>(l)];
     const int blocks = aggregates_.level(l).blocks;

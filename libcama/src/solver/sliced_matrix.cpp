@@ -36,16 +36,22 @@ void SlicedMatrix<S>::make_pattern(State &state, const RowOrder &rows, const Blo
 {
   Backend &b = *state.backend;
   const int slices = parts(rows.size, SLICE_ROWS);
+  Stream<key64> key(b, rows.size);
+  row.resize(rows.size);
+  place.resize(rows.size);
+  CAMA_LAUNCH(b, place_keys, rows.size, rows.order, matrix.row, key, row);
+  b.sort(key.buffer(), row.buffer(), rows.size, 12 + key_bits(rows.size / TEAM_ROWS) - 31);
+  CAMA_LAUNCH(b, invert_order, rows.size, row, place);
   width_.resize(slices);
   start.resize(slices + 1);
-  CAMA_LAUNCH(b, slice_widths, slices, rows.size, rows.order, matrix.row, matrix.column, state.cloth_vertices, rows.place, width_);
+  CAMA_LAUNCH(b, slice_widths, slices, rows.size, row, rows.order, matrix.row, matrix.column, state.cloth_vertices, rows.place, width_);
   b.scan(width_.buffer(), start.buffer(), slices);
   const int entries = SLICE_ROWS * start.at(slices);
   column.resize(entries);
   source_.resize(entries);
   value.resize(9 * entries);
-  CAMA_LAUNCH(b, fill_slices, SLICE_ROWS * slices, rows.size, rows.order, matrix.row, matrix.column, state.cloth_vertices, rows.place, start,
-              column, source_);
+  CAMA_LAUNCH(b, fill_slices, SLICE_ROWS * slices, rows.size, row, rows.order, matrix.row, matrix.column, state.cloth_vertices, rows.place,
+              start, column, source_);
 }
 
 template <class S> template <class Real>

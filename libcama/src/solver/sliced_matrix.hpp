@@ -38,11 +38,15 @@ struct RowOrder {
 /// The matrix on these rows, in slices of SLICE_ROWS so that neighbours read neighbours (sliced ELLPACK), and the terms beside it.
 template <class S> class SlicedMatrix {
 public:
-  explicit SlicedMatrix(Backend &b) : start(b), column(b), value(b), term_nodes(b), term_value(b), entry_weight(b), width_(b), source_(b) {}
+  explicit SlicedMatrix(Backend &b)
+      : start(b), row(b), place(b), column(b), value(b), term_nodes(b), term_value(b), entry_weight(b), width_(b), source_(b)
+  {}
   template <class Real> void make_pattern(State &state, const RowOrder &rows, const BlockMatrix<Real> &matrix);
   template <class Real> void fill(State &state, const RowOrder &rows, const BlockMatrix<Real> &matrix);
 
-  Stream<int> start, column;
+  Stream<int> start;                           // [slices + 1] first entry of a lane
+  Stream<int> row, place;                      // [rows] row of each place in the slices, place of each row
+  Stream<int> column;
   Stream<S> value;
   Stream<kernels::element_nodes> term_nodes;   // [terms] rows
   Stream<S> term_value;                        // [9 terms]

@@ -68,7 +68,7 @@ void TreeSearch::build_levels(Backend &b, int leaves, Stream<kernels::box_group>
 {
   const int root = kernels::group_root_level(leaves);
   for (int level = 0; level < root;) {
-    const int both = level + 2 <= root ? 1 : 0;
+    const int both = b.processor() && level + 2 <= root ? 1 : 0;   // one launch less, but few work-items
     level += 1 + both;
     CAMA_LAUNCH(b, group_levels, GROUP * kernels::group_level_size(leaves, level), leaves, level, both, tree);
   }

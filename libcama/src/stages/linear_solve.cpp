@@ -63,7 +63,7 @@ void LinearSolve<Real>::move_alike(State &state, bool falling)
   r_.resize(rows);
   p_.resize(state.vertices);
   sum_.resize(3 * teams);
-  multiply(state, s.solution, q_);
+  if (falling) multiply(state, s.solution, q_);   // else the solve has left it there
   CAMA_LAUNCH_REAL(Real, b, subtract_product, rows, state.fixed, s.right_side, q_, r_);
   if (falling) {
     CAMA_LAUNCH_REAL(Real, b, uniform_direction, state.vertices, rows, state.time_step, components<double>(state.gravity), state.fixed, p_);

@@ -151,11 +151,13 @@ PenetrationHandling::Look PenetrationHandling::look(State &state, bool first_pie
   look_.fill_zero();
   CAMA_LAUNCH(b, find_strayed, state.vertices, from_, state.position_next, state.predicted, state.vertex_box, state.box_origin(),
               certified_ * state.largest_thickness, strayed_, look_);
-  CAMA_LAUNCH(b, find_impacts, flagged_.flag.size(), first, state.options.cubic_impacts ? 1 : 0, localized ? 1 : 0, vertex_face.pairs,
-              edge_edge.pairs, state.face, state.edge, from_, state.position_next, state.inverse_mass, state.vertex_contact, certified_,
-              state.largest_thickness, strayed_, vertex_face_done, edge_edge_done, first_piece ? vertex_face.room.size() : 0,
-              vertex_face.room, vertex_face.direction,
-              first_piece ? edge_edge.room.size() : 0, edge_edge.room, edge_edge.direction, projection_.moved(), flagged_.flag, look_);
+  CAMA_LAUNCH(b, doubt_pairs, flagged_.flag.size(), first, localized ? 1 : 0, vertex_face.pairs, edge_edge.pairs, state.face, state.edge,
+              state.inverse_mass, certified_, state.largest_thickness, strayed_, vertex_face_done, edge_edge_done,
+              first_piece ? vertex_face.room.size() : 0, vertex_face.room, first_piece ? edge_edge.room.size() : 0, edge_edge.room,
+              projection_.moved(), flagged_.flag);
+  CAMA_LAUNCH_TEAMS(void, b, find_impacts, PAIR_TEAM, flagged_.pair_teams(), flagged_.flag.size(), first, state.options.cubic_impacts ? 1 : 0,
+                    vertex_face.pairs, edge_edge.pairs, state.face, state.edge, from_, state.position_next, state.vertex_contact, certified_,
+                    vertex_face.direction, edge_edge.direction, flagged_.flag, look_);
   const std::vector<int> counts = look_.download();
   return {counts[0], counts[1]};
 }
