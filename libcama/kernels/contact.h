@@ -7,40 +7,23 @@ DEVICE pair listed_pair(int i, int first_size, GLOBAL const pair *vertex_face, G
   return i < first_size ? vertex_face[i] : edge_edge[i - first_size];
 }
 
-/* Candidates that a team takes at once. Few of them are in doubt: it lists these first, so that its members have one each to work on. */
-#define PAIR_TEAM 256
-#define TEAM_PAIRS 1024
-
 /* flag[i] = 1 where candidate i of both lists is a contact; direction: one that tells its sides apart, from side B to side A; room: how far
    apart, m, they are along it at least until the prediction, 0 where that is not known to exceed the thickness. Both come from tell_apart;
-   here pairs without room are looked at. n: teams; pairs: candidates. */
-KERNEL find_contacts(int n, int pairs, int first_size, GLOBAL const pair *vertex_face, GLOBAL const pair *edge_edge, GLOBAL const face_nodes *face,
+   here pairs without room are looked at. */
+KERNEL find_contacts(int n, int first_size, GLOBAL const pair *vertex_face, GLOBAL const pair *edge_edge, GLOBAL const face_nodes *face,
                      GLOBAL const edge_nodes *edge, GLOBAL const dvec3 *position, GLOBAL const dvec3 *predicted, GLOBAL const mover *movers,
                      GLOBAL const float *spare, GLOBAL const vertex_contact *v, double anticipate, GLOBAL int *flag,
                      GLOBAL fvec3 *vertex_face_direction, GLOBAL float *vertex_face_room, GLOBAL fvec3 *edge_edge_direction,
                      GLOBAL float *edge_edge_room)
 {
-  TEAM_LOCAL(int, doubtful, TEAM_PAIRS);
-  TEAM_LOCAL(int, doubts, 1);
-  FOR_EACH_UNEVEN_TEAM(t, n)
+  FOR_EACH_UNEVEN(i, n)
   {
-    TEAM_BARRIER;
-    TEAM_FOR(l, 1) doubts[l] = 0;
-    TEAM_BARRIER;
-    TEAM_FOR(l, min_int(pairs - t * TEAM_PAIRS, TEAM_PAIRS))
-    {
-      const int i = t * TEAM_PAIRS + l;
-      if ((i < first_size ? vertex_face_room[i] : edge_edge_room[i - first_size]) > 0.0f) flag[i] = 0;
-      else doubtful[local_add_int(doubts, 1)] = i;
-    }
-    TEAM_BARRIER;
-    TEAM_FOR(l, doubts[0])
-    {
-      contact c;
-      const int i = doubtful[l], kind = i >= first_size, at = kind == 0 ? i : i - first_size;
+    contact c;
+    int kind = i >= first_size, at = kind == 0 ? i : i - first_size, hit = 0;
+    if (!((kind == 0 ? vertex_face_room[at] : edge_edge_room[at]) > 0.0f)) {
       element_nodes e = pair_nodes(kind, listed_pair(i, first_size, vertex_face, edge_edge), face, edge);
       proximity p = surface_proximity(kind, e, position, v);
-      const int hit = make_contact(kind, e, position, predicted, v, anticipate, p, &c);
+      hit = make_contact(kind, e, position, predicted, v, anticipate, p, &c);
       if (kind == 0) vertex_face_direction[at] = to_direction(p.normal); else edge_edge_direction[at] = to_direction(p.normal);
       if (!hit) {   /* the direction of the closest points may tell more */
         fvec3 normal = fvec3_make(0.999999f * (float)p.normal.x, 0.999999f * (float)p.normal.y, 0.999999f * (float)p.normal.z);
@@ -49,8 +32,8 @@ KERNEL find_contacts(int n, int pairs, int first_size, GLOBAL const pair *vertex
           if (kind == 0) vertex_face_room[at] = room; else edge_edge_room[at] = room;
         }
       }
-      flag[i] = hit;
     }
+    flag[i] = hit;
   }
 }
 

@@ -113,6 +113,10 @@ KERNEL doubt_pairs(int n, int first_size, int localized, GLOBAL const pair *vert
   }
 }
 
+/* Candidates that a team takes at once. Few of them are in doubt: it lists these first, so that its members have one each to work on. */
+#define PAIR_TEAM 256
+#define TEAM_PAIRS 1024
+
 /* flag[i] stays 1 where candidate i of both lists comes closer than its clearance at `share`, or touches (cubic), on its way from x to y;
    look[1]: adds them. n: teams; pairs: candidates. */
 KERNEL find_impacts(int n, int pairs, int first_size, int cubic, GLOBAL const pair *vertex_face, GLOBAL const pair *edge_edge,

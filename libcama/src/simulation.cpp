@@ -77,6 +77,30 @@ void treat_start(const Scene &scene, const Options &options, Topology &t, Untang
                        (options.intersections == Intersections::reject ? "\"untangle\" (moves the cloth) or " : "") + "\"exempt\" (starts as it is)");
 }
 
+/// Positions to go on from that intersect, where no step could promise anything from them.
+void check_state(const std::vector<dvec3> &position, const Topology &t, const std::vector<std::string> &object, bool self)
+{
+  const auto name = [&](int vertex) { return object[static_cast<std::size_t>(t.object[static_cast<std::size_t>(vertex)])]; };
+  const std::vector<Intersection> found = forbidden_intersections(position, t, self);
+  const std::vector<Intrusion> inside = intrusions(position, t);
+  if (found.empty() && inside.empty()) return;
+  const std::size_t count = found.size() + inside.size();
+  std::string first;
+  if (!found.empty()) {
+    const auto [edge, face] = found.front();
+    first = "the edge of vertices " + std::to_string(edge[0]) + " and " + std::to_string(edge[1]) + " of " + name(edge[0]) +
+            " crosses triangle " + std::to_string(face) + " of " + name(t.face[static_cast<std::size_t>(face)][0]);
+  } else {
+    const Intrusion &i = inside.front();
+    const bool plane = t.surface[static_cast<std::size_t>(i.vertex)] == Form::plane;
+    first = (plane ? "vertex " : "triangle ") + std::to_string(i.feature) + " of " +
+            name(plane ? i.feature : t.face[static_cast<std::size_t>(i.feature)][0]) + (plane ? " is below " : " reaches into ") + name(i.vertex);
+  }
+  throw CollisionError("positions: have " + std::to_string(count) + (count == 1 ? " intersection" : " intersections") + "; the first: " + first +
+                       " (numbers over all objects); nothing was set. Give positions without, or make the simulation with the option "
+                       "intersections set to \"exempt\"");
+}
+
 const Scene &checked(const Scene &scene, const Options &options)
 {
   scene.validate();
@@ -94,6 +118,9 @@ struct Simulation::Implementation {
   Implementation(const Scene &scene, const Options &options)
       : backend(make_backend(options.backend, options.device, options.threads)), state(*backend), topology(build_topology(scene))
   {
+    for (int vertex = 0, count = static_cast<int>(topology.object.size()); vertex < count; ++vertex)
+      if (static_cast<std::size_t>(topology.object[static_cast<std::size_t>(vertex)]) == object.size()) object.push_back(owner(scene, topology, vertex));
+    guarded = options.intersections != Intersections::exempt && scene.has_contact();
     state.options = options;
     state.options.time_step = chosen_time_step(options, scene);
     chosen = cama::settings(options, scene);
@@ -118,6 +145,8 @@ struct Simulation::Implementation {
   UntangleReport untangled;
   std::vector<Setting> chosen;
   StepPipeline pipeline;
+  std::vector<std::string> object;   // names for messages, cloths first
+  bool guarded = false;              // the state must not intersect
   bool single = false;
 };
 
@@ -191,6 +220,9 @@ void Simulation::set_state(const std::vector<dvec3> &positions, const std::vecto
     std::copy_n(values.begin(), n, all.begin());
     return all;
   };
+  const auto moved = [&](const std::vector<dvec3> &now) { return std::memcmp(now.data(), positions.data(), n * sizeof(dvec3)) != 0; };
+  if (implementation_->guarded && n > 0 && moved(s.position.download()))
+    check_state(replaced(s.position, positions), implementation_->topology, implementation_->object, s.contact_settings.self);
   const std::vector<dvec3> x = replaced(s.position, positions), next = replaced(s.position_next, positions), v = replaced(s.velocity, velocities);
   s.position.assign(x);
   s.position_next.assign(next);

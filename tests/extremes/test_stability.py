@@ -230,6 +230,28 @@ def test_command_writes_what_was_seen(tmp_path):
     assert "| 1 | `single_triangle` | ok | ok | 100 | 0 |" in page and "| 45 | `twenty_million` | not run |" in page
 
 
+def test_command_shows_results_of_another_machine(tmp_path):
+    there = [stability.Outcome(1, "single_triangle", "cuda", "double", "production", "ok", True, steps=100),
+             stability.Outcome(1, "single_triangle", "cpu", "double", "production", "moved", steps=100)]
+    stability.write(there, tmp_path / "there")
+    assert stability.read(tmp_path / "there" / "stability.json") == there
+    result = call("single_triangle", "--backend", "cpu", "--precision", "double", "-o", tmp_path / "here", "--join",
+                  tmp_path / "there" / "stability.json")
+    assert result.exit_code == 0, result.output
+    page = (tmp_path / "here" / "stability.md").read_text()
+    assert "| cpu double | cuda double |" in page and "| 1 | `single_triangle` | ok | ok | 100 | 0 |" in page   # what was run here counts
+
+
+@pytest.mark.parametrize("text", ["", "[]", '{"checks": [{}]}', '{"checks": [7]}', "\xff",
+                                  '{"checks": [{"number": "1", "check": "x", "backend": "cpu", "precision": "double", "accuracy": "paper"}]}'])
+def test_results_that_are_none_are_refused(tmp_path, text):
+    (tmp_path / "stability.json").write_text(text, encoding="latin-1")
+    with pytest.raises(cama.FileError, match="stability.json: not the results"):
+        stability.read(tmp_path / "stability.json")
+    assert call("single_triangle", "--join", tmp_path / "stability.json", "-o", tmp_path / "out").exit_code == 2
+    assert not (tmp_path / "out").exists()
+
+
 def test_command_fails_where_a_check_does(tmp_path, monkeypatch):
     monkeypatch.setattr(stability, "run", lambda checks, *rest: [
         stability.Outcome(1, "single_triangle", "cpu", "double", "production", "no")])

@@ -113,6 +113,36 @@ def test_set_state_is_read_back(sheet):
     np.testing.assert_array_equal(simulation.velocities, v)
 
 
+def test_set_state_refuses_positions_that_intersect(sheet):
+    scene = cama.Scene()
+    scene.add_cloth(*sheet, name="low")
+    scene.add_cloth(sheet[0] + [0, 0, 0.1], *sheet[1:], name="high")
+    simulation = cama.Simulation(scene)
+    n, before = len(sheet[0]), simulation.state_hash
+    crossed = simulation.positions.copy()
+    crossed[n] -= [0, 0, 0.2]   # a corner of the upper sheet goes through the lower one
+    with pytest.raises(cama.CollisionError, match="intersection.* 'low'.* 'high'|intersection.* 'high'.* 'low'") as error:
+        simulation.set_state(crossed, np.zeros_like(crossed))
+    assert "exempt" in str(error.value) and simulation.state_hash == before
+    free = cama.Simulation(scene, intersections="exempt")
+    free.set_state(crossed, np.zeros_like(crossed))
+    np.testing.assert_array_equal(free.positions, crossed)
+    alone = cama.Scene(self_contact=False)
+    alone.add_cloth(*sheet)
+    folded = sheet[0] * [1, 0, 1]   # nothing can touch
+    cama.Simulation(alone).set_state(folded, np.zeros_like(folded))
+
+
+def test_set_state_refuses_cloth_below_a_plane(sheet):
+    scene = cama.Scene()
+    scene.add_cloth(sheet[0] + [0, 0, 1], *sheet[1:], name="sheet")
+    scene.add_obstacle(shape={"shape": {"plane": {}}}, name="floor")
+    simulation = cama.Simulation(scene)
+    below = simulation.positions[:simulation.cloth_vertex_count] - [0, 0, 2]
+    with pytest.raises(cama.CollisionError, match="vertex 0 of cloth 'sheet' is below obstacle 'floor'"):
+        simulation.set_state(below, np.zeros_like(below))
+
+
 def test_same_hash_twice_and_on_more_threads(falling):
     hashes = set()
     for threads in (1, 1, 2):

@@ -5,9 +5,11 @@ import os
 import subprocess
 import sys
 
+import numpy as np
 import pytest
 
 import cama
+from cama.recording import Recording
 
 
 def run(code, **environment):
@@ -117,3 +119,27 @@ print("same")
 """)
     assert "caught out of memory" in out or "caught step 1: out of memory" in out
     assert "same" in out
+
+
+@pytest.mark.skipif(not sys.platform.startswith("linux"), reason="limits files by RLIMIT_FSIZE")
+def test_a_disk_that_is_full_is_a_named_error_and_earlier_frames_stay(tmp_path):
+    out = run(scene(20) + f"""
+import resource, signal
+from cama.recording import Recorder
+simulation = cama.Simulation(scene, backend="cpu", threads=1)
+signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+resource.setrlimit(resource.RLIMIT_FSIZE, (200_000, resource.RLIM_INFINITY))
+frames = 0
+try:
+    with Recorder({str(tmp_path / "frames.h5")!r}, simulation) as recorder:
+        while frames < 100:
+            recorder.add(0.1 * frames, simulation.positions, 0, 0)
+            frames += 1
+except cama.FileError as error:
+    print("caught", frames, error)
+""")
+    assert "caught" in out and "frames.h5: writing failed" in out and "disk full" in out
+    frames = int(out.split("caught ")[1].split()[0])
+    assert 2 <= frames < 100
+    with Recording(tmp_path / "frames.h5") as recording:
+        assert len(recording) == frames and np.isfinite(recording.frame(frames - 1)).all()

@@ -7,6 +7,7 @@ exact ones, whose vertices are their defining points); what was run as attribute
 Frame 0 is the start.
 """
 
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -18,12 +19,75 @@ from .errors import FileError
 NAME = "frames.h5"
 
 
+class Output:
+    """The file that h5py writes to. The first failure is kept in `problem`, and nothing is written from then on, so that what was flushed stays as
+    it is: told of a failure, HDF5 cannot close its file, and crashes when the process ends."""
+
+    def __init__(self, path):
+        self.problem = None
+        self._file = open(path, "w+b", buffering=0)
+
+    def _do(self, work, otherwise):
+        if self.problem is None:
+            try:
+                return work()
+            except OSError as problem:
+                self.problem = problem
+        return otherwise
+
+    def write(self, data):
+        def whole():
+            rest = memoryview(data)
+            while rest:
+                rest = rest[self._file.write(rest):]
+            return len(data)
+        return self._do(whole, len(data))
+
+    def read(self, size=-1):
+        return self._do(lambda: self._file.read(size), b"")
+
+    def readinto(self, buffer):
+        return self._do(lambda: self._file.readinto(buffer), len(buffer))
+
+    def seek(self, offset, whence=0):
+        return self._file.seek(offset, whence)
+
+    def tell(self):
+        return self._file.tell()
+
+    def truncate(self, size=None):
+        return self._do(lambda: self._file.truncate(size), size)
+
+    def flush(self):
+        self._do(self._file.flush, None)
+
+    def close(self):
+        self._do(self._file.close, None)
+
+
 class Recorder:
-    """Writes frames.h5, flushed after every frame, so that a stop at any time keeps what was computed."""
+    """Writes frames.h5, flushed after every frame, so that a stop at any time keeps what was computed. Throws FileError."""
 
     def __init__(self, path, simulation, attributes=(), dtype=np.float64):
-        count = simulation.vertex_count
-        self._file = h5py.File(path, "w")
+        self._path, self._output, count = path, None, simulation.vertex_count
+        with self._writing():
+            self._output = Output(path)
+            self._file = h5py.File(self._output, "w")
+            self._start(simulation, attributes, dtype, count)
+
+    @contextmanager
+    def _writing(self):
+        """A failure to write becomes a FileError."""
+        before = self._output and self._output.problem
+        try:
+            yield
+            problem = self._output.problem
+        except OSError as error:
+            problem = error
+        if problem and not before:
+            raise FileError(f"{self._path}: writing failed ({problem}); is the disk full?") from problem
+
+    def _start(self, simulation, attributes, dtype, count):
         self._file.attrs.update(dict(attributes))
         self._file["faces"] = simulation.faces
         for kind, parts in (("cloth", simulation.scene.cloths), ("obstacle", simulation.scene.obstacles)):
@@ -48,14 +112,17 @@ class Recorder:
     def add(self, time, positions, contacts, intersections):
         """Appends one frame and flushes."""
         values = {"positions": positions, "contacts": contacts, "intersections": intersections, "times": time}
-        for name, rows in self._rows.items():
-            rows.resize(len(rows) + 1, axis=0)
-            rows[-1] = values[name]
-        self._file.flush()
+        with self._writing():
+            for name, rows in self._rows.items():
+                rows.resize(len(rows) + 1, axis=0)
+                rows[-1] = values[name]
+            self._file.flush()
 
     def close(self):
         """Closes the file; more calls do nothing."""
-        self._file.close()
+        with self._writing():
+            self._file.close()
+            self._output.close()
 
     def __enter__(self):
         return self

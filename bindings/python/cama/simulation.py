@@ -201,7 +201,11 @@ class Simulation:
         return rows
 
     def set_state(self, positions, velocities):
-        """Replaces positions [m] and velocities [m/s] of all cloth vertices, [cloth vertices, 3] each. Throws ArrayError."""
+        """Replaces positions [m] and velocities [m/s] of all cloth vertices, [cloth vertices, 3] each.
+
+        Throws ArrayError; CollisionError if the positions intersect, unless the option intersections is "exempt" or nothing in the scene
+        can touch. Nothing is set then.
+        """
         shape = (self.cloth_vertex_count, 3)
         self._core.set_state(reals("set_state: positions", positions, shape), reals("set_state: velocities", velocities, shape))
 

@@ -6,16 +6,19 @@ import json
 import multiprocessing
 import os
 import time
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, fields
 from multiprocessing.connection import wait
 from pathlib import Path
 
 import cama
 
-__all__ = ["Outcome", "perform", "run", "write"]
+__all__ = ["Outcome", "perform", "read", "run", "write"]
 
 COLUMNS = ("number", "check", "backend", "precision", "accuracy", "outcome", "good", "known", "steps", "intersections", "strain",
            "energy_ratio", "error", "note", "seconds")
+
+
+CUT_OFF = "did not end within"
 
 
 @dataclass
@@ -37,6 +40,11 @@ class Outcome:
     error: str = ""             #: named error that was met
     note: str = ""
     seconds: float = 0.0
+
+    @property
+    def cut_off(self):
+        """Whether it was ended because of its wall time: nothing is known of it."""
+        return self.outcome.startswith(CUT_OFF)
 
     @property
     def excused(self):
@@ -140,7 +148,7 @@ def _result(pipe, ready, task, process, accuracy, seconds, limit):
     pipe.close()
     if result is None:
         result = Outcome(check.number, check.name, backend, precision, accuracy, seconds=seconds)
-        result.outcome = f"ended with code {process.exitcode}" if ready else f"did not end within {limit:g} s"
+        result.outcome = f"ended with code {process.exitcode}" if ready else f"{CUT_OFF} {limit:g} s"
     return result
 
 
@@ -163,6 +171,22 @@ def write(outcomes, folder, page=None, checks=None):
     return folder
 
 
+def read(path):
+    """The Outcomes of a stability.json, as `write` left it, here or on another machine. Throws FileError."""
+    try:
+        rows = json.loads(Path(path).read_text(encoding="utf-8"))["checks"]
+        outcomes = [Outcome(**row) for row in rows]
+        for field in fields(Outcome):
+            for o in outcomes:
+                value = getattr(o, field.name)
+                if type(value) is not field.type and not (field.type is float and type(value) in (int, type(None))):
+                    raise TypeError(f"{field.name} of {o.check!r} is {value!r}")
+    except (OSError, ValueError, KeyError, TypeError) as problem:
+        raise cama.FileError(f"{path}: not the results of cama stability ({type(problem).__name__}: {problem}); "
+                             "give a stability.json that it wrote") from problem
+    return outcomes
+
+
 def _number(value):
     return "-" if value is None else f"{value:.2g}"
 
@@ -173,7 +197,7 @@ def _cell(check, backend, precision, outcome):
         return "not run" if check.applies(backend, precision) else "-"
     if outcome.good:
         return outcome.error.split(":")[0] if outcome.error and not outcome.steps else outcome.outcome.replace("ok: ", "")
-    return "**known**" if outcome.known else "**fails**"
+    return "**known**" if outcome.known else "cut off" if outcome.cut_off else "**fails**"
 
 
 def _plain(text):
@@ -191,7 +215,7 @@ def markdown(outcomes, checks):
     configurations = list(dict.fromkeys((o.backend, o.precision) for o in outcomes))
     of = {(o.check, o.backend, o.precision): o for o in outcomes}
     levels = ", ".join(dict.fromkeys(o.accuracy for o in outcomes))
-    good, known = sum(o.good for o in outcomes), sum(bool(o.known) for o in outcomes)
+    good, known, cut = (sum(test) for test in zip(*((o.good, bool(o.known), o.cut_off) for o in outcomes))) if outcomes else (0, 0, 0)
     lines = ["# Stability", "",
              "<!-- written by `cama stability --page docs/stability.md`; edit bindings/python/cama/stability.py -->", "",
              "Cases that break cloth simulators, each on every backend and in every precision, with an outcome that is expected from outside the",
@@ -200,8 +224,9 @@ def markdown(outcomes, checks):
              f"{judge.JUDGES}. [`cama stability`](cli.md#cama-stability-case) runs them and writes this page; the numbers are",
              "those of the list of torture cases. [Extreme cases](extremes.md) has large runs of the scenes among them.", "",
              f"cama {cama.__version__}, accuracy {levels}: {good} of {len(outcomes)} as expected, {known} fail as known, "
-             f"{len(outcomes) - good - known} fail otherwise.", "",
+             f"{cut} were cut off, {len(outcomes) - good - known - cut} fail otherwise.", "",
              "- *ok*, or the named error that was expected and came; **known**: a fault that is listed below; **fails**: anything else.",
+             "- *cut off*: did not end within its wall time, which other runs on the same machine shared.",
              "- *-*: does not apply there.  *not run*: long, or see the end of the page.",
              "- *steps* is of one configuration; *intersections*, *strain* (largest principal stretch minus one) and *energy* (kinetic energy at the",
              "  end over its peak) are the largest of all of them. Checks that start tangled on purpose (`exempt`) and those without",
@@ -230,7 +255,7 @@ def markdown(outcomes, checks):
             texts.setdefault((o.check, o.known), []).append(o)
         for (name, why), own in texts.items():
             places = ", ".join(f"{o.backend} {o.precision}" for o in own)
-            lines.append(f"| `{name}` | {places} | {_plain(own[0].outcome)[:300]} | {_plain(why) or 'not known'} |")
+            lines.append(f"| `{name}` | {places} | {_plain(own[0].outcome)[:300]} | {_plain(why) or ('cut off' if own[0].cut_off else 'not known')} |")
     ran = {o.check for o in outcomes}
     idle = [c for c in checks if c.body is None] + [c for c in checks if c.body is not None and c.long and c.name not in ran]
     if idle:

@@ -67,6 +67,9 @@ def register(app, clean, console):
                           jobs: Annotated[int, typer.Option(min=0, help="Runs at once; 0: one for two processors.")] = 0,
                           long: Annotated[bool, typer.Option("--long", help="The long ones too.")] = False,
                           show: Annotated[bool, typer.Option("--list", help="Print the table of cases and stop.")] = False,
+                          join: Annotated[Optional[List[Path]],
+                                          typer.Option(metavar="FILE", help="A stability.json of another run or machine, shown beside these; "
+                                                                            "may be repeated.")] = None,
                           page: Annotated[Optional[Path], typer.Option(metavar="FILE", help="Write the Markdown page here too.")] = None,
                           output: Output = Path("out/stability"),
                           debug: Annotated[bool, typer.Option("--debug", help="Show Python's traceback of an error.")] = False):
@@ -86,6 +89,7 @@ def register(app, clean, console):
             return
         if accuracy not in levels:
             raise SceneError(f"accuracy {accuracy!r} is unknown; there are {', '.join(levels)}")
+        others = [o for file in join or () for o in stability.read(file)]
         backends, precisions = backends_of(backend), [p.value for p in precision or Precision]
         # a case that is asked for by name or number is run however long it is
         long = long or bool(cases)
@@ -99,7 +103,9 @@ def register(app, clean, console):
                 done.append(o)
                 stability.write(done, output, None, checks)
             outcomes = stability.run(checks, backends, precisions, accuracy, limit, jobs or stability.default_jobs(), long, each)
-        stability.write(outcomes, output, page, checks)
+        ran = {(o.check, o.backend, o.precision) for o in outcomes}
+        others = [o for o in others if (o.check, o.backend, o.precision) not in ran]
+        stability.write(outcomes + others, output, page, checks)
         out.print(outcome_table(outcomes))
         good, known = sum(o.good for o in outcomes), sum(bool(o.known) for o in outcomes)
         out.print(f"{good} of {len(outcomes)} as expected, {known} fail as known, {len(outcomes) - good - known} fail otherwise; "

@@ -140,7 +140,9 @@ public:
   std::vector<dvec3> positions() const;           ///< [all vertices], m
   std::vector<dvec3> velocities() const;          ///< [all vertices], m/s
   std::vector<double> masses() const;             ///< [cloth vertices], kg
-  void set_state(const std::vector<dvec3> &positions, const std::vector<dvec3> &velocities);   ///< [cloth vertices] each
+  /// [cloth vertices] each, m and m/s. Throws SceneError, and CollisionError if the positions intersect, unless the option intersections is
+  /// exempt or nothing can touch; then nothing was set.
+  void set_state(const std::vector<dvec3> &positions, const std::vector<dvec3> &velocities);
   ContactArrays contacts() const;                 ///< of the last step; empty after a step that failed
 
   const StepReport &report() const;

@@ -2,9 +2,11 @@
 #include "cama/mesh.hpp"
 
 #include <algorithm>
+#include <charconv>
 #include <cmath>
 #include <cstdint>
 #include <cstdio>
+#include <initializer_list>
 #include <memory>
 
 #include "cama/error.hpp"
@@ -115,8 +117,19 @@ void save_obj(const std::filesystem::path &file, const Mesh &mesh)
   const std::unique_ptr<std::FILE, int (*)(std::FILE *)> out(std::fopen(file.string().c_str(), "wb"), &std::fclose);
   if (!out) throw FileError(file.string() + ": cannot be written");
   bool good = true;
-  for (const dvec3 &x : mesh.position) good = std::fprintf(out.get(), "v %.17g %.17g %.17g\n", x.x, x.y, x.z) > 0 && good;
-  for (const MaterialPoint &u : mesh.material_position) good = std::fprintf(out.get(), "vt %.17g %.17g\n", u[0], u[1]) > 0 && good;
+  const auto line = [&](const char *key, std::initializer_list<double> numbers) {   // the same in every locale, and read back to the last bit
+    char text[128], *end = text;
+    for (; *key; ++key) *end++ = *key;
+    for (double x : numbers) {
+      *end++ = ' ';
+      end = std::to_chars(end, text + sizeof text, x).ptr;
+    }
+    *end++ = '\n';
+    const std::size_t size = static_cast<std::size_t>(end - text);
+    good = std::fwrite(text, 1, size, out.get()) == size && good;
+  };
+  for (const dvec3 &x : mesh.position) line("v", {x.x, x.y, x.z});
+  for (const MaterialPoint &u : mesh.material_position) line("vt", {u[0], u[1]});
   for (std::size_t f = 0; f < mesh.face.size(); ++f) {
     const Triangle &t = mesh.face[f];
     if (mesh.material_face.empty()) good = std::fprintf(out.get(), "f %d %d %d\n", t[0] + 1, t[1] + 1, t[2] + 1) > 0 && good;

@@ -3,8 +3,9 @@
 // place in the file, panels share world vertices that are separate in material space, and coordinates must survive to the last bit.
 #include "scene/obj_reader.hpp"
 
-#include <limits>
+#include <charconv>
 #include <cstdlib>
+#include <limits>
 #include <cstring>
 #include <string>
 
@@ -50,9 +51,12 @@ private:
 
   double real(const char *&s, const char *what)
   {
-    char *end = nullptr;
-    const double x = std::strtod(s, &end);
-    if (end == s) fail(std::string("expected ") + what);
+    while (is_space(*s)) ++s;
+    if (*s == '+') ++s;
+    double x = 0;
+    const auto [end, problem] = std::from_chars(s, s + std::strlen(s), x);   // unlike strtod, the same in every locale
+    if (problem == std::errc::result_out_of_range) fail(std::string(what) + " is out of the range of a double");
+    if (problem != std::errc()) fail(std::string("expected ") + what);
     s = end;
     return x;
   }

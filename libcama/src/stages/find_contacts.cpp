@@ -18,9 +18,9 @@ void FindContacts::run(State &state)
   CAMA_LAUNCH(b, make_movers, state.vertices, state.position, state.predicted, state.bounds, state.vertex_contact, movers_, spare_);
   CAMA_LAUNCH(b, tell_apart, first, 0, vertex_face.pairs, state.face, state.edge, movers_, spare_, vertex_face.direction, vertex_face.room);
   CAMA_LAUNCH(b, tell_apart, n - first, 1, edge_edge.pairs, state.face, state.edge, movers_, spare_, edge_edge.direction, edge_edge.room);
-  CAMA_LAUNCH_TEAMS(void, b, find_contacts, PAIR_TEAM, flagged_.pair_teams(), n, first, vertex_face.pairs, edge_edge.pairs, state.face, state.edge,
-                    state.position, state.predicted, movers_, spare_, state.vertex_contact, anticipate, flagged_.flag, vertex_face.direction,
-                    vertex_face.room, edge_edge.direction, edge_edge.room);
+  CAMA_LAUNCH(b, find_contacts, n, first, vertex_face.pairs, edge_edge.pairs, state.face, state.edge, state.position, state.predicted, movers_,
+              spare_, state.vertex_contact, anticipate, flagged_.flag, vertex_face.direction, vertex_face.room, edge_edge.direction,
+              edge_edge.room);
   if (anticipate > 0) {
     nearest_.resize(SIDES * state.cloth_vertices);
     b.fill(nearest_.buffer(), 0x7f, nearest_.bytes());   // a float of 3e38
