@@ -18,5 +18,6 @@
 #include "movers.h"
 #include "contact.h"
 #include "impact.h"
+#include "impulses.h"
 #include "commit.h"
 #include "measure.h"

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* Strength-of-connection graphs and their coarsening by handshake matching, which makes the aggregates of the Schwarz preconditioner
-   (schwarz.h). An entry is directed; its key is row << 31 | column. Entries that are none have a row behind all nodes. */
+   (factors.h, schwarz.h). An entry is directed; its key is row << 31 | column. Entries that are none have a row behind all nodes. */
 
 /* head[i] = 1 at the first of equal sorted keys. */
 KERNEL key_heads(int n, GLOBAL const key64 *key, int nodes, GLOBAL int *head)

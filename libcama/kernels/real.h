@@ -8,5 +8,6 @@
 #include "assembly.h"
 #include "solver.h"
 #include "conjugate_gradient.h"
+#include "factors.h"
 #include "schwarz.h"
 #include "newton.h"
