@@ -7,6 +7,7 @@
 #include <string_view>
 #include <vector>
 
+#include "cama/checkpoint.hpp"
 #include "state.hpp"
 
 namespace cama {
@@ -23,6 +24,9 @@ public:
     static const std::vector<std::unique_ptr<Stage>> none;
     return none;
   }
+  /// What it carries from one step to the next.
+  virtual void save(State &state, Checkpoint &checkpoint) { for (auto &stage : children()) stage->save(state, checkpoint); }
+  virtual void restore(State &state, const Checkpoint &checkpoint) { for (auto &stage : children()) stage->restore(state, checkpoint); }
   double milliseconds() const { return milliseconds_; }     ///< of the last run
 
   /// With the environment variable CAMA_WAIT_FOR_STAGES set, waits for the device, so that times are of work and not of enqueueing it.

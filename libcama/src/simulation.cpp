@@ -9,6 +9,7 @@
 #include <limits>
 #include <new>
 
+#include "checkpoint.hpp"
 #include "launch.hpp"
 #include "pipeline_factory.hpp"
 #include "setup.hpp"
@@ -228,6 +229,19 @@ void Simulation::set_state(const std::vector<dvec3> &positions, const std::vecto
   s.position_next.assign(next);
   s.velocity.assign(v);
   s.history = false;
+}
+
+Checkpoint Simulation::checkpoint() const
+{
+  return take_checkpoint(implementation_->state, *implementation_->pipeline.step, implementation_->topology);
+}
+
+void Simulation::restore(const Checkpoint &checkpoint)
+{
+  Implementation &i = *implementation_;
+  check_checkpoint(checkpoint, i.state, i.topology);
+  if (i.guarded && i.state.options.commit) check_state(checkpoint.positions, i.topology, i.object, i.state.contact_settings.self);
+  restore_checkpoint(checkpoint, i.state, *i.pipeline.step);
 }
 
 ContactArrays Simulation::contacts() const

@@ -24,6 +24,18 @@ void State::set_implicit_step(double step)
   scaled_step = step;
 }
 
+void State::forget_contacts() noexcept
+{
+  contacts = 0;
+  if (contact.backend()) contact.resize(0);
+  for (PairList *list : {&vertex_face, &edge_edge}) {
+    if (!list->pairs.backend()) continue;
+    list->pairs.resize(0);
+    list->direction.resize(0);
+    list->room.resize(0);
+  }
+}
+
 std::string State::describe(int vertex) const
 {
   const std::size_t object = static_cast<std::size_t>(object_of(vertex));

@@ -64,6 +64,8 @@ struct State {
 
   Backend *backend;
   double time = 0, time_step = 0;             // s
+  double start_time = 0;                      // s: time = start_time + (step - start_step) time_step
+  int start_step = 0;
   double implicit_step = 0;                   // s, h of v = v* + h M^-1 f(x* + h v): time_step, or 2/3 of it with a history
   bool multistep = false, history = false;    // BDF2: this step uses what was before; the next one may
   int cloth_vertices = 0, vertices = 0;       // cloth vertices come first
@@ -127,6 +129,9 @@ struct State {
   {
     if constexpr (sizeof(Real) == 8) return *system64; else return *system32;
   }
+
+  /// No contacts, no candidates.
+  void forget_contacts() noexcept;
 
   /// "cloth 'shirt', vertex 12": a vertex in the numbering of its own object.
   std::string describe(int vertex) const;

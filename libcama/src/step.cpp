@@ -20,18 +20,6 @@ struct Start {
   StepReport report;
 };
 
-void forget_contacts(State &s) noexcept
-{
-  s.contacts = 0;
-  if (s.contact.backend()) s.contact.resize(0);
-  for (PairList *list : {&s.vertex_face, &s.edge_edge}) {
-    if (!list->pairs.backend()) continue;
-    list->pairs.resize(0);
-    list->direction.resize(0);
-    list->room.resize(0);
-  }
-}
-
 /// Back to the start of a step that threw: positions, velocities, time and report as they were, no contacts, no candidates.
 void undo_step(State &s, const Start &start) noexcept
 {
@@ -44,7 +32,7 @@ void undo_step(State &s, const Start &start) noexcept
     s.velocity.swap(s.velocity_next);
   }
   s.exemptions.restore();
-  forget_contacts(s);
+  s.forget_contacts();
   s.time = start.time;
   s.history = start.history;
   s.report = start.report;
@@ -160,7 +148,7 @@ void take_step(State &s, Pipeline &step, const std::function<void()> &finish)
       divided->run(number, problem);
       s.time_step = divided->whole();
     }
-    s.time = number * s.time_step;
+    s.time = s.start_time + (number - s.start_step) * s.time_step;
     s.report.time = s.time;
     finish();
   } catch (...) {

@@ -102,8 +102,10 @@ def run(scene: SceneName,
         pinch: Annotated[Pinch, typer.Option(help="What becomes of cloth that moving bodies pinch: an error, or it is let go of until free.")] = Pinch.stop,
         store: Annotated[Precision, typer.Option(help="Of the positions in frames.h5.")] = Precision.double,
         output: Annotated[Optional[Path], typer.Option("--output", "-o", metavar="OUT", help="Folder of the results; default: out/SCENE.")] = None,
+        checkpoint: Annotated[int, typer.Option(min=0, metavar="N", help="Write OUT/checkpoint.h5 every N frames too; it is always written at the end.")] = 0,
+        resume: Annotated[bool, typer.Option("--resume", help="Go on from OUT/checkpoint.h5 and its frames.h5, as if the run had never stopped.")] = False,
         debug: Debug = False):
-    """Simulates SCENE; writes OUT/frames.h5 and OUT/summary.json. Ctrl-C stops between steps and keeps what was computed."""
+    """Simulates SCENE; writes OUT/frames.h5, OUT/summary.json and OUT/checkpoint.h5. Ctrl-C stops between steps and keeps what was computed."""
     loaded = cama.Scene.load(scene, resolution)
     simulation = cama.Simulation(loaded, backend=backend.value, precision=precision.value if precision else None,
                                  accuracy=accuracy.value if accuracy else None, device=device, threads=threads,
@@ -112,8 +114,13 @@ def run(scene: SceneName,
         moved = simulation.untangled
         console().print(f"start untangled: {moved.before:,} intersections, {moved.moved:,} vertices moved by up to {moved.largest_move * 1e3:.3g} mm")
     folder = output or Path("out") / (Path(scene).stem if Path(scene).name != "scene.json" else Path(scene).resolve().parent.name)
+    if resume:
+        different = simulation.load_checkpoint(folder)
+        console().print(f"resumed at step {simulation.step_count:,}, {simulation.time:.4g} s")
+        if different:
+            console().print(f"[yellow]not bit by bit as before: {escape(', '.join(different))}[/]")
     result = runner.run(simulation, folder, loaded.frames if frames is None else frames,
-                        store=store.value, progress=Console(stderr=True, highlight=False))
+                        store=store.value, progress=Console(stderr=True, highlight=False), checkpoint_every=checkpoint, resume=resume)
     print_summary(result.fields, folder)
     if result.problem is not None:
         if debug:
@@ -121,7 +128,7 @@ def run(scene: SceneName,
         fail(result.problem)
         raise typer.Exit(1)
     if result.interrupted:
-        console().print(f"[yellow]Stopped after {result.fields['steps']} steps; what was computed is kept.[/]")
+        console().print(f"[yellow]Stopped after {result.fields['steps']} steps; what was computed is kept, --resume goes on from it.[/]")
         raise typer.Exit(130)
 
 

@@ -23,9 +23,9 @@ class Output:
     """The file that h5py writes to. The first failure is kept in `problem`, and nothing is written from then on, so that what was flushed stays as
     it is: told of a failure, HDF5 cannot close its file, and crashes when the process ends."""
 
-    def __init__(self, path):
+    def __init__(self, path, mode):
         self.problem = None
-        self._file = open(path, "w+b", buffering=0)
+        self._file = open(path, mode, buffering=0)
 
     def _do(self, work, otherwise):
         if self.problem is None:
@@ -66,14 +66,22 @@ class Output:
 
 
 class Recorder:
-    """Writes frames.h5, flushed after every frame, so that a stop at any time keeps what was computed. Throws FileError."""
+    """Writes frames.h5, flushed after every frame, so that a stop at any time keeps what was computed. Throws FileError.
 
-    def __init__(self, path, simulation, attributes=(), dtype=np.float64):
+    until: s; goes on with the file that is there, whose frames after that time are dropped. None: a new file.
+    """
+
+    def __init__(self, path, simulation, attributes=(), dtype=np.float64, until=None):
         self._path, self._output, count = path, None, simulation.vertex_count
+        if until is not None and not Path(path).is_file():
+            raise FileError(f"{path}: no such file; there is nothing to go on with")
         with self._writing():
-            self._output = Output(path)
-            self._file = h5py.File(self._output, "w")
-            self._start(simulation, attributes, dtype, count)
+            self._output = Output(path, "w+b" if until is None else "r+b")
+            self._file = h5py.File(self._output, "w" if until is None else "r+")
+            if until is None:
+                self._start(simulation, attributes, dtype, count)
+            else:
+                self._go_on(count, until)
 
     @contextmanager
     def _writing(self):
@@ -103,6 +111,22 @@ class Recorder:
             "intersections": self._growing("intersections", (), np.int64),
             "times": self._growing("times", (), np.float64),  # last: a frame is there once its time is
         }
+        self._file.flush()
+
+    def _go_on(self, count, until):
+        try:
+            self._rows = {name: self._file[name] for name in ("positions", "contacts", "intersections", "times")}
+            times = self._rows["times"][:]
+            if self._rows["positions"].shape[1:] != (count, 3):
+                raise FileError(f"{self._path}: has {self._rows['positions'].shape[1]} vertices a frame, the simulation {count}")
+        except (KeyError, IndexError) as problem:
+            raise FileError(f"{self._path}: not a recording of cama: {problem}") from None
+        kept = int(np.searchsorted(times, until * (1 + 1e-12), side="right"))
+        if not kept:
+            raise FileError(f"{self._path}: has no frame up to {until:g} s, where the checkpoint is")
+        for rows in self._rows.values():
+            rows.resize(kept, axis=0)
+        self.times, self.intersections = times[:kept], int(self._rows["intersections"][:].sum())   #: of the frames that are kept
         self._file.flush()
 
     def _growing(self, name, shape, dtype):

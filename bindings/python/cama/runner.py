@@ -13,6 +13,7 @@ import numpy as np
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
 from ._core import __version__
+from .checkpoint import NAME as CHECKPOINT
 from .errors import Error, FileError
 from .recording import NAME, Recorder
 from .summary import Summary
@@ -67,40 +68,56 @@ def prepare(folder):
     """Makes the folder and takes away what an earlier run wrote there. Throws FileError."""
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        for name in (NAME, "summary.json"):
+        for name in (NAME, CHECKPOINT, "summary.json"):
             (folder / name).unlink(missing_ok=True)
     except OSError as problem:
         raise FileError(f"{folder}: {problem.strerror}") from None
 
 
-def run(simulation, folder, frames, store="double", progress=None):
-    """Computes and records `frames` frames after the start; writes frames.h5 and summary.json. Returns a Result.
+def run(simulation, folder, frames, store="double", progress=None, checkpoint_every=0, resume=False):
+    """Computes and records `frames` frames after the start; writes frames.h5, summary.json and, at the end however it comes, checkpoint.h5. Returns
+    a Result.
 
-    progress: a rich Console to draw the bar on, or None. Errors of a step end the run and are returned, not raised.
+    progress: a rich Console to draw the bar on, or None. checkpoint_every: frames from one checkpoint to the next, 0: the last alone. resume: the
+    simulation has loaded this folder's checkpoint; goes on with its frames. Errors of a step end the run and are returned, not raised.
     """
     folder = Path(folder)
-    prepare(folder)
+    if not resume:
+        prepare(folder)
     summary, problem, stopped = Summary(simulation), None, False
     dtype = np.float64 if store == "double" else np.float32
-    with Recorder(folder / NAME, simulation, attributes(simulation), dtype) as recorder, \
+    with Recorder(folder / NAME, simulation, attributes(simulation), dtype, simulation.time if resume else None) as recorder, \
             progress_bar(progress) as bar, interruptible() as pressed:
-        found = record(simulation, recorder, summary)
-        task = bar.add_task("", total=frames, ms="-", contacts="-", found=found)
+        steps = simulation.steps_per_frame
+        if resume:
+            done, found = len(recorder.times) - 1, recorder.intersections
+            summary.resume(found)
+            left = steps - round((simulation.time - recorder.times[-1]) / simulation.time_step)
+        else:
+            done, found, left = 0, record(simulation, recorder, summary), steps
+        task = bar.add_task("", total=frames, completed=done, ms="-", contacts="-", found=found)
         try:
-            for _ in range(frames):
-                if not compute(simulation, summary, pressed):
+            for frame in range(done + 1, frames + 1):
+                if not compute(simulation, summary, pressed, left):
                     stopped = True
                     break
+                left = steps
                 found += record(simulation, recorder, summary)
                 bar.update(task, advance=1, ms=f"{summary.milliseconds():.1f}", contacts=simulation.report["contacts"], found=found)
+                if checkpoint_every and frame % checkpoint_every == 0 and frame < frames:
+                    simulation.save_checkpoint(folder / CHECKPOINT)
         except Error as error:
             problem = error
+    try:
+        simulation.save_checkpoint(folder / CHECKPOINT)
+    except Error as error:   # a disk that is full, a device that is lost
+        problem = problem or error
     return Result(summary.write(folder), stopped, problem)
 
 
-def compute(simulation, summary, pressed):
-    """The steps of one frame; False if Ctrl-C stopped them."""
-    for _ in range(simulation.steps_per_frame):
+def compute(simulation, summary, pressed, steps):
+    """Steps up to the next frame; False if Ctrl-C stopped them."""
+    for _ in range(steps):
         if pressed():
             return False
         simulation.step()

@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from . import _core
+from . import _core, checkpoint
 from .arrays import reals
 from .collision import UntangleReport
 from .errors import ArrayError, SceneError
@@ -208,6 +208,25 @@ class Simulation:
         """
         shape = (self.cloth_vertex_count, 3)
         self._core.set_state(reals("set_state: positions", positions, shape), reals("set_state: velocities", velocities, shape))
+
+    def save_checkpoint(self, path):
+        """Writes all that later steps depend on to an HDF5 file, whole or not at all: `load_checkpoint` goes on from there.
+
+        Throws FileError.
+        """
+        checkpoint.write(path, self)
+
+    def load_checkpoint(self, path):
+        """Goes on from a checkpoint of the same scene at the same resolution; path: the file, or the folder of `cama run`.
+
+        With the same options, on any backend, the steps are bit by bit those of the run that wrote it. Options may differ, the time step
+        too: returns a list of texts that say which do, empty where none does. Throws FileError for what is no checkpoint, SceneError for
+        one of another scene, a damaged one, or one that holds vertices which pins have let go of here, CollisionError where cloth
+        intersects. Nothing changes then.
+        """
+        fields, settings = checkpoint.read(path)
+        self._core.restore(fields)
+        return checkpoint.differences(self, settings)
 
     @property
     def report(self):

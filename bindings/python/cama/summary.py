@@ -17,6 +17,11 @@ class Summary:
         self._simulation = simulation
         self._reports, self._stages = [], {}
         self._intersections, self._gap, self._strain = 0, math.inf, -math.inf
+        self._resumed_at = None
+
+    def resume(self, intersections):
+        """Before the first step of a run that goes on from a checkpoint; intersections: in the frames before it."""
+        self._resumed_at, self._intersections = self._simulation.step_count, intersections
 
     def add_step(self):
         """After every step."""
@@ -50,6 +55,7 @@ class Summary:
             "triangles": s.cloth_triangle_count,
             "vertices": s.cloth_vertex_count,
             "steps": s.step_count,
+            "resumed_at": self._resumed_at,
             "dt": s.time_step,
             "ms_per_step": {"mean": mean(times), "median": statistics.median(times) if times else None, "max": max(times, default=None)},
             "stages": {name: total / max(1, len(times)) for name, total in self._stages.items()},

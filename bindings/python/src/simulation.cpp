@@ -141,6 +141,58 @@ py::tuple contact_arrays(ContactArrays c)
                         to_array<double>(std::move(c.distance)), to_array<int>(std::move(c.kind)));
 }
 
+py::dict to_dict(Checkpoint c)
+{
+  py::dict d;
+  d["scene"] = c.scene;
+  d["step"] = c.step;
+  d["time"] = c.time;
+  d["time_step"] = c.time_step;
+  d["start_step"] = c.start_step;
+  d["start_time"] = c.start_time;
+  d["released"] = c.released;
+  d["positions"] = to_array<double>(std::move(c.positions));
+  d["velocities"] = to_array<double>(std::move(c.velocities));
+  d["positions_before"] = to_array<double>(std::move(c.positions_before));
+  d["velocities_before"] = to_array<double>(std::move(c.velocities_before));
+  d["tangled"] = to_array<int>(std::move(c.tangled));
+  d["let_go"] = to_array<int>(std::move(c.let_go));
+  d["matching_step"] = c.matching.step;
+  d["matching_terms"] = c.matching.terms;
+  d["matching_order"] = to_array<int>(std::move(c.matching.order));
+  py::list levels;
+  for (Matching::Level &l : c.matching.levels) levels.append(py::make_tuple(to_array<int>(std::move(l.parent)), to_array<int>(std::move(l.start))));
+  d["matching_levels"] = levels;
+  return d;
+}
+
+/// Of what the other direction made: shapes and types are checked in Python.
+Checkpoint to_checkpoint(const py::dict &d)
+{
+  Checkpoint c;
+  c.scene = d["scene"].cast<std::uint64_t>();
+  c.step = d["step"].cast<int>();
+  c.time = d["time"].cast<double>();
+  c.time_step = d["time_step"].cast<double>();
+  c.start_step = d["start_step"].cast<int>();
+  c.start_time = d["start_time"].cast<double>();
+  c.released = d["released"].cast<double>();
+  const auto vectors = [&](const char *name) { return to_vector<dvec3>(d[name].cast<Doubles>()); };
+  const auto pairs = [&](const char *name) { return to_vector<std::pair<int, int>>(d[name].cast<Ints>()); };
+  c.positions = vectors("positions");
+  c.velocities = vectors("velocities");
+  c.positions_before = vectors("positions_before");
+  c.velocities_before = vectors("velocities_before");
+  c.tangled = pairs("tangled");
+  c.let_go = pairs("let_go");
+  c.matching.step = d["matching_step"].cast<int>();
+  c.matching.terms = d["matching_terms"].cast<int>();
+  c.matching.order = to_vector<int>(d["matching_order"].cast<Ints>());
+  for (const py::handle &level : d["matching_levels"])
+    c.matching.levels.push_back({to_vector<int>(level[py::int_(0)].cast<Ints>()), to_vector<int>(level[py::int_(1)].cast<Ints>())});
+  return c;
+}
+
 /// Binds a member function that needs no lock beyond the call.
 template <class Result>
 auto ask(Result (Simulation::*method)() const)
@@ -183,6 +235,11 @@ void bind_simulation(py::module_ &m)
       .def("set_state", [](Guarded &g, const Doubles &positions, const Doubles &velocities) {
         const auto x = to_vector<dvec3>(positions), v = to_vector<dvec3>(velocities);
         g.with([&](Simulation &s) { s.set_state(x, v); });
+      })
+      .def("checkpoint", [](Guarded &g) { return to_dict(g.with([](Simulation &s) { return s.checkpoint(); })); })
+      .def("restore", [](Guarded &g, const py::dict &fields) {
+        const Checkpoint c = to_checkpoint(fields);
+        g.with([&](Simulation &s) { s.restore(c); });
       })
       .def("contacts", [](Guarded &g) { return contact_arrays(g.with([](Simulation &s) { return s.contacts(); })); })
       .def("report", [](Guarded &g) { return to_dict(g.with([](Simulation &s) { return s.report(); })); })

@@ -8,6 +8,7 @@
 #include <vector>
 
 #include "cama/backend.hpp"
+#include "cama/checkpoint.hpp"
 #include "cama/scene.hpp"
 #include "cama/untangle.hpp"
 
@@ -143,6 +144,12 @@ public:
   /// [cloth vertices] each, m and m/s. Throws SceneError, and CollisionError if the positions intersect, unless the option intersections is
   /// exempt or nothing can touch; then nothing was set.
   void set_state(const std::vector<dvec3> &positions, const std::vector<dvec3> &velocities);
+  /// All that later steps depend on; contacts and report of the last step are not.
+  Checkpoint checkpoint() const;
+  /// Goes on from a checkpoint of the same scene: with the same options its steps are, bit by bit, those of the run that it was taken of,
+  /// on any backend. Options may differ, the time step too. Throws SceneError if it is of another scene or damaged, or if pins have
+  /// let go here of what it holds; CollisionError as set_state. Nothing is changed then.
+  void restore(const Checkpoint &checkpoint);
   ContactArrays contacts() const;                 ///< of the last step; empty after a step that failed
 
   const StepReport &report() const;

@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "solver/aggregates.hpp"
 
+#include <algorithm>
+
 namespace cama {
 namespace {
 constexpr int most_rounds = 7;       // of joining two by two: 2, 4, 8, 16, then what is left over
@@ -131,6 +133,26 @@ void Aggregates::build(State &state, const Stream<typename Types<Real>::mat3> &d
   for (Stream<int> *s : {&entry_, &head_, &place_, &size_, &joined_size_, &mate_, &wish_, &parent_, &cluster_}) *s = Stream<int>(b);
   for (Stream<key64> *s : {&key_, &merged_key_}) *s = Stream<key64>(b);
   for (Stream<float> *s : {&strength_, &weight_}) *s = Stream<float>(b);
+}
+
+bool Aggregates::adopt(State &state, const Matching &m)
+{
+  Backend &b = *state.backend;
+  rows.number(state);
+  std::vector<int> free = rows.order.download(), order = m.order;
+  std::sort(order.begin(), order.end());
+  if (order != free) return false;
+  rows.order.assign(m.order);
+  CAMA_LAUNCH(b, invert_order, rows.size, rows.order, rows.place);
+  level_.clear();
+  for (std::size_t l = 0; l < m.levels.size(); ++l) {
+    level_.emplace_back(b);
+    level_[l].nodes = static_cast<int>(m.levels[l].parent.size());
+    level_[l].blocks = static_cast<int>(m.levels[l].start.size()) - 1;
+    level_[l].parent.assign(m.levels[l].parent);
+    level_[l].start.assign(m.levels[l].start);
+  }
+  return true;
 }
 
 template void Aggregates::build<double>(State &, const Stream<kernels::f64::mat3> &);

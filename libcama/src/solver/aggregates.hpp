@@ -2,6 +2,7 @@
 #pragma once
 #include <vector>
 
+#include "cama/checkpoint.hpp"
 #include "solver/sliced_matrix.hpp"
 
 namespace cama {
@@ -14,6 +15,9 @@ public:
 
   /// diagonal: of the matrix, terms included.
   template <class Real> void build(State &state, const Stream<typename Types<Real>::mat3> &diagonal);
+
+  /// What a checkpoint has; false if it is not of the free vertices there are.
+  bool adopt(State &state, const Matching &matching);
 
   int levels() const { return static_cast<int>(level_.size()); }
 

@@ -22,6 +22,12 @@ ConjugateGradient<S>::ConjugateGradient(Backend &b, Preconditioner kind)
 }
 
 template <class S> template <class Real>
+void ConjugateGradient<S>::start_from(State &state, const Matching &matching)
+{
+  if (schwarz_) schwarz_->template adopt<Real>(state, matching);
+}
+
+template <class S> template <class Real>
 void ConjugateGradient<S>::prepare(State &state, Stream<typename Types<Real>::mat3> &diagonal)
 {
   Backend &b = *state.backend;
@@ -166,6 +172,7 @@ typename ConjugateGradient<S>::Result ConjugateGradient<S>::solve(State &state, 
 template class ConjugateGradient<double>;
 template class ConjugateGradient<float>;
 #define CAMA_SOLVER(S, Real)                                                                              \
+  template void ConjugateGradient<S>::start_from<Real>(State &, const Matching &);                         \
   template void ConjugateGradient<S>::prepare<Real>(State &, Stream<typename Types<Real>::mat3> &);        \
   template ConjugateGradient<S>::Result ConjugateGradient<S>::solve<Real>(State &, Stream<typename Types<Real>::vec3> &, const Product<Real> &);
 CAMA_SOLVER(double, double)

@@ -17,6 +17,11 @@ template <class S> class ConjugateGradient {
 public:
   ConjugateGradient(Backend &backend, Preconditioner kind);
 
+  /// With Schwarz: the blocks of the last solve, or nothing where they are out of date.
+  Matching matching(State &state) const { return schwarz_ ? schwarz_->matching(state) : Matching{}; }
+  /// Takes over blocks, before the first solve. matching: empty, or checked.
+  template <class Real> void start_from(State &state, const Matching &matching);
+
   /// New values of the matrix. diagonal: of the matrix, terms included; is overwritten.
   template <class Real> void prepare(State &state, Stream<typename Types<Real>::mat3> &diagonal);
 

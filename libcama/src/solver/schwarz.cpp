@@ -68,27 +68,54 @@ void Schwarz<S>::make_tables(Backend &b)
 template <class S> template <class Real>
 void Schwarz<S>::match(State &state, const Stream<typename Types<Real>::mat3> &diagonal)
 {
-  Backend &b = *state.backend;
-  const BlockMatrix<Real> &matrix = state.system<Real>().matrix;
   terms_ = -1;   // stays so if anything below throws
   aggregates_.build<Real>(state, diagonal);
-  level_.clear();
-  if (rows().size > 0) {
-    vertex_parent_.resize(state.cloth_vertices);
-    CAMA_LAUNCH(b, vertex_parents, state.cloth_vertices, rows().place, aggregates_.level(0).parent, vertex_parent_);
-    for (int l = 0; l < aggregates_.levels(); ++l) {
-      level_.emplace_back(b);
-      if (l == 1) make_level(b, l, matrix.row, matrix.column, state.cloth_vertices, state.cloth_vertices, vertex_parent_);
-      if (l < 2) continue;
-      const Level &below = level_[static_cast<std::size_t>(l - 1)];
-      const int nodes = aggregates_.level(l - 1).nodes;
-      make_level(b, l, below.row, below.column, nodes, nodes, aggregates_.level(l - 1).parent);
-    }
-    make_tables(b);
-  }
+  make_levels<Real>(state);
   terms_ = state.terms;
   releases_ = state.releases;
   matched_ = state.report.step;   // by number: a step that fails and is taken again counts once
+}
+
+template <class S> template <class Real>
+void Schwarz<S>::make_levels(State &state)
+{
+  level_.clear();
+  if (rows().size == 0) return;
+  Backend &b = *state.backend;
+  const BlockMatrix<Real> &matrix = state.system<Real>().matrix;
+  vertex_parent_.resize(state.cloth_vertices);
+  CAMA_LAUNCH(b, vertex_parents, state.cloth_vertices, rows().place, aggregates_.level(0).parent, vertex_parent_);
+  for (int l = 0; l < aggregates_.levels(); ++l) {
+    level_.emplace_back(b);
+    if (l == 1) make_level(b, l, matrix.row, matrix.column, state.cloth_vertices, state.cloth_vertices, vertex_parent_);
+    if (l < 2) continue;
+    const Level &below = level_[static_cast<std::size_t>(l - 1)];
+    const int nodes = aggregates_.level(l - 1).nodes;
+    make_level(b, l, below.row, below.column, nodes, nodes, aggregates_.level(l - 1).parent);
+  }
+  make_tables(b);
+}
+
+template <class S>
+Matching Schwarz<S>::matching(const State &state) const
+{
+  Matching m;
+  if (terms_ < 0 || releases_ != state.releases || rows().size == 0) return m;
+  m.step = matched_;
+  m.terms = terms_;
+  m.order = rows().order.download();
+  for (int l = 0; l < levels(); ++l) m.levels.push_back({aggregates_.level(l).parent.download(), aggregates_.level(l).start.download()});
+  return m;
+}
+
+template <class S> template <class Real>
+void Schwarz<S>::adopt(State &state, const Matching &m)
+{
+  if (m.order.empty() || !aggregates_.adopt(state, m)) return;
+  make_levels<Real>(state);
+  terms_ = m.terms;
+  releases_ = state.releases;
+  matched_ = m.step;
 }
 
 template <class S>
@@ -147,6 +174,7 @@ template class Schwarz<double>;
 template class Schwarz<float>;
 #define CAMA_SCHWARZ(S, Real)                                                                \
   template void Schwarz<S>::match<Real>(State &, const Stream<typename Types<Real>::mat3> &); \
+  template void Schwarz<S>::adopt<Real>(State &, const Matching &); \
   template void Schwarz<S>::factor<Real>(State &, const SlicedMatrix<S> &);
 CAMA_SCHWARZ(double, double)
 CAMA_SCHWARZ(double, float)

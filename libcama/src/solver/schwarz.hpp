@@ -15,6 +15,10 @@ public:
   bool outdated(const State &state) const;
   /// New blocks; rows() in a new order. diagonal: of the matrix, terms included.
   template <class Real> void match(State &state, const Stream<typename Types<Real>::mat3> &diagonal);
+  /// The blocks, or nothing where they are out of date.
+  Matching matching(const State &state) const;
+  /// Blocks of a checkpoint; none if they are not of the rows there are.
+  template <class Real> void adopt(State &state, const Matching &matching);
   /// New values in the blocks. matrix: of the same rows.
   template <class Real> void factor(State &state, const SlicedMatrix<S> &matrix);
 
@@ -42,6 +46,8 @@ private:
     Stream<double> diagonal;            // [6 nodes] of the terms
   };
 
+  /// Patterns and tables of the levels.
+  template <class Real> void make_levels(State &state);
   void make_level(Backend &b, int l, const Stream<int> &row, const Stream<int> &column, int rows, int columns, const Stream<int> &parent);
   void make_tables(Backend &b);
   void weigh_terms(State &state, const SlicedMatrix<S> &matrix);

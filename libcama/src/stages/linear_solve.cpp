@@ -84,7 +84,10 @@ template <class Real>
 template <class S>
 bool LinearSolve<Real>::conjugate_gradient(State &state, std::unique_ptr<ConjugateGradient<S>> &solver, Preconditioner preconditioner, bool alike)
 {
-  if (!solver) solver = std::make_unique<ConjugateGradient<S>>(*state.backend, preconditioner);
+  if (!solver) {
+    solver = std::make_unique<ConjugateGradient<S>>(*state.backend, preconditioner);
+    if (alike) solver->template start_from<Real>(state, std::exchange(matching_, {}));
+  }
   q_.resize(state.cloth_vertices);
   if (alike) move_alike(state, true);
   extract_diagonal(state);
@@ -95,6 +98,21 @@ bool LinearSolve<Real>::conjugate_gradient(State &state, std::unique_ptr<Conjuga
   finite_ = std::isfinite(result.start);
   if (alike && !result.broken && result.iterations > 0) move_alike(state, false);
   return !result.broken;
+}
+
+template <class Real>
+void LinearSolve<Real>::save(State &state, Checkpoint &checkpoint)
+{
+  checkpoint.matching = single_ ? single_->matching(state) : own_ ? own_->matching(state) : matching_;
+}
+
+template <class Real>
+void LinearSolve<Real>::restore(State &, const Checkpoint &checkpoint)
+{
+  matching_ = checkpoint.matching;
+  single_.reset();
+  own_.reset();
+  fallback_.reset();
 }
 
 template <class Real>

@@ -15,6 +15,8 @@ public:
   explicit LinearSolve(Backend &backend);
   std::string_view name() const override { return "linear solve"; }
   void run(State &state) override;
+  void save(State &state, Checkpoint &checkpoint) override;
+  void restore(State &state, const Checkpoint &checkpoint) override;
   /// Improves System::solution for System::right_side; report.iterations and residual are its own.
   void solve(State &state);
 
@@ -41,6 +43,7 @@ private:
   bool finite_ = true;                                     // the last system
   std::unique_ptr<ConjugateGradient<float>> single_;       // made when first used
   std::unique_ptr<ConjugateGradient<Real>> own_, fallback_;
+  Matching matching_;                                      // of a checkpoint, for the next solver that is made
 };
 
 extern template class LinearSolve<double>;

@@ -109,6 +109,11 @@ void PrescribedMotion::release_due(State &state, double time)
   state.fixed.assign(fixed);
   if (!inverse_mass.empty()) state.inverse_mass.assign(inverse_mass);
   ++state.releases;
+  released_ = time;
+  for (const Handle &h : handles_)
+    if (due(h)) last_end_ = std::max(last_end_, h.release);
+  for (const Attached &a : attached_)
+    if (due(a)) last_end_ = std::max(last_end_, a.release);
   for (Handle &h : handles_) h.released |= due(h);
   attached_.erase(std::remove_if(attached_.begin(), attached_.end(), due), attached_.end());
 }
@@ -151,6 +156,15 @@ void PrescribedMotion::place(State &state, double time)
     CAMA_LAUNCH(*state.backend, scatter_positions, handle_vertex_.size(), handle_vertex_, handle_position_, state.position_next);
   }
   if (attachments_.size()) CAMA_LAUNCH(*state.backend, move_attached, attachments_.size(), attachments_, state.position_next);
+}
+
+void PrescribedMotion::save(State &, Checkpoint &checkpoint) { checkpoint.released = released_; }
+
+void PrescribedMotion::restore(State &state, const Checkpoint &checkpoint)
+{
+  if (last_end_ > checkpoint.released)
+    throw SceneError("checkpoint: holds vertices that this simulation's pins have let go of; restore it into a new simulation of the scene");
+  release_due(state, checkpoint.released);
 }
 
 void PrescribedMotion::run(State &state)

@@ -1,5 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
+#include <limits>
+
 #include "pipeline.hpp"
 
 namespace cama {
@@ -11,6 +13,8 @@ public:
   std::string_view name() const override { return "prescribed motion"; }
   std::string reason() const override { return "pins, handles or moving obstacles"; }
   void run(State &state) override;
+  void save(State &state, Checkpoint &checkpoint) override;
+  void restore(State &state, const Checkpoint &checkpoint) override;
 
   /// Positions at a time, written to state.position_next; used for the start of the simulation too.
   void place(State &state, double time);
@@ -25,6 +29,8 @@ private:
   std::vector<MovingObstacle> obstacles_;
   std::vector<Handle> handles_;
   std::vector<Attached> attached_;
+  double released_ = -std::numeric_limits<double>::infinity();   // s; pins whose end is not later have let go
+  double last_end_ = released_;                                  // s, of those that have
   Stream<dvec3> transform_, handle_position_;
   Stream<int> handle_vertex_;
   Stream<kernels::attachment> attachments_;

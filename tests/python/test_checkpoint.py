@@ -1,0 +1,147 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Checkpoints: files that a run goes on from bit by bit, and files that are refused."""
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import h5py
+import numpy as np
+import pytest
+from conftest import grid
+
+import cama
+from cama.recording import Recording
+
+
+def falling(**options):
+    """Two sheets that fall on a ball: contact from the first steps on."""
+    scene = cama.Scene(thickness=4e-3, time_step=0.004, frame_time=0.012)
+    for k in range(2):
+        vertices, faces = grid(8)
+        scene.add_cloth(vertices * 0.3 + [-0.15, -0.15 - 0.003 * k, 0.005 + 0.005 * k], faces, velocity=(0.1, 0, -1), name=f"sheet {k}")
+    scene.add_obstacle(shape={"sphere": {"radius": 0.1}}, name="ball", translate=(0, 0, -0.101))
+    return cama.Simulation(scene, threads=1, **options)
+
+
+@pytest.fixture
+def kept(tmp_path):
+    """A checkpoint after 8 steps, and the hash 14 steps later."""
+    simulation = falling()
+    simulation.step(8)
+    assert simulation.report["contacts"] > 0
+    path = tmp_path / "checkpoint.h5"
+    simulation.save_checkpoint(path)
+    simulation.step(14)
+    return path, simulation.state_hash
+
+
+def test_a_run_goes_on_bit_by_bit(kept):
+    path, end = kept
+    simulation = falling()
+    assert simulation.load_checkpoint(path) == []
+    assert (simulation.step_count, simulation.time) == (8, 8 * 0.004)
+    simulation.step(14)
+    assert simulation.state_hash == end
+    # Positions and velocities alone are not all of it: the check above can fail.
+    with h5py.File(path, "r") as file:
+        count = simulation.cloth_vertex_count
+        bare = falling()
+        bare.set_state(file["positions"][:count], file["velocities"][:count])
+    bare.step(14)
+    assert bare.state_hash != end
+    np.testing.assert_allclose(bare.positions, simulation.positions, atol=2e-3)
+
+
+def test_other_options_are_named_and_the_folder_will_do(kept):
+    path, _ = kept
+    simulation = falling(tolerance=1e-2, time_step=0.001)
+    different = simulation.load_checkpoint(path.parent)
+    assert different == ["time_step 0.001 instead of 0.004", "tolerance 0.01 instead of 0.001"]
+    simulation.step()
+    assert simulation.time == pytest.approx(0.033, abs=1e-15)
+
+
+def test_a_file_is_written_whole_or_not_at_all(kept):
+    path, _ = kept
+    before = path.read_bytes()
+    simulation = falling()
+    (path.parent / "no").write_text("")
+    with pytest.raises(cama.FileError, match="no/checkpoint.h5: writing failed"):
+        simulation.save_checkpoint(path.parent / "no" / "checkpoint.h5")
+    assert path.read_bytes() == before
+    assert sorted(p.name for p in path.parent.iterdir()) == ["checkpoint.h5", "no"]
+
+
+def damage(path, name, value=None, attribute=False):
+    with h5py.File(path, "r+") as file:
+        where = file.attrs if attribute else file
+        del where[name]
+        if value is not None:
+            where[name] = value
+
+
+@pytest.mark.parametrize("name, value, attribute, error, text", [
+    ("format", "cama checkpoint 99", True, cama.FileError, "format is 'cama checkpoint 99'"),
+    ("step", None, True, cama.FileError, "step"),
+    ("step", 2**40, True, cama.FileError, "32 bits"),
+    ("scene", "zz", True, cama.FileError, "not a checkpoint"),
+    ("scene", "00", True, cama.SceneError, "another scene"),
+    ("time", np.nan, True, cama.SceneError, "time"),
+    ("settings", "[1]", True, cama.FileError, "table"),
+    ("settings", "{", True, cama.FileError, "not a checkpoint"),
+    ("positions", None, False, cama.FileError, "positions"),
+    ("positions", np.zeros(5), False, cama.FileError, "shape"),
+    ("positions", np.full((169, 3), np.nan), False, cama.SceneError, "another scene"),
+    ("velocities", np.zeros((3, 3)), False, cama.SceneError, "velocities has 3 rows"),
+    ("tangled", np.zeros((1, 2)), False, cama.FileError, "integers"),
+    ("let_go", np.array([[0, 7]]), False, cama.SceneError, "let_go"),
+    ("matching_order", np.zeros(162, int), False, cama.SceneError, "twice"),
+    ("matching_parent_0", np.zeros(3, int), False, cama.SceneError, "level 0"),
+    ("matching_start_0", None, False, cama.FileError, "matching_start_0"),
+])
+def test_damaged_files_are_refused_by_name_and_nothing_changes(kept, name, value, attribute, error, text):
+    path, _ = kept
+    damage(path, name, value, attribute)
+    simulation = falling()
+    before = simulation.state_hash
+    with pytest.raises(error, match=text):
+        simulation.load_checkpoint(path)
+    assert (simulation.state_hash, simulation.step_count) == (before, 0)
+
+
+def test_what_is_no_checkpoint_is_refused(tmp_path):
+    (tmp_path / "text.h5").write_text("hello")
+    for path, text in ((tmp_path / "none.h5", "no such file"), (tmp_path, "no such file"), (tmp_path / "text.h5", "not a checkpoint")):
+        with pytest.raises(cama.FileError, match=text):
+            falling().load_checkpoint(path)
+
+
+def command(*words):
+    return subprocess.run([str(Path(sys.executable).parent / "cama"), "run", "drape", "--resolution", "300", "--threads", "1", *map(str, words)], capture_output=True, text=True,
+                          timeout=120)
+
+
+def test_the_command_resumes_as_if_it_had_never_stopped(tmp_path):
+    whole, parts = tmp_path / "whole", tmp_path / "parts"
+    assert command("--frames", 14, "-o", whole).returncode == 0
+    assert command("--frames", 8, "-o", parts, "--checkpoint", 3).returncode == 0
+    (parts / "checkpoint.h5").unlink()
+    nothing = command("--frames", 14, "-o", parts, "--resume")
+    assert nothing.returncode == 2 and "FileError" in nothing.stderr and len(Recording(parts)) == 9
+    # A run that was killed after frame 8: the checkpoint is of frame 6, and what came after it is computed anew.
+    simulation = cama.Simulation(cama.Scene.load("drape", 300), threads=1)
+    simulation.step(6 * simulation.steps_per_frame)
+    simulation.save_checkpoint(parts / "checkpoint.h5")
+    done = command("--frames", 14, "-o", parts, "--resume")
+    assert done.returncode == 0 and "resumed at step" in done.stdout, done.stderr
+    with Recording(whole) as a, Recording(parts) as b:
+        assert len(a) == len(b) == 15
+        np.testing.assert_array_equal(a.times, b.times)
+        np.testing.assert_array_equal(a.positions[:], b.positions[:])
+    first, second = (json.loads((folder / "summary.json").read_text()) for folder in (whole, parts))
+    assert first["state_hash"] == second["state_hash"] and first["steps"] == second["steps"]
+    assert first["resumed_at"] is None and second["resumed_at"] == 6 * simulation.steps_per_frame
+    other = command("--frames", 20, "-o", parts, "--resume", "--set", "tolerance=1e-2")
+    assert other.returncode == 0 and "not bit by bit as before: tolerance 0.01 instead of 0.001" in " ".join(other.stdout.split())
