@@ -139,13 +139,14 @@ KERNEL sum_sums(int n, int partials, GLOBAL double *partial)
   }
 }
 
-/* x += alpha d; an alpha that is 1 but for the rounding of its sums is 1, whatever else is in the scene. */
-KERNEL move_along(int n, GLOBAL const double *scalar, GLOBAL const vec3 *d, GLOBAL vec3 *x)
+/* x += alpha d, r -= alpha q; an alpha that is 1 but for the rounding of its sums is 1, whatever else is in the scene. */
+KERNEL move_along(int n, GLOBAL const double *scalar, GLOBAL const vec3 *d, GLOBAL const vec3 *q, GLOBAL vec3 *x, GLOBAL vec3 *r)
 {
   FOR_EACH(i, n)
   {
     double alpha = scalar[SCALAR_ALPHA];
     if (fabs(alpha - 1.0) < 1e-12) alpha = 1.0;
     x[i] = axpy(x[i], (real)alpha, d[i]);
+    r[i] = axpy(r[i], -(real)alpha, q[i]);
   }
 }

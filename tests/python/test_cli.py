@@ -20,7 +20,7 @@ from conftest import judge
 RUNNER = CliRunner()
 FIELDS = {"scene", "backend", "device", "precision", "accuracy", "triangles", "vertices", "steps", "dt", "ms_per_step", "stages",
           "pcg", "contacts", "impacts", "intersections", "min_gap", "max_strain", "energy", "peak_memory_bytes", "truncated",
-          "lost_motion", "released", "retries", "state_hash"}
+          "lost_motion", "released", "resumed_at", "retries", "state_hash"}
 
 
 def call(*words):

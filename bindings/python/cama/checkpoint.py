@@ -4,7 +4,8 @@
 Datasets positions, velocities [vertices, 3] m, m/s; positions_before, velocities_before, of the step before, or without rows; tangled
 [pairs, 2] vertices, let_go [pairs, 2] vertex and object, that may pass each other; matching_order [rows] and, for every level,
 matching_parent_L [nodes], matching_start_L [blocks + 1]: the preconditioner's blocks (docs/solver.md). Attributes: `format`; scene (of meshes and
-masses, 16 hexadecimal digits), step, time, time_step, start_step, start_time, released, matching_step, matching_terms; for people and for
+masses, 16 hexadecimal digits), step, time, time_step, start_step, start_time, released, matching_step,
+matching_terms, matching_first_iterations, matching_last_iterations; for people and for
 `cama run --resume`: scene_name, settings (JSON), cama_version. Nothing in it is executed; every value is checked before it is used.
 """
 
@@ -25,7 +26,7 @@ NAME = "checkpoint.h5"
 FORMAT = "cama checkpoint 1"
 VECTORS = ("positions", "velocities", "positions_before", "velocities_before")
 PAIRS = ("tangled", "let_go")
-INTEGERS = ("step", "start_step", "matching_step", "matching_terms")
+INTEGERS = ("step", "start_step", "matching_step", "matching_terms", "matching_first_iterations", "matching_last_iterations")
 TIMES = ("time", "time_step", "start_time", "released")
 MOST_LEVELS = 16
 

@@ -159,6 +159,8 @@ py::dict to_dict(Checkpoint c)
   d["let_go"] = to_array<int>(std::move(c.let_go));
   d["matching_step"] = c.matching.step;
   d["matching_terms"] = c.matching.terms;
+  d["matching_first_iterations"] = c.matching.first_iterations;
+  d["matching_last_iterations"] = c.matching.last_iterations;
   d["matching_order"] = to_array<int>(std::move(c.matching.order));
   py::list levels;
   for (Matching::Level &l : c.matching.levels) levels.append(py::make_tuple(to_array<int>(std::move(l.parent)), to_array<int>(std::move(l.start))));
@@ -187,6 +189,8 @@ Checkpoint to_checkpoint(const py::dict &d)
   c.let_go = pairs("let_go");
   c.matching.step = d["matching_step"].cast<int>();
   c.matching.terms = d["matching_terms"].cast<int>();
+  c.matching.first_iterations = d["matching_first_iterations"].cast<int>();
+  c.matching.last_iterations = d["matching_last_iterations"].cast<int>();
   c.matching.order = to_vector<int>(d["matching_order"].cast<Ints>());
   for (const py::handle &level : d["matching_levels"])
     c.matching.levels.push_back({to_vector<int>(level[py::int_(0)].cast<Ints>()), to_vector<int>(level[py::int_(1)].cast<Ints>())});

@@ -17,6 +17,7 @@ struct Matching {
   };
   int step = 0;                ///< when it was made
   int terms = 0;               ///< contacts and stitches then
+  int first_iterations = 0, last_iterations = 0;   ///< of the longest solve of that step, of the last step
   std::vector<int> order;      ///< [rows] free vertices; empty: no matching
   std::vector<Level> levels;
 };

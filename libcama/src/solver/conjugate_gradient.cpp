@@ -108,7 +108,8 @@ void ConjugateGradient<S>::multiply(State &state, int at)
 }
 
 template <class S> template <class Real>
-typename ConjugateGradient<S>::Result ConjugateGradient<S>::solve(State &state, Stream<typename Types<Real>::vec3> &q, const Product<Real> &product)
+typename ConjugateGradient<S>::Result ConjugateGradient<S>::solve(State &state, const Stream<typename Types<Real>::vec3> *residual,
+                                                                  Stream<typename Types<Real>::vec3> &q, const Product<Real> &product)
 {
   Backend &b = *state.backend;
   System<Real> &s = state.system<Real>();
@@ -142,8 +143,12 @@ typename ConjugateGradient<S>::Result ConjugateGradient<S>::solve(State &state, 
   std::vector<double> scalar;
   double before = 0;
   for (int refinement = 0;; ++refinement) {
-    product(s.solution, q);
-    start_from(refinement == 0 ? CG_MEASURE_START : CG_MEASURE_CHECK, 0, s.right_side, q);
+    if (refinement == 0 && residual) {
+      start_from(CG_MEASURE_START, 1, *residual, q);
+    } else {
+      product(s.solution, q);
+      start_from(refinement == 0 ? CG_MEASURE_START : CG_MEASURE_CHECK, 0, s.right_side, q);
+    }
     if (refinement == 0) b.repeat(std::max(1, expected_ * 7 / 8 / block), iterate);
     bool recorded = refinement == 0;
     scalar = scalar_.download();
@@ -166,6 +171,7 @@ typename ConjugateGradient<S>::Result ConjugateGradient<S>::solve(State &state, 
     CAMA_LAUNCH_REAL(S, b, add_solution, n, rows().order, x_, wide, as<double, Real>(s.solution), as<float, Real>(s.solution));
   }
   result.iterations = expected_ = static_cast<int>(scalar[CG_ITERATIONS]);
+  if (schwarz_) schwarz_->note(state.report.step, result.iterations);
   return result;
 }
 
@@ -174,7 +180,8 @@ template class ConjugateGradient<float>;
 #define CAMA_SOLVER(S, Real)                                                                              \
   template void ConjugateGradient<S>::start_from<Real>(State &, const Matching &);                         \
   template void ConjugateGradient<S>::prepare<Real>(State &, Stream<typename Types<Real>::mat3> &);        \
-  template ConjugateGradient<S>::Result ConjugateGradient<S>::solve<Real>(State &, Stream<typename Types<Real>::vec3> &, const Product<Real> &);
+  template ConjugateGradient<S>::Result ConjugateGradient<S>::solve<Real>(State &, const Stream<typename Types<Real>::vec3> *,             \
+                                                                        Stream<typename Types<Real>::vec3> &, const Product<Real> &);
 CAMA_SOLVER(double, double)
 CAMA_SOLVER(float, double)
 CAMA_SOLVER(float, float)

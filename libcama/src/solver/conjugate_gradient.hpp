@@ -27,9 +27,10 @@ public:
 
   /// start: r' P r at the start. broken: not positive definite, or not finite.
   struct Result { int iterations = 0; double residual = 0, start = 0; bool broken = false; };
-  /// Improves the solution until sqrt(r' P r) of the true residual has met the tolerance. multiply(x, q): q = A x; q: scratch.
+  /// Improves the solution until sqrt(r' P r) of the true residual has met the tolerance. residual: of the start, where it is known.
+  /// multiply(x, q): q = A x; q: scratch.
   template <class Real>
-  Result solve(State &state, Stream<typename Types<Real>::vec3> &q, const Product<Real> &multiply);
+  Result solve(State &state, const Stream<typename Types<Real>::vec3> *residual, Stream<typename Types<Real>::vec3> &q, const Product<Real> &multiply);
 
 private:
   using vec4 = typename Types<S>::vec4;

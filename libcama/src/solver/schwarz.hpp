@@ -11,7 +11,7 @@ template <class S> class Schwarz {
 public:
   explicit Schwarz(Backend &backend);
 
-  /// Whether contacts or pins have changed so much that vertices are to be matched anew.
+  /// Whether contacts or pins have changed so much, or solves have become so long, that vertices are to be matched anew.
   bool outdated(const State &state) const;
   /// New blocks; rows() in a new order. diagonal: of the matrix, terms included.
   template <class Real> void match(State &state, const Stream<typename Types<Real>::mat3> &diagonal);
@@ -21,6 +21,9 @@ public:
   template <class Real> void adopt(State &state, const Matching &matching);
   /// New values in the blocks. matrix: of the same rows.
   template <class Real> void factor(State &state, const SlicedMatrix<S> &matrix);
+
+  /// After every solve of a step.
+  void note(int step, int iterations);
 
   const RowOrder &rows() const { return aggregates_.rows; }
   int levels() const { return aggregates_.levels(); }
@@ -53,6 +56,9 @@ private:
   void weigh_terms(State &state, const SlicedMatrix<S> &matrix);
 
   Aggregates aggregates_;
+  struct Solve { int step = -1, iterations = 0; };   // the longest of a step
+  Solve last_, before_;                 // of the last step, of the one before
+  int first_ = 0;                       // iterations of the longest in the step of the matching
   int terms_ = -1, matched_ = 0, releases_ = 0, blocks_ = 0, nodes_ = 0;
   std::vector<Level> level_;            // 0 is unused: the finest matrix is in slices
   Stream<int> factor_, block_start_, group_start_, vertex_parent_;

@@ -77,7 +77,7 @@ void LinearSolve<Real>::move_alike(State &state, bool falling)
   CAMA_LAUNCH(b, finish_beta, 1, parts, 1, reduced_, scalar_);
   dot(state, p_, q_);
   CAMA_LAUNCH(b, finish_alpha, 1, parts, reduced_, scalar_);
-  CAMA_LAUNCH_REAL(Real, b, move_along, rows, scalar_, p_, s.solution);
+  CAMA_LAUNCH_REAL(Real, b, move_along, rows, scalar_, p_, q_, s.solution, r_);
 }
 
 template <class Real>
@@ -92,7 +92,7 @@ bool LinearSolve<Real>::conjugate_gradient(State &state, std::unique_ptr<Conjuga
   if (alike) move_alike(state, true);
   extract_diagonal(state);
   solver->template prepare<Real>(state, diagonal_);
-  const auto result = solver->template solve<Real>(state, q_, [&](const Stream<vec3> &x, Stream<vec3> &q) { multiply(state, x, q); });
+  const auto result = solver->template solve<Real>(state, alike ? &r_ : nullptr, q_, [&](const Stream<vec3> &x, Stream<vec3> &q) { multiply(state, x, q); });
   state.report.iterations = result.iterations;
   state.report.residual = result.residual;
   finite_ = std::isfinite(result.start);

@@ -28,6 +28,7 @@ private:
   void extract_diagonal(State &state);
   /// Moves all free vertices alike by what lowers the energy of the error most: along gravity before the solve, so that free fall is
   /// exact; along the net force that is left over after it, so that momentum is kept beyond the tolerance.
+  /// Leaves the residual in r_.
   void move_alike(State &state, bool falling);
   void iterative(State &state);
   /// False if it broke down. alike: with `move_alike`.
