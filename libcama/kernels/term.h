@@ -53,6 +53,27 @@ DEVICE double shared_mobility(contact c, GLOBAL const double *inverse_mass, GLOB
   return sum;
 }
 
+/* Contacts that the forces of now press harder than their penalty holds at half the thickness are stiffer by as much: stretched cloth
+   would close them and be left to impacts, whose projection knows masses only. force: of elements, weights, wind, N. */
+KERNEL stiffen_contacts(int n, int cloth_vertices, GLOBAL const double *inverse_mass, GLOBAL const vec3 *force, GLOBAL contact *contacts)
+{
+  FOR_EACH(i, n)
+  {
+    contact c = contacts[i];
+    double pull = 0.0, mobility = 0.0, load;
+    int a;
+    if (!(c.distance < c.thickness)) continue;
+    for (a = 0; a < 4; ++a) {
+      int v = c.node[a];
+      if (v >= cloth_vertices || !(inverse_mass[v] > 0.0)) continue;
+      pull -= c.weight[a] * inverse_mass[v] * ddot(c.normal, to_dvec3(force[v]));
+      mobility += c.weight[a] * c.weight[a] * inverse_mass[v];
+    }
+    load = mobility > 0.0 ? pull / mobility : 0.0;
+    if (load > 0.5 * c.stiffness * c.thickness) contacts[i].stiffness = 2.0 * load / c.thickness;
+  }
+}
+
 /* Terms from contacts. Penalty E = k (d - thickness)^2 / 2 while d < thickness, linearised: matrix dt^2 k, push dt k (thickness - d).
    free_velocity: velocity after this step if no contact acted, m/s. */
 KERNEL make_contact_terms(int n, GLOBAL const contact *contacts, GLOBAL const double *inverse_mass,

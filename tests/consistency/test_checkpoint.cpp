@@ -55,7 +55,6 @@ TEST_CASE("shipped scenes go on from a checkpoint bit by bit, on every backend",
   int in_contact = 0;
   for (const std::string &name : shipped::scenes())
     for (const auto &[accuracy, precision] : {std::pair{"production", "mixed"}, std::pair{"production", "single"}, std::pair{"accurate", "mixed"}, std::pair{"paper", "double"}}) {
-      if (name == "pile" && std::string(accuracy) == "paper") continue;   // tangled by then: a step of a hundred passes takes minutes
       INFO(name << ", " << accuracy << ", " << precision);
       const Scene &scene = shipped::load(name, 200);
       Options options = shipped::options(accuracy, precision, "cpu", 1);

@@ -5,6 +5,7 @@ import ipctk
 import numpy as np
 import pytest
 
+import cama
 from cama import collision
 from conftest import edges_of, grid
 
@@ -133,3 +134,20 @@ def test_nothing_in_nothing_out():
     hit, time = collision.vertex_face_ccd(empty, empty)
     assert hit.shape == time.shape == (0,)
     assert collision.edge_edge_distance(empty).shape == (0,)
+
+
+@pytest.mark.parametrize("density", [200.0, 2000.0])
+def test_contacts_carry_any_load_at_half_the_thickness(density):
+    """A heavy sheet laid on a plane: the least gap is half the thickness, not what a spring of fixed stiffness leaves, and nothing is left to impacts."""
+    scene = cama.Scene(thickness=2e-3)
+    vertices, faces = grid(8, 0.2, z=0.004)
+    scene.add_cloth(vertices, faces, name="sheet", material=cama.Material.isotropic(100, 0.3, 1e-5, density))
+    scene.add_obstacle(shape={"plane": {"size": [1, 1], "triangles": 8}}, name="floor", translate=(0.013, 0.017, 0))
+    simulation = cama.Simulation(scene, threads=1, time_step=0.005)
+    simulation.step(200)
+    impacts = 0
+    for _ in range(20):
+        simulation.step()
+        impacts += simulation.report["impacts"]
+    assert impacts == 0
+    assert simulation.positions[:simulation.cloth_vertex_count, 2].min() == pytest.approx(1e-3, rel=0.01)

@@ -46,6 +46,28 @@ def point(cost, error, **other):
     return dict({"failed": None, "intersections": 0, "ms_per_second": cost, "restart_rms_edges": error, "restart_max_edges": 3 * error, "label": f"{cost}"}, **other)
 
 
+def test_results_of_another_machine_are_shown_beside_these(fall, tmp_path):
+    words = ["tradeoff", fall, "--backend", "cpu", "--knob", "time_step=1/100,1/200", "--windows", 2, *ONE]
+    assert call(*words, "-o", tmp_path / "here", "--no-plots").exit_code == 0
+    there = json.loads((tmp_path / "here" / "tradeoff.json").read_text())
+    scene = there["scenes"][0]
+    for p in scene["points"]:
+        p.update(backend="cuda", ms_per_second=p["ms_per_second"] / 10)
+    scene["devices"] = {"cuda": "a card"}
+    scene["fronts"] = {"cuda": [0]}
+    (tmp_path / "card.json").write_text(json.dumps(there))
+    joined = call(*words, "-o", tmp_path / "here", "--join", tmp_path / "card.json")
+    assert joined.exit_code == 0, joined.output
+    both = json.loads((tmp_path / "here" / "tradeoff.json").read_text())["scenes"][0]
+    assert [p["backend"] for p in both["points"]] == ["cpu"] * 2 + ["cuda"] * 2 and set(both["fronts"]) == {"cpu", "cuda"}
+    assert both["devices"]["cuda"] == "a card" and (tmp_path / "here" / "tradeoff.csv").read_text().count(",cuda,") == 2
+    for change, text in (({"window": 0.1}, "another window"), ({"scene": "other"}, "has none of fall"), ({"points": [3]}, "not a tradeoff.json")):
+        (tmp_path / "bad.json").write_text(json.dumps({"scenes": [{**scene, **change}]}))
+        bad = call(*words, "-o", tmp_path / "here", "--join", tmp_path / "bad.json", "--no-plots")
+        assert bad.exit_code == 2 and text in " ".join((bad.output + bad.stderr).split())
+    assert call(*words, "-o", tmp_path / "here", "--join", tmp_path / "none.json", "--no-plots").exit_code == 2
+
+
 # Fronts and grids
 
 @pytest.mark.parametrize("points, front", [

@@ -344,21 +344,27 @@ TEST_CASE("exact obstacles give the same bits on every backend and number of thr
 
 TEST_CASE("the commit keeps each pair a hundredth of its own smallest thickness apart", "[surfaces][commit]")
 {
-  // A thick and a thin sheet are thrown at a plane with next to no penalty and no projection: they stop at what is certified.
+  // A thick and a thin sheet are thrown at a plane with next to no penalty and no projection: they stop at what is certified. No weight presses them, which
+  // would stiffen the contacts.
   Scene s = with(exact_plane({0, 0, 0}, {0, 0, 1}), meshes::grid(3, 3, 0.1, 0.1, 0, 0, 0.01));
   s.cloths.push_back(meshes::cloth(meshes::grid(3, 3, 0.1, 0.1, 0.3, 0, 0.01), meshes::cotton(), "thin"));
   s.contact.stiffness = 1e-3;
+  s.gravity = {0, 0, 0};
   s.cloths[0].material.thickness = s.obstacles[0].thickness = 4e-3;
   s.cloths[1].material.thickness = 1e-4;
   s.cloths[0].velocity = s.cloths[1].velocity = {0, 0, -5};
   Options o = serial_options();
   o.max_impact_passes = 0;
   Simulation sim(s, o);
-  for (int n = 0; n < 40; ++n) sim.step();
+  double lowest_of[2] = {1, 1};
+  for (int n = 0; n < 40; ++n) {
+    sim.step();
+    const std::vector<dvec3> x = sim.positions();
+    for (std::size_t cloth = 0; cloth < 2; ++cloth)
+      for (int v = sim.cloth_ranges()[cloth].first; v < sim.cloth_ranges()[cloth].second; ++v) lowest_of[cloth] = std::min(lowest_of[cloth], x[static_cast<std::size_t>(v)].z);
+  }
   for (const auto &[cloth, thickness] : {std::pair{0, 4e-3}, std::pair{1, 1e-4}}) {
-    const auto range = sim.cloth_ranges()[static_cast<std::size_t>(cloth)];
-    double lowest = 1;
-    for (int v = range.first; v < range.second; ++v) lowest = std::min(lowest, sim.positions()[static_cast<std::size_t>(v)].z);
+    const double lowest = lowest_of[cloth];
     CAPTURE(cloth, lowest);
     CHECK(lowest >= 0.00999 * thickness);
     CHECK(lowest < 0.012 * thickness);

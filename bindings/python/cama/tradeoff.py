@@ -23,7 +23,7 @@ from .scene import Scene
 from .tradeoff_grid import check_plan, default_plan, label, levels, pareto, product, unique
 from .tradeoff_point import MEASURES, compute_reference, measure
 
-__all__ = ["tradeoff", "Tradeoff", "levels", "pareto", "product", "default_plan", "MEASURES"]
+__all__ = ["tradeoff", "join", "Tradeoff", "levels", "pareto", "product", "default_plan", "MEASURES"]
 
 
 @dataclass
@@ -168,6 +168,36 @@ def tradeoff(scene, output, plan=None, resolution=0, window=0.05, windows=8, fir
                     "order": reference.order, "edge": reference.edge, "threads": setup.threads, "version": version(),
                     "devices": {b: device_of(b, setup.device, setup.cluster) for b in setup.backends}, "seconds": time.perf_counter() - begin}
     return result
+
+
+def join(results, file):
+    """Shows the points of a tradeoff.json of another run or machine beside these: of backends that a scene has none of here.
+
+    Throws FileError for what is no such file, ArrayError where a scene was measured on other meshes or windows, or none is the same.
+    """
+    alike = ("triangles", "window", "windows", "first", "stride", "reference_step")
+    try:
+        scenes = json.loads(Path(file).read_text(encoding="utf-8"))["scenes"]
+        found = [(r, s) for r in results for s in scenes if s["scene"] == r.scene]
+        for r, s in found:
+            own = {"triangles": r.triangles, **r.facts}
+            different = [name for name in alike if s[name] != own[name]]
+            if different:
+                raise ArrayError(f"{file}: {r.scene} has another {different[0]} there: {s[different[0]]} instead of {own[different[0]]}")
+            points = [{**{name: None for name in MEASURES}, **p, "settings": dict(p["settings"]), "label": str(p["label"]), "failed": p["failed"]}
+                      for p in s["points"] if p["backend"] not in r.fronts]
+            r.points.extend(points)
+            for backend in dict.fromkeys(p["backend"] for p in points):
+                r.facts["devices"][backend] = str(s["devices"][backend])
+                r.fronts[backend] = r.front(backend)
+    except OSError as problem:
+        raise FileError(f"{file}: {problem.strerror}") from None
+    except ArrayError:
+        raise
+    except (ValueError, KeyError, TypeError, AttributeError) as problem:
+        raise FileError(f"{file}: not a tradeoff.json of cama: {problem!r}") from None
+    if not found:
+        raise ArrayError(f"{file}: has none of {', '.join(r.scene for r in results)}")
 
 
 def _texts(scene, base, plan):

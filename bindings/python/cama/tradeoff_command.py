@@ -78,6 +78,8 @@ def register(app, clean, console):
                          reference_step: ReferenceStep = None, threads: Threads = 0, device: Device = 0, jobs: Jobs = 1, error_jobs: ErrorJobs = 0,
                          cluster: ClusterAddress = None, limit: Limit = 600.0, warm_up: WarmUp = 5,
                          plots: Annotated[bool, typer.Option(help="Write plots and the page (matplotlib).")] = True,
+                         join: Annotated[Optional[List[Path]], typer.Option(metavar="FILE", help="A tradeoff.json of another run or machine: its other backends "
+                                                                                                 "are shown beside these; may be repeated.")] = None,
                          output: Annotated[Path, typer.Option("--output", "-o", metavar="OUT", help="Folder of results; finished ones are kept there.")] = Path("out/tradeoff"),
                          debug: Debug = False):
         """Measures what settings cost and get wrong; writes OUT/tradeoff.csv, .json, plots and index.html. Run again, it goes on."""
@@ -91,6 +93,10 @@ def register(app, clean, console):
                                                  lambda done, of, words: progress.update(task, completed=done, total=of or None,
                                                                                          description=f"{escape(scene)}: {escape(words)}")))
                 tradeoff_report.write(results, output, plots)
+        for file in join or ():
+            tradeoff.join(results, file)
+        if join:
+            tradeoff_report.write(results, output, plots)
         out = console()
         out.print(front_table(results))
         failed = [p for r in results for p in r.points if p["failed"]]

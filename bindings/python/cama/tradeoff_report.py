@@ -180,7 +180,7 @@ def _panel(axis, result, measure, logarithmic):
 
 def short(settings):
     """A point's name on a plot."""
-    words = [f"{settings['accuracy']}"] if settings.get("accuracy", "production") != "production" or len(settings) == 1 else []
+    words = [f"{settings['accuracy']}"] if settings.get("accuracy", "production") != "production" or list(settings) == ["accuracy"] else []
     for name, value in settings.items():
         if name == "time_step":
             words.append(step_text(value))

@@ -53,6 +53,8 @@ void EvaluateTerms<Real>::run(State &state)
   CAMA_LAUNCH(b, stitch_nodes, state.stitches, state.stitch, state.contacts, state.term_nodes);
   count_.resize(state.cloth_vertices);
   state.term_incidence.build(b, state.term_nodes, state.terms, count_);
+  if (state.options.contact_form == ContactForm::rank_one)
+    CAMA_LAUNCH_REAL(Real, b, stiffen_contacts, state.contacts, state.cloth_vertices, state.inverse_mass, s.force, state.contact);
   if (!state.friction) {
     CAMA_LAUNCH_REAL(Real, b, make_frictionless_terms, state.contacts, state.contact, dt, s.term);
   } else if (state.contacts) {

@@ -12,6 +12,7 @@
 namespace cama {
 namespace {
 constexpr int active_set_rounds = 4, most_iterations = 200, most_waits = 64;
+constexpr int most_vain_passes = 10;   // that find no fewer impacts than one before: without a commit (paper mode), cloth that is tangled for good
 constexpr int iterations_per_check = 8;      // even: scalars change places
 constexpr double impulse_tolerance = 1e-4;   // relative residual of the linear system
 constexpr double regularisation = 1e-6;      // of its diagonal: duplicate impacts make it singular
@@ -288,6 +289,7 @@ void PenetrationHandling::run(State &state)
       for (PairList *list : {&state.vertex_face, &state.edge_edge}) CAMA_LAUNCH(b, forget_impacts, list->room.size(), list->room);
     }
     bool certified = false, localized = false;   // every pair but known impacts, for the motion as it is; but for what moved since
+    int fewest = 0x7fffffff, vain = 0;
     for (int pass = 0; pass < state.options.max_impact_passes; ++pass) {
       Look now = look(state, first_piece, localized, 0, 0);
       if (now.escaped) {
@@ -299,6 +301,9 @@ void PenetrationHandling::run(State &state)
       if (pass == 0 && state.report.substeps == 1) state.report.impacts = now.found;
       certified = now.found == 0 && !state.options.cubic_impacts;   // the cubic knows no distances
       if (now.found == 0) break;
+      vain = now.found < fewest ? 0 : vain + 1;
+      fewest = std::min(fewest, now.found);
+      if (vain == most_vain_passes && !state.options.commit) break;
       add_impacts(state, now.found);
       ++state.report.impact_passes;
       if (!projected) projection_.start(state, from_, state.position_next);
