@@ -42,22 +42,31 @@ KERNEL matrix_entries(int n, GLOBAL const int *row, GLOBAL const int *column, GL
   }
 }
 
-/* The same for the 16 couplings of each term, behind the `first` entries of the matrix. */
+#define TERM_ENTRIES 8
+
+/* The same for what each term couples across its sides, behind the `first` entries of the matrix: at most four pairs, both ways. Vertices of
+   one side are neighbours in the matrix as it is. */
 KERNEL term_entries(int n, int first, int vertices, GLOBAL const term *terms, GLOBAL const int *number, int numbers,
                     GLOBAL const float *strength, GLOBAL key64 *key, GLOBAL int *entry, GLOBAL float *weight)
 {
   FOR_EACH(i, n)
   {
-    int a, b;
+    int a, b, at = first + TERM_ENTRIES * i;
     for (a = 0; a < 4; ++a)
       for (b = 0; b < 4; ++b) {
-        int at = first + 16 * i + 4 * a + b, u = terms[i].node[a], v = terms[i].node[b];
-        int used = u != v && u >= 0 && v >= 0 && u < vertices && v < vertices && number[u] >= 0 && number[v] >= 0;
-        real w = terms[i].weight[a] * terms[i].weight[b] * (terms[i].along + (real)3 * terms[i].around);
-        key[at] = used ? ((key64)number[u] << 31) | (key64)number[v] : (key64)numbers << 31;
+        int u = terms[i].node[a], v = terms[i].node[b];
+        int used = u >= 0 && v >= 0 && u < vertices && v < vertices && number[u] >= 0 && number[v] >= 0;
+        real w = terms[i].weight[a] * terms[i].weight[b];
+        if (!used || !(w < (real)0)) continue;
+        key[at] = ((key64)number[u] << 31) | (key64)number[v];
         entry[at] = at;
-        weight[at] = used ? (float)(w < (real)0 ? -w : w) * strength[u] * strength[v] : 0.0f;
+        weight[at++] = (float)(-w * (terms[i].along + (real)3 * terms[i].around)) * strength[u] * strength[v];
       }
+    for (; at < first + TERM_ENTRIES * (i + 1); ++at) {
+      key[at] = (key64)numbers << 31;
+      entry[at] = at;
+      weight[at] = 0.0f;
+    }
   }
 }
 

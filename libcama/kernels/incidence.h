@@ -59,6 +59,34 @@ DEVICE void sort_ints(GLOBAL int *value, int n)
   }
 }
 
+/* Keys by which entries are sorted into rows, where that is faster; unused nodes come last. */
+KERNEL incidence_keys(int n, GLOBAL const element_nodes *nodes, int vertex_count, GLOBAL key64 *key, GLOBAL int *incidence)
+{
+  FOR_EACH(i, n)
+  {
+    int a;
+    for (a = 0; a < 4; ++a) {
+      int v = nodes[i].node[a];
+      key[4 * i + a] = (key64)(v >= 0 && v < vertex_count ? v : vertex_count);
+      incidence[4 * i + a] = 4 * i + a;
+    }
+  }
+}
+
+/* row[i] = first of `count` sorted keys that is at least i. n: rows + 1. */
+KERNEL incidence_rows(int n, int count, GLOBAL const key64 *key, GLOBAL int *row)
+{
+  FOR_EACH(i, n)
+  {
+    int lo = 0, hi = count;
+    while (lo < hi) {
+      int middle = lo + (hi - lo) / 2;
+      if (key[middle] < (key64)i) lo = middle + 1; else hi = middle;
+    }
+    row[i] = lo;
+  }
+}
+
 KERNEL sort_rows(int n, GLOBAL const int *row, GLOBAL int *value)
 {
   FOR_EACH_UNEVEN(i, n) { sort_ints(value + row[i], row[i + 1] - row[i]); }

@@ -17,8 +17,14 @@ struct Incidence {
   Stream<int> row, entry;   // [vertices + 1], [sum] 4 * element + local index
   int vertices = 0;
   void reset(Backend &backend, int vertex_count);
-  /// Rebuilds the lists on the device. `count` is scratch of at least vertex_count ints.
+  /// Makes the lists on the device. `count` is scratch of at least vertex_count ints.
   void build(Backend &backend, const Stream<kernels::element_nodes> &nodes, int elements, Stream<int> &count);
+  /// The same lists; faster where they are long and made often, for scratch that stays.
+  void rebuild(Backend &backend, const Stream<kernels::element_nodes> &nodes, int elements, Stream<int> &count);
+
+private:
+  Stream<key64> key_;   // of rebuild
+  Stream<int> sorted_;
 };
 
 /// A matrix of 3x3 blocks in block compressed sparse row form: rows of cloth vertices, columns of all vertices.

@@ -149,7 +149,7 @@ Scene on(Obstacle obstacle, const Motion &motion = {})
 
 Obstacle plane() { return exact_plane({0, 0, -2e-3}, {0, 0, 1}); }
 Obstacle ball() { return exact_sphere({0.15, 0.125, -0.102}, 0.1); }
-Obstacle table() { return meshes::obstacle(meshes::grid(3, 3, 0.5, 0.5, -0.1, -0.1, -2e-3)); }
+Obstacle table() { return meshes::obstacle(meshes::grid(3, 3, 0.5, 0.5, -0.1, -0.1, -3e-3)); }   // near enough to push, too little for anything to stray
 Motion rising()
 {
   Motion m;

@@ -106,7 +106,7 @@ void Aggregates::build(State &state, const Stream<typename Types<Real>::mat3> &d
   rows.number(state);
   if (rows.size == 0) return level_.clear();
   const int vertices = state.cloth_vertices, blocks = s.matrix.column.size();
-  const int terms = terms_beside(state), entries = blocks + 16 * terms;
+  const int terms = terms_beside(state), entries = blocks + TERM_ENTRIES * terms;
   strength_.resize(vertices);
   key_.resize(entries);
   entry_.resize(entries);

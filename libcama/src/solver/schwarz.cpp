@@ -7,7 +7,7 @@ namespace cama {
 namespace {
 // A matching is kept for some steps: contacts may have changed what is strongly coupled. Few do: 10 or 60 steps differ by 0 to 6 % of iterations.
 constexpr int least_steps = 10, most_steps = 60;
-constexpr double longer_solves = 1.2;       // than right after the matching
+constexpr double longer_solves = 1.1;       // than right after the matching
 constexpr double changed_terms = 0.2;       // or as many terms as this fraction came or went
 }  // namespace
 

@@ -52,7 +52,7 @@ void EvaluateTerms<Real>::run(State &state)
   CAMA_LAUNCH(b, contact_nodes, state.contacts, state.contact, state.term_nodes);
   CAMA_LAUNCH(b, stitch_nodes, state.stitches, state.stitch, state.contacts, state.term_nodes);
   count_.resize(state.cloth_vertices);
-  state.term_incidence.build(b, state.term_nodes, state.terms, count_);
+  state.term_incidence.rebuild(b, state.term_nodes, state.terms, count_);
   if (state.options.contact_form == ContactForm::rank_one)
     CAMA_LAUNCH_REAL(Real, b, stiffen_contacts, state.contacts, state.cloth_vertices, state.inverse_mass, s.force, state.contact);
   if (!state.friction) {
