@@ -1,0 +1,65 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Error of `production` after ten steps that start from checkpoints of one run, by time step: rows of a table in docs/accuracy.md.
+
+    python benchmarks/restarted_steps.py drape sphere flag funnel twisting --resolution 400
+"""
+
+import argparse
+import tempfile
+from pathlib import Path
+
+import numpy as np
+
+import cama
+
+STEPS, REFERENCE, PATH = 10, 80, 1 / 960
+TIMES = (0.1, 0.25, 0.4, 0.55, 0.7, 0.85)
+
+
+def rms(difference, masses):
+    return np.sqrt((np.square(difference).sum(1) * masses).sum() / masses.sum())
+
+
+def measure(name, resolution, time_steps):
+    """(triangles, edge in m, [(error, uncertainty of the reference)]) in edges, rms over starts."""
+    scene = cama.Scene.load(name, resolution)
+    path = cama.Simulation(scene, threads=1, time_step=PATH)
+    count, masses = path.cloth_vertex_count, path.masses
+    with tempfile.TemporaryDirectory() as folder:
+        starts = [Path(folder) / f"{i}.h5" for i in range(len(TIMES))]
+        for start, time in zip(starts, TIMES):
+            path.step(round((time - path.time) / PATH))
+            path.save_checkpoint(start)
+        faces = path.faces[:path.cloth_triangle_count]
+        edge = np.mean([np.linalg.norm(path.positions[faces[:, i]] - path.positions[faces[:, i - 1]], axis=1).mean() for i in range(3)])
+
+        def run(start, window, steps, **options):
+            simulation = cama.Simulation(scene, threads=1, time_step=window / steps, **options)
+            simulation.load_checkpoint(start)
+            simulation.step(steps)
+            return simulation.positions[:count]
+
+        rows = []
+        for step in time_steps:
+            fine, half, own = ([run(s, STEPS * step, n, **options) for s in starts]
+                               for n, options in ((REFERENCE, {"accuracy": "reference"}), (REFERENCE // 2, {"accuracy": "reference"}), (STEPS, {})))
+            mean = lambda a: np.sqrt(np.mean([rms(x - y, masses) ** 2 for x, y in zip(a, fine)])) / edge
+            rows.append((mean(own), mean(half)))
+    return len(faces), edge, rows
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("scenes", nargs="+")
+    parser.add_argument("--resolution", type=int, default=400)
+    parser.add_argument("--per-second", type=int, nargs="+", default=[200, 480, 960, 2000], help="steps per second")
+    arguments = parser.parse_args()
+    print("| scene, triangles | an edge | " + " | ".join(f"1/{n} s" for n in arguments.per_second) + " |")
+    print("|---" * (2 + len(arguments.per_second)) + "|")
+    for scene in arguments.scenes:
+        triangles, edge, rows = measure(scene, arguments.resolution, [1 / n for n in arguments.per_second])
+        print(f"| {scene}, {triangles:,} | {edge * 1e3:.1f} mm | " + " | ".join(f"{100 * e:.2g} % ({100 * u:.1g})" for e, u in rows) + " |", flush=True)
+
+
+if __name__ == "__main__":
+    main()
