@@ -5,9 +5,12 @@
 #include <string>
 
 #include "cama/error.hpp"
+#include "fnv.hpp"
 
 namespace cama {
 namespace {
+
+constexpr int most_terms = 1 << 29;   // what four entries each can be listed of
 
 [[noreturn]] void refuse(const std::string &what) { throw SceneError("checkpoint: " + what); }
 
@@ -20,8 +23,11 @@ void check_vectors(const char *name, const std::vector<dvec3> &values, std::size
 }
 
 /// Each block has some neighbours, each level is of the blocks below.
-void check_matching(const Matching &m, const State &state)
+void check_matching(const Matching &m, int step, const State &state)
 {
+  if (m.step < 0 || m.step > step || m.terms < 0 || m.terms > most_terms || m.first_iterations < 0 || m.last_iterations < 0)
+    refuse("matching: step " + std::to_string(m.step) + ", " + std::to_string(m.terms) + " terms, " + std::to_string(m.first_iterations) + " and " +
+           std::to_string(m.last_iterations) + " iterations are no counts of this run");
   std::vector<char> seen(static_cast<std::size_t>(state.cloth_vertices), 0);
   for (int v : m.order)
     if (v < 0 || v >= state.cloth_vertices || seen[static_cast<std::size_t>(v)]++) refuse("matching: vertex " + std::to_string(v) + " is not one of the cloth, or is there twice");
@@ -46,15 +52,9 @@ void check_matching(const Matching &m, const State &state)
 
 std::uint64_t scene_key(const Topology &t)
 {
-  std::uint64_t hash = 14695981039346656037ull;
-  const auto add = [&](const auto &values) {
-    const auto *byte = reinterpret_cast<const unsigned char *>(values.data());
-    for (std::size_t k = 0; k < sizeof(values[0]) * values.size(); ++k) hash = (hash ^ byte[k]) * 1099511628211ull;
-  };
-  add(t.face);
-  add(t.object);
-  add(t.mass);
-  return hash;
+  const auto bytes = [](const auto &values) { return sizeof(values[0]) * values.size(); };
+  const std::uint64_t hash = fnv1a(t.object.data(), bytes(t.object), fnv1a(t.face.data(), bytes(t.face)));
+  return fnv1a(t.mass.data(), bytes(t.mass), hash);
 }
 
 Checkpoint take_checkpoint(State &s, Pipeline &step, const Topology &topology)
@@ -101,7 +101,7 @@ void check_checkpoint(const Checkpoint &c, const State &s, const Topology &t)
     if (!in(a, vertices) || !in(object, s.object_name.size())) refuse("let_go: vertex or object of " + std::to_string(a) + ", " + std::to_string(object) + " is not there");
   if ((!c.tangled.empty() || !c.let_go.empty()) && !s.exemptions.row.backend())
     refuse("lets vertices pass, which this simulation's options do not; give intersections or pinch as they were");
-  check_matching(c.matching, s);
+  check_matching(c.matching, c.step, s);
 }
 
 void restore_checkpoint(const Checkpoint &c, State &s, Pipeline &step)

@@ -10,6 +10,7 @@
 #include <new>
 
 #include "checkpoint.hpp"
+#include "fnv.hpp"
 #include "launch.hpp"
 #include "pipeline_factory.hpp"
 #include "setup.hpp"
@@ -377,15 +378,9 @@ int Simulation::count_intersections() const
 
 std::uint64_t Simulation::state_hash() const
 {
-  std::uint64_t hash = 14695981039346656037ull;   // FNV-1a
   const std::size_t bytes = sizeof(dvec3) * static_cast<std::size_t>(implementation_->state.cloth_vertices);
-  const auto add = [&](const std::vector<dvec3> &values) {
-    const auto *byte = reinterpret_cast<const unsigned char *>(values.data());
-    for (std::size_t k = 0; k < bytes; ++k) hash = (hash ^ byte[k]) * 1099511628211ull;
-  };
-  add(positions());
-  add(velocities());
-  return hash;
+  const std::uint64_t hash = fnv1a(positions().data(), bytes);
+  return fnv1a(velocities().data(), bytes, hash);
 }
 
 }  // namespace cama

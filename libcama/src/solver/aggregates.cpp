@@ -137,6 +137,7 @@ void Aggregates::build(State &state, const Stream<typename Types<Real>::mat3> &d
 
 bool Aggregates::adopt(State &state, const Matching &m)
 {
+  if (m.levels.size() > static_cast<std::size_t>(most_levels)) return false;
   Backend &b = *state.backend;
   rows.number(state);
   std::vector<int> free = rows.order.download(), order = m.order;

@@ -16,7 +16,7 @@ public:
   /// diagonal: of the matrix, terms included.
   template <class Real> void build(State &state, const Stream<typename Types<Real>::mat3> &diagonal);
 
-  /// What a checkpoint has; false if it is not of the free vertices there are.
+  /// What a checkpoint has; false if it is not of the free vertices there are, or has more levels than are made.
   bool adopt(State &state, const Matching &matching);
 
   int levels() const { return static_cast<int>(level_.size()); }
