@@ -160,7 +160,8 @@ Measurement measure(const Settings &settings, int resolution)
 {
   Scene scene = Scene::load(settings.scene, resolution);
   Options options = settings.options;
-  if (settings.time_step > 0) scene.time_step = options.time_step = settings.time_step;
+  if (settings.time_step > 0) options.time_step = settings.time_step;
+  if (scene.time_step == 0) scene.time_step = std::min(scene.seconds_per_frame(), 1.0 / 200);
   Simulation simulation(scene, options);
   Samples samples;
   Measurement m;

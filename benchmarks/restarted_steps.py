@@ -1,7 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Error of `production` after ten steps that start from checkpoints of one run, by time step: rows of a table in docs/accuracy.md.
+"""Error of `production` after ten steps that start from checkpoints of one run, at its own time step and others: rows of tables in docs/accuracy.md.
 
     python benchmarks/restarted_steps.py drape sphere flag funnel twisting --resolution 400
+    python benchmarks/restarted_steps.py drape sphere flag funnel twisting --per-second
 """
 
 import argparse
@@ -21,8 +22,9 @@ def rms(difference, masses):
 
 
 def measure(name, resolution, time_steps):
-    """(triangles, edge in m, [(error, uncertainty of the reference)]) in edges, rms over starts."""
+    """(triangles, edge in m, [(time step in s, error, uncertainty of the reference)]) in edges, rms over starts; the level's own step first."""
     scene = cama.Scene.load(name, resolution)
+    time_steps = [cama.Simulation(scene, threads=1).time_step, *time_steps]
     path = cama.Simulation(scene, threads=1, time_step=PATH)
     count, masses = path.cloth_vertex_count, path.masses
     with tempfile.TemporaryDirectory() as folder:
@@ -44,21 +46,22 @@ def measure(name, resolution, time_steps):
             fine, half, own = ([run(s, STEPS * step, n, **options) for s in starts]
                                for n, options in ((REFERENCE, {"accuracy": "reference"}), (REFERENCE // 2, {"accuracy": "reference"}), (STEPS, {})))
             mean = lambda a: np.sqrt(np.mean([rms(x - y, masses) ** 2 for x, y in zip(a, fine)])) / edge
-            rows.append((mean(own), mean(half)))
+            rows.append((step, mean(own), mean(half)))
     return len(faces), edge, rows
 
 
 def main():
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("scenes", nargs="+")
-    parser.add_argument("--resolution", type=int, default=400)
-    parser.add_argument("--per-second", type=int, nargs="+", default=[200, 480, 960, 2000], help="steps per second")
+    parser.add_argument("--resolution", type=int, default=0, help="cloth triangles, 0: the scene's own")
+    parser.add_argument("--per-second", type=int, nargs="*", default=[200, 480, 960, 2000], help="steps per second")
     arguments = parser.parse_args()
-    print("| scene, triangles | an edge | " + " | ".join(f"1/{n} s" for n in arguments.per_second) + " |")
-    print("|---" * (2 + len(arguments.per_second)) + "|")
+    print("| scene, triangles | an edge | `production` | " + " | ".join(f"1/{n} s" for n in arguments.per_second) + " |")
+    print("|---" * (3 + len(arguments.per_second)) + "|")
     for scene in arguments.scenes:
         triangles, edge, rows = measure(scene, arguments.resolution, [1 / n for n in arguments.per_second])
-        print(f"| {scene}, {triangles:,} | {edge * 1e3:.1f} mm | " + " | ".join(f"{100 * e:.2g} % ({100 * u:.1g})" for e, u in rows) + " |", flush=True)
+        print(f"| {scene}, {triangles:,} | {edge * 1e3:.1f} mm | " + " | ".join(f"{100 * e:.2g} % ({100 * u:.1g})" + (f" at 1/{1 / step:.0f} s" if i == 0 else "") for i, (step, e, u) in enumerate(rows)) + " |",
+              flush=True)
 
 
 if __name__ == "__main__":

@@ -50,10 +50,6 @@ std::vector<int> list(const std::string &value)
 }
 
 /// Entries of cama::Options.
-Entry text(const char *name, std::string Options::*member, const char *values)
-{
-  return {name, values, true, [member](Settings &s, const std::string &v) { s.options.*member = v; }};
-}
 Entry integer(const char *name, int Options::*member)
 {
   return {name, "N", true, [member](Settings &s, const std::string &v) { s.options.*member = whole(v); }};

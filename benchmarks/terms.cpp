@@ -34,6 +34,7 @@ Material fabric(double bending = 0) { return Material::isotropic(200, 0.3, bendi
 Scene hanging(int cells)
 {
   Scene s;
+  s.time_step = 1.0 / 200;
   s.contact.enabled = s.contact.self = false;
   Cloth cloth;
   cloth.name = "sheet";

@@ -93,6 +93,7 @@ inline cama::Obstacle obstacle(cama::Mesh mesh, cama::Motion motion = {}, const 
 inline cama::Scene hanging(int cells)
 {
   cama::Scene s;
+  s.time_step = 1.0 / 200;
   s.contact.enabled = false;
   s.cloths.push_back(cloth(grid(cells, cells, 0.4, 0.4)));
   cama::Pin pin;
@@ -105,6 +106,7 @@ inline cama::Scene hanging(int cells)
 inline cama::Scene sheet_on_ball()
 {
   cama::Scene s;
+  s.time_step = 1.0 / 200;
   s.contact.thickness = 4e-3;
   s.cloths.push_back(cloth(grid(10, 10, 0.3, 0.3, -0.15, -0.15, 0.004)));
   s.cloths[0].velocity = {0.05, 0, -1};
@@ -116,6 +118,7 @@ inline cama::Scene sheet_on_ball()
 inline cama::Scene pile(int cells)
 {
   cama::Scene s;
+  s.time_step = 1.0 / 200;
   s.contact.thickness = 4e-3;
   s.cloths.push_back(cloth(grid(cells, cells, 0.3, 0.3, -0.15, -0.15, 0.004)));
   s.cloths.push_back(cloth(grid(cells, cells, 0.28, 0.3, -0.14, -0.153, 0.0075), cotton(), "upper"));

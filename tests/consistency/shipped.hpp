@@ -28,13 +28,15 @@ inline std::vector<std::string> scenes()
   return names;
 }
 
-/// About `triangles` triangles of cloth. Read once.
+/// About `triangles` triangles of cloth, with the paper's time step: one a frame, and 1/200 s at most. Read once.
 inline const cama::Scene &load(const std::string &name, int triangles)
 {
   static std::map<std::pair<std::string, int>, cama::Scene> loaded;
   const auto found = loaded.find({name, triangles});
   if (found != loaded.end()) return found->second;
-  return loaded.emplace(std::pair{name, triangles}, cama::Scene::load(std::filesystem::path(CAMA_SOURCE_DIR) / "scenes" / name, triangles)).first->second;
+  cama::Scene scene = cama::Scene::load(std::filesystem::path(CAMA_SOURCE_DIR) / "scenes" / name, triangles);
+  scene.time_step = std::min(scene.seconds_per_frame(), 1.0 / 200);
+  return loaded.emplace(std::pair{name, triangles}, std::move(scene)).first->second;
 }
 
 inline cama::Options options(const std::string &accuracy, const std::string &precision, const std::string &backend, int threads = 0)

@@ -176,6 +176,7 @@ struct Case { const char *name; Scene scene; Options options; int middle; };   /
 Scene tangle()
 {
   Scene s;
+  s.time_step = 1.0 / 200;
   s.contact.thickness = 4e-3;
   s.cloths.push_back(meshes::cloth(meshes::grid(4, 4, 0.2, 0.2, -0.101, -0.103)));
   Mesh strip = meshes::grid(2, 3, 0.06, 0.09, -0.03, 0);

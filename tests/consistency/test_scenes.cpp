@@ -280,6 +280,7 @@ TEST_CASE("a free sheet keeps its momentum on every backend", "[scenes][invarian
     for (const std::string &precision : shipped::precisions) {
       INFO(backend << ", " << precision);
       Scene scene;
+      scene.time_step = 1.0 / 200;
       scene.gravity = {0, 0, 0};
       scene.cloths.push_back(meshes::cloth(meshes::grid(12, 12, 0.4, 0.4)));
       Options o = shipped::options("production", precision, backend, 2);

@@ -8,6 +8,7 @@
 int main()
 {
   cama::Scene scene;
+  scene.time_step = 1.0 / 200;
   cama::Cloth cloth;
   cloth.name = "triangle";
   cloth.mesh.position = {{0, 0, 0}, {1, 0, 0}, {0, 1, 0}};

@@ -34,7 +34,7 @@ def segment_triangles(p, q, x, samples=201):
 @pytest.fixture
 def scene():
     """A sheet over all four, one of them moving."""
-    scene = cama.Scene(thickness=2e-3)
+    scene = cama.Scene(thickness=2e-3, time_step=0.005)
     scene.add_cloth(*grid(16, 0.5, z=0.26), name="sheet")
     scene.add_obstacle(shape={"shape": {"sphere": {"radius": 0.05}}}, translate=(-0.1, 0.1, 0.2), scale=1.1, name="ball", motion={"velocity": (0.3, 0, 0.2)})
     scene.add_obstacle(shape={"shape": {"capsule": {"radius": 0.04, "length": 0.2}}}, translate=(0.1, 0.0, 0.2), rotate=(2**-0.5, 2**-0.5, 0, 0), name="rod")

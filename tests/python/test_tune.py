@@ -101,7 +101,7 @@ def test_written_scenes_keep_their_files_and_lose_only_comments(tmp_path):
         scene = cama.Scene.load(path)
         assert scene.triangle_count == 8 and scene.name == "sheet.obj // no remark"
         assert {**scene.options, "time_step": 0.005} == {"accuracy": "production", "tolerance": 0.1, "time_step": 0.005} and scene.time_step == 0.005
-        assert (scene.frame_time, scene.frames, scene.steps_per_frame) == (0.04, 50, 8)
+        assert (scene.frame_time, scene.frames, scene.seconds_per_frame) == (0.04, 50, 0.04)
     assert json.loads((folder / "tuned.json").read_text())["cloth"][0]["file"] == "sheet.obj"
     with pytest.raises(cama.SceneError, match="pinch"):
         tune.write_scene(folder, {"pinch": "release"}, other / "bad.json")

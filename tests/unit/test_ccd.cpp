@@ -392,6 +392,7 @@ struct FoundImpacts {
 FoundImpacts find_in(const Mesh &start, const Mesh &end, const std::string &precision, bool cubic)
 {
   Scene scene;
+  scene.time_step = 1.0 / 200;
   Cloth cloth;
   cloth.name = "mesh";
   cloth.mesh = start;

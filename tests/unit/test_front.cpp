@@ -108,6 +108,7 @@ Mesh fan(int sectors)
 Scene with(std::vector<Mesh> cloths, std::vector<Mesh> obstacles, bool self = true)
 {
   Scene s;
+  s.time_step = 1.0 / 200;
   s.contact.thickness = 4e-3;
   s.contact.self = self;
   for (std::size_t i = 0; i < cloths.size(); ++i) s.cloths.push_back(meshes::cloth(std::move(cloths[i]), meshes::cotton(), "cloth" + std::to_string(i)));

@@ -36,6 +36,7 @@ constexpr double stiffness = 50, density = 0.2, width = 0.2, height = 0.1;
 Scene spring()
 {
   Scene s;
+  s.time_step = 1.0 / 200;
   s.gravity = {0, 0, 0};
   s.contact.enabled = false;
   Mesh m;
@@ -225,6 +226,7 @@ double equation_error(const Scene &scene, const Options &o, int steps)
 Scene fallen()
 {
   Scene s;
+  s.time_step = 1.0 / 200;
   s.contact.thickness = 4e-3;
   s.contact.friction = 0;
   s.cloths.push_back(meshes::cloth(meshes::grid(4, 4, 0.1, 0.1, -0.05, -0.05, 0.004)));
@@ -432,6 +434,27 @@ TEST_CASE("a step that nothing helps is named, and leaves the state of before", 
   CHECK(s.time() == Approx(5 * s.time_step()));
 }
 
+TEST_CASE("the time step of a level that the scene leaves to it goes with the edges", "[levels]")
+{
+  const auto step = [](double side, const char *level, double frame_time = 0) {
+    const double z = side * 1.5;   // the material is the smaller: its edges count
+    Scene s;
+    s.frame_time = frame_time;
+    s.cloths.push_back(meshes::cloth({{{0, 0, 0}, {z, 0, 0}, {z, z, 0}, {0, z, 0}}, {{0, 1, 2}, {0, 2, 3}}, {{0, 0}, {side, 0}, {side, side}, {0, side}}, {{0, 1, 2}, {0, 2, 3}}}));
+    return chosen_time_step(Options::preset(level), s);
+  };
+  const double side = 0.04 * 3 / (2 + std::sqrt(2.0));      // edges of 40 mm on average: sqrt(0.04 / 1e5) s is 26.4 steps in 1/60 s
+  CHECK(step(side, "production") == Approx(1.0 / 60 / 27));
+  CHECK(step(side, "accurate") == Approx(1.0 / 60 / 132));  // 131.8
+  CHECK(step(side, "reference") == Approx(1.0 / 60 / 528)); // 527.05
+  CHECK(step(side, "paper") == Approx(1.0 / 60 / 4));
+  CHECK(step(1.0, "production") == Approx(1.0 / 960));
+  CHECK(step(1e-4, "production") == Approx(1.0 / 1920));
+  CHECK(step(1.0, "production", 0.005) == Approx(1e-3));    // five fill a frame
+  CHECK(step(1.0, "paper", 1.0 / 300) == Approx(1.0 / 300));
+  CHECK(chosen_time_step(Options(), Scene()) == Approx(1.0 / 1920));
+}
+
 TEST_CASE("levels: names, time steps that fill frames, and who chose what", "[levels]")
 {
   CHECK(accuracy_levels() == std::vector<std::string>{"preview", "interactive", "production", "accurate", "reference", "paper"});
@@ -442,7 +465,7 @@ TEST_CASE("levels: names, time steps that fill frames, and who chose what", "[le
   CHECK(step("production") == 0.005);
   CHECK(step("paper") == 0.005);
   CHECK(step("preview") == Approx(1.0 / 120));
-  CHECK(step("accurate") == Approx(0.0005));
+  CHECK(step("accurate") == Approx(0.005 / 24));   // edges of 133 mm and more: 1/4800 s
   s.frame_time = 0.04;
   CHECK(step("preview") == Approx(0.008));       // five fill a frame
   CHECK(step("interactive") == Approx(0.004));

@@ -16,6 +16,7 @@ namespace {
 Scene falling(bool contact = false, bool self = false)
 {
   Scene s;
+  s.time_step = 1.0 / 200;
   s.contact.enabled = contact;
   s.contact.self = self;
   s.cloths.push_back(meshes::cloth(meshes::grid(4, 4, 0.2, 0.2)));

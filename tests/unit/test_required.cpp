@@ -50,6 +50,7 @@ Mesh grid(int columns, int rows, double width, double height, double x = 0, doub
 Scene bare()
 {
   Scene s;
+  s.time_step = 1.0 / 200;
   s.contact.enabled = false;
   s.contact.self = false;
   s.contact.friction = 0;

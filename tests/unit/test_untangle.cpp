@@ -56,6 +56,7 @@ Scene tangled(const std::string &kind, unsigned seed)
 {
   Random random(seed);
   Scene s;
+  s.time_step = 1.0 / 200;
   Mesh a = sheet(random, 0.04 * edge), b = sheet(random, 0.04 * edge);
   if (kind == "line") {   // b passes through the middle of a, one and a half edges deep
     const double tilt = random(0.3, 1.2), spin = random(-0.2, 0.2);
@@ -212,6 +213,7 @@ TEST_CASE("intersections by objects, in the objects' own numbers", "[untangle]")
 {
   // One triangle stands through another: edges 0-1 and 0-2 of "up" (its face 0) pass through face 0 of "flat", at x = 0.4 and 0.6.
   Scene scene;
+  scene.time_step = 1.0 / 200;
   Mesh far = meshes::grid(2, 2, 1, 1, 10, 10), flat, up;
   flat.position = {{0, -1, 0}, {1, 1, 0}, {-1, 1, 0}};
   flat.face = {{0, 1, 2}};

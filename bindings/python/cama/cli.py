@@ -45,7 +45,7 @@ SceneName = Annotated[str, typer.Argument(metavar="SCENE", help="A folder with s
 BackendOption = Annotated[Backend, typer.Option(help="Where to compute.")]
 PrecisionOption = Annotated[Optional[Precision], typer.Option(help="Of forces, matrix and solve; left out: what the accuracy says.")]
 AccuracyOption = Annotated[Optional[Accuracy], typer.Option(help="Level: time step, integrator, solver and collision options in one word; left out: the scene's options, else production.")]
-TimeStep = Annotated[float, typer.Option(min=0.0, help="s; 0: the level's, which is the scene's for production and paper.")]
+TimeStep = Annotated[float, typer.Option(min=0.0, help="s; 0: the scene's at production and paper, else the level's.")]
 Set = Annotated[Optional[list[str]], typer.Option("--set", metavar="NAME=VALUE", help="One option in place of the level's, for example tolerance=1e-4; may be repeated.")]
 Resolution = Annotated[int, typer.Option(min=0, help="Total number of cloth triangles aimed at; 0: the scene's own.")]
 Threads = Annotated[int, typer.Option(min=0, help="Threads of the CPU backend; 0: all.")]
@@ -261,7 +261,7 @@ def check(scene: SceneName, resolution: Resolution = 0,
     found = loaded.intersections()
     count = sum(pair.count for pair in found)
     out.print(f"{loaded.triangle_count:,} cloth triangles, {pinned:,} pinned vertices, {loaded.stitch_count:,} stitches, "
-              f"{loaded.frames} frames of {loaded.steps_per_frame} steps of {loaded.time_step * 1e3:g} ms")
+              f"{loaded.frames} frames of {loaded.seconds_per_frame * 1e3:g} ms")
     out.print(f"intersections at the start: [{'bold red' if count else 'green'}]{count}[/]")
     if mesh:
         loaded.save_intersections(mesh)

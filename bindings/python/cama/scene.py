@@ -23,13 +23,14 @@ ANIMATED = {".glb", ".gltf", ".fbx", ".dae"}
 class Scene:
     """What the user describes. Lengths in m, masses in kg, times in s.
 
-    gravity: [3] m/s^2.  time_step: s.  frames: how many `cama run` records.  frame_time: s between frames, 0: every step.
+    gravity: [3] m/s^2.  time_step: s, which the levels `production` and `paper` take as it is; 0: the accuracy level's.  frames: how many
+    `cama run` records.  frame_time: s between frames, 0: time_step, or 1/60 s without one.
     thickness: distance below which contact acts, m.  stiffness: of the contact penalty, N/m^3.  friction: cloth against
     cloth, for materials that give none.  static_friction: the same while it sticks, None: equal.  contact: False lets cloth pass through everything.  self_contact: cloth against cloth.
     wind: None or a dict with `velocity` [3] m/s, `density` kg/m^3, `drag` kg/(m^2 s).
     """
 
-    def __init__(self, gravity=(0, 0, -9.81), time_step=1 / 200, frames=100, frame_time=0.0, name="scene", description="",
+    def __init__(self, gravity=(0, 0, -9.81), time_step=0.0, frames=100, frame_time=0.0, name="scene", description="",
                  thickness=1e-3, stiffness=None, friction=None, static_friction=None, contact=True, self_contact=True, wind=None):
         self._core = _core.Scene()
         self.gravity, self.time_step, self.frames, self.frame_time = gravity, time_step, frames, frame_time
@@ -284,9 +285,9 @@ class Scene:
         return self._core.cloth_triangle_count
 
     @property
-    def steps_per_frame(self):
-        """Time steps between recorded frames, at least one."""
-        return max(1, round(self.frame_time / self.time_step)) if self.frame_time > 0 else 1
+    def seconds_per_frame(self):
+        """From one recorded frame to the next, s: frame_time; where that is 0, time_step; where that is 0 too, 1/60."""
+        return self._core.seconds_per_frame
 
     @property
     def gravity(self):
@@ -358,8 +359,8 @@ def _text(name, value):
 
 Scene.name = _forward(lambda s: s._core, "name", _text, "Name of the scene.")
 Scene.description = _forward(lambda s: s._core, "description", _text, "What it shows.")
-Scene.time_step = _forward(lambda s: s._core, "time_step", number, "s.")
-Scene.frame_time = _forward(lambda s: s._core, "frame_time", number, "s between recorded frames; 0: every step.")
+Scene.time_step = _forward(lambda s: s._core, "time_step", number, "s; 0: the accuracy level's.")
+Scene.frame_time = _forward(lambda s: s._core, "frame_time", number, "s between recorded frames; 0: time_step, or 1/60 s without one.")
 Scene.frames = _forward(lambda s: s._core, "frames", _whole, "Frames that `cama run` records.")
 Scene.thickness = _forward(lambda s: s._core.contact, "thickness", number, "Contact thickness, m.")
 Scene.stiffness = _forward(lambda s: s._core.contact, "stiffness", number, "Contact penalty, N/m^3.")

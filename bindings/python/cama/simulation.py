@@ -133,8 +133,8 @@ class Simulation:
 
     @property
     def steps_per_frame(self):
-        """Time steps from one recorded frame to the next: as many as fill the scene's frame_time; without one, its time_step."""
-        return max(1, round((self.scene.frame_time or self.scene.time_step) / self.time_step))
+        """Time steps from one recorded frame to the next: as many as fill the scene's seconds_per_frame."""
+        return max(1, round(self.scene.seconds_per_frame / self.time_step))
 
     @property
     def settings(self):

@@ -84,7 +84,7 @@ def default_plan(scene, window):
     """Settings that say most: every level but `reference` as it is, and `production` with time steps by tolerances, in every precision at both ends,
     and with the second-order integrator and Newton's iterations where this version has them.
     """
-    steps = [float(step) for step in STEPS if _divides(float(step), window)] or [scene.time_step]
+    steps = [float(step) for step in STEPS if _divides(float(step), window)] or [window / math.ceil(200 * window)]
     plan = [{"accuracy": level} for level in levels() if level != "reference"]
     plan += product({"accuracy": ["production"], "time_step": steps, "tolerance": TOLERANCES, "precision": ["mixed"]})
     plan += product({"accuracy": ["production"], "time_step": [steps[0], steps[-1]], "tolerance": [1e-2], "precision": ["double", "single"]})

@@ -130,8 +130,8 @@ def applied(data, settings):
     if "resolution" in own:
         data["resolution"] = own.pop("resolution")
     if "time_step" in own:
-        step, old = own["time_step"], data.get("time_step", 0.005)
-        frame = data.get("frame_time") or old
+        step = own["time_step"]
+        frame = data.get("frame_time") or data.get("time_step") or 1 / 60
         seconds = frame * data.get("frames", 100)
         data["time_step"] = step
         data["frame_time"] = step * max(1, round(frame / step))

@@ -89,8 +89,8 @@ struct ContactProperties { double thickness, stiffness, friction, static_frictio
 /// What the user describes: host data only. Lengths in m, masses in kg, times in s.
 struct Scene {
   std::string name = "scene", description;
-  double time_step = 1.0 / 200;  ///< s
-  double frame_time = 0;         ///< s between recorded frames; 0: one frame per step
+  double time_step = 0;          ///< s, what the levels production and paper take as it is; 0: the level's own
+  double frame_time = 0;         ///< s between recorded frames; 0: time_step, and 1/60 s without one
   int frames = 100;
   dvec3 gravity{0, 0, -9.81};    ///< m/s^2
   std::optional<Wind> wind;
@@ -114,6 +114,8 @@ struct Scene {
   void validate() const;
 
   /// Can anything touch? Contact is enabled, and there is an obstacle or cloth meets cloth.
+  /// s from one recorded frame to the next.
+  double seconds_per_frame() const { return frame_time > 0 ? frame_time : time_step > 0 ? time_step : 1.0 / 60; }
   bool has_contact() const { return contact.enabled && (contact.self || !obstacles.empty()); }
   /// Of cloth `object`, or of obstacle `object` - number of cloths.
   ContactProperties contact_properties(std::size_t object) const;

@@ -39,7 +39,7 @@ void SceneReader::read_settings(const Field &f)
 {
   scene_.name = f.text("name", scene_.name);
   scene_.description = f.text("description", "");
-  scene_.time_step = f.positive("time_step", scene_.time_step);
+  if (f.has("time_step")) scene_.time_step = f.positive("time_step", scene_.time_step);
   scene_.frame_time = f.finite("frame_time", 0);
   scene_.frames = f.integer("frames", scene_.frames);
   scene_.gravity = f.vector("gravity", scene_.gravity);

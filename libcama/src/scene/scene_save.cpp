@@ -254,8 +254,10 @@ std::string Scene::save() const
   w.quoted(name);
   w.key("description");
   w.quoted(description);
-  w.key("time_step");
-  w.number(time_step);
+  if (time_step > 0) {
+    w.key("time_step");
+    w.number(time_step);
+  }
   w.key("frame_time");
   w.number(frame_time);
   w.key("frames");

@@ -61,8 +61,8 @@ void check_static_friction(const std::string &field, double value, double fricti
 
 void check_settings(const Scene &s)
 {
-  require(std::isfinite(s.time_step) && s.time_step > 0, "time_step", s.time_step, "give seconds, greater than 0, for example 0.005");
-  require(std::isfinite(s.frame_time) && s.frame_time >= 0, "frame_time", s.frame_time, "give seconds, or 0 for one frame per step");
+  require(std::isfinite(s.time_step) && s.time_step >= 0, "time_step", s.time_step, "give seconds, for example 0.005, or 0 for the accuracy level's");
+  require(std::isfinite(s.frame_time) && s.frame_time >= 0, "frame_time", s.frame_time, "give seconds, or 0 for one frame per time_step");
   require(s.frames >= 0, "frames", s.frames, "give 0 or more");
   require(finite(s.gravity), "gravity", "not finite", "give three finite numbers, m/s^2");
   require(std::isfinite(s.contact.thickness) && s.contact.thickness > 0, "contact.thickness", s.contact.thickness, "give metres, greater than 0");

@@ -19,7 +19,7 @@ def touching(p):
 
 def coplanar(p):
     """Two sheets in one plane, 1 micrometre from edge to edge, fall side by side on a floor."""
-    scene = cama.Scene(thickness=1e-3)
+    scene = cama.Scene(thickness=1e-3, time_step=1 / 200)
     for k in range(2):
         vertices, faces = shapes.sheet(0.1, 0.1, 32)
         scene.add_cloth(vertices + [k * (0.1 + 1e-6), 0, 0.01], faces, name=("left", "right")[k])
@@ -29,7 +29,7 @@ def coplanar(p):
 
 def start_that_intersects(p):
     """Refused with the names of both; simulated as it is; untangled first."""
-    scene = cama.Scene(gravity=(0, 0, 0))
+    scene = cama.Scene(gravity=(0, 0, 0), time_step=1 / 200)
     mesh = shapes.sheet(0.2, 0.2, 50)
     scene.add_cloth(*mesh, name="flat")
     scene.add_cloth(mesh[0] @ shapes.rotation((0, 1, 0), 1.2).T + [0.003, 0.004, 0.005], mesh[1], name="slanted")

@@ -162,7 +162,7 @@ def _still(p, scene, steps):
 
 def _resting(side, columns):
     """Two sheets and a ball, out of contact, without gravity."""
-    scene = cama.Scene(gravity=(0, 0, 0), thickness=1e-3)
+    scene = cama.Scene(gravity=(0, 0, 0), thickness=1e-3, time_step=1 / 200)
     for z in (0, 0.00390625):
         vertices, faces = shapes.lattice(side, side, columns, columns)
         scene.add_cloth(vertices + [0, 0, z], faces)
@@ -240,7 +240,7 @@ def scale_error(p):
 
 def t_junction(p):
     """A coarse and a fine piece sewn along a border, fine vertices to points of coarse edges: the seam closes."""
-    scene = cama.Scene(gravity=(0, 0, 0), thickness=1e-4)
+    scene = cama.Scene(gravity=(0, 0, 0), thickness=1e-4, time_step=1 / 200)
     coarse, fine = shapes.lattice(0.1, 0.1, 2, 2), shapes.lattice(0.1, 0.1, 6, 6)
     scene.add_cloth(*coarse, name="coarse")
     scene.add_cloth(fine[0] + [0.105, 0, 0], fine[1], name="fine")

@@ -15,7 +15,7 @@ from .meshes import cloth_scene
 
 def stack(sheets=4, triangles=60, gap=2e-3):
     """Sheets above each other over a floor."""
-    scene = cama.Scene(thickness=1.5e-3)
+    scene = cama.Scene(thickness=1.5e-3, time_step=1 / 200)
     scene.add_obstacle(shape={"plane": {"size": [1, 1], "triangles": 8}}, name="floor", translate=(0.0131, 0.0177, 0))
     random = np.random.default_rng(5)
     for k in range(sheets):
