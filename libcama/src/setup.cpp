@@ -2,6 +2,8 @@
 #include "setup.hpp"
 
 #include <algorithm>
+#include <cstdio>
+#include <limits>
 
 namespace cama {
 namespace {
@@ -9,6 +11,23 @@ namespace {
 constexpr double without_end = 1e30;         // m; boxes of planes
 constexpr double thickest_per_edge = 0.45;   // of the shortest edge: neighbours at rest are never in contact
 constexpr double contact_margin = 0.6;       // of the thickness: half for the contact distance, the rest for what the solve adds to the prediction
+
+/// Single precision loses a vertex's mass beside h^2 k, and with it the motion: from 2e10 times on cloth was seen to stretch. Throws MaterialError.
+void refuse_stiffness_beyond_single(const State &state, const Scene &scene, const Topology &t)
+{
+  constexpr double largest = 8e9;
+  for (std::size_t c = 0; c < scene.cloths.size(); ++c) {
+    const Material &material = scene.cloths[c].material;
+    double stiffness = 0, mass = std::numeric_limits<double>::infinity();
+    for (const auto &row : material.stretching) stiffness = std::max(stiffness, *std::max_element(row.begin(), row.end()));
+    for (int v = t.cloth_range[c].first; v < t.cloth_range[c].second; ++v) mass = std::min(mass, t.mass[v]);
+    if (state.time_step * (state.time_step + material.damping) * stiffness <= largest * mass) continue;
+    char text[160];
+    std::snprintf(text, sizeof text, "%.3g N/m with steps of %.3g s and vertices of %.3g kg is beyond single precision; use mixed or double, or shorter steps",
+                  stiffness, state.time_step, mass);
+    throw MaterialError("cloth '" + scene.cloths[c].name + "': stiffness of " + text);
+  }
+}
 
 template <class Real> void set_up_materials(State &state, System<Real> &s, Backend &b, const Scene &scene, bool hinges)
 {
@@ -185,6 +204,7 @@ template <class Real> void set_up(State &state, const Scene &scene, const Topolo
   else s = (state.system32 = std::make_unique<System<float>>()).get();
 
   state.time_step = chosen_time_step(state.options, scene);
+  if (sizeof(Real) == 4) refuse_stiffness_beyond_single(state, scene, t);
   state.contact_settings = scene.contact;
   state.cloth_vertices = t.cloth_vertices;
   state.vertices = static_cast<int>(t.position.size());

@@ -187,6 +187,27 @@ TEST_CASE("only the chosen precision is there", "[pipeline]")
   }
 }
 
+TEST_CASE("single precision refuses cloth whose mass it would lose beside its stiffness", "[pipeline]")
+{
+  Scene s = meshes::hanging(3);
+  const std::vector<double> masses = Simulation(s).masses();
+  const double lightest = *std::min_element(masses.begin(), masses.begin() + 16), limit = 8e9 * lightest / (0.005 * (0.005 + s.cloths[0].material.damping));
+  const auto refused = [&](double stiffness, const std::string &precision) {
+    for (auto &row : s.cloths[0].material.stretching) row = {stiffness, 0.3 * stiffness, stiffness, 0.3 * stiffness};
+    Options o;
+    o.precision = precision;
+    try {
+      Simulation(s, o);
+    } catch (const MaterialError &error) {
+      return contains(error.what(), "cloth 'cloth': stiffness of") && contains(error.what(), "beyond single precision");
+    }
+    return false;
+  };
+  CHECK(refused(1.01 * limit, "single"));
+  CHECK_FALSE(refused(0.99 * limit, "single"));
+  CHECK_FALSE(refused(1.01 * limit, "mixed"));
+}
+
 TEST_CASE("explain gives every stage a reason, timings follow the same order", "[pipeline]")
 {
   Simulation simulation(meshes::pile(4), serial());

@@ -48,13 +48,12 @@ def no_stiffness(p):
 
 
 def huge_stiffness(p):
-    """1e12 N/m: nothing stretches."""
+    """1e12 N/m: nothing stretches. Single precision cannot know the mass beside it, and says so."""
     scene, vertices, _ = _held(cama.Material.isotropic(1e12, 0.3, 1e-5, 0.2))
-    try:
-        p.run(scene, 40, bound=0.5)
-    except cama.SolverError as problem:
-        p.seen.error, p.seen.note = f"SolverError: {problem}", "SolverError in " + p.precision
-        p.require(p.precision == "single", p.seen.error)
+    if p.precision == "single":
+        p.refused(cama.MaterialError, ["cloth", "1e+12 N/m", "single"], lambda: p.simulation(scene), "1e12 N/m")
+        return
+    p.run(scene, 40, bound=0.5)
     p.require(p.seen.strain < 0.01, f"stretched by {p.seen.strain:.3g}")
 
 
