@@ -43,7 +43,7 @@ def no_constant(word):
 def test_summary_has_exactly_its_fields(drape):
     s = json.loads((drape / "summary.json").read_text(), parse_constant=no_constant)
     assert set(s) == FIELDS
-    assert s["scene"] == "drape" and s["steps"] == 12 * 24 and s["dt"] == 1 / 960
+    assert s["scene"] == "drape" and s["steps"] == 12 * 29 and s["dt"] == 0.025 / 29
     assert set(s["ms_per_step"]) == {"mean", "median", "max"} and 0 < s["ms_per_step"]["median"] <= s["ms_per_step"]["max"]
     assert s["stages"] and all(ms >= 0 for ms in s["stages"].values())
     assert s["pcg"]["iterations"]["max"] >= s["pcg"]["iterations"]["mean"] > 0
@@ -57,7 +57,7 @@ def test_frames_hold_the_clip(drape):
         assert f["positions"].shape == (13, f["cloth_ranges"][-1, 1] + np.ptp(f["obstacle_ranges"][0]), 3)
         np.testing.assert_allclose(f["times"], np.arange(13) * 0.025, atol=1e-12)
         assert [n.decode() for n in f["cloth_ranges"].attrs["names"].astype("S")] == ["lower", "middle", "upper"]
-        assert f["faces"].shape[1] == 3 and f.attrs["scene"] == "drape" and f.attrs["time_step"] == 1 / 960 and f.attrs["steps_per_frame"] == 24
+        assert f["faces"].shape[1] == 3 and f.attrs["scene"] == "drape" and f.attrs["time_step"] == 0.025 / 29 and f.attrs["steps_per_frame"] == 29
         assert f["positions"].chunks[0] == 1 and f["positions"].maxshape[0] is None
     assert judge(drape) == 0
 
@@ -123,7 +123,7 @@ def test_interrupt_keeps_what_was_computed(tmp_path):
     s = json.loads((tmp_path / "summary.json").read_text())
     with h5py.File(tmp_path / "frames.h5") as f:
         assert len(f["times"]) == len(f["positions"]) >= 4
-        assert 0 <= s["steps"] - 24 * (len(f["times"]) - 1) <= 24
+        assert 0 <= s["steps"] - 29 * (len(f["times"]) - 1) <= 29
         assert np.isfinite(f["positions"][-1]).all()
 
 

@@ -25,7 +25,7 @@ def test_levels_set_the_time_step_and_frames_stay_the_same_in_time():
     steps = {level: cama.Simulation(falling(frame_time=0.02), accuracy=level).time_step for level in cama.accuracy_levels()}
     assert steps["production"] == steps["paper"] == 0.005
     assert steps["preview"] == pytest.approx(0.02 / 3) and steps["interactive"] == pytest.approx(0.004)
-    assert steps["accurate"] == pytest.approx(0.02 / 149) and steps["reference"] == pytest.approx(0.02 / 593)   # of sqrt(0.0455 / 1e5) s a fifth and a twentieth
+    assert steps["accurate"] == pytest.approx(0.02 / 182) and steps["reference"] == pytest.approx(0.02 / 727)   # of sqrt(0.0455 / 1.5e5) s a fifth and a twentieth
     for level, own in (("preview", 0.005), ("production", 0.005), ("accurate", 0.005), ("production", 0)):
         simulation = cama.Simulation(falling(own, frame_time=0.02), accuracy=level)
         times = [frame.time for frame in simulation.frames(audit=False)]
@@ -36,7 +36,7 @@ def test_what_neither_scene_nor_user_says_the_level_does():
     scene = falling(0)
     assert (scene.time_step, scene.frame_time, scene.seconds_per_frame) == (0, 0, 1 / 60)
     simulation = cama.Simulation(scene)
-    assert simulation.time_step == pytest.approx(1 / 60 / 25) and simulation.steps_per_frame == 25   # 24.7
+    assert simulation.time_step == pytest.approx(1 / 60 / 31) and simulation.steps_per_frame == 31   # 30.3
     assert {s["name"]: s["origin"] for s in simulation.settings}["time_step"] == "level"
     assert cama.Simulation(scene, accuracy="paper").time_step == pytest.approx(1 / 240)              # 1/200 s is 3.3 in a frame
     assert "time_step" not in json.loads(scene.to_json()) and cama.Scene.parse(scene.to_json()).time_step == 0
@@ -80,7 +80,7 @@ def test_command_line(tmp_path):
                                  "-o", str(tmp_path / "out")], catch_exceptions=False)
     assert result.exit_code == 0, result.output
     summary = json.loads((tmp_path / "out" / "summary.json").read_text())
-    assert summary["steps"] == 2 * 75 and summary["dt"] == pytest.approx(0.01 / 75) and summary["retries"] == 0
+    assert summary["steps"] == 2 * 91 and summary["dt"] == pytest.approx(0.01 / 91) and summary["retries"] == 0
     shown = RUNNER.invoke(app, ["explain", str(path), "--accuracy", "accurate", "--time-step", "0.001", "--set", "commit=false"], catch_exceptions=False)
     lines = {line.split()[0]: line for line in shown.output.splitlines() if line.strip()}
     assert "0.001 s" in lines["time_step"] and "user" in lines["time_step"]

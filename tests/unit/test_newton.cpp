@@ -443,16 +443,16 @@ TEST_CASE("the time step of a level that the scene leaves to it goes with the ed
     s.cloths.push_back(meshes::cloth({{{0, 0, 0}, {z, 0, 0}, {z, z, 0}, {0, z, 0}}, {{0, 1, 2}, {0, 2, 3}}, {{0, 0}, {side, 0}, {side, side}, {0, side}}, {{0, 1, 2}, {0, 2, 3}}}));
     return chosen_time_step(Options::preset(level), s);
   };
-  const double side = 0.04 * 3 / (2 + std::sqrt(2.0));      // edges of 40 mm on average: sqrt(0.04 / 1e5) s is 26.4 steps in 1/60 s
-  CHECK(step(side, "production") == Approx(1.0 / 60 / 27));
-  CHECK(step(side, "accurate") == Approx(1.0 / 60 / 132));  // 131.8
-  CHECK(step(side, "reference") == Approx(1.0 / 60 / 528)); // 527.05
+  const double side = 0.04 * 3 / (2 + std::sqrt(2.0));      // edges of 40 mm on average: sqrt(0.04 / 1.5e5) s is 32.3 steps in 1/60 s
+  CHECK(step(side, "production") == Approx(1.0 / 60 / 33));
+  CHECK(step(side, "accurate") == Approx(1.0 / 60 / 162));  // 161.4
+  CHECK(step(side, "reference") == Approx(1.0 / 60 / 646)); // 645.5
   CHECK(step(side, "paper") == Approx(1.0 / 60 / 4));
   CHECK(step(1.0, "production") == Approx(1.0 / 960));
-  CHECK(step(1e-4, "production") == Approx(1.0 / 1920));
+  CHECK(step(1e-4, "production") == Approx(1.0 / 2880));
   CHECK(step(1.0, "production", 0.005) == Approx(1e-3));    // five fill a frame
   CHECK(step(1.0, "paper", 1.0 / 300) == Approx(1.0 / 300));
-  CHECK(chosen_time_step(Options(), Scene()) == Approx(1.0 / 1920));
+  CHECK(chosen_time_step(Options(), Scene()) == Approx(1.0 / 2880));
 }
 
 TEST_CASE("levels: names, time steps that fill frames, and who chose what", "[levels]")
@@ -465,7 +465,7 @@ TEST_CASE("levels: names, time steps that fill frames, and who chose what", "[le
   CHECK(step("production") == 0.005);
   CHECK(step("paper") == 0.005);
   CHECK(step("preview") == Approx(1.0 / 120));
-  CHECK(step("accurate") == Approx(0.005 / 24));   // edges of 133 mm and more: 1/4800 s
+  CHECK(step("accurate") == Approx(0.005 / 25));   // edges of 152 mm: 24.9
   s.frame_time = 0.04;
   CHECK(step("preview") == Approx(0.008));       // five fill a frame
   CHECK(step("interactive") == Approx(0.004));

@@ -67,7 +67,7 @@ const std::vector<std::string> &accuracy_levels();
 
 /// The time step that a simulation takes, s: Options::time_step; where it is 0, the scene's at the levels production and paper; where that
 /// is 0 too, the level's, shortened so that whole steps fill a frame. accurate and reference never take a longer one than the scene's.
-/// preview 1/120, interactive 1/240, paper 1/200; production sqrt(edge / 1e5 m/s^2), 1/960 at most and 1/1920 at least, with the mean length
+/// preview 1/120, interactive 1/240, paper 1/200; production sqrt(edge / 1.5e5 m/s^2), 1/960 at most and 1/2880 at least, with the mean length
 /// of the cloth's edges; accurate a fifth and reference a twentieth of that.
 double chosen_time_step(const Options &options, const Scene &scene);
 
