@@ -20,8 +20,8 @@ double mean_edge(const Scene &scene)
     for (const Triangle &f : rest ? m.material_face : m.face)
       for (std::size_t k = 0; k < 3; ++k, ++count) {
         const auto a = static_cast<std::size_t>(f[k]), b = static_cast<std::size_t>(f[(k + 1) % 3]);
-        if (rest) sum += std::hypot(m.material_position[a][0] - m.material_position[b][0], m.material_position[a][1] - m.material_position[b][1]);
-        else sum += kernels::dnorm(kernels::dsub(m.position[a], m.position[b]));
+        if (rest) sum += std::hypot(m.material_position.at(a)[0] - m.material_position.at(b)[0], m.material_position.at(a)[1] - m.material_position.at(b)[1]);
+        else sum += kernels::dnorm(kernels::dsub(m.position.at(a), m.position.at(b)));
       }
   }
   return count > 0 ? sum / count : 0;

@@ -63,8 +63,8 @@ def drape(resolution=1500, seed=0):
 
 
 def twisting(resolution=1500, seed=0):
-    """The paper's Figure 11 (c), for ten full turns of the ball, one a second. At two a second sheets leave the ball, in the converged motion too:
-    what is e off the axis is flung outwards with w^2 e, and friction of 0.5 holds w^2 e = 0.5 g alone, e = 31 mm."""
+    """The paper's Figure 11 (c), for ten full turns of the ball, one a second: friction of 0.5 holds what is up to 124 mm off the axis (31 mm at
+    two turns a second, where sheets leave the ball however fine the steps)."""
     return _shipped("twisting", resolution, seed, 4000, time_step=1 / 400)
 
 
