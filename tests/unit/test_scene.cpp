@@ -8,6 +8,7 @@
 
 #include "cama/error.hpp"
 #include "cama/scene.hpp"
+#include "cama/simulation.hpp"
 
 using namespace cama;
 namespace fs = std::filesystem;
