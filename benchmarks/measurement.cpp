@@ -161,7 +161,7 @@ Measurement measure(const Settings &settings, int resolution)
   Scene scene = Scene::load(settings.scene, resolution);
   Options options = settings.options;
   if (settings.time_step > 0) options.time_step = settings.time_step;
-  if (scene.time_step == 0) scene.time_step = std::min(scene.seconds_per_frame(), 1.0 / 200);
+  if (scene.time_step == 0) scene.time_step = chosen_time_step(Options::preset("paper"), scene);
   Simulation simulation(scene, options);
   Samples samples;
   Measurement m;

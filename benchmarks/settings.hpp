@@ -13,7 +13,7 @@ enum class Wait { never, always, alternate };   ///< for the device after every 
 struct Settings {
   std::string scene;
   std::vector<int> resolutions = {0};   ///< 0: the scene's own
-  double time_step = 0;                 ///< s; 0: the scene's, or one a frame and 1/200 at most (the paper's)
+  double time_step = 0;                 ///< s; 0: the scene's, or that of the level paper
   int skip = 10;                        ///< steps from rest that are not measured
   int steps = 20;                       ///< measured
   double limit = 0;                     ///< s of wall time a resolution; 0: none. Reached: what was measured by then is the result

@@ -28,14 +28,14 @@ inline std::vector<std::string> scenes()
   return names;
 }
 
-/// About `triangles` triangles of cloth, with the paper's time step: one a frame, and 1/200 s at most. Read once.
+/// About `triangles` triangles of cloth, with the paper's time step. Read once.
 inline const cama::Scene &load(const std::string &name, int triangles)
 {
   static std::map<std::pair<std::string, int>, cama::Scene> loaded;
   const auto found = loaded.find({name, triangles});
   if (found != loaded.end()) return found->second;
   cama::Scene scene = cama::Scene::load(std::filesystem::path(CAMA_SOURCE_DIR) / "scenes" / name, triangles);
-  scene.time_step = std::min(scene.seconds_per_frame(), 1.0 / 200);
+  scene.time_step = cama::chosen_time_step(cama::Options::preset("paper"), scene);
   return loaded.emplace(std::pair{name, triangles}, std::move(scene)).first->second;
 }
 

@@ -333,7 +333,7 @@ namespace {
 void check_mesh(const char *scene_name, int triangles, int settle, int rounds)
 {
   Scene scene = Scene::load(std::string(CAMA_SOURCE_DIR) + "/scenes/" + scene_name, triangles);
-  scene.time_step = scene.seconds_per_frame();
+  scene.time_step = chosen_time_step(Options::preset("paper"), scene);
   Options options = serial();
   Engine engine(scene, options);
   for (int step = 0; step < settle; ++step) engine.step();
