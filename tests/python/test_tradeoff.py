@@ -4,6 +4,7 @@
 import csv
 import html.parser
 import importlib.util
+import io
 import json
 import math
 import os
@@ -14,14 +15,17 @@ import subprocess
 import sys
 import time
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from rich.console import Console
 from typer.testing import CliRunner
 
 import cama
 from cama import executor, tradeoff, tradeoff_grid, tradeoff_report
 from cama.cli import app
+from cama.tradeoff_command import front_table
 
 G, ROOT = 9.81, Path(__file__).parents[2]
 # Free fall: the error after a window w is g dt w / 2 exactly, whatever the mesh.
@@ -357,3 +361,11 @@ def test_published_figures_are_per_simulated_second():
     assert sphere["CAMA"] == pytest.approx(2840 * 200) and sphere["I-Cloth"] == pytest.approx(200 / 1.95 * 1000)
     drape = {row["system"]: row["ms_per_second"] for row in tradeoff_report.published("drape")}
     assert drape["Newton 1.8.0 VBD, 4 x 10"] == pytest.approx(16700)
+
+
+def test_the_table_of_fronts_keeps_its_numbers_where_there_is_little_room(monkeypatch):
+    monkeypatch.setattr(tradeoff_report, "summary_rows", lambda r: [("opencl", "production, dt 1/120 s, tolerance 0.01, mixed, newton_iterations 4", 12345.6, 0.0123, 1.234)])
+    out = io.StringIO()
+    Console(file=out, width=60).print(front_table([SimpleNamespace(scene="twisting")]))
+    assert "…" not in out.getvalue() and {"twisting", "opencl", "1.235e+04", "0.0123", "1.23"} <= set(out.getvalue().split())
+    assert "".join(out.getvalue().split()).count("newton") == 1

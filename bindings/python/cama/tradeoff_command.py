@@ -57,9 +57,9 @@ def bar(console):
 def front_table(results):
     """The fronts, fastest first."""
     table = Table("scene", "backend", box=None, padding=(0, 1), title="Fronts: ms per simulated second and rms error")
-    table.add_column("settings", no_wrap=True)
+    table.add_column("settings", overflow="fold")
     for title in ("ms", "edges", "mm"):
-        table.add_column(title, justify="right")
+        table.add_column(title, justify="right", no_wrap=True)
     for r in results:
         for backend, name, cost, edges, millimetres in tradeoff_report.summary_rows(r):
             table.add_row(escape(r.scene), backend, escape(name), f"{cost:,.4g}", f"{edges:.3g}", f"{millimetres:.3g}")
