@@ -21,15 +21,15 @@ def rms(difference, masses):
     return np.sqrt((np.square(difference).sum(1) * masses).sum() / masses.sum())
 
 
-def measure(name, resolution, time_steps):
+def measure(name, resolution, time_steps, times=TIMES):
     """(triangles, edge in m, [(time step in s, error, uncertainty of the reference)]) in edges, rms over starts; the level's own step first."""
     scene = cama.Scene.load(name, resolution)
     time_steps = [cama.Simulation(scene, threads=1).time_step, *time_steps]
     path = cama.Simulation(scene, threads=1, time_step=PATH)
     count, masses = path.cloth_vertex_count, path.masses
     with tempfile.TemporaryDirectory() as folder:
-        starts = [Path(folder) / f"{i}.h5" for i in range(len(TIMES))]
-        for start, time in zip(starts, TIMES):
+        starts = [Path(folder) / f"{i}.h5" for i in range(len(times))]
+        for start, time in zip(starts, times):
             path.step(round((time - path.time) / PATH))
             path.save_checkpoint(start)
         faces = path.faces[:path.cloth_triangle_count]

@@ -2,6 +2,8 @@
 """Accuracy levels from Python and the command line."""
 
 import json
+import sys
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -9,6 +11,9 @@ from typer.testing import CliRunner
 
 import cama
 from cama.cli import app
+
+sys.path.insert(0, str(Path(__file__).parents[2] / "benchmarks"))
+import restarted_steps  # noqa: E402
 
 RUNNER = CliRunner()
 
@@ -89,3 +94,10 @@ def test_command_line(tmp_path):
     for words, expected in ((["--set", "tolerance"], "NAME=VALUE"), (["--set", "tolerance=much"], "much"), (["--set", "tolerence=1"], "tolerence")):
         failed = RUNNER.invoke(app, ["run", str(path), *words, "-o", str(tmp_path / "no")])
         assert failed.exit_code == 2 and expected in failed.output
+
+
+@pytest.mark.parametrize("name", ["drape", "sphere", "flag", "funnel", "twisting"])
+def test_ten_restarted_steps_of_production_are_within_a_hundredth_of_an_edge(name):
+    """Of the converged motion: of the level `reference`, its own error added. With the paper's step they are not."""
+    triangles, edge, (own, coarse) = restarted_steps.measure(name, 200, [1 / 200], times=(0.25, 0.55))
+    assert own[1] + own[2] < 0.01 < coarse[1] - coarse[2], (triangles, edge, own, coarse)
