@@ -6,6 +6,7 @@ Scenes among them are tested in test_extremes.py on the CPU; here they are long.
 
 import csv
 import dataclasses
+import io
 import json
 import math
 import os
@@ -14,6 +15,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from rich.console import Console
 from typer.testing import CliRunner
 
 import cama
@@ -22,6 +24,7 @@ from cama.cli import app
 from cama.extremes import judge, meshes, table
 from cama.extremes.probe import Probe, Wrong
 from cama.extremes.scene_cases import CASES
+from cama.stability_command import outcome_table
 
 OPENCL = next(b for b in cama.backends() if b["name"] == "opencl")["available"]
 SLOW = {"swinging_slivers", "collapsed_to_a_point", "same_centroid", "thread_counts", "out_of_memory", "confetti", "far_away",
@@ -91,6 +94,16 @@ def test_selection_by_number_and_name():
     assert table.select() == table.CHECKS
     with pytest.raises(KeyError, match="46"):
         table.select(["46"])
+
+
+@pytest.mark.parametrize("width", [80, 110])
+def test_what_came_of_a_run_is_printed_on_narrow_terminals_too(width):
+    outcome = stability.Outcome(21, "restart_in_contact_block_jacobi", "opencl", "single", "production", outcome="ok: CollisionError", good=True, steps=100000, strain=0.123)
+    out = io.StringIO()
+    Console(file=out, width=width).print(outcome_table([outcome], width))
+    words = out.getvalue().split()
+    assert {"restart_in_contact_block_jacobi", "opencl", "single", "ok:", "CollisionError"} <= set(words) and "…" not in out.getvalue()
+    assert ("100000" in words) == (width >= 110)
 
 
 # Failures are seen.

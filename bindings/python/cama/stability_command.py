@@ -36,20 +36,21 @@ def backends_of(names):
     return chosen
 
 
-def outcome_table(outcomes):
-    """One line per run."""
+def outcome_table(outcomes, width):
+    """One line per run; below 110 columns without measures, which the files have."""
+    measures = ("steps", "cuts", "strain", "energy", "s") if width >= 110 else ()
     table = Table("", box=None, padding=(0, 1))
     for title in ("check", "backend", "precision"):
         table.add_column(title, no_wrap=True)
-    for title in ("steps", "cuts", "strain", "energy", "s"):
+    for title in measures:
         table.add_column(title, justify="right", no_wrap=True)
-    table.add_column("outcome")
+    table.add_column("outcome", overflow="fold")
     for o in outcomes:
         colour = "green" if o.good else "yellow" if o.known else "bold red"
         energy = "-" if o.energy_ratio is None else f"{o.energy_ratio:.2g}"
         known = f" [dim](known: {escape(o.known)})[/]" if o.known else ""
-        table.add_row(str(o.number), escape(o.check), o.backend, o.precision, str(o.steps), str(o.intersections), f"{o.strain:.2g}", energy,
-                      f"{o.seconds:.1f}", f"[{colour}]{escape(o.outcome[:160])}[/]" + known)
+        seen = (str(o.steps), str(o.intersections), f"{o.strain:.2g}", energy, f"{o.seconds:.1f}")[:len(measures)]
+        table.add_row(str(o.number), escape(o.check), o.backend, o.precision, *seen, f"[{colour}]{escape(o.outcome[:160])}[/]" + known)
     return table
 
 
@@ -106,7 +107,7 @@ def register(app, clean, console):
         ran = {(o.check, o.backend, o.precision) for o in outcomes}
         others = [o for o in others if (o.check, o.backend, o.precision) not in ran]
         stability.write(outcomes + others, output, page, checks)
-        out.print(outcome_table(outcomes))
+        out.print(outcome_table(outcomes, out.width))
         good, known = sum(o.good for o in outcomes), sum(bool(o.known) for o in outcomes)
         out.print(f"{good} of {len(outcomes)} as expected, {known} fail as known, {len(outcomes) - good - known} fail otherwise; "
                   f"{sum(c.body is None for c in checks)} cases cannot be run here. Written to {escape(str(output))}")
