@@ -56,12 +56,13 @@ def main():
     parser.add_argument("--resolution", type=int, default=0, help="cloth triangles, 0: the scene's own")
     parser.add_argument("--per-second", type=int, nargs="*", default=[200, 480, 960, 2000], help="steps per second")
     arguments = parser.parse_args()
-    print("| scene, triangles | an edge | `production` | " + " | ".join(f"1/{n} s" for n in arguments.per_second) + " |")
-    print("|---" * (3 + len(arguments.per_second)) + "|")
+    heads = ["scene, triangles", "an edge", "`production`", *(f"1/{n} s" for n in arguments.per_second)]
+    print("| " + " | ".join(heads) + " |\n" + "|---" * len(heads) + "|")
     for scene in arguments.scenes:
         triangles, edge, rows = measure(scene, arguments.resolution, [1 / n for n in arguments.per_second])
-        print(f"| {scene}, {triangles:,} | {edge * 1e3:.1f} mm | " + " | ".join(f"{100 * e:.2g} % ({100 * u:.1g})" + (f" at 1/{1 / step:.0f} s" if i == 0 else "") for i, (step, e, u) in enumerate(rows)) + " |",
-              flush=True)
+        cells = [f"{100 * error:.2g} % ({100 * uncertainty:.1g})" for _, error, uncertainty in rows]
+        cells[0] += f" at 1/{1 / rows[0][0]:.0f} s"
+        print("| " + " | ".join([f"{scene}, {triangles:,}", f"{edge * 1e3:.1f} mm", *cells]) + " |", flush=True)
 
 
 if __name__ == "__main__":

@@ -28,7 +28,7 @@ double mean_edge(const Scene &scene)
 }
 
 /// Ten steps h of backward Euler leave a motion of constant acceleration a off by 5 a h^2: by a hundredth of an edge where
-/// h^2 = edge / (500 a). a = 300 m/s^2, which a ball that hits cloth gives it; from 1/960 s down to a third of it.
+/// h^2 = edge / (500 a). a = 300 m/s^2 by measurement (docs/accuracy.md); from 1/960 s down to a third of it.
 double step_for_edges(const Scene &scene)
 {
   constexpr double acceleration = 300, longest = 1.0 / 960;

@@ -3,7 +3,6 @@
 
 #include <algorithm>
 #include <cstdio>
-#include <limits>
 
 namespace cama {
 namespace {
@@ -18,13 +17,13 @@ void refuse_stiffness_beyond_single(const State &state, const Scene &scene, cons
   constexpr double largest = 8e9;
   for (std::size_t c = 0; c < scene.cloths.size(); ++c) {
     const Material &material = scene.cloths[c].material;
-    double stiffness = 0, mass = std::numeric_limits<double>::infinity();
+    double stiffness = 0;
     for (const auto &row : material.stretching) stiffness = std::max(stiffness, *std::max_element(row.begin(), row.end()));
-    for (int v = t.cloth_range[c].first; v < t.cloth_range[c].second; ++v) mass = std::min(mass, t.mass[v]);
-    if (state.time_step * (state.time_step + material.damping) * stiffness <= largest * mass) continue;
+    const auto first = t.mass.begin() + t.cloth_range[c].first, lightest = std::min_element(first, t.mass.begin() + t.cloth_range[c].second);
+    if (state.time_step * (state.time_step + material.damping) * stiffness <= largest * *lightest) continue;
     char text[160];
-    std::snprintf(text, sizeof text, "%.3g N/m with steps of %.3g s and vertices of %.3g kg is beyond single precision; use mixed or double, or shorter steps",
-                  stiffness, state.time_step, mass);
+    std::snprintf(text, sizeof text, "%.3g N/m with steps of %.3g s and vertex %d of %.3g kg is beyond single precision; use mixed or double, or shorter steps",
+                  stiffness, state.time_step, static_cast<int>(lightest - first), *lightest);
     throw MaterialError("cloth '" + scene.cloths[c].name + "': stiffness of " + text);
   }
 }

@@ -288,7 +288,6 @@ double cylinder_ratio(Diagonals kind, int cells, double turn, unsigned seed = 1)
     p.mesh.position[v] = {radius * std::sin(s / radius), t, radius * (1 - std::cos(s / radius))};
   }
   Scene scene;
-  scene.time_step = 1.0 / 200;
   scene.cloths.push_back({"sheet", p.mesh, Material::isotropic(1e4, 0, 1e-4, 0.2), {0, 0, 0}, ""});
   const Topology topology = build_topology(scene);
   // Border hinges carry half a cell's worth of sheet: only hinges well inside count, with the area that belongs to them (a third of

@@ -101,6 +101,11 @@ def with_time_step(scene, time_step):
     return changed
 
 
+def paper_step(scene):
+    """The time step of a Scene at the level `paper`, s: its own, without one 1/200 or as whole steps fill a frame."""
+    return _core.chosen_time_step(_core.Options.preset("paper"), scene._core)
+
+
 def accelerations(scene, positions, velocities, instant=1e-9, **options):
     """f(x, v) / m of every cloth vertex [n, 3] m/s^2 in a state [n, 3] m, [n, 3] m/s: from one step of `instant` seconds in double precision.
 

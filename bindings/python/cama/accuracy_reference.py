@@ -8,7 +8,7 @@ from fractions import Fraction
 import numpy as np
 
 from . import accuracy_surface
-from .accuracy_motion import angular_momentum, momentum, position_error, with_time_step
+from .accuracy_motion import angular_momentum, momentum, paper_step, position_error, with_time_step
 from .arrays import number, reals
 from .errors import ArrayError, SolverError
 from .scene import Scene
@@ -77,10 +77,6 @@ def step_length(simulation):
     return getattr(simulation, "time_step", None) or simulation.scene.time_step
 
 
-def _usual_step(scene):
-    return scene.time_step or min(1 / 200, scene.seconds_per_frame)
-
-
 def start_times(window, count, first=0, stride=1):
     """[count] s: every `stride`-th multiple of `window` from number `first`."""
     return window * (first + stride * np.arange(count))
@@ -107,7 +103,7 @@ def reference(scene, window=0.05, windows=10, first=0, stride=1, time_step=None,
     """A converged run of a scene on its own mesh, to measure other settings against; a Reference.
 
     window: s between a start state and its target.  windows, first, stride: they start at every `stride`-th multiple of `window` from number
-    `first`, or at `starts` [k] s, ascending and apart by `window` at least.  time_step: s, default: 1/32 of the scene's or of 1/200 s, so that it divides
+    `first`, or at `starts` [k] s, ascending and apart by `window` at least.  time_step: s, default: 1/32 of that of the level `paper`, so that it divides
     `window`.  options: as of Simulation, on top of the accuracy `reference` where there is one, else of `production` in double
     precision with a tolerance of 1e-10.
 
@@ -121,7 +117,7 @@ def reference(scene, window=0.05, windows=10, first=0, stride=1, time_step=None,
     starts = start_times(window, int(windows), int(first), int(stride)) if starts is None else reals("reference: starts", starts, (None,))
     if not window > 0 or not len(starts) or starts[0] < 0 or (np.diff(starts) < window * (1 - 1e-9)).any():
         raise ArrayError(f"reference: window {window} and starts {starts.tolist()}: give at least one, ascending, apart by the window")
-    fine = number("reference: time_step", time_step) if time_step else window / (4 * math.ceil(8 * window / _usual_step(scene)))
+    fine = number("reference: time_step", time_step) if time_step else window / (4 * math.ceil(8 * window / paper_step(scene)))
     steps_of(window, 4 * fine, "reference: window, with four times the time step")
     options = best_options(options)
 

@@ -11,6 +11,7 @@ import numpy as np
 import cama
 from . import shapes
 from .. import shipped
+from ..accuracy_motion import paper_step
 
 THICKNESS = 1.5e-3
 
@@ -36,7 +37,6 @@ def _shipped(name, resolution, seed, steps, degrees=3.0, offset=4e-3, time_step=
     folder = shipped.folder() / name
     described = json.loads((folder / "scene.json").read_text())
     described["frames"] = steps
-    described["time_step"] = time_step or min(described["frame_time"], 1 / 200)
     random = np.random.default_rng(seed)
     for cloth in described["cloth"]:
         transform = cloth.setdefault("transform", {})
@@ -44,7 +44,9 @@ def _shipped(name, resolution, seed, steps, degrees=3.0, offset=4e-3, time_step=
         transform["translate"] = moved.tolist()
         turned = transform.get("rotate", {"axis": [0, 0, 1], "angle_deg": 0})
         transform["rotate"] = dict(turned, angle_deg=turned["angle_deg"] + random.uniform(-degrees, degrees))
-    return cama.Scene.parse(described, folder, resolution)
+    scene = cama.Scene.parse(described, folder, resolution)
+    scene.time_step = time_step or paper_step(scene)
+    return scene
 
 
 def sphere(resolution=1500, seed=0):
