@@ -60,7 +60,7 @@ std::string processor_name()
 
 class CpuBackend final : public Backend {
 public:
-  explicit CpuBackend(int threads) : threads_(threads > 0 ? threads : omp_get_num_procs()) {}
+  explicit CpuBackend(int threads) : threads_(threads > 0 ? threads : cpu_processors()) {}
 
   std::string_view name() const override { return "cpu"; }
   std::string device() const override { return processor_name() + ", " + std::to_string(threads_) + (threads_ == 1 ? " thread" : " threads"); }
@@ -160,6 +160,8 @@ private:
 };
 
 }  // namespace
+
+int cpu_processors() { return std::max(1, std::min(omp_get_num_procs(), omp_get_max_threads())); }
 
 std::unique_ptr<Backend> make_cpu_backend(int threads) { return std::make_unique<CpuBackend>(threads); }
 

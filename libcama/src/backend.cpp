@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "cama/backend.hpp"
 
+#include <algorithm>
 #include <cstdlib>
 
 #include "../../backends/cpu/cpu_backend.hpp"
@@ -31,6 +32,14 @@ std::vector<BackendInfo> list_backends()
   list.push_back({"cuda", false, {}, "not in this build: nvcc was not found"});
 #endif
   return list;
+}
+
+int processors() { return cpu_processors(); }
+
+int useful_threads(int triangles)
+{
+  constexpr int triangles_per_thread = 1000;
+  return std::clamp(triangles / triangles_per_thread, 1, processors());
 }
 
 std::unique_ptr<Backend> make_backend(const std::string &name, int device, int threads)

@@ -118,7 +118,7 @@ const Scene &checked(const Scene &scene, const Options &options)
 
 struct Simulation::Implementation {
   Implementation(const Scene &scene, const Options &options)
-      : backend(make_backend(options.backend, options.device, options.threads)), state(*backend), topology(build_topology(scene))
+      : backend(make_backend(options.backend, options.device, options.threads ? options.threads : useful_threads(scene.cloth_triangle_count()))), state(*backend), topology(build_topology(scene))
   {
     for (int vertex = 0, count = static_cast<int>(topology.object.size()); vertex < count; ++vertex)
       if (static_cast<std::size_t>(topology.object[static_cast<std::size_t>(vertex)]) == object.size()) object.push_back(owner(scene, topology, vertex));

@@ -11,6 +11,8 @@
 #include <numeric>
 #include <random>
 
+#include "../engine.hpp"
+#include "../meshes.hpp"
 #include "cama/error.hpp"
 #include "launch.hpp"
 
@@ -223,6 +225,23 @@ TEST_CASE("backends that are not there are named", "[backend]")
   CHECK(contains(thrown<BackendError>([] { make_backend("vulkan"); }), "vulkan"));
   CHECK_THROWS_AS(make_backend("cpu", 3), BackendError);
   CHECK_THROWS_AS(make_backend("cpu", 0, -1), BackendError);
+}
+
+TEST_CASE("a scene gets the threads of the CPU backend that it keeps busy, no more than there are", "[backend]")
+{
+  for (int triangles : {0, 1, 999, 1000, 1999}) CHECK(useful_threads(triangles) == 1);
+  CHECK(useful_threads(3500) == std::min(3, processors()));
+  CHECK(useful_threads(std::numeric_limits<int>::max()) == processors());
+  const auto device = [](int cells, int threads) {
+    Options o = serial();
+    o.backend = "cpu";
+    o.threads = threads;
+    return Simulation(meshes::hanging(cells), o).backend().device();
+  };
+  const auto ends_with = [](const std::string &text, const std::string &end) { return text.size() > end.size() && text.substr(text.size() - end.size()) == end; };
+  CHECK(ends_with(device(8, 0), ", 1 thread"));
+  CHECK(ends_with(device(8, 3), ", 3 threads"));
+  CHECK(ends_with(device(60, 0), processors() > 1 ? " threads" : ", 1 thread"));   // 7,200 triangles
 }
 
 TEST_CASE("downloads start where they are told, copies and fills end there", "[backend]")

@@ -48,7 +48,7 @@ AccuracyOption = Annotated[Optional[Accuracy], typer.Option(help="Level: time st
 TimeStep = Annotated[float, typer.Option(min=0.0, help="s; 0: the scene's at production and paper, else the level's.")]
 Set = Annotated[Optional[list[str]], typer.Option("--set", metavar="NAME=VALUE", help="One option in place of the level's, for example tolerance=1e-4; may be repeated.")]
 Resolution = Annotated[int, typer.Option(min=0, help="Total number of cloth triangles aimed at; 0: the scene's own.")]
-Threads = Annotated[int, typer.Option(min=0, help="Threads of the CPU backend; 0: all.")]
+Threads = Annotated[int, typer.Option(min=0, help="Threads of the CPU backend; 0: one for every 1,000 triangles, at most all processors.")]
 Device = Annotated[int, typer.Option(min=0, help="Index of the backend's device.")]
 Debug = Annotated[bool, typer.Option("--debug", help="Show Python's traceback of an error.")]
 

@@ -115,7 +115,7 @@ class Setup:
 
     backends: tuple = ("cpu",)
     device: int = 0
-    threads: int = 0          #: of timed runs; 0: all
+    threads: int = 0          #: of timed runs; 0: as a Simulation chooses them
     jobs: int = 1             #: timed runs at once; more than one disturb each other
     error_jobs: int = 0       #: runs at once that measure errors alone, one thread each; 0: as many as there are processors on cpu, one on other devices
     cluster: str = None       #: address of a Ray cluster, or None: this machine

@@ -20,7 +20,7 @@ Backends = Annotated[List[str], typer.Option("--backend", help="Where to compute
 Resolution = Annotated[int, typer.Option(min=0, help="Total number of cloth triangles aimed at; 0: the scene's own.")]
 Window = Annotated[float, typer.Option(min=1e-6, help="Seconds from a state of the reference to the comparison.")]
 ReferenceStep = Annotated[Optional[float], typer.Option(help="Time step of the reference, s; default: the scene's / 32.")]
-Threads = Annotated[int, typer.Option(min=0, help="Threads of timed runs on the CPU backend; 0: all.")]
+Threads = Annotated[int, typer.Option(min=0, help="Threads of timed runs on the CPU backend; 0: as for run.")]
 Device = Annotated[int, typer.Option(min=0, help="Index of the backend's device.")]
 Jobs = Annotated[int, typer.Option(min=1, help="Timed runs at once; more than one disturb each other.")]
 ErrorJobs = Annotated[int, typer.Option(min=0, help="Runs at once that measure errors alone; 0: as many as there are processors on cpu, one on other devices.")]

@@ -93,8 +93,14 @@ protected:
   long launches_ = 0, waits_ = 0;
 };
 
+/// Processors of this process, at most OMP_NUM_THREADS where that is set: what threads = 0 of the CPU backend means.
+int processors();
+/// Threads that a scene of so many cloth triangles keeps busy: one for every 1,000, at least 1, at most processors(). Kernels are short; with
+/// more threads they wait for each other.
+int useful_threads(int triangles);
+
 /// name: "auto" (what the environment variable CAMA_BACKEND names, else cpu), "cpu", "opencl" or "cuda".
-/// device: index over the backend's usable devices. threads: of the CPU backend, 0 = all. Throws BackendError listing what is there.
+/// device: index over the backend's usable devices. threads: of the CPU backend, 0 = processors(). Throws BackendError listing what is there.
 std::unique_ptr<Backend> make_backend(const std::string &name, int device = 0, int threads = 0);
 
 struct BackendInfo { std::string name; bool available; std::vector<std::string> devices; std::string note; };

@@ -28,7 +28,7 @@ enum class Intersections { reject, exempt, untangle };
 struct Options {
   std::string backend = "auto";
   int device = 0;
-  int threads = 0;                        ///< CPU threads; 0: all
+  int threads = 0;                        ///< of the CPU backend; 0: useful_threads of the scene. No bit depends on them
   /// "double"; "mixed": forces, matrix and residual double, the solve single with refinement; "single": all of these. State and collision
   /// are double always. Mixed is for the Schwarz preconditioner; others solve in the matrix's precision.
   std::string precision = "mixed";
