@@ -5,6 +5,7 @@
 #include <atomic>
 #include <new>
 
+#include "cama/backend.hpp"
 #include "face_tree.hpp"
 #include "predicates.hpp"
 
@@ -69,7 +70,8 @@ std::vector<Intersection> intersections(const std::vector<dvec3> &position, cons
   };
   std::atomic<bool> out_of_memory{false};   // exceptions may not leave a parallel loop
 #if defined(_OPENMP)
-#pragma omp parallel for schedule(dynamic)
+  const int threads = useful_threads(static_cast<int>(face.size()));   // one thread starts none, which a process that forks could not bear
+#pragma omp parallel for schedule(dynamic) num_threads(threads)
 #endif
   for (int c = 0; c < chunks; ++c) {
     try {

@@ -247,7 +247,12 @@ template <class Real> void set_up(State &state, const Scene &scene, const Topolo
   }
   state.fixed = Stream<int>(b, fixed);
   state.gravity = Stream<dvec3>(b, std::vector<dvec3>{scene.gravity});
-  if (has_wind(scene)) state.wind = Stream<dvec3>(b, std::vector<dvec3>{scene.wind->velocity});
+  if (has_wind(scene)) {
+    std::vector<double> density;
+    for (const Cloth &c : scene.cloths) density.push_back(c.material.density);
+    state.wind = Stream<dvec3>(b, std::vector<dvec3>{scene.wind->velocity});
+    state.areal_density = Stream<double>(b, density);
+  }
   if (std::any_of(scene.obstacles.begin(), scene.obstacles.end(), [](const Obstacle &o) { return !o.motion.is_static() && o.motion.is_rigid(); }))
     state.rest_position = Stream<dvec3>(b, t.rest_position);
 

@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "cama/simulation.hpp"
 
+#include <omp.h>
+
 #include <algorithm>
 #include <chrono>
 #include <cmath>
@@ -103,6 +105,18 @@ void check_state(const std::vector<dvec3> &position, const Topology &t, const st
                        "intersections set to \"exempt\"");
 }
 
+/// Threads of audits on the host while it lives, as options.threads says.
+class HostThreads {
+public:
+  explicit HostThreads(int threads) : before_(omp_get_max_threads()) { if (threads > 0) omp_set_num_threads(threads); }
+  ~HostThreads() { omp_set_num_threads(before_); }
+  HostThreads(const HostThreads &) = delete;
+  HostThreads &operator=(const HostThreads &) = delete;
+
+private:
+  int before_;
+};
+
 const Scene &checked(const Scene &scene, const Options &options)
 {
   scene.validate();
@@ -120,6 +134,7 @@ struct Simulation::Implementation {
   Implementation(const Scene &scene, const Options &options)
       : backend(make_backend(options.backend, options.device, options.threads ? options.threads : useful_threads(scene.cloth_triangle_count()))), state(*backend), topology(build_topology(scene))
   {
+    const HostThreads threads(options.threads);
     for (int vertex = 0, count = static_cast<int>(topology.object.size()); vertex < count; ++vertex)
       if (static_cast<std::size_t>(topology.object[static_cast<std::size_t>(vertex)]) == object.size()) object.push_back(owner(scene, topology, vertex));
     guarded = options.intersections != Intersections::exempt && scene.has_contact();
@@ -166,6 +181,7 @@ void Simulation::step()
 {
   State &s = implementation_->state;
   Backend &b = *implementation_->backend;
+  const HostThreads threads(s.options.threads);
   Pipeline &pipeline = *implementation_->pipeline.step;
   const std::string name = "step " + std::to_string(s.report.step + 1);
   const long launches = b.launches(), waits = b.waits();
@@ -372,6 +388,7 @@ double Simulation::min_gap() const
 int Simulation::count_intersections() const
 {
   const Implementation &i = *implementation_;
+  const HostThreads threads(i.state.options.threads);
   const std::vector<dvec3> position = i.state.position.download();
   return static_cast<int>(forbidden_intersections(position, i.topology, i.state.contact_settings.self).size() + intrusions(position, i.topology).size());
 }

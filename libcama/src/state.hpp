@@ -90,6 +90,7 @@ struct State {
   Stream<double> inverse_mass;                // [vertices] 1/kg; 0: prescribed; of contact
   Stream<int> fixed;                          // [vertices] 1: prescribed
   Stream<dvec3> gravity, wind;                // [1]
+  Stream<double> areal_density;               // [cloths] kg/m^2, with wind
 
   Stream<kernels::element_nodes> triangle_nodes, hinge_nodes, term_nodes;
   Stream<int> term_split;                     // [terms] of the star: nodes on side A
@@ -157,7 +158,7 @@ struct State {
     f("position_before", position_before); f("velocity_before", velocity_before);
     f("position_base", position_base); f("velocity_base", velocity_base);
     f("predicted", predicted); f("rest_position", rest_position); f("inverse_mass", inverse_mass); f("fixed", fixed);
-    f("gravity", gravity); f("wind", wind);
+    f("gravity", gravity); f("wind", wind); f("areal_density", areal_density);
     f("triangle_nodes", triangle_nodes); f("hinge_nodes", hinge_nodes); f("term_nodes", term_nodes);
     f("term_split", term_split);
     f("triangle_incidence.row", triangle_incidence.row); f("triangle_incidence.entry", triangle_incidence.entry);

@@ -145,3 +145,44 @@ def test_the_command_resumes_as_if_it_had_never_stopped(tmp_path):
     assert first["resumed_at"] is None and second["resumed_at"] == 6 * simulation.steps_per_frame
     other = command("--frames", 20, "-o", parts, "--resume", "--set", "tolerance=1e-2")
     assert other.returncode == 0 and "not bit by bit as before: tolerance 0.01 instead of 0.001" in " ".join(other.stdout.split())
+
+
+@pytest.mark.parametrize("edit, part", [
+    (lambda s: setattr(s, "gravity", (0, 0, 9.81)), "gravity"),
+    (lambda s: setattr(s, "friction", 0.9), "contact"),
+    (lambda s: s.add_obstacle(shape={"plane": {"size": [1, 1]}}, name="floor", translate=(0, 0, -1)), "floor"),
+    (lambda s: s.pin("sheet 0", [3]), "pins"),
+    (lambda s: setattr(s.cloths[1], "material", cama.Material.fabric("denim")), "sheet 1"),
+    (lambda s: setattr(s, "wind", {"velocity": (1, 0, 0)}), "wind"),
+])
+def test_a_checkpoint_of_another_scene_is_refused_by_what_differs(kept, edit, part):
+    path, _ = kept
+    scene = falling().scene.copy()
+    edit(scene)
+    changed = cama.Simulation(scene, threads=1)
+    before = changed.state_hash
+    with pytest.raises(cama.SceneError, match=part):
+        changed.load_checkpoint(path)
+    assert (changed.state_hash, changed.step_count) == (before, 0)
+
+
+def test_a_changed_scene_may_go_on_where_it_is_asked_for_and_frames_are_counted_from_the_start(kept):
+    path, _ = kept
+    scene = falling().scene.copy()
+    scene.gravity, scene.frames = (0, 0, -1), 3
+    simulation = cama.Simulation(scene, threads=1)
+    assert simulation.load_checkpoint(path, changed_scene=True) == []
+    assert [frame.index for frame in simulation.frames()] == [3, 4, 5]   # 8 steps of 3 a frame are two frames
+
+
+def test_resuming_otherwise_than_the_frames_are_is_refused_and_loses_nothing(tmp_path):
+    assert command("--frames", 4, "-o", tmp_path, "--store", "single").returncode == 0
+    summary = (tmp_path / "summary.json").read_text()
+    for words, text in ((("--frames", 4), "has 4 frames"), (("--frames", 6, "--store", "double"), "float32"),
+                        (("--frames", 6, "--time-step", "0.003"), "frame every")):
+        refused = command("-o", tmp_path, "--resume", *words)
+        assert refused.returncode == 2 and text in " ".join(refused.stderr.split()), refused
+        assert (tmp_path / "summary.json").read_text() == summary and len(Recording(tmp_path)) == 5
+    assert command("-o", tmp_path, "--resume", "--frames", 6).returncode == 0
+    with Recording(tmp_path) as done:
+        assert len(done) == 7 and done.positions.dtype == np.float32

@@ -77,6 +77,21 @@ def test_info_explain_check():
     assert explain.exit_code == 0 and "position" in explain.output and "KiB" in explain.output
     check = call("check", "drape", "--resolution", 300)
     assert check.exit_code == 0 and "intersections at the start: 0" in check.output
+    assert "starts far" not in check.output
+
+
+def test_check_shows_sizes_and_a_rest_shape_that_is_no_rest_shape(tmp_path):
+    """A sheet of 2 m x 0.6 m with texture coordinates from 0 to 1: at rest it is a square of 1 m, 120 g of cotton."""
+    x, y = np.meshgrid(np.linspace(0, 1, 6), np.linspace(0, 1, 6))
+    lines = [f"v {2 * a} {0.6 * b} 0\nvt {a} {b}" for a, b in zip(x.ravel(), y.ravel())]
+    lines += [f"f {k + 1}/{k + 1} {k + 2}/{k + 2} {k + 8}/{k + 8} {k + 7}/{k + 7}" for j in range(5) for k in range(6 * j, 6 * j + 5)]
+    (tmp_path / "sheet.obj").write_text("\n".join(lines))
+    (tmp_path / "scene.json").write_text(json.dumps({"cloth": [{"file": "sheet.obj", "name": "sheet", "material": "cotton"}]}))
+    said = " ".join(call("check", tmp_path).output.split())
+    assert "2 x 0.6 x 0 1 0.12 -40 to 100" in said and "sheet: starts far from its rest shape" in said
+    cloth = cama.Scene.load(tmp_path).cloths[0]
+    assert cloth.rest_area == pytest.approx(1, rel=1e-12) and cloth.mass == pytest.approx(cloth.material.density, rel=1e-12)
+    assert cloth.start_strain == pytest.approx((-0.4, 1.0), rel=1e-9)
 
 
 @pytest.mark.parametrize("words, expected", [
@@ -125,6 +140,35 @@ def test_interrupt_keeps_what_was_computed(tmp_path):
         assert len(f["times"]) == len(f["positions"]) >= 4
         assert 0 <= s["steps"] - 29 * (len(f["times"]) - 1) <= 29
         assert np.isfinite(f["positions"][-1]).all()
+
+
+def test_sigterm_stops_a_run_as_ctrl_c_does(tmp_path):
+    process = subprocess.Popen([sys.executable, "-m", "cama.cli", "run", "drape", "--resolution", "300", "--frames", "100000", "-o", str(tmp_path)],
+                               stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
+    wait_for_frames(tmp_path / "frames.h5", 2, process)
+    process.terminate()
+    output = process.communicate(timeout=60)[0]
+    assert process.returncode == 143 and "Traceback" not in output, output
+    assert (tmp_path / "checkpoint.h5").is_file() and (tmp_path / "summary.json").is_file()
+
+
+def test_a_summary_that_cannot_be_written_is_a_named_error(tmp_path):
+    (tmp_path / "summary.json.partial").mkdir()
+    done = call("run", "drape", "--resolution", 300, "--frames", 1, "-o", tmp_path)
+    assert done.exit_code == 1 and "summary.json: writing failed" in " ".join(done.output.split())
+    assert (tmp_path / "checkpoint.h5").is_file()
+
+
+def test_frames_that_steps_do_not_fill_are_said(tmp_path):
+    (tmp_path / "scene.json").write_text(json.dumps({"time_step": 0.003, "frame_time": 0.01, "frames": 2, "cloth": [{"grid": {"size": [1, 1]}, "triangles": 50}]}))
+    said = " ".join(call("run", tmp_path, "-o", tmp_path / "out").output.split())
+    assert "frames are 9 ms apart, not 10: 3 steps of 3 ms" in said
+    assert "apart, not" not in call("run", tmp_path, "--time-step", "0.0025", "-o", tmp_path / "out").output
+
+
+def test_options_that_have_a_word_of_their_own_are_not_set_twice():
+    done = call("run", "drape", "--set", "threads=1")
+    assert done.exit_code == 2 and "use --threads" in done.output
 
 
 def test_interrupt_in_python_keeps_the_state():

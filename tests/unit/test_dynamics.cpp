@@ -9,6 +9,8 @@
 #include <map>
 #include <sstream>
 
+#include "../engine.hpp"
+#include "../meshes.hpp"
 #include "cama/error.hpp"
 #include "cama/generators.hpp"
 #include "cama/simulation.hpp"
@@ -418,6 +420,28 @@ Slide slide(double factor, double static_factor, int cells, double duration, Gro
 double sliding_acceleration(double factor) { return gravity * std::sin(26.57 * pi / 180) * (1 - factor); }
 
 }  // namespace
+
+TEST_CASE("wind drives a free sheet to its own speed and not beyond, however long the steps", "[dynamics][wind]")
+{
+  for (double density : {0.05, 0.2})
+    for (double speed : {8.0, 40.0, 200.0}) {
+      INFO(density << " kg/m^2 in a wind of " << speed << " m/s");
+      Scene scene;
+      scene.gravity = {0, 0, 0};
+      scene.time_step = 1.0 / 120;
+      scene.wind = Wind{{0.17 * speed, 0, 0.985 * speed}, 1.2, 0.1};
+      scene.cloths.push_back(meshes::cloth(meshes::grid(8, 8, 0.5, 0.5, 0), Material::isotropic(200, 0.3, 1e-5, density), "sheet"));
+      Simulation simulation(scene, serial());
+      double fastest = 0, along = 0;
+      for (int i = 0; i < 100; ++i) {
+        simulation.step();
+        for (const dvec3 &v : simulation.velocities()) fastest = std::max(fastest, kernels::dnorm(v));
+      }
+      for (const dvec3 &v : simulation.velocities()) along += v.z / static_cast<double>(simulation.velocities().size());
+      CHECK(fastest < 1.1 * speed);
+      CHECK(along > 0.9 * 0.985 * speed);
+    }
+}
 
 TEST_CASE("a patch on a flat slope sticks just above, and slides just below, the angle of friction", "[dynamics][friction]")
 {

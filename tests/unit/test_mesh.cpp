@@ -110,6 +110,14 @@ TEST_CASE("OBJ keeps vertex order, separate texture indices and every bit", "[me
   CHECK(scaled.material_position[2][0] == 2.0);
 }
 
+TEST_CASE("a concave polygon of an OBJ is refused, a convex one and one that is not flat are not", "[mesh][io]")
+{
+  const auto quad = [](const std::string &corner) { return write("quad.obj", "v 0 0 0\nv 1 0 0\n" + corner + "\nv 0 1 0\nf 2 3 4 1\n"); };
+  CHECK(load_mesh(quad("v 1 1 0")).face.size() == 2);
+  CHECK(load_mesh(quad("v 1 1 0.4")).face.size() == 2);
+  CHECK(contains(thrown<FileError>([&] { load_mesh(quad("v 0.3 0.3 0")); }), ":5: the face is a concave polygon"));
+}
+
 TEST_CASE("OBJ polygons, relative indices, stitches and bad lines", "[mesh][io]")
 {
   const fs::path file = write("quad.obj", "# a quad\nv 0 0 0\nv 1 0 0\r\nv 1 1 0\nv 0 1 0\n\nf -4 -3 -2 -1\nstitch 0 1 2 2.5e-001\nvn 0 0 1");

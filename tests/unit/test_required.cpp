@@ -208,7 +208,7 @@ TEST_CASE("wind brings its velocity and a kernel; air without density and drag i
   CHECK(outside_the_solve(found) == elastic_kernels);
   scene.wind = Wind{{3, 0, 0}, 1.2, 0};
   found = take(scene, serial());
-  CHECK(found.streams == elastic_streams + Names{"wind"});
+  CHECK(found.streams == elastic_streams + Names{"areal_density", "wind"});
   CHECK(found.stages == elastic_stages);
   CHECK(outside_the_solve(found) == elastic_kernels + Kernels{{"add_wind", 1}});
 }

@@ -203,6 +203,12 @@ TEST_CASE("errors name the field", "[scene]")
   const char *cloth = R"("cloth": [{"name": "c", "grid": {"size": [1, 1]}}])";
   const auto with = [&](const std::string &more) { return "{" + std::string(cloth) + ", " + more + "}"; };
   CHECK(contains(parse_error("{"), "not JSON"));
+  CHECK(contains(parse_error("{\"frames\": 1e400}"), "not JSON"));
+  CHECK(contains(parse_error("{\"frames\": \"\xff\xfe\"}"), "UTF-8"));
+  CHECK(contains(parse_error("{\"frames\": 1, \"gravity\": [0, 0, 0], \"frames\": 2}"), "\"frames\" is there twice"));
+  CHECK(contains(parse_error(with("\"obstacles\": [{\"name\": \"o\", \"sphere\": {\"radius\": 1}}], \"pins\": [{\"cloth\": \"c\", \"vertices\": [0], "
+                                  "\"attach\": \"o\", \"motion\": {\"velocity\": [1, 0, 0]}}]")), "pins[0].motion: a pin that is attached"));
+  CHECK(contains(parse_error(with("\"pins\": [{\"cloth\": \"c\", \"box\": {\"min\": [5, 5, 5], \"max\": [6, 6, 6]}}]")), "pins[0].box: has no vertex in it; cloth \"c\" reaches from ("));
   CHECK(contains(parse_error("[]"), "expected an object"));
   CHECK(contains(parse_error("{}"), "the scene is empty"));
   CHECK(contains(parse_error(with("\"gravitty\": 1")), "unknown key \"gravitty\"; known keys: name, "));
@@ -365,8 +371,12 @@ TEST_CASE("a material space that is the start in other units is refused", "[scen
     CHECK(contains(error, text));
   }
   CHECK(contains((rest(100, 100, 0), thrown<MeshError>([&] { scene.validate(); })), "material_scale 0.01"));
-  for (const auto &[along, across, shear] : {std::tuple(1.0, 1.0, 0.0), std::tuple(2.9, 2.9, 0.0), std::tuple(1e6, 1e6, 0.0), std::tuple(100.0, 30.0, 0.0), std::tuple(100.0, 100.0, 1.0)}) {
+  for (const auto &[along, across, shear] : {std::tuple(1.0, 1.0, 0.0), std::tuple(2.9, 2.9, 0.0), std::tuple(1e6, 1e6, 0.0), std::tuple(2.9, 0.4, 0.0), std::tuple(1.0, 1.0, 1.0)}) {
     rest(along, across, shear);
     CHECK_NOTHROW(scene.validate());
+  }
+  for (const auto &[along, across, text] : {std::tuple(0.02, 0.04, "50 times as long one way and 25 times the other"), std::tuple(1.0, 4.0, "1 times as long one way and 0.25 times the other")}) {
+    rest(along, across, 0);
+    CHECK(contains(thrown<MeshError>([&] { scene.validate(); }), text));
   }
 }

@@ -61,3 +61,26 @@ def number(name, value):
     if not np.isfinite(result):
         raise ArrayError(f"{name}: {result} is not finite")
     return result
+
+
+def whole(name, value):
+    """`value` as one int of 32 bits."""
+    result = number(name, value)
+    if result != int(result) or abs(result) > 2**31 - 1:
+        raise ArrayError(f"{name}: {value!r} is not a whole number below 2^31")
+    return int(result)
+
+
+def count(name, value):
+    """`value` as one int of 32 bits, not below 0."""
+    result = whole(name, value)
+    if result < 0:
+        raise ArrayError(f"{name} is negative: {result}")
+    return result
+
+
+def plain(value):
+    """NumPy's arrays and numbers as what JSON can hold. Throws TypeError."""
+    if isinstance(value, (np.ndarray, np.generic)):
+        return value.tolist()
+    raise TypeError(f"{type(value).__name__} {value!r}")

@@ -6,10 +6,11 @@ Datasets positions, velocities [vertices, 3] m, m/s; positions_before, velocitie
 matching_parent_L [nodes], matching_start_L [blocks + 1]: the preconditioner's blocks (docs/solver.md). Attributes: `format`; scene (of meshes and
 masses, 16 hexadecimal digits), step, time, time_step, start_step, start_time, released, matching_step,
 matching_terms, matching_first_iterations, matching_last_iterations; for people and for
-`cama run --resume`: scene_name, settings (JSON), cama_version. Nothing in it is executed; every value is checked before it is used.
+`cama run --resume`: scene_name, scene_parts (JSON: digests of all that the scene says, part by part), settings (JSON), cama_version. Nothing in it is executed; every value is checked before it is used.
 """
 
 import contextlib
+import hashlib
 import io
 import json
 import os
@@ -20,7 +21,7 @@ import numpy as np
 
 from ._core import __version__
 from .arrays import integers, reals
-from .errors import FileError
+from .errors import FileError, SceneError
 
 NAME = "checkpoint.h5"
 FORMAT = "cama checkpoint 1"
@@ -29,11 +30,39 @@ PAIRS = ("tangled", "let_go")
 INTEGERS = ("step", "start_step", "matching_step", "matching_terms", "matching_first_iterations", "matching_last_iterations")
 TIMES = ("time", "time_step", "start_time", "released")
 MOST_LEVELS = 16
+NOT_OF_STEPS = ("name", "description", "frames", "frame_time", "time_step", "options")   # in a scene; the time step is among the settings
+MOST_PARTS = 100   # of one kind that are told apart
 
 
 def settings_of(simulation):
     """What the bits of later steps depend on beside the scene: every option but those of where it is computed."""
     return {**{k: v for k, v in simulation.options.items() if k not in ("backend", "device", "threads", "audit")}, "time_step": simulation.time_step}
+
+
+def parts_of(scene):
+    """{part: digest} of all in a scene that steps depend on: {"gravity": ..., "obstacle[ball].friction": ..., ...}."""
+    def digest(value):
+        return hashlib.sha256(json.dumps(value, sort_keys=True).encode()).hexdigest()[:16]
+
+    found = {}
+    for key, value in json.loads(scene.to_json()).items():
+        if key in NOT_OF_STEPS:
+            continue
+        if isinstance(value, list) and len(value) <= MOST_PARTS and all(isinstance(entry, dict) for entry in value):
+            for number, entry in enumerate(value):
+                found.update({f"{key}[{entry.get('name', number)}].{field}": digest(inner) for field, inner in entry.items()})
+        else:
+            found[key] = digest(value)
+    return found
+
+
+def check_scene(simulation, parts):
+    """Throws SceneError that names the parts in which the simulation's scene is not the checkpoint's. parts: None, of a file without."""
+    own = simulation.scene_parts()
+    changed = sorted(name for name in own.keys() | parts.keys() if own.get(name) != parts.get(name)) if parts is not None else []
+    if changed:
+        raise SceneError(f"checkpoint: is of a scene that differs in {', '.join(changed[:8])}{' and more' * (len(changed) > 8)}; load the scene that it "
+                         "was taken of, start anew, or let load_checkpoint(path, changed_scene=True) go on with this one")
 
 
 def write(path, simulation):
@@ -42,7 +71,7 @@ def write(path, simulation):
     partial, whole = path.with_name(path.name + ".partial"), io.BytesIO()
     with h5py.File(whole, "w") as file:   # in memory: HDF5 itself does not survive a full disk
         file.attrs.update({"format": FORMAT, "scene": f"{fields['scene']:016x}", "scene_name": simulation.scene.name, "cama_version": __version__,
-                           "settings": json.dumps(settings_of(simulation))})
+                           "scene_parts": json.dumps(simulation.scene_parts()), "settings": json.dumps(settings_of(simulation))})
         file.attrs.update({name: fields[name] for name in INTEGERS + TIMES})
         for name in VECTORS + PAIRS + ("matching_order",):
             file[name] = fields[name]
@@ -61,7 +90,7 @@ def write(path, simulation):
 
 
 def read(path):
-    """(fields as of the compiled part, settings) of a checkpoint: shapes and types are right, the rest Simulation checks. Throws FileError."""
+    """(fields as of the compiled part, settings, parts of the scene or None) of a checkpoint: shapes and types are right, the rest Simulation checks. Throws FileError."""
     path = Path(path)
     path = path / NAME if path.is_dir() else path
     if not path.is_file():
@@ -81,11 +110,12 @@ def read(path):
             fields["matching_levels"] = [tuple(integers(name, file[name][()], (None,)) for name in (f"matching_parent_{n}", f"matching_start_{n}"))
                                          for n in range(count)]
             settings = json.loads(file.attrs["settings"])
-            if not isinstance(settings, dict):
-                raise ValueError("its settings are not a table")
+            parts = json.loads(file.attrs["scene_parts"]) if "scene_parts" in file.attrs else None
+            if not isinstance(settings, dict) or not isinstance(parts, (dict, type(None))):
+                raise ValueError("its settings or parts of the scene are not a table")
     except (OSError, KeyError, ValueError, TypeError, AttributeError, MemoryError) as problem:   # ArrayError is a ValueError
         raise FileError(f"{path}: not a checkpoint of cama: {problem}") from None
-    return fields, settings
+    return fields, settings, parts
 
 
 def differences(simulation, settings):

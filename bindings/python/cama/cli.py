@@ -9,6 +9,7 @@ from enum import Enum
 from pathlib import Path
 from typing import Annotated, Optional
 
+import numpy as np
 import typer
 from rich.console import Console
 from rich.markup import escape
@@ -33,6 +34,10 @@ class Precision(str, Enum):
 Accuracy = Enum("Accuracy", {name: name for name in _core.accuracy_levels()}, type=str)
 
 
+class Store(str, Enum):
+    double, single = "double", "single"
+
+
 class Policy(str, Enum):
     reject, exempt, untangle = "reject", "exempt", "untangle"
 
@@ -51,6 +56,10 @@ Resolution = Annotated[int, typer.Option(min=0, help="Total number of cloth tria
 Threads = Annotated[int, typer.Option(min=0, help="Threads of the CPU backend; 0: one for every 1,000 triangles, at most all processors.")]
 Device = Annotated[int, typer.Option(min=0, help="Index of the backend's device.")]
 Debug = Annotated[bool, typer.Option("--debug", help="Show Python's traceback of an error.")]
+
+
+STRETCHED = 0.5   # start strain that `check` warns of, and to a stretch of 1 / 1.5
+WHERE = ("backend", "device", "threads", "precision", "accuracy", "intersections", "pinch")   # options of the command's own
 
 
 def clean(command):
@@ -79,6 +88,8 @@ def chosen(accuracy, time_step, words):
         name, mark, text = word.partition("=")
         if not mark:
             raise cama.SceneError(f"--set {word}: expected NAME=VALUE")
+        if name in WHERE:
+            raise cama.SceneError(f"--set {word}: use --{name}")
         kind = type(getattr(level, name, ""))
         try:
             result[name] = {"true": True, "false": False}[text.lower()] if kind is bool else kind(text)
@@ -100,12 +111,12 @@ def run(scene: SceneName,
         threads: Threads = 0, device: Device = 0,
         intersections: Annotated[Policy, typer.Option(help="What becomes of a start that intersects: refused, started as it is, cloth moved first.")] = Policy.reject,
         pinch: Annotated[Pinch, typer.Option(help="What becomes of cloth that moving bodies pinch: an error, or it is let go of until free.")] = Pinch.stop,
-        store: Annotated[Precision, typer.Option(help="Of the positions in frames.h5.")] = Precision.double,
+        store: Annotated[Optional[Store], typer.Option(help="Precision of the positions in frames.h5. Default: double; with --resume that of the file.")] = None,
         output: Annotated[Optional[Path], typer.Option("--output", "-o", metavar="OUT", help="Folder of the results; default: out/SCENE.")] = None,
         checkpoint: Annotated[int, typer.Option(min=0, metavar="N", help="Write OUT/checkpoint.h5 every N frames too; it is always written at the end.")] = 0,
         resume: Annotated[bool, typer.Option("--resume", help="Go on from OUT/checkpoint.h5 and its frames.h5, as if the run had never stopped.")] = False,
         debug: Debug = False):
-    """Simulates SCENE; writes OUT/frames.h5, OUT/summary.json and OUT/checkpoint.h5. Ctrl-C stops between steps and keeps what was computed."""
+    """Simulates SCENE; writes OUT/frames.h5, OUT/summary.json and OUT/checkpoint.h5. Ctrl-C or SIGTERM stops between steps and keeps what was computed."""
     loaded = cama.Scene.load(scene, resolution)
     simulation = cama.Simulation(loaded, backend=backend.value, precision=precision.value if precision else None,
                                  accuracy=accuracy.value if accuracy else None, device=device, threads=threads,
@@ -113,6 +124,7 @@ def run(scene: SceneName,
     if simulation.untangled.rounds:
         moved = simulation.untangled
         console().print(f"start untangled: {moved.before:,} intersections, {moved.moved:,} vertices moved by up to {moved.largest_move * 1e3:.3g} mm")
+    say_frame_time(loaded, simulation)
     folder = output or Path("out") / (Path(scene).stem if Path(scene).name != "scene.json" else Path(scene).resolve().parent.name)
     if resume:
         different = simulation.load_checkpoint(folder)
@@ -120,7 +132,7 @@ def run(scene: SceneName,
         if different:
             console().print(f"[yellow]not bit by bit as before: {escape(', '.join(different))}[/]")
     result = runner.run(simulation, folder, loaded.frames if frames is None else frames,
-                        store=store.value, progress=Console(stderr=True, highlight=False), checkpoint_every=checkpoint, resume=resume)
+                        store=store.value if store else None, progress=Console(stderr=True, highlight=False), checkpoint_every=checkpoint, resume=resume)
     print_summary(result.fields, folder)
     if result.problem is not None:
         if debug:
@@ -129,7 +141,16 @@ def run(scene: SceneName,
         raise typer.Exit(1)
     if result.interrupted:
         console().print(f"[yellow]Stopped after {result.fields['steps']} steps; what was computed is kept, --resume goes on from it.[/]")
-        raise typer.Exit(130)
+        raise typer.Exit(128 + result.interrupted)
+
+
+def say_frame_time(scene, simulation):
+    """Says where steps do not fill frames, so that these come at other times than the scene says."""
+    steps, wanted = simulation.steps_per_frame, scene.seconds_per_frame
+    apart = steps * simulation.time_step
+    if abs(apart - wanted) > 1e-6 * wanted:
+        console().print(f"[yellow]frames are {apart * 1e3:.6g} ms apart, not {wanted * 1e3:.6g}: {steps} {'step' if steps == 1 else 'steps'} of "
+                        f"{simulation.time_step * 1e3:.6g} ms; take a time step that divides the frame time[/]")
 
 
 def number(value, pattern="{:.4g}", unit=""):
@@ -250,18 +271,32 @@ def check(scene: SceneName, resolution: Resolution = 0,
     loaded = cama.Scene.load(scene, resolution)
     loaded.validate()
     table = Table("part", "name", "from", box=None, padding=(0, 2))
+    sizes = Table("cloth", box=None, padding=(0, 2))
     for title in ("triangles", "vertices"):
         table.add_column(title, justify="right")
+    for title in ("extent, m", "rest area, m²", "mass, kg", "start strain, %"):
+        sizes.add_column(title, justify="right", no_wrap=True)
+    stretched = []
     for kind, parts in (("cloth", loaded.cloths), ("obstacle", loaded.obstacles)):
         for part in parts:
             table.add_row(kind, escape(part.name), escape(part.source), f"{len(part.faces):,}", f"{len(part.vertices):,}")
+            if kind == "obstacle":
+                continue
+            least, most = part.start_strain
+            strain = f"{100 * least:.3g} to {100 * most:.3g}" if max(most, -least) > 5e-5 else "0"
+            sizes.add_row(escape(part.name), " x ".join(f"{x:.3g}" for x in np.ptp(part.vertices, axis=0)), f"{part.rest_area:.3g}", f"{part.mass:.3g}", strain)
+            if most > STRETCHED or least < 1 / (1 + STRETCHED) - 1:
+                stretched.append(part.name)
     out = console()
     out.print(table)
+    out.print(sizes)
     pinned = sum(len(pin["vertices"]) for pin in loaded.pins)
     found = loaded.intersections()
     count = sum(pair.count for pair in found)
     out.print(f"{loaded.triangle_count:,} cloth triangles, {pinned:,} pinned vertices, {loaded.stitch_count:,} stitches, "
               f"{loaded.frames} frames of {loaded.seconds_per_frame * 1e3:g} ms")
+    if stretched:
+        out.print(f"[yellow]{escape(', '.join(stretched))}: starts far from its rest shape, which its texture coordinates or material vertices say[/]")
     out.print(f"intersections at the start: [{'bold red' if count else 'green'}]{count}[/]")
     if mesh:
         loaded.save_intersections(mesh)

@@ -68,20 +68,21 @@ class Output:
 class Recorder:
     """Writes frames.h5, flushed after every frame, so that a stop at any time keeps what was computed. Throws FileError.
 
-    until: s; goes on with the file that is there, whose frames after that time are dropped. None: a new file.
+    until: s; goes on with the file that is there, whose frames after that time are dropped. None: a new file. dtype: of the positions; None: double,
+    or that of the file it goes on with.
     """
 
-    def __init__(self, path, simulation, attributes=(), dtype=np.float64, until=None):
+    def __init__(self, path, simulation, attributes=(), dtype=None, until=None):
         self._path, self._output, count = path, None, simulation.vertex_count
-        if until is not None and not Path(path).is_file():
-            raise FileError(f"{path}: no such file; there is nothing to go on with")
+        if until is not None and not h5py.is_hdf5(path):
+            raise FileError(f"{path}: is not there, or no HDF5 file; there is nothing to go on with")
         with self._writing():
             self._output = Output(path, "w+b" if until is None else "r+b")
             self._file = h5py.File(self._output, "w" if until is None else "r+")
             if until is None:
-                self._start(simulation, attributes, dtype, count)
+                self._start(simulation, attributes, dtype or np.float64, count)
             else:
-                self._go_on(count, until)
+                self._go_on(count, until, dict(attributes), dtype)
 
     @contextmanager
     def _writing(self):
@@ -113,14 +114,22 @@ class Recorder:
         }
         self._file.flush()
 
-    def _go_on(self, count, until):
+    def _go_on(self, count, until, attributes, dtype):
         try:
             self._rows = {name: self._file[name] for name in ("positions", "contacts", "intersections", "times")}
             times = self._rows["times"][:]
             if self._rows["positions"].shape[1:] != (count, 3):
                 raise FileError(f"{self._path}: has {self._rows['positions'].shape[1]} vertices a frame, the simulation {count}")
-        except (KeyError, IndexError) as problem:
+            stored, interval = self._rows["positions"].dtype, float(self._file.attrs.get("frame_time", 0))
+        except (KeyError, IndexError, TypeError, ValueError) as problem:
             raise FileError(f"{self._path}: not a recording of cama: {problem}") from None
+        if dtype is not None and stored != dtype:
+            raise FileError(f"{self._path}: holds positions as {stored}, not {np.dtype(dtype)}; leave --store out to go on as it is")
+        wanted = attributes.get("frame_time", interval)
+        if abs(interval - wanted) > 1e-9 * wanted:
+            raise FileError(f"{self._path}: has a frame every {interval:.9g} s, this run would go on with one every {wanted:.9g} s; keep the scene's frame_time "
+                            "and a time step that divides it")
+        self._file.attrs.update({name: attributes[name] for name in ("time_step", "steps_per_frame") if name in attributes})
         kept = int(np.searchsorted(times, until * (1 + 1e-12), side="right"))
         if not kept:
             raise FileError(f"{self._path}: has no frame up to {until:g} s, where the checkpoint is")

@@ -24,28 +24,29 @@ class Result:
     """How a run ended."""
 
     fields: dict                       #: of summary.json
-    interrupted: bool = False          #: by Ctrl-C
+    interrupted: int = 0               #: number of the signal that stopped it: SIGINT (Ctrl-C) or SIGTERM; 0: none
     problem: Optional[Error] = None    #: what stopped it, else
 
 
 @contextlib.contextmanager
 def interruptible():
-    """Yields a function that says whether Ctrl-C was pressed; pressed twice, it raises as usual."""
-    pressed = threading.Event()
+    """Yields a function that gives the number of the signal that came, Ctrl-C's or SIGTERM, or 0; a second one raises KeyboardInterrupt."""
+    came = []
 
-    def press(number, frame):
-        if pressed.is_set():
+    def note(number, frame):
+        if came:
             raise KeyboardInterrupt
-        pressed.set()
+        came.append(number)
 
     if threading.current_thread() is not threading.main_thread():
-        yield pressed.is_set
+        yield lambda: 0
         return
-    before = signal.signal(signal.SIGINT, press)
+    before = {number: signal.signal(number, note) for number in (signal.SIGINT, signal.SIGTERM)}
     try:
-        yield pressed.is_set
+        yield lambda: came[0] if came else 0
     finally:
-        signal.signal(signal.SIGINT, before)
+        for number, handler in before.items():
+            signal.signal(number, handler)
 
 
 def progress_bar(console):
@@ -74,23 +75,26 @@ def prepare(folder):
         raise FileError(f"{folder}: {problem.strerror}") from None
 
 
-def run(simulation, folder, frames, store="double", progress=None, checkpoint_every=0, resume=False):
+def run(simulation, folder, frames, store=None, progress=None, checkpoint_every=0, resume=False):
     """Computes and records `frames` frames after the start; writes frames.h5, summary.json and, at the end however it comes, checkpoint.h5. Returns
     a Result.
 
     progress: a rich Console to draw the bar on, or None. checkpoint_every: frames from one checkpoint to the next, 0: the last alone. resume: the
-    simulation has loaded this folder's checkpoint; goes on with its frames. Errors of a step end the run and are returned, not raised.
+    simulation has loaded this folder's checkpoint; goes on with its frames. store: "double" or "single"; None: double, or what the frames have that it
+    goes on with. Errors of a step end the run and are returned, not raised.
     """
     folder = Path(folder)
     if not resume:
         prepare(folder)
-    summary, problem, stopped = Summary(simulation), None, False
-    dtype = np.float64 if store == "double" else np.float32
+    summary, problem, stopped = Summary(simulation), None, 0
+    dtype = {None: None, "double": np.float64, "single": np.float32}[store]
     with Recorder(folder / NAME, simulation, attributes(simulation), dtype, simulation.time if resume else None) as recorder, \
             progress_bar(progress) as bar, interruptible() as pressed:
         steps = simulation.steps_per_frame
         if resume:
             done, found = len(recorder.times) - 1, recorder.intersections
+            if done >= frames:
+                raise FileError(f"{folder / NAME}: has {done} frames after the start already; ask for more than that with --frames")
             summary.resume(found)
             left = steps - round((simulation.time - recorder.times[-1]) / simulation.time_step)
         else:
@@ -98,8 +102,8 @@ def run(simulation, folder, frames, store="double", progress=None, checkpoint_ev
         task = bar.add_task("", total=frames, completed=done, ms="-", contacts="-", found=found)
         try:
             for frame in range(done + 1, frames + 1):
-                if not compute(simulation, summary, pressed, left):
-                    stopped = True
+                stopped = compute(simulation, summary, pressed, left)
+                if stopped:
                     break
                 left = steps
                 found += record(simulation, recorder, summary)
@@ -112,17 +116,18 @@ def run(simulation, folder, frames, store="double", progress=None, checkpoint_ev
         simulation.save_checkpoint(folder / CHECKPOINT)
     except Error as error:   # a disk that is full, a device that is lost
         problem = problem or error
-    return Result(summary.write(folder), stopped, problem)
+    fields, unwritten = summary.write(folder)
+    return Result(fields, stopped, problem or unwritten)
 
 
 def compute(simulation, summary, pressed, steps):
-    """Steps up to the next frame; False if Ctrl-C stopped them."""
+    """Steps up to the next frame; returns the number of the signal that stopped them, or 0."""
     for _ in range(steps):
         if pressed():
-            return False
+            return pressed()
         simulation.step()
         summary.add_step()
-    return True
+    return 0
 
 
 def record(simulation, recorder, summary):

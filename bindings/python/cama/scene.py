@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from . import _core, collision, shipped
-from .arrays import integers, number, reals, vector
+from .arrays import count, integers, number, plain, reals, vector, whole
 from .errors import ArrayError, FileError, SceneError
 from .material import Material
 from .motion import Motion
@@ -60,7 +60,7 @@ class Scene:
         MaterialError.
         """
         path = shipped.resolve(scene)
-        loaded = cls._of(_core.Scene.load(path, int(resolution)))
+        loaded = cls._of(_core.Scene.load(path, count("resolution", resolution)))
         try:
             loaded.options = loaded.options
         except SceneError as problem:
@@ -70,8 +70,11 @@ class Scene:
     @classmethod
     def parse(cls, text, folder=".", resolution=0):
         """The same from JSON text (or a dict); relative file names start at `folder`."""
-        text = text if isinstance(text, str) else json.dumps(text)
-        parsed = cls._of(_core.Scene.parse(text, Path(folder), int(resolution)))
+        try:
+            text = text if isinstance(text, str) else json.dumps(text, default=plain)
+        except (TypeError, ValueError) as problem:
+            raise SceneError(f"not what JSON can hold: {problem}") from None
+        parsed = cls._of(_core.Scene.parse(text, Path(folder), count("resolution", resolution)))
         parsed.options = parsed.options
         return parsed
 
@@ -346,13 +349,6 @@ def _forward(target, field, check, text):
     return property(read, write, doc=text)
 
 
-def _whole(name, value):
-    result = number(name, value)
-    if result != int(result) or abs(result) > 2**31 - 1:
-        raise ArrayError(f"{name}: {value!r} is not a whole number")
-    return int(result)
-
-
 def _text(name, value):
     return str(value)
 
@@ -361,7 +357,7 @@ Scene.name = _forward(lambda s: s._core, "name", _text, "Name of the scene.")
 Scene.description = _forward(lambda s: s._core, "description", _text, "What it shows.")
 Scene.time_step = _forward(lambda s: s._core, "time_step", number, "s; 0: the accuracy level's.")
 Scene.frame_time = _forward(lambda s: s._core, "frame_time", number, "s between recorded frames; 0: time_step, or 1/60 s without one.")
-Scene.frames = _forward(lambda s: s._core, "frames", _whole, "Frames that `cama run` records.")
+Scene.frames = _forward(lambda s: s._core, "frames", whole, "Frames that `cama run` records.")
 Scene.thickness = _forward(lambda s: s._core.contact, "thickness", number, "Contact thickness, m.")
 Scene.stiffness = _forward(lambda s: s._core.contact, "stiffness", number, "Contact penalty, N/m^3.")
 Scene.friction = _forward(lambda s: s._core.contact, "friction", number, "Coulomb coefficient cloth against cloth, for materials that give none.")

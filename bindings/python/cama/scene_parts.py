@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Parts of a scene as the user holds them: cloth and obstacles."""
 
+import numpy as np
+
 from . import _core
 from .material import Material
 
@@ -63,6 +65,31 @@ class Cloth(Part):
     def material_faces(self):
         """[m, 3] int32 indices into `material_vertices`."""
         return self._core().mesh.material_faces
+
+    def _edges(self):
+        """Two edges of every triangle, as columns: [m, 3, 2] where it starts, [m, 2 or 3, 2] at rest."""
+        start = self.vertices[self.faces]
+        rest = self.material_vertices[self.material_faces] if len(self.material_faces) else start
+        return tuple(np.stack([corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]], 2) for corners in (start, rest))
+
+    @property
+    def rest_area(self):
+        """m^2."""
+        _, rest = self._edges()
+        return 0.5 * float(np.sqrt(np.linalg.det(np.swapaxes(rest, 1, 2) @ rest)).sum())
+
+    @property
+    def mass(self):
+        """kg."""
+        return self.rest_area * self._core().material.density
+
+    @property
+    def start_strain(self):
+        """Least and largest principal stretch over all triangles where the cloth starts, minus one: (0, 0) at rest."""
+        start, rest = self._edges()
+        squared = np.linalg.eigvals(np.linalg.solve(np.swapaxes(rest, 1, 2) @ rest, np.swapaxes(start, 1, 2) @ start)).real   # of C in edges
+        stretch = np.sqrt(np.maximum(squared, 0.0))
+        return float(stretch.min()) - 1, float(stretch.max()) - 1
 
 
 class Obstacle(Part):

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from . import _core, checkpoint
-from .arrays import reals
+from .arrays import count, reals
 from .collision import UntangleReport
 from .errors import ArrayError, SceneError
 from .scene import Scene
@@ -92,7 +92,7 @@ class Simulation:
             precision = own if precision is None else precision
         self._core = _core.Simulation(self.scene._core, _options(backend, precision, accuracy, device, threads, overrides))
         self._of_scene = of_scene
-        self._frame = 0
+        self._frame, self._parts = 0, None
 
     def step(self, n=1):
         """Computes n time steps with the GIL released. Ctrl-C stops between steps and keeps what was computed.
@@ -100,16 +100,14 @@ class Simulation:
         A step that the solver cannot do is taken back and made of shorter ones, down to 1/16: `report["retries"]` counts what failed.
         Throws SolverError when that does not help either, or CollisionError; the state is that before the step.
         """
-        if n < 0:
-            raise ArrayError(f"step: n is negative: {n}")
-        self._core.step(int(n))
+        self._core.step(count("step: n", n))
 
     def frames(self, n=None, audit=True):
         """Iterates over the next n frames (default: the scene's), each `steps_per_frame` steps.
 
         audit: count intersections in every frame, exactly.
         """
-        for _ in range(self.scene.frames if n is None else n):
+        for _ in range(self.scene.frames if n is None else count("frames: n", n)):
             self.step(self.steps_per_frame)
             self._frame += 1
             report = self.report
@@ -216,16 +214,27 @@ class Simulation:
         """
         checkpoint.write(path, self)
 
-    def load_checkpoint(self, path):
+    def scene_parts(self):
+        """{part: digest} of what the scene says: what a checkpoint holds to know its scene by."""
+        if self._parts is None:
+            self._parts = checkpoint.parts_of(self.scene)
+        return self._parts
+
+    def load_checkpoint(self, path, changed_scene=False):
         """Goes on from a checkpoint of the same scene at the same resolution; path: the file, or the folder of `cama run`.
+
+        changed_scene: all but meshes and masses may differ from the scene that the checkpoint was taken of.
 
         With the same options, on any backend, the steps are bit by bit those of the run that wrote it. Options may differ, the time step
         too: returns a list of texts that say which do, empty where none does. Throws FileError for what is no checkpoint, SceneError for
         one of another scene, a damaged one, or one that holds vertices which pins have let go of here, CollisionError where cloth
         intersects. Nothing changes then.
         """
-        fields, settings = checkpoint.read(path)
+        fields, settings, parts = checkpoint.read(path)
+        if not changed_scene:
+            checkpoint.check_scene(self, parts)
         self._core.restore(fields)
+        self._frame = self.step_count // self.steps_per_frame
         return checkpoint.differences(self, settings)
 
     @property

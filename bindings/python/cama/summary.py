@@ -1,11 +1,14 @@
 # SPDX-License-Identifier: Apache-2.0
 """summary.json: what a run did and what it cost."""
 
+import contextlib
 import json
 import math
 import os
 import statistics
 from pathlib import Path
+
+from .errors import FileError
 
 NAME = "summary.json"
 
@@ -75,13 +78,18 @@ class Summary:
         })
 
     def write(self, folder):
-        """Writes summary.json, whole or not at all; returns its fields."""
+        """Writes summary.json, whole or not at all; returns (its fields, None or the FileError that kept it from being written)."""
         fields = self.fields()
         path = Path(folder) / NAME
         partial = path.with_name(NAME + ".partial")
-        partial.write_text(json.dumps(fields, indent=2, allow_nan=False) + "\n", encoding="utf-8")
-        os.replace(partial, path)
-        return fields
+        try:
+            partial.write_text(json.dumps(fields, indent=2, allow_nan=False) + "\n", encoding="utf-8")
+            os.replace(partial, path)
+        except OSError as problem:
+            with contextlib.suppress(OSError):
+                partial.unlink()
+            return fields, FileError(f"{path}: writing failed ({problem})")
+        return fields, None
 
 
 def mean(values):

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 #include <cmath>
+#include <functional>
 #include <initializer_list>
 #include <limits>
 #include <string>
@@ -115,7 +116,7 @@ public:
 
   std::string brief() const
   {
-    std::string s = value_->dump();
+    std::string s = value_->dump(-1, ' ', false, Json::error_handler_t::replace);
     return s.size() > 60 ? s.substr(0, 57) + "..." : s;
   }
 
@@ -124,6 +125,9 @@ private:
   std::string path_;
   Raise raise_;
 };
+
+/// The value of a text; comments are allowed. complain: called with what is wrong: no JSON, numbers beyond a double, a key that is there twice.
+Json parse_json(const std::string &text, const std::function<void(const std::string &)> &complain);
 
 inline void raise_scene_error(const std::string &what) { throw SceneError(what); }
 inline void raise_material_error(const std::string &what) { throw MaterialError(what); }

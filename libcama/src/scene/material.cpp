@@ -197,12 +197,7 @@ Material Material::load(const std::filesystem::path &file)
 
 Material Material::parse(const std::string &json, const std::string &name)
 {
-  Json value;
-  try {
-    value = Json::parse(json, nullptr, true, true);   // ARCSim's files hold comments
-  } catch (const Json::parse_error &e) {
-    throw MaterialError("material " + name + ": not JSON: " + e.what());
-  }
+  const Json value = parse_json(json, [&](const std::string &what) { throw MaterialError("material " + name + ": " + what); });   // ARCSim's hold comments
   return parse_material(Field(value, "material " + name, raise_material_error), name);
 }
 

@@ -15,6 +15,9 @@
 namespace cama {
 namespace {
 
+/// Its triangles [first, end).
+struct Polygon { long line; std::size_t first, end; };
+
 class ObjReader {
 public:
   ObjReader(const std::filesystem::path &file, double scale, double material_scale)
@@ -114,6 +117,23 @@ private:
       t[1] = t[2];
     }
     if (count < 3) fail("a face needs at least 3 corners, got " + std::to_string(count));
+    if (count > 3) polygons_.push_back({line_, out_.mesh.face.size() - static_cast<std::size_t>(count - 2), out_.mesh.face.size()});
+  }
+
+  /// A fan covers a polygon once if all its triangles face the way that the polygon does.
+  void check_convex(const Polygon &p)
+  {
+    const auto normal = [&](std::size_t f) {
+      const Triangle &t = out_.mesh.face[f];
+      const auto corner = [&](int k) { return out_.mesh.position[static_cast<std::size_t>(t[static_cast<std::size_t>(k)])]; };
+      return kernels::dcross(kernels::dsub(corner(1), corner(0)), kernels::dsub(corner(2), corner(0)));
+    };
+    dvec3 whole{0, 0, 0};
+    for (std::size_t f = p.first; f < p.end; ++f) whole = kernels::dadd(whole, normal(f));
+    for (std::size_t f = p.first; f < p.end; ++f) {
+      line_ = p.line;
+      if (kernels::ddot(normal(f), whole) < 0) fail("the face is a concave polygon, which a fan of triangles would fold over itself; split it into triangles");
+    }
   }
 
   void read_stitch(const char *s)
@@ -141,6 +161,9 @@ private:
     range(m.face, m.position.size(), "vertex");
     if (!m.material_face.empty() && m.material_face.size() != m.face.size()) fail("some faces have texture coordinates and some have none");
     range(m.material_face, m.material_position.size(), "texture coordinate");
+    const long last = line_;
+    for (const Polygon &p : polygons_) check_convex(p);
+    line_ = last;
     if (m.material_face.empty()) m.material_position.clear();
     const auto count = static_cast<int>(m.position.size());
     for (const MeshStitch &s : out_.stitches)
@@ -152,6 +175,7 @@ private:
   std::string file_, text_;
   double scale_, material_scale_;
   long line_ = 0;
+  std::vector<Polygon> polygons_;   // of more than three corners
   ObjFile out_;
 };
 

@@ -153,10 +153,24 @@ void SceneReader::read_pin(const Field &f)
     for (const Field &c : f.at("corners").items()) add_group(c);
   if (f.boolean("all", false))
     for (std::size_t v = 0; v < mesh.position.size(); ++v) chosen.insert(static_cast<int>(v));
+  if (chosen.empty() && f.has("box")) {
+    dvec3 lo = mesh.position.front(), hi = lo;
+    for (const dvec3 &x : mesh.position) {
+      lo = {std::min(lo.x, x.x), std::min(lo.y, x.y), std::min(lo.z, x.z)};
+      hi = {std::max(hi.x, x.x), std::max(hi.y, x.y), std::max(hi.z, x.z)};
+    }
+    const auto corner = [](const dvec3 &x) {
+      char text[96];
+      std::snprintf(text, sizeof text, "(%.4g, %.4g, %.4g)", x.x, x.y, x.z);
+      return std::string(text);
+    };
+    f.at("box").fail("has no vertex in it; cloth \"" + scene_.cloths[p.cloth].name + "\" reaches from " + corner(lo) + " to " + corner(hi));
+  }
   if (chosen.empty()) f.fail("selects no vertex; give vertices, box, corners or edge");
   p.vertices.assign(chosen.begin(), chosen.end());
   if (f.has("motion")) p.motion = read_motion(f.at("motion"));
   if (p.motion.sampled) f.at("motion").fail("pins move rigidly; \"sampled\" is for obstacles");
+  if (f.has("attach") && f.has("motion")) f.at("motion").fail("a pin that is attached moves with its obstacle; give one of attach and motion");
   if (f.has("attach")) p.obstacle = find_obstacle(f.at("attach"));
   p.release = f.number("release", p.release);
   scene_.pins.push_back(std::move(p));
@@ -195,12 +209,7 @@ Scene Scene::load(const std::filesystem::path &path, int resolution)
 
 Scene Scene::parse(const std::string &json, const std::filesystem::path &folder, int resolution)
 {
-  Json value;
-  try {
-    value = Json::parse(json, nullptr, true, true);
-  } catch (const Json::parse_error &e) {
-    throw SceneError(std::string("not JSON: ") + e.what());
-  }
+  const Json value = parse_json(json, raise_scene_error);
   return SceneReader(folder, resolution).read(Field(value, "", raise_scene_error));
 }
 

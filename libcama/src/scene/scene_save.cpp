@@ -216,11 +216,12 @@ void write_pin(Writer &w, const Pin &p)
   w.number(p.cloth);
   w.key("vertices");
   w.list(p.vertices, [&](int v) { w.number(v); });
-  w.key("motion");
-  write_motion(w, p.motion);
   if (p.obstacle) {
     w.key("attach");
     w.number(*p.obstacle);
+  } else {
+    w.key("motion");
+    write_motion(w, p.motion);
   }
   if (!std::isinf(p.release)) {
     w.key("release");

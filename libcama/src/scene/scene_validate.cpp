@@ -129,14 +129,13 @@ void check_stitch(const Scene &s, std::size_t i)
           "a stitch of vertex " + std::to_string(t.vertex_a) + " to itself", "remove it");
 }
 
-/// Refuses a cloth whose rest shape is the start at another scale, as texture coordinates in other units make it: it would snap to that
-/// size. Cloth that starts crumpled, sheared or collapsed is not stretched by one factor everywhere, or by none that units explain.
+/// Refuses a cloth whose rest shape is the start at another scale, as texture coordinates in other units or of an image make it: it would snap
+/// to that size. Cloth that starts crumpled, sheared or collapsed is not stretched alike everywhere, or by factors that units explain.
 void check_material_scale(const std::string &object, const Mesh &m)
 {
   constexpr double least = 3, most = 1e5, same = 0.1, share = 0.9;
   if (m.material_face.empty()) return;
-  std::vector<double> stretch;   // both principal stretches of each face, from the rest shape to the start
-  stretch.reserve(2 * m.face.size());
+  std::vector<double> large, small;   // principal stretches of each face, from the rest shape to the start
   for (std::size_t f = 0; f < m.face.size(); ++f) {
     const Triangle &t = m.face[f], &u = m.material_face[f];
     const dvec3 a = kernels::dsub(m.position[t[1]], m.position[t[0]]), b = kernels::dsub(m.position[t[2]], m.position[t[0]]);
@@ -147,20 +146,28 @@ void check_material_scale(const std::string &object, const Mesh &m)
     const double trace = (aa * (bx * bx + by * by) - 2 * ab * (ax * bx + ay * by) + bb * (ax * ax + ay * ay)) / (area * area);
     const double determinant = (aa * bb - ab * ab) / (area * area);
     const double root = std::sqrt(std::max(0.0, trace * trace / 4 - determinant));
-    stretch.push_back(std::sqrt(trace / 2 + root));
-    stretch.push_back(std::sqrt(std::max(0.0, trace / 2 - root)));
+    large.push_back(std::sqrt(trace / 2 + root));
+    small.push_back(std::sqrt(std::max(0.0, trace / 2 - root)));
   }
-  const auto middle = stretch.begin() + static_cast<std::ptrdiff_t>(stretch.size() / 2);
-  std::nth_element(stretch.begin(), middle, stretch.end());
-  const double factor = *middle, away = std::max(factor, 1 / factor);
-  const auto alike = std::count_if(stretch.begin(), stretch.end(), [&](double x) { return std::abs(x - factor) <= same * factor; });
-  if (!(away > least && away < most) || static_cast<double>(alike) < share * static_cast<double>(stretch.size())) return;
-  char times[64];
-  std::snprintf(times, sizeof times, "%.4g times as %s", away, factor < 1 ? "large" : "small");
-  char scale[32];
-  std::snprintf(scale, sizeof scale, "%.4g", factor);
-  throw MeshError("mesh of " + object + ": its material space is " + times + " as its start, in every direction; check the units (material_scale " +
-                  scale + " would make them equal)");
+  const auto median = [](std::vector<double> values) {
+    const auto middle = values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2);
+    std::nth_element(values.begin(), middle, values.end());
+    return *middle;
+  };
+  const double factor[2] = {median(large), median(small)}, away = std::max(factor[0], 1 / factor[1]);
+  std::size_t alike = 0;
+  for (std::size_t f = 0; f < large.size(); ++f)
+    alike += std::abs(large[f] - factor[0]) <= same * factor[0] && std::abs(small[f] - factor[1]) <= same * factor[1];
+  if (!(away > least && away < most) || static_cast<double>(alike) < share * static_cast<double>(large.size())) return;
+  char what[160];
+  if (factor[0] <= (1 + same) * factor[1]) {
+    const double times = std::sqrt(factor[0] * factor[1]);
+    std::snprintf(what, sizeof what, "%.4g times as %s as its start, in every direction; check the units (material_scale %.4g would make them equal)",
+                  std::max(times, 1 / times), times < 1 ? "large" : "small", times);
+  } else {
+    std::snprintf(what, sizeof what, "not its start's: that is %.4g times as long one way and %.4g times the other; texture coordinates of an image are no rest shape", factor[0], factor[1]);
+  }
+  throw MeshError("mesh of " + object + ": its material space is " + what);
 }
 
 }  // namespace

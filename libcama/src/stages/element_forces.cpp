@@ -20,7 +20,8 @@ template <class Real>
 void EvaluateElements<Real>::add_wind(State &state, const Stream<dvec3> &position, const Stream<dvec3> &velocity, Stream<vec3> &force)
 {
   CAMA_LAUNCH_REAL(Real, *state.backend, add_wind, state.triangles, state.system<Real>().triangle_rest, position, velocity, state.wind,
-                   static_cast<Real>(air_density_), static_cast<Real>(drag_), state.options.arcsim_conventions ? 1 : 0, force);
+                   state.areal_density, static_cast<Real>(air_density_), static_cast<Real>(drag_), state.options.arcsim_conventions ? 1 : 0,
+                   static_cast<Real>(state.implicit_step), force);
 }
 
 template <class Real>
