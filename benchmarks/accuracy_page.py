@@ -7,7 +7,9 @@
     cama tradeoff drape sphere flag funnel twisting --resolution 400 --threads 1 -o out/levels $(printf -- '--also accuracy=%s ' preview interactive production accurate paper)
     python benchmarks/accuracy_page.py out/levels --section levels
 
-Text between <!-- section fronts --> and <!-- end fronts --> (or levels) is made here; nothing there is written by hand.
+    the same with --backend cuda, on a machine that has it, and --section levels-cuda
+
+Text between <!-- section fronts --> and <!-- end fronts --> (or levels, levels-cuda) is made here; nothing there is written by hand.
 """
 
 import argparse
@@ -130,7 +132,7 @@ def levels(scenes):
 def main():
     p = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     p.add_argument("folder", type=Path, help="what `cama tradeoff -o` wrote")
-    p.add_argument("--section", choices=["fronts", "levels"], default="fronts")
+    p.add_argument("--section", choices=["fronts", "levels", "levels-cuda"], default="fronts")
     p.add_argument("--page", type=Path, default=PAGE)
     p.add_argument("--images", type=Path, default=IMAGES)
     arguments = p.parse_args()

@@ -105,10 +105,16 @@ void check_state(const std::vector<dvec3> &position, const Topology &t, const st
                        "intersections set to \"exempt\"");
 }
 
-/// Threads of audits on the host while it lives, as options.threads says.
+/// Threads of the processor that a simulation takes.
+int chosen_threads(const Scene &scene, const Options &options)
+{
+  return options.threads ? options.threads : useful_threads(scene.cloth_triangle_count());
+}
+
+/// Threads of audits on the host while it lives.
 class HostThreads {
 public:
-  explicit HostThreads(int threads) : before_(omp_get_max_threads()) { if (threads > 0) omp_set_num_threads(threads); }
+  explicit HostThreads(int threads) : before_(omp_get_max_threads()) { omp_set_num_threads(threads); }
   ~HostThreads() { omp_set_num_threads(before_); }
   HostThreads(const HostThreads &) = delete;
   HostThreads &operator=(const HostThreads &) = delete;
@@ -132,9 +138,9 @@ const Scene &checked(const Scene &scene, const Options &options)
 
 struct Simulation::Implementation {
   Implementation(const Scene &scene, const Options &options)
-      : backend(make_backend(options.backend, options.device, options.threads ? options.threads : useful_threads(scene.cloth_triangle_count()))), state(*backend), topology(build_topology(scene))
+      : backend(make_backend(options.backend, options.device, chosen_threads(scene, options))), threads(chosen_threads(scene, options)), state(*backend), topology(build_topology(scene))
   {
-    const HostThreads threads(options.threads);
+    const HostThreads host(threads);
     for (int vertex = 0, count = static_cast<int>(topology.object.size()); vertex < count; ++vertex)
       if (static_cast<std::size_t>(topology.object[static_cast<std::size_t>(vertex)]) == object.size()) object.push_back(owner(scene, topology, vertex));
     guarded = options.intersections != Intersections::exempt && scene.has_contact();
@@ -157,6 +163,7 @@ struct Simulation::Implementation {
   }
 
   std::unique_ptr<Backend> backend;
+  const int threads;   // of the processor
   State state;
   Topology topology;
   UntangleReport untangled;
@@ -181,7 +188,7 @@ void Simulation::step()
 {
   State &s = implementation_->state;
   Backend &b = *implementation_->backend;
-  const HostThreads threads(s.options.threads);
+  const HostThreads host(implementation_->threads);
   Pipeline &pipeline = *implementation_->pipeline.step;
   const std::string name = "step " + std::to_string(s.report.step + 1);
   const long launches = b.launches(), waits = b.waits();
@@ -388,7 +395,7 @@ double Simulation::min_gap() const
 int Simulation::count_intersections() const
 {
   const Implementation &i = *implementation_;
-  const HostThreads threads(i.state.options.threads);
+  const HostThreads host(i.threads);
   const std::vector<dvec3> position = i.state.position.download();
   return static_cast<int>(forbidden_intersections(position, i.topology, i.state.contact_settings.self).size() + intrusions(position, i.topology).size());
 }

@@ -1,6 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Whatever cannot be simulated is refused before any kernel runs, by a named error that says where."""
 
+import subprocess
+import sys
+
 import numpy as np
 import pytest
 
@@ -117,6 +120,21 @@ def test_is_refused_by_name(case):
     assert isinstance(caught.value, cama.Error)
     for word in words:
         assert word in str(caught.value)
+
+
+@pytest.mark.parametrize("thing, field", [(cama.Material.fabric("silk"), "dampign"), (cama.Scene(), "gravitas"), (cama.Motion(), "speed")])
+def test_a_field_that_is_not_there_is_no_new_one(thing, field):
+    with pytest.raises(AttributeError, match=field):
+        setattr(thing, field, 3)
+
+
+def test_a_process_may_fork_after_simulating_on_one_thread():
+    """As multiprocessing does by default: with threads of OpenMP's the child would wait for them for ever."""
+    code = ("import os, cama\nscene = cama.Scene.load('drape', 1000)\n"
+            "def run(**options):\n    s = cama.Simulation(scene, **options)\n    s.step(2)\n    return s.state_hash, s.count_intersections()\n"
+            "before = run(backend='cpu')\nif os.fork() == 0:\n    print(run(backend='cpu', threads=1) == before, flush=True)\n    os._exit(0)\nos.wait()\n")
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60)
+    assert done.stdout == "True\n", done
 
 
 def test_every_error_is_one_family():

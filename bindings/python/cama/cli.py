@@ -271,7 +271,7 @@ def check(scene: SceneName, resolution: Resolution = 0,
     loaded = cama.Scene.load(scene, resolution)
     loaded.validate()
     table = Table("part", "name", "from", box=None, padding=(0, 2))
-    sizes = Table("cloth", box=None, padding=(0, 2))
+    sizes = Table("cloth", box=None, padding=(0, 1))
     for title in ("triangles", "vertices"):
         table.add_column(title, justify="right")
     for title in ("extent, m", "rest area, m²", "mass, kg", "start strain, %"):

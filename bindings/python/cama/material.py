@@ -24,6 +24,8 @@ class Material(_core.Material):
     scene's). Made by `isotropic`, `orthotropic`, `fabric` or `load`; fields may then be changed.
     """
 
+    __slots__ = ()   # a field that is not there is an AttributeError
+
     @classmethod
     def isotropic(cls, youngs_modulus, poisson_ratio=0.3, bending=0.0, density=0.2):
         """Young's modulus times thickness [N/m], Poisson ratio, plate bending stiffness [N m], density [kg/m^2]."""

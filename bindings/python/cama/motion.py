@@ -17,6 +17,8 @@ class Motion(_core.Motion):
     [k, vertices, 3] give a vertex animation instead. Throws ArrayError.
     """
 
+    __slots__ = ()
+
     def __init__(self, velocity=(0, 0, 0), rotation_rate=(0, 0, 0), oscillation=(0, 0, 0), period=1.0, center=(0, 0, 0),
                  start=0.0, stop=1e300, keys=(), times=None, positions=None):
         super().__init__()

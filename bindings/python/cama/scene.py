@@ -30,6 +30,8 @@ class Scene:
     wind: None or a dict with `velocity` [3] m/s, `density` kg/m^3, `drag` kg/(m^2 s).
     """
 
+    __slots__ = ("_core",)   # a field that is not there is an AttributeError
+
     def __init__(self, gravity=(0, 0, -9.81), time_step=0.0, frames=100, frame_time=0.0, name="scene", description="",
                  thickness=1e-3, stiffness=None, friction=None, static_friction=None, contact=True, self_contact=True, wind=None):
         self._core = _core.Scene()
