@@ -41,6 +41,13 @@ def test_draws_images_and_video(recording, monkeypatch):
     assert not list(recording.glob("*.partial*"))
 
 
+def test_what_cannot_be_written_is_a_named_error_and_nothing_half_written_stays(recording):
+    (recording / "video.mp4").mkdir()
+    with pytest.raises(cama.FileError, match="writing failed"):
+        render.render(recording, fps=10, speed=1, size=(64, 48), images=False)
+    assert not list(recording.glob("*.partial*"))
+
+
 def test_speed_slows_down_short_clips():
     assert render.choose_speed(10.0, 0.005, 30) == 1
     assert render.choose_speed(0.5, 0.001, 30) == 0.125

@@ -3,10 +3,10 @@
 
 Datasets positions, velocities [vertices, 3] m, m/s; positions_before, velocities_before, of the step before, or without rows; tangled
 [pairs, 2] vertices, let_go [pairs, 2] vertex and object, that may pass each other; matching_order [rows] and, for every level,
-matching_parent_L [nodes], matching_start_L [blocks + 1]: the preconditioner's blocks (docs/solver.md). Attributes: `format`; scene (of meshes and
-masses, 16 hexadecimal digits), step, time, time_step, start_step, start_time, released, matching_step,
-matching_terms, matching_first_iterations, matching_last_iterations; for people and for
-`cama run --resume`: scene_name, scene_parts (JSON: digests of all that the scene says, part by part), settings (JSON), cama_version. Nothing in it is executed; every value is checked before it is used.
+matching_parent_L [nodes], matching_start_L [blocks + 1]: the preconditioner's blocks (docs/solver.md); scene_parts, JSON: digests of all that the
+scene says, part by part. Attributes: `format`; scene (of meshes and masses, 16 hexadecimal digits), step, time, time_step, start_step, start_time,
+released, matching_step, matching_terms, matching_first_iterations, matching_last_iterations; for people and for `cama run --resume`: scene_name,
+settings (JSON), cama_version. Nothing in it is executed; every value is checked before it is used.
 """
 
 import contextlib
@@ -71,7 +71,8 @@ def write(path, simulation):
     partial, whole = path.with_name(path.name + ".partial"), io.BytesIO()
     with h5py.File(whole, "w") as file:   # in memory: HDF5 itself does not survive a full disk
         file.attrs.update({"format": FORMAT, "scene": f"{fields['scene']:016x}", "scene_name": simulation.scene.name, "cama_version": __version__,
-                           "scene_parts": json.dumps(simulation.scene_parts()), "settings": json.dumps(settings_of(simulation))})
+                           "settings": json.dumps(settings_of(simulation))})
+        file["scene_parts"] = json.dumps(simulation.scene_parts())   # no attribute: those end at 64 KiB
         file.attrs.update({name: fields[name] for name in INTEGERS + TIMES})
         for name in VECTORS + PAIRS + ("matching_order",):
             file[name] = fields[name]
@@ -90,7 +91,10 @@ def write(path, simulation):
 
 
 def read(path):
-    """(fields as of the compiled part, settings, parts of the scene or None) of a checkpoint: shapes and types are right, the rest Simulation checks. Throws FileError."""
+    """(fields as of the compiled part, settings, parts of the scene or None) of a checkpoint. Shapes and types are right, the rest Simulation checks.
+
+    Throws FileError.
+    """
     path = Path(path)
     path = path / NAME if path.is_dir() else path
     if not path.is_file():
@@ -110,7 +114,7 @@ def read(path):
             fields["matching_levels"] = [tuple(integers(name, file[name][()], (None,)) for name in (f"matching_parent_{n}", f"matching_start_{n}"))
                                          for n in range(count)]
             settings = json.loads(file.attrs["settings"])
-            parts = json.loads(file.attrs["scene_parts"]) if "scene_parts" in file.attrs else None
+            parts = json.loads(file["scene_parts"][()]) if "scene_parts" in file else None
             if not isinstance(settings, dict) or not isinstance(parts, (dict, type(None))):
                 raise ValueError("its settings or parts of the scene are not a table")
     except (OSError, KeyError, ValueError, TypeError, AttributeError, MemoryError) as problem:   # ArrayError is a ValueError

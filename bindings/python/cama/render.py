@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Pictures and video of a recording, drawn by VTK without a display."""
 
+import contextlib
 import os
 from dataclasses import dataclass
 from pathlib import Path
@@ -275,16 +276,23 @@ def render(folder, fps=30, speed=None, size=(1280, 720), azimuth=-60.0, elevatio
         bar = Progress(TextColumn("image"), MofNCompleteColumn(), BarColumn(), TimeRemainingColumn(), console=progress,
                        disable=progress is None, transient=True)
         partial = out / "video.partial.mp4"
-        with bar, imageio.get_writer(partial, fps=fps, codec="libx264", quality=8, macro_block_size=2) as movie:
-            for number in bar.track(range(len(frames))):
-                if frames[number] != last:
-                    last = int(frames[number])
-                    picture = stage.draw(last, f"{recording.times[last]:.2f} s   {speed_text(speed)}")
-                movie.append_data(picture)
-                if pictures:
-                    imageio.imwrite(pictures / f"frame_{number:04d}.png", picture)
-        stage.close()
-        os.replace(partial, video)
+        try:
+            with bar, imageio.get_writer(partial, fps=fps, codec="libx264", quality=8, macro_block_size=2) as movie:
+                for number in bar.track(range(len(frames))):
+                    if frames[number] != last:
+                        last = int(frames[number])
+                        picture = stage.draw(last, f"{recording.times[last]:.2f} s   {speed_text(speed)}")
+                    movie.append_data(picture)
+                    if pictures:
+                        imageio.imwrite(pictures / f"frame_{number:04d}.png", picture)
+            os.replace(partial, video)
+        except OSError as problem:
+            with contextlib.suppress(OSError):
+                partial.unlink()
+            said = (str(problem).splitlines() or [type(problem).__name__])[0]
+            raise FileError(f"{out}: writing failed ({said}); is the disk full?") from problem
+        finally:
+            stage.close()
     return Rendered(len(frames), len(frames) / fps, speed, video)
 
 

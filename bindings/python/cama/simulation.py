@@ -70,8 +70,8 @@ class Simulation:
     aside; single options in `overrides` come on top of either.
     precision: "double", "mixed" (forces, matrix and residual in double, the solve in single with refinement) or "single"; None: what
     the accuracy says.
-    device: index.  threads: of the CPU backend, 0: one for every 1,000 triangles, at most all processors.  overrides: single options, for example time_step (s, 0: the level's),
-    integrator ("backward_euler", "bdf2"), newton_iterations, newton_tolerance, contact_refresh ("step", "iteration"),
+    device: index.  threads: of the CPU backend, 0: one for every 1,000 triangles, at most all processors.
+    overrides: single options, for example time_step (s, 0: the level's), integrator ("backward_euler", "bdf2"), newton_iterations, newton_tolerance, contact_refresh ("step", "iteration"),
     tolerance=1e-6, max_iterations, preconditioner="jacobi", solver="direct", assembly="algorithm1", search="fronts", commit, cubic_impacts,
     max_impact_passes, intersections ("reject", "exempt" or "untangle": what becomes of a start that intersects),
     pinch ("stop" or "release": what becomes of cloth that moving bodies pinch).

@@ -130,9 +130,10 @@ private:
     };
     dvec3 whole{0, 0, 0};
     for (std::size_t f = p.first; f < p.end; ++f) whole = kernels::dadd(whole, normal(f));
+    line_ = p.line;
     for (std::size_t f = p.first; f < p.end; ++f) {
-      line_ = p.line;
-      if (kernels::ddot(normal(f), whole) < 0) fail("the face is a concave polygon, which a fan of triangles would fold over itself; split it into triangles");
+      constexpr double flat = 1e-9;   // of the whole: corners in one line, to rounding
+      if (kernels::ddot(normal(f), whole) < -flat * kernels::ddot(whole, whole)) fail("the face is a concave polygon, which a fan of triangles would fold over itself; split it into triangles");
     }
   }
 

@@ -153,7 +153,7 @@ void SceneReader::read_pin(const Field &f)
     for (const Field &c : f.at("corners").items()) add_group(c);
   if (f.boolean("all", false))
     for (std::size_t v = 0; v < mesh.position.size(); ++v) chosen.insert(static_cast<int>(v));
-  if (chosen.empty() && f.has("box")) {
+  if (chosen.empty() && f.has("box") && !mesh.position.empty()) {
     dvec3 lo = mesh.position.front(), hi = lo;
     for (const dvec3 &x : mesh.position) {
       lo = {std::min(lo.x, x.x), std::min(lo.y, x.y), std::min(lo.z, x.z)};
