@@ -11,6 +11,7 @@
 #include <new>
 #include <thread>
 
+#include "host_threads.hpp"
 #include "launch.hpp"
 
 namespace cama {
@@ -101,11 +102,9 @@ public:
   void launch(const KernelKey &kernel, int n, const Argument *arguments, int) override
   {
     ++launches_;
-    const int callers = omp_get_max_threads();
-    omp_set_num_threads(threads_);
+    const HostThreads host(threads_);
     const Entry &entry = entries[kernel.index];
     timed(kernel.name, [&] { (kernel.precision == Precision::none ? entry.once : kernel.precision == Precision::f32 ? entry.f32 : entry.f64)(n, arguments); });
-    omp_set_num_threads(callers);
   }
 
   void scan(Buffer from, Buffer to, int n) override

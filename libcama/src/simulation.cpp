@@ -1,8 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "cama/simulation.hpp"
 
-#include <omp.h>
-
 #include <algorithm>
 #include <chrono>
 #include <cmath>
@@ -13,6 +11,7 @@
 
 #include "checkpoint.hpp"
 #include "fnv.hpp"
+#include "host_threads.hpp"
 #include "launch.hpp"
 #include "pipeline_factory.hpp"
 #include "setup.hpp"
@@ -105,24 +104,6 @@ void check_state(const std::vector<dvec3> &position, const Topology &t, const st
                        "intersections set to \"exempt\"");
 }
 
-/// Threads of the processor that a simulation takes.
-int chosen_threads(const Scene &scene, const Options &options)
-{
-  return options.threads ? options.threads : useful_threads(scene.cloth_triangle_count());
-}
-
-/// Threads of audits on the host while it lives.
-class HostThreads {
-public:
-  explicit HostThreads(int threads) : before_(omp_get_max_threads()) { omp_set_num_threads(threads); }
-  ~HostThreads() { omp_set_num_threads(before_); }
-  HostThreads(const HostThreads &) = delete;
-  HostThreads &operator=(const HostThreads &) = delete;
-
-private:
-  int before_;
-};
-
 const Scene &checked(const Scene &scene, const Options &options)
 {
   scene.validate();
@@ -138,7 +119,8 @@ const Scene &checked(const Scene &scene, const Options &options)
 
 struct Simulation::Implementation {
   Implementation(const Scene &scene, const Options &options)
-      : backend(make_backend(options.backend, options.device, chosen_threads(scene, options))), threads(chosen_threads(scene, options)), state(*backend), topology(build_topology(scene))
+      : threads(options.threads ? options.threads : useful_threads(scene.cloth_triangle_count())),
+        backend(make_backend(options.backend, options.device, threads)), state(*backend), topology(build_topology(scene))
   {
     const HostThreads host(threads);
     for (int vertex = 0, count = static_cast<int>(topology.object.size()); vertex < count; ++vertex)
@@ -162,8 +144,8 @@ struct Simulation::Implementation {
     }
   }
 
+  const int threads;   // of the processor: the CPU backend's and of audits
   std::unique_ptr<Backend> backend;
-  const int threads;   // of the processor
   State state;
   Topology topology;
   UntangleReport untangled;

@@ -1,0 +1,19 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+#include <omp.h>
+
+namespace cama {
+
+/// OpenMP's threads in what the calling thread does while it lives; then as many as before.
+class HostThreads {
+public:
+  explicit HostThreads(int threads) : before_(omp_get_max_threads()) { omp_set_num_threads(threads); }
+  ~HostThreads() { omp_set_num_threads(before_); }
+  HostThreads(const HostThreads &) = delete;
+  HostThreads &operator=(const HostThreads &) = delete;
+
+private:
+  int before_;
+};
+
+}  // namespace cama
