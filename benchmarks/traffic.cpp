@@ -92,19 +92,18 @@ double contact_terms(const Streams &s)
          2 * s.bytes({"term_incidence.entry"});
 }
 
-/// gather: slots of the static pattern read. algorithm1: index list written and read, slots found. sorted: entries through a radix sort.
+/// gather: sources of the blocks read. algorithm1: indices written, sorted and read, sources written besides. sorted: entries through a radix sort.
 double matrix(const Streams &s, const Options &o, double rows)
 {
   const bool terms = o.assembly != Assembly::gather;
-  const double entries = s.n("triangle_incidence.entry") + s.n("hinge_incidence.entry") + (terms ? s.n("term_incidence.entry") : 0);
+  const double directed = 3 * s.n("triangle_incidence.entry") + 4 * (s.n("hinge_incidence.entry") + (terms ? s.n("term_incidence.entry") : 0)) + rows;
   const double factors = s.bytes({"triangle_factor", "hinge_factor", "mass", "block", "row"}) + (terms ? s.bytes({"term"}) : 0);
   const double elements = s.n("triangle_factor") + s.n("hinge_factor") + s.n("term");
   if (o.assembly == Assembly::sorted)
     return factors + s.bytes({"column"}) + 2 * radix_passes * (2 * int_bytes + int_bytes) * (16 * elements + rows);
-  const double gathered = factors + int_bytes * (entries + 4 * entries);
+  const double gathered = factors + int_bytes * (directed + s.n("block"));
   if (o.assembly == Assembly::gather) return gathered;
-  const double directed = 3 * entries + rows;   // pairs of one element's vertices, the diagonal once
-  return gathered + s.bytes({"triangle_nodes", "hinge_nodes", "term_nodes", "column"}) + int_bytes * (2 * directed + 4 * entries);
+  return gathered + s.bytes({"triangle_nodes", "hinge_nodes", "term_nodes", "column"}) + (4 * 2 * int_bytes + int_bytes) * directed;
 }
 
 /// Growth test, per pass every pair examined; the commit reads every pair and writes every vertex.

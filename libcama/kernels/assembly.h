@@ -1,77 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Sparse matrix assembly to BCSR with 3x3 blocks (paper, section 3.2, Algorithm 1). Rows are cloth vertices, [0, rows); columns are all
-   vertices, obstacles' too, so that moving obstacles act on the cloth. Elements are element_nodes; FORM_STAR leaves out pairs on the
-   same side (weights of one sign). */
-
-DEVICE int in_matrix(int node, int rows) { return node >= 0 && node < rows; }
-
-/* Do nodes a and b of element i couple? split: [elements] nodes below it are side A, 0: every pair couples; none: so do all elements'. */
-DEVICE int couples(GLOBAL const int *split, int i, int a, int b)
-{
-  return !split || split[i] == 0 || a == b || (a < split[i]) != (b < split[i]);
-}
-
-/* Algorithm 1, lines 2-4: entries per row. split: [n] or none, see couples. */
-KERNEL count_entries(int n, GLOBAL const element_nodes *nodes, GLOBAL const int *split, int rows, GLOBAL int *count)
-{
-  FOR_EACH(i, n)
-  {
-    int a, b;
-    for (a = 0; a < 4; ++a)
-      if (in_matrix(nodes[i].node[a], rows)) {
-        int entries = 0;
-        for (b = 0; b < 4; ++b) entries += nodes[i].node[b] >= 0 && couples(split, i, a, b);
-        atomic_add_int(&count[nodes[i].node[a]], entries);
-      }
-  }
-}
-
-/* Algorithm 1, lines 7-9: column indices into each row's space. */
-KERNEL fill_entries(int n, GLOBAL const element_nodes *nodes, GLOBAL const int *split, int rows, GLOBAL const int *space,
-                    GLOBAL int *cursor, GLOBAL int *index)
-{
-  FOR_EACH(i, n)
-  {
-    int a, b;
-    for (a = 0; a < 4; ++a)
-      if (in_matrix(nodes[i].node[a], rows))
-        for (b = 0; b < 4; ++b)
-          if (nodes[i].node[b] >= 0 && couples(split, i, a, b)) {
-            int s = nodes[i].node[a];
-            index[space[s] + atomic_add_int(&cursor[s], 1)] = nodes[i].node[b];
-          }
-  }
-}
-
-/* Algorithm 1, lines 11-13: sorts each row's indices, removes duplicates in place, counts what is left. The diagonal is always kept. */
-KERNEL remove_duplicates(int n, GLOBAL const int *space, GLOBAL int *index, GLOBAL int *count)
-{
-  FOR_EACH_UNEVEN(i, n)
-  {
-    int begin = space[i], end = space[i + 1], kept = 0, k;
-    sort_ints(index + begin, end - begin);
-    for (k = begin; k < end; ++k)
-      if (k == begin || index[k] != index[k - 1]) ++kept;
-    count[i] = kept;
-  }
-}
-
-/* Algorithm 1, lines 15-16: the compact index. */
-KERNEL reduce_entries(int n, GLOBAL const int *space, GLOBAL const int *index, GLOBAL const int *row, GLOBAL int *column)
-{
-  FOR_EACH(i, n)
-  {
-    int at = row[i], k;
-    for (k = space[i]; k < space[i + 1]; ++k)
-      if (k == space[i] || index[k] != index[k - 1]) column[at++] = index[k];
-  }
-}
-
-/* One entry per row: vertices that no element touches keep their diagonal. */
-KERNEL fill_diagonal(int n, GLOBAL const int *space, GLOBAL int *cursor, GLOBAL int *index)
-{
-  FOR_EACH(i, n) { index[space[i]] = i; cursor[i] = 1; }
-}
+/* The values of the matrix in BCSR with 3x3 blocks (paper, section 3.2, Algorithm 1, lines 18-23), and the naive assembly that it compares
+   with. The pattern is pattern.h's. */
 
 /* location(s, t) of Algorithm 1, line 21. */
 DEVICE int locate(GLOBAL const int *row, GLOBAL const int *column, int s, int t)
@@ -84,23 +13,6 @@ DEVICE int locate(GLOBAL const int *row, GLOBAL const int *column, int s, int t)
   return lo;
 }
 
-/* slot[4 k + b]: place of block (vertex of incidence k, node b of its element); -1 where there is none. */
-KERNEL locate_slots(int n, GLOBAL const int *incidence_row, GLOBAL const int *incidence, GLOBAL const element_nodes *nodes,
-                    GLOBAL const int *split, GLOBAL const int *row, GLOBAL const int *column, GLOBAL int *slot)
-{
-  FOR_EACH(i, n)
-  {
-    int k, b;
-    for (k = incidence_row[i]; k < incidence_row[i + 1]; ++k) {
-      int e = incidence[k] >> 2, a = incidence[k] & 3;
-      for (b = 0; b < 4; ++b) {
-        int t = nodes[e].node[b];
-        slot[4 * k + b] = t >= 0 && couples(split, e, a, b) ? locate(row, column, i, t) : -1;
-      }
-    }
-  }
-}
-
 /* The rows of M: zero but for the masses on the diagonal. */
 KERNEL set_mass_rows(int n, GLOBAL const int *row, GLOBAL const int *column, GLOBAL const real *mass, GLOBAL mat3 *block)
 {
@@ -111,83 +23,19 @@ KERNEL set_mass_rows(int n, GLOBAL const int *row, GLOBAL const int *column, GLO
   }
 }
 
-/* Data filling without atomics: each row adds the blocks of its own elements in the order of the sorted incidence. */
-KERNEL gather_triangles(int n, GLOBAL const int *incidence_row, GLOBAL const int *incidence, GLOBAL const int *slot,
-                        GLOBAL const triangle_factor *factor, GLOBAL mat3 *block)
+/* sum and a source of pattern.h. No terms: 0. */
+DEVICE mat3 add_source(mat3 sum, int source, GLOBAL const real *mass, int triangles, GLOBAL const triangle_factor *triangle, int hinges,
+                       GLOBAL const hinge_factor *hinge, GLOBAL const term *terms, int form)
 {
-  FOR_EACH(i, n)
-  {
-    int k, b;
-    for (k = incidence_row[i]; k < incidence_row[i + 1]; ++k) {
-      triangle_factor t = factor[incidence[k] >> 2];
-      for (b = 0; b < 3; ++b)
-        if (slot[4 * k + b] >= 0) block[slot[4 * k + b]] = mat3_add(block[slot[4 * k + b]], triangle_block(t, incidence[k] & 3, b));
-    }
-  }
-}
-KERNEL gather_hinges(int n, GLOBAL const int *incidence_row, GLOBAL const int *incidence, GLOBAL const int *slot,
-                     GLOBAL const hinge_factor *factor, GLOBAL mat3 *block)
-{
-  FOR_EACH(i, n)
-  {
-    int k, b;
-    for (k = incidence_row[i]; k < incidence_row[i + 1]; ++k) {
-      hinge_factor f = factor[incidence[k] >> 2];
-      for (b = 0; b < 4; ++b)
-        if (slot[4 * k + b] >= 0) block[slot[4 * k + b]] = mat3_add(block[slot[4 * k + b]], hinge_block(f, incidence[k] & 3, b));
-    }
-  }
-}
-KERNEL gather_terms(int n, GLOBAL const int *incidence_row, GLOBAL const int *incidence, GLOBAL const int *slot,
-                    GLOBAL const term *terms, int form, GLOBAL mat3 *block)
-{
-  FOR_EACH(i, n)
-  {
-    int k, b;
-    for (k = incidence_row[i]; k < incidence_row[i + 1]; ++k) {
-      term t = terms[incidence[k] >> 2];
-      for (b = 0; b < 4; ++b)
-        if (slot[4 * k + b] >= 0) block[slot[4 * k + b]] = mat3_add(block[slot[4 * k + b]], term_block(t, form, incidence[k] & 3, b));
-    }
-  }
+  int e = source >> 4, a = (source >> 2) & 3, b = source & 3;
+  if (source < 0) return mat3_add(sum, mat3_diagonal(mass[-1 - source]));
+  if (e < triangles) return mat3_add(sum, triangle_block(triangle[e], a, b));
+  e -= triangles;
+  if (terms && e >= hinges) return mat3_add(sum, term_block(terms[e - hinges], form, a, b));
+  return mat3_add_outer(sum, hinge[e].coefficient, hinge[e].gradient[a], hinge[e].gradient[b]);
 }
 
-/* The same by blocks: each adds up its own sources, sorted. A source is 16 * (first + element) + 4 a + b, hinges behind triangles, or -1 - row
-   for the mass on the diagonal. */
-KERNEL count_diagonal_sources(int n, GLOBAL const int *row, GLOBAL const int *column, GLOBAL int *count)
-{
-  FOR_EACH(i, n) { count[locate(row, column, i, i)] = 1; }
-}
-KERNEL count_sources(int n, GLOBAL const int *incidence_row, GLOBAL const int *slot, GLOBAL int *count)
-{
-  FOR_EACH(i, n)
-  {
-    int k;
-    for (k = 4 * incidence_row[i]; k < 4 * incidence_row[i + 1]; ++k)
-      if (slot[k] >= 0) atomic_add_int(&count[slot[k]], 1);
-  }
-}
-KERNEL fill_diagonal_sources(int n, GLOBAL const int *row, GLOBAL const int *column, GLOBAL const int *start, GLOBAL int *cursor, GLOBAL int *source)
-{
-  FOR_EACH(i, n)
-  {
-    int at = locate(row, column, i, i);
-    source[start[at] + atomic_add_int(&cursor[at], 1)] = -1 - i;
-  }
-}
-KERNEL fill_sources(int n, int first, GLOBAL const int *incidence_row, GLOBAL const int *incidence, GLOBAL const int *slot,
-                    GLOBAL const int *start, GLOBAL int *cursor, GLOBAL int *source)
-{
-  FOR_EACH(i, n)
-  {
-    int k, b;
-    for (k = incidence_row[i]; k < incidence_row[i + 1]; ++k)
-      for (b = 0; b < 4; ++b) {
-        int at = slot[4 * k + b];
-        if (at >= 0) source[start[at] + atomic_add_int(&cursor[at], 1)] = 16 * (first + (incidence[k] >> 2)) + 4 * (incidence[k] & 3) + b;
-      }
-  }
-}
+/* Data filling without atomics: each block adds up its own sources, in their order. */
 KERNEL gather_blocks(int n, GLOBAL const int *start, GLOBAL const int *source, GLOBAL const real *mass, int triangles,
                      GLOBAL const triangle_factor *triangle, GLOBAL const hinge_factor *hinge, GLOBAL mat3 *block)
 {
@@ -195,12 +43,19 @@ KERNEL gather_blocks(int n, GLOBAL const int *start, GLOBAL const int *source, G
   {
     mat3 sum = mat3_zero();
     int k;
-    for (k = start[i]; k < start[i + 1]; ++k) {
-      int e = source[k] >> 4, a = (source[k] >> 2) & 3, b = source[k] & 3;
-      if (source[k] < 0) sum = mat3_add(sum, mat3_diagonal(mass[-1 - source[k]]));
-      else if (e < triangles) sum = mat3_add(sum, triangle_block(triangle[e], a, b));
-      else sum = mat3_add_outer(sum, hinge[e - triangles].coefficient, hinge[e - triangles].gradient[a], hinge[e - triangles].gradient[b]);
-    }
+    for (k = start[i]; k < start[i + 1]; ++k) sum = add_source(sum, source[k], mass, triangles, triangle, 0, hinge, 0, 0);
+    block[i] = sum;
+  }
+}
+KERNEL gather_blocks_and_terms(int n, GLOBAL const int *start, GLOBAL const int *source, GLOBAL const real *mass, int triangles,
+                               GLOBAL const triangle_factor *triangle, int hinges, GLOBAL const hinge_factor *hinge,
+                               GLOBAL const term *terms, int form, GLOBAL mat3 *block)
+{
+  FOR_EACH(i, n)
+  {
+    mat3 sum = mat3_zero();
+    int k;
+    for (k = start[i]; k < start[i + 1]; ++k) sum = add_source(sum, source[k], mass, triangles, triangle, hinges, hinge, terms, form);
     block[i] = sum;
   }
 }
@@ -287,13 +142,7 @@ KERNEL reduce_sorted(int n, GLOBAL const key64 *key, GLOBAL const int *entry, GL
     mat3 sum = mat3_zero();
     if (i == 0) row[rows] = total;
     if (place[i + 1] == at) continue;
-    for (; k < n && key[k] == key[i]; ++k) {
-      int e = entry[k] >> 4, a = (entry[k] >> 2) & 3, b = entry[k] & 3;
-      if (entry[k] < 0) sum = mat3_add(sum, mat3_diagonal(mass[-1 - entry[k]]));
-      else if (e < triangles) sum = mat3_add(sum, triangle_block(triangle[e], a, b));
-      else if (e < triangles + hinges) sum = mat3_add(sum, hinge_block(hinge[e - triangles], a, b));
-      else sum = mat3_add(sum, term_block(terms[e - triangles - hinges], form, a, b));
-    }
+    for (; k < n && key[k] == key[i]; ++k) sum = add_source(sum, entry[k], mass, triangles, triangle, hinges, hinge, terms, form);
     column[at] = (int)(key[i] & 0x7fffffff);
     block[at] = sum;
     if (i == 0 || (int)(key[i - 1] >> 31) != s) row[s] = at;

@@ -2,6 +2,7 @@
 /* The kernels that exist once, all in double: geometry, collision, motion. Order matters; lang.h and dvec3.h come before. */
 #include "scalars.h"
 #include "incidence.h"
+#include "pattern.h"
 #include "graph.h"
 #include "slices.h"
 #include "motion.h"

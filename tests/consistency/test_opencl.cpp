@@ -79,7 +79,7 @@ TEST_CASE("lock step finds and names an error of 1e-15 planted in a kernel's tex
       {"contact.h", "    contacts[i] = c;", "    c.distance *= 1.0 + 1e-15;\n    contacts[i] = c;", "contacts", "contact"},
       {"bending.h", "f.coefficient = half_c *", "f.coefficient = (real)(1.0 + 1e-15) * half_c *", "element forces", "hinge_factor"},
       {"term.h", "t.push = time_step * k * depth;", "t.push = (real)(1.0 + 1e-15) * time_step * k * depth;", "contact terms", "term"},
-      {"assembly.h", "mat3_diagonal(mass[-1 - source[k]])", "mat3_diagonal((real)(1.0 + 1e-15) * mass[-1 - source[k]])", "matrix assembly", "block"},
+      {"assembly.h", "mat3_diagonal(mass[-1 - source])", "mat3_diagonal((real)(1.0 + 1e-15) * mass[-1 - source])", "matrix assembly", "block"},
       {"solver.h", "  y[i] = sum;", "  y[i] = scale((real)(1.0 + 1e-15), sum);", "linear solve", ""},
       {"motion.h", "position_next[i] = daxpy(position[i], time_step, velocity_next[i]);",
        "position_next[i] = dscale(1.0 + 1e-15, daxpy(position[i], time_step, velocity_next[i]));", "advance positions", "position_next"},

@@ -166,6 +166,16 @@ def test_frames_that_steps_do_not_fill_are_said(tmp_path):
     assert "apart, not" not in call("run", tmp_path, "--time-step", "0.0025", "-o", tmp_path / "out").output
 
 
+def test_cloth_that_is_pulled_too_far_is_said(tmp_path):
+    """One end is held, the other moves 0.5 m in half a second: a sheet of 0.2 m ends at 0.7 m, a strain of 250 % in the mean."""
+    ends = [{"cloth": "strip", "edge": "right", "motion": {"velocity": [1, 0, 0]}}, {"cloth": "strip", "edge": "left"}]
+    scene = {"gravity": [0, 0, 0], "frame_time": 0.1, "cloth": [{"name": "strip", "grid": {"size": [0.2, 0.1]}, "material": "cotton"}], "pins": ends}
+    (tmp_path / "scene.json").write_text(json.dumps(scene))
+    result = call("run", tmp_path, "--resolution", 40, "--frames", 5, "--accuracy", "preview", "-o", tmp_path / "out")
+    strain = json.loads((tmp_path / "out" / "summary.json").read_text())["max_strain"]
+    assert result.exit_code == 0 and strain > 2.4 and "no fabric is like that" in result.output
+
+
 def test_options_that_have_a_word_of_their_own_are_not_set_twice():
     done = call("run", "drape", "--set", "threads=1")
     assert done.exit_code == 2 and "use --threads" in done.output

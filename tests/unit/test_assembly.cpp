@@ -406,6 +406,24 @@ TEST_CASE("every way of assembly survives a growing and shrinking list of terms"
   }
 }
 
+TEST_CASE("Algorithm 1 has the bits of the static pattern where there are no terms", "[assembly]")
+{
+  const auto backend = make_backend("auto", 0, 2);
+  Maker<double> maker(8);
+  const Elements<double> e = maker.from_mesh(meshes::grid(7, 6, 1, 1), 0, 3);
+  std::vector<double> bits[2];
+  for (Assembly assembly : {Assembly::gather, Assembly::algorithm1}) {
+    const auto state = fill(*backend, e);
+    state->options.assembly = assembly;
+    AssembleMatrix<double> stage(*backend);
+    stage.run(*state);
+    for (const auto &block : state->system<double>().matrix.block.download())
+      for (const auto &row : block.row) bits[assembly == Assembly::gather].insert(bits[assembly == Assembly::gather].end(), {row.x, row.y, row.z});
+  }
+  REQUIRE(bits[0].size() > 0);
+  REQUIRE(bits[0] == bits[1]);
+}
+
 TEST_CASE("the star form's entries join opposite sides only", "[assembly]")
 {
   Maker<double> maker(7);

@@ -59,6 +59,7 @@ Debug = Annotated[bool, typer.Option("--debug", help="Show Python's traceback of
 
 
 STRETCHED = 0.5   # start strain that `check` warns of, and to a stretch of 1 / 1.5
+OVERSTRETCHED = 1.0   # strain that the summary warns of: no fabric is measured there
 WHERE = ("backend", "device", "threads", "precision", "accuracy", "intersections", "pinch")   # options of the command's own
 
 
@@ -157,6 +158,13 @@ def number(value, pattern="{:.4g}", unit=""):
     return "-" if value is None else pattern.format(value) + unit
 
 
+def strained(strain):
+    text = number(strain and strain * 100, "{:,.4g}", " %")
+    if strain is None or strain <= OVERSTRETCHED:
+        return text
+    return f"[bold yellow]{text}[/]: no fabric is like that; look at what pulls, and whether shorter steps (--time-step, --accuracy) change it"
+
+
 def print_summary(s, folder):
     """A short table of summary.json."""
     ms, iterations = s["ms_per_step"], s["pcg"]["iterations"]
@@ -171,7 +179,7 @@ def print_summary(s, folder):
         ("intersections", f"[{'bold red' if bad else 'green'}]{s['intersections']:,}[/] in all recorded frames"),
         ("motion cut", f"of {s['truncated']:,} vertices in all; at most {s['lost_motion'] * 100:.3g} % of a step's motion"),
         ("smallest gap", number(s["min_gap"] and s["min_gap"] * 1e3, unit=" mm")),
-        ("largest strain", number(s["max_strain"] and s["max_strain"] * 100, unit=" %")),
+        ("largest strain", strained(s["max_strain"])),
         ("peak memory", f"{s['peak_memory_bytes'] / 2**20:,.1f} MiB"),
         ("state hash", s["state_hash"]),
         ("written to", escape(str(folder))),

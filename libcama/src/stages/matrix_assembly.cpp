@@ -7,11 +7,11 @@ namespace cama {
 
 template <class Real>
 AssembleMatrix<Real>::AssembleMatrix(Backend &b)
-    : count_(b), space_(b), cursor_(b), index_(b), triangle_slot_(b), hinge_slot_(b), term_slot_(b), source_start_(b), source_(b), key_(b), entry_(b), head_(b), place_(b)
+    : count_(b), space_(b), cursor_(b), index_(b), source_start_(b), source_(b), key_(b), entry_(b), head_(b), place_(b)
 {}
 
 template <class Real>
-void AssembleMatrix<Real>::algorithm1(State &state, bool with_terms)
+void AssembleMatrix<Real>::find_pattern(State &state, bool with_terms)
 {
   Backend &b = *state.backend;
   BlockMatrix<Real> &m = state.system<Real>().matrix;
@@ -23,84 +23,31 @@ void AssembleMatrix<Real>::algorithm1(State &state, bool with_terms)
   // Space counting, lines 2-5. Every row starts with its diagonal.
   CAMA_LAUNCH(b, set_int, rows, 0, 1, count_);
   const auto count = [&](int n, const Stream<kernels::element_nodes> &nodes, const Stream<int> &split) {
-    CAMA_LAUNCH_REAL(Real, b, count_entries, n, nodes, split, rows, count_);
+    CAMA_LAUNCH(b, count_entries, n, nodes, split, rows, count_);
   };
   count(state.triangles, state.triangle_nodes, all_couple_);
   count(state.hinges, state.hinge_nodes, all_couple_);
   count(terms, state.term_nodes, state.term_split);
   b.scan(count_.buffer(), space_.buffer(), rows);
   index_.resize(space_.at(rows));
+  source_.resize(index_.size());
   // Filling indices, lines 7-9.
-  CAMA_LAUNCH_REAL(Real, b, fill_diagonal, rows, space_, cursor_, index_);
-  const auto fill = [&](int n, const Stream<kernels::element_nodes> &nodes, const Stream<int> &split) {
-    CAMA_LAUNCH_REAL(Real, b, fill_entries, n, nodes, split, rows, space_, cursor_, index_);
+  CAMA_LAUNCH(b, fill_diagonal, rows, space_, cursor_, index_);
+  const auto fill = [&](int n, int first, const Stream<kernels::element_nodes> &nodes, const Stream<int> &split) {
+    CAMA_LAUNCH(b, fill_entries, n, first, nodes, split, rows, space_, cursor_, index_);
   };
-  fill(state.triangles, state.triangle_nodes, all_couple_);
-  fill(state.hinges, state.hinge_nodes, all_couple_);
-  fill(terms, state.term_nodes, state.term_split);
+  fill(state.triangles, 0, state.triangle_nodes, all_couple_);
+  fill(state.hinges, state.triangles, state.hinge_nodes, all_couple_);
+  fill(terms, state.triangles + state.hinges, state.term_nodes, state.term_split);
   // Removing duplications, lines 11-13; data reduction, lines 15-16.
-  CAMA_LAUNCH_REAL(Real, b, remove_duplicates, rows, space_, index_, count_);
+  if (b.processor()) CAMA_LAUNCH(b, sort_indices, rows, space_, index_);
+  else CAMA_LAUNCH_TEAMS(void, b, sort_indices_by_teams, SORT_TEAM, rows, space_, index_);
+  CAMA_LAUNCH(b, count_columns, rows, space_, index_, count_);
   b.scan(count_.buffer(), m.row.buffer(), rows);
   m.column.resize(m.row.at(rows));
-  CAMA_LAUNCH_REAL(Real, b, reduce_entries, rows, space_, index_, m.row, m.column);
+  source_start_.resize(m.column.size() + 1);
+  CAMA_LAUNCH(b, list_columns, rows, space_, index_, m.row, m.column, source_start_, source_);
   m.block.resize(m.column.size());
-}
-
-template <class Real>
-void AssembleMatrix<Real>::locate(State &state, bool with_terms)
-{
-  Backend &b = *state.backend;
-  BlockMatrix<Real> &m = state.system<Real>().matrix;
-  const auto slots = [&](const Incidence &i, const Stream<kernels::element_nodes> &nodes, const Stream<int> &split, Stream<int> &slot) {
-    slot.resize(4 * i.entry.size());
-    if (i.entry.size())
-      CAMA_LAUNCH_REAL(Real, b, locate_slots, state.cloth_vertices, i.row, i.entry, nodes, split, m.row, m.column, slot);
-  };
-  slots(state.triangle_incidence, state.triangle_nodes, all_couple_, triangle_slot_);
-  if (state.hinges) slots(state.hinge_incidence, state.hinge_nodes, all_couple_, hinge_slot_);
-  if (with_terms && state.terms) slots(state.term_incidence, state.term_nodes, state.term_split, term_slot_);
-}
-
-/// Lists the elements of every block of the static pattern; what found them is not needed again.
-template <class Real>
-void AssembleMatrix<Real>::find_sources(State &state)
-{
-  Backend &b = *state.backend;
-  BlockMatrix<Real> &m = state.system<Real>().matrix;
-  const int rows = state.cloth_vertices, blocks = m.column.size();
-  const Incidence &triangles = state.triangle_incidence, &hinges = state.hinge_incidence;
-  Stream<int> count(b, blocks);
-  source_start_.resize(blocks + 1);
-  count.fill_zero();
-  CAMA_LAUNCH_REAL(Real, b, count_diagonal_sources, rows, m.row, m.column, count);
-  CAMA_LAUNCH_REAL(Real, b, count_sources, rows, triangles.row, triangle_slot_, count);
-  if (state.hinges) CAMA_LAUNCH_REAL(Real, b, count_sources, rows, hinges.row, hinge_slot_, count);
-  b.scan(count.buffer(), source_start_.buffer(), blocks);
-  source_.resize(source_start_.at(blocks));
-  count.fill_zero();
-  CAMA_LAUNCH_REAL(Real, b, fill_diagonal_sources, rows, m.row, m.column, source_start_, count, source_);
-  CAMA_LAUNCH_REAL(Real, b, fill_sources, rows, 0, triangles.row, triangles.entry, triangle_slot_, source_start_, count, source_);
-  if (state.hinges)
-    CAMA_LAUNCH_REAL(Real, b, fill_sources, rows, state.triangles, hinges.row, hinges.entry, hinge_slot_, source_start_, count, source_);
-  CAMA_LAUNCH(b, sort_rows, blocks, source_start_, source_);
-  for (Stream<int> *s : {&count_, &space_, &cursor_, &index_, &triangle_slot_, &hinge_slot_}) *s = Stream<int>(b);
-}
-
-template <class Real>
-void AssembleMatrix<Real>::gather(State &state, bool with_terms)
-{
-  Backend &b = *state.backend;
-  System<Real> &s = state.system<Real>();
-  const int rows = state.cloth_vertices;
-  CAMA_LAUNCH_REAL(Real, b, set_mass_rows, rows, s.matrix.row, s.matrix.column, s.mass, s.matrix.block);
-  CAMA_LAUNCH_REAL(Real, b, gather_triangles, rows, state.triangle_incidence.row, state.triangle_incidence.entry, triangle_slot_,
-                   s.triangle_factor, s.matrix.block);
-  if (state.hinges)
-    CAMA_LAUNCH_REAL(Real, b, gather_hinges, rows, state.hinge_incidence.row, state.hinge_incidence.entry, hinge_slot_, s.hinge_factor,
-                     s.matrix.block);
-  if (with_terms && state.terms)
-    CAMA_LAUNCH_REAL(Real, b, gather_terms, rows, state.term_incidence.row, state.term_incidence.entry, term_slot_, s.term,
-                     static_cast<int>(state.options.contact_form), s.matrix.block);
 }
 
 template <class Real>
@@ -159,19 +106,17 @@ void AssembleMatrix<Real>::run(State &state)
   if (options.assembly == Assembly::sorted) {
     sorted(state);
   } else if (options.assembly == Assembly::algorithm1) {
-    algorithm1(state, true);
-    if (options.atomic_filling) {
-      scatter(state);
-    } else {
-      locate(state, true);
-      gather(state, true);
-    }
+    find_pattern(state, true);
+    if (options.atomic_filling) return scatter(state);
+    System<Real> &s = state.system<Real>();
+    CAMA_LAUNCH_REAL(Real, *state.backend, gather_blocks_and_terms, s.matrix.block.size(), source_start_, source_, s.mass, state.triangles,
+                     s.triangle_factor, state.hinges, s.hinge_factor, s.term, static_cast<int>(options.contact_form), s.matrix.block);
   } else {
     System<Real> &s = state.system<Real>();
     if (!pattern_ready_) {
-      algorithm1(state, false);
-      locate(state, false);
-      find_sources(state);
+      find_pattern(state, false);
+      for (Stream<int> *list : {&count_, &space_, &cursor_}) *list = Stream<int>(*state.backend);
+      index_ = Stream<key64>(*state.backend);
       pattern_ready_ = true;
     }
     CAMA_LAUNCH_REAL(Real, *state.backend, gather_blocks, s.matrix.block.size(), source_start_, source_, s.mass, state.triangles,

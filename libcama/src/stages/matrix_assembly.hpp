@@ -45,17 +45,15 @@ public:
   void run(State &state) override;
 
 private:
-  void algorithm1(State &state, bool with_terms);
-  void sorted(State &state);
-  void locate(State &state, bool with_terms);
-  void find_sources(State &state);
-  void gather(State &state, bool with_terms);
+  void find_pattern(State &state, bool with_terms);   ///< and the sources of every block
   void scatter(State &state);
+  void sorted(State &state);
 
   bool pattern_ready_ = false;
   const Stream<int> all_couple_;        // none: all nodes of a triangle, or hinge, couple
-  Stream<int> count_, space_, cursor_, index_, triangle_slot_, hinge_slot_, term_slot_;
-  Stream<int> source_start_, source_;   // elements of every block of the static pattern
+  Stream<int> count_, space_, cursor_;
+  Stream<key64> index_;
+  Stream<int> source_start_, source_;   // of every block what adds to it
   Stream<key64> key_;
   Stream<int> entry_, head_, place_;
 };
