@@ -219,6 +219,9 @@ KERNEL fill_slice_values(int n, GLOBAL const int *source, int wide, GLOBAL const
     for (number = 0; number < 9; ++number) PREFETCH((v) + number * SLICE_ROWS);                                             \
   } while (0)
 
+/* Where a row is a thread and its numbers are wide, columns are read two entries early: what they name is a load behind them. */
+#define COLUMNS_AHEAD (LANES == 1 && sizeof(real) == 8)
+
 /* w = A z with the terms; partial[2 t], partial[2 t + 1] = r'z and z'w over the TEAM_ROWS rows of team t. entry_weight: of the terms' entries. */
 KERNEL cg_multiply(int n, int rows, GLOBAL const int *slice_start, GLOBAL const int *slice_row, GLOBAL const int *RESTRICT column,
                    GLOBAL const real *RESTRICT value, int terms, GLOBAL const int *order, GLOBAL const int *term_row, GLOBAL const int *term_entry,
@@ -235,17 +238,33 @@ KERNEL cg_multiply(int n, int rows, GLOBAL const int *slice_start, GLOBAL const 
     {
       lanes x = LANES_ALL(lanes, (real)0), y = x, u = x;
       int part = item / TEAM_ROWS, first = t * TEAM_ROWS + item - part * TEAM_ROWS, s = first / SLICE_ROWS;
-      int lane = first - s * SLICE_ROWS, e, end;
+      int lane = first - s * SLICE_ROWS, e, end, early = 0, early1 = 0;
       if (first < rows) {
         const size_t ahead = first + TEAM_ROWS < rows ? (size_t)SLICE_ROWS * 9 * (slice_start[s + TEAM_ROWS / SLICE_ROWS] - slice_start[s]) : 0;
         end = slice_start[s + 1];
-        for (e = slice_start[s] + part; e < end; e += 2 * ROW_PARTS) {   /* two entries at once: their loads do not wait for each other */
+        e = slice_start[s] + part;
+        if (COLUMNS_AHEAD && e < end) {
+          early = column[(size_t)SLICE_ROWS * e + lane];
+          early1 = column[(size_t)SLICE_ROWS * (e + ROW_PARTS < end ? e + ROW_PARTS : e) + lane];
+        }
+        for (; e < end; e += 2 * ROW_PARTS) {   /* two entries at once: their loads do not wait for each other */
           const int next = e + ROW_PARTS < end ? ROW_PARTS : 0;
           GLOBAL const real *RESTRICT v = value + (size_t)SLICE_ROWS * 9 * e + lane, *RESTRICT v1 = v + SLICE_ROWS * 9 * next;
           GLOBAL const int *RESTRICT c = column + (size_t)SLICE_ROWS * e + lane, *RESTRICT c1 = c + SLICE_ROWS * next;
           lanes ax, ay, az, bx, by, bz;
-          gather_lanes(z, c, &ax, &ay, &az);
-          gather_lanes(z, c1, &bx, &by, &bz);
+          if (COLUMNS_AHEAD) {
+            const vec4 a = z[early], b = z[early1];
+            const int then = e + 2 * ROW_PARTS;
+            if (then < end) {
+              early = column[(size_t)SLICE_ROWS * then + lane];
+              early1 = column[(size_t)SLICE_ROWS * (then + ROW_PARTS < end ? then + ROW_PARTS : then) + lane];
+            }
+            ax = LANES_ALL(lanes, a.x); ay = LANES_ALL(lanes, a.y); az = LANES_ALL(lanes, a.z);
+            bx = LANES_ALL(lanes, b.x); by = LANES_ALL(lanes, b.y); bz = LANES_ALL(lanes, b.z);
+          } else {
+            gather_lanes(z, c, &ax, &ay, &az);
+            gather_lanes(z, c1, &bx, &by, &bz);
+          }
           if (!next) bx = by = bz = LANES_ALL(lanes, (real)0);
           SLICE_PREFETCH(v + ahead);
           SLICE_PREFETCH(v1 + ahead);

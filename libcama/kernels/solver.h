@@ -5,15 +5,17 @@
 #define PRECONDITIONER_JACOBI 1
 #define PRECONDITIONER_BLOCK_JACOBI 2
 
-/* y = A x for a matrix of 3x3 blocks in BCSR form; rows of fixed vertices give zero. */
+/* y = A x for a matrix of 3x3 blocks in BCSR form; rows of fixed vertices give zero. mass: [n] where what is beside the masses adds up to
+   nothing in every row, which holds for elements: y = M x + sum A_ij (x_j - x_i) then, so that rounding is of differences. Or none. */
 KERNEL bcsr_multiply(int n, GLOBAL const int *row, GLOBAL const int *column, GLOBAL const mat3 *block, GLOBAL const int *fixed,
-                     GLOBAL const vec3 *x, GLOBAL vec3 *y)
+                     GLOBAL const real *mass, GLOBAL const vec3 *x, GLOBAL vec3 *y)
 {
   FOR_EACH(i, n)
   {
-    vec3 sum = vec3_make((real)0, (real)0, (real)0);
+    const vec3 none = vec3_make((real)0, (real)0, (real)0), own = mass ? x[i] : none;
+    vec3 sum = mass && !fixed[i] ? scale(mass[i], own) : none;
     int k, end = fixed[i] ? row[i] : row[i + 1];
-    for (k = row[i]; k < end; ++k) sum = add(sum, mat3_multiply(block[k], x[column[k]]));
+    for (k = row[i]; k < end; ++k) sum = add(sum, mat3_multiply(block[k], sub(x[column[k]], own)));
     y[i] = sum;
   }
 }

@@ -132,7 +132,14 @@ private:
   typename T::hinge_factor hinge()
   {
     typename T::hinge_factor f;
-    for (auto &g : f.gradient) g = vector();
+    Real last[3] = {0, 0, 0};
+    for (int k = 0; k < 3; ++k) {   // gradients of what moving alike leaves as it is add up to nothing
+      f.gradient[k] = vector();
+      last[0] -= f.gradient[k].x;
+      last[1] -= f.gradient[k].y;
+      last[2] -= f.gradient[k].z;
+    }
+    f.gradient[3] = {last[0], last[1], last[2]};
     f.coefficient = std::abs(number());
     return f;
   }

@@ -178,10 +178,40 @@ TEST_CASE("bcsr_multiply equals Eigen's product", "[solver]")
   Stream<int> rows(*backend, row), columns(*backend, column), fixed_stream(*backend, fixed);
   Stream<kernels::f64::mat3> blocks(*backend, block);
   Stream<kernels::f64::vec3> in(*backend, x), out(*backend, n);
-  CAMA_LAUNCH_REAL(double, *backend, bcsr_multiply, n, rows, columns, blocks, fixed_stream, in, out);
+  CAMA_LAUNCH_REAL(double, *backend, bcsr_multiply, n, rows, columns, blocks, fixed_stream, nothing<double>(), in, out);
   const VectorXd expected = dense * v;
   const auto y = out.download();
   for (int i = 0; i < n; ++i) REQUIRE((eigen(y[static_cast<std::size_t>(i)]) - expected.segment<3>(3 * i)).norm() < 1e-13 * expected.norm());
+}
+
+TEST_CASE("bcsr_multiply by differences: masses and springs, and what all share costs no rounding", "[solver]")
+{
+  // A chain of springs of 1e6 between masses of 1e-3: rows of the matrix add up to the masses.
+  const auto backend = make_backend("auto", 0, 2);
+  const int n = 40;
+  const float spring = 1e6f, mass = 1e-3f;
+  std::vector<int> row{0}, column;
+  std::vector<kernels::f32::mat3> block;
+  std::vector<kernels::f32::vec3> alike(n, {6.1f, -0.7f, 1.3f}), apart;
+  for (int i = 0; i < n; ++i) {
+    for (int j = std::max(0, i - 1); j <= std::min(n - 1, i + 1); ++j) {
+      const float value = i != j ? -spring : (i > 0) * spring + (i < n - 1) * spring + mass;
+      column.push_back(j);
+      block.push_back({{{value, 0, 0}, {0, value, 0}, {0, 0, value}}});
+    }
+    row.push_back(static_cast<int>(column.size()));
+    apart.push_back({static_cast<float>(i * i), 1, 2});
+  }
+  Stream<int> rows(*backend, row), columns(*backend, column), fixed(*backend, std::vector<int>(n, 0));
+  Stream<kernels::f32::mat3> blocks(*backend, block);
+  Stream<float> masses(*backend, std::vector<float>(n, mass));
+  Stream<kernels::f32::vec3> in(*backend, alike), out(*backend, n);
+  CAMA_LAUNCH_REAL(float, *backend, bcsr_multiply, n, rows, columns, blocks, fixed, masses, in, out);
+  for (const auto &y : out.download()) REQUIRE((y.x == mass * 6.1f && y.y == mass * -0.7f && y.z == mass * 1.3f));
+  in.assign(apart);
+  CAMA_LAUNCH_REAL(float, *backend, bcsr_multiply, n, rows, columns, blocks, fixed, masses, in, out);
+  const auto y = out.download();
+  for (int i = 1; i < n - 1; ++i) REQUIRE(y[static_cast<std::size_t>(i)].x == Approx(mass * i * i - 2.0 * spring).epsilon(1e-6));   // (i - 1)^2 - 2 i^2 + (i + 1)^2 = 2
 }
 
 namespace {

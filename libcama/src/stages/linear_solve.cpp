@@ -25,7 +25,10 @@ void LinearSolve<Real>::multiply(State &state, const Stream<vec3> &x, Stream<vec
 {
   Backend &b = *state.backend;
   System<Real> &s = state.system<Real>();
-  CAMA_LAUNCH_REAL(Real, b, bcsr_multiply, state.cloth_vertices, s.matrix.row, s.matrix.column, s.matrix.block, state.fixed, x, q);
+  // In single, what rounding leaves of stiffness times a motion that all share would be a force.
+  const bool differences = sizeof(Real) == 4 && state.options.assembly == Assembly::gather;
+  CAMA_LAUNCH_REAL(Real, b, bcsr_multiply, state.cloth_vertices, s.matrix.row, s.matrix.column, s.matrix.block, state.fixed,
+                   differences ? s.mass : no_mass_, x, q);
   if (!terms_as_operator(state)) return;
   product_.resize(state.terms);
   CAMA_LAUNCH_REAL(Real, b, term_products, state.terms, s.term, x, product_);

@@ -41,6 +41,7 @@ private:
   Stream<typename Types<Real>::mat3> diagonal_;
   Stream<vec3> r_, p_, q_, product_;
   Stream<double> partial_, reduced_, sum_, scalar_;
+  const Stream<Real> no_mass_;
   bool finite_ = true;                                     // the last system
   std::unique_ptr<ConjugateGradient<float>> single_;       // made when first used
   std::unique_ptr<ConjugateGradient<Real>> own_, fallback_;
