@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Scene, Simulation and their arrays."""
 
+import copy
+import pickle
 import threading
 
 import numpy as np
@@ -162,6 +164,21 @@ def test_save_and_load_give_the_same_scene(falling, tmp_path):
     a, b = cama.Simulation(falling), cama.Simulation(again)
     a.step(5), b.step(5)
     assert a.state_hash == b.state_hash
+
+
+def test_a_scene_is_copied_and_pickled_whole(falling):
+    scene, hashes = falling, set()
+    for again in (scene, scene.copy(), copy.copy(scene), copy.deepcopy(scene), pickle.loads(pickle.dumps(scene))):
+        simulation = cama.Simulation(again, threads=1)
+        simulation.step(5)
+        hashes.add(simulation.state_hash)
+    assert len(hashes) == 1
+    other = copy.copy(scene)
+    other.gravity = (0, 0, 1)
+    assert tuple(scene.gravity) != (0, 0, 1)
+    for way in (pickle.dumps, copy.copy, copy.deepcopy):
+        with pytest.raises(TypeError, match="save_checkpoint"):
+            way(simulation)
 
 
 def test_material_space_is_the_rest_state(sheet):

@@ -77,7 +77,14 @@ def test_info_explain_check():
     assert explain.exit_code == 0 and "position" in explain.output and "KiB" in explain.output
     check = call("check", "drape", "--resolution", 300)
     assert check.exit_code == 0 and "intersections at the start: 0" in check.output
-    assert "starts far" not in check.output
+    assert "starts far" not in check.output and "metres" not in check.output
+
+
+def test_check_asks_about_centimetres(tmp_path):
+    """A skirt of 60 by 90 in centimetres."""
+    (tmp_path / "scene.json").write_text(json.dumps({"cloth": [{"grid": {"size": [60, 90]}, "name": "skirt", "material": "cotton"}]}))
+    said = " ".join(call("check", tmp_path, "--resolution", 100).output.split())
+    assert "skirt: more than 20 m across; lengths are metres" in said
 
 
 def test_check_shows_sizes_and_a_rest_shape_that_is_no_rest_shape(tmp_path):

@@ -143,6 +143,21 @@ def test_a_task_that_dies_takes_no_other_with_it(jobs):
     assert "ProcessDied" in found[1].text and found[3].text == "ValueError: as asked"
 
 
+
+@pytest.mark.skipif(sys.platform == "win32", reason="no process groups")
+@pytest.mark.parametrize("after", [0.0, 0.1, 0.3])
+def test_ctrl_c_while_processes_start_is_the_parents_alone(after, tmp_path):
+    script = tmp_path / "starts.py"   # a child imports this file again, which takes a while
+    script.write_text("import math, time\nfrom cama import executor\nif __name__ == '__main__':\n    print('go', flush=True)\n"
+                      "    dict(executor.Local(2).run(math.copysign, [1.0] * 4, 1.0))\nelse:\n    time.sleep(0.6)\n")
+    process = subprocess.Popen([sys.executable, script], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True)
+    assert process.stdout.readline() == "go\n"
+    time.sleep(after)
+    os.killpg(process.pid, signal.SIGINT)
+    said = process.communicate(timeout=60)[1]
+    assert process.returncode != 0 and said.count("Traceback") <= 1 and "spawn_main" not in said
+
+
 def test_an_abandoned_pool_ends_its_processes():
     run = executor.Local(1).run(square, [1, 2, 3], 0)
     assert next(run) == (0, 1)

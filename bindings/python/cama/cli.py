@@ -59,6 +59,7 @@ Debug = Annotated[bool, typer.Option("--debug", help="Show Python's traceback of
 
 
 STRETCHED = 0.5   # start strain that `check` warns of, and to a stretch of 1 / 1.5
+LARGE = 20.0      # m, extent that `check` asks about: a garment in centimetres
 OVERSTRETCHED = 1.0   # strain that the summary warns of: no fabric is measured there
 WHERE = ("backend", "device", "threads", "precision", "accuracy", "intersections", "pinch")   # options of the command's own
 
@@ -284,13 +285,15 @@ def check(scene: SceneName, resolution: Resolution = 0,
         table.add_column(title, justify="right")
     for title in ("extent, m", "rest area, m²", "mass, kg", "start strain, %"):
         sizes.add_column(title, justify="right", no_wrap=True)
-    stretched = []
+    stretched, large = [], []
     for kind, parts in (("cloth", loaded.cloths), ("obstacle", loaded.obstacles)):
         for part in parts:
             table.add_row(kind, escape(part.name), escape(part.source), f"{len(part.faces):,}", f"{len(part.vertices):,}")
             if kind == "obstacle":
                 continue
             least, most = part.start_strain
+            if np.ptp(part.vertices, axis=0).max() > LARGE:
+                large.append(part.name)
             strain = f"{100 * least:.3g} to {100 * most:.3g}" if max(most, -least) > 5e-5 else "0"
             sizes.add_row(escape(part.name), " x ".join(f"{x:.3g}" for x in np.ptp(part.vertices, axis=0)), f"{part.rest_area:.3g}", f"{part.mass:.3g}", strain)
             if most > STRETCHED or least < 1 / (1 + STRETCHED) - 1:
@@ -303,6 +306,9 @@ def check(scene: SceneName, resolution: Resolution = 0,
     count = sum(pair.count for pair in found)
     out.print(f"{loaded.triangle_count:,} cloth triangles, {pinned:,} pinned vertices, {loaded.stitch_count:,} stitches, "
               f"{loaded.frames} frames of {loaded.seconds_per_frame * 1e3:g} ms")
+    if large:
+        out.print(f"[yellow]{escape(', '.join(large))}: more than {LARGE:g} m across; lengths are metres, so what was made in centimetres or millimetres needs "
+                  "a file with `scale` 0.01 or 0.001[/]")
     if stretched:
         out.print(f"[yellow]{escape(', '.join(stretched))}: starts far from its rest shape, which its texture coordinates or material vertices say[/]")
     out.print(f"intersections at the start: [{'bold red' if count else 'green'}]{count}[/]")

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Runs many independent tasks: in a pool of processes on this machine, or on a Ray cluster that is there already."""
 
+import contextlib
 import itertools
 import multiprocessing
 import multiprocessing.connection
@@ -22,6 +23,25 @@ class Failure:
     """What a task ended with in place of a result."""
 
     text: str  #: "CollisionError: ..."
+
+
+@contextlib.contextmanager
+def _interrupts_held():
+    """Ctrl-C waits meanwhile. A process that starts here has SIGINT blocked and never sees one: not even in its imports."""
+    handler, masks, came = signal.getsignal(signal.SIGINT), hasattr(signal, "pthread_sigmask"), []
+    ours = handler is not None and threading.current_thread() is threading.main_thread()
+    if ours:   # other threads of this process may take the signal
+        signal.signal(signal.SIGINT, lambda *_: came.append(True))
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT}) if masks else ()
+    try:
+        yield
+    finally:
+        if masks:
+            signal.pthread_sigmask(signal.SIG_SETMASK, before)
+        if ours:
+            signal.signal(signal.SIGINT, handler)
+            if came:
+                signal.raise_signal(signal.SIGINT)
 
 
 def _receive(shared):
@@ -82,7 +102,9 @@ class Local:
             while left or running:
                 while left and len(running) < jobs and not dead:
                     index, task = left.pop(0)
-                    running[pool.submit(_call, function, task)] = (index, task)
+                    with _interrupts_held():   # processes start here
+                        future = pool.submit(_call, function, task)
+                    running[future] = (index, task)
                 done, _ = wait(running, return_when=FIRST_COMPLETED)
                 for future in done:
                     index, task = running.pop(future)

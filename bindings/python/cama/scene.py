@@ -92,8 +92,17 @@ class Scene:
             raise FileError(f"{path}: {problem.strerror}") from None
 
     def copy(self):
-        """An independent copy."""
+        """An independent copy; copy.copy and copy.deepcopy give the same."""
         return Scene._of(_core.Scene(self._core))
+
+    __copy__ = copy
+
+    def __deepcopy__(self, memo):
+        return self.copy()
+
+    def __reduce__(self):
+        """Goes to other processes as its text."""
+        return Scene.parse, (self.to_json(),)
 
     def validate(self):
         """Throws a named error for the first thing that cannot be simulated. `Simulation` calls it too."""

@@ -94,6 +94,9 @@ class Simulation:
         self._of_scene = of_scene
         self._frame, self._parts = 0, None
 
+    def __reduce__(self):
+        raise TypeError("a Simulation is not pickled or copied: pickle its scene, or save_checkpoint and load_checkpoint")
+
     def step(self, n=1):
         """Computes n time steps with the GIL released. Ctrl-C stops between steps and keeps what was computed.
 
