@@ -10,10 +10,10 @@ constexpr int many_elements = 1 << 16;   // a radix sort is faster from here on 
 void Incidence::rebuild(Backend &b, const Stream<kernels::element_nodes> &nodes, int elements, Stream<int> &count)
 {
   if (b.processor() || elements < many_elements) return build(b, nodes, elements, count);
-  const int n = 4 * elements;
   int bits = 0;
   for (int v = vertices; v > 0; v >>= 1) ++bits;
-  key_.resize(n);
+  key_.resize(4ll * elements);
+  const int n = key_.size();
   sorted_.resize(n);
   CAMA_LAUNCH(b, incidence_keys, elements, nodes, vertices, key_, sorted_);
   b.sort(key_.buffer(), sorted_.buffer(), n, bits);

@@ -151,3 +151,15 @@ def test_contacts_carry_any_load_at_half_the_thickness(density):
         impacts += simulation.report["impacts"]
     assert impacts == 0
     assert simulation.positions[:simulation.cloth_vertex_count, 2].min() == pytest.approx(1e-3, rel=0.01)
+
+
+def test_cloth_that_has_blown_up_is_a_named_error_in_paper_mode():
+    """Vertices that cross the scene many times in a step are near everything: 5 million pairs of 3,200 triangles, or an error before that."""
+    scene = cama.Scene(time_step=0.005, gravity=(0, 0, 0))
+    scene.add_cloth(*grid(40))
+    simulation = cama.Simulation(scene, accuracy="paper", threads=1)
+    x = simulation.positions
+    simulation.set_state(x, np.random.default_rng(1).normal(size=x.shape) * 1e6)
+    with pytest.raises(cama.SolverError, match="blown up; take a smaller time step"):
+        simulation.step()
+    assert np.array_equal(simulation.positions, x)

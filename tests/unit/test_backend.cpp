@@ -111,6 +111,19 @@ TEST_CASE("scan refuses a list of 2^31 entries", "[backend]")
   }
 }
 
+TEST_CASE("a stream refuses 2^31 elements, also where a sum of sizes has overflowed, and stays as it is", "[backend]")
+{
+  const auto backend = make_backend("cpu", 0, 1);
+  Stream<char> stream(*backend, std::vector<char>{1, 2, 3});
+  const volatile int most = 0x7fffffff;
+  for (const long long size : {0x7fffffffll, 0x80000000ll, 0x100000003ll, static_cast<long long>(static_cast<int>(static_cast<unsigned>(most) + 3u)), -1ll}) {
+    INFO(size);
+    CHECK_THROWS_AS(stream.grow(size), MemoryError);
+    CHECK_THROWS_AS(stream.resize(size), MemoryError);
+    CHECK(stream.download() == std::vector<char>{1, 2, 3});
+  }
+}
+
 TEST_CASE("sort is std::stable_sort of keys with their values", "[backend]")
 {
   for (const auto &backend : every_backend()) {

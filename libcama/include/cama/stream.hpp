@@ -29,11 +29,11 @@ public:
   Backend *backend() const { return backend_; }
 
   /// Contents are lost when the stream has to grow; it grows by half, large ones by a sixteenth, so that repeated growth is rare.
-  void resize(int size)
+  void resize(long long size)
   {
-    if (size < 0) throw MemoryError("stream size " + std::to_string(size) + " exceeds 2^31 elements");
-    if (size > capacity_) reserve(capacity_ == 0 ? size : with_room(size));
-    size_ = size;
+    const int wanted = checked(size);
+    if (wanted > capacity_) reserve(capacity_ == 0 ? wanted : with_room(wanted));
+    size_ = wanted;
   }
   void reserve(int capacity)
   {
@@ -44,15 +44,16 @@ public:
     capacity_ = capacity;
   }
   /// Like `resize`, but what was there stays.
-  void grow(int size)
+  void grow(long long size)
   {
-    if (size > capacity_) {
+    const int wanted = checked(size);
+    if (wanted > capacity_) {
       Stream larger(*backend_);
-      larger.reserve(with_room(size));
+      larger.reserve(with_room(wanted));
       if (size_) backend_->copy(larger.buffer_, buffer_, sizeof(T) * static_cast<std::size_t>(size_));
       swap(larger);
     }
-    size_ = size;
+    size_ = wanted;
   }
   void assign(const std::vector<T> &values)
   {
@@ -87,10 +88,17 @@ public:
   }
 
 private:
+  static constexpr int most = 0x7fffffff - (1 << 22);   // kernels' loops count on behind the last by as many work items as there are
+  /// A size that was summed up as an int has overflowed to below 0.
+  static int checked(long long size)
+  {
+    if (size < 0 || size > most) throw MemoryError("a list of this scene exceeds 2^31 entries (" + std::to_string(size) + "); lower the resolution or the contact thickness");
+    return static_cast<int>(size);
+  }
   static int with_room(int size)
   {
     const long long more = sizeof(T) * static_cast<std::size_t>(size) > (std::size_t(16) << 20) ? size / 16 : size / 2;
-    return static_cast<int>(std::min(0x7fffffffll, size + more));
+    return static_cast<int>(std::min<long long>(most, size + more));
   }
   Backend *backend_ = nullptr;
   Buffer buffer_ = nullptr;

@@ -46,7 +46,7 @@ void SlicedMatrix<S>::make_pattern(State &state, const RowOrder &rows, const Blo
   start.resize(slices + 1);
   CAMA_LAUNCH(b, slice_widths, slices, rows.size, row, rows.order, matrix.row, matrix.column, state.cloth_vertices, rows.place, width_);
   b.scan(width_.buffer(), start.buffer(), slices);
-  const int entries = SLICE_ROWS * start.at(slices);
+  const long long entries = static_cast<long long>(SLICE_ROWS) * start.at(slices);
   column.resize(entries);
   source_.resize(entries);
   value.resize(9 * entries);
@@ -63,7 +63,7 @@ void SlicedMatrix<S>::fill(State &state, const RowOrder &rows, const BlockMatrix
   const int terms = terms_beside(state);
   if (terms == 0) return;
   term_nodes.resize(terms);
-  term_value.resize(9 * terms);
+  term_value.resize(9ll * terms);
   entry_weight.resize(state.term_incidence.entry.size());
   CAMA_LAUNCH_REAL(Real, b, pack_terms, terms, state.system<Real>().term, state.cloth_vertices, rows.place, sizeof(S) == 8 ? 1 : 0, term_nodes,
                    as<double, S>(term_value), as<float, S>(term_value));

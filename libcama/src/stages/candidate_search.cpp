@@ -208,8 +208,7 @@ void TreeSearch::query(State &state, const std::vector<FaceQuery> &faces, const 
   const kernels::pair found = totals_.at(0);
   const int first_face = state.vertex_face.pairs.size(), first_edge = state.edge_edge.pairs.size();
   const auto grow = [](PairList &list, int more) {
-    if (more > 0x7fffffff - list.pairs.size()) throw MemoryError("a list of this scene exceeds 2^31 entries; lower the resolution or the contact thickness");
-    list.pairs.grow(list.pairs.size() + more);
+    list.pairs.grow(static_cast<long long>(list.pairs.size()) + more);
     list.room.grow(list.pairs.size());
   };
   grow(state.vertex_face, found.a);

@@ -10,7 +10,7 @@ class FlaggedPairs {
 public:
   explicit FlaggedPairs(Backend &backend) : flag(backend), index(backend), place_(backend), key_(backend) {}
   /// Makes room for a flag of every candidate.
-  void resize(const State &state) { flag.resize(state.vertex_face.pairs.size() + state.edge_edge.pairs.size()); }
+  void resize(const State &state) { flag.resize(static_cast<long long>(state.vertex_face.pairs.size()) + state.edge_edge.pairs.size()); }
   /// Teams of kernels that take TEAM_PAIRS candidates each.
   int pair_teams() const { return (flag.size() + TEAM_PAIRS - 1) / TEAM_PAIRS; }
   /// After the flags are written: fills `index` and returns how many there are. `flagged`: how many, where that is known; else it waits.

@@ -13,6 +13,7 @@ constexpr int morton_bits = 63;
 constexpr double worst_growth = 1.5;      // of inner boxes' surface relative to the leaves', before trees are built anew
 constexpr double most_escaped = 0.3;     // of the vertices, for a localized update
 constexpr int most_adjacent = 24;         // faces around a vertex that make each other adjacent: bounds the orphans
+constexpr long long most_pairs = 1024;    // of triangles, for every face: cloth that has blown up is near everything
 using kernels::pair;
 
 int chunks(int n, int chunk) { return (n + chunk - 1) / chunk; }
@@ -165,8 +166,12 @@ int FrontSearch::partition(State &state, int size, const Stream<pair> &pairs, co
   device.scan(count_.buffer(), offset_.buffer(), 3 * n);
   const int stay = offset_.at(n), touching = offset_.at(2 * n) - stay, open = offset_.at(3 * n) - stay - touching;
   const int first_kept = kept ? kept->size() : 0, first_triangle = state.triangle_pairs.size();
-  if (kept) kept->grow(first_kept + stay);
-  state.triangle_pairs.grow(first_triangle + touching);
+  if (kept) kept->grow(static_cast<long long>(first_kept) + stay);
+  const long long pairs_now = static_cast<long long>(first_triangle) + touching;
+  if (pairs_now > most_pairs * state.faces)
+    throw SolverError("step " + std::to_string(state.report.step) + ": the motion of this step brings " + std::to_string(pairs_now) +
+                      " pairs of triangles near each other: it has blown up; take a smaller time step, or the level production, which keeps cloth apart");
+  state.triangle_pairs.grow(pairs_now);
   open_.resize(open);
   CAMA_LAUNCH(device, fill_front, n, size, kept ? 1 : 0, pairs, outcome_, offset_, first_kept, first_triangle, a.order, b.order,
               kept ? *kept : kept_[0], state.triangle_pairs, open_);
@@ -179,9 +184,8 @@ void FrontSearch::traverse(State &state, const Tree &a, const Tree &b, int open,
   Backend &device = *state.backend;
   const int self = &a == &b ? 1 : 0;
   while (open > 0) {
-    if (open > 0x7fffffff / 4) throw MemoryError("a front of this scene exceeds 2^31 entries; lower the resolution or the contact thickness");
-    const int size = 4 * open;
-    child_.resize(size);
+    child_.resize(4ll * open);
+    const int size = child_.size();
     outcome_.resize(size);
     CAMA_LAUNCH(device, open_pairs, size, self, a.leaves, a.root, b.leaves, b.root, open_, child_);
     if (kept)
@@ -230,7 +234,7 @@ void FrontSearch::collect_features(State &s, bool only_new)
   PairList *list[2] = {&s.vertex_face, &s.edge_edge};
   mask_.resize(n);
   for (int kind = 0; kind < 2; ++kind) {
-    found_[kind].resize(n + orphan[kind]->size());
+    found_[kind].resize(static_cast<long long>(n) + orphan[kind]->size());
     place_[kind].resize(found_[kind].size() + 1);
   }
   CAMA_LAUNCH(b, test_features, n, fresh, s.triangle_pairs, s.face, s.edge, s.face_features, s.vertex_box, vertex_dirty_, vertex_before_,
@@ -243,7 +247,7 @@ void FrontSearch::collect_features(State &s, bool only_new)
   for (int kind = 0; kind < 2; ++kind) {
     first[kind] = list[kind]->pairs.size();
     b.scan(found_[kind].buffer(), place_[kind].buffer(), found_[kind].size());
-    const int size = first[kind] + place_[kind].at(found_[kind].size());
+    const long long size = static_cast<long long>(first[kind]) + place_[kind].at(found_[kind].size());
     list[kind]->pairs.grow(size);
     list[kind]->direction.grow(size);
     list[kind]->room.grow(size);

@@ -70,8 +70,9 @@ void AssembleMatrix<Real>::sorted(State &state)
   Backend &b = *state.backend;
   System<Real> &s = state.system<Real>();
   BlockMatrix<Real> &m = s.matrix;
-  const int rows = state.cloth_vertices, elements = state.triangles + state.hinges + state.terms, n = 16 * elements + rows;
-  key_.resize(n);
+  const int rows = state.cloth_vertices, elements = state.triangles + state.hinges + state.terms;
+  key_.resize(16ll * elements + rows);
+  const int n = key_.size();
   entry_.resize(n);
   head_.resize(n);
   place_.resize(n + 1);

@@ -168,7 +168,7 @@ void PenetrationHandling::add_impacts(State &state, int found)
   Backend &b = *state.backend;
   const int known = state.impact.size();
   flagged_.compact(state, found);
-  state.impact.grow(known + found);
+  state.impact.grow(static_cast<long long>(known) + found);
   CAMA_LAUNCH(b, fill_impacts, found, state.vertex_face.pairs.size(), state.options.cubic_impacts ? 1 : 0, flagged_.index,
               state.vertex_face.pairs, state.edge_edge.pairs, state.face, state.edge, from_, state.position_next, state.vertex_contact, certified_,
               target_, known, state.vertex_face.room, state.edge_edge.room, state.impact);
