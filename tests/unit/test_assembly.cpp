@@ -431,6 +431,17 @@ TEST_CASE("Algorithm 1 has the bits of the static pattern where there are no ter
   REQUIRE(bits[0] == bits[1]);
 }
 
+TEST_CASE("more elements than sources have numbers are refused", "[assembly]")
+{
+  const auto backend = make_backend("auto", 0, 1);
+  Maker<double> maker(9);
+  const auto state = fill(*backend, maker.from_mesh(meshes::grid(3, 3, 1, 1), 0, 0));
+  state->options.assembly = Assembly::algorithm1;
+  state->terms = 1 << 27;
+  AssembleMatrix<double> stage(*backend);
+  CHECK_THROWS_AS(stage.run(*state), MemoryError);
+}
+
 TEST_CASE("the star form's entries join opposite sides only", "[assembly]")
 {
   Maker<double> maker(7);

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "stages/matrix_assembly.hpp"
 
+#include "cama/error.hpp"
 #include "launch.hpp"
 
 namespace cama {
@@ -16,6 +17,8 @@ void AssembleMatrix<Real>::find_pattern(State &state, bool with_terms)
   Backend &b = *state.backend;
   BlockMatrix<Real> &m = state.system<Real>().matrix;
   const int rows = state.cloth_vertices, terms = with_terms ? state.terms : 0;
+  if (16 * (static_cast<long long>(state.triangles) + state.hinges + terms) > 0x7fffffff)   // sources are numbered by 16
+    throw MemoryError("the matrix: more than 2^27 triangles, hinges and contacts; lower the resolution");
   count_.resize(rows);
   space_.resize(rows + 1);
   cursor_.resize(rows);
