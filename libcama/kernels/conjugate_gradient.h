@@ -111,62 +111,96 @@ DEVICE_TEAM cg_step next_step(int t, int partials, GLOBAL const double *partial,
   return step;
 }
 
-/* Row i of p = z + beta p, s = w + beta s, x += alpha p, r -= alpha s; the first iteration has beta = 0 and nothing before. Returns r. */
-DEVICE vec4 advance_row(int i, cg_step step, GLOBAL const vec4 *RESTRICT z, GLOBAL const vec4 *RESTRICT w, GLOBAL vec4 *RESTRICT p,
-                        GLOBAL vec4 *RESTRICT s, GLOBAL vec4 *RESTRICT x, GLOBAL vec4 *RESTRICT r)
+/* Vectors of a diagonal preconditioner's loop but z are in columns: all x, all y, all z, `apart` numbers from each other, so that neighbours read neighbours.
+   Those of the Schwarz preconditioner are rows of vec4 (apart = 0). */
+DEVICE vec4 load_row(GLOBAL const real *v, int apart, int i)
 {
-  const int first = step.beta == 0.0;
-  const real a = (real)step.alpha, b = (real)step.beta;
-  const vec4 pi = first ? z[i] : vec4_axpy(z[i], b, p[i]), si = first ? w[i] : vec4_axpy(w[i], b, s[i]), ri = vec4_axpy(r[i], -a, si);
-  p[i] = pi;
-  s[i] = si;
-  x[i] = vec4_axpy(first ? vec4_make((real)0, (real)0, (real)0) : x[i], a, pi);
-  r[i] = ri;
-  return ri;
+  if (apart == 0) return LOAD_KEPT((GLOBAL const vec4 *)v + i);
+  return vec4_make(LOAD_KEPT(v + i), LOAD_KEPT(v + apart + i), LOAD_KEPT(v + 2 * apart + i));
+}
+DEVICE void store_row(GLOBAL real *v, int apart, int i, vec4 own)
+{
+  if (apart == 0) {
+    STORE_KEPT((GLOBAL vec4 *)v + i, own);
+  } else {
+    STORE_KEPT(v + i, own.x);
+    STORE_KEPT(v + apart + i, own.y);
+    STORE_KEPT(v + 2 * apart + i, own.z);
+  }
 }
 
-/* P r of row i where P is diagonal (across = 1), or has a block for each row (across = 3: its rows). */
-DEVICE vec4 apply_inverse(int i, int across, GLOBAL const vec4 *RESTRICT inverse, vec4 r)
+/* P of a row: its diagonal (across = 1) in the first row, or a block (across = 3); in columns. */
+typedef struct { vec4 row[3]; } row_inverse;
+DEVICE row_inverse load_inverse(int i, int across, int apart, GLOBAL const real *RESTRICT inverse)
 {
-  if (across == 1) return vec4_make(inverse[i].x * r.x, inverse[i].y * r.y, inverse[i].z * r.z);
-  return vec4_make(vec4_dot(inverse[3 * i], r), vec4_dot(inverse[3 * i + 1], r), vec4_dot(inverse[3 * i + 2], r));
+  row_inverse own;
+  own.row[0] = load_row(inverse, apart, i);
+  own.row[1] = own.row[2] = own.row[0];
+  if (across == 3) {
+    own.row[1] = load_row(inverse + 3 * (size_t)apart, apart, i);
+    own.row[2] = load_row(inverse + 6 * (size_t)apart, apart, i);
+  }
+  return own;
+}
+DEVICE vec4 apply_inverse(int across, row_inverse own, vec4 r)
+{
+  if (across == 1) return vec4_make(own.row[0].x * r.x, own.row[0].y * r.y, own.row[0].z * r.z);
+  return vec4_make(vec4_dot(own.row[0], r), vec4_dot(own.row[1], r), vec4_dot(own.row[2], r));
 }
 
 /* One iteration's scalars and vectors, and z = P r. */
-KERNEL cg_advance(int n, int rows, int across, GLOBAL const vec4 *RESTRICT inverse, int partials, GLOBAL const double *partial, int most,
-                  int from, int to, GLOBAL double *scalar, GLOBAL vec4 *RESTRICT z, GLOBAL const vec4 *RESTRICT w, GLOBAL vec4 *RESTRICT p,
-                  GLOBAL vec4 *RESTRICT s, GLOBAL vec4 *RESTRICT x, GLOBAL vec4 *RESTRICT r)
+KERNEL_OF(CG_TEAM, 4) cg_advance(int n, int rows, int apart, int across, GLOBAL const real *RESTRICT inverse, int partials,
+                                 GLOBAL const double *partial, int most, int from, int to, GLOBAL double *scalar, GLOBAL vec4 *RESTRICT z,
+                                 GLOBAL const real *RESTRICT w, GLOBAL real *RESTRICT p, GLOBAL real *RESTRICT s, GLOBAL real *RESTRICT x,
+                                 GLOBAL real *RESTRICT r)
 {
   TEAM_LOCAL(double, sums, 2 * CG_TEAM);
   FOR_EACH_TEAM(t, n)
   {
-    const int first = t * CG_ROWS, count = min_int(rows - first, CG_ROWS);
+    const int begin = t * CG_ROWS, count = min_int(rows - begin, CG_ROWS);
     cg_step step = next_step(t, partials, partial, most, from, to, scalar, sums);
+    const int first = step.beta == 0.0;
+    const real a = (real)step.alpha, b = (real)step.beta;
     if (!step.done)
-      TEAM_FOR(l, count) z[first + l] = apply_inverse(first + l, across, inverse, advance_row(first + l, step, z, w, p, s, x, r));
+      TEAM_FOR(l, count)
+      {
+        const int i = begin + l;
+        const row_inverse own = load_inverse(i, across, apart, inverse);
+        vec4 ri = load_row(r, apart, i), si = load_row(w, apart, i), xi = vec4_make((real)0, (real)0, (real)0);
+        vec4 pi = apply_inverse(across, own, ri);   /* z */
+        if (!first) {
+          const vec4 p0 = load_row(p, apart, i), s0 = load_row(s, apart, i);
+          xi = load_row(x, apart, i);
+          pi = vec4_axpy(pi, b, p0);
+          si = vec4_axpy(si, b, s0);
+        }
+        ri = vec4_axpy(ri, -a, si);
+        store_row(p, apart, i, pi);
+        store_row(s, apart, i, si);
+        store_row(x, apart, i, vec4_axpy(xi, a, pi));
+        store_row(r, apart, i, ri);
+        pi = apply_inverse(across, own, ri);
+        STORE_KEPT(z + i, pi);
+      }
   }
 }
 
 /* z = P r with P as in cg_advance. n: rows. */
-KERNEL apply_diagonal(int n, int across, GLOBAL const vec4 *RESTRICT inverse, GLOBAL const vec4 *RESTRICT r, GLOBAL vec4 *RESTRICT z)
+KERNEL apply_diagonal(int n, int apart, int across, GLOBAL const real *RESTRICT inverse, GLOBAL const real *RESTRICT r, GLOBAL vec4 *RESTRICT z)
 {
-  FOR_EACH(i, n) z[i] = apply_inverse(i, across, inverse, r[i]);
+  FOR_EACH(i, n) z[i] = apply_inverse(across, load_inverse(i, across, apart, inverse), load_row(r, apart, i));
 }
 
-/* The inverses of diagonal blocks as P of the rows: their diagonals (across = 1), or whole. */
-KERNEL pack_diagonal(int n, GLOBAL const int *order, int across, int wide, GLOBAL const double *from64, GLOBAL const float *from32,
-                     GLOBAL vec4 *inverse)
+/* The inverses of diagonal blocks as P of the rows: their diagonals (across = 1), or whole; in columns. */
+KERNEL pack_diagonal(int n, GLOBAL const int *order, int apart, int across, int wide, GLOBAL const double *from64, GLOBAL const float *from32,
+                     GLOBAL real *inverse)
 {
   FOR_EACH(i, n)
   {
-    int k, c, at = 9 * order[i];
-    for (k = 0; k < across; ++k) {
-      real v[3];
-      for (c = 0; c < 3; ++c) {
-        int number = at + (across == 1 ? 4 * c : 3 * k + c);
-        v[c] = wide ? (real)from64[number] : (real)from32[number];
-      }
-      inverse[across * i + k] = vec4_make(v[0], v[1], v[2]);
+    int k, at = 9 * order[i];
+    for (k = 0; k < 3 * across; ++k) {
+      int number = at + (across == 1 ? 4 * k : k);
+      inverse[k * (size_t)apart + i] = wide ? (real)from64[number] : (real)from32[number];
     }
   }
 }
@@ -211,22 +245,28 @@ KERNEL fill_slice_values(int n, GLOBAL const int *source, int wide, GLOBAL const
   }
 }
 
-#define SLICE_NUMBER(v, c) LANES_LOAD(GLOBAL lanes, (v) + (c) * SLICE_ROWS)
+#define CG_MULTIPLY_TEAM (ROW_PARTS * TEAM_ROWS)
+
 /* A team's blocks are read part by part, in steps that no processor foresees: those of the next team are called for meanwhile. */
-#define SLICE_PREFETCH(v)                                                                                                  \
+#define BLOCK_PREFETCH(v)                                                                                                  \
   do {                                                                                                                     \
     int number;                                                                                                            \
     for (number = 0; number < 9; ++number) PREFETCH((v) + number * SLICE_ROWS);                                             \
   } while (0)
+#define BLOCK_NUMBER(v, c) LANES_LOAD_ONCE(GLOBAL lanes, (v) + (c) * SLICE_ROWS)
+#define LOAD_BLOCK(q, v)                                                                                                   \
+  const lanes q##0 = BLOCK_NUMBER(v, 0), q##1 = BLOCK_NUMBER(v, 1), q##2 = BLOCK_NUMBER(v, 2), q##3 = BLOCK_NUMBER(v, 3),    \
+              q##4 = BLOCK_NUMBER(v, 4), q##5 = BLOCK_NUMBER(v, 5), q##6 = BLOCK_NUMBER(v, 6), q##7 = BLOCK_NUMBER(v, 7),    \
+              q##8 = BLOCK_NUMBER(v, 8)
 
-/* Where a row is a thread and its numbers are wide, columns are read two entries early: what they name is a load behind them. */
-#define COLUMNS_AHEAD (LANES == 1 && sizeof(real) == 8)
-
-/* w = A z with the terms; partial[2 t], partial[2 t + 1] = r'z and z'w over the TEAM_ROWS rows of team t. entry_weight: of the terms' entries. */
-KERNEL cg_multiply(int n, int rows, GLOBAL const int *slice_start, GLOBAL const int *slice_row, GLOBAL const int *RESTRICT column,
-                   GLOBAL const real *RESTRICT value, int terms, GLOBAL const int *order, GLOBAL const int *term_row, GLOBAL const int *term_entry,
-                   GLOBAL const real *entry_weight, GLOBAL const vec4 *RESTRICT product, int at, GLOBAL const double *scalar,
-                   GLOBAL const vec4 *RESTRICT z, GLOBAL const vec4 *RESTRICT r, GLOBAL vec4 *RESTRICT w, GLOBAL double *partial)
+/* w = A z with the terms; partial[2 t], partial[2 t + 1] = r'z and z'w over the TEAM_ROWS rows of team t. entry_weight: of the terms' entries.
+   Loads do not wait for each other: two entries at once, all their numbers before the first product, and where a row is a thread, columns two
+   entries early, since what they name is a load behind them. */
+KERNEL_OF(CG_MULTIPLY_TEAM, 3) cg_multiply(int n, int rows, GLOBAL const int *slice_start, GLOBAL const int *slice_row,
+                                           GLOBAL const int *RESTRICT column, GLOBAL const real *RESTRICT value, int terms, GLOBAL const int *order,
+                                           GLOBAL const int *term_row, GLOBAL const int *term_entry, GLOBAL const real *entry_weight,
+                                           GLOBAL const vec4 *RESTRICT product, int at, GLOBAL const double *scalar, GLOBAL const vec4 *RESTRICT z,
+                                           int apart, GLOBAL const real *RESTRICT r, GLOBAL real *RESTRICT w, GLOBAL double *partial)
 {
   TEAM_LOCAL(real, sum, ROW_PARTS * 3 * TEAM_ROWS);
   TEAM_LOCAL(double, products, 2 * TEAM_ROWS);
@@ -238,48 +278,52 @@ KERNEL cg_multiply(int n, int rows, GLOBAL const int *slice_start, GLOBAL const 
     {
       lanes x = LANES_ALL(lanes, (real)0), y = x, u = x;
       int part = item / TEAM_ROWS, first = t * TEAM_ROWS + item - part * TEAM_ROWS, s = first / SLICE_ROWS;
-      int lane = first - s * SLICE_ROWS, e, end, early = 0, early1 = 0;
+      int lane = first - s * SLICE_ROWS, e, end, early = 0, early1 = 0, place = 0;
       if (first < rows) {
         const size_t ahead = first + TEAM_ROWS < rows ? (size_t)SLICE_ROWS * 9 * (slice_start[s + TEAM_ROWS / SLICE_ROWS] - slice_start[s]) : 0;
         end = slice_start[s + 1];
         e = slice_start[s] + part;
-        if (COLUMNS_AHEAD && e < end) {
-          early = column[(size_t)SLICE_ROWS * e + lane];
-          early1 = column[(size_t)SLICE_ROWS * (e + ROW_PARTS < end ? e + ROW_PARTS : e) + lane];
+        if (LANES == 1) {
+          place = slice_row[first];
+          if (e < end) {
+            early = LOAD_ONCE(column + (size_t)SLICE_ROWS * e + lane);
+            early1 = LOAD_ONCE(column + (size_t)SLICE_ROWS * (e + ROW_PARTS < end ? e + ROW_PARTS : e) + lane);
+          }
         }
-        for (; e < end; e += 2 * ROW_PARTS) {   /* two entries at once: their loads do not wait for each other */
+        for (; e < end; e += 2 * ROW_PARTS) {
           const int next = e + ROW_PARTS < end ? ROW_PARTS : 0;
           GLOBAL const real *RESTRICT v = value + (size_t)SLICE_ROWS * 9 * e + lane, *RESTRICT v1 = v + SLICE_ROWS * 9 * next;
-          GLOBAL const int *RESTRICT c = column + (size_t)SLICE_ROWS * e + lane, *RESTRICT c1 = c + SLICE_ROWS * next;
           lanes ax, ay, az, bx, by, bz;
-          if (COLUMNS_AHEAD) {
-            const vec4 a = z[early], b = z[early1];
+          if (LANES == 1) {
+            const vec4 a = LOAD_KEPT(z + early), b = LOAD_KEPT(z + early1);
             const int then = e + 2 * ROW_PARTS;
             if (then < end) {
-              early = column[(size_t)SLICE_ROWS * then + lane];
-              early1 = column[(size_t)SLICE_ROWS * (then + ROW_PARTS < end ? then + ROW_PARTS : then) + lane];
+              early = LOAD_ONCE(column + (size_t)SLICE_ROWS * then + lane);
+              early1 = LOAD_ONCE(column + (size_t)SLICE_ROWS * (then + ROW_PARTS < end ? then + ROW_PARTS : then) + lane);
             }
             ax = LANES_ALL(lanes, a.x); ay = LANES_ALL(lanes, a.y); az = LANES_ALL(lanes, a.z);
             bx = LANES_ALL(lanes, b.x); by = LANES_ALL(lanes, b.y); bz = LANES_ALL(lanes, b.z);
           } else {
+            GLOBAL const int *RESTRICT c = column + (size_t)SLICE_ROWS * e + lane;
             gather_lanes(z, c, &ax, &ay, &az);
-            gather_lanes(z, c1, &bx, &by, &bz);
+            gather_lanes(z, c + SLICE_ROWS * next, &bx, &by, &bz);
           }
           if (!next) bx = by = bz = LANES_ALL(lanes, (real)0);
-          SLICE_PREFETCH(v + ahead);
-          SLICE_PREFETCH(v1 + ahead);
-          x += SLICE_NUMBER(v, 0) * ax + SLICE_NUMBER(v, 1) * ay + SLICE_NUMBER(v, 2) * az +
-               (SLICE_NUMBER(v1, 0) * bx + SLICE_NUMBER(v1, 1) * by + SLICE_NUMBER(v1, 2) * bz);
-          y += SLICE_NUMBER(v, 3) * ax + SLICE_NUMBER(v, 4) * ay + SLICE_NUMBER(v, 5) * az +
-               (SLICE_NUMBER(v1, 3) * bx + SLICE_NUMBER(v1, 4) * by + SLICE_NUMBER(v1, 5) * bz);
-          u += SLICE_NUMBER(v, 6) * ax + SLICE_NUMBER(v, 7) * ay + SLICE_NUMBER(v, 8) * az +
-               (SLICE_NUMBER(v1, 6) * bx + SLICE_NUMBER(v1, 7) * by + SLICE_NUMBER(v1, 8) * bz);
+          BLOCK_PREFETCH(v + ahead);
+          BLOCK_PREFETCH(v1 + ahead);
+          {
+            LOAD_BLOCK(p, v);
+            LOAD_BLOCK(q, v1);
+            x += p0 * ax + p1 * ay + p2 * az + (q0 * bx + q1 * by + q2 * bz);
+            y += p3 * ax + p4 * ay + p5 * az + (q3 * bx + q4 * by + q5 * bz);
+            u += p6 * ax + p7 * ay + p8 * az + (q6 * bx + q7 * by + q8 * bz);
+          }
         }
       }
       FOR_LANES(q)
         if (first + q < rows) {
           vec4 all = vec4_make(LANE(x, q), LANE(y, q), LANE(u, q));
-          const int i = slice_row[first + q];
+          const int i = LANES == 1 ? place : slice_row[first + q];
           LOCAL real *own = sum + part * 3 * TEAM_ROWS + i - t * TEAM_ROWS;
           if (terms) {
             int v = order[i], k = term_row[v] + part;
@@ -300,10 +344,10 @@ KERNEL cg_multiply(int n, int rows, GLOBAL const int *slice_start, GLOBAL const 
       int i = t * TEAM_ROWS + l;
       products[l] = products[TEAM_ROWS + l] = 0.0;
       if (i < rows) {
-        vec4 zi = z[i], ri = r[i];
-        vec4 all = vec4_make(sum[l] + sum[3 * TEAM_ROWS + l], sum[TEAM_ROWS + l] + sum[4 * TEAM_ROWS + l],
-                             sum[2 * TEAM_ROWS + l] + sum[5 * TEAM_ROWS + l]);
-        w[i] = all;
+        const vec4 zi = LOAD_KEPT(z + i), ri = load_row(r, apart, i);
+        const vec4 all = vec4_make(sum[l] + sum[3 * TEAM_ROWS + l], sum[TEAM_ROWS + l] + sum[4 * TEAM_ROWS + l],
+                                   sum[2 * TEAM_ROWS + l] + sum[5 * TEAM_ROWS + l]);
+        store_row(w, apart, i, all);
         products[l] = (double)ri.x * (double)zi.x + (double)ri.y * (double)zi.y + (double)ri.z * (double)zi.z;
         products[TEAM_ROWS + l] = (double)all.x * (double)zi.x + (double)all.y * (double)zi.y + (double)all.z * (double)zi.z;
       }
@@ -318,8 +362,8 @@ KERNEL cg_multiply(int n, int rows, GLOBAL const int *slice_start, GLOBAL const 
 }
 
 /* r of rows from vertices: r = b - q, or r = b where plain = 1; the conjugate gradient is no longer done. */
-KERNEL gather_residual(int n, GLOBAL const int *order, int plain, int wide, GLOBAL const double *b64, GLOBAL const double *q64,
-                       GLOBAL const float *b32, GLOBAL const float *q32, GLOBAL vec4 *r, GLOBAL double *scalar)
+KERNEL gather_residual(int n, GLOBAL const int *order, int apart, int plain, int wide, GLOBAL const double *b64, GLOBAL const double *q64,
+                       GLOBAL const float *b32, GLOBAL const float *q32, GLOBAL real *r, GLOBAL double *scalar)
 {
   FOR_EACH(i, n)
   {
@@ -328,17 +372,17 @@ KERNEL gather_residual(int n, GLOBAL const int *order, int plain, int wide, GLOB
     if (i == 0) scalar[CG_DONE] = 0.0;
     for (c = 0; c < 3; ++c, ++at)
       v[c] = wide ? (real)(plain ? b64[at] : b64[at] - q64[at]) : (real)(plain ? b32[at] : b32[at] - q32[at]);
-    r[i] = vec4_make(v[0], v[1], v[2]);
+    store_row(r, apart, i, vec4_make(v[0], v[1], v[2]));
   }
 }
 
 /* The correction joins the solution of vertices. */
-KERNEL add_solution(int n, GLOBAL const int *order, GLOBAL const vec4 *x, int wide, GLOBAL double *solution64, GLOBAL float *solution32)
+KERNEL add_solution(int n, GLOBAL const int *order, int apart, GLOBAL const real *x, int wide, GLOBAL double *solution64, GLOBAL float *solution32)
 {
   FOR_EACH(i, n)
   {
     int at = 3 * order[i];
-    vec4 v = x[i];
+    vec4 v = load_row(x, apart, i);
     if (wide) {
       solution64[at] += (double)v.x; solution64[at + 1] += (double)v.y; solution64[at + 2] += (double)v.z;
     } else {

@@ -3,6 +3,7 @@
    the dialect: included by lang.h alone.
      LANES_TYPE(real, lanes)           a type of LANES numbers; + - * / with each other and with one number, comparisons, int_lanes & | ^ >>
      LANES_LOAD(lanes, p), LANES_STORE(lanes, p, v), LANES_ALL(lanes, number), LANE(v, q); p to GLOBAL or LOCAL numbers: GLOBAL lanes, ...
+     LANES_LOAD_ONCE(lanes, p)         LANES_LOAD with the hint of LOAD_ONCE (caching.h)
      LANES_SELECT(lanes, c, a, b)      a where the comparison c holds, b elsewhere
      LANES_TO(type, lanes, v)          v converted to lanes, whose numbers are of that type
      FLOAT_LANES_BITS(v), BITS_FLOAT_LANES(v)
@@ -19,6 +20,7 @@
 #define PREFETCH(p) ((void)(p))
 #define LANES_TYPE(type, lanes) typedef type lanes
 #define LANES_LOAD(lanes, p) (*(p))
+#define LANES_LOAD_ONCE(lanes, p) LOAD_ONCE(p)
 #define LANES_STORE(lanes, p, v) (*(p) = (v))
 #define LANES_ALL(lanes, v) (v)
 #define LANE(v, q) (v)
@@ -51,6 +53,7 @@
 
 #else
 #define LANES 16
+#define LANES_LOAD_ONCE LANES_LOAD
 
 #if defined(__OPENCL_C_VERSION__)
 #define PREFETCH(p) ((void)(p))

@@ -9,6 +9,7 @@
 #pragma OPENCL EXTENSION cl_khr_int64_base_atomics : enable
 #pragma OPENCL FP_CONTRACT OFF
 #define KERNEL __kernel void
+#define KERNEL_OF(members, teams) KERNEL
 #define DEVICE static inline
 #define DEVICE_ATOMIC DEVICE /* element functions that use atomics */
 #define DEVICE_TEAM DEVICE   /* functions that a whole team calls */
@@ -68,6 +69,7 @@ typedef unsigned long long key64;
 
 #if defined(__CUDACC__)
 #define KERNEL static __global__ void
+#define KERNEL_OF(members, teams) static __global__ void __launch_bounds__(members, teams)
 #define DEVICE static __host__ __device__ inline
 #define DEVICE_ATOMIC static __device__ inline
 #define DEVICE_TEAM static __device__ inline
@@ -105,6 +107,7 @@ static __device__ inline void atomic_add_float(float *p, float v) { atomicAdd(p,
 #define DEVICE static inline
 #define RESTRICT restrict
 #endif
+#define KERNEL_OF(members, teams) KERNEL
 #define DEVICE_ATOMIC DEVICE
 #define DEVICE_TEAM DEVICE
 #define CAMA_PRAGMA(text) _Pragma(#text)
@@ -172,6 +175,8 @@ DEVICE void atomic_add_float(float *p, float v)
 
 /* Teams: the work-items of one group share TEAM_LOCAL memory. Between two TEAM_BARRIERs a member writes only what no other reads.
      KERNEL k(int n, ...) { TEAM_LOCAL(real, a, 128); FOR_EACH_TEAM(t, n) { TEAM_FOR(l, 128) a[l] = ...; TEAM_BARRIER; ... } }
+   KERNEL_OF(members, teams) k(int n, ...): teams of that many, and as many registers as leave room for that many teams on a multiprocessor: fewer
+   teams, each with more loads on their way, for kernels that wait for memory.
    A processor's team is one thread: its loops run over all members, LANES of them together as one vector where written so (lanes.h):
      TEAM_FOR_LANES(j, m) { lanes sum = LANES_ALL(lanes, 0); sum += LANES_LOAD(lanes, p + j) * x; } */
 #if !defined(FOR_EACH_UNEVEN_TEAM)
@@ -186,6 +191,7 @@ DEVICE void atomic_add_float(float *p, float v)
 #define INLINED
 #endif
 
+#include "caching.h"
 #include "lanes.h"
 
 /* Total orders written out: fmin and fmax differ between languages on signed zeros. */

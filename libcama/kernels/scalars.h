@@ -88,9 +88,11 @@ DEVICE_TEAM void sum_of_teams(int size, int columns, int teams, GLOBAL const dou
   TEAM_FOR(l, size)
   {
     int k, c;
-    for (c = 0; c < columns; ++c) a[c * size + l] = 0.0;
-    for (k = l; k < teams; k += size)
-      for (c = 0; c < columns; ++c) a[c * size + l] += partial[columns * k + c];
+    for (c = 0; c < columns; ++c) {
+      double sum = 0.0;   /* in a register: loads do not wait for each other */
+      for (k = l; k < teams; k += size) sum += partial[columns * k + c];
+      a[c * size + l] = sum;
+    }
   }
   tree_sums(size, columns, a);
 }

@@ -158,6 +158,28 @@ KERNEL restrict_residual(int n, int levels, int rows, int blocks, GLOBAL const i
   }
 }
 
+/* Row i of p = z + beta p, s = w + beta s, x += alpha p, r -= alpha s; the first iteration has beta = 0 and nothing before. Returns r. */
+DEVICE vec4 advance_row(int i, cg_step step, GLOBAL const vec4 *RESTRICT z, GLOBAL const vec4 *RESTRICT w, GLOBAL vec4 *RESTRICT p,
+                        GLOBAL vec4 *RESTRICT s, GLOBAL vec4 *RESTRICT x, GLOBAL vec4 *RESTRICT r)
+{
+  const int first = step.beta == 0.0;
+  const real a = (real)step.alpha, b = (real)step.beta;
+  const vec4 zi = LOAD_KEPT(z + i), wi = LOAD_KEPT(w + i), before = LOAD_KEPT(r + i);
+  vec4 pi = zi, si = wi, xi = vec4_make((real)0, (real)0, (real)0), ri;
+  if (!first) {
+    const vec4 p0 = LOAD_KEPT(p + i), s0 = LOAD_KEPT(s + i);
+    xi = LOAD_KEPT(x + i);
+    pi = vec4_axpy(zi, b, p0);
+    si = vec4_axpy(wi, b, s0);
+  }
+  ri = vec4_axpy(before, -a, si);
+  STORE_KEPT(p + i, pi);
+  STORE_KEPT(s + i, si);
+  STORE_KEPT(x + i, vec4_axpy(xi, a, pi));
+  STORE_KEPT(r + i, ri);
+  return ri;
+}
+
 /* One iteration's scalars and vectors, and the residuals of coarse nodes. Teams as in restrict_residual. */
 KERNEL cg_advance_blocks(int n, int levels, int rows, int blocks, GLOBAL const int *group_start, GLOBAL const int *block_start, int partials,
                          GLOBAL const double *partial, int most, int from, int to, GLOBAL double *scalar, GLOBAL const vec4 *RESTRICT z,

@@ -16,7 +16,7 @@ both() { for real in double float; do echo "$* -Dreal=$real"; "$@" -Dreal=$real;
 table() {
   for list in double:DOUBLE real:REAL; do
     headers=$(sed -n 's/^#include "\(.*\)"/\1/p' "$1/${list%:*}.h")
-    (cd "$1" && cat $headers) | sed -n 's/^KERNEL  *\([a-z_0-9]*\).*/\1/p' | sort > "$work/headers"
+    (cd "$1" && cat $headers) | sed -nE 's/^KERNEL(_OF\([^)]*\))?  *([a-z_0-9]*).*/\2/p' | sort > "$work/headers"
     sed -n "s/^CAMA_${list#*:}_KERNEL(\([a-z_0-9]*\)).*/\1/p" "$1/kernels.def" | sort > "$work/listed"
     diff "$work/headers" "$work/listed" > "$work/diff" || { echo "$1: headers (<) and kernels.def (>) differ:"; cat "$work/diff"; return 1; }
     echo "$1: $(wc -l < "$work/listed") kernels of ${list%:*}.h"

@@ -11,6 +11,10 @@ constexpr double accepted = 1.2;            // of the goal, for the residual com
 constexpr int most_refinements = 6;
 /// Of r' P r relative to its start: where a recurrence in this precision would leave the true residual.
 template <class S> constexpr double reachable = sizeof(S) == 8 ? 1e-28 : 4e-8;
+
+/// Numbers from column to column of a vector in columns, and the vec4 that hold its three.
+int column_length(int rows) { return parts(rows, SLICE_ROWS) * SLICE_ROWS; }
+int in_columns(int rows) { return column_length(rows) / 4 * 3; }
 }  // namespace
 
 template <class S>
@@ -48,12 +52,14 @@ void ConjugateGradient<S>::prepare(State &state, Stream<typename Types<Real>::ma
   if (rows().size == 0) return;
   matrix_.template fill<Real>(state, rows(), matrix);
   if (schwarz_) return schwarz_->template factor<Real>(state, matrix_);
-  const int across = kind_ == Preconditioner::block_jacobi ? 3 : 1;
-  inverse_.resize(across * rows_.size);
+  inverse_.resize(across() * in_columns(rows_.size));
   CAMA_LAUNCH_REAL(Real, b, invert_diagonal, state.cloth_vertices, static_cast<int>(kind_), diagonal);
-  CAMA_LAUNCH_REAL(S, b, pack_diagonal, rows_.size, rows_.order, across, sizeof(Real) == 8 ? 1 : 0, as<double, Real>(diagonal),
-                   as<float, Real>(diagonal), inverse_);
+  CAMA_LAUNCH_REAL(S, b, pack_diagonal, rows_.size, rows_.order, apart(), across(), sizeof(Real) == 8 ? 1 : 0, as<double, Real>(diagonal),
+                   as<float, Real>(diagonal), components<S>(inverse_));
 }
+
+template <class S>
+int ConjugateGradient<S>::apart() const { return schwarz_ ? 0 : column_length(rows_.size); }
 
 template <class S>
 void ConjugateGradient<S>::precondition(State &state)
@@ -63,8 +69,7 @@ void ConjugateGradient<S>::precondition(State &state)
     CAMA_LAUNCH_TEAMS(S, b, restrict_residual, CG_TEAM, schwarz_->group_start().size() - 1, schwarz_->levels(), rows().size,
                       schwarz_->fine_blocks(), schwarz_->group_start(), schwarz_->block_start(), r_);
   else
-    CAMA_LAUNCH_REAL(S, b, apply_diagonal, rows().size, kind_ == Preconditioner::block_jacobi ? 3 : 1, inverse_, r_,
-                     z_);
+    CAMA_LAUNCH_REAL(S, b, apply_diagonal, rows().size, apart(), across(), components<S>(inverse_), components<S>(r_), z_);
 }
 
 template <class S>
@@ -77,9 +82,8 @@ void ConjugateGradient<S>::advance(State &state, int from, int to)
                       schwarz_->group_start(), schwarz_->block_start(), partials, partial_, most, from, to, scalar_, total_,
                       w_, p_, s_, x_, r_);
   else
-    CAMA_LAUNCH_TEAMS(S, b, cg_advance, CG_TEAM, parts(n, CG_ROWS), n, kind_ == Preconditioner::block_jacobi ? 3 : 1, inverse_, partials,
-                      partial_, most, from, to, scalar_, z_, w_, p_, s_,
-                      x_, r_);
+    CAMA_LAUNCH_TEAMS(S, b, cg_advance, CG_TEAM, parts(n, CG_ROWS), n, apart(), across(), components<S>(inverse_), partials, partial_, most, from, to,
+                      scalar_, z_, components<S>(w_), components<S>(p_), components<S>(s_), components<S>(x_), components<S>(r_));
 }
 
 template <class S>
@@ -102,9 +106,9 @@ void ConjugateGradient<S>::multiply(State &state, int at)
   } else {
     combine(0, terms, 1, z_);
   }
-  CAMA_LAUNCH_TEAMS(S, b, cg_multiply, ROW_PARTS * TEAM_ROWS, parts(n, TEAM_ROWS), n, matrix_.start, matrix_.row, matrix_.column, matrix_.value,
-                    terms > 0 ? 1 : 0, rows().order, state.term_incidence.row, state.term_incidence.entry, matrix_.entry_weight, product_, at, scalar_,
-                    preconditioned(), r_, w_, partial_);
+  CAMA_LAUNCH_TEAMS(S, b, cg_multiply, CG_MULTIPLY_TEAM, parts(n, TEAM_ROWS), n, matrix_.start, matrix_.row, matrix_.column, matrix_.value,
+                    terms > 0 ? 1 : 0, rows().order, state.term_incidence.row, state.term_incidence.entry, matrix_.entry_weight, product_, at,
+                    scalar_, preconditioned(), apart(), components<S>(r_), components<S>(w_), partial_);
 }
 
 template <class S> template <class Real>
@@ -116,8 +120,10 @@ typename ConjugateGradient<S>::Result ConjugateGradient<S>::solve(State &state, 
   const int n = rows().size, wide = sizeof(Real) == 8, nodes = schwarz_ && n ? schwarz_->nodes() : n;
   Result result;
   if (n == 0) return result;
-  for (Stream<vec4> *v : {&w_, &p_, &s_, &x_}) v->resize(n);
-  for (Stream<vec4> *v : {&r_, &z_}) v->resize(nodes);
+  const int length = schwarz_ ? n : in_columns(n);
+  for (Stream<vec4> *v : {&w_, &p_, &s_, &x_}) v->resize(length);
+  r_.resize(schwarz_ ? nodes : length);
+  z_.resize(nodes);
   if (schwarz_) total_.resize(n);
   product_.resize(terms_beside(state));
   partial_.resize(2 * parts(n, TEAM_ROWS));
@@ -125,8 +131,8 @@ typename ConjugateGradient<S>::Result ConjugateGradient<S>::solve(State &state, 
   const int most = state.options.max_iterations, partials = parts(n, TEAM_ROWS), block = b.processor() ? 4 : 8;   // iterations enqueued at once
   const auto start_from = [&](int mode, int plain, const Stream<typename Types<Real>::vec3> &b1, const Stream<typename Types<Real>::vec3> &q1) {
     if (mode == CG_MEASURE_FORCES) scalar_.fill_zero();
-    CAMA_LAUNCH_REAL(S, b, gather_residual, n, rows().order, plain, wide, as<double, Real>(b1), as<double, Real>(q1), as<float, Real>(b1),
-                     as<float, Real>(q1), r_, scalar_);
+    CAMA_LAUNCH_REAL(S, b, gather_residual, n, rows().order, apart(), plain, wide, as<double, Real>(b1), as<double, Real>(q1), as<float, Real>(b1),
+                     as<float, Real>(q1), components<S>(r_), scalar_);
     precondition(state);
     multiply(state, 0);
     CAMA_LAUNCH_TEAMS(S, b, cg_start, CG_TEAM, 1, mode, partials, partial_, tolerance * tolerance, forces_slack * forces_slack * dt * dt,
@@ -168,7 +174,8 @@ typename ConjugateGradient<S>::Result ConjugateGradient<S>::solve(State &state, 
     }
     if (scalar[CG_ITERATIONS] == 0) break;   // nothing to do
     before = start;
-    CAMA_LAUNCH_REAL(S, b, add_solution, n, rows().order, x_, wide, as<double, Real>(s.solution), as<float, Real>(s.solution));
+    CAMA_LAUNCH_REAL(S, b, add_solution, n, rows().order, apart(), components<S>(x_), wide, as<double, Real>(s.solution),
+                     as<float, Real>(s.solution));
   }
   result.iterations = expected_ = static_cast<int>(scalar[CG_ITERATIONS]);
   if (schwarz_) schwarz_->note(state.report.step, result.iterations);

@@ -36,6 +36,10 @@ private:
   using vec4 = typename Types<S>::vec4;
   const RowOrder &rows() const { return schwarz_ ? schwarz_->rows() : rows_; }
   const Stream<vec4> &preconditioned() const { return schwarz_ ? total_ : z_; }
+  /// Numbers from column to column of r, w, p, s, x and P; 0 with Schwarz, where they are rows.
+  int apart() const;
+  /// Rows of a block of P.
+  int across() const { return kind_ == Preconditioner::block_jacobi ? 3 : 1; }
   /// z = P r where it was not made with r.
   void precondition(State &state);
   /// z = P r with the coarse corrections, w = A z, r'z and z'w. at: place of the scalars.
