@@ -4,7 +4,6 @@
 #include <algorithm>
 #include <chrono>
 #include <cmath>
-#include <cstdlib>
 #include <map>
 #include <utility>
 
@@ -21,21 +20,6 @@ public:
 private:
   std::chrono::steady_clock::time_point start_ = std::chrono::steady_clock::now();
 };
-
-void wait_for_stages(bool wait)
-{
-  if (wait)
-    setenv("CAMA_WAIT_FOR_STAGES", "1", 1);
-  else
-    unsetenv("CAMA_WAIT_FOR_STAGES");
-}
-
-/// Counters that a version of the library may or may not have.
-template <class Report> auto waits_of(const Report &report, int) -> decltype(static_cast<double>(report.waits))
-{
-  return report.waits;
-}
-template <class Report> double waits_of(const Report &, long) { return -1; }
 
 double median(const std::vector<double> &values) { return statistics(values).median; }
 
@@ -60,7 +44,7 @@ public:
     launches_.push_back(static_cast<double>(r.launches));
     contacts_.push_back(r.contacts);
     candidates_.push_back(r.candidates);
-    waits_.push_back(waits_of(r, 0));
+    waits_.push_back(static_cast<double>(r.waits));
     worst_ = std::max(worst_, r.intersections);
   }
 
@@ -76,7 +60,7 @@ public:
     m.launches = median(launches_);
     m.contacts = median(contacts_);
     m.candidates = median(candidates_);
-    m.waits = waits_.empty() ? -1 : median(waits_);
+    m.waits = median(waits_);
     m.intersections = worst_;
   }
 
@@ -98,12 +82,12 @@ void run_steps(const Settings &settings, Simulation &simulation, Samples &sample
   const Clock all;
   const auto spent = [&] { return settings.limit > 0 && all.seconds() > settings.limit; };
   const bool synchronous = simulation.backend().name() == "cpu";  // its stages end when they return
-  wait_for_stages(false);
+  simulation.wait_for_stages(false);
   for (; m.skipped < settings.skip && !spent(); ++m.skipped) simulation.step();
   simulation.positions();  // waits for the device
   for (int i = 0; i < settings.steps && (i < 2 || !spent()); ++i) {
     const bool wait = waits(settings, i);
-    wait_for_stages(wait);
+    simulation.wait_for_stages(wait);
     simulation.step();
     samples.add(simulation, wait || synchronous || settings.wait == Wait::never,
                 !wait || synchronous || settings.wait == Wait::always);
@@ -144,10 +128,11 @@ double exponent(const std::vector<double> &x, const std::vector<double> &y)
   return xx > 0 ? xy / xx : 0;
 }
 
-double copy_bandwidth(const Options &options)
+double copy_bandwidth(const OptionOverrides &options)
 {
   constexpr std::size_t bytes = std::size_t{256} << 20;
-  const auto backend = make_backend(options.backend, options.device, options.threads);
+  const auto backend =
+      make_backend(options.backend.value_or("cpu"), options.device.value_or(0), options.threads.value_or(0));
   const Buffer from = backend->allocate(bytes), to = backend->allocate(bytes);
   backend->fill(from, 1, bytes);
   backend->copy(to, from, bytes);
@@ -167,13 +152,12 @@ double copy_bandwidth(const Options &options)
 Measurement measure(const Settings &settings, int resolution)
 {
   Scene scene = Scene::load(settings.scene, resolution);
-  Options options = settings.options;
-  if (settings.time_step > 0) options.time_step = settings.time_step;
-  if (scene.time_step == 0) scene.time_step = chosen_time_step(Options::preset("paper"), scene);
-  Simulation simulation(scene, options);
+  if (scene.time_step == 0) scene.time_step = chosen_time_step(Options::at(Accuracy::paper), scene);
+  Simulation simulation(scene, settings.options);
   Samples samples;
   Measurement m;
   m.scene = scene.name;
+  m.options = simulation.options();
   m.time_step = simulation.time_step();
   m.device = simulation.backend().device();
   m.triangles = simulation.cloth_triangle_count();
@@ -182,7 +166,6 @@ Measurement measure(const Settings &settings, int resolution)
   } catch (const Error &error) {
     m.error = error.what();
   }
-  wait_for_stages(false);
   samples.store(m);
   m.intersections = std::max(m.intersections, simulation.count_intersections());
   m.peak_mib = static_cast<double>(simulation.peak_memory_bytes()) / (1 << 20);

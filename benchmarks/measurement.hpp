@@ -9,8 +9,9 @@
 namespace cama::benchmark {
 
 struct Statistics {
-  double mean = 0, median = 0, deviation = 0, percentile95 = 0;
-};   ///< deviation: of a sample, n - 1
+  double mean = 0, median = 0, percentile95 = 0;
+  double deviation = 0;   ///< of a sample, n - 1
+};
 Statistics statistics(std::vector<double> values);
 
 /// One stage over the measured steps.
@@ -24,9 +25,10 @@ struct StageRow {
 struct Measurement {
   std::string scene, device, error;       ///< error: why it ended early, else empty
   int triangles = 0, skipped = 0, steps = 0, intersections = -1;
+  Options options;                        ///< in force
   double time_step = 0, seconds = 0;      ///< s, of all steps
   double iterations = 0, launches = 0, contacts = 0, candidates = 0;
-  double waits = -1;                      ///< of the host for the device; -1: not counted by the backend
+  double waits = 0;                       ///< of the host for the device
   double peak_mib = 0;
   std::uint64_t hash = 0;
   std::vector<StageRow> stages;           ///< the whole step first
@@ -38,7 +40,7 @@ Measurement measure(const Settings &settings, int resolution);
 
 /// Bytes read and written a second by copying 256 MiB on the device, best of five, GB/s: a floor is of the undisturbed
 /// device.
-double copy_bandwidth(const Options &options);
+double copy_bandwidth(const OptionOverrides &options);
 
 /// Slope of the least squares line through (log x, log y); 0 with fewer than two points.
 double exponent(const std::vector<double> &x, const std::vector<double> &y);

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// step_times SCENE [name=value ...]: one CSV row per stage and resolution; docs/performance.md describes the columns.
+// step_times SCENE [name=value ...]: one CSV row per stage and resolution; docs/reference/performance.md describes the
+// columns.
 #include <cstdio>
 #include <string>
 #include <vector>
@@ -43,16 +44,18 @@ std::string counts_of(const Measurement &m)
 {
   char hash[17];
   std::snprintf(hash, sizeof hash, "%016llx", static_cast<unsigned long long>(m.hash));
-  return number(m.iterations, "%.0f") + "," + number(m.launches, "%.0f") + "," +
-         (m.waits < 0 ? "" : number(m.waits, "%.0f")) + "," + number(m.contacts, "%.0f") + "," +
-         number(m.candidates, "%.0f") + "," + std::to_string(m.intersections) + "," + number(m.peak_mib, "%.1f") + "," +
-         hash;
+  return number(m.iterations, "%.0f") + "," + number(m.launches, "%.0f") + "," + number(m.waits, "%.0f") + "," +
+         number(m.contacts, "%.0f") + "," + number(m.candidates, "%.0f") + "," + std::to_string(m.intersections) + "," +
+         number(m.peak_mib, "%.1f") + "," + hash;
 }
+
+/// The word of an option in force.
+std::string word(const Measurement &m, const char *option) { return cama::to_text(option_value(m.options, option)); }
 
 void print(const Settings &s, const Measurement &m, double bandwidth)
 {
-  const std::string run = m.scene + "," + std::to_string(m.triangles) + "," + s.options.accuracy + "," +
-                          s.options.backend + "," + quoted(m.device) + "," + s.options.precision + "," +
+  const std::string run = m.scene + "," + std::to_string(m.triangles) + "," + word(m, "accuracy") + "," +
+                          word(m, "backend") + "," + quoted(m.device) + "," + word(m, "precision") + "," +
                           quoted(s.changed) + "," + number(m.time_step, "%.6g") + "," + std::to_string(m.skipped) +
                           "," + std::to_string(m.steps) + ",";
   for (std::size_t i = 0; i < m.stages.size(); ++i) {

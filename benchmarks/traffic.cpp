@@ -3,6 +3,7 @@
 
 #include <algorithm>
 #include <cstdlib>
+#include <stdexcept>
 
 namespace cama::benchmark {
 namespace {
@@ -34,6 +35,7 @@ public:
   }
   double n(const std::string &name) const
   {
+    check(name);
     const auto found = size_.find(name);
     return found == size_.end() ? 0 : found->second.first;
   }
@@ -41,6 +43,7 @@ public:
   {
     double sum = 0;
     for (const char *name : names) {
+      check(name);
       const auto found = size_.find(name);
       if (found != size_.end()) sum += found->second.first * found->second.second;
     }
@@ -48,24 +51,32 @@ public:
   }
 
 private:
+  /// A stream that this scene lacks has no bytes; one that no scene can have is a mistake here.
+  static void check(const std::string &name)
+  {
+    const std::vector<std::string> &known = stream_names();
+    if (std::find(known.begin(), known.end(), name) == known.end())
+      throw std::logic_error("no stream is named '" + name + "'");
+  }
+
   std::map<std::string, std::pair<double, double>> size_;
 };
 
 double motion(const Streams &s, double cloth) { return 3 * vector_bytes * (s.n("position") - cloth); }
 
-/// Boxes of vertices, faces and edges, both trees written and read, candidate pairs with flag and direction written.
+/// Boxes of vertices, faces and edges, both kinds of trees written and read.
 double boxes_and_trees(const Streams &s)
 {
   return s.bytes({"position", "position_next", "margin", "vertex_box", "face", "face_box", "edge", "edge_box",
-                  "face_order", "edge_order", "moving.face_order", "moving.edge_order", "tree_order",
-                  "static.face_groups", "static.edge_groups"}) +
-         2 * s.bytes({"face_groups", "edge_groups", "moving.face_groups", "moving.edge_groups", "face_tree",
-                      "obstacle_tree"});
+                  "trees.cloth.face_order", "trees.cloth.edge_order", "trees.moving.face_order",
+                  "trees.moving.edge_order", "face_order", "trees.resting.face_bvh", "trees.resting.edge_bvh"}) +
+         2 * s.bytes({"trees.cloth.face_bvh", "trees.cloth.edge_bvh", "trees.moving.face_bvh", "trees.moving.edge_bvh",
+                      "face_tree", "obstacle_tree"});
 }
 double pairs_written(const Streams &s)
 {
-  return s.bytes({"vertex_face.pairs", "vertex_face.known", "vertex_face.direction", "edge_edge.pairs",
-                  "edge_edge.known", "edge_edge.direction"});
+  return s.bytes({"vertex_face.pairs", "vertex_face.gap_bound", "vertex_face.direction", "edge_edge.pairs",
+                  "edge_edge.gap_bound", "edge_edge.direction"});
 }
 double fronts(const Streams &s)
 {
@@ -103,16 +114,16 @@ double contact_terms(const Streams &s)
 /// entries through a radix sort.
 double matrix(const Streams &s, const Options &o, double rows)
 {
-  const bool terms = o.assembly != Assembly::gather;
+  const bool terms = o.paper.assembly != Assembly::gather;
   const double directed = 3 * s.n("triangle_incidence.entry") +
                           4 * (s.n("hinge_incidence.entry") + (terms ? s.n("term_incidence.entry") : 0)) + rows;
   const double factors =
       s.bytes({"triangle_factor", "hinge_factor", "mass", "block", "row"}) + (terms ? s.bytes({"term"}) : 0);
   const double elements = s.n("triangle_factor") + s.n("hinge_factor") + s.n("term");
-  if (o.assembly == Assembly::sorted)
+  if (o.paper.assembly == Assembly::sorted)
     return factors + s.bytes({"column"}) + 2 * radix_passes * (2 * int_bytes + int_bytes) * (16 * elements + rows);
   const double gathered = factors + int_bytes * (directed + s.n("block"));
-  if (o.assembly == Assembly::gather) return gathered;
+  if (o.paper.assembly == Assembly::gather) return gathered;
   return gathered + s.bytes({"triangle_nodes", "hinge_nodes", "term_nodes", "column"}) +
          (4 * 2 * int_bytes + int_bytes) * directed;
 }
@@ -122,23 +133,16 @@ double penetration(const Streams &s, const StepReport &r, const Options &o)
 {
   const double pairs = s.n("vertex_face.pairs") + s.n("edge_edge.pairs");
   const double vertices = s.bytes({"position", "position_next", "vertex_contact", "inverse_mass"});
-  const double looks = o.max_impact_passes > 0 ? std::min(r.impact_passes + r.substeps, o.max_impact_passes) : 0;
+  const double detections = o.max_impact_passes > 0 ? std::min(r.impact_passes + r.substeps, o.max_impact_passes) : 0;
   const double detect = pairs * (pair_bytes + vector_bytes + 2 * int_bytes) + vertices + s.bytes({"face", "edge"});
   const double commit =
       o.commit ? pairs * (pair_bytes + 2 * int_bytes) + 3 * s.bytes({"position"}) + 2 * int_bytes * s.n("position") : 0;
   const double again = std::max(0, r.searches - 1) * boxes_and_trees(s);
-  return s.bytes({"vertex_box", "margin"}) + 2 * s.bytes({"position"}) + looks * detect + r.substeps * commit + again +
-         r.impact_passes * 2 * s.bytes({"impact"});
+  return s.bytes({"vertex_box", "margin"}) + 2 * s.bytes({"position"}) + detections * detect + r.substeps * commit +
+         again + r.impact_passes * 2 * s.bytes({"impact"});
 }
 
 double finish(const Streams &s) { return s.bytes({"position_next", "velocity_next"}); }
-
-const char *name_of(Preconditioner p)
-{
-  if (p == Preconditioner::none) return "none";
-  if (p == Preconditioner::jacobi) return "jacobi";
-  return p == Preconditioner::block_jacobi ? "block_jacobi" : "schwarz";
-}
 
 SolveShape shape_of(const Streams &s, const Simulation &simulation)
 {
@@ -147,9 +151,9 @@ SolveShape shape_of(const Streams &s, const Simulation &simulation)
   shape.rows = simulation.cloth_vertex_count();
   shape.blocks = s.n("block");
   shape.iterations = simulation.report().iterations;
-  shape.precision = o.precision;
-  shape.preconditioner = name_of(o.preconditioner);
-  if (o.assembly == Assembly::gather) {
+  shape.precision = to_text(option_value(o, "precision"));
+  shape.preconditioner = to_text(option_value(o, "preconditioner"));
+  if (o.paper.assembly == Assembly::gather) {
     shape.terms = s.n("term");
     shape.entries = s.n("term_incidence.entry");
   }

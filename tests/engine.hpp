@@ -1,40 +1,33 @@
 // SPDX-License-Identifier: Apache-2.0
-// What Simulation hides, opened: the state, the stages, and one step in pieces.
+// The engine of a simulation with its stages in a row, and one step in pieces.
 #pragma once
 #include <memory>
 #include <string>
 #include <utility>
 #include <vector>
 
-#include "model/setup.hpp"
-#include "run/pipeline_factory.hpp"
+#include "cama/simulation.hpp"
+#include "precision.hpp"
+#include "run/engine.hpp"
 
 /// One thread.
-inline cama::Options serial(const std::string &accuracy = "production")
+inline cama::Options serial(cama::Accuracy level = cama::Accuracy::production)
 {
-  cama::Options options = cama::Options::preset(accuracy);
+  cama::Options options = cama::Options::at(level);
   options.threads = 1;
   return options;
 }
 
-class Engine {
+class StagedEngine : public cama::Engine {
 public:
-  explicit Engine(const cama::Scene &scene, const cama::Options &options = serial())
-      : Engine(scene, options, cama::make_backend(options.backend, options.device, options.threads))
+  /// Wherever the scene starts, intersections or not.
+  explicit StagedEngine(const cama::Scene &scene, const cama::Options &options = serial())
+      : StagedEngine(scene, options, cama::make_backend(options.backend, options.device, options.threads))
   {}
-  Engine(const cama::Scene &scene, const cama::Options &options, std::unique_ptr<cama::Backend> device)
-      : backend(std::move(device)), state(*backend), topology(cama::build_topology(scene))
+  StagedEngine(const cama::Scene &scene, const cama::Options &options, std::unique_ptr<cama::Backend> device)
+      : cama::Engine(scene, cama::resolve(options, scene), std::move(device), start_of(scene))
   {
-    scene.validate();
-    state.options = options;
-    if (options.precision == "single") {
-      cama::set_up<float>(state, scene, topology);
-      pipeline = cama::make_pipeline<float>(scene, state);
-    } else {
-      cama::set_up<double>(state, scene, topology);
-      pipeline = cama::make_pipeline<double>(scene, state);
-    }
-    collect(*pipeline.step);
+    collect(*pipeline);
   }
 
   /// The stages that do the work, in order.
@@ -52,7 +45,7 @@ public:
     state.report = cama::StepReport{};
     state.report.step = number;
   }
-  void end_step() { state.time = state.report.step * state.time_step; }
+  void end_step() { state.time.now = state.report.step * state.time.step; }
   void step()
   {
     begin_step();
@@ -71,17 +64,17 @@ public:
   bool has_stream(const std::string &name)
   {
     bool found = false;
-    state.visit(
+    state.visit_streams(
         [&](const char *stream_name, auto &stream) { found |= name == stream_name && stream.backend() != nullptr; });
     return found;
   }
 
-  std::unique_ptr<cama::Backend> backend;
-  cama::State state;
-  cama::Topology topology;
-  cama::StepPipeline pipeline;
-
 private:
+  static Start start_of(const cama::Scene &scene)
+  {
+    scene.validate();
+    return {cama::build_topology(scene), {}};
+  }
   void collect(cama::Stage &stage)
   {
     if (stage.children().empty()) leaves_.push_back(&stage);

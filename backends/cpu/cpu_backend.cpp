@@ -109,11 +109,10 @@ public:
     ++launches_;
     const HostThreads host(threads_);
     const Entry &entry = entries[kernel.index];
-    timed(kernel.name, [&] {
-      (kernel.precision == Precision::none  ? entry.once
-       : kernel.precision == Precision::f32 ? entry.f32
-                                            : entry.f64)(n, arguments);
-    });
+    const Trampoline function = kernel.precision == KernelPrecision::none  ? entry.once
+                                : kernel.precision == KernelPrecision::f32 ? entry.f32
+                                                                           : entry.f64;
+    function(n, arguments);
   }
 
   void scan(Buffer from, Buffer to, int n) override

@@ -151,25 +151,23 @@ public:
   {
     ++launches_;
     const Entry &entry = entries[kernel.index];
-    const void *function = kernel.precision == Precision::none  ? entry.once
-                           : kernel.precision == Precision::f32 ? entry.f32
-                                                                : entry.f64;
-    void *parameters[40];
+    const void *function = kernel.precision == KernelPrecision::none  ? entry.once
+                           : kernel.precision == KernelPrecision::f32 ? entry.f32
+                                                                      : entry.f64;
+    void *parameters[max_kernel_arguments + 1];
     parameters[0] = &n;
     for (int i = 0; i < count; ++i)
       parameters[i + 1] =
           arguments[i].is_buffer ? const_cast<Buffer *>(&arguments[i].buffer) : const_cast<void *>(arguments[i].scalar);
     const int blocks = kernel.team > 0 ? n : std::min((n - 1) / threads_per_block + 1, blocks_);
     const int threads = kernel.team > 0 ? kernel.team : n < threads_per_block ? (n + 31) / 32 * 32 : threads_per_block;
-    timed(kernel.name,
-          [&] { check(cudaLaunchKernel(function, dim3(blocks), dim3(threads), parameters, 0, queue_), kernel.name); });
+    check(cudaLaunchKernel(function, dim3(blocks), dim3(threads), parameters, 0, queue_), kernel.name);
   }
 
   /// Recorded once as a graph: a node costs an eighth of a launch.
   void repeat(int times, const std::function<void()> &work, bool again) override
   {
     if (times < 1) return;
-    if (timing_) return Backend::repeat(times, work);
     if (!again || !replay_) record(work);
     launches_ += recorded_ * times;
     for (int i = 0; i < times; ++i) check(cudaGraphLaunch(replay_, queue_), "cudaGraphLaunch");

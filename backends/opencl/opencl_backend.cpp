@@ -149,9 +149,9 @@ public:
 
   void launch(const KernelKey &key, int n, const Argument *arguments, int count) override
   {
-    const Text text = key.precision == Precision::none  ? Text::once
-                      : key.precision == Precision::f32 ? Text::f32
-                                                        : Text::f64;
+    const Text text = key.precision == KernelPrecision::none  ? Text::once
+                      : key.precision == KernelPrecision::f32 ? Text::f32
+                                                              : Text::f64;
     const OwnKernel &kernel = find(text, key.index, key.name);
     set(kernel, key.name, 0, sizeof n, &n);
     for (int i = 0; i < count; ++i) {
@@ -319,10 +319,7 @@ private:
   void enqueue(const OwnKernel &kernel, const char *kernel_name, size_t global, size_t local)
   {
     ++launches_;
-    cl_int code = CL_SUCCESS;
-    timed(kernel_name, [&] {
-      code = clEnqueueNDRangeKernel(queue_, kernel.kernel, 1, nullptr, &global, &local, 0, nullptr, nullptr);
-    });
+    const cl_int code = clEnqueueNDRangeKernel(queue_, kernel.kernel, 1, nullptr, &global, &local, 0, nullptr, nullptr);
     if (code != CL_SUCCESS)
       fail(code, "clEnqueueNDRangeKernel",
            "kernel " + std::string(kernel_name) + " on device '" + library_.device.name + "'");

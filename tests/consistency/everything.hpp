@@ -5,6 +5,7 @@
 #include <string>
 
 #include "../meshes.hpp"
+#include "../precision.hpp"
 #include "cama/simulation.hpp"
 
 namespace everything_scene {
@@ -14,9 +15,9 @@ inline cama::Options with(const std::string &precision, int threads, cama::Assem
 {
   cama::Options o;
   o.backend = backend;
-  o.precision = precision;
+  o.precision = precision_of(precision);
   o.threads = threads;
-  o.assembly = assembly;
+  o.paper.assembly = assembly;
   return o;
 }
 

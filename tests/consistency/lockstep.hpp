@@ -130,30 +130,37 @@ std::optional<Difference> compare(const std::string &name, const cama::Stream<T>
   return std::nullopt;
 }
 
-/// Calls f(name, stream of a, stream of b) for every stream of two states of one scene.
-template <class F> void for_each_stream(cama::State &a, cama::State &b, F &&f)
+/// A number that stages leave to each other.
+template <class T> std::optional<Difference> compare(const std::string &name, const T &a, const T &b)
 {
-  std::vector<void *> streams;
-  a.visit([&](const char *, auto &stream) { streams.push_back(&stream); });
+  if (words(static_cast<double>(a)) == words(static_cast<double>(b))) return std::nullopt;
+  return Difference{name, 0, std::to_string(a) + " and " + std::to_string(b)};
+}
+
+/// Calls f(name, value of a, value of b) for every stream and number of two states of one scene.
+template <class F> void for_each_value(cama::State &a, cama::State &b, F &&f)
+{
+  std::vector<void *> values;
+  a.visit([&](const char *, cama::Life, auto &value) { values.push_back(&value); });
   std::size_t next = 0;
-  b.visit([&](const char *name, auto &stream) {
-    using S = std::decay_t<decltype(stream)>;
-    f(std::string(name), *static_cast<S *>(streams.at(next++)), stream);
+  b.visit([&](const char *name, cama::Life, auto &value) {
+    using T = std::decay_t<decltype(value)>;
+    f(std::string(name), *static_cast<T *>(values.at(next++)), value);
   });
 }
 
 /// Everything that outlives a stage, from one backend to another.
 inline void copy(cama::State &from, cama::State &to)
 {
-  for_each_stream(from, to, [](const std::string &, auto &source, auto &target) {
-    if (source.backend() && target.backend())
+  for_each_value(from, to, [](const std::string &, auto &source, auto &target) {
+    using T = std::decay_t<decltype(source)>;
+    if constexpr (!cama::IsStream<T>::value)
+      target = source;
+    else if (source.backend() && target.backend())
       target.assign(source.download());
     else if (source.backend())
       target = {*target.backend(), source.download()};
   });
-  to.time = from.time;
-  to.contacts = from.contacts;
-  to.terms = from.terms;
   to.report = from.report;
 }
 
@@ -161,13 +168,9 @@ inline void copy(cama::State &from, cama::State &to)
 inline std::optional<Difference> first_difference(cama::State &a, cama::State &b)
 {
   std::optional<Difference> first;
-  for_each_stream(a, b, [&](const std::string &name, auto &x, auto &y) {
+  for_each_value(a, b, [&](const std::string &name, auto &x, auto &y) {
     if (!first) first = compare(name, x, y);
   });
-  if (!first && a.contacts != b.contacts)
-    first = Difference{"contacts", 0, std::to_string(a.contacts) + " and " + std::to_string(b.contacts)};
-  if (!first && a.terms != b.terms)
-    first = Difference{"terms", 0, std::to_string(a.terms) + " and " + std::to_string(b.terms)};
   return first;
 }
 
@@ -177,8 +180,8 @@ using Tamper = std::function<void(int step, const std::string &stage, cama::Stat
 /// Runs both through `steps` steps. For every stage of every step that differs, the first difference: "step 3, stage
 /// linear solve, stream solution, index 12: values differ". Stages start from the reference's state, so that one
 /// finding is not the cause of the next. At most `most`.
-inline std::vector<std::string> differences(Engine &reference, Engine &candidate, int steps, const Tamper &tamper = {},
-                                            std::size_t most = 1000)
+inline std::vector<std::string> differences(StagedEngine &reference, StagedEngine &candidate, int steps,
+                                            const Tamper &tamper = {}, std::size_t most = 1000)
 {
   if (reference.leaves().size() != candidate.leaves().size()) return {"the pipelines have different stages"};
   std::vector<std::string> found;
@@ -203,7 +206,7 @@ inline std::vector<std::string> differences(Engine &reference, Engine &candidate
 }
 
 /// The first difference; empty: none.
-inline std::string run(Engine &reference, Engine &candidate, int steps, const Tamper &tamper = {})
+inline std::string run(StagedEngine &reference, StagedEngine &candidate, int steps, const Tamper &tamper = {})
 {
   const std::vector<std::string> found = differences(reference, candidate, steps, tamper, 1);
   return found.empty() ? "" : found.front();

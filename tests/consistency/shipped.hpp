@@ -12,6 +12,7 @@
 
 #include "../catch.hpp"
 #include "../engine.hpp"
+#include "../precision.hpp"
 #include "cama/simulation.hpp"
 
 namespace shipped {
@@ -36,15 +37,15 @@ inline const cama::Scene &load(const std::string &name, int triangles)
   const auto found = loaded.find({name, triangles});
   if (found != loaded.end()) return found->second;
   cama::Scene scene = cama::Scene::load(std::filesystem::path(CAMA_SOURCE_DIR) / "scenes" / name, triangles);
-  scene.time_step = cama::chosen_time_step(cama::Options::preset("paper"), scene);
+  scene.time_step = cama::chosen_time_step(cama::Options::at(cama::Accuracy::paper), scene);
   return loaded.emplace(std::pair{name, triangles}, std::move(scene)).first->second;
 }
 
 inline cama::Options options(const std::string &accuracy, const std::string &precision, const std::string &backend,
                              int threads = 0)
 {
-  cama::Options o = cama::Options::preset(accuracy);
-  o.precision = precision;
+  cama::Options o = cama::Options::at(cama::accuracy_level(accuracy));
+  o.precision = precision_of(precision);
   o.backend = backend;
   o.threads = backend == "cpu" ? threads : 0;
   return o;
@@ -73,12 +74,12 @@ inline const Moment &in_contact(const std::string &name, int triangles, int cont
 }
 
 /// Goes on from there.
-inline void start_at(Engine &engine, const Moment &moment)
+inline void start_at(StagedEngine &engine, const Moment &moment)
 {
-  engine.state.position.assign(moment.position);
-  engine.state.position_next.assign(moment.position);
-  engine.state.velocity.assign(moment.velocity);
-  engine.state.velocity_next.assign(moment.velocity);
+  engine.state.mesh.position.assign(moment.position);
+  engine.state.mesh.position_next.assign(moment.position);
+  engine.state.mesh.velocity.assign(moment.velocity);
+  engine.state.mesh.velocity_next.assign(moment.velocity);
   engine.state.report.step = moment.step;
   engine.end_step();
 }

@@ -31,7 +31,8 @@ TEST_CASE("lock step: every backend agrees with cpu on every stream after every 
     for (const char *precision : {"double", "single"})
       for (Assembly assembly : {Assembly::gather, Assembly::algorithm1, Assembly::sorted}) {
         INFO(precision << ", assembly " << static_cast<int>(assembly));
-        Engine reference(scene, with(precision, 1, assembly)), candidate(scene, with(precision, 0, assembly, backend));
+        StagedEngine reference(scene, with(precision, 1, assembly)),
+            candidate(scene, with(precision, 0, assembly, backend));
         REQUIRE(candidate.backend->name() == backend);
         CHECK(lockstep::run(reference, candidate, 10) == "");
       }
@@ -43,11 +44,11 @@ TEST_CASE("lock step: every backend agrees with cpu in the paper's mode, fronts 
   if (!lockstep::strict_build()) return;
   for (const std::string &backend : device_backends()) {
     INFO(backend);
-    Options serial_cpu = Options::preset("paper"), other = serial_cpu;
+    Options serial_cpu = Options::at(Accuracy::paper), other = serial_cpu;
     serial_cpu.backend = "cpu";
     serial_cpu.threads = 1;
     other.backend = backend;
-    Engine reference(everything(8), serial_cpu), candidate(everything(8), other);
+    StagedEngine reference(everything(8), serial_cpu), candidate(everything(8), other);
     CHECK(lockstep::run(reference, candidate, 10) == "");
   }
 }
@@ -79,9 +80,9 @@ TEST_CASE("the state hash in the paper's mode is the same on every backend", "[d
     for (const char *precision : {"double", "single"})
       for (Assembly assembly : {Assembly::algorithm1, Assembly::sorted}) {
         INFO(precision << ", assembly " << static_cast<int>(assembly));
-        Options o = Options::preset("paper");
-        o.precision = precision;
-        o.assembly = assembly;
+        Options o = Options::at(Accuracy::paper);
+        o.precision = precision_of(precision);
+        o.paper.assembly = assembly;
         o.backend = "cpu";
         const Outcome cpu = simulate(scene, o, 10);
         o.backend = backend;

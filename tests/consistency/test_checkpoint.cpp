@@ -29,12 +29,13 @@ void check_continued(const Scene &scene, const Options &options, Halves halves, 
     INFO("continued on " << backend);
     Options other = options;
     other.backend = backend;
-    other.threads = backend != "cpu"              ? 0
-                    : options.accuracy == "paper" ? 1
-                                                  : 2;   // tangled cloth in paper mode: 50,000 small launches a step
+    other.threads = backend != "cpu" ? 0
+                    : options.accuracy == Accuracy::paper
+                        ? 1
+                        : 2;   // tangled cloth in paper mode: 50,000 small launches a step
     Simulation second(scene, other);
     second.restore(kept);
-    CHECK(second.time() == kept.time);
+    CHECK(second.time() == kept.numbers.at("time"));
     CHECK(second.step_count() == halves.before);
     for (int i = 0; i < halves.after; ++i) second.step();
     CHECK(second.state_hash() == whole.state_hash());
@@ -76,18 +77,18 @@ TEST_CASE("a checkpoint keeps which pins have let go, and BDF2's history", "[che
   int contacts = 0;
   for (double end : {0.012, 0.021, 0.2}) {
     INFO("pins end at " << end << " s");
-    Options options = Options::preset("production");
+    Options options = Options::at(Accuracy::production);
     options.time_step = 0.002;
     check_continued(let_go_of(end), options, {10, 12}, contacts);
     CHECK(contacts > 0);
   }
-  Options options = Options::preset("accurate");
+  Options options = Options::at(Accuracy::accurate);
   options.time_step = 0.002;
   check_continued(meshes::hanging(8), options, {10, 5}, contacts);
   Simulation s(meshes::hanging(8), options);
   s.step();
   s.step();
-  CHECK(s.checkpoint().positions_before.size() == static_cast<std::size_t>(s.vertex_count()));
+  CHECK(s.checkpoint().vectors.at("position_before").size() == static_cast<std::size_t>(s.vertex_count()));
 }
 
 TEST_CASE("a simulation goes back to a checkpoint of its own", "[checkpoint]")
@@ -135,7 +136,7 @@ TEST_CASE("time goes on from a checkpoint where the time step is another", "[che
 
 TEST_CASE("checkpoints of other scenes and damaged ones are refused by name, and nothing changes", "[checkpoint]")
 {
-  Options options = Options::preset("production");
+  Options options = Options::at(Accuracy::production);
   Simulation s(meshes::pile(8), options);
   for (int i = 0; i < 5; ++i) s.step();
   const Checkpoint good = s.checkpoint();
@@ -145,13 +146,13 @@ TEST_CASE("checkpoints of other scenes and damaged ones are refused by name, and
   const double nan = std::numeric_limits<double>::quiet_NaN();
   const std::vector<std::pair<const char *, std::function<void(Checkpoint &)>>> damages = {
       {"another scene", [](Checkpoint &c) { ++c.scene; }},
-      {"another scene", [](Checkpoint &c) { c.positions.pop_back(); }},
-      {"velocities has", [](Checkpoint &c) { c.velocities.pop_back(); }},
-      {"positions[3] is not finite", [&](Checkpoint &c) { c.positions[3].y = nan; }},
-      {"velocities[0] is not finite", [&](Checkpoint &c) { c.velocities[0].x = HUGE_VAL; }},
-      {"positions_before has", [](Checkpoint &c) { c.positions_before.resize(2); }},
+      {"another scene", [](Checkpoint &c) { c.vectors["position"].pop_back(); }},
+      {"velocity has", [](Checkpoint &c) { c.vectors["velocity"].pop_back(); }},
+      {"position[3] is not finite", [&](Checkpoint &c) { c.vectors["position"][3].y = nan; }},
+      {"velocity[0] is not finite", [&](Checkpoint &c) { c.vectors["velocity"][0].x = HUGE_VAL; }},
+      {"position_before has", [](Checkpoint &c) { c.vectors["position_before"].resize(2); }},
       {"step -1", [](Checkpoint &c) { c.step = -1; }},
-      {"time", [&](Checkpoint &c) { c.time = nan; }},
+      {"time", [&](Checkpoint &c) { c.numbers["time"] = nan; }},
       {"time", [](Checkpoint &c) { c.time_step = 0; }},
       {"tangled", [](Checkpoint &c) { c.tangled.push_back({0, 1 << 30}); }},
       {"let_go", [](Checkpoint &c) { c.let_go.push_back({0, 99}); }},
@@ -178,7 +179,7 @@ TEST_CASE("checkpoints of other scenes and damaged ones are refused by name, and
   }
   // Cloth put into the ball.
   Checkpoint tangled = good;
-  for (int v = 0; v < s.cloth_vertex_count(); ++v) tangled.positions[static_cast<std::size_t>(v)].z -= 0.05;
+  for (int v = 0; v < s.cloth_vertex_count(); ++v) tangled.vectors["position"][static_cast<std::size_t>(v)].z -= 0.05;
   CHECK(contains(thrown<CollisionError>([&] { s.restore(tangled); }), "crosses"));
   CHECK(s.state_hash() == before);
   // A matching of more levels than are made is left out.

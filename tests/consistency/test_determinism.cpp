@@ -37,8 +37,8 @@ TEST_CASE("the state hash does not depend on threads in the paper's mode either"
 {
   const Scene scene = everything(8);
   for (Assembly assembly : {Assembly::algorithm1, Assembly::sorted}) {
-    Options o = Options::preset("paper");
-    o.assembly = assembly;
+    Options o = Options::at(Accuracy::paper);
+    o.paper.assembly = assembly;
     o.threads = 1;
     const Outcome one = simulate(scene, o, 10);
     o.threads = 5;
@@ -60,30 +60,30 @@ TEST_CASE("lock step: one thread and seven agree on every stream after every sta
   for (const char *precision : {"double", "single"})
     for (Assembly assembly : {Assembly::gather, Assembly::algorithm1, Assembly::sorted}) {
       INFO(precision << ", assembly " << static_cast<int>(assembly));
-      Engine reference(scene, with(precision, 1, assembly)), candidate(scene, with(precision, 7, assembly));
+      StagedEngine reference(scene, with(precision, 1, assembly)), candidate(scene, with(precision, 7, assembly));
       CHECK(lockstep::run(reference, candidate, 10) == "");
     }
 }
 
 TEST_CASE("lock step: one thread and seven agree in the paper's mode, fronts included", "[lockstep]")
 {
-  Options one = Options::preset("paper"), seven = one;
+  Options one = Options::at(Accuracy::paper), seven = one;
   one.backend = seven.backend = "cpu";
   one.threads = 1;
   seven.threads = 7;
-  Engine reference(everything(8), one), candidate(everything(8), seven);
+  StagedEngine reference(everything(8), one), candidate(everything(8), seven);
   REQUIRE(reference.has_stream("self_front"));
   CHECK(lockstep::run(reference, candidate, 10) == "");
 }
 
 TEST_CASE("lock step: every stage of a step is among the leaves, and sees contacts", "[lockstep]")
 {
-  Engine reference(everything(10), with("double", 1)), candidate(everything(10), with("double", 2));
+  StagedEngine reference(everything(10), with("double", 1)), candidate(everything(10), with("double", 2));
   std::map<std::string, int> seen;
   int contacts = 0;
   const auto watch = [&](int, const std::string &stage, State &state) {
     ++seen[stage];
-    contacts = std::max(contacts, state.contacts);
+    contacts = std::max(contacts, state.contact.contacts);
   };
   REQUIRE(lockstep::run(reference, candidate, 4, watch) == "");
   CHECK(contacts > 30);
@@ -108,10 +108,10 @@ TEST_CASE("lock step finds and names a planted error of one unit in the last pla
         Plant{2, "linear solve", "solution", 3}, Plant{2, "contacts", "contact", 2},
         Plant{3, "contact terms", "term", 1}, Plant{1, "advance positions", "position_next", 11},
         Plant{2, "element forces", "hinge_factor", 4}, Plant{3, "candidate search", "predicted", 0}}) {
-    Engine reference(scene, with("double", 1)), candidate(scene, with("double", 1));
+    StagedEngine reference(scene, with("double", 1)), candidate(scene, with("double", 1));
     const auto tamper = [&](int step, const std::string &stage, State &state) {
       if (step != plant.step || stage != plant.stage) return;
-      state.visit([&](const char *name, auto &stream) {
+      state.visit_streams([&](const char *name, auto &stream) {
         using T = typename std::decay_t<decltype(stream)>::value_type;
         if (std::string(name) != plant.stream) return;
         auto values = stream.download();
@@ -136,21 +136,21 @@ TEST_CASE("lock step finds a wrong integer, a wrong size and a wrong count", "[l
 {
   const Scene scene = everything(5);
   const auto caught = [&](const lockstep::Tamper &tamper) {
-    Engine reference(scene, with("single", 1)), candidate(scene, with("single", 1));
+    StagedEngine reference(scene, with("single", 1)), candidate(scene, with("single", 1));
     return lockstep::run(reference, candidate, 1, tamper);
   };
   const std::string integer = caught([](int, const std::string &stage, State &s) {
     if (stage != "candidate search") return;
-    auto pairs = s.vertex_face.pairs.download();
+    auto pairs = s.contact.vertex_face.pairs.download();
     pairs.at(1).b ^= 1;
-    s.vertex_face.pairs.assign(pairs);
+    s.contact.vertex_face.pairs.assign(pairs);
   });
   CHECK(integer == "step 1, stage candidate search, stream vertex_face.pairs, index 1: values differ");
   const std::string size = caught([](int, const std::string &stage, State &s) {
-    if (stage == "contacts") s.contact.resize(s.contact.size() - 1);
+    if (stage == "contacts") s.contact.contact.resize(s.contact.contact.size() - 1);
   });
   CHECK(contains(size, "stage contacts, stream contact, index 0: sizes "));
-  CHECK(contains(caught([](int, const std::string &stage, State &s) { s.terms += stage == "contact terms"; }),
+  CHECK(contains(caught([](int, const std::string &stage, State &s) { s.system.terms += stage == "contact terms"; }),
                  "stream terms"));
 }
 

@@ -246,9 +246,9 @@ std::vector<Case> cases(const std::string &backend)
     o.threads = backend == "cpu" ? 2 : 0;
     list.push_back({name, std::move(scene), o, middle});
   };
-  Options production, paper = Options::preset("paper"), sorted, exempt, release;
-  sorted.assembly = Assembly::sorted;
-  sorted.precision = "single";
+  Options production, paper = Options::at(Accuracy::paper), sorted, exempt, release;
+  sorted.paper.assembly = Assembly::sorted;
+  sorted.precision = Precision::single;
   exempt.intersections = StartPolicy::exempt;
   exempt.audit = true;
   release.pinch = Pinch::release;
@@ -258,7 +258,7 @@ std::vector<Case> cases(const std::string &backend)
   add("released pins", released(), production);
   add("tangled start", tangle(), exempt);
   add("pinch", pinched(), release, 36);
-  add("accurate", everything(3), Options::preset("accurate"));
+  add("accurate", everything(3), Options::at(Accuracy::accurate));
   return list;
 }
 
@@ -310,7 +310,7 @@ TEST_CASE("device memory that runs out at any allocation of the first step: the 
   for (const std::string &backend : backends_here())
     for (const Case &c : cases(backend)) {
       INFO(backend << ", " << c.name);
-      if (backend != "cpu" && c.options.accuracy == "production" && std::string(c.name) != "production")
+      if (backend != "cpu" && c.options.accuracy == Accuracy::production && std::string(c.name) != "production")
         continue;   // the same allocations
       const std::vector<std::uint64_t> expected = undisturbed(c, 2);
       int failures = 0;

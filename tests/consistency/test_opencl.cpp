@@ -106,7 +106,7 @@ TEST_CASE("lock step finds and names an error of 1e-15 planted in a kernel's tex
   for (const Plant &p : plants) plant(folder.path, p.file, p.before, p.after);
   Environment kernels("CAMA_KERNELS", folder.path.string()), cache("CAMA_CACHE", "off");
   const Scene scene = everything(6);
-  Engine reference(scene, with("double", 1)), candidate(scene, with("double", 0, Assembly::gather, "opencl"));
+  StagedEngine reference(scene, with("double", 1)), candidate(scene, with("double", 0, Assembly::gather, "opencl"));
   std::vector<std::string> found = lockstep::differences(reference, candidate, 1);
   for (const Plant &p : plants) {
     const std::string said = "step 1, stage " + std::string(p.stage) + ", stream " + p.stream;

@@ -40,8 +40,8 @@ int check_lock_step(const std::string &backend, int triangles, int steps, int mo
         for (bool late : {false, true}) {
           INFO(name << ", " << accuracy << ", " << precision
                     << (late ? ", from step " + std::to_string(moment.step) : ", from the start") << ", " << backend);
-          Engine reference(scene, shipped::options(accuracy, precision, "cpu", 1));
-          Engine candidate(scene, shipped::options(accuracy, precision, backend, 7));
+          StagedEngine reference(scene, shipped::options(accuracy, precision, "cpu", 1));
+          StagedEngine candidate(scene, shipped::options(accuracy, precision, backend, 7));
           if (late) {
             shipped::start_at(reference, moment);
             shipped::start_at(candidate, moment);
@@ -224,7 +224,7 @@ TEST_CASE("every accuracy level gives the same hash on every backend and for 1 a
   everything.wind = Wind{{1, 0.5, 0}, 1.2, 0.1};
   everything.stitches.push_back({0, 35, 1, 35, 34, 0.25, 50});
   const auto hash = [&](const std::string &level, const std::string &backend, int threads, bool shipped_scene) {
-    Options o = Options::preset(level);
+    Options o = Options::at(accuracy_level(level));
     o.backend = backend;
     o.threads = threads;
     Simulation simulation(shipped_scene ? shipped::load("drape", 700) : everything, o);

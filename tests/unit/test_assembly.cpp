@@ -228,38 +228,38 @@ template <class Real> std::unique_ptr<State> fill(Backend &b, const Elements<Rea
   State &s = *state;
   System<Real> *y;
   if constexpr (sizeof(Real) == 8)
-    y = (s.system64 = std::make_unique<System<double>>()).get();
+    y = (s.system.f64 = std::make_unique<System<double>>()).get();
   else
-    y = (s.system32 = std::make_unique<System<float>>()).get();
+    y = (s.system.f32 = std::make_unique<System<float>>()).get();
   const auto size = [](const auto &v) { return static_cast<int>(v.size()); };
-  s.cloth_vertices = e.rows;
-  s.vertices = e.rows + e.outside;
-  s.triangles = size(e.triangle);
-  s.hinges = size(e.hinge);
-  s.contacts = size(e.contact);
-  s.terms = size(e.term);
-  s.stitches = s.terms - s.contacts;
-  s.fixed = Stream<int>(b, std::vector<int>(static_cast<std::size_t>(s.vertices), 0));
+  s.mesh.cloth_vertices = e.rows;
+  s.mesh.vertices = e.rows + e.outside;
+  s.mesh.triangles = size(e.triangle);
+  s.mesh.hinges = size(e.hinge);
+  s.contact.contacts = size(e.contact);
+  s.system.terms = size(e.term);
+  s.elements.stitches = s.system.terms - s.contact.contacts;
+  s.mesh.fixed = Stream<int>(b, std::vector<int>(static_cast<std::size_t>(s.mesh.vertices), 0));
   y->mass = Stream<Real>(b, e.mass);
   y->triangle_factor = {b, e.triangle};
   y->hinge_factor = {b, e.hinge};
   y->term = {b, e.term};
   y->matrix = {Stream<int>(b), Stream<int>(b), Stream<typename Types<Real>::mat3>(b)};
-  s.contact = {b, e.contact};
+  s.contact.contact = {b, e.contact};
   std::vector<kernels::element_nodes> term_nodes;
   for (const auto &t : e.term) term_nodes.push_back({{t.node[0], t.node[1], t.node[2], t.node[3]}});
-  s.triangle_nodes = {b, e.triangle_nodes};
-  s.hinge_nodes = {b, e.hinge_nodes};
-  s.term_nodes = {b, term_nodes};
-  s.term_split = Stream<int>(b);
+  s.elements.triangle_nodes = {b, e.triangle_nodes};
+  s.elements.hinge_nodes = {b, e.hinge_nodes};
+  s.system.term_nodes = {b, term_nodes};
+  s.system.term_split = Stream<int>(b);
   Stream<int> count(b, e.rows);
   const auto incidence = [&](Incidence &lists, const Stream<kernels::element_nodes> &nodes) {
     lists.reset(b, e.rows);
     lists.build(b, nodes, nodes.size(), count);
   };
-  incidence(s.triangle_incidence, s.triangle_nodes);
-  incidence(s.hinge_incidence, s.hinge_nodes);
-  incidence(s.term_incidence, s.term_nodes);
+  incidence(s.elements.triangle_incidence, s.elements.triangle_nodes);
+  incidence(s.elements.hinge_incidence, s.elements.hinge_nodes);
+  incidence(s.system.term_incidence, s.system.term_nodes);
   return state;
 }
 
@@ -267,11 +267,11 @@ template <class Real> std::unique_ptr<State> fill(Backend &b, const Elements<Rea
 /// row.
 template <class Real> MatrixXd download(State &state)
 {
-  BlockMatrix<Real> &m = state.system<Real>().matrix;
+  BlockMatrix<Real> &m = state.system.template of<Real>().matrix;
   const std::vector<int> row = m.row.download(), column = m.column.download();
   const auto block = m.block.download();
-  const int rows = state.cloth_vertices;
-  MatrixXd dense = MatrixXd::Zero(3 * rows, 3 * state.vertices);
+  const int rows = state.mesh.cloth_vertices;
+  MatrixXd dense = MatrixXd::Zero(3 * rows, 3 * state.mesh.vertices);
   REQUIRE(static_cast<int>(row.size()) == rows + 1);
   REQUIRE(row[0] == 0);
   REQUIRE(row[static_cast<std::size_t>(rows)] == static_cast<int>(column.size()));
@@ -284,7 +284,7 @@ template <class Real> MatrixXd download(State &state)
       strictly_rising &= k == row[static_cast<std::size_t>(i)] || column[p] > column[p - 1];
       diagonal |= column[p] == i;
       REQUIRE(column[p] >= 0);
-      REQUIRE(column[p] < state.vertices);
+      REQUIRE(column[p] < state.mesh.vertices);
       for (int a = 0; a < 3; ++a) dense.block<1, 3>(3 * i + a, 3 * column[p]) = eigen(block[p].row[a]).transpose();
     }
     REQUIRE(strictly_rising);
@@ -315,9 +315,9 @@ template <class Real> void check(const Elements<Real> &e, double tolerance, int 
     for (const Way &way : ways) {
       INFO(way.name << (form == ContactForm::star ? ", star" : ", rank one"));
       const auto state = fill(*backend, e);
-      state->options.assembly = way.assembly;
-      state->options.atomic_filling = way.atomic;
-      state->options.contact_form = form;
+      state->options.paper.assembly = way.assembly;
+      state->options.paper.atomic_filling = way.atomic;
+      state->options.paper.contact_form = form;
       AssembleMatrix<Real> stage(*backend);
       stage.run(*state);
       const MatrixXd got = download<Real>(*state);
@@ -336,9 +336,9 @@ template <class Real> void check(const Elements<Real> &e, double tolerance, int 
   for (int repeat = 0; repeat < 2; ++repeat) {   // the second run reuses the pattern
     stage.run(*state);
     REQUIRE(difference(download<Real>(*state), dense(e, ContactForm::rank_one, false)) < tolerance);
-    std::vector<typename Types<Real>::vec3> x(static_cast<std::size_t>(state->vertices));
-    VectorXd dense_x(3 * state->vertices), product(3 * e.rows);
-    for (int i = 0; i < state->vertices; ++i)
+    std::vector<typename Types<Real>::vec3> x(static_cast<std::size_t>(state->mesh.vertices));
+    VectorXd dense_x(3 * state->mesh.vertices), product(3 * e.rows);
+    for (int i = 0; i < state->mesh.vertices; ++i)
       dense_x.segment<3>(3 * i) = eigen(x[static_cast<std::size_t>(i)] = maker.vector());
     Stream<typename Types<Real>::vec3> in(*backend, x), out(*backend, e.rows);
     solve.multiply(*state, in, out);
@@ -424,8 +424,8 @@ TEST_CASE("every way of assembly survives a growing and shrinking list of terms"
       Elements<double> e = maker.from_mesh(meshes::grid(3, 3, 1, 1), 0, 5);
       maker.add_contacts(e, contacts, true);
       const auto state = fill(*backend, e);
-      state->options.assembly = way.assembly;
-      state->options.atomic_filling = way.atomic;
+      state->options.paper.assembly = way.assembly;
+      state->options.paper.atomic_filling = way.atomic;
       stage.run(*state);
       REQUIRE(difference(download<double>(*state), dense(e, ContactForm::rank_one)) < exact);
     }
@@ -440,10 +440,10 @@ TEST_CASE("Algorithm 1 has the bits of the static pattern where there are no ter
   std::vector<double> bits[2];
   for (Assembly assembly : {Assembly::gather, Assembly::algorithm1}) {
     const auto state = fill(*backend, e);
-    state->options.assembly = assembly;
+    state->options.paper.assembly = assembly;
     AssembleMatrix<double> stage(*backend);
     stage.run(*state);
-    for (const auto &block : state->system<double>().matrix.block.download())
+    for (const auto &block : state->system.template of<double>().matrix.block.download())
       for (const auto &row : block.row)
         bits[assembly == Assembly::gather].insert(bits[assembly == Assembly::gather].end(), {row.x, row.y, row.z});
   }
@@ -456,8 +456,8 @@ TEST_CASE("more elements than sources have numbers are refused", "[assembly]")
   const auto backend = make_backend("auto", 0, 1);
   Maker<double> maker(9);
   const auto state = fill(*backend, maker.from_mesh(meshes::grid(3, 3, 1, 1), 0, 0));
-  state->options.assembly = Assembly::algorithm1;
-  state->terms = 1 << 27;
+  state->options.paper.assembly = Assembly::algorithm1;
+  state->system.terms = 1 << 27;
   AssembleMatrix<double> stage(*backend);
   CHECK_THROWS_AS(stage.run(*state), MemoryError);
 }
@@ -473,10 +473,10 @@ TEST_CASE("the star form's entries join opposite sides only", "[assembly]")
   for (Assembly assembly : {Assembly::algorithm1, Assembly::sorted}) {
     const auto blocks = [&](ContactForm form) {
       const auto state = fill(*backend, e);
-      state->options.assembly = assembly;
-      state->options.contact_form = form;
+      state->options.paper.assembly = assembly;
+      state->options.paper.contact_form = form;
       AssembleMatrix<double>(*backend).run(*state);
-      return state->system<double>().matrix.column.size();
+      return state->system.template of<double>().matrix.column.size();
     };
     CHECK(blocks(ContactForm::rank_one) == 8 + 12);
     CHECK(blocks(ContactForm::star) == 8 + 6);

@@ -12,7 +12,7 @@
 #include "../engine.hpp"
 #include "../meshes.hpp"
 #include "cama/geometry.hpp"
-#include "stages/candidate_search.hpp"
+#include "stages/tree_search.hpp"
 
 using namespace cama;
 
@@ -55,24 +55,24 @@ bool share(std::initializer_list<int> a, std::initializer_list<int> b)
 Lists brute_force(State &s)
 {
   Lists lists;
-  const auto boxes = s.vertex_box.download();
-  const auto faces = s.face.download();
-  const auto edges = s.edge.download();
-  const std::vector<int> query_vertices = s.query_vertices.download();
+  const auto boxes = s.bounds.vertex_box.download();
+  const auto faces = s.mesh.face.download();
+  const auto edges = s.mesh.edge.download();
+  const std::vector<int> query_vertices = s.bounds.query_vertices.download();
   const auto unwanted = [&](int v, int w) {
-    const bool a = v >= s.cloth_vertices, b = w >= s.cloth_vertices;
-    return a == b && (a || !s.contact_settings.self);
+    const bool a = v >= s.mesh.cloth_vertices, b = w >= s.mesh.cloth_vertices;
+    return a == b && (a || !s.contact.settings.self);
   };
-  for (int v = 0; v < s.vertices; ++v)
-    for (int f = 0; f < s.faces; ++f) {
+  for (int v = 0; v < s.mesh.vertices; ++v)
+    for (int f = 0; f < s.mesh.faces; ++f) {
       const int *n = faces[f].node;
       if (share({v}, {n[0], n[1], n[2]}) || unwanted(v, n[0]) ||
           !std::binary_search(query_vertices.begin(), query_vertices.end(), v))
         continue;
       if (overlap(bound(boxes, {v}), bound(boxes, {n[0], n[1], n[2]}))) lists.vertex_face.emplace_back(v, f);
     }
-  for (int e = 0; e < s.edges; ++e)
-    for (int f = e + 1; f < s.edges; ++f) {
+  for (int e = 0; e < s.mesh.edges; ++e)
+    for (int f = e + 1; f < s.mesh.edges; ++f) {
       const int *a = edges[e].node, *b = edges[f].node;
       if (share({a[0], a[1]}, {b[0], b[1]}) || unwanted(a[0], b[0])) continue;
       if (overlap(bound(boxes, {a[0], a[1]}), bound(boxes, {b[0], b[1]}))) lists.edge_edge.emplace_back(e, f);
@@ -89,7 +89,7 @@ std::vector<Pair> plain(const PairList &list)
 
 Lists sorted(State &s)
 {
-  Lists lists{plain(s.vertex_face), plain(s.edge_edge)};
+  Lists lists{plain(s.contact.vertex_face), plain(s.contact.edge_edge)};
   std::sort(lists.vertex_face.begin(), lists.vertex_face.end());
   std::sort(lists.edge_edge.begin(), lists.edge_edge.end());
   return lists;
@@ -172,16 +172,16 @@ TEST_CASE("an updated list holds the pairs of the grown boxes, each once", "[can
       if (backend != "cpu" && !variant.moving) continue;
       Options options = serial();
       options.backend = backend;
-      Engine engine(pile_of(variant), options);
+      StagedEngine engine(pile_of(variant), options);
       State &s = engine.state;
       const auto moves = [&](std::size_t v) {
-        return !s.object_static[static_cast<std::size_t>(s.object_of(static_cast<int>(v)))];
+        return !s.mesh.object_static[static_cast<std::size_t>(s.mesh.object_of(static_cast<int>(v)))];
       };
       FlaggedPairs flagged(*s.backend);
       TreeSearch search(*s.backend, flagged);
       std::mt19937 random(7);
       std::uniform_real_distribution<double> move(-1, 1);
-      const std::vector<dvec3> start = s.position.download();
+      const std::vector<dvec3> start = s.mesh.position.download();
       std::vector<dvec3> target = start;
       for (std::size_t v = 0; v < target.size(); ++v)
         if (moves(v))
@@ -201,13 +201,14 @@ TEST_CASE("an updated list holds the pairs of the grown boxes, each once", "[can
           x = kernels::dadd(x, {0.05 * move(random), 0.05 * move(random), 0.05 * move(random)});
         }
         to.assign(target);
-        s.vertex_face.gap_bound.assign(std::vector<float>(static_cast<std::size_t>(s.vertex_face.pairs.size()), 5));
-        const std::vector<Pair> before = plain(s.vertex_face);
+        s.contact.vertex_face.gap_bound.assign(
+            std::vector<float>(static_cast<std::size_t>(s.contact.vertex_face.pairs.size()), 5));
+        const std::vector<Pair> before = plain(s.contact.vertex_face);
         REQUIRE(search.update(s, from, to, 1e-4) == CandidateSearch::Change::grown);
-        const std::vector<Pair> after = plain(s.vertex_face);
+        const std::vector<Pair> after = plain(s.contact.vertex_face);
         REQUIRE(after.size() >= before.size());
         CHECK(std::equal(before.begin(), before.end(), after.begin()));
-        const std::vector<float> gap_bound = s.vertex_face.gap_bound.download();
+        const std::vector<float> gap_bound = s.contact.vertex_face.gap_bound.download();
         CHECK(std::count(gap_bound.begin(), gap_bound.end(), 5.0f) == static_cast<long>(before.size()));
         CHECK(std::count(gap_bound.begin(), gap_bound.end(), 0.0f) == static_cast<long>(after.size() - before.size()));
         grown += static_cast<int>(after.size() - before.size());
@@ -215,8 +216,8 @@ TEST_CASE("an updated list holds the pairs of the grown boxes, each once", "[can
         CHECK(found.vertex_face == expected.vertex_face);
         CHECK(found.edge_edge == expected.edge_edge);
         // The boxes that the pairs were found with hold every motion.
-        const auto boxes = s.vertex_box.download();
-        const dvec3 origin = s.box_origin().download()[0];
+        const auto boxes = s.bounds.vertex_box.download();
+        const dvec3 origin = s.bounds.box_origin().download()[0];
         for (std::size_t v = 0; v < target.size(); ++v)
           for (const dvec3 &x : {start[v], target[v]}) {
             REQUIRE(boxes[v].lo[0] <= x.x - origin.x);
@@ -237,34 +238,35 @@ TEST_CASE("an updated list holds the pairs of the grown boxes, each once", "[can
     }
 }
 
-TEST_CASE("rooms are no more than the distances until the prediction; pairs with gap_bound are no contacts, all others are "
-          "looked at",
-          "[candidates]")
+TEST_CASE(
+    "rooms are no more than the distances until the prediction; pairs with gap_bound are no contacts, all others are "
+    "looked at",
+    "[candidates]")
 {
   for (const bool anticipate : {false, true}) {
     Options options = serial();
-    options.anticipate_contacts = anticipate;
+    options.paper.anticipate_contacts = anticipate;
     Scene scene = meshes::pile(6);
     scene.obstacles.push_back(exact_sphere({0.05, 0.05, -0.052}, 0.05));
     scene.obstacles.push_back(exact_sphere({-0.05, 0.02, -0.03}, 0.03));
     for (std::size_t i = 0; i < scene.obstacles.size(); ++i) scene.obstacles[i].name = "body " + std::to_string(i);
-    Engine engine(scene, options);
+    StagedEngine engine(scene, options);
     State &s = engine.state;
     long told = 0, all = 0, contacts = 0;
     for (int step = 0; step < 12; ++step) {
       engine.run_before("element forces");
-      const auto x = s.position.download(), y = s.predicted.download();
-      const auto face = s.face.download();
-      const auto edge = s.edge.download();
-      const auto v = s.vertex_contact.download();
+      const auto x = s.mesh.position.download(), y = s.bounds.predicted.download();
+      const auto face = s.mesh.face.download();
+      const auto edge = s.mesh.edge.download();
+      const auto v = s.contact.vertex_contact.download();
       std::set<std::array<int, 3>> found;
-      for (int i = 0; i < s.contacts; ++i) {
-        const kernels::contact c = s.contact.at(i);
+      for (int i = 0; i < s.contact.contacts; ++i) {
+        const kernels::contact c = s.contact.contact.at(i);
         found.insert({c.kind, c.candidate, 0});
       }
-      REQUIRE(int(found.size()) == s.contacts);
+      REQUIRE(int(found.size()) == s.contact.contacts);
       for (int kind = 0; kind < 2; ++kind) {
-        const PairList &list = kind == 0 ? s.vertex_face : s.edge_edge;
+        const PairList &list = kind == 0 ? s.contact.vertex_face : s.contact.edge_edge;
         const auto pairs = list.pairs.download();
         const auto gap_bound = list.gap_bound.download();
         REQUIRE(gap_bound.size() == pairs.size());
@@ -306,16 +308,16 @@ TEST_CASE("contacts do not depend on searches before: a state that is set has th
 {
   Scene scene = meshes::pile(8);
   scene.obstacles[0].motion = Motion{};
-  Engine stepped(scene);
+  StagedEngine stepped(scene);
   for (int step = 0; step < 9; ++step) stepped.step();
-  Engine set(scene);
-  set.state.position.copy_from(stepped.state.position);
-  set.state.position_next.copy_from(stepped.state.position);
-  set.state.velocity.copy_from(stepped.state.velocity);
-  for (Engine *e : {&stepped, &set}) e->run_before("element forces");
-  REQUIRE(stepped.state.contacts > 20);
-  REQUIRE(set.state.contacts == stepped.state.contacts);
-  const auto a = stepped.state.contact.download(), b = set.state.contact.download();
+  StagedEngine set(scene);
+  set.state.mesh.position.copy_from(stepped.state.mesh.position);
+  set.state.mesh.position_next.copy_from(stepped.state.mesh.position);
+  set.state.mesh.velocity.copy_from(stepped.state.mesh.velocity);
+  for (StagedEngine *e : {&stepped, &set}) e->run_before("element forces");
+  REQUIRE(stepped.state.contact.contacts > 20);
+  REQUIRE(set.state.contact.contacts == stepped.state.contact.contacts);
+  const auto a = stepped.state.contact.contact.download(), b = set.state.contact.contact.download();
   bool reordered = false;
   for (std::size_t i = 0; i < a.size(); ++i) {
     REQUIRE(std::memcmp(a[i].node, b[i].node, sizeof a[i].node) == 0);
@@ -342,13 +344,13 @@ TEST_CASE("both sides of a seam are no candidates; the rest of the two pieces is
     s.vertex_c = i == 6 ? 5 : i + 1;
     scene.stitches.push_back(s);
   }
-  Engine engine(scene);
+  StagedEngine engine(scene);
   State &s = engine.state;
   engine.run_before("contacts");
-  const int upper = s.object_first[1];
-  const auto faces = s.face.download();
+  const int upper = s.mesh.object_first[1];
+  const auto faces = s.mesh.face.download();
   int others = 0;
-  for (const Pair &p : plain(s.vertex_face)) {
+  for (const Pair &p : plain(s.contact.vertex_face)) {
     const int v = p.first, *n = faces[p.second].node;
     const bool across = (v < upper) != (n[0] < upper);
     if (across &&

@@ -20,7 +20,7 @@
 #include <sstream>
 
 #include "cama/geometry.hpp"
-#include "stages/candidate_search.hpp"
+#include "stages/tree_search.hpp"
 
 using namespace cama;
 using kernels::dadd;
@@ -459,22 +459,23 @@ FoundImpacts find_in(const Mesh &start, const Mesh &end, const std::string &prec
   scene.cloths.push_back(cloth);
   scene.contact.thickness = 1e-6;  // an impact is what comes nearer than 1e-8
   Options options = serial();
-  options.precision = precision;
-  options.cubic_impacts = cubic;
+  options.precision = precision_of(precision);
+  options.paper.cubic_impacts = cubic;
   options.max_impact_passes = 1;
   options.commit = false;
-  Engine engine(scene, options);
+  StagedEngine engine(scene, options);
   State &state = engine.state;
-  state.position_next.assign(end.position);
+  state.mesh.position_next.assign(end.position);
   FlaggedPairs flagged(*engine.backend);
   TreeSearch search(*engine.backend, flagged);
-  search.run(state, state.position, state.position_next);
+  search.run(state, state.mesh.position, state.mesh.position_next);
   FoundImpacts found;
-  found.candidates[0] = as_set(state.vertex_face.pairs);
-  found.candidates[1] = as_set(state.edge_edge.pairs);
+  found.candidates[0] = as_set(state.contact.vertex_face.pairs);
+  found.candidates[1] = as_set(state.contact.edge_edge.pairs);
   engine.find("penetration handling")->run(state);
-  found.list = state.impact.download();
-  const std::vector<kernels::pair> pairs[2] = {state.vertex_face.pairs.download(), state.edge_edge.pairs.download()};
+  found.list = state.contact.impact.download();
+  const std::vector<kernels::pair> pairs[2] = {state.contact.vertex_face.pairs.download(),
+                                               state.contact.edge_edge.pairs.download()};
   for (const kernels::impact &i : found.list) {
     const kernels::pair p = pairs[i.kind][static_cast<std::size_t>(i.candidate)];
     found.impacts[i.kind].insert({p.a, p.b});

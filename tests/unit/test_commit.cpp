@@ -371,34 +371,34 @@ namespace {
 void check_mesh(const char *scene_name, int triangles, int settle, int rounds)
 {
   Scene scene = Scene::load(std::string(CAMA_SOURCE_DIR) + "/scenes/" + scene_name, triangles);
-  scene.time_step = chosen_time_step(Options::preset("paper"), scene);
+  scene.time_step = chosen_time_step(Options::at(Accuracy::paper), scene);
   Options options = serial();
-  Engine engine(scene, options);
+  StagedEngine engine(scene, options);
   for (int step = 0; step < settle; ++step) engine.step();
   State &state = engine.state;
   state.options.max_impact_passes = 0;
   state.options.pinch = Pinch::stop;
   const std::vector<Triangle> &face = engine.topology.face;
-  REQUIRE(intersections(state.position.download(), face, state.cloth_vertices).empty());
-  const std::vector<int> fixed = state.fixed.download();
+  REQUIRE(intersections(state.mesh.position.download(), face, state.mesh.cloth_vertices).empty());
+  const std::vector<int> fixed = state.mesh.fixed.download();
   Random random(23);
   int truncated = 0;
   for (int round = 0; round < rounds; ++round) {
     engine.run_before("penetration handling");
-    std::vector<dvec3> target = state.position.download();
+    std::vector<dvec3> target = state.mesh.position.download();
     const double reach = random.scale(1e-4, 0.1);
-    for (int v = 0; v < state.cloth_vertices; ++v)
+    for (int v = 0; v < state.mesh.cloth_vertices; ++v)
       if (!fixed[static_cast<std::size_t>(v)]) target[v] = dadd(target[v], random.vector(reach));
-    state.position_next.assign(target);
+    state.mesh.position_next.assign(target);
     engine.find("penetration handling")->run(state);
     truncated += state.report.truncated;
-    const std::vector<dvec3> committed = state.position_next.download();
+    const std::vector<dvec3> committed = state.mesh.position_next.download();
     CAPTURE(round, reach);
-    REQUIRE(intersections(committed, face, state.cloth_vertices).empty());
-    state.position.assign(committed);
-    state.velocity.fill_zero();
+    REQUIRE(intersections(committed, face, state.mesh.cloth_vertices).empty());
+    state.mesh.position.assign(committed);
+    state.mesh.velocity.fill_zero();
   }
-  CHECK(truncated > rounds * state.cloth_vertices / 20);
+  CHECK(truncated > rounds * state.mesh.cloth_vertices / 20);
 }
 
 }  // namespace

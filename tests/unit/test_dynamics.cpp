@@ -119,7 +119,7 @@ TEST_CASE("free fall follows the closed form of backward Euler", "[dynamics]")
   };
   Options iterative = exact(), single = exact();
   iterative.solver = LinearSolver::conjugate_gradient;
-  single.precision = "single";
+  single.precision = Precision::single;
   const double direct = largest_error(exact()), conjugate = largest_error(iterative), narrow = largest_error(single);
   CAPTURE(direct, conjugate, narrow);
   CHECK(direct < 1e-12);
@@ -555,7 +555,7 @@ TEST_CASE("two cloths that collide keep their momentum", "[dynamics]")
     s.contact.enabled = true;
     s.cloths.push_back({"above", b.mesh, Material::isotropic(300, 0.3, 1e-5, 0.1), {0.1, 0, -speed}, ""});
     Options o = exact();
-    o.anticipate_contacts = speed < 1;  // leaves the fast case to the impacts
+    o.paper.anticipate_contacts = speed < 1;  // leaves the fast case to the impacts
     Simulation sim(s, o);
     const Momentum start = momentum(sim);
     int impacts = 0, truncated = 0, contacts = 0;

@@ -12,6 +12,7 @@
 #include "../engine.hpp"
 #include "../meshes.hpp"
 #include "stages/front_search.hpp"
+#include "stages/tree_search.hpp"
 
 using namespace cama;
 using kernels::box;
@@ -38,10 +39,11 @@ struct Found {
 };
 Found brute_force(State &s, const Topology &t)
 {
-  const std::vector<box> v = s.vertex_box.download(), f = s.face_box.download(), e = s.edge_box.download();
+  const std::vector<box> v = s.bounds.vertex_box.download(), f = s.fronts->face_box.download(),
+                         e = s.fronts->edge_box.download();
   const auto wanted = [&](int a, int b) {
-    const bool oa = a >= s.cloth_vertices, ob = b >= s.cloth_vertices;
-    return !(oa && ob) && (s.contact_settings.self || oa || ob);
+    const bool oa = a >= s.mesh.cloth_vertices, ob = b >= s.mesh.cloth_vertices;
+    return !(oa && ob) && (s.contact.settings.self || oa || ob);
   };
   const auto apart = [](const box &a, const box &b) {
     for (int k = 0; k < 3; ++k)
@@ -49,14 +51,14 @@ Found brute_force(State &s, const Topology &t)
     return false;
   };
   Found found;
-  for (int i = 0; i < s.vertices; ++i)
-    for (int j = 0; j < s.faces; ++j) {
+  for (int i = 0; i < s.mesh.vertices; ++i)
+    for (int j = 0; j < s.mesh.faces; ++j) {
       const Triangle &n = t.face[j];
       if (n[0] != i && n[1] != i && n[2] != i && wanted(i, n[0]) && !apart(v[i], f[j]))
         found.vertex_face.push_back({i, j});
     }
-  for (int i = 0; i < s.edges; ++i)
-    for (int j = i + 1; j < s.edges; ++j) {
+  for (int i = 0; i < s.mesh.edges; ++i)
+    for (int j = i + 1; j < s.mesh.edges; ++j) {
       const auto &a = t.edge[i], &b = t.edge[j];
       if (a[0] != b[0] && a[0] != b[1] && a[1] != b[0] && a[1] != b[1] && wanted(a[0], b[0]) && !apart(e[i], e[j]))
         found.edge_edge.push_back({i, j});
@@ -175,18 +177,20 @@ std::vector<dvec3> positions(const std::vector<dvec3> &rest, unsigned seed, int 
   return x;
 }
 
-/// Engine whose own pipeline does not matter, with a FrontSearch on its state.
+/// An engine whose own pipeline does not matter, with a FrontSearch on its state.
 struct Fronts {
   Fronts(const Scene &scene, const std::string &backend, int threads, bool localized = true)
       : engine(scene, options(backend, threads, localized)), search(engine.state), from(*engine.backend),
         to(*engine.backend)
-  {}
+  {
+    engine.state.fronts = &search.streams();
+  }
   static Options options(const std::string &backend, int threads, bool localized)
   {
     Options o = serial();
     o.backend = backend;
     o.threads = threads;
-    o.localized_search = localized;
+    o.paper.localized_search = localized;
     return o;
   }
   void run(const std::vector<dvec3> &x, const std::vector<dvec3> &y)
@@ -195,7 +199,7 @@ struct Fronts {
     to.assign(y);
     search.run(engine.state, from, to);
   }
-  Engine engine;
+  StagedEngine engine;
   FrontSearch search;
   Stream<dvec3> from, to;
 };
@@ -203,16 +207,16 @@ struct Fronts {
 /// How often the front covers each pair of leaves; adjacent pairs, which it leaves out, apart.
 void check_cut(State &s, const Topology &t)
 {
-  const int n = s.triangles, root = kernels::tree_root_level(n);
+  const int n = s.mesh.triangles, root = kernels::tree_root_level(n);
   std::vector<int> covered(static_cast<std::size_t>(n) * n, 0);
-  for (kernels::pair packed : s.self_front.download()) {
+  for (kernels::pair packed : s.fronts->self_front.download()) {
     const kernels::node_pair p = kernels::front_unpack(packed);
     const int level = std::min(p.level, root);
     for (int i = p.a << level; i < std::min(n, (p.a + 1) << level); ++i)
       for (int j = p.b << level; j < std::min(n, (p.b + 1) << level); ++j)
         ++covered[static_cast<std::size_t>(i) * n + j];
   }
-  const std::vector<int> order = s.face_order.download();
+  const std::vector<int> order = s.fronts->face_order.download();
   int wrong = 0, twice = 0;
   for (int i = 0; i < n; ++i)
     for (int j = i; j < n; ++j) {
@@ -238,7 +242,7 @@ TEST_CASE("fronts give every pair of features whose boxes overlap, once, and tho
       for (const Case &c : cases(seed)) {
         INFO(backend << ", seed " << seed << ", " << c.name);
         Fronts fronts(c.scene, backend, 1);
-        Engine trees(c.scene);
+        StagedEngine trees(c.scene);
         FlaggedPairs flagged(*trees.backend);
         TreeSearch tree(*trees.backend, flagged);
         const Topology &t = fronts.engine.topology;
@@ -248,21 +252,21 @@ TEST_CASE("fronts give every pair of features whose boxes overlap, once, and tho
           INFO("search " << k);
           const auto x = positions(t.position, seed, k), y = positions(t.position, seed, k + 1);
           fronts.run(x, y);
-          const Pairs vf = listed(s.vertex_face), ee = listed(s.edge_edge);
+          const Pairs vf = listed(s.contact.vertex_face), ee = listed(s.contact.edge_edge);
           const Found expected = brute_force(s, t);
           REQUIRE(sorted(vf) == sorted(expected.vertex_face));
           REQUIRE(sorted(ee) == sorted(expected.edge_edge));
-          trees.state.position.assign(x);
-          trees.state.position_next.assign(y);
-          tree.run(trees.state, trees.state.position, trees.state.position_next);
-          REQUIRE(sorted(vf) == sorted(listed(trees.state.vertex_face)));
-          REQUIRE(sorted(ee) == sorted(listed(trees.state.edge_edge)));
-          REQUIRE(s.vertex_face.gap_bound.size() == static_cast<int>(vf.size()));
-          REQUIRE(s.edge_edge.direction.size() == static_cast<int>(ee.size()));
-          for (float gap_bound : s.vertex_face.gap_bound.download()) REQUIRE(gap_bound == 0);
-          for (const auto &d : s.edge_edge.direction.download()) REQUIRE((d.x == 0 && d.y == 0 && d.z == 0));
+          trees.state.mesh.position.assign(x);
+          trees.state.mesh.position_next.assign(y);
+          tree.run(trees.state, trees.state.mesh.position, trees.state.mesh.position_next);
+          REQUIRE(sorted(vf) == sorted(listed(trees.state.contact.vertex_face)));
+          REQUIRE(sorted(ee) == sorted(listed(trees.state.contact.edge_edge)));
+          REQUIRE(s.contact.vertex_face.gap_bound.size() == static_cast<int>(vf.size()));
+          REQUIRE(s.contact.edge_edge.direction.size() == static_cast<int>(ee.size()));
+          for (float gap_bound : s.contact.vertex_face.gap_bound.download()) REQUIRE(gap_bound == 0);
+          for (const auto &d : s.contact.edge_edge.direction.download()) REQUIRE((d.x == 0 && d.y == 0 && d.z == 0));
           if (c.scene.contact.self) check_cut(s, t);
-          const int front = s.front.size() + s.self_front.size();
+          const int front = s.fronts->front.size() + s.fronts->self_front.size();
           most = std::max(most, front);
           fewest = std::min(fewest, front);
         }
@@ -292,10 +296,10 @@ TEST_CASE("fronts kept through a smooth motion sprout and prune without being bu
     const double height = 0.0045 * (k < 20 ? k : 39 - k);   // to 14 mm above the lower sheet, and back
     fronts.run(at(height), at(height + 1e-4));
     const Found expected = brute_force(s, t);
-    REQUIRE(sorted(listed(s.vertex_face)) == sorted(expected.vertex_face));
-    REQUIRE(sorted(listed(s.edge_edge)) == sorted(expected.edge_edge));
+    REQUIRE(sorted(listed(s.contact.vertex_face)) == sorted(expected.vertex_face));
+    REQUIRE(sorted(listed(s.contact.edge_edge)) == sorted(expected.edge_edge));
     check_cut(s, t);
-    size.push_back(s.self_front.size() + s.front.size());
+    size.push_back(s.fronts->self_front.size() + s.fronts->front.size());
   }
   CHECK(fronts.search.rebuilds() == 1);
   CHECK(size[19] > 1.1 * size[0]);
@@ -314,7 +318,7 @@ TEST_CASE("a localized update adds exactly the pairs that are new, and leaves th
         const Topology &t = fronts.engine.topology;
         std::mt19937 engine(seed);
         std::uniform_real_distribution<double> far(-0.2, 0.2);
-        std::uniform_int_distribution<int> any(0, s.vertices - 1);
+        std::uniform_int_distribution<int> any(0, s.mesh.vertices - 1);
         int fresh = 0;
         for (int k = 0; k < 6; ++k) {
           const auto x = positions(t.position, seed, k);
@@ -323,13 +327,13 @@ TEST_CASE("a localized update adds exactly the pairs that are new, and leaves th
           CHECK(fronts.search.update(s, fronts.from, fronts.to, 1e-6) == CandidateSearch::Change::none);
           for (int pass = 0; pass < 4; ++pass) {
             INFO("search " << k << ", update " << pass);
-            const int few = std::min(3, s.vertices / 20);
+            const int few = std::min(3, s.mesh.vertices / 20);
             for (int i = 0; i < few; ++i) {
               dvec3 &p = y[any(engine)];
               p = {p.x + far(engine), p.y + far(engine), p.z + far(engine)};
             }
             fronts.to.assign(y);
-            for (PairList *list : {&s.vertex_face, &s.edge_edge}) {   // marks that must stay
+            for (PairList *list : {&s.contact.vertex_face, &s.contact.edge_edge}) {   // marks that must stay
               std::vector<float> gap_bound(static_cast<std::size_t>(list->pairs.size()), -1);
               std::vector<kernels::fvec3> direction(gap_bound.size());
               for (std::size_t i = 0; i < gap_bound.size(); ++i) {
@@ -338,26 +342,27 @@ TEST_CASE("a localized update adds exactly the pairs that are new, and leaves th
               list->gap_bound.assign(gap_bound);
               list->direction.assign(direction);
             }
-            const Pairs vf = listed(s.vertex_face), ee = listed(s.edge_edge);
-            const std::vector<box> before = s.vertex_box.download();
+            const Pairs vf = listed(s.contact.vertex_face), ee = listed(s.contact.edge_edge);
+            const std::vector<box> before = s.bounds.vertex_box.download();
             const int localized = fronts.search.localized();
             const CandidateSearch::Change change = fronts.search.update(s, fronts.from, fronts.to, 1e-6);
             REQUIRE(change != CandidateSearch::Change::renewed);
             const bool changed = change == CandidateSearch::Change::grown;
             CHECK(fronts.search.localized() == localized + changed);
             if (few == 0) CHECK_FALSE(changed);
-            const std::vector<box> after = s.vertex_box.download();
+            const std::vector<box> after = s.bounds.vertex_box.download();
             for (std::size_t i = 0; i < after.size(); ++i)
               for (int axis = 0; axis < 3; ++axis)
                 REQUIRE((after[i].lo[axis] <= before[i].lo[axis] && after[i].hi[axis] >= before[i].hi[axis]));
             const Found expected = brute_force(s, t);
-            const Pairs vf_after = listed(s.vertex_face), ee_after = listed(s.edge_edge);
+            const Pairs vf_after = listed(s.contact.vertex_face), ee_after = listed(s.contact.edge_edge);
             REQUIRE(sorted(vf_after) == sorted(expected.vertex_face));
             REQUIRE(sorted(ee_after) == sorted(expected.edge_edge));
             REQUIRE(std::equal(vf.begin(), vf.end(), vf_after.begin()));
             REQUIRE(std::equal(ee.begin(), ee.end(), ee_after.begin()));
             fresh += static_cast<int>(vf_after.size() + ee_after.size() - vf.size() - ee.size());
-            const std::pair<PairList *, std::size_t> lists[] = {{&s.vertex_face, vf.size()}, {&s.edge_edge, ee.size()}};
+            const std::pair<PairList *, std::size_t> lists[] = {{&s.contact.vertex_face, vf.size()},
+                                                                {&s.contact.edge_edge, ee.size()}};
             for (const auto &[list, old] : lists) {
               const std::vector<float> gap_bound = list->gap_bound.download();
               const std::vector<kernels::fvec3> direction = list->direction.download();
@@ -389,11 +394,12 @@ TEST_CASE("many vertices out of their boxes, or the option, make a full search; 
     std::vector<dvec3> y = t.position;
     for (std::size_t i = 0; i < y.size(); i += localized ? 2 : 50) y[i].z += 0.1;
     fronts.to.assign(y);
-    s.vertex_face.gap_bound.assign(std::vector<float>(static_cast<std::size_t>(s.vertex_face.gap_bound.size()), -1));
+    s.contact.vertex_face.gap_bound.assign(
+        std::vector<float>(static_cast<std::size_t>(s.contact.vertex_face.gap_bound.size()), -1));
     REQUIRE(fronts.search.update(s, fronts.from, fronts.to, 1e-6) == CandidateSearch::Change::renewed);
     CHECK(fronts.search.localized() == 0);
-    for (float gap_bound : s.vertex_face.gap_bound.download()) CHECK(gap_bound == 0);
-    CHECK(sorted(listed(s.vertex_face)) == sorted(brute_force(s, t).vertex_face));
+    for (float gap_bound : s.contact.vertex_face.gap_bound.download()) CHECK(gap_bound == 0);
+    CHECK(sorted(listed(s.contact.vertex_face)) == sorted(brute_force(s, t).vertex_face));
   }
 }
 
@@ -412,8 +418,8 @@ TEST_CASE("fronts have the same order for 1, 2 and 7 threads and on every backen
       reference.run(x, y);
       for (auto &other : others) {
         other->run(x, y);
-        REQUIRE(listed(other->engine.state.vertex_face) == listed(reference.engine.state.vertex_face));
-        REQUIRE(listed(other->engine.state.edge_edge) == listed(reference.engine.state.edge_edge));
+        REQUIRE(listed(other->engine.state.contact.vertex_face) == listed(reference.engine.state.contact.vertex_face));
+        REQUIRE(listed(other->engine.state.contact.edge_edge) == listed(reference.engine.state.contact.edge_edge));
       }
     }
   }
@@ -423,10 +429,12 @@ TEST_CASE("orphans grow with the mesh, not with its square, whatever meets in a 
 {
   for (int pages : {50, 800}) {
     Fronts book(with({meshes::book(pages, 0.3)}, {}), "cpu", 1);
-    CHECK(book.engine.state.orphan_vertex_face.size() + book.engine.state.orphan_edge_edge.size() <= 50 * pages);
+    CHECK(book.engine.state.fronts->orphan_vertex_face.size() + book.engine.state.fronts->orphan_edge_edge.size() <=
+          50 * pages);
   }
   Fronts sheet(with({meshes::grid(30, 30, 1, 1)}, {}), "cpu", 1);
-  const int orphans = sheet.engine.state.orphan_vertex_face.size() + sheet.engine.state.orphan_edge_edge.size();
+  const int orphans =
+      sheet.engine.state.fronts->orphan_vertex_face.size() + sheet.engine.state.fronts->orphan_edge_edge.size();
   CHECK(orphans > 5 * 1800);
   CHECK(orphans < 20 * 1800);
 }
@@ -451,9 +459,9 @@ TEST_CASE("the paper's mode has the same bits with trees and with fronts", "[fro
   Scene scene = meshes::pile(8);
   std::uint64_t hash[2];
   for (int way = 0; way < 2; ++way) {
-    Options o = serial("paper");
-    REQUIRE(o.search == SearchKind::fronts);
-    o.search = way == 0 ? SearchKind::tree : SearchKind::fronts;
+    Options o = serial(Accuracy::paper);
+    REQUIRE(o.paper.search == SearchKind::fronts);
+    o.paper.search = way == 0 ? SearchKind::tree : SearchKind::fronts;
     Simulation simulation(scene, o);
     int impacts = 0;
     for (int i = 0; i < 15; ++i) {
@@ -468,7 +476,7 @@ TEST_CASE("the paper's mode has the same bits with trees and with fronts", "[fro
     for (const char *name :
          {"front", "self_front", "triangle_pairs", "orphan_vertex_face", "orphan_edge_edge", "face_features"})
       CHECK(streams.count(name) == static_cast<std::size_t>(way));
-    CHECK(streams.count("edge_groups") == static_cast<std::size_t>(1 - way));
+    CHECK(streams.count("trees.cloth.edge_bvh") == static_cast<std::size_t>(1 - way));
   }
   CHECK(hash[0] == hash[1]);
 }

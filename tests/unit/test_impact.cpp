@@ -59,13 +59,13 @@ VectorXd project(const Problem &p, double target, bool linear, int threads = 1)
 {
   const auto backend = make_backend("auto", 0, threads);
   State state(*backend);
-  state.cloth_vertices = p.cloth;
-  state.vertices = static_cast<int>(p.position.size());
-  state.options.linear_impacts = linear;
-  state.inverse_mass = {*backend, p.inverse_mass};
+  state.mesh.cloth_vertices = p.cloth;
+  state.mesh.vertices = static_cast<int>(p.position.size());
+  state.options.paper.linear_impacts = linear;
+  state.mesh.inverse_mass = {*backend, p.inverse_mass};
   std::vector<impact> impacts = p.impacts;
   for (impact &m : impacts) m.target = target;
-  state.impact = {*backend, impacts};
+  state.contact.impact = {*backend, impacts};
   Stream<dvec3> positions(*backend, p.position);
   const std::vector<dvec3> far(p.position.size(), dvec3{1e6, 0, 0});
   ImpactProjection stage(*backend);
@@ -435,10 +435,10 @@ TEST_CASE("no vertex goes further from where it was wanted than twice the longes
   Maker maker(5);
   Problem p = maker.vertices(60);
   maker.add(p, 80, false);
-  state.cloth_vertices = p.cloth;
-  state.vertices = static_cast<int>(p.position.size());
-  state.inverse_mass = {*backend, p.inverse_mass};
-  state.impact = {*backend, p.impacts};
+  state.mesh.cloth_vertices = p.cloth;
+  state.mesh.vertices = static_cast<int>(p.position.size());
+  state.mesh.inverse_mass = {*backend, p.inverse_mass};
+  state.contact.impact = {*backend, p.impacts};
   std::vector<dvec3> from = p.position;
   from[3].x += 0.02;   // the longest motion, 2 cm
   Stream<dvec3> positions(*backend, p.position);
@@ -449,7 +449,7 @@ TEST_CASE("no vertex goes further from where it was wanted than twice the longes
   for (int run = 0; run < 3; ++run) {
     const double apart = run == 0 ? target : 3 * target;
     for (impact &m : p.impacts) m.target = apart;
-    state.impact.assign(p.impacts);
+    state.contact.impact.assign(p.impacts);
     stage.run(state, positions);
   }
   const std::vector<dvec3> after = positions.download();
@@ -465,17 +465,17 @@ TEST_CASE("lists grow from nothing: impacts by the thousand after none", "[impac
 {
   const auto backend = make_backend("auto", 0, 1);
   State state(*backend);
-  state.impact = Stream<impact>(*backend, 1);
+  state.contact.impact = Stream<impact>(*backend, 1);
   ImpactProjection stage(*backend);
   for (int count : {1, 0, 700, 3}) {
     Maker maker(9);
     Problem p = maker.vertices(900);
     maker.add(p, count, false);
-    state.cloth_vertices = p.cloth;
-    state.vertices = static_cast<int>(p.position.size());
-    state.inverse_mass = {*backend, p.inverse_mass};
+    state.mesh.cloth_vertices = p.cloth;
+    state.mesh.vertices = static_cast<int>(p.position.size());
+    state.mesh.inverse_mass = {*backend, p.inverse_mass};
     for (impact &m : p.impacts) m.target = 0.01;
-    state.impact.assign(p.impacts);
+    state.contact.impact.assign(p.impacts);
     Stream<dvec3> positions(*backend, p.position);
     stage.start(state, Stream<dvec3>(*backend, std::vector<dvec3>(p.position.size(), dvec3{1e6, 0, 0})), positions);
     stage.run(state, positions);

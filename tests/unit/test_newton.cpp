@@ -11,6 +11,7 @@
 #include "../meshes.hpp"
 #include "cama/error.hpp"
 #include "cama/simulation.hpp"
+#include "device/fnv.hpp"
 
 using namespace cama;
 using namespace cama::kernels;
@@ -22,7 +23,7 @@ Options newton(Integrator integrator, int iterations = 60, double tolerance = 1e
   Options o;
   o.backend = "cpu";
   o.threads = 1;
-  o.precision = "double";
+  o.precision = Precision::full;
   o.solver = LinearSolver::direct;
   o.integrator = integrator;
   o.newton_iterations = iterations;
@@ -188,19 +189,19 @@ namespace {
 /// penalty.
 double equation_error(const Scene &scene, const Options &o, int steps)
 {
-  Engine engine(scene, o);
+  StagedEngine engine(scene, o);
   Simulation probe(scene, o);
   for (int i = 1; i < steps; ++i) engine.step();
-  const std::vector<dvec3> x0 = engine.state.position.download(), v0 = engine.state.velocity.download();
+  const std::vector<dvec3> x0 = engine.state.mesh.position.download(), v0 = engine.state.mesh.velocity.download();
   engine.step();
   REQUIRE(engine.state.report.impacts == 0);
   REQUIRE(engine.state.report.truncated == 0);
-  REQUIRE(engine.state.contacts > 0);
+  REQUIRE(engine.state.contact.contacts > 0);
   const std::vector<double> mass = probe.masses();
-  const std::vector<dvec3> x = engine.state.position.download(), v = engine.state.velocity.download();
+  const std::vector<dvec3> x = engine.state.mesh.position.download(), v = engine.state.mesh.velocity.download();
   const std::size_t n = mass.size();
   std::vector<dvec3> force(x.size(), dvec3{0, 0, 0});
-  for (const kernels::contact &c : engine.state.contact.download()) {
+  for (const kernels::contact &c : engine.state.contact.contact.download()) {
     double depth = c.thickness - c.distance;
     for (int a = 0; a < 4; ++a) depth -= c.weight[a] * ddot(c.normal, dsub(x[c.node[a]], x0[c.node[a]]));
     if (depth > 0)
@@ -223,7 +224,7 @@ double equation_error(const Scene &scene, const Options &o, int steps)
       }
       const double f = force[i].*c - (energy[1] - energy[0]) / (2 * d);
       largest = std::max(largest, std::abs(f));
-      worst = std::max(worst, std::abs(mass[i] * (v[i].*c - v0[i].*c) / engine.state.time_step - f));
+      worst = std::max(worst, std::abs(mass[i] * (v[i].*c - v0[i].*c) / engine.state.time.step - f));
     }
   return worst / largest;
 }
@@ -260,7 +261,7 @@ TEST_CASE("Newton's method brings the residual below the tolerance in contact, w
   for (const ContactRefresh refresh : {ContactRefresh::step, ContactRefresh::iteration})
     for (const Integrator integrator : {Integrator::backward_euler, Integrator::bdf2}) {
       Options o = serial();
-      o.precision = "double";
+      o.precision = Precision::full;
       o.newton_iterations = 60;
       o.newton_tolerance = 1e-7;
       o.tolerance = 1e-6;
@@ -306,14 +307,14 @@ TEST_CASE("Newton's method that has nothing to do gives the linearised step to t
 TEST_CASE("only scenes and options that need them get Newton's and BDF2's stages and streams", "[newton]")
 {
   Options o = serial();
-  CHECK(Engine(meshes::pile(3), o).find("newton iterations") == nullptr);
-  CHECK(Engine(meshes::pile(3), o).find("extrapolation") == nullptr);
-  CHECK_FALSE(Engine(meshes::pile(3), o).has_stream("position_before"));
+  CHECK(StagedEngine(meshes::pile(3), o).find("newton iterations") == nullptr);
+  CHECK(StagedEngine(meshes::pile(3), o).find("extrapolation") == nullptr);
+  CHECK_FALSE(StagedEngine(meshes::pile(3), o).has_stream("position_before"));
   o.newton_iterations = 2;
   o.integrator = Integrator::bdf2;
-  CHECK(Engine(meshes::pile(3), o).find("newton iterations") != nullptr);
-  CHECK(Engine(meshes::pile(3), o).find("extrapolation") != nullptr);
-  CHECK(Engine(meshes::pile(3), o).has_stream("position_before"));
+  CHECK(StagedEngine(meshes::pile(3), o).find("newton iterations") != nullptr);
+  CHECK(StagedEngine(meshes::pile(3), o).find("extrapolation") != nullptr);
+  CHECK(StagedEngine(meshes::pile(3), o).has_stream("position_before"));
 }
 
 TEST_CASE("BDF2 starts anew after motion that was handled, after a state that was set, and after a step in pieces",
@@ -365,32 +366,49 @@ TEST_CASE("BDF2 does not make cloth rebound from what stops it", "[newton]")
 
 namespace {
 
-/// Failures left; how: what the next solve does.
-int failures = 0;
-enum class Plant { error, not_a_number } plant;
+enum class Plant { error, not_a_number };
 
-void fail(State &state)
-{
-  if (failures == 0) return;
-  --failures;
-  if (plant == Plant::error) throw SolverError("step " + std::to_string(state.report.step) + ": planted");
-  std::vector<dvec3> v = state.velocity_next.download();
-  v[v.size() / 2].y = std::numeric_limits<double>::quiet_NaN();
-  state.velocity_next.assign(v);
-}
+/// Spoils what the linear solve before it has done, as often as `failures` says.
+class PlantedFailure final : public StageOn<const StepReport, MeshState> {
+public:
+  std::string_view name() const override { return "planted failure"; }
+  void run_on(const Rooms &state) override
+  {
+    if (failures == 0) return;
+    --failures;
+    if (how == Plant::error) throw SolverError("step " + std::to_string(state.report.step) + ": planted");
+    std::vector<dvec3> v = state.mesh.velocity_next.download();
+    v[v.size() / 2].y = std::numeric_limits<double>::quiet_NaN();
+    state.mesh.velocity_next.assign(v);
+  }
+  Plant how = Plant::error;
+  int failures = 0;
+};
 
-struct Planted {
-  Planted(Plant how, int count)
+/// An engine whose solve can fail.
+struct Failing : StagedEngine {
+  Failing(const Scene &scene, const Options &options) : StagedEngine(scene, options)
   {
-    plant = how;
-    failures = count;
-    planted_failure = fail;
+    auto stage = std::make_unique<PlantedFailure>();
+    planted = stage.get();
+    pipeline->insert_after("linear solve", std::move(stage));
   }
-  ~Planted()
+  void plant(Plant how, int count)
   {
-    planted_failure = nullptr;
-    failures = 0;
+    planted->how = how;
+    planted->failures = count;
   }
+  void step()
+  {
+    take([] {});
+  }
+  const StepReport &report() const { return state.report; }
+  std::uint64_t hash() const   // as Simulation::state_hash
+  {
+    const std::size_t bytes = sizeof(dvec3) * static_cast<std::size_t>(state.mesh.cloth_vertices);
+    return fnv1a(state.mesh.velocity.download().data(), bytes, fnv1a(state.mesh.position.download().data(), bytes));
+  }
+  PlantedFailure *planted;
 };
 
 }  // namespace
@@ -403,17 +421,16 @@ TEST_CASE("a step that the solver cannot do is done in halves", "[newton][failur
       o.integrator = integrator;
       Scene scene = meshes::pile(4), finer = scene;
       finer.time_step /= 2;
-      Simulation s(scene, o), expected(finer, half);
-      {
-        Planted planted(how, 1);
-        s.step();
-      }
+      Failing s(scene, o);
+      Simulation expected(finer, half);
+      s.plant(how, 1);
+      s.step();
       CHECK(s.report().retries == 1);
-      CHECK(s.step_count() == 1);
-      CHECK(s.time() == scene.time_step);
+      CHECK(s.report().step == 1);
+      CHECK(s.state.time.now == scene.time_step);
       expected.step();
       expected.step();
-      CHECK(s.state_hash() == expected.state_hash());
+      CHECK(s.hash() == expected.state_hash());
       s.step();
       CHECK(s.report().retries == 0);
     }
@@ -421,34 +438,30 @@ TEST_CASE("a step that the solver cannot do is done in halves", "[newton][failur
 
 TEST_CASE("a step that nothing helps is named, and leaves the state of before", "[newton][failures]")
 {
-  Options o = serial("accurate");
+  Options o = serial(Accuracy::accurate);
   Scene scene = meshes::pile(4);
-  Simulation s(scene, o), undisturbed(scene, o);
+  Failing s(scene, o);
   for (int i = 0; i < 3; ++i) s.step();
-  const std::uint64_t hash = s.state_hash();
-  const double time = s.time();
-  {
-    Planted planted(Plant::error, 1000);
-    const std::string text = thrown<SolverError>([&] { s.step(); });
-    CHECK(contains(text, "step 4: planted"));
-    CHECK(contains(text, "1/16"));
-    CHECK(failures == 1000 - 5);   // the whole, 1/2, 1/4, 1/8, 1/16
-  }
-  CHECK(s.state_hash() == hash);
-  CHECK(s.time() == time);
-  CHECK(s.step_count() == 3);
-  s.energy();
-  s.contacts();
+  const std::uint64_t hash = s.hash();
+  const double time = s.state.time.now;
+  s.plant(Plant::error, 1000);
+  const std::string text = thrown<SolverError>([&] { s.step(); });
+  CHECK(contains(text, "step 4: planted"));
+  CHECK(contains(text, "1/16"));
+  CHECK(s.planted->failures == 1000 - 5);   // the whole, 1/2, 1/4, 1/8, 1/16
+  CHECK(s.hash() == hash);
+  CHECK(s.state.time.now == time);
+  CHECK(s.report().step == 3);
+  CHECK(s.state.contact.contacts == 0);
+  s.plant(Plant::error, 0);
   s.step();
-  CHECK(s.step_count() == 4);
+  CHECK(s.report().step == 4);
   CHECK(s.report().retries == 0);
-  {
-    Planted planted(Plant::error, 3);   // the whole, 1/2, 1/4; then 1/8, 1/8, 1/4, 1/2
-    s.step();
-    CHECK(s.report().retries == 3);
-    CHECK(s.report().newton_iterations >= 4);
-  }
-  CHECK(s.time() == Approx(5 * s.time_step()));
+  s.plant(Plant::error, 3);   // the whole, 1/2, 1/4; then 1/8, 1/8, 1/4, 1/2
+  s.step();
+  CHECK(s.report().retries == 3);
+  CHECK(s.report().newton_iterations >= 4);
+  CHECK(s.state.time.now == Approx(5 * s.state.time.step));
 }
 
 TEST_CASE("the time step of a level that the scene leaves to it goes with the edges", "[levels]")
@@ -461,7 +474,7 @@ TEST_CASE("the time step of a level that the scene leaves to it goes with the ed
                                       {{0, 1, 2}, {0, 2, 3}},
                                       {{0, 0}, {side, 0}, {side, side}, {0, side}},
                                       {{0, 1, 2}, {0, 2, 3}}}));
-    return chosen_time_step(Options::preset(level), s);
+    return chosen_time_step(Options::at(accuracy_level(level)), s);
   };
   const double side =
       0.04 * 3 / (2 + std::sqrt(2.0));  // edges of 40 mm on average: sqrt(0.04 / 1.5e5) s is 32.3 steps in 1/60 s
@@ -480,11 +493,11 @@ TEST_CASE("levels: names, time steps that fill frames, and who chose what", "[le
 {
   CHECK(accuracy_levels() ==
         std::vector<std::string>{"preview", "interactive", "production", "accurate", "reference", "paper"});
-  CHECK(contains(thrown<SceneError>([] { Options::preset("best"); }),
+  CHECK(contains(thrown<SceneError>([] { accuracy_level("best"); }),
                  "preview, interactive, production, accurate, reference or paper"));
   Scene s = meshes::hanging(3);
   s.time_step = 0.005;
-  const auto step = [&](const char *level) { return chosen_time_step(Options::preset(level), s); };
+  const auto step = [&](const char *level) { return chosen_time_step(Options::at(accuracy_level(level)), s); };
   CHECK(step("production") == 0.005);
   CHECK(step("paper") == 0.005);
   CHECK(step("preview") == Approx(1.0 / 120));
@@ -494,19 +507,19 @@ TEST_CASE("levels: names, time steps that fill frames, and who chose what", "[le
   CHECK(step("interactive") == Approx(0.004));
   s.time_step = 1e-4;
   CHECK(step("accurate") == Approx(1e-4));  // not coarser than the scene's
-  Options o = Options::preset("interactive");
+  Options o = Options::at(Accuracy::interactive);
   o.tolerance = 1e-2;
   o.time_step = 0.003;
   const auto origin = [&](const Options &options, const std::string &name) {
-    for (const Setting &k : settings(options, s))
+    for (const ChosenOption &k : resolve(options, s).chosen)
       if (k.name == name) return k.origin + " " + k.value;
     return std::string("absent");
   };
   CHECK(origin(o, "tolerance") == "user 0.01");
   CHECK(origin(o, "time_step") == "user 0.003 s");
   CHECK(origin(o, "precision") == "level single");
-  CHECK(origin(Options::preset("accurate"), "time_step") == "level 0.0001 s");
-  CHECK(origin(Options::preset("paper"), "time_step") == "scene 0.0001 s");
+  CHECK(origin(Options::at(Accuracy::accurate), "time_step") == "level 0.0001 s");
+  CHECK(origin(Options::at(Accuracy::paper), "time_step") == "scene 0.0001 s");
   o.time_step = -1;
   CHECK(contains(thrown<SceneError>([&] { Simulation(s, o); }), "time_step"));
   o.time_step = 0;

@@ -27,8 +27,8 @@ Scene falling(bool contact = false, bool self = false)
 std::set<std::string> stages(const Scene &scene, const char *precision = "double")
 {
   Options o = serial();
-  o.precision = precision;
-  Engine engine(scene, o);
+  o.precision = precision_of(precision);
+  StagedEngine engine(scene, o);
   std::set<std::string> names;
   for (Stage *stage : engine.leaves()) names.insert(std::string(stage->name()));
   return names;
@@ -170,8 +170,8 @@ TEST_CASE("prescribed motion is there for pins and moving obstacles alone", "[pi
 TEST_CASE("one material, one entry: no table for constant stiffness, one for cloths of the same fabric", "[pipeline]")
 {
   const auto entries = [](const Scene &scene) {
-    Engine engine(scene);
-    return engine.state.system<double>().stretching_table.size();
+    StagedEngine engine(scene);
+    return engine.state.system.template of<double>().stretching_table.size();
   };
   Scene scene = falling();
   CHECK(entries(scene) == 1);
@@ -186,10 +186,10 @@ TEST_CASE("only the chosen precision is there", "[pipeline]")
 {
   for (const char *precision : {"double", "single"}) {
     Options o = serial();
-    o.precision = precision;
-    Engine engine(falling(), o);
-    CHECK((engine.state.system64 != nullptr) == (o.precision == "double"));
-    CHECK((engine.state.system32 != nullptr) == (o.precision == "single"));
+    o.precision = precision_of(precision);
+    StagedEngine engine(falling(), o);
+    CHECK((engine.state.system.f64 != nullptr) == (o.precision == Precision::full));
+    CHECK((engine.state.system.f32 != nullptr) == (o.precision == Precision::single));
   }
 }
 
@@ -202,7 +202,7 @@ TEST_CASE("single precision refuses cloth whose mass it would lose beside its st
   const auto refused = [&](double stiffness, const std::string &precision) {
     for (auto &row : s.cloths[0].material.stretching) row = {stiffness, 0.3 * stiffness, stiffness, 0.3 * stiffness};
     Options o;
-    o.precision = precision;
+    o.precision = precision_of(precision);
     try {
       Simulation(s, o);
     } catch (const MaterialError &error) {

@@ -80,7 +80,7 @@ Inventory take(const Scene &scene, const Options &options, int steps = 3)
 {
   auto recorder = std::make_unique<Recorder>(make_backend("cpu", 0, 1));
   Recorder &counts = *recorder;
-  Engine engine(scene, options, std::move(recorder));
+  StagedEngine engine(scene, options, std::move(recorder));
   for (int i = 0; i < steps; ++i) engine.step();
   Inventory found;
   engine.begin_step();
@@ -90,12 +90,12 @@ Inventory take(const Scene &scene, const Options &options, int steps = 3)
     found.stages.emplace_back(stage->name());
     found.kernels[found.stages.back()] = counts.launches;
   }
-  engine.state.visit([&](const char *name, auto &stream) {
+  engine.state.visit_streams([&](const char *name, auto &stream) {
     if (stream.bytes()) found.streams.insert(name);
   });
-  found.blocks =
-      engine.state.system64 ? engine.state.system64->matrix.column.size() : engine.state.system32->matrix.column.size();
-  found.contacts = engine.state.contacts;
+  found.blocks = engine.state.system.f64 ? engine.state.system.f64->matrix.column.size()
+                                         : engine.state.system.f32->matrix.column.size();
+  found.contacts = engine.state.contact.contacts;
   return found;
 }
 
@@ -196,7 +196,7 @@ TEST_CASE("a sheet that falls has elasticity and nothing else", "[required]")
 {
   for (const char *precision : {"double", "mixed", "single"}) {
     Options o = serial();
-    o.precision = precision;
+    o.precision = precision_of(precision);
     const Inventory found = take(bare(), o);
     CHECK(found.streams == elastic_streams);
     CHECK(found.stages == elastic_stages);
@@ -304,7 +304,7 @@ TEST_CASE("a plane: the cloth's vertices ask one face; no edges, no trees of the
   REQUIRE(found.contacts > 0);
   CHECK(found.stages == contact_stages);
   CHECK(found.streams == elastic_streams + term_streams + contact_streams + face_pair_streams +
-                             Names{"origin", "static.face_groups", "static.face_order", "contact"});
+                             Names{"origin", "trees.resting.face_bvh", "trees.resting.face_order", "contact"});
   CHECK(found.kernels.at("candidate search") == Kernels{{"predict_positions", 1},
                                                         {"position_bounds", 1},
                                                         {"reduce_bounds", 2},
@@ -319,9 +319,9 @@ TEST_CASE("a ball's centre asks the faces of the cloth: no edges", "[required]")
 {
   const Inventory found = take(on(ball()), serial());
   REQUIRE(found.contacts > 0);
-  CHECK(found.streams ==
-        elastic_streams + term_streams + contact_streams + face_pair_streams +
-            Names{"origin", "static.face_groups", "static.face_order", "face_groups", "face_order", "contact"});
+  CHECK(found.streams == elastic_streams + term_streams + contact_streams + face_pair_streams +
+                             Names{"origin", "trees.resting.face_bvh", "trees.resting.face_order",
+                                   "trees.cloth.face_bvh", "trees.cloth.face_order", "contact"});
   CHECK(found.kernels.at("candidate search").at("face_groups") == 1);
   CHECK(found.kernels.at("candidate search").at("query_vertex_face_count") == 2);
   for (const char *kernel : {"edge_groups", "query_edge_edge_count", "query_edge_edge_fill", "sort"})
@@ -333,13 +333,13 @@ TEST_CASE("an obstacle at rest is neither boxed nor sorted again, and its tree s
   const Inventory still = take(on(table()), serial()), moving = take(on(table(), rising()), serial());
   REQUIRE(still.contacts > 0);
   REQUIRE(moving.contacts > 0);
-  const Names both =
-      elastic_streams + term_streams + contact_streams + face_pair_streams + edge_pair_streams +
-      Names{"edge", "face_groups", "face_order", "edge_order", "contact"};  // edges of the cloth ask; nothing asks them
-  CHECK(still.streams ==
-        both + Names{"origin", "static.face_groups", "static.face_order", "static.edge_groups", "static.edge_order"});
-  CHECK(moving.streams == both + Names{"rest_position", "moving.face_groups", "moving.face_order", "moving.edge_groups",
-                                       "moving.edge_order"});
+  const Names both = elastic_streams + term_streams + contact_streams + face_pair_streams + edge_pair_streams +
+                     Names{"edge", "trees.cloth.face_bvh", "trees.cloth.face_order", "trees.cloth.edge_order",
+                           "contact"};  // edges of the cloth ask; nothing asks them
+  CHECK(still.streams == both + Names{"origin", "trees.resting.face_bvh", "trees.resting.face_order",
+                                      "trees.resting.edge_bvh", "trees.resting.edge_order"});
+  CHECK(moving.streams == both + Names{"rest_position", "trees.moving.face_bvh", "trees.moving.face_order",
+                                       "trees.moving.edge_bvh", "trees.moving.edge_order"});
   CHECK(still.kernels.at("candidate search").at("face_groups") == 1);  // of the cloth
   CHECK_FALSE(still.kernels.at("candidate search").count("edge_groups"));
   CHECK(moving.kernels.at("candidate search").at("face_groups") == 2);
@@ -358,7 +358,8 @@ TEST_CASE("cloth meets cloth: trees of the cloth, none of obstacles", "[required
   const Inventory found = take(scene, serial());
   REQUIRE(found.contacts > 0);
   CHECK(found.streams == elastic_streams + term_streams + contact_streams + face_pair_streams + edge_pair_streams +
-                             Names{"edge", "face_groups", "face_order", "edge_groups", "edge_order", "contact"});
+                             Names{"edge", "trees.cloth.face_bvh", "trees.cloth.face_order", "trees.cloth.edge_bvh",
+                                   "trees.cloth.edge_order", "contact"});
   const Kernels &search = found.kernels.at("candidate search");
   for (const char *kernel : {"face_groups", "edge_groups", "query_vertex_face_count", "query_edge_edge_count"})
     CHECK(search.at(kernel) == 1);
@@ -374,13 +375,13 @@ TEST_CASE("without cloth on cloth none of its pairs are looked at", "[required]"
   scene.cloths[0].mesh.material_face = source.face;
   for (const dvec3 &x : grid(columns, rows, 0.3, 0.25).position)
     scene.cloths[0].mesh.material_position.push_back({x.x, x.y});
-  Engine engine(scene);
+  StagedEngine engine(scene);
   engine.step();
-  const auto faces = engine.state.face.download();
-  for (const kernels::pair &p : engine.state.vertex_face.pairs.download())
-    CHECK((p.a < engine.state.cloth_vertices) !=
-          (faces[static_cast<std::size_t>(p.b)].node[0] < engine.state.cloth_vertices));
-  CHECK(engine.state.edge_edge.pairs.size() > 0);
+  const auto faces = engine.state.mesh.face.download();
+  for (const kernels::pair &p : engine.state.contact.vertex_face.pairs.download())
+    CHECK((p.a < engine.state.mesh.cloth_vertices) !=
+          (faces[static_cast<std::size_t>(p.b)].node[0] < engine.state.mesh.cloth_vertices));
+  CHECK(engine.state.contact.edge_edge.pairs.size() > 0);
 }
 
 TEST_CASE("contact without friction sums no loads and predicts no velocities", "[required]")
@@ -404,14 +405,14 @@ TEST_CASE("contact without friction sums no loads and predicts no velocities", "
 TEST_CASE("contact terms without friction are those of friction zero, bit for bit", "[required]")
 {
   Scene scene = on(ball());
-  Engine smooth(scene), rubbing(scene);
-  rubbing.state.friction = true;  // all coefficients stay zero
+  StagedEngine smooth(scene), rubbing(scene);
+  rubbing.state.contact.friction = true;  // all coefficients stay zero
   for (int i = 0; i < 10; ++i) {
     smooth.step();
     rubbing.step();
   }
-  REQUIRE(smooth.state.contacts > 0);
-  const auto a = smooth.state.position.download(), b = rubbing.state.position.download();
+  REQUIRE(smooth.state.contact.contacts > 0);
+  const auto a = smooth.state.mesh.position.download(), b = rubbing.state.mesh.position.download();
   CHECK(std::memcmp(a.data(), b.data(), a.size() * sizeof a[0]) == 0);
 }
 
@@ -607,12 +608,12 @@ TEST_CASE("what is far away does not move the cloth by one bit", "[required][dis
 TEST_CASE("what is far away does not move the cloth by one bit in the paper's mode", "[required][distant]")
 {
   const Scene scene = meshes::sheet_on_ball();
-  const Trace alone = follow_first(scene, 1, 12, serial("paper"));
+  const Trace alone = follow_first(scene, 1, 12, serial(Accuracy::paper));
   for (const Feature &feature : far_features) {
     INFO(feature.name);
     Scene beside = scene;
     feature.add(beside);
-    CHECK(same_bits(alone, follow_first(beside, 1, 12, serial("paper"))));
+    CHECK(same_bits(alone, follow_first(beside, 1, 12, serial(Accuracy::paper))));
   }
 }
 

@@ -82,7 +82,7 @@ TEST_CASE("shipped scenes load, validate and meet the triangle count", "[scene]"
       CHECK(s.gravity.z == -9.81);
     }
   const auto step_of_the_paper = [](const char *name) {
-    return chosen_time_step(Options::preset("paper"), Scene::load(scene_folder(name)));
+    return chosen_time_step(Options::at(Accuracy::paper), Scene::load(scene_folder(name)));
   };
   CHECK(step_of_the_paper("funnel") == Approx(1.0 / 300));
   for (const char *name : {"drape", "sphere", "twisting"}) CHECK(step_of_the_paper(name) == Approx(1.0 / 200));

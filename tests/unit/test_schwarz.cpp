@@ -20,7 +20,7 @@ using Eigen::VectorXd;
 namespace {
 
 /// A sheet with pins, before its first solve.
-Engine before_solve(int cells, const std::string &backend)
+StagedEngine before_solve(int cells, const std::string &backend)
 {
   Scene scene = meshes::pile(cells);
   Pin pin;
@@ -28,16 +28,16 @@ Engine before_solve(int cells, const std::string &backend)
   scene.pins.push_back(pin);
   Options o = serial();
   o.backend = backend;
-  Engine engine(scene, o);
+  StagedEngine engine(scene, o);
   engine.run_before("linear solve");
   return engine;
 }
 
-Stream<kernels::f64::mat3> diagonal_of(Engine &engine)
+Stream<kernels::f64::mat3> diagonal_of(StagedEngine &engine)
 {
-  System<double> &s = engine.state.system<double>();
-  Stream<kernels::f64::mat3> diagonal(*engine.backend, engine.state.cloth_vertices);
-  CAMA_LAUNCH_REAL(double, *engine.backend, extract_diagonal, engine.state.cloth_vertices, s.matrix.row,
+  System<double> &s = engine.state.system.template of<double>();
+  Stream<kernels::f64::mat3> diagonal(*engine.backend, engine.state.mesh.cloth_vertices);
+  CAMA_LAUNCH_REAL(double, *engine.backend, extract_diagonal, engine.state.mesh.cloth_vertices, s.matrix.row,
                    s.matrix.column, s.matrix.block, diagonal);
   return diagonal;
 }
@@ -114,18 +114,19 @@ TEST_CASE("aggregates: every free vertex is in one block of at most 16 connected
 {
   for (const std::string &backend : backends_here()) {
     INFO(backend);
-    Engine engine = before_solve(12, backend);
+    StagedEngine engine = before_solve(12, backend);
     State &s = engine.state;
     Aggregates aggregates(*engine.backend);
     aggregates.build<double>(s, diagonal_of(engine));
     const auto order = aggregates.rows.order.download(), place = aggregates.rows.place.download(),
-               fixed = s.fixed.download();
-    const auto row = s.system<double>().matrix.row.download(), column = s.system<double>().matrix.column.download();
+               fixed = s.mesh.fixed.download();
+    const auto row = s.system.template of<double>().matrix.row.download(),
+               column = s.system.template of<double>().matrix.column.download();
     const auto start = aggregates.level(0).start.download(), parent = aggregates.level(0).parent.download();
-    const int free = static_cast<int>(std::count(fixed.begin(), fixed.begin() + s.cloth_vertices, 0));
+    const int free = static_cast<int>(std::count(fixed.begin(), fixed.begin() + s.mesh.cloth_vertices, 0));
     REQUIRE(aggregates.rows.size == free);
     REQUIRE(std::set<int>(order.begin(), order.end()).size() == static_cast<std::size_t>(free));
-    for (int v = 0; v < s.cloth_vertices; ++v) {
+    for (int v = 0; v < s.mesh.cloth_vertices; ++v) {
       const int p = place[static_cast<std::size_t>(v)];
       REQUIRE((p < 0) == (fixed[static_cast<std::size_t>(v)] != 0));
       if (p >= 0) REQUIRE(order[static_cast<std::size_t>(p)] == v);
@@ -134,11 +135,11 @@ TEST_CASE("aggregates: every free vertex is in one block of at most 16 connected
     REQUIRE(start.back() == free);
     const int blocks = aggregates.level(0).blocks;
     CHECK(free > 10 * blocks);   // well filled
-    std::vector<std::set<int>> terms(static_cast<std::size_t>(s.cloth_vertices));
-    for (const auto &t : s.system<double>().term.download())
+    std::vector<std::set<int>> terms(static_cast<std::size_t>(s.mesh.cloth_vertices));
+    for (const auto &t : s.system.template of<double>().term.download())
       for (int a : t.node)
         for (int b : t.node)
-          if (a >= 0 && b >= 0 && a < s.cloth_vertices) terms[static_cast<std::size_t>(a)].insert(b);
+          if (a >= 0 && b >= 0 && a < s.mesh.cloth_vertices) terms[static_cast<std::size_t>(a)].insert(b);
     for (int t = 0; t < blocks; ++t) {
       const int first = start[static_cast<std::size_t>(t)], last = start[static_cast<std::size_t>(t) + 1];
       REQUIRE(last > first);
@@ -170,7 +171,7 @@ TEST_CASE("aggregates are the same on every backend", "[schwarz]")
   std::vector<int> first;
   for (const std::string &backend : backends_here()) {
     INFO(backend);
-    Engine engine = before_solve(12, backend);
+    StagedEngine engine = before_solve(12, backend);
     Aggregates aggregates(*engine.backend);
     aggregates.build<double>(engine.state, diagonal_of(engine));
     const auto order = aggregates.rows.order.download();

@@ -43,29 +43,29 @@ struct System64 {
   std::vector<bool> free;
 };
 
-System64 download(Engine &engine)
+System64 download(StagedEngine &engine)
 {
   State &s = engine.state;
-  System<double> &y = s.system<double>();
-  const auto row = y.matrix.row.download(), column = y.matrix.column.download(), fixed = s.fixed.download();
+  System<double> &y = s.system.template of<double>();
+  const auto row = y.matrix.row.download(), column = y.matrix.column.download(), fixed = s.mesh.fixed.download();
   const auto block = y.matrix.block.download();
-  const auto velocity = s.velocity.download(), target = s.velocity_next.download();
+  const auto velocity = s.mesh.velocity.download(), target = s.mesh.velocity_next.download();
   const auto force = y.force.download();
   const auto mass = y.mass.download();
-  const int n = s.vertices;
+  const int n = s.mesh.vertices;
   System64 r{Eigen::SparseMatrix<double>(3 * n, 3 * n), VectorXd::Zero(3 * n), VectorXd::Zero(3 * n), {}};
   std::vector<Eigen::Triplet<double>> entries;
   const auto add = [&](int i, int j, const Matrix3d &m) {
     for (int a = 0; a < 3; ++a)
       for (int b = 0; b < 3; ++b) entries.emplace_back(3 * i + a, 3 * j + b, m(a, b));
   };
-  for (int i = 0; i < s.cloth_vertices; ++i) {
+  for (int i = 0; i < s.mesh.cloth_vertices; ++i) {
     const auto p = static_cast<std::size_t>(i);
     for (int k = row[p]; k < row[p + 1]; ++k)
       add(i, column[static_cast<std::size_t>(k)], eigen_matrix(block[static_cast<std::size_t>(k)]));
-    r.right.segment<3>(3 * i) = s.time_step * eigen(force[p]) + mass[p] * eigen(velocity[p]);
+    r.right.segment<3>(3 * i) = s.time.step * eigen(force[p]) + mass[p] * eigen(velocity[p]);
   }
-  if (s.terms && s.options.assembly == Assembly::gather)
+  if (s.system.terms && s.options.paper.assembly == Assembly::gather)
     for (const auto &t : y.term.download())
       for (int a = 0; a < 4; ++a)
         for (int b = 0; b < 4; ++b)
@@ -73,7 +73,7 @@ System64 download(Engine &engine)
             add(t.node[a], t.node[b],
                 t.weight[a] * t.weight[b] *
                     (t.along * eigen(t.normal) * eigen(t.normal).transpose() + t.around * Matrix3d::Identity()));
-  if (s.terms)
+  if (s.system.terms)
     for (const auto &t : y.term.download())
       for (int a = 0; a < 4; ++a)
         if (t.node[a] >= 0) r.right.segment<3>(3 * t.node[a]) += t.weight[a] * t.push * eigen(t.normal);
@@ -130,10 +130,10 @@ Options options(Preconditioner preconditioner, LinearSolver solver = LinearSolve
                 Assembly assembly = Assembly::gather)
 {
   Options o = serial();
-  o.precision = "double";
+  o.precision = Precision::full;
   o.preconditioner = preconditioner;
   o.solver = solver;
-  o.assembly = assembly;
+  o.paper.assembly = assembly;
   o.tolerance = 1e-11;
   return o;
 }
@@ -323,14 +323,14 @@ TEST_CASE("conjugate gradient with each preconditioner and the direct solve equa
         INFO("assembly " << static_cast<int>(assembly) << ", way " << way << ", after " << warm_up << " steps");
         Options o = options(preconditioners[std::min(way, 3)],
                             way == 5 ? LinearSolver::direct : LinearSolver::conjugate_gradient, assembly);
-        if (way == 4) o.precision = "mixed";
-        Engine engine(busy(), o);
+        if (way == 4) o.precision = Precision::mixed;
+        StagedEngine engine(busy(), o);
         for (int i = 0; i < warm_up; ++i) engine.step();
         engine.run_before("linear solve");
-        REQUIRE(engine.state.contacts > 10);
+        REQUIRE(engine.state.contact.contacts > 10);
         const VectorXd expected = solve(download(engine));
         engine.find("linear solve")->run(engine.state);
-        CHECK(distance(engine.state.velocity_next.download(), expected, engine.state.vertices) < 1e-8);
+        CHECK(distance(engine.state.mesh.velocity_next.download(), expected, engine.state.mesh.vertices) < 1e-8);
       }
   }
 }
@@ -339,11 +339,11 @@ TEST_CASE("a moving obstacle pulls uniform on every way of assembly", "[solver]"
 {
   std::vector<std::vector<dvec3>> velocity;
   for (Assembly assembly : {Assembly::gather, Assembly::algorithm1, Assembly::sorted}) {
-    Engine engine(busy(), options(Preconditioner::block_jacobi, LinearSolver::direct, assembly));
+    StagedEngine engine(busy(), options(Preconditioner::block_jacobi, LinearSolver::direct, assembly));
     engine.run_before("linear solve");
-    REQUIRE(engine.state.contacts > 10);
+    REQUIRE(engine.state.contact.contacts > 10);
     engine.find("linear solve")->run(engine.state);
-    velocity.push_back(engine.state.velocity_next.download());
+    velocity.push_back(engine.state.mesh.velocity_next.download());
   }
   for (std::size_t k = 1; k < velocity.size(); ++k) {
     double most = 0;
@@ -360,7 +360,7 @@ TEST_CASE("all solvers take a simulation to the same place", "[solver]")
   for (int way = 0; way < 6; ++way) {
     Options o =
         options(preconditioners[std::min(way, 3)], way == 5 ? LinearSolver::direct : LinearSolver::conjugate_gradient);
-    if (way == 4) o.precision = "mixed";
+    if (way == 4) o.precision = Precision::mixed;
     Simulation simulation(uneven(), o);
     for (int i = 0; i < 5; ++i) simulation.step();
     position.push_back(simulation.positions());
@@ -392,7 +392,7 @@ TEST_CASE("the solve in single precision stays near the one in double", "[solver
   std::vector<std::vector<dvec3>> position;
   for (const char *precision : {"double", "single"}) {
     Options o = serial();
-    o.precision = precision;
+    o.precision = precision_of(precision);
     o.tolerance = 1e-5;
     Simulation simulation(meshes::hanging(8), o);
     for (int i = 0; i < 10; ++i) simulation.step();
@@ -454,14 +454,14 @@ TEST_CASE("prescribed degrees of freedom are eliminated exactly", "[solver]")
     for (const char *precision : {"double", "single"}) {
       Options o = serial();
       o.solver = solver;
-      o.precision = precision;
-      Engine engine(scene, o);
+      o.precision = precision_of(precision);
+      StagedEngine engine(scene, o);
       for (int i = 1; i <= 5; ++i) {
         engine.step();
         const RigidTransform now = scene.pins[0].motion.at(i * scene.time_step);
         for (int v : scene.pins[0].vertices) {
           const dvec3 expected = now.apply(scene.cloths[0].mesh.position[static_cast<std::size_t>(v)]),
-                      got = engine.state.position.at(v);
+                      got = engine.state.mesh.position.at(v);
           CHECK(got.x == expected.x);   // to the bit: no solver, no precision in between
           CHECK(got.y == expected.y);
           CHECK(got.z == expected.z);
@@ -476,19 +476,19 @@ TEST_CASE("a system that is not positive definite raises SolverError and says th
     for (Preconditioner preconditioner : preconditioners) {
       INFO(precision << ", preconditioner " << static_cast<int>(preconditioner));
       Options o = options(preconditioner);
-      o.precision = precision;
+      o.precision = precision_of(precision);
       o.tolerance = 1e-4;
-      Engine engine(meshes::hanging(6), o);
+      StagedEngine engine(meshes::hanging(6), o);
       engine.run_before("linear solve");
       const auto poke = [&](auto &stream) {
         auto block = stream.download();
         for (auto &b : block) b.row[2].z = -std::abs(b.row[2].z) * 100;
         stream.assign(block);
       };
-      if (engine.state.system32)
-        poke(engine.state.system32->matrix.block);
+      if (engine.state.system.f32)
+        poke(engine.state.system.f32->matrix.block);
       else
-        poke(engine.state.system64->matrix.block);
+        poke(engine.state.system.f64->matrix.block);
       const std::string text = thrown<SolverError>([&] { engine.find("linear solve")->run(engine.state); });
       CHECK(contains(text, "step 1"));
     }
@@ -499,10 +499,10 @@ TEST_CASE("a system that is not finite raises SolverError", "[solver]")
   for (LinearSolver solver : {LinearSolver::conjugate_gradient, LinearSolver::direct})
     for (bool in_matrix : {true, false}) {
       INFO((solver == LinearSolver::direct ? "direct, " : "conjugate gradient, ") << (in_matrix ? "matrix" : "force"));
-      Engine engine(meshes::hanging(6), options(Preconditioner::block_jacobi, solver));
+      StagedEngine engine(meshes::hanging(6), options(Preconditioner::block_jacobi, solver));
       engine.run_before("linear solve");
       const double nan = std::numeric_limits<double>::quiet_NaN();
-      System<double> &s = engine.state.system<double>();
+      System<double> &s = engine.state.system.template of<double>();
       if (in_matrix) {
         auto block = s.matrix.block.download();
         block[block.size() / 2].row[1].y = nan;

@@ -421,11 +421,11 @@ TEST_CASE("every way of assembly takes exact obstacles", "[surfaces]")
 {
   for (const char *accuracy : {"production", "paper"})
     for (const Assembly assembly : {Assembly::gather, Assembly::algorithm1, Assembly::sorted}) {
-      Options o = Options::preset(accuracy);
-      if (o.contact_form == ContactForm::star && assembly == Assembly::gather) continue;
+      Options o = Options::at(accuracy_level(accuracy));
+      if (o.paper.contact_form == ContactForm::star && assembly == Assembly::gather) continue;
       o.backend = "cpu";
       o.threads = 1;
-      o.assembly = assembly;
+      o.paper.assembly = assembly;
       o.commit = true;
       Simulation sim(everything_exact(), o);
       for (int n = 0; n < 25; ++n) sim.step();

@@ -13,7 +13,7 @@ namespace {
 /// held.
 class Guarded {
 public:
-  Guarded(const Scene &scene, const Options &options) : simulation_(scene, options) {}
+  Guarded(const Scene &scene, const OptionOverrides &options) : simulation_(scene, options) {}
 
   template <class Ask> auto with(Ask &&ask)
   {
@@ -36,114 +36,85 @@ void step(Guarded &g, int n)
   }
 }
 
-template <class Enum> struct Choice {
-  const char *name;
-  Enum value;
-};
-
-constexpr Choice<Assembly> assemblies[] = {
-    {"gather", Assembly::gather}, {"algorithm1", Assembly::algorithm1}, {"sorted", Assembly::sorted}};
-constexpr Choice<Preconditioner> preconditioners[] = {{"none", Preconditioner::none},
-                                                      {"jacobi", Preconditioner::jacobi},
-                                                      {"block_jacobi", Preconditioner::block_jacobi},
-                                                      {"schwarz", Preconditioner::schwarz}};
-constexpr Choice<ContactForm> contact_forms[] = {{"rank_one", ContactForm::rank_one}, {"star", ContactForm::star}};
-constexpr Choice<Pinch> pinches[] = {{"stop", Pinch::stop}, {"release", Pinch::release}};
-constexpr Choice<SearchKind> searches[] = {{"tree", SearchKind::tree}, {"fronts", SearchKind::fronts}};
-constexpr Choice<LinearSolver> solvers[] = {{"conjugate_gradient", LinearSolver::conjugate_gradient},
-                                            {"direct", LinearSolver::direct}};
-
-constexpr Choice<Integrator> integrators[] = {{"backward_euler", Integrator::backward_euler},
-                                              {"bdf2", Integrator::bdf2}};
-constexpr Choice<ContactRefresh> refreshes[] = {{"step", ContactRefresh::step},
-                                                {"iteration", ContactRefresh::iteration}};
-
-constexpr Choice<StartPolicy> policies[] = {
-    {"reject", StartPolicy::reject}, {"exempt", StartPolicy::exempt}, {"untangle", StartPolicy::untangle}};
-
-/// An enumeration that Python sees as one of a few words.
-template <class Enum, std::size_t count>
-void choice_property(py::class_<Options> &bound, const char *name, Enum Options::*member,
-                     const Choice<Enum> (&choices)[count])
+template <class Row> py::list chosen_rows(const Row &chosen)
 {
-  bound.def_property(
-      name,
-      [member, &choices](const Options &o) -> std::string {
-        for (const auto &c : choices)
-          if (c.value == o.*member) return c.name;
-        return "?";
-      },
-      [name, member, &choices](Options &o, const std::string &word) {
-        std::string names;
-        for (const auto &c : choices) {
-          if (word == c.name) {
-            o.*member = c.value;
-            return;
-          }
-          names += (names.empty() ? "" : ", ") + std::string(c.name);
-        }
-        throw SceneError(std::string(name) + ": \"" + word + "\" is not one of " + names);
-      });
+  py::list rows;
+  for (const ChosenOption &o : chosen) rows.append(py::make_tuple(o.name, o.value, o.origin, o.trades));
+  return rows;
+}
+
+/// Every option by its name.
+py::dict to_dict(const Options &options)
+{
+  py::dict d;
+  for (const OptionInfo &row : option_table()) d[py::str(row.name)] = py::cast(option_value(options, row.name));
+  return d;
+}
+
+py::list table_of_options()
+{
+  py::list rows;
+  for (const OptionInfo &o : option_table()) {
+    py::dict row, levels;
+    for (const auto &[level, value] : o.levels) levels[py::str(level)] = py::cast(value);
+    row["name"] = o.name;
+    row["type"] = o.type;
+    row["words"] = o.words;
+    row["levels"] = levels;
+    row["range"] = o.range;
+    row["unit"] = o.unit;
+    row["set_by"] = o.set_by;
+    row["trades"] = o.trades;
+    row["help"] = o.help;
+    rows.append(row);
+  }
+  return rows;
+}
+
+py::list table_of_report()
+{
+  py::list rows;
+  for (const ReportInfo &r : report_table()) {
+    py::dict row;
+    row["name"] = r.name;
+    row["type"] = r.type;
+    row["unit"] = r.unit;
+    row["adds"] = r.adds;
+    row["help"] = r.help;
+    rows.append(row);
+  }
+  return rows;
 }
 
 void bind_options(py::module_ &m)
 {
-  py::class_<Options> options(m, "Options");
-  choice_property(options, "assembly", &Options::assembly, assemblies);
-  choice_property(options, "preconditioner", &Options::preconditioner, preconditioners);
-  choice_property(options, "solver", &Options::solver, solvers);
-  choice_property(options, "search", &Options::search, searches);
-  choice_property(options, "contact_form", &Options::contact_form, contact_forms);
-  choice_property(options, "pinch", &Options::pinch, pinches);
-  choice_property(options, "intersections", &Options::intersections, policies);
-  choice_property(options, "integrator", &Options::integrator, integrators);
-  choice_property(options, "contact_refresh", &Options::contact_refresh, refreshes);
-  options.def_static("preset", &Options::preset)
-      .def_readwrite("backend", &Options::backend)
-      .def_readwrite("device", &Options::device)
-      .def_readwrite("threads", &Options::threads)
-      .def_readwrite("precision", &Options::precision)
-      .def_readonly("accuracy", &Options::accuracy)
-      .def_readwrite("time_step", &Options::time_step)
-      .def_readwrite("newton_iterations", &Options::newton_iterations)
-      .def_readwrite("newton_tolerance", &Options::newton_tolerance)
-      .def_readwrite("atomic_filling", &Options::atomic_filling)
-      .def_readwrite("localized_search", &Options::localized_search)
-      .def_readwrite("linear_impacts", &Options::linear_impacts)
-      .def_readwrite("cubic_impacts", &Options::cubic_impacts)
-      .def_readwrite("anticipate_contacts", &Options::anticipate_contacts)
-      .def_readwrite("arcsim_conventions", &Options::arcsim_conventions)
-      .def_readwrite("tolerance", &Options::tolerance)
-      .def_readwrite("max_iterations", &Options::max_iterations)
-      .def_readwrite("max_impact_passes", &Options::max_impact_passes)
-      .def_readwrite("commit", &Options::commit)
-      .def_readwrite("audit", &Options::audit);
+  py::class_<OptionOverrides>(m, "OptionOverrides")
+      .def(py::init<>())
+      .def("set", &OptionOverrides::set)
+      .def("set_text", &OptionOverrides::set_text)
+      .def("values", [](const OptionOverrides &o) {
+        py::dict d;
+        for (const auto &[name, value] : o.values()) d[py::str(name)] = py::cast(value);
+        return d;
+      });
+  m.def("option_table", &table_of_options);
+  m.def("report_table", &table_of_report);
+  m.def("accuracy_levels", &accuracy_levels);
+  m.def("check_scene_options", &check_scene_options);
+  m.def("level_options", [](const std::string &level) { return to_dict(Options::at(accuracy_level(level))); });
+  m.def("level_time_step", [](const std::string &level, const Scene &scene) {
+    return chosen_time_step(Options::at(accuracy_level(level)), scene);
+  });
+  m.def("resolve", [](const OptionOverrides &user, const Scene &scene) {
+    const ResolvedOptions resolved = resolve(user, scene);
+    return py::make_tuple(to_dict(resolved.options), chosen_rows(resolved.chosen));
+  });
 }
 
-py::dict to_dict(const StepReport &r)
+py::dict to_dict(const StepReport &report)
 {
   py::dict d;
-  d["step"] = r.step;
-  d["time"] = r.time;
-  d["contacts"] = r.contacts;
-  d["candidates"] = r.candidates;
-  d["searches"] = r.searches;
-  d["impacts"] = r.impacts;
-  d["impact_passes"] = r.impact_passes;
-  d["truncated"] = r.truncated;
-  d["lost_motion"] = r.lost_motion;
-  d["released"] = r.released;
-  d["exempt"] = r.exempt;
-  d["substeps"] = r.substeps;
-  d["retries"] = r.retries;
-  d["newton_iterations"] = r.newton_iterations;
-  d["newton_residual"] = r.newton_residual;
-  d["iterations"] = r.iterations;
-  d["residual"] = r.residual;
-  d["milliseconds"] = r.milliseconds;
-  d["launches"] = r.launches;
-  d["waits"] = r.waits;
-  d["intersections"] = r.intersections;
+  visit(report, [&](const char *name, const auto &value) { d[name] = value; });
   return d;
 }
 
@@ -156,18 +127,15 @@ py::tuple contact_arrays(ContactArrays c)
 
 py::dict to_dict(Checkpoint c)
 {
-  py::dict d;
+  py::dict d, numbers, vectors;
+  for (const auto &[name, value] : c.numbers) numbers[py::str(name)] = value;
+  for (auto &[name, values] : c.vectors) vectors[py::str(name)] = to_array<double>(std::move(values));
   d["scene"] = c.scene;
   d["step"] = c.step;
-  d["time"] = c.time;
   d["time_step"] = c.time_step;
-  d["start_step"] = c.start_step;
-  d["start_time"] = c.start_time;
   d["released"] = c.released;
-  d["positions"] = to_array<double>(std::move(c.positions));
-  d["velocities"] = to_array<double>(std::move(c.velocities));
-  d["positions_before"] = to_array<double>(std::move(c.positions_before));
-  d["velocities_before"] = to_array<double>(std::move(c.velocities_before));
+  d["numbers"] = numbers;
+  d["vectors"] = vectors;
   d["tangled"] = to_array<int>(std::move(c.tangled));
   d["let_go"] = to_array<int>(std::move(c.let_go));
   d["matching_step"] = c.matching.step;
@@ -188,17 +156,13 @@ Checkpoint to_checkpoint(const py::dict &d)
   Checkpoint c;
   c.scene = d["scene"].cast<std::uint64_t>();
   c.step = d["step"].cast<int>();
-  c.time = d["time"].cast<double>();
   c.time_step = d["time_step"].cast<double>();
-  c.start_step = d["start_step"].cast<int>();
-  c.start_time = d["start_time"].cast<double>();
   c.released = d["released"].cast<double>();
-  const auto vectors = [&](const char *name) { return to_vector<dvec3>(d[name].cast<Doubles>()); };
+  for (const auto &[name, value] : d["numbers"].cast<py::dict>())
+    c.numbers[name.cast<std::string>()] = value.cast<double>();
+  for (const auto &[name, values] : d["vectors"].cast<py::dict>())
+    c.vectors[name.cast<std::string>()] = to_vector<dvec3>(values.cast<Doubles>());
   const auto pairs = [&](const char *name) { return to_vector<std::pair<int, int>>(d[name].cast<Ints>()); };
-  c.positions = vectors("positions");
-  c.velocities = vectors("velocities");
-  c.positions_before = vectors("positions_before");
-  c.velocities_before = vectors("velocities_before");
   c.tangled = pairs("tangled");
   c.let_go = pairs("let_go");
   c.matching.step = d["matching_step"].cast<int>();
@@ -224,17 +188,10 @@ template <class Result> auto ask(Result (Simulation::*method)() const)
 void bind_simulation(py::module_ &m)
 {
   bind_options(m);
-  m.def("accuracy_levels", &accuracy_levels);
-  m.def("chosen_time_step", &chosen_time_step);
-  m.def("settings", [](const Options &options, const Scene &scene) {
-    py::list rows;
-    for (const Setting &s : settings(options, scene)) rows.append(py::make_tuple(s.name, s.value, s.origin, s.trades));
-    return rows;
-  });
   py::class_<Guarded>(m, "Simulation")
-      .def(py::init([](const Scene &scene, const Options &options) {
+      .def(py::init([](const Scene &scene, const OptionOverrides &options) {
         const Scene own(scene);
-        const Options chosen(options);
+        const OptionOverrides chosen(options);
         py::gil_scoped_release release;
         return std::make_unique<Guarded>(own, chosen);
       }))
@@ -297,14 +254,9 @@ void bind_simulation(py::module_ &m)
       .def("count_intersections", ask(&Simulation::count_intersections))
       .def("state_hash", ask(&Simulation::state_hash))
       .def("peak_memory_bytes", ask(&Simulation::peak_memory_bytes))
-      .def("options", ask(&Simulation::options))
-      .def("settings",
-           [](Guarded &g) {
-             py::list rows;
-             for (const Setting &s : g.with([](Simulation &s) { return s.settings(); }))
-               rows.append(py::make_tuple(s.name, s.value, s.origin, s.trades));
-             return rows;
-           })
+      .def("options", [](Guarded &g) { return to_dict(g.with([](Simulation &s) { return s.options(); })); })
+      .def("chosen_options",
+           [](Guarded &g) { return chosen_rows(g.with([](Simulation &s) { return s.chosen_options(); })); })
       .def("backend", [](Guarded &g) {
         return g.with(
             [](Simulation &s) { return std::make_pair(std::string(s.backend().name()), s.backend().device()); });

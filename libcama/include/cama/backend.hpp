@@ -1,10 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
-#include <chrono>
 #include <cstddef>
-#include <cstdlib>
 #include <functional>
-#include <map>
 #include <memory>
 #include <string>
 #include <string_view>
@@ -16,14 +13,17 @@ namespace cama {
 using Buffer = void *;
 
 /// Which compilation of a kernel: kernels that use `real` exist once per precision, the others once.
-enum class Precision { none, f32, f64 };
+enum class KernelPrecision { none, f32, f64 };
 
 struct KernelKey {
   int index;            ///< position in kernels.def
-  Precision precision;
+  KernelPrecision precision;
   const char *name;
   int team = 0;         ///< members of a team; 0: the kernel has none
 };
+
+/// Most arguments of a kernel; checked at compile time.
+inline constexpr int max_kernel_arguments = 40;
 
 /// One kernel argument: a scalar's address, or a buffer.
 struct Argument {
@@ -72,28 +72,7 @@ public:
   long launches() const { return launches_; }
   long waits() const { return waits_; }  ///< times the host waited for the device
 
-  struct KernelTime {
-    long launches = 0;
-    double milliseconds = 0;
-  };
-  /// Every kernel's share, where the environment variable CAMA_KERNEL_TIMES is set: launches then wait for each other.
-  const std::map<std::string, KernelTime> &kernel_times() const { return kernel_times_; }
-
 protected:
-  /// Runs the launch of one kernel, timed where times are wanted.
-  template <class Launch> void timed(const char *kernel, Launch &&launch)
-  {
-    if (!timing_) return launch();
-    synchronize();
-    const auto start = std::chrono::steady_clock::now();
-    launch();
-    synchronize();
-    KernelTime &time = kernel_times_[kernel];
-    ++time.launches;
-    time.milliseconds += std::chrono::duration<double, std::milli>(std::chrono::steady_clock::now() - start).count();
-  }
-  const bool timing_ = std::getenv("CAMA_KERNEL_TIMES") != nullptr;
-  std::map<std::string, KernelTime> kernel_times_;
   std::size_t allocated_ = 0, peak_ = 0;
   long launches_ = 0, waits_ = 0;
 };

@@ -2,6 +2,8 @@
 #pragma once
 #include <cstdint>
 #include <limits>
+#include <map>
+#include <string>
 #include <utility>
 #include <vector>
 
@@ -25,13 +27,11 @@ struct Matching {
 /// All that later steps depend on beside scene and options: a simulation that continues from it takes the same steps,
 /// bit by bit, on every backend, as the one it is of.
 struct Checkpoint {
-  std::uint64_t scene = 0;                    ///< of meshes and masses; see Simulation::scene_key
-  int step = 0;                               ///< steps done
-  double time = 0, time_step = 0;             ///< s
-  int start_step = 0;                         ///< time = start_time + (step - start_step) time_step
-  double start_time = 0;                      ///< s
-  std::vector<dvec3> positions, velocities;   ///< [all vertices] m, m/s
-  std::vector<dvec3> positions_before, velocities_before;  ///< a step before, where BDF2 goes on from there; else empty
+  std::uint64_t scene = 0;                                    ///< hash of its meshes and masses
+  int step = 0;                                               ///< steps done
+  double time_step = 0;                                       ///< s
+  std::map<std::string, double> numbers;  ///< carried from step to step: time and start_time, s, start_step, ...
+  std::map<std::string, std::vector<dvec3>> vectors;  ///< [all vertices] carried so: position, m, velocity, m/s, ...
   double released = -std::numeric_limits<double>::infinity();  ///< s; pins whose end is not later have let go
   std::vector<std::pair<int, int>> tangled;  ///< vertices that may pass each other until they separate
   std::vector<std::pair<int, int>> let_go;  ///< vertex, object that it may pass until it separates

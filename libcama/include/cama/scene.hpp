@@ -11,6 +11,7 @@
 #include "cama/material.hpp"
 #include "cama/mesh.hpp"
 #include "cama/motion.hpp"
+#include "cama/options.hpp"
 
 namespace cama {
 
@@ -72,8 +73,6 @@ struct Wind {
   double drag = 0.0;  ///< tangential drag per area and speed, kg/(m^2 s)
 };
 
-enum class ContactForm { rank_one, star };
-
 struct Contact {
   bool enabled = true;  ///< false: cloth passes through everything
   bool self = true;  ///< cloth against cloth
@@ -101,7 +100,7 @@ struct Scene {
   std::vector<Obstacle> obstacles;
   std::vector<Pin> pins;
   std::vector<Stitch> stitches;
-  std::string options;  ///< JSON object of how to compute it where the caller does not say; empty: nothing
+  OptionOverrides options;       ///< how to compute it where the user does not say
 
   /// Loads a folder with scene.json, or a JSON file.
   /// @param resolution total number of cloth triangles aimed at by generated meshes; 0: the scene's own default.
@@ -115,9 +114,9 @@ struct Scene {
   /// Throws a named error for the first thing that cannot be simulated; called by Simulation before any kernel runs.
   void validate() const;
 
-  /// Can anything touch? Contact is enabled, and there is an obstacle or cloth meets cloth.
   /// s from one recorded frame to the next.
   double seconds_per_frame() const { return frame_time > 0 ? frame_time : time_step > 0 ? time_step : 1.0 / 60; }
+  /// Can anything touch? Contact is enabled, and there is an obstacle or cloth meets cloth.
   bool has_contact() const { return contact.enabled && (contact.self || !obstacles.empty()); }
   /// Of cloth `object`, or of obstacle `object` - number of cloths.
   ContactProperties contact_properties(std::size_t object) const;

@@ -155,7 +155,8 @@ DEVICE INLINED float_lanes swept_motion_spent(int kind, swept_vertex_lanes m0, s
 }
 
 /* How far a pair's hulls are apart along n times the length of n, 0 at least; x: vertices 1 to 3 relative to 0. */
-DEVICE INLINED float_lanes swept_hull_separation(int kind, fvec3_lanes x1, fvec3_lanes x2, fvec3_lanes x3, fvec3_lanes n)
+DEVICE INLINED float_lanes swept_hull_separation(int kind, fvec3_lanes x1, fvec3_lanes x2, fvec3_lanes x3,
+                                                 fvec3_lanes n)
 {
   const float_lanes none = LANES_ALL(float_lanes, 0.0f);
   float_lanes a = lanes_dot(n, x1), high = lanes_most(lanes_dot(n, x2), lanes_dot(n, x3));

@@ -19,21 +19,24 @@ enum class KernelId : int {
 
 /// Function and key of a kernel; Real is void for kernels that exist once.
 template <KernelId id, class Real> struct Kernel;
-#define CAMA_KERNEL_ENTRY(kernel, Real, scope, tag)                                              \
-  template <> struct Kernel<KernelId::kernel, Real> {                                            \
-    static constexpr auto function = &kernels::scope kernel;                                     \
-    static constexpr KernelKey key{static_cast<int>(KernelId::kernel), Precision::tag, #kernel}; \
+#define CAMA_KERNEL_ENTRY(kernel, Real, scope, tag)                                                    \
+  template <> struct Kernel<KernelId::kernel, Real> {                                                  \
+    static constexpr auto function = &kernels::scope kernel;                                           \
+    static constexpr KernelKey key{static_cast<int>(KernelId::kernel), KernelPrecision::tag, #kernel}; \
   };
 #define CAMA_DOUBLE_KERNEL(name) CAMA_KERNEL_ENTRY(name, void, , none)
 #define CAMA_REAL_KERNEL(name) CAMA_KERNEL_ENTRY(name, double, f64::, f64) CAMA_KERNEL_ENTRY(name, float, f32::, f32)
 #include "kernels/kernels.def"
 
-template <class Parameter, class Value> void pack(Argument &argument, Parameter &scalar, const Value &value)
+/// Value: const where the caller may only read it.
+template <class Parameter, class Value> void pack(Argument &argument, Parameter &scalar, Value &value)
 {
   if constexpr (std::is_pointer_v<Parameter>) {
     using Element = std::remove_const_t<std::remove_pointer_t<Parameter>>;
-    static_assert(std::is_same_v<Value, Stream<Element>>,
+    static_assert(std::is_same_v<std::remove_const_t<Value>, Stream<Element>>,
                   "a kernel's pointer parameter takes a Stream of exactly its element type");
+    static_assert(std::is_const_v<std::remove_pointer_t<Parameter>> || !std::is_const_v<Value>,
+                  "the kernel writes to this stream, which its caller may only read");
     argument.is_buffer = true;
     argument.buffer = value.buffer();
   } else {
@@ -56,7 +59,7 @@ template <class Number, class T> Components<Number> components(const Stream<T> &
 }
 /// Where a kernel takes a buffer that this launch has not.
 template <class Number> Components<Number> nothing() { return {nullptr}; }
-template <class Parameter, class Number> void pack(Argument &argument, Parameter &, const Components<Number> &value)
+template <class Parameter, class Number> void pack(Argument &argument, Parameter &, Components<Number> &value)
 {
   static_assert(std::is_same_v<std::remove_const_t<std::remove_pointer_t<Parameter>>, Number>,
                 "components of another type");
@@ -66,9 +69,10 @@ template <class Parameter, class Number> void pack(Argument &argument, Parameter
 
 template <class K, class... Parameters, class... Values, std::size_t... I>
 void launch_with(Backend &backend, int team, int n, void (*)(int, Parameters...), std::index_sequence<I...>,
-                 const Values &...values)
+                 Values &&...values)
 {
   static_assert(sizeof...(Parameters) == sizeof...(Values), "wrong number of kernel arguments");
+  static_assert(sizeof...(Values) <= max_kernel_arguments, "more arguments than backends pass");
   if (n <= 0) return;
   std::tuple<Parameters...> scalars{};
   Argument arguments[sizeof...(Values) + 1];
@@ -78,11 +82,11 @@ void launch_with(Backend &backend, int team, int n, void (*)(int, Parameters...)
   backend.launch(key, n, arguments, static_cast<int>(sizeof...(Values)));
 }
 
-template <class K, class... Values> void launch(Backend &backend, int n, const Values &...values)
+template <class K, class... Values> void launch(Backend &backend, int n, Values &&...values)
 {
   launch_with<K>(backend, 0, n, K::function, std::index_sequence_for<Values...>{}, values...);
 }
-template <class K, class... Values> void launch_teams(Backend &backend, int team, int n, const Values &...values)
+template <class K, class... Values> void launch_teams(Backend &backend, int team, int n, Values &&...values)
 {
   launch_with<K>(backend, team, n, K::function, std::index_sequence_for<Values...>{}, values...);
 }

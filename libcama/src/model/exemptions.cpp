@@ -6,6 +6,7 @@
 #include <map>
 
 #include "device/kernels.hpp"
+#include "scene/constants.hpp"
 
 namespace cama {
 namespace {
@@ -25,7 +26,7 @@ double winding_number(const dvec3 &x, const std::vector<dvec3> &position, const 
     const double la = dnorm(a), lb = dnorm(b), lc = dnorm(c);
     angle += 2 * std::atan2(ddot(a, dcross(b, c)), la * lb * lc + ddot(a, b) * lc + ddot(b, c) * la + ddot(c, a) * lb);
   }
-  return angle / (4 * 3.14159265358979323846);
+  return angle / (4 * pi);
 }
 
 }  // namespace

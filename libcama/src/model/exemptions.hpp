@@ -46,6 +46,14 @@ public:
   Stream<int> row, entry;  // [vertices + 1], [sum] sorted: vertices, and vertices + object, that the vertex may pass
   Stream<int> object;  // [vertices] cloth index, or cloths + obstacle index
 
+  /// Calls f(name, life, stream) for every stream; Life::scene: a step that fails restores them itself.
+  template <class Life, class F> void visit(Life life, F &&f)
+  {
+    f("exemptions.row", life, row);
+    f("exemptions.entry", life, entry);
+    f("exemptions.object", life, object);
+  }
+
 private:
   Pairs seam_, tangled_, released_;
   Pairs tangled_before_, released_before_;

@@ -1,11 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
+#include "model/incidence.hpp"
+
 #include "device/launch.hpp"
-#include "model/state.hpp"
 
 namespace cama {
 namespace {
-constexpr int many_elements =
-    1 << 16;   // a radix sort is faster from here on than filling rows by atomics and sorting each
+// From here on a radix sort is faster than filling rows by atomics and sorting each.
+constexpr int many_elements = 1 << 16;
 }  // namespace
 
 void Incidence::rebuild(Backend &b, const Stream<kernels::element_nodes> &nodes, int elements, Stream<int> &count)

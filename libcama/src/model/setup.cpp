@@ -8,7 +8,6 @@ namespace cama {
 namespace {
 
 constexpr double without_end = 1e30;         // m; boxes of planes
-constexpr double thickest_per_edge = 0.45;   // of the shortest edge: neighbours at rest are never in contact
 constexpr double contact_margin =
     0.6;       // of the thickness: half for the contact distance, the rest for what the solve adds to the prediction
 
@@ -24,12 +23,12 @@ void refuse_stiffness_beyond_single(const State &state, const Scene &scene, cons
       stiffness = std::max(stiffness, *std::max_element(row.begin(), row.end()));
     const auto first = t.mass.begin() + t.cloth_range[c].first,
                lightest = std::min_element(first, t.mass.begin() + t.cloth_range[c].second);
-    if (state.time_step * (state.time_step + material.damping) * stiffness <= largest * *lightest) continue;
+    if (state.time.step * (state.time.step + material.damping) * stiffness <= largest * *lightest) continue;
     char text[160];
     std::snprintf(text, sizeof text,
                   "%.3g N/m with steps of %.3g s and vertex %d of %.3g kg is beyond single precision; use mixed or "
                   "double, or shorter steps",
-                  stiffness, state.time_step, static_cast<int>(lightest - first), *lightest);
+                  stiffness, state.time.step, static_cast<int>(lightest - first), *lightest);
     throw MaterialError("cloth '" + scene.cloths[c].name + "': stiffness of " + text);
   }
 }
@@ -62,10 +61,10 @@ template <class Real> void set_up_materials(State &state, System<Real> &s, Backe
     typename T::bending_stiffness k;
     for (int m = 0; m < 15; ++m) k.k[m] = static_cast<Real>(material.bending[m / 5][m % 5]);
     bending.push_back(k);
-    scale.push_back(static_cast<Real>(state.time_step * (state.time_step + material.damping)));
-    state.damping.push_back(material.damping);
+    scale.push_back(static_cast<Real>(state.time.step * (state.time.step + material.damping)));
+    state.elements.damping.push_back(material.damping);
   }
-  state.implicit_step = state.scaled_step = state.time_step;
+  state.time.implicit_step = state.system.scaled_step = state.time.step;
   s.stretching_table = Stream<typename T::stretching_stiffness>(b, table);
   s.stretching_start = Stream<int>(b, start);
   if (hinges) s.bending_table = Stream<typename T::bending_stiffness>(b, bending);
@@ -100,35 +99,35 @@ template <class Real> void set_up_elements(State &state, System<Real> &s, const 
     hinge_nodes.push_back({{r.node[0], r.node[1], r.node[2], r.node[3]}});
   }
   const auto incidence = [&](Incidence &list, const Stream<kernels::element_nodes> &nodes, int n) {
-    Stream<int> count(b, state.cloth_vertices);
-    list.reset(b, state.cloth_vertices);
+    Stream<int> count(b, state.mesh.cloth_vertices);
+    list.reset(b, state.mesh.cloth_vertices);
     list.build(b, nodes, n, count);
   };
   s.triangle_rest = Stream<typename T::triangle_rest>(b, triangles);
-  s.triangle_factor = Stream<typename T::triangle_factor>(b, state.triangles);
-  s.triangle_force = Stream<typename T::vec3>(b, 3 * state.triangles);
-  state.triangle_nodes = Stream<kernels::element_nodes>(b, triangle_nodes);
-  incidence(state.triangle_incidence, state.triangle_nodes, state.triangles);
-  if (state.hinges == 0) return;
+  s.triangle_factor = Stream<typename T::triangle_factor>(b, state.mesh.triangles);
+  s.triangle_force = Stream<typename T::vec3>(b, 3 * state.mesh.triangles);
+  state.elements.triangle_nodes = Stream<kernels::element_nodes>(b, triangle_nodes);
+  incidence(state.elements.triangle_incidence, state.elements.triangle_nodes, state.mesh.triangles);
+  if (state.mesh.hinges == 0) return;
   s.hinge_rest = Stream<typename T::hinge_rest>(b, hinges);
-  s.hinge_factor = Stream<typename T::hinge_factor>(b, state.hinges);
-  s.hinge_force = Stream<typename T::vec3>(b, 4 * state.hinges);
-  state.hinge_nodes = Stream<kernels::element_nodes>(b, hinge_nodes);
-  incidence(state.hinge_incidence, state.hinge_nodes, state.hinges);
+  s.hinge_factor = Stream<typename T::hinge_factor>(b, state.mesh.hinges);
+  s.hinge_force = Stream<typename T::vec3>(b, 4 * state.mesh.hinges);
+  state.elements.hinge_nodes = Stream<kernels::element_nodes>(b, hinge_nodes);
+  incidence(state.elements.hinge_incidence, state.elements.hinge_nodes, state.mesh.hinges);
 }
 
 void set_up_contact(State &state, const Scene &scene, const Topology &t, const std::vector<double> &inverse_mass)
 {
   Backend &b = *state.backend;
-  state.friction = has_friction(scene);
-  state.predicted = Stream<dvec3>(b, state.vertices);
-  state.inverse_mass = Stream<double>(b, inverse_mass);
+  state.contact.friction = has_friction(scene);
+  state.bounds.predicted = Stream<dvec3>(b, state.mesh.vertices);
+  state.mesh.inverse_mass = Stream<double>(b, inverse_mass);
   std::vector<kernels::face_nodes> faces;
   std::vector<kernels::edge_nodes> edges;
   std::vector<kernels::vertex_contact> properties(t.position.size());
   std::vector<double> margin(t.position.size());
   std::vector<int> query_vertices;
-  state.largest_thickness = 0;
+  state.contact.largest_thickness = 0;
   for (const auto *list : {&t.face, &t.exact_face})
     for (const Triangle &f : *list) faces.push_back({{f[0], f[1], f[2]}});
   for (const auto &e : t.edge) {
@@ -143,15 +142,15 @@ void set_up_contact(State &state, const Scene &scene, const Topology &t, const s
   const auto of_obstacle = [&](const kernels::edge_nodes &e) { return e.node[0] >= t.cloth_vertices; };
   if (!scene.contact.self && std::none_of(edges.begin(), edges.end(), of_obstacle))
     edges.clear();   // nothing for the cloth's to meet
-  state.edges = static_cast<int>(edges.size());
+  state.mesh.edges = static_cast<int>(edges.size());
   for (std::size_t v = 0; v < t.position.size(); ++v) {
     const std::size_t object = static_cast<std::size_t>(t.object[v]), cloths = scene.cloths.size();
     const bool obstacle = object >= cloths;
     kernels::vertex_contact &p = properties[v];
     const ContactProperties own = scene.contact_properties(object);
     p.thickness = own.thickness;
-    if (!obstacle) p.thickness = std::min(p.thickness, thickest_per_edge * t.shortest_edge[v]);
-    state.largest_thickness = std::max(state.largest_thickness, p.thickness);
+    if (!obstacle) p.thickness = std::min(p.thickness, max_thickness_per_edge * t.shortest_edge[v]);
+    state.contact.largest_thickness = std::max(state.contact.largest_thickness, p.thickness);
     p.area = t.area[v];
     p.stiffness = own.stiffness;
     p.friction = own.friction;
@@ -165,22 +164,22 @@ void set_up_contact(State &state, const Scene &scene, const Topology &t, const s
     if (shape != ObstacleShape::plane) query_vertices.push_back(static_cast<int>(v));
     margin[v] = shape == ObstacleShape::plane ? without_end : p.radius + contact_margin * p.thickness;
   }
-  state.face = Stream<kernels::face_nodes>(b, faces);
-  state.edge = Stream<kernels::edge_nodes>(b, edges);
-  state.vertex_contact = Stream<kernels::vertex_contact>(b, properties);
-  state.margin = Stream<double>(b, margin);
-  state.query_vertices = Stream<int>(b, query_vertices);
-  state.bounds = Stream<dvec3>(b, 2);
-  state.vertex_box = Stream<kernels::box>(b, state.vertices);
-  for (PairList *list : {&state.vertex_face, &state.edge_edge}) {
+  state.mesh.face = Stream<kernels::face_nodes>(b, faces);
+  state.mesh.edge = Stream<kernels::edge_nodes>(b, edges);
+  state.contact.vertex_contact = Stream<kernels::vertex_contact>(b, properties);
+  state.bounds.margin = Stream<double>(b, margin);
+  state.bounds.query_vertices = Stream<int>(b, query_vertices);
+  state.bounds.bounds = Stream<dvec3>(b, 2);
+  state.bounds.vertex_box = Stream<kernels::box>(b, state.mesh.vertices);
+  for (PairList *list : {&state.contact.vertex_face, &state.contact.edge_edge}) {
     list->pairs = Stream<kernels::pair>(b);
     list->direction = Stream<kernels::fvec3>(b);
     list->gap_bound = Stream<float>(b);
   }
   if (!t.seam.empty() || state.options.intersections == StartPolicy::exempt || state.options.pinch == Pinch::release)
     state.exemptions.set_up(b, t);
-  state.contact = Stream<kernels::contact>(b);
-  state.impact = Stream<kernels::impact>(b);
+  state.contact.contact = Stream<kernels::contact>(b);
+  state.contact.impact = Stream<kernels::impact>(b);
 }
 
 std::vector<kernels::stitch> stitches_of(const Scene &scene, const Topology &t)
@@ -212,29 +211,28 @@ template <class Real> void set_up(State &state, const Scene &scene, const Topolo
   Backend &b = *state.backend;
   System<Real> *s;
   if constexpr (sizeof(Real) == 8)
-    s = (state.system64 = std::make_unique<System<double>>()).get();
+    s = (state.system.f64 = std::make_unique<System<double>>()).get();
   else
-    s = (state.system32 = std::make_unique<System<float>>()).get();
+    s = (state.system.f32 = std::make_unique<System<float>>()).get();
 
-  state.time_step = chosen_time_step(state.options, scene);
+  state.time.step = state.options.time_step;
   if (sizeof(Real) == 4) refuse_stiffness_beyond_single(state, scene, t);
-  state.contact_settings = scene.contact;
-  state.cloth_vertices = t.cloth_vertices;
-  state.vertices = static_cast<int>(t.position.size());
-  state.triangles = static_cast<int>(t.triangle.size());
-  state.hinges = static_cast<int>(t.hinge.size());
-  state.faces = static_cast<int>(t.face.size() + t.exact_face.size());
-  state.edges = static_cast<int>(t.edge.size());
+  state.contact.settings = scene.contact;
+  state.mesh.cloth_vertices = t.cloth_vertices;
+  state.mesh.vertices = static_cast<int>(t.position.size());
+  state.mesh.triangles = static_cast<int>(t.triangle.size());
+  state.mesh.hinges = static_cast<int>(t.hinge.size());
+  state.mesh.faces = static_cast<int>(t.face.size() + t.exact_face.size());
+  state.mesh.edges = static_cast<int>(t.edge.size());
 
-  for (std::size_t c = 0; c < scene.cloths.size(); ++c) {
-    state.object_name.push_back("cloth '" + scene.cloths[c].name + "'");
-    state.object_first.push_back(t.cloth_range[c].first);
-    state.object_static.push_back(0);
+  state.mesh.object_name = t.object_name;
+  for (const auto &range : t.cloth_range) {
+    state.mesh.object_first.push_back(range.first);
+    state.mesh.object_static.push_back(0);
   }
   for (std::size_t o = 0; o < scene.obstacles.size(); ++o) {
-    state.object_name.push_back("obstacle '" + scene.obstacles[o].name + "'");
-    state.object_first.push_back(t.obstacle_range[o].first);
-    state.object_static.push_back(scene.obstacles[o].motion.is_static());
+    state.mesh.object_first.push_back(t.obstacle_range[o].first);
+    state.mesh.object_static.push_back(scene.obstacles[o].motion.is_static());
   }
   std::vector<int> fixed(t.position.size(), 0);
   std::fill(fixed.begin() + t.cloth_vertices, fixed.end(), 1);
@@ -249,45 +247,45 @@ template <class Real> void set_up(State &state, const Scene &scene, const Topolo
     inverse_mass[v] = 1 / t.mass[v];
     velocity[v] = scene.cloths[t.object[v]].velocity;
   }
-  state.position = Stream<dvec3>(b, t.position);
-  state.velocity = Stream<dvec3>(b, velocity);
-  state.position_next = Stream<dvec3>(b, t.position);
-  state.velocity_next = Stream<dvec3>(b, velocity);
+  state.mesh.position = Stream<dvec3>(b, t.position);
+  state.mesh.velocity = Stream<dvec3>(b, velocity);
+  state.mesh.position_next = Stream<dvec3>(b, t.position);
+  state.mesh.velocity_next = Stream<dvec3>(b, velocity);
   if (state.options.integrator == Integrator::bdf2) {
-    state.position_before = Stream<dvec3>(b, t.position);
-    state.velocity_before = Stream<dvec3>(b, velocity);
-    state.position_base = Stream<dvec3>(b, t.position);
-    state.velocity_base = Stream<dvec3>(b, velocity);
+    state.mesh.position_before = Stream<dvec3>(b, t.position);
+    state.mesh.velocity_before = Stream<dvec3>(b, velocity);
+    state.mesh.position_base = Stream<dvec3>(b, t.position);
+    state.mesh.velocity_base = Stream<dvec3>(b, velocity);
   }
-  state.fixed = Stream<int>(b, fixed);
-  state.gravity = Stream<dvec3>(b, std::vector<dvec3>{scene.gravity});
+  state.mesh.fixed = Stream<int>(b, fixed);
+  state.elements.gravity = Stream<dvec3>(b, std::vector<dvec3>{scene.gravity});
   if (has_wind(scene)) {
     std::vector<double> density;
     for (const Cloth &c : scene.cloths) density.push_back(c.material.density);
-    state.wind = Stream<dvec3>(b, std::vector<dvec3>{scene.wind->velocity});
-    state.areal_density = Stream<double>(b, density);
+    state.elements.wind = Stream<dvec3>(b, std::vector<dvec3>{scene.wind->velocity});
+    state.elements.areal_density = Stream<double>(b, density);
   }
   if (std::any_of(scene.obstacles.begin(), scene.obstacles.end(),
                   [](const Obstacle &o) { return !o.motion.is_static() && o.motion.is_rigid(); }))
-    state.rest_position = Stream<dvec3>(b, t.rest_position);
+    state.mesh.rest_position = Stream<dvec3>(b, t.rest_position);
 
   s->mass = Stream<Real>(b, mass);
-  set_up_materials(state, *s, b, scene, state.hinges > 0);
+  set_up_materials(state, *s, b, scene, state.mesh.hinges > 0);
   set_up_elements(state, *s, t);
   s->force = Stream<typename Types<Real>::vec3>(b, t.cloth_vertices);
   s->matrix = {Stream<int>(b), Stream<int>(b), Stream<typename Types<Real>::mat3>(b)};
   s->right_side = Stream<typename Types<Real>::vec3>(b, t.cloth_vertices);
-  s->solution = Stream<typename Types<Real>::vec3>(b, state.vertices);
+  s->solution = Stream<typename Types<Real>::vec3>(b, state.mesh.vertices);
 
   const std::vector<kernels::stitch> stitches = stitches_of(scene, t);
-  state.stitches = static_cast<int>(stitches.size());
+  state.elements.stitches = static_cast<int>(stitches.size());
   if (scene.has_contact()) set_up_contact(state, scene, t, inverse_mass);
-  if (state.stitches) state.stitch = Stream<kernels::stitch>(b, stitches);
-  if (scene.has_contact() || state.stitches) {
+  if (state.elements.stitches) state.elements.stitch = Stream<kernels::stitch>(b, stitches);
+  if (scene.has_contact() || state.elements.stitches) {
     s->term = Stream<typename Types<Real>::term>(b);
-    state.term_nodes = Stream<kernels::element_nodes>(b);
-    if (state.options.contact_form == ContactForm::star) state.term_split = Stream<int>(b);
-    state.term_incidence.reset(b, t.cloth_vertices);
+    state.system.term_nodes = Stream<kernels::element_nodes>(b);
+    if (state.options.paper.contact_form == ContactForm::star) state.system.term_split = Stream<int>(b);
+    state.system.term_incidence.reset(b, t.cloth_vertices);
   }
 }
 

@@ -5,30 +5,19 @@
 
 namespace cama {
 
-int State::object_of(int vertex) const
+int MeshState::object_of(int vertex) const
 {
-  return static_cast<int>(std::upper_bound(object_first.begin(), object_first.end(), vertex) - object_first.begin()) -
-         1;
+  const auto above = std::upper_bound(object_first.begin(), object_first.end(), vertex);
+  return static_cast<int>(above - object_first.begin()) - 1;
 }
 
-void State::set_implicit_step(double step)
+std::string MeshState::describe(int vertex) const
 {
-  implicit_step = step;
-  if (step == scaled_step) return;
-  const auto scale = [&](auto &system) {
-    using Real = typename std::decay_t<decltype(system.material_scale)>::value_type;
-    std::vector<Real> values;
-    for (double c : damping) values.push_back(static_cast<Real>(step * (step + c)));
-    system.material_scale.assign(values);
-  };
-  if (system64)
-    scale(*system64);
-  else
-    scale(*system32);
-  scaled_step = step;
+  const std::size_t object = static_cast<std::size_t>(object_of(vertex));
+  return object_name[object] + ", vertex " + std::to_string(vertex - object_first[object]);
 }
 
-void State::forget_contacts() noexcept
+void ContactState::forget() noexcept
 {
   contacts = 0;
   if (contact.backend()) contact.resize(0);
@@ -40,10 +29,27 @@ void State::forget_contacts() noexcept
   }
 }
 
-std::string State::describe(int vertex) const
+void SystemState::scale_materials(double h, const std::vector<double> &damping)
 {
-  const std::size_t object = static_cast<std::size_t>(object_of(vertex));
-  return object_name[object] + ", vertex " + std::to_string(vertex - object_first[object]);
+  if (h == scaled_step) return;
+  const auto scale = [&](auto &system) {
+    using Real = typename std::decay_t<decltype(system.material_scale)>::value_type;
+    std::vector<Real> values;
+    for (double c : damping) values.push_back(static_cast<Real>(h * (h + c)));
+    system.material_scale.assign(values);
+  };
+  if (f64)
+    scale(*f64);
+  else
+    scale(*f32);
+  scaled_step = h;
+}
+
+std::vector<double> SystemState::masses() const
+{
+  if (f64) return f64->mass.download();
+  const std::vector<float> single = f32->mass.download();
+  return {single.begin(), single.end()};
 }
 
 }  // namespace cama

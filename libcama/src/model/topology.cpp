@@ -6,6 +6,7 @@
 
 #include "device/kernels.hpp"
 #include "model/exemptions.hpp"
+#include "scene/constants.hpp"
 
 namespace cama {
 namespace {
@@ -33,7 +34,7 @@ std::array<MaterialPoint, 3> corners(const Mesh &mesh, std::size_t f)
 /// 0, 1, 2 = 0, 45, 90 degrees from warp, folded.
 double direction_of(double du, double dv)
 {
-  double b = std::abs(std::atan2(dv, du)) * 4 / 3.14159265358979323846;
+  double b = std::abs(std::atan2(dv, du)) * 4 / pi;
   if (b > 2) b = 4 - b;
   return std::abs(b);
 }
@@ -87,6 +88,8 @@ void add_hinges(const Mesh &mesh, int first_vertex, int material, const std::vec
 Topology build_topology(const Scene &scene)
 {
   Topology t;
+  for (const Cloth &cloth : scene.cloths) t.object_name.push_back("cloth '" + cloth.name + "'");
+  for (const Obstacle &obstacle : scene.obstacles) t.object_name.push_back("obstacle '" + obstacle.name + "'");
   const auto add_mesh = [&](const Mesh &mesh, const std::vector<dvec3> &position, int object) {
     const int first = static_cast<int>(t.position.size());
     t.position.insert(t.position.end(), position.begin(), position.end());
@@ -172,7 +175,7 @@ std::vector<std::array<double, 4>> stretching_table(const Material &material)
         // Principal stretch squared, 2 E + I, and its direction.
         const double mean = 1 + e00 + e11, half = e00 - e11, radius = std::hypot(half, 2 * e01);
         const double stretch = std::sqrt(std::max(mean + radius, 0.0));
-        double angle = 0.5 * std::atan2(2 * e01, half) * 8 / 3.14159265358979323846;  // 0 to 4 between 0 and 90 degrees
+        double angle = 0.5 * std::atan2(2 * e01, half) * 8 / pi;  // 0 to 4 between 0 and 90 degrees
         angle = std::clamp(std::abs(angle), 0.0, 4 - 1e-6);
         const int a = static_cast<int>(angle);
         const double fa = angle - a, strain = std::clamp((stretch - 1) * 6, 0.0, 1 - 1e-6);

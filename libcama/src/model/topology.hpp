@@ -3,12 +3,17 @@
 #pragma once
 #include <array>
 #include <set>
+#include <string>
 #include <utility>
 #include <vector>
 
 #include "cama/scene.hpp"
 
 namespace cama {
+
+/// A contact thickness is at most this share of the shortest edge around a vertex: neighbours at rest are never in
+/// contact.
+inline constexpr double max_thickness_per_edge = 0.45;
 
 struct RestTriangle {
   std::array<int, 3> node;
@@ -40,8 +45,14 @@ struct Topology {
   std::vector<ObstacleShape> shape;                      ///< [vertices]
   std::vector<int> object;                         ///< [vertices] cloth index, or cloths + obstacle index
   std::vector<std::pair<int, int>> cloth_range, obstacle_range;
-  std::set<std::pair<int, int>>
-      seam;              ///< vertices (a < b) on both sides of a seam: as near as they are by construction
+  std::vector<std::string> object_name;            ///< "cloth 'shirt'": cloths, then obstacles
+  std::set<std::pair<int, int>> seam;  ///< vertices (a < b) on both sides of a seam: as near as they are made
+
+  /// The name of the object that a vertex belongs to.
+  const std::string &owner(int vertex) const
+  {
+    return object_name[static_cast<std::size_t>(object[static_cast<std::size_t>(vertex)])];
+  }
 };
 
 Topology build_topology(const Scene &scene);

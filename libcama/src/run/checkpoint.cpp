@@ -14,14 +14,14 @@ constexpr int max_terms = 1 << 29;   // what four entries each can be listed of
 
 [[noreturn]] void refuse(const std::string &what) { throw SceneError("checkpoint: " + what); }
 
-void check_vectors(const char *name, const std::vector<dvec3> &values, std::size_t count)
+void check_vectors(const std::string &name, const std::vector<dvec3> &values, std::size_t count)
 {
   if (values.size() != count)
-    refuse(std::string(name) + " has " + std::to_string(values.size()) + " rows, the scene has " +
-           std::to_string(count) + " vertices");
+    refuse(name + " has " + std::to_string(values.size()) + " rows, the scene has " + std::to_string(count) +
+           " vertices");
   for (std::size_t i = 0; i < count; ++i)
     if (!std::isfinite(values[i].x + values[i].y + values[i].z))
-      refuse(std::string(name) + "[" + std::to_string(i) + "] is not finite");
+      refuse(name + "[" + std::to_string(i) + "] is not finite");
 }
 
 /// Each block has some neighbours, each level is of the blocks below.
@@ -32,9 +32,9 @@ void check_matching(const Matching &m, int step, const State &state)
     refuse("matching: step " + std::to_string(m.step) + ", " + std::to_string(m.terms) + " terms, " +
            std::to_string(m.first_iterations) + " and " + std::to_string(m.last_iterations) +
            " iterations are no counts of this run");
-  std::vector<char> seen(static_cast<std::size_t>(state.cloth_vertices), 0);
+  std::vector<char> seen(static_cast<std::size_t>(state.mesh.cloth_vertices), 0);
   for (int v : m.order)
-    if (v < 0 || v >= state.cloth_vertices || seen[static_cast<std::size_t>(v)]++)
+    if (v < 0 || v >= state.mesh.cloth_vertices || seen[static_cast<std::size_t>(v)]++)
       refuse("matching: vertex " + std::to_string(v) + " is not one of the cloth, or is there twice");
   if (m.order.empty() != m.levels.empty()) refuse("matching: has an order without levels, or levels without an order");
   std::size_t nodes = m.order.size();
@@ -70,16 +70,16 @@ Checkpoint take_checkpoint(State &s, Pipeline &step, const Topology &topology)
   Checkpoint c;
   c.scene = scene_key(topology);
   c.step = s.report.step;
-  c.time = s.time;
-  c.time_step = s.time_step;
-  c.start_step = s.start_step;
-  c.start_time = s.start_time;
-  c.positions = s.position.download();
-  c.velocities = s.velocity.download();
-  if (s.history) {
-    c.positions_before = s.position_before.download();
-    c.velocities_before = s.velocity_before.download();
-  }
+  c.time_step = s.time.step;
+  s.visit([&](const char *name, Life life, auto &value) {
+    if (life != Life::run) return;
+    using T = std::decay_t<decltype(value)>;
+    if constexpr (!IsStream<T>::value) {
+      c.numbers[name] = static_cast<double>(value);
+    } else if constexpr (std::is_same_v<T, Stream<dvec3>>) {
+      if (value.backend()) c.vectors[name] = value.download();
+    }
+  });
   const Exemptions::Kept kept = s.exemptions.kept();
   c.tangled.assign(kept.first.begin(), kept.first.end());
   c.let_go.assign(kept.second.begin(), kept.second.end());
@@ -89,29 +89,34 @@ Checkpoint take_checkpoint(State &s, Pipeline &step, const Topology &topology)
 
 void check_checkpoint(const Checkpoint &c, const State &s, const Topology &t)
 {
-  const std::size_t vertices = static_cast<std::size_t>(s.vertices);
-  if (c.positions.size() != vertices || c.scene != scene_key(t))
-    refuse("is of another scene or resolution: it has " + std::to_string(c.positions.size()) +
-           " vertices, this simulation " + std::to_string(vertices) +
-           (c.positions.size() == vertices ? ", and triangles or masses differ" : "") +
+  const std::size_t vertices = static_cast<std::size_t>(s.mesh.vertices);
+  for (const char *name : {"position", "velocity"})
+    if (!c.vectors.count(name)) refuse(std::string("has no ") + name);
+  const std::size_t found = c.vectors.at("position").size();
+  if (found != vertices || c.scene != scene_key(t))
+    refuse("is of another scene or resolution: it has " + std::to_string(found) + " vertices, this simulation " +
+           std::to_string(vertices) + (found == vertices ? ", and triangles or masses differ" : "") +
            "; load the scene that it was taken of");
-  if (c.step < 0 || c.start_step < 0 || c.start_step > c.step)
-    refuse("step " + std::to_string(c.step) + " and start_step " + std::to_string(c.start_step) + " are no counts");
-  if (!std::isfinite(c.time) || c.time < 0 || !std::isfinite(c.start_time) || !std::isfinite(c.time_step) ||
-      c.time_step <= 0 || std::isnan(c.released))
+  const auto number = [&](const char *name) {
+    const auto at = c.numbers.find(name);
+    if (at == c.numbers.end()) refuse(std::string("has no ") + name);
+    return at->second;
+  };
+  const double start_step = number("start_step");
+  if (c.step < 0 || !(start_step >= 0) || start_step > c.step)
+    refuse("step " + std::to_string(c.step) + " and start_step " + std::to_string(start_step) + " are no counts");
+  if (!std::isfinite(number("time")) || number("time") < 0 || !std::isfinite(number("start_time")) ||
+      !std::isfinite(c.time_step) || c.time_step <= 0 || std::isnan(c.released))
     refuse("time, start_time, time_step or released is not a time in seconds");
-  check_vectors("positions", c.positions, vertices);
-  check_vectors("velocities", c.velocities, vertices);
-  if (c.positions_before.size() + c.velocities_before.size() > 0) {
-    check_vectors("positions_before", c.positions_before, vertices);
-    check_vectors("velocities_before", c.velocities_before, vertices);
-  }
+  for (const auto &[name, value] : c.numbers)
+    if (!std::isfinite(value)) refuse(name + " is not finite");
+  for (const auto &[name, values] : c.vectors) check_vectors(name, values, vertices);
   const auto in = [](int i, std::size_t count) { return i >= 0 && static_cast<std::size_t>(i) < count; };
   for (const auto &[a, b] : c.tangled)
     if (!in(a, vertices) || !in(b, vertices))
       refuse("tangled: a vertex of " + std::to_string(a) + ", " + std::to_string(b) + " is not there");
   for (const auto &[a, object] : c.let_go)
-    if (!in(a, vertices) || !in(object, s.object_name.size()))
+    if (!in(a, vertices) || !in(object, s.mesh.object_name.size()))
       refuse("let_go: vertex or object of " + std::to_string(a) + ", " + std::to_string(object) + " is not there");
   if ((!c.tangled.empty() || !c.let_go.empty()) && !s.exemptions.row.backend())
     refuse("lets vertices pass, which this simulation's options do not; give intersections or pinch as they were");
@@ -121,23 +126,29 @@ void check_checkpoint(const Checkpoint &c, const State &s, const Topology &t)
 void restore_checkpoint(const Checkpoint &c, State &s, Pipeline &step)
 {
   step.restore(s, c);
-  s.position.assign(c.positions);
-  s.position_next.assign(c.positions);
-  s.velocity.assign(c.velocities);
-  s.history = !c.positions_before.empty() && s.position_before.backend() && c.time_step == s.time_step;
-  if (s.history) {
-    s.position_before.assign(c.positions_before);
-    s.velocity_before.assign(c.velocities_before);
+  s.visit([&](const char *name, Life life, auto &value) {
+    using T = std::decay_t<decltype(value)>;
+    if (life != Life::run) return;
+    if constexpr (!IsStream<T>::value) {
+      if (const auto at = c.numbers.find(name); at != c.numbers.end()) value = static_cast<T>(at->second);
+    } else if constexpr (std::is_same_v<T, Stream<dvec3>>) {
+      const auto at = c.vectors.find(name);
+      if (value.backend() && at != c.vectors.end()) value.assign(at->second);
+    }
+  });
+  s.mesh.position_next.assign(c.vectors.at("position"));
+  const bool same = c.time_step == s.time.step;
+  s.time.history = s.time.history && same && s.mesh.position_before.backend() && c.vectors.count("position_before");
+  if (!same) {
+    s.time.start_step = c.step;
+    s.time.start = s.time.now;
   }
   Exemptions::Kept kept{{c.tangled.begin(), c.tangled.end()}, {c.let_go.begin(), c.let_go.end()}};
   s.exemptions.keep(kept);
-  s.forget_contacts();
-  const bool same = c.time_step == s.time_step;
-  s.start_step = same ? c.start_step : c.step;
-  s.start_time = same ? c.start_time : c.time;
+  s.contact.forget();
   s.report = StepReport{};
   s.report.step = c.step;
-  s.report.time = s.time = c.time;
+  s.report.time = s.time.now;
 }
 
 }  // namespace cama

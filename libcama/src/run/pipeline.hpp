@@ -1,14 +1,13 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 #include <chrono>
-#include <cstdlib>
 #include <memory>
 #include <string>
 #include <string_view>
 #include <vector>
 
 #include "cama/checkpoint.hpp"
-#include "model/state.hpp"
+#include "model/access.hpp"
 
 namespace cama {
 
@@ -35,18 +34,25 @@ public:
   }
   double milliseconds() const { return milliseconds_; }     ///< of the last run
 
-  /// With the environment variable CAMA_WAIT_FOR_STAGES set, waits for the device, so that times are of work and not of
-  /// enqueueing it.
+  /// Where state.wait_for_stages is set, waits for the device, so that times are of work and not of enqueueing it.
   void timed_run(State &state)
   {
     const auto start = std::chrono::steady_clock::now();
     run(state);
-    if (std::getenv("CAMA_WAIT_FOR_STAGES")) state.backend->synchronize();
+    if (state.wait_for_stages) state.backend->synchronize();
     milliseconds_ = std::chrono::duration<double, std::milli>(std::chrono::steady_clock::now() - start).count();
   }
 
 private:
   double milliseconds_ = 0;
+};
+
+/// A stage that touches these rooms of the state and no other; const ones it only reads.
+template <class... R> class StageOn : public Stage {
+public:
+  using Rooms = Access<R...>;
+  void run(State &state) final { run_on(state); }
+  virtual void run_on(const Rooms &state) = 0;
 };
 
 /// Stages in order; itself a stage, so pipelines nest.
@@ -66,11 +72,16 @@ public:
     stages_.push_back(std::move(stage));
     return reference;
   }
+  /// Behind the stage of this name; where there is none, at the end.
+  void insert_after(std::string_view name, std::unique_ptr<Stage> stage)
+  {
+    auto at = stages_.begin();
+    while (at != stages_.end() && (*at)->name() != name) ++at;
+    stages_.insert(at == stages_.end() ? at : at + 1, std::move(stage));
+  }
   void run(State &state) override
   {
-    for (auto &stage : stages_) {
-      stage->timed_run(state);
-    }
+    for (auto &stage : stages_) stage->timed_run(state);
   }
 
 private:

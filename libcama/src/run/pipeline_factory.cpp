@@ -3,28 +3,38 @@
 
 #include <algorithm>
 
-#include "stages/candidate_search.hpp"
+#include "stages/advance_positions.hpp"
+#include "stages/contact_terms.hpp"
+#include "stages/element_forces.hpp"
+#include "stages/extrapolate.hpp"
 #include "stages/find_contacts.hpp"
 #include "stages/finish_step.hpp"
+#include "stages/forget_separated.hpp"
 #include "stages/front_search.hpp"
 #include "stages/linear_solve.hpp"
 #include "stages/matrix_assembly.hpp"
 #include "stages/newton.hpp"
 #include "stages/penetration_handling.hpp"
+#include "stages/prescribed_motion.hpp"
+#include "stages/proximity_search.hpp"
+#include "stages/tree_search.hpp"
 
 namespace cama {
 namespace {
 
-constexpr double certified_distance = 1e-2;   // of the smallest contact thickness of a pair
-constexpr double impact_distance = 0.1;       // the same after an impact
-
-/// Fronts are of triangles: exact obstacles are searched by trees.
+/// Fronts are of triangles: exact obstacles are searched by trees. A search owns its room of the state.
 std::unique_ptr<CandidateSearch> make_search(const Scene &scene, State &state, FlaggedPairs &flagged)
 {
   const bool exact = std::any_of(scene.obstacles.begin(), scene.obstacles.end(),
                                  [](const Obstacle &o) { return o.shape != ObstacleShape::mesh; });
-  if (state.options.search == SearchKind::fronts && !exact) return std::make_unique<FrontSearch>(state);
-  return std::make_unique<TreeSearch>(*state.backend, flagged);
+  if (state.options.paper.search == SearchKind::fronts && !exact) {
+    auto search = std::make_unique<FrontSearch>(state);
+    state.fronts = &search->streams();
+    return search;
+  }
+  auto search = std::make_unique<TreeSearch>(*state.backend, flagged);
+  state.trees = &search->streams();
+  return search;
 }
 
 /// Proximity checking owns the search and the flags that penetration handling uses again.
@@ -48,33 +58,32 @@ bool needs_motion(const Scene &scene)
 
 }  // namespace
 
-template <class Real> StepPipeline make_pipeline(const Scene &scene, State &state)
+template <class Real> std::unique_ptr<Pipeline> make_pipeline(const Scene &scene, State &state)
 {
   Backend &b = *state.backend;
-  StepPipeline result{std::make_unique<Pipeline>("step"), nullptr};
-  Pipeline &step = *result.step;
+  const Options &options = state.options;
+  auto result = std::make_unique<Pipeline>("step");
+  Pipeline &step = *result;
   const bool contact = scene.has_contact();
   ProximityChecking *proximity = nullptr;
-  if (state.options.integrator == Integrator::bdf2) step.add<Extrapolate>();
-  if (needs_motion(scene)) result.motion = &step.add<PrescribedMotion>(scene, state);
+  if (options.integrator == Integrator::bdf2) step.add<Extrapolate>();
+  if (needs_motion(scene)) step.add<PrescribedMotion>(scene, b);
   if (contact) proximity = &step.add<ProximityChecking>(scene, state);
   Pipeline &assembly = step.add<Pipeline>("matrix assembly");
   EvaluateElements<Real> &elements = assembly.add<EvaluateElements<Real>>(scene);
-  if (contact || state.stitches) assembly.add<EvaluateTerms<Real>>(b);
+  if (contact || state.elements.stitches) assembly.add<EvaluateTerms<Real>>(b);
   AssembleMatrix<Real> &matrix = assembly.add<AssembleMatrix<Real>>(b);
   LinearSolve<Real> &solve = step.add<LinearSolve<Real>>(b);
   step.add<AdvancePositions>();
-  if (state.options.newton_iterations > 1) step.add<NewtonIterations<Real>>(scene, b, elements, matrix, solve);
-  if (contact)
-    step.add<PenetrationHandling>(b, *proximity->search, proximity->flagged)
-        .set_distances(certified_distance, impact_distance);
+  if (options.newton_iterations > 1) step.add<NewtonIterations<Real>>(scene, b, elements, matrix, solve);
+  if (contact) step.add<PenetrationHandling>(b, *proximity->search, proximity->flagged);
   step.add<FinishStep>(b);
-  if (contact && (state.options.intersections == StartPolicy::exempt || state.options.pinch == Pinch::release))
+  if (contact && (options.intersections == StartPolicy::exempt || options.pinch == Pinch::release))
     step.add<ForgetSeparated>();
   return result;
 }
 
-template StepPipeline make_pipeline<double>(const Scene &, State &);
-template StepPipeline make_pipeline<float>(const Scene &, State &);
+template std::unique_ptr<Pipeline> make_pipeline<double>(const Scene &, State &);
+template std::unique_ptr<Pipeline> make_pipeline<float>(const Scene &, State &);
 
 }  // namespace cama

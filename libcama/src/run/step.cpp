@@ -11,55 +11,60 @@ namespace {
 
 constexpr int max_divisions = 4;   // of a step that fails: down to 1/16
 
+/// The numbers that the state carries from step to step, in the order of State::visit.
+std::vector<double> carried(State &s)
+{
+  std::vector<double> numbers;
+  s.visit([&](const char *, Life life, auto &value) {
+    if constexpr (!IsStream<std::decay_t<decltype(value)>>::value)
+      if (life == Life::run) numbers.push_back(static_cast<double>(value));
+  });
+  return numbers;
+}
+
+void put_back(State &s, const std::vector<double> &numbers) noexcept
+{
+  std::size_t next = 0;
+  s.visit([&](const char *, Life life, auto &value) {
+    using T = std::decay_t<decltype(value)>;
+    if constexpr (!IsStream<T>::value)
+      if (life == Life::run) value = static_cast<T>(numbers[next++]);
+  });
+}
+
 /// What a step that threw comes back to.
 struct Start {
-  explicit Start(const State &s) : position(s.position.buffer()), time(s.time), history(s.history), report(s.report) {}
+  explicit Start(State &s) : position(s.mesh.position.buffer()), numbers(carried(s)), report(s.report) {}
   Buffer position;
-  double time;
-  bool history;
+  std::vector<double> numbers;
   StepReport report;
 };
 
-/// Back to the start of a step that threw: positions, velocities, time and report as they were, no contacts, no
-/// candidates.
+/// Back to the start of a step that threw: positions, velocities, what is carried and the report as they were, no
+/// contacts, no candidates.
 void undo_step(State &s, const Start &start) noexcept
 {
-  if (s.position.buffer() != start.position) {   // the step had been taken
-    if (s.position_before.backend()) {
-      s.position_next.swap(s.position_before);
-      s.velocity_next.swap(s.velocity_before);
+  MeshState &mesh = s.mesh;
+  if (mesh.position.buffer() != start.position) {   // the step had been taken
+    if (mesh.position_before.backend()) {
+      mesh.position_next.swap(mesh.position_before);
+      mesh.velocity_next.swap(mesh.velocity_before);
     }
-    s.position.swap(s.position_next);
-    s.velocity.swap(s.velocity_next);
+    mesh.position.swap(mesh.position_next);
+    mesh.velocity.swap(mesh.velocity_next);
   }
   s.exemptions.restore();
-  s.forget_contacts();
-  s.time = start.time;
-  s.history = start.history;
+  s.contact.forget();
+  put_back(s, start.numbers);
   s.report = start.report;
-}
-
-/// Adds what a piece of a step did to what those before it did; what is of a moment stays that of the last piece.
-void add_piece(StepReport &sum, const StepReport &piece)
-{
-  StepReport r = piece;
-  r.retries = sum.retries;
-  r.searches += sum.searches;
-  r.impacts += sum.impacts;
-  r.impact_passes += sum.impact_passes;
-  r.truncated += sum.truncated;
-  r.lost_motion += sum.lost_motion;
-  r.released += sum.released;
-  r.substeps += sum.substeps;
-  r.iterations += sum.iterations;
-  r.newton_iterations += sum.newton_iterations;
-  r.newton_residual = std::max(r.newton_residual, sum.newton_residual);
-  sum = r;
 }
 
 void run_pipeline(State &s, Pipeline &step, int number)
 {
-  if (s.options.integrator == Integrator::backward_euler) s.set_implicit_step(s.time_step);  // else extrapolation does
+  if (s.options.integrator == Integrator::backward_euler) {   // else extrapolation does
+    s.time.implicit_step = s.time.step;
+    s.system.scale_materials(s.time.step, s.elements.damping);
+  }
   s.exemptions.begin_step();
   s.report = StepReport{};
   s.report.step = number;
@@ -70,13 +75,13 @@ void run_pipeline(State &s, Pipeline &step, int number)
 class DividedStep {
 public:
   DividedStep(State &state, Pipeline &step)
-      : state_(state), step_(step), whole_(state.time_step), start_(state.time), exempt_(state.exemptions.kept()),
+      : state_(state), step_(step), whole_(state.time.step), start_(state.time.now), exempt_(state.exemptions.kept()),
         position_(*state.backend), velocity_(*state.backend)
   {
-    position_.copy_from(state.position);
-    velocity_.copy_from(state.velocity);
+    position_.copy_from(state.mesh.position);
+    velocity_.copy_from(state.mesh.velocity);
   }
-  ~DividedStep() { state_.time_step = whole_; }
+  ~DividedStep() { state_.time.step = whole_; }
   double whole() const { return whole_; }
 
   void run(int number, const std::string &problem)
@@ -85,18 +90,18 @@ public:
     sum_.retries = 1;
     advance(1, 0, number, problem);
     advance(1, 1, number, problem);
-    state_.history = false;
+    state_.time.history = false;
     state_.report = sum_;
   }
   void undo() noexcept
   {
     try {
-      state_.position.copy_from(position_);
-      state_.velocity.copy_from(velocity_);
+      state_.mesh.position.copy_from(position_);
+      state_.mesh.velocity.copy_from(velocity_);
     } catch (const Error &) {  // a device that is lost
     }
     state_.exemptions.keep(exempt_);
-    state_.history = false;
+    state_.time.history = false;
   }
 
 private:
@@ -104,13 +109,13 @@ private:
   void advance(int division, int index, int number, const std::string &problem)
   {
     const double step = whole_ / (1 << division);
-    state_.time = start_ + index * step;
-    state_.time_step = step;
-    state_.history = false;
+    state_.time.now = start_ + index * step;
+    state_.time.step = step;
+    state_.time.history = false;
     const Start start(state_);
     try {
       run_pipeline(state_, step_, number);
-      return add_piece(sum_, state_.report);
+      return sum_.add(state_.report);
     } catch (const SolverError &) {
       undo_step(state_, start);
     }
@@ -148,18 +153,18 @@ void take_step(State &s, Pipeline &step, const std::function<void()> &finish)
     if (!problem.empty()) {
       divided.emplace(s, step);
       divided->run(number, problem);
-      s.time_step = divided->whole();
+      s.time.step = divided->whole();
     }
-    s.time = s.start_time + (number - s.start_step) * s.time_step;
-    s.report.time = s.time;
+    s.time.now = s.time.start + (number - s.time.start_step) * s.time.step;
+    s.report.time = s.time.now;
     finish();
   } catch (...) {
     if (divided) {
       divided->undo();
-      start.position = s.position.buffer();
-      start.history = false;
+      start.position = s.mesh.position.buffer();
     }
     undo_step(s, start);
+    if (divided) s.time.history = false;
     throw;
   }
 }

@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <cmath>
 
+#include "scene/constants.hpp"
 #include "scene/shapes/quaternion.hpp"
 
 namespace cama {
@@ -65,7 +66,7 @@ RigidTransform Motion::at(double time) const
   const double elapsed = std::clamp(time, start, std::max(start, stop)) - start;
   if (zero(velocity) && zero(rotation_rate) && zero(oscillation)) return key;
 
-  const double phase = 2 * 3.14159265358979323846 * elapsed / period, rate = kernels::dnorm(rotation_rate);
+  const double phase = 2 * pi * elapsed / period, rate = kernels::dnorm(rotation_rate);
   RigidTransform steady;
   steady.center = center;
   steady.translation = kernels::daxpy(kernels::dscale(elapsed, velocity), std::sin(phase), oscillation);

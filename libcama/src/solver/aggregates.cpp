@@ -100,13 +100,14 @@ void Aggregates::arrange(Backend &b, std::vector<Stream<int>> &parents, const st
   CAMA_LAUNCH(b, invert_order, rows.size, rows.order, rows.place);
 }
 
-template <class Real> void Aggregates::build(State &state, const Stream<typename Types<Real>::mat3> &diagonal)
+template <class Real>
+void Aggregates::build(const SolverRooms &state, const Stream<typename Types<Real>::mat3> &diagonal)
 {
   Backend &b = *state.backend;
-  System<Real> &s = state.system<Real>();
+  System<Real> &s = state.system.template of<Real>();
   rows.number(state);
   if (rows.size == 0) return level_.clear();
-  const int vertices = state.cloth_vertices, blocks = s.matrix.column.size();
+  const int vertices = state.mesh.cloth_vertices, blocks = s.matrix.column.size();
   const int terms = terms_beside(state), entries = blocks + TERM_ENTRIES * terms;
   strength_.resize(vertices);
   key_.resize(entries);
@@ -138,7 +139,7 @@ template <class Real> void Aggregates::build(State &state, const Stream<typename
   for (Stream<float> *s : {&strength_, &weight_}) *s = Stream<float>(b);
 }
 
-bool Aggregates::adopt(State &state, const Matching &m)
+bool Aggregates::adopt(const SolverRooms &state, const Matching &m)
 {
   if (m.levels.size() > static_cast<std::size_t>(max_levels)) return false;
   Backend &b = *state.backend;
@@ -159,7 +160,7 @@ bool Aggregates::adopt(State &state, const Matching &m)
   return true;
 }
 
-template void Aggregates::build<double>(State &, const Stream<kernels::f64::mat3> &);
-template void Aggregates::build<float>(State &, const Stream<kernels::f32::mat3> &);
+template void Aggregates::build<double>(const SolverRooms &, const Stream<kernels::f64::mat3> &);
+template void Aggregates::build<float>(const SolverRooms &, const Stream<kernels::f32::mat3> &);
 
 }  // namespace cama

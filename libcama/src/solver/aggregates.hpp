@@ -14,10 +14,10 @@ public:
   explicit Aggregates(Backend &backend);
 
   /// diagonal: of the matrix, terms included.
-  template <class Real> void build(State &state, const Stream<typename Types<Real>::mat3> &diagonal);
+  template <class Real> void build(const SolverRooms &state, const Stream<typename Types<Real>::mat3> &diagonal);
 
   /// What a checkpoint has; false if it is not of the free vertices there are, or has more levels than are made.
-  bool adopt(State &state, const Matching &matching);
+  bool adopt(const SolverRooms &state, const Matching &matching);
 
   int levels() const { return static_cast<int>(level_.size()); }
 

@@ -13,7 +13,7 @@ constexpr int max_refinements = 6;
 template <class S> constexpr double reachable = sizeof(S) == 8 ? 1e-28 : 4e-8;
 
 /// Numbers from column to column of a vector in columns, and the vec4 that hold its three.
-int column_length(int rows) { return parts(rows, SLICE_ROWS) * SLICE_ROWS; }
+int column_length(int rows) { return ceil_divide(rows, SLICE_ROWS) * SLICE_ROWS; }
 int in_columns(int rows) { return column_length(rows) / 4 * 3; }
 }  // namespace
 
@@ -25,19 +25,21 @@ ConjugateGradient<S>::ConjugateGradient(Backend &b, Preconditioner kind)
   if (kind == Preconditioner::schwarz) schwarz_ = std::make_unique<Schwarz<S>>(b);
 }
 
-template <class S> template <class Real> void ConjugateGradient<S>::start_from(State &state, const Matching &matching)
+template <class S>
+template <class Real>
+void ConjugateGradient<S>::start_from(const SolverRooms &state, const Matching &matching)
 {
   if (schwarz_) schwarz_->template adopt<Real>(state, matching);
 }
 
 template <class S>
 template <class Real>
-void ConjugateGradient<S>::prepare(State &state, Stream<typename Types<Real>::mat3> &diagonal)
+void ConjugateGradient<S>::prepare(const SolverRooms &state, Stream<typename Types<Real>::mat3> &diagonal)
 {
   Backend &b = *state.backend;
-  const BlockMatrix<Real> &matrix = state.system<Real>().matrix;
+  const BlockMatrix<Real> &matrix = state.system.template of<Real>().matrix;
   if (schwarz_ ? schwarz_->outdated(state)
-               : releases_ != state.releases || state.options.assembly != Assembly::gather) {
+               : releases_ != state.mesh.releases || state.options.paper.assembly != Assembly::gather) {
     releases_ = -1;   // stays so if anything below throws
     if (schwarz_) {
       schwarz_->template match<Real>(state, diagonal);
@@ -48,13 +50,13 @@ void ConjugateGradient<S>::prepare(State &state, Stream<typename Types<Real>::ma
   }
   if (releases_ < 0) {
     if (rows().size) matrix_.template make_pattern<Real>(state, rows(), matrix);
-    releases_ = state.releases;
+    releases_ = state.mesh.releases;
   }
   if (rows().size == 0) return;
   matrix_.template fill<Real>(state, rows(), matrix);
   if (schwarz_) return schwarz_->template factor<Real>(state, matrix_);
   inverse_.resize(block_rows() * in_columns(rows_.size));
-  CAMA_LAUNCH_REAL(Real, b, invert_diagonal, state.cloth_vertices, static_cast<int>(kind_), diagonal);
+  CAMA_LAUNCH_REAL(Real, b, invert_diagonal, state.mesh.cloth_vertices, static_cast<int>(kind_), diagonal);
   CAMA_LAUNCH_REAL(S, b, pack_diagonal, rows_.size, rows_.order, component_stride(), block_rows(),
                    sizeof(Real) == 8 ? 1 : 0, as<double, Real>(diagonal), as<float, Real>(diagonal),
                    components<S>(inverse_));
@@ -65,7 +67,7 @@ template <class S> int ConjugateGradient<S>::component_stride() const
   return schwarz_ ? 0 : column_length(rows_.size);
 }
 
-template <class S> void ConjugateGradient<S>::precondition(State &state)
+template <class S> void ConjugateGradient<S>::precondition(const SolverRooms &state)
 {
   Backend &b = *state.backend;
   if (schwarz_)
@@ -76,26 +78,26 @@ template <class S> void ConjugateGradient<S>::precondition(State &state)
                      components<S>(r_), z_);
 }
 
-template <class S> void ConjugateGradient<S>::advance(State &state, int from, int to)
+template <class S> void ConjugateGradient<S>::advance(const SolverRooms &state, int from, int to)
 {
   Backend &b = *state.backend;
-  const int n = rows().size, partials = parts(n, TEAM_ROWS), most = state.options.max_iterations;
+  const int n = rows().size, partials = ceil_divide(n, TEAM_ROWS), most = state.options.max_iterations;
   if (schwarz_)
     CAMA_LAUNCH_TEAMS(S, b, cg_advance_blocks, CG_TEAM, schwarz_->group_start().size() - 1, schwarz_->levels(), n,
                       schwarz_->fine_blocks(), schwarz_->group_start(), schwarz_->block_start(), partials, partial_,
                       most, from, to, scalar_, total_, w_, p_, s_, x_, r_);
   else
-    CAMA_LAUNCH_TEAMS(S, b, cg_advance, CG_TEAM, parts(n, CG_ROWS), n, component_stride(), block_rows(),
+    CAMA_LAUNCH_TEAMS(S, b, cg_advance, CG_TEAM, ceil_divide(n, CG_ROWS), n, component_stride(), block_rows(),
                       components<S>(inverse_), partials, partial_, most, from, to, scalar_, z_, components<S>(w_),
                       components<S>(p_), components<S>(s_), components<S>(x_), components<S>(r_));
 }
 
-template <class S> void ConjugateGradient<S>::multiply(State &state, int at)
+template <class S> void ConjugateGradient<S>::multiply(const SolverRooms &state, int at)
 {
   Backend &b = *state.backend;
   const int n = rows().size, terms = terms_beside(state);
   const auto combine = [&](int rows_here, int terms_here, int levels, const Stream<vec4> &z) {
-    const Stream<int> &none = state.term_incidence.row;
+    const Stream<int> &none = state.system.term_incidence.row;
     CAMA_LAUNCH_REAL(S, b, combine_levels, rows_here + terms_here, rows_here, levels, n,
                      levels > 1 ? schwarz_->fine_blocks() : 0, levels > 1 ? schwarz_->block_of_row() : none,
                      levels > 1 ? schwarz_->parents() : none, at, scalar_, z, matrix_.term_nodes, matrix_.term_value,
@@ -111,20 +113,20 @@ template <class S> void ConjugateGradient<S>::multiply(State &state, int at)
   } else {
     combine(0, terms, 1, z_);
   }
-  CAMA_LAUNCH_TEAMS(S, b, cg_multiply, CG_MULTIPLY_TEAM, parts(n, TEAM_ROWS), n, matrix_.start, matrix_.row,
-                    matrix_.column, matrix_.value, terms > 0 ? 1 : 0, rows().order, state.term_incidence.row,
-                    state.term_incidence.entry, matrix_.entry_weight, product_, at, scalar_, preconditioned(),
+  CAMA_LAUNCH_TEAMS(S, b, cg_multiply, CG_MULTIPLY_TEAM, ceil_divide(n, TEAM_ROWS), n, matrix_.start, matrix_.row,
+                    matrix_.column, matrix_.value, terms > 0 ? 1 : 0, rows().order, state.system.term_incidence.row,
+                    state.system.term_incidence.entry, matrix_.entry_weight, product_, at, scalar_, preconditioned(),
                     component_stride(), components<S>(r_), components<S>(w_), partial_);
 }
 
 template <class S>
 template <class Real>
 typename ConjugateGradient<S>::Result
-ConjugateGradient<S>::solve(State &state, const Stream<typename Types<Real>::vec3> *residual,
+ConjugateGradient<S>::solve(const SolverRooms &state, const Stream<typename Types<Real>::vec3> *residual,
                             Stream<typename Types<Real>::vec3> &q, const Product<Real> &product)
 {
   Backend &b = *state.backend;
-  System<Real> &s = state.system<Real>();
+  System<Real> &s = state.system.template of<Real>();
   const int n = rows().size, is_double = sizeof(Real) == 8, nodes = schwarz_ && n ? schwarz_->nodes() : n;
   Result result;
   if (n == 0) return result;
@@ -134,9 +136,9 @@ ConjugateGradient<S>::solve(State &state, const Stream<typename Types<Real>::vec
   z_.resize(nodes);
   if (schwarz_) total_.resize(n);
   product_.resize(terms_beside(state));
-  partial_.resize(2 * parts(n, TEAM_ROWS));
-  const double tolerance = state.options.tolerance, dt = state.time_step;
-  const int most = state.options.max_iterations, partials = parts(n, TEAM_ROWS),
+  partial_.resize(2 * ceil_divide(n, TEAM_ROWS));
+  const double tolerance = state.options.tolerance, dt = state.time.step;
+  const int most = state.options.max_iterations, partials = ceil_divide(n, TEAM_ROWS),
             block = b.wide_workers() ? 4 : 8;   // iterations enqueued at once
   const auto start_from = [&](int mode, int plain, const Stream<typename Types<Real>::vec3> &b1,
                               const Stream<typename Types<Real>::vec3> &q1) {
@@ -199,11 +201,11 @@ ConjugateGradient<S>::solve(State &state, const Stream<typename Types<Real>::vec
 
 template class ConjugateGradient<double>;
 template class ConjugateGradient<float>;
-#define CAMA_SOLVER(S, Real)                                                                        \
-  template void ConjugateGradient<S>::start_from<Real>(State &, const Matching &);                  \
-  template void ConjugateGradient<S>::prepare<Real>(State &, Stream<typename Types<Real>::mat3> &); \
-  template ConjugateGradient<S>::Result ConjugateGradient<S>::solve<Real>(                          \
-      State &, const Stream<typename Types<Real>::vec3> *, Stream<typename Types<Real>::vec3> &,    \
+#define CAMA_SOLVER(S, Real)                                                                                    \
+  template void ConjugateGradient<S>::start_from<Real>(const SolverRooms &, const Matching &);                  \
+  template void ConjugateGradient<S>::prepare<Real>(const SolverRooms &, Stream<typename Types<Real>::mat3> &); \
+  template ConjugateGradient<S>::Result ConjugateGradient<S>::solve<Real>(                                      \
+      const SolverRooms &, const Stream<typename Types<Real>::vec3> *, Stream<typename Types<Real>::vec3> &,    \
       const Product<Real> &);
 CAMA_SOLVER(double, double)
 CAMA_SOLVER(float, double)

@@ -19,12 +19,12 @@ public:
   ConjugateGradient(Backend &backend, Preconditioner kind);
 
   /// With Schwarz: the blocks of the last solve, or nothing where they are out of date.
-  Matching matching(State &state) const { return schwarz_ ? schwarz_->matching(state) : Matching{}; }
+  Matching matching(const SolverRooms &state) const { return schwarz_ ? schwarz_->matching(state) : Matching{}; }
   /// Takes over blocks, before the first solve. matching: empty, or checked.
-  template <class Real> void start_from(State &state, const Matching &matching);
+  template <class Real> void start_from(const SolverRooms &state, const Matching &matching);
 
   /// New values of the matrix. diagonal: of the matrix, terms included; is overwritten.
-  template <class Real> void prepare(State &state, Stream<typename Types<Real>::mat3> &diagonal);
+  template <class Real> void prepare(const SolverRooms &state, Stream<typename Types<Real>::mat3> &diagonal);
 
   /// start: r' P r at the start. broken: not positive definite, or not finite.
   struct Result {
@@ -35,8 +35,8 @@ public:
   /// Improves the solution until sqrt(r' P r) of the true residual has met the tolerance. residual: of the start, where
   /// it is known. multiply(x, q): q = A x; q: scratch.
   template <class Real>
-  Result solve(State &state, const Stream<typename Types<Real>::vec3> *residual, Stream<typename Types<Real>::vec3> &q,
-               const Product<Real> &multiply);
+  Result solve(const SolverRooms &state, const Stream<typename Types<Real>::vec3> *residual,
+               Stream<typename Types<Real>::vec3> &q, const Product<Real> &multiply);
 
 private:
   using vec4 = typename Types<S>::vec4;
@@ -47,10 +47,10 @@ private:
   /// Rows of a block of P.
   int block_rows() const { return kind_ == Preconditioner::block_jacobi ? 3 : 1; }
   /// z = P r where it was not made with r.
-  void precondition(State &state);
+  void precondition(const SolverRooms &state);
   /// z = P r with the coarse corrections, w = A z, r'z and z'w. at: place of the scalars.
-  void multiply(State &state, int at);
-  void advance(State &state, int from, int to);
+  void multiply(const SolverRooms &state, int at);
+  void advance(const SolverRooms &state, int from, int to);
 
   const Preconditioner kind_;
   std::unique_ptr<Schwarz<S>> schwarz_;  // of the Schwarz preconditioner

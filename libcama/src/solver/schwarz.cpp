@@ -73,27 +73,28 @@ template <class S> void Schwarz<S>::make_tables(Backend &b)
 
 template <class S>
 template <class Real>
-void Schwarz<S>::match(State &state, const Stream<typename Types<Real>::mat3> &diagonal)
+void Schwarz<S>::match(const SolverRooms &state, const Stream<typename Types<Real>::mat3> &diagonal)
 {
   terms_ = -1;   // stays so if anything below throws
   aggregates_.build<Real>(state, diagonal);
   make_levels<Real>(state);
-  terms_ = state.terms;
-  releases_ = state.releases;
+  terms_ = state.system.terms;
+  releases_ = state.mesh.releases;
   matched_ = state.report.step;   // by number: a step that fails and is taken again counts once
 }
 
-template <class S> template <class Real> void Schwarz<S>::make_levels(State &state)
+template <class S> template <class Real> void Schwarz<S>::make_levels(const SolverRooms &state)
 {
   level_.clear();
   if (rows().size == 0) return;
   Backend &b = *state.backend;
-  const BlockMatrix<Real> &matrix = state.system<Real>().matrix;
-  vertex_parent_.resize(state.cloth_vertices);
-  CAMA_LAUNCH(b, vertex_parents, state.cloth_vertices, rows().place, aggregates_.level(0).parent, vertex_parent_);
+  const BlockMatrix<Real> &matrix = state.system.template of<Real>().matrix;
+  vertex_parent_.resize(state.mesh.cloth_vertices);
+  CAMA_LAUNCH(b, vertex_parents, state.mesh.cloth_vertices, rows().place, aggregates_.level(0).parent, vertex_parent_);
   for (int l = 0; l < aggregates_.levels(); ++l) {
     level_.emplace_back(b);
-    if (l == 1) make_level(b, l, matrix.row, matrix.column, state.cloth_vertices, state.cloth_vertices, vertex_parent_);
+    if (l == 1)
+      make_level(b, l, matrix.row, matrix.column, state.mesh.cloth_vertices, state.mesh.cloth_vertices, vertex_parent_);
     if (l < 2) continue;
     const Level &below = level_[static_cast<std::size_t>(l - 1)];
     const int nodes = aggregates_.level(l - 1).nodes;
@@ -112,10 +113,10 @@ template <class S> void Schwarz<S>::note(int step, int iterations)
   if (step == matched_) first_ = last_.iterations;
 }
 
-template <class S> Matching Schwarz<S>::matching(const State &state) const
+template <class S> Matching Schwarz<S>::matching(const SolverRooms &state) const
 {
   Matching m;
-  if (terms_ < 0 || releases_ != state.releases || rows().size == 0) return m;
+  if (terms_ < 0 || releases_ != state.mesh.releases || rows().size == 0) return m;
   m.step = matched_;
   m.terms = terms_;
   m.first_iterations = first_;
@@ -126,40 +127,40 @@ template <class S> Matching Schwarz<S>::matching(const State &state) const
   return m;
 }
 
-template <class S> template <class Real> void Schwarz<S>::adopt(State &state, const Matching &m)
+template <class S> template <class Real> void Schwarz<S>::adopt(const SolverRooms &state, const Matching &m)
 {
   if (m.order.empty() || !aggregates_.adopt(state, m)) return;
   make_levels<Real>(state);
   terms_ = m.terms;
-  releases_ = state.releases;
+  releases_ = state.mesh.releases;
   matched_ = m.step;
   first_ = m.first_iterations;
   before_ = {m.step, 0};
   last_ = {state.report.step - 1, m.last_iterations};
 }
 
-template <class S> bool Schwarz<S>::outdated(const State &state) const
+template <class S> bool Schwarz<S>::outdated(const SolverRooms &state) const
 {
-  if (terms_ < 0 || releases_ != state.releases || state.options.assembly != Assembly::gather) return true;
+  if (terms_ < 0 || releases_ != state.mesh.releases || state.options.paper.assembly != Assembly::gather) return true;
   const int age = state.report.step - matched_;
   const Solve &solve =
       last_.step < state.report.step ? last_ : before_;   // a step that is taken again decides as it did
-  if (state.terms > 0 && (age >= max_steps || (age >= min_steps && solve.iterations > longer_solves * first_)))
+  if (state.system.terms > 0 && (age >= max_steps || (age >= min_steps && solve.iterations > longer_solves * first_)))
     return true;
-  return std::abs(state.terms - terms_) > changed_terms * (state.terms + terms_) + 64;
+  return std::abs(state.system.terms - terms_) > changed_terms * (state.system.terms + terms_) + 64;
 }
 
 /// The terms' part of the coarse diagonals: each level sums what rows add, child by child.
-template <class S> void Schwarz<S>::weigh_terms(State &state, const SlicedMatrix<S> &matrix)
+template <class S> void Schwarz<S>::weigh_terms(const SolverRooms &state, const SlicedMatrix<S> &matrix)
 {
   Backend &b = *state.backend;
   const bool is_double = sizeof(S) == 8;
   for (int l = 1; l < aggregates_.levels(); ++l) {
     Level &level = level_[static_cast<std::size_t>(l)];
     sum_.resize(6 * rows().size);
-    CAMA_LAUNCH(b, term_diagonals, rows().size, rows().order, state.term_incidence.row, state.term_incidence.entry,
-                matrix.term_nodes, level.ancestor, is_double ? 1 : 0, as<double, S>(matrix.term_value),
-                as<float, S>(matrix.term_value), sum_);
+    CAMA_LAUNCH(b, term_diagonals, rows().size, rows().order, state.system.term_incidence.row,
+                state.system.term_incidence.entry, matrix.term_nodes, level.ancestor, is_double ? 1 : 0,
+                as<double, S>(matrix.term_value), as<float, S>(matrix.term_value), sum_);
     for (int k = 0; k < l; ++k) {
       Stream<double> &to = k == l - 1 ? level.diagonal : other_sum_;
       to.resize(6 * aggregates_.level(k).blocks);
@@ -169,18 +170,20 @@ template <class S> void Schwarz<S>::weigh_terms(State &state, const SlicedMatrix
   }
 }
 
-template <class S> template <class Real> void Schwarz<S>::factor(State &state, const SlicedMatrix<S> &matrix)
+template <class S>
+template <class Real>
+void Schwarz<S>::factor(const SolverRooms &state, const SlicedMatrix<S> &matrix)
 {
   Backend &b = *state.backend;
-  System<Real> &s = state.system<Real>();
+  System<Real> &s = state.system.template of<Real>();
   const int is_double = sizeof(Real) == 8, terms = terms_beside(state) > 0;
   const auto &fine = aggregates_.level(0);
   if (terms) weigh_terms(state, matrix);
   factor_.resize(FACTOR_WORDS * blocks_);
   weight_.resize(BLOCK_SIZE * blocks_);
   CAMA_LAUNCH_TEAMS(S, b, factor_fine_blocks, BLOCK_TEAM, fine.blocks, fine.start, matrix.start, matrix.place,
-                    matrix.column, matrix.value, terms, rows().order, state.term_incidence.row,
-                    state.term_incidence.entry, matrix.term_nodes, matrix.term_value, factor_, weight_);
+                    matrix.column, matrix.value, terms, rows().order, state.system.term_incidence.row,
+                    state.system.term_incidence.entry, matrix.term_nodes, matrix.term_value, factor_, weight_);
   for (int l = 1, at = fine.blocks; l < aggregates_.levels(); ++l) {
     Level &level = level_[static_cast<std::size_t>(l)];
     const int blocks = aggregates_.level(l).blocks;
@@ -198,10 +201,10 @@ template <class S> template <class Real> void Schwarz<S>::factor(State &state, c
 
 template class Schwarz<double>;
 template class Schwarz<float>;
-#define CAMA_SCHWARZ(S, Real)                                                                 \
-  template void Schwarz<S>::match<Real>(State &, const Stream<typename Types<Real>::mat3> &); \
-  template void Schwarz<S>::adopt<Real>(State &, const Matching &);                           \
-  template void Schwarz<S>::factor<Real>(State &, const SlicedMatrix<S> &);
+#define CAMA_SCHWARZ(S, Real)                                                                             \
+  template void Schwarz<S>::match<Real>(const SolverRooms &, const Stream<typename Types<Real>::mat3> &); \
+  template void Schwarz<S>::adopt<Real>(const SolverRooms &, const Matching &);                           \
+  template void Schwarz<S>::factor<Real>(const SolverRooms &, const SlicedMatrix<S> &);
 CAMA_SCHWARZ(double, double)
 CAMA_SCHWARZ(double, float)
 CAMA_SCHWARZ(float, double)

@@ -13,15 +13,15 @@ public:
 
   /// Whether contacts or pins have changed so much, or solves have become so long, that vertices are to be matched
   /// anew.
-  bool outdated(const State &state) const;
+  bool outdated(const SolverRooms &state) const;
   /// New blocks; rows() in a new order. diagonal: of the matrix, terms included.
-  template <class Real> void match(State &state, const Stream<typename Types<Real>::mat3> &diagonal);
+  template <class Real> void match(const SolverRooms &state, const Stream<typename Types<Real>::mat3> &diagonal);
   /// The blocks, or nothing where they are out of date.
-  Matching matching(const State &state) const;
+  Matching matching(const SolverRooms &state) const;
   /// Blocks of a checkpoint; none if they are not of the rows there are.
-  template <class Real> void adopt(State &state, const Matching &matching);
+  template <class Real> void adopt(const SolverRooms &state, const Matching &matching);
   /// New values in the blocks. matrix: of the same rows.
-  template <class Real> void factor(State &state, const SlicedMatrix<S> &matrix);
+  template <class Real> void factor(const SolverRooms &state, const SlicedMatrix<S> &matrix);
 
   /// After every solve of a step.
   void note(int step, int iterations);
@@ -51,11 +51,11 @@ private:
   };
 
   /// Patterns and tables of the levels.
-  template <class Real> void make_levels(State &state);
+  template <class Real> void make_levels(const SolverRooms &state);
   void make_level(Backend &b, int l, const Stream<int> &row, const Stream<int> &column, int rows, int columns,
                   const Stream<int> &parent);
   void make_tables(Backend &b);
-  void weigh_terms(State &state, const SlicedMatrix<S> &matrix);
+  void weigh_terms(const SolverRooms &state, const SlicedMatrix<S> &matrix);
 
   Aggregates aggregates_;
   struct Solve {

@@ -10,13 +10,13 @@ int key_bits(int rows)
   return bits;
 }
 
-void RowOrder::number(State &state)
+void RowOrder::number(const SolverRooms &state)
 {
   Backend &b = *state.backend;
-  const int vertices = state.cloth_vertices;
+  const int vertices = state.mesh.cloth_vertices;
   Stream<int> flag(b, vertices), at(b, vertices + 1);
   place.resize(vertices);
-  CAMA_LAUNCH(b, free_flags, vertices, state.fixed, flag);
+  CAMA_LAUNCH(b, free_flags, vertices, state.mesh.fixed, flag);
   b.scan(flag.buffer(), at.buffer(), vertices);
   size = at.at(vertices);
   order.resize(size);
@@ -33,10 +33,10 @@ void RowOrder::sort_by_length(Backend &b, const Stream<int> &row)
 
 template <class S>
 template <class Real>
-void SlicedMatrix<S>::make_pattern(State &state, const RowOrder &rows, const BlockMatrix<Real> &matrix)
+void SlicedMatrix<S>::make_pattern(const SolverRooms &state, const RowOrder &rows, const BlockMatrix<Real> &matrix)
 {
   Backend &b = *state.backend;
-  const int slices = parts(rows.size, SLICE_ROWS);
+  const int slices = ceil_divide(rows.size, SLICE_ROWS);
   Stream<key64> key(b, rows.size);
   row.resize(rows.size);
   place.resize(rows.size);
@@ -45,7 +45,7 @@ void SlicedMatrix<S>::make_pattern(State &state, const RowOrder &rows, const Blo
   CAMA_LAUNCH(b, invert_order, rows.size, row, place);
   width_.resize(slices);
   start.resize(slices + 1);
-  CAMA_LAUNCH(b, slice_widths, slices, rows.size, row, rows.order, matrix.row, matrix.column, state.cloth_vertices,
+  CAMA_LAUNCH(b, slice_widths, slices, rows.size, row, rows.order, matrix.row, matrix.column, state.mesh.cloth_vertices,
               rows.place, width_);
   b.scan(width_.buffer(), start.buffer(), slices);
   const long long entries = static_cast<long long>(SLICE_ROWS) * start.at(slices);
@@ -53,12 +53,12 @@ void SlicedMatrix<S>::make_pattern(State &state, const RowOrder &rows, const Blo
   source_.resize(entries);
   value.resize(9 * entries);
   CAMA_LAUNCH(b, fill_slices, SLICE_ROWS * slices, rows.size, row, rows.order, matrix.row, matrix.column,
-              state.cloth_vertices, rows.place, start, column, source_);
+              state.mesh.cloth_vertices, rows.place, start, column, source_);
 }
 
 template <class S>
 template <class Real>
-void SlicedMatrix<S>::fill(State &state, const RowOrder &rows, const BlockMatrix<Real> &matrix)
+void SlicedMatrix<S>::fill(const SolverRooms &state, const RowOrder &rows, const BlockMatrix<Real> &matrix)
 {
   Backend &b = *state.backend;
   CAMA_LAUNCH_REAL(S, b, fill_slice_values, source_.size(), source_, sizeof(Real) == 8 ? 1 : 0,
@@ -67,17 +67,18 @@ void SlicedMatrix<S>::fill(State &state, const RowOrder &rows, const BlockMatrix
   if (terms == 0) return;
   term_nodes.resize(terms);
   term_value.resize(9ll * terms);
-  entry_weight.resize(state.term_incidence.entry.size());
-  CAMA_LAUNCH_REAL(Real, b, pack_terms, terms, state.system<Real>().term, state.cloth_vertices, rows.place,
-                   sizeof(S) == 8 ? 1 : 0, term_nodes, as<double, S>(term_value), as<float, S>(term_value));
-  CAMA_LAUNCH_REAL(S, b, pack_weights, entry_weight.size(), state.term_incidence.entry, term_value, entry_weight);
+  entry_weight.resize(state.system.term_incidence.entry.size());
+  CAMA_LAUNCH_REAL(Real, b, pack_terms, terms, state.system.template of<Real>().term, state.mesh.cloth_vertices,
+                   rows.place, sizeof(S) == 8 ? 1 : 0, term_nodes, as<double, S>(term_value), as<float, S>(term_value));
+  CAMA_LAUNCH_REAL(S, b, pack_weights, entry_weight.size(), state.system.term_incidence.entry, term_value,
+                   entry_weight);
 }
 
 template class SlicedMatrix<double>;
 template class SlicedMatrix<float>;
-#define CAMA_SLICED(S, Real)                                                                               \
-  template void SlicedMatrix<S>::make_pattern<Real>(State &, const RowOrder &, const BlockMatrix<Real> &); \
-  template void SlicedMatrix<S>::fill<Real>(State &, const RowOrder &, const BlockMatrix<Real> &);
+#define CAMA_SLICED(S, Real)                                                                                           \
+  template void SlicedMatrix<S>::make_pattern<Real>(const SolverRooms &, const RowOrder &, const BlockMatrix<Real> &); \
+  template void SlicedMatrix<S>::fill<Real>(const SolverRooms &, const RowOrder &, const BlockMatrix<Real> &);
 CAMA_SLICED(double, double)
 CAMA_SLICED(double, float)
 CAMA_SLICED(float, double)

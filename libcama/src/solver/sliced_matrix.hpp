@@ -2,15 +2,20 @@
 #pragma once
 #include <type_traits>
 
+#include "device/ceil_divide.hpp"
 #include "device/launch.hpp"
-#include "model/state.hpp"
+#include "model/access.hpp"
 
 namespace cama {
 
-inline int parts(int n, int size) { return (n + size - 1) / size; }
+/// What the solvers of the linear system see of a state.
+using SolverRooms = Access<const Options, const StepReport, const Clock, const MeshState, SystemState>;
 
 /// Terms that act beside the matrix; other ways of assembly put them in, in a new pattern every step.
-inline int terms_beside(const State &state) { return state.options.assembly == Assembly::gather ? state.terms : 0; }
+inline int terms_beside(const SolverRooms &state)
+{
+  return state.options.paper.assembly == Assembly::gather ? state.system.terms : 0;
+}
 
 /// A stream of the precision of the forces as the two pointers of which kernels use one.
 template <class Number, class Real, class T> Components<Number> as(const Stream<T> &stream)
@@ -28,7 +33,7 @@ int key_bits(int rows);
 struct RowOrder {
   explicit RowOrder(Backend &b) : order(b), place(b) {}
   /// Free vertices by number.
-  void number(State &state);
+  void number(const SolverRooms &state);
   /// Rows of uniform length beside each other, within windows: slices are then full. row: of the matrix.
   void sort_by_length(Backend &backend, const Stream<int> &row);
 
@@ -45,8 +50,9 @@ public:
       : start(b), row(b), place(b), column(b), value(b), term_nodes(b), term_value(b), entry_weight(b), width_(b),
         source_(b)
   {}
-  template <class Real> void make_pattern(State &state, const RowOrder &rows, const BlockMatrix<Real> &matrix);
-  template <class Real> void fill(State &state, const RowOrder &rows, const BlockMatrix<Real> &matrix);
+  template <class Real>
+  void make_pattern(const SolverRooms &state, const RowOrder &rows, const BlockMatrix<Real> &matrix);
+  template <class Real> void fill(const SolverRooms &state, const RowOrder &rows, const BlockMatrix<Real> &matrix);
 
   Stream<int> start;  // [slices + 1] first entry of a lane
   Stream<int> row, place;  // [rows] row of each place in the slices, place of each row

@@ -6,14 +6,14 @@
 namespace cama {
 
 /// Candidate pairs that are closer than their thickness, or will be, become contacts (discrete detection, Figure 7).
-class FindContacts final : public Stage {
+class FindContacts final : public StageOn<const Options, StepReport, const MeshState, const BoundsState, ContactState> {
 public:
   FindContacts(Backend &backend, FlaggedPairs &flagged)
       : flagged_(flagged), nearest_(backend), swept_vertices_(backend), rounding_margin_(backend, 1)
   {}
   std::string_view name() const override { return "contacts"; }
   std::string reason() const override { return "contact"; }
-  void run(State &state) override;
+  void run_on(const Rooms &state) override;
 
 private:
   FlaggedPairs &flagged_;

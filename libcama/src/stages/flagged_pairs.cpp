@@ -5,7 +5,7 @@
 
 namespace cama {
 
-int FlaggedPairs::compact(State &state, int flagged)
+int FlaggedPairs::compact(const Access<const ContactState> &state, int flagged)
 {
   Backend &b = *state.backend;
   const int n = flag.size();
@@ -17,8 +17,8 @@ int FlaggedPairs::compact(State &state, int flagged)
   index.resize(flagged);
   key_.resize(flagged);
   if (flagged == 0) return 0;
-  CAMA_LAUNCH(b, flagged_pairs, n, state.vertex_face.pairs.size(), state.vertex_face.pairs, state.edge_edge.pairs,
-              place_, key_, index);
+  CAMA_LAUNCH(b, flagged_pairs, n, state.contact.vertex_face.pairs.size(), state.contact.vertex_face.pairs,
+              state.contact.edge_edge.pairs, place_, key_, index);
   b.sort(key_.buffer(), index.buffer(), flagged, 63);
   return flagged;
 }

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
-#include "model/state.hpp"
+#include "model/access.hpp"
 
 namespace cama {
 
@@ -10,15 +10,15 @@ class FlaggedPairs {
 public:
   explicit FlaggedPairs(Backend &backend) : flag(backend), index(backend), place_(backend), key_(backend) {}
   /// Makes room for a flag of every candidate.
-  void resize(const State &state)
+  void resize(const Access<const ContactState> &state)
   {
-    flag.resize(static_cast<long long>(state.vertex_face.pairs.size()) + state.edge_edge.pairs.size());
+    flag.resize(static_cast<long long>(state.contact.vertex_face.pairs.size()) + state.contact.edge_edge.pairs.size());
   }
   /// Teams of kernels that take TEAM_PAIRS candidates each.
   int pair_teams() const { return (flag.size() + TEAM_PAIRS - 1) / TEAM_PAIRS; }
   /// After the flags are written: fills `index` and returns how many there are. `flagged`: how many, where that is
   /// known; else it waits.
-  int compact(State &state, int flagged = -1);
+  int compact(const Access<const ContactState> &state, int flagged = -1);
 
   Stream<int> flag;    // [candidates] of vertex_face, then of edge_edge; between its uses, anyone's
   Stream<int> index;   // [flagged] places in `flag`, by (kind, a, b)

@@ -9,14 +9,16 @@ namespace cama {
 /// feature pairs whose owners are adjacent. Gives the pairs that TreeSearch gives, in another order.
 class FrontSearch final : public CandidateSearch {
 public:
-  explicit FrontSearch(State &state);
-  void run(State &state, const Stream<dvec3> &from, const Stream<dvec3> &to) override;
+  explicit FrontSearch(const SearchRooms &state);
+  void run(const SearchRooms &state, const Stream<dvec3> &from, const Stream<dvec3> &to) override;
   /// With the option `localized_search` and few vertices out of their boxes, only pairs near those are looked for:
   /// earlier pairs stay as they are, with `direction` and `gap_bound`, new ones are appended.
-  Change update(State &state, const Stream<dvec3> &from, const Stream<dvec3> &to, double margin) override;
+  Change update(const SearchRooms &state, const Stream<dvec3> &from, const Stream<dvec3> &to, double margin) override;
 
   int rebuilds() const { return rebuilds_; }     ///< of trees and fronts
   int localized() const { return localized_; }   ///< updates that were
+
+  FrontState &streams() { return fronts_; }   ///< for State::visit
 
 private:
   struct Tree {
@@ -25,18 +27,19 @@ private:
     Stream<kernels::box> &node;
     Stream<int> &dirty;
   };
-  void find_features(State &state);
-  void sort_leaves(State &state, Tree &tree);
+  void find_features(const SearchRooms &state);
+  void sort_leaves(const SearchRooms &state, Tree &tree);
   template <class Level> void for_each_level(const Tree &tree, Level &&level);
-  void refit(State &state, Tree &tree);
-  double surface(State &state, const Tree &tree);
-  int partition(State &state, int size, const Stream<kernels::pair> &pairs, const Tree &a, const Tree &b,
+  void refit(const SearchRooms &state, Tree &tree);
+  double surface(const SearchRooms &state, const Tree &tree);
+  int partition(const SearchRooms &state, int size, const Stream<kernels::pair> &pairs, const Tree &a, const Tree &b,
                 Stream<kernels::pair> *kept);
-  void traverse(State &state, const Tree &a, const Tree &b, int open, Stream<kernels::pair> *kept);
-  void update_front(State &state, const Tree &a, const Tree &b, Stream<kernels::pair> &front, bool restart);
-  void follow_dirty(State &state, const Tree &a, const Tree &b, const Stream<kernels::pair> &front);
-  void collect_features(State &state, bool only_new);
+  void traverse(const SearchRooms &state, const Tree &a, const Tree &b, int open, Stream<kernels::pair> *kept);
+  void update_front(const SearchRooms &state, const Tree &a, const Tree &b, Stream<kernels::pair> &front, bool restart);
+  void follow_dirty(const SearchRooms &state, const Tree &a, const Tree &b, const Stream<kernels::pair> &front);
+  void collect_features(const SearchRooms &state, bool only_new);
 
+  FrontState fronts_;
   Tree cloth_, obstacles_;
   Stream<key64> key_;
   Stream<double> partial_, total_;

@@ -6,13 +6,14 @@
 
 #include <Eigen/SparseCholesky>
 
+#include "device/ceil_divide.hpp"
 #include "device/launch.hpp"
 
 namespace cama {
 namespace {
 // A dot product in three levels: sums over chunks, sums of those, the rest by one work item.
-int first_parts(int n) { return (n + VECTOR_CHUNK - 1) / VECTOR_CHUNK; }
-int second_parts(int n) { return (first_parts(n) + PARTIAL_CHUNK - 1) / PARTIAL_CHUNK; }
+int first_parts(int n) { return ceil_divide(n, VECTOR_CHUNK); }
+int second_parts(int n) { return ceil_divide(first_parts(n), PARTIAL_CHUNK); }
 }  // namespace
 
 template <class Real>
@@ -20,59 +21,60 @@ LinearSolve<Real>::LinearSolve(Backend &b)
     : diagonal_(b), r_(b), p_(b), q_(b), product_(b), partial_(b), reduced_(b), sum_(b), scalar_(b, SCALAR_COUNT)
 {}
 
-template <class Real> void LinearSolve<Real>::multiply(State &state, const Stream<vec3> &x, Stream<vec3> &q)
+template <class Real> void LinearSolve<Real>::multiply(const Rooms &state, const Stream<vec3> &x, Stream<vec3> &q)
 {
   Backend &b = *state.backend;
-  System<Real> &s = state.system<Real>();
+  System<Real> &s = state.system.template of<Real>();
   // In single, what rounding leaves of stiffness times a motion that all share would be a force.
-  const bool differences = sizeof(Real) == 4 && state.options.assembly == Assembly::gather;
-  CAMA_LAUNCH_REAL(Real, b, bcsr_multiply, state.cloth_vertices, s.matrix.row, s.matrix.column, s.matrix.block,
-                   state.fixed, differences ? s.mass : no_mass_, x, q);
+  const bool differences = sizeof(Real) == 4 && state.options.paper.assembly == Assembly::gather;
+  CAMA_LAUNCH_REAL(Real, b, bcsr_multiply, state.mesh.cloth_vertices, s.matrix.row, s.matrix.column, s.matrix.block,
+                   state.mesh.fixed, differences ? s.mass : no_mass_, x, q);
   if (!terms_as_operator(state)) return;
-  product_.resize(state.terms);
-  CAMA_LAUNCH_REAL(Real, b, term_products, state.terms, s.term, x, product_);
-  CAMA_LAUNCH_REAL(Real, b, add_term_products, state.cloth_vertices, state.term_incidence.row,
-                   state.term_incidence.entry, s.term, product_, state.fixed, q);
+  product_.resize(state.system.terms);
+  CAMA_LAUNCH_REAL(Real, b, term_products, state.system.terms, s.term, x, product_);
+  CAMA_LAUNCH_REAL(Real, b, add_term_products, state.mesh.cloth_vertices, state.system.term_incidence.row,
+                   state.system.term_incidence.entry, s.term, product_, state.mesh.fixed, q);
 }
 
-template <class Real> void LinearSolve<Real>::extract_diagonal(State &state)
+template <class Real> void LinearSolve<Real>::extract_diagonal(const Rooms &state)
 {
   Backend &b = *state.backend;
-  System<Real> &s = state.system<Real>();
-  diagonal_.resize(state.cloth_vertices);
-  CAMA_LAUNCH_REAL(Real, b, extract_diagonal, state.cloth_vertices, s.matrix.row, s.matrix.column, s.matrix.block,
+  System<Real> &s = state.system.template of<Real>();
+  diagonal_.resize(state.mesh.cloth_vertices);
+  CAMA_LAUNCH_REAL(Real, b, extract_diagonal, state.mesh.cloth_vertices, s.matrix.row, s.matrix.column, s.matrix.block,
                    diagonal_);
   if (terms_as_operator(state))
-    CAMA_LAUNCH_REAL(Real, b, add_term_diagonal, state.cloth_vertices, state.term_incidence.row,
-                     state.term_incidence.entry, s.term, diagonal_);
+    CAMA_LAUNCH_REAL(Real, b, add_term_diagonal, state.mesh.cloth_vertices, state.system.term_incidence.row,
+                     state.system.term_incidence.entry, s.term, diagonal_);
 }
 
-template <class Real> void LinearSolve<Real>::dot(State &state, const Stream<vec3> &a, const Stream<vec3> &b)
+template <class Real> void LinearSolve<Real>::dot(const Rooms &state, const Stream<vec3> &a, const Stream<vec3> &b)
 {
-  const int n = state.cloth_vertices;
+  const int n = state.mesh.cloth_vertices;
   partial_.resize(first_parts(n));
   reduced_.resize(second_parts(n));
   CAMA_LAUNCH_REAL(Real, *state.backend, dot_chunks, first_parts(n), n, a, b, partial_);
   CAMA_LAUNCH(*state.backend, reduce_partials, second_parts(n), first_parts(n), partial_, reduced_);
 }
 
-template <class Real> void LinearSolve<Real>::move_uniformly(State &state, bool falling)
+template <class Real> void LinearSolve<Real>::move_uniformly(const Rooms &state, bool falling)
 {
   Backend &b = *state.backend;
-  System<Real> &s = state.system<Real>();
-  const int rows = state.cloth_vertices, teams = (rows + SUM_ROWS - 1) / SUM_ROWS, parts = second_parts(rows);
+  System<Real> &s = state.system.template of<Real>();
+  const int rows = state.mesh.cloth_vertices, teams = ceil_divide(rows, SUM_ROWS), parts = second_parts(rows);
   r_.resize(rows);
-  p_.resize(state.vertices);
+  p_.resize(state.mesh.vertices);
   sum_.resize(3 * teams);
   if (falling) multiply(state, s.solution, q_);   // else the solve has left it there
-  CAMA_LAUNCH_REAL(Real, b, subtract_product, rows, state.fixed, s.right_side, q_, r_);
+  CAMA_LAUNCH_REAL(Real, b, subtract_product, rows, state.mesh.fixed, s.right_side, q_, r_);
   if (falling) {
-    CAMA_LAUNCH_REAL(Real, b, uniform_direction, state.vertices, rows, state.time_step,
-                     components<double>(state.gravity), state.fixed, p_);
+    CAMA_LAUNCH_REAL(Real, b, uniform_direction, state.mesh.vertices, rows, state.time.step,
+                     components<double>(state.elements.gravity), state.mesh.fixed, p_);
   } else {
     CAMA_LAUNCH_TEAMS(Real, b, sum_vectors, SUM_ROWS, teams, rows, r_, sum_);
     CAMA_LAUNCH_TEAMS(Real, b, sum_sums, SUM_ROWS, 1, teams, sum_);
-    CAMA_LAUNCH_REAL(Real, b, uniform_direction, state.vertices, rows, 1.0, components<double>(sum_), state.fixed, p_);
+    CAMA_LAUNCH_REAL(Real, b, uniform_direction, state.mesh.vertices, rows, 1.0, components<double>(sum_),
+                     state.mesh.fixed, p_);
   }
   multiply(state, p_, q_);
   dot(state, r_, p_);
@@ -84,14 +86,14 @@ template <class Real> void LinearSolve<Real>::move_uniformly(State &state, bool 
 
 template <class Real>
 template <class S>
-bool LinearSolve<Real>::conjugate_gradient(State &state, std::unique_ptr<ConjugateGradient<S>> &solver,
+bool LinearSolve<Real>::conjugate_gradient(const Rooms &state, std::unique_ptr<ConjugateGradient<S>> &solver,
                                            Preconditioner preconditioner, bool uniform)
 {
   if (!solver) {
     solver = std::make_unique<ConjugateGradient<S>>(*state.backend, preconditioner);
     if (uniform) solver->template start_from<Real>(state, std::exchange(matching_, {}));
   }
-  q_.resize(state.cloth_vertices);
+  q_.resize(state.mesh.cloth_vertices);
   if (uniform) move_uniformly(state, true);
   extract_diagonal(state);
   solver->template prepare<Real>(state, diagonal_);
@@ -117,10 +119,10 @@ template <class Real> void LinearSolve<Real>::restore(State &, const Checkpoint 
   fallback_.reset();
 }
 
-template <class Real> void LinearSolve<Real>::iterative(State &state)
+template <class Real> void LinearSolve<Real>::iterative(const Rooms &state)
 {
   const Preconditioner wanted = state.options.preconditioner;
-  const bool single = sizeof(Real) == 4 || state.options.precision == "mixed",
+  const bool single = sizeof(Real) == 4 || state.options.precision == Precision::mixed,
              uniform = wanted == Preconditioner::schwarz;
   if (single ? conjugate_gradient(state, single_, wanted, uniform)
              : conjugate_gradient<Real>(state, own_, wanted, uniform))
@@ -137,13 +139,13 @@ template <class Real> void LinearSolve<Real>::iterative(State &state)
       " iterations (the matrix is not positive definite); check stiffness and density, or take a smaller time step");
 }
 
-template <class Real> void LinearSolve<Real>::direct(State &state)
+template <class Real> void LinearSolve<Real>::direct(const Rooms &state)
 {
-  System<Real> &s = state.system<Real>();
-  const int rows = state.cloth_vertices;
+  System<Real> &s = state.system.template of<Real>();
+  const int rows = state.mesh.cloth_vertices;
   const auto row = s.matrix.row.download(), column = s.matrix.column.download();
   const auto block = s.matrix.block.download();
-  const auto fixed = state.fixed.download();
+  const auto fixed = state.mesh.fixed.download();
   const auto right = s.right_side.download();
   auto x = s.solution.download();
   const auto component = [](const auto &v, int k) { return static_cast<double>(k == 0 ? v.x : k == 1 ? v.y : v.z); };
@@ -194,25 +196,26 @@ template <class Real> void LinearSolve<Real>::direct(State &state)
   state.report.residual = (matrix * v - rhs).norm() / std::max(rhs.norm(), 1e-300);
 }
 
-template <class Real> void LinearSolve<Real>::run(State &state)
+template <class Real> void LinearSolve<Real>::run_on(const Rooms &state)
 {
   Backend &b = *state.backend;
-  System<Real> &s = state.system<Real>();
-  s.right_side.resize(state.cloth_vertices);
-  s.solution.resize(state.vertices);
-  CAMA_LAUNCH_REAL(Real, b, start_solution, state.vertices, state.base_velocity(), state.velocity_next, state.fixed,
-                   s.solution);
-  CAMA_LAUNCH_REAL(Real, b, make_right_side, state.cloth_vertices, static_cast<Real>(state.implicit_step), s.mass,
-                   state.base_velocity(), state.velocity_next, state.fixed, s.force, s.right_side);
-  if (state.terms)
-    CAMA_LAUNCH_REAL(Real, b, add_term_forces, state.cloth_vertices, state.term_incidence.row,
-                     state.term_incidence.entry, s.term, s.right_side);
+  System<Real> &s = state.system.template of<Real>();
+  s.right_side.resize(state.mesh.cloth_vertices);
+  s.solution.resize(state.mesh.vertices);
+  CAMA_LAUNCH_REAL(Real, b, start_solution, state.mesh.vertices, state.mesh.base_velocity(state.time),
+                   state.mesh.velocity_next, state.mesh.fixed, s.solution);
+  CAMA_LAUNCH_REAL(Real, b, make_right_side, state.mesh.cloth_vertices, static_cast<Real>(state.time.implicit_step),
+                   s.mass, state.mesh.base_velocity(state.time), state.mesh.velocity_next, state.mesh.fixed, s.force,
+                   s.right_side);
+  if (state.system.terms)
+    CAMA_LAUNCH_REAL(Real, b, add_term_forces, state.mesh.cloth_vertices, state.system.term_incidence.row,
+                     state.system.term_incidence.entry, s.term, s.right_side);
   solve(state);
-  CAMA_LAUNCH_REAL(Real, b, store_velocity, state.cloth_vertices, state.fixed, s.solution, state.velocity_next);
-  if (planted_failure) planted_failure(state);
+  CAMA_LAUNCH_REAL(Real, b, store_velocity, state.mesh.cloth_vertices, state.mesh.fixed, s.solution,
+                   state.mesh.velocity_next);
 }
 
-template <class Real> void LinearSolve<Real>::solve(State &state)
+template <class Real> void LinearSolve<Real>::solve(const Rooms &state)
 {
   if (state.options.solver == LinearSolver::direct) {
     direct(state);

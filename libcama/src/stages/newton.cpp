@@ -27,7 +27,7 @@ NewtonIterations<Real>::NewtonIterations(const Scene &scene, Backend &b, Evaluat
 {}
 
 template <class Real>
-std::vector<double> NewtonIterations<Real>::sum(State &state, const std::vector<Stream<double> *> &streams)
+std::vector<double> NewtonIterations<Real>::sum(const Rooms &state, const std::vector<Stream<double> *> &streams)
 {
   Backend &b = *state.backend;
   Stream<double> *slot[4] = {&vertex_[0], &vertex_[0], &vertex_[0], &vertex_[0]};
@@ -50,53 +50,55 @@ std::vector<double> NewtonIterations<Real>::sum(State &state, const std::vector<
   return total_.download();
 }
 
-template <class Real> typename NewtonIterations<Real>::Norms NewtonIterations<Real>::evaluate(State &state)
+template <class Real> typename NewtonIterations<Real>::Norms NewtonIterations<Real>::evaluate(const Rooms &state)
 {
   Backend &b = *state.backend;
-  System<Real> &s = state.system<Real>();
-  const int rows = state.cloth_vertices;
-  const Real h = static_cast<Real>(state.implicit_step);
-  const Stream<dvec3> &x = state.position_next, &v = state.velocity_next;
+  System<Real> &s = state.system.template of<Real>();
+  const int rows = state.mesh.cloth_vertices;
+  const Real h = static_cast<Real>(state.time.implicit_step);
+  const Stream<dvec3> &x = state.mesh.position_next, &v = state.mesh.velocity_next;
   elements_.evaluate(state, x, false);
   if (elements_.windy() || damped_) {
-    outer_triangle_.resize(3 * state.triangles);
-    outer_hinge_.resize(4 * state.hinges);
+    outer_triangle_.resize(3 * state.mesh.triangles);
+    outer_hinge_.resize(4 * state.mesh.hinges);
     outer_.resize(rows);
     if (zero_gravity_.size() == 0) zero_gravity_.assign({dvec3{0, 0, 0}});
     outer_triangle_.fill_zero();
     outer_hinge_.fill_zero();
     if (elements_.windy()) elements_.add_wind(state, x, v, outer_triangle_);
     if (damped_) {
-      CAMA_LAUNCH_REAL(Real, b, damp_triangles, state.triangles, s.triangle_rest, s.triangle_factor, s.material_scale,
-                       h, v, outer_triangle_);
-      CAMA_LAUNCH_REAL(Real, b, damp_hinges, state.hinges, s.hinge_rest, s.hinge_factor, s.material_scale, h, v,
+      CAMA_LAUNCH_REAL(Real, b, damp_triangles, state.mesh.triangles, s.triangle_rest, s.triangle_factor,
+                       s.material_scale, h, v, outer_triangle_);
+      CAMA_LAUNCH_REAL(Real, b, damp_hinges, state.mesh.hinges, s.hinge_rest, s.hinge_factor, s.material_scale, h, v,
                        outer_hinge_);
     }
-    CAMA_LAUNCH_REAL(Real, b, gather_forces, rows, state.triangle_incidence.row, state.triangle_incidence.entry,
-                     outer_triangle_, state.hinge_incidence.row, state.hinge_incidence.entry, outer_hinge_,
-                     state.hinges, s.mass, zero_gravity_, outer_);
+    CAMA_LAUNCH_REAL(Real, b, gather_forces, rows, state.elements.triangle_incidence.row,
+                     state.elements.triangle_incidence.entry, outer_triangle_, state.elements.hinge_incidence.row,
+                     state.elements.hinge_incidence.entry, outer_hinge_, state.mesh.hinges, s.mass, zero_gravity_,
+                     outer_);
     CAMA_LAUNCH_REAL(Real, b, add_forces, rows, outer_, s.force);
   }
-  CAMA_LAUNCH_REAL(Real, b, newton_right_side, rows, h, s.mass, state.fixed, state.base_velocity(), v, s.force,
-                   s.right_side);
-  if (state.terms) {
+  CAMA_LAUNCH_REAL(Real, b, newton_right_side, rows, h, s.mass, state.mesh.fixed, state.mesh.base_velocity(state.time),
+                   v, s.force, s.right_side);
+  if (state.system.terms) {
     const int refresh = state.options.contact_refresh == ContactRefresh::iteration;
-    product_.resize(state.terms);
-    CAMA_LAUNCH_REAL(Real, b, update_contact_terms, state.contacts, refresh, state.contact, state.position, x,
-                     state.vertex_contact, h, s.term);
-    CAMA_LAUNCH_REAL(Real, b, make_stitch_terms, state.stitches, state.stitch, x, h, state.contacts, s.term);
-    CAMA_LAUNCH_REAL(Real, b, add_term_forces, rows, state.term_incidence.row, state.term_incidence.entry, s.term,
-                     s.right_side);
-    CAMA_LAUNCH_REAL(Real, b, friction_products, state.terms, state.contacts, s.term, v, product_);
-    CAMA_LAUNCH_REAL(Real, b, add_term_products, rows, state.term_incidence.row, state.term_incidence.entry, s.term,
-                     product_, state.fixed, s.right_side);
+    product_.resize(state.system.terms);
+    CAMA_LAUNCH_REAL(Real, b, update_contact_terms, state.contact.contacts, refresh, state.contact.contact,
+                     state.mesh.position, x, state.contact.vertex_contact, h, s.term);
+    CAMA_LAUNCH_REAL(Real, b, make_stitch_terms, state.elements.stitches, state.elements.stitch, x, h,
+                     state.contact.contacts, s.term);
+    CAMA_LAUNCH_REAL(Real, b, add_term_forces, rows, state.system.term_incidence.row, state.system.term_incidence.entry,
+                     s.term, s.right_side);
+    CAMA_LAUNCH_REAL(Real, b, friction_products, state.system.terms, state.contact.contacts, s.term, v, product_);
+    CAMA_LAUNCH_REAL(Real, b, add_term_products, rows, state.system.term_incidence.row,
+                     state.system.term_incidence.entry, s.term, product_, state.mesh.fixed, s.right_side);
   }
   for (Stream<double> &values : vertex_) values.resize(rows);
-  CAMA_LAUNCH_REAL(Real, b, newton_norms, rows, h, s.mass, state.fixed, state.gravity, s.right_side,
-                   state.triangle_incidence.row, state.triangle_incidence.entry, s.triangle_force,
-                   state.hinge_incidence.row, state.hinge_incidence.entry, s.hinge_force, state.hinges,
-                   state.terms > 0 ? 1 : 0, state.term_incidence.row, state.term_incidence.entry, s.term, vertex_[0],
-                   vertex_[1]);
+  CAMA_LAUNCH_REAL(Real, b, newton_norms, rows, h, s.mass, state.mesh.fixed, state.elements.gravity, s.right_side,
+                   state.elements.triangle_incidence.row, state.elements.triangle_incidence.entry, s.triangle_force,
+                   state.elements.hinge_incidence.row, state.elements.hinge_incidence.entry, s.hinge_force,
+                   state.mesh.hinges, state.system.terms > 0 ? 1 : 0, state.system.term_incidence.row,
+                   state.system.term_incidence.entry, s.term, vertex_[0], vertex_[1]);
   const std::vector<double> totals = sum(state, {&vertex_[0], &vertex_[1]});
   if (!std::isfinite(totals[0]) && !searching_)
     throw SolverError("step " + std::to_string(state.report.step) +
@@ -105,27 +107,27 @@ template <class Real> typename NewtonIterations<Real>::Norms NewtonIterations<Re
   return {totals[0], totals[1]};
 }
 
-template <class Real> typename NewtonIterations<Real>::Potential NewtonIterations<Real>::measure(State &state)
+template <class Real> typename NewtonIterations<Real>::Potential NewtonIterations<Real>::measure(const Rooms &state)
 {
   Backend &b = *state.backend;
-  System<Real> &s = state.system<Real>();
-  const Stream<dvec3> &x = state.position_next, &v = state.velocity_next;
+  System<Real> &s = state.system.template of<Real>();
+  const Stream<dvec3> &x = state.mesh.position_next, &v = state.mesh.velocity_next;
   const bool held = elements_.windy() || damped_;
-  vertex_[0].resize(state.cloth_vertices);
-  CAMA_LAUNCH_REAL(Real, b, measure_inertia, state.cloth_vertices, state.implicit_step, s.mass, state.fixed,
-                   state.base_velocity(), v, state.position, x, state.gravity, held ? 1 : 0, held ? outer_ : s.force,
-                   vertex_[0]);
-  for (Stream<double> &values : triangle_) values.resize(state.triangles);
-  CAMA_LAUNCH_REAL(Real, b, measure_triangles, state.triangles, s.triangle_rest, s.stretching_table, s.stretching_start,
-                   x, triangle_[0], triangle_[1]);
-  hinge_.resize(state.hinges);
-  if (state.hinges)
-    CAMA_LAUNCH_REAL(Real, b, measure_hinges, state.hinges, s.hinge_rest, s.bending_table,
+  vertex_[0].resize(state.mesh.cloth_vertices);
+  CAMA_LAUNCH_REAL(Real, b, measure_inertia, state.mesh.cloth_vertices, state.time.implicit_step, s.mass,
+                   state.mesh.fixed, state.mesh.base_velocity(state.time), v, state.mesh.position, x,
+                   state.elements.gravity, held ? 1 : 0, held ? outer_ : s.force, vertex_[0]);
+  for (Stream<double> &values : triangle_) values.resize(state.mesh.triangles);
+  CAMA_LAUNCH_REAL(Real, b, measure_triangles, state.mesh.triangles, s.triangle_rest, s.stretching_table,
+                   s.stretching_start, x, triangle_[0], triangle_[1]);
+  hinge_.resize(state.mesh.hinges);
+  if (state.mesh.hinges)
+    CAMA_LAUNCH_REAL(Real, b, measure_hinges, state.mesh.hinges, s.hinge_rest, s.bending_table,
                      state.options.arcsim_conventions ? 1 : 0, x, hinge_);
-  term_.resize(state.terms);
-  CAMA_LAUNCH_REAL(Real, b, measure_terms, state.terms, state.contacts,
-                   state.options.contact_refresh == ContactRefresh::iteration ? 1 : 0, state.contact, state.stitch,
-                   state.position, x, v, state.vertex_contact, s.term, term_);
+  term_.resize(state.system.terms);
+  CAMA_LAUNCH_REAL(Real, b, measure_terms, state.system.terms, state.contact.contacts,
+                   state.options.contact_refresh == ContactRefresh::iteration ? 1 : 0, state.contact.contact,
+                   state.elements.stitch, state.mesh.position, x, v, state.contact.vertex_contact, s.term, term_);
   const std::vector<double> parts = sum(state, {&vertex_[0], &triangle_[0], &hinge_, &term_});
   Potential result{0, 0};
   for (double part : parts) {
@@ -135,25 +137,25 @@ template <class Real> typename NewtonIterations<Real>::Potential NewtonIteration
   return result;
 }
 
-template <class Real> void NewtonIterations<Real>::move(State &state, double alpha)
+template <class Real> void NewtonIterations<Real>::move(const Rooms &state, double alpha)
 {
   Backend &b = *state.backend;
-  CAMA_LAUNCH_REAL(Real, b, move_iterate, state.cloth_vertices, alpha, state.fixed, start_,
-                   state.system<Real>().solution, state.velocity_next);
-  CAMA_LAUNCH(b, advance, state.cloth_vertices, state.implicit_step, state.fixed, state.velocity_next,
-              state.base_position(), state.position_next);
+  CAMA_LAUNCH_REAL(Real, b, move_iterate, state.mesh.cloth_vertices, alpha, state.mesh.fixed, start_,
+                   state.system.template of<Real>().solution, state.mesh.velocity_next);
+  CAMA_LAUNCH(b, advance, state.mesh.cloth_vertices, state.time.implicit_step, state.mesh.fixed,
+              state.mesh.velocity_next, state.mesh.base_position(state.time), state.mesh.position_next);
 }
 
-template <class Real> bool NewtonIterations<Real>::search_line(State &state, Norms &norms, bool &evaluated)
+template <class Real> bool NewtonIterations<Real>::search_line(const Rooms &state, Norms &norms, bool &evaluated)
 {
   Backend &b = *state.backend;
-  System<Real> &s = state.system<Real>();
+  System<Real> &s = state.system.template of<Real>();
   evaluated = fell_ = false;
-  vertex_[0].resize(state.cloth_vertices);
-  CAMA_LAUNCH_REAL(Real, b, descent, state.cloth_vertices, state.fixed, s.right_side, s.solution, vertex_[0]);
+  vertex_[0].resize(state.mesh.cloth_vertices);
+  CAMA_LAUNCH_REAL(Real, b, descent, state.mesh.cloth_vertices, state.mesh.fixed, s.right_side, s.solution, vertex_[0]);
   const double slope = sum(state, {&vertex_[0]})[0];
   if (!(slope < 0)) return false;
-  start_.copy_from(state.velocity_next);
+  start_.copy_from(state.mesh.velocity_next);
   const Potential before = measure(state);
   const double rounding = rounding_units * std::numeric_limits<Real>::epsilon();
   double alpha = 1;
@@ -179,16 +181,16 @@ template <class Real> bool NewtonIterations<Real>::search_line(State &state, Nor
   return false;
 }
 
-template <class Real> void NewtonIterations<Real>::run(State &state)
+template <class Real> void NewtonIterations<Real>::run_on(const Rooms &state)
 {
-  System<Real> &s = state.system<Real>();
+  System<Real> &s = state.system.template of<Real>();
   const double goal = state.options.newton_tolerance * state.options.newton_tolerance;
   int linear = state.report.iterations, taken = 1, idle = 0;
   searching_ = false;
   Norms norms = evaluate(state), best = norms;
   const auto relative = [](const Norms &n) { return n.size > 0 ? std::sqrt(n.residual / n.size) : 0; };
   while (norms.residual > goal * norms.size && taken < state.options.newton_iterations && idle < patience) {
-    assembly_.run(state);
+    assembly_.run_on(state);
     s.solution.fill_zero();
     solve_.solve(state);
     linear += state.report.iterations;

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
+#include "stages/element_forces.hpp"
 #include "stages/linear_solve.hpp"
 #include "stages/matrix_assembly.hpp"
 
@@ -9,13 +10,15 @@ namespace cama {
 /// elements and terms at the iterate, assembly, solve for the change of velocity, line search on the incremental
 /// potential (inertia, elasticity, gravity, penalty; friction with the normal forces of the step's start, wind and
 /// damping as they are at the iterate). Hessians are positive semidefinite.
-template <class Real> class NewtonIterations final : public Stage {
+template <class Real>
+class NewtonIterations final : public StageOn<const Options, StepReport, const Clock, MeshState, const ElementState,
+                                              const ContactState, SystemState> {
 public:
   NewtonIterations(const Scene &scene, Backend &backend, EvaluateElements<Real> &elements,
                    AssembleMatrix<Real> &assembly, LinearSolve<Real> &solve);
   std::string_view name() const override { return "newton iterations"; }
   std::string reason() const override { return "newton_iterations above 1"; }
-  void run(State &state) override;
+  void run_on(const Rooms &state) override;
 
 private:
   using vec3 = typename Types<Real>::vec3;
@@ -23,18 +26,18 @@ private:
     double residual = 0, size = 0;
   };   // squares
   /// Elements, terms and right-hand side, which is the negative residual, at the iterate.
-  Norms evaluate(State &state);
+  Norms evaluate(const Rooms &state);
   /// Incremental potential at the iterate, J; size: of its parts together.
   struct Potential {
     double value, size;
   };
-  Potential measure(State &state);
-  void move(State &state, double alpha);
+  Potential measure(const Rooms &state);
+  void move(const Rooms &state, double alpha);
   /// Goes along the solution as far as the potential falls; false: nowhere. norms: of where it came from, then of where
   /// it is if `evaluated`.
-  bool search_line(State &state, Norms &norms, bool &evaluated);
+  bool search_line(const Rooms &state, Norms &norms, bool &evaluated);
   /// One number per stream, at the same time; leaves the streams changed. Empty ones give 0.
-  std::vector<double> sum(State &state, const std::vector<Stream<double> *> &streams);
+  std::vector<double> sum(const Rooms &state, const std::vector<Stream<double> *> &streams);
 
   EvaluateElements<Real> &elements_;
   AssembleMatrix<Real> &assembly_;

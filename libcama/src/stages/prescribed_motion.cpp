@@ -50,9 +50,8 @@ kernels::attachment attach(const dvec3 &x, int vertex, const Obstacle &obstacle,
 
 }  // namespace
 
-PrescribedMotion::PrescribedMotion(const Scene &scene, State &state)
-    : transform_(*state.backend, 6), handle_position_(*state.backend), handle_vertex_(*state.backend),
-      attachments_(*state.backend)
+PrescribedMotion::PrescribedMotion(const Scene &scene, Backend &backend)
+    : transform_(backend, 6), handle_position_(backend), handle_vertex_(backend), attachments_(backend)
 {
   std::vector<int> cloth_first, obstacle_first;
   std::vector<dvec3> start;
@@ -67,8 +66,8 @@ PrescribedMotion::PrescribedMotion(const Scene &scene, State &state)
     obstacle.motion.evaluate(0, obstacle.mesh.position, placed);
     start.insert(start.end(), placed.begin(), placed.end());
     if (!obstacle.motion.is_static())
-      obstacles_.push_back({obstacle.motion, first, static_cast<int>(placed.size()), -1, -1,
-                            Stream<dvec3>(*state.backend), Stream<dvec3>(*state.backend)});
+      obstacles_.push_back({obstacle.motion, first, static_cast<int>(placed.size()), -1, -1, Stream<dvec3>(backend),
+                            Stream<dvec3>(backend)});
   }
   std::vector<kernels::attachment> attachments;
   for (const Pin &pin : scene.pins) {
@@ -90,17 +89,14 @@ PrescribedMotion::PrescribedMotion(const Scene &scene, State &state)
   if (!attachments.empty()) attachments_.assign(attachments);
 }
 
-void PrescribedMotion::release_due(State &state, double time)
+void PrescribedMotion::release_due(const Rooms &state, double time)
 {
   const auto due = [time](const auto &p) { return !p.released && p.release <= time; };
   if (std::none_of(handles_.begin(), handles_.end(), due) && std::none_of(attached_.begin(), attached_.end(), due))
     return;
-  std::vector<int> fixed = state.fixed.download();
-  std::vector<double> inverse_mass = state.inverse_mass.download();   // empty without contact
-  const std::vector<double> mass = state.system64 ? state.system64->mass.download() : [&] {
-    const std::vector<float> single = state.system32->mass.download();
-    return std::vector<double>(single.begin(), single.end());
-  }();
+  std::vector<int> fixed = state.mesh.fixed.download();
+  std::vector<double> inverse_mass = state.mesh.inverse_mass.download();   // empty without contact
+  const std::vector<double> mass = state.system.masses();
   const auto let_go = [&](const auto &list) {
     for (const auto &p : list)
       if (due(p))
@@ -119,9 +115,9 @@ void PrescribedMotion::release_due(State &state, double time)
       if (!due(a)) kept.push_back(all[at]);
   // Nothing grows from here on: all of it is done, or, where memory ran out above, nothing.
   attachments_.assign(kept);
-  state.fixed.assign(fixed);
-  if (!inverse_mass.empty()) state.inverse_mass.assign(inverse_mass);
-  ++state.releases;
+  state.mesh.fixed.assign(fixed);
+  if (!inverse_mass.empty()) state.mesh.inverse_mass.assign(inverse_mass);
+  ++state.mesh.releases;
   released_ = time;
   for (const Handle &h : handles_)
     if (due(h)) last_end_ = std::max(last_end_, h.release);
@@ -131,12 +127,13 @@ void PrescribedMotion::release_due(State &state, double time)
   attached_.erase(std::remove_if(attached_.begin(), attached_.end(), due), attached_.end());
 }
 
-void PrescribedMotion::place(State &state, double time)
+void PrescribedMotion::place(const Rooms &state, double time)
 {
   for (MovingObstacle &o : obstacles_) {
     transform_.assign(transform_rows(o.motion.at(time)));
     if (o.motion.is_rigid()) {
-      CAMA_LAUNCH(*state.backend, move_rigid, o.count, state.rest_position, transform_, o.first, state.position_next);
+      CAMA_LAUNCH(*state.backend, move_rigid, o.count, state.mesh.rest_position, transform_, o.first,
+                  state.mesh.position_next);
       continue;
     }
     const Motion::Sampled &s = *o.motion.sampled;
@@ -151,9 +148,9 @@ void PrescribedMotion::place(State &state, double time)
       o.frame_a = a;
       o.frame_b = b;
     }
-    CAMA_LAUNCH(*state.backend, move_sampled, o.count, o.a, o.b, t, o.first, state.position_next);
-    CAMA_LAUNCH(*state.backend, move_rigid, o.count, state.position_next, transform_, o.first,
-                state.position_next);   // as Motion::evaluate
+    CAMA_LAUNCH(*state.backend, move_sampled, o.count, o.a, o.b, t, o.first, state.mesh.position_next);
+    CAMA_LAUNCH(*state.backend, move_rigid, o.count, state.mesh.position_next, transform_, o.first,
+                state.mesh.position_next);   // as Motion::evaluate
   }
   std::vector<int> vertex;
   std::vector<dvec3> position;
@@ -169,10 +166,10 @@ void PrescribedMotion::place(State &state, double time)
     handle_vertex_.assign(vertex);
     handle_position_.assign(position);
     CAMA_LAUNCH(*state.backend, scatter_positions, handle_vertex_.size(), handle_vertex_, handle_position_,
-                state.position_next);
+                state.mesh.position_next);
   }
   if (attachments_.size())
-    CAMA_LAUNCH(*state.backend, move_attached, attachments_.size(), attachments_, state.position_next);
+    CAMA_LAUNCH(*state.backend, move_attached, attachments_.size(), attachments_, state.mesh.position_next);
 }
 
 void PrescribedMotion::save(State &, Checkpoint &checkpoint) { checkpoint.released = released_; }
@@ -185,12 +182,13 @@ void PrescribedMotion::restore(State &state, const Checkpoint &checkpoint)
   release_due(state, checkpoint.released);
 }
 
-void PrescribedMotion::run(State &state)
+void PrescribedMotion::run_on(const Rooms &state)
 {
-  release_due(state, state.time);
-  place(state, state.time + state.time_step);
-  CAMA_LAUNCH(*state.backend, prescribe_velocities, state.vertices, state.fixed, state.base_position(),
-              state.position_next, state.implicit_step, state.velocity_next);
+  release_due(state, state.time.now);
+  place(state, state.time.now + state.time.step);
+  CAMA_LAUNCH(*state.backend, prescribe_velocities, state.mesh.vertices, state.mesh.fixed,
+              state.mesh.base_position(state.time), state.mesh.position_next, state.time.implicit_step,
+              state.mesh.velocity_next);
 }
 
 }  // namespace cama

@@ -7,17 +7,17 @@
 namespace cama {
 
 /// Moves obstacles, pins and attachments to where they are at the end of the step.
-class PrescribedMotion final : public Stage {
+class PrescribedMotion final : public StageOn<const Clock, MeshState, const SystemState> {
 public:
-  PrescribedMotion(const Scene &scene, State &state);
+  PrescribedMotion(const Scene &scene, Backend &backend);
   std::string_view name() const override { return "prescribed motion"; }
   std::string reason() const override { return "pins, handles or moving obstacles"; }
-  void run(State &state) override;
+  void run_on(const Rooms &state) override;
   void save(State &state, Checkpoint &checkpoint) override;
   void restore(State &state, const Checkpoint &checkpoint) override;
 
-  /// Positions at a time, written to state.position_next; used for the start of the simulation too.
-  void place(State &state, double time);
+  /// Positions at a time, written to state.mesh.position_next; used for the start of the simulation too.
+  void place(const Rooms &state, double time);
 
 private:
   struct MovingObstacle {
@@ -39,7 +39,7 @@ private:
     bool released = false;
   };
 
-  void release_due(State &state, double time);
+  void release_due(const Rooms &state, double time);
 
   std::vector<MovingObstacle> obstacles_;
   std::vector<Handle> handles_;

@@ -15,7 +15,6 @@ using namespace kernels;
 
 namespace {
 
-constexpr double thickest_per_edge = 0.45;   // as in setup.cpp
 constexpr int relaxed_rings = 3;             // around what is moved, where stretch is relaxed
 constexpr int patience = 12;                 // rounds without progress until the other way is tried
 constexpr double shortest_stretch = 0.6,
@@ -26,7 +25,8 @@ double smallest_thickness(const Scene &scene, const Topology &t)
   double smallest = scene.contact.thickness;
   for (int v = 0; v < t.cloth_vertices; ++v) {
     const double own = scene.cloths[t.object[v]].material.thickness;
-    smallest = std::min({smallest, own > 0 ? own : scene.contact.thickness, thickest_per_edge * t.shortest_edge[v]});
+    smallest =
+        std::min({smallest, own > 0 ? own : scene.contact.thickness, max_thickness_per_edge * t.shortest_edge[v]});
   }
   return smallest;
 }

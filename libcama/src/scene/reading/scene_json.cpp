@@ -9,6 +9,39 @@
 
 namespace cama {
 
+namespace {
+
+/// {"tolerance": 1e-4, "paper": {"search": "fronts"}}
+void read_options(const Field &f, const std::string &group, OptionOverrides &options)
+{
+  if (!f.json().is_object()) f.fail("expected an object that maps options to values, got " + f.brief());
+  for (auto it = f.json().begin(); it != f.json().end(); ++it) {
+    const Field own = f.at(it.key());
+    if (group.empty() && it->is_object()) {
+      read_options(own, it.key() + ".", options);
+      continue;
+    }
+    OptionValue value;
+    if (it->is_boolean())
+      value = own.boolean();
+    else if (it->is_number_integer())
+      value = own.integer();
+    else if (it->is_number())
+      value = own.finite();
+    else if (it->is_string())
+      value = own.text();
+    else
+      own.fail("expected a text, a number, true or false, got " + own.brief());
+    try {
+      options.set(group + it.key(), value);
+    } catch (const SceneError &problem) {
+      throw SceneError(std::string("options: ") + problem.what());
+    }
+  }
+}
+
+}  // namespace
+
 Scene SceneReader::read(const Field &top)
 {
   top.only({"name", "description", "time_step", "frame_time", "frames", "gravity", "wind", "contact", "resolution",
@@ -55,12 +88,8 @@ void SceneReader::read_settings(const Field &f)
     scene_.wind->drag = w.finite("drag", scene_.wind->drag);
   }
   if (f.has("options")) {
-    const Field o = f.at("options");
-    if (!o.json().is_object()) o.fail("expected an object that maps options to values, got " + o.brief());
-    for (auto it = o.json().begin(); it != o.json().end(); ++it)
-      if (!it->is_string() && !it->is_number() && !it->is_boolean())
-        o.at(it.key()).fail("expected a text, a number, true or false, got " + o.at(it.key()).brief());
-    scene_.options = o.json().dump();
+    read_options(f.at("options"), "", scene_.options);
+    check_scene_options(scene_.options);
   }
   if (f.has("contact")) {
     const Field c = f.at("contact");

@@ -5,6 +5,7 @@
 #include <cmath>
 #include <utility>
 
+#include "scene/constants.hpp"
 #include "scene/reading/obj_reader.hpp"
 #include "scene/reading/scene_reader.hpp"
 #include "scene/shapes/exact_obstacle.hpp"
@@ -12,8 +13,6 @@
 
 namespace cama {
 namespace {
-
-constexpr double pi = 3.14159265358979323846;
 
 /// The one shape key that an object has.
 std::string one_of(const Field &f, std::initializer_list<const char *> keys)

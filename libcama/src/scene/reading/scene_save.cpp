@@ -246,6 +246,18 @@ void write_stitch(Writer &w, const Stitch &s)
   w.text += '}';
 }
 
+/// Options by name, those of the paper in an object of their own.
+Json options_json(const OptionOverrides &options)
+{
+  Json all = Json::object();
+  for (const auto &[name, value] : options.values()) {
+    const std::size_t dot = name.find('.');
+    Json &place = dot == std::string::npos ? all[name] : all[name.substr(0, dot)][name.substr(dot + 1)];
+    std::visit([&place = place](const auto &v) { place = v; }, value);
+  }
+  return all;
+}
+
 }  // namespace
 
 std::string Scene::save() const
@@ -296,7 +308,7 @@ std::string Scene::save() const
   w.text += '}';
   if (!options.empty()) {
     w.key("options");
-    w.text += options;
+    w.text += options_json(options).dump();
   }
   w.key("obstacles");
   w.list(obstacles, [&](const Obstacle &o) { write_obstacle(w, o); });

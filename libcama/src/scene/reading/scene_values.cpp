@@ -2,13 +2,12 @@
 // Transforms, motions and inline meshes of a scene file.
 #include <cmath>
 
+#include "scene/constants.hpp"
 #include "scene/reading/scene_reader.hpp"
 #include "scene/shapes/quaternion.hpp"
 
 namespace cama {
 namespace {
-
-constexpr double degree = 3.14159265358979323846 / 180;
 
 Quaternion read_rotation(const Field &f)
 {

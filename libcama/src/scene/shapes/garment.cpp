@@ -6,11 +6,11 @@
 
 #include "cama/error.hpp"
 #include "cama/generators.hpp"
+#include "scene/constants.hpp"
 
 namespace cama {
 namespace {
 
-constexpr double pi = 3.14159265358979323846;
 constexpr int directions = 360;   // of a ring's outline around the axis
 
 struct Point2 {

@@ -6,11 +6,10 @@
 #include <cmath>
 
 #include "cama/error.hpp"
+#include "scene/constants.hpp"
 
 namespace cama {
 namespace {
-
-constexpr double pi = 3.14159265358979323846;
 
 /// Two triangles of the cell with corners a (low low), b (high low), c (high high), d (low high); diagonals alternate
 /// like a union jack.

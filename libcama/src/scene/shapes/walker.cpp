@@ -8,14 +8,13 @@
 
 #include "cama/error.hpp"
 #include "cama/generators.hpp"
+#include "scene/constants.hpp"
 #include "scene/shapes/quaternion.hpp"
 
 namespace cama {
 namespace {
 
 using namespace kernels;
-
-constexpr double pi = 3.14159265358979323846, degree = pi / 180;
 
 enum Bone {
   pelvis,

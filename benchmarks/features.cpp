@@ -73,14 +73,14 @@ void add_far(Scene &s, const dvec3 &velocity)
   s.obstacles.push_back(std::move(o));
 }
 
-struct Term {
+struct Feature {
   const char *name;
   std::function<Scene(int)> base;
   std::function<void(Scene &)> add;
   std::function<void(Options &)> set;
 };
 
-const std::vector<Term> terms = {
+const std::vector<Feature> features = {
     {"nothing", hanging, [](Scene &) {}, {}},
     {"bending", hanging, [](Scene &s) { s.cloths[0].material = fabric(1e-5); }, {}},
     {"damping", hanging, [](Scene &s) { s.cloths[0].material.damping = 0.01; }, {}},
@@ -151,11 +151,12 @@ struct Side {
 int main(int argc, char **argv)
 {
   const int cells = argc > 1 ? std::atoi(argv[1]) : 64, steps = argc > 2 ? std::atoi(argv[2]) : 40, warm = 8;
-  std::printf("term,triangles,ms_without,ms_with,ms_ratio,launches_without,launches_with,iterations_without,iterations_"
-              "with,mib_without,mib_with,"
-              "blocks_a_row_without,blocks_a_row_with\n");
-  for (const Term &term : terms) {
-    Options options = Options::preset("production");
+  std::printf(
+      "feature,triangles,ms_without,ms_with,ms_ratio,launches_without,launches_with,iterations_without,iterations_"
+      "with,mib_without,mib_with,"
+      "blocks_a_row_without,blocks_a_row_with\n");
+  for (const Feature &term : features) {
+    Options options = Options::at(Accuracy::production);
     options.threads = 1;
     if (argc > 3) options.backend = argv[3];
     Scene scene = term.base(cells);

@@ -1,0 +1,23 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+#include "cama/stream.hpp"
+#include "device/kernels.hpp"
+
+namespace cama {
+
+/// Vertex-to-element lists in CSR form.
+struct Incidence {
+  Stream<int> row, entry;   // [vertices + 1], [sum] 4 * element + local index
+  int vertices = 0;
+  void reset(Backend &backend, int vertex_count);
+  /// Makes the lists on the device. `count` is scratch of at least vertex_count ints.
+  void build(Backend &backend, const Stream<kernels::element_nodes> &nodes, int elements, Stream<int> &count);
+  /// The same lists; faster where they are long and made often, for scratch that stays.
+  void rebuild(Backend &backend, const Stream<kernels::element_nodes> &nodes, int elements, Stream<int> &count);
+
+private:
+  Stream<key64> key_;   // of rebuild
+  Stream<int> sorted_;
+};
+
+}  // namespace cama

@@ -1,0 +1,77 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "run/engine.hpp"
+
+#include "cama/error.hpp"
+#include "device/host_threads.hpp"
+#include "model/setup.hpp"
+#include "run/pipeline_factory.hpp"
+#include "run/step.hpp"
+#include "start/start_check.hpp"
+#include "start/start_policy.hpp"
+
+namespace cama {
+namespace {
+
+int chosen_threads(const Scene &scene, const Options &options)
+{
+  return options.threads ? options.threads : useful_threads(scene.cloth_triangle_count());
+}
+
+/// Of a scene and options that can be simulated. Throws SceneError, MeshError, MaterialError or BackendError.
+std::unique_ptr<Backend> checked_backend(const Scene &scene, const Options &options)
+{
+  scene.validate();
+  if (options.pinch == Pinch::release)   // when cloth has come free is found by meshes
+    for (const Obstacle &o : scene.obstacles)
+      if (o.shape != ObstacleShape::mesh && o.shape != ObstacleShape::box)
+        throw SceneError("pinch: release is for obstacles that are meshes or boxes, '" + o.name +
+                         "' is not; mesh it, or use stop");
+  return make_backend(options.backend, options.device, chosen_threads(scene, options));
+}
+
+Engine::Start treated_start(const Scene &scene, const Options &options)
+{
+  const HostThreads host(chosen_threads(scene, options));
+  Engine::Start start{build_topology(scene), {}};
+  start.untangled = treat_start(scene, options.intersections, start.topology);
+  return start;
+}
+
+}  // namespace
+
+Engine::Engine(const Scene &scene, const ResolvedOptions &options)
+    : Engine(scene, options, checked_backend(scene, options.options))
+{}
+
+Engine::Engine(const Scene &scene, const ResolvedOptions &options, std::unique_ptr<Backend> device)
+    : Engine(scene, options, std::move(device), treated_start(scene, options.options))
+{}
+
+Engine::Engine(const Scene &scene, const ResolvedOptions &resolved, std::unique_ptr<Backend> device, Start start)
+    : threads(chosen_threads(scene, resolved.options)), backend(std::move(device)), state(*backend),
+      topology(std::move(start.topology)), untangled(start.untangled), chosen(resolved.chosen)
+{
+  const HostThreads host(threads);
+  const Options &options = state.options = resolved.options;
+  const bool exempt = options.intersections == StartPolicy::exempt;
+  guarded = !exempt && scene.has_contact();
+  if (options.precision == Precision::single) {
+    set_up<float>(state, scene, topology);
+    pipeline = make_pipeline<float>(scene, state);
+  } else {
+    set_up<double>(state, scene, topology);
+    pipeline = make_pipeline<double>(scene, state);
+  }
+  if (exempt && scene.has_contact()) {
+    state.exemptions.add_tangle(forbidden_intersections(topology.position, topology, scene.contact.self), topology);
+    state.exemptions.upload();
+  }
+}
+
+void Engine::take(const std::function<void()> &finished)
+{
+  const HostThreads host(threads);
+  take_step(state, *pipeline, finished);
+}
+
+}  // namespace cama

@@ -1,0 +1,41 @@
+// SPDX-License-Identifier: Apache-2.0
+// Backend, state and stages of one scene, opened: what Simulation hides and what the tests look into.
+#pragma once
+#include <functional>
+#include <memory>
+
+#include "cama/backend.hpp"
+#include "cama/untangle.hpp"
+#include "model/topology.hpp"
+#include "run/pipeline.hpp"
+
+namespace cama {
+
+class Engine {
+public:
+  /// Validates; throws before any kernel runs.
+  Engine(const Scene &scene, const ResolvedOptions &options);
+  /// What the constructor above makes: a backend, and where the scene starts.
+  struct Start {
+    Topology topology;
+    UntangleReport untangled;
+  };
+  Engine(const Scene &scene, const ResolvedOptions &options, std::unique_ptr<Backend> device, Start start);
+
+  const int threads;                    // of the CPU: the CPU backend's and of audits
+  std::unique_ptr<Backend> backend;
+  State state;
+  Topology topology;
+  UntangleReport untangled;
+  std::vector<ChosenOption> chosen;
+  bool guarded = false;                 // the state must not intersect
+  std::unique_ptr<Pipeline> pipeline;
+
+  /// One time step; see take_step. finished: called when it has been taken, before it counts.
+  void take(const std::function<void()> &finished);
+
+private:
+  Engine(const Scene &scene, const ResolvedOptions &options, std::unique_ptr<Backend> device);
+};
+
+}  // namespace cama

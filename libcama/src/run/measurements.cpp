@@ -1,0 +1,83 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "run/measurements.hpp"
+
+#include <algorithm>
+#include <limits>
+
+#include "device/launch.hpp"
+
+namespace cama {
+namespace {
+
+double sum(const std::vector<double> &values)
+{
+  double total = 0;
+  for (double v : values) total += v;
+  return total;
+}
+
+struct TriangleMeasure {
+  double energy, strain;
+};
+
+template <class Real> TriangleMeasure measure_triangles(State &s)
+{
+  Stream<double> energy(*s.backend, s.mesh.triangles), strain(*s.backend, s.mesh.triangles);
+  System<Real> &y = s.system.of<Real>();
+  CAMA_LAUNCH_REAL(Real, *s.backend, measure_triangles, s.mesh.triangles, y.triangle_rest, y.stretching_table,
+                   y.stretching_start, s.mesh.position, energy, strain);
+  const std::vector<double> strains = strain.download();
+  return {sum(energy.download()), *std::max_element(strains.begin(), strains.end())};
+}
+
+template <class Real> double measure_hinges(State &s)
+{
+  if (s.mesh.hinges == 0) return 0;
+  Stream<double> energy(*s.backend, s.mesh.hinges);
+  System<Real> &y = s.system.of<Real>();
+  CAMA_LAUNCH_REAL(Real, *s.backend, measure_hinges, s.mesh.hinges, y.hinge_rest, y.bending_table,
+                   s.options.arcsim_conventions ? 1 : 0, s.mesh.position, energy);
+  return sum(energy.download());
+}
+
+template <class Real> Energy measure(State &s)
+{
+  Stream<double> mass(*s.backend, s.system.masses()), kinetic(*s.backend, s.mesh.cloth_vertices),
+      potential(*s.backend, s.mesh.cloth_vertices);
+  CAMA_LAUNCH(*s.backend, measure_vertices, s.mesh.cloth_vertices, mass, s.mesh.position, s.mesh.velocity,
+              s.elements.gravity, kinetic, potential);
+  Energy e;
+  e.kinetic = sum(kinetic.download());
+  e.gravity = sum(potential.download());
+  e.stretching = measure_triangles<Real>(s).energy;
+  e.bending = measure_hinges<Real>(s);
+  return e;
+}
+
+bool is_single(const State &s) { return s.system.f32 != nullptr; }
+
+}  // namespace
+
+Energy measure_energy(State &s) { return is_single(s) ? measure<float>(s) : measure<double>(s); }
+
+double measure_strain(State &s)
+{
+  return is_single(s) ? measure_triangles<float>(s).strain : measure_triangles<double>(s).strain;
+}
+
+double measure_gap(State &s)
+{
+  double smallest = std::numeric_limits<double>::infinity();
+  const PairList *lists[2] = {&s.contact.vertex_face, &s.contact.edge_edge};
+  for (int kind = 0; kind < 2; ++kind) {
+    const int n = lists[kind]->pairs.size();
+    if (n == 0) continue;
+    Stream<double> distance(*s.backend, n);
+    CAMA_LAUNCH(*s.backend, measure_pairs, n, kind, lists[kind]->pairs, s.mesh.face, s.mesh.edge, s.mesh.position,
+                s.contact.vertex_contact, distance);
+    for (double d : distance.download()) smallest = std::min(smallest, d);
+  }
+  return smallest;
+}
+
+}  // namespace cama

@@ -1,0 +1,15 @@
+// SPDX-License-Identifier: Apache-2.0
+// What is measured of a state when somebody asks for it.
+#pragma once
+#include "cama/simulation.hpp"
+#include "model/state.hpp"
+
+namespace cama {
+
+Energy measure_energy(State &state);
+/// Largest principal stretch minus one over all triangles.
+double measure_strain(State &state);
+/// Smallest distance over the candidate pairs, m; infinity if there are none.
+double measure_gap(State &state);
+
+}  // namespace cama

@@ -1,0 +1,47 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "stages/contact_terms.hpp"
+
+#include "device/launch.hpp"
+
+namespace cama {
+template <class Real> void EvaluateTerms<Real>::run_on(const Rooms &state)
+{
+  Backend &b = *state.backend;
+  System<Real> &s = state.system.template of<Real>();
+  const Real dt = static_cast<Real>(state.time.implicit_step);
+  state.system.terms = state.contact.contacts + state.elements.stitches;
+  s.term.resize(state.system.terms);
+  state.system.term_nodes.resize(state.system.terms);
+  if (state.system.terms == 0) return;
+  CAMA_LAUNCH(b, contact_nodes, state.contact.contacts, state.contact.contact, state.system.term_nodes);
+  CAMA_LAUNCH(b, stitch_nodes, state.elements.stitches, state.elements.stitch, state.contact.contacts,
+              state.system.term_nodes);
+  count_.resize(state.mesh.cloth_vertices);
+  state.system.term_incidence.rebuild(b, state.system.term_nodes, state.system.terms, count_);
+  if (state.options.paper.contact_form == ContactForm::rank_one)
+    CAMA_LAUNCH_REAL(Real, b, stiffen_contacts, state.contact.contacts, state.mesh.cloth_vertices,
+                     state.mesh.inverse_mass, s.force, state.contact.contact);
+  if (!state.contact.friction) {
+    CAMA_LAUNCH_REAL(Real, b, make_frictionless_terms, state.contact.contacts, state.contact.contact, dt, s.term);
+  } else if (state.contact.contacts) {
+    load_.resize(state.mesh.cloth_vertices);
+    CAMA_LAUNCH(b, vertex_loads, state.mesh.cloth_vertices, state.contact.contacts, state.system.term_incidence.row,
+                state.system.term_incidence.entry, state.contact.contact, load_);
+    free_velocity_.resize(state.mesh.vertices);
+    CAMA_LAUNCH_REAL(Real, b, free_velocities, state.mesh.vertices, state.mesh.cloth_vertices, dt, s.mass,
+                     state.mesh.fixed, state.mesh.base_velocity(state.time), state.mesh.velocity_next, s.force,
+                     free_velocity_);
+    CAMA_LAUNCH_REAL(Real, b, make_contact_terms, state.contact.contacts, state.contact.contact,
+                     state.mesh.inverse_mass, free_velocity_, load_, dt, s.term);
+    if (state.time.multistep)
+      CAMA_LAUNCH_REAL(Real, b, shift_contact_terms, state.contact.contacts, state.contact.contact, state.mesh.position,
+                       state.mesh.position_base, dt, s.term);
+  }
+  CAMA_LAUNCH_REAL(Real, b, make_stitch_terms, state.elements.stitches, state.elements.stitch,
+                   state.mesh.base_position(state.time), dt, state.contact.contacts, s.term);
+}
+
+template class EvaluateTerms<double>;
+template class EvaluateTerms<float>;
+
+}  // namespace cama

@@ -1,0 +1,26 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+#include "run/pipeline.hpp"
+
+namespace cama {
+
+/// Contacts and stitches become terms of the system, with friction.
+template <class Real>
+class EvaluateTerms final
+    : public StageOn<const Options, const Clock, const MeshState, const ElementState, ContactState, SystemState> {
+public:
+  explicit EvaluateTerms(Backend &backend) : free_velocity_(backend), load_(backend), count_(backend) {}
+  std::string_view name() const override { return "contact terms"; }
+  std::string reason() const override { return "contact or stitches"; }
+  void run_on(const Rooms &state) override;
+
+private:
+  Stream<dvec3> free_velocity_;         // with friction
+  Stream<double> load_;
+  Stream<int> count_;
+};
+
+extern template class EvaluateTerms<double>;
+extern template class EvaluateTerms<float>;
+
+}  // namespace cama

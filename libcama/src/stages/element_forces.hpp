@@ -1,0 +1,31 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+#include "run/pipeline.hpp"
+
+namespace cama {
+
+/// Forces and matrix factors of triangles and hinges, wind, gravity; gathered to vertices.
+template <class Real>
+class EvaluateElements final
+    : public StageOn<const Options, const Clock, const MeshState, const ElementState, SystemState> {
+public:
+  explicit EvaluateElements(const Scene &scene);
+  std::string_view name() const override { return "element forces"; }
+  void run_on(const Rooms &state) override;
+
+  using vec3 = typename Types<Real>::vec3;
+  /// Forces and factors at these positions.
+  void evaluate(const Rooms &state, const Stream<dvec3> &position, bool with_wind);
+  bool windy() const { return windy_; }
+  void add_wind(const Rooms &state, const Stream<dvec3> &position, const Stream<dvec3> &velocity,
+                Stream<vec3> &force);   ///< [3 triangles]
+
+private:
+  bool windy_;
+  double air_density_ = 0, drag_ = 0;
+};
+
+extern template class EvaluateElements<double>;
+extern template class EvaluateElements<float>;
+
+}  // namespace cama

@@ -1,0 +1,336 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "stages/tree_search.hpp"
+
+#include <algorithm>
+#include <numeric>
+
+#include "device/ceil_divide.hpp"
+#include "device/launch.hpp"
+
+namespace cama {
+namespace {
+constexpr int max_slots = 16;        // hits of an item kept by the count pass
+constexpr int searches_per_sort = 16; // leaf order is kept between sorts; boxes are always fresh
+constexpr int sorts_per_placing = 64; // what boxes are relative to is kept between placings of obstacles at rest
+constexpr int morton_bits = 63;
+constexpr double max_changed = 0.3;  // of the vertices: beyond, a full search costs less
+}  // namespace
+
+TreeSearch::TreeSearch(Backend &b, FlaggedPairs &flagged)
+    : CandidateSearch(b), batch_(b.wide_workers() ? GROUP : 1), cloth_(b), moving_(b), static_(b), key_(b),
+      slot_(flagged.flag), count_(b), offset_(b), identity_(b), changed_leaf_face_(b), changed_leaf_edge_(b),
+      totals_(b, 1), changed_(b), flag_(b), offsets_(b), changed_vertex_(b), changed_face_(b), changed_edge_(b),
+      before_(b), changed_groups_(b)
+{}
+
+void TreeSearch::build_levels(Backend &b, int leaves, Stream<kernels::bvh8_node> &tree)
+{
+  const int root = kernels::group_root_level(leaves);
+  for (int level = 0; level < root;) {
+    const int both = b.wide_workers() && level + 2 <= root ? 1 : 0;   // one launch less, but few work-items
+    level += 1 + both;
+    CAMA_LAUNCH(b, group_levels, GROUP * kernels::group_level_size(leaves, level), leaves, level, both, tree);
+  }
+}
+
+void TreeSearch::build_faces(const SearchRooms &state, int leaves, const Stream<kernels::face_nodes> &leaf_face,
+                             Stream<kernels::bvh8_node> &tree)
+{
+  tree.resize(kernels::group_tree_size(leaves));
+  CAMA_LAUNCH(*state.backend, face_groups, kernels::group_level_size(leaves, 0), leaves, leaf_face,
+              state.bounds.vertex_box, tree);
+  build_levels(*state.backend, leaves, tree);
+}
+
+/// Which features are of which group. What only cloth meeting cloth needs is left out where nothing does.
+void TreeSearch::find_groups(const SearchRooms &state)
+{
+  Backend &b = *state.backend;
+  const auto group_of = [&](int v) {
+    return v < state.mesh.cloth_vertices
+               ? 0
+               : 1 + state.mesh.object_static[static_cast<std::size_t>(state.mesh.object_of(v))];
+  };
+  Group *group[3] = {&cloth_, &moving_, &static_};
+  std::vector<int> face[3], edge[3], query_vertices[3];
+  const auto faces = state.mesh.face.download();
+  const auto edges = state.mesh.edge.download();
+  for (std::size_t f = 0; f < faces.size(); ++f) face[group_of(faces[f].node[0])].push_back(static_cast<int>(f));
+  for (std::size_t e = 0; e < edges.size(); ++e) edge[group_of(edges[e].node[0])].push_back(static_cast<int>(e));
+  for (int v : state.bounds.query_vertices.download()) query_vertices[group_of(v)].push_back(v);
+  self_ = state.contact.settings.self;
+  if (!self_ && query_vertices[1].empty() && query_vertices[2].empty()) face[0].clear();
+  if (!self_ && edge[1].empty() && edge[2].empty()) edge[0].clear();
+  boxed_ = state.mesh.cloth_vertices;
+  for (std::size_t o = 0; o < state.mesh.object_static.size(); ++o)
+    if (!state.mesh.object_static[o])
+      boxed_ = o + 1 < state.mesh.object_first.size() ? state.mesh.object_first[o + 1] : state.mesh.vertices;
+  FeatureTrees *trees[3] = {&trees_.cloth, &trees_.moving, &trees_.resting};
+  for (int k = 0; k < 3; ++k) {
+    Group &g = *group[k];
+    g.face.assign(face[k]);
+    g.edge.assign(edge[k]);
+    g.query_vertices.assign(query_vertices[k]);
+    g.trees = trees[k];
+    if (g.face.size() && !g.trees->face_order.backend()) {
+      g.trees->face_order = Stream<int>(b);
+      g.trees->face_bvh = Stream<kernels::bvh8_node>(b);
+    }
+    if (g.edge.size() && !g.trees->edge_order.backend()) {
+      g.trees->edge_order = Stream<int>(b);
+      g.trees->edge_bvh = Stream<kernels::bvh8_node>(b);
+    }
+  }
+  if (static_.face.size() && !state.bounds.origin.backend()) state.bounds.origin = Stream<dvec3>(b);
+  std::vector<int> identity(static_cast<std::size_t>(state.mesh.vertices));
+  std::iota(identity.begin(), identity.end(), 0);
+  identity_.assign(identity);
+  changed_.resize(state.mesh.vertices);
+  before_.resize(state.mesh.vertices);
+  found_ = true;
+}
+
+void TreeSearch::build_trees(const SearchRooms &state, Group &g, bool faces, bool edges)
+{
+  Backend &b = *state.backend;
+  if (faces && g.face.size()) build_faces(state, g.face.size(), g.leaf_face, g.trees->face_bvh);
+  const int leaves = g.edge.size();
+  if (!edges || leaves == 0) return;
+  g.trees->edge_bvh.resize(kernels::group_tree_size(leaves));
+  CAMA_LAUNCH(b, edge_groups, kernels::group_level_size(leaves, 0), leaves, g.leaf_edge, state.bounds.vertex_box,
+              g.trees->edge_bvh);
+  build_levels(b, leaves, g.trees->edge_bvh);
+}
+
+/// Faces, edges and vertices along the Morton curve.
+void TreeSearch::sort_features(const SearchRooms &state, Group &g)
+{
+  Backend &b = *state.backend;
+  const int faces = g.face.size(), edges = g.edge.size(), query_vertices = g.query_vertices.size();
+  const Stream<dvec3> &origin = state.bounds.box_origin();
+  key_.resize(std::max({faces, edges, query_vertices}));
+  const auto along_curve = [&](Stream<int> &order, int n, const auto &make_codes) {
+    if (n == 0) return false;
+    order.resize(n);
+    make_codes(order);
+    b.sort(key_.buffer(), order.buffer(), n, morton_bits);
+    return true;
+  };
+  if (along_curve(g.trees->face_order, faces, [&](Stream<int> &order) {
+        CAMA_LAUNCH(b, codes_of_faces, faces, g.face, state.mesh.face, state.bounds.vertex_box, state.bounds.bounds,
+                    origin, key_, order);
+      })) {
+    g.leaf_face.resize(faces);
+    CAMA_LAUNCH(b, order_faces, faces, g.trees->face_order, state.mesh.face, g.leaf_face);
+  }
+  if (along_curve(g.trees->edge_order, edges, [&](Stream<int> &order) {
+        CAMA_LAUNCH(b, codes_of_edges, edges, g.edge, state.mesh.edge, state.bounds.vertex_box, state.bounds.bounds,
+                    origin, key_, order);
+      })) {
+    g.leaf_edge.resize(edges);
+    CAMA_LAUNCH(b, order_edges, edges, g.trees->edge_order, state.mesh.edge, g.leaf_edge);
+  }
+  along_curve(g.query_order, query_vertices, [&](Stream<int> &order) {
+    CAMA_LAUNCH(b, codes_of_vertices, query_vertices, g.query_vertices, state.bounds.vertex_box, state.bounds.bounds,
+                origin, key_, order);
+  });
+}
+
+/// Boxes and trees of obstacles at rest.
+void TreeSearch::place_static(const SearchRooms &state, const Stream<dvec3> &from, const Stream<dvec3> &to)
+{
+  sorts_since_placed_ = 0;   // stays so if anything below throws
+  state.bounds.origin.copy_from(state.bounds.bounds);
+  CAMA_LAUNCH(*state.backend, vertex_boxes, state.mesh.vertices, from, to, state.bounds.margin, state.bounds.origin,
+              state.bounds.vertex_box);
+  sort_features(state, static_);
+  build_trees(state, static_, true, true);
+}
+
+/// Counts and then fills in the candidates of vertices and edges that ask, behind those that the lists have: one wait
+/// for all.
+void TreeSearch::query(const SearchRooms &state, const std::vector<FaceQuery> &faces,
+                       const std::vector<EdgeQuery> &edges)
+{
+  Backend &b = *state.backend;
+  const int self = self_ ? 1 : 0;
+  int vertex_items = 0, edge_items = 0;
+  for (const FaceQuery &q : faces) vertex_items += q.items->size();
+  for (const EdgeQuery &q : edges) edge_items += q.items->size();
+  const int items = vertex_items + edge_items;
+  ++state.report.searches;
+  if (items == 0) return;
+  const int slots = std::min(max_slots, 0x7fffffff / items);
+  slot_.resize(slots * items);
+  count_.resize(items);
+  offset_.resize(items + 1);
+  const auto batch_of = [&](int mode) { return mode == QUERY_CHANGED ? 1 : batch_; };
+  int at = 0;
+  for (const FaceQuery &q : faces) {
+    const int n = q.items->size(), batch = batch_of(q.mode);
+    CAMA_LAUNCH(b, query_vertex_face_count, (n + batch - 1) / batch, n, batch, *q.items, state.bounds.vertex_box,
+                q.leaves, *q.order, *q.leaf_face, *q.tree, state.mesh.cloth_vertices, self, q.mode, changed_, before_,
+                slots, at, slot_, count_);
+    at += n;
+  }
+  for (const EdgeQuery &q : edges) {
+    const int n = q.items->size(), batch = batch_of(q.mode);
+    CAMA_LAUNCH(b, query_edge_edge_count, (n + batch - 1) / batch, n, batch, *q.items, *q.item_edge,
+                state.bounds.vertex_box, q.group->edge.size(), q.group->trees->edge_order, q.group->leaf_edge,
+                q.group->trees->edge_bvh, state.mesh.cloth_vertices, self, q.mode, changed_, before_, slots, at, slot_,
+                count_);
+    at += n;
+  }
+  b.scan(count_.buffer(), offset_.buffer(), items);
+  CAMA_LAUNCH(b, scan_totals, 1, vertex_items, items, offset_, totals_);
+  const kernels::pair found = totals_.at(0);
+  const int first_face = state.contact.vertex_face.pairs.size(), first_edge = state.contact.edge_edge.pairs.size();
+  const auto grow = [](PairList &list, int more) {
+    list.pairs.grow(static_cast<long long>(list.pairs.size()) + more);
+    list.gap_bound.grow(list.pairs.size());
+  };
+  grow(state.contact.vertex_face, found.a);
+  grow(state.contact.edge_edge, found.b);
+  at = 0;
+  for (const FaceQuery &q : faces) {
+    const int n = q.items->size();
+    CAMA_LAUNCH(b, query_vertex_face_fill, n, *q.items, state.bounds.vertex_box, q.leaves, *q.order, *q.leaf_face,
+                *q.tree, state.mesh.cloth_vertices, self, q.mode, before_, slots, at, slot_, count_, offset_,
+                first_face, state.contact.vertex_face.pairs, state.contact.vertex_face.gap_bound);
+    at += n;
+  }
+  for (const EdgeQuery &q : edges) {
+    const int n = q.items->size();
+    CAMA_LAUNCH(b, query_edge_edge_fill, n, *q.items, *q.item_edge, state.bounds.vertex_box, q.group->edge.size(),
+                q.group->trees->edge_order, q.group->leaf_edge, q.group->trees->edge_bvh, state.mesh.cloth_vertices,
+                self, q.mode, changed_, before_, slots, at, slot_, count_, offset_, first_edge - found.a,
+                state.contact.edge_edge.pairs, state.contact.edge_edge.gap_bound);
+    at += n;
+  }
+  drop_exempt(state, 0, first_face);
+  drop_exempt(state, 1, first_edge);
+  state.report.candidates = state.contact.vertex_face.pairs.size() + state.contact.edge_edge.pairs.size();
+}
+
+void TreeSearch::run(const SearchRooms &state, const Stream<dvec3> &from, const Stream<dvec3> &to)
+{
+  Backend &b = *state.backend;
+  const bool sort = searches_since_sort_ == 0 || searches_since_sort_ >= searches_per_sort;
+  if (sort) searches_since_sort_ = 0;   // stays so if anything below throws
+  if (!found_) find_groups(state);
+  find_bounds(state, from, to);
+  const bool has_static = static_.face.size() > 0;
+  if (has_static && (sorts_since_placed_ == 0 || (sort && sorts_since_placed_ >= sorts_per_placing)))
+    place_static(state, from, to);
+  else
+    CAMA_LAUNCH(b, vertex_boxes, boxed_, from, to, state.bounds.margin, state.bounds.box_origin(),
+                state.bounds.vertex_box);
+  for (Group *g : {&cloth_, &moving_}) {
+    if (sort) sort_features(state, *g);
+    build_trees(state, *g, true, g == &moving_ || self_);
+  }
+  ++searches_since_sort_;
+  if (sort) ++sorts_since_placed_;
+  for (PairList *list : {&state.contact.vertex_face, &state.contact.edge_edge}) {
+    list->pairs.resize(0);
+    list->direction.resize(0);
+    list->gap_bound.resize(0);
+  }
+  std::vector<FaceQuery> faces;
+  std::vector<EdgeQuery> edges;
+  const auto ask = [&](const Group &items, const Group &tree) {
+    if (tree.face.size() && items.query_vertices.size())
+      faces.push_back({QUERY_ALL, &items.query_order, tree.face.size(), &tree.trees->face_order, &tree.leaf_face,
+                       &tree.trees->face_bvh});
+  };
+  if (self_) {
+    ask(cloth_, cloth_);
+    edges.push_back({QUERY_ALL, &cloth_.trees->edge_order, &cloth_.leaf_edge, &cloth_});
+  }
+  for (const Group *g : {&moving_, &static_}) {
+    ask(*g, cloth_);
+    ask(cloth_, *g);
+    if (g->edge.size()) edges.push_back({QUERY_OTHER, &cloth_.trees->edge_order, &cloth_.leaf_edge, g});
+  }
+  query(state, faces, edges);
+}
+
+CandidateSearch::Change TreeSearch::update(const SearchRooms &state, const Stream<dvec3> &from, const Stream<dvec3> &to,
+                                           double margin)
+{
+  Backend &b = *state.backend;
+  if (searches_since_sort_ == 0) {
+    run(state, from, to);
+    find_directions(state, from, 0, 0);
+    return Change::renewed;
+  }
+  CAMA_LAUNCH(b, grow_boxes, state.mesh.vertices, from, to, state.bounds.margin, state.bounds.box_origin(), margin,
+              before_, state.bounds.vertex_box, changed_);
+  offsets_.resize(state.mesh.vertices + 1);
+  b.scan(changed_.buffer(), offsets_.buffer(), state.mesh.vertices);
+  const int changed = offsets_.at(state.mesh.vertices);
+  if (changed == 0) return Change::none;
+  if (changed > max_changed * state.mesh.vertices) {
+    run(state, from, to);
+    find_directions(state, from, 0, 0);
+    return Change::renewed;
+  }
+  changed_vertex_.resize(changed);
+  CAMA_LAUNCH(b, keep_flagged, state.mesh.vertices, 0, 0, offsets_, identity_, changed_vertex_);
+
+  // Faces and edges with such vertices; obstacles at rest have none.
+  const Group *const groups[3] = {&cloth_, &moving_, &static_};
+  const int faces_of[2] = {cloth_.face.size(), moving_.face.size()},
+            edges_of[2] = {cloth_.edge.size(), moving_.edge.size()};
+  const int all_faces = faces_of[0] + faces_of[1], features = all_faces + edges_of[0] + edges_of[1];
+  const bool cloth_edges_asked = self_ || moving_.edge.size() > 0;
+  build_trees(state, cloth_, true, cloth_edges_asked);
+  build_trees(state, moving_, true, true);
+  flag_.resize(features);
+  offsets_.resize(features + 1);
+  for (int k = 0; k < 2; ++k) {
+    const FeatureTrees &t = *groups[k]->trees;
+    CAMA_LAUNCH(b, changed_faces, faces_of[k], k * faces_of[0], t.face_order, state.mesh.face, changed_, flag_);
+    CAMA_LAUNCH(b, changed_edges, edges_of[k], all_faces + k * edges_of[0], t.edge_order, state.mesh.edge, changed_,
+                flag_);
+  }
+  b.scan(flag_.buffer(), offsets_.buffer(), features);
+  CAMA_LAUNCH(b, scan_totals, 1, all_faces, features, offsets_, totals_);
+  const kernels::pair of = totals_.at(0);
+  changed_face_.resize(of.a);
+  changed_edge_.resize(of.b);
+  for (int k = 0; k < 2; ++k) {
+    const FeatureTrees &t = *groups[k]->trees;
+    CAMA_LAUNCH(b, keep_flagged, of.a ? faces_of[k] : 0, 0, k * faces_of[0], offsets_, t.face_order, changed_face_);
+    CAMA_LAUNCH(b, keep_flagged, of.b ? edges_of[k] : 0, all_faces, all_faces + k * edges_of[0], offsets_, t.edge_order,
+                changed_edge_);
+  }
+  std::vector<FaceQuery> faces;
+  std::vector<EdgeQuery> edges;
+  if (of.a) {
+    changed_leaf_face_.resize(of.a);
+    CAMA_LAUNCH(b, order_faces, of.a, changed_face_, state.mesh.face, changed_leaf_face_);
+    build_faces(state, of.a, changed_leaf_face_, changed_groups_);
+    for (const Group *g : groups)
+      if (g->query_vertices.size())
+        faces.push_back(
+            {QUERY_UNCHANGED, &g->query_order, of.a, &changed_face_, &changed_leaf_face_, &changed_groups_});
+  }
+  if (of.b) {
+    changed_leaf_edge_.resize(of.b);
+    CAMA_LAUNCH(b, order_edges, of.b, changed_edge_, state.mesh.edge, changed_leaf_edge_);
+  }
+  for (const Group *g : groups) {
+    const bool edge_tree = g->edge.size() && (g != &cloth_ || cloth_edges_asked);
+    if (g->face.size())
+      faces.push_back(
+          {QUERY_CHANGED, &changed_vertex_, g->face.size(), &g->trees->face_order, &g->leaf_face, &g->trees->face_bvh});
+    if (of.b && edge_tree) edges.push_back({QUERY_CHANGED, &changed_edge_, &changed_leaf_edge_, g});
+  }
+  const int first_face = state.contact.vertex_face.pairs.size(), first_edge = state.contact.edge_edge.pairs.size();
+  query(state, faces, edges);
+  find_directions(state, from, first_face, first_edge);
+  return Change::grown;
+}
+
+}  // namespace cama

@@ -1,0 +1,78 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+#include <vector>
+
+#include "stages/candidate_search.hpp"
+#include "stages/flagged_pairs.hpp"
+
+namespace cama {
+
+/// The default: vertices ask trees of faces, edges ask trees of edges, by count, scan and fill. The cloth, obstacles
+/// that move and those that do not have trees of their own, so that obstacles never meet obstacles, cloth meets cloth
+/// only where contact.self is on, and obstacles at rest are boxed and sorted once in a thousand searches. Localised
+/// updates (section 4.1 of the paper): only features with vertices that left their boxes ask, and only for pairs that
+/// did not overlap before.
+class TreeSearch final : public CandidateSearch {
+public:
+  /// flagged: its flags are overwritten by every search.
+  TreeSearch(Backend &backend, FlaggedPairs &flagged);
+  void run(const SearchRooms &state, const Stream<dvec3> &from, const Stream<dvec3> &to) override;
+  Change update(const SearchRooms &state, const Stream<dvec3> &from, const Stream<dvec3> &to, double margin) override;
+
+  TreeState &streams() { return trees_; }   ///< for State::visit
+
+private:
+  /// Features of some objects, under trees of the state.
+  struct Group {
+    explicit Group(Backend &b) : face(b), edge(b), query_vertices(b), query_order(b), leaf_face(b), leaf_edge(b) {}
+    Stream<int> face, edge, query_vertices;          // by number; vertices that are tested against faces
+    Stream<int> query_order;                // along the curve
+    Stream<kernels::face_nodes> leaf_face;
+    Stream<kernels::edge_nodes> leaf_edge;
+    FeatureTrees *trees = nullptr;
+  };
+  /// Vertices that ask the tree of some faces.
+  struct FaceQuery {
+    int mode;
+    const Stream<int> *items;
+    int leaves;
+    const Stream<int> *order;
+    const Stream<kernels::face_nodes> *leaf_face;
+    const Stream<kernels::bvh8_node> *tree;
+  };
+  /// Edges that ask the tree of some edges.
+  struct EdgeQuery {
+    int mode;
+    const Stream<int> *items;
+    const Stream<kernels::edge_nodes> *item_edge;
+    const Group *group;
+  };
+  void find_groups(const SearchRooms &state);
+  void sort_features(const SearchRooms &state, Group &group);
+  void build_trees(const SearchRooms &state, Group &group, bool faces, bool edges);
+  void build_faces(const SearchRooms &state, int leaves, const Stream<kernels::face_nodes> &leaf_face,
+                   Stream<kernels::bvh8_node> &tree);
+  void place_static(const SearchRooms &state, const Stream<dvec3> &from, const Stream<dvec3> &to);
+  static void build_levels(Backend &backend, int leaves, Stream<kernels::bvh8_node> &tree);
+  void query(const SearchRooms &state, const std::vector<FaceQuery> &faces, const std::vector<EdgeQuery> &edges);
+
+  const int
+      batch_;   // items that walk a tree together: on cpu_count those of a group; on devices each has its own thread
+  TreeState trees_;
+  Group cloth_, moving_, static_;   // static_: obstacles that never move
+  int boxed_ = 0;                  // vertices with fresh boxes in every search: the first ones
+  bool self_ = false, found_ = false;
+  Stream<key64> key_;
+  Stream<int> &slot_;   // hits of items; the memory of flags, which are not needed during a search
+  Stream<int> count_, offset_;
+  Stream<int> identity_;
+  Stream<kernels::face_nodes> changed_leaf_face_;
+  Stream<kernels::edge_nodes> changed_leaf_edge_;
+  Stream<kernels::pair> totals_;
+  Stream<int> changed_, flag_, offsets_, changed_vertex_, changed_face_, changed_edge_;
+  Stream<kernels::box> before_;
+  Stream<kernels::bvh8_node> changed_groups_;
+  int searches_since_sort_ = 0, sorts_since_placed_ = 0;
+};
+
+}  // namespace cama
