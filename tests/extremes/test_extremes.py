@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 import cama
-from cama.extremes import judge, scenes, shapes
-from cama.extremes.scene_cases import CASES
-from run import perform
+from cama.torture import judge, scenes, shapes
+from cama.torture.scene_cases import CASES
+from cama.torture.seeds import perform
 
 REPEATS = 10
 

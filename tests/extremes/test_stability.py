@@ -19,12 +19,12 @@ from rich.console import Console
 from typer.testing import CliRunner
 
 import cama
-from cama import stability
+from cama.torture import stability
 from cama.cli import app
-from cama.extremes import judge, meshes, table
-from cama.extremes.probe import Probe, Wrong
-from cama.extremes.scene_cases import CASES
-from cama.stability_command import outcome_table
+from cama.torture import judge, meshes, table
+from cama.torture.probe import Probe, Wrong
+from cama.torture.scene_cases import CASES
+from cama.cli.stability import outcome_table
 
 OPENCL = next(b for b in cama.backends() if b["name"] == "opencl")["available"]
 SLOW = {"swinging_slivers", "collapsed_to_a_point", "same_centroid", "thread_counts", "out_of_memory", "confetti", "far_away",

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import cama
-from cama.recording import Recording
+from cama.io.recording import Recording
 
 
 def grid(cells=8, size=1.0, z=0.0):

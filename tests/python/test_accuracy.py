@@ -12,7 +12,7 @@ from scipy.optimize import brentq
 
 import cama
 from cama import accuracy
-from cama.accuracy_reference import Reference, richardson
+from cama.measuring.reference import Reference, richardson
 from conftest import grid
 
 G = 9.81

@@ -12,7 +12,7 @@ import pytest
 from conftest import grid
 
 import cama
-from cama.recording import Recording
+from cama.io.recording import Recording
 
 
 def falling(**options):

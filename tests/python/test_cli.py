@@ -136,7 +136,7 @@ def wait_for_frames(path, count, process):
 
 
 def test_interrupt_keeps_what_was_computed(tmp_path):
-    process = subprocess.Popen([sys.executable, "-m", "cama.cli", "run", "drape", "--resolution", "600", "--frames", "100000", "-o", str(tmp_path)],
+    process = subprocess.Popen([sys.executable, "-m", "cama", "run", "drape", "--resolution", "600", "--frames", "100000", "-o", str(tmp_path)],
                                stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, cwd=tmp_path, env=dict(os.environ, COLUMNS="120"))
     wait_for_frames(tmp_path / "frames.h5", 4, process)
     process.send_signal(signal.SIGINT)
@@ -150,7 +150,7 @@ def test_interrupt_keeps_what_was_computed(tmp_path):
 
 
 def test_sigterm_stops_a_run_as_ctrl_c_does(tmp_path):
-    process = subprocess.Popen([sys.executable, "-m", "cama.cli", "run", "drape", "--resolution", "300", "--frames", "100000", "-o", str(tmp_path)],
+    process = subprocess.Popen([sys.executable, "-m", "cama", "run", "drape", "--resolution", "300", "--frames", "100000", "-o", str(tmp_path)],
                                stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
     wait_for_frames(tmp_path / "frames.h5", 2, process)
     process.terminate()

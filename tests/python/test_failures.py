@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import cama
-from cama.recording import Recording
+from cama.io.recording import Recording
 
 
 def run(code, **environment):
@@ -125,7 +125,7 @@ print("same")
 def test_a_disk_that_is_full_is_a_named_error_and_earlier_frames_stay(tmp_path):
     out = run(scene(20) + f"""
 import resource, signal
-from cama.recording import Recorder
+from cama.io.recording import Recorder
 simulation = cama.Simulation(scene, backend="cpu", threads=1)
 signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
 resource.setrlimit(resource.RLIMIT_FSIZE, (200_000, resource.RLIM_INFINITY))

@@ -11,7 +11,7 @@ pytest.importorskip("pyvista")
 imageio = pytest.importorskip("imageio.v3")
 
 import cama  # noqa: E402
-from cama import render  # noqa: E402
+from cama.io import render  # noqa: E402
 
 
 @pytest.fixture

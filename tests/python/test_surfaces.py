@@ -5,8 +5,8 @@ import numpy as np
 import pytest
 
 import cama
-from cama.recording import Recorder, Recording
-from cama.render import tessellate
+from cama.io.recording import Recorder, Recording
+from cama.io.render import tessellate
 from conftest import grid
 
 

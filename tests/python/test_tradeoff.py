@@ -23,9 +23,9 @@ from rich.console import Console
 from typer.testing import CliRunner
 
 import cama
-from cama import executor, tradeoff, tradeoff_grid, tradeoff_report
+from cama.measuring import executor, grid as plans, report, tradeoff
 from cama.cli import app
-from cama.tradeoff_command import front_table
+from cama.cli.tradeoff import front_table
 
 G, ROOT = 9.81, Path(__file__).parents[2]
 # Free fall: the error after a window w is g dt w / 2 exactly, whatever the mesh.
@@ -91,17 +91,17 @@ def test_pareto_is_what_brute_force_finds():
 
 
 def test_knobs_are_those_of_the_installed_version():
-    known = tradeoff_grid.knobs()
+    known = plans.knobs()
     assert {"tolerance", "precision", "preconditioner", "time_step", "resolution", "accuracy"} <= set(known)
     assert not {"backend", "threads", "audit", "pinch"} & set(known)
-    assert {"production", "paper"} <= set(tradeoff_grid.levels())
-    assert tradeoff_grid.parse_knob("time_step=1/60, 1/200") == ("time_step", [1 / 60, 1 / 200])
-    assert tradeoff_grid.parse_knob("commit=true,false") == ("commit", [True, False])
-    assert tradeoff_grid.parse_knob("max_iterations=50") == ("max_iterations", [50])
-    assert len(tradeoff_grid.product({"time_step": [0.01, 0.02], "tolerance": [0.1], "precision": ["double", "mixed"]})) == 4
-    plan = tradeoff_grid.default_plan(cama.Scene.parse(FALL), 0.05)
-    assert {"accuracy": "paper"} in plan and len(plan) == len(tradeoff_grid.unique(plan)) > 10
-    tradeoff_grid.check_plan(plan, 0.05)
+    assert {"production", "paper"} <= set(plans.levels())
+    assert plans.parse_knob("time_step=1/60, 1/200") == ("time_step", [1 / 60, 1 / 200])
+    assert plans.parse_knob("commit=true,false") == ("commit", [True, False])
+    assert plans.parse_knob("max_iterations=50") == ("max_iterations", [50])
+    assert len(plans.product({"time_step": [0.01, 0.02], "tolerance": [0.1], "precision": ["double", "mixed"]})) == 4
+    plan = plans.default_plan(cama.Scene.parse(FALL), 0.05)
+    assert {"accuracy": "paper"} in plan and len(plan) == len(plans.unique(plan)) > 10
+    plans.check_plan(plan, 0.05)
 
 
 @pytest.mark.parametrize("text, words", [
@@ -109,7 +109,7 @@ def test_knobs_are_those_of_the_installed_version():
     ("tolerance=small", "positive"), ("max_iterations=1.5", "int"), ("commit=maybe", "bool"), ("time_step=1/0", "positive"), ("backend=cpu", "backend")])
 def test_bad_knobs_are_named(text, words):
     with pytest.raises(cama.SceneError, match=words):
-        tradeoff_grid.parse_knob(text)
+        plans.parse_knob(text)
 
 
 @pytest.mark.parametrize("settings, words", [
@@ -148,7 +148,7 @@ def test_a_task_that_dies_takes_no_other_with_it(jobs):
 @pytest.mark.parametrize("after", [0.0, 0.1, 0.3])
 def test_ctrl_c_while_processes_start_is_the_parents_alone(after, tmp_path):
     script = tmp_path / "starts.py"   # a child imports this file again, which takes a while
-    script.write_text("import math, time\nfrom cama import executor\nif __name__ == '__main__':\n    print('go', flush=True)\n"
+    script.write_text("import math, time\nfrom cama.measuring import executor\nif __name__ == '__main__':\n    print('go', flush=True)\n"
                       "    dict(executor.Local(2).run(math.copysign, [1.0] * 4, 1.0))\nelse:\n    time.sleep(0.6)\n")
     process = subprocess.Popen([sys.executable, script], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True)
     assert process.stdout.readline() == "go\n"
@@ -257,7 +257,7 @@ def test_what_fails_is_a_point_that_says_why(tmp_path):
     result = tradeoff.tradeoff(cama.Scene.parse(FALL), tmp_path, [{"time_step": 0.005}], windows=4, reference_step=0.05 / 16,
                                setup=tradeoff.Setup(threads=1, jobs=0, limit=1e-9))
     assert "limit" in result.points[0]["failed"] and result.fronts == {"cpu": []}
-    tradeoff_report.write([result], tmp_path / "report")
+    report.write([result], tmp_path / "report")
     assert "limit" in (tmp_path / "report" / "index.html").read_text()
 
 
@@ -277,7 +277,7 @@ def test_the_memory_tells_scenes_and_settings_apart(tmp_path):
 
 def test_a_killed_run_goes_on_where_it_was(fall, tmp_path):
     out = tmp_path / "out"
-    command = [sys.executable, "-m", "cama.cli", "tradeoff", fall, "--knob", "time_step=1/20,1/40,1/60,1/80,1/100,1/120,1/140,1/160", "--window", "0.05",
+    command = [sys.executable, "-m", "cama", "tradeoff", fall, "--knob", "time_step=1/20,1/40,1/60,1/80,1/100,1/120,1/140,1/160", "--window", "0.05",
                "--windows", "40", "--reference-step", "0.003125", "-o", out, "--no-plots", *ONE]
     process = subprocess.Popen([str(w) for w in command], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, start_new_session=True)
     finished = lambda: {p: p.stat().st_mtime_ns for p in (out / "points").glob("*.json")} if out.exists() else {}
@@ -367,19 +367,19 @@ def test_the_command_names_bad_input(tmp_path, words, text):
 
 
 def test_files_have_names_that_a_file_may_have():
-    names = tradeoff_report.file_names([tradeoff.Tradeoff(n, 0, [], {}, None, {}) for n in ("a/b c", "drape", "drape", "../..", "")])
+    names = report.file_names([tradeoff.Tradeoff(n, 0, [], {}, None, {}) for n in ("a/b c", "drape", "drape", "../..", "")])
     assert names == ["a_b_c", "drape", "drape-3", "scene", "scene-5"]
 
 
 def test_published_figures_are_per_simulated_second():
-    sphere = {row["system"]: row["ms_per_second"] for row in tradeoff_report.published("sphere")}
+    sphere = {row["system"]: row["ms_per_second"] for row in report.published("sphere")}
     assert sphere["CAMA"] == pytest.approx(2840 * 200) and sphere["I-Cloth"] == pytest.approx(200 / 1.95 * 1000)
-    drape = {row["system"]: row["ms_per_second"] for row in tradeoff_report.published("drape")}
+    drape = {row["system"]: row["ms_per_second"] for row in report.published("drape")}
     assert drape["Newton 1.8.0 VBD, 4 x 10"] == pytest.approx(16700)
 
 
 def test_the_table_of_fronts_keeps_its_numbers_where_there_is_little_room(monkeypatch):
-    monkeypatch.setattr(tradeoff_report, "summary_rows", lambda r: [("opencl", "production, dt 1/120 s, tolerance 0.01, mixed, newton_iterations 4", 12345.6, 0.0123, 1.234)])
+    monkeypatch.setattr(report, "summary_rows", lambda r: [("opencl", "production, dt 1/120 s, tolerance 0.01, mixed, newton_iterations 4", 12345.6, 0.0123, 1.234)])
     out = io.StringIO()
     Console(file=out, width=60).print(front_table([SimpleNamespace(scene="twisting")]))
     assert "…" not in out.getvalue() and {"twisting", "opencl", "1.235e+04", "0.0123", "1.23"} <= set(out.getvalue().split())

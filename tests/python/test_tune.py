@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import cama
-from cama import tradeoff, tune
+from cama.measuring import tradeoff, tune
 from conftest import grid
 from test_tradeoff import FALL, ONE, G, call, fall, point  # noqa: F401
 

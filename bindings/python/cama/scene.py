@@ -12,8 +12,9 @@ from .arrays import count, integers, number, plain, reals, vector, whole
 from .errors import ArrayError, FileError, SceneError
 from .material import Material
 from .motion import Motion
-from .scene_input import compiled_mesh, placement, shape_scene, uniform_scale
-from .scene_parts import Cloth, Obstacle, Part
+from .options import check_scene_options
+from .inputs import compiled_mesh, placement, shape_scene, uniform_scale
+from .parts import Cloth, Obstacle, Part
 
 __all__ = ["Scene", "Cloth", "Obstacle"]
 
@@ -340,7 +341,6 @@ class Scene:
 
     @options.setter
     def options(self, value):
-        from .simulation import check_scene_options
         value = dict(value)
         check_scene_options(value)
         self._core.options = json.dumps(value, sort_keys=True) if value else ""

@@ -5,10 +5,11 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from . import _core, checkpoint
+from . import _core
 from .arrays import count, reals
 from .collision import UntangleReport
-from .errors import ArrayError, SceneError
+from .io import checkpoint
+from .options import merged, values
 from .scene import Scene
 
 __all__ = ["Simulation", "Frame"]
@@ -27,38 +28,6 @@ class Frame:
     contacts: int         #: contacts in the last step's matrix
     intersections: int    #: edges through faces, -1 where not audited
     report: dict = field(repr=False)           #: of the last step, see `Simulation.report`
-
-
-def _options(backend, precision, accuracy, device, threads, overrides):
-    """Compiled options: the level's with everything given in its place. Throws SceneError."""
-    options = _core.Options.preset(accuracy)
-    known = [n for n in dir(options) if not n.startswith("_") and n not in ("preset", "accuracy")]
-    given = dict(backend=backend, device=device, threads=threads, **overrides)
-    if precision is not None:
-        given["precision"] = precision
-    for name, value in given.items():
-        if name not in known:
-            raise SceneError(f"option {name!r} is unknown; there are {', '.join(known)}")
-        try:
-            setattr(options, name, value)
-        except TypeError:
-            raise SceneError(f"option {name}: {value!r} is of the wrong type, expected like {getattr(options, name)!r}") from None
-    return options
-
-
-def check_scene_options(options):
-    """Throws SceneError for a name or a type that a scene's options may not have."""
-    for name in options:
-        if name in ("backend", "device", "threads", "audit", "intersections", "pinch"):
-            raise SceneError(f"options: {name!r} is chosen by who runs the scene, not by the scene")
-    single = dict(options)
-    try:
-        accuracy = single.pop("accuracy", "production")
-        if not isinstance(accuracy, str):
-            raise SceneError(f"option accuracy: {accuracy!r} is not a text")
-        _options("auto", None, accuracy, 0, 0, single)
-    except SceneError as problem:
-        raise SceneError(f"options: {problem}") from None
 
 
 class Simulation:
@@ -83,15 +52,8 @@ class Simulation:
 
     def __init__(self, scene, backend="auto", precision=None, accuracy=None, device=0, threads=0, **overrides):
         self.scene = scene.copy() if isinstance(scene, Scene) else Scene.load(scene)
-        of_scene = set()   # options that the scene brings and nobody else
-        if accuracy is None:
-            of_scene = set(self.scene.options) - {name for name, value in overrides.items() if name != "time_step" or value}
-            of_scene -= set() if precision is None else {"precision"}
-            overrides = {**self.scene.options, **{k: v for k, v in overrides.items() if k != "time_step" or v}}
-            accuracy, own = overrides.pop("accuracy", "production"), overrides.pop("precision", None)
-            precision = own if precision is None else precision
-        self._core = _core.Simulation(self.scene._core, _options(backend, precision, accuracy, device, threads, overrides))
-        self._of_scene = of_scene
+        chosen, self._of_scene = merged(self.scene.options, backend, precision, accuracy, device, threads, overrides)
+        self._core = _core.Simulation(self.scene._core, chosen)
         self._frame, self._parts = 0, None
 
     def __reduce__(self):
@@ -306,8 +268,7 @@ class Simulation:
     @property
     def options(self):
         """Dict of every option in force."""
-        options = self._core.options()
-        return {n: getattr(options, n) for n in dir(options) if not n.startswith("_") and n != "preset"}
+        return values(self._core.options())
 
     def __repr__(self):
         return f"<cama.Simulation of {self.scene.name!r} on {self.backend}: step {self.step_count}, time {self.time:g} s>"

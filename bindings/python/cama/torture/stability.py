@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Runs the checks of `cama.extremes.table`, each in a process of its own, and writes what was seen."""
+"""Runs the checks of `cama.torture.table`, each in a process of its own, and writes what was seen."""
 
 import csv
 import json
@@ -11,6 +11,9 @@ from multiprocessing.connection import wait
 from pathlib import Path
 
 import cama
+
+from . import judge, table
+from .probe import Probe, Wrong
 
 __all__ = ["Outcome", "perform", "read", "run", "write"]
 
@@ -54,7 +57,6 @@ class Outcome:
 
 def perform(check, backend="cpu", precision="double", accuracy="production", threads=1):
     """Runs one check in this process. Returns an Outcome; only an interrupt is passed on."""
-    from .extremes.probe import Probe, Wrong
     probe = Probe(backend, precision, accuracy, threads)
     result = Outcome(check.number, check.name, backend, precision, accuracy)
     begin = time.perf_counter()
@@ -80,7 +82,6 @@ def perform(check, backend="cpu", precision="double", accuracy="production", thr
 
 def _work(pipe, name, *where):
     """What a process of its own does."""
-    from .extremes import table
     pipe.send(perform(table.select([name])[0], *where))
     pipe.close()
 
@@ -90,7 +91,7 @@ def _context():
     if "forkserver" not in methods:
         return multiprocessing.get_context("spawn")
     context = multiprocessing.get_context("forkserver")
-    context.set_forkserver_preload(["cama.extremes.table", "cama.extremes.probe"])
+    context.set_forkserver_preload(["cama.torture.table", "cama.torture.probe"])
     return context
 
 
@@ -154,7 +155,6 @@ def _result(pipe, ready, task, process, accuracy, seconds, limit):
 
 def write(outcomes, folder, page=None, checks=None):
     """Writes folder/stability.csv, .json and .md; page: where else the page goes. Returns the folder."""
-    from .extremes import table
     folder = Path(folder)
     folder.mkdir(parents=True, exist_ok=True)
     rows = [asdict(o) for o in outcomes]
@@ -211,7 +211,6 @@ def _largest(values):
 
 def markdown(outcomes, checks):
     """The page: a matrix of checks and configurations, what was seen, what did not hold, what was not run."""
-    from .extremes import judge, table
     configurations = list(dict.fromkeys((o.backend, o.precision) for o in outcomes))
     of = {(o.check, o.backend, o.precision): o for o in outcomes}
     levels = ", ".join(dict.fromkeys(o.accuracy for o in outcomes))

@@ -9,9 +9,10 @@ import json
 import numpy as np
 
 import cama
-from . import shapes
+
 from .. import shipped
-from ..accuracy_motion import paper_step
+from ..options import level_time_step
+from . import shapes
 
 THICKNESS = 1.5e-3
 
@@ -45,7 +46,7 @@ def _shipped(name, resolution, seed, steps, degrees=3.0, offset=4e-3, time_step=
         turned = transform.get("rotate", {"axis": [0, 0, 1], "angle_deg": 0})
         transform["rotate"] = dict(turned, angle_deg=turned["angle_deg"] + random.uniform(-degrees, degrees))
     scene = cama.Scene.parse(described, folder, resolution)
-    scene.time_step = time_step or paper_step(scene)
+    scene.time_step = time_step or level_time_step("paper", scene)
     return scene
 
 

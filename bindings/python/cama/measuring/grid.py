@@ -5,13 +5,13 @@ import itertools
 import math
 from fractions import Fraction
 
-from . import _core
-from .errors import ArrayError, SceneError
+from .. import _core
+from ..errors import ArrayError, SceneError
+from ..options import OF_THE_CALLER, types
+from ..scene import Scene
+from ..simulation import Simulation
+from .reference import steps_of
 
-# From fast to exact; those that the installed version does not have are left out. `paper` stands beside them.
-LEVELS = ("preview", "interactive", "production", "accurate", "reference", "paper")
-# Where a setting runs and what becomes of bad input trades nothing for accuracy.
-FIXED = ("backend", "device", "threads", "audit", "intersections", "pinch")
 # Steps, s, and values that are tried where the caller names none.
 STEPS = tuple(Fraction(1, n) for n in (60, 120, 240, 480, 960))
 TOLERANCES, PRECISIONS = (1e-1, 1e-2, 1e-3), ("double", "mixed", "single")
@@ -19,23 +19,13 @@ TOLERANCES, PRECISIONS = (1e-1, 1e-2, 1e-3), ("double", "mixed", "single")
 
 def levels():
     """Names of the accuracy presets that this version has, from fast to exact, the paper's last."""
-    if hasattr(_core, "accuracy_levels"):
-        return sorted(_core.accuracy_levels(), key=lambda name: LEVELS.index(name) if name in LEVELS else len(LEVELS))
-    found = []
-    for name in LEVELS:
-        try:
-            _core.Options.preset(name)
-            found.append(name)
-        except SceneError:
-            pass
-    return found
+    return list(_core.accuracy_levels())
 
 
 def knobs():
     """{name: type} of everything that may be varied: options of this version, `accuracy`, `time_step` and `resolution`."""
-    options = _core.Options.preset("production")
-    names = [n for n in dir(options) if not n.startswith("_") and n != "preset" and n not in FIXED]
-    return {**{name: type(getattr(options, name)) for name in names}, "accuracy": str, "time_step": float, "resolution": int}
+    own = {name: kind for name, kind in types().items() if name not in OF_THE_CALLER}
+    return {**own, "time_step": float, "resolution": int}
 
 
 def value_of(name, text):
@@ -89,8 +79,7 @@ def default_plan(scene, window):
     plan += product({"accuracy": ["production"], "time_step": steps, "tolerance": TOLERANCES, "precision": ["mixed"]})
     plan += product({"accuracy": ["production"], "time_step": [steps[0], steps[-1]], "tolerance": [1e-2], "precision": ["double", "single"]})
     for name, value in (("integrator", "bdf2"), ("newton_iterations", 4)):
-        if name in knobs():
-            plan += product({"accuracy": ["production"], "time_step": steps[1::2], "tolerance": [1e-2], "precision": ["mixed"], name: [value]})
+        plan += product({"accuracy": ["production"], "time_step": steps[1::2], "tolerance": [1e-2], "precision": ["mixed"], name: [value]})
     return unique(plan)
 
 
@@ -143,9 +132,6 @@ def pareto(points):
 
 def check_plan(plan, window):
     """Throws SceneError or ArrayError for settings that no scene can run: unknown knobs, words or values, steps that do not divide the window."""
-    from .accuracy_reference import steps_of
-    from .scene import Scene
-    from .simulation import Simulation
     if not plan:
         raise SceneError("no settings to measure")
     sheet = Scene.parse({"cloth": [{"grid": {"size": [1, 1], "cells": [1, 1]}, "material": "cotton"}]})

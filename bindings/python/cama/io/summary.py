@@ -8,7 +8,7 @@ import os
 import statistics
 from pathlib import Path
 
-from .errors import FileError
+from ..errors import FileError
 
 NAME = "summary.json"
 

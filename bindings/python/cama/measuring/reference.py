@@ -7,12 +7,12 @@ from fractions import Fraction
 
 import numpy as np
 
-from . import accuracy_surface
-from .accuracy_motion import angular_momentum, momentum, paper_step, position_error, with_time_step
-from .arrays import number, reals
-from .errors import ArrayError, SolverError
-from .scene import Scene
-from .simulation import Simulation
+from ..arrays import number, reals
+from ..errors import ArrayError, SolverError
+from ..scene import Scene
+from ..simulation import Simulation
+from . import surface
+from .motion import angular_momentum, momentum, paper_step, position_error, with_time_step
 
 
 @dataclass
@@ -57,24 +57,15 @@ def steps_of(span, time_step, what):
 
 
 def best_options(given):
-    """Options of a reference: the level `reference` where this version has it, else `production` in double precision with solves to 1e-10."""
-    from .tradeoff_grid import levels
-    if "accuracy" in given:
-        return {"precision": "double", **given}
-    best = {"accuracy": "reference"} if "reference" in levels() else {"accuracy": "production", "tolerance": 1e-10}
-    return {**best, "precision": "double", **given}
+    """Options of a reference: the level `reference` in double precision, and what is given."""
+    return {"accuracy": "reference", "precision": "double", **given}
 
 
 def reach(simulation, time):
     """Steps until `time`; throws ArrayError if that is not a whole number of steps away."""
     left = time - simulation.time
     if left > 1e-9 * max(time, 1e-9):
-        simulation.step(steps_of(left, step_length(simulation), f"time {time:g} s"))
-
-
-def step_length(simulation):
-    """Seconds that a step takes: what the simulation says, else the scene."""
-    return getattr(simulation, "time_step", None) or simulation.scene.time_step
+        simulation.step(steps_of(left, simulation.time_step, f"time {time:g} s"))
 
 
 def start_times(window, count, first=0, stride=1):
@@ -104,8 +95,7 @@ def reference(scene, window=0.05, windows=10, first=0, stride=1, time_step=None,
 
     window: s between a start state and its target.  windows, first, stride: they start at every `stride`-th multiple of `window` from number
     `first`, or at `starts` [k] s, ascending and apart by `window` at least.  time_step: s, default: 1/32 of that of the level `paper`, so that it divides
-    `window`.  options: as of Simulation, on top of the accuracy `reference` where there is one, else of `production` in double
-    precision with a tolerance of 1e-10.
+    `window`.  options: as of Simulation, on top of the accuracy `reference` in double precision.
 
     From every start state the window is run with the time step, twice and four times it. Richardson: where the extrapolations to no time
     step from each pair agree better than the runs themselves, the target is the finer extrapolation and the uncertainty their difference; else
@@ -123,7 +113,7 @@ def reference(scene, window=0.05, windows=10, first=0, stride=1, time_step=None,
 
     def run(factor, at_start):
         step = factor * fine
-        own = dict(options, time_step=step) if "time_step" in _known() else options
+        own = dict(options, time_step=step)
         return _windows(with_time_step(scene, step), own, starts, window, at_start, lambda i, s, *state: at_end(factor, i, s, *state))
 
     x, v, ends, end_velocities, energies = [], [], {1: [], 2: [], 4: []}, [], []
@@ -148,15 +138,10 @@ def reference(scene, window=0.05, windows=10, first=0, stride=1, time_step=None,
     masses, count = simulation.masses, simulation.cloth_triangle_count
     faces = simulation.faces[:count]
     found = richardson(ends, masses)
-    edge = accuracy_surface.edge_length(np.concatenate([c.vertices for c in scene.cloths]), faces)
+    edge = surface.edge_length(np.concatenate([c.vertices for c in scene.cloths]), faces)
     converged = found["shrinks"] or math.sqrt((found["uncertainty"] ** 2).mean()) < 0.01 * edge
     return Reference(window, starts, x, v, found["targets"], ends[1], end_velocities, energies, masses, faces,
                      edge, fine, found["uncertainty"], found["largest"], found["order"], bool(converged))
-
-
-def _known():
-    from . import _core
-    return dir(_core.Options)
 
 
 def _rms(difference, masses):
@@ -215,7 +200,7 @@ def restart_error(reference, scene, time_step=None, steps=None, **options):
     Throws ArrayError for another mesh or a time step that does not fit, and what Simulation throws.
     """
     scene = _scene_of(scene, time_step)
-    if time_step and "time_step" in _known():
+    if time_step:
         options["time_step"] = time_step
     if sum(len(cloth.vertices) for cloth in scene.cloths) != len(reference.masses):
         raise ArrayError(f"restart_error: the scene's cloth has {scene.vertex_count} vertices, the reference {len(reference.masses)}; "
@@ -231,7 +216,7 @@ def restart_error(reference, scene, time_step=None, steps=None, **options):
                      np.linalg.norm(angular_momentum(x, v, r.masses) - angular_momentum(r.ends[i], r.end_velocities[i], r.masses))))
 
     simulation = _windows(scene, options, r.starts, r.window, lambda i, s: s.set_state(r.positions[i], r.velocities[i]), record)
-    length = step_length(simulation)
+    length = simulation.time_step
     count = steps_of(r.window, length, "restart_error: window")
     if steps is not None and steps != count:
         raise ArrayError(f"restart_error: steps is {steps}, the reference's window has {count} of {length:g} s")

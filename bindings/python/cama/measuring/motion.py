@@ -6,12 +6,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from . import _core
-from .arrays import number, reals
-from .errors import ArrayError, SceneError
-from .material import Material
-from .scene import Scene
-from .simulation import Simulation
+from ..arrays import number, reals
+from ..errors import ArrayError, SceneError
+from ..material import Material
+from ..options import level_time_step
+from ..scene import Scene
+from ..simulation import Simulation
 
 
 @dataclass
@@ -103,7 +103,7 @@ def with_time_step(scene, time_step):
 
 def paper_step(scene):
     """The time step of a Scene at the level `paper`, s: its own, without one 1/200 or as whole steps fill a frame."""
-    return _core.chosen_time_step(_core.Options.preset("paper"), scene._core)
+    return level_time_step("paper", scene)
 
 
 def accelerations(scene, positions, velocities, instant=1e-9, **options):
@@ -112,8 +112,8 @@ def accelerations(scene, positions, velocities, instant=1e-9, **options):
     Obstacles and pins are where the scene starts; held vertices and impacts follow their constraints, not forces. The error grows with
     `instant` times stiffness times speed, and rounding with 1e-16 |v| / instant. Throws what Simulation throws.
     """
-    own = {"precision": "double", "tolerance": 1e-12, "intersections": "exempt", "time_step": instant, "integrator": "backward_euler", "newton_iterations": 1}
-    options = {**options, **{name: value for name, value in own.items() if hasattr(_core.Options, name)}}
+    forced = {"precision": "double", "tolerance": 1e-12, "intersections": "exempt", "time_step": instant, "integrator": "backward_euler", "newton_iterations": 1}
+    options = {**options, **forced}
     probe = Simulation(with_time_step(scene, instant), **options)
     velocities = reals("accelerations: velocities", velocities, (probe.cloth_vertex_count, 3))
     probe.set_state(positions, velocities)

@@ -9,10 +9,10 @@ import math
 import re
 from pathlib import Path
 
-from .errors import BackendError, FileError
-from .summary import finite
-from .tradeoff_grid import label, step_text
-from .tradeoff_point import MEASURES
+from ..errors import BackendError, FileError
+from ..io.summary import finite
+from .grid import label, step_text
+from .point import MEASURES
 
 # What others published of scenes of these names: (scene, system, hardware, triangles, time step, seconds per step, largest strain or None, source).
 PUBLISHED = (

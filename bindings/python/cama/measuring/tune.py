@@ -11,13 +11,13 @@ import re
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from . import accuracy_reference, shipped
-from .arrays import number
-from .errors import ArrayError, Error, FileError, SceneError
-from .scene import Scene
-from .simulation import check_scene_options
+from .. import shipped
+from ..arrays import number
+from ..errors import ArrayError, Error, FileError, SceneError
+from ..options import check_scene_options
+from ..scene import Scene
+from .grid import label
 from .tradeoff import tradeoff
-from .tradeoff_grid import label
 
 __all__ = ["tune", "Tuned", "Budget", "BudgetError", "parse_error", "parse_time"]
 
@@ -27,7 +27,6 @@ FRAME = 1 / 60  # s; what a budget of time is for
 class BudgetError(Error):
     """No settings that were tried keep the budget, or the judge found that the chosen ones do not."""
 
-    __module__ = "cama.tune"
 
 
 def parse_error(text):
@@ -136,8 +135,6 @@ def applied(data, settings):
         data["time_step"] = step
         data["frame_time"] = step * max(1, round(frame / step))
         data["frames"] = max(1, round(seconds / data["frame_time"]))
-        if "time_step" not in accuracy_reference._known():
-            own.pop("time_step")
     check_scene_options(own)
     data["options"] = own
     return data

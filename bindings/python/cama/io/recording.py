@@ -14,7 +14,7 @@ from pathlib import Path
 import h5py
 import numpy as np
 
-from .errors import FileError
+from ..errors import FileError
 
 NAME = "frames.h5"
 

@@ -3,14 +3,14 @@
 
 import numpy as np
 
-from cama import render
-from cama.recording import Part
+from ..io import render
+from ..io.recording import Part
 
 SIZE = (640, 480)
 
 
 class Moments:
-    """The kept moments of a run, as `cama.render.Stage` reads a recording."""
+    """The kept moments of a run, as `cama.io.render.Stage` reads a recording."""
 
     def __init__(self, run, hide=()):
         s = run.simulation

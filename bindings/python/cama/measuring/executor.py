@@ -13,7 +13,7 @@ from concurrent.futures import FIRST_COMPLETED, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass
 
-from .errors import ArrayError, BackendError
+from ..errors import ArrayError, BackendError
 
 _shared = None
 

@@ -15,13 +15,14 @@ from pathlib import Path
 
 import numpy as np
 
-from . import _core, executor
-from .accuracy_reference import Reference, start_times
-from .accuracy_surface import rest_shapes, strain
-from .errors import ArrayError, BackendError, Error, FileError
-from .scene import Scene
-from .tradeoff_grid import check_plan, default_plan, label, levels, pareto, product, unique
-from .tradeoff_point import MEASURES, compute_reference, measure
+from .. import _core
+from ..errors import ArrayError, BackendError, Error, FileError
+from ..scene import Scene
+from . import executor
+from .grid import check_plan, default_plan, label, levels, pareto, product, unique
+from .point import MEASURES, compute_reference, measure
+from .reference import Reference, start_times
+from .surface import rest_shapes, strain
 
 __all__ = ["tradeoff", "join", "Tradeoff", "levels", "pareto", "product", "default_plan", "MEASURES"]
 
@@ -138,7 +139,7 @@ def tradeoff(scene, output, plan=None, resolution=0, window=0.05, windows=8, fir
     """Measures what settings cost and get wrong; a Tradeoff.
 
     scene: what Scene.load takes, or a Scene (no resolutions then).  output: folder; finished results are kept in OUTPUT/points and are not
-    computed again, by scene content, settings, version and device.  plan: list of dicts of knobs (`tradeoff_grid.knobs`), default
+    computed again, by scene content, settings, version and device.  plan: list of dicts of knobs (`grid.knobs`), default
     `default_plan`; options that a scene carries are left out.  resolution: triangles aimed at; with several in the plan the reference has
     the finest, and the others are compared with it by surface alone.  window, windows, first, stride, reference_step: of `accuracy.reference`.
     setup: a Setup.  progress: called with (done, all, words) after each result.

@@ -19,9 +19,9 @@ from pathlib import Path
 import h5py
 import numpy as np
 
-from ._core import __version__
-from .arrays import integers, reals
-from .errors import FileError, SceneError
+from .._core import __version__
+from ..arrays import integers, reals
+from ..errors import FileError, SceneError
 
 NAME = "checkpoint.h5"
 FORMAT = "cama checkpoint 1"

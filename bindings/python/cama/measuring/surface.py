@@ -5,9 +5,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from . import collision
-from .arrays import integers, number, reals
-from .errors import ArrayError, BackendError, MeshError
+from .. import collision
+from ..arrays import integers, number, reals
+from ..errors import ArrayError, BackendError, MeshError
 
 
 @dataclass

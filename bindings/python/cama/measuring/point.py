@@ -5,11 +5,13 @@ import time
 
 import numpy as np
 
-from . import accuracy_motion, accuracy_reference, accuracy_surface
-from .errors import SolverError
-from .scene import Scene
-from .simulation import Simulation
-from .summary import finite
+from ..errors import SolverError
+from ..io.summary import finite
+from ..scene import Scene
+from ..simulation import Simulation
+from . import motion, surface
+from .reference import reference as converged_run
+from .reference import restart_error, steps_of
 
 # name: (unit, what it is). Columns of the table, in order; all from measured runs.
 MEASURES = {
@@ -52,8 +54,6 @@ def measure(task, shared):
     scene.options = {}
     if settings.get("time_step"):
         scene.time_step = settings["time_step"]
-        if "time_step" not in accuracy_reference._known():
-            settings.pop("time_step")
     options = dict(settings, backend=task["backend"], device=task["device"], threads=task["threads"])
     options.setdefault("accuracy", "production")
     reference = shared["reference"]
@@ -65,14 +65,14 @@ def compute_reference(task, shared):
     """The Reference of a task: keywords of `accuracy.reference` but the scene."""
     scene = Scene.parse(shared["texts"][task["resolution"]])
     scene.options = {}
-    return accuracy_reference.reference(scene, **task["arguments"])
+    return converged_run(scene, **task["arguments"])
 
 
 def restart(scene, options, reference):
     """Errors over windows; none where the mesh is another."""
     if sum(len(cloth.vertices) for cloth in scene.cloths) != len(reference.masses):
         return {}
-    e = accuracy_reference.restart_error(reference, scene, **options)
+    e = restart_error(reference, scene, **options)
     return {"restart_rms": e.rms_all, "restart_rms_edges": e.rms_edges, "restart_max_edges": e.largest_edges,
             "energy_error": e.energy_relative, "momentum_error": e.momentum_relative, "angular_momentum_error": e.angular_momentum,
             "at_floor": e.at_floor, "windows_rms": [float(x) for x in e.rms]}
@@ -89,7 +89,7 @@ class Stopwatch:
     def reach(self, moment, keep_last=False):
         """Steps until a time, s; keep_last: the velocities before the last step are kept."""
         s = self.simulation
-        for left in range(accuracy_reference.steps_of(moment - s.time, accuracy_reference.step_length(s), f"time {moment:g} s"), 0, -1):
+        for left in range(steps_of(moment - s.time, s.time_step, f"time {moment:g} s"), 0, -1):
             if keep_last and left == 1:
                 self._before = s.velocities[:self._count]
             start = time.perf_counter()
@@ -112,7 +112,7 @@ def free_run(scene, options, reference, task):
     simulation = Simulation(scene, **options)
     watch, count = Stopwatch(simulation, task["limit"]), simulation.cloth_vertex_count
     first, energy = simulation.positions, sum(simulation.energy().values())
-    faces, rest = simulation.faces[:simulation.cloth_triangle_count], accuracy_surface.rest_shapes(scene)
+    faces, rest = simulation.faces[:simulation.cloth_triangle_count], surface.rest_shapes(scene)
     samples = [t for t in reference.starts if t > 0] or [reference.window]
     same = count == len(reference.masses)
     strains, apart, gaps, intersections = [], [], [], 0
@@ -121,9 +121,9 @@ def free_run(scene, options, reference, task):
         x = simulation.positions[:count]
         if not np.isfinite(x).all():
             raise SolverError(f"positions are not finite at {moment:g} s")
-        strains.append(accuracy_surface.strain(x, faces, rest))
+        strains.append(surface.strain(x, faces, rest))
         if same and moment in reference.starts:
-            exact = accuracy_surface.strain(reference.positions[list(reference.starts).index(moment)], faces, rest)
+            exact = surface.strain(reference.positions[list(reference.starts).index(moment)], faces, rest)
             apart.append(np.mean((strains[-1].principal[:, 0] - exact.principal[:, 0]) ** 2))
         gaps.append(simulation.min_gap)
         intersections += simulation.count_intersections()
@@ -140,14 +140,14 @@ def free_run(scene, options, reference, task):
         "strain_max": max(s.largest for s in strains), "strain_p999": max(s.p999 for s in strains), "area_min": min(s.smallest_area for s in strains),
         "area_mean": max((s.mean_area for s in strains), key=lambda a: abs(a - 1)), "min_gap": min(gaps), "intersections": intersections,
         "lost_motion": float(column("lost_motion").mean()), "truncated": float(column("truncated").mean() / count),
-        "residual_speed": accuracy_motion.residual_speed(v, simulation.masses), "peak_mib": simulation.peak_memory_bytes / 2**20,
+        "residual_speed": motion.residual_speed(v, simulation.masses), "peak_mib": simulation.peak_memory_bytes / 2**20,
         "device_name": simulation.device, "state_hash": simulation.state_hash}
     if apart:
         result["strain_error"] = float(np.sqrt(np.mean(apart)))
     if len(reference.starts) and reference.starts[-1] > 0:
-        away = accuracy_surface.surface_distance(x, faces, reference.positions[-1], reference.faces, task["samples"])
+        away = surface.surface_distance(x, faces, reference.positions[-1], reference.faces, task["samples"])
         result.update(surface_mean=away.mean, surface_mean_edges=away.mean / reference.edge, hausdorff=away.hausdorff)
-    if accuracy_motion.rests(simulation, first):
-        result["nonlinear_residual"] = accuracy_motion.nonlinear_residual(
+    if motion.rests(simulation, first):
+        result["nonlinear_residual"] = motion.nonlinear_residual(
             scene, watch.before, x, v, dt, simulation.masses, **{k: w for k, w in options.items() if k not in ("tolerance", "time_step")})
     return result

@@ -12,11 +12,11 @@ from typing import Optional
 import numpy as np
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
-from ._core import __version__
-from .checkpoint import NAME as CHECKPOINT
-from .errors import Error, FileError
-from .recording import NAME, Recorder
-from .summary import Summary
+from .._core import __version__
+from ..io.checkpoint import NAME as CHECKPOINT
+from ..errors import Error, FileError
+from ..io.recording import NAME, Recorder
+from ..io.summary import Summary
 
 
 @dataclass

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
-from .errors import Error, FileError
+from ..errors import Error, FileError
 from .recording import Recording
 
 CLOTHS = ["#3f74b5", "#e08a3c", "#4f9d69", "#b8485f", "#8366b0", "#c9a227", "#3a9aa3", "#8a6a52"]
