@@ -30,7 +30,12 @@ def count_intersections(vertices, faces, first_obstacle_vertex):
     edges = edges_of(faces).astype(np.int32)
     low, high = vertices.min(axis=0), vertices.max(axis=0)
     tree = ipctk.LBVH()
-    tree.build(np.asfortranarray(vertices), np.asfortranarray(edges), np.asfortranarray(faces), 1e-9 * np.linalg.norm(high - low))
+    tree.build(
+        np.asfortranarray(vertices),
+        np.asfortranarray(edges),
+        np.asfortranarray(faces),
+        1e-9 * np.linalg.norm(high - low),
+    )
     found = 0
     for pair in tree.detect_edge_face_candidates():
         e, f = edges[pair.edge_id], faces[pair.face_id]
@@ -44,7 +49,9 @@ def judge(path, every=1):
     """Intersections over the recorded frames of a folder, cloth against cloth and cloth against obstacles."""
     with Recording(path) as recording:
         first = recording.obstacles[0].vertices.start if recording.obstacles else recording.positions.shape[1]
-        return sum(count_intersections(recording.frame(i), recording.faces, first) for i in range(0, len(recording), every))
+        return sum(
+            count_intersections(recording.frame(i), recording.faces, first) for i in range(0, len(recording), every)
+        )
 
 
 @pytest.fixture

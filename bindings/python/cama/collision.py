@@ -13,23 +13,30 @@ from . import _core
 from .arrays import integers, number, reals
 from .errors import ArrayError, MeshError
 
-__all__ = ["vertex_face_ccd", "edge_edge_ccd", "vertex_face_distance", "edge_edge_distance", "intersections",
-           "ObjectIntersections", "UntangleReport"]
+__all__ = [
+    "vertex_face_ccd",
+    "edge_edge_ccd",
+    "vertex_face_distance",
+    "edge_edge_distance",
+    "intersections",
+    "ObjectIntersections",
+    "UntangleReport",
+]
 
 
 @dataclass
 class ObjectIntersections:
     """Edges of one object through faces of another, or of itself, at the start of a scene. Objects: cloths, then obstacles."""
 
-    first: int            #: object number
-    second: int           #: object number, not below `first`
-    first_name: str       #: "cloth 'shirt'"
+    first: int  #: object number
+    second: int  #: object number, not below `first`
+    first_name: str  #: "cloth 'shirt'"
     second_name: str
     edge_object: np.ndarray = field(repr=False)  #: [k] int32, object that the edge belongs to
-    edge: np.ndarray = field(repr=False)         #: [k, 2] int32, vertices in that object's numbering
+    edge: np.ndarray = field(repr=False)  #: [k, 2] int32, vertices in that object's numbering
     face_object: np.ndarray = field(repr=False)  #: [k] int32
-    face: np.ndarray = field(repr=False)         #: [k] int32, in that object's numbering
-    place: np.ndarray = field(repr=False)        #: [k, 3] float64, where the edge meets the face, m
+    face: np.ndarray = field(repr=False)  #: [k] int32, in that object's numbering
+    place: np.ndarray = field(repr=False)  #: [k, 3] float64, where the edge meets the face, m
 
     @property
     def count(self):
@@ -51,18 +58,20 @@ class ObjectIntersections:
 class UntangleReport:
     """What untangling did to a start."""
 
-    clean: bool           #: nothing intersects, and every gap around what was moved is positive
-    before: int           #: intersections
+    clean: bool  #: nothing intersects, and every gap around what was moved is positive
+    before: int  #: intersections
     after: int
     rounds: int
-    moved: int            #: cloth vertices moved; all others keep every bit
-    largest_move: float   #: m
-    smallest_gap: float   #: around what was moved, m; at most the gap aimed at; 0 if not clean
+    moved: int  #: cloth vertices moved; all others keep every bit
+    largest_move: float  #: m
+    smallest_gap: float  #: around what was moved, m; at most the gap aimed at; 0 if not clean
 
 
 def _start_intersections(core):
-    return [ObjectIntersections(*names, rows[:, 0], rows[:, 1:3], rows[:, 3], rows[:, 4], place)
-            for *names, rows, place in _core.start_intersections(core)]
+    return [
+        ObjectIntersections(*names, rows[:, 0], rows[:, 1:3], rows[:, 3], rows[:, 4], place)
+        for *names, rows, place in _core.start_intersections(core)
+    ]
 
 
 def _save_intersections(path, core):

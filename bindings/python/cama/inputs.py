@@ -20,10 +20,13 @@ def placement(transform, translate, rotate, scale):
         raise ArrayError("rotate: a quaternion of length 0")
     w, x, y, z = (c / length for c in (w, x, y, z))
     own = np.eye(4)
-    own[:3, :3] = number("scale", scale) * np.array([
-        [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
-        [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
-        [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)]])
+    own[:3, :3] = number("scale", scale) * np.array(
+        [
+            [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
+            [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
+            [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
+        ]
+    )
     own[:3, 3] = vector("translate", translate)
     if transform is not None:
         own = reals("transform", transform, (4, 4)) @ own
@@ -34,7 +37,9 @@ def uniform_scale(name, surface, matrix):
     """Of a rotation times a scale [3, 3], which an exact obstacle keeps its form under."""
     scale = np.cbrt(np.linalg.det(matrix))
     if not scale > 0 or np.abs(matrix @ matrix.T - scale**2 * np.eye(3)).max() > 1e-9 * scale**2:
-        raise SceneError(f"{name}: transform: an exact {surface} can be turned, moved and scaled alike in all directions only")
+        raise SceneError(
+            f"{name}: transform: an exact {surface} can be turned, moved and scaled alike in all directions only"
+        )
     return 1.0 if abs(scale - 1) < 1e-12 else float(scale)  # unit quaternions round
 
 
@@ -64,6 +69,8 @@ def compiled_mesh(name, mesh, faces, material_vertices, material_faces, material
 def shape_scene(kind, name, shape):
     """A scene whose one cloth or obstacle is a generated shape, described as in scene.json."""
     if not isinstance(shape, dict):
-        raise SceneError(f"{name}: shape: {shape!r} is not a dict as in scene.json, for example {{'sphere': {{'radius': 0.25}}}}")
+        raise SceneError(
+            f"{name}: shape: {shape!r} is not a dict as in scene.json, for example {{'sphere': {{'radius': 0.25}}}}"
+        )
     key = "cloth" if kind == "cloth" else "obstacles"
     return _core.Scene.parse(json.dumps({key: [dict(shape, name=name)]}), Path("."), 0)

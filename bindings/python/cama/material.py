@@ -24,7 +24,7 @@ class Material(_core.Material):
     scene's). Made by `isotropic`, `orthotropic`, `fabric` or `load`; fields may then be changed.
     """
 
-    __slots__ = ()   # a field that is not there is an AttributeError
+    __slots__ = ()  # a field that is not there is an AttributeError
 
     @classmethod
     def isotropic(cls, youngs_modulus, poisson_ratio=0.3, bending=0.0, density=0.2):
@@ -34,7 +34,11 @@ class Material(_core.Material):
     @classmethod
     def orthotropic(cls, youngs_warp, youngs_weft, poisson_ratio, shear, bending_warp, bending_weft, density):
         """Moduli times thickness along warp and weft and in shear [N/m], bending along both [N m], density [kg/m^2]."""
-        return cls(_core.Material.orthotropic(youngs_warp, youngs_weft, poisson_ratio, shear, bending_warp, bending_weft, density))
+        return cls(
+            _core.Material.orthotropic(
+                youngs_warp, youngs_weft, poisson_ratio, shear, bending_warp, bending_weft, density
+            )
+        )
 
     @classmethod
     def fabric(cls, name):

@@ -19,8 +19,19 @@ class Motion(_core.Motion):
 
     __slots__ = ()
 
-    def __init__(self, velocity=(0, 0, 0), rotation_rate=(0, 0, 0), oscillation=(0, 0, 0), period=1.0, center=(0, 0, 0),
-                 start=0.0, stop=1e300, keys=(), times=None, positions=None):
+    def __init__(
+        self,
+        velocity=(0, 0, 0),
+        rotation_rate=(0, 0, 0),
+        oscillation=(0, 0, 0),
+        period=1.0,
+        center=(0, 0, 0),
+        start=0.0,
+        stop=1e300,
+        keys=(),
+        times=None,
+        positions=None,
+    ):
         super().__init__()
         self.velocity = vector("motion: velocity", velocity)
         self.rotation_rate = vector("motion: rotation_rate", rotation_rate)
@@ -49,8 +60,13 @@ class Motion(_core.Motion):
         return cls() if value is None else value
 
     def _add_key(self, name, time, translation=(0, 0, 0), rotation=(1, 0, 0, 0), scale=1.0, center=(0, 0, 0)):
-        self.add_key(number(f"{name}: time", time), vector(f"{name}: translation", translation),
-                     vector(f"{name}: rotation", rotation, 4), number(f"{name}: scale", scale), vector(f"{name}: center", center))
+        self.add_key(
+            number(f"{name}: time", time),
+            vector(f"{name}: translation", translation),
+            vector(f"{name}: rotation", rotation, 4),
+            number(f"{name}: scale", scale),
+            vector(f"{name}: center", center),
+        )
 
     def _set_samples(self, times, positions):
         times = reals("motion: times", times, (None,))

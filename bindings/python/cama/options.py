@@ -39,7 +39,9 @@ def _options(backend, precision, accuracy, device, threads, overrides):
         try:
             setattr(options, name, value)
         except TypeError:
-            raise SceneError(f"option {name}: {value!r} is of the wrong type, expected like {getattr(options, name)!r}") from None
+            raise SceneError(
+                f"option {name}: {value!r} is of the wrong type, expected like {getattr(options, name)!r}"
+            ) from None
     return options
 
 

@@ -70,7 +70,9 @@ class Cloth(Part):
         """Two edges of every triangle, as columns: [m, 3, 2] where it starts, [m, 2 or 3, 2] at rest."""
         start = self.vertices[self.faces]
         rest = self.material_vertices[self.material_faces] if len(self.material_faces) else start
-        return tuple(np.stack([corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]], 2) for corners in (start, rest))
+        return tuple(
+            np.stack([corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]], 2) for corners in (start, rest)
+        )
 
     @property
     def rest_area(self):
@@ -87,7 +89,9 @@ class Cloth(Part):
     def start_strain(self):
         """Least and largest principal stretch over all triangles where the cloth starts, minus one: (0, 0) at rest."""
         start, rest = self._edges()
-        squared = np.linalg.eigvals(np.linalg.solve(np.swapaxes(rest, 1, 2) @ rest, np.swapaxes(start, 1, 2) @ start)).real   # of C in edges
+        squared = np.linalg.eigvals(
+            np.linalg.solve(np.swapaxes(rest, 1, 2) @ rest, np.swapaxes(start, 1, 2) @ start)
+        ).real  # of C in edges
         stretch = np.sqrt(np.maximum(squared, 0.0))
         return float(stretch.min()) - 1, float(stretch.max()) - 1
 
@@ -109,7 +113,7 @@ class Obstacle(Part):
 
     @property
     def surface(self):
-        """"mesh", or of an exact obstacle "sphere", "capsule", "box", "plane", whose `vertices` are its defining points."""
+        """ "mesh", or of an exact obstacle "sphere", "capsule", "box", "plane", whose `vertices` are its defining points."""
         return self._core().surface
 
     @property

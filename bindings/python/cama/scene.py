@@ -31,10 +31,24 @@ class Scene:
     wind: None or a dict with `velocity` [3] m/s, `density` kg/m^3, `drag` kg/(m^2 s).
     """
 
-    __slots__ = ("_core",)   # a field that is not there is an AttributeError
+    __slots__ = ("_core",)  # a field that is not there is an AttributeError
 
-    def __init__(self, gravity=(0, 0, -9.81), time_step=0.0, frames=100, frame_time=0.0, name="scene", description="",
-                 thickness=1e-3, stiffness=None, friction=None, static_friction=None, contact=True, self_contact=True, wind=None):
+    def __init__(
+        self,
+        gravity=(0, 0, -9.81),
+        time_step=0.0,
+        frames=100,
+        frame_time=0.0,
+        name="scene",
+        description="",
+        thickness=1e-3,
+        stiffness=None,
+        friction=None,
+        static_friction=None,
+        contact=True,
+        self_contact=True,
+        wind=None,
+    ):
         self._core = _core.Scene()
         self.gravity, self.time_step, self.frames, self.frame_time = gravity, time_step, frames, frame_time
         self._core.name, self._core.description = str(name), str(description)
@@ -136,9 +150,24 @@ class Scene:
             raise ArrayError(f"untangle: max_rounds {rounds} and gap {gap} must not be negative")
         return collision.UntangleReport(**_core.untangle(self._core, rounds, gap))
 
-    def add_cloth(self, mesh=None, faces=None, *, shape=None, material="cotton", thickness=None, material_vertices=None,
-                  material_faces=None, material_scale=1.0, transform=None, translate=(0, 0, 0), rotate=(1, 0, 0, 0),
-                  scale=1.0, velocity=(0, 0, 0), name=None):
+    def add_cloth(
+        self,
+        mesh=None,
+        faces=None,
+        *,
+        shape=None,
+        material="cotton",
+        thickness=None,
+        material_vertices=None,
+        material_faces=None,
+        material_scale=1.0,
+        transform=None,
+        translate=(0, 0, 0),
+        rotate=(1, 0, 0, 0),
+        scale=1.0,
+        velocity=(0, 0, 0),
+        name=None,
+    ):
         """Adds a piece of cloth; returns its handle.
 
         mesh: a file (OBJ, PLY, glTF, FBX, DAE, STL), vertices [n, 3] float64 in m with `faces` [m, 3] integers, or an object
@@ -152,7 +181,9 @@ class Scene:
         velocity: [3] m/s. Throws ArrayError, MeshError, MaterialError, FileError, SceneError.
         """
         name = str(name) if name is not None else f"cloth {self._core.cloth_count}"
-        cloth, cloth_source = self._part("cloth", name, mesh, faces, shape, material_vertices, material_faces, material_scale)
+        cloth, cloth_source = self._part(
+            "cloth", name, mesh, faces, shape, material_vertices, material_faces, material_scale
+        )
         cloth.name, cloth.source = name, cloth_source
         cloth.mesh.transform(placement(transform, translate, rotate, scale).tolist())
         cloth.mesh.scale_material(number(f"{name}: scale", scale))
@@ -169,10 +200,29 @@ class Scene:
                 self._core.add_stitch(handle.index, a, handle.index, b, c, ratio, 1e3)
         return handle
 
-    def add_obstacle(self, mesh=None, faces=None, *, shape=None, motion=None, friction=0.3, static_friction=None, thickness=None,
-                     contact_stiffness=None, clip="", animation=None,
-                     samples_per_second=60.0, y_up=True, lead_in=0.0, loops=1, transform=None, translate=(0, 0, 0), rotate=(1, 0, 0, 0),
-                     scale=1.0, name=None):
+    def add_obstacle(
+        self,
+        mesh=None,
+        faces=None,
+        *,
+        shape=None,
+        motion=None,
+        friction=0.3,
+        static_friction=None,
+        thickness=None,
+        contact_stiffness=None,
+        clip="",
+        animation=None,
+        samples_per_second=60.0,
+        y_up=True,
+        lead_in=0.0,
+        loops=1,
+        transform=None,
+        translate=(0, 0, 0),
+        rotate=(1, 0, 0, 0),
+        scale=1.0,
+        name=None,
+    ):
         """Adds a body that cloth collides with; returns its handle.
 
         mesh, faces, shape and placement: as for `add_cloth`. glTF, FBX and DAE files bring their skeletal animation:
@@ -187,18 +237,33 @@ class Scene:
         name = str(name) if name is not None else f"obstacle {self._core.obstacle_count}"
         obstacle = _core.Obstacle()
         obstacle.name = name
-        given = {"friction": friction, "static_friction": static_friction, "thickness": thickness, "contact_stiffness": contact_stiffness}
+        given = {
+            "friction": friction,
+            "static_friction": static_friction,
+            "thickness": thickness,
+            "contact_stiffness": contact_stiffness,
+        }
         given = {key: number(f"{name}: {key}", value) for key, value in given.items() if value is not None}
         matrix = placement(transform, translate, rotate, scale).tolist()
         file = isinstance(mesh, (str, Path))
         if motion is None and file and (animation is not None or Path(mesh).suffix.lower() in ANIMATED):
-            part = _core.load_character(Path(mesh), str(clip), Path(animation or ""), 1.0, float(samples_per_second), bool(y_up),
-                                        number(f"{name}: lead_in", lead_in), int(loops))
+            part = _core.load_character(
+                Path(mesh),
+                str(clip),
+                Path(animation or ""),
+                1.0,
+                float(samples_per_second),
+                bool(y_up),
+                number(f"{name}: lead_in", lead_in),
+                int(loops),
+            )
             obstacle.source = str(mesh)
         else:
             part, obstacle.source = self._part("obstacle", name, mesh, faces, shape)
         if getattr(part, "surface", "mesh") != "mesh":
-            given.update(surface=part.surface, radius=part.radius * uniform_scale(name, part.surface, np.array(matrix)[:3, :3]))
+            given.update(
+                surface=part.surface, radius=part.radius * uniform_scale(name, part.surface, np.array(matrix)[:3, :3])
+            )
         body, moving = part.mesh, part.motion if motion is None else _core.Motion(Motion.of(motion))
         body.transform(matrix)
         moving.transform(matrix)
@@ -327,7 +392,9 @@ class Scene:
             for key, entry in dict(value).items():
                 if key not in ("velocity", "density", "drag"):
                     raise SceneError(f"wind: unknown key {key!r}; there are velocity, density, drag")
-                setattr(wind, key, vector("wind: velocity", entry) if key == "velocity" else number(f"wind: {key}", entry))
+                setattr(
+                    wind, key, vector("wind: velocity", entry) if key == "velocity" else number(f"wind: {key}", entry)
+                )
         self._core.wind = wind
 
     @property
@@ -346,17 +413,21 @@ class Scene:
         self._core.options = json.dumps(value, sort_keys=True) if value else ""
 
     def __repr__(self):
-        return (f"<cama.Scene {self.name!r}: {self._core.cloth_count} cloths with {self.triangle_count} triangles, "
-                f"{self._core.obstacle_count} obstacles>")
+        return (
+            f"<cama.Scene {self.name!r}: {self._core.cloth_count} cloths with {self.triangle_count} triangles, "
+            f"{self._core.obstacle_count} obstacles>"
+        )
 
 
 def _forward(target, field, check, text):
     """A property of Scene that reads and writes a field of its compiled part."""
+
     def read(self):
         return getattr(target(self), field)
 
     def write(self, value):
         setattr(target(self), field, check(field, value))
+
     return property(read, write, doc=text)
 
 
@@ -367,9 +438,21 @@ def _text(name, value):
 Scene.name = _forward(lambda s: s._core, "name", _text, "Name of the scene.")
 Scene.description = _forward(lambda s: s._core, "description", _text, "What it shows.")
 Scene.time_step = _forward(lambda s: s._core, "time_step", number, "s; 0: the accuracy level's.")
-Scene.frame_time = _forward(lambda s: s._core, "frame_time", number, "s between recorded frames; 0: time_step, or 1/60 s without one.")
+Scene.frame_time = _forward(
+    lambda s: s._core, "frame_time", number, "s between recorded frames; 0: time_step, or 1/60 s without one."
+)
 Scene.frames = _forward(lambda s: s._core, "frames", whole, "Frames that `cama run` records.")
 Scene.thickness = _forward(lambda s: s._core.contact, "thickness", number, "Contact thickness, m.")
 Scene.stiffness = _forward(lambda s: s._core.contact, "stiffness", number, "Contact penalty, N/m^3.")
-Scene.friction = _forward(lambda s: s._core.contact, "friction", number, "Coulomb coefficient cloth against cloth, for materials that give none.")
-Scene.static_friction = _forward(lambda s: s._core.contact, "static_friction", number, "The same while it sticks, not below `friction`; -1: equal to it.")
+Scene.friction = _forward(
+    lambda s: s._core.contact,
+    "friction",
+    number,
+    "Coulomb coefficient cloth against cloth, for materials that give none.",
+)
+Scene.static_friction = _forward(
+    lambda s: s._core.contact,
+    "static_friction",
+    number,
+    "The same while it sticks, not below `friction`; -1: equal to it.",
+)

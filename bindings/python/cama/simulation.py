@@ -14,20 +14,27 @@ from .scene import Scene
 
 __all__ = ["Simulation", "Frame"]
 
-CONTACT = np.dtype([("vertices", np.int32, 4), ("weights", np.float64, 4), ("normal", np.float64, 3),
-                    ("distance", np.float64), ("kind", np.int32)])
+CONTACT = np.dtype(
+    [
+        ("vertices", np.int32, 4),
+        ("weights", np.float64, 4),
+        ("normal", np.float64, 3),
+        ("distance", np.float64),
+        ("kind", np.int32),
+    ]
+)
 
 
 @dataclass
 class Frame:
     """One recorded moment of a simulation."""
 
-    index: int            #: frames since the start, 1 for the first that was computed
-    time: float           #: s
+    index: int  #: frames since the start, 1 for the first that was computed
+    time: float  #: s
     positions: np.ndarray = field(repr=False)  #: [vertices, 3] m, cloths then obstacles
-    contacts: int         #: contacts in the last step's matrix
-    intersections: int    #: edges through faces, -1 where not audited
-    report: dict = field(repr=False)           #: of the last step, see `Simulation.report`
+    contacts: int  #: contacts in the last step's matrix
+    intersections: int  #: edges through faces, -1 where not audited
+    report: dict = field(repr=False)  #: of the last step, see `Simulation.report`
 
 
 class Simulation:
@@ -57,7 +64,9 @@ class Simulation:
         self._frame, self._parts = 0, None
 
     def __reduce__(self):
-        raise TypeError("a Simulation is not pickled or copied: pickle its scene, or save_checkpoint and load_checkpoint")
+        raise TypeError(
+            "a Simulation is not pickled or copied: pickle its scene, or save_checkpoint and load_checkpoint"
+        )
 
     def step(self, n=1):
         """Computes n time steps with the GIL released. Ctrl-C stops between steps and keeps what was computed.
@@ -76,8 +85,14 @@ class Simulation:
             self.step(self.steps_per_frame)
             self._frame += 1
             report = self.report
-            yield Frame(self._frame, self.time, self.positions, report["contacts"],
-                        self.count_intersections() if audit else -1, report)
+            yield Frame(
+                self._frame,
+                self.time,
+                self.positions,
+                report["contacts"],
+                self.count_intersections() if audit else -1,
+                report,
+            )
 
     @property
     def step_count(self):
@@ -103,7 +118,10 @@ class Simulation:
     def settings(self):
         """Options that trade accuracy for time: list of dicts with name, value (text), origin ("level", "scene" or "user"), trades."""
         rows = [dict(zip(("name", "value", "origin", "trades"), row)) for row in self._core.settings()]
-        return [{**row, "origin": "scene"} if row["origin"] == "user" and row["name"] in self._of_scene else row for row in rows]
+        return [
+            {**row, "origin": "scene"} if row["origin"] == "user" and row["name"] in self._of_scene else row
+            for row in rows
+        ]
 
     @property
     def vertex_count(self):
@@ -170,7 +188,9 @@ class Simulation:
         can touch. Nothing is set then.
         """
         shape = (self.cloth_vertex_count, 3)
-        self._core.set_state(reals("set_state: positions", positions, shape), reals("set_state: velocities", velocities, shape))
+        self._core.set_state(
+            reals("set_state: positions", positions, shape), reals("set_state: velocities", velocities, shape)
+        )
 
     def save_checkpoint(self, path):
         """Writes all that later steps depend on to an HDF5 file, whole or not at all: `load_checkpoint` goes on from there.
@@ -271,7 +291,9 @@ class Simulation:
         return values(self._core.options())
 
     def __repr__(self):
-        return f"<cama.Simulation of {self.scene.name!r} on {self.backend}: step {self.step_count}, time {self.time:g} s>"
+        return (
+            f"<cama.Simulation of {self.scene.name!r} on {self.backend}: step {self.step_count}, time {self.time:g} s>"
+        )
 
 
 def stage_paths(rows):

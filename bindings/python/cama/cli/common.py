@@ -38,22 +38,50 @@ class Pinch(str, Enum):
     stop, release = "stop", "release"
 
 
-SceneName = Annotated[str, typer.Argument(metavar="SCENE", help="A folder with scene.json, a JSON file, or a shipped scene's name.")]
+SceneName = Annotated[
+    str, typer.Argument(metavar="SCENE", help="A folder with scene.json, a JSON file, or a shipped scene's name.")
+]
 BackendOption = Annotated[Backend, typer.Option(help="Where to compute.")]
-PrecisionOption = Annotated[Optional[Precision], typer.Option(help="Of forces, matrix and solve; left out: what the accuracy says.")]
-AccuracyOption = Annotated[Optional[Accuracy], typer.Option(help="Level: time step, integrator, solver and collision options in one word; left out: the scene's options, else production.")]
+PrecisionOption = Annotated[
+    Optional[Precision], typer.Option(help="Of forces, matrix and solve; left out: what the accuracy says.")
+]
+AccuracyOption = Annotated[
+    Optional[Accuracy],
+    typer.Option(
+        help="Level: time step, integrator, solver and collision options in one word; left out: the scene's options, else production."
+    ),
+]
 TimeStep = Annotated[float, typer.Option(min=0.0, help="s; 0: the scene's at production and paper, else the level's.")]
-Set = Annotated[Optional[list[str]], typer.Option("--set", metavar="NAME=VALUE", help="One option in place of the level's, for example tolerance=1e-4; may be repeated.")]
+Set = Annotated[
+    Optional[list[str]],
+    typer.Option(
+        "--set",
+        metavar="NAME=VALUE",
+        help="One option in place of the level's, for example tolerance=1e-4; may be repeated.",
+    ),
+]
 Resolution = Annotated[int, typer.Option(min=0, help="Total number of cloth triangles aimed at; 0: the scene's own.")]
-Threads = Annotated[int, typer.Option(min=0, help="Threads of the CPU backend; 0: one for every 1,000 triangles, at most all processors.")]
+Threads = Annotated[
+    int,
+    typer.Option(min=0, help="Threads of the CPU backend; 0: one for every 1,000 triangles, at most all processors."),
+]
 Device = Annotated[int, typer.Option(min=0, help="Index of the backend's device.")]
 Debug = Annotated[bool, typer.Option("--debug", help="Show Python's traceback of an error.")]
 
-WHERE = ("backend", "device", "threads", "precision", "accuracy", "intersections", "pinch")   # options of the command's own
+WHERE = (
+    "backend",
+    "device",
+    "threads",
+    "precision",
+    "accuracy",
+    "intersections",
+    "pinch",
+)  # options of the command's own
 
 
 def clean(command):
     """Turns an exception of cama into one red line and exit code 2 (1 once a run has started)."""
+
     @functools.wraps(command)
     def run_clean(*arguments, debug=False, **options):
         try:
@@ -63,12 +91,15 @@ def clean(command):
                 raise
             fail(problem)
             raise typer.Exit(2) from None
+
     return run_clean
 
 
 def fail(problem):
     """One red line on standard error."""
-    Console(stderr=True, soft_wrap=True).print(f"[bold red]{type(problem).__name__}:[/] [red]{escape(str(problem))}[/]", highlight=False)
+    Console(stderr=True, soft_wrap=True).print(
+        f"[bold red]{type(problem).__name__}:[/] [red]{escape(str(problem))}[/]", highlight=False
+    )
 
 
 def chosen(accuracy, time_step, words):

@@ -6,21 +6,54 @@ from rich.table import Table
 
 from ..scene import Scene
 from ..simulation import Simulation
-from .common import AccuracyOption, Backend, BackendOption, Debug, Device, PrecisionOption, Resolution, SceneName, Set, Threads, TimeStep, chosen, clean, console
+from .common import (
+    AccuracyOption,
+    Backend,
+    BackendOption,
+    Debug,
+    Device,
+    PrecisionOption,
+    Resolution,
+    SceneName,
+    Set,
+    Threads,
+    TimeStep,
+    chosen,
+    clean,
+    console,
+)
 
 
 @clean
-def explain(scene: SceneName, backend: BackendOption = Backend.auto, precision: PrecisionOption = None,
-            accuracy: AccuracyOption = None, time_step: TimeStep = 0.0, set_: Set = None, resolution: Resolution = 0,
-            threads: Threads = 0, device: Device = 0, debug: Debug = False):
+def explain(
+    scene: SceneName,
+    backend: BackendOption = Backend.auto,
+    precision: PrecisionOption = None,
+    accuracy: AccuracyOption = None,
+    time_step: TimeStep = 0.0,
+    set_: Set = None,
+    resolution: Resolution = 0,
+    threads: Threads = 0,
+    device: Device = 0,
+    debug: Debug = False,
+):
     """Shows what the accuracy level chose, which stages and streams SCENE gets, why, and their memory after one step."""
     loaded = Scene.load(scene, resolution)
-    simulation = Simulation(loaded, backend=backend.value, precision=precision.value if precision else None,
-                                 accuracy=accuracy.value if accuracy else None, device=device, threads=threads, **chosen(accuracy, time_step, set_))
+    simulation = Simulation(
+        loaded,
+        backend=backend.value,
+        precision=precision.value if precision else None,
+        accuracy=accuracy.value if accuracy else None,
+        device=device,
+        threads=threads,
+        **chosen(accuracy, time_step, set_),
+    )
     level = accuracy.value if accuracy else loaded.options.get("accuracy", "production")
     simulation.step()
     out = console()
-    out.print(f"[bold]{escape(repr(simulation.scene))}[/] on {simulation.backend} ({escape(simulation.device)}), accuracy {level}")
+    out.print(
+        f"[bold]{escape(repr(simulation.scene))}[/] on {simulation.backend} ({escape(simulation.device)}), accuracy {level}"
+    )
     chosen_by = {"level": f"level {level}", "scene": "scene", "user": "[bold]user[/]"}
     options = Table("option", "value", "set by", "trades time for", box=None, padding=(0, 2))
     for s in simulation.settings:

@@ -23,9 +23,9 @@ from ..io.summary import Summary
 class Result:
     """How a run ended."""
 
-    fields: dict                       #: of summary.json
-    interrupted: int = 0               #: number of the signal that stopped it: SIGINT (Ctrl-C) or SIGTERM; 0: none
-    problem: Optional[Error] = None    #: what stopped it, else
+    fields: dict  #: of summary.json
+    interrupted: int = 0  #: number of the signal that stopped it: SIGINT (Ctrl-C) or SIGTERM; 0: none
+    problem: Optional[Error] = None  #: what stopped it, else
 
 
 @contextlib.contextmanager
@@ -51,18 +51,38 @@ def interruptible():
 
 def progress_bar(console):
     """Frame, ms per step, contacts, intersections, time left."""
-    return Progress(TextColumn("frame"), MofNCompleteColumn(), BarColumn(), TextColumn("{task.fields[ms]} ms/step"),
-                    TextColumn("{task.fields[contacts]} contacts"), TextColumn("{task.fields[found]} intersections"),
-                    TimeRemainingColumn(), TextColumn("left"), console=console, disable=console is None, transient=True)
+    return Progress(
+        TextColumn("frame"),
+        MofNCompleteColumn(),
+        BarColumn(),
+        TextColumn("{task.fields[ms]} ms/step"),
+        TextColumn("{task.fields[contacts]} contacts"),
+        TextColumn("{task.fields[found]} intersections"),
+        TimeRemainingColumn(),
+        TextColumn("left"),
+        console=console,
+        disable=console is None,
+        transient=True,
+    )
 
 
 def attributes(simulation):
     """What frames.h5 says about the run."""
     scene, options = simulation.scene, simulation.options
-    return {"scene": scene.name, "description": scene.description, "backend": simulation.backend, "device": simulation.device,
-            "precision": options["precision"], "accuracy": options["accuracy"], "time_step": simulation.time_step,
-            "steps_per_frame": simulation.steps_per_frame, "frame_time": simulation.time_step * simulation.steps_per_frame,
-            "thickness": scene.thickness, "cama_version": __version__, "created": time.strftime("%Y-%m-%dT%H:%M:%S%z")}
+    return {
+        "scene": scene.name,
+        "description": scene.description,
+        "backend": simulation.backend,
+        "device": simulation.device,
+        "precision": options["precision"],
+        "accuracy": options["accuracy"],
+        "time_step": simulation.time_step,
+        "steps_per_frame": simulation.steps_per_frame,
+        "frame_time": simulation.time_step * simulation.steps_per_frame,
+        "thickness": scene.thickness,
+        "cama_version": __version__,
+        "created": time.strftime("%Y-%m-%dT%H:%M:%S%z"),
+    }
 
 
 def prepare(folder):
@@ -88,13 +108,20 @@ def run(simulation, folder, frames, store=None, progress=None, checkpoint_every=
         prepare(folder)
     summary, problem, stopped = Summary(simulation), None, 0
     dtype = {None: None, "double": np.float64, "single": np.float32}[store]
-    with Recorder(folder / NAME, simulation, attributes(simulation), dtype, simulation.time if resume else None) as recorder, \
-            progress_bar(progress) as bar, interruptible() as pressed:
+    with (
+        Recorder(
+            folder / NAME, simulation, attributes(simulation), dtype, simulation.time if resume else None
+        ) as recorder,
+        progress_bar(progress) as bar,
+        interruptible() as pressed,
+    ):
         steps = simulation.steps_per_frame
         if resume:
             done, found = len(recorder.times) - 1, recorder.intersections
             if done >= frames:
-                raise FileError(f"{folder / NAME}: has {done} frames after the start already; ask for more than that with --frames")
+                raise FileError(
+                    f"{folder / NAME}: has {done} frames after the start already; ask for more than that with --frames"
+                )
             summary.resume(found)
             left = steps - round((simulation.time - recorder.times[-1]) / simulation.time_step)
         else:
@@ -107,14 +134,20 @@ def run(simulation, folder, frames, store=None, progress=None, checkpoint_every=
                     break
                 left = steps
                 found += record(simulation, recorder, summary)
-                bar.update(task, advance=1, ms=f"{summary.milliseconds():.1f}", contacts=simulation.report["contacts"], found=found)
+                bar.update(
+                    task,
+                    advance=1,
+                    ms=f"{summary.milliseconds():.1f}",
+                    contacts=simulation.report["contacts"],
+                    found=found,
+                )
                 if checkpoint_every and frame % checkpoint_every == 0 and frame < frames:
                     simulation.save_checkpoint(folder / CHECKPOINT)
         except Error as error:
             problem = error
     try:
         simulation.save_checkpoint(folder / CHECKPOINT)
-    except Error as error:   # a disk that is full, a device that is lost
+    except Error as error:  # a disk that is full, a device that is lost
         problem = problem or error
     fields, unwritten = summary.write(folder)
     return Result(fields, stopped, problem or unwritten)

@@ -12,8 +12,13 @@ from .stability import stability
 from .tradeoff import tradeoff
 from .tune import tune
 
-app = typer.Typer(help="Cloth simulation on CPUs and GPUs.", no_args_is_help=True, add_completion=False,
-                  pretty_exceptions_enable=False, rich_markup_mode="rich")
+app = typer.Typer(
+    help="Cloth simulation on CPUs and GPUs.",
+    no_args_is_help=True,
+    add_completion=False,
+    pretty_exceptions_enable=False,
+    rich_markup_mode="rich",
+)
 for command in (run, info, explain, check, render, stability, tradeoff, tune):
     app.command()(command)
 

@@ -13,17 +13,38 @@ from ..measuring import grid
 from .common import console
 
 
-Knobs = Annotated[Optional[List[str]], typer.Option("--knob", metavar="NAME=V,V", help="Values of a knob; several knobs are combined. Default: a grid that says most.")]
-Also = Annotated[Optional[List[str]], typer.Option(metavar="NAME=V;NAME=V", help="One more setting beside the grid, for example 'accuracy=paper'.")]
+Knobs = Annotated[
+    Optional[List[str]],
+    typer.Option(
+        "--knob",
+        metavar="NAME=V,V",
+        help="Values of a knob; several knobs are combined. Default: a grid that says most.",
+    ),
+]
+Also = Annotated[
+    Optional[List[str]],
+    typer.Option(metavar="NAME=V;NAME=V", help="One more setting beside the grid, for example 'accuracy=paper'."),
+]
 Backends = Annotated[List[str], typer.Option("--backend", help="Where to compute; may be given several times.")]
 Resolution = Annotated[int, typer.Option(min=0, help="Total number of cloth triangles aimed at; 0: the scene's own.")]
 Window = Annotated[float, typer.Option(min=1e-6, help="Seconds from a state of the reference to the comparison.")]
-ReferenceStep = Annotated[Optional[float], typer.Option(help="Time step of the reference, s; default: the scene's / 32.")]
+ReferenceStep = Annotated[
+    Optional[float], typer.Option(help="Time step of the reference, s; default: the scene's / 32.")
+]
 Threads = Annotated[int, typer.Option(min=0, help="Threads of timed runs on the CPU backend; 0: as for run.")]
 Device = Annotated[int, typer.Option(min=0, help="Index of the backend's device.")]
 Jobs = Annotated[int, typer.Option(min=1, help="Timed runs at once; more than one disturb each other.")]
-ErrorJobs = Annotated[int, typer.Option(min=0, help="Runs at once that measure errors alone; 0: as many as there are processors on cpu, one on other devices.")]
-ClusterAddress = Annotated[Optional[str], typer.Option("--cluster", metavar="ADDRESS", help="Run on this Ray cluster, for example auto or HOST:6379.")]
+ErrorJobs = Annotated[
+    int,
+    typer.Option(
+        min=0,
+        help="Runs at once that measure errors alone; 0: as many as there are processors on cpu, one on other devices.",
+    ),
+]
+ClusterAddress = Annotated[
+    Optional[str],
+    typer.Option("--cluster", metavar="ADDRESS", help="Run on this Ray cluster, for example auto or HOST:6379."),
+]
 Limit = Annotated[float, typer.Option(min=1e-3, help="Seconds of wall time for one run.")]
 WarmUp = Annotated[int, typer.Option(min=0, help="Steps that are not timed.")]
 Debug = Annotated[bool, typer.Option("--debug", help="Show Python's traceback of an error.")]
@@ -49,8 +70,15 @@ def backend_names(given):
 
 def bar(console):
     """What was run last, how many results there are, time left."""
-    return Progress(TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn(), TimeRemainingColumn(), console=console,
-                    transient=True)
+    return Progress(
+        TextColumn("{task.description}"),
+        BarColumn(),
+        MofNCompleteColumn(),
+        TimeElapsedColumn(),
+        TimeRemainingColumn(),
+        console=console,
+        transient=True,
+    )
 
 
 class stoppable:
@@ -64,6 +92,8 @@ class stoppable:
 
     def __exit__(self, kind, problem, trace):
         if kind is KeyboardInterrupt:
-            console().print(f"[yellow]Stopped; what was finished is kept in {escape(str(self._folder))}, the same command goes on from there.[/]")
+            console().print(
+                f"[yellow]Stopped; what was finished is kept in {escape(str(self._folder))}, the same command goes on from there.[/]"
+            )
             raise typer.Exit(130) from None
         return False

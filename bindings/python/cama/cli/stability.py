@@ -15,9 +15,13 @@ from ..errors import BackendError, SceneError
 from .common import Debug, Precision, clean, console
 
 
-Cases = Annotated[Optional[List[str]], typer.Argument(metavar="[CASE...]", help="Numbers (1 to 45) or names; none: all.")]
-Backends = Annotated[Optional[List[str]],
-                     typer.Option("--backend", help="cpu, opencl, cuda; may be repeated. Default: all that are there.")]
+Cases = Annotated[
+    Optional[List[str]], typer.Argument(metavar="[CASE...]", help="Numbers (1 to 45) or names; none: all.")
+]
+Backends = Annotated[
+    Optional[List[str]],
+    typer.Option("--backend", help="cpu, opencl, cuda; may be repeated. Default: all that are there."),
+]
 Output = Annotated[Path, typer.Option("--output", "-o", metavar="OUT", help="Folder of the results.")]
 
 
@@ -30,8 +34,10 @@ def backends_of(names):
     chosen = list(dict.fromkeys(names or [name for name, b in there.items() if b["available"]]))
     for name in chosen:
         if not there.get(name, {}).get("available"):
-            raise BackendError(f"backend {name!r} is not available{': ' + there[name]['note'] if name in there else ''}; "
-                               f"there are {', '.join(n for n, b in there.items() if b['available'])}")
+            raise BackendError(
+                f"backend {name!r} is not available{': ' + there[name]['note'] if name in there else ''}; "
+                f"there are {', '.join(n for n, b in there.items() if b['available'])}"
+            )
     return chosen
 
 
@@ -48,28 +54,41 @@ def outcome_table(outcomes, width):
         colour = "green" if o.good else "yellow" if o.known else "bold red"
         energy = "-" if o.energy_ratio is None else f"{o.energy_ratio:.2g}"
         known = f" [dim](known: {escape(o.known)})[/]" if o.known else ""
-        seen = (str(o.steps), str(o.intersections), f"{o.strain:.2g}", energy, f"{o.seconds:.1f}")[:len(measures)]
-        table.add_row(str(o.number), escape(o.check), o.backend, o.precision, *seen, f"[{colour}]{escape(o.outcome[:160])}[/]" + known)
+        seen = (str(o.steps), str(o.intersections), f"{o.strain:.2g}", energy, f"{o.seconds:.1f}")[: len(measures)]
+        table.add_row(
+            str(o.number),
+            escape(o.check),
+            o.backend,
+            o.precision,
+            *seen,
+            f"[{colour}]{escape(o.outcome[:160])}[/]" + known,
+        )
     return table
 
 
 @clean
-def stability(cases: Cases = None,
-                      backend: Backends = None,
-                      precision: Annotated[Optional[List[Precision]], typer.Option(help="May be repeated. Default: all three.")] = None,
-                      accuracy: Annotated[str, typer.Option(metavar="LEVEL", help=f"One of {', '.join(LEVELS)}.")] = "production",
-                      limit: Annotated[float, typer.Option(min=1.0, help="Seconds of wall time for one run.")] = 120.0,
-                      jobs: Annotated[int, typer.Option(min=0, help="Runs at once; 0: one for two processors.")] = 0,
-                      long: Annotated[bool, typer.Option("--long", help="The long ones too.")] = False,
-                      show: Annotated[bool, typer.Option("--list", help="Print the table of cases and stop.")] = False,
-                      join: Annotated[Optional[List[Path]],
-                                      typer.Option(metavar="FILE", help="A stability.json of another run or machine, shown beside these; "
-                                                                        "may be repeated.")] = None,
-                      page: Annotated[Optional[Path], typer.Option(metavar="FILE", help="Write the Markdown page here too.")] = None,
-                      output: Output = Path("out/stability"),
-                      debug: Annotated[bool, typer.Option("--debug", help="Show Python's traceback of an error.")] = False):
+def stability(
+    cases: Cases = None,
+    backend: Backends = None,
+    precision: Annotated[Optional[List[Precision]], typer.Option(help="May be repeated. Default: all three.")] = None,
+    accuracy: Annotated[str, typer.Option(metavar="LEVEL", help=f"One of {', '.join(LEVELS)}.")] = "production",
+    limit: Annotated[float, typer.Option(min=1.0, help="Seconds of wall time for one run.")] = 120.0,
+    jobs: Annotated[int, typer.Option(min=0, help="Runs at once; 0: one for two processors.")] = 0,
+    long: Annotated[bool, typer.Option("--long", help="The long ones too.")] = False,
+    show: Annotated[bool, typer.Option("--list", help="Print the table of cases and stop.")] = False,
+    join: Annotated[
+        Optional[List[Path]],
+        typer.Option(
+            metavar="FILE", help="A stability.json of another run or machine, shown beside these; may be repeated."
+        ),
+    ] = None,
+    page: Annotated[Optional[Path], typer.Option(metavar="FILE", help="Write the Markdown page here too.")] = None,
+    output: Output = Path("out/stability"),
+    debug: Annotated[bool, typer.Option("--debug", help="Show Python's traceback of an error.")] = False,
+):
     """Runs the cases that break cloth simulators and checks what must come of each; exit code 1 if anything else does."""
     from ..torture import stability as runner, table
+
     try:
         checks = table.select(cases or ())
     except KeyError as word:
@@ -89,22 +108,31 @@ def stability(cases: Cases = None,
     # a case that is asked for by name or number is run however long it is
     long = long or bool(cases)
     total = sum(c.applies(b, p) and (long or not c.long) for c in checks for b in backends for p in precisions)
-    with Progress(TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn(),
-                  console=Console(stderr=True, highlight=False), transient=True) as progress:
+    with Progress(
+        TextColumn("{task.description}"),
+        BarColumn(),
+        MofNCompleteColumn(),
+        TimeElapsedColumn(),
+        console=Console(stderr=True, highlight=False),
+        transient=True,
+    ) as progress:
         task, done = progress.add_task("", total=total), []
 
         def each(o):
             progress.update(task, advance=1, description=f"{o.number} {o.check} on {o.backend} in {o.precision}")
             done.append(o)
             runner.write(done, output, None, checks)
+
         outcomes = runner.run(checks, backends, precisions, accuracy, limit, jobs or runner.default_jobs(), long, each)
     ran = {(o.check, o.backend, o.precision) for o in outcomes}
     others = [o for o in others if (o.check, o.backend, o.precision) not in ran]
     runner.write(outcomes + others, output, page, checks)
     out.print(outcome_table(outcomes, out.width))
     good, known = sum(o.good for o in outcomes), sum(bool(o.known) for o in outcomes)
-    out.print(f"{good} of {len(outcomes)} as expected, {known} fail as known, {len(outcomes) - good - known} fail otherwise; "
-              f"{sum(c.body is None for c in checks)} cases cannot be run here. Written to {escape(str(output))}")
+    out.print(
+        f"{good} of {len(outcomes)} as expected, {known} fail as known, {len(outcomes) - good - known} fail otherwise; "
+        f"{sum(c.body is None for c in checks)} cases cannot be run here. Written to {escape(str(output))}"
+    )
     if len(outcomes) < total:
         raise typer.Exit(130)
     if not all(o.excused for o in outcomes):

@@ -12,22 +12,60 @@ from rich.table import Table
 from ..measuring import report
 from ..measuring.tradeoff import Setup, join as join_results, tradeoff as measure_tradeoff
 from .common import clean, console
-from .plan import (Also, Backends, ClusterAddress, Debug, Device, ErrorJobs, Jobs, Knobs, Limit, ReferenceStep, Resolution, Threads, WarmUp,
-                   Window, backend_names, bar, plan_of, stoppable)
+from .plan import (
+    Also,
+    Backends,
+    ClusterAddress,
+    Debug,
+    Device,
+    ErrorJobs,
+    Jobs,
+    Knobs,
+    Limit,
+    ReferenceStep,
+    Resolution,
+    Threads,
+    WarmUp,
+    Window,
+    backend_names,
+    bar,
+    plan_of,
+    stoppable,
+)
 
 
 @clean
-def tradeoff(scenes: Annotated[List[str], typer.Argument(metavar="SCENE...", help="As for run.")],
-                     knob: Knobs = None, also: Also = None, backend: Backends = ("auto",), resolution: Resolution = 0, window: Window = 0.05,
-                     windows: Annotated[int, typer.Option(min=1, help="Start states.")] = 8,
-                     first: Annotated[int, typer.Option(min=0, help="Windows that are left out at the start.")] = 1,
-                     reference_step: ReferenceStep = None, threads: Threads = 0, device: Device = 0, jobs: Jobs = 1, error_jobs: ErrorJobs = 0,
-                     cluster: ClusterAddress = None, limit: Limit = 600.0, warm_up: WarmUp = 5,
-                     plots: Annotated[bool, typer.Option(help="Write plots and the page (matplotlib).")] = True,
-                     join: Annotated[Optional[List[Path]], typer.Option(metavar="FILE", help="A tradeoff.json of another run or machine: its other backends "
-                                                                                             "are shown beside these; may be repeated.")] = None,
-                     output: Annotated[Path, typer.Option("--output", "-o", metavar="OUT", help="Folder of results; finished ones are kept there.")] = Path("out/tradeoff"),
-                     debug: Debug = False):
+def tradeoff(
+    scenes: Annotated[List[str], typer.Argument(metavar="SCENE...", help="As for run.")],
+    knob: Knobs = None,
+    also: Also = None,
+    backend: Backends = ("auto",),
+    resolution: Resolution = 0,
+    window: Window = 0.05,
+    windows: Annotated[int, typer.Option(min=1, help="Start states.")] = 8,
+    first: Annotated[int, typer.Option(min=0, help="Windows that are left out at the start.")] = 1,
+    reference_step: ReferenceStep = None,
+    threads: Threads = 0,
+    device: Device = 0,
+    jobs: Jobs = 1,
+    error_jobs: ErrorJobs = 0,
+    cluster: ClusterAddress = None,
+    limit: Limit = 600.0,
+    warm_up: WarmUp = 5,
+    plots: Annotated[bool, typer.Option(help="Write plots and the page (matplotlib).")] = True,
+    join: Annotated[
+        Optional[List[Path]],
+        typer.Option(
+            metavar="FILE",
+            help="A tradeoff.json of another run or machine: its other backends "
+            "are shown beside these; may be repeated.",
+        ),
+    ] = None,
+    output: Annotated[
+        Path, typer.Option("--output", "-o", metavar="OUT", help="Folder of results; finished ones are kept there.")
+    ] = Path("out/tradeoff"),
+    debug: Debug = False,
+):
     """Measures what settings cost and get wrong; writes OUT/tradeoff.csv, .json, plots and index.html. Run again, it goes on."""
     plan = plan_of(knob, also)
     setup = Setup(backend_names(backend), device, threads, jobs, error_jobs, cluster, limit, warm_up)
@@ -35,9 +73,23 @@ def tradeoff(scenes: Annotated[List[str], typer.Argument(metavar="SCENE...", hel
     with bar(Console(stderr=True, highlight=False)) as progress, stoppable(output):
         for scene in scenes:
             task = progress.add_task(escape(scene), total=None)
-            results.append(measure_tradeoff(scene, output, plan, resolution, window, windows, first, 1, reference_step, setup,
-                                             lambda done, of, words: progress.update(task, completed=done, total=of or None,
-                                                                                     description=f"{escape(scene)}: {escape(words)}")))
+            results.append(
+                measure_tradeoff(
+                    scene,
+                    output,
+                    plan,
+                    resolution,
+                    window,
+                    windows,
+                    first,
+                    1,
+                    reference_step,
+                    setup,
+                    lambda done, of, words: progress.update(
+                        task, completed=done, total=of or None, description=f"{escape(scene)}: {escape(words)}"
+                    ),
+                )
+            )
             report.write(results, output, plots)
     for file in join or ():
         join_results(results, file)
@@ -49,8 +101,10 @@ def tradeoff(scenes: Annotated[List[str], typer.Argument(metavar="SCENE...", hel
     for p in failed[:10]:
         out.print(f"[red]failed:[/] {p['backend']}, {escape(p['label'])}: {escape(p['failed'])}")
     for r in results:
-        out.print(f"{escape(r.scene)}: the reference may be off by {r.facts['uncertainty_edges']:.2g} edge lengths itself"
-                  + ("" if r.facts["converged"] else " [bold red]and has not converged[/]"))
+        out.print(
+            f"{escape(r.scene)}: the reference may be off by {r.facts['uncertainty_edges']:.2g} edge lengths itself"
+            + ("" if r.facts["converged"] else " [bold red]and has not converged[/]")
+        )
     out.print(f"written to {escape(str(output))}")
     if len(failed) == sum(len(r.points) for r in results):
         raise typer.Exit(1)

@@ -39,8 +39,9 @@ class Output:
         def whole():
             rest = memoryview(data)
             while rest:
-                rest = rest[self._file.write(rest):]
+                rest = rest[self._file.write(rest) :]
             return len(data)
+
         return self._do(whole, len(data))
 
     def read(self, size=-1):
@@ -104,7 +105,9 @@ class Recorder:
             self._file[f"{kind}_ranges"] = ranges
             self._file[f"{kind}_ranges"].attrs["names"] = np.array([p.name for p in parts], dtype=h5py.string_dtype())
             if kind == "obstacle":
-                self._file["obstacle_ranges"].attrs["surfaces"] = np.array([p.surface for p in parts], dtype=h5py.string_dtype())
+                self._file["obstacle_ranges"].attrs["surfaces"] = np.array(
+                    [p.surface for p in parts], dtype=h5py.string_dtype()
+                )
                 self._file["obstacle_ranges"].attrs["radii"] = np.array([p.radius for p in parts], np.float64)
         self._rows = {
             "positions": self._growing("positions", (count, 3), dtype),
@@ -119,23 +122,34 @@ class Recorder:
             self._rows = {name: self._file[name] for name in ("positions", "contacts", "intersections", "times")}
             times = self._rows["times"][:]
             if self._rows["positions"].shape[1:] != (count, 3):
-                raise FileError(f"{self._path}: has {self._rows['positions'].shape[1]} vertices a frame, the simulation {count}")
+                raise FileError(
+                    f"{self._path}: has {self._rows['positions'].shape[1]} vertices a frame, the simulation {count}"
+                )
             stored, interval = self._rows["positions"].dtype, float(self._file.attrs.get("frame_time", 0))
         except (KeyError, IndexError, TypeError, ValueError) as problem:
             raise FileError(f"{self._path}: not a recording of cama: {problem}") from None
         if dtype is not None and stored != dtype:
-            raise FileError(f"{self._path}: holds positions as {stored}, not {np.dtype(dtype)}; leave --store out to go on as it is")
+            raise FileError(
+                f"{self._path}: holds positions as {stored}, not {np.dtype(dtype)}; leave --store out to go on as it is"
+            )
         wanted = attributes.get("frame_time", interval)
         if abs(interval - wanted) > 1e-9 * wanted:
-            raise FileError(f"{self._path}: has a frame every {interval:.9g} s, this run would go on with one every {wanted:.9g} s; keep the scene's frame_time "
-                            "and a time step that divides it")
-        self._file.attrs.update({name: attributes[name] for name in ("time_step", "steps_per_frame") if name in attributes})
+            raise FileError(
+                f"{self._path}: has a frame every {interval:.9g} s, this run would go on with one every {wanted:.9g} s; keep the scene's frame_time "
+                "and a time step that divides it"
+            )
+        self._file.attrs.update(
+            {name: attributes[name] for name in ("time_step", "steps_per_frame") if name in attributes}
+        )
         kept = int(np.searchsorted(times, until * (1 + 1e-12), side="right"))
         if not kept:
             raise FileError(f"{self._path}: has no frame up to {until:g} s, where the checkpoint is")
         for rows in self._rows.values():
             rows.resize(kept, axis=0)
-        self.times, self.intersections = times[:kept], int(self._rows["intersections"][:].sum())   #: of the frames that are kept
+        self.times, self.intersections = (
+            times[:kept],
+            int(self._rows["intersections"][:].sum()),
+        )  #: of the frames that are kept
         self._file.flush()
 
     def _growing(self, name, shape, dtype):
@@ -169,10 +183,10 @@ class Part:
     """One cloth or obstacle of a recording."""
 
     name: str
-    vertices: slice        #: into the vertices of a frame
-    faces: np.ndarray      #: [triangles, 3] int64, counted from the part's first vertex
+    vertices: slice  #: into the vertices of a frame
+    faces: np.ndarray  #: [triangles, 3] int64, counted from the part's first vertex
     surface: str = "mesh"  #: or that of an exact obstacle, whose vertices are its defining points
-    radius: float = 0.0    #: of an exact sphere or capsule, m
+    radius: float = 0.0  #: of an exact sphere or capsule, m
 
 
 class Recording:
@@ -196,10 +210,16 @@ class Recording:
 
     def _parts(self, kind):
         ranges = self._file[f"{kind}_ranges"]
-        texts = lambda key: [t if isinstance(t, str) else t.decode() for t in ranges.attrs.get(key, ["mesh"] * len(ranges))]
+        texts = lambda key: [
+            t if isinstance(t, str) else t.decode() for t in ranges.attrs.get(key, ["mesh"] * len(ranges))
+        ]
         radii = ranges.attrs.get("radii", [0.0] * len(ranges))
-        return [Part(name, slice(first, last), self._faces_of(first, last), surface, float(radius))
-                for name, (first, last), surface, radius in zip(texts("names"), ranges[:].tolist(), texts("surfaces"), radii)]
+        return [
+            Part(name, slice(first, last), self._faces_of(first, last), surface, float(radius))
+            for name, (first, last), surface, radius in zip(
+                texts("names"), ranges[:].tolist(), texts("surfaces"), radii
+            )
+        ]
 
     def _faces_of(self, first, last):
         inside = (self.faces[:, 0] >= first) & (self.faces[:, 0] < last)

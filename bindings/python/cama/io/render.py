@@ -14,8 +14,8 @@ from .recording import Recording
 
 CLOTHS = ["#3f74b5", "#e08a3c", "#4f9d69", "#b8485f", "#8366b0", "#c9a227", "#3a9aa3", "#8a6a52"]
 BODY, FLOOR, SKY = "#cfc8bf", "#e9e9ec", "#f6f7f9"
-SHORTEST = 4.0       # s of video below which the automatic speed slows down
-VIEW_ANGLE = 30.0    # vertical, degrees
+SHORTEST = 4.0  # s of video below which the automatic speed slows down
+VIEW_ANGLE = 30.0  # vertical, degrees
 
 
 @dataclass
@@ -32,7 +32,11 @@ def speed_text(speed):
     """For people: "real time", "1/4 speed"."""
     if speed == 1:
         return "real time"
-    return f"1/{round(1 / speed)} speed" if speed < 1 and abs(1 / speed - round(1 / speed)) < 1e-9 else f"{speed:g} x speed"
+    return (
+        f"1/{round(1 / speed)} speed"
+        if speed < 1 and abs(1 / speed - round(1 / speed)) < 1e-9
+        else f"{speed:g} x speed"
+    )
 
 
 def choose_speed(duration, interval, fps):
@@ -75,7 +79,9 @@ def tessellate(surface, radius, points, around=48, seen=((0, 0, 0), 1.0)):
         w = w / np.linalg.norm(w)
         center, extent = seen
         off = np.asarray(center) - points[0]
-        return points[0] + (off @ u) * u + (off @ w) * w + extent * np.array([-u - w, u - w, u + w, w - u]), np.array([[0, 1, 2], [0, 2, 3]])
+        return points[0] + (off @ u) * u + (off @ w) * w + extent * np.array([-u - w, u - w, u + w, w - u]), np.array(
+            [[0, 1, 2], [0, 2, 3]]
+        )
     low, high = points[0], points[-1]
     axis = high - low
     length = np.linalg.norm(axis)
@@ -88,7 +94,9 @@ def tessellate(surface, radius, points, around=48, seen=((0, 0, 0), 1.0)):
     ends = np.repeat([low, high], half + 1, axis=0)
     turn = 2 * np.pi * np.arange(around) / around
     ring = np.cos(turn)[:, None] * u + np.sin(turn)[:, None] * w
-    vertices = (ends[:, None] + radius * (np.cos(latitudes)[:, None, None] * ring + np.sin(latitudes)[:, None, None] * axis)).reshape(-1, 3)
+    vertices = (
+        ends[:, None] + radius * (np.cos(latitudes)[:, None, None] * ring + np.sin(latitudes)[:, None, None] * axis)
+    ).reshape(-1, 3)
     i, j = np.meshgrid(np.arange(len(latitudes) - 1), np.arange(around), indexing="ij")
     a, b = (i * around + j).ravel(), (i * around + (j + 1) % around).ravel()
     return vertices, np.concatenate([np.stack([a, b, b + around], 1), np.stack([a, b + around, a + around], 1)])
@@ -149,6 +157,7 @@ class Stage:
 
     def __init__(self, recording, frames, size, azimuth, elevation):
         import pyvista
+
         self._pyvista, self._recording = pyvista, recording
         self._plotter = pyvista.Plotter(off_screen=True, window_size=size, lighting="none")
         self._plotter.set_background(SKY)
@@ -176,7 +185,9 @@ class Stage:
         if cloth:
             rgb = np.array(pv.Color(color).float_rgb)
             back = dict(look, color=tuple(0.55 * rgb + 0.45 * np.array([0.93, 0.92, 0.9])))
-        self._plotter.add_mesh(surface, color=color, smooth_shading=False, backface_params=back, interpolation="phong", **look)
+        self._plotter.add_mesh(
+            surface, color=color, smooth_shading=False, backface_params=back, interpolation="phong", **look
+        )
         self._parts.append((part, surface, faces))
 
     def _sample(self, frames):
@@ -185,14 +196,19 @@ class Stage:
         cloth, body = [], []
         for index in some:
             positions = self._recording.frame(int(index))
-            cloth += [positions[p.vertices][:: max(1, (p.vertices.stop - p.vertices.start) // 2000)] for p in self._recording.cloths]
+            cloth += [
+                positions[p.vertices][:: max(1, (p.vertices.stop - p.vertices.start) // 2000)]
+                for p in self._recording.cloths
+            ]
             body += [drawn(p, positions)[0] for p in self._recording.obstacles if p.surface != "plane"]
         cloth = np.concatenate(cloth or body)
         low, high = np.percentile(cloth, 0.2, axis=0), np.percentile(cloth, 99.8, axis=0)
         reach = 0.4 * np.linalg.norm(high - low)
         body = np.concatenate(body or [cloth])
         near = ((body > low - reach) & (body < high + reach)).all(axis=1)
-        return np.concatenate([cloth[((cloth >= low) & (cloth <= high)).all(axis=1)], body[near][:: max(1, near.sum() // 20000)]])
+        return np.concatenate(
+            [cloth[((cloth >= low) & (cloth <= high)).all(axis=1)], body[near][:: max(1, near.sum() // 20000)]]
+        )
 
     def _add_floor(self, seen):
         pv = self._pyvista
@@ -201,11 +217,20 @@ class Stage:
         floor = low[2] - 0.004 * self._reach
         self._shade = Shade((low + high)[:2] / 2, 3.2 * self._reach, floor)
         center = (*self._shade.center, floor)
-        plane = pv.Plane(center=center, direction=(0, 0, 1), i_size=self._shade.width, j_size=self._shade.width, i_resolution=1, j_resolution=1)
+        plane = pv.Plane(
+            center=center,
+            direction=(0, 0, 1),
+            i_size=self._shade.width,
+            j_size=self._shade.width,
+            i_resolution=1,
+            j_resolution=1,
+        )
         self._floor_texture = pv.Texture(np.zeros((Shade.SIZE, Shade.SIZE, 3), np.uint8))
         self._floor_texture.InterpolateOn()
         self._plotter.add_mesh(plane, texture=self._floor_texture, lighting=False)
-        self._areas = [self._point_areas(faces, surface) for part, surface, faces in self._parts if part.surface != "plane"]
+        self._areas = [
+            self._point_areas(faces, surface) for part, surface, faces in self._parts if part.surface != "plane"
+        ]
 
     @staticmethod
     def _point_areas(faces, surface):
@@ -216,10 +241,20 @@ class Stage:
     def _add_lights(self, seen):
         pv = self._pyvista
         center = (seen.min(axis=0) + seen.max(axis=0)) / 2
-        for direction, color, intensity in (((-0.35, -1.0, 1.15), "#fff6ea", 0.52), ((1.4, -0.5, 0.5), "#eaf1ff", 0.28),
-                                            ((-1.2, 0.9, 0.7), "#ffffff", 0.24)):
-            self._plotter.add_light(pv.Light(position=center + 10 * self._reach * np.array(direction), focal_point=center,
-                                             color=color, intensity=intensity, light_type="scene light"))
+        for direction, color, intensity in (
+            ((-0.35, -1.0, 1.15), "#fff6ea", 0.52),
+            ((1.4, -0.5, 0.5), "#eaf1ff", 0.28),
+            ((-1.2, 0.9, 0.7), "#ffffff", 0.24),
+        ):
+            self._plotter.add_light(
+                pv.Light(
+                    position=center + 10 * self._reach * np.array(direction),
+                    focal_point=center,
+                    color=color,
+                    intensity=intensity,
+                    light_type="scene light",
+                )
+            )
         self._plotter.add_light(pv.Light(light_type="headlight", intensity=0.50))
 
     def _add_camera(self, seen, azimuth, elevation, aspect):
@@ -235,8 +270,12 @@ class Stage:
             surface.points = drawn(part, positions, self._seen)[0]
             surface.point_data.active_normals = smooth_normals(np.asarray(surface.points), faces)
         pv = self._pyvista
-        shaded = self._shade.image(np.concatenate([s.points for p, s, _ in self._parts if p.surface != "plane"]), np.concatenate(self._areas),
-                                   np.array(pv.Color(FLOOR).float_rgb), np.array(pv.Color(SKY).float_rgb))
+        shaded = self._shade.image(
+            np.concatenate([s.points for p, s, _ in self._parts if p.surface != "plane"]),
+            np.concatenate(self._areas),
+            np.array(pv.Color(FLOOR).float_rgb),
+            np.array(pv.Color(SKY).float_rgb),
+        )
         self._floor_texture.SetInputData(pv.Texture(shaded[::-1]).to_image())
         self._caption = self._plotter.add_text(caption, position=(16, 12), font_size=9, color="#8a8d93", name="caption")
         self._plotter.render()
@@ -255,7 +294,9 @@ def needs():
         import imageio_ffmpeg  # noqa: F401
         import pyvista  # noqa: F401
     except ImportError as problem:
-        raise Error(f"drawing needs pyvista, imageio and imageio-ffmpeg (pip install cama[render]): {problem}") from None
+        raise Error(
+            f"drawing needs pyvista, imageio and imageio-ffmpeg (pip install cama[render]): {problem}"
+        ) from None
 
 
 def render(folder, fps=30, speed=None, size=(1280, 720), azimuth=-60.0, elevation=22.0, images=True, progress=None):
@@ -265,6 +306,7 @@ def render(folder, fps=30, speed=None, size=(1280, 720), azimuth=-60.0, elevatio
     """
     needs()
     import imageio.v2 as imageio
+
     size = tuple(s - s % 2 for s in size)  # what the video codec takes
     with Recording(folder) as recording:
         out = Path(folder) if Path(folder).is_dir() else Path(folder).parent
@@ -273,8 +315,15 @@ def render(folder, fps=30, speed=None, size=(1280, 720), azimuth=-60.0, elevatio
         frames = choose_frames(recording.times, fps, speed)
         pictures = _clear(out / "images") if images else None
         stage, video, last = Stage(recording, frames, size, azimuth, elevation), out / "video.mp4", -1
-        bar = Progress(TextColumn("image"), MofNCompleteColumn(), BarColumn(), TimeRemainingColumn(), console=progress,
-                       disable=progress is None, transient=True)
+        bar = Progress(
+            TextColumn("image"),
+            MofNCompleteColumn(),
+            BarColumn(),
+            TimeRemainingColumn(),
+            console=progress,
+            disable=progress is None,
+            transient=True,
+        )
         partial = out / "video.partial.mp4"
         try:
             with bar, imageio.get_writer(partial, fps=fps, codec="libx264", quality=8, macro_block_size=2) as movie:

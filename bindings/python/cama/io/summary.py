@@ -49,33 +49,39 @@ class Summary:
         """The fields of summary.json; numbers that are not finite are None."""
         s, energy = self._simulation, self._simulation.energy()
         times, iterations = self._column("milliseconds"), self._column("iterations")
-        return finite({
-            "scene": s.scene.name,
-            "backend": s.backend,
-            "device": s.device,
-            "precision": s.options["precision"],
-            "accuracy": s.options["accuracy"],
-            "triangles": s.cloth_triangle_count,
-            "vertices": s.cloth_vertex_count,
-            "steps": s.step_count,
-            "resumed_at": self._resumed_at,
-            "dt": s.time_step,
-            "ms_per_step": {"mean": mean(times), "median": statistics.median(times) if times else None, "max": max(times, default=None)},
-            "stages": {name: total / max(1, len(times)) for name, total in self._stages.items()},
-            "pcg": {"iterations": {"mean": mean(iterations), "max": max(iterations, default=None)}},
-            "contacts": {"max": max(self._column("contacts"), default=0)},
-            "impacts": {"max": max(self._column("impacts"), default=0)},
-            "intersections": self._intersections,
-            "min_gap": self._gap,
-            "max_strain": self._strain,
-            "energy": dict(energy, total=sum(energy.values())),
-            "peak_memory_bytes": s.peak_memory_bytes,
-            "truncated": sum(self._column("truncated")),
-            "lost_motion": max(self._column("lost_motion"), default=0.0),
-            "released": sum(self._column("released")),
-            "retries": sum(self._column("retries")),
-            "state_hash": s.state_hash,
-        })
+        return finite(
+            {
+                "scene": s.scene.name,
+                "backend": s.backend,
+                "device": s.device,
+                "precision": s.options["precision"],
+                "accuracy": s.options["accuracy"],
+                "triangles": s.cloth_triangle_count,
+                "vertices": s.cloth_vertex_count,
+                "steps": s.step_count,
+                "resumed_at": self._resumed_at,
+                "dt": s.time_step,
+                "ms_per_step": {
+                    "mean": mean(times),
+                    "median": statistics.median(times) if times else None,
+                    "max": max(times, default=None),
+                },
+                "stages": {name: total / max(1, len(times)) for name, total in self._stages.items()},
+                "pcg": {"iterations": {"mean": mean(iterations), "max": max(iterations, default=None)}},
+                "contacts": {"max": max(self._column("contacts"), default=0)},
+                "impacts": {"max": max(self._column("impacts"), default=0)},
+                "intersections": self._intersections,
+                "min_gap": self._gap,
+                "max_strain": self._strain,
+                "energy": dict(energy, total=sum(energy.values())),
+                "peak_memory_bytes": s.peak_memory_bytes,
+                "truncated": sum(self._column("truncated")),
+                "lost_motion": max(self._column("lost_motion"), default=0.0),
+                "released": sum(self._column("released")),
+                "retries": sum(self._column("retries")),
+                "state_hash": s.state_hash,
+            }
+        )
 
     def write(self, folder):
         """Writes summary.json, whole or not at all; returns (its fields, None or the FileError that kept it from being written)."""

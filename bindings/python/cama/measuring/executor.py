@@ -30,7 +30,7 @@ def _interrupts_held():
     """Ctrl-C waits meanwhile. A process that starts here has SIGINT blocked and never sees one: not even in its imports."""
     handler, masks, came = signal.getsignal(signal.SIGINT), hasattr(signal, "pthread_sigmask"), []
     ours = handler is not None and threading.current_thread() is threading.main_thread()
-    if ours:   # other threads of this process may take the signal
+    if ours:  # other threads of this process may take the signal
         signal.signal(signal.SIGINT, lambda *_: came.append(True))
     before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT}) if masks else ()
     try:
@@ -102,7 +102,7 @@ class Local:
             while left or running:
                 while left and len(running) < jobs and not dead:
                     index, task = left.pop(0)
-                    with _interrupts_held():   # processes start here
+                    with _interrupts_held():  # processes start here
                         future = pool.submit(_call, function, task)
                     running[future] = (index, task)
                 done, _ = wait(running, return_when=FIRST_COMPLETED)

@@ -50,7 +50,9 @@ def value_of(name, text):
             return value
         return str(text).strip()
     except (ValueError, ZeroDivisionError, OverflowError):
-        raise SceneError(f"knob {name}: {text!r} is not a {'positive number' if kind is float else kind.__name__}") from None
+        raise SceneError(
+            f"knob {name}: {text!r} is not a {'positive number' if kind is float else kind.__name__}"
+        ) from None
 
 
 def parse_knob(text):
@@ -77,9 +79,24 @@ def default_plan(scene, window):
     steps = [float(step) for step in STEPS if _divides(float(step), window)] or [window / math.ceil(200 * window)]
     plan = [{"accuracy": level} for level in levels() if level != "reference"]
     plan += product({"accuracy": ["production"], "time_step": steps, "tolerance": TOLERANCES, "precision": ["mixed"]})
-    plan += product({"accuracy": ["production"], "time_step": [steps[0], steps[-1]], "tolerance": [1e-2], "precision": ["double", "single"]})
+    plan += product(
+        {
+            "accuracy": ["production"],
+            "time_step": [steps[0], steps[-1]],
+            "tolerance": [1e-2],
+            "precision": ["double", "single"],
+        }
+    )
     for name, value in (("integrator", "bdf2"), ("newton_iterations", 4)):
-        plan += product({"accuracy": ["production"], "time_step": steps[1::2], "tolerance": [1e-2], "precision": ["mixed"], name: [value]})
+        plan += product(
+            {
+                "accuracy": ["production"],
+                "time_step": steps[1::2],
+                "tolerance": [1e-2],
+                "precision": ["mixed"],
+                name: [value],
+            }
+        )
     return unique(plan)
 
 
@@ -114,14 +131,22 @@ def label(settings):
 def step_text(seconds):
     """1/200 where that is what it is, else the number."""
     parts = Fraction(seconds).limit_denominator(100000)
-    return f"{parts.numerator}/{parts.denominator}" if parts and abs(float(parts) / seconds - 1) < 1e-9 else f"{seconds:.4g}"
+    return (
+        f"{parts.numerator}/{parts.denominator}"
+        if parts and abs(float(parts) / seconds - 1) < 1e-9
+        else f"{seconds:.4g}"
+    )
 
 
 def pareto(points):
     """Indices of the points (x, y) that no other betters in one value without being worse in the other, by x. Points with a value that is
     not finite, or None, are never among them; of equal points the first is.
     """
-    finite = [(x, y, i) for i, (x, y) in enumerate(points) if x is not None and y is not None and math.isfinite(x) and math.isfinite(y)]
+    finite = [
+        (x, y, i)
+        for i, (x, y) in enumerate(points)
+        if x is not None and y is not None and math.isfinite(x) and math.isfinite(y)
+    ]
     front, best = [], math.inf
     for x, y, i in sorted(finite):
         if y < best:

@@ -18,8 +18,8 @@ from ..simulation import Simulation
 class PositionError:
     """How far vertices are from where they should be."""
 
-    rms: float        #: mass-weighted root mean square, m
-    largest: float    #: m
+    rms: float  #: mass-weighted root mean square, m
+    largest: float  #: m
     rms_edges: float  #: the same in mean edge lengths
     largest_edges: float
 
@@ -59,9 +59,9 @@ def residual_speed(velocities, masses):
 class Drift:
     """How conserved quantities of a run changed, per second of simulated time."""
 
-    energy: float            #: of kinetic + stretching + bending + gravity, W; negative: lost
-    energy_relative: float   #: the same over the largest kinetic energy of the run, 1/s
-    momentum: float          #: length of the change that gravity does not explain, N
+    energy: float  #: of kinetic + stretching + bending + gravity, W; negative: lost
+    energy_relative: float  #: the same over the largest kinetic energy of the run, 1/s
+    momentum: float  #: length of the change that gravity does not explain, N
     angular_momentum: float  #: the same about the centre of mass, N m
 
 
@@ -78,7 +78,12 @@ def drift(scene, seconds, **options):
     def now():
         x, v = simulation.positions[:count], simulation.velocities[:count]
         energy = simulation.energy()
-        return sum(energy.values()), energy["kinetic"], momentum(v, masses), angular_momentum(x, v, masses, masses @ x / masses.sum())
+        return (
+            sum(energy.values()),
+            energy["kinetic"],
+            momentum(v, masses),
+            angular_momentum(x, v, masses, masses @ x / masses.sum()),
+        )
 
     first = last = now()
     largest = first[1]
@@ -91,7 +96,12 @@ def drift(scene, seconds, **options):
     span = simulation.time
     power = (last[0] - first[0]) / span
     push = (last[2] - first[2]) / span - masses.sum() * gravity
-    return Drift(power, power / largest if largest > 0 else 0.0, float(np.linalg.norm(push)), float(np.linalg.norm(last[3] - first[3]) / span))
+    return Drift(
+        power,
+        power / largest if largest > 0 else 0.0,
+        float(np.linalg.norm(push)),
+        float(np.linalg.norm(last[3] - first[3]) / span),
+    )
 
 
 def with_time_step(scene, time_step):
@@ -112,13 +122,20 @@ def accelerations(scene, positions, velocities, instant=1e-9, **options):
     Obstacles and pins are where the scene starts; held vertices and impacts follow their constraints, not forces. The error grows with
     `instant` times stiffness times speed, and rounding with 1e-16 |v| / instant. Throws what Simulation throws.
     """
-    forced = {"precision": "double", "tolerance": 1e-12, "intersections": "exempt", "time_step": instant, "integrator": "backward_euler", "newton_iterations": 1}
+    forced = {
+        "precision": "double",
+        "tolerance": 1e-12,
+        "intersections": "exempt",
+        "time_step": instant,
+        "integrator": "backward_euler",
+        "newton_iterations": 1,
+    }
     options = {**options, **forced}
     probe = Simulation(with_time_step(scene, instant), **options)
     velocities = reals("accelerations: velocities", velocities, (probe.cloth_vertex_count, 3))
     probe.set_state(positions, velocities)
     probe.step()
-    return (probe.velocities[:len(velocities)] - velocities) / probe.time
+    return (probe.velocities[: len(velocities)] - velocities) / probe.time
 
 
 def nonlinear_residual(scene, before, positions, velocities, time_step, masses, instant=1e-9, **options):
@@ -155,7 +172,9 @@ def rests(simulation, start):
     return bool(np.array_equal(now[count:], start[count:]) and np.array_equal(now[:count][held], start[:count][held]))
 
 
-def friction_angle(friction=0.3, static_friction=None, seconds=0.4, width=0.05, size=0.2, cells=3, material="cotton", **options):
+def friction_angle(
+    friction=0.3, static_friction=None, seconds=0.4, width=0.05, size=0.2, cells=3, material="cotton", **options
+):
     """Angle of a slope, degrees, at which a sheet on an exact plane starts to slide; exact is atan(static friction, or friction without).
 
     Bisection down to `width` degrees. A sheet slides if after `seconds` it is faster than half of what gravity beyond friction gives it,
@@ -165,12 +184,21 @@ def friction_angle(friction=0.3, static_friction=None, seconds=0.4, width=0.05, 
     holds = friction if static_friction is None else number("friction_angle: static_friction", static_friction)
     width = number("friction_angle: width", width)
     if not holds >= friction >= 0 or not width > 0:
-        raise ArrayError(f"friction_angle: friction {friction}, static_friction {holds} and width {width} do not fit together")
+        raise ArrayError(
+            f"friction_angle: friction {friction}, static_friction {holds} and width {width} do not fit together"
+        )
     exact = math.degrees(math.atan(holds))
     low, high = max(0.0, exact - 8), min(89.0, exact + 8)
-    limit = 0.5 * seconds * 9.81 * (math.sin(math.radians(exact + width)) - friction * math.cos(math.radians(exact + width)))
+    limit = (
+        0.5
+        * seconds
+        * 9.81
+        * (math.sin(math.radians(exact + width)) - friction * math.cos(math.radians(exact + width)))
+    )
     if slides(high, friction, static_friction, seconds, limit, size, cells, material, options) == 0:
-        raise SceneError(f"friction_angle: the sheet still sticks at {high:.1f} degrees, {high - exact:.1f} past the exact angle")
+        raise SceneError(
+            f"friction_angle: the sheet still sticks at {high:.1f} degrees, {high - exact:.1f} past the exact angle"
+        )
     while high - low > width:
         middle = (low + high) / 2
         if slides(middle, friction, static_friction, seconds, limit, size, cells, material, options):
@@ -184,13 +212,25 @@ def slides(angle, friction, static_friction, seconds, limit, size, cells, materi
     """Speed of a sheet down a slope of `angle` degrees after `seconds` where it is beyond `limit`, m/s, else 0."""
     options = dict(options)
     a = math.radians(angle)
-    scene = Scene(gravity=(9.81 * math.sin(a), 0, -9.81 * math.cos(a)), time_step=options.pop("time_step", 1 / 200), thickness=1e-3, stiffness=1e6)
+    scene = Scene(
+        gravity=(9.81 * math.sin(a), 0, -9.81 * math.cos(a)),
+        time_step=options.pop("time_step", 1 / 200),
+        thickness=1e-3,
+        stiffness=1e6,
+    )
     material = Material.of(material)
     depth = material.density * 9.81 * math.cos(a) / 1e6  # where penalty and weight are in balance
     scene.add_obstacle(shape={"shape": {"plane": {}}}, friction=friction, static_friction=static_friction, name="slope")
-    scene.add_cloth(shape={"grid": {"size": [size, size], "cells": [cells, cells]}}, material=material, translate=(0, 0, 1e-3 - depth), name="sheet")
+    scene.add_cloth(
+        shape={"grid": {"size": [size, size], "cells": [cells, cells]}},
+        material=material,
+        translate=(0, 0, 1e-3 - depth),
+        name="sheet",
+    )
     simulation = Simulation(scene, **options)
     while simulation.time < seconds * (1 - 1e-9):
         simulation.step()
-    speed = momentum(simulation.velocities[:simulation.cloth_vertex_count], simulation.masses)[0] / simulation.masses.sum()
+    speed = (
+        momentum(simulation.velocities[: simulation.cloth_vertex_count], simulation.masses)[0] / simulation.masses.sum()
+    )
     return float(speed) if speed > limit else 0.0

@@ -33,7 +33,10 @@ MEASURES = {
     "nonlinear_residual": ("1", "of the implicit equations in the last step, over |M g|; none where bodies move"),
     "strain_max": ("1", "largest principal strain at the samples"),
     "strain_p999": ("1", "its 99.9 % quantile over the triangles"),
-    "strain_error": ("1", "rms over the triangles and samples of the difference of larger strains to the reference; same mesh only"),
+    "strain_error": (
+        "1",
+        "rms over the triangles and samples of the difference of larger strains to the reference; same mesh only",
+    ),
     "area_min": ("1", "smallest area ratio"),
     "area_mean": ("1", "mean area ratio furthest from 1"),
     "min_gap": ("m", "smallest gap at the samples"),
@@ -57,7 +60,9 @@ def measure(task, shared):
     options = dict(settings, backend=task["backend"], device=task["device"], threads=task["threads"])
     options.setdefault("accuracy", "production")
     reference = shared["reference"]
-    result = restart(scene, options, reference) if task["kind"] == "error" else free_run(scene, options, reference, task)
+    result = (
+        restart(scene, options, reference) if task["kind"] == "error" else free_run(scene, options, reference, task)
+    )
     return finite(result)
 
 
@@ -73,9 +78,16 @@ def restart(scene, options, reference):
     if sum(len(cloth.vertices) for cloth in scene.cloths) != len(reference.masses):
         return {}
     e = restart_error(reference, scene, **options)
-    return {"restart_rms": e.rms_all, "restart_rms_edges": e.rms_edges, "restart_max_edges": e.largest_edges,
-            "energy_error": e.energy_relative, "momentum_error": e.momentum_relative, "angular_momentum_error": e.angular_momentum,
-            "at_floor": e.at_floor, "windows_rms": [float(x) for x in e.rms]}
+    return {
+        "restart_rms": e.rms_all,
+        "restart_rms_edges": e.rms_edges,
+        "restart_max_edges": e.largest_edges,
+        "energy_error": e.energy_relative,
+        "momentum_error": e.momentum_relative,
+        "angular_momentum_error": e.angular_momentum,
+        "at_floor": e.at_floor,
+        "windows_rms": [float(x) for x in e.rms],
+    }
 
 
 class Stopwatch:
@@ -91,7 +103,7 @@ class Stopwatch:
         s = self.simulation
         for left in range(steps_of(moment - s.time, s.time_step, f"time {moment:g} s"), 0, -1):
             if keep_last and left == 1:
-                self._before = s.velocities[:self._count]
+                self._before = s.velocities[: self._count]
             start = time.perf_counter()
             s.step()
             end = time.perf_counter()
@@ -112,7 +124,7 @@ def free_run(scene, options, reference, task):
     simulation = Simulation(scene, **options)
     watch, count = Stopwatch(simulation, task["limit"]), simulation.cloth_vertex_count
     first, energy = simulation.positions, sum(simulation.energy().values())
-    faces, rest = simulation.faces[:simulation.cloth_triangle_count], surface.rest_shapes(scene)
+    faces, rest = simulation.faces[: simulation.cloth_triangle_count], surface.rest_shapes(scene)
     samples = [t for t in reference.starts if t > 0] or [reference.window]
     same = count == len(reference.masses)
     strains, apart, gaps, intersections = [], [], [], 0
@@ -132,16 +144,32 @@ def free_run(scene, options, reference, task):
     times, reports = np.array(watch.times[skip:]), watch.reports
     column = lambda name: np.array([r[name] for r in reports], float)
     result = {
-        "dt": dt, "steps": len(times), "setup_s": time.perf_counter() - begin - sum(watch.times) / 1e3, "vertices": count, "triangles": len(faces),
-        "ms_per_step": float(np.median(times)), "ms_per_step_p95": float(np.quantile(times, 0.95)),
-        "ms_per_second": float(np.median(times)) / dt, "ms_per_second_mean": float(times.mean()) / dt,
+        "dt": dt,
+        "steps": len(times),
+        "setup_s": time.perf_counter() - begin - sum(watch.times) / 1e3,
+        "vertices": count,
+        "triangles": len(faces),
+        "ms_per_step": float(np.median(times)),
+        "ms_per_step_p95": float(np.quantile(times, 0.95)),
+        "ms_per_second": float(np.median(times)) / dt,
+        "ms_per_second_mean": float(times.mean()) / dt,
         "energy_drift": (sum(simulation.energy().values()) - energy) / seconds,
-        "residual": float(column("residual").max()), "iterations": float(column("iterations").mean()), "contacts": int(column("contacts").max()),
-        "strain_max": max(s.largest for s in strains), "strain_p999": max(s.p999 for s in strains), "area_min": min(s.smallest_area for s in strains),
-        "area_mean": max((s.mean_area for s in strains), key=lambda a: abs(a - 1)), "min_gap": min(gaps), "intersections": intersections,
-        "lost_motion": float(column("lost_motion").mean()), "truncated": float(column("truncated").mean() / count),
-        "residual_speed": motion.residual_speed(v, simulation.masses), "peak_mib": simulation.peak_memory_bytes / 2**20,
-        "device_name": simulation.device, "state_hash": simulation.state_hash}
+        "residual": float(column("residual").max()),
+        "iterations": float(column("iterations").mean()),
+        "contacts": int(column("contacts").max()),
+        "strain_max": max(s.largest for s in strains),
+        "strain_p999": max(s.p999 for s in strains),
+        "area_min": min(s.smallest_area for s in strains),
+        "area_mean": max((s.mean_area for s in strains), key=lambda a: abs(a - 1)),
+        "min_gap": min(gaps),
+        "intersections": intersections,
+        "lost_motion": float(column("lost_motion").mean()),
+        "truncated": float(column("truncated").mean() / count),
+        "residual_speed": motion.residual_speed(v, simulation.masses),
+        "peak_mib": simulation.peak_memory_bytes / 2**20,
+        "device_name": simulation.device,
+        "state_hash": simulation.state_hash,
+    }
     if apart:
         result["strain_error"] = float(np.sqrt(np.mean(apart)))
     if len(reference.starts) and reference.starts[-1] > 0:
@@ -149,5 +177,12 @@ def free_run(scene, options, reference, task):
         result.update(surface_mean=away.mean, surface_mean_edges=away.mean / reference.edge, hausdorff=away.hausdorff)
     if motion.rests(simulation, first):
         result["nonlinear_residual"] = motion.nonlinear_residual(
-            scene, watch.before, x, v, dt, simulation.masses, **{k: w for k, w in options.items() if k not in ("tolerance", "time_step")})
+            scene,
+            watch.before,
+            x,
+            v,
+            dt,
+            simulation.masses,
+            **{k: w for k, w in options.items() if k not in ("tolerance", "time_step")},
+        )
     return result

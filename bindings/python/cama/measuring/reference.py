@@ -19,22 +19,26 @@ from .motion import angular_momentum, momentum, paper_step, position_error, with
 class Reference:
     """States at the starts of windows and where the cloth is at their ends."""
 
-    window: float                                #: length of a window, s
-    starts: np.ndarray                           #: [windows] s
-    positions: np.ndarray = field(repr=False)    #: [windows, n, 3] m, at the starts
-    velocities: np.ndarray = field(repr=False)   #: [windows, n, 3] m/s
-    targets: np.ndarray = field(repr=False)      #: [windows, n, 3] m, at the ends, extrapolated to no time step where that converges
-    ends: np.ndarray = field(repr=False)         #: [windows, n, 3] m, at the ends with `time_step`
+    window: float  #: length of a window, s
+    starts: np.ndarray  #: [windows] s
+    positions: np.ndarray = field(repr=False)  #: [windows, n, 3] m, at the starts
+    velocities: np.ndarray = field(repr=False)  #: [windows, n, 3] m/s
+    targets: np.ndarray = field(
+        repr=False
+    )  #: [windows, n, 3] m, at the ends, extrapolated to no time step where that converges
+    ends: np.ndarray = field(repr=False)  #: [windows, n, 3] m, at the ends with `time_step`
     end_velocities: np.ndarray = field(repr=False)  #: [windows, n, 3] m/s
-    energies: np.ndarray = field(repr=False)     #: [windows, 4] J at the ends: kinetic, stretching, bending, gravity
-    masses: np.ndarray = field(repr=False)       #: [n] kg
-    faces: np.ndarray = field(repr=False)        #: [triangles, 3] of the cloth
-    edge: float                                  #: mean edge length of the start, m
-    time_step: float                             #: s
-    uncertainty: np.ndarray                      #: [windows] rms m that the targets may be off themselves
-    uncertainty_largest: np.ndarray              #: [windows] m, of a single vertex
-    order: float                                 #: of convergence that was seen in the time step
-    converged: bool                              #: halving the time step shrinks differences by a quarter, or the uncertainty is below 1 % of an edge
+    energies: np.ndarray = field(repr=False)  #: [windows, 4] J at the ends: kinetic, stretching, bending, gravity
+    masses: np.ndarray = field(repr=False)  #: [n] kg
+    faces: np.ndarray = field(repr=False)  #: [triangles, 3] of the cloth
+    edge: float  #: mean edge length of the start, m
+    time_step: float  #: s
+    uncertainty: np.ndarray  #: [windows] rms m that the targets may be off themselves
+    uncertainty_largest: np.ndarray  #: [windows] m, of a single vertex
+    order: float  #: of convergence that was seen in the time step
+    converged: (
+        bool  #: halving the time step shrinks differences by a quarter, or the uncertainty is below 1 % of an edge
+    )
 
     def save(self, path):
         """Writes a NumPy archive, .npz."""
@@ -52,7 +56,9 @@ def steps_of(span, time_step, what):
     count = round(span / time_step)
     if count < 1 or abs(count * time_step - span) > 1e-9 * span:
         near = Fraction(span / max(1, count)).limit_denominator(100000)
-        raise ArrayError(f"{what}: {span:g} s is not a whole number of steps of {time_step:g} s; a step of {near} s would do")
+        raise ArrayError(
+            f"{what}: {span:g} s is not a whole number of steps of {time_step:g} s; a step of {near} s would do"
+        )
     return count
 
 
@@ -104,17 +110,34 @@ def reference(scene, window=0.05, windows=10, first=0, stride=1, time_step=None,
     """
     scene = _scene_of(scene, None)
     window = number("reference: window", window)
-    starts = start_times(window, int(windows), int(first), int(stride)) if starts is None else reals("reference: starts", starts, (None,))
+    starts = (
+        start_times(window, int(windows), int(first), int(stride))
+        if starts is None
+        else reals("reference: starts", starts, (None,))
+    )
     if not window > 0 or not len(starts) or starts[0] < 0 or (np.diff(starts) < window * (1 - 1e-9)).any():
-        raise ArrayError(f"reference: window {window} and starts {starts.tolist()}: give at least one, ascending, apart by the window")
-    fine = number("reference: time_step", time_step) if time_step else window / (4 * math.ceil(8 * window / paper_step(scene)))
+        raise ArrayError(
+            f"reference: window {window} and starts {starts.tolist()}: give at least one, ascending, apart by the window"
+        )
+    fine = (
+        number("reference: time_step", time_step)
+        if time_step
+        else window / (4 * math.ceil(8 * window / paper_step(scene)))
+    )
     steps_of(window, 4 * fine, "reference: window, with four times the time step")
     options = best_options(options)
 
     def run(factor, at_start):
         step = factor * fine
         own = dict(options, time_step=step)
-        return _windows(with_time_step(scene, step), own, starts, window, at_start, lambda i, s, *state: at_end(factor, i, s, *state))
+        return _windows(
+            with_time_step(scene, step),
+            own,
+            starts,
+            window,
+            at_start,
+            lambda i, s, *state: at_end(factor, i, s, *state),
+        )
 
     x, v, ends, end_velocities, energies = [], [], {1: [], 2: [], 4: []}, [], []
 
@@ -140,8 +163,24 @@ def reference(scene, window=0.05, windows=10, first=0, stride=1, time_step=None,
     found = richardson(ends, masses)
     edge = surface.edge_length(np.concatenate([c.vertices for c in scene.cloths]), faces)
     converged = found["shrinks"] or math.sqrt((found["uncertainty"] ** 2).mean()) < 0.01 * edge
-    return Reference(window, starts, x, v, found["targets"], ends[1], end_velocities, energies, masses, faces,
-                     edge, fine, found["uncertainty"], found["largest"], found["order"], bool(converged))
+    return Reference(
+        window,
+        starts,
+        x,
+        v,
+        found["targets"],
+        ends[1],
+        end_velocities,
+        energies,
+        masses,
+        faces,
+        edge,
+        fine,
+        found["uncertainty"],
+        found["largest"],
+        found["order"],
+        bool(converged),
+    )
 
 
 def _rms(difference, masses):
@@ -162,8 +201,13 @@ def richardson(ends, masses):
     use = apart < one
     targets = np.where(use[:, None, None], better, ends[1])
     single = np.where(use, _largest(better - coarse), np.maximum(_largest(near), _largest(far)))
-    return {"targets": targets, "uncertainty": np.where(use, apart, np.maximum(one, two)), "largest": single, "order": order,
-            "shrinks": bool(still or total_one < 0.75 * total_two)}
+    return {
+        "targets": targets,
+        "uncertainty": np.where(use, apart, np.maximum(one, two)),
+        "largest": single,
+        "order": order,
+        "shrinks": bool(still or total_one < 0.75 * total_two),
+    }
 
 
 def _largest(difference):
@@ -174,21 +218,21 @@ def _largest(difference):
 class RestartError:
     """What settings get wrong over a window, from the reference's states."""
 
-    steps: int             #: in a window
-    time_step: float       #: s
-    rms: np.ndarray        #: [windows] mass-weighted rms, m
-    largest: np.ndarray    #: [windows] m
-    rms_all: float         #: root mean square over the windows, m
-    rms_edges: float       #: the same in mean edge lengths
-    largest_all: float     #: largest over the windows, m
+    steps: int  #: in a window
+    time_step: float  #: s
+    rms: np.ndarray  #: [windows] mass-weighted rms, m
+    largest: np.ndarray  #: [windows] m
+    rms_all: float  #: root mean square over the windows, m
+    rms_edges: float  #: the same in mean edge lengths
+    largest_all: float  #: largest over the windows, m
     largest_edges: float
-    energy: float          #: rms over the windows of the error of kinetic + stretching + bending + gravity energy, J
-    energy_relative: float   #: the same over the reference's largest kinetic energy
-    momentum: float        #: rms over the windows, kg m/s
+    energy: float  #: rms over the windows of the error of kinetic + stretching + bending + gravity energy, J
+    energy_relative: float  #: the same over the reference's largest kinetic energy
+    momentum: float  #: rms over the windows, kg m/s
     momentum_relative: float  #: the same over sqrt(2 m E_kin) with the reference's largest kinetic energy
-    angular_momentum: float   #: about the origin, kg m^2/s
-    uncertainty: float     #: rms of the reference's own over the windows, m
-    at_floor: bool         #: the error is below three times that: the reference cannot tell it
+    angular_momentum: float  #: about the origin, kg m^2/s
+    uncertainty: float  #: rms of the reference's own over the windows, m
+    at_floor: bool  #: the error is below three times that: the reference cannot tell it
 
 
 def restart_error(reference, scene, time_step=None, steps=None, **options):
@@ -203,19 +247,31 @@ def restart_error(reference, scene, time_step=None, steps=None, **options):
     if time_step:
         options["time_step"] = time_step
     if sum(len(cloth.vertices) for cloth in scene.cloths) != len(reference.masses):
-        raise ArrayError(f"restart_error: the scene's cloth has {scene.vertex_count} vertices, the reference {len(reference.masses)}; "
-                         "use surface_distance between different meshes")
+        raise ArrayError(
+            f"restart_error: the scene's cloth has {scene.vertex_count} vertices, the reference {len(reference.masses)}; "
+            "use surface_distance between different meshes"
+        )
     r, rows = reference, []
 
     def record(i, s, x, v):
         if not np.isfinite(x).all():
             raise SolverError(f"restart_error: window {i}: positions are not finite")
         error = position_error(x, r.targets[i], r.masses, r.edge)
-        rows.append((error.rms, error.largest, sum(s.energy().values()) - r.energies[i].sum(),
-                     np.linalg.norm(momentum(v, r.masses) - momentum(r.end_velocities[i], r.masses)),
-                     np.linalg.norm(angular_momentum(x, v, r.masses) - angular_momentum(r.ends[i], r.end_velocities[i], r.masses))))
+        rows.append(
+            (
+                error.rms,
+                error.largest,
+                sum(s.energy().values()) - r.energies[i].sum(),
+                np.linalg.norm(momentum(v, r.masses) - momentum(r.end_velocities[i], r.masses)),
+                np.linalg.norm(
+                    angular_momentum(x, v, r.masses) - angular_momentum(r.ends[i], r.end_velocities[i], r.masses)
+                ),
+            )
+        )
 
-    simulation = _windows(scene, options, r.starts, r.window, lambda i, s: s.set_state(r.positions[i], r.velocities[i]), record)
+    simulation = _windows(
+        scene, options, r.starts, r.window, lambda i, s: s.set_state(r.positions[i], r.velocities[i]), record
+    )
     length = simulation.time_step
     count = steps_of(r.window, length, "restart_error: window")
     if steps is not None and steps != count:
@@ -225,6 +281,20 @@ def restart_error(reference, scene, time_step=None, steps=None, **options):
     kinetic, mass = float(r.energies[:, 0].max()), float(r.masses.sum())
     largest = float(table[:, 1].max())
     doubt = math.sqrt((r.uncertainty**2).mean())
-    return RestartError(count, length, table[:, 0], table[:, 1], rms, rms / r.edge, largest, largest / r.edge, energy,
-                        energy / kinetic if kinetic > 0 else 0.0, push, push / math.sqrt(2 * mass * kinetic) if kinetic > 0 else 0.0, turn, doubt,
-                        bool(rms < 3 * doubt))
+    return RestartError(
+        count,
+        length,
+        table[:, 0],
+        table[:, 1],
+        rms,
+        rms / r.edge,
+        largest,
+        largest / r.edge,
+        energy,
+        energy / kinetic if kinetic > 0 else 0.0,
+        push,
+        push / math.sqrt(2 * mass * kinetic) if kinetic > 0 else 0.0,
+        turn,
+        doubt,
+        bool(rms < 3 * doubt),
+    )

@@ -25,14 +25,35 @@ PUBLISHED = (
     ("sphere", "P-Cloth", "Titan Xp", 700_000, 1 / 200, 1 / 0.76, None, "Li et al. 2020, steps per second"),
     ("twisting", "P-Cloth", "Titan Xp", 550_000, 1 / 2000, 1 / 1.71, None, "Li et al. 2020, steps per second"),
     ("funnel", "P-Cloth", "Titan Xp", 550_000, 1 / 2000, 1 / 1.74, None, "Li et al. 2020, steps per second"),
-    ("drape", "Newton 1.8.0 VBD, 4 x 10", "H200", 200_934, 1 / 200, 0.0835, 0.32, "measured by us, 150 steps; edge strain"),
-    ("drape", "libuipc 0.0.29", "H200", 200_934, 1 / 200, 3.734, None, "measured by us, 60 steps, defaults, d_hat 2 mm"),
+    (
+        "drape",
+        "Newton 1.8.0 VBD, 4 x 10",
+        "H200",
+        200_934,
+        1 / 200,
+        0.0835,
+        0.32,
+        "measured by us, 150 steps; edge strain",
+    ),
+    (
+        "drape",
+        "libuipc 0.0.29",
+        "H200",
+        200_934,
+        1 / 200,
+        3.734,
+        None,
+        "measured by us, 60 steps, defaults, d_hat 2 mm",
+    ),
 )
 # Measures that are drawn against time: name, title, logarithmic.
-PANELS = (("restart_rms_edges", "position error after {window:g} s, rms, edge lengths", True),
-          ("surface_mean_edges", "mean surface distance at {end:g} s, edge lengths", True),
-          ("energy_error", "energy error after {window:g} s, of the kinetic", True),
-          ("strain_max", "largest principal strain", False), ("lost_motion", "motion cut by the commit, mean part", False))
+PANELS = (
+    ("restart_rms_edges", "position error after {window:g} s, rms, edge lengths", True),
+    ("surface_mean_edges", "mean surface distance at {end:g} s, edge lengths", True),
+    ("energy_error", "energy error after {window:g} s, of the kinetic", True),
+    ("strain_max", "largest principal strain", False),
+    ("lost_motion", "motion cut by the commit, mean part", False),
+)
 COLORS = {"cpu": "#4c78a8", "opencl": "#e45756", "cuda": "#54a24b"}
 MARKERS = {"mixed": "o", "double": "s", "single": "^"}
 
@@ -62,10 +83,20 @@ def rows(results):
     table = []
     for r in results:
         for i, p in enumerate(r.points):
-            table.append({"scene": r.scene, "triangles": p.get("triangles", r.triangles), "backend": p["backend"],
-                          "device": p.get("device_name") or r.facts["devices"][p["backend"]], **p["settings"],
-                          "dt": p.get("dt"), **{m: p.get(m) for m in MEASURES}, "at_floor": p.get("at_floor"),
-                          "front": i in r.fronts[p["backend"]], "failed": p["failed"]})
+            table.append(
+                {
+                    "scene": r.scene,
+                    "triangles": p.get("triangles", r.triangles),
+                    "backend": p["backend"],
+                    "device": p.get("device_name") or r.facts["devices"][p["backend"]],
+                    **p["settings"],
+                    "dt": p.get("dt"),
+                    **{m: p.get(m) for m in MEASURES},
+                    "at_floor": p.get("at_floor"),
+                    "front": i in r.fronts[p["backend"]],
+                    "failed": p["failed"],
+                }
+            )
     return table
 
 
@@ -81,9 +112,20 @@ def csv_text(results):
 
 def json_text(results):
     """Everything that was measured, what others published, and what the measures are."""
-    value = {"measures": {k: {"unit": u, "is": t} for k, (u, t) in MEASURES.items()},
-             "scenes": [{"scene": r.scene, "triangles": r.triangles, **r.facts, "fronts": r.fronts, "points": r.points,
-                         "published": published(r.scene)} for r in results]}
+    value = {
+        "measures": {k: {"unit": u, "is": t} for k, (u, t) in MEASURES.items()},
+        "scenes": [
+            {
+                "scene": r.scene,
+                "triangles": r.triangles,
+                **r.facts,
+                "fronts": r.fronts,
+                "points": r.points,
+                "published": published(r.scene),
+            }
+            for r in results
+        ],
+    }
     return json.dumps(_plain(value), indent=1, allow_nan=False) + "\n"
 
 
@@ -104,6 +146,7 @@ def _matplotlib():
         raise BackendError("plots: matplotlib is not installed; pip install cama[tradeoff]") from None
     matplotlib.use("Agg")
     import matplotlib.pyplot as plt
+
     plt.rcParams.update({"svg.fonttype": "none", "svg.hashsalt": "cama", "font.size": 8})
     return plt
 
@@ -123,9 +166,12 @@ def figure(result):
     for axis in axes:
         _ticks(axis)
     f = result.facts
-    fig.suptitle(f"{result.scene}, {result.triangles:,} triangles: speed for accuracy\nReference: steps of {step_text(f['reference_step'])} s, off itself by about "
-                 f"{f['uncertainty_edges']:.2g} edge lengths (rms); an edge is {1e3 * f['edge']:.3g} mm. {len(result.points)} settings, "
-                 f"{sum(bool(p['failed']) for p in result.points)} failed.", fontsize=9)
+    fig.suptitle(
+        f"{result.scene}, {result.triangles:,} triangles: speed for accuracy\nReference: steps of {step_text(f['reference_step'])} s, off itself by about "
+        f"{f['uncertainty_edges']:.2g} edge lengths (rms); an edge is {1e3 * f['edge']:.3g} mm. {len(result.points)} settings, "
+        f"{sum(bool(p['failed']) for p in result.points)} failed.",
+        fontsize=9,
+    )
     fig.legend(handles=_handles(plt, result), loc="outside lower center", ncols=4, frameon=False, fontsize=7.5)
     return fig
 
@@ -133,6 +179,7 @@ def figure(result):
 def _ticks(axis):
     """At 1, 2, 5 on logarithmic axes, or 1 alone where those are many; plain numbers."""
     from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
+
     for own in (axis.xaxis, axis.yaxis):
         if own.get_scale() == "log":
             low, high = sorted(own.get_view_interval())
@@ -149,15 +196,34 @@ def _panel(axis, result, measure, logarithmic):
         axis.set_yscale("log")
         usable = [p for p in usable if p[measure] > 0]
     for p in usable:
-        paper, clean, color = p["settings"].get("accuracy") == "paper", not p.get("intersections"), COLORS.get(p["backend"], "#777777")
-        axis.plot(p["ms_per_second"], p[measure], "*" if paper else MARKERS.get(precision_of(p), "o"), ms=13 if paper else 5,
-                  mfc=color if clean else "white", mec="black" if paper and clean else color, mew=0.7 if clean else 1.2, alpha=0.95 if paper else 0.75,
-                  zorder=4 if paper else 3)
+        paper, clean, color = (
+            p["settings"].get("accuracy") == "paper",
+            not p.get("intersections"),
+            COLORS.get(p["backend"], "#777777"),
+        )
+        axis.plot(
+            p["ms_per_second"],
+            p[measure],
+            "*" if paper else MARKERS.get(precision_of(p), "o"),
+            ms=13 if paper else 5,
+            mfc=color if clean else "white",
+            mec="black" if paper and clean else color,
+            mew=0.7 if clean else 1.2,
+            alpha=0.95 if paper else 0.75,
+            zorder=4 if paper else 3,
+        )
     for backend in result.fronts if measure != "strain_max" else ():  # a strain is no error
         front = [result.points[i] for i in result.front(backend, "ms_per_second", measure)]
         front = [p for p in front if not logarithmic or p[measure] > 0]
-        axis.step([p["ms_per_second"] for p in front], [p[measure] for p in front], where="post", lw=1, alpha=0.8,
-                  color=COLORS.get(backend, "#777777"), zorder=2)
+        axis.step(
+            [p["ms_per_second"] for p in front],
+            [p[measure] for p in front],
+            where="post",
+            lw=1,
+            alpha=0.8,
+            color=COLORS.get(backend, "#777777"),
+            zorder=2,
+        )
         if measure == PANELS[0][0] and backend == next(iter(result.fronts)):
             named = []
             for p in front:
@@ -165,7 +231,13 @@ def _panel(axis, result, measure, logarithmic):
                 if any(abs(place[0] - q[0]) < 0.2 and abs(place[1] - q[1]) < 0.05 for q in named):
                     continue
                 named.append(place)
-                axis.annotate(short(p["settings"]), (p["ms_per_second"], p[measure]), xytext=(4, 4), textcoords="offset points", fontsize=6)
+                axis.annotate(
+                    short(p["settings"]),
+                    (p["ms_per_second"], p[measure]),
+                    xytext=(4, 4),
+                    textcoords="offset points",
+                    fontsize=6,
+                )
     axis.grid(which="major", alpha=0.3)
     axis.set_axisbelow(True)
     axis.margins(0.1)
@@ -175,12 +247,24 @@ def _panel(axis, result, measure, logarithmic):
     if measure == "strain_max" and result.facts.get("strain_max") is not None:
         axis.set_ylim(0, max(axis.get_ylim()[1], 1.1 * result.facts["strain_max"]))
         axis.axhline(result.facts["strain_max"], color="#555555", ls="--", lw=0.8)
-        axis.text(0.01, result.facts["strain_max"], " the reference", transform=axis.get_yaxis_transform(), fontsize=6, va="bottom", color="#555555")
+        axis.text(
+            0.01,
+            result.facts["strain_max"],
+            " the reference",
+            transform=axis.get_yaxis_transform(),
+            fontsize=6,
+            va="bottom",
+            color="#555555",
+        )
 
 
 def short(settings):
     """A point's name on a plot."""
-    words = [f"{settings['accuracy']}"] if settings.get("accuracy", "production") != "production" or list(settings) == ["accuracy"] else []
+    words = (
+        [f"{settings['accuracy']}"]
+        if settings.get("accuracy", "production") != "production" or list(settings) == ["accuracy"]
+        else []
+    )
     for name, value in settings.items():
         if name == "time_step":
             words.append(step_text(value))
@@ -196,7 +280,15 @@ def _floor(axis, result):
     low, high = axis.get_ylim()
     if axis.get_yscale() == "log" and floor > low / 3:
         axis.axhspan(min(low, floor / 1.5), floor, color="#999999", alpha=0.25, lw=0)
-        axis.text(0.01, floor, " uncertainty of the reference", transform=axis.get_yaxis_transform(), fontsize=6, va="top", color="#555555")
+        axis.text(
+            0.01,
+            floor,
+            " uncertainty of the reference",
+            transform=axis.get_yaxis_transform(),
+            fontsize=6,
+            va="top",
+            color="#555555",
+        )
         axis.set_ylim(min(low, floor / 1.5), high)
 
 
@@ -218,25 +310,56 @@ def _others(axis, strain_axis, result):
         if row["strain"] is not None:
             strain_axis.set_ylim(0, max(strain_axis.get_ylim()[1], 1.15 * row["strain"]))
             strain_axis.plot(row["ms_per_second"], row["strain"], "X", color="#777777", ms=7)
-            strain_axis.annotate(f"{row['system']}, {row['hardware']}", (row["ms_per_second"], row["strain"]), xytext=(-5, -9), textcoords="offset points",
-                                 fontsize=6, ha="right")
-    axis.set(xscale="log", yticks=range(len(names)), yticklabels=names, ylim=(len(names) - 0.5, -0.5), xlabel="ms per simulated second")
+            strain_axis.annotate(
+                f"{row['system']}, {row['hardware']}",
+                (row["ms_per_second"], row["strain"]),
+                xytext=(-5, -9),
+                textcoords="offset points",
+                fontsize=6,
+                ha="right",
+            )
+    axis.set(
+        xscale="log",
+        yticks=range(len(names)),
+        yticklabels=names,
+        ylim=(len(names) - 0.5, -0.5),
+        xlabel="ms per simulated second",
+    )
     axis.tick_params(axis="y", labelsize=6.5)
-    axis.set_title("times, triangles: others on their hardware" if len(names) > len(result.fronts) else "times, triangles", fontsize=8.5)
+    axis.set_title(
+        "times, triangles: others on their hardware" if len(names) > len(result.fronts) else "times, triangles",
+        fontsize=8.5,
+    )
     axis.grid(axis="x", alpha=0.3)
 
 
 def _handles(plt, result):
     line, handles = plt.Line2D, []
     for backend in result.fronts:
-        handles.append(line([], [], ls="-", marker="o", ms=5, lw=1, color=COLORS.get(backend, "#777777"),
-                            label=f"{backend} and its front ({result.facts['devices'][backend]})"))
+        handles.append(
+            line(
+                [],
+                [],
+                ls="-",
+                marker="o",
+                ms=5,
+                lw=1,
+                color=COLORS.get(backend, "#777777"),
+                label=f"{backend} and its front ({result.facts['devices'][backend]})",
+            )
+        )
     for precision in dict.fromkeys(precision_of(p) for p in result.points):
-        handles.append(line([], [], ls="", marker=MARKERS.get(precision, "o"), color="#777777", label=f"precision {precision}"))
+        handles.append(
+            line([], [], ls="", marker=MARKERS.get(precision, "o"), color="#777777", label=f"precision {precision}")
+        )
     if any(p["settings"].get("accuracy") == "paper" for p in result.points):
         handles.append(line([], [], ls="", marker="*", color="white", mec="black", ms=12, label="the paper's settings"))
     if any(p.get("intersections") for p in result.points):
-        handles.append(line([], [], ls="", marker="o", color="white", mec="#777777", label="hollow: left intersections, on no front"))
+        handles.append(
+            line(
+                [], [], ls="", marker="o", color="white", mec="#777777", label="hollow: left intersections, on no front"
+            )
+        )
     if published(result.scene):
         handles.append(line([], [], ls="", marker="X", color="#777777", ms=7, label="others, at their sizes"))
     return handles
@@ -247,7 +370,7 @@ def svg_text(fig):
     out = io.StringIO()
     fig.savefig(out, format="svg", metadata={"Date": None, "Creator": None, "Format": None, "Type": None})
     text = out.getvalue()
-    return text[text.index("<svg"):]
+    return text[text.index("<svg") :]
 
 
 STYLE = """body{font:14px/1.45 system-ui,sans-serif;margin:2em auto;max-width:78em;padding:0 1em;color:#222}table{border-collapse:collapse;font-size:12px}
@@ -256,33 +379,72 @@ td:first-child,th:first-child{text-align:left}tr.front{background:#eef6ee}tr.fai
 SCRIPT = """for(const t of document.querySelectorAll("table"))t.querySelectorAll("th").forEach((h,i)=>h.onclick=()=>{const b=t.tBodies[0],u=h.dataset.up!=="1";
 h.dataset.up=u?"1":"0";const v=r=>{const x=r.cells[i].dataset.v;return x===undefined||x===""?null:isNaN(x)?x:+x};
 [...b.rows].sort((p,q)=>{const x=v(p),y=v(q);if(x===null||y===null)return(x===null)-(y===null);return(x<y?-1:x>y?1:0)*(u?1:-1)}).forEach(r=>b.append(r))})"""
-SHOWN = ("ms_per_second", "restart_rms_edges", "restart_max_edges", "surface_mean_edges", "energy_error", "momentum_error", "strain_error", "strain_max", "strain_p999",
-         "min_gap", "intersections", "lost_motion", "truncated", "residual", "nonlinear_residual", "iterations", "contacts")
+SHOWN = (
+    "ms_per_second",
+    "restart_rms_edges",
+    "restart_max_edges",
+    "surface_mean_edges",
+    "energy_error",
+    "momentum_error",
+    "strain_error",
+    "strain_max",
+    "strain_p999",
+    "min_gap",
+    "intersections",
+    "lost_motion",
+    "truncated",
+    "residual",
+    "nonlinear_residual",
+    "iterations",
+    "contacts",
+)
 
 
 def html_text(results, figures):
     """One page without any reference to elsewhere: figures (SVG texts), tables that sort by a click, what every column is."""
-    parts = ["<!DOCTYPE html><html lang=\"en\"><head><meta charset=\"utf-8\"><title>cama: speed for accuracy</title><style>", STYLE, "</style></head><body>",
-             "<h1>Speed for accuracy</h1>"]
+    parts = [
+        '<!DOCTYPE html><html lang="en"><head><meta charset="utf-8"><title>cama: speed for accuracy</title><style>',
+        STYLE,
+        "</style></head><body>",
+        "<h1>Speed for accuracy</h1>",
+    ]
     for r, svg in zip(results, figures):
         f = r.facts
         devices = "; ".join(f"{b}: {d}" for b, d in f["devices"].items())
-        parts.append(f"<h2>{html.escape(r.scene)}, {r.triangles:,} triangles</h2><p>{html.escape(devices)}; cama {html.escape(f['version'])}. "
-                     f"Errors after windows of {f['window']:g} s; the reference took steps of {step_text(f['reference_step'])} s and may be off by "
-                     f"{f['uncertainty_edges']:.2g} edge lengths itself ({'converged' if f['converged'] else 'not converged'}).</p>{svg}")
-        parts.append("<div class=\"wide\"><table><thead><tr><th>settings</th><th>backend</th>" + "".join(
-            f"<th title=\"{html.escape(MEASURES[m][1])}\">{m}{'' if MEASURES[m][0] == '1' else ', ' + MEASURES[m][0]}</th>" for m in SHOWN) + "</tr></thead><tbody>")
+        parts.append(
+            f"<h2>{html.escape(r.scene)}, {r.triangles:,} triangles</h2><p>{html.escape(devices)}; cama {html.escape(f['version'])}. "
+            f"Errors after windows of {f['window']:g} s; the reference took steps of {step_text(f['reference_step'])} s and may be off by "
+            f"{f['uncertainty_edges']:.2g} edge lengths itself ({'converged' if f['converged'] else 'not converged'}).</p>{svg}"
+        )
+        parts.append(
+            '<div class="wide"><table><thead><tr><th>settings</th><th>backend</th>'
+            + "".join(
+                f'<th title="{html.escape(MEASURES[m][1])}">{m}{"" if MEASURES[m][0] == "1" else ", " + MEASURES[m][0]}</th>'
+                for m in SHOWN
+            )
+            + "</tr></thead><tbody>"
+        )
         for i, p in enumerate(r.points):
             kind = "failed" if p["failed"] else "front" if i in r.fronts[p["backend"]] else ""
             name = html.escape(p["label"] + (f": {p['failed']}" if p["failed"] else ""))
-            parts.append(f"<tr class=\"{kind}\"><td data-v=\"{name}\">{name}</td><td data-v=\"{p['backend']}\">{p['backend']}</td>" +
-                         "".join(_cell(p.get(m)) for m in SHOWN) + "</tr>")
+            parts.append(
+                f'<tr class="{kind}"><td data-v="{name}">{name}</td><td data-v="{p["backend"]}">{p["backend"]}</td>'
+                + "".join(_cell(p.get(m)) for m in SHOWN)
+                + "</tr>"
+            )
         parts.append("</tbody></table></div>")
         for row in published(r.scene):
-            parts.append(f"<p>Published: {html.escape(row['system'])} on {html.escape(row['hardware'])}, {row['triangles']:,} triangles: "
-                         f"{row['ms_per_second']:,.0f} ms per simulated second ({html.escape(row['source'])}).</p>")
-    parts += ["<h2>Columns</h2><ul>", *(f"<li><b>{m}</b> ({html.escape(u)}): {html.escape(t)}</li>" for m, (u, t) in MEASURES.items()),
-              "</ul><p>Green rows are on the front of ms_per_second and restart_rms_edges of their backend; rows with intersections are never on it.</p><script>", SCRIPT, "</script></body></html>\n"]
+            parts.append(
+                f"<p>Published: {html.escape(row['system'])} on {html.escape(row['hardware'])}, {row['triangles']:,} triangles: "
+                f"{row['ms_per_second']:,.0f} ms per simulated second ({html.escape(row['source'])}).</p>"
+            )
+    parts += [
+        "<h2>Columns</h2><ul>",
+        *(f"<li><b>{m}</b> ({html.escape(u)}): {html.escape(t)}</li>" for m, (u, t) in MEASURES.items()),
+        "</ul><p>Green rows are on the front of ms_per_second and restart_rms_edges of their backend; rows with intersections are never on it.</p><script>",
+        SCRIPT,
+        "</script></body></html>\n",
+    ]
     return "".join(parts)
 
 
@@ -290,7 +452,7 @@ def _cell(value):
     if value is None or (isinstance(value, float) and not math.isfinite(value)):
         return "<td></td>"
     text = f"{value:,}" if isinstance(value, int) else f"{value:.4g}"
-    return f"<td data-v=\"{value}\">{text}</td>"
+    return f'<td data-v="{value}">{text}</td>'
 
 
 def file_names(results):
@@ -331,5 +493,14 @@ def write(results, folder, plots=True):
 
 def summary_rows(result):
     """(backend, label, ms per second, rms in edges, rms in mm) of every front, fastest first."""
-    return [(b, label(result.points[i]["settings"]), result.points[i]["ms_per_second"], result.points[i]["restart_rms_edges"],
-             1e3 * result.points[i]["restart_rms"]) for b, front in result.fronts.items() for i in front]
+    return [
+        (
+            b,
+            label(result.points[i]["settings"]),
+            result.points[i]["ms_per_second"],
+            result.points[i]["restart_rms_edges"],
+            1e3 * result.points[i]["restart_rms"],
+        )
+        for b, front in result.fronts.items()
+        for i in front
+    ]

@@ -14,12 +14,12 @@ from ..errors import ArrayError, BackendError, MeshError
 class SurfaceDistance:
     """How far two surfaces are apart, m."""
 
-    hausdorff: float   #: largest distance from a sample of either surface to the other
-    mean: float        #: area-weighted mean over both surfaces
-    rms: float         #: root of the area-weighted mean square over both
-    forward: float     #: largest from the first to the second
-    backward: float    #: largest from the second to the first
-    spacing: float     #: mean distance of neighbouring samples: what `hausdorff` may be too small by
+    hausdorff: float  #: largest distance from a sample of either surface to the other
+    mean: float  #: area-weighted mean over both surfaces
+    rms: float  #: root of the area-weighted mean square over both
+    forward: float  #: largest from the first to the second
+    backward: float  #: largest from the second to the first
+    spacing: float  #: mean distance of neighbouring samples: what `hausdorff` may be too small by
 
 
 def _surface(name, vertices, faces):
@@ -107,7 +107,10 @@ def surface_distance(vertices, faces, other_vertices, other_faces, count=5000):
     vertices [n, 3] m, faces [m, 3]; so the other's. Distances of the samples are exact (Aspert, Santa-Cruz and Ebrahimi 2002).
     Throws ArrayError, MeshError.
     """
-    first, second = _surface("surface_distance: first", vertices, faces), _surface("surface_distance: second", other_vertices, other_faces)
+    first, second = (
+        _surface("surface_distance: first", vertices, faces),
+        _surface("surface_distance: second", other_vertices, other_faces),
+    )
     count = int(number("surface_distance: count", count))
     if count < 1:
         raise ArrayError(f"surface_distance: count is {count}, below 1")
@@ -115,20 +118,26 @@ def surface_distance(vertices, faces, other_vertices, other_faces, count=5000):
     there, back = distance_to_surface(points, *second), distance_to_surface(other_points, *first)
     both, weights = np.concatenate([there, back]), np.concatenate([weight, other_weight])
     spacing = np.sqrt(max(weight.sum() / len(weight), other_weight.sum() / len(other_weight)))
-    return SurfaceDistance(float(both.max()), float(both @ weights / weights.sum()), float(np.sqrt(both**2 @ weights / weights.sum())),
-                           float(there.max()), float(back.max()), float(spacing))
+    return SurfaceDistance(
+        float(both.max()),
+        float(both @ weights / weights.sum()),
+        float(np.sqrt(both**2 @ weights / weights.sum())),
+        float(there.max()),
+        float(back.max()),
+        float(spacing),
+    )
 
 
 @dataclass
 class Strain:
     """How triangles are stretched against their rest shapes."""
 
-    principal: np.ndarray   #: [triangles, 2] principal stretches minus one, the larger first
+    principal: np.ndarray  #: [triangles, 2] principal stretches minus one, the larger first
     area_ratio: np.ndarray  #: [triangles] area over rest area
-    largest: float          #: largest principal strain
-    p999: float             #: its 99.9 % quantile over the triangles' larger strains
-    smallest_area: float    #: smallest area ratio
-    mean_area: float        #: mean area ratio, weighted by rest area
+    largest: float  #: largest principal strain
+    p999: float  #: its 99.9 % quantile over the triangles' larger strains
+    smallest_area: float  #: smallest area ratio
+    mean_area: float  #: mean area ratio, weighted by rest area
 
 
 def strain(vertices, faces, rest):
@@ -139,7 +148,9 @@ def strain(vertices, faces, rest):
     vertices, faces = _surface("strain", vertices, faces)
     rest = np.asarray(rest, dtype=np.float64)
     if rest.ndim != 3 or rest.shape[:2] != (len(faces), 3) or rest.shape[2] not in (2, 3):
-        raise ArrayError(f"strain: rest: shape {list(rest.shape)}, expected [{len(faces)}, 3, 2] or [{len(faces)}, 3, 3]")
+        raise ArrayError(
+            f"strain: rest: shape {list(rest.shape)}, expected [{len(faces)}, 3, 2] or [{len(faces)}, 3, 3]"
+        )
     rest = reals("strain: rest", rest, rest.shape)
     rest = _flat(rest) if rest.shape[2] == 3 else rest
     before, after = (np.stack([c[:, 1] - c[:, 0], c[:, 2] - c[:, 0]], axis=2) for c in (rest, vertices[faces]))
@@ -148,8 +159,14 @@ def strain(vertices, faces, rest):
         raise MeshError(f"strain: rest: triangle {int((size <= 0).argmax())} has no area")
     stretch = np.linalg.svd(after @ np.linalg.inv(before), compute_uv=False)
     principal, ratio = stretch - 1, stretch[:, 0] * stretch[:, 1]
-    return Strain(principal, ratio, float(principal[:, 0].max()), float(np.quantile(principal[:, 0], 0.999)), float(ratio.min()),
-                  float(ratio @ size / size.sum()))
+    return Strain(
+        principal,
+        ratio,
+        float(principal[:, 0].max()),
+        float(np.quantile(principal[:, 0], 0.999)),
+        float(ratio.min()),
+        float(ratio @ size / size.sum()),
+    )
 
 
 def _flat(corners):
@@ -175,7 +192,9 @@ def _near(tree, points, reach):
     """Row pairs (of points, of the tree's) that are within `reach` of each other."""
     found = tree.query_ball_point(points, reach)
     count = np.fromiter((len(f) for f in found), int, len(found))
-    return np.repeat(np.arange(len(points)), count), np.concatenate([np.asarray(f, int) for f in found]) if count.sum() else np.zeros(0, int)
+    return np.repeat(np.arange(len(points)), count), np.concatenate(
+        [np.asarray(f, int) for f in found]
+    ) if count.sum() else np.zeros(0, int)
 
 
 def _gap_of(measure, first, second, corners_a, corners_b, first_obstacle_vertex):
@@ -202,7 +221,14 @@ def smallest_gap(vertices, faces, within, first_obstacle_vertex=-1):
     used = np.unique(faces)
     rows, others = _near(_tree(middle), vertices[used], reach)
     if len(rows):
-        smallest = _gap_of(collision.vertex_face_distance, used[rows][:, None], faces[others], vertices[used[rows]][:, None], corners[others], first)
+        smallest = _gap_of(
+            collision.vertex_face_distance,
+            used[rows][:, None],
+            faces[others],
+            vertices[used[rows]][:, None],
+            corners[others],
+            first,
+        )
     pairs = edges(faces)
     ends = vertices[pairs]
     middle, half = ends.mean(axis=1), np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1).max() / 2
@@ -237,7 +263,9 @@ def _passing(first, second, before, after, first_obstacle, detect, ordered):
     chunk = max(1, 4_000_000 // max(1, len(second)))
     for start in range(0, len(first), chunk):
         part = slice(start, start + chunk)
-        overlap = ((boxes[0][0][part, None] <= boxes[1][1][None]) & (boxes[0][1][part, None] >= boxes[1][0][None])).all(axis=2)
+        overlap = ((boxes[0][0][part, None] <= boxes[1][1][None]) & (boxes[0][1][part, None] >= boxes[1][0][None])).all(
+            axis=2
+        )
         a, b = np.nonzero(overlap)
         a += start
         shared = (first[a][:, :, None] == second[b][:, None, :]).any(axis=(1, 2))
@@ -268,8 +296,10 @@ def shadow_area(vertices, faces, pixels=1000, axis=2):
             continue
         x, y = np.meshgrid(np.arange(corner[0], end[0]), np.arange(corner[1], end[1]), indexing="ij")
         sides = [(q[0] - p[0]) * (y - p[1]) - (q[1] - p[1]) * (x - p[0]) for p, q in ((a, b), (b, c), (c, a))]
-        inside = (np.minimum(np.minimum(*sides[:2]), sides[2]) >= 0) | (np.maximum(np.maximum(*sides[:2]), sides[2]) <= 0)
-        image[corner[0]:end[0], corner[1]:end[1]] |= inside
+        inside = (np.minimum(np.minimum(*sides[:2]), sides[2]) >= 0) | (
+            np.maximum(np.maximum(*sides[:2]), sides[2]) <= 0
+        )
+        image[corner[0] : end[0], corner[1] : end[1]] |= inside
     return float(image.sum() * size**2)
 
 
@@ -281,5 +311,7 @@ def drape_coefficient(vertices, faces, disc_radius, flat_area, pixels=1000):
     disc = np.pi * number("drape_coefficient: disc_radius", disc_radius) ** 2
     flat_area = number("drape_coefficient: flat_area", flat_area)
     if not 0 < disc < flat_area:
-        raise ArrayError(f"drape_coefficient: the disc has {disc:.4g} m^2 and the cloth {flat_area:.4g}; the cloth must be larger")
+        raise ArrayError(
+            f"drape_coefficient: the disc has {disc:.4g} m^2 and the cloth {flat_area:.4g}; the cloth must be larger"
+        )
     return (max(shadow_area(vertices, faces, pixels), disc) - disc) / (flat_area - disc)

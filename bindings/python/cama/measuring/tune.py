@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """The cheapest settings that keep a budget of error or time, judged by a reference that the search did not see; `cama tune`.
 
-    tuned = cama.tune.tune("drape", "out/tune", error=1e-3)
-    tuned.write("drape-1mm.json")
+tuned = cama.tune.tune("drape", "out/tune", error=1e-3)
+tuned.write("drape-1mm.json")
 """
 
 import json
@@ -28,7 +28,6 @@ class BudgetError(Error):
     """No settings that were tried keep the budget, or the judge found that the chosen ones do not."""
 
 
-
 def parse_error(text):
     """("m", 1e-3) of "1mm", "0.5 cm", "2e-3m"; ("edges", 0.01) of "1%". Throws ArrayError."""
     match = re.fullmatch(r"\s*([0-9.eE+-]+)\s*(um|mm|cm|m|%)\s*", str(text))
@@ -37,7 +36,11 @@ def parse_error(text):
     value = number("error", match[1])
     if not value > 0:
         raise ArrayError(f"error: {text!r} is not greater than 0")
-    return ("edges", value / 100) if match[2] == "%" else ("m", value * {"um": 1e-6, "mm": 1e-3, "cm": 1e-2, "m": 1.0}[match[2]])
+    return (
+        ("edges", value / 100)
+        if match[2] == "%"
+        else ("m", value * {"um": 1e-6, "mm": 1e-3, "cm": 1e-2, "m": 1.0}[match[2]])
+    )
 
 
 def parse_time(text):
@@ -53,10 +56,10 @@ def parse_time(text):
 class Budget:
     """What must be kept: an error (m or mean edge lengths, rms or largest vertex, after a window), a time for a frame of 1/60 s, or both."""
 
-    error: float = None       #: m
-    edges: float = None       #: mean edge lengths
-    frame: float = None       #: s of wall time for FRAME s
-    measure: str = "rms"      #: or "max"
+    error: float = None  #: m
+    edges: float = None  #: mean edge lengths
+    frame: float = None  #: s of wall time for FRAME s
+    measure: str = "rms"  #: or "max"
 
     def check(self):
         """Throws ArrayError."""
@@ -91,31 +94,39 @@ class Budget:
         kept = [p for p in points if self.keeps(p, edge, safety)]
         if self.limit(edge) is not None:
             return min(kept, key=lambda p: p["ms_per_second"], default=None)
-        return min((p for p in kept if self.error_of(p, edge) is not None), key=lambda p: self.error_of(p, edge), default=None)
+        return min(
+            (p for p in kept if self.error_of(p, edge) is not None), key=lambda p: self.error_of(p, edge), default=None
+        )
 
 
 @dataclass
 class Tuned:
     """Settings that keep a budget."""
 
-    settings: dict              #: knobs
-    found: dict                 #: the point that the search measured
-    judged: dict                #: the point that the judge measured
-    safety: float               #: factor that the search kept to spare
-    rounds: int                 #: choices that were judged, the last one kept
-    edge: float                 #: m
+    settings: dict  #: knobs
+    found: dict  #: the point that the search measured
+    judged: dict  #: the point that the judge measured
+    safety: float  #: factor that the search kept to spare
+    rounds: int  #: choices that were judged, the last one kept
+    edge: float  #: m
     search: object = field(repr=False)  #: tradeoff.Tradeoff
-    judge: object = field(repr=False)   #: the judge's
+    judge: object = field(repr=False)  #: the judge's
     source: object = field(repr=False, default=None)
 
     def scene(self):
         """The scene with the settings: a Scene."""
-        base = self.source if isinstance(self.source, Scene) else Scene.load(self.source, self.settings.get("resolution", 0))
+        base = (
+            self.source
+            if isinstance(self.source, Scene)
+            else Scene.load(self.source, self.settings.get("resolution", 0))
+        )
         return Scene.parse(json.dumps(applied(json.loads(base.to_json()), self.settings)))
 
     def remark(self):
         """What was measured, in words."""
-        unit = lambda p: f"{1e3 * p['restart_rms']:.3g} mm rms, {p['restart_max_edges']:.3g} edges largest, {p['ms_per_second'] * FRAME:.3g} ms per frame"
+        unit = lambda p: (
+            f"{1e3 * p['restart_rms']:.3g} mm rms, {p['restart_max_edges']:.3g} edges largest, {p['ms_per_second'] * FRAME:.3g} ms per frame"
+        )
         return f"cama tune: {label(self.settings)}: search {unit(self.found)}; judge {unit(self.judged)}; {self.judged['device_name']}"
 
     def write(self, path):
@@ -183,8 +194,23 @@ def write_scene(source, settings, path, remark=""):
         raise FileError(f"{path}: {problem.strerror}") from None
 
 
-def tune(scene, output, error=None, edges=None, frame=None, measure="rms", plan=None, safety=1.5, rounds=3, windows=6, window=0.05,
-         reference_step=None, resolution=0, setup=None, progress=None):
+def tune(
+    scene,
+    output,
+    error=None,
+    edges=None,
+    frame=None,
+    measure="rms",
+    plan=None,
+    safety=1.5,
+    rounds=3,
+    windows=6,
+    window=0.05,
+    reference_step=None,
+    resolution=0,
+    setup=None,
+    progress=None,
+):
     """Picks the cheapest settings that keep a budget, and has them judged; a Tuned.
 
     scene, output, plan, window, reference_step, resolution, setup, progress: as for `tradeoff.tradeoff`.  error [m] or edges [mean edge lengths]:
@@ -204,22 +230,37 @@ def tune(scene, output, error=None, edges=None, frame=None, measure="rms", plan=
     common = dict(resolution=resolution, window=window, windows=windows, stride=2, setup=setup)
     search = tradeoff(scene, output, plan, first=1, reference_step=reference_step, progress=say, **common)
     edge, refused = search.reference.edge, None
-    doubt = math.sqrt((search.reference.uncertainty**2).mean()) if measure == "rms" else search.reference.uncertainty_largest.max()
+    doubt = (
+        math.sqrt((search.reference.uncertainty**2).mean())
+        if measure == "rms"
+        else search.reference.uncertainty_largest.max()
+    )
     if budget.limit(edge) is not None and 3 * doubt > budget.limit(edge):
-        raise BudgetError(f"the reference may be off by {1e3 * doubt:.3g} mm itself, which is not well below the budget of "
-                          f"{1e3 * budget.limit(edge):.3g} mm; give a smaller reference step, fewer windows or a larger budget")
+        raise BudgetError(
+            f"the reference may be off by {1e3 * doubt:.3g} mm itself, which is not well below the budget of "
+            f"{1e3 * budget.limit(edge):.3g} mm; give a smaller reference step, fewer windows or a larger budget"
+        )
     for number_of in range(1, rounds + 1):
         chosen = budget.best(search.points, edge, safety)
         if chosen is None:
             raise BudgetError(_shortfall(search, budget, safety, refused))
-        judge = tradeoff(scene, output, [chosen["settings"]], first=2 + 2 * windows * (number_of - 1), reference_step=search.reference.time_step / 2,
-                         progress=lambda done, of, words: say(done, of, f"judge: {words}"), **common)
+        judge = tradeoff(
+            scene,
+            output,
+            [chosen["settings"]],
+            first=2 + 2 * windows * (number_of - 1),
+            reference_step=search.reference.time_step / 2,
+            progress=lambda done, of, words: say(done, of, f"judge: {words}"),
+            **common,
+        )
         verdict = next(p for p in judge.points if p["backend"] == chosen["backend"])
         if budget.keeps(verdict, edge):
             settings = {**({"resolution": int(resolution)} if resolution else {}), **chosen["settings"]}
             return Tuned(settings, chosen, verdict, safety, number_of, edge, search, judge, scene)
         refused, safety = f"{chosen['label']} was refused by the judge: {_words(verdict, budget, edge)}", 1.5 * safety
-    raise BudgetError(f"{rounds} choices were refused by the judge; the last: {refused}; give more settings or a larger budget")
+    raise BudgetError(
+        f"{rounds} choices were refused by the judge; the last: {refused}; give more settings or a larger budget"
+    )
 
 
 def _words(point, budget, edge):

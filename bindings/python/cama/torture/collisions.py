@@ -8,13 +8,20 @@ import cama
 from . import scenes, shapes
 from .meshes import GRAVITY, cloth_scene
 
-TENT = np.array([[-0.05, -0.05, 0], [0.05, -0.05, 0], [0.05, 0.05, 0], [-0.05, 0.05, 0], [0, 0, 0.05]]), \
-    np.array([[0, 1, 4], [1, 2, 4], [2, 3, 4], [3, 0, 4]])
+TENT = (
+    np.array([[-0.05, -0.05, 0], [0.05, -0.05, 0], [0.05, 0.05, 0], [-0.05, 0.05, 0], [0, 0, 0.05]]),
+    np.array([[0, 1, 4], [1, 2, 4], [2, 3, 4], [3, 0, 4]]),
+)
 
 
 def touching(p):
     """Two equal sheets at distance 0."""
-    p.refused(cama.CollisionError, ["intersections", "'lower'", "'upper'"], lambda: p.simulation(scenes.touching(100)), "distance 0")
+    p.refused(
+        cama.CollisionError,
+        ["intersections", "'lower'", "'upper'"],
+        lambda: p.simulation(scenes.touching(100)),
+        "distance 0",
+    )
 
 
 def coplanar(p):
@@ -50,7 +57,9 @@ def near_parallel_edges(p):
     scene = cama.Scene(thickness=1e-3, time_step=2e-3)
     low = scene.add_cloth(upright, faces, name="held")
     scene.pin(low, np.arange(len(flat)))
-    scene.add_cloth(upright @ shapes.rotation((0, 0, 1), 5e-4).T + [0.02, 0, 0.1025], faces, name="falling", velocity=(0.2, 0, -0.5))
+    scene.add_cloth(
+        upright @ shapes.rotation((0, 0, 1), 5e-4).T + [0.02, 0, 0.1025], faces, name="falling", velocity=(0.2, 0, -0.5)
+    )
     p.run(scene, 40, bound=2)
 
 
@@ -72,7 +81,9 @@ def corner_to_corner(p):
 def corner_to_edge(p):
     """A tent's tip falls exactly on the edge between two triangles, and on a vertex where four meet."""
     upside = TENT[0] * [1, 1, -1], TENT[1][:, ::-1]
-    ridge = np.array([[-0.1, -0.1, -0.05], [0.1, -0.1, -0.05], [-0.1, 0, 0], [0.1, 0, 0], [-0.1, 0.1, -0.05], [0.1, 0.1, -0.05]])
+    ridge = np.array(
+        [[-0.1, -0.1, -0.05], [0.1, -0.1, -0.05], [-0.1, 0, 0], [0.1, 0, 0], [-0.1, 0.1, -0.05], [0.1, 0.1, -0.05]]
+    )
     roof = np.array([[0, 1, 3], [0, 3, 2], [2, 3, 5], [2, 5, 4]])
     _drop(p, upside, (ridge, roof), 0.054, steps=10)
     flat = shapes.lattice(0.2, 0.2, 2, 2)
@@ -93,7 +104,9 @@ def edge_through_endpoint(p):
 def grazing(p):
     """A sheet flies past a ball, tangent to it within a hundredth of the thickness."""
     vertices, faces = shapes.sheet(0.1, 0.1, 32)
-    scene, _ = cloth_scene(vertices + [-0.15, 0, 0.1 + 1e-5], faces, gravity=(0, 0, 0), velocity=(20, 0, 0), thickness=1e-3, time_step=1e-3)
+    scene, _ = cloth_scene(
+        vertices + [-0.15, 0, 0.1 + 1e-5], faces, gravity=(0, 0, 0), velocity=(20, 0, 0), thickness=1e-3, time_step=1e-3
+    )
     scene.add_obstacle(shape={"sphere": {"radius": 0.1, "triangles": 1280}}, name="ball")
     p.run(scene, 20, bound=2)
 
@@ -111,7 +124,9 @@ def _slope(p, friction, loaded=True, degrees=26.57, steps=120, settled=60):
     stiffness, thickness = 1e6, 1e-3
     gap = thickness - loaded * 0.2 * GRAVITY * np.cos(angle) / stiffness
     turned = (patch @ shapes.rotation((0, 0, 1), 0.3).T + [0.0033, 0, gap]) @ basis
-    scene, _ = cloth_scene(turned, faces, rest=patch[:, :2], material=material, thickness=thickness, stiffness=stiffness)
+    scene, _ = cloth_scene(
+        turned, faces, rest=patch[:, :2], material=material, thickness=thickness, stiffness=stiffness
+    )
     ground = np.array([[-0.5, -0.3, 0], [3, -0.3, 0], [3, 0.3, 0], [-0.5, 0.3, 0]]) @ basis
     scene.add_obstacle(ground, [[0, 1, 2], [0, 2, 3]], friction=friction, name="slope")
     simulation = p.run(scene, settled, tolerance=p.per_precision(1e-10, 1e-8, 1e-5))
@@ -119,7 +134,9 @@ def _slope(p, friction, loaded=True, degrees=26.57, steps=120, settled=60):
     place, speed = (simulation.positions[:n] @ down).mean(), (simulation.velocities @ down)[:n].mean()
     p.run(simulation, steps - settled)
     seconds = (steps - settled) * scene.time_step
-    return ((simulation.velocities @ down)[:n].mean() - speed) / seconds, (simulation.positions[:n] @ down).mean() - place
+    return ((simulation.velocities @ down)[:n].mean() - speed) / seconds, (
+        simulation.positions[:n] @ down
+    ).mean() - place
 
 
 def frictionless(p):
@@ -172,7 +189,9 @@ def pulled_apart(p):
     vertices, faces = shapes.lattice(0.1, 0.1, 6, 6)
     scene, cloth = cloth_scene(vertices, faces, gravity=(0, 0, 0))
     for side in (1, -1):
-        scene.pin(cloth, np.flatnonzero(np.isclose(vertices[:, 0], side * 0.05)), dict(velocity=(side * 2.25, 0, 0), stop=0.2))
+        scene.pin(
+            cloth, np.flatnonzero(np.isclose(vertices[:, 0], side * 0.05)), dict(velocity=(side * 2.25, 0, 0), stop=0.2)
+        )
     simulation = p.run(scene, 60, bound=0.6)
     reach = np.ptp(simulation.positions[:, 0])
     p.near(reach, 1.0, 1e-9, "distance of the pinned edges")
@@ -189,7 +208,10 @@ def pin_through_own_cloth(p):
     top = np.flatnonzero(np.isclose(vertices[:, 1], 0.1))
     corner = int(np.argmin(vertices[:, 0] + vertices[:, 1]))
     scene.pin(cloth, top)
-    keys = [dict(time=0, translation=(0, 0, 0)), dict(time=0.1, translation=(0.1, 0.08, 0.08)),
-            dict(time=0.2, translation=(0.12, -0.1, 0.1))]
+    keys = [
+        dict(time=0, translation=(0, 0, 0)),
+        dict(time=0.1, translation=(0.1, 0.08, 0.08)),
+        dict(time=0.2, translation=(0.12, -0.1, 0.1)),
+    ]
     scene.pin(cloth, [corner], dict(keys=keys))
     p.run(scene, 50, bound=1)

@@ -10,7 +10,7 @@ import cama
 
 try:
     import ipctk
-except ImportError:     # the exact audit judges alone
+except ImportError:  # the exact audit judges alone
     ipctk = None
 
 JUDGES = "the exact audit and ipctk" if ipctk else "the exact audit alone: ipctk is not installed"
@@ -53,15 +53,15 @@ class Run:
 
     scene: cama.Scene
     simulation: cama.Simulation
-    start: np.ndarray                       #: [vertices, 3] m
+    start: np.ndarray  #: [vertices, 3] m
     reports: list = field(default_factory=list)
-    kinetic: list = field(default_factory=list)     #: J
-    audit: list = field(default_factory=list)       #: intersections by cama, -1 where not asked
-    referee: list = field(default_factory=list)     #: by ipctk, empty without it
-    strain: float = 0.0                     #: largest of all steps
-    kept: list = field(default_factory=list)        #: (time, positions) now and then
-    error: str = ""                         #: class and text of what ended it
-    failure: cama.Error = None              #: the same, itself
+    kinetic: list = field(default_factory=list)  #: J
+    audit: list = field(default_factory=list)  #: intersections by cama, -1 where not asked
+    referee: list = field(default_factory=list)  #: by ipctk, empty without it
+    strain: float = 0.0  #: largest of all steps
+    kept: list = field(default_factory=list)  #: (time, positions) now and then
+    error: str = ""  #: class and text of what ended it
+    failure: cama.Error = None  #: the same, itself
     problems: list = field(default_factory=list)
     seconds: float = 0.0
 
@@ -88,15 +88,20 @@ def referees(simulation):
 
 def finite(simulation):
     """Complaints about arrays and numbers that a user can get and that are not finite."""
-    bad = [name for name, array in (("positions", simulation.positions), ("velocities", simulation.velocities))
-           if not np.isfinite(array).all()]
+    bad = [
+        name
+        for name, array in (("positions", simulation.positions), ("velocities", simulation.velocities))
+        if not np.isfinite(array).all()
+    ]
     contacts = simulation.contacts
-    bad += [f"contacts[{name!r}]" for name in ("weights", "normal", "distance") if not np.isfinite(contacts[name]).all()]
+    bad += [
+        f"contacts[{name!r}]" for name in ("weights", "normal", "distance") if not np.isfinite(contacts[name]).all()
+    ]
     bad += [f"report[{name!r}]" for name, value in simulation.report.items() if not np.isfinite(value)]
     bad += [f"energy()[{name!r}]" for name, value in simulation.energy().items() if not np.isfinite(value)]
     if not np.isfinite(simulation.max_strain):
         bad.append("max_strain")
-    if not simulation.min_gap >= 0:     # inf: no pairs
+    if not simulation.min_gap >= 0:  # inf: no pairs
         bad.append("min_gap")
     return bad
 
@@ -109,7 +114,9 @@ def run(scene, steps=None, bound=20.0, keep=0, judge_every=1, backend="cpu", thr
     simulation = cama.Simulation(scene, backend=backend, threads=threads, **options)
     judges = referees(simulation)
     result = Run(scene, simulation, simulation.positions)
-    result.problems += [f"start: {who} sees {n} intersections" for who, count in judges for n in [count(result.start)] if n]
+    result.problems += [
+        f"start: {who} sees {n} intersections" for who, count in judges for n in [count(result.start)] if n
+    ]
     begin = time.perf_counter()
     for step in range(1, (scene.frames if steps is None else steps) + 1):
         try:
@@ -135,7 +142,7 @@ def _look(result, judges, step, bound, judge):
         result.problems.append(f"step {step}: not finite: {', '.join(bad)}")
         return
     result.strain = max(result.strain, simulation.max_strain)
-    farthest = np.abs(positions[:simulation.cloth_vertex_count]).max()
+    farthest = np.abs(positions[: simulation.cloth_vertex_count]).max()
     if farthest > bound:
         result.problems.append(f"step {step}: a vertex is {farthest:.3g} m away")
     if judge:
@@ -143,4 +150,6 @@ def _look(result, judges, step, bound, judge):
         result.audit.append(counts[0])
         result.referee += counts[1:]
         if any(counts):
-            result.problems.append(f"step {step}: intersections: " + ", ".join(f"{n} by {who}" for (who, _), n in zip(judges, counts)))
+            result.problems.append(
+                f"step {step}: intersections: " + ", ".join(f"{n} by {who}" for (who, _), n in zip(judges, counts))
+            )

@@ -43,7 +43,12 @@ def no_stiffness(p):
     simulation = p.run(scene, 40)
     free = np.setdiff1d(np.arange(len(vertices)), held)
     t = simulation.time
-    p.near((simulation.positions - vertices)[free], [0, 0, -GRAVITY * t**2 / 2], 1.01 * GRAVITY * t * scene.time_step, "fall")
+    p.near(
+        (simulation.positions - vertices)[free],
+        [0, 0, -GRAVITY * t**2 / 2],
+        1.01 * GRAVITY * t * scene.time_step,
+        "fall",
+    )
     p.require(np.array_equal(simulation.positions[held], vertices[held]), "a held vertex moved")
 
 
@@ -51,7 +56,9 @@ def huge_stiffness(p):
     """1e12 N/m: nothing stretches. Single precision cannot know the mass beside it, and says so."""
     scene, vertices, _ = _held(cama.Material.isotropic(1e12, 0.3, 1e-5, 0.2))
     if p.precision == "single":
-        p.refused(cama.MaterialError, ["cloth", "e+12 N/m", "vertex", "single"], lambda: p.simulation(scene), "1e12 N/m")
+        p.refused(
+            cama.MaterialError, ["cloth", "e+12 N/m", "vertex", "single"], lambda: p.simulation(scene), "1e12 N/m"
+        )
         return
     p.run(scene, 40, bound=0.5)
     p.require(p.seen.strain < 0.01, f"stretched by {p.seen.strain:.3g}")
@@ -86,8 +93,14 @@ def huge_bending(p):
 def folded_crease(p):
     """A hinge is turned through a full turn: bending energy c theta^2 / 4 up to pi, and back down beyond it (closed form)."""
     vertices = np.array([[0, -0.05, 0], [0, 0.05, 0], [0.1, 0, 0], [-0.1, 0, 0]])
-    scene, cloth = cloth_scene(vertices, [[0, 1, 3], [1, 0, 2]], contact=False, gravity=(0, 0, 0), time_step=0.01,
-                               material=cama.Material.isotropic(1000, 0.3, 1e-3, 0.2))
+    scene, cloth = cloth_scene(
+        vertices,
+        [[0, 1, 3], [1, 0, 2]],
+        contact=False,
+        gravity=(0, 0, 0),
+        time_step=0.01,
+        material=cama.Material.isotropic(1000, 0.3, 1e-3, 0.2),
+    )
     scene.pin(cloth, [0, 1, 3])
     scene.pin(cloth, [2], dict(rotation_rate=(0, 2 * np.pi, 0)))
     simulation = p.simulation(scene)
@@ -99,7 +112,9 @@ def folded_crease(p):
     theta = np.minimum(theta, 2 * np.pi - theta)
     scale = energies[24] / theta[24] ** 2
     p.require(scale > 0, "no bending energy")
-    p.near(energies, scale * theta**2, p.per_precision(1e-9, 1e-9, 1e-4) * scale * np.pi**2, "bending energy over a turn")
+    p.near(
+        energies, scale * theta**2, p.per_precision(1e-9, 1e-9, 1e-4) * scale * np.pi**2, "bending energy over a turn"
+    )
 
 
 def paper_crease(p):
@@ -109,8 +124,14 @@ def paper_crease(p):
     gap = 5e-4
     height = np.sign(x) * gap / 2 * np.minimum(1, np.abs(x) / 0.01)
     folded = np.stack([np.abs(x), vertices[:, 1], height], 1)
-    scene, _ = cloth_scene(folded, faces, rest=vertices[:, :2], gravity=(0, 0, 0), thickness=1e-3,
-                           material=cama.Material.isotropic(1000, 0.3, 1e-4, 0.2))
+    scene, _ = cloth_scene(
+        folded,
+        faces,
+        rest=vertices[:, :2],
+        gravity=(0, 0, 0),
+        thickness=1e-3,
+        material=cama.Material.isotropic(1000, 0.3, 1e-4, 0.2),
+    )
     simulation = p.run(scene, 60, bound=1)
     opened = np.linalg.norm(simulation.positions[0] - simulation.positions[12])
     p.seen.note = f"ends {opened * 1e3:.3g} mm apart"
@@ -140,7 +161,9 @@ def mass_ratio(p):
     scene = draped_patch()
     vertices, faces = shapes.sheet(0.2, 0.2, 60)
     for z, density in ((0.1045, 1e3),):
-        scene.add_cloth(vertices + [0.005, 0.01, z], faces, material=cama.Material.isotropic(1000, 0.3, 1e-4, density), name="heavy")
+        scene.add_cloth(
+            vertices + [0.005, 0.01, z], faces, material=cama.Material.isotropic(1000, 0.3, 1e-4, density), name="heavy"
+        )
     material = scene.cloths[0].material
     material.density = 1e-3
     scene.cloths[0].material = material
@@ -223,8 +246,13 @@ def storm(p):
     vertices, faces = shapes.sheet(0.3, 0.2, 120)
     random = np.random.default_rng(4)
     upright = vertices[:, [0, 2, 1]] + random.uniform(-1e-3, 1e-3, vertices.shape) * [0, 1, 0]
-    scene, cloth = cloth_scene(upright, faces, rest=vertices[:, :2], thickness=1e-3,
-                               wind={"velocity": (100, 5, 0), "density": 1.2, "drag": 0.05})
+    scene, cloth = cloth_scene(
+        upright,
+        faces,
+        rest=vertices[:, :2],
+        thickness=1e-3,
+        wind={"velocity": (100, 5, 0), "density": 1.2, "drag": 0.05},
+    )
     scene.pin(cloth, np.flatnonzero(vertices[:, 0] == vertices[:, 0].min()))
     p.run(scene, 100, bound=2)
     p.require(p.seen.strain < 5, f"stretched by {p.seen.strain:.3g}")
@@ -234,7 +262,12 @@ def scale_error(p):
     """Material space 100 times as large as the sheet, as of texture coordinates in centimetres: it would snap to that size."""
     vertices, faces = shapes.sheet(0.1, 0.1, 32)
     scene, _ = cloth_scene(vertices, faces, rest=100 * vertices[:, :2])
-    p.refused(cama.MeshError, ["cloth", "material space is 100 times as large"], lambda: p.simulation(scene), "material space 100 times as large")
+    p.refused(
+        cama.MeshError,
+        ["cloth", "material space is 100 times as large"],
+        lambda: p.simulation(scene),
+        "material space 100 times as large",
+    )
 
 
 def t_junction(p):
@@ -249,7 +282,7 @@ def t_junction(p):
     k = np.minimum((along + 1e-9).astype(int), 1)
     ratio = np.clip(along - k, 0, 1)
     scene.stitch("fine", seam, "coarse", border[k], border[k + 1], ratio, stiffness=100.0)
-    simulation = p.run(scene, 150, bound=1, judges=("audit",))   # which knows what may touch at a seam
+    simulation = p.run(scene, 150, bound=1, judges=("audit",))  # which knows what may touch at a seam
     x = simulation.positions
     target = (1 - ratio)[:, None] * x[border[k]] + ratio[:, None] * x[border[k + 1]]
     gap = np.linalg.norm(x[len(coarse[0]) + seam] - target, axis=1).max()

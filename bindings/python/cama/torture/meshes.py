@@ -25,11 +25,16 @@ def fallen(steps, time_step):
 def check_fall(p, simulation, start, what):
     """Positions of a body in free fall: to O(dt) at any level, as backward Euler has them where the level is that."""
     dt, t, n = simulation.scene.time_step, simulation.time, simulation.step_count
-    moved = (simulation.positions - start)[:simulation.cloth_vertex_count]
+    moved = (simulation.positions - start)[: simulation.cloth_vertex_count]
     exact = np.array([0, 0, -GRAVITY * t**2 / 2])
     p.near(moved, exact, 1.01 * GRAVITY * t * dt, what + " against g t^2 / 2")
     if p.plain:
-        p.near(moved, [0, 0, -fallen(n, dt)], p.per_precision(1e-9, 1e-6, 1e-5) * fallen(n, dt), what + " against backward Euler")
+        p.near(
+            moved,
+            [0, 0, -fallen(n, dt)],
+            p.per_precision(1e-9, 1e-6, 1e-5) * fallen(n, dt),
+            what + " against backward Euler",
+        )
 
 
 def single_triangle(p):
@@ -58,7 +63,9 @@ def non_manifold_edge(p):
 
 def moebius(columns=24, rows=2, radius=0.1, width=0.04):
     """A band with one half turn: vertices, faces."""
-    u, v = np.meshgrid(2 * np.pi * np.arange(columns) / columns, np.linspace(-width / 2, width / 2, rows + 1), indexing="xy")
+    u, v = np.meshgrid(
+        2 * np.pi * np.arange(columns) / columns, np.linspace(-width / 2, width / 2, rows + 1), indexing="xy"
+    )
     out = radius + v * np.cos(u / 2)
     vertices = np.stack([out * np.cos(u), out * np.sin(u), v * np.sin(u / 2)], 2).reshape(-1, 3)
     index = lambda i, j: (rows - j if i >= columns else j) * columns + i % columns  # noqa: E731
@@ -95,8 +102,13 @@ def flipped_faces(p):
 def _hanging(p, flat, faces, steps):
     """Hangs a piece upright by its upper border from rest: the weight below stretches it by rho g L / k at most, twice that on the way."""
     density, stiffness, height = 0.2, 1000.0, np.ptp(flat[:, 1])
-    scene, cloth = cloth_scene(flat[:, [0, 2, 1]], faces, rest=flat[:, :2], contact=False,
-                               material=cama.Material.isotropic(stiffness, 0.0, 1e-6, density))
+    scene, cloth = cloth_scene(
+        flat[:, [0, 2, 1]],
+        faces,
+        rest=flat[:, :2],
+        contact=False,
+        material=cama.Material.isotropic(stiffness, 0.0, 1e-6, density),
+    )
     scene.pin(cloth, np.flatnonzero(flat[:, 1] == flat[:, 1].max()))
     simulation = p.run(scene, steps, tolerance=p.per_precision(1e-8, 1e-6, 1e-4))
     static = density * GRAVITY * height / stiffness
@@ -140,9 +152,17 @@ def draped_patch(scale=1.0, away=0.0):
     """A sheet laid on a ball, all lengths times `scale`, shifted by `away`. Masses per area and times stay, so stiffnesses scale along."""
     material = cama.Material.isotropic(1000 * scale**2, 0.3, 1e-4 * scale**4, 0.2)
     vertices, faces = shapes.sheet(0.2 * scale, 0.2 * scale, 72)
-    scene, _ = cloth_scene(vertices + np.array([0.01, 0.015, 0.1015]) * scale + away, faces, rest=vertices[:, :2], material=material,
-                           gravity=(0, 0, -GRAVITY * scale), thickness=2e-3 * scale)
-    scene.add_obstacle(shape={"sphere": {"radius": 0.1, "triangles": 320}}, scale=scale, translate=np.full(3, away), name="ball")
+    scene, _ = cloth_scene(
+        vertices + np.array([0.01, 0.015, 0.1015]) * scale + away,
+        faces,
+        rest=vertices[:, :2],
+        material=material,
+        gravity=(0, 0, -GRAVITY * scale),
+        thickness=2e-3 * scale,
+    )
+    scene.add_obstacle(
+        shape={"sphere": {"radius": 0.1, "triangles": 320}}, scale=scale, translate=np.full(3, away), name="ball"
+    )
     return scene
 
 
@@ -179,9 +199,11 @@ def huge_triangles(p):
     for triangles in (200, 800):
         vertices, faces = shapes.sheet(0.4, 0.4, triangles)
         scene, _ = cloth_scene(vertices + [0, 0, 0.002], faces, thickness=1.5e-3)
-        scene.add_obstacle([[-500, -500, 0], [500, -500, 0], [500, 500, 0], [-500, 500, 0]], [[0, 1, 2], [0, 2, 3]], name="floor")
+        scene.add_obstacle(
+            [[-500, -500, 0], [500, -500, 0], [500, 500, 0], [-500, 500, 0]], [[0, 1, 2], [0, 2, 3]], name="floor"
+        )
         simulation = p.run(scene, 30)
-        p.require(simulation.positions[:simulation.cloth_vertex_count, 2].min() > 0, "a vertex is under the floor")
+        p.require(simulation.positions[: simulation.cloth_vertex_count, 2].min() > 0, "a vertex is under the floor")
         counts.append(simulation.report["candidates"])
     p.seen.note = f"{counts[0]} and {counts[1]} pairs for 4 times the triangles"
     p.require(0 < counts[1] < 6 * counts[0], p.seen.note)
@@ -210,7 +232,12 @@ def collapsed_to_a_line(p):
 def all_on_one_point(p):
     """Every vertex exactly at the origin: triangles without area."""
     vertices, faces = shapes.sheet(0.2, 0.2, 32)
-    p.refused(cama.Error, [], lambda: p.simulation(cloth_scene(0 * vertices, faces, rest=vertices[:, :2])[0]), "all at the origin")
+    p.refused(
+        cama.Error,
+        [],
+        lambda: p.simulation(cloth_scene(0 * vertices, faces, rest=vertices[:, :2])[0]),
+        "all at the origin",
+    )
 
 
 def identical_centroids(p):
@@ -245,6 +272,6 @@ def confetti(p, pieces=1000):
     scene, _ = cloth_scene(*shapes.join(parts), thickness=1e-3)
     scene.add_obstacle(shape={"plane": {"size": [2, 2], "triangles": 8}}, name="floor", translate=(0.0131, 0.0177, 0))
     simulation = p.run(scene, 20)
-    z = simulation.positions[:simulation.cloth_vertex_count, 2]
+    z = simulation.positions[: simulation.cloth_vertex_count, 2]
     p.require(z.min() > 0, "a piece is under the floor")
     p.require(simulation.report["contacts"] > 0, "nothing has landed")

@@ -20,12 +20,12 @@ class Seen:
     """Figures of one check, over all of its simulations."""
 
     steps: int = 0
-    intersections: int = 0      #: most in a step, by any judge
-    strain: float = 0.0         #: largest
-    peak: float = 0.0           #: kinetic energy, J
-    last: float = 0.0           #: the same at the end of the last simulation, J
-    note: str = ""              #: what else is worth knowing
-    error: str = ""             #: class and text of a named error that was met, expected or not
+    intersections: int = 0  #: most in a step, by any judge
+    strain: float = 0.0  #: largest
+    peak: float = 0.0  #: kinetic energy, J
+    last: float = 0.0  #: the same at the end of the last simulation, J
+    note: str = ""  #: what else is worth knowing
+    error: str = ""  #: class and text of a named error that was met, expected or not
 
     @property
     def energy_ratio(self):
@@ -94,7 +94,7 @@ class Probe:
         seen.peak = max(seen.peak, seen.last)
         if clean and any(counts.values()):
             raise Wrong(f"step {step}: intersections: " + ", ".join(f"{n} by {who}" for who, n in counts.items()))
-        farthest = np.abs(positions[:simulation.cloth_vertex_count]).max()
+        farthest = np.abs(positions[: simulation.cloth_vertex_count]).max()
         self.require(farthest <= bound, f"step {step}: a vertex is {farthest:.3g} m away")
 
     def scene_case(self, case, resolution, **build):
@@ -129,8 +129,10 @@ class Probe:
         except cama.Error as problem:
             name, text = type(problem).__name__, str(problem)
             self.seen.error = f"{name}: {text}"
-            self.require(isinstance(problem, error) and all(w in text for w in words),
-                         f"{what}: expected {error.__name__} with {words}, got {name}: {text}")
+            self.require(
+                isinstance(problem, error) and all(w in text for w in words),
+                f"{what}: expected {error.__name__} with {words}, got {name}: {text}",
+            )
             return
         raise Wrong(f"{what}: expected {error.__name__}, nothing was refused")
 

@@ -20,7 +20,9 @@ def stack(sheets=4, triangles=60, gap=2e-3):
     random = np.random.default_rng(5)
     for k in range(sheets):
         vertices, faces = shapes.sheet(0.2, 0.2, triangles)
-        scene.add_cloth(vertices @ shapes.rotation((0, 0, 1), random.uniform(-0.2, 0.2)).T + [0, 0, 2e-3 + gap * k], faces)
+        scene.add_cloth(
+            vertices @ shapes.rotation((0, 0, 1), random.uniform(-0.2, 0.2)).T + [0, 0, 2e-3 + gap * k], faces
+        )
     return scene
 
 
@@ -29,7 +31,7 @@ def lists_from_nothing(p):
     scene = stack()
     options = dict(preconditioner="block_jacobi", precision="double" if p.precision == "mixed" else p.precision)
     simulation = p.simulation(scene, **options)
-    start = simulation.positions[:simulation.cloth_vertex_count]
+    start = simulation.positions[: simulation.cloth_vertex_count]
     low, still = start.copy(), np.zeros_like(start)
     low[:, 2] = 1e-3 + 0.4 * (low[:, 2] - low[:, 2].min())
     high = start + [0, 0, 50]
@@ -78,6 +80,7 @@ def out_of_memory(p):
         p.seen.note = "needs RLIMIT_AS"
         return
     import resource
+
     scene = stack(6, 3000)
     simulation = p.simulation(scene)
     before = simulation.state_hash
@@ -124,7 +127,9 @@ def restart_in_contact(p):
 
 def restart_in_contact_block_jacobi(p):
     """With contact and a preconditioner that keeps nothing."""
-    whole, second = _restarted(p, stack(), 10, preconditioner="block_jacobi", precision="double" if p.precision == "mixed" else p.precision)
+    whole, second = _restarted(
+        p, stack(), 10, preconditioner="block_jacobi", precision="double" if p.precision == "mixed" else p.precision
+    )
     p.require(whole == second, f"{second} after the restart, {whole} without")
 
 

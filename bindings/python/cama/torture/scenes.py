@@ -84,7 +84,11 @@ def rope(resolution=1000, seed=0, turns=10, seconds=4.0):
     vertices[free, 2] += random.uniform(-1e-3, 1e-3, len(free))
     cloth = _add(scene, (vertices, mesh[1]), mesh[0][:, :2], name="rope", material="silk")
     for side, group in ((1, left), (-1, right)):
-        scene.pin(cloth, group, dict(velocity=(side * length / 6 / seconds, 0, 0), rotation_rate=(side * np.pi * turns / seconds, 0, 0)))
+        scene.pin(
+            cloth,
+            group,
+            dict(velocity=(side * length / 6 / seconds, 0, 0), rotation_rate=(side * np.pi * turns / seconds, 0, 0)),
+        )
     return scene
 
 
@@ -92,10 +96,13 @@ def pile(resolution=1600, seed=0, sheets=50, seconds=1.5):
     """Sheets dropped on a floor, each a little turned, tilted and shifted."""
     random = np.random.default_rng(seed)
     scene = _scene("pile", round(seconds / 0.005))
-    scene.add_obstacle(shape={"plane": {"size": [2, 2], "triangles": 8}}, friction=0.4, name="floor", translate=(0.0131, 0.0177, 0))
+    scene.add_obstacle(
+        shape={"plane": {"size": [2, 2], "triangles": 8}}, friction=0.4, name="floor", translate=(0.0131, 0.0177, 0)
+    )
     for k in range(sheets):
-        turn = shapes.rotation((0, 0, 1), random.uniform(-0.15, 0.15)) @ \
-            shapes.rotation((*random.normal(size=2), 0), random.uniform(0, 0.012))
+        turn = shapes.rotation((0, 0, 1), random.uniform(-0.15, 0.15)) @ shapes.rotation(
+            (*random.normal(size=2), 0), random.uniform(0, 0.012)
+        )
         shift = (*random.uniform(-0.01, 0.01, 2), 0.01 + 0.008 * k)
         mesh = shapes.sheet(0.3, 0.3, resolution / sheets)
         _add(scene, _placed(mesh, turn, shift), mesh[0][:, :2], name=f"sheet {k}", material="cotton")
@@ -110,9 +117,16 @@ def needle_bed(resolution=1000, seed=0, needles=6):
     tips = np.stack(np.meshgrid(line, line), 2).reshape(-1, 2) + random.uniform(-8e-3, 8e-3, (needles**2, 2))
     bed = shapes.join([_placed(shapes.cone(6e-3, 0.08, 6), shift=(*p, 0)) for p in tips])
     scene.add_obstacle(*bed, name="needles", friction=0.3)
-    scene.add_obstacle(shape={"plane": {"size": [2, 2], "triangles": 8}}, name="floor", translate=(0, 0, -1e-5), friction=0.3)
+    scene.add_obstacle(
+        shape={"plane": {"size": [2, 2], "triangles": 8}}, name="floor", translate=(0, 0, -1e-5), friction=0.3
+    )
     mesh = shapes.sheet(0.5, 0.5, resolution)
-    _add(scene, _placed(mesh, shapes.rotation((0, 0, 1), random.uniform(-0.2, 0.2)), (0, 0, 0.085)), mesh[0][:, :2], name="sheet")
+    _add(
+        scene,
+        _placed(mesh, shapes.rotation((0, 0, 1), random.uniform(-0.2, 0.2)), (0, 0, 0.085)),
+        mesh[0][:, :2],
+        name="sheet",
+    )
     return scene
 
 
@@ -122,8 +136,16 @@ def knife(resolution=1000, seed=0, speed=300.0):
     scene = _scene("knife", 200, time_step=1e-3)
     scene.add_obstacle(*shapes.wedge(0.2, 3.0, 1.0, 40), name="knife", friction=0.3)
     mesh = shapes.sheet(0.4, 0.4, resolution)
-    turn = shapes.rotation((0, 0, 1), random.uniform(0, 0.5)) @ shapes.rotation((*random.normal(size=2), 0), random.uniform(0, 0.05))
-    _add(scene, _placed(mesh, turn, (*random.uniform(-0.02, 0.02, 2), 0.03)), mesh[0][:, :2], name="sheet", velocity=(0, 0, -speed))
+    turn = shapes.rotation((0, 0, 1), random.uniform(0, 0.5)) @ shapes.rotation(
+        (*random.normal(size=2), 0), random.uniform(0, 0.05)
+    )
+    _add(
+        scene,
+        _placed(mesh, turn, (*random.uniform(-0.02, 0.02, 2), 0.03)),
+        mesh[0][:, :2],
+        name="sheet",
+        velocity=(0, 0, -speed),
+    )
     return scene
 
 
@@ -135,10 +157,17 @@ def needle_shot(resolution=1000, seed=0, speed=300.0):
     tips = np.stack(np.meshgrid(line, line), 2).reshape(-1, 2) + random.uniform(-8e-3, 8e-3, (16, 2))
     bed = shapes.join([_placed(shapes.cone(6e-3, 0.2, 6), shift=(*p, 0)) for p in tips])
     scene.add_obstacle(*bed, name="needles", friction=0.3)
-    scene.add_obstacle(shape={"plane": {"size": [4, 4], "triangles": 8}}, name="floor", translate=(0, 0, -1e-5), friction=0.3)
+    scene.add_obstacle(
+        shape={"plane": {"size": [4, 4], "triangles": 8}}, name="floor", translate=(0, 0, -1e-5), friction=0.3
+    )
     mesh = shapes.sheet(0.5, 0.5, resolution)
-    _add(scene, _placed(mesh, shapes.rotation((0, 0, 1), random.uniform(-0.2, 0.2)), (0, 0, 0.23)), mesh[0][:, :2], name="sheet",
-         velocity=(0, 0, -speed))
+    _add(
+        scene,
+        _placed(mesh, shapes.rotation((0, 0, 1), random.uniform(-0.2, 0.2)), (0, 0, 0.23)),
+        mesh[0][:, :2],
+        name="sheet",
+        velocity=(0, 0, -speed),
+    )
     return scene
 
 
@@ -147,16 +176,28 @@ def _press(name, gap, resolution, seed, seconds=1.5):
     random = np.random.default_rng(seed)
     scene = _scene(name, round((seconds + 0.4) / 0.005))
     opening, plate = 0.12, (0.6, 0.6, 0.02)
-    scene.add_obstacle(*_placed(shapes.box(plate, (8, 8, 1)), shift=(0, 0, -plate[2] / 2)), name="lower plate", friction=0.3)
-    scene.add_obstacle(*_placed(shapes.box(plate, (7, 7, 1)), shift=(0.003, 0.007, opening + plate[2] / 2)), name="upper plate",
-                       friction=0.3, motion=dict(velocity=(0, 0, (gap - opening) / seconds), stop=seconds))
+    scene.add_obstacle(
+        *_placed(shapes.box(plate, (8, 8, 1)), shift=(0, 0, -plate[2] / 2)), name="lower plate", friction=0.3
+    )
+    scene.add_obstacle(
+        *_placed(shapes.box(plate, (7, 7, 1)), shift=(0.003, 0.007, opening + plate[2] / 2)),
+        name="upper plate",
+        friction=0.3,
+        motion=dict(velocity=(0, 0, (gap - opening) / seconds), stop=seconds),
+    )
     mesh = shapes.sheet(0.3, 0.3, resolution)
     pleats, fine = 2.5, np.linspace(0, 1, 2001)
     curve = np.stack([0.18 * (fine - 0.5), 0 * fine, 0.04 * np.sin(2 * np.pi * pleats * fine)], 1)
     curve, length = shapes.resample(curve, 4001)
     along = mesh[0][:, 0] / 0.3 + 0.5
-    vertices = np.stack([np.interp(along, np.linspace(0, 1, 4001), curve[:, 0]), mesh[0][:, 1],
-                         np.interp(along, np.linspace(0, 1, 4001), curve[:, 2]) + 0.055], 1)
+    vertices = np.stack(
+        [
+            np.interp(along, np.linspace(0, 1, 4001), curve[:, 0]),
+            mesh[0][:, 1],
+            np.interp(along, np.linspace(0, 1, 4001), curve[:, 2]) + 0.055,
+        ],
+        1,
+    )
     vertices[:, 2] += random.uniform(-1e-3, 1e-3, len(vertices))
     _add(scene, (vertices, mesh[1]), mesh[0][:, :2] * [length / 0.3, 1], name="sheet")
     return scene
@@ -185,14 +226,20 @@ def clamp(resolution=1000, seed=0):
     for side, name in ((1, "right"), (-1, "left")):
         turn = shapes.rotation((0, 0, 1), 0.02 * side)
         reach = 0.25 * 0.02
-        scene.add_obstacle(*_placed(shapes.box(plate, (1, 6 + side, 6 + side)), turn,
-                                    (side * (opening / 2 + plate[0] / 2 + reach), 0, -0.3)),
-                           name=name, friction=0.3,
-                           motion=dict(velocity=(-side * (opening - gap) / 2 / seconds, 0, 0), stop=seconds))
+        scene.add_obstacle(
+            *_placed(
+                shapes.box(plate, (1, 6 + side, 6 + side)), turn, (side * (opening / 2 + plate[0] / 2 + reach), 0, -0.3)
+            ),
+            name=name,
+            friction=0.3,
+            motion=dict(velocity=(-side * (opening - gap) / 2 / seconds, 0, 0), stop=seconds),
+        )
     mesh = shapes.sheet(0.4, 0.4, resolution)
     upright = np.array([[0, 0, 1], [1, 0, 0], [0, 1, 0.0]])
     vertices, faces = _placed(mesh, upright, (0, 0, -0.2))
-    vertices[:, 0] += 0.02 * np.sin(25 * vertices[:, 1]) * (vertices[:, 2] / -0.4) + random.uniform(-1e-3, 1e-3, len(vertices))
+    vertices[:, 0] += 0.02 * np.sin(25 * vertices[:, 1]) * (vertices[:, 2] / -0.4) + random.uniform(
+        -1e-3, 1e-3, len(vertices)
+    )
     cloth = _add(scene, (vertices, faces), mesh[0][:, :2], name="sheet")
     scene.pin(cloth, np.flatnonzero(mesh[0][:, 1] == mesh[0][:, 1].max()))
     return scene
@@ -208,11 +255,19 @@ def hole(resolution=1000, seed=0):
     radius = np.sqrt(HOLE_SHARE * HOLE_SIDE**2 / np.pi)
     scene.add_obstacle(*shapes.plate_with_hole(0.35, radius, 0.012, 48), name="plate", friction=0.1)
     mesh = shapes.sheet(HOLE_SIDE, HOLE_SIDE, resolution)
-    cloth = _add(scene, _placed(mesh, shapes.rotation((0, 0, 1), random.uniform(0, 0.8)), (*random.uniform(-5e-3, 5e-3, 2), 0.01)),
-                 mesh[0][:, :2], name="sheet", material="silk")
+    cloth = _add(
+        scene,
+        _placed(mesh, shapes.rotation((0, 0, 1), random.uniform(0, 0.8)), (*random.uniform(-5e-3, 5e-3, 2), 0.01)),
+        mesh[0][:, :2],
+        name="sheet",
+        material="silk",
+    )
     middle = np.flatnonzero(np.linalg.norm(mesh[0][:, :2], axis=1) < 0.35 * radius)
-    scene.pin(cloth, middle if len(middle) else [int(np.argmin(np.linalg.norm(mesh[0], axis=1)))],
-              dict(velocity=(0, 0, -0.35), stop=1.3))
+    scene.pin(
+        cloth,
+        middle if len(middle) else [int(np.argmin(np.linalg.norm(mesh[0], axis=1)))],
+        dict(velocity=(0, 0, -0.35), stop=1.3),
+    )
     return scene
 
 
@@ -253,8 +308,11 @@ def chain(resolution=900, seed=0, rings=3):
     faces = shapes.cells(around, rows, wrap=True)
     for k in range(rings):
         turn = shapes.rotation((0, 0, 1), np.pi / 2 * (k % 2) + random.uniform(-0.15, 0.15))
-        ring = scene.add_cloth(*_placed((band, faces), turn, (*random.uniform(-2e-3, 2e-3, 2), -1.5 * radius * k)),
-                               name=f"ring {k}", material="denim")
+        ring = scene.add_cloth(
+            *_placed((band, faces), turn, (*random.uniform(-2e-3, 2e-3, 2), -1.5 * radius * k)),
+            name=f"ring {k}",
+            material="denim",
+        )
         if k == 0:
             scene.pin(ring, np.flatnonzero(band[:, 2] > 0.93 * radius))
     return scene
@@ -264,7 +322,11 @@ def coincident(resolution=1000, seed=0, gap=1e-6):
     """Two equal sheets one micrometre apart fall together on a floor and a ball."""
     random = np.random.default_rng(seed)
     scene = _scene("coincident", 300)
-    scene.add_obstacle(shape={"sphere": {"radius": 0.1, "triangles": 1280}}, name="ball", translate=(*random.uniform(-0.02, 0.02, 2), 0.1))
+    scene.add_obstacle(
+        shape={"sphere": {"radius": 0.1, "triangles": 1280}},
+        name="ball",
+        translate=(*random.uniform(-0.02, 0.02, 2), 0.1),
+    )
     mesh = shapes.sheet(0.4, 0.4, resolution / 2)
     turn = shapes.rotation((0, 0, 1), random.uniform(0, 0.7))
     for k in range(2):
@@ -284,10 +346,20 @@ def thick(resolution=1000, seed=0):
     random = np.random.default_rng(seed)
     scene = _scene("thick", 300)
     scene.add_obstacle(shape={"sphere": {"radius": 0.1, "triangles": 1280}}, name="ball", translate=(0, 0, 0.15))
-    scene.add_obstacle([[-500, -500, 0], [500, -500, 0], [500, 500, 0], [-500, 500, 0]], [[0, 1, 2], [0, 2, 3]], name="floor", friction=0.4)
+    scene.add_obstacle(
+        [[-500, -500, 0], [500, -500, 0], [500, 500, 0], [-500, 500, 0]],
+        [[0, 1, 2], [0, 2, 3]],
+        name="floor",
+        friction=0.4,
+    )
     mesh = shapes.sheet(0.4, 0.4, resolution)
-    _add(scene, _placed(mesh, shapes.rotation((0, 0, 1), random.uniform(0, 0.7)), (*random.uniform(-0.03, 0.03, 2), 0.27)), mesh[0][:, :2],
-         name="sheet", thickness=0.03)
+    _add(
+        scene,
+        _placed(mesh, shapes.rotation((0, 0, 1), random.uniform(0, 0.7)), (*random.uniform(-0.03, 0.03, 2), 0.27)),
+        mesh[0][:, :2],
+        name="sheet",
+        thickness=0.03,
+    )
     return scene
 
 
@@ -306,16 +378,24 @@ def _upright(resolution, seed, scene, pinned):
 def bullet(resolution=1000, seed=0, speed=1000.0):
     """A ball of 40 mm at 1000 m/s meets a free sheet and carries it for 2 m; one metre a step."""
     scene = _scene("bullet", 150, time_step=1e-3, gravity=(0, 0, 0))
-    scene.add_obstacle(shape={"sphere": {"radius": 0.02, "triangles": 320}}, name="bullet", translate=(0, -0.5, 0),
-                       motion=dict(velocity=(0, speed, 0), stop=2.5 / speed))
+    scene.add_obstacle(
+        shape={"sphere": {"radius": 0.02, "triangles": 320}},
+        name="bullet",
+        translate=(0, -0.5, 0),
+        motion=dict(velocity=(0, speed, 0), stop=2.5 / speed),
+    )
     return _upright(resolution, seed, scene, pinned=False)
 
 
 def teleport(resolution=1000, seed=0, distance=0.5):
     """A ball of 0.2 m is half a metre farther within one step, on the other side of a sheet held at its corners."""
     scene = _scene("teleport", 200)
-    scene.add_obstacle(shape={"sphere": {"radius": 0.1, "triangles": 1280}}, name="ball", translate=(0, -0.2, 0),
-                       motion=dict(velocity=(0, distance / 0.005, 0), start=0.1, stop=0.105))
+    scene.add_obstacle(
+        shape={"sphere": {"radius": 0.1, "triangles": 1280}},
+        name="ball",
+        translate=(0, -0.2, 0),
+        motion=dict(velocity=(0, distance / 0.005, 0), start=0.1, stop=0.105),
+    )
     return _upright(resolution, seed, scene, pinned=True)
 
 
@@ -324,11 +404,17 @@ def flip(resolution=1000, seed=0):
     random = np.random.default_rng(seed)
     scene = _scene("flip", 300)
     half = [np.cos(np.pi / 2), 0, np.sin(np.pi / 2), 0]
-    keys = [dict(time=t, rotation=q) for t, q in ((0.5, (1, 0, 0, 0)), (0.505, half), (1.0, half), (1.005, (-1, 0, 0, 0)))]
+    keys = [
+        dict(time=t, rotation=q) for t, q in ((0.5, (1, 0, 0, 0)), (0.505, half), (1.0, half), (1.005, (-1, 0, 0, 0)))
+    ]
     scene.add_obstacle(*shapes.box((0.2, 0.5, 0.04), (4, 10, 1)), name="bar", friction=0.3, motion=dict(keys=keys))
     mesh = shapes.sheet(0.4, 0.4, resolution)
-    _add(scene, _placed(mesh, shapes.rotation((0, 0, 1), random.uniform(0, 0.7)), (*random.uniform(-0.02, 0.02, 2), 0.03)), mesh[0][:, :2],
-         name="sheet")
+    _add(
+        scene,
+        _placed(mesh, shapes.rotation((0, 0, 1), random.uniform(0, 0.7)), (*random.uniform(-0.02, 0.02, 2), 0.03)),
+        mesh[0][:, :2],
+        name="sheet",
+    )
     return scene
 
 
@@ -336,11 +422,18 @@ def stack(resolution=4000, seed=0, sheets=5, seconds=4.0):
     """Sheets laid on a floor, to come to rest."""
     random = np.random.default_rng(seed)
     scene = _scene("stack", round(seconds / 0.005))
-    scene.add_obstacle(shape={"plane": {"size": [1, 1], "triangles": 8}}, friction=0.4, name="floor", translate=(0.0131, 0.0177, 0))
+    scene.add_obstacle(
+        shape={"plane": {"size": [1, 1], "triangles": 8}}, friction=0.4, name="floor", translate=(0.0131, 0.0177, 0)
+    )
     mesh = shapes.sheet(0.3, 0.3, resolution / sheets)
     for k in range(sheets):
         turn = shapes.rotation((0, 0, 1), random.uniform(-0.2, 0.2))
-        _add(scene, _placed(mesh, turn, (*random.uniform(-0.01, 0.01, 2), 0.004 + 0.004 * k)), mesh[0][:, :2], name=f"sheet {k}")
+        _add(
+            scene,
+            _placed(mesh, turn, (*random.uniform(-0.01, 0.01, 2), 0.004 + 0.004 * k)),
+            mesh[0][:, :2],
+            name=f"sheet {k}",
+        )
     return scene
 
 
@@ -349,6 +442,11 @@ def flight(resolution=400, seed=0, gravity=(0, 0, 0), velocity=(0, 0, 0)):
     random = np.random.default_rng(seed)
     scene = _scene("flight", 100, gravity=gravity)
     mesh = shapes.sheet(0.5, 0.5, resolution)
-    _add(scene, _placed(mesh, shapes.rotation(random.normal(size=3), random.uniform(0, 3))), mesh[0][:, :2], name="sheet",
-         velocity=velocity)
+    _add(
+        scene,
+        _placed(mesh, shapes.rotation(random.normal(size=3), random.uniform(0, 3))),
+        mesh[0][:, :2],
+        name="sheet",
+        velocity=velocity,
+    )
     return scene

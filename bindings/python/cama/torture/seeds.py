@@ -12,15 +12,37 @@ from pathlib import Path
 from . import judge
 from .scene_cases import CASES
 
-COLUMNS = ["case", "backend", "seed", "triangles", "steps", "ms_per_step", "ms_worst", "audit", "ipctk", "impacts", "truncated",
-           "lost_motion", "lost_worst", "substeps", "gap_mm", "strain", "kinetic", "outcome"]
+COLUMNS = [
+    "case",
+    "backend",
+    "seed",
+    "triangles",
+    "steps",
+    "ms_per_step",
+    "ms_worst",
+    "audit",
+    "ipctk",
+    "impacts",
+    "truncated",
+    "lost_motion",
+    "lost_worst",
+    "substeps",
+    "gap_mm",
+    "strain",
+    "kinetic",
+    "outcome",
+]
 
 
-def perform(name, seed=0, resolution=0, backend="cpu", steps=0, keep=0, judge_every=1, options=None, expect=True, build=()):
+def perform(
+    name, seed=0, resolution=0, backend="cpu", steps=0, keep=0, judge_every=1, options=None, expect=True, build=()
+):
     """Runs one case. Returns (Run, complaints); an expected error is none."""
     case = CASES[name]
     scene = case.build(resolution or case.resolution, seed, **dict(build))
-    run = judge.run(scene, steps or None, bound=case.bound, keep=keep, judge_every=judge_every, backend=backend, **(options or {}))
+    run = judge.run(
+        scene, steps or None, bound=case.bound, keep=keep, judge_every=judge_every, backend=backend, **(options or {})
+    )
     complaints = list(run.problems)
     if case.error and not steps:
         if not (run.error.startswith(case.error + ":") and case.words in run.error):
@@ -37,12 +59,31 @@ def row(name, seed, run, complaints):
     steps, s = max(1, len(run.reports)), run.simulation
     of = lambda field: [r[field] for r in run.reports] or [0]  # noqa: E731
     outcome = "; ".join(complaints) or ("ends with " + run.error.split(":")[0] if run.error else "ok")
-    return dict(zip(COLUMNS, [
-        name, s.backend, seed, s.cloth_triangle_count, len(run.reports), sum(of("milliseconds")) / steps, max(of("milliseconds")),
-        max(run.audit, default=-1), max(run.referee, default=-1), run.total("impacts") / steps,
-        run.total("truncated") / steps / s.cloth_vertex_count, run.total("lost_motion") / steps, max(of("lost_motion")),
-        max(of("substeps")),
-        1e3 * s.min_gap, s.max_strain, run.kinetic[-1] / max(run.kinetic) if run.kinetic else 0.0, outcome]))
+    return dict(
+        zip(
+            COLUMNS,
+            [
+                name,
+                s.backend,
+                seed,
+                s.cloth_triangle_count,
+                len(run.reports),
+                sum(of("milliseconds")) / steps,
+                max(of("milliseconds")),
+                max(run.audit, default=-1),
+                max(run.referee, default=-1),
+                run.total("impacts") / steps,
+                run.total("truncated") / steps / s.cloth_vertex_count,
+                run.total("lost_motion") / steps,
+                max(of("lost_motion")),
+                max(of("substeps")),
+                1e3 * s.min_gap,
+                s.max_strain,
+                run.kinetic[-1] / max(run.kinetic) if run.kinetic else 0.0,
+                outcome,
+            ],
+        )
+    )
 
 
 def task(name, seed, backend, arguments):
@@ -50,12 +91,20 @@ def task(name, seed, backend, arguments):
     keep = 0
     if arguments.pictures:
         keep = max(1, CASES[name].build(40, seed).frames // 60)
-    run, complaints = perform(name, seed, arguments.resolution, backend, arguments.steps, keep, arguments.judge_every,
-                              dict(arguments.option))
+    run, complaints = perform(
+        name, seed, arguments.resolution, backend, arguments.steps, keep, arguments.judge_every, dict(arguments.option)
+    )
     if arguments.pictures:
-        from . import pictures   # VTK
+        from . import pictures  # VTK
+
         case = CASES[name]
-        pictures.strip(run, Path(arguments.pictures) / f"{name}_{backend}_{seed}.png", arguments.moments, *case.look, hide=case.hide)
+        pictures.strip(
+            run,
+            Path(arguments.pictures) / f"{name}_{backend}_{seed}.png",
+            arguments.moments,
+            *case.look,
+            hide=case.hide,
+        )
     return row(name, seed, run, complaints)
 
 
@@ -81,7 +130,9 @@ def parser():
     p.add_argument("--full", action="store_true", help="the case's large size")
     p.add_argument("--steps", type=int, default=0, help="stop earlier; nothing is expected of the end then")
     p.add_argument("--judge-every", type=int, default=1, help="audit every so many steps")
-    p.add_argument("--option", action="append", type=option, default=[], help="NAME=VALUE of cama.Simulation, may be repeated")
+    p.add_argument(
+        "--option", action="append", type=option, default=[], help="NAME=VALUE of cama.Simulation, may be repeated"
+    )
     p.add_argument("--jobs", type=int, default=1, help="processes")
     p.add_argument("--csv", help="file to write")
     p.add_argument("--pictures", help="folder for one PNG per run")
@@ -110,7 +161,14 @@ def main(words=None):
             try:
                 rows.append(future.result())
             except Exception as problem:  # a case that cannot even start is a line of the table
-                rows.append(dict(zip(COLUMNS, [*futures[future], *[""] * (len(COLUMNS) - 4), f"{type(problem).__name__}: {problem}"])))
+                rows.append(
+                    dict(
+                        zip(
+                            COLUMNS,
+                            [*futures[future], *[""] * (len(COLUMNS) - 4), f"{type(problem).__name__}: {problem}"],
+                        )
+                    )
+                )
             print(" | ".join(text(v) for v in rows[-1].values()), flush=True)
             if arguments.csv:
                 with open(arguments.csv, "w", newline="", encoding="utf-8") as file:

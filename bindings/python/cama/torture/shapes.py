@@ -29,7 +29,9 @@ def cells(columns, rows, wrap=False):
 
 def lattice(width, height, columns, rows):
     """Rectangle in the plane z = 0 around the origin: vertices [n, 3], faces."""
-    x, y = np.meshgrid(np.linspace(-width / 2, width / 2, columns + 1), np.linspace(-height / 2, height / 2, rows + 1), indexing="xy")
+    x, y = np.meshgrid(
+        np.linspace(-width / 2, width / 2, columns + 1), np.linspace(-height / 2, height / 2, rows + 1), indexing="xy"
+    )
     return np.stack([x.ravel(), y.ravel(), np.zeros(x.size)], 1), cells(columns, rows)
 
 
@@ -64,7 +66,9 @@ def revolution(profile, segments):
     """Closed polygon of (radius > 0, z) points, counter-clockwise, turned about the z axis."""
     angle = 2 * np.pi * np.arange(segments) / segments
     r, z = np.asarray(profile, float).T
-    rings = np.stack([r[:, None] * np.cos(angle), r[:, None] * np.sin(angle), np.repeat(z[:, None], segments, 1)], 2).reshape(-1, 3)
+    rings = np.stack(
+        [r[:, None] * np.cos(angle), r[:, None] * np.sin(angle), np.repeat(z[:, None], segments, 1)], 2
+    ).reshape(-1, 3)
     faces = cells(segments, len(r), wrap=True) % len(rings)
     return rings, faces
 

@@ -17,8 +17,23 @@ from .probe import Probe, Wrong
 
 __all__ = ["Outcome", "perform", "read", "run", "write"]
 
-COLUMNS = ("number", "check", "backend", "precision", "accuracy", "outcome", "good", "known", "steps", "intersections", "strain",
-           "energy_ratio", "error", "note", "seconds")
+COLUMNS = (
+    "number",
+    "check",
+    "backend",
+    "precision",
+    "accuracy",
+    "outcome",
+    "good",
+    "known",
+    "steps",
+    "intersections",
+    "strain",
+    "energy_ratio",
+    "error",
+    "note",
+    "seconds",
+)
 
 
 CUT_OFF = "did not end within"
@@ -33,14 +48,14 @@ class Outcome:
     backend: str
     precision: str
     accuracy: str
-    outcome: str = ""           #: "ok", "ok: CollisionError", or what went wrong
-    good: bool = False          #: as expected
-    known: str = ""             #: where it is not: the fault that the table knows of
+    outcome: str = ""  #: "ok", "ok: CollisionError", or what went wrong
+    good: bool = False  #: as expected
+    known: str = ""  #: where it is not: the fault that the table knows of
     steps: int = 0
-    intersections: int = 0      #: most in a step, by any judge
-    strain: float = 0.0         #: largest
+    intersections: int = 0  #: most in a step, by any judge
+    strain: float = 0.0  #: largest
     energy_ratio: float = None  #: kinetic energy at the end over its peak; None: nothing moved
-    error: str = ""             #: named error that was met
+    error: str = ""  #: named error that was met
     note: str = ""
     seconds: float = 0.0
 
@@ -62,7 +77,9 @@ def perform(check, backend="cpu", precision="double", accuracy="production", thr
     begin = time.perf_counter()
     try:
         check.body(probe)
-        result.outcome, result.good = ("ok", True) if not check.error else (f"expected {check.error}, nothing was thrown", False)
+        result.outcome, result.good = (
+            ("ok", True) if not check.error else (f"expected {check.error}, nothing was thrown", False)
+        )
     except Wrong as problem:
         result.outcome = str(problem)
     except cama.Error as problem:
@@ -95,14 +112,24 @@ def _context():
     return context
 
 
-def run(checks, backends=("cpu",), precisions=("double", "mixed", "single"), accuracy="production", limit=120.0, jobs=1,
-        long=False, each=None):
+def run(
+    checks,
+    backends=("cpu",),
+    precisions=("double", "mixed", "single"),
+    accuracy="production",
+    limit=120.0,
+    jobs=1,
+    long=False,
+    each=None,
+):
     """Runs checks on backends in precisions; returns Outcomes in the order of checks.
 
     limit: s of wall time for one.  jobs: processes at once.  long: the long ones too.  each: called with every Outcome.
     A process that dies or does not end in time is an Outcome too. Ctrl-C ends the processes and gives what is done.
     """
-    tasks = [(c, b, p) for b in backends for p in precisions for c in checks if c.applies(b, p) and (long or not c.long)]
+    tasks = [
+        (c, b, p) for b in backends for p in precisions for c in checks if c.applies(b, p) and (long or not c.long)
+    ]
     context, waiting, running, done = _context(), list(tasks), {}, {}
     try:
         while waiting or running:
@@ -110,7 +137,9 @@ def run(checks, backends=("cpu",), precisions=("double", "mixed", "single"), acc
                 task = waiting.pop(0)
                 check, backend, precision = task
                 here, there = context.Pipe(duplex=False)
-                process = context.Process(target=_work, args=(there, check.name, backend, precision, accuracy), daemon=True)
+                process = context.Process(
+                    target=_work, args=(there, check.name, backend, precision, accuracy), daemon=True
+                )
                 process.start()
                 there.close()
                 running[here] = (task, process, time.perf_counter())
@@ -162,7 +191,9 @@ def write(outcomes, folder, page=None, checks=None):
         writer = csv.DictWriter(file, COLUMNS)
         writer.writeheader()
         writer.writerows(rows)
-    skipped = [{"number": c.number, "check": c.name, "reason": c.reason} for c in checks or table.CHECKS if c.body is None]
+    skipped = [
+        {"number": c.number, "check": c.name, "reason": c.reason} for c in checks or table.CHECKS if c.body is None
+    ]
     described = {"cama": cama.__version__, "checks": rows, "not_run": skipped}
     (folder / "stability.json").write_text(json.dumps(described, indent=1), encoding="utf-8")
     text = markdown(outcomes, checks or table.CHECKS)
@@ -182,8 +213,10 @@ def read(path):
                 if type(value) is not field.type and not (field.type is float and type(value) in (int, type(None))):
                     raise TypeError(f"{field.name} of {o.check!r} is {value!r}")
     except (OSError, ValueError, KeyError, TypeError) as problem:
-        raise cama.FileError(f"{path}: not the results of cama stability ({type(problem).__name__}: {problem}); "
-                             "give a stability.json that it wrote") from problem
+        raise cama.FileError(
+            f"{path}: not the results of cama stability ({type(problem).__name__}: {problem}); "
+            "give a stability.json that it wrote"
+        ) from problem
     return outcomes
 
 
@@ -196,7 +229,9 @@ def _cell(check, backend, precision, outcome):
     if outcome is None:
         return "not run" if check.applies(backend, precision) else "-"
     if outcome.good:
-        return outcome.error.split(":")[0] if outcome.error and not outcome.steps else outcome.outcome.replace("ok: ", "")
+        return (
+            outcome.error.split(":")[0] if outcome.error and not outcome.steps else outcome.outcome.replace("ok: ", "")
+        )
     return "**known**" if outcome.known else "cut off" if outcome.cut_off else "**fails**"
 
 
@@ -214,37 +249,61 @@ def markdown(outcomes, checks):
     configurations = list(dict.fromkeys((o.backend, o.precision) for o in outcomes))
     of = {(o.check, o.backend, o.precision): o for o in outcomes}
     levels = ", ".join(dict.fromkeys(o.accuracy for o in outcomes))
-    good, known, cut = (sum(test) for test in zip(*((o.good, bool(o.known), o.cut_off) for o in outcomes))) if outcomes else (0, 0, 0)
-    lines = ["# Stability", "",
-             "<!-- written by `cama stability --page docs/stability.md`; edit bindings/python/cama/stability.py -->", "",
-             "Cases that break cloth simulators, each on every backend and in every precision, with an outcome that is expected from outside the",
-             "code: a closed form, a conserved quantity, a scaled copy, an exact count, or a named error. Every step of every run is checked for values",
-             "that are not finite, in all arrays and reports that a user can read, and for intersections, by",
-             f"{judge.JUDGES}. [`cama stability`](cli.md#cama-stability-case) runs them and writes this page; the numbers are",
-             "those of the list of torture cases. [Extreme cases](extremes.md) has large runs of the scenes among them.", "",
-             f"cama {cama.__version__}, accuracy {levels}: {good} of {len(outcomes)} as expected, {known} fail as known, "
-             f"{cut} were cut off, {len(outcomes) - good - known - cut} fail otherwise.", "",
-             "- *ok*, or the named error that was expected and came; **known**: a fault that is listed below; **fails**: anything else.",
-             "- *cut off*: did not end within its wall time, which other runs on the same machine shared.",
-             "- *-*: does not apply there.  *not run*: long, or see the end of the page.",
-             "- *steps* is of one configuration; *intersections*, *strain* (largest principal stretch minus one) and *energy* (kinetic energy at the",
-             "  end over its peak) are the largest of all of them. Checks that start tangled on purpose (`exempt`) and those without",
-             "  contact show how many intersections there were.", "",
-             "| | check | " + " | ".join(f"{b} {p}" for b, p in configurations) + " | steps | intersections | strain | energy |",
-             "|---|---|" + "---|" * (len(configurations) + 4)]
+    good, known, cut = (
+        (sum(test) for test in zip(*((o.good, bool(o.known), o.cut_off) for o in outcomes))) if outcomes else (0, 0, 0)
+    )
+    lines = [
+        "# Stability",
+        "",
+        "<!-- written by `cama stability --page docs/stability.md`; edit bindings/python/cama/stability.py -->",
+        "",
+        "Cases that break cloth simulators, each on every backend and in every precision, with an outcome that is expected from outside the",
+        "code: a closed form, a conserved quantity, a scaled copy, an exact count, or a named error. Every step of every run is checked for values",
+        "that are not finite, in all arrays and reports that a user can read, and for intersections, by",
+        f"{judge.JUDGES}. [`cama stability`](cli.md#cama-stability-case) runs them and writes this page; the numbers are",
+        "those of the list of torture cases. [Extreme cases](extremes.md) has large runs of the scenes among them.",
+        "",
+        f"cama {cama.__version__}, accuracy {levels}: {good} of {len(outcomes)} as expected, {known} fail as known, "
+        f"{cut} were cut off, {len(outcomes) - good - known - cut} fail otherwise.",
+        "",
+        "- *ok*, or the named error that was expected and came; **known**: a fault that is listed below; **fails**: anything else.",
+        "- *cut off*: did not end within its wall time, which other runs on the same machine shared.",
+        "- *-*: does not apply there.  *not run*: long, or see the end of the page.",
+        "- *steps* is of one configuration; *intersections*, *strain* (largest principal stretch minus one) and *energy* (kinetic energy at the",
+        "  end over its peak) are the largest of all of them. Checks that start tangled on purpose (`exempt`) and those without",
+        "  contact show how many intersections there were.",
+        "",
+        "| | check | "
+        + " | ".join(f"{b} {p}" for b, p in configurations)
+        + " | steps | intersections | strain | energy |",
+        "|---|---|" + "---|" * (len(configurations) + 4),
+    ]
     for check in checks:
         own = [of[check.name, b, p] for b, p in configurations if (check.name, b, p) in of]
-        cells = [_cell(check, b, p, of.get((check.name, b, p))) for b, p in configurations] if check.body else \
-            ["not run"] + [""] * (len(configurations) - 1)
-        figures = [max(o.steps for o in own), max(o.intersections for o in own), _number(_largest(o.strain for o in own)),
-                   _number(_largest(o.energy_ratio for o in own))] if own and any(o.steps for o in own) else [""] * 4
+        cells = (
+            [_cell(check, b, p, of.get((check.name, b, p))) for b, p in configurations]
+            if check.body
+            else ["not run"] + [""] * (len(configurations) - 1)
+        )
+        figures = (
+            [
+                max(o.steps for o in own),
+                max(o.intersections for o in own),
+                _number(_largest(o.strain for o in own)),
+                _number(_largest(o.energy_ratio for o in own)),
+            ]
+            if own and any(o.steps for o in own)
+            else [""] * 4
+        )
         lines.append(f"| {check.number} | `{check.name}` | " + " | ".join(str(c) for c in [*cells, *figures]) + " |")
     lines += ["", "## What is expected", "", "| | about | check | expected | seen |", "|---|---|---|---|---|"]
     last = None
     for check in checks:
         notes = list(dict.fromkeys(o.note for o in outcomes if o.check == check.name and o.note))
         about = table.NUMBERS[check.number] if check.number != last else ""
-        lines.append(f"| {check.number} | {about} | `{check.name}` | {_plain(check.expected)} | {_plain(notes[0]) if notes else ''} |")
+        lines.append(
+            f"| {check.number} | {about} | `{check.name}` | {_plain(check.expected)} | {_plain(notes[0]) if notes else ''} |"
+        )
         last = check.number
     wrong = [o for o in outcomes if not o.good]
     if wrong:
@@ -254,9 +313,13 @@ def markdown(outcomes, checks):
             texts.setdefault((o.check, o.known), []).append(o)
         for (name, why), own in texts.items():
             places = ", ".join(f"{o.backend} {o.precision}" for o in own)
-            lines.append(f"| `{name}` | {places} | {_plain(own[0].outcome)[:300]} | {_plain(why) or ('cut off' if own[0].cut_off else 'not known')} |")
+            lines.append(
+                f"| `{name}` | {places} | {_plain(own[0].outcome)[:300]} | {_plain(why) or ('cut off' if own[0].cut_off else 'not known')} |"
+            )
     ran = {o.check for o in outcomes}
-    idle = [c for c in checks if c.body is None] + [c for c in checks if c.body is not None and c.long and c.name not in ran]
+    idle = [c for c in checks if c.body is None] + [
+        c for c in checks if c.body is not None and c.long and c.name not in ran
+    ]
     if idle:
         lines += ["", "## What was not run", "", "| | check | why |", "|---|---|---|"]
         lines += [f"| {c.number} | `{c.name}` | {_plain(c.reason) or 'long: with `--long`'} |" for c in idle]

@@ -13,22 +13,51 @@ PRECISIONS = ("double", "mixed", "single")
 
 #: What each number of the list is about.
 NUMBERS = {
-    1: "one triangle, no pins", 2: "empty scene, no triangle", 3: "isolated vertices", 4: "degenerate and duplicate triangles",
-    5: "non-manifold edge, Moebius strip, flipped faces", 6: "slivers of aspect 1e4", 7: "edge lengths varying 1e4 to 1",
-    8: "1e6 m from the origin; 1 mm and 1 km", 9: "start that intersects itself", 10: "start that touches; sheets in one plane",
-    11: "thickness longer than edges", 12: "pile of sheets", 13: "ten turns of twist", 14: "knot, interlocked rings",
-    15: "funnel, hole of 3 %", 16: "pinch to below the thickness", 17: "obstacle teleports or turns over",
+    1: "one triangle, no pins",
+    2: "empty scene, no triangle",
+    3: "isolated vertices",
+    4: "degenerate and duplicate triangles",
+    5: "non-manifold edge, Moebius strip, flipped faces",
+    6: "slivers of aspect 1e4",
+    7: "edge lengths varying 1e4 to 1",
+    8: "1e6 m from the origin; 1 mm and 1 km",
+    9: "start that intersects itself",
+    10: "start that touches; sheets in one plane",
+    11: "thickness longer than edges",
+    12: "pile of sheets",
+    13: "ten turns of twist",
+    14: "knot, interlocked rings",
+    15: "funnel, hole of 3 %",
+    16: "pinch to below the thickness",
+    17: "obstacle teleports or turns over",
     18: "bullet, knife, needles at speed",
-    19: "needle bed", 20: "two huge triangles under fine cloth", 21: "all in a point or a line", 22: "identical centroids",
-    23: "time step 1 s and 1e-7 s", 24: "stiffness 0, 1e12, indefinite",
-    25: "bending 0, 1e3, full fold", 26: "density 1e-6, 1e6, ratio 1e6",
-    27: "friction 0 to 1e6, angle of friction", 28: "all pinned; pulled apart; pin through cloth", 29: "rest stays bitwise still",
-    30: "free translation and rotation", 31: "NaN and Inf in every input", 32: "lists far too small",
+    19: "needle bed",
+    20: "two huge triangles under fine cloth",
+    21: "all in a point or a line",
+    22: "identical centroids",
+    23: "time step 1 s and 1e-7 s",
+    24: "stiffness 0, 1e12, indefinite",
+    25: "bending 0, 1e3, full fold",
+    26: "density 1e-6, 1e6, ratio 1e6",
+    27: "friction 0 to 1e6, angle of friction",
+    28: "all pinned; pulled apart; pin through cloth",
+    29: "rest stays bitwise still",
+    30: "free translation and rotation",
+    31: "NaN and Inf in every input",
+    32: "lists far too small",
     33: "solve that is cut off or indefinite",
-    34: "device out of memory", 35: "dryer, ten minutes", 36: "wind of 100 m/s", 37: "two sheets a micrometre apart",
+    34: "device out of memory",
+    35: "dryer, ten minutes",
+    36: "wind of 100 m/s",
+    37: "two sheets a micrometre apart",
     38: "near-parallel edges sliding",
-    39: "corner to corner, corner to edge", 40: "edge through an endpoint, grazing", 41: "T-junction seams, wrong material scale",
-    42: "confetti", 43: "restart", 44: "threads and devices", 45: "sizes beyond 32 bits",
+    39: "corner to corner, corner to edge",
+    40: "edge through an endpoint, grazing",
+    41: "T-junction seams, wrong material scale",
+    42: "confetti",
+    43: "restart",
+    44: "threads and devices",
+    45: "sizes beyond 32 bits",
 }
 
 
@@ -36,20 +65,20 @@ NUMBERS = {
 class Check:
     """One thing to try."""
 
-    number: int                     #: of the list
-    name: str                       #: of the check
-    expected: str                   #: in words
-    body: Optional[Callable]        #: Probe -> None; throws probe.Wrong or cama.Error
-    error: str = ""                 #: class of the cama.Error that must end the body
-    words: str = ""                 #: in that error's text
-    backends: tuple = BACKENDS      #: where it applies
+    number: int  #: of the list
+    name: str  #: of the check
+    expected: str  #: in words
+    body: Optional[Callable]  #: Probe -> None; throws probe.Wrong or cama.Error
+    error: str = ""  #: class of the cama.Error that must end the body
+    words: str = ""  #: in that error's text
+    backends: tuple = BACKENDS  #: where it applies
     precisions: tuple = PRECISIONS  #: in which it applies
-    alone: bool = False             #: only right in a process of its own
-    long: bool = False              #: left out unless asked for: more than about ten seconds
-    reason: str = ""                #: why it is not run here, and what stands in for it
-    fault: str = ""                 #: what does not hold in this version
-    seen_as: str = ""               #: words of the outcome that are due to it; any other outcome is a failure
-    fault_in: tuple = PRECISIONS    #: precisions that have it
+    alone: bool = False  #: only right in a process of its own
+    long: bool = False  #: left out unless asked for: more than about ten seconds
+    reason: str = ""  #: why it is not run here, and what stands in for it
+    fault: str = ""  #: what does not hold in this version
+    seen_as: str = ""  #: words of the outcome that are due to it; any other outcome is a failure
+    fault_in: tuple = PRECISIONS  #: precisions that have it
 
     def applies(self, backend, precision):
         """Whether there is something to run."""
@@ -66,6 +95,7 @@ def _scene(number, name, resolution, expected, long=False, fault="", seen_as="",
 
     def body(p):
         p.scene_case(case, resolution, **build)
+
     return Check(number, name, label, body, error=case.error, words=case.words, long=long, fault=fault, seen_as=seen_as)
 
 
@@ -134,30 +164,62 @@ CHECKS = (
     _matter(26, "mass_ratio", "no intersection, finite"),
     _touch(27, "frictionless", "g sin(angle)"),
     _touch(27, "friction_angle", "1 % below slides with g sin(angle) / 100, 1 % above stops"),
-    _touch(27, "friction_angle_at_rest", "1 % below the angle what rests starts to slide",
-           seen_as="off by", fault="what rests under its load stays at rest 1 % and 2 % below the angle of friction; 5 % below it slides as it should"),
+    _touch(
+        27,
+        "friction_angle_at_rest",
+        "1 % below the angle what rests starts to slide",
+        seen_as="off by",
+        fault="what rests under its load stays at rest 1 % and 2 % below the angle of friction; 5 % below it slides as it should",
+    ),
     _touch(27, "huge_friction", "no motion at 1, 10 and 1e6"),
     _touch(28, "all_pinned", "keeps every bit; follows its motion"),
     _touch(28, "pulled_apart", "strain about 9, finite, no intersection"),
     _touch(28, "pin_through_own_cloth", "no intersection"),
     _matter(29, "at_rest", "every bit stays for 1000 steps"),
     _matter(29, "at_rest_for_long", "every bit stays for 1e5 steps", long=True),
-    _matter(29, "at_rest_any_mesh", "the same where the rest shape is rounded", seen_as="not bitwise still", fault_in=("double", "mixed"),
-            fault="rounding of the rest shape moves vertices by 1e-14 m"),
+    _matter(
+        29,
+        "at_rest_any_mesh",
+        "the same where the rest shape is rounded",
+        seen_as="not bitwise still",
+        fault_in=("double", "mixed"),
+        fault="rounding of the rest shape moves vertices by 1e-14 m",
+    ),
     _matter(30, "translation", "momentum to 1e-12 (single: 1e-6), positions v t"),
     _matter(30, "rotation", "momentum to 1e-12 (mixed: 1e-9, single: 1e-5), spin lost not gained"),
     _input(31, "not_finite", "each refused by a subclass of cama.Error"),
     _go(32, "lists_from_nothing", "the bits of lists that were large before"),
     _go(33, "solve_cap", "residual in the report above the tolerance; finite"),
     _go(33, "solve_cap_of_one", "the same with one iteration"),
-    Check(33, "indefinite_matrix", "SolverError with the step", None,
-          reason="no input makes the matrix indefinite; unit test "
-                 "\"a system that is not positive definite raises SolverError and says the step\" plants one"),
-    _go(34, "out_of_memory", "DeviceMemoryError, state kept, later the bits of a run with enough", backends=("cpu",), alone=True),
-    Check(34, "device_out_of_memory", "the same on a device", None,
-          reason="a full device disturbs who else uses it; tests/consistency/test_failures.cpp fails every allocation on every backend"),
-    Check(35, "dryer", "no drift to an intersection in 10 minutes with 5 garments", None,
-          reason="no such scene is shipped, and 120,000 steps take hours; `rope`, `pile` and `twisting` are the longest runs here"),
+    Check(
+        33,
+        "indefinite_matrix",
+        "SolverError with the step",
+        None,
+        reason="no input makes the matrix indefinite; unit test "
+        '"a system that is not positive definite raises SolverError and says the step" plants one',
+    ),
+    _go(
+        34,
+        "out_of_memory",
+        "DeviceMemoryError, state kept, later the bits of a run with enough",
+        backends=("cpu",),
+        alone=True,
+    ),
+    Check(
+        34,
+        "device_out_of_memory",
+        "the same on a device",
+        None,
+        reason="a full device disturbs who else uses it; tests/consistency/test_failures.cpp fails every allocation on every backend",
+    ),
+    Check(
+        35,
+        "dryer",
+        "no drift to an intersection in 10 minutes with 5 garments",
+        None,
+        reason="no such scene is shipped, and 120,000 steps take hours; `rope`, `pile` and `twisting` are the longest runs here",
+    ),
     _matter(36, "storm", "no intersection, finite"),
     _scene(37, "coincident", 100, "no intersection, layers in order, comes to rest"),
     _touch(38, "near_parallel_edges", "no intersection"),
@@ -173,11 +235,22 @@ CHECKS = (
     _go(43, "restart_in_contact", "with contact, default solver: every bit"),
     _go(44, "thread_counts", "1, 2, 7 and 64 threads: same bits", backends=("cpu",)),
     _go(44, "same_as_cpu", "the bits of the CPU", backends=("opencl", "cuda")),
-    Check(44, "several_devices", "1, 2 and 8 GPUs: same result", None, reason="a simulation runs on one device in this version"),
+    Check(
+        44,
+        "several_devices",
+        "1, 2 and 8 GPUs: same result",
+        None,
+        reason="a simulation runs on one device in this version",
+    ),
     _input(45, "indices", "MeshError or ArrayError names the face"),
-    Check(45, "twenty_million", "20M triangles run", None,
-          reason="needs about 60 GB (3.1 kB a triangle were seen at 10,000); unit test "
-                 "\"scan refuses a list of 2^31 entries\" holds the limit by name"),
+    Check(
+        45,
+        "twenty_million",
+        "20M triangles run",
+        None,
+        reason="needs about 60 GB (3.1 kB a triangle were seen at 10,000); unit test "
+        '"scan refuses a list of 2^31 entries" holds the limit by name',
+    ),
 )
 
 
