@@ -50,11 +50,14 @@ def grid_table(scene):
     steps, tolerances = sorted({k[0] for k in found}, reverse=True), sorted({k[1] for k in found}, reverse=True)
     if not found:
         return ""
-    cell = lambda p: (
-        ""
-        if p is None
-        else f"{100 * p['restart_rms_edges']:.2f} % / {number(p['ms_per_second'])} ms / {p['iterations'] / p['dt']:,.0f}"
-    )
+
+    def cell(p):
+        return (
+            ""
+            if p is None
+            else f"{100 * p['restart_rms_edges']:.2f} % / {number(p['ms_per_second'])} ms / {p['iterations'] / p['dt']:,.0f}"
+        )
+
     rows = [[step(t), *(cell(found.get((t, tolerance))) for tolerance in tolerances)] for t in steps]
     return times.markdown(["time step, s", *(f"tolerance {t:g}" for t in tolerances)], rows)
 
@@ -124,40 +127,6 @@ def front_table(scene):
     )
 
 
-def published_table(scenes):
-    rows = [
-        [
-            scene["scene"],
-            row["system"],
-            row["hardware"],
-            f"{row['triangles']:,}",
-            step(row["time_step"]),
-            number(row["ms_per_second"]),
-            "" if row["strain"] is None else number(row["strain"]),
-            row["source"],
-        ]
-        for scene in scenes
-        for row in scene["published"]
-    ]
-    return (
-        times.markdown(
-            [
-                "scene",
-                "system",
-                "hardware",
-                "triangles",
-                "time step, s",
-                "ms per simulated s",
-                "largest strain",
-                "source",
-            ],
-            rows,
-        )
-        if rows
-        else ""
-    )
-
-
 def section(scenes):
     """Text of the section."""
     parts = []
@@ -178,8 +147,6 @@ def section(scenes):
             )
         if precision_table(scene):
             parts.append(f"Error by precision:\n\n{precision_table(scene)}\n")
-    if published_table(scenes):
-        parts.append(f"### What others published of scenes of these names\n\n{published_table(scenes)}\n")
     return "\n".join(parts)
 
 

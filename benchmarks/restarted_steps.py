@@ -47,6 +47,9 @@ def measure(name, resolution, time_steps, times=TIMES, backend="cpu"):
             simulation.step(steps)
             return simulation.positions[:count]
 
+        def error(ends, exact):
+            return np.sqrt(np.mean([rms(x - y, masses) ** 2 for x, y in zip(ends, exact)])) / edge
+
         rows = []
         for step in time_steps:
             fine, half, own = (
@@ -57,8 +60,8 @@ def measure(name, resolution, time_steps, times=TIMES, backend="cpu"):
                     (STEPS, {}),
                 )
             )
-            mean = lambda a: np.sqrt(np.mean([rms(x - y, masses) ** 2 for x, y in zip(a, fine)])) / edge
-            rows.append((step, mean(own), mean(half)))
+
+            rows.append((step, error(own, fine), error(half, fine)))
     return len(faces), edge, rows
 
 

@@ -19,12 +19,11 @@ from rich.console import Console
 from typer.testing import CliRunner
 
 import cama
-from cama.torture import stability
 from cama.cli import app
-from cama.torture import judge, meshes, table
+from cama.cli.stability import outcome_table
+from cama.torture import judge, meshes, stability, table
 from cama.torture.probe import Probe, Wrong
 from cama.torture.scene_cases import CASES
-from cama.cli.stability import outcome_table
 
 OPENCL = next(b for b in cama.backends() if b["name"] == "opencl")["available"]
 SLOW = {

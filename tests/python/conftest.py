@@ -1,12 +1,23 @@
 # SPDX-License-Identifier: Apache-2.0
 """What the Python tests share: small scenes, and a judge of intersections that is not ours."""
 
+import json
+
 import ipctk
 import numpy as np
 import pytest
 
 import cama
 from cama.io.recording import Recording
+
+# Free fall: the error after a window w is g dt w / 2 exactly, whatever the mesh.
+FALL = {
+    "name": "fall",
+    "time_step": 0.005,
+    "frames": 40,
+    "contact": {"enabled": False},
+    "cloth": [{"name": "sheet", "grid": {"size": [0.3, 0.3], "cells": [2, 2]}, "material": "cotton"}],
+}
 
 
 def grid(cells=8, size=1.0, z=0.0):
@@ -58,6 +69,14 @@ def judge(path, every=1):
 def sheet():
     """Vertices and faces of a small sheet."""
     return grid()
+
+
+@pytest.fixture
+def fall(tmp_path):
+    """The scene file of FALL."""
+    path = tmp_path / "fall.json"
+    path.write_text(json.dumps(FALL))
+    return path
 
 
 @pytest.fixture

@@ -9,10 +9,10 @@ from pathlib import Path
 import h5py
 import numpy as np
 import pytest
-from conftest import grid
 
 import cama
 from cama.io.recording import Recording
+from conftest import grid
 
 
 def falling(**options):

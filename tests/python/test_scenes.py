@@ -5,12 +5,12 @@ import json
 
 import jsonschema
 import pytest
+from typer.testing import CliRunner
 
 import cama
 from cama import shipped
 from cama.cli import app
 from conftest import judge
-from typer.testing import CliRunner
 
 SCENES = ["drape", "flag", "funnel", "garment", "pile", "sphere", "twisting"]
 

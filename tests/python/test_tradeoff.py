@@ -23,32 +23,18 @@ from rich.console import Console
 from typer.testing import CliRunner
 
 import cama
-from cama.measuring import executor, grid as plans, report, tradeoff
 from cama.cli import app
 from cama.cli.tradeoff import front_table
+from cama.measuring import executor, report, tradeoff
+from cama.measuring import grid as plans
+from conftest import FALL
 
 G, ROOT = 9.81, Path(__file__).parents[2]
-# Free fall: the error after a window w is g dt w / 2 exactly, whatever the mesh.
-FALL = {
-    "name": "fall",
-    "time_step": 0.005,
-    "frames": 40,
-    "contact": {"enabled": False},
-    "cloth": [{"name": "sheet", "grid": {"size": [0.3, 0.3], "cells": [2, 2]}, "material": "cotton"}],
-}
 ONE = ["--threads", 1, "--error-jobs", 1]
 
 
 def call(*words):
     return CliRunner().invoke(app, [str(w) for w in words], catch_exceptions=False)
-
-
-@pytest.fixture
-def fall(tmp_path):
-    """A scene file."""
-    path = tmp_path / "fall.json"
-    path.write_text(json.dumps(FALL))
-    return path
 
 
 def point(cost, error, **other):
@@ -118,7 +104,10 @@ def test_pareto_fronts_by_hand(points, front):
 
 def test_pareto_is_what_brute_force_finds():
     points = [tuple(p) for p in np.random.default_rng(4).integers(0, 12, (80, 2)).tolist()]
-    dominated = lambda p: any(q[0] <= p[0] and q[1] <= p[1] and q != p for q in points)
+
+    def dominated(p):
+        return any(q[0] <= p[0] and q[1] <= p[1] and q != p for q in points)
+
     found = tradeoff.pareto(points)
     assert {points[i] for i in found} == {p for p in points if not dominated(p)}
     assert [points[i][0] for i in found] == sorted(points[i][0] for i in found)
@@ -423,7 +412,10 @@ def test_a_killed_run_goes_on_where_it_was(fall, tmp_path):
     process = subprocess.Popen(
         [str(w) for w in command], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, start_new_session=True
     )
-    finished = lambda: {p: p.stat().st_mtime_ns for p in (out / "points").glob("*.json")} if out.exists() else {}
+
+    def finished():
+        return {p: p.stat().st_mtime_ns for p in (out / "points").glob("*.json")} if out.exists() else {}
+
     end = time.time() + 120
     while len(finished()) < 3 and time.time() < end:
         time.sleep(0.02)
@@ -566,13 +558,6 @@ def test_files_have_names_that_a_file_may_have():
         [tradeoff.Tradeoff(n, 0, [], {}, None, {}) for n in ("a/b c", "drape", "drape", "../..", "")]
     )
     assert names == ["a_b_c", "drape", "drape-3", "scene", "scene-5"]
-
-
-def test_published_figures_are_per_simulated_second():
-    sphere = {row["system"]: row["ms_per_second"] for row in report.published("sphere")}
-    assert sphere["CAMA"] == pytest.approx(2840 * 200) and sphere["I-Cloth"] == pytest.approx(200 / 1.95 * 1000)
-    drape = {row["system"]: row["ms_per_second"] for row in report.published("drape")}
-    assert drape["Newton 1.8.0 VBD, 4 x 10"] == pytest.approx(16700)
 
 
 def test_the_table_of_fronts_keeps_its_numbers_where_there_is_little_room(monkeypatch):

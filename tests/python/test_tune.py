@@ -8,8 +8,8 @@ import pytest
 
 import cama
 from cama.measuring import tradeoff, tune
-from conftest import grid
-from test_tradeoff import FALL, ONE, G, call, fall, point  # noqa: F401
+from conftest import FALL, grid
+from test_tradeoff import ONE, G, call, point
 
 
 def test_lengths_and_times():
@@ -36,7 +36,10 @@ def test_the_choice_among_points_made_by_hand():
         point(6, 0.01, intersections=2),
         point(None, 0.01),
     ]
-    best = lambda safety=1.0, edge=1e-2, **budget: tune.Budget(**budget).best(points, edge, safety)
+
+    def best(safety=1.0, edge=0.01, **budget):
+        return tune.Budget(**budget).best(points, edge, safety)
+
     assert best(error=2e-3)["ms_per_second"] == 20 and best(edges=0.2)["ms_per_second"] == 20
     assert best(edges=0.2, safety=1.5)["ms_per_second"] == 30 and best(edges=0.2, safety=3) is None
     assert best(edges=0.4, measure="max")["ms_per_second"] == 30

@@ -10,10 +10,10 @@ import numpy as np
 from . import _core, collision, shipped
 from .arrays import count, integers, number, plain, reals, vector, whole
 from .errors import ArrayError, FileError, SceneError
+from .inputs import compiled_mesh, placement, shape_scene, uniform_scale
 from .material import Material
 from .motion import Motion
 from .options import check_scene_options
-from .inputs import compiled_mesh, placement, shape_scene, uniform_scale
 from .parts import Cloth, Obstacle, Part
 
 __all__ = ["Scene", "Cloth", "Obstacle"]

@@ -3,7 +3,6 @@
 
 import functools
 from enum import Enum
-from pathlib import Path
 from typing import Annotated, Optional
 
 import typer

@@ -13,8 +13,8 @@ import numpy as np
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
 from .._core import __version__
-from ..io.checkpoint import NAME as CHECKPOINT
 from ..errors import Error, FileError
+from ..io.checkpoint import NAME as CHECKPOINT
 from ..io.recording import NAME, Recorder
 from ..io.summary import Summary
 

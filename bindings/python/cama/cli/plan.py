@@ -2,7 +2,7 @@
 """What the commands `cama tradeoff` and `cama tune` share: their options, a plan of settings from texts, the progress bar."""
 
 import os
-from typing import Annotated, List, Optional
+from typing import Annotated, Optional
 
 import typer
 from rich.markup import escape
@@ -12,9 +12,8 @@ from ..errors import SceneError
 from ..measuring import grid
 from .common import console
 
-
 Knobs = Annotated[
-    Optional[List[str]],
+    Optional[list[str]],
     typer.Option(
         "--knob",
         metavar="NAME=V,V",
@@ -22,10 +21,10 @@ Knobs = Annotated[
     ),
 ]
 Also = Annotated[
-    Optional[List[str]],
+    Optional[list[str]],
     typer.Option(metavar="NAME=V;NAME=V", help="One more setting beside the grid, for example 'accuracy=paper'."),
 ]
-Backends = Annotated[List[str], typer.Option("--backend", help="Where to compute; may be given several times.")]
+Backends = Annotated[list[str], typer.Option("--backend", help="Where to compute; may be given several times.")]
 Resolution = Annotated[int, typer.Option(min=0, help="Total number of cloth triangles aimed at; 0: the scene's own.")]
 Window = Annotated[float, typer.Option(min=1e-6, help="Seconds from a state of the reference to the comparison.")]
 ReferenceStep = Annotated[
@@ -78,6 +77,13 @@ def bar(console):
         TimeRemainingColumn(),
         console=console,
         transient=True,
+    )
+
+
+def follow(progress, task, before=""):
+    """What moves a task of the bar: a function of (done, all, words)."""
+    return lambda done, of, words: progress.update(
+        task, completed=done, total=of or None, description=escape(before + words)
     )
 
 

@@ -2,7 +2,7 @@
 """The command `cama stability`."""
 
 from pathlib import Path
-from typing import Annotated, List, Optional
+from typing import Annotated, Optional
 
 import typer
 from rich.console import Console
@@ -12,14 +12,13 @@ from rich.table import Table
 
 from .. import _core
 from ..errors import BackendError, SceneError
-from .common import Debug, Precision, clean, console
-
+from .common import Precision, clean, console
 
 Cases = Annotated[
-    Optional[List[str]], typer.Argument(metavar="[CASE...]", help="Numbers (1 to 45) or names; none: all.")
+    Optional[list[str]], typer.Argument(metavar="[CASE...]", help="Numbers (1 to 45) or names; none: all.")
 ]
 Backends = Annotated[
-    Optional[List[str]],
+    Optional[list[str]],
     typer.Option("--backend", help="cpu, opencl, cuda; may be repeated. Default: all that are there."),
 ]
 Output = Annotated[Path, typer.Option("--output", "-o", metavar="OUT", help="Folder of the results.")]
@@ -70,14 +69,14 @@ def outcome_table(outcomes, width):
 def stability(
     cases: Cases = None,
     backend: Backends = None,
-    precision: Annotated[Optional[List[Precision]], typer.Option(help="May be repeated. Default: all three.")] = None,
+    precision: Annotated[Optional[list[Precision]], typer.Option(help="May be repeated. Default: all three.")] = None,
     accuracy: Annotated[str, typer.Option(metavar="LEVEL", help=f"One of {', '.join(LEVELS)}.")] = "production",
     limit: Annotated[float, typer.Option(min=1.0, help="Seconds of wall time for one run.")] = 120.0,
     jobs: Annotated[int, typer.Option(min=0, help="Runs at once; 0: one for two processors.")] = 0,
     long: Annotated[bool, typer.Option("--long", help="The long ones too.")] = False,
     show: Annotated[bool, typer.Option("--list", help="Print the table of cases and stop.")] = False,
     join: Annotated[
-        Optional[List[Path]],
+        Optional[list[Path]],
         typer.Option(
             metavar="FILE", help="A stability.json of another run or machine, shown beside these; may be repeated."
         ),
@@ -87,7 +86,8 @@ def stability(
     debug: Annotated[bool, typer.Option("--debug", help="Show Python's traceback of an error.")] = False,
 ):
     """Runs the cases that break cloth simulators and checks what must come of each; exit code 1 if anything else does."""
-    from ..torture import stability as runner, table
+    from ..torture import stability as runner
+    from ..torture import table
 
     try:
         checks = table.select(cases or ())

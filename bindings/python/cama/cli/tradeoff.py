@@ -2,7 +2,7 @@
 """The command `cama tradeoff`."""
 
 from pathlib import Path
-from typing import Annotated, List, Optional
+from typing import Annotated, Optional
 
 import typer
 from rich.console import Console
@@ -10,7 +10,9 @@ from rich.markup import escape
 from rich.table import Table
 
 from ..measuring import report
-from ..measuring.tradeoff import Setup, join as join_results, tradeoff as measure_tradeoff
+from ..measuring.tradeoff import Setup
+from ..measuring.tradeoff import join as join_results
+from ..measuring.tradeoff import tradeoff as measure_tradeoff
 from .common import clean, console
 from .plan import (
     Also,
@@ -29,6 +31,7 @@ from .plan import (
     Window,
     backend_names,
     bar,
+    follow,
     plan_of,
     stoppable,
 )
@@ -36,7 +39,7 @@ from .plan import (
 
 @clean
 def tradeoff(
-    scenes: Annotated[List[str], typer.Argument(metavar="SCENE...", help="As for run.")],
+    scenes: Annotated[list[str], typer.Argument(metavar="SCENE...", help="As for run.")],
     knob: Knobs = None,
     also: Also = None,
     backend: Backends = ("auto",),
@@ -54,7 +57,7 @@ def tradeoff(
     warm_up: WarmUp = 5,
     plots: Annotated[bool, typer.Option(help="Write plots and the page (matplotlib).")] = True,
     join: Annotated[
-        Optional[List[Path]],
+        Optional[list[Path]],
         typer.Option(
             metavar="FILE",
             help="A tradeoff.json of another run or machine: its other backends "
@@ -78,16 +81,13 @@ def tradeoff(
                     scene,
                     output,
                     plan,
-                    resolution,
-                    window,
-                    windows,
-                    first,
-                    1,
-                    reference_step,
-                    setup,
-                    lambda done, of, words: progress.update(
-                        task, completed=done, total=of or None, description=f"{escape(scene)}: {escape(words)}"
-                    ),
+                    resolution=resolution,
+                    window=window,
+                    windows=windows,
+                    first=first,
+                    reference_step=reference_step,
+                    setup=setup,
+                    progress=follow(progress, task, f"{scene}: "),
                 )
             )
             report.write(results, output, plots)

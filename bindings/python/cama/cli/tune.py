@@ -11,7 +11,8 @@ from rich.table import Table
 
 from ..measuring import grid
 from ..measuring.tradeoff import Setup
-from ..measuring.tune import parse_error, parse_time, tune as search
+from ..measuring.tune import parse_error, parse_time
+from ..measuring.tune import tune as search
 from .common import clean, console
 from .plan import (
     Also,
@@ -28,6 +29,7 @@ from .plan import (
     Window,
     backend_names,
     bar,
+    follow,
     plan_of,
     stoppable,
 )
@@ -83,9 +85,7 @@ def tune(
             reference_step=reference_step,
             resolution=resolution,
             setup=setup,
-            progress=lambda done, of, words: progress.update(
-                task, completed=done, total=of or None, description=escape(words)
-            ),
+            progress=follow(progress, task),
         )
     path = output or Path("out") / "tune" / tuned.search.scene / "scene.json"
     tuned.write(path)

@@ -17,7 +17,6 @@ import os
 from pathlib import Path
 
 import h5py
-import numpy as np
 
 from .._core import __version__
 from ..arrays import integers, reals

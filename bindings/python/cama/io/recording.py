@@ -25,7 +25,7 @@ class Output:
 
     def __init__(self, path, mode):
         self.problem = None
-        self._file = open(path, mode, buffering=0)
+        self._file = open(path, mode, buffering=0)  # noqa: SIM115
 
     def _do(self, work, otherwise):
         if self.problem is None:
@@ -210,9 +210,10 @@ class Recording:
 
     def _parts(self, kind):
         ranges = self._file[f"{kind}_ranges"]
-        texts = lambda key: [
-            t if isinstance(t, str) else t.decode() for t in ranges.attrs.get(key, ["mesh"] * len(ranges))
-        ]
+
+        def texts(key):
+            return [t if isinstance(t, str) else t.decode() for t in ranges.attrs.get(key, ["mesh"] * len(ranges))]
+
         radii = ranges.attrs.get("radii", [0.0] * len(ranges))
         return [
             Part(name, slice(first, last), self._faces_of(first, last), surface, float(radius))

@@ -168,7 +168,7 @@ class Cluster:
         ray = self._ray
         remote = ray.remote(num_cpus=1, num_gpus=1 if self.gpus else 0, max_retries=0)(guarded)
         place, waiting, running = ray.put(shared), iter(enumerate(tasks)), {}
-        jobs = self.jobs if not jobs else jobs
+        jobs = jobs if jobs else self.jobs
         try:
             while True:
                 for index, task in itertools.islice(waiting, jobs - len(running)):

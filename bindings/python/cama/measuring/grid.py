@@ -148,7 +148,7 @@ def pareto(points):
         if x is not None and y is not None and math.isfinite(x) and math.isfinite(y)
     ]
     front, best = [], math.inf
-    for x, y, i in sorted(finite):
+    for _x, y, i in sorted(finite):
         if y < best:
             front.append(i)
             best = y

@@ -142,7 +142,10 @@ def free_run(scene, options, reference, task):
     v, seconds, dt = simulation.velocities[:count], simulation.time, simulation.time / simulation.step_count
     skip = min(task["warm_up"], len(watch.times) - 1)
     times, reports = np.array(watch.times[skip:]), watch.reports
-    column = lambda name: np.array([r[name] for r in reports], float)
+
+    def column(name):
+        return np.array([r[name] for r in reports], float)
+
     result = {
         "dt": dt,
         "steps": len(times),

@@ -14,38 +14,6 @@ from ..io.summary import finite
 from .grid import label, step_text
 from .point import MEASURES
 
-# What others published of scenes of these names: (scene, system, hardware, triangles, time step, seconds per step, largest strain or None, source).
-PUBLISHED = (
-    ("funnel", "CAMA", "Tesla K40c", 200_000, 1 / 300, 1.68, None, "Tang et al. 2016, Figure 13"),
-    ("sphere", "CAMA", "Tesla K40c", 200_000, 1 / 200, 2.84, None, "Tang et al. 2016, Figure 13 (Moving)"),
-    ("twisting", "CAMA", "Tesla K40c", 200_000, 1 / 200, 2.92, None, "Tang et al. 2016, Figure 13"),
-    ("sphere", "I-Cloth", "GTX 1080", 200_000, 1 / 200, 1 / 1.95, None, "Tang et al. 2018, steps per second"),
-    ("twisting", "I-Cloth", "GTX 1080", 200_000, 1 / 200, 1 / 5.08, None, "Tang et al. 2018, steps per second"),
-    ("funnel", "I-Cloth", "GTX 1080", 200_000, 1 / 100, 1 / 8.47, None, "Tang et al. 2018, steps per second"),
-    ("sphere", "P-Cloth", "Titan Xp", 700_000, 1 / 200, 1 / 0.76, None, "Li et al. 2020, steps per second"),
-    ("twisting", "P-Cloth", "Titan Xp", 550_000, 1 / 2000, 1 / 1.71, None, "Li et al. 2020, steps per second"),
-    ("funnel", "P-Cloth", "Titan Xp", 550_000, 1 / 2000, 1 / 1.74, None, "Li et al. 2020, steps per second"),
-    (
-        "drape",
-        "Newton 1.8.0 VBD, 4 x 10",
-        "H200",
-        200_934,
-        1 / 200,
-        0.0835,
-        0.32,
-        "measured by us, 150 steps; edge strain",
-    ),
-    (
-        "drape",
-        "libuipc 0.0.29",
-        "H200",
-        200_934,
-        1 / 200,
-        3.734,
-        None,
-        "measured by us, 60 steps, defaults, d_hat 2 mm",
-    ),
-)
 # Measures that are drawn against time: name, title, logarithmic.
 PANELS = (
     ("restart_rms_edges", "position error after {window:g} s, rms, edge lengths", True),
@@ -56,13 +24,6 @@ PANELS = (
 )
 COLORS = {"cpu": "#4c78a8", "opencl": "#e45756", "cuda": "#54a24b"}
 MARKERS = {"mixed": "o", "double": "s", "single": "^"}
-
-
-def published(scene):
-    """Rows of PUBLISHED of a scene's name, with `ms_per_second`."""
-    keys = ("scene", "system", "hardware", "triangles", "time_step", "seconds_per_step", "strain", "source")
-    rows = [dict(zip(keys, row)) for row in PUBLISHED if row[0] == scene]
-    return [dict(row, ms_per_second=1e3 * row["seconds_per_step"] / row["time_step"]) for row in rows]
 
 
 def precision_of(point):
@@ -111,7 +72,7 @@ def csv_text(results):
 
 
 def json_text(results):
-    """Everything that was measured, what others published, and what the measures are."""
+    """Everything that was measured, and what the measures are."""
     value = {
         "measures": {k: {"unit": u, "is": t} for k, (u, t) in MEASURES.items()},
         "scenes": [
@@ -121,7 +82,6 @@ def json_text(results):
                 **r.facts,
                 "fronts": r.fronts,
                 "points": r.points,
-                "published": published(r.scene),
             }
             for r in results
         ],
@@ -152,7 +112,7 @@ def _matplotlib():
 
 
 def figure(result):
-    """A matplotlib figure: measures of PANELS against time per simulated second with the front of each backend, and what others published."""
+    """A matplotlib figure: measures of PANELS against time per simulated second, with the front of each backend."""
     plt = _matplotlib()
     fig, grid = plt.subplots(2, 3, figsize=(12.5, 7.9), layout="constrained")
     axes = grid.ravel()
@@ -162,7 +122,7 @@ def figure(result):
         axis.set_title(title.format(window=result.reference.window, end=samples[-1]), fontsize=8.5)
         axis.set_xlabel("ms per simulated second")
     _floor(axes[0], result)
-    _others(axes[5], axes[3], result)
+    _spans(axes[5], result)
     for axis in axes:
         _ticks(axis)
     f = result.facts
@@ -292,8 +252,8 @@ def _floor(axis, result):
         axis.set_ylim(min(low, floor / 1.5), high)
 
 
-def _others(axis, strain_axis, result):
-    """Times of others at their sizes beside the span of our fronts; strains where they are known."""
+def _spans(axis, result):
+    """Times from the fastest to the most accurate point of every front."""
     found = [p["ms_per_second"] for p in result.points if p.get("ms_per_second") and not p["failed"]]
     if not found:
         axis.axis("off")
@@ -304,20 +264,6 @@ def _others(axis, strain_axis, result):
         if own:
             axis.plot([min(own), max(own)], [len(names)] * 2, "-|", color=COLORS.get(backend, "#777777"), lw=3)
             names.append(f"front of {backend}, {result.triangles:,}")
-    for row in published(result.scene):
-        axis.plot(row["ms_per_second"], len(names), "X", color="#777777", ms=7)
-        names.append(f"{row['system']},\n{row['hardware']}, {row['triangles']:,}")
-        if row["strain"] is not None:
-            strain_axis.set_ylim(0, max(strain_axis.get_ylim()[1], 1.15 * row["strain"]))
-            strain_axis.plot(row["ms_per_second"], row["strain"], "X", color="#777777", ms=7)
-            strain_axis.annotate(
-                f"{row['system']}, {row['hardware']}",
-                (row["ms_per_second"], row["strain"]),
-                xytext=(-5, -9),
-                textcoords="offset points",
-                fontsize=6,
-                ha="right",
-            )
     axis.set(
         xscale="log",
         yticks=range(len(names)),
@@ -327,7 +273,7 @@ def _others(axis, strain_axis, result):
     )
     axis.tick_params(axis="y", labelsize=6.5)
     axis.set_title(
-        "times, triangles: others on their hardware" if len(names) > len(result.fronts) else "times, triangles",
+        "times, triangles",
         fontsize=8.5,
     )
     axis.grid(axis="x", alpha=0.3)
@@ -360,8 +306,6 @@ def _handles(plt, result):
                 [], [], ls="", marker="o", color="white", mec="#777777", label="hollow: left intersections, on no front"
             )
         )
-    if published(result.scene):
-        handles.append(line([], [], ls="", marker="X", color="#777777", ms=7, label="others, at their sizes"))
     return handles
 
 
@@ -433,11 +377,6 @@ def html_text(results, figures):
                 + "</tr>"
             )
         parts.append("</tbody></table></div>")
-        for row in published(r.scene):
-            parts.append(
-                f"<p>Published: {html.escape(row['system'])} on {html.escape(row['hardware'])}, {row['triangles']:,} triangles: "
-                f"{row['ms_per_second']:,.0f} ms per simulated second ({html.escape(row['source'])}).</p>"
-            )
     parts += [
         "<h2>Columns</h2><ul>",
         *(f"<li><b>{m}</b> ({html.escape(u)}): {html.escape(t)}</li>" for m, (u, t) in MEASURES.items()),

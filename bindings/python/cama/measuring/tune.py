@@ -13,7 +13,7 @@ from pathlib import Path
 
 from .. import shipped
 from ..arrays import number
-from ..errors import ArrayError, Error, FileError, SceneError
+from ..errors import ArrayError, Error, FileError
 from ..options import check_scene_options
 from ..scene import Scene
 from .grid import label
@@ -124,9 +124,10 @@ class Tuned:
 
     def remark(self):
         """What was measured, in words."""
-        unit = lambda p: (
-            f"{1e3 * p['restart_rms']:.3g} mm rms, {p['restart_max_edges']:.3g} edges largest, {p['ms_per_second'] * FRAME:.3g} ms per frame"
-        )
+
+        def unit(p):
+            return f"{1e3 * p['restart_rms']:.3g} mm rms, {p['restart_max_edges']:.3g} edges largest, {p['ms_per_second'] * FRAME:.3g} ms per frame"
+
         return f"cama tune: {label(self.settings)}: search {unit(self.found)}; judge {unit(self.judged)}; {self.judged['device_name']}"
 
     def write(self, path):

@@ -29,8 +29,9 @@ def _add(scene, mesh, rest=None, **more):
     return scene.add_cloth(vertices, faces, material_vertices=rest, material_faces=faces, **more)
 
 
-def _placed(mesh, turn=np.eye(3), shift=(0, 0, 0)):
-    return mesh[0] @ np.asarray(turn).T + np.asarray(shift), mesh[1]
+def _placed(mesh, turn=None, shift=(0, 0, 0)):
+    turn = np.eye(3) if turn is None else np.asarray(turn)
+    return mesh[0] @ turn.T + np.asarray(shift), mesh[1]
 
 
 def _shipped(name, resolution, seed, steps, degrees=3.0, offset=4e-3, time_step=None):
