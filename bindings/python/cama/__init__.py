@@ -11,6 +11,7 @@ for frame in cama.Simulation(scene).frames(240):
 
 import importlib
 import os
+from types import ModuleType
 from typing import TYPE_CHECKING
 
 # Threads that wait for each other spin for a moment, then sleep: on a shared machine they would otherwise starve each other.
@@ -74,7 +75,7 @@ __all__ = [
 _ON_FIRST_USE = {"accuracy": "measuring.accuracy", "tradeoff": "measuring.tradeoff", "tune": "measuring.tune"}
 
 
-def __getattr__(name):
+def __getattr__(name: str) -> ModuleType:
     """Tools for measurements are loaded when they are first asked for."""
     if name not in _ON_FIRST_USE:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
@@ -82,5 +83,5 @@ def __getattr__(name):
     return module
 
 
-def __dir__():
+def __dir__() -> list[str]:
     return sorted(__all__)

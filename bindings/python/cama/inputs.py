@@ -1,20 +1,25 @@
 # SPDX-License-Identifier: Apache-2.0
 """What `Scene.add_cloth` and `Scene.add_obstacle` take: meshes, shapes and where they are placed."""
 
+from __future__ import annotations
+
 import json
 import math
+import os
 from pathlib import Path
+from typing import Any, Optional
 
 import numpy as np
 
 from . import _core
-from .arrays import integers, number, reals, vector
+from .arrays import integers, number, quaternion, reals, vector
 from .errors import ArrayError, SceneError
+from .types import ArrayLike, Reals, VectorLike
 
 
-def placement(transform, translate, rotate, scale):
+def placement(transform: Optional[ArrayLike], translate: VectorLike, rotate: VectorLike, scale: float) -> Reals:
     """4x4 matrix: `transform` after scale, rotation (unit quaternion w, x, y, z) and translation."""
-    w, x, y, z = vector("rotate", rotate, 4)
+    w, x, y, z = quaternion("rotate", rotate)
     length = math.sqrt(w * w + x * x + y * y + z * z)
     if length == 0:
         raise ArrayError("rotate: a quaternion of length 0")
@@ -33,7 +38,7 @@ def placement(transform, translate, rotate, scale):
     return own
 
 
-def uniform_scale(name, surface, matrix):
+def uniform_scale(name: str, surface: str, matrix: Reals) -> float:
     """Of a rotation times a scale [3, 3], which an exact obstacle keeps its form under."""
     scale = np.cbrt(np.linalg.det(matrix))
     if not scale > 0 or np.abs(matrix @ matrix.T - scale**2 * np.eye(3)).max() > 1e-9 * scale**2:
@@ -43,9 +48,16 @@ def uniform_scale(name, surface, matrix):
     return 1.0 if abs(scale - 1) < 1e-12 else float(scale)  # unit quaternions round
 
 
-def compiled_mesh(name, mesh, faces, material_vertices, material_faces, material_scale=1.0):
+def compiled_mesh(
+    name: str,
+    mesh: Any,
+    faces: Optional[ArrayLike],
+    material_vertices: Optional[ArrayLike],
+    material_faces: Optional[ArrayLike],
+    material_scale: float = 1.0,
+) -> tuple[_core.Mesh, str]:
     """The compiled Mesh of a file, a pair of arrays, or an object with `vertices` and `faces`; and where it is from."""
-    if isinstance(mesh, (str, Path)):
+    if isinstance(mesh, (str, os.PathLike)):
         if faces is not None:
             raise SceneError(f"{name}: faces are given beside the file {mesh}")
         return _core.load_mesh(Path(mesh), 1.0, material_scale), str(mesh)
@@ -66,7 +78,7 @@ def compiled_mesh(name, mesh, faces, material_vertices, material_faces, material
     return _core.Mesh(vertices, faces, material_vertices, material_faces), "arrays"
 
 
-def shape_scene(kind, name, shape):
+def shape_scene(kind: str, name: str, shape: object) -> _core.Scene:
     """A scene whose one cloth or obstacle is a generated shape, described as in scene.json."""
     if not isinstance(shape, dict):
         raise SceneError(

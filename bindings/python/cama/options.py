@@ -4,6 +4,11 @@
 Everything in the package that knows options by name or type asks this module.
 """
 
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any, Optional
+
 from . import _core
 from .errors import SceneError
 
@@ -11,22 +16,24 @@ from .errors import SceneError
 OF_THE_CALLER = ("backend", "device", "threads", "audit", "intersections", "pinch")
 
 
-def names(options):
+def names(options: _core.Options) -> list[str]:
     """Names of all options that a caller may give, beside `accuracy`. options: compiled ones."""
     return [n for n in dir(options) if not n.startswith("_") and n not in ("preset", "accuracy")]
 
 
-def values(options):
+def values(options: _core.Options) -> dict[str, Any]:
     """{name: value} of compiled options, `accuracy` among them."""
     return {n: getattr(options, n) for n in sorted((*names(options), "accuracy"))}
 
 
-def types(accuracy="production"):
+def option_types(accuracy: str = "production") -> dict[str, type]:
     """{name: type} of all options, `accuracy` among them."""
     return {name: type(value) for name, value in values(_core.Options.preset(accuracy)).items()}
 
 
-def _options(backend, precision, accuracy, device, threads, overrides):
+def _options(
+    backend: str, precision: Optional[str], accuracy: str, device: int, threads: int, overrides: Mapping[str, Any]
+) -> _core.Options:
     """Compiled options: the level's with everything given in its place. Throws SceneError."""
     options = _core.Options.preset(accuracy)
     known = names(options)
@@ -45,7 +52,15 @@ def _options(backend, precision, accuracy, device, threads, overrides):
     return options
 
 
-def merged(of_scene, backend, precision, accuracy, device, threads, overrides):
+def merged(
+    of_scene: Mapping[str, Any],
+    backend: str,
+    precision: Optional[str],
+    accuracy: Optional[str],
+    device: int,
+    threads: int,
+    overrides: Mapping[str, Any],
+) -> tuple[_core.Options, set[str]]:
     """(compiled options, names of the options that the scene gave): level, then scene, then caller. of_scene: `Scene.options`.
 
     An accuracy that the caller gives sets the scene's options aside. Throws SceneError.
@@ -60,7 +75,7 @@ def merged(of_scene, backend, precision, accuracy, device, threads, overrides):
     return _options(backend, precision, accuracy, device, threads, overrides), taken
 
 
-def check_scene_options(options):
+def check_scene_options(options: Mapping[str, Any]) -> None:
     """Throws SceneError for a name or a type that a scene's options may not have."""
     for name in options:
         if name in OF_THE_CALLER:
@@ -75,6 +90,6 @@ def check_scene_options(options):
         raise SceneError(f"options: {problem}") from None
 
 
-def level_time_step(accuracy, scene):
+def level_time_step(accuracy: str, scene: Any) -> float:
     """The time step of a Scene at a level, s: the scene's own where the level takes it as it is, else the level's."""
     return _core.chosen_time_step(_core.Options.preset(accuracy), scene._core)

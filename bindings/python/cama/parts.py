@@ -1,72 +1,82 @@
 # SPDX-License-Identifier: Apache-2.0
 """Parts of a scene as the user holds them: cloth and obstacles."""
 
+from __future__ import annotations
+
+from typing import Protocol, Union
+
 import numpy as np
 
 from . import _core
 from .material import Material
+from .types import Description, Integers, PathLike, Reals
+
+
+class _Owner(Protocol):
+    """A scene, as its parts see it."""
+
+    _core: _core.Scene
 
 
 class Part:
     """A cloth or an obstacle of a scene, by its index."""
 
-    _kind = ""
-
-    def __init__(self, scene, index):
+    def __init__(self, scene: _Owner, index: int) -> None:
         self._scene, self.index = scene, index
 
-    def _core(self):
-        return getattr(self._scene._core, self._kind)(self.index)
+    def _compiled(self) -> Union[_core.Cloth, _core.Obstacle]:
+        raise NotImplementedError
 
-    def __repr__(self):
+    def __repr__(self) -> str:
         return f"<cama.{type(self).__name__} {self.index} {self.name!r}: {len(self.faces)} triangles>"
 
     @property
-    def name(self):
+    def name(self) -> str:
         """Name in error texts and results."""
-        return self._core().name
+        return self._compiled().name
 
     @property
-    def vertices(self):
+    def vertices(self) -> Reals:
         """[n, 3] float64, m: a copy of the starting positions."""
-        return self._core().mesh.vertices
+        return self._compiled().mesh.vertices
 
     @property
-    def faces(self):
+    def faces(self) -> Integers:
         """[m, 3] int32: a copy."""
-        return self._core().mesh.faces
+        return self._compiled().mesh.faces
 
     @property
-    def source(self):
+    def source(self) -> str:
         """What it was made from."""
-        return self._core().source
+        return self._compiled().source
 
 
 class Cloth(Part):
     """A piece of cloth of a scene; what `Scene.add_cloth` returns."""
 
-    _kind = "cloth"
+    def _compiled(self) -> _core.Cloth:
+        return self._scene._core.cloth(self.index)
 
     @property
-    def material(self):
+    def material(self) -> Material:
         """A copy of its Material; assign to change it."""
-        return Material(self._core().material)
+        return Material(self._compiled().material)
 
     @material.setter
-    def material(self, value):
-        self._core().material = Material.of(value)
+    def material(self, value: Union[_core.Material, Description, PathLike]) -> None:
+        self._compiled().material = Material.of(value)
 
     @property
-    def material_vertices(self):
+    def material_vertices(self) -> Reals:
         """[k, 2] float64, m: rest positions in material space; empty where the starting position is the rest state."""
-        return self._core().mesh.material_vertices
+        return self._compiled().mesh.material_vertices
 
     @property
-    def material_faces(self):
+    def material_faces(self) -> Integers:
         """[m, 3] int32 indices into `material_vertices`."""
-        return self._core().mesh.material_faces
+        return self._compiled().mesh.material_faces
 
-    def _edges(self):
+    def _edges(self) -> tuple[Reals, ...]:
         """Two edges of every triangle, as columns: [m, 3, 2] where it starts, [m, 2 or 3, 2] at rest."""
         start = self.vertices[self.faces]
         rest = self.material_vertices[self.material_faces] if len(self.material_faces) else start
@@ -75,18 +85,18 @@ class Cloth(Part):
         )
 
     @property
-    def rest_area(self):
+    def rest_area(self) -> float:
         """m^2."""
         _, rest = self._edges()
         return 0.5 * float(np.sqrt(np.linalg.det(np.swapaxes(rest, 1, 2) @ rest)).sum())
 
     @property
-    def mass(self):
+    def mass(self) -> float:
         """kg."""
-        return self.rest_area * self._core().material.density
+        return self.rest_area * self._compiled().material.density
 
     @property
-    def start_strain(self):
+    def start_strain(self) -> tuple[float, float]:
         """Least and largest principal stretch over all triangles where the cloth starts, minus one: (0, 0) at rest."""
         start, rest = self._edges()
         squared = np.linalg.eigvals(
@@ -99,29 +109,30 @@ class Cloth(Part):
 class Obstacle(Part):
     """A body that cloth collides with; what `Scene.add_obstacle` returns."""
 
-    _kind = "obstacle"
+    def _compiled(self) -> _core.Obstacle:
+        return self._scene._core.obstacle(self.index)
 
     @property
-    def friction(self):
+    def friction(self) -> float:
         """Coulomb coefficient against cloth while it slides."""
-        return self._core().friction
+        return self._compiled().friction
 
     @property
-    def static_friction(self):
+    def static_friction(self) -> float:
         """The same while it sticks; -1: equal to `friction`."""
-        return self._core().static_friction
+        return self._compiled().static_friction
 
     @property
-    def surface(self):
+    def surface(self) -> str:
         """ "mesh", or of an exact obstacle "sphere", "capsule", "box", "plane", whose `vertices` are its defining points."""
-        return self._core().surface
+        return self._compiled().surface
 
     @property
-    def radius(self):
+    def radius(self) -> float:
         """Of an exact sphere or capsule, m; else 0."""
-        return self._core().radius
+        return self._compiled().radius
 
     @property
-    def motion(self):
+    def motion(self) -> _core.Motion:
         """A copy of its motion (compiled type; `evaluate(time, vertices)` gives positions)."""
-        return _core.Motion(self._core().motion)
+        return _core.Motion(self._compiled().motion)

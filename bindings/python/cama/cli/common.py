@@ -11,7 +11,7 @@ from rich.markup import escape
 
 from .. import _core
 from ..errors import Error, SceneError
-from ..options import types
+from ..options import option_types
 
 
 class Backend(str, Enum):
@@ -103,7 +103,10 @@ def fail(problem):
 
 def chosen(accuracy, time_step, words):
     """Options of `--time-step` and `--set NAME=VALUE`, each of the type that the level has it in. Throws SceneError."""
-    known, result = types(accuracy.value if accuracy else "production"), {"time_step": time_step} if time_step else {}
+    known, result = (
+        option_types(accuracy.value if accuracy else "production"),
+        {"time_step": time_step} if time_step else {},
+    )
     for word in words or ():
         name, mark, text = word.partition("=")
         if not mark:

@@ -14,13 +14,16 @@ import hashlib
 import io
 import json
 import os
+from collections.abc import Mapping
 from pathlib import Path
+from typing import Any, Optional
 
 import h5py
 
 from .._core import __version__
 from ..arrays import integers, reals
 from ..errors import FileError, SceneError
+from ..types import PathLike
 
 NAME = "checkpoint.h5"
 FORMAT = "cama checkpoint 1"
@@ -47,7 +50,7 @@ NOT_OF_STEPS = (
 MOST_PARTS = 100  # of one kind that are told apart
 
 
-def settings_of(simulation):
+def settings_of(simulation: Any) -> dict[str, Any]:
     """What the bits of later steps depend on beside the scene: every option but those of where it is computed."""
     return {
         **{k: v for k, v in simulation.options.items() if k not in ("backend", "device", "threads", "audit")},
@@ -55,10 +58,10 @@ def settings_of(simulation):
     }
 
 
-def parts_of(scene):
+def parts_of(scene: Any) -> dict[str, str]:
     """{part: digest} of all in a scene that steps depend on: {"gravity": ..., "obstacle[ball].friction": ..., ...}."""
 
-    def digest(value):
+    def digest(value: object) -> str:
         return hashlib.sha256(json.dumps(value, sort_keys=True).encode()).hexdigest()[:16]
 
     found = {}
@@ -75,7 +78,7 @@ def parts_of(scene):
     return found
 
 
-def check_scene(simulation, parts):
+def check_scene(simulation: Any, parts: Optional[dict[str, str]]) -> None:
     """Throws SceneError that names the parts in which the simulation's scene is not the checkpoint's. parts: None, of a file without."""
     own = simulation.scene_parts()
     changed = (
@@ -90,7 +93,7 @@ def check_scene(simulation, parts):
         )
 
 
-def write(path, simulation):
+def write(path: PathLike, simulation: Any) -> None:
     """Writes the file, whole or not at all. Throws FileError."""
     path, fields = Path(path), simulation._core.checkpoint()
     partial, whole = path.with_name(path.name + ".partial"), io.BytesIO()
@@ -122,7 +125,7 @@ def write(path, simulation):
         raise FileError(f"{path}: writing failed ({problem})") from None
 
 
-def read(path):
+def read(path: PathLike) -> tuple[dict[str, Any], dict[str, Any], Optional[dict[str, str]]]:
     """(fields as of the compiled part, settings, parts of the scene or None) of a checkpoint. Shapes and types are right, the rest Simulation checks.
 
     Throws FileError.
@@ -135,7 +138,7 @@ def read(path):
         with h5py.File(path, "r") as file:
             if file.attrs.get("format") != FORMAT:
                 raise ValueError(f"its format is {file.attrs.get('format')!r}, not {FORMAT!r}")
-            fields = {name: int(file.attrs[name]) for name in INTEGERS}
+            fields: dict[str, Any] = {name: int(file.attrs[name]) for name in INTEGERS}
             if any(not -(2**31) <= value < 2**31 for value in fields.values()):
                 raise ValueError("a count is beyond 32 bits")
             fields.update({name: float(file.attrs[name]) for name in TIMES}, scene=int(file.attrs["scene"], 16) % 2**64)
@@ -165,7 +168,7 @@ def read(path):
     return fields, settings, parts
 
 
-def differences(simulation, settings):
+def differences(simulation: Any, settings: Mapping[str, Any]) -> list[str]:
     """["tolerance 0.001 instead of 0.01", ...]: why steps are not, bit by bit, those of the run that wrote it."""
     own = settings_of(simulation)
     return [

@@ -7,7 +7,7 @@ from fractions import Fraction
 
 from .. import _core
 from ..errors import ArrayError, SceneError
-from ..options import OF_THE_CALLER, types
+from ..options import OF_THE_CALLER, option_types
 from ..scene import Scene
 from ..simulation import Simulation
 from .reference import steps_of
@@ -24,7 +24,7 @@ def levels():
 
 def knobs():
     """{name: type} of everything that may be varied: options of this version, `accuracy`, `time_step` and `resolution`."""
-    own = {name: kind for name, kind in types().items() if name not in OF_THE_CALLER}
+    own = {name: kind for name, kind in option_types().items() if name not in OF_THE_CALLER}
     return {**own, "time_step": float, "resolution": int}
 
 
