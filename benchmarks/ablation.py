@@ -1,12 +1,14 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What each part of the collision handling does (the paper's Figure 17): impacts and intersections that are left with parts switched off.
+"""What each part of the collision handling does (the paper's Figure 17): impacts and intersections that are left with
+parts switched off.
 
     python benchmarks/ablation.py --resolution 3000 --steps 300
     python benchmarks/ablation.py --resolution 200000 --steps 100 --backend cuda --every 10 --csv ablation.csv
 
-impacts: pairs (vertex-face, edge-edge) that touch while a step takes all vertices straight from where it began to where it ended; pairs by
-ipctk's broad phase, the test cama.collision (no false negative).  intersections: edges through faces at the end, exact.  first: impacts
-that the step itself found after its solve (report), where it looked for them.  Means over the judged steps.
+impacts: pairs (vertex-face, edge-edge) that touch while a step takes all vertices straight from where it began to where
+it ended; pairs by ipctk's broad phase, the test cama.collision (no false negative).  intersections: edges through faces
+at the end, exact.  first: impacts that the step itself found after its solve (report), where it looked for them.  Means
+over the judged steps.
 """
 
 import argparse

@@ -1,15 +1,18 @@
 # SPDX-License-Identifier: Apache-2.0
 """Tables and plots of `cama tradeoff` written into docs/accuracy.md and docs/images. Standard library only.
 
-    cama tradeoff drape sphere flag funnel twisting --backend cpu --backend opencl --resolution 400 --threads 1 -o out/tradeoff
+    cama tradeoff drape sphere flag funnel twisting --backend cpu --backend opencl --resolution 400 --threads 1 \\
+        -o out/tradeoff
     python benchmarks/accuracy_page.py out/tradeoff
 
-    cama tradeoff drape sphere flag funnel twisting --resolution 400 --threads 1 -o out/levels $(printf -- '--also accuracy=%s ' preview interactive production accurate paper)
+    cama tradeoff drape sphere flag funnel twisting --resolution 400 --threads 1 -o out/levels \\
+        $(printf -- '--also accuracy=%s ' preview interactive production accurate paper)
     python benchmarks/accuracy_page.py out/levels --section levels
 
     the same with --backend cuda, on a machine that has it, and --section levels-cuda
 
-Text between <!-- section fronts --> and <!-- end fronts --> (or levels, levels-cuda) is made here; nothing there is written by hand.
+Text between <!-- section fronts --> and <!-- end fronts --> (or levels, levels-cuda) is made here; nothing there is
+written by hand.
 """
 
 import argparse
@@ -52,11 +55,10 @@ def grid_table(scene):
         return ""
 
     def cell(p):
-        return (
-            ""
-            if p is None
-            else f"{100 * p['restart_rms_edges']:.2f} % / {number(p['ms_per_second'])} ms / {p['iterations'] / p['dt']:,.0f}"
-        )
+        if p is None:
+            return ""
+        error, rate = f"{100 * p['restart_rms_edges']:.2f} %", f"{p['iterations'] / p['dt']:,.0f}"
+        return f"{error} / {number(p['ms_per_second'])} ms / {rate}"
 
     rows = [[step(t), *(cell(found.get((t, tolerance))) for tolerance in tolerances)] for t in steps]
     return times.markdown(["time step, s", *(f"tolerance {t:g}" for t in tolerances)], rows)
@@ -137,13 +139,16 @@ def section(scenes):
         )
         parts.append(
             f"### {scene['scene']}, {scene['triangles']:,} triangles\n\n"
-            f"{devices}; {threads} on the CPU. Reference: steps of {step(scene['reference_step'])} s, off itself by {100 * scene['uncertainty_edges']:.2g} % of an edge (rms); "
-            f"cama {scene['version'].split('+')[0]}; an edge is {1e3 * scene['edge']:.3g} mm; {scene['windows']} windows of {scene['window']:g} s from {scene['first'] * scene['window']:g} s.\n\n"
+            f"{devices}; {threads} on the CPU. Reference: steps of {step(scene['reference_step'])} s, off "
+            f"itself by {100 * scene['uncertainty_edges']:.2g} % of an edge (rms); "
+            f"cama {scene['version'].split('+')[0]}; an edge is {1e3 * scene['edge']:.3g} mm; "
+            f"{scene['windows']} windows of {scene['window']:g} s from {scene['first'] * scene['window']:g} s.\n\n"
             f"![{scene['scene']}](images/tradeoff-{scene['scene']}.svg)\n\n{front_table(scene)}\n"
         )
         if grid_table(scene):
             parts.append(
-                f"Error / ms per simulated second / solver iterations per simulated second, mixed precision:\n\n{grid_table(scene)}\n"
+                "Error / ms per simulated second / solver iterations per simulated second, mixed precision:\n"
+                f"\n{grid_table(scene)}\n"
             )
         if precision_table(scene):
             parts.append(f"Error by precision:\n\n{precision_table(scene)}\n")

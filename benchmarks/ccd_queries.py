@@ -3,8 +3,9 @@
 
     python benchmarks/ccd_queries.py build/benchmarks/ccd_queries [--data FOLDER] [--seconds 10] [--output FILE]
 
-FOLDER holds sample-queries and scalable with their readers (left out where absent). Tight Inclusion is ipctk's, called from Python: the cost
-of a call, measured with pairs that its boxes reject at once, is subtracted. It gets --seconds per set and counts what it did in them.
+FOLDER holds sample-queries and scalable with their readers (left out where absent). Tight Inclusion is ipctk's, called
+from Python: the cost of a call, measured with pairs that its boxes reject at once, is subtracted. It gets --seconds per
+set and counts what it did in them.
 """
 
 import argparse
@@ -121,7 +122,8 @@ def main():
             out.append(f"| {name} | {first['queries']} | {first['hits']} | " + " | ".join(cells) + " |")
         out.append("")
         out.append(
-            f"Missed / extra / ns a query. Cost of a call to Tight Inclusion from Python, subtracted: {overhead:.0f} ns."
+            "Missed / extra / ns a query. Cost of a call to Tight Inclusion from Python, subtracted: "
+            f"{overhead:.0f} ns."
         )
         text = "\n".join(out) + "\n"
         print(text)

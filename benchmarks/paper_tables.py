@@ -1,12 +1,13 @@
 # SPDX-License-Identifier: Apache-2.0
 """The paper's own measurements, in paper mode: where a step's time goes (its Figure 18) and what each part is worth.
 
-    python benchmarks/paper_tables.py OUT --resolution 2000 --skip 40 --steps 10                  # here
-    python benchmarks/paper_tables.py OUT --resolution 200000 --backend cuda --budget 540         # on a machine with a GPU
-    python benchmarks/paper_tables.py OUT --read OUT/paper.csv                                    # tables and plot again, nothing is run
+    python benchmarks/paper_tables.py OUT --resolution 2000 --skip 40 --steps 10  # here
+    python benchmarks/paper_tables.py OUT --resolution 200000 --backend cuda --budget 540  # on a machine with a GPU
+    python benchmarks/paper_tables.py OUT --read OUT/paper.csv  # tables and plot again, nothing is run
 
 Runs benchmarks/step_times; needs nothing beyond Python itself. Writes OUT/paper.csv (every run), OUT/paper_tables.csv,
-OUT/paper_tables.md, and where matplotlib is, OUT/paper_stages.png. What the paper reports (Tang et al. 2016, Figures 6, 13, 18 and section 5) stands beside.
+OUT/paper_tables.md, and where matplotlib is, OUT/paper_stages.png. What the paper reports (Tang et al. 2016, Figures 6,
+13, 18 and section 5) stands beside.
 """
 
 import argparse

@@ -1,11 +1,14 @@
 # SPDX-License-Identifier: Apache-2.0
 """Tables of step_times' CSV as text, or written into docs/performance.md between its markers. Standard library only.
 
-    python benchmarks/performance_page.py bars OUT/bars.csv                                   # a table beside the published figures
+    python benchmarks/performance_page.py bars OUT/bars.csv
     python benchmarks/performance_page.py scaling OUT/scaling.csv
     python benchmarks/performance_page.py stages OUT/bars.csv
-    python benchmarks/performance_page.py all OUT/bars.csv OUT/scaling.csv --section gpu      # replaces the section `gpu` of the page
-    python benchmarks/performance_page.py paper OUT/paper_tables.md --section paper-gpu       # the same with what paper_tables.py wrote
+    python benchmarks/performance_page.py all OUT/bars.csv OUT/scaling.csv --section gpu
+    python benchmarks/performance_page.py paper OUT/paper_tables.md --section paper-gpu
+
+bars: a table beside the published figures.  --section: replaces the section of this name in the page.  paper: the same
+with what paper_tables.py wrote.
 
 A section is what stands between <!-- section NAME --> and <!-- end NAME -->; nothing there is written by hand.
 """
@@ -79,7 +82,9 @@ def settings(run):
 
 
 def scaling(runs):
-    """Runs of one scene and setting, from the same step on, at several sizes; the exponent is of the fit over all of them."""
+    """Runs of one scene and setting, from the same step on, at several sizes; the exponent is of the fit over all of
+    them.
+    """
     groups = collections.defaultdict(list)
     for r in runs:
         groups[r["scene"], f"{settings(r)}, after {r['skipped']} steps"].append(r)

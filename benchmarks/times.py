@@ -103,7 +103,9 @@ def find_program(folder=None):
 
 
 def run(program, scene, seconds, **settings):
-    """CSV text of one run of step_times and what it said on standard error; text is what was printed before `seconds` ran out."""
+    """CSV text of one run of step_times and what it said on standard error; text is what was printed before `seconds`
+    ran out.
+    """
     words = [program, scene] + [f"{name}={value}" for name, value in settings.items()]
     try:
         done = subprocess.run(words, capture_output=True, text=True, timeout=seconds, check=False)

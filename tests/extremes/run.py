@@ -1,5 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Runs extreme cases over seeds and backends; prints a table, writes CSV and pictures. The work is done by `cama.torture.seeds`.
+"""Runs extreme cases over seeds and backends; prints a table, writes CSV and pictures.
+
+The work is done by `cama.torture.seeds`.
 
 python tests/extremes/run.py                          all cases, one seed, cpu
 python tests/extremes/run.py knot pile --seeds 10 --jobs 2 --csv out.csv --pictures out/

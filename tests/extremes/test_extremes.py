@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""No intersection at any step of any extreme case, by cama's exact audit and by ipctk; and what each case must end with.
+"""No intersection at any step of any extreme case, by cama's exact audit and by ipctk; and what each case must end
+with.
 
 The quick tests are short runs of small meshes; `-m long` runs every case with ten jittered starts.
 """
@@ -157,7 +158,9 @@ def test_translation_is_not_held_up(speed):
 
 
 def turn(simulation, seconds):
-    """Sets the sheet turning once a second about an axis in its plane; returns the angle, rad, and the angular momentum left, 1: all."""
+    """Sets the sheet turning once a second about an axis in its plane; returns the angle, rad, and the angular momentum
+    left, 1: all.
+    """
     start, mass = simulation.positions, simulation.masses[:, None]
     middle = (mass * start).sum(0) / mass.sum()
     axis = start[1] - start[0]
@@ -178,7 +181,10 @@ def turn(simulation, seconds):
 
 
 def test_rotation_is_not_held_up():
-    """A quarter turn. Contact changes no bit; what is lost of the angular momentum is the integrator's, and goes with the time step."""
+    """A quarter turn.
+
+    Contact changes no bit; what is lost of the angular momentum is the integrator's, and goes with the time step.
+    """
     left = []
     for step in (5e-3, 1.25e-3, 3.125e-4):
         scene = scenes.flight(100, 3)

@@ -226,7 +226,8 @@ def test_angular_momentum_of_a_turning_ring():
 
 
 def test_the_reference_is_a_pendulum():
-    # One stiff triangle, held at two corners: its third corner, with its lumped mass, is a pendulum of the triangle's height.
+    # One stiff triangle, held at two corners: its third corner, with its lumped mass, is a pendulum of the triangle's
+    # height.
     height = 0.5
     scene = cama.Scene(time_step=0.005, contact=False)
     material = cama.Material.isotropic(2e3, 0.0, bending=0.0, density=0.1)
@@ -377,7 +378,8 @@ def test_a_reference_survives_a_file(tmp_path):
 
 
 def test_a_restart_does_not_depend_on_what_came_before(falling):
-    # The reference's own settings from its own states, in a simulation that has computed nothing yet, give its own ends up to the solve.
+    # The reference's own settings from its own states, in a simulation that has computed nothing yet, give its own ends
+    # up to the solve.
     r = accuracy.reference(
         falling, window=0.02, windows=3, first=1, stride=2, time_step=0.02 / 16, accuracy="production", tolerance=1e-10
     )

@@ -192,8 +192,10 @@ def test_a_process_may_fork_after_simulating_on_one_thread():
     """As multiprocessing does by default: with threads of OpenMP's the child would wait for them for ever."""
     code = (
         "import os, cama\nscene = cama.Scene.load('drape', 1000)\n"
-        "def run(**options):\n    s = cama.Simulation(scene, **options)\n    s.step(2)\n    return s.state_hash, s.count_intersections()\n"
-        "before = run(backend='cpu')\nif os.fork() == 0:\n    print(run(backend='cpu', threads=1) == before, flush=True)\n    os._exit(0)\nos.wait()\n"
+        "def run(**options):\n    s = cama.Simulation(scene, **options)\n    s.step(2)\n    return "
+        "s.state_hash, s.count_intersections()\n"
+        "before = run(backend='cpu')\nif os.fork() == 0:\n    print(run(backend='cpu', threads=1) == before, "
+        "flush=True)\n    os._exit(0)\nos.wait()\n"
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60)
     assert done.stdout == "True\n", done

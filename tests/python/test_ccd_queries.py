@@ -1,5 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Continuous collision on public query sets with known truth; skipped where the data is absent (CAMA_TEST_DATA, else ../shared/data)."""
+"""Continuous collision on public query sets with known truth; skipped where the data is absent (CAMA_TEST_DATA, else
+../shared/data).
+"""
 
 import csv
 import importlib.util
@@ -89,7 +91,8 @@ def test_sample_queries_cubic(folder):
     points, edges, truth, first = samples()[folder]
     hit, time = answer(points, edges, "cubic")
     assert not (truth & ~hit).any()
-    # What the bound cannot tell from contact passes within 1e-13 of the extent; one vertex does so 0.78 before it touches.
+    # What the bound cannot tell from contact passes within 1e-13 of the extent; one vertex does so 0.78 before it
+    # touches.
     extent = np.ptp(points, axis=1).max(axis=1)
     extra = hit & ~truth
     middle = points[:, :4] + time[:, None, None] * (points[:, 4:] - points[:, :4])

@@ -266,7 +266,9 @@ def test_frames_that_steps_do_not_fill_are_said(tmp_path):
 
 
 def test_cloth_that_is_pulled_too_far_is_said(tmp_path):
-    """One end is held, the other moves 0.5 m in half a second: a sheet of 0.2 m ends at 0.7 m, a strain of 250 % in the mean."""
+    """One end is held, the other moves 0.5 m in half a second: a sheet of 0.2 m ends at 0.7 m, a strain of 250 % in the
+    mean.
+    """
     ends = [{"cloth": "strip", "edge": "right", "motion": {"velocity": [1, 0, 0]}}, {"cloth": "strip", "edge": "left"}]
     scene = {
         "gravity": [0, 0, 0],

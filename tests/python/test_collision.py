@@ -27,7 +27,9 @@ def random_queries(seed, n, speed=1.0):
 
 
 def adversarial_queries(kind, seed, n):
-    """Points that meet at a random time, near corners, edges and parallel positions: exactly, every number and product being a double."""
+    """Points that meet at a random time, near corners, edges and parallel positions: exactly, every number and product
+    being a double.
+    """
     random = np.random.default_rng(seed)
     start, end = (np.round(x * 2**12) / 2**12 for x in random_queries(seed + 1, n))
     time = random.integers(1, 16, n) / 16
@@ -152,7 +154,9 @@ def test_nothing_in_nothing_out():
 
 @pytest.mark.parametrize("density", [200.0, 2000.0])
 def test_contacts_carry_any_load_at_half_the_thickness(density):
-    """A heavy sheet laid on a plane: the least gap is half the thickness, not what a spring of fixed stiffness leaves, and nothing is left to impacts."""
+    """A heavy sheet laid on a plane: the least gap is half the thickness, not what a spring of fixed stiffness leaves,
+    and nothing is left to impacts.
+    """
     scene = cama.Scene(thickness=2e-3)
     vertices, faces = grid(8, 0.2, z=0.004)
     scene.add_cloth(vertices, faces, name="sheet", material=cama.Material.isotropic(100, 0.3, 1e-5, density))
@@ -168,7 +172,9 @@ def test_contacts_carry_any_load_at_half_the_thickness(density):
 
 
 def test_cloth_that_has_blown_up_is_a_named_error_in_paper_mode():
-    """Vertices that cross the scene many times in a step are near everything: 5 million pairs of 3,200 triangles, or an error before that."""
+    """Vertices that cross the scene many times in a step are near everything: 5 million pairs of 3,200 triangles, or an
+    error before that.
+    """
     scene = cama.Scene(time_step=0.005, gravity=(0, 0, 0))
     scene.add_cloth(*grid(40))
     simulation = cama.Simulation(scene, accuracy="paper", threads=1)

@@ -35,7 +35,8 @@ scene.add_cloth(*grid({cells}, z=0.01), name="other")
 LIMIT = """
 def limit(extra):
     pages = int(open("/proc/self/statm").read().split()[0])
-    resource.setrlimit(resource.RLIMIT_AS, (pages * resource.getpagesize() + extra if extra else resource.RLIM_INFINITY, resource.RLIM_INFINITY))
+    limit = pages * resource.getpagesize() + extra if extra else resource.RLIM_INFINITY
+    resource.setrlimit(resource.RLIMIT_AS, (limit, resource.RLIM_INFINITY))
 """
 
 

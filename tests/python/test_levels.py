@@ -52,7 +52,9 @@ def test_what_neither_scene_nor_user_says_the_level_does():
 
 
 def test_free_fall_follows_the_closed_form_of_each_integrator():
-    """Below g t^2 / 2: g dt t / 2 by backward Euler; by BDF2, whose first step is one of backward Euler, 3/4 g dt^2 (1 - 3^-n)."""
+    """Below g t^2 / 2: g dt t / 2 by backward Euler; by BDF2, whose first step is one of backward Euler, 3/4 g dt^2 (1
+    - 3^-n).
+    """
     for level in ("production", "accurate"):
         simulation = cama.Simulation(falling(), accuracy=level)
         start, dt = simulation.positions, simulation.time_step

@@ -191,7 +191,8 @@ def test_a_task_that_dies_takes_no_other_with_it(jobs):
 def test_ctrl_c_while_processes_start_is_the_parents_alone(after, tmp_path):
     script = tmp_path / "starts.py"  # a child imports this file again, which takes a while
     script.write_text(
-        "import math, time\nfrom cama.measuring import executor\nif __name__ == '__main__':\n    print('go', flush=True)\n"
+        "import math, time\nfrom cama.measuring import executor\nif __name__ == '__main__':\n    print('go', "
+        "flush=True)\n"
         "    dict(executor.Local(2).run(math.copysign, [1.0] * 4, 1.0))\nelse:\n    time.sleep(0.6)\n"
     )
     process = subprocess.Popen(
@@ -216,7 +217,8 @@ def ray_address(tmp_path_factory):
     if importlib.util.find_spec("ray") is None:
         pytest.skip("Ray is not installed: pip install cama[cluster]")
     script = (
-        "import ray, sys\ncontext = ray.init(num_cpus=2, include_dashboard=False, log_to_driver=False, logging_level='error')\n"
+        "import ray, sys\ncontext = ray.init(num_cpus=2, include_dashboard=False, log_to_driver=False, "
+        "logging_level='error')\n"
         "print(context.address_info['gcs_address'], flush=True)\nsys.stdin.read()\n"
     )
     patch = pytest.MonkeyPatch()
@@ -300,7 +302,8 @@ def test_the_error_of_a_free_fall_is_the_known_one(tmp_path):
         assert not p["failed"] and p["dt"] == pytest.approx(dt, rel=1e-9)
         assert p["restart_rms"] == pytest.approx(G * dt * 0.05 / 2, rel=1e-4)
         assert p["restart_max_edges"] == pytest.approx(p["restart_rms_edges"], rel=1e-4)
-        # At the last start, 0.15 s: from the start on, g dt t / 2 below the exact fall; the reference's own run has its step's error.
+        # At the last start, 0.15 s: from the start on, g dt t / 2 below the exact fall; the reference's own run has its
+        # step's error.
         assert p["surface_mean"] == pytest.approx(
             G * dt * 0.15 / 2, abs=1.01 * G * result.reference.time_step * 0.15 / 2
         )

@@ -50,7 +50,8 @@ def test_the_choice_among_points_made_by_hand():
 
 
 def test_tune_finds_the_cheapest_time_step_and_run_uses_it(fall, tmp_path):
-    # g dt w / 2 with w = 0.05 s: 1/80 s gives 3.07 mm, 1/160 1.53 mm, 1/320 0.77 mm. With a factor of 1.5 to spare, 2.5 mm needs 1/160.
+    # g dt w / 2 with w = 0.05 s: 1/80 s gives 3.07 mm, 1/160 1.53 mm, 1/320 0.77 mm. With a factor of 1.5 to spare, 2.5
+    # mm needs 1/160.
     scene = tmp_path / "tuned" / "scene.json"
     result = call(
         "tune",
@@ -124,7 +125,8 @@ def test_budgets_that_cannot_be_kept_say_what_can(tmp_path, falling):
 
 
 def test_a_judge_that_refuses_makes_the_search_stricter(tmp_path, monkeypatch):
-    # The judge is made to see nearly twice the error: the first choice fails, the next has a larger factor to spare. Costs are made to go with steps.
+    # The judge is made to see nearly twice the error: the first choice fails, the next has a larger factor to spare.
+    # Costs are made to go with steps.
     real = tune.tradeoff
 
     def unfair(scene, output, plan, first=1, **rest):
@@ -157,7 +159,8 @@ def test_written_scenes_keep_their_files_and_lose_only_comments(tmp_path):
         + "".join(f"f {a + 1} {b + 1} {c + 1}\n" for a, b, c in faces)
     )
     (folder / "scene.json").write_text(
-        '{ // a remark\n "name": "sheet.obj // no remark", /* more */ "cloth": [{"file": "sheet.obj", "material": "cotton"}],\n'
+        '{ // a remark\n "name": "sheet.obj // no remark", /* more */ "cloth": [{"file": "sheet.obj", '
+        '"material": "cotton"}],\n'
         ' "time_step": 0.01, "frame_time": 0.04, "frames": 50}'
     )
     settings = {"accuracy": "production", "tolerance": 0.1, "time_step": 0.005}

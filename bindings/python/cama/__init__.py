@@ -14,7 +14,8 @@ import os
 from types import ModuleType
 from typing import TYPE_CHECKING
 
-# Threads that wait for each other spin for a moment, then sleep: on a shared machine they would otherwise starve each other.
+# Threads that wait for each other spin for a moment, then sleep: on a shared machine they would otherwise starve each
+# other.
 os.environ.setdefault("GOMP_SPINCOUNT", "20000")  # before the compiled module starts them
 
 from . import collision, shipped  # noqa: E402

@@ -2,11 +2,11 @@
 # Types of the compiled module (bindings/python/src). Arguments have no names there: all are positional.
 
 from os import PathLike
-from typing import Any, Literal, Optional, TypedDict, Union, type_check_only
+from typing import Any, Literal, TypedDict, type_check_only
 
 from .types import Booleans, Integers, Quaternion, Reals, Vector
 
-_Path = Union[str, PathLike[str]]
+_Path = str | PathLike[str]
 _Matrix = list[list[float]]  # [4][4]
 
 __version__: str
@@ -106,8 +106,8 @@ class SimulationOptions(Overrides, total=False):
     """All keywords of a Simulation."""
 
     backend: BackendName
-    precision: Optional[Precision]
-    accuracy: Optional[AccuracyLevel]
+    precision: Precision | None
+    accuracy: AccuracyLevel | None
     device: int
     threads: int
 
@@ -305,7 +305,7 @@ class Scene:
     @property
     def seconds_per_frame(self) -> float: ...
     frames: int
-    wind: Optional[Wind]
+    wind: Wind | None
     options: str
     @property
     def contact(self) -> Contact: ...
@@ -321,11 +321,11 @@ class Scene:
     def cloth_triangle_count(self) -> int: ...
     def cloth(self, index: int, /) -> Cloth: ...
     def obstacle(self, index: int, /) -> Obstacle: ...
-    def pins(self) -> list[tuple[int, Integers, Optional[int], float]]: ...
+    def pins(self) -> list[tuple[int, Integers, int | None, float]]: ...
     def add_cloth(self, cloth: Cloth, /) -> int: ...
     def add_obstacle(self, obstacle: Obstacle, /) -> int: ...
     def add_pin(
-        self, cloth: int, vertices: Integers, motion: Motion, obstacle: Optional[int], release: float, /
+        self, cloth: int, vertices: Integers, motion: Motion, obstacle: int | None, release: float, /
     ) -> None: ...
     def add_stitch(
         self,

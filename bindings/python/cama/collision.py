@@ -1,14 +1,15 @@
 # SPDX-License-Identifier: Apache-2.0
 """Geometry queries on arrays: continuous collision, distances, intersections.
 
-A row of a [n, 4, 3] array is four points: a vertex then the three of a face, or the two ends of one edge then of another.
+A row of a [n, 4, 3] array is four points: a vertex then the three of a face, or the two ends of one edge then of
+another.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Literal, Union, overload
+from typing import Literal, overload
 
 import numpy as np
 
@@ -30,7 +31,10 @@ __all__ = [
 
 @dataclass
 class ObjectIntersections:
-    """Edges of one object through faces of another, or of itself, at the start of a scene. Objects: cloths, then obstacles."""
+    """Edges of one object through faces of another, or of itself, at the start of a scene.
+
+    Objects: cloths, then obstacles.
+    """
 
     first: int  #: object number
     second: int  #: object number, not below `first`
@@ -114,9 +118,10 @@ def vertex_face_ccd(
     """Does a vertex meet a face while all four points move straight from `start` to `end`?
 
     start, end: [n, 4, 3] float64, m; row = vertex, face.  minimum_distance: m, meet means come this close.
-    method: "additive" (time never late; at minimum_distance 0 decided in double-double where double cannot tell) or "cubic" (the paper's,
-    with an error bound: what it cannot tell from contact is a hit; the root's time). Neither has false negatives. Source: docs/ccd.md.
-    Returns hit [n] bool and time [n] float64 in [0, 1], 1 where there is no hit. Throws ArrayError.
+    method: "additive" (time never late; at minimum_distance 0 decided in double-double where double cannot tell) or
+    "cubic" (the paper's, with an error bound: what it cannot tell from contact is a hit; the root's time). Neither has
+    false negatives. Source: docs/ccd.md. Returns hit [n] bool and time [n] float64 in [0, 1], 1 where there is no hit.
+    Throws ArrayError.
     """
     return _ccd("vertex_face_ccd", start, end, minimum_distance, method)
 
@@ -132,7 +137,7 @@ def edge_edge_ccd(
 def vertex_face_distance(points: ArrayLike, return_weights: Literal[False] = False) -> Reals: ...
 @overload
 def vertex_face_distance(points: ArrayLike, return_weights: Literal[True]) -> tuple[Reals, Reals]: ...
-def vertex_face_distance(points: ArrayLike, return_weights: bool = False) -> Union[Reals, tuple[Reals, Reals]]:
+def vertex_face_distance(points: ArrayLike, return_weights: bool = False) -> Reals | tuple[Reals, Reals]:
     """Distance [n] in m between vertex and face of [n, 4, 3] rows.
 
     With `return_weights` also [n, 4]: sum over k of weight_k x_k is the difference vector. Throws ArrayError.
@@ -145,7 +150,7 @@ def vertex_face_distance(points: ArrayLike, return_weights: bool = False) -> Uni
 def edge_edge_distance(points: ArrayLike, return_weights: Literal[False] = False) -> Reals: ...
 @overload
 def edge_edge_distance(points: ArrayLike, return_weights: Literal[True]) -> tuple[Reals, Reals]: ...
-def edge_edge_distance(points: ArrayLike, return_weights: bool = False) -> Union[Reals, tuple[Reals, Reals]]:
+def edge_edge_distance(points: ArrayLike, return_weights: bool = False) -> Reals | tuple[Reals, Reals]:
     """Distance [n] in m between two edges of [n, 4, 3] rows; as `vertex_face_distance`."""
     result = _core.edge_edge_distance(reals("edge_edge_distance: points", points, (None, 4, 3)))
     return result if return_weights else result[0]
@@ -154,9 +159,9 @@ def edge_edge_distance(points: ArrayLike, return_weights: bool = False) -> Union
 def intersections(vertices: ArrayLike, faces: ArrayLike, first_obstacle_vertex: int = -1) -> Integers:
     """Edges that pass through faces, by exact predicates; edges that share a vertex with the face do not count.
 
-    vertices: [n, 3] float64, m.  faces: [m, 3] integers.  first_obstacle_vertex: this vertex and all later ones belong to
-    obstacles, whose pairs among themselves are left out; -1: none do.
-    Returns [k, 3] int32: the edge's two vertices and the face's index. Throws ArrayError, MeshError.
+    vertices: [n, 3] float64, m.  faces: [m, 3] integers.  first_obstacle_vertex: this vertex and all later ones belong
+    to obstacles, whose pairs among themselves are left out; -1: none do. Returns [k, 3] int32: the edge's two vertices
+    and the face's index. Throws ArrayError, MeshError.
     """
     vertices = reals("intersections: vertices", vertices, (None, 3))
     faces = integers("intersections: faces", faces, (None, 3))

@@ -7,7 +7,7 @@ import json
 import math
 import os
 from pathlib import Path
-from typing import Any, Optional
+from typing import Any
 
 import numpy as np
 
@@ -17,7 +17,7 @@ from .errors import ArrayError, SceneError
 from .types import ArrayLike, Reals, VectorLike
 
 
-def placement(transform: Optional[ArrayLike], translate: VectorLike, rotate: VectorLike, scale: float) -> Reals:
+def placement(transform: ArrayLike | None, translate: VectorLike, rotate: VectorLike, scale: float) -> Reals:
     """4x4 matrix: `transform` after scale, rotation (unit quaternion w, x, y, z) and translation."""
     w, x, y, z = quaternion("rotate", rotate)
     length = math.sqrt(w * w + x * x + y * y + z * z)
@@ -51,9 +51,9 @@ def uniform_scale(name: str, surface: str, matrix: Reals) -> float:
 def compiled_mesh(
     name: str,
     mesh: Any,
-    faces: Optional[ArrayLike],
-    material_vertices: Optional[ArrayLike],
-    material_faces: Optional[ArrayLike],
+    faces: ArrayLike | None,
+    material_vertices: ArrayLike | None,
+    material_faces: ArrayLike | None,
     material_scale: float = 1.0,
 ) -> tuple[_core.Mesh, str]:
     """The compiled Mesh of a file, a pair of arrays, or an object with `vertices` and `faces`; and where it is from."""

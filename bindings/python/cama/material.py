@@ -6,7 +6,7 @@ from __future__ import annotations
 import json
 import os
 from pathlib import Path
-from typing import TYPE_CHECKING, Union
+from typing import TYPE_CHECKING
 
 from . import _core
 from .arrays import number
@@ -70,7 +70,7 @@ class Material(_core.Material):
         return cls(_core.Material.load(Path(file)))
 
     @classmethod
-    def of(cls, value: Union[_core.Material, Description, PathLike]) -> Self:
+    def of(cls, value: _core.Material | Description | PathLike) -> Self:
         """A Material from itself, a fabric's name, a file or a dict of fields as in scene.json."""
         if isinstance(value, _core.Material):
             return cls(value)

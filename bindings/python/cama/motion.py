@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from typing import Any, Optional, Union
+from typing import Any
 
 from . import _core
 from .arrays import number, quaternion, reals, vector
@@ -17,8 +17,8 @@ __all__ = ["Motion"]
 class Motion(_core.Motion):
     """A prescribed motion, continuous in time.
 
-    velocity [m/s], rotation_rate [rad/s, axis times rate, about `center`] and the sine `oscillation` [m, with `period` s]
-    act between `start` and `stop` [s]. `keys` is a list of dicts with `time` and any of `translation`, `rotation`
+    velocity [m/s], rotation_rate [rad/s, axis times rate, about `center`] and the sine `oscillation` [m, with `period`
+    s] act between `start` and `stop` [s]. `keys` is a list of dicts with `time` and any of `translation`, `rotation`
     (unit quaternion w, x, y, z), `scale`, `center`, interpolated between and held outside. `times` [k] and `positions`
     [k, vertices, 3] give a vertex animation instead. Throws ArrayError.
     """
@@ -35,8 +35,8 @@ class Motion(_core.Motion):
         start: float = 0.0,
         stop: float = 1e300,
         keys: Iterable[Mapping[str, Any]] = (),
-        times: Optional[ArrayLike] = None,
-        positions: Optional[ArrayLike] = None,
+        times: ArrayLike | None = None,
+        positions: ArrayLike | None = None,
     ) -> None:
         super().__init__()
         self.velocity = vector("motion: velocity", velocity)
@@ -54,7 +54,7 @@ class Motion(_core.Motion):
             self._set_samples(times, positions)
 
     @classmethod
-    def of(cls, value: Union[_core.Motion, dict[str, Any], None]) -> _core.Motion:
+    def of(cls, value: _core.Motion | dict[str, Any] | None) -> _core.Motion:
         """A motion from itself, a dict of arguments, or None: at rest."""
         if isinstance(value, dict):
             try:

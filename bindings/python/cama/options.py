@@ -7,7 +7,7 @@ Everything in the package that knows options by name or type asks this module.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any, Optional
+from typing import Any
 
 from . import _core
 from .errors import SceneError
@@ -32,7 +32,7 @@ def option_types(accuracy: str = "production") -> dict[str, type]:
 
 
 def _options(
-    backend: str, precision: Optional[str], accuracy: str, device: int, threads: int, overrides: Mapping[str, Any]
+    backend: str, precision: str | None, accuracy: str, device: int, threads: int, overrides: Mapping[str, Any]
 ) -> _core.Options:
     """Compiled options: the level's with everything given in its place. Throws SceneError."""
     options = _core.Options.preset(accuracy)
@@ -55,13 +55,14 @@ def _options(
 def merged(
     of_scene: Mapping[str, Any],
     backend: str,
-    precision: Optional[str],
-    accuracy: Optional[str],
+    precision: str | None,
+    accuracy: str | None,
     device: int,
     threads: int,
     overrides: Mapping[str, Any],
 ) -> tuple[_core.Options, set[str]]:
-    """(compiled options, names of the options that the scene gave): level, then scene, then caller. of_scene: `Scene.options`.
+    """(compiled options, names of the options that the scene gave): level, then scene, then caller. of_scene:
+    `Scene.options`.
 
     An accuracy that the caller gives sets the scene's options aside. Throws SceneError.
     """

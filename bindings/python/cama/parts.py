@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from typing import Protocol, Union
+from typing import Protocol
 
 import numpy as np
 
@@ -24,7 +24,7 @@ class Part:
     def __init__(self, scene: _Owner, index: int) -> None:
         self._scene, self.index = scene, index
 
-    def _compiled(self) -> Union[_core.Cloth, _core.Obstacle]:
+    def _compiled(self) -> _core.Cloth | _core.Obstacle:
         raise NotImplementedError
 
     def __repr__(self) -> str:
@@ -63,7 +63,7 @@ class Cloth(Part):
         return Material(self._compiled().material)
 
     @material.setter
-    def material(self, value: Union[_core.Material, Description, PathLike]) -> None:
+    def material(self, value: _core.Material | Description | PathLike) -> None:
         self._compiled().material = Material.of(value)
 
     @property
@@ -124,7 +124,9 @@ class Obstacle(Part):
 
     @property
     def surface(self) -> str:
-        """ "mesh", or of an exact obstacle "sphere", "capsule", "box", "plane", whose `vertices` are its defining points."""
+        """ "mesh", or of an exact obstacle "sphere", "capsule", "box", "plane", whose `vertices` are its defining
+        points.
+        """
         return self._compiled().surface
 
     @property

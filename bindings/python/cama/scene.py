@@ -8,7 +8,7 @@ import math
 import os
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Optional, Union
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -38,11 +38,12 @@ def _animated(file: PathLike) -> bool:
 class Scene:
     """What the user describes. Lengths in m, masses in kg, times in s.
 
-    gravity: [3] m/s^2.  time_step: s, which the levels `production` and `paper` take as it is; 0: the accuracy level's.  frames: how many
-    `cama run` records.  frame_time: s between frames, 0: time_step, or 1/60 s without one.
-    thickness: distance below which contact acts, m.  stiffness: of the contact penalty, N/m^3.  friction: cloth against
-    cloth, for materials that give none.  static_friction: the same while it sticks, None: equal.  contact: False lets cloth pass through everything.  self_contact: cloth against cloth.
-    wind: None or a dict with `velocity` [3] m/s, `density` kg/m^3, `drag` kg/(m^2 s).
+    gravity: [3] m/s^2.  time_step: s, which the levels `production` and `paper` take as it is; 0: the accuracy level's.
+    frames: how many `cama run` records.  frame_time: s between frames, 0: time_step, or 1/60 s without one. thickness:
+    distance below which contact acts, m.  stiffness: of the contact penalty, N/m^3.  friction: cloth against cloth, for
+    materials that give none.  static_friction: the same while it sticks, None: equal.  contact: False lets cloth pass
+    through everything.  self_contact: cloth against cloth. wind: None or a dict with `velocity` [3] m/s, `density`
+    kg/m^3, `drag` kg/(m^2 s).
     """
 
     __slots__ = ("_core",)  # a field that is not there is an AttributeError
@@ -56,12 +57,12 @@ class Scene:
         name: str = "scene",
         description: str = "",
         thickness: float = 1e-3,
-        stiffness: Optional[float] = None,
-        friction: Optional[float] = None,
-        static_friction: Optional[float] = None,
+        stiffness: float | None = None,
+        friction: float | None = None,
+        static_friction: float | None = None,
         contact: bool = True,
         self_contact: bool = True,
-        wind: Optional[Mapping[str, Any]] = None,
+        wind: Mapping[str, Any] | None = None,
     ) -> None:
         self._core = _core.Scene()
         self.gravity, self.time_step, self.frames, self.frame_time = gravity, time_step, frames, frame_time
@@ -87,8 +88,8 @@ class Scene:
     def load(cls, scene: PathLike, resolution: int = 0) -> Self:
         """A folder with scene.json, a JSON file, or the name of a shipped scene.
 
-        resolution: total number of cloth triangles aimed at, 0: the scene's own. Throws FileError, SceneError, MeshError,
-        MaterialError.
+        resolution: total number of cloth triangles aimed at, 0: the scene's own. Throws FileError, SceneError,
+        MeshError, MaterialError.
         """
         path = shipped.resolve(scene)
         loaded = cls._of(_core.Scene.load(path, count("resolution", resolution)))
@@ -99,7 +100,7 @@ class Scene:
         return loaded
 
     @classmethod
-    def parse(cls, text: Union[str, Description], folder: PathLike = ".", resolution: int = 0) -> Self:
+    def parse(cls, text: str | Description, folder: PathLike = ".", resolution: int = 0) -> Self:
         """The same from JSON text (or a dict); relative file names start at `folder`."""
         try:
             text = text if isinstance(text, str) else json.dumps(text, default=plain)
@@ -145,19 +146,23 @@ class Scene:
         return collision._start_intersections(self._core)
 
     def save_intersections(self, path: PathLike) -> None:
-        """Writes the faces that are pierced and those beside piercing edges: .obj with a group, .ply with a colour per pair of objects.
+        """Writes the faces that are pierced and those beside piercing edges: .obj with a group, .ply with a colour per
+        pair of objects.
 
         Throws FileError.
         """
         collision._save_intersections(path, self._core)
 
     def untangle(self, max_rounds: int = 400, gap: float = 0.0) -> collision.UntangleReport:
-        """Moves cloth at the start until nothing intersects; obstacles and pinned vertices stay. Returns a collision.UntangleReport.
+        """Moves cloth at the start until nothing intersects; obstacles and pinned vertices stay.
 
-        gap: distance aimed at around what is moved, m; 0: a tenth of the smallest contact thickness. With something left the
-        report's `clean` is False and the scene has the positions with the fewest intersections. Cloth without material space takes
-        the moved start as its rest state (`Simulation(scene, intersections="untangle")` keeps the old one). After Volino and
-        Magnenat-Thalmann 2006 and Baraff, Witkin and Kass 2003; see docs/bad-starts.md. Throws SceneError, ArrayError.
+        Returns a collision.UntangleReport.
+
+        gap: distance aimed at around what is moved, m; 0: a tenth of the smallest contact thickness. With something
+        left the report's `clean` is False and the scene has the positions with the fewest intersections. Cloth without
+        material space takes the moved start as its rest state (`Simulation(scene, intersections="untangle")` keeps the
+        old one). After Volino and Magnenat-Thalmann 2006 and Baraff, Witkin and Kass 2003; see docs/bad-starts.md.
+        Throws SceneError, ArrayError.
         """
         rounds, gap = int(max_rounds), number("untangle: gap", gap)
         if rounds < 0 or gap < 0:
@@ -166,33 +171,32 @@ class Scene:
 
     def add_cloth(
         self,
-        mesh: Union[PathLike, ArrayLike, MeshLike, None] = None,
-        faces: Optional[ArrayLike] = None,
+        mesh: PathLike | ArrayLike | MeshLike | None = None,
+        faces: ArrayLike | None = None,
         *,
-        shape: Optional[Description] = None,
-        material: Union[PathLike, Description, _core.Material] = "cotton",
-        thickness: Optional[float] = None,
-        material_vertices: Optional[ArrayLike] = None,
-        material_faces: Optional[ArrayLike] = None,
+        shape: Description | None = None,
+        material: PathLike | Description | _core.Material = "cotton",
+        thickness: float | None = None,
+        material_vertices: ArrayLike | None = None,
+        material_faces: ArrayLike | None = None,
         material_scale: float = 1.0,
-        transform: Optional[ArrayLike] = None,
+        transform: ArrayLike | None = None,
         translate: VectorLike = (0, 0, 0),
         rotate: VectorLike = (1, 0, 0, 0),
         scale: float = 1.0,
         velocity: VectorLike = (0, 0, 0),
-        name: Optional[str] = None,
+        name: str | None = None,
     ) -> Cloth:
         """Adds a piece of cloth; returns its handle.
 
-        mesh: a file (OBJ, PLY, glTF, FBX, DAE, STL), vertices [n, 3] float64 in m with `faces` [m, 3] integers, or an object
-        that has `vertices` and `faces`.  shape: instead of a mesh, a generated one as in scene.json, for example
-        {"grid": {"size": [1, 1]}, "triangles": 2000}.
-        material: a fabric's name, a JSON file, a dict or a Material.  thickness: contact thickness, m.
-        material_vertices [k, 2] m, material_faces [m, 3]: rest state in material space (faces alone default to `faces`);
-        for files it comes from texture coordinates times `material_scale`. Stitch lines of an OBJ file are kept.
-        Placement of the start: scale (of the material space too), rotate (unit quaternion w, x, y, z), translate [m],
-        then transform [4, 4].
-        velocity: [3] m/s. Throws ArrayError, MeshError, MaterialError, FileError, SceneError.
+        mesh: a file (OBJ, PLY, glTF, FBX, DAE, STL), vertices [n, 3] float64 in m with `faces` [m, 3] integers, or an
+        object that has `vertices` and `faces`.  shape: instead of a mesh, a generated one as in scene.json, for example
+        {"grid": {"size": [1, 1]}, "triangles": 2000}. material: a fabric's name, a JSON file, a dict or a Material.
+        thickness: contact thickness, m. material_vertices [k, 2] m, material_faces [m, 3]: rest state in material space
+        (faces alone default to `faces`); for files it comes from texture coordinates times `material_scale`. Stitch
+        lines of an OBJ file are kept. Placement of the start: scale (of the material space too), rotate (unit
+        quaternion w, x, y, z), translate [m], then transform [4, 4]. velocity: [3] m/s. Throws ArrayError, MeshError,
+        MaterialError, FileError, SceneError.
         """
         name = str(name) if name is not None else f"cloth {self._core.cloth_count}"
         cloth, cloth_source = self._part(
@@ -216,36 +220,36 @@ class Scene:
 
     def add_obstacle(
         self,
-        mesh: Union[PathLike, ArrayLike, MeshLike, None] = None,
-        faces: Optional[ArrayLike] = None,
+        mesh: PathLike | ArrayLike | MeshLike | None = None,
+        faces: ArrayLike | None = None,
         *,
-        shape: Optional[Description] = None,
-        motion: Union[_core.Motion, dict[str, Any], None] = None,
+        shape: Description | None = None,
+        motion: _core.Motion | dict[str, Any] | None = None,
         friction: float = 0.3,
-        static_friction: Optional[float] = None,
-        thickness: Optional[float] = None,
-        contact_stiffness: Optional[float] = None,
-        clip: Union[str, int] = "",
-        animation: Optional[PathLike] = None,
+        static_friction: float | None = None,
+        thickness: float | None = None,
+        contact_stiffness: float | None = None,
+        clip: str | int = "",
+        animation: PathLike | None = None,
         samples_per_second: float = 60.0,
         y_up: bool = True,
         lead_in: float = 0.0,
         loops: int = 1,
-        transform: Optional[ArrayLike] = None,
+        transform: ArrayLike | None = None,
         translate: VectorLike = (0, 0, 0),
         rotate: VectorLike = (1, 0, 0, 0),
         scale: float = 1.0,
-        name: Optional[str] = None,
+        name: str | None = None,
     ) -> Obstacle:
         """Adds a body that cloth collides with; returns its handle.
 
         mesh, faces, shape and placement: as for `add_cloth`. glTF, FBX and DAE files bring their skeletal animation:
-        `clip` is its name or index, "bind" for a still body, `animation` another file to take it from, `y_up` turns y-up files to z-up,
-        `lead_in` eases from the bind pose into the clip for so many seconds, `loops` plays it so often. Shapes are, for
-        example, {"sphere": {"radius": 0.25}}, {"box": {"size": [1, 1, 0.1]}} or {"walker": {}}; {"shape": {"sphere": {"radius": 0.25}}},
-        and likewise capsule, box and plane, is exact instead of meshed.
-        motion: a cama.Motion, or a dict of its arguments; with one, a file's own animation is left out.
-        friction, static_friction: Coulomb coefficients against cloth while it slides and while it sticks (None: the same).
+        `clip` is its name or index, "bind" for a still body, `animation` another file to take it from, `y_up` turns
+        y-up files to z-up, `lead_in` eases from the bind pose into the clip for so many seconds, `loops` plays it so
+        often. Shapes are, for example, {"sphere": {"radius": 0.25}}, {"box": {"size": [1, 1, 0.1]}} or {"walker": {}};
+        {"shape": {"sphere": {"radius": 0.25}}}, and likewise capsule, box and plane, is exact instead of meshed.
+        motion: a cama.Motion, or a dict of its arguments; with one, a file's own animation is left out. friction,
+        static_friction: Coulomb coefficients against cloth while it slides and while it sticks (None: the same).
         thickness: contact thickness, m, contact_stiffness: penalty, N/m^3 (None: the scene's). Throws as `add_cloth`.
         """
         name = str(name) if name is not None else f"obstacle {self._core.obstacle_count}"
@@ -291,7 +295,7 @@ class Scene:
         return Obstacle(self, self._core.add_obstacle(obstacle))
 
     def _part(
-        self, kind: str, name: str, mesh: Any, faces: Optional[ArrayLike], shape: Optional[Description], *material: Any
+        self, kind: str, name: str, mesh: Any, faces: ArrayLike | None, shape: Description | None, *material: Any
     ) -> tuple[Any, str]:
         """A compiled Cloth or Obstacle with the mesh that was asked for, and where it is from."""
         if (mesh is None) == (shape is None):
@@ -306,9 +310,9 @@ class Scene:
 
     def pin(
         self,
-        cloth: Union[Cloth, int, str],
+        cloth: Cloth | int | str,
         vertices: ArrayLike,
-        motion: Union[_core.Motion, dict[str, Any], None] = None,
+        motion: _core.Motion | dict[str, Any] | None = None,
         release: float = math.inf,
     ) -> None:
         """Holds cloth vertices in place, or moves them.
@@ -322,9 +326,9 @@ class Scene:
 
     def attach(
         self,
-        cloth: Union[Cloth, int, str],
+        cloth: Cloth | int | str,
         vertices: ArrayLike,
-        obstacle: Union[Obstacle, int, str],
+        obstacle: Obstacle | int | str,
         release: float = math.inf,
     ) -> None:
         """Lets cloth vertices follow the nearest point of an obstacle's surface; arguments as for `pin`."""
@@ -333,11 +337,11 @@ class Scene:
 
     def stitch(
         self,
-        cloth_a: Union[Cloth, int, str],
+        cloth_a: Cloth | int | str,
         vertex_a: ArrayLike,
-        cloth_b: Union[Cloth, int, str],
+        cloth_b: Cloth | int | str,
         vertex_b: ArrayLike,
-        vertex_c: Optional[ArrayLike] = None,
+        vertex_c: ArrayLike | None = None,
         ratio: ArrayLike = 0.0,
         stiffness: float = 1e3,
     ) -> None:
@@ -355,7 +359,7 @@ class Scene:
         for i, j, k, r in zip(first, second, third, ratio):
             self._core.add_stitch(a, int(i), b, int(j), int(k), float(r), number("stitch: stiffness", stiffness))
 
-    def _index(self, what: str, part: Union[Part, int, str], parts: Sequence[Part]) -> int:
+    def _index(self, what: str, part: Part | int | str, parts: Sequence[Part]) -> int:
         if isinstance(part, Part):
             if part._scene is not self:
                 raise SceneError(f"{what}: {part!r} belongs to another scene")
@@ -365,7 +369,7 @@ class Scene:
                 return candidate.index
         raise SceneError(f"{what}: there is no {part!r}; there are {[p.name for p in parts]}")
 
-    def _vertices(self, what: str, cloth: Union[Part, int, str], vertices: ArrayLike) -> tuple[int, Integers]:
+    def _vertices(self, what: str, cloth: Part | int | str, vertices: ArrayLike) -> tuple[int, Integers]:
         index = self._index(what, cloth, self.cloths)
         name, count = self.cloths[index].name, len(self.cloths[index].vertices)
         vertices = integers(f"{what}: {name}: vertices", vertices, (None,))
@@ -499,13 +503,13 @@ class Scene:
         self._core.gravity = vector("gravity", value)
 
     @property
-    def wind(self) -> Optional[dict[str, Any]]:
+    def wind(self) -> dict[str, Any] | None:
         """None, or a dict with velocity, density and drag."""
         wind = self._core.wind
         return None if wind is None else {"velocity": wind.velocity, "density": wind.density, "drag": wind.drag}
 
     @wind.setter
-    def wind(self, value: Optional[Mapping[str, Any]]) -> None:
+    def wind(self, value: Mapping[str, Any] | None) -> None:
         wind = None
         if value is not None:
             wind = _core.Wind()
@@ -519,10 +523,12 @@ class Scene:
 
     @property
     def options(self) -> dict[str, Any]:
-        """Dict of options that `Simulation` uses where its caller gives none: `accuracy` and single options such as `tolerance`.
+        """Dict of options that `Simulation` uses where its caller gives none: `accuracy` and single options such as
+        `tolerance`.
 
-        `options` of scene.json; assign to change them. Where they run (`backend`, `device`, `threads`) and what a caller decides
-        (`audit`, `intersections`, `pinch`) is refused, with a SceneError that names the option, and so is an unknown name or wrong type.
+        `options` of scene.json; assign to change them. Where they run (`backend`, `device`, `threads`) and what a
+        caller decides (`audit`, `intersections`, `pinch`) is refused, with a SceneError that names the option, and so
+        is an unknown name or wrong type.
         """
         options: dict[str, Any] = json.loads(self._core.options or "{}")
         return options

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any, NoReturn, Optional, Union
+from typing import TYPE_CHECKING, Any, NoReturn
 
 import numpy as np
 import numpy.typing as npt
@@ -52,28 +52,29 @@ class Simulation:
     """Backend, state and pipeline of one scene.
 
     scene: a cama.Scene, or what `Scene.load` takes.  backend: "auto", "cpu", "opencl" or "cuda".
-    accuracy: one of cama.accuracy_levels(): "preview", "interactive", "production", "accurate", "reference", "paper"; sets the time step and
-    all that follows but backend, device and threads. None: the scene's `options`, else "production". Given, it sets the scene's options
-    aside; single options in `overrides` come on top of either.
-    precision: "double", "mixed" (forces, matrix and residual in double, the solve in single with refinement) or "single"; None: what
-    the accuracy says.
-    device: index.  threads: of the CPU backend, 0: one for every 1,000 triangles, at most all processors.
-    overrides: single options, for example time_step (s, 0: the level's), integrator ("backward_euler", "bdf2"), newton_iterations, newton_tolerance, contact_refresh ("step", "iteration"),
-    tolerance=1e-6, max_iterations, preconditioner="jacobi", solver="direct", assembly="algorithm1", search="fronts", commit, cubic_impacts,
-    max_impact_passes, intersections ("reject", "exempt" or "untangle": what becomes of a start that intersects),
-    pinch ("stop" or "release": what becomes of cloth that moving bodies pinch).
+    accuracy: one of cama.accuracy_levels(): "preview", "interactive", "production", "accurate", "reference", "paper";
+    sets the time step and all that follows but backend, device and threads. None: the scene's `options`, else
+    "production". Given, it sets the scene's options aside; single options in `overrides` come on top of either.
+    precision: "double", "mixed" (forces, matrix and residual in double, the solve in single with refinement) or
+    "single"; None: what the accuracy says. device: index.  threads: of the CPU backend, 0: one for every 1,000
+    triangles, at most all processors. overrides: single options, for example time_step (s, 0: the level's), integrator
+    ("backward_euler", "bdf2"), newton_iterations, newton_tolerance, contact_refresh ("step", "iteration"),
+    tolerance=1e-6, max_iterations, preconditioner="jacobi", solver="direct", assembly="algorithm1", search="fronts",
+    commit, cubic_impacts, max_impact_passes, intersections ("reject", "exempt" or "untangle": what becomes of a start
+    that intersects), pinch ("stop" or "release": what becomes of cloth that moving bodies pinch).
 
-    Vertices are numbered through all cloths in order, then all obstacles. Arrays are copies of the state when asked for.
-    Throws a subclass of cama.Error before any kernel runs if the scene cannot be simulated; CollisionError if it starts with
-    intersections, unless the policy is "exempt" (start as it is) or "untangle" (move the cloth first) succeeds.
+    Vertices are numbered through all cloths in order, then all obstacles. Arrays are copies of the state when asked
+    for. Throws a subclass of cama.Error before any kernel runs if the scene cannot be simulated; CollisionError if it
+    starts with intersections, unless the policy is "exempt" (start as it is) or "untangle" (move the cloth first)
+    succeeds.
     """
 
     def __init__(
         self,
-        scene: Union[Scene, PathLike],
+        scene: Scene | PathLike,
         backend: BackendName = "auto",
-        precision: Optional[Precision] = None,
-        accuracy: Optional[AccuracyLevel] = None,
+        precision: Precision | None = None,
+        accuracy: AccuracyLevel | None = None,
         device: int = 0,
         threads: int = 0,
         **overrides: Unpack[Overrides],
@@ -82,7 +83,7 @@ class Simulation:
         chosen, self._of_scene = merged(self.scene.options, backend, precision, accuracy, device, threads, overrides)
         self._core = _core.Simulation(self.scene._core, chosen)
         self._frame = 0
-        self._parts: Optional[dict[str, str]] = None
+        self._parts: dict[str, str] | None = None
 
     def __reduce__(self) -> NoReturn:
         raise TypeError(
@@ -92,12 +93,13 @@ class Simulation:
     def step(self, n: int = 1) -> None:
         """Computes n time steps with the GIL released. Ctrl-C stops between steps and keeps what was computed.
 
-        A step that the solver cannot do is taken back and made of shorter ones, down to 1/16: `report["retries"]` counts what failed.
-        Throws SolverError when that does not help either, or CollisionError; the state is that before the step.
+        A step that the solver cannot do is taken back and made of shorter ones, down to 1/16: `report["retries"]`
+        counts what failed. Throws SolverError when that does not help either, or CollisionError; the state is that
+        before the step.
         """
         self._core.step(count("step: n", n))
 
-    def frames(self, n: Optional[int] = None, audit: bool = True) -> Iterator[Frame]:
+    def frames(self, n: int | None = None, audit: bool = True) -> Iterator[Frame]:
         """Iterates over the next n frames (default: the scene's), each `steps_per_frame` steps.
 
         audit: count intersections in every frame, exactly.
@@ -137,7 +139,9 @@ class Simulation:
 
     @property
     def settings(self) -> list[dict[str, str]]:
-        """Options that trade accuracy for time: list of dicts with name, value (text), origin ("level", "scene" or "user"), trades."""
+        """Options that trade accuracy for time: list of dicts with name, value (text), origin ("level", "scene" or
+        "user"), trades.
+        """
         rows = [dict(zip(("name", "value", "origin", "trades"), row)) for row in self._core.settings()]
         return [
             {**row, "origin": "scene"} if row["origin"] == "user" and row["name"] in self._of_scene else row
@@ -193,8 +197,8 @@ class Simulation:
     def contacts(self) -> npt.NDArray[np.void]:
         """Structured array, one row per contact of the last step.
 
-        Fields: vertices [4] (vertex then face, or two edges), weights [4] signed barycentric, normal [3], distance in m,
-        kind (0 vertex-face, 1 edge-edge).
+        Fields: vertices [4] (vertex then face, or two edges), weights [4] signed barycentric, normal [3], distance in
+        m, kind (0 vertex-face, 1 edge-edge).
         """
         columns = self._core.contacts()
         rows = np.empty(len(columns[0]), CONTACT)
@@ -205,8 +209,8 @@ class Simulation:
     def set_state(self, positions: ArrayLike, velocities: ArrayLike) -> None:
         """Replaces positions [m] and velocities [m/s] of all cloth vertices, [cloth vertices, 3] each.
 
-        Throws ArrayError; CollisionError if the positions intersect, unless the option intersections is "exempt" or nothing in the scene
-        can touch. Nothing is set then.
+        Throws ArrayError; CollisionError if the positions intersect, unless the option intersections is "exempt" or
+        nothing in the scene can touch. Nothing is set then.
         """
         shape = (self.cloth_vertex_count, 3)
         self._core.set_state(
@@ -214,7 +218,8 @@ class Simulation:
         )
 
     def save_checkpoint(self, path: PathLike) -> None:
-        """Writes all that later steps depend on to an HDF5 file, whole or not at all: `load_checkpoint` goes on from there.
+        """Writes all that later steps depend on to an HDF5 file, whole or not at all: `load_checkpoint` goes on from
+        there.
 
         Throws FileError.
         """
@@ -227,14 +232,15 @@ class Simulation:
         return self._parts
 
     def load_checkpoint(self, path: PathLike, changed_scene: bool = False) -> list[str]:
-        """Goes on from a checkpoint of the same scene at the same resolution; path: the file, or the folder of `cama run`.
+        """Goes on from a checkpoint of the same scene at the same resolution; path: the file, or the folder of `cama
+        run`.
 
         changed_scene: all but meshes and masses may differ from the scene that the checkpoint was taken of.
 
-        With the same options, on any backend, the steps are bit by bit those of the run that wrote it. Options may differ, the time step
-        too: returns a list of texts that say which do, empty where none does. Throws FileError for what is no checkpoint, SceneError for
-        one of another scene, a damaged one, or one that holds vertices which pins have let go of here, CollisionError where cloth
-        intersects. Nothing changes then.
+        With the same options, on any backend, the steps are bit by bit those of the run that wrote it. Options may
+        differ, the time step too: returns a list of texts that say which do, empty where none does. Throws FileError
+        for what is no checkpoint, SceneError for one of another scene, a damaged one, or one that holds vertices which
+        pins have let go of here, CollisionError where cloth intersects. Nothing changes then.
         """
         fields, settings, parts = checkpoint.read(path)
         if not changed_scene:
@@ -245,8 +251,9 @@ class Simulation:
 
     @property
     def report(self) -> StepReport:
-        """What the last step did: dict of contacts, candidates, impacts, iterations, residual, newton_iterations, newton_residual, retries,
-        truncated, milliseconds, ..."""
+        """What the last step did: dict of contacts, candidates, impacts, iterations, residual, newton_iterations,
+        newton_residual, retries, truncated, milliseconds, ...
+        """
         return self._core.report()
 
     @property

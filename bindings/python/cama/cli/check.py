@@ -68,12 +68,14 @@ def check(
     )
     if large:
         out.print(
-            f"[yellow]{escape(', '.join(large))}: more than {LARGE:g} m across; lengths are metres, so what was made in centimetres or millimetres needs "
+            f"[yellow]{escape(', '.join(large))}: more than {LARGE:g} m across; lengths are metres, so what "
+            "was made in centimetres or millimetres needs "
             "a file with `scale` 0.01 or 0.001[/]"
         )
     if stretched:
         out.print(
-            f"[yellow]{escape(', '.join(stretched))}: starts far from its rest shape, which its texture coordinates or material vertices say[/]"
+            f"[yellow]{escape(', '.join(stretched))}: starts far from its rest shape, which its texture "
+            "coordinates or material vertices say[/]"
         )
     out.print(f"intersections at the start: [{'bold red' if count else 'green'}]{count}[/]")
     if mesh:
@@ -82,7 +84,8 @@ def check(
     if count:
         out.print(intersection_table(found))
         out.print(
-            "`cama run` refuses this start; its option --intersections untangle moves the cloth first, exempt starts as it is."
+            "`cama run` refuses this start; its option --intersections untangle moves the cloth first, "
+            "exempt starts as it is."
         )
         raise typer.Exit(1)
 

@@ -47,7 +47,8 @@ PrecisionOption = Annotated[
 AccuracyOption = Annotated[
     Optional[Accuracy],
     typer.Option(
-        help="Level: time step, integrator, solver and collision options in one word; left out: the scene's options, else production."
+        help="Level: time step, integrator, solver and collision options in one word; left out: the scene's "
+        "options, else production."
     ),
 ]
 TimeStep = Annotated[float, typer.Option(min=0.0, help="s; 0: the scene's at production and paper, else the level's.")]

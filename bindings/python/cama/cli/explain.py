@@ -37,7 +37,7 @@ def explain(
     device: Device = 0,
     debug: Debug = False,
 ):
-    """Shows what the accuracy level chose, which stages and streams SCENE gets, why, and their memory after one step."""
+    """Shows the options that are used, the stages and streams of SCENE with reasons, and memory after one step."""
     loaded = Scene.load(scene, resolution)
     simulation = Simulation(
         loaded,
@@ -52,7 +52,8 @@ def explain(
     simulation.step()
     out = console()
     out.print(
-        f"[bold]{escape(repr(simulation.scene))}[/] on {simulation.backend} ({escape(simulation.device)}), accuracy {level}"
+        f"[bold]{escape(repr(simulation.scene))}[/] on {simulation.backend} ({escape(simulation.device)}), "
+        f"accuracy {level}"
     )
     chosen_by = {"level": f"level {level}", "scene": "scene", "user": "[bold]user[/]"}
     options = Table("option", "value", "set by", "trades time for", box=None, padding=(0, 2))

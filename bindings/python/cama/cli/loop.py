@@ -30,7 +30,9 @@ class Result:
 
 @contextlib.contextmanager
 def interruptible():
-    """Yields a function that gives the number of the signal that came, Ctrl-C's or SIGTERM, or 0; a second one raises KeyboardInterrupt."""
+    """Yields a function that gives the number of the signal that came, Ctrl-C's or SIGTERM, or 0; a second one raises
+    KeyboardInterrupt.
+    """
     came = []
 
     def note(number, frame):
@@ -96,12 +98,13 @@ def prepare(folder):
 
 
 def run(simulation, folder, frames, store=None, progress=None, checkpoint_every=0, resume=False):
-    """Computes and records `frames` frames after the start; writes frames.h5, summary.json and, at the end however it comes, checkpoint.h5. Returns
-    a Result.
+    """Computes and records `frames` frames after the start; writes frames.h5, summary.json and, at the end however it
+    comes, checkpoint.h5. Returns a Result.
 
-    progress: a rich Console to draw the bar on, or None. checkpoint_every: frames from one checkpoint to the next, 0: the last alone. resume: the
-    simulation has loaded this folder's checkpoint; goes on with its frames. store: "double" or "single"; None: double, or what the frames have that it
-    goes on with. Errors of a step end the run and are returned, not raised.
+    progress: a rich Console to draw the bar on, or None. checkpoint_every: frames from one checkpoint to the next, 0:
+    the last alone. resume: the simulation has loaded this folder's checkpoint; goes on with its frames. store: "double"
+    or "single"; None: double, or what the frames have that it goes on with. Errors of a step end the run and are
+    returned, not raised.
     """
     folder = Path(folder)
     if not resume:

@@ -1,5 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What the commands `cama tradeoff` and `cama tune` share: their options, a plan of settings from texts, the progress bar."""
+"""What the commands `cama tradeoff` and `cama tune` share: their options, a plan of settings from texts, the progress
+bar.
+"""
 
 import os
 from typing import Annotated, Optional
@@ -99,7 +101,8 @@ class stoppable:
     def __exit__(self, kind, problem, trace):
         if kind is KeyboardInterrupt:
             console().print(
-                f"[yellow]Stopped; what was finished is kept in {escape(str(self._folder))}, the same command goes on from there.[/]"
+                f"[yellow]Stopped; what was finished is kept in {escape(str(self._folder))}, the same command "
+                "goes on from there.[/]"
             )
             raise typer.Exit(130) from None
         return False

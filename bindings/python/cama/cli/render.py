@@ -39,5 +39,6 @@ def render(
         progress=Console(stderr=True, highlight=False),
     )
     console().print(
-        f"{result.images} images, {result.seconds:.1f} s at {draw.speed_text(result.speed)}: [bold]{escape(str(result.video))}[/]"
+        f"{result.images} images, {result.seconds:.1f} s at {draw.speed_text(result.speed)}: "
+        f"[bold]{escape(str(result.video))}[/]"
     )

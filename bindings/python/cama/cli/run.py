@@ -77,7 +77,10 @@ def run(
     ] = False,
     debug: Debug = False,
 ):
-    """Simulates SCENE; writes OUT/frames.h5, OUT/summary.json and OUT/checkpoint.h5. Ctrl-C or SIGTERM stops between steps and keeps what was computed."""
+    """Simulates SCENE; writes OUT/frames.h5, OUT/summary.json and OUT/checkpoint.h5.
+
+    Ctrl-C or SIGTERM stops between steps and keeps what was computed.
+    """
     loaded = Scene.load(scene, resolution)
     simulation = Simulation(
         loaded,
@@ -91,7 +94,8 @@ def run(
     if simulation.untangled.rounds:
         moved = simulation.untangled
         console().print(
-            f"start untangled: {moved.before:,} intersections, {moved.moved:,} vertices moved by up to {moved.largest_move * 1e3:.3g} mm"
+            f"start untangled: {moved.before:,} intersections, {moved.moved:,} vertices moved by up to "
+            f"{moved.largest_move * 1e3:.3g} mm"
         )
     say_frame_time(loaded, simulation)
     folder = output or Path("out") / (
@@ -119,7 +123,8 @@ def run(
         raise typer.Exit(1)
     if result.interrupted:
         console().print(
-            f"[yellow]Stopped after {result.fields['steps']} steps; what was computed is kept, --resume goes on from it.[/]"
+            f"[yellow]Stopped after {result.fields['steps']} steps; what was computed is kept, --resume goes "
+            "on from it.[/]"
         )
         raise typer.Exit(128 + result.interrupted)
 
@@ -130,7 +135,8 @@ def say_frame_time(scene, simulation):
     apart = steps * simulation.time_step
     if abs(apart - wanted) > 1e-6 * wanted:
         console().print(
-            f"[yellow]frames are {apart * 1e3:.6g} ms apart, not {wanted * 1e3:.6g}: {steps} {'step' if steps == 1 else 'steps'} of "
+            f"[yellow]frames are {apart * 1e3:.6g} ms apart, not {wanted * 1e3:.6g}: {steps} "
+            f"{'step' if steps == 1 else 'steps'} of "
             f"{simulation.time_step * 1e3:.6g} ms; take a time step that divides the frame time[/]"
         )
 
@@ -143,7 +149,10 @@ def strained(strain):
     text = number(strain and strain * 100, "{:,.4g}", " %")
     if strain is None or strain <= OVERSTRETCHED:
         return text
-    return f"[bold yellow]{text}[/]: no fabric is like that; look at what pulls, and whether shorter steps (--time-step, --accuracy) change it"
+    return (
+        f"[bold yellow]{text}[/]: no fabric is like that; look at what pulls, and whether shorter steps "
+        "(--time-step, --accuracy) change it"
+    )
 
 
 def print_summary(s, folder):

@@ -85,7 +85,7 @@ def stability(
     output: Output = Path("out/stability"),
     debug: Annotated[bool, typer.Option("--debug", help="Show Python's traceback of an error.")] = False,
 ):
-    """Runs the cases that break cloth simulators and checks what must come of each; exit code 1 if anything else does."""
+    """Runs cases that break cloth simulators and checks their outcomes; exit code 1 if one is not as expected."""
     from ..torture import stability as runner
     from ..torture import table
 

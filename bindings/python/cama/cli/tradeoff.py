@@ -69,7 +69,10 @@ def tradeoff(
     ] = Path("out/tradeoff"),
     debug: Debug = False,
 ):
-    """Measures what settings cost and get wrong; writes OUT/tradeoff.csv, .json, plots and index.html. Run again, it goes on."""
+    """Measures what settings cost and get wrong; writes OUT/tradeoff.csv, .json, plots and index.html.
+
+    Run again, it goes on.
+    """
     plan = plan_of(knob, also)
     setup = Setup(backend_names(backend), device, threads, jobs, error_jobs, cluster, limit, warm_up)
     results = []

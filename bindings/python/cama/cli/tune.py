@@ -99,7 +99,8 @@ def tune(
             f"{p['ms_per_second'] / 60:.3g} ms",
         )
     out.print(
-        f"[bold]{escape(grid.label(tuned.settings))}[/], factor {tuned.safety:.3g} to spare in the search, judged in round {tuned.rounds}"
+        f"[bold]{escape(grid.label(tuned.settings))}[/], factor {tuned.safety:.3g} to spare in the search, "
+        f"judged in round {tuned.rounds}"
     )
     out.print(table)
     out.print(f"written to {escape(str(path))}; cama run {escape(str(path))} uses it")

@@ -1,2 +1,4 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Files of a run: frames.h5 (`recording`), checkpoint.h5 (`checkpoint`), summary.json (`summary`), images and video (`render`)."""
+"""Files of a run: frames.h5 (`recording`), checkpoint.h5 (`checkpoint`), summary.json (`summary`), images and video
+(`render`).
+"""

@@ -1,11 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
 """checkpoint.h5: all that later steps of a run depend on, beside its scene and options.
 
-Datasets positions, velocities [vertices, 3] m, m/s; positions_before, velocities_before, of the step before, or without rows; tangled
-[pairs, 2] vertices, let_go [pairs, 2] vertex and object, that may pass each other; matching_order [rows] and, for every level,
-matching_parent_L [nodes], matching_start_L [blocks + 1]: the preconditioner's blocks (docs/solver.md); scene_parts, JSON: digests of all that the
-scene says, part by part. Attributes: `format`; scene (of meshes and masses, 16 hexadecimal digits), step, time, time_step, start_step, start_time,
-released, matching_step, matching_terms, matching_first_iterations, matching_last_iterations; for people and for `cama run --resume`: scene_name,
+Datasets positions, velocities [vertices, 3] m, m/s; positions_before, velocities_before, of the step before, or without
+rows; tangled [pairs, 2] vertices, let_go [pairs, 2] vertex and object, that may pass each other; matching_order [rows]
+and, for every level, matching_parent_L [nodes], matching_start_L [blocks + 1]: the preconditioner's blocks
+(docs/solver.md); scene_parts, JSON: digests of all that the scene says, part by part. Attributes: `format`; scene (of
+meshes and masses, 16 hexadecimal digits), step, time, time_step, start_step, start_time, released, matching_step,
+matching_terms, matching_first_iterations, matching_last_iterations; for people and for `cama run --resume`: scene_name,
 settings (JSON), cama_version. Nothing in it is executed; every value is checked before it is used.
 """
 
@@ -79,7 +80,9 @@ def parts_of(scene: Any) -> dict[str, str]:
 
 
 def check_scene(simulation: Any, parts: Optional[dict[str, str]]) -> None:
-    """Throws SceneError that names the parts in which the simulation's scene is not the checkpoint's. parts: None, of a file without."""
+    """Throws SceneError that names the parts in which the simulation's scene is not the checkpoint's. parts: None, of a
+    file without.
+    """
     own = simulation.scene_parts()
     changed = (
         sorted(name for name in own.keys() | parts.keys() if own.get(name) != parts.get(name))
@@ -88,7 +91,8 @@ def check_scene(simulation: Any, parts: Optional[dict[str, str]]) -> None:
     )
     if changed:
         raise SceneError(
-            f"checkpoint: is of a scene that differs in {', '.join(changed[:8])}{' and more' * (len(changed) > 8)}; load the scene that it "
+            "checkpoint: is of a scene that differs in "
+            f"{', '.join(changed[:8])}{' and more' * (len(changed) > 8)}; load the scene that it "
             "was taken of, start anew, or let load_checkpoint(path, changed_scene=True) go on with this one"
         )
 
@@ -126,7 +130,9 @@ def write(path: PathLike, simulation: Any) -> None:
 
 
 def read(path: PathLike) -> tuple[dict[str, Any], dict[str, Any], Optional[dict[str, str]]]:
-    """(fields as of the compiled part, settings, parts of the scene or None) of a checkpoint. Shapes and types are right, the rest Simulation checks.
+    """(fields as of the compiled part, settings, parts of the scene or None) of a checkpoint.
+
+    Shapes and types are right, the rest Simulation checks.
 
     Throws FileError.
     """

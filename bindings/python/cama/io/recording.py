@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """frames.h5: every recorded moment of a run, written as it is computed.
 
-positions [frames, vertices, 3] m; times [frames] s; contacts, intersections [frames]; faces [triangles, 3]; cloth_ranges and
-obstacle_ranges [objects, 2], first vertex and last excluded, with attribute `names`, obstacles also with `surfaces` and `radii` (of
-exact ones, whose vertices are their defining points); what was run as attributes of the file.
-Frame 0 is the start.
+positions [frames, vertices, 3] m; times [frames] s; contacts, intersections [frames]; faces [triangles, 3];
+cloth_ranges and obstacle_ranges [objects, 2], first vertex and last excluded, with attribute `names`, obstacles also
+with `surfaces` and `radii` (of exact ones, whose vertices are their defining points); what was run as attributes of the
+file. Frame 0 is the start.
 """
 
 from contextlib import contextmanager
@@ -20,8 +20,11 @@ NAME = "frames.h5"
 
 
 class Output:
-    """The file that h5py writes to. The first failure is kept in `problem`, and nothing is written from then on, so that what was flushed stays as
-    it is: told of a failure, HDF5 cannot close its file, and crashes when the process ends."""
+    """The file that h5py writes to.
+
+    The first failure is kept in `problem`, and nothing is written from then on, so that what was flushed stays as it
+    is: told of a failure, HDF5 cannot close its file, and crashes when the process ends.
+    """
 
     def __init__(self, path, mode):
         self.problem = None
@@ -67,10 +70,12 @@ class Output:
 
 
 class Recorder:
-    """Writes frames.h5, flushed after every frame, so that a stop at any time keeps what was computed. Throws FileError.
+    """Writes frames.h5, flushed after every frame, so that a stop at any time keeps what was computed.
 
-    until: s; goes on with the file that is there, whose frames after that time are dropped. None: a new file. dtype: of the positions; None: double,
-    or that of the file it goes on with.
+    Throws FileError.
+
+    until: s; goes on with the file that is there, whose frames after that time are dropped. None: a new file. dtype: of
+    the positions; None: double, or that of the file it goes on with.
     """
 
     def __init__(self, path, simulation, attributes=(), dtype=None, until=None):
@@ -135,7 +140,8 @@ class Recorder:
         wanted = attributes.get("frame_time", interval)
         if abs(interval - wanted) > 1e-9 * wanted:
             raise FileError(
-                f"{self._path}: has a frame every {interval:.9g} s, this run would go on with one every {wanted:.9g} s; keep the scene's frame_time "
+                f"{self._path}: has a frame every {interval:.9g} s, this run would go on with one every "
+                f"{wanted:.9g} s; keep the scene's frame_time "
                 "and a time step that divides it"
             )
         self._file.attrs.update(

@@ -84,7 +84,9 @@ class Summary:
         )
 
     def write(self, folder):
-        """Writes summary.json, whole or not at all; returns (its fields, None or the FileError that kept it from being written)."""
+        """Writes summary.json, whole or not at all; returns (its fields, None or the FileError that kept it from being
+        written).
+        """
         fields = self.fields()
         path = Path(folder) / NAME
         partial = path.with_name(NAME + ".partial")

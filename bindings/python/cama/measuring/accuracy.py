@@ -5,8 +5,9 @@
     error = cama.accuracy.restart_error(reference, "drape", tolerance=1e-2)
     print(error.rms_edges, error.uncertainty)
 
-Cloth buckles: trajectories that start alike part within a second whatever the settings. Errors of position are therefore taken over short
-windows that start from the reference's states. Lengths in m; extra `accuracy` (scipy) of the package is needed for surfaces.
+Cloth buckles: trajectories that start alike part within a second whatever the settings. Errors of position are
+therefore taken over short windows that start from the reference's states. Lengths in m; extra `accuracy` (scipy) of the
+package is needed for surfaces.
 """
 
 from .motion import (

@@ -27,7 +27,10 @@ class Failure:
 
 @contextlib.contextmanager
 def _interrupts_held():
-    """Ctrl-C waits meanwhile. A process that starts here has SIGINT blocked and never sees one: not even in its imports."""
+    """Ctrl-C waits meanwhile.
+
+    A process that starts here has SIGINT blocked and never sees one: not even in its imports.
+    """
     handler, masks, came = signal.getsignal(signal.SIGINT), hasattr(signal, "pthread_sigmask"), []
     ours = handler is not None and threading.current_thread() is threading.main_thread()
     if ours:  # other threads of this process may take the signal
@@ -79,9 +82,12 @@ class Local:
         self.jobs = jobs
 
     def run(self, function, tasks, shared=None, jobs=None):
-        """Yields (index, result or Failure) in the order in which tasks end. A process that dies (out of memory, a crash) is a Failure of its task.
+        """Yields (index, result or Failure) in the order in which tasks end.
 
-        function(task, shared) is importable from the top of a module; tasks, shared and results can be pickled; shared goes to a process once.
+        A process that dies (out of memory, a crash) is a Failure of its task.
+
+        function(task, shared) is importable from the top of a module; tasks, shared and results can be pickled; shared
+        goes to a process once.
         """
         jobs = self.jobs if jobs is None else jobs
         if jobs == 0:
@@ -95,7 +101,9 @@ class Local:
             yield from self._pool(function, [suspect], shared, 1)
 
     def _pool(self, function, left, shared, jobs):
-        """Runs and takes from `left`; yields what ends; returns what was running when a process died, unless it was alone: then it is to blame."""
+        """Runs and takes from `left`; yields what ends; returns what was running when a process died, unless it was
+        alone: then it is to blame.
+        """
         running, dead = {}, []
         pool = ProcessPoolExecutor(min(jobs, len(left)), multiprocessing.get_context("spawn"), _receive, (shared,))
         try:
@@ -141,10 +149,11 @@ def answers(address, seconds=5.0):
 
 
 class Cluster:
-    """A Ray cluster that runs already. address: "auto", "host:6379", "ray://host:10001". jobs: tasks at once, 0: as many as there are slots.
+    """A Ray cluster that runs already. address: "auto", "host:6379", "ray://host:10001". jobs: tasks at once, 0: as
+    many as there are slots.
 
-    A task takes one CPU, and one GPU where the cluster has some and `gpu` is set. Throws BackendError where Ray is not installed
-    (`pip install cama[cluster]`) or there is no cluster.
+    A task takes one CPU, and one GPU where the cluster has some and `gpu` is set. Throws BackendError where Ray is not
+    installed (`pip install cama[cluster]`) or there is no cluster.
     """
 
     def __init__(self, address, jobs=0, gpu=False):

@@ -1,9 +1,13 @@
 # SPDX-License-Identifier: Apache-2.0
 """What settings a trade-off is measured over: knobs as this version has them, grids of their values, Pareto fronts."""
 
+from __future__ import annotations
+
 import itertools
 import math
+from collections.abc import Iterable, Mapping, Sequence
 from fractions import Fraction
+from typing import Any
 
 from .. import _core
 from ..errors import ArrayError, SceneError
@@ -12,24 +16,30 @@ from ..scene import Scene
 from ..simulation import Simulation
 from .reference import steps_of
 
+# Values of knobs: one setting of a plan.
+Knobs = dict[str, Any]
+
 # Steps, s, and values that are tried where the caller names none.
 STEPS = tuple(Fraction(1, n) for n in (60, 120, 240, 480, 960))
 TOLERANCES, PRECISIONS = (1e-1, 1e-2, 1e-3), ("double", "mixed", "single")
 
 
-def levels():
+def levels() -> list[str]:
     """Names of the accuracy presets that this version has, from fast to exact, the paper's last."""
     return list(_core.accuracy_levels())
 
 
-def knobs():
-    """{name: type} of everything that may be varied: options of this version, `accuracy`, `time_step` and `resolution`."""
+def knobs() -> dict[str, type]:
+    """{name: type} of everything that may be varied: options, `accuracy`, `time_step` and `resolution`."""
     own = {name: kind for name, kind in option_types().items() if name not in OF_THE_CALLER}
     return {**own, "time_step": float, "resolution": int}
 
 
-def value_of(name, text):
-    """A knob's value from text or itself: fractions such as 1/60 for numbers, true and false for switches. Throws SceneError."""
+def value_of(name: str, text: object) -> Any:
+    """A knob's value from text or itself: fractions such as 1/60 for numbers, true and false for switches.
+
+    Throws SceneError.
+    """
     known = knobs()
     if name not in known:
         raise SceneError(f"knob {name!r} is unknown; there are {', '.join(sorted(known))}")
@@ -55,7 +65,7 @@ def value_of(name, text):
         ) from None
 
 
-def parse_knob(text):
+def parse_knob(text: str) -> tuple[str, list[Any]]:
     """("time_step", [1/60, 1/200]) of "time_step=1/60,1/200". Throws SceneError."""
     name, equals, values = str(text).partition("=")
     if not equals or not values.strip():
@@ -63,7 +73,7 @@ def parse_knob(text):
     return name.strip(), [value_of(name.strip(), v) for v in values.split(",")]
 
 
-def product(chosen):
+def product(chosen: Mapping[str, Iterable[Any]]) -> list[Knobs]:
     """All combinations of {knob: [values]} as dicts. Throws SceneError."""
     chosen = {name: [value_of(name, v) for v in values] for name, values in dict(chosen).items()}
     for name, values in chosen.items():
@@ -72,9 +82,10 @@ def product(chosen):
     return [dict(zip(chosen, values)) for values in itertools.product(*chosen.values())]
 
 
-def default_plan(scene, window):
-    """Settings that say most: every level but `reference` as it is, and `production` with time steps by tolerances, in every precision at both ends,
-    and with the second-order integrator and Newton's iterations where this version has them.
+def default_plan(scene: Scene, window: float) -> list[Knobs]:
+    """Settings that say most: every level but `reference` as it is, and `production` with time steps by tolerances, in
+    every precision at both ends, and with the second-order integrator and Newton's iterations where this version has
+    them.
     """
     steps = [float(step) for step in STEPS if _divides(float(step), window)] or [window / math.ceil(200 * window)]
     plan = [{"accuracy": level} for level in levels() if level != "reference"]
@@ -100,11 +111,11 @@ def default_plan(scene, window):
     return unique(plan)
 
 
-def _divides(step, span):
+def _divides(step: float, span: float) -> bool:
     return abs(round(span / step) * step - span) <= 1e-9 * span and round(span / step) >= 1
 
 
-def unique(plan):
+def unique(plan: Iterable[Knobs]) -> list[Knobs]:
     """The same settings once, in order."""
     seen, kept = set(), []
     for settings in plan:
@@ -115,7 +126,7 @@ def unique(plan):
     return kept
 
 
-def label(settings):
+def label(settings: Knobs) -> str:
     """Settings in words: "production, dt 1/200 s, tolerance 0.01, mixed"."""
     words = []
     for name, value in settings.items():
@@ -128,7 +139,7 @@ def label(settings):
     return ", ".join(words) or "production"
 
 
-def step_text(seconds):
+def step_text(seconds: float) -> str:
     """1/200 where that is what it is, else the number."""
     parts = Fraction(seconds).limit_denominator(100000)
     return (
@@ -138,9 +149,10 @@ def step_text(seconds):
     )
 
 
-def pareto(points):
-    """Indices of the points (x, y) that no other betters in one value without being worse in the other, by x. Points with a value that is
-    not finite, or None, are never among them; of equal points the first is.
+def pareto(points: Iterable[tuple[float | None, float | None]]) -> list[int]:
+    """Indices of the points (x, y) that no other betters in one value without being worse in the other, by x.
+
+    Points with a value that is not finite, or None, are never among them; of equal points the first is.
     """
     finite = [
         (x, y, i)
@@ -155,8 +167,10 @@ def pareto(points):
     return front
 
 
-def check_plan(plan, window):
-    """Throws SceneError or ArrayError for settings that no scene can run: unknown knobs, words or values, steps that do not divide the window."""
+def check_plan(plan: Sequence[Knobs], window: float) -> None:
+    """Throws SceneError or ArrayError for settings that no scene can run: unknown knobs, words or values, steps that do
+    not divide the window.
+    """
     if not plan:
         raise SceneError("no settings to measure")
     sheet = Scene.parse({"cloth": [{"grid": {"size": [1, 1], "cells": [1, 1]}, "material": "cotton"}]})

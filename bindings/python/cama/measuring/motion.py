@@ -1,8 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """Measures of motion: position errors, energy, momentum, residual of the equations, friction angle."""
 
+from __future__ import annotations
+
 import math
 from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -12,6 +15,12 @@ from ..material import Material
 from ..options import level_time_step
 from ..scene import Scene
 from ..simulation import Simulation
+from ..types import ArrayLike, Booleans, Description, PathLike, Reals, VectorLike
+
+if TYPE_CHECKING:
+    from typing_extensions import Unpack
+
+    from .._core import SimulationOptions
 
 
 @dataclass
@@ -24,7 +33,7 @@ class PositionError:
     largest_edges: float
 
 
-def position_error(positions, expected, masses, edge):
+def position_error(positions: ArrayLike, expected: ArrayLike, masses: ArrayLike, edge: float) -> PositionError:
     """sqrt(sum m |x - x*|^2 / sum m) and max |x - x*|; a PositionError.
 
     positions, expected: [n, 3] m.  masses: [n] kg.  edge: mean edge length, m. Throws ArrayError.
@@ -40,17 +49,17 @@ def position_error(positions, expected, masses, edge):
     return PositionError(rms, largest, rms / edge, largest / edge)
 
 
-def momentum(velocities, masses):
+def momentum(velocities: Reals, masses: Reals) -> Reals:
     """[3] kg m/s, from velocities [n, 3] m/s and masses [n] kg."""
     return masses @ velocities
 
 
-def angular_momentum(positions, velocities, masses, about=(0.0, 0.0, 0.0)):
+def angular_momentum(positions: Reals, velocities: Reals, masses: Reals, about: VectorLike = (0.0, 0.0, 0.0)) -> Reals:
     """[3] kg m^2/s about a point [3] m."""
     return masses @ np.cross(positions - np.asarray(about, float), velocities)
 
 
-def residual_speed(velocities, masses):
+def residual_speed(velocities: Reals, masses: Reals) -> float:
     """sqrt(2 kinetic energy / mass), m/s: what is left of motion where cloth should be at rest."""
     return math.sqrt(masses @ (velocities**2).sum(axis=1) / masses.sum())
 
@@ -65,11 +74,12 @@ class Drift:
     angular_momentum: float  #: the same about the centre of mass, N m
 
 
-def drift(scene, seconds, **options):
+def drift(scene: Scene | PathLike, seconds: float, **options: Unpack[SimulationOptions]) -> Drift:
     """Drift of energy, momentum and angular momentum of a run from the scene's start.
 
-    Says something about the integrator where nothing does work on the cloth or pushes it: no wind, obstacles that rest, for momentum no pins
-    and no contact either. options: as of Simulation. Returns a Drift. Throws ArrayError and what Simulation throws.
+    Says something about the integrator where nothing does work on the cloth or pushes it: no wind, obstacles that rest,
+    for momentum no pins and no contact either. options: as of Simulation. Returns a Drift. Throws ArrayError and what
+    Simulation throws.
     """
     seconds = number("drift: seconds", seconds)
     simulation = Simulation(scene, **options)
@@ -104,25 +114,34 @@ def drift(scene, seconds, **options):
     )
 
 
-def with_time_step(scene, time_step):
+def with_time_step(scene: Scene | PathLike, time_step: float) -> Scene:
     """A copy of a Scene with another time step, s."""
     changed = (scene if isinstance(scene, Scene) else Scene.load(scene)).copy()
     changed.time_step = number("time_step", time_step)
     return changed
 
 
-def paper_step(scene):
+def paper_step(scene: Scene) -> float:
     """The time step of a Scene at the level `paper`, s: its own, without one 1/200 or as whole steps fill a frame."""
     return level_time_step("paper", scene)
 
 
-def accelerations(scene, positions, velocities, instant=1e-9, **options):
-    """f(x, v) / m of every cloth vertex [n, 3] m/s^2 in a state [n, 3] m, [n, 3] m/s: from one step of `instant` seconds in double precision.
+def accelerations(
+    scene: Scene | PathLike,
+    positions: ArrayLike,
+    velocities: ArrayLike,
+    instant: float = 1e-9,
+    **options: Unpack[SimulationOptions],
+) -> Reals:
+    """f(x, v) / m of every cloth vertex [n, 3] m/s^2 in a state [n, 3] m, [n, 3] m/s: from one step of `instant`
+    seconds in double precision.
 
-    Obstacles and pins are where the scene starts; held vertices and impacts follow their constraints, not forces. The error grows with
-    `instant` times stiffness times speed, and rounding with 1e-16 |v| / instant. Throws what Simulation throws.
+    Obstacles and pins are where the scene starts; held vertices and impacts follow their constraints, not forces. The
+    error grows with `instant` times stiffness times speed, and rounding with 1e-16 |v| / instant. Throws what
+    Simulation throws.
     """
-    forced = {
+    given: dict[str, Any] = {
+        **options,
         "precision": "double",
         "tolerance": 1e-12,
         "intersections": "exempt",
@@ -130,19 +149,29 @@ def accelerations(scene, positions, velocities, instant=1e-9, **options):
         "integrator": "backward_euler",
         "newton_iterations": 1,
     }
-    options = {**options, **forced}
-    probe = Simulation(with_time_step(scene, instant), **options)
+    probe = Simulation(with_time_step(scene, instant), **given)
     velocities = reals("accelerations: velocities", velocities, (probe.cloth_vertex_count, 3))
     probe.set_state(positions, velocities)
     probe.step()
     return (probe.velocities[: len(velocities)] - velocities) / probe.time
 
 
-def nonlinear_residual(scene, before, positions, velocities, time_step, masses, instant=1e-9, **options):
-    """|M (v' - v) / dt - f(x', v')| / |M g| over vertices that are not pinned: how well a step solved the implicit equations.
+def nonlinear_residual(
+    scene: Scene | PathLike,
+    before: ArrayLike,
+    positions: ArrayLike,
+    velocities: ArrayLike,
+    time_step: float,
+    masses: ArrayLike,
+    instant: float = 1e-9,
+    **options: Any,
+) -> float:
+    """|M (v' - v) / dt - f(x', v')| / |M g| over vertices that are not pinned: how well a step solved the implicit
+    equations.
 
-    before: velocities v [n, 3] m/s at its start; positions x', velocities v' at its end; masses [n] kg. Forces come from `accelerations`:
-    for scenes whose obstacles and pins rest. |M g| is 9.81 m/s^2 times the mass norm without gravity. Throws ArrayError, SceneError.
+    before: velocities v [n, 3] m/s at its start; positions x', velocities v' at its end; masses [n] kg. Forces come
+    from `accelerations`: for scenes whose obstacles and pins rest. |M g| is 9.81 m/s^2 times the mass norm without
+    gravity. Throws ArrayError, SceneError.
     """
     scene = scene if isinstance(scene, Scene) else Scene.load(scene)
     before = reals("nonlinear_residual: before", before, (None, 3))
@@ -155,7 +184,7 @@ def nonlinear_residual(scene, before, positions, velocities, time_step, masses, 
     return float(np.linalg.norm(left[free]) / (gravity * np.linalg.norm(masses[free]))) if free.any() else 0.0
 
 
-def pinned(scene):
+def pinned(scene: Scene) -> Booleans:
     """[cloth vertices] bool: which a pin names, whatever its release time."""
     counts = [len(cloth.vertices) for cloth in scene.cloths]
     start = np.concatenate([[0], np.cumsum(counts)]).astype(int)
@@ -165,20 +194,31 @@ def pinned(scene):
     return result
 
 
-def rests(simulation, start):
-    """Whether obstacle vertices are where they were in `start` [vertices, 3] m, and pinned ones too: nothing that the scene prescribes has moved."""
+def rests(simulation: Simulation, start: Reals) -> bool:
+    """Whether obstacle vertices are where they were in `start` [vertices, 3] m, and pinned ones too: nothing that the
+    scene prescribes has moved.
+    """
     count = simulation.cloth_vertex_count
     now, held = simulation.positions, pinned(simulation.scene)
     return bool(np.array_equal(now[count:], start[count:]) and np.array_equal(now[:count][held], start[:count][held]))
 
 
 def friction_angle(
-    friction=0.3, static_friction=None, seconds=0.4, width=0.05, size=0.2, cells=3, material="cotton", **options
-):
-    """Angle of a slope, degrees, at which a sheet on an exact plane starts to slide; exact is atan(static friction, or friction without).
+    friction: float = 0.3,
+    static_friction: float | None = None,
+    seconds: float = 0.4,
+    width: float = 0.05,
+    size: float = 0.2,
+    cells: int = 3,
+    material: PathLike | Description | Material = "cotton",
+    **options: Unpack[SimulationOptions],
+) -> float:
+    """Angle of a slope, degrees, at which a sheet on an exact plane starts to slide; exact is atan(static friction, or
+    friction without).
 
-    Bisection down to `width` degrees. A sheet slides if after `seconds` it is faster than half of what gravity beyond friction gives it,
-    g (sin a - mu cos a) t, one `width` past the exact angle. options: as of Simulation, and time_step. Throws ArrayError, SceneError.
+    Bisection down to `width` degrees. A sheet slides if after `seconds` it is faster than half of what gravity beyond
+    friction gives it, g (sin a - mu cos a) t, one `width` past the exact angle. options: as of Simulation, and
+    time_step. Throws ArrayError, SceneError.
     """
     friction = number("friction_angle: friction", friction)
     holds = friction if static_friction is None else number("friction_angle: static_friction", static_friction)
@@ -208,7 +248,17 @@ def friction_angle(
     return (low + high) / 2
 
 
-def slides(angle, friction, static_friction, seconds, limit, size, cells, material, options):
+def slides(
+    angle: float,
+    friction: float,
+    static_friction: float | None,
+    seconds: float,
+    limit: float,
+    size: float,
+    cells: int,
+    material: PathLike | Description | Material,
+    options: dict[str, Any],
+) -> float:
     """Speed of a sheet down a slope of `angle` degrees after `seconds` where it is beyond `limit`, m/s, else 0."""
     options = dict(options)
     a = math.radians(angle)

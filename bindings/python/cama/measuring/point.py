@@ -51,7 +51,9 @@ MEASURES = {
 
 
 def measure(task, shared):
-    """A dict of MEASURES for a task: kind ("time" or "error"), settings, backend, device, threads, warm_up, limit [s]; shared: texts, reference."""
+    """A dict of MEASURES for a task: kind ("time" or "error"), settings, backend, device, threads, warm_up, limit [s];
+    shared: texts, reference.
+    """
     settings = dict(task["settings"])
     scene = Scene.parse(shared["texts"][settings.pop("resolution", 0)])
     scene.options = {}

@@ -1,9 +1,15 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A converged reference of a scene on its own mesh, and the errors of other settings over windows that start from its states."""
+"""A converged reference of a scene on its own mesh, and the errors of other settings over windows that start from its
+states.
+"""
+
+from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from fractions import Fraction
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -11,8 +17,12 @@ from ..arrays import number, reals
 from ..errors import ArrayError, SolverError
 from ..scene import Scene
 from ..simulation import Simulation
+from ..types import ArrayLike, Integers, PathLike, Reals
 from . import surface
 from .motion import angular_momentum, momentum, paper_step, position_error, with_time_step
+
+if TYPE_CHECKING:
+    from typing_extensions import Self
 
 
 @dataclass
@@ -20,38 +30,37 @@ class Reference:
     """States at the starts of windows and where the cloth is at their ends."""
 
     window: float  #: length of a window, s
-    starts: np.ndarray  #: [windows] s
-    positions: np.ndarray = field(repr=False)  #: [windows, n, 3] m, at the starts
-    velocities: np.ndarray = field(repr=False)  #: [windows, n, 3] m/s
-    targets: np.ndarray = field(
+    starts: Reals  #: [windows] s
+    positions: Reals = field(repr=False)  #: [windows, n, 3] m, at the starts
+    velocities: Reals = field(repr=False)  #: [windows, n, 3] m/s
+    targets: Reals = field(
         repr=False
     )  #: [windows, n, 3] m, at the ends, extrapolated to no time step where that converges
-    ends: np.ndarray = field(repr=False)  #: [windows, n, 3] m, at the ends with `time_step`
-    end_velocities: np.ndarray = field(repr=False)  #: [windows, n, 3] m/s
-    energies: np.ndarray = field(repr=False)  #: [windows, 4] J at the ends: kinetic, stretching, bending, gravity
-    masses: np.ndarray = field(repr=False)  #: [n] kg
-    faces: np.ndarray = field(repr=False)  #: [triangles, 3] of the cloth
+    ends: Reals = field(repr=False)  #: [windows, n, 3] m, at the ends with `time_step`
+    end_velocities: Reals = field(repr=False)  #: [windows, n, 3] m/s
+    energies: Reals = field(repr=False)  #: [windows, 4] J at the ends: kinetic, stretching, bending, gravity
+    masses: Reals = field(repr=False)  #: [n] kg
+    faces: Integers = field(repr=False)  #: [triangles, 3] of the cloth
     edge: float  #: mean edge length of the start, m
     time_step: float  #: s
-    uncertainty: np.ndarray  #: [windows] rms m that the targets may be off themselves
-    uncertainty_largest: np.ndarray  #: [windows] m, of a single vertex
+    uncertainty: Reals  #: [windows] rms m that the targets may be off themselves
+    uncertainty_largest: Reals  #: [windows] m, of a single vertex
     order: float  #: of convergence that was seen in the time step
-    converged: (
-        bool  #: halving the time step shrinks differences by a quarter, or the uncertainty is below 1 % of an edge
-    )
+    #: halving the time step shrinks differences by a quarter, or the uncertainty is below 1 % of an edge
+    converged: bool
 
-    def save(self, path):
+    def save(self, path: PathLike) -> None:
         """Writes a NumPy archive, .npz."""
         np.savez_compressed(path, **self.__dict__)
 
     @classmethod
-    def load(cls, path):
+    def load(cls, path: PathLike) -> Self:
         """Reads what `save` wrote."""
         with np.load(path) as stored:
             return cls(**{name: stored[name] if stored[name].ndim else stored[name].item() for name in stored.files})
 
 
-def steps_of(span, time_step, what):
+def steps_of(span: float, time_step: float, what: str) -> int:
     """Whole number of steps in `span`; throws ArrayError if there is none."""
     count = round(span / time_step)
     if count < 1 or abs(count * time_step - span) > 1e-9 * span:
@@ -62,30 +71,32 @@ def steps_of(span, time_step, what):
     return count
 
 
-def best_options(given):
+def best_options(given: Mapping[str, Any]) -> dict[str, Any]:
     """Options of a reference: the level `reference` in double precision, and what is given."""
     return {"accuracy": "reference", "precision": "double", **given}
 
 
-def reach(simulation, time):
+def reach(simulation: Simulation, time: float) -> None:
     """Steps until `time`; throws ArrayError if that is not a whole number of steps away."""
     left = time - simulation.time
     if left > 1e-9 * max(time, 1e-9):
         simulation.step(steps_of(left, simulation.time_step, f"time {time:g} s"))
 
 
-def start_times(window, count, first=0, stride=1):
+def start_times(window: float, count: int, first: int = 0, stride: int = 1) -> Reals:
     """[count] s: every `stride`-th multiple of `window` from number `first`."""
     return window * (first + stride * np.arange(count))
 
 
-def _scene_of(scene, time_step):
+def _scene_of(scene: Scene | PathLike, time_step: float | None) -> Scene:
     scene = scene if isinstance(scene, Scene) else Scene.load(scene)
     return with_time_step(scene, time_step) if time_step else scene
 
 
 def _windows(scene, options, starts, window, at_start, at_end):
-    """Runs `scene`; calls at_start(i, simulation) where windows start and at_end(i, simulation, positions, velocities) where they end."""
+    """Runs `scene`; calls at_start(i, simulation) where windows start and at_end(i, simulation, positions, velocities)
+    where they end.
+    """
     simulation = Simulation(scene, **options)
     count = simulation.cloth_vertex_count
     for i, start in enumerate(starts):
@@ -96,17 +107,29 @@ def _windows(scene, options, starts, window, at_start, at_end):
     return simulation
 
 
-def reference(scene, window=0.05, windows=10, first=0, stride=1, time_step=None, starts=None, **options):
+def reference(
+    scene: Scene | PathLike,
+    window: float = 0.05,
+    windows: int = 10,
+    first: int = 0,
+    stride: int = 1,
+    time_step: float | None = None,
+    starts: ArrayLike | None = None,
+    **options: Any,
+) -> Reference:
     """A converged run of a scene on its own mesh, to measure other settings against; a Reference.
 
-    window: s between a start state and its target.  windows, first, stride: they start at every `stride`-th multiple of `window` from number
-    `first`, or at `starts` [k] s, ascending and apart by `window` at least.  time_step: s, default: 1/32 of that of the level `paper`, so that it divides
-    `window`.  options: as of Simulation, on top of the accuracy `reference` in double precision.
+    window: s between a start state and its target.  windows, first, stride: they start at every `stride`-th multiple of
+    `window` from number `first`, or at `starts` [k] s, ascending and apart by `window` at least.  time_step: s,
+    default: 1/32 of that of the level `paper`, so that it divides `window`.  options: as of Simulation, on top of the
+    accuracy `reference` in double precision.
 
-    From every start state the window is run with the time step, twice and four times it. Richardson: where the extrapolations to no time
-    step from each pair agree better than the runs themselves, the target is the finer extrapolation and the uncertainty their difference; else
-    the target is the finest run and the uncertainty the larger difference between runs (Roache 1998). `converged` says whether
-    differences shrink by a quarter at least, or the uncertainty is below a hundredth of an edge, in the rms over the windows. Throws ArrayError and what Simulation throws.
+    From every start state the window is run with the time step, twice and four times it. Richardson: where the
+    extrapolations to no time step from each pair agree better than the runs themselves, the target is the finer
+    extrapolation and the uncertainty their difference; else the target is the finest run and the uncertainty the larger
+    difference between runs (Roache 1998). `converged` says whether differences shrink by a quarter at least, or the
+    uncertainty is below a hundredth of an edge, in the rms over the windows. Throws ArrayError and what Simulation
+    throws.
     """
     scene = _scene_of(scene, None)
     window = number("reference: window", window)
@@ -117,7 +140,8 @@ def reference(scene, window=0.05, windows=10, first=0, stride=1, time_step=None,
     )
     if not window > 0 or not len(starts) or starts[0] < 0 or (np.diff(starts) < window * (1 - 1e-9)).any():
         raise ArrayError(
-            f"reference: window {window} and starts {starts.tolist()}: give at least one, ascending, apart by the window"
+            f"reference: window {window} and starts {starts.tolist()}: give at least one, ascending, apart by "
+            "the window"
         )
     fine = (
         number("reference: time_step", time_step)
@@ -188,7 +212,9 @@ def _rms(difference, masses):
 
 
 def richardson(ends, masses):
-    """Targets, their uncertainty and the order of convergence from runs with 1, 2 and 4 times a time step: {factor: [windows, n, 3] m}."""
+    """Targets, their uncertainty and the order of convergence from runs with 1, 2 and 4 times a time step: {factor:
+    [windows, n, 3] m}.
+    """
     near, far = ends[1] - ends[2], ends[2] - ends[4]
     one, two = _rms(near, masses), _rms(far, masses)
     total_one, total_two = math.sqrt((one**2).mean()), math.sqrt((two**2).mean())
@@ -220,8 +246,8 @@ class RestartError:
 
     steps: int  #: in a window
     time_step: float  #: s
-    rms: np.ndarray  #: [windows] mass-weighted rms, m
-    largest: np.ndarray  #: [windows] m
+    rms: Reals  #: [windows] mass-weighted rms, m
+    largest: Reals  #: [windows] m
     rms_all: float  #: root mean square over the windows, m
     rms_edges: float  #: the same in mean edge lengths
     largest_all: float  #: largest over the windows, m
@@ -235,20 +261,28 @@ class RestartError:
     at_floor: bool  #: the error is below three times that: the reference cannot tell it
 
 
-def restart_error(reference, scene, time_step=None, steps=None, **options):
+def restart_error(
+    reference: Reference,
+    scene: Scene | PathLike,
+    time_step: float | None = None,
+    steps: int | None = None,
+    **options: Any,
+) -> RestartError:
     """Errors after a window from the reference's start states, compared at the same time; a RestartError.
 
-    scene: the reference's, same mesh.  time_step: s, default: what scene and options say; it must divide the window and its start times.
-    steps: checks that a window has so many (a Reference with window = k dt gives the error over k steps).  options: as of Simulation.
-    Energies and momenta are compared with the reference at the same time, so that pins, wind and bodies may do work.
-    Throws ArrayError for another mesh or a time step that does not fit, and what Simulation throws.
+    scene: the reference's, same mesh.  time_step: s, default: what scene and options say; it must divide the window and
+    its start times. steps: checks that a window has so many (a Reference with window = k dt gives the error over k
+    steps).  options: as of Simulation. Energies and momenta are compared with the reference at the same time, so that
+    pins, wind and bodies may do work. Throws ArrayError for another mesh or a time step that does not fit, and what
+    Simulation throws.
     """
     scene = _scene_of(scene, time_step)
     if time_step:
         options["time_step"] = time_step
     if sum(len(cloth.vertices) for cloth in scene.cloths) != len(reference.masses):
         raise ArrayError(
-            f"restart_error: the scene's cloth has {scene.vertex_count} vertices, the reference {len(reference.masses)}; "
+            f"restart_error: the scene's cloth has {scene.vertex_count} vertices, the reference "
+            f"{len(reference.masses)}; "
             "use surface_distance between different meshes"
         )
     r, rows = reference, []

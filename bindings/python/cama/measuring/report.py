@@ -7,12 +7,15 @@ import io
 import json
 import math
 import re
+from collections.abc import Sequence
 from pathlib import Path
 
 from ..errors import BackendError, FileError
 from ..io.summary import finite
+from ..types import PathLike
 from .grid import label, step_text
 from .point import MEASURES
+from .tradeoff import Tradeoff
 
 # Measures that are drawn against time: name, title, logarithmic.
 PANELS = (
@@ -127,8 +130,10 @@ def figure(result):
         _ticks(axis)
     f = result.facts
     fig.suptitle(
-        f"{result.scene}, {result.triangles:,} triangles: speed for accuracy\nReference: steps of {step_text(f['reference_step'])} s, off itself by about "
-        f"{f['uncertainty_edges']:.2g} edge lengths (rms); an edge is {1e3 * f['edge']:.3g} mm. {len(result.points)} settings, "
+        f"{result.scene}, {result.triangles:,} triangles: speed for accuracy\nReference: steps of "
+        f"{step_text(f['reference_step'])} s, off itself by about "
+        f"{f['uncertainty_edges']:.2g} edge lengths (rms); an edge is {1e3 * f['edge']:.3g} mm. "
+        f"{len(result.points)} settings, "
         f"{sum(bool(p['failed']) for p in result.points)} failed.",
         fontsize=9,
     )
@@ -317,12 +322,17 @@ def svg_text(fig):
     return text[text.index("<svg") :]
 
 
-STYLE = """body{font:14px/1.45 system-ui,sans-serif;margin:2em auto;max-width:78em;padding:0 1em;color:#222}table{border-collapse:collapse;font-size:12px}
-td,th{padding:3px 8px;border-bottom:1px solid #ddd;text-align:right;white-space:nowrap}th{cursor:pointer;position:sticky;top:0;background:#fff}
-td:first-child,th:first-child{text-align:left}tr.front{background:#eef6ee}tr.failed{color:#a33}.wide{overflow-x:auto}svg{max-width:100%;height:auto}"""
-SCRIPT = """for(const t of document.querySelectorAll("table"))t.querySelectorAll("th").forEach((h,i)=>h.onclick=()=>{const b=t.tBodies[0],u=h.dataset.up!=="1";
+STYLE = """body{font:14px/1.45 system-ui,sans-serif;margin:2em auto;max-width:78em;padding:0 1em;color:#222}
+table{border-collapse:collapse;font-size:12px}
+td,th{padding:3px 8px;border-bottom:1px solid #ddd;text-align:right;white-space:nowrap}
+th{cursor:pointer;position:sticky;top:0;background:#fff}
+td:first-child,th:first-child{text-align:left}tr.front{background:#eef6ee}tr.failed{color:#a33}.wide{overflow-x:auto}
+svg{max-width:100%;height:auto}"""
+SCRIPT = """for(const t of document.querySelectorAll("table"))
+t.querySelectorAll("th").forEach((h,i)=>h.onclick=()=>{const b=t.tBodies[0],u=h.dataset.up!=="1";
 h.dataset.up=u?"1":"0";const v=r=>{const x=r.cells[i].dataset.v;return x===undefined||x===""?null:isNaN(x)?x:+x};
-[...b.rows].sort((p,q)=>{const x=v(p),y=v(q);if(x===null||y===null)return(x===null)-(y===null);return(x<y?-1:x>y?1:0)*(u?1:-1)}).forEach(r=>b.append(r))})"""
+[...b.rows].sort((p,q)=>{const x=v(p),y=v(q);if(x===null||y===null)return(x===null)-(y===null);
+return(x<y?-1:x>y?1:0)*(u?1:-1)}).forEach(r=>b.append(r))})"""
 SHOWN = (
     "ms_per_second",
     "restart_rms_edges",
@@ -345,7 +355,9 @@ SHOWN = (
 
 
 def html_text(results, figures):
-    """One page without any reference to elsewhere: figures (SVG texts), tables that sort by a click, what every column is."""
+    """One page without any reference to elsewhere: figures (SVG texts), tables that sort by a click, what every column
+    is.
+    """
     parts = [
         '<!DOCTYPE html><html lang="en"><head><meta charset="utf-8"><title>cama: speed for accuracy</title><style>',
         STYLE,
@@ -356,16 +368,16 @@ def html_text(results, figures):
         f = r.facts
         devices = "; ".join(f"{b}: {d}" for b, d in f["devices"].items())
         parts.append(
-            f"<h2>{html.escape(r.scene)}, {r.triangles:,} triangles</h2><p>{html.escape(devices)}; cama {html.escape(f['version'])}. "
-            f"Errors after windows of {f['window']:g} s; the reference took steps of {step_text(f['reference_step'])} s and may be off by "
-            f"{f['uncertainty_edges']:.2g} edge lengths itself ({'converged' if f['converged'] else 'not converged'}).</p>{svg}"
+            f"<h2>{html.escape(r.scene)}, {r.triangles:,} triangles</h2><p>{html.escape(devices)}; cama "
+            f"{html.escape(f['version'])}. "
+            f"Errors after windows of {f['window']:g} s; the reference took steps of "
+            f"{step_text(f['reference_step'])} s and may be off by "
+            f"{f['uncertainty_edges']:.2g} edge lengths itself "
+            f"({'converged' if f['converged'] else 'not converged'}).</p>{svg}"
         )
         parts.append(
             '<div class="wide"><table><thead><tr><th>settings</th><th>backend</th>'
-            + "".join(
-                f'<th title="{html.escape(MEASURES[m][1])}">{m}{"" if MEASURES[m][0] == "1" else ", " + MEASURES[m][0]}</th>'
-                for m in SHOWN
-            )
+            + "".join(_title(m, *MEASURES[m]) for m in SHOWN)
             + "</tr></thead><tbody>"
         )
         for i, p in enumerate(r.points):
@@ -380,11 +392,16 @@ def html_text(results, figures):
     parts += [
         "<h2>Columns</h2><ul>",
         *(f"<li><b>{m}</b> ({html.escape(u)}): {html.escape(t)}</li>" for m, (u, t) in MEASURES.items()),
-        "</ul><p>Green rows are on the front of ms_per_second and restart_rms_edges of their backend; rows with intersections are never on it.</p><script>",
+        "</ul><p>Green rows are on the front of ms_per_second and restart_rms_edges of their backend; rows "
+        "with intersections are never on it.</p><script>",
         SCRIPT,
         "</script></body></html>\n",
     ]
     return "".join(parts)
+
+
+def _title(measure, unit, text):
+    return f'<th title="{html.escape(text)}">{measure}{"" if unit == "1" else ", " + unit}</th>'
 
 
 def _cell(value):
@@ -395,7 +412,9 @@ def _cell(value):
 
 
 def file_names(results):
-    """A name for the files of each result: its scene's, without what file names may not have, and numbered where it repeats."""
+    """A name for the files of each result: its scene's, without what file names may not have, and numbered where it
+    repeats.
+    """
     names = []
     for r in results:
         plain = re.sub(r"[^\w.-]+", "_", r.scene).strip("._") or "scene"
@@ -403,8 +422,11 @@ def file_names(results):
     return names
 
 
-def write(results, folder, plots=True):
-    """Writes tradeoff.csv, tradeoff.json and, with plots, SCENE.svg, SCENE.png and index.html; returns their paths. Throws FileError, BackendError."""
+def write(results: Sequence[Tradeoff], folder: PathLike, plots: bool = True) -> list[Path]:
+    """Writes tradeoff.csv, tradeoff.json and, with plots, SCENE.svg, SCENE.png and index.html; returns their paths.
+
+    Throws FileError, BackendError.
+    """
     folder, written = Path(folder), []
 
     def put(name, text):

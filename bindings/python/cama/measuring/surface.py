@@ -1,13 +1,18 @@
 # SPDX-License-Identifier: Apache-2.0
 """Measures of one state or of two surfaces: distances, strain, gaps, missed contacts, drape. Needs scipy."""
 
+from __future__ import annotations
+
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
 from .. import collision
 from ..arrays import integers, number, reals
 from ..errors import ArrayError, BackendError, MeshError
+from ..scene import Scene
+from ..types import ArrayLike, Integers, Reals
 
 
 @dataclass
@@ -22,7 +27,7 @@ class SurfaceDistance:
     spacing: float  #: mean distance of neighbouring samples: what `hausdorff` may be too small by
 
 
-def _surface(name, vertices, faces):
+def _surface(name: str, vertices: ArrayLike, faces: ArrayLike) -> tuple[Reals, Integers]:
     vertices = reals(f"{name}: vertices", vertices, (None, 3))
     faces = integers(f"{name}: faces", faces, (None, 3))
     if not len(faces):
@@ -34,28 +39,30 @@ def _surface(name, vertices, faces):
     return vertices, faces
 
 
-def areas(vertices, faces):
+def areas(vertices: Reals, faces: Integers) -> Reals:
     """Area of every triangle [m], m^2, from vertices [n, 3] m and faces [m, 3]."""
     a, b, c = (vertices[faces[:, k]] for k in range(3))
     return 0.5 * np.linalg.norm(np.cross(b - a, c - a), axis=1)
 
 
-def edges(faces):
+def edges(faces: Integers) -> Integers:
     """Edges [k, 2] of faces [m, 3], each once, lower vertex first."""
     pairs = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]])
     return np.unique(np.sort(pairs, axis=1), axis=0)
 
 
-def edge_length(vertices, faces):
+def edge_length(vertices: Reals, faces: ArrayLike) -> float:
     """Mean length of the edges, m."""
     pairs = edges(np.asarray(faces))
     return float(np.linalg.norm(vertices[pairs[:, 0]] - vertices[pairs[:, 1]], axis=1).mean())
 
 
-def samples(vertices, faces, count):
-    """Points [k, 3] on a surface and the area [k] each stands for, m^2: about `count`, spread evenly and the same every time.
+def samples(vertices: Reals, faces: Integers, count: int) -> tuple[Reals, Reals]:
+    """Points [k, 3] on a surface and the area [k] each stands for, m^2: about `count`, spread evenly and the same every
+    time.
 
-    Triangles get points in proportion to their area, at least one, placed by the sequence R2 (Roberts 2018); vertices follow, with area 0.
+    Triangles get points in proportion to their area, at least one, placed by the sequence R2 (Roberts 2018); vertices
+    follow, with area 0.
     """
     own = areas(vertices, faces)
     total = own.sum()
@@ -73,7 +80,7 @@ def samples(vertices, faces, count):
     return np.concatenate([points, vertices[used]]), np.concatenate([(own / number_of)[row], np.zeros(len(used))])
 
 
-def _tree(points):
+def _tree(points: Reals) -> Any:
     try:
         from scipy.spatial import cKDTree
     except ImportError:
@@ -81,8 +88,10 @@ def _tree(points):
     return cKDTree(points)
 
 
-def distance_to_surface(points, vertices, faces):
-    """Distance [k] m of points [k, 3] to a surface, exact: triangles near by centroid (k-d tree of scipy), more until none nearer can be left."""
+def distance_to_surface(points: ArrayLike, vertices: ArrayLike, faces: ArrayLike) -> Reals:
+    """Distance [k] m of points [k, 3] to a surface, exact: triangles near by centroid (k-d tree of scipy), more until
+    none nearer can be left.
+    """
     points = reals("distance_to_surface: points", points, (None, 3))
     vertices, faces = _surface("distance_to_surface", vertices, faces)
     corners = vertices[faces]
@@ -101,11 +110,14 @@ def distance_to_surface(points, vertices, faces):
     return best
 
 
-def surface_distance(vertices, faces, other_vertices, other_faces, count=5000):
-    """Symmetric Hausdorff and mean distance of two surfaces of any meshes, sampled at about `count` points each; a SurfaceDistance.
+def surface_distance(
+    vertices: ArrayLike, faces: ArrayLike, other_vertices: ArrayLike, other_faces: ArrayLike, count: int = 5000
+) -> SurfaceDistance:
+    """Symmetric Hausdorff and mean distance of two surfaces of any meshes, sampled at about `count` points each; a
+    SurfaceDistance.
 
-    vertices [n, 3] m, faces [m, 3]; so the other's. Distances of the samples are exact (Aspert, Santa-Cruz and Ebrahimi 2002).
-    Throws ArrayError, MeshError.
+    vertices [n, 3] m, faces [m, 3]; so the other's. Distances of the samples are exact (Aspert, Santa-Cruz and Ebrahimi
+    2002). Throws ArrayError, MeshError.
     """
     first, second = (
         _surface("surface_distance: first", vertices, faces),
@@ -132,18 +144,19 @@ def surface_distance(vertices, faces, other_vertices, other_faces, count=5000):
 class Strain:
     """How triangles are stretched against their rest shapes."""
 
-    principal: np.ndarray  #: [triangles, 2] principal stretches minus one, the larger first
-    area_ratio: np.ndarray  #: [triangles] area over rest area
+    principal: Reals  #: [triangles, 2] principal stretches minus one, the larger first
+    area_ratio: Reals  #: [triangles] area over rest area
     largest: float  #: largest principal strain
     p999: float  #: its 99.9 % quantile over the triangles' larger strains
     smallest_area: float  #: smallest area ratio
     mean_area: float  #: mean area ratio, weighted by rest area
 
 
-def strain(vertices, faces, rest):
+def strain(vertices: ArrayLike, faces: ArrayLike, rest: ArrayLike) -> Strain:
     """Principal strains of triangles: singular values of the deformation gradient minus one; a Strain.
 
-    vertices [n, 3] m, faces [m, 3], rest [m, 3, 2] or [m, 3, 3] m: corners of every triangle at rest (see `rest_shapes`). Throws ArrayError.
+    vertices [n, 3] m, faces [m, 3], rest [m, 3, 2] or [m, 3, 3] m: corners of every triangle at rest (see
+    `rest_shapes`). Throws ArrayError.
     """
     vertices, faces = _surface("strain", vertices, faces)
     rest = np.asarray(rest, dtype=np.float64)
@@ -169,7 +182,7 @@ def strain(vertices, faces, rest):
     )
 
 
-def _flat(corners):
+def _flat(corners: Reals) -> Reals:
     """Triangles [m, 3, 3] laid into the plane, [m, 3, 2]."""
     a, b = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
     length = np.linalg.norm(a, axis=1)
@@ -179,8 +192,10 @@ def _flat(corners):
     return np.stack([np.stack([zero, zero], 1), np.stack([length, zero], 1), np.stack([along, across], 1)], axis=1)
 
 
-def rest_shapes(scene):
-    """Corners at rest of all cloth triangles of a Scene, [triangles, 3, 2] m: material space where a cloth has one, else its start."""
+def rest_shapes(scene: Scene) -> Reals:
+    """Corners at rest of all cloth triangles of a Scene, [triangles, 3, 2] m: material space where a cloth has one,
+    else its start.
+    """
     parts = []
     for cloth in scene.cloths:
         plane = cloth.material_vertices
@@ -188,7 +203,7 @@ def rest_shapes(scene):
     return np.concatenate(parts) if parts else np.zeros((0, 3, 2))
 
 
-def _near(tree, points, reach):
+def _near(tree: Any, points: Reals, reach: float) -> tuple[Any, Any]:
     """Row pairs (of points, of the tree's) that are within `reach` of each other."""
     found = tree.query_ball_point(points, reach)
     count = np.fromiter((len(f) for f in found), int, len(found))
@@ -205,11 +220,13 @@ def _gap_of(measure, first, second, corners_a, corners_b, first_obstacle_vertex)
     return measure(np.concatenate([corners_a[keep], corners_b[keep]], axis=1)).min() if keep.any() else np.inf
 
 
-def smallest_gap(vertices, faces, within, first_obstacle_vertex=-1):
-    """Smallest distance, m, over vertices with faces and edges with edges that share no vertex; inf if none is within `within` [m].
+def smallest_gap(vertices: ArrayLike, faces: ArrayLike, within: float, first_obstacle_vertex: int = -1) -> float:
+    """Smallest distance, m, over vertices with faces and edges with edges that share no vertex; inf if none is within
+    `within` [m].
 
-    vertices [n, 3] m, faces [m, 3].  first_obstacle_vertex: pairs of this vertex and later ones among themselves are left out; -1: none.
-    0 where surfaces touch or intersect only if a pair's own distance is 0: count intersections too. Throws ArrayError, MeshError.
+    vertices [n, 3] m, faces [m, 3].  first_obstacle_vertex: pairs of this vertex and later ones among themselves are
+    left out; -1: none. 0 where surfaces touch or intersect only if a pair's own distance is 0: count intersections too.
+    Throws ArrayError, MeshError.
     """
     vertices, faces = _surface("smallest_gap", vertices, faces)
     within = number("smallest_gap: within", within)
@@ -240,11 +257,14 @@ def smallest_gap(vertices, faces, within, first_obstacle_vertex=-1):
     return float(smallest) if smallest <= within else float("inf")
 
 
-def missed_contacts(before, after, faces, first_obstacle_vertex=-1):
-    """Pairs that pass through each other while all vertices move straight from `before` to `after` [n, 3] m: what collision handling missed.
+def missed_contacts(
+    before: ArrayLike, after: ArrayLike, faces: ArrayLike, first_obstacle_vertex: int = -1
+) -> tuple[Integers, Integers]:
+    """Pairs that pass through each other while all vertices move straight from `before` to `after` [n, 3] m: what
+    collision handling missed.
 
-    Brute force over all boxes of motion, then continuous detection at distance 0 (`collision`); for small meshes, the work grows with the
-    square of `faces` [m, 3]. Pairs that share a vertex and obstacle against obstacle are left out.
+    Brute force over all boxes of motion, then continuous detection at distance 0 (`collision`); for small meshes, the
+    work grows with the square of `faces` [m, 3]. Pairs that share a vertex and obstacle against obstacle are left out.
     Returns (vertex-face pairs [k, 2], edge-edge pairs [k, 4] as vertex numbers). Throws ArrayError, MeshError.
     """
     before, faces = _surface("missed_contacts: before", before, faces)
@@ -279,7 +299,7 @@ def _passing(first, second, before, after, first_obstacle, detect, ordered):
     return np.concatenate(hits, axis=1)
 
 
-def shadow_area(vertices, faces, pixels=1000, axis=2):
+def shadow_area(vertices: ArrayLike, faces: ArrayLike, pixels: int = 1000, axis: int = 2) -> float:
     """Area of a surface's projection along an axis, m^2, counted on a raster of about pixels x pixels."""
     vertices, faces = _surface("shadow_area", vertices, faces)
     flat = np.delete(vertices, axis, axis=1)
@@ -303,10 +323,14 @@ def shadow_area(vertices, faces, pixels=1000, axis=2):
     return float(image.sum() * size**2)
 
 
-def drape_coefficient(vertices, faces, disc_radius, flat_area, pixels=1000):
-    """Cusick's drape coefficient: (shadow - disc) / (flat cloth - disc), 1 for a board, 0 for cloth that hangs straight down.
+def drape_coefficient(
+    vertices: ArrayLike, faces: ArrayLike, disc_radius: float, flat_area: float, pixels: int = 1000
+) -> float:
+    """Cusick's drape coefficient: (shadow - disc) / (flat cloth - disc), 1 for a board, 0 for cloth that hangs straight
+    down.
 
-    vertices [n, 3] m, z up; disc_radius: of the table, m; flat_area: of the cloth, m^2 (Cusick 1968, ISO 9073-9). Throws ArrayError.
+    vertices [n, 3] m, z up; disc_radius: of the table, m; flat_area: of the cloth, m^2 (Cusick 1968, ISO 9073-9).
+    Throws ArrayError.
     """
     disc = np.pi * number("drape_coefficient: disc_radius", disc_radius) ** 2
     flat_area = number("drape_coefficient: flat_area", flat_area)

@@ -1,28 +1,37 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Speed for accuracy, measured: a grid of settings, what each costs and gets wrong, and the Pareto front; `cama tradeoff`.
+"""Speed for accuracy, measured: a grid of settings, what each costs and gets wrong, and the Pareto front; `cama
+tradeoff`.
 
-result = cama.tradeoff.tradeoff("drape", "out/tradeoff", plan=[{"time_step": 1 / 200}, {"time_step": 1 / 400}], resolution=600)
-print(result.fronts["cpu"])
+result = cama.tradeoff.tradeoff("drape", "out/tradeoff", plan=[{"time_step": 1 / 200}, {"time_step": 1 / 400}],
+resolution=600) print(result.fronts["cpu"])
 """
+
+from __future__ import annotations
 
 import hashlib
 import itertools
 import json
 import os
 import time
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any, Callable
 
 import numpy as np
 
 from .. import _core
 from ..errors import ArrayError, BackendError, Error, FileError
 from ..scene import Scene
+from ..types import PathLike
 from . import executor
 from .grid import check_plan, default_plan, label, levels, pareto, product, unique
 from .point import MEASURES, compute_reference, measure
 from .reference import Reference, start_times
 from .surface import rest_shapes, strain
+
+# Called with what is done, of how many, and words; 0: nobody knows how many.
+Progress = Callable[[int, int, str], object]
 
 __all__ = ["tradeoff", "join", "Tradeoff", "levels", "pareto", "product", "default_plan", "MEASURES"]
 
@@ -33,15 +42,18 @@ class Tradeoff:
 
     scene: str
     triangles: int
-    points: (
-        list  #: dicts: backend, settings, label, failed (None or why), and the names of MEASURES (None: not measured)
-    )
-    fronts: dict  #: {backend: indices of the points on the front of ms_per_second and restart_rms_edges, fastest first}
+    #: dicts: backend, settings, label, failed (None or why), and the names of MEASURES (None: not measured)
+    points: list[dict[str, Any]]
+    #: {backend: indices of the points on the front of ms_per_second and restart_rms_edges, fastest first}
+    fronts: dict[str, list[int]]
     reference: Reference = field(repr=False)
-    facts: dict  #: of the reference and the run: window, windows, time_step, uncertainty_edges, converged, version, seconds
+    #: of the reference and the run: window, windows, time_step, uncertainty_edges, converged, version, seconds
+    facts: dict[str, Any]
 
-    def front(self, backend, x="ms_per_second", y="restart_rms_edges"):
-        """Indices of the points on the front of any two measures, the smaller x first; points that intersect are never on it."""
+    def front(self, backend: str, x: str = "ms_per_second", y: str = "restart_rms_edges") -> list[int]:
+        """Indices of the points on the front of any two measures, the smaller x first; points that intersect are never
+        on it.
+        """
         own = [
             i
             for i, p in enumerate(self.points)
@@ -50,7 +62,7 @@ class Tradeoff:
         return [own[k] for k in pareto([(self.points[i].get(x), self.points[i].get(y)) for i in own])]
 
 
-def version():
+def version() -> str:
     """Of the package and of its compiled part, which a new build changes."""
     digest = hashlib.sha256(Path(_core.__file__).read_bytes()).hexdigest()[:12]
     return f"{_core.__version__}+{digest}"
@@ -61,7 +73,7 @@ def digest(value):
     return hashlib.sha256(json.dumps(value, sort_keys=True, default=float).encode()).hexdigest()[:32]
 
 
-def device_of(backend, device, cluster):
+def device_of(backend: str, device: int, cluster: str | None) -> str:
     """Name of the hardware that results belong to. Throws BackendError where the backend is not to be had."""
     if cluster:
         return f"cluster {cluster}"
@@ -124,17 +136,19 @@ class Store:
 class Setup:
     """How results are come by: where, how many at once, for how long."""
 
-    backends: tuple = ("cpu",)
+    backends: tuple[str, ...] = ("cpu",)
     device: int = 0
     threads: int = 0  #: of timed runs; 0: as a Simulation chooses them
     jobs: int = 1  #: timed runs at once; more than one disturb each other
-    error_jobs: int = 0  #: runs at once that measure errors alone, one thread each; 0: as many as there are processors on cpu, one on other devices
-    cluster: str = None  #: address of a Ray cluster, or None: this machine
+    #: runs at once that measure errors alone, one thread each; 0: as many as there are processors on cpu, one on other
+    #: devices
+    error_jobs: int = 0
+    cluster: str | None = None  #: address of a Ray cluster, or None: this machine
     limit: float = 600.0  #: s of wall time for one run
     warm_up: int = 5  #: steps that are not timed
     samples: int = 4000  #: points on a surface whose distance is taken
 
-    def check(self):
+    def check(self) -> None:
         """Throws ArrayError, BackendError."""
         if self.jobs < 0 or self.error_jobs < 0 or self.threads < 0 or self.device < 0 or self.warm_up < 0:
             raise ArrayError(
@@ -148,26 +162,27 @@ class Setup:
 
 
 def tradeoff(
-    scene,
-    output,
-    plan=None,
-    resolution=0,
-    window=0.05,
-    windows=8,
-    first=1,
-    stride=1,
-    reference_step=None,
-    setup=None,
-    progress=None,
-):
+    scene: Scene | PathLike,
+    output: PathLike,
+    plan: Iterable[Mapping[str, Any]] | None = None,
+    resolution: int = 0,
+    window: float = 0.05,
+    windows: int = 8,
+    first: int = 1,
+    stride: int = 1,
+    reference_step: float | None = None,
+    setup: Setup | None = None,
+    progress: Progress | None = None,
+) -> Tradeoff:
     """Measures what settings cost and get wrong; a Tradeoff.
 
-    scene: what Scene.load takes, or a Scene (no resolutions then).  output: folder; finished results are kept in OUTPUT/points and are not
-    computed again, by scene content, settings, version and device.  plan: list of dicts of knobs (`grid.knobs`), default
-    `default_plan`; options that a scene carries are left out.  resolution: triangles aimed at; with several in the plan the reference has
-    the finest, and the others are compared with it by surface alone.  window, windows, first, stride, reference_step: of `accuracy.reference`.
-    setup: a Setup.  progress: called with (done, all, words) after each result.
-    Throws a subclass of cama.Error before anything runs for settings that cannot be; what fails in a run is a point's `failed`.
+    scene: what Scene.load takes, or a Scene (no resolutions then).  output: folder; finished results are kept in
+    OUTPUT/points and are not computed again, by scene content, settings, version and device.  plan: list of dicts of
+    knobs (`grid.knobs`), default `default_plan`; options that a scene carries are left out.  resolution: triangles
+    aimed at; with several in the plan the reference has the finest, and the others are compared with it by surface
+    alone.  window, windows, first, stride, reference_step: of `accuracy.reference`. setup: a Setup.  progress: called
+    with (done, all, words) after each result. Throws a subclass of cama.Error before anything runs for settings that
+    cannot be; what fails in a run is a point's `failed`.
     """
     begin, setup = time.perf_counter(), setup or Setup()
     setup.check()
@@ -211,10 +226,12 @@ def tradeoff(
     return result
 
 
-def join(results, file):
-    """Shows the points of a tradeoff.json of another run or machine beside these: of backends that a scene has none of here.
+def join(results: list[Tradeoff], file: PathLike) -> None:
+    """Shows the points of a tradeoff.json of another run or machine beside these: of backends that a scene has none of
+    here.
 
-    Throws FileError for what is no such file, ArrayError where a scene was measured on other meshes or windows, or none is the same.
+    Throws FileError for what is no such file, ArrayError where a scene was measured on other meshes or windows, or none
+    is the same.
     """
     alike = ("triangles", "window", "windows", "first", "stride", "reference_step")
     try:
@@ -225,7 +242,8 @@ def join(results, file):
             different = [name for name in alike if s[name] != own[name]]
             if different:
                 raise ArrayError(
-                    f"{file}: {r.scene} has another {different[0]} there: {s[different[0]]} instead of {own[different[0]]}"
+                    f"{file}: {r.scene} has another {different[0]} there: {s[different[0]]} instead of "
+                    f"{own[different[0]]}"
                 )
             points = [
                 {
@@ -338,7 +356,10 @@ class _Run:
         return [self._point(row, results["error"][i], results["time"][i]) for i, row in enumerate(rows)]
 
     def _jobs(self, kind, backend):
-        """At once. None: what the cluster has; 0: in this process. One device is not shared by several runs unless asked for."""
+        """At once.
+
+        None: what the cluster has; 0: in this process. One device is not shared by several runs unless asked for.
+        """
         setup = self._setup
         if kind == "time" or not setup.jobs:
             return setup.jobs

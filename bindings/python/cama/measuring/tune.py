@@ -1,23 +1,29 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The cheapest settings that keep a budget of error or time, judged by a reference that the search did not see; `cama tune`.
+"""The cheapest settings that keep a budget of error or time, judged by a reference that the search did not see; `cama
+tune`.
 
 tuned = cama.tune.tune("drape", "out/tune", error=1e-3)
 tuned.write("drape-1mm.json")
 """
 
+from __future__ import annotations
+
 import json
 import math
 import re
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any, Literal
 
 from .. import shipped
 from ..arrays import number
 from ..errors import ArrayError, Error, FileError
 from ..options import check_scene_options
 from ..scene import Scene
-from .grid import label
-from .tradeoff import tradeoff
+from ..types import PathLike
+from .grid import Knobs, label
+from .tradeoff import Progress, Setup, Tradeoff, tradeoff
 
 __all__ = ["tune", "Tuned", "Budget", "BudgetError", "parse_error", "parse_time"]
 
@@ -28,7 +34,7 @@ class BudgetError(Error):
     """No settings that were tried keep the budget, or the judge found that the chosen ones do not."""
 
 
-def parse_error(text):
+def parse_error(text: str) -> tuple[str, float]:
     """("m", 1e-3) of "1mm", "0.5 cm", "2e-3m"; ("edges", 0.01) of "1%". Throws ArrayError."""
     match = re.fullmatch(r"\s*([0-9.eE+-]+)\s*(um|mm|cm|m|%)\s*", str(text))
     if not match:
@@ -43,7 +49,7 @@ def parse_error(text):
     )
 
 
-def parse_time(text):
+def parse_time(text: str) -> float:
     """Seconds of "16ms" or "0.02s". Throws ArrayError."""
     match = re.fullmatch(r"\s*([0-9.eE+-]+)\s*(us|ms|s)\s*", str(text))
     value = number("time", match[1]) if match else 0.0
@@ -54,14 +60,16 @@ def parse_time(text):
 
 @dataclass
 class Budget:
-    """What must be kept: an error (m or mean edge lengths, rms or largest vertex, after a window), a time for a frame of 1/60 s, or both."""
+    """What must be kept: an error (m or mean edge lengths, rms or largest vertex, after a window), a time for a frame
+    of 1/60 s, or both.
+    """
 
-    error: float = None  #: m
-    edges: float = None  #: mean edge lengths
-    frame: float = None  #: s of wall time for FRAME s
+    error: float | None = None  #: m
+    edges: float | None = None  #: mean edge lengths
+    frame: float | None = None  #: s of wall time for FRAME s
     measure: str = "rms"  #: or "max"
 
-    def check(self):
+    def check(self) -> None:
         """Throws ArrayError."""
         if self.measure not in ("rms", "max"):
             raise ArrayError(f"measure: {self.measure!r} is not one of rms, max")
@@ -71,16 +79,16 @@ class Budget:
         if self.error is not None and self.edges is not None:
             raise ArrayError("give the error either in m or in edges")
 
-    def error_of(self, point, edge):
+    def error_of(self, point: Mapping[str, Any], edge: float) -> float | None:
         """Error of a point in m, or None."""
         value = point.get("restart_rms_edges" if self.measure == "rms" else "restart_max_edges")
         return None if value is None else value * edge
 
-    def limit(self, edge):
+    def limit(self, edge: float) -> float | None:
         """m, or None."""
         return self.error if self.edges is None else self.edges * edge
 
-    def keeps(self, point, edge, safety=1.0):
+    def keeps(self, point: Mapping[str, Any], edge: float, safety: float = 1.0) -> bool:
         """Whether a point keeps it with this factor to spare; one that failed or intersects never does."""
         if point["failed"] or point.get("intersections") or point.get("ms_per_second") is None:
             return False
@@ -89,7 +97,7 @@ class Budget:
             return False
         return self.frame is None or point["ms_per_second"] * 1e-3 * FRAME * safety <= self.frame
 
-    def best(self, points, edge, safety):
+    def best(self, points: Iterable[dict[str, Any]], edge: float, safety: float) -> dict[str, Any] | None:
         """The point that keeps it: fastest where an error is given, else most accurate; None without."""
         kept = [p for p in points if self.keeps(p, edge, safety)]
         if self.limit(edge) is not None:
@@ -103,17 +111,17 @@ class Budget:
 class Tuned:
     """Settings that keep a budget."""
 
-    settings: dict  #: knobs
-    found: dict  #: the point that the search measured
-    judged: dict  #: the point that the judge measured
+    settings: Knobs  #: knobs
+    found: dict[str, Any]  #: the point that the search measured
+    judged: dict[str, Any]  #: the point that the judge measured
     safety: float  #: factor that the search kept to spare
     rounds: int  #: choices that were judged, the last one kept
     edge: float  #: m
-    search: object = field(repr=False)  #: tradeoff.Tradeoff
-    judge: object = field(repr=False)  #: the judge's
-    source: object = field(repr=False, default=None)
+    search: Tradeoff = field(repr=False)  #: tradeoff.Tradeoff
+    judge: Tradeoff = field(repr=False)  #: the judge's
+    source: Scene | PathLike = field(repr=False)  #: what was tuned
 
-    def scene(self):
+    def scene(self) -> Scene:
         """The scene with the settings: a Scene."""
         base = (
             self.source
@@ -122,21 +130,30 @@ class Tuned:
         )
         return Scene.parse(json.dumps(applied(json.loads(base.to_json()), self.settings)))
 
-    def remark(self):
+    def remark(self) -> str:
         """What was measured, in words."""
 
         def unit(p):
-            return f"{1e3 * p['restart_rms']:.3g} mm rms, {p['restart_max_edges']:.3g} edges largest, {p['ms_per_second'] * FRAME:.3g} ms per frame"
+            return (
+                f"{1e3 * p['restart_rms']:.3g} mm rms, {p['restart_max_edges']:.3g} edges largest, "
+                f"{p['ms_per_second'] * FRAME:.3g} ms per frame"
+            )
 
-        return f"cama tune: {label(self.settings)}: search {unit(self.found)}; judge {unit(self.judged)}; {self.judged['device_name']}"
+        return (
+            f"cama tune: {label(self.settings)}: search {unit(self.found)}; judge {unit(self.judged)}; "
+            f"{self.judged['device_name']}"
+        )
 
-    def write(self, path):
+    def write(self, path: PathLike) -> None:
         """Writes the scene file with the settings in it; references to files stay valid. Throws FileError."""
         write_scene(self.source, self.settings, path, self.remark())
 
 
-def applied(data, settings):
-    """Scene data (as in scene.json) with settings where `cama run` reads them: `time_step`, `resolution`, `options`. The clip stays as long."""
+def applied(data: Mapping[str, Any], settings: Knobs) -> dict[str, Any]:
+    """Scene data (as in scene.json) with settings where `cama run` reads them: `time_step`, `resolution`, `options`.
+
+    The clip stays as long.
+    """
     data, own = dict(data), dict(settings)
     if "resolution" in own:
         data["resolution"] = own.pop("resolution")
@@ -167,8 +184,9 @@ def _anchored(value, folder):
     return value
 
 
-def write_scene(source, settings, path, remark=""):
-    """Writes a scene with settings. source: a Scene, or what Scene.load takes; in another folder its files are named by absolute paths.
+def write_scene(source: Scene | PathLike, settings: Knobs, path: PathLike, remark: str = "") -> None:
+    """Writes a scene with settings. source: a Scene, or what Scene.load takes; in another folder its files are named by
+    absolute paths.
 
     Comments are not kept, keys and their order are. Throws FileError, SceneError.
     """
@@ -196,31 +214,33 @@ def write_scene(source, settings, path, remark=""):
 
 
 def tune(
-    scene,
-    output,
-    error=None,
-    edges=None,
-    frame=None,
-    measure="rms",
-    plan=None,
-    safety=1.5,
-    rounds=3,
-    windows=6,
-    window=0.05,
-    reference_step=None,
-    resolution=0,
-    setup=None,
-    progress=None,
-):
+    scene: Scene | PathLike,
+    output: PathLike,
+    error: float | None = None,
+    edges: float | None = None,
+    frame: float | None = None,
+    measure: Literal["rms", "max"] = "rms",
+    plan: Iterable[Mapping[str, Any]] | None = None,
+    safety: float = 1.5,
+    rounds: int = 3,
+    windows: int = 6,
+    window: float = 0.05,
+    reference_step: float | None = None,
+    resolution: int = 0,
+    setup: Setup | None = None,
+    progress: Progress | None = None,
+) -> Tuned:
     """Picks the cheapest settings that keep a budget, and has them judged; a Tuned.
 
-    scene, output, plan, window, reference_step, resolution, setup, progress: as for `tradeoff.tradeoff`.  error [m] or edges [mean edge lengths]:
-    largest allowed position error after a window, `measure` "rms" or "max".  frame: s of wall time allowed for 1/60 s; alone, the most accurate
-    settings that keep it are picked.  safety: factor by which the search's measurement must be below the budget.  windows: start states.
+    scene, output, plan, window, reference_step, resolution, setup, progress: as for `tradeoff.tradeoff`.  error [m] or
+    edges [mean edge lengths]: largest allowed position error after a window, `measure` "rms" or "max".  frame: s of
+    wall time allowed for 1/60 s; alone, the most accurate settings that keep it are picked.  safety: factor by which
+    the search's measurement must be below the budget.  windows: start states.
 
-    The search starts its windows at odd multiples of `window`, the judge at even ones, with a reference of half the time step; where its
-    measurement is over the budget, the factor grows by 1.5 and the next choice meets windows later still, `rounds` times.
-    A budget that is not three times the reference's own uncertainty is refused. Throws BudgetError, and what `tradeoff` throws.
+    The search starts its windows at odd multiples of `window`, the judge at even ones, with a reference of half the
+    time step; where its measurement is over the budget, the factor grows by 1.5 and the next choice meets windows later
+    still, `rounds` times. A budget that is not three times the reference's own uncertainty is refused. Throws
+    BudgetError, and what `tradeoff` throws.
     """
     budget = Budget(error, edges, frame, measure)
     budget.check()
@@ -278,7 +298,10 @@ def _shortfall(search, budget, safety, refused):
     edge, text = search.reference.edge, f"no settings keep the budget with a factor of {safety:.3g} to spare"
     if good:
         best, fastest = min(good, key=lambda p: budget.error_of(p, edge)), min(good, key=lambda p: p["ms_per_second"])
-        text += f"; most accurate: {best['label']} ({_words(best, budget, edge)}); fastest: {fastest['label']} ({_words(fastest, budget, edge)})"
+        text += (
+            f"; most accurate: {best['label']} ({_words(best, budget, edge)}); fastest: {fastest['label']} "
+            f"({_words(fastest, budget, edge)})"
+        )
     else:
         text += "; every run failed: " + "; ".join(sorted({str(p["failed"]) for p in search.points}))[:400]
     return text + (f"; {refused}" if refused else "")

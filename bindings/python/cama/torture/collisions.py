@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Checks of contact at its boundaries: measure-zero hits, grazing, friction without bound, pins that tear cloth about."""
+"""Checks of contact in limiting cases: hits of measure zero, grazing, unbounded friction, pins that tear cloth."""
 
 import numpy as np
 
@@ -114,7 +114,8 @@ def grazing(p):
 def _slope(p, friction, loaded=True, degrees=26.57, steps=120, settled=60):
     """Acceleration of a patch down a slope, m/s^2, and how far it moved, m, after it has settled.
 
-    loaded: starts where the penalty carries its weight; else just out of contact, so that it moves when the load sets in.
+    loaded: starts where the penalty carries its weight; else just out of contact, so that it moves when the load sets
+    in.
     """
     angle = np.radians(degrees)
     down, normal = np.array([np.cos(angle), 0, -np.sin(angle)]), np.array([np.sin(angle), 0, np.cos(angle)])
@@ -199,7 +200,9 @@ def pulled_apart(p):
 
 
 def pin_through_own_cloth(p):
-    """A corner of a hanging sheet is driven through the sheet and out behind: stopped by name, or the sheet goes with it."""
+    """A corner of a hanging sheet is driven through the sheet and out behind: stopped by name, or the sheet goes with
+    it.
+    """
     vertices, faces = shapes.sheet(0.2, 0.2, 72)
     upright = vertices[:, [0, 2, 1]]
     random = np.random.default_rng(3)

@@ -1,5 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Checks of what must be refused before a kernel runs: empty, degenerate and duplicate meshes, NaN and Inf anywhere, sizes."""
+"""Checks of what must be refused before a kernel runs: empty, degenerate and duplicate meshes, NaN and Inf anywhere,
+sizes.
+"""
 
 import math
 

@@ -1,5 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Runs a scene and judges every step: intersections by cama's exact audit and, where it is installed, by ipctk; NaN, bounds."""
+"""Runs a scene and judges every step: intersections by cama's exact audit and, where it is installed, by ipctk; NaN,
+bounds.
+"""
 
 import time
 from dataclasses import dataclass, field

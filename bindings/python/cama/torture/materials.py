@@ -91,7 +91,9 @@ def huge_bending(p):
 
 
 def folded_crease(p):
-    """A hinge is turned through a full turn: bending energy c theta^2 / 4 up to pi, and back down beyond it (closed form)."""
+    """A hinge is turned through a full turn: bending energy c theta^2 / 4 up to pi, and back down beyond it (closed
+    form).
+    """
     vertices = np.array([[0, -0.05, 0], [0, 0.05, 0], [0.1, 0, 0], [-0.1, 0, 0]])
     scene, cloth = cloth_scene(
         vertices,
@@ -171,7 +173,10 @@ def mass_ratio(p):
 
 
 def _still(p, scene, steps):
-    """Largest motion of a vertex, m, and whether every bit is as it was. Intersections are looked for every tenth of the run."""
+    """Largest motion of a vertex, m, and whether every bit is as it was.
+
+    Intersections are looked for every tenth of the run.
+    """
     simulation = p.simulation(scene)
     start = simulation.positions
     for step in range(1, steps + 1):
@@ -193,7 +198,7 @@ def _resting(side, columns):
 
 
 def at_rest(p, steps=1000):
-    """No gravity, two sheets and a ball near each other, coordinates that binary numbers hold exactly: no bit changes."""
+    """No gravity, two sheets and a ball near each other, coordinates exact in binary: no bit changes."""
     p.require(_still(p, _resting(0.25, 4), steps)[1], "it moved")
 
 
@@ -223,7 +228,9 @@ def translation(p):
 
 
 def rotation(p):
-    """Free cloth turning once a second for a quarter turn: momentum stays 0, no strain to speak of; the loss of spin is reported."""
+    """Free cloth turning once a second for a quarter turn: momentum stays 0, no strain to speak of; the loss of spin is
+    reported.
+    """
     vertices, faces = shapes.sheet(0.2, 0.2, 60)
     scene, _ = cloth_scene(vertices, faces, gravity=(0, 0, 0), time_step=1.25e-3)
     simulation = p.simulation(scene, tolerance=p.per_precision(1e-12, 1e-9, 1e-5))
@@ -259,7 +266,9 @@ def storm(p):
 
 
 def scale_error(p):
-    """Material space 100 times as large as the sheet, as of texture coordinates in centimetres: it would snap to that size."""
+    """Material space 100 times as large as the sheet, as of texture coordinates in centimetres: it would snap to that
+    size.
+    """
     vertices, faces = shapes.sheet(0.1, 0.1, 32)
     scene, _ = cloth_scene(vertices, faces, rest=100 * vertices[:, :2])
     p.refused(

@@ -1,5 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Checks of meshes: single triangles, non-manifold ones, slivers, far away, very small and large, many pieces, all in one place."""
+"""Checks of meshes: single triangles, non-manifold ones, slivers, far away, very small and large, many pieces, all in
+one place.
+"""
 
 import numpy as np
 
@@ -100,7 +102,9 @@ def flipped_faces(p):
 
 
 def _hanging(p, flat, faces, steps):
-    """Hangs a piece upright by its upper border from rest: the weight below stretches it by rho g L / k at most, twice that on the way."""
+    """Hangs a piece upright by its upper border from rest: the weight below stretches it by rho g L / k at most, twice
+    that on the way.
+    """
     density, stiffness, height = 0.2, 1000.0, np.ptp(flat[:, 1])
     scene, cloth = cloth_scene(
         flat[:, [0, 2, 1]],
@@ -128,7 +132,10 @@ def slivers(p):
 
 
 def swinging_slivers(p):
-    """The same strip held level at one end and let go: stays as long as it is. Beyond single precision, which must say so."""
+    """The same strip held level at one end and let go: stays as long as it is.
+
+    Beyond single precision, which must say so.
+    """
     vertices, faces = shapes.lattice(60 * 5e-6, 0.1, 60, 2)
     scene, cloth = cloth_scene(vertices, faces, contact=False, material=cama.Material.isotropic(1000, 0.3, 1e-6, 0.2))
     scene.pin(cloth, np.flatnonzero(vertices[:, 1] == vertices[:, 1].max()))
@@ -149,7 +156,10 @@ def graded_edges(p):
 
 
 def draped_patch(scale=1.0, away=0.0):
-    """A sheet laid on a ball, all lengths times `scale`, shifted by `away`. Masses per area and times stay, so stiffnesses scale along."""
+    """A sheet laid on a ball, all lengths times `scale`, shifted by `away`.
+
+    Masses per area and times stay, so stiffnesses scale along.
+    """
     material = cama.Material.isotropic(1000 * scale**2, 0.3, 1e-4 * scale**4, 0.2)
     vertices, faces = shapes.sheet(0.2 * scale, 0.2 * scale, 72)
     scene, _ = cloth_scene(
@@ -167,7 +177,7 @@ def draped_patch(scale=1.0, away=0.0):
 
 
 def _patches(p, steps, **changed):
-    """Positions of the sheet on the ball at the reference place and size, and changed; both in the reference's units."""
+    """Positions of the sheet on the ball, at the reference place and size and changed, in the reference's units."""
     scale, away = changed.get("scale", 1.0), changed.get("away", 0.0)
     options = dict(tolerance=p.per_precision(1e-12, 1e-9, 1e-5))
     first, second = (p.run(draped_patch(**c), steps, clean=not away, **options) for c in ({}, changed))
@@ -241,7 +251,10 @@ def all_on_one_point(p):
 
 
 def identical_centroids(p):
-    """60 triangles 2 mm above each other and one 100 km away: all in one cell of a Morton code. They fall as one body each."""
+    """60 triangles 2 mm above each other and one 100 km away: all in one cell of a Morton code.
+
+    They fall as one body each.
+    """
     corner = np.array([[np.cos(a), np.sin(a), 0] for a in (0.1, 0.1 + 2 * np.pi / 3, 0.1 + 4 * np.pi / 3)])
     vertices = np.concatenate([0.01 * corner + [0, 0, 0.002 * k] for k in range(60)] + [0.01 * corner + [1e5, 0, 0]])
     scene, _ = cloth_scene(vertices, np.arange(183).reshape(-1, 3), thickness=5e-4)

@@ -79,7 +79,9 @@ class Probe:
         return simulation
 
     def watch(self, simulation, judges=None, bound=1e9, clean=True):
-        """Looks at the state after a step. judges: as of judge.referees, None: all. bound: of cloth coordinates, m. clean: intersections are wrong."""
+        """Looks at the state after a step. judges: as of judge.referees, None: all. bound: of cloth coordinates, m.
+        clean: intersections are wrong.
+        """
         seen, step = self.seen, simulation.step_count
         seen.steps += 1
         bad = judge.finite(simulation)

@@ -53,7 +53,9 @@ def lists_from_nothing(p):
 
 
 def _capped(p, iterations):
-    """Five steps of a stiff sheet with so many iterations a step; a residual above the tolerance must say that they were not enough."""
+    """Five steps of a stiff sheet with so many iterations a step; a residual above the tolerance must say that they
+    were not enough.
+    """
     vertices, faces = shapes.sheet(0.2, 0.2, 200)
     scene, cloth = cloth_scene(vertices, faces, material=cama.Material.isotropic(1e6, 0.3, 1e-3, 0.2))
     scene.pin(cloth, [0])
@@ -72,7 +74,8 @@ def solve_cap_of_one(p):
 
 
 def out_of_memory(p):
-    """Address space runs out in a step: DeviceMemoryError, the state stays, and a later step gives the bits of a run that had enough.
+    """Address space runs out in a step: DeviceMemoryError, the state stays, and a later step gives the bits of a run
+    that had enough.
 
     In a fresh process: memory that an earlier run gave back to the allocator would do for the step.
     """

@@ -67,8 +67,9 @@ def drape(resolution=1500, seed=0):
 
 
 def twisting(resolution=1500, seed=0):
-    """The paper's Figure 11 (c), for ten full turns of the ball, one a second: friction of 0.5 holds what is up to 124 mm off the axis (31 mm at
-    two turns a second, where sheets leave the ball however fine the steps)."""
+    """The paper's Figure 11 (c), for ten full turns of the ball, one a second: friction of 0.5 holds what is up to 124
+    mm off the axis (31 mm at two turns a second, where sheets leave the ball however fine the steps).
+    """
     return _shipped("twisting", resolution, seed, 4000, time_step=1 / 400)
 
 
@@ -210,7 +211,7 @@ def press(resolution=1000, seed=0):
 
 
 def press_tight(resolution=1000, seed=0):
-    """The same until half a thickness is left: more than the certified distance on both sides, so there is a way out."""
+    """The same until half a thickness is left: more than the certified distance on both sides, so cloth can escape."""
     return _press("press_tight", 0.5 * THICKNESS, resolution, seed)
 
 
@@ -220,7 +221,7 @@ def press_shut(resolution=1000, seed=0):
 
 
 def clamp(resolution=1000, seed=0):
-    """A hanging sheet between two plates that close on it from the sides, slanted to each other, until 3 mm are left."""
+    """A hanging sheet between two slanted plates that close on it from the sides until 3 mm are left."""
     random = np.random.default_rng(seed)
     scene = _scene("clamp", 300)
     plate, opening, gap, seconds = (0.02, 0.5, 0.5), 0.08, 3e-3, 0.5
@@ -401,7 +402,7 @@ def teleport(resolution=1000, seed=0, distance=0.5):
 
 
 def flip(resolution=1000, seed=0):
-    """A bar under a draped sheet turns by 180 degrees about its length within one step, and again half a second later."""
+    """A bar under a draped sheet turns by 180 degrees about its length in one step, and again after half a second."""
     random = np.random.default_rng(seed)
     scene = _scene("flip", 300)
     half = [np.cos(np.pi / 2), 0, np.sin(np.pi / 2), 0]

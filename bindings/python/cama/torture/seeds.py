@@ -55,7 +55,9 @@ def perform(
 
 
 def row(name, seed, run, complaints):
-    """One line of the table. truncated: share of vertices cut, mean over steps.  lost_motion: share of motion cut, mean over steps."""
+    """One line of the table. truncated: share of vertices cut, mean over steps.  lost_motion: share of motion cut, mean
+    over steps.
+    """
     steps, s = max(1, len(run.reports)), run.simulation
     of = lambda field: [r[field] for r in run.reports] or [0]  # noqa: E731
     outcome = "; ".join(complaints) or ("ends with " + run.error.split(":")[0] if run.error else "ok")

@@ -106,7 +106,9 @@ def plate_with_hole(outer, hole, thickness, segments, rings=4):
 
 
 def frames(points, first_normal):
-    """Unit tangents [n, 3] and normals [n, 3] along a curve that turn about it as little as possible (double reflection, Wang 2008)."""
+    """Unit tangents [n, 3] and normals [n, 3] along a curve that turn about it as little as possible (double
+    reflection, Wang 2008).
+    """
     tangent = np.gradient(points, axis=0)
     tangent /= np.linalg.norm(tangent, axis=1, keepdims=True)
     normal = np.zeros_like(points)
@@ -139,13 +141,17 @@ def ribbon(points, width, columns, first_normal):
 
 
 def overhand(samples=2000, reach=2.15):
-    """Open trefoil, the polynomial knot (t^3 - 3t, t^4 - 4t^2, t^5 - 10t) (Shastri 1992), axes scaled to be about as wide as high."""
+    """Open trefoil, the polynomial knot (t^3 - 3t, t^4 - 4t^2, t^5 - 10t) (Shastri 1992), axes scaled to be about as
+    wide as high.
+    """
     t = np.linspace(-reach, reach, samples)
     return np.stack([t**3 - 3 * t, (t**4 - 4 * t**2) / 1.6, (t**5 - 10 * t) / 6], 1)
 
 
 def gauss(first, second):
-    """Gauss integrals [n, m] between the segments of two polylines, over 4 pi (Klenin and Langowski 2000); sums to the linking number."""
+    """Gauss integrals [n, m] between the segments of two polylines, over 4 pi (Klenin and Langowski 2000); sums to the
+    linking number.
+    """
     a, b, c, d = first[:-1, None], first[1:, None], second[None, :-1], second[None, 1:]
     ac, ad, bc, bd = c - a, d - a, c - b, d - b
     n = [np.cross(ac, ad), np.cross(ad, bd), np.cross(bd, bc), np.cross(bc, ac)]
@@ -157,7 +163,7 @@ def gauss(first, second):
 
 
 def writhe(points):
-    """Of an open polyline: 0 for a straight one, about 3.4 for a tight overhand knot (an ideal trefoil; Katritch 1996)."""
+    """Of an open polyline: 0 if straight, about 3.4 for a tight overhand knot (ideal trefoil; Katritch 1996)."""
     values = gauss(points, points)
     n = len(values)
     apart = np.abs(np.arange(n)[:, None] - np.arange(n)[None]) > 1

@@ -257,20 +257,26 @@ def markdown(outcomes, checks):
         "",
         "<!-- written by `cama stability --page docs/stability.md`; edit bindings/python/cama/stability.py -->",
         "",
-        "Cases that break cloth simulators, each on every backend and in every precision, with an outcome that is expected from outside the",
-        "code: a closed form, a conserved quantity, a scaled copy, an exact count, or a named error. Every step of every run is checked for values",
+        "Cases that break cloth simulators, each on every backend and in every precision, with an outcome "
+        "that is expected from outside the",
+        "code: a closed form, a conserved quantity, a scaled copy, an exact count, or a named error. Every "
+        "step of every run is checked for values",
         "that are not finite, in all arrays and reports that a user can read, and for intersections, by",
-        f"{judge.JUDGES}. [`cama stability`](cli.md#cama-stability-case) runs them and writes this page; the numbers are",
+        f"{judge.JUDGES}. [`cama stability`](cli.md#cama-stability-case) runs them and writes this page; the "
+        "numbers are",
         "those of the list of torture cases. [Extreme cases](extremes.md) has large runs of the scenes among them.",
         "",
         f"cama {cama.__version__}, accuracy {levels}: {good} of {len(outcomes)} as expected, {known} fail as known, "
         f"{cut} were cut off, {len(outcomes) - good - known - cut} fail otherwise.",
         "",
-        "- *ok*, or the named error that was expected and came; **known**: a fault that is listed below; **fails**: anything else.",
+        "- *ok*, or the named error that was expected and came; **known**: a fault that is listed below; "
+        "**fails**: anything else.",
         "- *cut off*: did not end within its wall time, which other runs on the same machine shared.",
         "- *-*: does not apply there.  *not run*: long, or see the end of the page.",
-        "- *steps* is of one configuration; *intersections*, *strain* (largest principal stretch minus one) and *energy* (kinetic energy at the",
-        "  end over its peak) are the largest of all of them. Checks that start tangled on purpose (`exempt`) and those without",
+        "- *steps* is of one configuration; *intersections*, *strain* (largest principal stretch minus one) "
+        "and *energy* (kinetic energy at the",
+        "  end over its peak) are the largest of all of them. Checks that start tangled on purpose "
+        "(`exempt`) and those without",
         "  contact show how many intersections there were.",
         "",
         "| | check | "
@@ -302,7 +308,8 @@ def markdown(outcomes, checks):
         notes = list(dict.fromkeys(o.note for o in outcomes if o.check == check.name and o.note))
         about = table.NUMBERS[check.number] if check.number != last else ""
         lines.append(
-            f"| {check.number} | {about} | `{check.name}` | {_plain(check.expected)} | {_plain(notes[0]) if notes else ''} |"
+            f"| {check.number} | {about} | `{check.name}` | {_plain(check.expected)} | "
+            f"{_plain(notes[0]) if notes else ''} |"
         )
         last = check.number
     wrong = [o for o in outcomes if not o.good]
@@ -314,7 +321,8 @@ def markdown(outcomes, checks):
         for (name, why), own in texts.items():
             places = ", ".join(f"{o.backend} {o.precision}" for o in own)
             lines.append(
-                f"| `{name}` | {places} | {_plain(own[0].outcome)[:300]} | {_plain(why) or ('cut off' if own[0].cut_off else 'not known')} |"
+                f"| `{name}` | {places} | {_plain(own[0].outcome)[:300]} | "
+                f"{_plain(why) or ('cut off' if own[0].cut_off else 'not known')} |"
             )
     ran = {o.check for o in outcomes}
     idle = [c for c in checks if c.body is None] + [

@@ -169,7 +169,8 @@ CHECKS = (
         "friction_angle_at_rest",
         "1 % below the angle what rests starts to slide",
         seen_as="off by",
-        fault="what rests under its load stays at rest 1 % and 2 % below the angle of friction; 5 % below it slides as it should",
+        fault="what rests under its load stays at rest 1 % and 2 % below the angle of friction; 5 % below it "
+        "slides as it should",
     ),
     _touch(27, "huge_friction", "no motion at 1, 10 and 1e6"),
     _touch(28, "all_pinned", "keeps every bit; follows its motion"),
@@ -211,14 +212,16 @@ CHECKS = (
         "device_out_of_memory",
         "the same on a device",
         None,
-        reason="a full device disturbs who else uses it; tests/consistency/test_failures.cpp fails every allocation on every backend",
+        reason="a full device disturbs who else uses it; tests/consistency/test_failures.cpp fails every allocation "
+        "on every backend",
     ),
     Check(
         35,
         "dryer",
         "no drift to an intersection in 10 minutes with 5 garments",
         None,
-        reason="no such scene is shipped, and 120,000 steps take hours; `rope`, `pile` and `twisting` are the longest runs here",
+        reason="no such scene is shipped, and 120,000 steps take hours; `rope`, `pile` and `twisting` are the "
+        "longest runs here",
     ),
     _matter(36, "storm", "no intersection, finite"),
     _scene(37, "coincident", 100, "no intersection, layers in order, comes to rest"),
@@ -255,7 +258,10 @@ CHECKS = (
 
 
 def select(words=()):
-    """Checks by number or name, in the order of the list; none: all. Throws KeyError with the word that is none of these."""
+    """Checks by number or name, in the order of the list; none: all.
+
+    Throws KeyError with the word that is none of these.
+    """
     if not words:
         return CHECKS
     for word in words:
