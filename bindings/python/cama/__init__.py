@@ -11,7 +11,6 @@ for frame in cama.Simulation(scene).frames(240):
 
 import importlib
 import os
-from types import ModuleType
 from typing import TYPE_CHECKING
 
 # Threads that wait for each other spin for a moment, then sleep: on a shared machine they would otherwise starve each
@@ -37,9 +36,6 @@ from .material import Material, fabrics  # noqa: E402
 from .motion import Motion  # noqa: E402
 from .scene import Cloth, Obstacle, Scene  # noqa: E402
 from .simulation import Frame, Simulation  # noqa: E402
-
-if TYPE_CHECKING:
-    from .measuring import accuracy, tradeoff, tune
 
 scenes = shipped.names
 
@@ -73,15 +69,17 @@ __all__ = [
     "SolverError",
 ]
 
-_ON_FIRST_USE = {"accuracy": "measuring.accuracy", "tradeoff": "measuring.tradeoff", "tune": "measuring.tune"}
+if TYPE_CHECKING:
+    from .measuring import accuracy, tradeoff, tune
+else:
+    _ON_FIRST_USE = {"accuracy": "measuring.accuracy", "tradeoff": "measuring.tradeoff", "tune": "measuring.tune"}
 
-
-def __getattr__(name: str) -> ModuleType:
-    """Tools for measurements are loaded when they are first asked for."""
-    if name not in _ON_FIRST_USE:
-        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    globals()[name] = module = importlib.import_module(f"{__name__}.{_ON_FIRST_USE[name]}")
-    return module
+    def __getattr__(name):
+        """Tools for measurements are loaded when they are first asked for."""
+        if name not in _ON_FIRST_USE:
+            raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+        globals()[name] = module = importlib.import_module(f"{__name__}.{_ON_FIRST_USE[name]}")
+        return module
 
 
 def __dir__() -> list[str]:

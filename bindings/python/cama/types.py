@@ -14,7 +14,7 @@ Reals = npt.NDArray[np.float64]
 Integers = npt.NDArray[np.int32]
 Booleans = npt.NDArray[np.bool_]
 #: An array, or lists or tuples of numbers.
-ArrayLike = npt.ArrayLike
+ArrayLike = Union[npt.ArrayLike, Sequence[Any]]
 #: Three numbers.
 VectorLike = Union[Sequence[float], npt.NDArray[Any]]
 Vector = tuple[float, float, float]
