@@ -123,7 +123,7 @@ def loaded_after(statement):
 
 
 def test_tools_are_loaded_on_first_use():
-    late = {"scipy", "matplotlib", "pyvista", "ray", "typer", "rich", "ipctk", "concurrent.futures"}
+    late = {"scipy", "matplotlib", "pyvista", "ray", "typer", "rich", "ipctk", "h5py"}
     late |= {f"cama.{wing}" for wing in ("measuring", "torture", "cli", "io.render", "io.recording")}
     plain = loaded_after("import cama")
     assert {"cama", "cama.simulation", "numpy"} <= plain

@@ -19,8 +19,6 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, Optional
 
-import h5py
-
 from .._core import __version__
 from ..arrays import integers, reals
 from ..errors import FileError, SceneError
@@ -99,6 +97,8 @@ def check_scene(simulation: Any, parts: Optional[dict[str, str]]) -> None:
 
 def write(path: PathLike, simulation: Any) -> None:
     """Writes the file, whole or not at all. Throws FileError."""
+    import h5py  # on first use: `import cama` comes without it
+
     path, fields = Path(path), simulation._core.checkpoint()
     partial, whole = path.with_name(path.name + ".partial"), io.BytesIO()
     with h5py.File(whole, "w") as file:  # in memory: HDF5 itself does not survive a full disk
@@ -136,6 +136,8 @@ def read(path: PathLike) -> tuple[dict[str, Any], dict[str, Any], Optional[dict[
 
     Throws FileError.
     """
+    import h5py
+
     path = Path(path)
     path = path / NAME if path.is_dir() else path
     if not path.is_file():
