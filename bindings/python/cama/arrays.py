@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Checks that turn what a user passes into arrays the compiled part can read."""
+"""Checks that turn what a user passes into arrays that the compiled module can read."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ def _as_array(name: str, value: object, shape: _Shape) -> Any:
 
 
 def reals(name: str, value: object, shape: _Shape, finite: bool = True) -> Reals:
-    """`value` as a C-ordered float64 array of this shape; None in `shape` is any length."""
+    """Returns `value` as a C-ordered float64 array; a None in `shape` stands for any length."""
     array = _as_array(name, value, shape)
     if array.dtype.kind not in "fiu":
         raise ArrayError(f"{name}: type {array.dtype}, expected numbers (float64)")
@@ -43,7 +43,7 @@ def reals(name: str, value: object, shape: _Shape, finite: bool = True) -> Reals
 
 
 def integers(name: str, value: object, shape: _Shape) -> Integers:
-    """`value` as a C-ordered int32 array of this shape; floating-point values are refused."""
+    """Returns `value` as a C-ordered int32 array; floating-point values are an error."""
     array = _as_array(name, value, shape)
     if array.size and array.dtype.kind not in "iu":
         raise ArrayError(f"{name}: type {array.dtype}, expected integers (int32 or int64)")
@@ -56,19 +56,19 @@ def integers(name: str, value: object, shape: _Shape) -> Integers:
 
 
 def vector(name: str, value: object) -> Vector:
-    """`value` as a tuple of three finite floats."""
+    """Returns `value` as a tuple of three finite floats."""
     x, y, z = reals(name, value, (3,)).tolist()
     return x, y, z
 
 
 def quaternion(name: str, value: object) -> Quaternion:
-    """`value` as a tuple of four finite floats: w, x, y, z."""
+    """Returns `value` as a tuple of four finite floats: w, x, y, z."""
     w, x, y, z = reals(name, value, (4,)).tolist()
     return w, x, y, z
 
 
 def number(name: str, value: Any) -> float:
-    """`value` as one finite float."""
+    """Returns `value` as a finite float."""
     try:
         result = float(value)
     except (TypeError, ValueError):
@@ -79,7 +79,7 @@ def number(name: str, value: Any) -> float:
 
 
 def whole(name: str, value: Any) -> int:
-    """`value` as one int of 32 bits."""
+    """Returns `value` as an integer of 32 bits."""
     result = number(name, value)
     if result != int(result) or abs(result) > 2**31 - 1:
         raise ArrayError(f"{name}: {value!r} is not a whole number below 2^31")
@@ -87,7 +87,7 @@ def whole(name: str, value: Any) -> int:
 
 
 def count(name: str, value: Any) -> int:
-    """`value` as one int of 32 bits, not below 0."""
+    """Returns `value` as an integer of 32 bits that is not negative."""
     result = whole(name, value)
     if result < 0:
         raise ArrayError(f"{name} is negative: {result}")
@@ -95,7 +95,7 @@ def count(name: str, value: Any) -> int:
 
 
 def plain(value: object) -> Any:
-    """NumPy's arrays and numbers as what JSON can hold. Throws TypeError."""
+    """Returns arrays and numbers of NumPy as what JSON can hold. Raises TypeError."""
     if isinstance(value, (np.ndarray, np.generic)):
         return value.tolist()
     raise TypeError(f"{type(value).__name__} {value!r}")

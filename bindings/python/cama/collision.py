@@ -1,8 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Geometry queries on arrays: continuous collision, distances, intersections.
+"""Geometry queries on arrays: continuous collision detection, distances, intersections.
 
-A row of a [n, 4, 3] array is four points: a vertex then the three of a face, or the two ends of one edge then of
-another.
+A row of an array [n, 4, 3] holds four points: a vertex and the three of a face, or the two ends of each of two edges.
 """
 
 from __future__ import annotations
@@ -31,9 +30,9 @@ __all__ = [
 
 @dataclass
 class ObjectIntersections:
-    """Edges of one object through faces of another, or of itself, at the start of a scene.
+    """Edges of one object that pass through faces of another, or of itself, at the start of a scene.
 
-    Objects: cloths, then obstacles.
+    Objects are numbered through all cloths, then through all obstacles.
     """
 
     first: int  #: object number
@@ -53,12 +52,12 @@ class ObjectIntersections:
 
     @property
     def mean(self) -> Reals:
-        """[3] mean place, m."""
+        """Mean of the places [3], m."""
         return np.asarray(self.place.mean(axis=0))
 
     @property
     def bounds(self) -> Reals:
-        """[2, 3] lower and upper corner of the places, m."""
+        """Lower and upper corner of the places [2, 3], m."""
         return np.stack([self.place.min(axis=0), self.place.max(axis=0)])
 
 
@@ -115,13 +114,23 @@ def _ccd(name: str, start: ArrayLike, end: ArrayLike, minimum_distance: float, m
 def vertex_face_ccd(
     start: ArrayLike, end: ArrayLike, minimum_distance: float = 0.0, method: Literal["additive", "cubic"] = "additive"
 ) -> tuple[Booleans, Reals]:
-    """Does a vertex meet a face while all four points move straight from `start` to `end`?
+    """Finds out whether a vertex meets a face while all four points move straight from `start` to `end`.
 
-    start, end: [n, 4, 3] float64, m; row = vertex, face.  minimum_distance: m, meet means come this close.
-    method: "additive" (time never late; at minimum_distance 0 decided in double-double where double cannot tell) or
-    "cubic" (the paper's, with an error bound: what it cannot tell from contact is a hit; the root's time). Neither has
-    false negatives. Source: docs/ccd.md. Returns hit [n] bool and time [n] float64 in [0, 1], 1 where there is no hit.
-    Throws ArrayError.
+    Neither method has false negatives.
+
+    Args:
+        start: Points [n, 4, 3] at the start, m: a vertex, then the three of a face.
+        end: The same points at the end.
+        minimum_distance: Distance at which the two count as meeting, m.
+        method: "additive": the time is never late; at a minimum distance of 0, what double precision cannot decide is
+            decided in double-double arithmetic. "cubic": the paper's, with an error bound; what the bound cannot tell
+            from contact counts as a hit, and the time is that of the root.
+
+    Returns:
+        hit [n], and time [n] in [0, 1], which is 1 where there is no hit.
+
+    Raises:
+        ArrayError
     """
     return _ccd("vertex_face_ccd", start, end, minimum_distance, method)
 
@@ -129,7 +138,10 @@ def vertex_face_ccd(
 def edge_edge_ccd(
     start: ArrayLike, end: ArrayLike, minimum_distance: float = 0.0, method: Literal["additive", "cubic"] = "additive"
 ) -> tuple[Booleans, Reals]:
-    """Do two edges meet? As `vertex_face_ccd`; row = two ends of one edge, two of the other."""
+    """Finds out whether two edges meet while all four points move straight from `start` to `end`.
+
+    As `vertex_face_ccd`; a row holds the two ends of one edge, then those of the other.
+    """
     return _ccd("edge_edge_ccd", start, end, minimum_distance, method)
 
 
@@ -138,9 +150,9 @@ def vertex_face_distance(points: ArrayLike, return_weights: Literal[False] = Fal
 @overload
 def vertex_face_distance(points: ArrayLike, return_weights: Literal[True]) -> tuple[Reals, Reals]: ...
 def vertex_face_distance(points: ArrayLike, return_weights: bool = False) -> Reals | tuple[Reals, Reals]:
-    """Distance [n] in m between vertex and face of [n, 4, 3] rows.
+    """Returns the distances [n], m, between vertex and face of the rows [n, 4, 3].
 
-    With `return_weights` also [n, 4]: sum over k of weight_k x_k is the difference vector. Throws ArrayError.
+    With `return_weights`, also weights [n, 4]: the sum of weight_k x_k is the difference vector. Raises ArrayError.
     """
     result = _core.vertex_face_distance(reals("vertex_face_distance: points", points, (None, 4, 3)))
     return result if return_weights else result[0]
@@ -151,17 +163,24 @@ def edge_edge_distance(points: ArrayLike, return_weights: Literal[False] = False
 @overload
 def edge_edge_distance(points: ArrayLike, return_weights: Literal[True]) -> tuple[Reals, Reals]: ...
 def edge_edge_distance(points: ArrayLike, return_weights: bool = False) -> Reals | tuple[Reals, Reals]:
-    """Distance [n] in m between two edges of [n, 4, 3] rows; as `vertex_face_distance`."""
+    """Returns the distances [n], m, between two edges of the rows [n, 4, 3]; as `vertex_face_distance`."""
     result = _core.edge_edge_distance(reals("edge_edge_distance: points", points, (None, 4, 3)))
     return result if return_weights else result[0]
 
 
 def intersections(vertices: ArrayLike, faces: ArrayLike, first_obstacle_vertex: int = -1) -> Integers:
-    """Edges that pass through faces, by exact predicates; edges that share a vertex with the face do not count.
+    """Finds edges that pass through faces, with exact predicates. Edges that share a vertex with the face do not count.
 
-    vertices: [n, 3] float64, m.  faces: [m, 3] integers.  first_obstacle_vertex: this vertex and all later ones belong
-    to obstacles, whose pairs among themselves are left out; -1: none do. Returns [k, 3] int32: the edge's two vertices
-    and the face's index. Throws ArrayError, MeshError.
+    Args:
+        vertices: Positions [n, 3], m.
+        faces: Triangles [m, 3].
+        first_obstacle_vertex: This vertex and all later ones belong to obstacles, whose pairs are left out; -1: none.
+
+    Returns:
+        Rows [k, 3]: the two vertices of the edge and the index of the face.
+
+    Raises:
+        ArrayError, MeshError
     """
     vertices = reals("intersections: vertices", vertices, (None, 3))
     faces = integers("intersections: faces", faces, (None, 3))

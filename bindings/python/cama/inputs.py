@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What `Scene.add_cloth` and `Scene.add_obstacle` take: meshes, shapes and where they are placed."""
+"""What `Scene.add_cloth` and `Scene.add_obstacle` accept: meshes, shapes and their placement."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from .types import ArrayLike, Reals, VectorLike
 
 
 def placement(transform: ArrayLike | None, translate: VectorLike, rotate: VectorLike, scale: float) -> Reals:
-    """4x4 matrix: `transform` after scale, rotation (unit quaternion w, x, y, z) and translation."""
+    """Returns the 4x4 matrix of scale, rotation (unit quaternion w, x, y, z) and translation, then `transform`."""
     w, x, y, z = quaternion("rotate", rotate)
     length = math.sqrt(w * w + x * x + y * y + z * z)
     if length == 0:
@@ -39,7 +39,7 @@ def placement(transform: ArrayLike | None, translate: VectorLike, rotate: Vector
 
 
 def uniform_scale(name: str, surface: str, matrix: Reals) -> float:
-    """Of a rotation times a scale [3, 3], which an exact obstacle keeps its form under."""
+    """Returns the scale of a matrix [3, 3] that is a rotation times a scale; an exact obstacle allows no other."""
     scale = np.cbrt(np.linalg.det(matrix))
     if not scale > 0 or np.abs(matrix @ matrix.T - scale**2 * np.eye(3)).max() > 1e-9 * scale**2:
         raise SceneError(
@@ -56,7 +56,7 @@ def compiled_mesh(
     material_faces: ArrayLike | None,
     material_scale: float = 1.0,
 ) -> tuple[_core.Mesh, str]:
-    """The compiled Mesh of a file, a pair of arrays, or an object with `vertices` and `faces`; and where it is from."""
+    """Returns the compiled Mesh of a file, of arrays or of an object with `vertices` and `faces`, and its source."""
     if isinstance(mesh, (str, os.PathLike)):
         if faces is not None:
             raise SceneError(f"{name}: faces are given beside the file {mesh}")
@@ -79,7 +79,7 @@ def compiled_mesh(
 
 
 def shape_scene(kind: str, name: str, shape: object) -> _core.Scene:
-    """A scene whose one cloth or obstacle is a generated shape, described as in scene.json."""
+    """Returns a scene whose one cloth or obstacle is a generated shape, described as in scene.json."""
     if not isinstance(shape, dict):
         raise SceneError(
             f"{name}: shape: {shape!r} is not a dict as in scene.json, for example {{'sphere': {{'radius': 0.25}}}}"

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""How pins and obstacles move."""
+"""Motions of pins and obstacles."""
 
 from __future__ import annotations
 
@@ -17,10 +17,21 @@ __all__ = ["Motion"]
 class Motion(_core.Motion):
     """A prescribed motion, continuous in time.
 
-    velocity [m/s], rotation_rate [rad/s, axis times rate, about `center`] and the sine `oscillation` [m, with `period`
-    s] act between `start` and `stop` [s]. `keys` is a list of dicts with `time` and any of `translation`, `rotation`
-    (unit quaternion w, x, y, z), `scale`, `center`, interpolated between and held outside. `times` [k] and `positions`
-    [k, vertices, 3] give a vertex animation instead. Throws ArrayError.
+    Args:
+        velocity: Velocity [3], m/s.
+        rotation_rate: Axis times rate of a rotation about `center` [3], rad/s.
+        oscillation: Amplitude of a sine [3], m.
+        period: Period of the sine, s.
+        center: Centre of rotation [3], m.
+        start: Time at which velocity, rotation and oscillation begin, s.
+        stop: Time at which they end, s.
+        keys: Dicts with `time` and any of `translation`, `rotation` (unit quaternion w, x, y, z), `scale` and `center`.
+            Between keys they are interpolated; before the first and after the last they are constant.
+        times: Times [k] of a vertex animation, s, in place of all of the above.
+        positions: Positions [k, vertices, 3] at these times, m.
+
+    Raises:
+        ArrayError
     """
 
     __slots__ = ()
@@ -55,7 +66,7 @@ class Motion(_core.Motion):
 
     @classmethod
     def of(cls, value: _core.Motion | dict[str, Any] | None) -> _core.Motion:
-        """A motion from itself, a dict of arguments, or None: at rest."""
+        """Returns a motion made from a motion, a dict of arguments, or None (at rest)."""
         if isinstance(value, dict):
             try:
                 return cls(**value)

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Options of a simulation: names, types, the accuracy levels' values, and how level, scene and caller are merged.
+"""Options of a simulation: names, types, the values of accuracy levels, and how level, scene and caller combine.
 
-Everything in the package that knows options by name or type asks this module.
+All of the package that handles options by name or type uses this module.
 """
 
 from __future__ import annotations
@@ -17,24 +17,24 @@ OF_THE_CALLER = ("backend", "device", "threads", "audit", "intersections", "pinc
 
 
 def names(options: _core.Options) -> list[str]:
-    """Names of all options that a caller may give, beside `accuracy`. options: compiled ones."""
+    """Returns the names of all options that a caller may give, without `accuracy`."""
     return [n for n in dir(options) if not n.startswith("_") and n not in ("preset", "accuracy")]
 
 
 def values(options: _core.Options) -> dict[str, Any]:
-    """{name: value} of compiled options, `accuracy` among them."""
+    """Returns {name: value} of all options, `accuracy` among them."""
     return {n: getattr(options, n) for n in sorted((*names(options), "accuracy"))}
 
 
 def option_types(accuracy: str = "production") -> dict[str, type]:
-    """{name: type} of all options, `accuracy` among them."""
+    """Returns {name: type} of all options, `accuracy` among them."""
     return {name: type(value) for name, value in values(_core.Options.preset(accuracy)).items()}
 
 
 def _options(
     backend: str, precision: str | None, accuracy: str, device: int, threads: int, overrides: Mapping[str, Any]
 ) -> _core.Options:
-    """Compiled options: the level's with everything given in its place. Throws SceneError."""
+    """Returns the options of a level with all given ones in place of the level's. Raises SceneError."""
     options = _core.Options.preset(accuracy)
     known = names(options)
     given = dict(backend=backend, device=device, threads=threads, **overrides)
@@ -61,10 +61,15 @@ def merged(
     threads: int,
     overrides: Mapping[str, Any],
 ) -> tuple[_core.Options, set[str]]:
-    """(compiled options, names of the options that the scene gave): level, then scene, then caller. of_scene:
-    `Scene.options`.
+    """Combines the options of level, scene and caller, in this order.
 
-    An accuracy that the caller gives sets the scene's options aside. Throws SceneError.
+    An accuracy level that the caller gives sets the scene's options aside.
+
+    Returns:
+        The options, and the names of those that come from the scene.
+
+    Raises:
+        SceneError
     """
     taken = set()
     if accuracy is None:
@@ -77,7 +82,7 @@ def merged(
 
 
 def check_scene_options(options: Mapping[str, Any]) -> None:
-    """Throws SceneError for a name or a type that a scene's options may not have."""
+    """Raises SceneError for a name or a type that the options of a scene may not have."""
     for name in options:
         if name in OF_THE_CALLER:
             raise SceneError(f"options: {name!r} is chosen by who runs the scene, not by the scene")
@@ -92,5 +97,5 @@ def check_scene_options(options: Mapping[str, Any]) -> None:
 
 
 def level_time_step(accuracy: str, scene: Any) -> float:
-    """The time step of a Scene at a level, s: the scene's own where the level takes it as it is, else the level's."""
+    """Returns the time step of a Scene at a level, s: the scene's if the level uses it, else the level's."""
     return _core.chosen_time_step(_core.Options.preset(accuracy), scene._core)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Parts of a scene as the user holds them: cloth and obstacles."""
+"""Handles of the parts of a scene: cloth and obstacles."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ class _Owner(Protocol):
 
 
 class Part:
-    """A cloth or an obstacle of a scene, by its index."""
+    """A cloth or an obstacle of a scene, identified by its index."""
 
     def __init__(self, scene: _Owner, index: int) -> None:
         self._scene, self.index = scene, index
@@ -37,29 +37,29 @@ class Part:
 
     @property
     def vertices(self) -> Reals:
-        """[n, 3] float64, m: a copy of the starting positions."""
+        """A copy of the starting positions [n, 3], m."""
         return self._compiled().mesh.vertices
 
     @property
     def faces(self) -> Integers:
-        """[m, 3] int32: a copy."""
+        """A copy of the triangles [m, 3]."""
         return self._compiled().mesh.faces
 
     @property
     def source(self) -> str:
-        """What it was made from."""
+        """Where the mesh comes from."""
         return self._compiled().source
 
 
 class Cloth(Part):
-    """A piece of cloth of a scene; what `Scene.add_cloth` returns."""
+    """A piece of cloth of a scene, as `Scene.add_cloth` returns it."""
 
     def _compiled(self) -> _core.Cloth:
         return self._scene._core.cloth(self.index)
 
     @property
     def material(self) -> Material:
-        """A copy of its Material; assign to change it."""
+        """A copy of the material; assign to change it."""
         return Material(self._compiled().material)
 
     @material.setter
@@ -68,16 +68,16 @@ class Cloth(Part):
 
     @property
     def material_vertices(self) -> Reals:
-        """[k, 2] float64, m: rest positions in material space; empty where the starting position is the rest state."""
+        """Rest positions in material space [k, 2], m; empty if the starting position is the rest state."""
         return self._compiled().mesh.material_vertices
 
     @property
     def material_faces(self) -> Integers:
-        """[m, 3] int32 indices into `material_vertices`."""
+        """Triangles [m, 3] of `material_vertices`."""
         return self._compiled().mesh.material_faces
 
     def _edges(self) -> tuple[Reals, ...]:
-        """Two edges of every triangle, as columns: [m, 3, 2] where it starts, [m, 2 or 3, 2] at rest."""
+        """Returns two edges of every triangle as columns: [m, 3, 2] at the start, [m, 2 or 3, 2] at rest."""
         start = self.vertices[self.faces]
         rest = self.material_vertices[self.material_faces] if len(self.material_faces) else start
         return tuple(
@@ -86,18 +86,18 @@ class Cloth(Part):
 
     @property
     def rest_area(self) -> float:
-        """m^2."""
+        """Area at rest, m^2."""
         _, rest = self._edges()
         return 0.5 * float(np.sqrt(np.linalg.det(np.swapaxes(rest, 1, 2) @ rest)).sum())
 
     @property
     def mass(self) -> float:
-        """kg."""
+        """Mass, kg."""
         return self.rest_area * self._compiled().material.density
 
     @property
     def start_strain(self) -> tuple[float, float]:
-        """Least and largest principal stretch over all triangles where the cloth starts, minus one: (0, 0) at rest."""
+        """Smallest and largest principal stretch at the start, minus one; (0, 0) at rest."""
         start, rest = self._edges()
         squared = np.linalg.eigvals(
             np.linalg.solve(np.swapaxes(rest, 1, 2) @ rest, np.swapaxes(start, 1, 2) @ start)
@@ -107,34 +107,35 @@ class Cloth(Part):
 
 
 class Obstacle(Part):
-    """A body that cloth collides with; what `Scene.add_obstacle` returns."""
+    """An obstacle of a scene, as `Scene.add_obstacle` returns it."""
 
     def _compiled(self) -> _core.Obstacle:
         return self._scene._core.obstacle(self.index)
 
     @property
     def friction(self) -> float:
-        """Coulomb coefficient against cloth while it slides."""
+        """Coulomb coefficient against cloth."""
         return self._compiled().friction
 
     @property
     def static_friction(self) -> float:
-        """The same while it sticks; -1: equal to `friction`."""
+        """The coefficient while cloth sticks; -1: equal to `friction`."""
         return self._compiled().static_friction
 
     @property
     def surface(self) -> str:
-        """ "mesh", or of an exact obstacle "sphere", "capsule", "box", "plane", whose `vertices` are its defining
-        points.
+        """ "mesh", or the kind of an exact obstacle: "sphere", "capsule", "box" or "plane".
+
+        The `vertices` of an exact obstacle are its defining points.
         """
         return self._compiled().surface
 
     @property
     def radius(self) -> float:
-        """Of an exact sphere or capsule, m; else 0."""
+        """Radius of an exact sphere or capsule, m; else 0."""
         return self._compiled().radius
 
     @property
     def motion(self) -> _core.Motion:
-        """A copy of its motion (compiled type; `evaluate(time, vertices)` gives positions)."""
+        """A copy of the motion; its `evaluate(time, vertices)` returns positions."""
         return _core.Motion(self._compiled().motion)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What is simulated: cloth, obstacles, pins and stitches."""
+"""Scenes: cloth, obstacles, pins and stitches."""
 
 from __future__ import annotations
 
@@ -31,19 +31,27 @@ ANIMATED = {".glb", ".gltf", ".fbx", ".dae"}
 
 
 def _animated(file: PathLike) -> bool:
-    """Whether files of this name hold skeletal animation."""
+    """Whether a file has one of the formats that can hold skeletal animation."""
     return Path(file).suffix.lower() in ANIMATED
 
 
 class Scene:
-    """What the user describes. Lengths in m, masses in kg, times in s.
+    """A scene to simulate. Lengths are in m, masses in kg, times in s.
 
-    gravity: [3] m/s^2.  time_step: s, which the levels `production` and `paper` take as it is; 0: the accuracy level's.
-    frames: how many `cama run` records.  frame_time: s between frames, 0: time_step, or 1/60 s without one. thickness:
-    distance below which contact acts, m.  stiffness: of the contact penalty, N/m^3.  friction: cloth against cloth, for
-    materials that give none.  static_friction: the same while it sticks, None: equal.  contact: False lets cloth pass
-    through everything.  self_contact: cloth against cloth. wind: None or a dict with `velocity` [3] m/s, `density`
-    kg/m^3, `drag` kg/(m^2 s).
+    Args:
+        gravity: Acceleration [3], m/s^2.
+        time_step: Time step, s. The levels `production` and `paper` use it; 0: the accuracy level's own.
+        frames: Number of frames that `cama run` records.
+        frame_time: Time between recorded frames, s; 0: `time_step`, or 1/60 s if that is 0 too.
+        name: Name of the scene.
+        description: What the scene shows.
+        thickness: Distance below which contact acts, m.
+        stiffness: Stiffness of the contact penalty, N/m^3.
+        friction: Coulomb coefficient of cloth against cloth, for materials without their own.
+        static_friction: The coefficient while cloth sticks; None: equal to `friction`.
+        contact: False: cloth passes through everything.
+        self_contact: False: cloth passes through cloth.
+        wind: A dict with `velocity` [3] m/s, `density` kg/m^3 and `drag` kg/(m^2 s), or None.
     """
 
     __slots__ = ("_core",)  # a field that is not there is an AttributeError
@@ -86,10 +94,14 @@ class Scene:
 
     @classmethod
     def load(cls, scene: PathLike, resolution: int = 0) -> Self:
-        """A folder with scene.json, a JSON file, or the name of a shipped scene.
+        """Loads a scene.
 
-        resolution: total number of cloth triangles aimed at, 0: the scene's own. Throws FileError, SceneError,
-        MeshError, MaterialError.
+        Args:
+            scene: A folder with scene.json, a JSON file, or the name of a shipped scene.
+            resolution: Approximate total number of cloth triangles; 0: as many as the scene says.
+
+        Raises:
+            FileError, SceneError, MeshError, MaterialError
         """
         path = shipped.resolve(scene)
         loaded = cls._of(_core.Scene.load(path, count("resolution", resolution)))
@@ -101,7 +113,13 @@ class Scene:
 
     @classmethod
     def parse(cls, text: str | Description, folder: PathLike = ".", resolution: int = 0) -> Self:
-        """The same from JSON text (or a dict); relative file names start at `folder`."""
+        """Makes a scene from JSON text or a dict, as in scene.json.
+
+        Args:
+            text: JSON text, or a dict.
+            folder: Folder that relative file names start at.
+            resolution: As for `load`.
+        """
         try:
             text = text if isinstance(text, str) else json.dumps(text, default=plain)
         except (TypeError, ValueError) as problem:
@@ -111,18 +129,18 @@ class Scene:
         return parsed
 
     def to_json(self) -> str:
-        """JSON text of the whole scene, meshes inline."""
+        """Returns the whole scene as JSON text that contains its meshes."""
         return self._core.save()
 
     def save(self, path: PathLike) -> None:
-        """Writes `to_json()` to a file; `Scene.load(path)` gives the same scene. Throws FileError."""
+        """Writes `to_json()` to a file; `Scene.load(path)` reads the same scene. Raises FileError."""
         try:
             Path(path).write_text(self.to_json(), encoding="utf-8")
         except OSError as problem:
             raise FileError(f"{path}: {problem.strerror}") from None
 
     def copy(self) -> Scene:
-        """An independent copy; copy.copy and copy.deepcopy give the same."""
+        """Returns an independent copy, as copy.copy and copy.deepcopy do."""
         return Scene._of(_core.Scene(self._core))
 
     __copy__ = copy
@@ -131,38 +149,48 @@ class Scene:
         return self.copy()
 
     def __reduce__(self) -> tuple[Any, ...]:
-        """Goes to other processes as its text."""
+        """Pickles the scene as its JSON text."""
         return Scene.parse, (self.to_json(),)
 
     def validate(self) -> None:
-        """Throws a named error for the first thing that cannot be simulated. `Simulation` calls it too."""
+        """Raises a subclass of `cama.Error` if the scene cannot be simulated. `Simulation` calls it too."""
         self._core.validate()
 
     def intersections(self) -> list[collision.ObjectIntersections]:
-        """What intersects at the start and may not: one cama.collision.ObjectIntersections per pair of objects.
+        """Finds the intersections at the start that are not allowed, with exact predicates.
 
-        Exact predicates; obstacle against obstacle is left out, and cloth against cloth without `self_contact`.
+        Pairs of obstacles are left out; without `self_contact`, pairs of cloths too.
+
+        Returns:
+            One `cama.collision.ObjectIntersections` for each pair of objects that intersect.
         """
         return collision._start_intersections(self._core)
 
     def save_intersections(self, path: PathLike) -> None:
-        """Writes the faces that are pierced and those beside piercing edges: .obj with a group, .ply with a colour per
-        pair of objects.
+        """Writes the intersecting faces at the start to a file: pierced faces, and the faces beside piercing edges.
 
-        Throws FileError.
+        Args:
+            path: An .obj file, with a group for each pair of objects, or a .ply file, with a colour for each pair.
+
+        Raises:
+            FileError
         """
         collision._save_intersections(path, self._core)
 
     def untangle(self, max_rounds: int = 400, gap: float = 0.0) -> collision.UntangleReport:
         """Moves cloth at the start until nothing intersects; obstacles and pinned vertices stay.
 
-        Returns a collision.UntangleReport.
+        If intersections remain, the report's `clean` is False and the scene has the positions with the fewest
+        intersections. Cloth without material space takes the moved start as its rest state;
+        `Simulation(scene, intersections="untangle")` keeps the old one. The method follows Volino and Magnenat-Thalmann
+        2006 and Baraff, Witkin and Kass 2003.
 
-        gap: distance aimed at around what is moved, m; 0: a tenth of the smallest contact thickness. With something
-        left the report's `clean` is False and the scene has the positions with the fewest intersections. Cloth without
-        material space takes the moved start as its rest state (`Simulation(scene, intersections="untangle")` keeps the
-        old one). After Volino and Magnenat-Thalmann 2006 and Baraff, Witkin and Kass 2003; see docs/bad-starts.md.
-        Throws SceneError, ArrayError.
+        Args:
+            max_rounds: Largest number of rounds.
+            gap: Gap to leave around moved vertices, m; 0: a tenth of the smallest contact thickness.
+
+        Raises:
+            SceneError, ArrayError
         """
         rounds, gap = int(max_rounds), number("untangle: gap", gap)
         if rounds < 0 or gap < 0:
@@ -187,16 +215,29 @@ class Scene:
         velocity: VectorLike = (0, 0, 0),
         name: str | None = None,
     ) -> Cloth:
-        """Adds a piece of cloth; returns its handle.
+        """Adds a piece of cloth and returns its handle.
 
-        mesh: a file (OBJ, PLY, glTF, FBX, DAE, STL), vertices [n, 3] float64 in m with `faces` [m, 3] integers, or an
-        object that has `vertices` and `faces`.  shape: instead of a mesh, a generated one as in scene.json, for example
-        {"grid": {"size": [1, 1]}, "triangles": 2000}. material: a fabric's name, a JSON file, a dict or a Material.
-        thickness: contact thickness, m. material_vertices [k, 2] m, material_faces [m, 3]: rest state in material space
-        (faces alone default to `faces`); for files it comes from texture coordinates times `material_scale`. Stitch
-        lines of an OBJ file are kept. Placement of the start: scale (of the material space too), rotate (unit
-        quaternion w, x, y, z), translate [m], then transform [4, 4]. velocity: [3] m/s. Throws ArrayError, MeshError,
-        MaterialError, FileError, SceneError.
+        Args:
+            mesh: A file (OBJ, PLY, glTF, FBX, DAE, STL), vertices [n, 3] in m, or an object with `vertices` and
+                `faces`.
+                Stitch lines of an OBJ file become stitches.
+            faces: Triangles [m, 3], if `mesh` is an array of vertices.
+            shape: A generated mesh instead of `mesh`, as in scene.json, for example
+                {"grid": {"size": [1, 1]}, "triangles": 2000}.
+            material: A fabric's name, a JSON file, a dict or a `cama.Material`.
+            thickness: Contact thickness, m; None: the material's.
+            material_vertices: Rest positions in material space [k, 2], m. Files have them as texture coordinates.
+            material_faces: Triangles [m, 3] of `material_vertices`; None: `faces`.
+            material_scale: Length of a unit of a file's texture coordinates, m.
+            transform: Matrix [4, 4] that is applied to the start after `scale`, `rotate` and `translate`.
+            translate: Translation of the start [3], m.
+            rotate: Rotation of the start, a unit quaternion w, x, y, z.
+            scale: Scale of the start and of the material space.
+            velocity: Velocity at the start [3], m/s.
+            name: Name in error texts and results.
+
+        Raises:
+            ArrayError, MeshError, MaterialError, FileError, SceneError
         """
         name = str(name) if name is not None else f"cloth {self._core.cloth_count}"
         cloth, cloth_source = self._part(
@@ -241,16 +282,30 @@ class Scene:
         scale: float = 1.0,
         name: str | None = None,
     ) -> Obstacle:
-        """Adds a body that cloth collides with; returns its handle.
+        """Adds an obstacle, which cloth collides with, and returns its handle.
 
-        mesh, faces, shape and placement: as for `add_cloth`. glTF, FBX and DAE files bring their skeletal animation:
-        `clip` is its name or index, "bind" for a still body, `animation` another file to take it from, `y_up` turns
-        y-up files to z-up, `lead_in` eases from the bind pose into the clip for so many seconds, `loops` plays it so
-        often. Shapes are, for example, {"sphere": {"radius": 0.25}}, {"box": {"size": [1, 1, 0.1]}} or {"walker": {}};
-        {"shape": {"sphere": {"radius": 0.25}}}, and likewise capsule, box and plane, is exact instead of meshed.
-        motion: a cama.Motion, or a dict of its arguments; with one, a file's own animation is left out. friction,
-        static_friction: Coulomb coefficients against cloth while it slides and while it sticks (None: the same).
-        thickness: contact thickness, m, contact_stiffness: penalty, N/m^3 (None: the scene's). Throws as `add_cloth`.
+        Args:
+            mesh: As for `add_cloth`. glTF, FBX and DAE files bring their skeletal animation.
+            faces: As for `add_cloth`.
+            shape: A generated obstacle instead of `mesh`, as in scene.json, for example {"sphere": {"radius": 0.25}},
+                {"box": {"size": [1, 1, 0.1]}} or {"walker": {}}. {"shape": {"sphere": {"radius": 0.25}}} is an exact
+                sphere instead of a mesh; capsule, box and plane can be exact too.
+            motion: A `cama.Motion` or a dict of its arguments, in place of a file's own animation.
+            friction: Coulomb coefficient against cloth.
+            static_friction: The coefficient while cloth sticks; None: equal to `friction`.
+            thickness: Contact thickness, m; None: the scene's.
+            contact_stiffness: Stiffness of the contact penalty, N/m^3; None: the scene's.
+            clip: Name or index of the animation in the file; "bind": the bind pose, without motion.
+            animation: Another file to take the animation from.
+            samples_per_second: Samples that are taken of the animation, 1/s.
+            y_up: Whether to turn a file whose y axis is up, so that z is up.
+            lead_in: Time in which the obstacle moves from the bind pose to the start of the clip, s.
+            loops: How many times the clip is played.
+            transform, translate, rotate, scale: Placement, as for `add_cloth`.
+            name: Name in error texts and results.
+
+        Raises:
+            As `add_cloth`.
         """
         name = str(name) if name is not None else f"obstacle {self._core.obstacle_count}"
         obstacle = _core.Obstacle()
@@ -297,7 +352,7 @@ class Scene:
     def _part(
         self, kind: str, name: str, mesh: Any, faces: ArrayLike | None, shape: Description | None, *material: Any
     ) -> tuple[Any, str]:
-        """A compiled Cloth or Obstacle with the mesh that was asked for, and where it is from."""
+        """Returns a compiled Cloth or Obstacle with its mesh, and a text that says where the mesh comes from."""
         if (mesh is None) == (shape is None):
             raise SceneError(f"{name}: exactly one of mesh and shape is needed")
         if shape is not None:
@@ -315,10 +370,16 @@ class Scene:
         motion: _core.Motion | dict[str, Any] | None = None,
         release: float = math.inf,
     ) -> None:
-        """Holds cloth vertices in place, or moves them.
+        """Holds cloth vertices in place or moves them.
 
-        cloth: a handle, index or name.  vertices: [k] integers.  motion: rigid cama.Motion (or dict) of their starting
-        position, None: fixed.  release: time at which they are let go, s. Throws ArrayError, SceneError.
+        Args:
+            cloth: A handle, index or name.
+            vertices: Vertex numbers [k].
+            motion: A rigid `cama.Motion`, or a dict of its arguments, that moves their starting positions; None: fixed.
+            release: Time at which the vertices become free, s.
+
+        Raises:
+            ArrayError, SceneError
         """
         motion = Motion.of(motion)
         index, vertices = self._vertices("pin", cloth, vertices)
@@ -331,7 +392,12 @@ class Scene:
         obstacle: Obstacle | int | str,
         release: float = math.inf,
     ) -> None:
-        """Lets cloth vertices follow the nearest point of an obstacle's surface; arguments as for `pin`."""
+        """Makes cloth vertices follow the nearest points of an obstacle's surface.
+
+        Args:
+            cloth, vertices, release: As for `pin`.
+            obstacle: A handle, index or name.
+        """
         index, vertices = self._vertices("attach", cloth, vertices)
         self._core.add_pin(index, vertices, Motion(), self._index("attach", obstacle, self.obstacles), float(release))
 
@@ -345,10 +411,19 @@ class Scene:
         ratio: ArrayLike = 0.0,
         stiffness: float = 1e3,
     ) -> None:
-        """Zero-length springs x_a = (1 - ratio) x_b + ratio x_c; x_c may be left out.
+        """Adds springs of zero rest length that pull x_a to (1 - ratio) x_b + ratio x_c.
 
-        vertex_a, vertex_b, vertex_c: [k] integers or one.  ratio: [k] or one, in [0, 1].  stiffness: N/m.
-        Throws ArrayError, SceneError.
+        Args:
+            cloth_a: Cloth of the vertices a: a handle, index or name.
+            vertex_a: One vertex number, or [k].
+            cloth_b: Cloth of the vertices b and c.
+            vertex_b: One vertex number, or [k].
+            vertex_c: One vertex number, or [k]; None: `vertex_b`.
+            ratio: One number in [0, 1], or [k].
+            stiffness: Stiffness of a spring, N/m.
+
+        Raises:
+            ArrayError, SceneError
         """
         a, first = self._vertices("stitch", cloth_a, np.atleast_1d(vertex_a))
         b, second = self._vertices("stitch", cloth_b, np.atleast_1d(vertex_b))
@@ -389,7 +464,7 @@ class Scene:
 
     @property
     def pins(self) -> list[dict[str, Any]]:
-        """List of dicts: cloth (index), vertices [k], obstacle (index or None), release [s]."""
+        """A list of dicts with cloth (index), vertices [k], obstacle (index or None) and release (s)."""
         return [dict(zip(("cloth", "vertices", "obstacle", "release"), row)) for row in self._core.pins()]
 
     @property
@@ -409,7 +484,7 @@ class Scene:
 
     @property
     def seconds_per_frame(self) -> float:
-        """From one recorded frame to the next, s: frame_time; where that is 0, time_step; where that is 0 too, 1/60."""
+        """Time between recorded frames, s: `frame_time`; if that is 0, `time_step`; if both are 0, 1/60."""
         return self._core.seconds_per_frame
 
     @property
@@ -523,12 +598,11 @@ class Scene:
 
     @property
     def options(self) -> dict[str, Any]:
-        """Dict of options that `Simulation` uses where its caller gives none: `accuracy` and single options such as
-        `tolerance`.
+        """The options that `Simulation` uses unless its caller gives others: `accuracy` and others such as `tolerance`.
 
-        `options` of scene.json; assign to change them. Where they run (`backend`, `device`, `threads`) and what a
-        caller decides (`audit`, `intersections`, `pinch`) is refused, with a SceneError that names the option, and so
-        is an unknown name or wrong type.
+        These are the `options` of scene.json; assign a dict to change them. The caller alone chooses `backend`,
+        `device`, `threads`, `audit`, `intersections` and `pinch`: these names, unknown names and values of a wrong type
+        raise SceneError.
         """
         options: dict[str, Any] = json.loads(self._core.options or "{}")
         return options

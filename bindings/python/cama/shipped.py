@@ -10,18 +10,18 @@ from .types import PathLike
 
 
 def folder() -> Path:
-    """Folder that holds the shipped scenes and `schema.json`."""
+    """Returns the folder that holds the shipped scenes and `schema.json`."""
     installed = Path(__file__).parent / "scenes"
     return installed if installed.is_dir() else Path(__file__).parents[3] / "scenes"
 
 
 def names() -> list[str]:
-    """Names of the shipped scenes, sorted."""
+    """Returns the names of the shipped scenes, sorted."""
     return sorted(p.parent.name for p in folder().glob("*/scene.json"))
 
 
 def resolve(scene: PathLike) -> Path:
-    """Path of a scene given as folder, JSON file or shipped name. Throws FileError."""
+    """Returns the path of a scene given as a folder, a JSON file or the name of a shipped scene. Raises FileError."""
     path = Path(scene)
     if path.is_file() or (path / "scene.json").is_file():
         return path

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Running a scene."""
+"""Simulations of scenes."""
 
 from __future__ import annotations
 
@@ -49,24 +49,28 @@ class Frame:
 
 
 class Simulation:
-    """Backend, state and pipeline of one scene.
+    """A simulation of one scene on one backend.
 
-    scene: a cama.Scene, or what `Scene.load` takes.  backend: "auto", "cpu", "opencl" or "cuda".
-    accuracy: one of cama.accuracy_levels(): "preview", "interactive", "production", "accurate", "reference", "paper";
-    sets the time step and all that follows but backend, device and threads. None: the scene's `options`, else
-    "production". Given, it sets the scene's options aside; single options in `overrides` come on top of either.
-    precision: "double", "mixed" (forces, matrix and residual in double, the solve in single with refinement) or
-    "single"; None: what the accuracy says. device: index.  threads: of the CPU backend, 0: one for every 1,000
-    triangles, at most all processors. overrides: single options, for example time_step (s, 0: the level's), integrator
-    ("backward_euler", "bdf2"), newton_iterations, newton_tolerance, contact_refresh ("step", "iteration"),
-    tolerance=1e-6, max_iterations, preconditioner="jacobi", solver="direct", assembly="algorithm1", search="fronts",
-    commit, cubic_impacts, max_impact_passes, intersections ("reject", "exempt" or "untangle": what becomes of a start
-    that intersects), pinch ("stop" or "release": what becomes of cloth that moving bodies pinch).
+    Vertices are numbered through all cloths in order, then through all obstacles. Arrays are copies of the state.
 
-    Vertices are numbered through all cloths in order, then all obstacles. Arrays are copies of the state when asked
-    for. Throws a subclass of cama.Error before any kernel runs if the scene cannot be simulated; CollisionError if it
-    starts with intersections, unless the policy is "exempt" (start as it is) or "untangle" (move the cloth first)
-    succeeds.
+    Args:
+        scene: A `cama.Scene`, or what `Scene.load` accepts.
+        backend: "auto", "cpu", "opencl" or "cuda".
+        precision: "double", "mixed" (forces, matrix and residual in double precision, the solve in single precision
+            with refinement) or "single"; None: the accuracy level's.
+        accuracy: One of `cama.accuracy_levels()`. The level determines the time step and all other options except
+            `backend`, `device` and `threads`. If given, the scene's `options` are not used; None: the level in the
+            scene's `options`, else "production".
+        device: Index of the backend's device.
+        threads: Threads of the CPU backend; 0: one for every 1,000 triangles, at most one for every core.
+        overrides: Options in place of the level's and the scene's, for example time_step (s, 0: the level's),
+            integrator ("backward_euler", "bdf2"), newton_iterations, tolerance=1e-6, preconditioner="jacobi",
+            solver="direct", intersections ("reject", "exempt" or "untangle": what to do with a start that intersects),
+            pinch ("stop" or "release": what to do with cloth that moving obstacles pinch).
+
+    Raises:
+        cama.Error: The scene cannot be simulated; a subclass says why, before any computation.
+        CollisionError: The scene starts with intersections, and `intersections` is "reject", or "untangle" failed.
     """
 
     def __init__(
@@ -93,16 +97,21 @@ class Simulation:
     def step(self, n: int = 1) -> None:
         """Computes n time steps with the GIL released. Ctrl-C stops between steps and keeps what was computed.
 
-        A step that the solver cannot do is taken back and made of shorter ones, down to 1/16: `report["retries"]`
-        counts what failed. Throws SolverError when that does not help either, or CollisionError; the state is that
-        before the step.
+        A step that the solver cannot compute is undone and divided into shorter ones, down to 1/16 of the step;
+        `report["retries"]` counts the failed attempts.
+
+        Raises:
+            SolverError: Shorter steps fail too. The state is that before the step.
+            CollisionError: Obstacles pinch cloth with no way out. The state is that before the step.
         """
         self._core.step(count("step: n", n))
 
     def frames(self, n: int | None = None, audit: bool = True) -> Iterator[Frame]:
-        """Iterates over the next n frames (default: the scene's), each `steps_per_frame` steps.
+        """Iterates over frames, each `steps_per_frame` steps.
 
-        audit: count intersections in every frame, exactly.
+        Args:
+            n: Number of frames; None: the scene's.
+            audit: Whether to count intersections in every frame, with exact predicates.
         """
         for _ in range(self.scene.frames if n is None else count("frames: n", n)):
             self.step(self.steps_per_frame)
@@ -119,28 +128,29 @@ class Simulation:
 
     @property
     def step_count(self) -> int:
-        """Steps computed."""
+        """Number of steps computed."""
         return self._core.step_count()
 
     @property
     def time(self) -> float:
-        """s."""
+        """Simulated time, s."""
         return self._core.time()
 
     @property
     def time_step(self) -> float:
-        """s; the scene's, the accuracy level's or the user's."""
+        """Time step, s: the caller's, the scene's or the accuracy level's."""
         return self._core.time_step()
 
     @property
     def steps_per_frame(self) -> int:
-        """Time steps from one recorded frame to the next: as many as fill the scene's seconds_per_frame."""
+        """Number of steps between two recorded frames, which fill the scene's `seconds_per_frame`."""
         return max(1, round(self.scene.seconds_per_frame / self.time_step))
 
     @property
     def settings(self) -> list[dict[str, str]]:
-        """Options that trade accuracy for time: list of dicts with name, value (text), origin ("level", "scene" or
-        "user"), trades.
+        """The options that trade accuracy for time.
+
+        A list of dicts with name, value (text), origin ("level", "scene" or "user") and trades.
         """
         rows = [dict(zip(("name", "value", "origin", "trades"), row)) for row in self._core.settings()]
         return [
@@ -150,55 +160,55 @@ class Simulation:
 
     @property
     def vertex_count(self) -> int:
-        """Cloth and obstacle vertices."""
+        """Number of cloth and obstacle vertices."""
         return self._core.vertex_count()
 
     @property
     def cloth_vertex_count(self) -> int:
-        """Cloth vertices."""
+        """Number of cloth vertices."""
         return self._core.cloth_vertex_count()
 
     @property
     def cloth_triangle_count(self) -> int:
-        """Cloth triangles; they come first in `faces`."""
+        """Number of cloth triangles, which come first in `faces`."""
         return self._core.cloth_triangle_count()
 
     @property
     def cloth_ranges(self) -> list[tuple[int, int]]:
-        """[(first, last)] vertices of each cloth, last excluded."""
+        """Vertex ranges [(first, last)] of the cloths; last is excluded."""
         return self._core.cloth_ranges()
 
     @property
     def obstacle_ranges(self) -> list[tuple[int, int]]:
-        """[(first, last)] vertices of each obstacle, last excluded."""
+        """Vertex ranges [(first, last)] of the obstacles; last is excluded."""
         return self._core.obstacle_ranges()
 
     @property
     def positions(self) -> Reals:
-        """[vertices, 3] float64, m."""
+        """Positions [vertices, 3], m."""
         return self._core.positions()
 
     @property
     def velocities(self) -> Reals:
-        """[vertices, 3] float64, m/s."""
+        """Velocities [vertices, 3], m/s."""
         return self._core.velocities()
 
     @property
     def faces(self) -> Integers:
-        """[triangles, 3] int32, cloths first."""
+        """Triangles [triangles, 3], those of cloth first."""
         return self._core.faces()
 
     @property
     def masses(self) -> Reals:
-        """[cloth vertices] float64, kg."""
+        """Masses [cloth vertices], kg."""
         return self._core.masses()
 
     @property
     def contacts(self) -> npt.NDArray[np.void]:
-        """Structured array, one row per contact of the last step.
+        """The contacts of the last step, a structured array with one row for each.
 
-        Fields: vertices [4] (vertex then face, or two edges), weights [4] signed barycentric, normal [3], distance in
-        m, kind (0 vertex-face, 1 edge-edge).
+        Fields: vertices [4] (a vertex and a face, or two edges), weights [4] (signed barycentric), normal [3], distance
+        in m, kind (0: vertex and face, 1: two edges).
         """
         columns = self._core.contacts()
         rows = np.empty(len(columns[0]), CONTACT)
@@ -207,10 +217,16 @@ class Simulation:
         return rows
 
     def set_state(self, positions: ArrayLike, velocities: ArrayLike) -> None:
-        """Replaces positions [m] and velocities [m/s] of all cloth vertices, [cloth vertices, 3] each.
+        """Replaces the positions and velocities of all cloth vertices.
 
-        Throws ArrayError; CollisionError if the positions intersect, unless the option intersections is "exempt" or
-        nothing in the scene can touch. Nothing is set then.
+        Args:
+            positions: Positions [cloth vertices, 3], m.
+            velocities: Velocities [cloth vertices, 3], m/s.
+
+        Raises:
+            ArrayError: The arrays do not fit. The state is unchanged.
+            CollisionError: The positions intersect, the option `intersections` is not "exempt", and something in the
+                scene can touch. The state is unchanged.
         """
         shape = (self.cloth_vertex_count, 3)
         self._core.set_state(
@@ -218,29 +234,35 @@ class Simulation:
         )
 
     def save_checkpoint(self, path: PathLike) -> None:
-        """Writes all that later steps depend on to an HDF5 file, whole or not at all: `load_checkpoint` goes on from
-        there.
+        """Writes all that later steps depend on to an HDF5 file, from which `load_checkpoint` continues.
 
-        Throws FileError.
+        The file is written completely or not at all. Raises FileError.
         """
         checkpoint.write(path, self)
 
     def scene_parts(self) -> dict[str, str]:
-        """{part: digest} of what the scene says: what a checkpoint holds to know its scene by."""
+        """Returns {part: digest} of the scene, by which a checkpoint recognizes its scene."""
         if self._parts is None:
             self._parts = checkpoint.parts_of(self.scene)
         return self._parts
 
     def load_checkpoint(self, path: PathLike, changed_scene: bool = False) -> list[str]:
-        """Goes on from a checkpoint of the same scene at the same resolution; path: the file, or the folder of `cama
-        run`.
+        """Continues from a checkpoint of the same scene at the same resolution.
 
-        changed_scene: all but meshes and masses may differ from the scene that the checkpoint was taken of.
+        With the same options, on any backend, the steps are bit by bit those of the run that wrote the checkpoint. If
+        an error is raised, nothing has changed.
 
-        With the same options, on any backend, the steps are bit by bit those of the run that wrote it. Options may
-        differ, the time step too: returns a list of texts that say which do, empty where none does. Throws FileError
-        for what is no checkpoint, SceneError for one of another scene, a damaged one, or one that holds vertices which
-        pins have let go of here, CollisionError where cloth intersects. Nothing changes then.
+        Args:
+            path: The file, or the folder that `cama run` wrote.
+            changed_scene: Whether all but meshes and masses may differ from the checkpoint's scene.
+
+        Returns:
+            Texts that name the options that differ from the checkpoint's, the time step among them; empty if none does.
+
+        Raises:
+            FileError: The file is not a checkpoint.
+            SceneError: The checkpoint is of another scene, is damaged, or has vertices that pins have released here.
+            CollisionError: Cloth intersects.
         """
         fields, settings, parts = checkpoint.read(path)
         if not changed_scene:
@@ -251,37 +273,39 @@ class Simulation:
 
     @property
     def report(self) -> StepReport:
-        """What the last step did: dict of contacts, candidates, impacts, iterations, residual, newton_iterations,
-        newton_residual, retries, truncated, milliseconds, ...
+        """What the last step did.
+
+        A dict with contacts, candidates, impacts, iterations, residual, newton_iterations, newton_residual, retries,
+        truncated, milliseconds and more.
         """
         return self._core.report()
 
     @property
     def timings(self) -> dict[str, float]:
-        """Milliseconds of the last step: {stage: ms}; nested stages are "outer/inner"."""
+        """Times of the last step {stage: ms}; nested stages are named "outer/inner"."""
         return stage_paths(self._core.timings())
 
     @property
     def streams(self) -> list[dict[str, Any]]:
-        """Every stream that outlives a stage: list of dicts with name, element, size, bytes."""
+        """The arrays on the device that outlive a stage: a list of dicts with name, element, size and bytes."""
         return [dict(zip(("name", "element", "size", "bytes"), row)) for row in self._core.streams()]
 
     def explain(self) -> list[tuple[str, str]]:
-        """List of (stage, why this scene needs it), in order."""
+        """Returns (stage, why this scene needs it) for every stage, in order."""
         return self._core.explain()
 
     def energy(self) -> Energy:
-        """Dict of kinetic, stretching, bending and gravity energy, J."""
+        """Returns the kinetic, stretching, bending and gravity energy, J."""
         return self._core.energy()
 
     @property
     def untangled(self) -> UntangleReport:
-        """collision.UntangleReport of the start; 0 rounds where there was nothing to do or the policy is another."""
+        """What untangling did to the start; 0 rounds if there was nothing to do or no untangling was asked for."""
         return UntangleReport(**self._core.untangled())
 
     @property
     def min_gap(self) -> float:
-        """Smallest distance over the last step's candidate pairs, m; inf if there are none."""
+        """Smallest distance over the candidate pairs of the last step, m; inf if there are none."""
         return self._core.min_gap()
 
     @property
@@ -290,17 +314,17 @@ class Simulation:
         return self._core.max_strain()
 
     def count_intersections(self) -> int:
-        """Edges through faces between all objects but obstacle and obstacle, by exact predicates."""
+        """Counts edges that pass through faces, with exact predicates; pairs of obstacles are left out."""
         return self._core.count_intersections()
 
     @property
     def state_hash(self) -> str:
-        """16 hexadecimal digits over the bits of cloth positions and velocities."""
+        """A hash of the bits of cloth positions and velocities, 16 hexadecimal digits."""
         return f"{self._core.state_hash():016x}"
 
     @property
     def peak_memory_bytes(self) -> int:
-        """Most device memory that this simulation held at once."""
+        """Largest amount of device memory that this simulation held at once."""
         return self._core.peak_memory_bytes()
 
     @property
@@ -310,12 +334,12 @@ class Simulation:
 
     @property
     def device(self) -> str:
-        """What the hardware is called."""
+        """Name of the hardware in use."""
         return self._core.backend()[1]
 
     @property
     def options(self) -> dict[str, Any]:
-        """Dict of every option in force."""
+        """All options in force."""
         return values(self._core.options())
 
     def __repr__(self) -> str:
@@ -325,9 +349,9 @@ class Simulation:
 
 
 def stage_paths(rows: Iterable[tuple[str, int, float]]) -> dict[str, float]:
-    """(name, depth, ms) rows in pipeline order as {"outer/inner": ms}; the pipeline around all stages is left out.
+    """Turns rows (name, depth, ms) in the order of the pipeline into {"outer/inner": ms}.
 
-    Equal names beside each other are added up.
+    The pipeline that surrounds all stages is left out. Equal names beside each other are added.
     """
     rows = list(rows)
     if len(rows) > 1 and sum(depth == 0 for _, depth, _ in rows) == 1:

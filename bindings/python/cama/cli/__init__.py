@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The command line of cama: `main` has the application, the other modules its commands."""
+"""The command line: `main` has the application, the other modules have its commands."""
 
 from .main import app
 

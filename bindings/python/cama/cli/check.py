@@ -26,7 +26,7 @@ def check(
     ] = None,
     debug: Debug = False,
 ):
-    """Validates SCENE; reports its parts and what intersects at the start, and where. Exit code 1 if anything does."""
+    """Validates SCENE and reports its parts and all intersections at the start. Exit code 1 if there are any."""
     loaded = Scene.load(scene, resolution)
     loaded.validate()
     table = Table("part", "name", "from", box=None, padding=(0, 2))
@@ -95,7 +95,7 @@ def place_text(place):
 
 
 def intersection_table(found):
-    """Count, place and first primitives for each pair of objects."""
+    """Returns a table with count, place and first primitives for each pair of objects."""
     table = Table("objects", box=None, padding=(0, 2))
     table.add_column("count", justify="right")
     for title in ("around, m", "from, m", "to, m", "first edge", "first face"):

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What the commands share: the types of their options, the console, and errors as one red line."""
+"""Shared parts of the commands: types of options, the console, errors as one red line."""
 
 import functools
 from enum import Enum
@@ -42,28 +42,35 @@ SceneName = Annotated[
 ]
 BackendOption = Annotated[Backend, typer.Option(help="Where to compute.")]
 PrecisionOption = Annotated[
-    Optional[Precision], typer.Option(help="Of forces, matrix and solve; left out: what the accuracy says.")
+    Optional[Precision], typer.Option(help="Precision of forces, matrix and solve. Default: the accuracy level's.")
 ]
 AccuracyOption = Annotated[
     Optional[Accuracy],
     typer.Option(
-        help="Level: time step, integrator, solver and collision options in one word; left out: the scene's "
-        "options, else production."
+        help="Accuracy level: one word for time step, integrator, solver and collision options. "
+        "Default: the scene's, else production."
     ),
 ]
-TimeStep = Annotated[float, typer.Option(min=0.0, help="s; 0: the scene's at production and paper, else the level's.")]
+TimeStep = Annotated[
+    float,
+    typer.Option(min=0.0, help="Time step, s; 0: the scene's at the levels production and paper, else the level's."),
+]
 Set = Annotated[
     Optional[list[str]],
     typer.Option(
         "--set",
         metavar="NAME=VALUE",
-        help="One option in place of the level's, for example tolerance=1e-4; may be repeated.",
+        help="An option in place of the level's, for example tolerance=1e-4; may be repeated.",
     ),
 ]
-Resolution = Annotated[int, typer.Option(min=0, help="Total number of cloth triangles aimed at; 0: the scene's own.")]
+Resolution = Annotated[
+    int, typer.Option(min=0, help="Approximate total number of cloth triangles; 0: the scene's own.")
+]
 Threads = Annotated[
     int,
-    typer.Option(min=0, help="Threads of the CPU backend; 0: one for every 1,000 triangles, at most all processors."),
+    typer.Option(
+        min=0, help="Threads of the CPU backend; 0: one for every 1,000 triangles, at most one for every core."
+    ),
 ]
 Device = Annotated[int, typer.Option(min=0, help="Index of the backend's device.")]
 Debug = Annotated[bool, typer.Option("--debug", help="Show Python's traceback of an error.")]
@@ -80,7 +87,7 @@ WHERE = (
 
 
 def clean(command):
-    """Turns an exception of cama into one red line and exit code 2 (1 once a run has started)."""
+    """Decorates a command: an error of cama becomes one red line and exit code 2."""
 
     @functools.wraps(command)
     def run_clean(*arguments, debug=False, **options):
@@ -96,14 +103,14 @@ def clean(command):
 
 
 def fail(problem):
-    """One red line on standard error."""
+    """Prints an error as one red line on standard error."""
     Console(stderr=True, soft_wrap=True).print(
         f"[bold red]{type(problem).__name__}:[/] [red]{escape(str(problem))}[/]", highlight=False
     )
 
 
 def chosen(accuracy, time_step, words):
-    """Options of `--time-step` and `--set NAME=VALUE`, each of the type that the level has it in. Throws SceneError."""
+    """Returns the options of `--time-step` and `--set NAME=VALUE`, with the types of the options. Raises SceneError."""
     known, result = (
         option_types(accuracy.value if accuracy else "production"),
         {"time_step": time_step} if time_step else {},

@@ -30,8 +30,9 @@ class Result:
 
 @contextlib.contextmanager
 def interruptible():
-    """Yields a function that gives the number of the signal that came, Ctrl-C's or SIGTERM, or 0; a second one raises
-    KeyboardInterrupt.
+    """Yields a function that returns the number of the last signal (Ctrl-C or SIGTERM), or 0.
+
+    A second signal raises KeyboardInterrupt.
     """
     came = []
 
@@ -69,7 +70,7 @@ def progress_bar(console):
 
 
 def attributes(simulation):
-    """What frames.h5 says about the run."""
+    """Returns what frames.h5 says about the run."""
     scene, options = simulation.scene, simulation.options
     return {
         "scene": scene.name,
@@ -88,7 +89,7 @@ def attributes(simulation):
 
 
 def prepare(folder):
-    """Makes the folder and takes away what an earlier run wrote there. Throws FileError."""
+    """Makes the folder and removes the files of an earlier run. Raises FileError."""
     try:
         folder.mkdir(parents=True, exist_ok=True)
         for name in (NAME, CHECKPOINT, "summary.json"):
@@ -98,13 +99,19 @@ def prepare(folder):
 
 
 def run(simulation, folder, frames, store=None, progress=None, checkpoint_every=0, resume=False):
-    """Computes and records `frames` frames after the start; writes frames.h5, summary.json and, at the end however it
-    comes, checkpoint.h5. Returns a Result.
+    """Computes and records frames; writes frames.h5, summary.json and, however the run ends, checkpoint.h5.
 
-    progress: a rich Console to draw the bar on, or None. checkpoint_every: frames from one checkpoint to the next, 0:
-    the last alone. resume: the simulation has loaded this folder's checkpoint; goes on with its frames. store: "double"
-    or "single"; None: double, or what the frames have that it goes on with. Errors of a step end the run and are
-    returned, not raised.
+    Args:
+        simulation: The Simulation.
+        folder: Folder of the files.
+        frames: Number of frames after the start.
+        store: Precision of the positions, "double" or "single"; None: double, or that of the file that is continued.
+        progress: A rich Console for the progress bar, or None.
+        checkpoint_every: Frames between checkpoints; 0: only one at the end.
+        resume: Whether the simulation has loaded this folder's checkpoint and continues its frames.
+
+    Returns:
+        A Result. Errors of a step are in it, not raised.
     """
     folder = Path(folder)
     if not resume:
@@ -157,7 +164,7 @@ def run(simulation, folder, frames, store=None, progress=None, checkpoint_every=
 
 
 def compute(simulation, summary, pressed, steps):
-    """Steps up to the next frame; returns the number of the signal that stopped them, or 0."""
+    """Computes the steps up to the next frame; returns the number of the signal that stopped them, or 0."""
     for _ in range(steps):
         if pressed():
             return pressed()
@@ -167,7 +174,7 @@ def compute(simulation, summary, pressed, steps):
 
 
 def record(simulation, recorder, summary):
-    """Writes and audits the state as it is; returns the number of intersections."""
+    """Records and audits the state; returns the number of intersections."""
     intersections = simulation.count_intersections()
     summary.add_frame(intersections)
     recorder.add(simulation.time, simulation.positions, simulation.report["contacts"], intersections)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The command `cama`: one module here for each of its commands."""
+"""The command `cama`; each of its commands has a module here."""
 
 import typer
 

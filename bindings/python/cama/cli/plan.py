@@ -1,7 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What the commands `cama tradeoff` and `cama tune` share: their options, a plan of settings from texts, the progress
-bar.
-"""
+"""Shared parts of the commands `cama tradeoff` and `cama tune`: options, plans and the progress bar."""
 
 import os
 from typing import Annotated, Optional
@@ -19,40 +17,44 @@ Knobs = Annotated[
     typer.Option(
         "--knob",
         metavar="NAME=V,V",
-        help="Values of a knob; several knobs are combined. Default: a grid that says most.",
+        help="Values of an option; several options are combined. Default: a plan of levels, time steps and tolerances.",
     ),
 ]
 Also = Annotated[
     Optional[list[str]],
-    typer.Option(metavar="NAME=V;NAME=V", help="One more setting beside the grid, for example 'accuracy=paper'."),
+    typer.Option(
+        metavar="NAME=V;NAME=V", help="One more combination of options, for example 'accuracy=paper'; may be repeated."
+    ),
 ]
 Backends = Annotated[list[str], typer.Option("--backend", help="Where to compute; may be given several times.")]
-Resolution = Annotated[int, typer.Option(min=0, help="Total number of cloth triangles aimed at; 0: the scene's own.")]
-Window = Annotated[float, typer.Option(min=1e-6, help="Seconds from a state of the reference to the comparison.")]
+Resolution = Annotated[
+    int, typer.Option(min=0, help="Approximate total number of cloth triangles; 0: the scene's own.")
+]
+Window = Annotated[float, typer.Option(min=1e-6, help="Time from a state of the reference to the comparison, s.")]
 ReferenceStep = Annotated[
-    Optional[float], typer.Option(help="Time step of the reference, s; default: the scene's / 32.")
+    Optional[float], typer.Option(help="Time step of the reference, s. Default: 1/32 of the scene's.")
 ]
 Threads = Annotated[int, typer.Option(min=0, help="Threads of timed runs on the CPU backend; 0: as for run.")]
 Device = Annotated[int, typer.Option(min=0, help="Index of the backend's device.")]
-Jobs = Annotated[int, typer.Option(min=1, help="Timed runs at once; more than one disturb each other.")]
+Jobs = Annotated[int, typer.Option(min=1, help="Number of timed runs at once; more than one slow each other down.")]
 ErrorJobs = Annotated[
     int,
     typer.Option(
         min=0,
-        help="Runs at once that measure errors alone; 0: as many as there are processors on cpu, one on other devices.",
+        help="Number of runs at once that measure only errors; 0: one for every core on cpu, one on other devices.",
     ),
 ]
 ClusterAddress = Annotated[
     Optional[str],
     typer.Option("--cluster", metavar="ADDRESS", help="Run on this Ray cluster, for example auto or HOST:6379."),
 ]
-Limit = Annotated[float, typer.Option(min=1e-3, help="Seconds of wall time for one run.")]
-WarmUp = Annotated[int, typer.Option(min=0, help="Steps that are not timed.")]
+Limit = Annotated[float, typer.Option(min=1e-3, help="Largest wall time of a run, s.")]
+WarmUp = Annotated[int, typer.Option(min=0, help="Number of first steps that are not timed.")]
 Debug = Annotated[bool, typer.Option("--debug", help="Show Python's traceback of an error.")]
 
 
 def plan_of(knobs, also):
-    """List of settings from the texts of the options, or None: the default grid."""
+    """Returns a plan from the texts of the options, or None: the default plan."""
     if not knobs and not also:
         return None
     plan = grid.product(dict(grid.parse_knob(k) for k in knobs)) if knobs else []
@@ -65,12 +67,12 @@ def plan_of(knobs, also):
 
 
 def backend_names(given):
-    """Names without "auto", each once."""
+    """Returns the names without "auto" and without repetitions."""
     return tuple(dict.fromkeys(os.environ.get("CAMA_BACKEND", "cpu") if name == "auto" else name for name in given))
 
 
 def bar(console):
-    """What was run last, how many results there are, time left."""
+    """Returns a progress bar with the last run, the number of results and the time left."""
     return Progress(
         TextColumn("{task.description}"),
         BarColumn(),
@@ -83,14 +85,14 @@ def bar(console):
 
 
 def follow(progress, task, before=""):
-    """What moves a task of the bar: a function of (done, all, words)."""
+    """Returns a function of (done, all, words) that updates a task of the bar."""
     return lambda done, of, words: progress.update(
         task, completed=done, total=of or None, description=escape(before + words)
     )
 
 
 class stoppable:
-    """Ctrl-C ends with exit code 130 and says what is kept."""
+    """Turns Ctrl-C into exit code 130 and says where the results are kept."""
 
     def __init__(self, folder):
         self._folder = folder

@@ -16,12 +16,13 @@ def render(
     output: Annotated[Path, typer.Argument(metavar="OUT", help="Folder that `cama run` wrote.")],
     fps: Annotated[int, typer.Option(min=1, max=240, help="Images per second of the video.")] = 30,
     speed: Annotated[
-        Optional[float], typer.Option(min=1e-6, help="1: real time, 0.5: half. Default: slow enough to see.")
+        Optional[float],
+        typer.Option(min=1e-6, help="Playback speed; 1: real time, 0.5: half. Default: slow enough to see."),
     ] = None,
     width: Annotated[int, typer.Option(min=16)] = 1280,
     height: Annotated[int, typer.Option(min=16)] = 720,
-    azimuth: Annotated[float, typer.Option(help="Where the camera stands, degrees from the x axis.")] = -60.0,
-    elevation: Annotated[float, typer.Option(help="How high it stands, degrees.")] = 22.0,
+    azimuth: Annotated[float, typer.Option(help="Direction of the camera, degrees from the x axis.")] = -60.0,
+    elevation: Annotated[float, typer.Option(help="Elevation of the camera, degrees.")] = 22.0,
     images: Annotated[bool, typer.Option(help="Write one PNG per image to OUT/images.")] = True,
     debug: Debug = False,
 ):

@@ -45,23 +45,29 @@ def run(
     time_step: TimeStep = 0.0,
     set_: Set = None,
     resolution: Resolution = 0,
-    frames: Annotated[Optional[int], typer.Option(min=0, help="Frames to record; default: the scene's.")] = None,
+    frames: Annotated[
+        Optional[int], typer.Option(min=0, help="Number of frames to record. Default: the scene's.")
+    ] = None,
     threads: Threads = 0,
     device: Device = 0,
     intersections: Annotated[
         Policy,
-        typer.Option(help="What becomes of a start that intersects: refused, started as it is, cloth moved first."),
+        typer.Option(
+            help="What to do if the start intersects: stop with an error, start anyway, or move the cloth first."
+        ),
     ] = Policy.reject,
     pinch: Annotated[
         Pinch,
-        typer.Option(help="What becomes of cloth that moving bodies pinch: an error, or it is let go of until free."),
+        typer.Option(
+            help="What to do if moving obstacles pinch cloth: stop with an error, or release it until it is free."
+        ),
     ] = Pinch.stop,
     store: Annotated[
         Optional[Store],
         typer.Option(help="Precision of the positions in frames.h5. Default: double; with --resume that of the file."),
     ] = None,
     output: Annotated[
-        Optional[Path], typer.Option("--output", "-o", metavar="OUT", help="Folder of the results; default: out/SCENE.")
+        Optional[Path], typer.Option("--output", "-o", metavar="OUT", help="Folder of the results. Default: out/SCENE.")
     ] = None,
     checkpoint: Annotated[
         int,
@@ -72,7 +78,7 @@ def run(
     resume: Annotated[
         bool,
         typer.Option(
-            "--resume", help="Go on from OUT/checkpoint.h5 and its frames.h5, as if the run had never stopped."
+            "--resume", help="Continue from OUT/checkpoint.h5 and OUT/frames.h5, as if the run had not stopped."
         ),
     ] = False,
     debug: Debug = False,
@@ -130,7 +136,7 @@ def run(
 
 
 def say_frame_time(scene, simulation):
-    """Says where steps do not fill frames, so that these come at other times than the scene says."""
+    """Warns if steps do not fill frames, so that frames come at other times than the scene says."""
     steps, wanted = simulation.steps_per_frame, scene.seconds_per_frame
     apart = steps * simulation.time_step
     if abs(apart - wanted) > 1e-6 * wanted:
@@ -156,7 +162,7 @@ def strained(strain):
 
 
 def print_summary(s, folder):
-    """A short table of summary.json."""
+    """Prints a short table of summary.json."""
     ms, iterations = s["ms_per_step"], s["pcg"]["iterations"]
     bad = s["intersections"] > 0
     rows = [

@@ -15,11 +15,11 @@ from ..errors import BackendError, SceneError
 from .common import Precision, clean, console
 
 Cases = Annotated[
-    Optional[list[str]], typer.Argument(metavar="[CASE...]", help="Numbers (1 to 45) or names; none: all.")
+    Optional[list[str]], typer.Argument(metavar="[CASE...]", help="Numbers (1 to 45) or names. Default: all.")
 ]
 Backends = Annotated[
     Optional[list[str]],
-    typer.Option("--backend", help="cpu, opencl, cuda; may be repeated. Default: all that are there."),
+    typer.Option("--backend", help="cpu, opencl, cuda; may be repeated. Default: all available ones."),
 ]
 Output = Annotated[Path, typer.Option("--output", "-o", metavar="OUT", help="Folder of the results.")]
 
@@ -28,7 +28,7 @@ LEVELS = _core.accuracy_levels()
 
 
 def backends_of(names):
-    """Names without "auto", each once; those that are there. Throws BackendError."""
+    """Returns the available backends of these names, without repetitions. Raises BackendError."""
     there = {b["name"]: b for b in _core.list_backends()}
     chosen = list(dict.fromkeys(names or [name for name, b in there.items() if b["available"]]))
     for name in chosen:
@@ -41,7 +41,7 @@ def backends_of(names):
 
 
 def outcome_table(outcomes, width):
-    """One line per run; below 110 columns without measures, which the files have."""
+    """Returns a table with one line per run; below 110 columns it has no measures, which the files have."""
     measures = ("steps", "cuts", "strain", "energy", "s") if width >= 110 else ()
     table = Table("", box=None, padding=(0, 1))
     for title in ("check", "backend", "precision"):
@@ -71,9 +71,9 @@ def stability(
     backend: Backends = None,
     precision: Annotated[Optional[list[Precision]], typer.Option(help="May be repeated. Default: all three.")] = None,
     accuracy: Annotated[str, typer.Option(metavar="LEVEL", help=f"One of {', '.join(LEVELS)}.")] = "production",
-    limit: Annotated[float, typer.Option(min=1.0, help="Seconds of wall time for one run.")] = 120.0,
-    jobs: Annotated[int, typer.Option(min=0, help="Runs at once; 0: one for two processors.")] = 0,
-    long: Annotated[bool, typer.Option("--long", help="The long ones too.")] = False,
+    limit: Annotated[float, typer.Option(min=1.0, help="Largest wall time of a run, s.")] = 120.0,
+    jobs: Annotated[int, typer.Option(min=0, help="Number of runs at once; 0: one for two cores.")] = 0,
+    long: Annotated[bool, typer.Option("--long", help="Run the long cases too.")] = False,
     show: Annotated[bool, typer.Option("--list", help="Print the table of cases and stop.")] = False,
     join: Annotated[
         Optional[list[Path]],

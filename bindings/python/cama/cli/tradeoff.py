@@ -45,8 +45,8 @@ def tradeoff(
     backend: Backends = ("auto",),
     resolution: Resolution = 0,
     window: Window = 0.05,
-    windows: Annotated[int, typer.Option(min=1, help="Start states.")] = 8,
-    first: Annotated[int, typer.Option(min=0, help="Windows that are left out at the start.")] = 1,
+    windows: Annotated[int, typer.Option(min=1, help="Number of start states.")] = 8,
+    first: Annotated[int, typer.Option(min=0, help="Number of first windows that are left out.")] = 1,
     reference_step: ReferenceStep = None,
     threads: Threads = 0,
     device: Device = 0,
@@ -55,7 +55,7 @@ def tradeoff(
     cluster: ClusterAddress = None,
     limit: Limit = 600.0,
     warm_up: WarmUp = 5,
-    plots: Annotated[bool, typer.Option(help="Write plots and the page (matplotlib).")] = True,
+    plots: Annotated[bool, typer.Option(help="Write plots and the page; needs matplotlib.")] = True,
     join: Annotated[
         Optional[list[Path]],
         typer.Option(
@@ -65,13 +65,13 @@ def tradeoff(
         ),
     ] = None,
     output: Annotated[
-        Path, typer.Option("--output", "-o", metavar="OUT", help="Folder of results; finished ones are kept there.")
+        Path, typer.Option("--output", "-o", metavar="OUT", help="Folder of the results; finished ones are kept.")
     ] = Path("out/tradeoff"),
     debug: Debug = False,
 ):
-    """Measures what settings cost and get wrong; writes OUT/tradeoff.csv, .json, plots and index.html.
+    """Measures the time and the errors of options; writes OUT/tradeoff.csv, .json, plots and index.html.
 
-    Run again, it goes on.
+    The same command continues an interrupted run.
     """
     plan = plan_of(knob, also)
     setup = Setup(backend_names(backend), device, threads, jobs, error_jobs, cluster, limit, warm_up)
@@ -114,7 +114,7 @@ def tradeoff(
 
 
 def front_table(results):
-    """The fronts, fastest first."""
+    """Returns a table of the Pareto fronts, fastest points first."""
     table = Table("scene", "backend", box=None, padding=(0, 1), title="Fronts: ms per simulated second and rms error")
     table.add_column("settings", overflow="fold")
     for title in ("ms", "edges", "mm"):

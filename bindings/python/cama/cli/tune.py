@@ -39,17 +39,21 @@ from .plan import (
 def tune(
     scene: Annotated[str, typer.Argument(metavar="SCENE", help="As for run.")],
     error: Annotated[
-        Optional[str], typer.Option(metavar="LENGTH", help="Largest allowed error: 1mm, or 1% of an edge.")
+        Optional[str], typer.Option(metavar="LENGTH", help="Largest error, for example 1mm, or 1% of an edge.")
     ] = None,
-    time: Annotated[Optional[str], typer.Option(metavar="TIME", help="Allowed for a frame of 1/60 s: 16ms.")] = None,
-    measure: Annotated[str, typer.Option(help="rms or max over the vertices.")] = "rms",
-    safety: Annotated[float, typer.Option(min=1.0, help="The search must be below the budget by this factor.")] = 1.5,
+    time: Annotated[
+        Optional[str], typer.Option(metavar="TIME", help="Largest time for a frame of 1/60 s, for example 16ms.")
+    ] = None,
+    measure: Annotated[str, typer.Option(help="Error over the vertices: rms or max.")] = "rms",
+    safety: Annotated[float, typer.Option(min=1.0, help="Factor by which the search must be below the budget.")] = 1.5,
     knob: Knobs = None,
     also: Also = None,
     backend: Annotated[str, typer.Option(help="Where to compute.")] = "auto",
     resolution: Resolution = 0,
     window: Window = 0.05,
-    windows: Annotated[int, typer.Option(min=1, help="Start states of the search, and as many of the judge.")] = 6,
+    windows: Annotated[
+        int, typer.Option(min=1, help="Number of start states of the search; the judge uses as many.")
+    ] = 6,
     reference_step: ReferenceStep = None,
     threads: Threads = 0,
     device: Device = 0,
@@ -57,16 +61,14 @@ def tune(
     cluster: ClusterAddress = None,
     limit: Limit = 600.0,
     warm_up: WarmUp = 5,
-    results: Annotated[Path, typer.Option(metavar="FOLDER", help="Finished results are kept there.")] = Path(
-        "out/tradeoff"
-    ),
+    results: Annotated[Path, typer.Option(metavar="FOLDER", help="Folder of finished results.")] = Path("out/tradeoff"),
     output: Annotated[
         Optional[Path],
-        typer.Option("--output", "-o", metavar="FILE", help="Scene file to write; default: out/tune/SCENE/scene.json."),
+        typer.Option("--output", "-o", metavar="FILE", help="Scene file to write. Default: out/tune/SCENE/scene.json."),
     ] = None,
     debug: Debug = False,
 ):
-    """Picks the cheapest settings for a budget of error or time, has them judged, and writes a scene file with them."""
+    """Picks the cheapest options for a budget of error or time, has them judged, and writes a scene file."""
     metric, limit_of_error = parse_error(error) if error else (None, None)
     setup = Setup(backend_names([backend]), device, threads, 1, error_jobs, cluster, limit, warm_up)
     with bar(Console(stderr=True, highlight=False)) as progress, stoppable(results):

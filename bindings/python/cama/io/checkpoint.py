@@ -50,7 +50,7 @@ MOST_PARTS = 100  # of one kind that are told apart
 
 
 def settings_of(simulation: Any) -> dict[str, Any]:
-    """What the bits of later steps depend on beside the scene: every option but those of where it is computed."""
+    """Returns the options that the bits of later steps depend on: all but those of where it is computed."""
     return {
         **{k: v for k, v in simulation.options.items() if k not in ("backend", "device", "threads", "audit")},
         "time_step": simulation.time_step,
@@ -58,7 +58,7 @@ def settings_of(simulation: Any) -> dict[str, Any]:
 
 
 def parts_of(scene: Any) -> dict[str, str]:
-    """{part: digest} of all in a scene that steps depend on: {"gravity": ..., "obstacle[ball].friction": ..., ...}."""
+    """Returns {part: digest} of a scene, for example {"gravity": ..., "obstacle[ball].friction": ...}."""
 
     def digest(value: object) -> str:
         return hashlib.sha256(json.dumps(value, sort_keys=True).encode()).hexdigest()[:16]
@@ -78,9 +78,7 @@ def parts_of(scene: Any) -> dict[str, str]:
 
 
 def check_scene(simulation: Any, parts: Optional[dict[str, str]]) -> None:
-    """Throws SceneError that names the parts in which the simulation's scene is not the checkpoint's. parts: None, of a
-    file without.
-    """
+    """Raises SceneError that names the parts in which the scene differs from the checkpoint's (None: not known)."""
     own = simulation.scene_parts()
     changed = (
         sorted(name for name in own.keys() | parts.keys() if own.get(name) != parts.get(name))
@@ -96,7 +94,7 @@ def check_scene(simulation: Any, parts: Optional[dict[str, str]]) -> None:
 
 
 def write(path: PathLike, simulation: Any) -> None:
-    """Writes the file, whole or not at all. Throws FileError."""
+    """Writes the file completely or not at all. Raises FileError."""
     import h5py  # on first use: `import cama` comes without it
 
     path, fields = Path(path), simulation._core.checkpoint()
@@ -130,11 +128,9 @@ def write(path: PathLike, simulation: Any) -> None:
 
 
 def read(path: PathLike) -> tuple[dict[str, Any], dict[str, Any], Optional[dict[str, str]]]:
-    """(fields as of the compiled part, settings, parts of the scene or None) of a checkpoint.
+    """Returns the fields for the compiled module, the options and the parts of the scene (or None) of a checkpoint.
 
-    Shapes and types are right, the rest Simulation checks.
-
-    Throws FileError.
+    Shapes and types are checked here, everything else by Simulation. Raises FileError.
     """
     import h5py
 
@@ -177,7 +173,7 @@ def read(path: PathLike) -> tuple[dict[str, Any], dict[str, Any], Optional[dict[
 
 
 def differences(simulation: Any, settings: Mapping[str, Any]) -> list[str]:
-    """["tolerance 0.001 instead of 0.01", ...]: why steps are not, bit by bit, those of the run that wrote it."""
+    """Returns texts such as "tolerance 0.001 instead of 0.01" for all options that differ from the checkpoint's."""
     own = settings_of(simulation)
     return [
         f"{name} {own.get(name)} instead of {settings.get(name)}"

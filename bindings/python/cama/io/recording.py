@@ -22,8 +22,8 @@ NAME = "frames.h5"
 class Output:
     """The file that h5py writes to.
 
-    The first failure is kept in `problem`, and nothing is written from then on, so that what was flushed stays as it
-    is: told of a failure, HDF5 cannot close its file, and crashes when the process ends.
+    The first failure is kept in `problem`, and nothing is written from then on, so that what was flushed stays intact.
+    HDF5 must not see the failure: it could not close its file then, and would crash at the end of the process.
     """
 
     def __init__(self, path, mode):
@@ -70,12 +70,17 @@ class Output:
 
 
 class Recorder:
-    """Writes frames.h5, flushed after every frame, so that a stop at any time keeps what was computed.
+    """Writes frames.h5 and flushes it after every frame, so that a stop at any time keeps what was computed.
 
-    Throws FileError.
+    Args:
+        path: The file.
+        simulation: The Simulation to record.
+        attributes: Attributes of the file.
+        dtype: Type of the positions; None: double, or that of the file that is continued.
+        until: Continue the existing file after this time, s; its later frames are dropped. None: a new file.
 
-    until: s; goes on with the file that is there, whose frames after that time are dropped. None: a new file. dtype: of
-    the positions; None: double, or that of the file it goes on with.
+    Raises:
+        FileError
     """
 
     def __init__(self, path, simulation, attributes=(), dtype=None, until=None):
@@ -196,7 +201,7 @@ class Part:
 
 
 class Recording:
-    """Reads frames.h5 of a folder, or the file itself. Throws FileError."""
+    """Reads frames.h5, given the file or its folder. Raises FileError."""
 
     def __init__(self, path):
         path = Path(path)

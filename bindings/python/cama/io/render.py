@@ -287,7 +287,7 @@ class Stage:
 
 
 def needs():
-    """Throws Error if the packages that draw are not installed; picks VTK's way to draw without a display."""
+    """Raises Error if the packages that draw are not installed; picks VTK's way to draw without a display."""
     if not os.environ.get("DISPLAY"):
         os.environ.setdefault("VTK_DEFAULT_OPENGL_WINDOW", "vtkEGLRenderWindow")
     try:
@@ -302,7 +302,7 @@ def needs():
 def render(folder, fps=30, speed=None, size=(1280, 720), azimuth=-60.0, elevation=22.0, images=True, progress=None):
     """Draws a recording: OUT/images/frame_0000.png ... and OUT/video.mp4. Returns a Rendered.
 
-    speed: of playback, 1 is real time, None chooses. Throws FileError, Error.
+    speed: of playback, 1 is real time, None chooses. Raises FileError, Error.
     """
     needs()
     import imageio.v2 as imageio

@@ -23,30 +23,30 @@ class Summary:
         self._resumed_at = None
 
     def resume(self, intersections):
-        """Before the first step of a run that goes on from a checkpoint; intersections: in the frames before it."""
+        """Call before the first step of a run that continues; intersections: of the frames before it."""
         self._resumed_at, self._intersections = self._simulation.step_count, intersections
 
     def add_step(self):
-        """After every step."""
+        """Call after every step."""
         self._reports.append(self._simulation.report)
         for name, milliseconds in self._simulation.timings.items():
             self._stages[name] = self._stages.get(name, 0.0) + milliseconds
 
     def add_frame(self, intersections):
-        """After every recorded frame."""
+        """Call after every recorded frame."""
         self._intersections += intersections
         self._gap = min(self._gap, self._simulation.min_gap)
         self._strain = max(self._strain, self._simulation.max_strain)
 
     def milliseconds(self):
-        """Mean of a step so far."""
+        """Returns the mean time of a step, ms."""
         return statistics.fmean(self._column("milliseconds")) if self._reports else math.nan
 
     def _column(self, name):
         return [report[name] for report in self._reports]
 
     def fields(self):
-        """The fields of summary.json; numbers that are not finite are None."""
+        """Returns the fields of summary.json; numbers that are not finite are None."""
         s, energy = self._simulation, self._simulation.energy()
         times, iterations = self._column("milliseconds"), self._column("iterations")
         return finite(
@@ -84,9 +84,7 @@ class Summary:
         )
 
     def write(self, folder):
-        """Writes summary.json, whole or not at all; returns (its fields, None or the FileError that kept it from being
-        written).
-        """
+        """Writes summary.json completely or not at all; returns its fields, and the FileError or None."""
         fields = self.fields()
         path = Path(folder) / NAME
         partial = path.with_name(NAME + ".partial")
@@ -101,12 +99,12 @@ class Summary:
 
 
 def mean(values):
-    """Mean, or None of nothing."""
+    """Returns the mean, or None without values."""
     return statistics.fmean(values) if values else None
 
 
 def finite(value):
-    """The same with None in place of every float that JSON cannot hold."""
+    """Returns the value with None in place of every float that JSON cannot hold."""
     if isinstance(value, dict):
         return {key: finite(entry) for key, entry in value.items()}
     if isinstance(value, float) and not math.isfinite(value):

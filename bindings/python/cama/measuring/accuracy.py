@@ -1,13 +1,13 @@
 # SPDX-License-Identifier: Apache-2.0
-"""How wrong a simulation is, in numbers: every measure of docs/accuracy.md.
+"""Error measures of simulations.
 
     reference = cama.accuracy.reference("drape")                          # converged, on the same mesh
     error = cama.accuracy.restart_error(reference, "drape", tolerance=1e-2)
     print(error.rms_edges, error.uncertainty)
 
-Cloth buckles: trajectories that start alike part within a second whatever the settings. Errors of position are
-therefore taken over short windows that start from the reference's states. Lengths in m; extra `accuracy` (scipy) of the
-package is needed for surfaces.
+Cloth buckles: trajectories that start equal separate within a second, whatever the options. Position errors are
+therefore measured over short windows that start from states of the reference. Lengths are in m. Measures of surfaces
+need SciPy, which the extra `tradeoff` of the package installs.
 """
 
 from .motion import (

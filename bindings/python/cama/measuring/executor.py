@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Runs many independent tasks: in a pool of processes on this machine, or on a Ray cluster that is there already."""
+"""Runs independent tasks in a pool of processes on this machine, or on an existing Ray cluster."""
 
 import contextlib
 import itertools
@@ -20,17 +20,14 @@ _shared = None
 
 @dataclass
 class Failure:
-    """What a task ended with in place of a result."""
+    """What a task that failed gives in place of a result."""
 
     text: str  #: "CollisionError: ..."
 
 
 @contextlib.contextmanager
 def _interrupts_held():
-    """Ctrl-C waits meanwhile.
-
-    A process that starts here has SIGINT blocked and never sees one: not even in its imports.
-    """
+    """Holds Ctrl-C back. Processes that start meanwhile have SIGINT blocked, even during their imports."""
     handler, masks, came = signal.getsignal(signal.SIGINT), hasattr(signal, "pthread_sigmask"), []
     ours = handler is not None and threading.current_thread() is threading.main_thread()
     if ours:  # other threads of this process may take the signal
@@ -48,7 +45,7 @@ def _interrupts_held():
 
 
 def _receive(shared):
-    """In a new process: Ctrl-C is the parent's, and without the parent there is nothing left to do."""
+    """Starts a new process: it ignores Ctrl-C, which is for the parent, and ends with its parent."""
     global _shared
     _shared = shared
     signal.signal(signal.SIGINT, signal.SIG_IGN)
@@ -66,7 +63,7 @@ def _call(function, task):
 
 
 def guarded(function, task, shared):
-    """function(task, shared), or the Failure that its exception becomes."""
+    """Returns function(task, shared), or the Failure that its exception becomes."""
     try:
         return function(task, shared)
     except Exception as problem:  # whatever a task throws ends that task alone
@@ -101,8 +98,9 @@ class Local:
             yield from self._pool(function, [suspect], shared, 1)
 
     def _pool(self, function, left, shared, jobs):
-        """Runs and takes from `left`; yields what ends; returns what was running when a process died, unless it was
-        alone: then it is to blame.
+        """Runs the tasks of `left`, which it empties, and yields what ends.
+
+        Returns the tasks that were running when a process died. If there was only one, it caused that and is a Failure.
         """
         running, dead = {}, []
         pool = ProcessPoolExecutor(min(jobs, len(left)), multiprocessing.get_context("spawn"), _receive, (shared,))
@@ -138,22 +136,26 @@ class Local:
         return dead
 
     def close(self):
-        """Nothing stays."""
+        """Does nothing."""
 
 
 def answers(address, seconds=5.0):
-    """Throws OSError if nothing listens at HOST:PORT or ray://HOST:PORT; Ray itself would try for minutes."""
+    """Raises OSError if nothing listens at HOST:PORT or ray://HOST:PORT; Ray itself would try for minutes."""
     host, colon, port = address.rpartition("//")[2].rpartition(":")
     if colon and port.isdigit():
         socket.create_connection((host.strip("[]"), int(port)), seconds).close()
 
 
 class Cluster:
-    """A Ray cluster that runs already. address: "auto", "host:6379", "ray://host:10001". jobs: tasks at once, 0: as
-    many as there are slots.
+    """An existing Ray cluster.
 
-    A task takes one CPU, and one GPU where the cluster has some and `gpu` is set. Throws BackendError where Ray is not
+    A task takes one CPU, and one GPU if the cluster has some and `gpu` is set. Raises BackendError if Ray is not
     installed (`pip install cama[cluster]`) or there is no cluster.
+
+    Args:
+        address: "auto", "host:6379" or "ray://host:10001".
+        jobs: Tasks at once; 0: as many as the cluster has room for.
+        gpu: Whether tasks use a GPU.
     """
 
     def __init__(self, address, jobs=0, gpu=False):
@@ -196,11 +198,11 @@ class Cluster:
                 ray.cancel(reference, force=True)
 
     def close(self):
-        """Leaves the cluster; it runs on."""
+        """Leaves the cluster, which continues to run."""
         if self._own:
             self._ray.shutdown()
 
 
 def make(cluster=None, jobs=1, gpu=False):
-    """A Cluster at an address, or Local without one."""
+    """Returns a Cluster at an address, or Local without one."""
     return Cluster(cluster, 0, gpu) if cluster else Local(jobs)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What settings a trade-off is measured over: knobs as this version has them, grids of their values, Pareto fronts."""
+"""Plans of options for trade-offs: what can be varied, grids of values, and Pareto fronts."""
 
 from __future__ import annotations
 
@@ -25,20 +25,20 @@ TOLERANCES, PRECISIONS = (1e-1, 1e-2, 1e-3), ("double", "mixed", "single")
 
 
 def levels() -> list[str]:
-    """Names of the accuracy presets that this version has, from fast to exact, the paper's last."""
+    """Returns the names of the accuracy levels, from fast to exact, the paper's last."""
     return list(_core.accuracy_levels())
 
 
 def knobs() -> dict[str, type]:
-    """{name: type} of everything that may be varied: options, `accuracy`, `time_step` and `resolution`."""
+    """Returns {name: type} of all that can be varied: options, `accuracy`, `time_step` and `resolution`."""
     own = {name: kind for name, kind in option_types().items() if name not in OF_THE_CALLER}
     return {**own, "time_step": float, "resolution": int}
 
 
 def value_of(name: str, text: object) -> Any:
-    """A knob's value from text or itself: fractions such as 1/60 for numbers, true and false for switches.
+    """Returns a value from a text or a value: numbers may be fractions such as 1/60, booleans true or false.
 
-    Throws SceneError.
+    Raises SceneError.
     """
     known = knobs()
     if name not in known:
@@ -66,7 +66,7 @@ def value_of(name: str, text: object) -> Any:
 
 
 def parse_knob(text: str) -> tuple[str, list[Any]]:
-    """("time_step", [1/60, 1/200]) of "time_step=1/60,1/200". Throws SceneError."""
+    """Returns ("time_step", [1/60, 1/200]) for "time_step=1/60,1/200". Raises SceneError."""
     name, equals, values = str(text).partition("=")
     if not equals or not values.strip():
         raise SceneError(f"knob {text!r}: give name=value,value")
@@ -74,7 +74,7 @@ def parse_knob(text: str) -> tuple[str, list[Any]]:
 
 
 def product(chosen: Mapping[str, Iterable[Any]]) -> list[Knobs]:
-    """All combinations of {knob: [values]} as dicts. Throws SceneError."""
+    """Returns all combinations of {name: [values]} as dicts. Raises SceneError."""
     chosen = {name: [value_of(name, v) for v in values] for name, values in dict(chosen).items()}
     for name, values in chosen.items():
         if not values:
@@ -83,9 +83,10 @@ def product(chosen: Mapping[str, Iterable[Any]]) -> list[Knobs]:
 
 
 def default_plan(scene: Scene, window: float) -> list[Knobs]:
-    """Settings that say most: every level but `reference` as it is, and `production` with time steps by tolerances, in
-    every precision at both ends, and with the second-order integrator and Newton's iterations where this version has
-    them.
+    """Returns the plan that is measured if the caller gives none.
+
+    Every level but `reference`; `production` with time steps and tolerances, in every precision at the longest and the
+    shortest step; and the second-order integrator and Newton iterations.
     """
     steps = [float(step) for step in STEPS if _divides(float(step), window)] or [window / math.ceil(200 * window)]
     plan = [{"accuracy": level} for level in levels() if level != "reference"]
@@ -116,7 +117,7 @@ def _divides(step: float, span: float) -> bool:
 
 
 def unique(plan: Iterable[Knobs]) -> list[Knobs]:
-    """The same settings once, in order."""
+    """Returns the plan without repetitions, in order."""
     seen, kept = set(), []
     for settings in plan:
         key = tuple(sorted(settings.items()))
@@ -127,7 +128,7 @@ def unique(plan: Iterable[Knobs]) -> list[Knobs]:
 
 
 def label(settings: Knobs) -> str:
-    """Settings in words: "production, dt 1/200 s, tolerance 0.01, mixed"."""
+    """Returns a text such as "production, dt 1/200 s, tolerance 0.01, mixed"."""
     words = []
     for name, value in settings.items():
         if name in ("accuracy", "precision"):
@@ -140,7 +141,7 @@ def label(settings: Knobs) -> str:
 
 
 def step_text(seconds: float) -> str:
-    """1/200 where that is what it is, else the number."""
+    """Returns a fraction such as 1/200 where the step is one, else the number."""
     parts = Fraction(seconds).limit_denominator(100000)
     return (
         f"{parts.numerator}/{parts.denominator}"
@@ -150,9 +151,9 @@ def step_text(seconds: float) -> str:
 
 
 def pareto(points: Iterable[tuple[float | None, float | None]]) -> list[int]:
-    """Indices of the points (x, y) that no other betters in one value without being worse in the other, by x.
+    """Returns the indices of the points (x, y) on the Pareto front, ordered by x.
 
-    Points with a value that is not finite, or None, are never among them; of equal points the first is.
+    Points with a value that is None or not finite are never on it; of equal points the first is.
     """
     finite = [
         (x, y, i)
@@ -168,9 +169,7 @@ def pareto(points: Iterable[tuple[float | None, float | None]]) -> list[int]:
 
 
 def check_plan(plan: Sequence[Knobs], window: float) -> None:
-    """Throws SceneError or ArrayError for settings that no scene can run: unknown knobs, words or values, steps that do
-    not divide the window.
-    """
+    """Raises SceneError or ArrayError for impossible options and for time steps that do not divide the window."""
     if not plan:
         raise SceneError("no settings to measure")
     sheet = Scene.parse({"cloth": [{"grid": {"size": [1, 1], "cells": [1, 1]}, "material": "cotton"}]})

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
 @dataclass
 class PositionError:
-    """How far vertices are from where they should be."""
+    """Distances of vertices from their expected positions."""
 
     rms: float  #: mass-weighted root mean square, m
     largest: float  #: m
@@ -34,9 +34,16 @@ class PositionError:
 
 
 def position_error(positions: ArrayLike, expected: ArrayLike, masses: ArrayLike, edge: float) -> PositionError:
-    """sqrt(sum m |x - x*|^2 / sum m) and max |x - x*|; a PositionError.
+    """Returns sqrt(sum m |x - x*|^2 / sum m) and max |x - x*| as a PositionError.
 
-    positions, expected: [n, 3] m.  masses: [n] kg.  edge: mean edge length, m. Throws ArrayError.
+    Args:
+        positions: x [n, 3], m.
+        expected: x* [n, 3], m.
+        masses: m [n], kg.
+        edge: Mean edge length, m.
+
+    Raises:
+        ArrayError
     """
     positions = reals("position_error: positions", positions, (None, 3))
     expected = reals("position_error: expected", expected, positions.shape)
@@ -50,23 +57,23 @@ def position_error(positions: ArrayLike, expected: ArrayLike, masses: ArrayLike,
 
 
 def momentum(velocities: Reals, masses: Reals) -> Reals:
-    """[3] kg m/s, from velocities [n, 3] m/s and masses [n] kg."""
+    """Returns the momentum [3], kg m/s, of velocities [n, 3] and masses [n]."""
     return masses @ velocities
 
 
 def angular_momentum(positions: Reals, velocities: Reals, masses: Reals, about: VectorLike = (0.0, 0.0, 0.0)) -> Reals:
-    """[3] kg m^2/s about a point [3] m."""
+    """Returns the angular momentum [3], kg m^2/s, about a point [3]."""
     return masses @ np.cross(positions - np.asarray(about, float), velocities)
 
 
 def residual_speed(velocities: Reals, masses: Reals) -> float:
-    """sqrt(2 kinetic energy / mass), m/s: what is left of motion where cloth should be at rest."""
+    """Returns sqrt(2 kinetic energy / mass), m/s: the motion that is left where cloth should be at rest."""
     return math.sqrt(masses @ (velocities**2).sum(axis=1) / masses.sum())
 
 
 @dataclass
 class Drift:
-    """How conserved quantities of a run changed, per second of simulated time."""
+    """Changes of conserved quantities per second of simulated time."""
 
     energy: float  #: of kinetic + stretching + bending + gravity, W; negative: lost
     energy_relative: float  #: the same over the largest kinetic energy of the run, 1/s
@@ -75,11 +82,18 @@ class Drift:
 
 
 def drift(scene: Scene | PathLike, seconds: float, **options: Unpack[SimulationOptions]) -> Drift:
-    """Drift of energy, momentum and angular momentum of a run from the scene's start.
+    """Measures the drift of energy, momentum and angular momentum of a run from the scene's start.
 
-    Says something about the integrator where nothing does work on the cloth or pushes it: no wind, obstacles that rest,
-    for momentum no pins and no contact either. options: as of Simulation. Returns a Drift. Throws ArrayError and what
-    Simulation throws.
+    The numbers tell about the integrator if nothing does work on the cloth: no wind, obstacles at rest; for momentum
+    also no pins and no contact.
+
+    Args:
+        scene: A Scene, or what `Scene.load` accepts.
+        seconds: Simulated time, s.
+        options: As of Simulation.
+
+    Raises:
+        ArrayError, and what Simulation raises.
     """
     seconds = number("drift: seconds", seconds)
     simulation = Simulation(scene, **options)
@@ -115,14 +129,14 @@ def drift(scene: Scene | PathLike, seconds: float, **options: Unpack[SimulationO
 
 
 def with_time_step(scene: Scene | PathLike, time_step: float) -> Scene:
-    """A copy of a Scene with another time step, s."""
+    """Returns a copy of a Scene with another time step, s."""
     changed = (scene if isinstance(scene, Scene) else Scene.load(scene)).copy()
     changed.time_step = number("time_step", time_step)
     return changed
 
 
 def paper_step(scene: Scene) -> float:
-    """The time step of a Scene at the level `paper`, s: its own, without one 1/200 or as whole steps fill a frame."""
+    """Returns the time step of a Scene at the level `paper`, s."""
     return level_time_step("paper", scene)
 
 
@@ -133,12 +147,11 @@ def accelerations(
     instant: float = 1e-9,
     **options: Unpack[SimulationOptions],
 ) -> Reals:
-    """f(x, v) / m of every cloth vertex [n, 3] m/s^2 in a state [n, 3] m, [n, 3] m/s: from one step of `instant`
-    seconds in double precision.
+    """Returns the accelerations f(x, v) / m [n, 3], m/s^2, of all cloth vertices, from one step of `instant` seconds.
 
     Obstacles and pins are where the scene starts; held vertices and impacts follow their constraints, not forces. The
-    error grows with `instant` times stiffness times speed, and rounding with 1e-16 |v| / instant. Throws what
-    Simulation throws.
+    error grows with `instant` times stiffness times speed, and rounding with 1e-16 |v| / instant. Raises what
+    Simulation raises.
     """
     given: dict[str, Any] = {
         **options,
@@ -166,12 +179,23 @@ def nonlinear_residual(
     instant: float = 1e-9,
     **options: Any,
 ) -> float:
-    """|M (v' - v) / dt - f(x', v')| / |M g| over vertices that are not pinned: how well a step solved the implicit
-    equations.
+    """Returns |M (v' - v) / dt - f(x', v')| / |M g| over free vertices: how well a step solved the implicit equations.
 
-    before: velocities v [n, 3] m/s at its start; positions x', velocities v' at its end; masses [n] kg. Forces come
-    from `accelerations`: for scenes whose obstacles and pins rest. |M g| is 9.81 m/s^2 times the mass norm without
-    gravity. Throws ArrayError, SceneError.
+    The forces come from `accelerations`, so obstacles and pins must be at rest. Without gravity, |M g| is taken with
+    9.81 m/s^2.
+
+    Args:
+        scene: A Scene, or what `Scene.load` accepts.
+        before: Velocities v at the start of the step [n, 3], m/s.
+        positions: Positions x' at its end [n, 3], m.
+        velocities: Velocities v' at its end [n, 3], m/s.
+        time_step: dt, s.
+        masses: Masses [n], kg.
+        instant: As for `accelerations`.
+        options: As of Simulation.
+
+    Raises:
+        ArrayError, SceneError
     """
     scene = scene if isinstance(scene, Scene) else Scene.load(scene)
     before = reals("nonlinear_residual: before", before, (None, 3))
@@ -185,7 +209,7 @@ def nonlinear_residual(
 
 
 def pinned(scene: Scene) -> Booleans:
-    """[cloth vertices] bool: which a pin names, whatever its release time."""
+    """Returns which cloth vertices a pin holds, whatever its release time [cloth vertices]."""
     counts = [len(cloth.vertices) for cloth in scene.cloths]
     start = np.concatenate([[0], np.cumsum(counts)]).astype(int)
     result = np.zeros(start[-1], bool)
@@ -195,9 +219,7 @@ def pinned(scene: Scene) -> Booleans:
 
 
 def rests(simulation: Simulation, start: Reals) -> bool:
-    """Whether obstacle vertices are where they were in `start` [vertices, 3] m, and pinned ones too: nothing that the
-    scene prescribes has moved.
-    """
+    """Returns whether obstacle vertices and pinned vertices are where they were in `start` [vertices, 3]."""
     count = simulation.cloth_vertex_count
     now, held = simulation.positions, pinned(simulation.scene)
     return bool(np.array_equal(now[count:], start[count:]) and np.array_equal(now[:count][held], start[:count][held]))
@@ -213,12 +235,23 @@ def friction_angle(
     material: PathLike | Description | Material = "cotton",
     **options: Unpack[SimulationOptions],
 ) -> float:
-    """Angle of a slope, degrees, at which a sheet on an exact plane starts to slide; exact is atan(static friction, or
-    friction without).
+    """Measures the angle of a slope, degrees, at which a sheet on an exact plane starts to slide.
 
-    Bisection down to `width` degrees. A sheet slides if after `seconds` it is faster than half of what gravity beyond
-    friction gives it, g (sin a - mu cos a) t, one `width` past the exact angle. options: as of Simulation, and
-    time_step. Throws ArrayError, SceneError.
+    The exact angle is the arc tangent of the static friction. The result is found by bisection. A sheet slides if after
+    `seconds` it is faster than half of g (sin a - mu cos a) t, one `width` past the exact angle.
+
+    Args:
+        friction: Coulomb coefficient.
+        static_friction: The coefficient while cloth sticks; None: equal to `friction`.
+        seconds: Simulated time of a run, s.
+        width: Width of the last interval, degrees.
+        size: Side of the sheet, m.
+        cells: Cells along a side.
+        material: As for `Scene.add_cloth`.
+        options: As of Simulation, and time_step.
+
+    Raises:
+        ArrayError, SceneError
     """
     friction = number("friction_angle: friction", friction)
     holds = friction if static_friction is None else number("friction_angle: static_friction", static_friction)
@@ -259,7 +292,7 @@ def slides(
     material: PathLike | Description | Material,
     options: dict[str, Any],
 ) -> float:
-    """Speed of a sheet down a slope of `angle` degrees after `seconds` where it is beyond `limit`, m/s, else 0."""
+    """Returns the speed of a sheet down a slope of `angle` degrees after `seconds`, m/s; 0 below `limit`."""
     options = dict(options)
     a = math.radians(angle)
     scene = Scene(

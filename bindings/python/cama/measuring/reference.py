@@ -1,7 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A converged reference of a scene on its own mesh, and the errors of other settings over windows that start from its
-states.
-"""
+"""A converged reference of a scene on its own mesh, and errors over windows that start from its states."""
 
 from __future__ import annotations
 
@@ -27,7 +25,7 @@ if TYPE_CHECKING:
 
 @dataclass
 class Reference:
-    """States at the starts of windows and where the cloth is at their ends."""
+    """States at the starts of windows, and positions at their ends."""
 
     window: float  #: length of a window, s
     starts: Reals  #: [windows] s
@@ -61,7 +59,7 @@ class Reference:
 
 
 def steps_of(span: float, time_step: float, what: str) -> int:
-    """Whole number of steps in `span`; throws ArrayError if there is none."""
+    """Returns the number of steps in `span`; raises ArrayError if it is not whole."""
     count = round(span / time_step)
     if count < 1 or abs(count * time_step - span) > 1e-9 * span:
         near = Fraction(span / max(1, count)).limit_denominator(100000)
@@ -72,19 +70,19 @@ def steps_of(span: float, time_step: float, what: str) -> int:
 
 
 def best_options(given: Mapping[str, Any]) -> dict[str, Any]:
-    """Options of a reference: the level `reference` in double precision, and what is given."""
+    """Returns the options of a reference: the level `reference` in double precision, and the given ones."""
     return {"accuracy": "reference", "precision": "double", **given}
 
 
 def reach(simulation: Simulation, time: float) -> None:
-    """Steps until `time`; throws ArrayError if that is not a whole number of steps away."""
+    """Computes steps until `time`; raises ArrayError if their number is not whole."""
     left = time - simulation.time
     if left > 1e-9 * max(time, 1e-9):
         simulation.step(steps_of(left, simulation.time_step, f"time {time:g} s"))
 
 
 def start_times(window: float, count: int, first: int = 0, stride: int = 1) -> Reals:
-    """[count] s: every `stride`-th multiple of `window` from number `first`."""
+    """Returns every `stride`-th multiple of `window` from number `first` [count], s."""
     return window * (first + stride * np.arange(count))
 
 
@@ -94,9 +92,7 @@ def _scene_of(scene: Scene | PathLike, time_step: float | None) -> Scene:
 
 
 def _windows(scene, options, starts, window, at_start, at_end):
-    """Runs `scene`; calls at_start(i, simulation) where windows start and at_end(i, simulation, positions, velocities)
-    where they end.
-    """
+    """Runs `scene`; calls at_start(i, simulation) and at_end(i, simulation, positions, velocities) for every window."""
     simulation = Simulation(scene, **options)
     count = simulation.cloth_vertex_count
     for i, start in enumerate(starts):
@@ -117,19 +113,26 @@ def reference(
     starts: ArrayLike | None = None,
     **options: Any,
 ) -> Reference:
-    """A converged run of a scene on its own mesh, to measure other settings against; a Reference.
+    """Computes a converged run of a scene on its own mesh, against which other options are measured.
 
-    window: s between a start state and its target.  windows, first, stride: they start at every `stride`-th multiple of
-    `window` from number `first`, or at `starts` [k] s, ascending and apart by `window` at least.  time_step: s,
-    default: 1/32 of that of the level `paper`, so that it divides `window`.  options: as of Simulation, on top of the
-    accuracy `reference` in double precision.
+    Every window is run with the time step, and with two and four times it. If the Richardson extrapolations of the two
+    pairs agree better than the runs, the target is the finer extrapolation and the uncertainty is their difference;
+    else the target is the finest run and the uncertainty is the larger difference between runs (Roache 1998).
 
-    From every start state the window is run with the time step, twice and four times it. Richardson: where the
-    extrapolations to no time step from each pair agree better than the runs themselves, the target is the finer
-    extrapolation and the uncertainty their difference; else the target is the finest run and the uncertainty the larger
-    difference between runs (Roache 1998). `converged` says whether differences shrink by a quarter at least, or the
-    uncertainty is below a hundredth of an edge, in the rms over the windows. Throws ArrayError and what Simulation
-    throws.
+    Args:
+        scene: A Scene, or what `Scene.load` accepts.
+        window: Time from a start state to its target, s.
+        windows: Number of windows.
+        first, stride: Windows start at every `stride`-th multiple of `window` from number `first`.
+        time_step: Time step, s; None: about 1/32 of that of the level `paper`, so that it divides `window`.
+        starts: Start times [k], s, ascending and at least `window` apart, in place of `windows`, `first`, `stride`.
+        options: As of Simulation, in place of those of the level `reference` in double precision.
+
+    Returns:
+        A Reference.
+
+    Raises:
+        ArrayError, and what Simulation raises.
     """
     scene = _scene_of(scene, None)
     window = number("reference: window", window)
@@ -212,9 +215,7 @@ def _rms(difference, masses):
 
 
 def richardson(ends, masses):
-    """Targets, their uncertainty and the order of convergence from runs with 1, 2 and 4 times a time step: {factor:
-    [windows, n, 3] m}.
-    """
+    """Returns targets, uncertainty and order from runs {factor: [windows, n, 3]} with 1, 2 and 4 time steps."""
     near, far = ends[1] - ends[2], ends[2] - ends[4]
     one, two = _rms(near, masses), _rms(far, masses)
     total_one, total_two = math.sqrt((one**2).mean()), math.sqrt((two**2).mean())
@@ -242,7 +243,7 @@ def _largest(difference):
 
 @dataclass
 class RestartError:
-    """What settings get wrong over a window, from the reference's states."""
+    """The errors of some options over windows that start from the reference's states."""
 
     steps: int  #: in a window
     time_step: float  #: s
@@ -268,13 +269,22 @@ def restart_error(
     steps: int | None = None,
     **options: Any,
 ) -> RestartError:
-    """Errors after a window from the reference's start states, compared at the same time; a RestartError.
+    """Measures errors after windows that start from the reference's states.
 
-    scene: the reference's, same mesh.  time_step: s, default: what scene and options say; it must divide the window and
-    its start times. steps: checks that a window has so many (a Reference with window = k dt gives the error over k
-    steps).  options: as of Simulation. Energies and momenta are compared with the reference at the same time, so that
-    pins, wind and bodies may do work. Throws ArrayError for another mesh or a time step that does not fit, and what
-    Simulation throws.
+    Energies and momenta are compared with the reference at the same time, so that pins, wind and obstacles may do work.
+
+    Args:
+        reference: A Reference.
+        scene: The scene of the reference, on the same mesh.
+        time_step: Time step, s; None: what scene and options say. It must divide the window and its start times.
+        steps: If given, the number of steps that a window must have.
+        options: As of Simulation.
+
+    Returns:
+        A RestartError.
+
+    Raises:
+        ArrayError: The mesh is another, or the time step does not fit; and what Simulation raises.
     """
     scene = _scene_of(scene, time_step)
     if time_step:

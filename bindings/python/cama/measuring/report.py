@@ -425,7 +425,7 @@ def file_names(results):
 def write(results: Sequence[Tradeoff], folder: PathLike, plots: bool = True) -> list[Path]:
     """Writes tradeoff.csv, tradeoff.json and, with plots, SCENE.svg, SCENE.png and index.html; returns their paths.
 
-    Throws FileError, BackendError.
+    Raises FileError, BackendError.
     """
     folder, written = Path(folder), []
 

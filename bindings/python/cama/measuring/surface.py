@@ -117,7 +117,7 @@ def surface_distance(
     SurfaceDistance.
 
     vertices [n, 3] m, faces [m, 3]; so the other's. Distances of the samples are exact (Aspert, Santa-Cruz and Ebrahimi
-    2002). Throws ArrayError, MeshError.
+    2002). Raises ArrayError, MeshError.
     """
     first, second = (
         _surface("surface_distance: first", vertices, faces),
@@ -156,7 +156,7 @@ def strain(vertices: ArrayLike, faces: ArrayLike, rest: ArrayLike) -> Strain:
     """Principal strains of triangles: singular values of the deformation gradient minus one; a Strain.
 
     vertices [n, 3] m, faces [m, 3], rest [m, 3, 2] or [m, 3, 3] m: corners of every triangle at rest (see
-    `rest_shapes`). Throws ArrayError.
+    `rest_shapes`). Raises ArrayError.
     """
     vertices, faces = _surface("strain", vertices, faces)
     rest = np.asarray(rest, dtype=np.float64)
@@ -226,7 +226,7 @@ def smallest_gap(vertices: ArrayLike, faces: ArrayLike, within: float, first_obs
 
     vertices [n, 3] m, faces [m, 3].  first_obstacle_vertex: pairs of this vertex and later ones among themselves are
     left out; -1: none. 0 where surfaces touch or intersect only if a pair's own distance is 0: count intersections too.
-    Throws ArrayError, MeshError.
+    Raises ArrayError, MeshError.
     """
     vertices, faces = _surface("smallest_gap", vertices, faces)
     within = number("smallest_gap: within", within)
@@ -265,7 +265,7 @@ def missed_contacts(
 
     Brute force over all boxes of motion, then continuous detection at distance 0 (`collision`); for small meshes, the
     work grows with the square of `faces` [m, 3]. Pairs that share a vertex and obstacle against obstacle are left out.
-    Returns (vertex-face pairs [k, 2], edge-edge pairs [k, 4] as vertex numbers). Throws ArrayError, MeshError.
+    Returns (vertex-face pairs [k, 2], edge-edge pairs [k, 4] as vertex numbers). Raises ArrayError, MeshError.
     """
     before, faces = _surface("missed_contacts: before", before, faces)
     after = reals("missed_contacts: after", after, before.shape)
@@ -330,7 +330,7 @@ def drape_coefficient(
     down.
 
     vertices [n, 3] m, z up; disc_radius: of the table, m; flat_area: of the cloth, m^2 (Cusick 1968, ISO 9073-9).
-    Throws ArrayError.
+    Raises ArrayError.
     """
     disc = np.pi * number("drape_coefficient: disc_radius", disc_radius) ** 2
     flat_area = number("drape_coefficient: flat_area", flat_area)

@@ -1,9 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Speed for accuracy, measured: a grid of settings, what each costs and gets wrong, and the Pareto front; `cama
-tradeoff`.
+"""Trade-offs of time and accuracy: what options cost, which errors they have, and the Pareto front; `cama tradeoff`.
 
-result = cama.tradeoff.tradeoff("drape", "out/tradeoff", plan=[{"time_step": 1 / 200}, {"time_step": 1 / 400}],
-resolution=600) print(result.fronts["cpu"])
+result = cama.tradeoff.tradeoff("drape", "out/tradeoff", plan=[{"time_step": 1 / 200}, {"time_step": 1 / 400}])
+print(result.fronts["cpu"])
 """
 
 from __future__ import annotations
@@ -38,7 +37,7 @@ __all__ = ["tradeoff", "join", "Tradeoff", "levels", "pareto", "product", "defau
 
 @dataclass
 class Tradeoff:
-    """What was measured of one scene."""
+    """The measurements of one scene."""
 
     scene: str
     triangles: int
@@ -51,8 +50,9 @@ class Tradeoff:
     facts: dict[str, Any]
 
     def front(self, backend: str, x: str = "ms_per_second", y: str = "restart_rms_edges") -> list[int]:
-        """Indices of the points on the front of any two measures, the smaller x first; points that intersect are never
-        on it.
+        """Returns the indices of the points on the Pareto front of any two measures, ordered by x.
+
+        Points that failed or that have intersections are never on it.
         """
         own = [
             i
@@ -63,7 +63,7 @@ class Tradeoff:
 
 
 def version() -> str:
-    """Of the package and of its compiled part, which a new build changes."""
+    """Returns the version of the package with a digest of its compiled module, which a new build changes."""
     digest = hashlib.sha256(Path(_core.__file__).read_bytes()).hexdigest()[:12]
     return f"{_core.__version__}+{digest}"
 
@@ -74,7 +74,7 @@ def digest(value):
 
 
 def device_of(backend: str, device: int, cluster: str | None) -> str:
-    """Name of the hardware that results belong to. Throws BackendError where the backend is not to be had."""
+    """Returns the name of the hardware that results belong to. Raises BackendError if the backend is not available."""
     if cluster:
         return f"cluster {cluster}"
     for known in _core.list_backends():
@@ -91,7 +91,7 @@ def device_of(backend: str, device: int, cluster: str | None) -> str:
 
 
 class Store:
-    """Finished results in a folder, one file each; a file is whole or not there."""
+    """Finished results in a folder, one file each. A file is complete or absent."""
 
     def __init__(self, folder):
         self.folder = Path(folder)
@@ -104,14 +104,14 @@ class Store:
         return self.folder / f"{key}.{kind}"
 
     def get(self, key):
-        """The result under a key, or None; what cannot be read counts as not there."""
+        """Returns the result of a key, or None if it is absent or unreadable."""
         try:
             return json.loads(self.path(key).read_text(encoding="utf-8"))["result"]
         except (OSError, ValueError, KeyError):
             return None
 
     def put(self, key, task, result):
-        """Writes a result with the task that it belongs to."""
+        """Writes a result and the task that it belongs to."""
         partial = self.path(key, f"{os.getpid()}.partial")
         partial.write_text(
             json.dumps({"task": task, "result": result}, indent=1, allow_nan=False, default=float), encoding="utf-8"
@@ -119,7 +119,7 @@ class Store:
         os.replace(partial, self.path(key))
 
     def reference(self, key):
-        """The Reference under a key, or None."""
+        """Returns the Reference of a key, or None."""
         try:
             return Reference.load(self.path(key, "npz"))
         except (OSError, ValueError, KeyError, TypeError):
@@ -134,7 +134,7 @@ class Store:
 
 @dataclass
 class Setup:
-    """How results are come by: where, how many at once, for how long."""
+    """How runs are made: where, how many at once, and for how long."""
 
     backends: tuple[str, ...] = ("cpu",)
     device: int = 0
@@ -149,7 +149,7 @@ class Setup:
     samples: int = 4000  #: points on a surface whose distance is taken
 
     def check(self) -> None:
-        """Throws ArrayError, BackendError."""
+        """Raises ArrayError or BackendError if a value is not possible."""
         if self.jobs < 0 or self.error_jobs < 0 or self.threads < 0 or self.device < 0 or self.warm_up < 0:
             raise ArrayError(
                 f"jobs {self.jobs}, error_jobs {self.error_jobs}, threads {self.threads}, device {self.device} and "
@@ -174,15 +174,28 @@ def tradeoff(
     setup: Setup | None = None,
     progress: Progress | None = None,
 ) -> Tradeoff:
-    """Measures what settings cost and get wrong; a Tradeoff.
+    """Measures the time and the errors of a plan of options.
 
-    scene: what Scene.load takes, or a Scene (no resolutions then).  output: folder; finished results are kept in
-    OUTPUT/points and are not computed again, by scene content, settings, version and device.  plan: list of dicts of
-    knobs (`grid.knobs`), default `default_plan`; options that a scene carries are left out.  resolution: triangles
-    aimed at; with several in the plan the reference has the finest, and the others are compared with it by surface
-    alone.  window, windows, first, stride, reference_step: of `accuracy.reference`. setup: a Setup.  progress: called
-    with (done, all, words) after each result. Throws a subclass of cama.Error before anything runs for settings that
-    cannot be; what fails in a run is a point's `failed`.
+    Finished results are kept in the folder OUTPUT/points and are not computed again; they are found by the content of
+    the scene, options, version and device.
+
+    Args:
+        scene: What `Scene.load` accepts, or a Scene. With a Scene, the plan has no resolutions.
+        output: Folder of the results.
+        plan: Dicts of options, `accuracy`, `time_step` and `resolution`; None: `default_plan`. The scene's own options
+            are not used.
+        resolution: Approximate number of triangles. If the plan has several, the reference uses the finest, and the
+            others are compared with it by their surfaces only.
+        window, windows, first, stride: As for `accuracy.reference`.
+        reference_step: Time step of the reference, s.
+        setup: A Setup.
+        progress: Called with (done, all, words) after each result.
+
+    Returns:
+        A Tradeoff. The error of a run that failed is its point's `failed`.
+
+    Raises:
+        cama.Error: The options are not possible; a subclass says why, before any run.
     """
     begin, setup = time.perf_counter(), setup or Setup()
     setup.check()
@@ -227,11 +240,11 @@ def tradeoff(
 
 
 def join(results: list[Tradeoff], file: PathLike) -> None:
-    """Shows the points of a tradeoff.json of another run or machine beside these: of backends that a scene has none of
-    here.
+    """Adds the points of a tradeoff.json of another run or machine, for backends that a scene has no points of here.
 
-    Throws FileError for what is no such file, ArrayError where a scene was measured on other meshes or windows, or none
-    is the same.
+    Raises:
+        FileError: The file is not a tradeoff.json.
+        ArrayError: A scene was measured on another mesh or with other windows, or no scene is the same.
     """
     alike = ("triangles", "window", "windows", "first", "stride", "reference_step")
     try:
@@ -271,7 +284,7 @@ def join(results: list[Tradeoff], file: PathLike) -> None:
 
 
 def _texts(scene, base, plan):
-    """{resolution: JSON text} of every mesh that the plan names; 0: the base's. Returns also the key of the finest."""
+    """Returns {resolution: JSON text} of every mesh that the plan names (0: the base's) and the key of the finest."""
     wanted = sorted({s["resolution"] for s in plan if "resolution" in s})
     if wanted and isinstance(scene, Scene):
         raise ArrayError("resolution: a Scene has its meshes already; give the name or file of a scene")
@@ -356,9 +369,10 @@ class _Run:
         return [self._point(row, results["error"][i], results["time"][i]) for i, row in enumerate(rows)]
 
     def _jobs(self, kind, backend):
-        """At once.
+        """Returns how many runs there are at once.
 
-        None: what the cluster has; 0: in this process. One device is not shared by several runs unless asked for.
+        None: as many as the cluster has room for; 0: one after the other in this process. Runs share no device
+        unless the setup says so.
         """
         setup = self._setup
         if kind == "time" or not setup.jobs:

@@ -1,6 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The cheapest settings that keep a budget of error or time, judged by a reference that the search did not see; `cama
-tune`.
+"""The cheapest options that keep a budget, judged by a reference that the search did not use; `cama tune`.
 
 tuned = cama.tune.tune("drape", "out/tune", error=1e-3)
 tuned.write("drape-1mm.json")
@@ -31,11 +30,11 @@ FRAME = 1 / 60  # s; what a budget of time is for
 
 
 class BudgetError(Error):
-    """No settings that were tried keep the budget, or the judge found that the chosen ones do not."""
+    """No options that were tried keep the budget, or the judge found that the chosen ones do not."""
 
 
 def parse_error(text: str) -> tuple[str, float]:
-    """("m", 1e-3) of "1mm", "0.5 cm", "2e-3m"; ("edges", 0.01) of "1%". Throws ArrayError."""
+    """Returns ("m", 1e-3) for "1mm", "0.5 cm" or "2e-3m", and ("edges", 0.01) for "1%". Raises ArrayError."""
     match = re.fullmatch(r"\s*([0-9.eE+-]+)\s*(um|mm|cm|m|%)\s*", str(text))
     if not match:
         raise ArrayError(f"error: {text!r} is not a length such as 1mm or a part of an edge such as 1%")
@@ -50,7 +49,7 @@ def parse_error(text: str) -> tuple[str, float]:
 
 
 def parse_time(text: str) -> float:
-    """Seconds of "16ms" or "0.02s". Throws ArrayError."""
+    """Returns the seconds of "16ms" or "0.02s". Raises ArrayError."""
     match = re.fullmatch(r"\s*([0-9.eE+-]+)\s*(us|ms|s)\s*", str(text))
     value = number("time", match[1]) if match else 0.0
     if not value > 0:
@@ -60,8 +59,9 @@ def parse_time(text: str) -> float:
 
 @dataclass
 class Budget:
-    """What must be kept: an error (m or mean edge lengths, rms or largest vertex, after a window), a time for a frame
-    of 1/60 s, or both.
+    """A largest position error after a window, a largest time for a frame of 1/60 s, or both.
+
+    The error is in m or in mean edge lengths; it is the rms over the vertices or that of the worst vertex.
     """
 
     error: float | None = None  #: m
@@ -70,7 +70,7 @@ class Budget:
     measure: str = "rms"  #: or "max"
 
     def check(self) -> None:
-        """Throws ArrayError."""
+        """Raises ArrayError if the budget is not possible."""
         if self.measure not in ("rms", "max"):
             raise ArrayError(f"measure: {self.measure!r} is not one of rms, max")
         given = [v for v in (self.error, self.edges, self.frame) if v is not None]
@@ -80,16 +80,16 @@ class Budget:
             raise ArrayError("give the error either in m or in edges")
 
     def error_of(self, point: Mapping[str, Any], edge: float) -> float | None:
-        """Error of a point in m, or None."""
+        """Returns the error of a point, m, or None."""
         value = point.get("restart_rms_edges" if self.measure == "rms" else "restart_max_edges")
         return None if value is None else value * edge
 
     def limit(self, edge: float) -> float | None:
-        """m, or None."""
+        """Returns the largest error allowed, m, or None."""
         return self.error if self.edges is None else self.edges * edge
 
     def keeps(self, point: Mapping[str, Any], edge: float, safety: float = 1.0) -> bool:
-        """Whether a point keeps it with this factor to spare; one that failed or intersects never does."""
+        """Returns whether a point keeps the budget with this margin. Points that failed or intersect never do."""
         if point["failed"] or point.get("intersections") or point.get("ms_per_second") is None:
             return False
         error, limit = self.error_of(point, edge), self.limit(edge)
@@ -98,7 +98,7 @@ class Budget:
         return self.frame is None or point["ms_per_second"] * 1e-3 * FRAME * safety <= self.frame
 
     def best(self, points: Iterable[dict[str, Any]], edge: float, safety: float) -> dict[str, Any] | None:
-        """The point that keeps it: fastest where an error is given, else most accurate; None without."""
+        """Returns the fastest point within the error budget, else the most accurate within the time budget, or None."""
         kept = [p for p in points if self.keeps(p, edge, safety)]
         if self.limit(edge) is not None:
             return min(kept, key=lambda p: p["ms_per_second"], default=None)
@@ -109,7 +109,7 @@ class Budget:
 
 @dataclass
 class Tuned:
-    """Settings that keep a budget."""
+    """Options that keep a budget."""
 
     settings: Knobs  #: knobs
     found: dict[str, Any]  #: the point that the search measured
@@ -122,7 +122,7 @@ class Tuned:
     source: Scene | PathLike = field(repr=False)  #: what was tuned
 
     def scene(self) -> Scene:
-        """The scene with the settings: a Scene."""
+        """Returns the scene with the options."""
         base = (
             self.source
             if isinstance(self.source, Scene)
@@ -131,7 +131,7 @@ class Tuned:
         return Scene.parse(json.dumps(applied(json.loads(base.to_json()), self.settings)))
 
     def remark(self) -> str:
-        """What was measured, in words."""
+        """Returns a text that says what was measured."""
 
         def unit(p):
             return (
@@ -145,15 +145,12 @@ class Tuned:
         )
 
     def write(self, path: PathLike) -> None:
-        """Writes the scene file with the settings in it; references to files stay valid. Throws FileError."""
+        """Writes the scene file with the options in it; references to files stay valid. Raises FileError."""
         write_scene(self.source, self.settings, path, self.remark())
 
 
 def applied(data: Mapping[str, Any], settings: Knobs) -> dict[str, Any]:
-    """Scene data (as in scene.json) with settings where `cama run` reads them: `time_step`, `resolution`, `options`.
-
-    The clip stays as long.
-    """
+    """Returns scene data (as in scene.json) with the options where `cama run` reads them; the clip keeps its length."""
     data, own = dict(data), dict(settings)
     if "resolution" in own:
         data["resolution"] = own.pop("resolution")
@@ -174,7 +171,7 @@ def _without_comments(text):
 
 
 def _anchored(value, folder):
-    """The same with absolute paths for texts that name files beside the scene."""
+    """Returns the value with absolute paths for texts that name files beside the scene."""
     if isinstance(value, dict):
         return {k: v if k in ("name", "description") else _anchored(v, folder) for k, v in value.items()}
     if isinstance(value, list):
@@ -185,10 +182,16 @@ def _anchored(value, folder):
 
 
 def write_scene(source: Scene | PathLike, settings: Knobs, path: PathLike, remark: str = "") -> None:
-    """Writes a scene with settings. source: a Scene, or what Scene.load takes; in another folder its files are named by
-    absolute paths.
+    """Writes a scene file with options. Comments are lost; keys and their order are kept.
 
-    Comments are not kept, keys and their order are. Throws FileError, SceneError.
+    Args:
+        source: A Scene, or what `Scene.load` accepts. If its folder is another one, its files get absolute paths.
+        settings: Options, `time_step` and `resolution`.
+        path: The file to write.
+        remark: A text for the key "$tuned".
+
+    Raises:
+        FileError, SceneError
     """
     path = Path(path)
     if isinstance(source, Scene):
@@ -230,17 +233,28 @@ def tune(
     setup: Setup | None = None,
     progress: Progress | None = None,
 ) -> Tuned:
-    """Picks the cheapest settings that keep a budget, and has them judged; a Tuned.
+    """Picks the cheapest options that keep a budget, and has them judged.
 
-    scene, output, plan, window, reference_step, resolution, setup, progress: as for `tradeoff.tradeoff`.  error [m] or
-    edges [mean edge lengths]: largest allowed position error after a window, `measure` "rms" or "max".  frame: s of
-    wall time allowed for 1/60 s; alone, the most accurate settings that keep it are picked.  safety: factor by which
-    the search's measurement must be below the budget.  windows: start states.
+    The search starts its windows at odd multiples of `window`, the judge at even ones with half the time step for the
+    reference. If the judge measures more than the budget, the factor `safety` grows by 1.5 and the next choice is
+    judged on later windows.
 
-    The search starts its windows at odd multiples of `window`, the judge at even ones, with a reference of half the
-    time step; where its measurement is over the budget, the factor grows by 1.5 and the next choice meets windows later
-    still, `rounds` times. A budget that is not three times the reference's own uncertainty is refused. Throws
-    BudgetError, and what `tradeoff` throws.
+    Args:
+        scene, output, plan, window, reference_step, resolution, setup, progress: As for `tradeoff.tradeoff`.
+        error: Largest position error after a window, m.
+        edges: The same in mean edge lengths, in place of `error`.
+        frame: Wall time allowed for 1/60 s, s. Without an error budget, the most accurate options within it are picked.
+        measure: "rms" over the vertices, or "max".
+        safety: Factor by which the search's measurement must be below the budget.
+        rounds: Largest number of choices that are judged.
+        windows: Number of start states.
+
+    Returns:
+        A Tuned.
+
+    Raises:
+        BudgetError: No options keep the budget, or it is less than three times the reference's own uncertainty.
+        cama.Error: As for `tradeoff.tradeoff`.
     """
     budget = Budget(error, edges, frame, measure)
     budget.check()
@@ -293,7 +307,7 @@ def _words(point, budget, edge):
 
 
 def _shortfall(search, budget, safety, refused):
-    """Says how close the settings that were tried come."""
+    """Returns a text that says how close the options that were tried come."""
     good = [p for p in search.points if not p["failed"] and budget.error_of(p, search.reference.edge) is not None]
     edge, text = search.reference.edge, f"no settings keep the budget with a factor of {safety:.3g} to spare"
     if good:

@@ -224,4 +224,4 @@ def not_finite(p):
             except Exception as problem:  # not one of ours: refused, but not by name
                 taken.append(f"{what} = {bad} ({type(problem).__name__}: {problem})")
     p.seen.note = f"{tried} inputs"
-    p.require(not taken, f"{len(taken)} of {tried} not refused by name: {', '.join(taken)}")
+    p.require(not taken, f"{len(taken)} of {tried} not refused with an error of cama: {', '.join(taken)}")

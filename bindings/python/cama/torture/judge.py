@@ -22,7 +22,7 @@ class Referee:
     """ipctk's view of one simulation: obstacle against obstacle and neighbours left out."""
 
     def __init__(self, simulation):
-        """Throws cama.Error without ipctk."""
+        """Raises cama.Error without ipctk."""
         if ipctk is None:
             raise cama.Error("ipctk is not installed")
         self.faces = np.asfortranarray(simulation.faces, np.int32)

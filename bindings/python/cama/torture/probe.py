@@ -25,7 +25,7 @@ class Seen:
     peak: float = 0.0  #: kinetic energy, J
     last: float = 0.0  #: the same at the end of the last simulation, J
     note: str = ""  #: what else is worth knowing
-    error: str = ""  #: class and text of a named error that was met, expected or not
+    error: str = ""  #: class and text of an error of cama, expected or not
 
     @property
     def energy_ratio(self):
@@ -68,7 +68,7 @@ class Probe:
     def run(self, scene, steps, bound=1e9, clean=True, judges=("audit", "ipctk"), **options):
         """Computes steps of a scene, or of a simulation, and watches each.
 
-        clean: intersections are wrong. judges: of them. Throws Wrong; cama.Error where a step does.
+        clean: intersections are wrong. judges: of them. Raises Wrong; cama.Error where a step does.
         """
         simulation = self.simulation(scene, **options) if isinstance(scene, cama.Scene) else scene
         judges = [(who, count) for who, count in judge.referees(simulation) if who in judges]
@@ -100,7 +100,7 @@ class Probe:
         self.require(farthest <= bound, f"step {step}: a vertex is {farthest:.3g} m away")
 
     def scene_case(self, case, resolution, **build):
-        """Runs a case of scene_cases from seed 1 to its end. Throws Wrong; cama.Error where the case expects one."""
+        """Runs a case of scene_cases from seed 1 to its end. Raises Wrong; cama.Error where the case expects one."""
         scene = case.build(resolution, 1, **build)
         run = judge.run(scene, bound=case.bound, **self.options(scene))
         seen = self.seen
@@ -114,18 +114,18 @@ class Probe:
         self.require(not complaints, "; ".join(complaints))
 
     def require(self, holds, text):
-        """Throws Wrong unless it holds."""
+        """Raises Wrong unless it holds."""
         if not holds:
             raise Wrong(text)
 
     def near(self, seen, expected, bound, what):
-        """Throws Wrong unless every entry is within `bound` of what is expected. Returns the largest difference."""
+        """Raises Wrong unless every entry is within `bound` of what is expected. Returns the largest difference."""
         off = float(np.abs(np.asarray(seen, float) - expected).max())
         self.require(off <= bound, f"{what}: off by {off:.3g}, more than {bound:.3g}")
         return off
 
     def refused(self, error, words, attempt, what=""):
-        """Throws Wrong unless the attempt throws the named error with the words in its text."""
+        """Raises Wrong unless the attempt raises this error with the words in its text."""
         try:
             attempt()
         except cama.Error as problem:

@@ -55,7 +55,7 @@ class Outcome:
     intersections: int = 0  #: most in a step, by any judge
     strain: float = 0.0  #: largest
     energy_ratio: float = None  #: kinetic energy at the end over its peak; None: nothing moved
-    error: str = ""  #: named error that was met
+    error: str = ""  #: class and text of an error of cama
     note: str = ""
     seconds: float = 0.0
 
@@ -88,7 +88,7 @@ def perform(check, backend="cpu", precision="double", accuracy="production", thr
         other = f" (expected {check.error} with {check.words!r})" if check.error else ""
         result.outcome = f"ok: {check.error}" if result.good else probe.seen.error + other
     except Exception as problem:  # a bare exception of Python is a failure too
-        result.outcome = f"not by name: {type(problem).__name__}: {problem}"
+        result.outcome = f"not an error of cama: {type(problem).__name__}: {problem}"
     result.seconds = time.perf_counter() - begin
     seen = probe.seen
     result.steps, result.intersections, result.strain = seen.steps, seen.intersections, float(seen.strain)
@@ -203,7 +203,7 @@ def write(outcomes, folder, page=None, checks=None):
 
 
 def read(path):
-    """The Outcomes of a stability.json, as `write` left it, here or on another machine. Throws FileError."""
+    """The Outcomes of a stability.json, as `write` left it, here or on another machine. Raises FileError."""
     try:
         rows = json.loads(Path(path).read_text(encoding="utf-8"))["checks"]
         outcomes = [Outcome(**row) for row in rows]
@@ -255,11 +255,11 @@ def markdown(outcomes, checks):
     lines = [
         "# Stability",
         "",
-        "<!-- written by `cama stability --page docs/stability.md`; edit bindings/python/cama/stability.py -->",
+        "<!-- written by `cama stability --page docs/stability.md`; edit bindings/python/cama/torture/stability.py -->",
         "",
         "Cases that break cloth simulators, each on every backend and in every precision, with an outcome "
         "that is expected from outside the",
-        "code: a closed form, a conserved quantity, a scaled copy, an exact count, or a named error. Every "
+        "code: a closed form, a conserved quantity, a scaled copy, an exact count, or an error of cama. Every "
         "step of every run is checked for values",
         "that are not finite, in all arrays and reports that a user can read, and for intersections, by",
         f"{judge.JUDGES}. [`cama stability`](cli.md#cama-stability-case) runs them and writes this page; the "
@@ -269,8 +269,7 @@ def markdown(outcomes, checks):
         f"cama {cama.__version__}, accuracy {levels}: {good} of {len(outcomes)} as expected, {known} fail as known, "
         f"{cut} were cut off, {len(outcomes) - good - known - cut} fail otherwise.",
         "",
-        "- *ok*, or the named error that was expected and came; **known**: a fault that is listed below; "
-        "**fails**: anything else.",
+        "- *ok*, or the expected error of cama; **known**: a fault that is listed below; **fails**: anything else.",
         "- *cut off*: did not end within its wall time, which other runs on the same machine shared.",
         "- *-*: does not apply there.  *not run*: long, or see the end of the page.",
         "- *steps* is of one configuration; *intersections*, *strain* (largest principal stretch minus one) "

@@ -260,7 +260,7 @@ CHECKS = (
 def select(words=()):
     """Checks by number or name, in the order of the list; none: all.
 
-    Throws KeyError with the word that is none of these.
+    Raises KeyError with the word that is none of these.
     """
     if not words:
         return CHECKS
