@@ -3,8 +3,9 @@
 
     python benchmarks/ccd_queries.py build/benchmarks/ccd_queries [--data FOLDER] [--seconds 10] [--output FILE]
 
-FOLDER holds sample-queries and scalable with their readers (left out where absent). Tight Inclusion is ipctk's, called from Python: the cost
-of a call, measured with pairs that its boxes reject at once, is subtracted. It gets --seconds per set and counts what it did in them.
+FOLDER holds sample-queries and scalable with their readers (left out where absent). Tight Inclusion is ipctk's, called
+from Python: the cost of a call, measured with pairs that its boxes reject at once, is subtracted. It gets --seconds per
+set and counts what it did in them.
 """
 
 import argparse
@@ -100,18 +101,30 @@ def main():
         for name, rows in sets.items():
             np.ascontiguousarray(rows, float).tofile(Path(folder) / f"{name}.bin")
         command = [options.program, "--write", folder] + [f"{name}={folder}/{name}.bin" for name in sets]
-        table = list(csv.DictReader(io.StringIO(subprocess.run(command, check=True, capture_output=True, text=True).stdout)))
+        table = list(
+            csv.DictReader(io.StringIO(subprocess.run(command, check=True, capture_output=True, text=True).stdout))
+        )
         overhead = call_overhead()
         names = list(dict.fromkeys(row["set"] for row in table))
-        out = ["| set | queries | hits | " + " | ".join(["additive", "cubic", "FCL", "Tight Inclusion"]) + " |", "|---|---|---|---|---|---|---|"]
+        out = [
+            "| set | queries | hits | " + " | ".join(["additive", "cubic", "FCL", "Tight Inclusion"]) + " |",
+            "|---|---|---|---|---|---|---|",
+        ]
         for name in names:
             cells = [f"{r['missed']} / {r['extra']} / {r['ns']}" for r in table if r["set"] == name]
-            done, missed, extra, ns = tight_inclusion(np.fromfile(Path(folder) / f"{name}.bin").reshape(-1, 26), options.seconds, overhead)
+            done, missed, extra, ns = tight_inclusion(
+                np.fromfile(Path(folder) / f"{name}.bin").reshape(-1, 26), options.seconds, overhead
+            )
             first = next(r for r in table if r["set"] == name)
-            cells.append(f"{missed} / {extra} / {max(ns, 0):.0f}" + ("" if done == int(first["queries"]) else f" (of {done})"))
+            cells.append(
+                f"{missed} / {extra} / {max(ns, 0):.0f}" + ("" if done == int(first["queries"]) else f" (of {done})")
+            )
             out.append(f"| {name} | {first['queries']} | {first['hits']} | " + " | ".join(cells) + " |")
         out.append("")
-        out.append(f"Missed / extra / ns a query. Cost of a call to Tight Inclusion from Python, subtracted: {overhead:.0f} ns.")
+        out.append(
+            "Missed / extra / ns a query. Cost of a call to Tight Inclusion from Python, subtracted: "
+            f"{overhead:.0f} ns."
+        )
         text = "\n".join(out) + "\n"
         print(text)
         if options.output:

@@ -1,11 +1,14 @@
 # SPDX-License-Identifier: Apache-2.0
 """Tables of step_times' CSV as text, or written into docs/performance.md between its markers. Standard library only.
 
-    python benchmarks/performance_page.py bars OUT/bars.csv                                   # a table beside the published figures
+    python benchmarks/performance_page.py bars OUT/bars.csv
     python benchmarks/performance_page.py scaling OUT/scaling.csv
     python benchmarks/performance_page.py stages OUT/bars.csv
-    python benchmarks/performance_page.py all OUT/bars.csv OUT/scaling.csv --section gpu      # replaces the section `gpu` of the page
-    python benchmarks/performance_page.py paper OUT/paper_tables.md --section paper-gpu       # the same with what paper_tables.py wrote
+    python benchmarks/performance_page.py all OUT/bars.csv OUT/scaling.csv --section gpu
+    python benchmarks/performance_page.py paper OUT/paper_tables.md --section paper-gpu
+
+bars: a table beside the published figures.  --section: replaces the section of this name in the page.  paper: the same
+with what paper_tables.py wrote.
 
 A section is what stands between <!-- section NAME --> and <!-- end NAME -->; nothing there is written by hand.
 """
@@ -34,12 +37,41 @@ def published(run):
 
 
 def bars(runs):
-    columns = ["scene", "triangles", "settings", "ms per step, median", "95 %", "published ms", "floor ms", "iterations", "launches",
-               "waits", "contacts", "intersections", "peak MiB", "steps"]
-    rows = [[r["scene"], f"{r['triangles']:,}", settings(r), times.short(r["median_ms"]), times.short(r["p95_ms"]), published(r),
-             times.short(r["floor_ms"]), times.short(r["iterations"]), times.short(r["launches"]), times.short(r["waits"]),
-             times.short(r["contacts"]), times.short(r["intersections"]), times.short(r["peak_mib"]),
-             f"{r['steps']} after {r['skipped']}"] for r in runs]
+    columns = [
+        "scene",
+        "triangles",
+        "settings",
+        "ms per step, median",
+        "95 %",
+        "published ms",
+        "floor ms",
+        "iterations",
+        "launches",
+        "waits",
+        "contacts",
+        "intersections",
+        "peak MiB",
+        "steps",
+    ]
+    rows = [
+        [
+            r["scene"],
+            f"{r['triangles']:,}",
+            settings(r),
+            times.short(r["median_ms"]),
+            times.short(r["p95_ms"]),
+            published(r),
+            times.short(r["floor_ms"]),
+            times.short(r["iterations"]),
+            times.short(r["launches"]),
+            times.short(r["waits"]),
+            times.short(r["contacts"]),
+            times.short(r["intersections"]),
+            times.short(r["peak_mib"]),
+            f"{r['steps']} after {r['skipped']}",
+        ]
+        for r in runs
+    ]
     return times.markdown(columns, rows)
 
 
@@ -50,7 +82,9 @@ def settings(run):
 
 
 def scaling(runs):
-    """Runs of one scene and setting, from the same step on, at several sizes; the exponent is of the fit over all of them."""
+    """Runs of one scene and setting, from the same step on, at several sizes; the exponent is of the fit over all of
+    them.
+    """
     groups = collections.defaultdict(list)
     for r in runs:
         groups[r["scene"], f"{settings(r)}, after {r['skipped']} steps"].append(r)
@@ -60,10 +94,23 @@ def scaling(runs):
         points = [(r["triangles"], r["median_ms"]) for r in group]
         if math.isnan(times.exponent(points)):
             continue
-        rows.append([scene, words, " / ".join(f"{x:,}" for x, _ in points),
-                     " / ".join(times.short(y) for _, y in points), f"{times.exponent(points):.2f}",
-                     times.short(group[-1]["peak_mib"] * 2 ** 20 / group[-1]["triangles"])])
-    return times.markdown(["scene", "settings", "triangles", "ms per step, median", "exponent", "peak bytes per triangle"], rows) if rows else ""
+        rows.append(
+            [
+                scene,
+                words,
+                " / ".join(f"{x:,}" for x, _ in points),
+                " / ".join(times.short(y) for _, y in points),
+                f"{times.exponent(points):.2f}",
+                times.short(group[-1]["peak_mib"] * 2**20 / group[-1]["triangles"]),
+            ]
+        )
+    return (
+        times.markdown(
+            ["scene", "settings", "triangles", "ms per step, median", "exponent", "peak bytes per triangle"], rows
+        )
+        if rows
+        else ""
+    )
 
 
 def stages(runs):
@@ -76,9 +123,15 @@ def stages(runs):
         if row is None:
             return ""
         ratio = f", {row['ratio']:.1f}x" if row["ratio"] > 0 else ""
-        return f"{times.short(row['median_ms'])} ({times.short(row['floor_ms'])}{ratio})" if ratio else times.short(row["median_ms"])
+        return (
+            f"{times.short(row['median_ms'])} ({times.short(row['floor_ms'])}{ratio})"
+            if ratio
+            else times.short(row["median_ms"])
+        )
 
-    rows = [["**step**"] + [cell(r.values) for r in runs]] + [[n] + [cell(r.leaves().get(n)) for r in runs] for n in names]
+    rows = [["**step**"] + [cell(r.values) for r in runs]] + [
+        [n] + [cell(r.leaves().get(n)) for r in runs] for n in names
+    ]
     heads = [f"{r['scene']} {r['triangles']:,}, {r['backend']}, {r['accuracy']}, {r['precision']}" for r in runs]
     return times.markdown(["stage: median ms (floor ms, ratio)"] + heads, rows)
 
@@ -87,9 +140,14 @@ def everything(runs):
     speeds = {}
     for r in runs:
         speeds.setdefault(r["device"], []).append(r["bandwidth_gbs"])
-    devices = [f"{device} (copy {' to '.join(dict.fromkeys(times.short(f(s)) for f in (min, max)))} GB/s)" for device, s in sorted(speeds.items())]
+    devices = [
+        f"{device} (copy {' to '.join(dict.fromkeys(times.short(f(s)) for f in (min, max)))} GB/s)"
+        for device, s in sorted(speeds.items())
+    ]
     same = lambda a, b: a["scene"] == b["scene"] and settings(a) == settings(b)  # noqa: E731
-    largest = [r for r in runs if not r["options"] and not any(same(o, r) and o["triangles"] > r["triangles"] for o in runs)]
+    largest = [
+        r for r in runs if not r["options"] and not any(same(o, r) and o["triangles"] > r["triangles"] for o in runs)
+    ]
     parts = ["; ".join(devices) + ".", bars(runs), scaling(runs), stages(largest)]
     return "\n\n".join(p for p in parts if p)
 

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""No intersection at any step of any extreme case, by cama's exact audit and by ipctk; and what each case must end with.
+"""No intersection at any step of any extreme case, by cama's exact audit and by ipctk; and what each case must end
+with.
 
 The quick tests are short runs of small meshes; `-m long` runs every case with ten jittered starts.
 """
@@ -8,17 +9,28 @@ import numpy as np
 import pytest
 
 import cama
-from cama.extremes import judge, scenes, shapes
-from cama.extremes.scene_cases import CASES
-from run import perform
+from cama.torture import judge, scenes, shapes
+from cama.torture.scene_cases import CASES
+from cama.torture.seeds import perform
 
 REPEATS = 10
 
 # name, cloth triangles, arguments of the case: what a short run needs to reach the hard part
-QUICK = [("knot", 480, {}), ("chain", 300, {}), ("needle_bed", 300, {}), ("knife", 300, {}),
-         ("needle_shot", 200, {}), ("press_tight", 200, {}), ("press_shut", 100, {}), ("hole", 300, {}), ("coincident", 200, {}),
-         ("rope", 200, {}), ("pile", 500, {"sheets": 5, "seconds": 0.6}),
-         ("bullet", 100, {}), ("stack", 200, {"sheets": 3, "seconds": 2.0})]
+QUICK = [
+    ("knot", 480, {}),
+    ("chain", 300, {}),
+    ("needle_bed", 300, {}),
+    ("knife", 300, {}),
+    ("needle_shot", 200, {}),
+    ("press_tight", 200, {}),
+    ("press_shut", 100, {}),
+    ("hole", 300, {}),
+    ("coincident", 200, {}),
+    ("rope", 200, {}),
+    ("pile", 500, {"sheets": 5, "seconds": 0.6}),
+    ("bullet", 100, {}),
+    ("stack", 200, {"sheets": 3, "seconds": 2.0}),
+]
 
 
 def free_of_trouble(run, complaints):
@@ -46,7 +58,9 @@ def test_every_case(name, seed):
 
 @pytest.mark.parametrize("name", CASES)
 def test_start_is_reproducible_and_jittered(name):
-    first, again, other = (np.concatenate([c.vertices for c in CASES[name].build(200, seed).cloths]) for seed in (3, 3, 5))
+    first, again, other = (
+        np.concatenate([c.vertices for c in CASES[name].build(200, seed).cloths]) for seed in (3, 3, 5)
+    )
     assert np.array_equal(first, again)
     assert np.abs(first - other).max() > 1e-4
 
@@ -58,6 +72,7 @@ def test_sheets_at_distance_zero_are_refused():
 
 
 # The judges must be able to see.
+
 
 def crossing():
     """Two sheets through each other, contact off."""
@@ -85,14 +100,15 @@ def test_order_is_seen_to_be_lost():
     assert CASES["drape"].expect(run) == []
     first, last = run.simulation.cloth_ranges[0]
     upper = run.simulation.cloth_ranges[2]
-    positions = run.simulation.positions[:run.simulation.cloth_vertex_count]
+    positions = run.simulation.positions[: run.simulation.cloth_vertex_count]
     positions[first:last, 2] += 1.0
-    positions[upper[0]:upper[1], 2] -= 0.01
+    positions[upper[0] : upper[1], 2] -= 0.01
     run.simulation.set_state(positions, np.zeros_like(positions))
     assert CASES["drape"].expect(run)
 
 
 # Measures against known values.
+
 
 def test_linking_and_writhe_of_known_curves():
     t = np.linspace(0, 2 * np.pi, 200, endpoint=False)
@@ -101,7 +117,9 @@ def test_linking_and_writhe_of_known_curves():
     assert abs(shapes.linking(ring, other)) == pytest.approx(1, abs=1e-9)
     assert shapes.linking(ring, other + [3, 0, 0]) == pytest.approx(0, abs=1e-9)
     assert shapes.writhe(np.stack([t, 0 * t, 0 * t], 1)) == pytest.approx(0, abs=1e-9)
-    assert 3 < abs(shapes.writhe(shapes.resample(shapes.overhand(), 300)[0])) < 3.5  # ideal trefoil 3.4 (Katritch et al. 1996)
+    assert (
+        3 < abs(shapes.writhe(shapes.resample(shapes.overhand(), 300)[0])) < 3.5
+    )  # ideal trefoil 3.4 (Katritch et al. 1996)
 
 
 def test_heights_of_a_slope():
@@ -112,6 +130,7 @@ def test_heights_of_a_slope():
 
 
 # Contact that has nothing to do must do nothing.
+
 
 def lost(run):
     return run.total("truncated"), run.total("lost_motion"), run.total("impacts")
@@ -139,7 +158,9 @@ def test_translation_is_not_held_up(speed):
 
 
 def turn(simulation, seconds):
-    """Sets the sheet turning once a second about an axis in its plane; returns the angle, rad, and the angular momentum left, 1: all."""
+    """Sets the sheet turning once a second about an axis in its plane; returns the angle, rad, and the angular momentum
+    left, 1: all.
+    """
     start, mass = simulation.positions, simulation.masses[:, None]
     middle = (mass * start).sum(0) / mass.sum()
     axis = start[1] - start[0]
@@ -160,7 +181,10 @@ def turn(simulation, seconds):
 
 
 def test_rotation_is_not_held_up():
-    """A quarter turn. Contact changes no bit; what is lost of the angular momentum is the integrator's, and goes with the time step."""
+    """A quarter turn.
+
+    Contact changes no bit; what is lost of the angular momentum is the integrator's, and goes with the time step.
+    """
     left = []
     for step in (5e-3, 1.25e-3, 3.125e-4):
         scene = scenes.flight(100, 3)

@@ -1,16 +1,24 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Checks that turn what a user passes into arrays the compiled part can read."""
+"""Checks that turn what a user passes into arrays that the compiled module can read."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any, Optional
 
 import numpy as np
 
 from .errors import ArrayError
+from .types import Integers, Quaternion, Reals, Vector
+
+_Shape = Sequence[Optional[int]]
 
 
-def _shape_text(shape):
+def _shape_text(shape: _Shape) -> str:
     return "[" + ", ".join("n" if s is None else str(s) for s in shape) + "]"
 
 
-def _as_array(name, value, shape):
+def _as_array(name: str, value: object, shape: _Shape) -> Any:
     try:
         array = np.asarray(value)
     except (TypeError, ValueError) as problem:
@@ -22,8 +30,8 @@ def _as_array(name, value, shape):
     return array
 
 
-def reals(name, value, shape, finite=True):
-    """`value` as a C-ordered float64 array of this shape; None in `shape` is any length."""
+def reals(name: str, value: object, shape: _Shape, finite: bool = True) -> Reals:
+    """Returns `value` as a C-ordered float64 array; a None in `shape` stands for any length."""
     array = _as_array(name, value, shape)
     if array.dtype.kind not in "fiu":
         raise ArrayError(f"{name}: type {array.dtype}, expected numbers (float64)")
@@ -34,8 +42,8 @@ def reals(name, value, shape, finite=True):
     return array
 
 
-def integers(name, value, shape):
-    """`value` as a C-ordered int32 array of this shape; floating-point values are refused."""
+def integers(name: str, value: object, shape: _Shape) -> Integers:
+    """Returns `value` as a C-ordered int32 array; floating-point values are an error."""
     array = _as_array(name, value, shape)
     if array.size and array.dtype.kind not in "iu":
         raise ArrayError(f"{name}: type {array.dtype}, expected integers (int32 or int64)")
@@ -47,13 +55,20 @@ def integers(name, value, shape):
     return np.ascontiguousarray(array, dtype=np.int32)
 
 
-def vector(name, value, length=3):
-    """`value` as a tuple of finite floats."""
-    return tuple(float(x) for x in reals(name, value, (length,)))
+def vector(name: str, value: object) -> Vector:
+    """Returns `value` as a tuple of three finite floats."""
+    x, y, z = reals(name, value, (3,)).tolist()
+    return x, y, z
 
 
-def number(name, value):
-    """`value` as one finite float."""
+def quaternion(name: str, value: object) -> Quaternion:
+    """Returns `value` as a tuple of four finite floats: w, x, y, z."""
+    w, x, y, z = reals(name, value, (4,)).tolist()
+    return w, x, y, z
+
+
+def number(name: str, value: Any) -> float:
+    """Returns `value` as a finite float."""
     try:
         result = float(value)
     except (TypeError, ValueError):
@@ -63,24 +78,24 @@ def number(name, value):
     return result
 
 
-def whole(name, value):
-    """`value` as one int of 32 bits."""
+def whole(name: str, value: Any) -> int:
+    """Returns `value` as an integer of 32 bits."""
     result = number(name, value)
     if result != int(result) or abs(result) > 2**31 - 1:
         raise ArrayError(f"{name}: {value!r} is not a whole number below 2^31")
     return int(result)
 
 
-def count(name, value):
-    """`value` as one int of 32 bits, not below 0."""
+def count(name: str, value: Any) -> int:
+    """Returns `value` as an integer of 32 bits that is not negative."""
     result = whole(name, value)
     if result < 0:
         raise ArrayError(f"{name} is negative: {result}")
     return result
 
 
-def plain(value):
-    """NumPy's arrays and numbers as what JSON can hold. Throws TypeError."""
+def plain(value: object) -> Any:
+    """Returns arrays and numbers of NumPy as what JSON can hold. Raises TypeError."""
     if isinstance(value, (np.ndarray, np.generic)):
         return value.tolist()
     raise TypeError(f"{type(value).__name__} {value!r}")

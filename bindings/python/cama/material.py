@@ -1,66 +1,112 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What cloth is made of."""
+"""Materials of cloth."""
+
+from __future__ import annotations
 
 import json
+import os
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from . import _core
 from .arrays import number
 from .errors import MaterialError
+from .types import Description, PathLike
+
+if TYPE_CHECKING:
+    from typing_extensions import Self
 
 __all__ = ["Material", "fabrics"]
 
 
-def fabrics():
-    """Names of the fabrics that ship with cama."""
+def fabrics() -> list[str]:
+    """Returns the names of the fabrics that ship with cama."""
     return _core.Material.fabric_names()
 
 
 class Material(_core.Material):
-    """A fabric in SI units.
+    """A fabric, in SI units. Make one with `isotropic`, `orthotropic`, `fabric` or `load`, then change its fields.
 
-    Fields: name, source, density [kg/m^2], stretching [6][4] N/m, bending [3][5] N m, damping [s], friction (-1: the
-    scene's), static_friction (-1: equal to it), thickness [m] (0: the scene's) and contact_stiffness [N/m^3] (-1: the
-    scene's). Made by `isotropic`, `orthotropic`, `fabric` or `load`; fields may then be changed.
+    Attributes:
+        name: Name of the fabric.
+        source: Where the numbers come from.
+        density: Mass per area, kg/m^2.
+        stretching: Stretching stiffness [6][4], N/m.
+        bending: Bending stiffness [3][5], N m.
+        damping: Damping time, s.
+        friction: Coulomb coefficient of cloth against cloth; -1: the scene's.
+        static_friction: The coefficient while cloth sticks; -1: equal to `friction`.
+        thickness: Contact thickness, m; 0: the scene's.
+        contact_stiffness: Stiffness of the contact penalty, N/m^3; -1: the scene's.
     """
 
-    __slots__ = ()   # a field that is not there is an AttributeError
+    __slots__ = ()  # a field that is not there is an AttributeError
 
     @classmethod
-    def isotropic(cls, youngs_modulus, poisson_ratio=0.3, bending=0.0, density=0.2):
-        """Young's modulus times thickness [N/m], Poisson ratio, plate bending stiffness [N m], density [kg/m^2]."""
+    def isotropic(
+        cls, youngs_modulus: float, poisson_ratio: float = 0.3, bending: float = 0.0, density: float = 0.2
+    ) -> Self:
+        """Makes an isotropic fabric.
+
+        Args:
+            youngs_modulus: Young's modulus times thickness, N/m.
+            poisson_ratio: Poisson's ratio.
+            bending: Plate bending stiffness, N m.
+            density: Mass per area, kg/m^2.
+        """
         return cls(_core.Material.isotropic(youngs_modulus, poisson_ratio, bending, density))
 
     @classmethod
-    def orthotropic(cls, youngs_warp, youngs_weft, poisson_ratio, shear, bending_warp, bending_weft, density):
-        """Moduli times thickness along warp and weft and in shear [N/m], bending along both [N m], density [kg/m^2]."""
-        return cls(_core.Material.orthotropic(youngs_warp, youngs_weft, poisson_ratio, shear, bending_warp, bending_weft, density))
+    def orthotropic(
+        cls,
+        youngs_warp: float,
+        youngs_weft: float,
+        poisson_ratio: float,
+        shear: float,
+        bending_warp: float,
+        bending_weft: float,
+        density: float,
+    ) -> Self:
+        """Makes an orthotropic fabric.
+
+        Args:
+            youngs_warp, youngs_weft: Young's moduli times thickness along warp and weft, N/m.
+            poisson_ratio: Poisson's ratio.
+            shear: Shear modulus times thickness, N/m.
+            bending_warp, bending_weft: Plate bending stiffness along warp and weft, N m.
+            density: Mass per area, kg/m^2.
+        """
+        return cls(
+            _core.Material.orthotropic(
+                youngs_warp, youngs_weft, poisson_ratio, shear, bending_warp, bending_weft, density
+            )
+        )
 
     @classmethod
-    def fabric(cls, name):
-        """A shipped fabric, see `cama.fabrics()`. Throws MaterialError."""
+    def fabric(cls, name: str) -> Self:
+        """Returns a shipped fabric, see `cama.fabrics()`. Raises MaterialError."""
         return cls(_core.Material.fabric(name))
 
     @classmethod
-    def load(cls, file):
-        """A JSON file in cama's or ARCSim's format. Throws FileError, MaterialError."""
+    def load(cls, file: PathLike) -> Self:
+        """Reads a JSON file in the format of cama or of ARCSim. Raises FileError, MaterialError."""
         return cls(_core.Material.load(Path(file)))
 
     @classmethod
-    def of(cls, value):
-        """A Material from itself, a fabric's name, a file or a dict of fields as in scene.json."""
+    def of(cls, value: _core.Material | Description | PathLike) -> Self:
+        """Returns a Material made from a Material, a fabric's name, a file, or a dict as in scene.json."""
         if isinstance(value, _core.Material):
             return cls(value)
         if isinstance(value, dict):
             return cls(_core.Material.parse(json.dumps(value), value.get("name", "material")))
-        if isinstance(value, Path) or str(value).endswith(".json"):
-            return cls.load(value)
         if isinstance(value, str):
-            return cls.fabric(value)
+            return cls.load(value) if value.endswith(".json") else cls.fabric(value)
+        if isinstance(value, os.PathLike):
+            return cls.load(value)
         raise MaterialError(f"material: {value!r} is neither a name, a file, a dict nor a cama.Material")
 
-    def with_thickness(self, thickness):
-        """A copy with this contact thickness [m]."""
+    def with_thickness(self, thickness: float) -> Material:
+        """Returns a copy with this contact thickness, m."""
         other = Material(self)
         other.thickness = number("thickness", thickness)
         return other

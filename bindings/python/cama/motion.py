@@ -1,9 +1,15 @@
 # SPDX-License-Identifier: Apache-2.0
-"""How pins and obstacles move."""
+"""Motions of pins and obstacles."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from typing import Any
 
 from . import _core
-from .arrays import number, reals, vector
+from .arrays import number, quaternion, reals, vector
 from .errors import ArrayError, SceneError
+from .types import ArrayLike, VectorLike
 
 __all__ = ["Motion"]
 
@@ -11,16 +17,38 @@ __all__ = ["Motion"]
 class Motion(_core.Motion):
     """A prescribed motion, continuous in time.
 
-    velocity [m/s], rotation_rate [rad/s, axis times rate, about `center`] and the sine `oscillation` [m, with `period` s]
-    act between `start` and `stop` [s]. `keys` is a list of dicts with `time` and any of `translation`, `rotation`
-    (unit quaternion w, x, y, z), `scale`, `center`, interpolated between and held outside. `times` [k] and `positions`
-    [k, vertices, 3] give a vertex animation instead. Throws ArrayError.
+    Args:
+        velocity: Velocity [3], m/s.
+        rotation_rate: Axis times rate of a rotation about `center` [3], rad/s.
+        oscillation: Amplitude of a sine [3], m.
+        period: Period of the sine, s.
+        center: Centre of rotation [3], m.
+        start: Time at which velocity, rotation and oscillation begin, s.
+        stop: Time at which they end, s.
+        keys: Dicts with `time` and any of `translation`, `rotation` (unit quaternion w, x, y, z), `scale` and `center`.
+            Between keys they are interpolated; before the first and after the last they are constant.
+        times: Times [k] of a vertex animation, s, in place of all of the above.
+        positions: Positions [k, vertices, 3] at these times, m.
+
+    Raises:
+        ArrayError
     """
 
     __slots__ = ()
 
-    def __init__(self, velocity=(0, 0, 0), rotation_rate=(0, 0, 0), oscillation=(0, 0, 0), period=1.0, center=(0, 0, 0),
-                 start=0.0, stop=1e300, keys=(), times=None, positions=None):
+    def __init__(
+        self,
+        velocity: VectorLike = (0, 0, 0),
+        rotation_rate: VectorLike = (0, 0, 0),
+        oscillation: VectorLike = (0, 0, 0),
+        period: float = 1.0,
+        center: VectorLike = (0, 0, 0),
+        start: float = 0.0,
+        stop: float = 1e300,
+        keys: Iterable[Mapping[str, Any]] = (),
+        times: ArrayLike | None = None,
+        positions: ArrayLike | None = None,
+    ) -> None:
         super().__init__()
         self.velocity = vector("motion: velocity", velocity)
         self.rotation_rate = vector("motion: rotation_rate", rotation_rate)
@@ -37,8 +65,8 @@ class Motion(_core.Motion):
             self._set_samples(times, positions)
 
     @classmethod
-    def of(cls, value):
-        """A motion from itself, a dict of arguments, or None: at rest."""
+    def of(cls, value: _core.Motion | dict[str, Any] | None) -> _core.Motion:
+        """Returns a motion made from a motion, a dict of arguments, or None (at rest)."""
         if isinstance(value, dict):
             try:
                 return cls(**value)
@@ -48,11 +76,24 @@ class Motion(_core.Motion):
             raise SceneError(f"motion: {value!r} is neither a cama.Motion nor a dict of its arguments")
         return cls() if value is None else value
 
-    def _add_key(self, name, time, translation=(0, 0, 0), rotation=(1, 0, 0, 0), scale=1.0, center=(0, 0, 0)):
-        self.add_key(number(f"{name}: time", time), vector(f"{name}: translation", translation),
-                     vector(f"{name}: rotation", rotation, 4), number(f"{name}: scale", scale), vector(f"{name}: center", center))
+    def _add_key(
+        self,
+        name: str,
+        time: float,
+        translation: VectorLike = (0, 0, 0),
+        rotation: VectorLike = (1, 0, 0, 0),
+        scale: float = 1.0,
+        center: VectorLike = (0, 0, 0),
+    ) -> None:
+        self.add_key(
+            number(f"{name}: time", time),
+            vector(f"{name}: translation", translation),
+            quaternion(f"{name}: rotation", rotation),
+            number(f"{name}: scale", scale),
+            vector(f"{name}: center", center),
+        )
 
-    def _set_samples(self, times, positions):
+    def _set_samples(self, times: object, positions: object) -> None:
         times = reals("motion: times", times, (None,))
         positions = reals("motion: positions", positions, (len(times), None, 3))
         if not len(times) or (times[1:] <= times[:-1]).any():

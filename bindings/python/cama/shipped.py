@@ -1,24 +1,27 @@
 # SPDX-License-Identifier: Apache-2.0
 """The scenes that come with cama."""
 
+from __future__ import annotations
+
 from pathlib import Path
 
 from .errors import FileError
+from .types import PathLike
 
 
-def folder():
-    """Folder that holds the shipped scenes and `schema.json`."""
+def folder() -> Path:
+    """Returns the folder that holds the shipped scenes and `schema.json`."""
     installed = Path(__file__).parent / "scenes"
     return installed if installed.is_dir() else Path(__file__).parents[3] / "scenes"
 
 
-def names():
-    """Names of the shipped scenes, sorted."""
+def names() -> list[str]:
+    """Returns the names of the shipped scenes, sorted."""
     return sorted(p.parent.name for p in folder().glob("*/scene.json"))
 
 
-def resolve(scene):
-    """Path of a scene given as folder, JSON file or shipped name. Throws FileError."""
+def resolve(scene: PathLike) -> Path:
+    """Returns the path of a scene given as a folder, a JSON file or the name of a shipped scene. Raises FileError."""
     path = Path(scene)
     if path.is_file() or (path / "scene.json").is_file():
         return path

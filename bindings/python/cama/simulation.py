@@ -1,237 +1,268 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Running a scene."""
+"""Simulations of scenes."""
 
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any, NoReturn
 
 import numpy as np
+import numpy.typing as npt
 
-from . import _core, checkpoint
+from . import _core
 from .arrays import count, reals
 from .collision import UntangleReport
-from .errors import ArrayError, SceneError
+from .io import checkpoint
+from .options import merged, values
 from .scene import Scene
+from .types import ArrayLike, Integers, PathLike, Reals
+
+if TYPE_CHECKING:
+    from typing_extensions import Unpack
+
+    from ._core import AccuracyLevel, BackendName, Energy, Overrides, Precision, StepReport
 
 __all__ = ["Simulation", "Frame"]
 
-CONTACT = np.dtype([("vertices", np.int32, 4), ("weights", np.float64, 4), ("normal", np.float64, 3),
-                    ("distance", np.float64), ("kind", np.int32)])
+CONTACT = np.dtype(
+    [
+        ("vertices", np.int32, 4),
+        ("weights", np.float64, 4),
+        ("normal", np.float64, 3),
+        ("distance", np.float64),
+        ("kind", np.int32),
+    ]
+)
 
 
 @dataclass
 class Frame:
     """One recorded moment of a simulation."""
 
-    index: int            #: frames since the start, 1 for the first that was computed
-    time: float           #: s
-    positions: np.ndarray = field(repr=False)  #: [vertices, 3] m, cloths then obstacles
-    contacts: int         #: contacts in the last step's matrix
-    intersections: int    #: edges through faces, -1 where not audited
-    report: dict = field(repr=False)           #: of the last step, see `Simulation.report`
-
-
-def _options(backend, precision, accuracy, device, threads, overrides):
-    """Compiled options: the level's with everything given in its place. Throws SceneError."""
-    options = _core.Options.preset(accuracy)
-    known = [n for n in dir(options) if not n.startswith("_") and n not in ("preset", "accuracy")]
-    given = dict(backend=backend, device=device, threads=threads, **overrides)
-    if precision is not None:
-        given["precision"] = precision
-    for name, value in given.items():
-        if name not in known:
-            raise SceneError(f"option {name!r} is unknown; there are {', '.join(known)}")
-        try:
-            setattr(options, name, value)
-        except TypeError:
-            raise SceneError(f"option {name}: {value!r} is of the wrong type, expected like {getattr(options, name)!r}") from None
-    return options
-
-
-def check_scene_options(options):
-    """Throws SceneError for a name or a type that a scene's options may not have."""
-    for name in options:
-        if name in ("backend", "device", "threads", "audit", "intersections", "pinch"):
-            raise SceneError(f"options: {name!r} is chosen by who runs the scene, not by the scene")
-    single = dict(options)
-    try:
-        accuracy = single.pop("accuracy", "production")
-        if not isinstance(accuracy, str):
-            raise SceneError(f"option accuracy: {accuracy!r} is not a text")
-        _options("auto", None, accuracy, 0, 0, single)
-    except SceneError as problem:
-        raise SceneError(f"options: {problem}") from None
+    index: int  #: frames since the start, 1 for the first that was computed
+    time: float  #: s
+    positions: Reals = field(repr=False)  #: [vertices, 3] m, cloths then obstacles
+    contacts: int  #: contacts in the last step's matrix
+    intersections: int  #: edges through faces, -1 where not audited
+    report: StepReport = field(repr=False)  #: of the last step, see `Simulation.report`
 
 
 class Simulation:
-    """Backend, state and pipeline of one scene.
+    """A simulation of one scene on one backend.
 
-    scene: a cama.Scene, or what `Scene.load` takes.  backend: "auto", "cpu", "opencl" or "cuda".
-    accuracy: one of cama.accuracy_levels(): "preview", "interactive", "production", "accurate", "reference", "paper"; sets the time step and
-    all that follows but backend, device and threads. None: the scene's `options`, else "production". Given, it sets the scene's options
-    aside; single options in `overrides` come on top of either.
-    precision: "double", "mixed" (forces, matrix and residual in double, the solve in single with refinement) or "single"; None: what
-    the accuracy says.
-    device: index.  threads: of the CPU backend, 0: one for every 1,000 triangles, at most all processors.
-    overrides: single options, for example time_step (s, 0: the level's), integrator ("backward_euler", "bdf2"), newton_iterations, newton_tolerance, contact_refresh ("step", "iteration"),
-    tolerance=1e-6, max_iterations, preconditioner="jacobi", solver="direct", assembly="algorithm1", search="fronts", commit, cubic_impacts,
-    max_impact_passes, intersections ("reject", "exempt" or "untangle": what becomes of a start that intersects),
-    pinch ("stop" or "release": what becomes of cloth that moving bodies pinch).
+    Vertices are numbered through all cloths in order, then through all obstacles. Arrays are copies of the state.
 
-    Vertices are numbered through all cloths in order, then all obstacles. Arrays are copies of the state when asked for.
-    Throws a subclass of cama.Error before any kernel runs if the scene cannot be simulated; CollisionError if it starts with
-    intersections, unless the policy is "exempt" (start as it is) or "untangle" (move the cloth first) succeeds.
+    Args:
+        scene: A `cama.Scene`, or what `Scene.load` accepts.
+        backend: "auto", "cpu", "opencl" or "cuda".
+        precision: "double", "mixed" (forces, matrix and residual in double precision, the solve in single precision
+            with refinement) or "single"; None: the accuracy level's.
+        accuracy: One of `cama.accuracy_levels()`. The level determines the time step and all other options except
+            `backend`, `device` and `threads`. If given, the scene's `options` are not used; None: the level in the
+            scene's `options`, else "production".
+        device: Index of the backend's device.
+        threads: Threads of the CPU backend; 0: one for every 1,000 triangles, at most one for every core.
+        overrides: Options in place of the level's and the scene's, for example time_step (s, 0: the level's),
+            integrator ("backward_euler", "bdf2"), newton_iterations, tolerance=1e-6, preconditioner="jacobi",
+            solver="direct", intersections ("reject", "exempt" or "untangle": what to do with a start that intersects),
+            pinch ("stop" or "release": what to do with cloth that moving obstacles pinch).
+
+    Raises:
+        cama.Error: The scene cannot be simulated; a subclass says why, before any computation.
+        CollisionError: The scene starts with intersections, and `intersections` is "reject", or "untangle" failed.
     """
 
-    def __init__(self, scene, backend="auto", precision=None, accuracy=None, device=0, threads=0, **overrides):
+    def __init__(
+        self,
+        scene: Scene | PathLike,
+        backend: BackendName = "auto",
+        precision: Precision | None = None,
+        accuracy: AccuracyLevel | None = None,
+        device: int = 0,
+        threads: int = 0,
+        **overrides: Unpack[Overrides],
+    ) -> None:
         self.scene = scene.copy() if isinstance(scene, Scene) else Scene.load(scene)
-        of_scene = set()   # options that the scene brings and nobody else
-        if accuracy is None:
-            of_scene = set(self.scene.options) - {name for name, value in overrides.items() if name != "time_step" or value}
-            of_scene -= set() if precision is None else {"precision"}
-            overrides = {**self.scene.options, **{k: v for k, v in overrides.items() if k != "time_step" or v}}
-            accuracy, own = overrides.pop("accuracy", "production"), overrides.pop("precision", None)
-            precision = own if precision is None else precision
-        self._core = _core.Simulation(self.scene._core, _options(backend, precision, accuracy, device, threads, overrides))
-        self._of_scene = of_scene
-        self._frame, self._parts = 0, None
+        chosen, self._of_scene = merged(self.scene.options, backend, precision, accuracy, device, threads, overrides)
+        self._core = _core.Simulation(self.scene._core, chosen)
+        self._frame = 0
+        self._parts: dict[str, str] | None = None
 
-    def __reduce__(self):
-        raise TypeError("a Simulation is not pickled or copied: pickle its scene, or save_checkpoint and load_checkpoint")
+    def __reduce__(self) -> NoReturn:
+        raise TypeError(
+            "a Simulation is not pickled or copied: pickle its scene, or save_checkpoint and load_checkpoint"
+        )
 
-    def step(self, n=1):
+    def step(self, n: int = 1) -> None:
         """Computes n time steps with the GIL released. Ctrl-C stops between steps and keeps what was computed.
 
-        A step that the solver cannot do is taken back and made of shorter ones, down to 1/16: `report["retries"]` counts what failed.
-        Throws SolverError when that does not help either, or CollisionError; the state is that before the step.
+        A step that the solver cannot compute is undone and divided into shorter ones, down to 1/16 of the step;
+        `report["retries"]` counts the failed attempts.
+
+        Raises:
+            SolverError: Shorter steps fail too. The state is that before the step.
+            CollisionError: Obstacles pinch cloth with no way out. The state is that before the step.
         """
         self._core.step(count("step: n", n))
 
-    def frames(self, n=None, audit=True):
-        """Iterates over the next n frames (default: the scene's), each `steps_per_frame` steps.
+    def frames(self, n: int | None = None, audit: bool = True) -> Iterator[Frame]:
+        """Iterates over frames, each `steps_per_frame` steps.
 
-        audit: count intersections in every frame, exactly.
+        Args:
+            n: Number of frames; None: the scene's.
+            audit: Whether to count intersections in every frame, with exact predicates.
         """
         for _ in range(self.scene.frames if n is None else count("frames: n", n)):
             self.step(self.steps_per_frame)
             self._frame += 1
             report = self.report
-            yield Frame(self._frame, self.time, self.positions, report["contacts"],
-                        self.count_intersections() if audit else -1, report)
+            yield Frame(
+                self._frame,
+                self.time,
+                self.positions,
+                report["contacts"],
+                self.count_intersections() if audit else -1,
+                report,
+            )
 
     @property
-    def step_count(self):
-        """Steps computed."""
+    def step_count(self) -> int:
+        """Number of steps computed."""
         return self._core.step_count()
 
     @property
-    def time(self):
-        """s."""
+    def time(self) -> float:
+        """Simulated time, s."""
         return self._core.time()
 
     @property
-    def time_step(self):
-        """s; the scene's, the accuracy level's or the user's."""
+    def time_step(self) -> float:
+        """Time step, s: the caller's, the scene's or the accuracy level's."""
         return self._core.time_step()
 
     @property
-    def steps_per_frame(self):
-        """Time steps from one recorded frame to the next: as many as fill the scene's seconds_per_frame."""
+    def steps_per_frame(self) -> int:
+        """Number of steps between two recorded frames, which fill the scene's `seconds_per_frame`."""
         return max(1, round(self.scene.seconds_per_frame / self.time_step))
 
     @property
-    def settings(self):
-        """Options that trade accuracy for time: list of dicts with name, value (text), origin ("level", "scene" or "user"), trades."""
+    def settings(self) -> list[dict[str, str]]:
+        """The options that trade accuracy for time.
+
+        A list of dicts with name, value (text), origin ("level", "scene" or "user") and trades.
+        """
         rows = [dict(zip(("name", "value", "origin", "trades"), row)) for row in self._core.settings()]
-        return [{**row, "origin": "scene"} if row["origin"] == "user" and row["name"] in self._of_scene else row for row in rows]
+        return [
+            {**row, "origin": "scene"} if row["origin"] == "user" and row["name"] in self._of_scene else row
+            for row in rows
+        ]
 
     @property
-    def vertex_count(self):
-        """Cloth and obstacle vertices."""
+    def vertex_count(self) -> int:
+        """Number of cloth and obstacle vertices."""
         return self._core.vertex_count()
 
     @property
-    def cloth_vertex_count(self):
-        """Cloth vertices."""
+    def cloth_vertex_count(self) -> int:
+        """Number of cloth vertices."""
         return self._core.cloth_vertex_count()
 
     @property
-    def cloth_triangle_count(self):
-        """Cloth triangles; they come first in `faces`."""
+    def cloth_triangle_count(self) -> int:
+        """Number of cloth triangles, which come first in `faces`."""
         return self._core.cloth_triangle_count()
 
     @property
-    def cloth_ranges(self):
-        """[(first, last)] vertices of each cloth, last excluded."""
+    def cloth_ranges(self) -> list[tuple[int, int]]:
+        """Vertex ranges [(first, last)] of the cloths; last is excluded."""
         return self._core.cloth_ranges()
 
     @property
-    def obstacle_ranges(self):
-        """[(first, last)] vertices of each obstacle, last excluded."""
+    def obstacle_ranges(self) -> list[tuple[int, int]]:
+        """Vertex ranges [(first, last)] of the obstacles; last is excluded."""
         return self._core.obstacle_ranges()
 
     @property
-    def positions(self):
-        """[vertices, 3] float64, m."""
+    def positions(self) -> Reals:
+        """Positions [vertices, 3], m."""
         return self._core.positions()
 
     @property
-    def velocities(self):
-        """[vertices, 3] float64, m/s."""
+    def velocities(self) -> Reals:
+        """Velocities [vertices, 3], m/s."""
         return self._core.velocities()
 
     @property
-    def faces(self):
-        """[triangles, 3] int32, cloths first."""
+    def faces(self) -> Integers:
+        """Triangles [triangles, 3], those of cloth first."""
         return self._core.faces()
 
     @property
-    def masses(self):
-        """[cloth vertices] float64, kg."""
+    def masses(self) -> Reals:
+        """Masses [cloth vertices], kg."""
         return self._core.masses()
 
     @property
-    def contacts(self):
-        """Structured array, one row per contact of the last step.
+    def contacts(self) -> npt.NDArray[np.void]:
+        """The contacts of the last step, a structured array with one row for each.
 
-        Fields: vertices [4] (vertex then face, or two edges), weights [4] signed barycentric, normal [3], distance in m,
-        kind (0 vertex-face, 1 edge-edge).
+        Fields: vertices [4] (a vertex and a face, or two edges), weights [4] (signed barycentric), normal [3], distance
+        in m, kind (0: vertex and face, 1: two edges).
         """
         columns = self._core.contacts()
         rows = np.empty(len(columns[0]), CONTACT)
-        for name, column in zip(CONTACT.names, columns):
+        for name, column in zip(CONTACT.names or (), columns):
             rows[name] = column
         return rows
 
-    def set_state(self, positions, velocities):
-        """Replaces positions [m] and velocities [m/s] of all cloth vertices, [cloth vertices, 3] each.
+    def set_state(self, positions: ArrayLike, velocities: ArrayLike) -> None:
+        """Replaces the positions and velocities of all cloth vertices.
 
-        Throws ArrayError; CollisionError if the positions intersect, unless the option intersections is "exempt" or nothing in the scene
-        can touch. Nothing is set then.
+        Args:
+            positions: Positions [cloth vertices, 3], m.
+            velocities: Velocities [cloth vertices, 3], m/s.
+
+        Raises:
+            ArrayError: The arrays do not fit. The state is unchanged.
+            CollisionError: The positions intersect, the option `intersections` is not "exempt", and something in the
+                scene can touch. The state is unchanged.
         """
         shape = (self.cloth_vertex_count, 3)
-        self._core.set_state(reals("set_state: positions", positions, shape), reals("set_state: velocities", velocities, shape))
+        self._core.set_state(
+            reals("set_state: positions", positions, shape), reals("set_state: velocities", velocities, shape)
+        )
 
-    def save_checkpoint(self, path):
-        """Writes all that later steps depend on to an HDF5 file, whole or not at all: `load_checkpoint` goes on from there.
+    def save_checkpoint(self, path: PathLike) -> None:
+        """Writes all that later steps depend on to an HDF5 file, from which `load_checkpoint` continues.
 
-        Throws FileError.
+        The file is written completely or not at all. Raises FileError.
         """
         checkpoint.write(path, self)
 
-    def scene_parts(self):
-        """{part: digest} of what the scene says: what a checkpoint holds to know its scene by."""
+    def scene_parts(self) -> dict[str, str]:
+        """Returns {part: digest} of the scene, by which a checkpoint recognizes its scene."""
         if self._parts is None:
             self._parts = checkpoint.parts_of(self.scene)
         return self._parts
 
-    def load_checkpoint(self, path, changed_scene=False):
-        """Goes on from a checkpoint of the same scene at the same resolution; path: the file, or the folder of `cama run`.
+    def load_checkpoint(self, path: PathLike, changed_scene: bool = False) -> list[str]:
+        """Continues from a checkpoint of the same scene at the same resolution.
 
-        changed_scene: all but meshes and masses may differ from the scene that the checkpoint was taken of.
+        With the same options, on any backend, the steps are bit by bit those of the run that wrote the checkpoint. If
+        an error is raised, nothing has changed.
 
-        With the same options, on any backend, the steps are bit by bit those of the run that wrote it. Options may differ, the time step
-        too: returns a list of texts that say which do, empty where none does. Throws FileError for what is no checkpoint, SceneError for
-        one of another scene, a damaged one, or one that holds vertices which pins have let go of here, CollisionError where cloth
-        intersects. Nothing changes then.
+        Args:
+            path: The file, or the folder that `cama run` wrote.
+            changed_scene: Whether all but meshes and masses may differ from the checkpoint's scene.
+
+        Returns:
+            Texts that name the options that differ from the checkpoint's, the time step among them; empty if none does.
+
+        Raises:
+            FileError: The file is not a checkpoint.
+            SceneError: The checkpoint is of another scene, is damaged, or has vertices that pins have released here.
+            CollisionError: Cloth intersects.
         """
         fields, settings, parts = checkpoint.read(path)
         if not changed_scene:
@@ -241,87 +272,92 @@ class Simulation:
         return checkpoint.differences(self, settings)
 
     @property
-    def report(self):
-        """What the last step did: dict of contacts, candidates, impacts, iterations, residual, newton_iterations, newton_residual, retries,
-        truncated, milliseconds, ..."""
+    def report(self) -> StepReport:
+        """What the last step did.
+
+        A dict with contacts, candidates, impacts, iterations, residual, newton_iterations, newton_residual, retries,
+        truncated, milliseconds and more.
+        """
         return self._core.report()
 
     @property
-    def timings(self):
-        """Milliseconds of the last step: {stage: ms}; nested stages are "outer/inner"."""
+    def timings(self) -> dict[str, float]:
+        """Times of the last step {stage: ms}; nested stages are named "outer/inner"."""
         return stage_paths(self._core.timings())
 
     @property
-    def streams(self):
-        """Every stream that outlives a stage: list of dicts with name, element, size, bytes."""
+    def streams(self) -> list[dict[str, Any]]:
+        """The arrays on the device that outlive a stage: a list of dicts with name, element, size and bytes."""
         return [dict(zip(("name", "element", "size", "bytes"), row)) for row in self._core.streams()]
 
-    def explain(self):
-        """List of (stage, why this scene needs it), in order."""
+    def explain(self) -> list[tuple[str, str]]:
+        """Returns (stage, why this scene needs it) for every stage, in order."""
         return self._core.explain()
 
-    def energy(self):
-        """Dict of kinetic, stretching, bending and gravity energy, J."""
+    def energy(self) -> Energy:
+        """Returns the kinetic, stretching, bending and gravity energy, J."""
         return self._core.energy()
 
     @property
-    def untangled(self):
-        """collision.UntangleReport of the start; 0 rounds where there was nothing to do or the policy is another."""
+    def untangled(self) -> UntangleReport:
+        """What untangling did to the start; 0 rounds if there was nothing to do or no untangling was asked for."""
         return UntangleReport(**self._core.untangled())
 
     @property
-    def min_gap(self):
-        """Smallest distance over the last step's candidate pairs, m; inf if there are none."""
+    def min_gap(self) -> float:
+        """Smallest distance over the candidate pairs of the last step, m; inf if there are none."""
         return self._core.min_gap()
 
     @property
-    def max_strain(self):
+    def max_strain(self) -> float:
         """Largest principal stretch minus one."""
         return self._core.max_strain()
 
-    def count_intersections(self):
-        """Edges through faces between all objects but obstacle and obstacle, by exact predicates."""
+    def count_intersections(self) -> int:
+        """Counts edges that pass through faces, with exact predicates; pairs of obstacles are left out."""
         return self._core.count_intersections()
 
     @property
-    def state_hash(self):
-        """16 hexadecimal digits over the bits of cloth positions and velocities."""
+    def state_hash(self) -> str:
+        """A hash of the bits of cloth positions and velocities, 16 hexadecimal digits."""
         return f"{self._core.state_hash():016x}"
 
     @property
-    def peak_memory_bytes(self):
-        """Most device memory that this simulation held at once."""
+    def peak_memory_bytes(self) -> int:
+        """Largest amount of device memory that this simulation held at once."""
         return self._core.peak_memory_bytes()
 
     @property
-    def backend(self):
+    def backend(self) -> str:
         """Name of the backend in use."""
         return self._core.backend()[0]
 
     @property
-    def device(self):
-        """What the hardware is called."""
+    def device(self) -> str:
+        """Name of the hardware in use."""
         return self._core.backend()[1]
 
     @property
-    def options(self):
-        """Dict of every option in force."""
-        options = self._core.options()
-        return {n: getattr(options, n) for n in dir(options) if not n.startswith("_") and n != "preset"}
+    def options(self) -> dict[str, Any]:
+        """All options in force."""
+        return values(self._core.options())
 
-    def __repr__(self):
-        return f"<cama.Simulation of {self.scene.name!r} on {self.backend}: step {self.step_count}, time {self.time:g} s>"
+    def __repr__(self) -> str:
+        return (
+            f"<cama.Simulation of {self.scene.name!r} on {self.backend}: step {self.step_count}, time {self.time:g} s>"
+        )
 
 
-def stage_paths(rows):
-    """(name, depth, ms) rows in pipeline order as {"outer/inner": ms}; the pipeline around all stages is left out.
+def stage_paths(rows: Iterable[tuple[str, int, float]]) -> dict[str, float]:
+    """Turns rows (name, depth, ms) in the order of the pipeline into {"outer/inner": ms}.
 
-    Equal names beside each other are added up.
+    The pipeline that surrounds all stages is left out. Equal names beside each other are added.
     """
     rows = list(rows)
     if len(rows) > 1 and sum(depth == 0 for _, depth, _ in rows) == 1:
         rows = [(name, depth - 1, milliseconds) for name, depth, milliseconds in rows[1:]]
-    result, path = {}, []
+    result: dict[str, float] = {}
+    path: list[str] = []
     for name, depth, milliseconds in rows:
         path[depth:] = [name]
         key = "/".join(path)

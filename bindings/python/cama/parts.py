@@ -1,0 +1,141 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Handles of the parts of a scene: cloth and obstacles."""
+
+from __future__ import annotations
+
+from typing import Protocol
+
+import numpy as np
+
+from . import _core
+from .material import Material
+from .types import Description, Integers, PathLike, Reals
+
+
+class _Owner(Protocol):
+    """A scene, as its parts see it."""
+
+    _core: _core.Scene
+
+
+class Part:
+    """A cloth or an obstacle of a scene, identified by its index."""
+
+    def __init__(self, scene: _Owner, index: int) -> None:
+        self._scene, self.index = scene, index
+
+    def _compiled(self) -> _core.Cloth | _core.Obstacle:
+        raise NotImplementedError
+
+    def __repr__(self) -> str:
+        return f"<cama.{type(self).__name__} {self.index} {self.name!r}: {len(self.faces)} triangles>"
+
+    @property
+    def name(self) -> str:
+        """Name in error texts and results."""
+        return self._compiled().name
+
+    @property
+    def vertices(self) -> Reals:
+        """A copy of the starting positions [n, 3], m."""
+        return self._compiled().mesh.vertices
+
+    @property
+    def faces(self) -> Integers:
+        """A copy of the triangles [m, 3]."""
+        return self._compiled().mesh.faces
+
+    @property
+    def source(self) -> str:
+        """Where the mesh comes from."""
+        return self._compiled().source
+
+
+class Cloth(Part):
+    """A piece of cloth of a scene, as `Scene.add_cloth` returns it."""
+
+    def _compiled(self) -> _core.Cloth:
+        return self._scene._core.cloth(self.index)
+
+    @property
+    def material(self) -> Material:
+        """A copy of the material; assign to change it."""
+        return Material(self._compiled().material)
+
+    @material.setter
+    def material(self, value: _core.Material | Description | PathLike) -> None:
+        self._compiled().material = Material.of(value)
+
+    @property
+    def material_vertices(self) -> Reals:
+        """Rest positions in material space [k, 2], m; empty if the starting position is the rest state."""
+        return self._compiled().mesh.material_vertices
+
+    @property
+    def material_faces(self) -> Integers:
+        """Triangles [m, 3] of `material_vertices`."""
+        return self._compiled().mesh.material_faces
+
+    def _edges(self) -> tuple[Reals, ...]:
+        """Returns two edges of every triangle as columns: [m, 3, 2] at the start, [m, 2 or 3, 2] at rest."""
+        start = self.vertices[self.faces]
+        rest = self.material_vertices[self.material_faces] if len(self.material_faces) else start
+        return tuple(
+            np.stack([corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]], 2) for corners in (start, rest)
+        )
+
+    @property
+    def rest_area(self) -> float:
+        """Area at rest, m^2."""
+        _, rest = self._edges()
+        return 0.5 * float(np.sqrt(np.linalg.det(np.swapaxes(rest, 1, 2) @ rest)).sum())
+
+    @property
+    def mass(self) -> float:
+        """Mass, kg."""
+        return self.rest_area * self._compiled().material.density
+
+    @property
+    def start_strain(self) -> tuple[float, float]:
+        """Smallest and largest principal stretch at the start, minus one; (0, 0) at rest."""
+        start, rest = self._edges()
+        squared = np.linalg.eigvals(
+            np.linalg.solve(np.swapaxes(rest, 1, 2) @ rest, np.swapaxes(start, 1, 2) @ start)
+        ).real  # of C in edges
+        stretch = np.sqrt(np.maximum(squared, 0.0))
+        return float(stretch.min()) - 1, float(stretch.max()) - 1
+
+
+class Obstacle(Part):
+    """An obstacle of a scene, as `Scene.add_obstacle` returns it."""
+
+    def _compiled(self) -> _core.Obstacle:
+        return self._scene._core.obstacle(self.index)
+
+    @property
+    def friction(self) -> float:
+        """Coulomb coefficient against cloth."""
+        return self._compiled().friction
+
+    @property
+    def static_friction(self) -> float:
+        """The coefficient while cloth sticks; -1: equal to `friction`."""
+        return self._compiled().static_friction
+
+    @property
+    def surface(self) -> str:
+        """ "mesh", or the kind of an exact obstacle: "sphere", "capsule", "box" or "plane".
+
+        The `vertices` of an exact obstacle are its defining points.
+        """
+        return self._compiled().surface
+
+    @property
+    def radius(self) -> float:
+        """Radius of an exact sphere or capsule, m; else 0."""
+        return self._compiled().radius
+
+    @property
+    def motion(self) -> _core.Motion:
+        """A copy of the motion; its `evaluate(time, vertices)` returns positions."""
+        return _core.Motion(self._compiled().motion)

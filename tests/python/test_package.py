@@ -1,0 +1,197 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The package as a whole: no module imports itself through others, tools load on first use, its types are right."""
+
+import ast
+import os
+import re
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+import cama
+
+ROOT = Path(__file__).parents[2]
+PACKAGE = ROOT / "bindings" / "python" / "cama"
+TYPED = Path(__file__).parent / "typed"
+PROGRAMS = sorted(path.name for path in TYPED.glob("*.py") if path.name != "mistakes.py")
+
+
+def module_names(package):
+    """{name: path} of all modules below a package's folder; the compiled one is there by its stub."""
+    names = {}
+    for path in sorted([*package.rglob("*.py"), *package.rglob("*.pyi")]):
+        parts = (package.name, *path.relative_to(package).with_suffix("").parts)
+        names[".".join(parts[:-1] if parts[-1] == "__init__" else parts)] = path
+    return names
+
+
+def is_for_type_checkers(node):
+    return isinstance(node, ast.If) and isinstance(node.test, ast.Name) and node.test.id == "TYPE_CHECKING"
+
+
+def imports(tree):
+    """Import statements that run when a module is loaded: those of functions and `if TYPE_CHECKING` are not."""
+    for node in ast.iter_child_nodes(tree):
+        if isinstance(node, (ast.Import, ast.ImportFrom)):
+            yield node
+        elif is_for_type_checkers(node):
+            yield from imports(ast.Module(body=node.orelse, type_ignores=[]))
+        elif not isinstance(node, (ast.FunctionDef, ast.AsyncFunctionDef, ast.Lambda)):
+            yield from imports(node)
+
+
+def imported(name, path, names):
+    """Modules of the package that a module imports when it is loaded."""
+    for node in imports(ast.parse(path.read_text(encoding="utf-8"))):
+        if isinstance(node, ast.Import):
+            yield from (alias.name for alias in node.names if alias.name in names)
+            continue
+        base = name.split(".") if path.name == "__init__.py" else name.split(".")[:-1]
+        base = base[: len(base) - node.level + 1] if node.level else []
+        source = ".".join([*base, *([node.module] if node.module else [])])
+        for alias in node.names:
+            inner = f"{source}.{alias.name}"
+            if inner in names or source in names:
+                yield inner if inner in names else source
+
+
+def circles(package):
+    """Lists of modules each of which imports the next, the last one the first."""
+    names = module_names(package)
+    edges = {name: sorted(set(imported(name, path, names)) - {name}) for name, path in names.items()}
+    found, done = [], set()
+
+    def visit(name, trail):
+        if name in trail:
+            found.append(trail[trail.index(name) :])
+            return
+        if name in done:
+            return
+        for other in edges[name]:
+            visit(other, [*trail, name])
+        done.add(name)
+
+    for name in names:
+        visit(name, [])
+    return found
+
+
+def test_no_module_imports_itself_through_others():
+    names = module_names(PACKAGE)
+    assert {"cama", "cama.scene", "cama.cli.run", "cama.measuring.tune", "cama.torture.table"} <= names.keys()
+    simulation = set(imported("cama.simulation", names["cama.simulation"], names))
+    assert {"cama.scene", "cama.io.checkpoint", "cama.options"} <= simulation  # imports are seen at all
+    assert circles(PACKAGE) == []
+
+
+@pytest.mark.parametrize(
+    ("file", "line", "expected"),
+    [
+        ("scene.py", "from .simulation import Simulation", {"cama.scene", "cama.simulation"}),
+        ("measuring/reference.py", "from . import grid", {"cama.measuring.reference", "cama.measuring.grid"}),
+        ("options.py", "try:\n    import cama.scene\nexcept ImportError:\n    pass", {"cama.options", "cama.scene"}),
+    ],
+)
+def test_a_planted_circle_is_seen(file, line, expected, tmp_path):
+    package = tmp_path / "cama"
+    shutil.copytree(PACKAGE, package, ignore=shutil.ignore_patterns("*.so", "__pycache__", "scenes"))
+    path = package / file
+    path.write_text(f"{path.read_text(encoding='utf-8')}\n{line}\n", encoding="utf-8")
+    assert expected in [set(circle) for circle in circles(package)]
+
+
+def test_imports_of_functions_and_type_checkers_make_no_circle(tmp_path):
+    package = tmp_path / "cama"
+    package.mkdir()
+    (package / "__init__.py").write_text("")
+    (package / "a.py").write_text("from . import b\n")
+    (package / "b.py").write_text(
+        "from typing import TYPE_CHECKING\nif TYPE_CHECKING:\n    from .a import A\ndef late():\n    from . import a\n"
+    )
+    assert circles(package) == []
+    (package / "b.py").write_text("class B:\n    from . import a\n")
+    assert circles(package) == [["cama.a", "cama.b"]]
+
+
+def loaded_after(statement):
+    """Names of the modules that are loaded after a statement in a new process."""
+    code = f"{statement}\nimport sys\nprint(*sys.modules)"
+    return set(subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout.split())
+
+
+def test_tools_are_loaded_on_first_use():
+    late = {"scipy", "matplotlib", "pyvista", "ray", "typer", "rich", "ipctk", "h5py"}
+    late |= {f"cama.{wing}" for wing in ("measuring", "torture", "cli", "io.render", "io.recording")}
+    plain = loaded_after("import cama")
+    assert {"cama", "cama.simulation", "numpy"} <= plain
+    assert not late & plain
+    assert "cama.measuring.accuracy" in loaded_after("import cama\ncama.accuracy.strain")
+    assert "cama.measuring.tune" in loaded_after("from cama import tune")
+    with pytest.raises(AttributeError, match="no attribute 'accurracy'"):
+        cama.accurracy  # noqa: B018
+    assert {"accuracy", "tradeoff", "tune", "Scene", "__version__"} <= set(dir(cama))
+
+
+def run(*words):
+    """What a module of Python says: CompletedProcess. Its types are those of the cama that these tests import."""
+    source = str(Path(cama.__file__).parents[1])
+    path = {} if "site-packages" in source else {"MYPYPATH": source}
+    return subprocess.run(
+        [sys.executable, "-m", *map(str, words)], capture_output=True, text=True, env={**os.environ, **path}
+    )
+
+
+def test_user_programs_have_the_types_that_mypy_expects(tmp_path):
+    assert len(PROGRAMS) == 5
+    done = run(
+        "mypy", "--strict", "--follow-imports=silent", "--cache-dir", tmp_path, *(TYPED / name for name in PROGRAMS)
+    )
+    assert done.returncode == 0, done.stdout + done.stderr
+
+
+@pytest.mark.parametrize("name", PROGRAMS)
+def test_user_programs_run(name):
+    done = subprocess.run([sys.executable, TYPED / name], capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+
+
+def test_mistakes_of_user_programs_are_reported(tmp_path):
+    """Where mypy is expected to report an error it does, of that kind, and nowhere else."""
+    file = TYPED / "mistakes.py"
+    expected = {
+        number: re.findall(r"[\w-]+", line.partition("# expect:")[2])
+        for number, line in enumerate(file.read_text(encoding="utf-8").splitlines(), 1)
+        if "# expect:" in line
+    }
+    done = run("mypy", "--strict", "--follow-imports=silent", "--hide-error-context", "--cache-dir", tmp_path, file)
+    seen = {}
+    for line, kind in re.findall(r"mistakes\.py:(\d+): error: .*\[([\w-]+)\]", done.stdout):
+        seen.setdefault(int(line), []).append(kind)
+    assert seen == expected and len(expected) > 10
+
+
+def test_the_stub_is_of_the_compiled_module(tmp_path):
+    """Every name of `_core` is in the stub and the other way. Left out: pybind11's metaclass and constructors that only
+    raise, and names of types that annotations alone use.
+    """
+    classes = "Character|Cloth|Contact|Material|Mesh|Motion|Obstacle|Options|Scene|Simulation|Wind"
+    allowed = tmp_path / "allowed"
+    allowed.write_text(
+        rf"cama\._core\.({classes})(\.__init__)?" + "\n" + r"cama\._core\.(AccuracyLevel|BackendName|Precision)" + "\n"
+    )
+    done = run("mypy.stubtest", "cama._core", "--concise", "--ignore-unused-allowlist", "--allowlist", allowed)
+    assert done.returncode == 0, done.stdout + done.stderr
+
+
+def test_python_code_keeps_the_rules_of_ruff():
+    for words in (["check"], ["format", "--check"]):
+        done = subprocess.run(
+            [sys.executable, "-m", "ruff", *words, ROOT / "bindings/python", ROOT / "tests", ROOT / "benchmarks"],
+            capture_output=True,
+            text=True,
+            cwd=ROOT,
+        )
+        assert done.returncode == 0, done.stdout + done.stderr
