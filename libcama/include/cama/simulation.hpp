@@ -107,7 +107,6 @@ public:
   const Backend &backend() const;
 
 private:
-  Simulation(const Scene &scene, const ResolvedOptions &options);
   struct Implementation;
   std::unique_ptr<Implementation> implementation_;
 };

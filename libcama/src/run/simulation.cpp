@@ -25,18 +25,24 @@ struct Simulation::Implementation : Engine {
   {
     state.wait_for_stages = std::getenv("CAMA_WAIT_FOR_STAGES") != nullptr;
   }
+
+  /// given: some options, or all of them.
+  template <class Given> static std::unique_ptr<Implementation> make(const Scene &scene, const Given &given)
+  {
+    try {
+      return std::make_unique<Implementation>(scene, resolve(given, scene));
+    } catch (const std::bad_alloc &) {
+      throw MemoryError("out of memory on the host while the simulation is set up; lower the resolution");
+    }
+  }
 };
 
-Simulation::Simulation(const Scene &scene, const OptionOverrides &options) : Simulation(scene, resolve(options, scene))
+Simulation::Simulation(const Scene &scene, const OptionOverrides &options)
+    : implementation_(Implementation::make(scene, options))
 {}
-
-Simulation::Simulation(const Scene &scene, const Options &options) : Simulation(scene, resolve(options, scene)) {}
-
-Simulation::Simulation(const Scene &scene, const ResolvedOptions &options)
-try : implementation_(std::make_unique<Implementation>(scene, options)) {
-} catch (const std::bad_alloc &) {
-  throw MemoryError("out of memory on the host while the simulation is set up; lower the resolution");
-}
+Simulation::Simulation(const Scene &scene, const Options &options)
+    : implementation_(Implementation::make(scene, options))
+{}
 Simulation::~Simulation() = default;
 Simulation::Simulation(Simulation &&) noexcept = default;
 Simulation &Simulation::operator=(Simulation &&) noexcept = default;
