@@ -133,7 +133,8 @@ def type_text(node):
         return " or ".join(kind)
     if kind == "array":
         count, item = node.get("minItems"), type_text(node.get("items", {}))
-        return f"{count} of {item}" if count and count == node.get("maxItems") else f"list of {item}"
+        many = f"{item}s" if item in ("number", "integer", "string", "object") else item
+        return f"{count} {many}" if count and count == node.get("maxItems") else f"list of {many}"
     return kind
 
 
