@@ -1,0 +1,428 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Sentences that stay true: what README, docs and changelog name exists, what they show runs, and links lead somewhere."""
+
+import fnmatch
+import functools
+import importlib.util
+import json
+import os
+import re
+import shlex
+import subprocess
+import sys
+import unicodedata
+from pathlib import Path
+
+import pytest
+import typer.main
+
+import cama
+
+ROOT = Path(__file__).resolve().parents[2]
+Refused = next(c for c in typer.BadParameter.__mro__ if c.__name__ == "ClickException")   # what Typer's parser raises, its own Click's or Click's
+PAGES = sorted([ROOT / "README.md", ROOT / "CHANGELOG.md", ROOT / "CONTRIBUTING.md", *ROOT.glob("docs/**/*.md"), *ROOT.glob("scenes/*/README.md")])
+GENERATED = {"options.md", "report.md", "command-line.md", "scene-file.md", "cpp-api.md"}   # in docs/reference, made by docs/generate.py
+SOURCES = ("libcama", "backends", "bindings", "benchmarks", "tests", "script", "scenes", "materials", "cmake", "examples", "results", ".ci")
+TEXT = {".py", ".cpp", ".hpp", ".h", ".cu", ".cl", ".c", ".def", ".json", ".txt", ".cmake", ".in", ".sh", ".toml", ".csv", ""}
+
+# Names that are not the project's, with the reason why the documentation has them.
+FOREIGN = {
+    "the shell and its programs": "apt apt-get sudo source bash git cd pip install venv nproc ctest cmake mkdocs pytest",
+    "Python and its packages": "multiprocessing get_context spawn fork mypy ruff dict None numpy scipy matplotlib",
+    "build tools": "CMAKE_CUDA_COMPILER CMAKE_CUDA_ARCHITECTURES CMAKE_PREFIX_PATH CMAKE_ARGS native all-major PTX target_link_libraries PRIVATE",
+    "options of drivers and loaders": "CUDA_VISIBLE_DEVICES OCL_ICD_VENDORS OCL_ICD_FILENAMES libnvidia-opencl.so.1 NVIDIA pocl gfx",
+    "fields of other programs' files": "yield_curv weakening strain_min strain_max",
+    "names that stand for the reader's own": "my_program my-scene my-fabric.json mine NAME VALUE SCENE OUT FILE CASE man.fbx walk.fbx walk.glb skirt.obj",
+}
+FOREIGN_PATHS = ("~/", "/usr/", "/etc/", "out/", "build", "$", "http", "examples/…")   # of the reader's machine, or made by a run
+WORD = re.compile(r"[A-Za-z_][A-Za-z0-9_]*")
+
+
+def name_of(page):
+    return str(page.relative_to(ROOT))
+
+
+def files():
+    for folder in SOURCES:
+        for path in sorted((ROOT / folder).rglob("*")):
+            if path.is_file() and "__pycache__" not in path.parts:
+                yield path
+    yield from (path for path in sorted(ROOT.iterdir()) if path.is_file())
+    yield from (path for path in sorted((ROOT / "docs").rglob("*")) if path.is_file())
+
+
+def without_comments(path, text):
+    """Code alone: comments are prose, which the names in the documentation are not checked against."""
+    if path.suffix in (".cpp", ".hpp", ".h", ".cu", ".cl", ".c", ".def"):
+        return re.sub(r"//[^\n]*|/\*.*?\*/", " ", text, flags=re.S)
+    if path.suffix in (".py", ".sh", ".txt", ".cmake", ".toml", ".in", ""):
+        text = re.sub(r'"""(?:.|\n)*?"""', " ", text) if path.suffix == ".py" else text
+        return re.sub(r"(?m)(^|\s)#[^\n]*", " ", text)
+    return text
+
+
+@functools.lru_cache(None)
+def code():
+    """(all code as one text, all names in it). A string counts as a name where it is one word, so that error texts lend no names."""
+    texts, names = [], set()
+    for path in files():
+        names.update(WORD.findall(path.stem))
+        if path == Path(__file__).resolve() or path.suffix not in TEXT or path.is_relative_to(ROOT / "docs"):
+            continue
+        text = without_comments(path, path.read_text(encoding="utf-8", errors="replace"))
+        texts.append(text)
+        for literal in re.findall(r'"((?:[^"\\\n]|\\.)*)"', text):
+            if " " not in literal.strip():
+                names.update(WORD.findall(literal))
+        names.update(WORD.findall(re.sub(r'"(?:[^"\\\n]|\\.)*"', " ", text)))
+    return "\n".join(texts), names
+
+
+@functools.lru_cache(None)
+def paths():
+    return [name_of(path) for path in files()]
+
+
+def foreign():
+    return {word for words in FOREIGN.values() for word in words.split()}
+
+
+def without_blocks(text):
+    """Markdown without fenced blocks, indented blocks and HTML comments."""
+    text = re.sub(r"(?ms)^( *)```.*?^\1```", "", text)
+    return re.sub(r"(?s)<!--.*?-->", "", text)
+
+
+def spans(page):
+    """Backticked texts of a page."""
+    return [span.replace("\\|", "|") for span in re.findall(r"(?<!`)`([^`\n]+)`(?!`)", without_blocks(page.read_text(encoding="utf-8")))]
+
+
+# --- Names -----------------------------------------------------------------------------------------------------------------------
+
+@functools.lru_cache(None)
+def application():
+    try:
+        from cama.cli.main import app
+    except ImportError:
+        from cama.cli import app
+    return typer.main.get_command(app)
+
+
+@functools.lru_cache(None)
+def flags():
+    """Options of all commands."""
+    return {flag for command in application().commands.values() for parameter in command.params for flag in (*parameter.opts, *parameter.secondary_opts)}
+
+
+def attribute_is_there(dotted):
+    """Whether cama.A.b, or A.b with A of the package, leads to something; None where the first word is not of the package."""
+    words = dotted.split(".")
+    words = words[1:] if words[0] == "cama" and len(words) > 1 else words
+    if not words[0][:1].isupper() and dotted.split(".")[0] != "cama":
+        return None
+    thing = cama
+    for i, word in enumerate(words):
+        if not hasattr(thing, word) and not (thing is cama and importlib.util.find_spec(f"cama.{word}")):
+            return None if i == 0 and dotted.split(".")[0] != "cama" else False
+        thing = getattr(thing, word, None) or importlib.import_module(f"cama.{word}")
+        if thing is None or isinstance(thing, property):
+            break
+    return True
+
+
+def missing(span):
+    """The words of a backticked text that name nothing."""
+    text, names = code()
+    if span.startswith("cama ") or re.fullmatch(r"[\W\d]*", span):
+        return []   # commands have a test of their own
+    if len(span) > 3 and not WORD.fullmatch(span) and re.search(r"(?<![\w])" + re.escape(span) + r"(?![\w])", text):
+        return []
+    wrong = []
+    for token in re.findall(r"[^\s,;(){}\[\]=\"'<>!|]+", span):
+        token = token.strip(".:+*&?") if "*" not in token.strip(".:") else token.strip(".:")
+        bare = token.split("#")[0]
+        if not bare or not re.search(r"[A-Za-z_]{2}", bare) or not bare.isascii() or bare in foreign() or bare.startswith(FOREIGN_PATHS):
+            continue
+        if bare.startswith("--"):
+            if bare not in flags() and not re.search(r"(?<![\w-])" + re.escape(bare) + r"(?![\w-])", text):
+                wrong.append(bare)
+        elif "*" in bare:
+            if not fnmatch.filter(names, bare) and not fnmatch.filter(paths(), "*" + bare):
+                wrong.append(bare)
+        elif "/" in bare or re.search(r"\.(cpp|hpp|h|py|json|md|csv|def|cu|cl|sh|txt|yml|toml|png)$", bare):
+            tail = bare.strip("/")
+            own = {Path(p).name for p in paths()} | {"/".join(Path(p).parts[-2:]) for p in paths()}
+            known = any(p == tail or p.endswith("/" + tail) or ("/" + p).find(f"/{tail}/") >= 0 for p in paths())
+            if not known and tail not in own and not re.search(r"[\"/ ]" + re.escape(tail) + r"\b", text) and not re.fullmatch(r"[\w.]+(/[\d.]+)+", tail):
+                wrong.append(bare)
+        else:
+            reachable = attribute_is_there(bare)
+            words = [w for w in WORD.findall(bare) if len(w) > 2]
+            if reachable is False:
+                wrong.append(bare)
+            elif reachable is None:
+                wrong += [w for w in words if w not in names and w not in foreign()]
+    return wrong
+
+
+@pytest.mark.parametrize("page", PAGES, ids=name_of)
+def test_names_exist(page):
+    found = {span: missing(span) for span in dict.fromkeys(spans(page))}
+    assert not {span: wrong for span, wrong in found.items() if wrong}
+
+
+@pytest.mark.parametrize("span", [
+    "start_solver_of_old", "Simulation.scene_key", "cama.Simulation.steps", "--no-such-flag", "docs/no-such-page.md", "src/nothing.cpp", "no_such_*",
+    'report["never_reported"]', "Backend::is_cpu", "CAMA_NO_SUCH_VARIABLE", "tests/unit/test_nothing.cpp:12"])
+def test_a_false_name_is_seen(span):
+    assert missing(span)
+
+
+@pytest.mark.parametrize("span", [
+    "Simulation.step", "cama.collision.vertex_face_ccd", "--resolution", "tests/python/conftest.py", "triangle_*", 'Simulation(scene, intersections="untangle")',
+    "cama::Scene", "CAMA_BACKEND", "-ffp-contract=off", '{"grid": {"size": [1, 1]}}', "1/960", "conftest.py"])
+def test_a_true_name_is_not(span):
+    assert not missing(span)
+
+
+def test_changelog_says_nothing_is_missing_that_is_there():
+    assert "not there yet" not in (ROOT / "CHANGELOG.md").read_text(encoding="utf-8").lower()
+
+
+# Words that were given up for the field's own, with what is written now: docs/developer/vocabulary.md. Code spans are not looked at.
+RETIRED = {
+    "graphics card": "GPU", "said aloud": "reported", "refused by name": "refused with an error that names it", "by name refused": "refused",
+    "a named error": "an error that says what is wrong", "knob": "option", "preset": "accuracy level", "the kernels of now": "a date and a commit",
+    "machine that others use": "shared machine", "guilty": "intersecting"}
+
+
+@pytest.mark.parametrize("page", PAGES, ids=name_of)
+def test_retired_words_stay_away(page):
+    prose = re.sub(r"`[^`\n]*`", "", without_blocks(page.read_text(encoding="utf-8"))).lower()
+    if page.name == "vocabulary.md":
+        return   # names what it replaces
+    assert not [word for word in RETIRED if re.search(rf"\b{word}", prose)]
+
+
+@pytest.mark.parametrize("page", PAGES, ids=name_of)
+def test_lines_fit(page):
+    """120 columns but for tables, addresses and code that shows output."""
+    lines = re.sub(r"(?ms)^```.*?^```", "", page.read_text(encoding="utf-8")).splitlines()
+    long = [line for line in lines if len(line) > 120 and not line.lstrip().startswith(("|", "!", "    ")) and "http" not in line]
+    assert not long
+
+
+# --- Links -----------------------------------------------------------------------------------------------------------------------
+
+def slug(heading):
+    """The anchor of a heading, as mkdocs makes it."""
+    heading = re.sub(r"\[([^\]]*)\]\([^)]*\)", r"\1", heading).replace("`", "")
+    heading = unicodedata.normalize("NFKD", heading).encode("ascii", "ignore").decode()
+    return re.sub(r"[-\s]+", "-", re.sub(r"[^\w\s-]", "", heading).strip().lower())
+
+
+def anchors(page):
+    text = re.sub(r"(?ms)^```.*?^```", "", page.read_text(encoding="utf-8"))
+    found = {slug(heading) for heading in re.findall(r"(?m)^#+ (.*?)\s*$", text)} | set(re.findall(r'(?:id|name)="([^"]+)"', text))
+    return found
+
+
+@pytest.mark.parametrize("page", PAGES, ids=name_of)
+def test_links_lead_somewhere(page):
+    wrong = []
+    for target in re.findall(r"\]\(([^)\s]+)\)", without_blocks(page.read_text(encoding="utf-8"))):
+        if target.startswith(("http:", "https:", "mailto:")):
+            continue
+        path, _, anchor = target.partition("#")
+        other = (page.parent / path).resolve() if path else page
+        generated = other.parent == ROOT / "docs" / "reference" and other.name in GENERATED
+        if generated and page.parent != ROOT:
+            continue   # mkdocs checks them when it builds the site; a page outside docs/ is read without it
+        if not other.exists() or (anchor and other.suffix == ".md" and anchor not in anchors(other)):
+            wrong.append(target)
+    assert not wrong
+
+
+def test_a_false_link_is_seen(tmp_path):
+    page = tmp_path / "page.md"
+    page.write_text("# Head\n\n[there](#head) [gone](gone.md) [no such part](#tail)\n")
+    with pytest.raises(AssertionError) as seen:
+        test_links_lead_somewhere(page)
+    assert "gone.md" in str(seen.value) and "#tail" in str(seen.value) and "#head" not in str(seen.value)
+
+
+# --- Scenes ----------------------------------------------------------------------------------------------------------------------
+
+def fraction(seconds):
+    return f"1/{round(1 / seconds)} s" if abs(1 / seconds - round(1 / seconds)) < 1e-6 else f"{seconds:g} s"
+
+
+def scene_row(scene):
+    """The row that scenes/*/README.md begins with, made from scene.json."""
+    step = fraction(scene["time_step"]) if "time_step" in scene else "the accuracy level's"
+    return f"| {scene['resolution']:,} | {scene['frames']} | {fraction(scene['frame_time'])} | {step} |"
+
+
+@pytest.mark.parametrize("folder", sorted(path.parent.name for path in ROOT.glob("scenes/*/scene.json")))
+def test_scene_pages_agree_with_the_scene(folder):
+    text = (ROOT / "scenes" / folder / "README.md").read_text(encoding="utf-8")
+    scene = json.loads((ROOT / "scenes" / folder / "scene.json").read_text(encoding="utf-8"))
+    assert text.startswith(f"# {scene['name']}\n\n| triangles | frames | frame time | time step |\n|---|---|---|---|\n{scene_row(scene)}\n")
+    assert f"cama run {folder}" in text
+
+
+def test_the_list_of_scenes_agrees():
+    rows = re.findall(r"(?m)^\| `(\w+)` \| ([\d,]+) \|", (ROOT / "docs/guide/scenes.md").read_text(encoding="utf-8"))
+    scenes = {path.parent.name: json.loads(path.read_text(encoding="utf-8")) for path in ROOT.glob("scenes/*/scene.json")}
+    assert {name: count for name, count in rows} == {name: f"{scene['resolution']:,}" for name, scene in scenes.items()}
+
+
+# --- Code and commands -----------------------------------------------------------------------------------------------------------
+
+def python_pages():
+    return [page for page in PAGES if "```python" in page.read_text(encoding="utf-8")]
+
+
+def program(page):
+    """The Python blocks of a page as one program. `expression   # -> value` is checked."""
+    lines = []
+    for block in re.findall(r"(?ms)^```python\n(.*?)^```", page.read_text(encoding="utf-8")):
+        for line in block.splitlines():
+            said = re.fullmatch(r"(\S.*?)\s*# -> (.*)", line)
+            lines.append(f"_same({said[1]}, {said[2]!r}, {line!r})" if said else line)
+    return "\n".join(["def _same(value, text, line):", "    assert ' '.join(repr(value).split()) == text, f'{line!r} is {value!r}'", *lines])
+
+
+@pytest.mark.parametrize("page", python_pages(), ids=name_of)
+def test_python_blocks_run(page, tmp_path):
+    if "out/drape" in program(page):
+        command(["run", "drape", "--resolution", "96", "--frames", "1", "--accuracy", "preview", "-o", "out/drape"], tmp_path)
+    done = subprocess.run([sys.executable, "-c", program(page)], cwd=tmp_path, capture_output=True, text=True, timeout=300)
+    assert done.returncode == 0, done.stderr
+
+
+def test_a_false_value_in_a_block_is_seen(tmp_path):
+    page = tmp_path / "page.md"
+    page.write_text("```python\nx = 2\nx + 2      # -> 5\n```\n")
+    done = subprocess.run([sys.executable, "-c", program(page)], capture_output=True, text=True)
+    assert done.returncode and "x + 2" in done.stderr
+
+
+def commands(page):
+    """Every documented command line of `cama`, without remarks and variables in front."""
+    text = page.read_text(encoding="utf-8")
+    found = re.findall(r"(?m)^(?:    |\t)?(?:[A-Z_]+=\S+ )*(?:\S*/)?cama ([a-z][^\n]*)$", text)
+    found += [span[5:] for span in spans(page) if re.match(r"cama [a-z]", span)]
+    return [words for words in dict.fromkeys(re.sub(r"\s+#.*", "", words).strip() for words in found) if not re.search(r"[\[…]", words)]
+
+
+def parse(words):
+    """Lets the application take a command line apart; raises Refused for what it does not accept."""
+    name, *arguments = shlex.split(words)
+    if name not in application().commands:
+        raise typer.BadParameter(f"no command {name}")
+    if not arguments or "--help" in arguments:
+        return   # named, not shown
+    application().commands[name].make_context(name, list(arguments))
+
+
+def command(arguments, folder):
+    module = "cama.cli.main" if importlib.util.find_spec("cama.cli.main") else "cama.cli"
+    start = f"from {module} import main; main()"
+    return subprocess.run([sys.executable, "-c", start, *arguments], cwd=folder, capture_output=True, text=True, timeout=300,
+                          env={**os.environ, "COLUMNS": "200"})
+
+
+@pytest.mark.parametrize("page", [page for page in PAGES if commands(page)], ids=name_of)
+def test_commands_are_accepted(page):
+    wrong = {}
+    for words in commands(page):
+        try:
+            parse(words)
+        except (Refused, ValueError) as problem:
+            wrong[words] = str(problem)
+    assert not wrong
+
+
+@pytest.mark.parametrize("words", ["simulate drape", "run drape --no-such-option 3", "run drape --backend abacus", "run"])
+def test_a_false_command_is_seen(words):
+    with pytest.raises(Refused):
+        parse(words) if words != "run" else parse("run --frames 3")
+
+
+SMALL = {"run": ["--resolution", "96", "--frames", "1", "--accuracy", "preview", "-o", "small"],
+         "explain": ["--resolution", "96"], "check": ["--resolution", "96"], "info": []}
+
+
+def shown(folder_pages=("README.md", "docs/start/first-steps.md", "docs/guide/command-line.md", "docs/guide/choosing-a-backend.md")):
+    """Commands of the guide that take no file of the reader's and no device that may be absent; the long ones are not run."""
+    there = {backend["name"] for backend in cama.backends() if backend["available"]}
+    for page in folder_pages:
+        for words in commands(ROOT / page):
+            name, *arguments = shlex.split(words)
+            if name not in SMALL or "--resume" in arguments or (name != "info" and not set(arguments) & set(cama.scenes())):
+                continue
+            if "--backend" in arguments and arguments[arguments.index("--backend") + 1] not in there:
+                continue
+            yield words
+
+
+@pytest.mark.parametrize("words", list(dict.fromkeys(shown())))
+def test_commands_run(words, tmp_path):
+    name, *arguments = shlex.split(words)
+    done = command([name, *arguments, *SMALL[name]], tmp_path)
+    assert done.returncode == 0, done.stdout + done.stderr
+
+
+# --- Generated pages -------------------------------------------------------------------------------------------------------------
+
+@pytest.fixture(scope="module")
+def generate():
+    sys.path.insert(0, str(ROOT / "docs"))
+    try:
+        yield importlib.import_module("generate")
+    finally:
+        sys.path.remove(str(ROOT / "docs"))
+
+
+def test_options_page(generate):
+    levels = {"preview": 0.1, "production": 1e-3, "paper": 1e-6}
+    rows = [{"name": "tolerance", "type": "number", "words": [], "levels": levels, "range": "above 0", "unit": "", "set_by": "scene",
+             "trades": "linear solve", "help": "Of the solve | relative."},
+            {"name": "paper.search", "type": "choice", "words": ["tree", "fronts"], "levels": {"preview": "tree", "production": "tree", "paper": "fronts"},
+             "range": "", "unit": "", "set_by": "user", "trades": "", "help": "How pairs are found."}]
+    user, paper = generate.options_page(rows).split("## Options that reproduce the paper")
+    assert '| <span id="tolerance">`tolerance`</span> | number, above 0 | `0.001` | `0.1`: `preview`; `1e-06`: `paper` | scene, user | linear solve |' in user
+    assert "Of the solve \\| relative. |" in user and "paper.search`</span>" not in user
+    assert "| `tree`, `fronts` | `tree` | `fronts`: `paper` | user |" in paper
+
+
+def test_report_page(generate):
+    page = generate.report_page([{"name": "contacts", "type": "integer", "unit": "", "adds": "max", "help": "In the matrix."}])
+    assert '| <span id="contacts">`contacts`</span> | integer |  | the largest | In the matrix. |' in page
+
+
+@pytest.mark.skipif(not hasattr(cama._core, "option_table"), reason="the compiled module has no tables yet")
+def test_options_page_is_whole(generate):
+    page = generate.options_page(cama._core.option_table())
+    assert all(f'<span id="{row["name"]}">' in page for row in cama._core.option_table())
+    assert all(row["help"] and set(row["levels"]) == set(cama.accuracy_levels()) for row in cama._core.option_table())
+    report = generate.report_page(cama._core.report_table())
+    assert all(f"`{row['name']}`" in report for row in cama._core.report_table())
+
+
+def test_scene_file_page_has_every_key(generate):
+    schema = json.loads((ROOT / "scenes" / "schema.json").read_text(encoding="utf-8"))
+    page = generate.scene_file_page(schema)
+
+    def keys(node):
+        if isinstance(node, dict):
+            for key, value in node.get("properties", {}).items() if isinstance(node.get("properties"), dict) else ():
+                yield key
+            for value in node.values():
+                yield from keys(value)
+        elif isinstance(node, list):
+            for value in node:
+                yield from keys(value)
+    assert not [key for key in set(keys(schema)) if f"| `{key}` |" not in page]
