@@ -24,12 +24,17 @@ private:
 
 void wait_for_stages(bool wait)
 {
-  if (wait) setenv("CAMA_WAIT_FOR_STAGES", "1", 1);
-  else unsetenv("CAMA_WAIT_FOR_STAGES");
+  if (wait)
+    setenv("CAMA_WAIT_FOR_STAGES", "1", 1);
+  else
+    unsetenv("CAMA_WAIT_FOR_STAGES");
 }
 
 /// Counters that a version of the library may or may not have.
-template <class Report> auto waits_of(const Report &report, int) -> decltype(static_cast<double>(report.waits)) { return report.waits; }
+template <class Report> auto waits_of(const Report &report, int) -> decltype(static_cast<double>(report.waits))
+{
+  return report.waits;
+}
 template <class Report> double waits_of(const Report &, long) { return -1; }
 
 double median(const std::vector<double> &values) { return statistics(values).median; }
@@ -37,8 +42,8 @@ double median(const std::vector<double> &values) { return statistics(values).med
 /// Times and counts of the measured steps.
 class Samples {
 public:
-  /// stages: whether the times of stages are of their work; step: whether the time of the step is without waits between stages. The last
-  /// stage of a step waits for the device in any case.
+  /// stages: whether the times of stages are of their work; step: whether the time of the step is without waits between
+  /// stages. The last stage of a step waits for the device in any case.
   void add(const Simulation &simulation, bool stages, bool step)
   {
     std::string outer;
@@ -83,16 +88,19 @@ private:
 };
 
 /// Whether measured step number i waits for the device after every stage.
-bool waits(const Settings &settings, int i) { return settings.wait == Wait::always || (settings.wait == Wait::alternate && i % 2 == 1); }
+bool waits(const Settings &settings, int i)
+{
+  return settings.wait == Wait::always || (settings.wait == Wait::alternate && i % 2 == 1);
+}
 
 void run_steps(const Settings &settings, Simulation &simulation, Samples &samples, Measurement &m)
 {
   const Clock all;
   const auto spent = [&] { return settings.limit > 0 && all.seconds() > settings.limit; };
-  const bool synchronous = simulation.backend().name() == "cpu";   // its stages end when they return
+  const bool synchronous = simulation.backend().name() == "cpu";  // its stages end when they return
   wait_for_stages(false);
   for (; m.skipped < settings.skip && !spent(); ++m.skipped) simulation.step();
-  simulation.positions();   // waits for the device
+  simulation.positions();  // waits for the device
   for (int i = 0; i < settings.steps && (i < 2 || !spent()); ++i) {
     const bool wait = waits(settings, i);
     wait_for_stages(wait);

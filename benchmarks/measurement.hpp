@@ -8,11 +8,17 @@
 
 namespace cama::benchmark {
 
-struct Statistics { double mean = 0, median = 0, deviation = 0, percentile95 = 0; };   ///< deviation: of a sample, n - 1
+struct Statistics {
+  double mean = 0, median = 0, deviation = 0, percentile95 = 0;
+};   ///< deviation: of a sample, n - 1
 Statistics statistics(std::vector<double> values);
 
 /// One stage over the measured steps.
-struct StageRow { std::string name; Statistics milliseconds; double bytes = 0; };
+struct StageRow {
+  std::string name;
+  Statistics milliseconds;
+  double bytes = 0;
+};
 
 /// One scene at one resolution. Counts of a step are medians over the measured steps.
 struct Measurement {
@@ -26,10 +32,12 @@ struct Measurement {
   std::vector<StageRow> stages;           ///< the whole step first
 };
 
-/// Steps from rest, then the measured ones. An error of the simulation ends it and is kept; errors of the scene are thrown.
+/// Steps from rest, then the measured ones. An error of the simulation ends it and is kept; errors of the scene are
+/// thrown.
 Measurement measure(const Settings &settings, int resolution);
 
-/// Bytes read and written a second by copying 256 MiB on the device, best of five, GB/s: a floor is of the undisturbed device.
+/// Bytes read and written a second by copying 256 MiB on the device, best of five, GB/s: a floor is of the undisturbed
+/// device.
 double copy_bandwidth(const Options &options);
 
 /// Slope of the least squares line through (log x, log y); 0 with fewer than two points.

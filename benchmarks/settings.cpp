@@ -11,7 +11,11 @@ namespace cama::benchmark {
 namespace {
 
 using Set = std::function<void(Settings &, const std::string &)>;
-struct Entry { const char *name, *values; bool option; Set set; };   // option: of cama::Options, and part of Settings::changed
+struct Entry {
+  const char *name, *values;
+  bool option;
+  Set set;
+};   // option: of cama::Options, and part of Settings::changed
 
 [[noreturn]] void refuse(const std::string &value, const std::string &wanted)
 {
@@ -22,7 +26,11 @@ double number(const std::string &value)
 {
   std::size_t end = 0;
   double x = 0;
-  try { x = std::stod(value, &end); } catch (const std::exception &) { end = 0; }
+  try {
+    x = std::stod(value, &end);
+  } catch (const std::exception &) {
+    end = 0;
+  }
   if (end == 0 || end != value.size()) refuse(value, "a number");
   return x;
 }
@@ -59,14 +67,18 @@ Entry boolean(const char *name, bool Options::*member)
   return {name, "0|1", true, [member](Settings &s, const std::string &v) { s.options.*member = flag(v); }};
 }
 
-template <class Enum> struct Word { const char *name; Enum value; };
+template <class Enum> struct Word {
+  const char *name;
+  Enum value;
+};
 
 /// One of a few words; `values` is them as "a|b|c".
 template <class Enum>
 Entry choice(const char *name, Enum Options::*member, const char *values, std::vector<Word<Enum>> words)
 {
   return {name, values, true, [member, values, words](Settings &s, const std::string &v) {
-            const auto word = std::find_if(words.begin(), words.end(), [&](const Word<Enum> &w) { return v == w.name; });
+            const auto word =
+                std::find_if(words.begin(), words.end(), [&](const Word<Enum> &w) { return v == w.name; });
             if (word == words.end()) refuse(v, std::string("one of ") + values);
             s.options.*member = word->value;
           }};
@@ -75,10 +87,14 @@ Entry choice(const char *name, Enum Options::*member, const char *values, std::v
 Entry choose_wait()
 {
   return {"wait", "alternate|always|never", false, [](Settings &s, const std::string &v) {
-            if (v == "alternate") s.wait = Wait::alternate;
-            else if (v == "always") s.wait = Wait::always;
-            else if (v == "never") s.wait = Wait::never;
-            else refuse(v, "one of alternate|always|never");
+            if (v == "alternate")
+              s.wait = Wait::alternate;
+            else if (v == "always")
+              s.wait = Wait::always;
+            else if (v == "never")
+              s.wait = Wait::never;
+            else
+              refuse(v, "one of alternate|always|never");
           }};
 }
 
@@ -95,25 +111,31 @@ const std::vector<Entry> &entries()
       {"bandwidth", "GB/s", false, [](Settings &s, const std::string &v) { s.bandwidth = number(v); }},
       {"header", "0|1", false, [](Settings &s, const std::string &v) { s.header = flag(v); }},
       choose_wait(),
-      {"accuracy", "preview|interactive|production|accurate|reference|paper", false, [](Settings &, const std::string &) {}},   // read first, see parse_settings
+      {"accuracy", "preview|interactive|production|accurate|reference|paper", false,
+       [](Settings &, const std::string &) {}},   // read first, see parse_settings
       {"backend", "auto|cpu|opencl|cuda", false, [](Settings &s, const std::string &v) { s.options.backend = v; }},
       {"device", "N", false, [](Settings &s, const std::string &v) { s.options.device = whole(v); }},
       {"threads", "N", false, [](Settings &s, const std::string &v) { s.options.threads = whole(v); }},
       {"precision", "double|mixed|single", false, [](Settings &s, const std::string &v) { s.options.precision = v; }},
       {"audit", "0|1", false, [](Settings &s, const std::string &v) { s.options.audit = flag(v); }},
-      choice<Assembly>("assembly", &Options::assembly, "gather|algorithm1|sorted",
-                       {{"gather", Assembly::gather}, {"algorithm1", Assembly::algorithm1}, {"sorted", Assembly::sorted}}),
+      choice<Assembly>(
+          "assembly", &Options::assembly, "gather|algorithm1|sorted",
+          {{"gather", Assembly::gather}, {"algorithm1", Assembly::algorithm1}, {"sorted", Assembly::sorted}}),
       boolean("atomic_filling", &Options::atomic_filling),
       choice<ContactForm>("contact_form", &Options::contact_form, "rank_one|star",
                           {{"rank_one", ContactForm::rank_one}, {"star", ContactForm::star}}),
       boolean("anticipate_contacts", &Options::anticipate_contacts),
-      choice<SearchKind>("search", &Options::search, "tree|fronts", {{"tree", SearchKind::tree}, {"fronts", SearchKind::fronts}}),
+      choice<SearchKind>("search", &Options::search, "tree|fronts",
+                         {{"tree", SearchKind::tree}, {"fronts", SearchKind::fronts}}),
       boolean("localized_search", &Options::localized_search),
       choice<Preconditioner>("preconditioner", &Options::preconditioner, "none|jacobi|block_jacobi|schwarz",
-                             {{"none", Preconditioner::none}, {"jacobi", Preconditioner::jacobi},
-                              {"block_jacobi", Preconditioner::block_jacobi}, {"schwarz", Preconditioner::schwarz}}),
-      choice<LinearSolver>("solver", &Options::solver, "conjugate_gradient|direct",
-                           {{"conjugate_gradient", LinearSolver::conjugate_gradient}, {"direct", LinearSolver::direct}}),
+                             {{"none", Preconditioner::none},
+                              {"jacobi", Preconditioner::jacobi},
+                              {"block_jacobi", Preconditioner::block_jacobi},
+                              {"schwarz", Preconditioner::schwarz}}),
+      choice<LinearSolver>(
+          "solver", &Options::solver, "conjugate_gradient|direct",
+          {{"conjugate_gradient", LinearSolver::conjugate_gradient}, {"direct", LinearSolver::direct}}),
       {"tolerance", "NUMBER", true, [](Settings &s, const std::string &v) { s.options.tolerance = number(v); }},
       integer("max_iterations", &Options::max_iterations),
       integer("max_impact_passes", &Options::max_impact_passes),
@@ -121,8 +143,9 @@ const std::vector<Entry> &entries()
       boolean("cubic_impacts", &Options::cubic_impacts),
       boolean("commit", &Options::commit),
       boolean("arcsim_conventions", &Options::arcsim_conventions),
-      choice<Intersections>("intersections", &Options::intersections, "reject|exempt|untangle",
-                            {{"reject", Intersections::reject}, {"exempt", Intersections::exempt}, {"untangle", Intersections::untangle}}),
+      choice<StartPolicy>(
+          "intersections", &Options::intersections, "reject|exempt|untangle",
+          {{"reject", StartPolicy::reject}, {"exempt", StartPolicy::exempt}, {"untangle", StartPolicy::untangle}}),
       choice<Pinch>("pinch", &Options::pinch, "stop|release", {{"stop", Pinch::stop}, {"release", Pinch::release}}),
   };
   return all;
@@ -159,11 +182,15 @@ Settings parse_settings(int count, const char *const *arguments)
   for (int i = 1; i < count; ++i) {
     const std::string argument = arguments[i];
     const std::size_t equals = argument.find('=');
-    if (equals != std::string::npos) given.emplace_back(argument.substr(0, equals), argument.substr(equals + 1));
-    else if (settings.scene.empty()) settings.scene = argument;
-    else throw SceneError(argument + ": give it as name=value; names are\n" + settings_help());
+    if (equals != std::string::npos)
+      given.emplace_back(argument.substr(0, equals), argument.substr(equals + 1));
+    else if (settings.scene.empty())
+      settings.scene = argument;
+    else
+      throw SceneError(argument + ": give it as name=value; names are\n" + settings_help());
   }
-  if (settings.scene.empty()) throw SceneError("usage: step_times SCENE [name=value ...]; names are\n" + settings_help());
+  if (settings.scene.empty())
+    throw SceneError("usage: step_times SCENE [name=value ...]; names are\n" + settings_help());
   settings.options.backend = "cpu";
   for (const auto &[name, value] : given)   // the preset sets the options that the others change
     if (name == "accuracy") {

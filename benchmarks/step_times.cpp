@@ -12,7 +12,8 @@ using namespace cama::benchmark;
 namespace {
 
 const char *columns =
-    "scene,triangles,accuracy,backend,device,precision,options,time_step,skipped,steps,stage,mean_ms,median_ms,stddev_ms,p95_ms,bytes,"
+    "scene,triangles,accuracy,backend,device,precision,options,time_step,skipped,steps,stage,mean_ms,median_ms,stddev_"
+    "ms,p95_ms,bytes,"
     "bandwidth_gbs,floor_ms,ratio,iterations,launches,waits,contacts,candidates,intersections,peak_mib,hash";
 
 std::string quoted(std::string text)
@@ -42,21 +43,24 @@ std::string counts_of(const Measurement &m)
 {
   char hash[17];
   std::snprintf(hash, sizeof hash, "%016llx", static_cast<unsigned long long>(m.hash));
-  return number(m.iterations, "%.0f") + "," + number(m.launches, "%.0f") + "," + (m.waits < 0 ? "" : number(m.waits, "%.0f")) + "," +
-         number(m.contacts, "%.0f") + "," + number(m.candidates, "%.0f") + "," + std::to_string(m.intersections) + "," +
-         number(m.peak_mib, "%.1f") + "," + hash;
+  return number(m.iterations, "%.0f") + "," + number(m.launches, "%.0f") + "," +
+         (m.waits < 0 ? "" : number(m.waits, "%.0f")) + "," + number(m.contacts, "%.0f") + "," +
+         number(m.candidates, "%.0f") + "," + std::to_string(m.intersections) + "," + number(m.peak_mib, "%.1f") + "," +
+         hash;
 }
 
 void print(const Settings &s, const Measurement &m, double bandwidth)
 {
-  const std::string run = m.scene + "," + std::to_string(m.triangles) + "," + s.options.accuracy + "," + s.options.backend + "," +
-                          quoted(m.device) + "," + s.options.precision + "," + quoted(s.changed) + "," + number(m.time_step, "%.6g") + "," +
-                          std::to_string(m.skipped) + "," + std::to_string(m.steps) + ",";
+  const std::string run = m.scene + "," + std::to_string(m.triangles) + "," + s.options.accuracy + "," +
+                          s.options.backend + "," + quoted(m.device) + "," + s.options.precision + "," +
+                          quoted(s.changed) + "," + number(m.time_step, "%.6g") + "," + std::to_string(m.skipped) +
+                          "," + std::to_string(m.steps) + ",";
   for (std::size_t i = 0; i < m.stages.size(); ++i) {
     const StageRow &row = m.stages[i];
     const Statistics &t = row.milliseconds;
-    std::printf("%s%s,%.4f,%.4f,%.4f,%.4f,%s,%s\n", run.c_str(), quoted(row.name).c_str(), t.mean, t.median, t.deviation, t.percentile95,
-                floor_of(row, bandwidth).c_str(), i == 0 ? counts_of(m).c_str() : ",,,,,,,");
+    std::printf("%s%s,%.4f,%.4f,%.4f,%.4f,%s,%s\n", run.c_str(), quoted(row.name).c_str(), t.mean, t.median,
+                t.deviation, t.percentile95, floor_of(row, bandwidth).c_str(),
+                i == 0 ? counts_of(m).c_str() : ",,,,,,,");
   }
   std::fflush(stdout);
 }
@@ -64,10 +68,12 @@ void print(const Settings &s, const Measurement &m, double bandwidth)
 void remark(const Measurement &m)
 {
   if (m.stages.empty()) return;
-  std::fprintf(stderr, "# %s on %s: %d triangles, %d steps after %d, median %.3f ms, %.0f iterations, %.0f launches, %d intersections, "
-               "peak %.0f MiB, %.1f s, hash %016llx\n", m.scene.c_str(), m.device.c_str(), m.triangles, m.steps, m.skipped,
-               m.stages[0].milliseconds.median, m.iterations, m.launches, m.intersections, m.peak_mib, m.seconds,
-               static_cast<unsigned long long>(m.hash));
+  std::fprintf(
+      stderr,
+      "# %s on %s: %d triangles, %d steps after %d, median %.3f ms, %.0f iterations, %.0f launches, %d intersections, "
+      "peak %.0f MiB, %.1f s, hash %016llx\n",
+      m.scene.c_str(), m.device.c_str(), m.triangles, m.steps, m.skipped, m.stages[0].milliseconds.median, m.iterations,
+      m.launches, m.intersections, m.peak_mib, m.seconds, static_cast<unsigned long long>(m.hash));
 }
 
 int run(int count, char **arguments)
@@ -90,7 +96,8 @@ int run(int count, char **arguments)
     triangles.push_back(m.triangles);
     times.push_back(m.stages[0].milliseconds.median);
   }
-  if (times.size() > 1) std::fprintf(stderr, "# exponent %.3f of the median step time in triangles\n", exponent(triangles, times));
+  if (times.size() > 1)
+    std::fprintf(stderr, "# exponent %.3f of the median step time in triangles\n", exponent(triangles, times));
   return failures ? 1 : 0;
 }
 

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// What each term of a scene costs: a step of the scene without it and with it, steps of both in turn, medians. One CSV row a term.
+// What each term of a scene costs: a step of the scene without it and with it, steps of both in turn, medians. One CSV
+// row a term.
 //   build/benchmarks/terms [CELLS [STEPS [BACKEND]]]
 #include <algorithm>
 #include <cmath>
@@ -19,7 +20,8 @@ Mesh grid(int cells, double side, const dvec3 &corner)
 {
   Mesh m;
   for (int j = 0; j <= cells; ++j)
-    for (int i = 0; i <= cells; ++i) m.position.push_back({corner.x + side * i / cells, corner.y + side * j / cells, corner.z});
+    for (int i = 0; i <= cells; ++i)
+      m.position.push_back({corner.x + side * i / cells, corner.y + side * j / cells, corner.z});
   for (int j = 0; j < cells; ++j)
     for (int i = 0; i < cells; ++i) {
       const int a = j * (cells + 1) + i, b = a + 1, c = a + cells + 1, d = c + 1;
@@ -71,22 +73,47 @@ void add_far(Scene &s, const dvec3 &velocity)
   s.obstacles.push_back(std::move(o));
 }
 
-struct Term { const char *name; std::function<Scene(int)> base; std::function<void(Scene &)> add; std::function<void(Options &)> set; };
+struct Term {
+  const char *name;
+  std::function<Scene(int)> base;
+  std::function<void(Scene &)> add;
+  std::function<void(Options &)> set;
+};
 
 const std::vector<Term> terms = {
     {"nothing", hanging, [](Scene &) {}, {}},
     {"bending", hanging, [](Scene &s) { s.cloths[0].material = fabric(1e-5); }, {}},
     {"damping", hanging, [](Scene &s) { s.cloths[0].material.damping = 0.01; }, {}},
-    {"table of stiffness", hanging, [](Scene &s) { for (std::size_t k = 1; k < 6; ++k) s.cloths[0].material.stretching[k][0] *= 1.0 + 0.05 * static_cast<double>(k); }, {}},
+    {"table of stiffness",
+     hanging,
+     [](Scene &s) {
+       for (std::size_t k = 1; k < 6; ++k) s.cloths[0].material.stretching[k][0] *= 1.0 + 0.05 * static_cast<double>(k);
+     },
+     {}},
     {"wind", hanging, [](Scene &s) { s.wind = Wind{{2, 0, 0}, 1.2, 0}; }, {}},
     {"a stitch", hanging, [](Scene &s) { s.stitches.push_back({0, 5, 0, 9, 9, 0, 10}); }, {}},
-    {"contact with a plane that is not touched", hanging, [](Scene &s) {
+    {"contact with a plane that is not touched",
+     hanging,
+     [](Scene &s) {
        s.contact.enabled = true;
        s.obstacles.push_back(exact_plane({0, 0, -5}, {0, 0, 1}));
        s.obstacles.back().name = "ground";
-     }, {}},
-    {"a mesh at rest, not touched", hanging, [](Scene &s) { s.contact.enabled = true; add_far(s, {0, 0, 0}); }, {}},
-    {"a mesh that moves, not touched", hanging, [](Scene &s) { s.contact.enabled = true; add_far(s, {0, 0, 0.1}); }, {}},
+     },
+     {}},
+    {"a mesh at rest, not touched",
+     hanging,
+     [](Scene &s) {
+       s.contact.enabled = true;
+       add_far(s, {0, 0, 0});
+     },
+     {}},
+    {"a mesh that moves, not touched",
+     hanging,
+     [](Scene &s) {
+       s.contact.enabled = true;
+       add_far(s, {0, 0, 0.1});
+     },
+     {}},
     {"cloth against cloth, not touched", hanging, [](Scene &s) { s.contact.enabled = s.contact.self = true; }, {}},
     {"a mesh at rest beside contact", lying, [](Scene &s) { add_far(s, {0, 0, 0}); }, {}},
     {"cloth against cloth beside contact", lying, [](Scene &s) { s.contact.self = true; }, {}},
@@ -124,7 +151,8 @@ struct Side {
 int main(int argc, char **argv)
 {
   const int cells = argc > 1 ? std::atoi(argv[1]) : 64, steps = argc > 2 ? std::atoi(argv[2]) : 40, warm = 8;
-  std::printf("term,triangles,ms_without,ms_with,ms_ratio,launches_without,launches_with,iterations_without,iterations_with,mib_without,mib_with,"
+  std::printf("term,triangles,ms_without,ms_with,ms_ratio,launches_without,launches_with,iterations_without,iterations_"
+              "with,mib_without,mib_with,"
               "blocks_a_row_without,blocks_a_row_with\n");
   for (const Term &term : terms) {
     Options options = Options::preset("production");
@@ -144,13 +172,16 @@ int main(int argc, char **argv)
       with.step();
     }
     for (Side *s : {&without, &with})
-      for (std::vector<double> *v : {&s->milliseconds, &s->launches, &s->iterations}) v->erase(v->begin(), v->begin() + warm);
+      for (std::vector<double> *v : {&s->milliseconds, &s->launches, &s->iterations})
+        v->erase(v->begin(), v->begin() + warm);
     const double rows = without.simulation.cloth_vertex_count(), mib = 1.0 / (1 << 20);
     const double a = median(without.milliseconds), b = median(with.milliseconds);
-    std::printf("%s,%d,%.3f,%.3f,%.3f,%.0f,%.0f,%.0f,%.0f,%.2f,%.2f,%.2f,%.2f\n", term.name, without.simulation.cloth_triangle_count(), a, b, b / a,
-                median(without.launches), median(with.launches), median(without.iterations), median(with.iterations),
-                static_cast<double>(without.simulation.peak_memory_bytes()) * mib, static_cast<double>(with.simulation.peak_memory_bytes()) * mib,
-                without.blocks() / rows, with.blocks() / rows);
+    std::printf("%s,%d,%.3f,%.3f,%.3f,%.0f,%.0f,%.0f,%.0f,%.2f,%.2f,%.2f,%.2f\n", term.name,
+                without.simulation.cloth_triangle_count(), a, b, b / a, median(without.launches), median(with.launches),
+                median(without.iterations), median(with.iterations),
+                static_cast<double>(without.simulation.peak_memory_bytes()) * mib,
+                static_cast<double>(with.simulation.peak_memory_bytes()) * mib, without.blocks() / rows,
+                with.blocks() / rows);
     std::fflush(stdout);
   }
 }

@@ -29,7 +29,8 @@ class Streams {
 public:
   explicit Streams(const Simulation &simulation)
   {
-    for (const StreamInfo &s : simulation.streams()) size_[s.name] = {static_cast<double>(s.size), element_bytes(s.element)};
+    for (const StreamInfo &s : simulation.streams())
+      size_[s.name] = {static_cast<double>(s.size), element_bytes(s.element)};
   }
   double n(const std::string &name) const
   {
@@ -55,16 +56,21 @@ double motion(const Streams &s, double cloth) { return 3 * vector_bytes * (s.n("
 /// Boxes of vertices, faces and edges, both trees written and read, candidate pairs with flag and direction written.
 double boxes_and_trees(const Streams &s)
 {
-  return s.bytes({"position", "position_next", "margin", "vertex_box", "face", "face_box", "edge", "edge_box", "face_order",
-                  "edge_order", "moving.face_order", "moving.edge_order", "tree_order", "still.face_groups", "still.edge_groups"}) +
-         2 * s.bytes({"face_groups", "edge_groups", "moving.face_groups", "moving.edge_groups", "face_tree", "obstacle_tree"});
+  return s.bytes({"position", "position_next", "margin", "vertex_box", "face", "face_box", "edge", "edge_box",
+                  "face_order", "edge_order", "moving.face_order", "moving.edge_order", "tree_order",
+                  "static.face_groups", "static.edge_groups"}) +
+         2 * s.bytes({"face_groups", "edge_groups", "moving.face_groups", "moving.edge_groups", "face_tree",
+                      "obstacle_tree"});
 }
 double pairs_written(const Streams &s)
 {
-  return s.bytes({"vertex_face.pairs", "vertex_face.known", "vertex_face.direction", "edge_edge.pairs", "edge_edge.known",
-                  "edge_edge.direction"});
+  return s.bytes({"vertex_face.pairs", "vertex_face.known", "vertex_face.direction", "edge_edge.pairs",
+                  "edge_edge.known", "edge_edge.direction"});
 }
-double fronts(const Streams &s) { return 2 * s.bytes({"front", "self_front"}) + s.bytes({"triangle_pairs", "face_features"}); }
+double fronts(const Streams &s)
+{
+  return 2 * s.bytes({"front", "self_front"}) + s.bytes({"triangle_pairs", "face_features"});
+}
 double candidate_search(const Streams &s)
 {
   return s.bytes({"position", "velocity", "predicted"}) + boxes_and_trees(s) + fronts(s) + pairs_written(s);
@@ -73,16 +79,17 @@ double candidate_search(const Streams &s)
 /// Every pair read with both features' vertices from cache; flag and direction written.
 double contacts(const Streams &s)
 {
-  return s.bytes({"vertex_face.pairs", "edge_edge.pairs", "vertex_face.direction", "edge_edge.direction", "position", "predicted",
-                  "vertex_contact", "face", "edge", "contact"}) +
+  return s.bytes({"vertex_face.pairs", "edge_edge.pairs", "vertex_face.direction", "edge_edge.direction", "position",
+                  "predicted", "vertex_contact", "face", "edge", "contact"}) +
          int_bytes * (s.n("vertex_face.pairs") + s.n("edge_edge.pairs"));
 }
 
 /// Factors and forces of triangles and hinges written, forces gathered.
 double element_forces(const Streams &s)
 {
-  return s.bytes({"triangle_rest", "triangle_factor", "hinge_rest", "hinge_factor", "position", "force", "mass", "triangle_incidence.row",
-                  "triangle_incidence.entry", "hinge_incidence.row", "hinge_incidence.entry"}) +
+  return s.bytes({"triangle_rest", "triangle_factor", "hinge_rest", "hinge_factor", "position", "force", "mass",
+                  "triangle_incidence.row", "triangle_incidence.entry", "hinge_incidence.row",
+                  "hinge_incidence.entry"}) +
          2 * s.bytes({"triangle_force", "hinge_force"});
 }
 
@@ -92,18 +99,22 @@ double contact_terms(const Streams &s)
          2 * s.bytes({"term_incidence.entry"});
 }
 
-/// gather: sources of the blocks read. algorithm1: indices written, sorted and read, sources written besides. sorted: entries through a radix sort.
+/// gather: sources of the blocks read. algorithm1: indices written, sorted and read, sources written besides. sorted:
+/// entries through a radix sort.
 double matrix(const Streams &s, const Options &o, double rows)
 {
   const bool terms = o.assembly != Assembly::gather;
-  const double directed = 3 * s.n("triangle_incidence.entry") + 4 * (s.n("hinge_incidence.entry") + (terms ? s.n("term_incidence.entry") : 0)) + rows;
-  const double factors = s.bytes({"triangle_factor", "hinge_factor", "mass", "block", "row"}) + (terms ? s.bytes({"term"}) : 0);
+  const double directed = 3 * s.n("triangle_incidence.entry") +
+                          4 * (s.n("hinge_incidence.entry") + (terms ? s.n("term_incidence.entry") : 0)) + rows;
+  const double factors =
+      s.bytes({"triangle_factor", "hinge_factor", "mass", "block", "row"}) + (terms ? s.bytes({"term"}) : 0);
   const double elements = s.n("triangle_factor") + s.n("hinge_factor") + s.n("term");
   if (o.assembly == Assembly::sorted)
     return factors + s.bytes({"column"}) + 2 * radix_passes * (2 * int_bytes + int_bytes) * (16 * elements + rows);
   const double gathered = factors + int_bytes * (directed + s.n("block"));
   if (o.assembly == Assembly::gather) return gathered;
-  return gathered + s.bytes({"triangle_nodes", "hinge_nodes", "term_nodes", "column"}) + (4 * 2 * int_bytes + int_bytes) * directed;
+  return gathered + s.bytes({"triangle_nodes", "hinge_nodes", "term_nodes", "column"}) +
+         (4 * 2 * int_bytes + int_bytes) * directed;
 }
 
 /// Growth test, per pass every pair examined; the commit reads every pair and writes every vertex.
@@ -113,7 +124,8 @@ double penetration(const Streams &s, const StepReport &r, const Options &o)
   const double vertices = s.bytes({"position", "position_next", "vertex_contact", "inverse_mass"});
   const double looks = o.max_impact_passes > 0 ? std::min(r.impact_passes + r.substeps, o.max_impact_passes) : 0;
   const double detect = pairs * (pair_bytes + vector_bytes + 2 * int_bytes) + vertices + s.bytes({"face", "edge"});
-  const double commit = o.commit ? pairs * (pair_bytes + 2 * int_bytes) + 3 * s.bytes({"position"}) + 2 * int_bytes * s.n("position") : 0;
+  const double commit =
+      o.commit ? pairs * (pair_bytes + 2 * int_bytes) + 3 * s.bytes({"position"}) + 2 * int_bytes * s.n("position") : 0;
   const double again = std::max(0, r.searches - 1) * boxes_and_trees(s);
   return s.bytes({"vertex_box", "margin"}) + 2 * s.bytes({"position"}) + looks * detect + r.substeps * commit + again +
          r.impact_passes * 2 * s.bytes({"impact"});
@@ -155,11 +167,12 @@ double solve_bytes(const SolveShape &shape)
   double precondition = 0;
   if (shape.preconditioner == "jacobi") precondition = vectors;
   if (shape.preconditioner == "block_jacobi") precondition = 3 * vectors;
-  if (shape.preconditioner == "schwarz") {   // triangular factors in 16 bits, by tiles of 16 x 16, and weights; all levels
+  if (shape.preconditioner ==
+      "schwarz") {   // triangular factors in 16 bits, by tiles of 16 x 16, and weights; all levels
     const double side = 3 * aggregate, block = 2 * 6 * 256 + side * real;
     precondition = shape.rows * block / (aggregate - 1);
   }
-  const double update = 7 * vectors, direction = 3 * vectors;   // x, p, q, r read, x, r, z written; z, p read, p written
+  const double update = 7 * vectors, direction = 3 * vectors;  // x, p, q, r read, x, r, z written; z, p read, p written
   return (shape.iterations + 1) * multiply + shape.iterations * (precondition + update + direction);
 }
 

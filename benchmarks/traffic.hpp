@@ -21,7 +21,8 @@ struct SolveShape {
 /// Conjugate gradient of three kernels an iteration: product, update of x, r and z, update of p.
 double solve_bytes(const SolveShape &shape);
 
-/// Bytes of each stage of the last step by its nested name, sums for stages made of stages; stages without a formula are absent.
+/// Bytes of each stage of the last step by its nested name, sums for stages made of stages; stages without a formula
+/// are absent.
 std::map<std::string, double> step_bytes(const Simulation &simulation);
 
 /// "stage" or "stage/part" for each of a step's timings, "step" for the whole.

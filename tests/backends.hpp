@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The backends that tests run on: those with a device here. One that is absent is said aloud, and fails the test if the environment
-// variable CAMA_REQUIRE_BACKENDS ("cpu,opencl") names it.
+// The backends that tests run on: those with a device here. One that is absent is said aloud, and fails the test if the
+// environment variable CAMA_REQUIRE_BACKENDS ("cpu,opencl") names it.
 #pragma once
 #include <cstdlib>
 #include <string>
@@ -20,7 +20,8 @@ inline bool backend_here(const std::string &name)
   for (const cama::BackendInfo &info : cama::list_backends())
     if (info.name == name) {
       if (info.available) return true;
-      if (backend_required(name)) FAIL("backend " << name << " is required (CAMA_REQUIRE_BACKENDS) and not there: " << info.note);
+      if (backend_required(name))
+        FAIL("backend " << name << " is required (CAMA_REQUIRE_BACKENDS) and not there: " << info.note);
       WARN("SKIPPED on backend " << name << ": " << info.note);
       return false;
     }

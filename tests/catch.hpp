@@ -17,14 +17,18 @@ using Catch::Approx;
 #define CAMA_SOURCE_DIR "."
 #endif
 
-/// How often this program went without a file of test data; then its main function returns 77, which ctest counts as skipped.
+/// How often this program went without a file of test data; then its main function returns 77, which ctest counts as
+/// skipped.
 inline int skipped_for_data = 0;
 
-/// A file of the shared test data (CAMA_TEST_DATA, else ../shared/data beside the sources), or nothing, said aloud and counted.
+/// A file of the shared test data (CAMA_TEST_DATA, else ../shared/data beside the sources), or nothing, said aloud and
+/// counted.
 inline std::optional<std::filesystem::path> test_data(const std::string &name)
 {
   const char *folder = std::getenv("CAMA_TEST_DATA");
-  const std::filesystem::path path = (folder ? std::filesystem::path(folder) : std::filesystem::path(CAMA_SOURCE_DIR) / ".." / "shared" / "data") / name;
+  const std::filesystem::path path =
+      (folder ? std::filesystem::path(folder) : std::filesystem::path(CAMA_SOURCE_DIR) / ".." / "shared" / "data") /
+      name;
   if (std::filesystem::exists(path)) return path;
   ++skipped_for_data;
   WARN("SKIPPED: no test data " << path.string());

@@ -6,8 +6,8 @@
 #include <utility>
 #include <vector>
 
-#include "pipeline_factory.hpp"
-#include "setup.hpp"
+#include "model/setup.hpp"
+#include "run/pipeline_factory.hpp"
 
 /// One thread.
 inline cama::Options serial(const std::string &accuracy = "production")
@@ -71,7 +71,8 @@ public:
   bool has_stream(const std::string &name)
   {
     bool found = false;
-    state.visit([&](const char *stream_name, auto &stream) { found |= name == stream_name && stream.backend() != nullptr; });
+    state.visit(
+        [&](const char *stream_name, auto &stream) { found |= name == stream_name && stream.backend() != nullptr; });
     return found;
   }
 

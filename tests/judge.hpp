@@ -6,7 +6,9 @@
 
 namespace judge {
 using Real = long double;
-struct Vec { Real x, y, z; };
+struct Vec {
+  Real x, y, z;
+};
 inline Vec operator-(Vec a, Vec b) { return {a.x - b.x, a.y - b.y, a.z - b.z}; }
 inline Vec operator+(Vec a, Vec b) { return {a.x + b.x, a.y + b.y, a.z + b.z}; }
 inline Vec operator*(Real s, Vec a) { return {s * a.x, s * a.y, s * a.z}; }
@@ -29,7 +31,8 @@ inline Real point_triangle(Vec p, Vec a, Vec b, Vec c)
 }
 inline Real segment_segment(Vec a, Vec b, Vec c, Vec d)
 {
-  Real least = std::min({point_segment(a, c, d), point_segment(b, c, d), point_segment(c, a, b), point_segment(d, a, b)});
+  Real least =
+      std::min({point_segment(a, c, d), point_segment(b, c, d), point_segment(c, a, b), point_segment(d, a, b)});
   const Vec u = b - a, v = d - c, n = cross(u, v);
   const Real nn = dot(n, n);
   if (nn > 0) {

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The main function, for Catch2 version 2 and 3. Returns 0 if all passed, 1 if not, 77 if all passed that could run and some had no data.
+// The main function, for Catch2 version 2 and 3. Returns 0 if all passed, 1 if not, 77 if all passed that could run and
+// some had no data.
 #define CATCH_CONFIG_RUNNER
 #include "catch.hpp"
 

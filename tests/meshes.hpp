@@ -40,7 +40,8 @@ inline cama::Mesh sphere(int sectors, int rings, double radius, dvec3 center = {
   for (int j = 1; j < rings; ++j)
     for (int i = 0; i < sectors; ++i) {
       const double a = pi * j / rings, b = 2 * pi * i / sectors;
-      m.position.push_back({center.x + radius * std::sin(a) * std::cos(b), center.y + radius * std::sin(a) * std::sin(b), center.z + radius * std::cos(a)});
+      m.position.push_back({center.x + radius * std::sin(a) * std::cos(b),
+                            center.y + radius * std::sin(a) * std::sin(b), center.z + radius * std::cos(a)});
     }
   m.position.push_back({center.x, center.y, center.z - radius});
   const int last = static_cast<int>(m.position.size()) - 1;

@@ -14,11 +14,14 @@ public:
   explicit Recorder(std::unique_ptr<cama::Backend> inner) : inner_(std::move(inner)) {}
   std::string_view name() const override { return inner_->name(); }
   std::string device() const override { return inner_->device(); }
-  bool processor() const override { return inner_->processor(); }
+  bool wide_workers() const override { return inner_->wide_workers(); }
   Buffer allocate(std::size_t bytes) override { return inner_->allocate(bytes); }
   void release(Buffer buffer) noexcept override { inner_->release(buffer); }
   void upload(Buffer to, const void *from, std::size_t bytes) override { inner_->upload(to, from, bytes); }
-  void download(void *to, Buffer from, std::size_t bytes, std::size_t offset) override { inner_->download(to, from, bytes, offset); }
+  void download(void *to, Buffer from, std::size_t bytes, std::size_t offset) override
+  {
+    inner_->download(to, from, bytes, offset);
+  }
   void copy(Buffer to, Buffer from, std::size_t bytes) override { inner_->copy(to, from, bytes); }
   void fill(Buffer buffer, unsigned char byte, std::size_t bytes) override { inner_->fill(buffer, byte, bytes); }
   void launch(const cama::KernelKey &kernel, int n, const cama::Argument *arguments, int count) override

@@ -11,19 +11,20 @@
 #include <new>
 #include <thread>
 
-#include "host_threads.hpp"
-#include "launch.hpp"
+#include "device/host_threads.hpp"
+#include "device/launch.hpp"
 
 namespace cama {
 namespace {
 
 using Trampoline = void (*)(int, const Argument *);
 
-template <class P>
-P unpack(const Argument &argument)
+template <class P> P unpack(const Argument &argument)
 {
-  if constexpr (std::is_pointer_v<P>) return static_cast<P>(argument.buffer);
-  else return *static_cast<const P *>(argument.scalar);
+  if constexpr (std::is_pointer_v<P>)
+    return static_cast<P>(argument.buffer);
+  else
+    return *static_cast<const P *>(argument.scalar);
 }
 
 template <auto function, class... P, std::size_t... I>
@@ -32,48 +33,52 @@ void call(int n, const Argument *arguments, void (*)(int, P...), std::index_sequ
   function(n, unpack<P>(arguments[I])...);
 }
 
-template <auto function, class... P>
-constexpr std::size_t parameter_count(void (*)(int, P...)) { return sizeof...(P); }
+template <auto function, class... P> constexpr std::size_t parameter_count(void (*)(int, P...)) { return sizeof...(P); }
 
-template <auto function>
-void trampoline(int n, const Argument *arguments)
+template <auto function> void trampoline(int n, const Argument *arguments)
 {
   call<function>(n, arguments, function, std::make_index_sequence<parameter_count<function>(function)>{});
 }
 
-struct Entry { Trampoline once, f32, f64; };
+struct Entry {
+  Trampoline once, f32, f64;
+};
 
 const Entry entries[] = {
 #define CAMA_DOUBLE_KERNEL(name) {&trampoline<&kernels::name>, nullptr, nullptr},
 #define CAMA_REAL_KERNEL(name) {nullptr, &trampoline<&kernels::f32::name>, &trampoline<&kernels::f64::name>},
-#include "../../libcama/kernels/kernels.def"
+#include "kernels/kernels.def"
 };
 
 constexpr std::size_t header = 64;   // keeps the size in front of every allocation, and 64-byte alignment
 
-std::string processor_name()
+std::string cpu_name()
 {
   std::ifstream file("/proc/cpuinfo");
   for (std::string line; std::getline(file, line);)
     if (line.rfind("model name", 0) == 0) return line.substr(line.find(':') + 2);
-  return "processor";
+  return "CPU";
 }
 
 class CpuBackend final : public Backend {
 public:
-  explicit CpuBackend(int threads) : threads_(threads > 0 ? threads : cpu_processors()) {}
+  explicit CpuBackend(int threads) : threads_(threads > 0 ? threads : cpu_backend_count()) {}
 
   std::string_view name() const override { return "cpu"; }
-  std::string device() const override { return processor_name() + ", " + std::to_string(threads_) + (threads_ == 1 ? " thread" : " threads"); }
+  std::string device() const override
+  {
+    return cpu_name() + ", " + std::to_string(threads_) + (threads_ == 1 ? " thread" : " threads");
+  }
 
-  bool processor() const override { return true; }
+  bool wide_workers() const override { return true; }
 
   Buffer allocate(std::size_t bytes) override
   {
     const std::size_t whole = (bytes + header + 63) / 64 * 64;
     auto *memory = static_cast<unsigned char *>(std::aligned_alloc(64, whole));
-    if (!memory) throw MemoryError("out of memory: " + std::to_string(bytes) + " bytes asked on top of " + std::to_string(allocated_) +
-                                   "; lower the resolution");
+    if (!memory)
+      throw MemoryError("out of memory: " + std::to_string(bytes) + " bytes asked on top of " +
+                        std::to_string(allocated_) + "; lower the resolution");
     std::memcpy(memory, &bytes, sizeof bytes);
 #ifndef NDEBUG
     std::memset(memory + header, 0xff, bytes);   // every double and float of a new stream is NaN
@@ -104,7 +109,11 @@ public:
     ++launches_;
     const HostThreads host(threads_);
     const Entry &entry = entries[kernel.index];
-    timed(kernel.name, [&] { (kernel.precision == Precision::none ? entry.once : kernel.precision == Precision::f32 ? entry.f32 : entry.f64)(n, arguments); });
+    timed(kernel.name, [&] {
+      (kernel.precision == Precision::none  ? entry.once
+       : kernel.precision == Precision::f32 ? entry.f32
+                                            : entry.f64)(n, arguments);
+    });
   }
 
   void scan(Buffer from, Buffer to, int n) override
@@ -116,7 +125,8 @@ public:
       out[i] = static_cast<int>(sum);
       sum += in[i];
     }
-    if (sum > 0x7fffffff) throw MemoryError("a list of this scene exceeds 2^31 entries; lower the resolution or the contact thickness");
+    if (sum > 0x7fffffff)
+      throw MemoryError("a list of this scene exceeds 2^31 entries; lower the resolution or the contact thickness");
     out[n] = static_cast<int>(sum);
   }
 
@@ -160,7 +170,7 @@ private:
 
 }  // namespace
 
-int cpu_processors() { return std::max(1, std::min(omp_get_num_procs(), omp_get_max_threads())); }
+int cpu_backend_count() { return std::max(1, std::min(omp_get_num_procs(), omp_get_max_threads())); }
 
 std::unique_ptr<Backend> make_cpu_backend(int threads) { return std::make_unique<CpuBackend>(threads); }
 

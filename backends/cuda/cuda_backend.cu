@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The CUDA backend: the shared kernels compiled by nvcc, CUB for scan and sort. One stream; `download` and `synchronize` wait.
+// The CUDA backend: the shared kernels compiled by nvcc, CUB for scan and sort. One stream; `download` and
+// `synchronize` wait.
 #include "cuda_backend.hpp"
 
 #include <cub/cub.cuh>
@@ -10,40 +11,46 @@
 #include <utility>
 
 #include "cama/error.hpp"
-#include "kernels.hpp"
+#include "device/kernels.hpp"
 
 namespace cama {
 namespace {
 
 constexpr int threads_per_block = 256, blocks_per_processor = 16;
 
-struct Entry { const void *once, *f32, *f64; };
+struct Entry {
+  const void *once, *f32, *f64;
+};
 
 const Entry entries[] = {
 #define CAMA_DOUBLE_KERNEL(name) {reinterpret_cast<const void *>(&kernels::name), nullptr, nullptr},
 #define CAMA_REAL_KERNEL(name) \
   {nullptr, reinterpret_cast<const void *>(&kernels::f32::name), reinterpret_cast<const void *>(&kernels::f64::name)},
-#include "../../libcama/kernels/kernels.def"
+#include "kernels/kernels.def"
 };
 
 /// What to do about a CUDA error.
 const char *advice(cudaError_t status)
 {
   switch (status) {
-    case cudaErrorMemoryAllocation: return "lower the resolution or use a larger device";
-    case cudaErrorNoDevice: return "use backend cpu or opencl, or look at nvidia-smi whether the device is seen";
-    case cudaErrorInsufficientDriver:
-    case cudaErrorSystemDriverMismatch: return "update NVIDIA's driver, or use backend cpu or opencl";
-    case cudaErrorNoKernelImageForDevice:
-    case cudaErrorUnsupportedPtxVersion: return "the driver cannot compile for this device: update it, or build with CMAKE_CUDA_ARCHITECTURES of the device";
-    case cudaErrorDevicesUnavailable: return "another process has the device for itself, or it is being reset: take another one, or try again";
-    case cudaErrorECCUncorrectable: return "the device's memory is faulty: take another one, and look at the system's log";
-    case cudaErrorIllegalAddress:
-    case cudaErrorMisalignedAddress:
-    case cudaErrorIllegalInstruction:
-    case cudaErrorInvalidValue:
-    case cudaErrorInvalidConfiguration: return "this is a bug of cama: report it with the scene; a new process can use the device again";
-    default: return "the device may be lost: start a new process, and look at the system's log if it happens again";
+  case cudaErrorMemoryAllocation: return "lower the resolution or use a larger device";
+  case cudaErrorNoDevice: return "use backend cpu or opencl, or look at nvidia-smi whether the device is seen";
+  case cudaErrorInsufficientDriver:
+  case cudaErrorSystemDriverMismatch: return "update NVIDIA's driver, or use backend cpu or opencl";
+  case cudaErrorNoKernelImageForDevice:
+  case cudaErrorUnsupportedPtxVersion:
+    return "the driver cannot compile for this device: update it, or build with CMAKE_CUDA_ARCHITECTURES of the device";
+  case cudaErrorDevicesUnavailable:
+    return "another process has the device for itself, or it is being reset: take another one, or try again";
+  case cudaErrorECCUncorrectable:
+    return "the device's memory is faulty: take another one, and look at the system's log";
+  case cudaErrorIllegalAddress:
+  case cudaErrorMisalignedAddress:
+  case cudaErrorIllegalInstruction:
+  case cudaErrorInvalidValue:
+  case cudaErrorInvalidConfiguration:
+    return "this is a bug of cama: report it with the scene; a new process can use the device again";
+  default: return "the device may be lost: start a new process, and look at the system's log if it happens again";
   }
 }
 
@@ -51,7 +58,8 @@ void check(cudaError_t status, const char *call)
 {
   if (status == cudaSuccess) return;
   cudaGetLastError();   // what is reported here is not found again by a later call
-  const std::string text = std::string(call) + ": " + cudaGetErrorName(status) + " " + std::to_string(status) + " (" + cudaGetErrorString(status) + "); " + advice(status);
+  const std::string text = std::string(call) + ": " + cudaGetErrorName(status) + " " + std::to_string(status) + " (" +
+                           cudaGetErrorString(status) + "); " + advice(status);
   if (status == cudaErrorMemoryAllocation) throw MemoryError(text);
   throw BackendError(text);
 }
@@ -95,14 +103,15 @@ public:
   std::string_view name() const override { return "cuda"; }
   std::string device() const override { return device_; }
 
-  bool processor() const override { return false; }
+  bool wide_workers() const override { return false; }
 
   Buffer allocate(std::size_t bytes) override
   {
     void *memory = nullptr;
-    check(cudaMallocAsync(&memory, std::max<std::size_t>(bytes, 1), queue_), ("cudaMallocAsync of " + std::to_string(bytes) + " bytes").c_str());
+    check(cudaMallocAsync(&memory, std::max<std::size_t>(bytes, 1), queue_),
+          ("cudaMallocAsync of " + std::to_string(bytes) + " bytes").c_str());
 #ifndef NDEBUG
-    check(cudaMemsetAsync(memory, 0xff, bytes, queue_), "cudaMemset");   // every double and float of a new stream is NaN
+    check(cudaMemsetAsync(memory, 0xff, bytes, queue_), "cudaMemset");  // every double and float of a new stream is NaN
 #endif
     sizes_[memory] = bytes;
     allocated_ += bytes;
@@ -116,16 +125,17 @@ public:
       allocated_ -= found->second;
       sizes_.erase(found);
     }
-    cudaFreeAsync(buffer, queue_);   // behind the work that uses it; the pool keeps it for the next
+    cudaFreeAsync(buffer, queue_);  // behind the work that uses it; the pool keeps it for the next
   }
   void upload(Buffer to, const void *from, std::size_t bytes) override
   {
     check(cudaMemcpyAsync(to, from, bytes, cudaMemcpyHostToDevice, queue_), "cudaMemcpy to the device");
-    check(cudaStreamSynchronize(queue_), "upload");   // the caller's memory may go away
+    check(cudaStreamSynchronize(queue_), "upload");  // the caller's memory may go away
   }
   void download(void *to, Buffer from, std::size_t bytes, std::size_t offset) override
   {
-    check(cudaMemcpyAsync(to, static_cast<const char *>(from) + offset, bytes, cudaMemcpyDeviceToHost, queue_), "cudaMemcpy to the host");
+    check(cudaMemcpyAsync(to, static_cast<const char *>(from) + offset, bytes, cudaMemcpyDeviceToHost, queue_),
+          "cudaMemcpy to the host");
     synchronize();
   }
   void copy(Buffer to, Buffer from, std::size_t bytes) override
@@ -141,14 +151,18 @@ public:
   {
     ++launches_;
     const Entry &entry = entries[kernel.index];
-    const void *function = kernel.precision == Precision::none ? entry.once : kernel.precision == Precision::f32 ? entry.f32 : entry.f64;
+    const void *function = kernel.precision == Precision::none  ? entry.once
+                           : kernel.precision == Precision::f32 ? entry.f32
+                                                                : entry.f64;
     void *parameters[40];
     parameters[0] = &n;
     for (int i = 0; i < count; ++i)
-      parameters[i + 1] = arguments[i].is_buffer ? const_cast<Buffer *>(&arguments[i].buffer) : const_cast<void *>(arguments[i].scalar);
+      parameters[i + 1] =
+          arguments[i].is_buffer ? const_cast<Buffer *>(&arguments[i].buffer) : const_cast<void *>(arguments[i].scalar);
     const int blocks = kernel.team > 0 ? n : std::min((n - 1) / threads_per_block + 1, blocks_);
     const int threads = kernel.team > 0 ? kernel.team : n < threads_per_block ? (n + 31) / 32 * 32 : threads_per_block;
-    timed(kernel.name, [&] { check(cudaLaunchKernel(function, dim3(blocks), dim3(threads), parameters, 0, queue_), kernel.name); });
+    timed(kernel.name,
+          [&] { check(cudaLaunchKernel(function, dim3(blocks), dim3(threads), parameters, 0, queue_), kernel.name); });
   }
 
   /// Recorded once as a graph: a node costs an eighth of a launch.
@@ -167,9 +181,16 @@ public:
     int *out = static_cast<int *>(to);
     auto *total = static_cast<long long *>(flags_);
     if (n > 0) {
-      with_scratch([&](void *scratch, std::size_t &bytes) { return cub::DeviceScan::ExclusiveSum(scratch, bytes, in, out, n, queue_); }, "scan");
-      with_scratch([&](void *scratch, std::size_t &bytes) {
-        return cub::DeviceReduce::Reduce(scratch, bytes, in, total, n, AddLong{}, 0ll, queue_); }, "scan");
+      with_scratch(
+          [&](void *scratch, std::size_t &bytes) {
+            return cub::DeviceScan::ExclusiveSum(scratch, bytes, in, out, n, queue_);
+          },
+          "scan");
+      with_scratch(
+          [&](void *scratch, std::size_t &bytes) {
+            return cub::DeviceReduce::Reduce(scratch, bytes, in, total, n, AddLong{}, 0ll, queue_);
+          },
+          "scan");
     }
     finish_scan<<<1, 1, 0, queue_>>>(n, in, out, total, flag());
     check(cudaGetLastError(), "finish_scan");
@@ -189,8 +210,11 @@ public:
     }
     cub::DoubleBuffer<key64> key(static_cast<key64 *>(keys), static_cast<key64 *>(other_keys_));
     cub::DoubleBuffer<int> value(static_cast<int *>(values), static_cast<int *>(other_values_));
-    with_scratch([&](void *scratch, std::size_t &bytes) {
-      return cub::DeviceRadixSort::SortPairs(scratch, bytes, key, value, n, 0, bits, queue_); }, "sort");
+    with_scratch(
+        [&](void *scratch, std::size_t &bytes) {
+          return cub::DeviceRadixSort::SortPairs(scratch, bytes, key, value, n, 0, bits, queue_);
+        },
+        "sort");
     if (key.Current() != keys) copy(keys, key.Current(), sizeof(key64) * static_cast<std::size_t>(n));
     if (value.Current() != values) copy(values, value.Current(), sizeof(int) * static_cast<std::size_t>(n));
   }
@@ -199,7 +223,8 @@ public:
   {
     ++waits_;
     int overflow = 0;
-    check(cudaMemcpyAsync(&overflow, flag(), sizeof overflow, cudaMemcpyDeviceToHost, queue_), "cudaMemcpy to the host");
+    check(cudaMemcpyAsync(&overflow, flag(), sizeof overflow, cudaMemcpyDeviceToHost, queue_),
+          "cudaMemcpy to the host");
     check(cudaStreamSynchronize(queue_), "synchronize");
     if (!overflow) return;
     check(cudaMemset(flags_, 0, 64), "cudaMemset");
@@ -253,11 +278,11 @@ private:
   std::string device_;
   int blocks_ = 1;
   cudaStream_t queue_ = nullptr;
-  cudaGraphExec_t replay_ = nullptr;   // of the last `repeat`
-  long recorded_ = 0;                  // launches in it
+  cudaGraphExec_t replay_ = nullptr;  // of the last `repeat`
+  long recorded_ = 0;  // launches in it
   std::unordered_map<Buffer, std::size_t> sizes_;
   void *scratch_ = nullptr, *other_keys_ = nullptr, *other_values_ = nullptr;
-  void *flags_ = nullptr;   // a 64-bit total, then the overflow flag
+  void *flags_ = nullptr;  // a 64-bit total, then the overflow flag
   std::size_t scratch_size_ = 0;
   long long other_size_ = 0;
 };
@@ -285,9 +310,11 @@ std::unique_ptr<Backend> make_cuda_backend(int device)
 {
   std::string note;
   const std::vector<std::string> devices = cuda_devices(note);
-  if (devices.empty()) throw BackendError("backend: cuda has no device here (" + note + "); use cpu, or install NVIDIA's driver");
+  if (devices.empty())
+    throw BackendError("backend: cuda has no device here (" + note + "); use cpu, or install NVIDIA's driver");
   if (device < 0 || device >= static_cast<int>(devices.size()))
-    throw BackendError("device: " + std::to_string(device) + " is out of range; backend cuda has " + std::to_string(devices.size()) + " devices, from 0");
+    throw BackendError("device: " + std::to_string(device) + " is out of range; backend cuda has " +
+                       std::to_string(devices.size()) + " devices, from 0");
   return std::make_unique<CudaBackend>(device);
 }
 

@@ -9,4 +9,4 @@
 namespace cama {
 std::unique_ptr<Backend> make_cuda_backend(int device);   ///< throws BackendError with the driver's words
 std::vector<std::string> cuda_devices(std::string &note); ///< names; note: why there are none
-}
+}  // namespace cama

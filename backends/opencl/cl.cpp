@@ -6,10 +6,14 @@
 namespace cama::opencl {
 namespace {
 
-struct Code { cl_int code; const char *name, *advice; };
+struct Code {
+  cl_int code;
+  const char *name, *advice;
+};
 
 constexpr const char *lower = "lower the resolution, or choose a device with more memory";
-constexpr const char *reset = "the device may be lost: make a new simulation, and look at the system's log if it happens again";
+constexpr const char *reset =
+    "the device may be lost: make a new simulation, and look at the system's log if it happens again";
 constexpr const char *driver = "check that the driver is installed for this user (clinfo shows what there is)";
 constexpr const char *bug = "this is a fault of cama or of the driver; please report it with the device's name";
 
@@ -18,7 +22,8 @@ constexpr Code codes[] = {
     {CL_DEVICE_NOT_AVAILABLE, "CL_DEVICE_NOT_AVAILABLE", reset},
     {CL_COMPILER_NOT_AVAILABLE, "CL_COMPILER_NOT_AVAILABLE", driver},
     {CL_MEM_OBJECT_ALLOCATION_FAILURE, "CL_MEM_OBJECT_ALLOCATION_FAILURE", lower},
-    {CL_OUT_OF_RESOURCES, "CL_OUT_OF_RESOURCES", "the device ran out of memory or was reset by its watchdog; lower the resolution, or choose another device"},
+    {CL_OUT_OF_RESOURCES, "CL_OUT_OF_RESOURCES",
+     "the device ran out of memory or was reset by its watchdog; lower the resolution, or choose another device"},
     {CL_OUT_OF_HOST_MEMORY, "CL_OUT_OF_HOST_MEMORY", lower},
     {CL_MEM_COPY_OVERLAP, "CL_MEM_COPY_OVERLAP", bug},
     {CL_BUILD_PROGRAM_FAILURE, "CL_BUILD_PROGRAM_FAILURE", bug},
@@ -51,7 +56,8 @@ constexpr Code codes[] = {
     {CL_INVALID_EVENT_WAIT_LIST, "CL_INVALID_EVENT_WAIT_LIST", bug},
     {CL_INVALID_GLOBAL_WORK_SIZE, "CL_INVALID_GLOBAL_WORK_SIZE", bug},
     {CL_INVALID_PROPERTY, "CL_INVALID_PROPERTY", bug},
-    {-1001, "CL_PLATFORM_NOT_FOUND_KHR", "no OpenCL driver is installed; pocl (package pocl-opencl-icd) runs on any processor"},
+    {-1001, "CL_PLATFORM_NOT_FOUND_KHR",
+     "no OpenCL driver is installed; pocl (package pocl-opencl-icd) runs on any CPU"},
     {-9999, "NVIDIA's illegal read or write", bug},
 };
 
@@ -66,8 +72,8 @@ std::string code_name(cl_int code)
 
 bool means_lost(cl_int code)
 {
-  for (cl_int lost : {CL_DEVICE_NOT_AVAILABLE, CL_OUT_OF_RESOURCES, CL_EXEC_STATUS_ERROR_FOR_EVENTS_IN_WAIT_LIST, CL_INVALID_DEVICE,
-                      CL_INVALID_CONTEXT, CL_INVALID_COMMAND_QUEUE, -9999})
+  for (cl_int lost : {CL_DEVICE_NOT_AVAILABLE, CL_OUT_OF_RESOURCES, CL_EXEC_STATUS_ERROR_FOR_EVENTS_IN_WAIT_LIST,
+                      CL_INVALID_DEVICE, CL_INVALID_CONTEXT, CL_INVALID_COMMAND_QUEUE, -9999})
     if (code == lost) return true;
   return false;
 }
@@ -77,8 +83,10 @@ void fail(cl_int code, const char *call, const std::string &what)
   const char *advice = "see the driver's documentation";
   for (const Code &c : codes)
     if (c.code == code) advice = c.advice;
-  const std::string message = "OpenCL: " + std::string(call) + " failed, " + what + ": " + code_name(code) + "; " + advice;
-  if (code == CL_MEM_OBJECT_ALLOCATION_FAILURE || code == CL_OUT_OF_HOST_MEMORY || code == CL_INVALID_BUFFER_SIZE) throw MemoryError(message);
+  const std::string message =
+      "OpenCL: " + std::string(call) + " failed, " + what + ": " + code_name(code) + "; " + advice;
+  if (code == CL_MEM_OBJECT_ALLOCATION_FAILURE || code == CL_OUT_OF_HOST_MEMORY || code == CL_INVALID_BUFFER_SIZE)
+    throw MemoryError(message);
   throw BackendError(message);
 }
 

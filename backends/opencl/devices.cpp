@@ -10,7 +10,10 @@
 namespace cama::opencl {
 namespace {
 
-bool has_word(const std::string &words, const std::string &word) { return (" " + words + " ").find(" " + word + " ") != std::string::npos; }
+bool has_word(const std::string &words, const std::string &word)
+{
+  return (" " + words + " ").find(" " + word + " ") != std::string::npos;
+}
 
 std::string lower_case(std::string s)
 {
@@ -20,9 +23,12 @@ std::string lower_case(std::string s)
 
 std::string missing_features(cl_device_id id)
 {
-  const std::string extensions = text(clGetDeviceInfo, id, CL_DEVICE_EXTENSIONS), version = text(clGetDeviceInfo, id, CL_DEVICE_VERSION);
+  const std::string extensions = text(clGetDeviceInfo, id, CL_DEVICE_EXTENSIONS),
+                    version = text(clGetDeviceInfo, id, CL_DEVICE_VERSION);
   std::string lacks;
-  const auto need = [&](bool there, const char *what) { if (!there) lacks += std::string(lacks.empty() ? "" : ", ") + what; };
+  const auto need = [&](bool there, const char *what) {
+    if (!there) lacks += std::string(lacks.empty() ? "" : ", ") + what;
+  };
   need(number<cl_bool>(id, CL_DEVICE_AVAILABLE), "availability");
   need(number<cl_bool>(id, CL_DEVICE_COMPILER_AVAILABLE), "a compiler");
   need(version.rfind("OpenCL 1.0", 0) != 0 && version.rfind("OpenCL 1.1", 0) != 0, "OpenCL 1.2");
@@ -49,14 +55,15 @@ std::vector<Device> find_devices()
     std::vector<cl_device_id> ids(count);
     if (clGetDeviceIDs(p, CL_DEVICE_TYPE_ALL, count, ids.data(), nullptr) != CL_SUCCESS) continue;
     for (cl_device_id id : ids)
-      devices.push_back({p, id, text(clGetDeviceInfo, id, CL_DEVICE_NAME),
-                         text(clGetPlatformInfo, p, CL_PLATFORM_NAME) + " " + text(clGetDeviceInfo, id, CL_DRIVER_VERSION),
-                         text(clGetPlatformInfo, p, CL_PLATFORM_VERSION), missing_features(id)});
+      devices.push_back(
+          {p, id, text(clGetDeviceInfo, id, CL_DEVICE_NAME),
+           text(clGetPlatformInfo, p, CL_PLATFORM_NAME) + " " + text(clGetDeviceInfo, id, CL_DRIVER_VERSION),
+           text(clGetPlatformInfo, p, CL_PLATFORM_VERSION), missing_features(id)});
   }
   return devices;
 }
 
-size_t most_work_items(cl_device_id id)
+size_t max_work_items(cl_device_id id)
 {
   std::vector<size_t> sizes(std::max<cl_uint>(1, number<cl_uint>(id, CL_DEVICE_MAX_WORK_ITEM_DIMENSIONS)), 1);
   clGetDeviceInfo(id, CL_DEVICE_MAX_WORK_ITEM_SIZES, sizes.size() * sizeof(size_t), sizes.data(), nullptr);
@@ -76,21 +83,25 @@ Device choose_device(int index)
       others += "; device '" + d.name + "' lacks " + d.lacks;
     }
   }
-  if (all.empty()) throw BackendError("backend opencl: no OpenCL device; install a driver (pocl, package pocl-opencl-icd, runs on any processor)");
+  if (all.empty())
+    throw BackendError(
+        "backend opencl: no OpenCL device; install a driver (pocl, package pocl-opencl-icd, runs on any CPU)");
   if (usable.empty()) throw BackendError("backend opencl: no usable device" + others);
   const std::string there = "; available: " + names + others;
 
   const char *environment = std::getenv("CAMA_OPENCL_DEVICE");
   if (index == 0 && environment && *environment) {
     const std::string wanted = environment;
-    if (std::all_of(wanted.begin(), wanted.end(), [](unsigned char c) { return std::isdigit(c); }) && wanted.size() < 6) {
+    if (std::all_of(wanted.begin(), wanted.end(), [](unsigned char c) { return std::isdigit(c); }) &&
+        wanted.size() < 6) {
       index = std::stoi(wanted);
     } else {
       for (const Device &d : usable)
         if (lower_case(d.name + " " + d.driver).find(lower_case(wanted)) != std::string::npos) return d;
       for (const Device &d : all)
         if (lower_case(d.name + " " + d.driver).find(lower_case(wanted)) != std::string::npos)
-          throw BackendError("CAMA_OPENCL_DEVICE: '" + wanted + "' is device '" + d.name + "', which lacks " + d.lacks + there);
+          throw BackendError("CAMA_OPENCL_DEVICE: '" + wanted + "' is device '" + d.name + "', which lacks " + d.lacks +
+                             there);
       throw BackendError("CAMA_OPENCL_DEVICE: no OpenCL device has '" + wanted + "' in its name" + there);
     }
   }

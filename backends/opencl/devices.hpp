@@ -17,8 +17,9 @@ struct Device {
 /// Every device of every platform, usable or not.
 std::vector<Device> find_devices();
 /// Of a work-group in its first dimension, by the device's limits; kernels may have lower ones.
-size_t most_work_items(cl_device_id id);
-/// By index over the usable ones; with 0, CAMA_OPENCL_DEVICE decides. Throws BackendError naming what is there and what it lacks.
+size_t max_work_items(cl_device_id id);
+/// By index over the usable ones; with 0, CAMA_OPENCL_DEVICE decides. Throws BackendError naming what is there and what
+/// it lacks.
 Device choose_device(int index);
 
 }  // namespace cama::opencl

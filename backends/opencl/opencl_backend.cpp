@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The OpenCL 1.2 backend: one in-order queue on one device. Programs are shared by all backends of the process (program.hpp).
+// The OpenCL 1.2 backend: one in-order queue on one device. Programs are shared by all backends of the process
+// (program.hpp).
 #include "opencl_backend.hpp"
 
 #include <algorithm>
@@ -30,7 +31,10 @@ cl_mem memory(Buffer buffer) { return static_cast<cl_mem>(buffer); }
 class Scratch {
 public:
   explicit Scratch(Backend &backend) : backend_(backend) {}
-  ~Scratch() { if (buffer_) backend_.release(buffer_); }
+  ~Scratch()
+  {
+    if (buffer_) backend_.release(buffer_);
+  }
   Scratch(const Scratch &) = delete;
   Buffer get(std::size_t bytes)
   {
@@ -57,9 +61,9 @@ public:
     queue_ = clCreateCommandQueue(library_.context, device.id, 0, &code);
     check(code, "clCreateCommandQueue", "device '" + device.name + "'");
     units_ = static_cast<int>(std::max<cl_uint>(1, opencl::number<cl_uint>(device.id, CL_DEVICE_MAX_COMPUTE_UNITS)));
-    most_bytes_ = opencl::number<cl_ulong>(device.id, CL_DEVICE_MAX_MEM_ALLOC_SIZE);
+    max_bytes_ = opencl::number<cl_ulong>(device.id, CL_DEVICE_MAX_MEM_ALLOC_SIZE);
     all_bytes_ = opencl::number<cl_ulong>(device.id, CL_DEVICE_GLOBAL_MEM_SIZE);
-    most_items_ = opencl::most_work_items(device.id);
+    max_items_ = opencl::max_work_items(device.id);
   }
   ~OpenclBackend() override
   {
@@ -72,15 +76,16 @@ public:
   std::string_view name() const override { return "opencl"; }
   std::string device() const override { return library_.device.name + " (" + library_.device.driver + ")"; }
 
-  bool processor() const override { return library_.processor; }
+  bool wide_workers() const override { return library_.is_cpu; }
 
   Buffer allocate(std::size_t bytes) override
   {
-    const std::string what = "allocating " + std::to_string(bytes) + " bytes on top of " + std::to_string(allocated_) + " on device '" +
-                             library_.device.name + "'";
+    const std::string what = "allocating " + std::to_string(bytes) + " bytes on top of " + std::to_string(allocated_) +
+                             " on device '" + library_.device.name + "'";
     // Drivers that allocate late would fail in the middle of a step.
-    if (bytes > most_bytes_) opencl::fail(CL_INVALID_BUFFER_SIZE, "clCreateBuffer", what);
-    if (bytes > all_bytes_ - std::min<std::size_t>(allocated_, all_bytes_)) opencl::fail(CL_MEM_OBJECT_ALLOCATION_FAILURE, "clCreateBuffer", what);
+    if (bytes > max_bytes_) opencl::fail(CL_INVALID_BUFFER_SIZE, "clCreateBuffer", what);
+    if (bytes > all_bytes_ - std::min<std::size_t>(allocated_, all_bytes_))
+      opencl::fail(CL_MEM_OBJECT_ALLOCATION_FAILURE, "clCreateBuffer", what);
     cl_int code = CL_SUCCESS;
     cl_mem buffer = clCreateBuffer(library_.context, CL_MEM_READ_WRITE, bytes, nullptr, &code);
     if (code == CL_OUT_OF_RESOURCES) code = CL_MEM_OBJECT_ALLOCATION_FAILURE;
@@ -107,7 +112,8 @@ public:
   void upload(Buffer to, const void *from, std::size_t bytes) override
   {
     if (bytes == 0) return;
-    check(clEnqueueWriteBuffer(queue_, memory(to), CL_TRUE, 0, bytes, from, 0, nullptr, nullptr), "clEnqueueWriteBuffer", size_of(bytes));
+    check(clEnqueueWriteBuffer(queue_, memory(to), CL_TRUE, 0, bytes, from, 0, nullptr, nullptr),
+          "clEnqueueWriteBuffer", size_of(bytes));
   }
   void download(void *to, Buffer from, std::size_t bytes, std::size_t offset) override
   {
@@ -115,7 +121,8 @@ public:
     ++waits_;
     cl_int overflow = 0;
     if (scans_)
-      check(clEnqueueReadBuffer(queue_, memory(overflow_.get(sizeof overflow)), CL_FALSE, 0, sizeof overflow, &overflow, 0, nullptr, nullptr),
+      check(clEnqueueReadBuffer(queue_, memory(overflow_.get(sizeof overflow)), CL_FALSE, 0, sizeof overflow, &overflow,
+                                0, nullptr, nullptr),
             "clEnqueueReadBuffer", "the scans' overflow");
     const cl_int code = clEnqueueReadBuffer(queue_, memory(from), CL_TRUE, offset, bytes, to, 0, nullptr, nullptr);
     if (code != CL_SUCCESS) {
@@ -127,7 +134,8 @@ public:
   void copy(Buffer to, Buffer from, std::size_t bytes) override
   {
     if (bytes == 0 || to == from) return;
-    check(clEnqueueCopyBuffer(queue_, memory(from), memory(to), 0, 0, bytes, 0, nullptr, nullptr), "clEnqueueCopyBuffer", size_of(bytes));
+    check(clEnqueueCopyBuffer(queue_, memory(from), memory(to), 0, 0, bytes, 0, nullptr, nullptr),
+          "clEnqueueCopyBuffer", size_of(bytes));
   }
   void fill(Buffer buffer, unsigned char byte, std::size_t bytes) override
   {
@@ -135,21 +143,28 @@ public:
     std::array<unsigned char, 16> pattern;
     pattern.fill(byte);
     const size_t width = bytes % 16 == 0 ? 16 : bytes % 4 == 0 ? 4 : 1;
-    check(clEnqueueFillBuffer(queue_, memory(buffer), pattern.data(), width, 0, bytes, 0, nullptr, nullptr), "clEnqueueFillBuffer", size_of(bytes));
+    check(clEnqueueFillBuffer(queue_, memory(buffer), pattern.data(), width, 0, bytes, 0, nullptr, nullptr),
+          "clEnqueueFillBuffer", size_of(bytes));
   }
 
   void launch(const KernelKey &key, int n, const Argument *arguments, int count) override
   {
-    const Text text = key.precision == Precision::none ? Text::once : key.precision == Precision::f32 ? Text::f32 : Text::f64;
+    const Text text = key.precision == Precision::none  ? Text::once
+                      : key.precision == Precision::f32 ? Text::f32
+                                                        : Text::f64;
     const OwnKernel &kernel = find(text, key.index, key.name);
     set(kernel, key.name, 0, sizeof n, &n);
     for (int i = 0; i < count; ++i) {
       const Argument &a = arguments[i];
-      if (a.is_buffer) set_buffer(kernel, key.name, i + 1, a.buffer);
-      else set(kernel, key.name, i + 1, a.size, a.scalar);
+      if (a.is_buffer)
+        set_buffer(kernel, key.name, i + 1, a.buffer);
+      else
+        set(kernel, key.name, i + 1, a.size, a.scalar);
     }
-    if (key.team == 0) enqueue(kernel, key.name, n);
-    else enqueue_teams(kernel, key.name, n, key.team);
+    if (key.team == 0)
+      enqueue(kernel, key.name, n);
+    else
+      enqueue_teams(kernel, key.name, n, key.team);
   }
 
   void scan(Buffer from, Buffer to, int n) override
@@ -157,8 +172,8 @@ public:
     Buffer overflow = overflow_.get(sizeof(cl_int));
     if (!scans_) fill(overflow, 0, sizeof(cl_int));
     scans_ = true;
-    const int group = library_.processor ? 4 : 256;
-    if (n <= (library_.processor ? 32768 : 64 * group)) {
+    const int group = library_.is_cpu ? 4 : 256;
+    if (n <= (library_.is_cpu ? 32768 : 64 * group)) {
       const OwnKernel &small = find(Text::primitives, 3, "scan_small");
       run_group(small, "scan_small", group, 5, {&n, from, to, overflow});
       return;
@@ -174,22 +189,24 @@ public:
   {
     if (n <= 1) return;
     const std::size_t count = static_cast<std::size_t>(n);
-    Buffer key = keys, value = values, other_key = keys_.get(sizeof(std::uint64_t) * count), other_value = values_.get(sizeof(cl_int) * count);
-    if (n <= (library_.processor ? 32768 : 64)) {
+    Buffer key = keys, value = values, other_key = keys_.get(sizeof(std::uint64_t) * count),
+           other_value = values_.get(sizeof(cl_int) * count);
+    if (n <= (library_.is_cpu ? 32768 : 64)) {
       const int width = n <= 512 ? 8 : 11;
       run(find(Text::primitives, 6, "sort_small"), "sort_small", 1,
           {&n, &bits, &width, key, value, other_key, other_value, counts_.get(sizeof(cl_int) * 2049)});
       return;
     }
-    const int width = library_.processor && units_ <= 16 ? 11 : library_.processor ? 8 : 4;
-    const int workers = library_.processor ? units_ : workers_for(n, 32);
+    const int width = library_.is_cpu && units_ <= 16 ? 11 : library_.is_cpu ? 8 : 4;
+    const int workers = library_.is_cpu ? units_ : workers_for(n, 32);
     for (int shift = 0; shift < bits; shift += width) {
       const int digits = 1 << std::min(width, bits - shift), cells = digits * workers;
       Buffer counts = counts_.get(sizeof(cl_int) * static_cast<std::size_t>(cells));
       Buffer places = places_.get(sizeof(cl_int) * static_cast<std::size_t>(cells + 1));
       run(find(Text::primitives, 4, "sort_count"), "sort_count", workers, {&workers, &n, &shift, &digits, key, counts});
       scan(counts, places, cells);
-      run(find(Text::primitives, 5, "sort_move"), "sort_move", workers, {&workers, &n, &shift, &digits, key, value, other_key, other_value, places});
+      run(find(Text::primitives, 5, "sort_move"), "sort_move", workers,
+          {&workers, &n, &shift, &digits, key, value, other_key, other_value, places});
       std::swap(key, other_key);
       std::swap(value, other_value);
     }
@@ -202,11 +219,12 @@ public:
   void synchronize() override
   {
     ++waits_;
-    check(clFinish(queue_), "clFinish", "waiting for device '" + library_.device.name + "'");
+    check(clFinish(queue_), "clFinish", "pausing for device '" + library_.device.name + "'");
     if (!scans_) return;
     cl_int overflow = 0;
     Buffer flag = overflow_.get(sizeof overflow);
-    check(clEnqueueReadBuffer(queue_, memory(flag), CL_TRUE, 0, sizeof overflow, &overflow, 0, nullptr, nullptr), "clEnqueueReadBuffer", "the scans' overflow");
+    check(clEnqueueReadBuffer(queue_, memory(flag), CL_TRUE, 0, sizeof overflow, &overflow, 0, nullptr, nullptr),
+          "clEnqueueReadBuffer", "the scans' overflow");
     report_overflow(overflow);
   }
 
@@ -233,10 +251,14 @@ private:
   void report_overflow(cl_int overflow)
   {
     scans_ = false;
-    if (overflow) throw MemoryError("a list of this scene exceeds 2^31 entries; lower the resolution or the contact thickness");
+    if (overflow)
+      throw MemoryError("a list of this scene exceeds 2^31 entries; lower the resolution or the contact thickness");
   }
 
-  int workers_for(int n, int least) const { return std::clamp(n / least, 1, library_.processor ? units_ : std::min(units_ * 64, 8192)); }
+  int workers_for(int n, int least) const
+  {
+    return std::clamp(n / least, 1, library_.is_cpu ? units_ : std::min(units_ * 64, 8192));
+  }
 
   const OwnKernel &find(Text text, int index, const char *kernel_name)
   {
@@ -247,10 +269,12 @@ private:
     check(code, "clCreateKernel", kernel_name);
     size_t multiple = 0;
     const cl_device_id id = library_.device.id;
-    check(clGetKernelWorkGroupInfo(own.kernel, id, CL_KERNEL_WORK_GROUP_SIZE, sizeof own.most, &own.most, nullptr), "clGetKernelWorkGroupInfo", kernel_name);
-    own.most = std::clamp<size_t>(own.most, 1, most_items_);
-    if (library_.processor) return own;
-    clGetKernelWorkGroupInfo(own.kernel, id, CL_KERNEL_PREFERRED_WORK_GROUP_SIZE_MULTIPLE, sizeof multiple, &multiple, nullptr);
+    check(clGetKernelWorkGroupInfo(own.kernel, id, CL_KERNEL_WORK_GROUP_SIZE, sizeof own.most, &own.most, nullptr),
+          "clGetKernelWorkGroupInfo", kernel_name);
+    own.most = std::clamp<size_t>(own.most, 1, max_items_);
+    if (library_.is_cpu) return own;
+    clGetKernelWorkGroupInfo(own.kernel, id, CL_KERNEL_PREFERRED_WORK_GROUP_SIZE_MULTIPLE, sizeof multiple, &multiple,
+                             nullptr);
     multiple = std::max<size_t>(multiple, 1);
     own.group = std::min<size_t>(own.most, 128);
     if (own.group > multiple) own.group -= own.group % multiple;
@@ -260,7 +284,8 @@ private:
   void set(const OwnKernel &kernel, const char *kernel_name, int index, size_t size, const void *value)
   {
     const cl_int code = clSetKernelArg(kernel.kernel, static_cast<cl_uint>(index), size, value);
-    if (code != CL_SUCCESS) fail(code, "clSetKernelArg", "argument " + std::to_string(index) + " of kernel " + kernel_name);
+    if (code != CL_SUCCESS)
+      fail(code, "clSetKernelArg", "argument " + std::to_string(index) + " of kernel " + kernel_name);
   }
   void set_buffer(const OwnKernel &kernel, const char *kernel_name, int index, Buffer buffer)
   {
@@ -268,11 +293,12 @@ private:
     set(kernel, kernel_name, index, sizeof handle, handle ? &handle : nullptr);
   }
 
-  /// Kernels with FOR_EACH accept any number of work-items: on processors a few with a run each, elsewhere up to one per element.
+  /// Kernels with FOR_EACH accept any number of work-items: on cpu_count a few with a run each, elsewhere up to one per
+  /// element.
   void enqueue(const OwnKernel &kernel, const char *kernel_name, int n)
   {
     size_t local = kernel.group, global;
-    if (library_.processor) {
+    if (library_.is_cpu) {
       global = n <= 256 ? 1 : static_cast<size_t>(std::min(n / 64, units_ * 8));
     } else {
       const size_t wanted = (static_cast<size_t>(n) + local - 1) / local, most = static_cast<size_t>(units_) * 64;
@@ -280,10 +306,10 @@ private:
     }
     enqueue(kernel, kernel_name, global, local);
   }
-  /// On processors a team is one work-item; elsewhere a work-group, smaller where the device wants it so.
+  /// On cpu_count a team is one work-item; elsewhere a work-group, smaller where the device wants it so.
   void enqueue_teams(const OwnKernel &kernel, const char *kernel_name, int n, int team)
   {
-    if (library_.processor) {
+    if (library_.is_cpu) {
       enqueue(kernel, kernel_name, static_cast<size_t>(std::min(n, units_ * 8)), 1);
       return;
     }
@@ -294,29 +320,38 @@ private:
   {
     ++launches_;
     cl_int code = CL_SUCCESS;
-    timed(kernel_name, [&] { code = clEnqueueNDRangeKernel(queue_, kernel.kernel, 1, nullptr, &global, &local, 0, nullptr, nullptr); });
-    if (code != CL_SUCCESS) fail(code, "clEnqueueNDRangeKernel", "kernel " + std::string(kernel_name) + " on device '" + library_.device.name + "'");
+    timed(kernel_name, [&] {
+      code = clEnqueueNDRangeKernel(queue_, kernel.kernel, 1, nullptr, &global, &local, 0, nullptr, nullptr);
+    });
+    if (code != CL_SUCCESS)
+      fail(code, "clEnqueueNDRangeKernel",
+           "kernel " + std::string(kernel_name) + " on device '" + library_.device.name + "'");
   }
 
   void set_values(const OwnKernel &kernel, const char *kernel_name, const std::vector<Value> &values)
   {
     for (int i = 0; i < static_cast<int>(values.size()); ++i) {
       const Value &v = values[static_cast<std::size_t>(i)];
-      if (v.number) set(kernel, kernel_name, i, sizeof(int), v.number);
-      else set_buffer(kernel, kernel_name, i, v.buffer);
+      if (v.number)
+        set(kernel, kernel_name, i, sizeof(int), v.number);
+      else
+        set_buffer(kernel, kernel_name, i, v.buffer);
     }
   }
   void run(const OwnKernel &kernel, const char *kernel_name, int workers, const std::vector<Value> &values)
   {
     set_values(kernel, kernel_name, values);
-    if (library_.processor) enqueue(kernel, kernel_name, static_cast<size_t>(workers), 1);
-    else enqueue(kernel, kernel_name, workers);
+    if (library_.is_cpu)
+      enqueue(kernel, kernel_name, static_cast<size_t>(workers), 1);
+    else
+      enqueue(kernel, kernel_name, workers);
   }
   /// One work-group; the last of `parameters` is its local memory, a long per work-item.
-  void run_group(const OwnKernel &kernel, const char *kernel_name, int group, int parameters, const std::vector<Value> &values)
+  void run_group(const OwnKernel &kernel, const char *kernel_name, int group, int parameters,
+                 const std::vector<Value> &values)
   {
     set_values(kernel, kernel_name, values);
-    const size_t size = std::min(static_cast<size_t>(group), library_.processor ? kernel.most : kernel.group);
+    const size_t size = std::min(static_cast<size_t>(group), library_.is_cpu ? kernel.most : kernel.group);
     set(kernel, kernel_name, parameters - 1, size * sizeof(cl_long), nullptr);
     enqueue(kernel, kernel_name, size, size);
   }
@@ -324,15 +359,18 @@ private:
   Library &library_;
   cl_command_queue queue_ = nullptr;
   int units_ = 1;
-  std::size_t most_bytes_ = 0, all_bytes_ = 0, most_items_ = 1;
+  std::size_t max_bytes_ = 0, all_bytes_ = 0, max_items_ = 1;
   std::map<int, OwnKernel> kernels_;
-  bool scans_ = false;   ///< a scan since the overflow flag was read
+  bool scans_ = false;  ///< a scan since the overflow flag was read
   Scratch sums_{*this}, overflow_{*this}, keys_{*this}, values_{*this}, counts_{*this}, places_{*this};
 };
 
 }  // namespace
 
-std::unique_ptr<Backend> make_opencl_backend(int device) { return std::make_unique<OpenclBackend>(opencl::choose_device(device)); }
+std::unique_ptr<Backend> make_opencl_backend(int device)
+{
+  return std::make_unique<OpenclBackend>(opencl::choose_device(device));
+}
 
 BackendInfo opencl_info()
 {
@@ -340,12 +378,16 @@ BackendInfo opencl_info()
   try {
     const std::vector<opencl::Device> devices = opencl::find_devices();
     for (const opencl::Device &d : devices) {
-      if (d.lacks.empty()) info.devices.push_back(d.name);
-      else info.note += (info.note.empty() ? "" : "; ") + ("device '" + d.name + "' lacks " + d.lacks);
+      if (d.lacks.empty())
+        info.devices.push_back(d.name);
+      else
+        info.note += (info.note.empty() ? "" : "; ") + ("device '" + d.name + "' lacks " + d.lacks);
     }
     info.available = !info.devices.empty();
-    if (devices.empty()) info.note = "no OpenCL device; install a driver, such as pocl-opencl-icd";
-    else if (info.note.empty()) info.note = "OpenCL 1.2";
+    if (devices.empty())
+      info.note = "no OpenCL device; install a driver, such as pocl-opencl-icd";
+    else if (info.note.empty())
+      info.note = "OpenCL 1.2";
   } catch (const Error &e) {
     info.note = e.what();
   }

@@ -1,6 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Prefix sums and sorting. Work is cut into runs: worker r of w has the elements [n r / w, n (r + 1) / w). All is integer arithmetic in
-   the order of the elements, so the number of workers never shows in the result. lang.h comes before. */
+/* Prefix sums and sorting. Work is cut into runs: worker r of w has the elements [n r / w, n (r + 1) / w). All is
+   integer arithmetic in the order of the elements, so the number of workers never shows in the result. lang.h comes
+   before. */
 
 DEVICE int run_begin(int n, int workers, int r) { return (int)((long)n * r / workers); }
 
@@ -14,17 +15,23 @@ KERNEL scan_sums(int workers, int n, GLOBAL const int *from, GLOBAL long *sum)
   }
 }
 
-/* One work-group; sum [workers] becomes where each run begins. *overflow is set to 1 when the total exceeds 2^31 - 1. */
+/* One work-group; sum [workers] becomes where each run begins. *overflow is set to 1 when the total exceeds 2^31 -
+   1. */
 KERNEL scan_offsets(int workers, GLOBAL long *sum, GLOBAL int *overflow, __local long *part)
 {
-  int l = (int)get_local_id(0), w = (int)get_local_size(0), begin = run_begin(workers, w, l), end = run_begin(workers, w, l + 1);
+  int l = (int)get_local_id(0), w = (int)get_local_size(0), begin = run_begin(workers, w, l),
+      end = run_begin(workers, w, l + 1);
   long s = 0;
   for (int i = begin; i < end; ++i) s += sum[i];
   part[l] = s;
   barrier(CLK_LOCAL_MEM_FENCE);
   s = 0;
   for (int i = 0; i < l; ++i) s += part[i];
-  for (int i = begin; i < end; ++i) { long v = sum[i]; sum[i] = s; s += v; }
+  for (int i = begin; i < end; ++i) {
+    long v = sum[i];
+    sum[i] = s;
+    s += v;
+  }
   if (l == w - 1 && s > 0x7fffffffL) *overflow = 1;
 }
 
@@ -33,7 +40,10 @@ KERNEL scan_write(int workers, int n, GLOBAL const int *from, GLOBAL const long 
   FOR_EACH(r, workers) {
     long s = sum[r];
     int end = run_begin(n, workers, r + 1);
-    for (int i = run_begin(n, workers, r); i < end; ++i) { to[i] = (int)s; s += from[i]; }
+    for (int i = run_begin(n, workers, r); i < end; ++i) {
+      to[i] = (int)s;
+      s += from[i];
+    }
     if (r == workers - 1) to[n] = (int)s;
   }
 }
@@ -48,7 +58,10 @@ KERNEL scan_small(int n, GLOBAL const int *from, GLOBAL int *to, GLOBAL int *ove
   barrier(CLK_LOCAL_MEM_FENCE);
   s = 0;
   for (int i = 0; i < l; ++i) s += part[i];
-  for (int i = begin; i < end; ++i) { to[i] = (int)s; s += from[i]; }
+  for (int i = begin; i < end; ++i) {
+    to[i] = (int)s;
+    s += from[i];
+  }
   if (l == w - 1) {
     to[n] = (int)s;
     if (s > 0x7fffffffL) *overflow = 1;
@@ -61,13 +74,14 @@ KERNEL sort_count(int workers, int n, int shift, int digits, GLOBAL const key64 
   FOR_EACH(r, workers) {
     int end = run_begin(n, workers, r + 1);
     for (int d = 0; d < digits; ++d) count[d * workers + r] = 0;
-    for (int i = run_begin(n, workers, r); i < end; ++i) ++count[(int)((key[i] >> shift) & (key64)(digits - 1)) * workers + r];
+    for (int i = run_begin(n, workers, r); i < end; ++i)
+      ++count[(int)((key[i] >> shift) & (key64)(digits - 1)) * workers + r];
   }
 }
 
 /* place: the scan of count. Every worker moves its run in order, which keeps the sort stable. */
-KERNEL sort_move(int workers, int n, int shift, int digits, GLOBAL const key64 *key, GLOBAL const int *value, GLOBAL key64 *key_out,
-                 GLOBAL int *value_out, GLOBAL int *place)
+KERNEL sort_move(int workers, int n, int shift, int digits, GLOBAL const key64 *key, GLOBAL const int *value,
+                 GLOBAL key64 *key_out, GLOBAL int *value_out, GLOBAL int *place)
 {
   FOR_EACH(r, workers) {
     int end = run_begin(n, workers, r + 1);
@@ -80,9 +94,9 @@ KERNEL sort_move(int workers, int n, int shift, int digits, GLOBAL const key64 *
   }
 }
 
-/* The whole sort in one work-item, for processors and few keys: `width` bits at a time. count: [2^width + 1]. */
-KERNEL sort_small(int n, int bits, int width, GLOBAL key64 *key, GLOBAL int *value, GLOBAL key64 *key_out, GLOBAL int *value_out,
-                  GLOBAL int *count)
+/* The whole sort in one work-item, for cpu_count and few keys: `width` bits at a time. count: [2^width + 1]. */
+KERNEL sort_small(int n, int bits, int width, GLOBAL key64 *key, GLOBAL int *value, GLOBAL key64 *key_out,
+                  GLOBAL int *value_out, GLOBAL int *count)
 {
   GLOBAL key64 *keys = key, *other_keys = key_out;
   GLOBAL int *values = value, *other_values = value_out;
@@ -97,9 +111,16 @@ KERNEL sort_small(int n, int bits, int width, GLOBAL key64 *key, GLOBAL int *val
       other_keys[at] = keys[i];
       other_values[at] = values[i];
     }
-    GLOBAL key64 *k = keys; keys = other_keys; other_keys = k;
-    GLOBAL int *v = values; values = other_values; other_values = v;
+    GLOBAL key64 *k = keys;
+    keys = other_keys;
+    other_keys = k;
+    GLOBAL int *v = values;
+    values = other_values;
+    other_values = v;
   }
   if (keys != key)
-    for (int i = 0; i < n; ++i) { key[i] = keys[i]; value[i] = values[i]; }
+    for (int i = 0; i < n; ++i) {
+      key[i] = keys[i];
+      value[i] = values[i];
+    }
 }

@@ -9,12 +9,13 @@
 #include <filesystem>
 #include <fstream>
 #include <regex>
+#include <set>
 #include <sstream>
 #include <utility>
 #include <vector>
 
 #include "cama/error.hpp"
-#include "scene/embedded_text.hpp"
+#include "device/embedded_text.hpp"
 
 namespace cama::opencl {
 namespace {
@@ -29,31 +30,34 @@ std::string read_file(const fs::path &path)
   return file ? text.str() : "";
 }
 
-/// file: "tree.h", "primitives.cl".
+/// The text of a kernel header ("collision/tree.h") or of "primitives.cl".
 std::string kernel_text(const std::string &file)
 {
+  if (file == "primitives.cl") return embedded_primitives[0].text;
   const char *folder = std::getenv("CAMA_KERNELS");
-  if (folder && *folder && file != "primitives.cl") {
+  if (folder && *folder) {
     const std::string text = read_file(fs::path(folder) / file);
     if (text.empty()) throw BackendError("CAMA_KERNELS: cannot read " + (fs::path(folder) / file).string());
     return text;
   }
-  const std::string stem = file.substr(0, file.find('.'));
   for (const EmbeddedText *t = embedded_kernels; t->name; ++t)
-    if (stem == t->name) return t->text;
+    if (file == t->name) return t->text;
   throw BackendError("kernel file " + file + " is not in this build");
 }
 
-/// The file with its #include "..." lines replaced by the files.
-void expand(const std::string &file, std::string &out)
+/// The file with its #include "..." lines replaced by the files that are not in the text yet; paths are relative to the
+/// file.
+void expand(const std::string &file, std::set<std::string> &expanded, std::string &out)
 {
+  if (!expanded.insert(file).second) return;
   const auto at = [&](int line) { out += "#line " + std::to_string(line) + " \"" + file + "\"\n"; };
   std::istringstream text(kernel_text(file));
   at(1);
   int number = 1;
   for (std::string line; std::getline(text, line); ++number) {
     if (line.rfind("#include \"", 0) == 0) {
-      expand(line.substr(10, line.find('"', 10) - 10), out);
+      const std::string name = line.substr(10, line.find('"', 10) - 10);
+      expand((fs::path(file).parent_path() / name).lexically_normal().generic_string(), expanded, out);
       at(number + 1);
     } else {
       out += line + "\n";
@@ -68,11 +72,13 @@ std::uint64_t hash(const std::string &text, std::uint64_t h = 0xcbf29ce484222325
   return h;
 }
 
-/// CAMA_CACHE, else the user's cache folder; empty: no cache (CAMA_CACHE=off, or no home). pocl keeps compiled kernels itself, and giving
-/// out a program's binary makes it compile all kernels again, so it is left alone unless CAMA_CACHE names a folder.
+/// CAMA_CACHE, else the user's cache folder; empty: no cache (CAMA_CACHE=off, or no home). pocl keeps compiled kernels
+/// itself, and giving out a program's binary makes it compile all kernels again, so it is left alone unless CAMA_CACHE
+/// names a folder.
 fs::path cache_folder(const Device &device)
 {
-  if (const char *own = std::getenv("CAMA_CACHE"); own && *own) return std::string(own) == "off" ? fs::path() : fs::path(own);
+  if (const char *own = std::getenv("CAMA_CACHE"); own && *own)
+    return std::string(own) == "off" ? fs::path() : fs::path(own);
   if (device.driver.rfind("Portable Computing Language", 0) == 0) return {};
   if (const char *xdg = std::getenv("XDG_CACHE_HOME"); xdg && *xdg) return fs::path(xdg) / "cama";
   if (const char *home = std::getenv("HOME"); home && *home) return fs::path(home) / ".cache" / "cama";
@@ -132,22 +138,26 @@ constexpr char magic[] = "cama opencl 1\n";
 std::string source(Text text)
 {
   std::string out;
-  expand("lang.h", out);
+  std::set<std::string> expanded;
+  const auto add = [&](const char *file) { expand(file, expanded, out); };
+  add("dialect/lang.h");
   if (text == Text::primitives) {
-    expand("primitives.cl", out);
+    add("primitives.cl");
     return out;
   }
-  expand("dvec3.h", out);
   if (text == Text::once) {
-    expand("double.h", out);
+    add("double.h");
     return out;
   }
   // real.h uses types and functions of double.h; its kernels are not wanted twice.
   const std::string real = text == Text::f32 ? "float" : "double";
-  out += "#undef KERNEL\n#define KERNEL static inline void\n#undef TEAM_LOCAL\n#define TEAM_LOCAL(type, name, count) LOCAL type *name = 0\n";
-  expand("double.h", out);
-  out += "#undef TEAM_LOCAL\n#define TEAM_LOCAL TEAM_LOCAL_MEMORY\n#undef KERNEL\n#define KERNEL __kernel void\n#define real " + real + "\n#define ATOMIC_ADD_REAL atomic_add_" + real + "\n";
-  expand("real.h", out);
+  out += "#undef KERNEL\n#define KERNEL static inline void\n"
+         "#undef TEAM_LOCAL\n#define TEAM_LOCAL(type, name, count) LOCAL type *name = 0\n";
+  add("double.h");
+  out += "#undef TEAM_LOCAL\n#define TEAM_LOCAL TEAM_LOCAL_MEMORY\n#undef KERNEL\n#define KERNEL __kernel "
+         "void\n#define real " +
+         real + "\n#define ATOMIC_ADD_REAL atomic_add_" + real + "\n";
+  add("real.h");
   return out;
 }
 
@@ -155,7 +165,7 @@ Library &Library::of(const Device &device)
 {
   static std::mutex mutex;
   static auto *libraries = new std::map<cl_device_id, Library *>;
-  static auto *lost = new std::vector<Library *>;   // backends may still hold them
+  static auto *lost = new std::vector<Library *>;  // backends may still hold them
   const std::lock_guard<std::mutex> lock(mutex);
   Library *&library = (*libraries)[device.id];
   if (library && library->lost_) lost->push_back(std::exchange(library, nullptr));
@@ -163,16 +173,17 @@ Library &Library::of(const Device &device)
   return *library;
 }
 
-Library::Library(const Device &d) : device(d), processor(number<cl_device_type>(d.id, CL_DEVICE_TYPE) & CL_DEVICE_TYPE_CPU)
+Library::Library(const Device &d) : device(d), is_cpu(number<cl_device_type>(d.id, CL_DEVICE_TYPE) & CL_DEVICE_TYPE_CPU)
 {
-  const cl_context_properties properties[] = {CL_CONTEXT_PLATFORM, reinterpret_cast<cl_context_properties>(d.platform), 0};
+  const cl_context_properties properties[] = {CL_CONTEXT_PLATFORM, reinterpret_cast<cl_context_properties>(d.platform),
+                                              0};
   cl_int code = CL_SUCCESS;
   context = clCreateContext(properties, 1, &d.id, nullptr, nullptr, &code);
   check(code, "clCreateContext", "opening device '" + d.name + "'");
   options_ = "-cl-std=CL1.2";
   if (number<cl_device_fp_config>(d.id, CL_DEVICE_SINGLE_FP_CONFIG) & CL_FP_CORRECTLY_ROUNDED_DIVIDE_SQRT)
     options_ += " -cl-fp32-correctly-rounded-divide-sqrt";
-  if (processor) options_ += " -DCAMA_CHUNKED=1";
+  if (is_cpu) options_ += " -DCAMA_CHUNKED=1";
 }
 
 cl_program Library::program(Text text)
@@ -211,8 +222,8 @@ cl_program Library::build(const std::string &whole, const std::string &name)
   std::string log(size, '\0');
   if (size) clGetProgramBuildInfo(program, device.id, CL_PROGRAM_BUILD_LOG, size, log.data(), nullptr);
   clReleaseProgram(program);
-  throw BackendError("OpenCL: the kernels of " + name + " do not compile on device '" + device.name + "' (" + device.driver + "): " +
-                     code_name(code) + first_errors(log.c_str(), whole));
+  throw BackendError("OpenCL: the kernels of " + name + " do not compile on device '" + device.name + "' (" +
+                     device.driver + "): " + code_name(code) + first_errors(log.c_str(), whole));
 }
 
 /// A file is the magic line, the hash of the binary, the binary. Anything else is ignored.
@@ -229,7 +240,8 @@ cl_program Library::load(const std::string &file)
   const size_t size = binary.size();
   cl_int status = CL_SUCCESS, code = CL_SUCCESS;
   cl_program program = clCreateProgramWithBinary(context, 1, &device.id, &size, &bytes, &status, &code);
-  if (code == CL_SUCCESS && status == CL_SUCCESS && clBuildProgram(program, 1, &device.id, options_.c_str(), nullptr, nullptr) == CL_SUCCESS)
+  if (code == CL_SUCCESS && status == CL_SUCCESS &&
+      clBuildProgram(program, 1, &device.id, options_.c_str(), nullptr, nullptr) == CL_SUCCESS)
     return program;
   if (program) clReleaseProgram(program);
   return nullptr;
@@ -239,7 +251,8 @@ cl_program Library::load(const std::string &file)
 void Library::store(cl_program program, const std::string &file) const
 {
   size_t size = 0;
-  if (clGetProgramInfo(program, CL_PROGRAM_BINARY_SIZES, sizeof size, &size, nullptr) != CL_SUCCESS || size == 0) return;
+  if (clGetProgramInfo(program, CL_PROGRAM_BINARY_SIZES, sizeof size, &size, nullptr) != CL_SUCCESS || size == 0)
+    return;
   std::string binary(size, '\0');
   auto *bytes = reinterpret_cast<unsigned char *>(binary.data());
   if (clGetProgramInfo(program, CL_PROGRAM_BINARIES, sizeof bytes, &bytes, nullptr) != CL_SUCCESS) return;

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Kernel text to programs: one per precision, built when first asked for, shared by all backends of the process, kept on disk.
+// Kernel text to programs: one per precision, built when first asked for, shared by all backends of the process, kept
+// on disk.
 #pragma once
 #include <atomic>
 #include <map>
@@ -26,7 +27,7 @@ public:
 
   const Device device;
   cl_context context = nullptr;
-  const bool processor;   ///< a CPU: few work-items with a run of elements each
+  const bool is_cpu;      ///< a CPU: few work-items with a run of elements each
 
 private:
   cl_program build(const std::string &source, const std::string &title);

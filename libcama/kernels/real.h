@@ -1,13 +1,26 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* The kernels that exist once per precision: `real` and ATOMIC_ADD_REAL are defined by whoever includes this. */
-#include "vec3.h"
-#include "elasticity.h"
-#include "bending.h"
-#include "external.h"
-#include "term.h"
-#include "assembly.h"
-#include "solver.h"
-#include "conjugate_gradient.h"
-#include "factors.h"
-#include "schwarz.h"
-#include "newton.h"
+#include "dialect/vec3.h"
+#include "elements/bending.h"
+#include "elements/elasticity.h"
+#include "elements/external.h"
+#include "solver/conjugate_gradient.h"
+#include "solver/factors.h"
+#include "solver/schwarz.h"
+#include "system/assembly.h"
+#include "system/linear_system.h"
+#include "system/newton.h"
+#include "system/term.h"
+
+/* The next precision includes the same headers again. */
+#undef CAMA_KERNELS_DIALECT_VEC3_H
+#undef CAMA_KERNELS_ELEMENTS_ELASTICITY_H
+#undef CAMA_KERNELS_ELEMENTS_BENDING_H
+#undef CAMA_KERNELS_ELEMENTS_EXTERNAL_H
+#undef CAMA_KERNELS_SYSTEM_TERM_H
+#undef CAMA_KERNELS_SYSTEM_ASSEMBLY_H
+#undef CAMA_KERNELS_SYSTEM_LINEAR_SYSTEM_H
+#undef CAMA_KERNELS_SOLVER_CONJUGATE_GRADIENT_H
+#undef CAMA_KERNELS_SOLVER_FACTORS_H
+#undef CAMA_KERNELS_SOLVER_SCHWARZ_H
+#undef CAMA_KERNELS_SYSTEM_NEWTON_H

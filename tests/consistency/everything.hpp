@@ -36,7 +36,10 @@ inline cama::Scene everything(int cells)
   return s;
 }
 
-struct Outcome { std::uint64_t hash; int contacts, impacts; };
+struct Outcome {
+  std::uint64_t hash;
+  int contacts, impacts;
+};
 
 inline Outcome simulate(const cama::Scene &scene, const cama::Options &options, int steps)
 {

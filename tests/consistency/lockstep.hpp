@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// Two engines in lock step: before each leaf stage the candidate gets every stream of the reference, both run it, and every stream
-// that State::visit names must be the same, bit for bit. A stage that is added is covered without a new test.
+// Two engines in lock step: before each leaf stage the candidate gets every stream of the reference, both run it, and
+// every stream that State::visit names must be the same, bit for bit. A stage that is added is covered without a new
+// test.
 #pragma once
 #include <cstring>
 #include <functional>
@@ -39,20 +40,34 @@ template <class F, class T, std::size_t n> void each(const T (&array)[n], F &&f)
 template <class F, class... T> void each_of(F &&f, const T &...member) { (each(member, f), ...); }
 
 template <class F> void each(const cama::dvec3 &v, F &&f) { each_of(f, v.x, v.y, v.z); }
-#define LOCKSTEP_REAL(space)                                                                                                            \
-  template <class F> void each(const cama::kernels::space::vec3 &v, F &&f) { each_of(f, v.x, v.y, v.z); }                              \
-  template <class F> void each(const cama::kernels::space::mat3 &m, F &&f) { each_of(f, m.row[0], m.row[1], m.row[2]); }               \
-  template <class F> void each(const cama::kernels::space::stretching_stiffness &k, F &&f) { each(k.k, f); }                           \
-  template <class F> void each(const cama::kernels::space::bending_stiffness &k, F &&f) { each(k.k, f); }                              \
-  template <class F> void each(const cama::kernels::space::triangle_rest &r, F &&f) { each_of(f, r.node, r.material, r.d, r.area); }   \
-  template <class F> void each(const cama::kernels::space::triangle_factor &t, F &&f)                                                  \
-  { each_of(f, t.u, t.w, t.d, t.k, t.e0, t.e1); }                                                                                       \
-  template <class F> void each(const cama::kernels::space::hinge_rest &r, F &&f)                                                       \
-  { each_of(f, r.node, r.material, r.rest_angle, r.length, r.area, r.direction); }                                                      \
-  template <class F> void each(const cama::kernels::space::hinge_factor &h, F &&f)                                                     \
-  { each_of(f, h.gradient[0], h.gradient[1], h.gradient[2], h.gradient[3], h.coefficient); }                                            \
-  template <class F> void each(const cama::kernels::space::term &t, F &&f)                                                             \
-  { each_of(f, t.node, t.weight, t.normal, t.along, t.around, t.push); }
+#define LOCKSTEP_REAL(space)                                                                                 \
+  template <class F> void each(const cama::kernels::space::vec3 &v, F &&f) { each_of(f, v.x, v.y, v.z); }    \
+  template <class F> void each(const cama::kernels::space::mat3 &m, F &&f)                                   \
+  {                                                                                                          \
+    each_of(f, m.row[0], m.row[1], m.row[2]);                                                                \
+  }                                                                                                          \
+  template <class F> void each(const cama::kernels::space::stretching_stiffness &k, F &&f) { each(k.k, f); } \
+  template <class F> void each(const cama::kernels::space::bending_stiffness &k, F &&f) { each(k.k, f); }    \
+  template <class F> void each(const cama::kernels::space::triangle_rest &r, F &&f)                          \
+  {                                                                                                          \
+    each_of(f, r.node, r.material, r.d, r.area);                                                             \
+  }                                                                                                          \
+  template <class F> void each(const cama::kernels::space::triangle_factor &t, F &&f)                        \
+  {                                                                                                          \
+    each_of(f, t.u, t.w, t.d, t.k, t.e0, t.e1);                                                              \
+  }                                                                                                          \
+  template <class F> void each(const cama::kernels::space::hinge_rest &r, F &&f)                             \
+  {                                                                                                          \
+    each_of(f, r.node, r.material, r.rest_angle, r.length, r.area, r.direction);                             \
+  }                                                                                                          \
+  template <class F> void each(const cama::kernels::space::hinge_factor &h, F &&f)                           \
+  {                                                                                                          \
+    each_of(f, h.gradient[0], h.gradient[1], h.gradient[2], h.gradient[3], h.coefficient);                   \
+  }                                                                                                          \
+  template <class F> void each(const cama::kernels::space::term &t, F &&f)                                   \
+  {                                                                                                          \
+    each_of(f, t.node, t.weight, t.normal, t.along, t.around, t.push);                                       \
+  }
 LOCKSTEP_REAL(f64)
 LOCKSTEP_REAL(f32)
 #undef LOCKSTEP_REAL
@@ -62,34 +77,52 @@ template <class F> void each(const cama::kernels::edge_nodes &e, F &&f) { each(e
 template <class F> void each(const cama::kernels::fvec3 &v, F &&f) { each_of(f, v.x, v.y, v.z); }
 template <class F> void each(const cama::kernels::face_features &e, F &&f) { each_of(f, e.edge, e.owned); }
 template <class F> void each(const cama::kernels::stitch &s, F &&f) { each_of(f, s.node, s.ratio, s.stiffness); }
-template <class F> void each(const cama::kernels::vertex_contact &v, F &&f) { each_of(f, v.thickness, v.area, v.stiffness, v.friction, v.static_friction, v.radius, v.obstacle, v.form); }
+template <class F> void each(const cama::kernels::vertex_contact &v, F &&f)
+{
+  each_of(f, v.thickness, v.area, v.stiffness, v.friction, v.static_friction, v.radius, v.obstacle, v.shape);
+}
 template <class F> void each(const cama::kernels::box &b, F &&f) { each_of(f, b.lo, b.hi); }
-template <class F> void each(const cama::kernels::box_group &g, F &&f) { each_of(f, g.lo, g.hi); }
+template <class F> void each(const cama::kernels::bvh8_node &g, F &&f) { each_of(f, g.lo, g.hi); }
 template <class F> void each(const cama::kernels::pair &p, F &&f) { each_of(f, p.a, p.b); }
 template <class F> void each(const cama::kernels::contact &c, F &&f)
-{ each_of(f, c.node, c.kind, c.candidate, c.weight, c.normal, c.distance, c.thickness, c.stiffness, c.friction, c.static_friction); }
-template <class F> void each(const cama::kernels::impact &m, F &&f) { each_of(f, m.node, m.kind, m.candidate, m.weight, m.normal, m.target); }
+{
+  each_of(f, c.node, c.kind, c.candidate, c.weight, c.normal, c.distance, c.thickness, c.stiffness, c.friction,
+          c.static_friction);
+}
+template <class F> void each(const cama::kernels::impact &m, F &&f)
+{
+  each_of(f, m.node, m.kind, m.candidate, m.weight, m.normal, m.target);
+}
 
-/// The numbers of a value as words: equal words are equal bits; every NaN is one word (its payload is no one's promise).
+/// The numbers of a value as words: equal words are equal bits; every NaN is one word (its payload is no one's
+/// promise).
 template <class T> std::vector<std::uint64_t> words(const T &value)
 {
   std::vector<std::uint64_t> result;
   each(value, [&](auto number) {
     std::uint64_t word = 0;
-    if (number != number) word = ~std::uint64_t(0);
-    else std::memcpy(&word, &number, sizeof number);
+    if (number != number)
+      word = ~std::uint64_t(0);
+    else
+      std::memcpy(&word, &number, sizeof number);
     result.push_back(word);
   });
   return result;
 }
 
-struct Difference { std::string stream; int index; std::string what; };
+struct Difference {
+  std::string stream;
+  int index;
+  std::string what;
+};
 
-template <class T> std::optional<Difference> compare(const std::string &name, const cama::Stream<T> &a, const cama::Stream<T> &b)
+template <class T>
+std::optional<Difference> compare(const std::string &name, const cama::Stream<T> &a, const cama::Stream<T> &b)
 {
   if ((a.backend() == nullptr) != (b.backend() == nullptr)) return Difference{name, 0, "present on one side only"};
   if (!a.backend()) return std::nullopt;
-  if (a.size() != b.size()) return Difference{name, 0, "sizes " + std::to_string(a.size()) + " and " + std::to_string(b.size())};
+  if (a.size() != b.size())
+    return Difference{name, 0, "sizes " + std::to_string(a.size()) + " and " + std::to_string(b.size())};
   const std::vector<T> x = a.download(), y = b.download();
   if (!x.empty() && std::memcmp(x.data(), y.data(), x.size() * sizeof(T)) == 0) return std::nullopt;
   for (std::size_t i = 0; i < x.size(); ++i)
@@ -113,8 +146,10 @@ template <class F> void for_each_stream(cama::State &a, cama::State &b, F &&f)
 inline void copy(cama::State &from, cama::State &to)
 {
   for_each_stream(from, to, [](const std::string &, auto &source, auto &target) {
-    if (source.backend() && target.backend()) target.assign(source.download());
-    else if (source.backend()) target = {*target.backend(), source.download()};
+    if (source.backend() && target.backend())
+      target.assign(source.download());
+    else if (source.backend())
+      target = {*target.backend(), source.download()};
   });
   to.time = from.time;
   to.contacts = from.contacts;
@@ -129,17 +164,21 @@ inline std::optional<Difference> first_difference(cama::State &a, cama::State &b
   for_each_stream(a, b, [&](const std::string &name, auto &x, auto &y) {
     if (!first) first = compare(name, x, y);
   });
-  if (!first && a.contacts != b.contacts) first = Difference{"contacts", 0, std::to_string(a.contacts) + " and " + std::to_string(b.contacts)};
-  if (!first && a.terms != b.terms) first = Difference{"terms", 0, std::to_string(a.terms) + " and " + std::to_string(b.terms)};
+  if (!first && a.contacts != b.contacts)
+    first = Difference{"contacts", 0, std::to_string(a.contacts) + " and " + std::to_string(b.contacts)};
+  if (!first && a.terms != b.terms)
+    first = Difference{"terms", 0, std::to_string(a.terms) + " and " + std::to_string(b.terms)};
   return first;
 }
 
 /// Called after a stage has run on the candidate: a planted error goes in here.
 using Tamper = std::function<void(int step, const std::string &stage, cama::State &candidate)>;
 
-/// Runs both through `steps` steps. For every stage of every step that differs, the first difference: "step 3, stage linear solve, stream
-/// solution, index 12: values differ". Stages start from the reference's state, so that one finding is not the cause of the next. At most `most`.
-inline std::vector<std::string> differences(Engine &reference, Engine &candidate, int steps, const Tamper &tamper = {}, std::size_t most = 1000)
+/// Runs both through `steps` steps. For every stage of every step that differs, the first difference: "step 3, stage
+/// linear solve, stream solution, index 12: values differ". Stages start from the reference's state, so that one
+/// finding is not the cause of the next. At most `most`.
+inline std::vector<std::string> differences(Engine &reference, Engine &candidate, int steps, const Tamper &tamper = {},
+                                            std::size_t most = 1000)
 {
   if (reference.leaves().size() != candidate.leaves().size()) return {"the pipelines have different stages"};
   std::vector<std::string> found;
@@ -153,8 +192,8 @@ inline std::vector<std::string> differences(Engine &reference, Engine &candidate
       candidate.leaves()[k]->run(candidate.state);
       if (tamper) tamper(step, stage, candidate.state);
       if (const auto d = first_difference(reference.state, candidate.state))
-        found.push_back("step " + std::to_string(reference.state.report.step) + ", stage " + stage + ", stream " + d->stream + ", index " +
-                        std::to_string(d->index) + ": " + d->what);
+        found.push_back("step " + std::to_string(reference.state.report.step) + ", stage " + stage + ", stream " +
+                        d->stream + ", index " + std::to_string(d->index) + ": " + d->what);
     }
     if (found.size() >= most) break;
     reference.end_step();

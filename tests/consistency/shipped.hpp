@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The shipped scenes at small size: every folder of scenes/ that has a scene.json, so that one added later is covered without a new test.
+// The shipped scenes at small size: every folder of scenes/ that has a scene.json, so that one added later is covered
+// without a new test.
 #pragma once
 #include <algorithm>
 #include <cmath>
@@ -39,7 +40,8 @@ inline const cama::Scene &load(const std::string &name, int triangles)
   return loaded.emplace(std::pair{name, triangles}, std::move(scene)).first->second;
 }
 
-inline cama::Options options(const std::string &accuracy, const std::string &precision, const std::string &backend, int threads = 0)
+inline cama::Options options(const std::string &accuracy, const std::string &precision, const std::string &backend,
+                             int threads = 0)
 {
   cama::Options o = cama::Options::preset(accuracy);
   o.precision = precision;
@@ -66,7 +68,8 @@ inline const Moment &in_contact(const std::string &name, int triangles, int cont
     simulation.step();
     if (simulation.report().contacts >= contacts) --more;
   }
-  return moment = {simulation.step_count(), simulation.report().contacts, simulation.positions(), simulation.velocities()};
+  return moment = {simulation.step_count(), simulation.report().contacts, simulation.positions(),
+                   simulation.velocities()};
 }
 
 /// Goes on from there.

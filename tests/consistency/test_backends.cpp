@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Backends that agree to the bit: each one here beside the serial reference, stage by stage and in free runs. An absent one is said aloud.
+// Backends that agree to the bit: each one here beside the serial reference, stage by stage and in free runs. An absent
+// one is said aloud.
 #include "../backends.hpp"
 #include "../engine.hpp"
 #include "everything.hpp"

@@ -13,7 +13,9 @@ using namespace cama;
 namespace {
 
 /// Steps to the checkpoint and after it: more than the ten that the Schwarz preconditioner keeps its matching.
-struct Halves { int before, after; };
+struct Halves {
+  int before, after;
+};
 
 /// Hash of a run through its checkpoint, and of simulations that begin there.
 void check_continued(const Scene &scene, const Options &options, Halves halves, int &contacts)
@@ -27,7 +29,9 @@ void check_continued(const Scene &scene, const Options &options, Halves halves, 
     INFO("continued on " << backend);
     Options other = options;
     other.backend = backend;
-    other.threads = backend != "cpu" ? 0 : options.accuracy == "paper" ? 1 : 2;   // tangled cloth in paper mode: 50,000 small launches a step
+    other.threads = backend != "cpu"              ? 0
+                    : options.accuracy == "paper" ? 1
+                                                  : 2;   // tangled cloth in paper mode: 50,000 small launches a step
     Simulation second(scene, other);
     second.restore(kept);
     CHECK(second.time() == kept.time);
@@ -54,7 +58,8 @@ TEST_CASE("shipped scenes go on from a checkpoint bit by bit, on every backend",
 {
   int in_contact = 0;
   for (const std::string &name : shipped::scenes())
-    for (const auto &[accuracy, precision] : {std::pair{"production", "mixed"}, std::pair{"production", "single"}, std::pair{"accurate", "mixed"}, std::pair{"paper", "double"}}) {
+    for (const auto &[accuracy, precision] : {std::pair{"production", "mixed"}, std::pair{"production", "single"},
+                                              std::pair{"accurate", "mixed"}, std::pair{"paper", "double"}}) {
       INFO(name << ", " << accuracy << ", " << precision);
       const Scene &scene = shipped::load(name, 200);
       Options options = shipped::options(accuracy, precision, "cpu", 1);

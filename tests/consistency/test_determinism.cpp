@@ -87,8 +87,9 @@ TEST_CASE("lock step: every stage of a step is among the leaves, and sees contac
   };
   REQUIRE(lockstep::run(reference, candidate, 4, watch) == "");
   CHECK(contacts > 30);
-  for (const char *stage : {"prescribed motion", "candidate search", "contacts", "element forces", "contact terms", "matrix assembly",
-                            "linear solve", "advance positions", "penetration handling", "finish step"}) {
+  for (const char *stage :
+       {"prescribed motion", "candidate search", "contacts", "element forces", "contact terms", "matrix assembly",
+        "linear solve", "advance positions", "penetration handling", "finish step"}) {
     INFO(stage);
     CHECK(seen[stage] == 4);
   }
@@ -97,10 +98,16 @@ TEST_CASE("lock step: every stage of a step is among the leaves, and sees contac
 TEST_CASE("lock step finds and names a planted error of one unit in the last place in any stream", "[lockstep]")
 {
   const Scene scene = everything(5);
-  struct Plant { int step; const char *stage, *stream; int index; };
-  for (const Plant &plant : {Plant{2, "element forces", "force", 7}, Plant{1, "matrix assembly", "block", 31}, Plant{2, "linear solve", "solution", 3},
-                             Plant{2, "contacts", "contact", 2}, Plant{3, "contact terms", "term", 1}, Plant{1, "advance positions", "position_next", 11},
-                             Plant{2, "element forces", "hinge_factor", 4}, Plant{3, "candidate search", "predicted", 0}}) {
+  struct Plant {
+    int step;
+    const char *stage, *stream;
+    int index;
+  };
+  for (const Plant &plant :
+       {Plant{2, "element forces", "force", 7}, Plant{1, "matrix assembly", "block", 31},
+        Plant{2, "linear solve", "solution", 3}, Plant{2, "contacts", "contact", 2},
+        Plant{3, "contact terms", "term", 1}, Plant{1, "advance positions", "position_next", 11},
+        Plant{2, "element forces", "hinge_factor", 4}, Plant{3, "candidate search", "predicted", 0}}) {
     Engine reference(scene, with("double", 1)), candidate(scene, with("double", 1));
     const auto tamper = [&](int step, const std::string &stage, State &state) {
       if (step != plant.step || stage != plant.stage) return;
@@ -110,7 +117,8 @@ TEST_CASE("lock step finds and names a planted error of one unit in the last pla
         auto values = stream.download();
         REQUIRE(static_cast<int>(values.size()) > plant.index);
         // The last double of the element, whatever the struct.
-        auto *end = reinterpret_cast<unsigned char *>(&values[static_cast<std::size_t>(plant.index)]) + sizeof(T) - sizeof(double);
+        auto *end = reinterpret_cast<unsigned char *>(&values[static_cast<std::size_t>(plant.index)]) + sizeof(T) -
+                    sizeof(double);
         double v;
         std::memcpy(&v, end, sizeof v);
         v = bump(v);
@@ -119,8 +127,8 @@ TEST_CASE("lock step finds and names a planted error of one unit in the last pla
       });
     };
     const std::string text = lockstep::run(reference, candidate, 3, tamper);
-    CHECK(text == "step " + std::to_string(plant.step) + ", stage " + plant.stage + ", stream " + plant.stream + ", index " +
-                      std::to_string(plant.index) + ": values differ");
+    CHECK(text == "step " + std::to_string(plant.step) + ", stage " + plant.stage + ", stream " + plant.stream +
+                      ", index " + std::to_string(plant.index) + ": values differ");
   }
 }
 
@@ -142,7 +150,8 @@ TEST_CASE("lock step finds a wrong integer, a wrong size and a wrong count", "[l
     if (stage == "contacts") s.contact.resize(s.contact.size() - 1);
   });
   CHECK(contains(size, "stage contacts, stream contact, index 0: sizes "));
-  CHECK(contains(caught([](int, const std::string &stage, State &s) { s.terms += stage == "contact terms"; }), "stream terms"));
+  CHECK(contains(caught([](int, const std::string &stage, State &s) { s.terms += stage == "contact terms"; }),
+                 "stream terms"));
 }
 
 TEST_CASE("lock step counts padding and the payload of NaN as nothing, the sign of zero as something", "[lockstep]")
@@ -151,14 +160,17 @@ TEST_CASE("lock step counts padding and the payload of NaN as nothing, the sign 
   std::memset(&a, 0x00, sizeof a);
   std::memset(&b, 0xff, sizeof b);
   for (kernels::stitch *s : {&a, &b}) {
-    s->node[0] = 1; s->node[1] = 2; s->node[2] = 3;
+    s->node[0] = 1;
+    s->node[1] = 2;
+    s->node[2] = 3;
     s->ratio = 0.5;
     s->stiffness = std::nan(s == &a ? "1" : "2");
   }
   const auto backend = make_backend("cpu", 0, 1);
   const auto differ = [&](kernels::stitch x, kernels::stitch y) {
     return lockstep::compare("stitch", Stream<kernels::stitch>(*backend, std::vector<kernels::stitch>{x}),
-                             Stream<kernels::stitch>(*backend, std::vector<kernels::stitch>{y})).has_value();
+                             Stream<kernels::stitch>(*backend, std::vector<kernels::stitch>{y}))
+        .has_value();
   };
   CHECK_FALSE(differ(a, b));
   b.ratio = bump(0.5);

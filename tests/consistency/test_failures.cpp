@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// What fails, fails cleanly: memory of the device and of the host that runs out at any allocation, devices that are lost, drivers and
-// features that are not there. The linker puts __wrap_f in the place of f in this program alone (--wrap).
+// What fails, fails cleanly: memory of the device and of the host that runs out at any allocation, devices that are
+// lost, drivers and features that are not there. The linker puts __wrap_f in the place of f in this program alone
+// (--wrap).
 #include <atomic>
 #include <cstddef>
 #include <cstdlib>
@@ -8,11 +9,11 @@
 #include <new>
 
 #include "../backends.hpp"
+#include "device/launch.hpp"
 #include "everything.hpp"
-#include "launch.hpp"
 #include "lockstep.hpp"
 #if CAMA_HAS_OPENCL
-#include "../../backends/opencl/program.hpp"
+#include "backends/opencl/program.hpp"
 #endif
 
 namespace fault {
@@ -39,7 +40,10 @@ void *__wrap__Znwm(std::size_t bytes)   // operator new
 }
 #if CAMA_HAS_CUDA
 int __real_cudaMalloc(void **, std::size_t);
-int __wrap_cudaMalloc(void **memory, std::size_t bytes) { return fault::due(fault::device_memory) ? 2 : __real_cudaMalloc(memory, bytes); }
+int __wrap_cudaMalloc(void **memory, std::size_t bytes)
+{
+  return fault::due(fault::device_memory) ? 2 : __real_cudaMalloc(memory, bytes);
+}
 int __real_cudaMallocAsync(void **, std::size_t, void *);
 int __wrap_cudaMallocAsync(void **memory, std::size_t bytes, void *queue)
 {
@@ -52,7 +56,7 @@ int __wrap_cudaMallocAsync(void **memory, std::size_t bytes, void *queue)
 namespace fault {
 
 bool no_platform = false, no_double = false, as_gpu = false;
-std::size_t most_work_items = 0;       // of any kernel; 0: as they are
+std::size_t max_work_items = 0;       // of any kernel; 0: as they are
 std::string lost_call;                 // this call fails
 cl_int lost_code = CL_SUCCESS;
 long contexts = 0, buffers = 0;        // made; alive
@@ -65,14 +69,18 @@ extern "C" {
 #define CAMA_REAL(result, name, ...) result __real_##name(__VA_ARGS__)
 CAMA_REAL(cl_int, clGetPlatformIDs, cl_uint, cl_platform_id *, cl_uint *);
 CAMA_REAL(cl_int, clGetDeviceInfo, cl_device_id, cl_device_info, size_t, void *, size_t *);
-CAMA_REAL(cl_int, clGetKernelWorkGroupInfo, cl_kernel, cl_device_id, cl_kernel_work_group_info, size_t, void *, size_t *);
+CAMA_REAL(cl_int, clGetKernelWorkGroupInfo, cl_kernel, cl_device_id, cl_kernel_work_group_info, size_t, void *,
+          size_t *);
 CAMA_REAL(cl_context, clCreateContext, const cl_context_properties *, cl_uint, const cl_device_id *,
           void (*)(const char *, const void *, size_t, void *), void *, cl_int *);
 CAMA_REAL(cl_mem, clCreateBuffer, cl_context, cl_mem_flags, size_t, void *, cl_int *);
 CAMA_REAL(cl_int, clReleaseMemObject, cl_mem);
-CAMA_REAL(cl_int, clEnqueueNDRangeKernel, cl_command_queue, cl_kernel, cl_uint, const size_t *, const size_t *, const size_t *, cl_uint, const cl_event *, cl_event *);
-CAMA_REAL(cl_int, clEnqueueReadBuffer, cl_command_queue, cl_mem, cl_bool, size_t, size_t, void *, cl_uint, const cl_event *, cl_event *);
-CAMA_REAL(cl_int, clEnqueueWriteBuffer, cl_command_queue, cl_mem, cl_bool, size_t, size_t, const void *, cl_uint, const cl_event *, cl_event *);
+CAMA_REAL(cl_int, clEnqueueNDRangeKernel, cl_command_queue, cl_kernel, cl_uint, const size_t *, const size_t *,
+          const size_t *, cl_uint, const cl_event *, cl_event *);
+CAMA_REAL(cl_int, clEnqueueReadBuffer, cl_command_queue, cl_mem, cl_bool, size_t, size_t, void *, cl_uint,
+          const cl_event *, cl_event *);
+CAMA_REAL(cl_int, clEnqueueWriteBuffer, cl_command_queue, cl_mem, cl_bool, size_t, size_t, const void *, cl_uint,
+          const cl_event *, cl_event *);
 CAMA_REAL(cl_int, clFinish, cl_command_queue);
 
 cl_int __wrap_clGetPlatformIDs(cl_uint n, cl_platform_id *ids, cl_uint *count)
@@ -86,10 +94,12 @@ cl_int __wrap_clGetDeviceInfo(cl_device_id id, cl_device_info what, size_t size,
   if (value && what == CL_DEVICE_TYPE && fault::as_gpu) *static_cast<cl_device_type *>(value) = CL_DEVICE_TYPE_GPU;
   return code;
 }
-cl_int __wrap_clGetKernelWorkGroupInfo(cl_kernel kernel, cl_device_id id, cl_kernel_work_group_info what, size_t size, void *value, size_t *needed)
+cl_int __wrap_clGetKernelWorkGroupInfo(cl_kernel kernel, cl_device_id id, cl_kernel_work_group_info what, size_t size,
+                                       void *value, size_t *needed)
 {
   const cl_int code = __real_clGetKernelWorkGroupInfo(kernel, id, what, size, value, needed);
-  if (value && what == CL_KERNEL_WORK_GROUP_SIZE && fault::most_work_items) *static_cast<size_t *>(value) = fault::most_work_items;
+  if (value && what == CL_KERNEL_WORK_GROUP_SIZE && fault::max_work_items)
+    *static_cast<size_t *>(value) = fault::max_work_items;
   return code;
 }
 cl_context __wrap_clCreateContext(const cl_context_properties *properties, cl_uint n, const cl_device_id *ids,
@@ -113,21 +123,22 @@ cl_int __wrap_clReleaseMemObject(cl_mem buffer)
   --fault::buffers;
   return __real_clReleaseMemObject(buffer);
 }
-cl_int __wrap_clEnqueueNDRangeKernel(cl_command_queue queue, cl_kernel kernel, cl_uint dimensions, const size_t *offset, const size_t *global,
-                                     const size_t *local, cl_uint n, const cl_event *wait, cl_event *event)
+cl_int __wrap_clEnqueueNDRangeKernel(cl_command_queue queue, cl_kernel kernel, cl_uint dimensions, const size_t *offset,
+                                     const size_t *global, const size_t *local, cl_uint n, const cl_event *wait,
+                                     cl_event *event)
 {
   if (fault::lost("clEnqueueNDRangeKernel")) return fault::lost_code;
-  if (fault::most_work_items && local && *local > fault::most_work_items) return CL_INVALID_WORK_GROUP_SIZE;
+  if (fault::max_work_items && local && *local > fault::max_work_items) return CL_INVALID_WORK_GROUP_SIZE;
   return __real_clEnqueueNDRangeKernel(queue, kernel, dimensions, offset, global, local, n, wait, event);
 }
-cl_int __wrap_clEnqueueReadBuffer(cl_command_queue queue, cl_mem buffer, cl_bool block, size_t offset, size_t bytes, void *to, cl_uint n,
-                                  const cl_event *wait, cl_event *event)
+cl_int __wrap_clEnqueueReadBuffer(cl_command_queue queue, cl_mem buffer, cl_bool block, size_t offset, size_t bytes,
+                                  void *to, cl_uint n, const cl_event *wait, cl_event *event)
 {
   if (fault::lost("clEnqueueReadBuffer")) return fault::lost_code;
   return __real_clEnqueueReadBuffer(queue, buffer, block, offset, bytes, to, n, wait, event);
 }
-cl_int __wrap_clEnqueueWriteBuffer(cl_command_queue queue, cl_mem buffer, cl_bool block, size_t offset, size_t bytes, const void *from,
-                                   cl_uint n, const cl_event *wait, cl_event *event)
+cl_int __wrap_clEnqueueWriteBuffer(cl_command_queue queue, cl_mem buffer, cl_bool block, size_t offset, size_t bytes,
+                                   const void *from, cl_uint n, const cl_event *wait, cl_event *event)
 {
   if (fault::lost("clEnqueueWriteBuffer")) return fault::lost_code;
   return __real_clEnqueueWriteBuffer(queue, buffer, block, offset, bytes, from, n, wait, event);
@@ -161,16 +172,23 @@ Seen look(const Simulation &s)
 
 bool same(const std::vector<dvec3> &a, const std::vector<dvec3> &b)
 {
-  return a.size() == b.size() && std::equal(a.begin(), a.end(), b.begin(), [](const dvec3 &p, const dvec3 &q) { return p.x == q.x && p.y == q.y && p.z == q.z; });
+  return a.size() == b.size() && std::equal(a.begin(), a.end(), b.begin(), [](const dvec3 &p, const dvec3 &q) {
+           return p.x == q.x && p.y == q.y && p.z == q.z;
+         });
 }
 
 bool same(const Seen &a, const Seen &b)
 {
-  return a.step == b.step && a.contacts == b.contacts && a.iterations == b.iterations && a.exempt == b.exempt && a.time == b.time &&
-         a.hash == b.hash && same(a.position, b.position) && same(a.velocity, b.velocity);
+  return a.step == b.step && a.contacts == b.contacts && a.iterations == b.iterations && a.exempt == b.exempt &&
+         a.time == b.time && a.hash == b.hash && same(a.position, b.position) && same(a.velocity, b.velocity);
 }
 
-struct Case { const char *name; Scene scene; Options options; int middle; };   ///< middle: the step from which a run is disturbed
+struct Case {
+  const char *name;
+  Scene scene;
+  Options options;
+  int middle;
+};   ///< middle: the step from which a run is disturbed
 
 /// A strip that sticks in a sheet and leaves it upwards within a few steps.
 Scene tangle()
@@ -231,7 +249,7 @@ std::vector<Case> cases(const std::string &backend)
   Options production, paper = Options::preset("paper"), sorted, exempt, release;
   sorted.assembly = Assembly::sorted;
   sorted.precision = "single";
-  exempt.intersections = Intersections::exempt;
+  exempt.intersections = StartPolicy::exempt;
   exempt.audit = true;
   release.pinch = Pinch::release;
   add("production", everything(4), production);
@@ -244,8 +262,8 @@ std::vector<Case> cases(const std::string &backend)
   return list;
 }
 
-/// A step in which allocation 0 fails, then allocation 1, and so on until none does. After each failure the state is that of before,
-/// readable in every way. Returns how many failed.
+/// A step in which allocation 0 fails, then allocation 1, and so on until none does. After each failure the state is
+/// that of before, readable in every way. Returns how many failed.
 int step_through_failures(Simulation &s, fault::Countdown &countdown)
 {
   const Seen before = look(s);
@@ -285,12 +303,15 @@ std::vector<std::uint64_t> undisturbed(const Case &c, int steps)
 
 }  // namespace
 
-TEST_CASE("device memory that runs out at any allocation of the first step: the start stays, a later step gives the same bits", "[failures]")
+TEST_CASE("device memory that runs out at any allocation of the first step: the start stays, a later step gives the "
+          "same bits",
+          "[failures]")
 {
   for (const std::string &backend : backends_here())
     for (const Case &c : cases(backend)) {
       INFO(backend << ", " << c.name);
-      if (backend != "cpu" && c.options.accuracy == "production" && std::string(c.name) != "production") continue;   // the same allocations
+      if (backend != "cpu" && c.options.accuracy == "production" && std::string(c.name) != "production")
+        continue;   // the same allocations
       const std::vector<std::uint64_t> expected = undisturbed(c, 2);
       int failures = 0;
       for (bool failed = true; failed; failures += failed) {
@@ -393,14 +414,19 @@ TEST_CASE("out of memory: what was asked for, what was there and what to do", "[
 }
 
 #if CAMA_HAS_OPENCL
-TEST_CASE("a lost device is a BackendError with the driver's code; a new simulation opens it anew", "[failures][opencl]")
+TEST_CASE("a lost device is a BackendError with the driver's code; a new simulation opens it anew",
+          "[failures][opencl]")
 {
   if (!backend_here("opencl")) return;
   const Scene scene = everything(4);
   const Options o = with("double", 0, Assembly::gather, "opencl");
   Simulation whole(scene, o);
   whole.step();
-  struct Loss { const char *call; cl_int code; const char *name; };
+  struct Loss {
+    const char *call;
+    cl_int code;
+    const char *name;
+  };
   for (const Loss &loss : {Loss{"clEnqueueNDRangeKernel", CL_DEVICE_NOT_AVAILABLE, "CL_DEVICE_NOT_AVAILABLE (-2)"},
                            Loss{"clEnqueueNDRangeKernel", CL_OUT_OF_RESOURCES, "CL_OUT_OF_RESOURCES (-5)"},
                            Loss{"clEnqueueReadBuffer", CL_OUT_OF_RESOURCES, "CL_OUT_OF_RESOURCES (-5)"},
@@ -434,7 +460,8 @@ TEST_CASE("a lost device is a BackendError with the driver's code; a new simulat
   CHECK(contains(text, "CL_DEVICE_NOT_AVAILABLE (-2); the device may be lost: make a new simulation"));
 }
 
-TEST_CASE("no driver: the backend is listed as absent, and asking for it says what to install", "[failures][opencl]")
+TEST_CASE("no driver: the backend is listed as absent, and query_vertices for it says what to install",
+          "[failures][opencl]")
 {
   fault::no_platform = true;
   const std::string text = thrown<BackendError>([] { make_backend("opencl"); });
@@ -479,9 +506,9 @@ void check_as_gpu(std::initializer_list<std::size_t> limits)
   fault::as_gpu = true;
   for (std::size_t most : limits) {
     INFO("work-groups of at most " << most);
-    fault::most_work_items = most;
+    fault::max_work_items = most;
     opencl::Library::of(device).lose();
-    CHECK_FALSE(opencl::Library::of(device).processor);
+    CHECK_FALSE(opencl::Library::of(device).is_cpu);
     CHECK(simulate(scene, with("double", 0, Assembly::gather, "opencl"), 2).hash == expected);
     const auto backend = make_backend("opencl");
     std::vector<int> ones(40000, 1);
@@ -491,12 +518,19 @@ void check_as_gpu(std::initializer_list<std::size_t> limits)
     CHECK(to.at(20011) == 20011);
   }
   fault::as_gpu = false;
-  fault::most_work_items = 0;
+  fault::max_work_items = 0;
   opencl::Library::of(device).lose();
 }
 
 }  // namespace
 
-TEST_CASE("launched as on a graphics card with small work-groups, the bits are the same", "[failures][opencl]") { check_as_gpu({3}); }
-TEST_CASE("launched as on a graphics card, at any limit of the work-group, the bits are the same", "[failures][opencl][.][long]") { check_as_gpu({0, 1, 96}); }
+TEST_CASE("launched as on a graphics card with small work-groups, the bits are the same", "[failures][opencl]")
+{
+  check_as_gpu({3});
+}
+TEST_CASE("launched as on a graphics card, at any limit of the work-group, the bits are the same",
+          "[failures][opencl][.][long]")
+{
+  check_as_gpu({0, 1, 96});
+}
 #endif

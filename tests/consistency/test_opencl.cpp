@@ -10,11 +10,11 @@
 
 #include "../backends.hpp"
 #include "../catch.hpp"
+#include "device/launch.hpp"
 #include "everything.hpp"
-#include "launch.hpp"
 #include "lockstep.hpp"
 #if CAMA_HAS_OPENCL
-#include "../../backends/opencl/program.hpp"
+#include "backends/opencl/program.hpp"
 #endif
 
 using namespace cama;
@@ -32,8 +32,10 @@ public:
   }
   ~Environment()
   {
-    if (before_) setenv(name_, before_->c_str(), 1);
-    else unsetenv(name_);
+    if (before_)
+      setenv(name_, before_->c_str(), 1);
+    else
+      unsetenv(name_);
   }
 
 private:
@@ -44,7 +46,11 @@ private:
 /// A folder of its own, gone at the end.
 struct Folder {
   std::filesystem::path path = std::filesystem::temp_directory_path() / ("cama_opencl_" + std::to_string(getpid()));
-  Folder() { std::filesystem::remove_all(path); std::filesystem::create_directories(path); }
+  Folder()
+  {
+    std::filesystem::remove_all(path);
+    std::filesystem::create_directories(path);
+  }
   ~Folder() { std::filesystem::remove_all(path); }
 };
 
@@ -55,7 +61,8 @@ std::string read(const std::filesystem::path &path)
 }
 
 /// The kernels with one text replaced in one file; more with every call.
-void plant(const std::filesystem::path &folder, const std::string &file, const std::string &before, const std::string &after)
+void plant(const std::filesystem::path &folder, const std::string &file, const std::string &before,
+           const std::string &after)
 {
   std::filesystem::copy(std::filesystem::path(CAMA_SOURCE_DIR) / "libcama" / "kernels", folder,
                         std::filesystem::copy_options::recursive | std::filesystem::copy_options::skip_existing);
@@ -71,19 +78,30 @@ void plant(const std::filesystem::path &folder, const std::string &file, const s
 TEST_CASE("lock step finds and names an error of 1e-15 planted in a kernel's text", "[lockstep][opencl]")
 {
   if (!lockstep::strict_build() || !backend_here("opencl")) return;
-  // One in a kernel of every stage but the last, which computes nothing. Stages start from the reference's state: none hides another.
-  struct Plant { const char *file, *before, *after, *stage, *stream; };
+  // One in a kernel of every stage but the last, which computes nothing. Stages start from the reference's state: none
+  // hides another.
+  struct Plant {
+    const char *file, *before, *after, *stage, *stream;
+  };
   const std::vector<Plant> plants = {
-      {"motion.h", "out[vertex[i]] = position[i];", "out[vertex[i]] = dscale(1.0 + 1e-15, position[i]);", "prescribed motion", "position_next"},
-      {"motion.h", "target[i] : daxpy(daxpy(position[i]", "target[i] : daxpy(daxpy(dscale(1.0 + 1e-15, position[i])", "candidate search", "predicted"},
-      {"contact.h", "    contacts[i] = c;", "    c.distance *= 1.0 + 1e-15;\n    contacts[i] = c;", "contacts", "contact"},
-      {"bending.h", "f.coefficient = half_c *", "f.coefficient = (real)(1.0 + 1e-15) * half_c *", "element forces", "hinge_factor"},
-      {"term.h", "t.push = time_step * k * depth;", "t.push = (real)(1.0 + 1e-15) * time_step * k * depth;", "contact terms", "term"},
-      {"assembly.h", "mat3_diagonal(mass[-1 - source])", "mat3_diagonal((real)(1.0 + 1e-15) * mass[-1 - source])", "matrix assembly", "block"},
-      {"solver.h", "  y[i] = sum;", "  y[i] = scale((real)(1.0 + 1e-15), sum);", "linear solve", ""},
-      {"motion.h", "position_next[i] = daxpy(position[i], time_step, velocity_next[i]);",
-       "position_next[i] = dscale(1.0 + 1e-15, daxpy(position[i], time_step, velocity_next[i]));", "advance positions", "position_next"},
-      {"commit.h", "committed[i] = t == 1.0 ? target[i]", "committed[i] = t == 1.0 ? dscale(1.0 + 1e-15, target[i])", "penetration handling", "position_next"}};
+      {"elements/motion.h", "out[vertex[i]] = position[i];", "out[vertex[i]] = dscale(1.0 + 1e-15, position[i]);",
+       "prescribed motion", "position_next"},
+      {"elements/motion.h", "target[i] : daxpy(daxpy(position[i]",
+       "target[i] : daxpy(daxpy(dscale(1.0 + 1e-15, position[i])", "candidate search", "predicted"},
+      {"collision/contact.h", "    contacts[i] = c;", "    c.distance *= 1.0 + 1e-15;\n    contacts[i] = c;",
+       "contacts", "contact"},
+      {"elements/bending.h", "f.coefficient = half_c *", "f.coefficient = (real)(1.0 + 1e-15) * half_c *",
+       "element forces", "hinge_factor"},
+      {"system/term.h", "t.push = time_step * k * depth;", "t.push = (real)(1.0 + 1e-15) * time_step * k * depth;",
+       "contact terms", "term"},
+      {"system/assembly.h", "mat3_diagonal(mass[-1 - source])",
+       "mat3_diagonal((real)(1.0 + 1e-15) * mass[-1 - source])", "matrix assembly", "block"},
+      {"system/linear_system.h", "  y[i] = sum;", "  y[i] = scale((real)(1.0 + 1e-15), sum);", "linear solve", ""},
+      {"elements/motion.h", "position_next[i] = daxpy(position[i], time_step, velocity_next[i]);",
+       "position_next[i] = dscale(1.0 + 1e-15, daxpy(position[i], time_step, velocity_next[i]));", "advance positions",
+       "position_next"},
+      {"collision/commit.h", "committed[i] = t == 1.0 ? target[i]",
+       "committed[i] = t == 1.0 ? dscale(1.0 + 1e-15, target[i])", "penetration handling", "position_next"}};
   Folder folder;
   for (const Plant &p : plants) plant(folder.path, p.file, p.before, p.after);
   Environment kernels("CAMA_KERNELS", folder.path.string()), cache("CAMA_CACHE", "off");
@@ -93,28 +111,30 @@ TEST_CASE("lock step finds and names an error of 1e-15 planted in a kernel's tex
   for (const Plant &p : plants) {
     const std::string said = "step 1, stage " + std::string(p.stage) + ", stream " + p.stream;
     INFO(said);
-    const auto at = std::find_if(found.begin(), found.end(), [&](const std::string &text) { return text.rfind(said, 0) == 0; });
+    const auto at =
+        std::find_if(found.begin(), found.end(), [&](const std::string &text) { return text.rfind(said, 0) == 0; });
     REQUIRE(at != found.end());
     CHECK(contains(*at, ", index "));
     CHECK(contains(*at, ": values differ"));
     found.erase(at);
   }
-  CHECK(found.empty());   // and nothing but what was planted
+  CHECK(found.empty());  // and nothing but what was planted
 }
 
 TEST_CASE("a kernel that does not compile is named by file and line", "[opencl]")
 {
   if (!backend_here("opencl")) return;
   Folder folder;
-  plant(folder.path, "tree.h", "KERNEL tree_leaves(", "\n\nint wrong = no_such_name;\nKERNEL tree_leaves(");
-  const std::string text_before = read(folder.path / "tree.h").substr(0, read(folder.path / "tree.h").find("int wrong"));
+  plant(folder.path, "collision/tree.h", "KERNEL tree_leaves(", "\n\nint wrong = no_such_name;\nKERNEL tree_leaves(");
+  const std::string text_before =
+      read(folder.path / "collision/tree.h").substr(0, read(folder.path / "collision/tree.h").find("int wrong"));
   const auto line = 1 + std::count(text_before.begin(), text_before.end(), '\n');
   Environment kernels("CAMA_KERNELS", folder.path.string()), cache("CAMA_CACHE", "off");
   const auto backend = make_backend("opencl");
   Stream<int> s(*backend, 10);
   const std::string text = thrown<BackendError>([&] { CAMA_LAUNCH(*backend, set_int, 10, 0, 7, s); });
   INFO(text);
-  CHECK(contains(text, "tree.h:" + std::to_string(line)));
+  CHECK(contains(text, "collision/tree.h:" + std::to_string(line)));
   CHECK(contains(text, "no_such_name"));
   CHECK(contains(text, "CL_BUILD_PROGRAM_FAILURE"));
 }
@@ -125,7 +145,7 @@ TEST_CASE("programs are kept on disk, and a bad file is ignored and replaced", "
   if (!backend_here("opencl")) return;
   Folder folder;
   Environment cache("CAMA_CACHE", folder.path.string());
-  const auto build = [] {   // as a new process would
+  const auto build = [] {  // as a new process would
     opencl::Library library(opencl::choose_device(0));
     cl_int code;
     clReleaseKernel(clCreateKernel(library.program(opencl::Text::primitives), "scan_small", &code));
@@ -137,14 +157,14 @@ TEST_CASE("programs are kept on disk, and a bad file is ignored and replaced", "
     return list;
   };
   build();
-  REQUIRE(files().size() == 1);   // and no temporary file
+  REQUIRE(files().size() == 1);  // and no temporary file
   const std::filesystem::path file = files()[0];
   const std::string good = read(file);
   CHECK(good.size() > 1000);
   const auto long_ago = std::filesystem::last_write_time(file) - std::chrono::hours(1);
   std::filesystem::last_write_time(file, long_ago);
   build();
-  CHECK(std::filesystem::last_write_time(file) == long_ago);   // read, not written
+  CHECK(std::filesystem::last_write_time(file) == long_ago);  // read, not written
   std::string flipped = good;
   flipped[good.size() / 2] = static_cast<char>(flipped[good.size() / 2] ^ 1);
   for (const std::string &bad : {std::string(), std::string("rubbish"), good.substr(0, good.size() / 2), flipped}) {
@@ -158,16 +178,17 @@ TEST_CASE("programs are kept on disk, and a bad file is ignored and replaced", "
   std::filesystem::remove_all(folder.path);
   build();
   CHECK_FALSE(std::filesystem::exists(folder.path));
-  Environment nowhere("CAMA_CACHE", "/proc/no/such/folder");   // cannot be written: no error
+  Environment nowhere("CAMA_CACHE", "/proc/no/such/folder");  // cannot be written: no error
   build();
 }
 
-TEST_CASE("builds the primitives into CAMA_CACHE", "[.][cache-writer]")   // for the test below, as a process of its own
+TEST_CASE("builds the primitives into CAMA_CACHE", "[.][cache-writer]")  // for the test below, as a process of its own
 {
   std::error_code gone;
-  for (int i = 0; i < 20; ++i) {   // written again and again: a fresh library looks at the disk
+  for (int i = 0; i < 20; ++i) {  // written again and again: a fresh library looks at the disk
     if (std::getenv("CAMA_CACHE_CLEAR"))
-      for (const auto &entry : std::filesystem::directory_iterator(std::filesystem::path(std::getenv("CAMA_CACHE")) / "opencl", gone))
+      for (const auto &entry :
+           std::filesystem::directory_iterator(std::filesystem::path(std::getenv("CAMA_CACHE")) / "opencl", gone))
         if (entry.path().extension() == ".bin") std::filesystem::remove(entry.path(), gone);
     opencl::Library again(opencl::choose_device(0));
     cl_int code;
@@ -183,17 +204,18 @@ TEST_CASE("processes that write the same program at once leave one whole file", 
   Environment cache("CAMA_CACHE", folder.path.string());
   const std::string self = std::filesystem::read_symlink("/proc/self/exe").string();
   const std::string one = "\"" + self + "\" \"[cache-writer]\" > /dev/null";
-  const std::string all = "CAMA_CACHE_CLEAR=1 " + one + " & a=$!; CAMA_CACHE_CLEAR=1 " + one + " & b=$!; " + one + " & c=$!; wait $a && wait $b && wait $c";
+  const std::string all = "CAMA_CACHE_CLEAR=1 " + one + " & a=$!; CAMA_CACHE_CLEAR=1 " + one + " & b=$!; " + one +
+                          " & c=$!; wait $a && wait $b && wait $c";
   CHECK(std::system(all.c_str()) == 0);
   CHECK(std::system(one.c_str()) == 0);
   std::vector<std::filesystem::path> left;
   for (const auto &entry : std::filesystem::directory_iterator(folder.path / "opencl")) left.push_back(entry.path());
-  REQUIRE(left.size() == 1);   // no temporary file
+  REQUIRE(left.size() == 1);  // no temporary file
   CHECK(left[0].extension() == ".bin");
   const auto long_ago = std::filesystem::last_write_time(left[0]) - std::chrono::hours(1);
   std::filesystem::last_write_time(left[0], long_ago);
   CHECK(std::system(one.c_str()) == 0);
-  CHECK(std::filesystem::last_write_time(left[0]) == long_ago);   // whole: it was read, not written again
+  CHECK(std::filesystem::last_write_time(left[0]) == long_ago);  // whole: it was read, not written again
 }
 #endif
 

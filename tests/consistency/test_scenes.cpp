@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The shipped scenes on every backend: stage by stage from the start and in contact, free runs by their hash, hashes pinned in
-// hashes.txt, and what must hold of any run whatever its bits.
+// The shipped scenes on every backend: stage by stage from the start and in contact, free runs by their hash, hashes
+// pinned in hashes.txt, and what must hold of any run whatever its bits.
 #include <cinttypes>
 #include <cmath>
 #include <cstdio>
@@ -26,7 +26,8 @@ std::vector<std::string> devices_here()
   return names;
 }
 
-/// Lock step of every scene, precision and accuracy on one backend: `steps` from the start and `steps` in contact. Returns how many scenes had contacts.
+/// Lock step of every scene, precision and accuracy on one backend: `steps` from the start and `steps` in contact.
+/// Returns how many scenes had contacts.
 int check_lock_step(const std::string &backend, int triangles, int steps, int most)
 {
   int in_contact = 0;
@@ -37,7 +38,8 @@ int check_lock_step(const std::string &backend, int triangles, int steps, int mo
     for (const char *accuracy : {"production", "paper", "accurate"})
       for (const std::string &precision : shipped::precisions)
         for (bool late : {false, true}) {
-          INFO(name << ", " << accuracy << ", " << precision << (late ? ", from step " + std::to_string(moment.step) : ", from the start") << ", " << backend);
+          INFO(name << ", " << accuracy << ", " << precision
+                    << (late ? ", from step " + std::to_string(moment.step) : ", from the start") << ", " << backend);
           Engine reference(scene, shipped::options(accuracy, precision, "cpu", 1));
           Engine candidate(scene, shipped::options(accuracy, precision, backend, 7));
           if (late) {
@@ -62,13 +64,18 @@ std::uint64_t maths_library()
 {
   std::uint64_t hash = 14695981039346656037ull;
   for (int i = 1; i <= 4000; ++i) {
-    const double x = 0.001 * i, values[] = {std::sin(x), std::cos(x), std::tan(x), std::atan2(x, 1.3), std::acos(x / 4.1), std::hypot(x, 0.7), std::pow(x, -4.0)};
+    const double x = 0.001 * i,
+                 values[] = {std::sin(x),        std::cos(x),        std::tan(x),      std::atan2(x, 1.3),
+                             std::acos(x / 4.1), std::hypot(x, 0.7), std::pow(x, -4.0)};
     hash = fnv(values, sizeof values, hash);
   }
   return hash;
 }
 
-struct Result { int triangles; std::uint64_t start, hash; };   ///< start: of the scene before the first step, obstacles and masses included
+struct Result {
+  int triangles;
+  std::uint64_t start, hash;
+};   ///< start: of the scene before the first step, obstacles and masses included
 
 Result run(const std::string &name, int triangles, int steps, const Options &options)
 {
@@ -80,7 +87,8 @@ Result run(const std::string &name, int triangles, int steps, const Options &opt
   return {simulation.cloth_triangle_count(), start, simulation.state_hash()};
 }
 
-constexpr int pinned_steps = 50, pinned_triangles = 1000;   // more than 512 vertices: smaller loops are not shared among threads
+constexpr int pinned_steps = 50,
+              pinned_triangles = 1000;   // more than 512 vertices: smaller loops are not shared among threads
 
 /// On one thread; computed once.
 const Result &serial(const std::string &name, const std::string &precision)
@@ -88,7 +96,8 @@ const Result &serial(const std::string &name, const std::string &precision)
   static std::map<std::pair<std::string, std::string>, Result> known;
   const auto found = known.find({name, precision});
   if (found != known.end()) return found->second;
-  return known[{name, precision}] = run(name, pinned_triangles, pinned_steps, shipped::options("production", precision, "cpu", 1));
+  return known[{name, precision}] =
+             run(name, pinned_triangles, pinned_steps, shipped::options("production", precision, "cpu", 1));
 }
 
 const char *pins_file = CAMA_SOURCE_DIR "/tests/consistency/hashes.txt";
@@ -109,7 +118,8 @@ std::map<std::string, std::string> read_pins()
   for (std::string line; std::getline(file, line);) {
     std::istringstream words(line);
     std::string scene, precision, steps, triangles, start, hash;
-    if (line.rfind("# libm ", 0) == 0) pins["libm"] = line.substr(7);
+    if (line.rfind("# libm ", 0) == 0)
+      pins["libm"] = line.substr(7);
     else if (line.rfind("#", 0) != 0 && words >> scene >> precision >> steps >> triangles >> start >> hash)
       pins[scene + " " + precision + " " + steps + " " + triangles] = start + " " + hash;
   }
@@ -119,8 +129,10 @@ std::map<std::string, std::string> read_pins()
 void write_pins(const std::map<std::string, std::string> &pins)
 {
   std::ofstream file(pins_file);
-  file << "# State hashes of the shipped scenes, cpu, accuracy production. They change when an algorithm changes on purpose; rewrite them then:\n"
-       << "#   " << pins_command << "\n# libm " << hex(maths_library()) << "\n# scene precision steps triangles, hash of the start, hash of the end\n";
+  file << "# State hashes of the shipped scenes, cpu, accuracy production. They change when an algorithm changes on "
+          "purpose; rewrite them then:\n"
+       << "#   " << pins_command << "\n# libm " << hex(maths_library())
+       << "\n# scene precision steps triangles, hash of the start, hash of the end\n";
   for (const auto &[key, value] : pins) file << key << " " << value << "\n";
 }
 
@@ -150,7 +162,8 @@ TEST_CASE("the state hashes of the shipped scenes are those that are pinned", "[
   for (const std::string &name : shipped::scenes())
     for (const std::string &precision : shipped::precisions) {
       const Result &r = serial(name, precision);
-      now[name + " " + precision + " " + std::to_string(pinned_steps) + " " + std::to_string(r.triangles)] = hex(r.start) + " " + hex(r.hash);
+      now[name + " " + precision + " " + std::to_string(pinned_steps) + " " + std::to_string(r.triangles)] =
+          hex(r.start) + " " + hex(r.hash);
     }
   if (const char *pin = std::getenv("CAMA_PIN"); pin && std::string(pin) == "1") {
     write_pins(now);
@@ -172,7 +185,8 @@ TEST_CASE("the state hashes of the shipped scenes are those that are pinned", "[
     CHECK(pinned[key] == value);
   }
   if (!same_library)
-    WARN("SKIPPED: hashes were pinned with another maths library, whose sines place meshes and obstacles; " << other_bits << " of " << now.size() << " differ");
+    WARN("SKIPPED: hashes were pinned with another maths library, whose sines place meshes and obstacles; "
+         << other_bits << " of " << now.size() << " differ");
   INFO("pins of scenes that are not there; " << pins_command);
   CHECK(pinned.size() == now.size());
 }
@@ -184,7 +198,9 @@ TEST_CASE("the state hashes of the shipped scenes are the same for 1, 2 and 7 th
       for (int threads : {2, 7}) {
         if ((threads == 7) != (precision == "mixed")) continue;   // each precision with one of them
         INFO(name << ", " << precision << ", " << threads << " threads");
-        CHECK(run(name, pinned_triangles, pinned_steps, shipped::options("production", precision, "cpu", threads)).hash == serial(name, precision).hash);
+        CHECK(
+            run(name, pinned_triangles, pinned_steps, shipped::options("production", precision, "cpu", threads)).hash ==
+            serial(name, precision).hash);
       }
 }
 
@@ -195,11 +211,13 @@ TEST_CASE("the state hashes of the shipped scenes are the same on every backend"
     for (const std::string &name : shipped::scenes())
       for (const std::string &precision : shipped::precisions) {
         INFO(name << ", " << precision << ", " << backend);
-        CHECK(run(name, pinned_triangles, pinned_steps, shipped::options("production", precision, backend)).hash == serial(name, precision).hash);
+        CHECK(run(name, pinned_triangles, pinned_steps, shipped::options("production", precision, backend)).hash ==
+              serial(name, precision).hash);
       }
 }
 
-TEST_CASE("every accuracy level gives the same hash on every backend and for 1 and 3 threads", "[determinism][scenes][levels]")
+TEST_CASE("every accuracy level gives the same hash on every backend and for 1 and 3 threads",
+          "[determinism][scenes][levels]")
 {
   Scene everything = meshes::pile(5);
   everything.cloths[0].material.damping = 0.002;
@@ -232,7 +250,8 @@ TEST_CASE("every accuracy level gives the same hash on every backend and for 1 a
     }
 }
 
-TEST_CASE("state hashes after 200 steps at 5000 triangles, and in the paper's mode, are the same on every backend", "[determinism][scenes][.][long]")
+TEST_CASE("state hashes after 200 steps at 5000 triangles, and in the paper's mode, are the same on every backend",
+          "[determinism][scenes][.][long]")
 {
   if (!lockstep::strict_build()) return;
   for (const std::string &backend : devices_here())
@@ -247,7 +266,8 @@ TEST_CASE("state hashes after 200 steps at 5000 triangles, and in the paper's mo
 
 namespace {
 
-/// Of a sheet that stretches, bends and turns freely: what 60 steps change of its momentum, relative to the sum of all vertices' momenta.
+/// Of a sheet that stretches, bends and turns freely: what 60 steps change of its momentum, relative to the sum of all
+/// vertices' momenta.
 double momentum_drift(const Scene &scene, const Options &options)
 {
   Simulation simulation(scene, options);
@@ -273,8 +293,8 @@ double momentum_drift(const Scene &scene, const Options &options)
 
 TEST_CASE("a free sheet keeps its momentum on every backend", "[scenes][invariants]")
 {
-  // Inner forces cancel in the sum; what is left is the residual of the solve and rounding. Rounded forces of single precision lose momentum
-  // with any solver: no more than with the direct one, which solves in double.
+  // Inner forces cancel in the sum; what is left is the residual of the solve and rounding. Rounded forces of single
+  // precision lose momentum with any solver: no more than with the direct one, which solves in double.
   double direct = 0;
   for (const std::string &backend : backends_here())
     for (const std::string &precision : shipped::precisions) {
@@ -295,10 +315,12 @@ TEST_CASE("a free sheet keeps its momentum on every backend", "[scenes][invarian
     }
 }
 
-TEST_CASE("free runs: finite, without intersections, energy bounded by that of the start on every backend", "[scenes][invariants]")
+TEST_CASE("free runs: finite, without intersections, energy bounded by that of the start on every backend",
+          "[scenes][invariants]")
 {
   for (const std::string &backend : backends_here())
-    for (const char *name : {"drape", "funnel", "shapes"})   // nothing in them does work on the cloth in the first half second
+    for (const char *name :
+         {"drape", "funnel", "shapes"})   // nothing in them does work on the cloth in the first half second
       for (const std::string &precision : shipped::precisions) {
         if (precision != "mixed" && std::string(name) != "drape") continue;
         INFO(name << ", " << precision << ", " << backend);
@@ -314,7 +336,8 @@ TEST_CASE("free runs: finite, without intersections, energy bounded by that of t
         for (int i = 0; i < 80; ++i) {
           simulation.step();
           contacts = std::max(contacts, simulation.report().contacts);
-          // Implicit Euler loses energy; the penalty, not in the sum, gives back at most what it took: the sheets raised by a thickness.
+          // Implicit Euler loses energy; the penalty, not in the sum, gives back at most what it took: the sheets
+          // raised by a thickness.
           CHECK(total() < start + weight * 2e-3);
         }
         CHECK(contacts > 20);

@@ -5,7 +5,6 @@
 #define JOIN(a, b) a##b
 #define ADD_OF(type) JOIN(ADD_OF_, type)
 #define ATOMIC_ADD_REAL ADD_OF(real)
-#include "../../libcama/kernels/lang.h"
-#include "../../libcama/kernels/dvec3.h"
+#include "../../libcama/kernels/dialect/lang.h"
 #include "../../libcama/kernels/double.h"
 #include "../../libcama/kernels/real.h"

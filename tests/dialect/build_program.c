@@ -15,7 +15,10 @@ int main(int count, char **arguments)
   cl_int status;
   const char *source = text;
   FILE *file = count == 2 ? fopen(arguments[1], "r") : NULL;
-  if (!file || fread(text, 1, sizeof text - 1, file) == 0) { printf("cannot read the source\n"); return 2; }
+  if (!file || fread(text, 1, sizeof text - 1, file) == 0) {
+    printf("cannot read the source\n");
+    return 2;
+  }
   fclose(file);
   if (clGetPlatformIDs(1, &platform, NULL) || clGetDeviceIDs(platform, CL_DEVICE_TYPE_ALL, 1, &device, NULL)) {
     printf("SKIP: no OpenCL device\n");

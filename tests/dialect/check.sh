@@ -1,7 +1,7 @@
 #!/bin/sh
 # SPDX-License-Identifier: Apache-2.0
-# check.sh c99 | cxx17 | opencl | cuda | table: the kernel headers in one language, or kernels.def against the headers.
-# Exit 77: skipped, and said so.
+# check.sh c99 | cxx17 | opencl | cuda: all kernel headers in one language. check.sh alone: each header by itself.
+# check.sh table: kernels.def against the headers. Exit code 77: skipped, with the reason.
 set -eu
 cd "$(dirname "$0")"
 kernels=${CAMA_KERNELS:-../../libcama/kernels}
@@ -16,7 +16,8 @@ both() { for real in double float; do echo "$* -Dreal=$real"; "$@" -Dreal=$real;
 table() {
   for list in double:DOUBLE real:REAL; do
     headers=$(sed -n 's/^#include "\(.*\)"/\1/p' "$1/${list%:*}.h")
-    (cd "$1" && cat $headers) | sed -nE 's/^KERNEL(_OF\([^)]*\))?  *([a-z_0-9]*).*/\2/p' | sort > "$work/headers"
+    (cd "$1" && cat $headers) | sed -E '/^KERNEL_OF\([^)]*\)$/{N;s/\n/ /;}' |
+      sed -nE 's/^KERNEL(_OF\([^)]*\))?  *([a-z_0-9]*).*/\2/p' | sort > "$work/headers"
     sed -n "s/^CAMA_${list#*:}_KERNEL(\([a-z_0-9]*\)).*/\1/p" "$1/kernels.def" | sort > "$work/listed"
     diff "$work/headers" "$work/listed" > "$work/diff" || { echo "$1: headers (<) and kernels.def (>) differ:"; cat "$work/diff"; return 1; }
     echo "$1: $(wc -l < "$work/listed") kernels of ${list%:*}.h"
@@ -39,6 +40,18 @@ opencl)
   else
     skip "neither clang nor an OpenCL library to compile OpenCL C with"
   fi ;;
+alone)
+  # stands_alone HEADER: it includes what it uses, in C and in C++.
+  stands_alone() {
+    "${CC:-gcc}" -std=c99 -x c -Wall -Werror -Wno-unused-function -fsyntax-only "$1" &&
+      "${CXX:-g++}" -std=c++17 -x c++ -Wall -Werror -Wno-unused-function -fsyntax-only "$1"
+  }
+  for header in "$kernels"/*/*.h; do stands_alone "$header"; done
+  # The check itself is seen to fail: a header without its includes.
+  mkdir "$work/collision"
+  grep -v '^#include' "$kernels/collision/commit.h" > "$work/collision/commit.h"
+  if stands_alone "$work/collision/commit.h" 2> "$work/said"; then echo "a header without its includes was not noticed"; exit 1; fi
+  echo "$(ls "$kernels"/*/*.h | wc -l) headers stand alone; one without its includes was noticed" ;;
 cuda)
   nvcc=$(command -v nvcc || ls /usr/local/cuda/bin/nvcc 2> /dev/null || true)
   [ -n "$nvcc" ] || skip "no nvcc"
@@ -55,5 +68,5 @@ table)
     grep -qE 'bcsr_multiply|no_such_kernel|add_wind' "$work/said"
   done
   echo "a missing, an extra and a misplaced kernel were each noticed" ;;
-*) echo "usage: $0 c99|cxx17|opencl|cuda|table"; exit 2 ;;
+*) echo "usage: $0 c99|cxx17|opencl|cuda|alone|table"; exit 2 ;;
 esac

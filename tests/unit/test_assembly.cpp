@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Algorithm 1 (gathered and atomic filling), collect-sort-reduce, and the elastic pattern with terms as an operator, all against a
-// dense matrix that this file writes down from the elements with Eigen.
+// Algorithm 1 (gathered and atomic filling), collect-sort-reduce, and the elastic pattern with terms as an operator,
+// all against a dense matrix that this file writes down from the elements with Eigen.
 #include "../catch.hpp"
 
 #include <algorithm>
@@ -10,10 +10,10 @@
 #include <Eigen/Dense>
 
 #include "../meshes.hpp"
-#include "launch.hpp"
+#include "device/launch.hpp"
+#include "model/topology.hpp"
 #include "stages/linear_solve.hpp"
 #include "stages/matrix_assembly.hpp"
-#include "topology.hpp"
 
 using namespace cama;
 using Eigen::Matrix3d;
@@ -133,7 +133,7 @@ private:
   {
     typename T::hinge_factor f;
     Real last[3] = {0, 0, 0};
-    for (int k = 0; k < 3; ++k) {   // gradients of what moving alike leaves as it is add up to nothing
+    for (int k = 0; k < 3; ++k) {   // gradients of what moving uniform leaves as it is add up to nothing
       f.gradient[k] = vector();
       last[0] -= f.gradient[k].x;
       last[1] -= f.gradient[k].y;
@@ -148,7 +148,10 @@ private:
   std::normal_distribution<double> normal_;
 };
 
-template <class V> Vector3d eigen(const V &v) { return {static_cast<double>(v.x), static_cast<double>(v.y), static_cast<double>(v.z)}; }
+template <class V> Vector3d eigen(const V &v)
+{
+  return {static_cast<double>(v.x), static_cast<double>(v.y), static_cast<double>(v.z)};
+}
 
 /// Adds an element's matrix: rows of the cloth, columns of all vertices (moving obstacles act on the cloth).
 void scatter(MatrixXd &matrix, const int *node, int nodes, int rows, const MatrixXd &local)
@@ -170,10 +173,11 @@ template <class F> MatrixXd triangle_matrix(const F &f)
     e22.segment<3>(3 * a) = weft[a] * eigen(f.w);
     e12.segment<3>(3 * a) = 0.5 * (weft[a] * eigen(f.u) + warp[a] * eigen(f.w));
   }
-  MatrixXd m = f.k[0] * e11 * e11.transpose() + f.k[1] * (e11 * e22.transpose() + e22 * e11.transpose()) + f.k[2] * e22 * e22.transpose() +
-               2 * f.k[3] * e12 * e12.transpose();
+  MatrixXd m = f.k[0] * e11 * e11.transpose() + f.k[1] * (e11 * e22.transpose() + e22 * e11.transpose()) +
+               f.k[2] * e22 * e22.transpose() + 2 * f.k[3] * e12 * e12.transpose();
   for (int a = 0; a < 3; ++a)
-    for (int b = 0; b < 3; ++b) m.block<3, 3>(3 * a, 3 * b) += (f.e0 * warp[a] * warp[b] + f.e1 * weft[a] * weft[b]) * Matrix3d::Identity();
+    for (int b = 0; b < 3; ++b)
+      m.block<3, 3>(3 * a, 3 * b) += (f.e0 * warp[a] * warp[b] + f.e1 * weft[a] * weft[b]) * Matrix3d::Identity();
   return m;
 }
 
@@ -184,7 +188,8 @@ template <class F> MatrixXd hinge_matrix(const F &f)
   return f.coefficient * g * g.transpose();
 }
 
-/// Rank one: (W' x)' M (W' x) with W of the weights. Star: a spring w_a w_b M from every node a of one side to every b of the other.
+/// Rank one: (W' x)' M (W' x) with W of the weights. Star: a spring w_a w_b M from every node a of one side to every b
+/// of the other.
 template <class F> MatrixXd term_matrix(const F &t, ContactForm form)
 {
   const Matrix3d m = t.along * eigen(t.normal) * eigen(t.normal).transpose() + t.around * Matrix3d::Identity();
@@ -205,9 +210,12 @@ template <class F> MatrixXd term_matrix(const F &t, ContactForm form)
 template <class Real> MatrixXd dense(const Elements<Real> &e, ContactForm form, bool with_terms = true)
 {
   MatrixXd m = MatrixXd::Zero(3 * e.rows, 3 * (e.rows + e.outside));
-  for (int i = 0; i < e.rows; ++i) m.block<3, 3>(3 * i, 3 * i) = e.mass[static_cast<std::size_t>(i)] * Matrix3d::Identity();
-  for (std::size_t i = 0; i < e.triangle.size(); ++i) scatter(m, e.triangle_nodes[i].node, 3, e.rows, triangle_matrix(e.triangle[i]));
-  for (std::size_t i = 0; i < e.hinge.size(); ++i) scatter(m, e.hinge_nodes[i].node, 4, e.rows, hinge_matrix(e.hinge[i]));
+  for (int i = 0; i < e.rows; ++i)
+    m.block<3, 3>(3 * i, 3 * i) = e.mass[static_cast<std::size_t>(i)] * Matrix3d::Identity();
+  for (std::size_t i = 0; i < e.triangle.size(); ++i)
+    scatter(m, e.triangle_nodes[i].node, 3, e.rows, triangle_matrix(e.triangle[i]));
+  for (std::size_t i = 0; i < e.hinge.size(); ++i)
+    scatter(m, e.hinge_nodes[i].node, 4, e.rows, hinge_matrix(e.hinge[i]));
   if (with_terms)
     for (const auto &t : e.term) scatter(m, t.node, 4, e.rows, term_matrix(t, form));
   return m;
@@ -219,8 +227,10 @@ template <class Real> std::unique_ptr<State> fill(Backend &b, const Elements<Rea
   auto state = std::make_unique<State>(b);
   State &s = *state;
   System<Real> *y;
-  if constexpr (sizeof(Real) == 8) y = (s.system64 = std::make_unique<System<double>>()).get();
-  else y = (s.system32 = std::make_unique<System<float>>()).get();
+  if constexpr (sizeof(Real) == 8)
+    y = (s.system64 = std::make_unique<System<double>>()).get();
+  else
+    y = (s.system32 = std::make_unique<System<float>>()).get();
   const auto size = [](const auto &v) { return static_cast<int>(v.size()); };
   s.cloth_vertices = e.rows;
   s.vertices = e.rows + e.outside;
@@ -253,7 +263,8 @@ template <class Real> std::unique_ptr<State> fill(Backend &b, const Elements<Rea
   return state;
 }
 
-/// The assembled matrix, dense; checks the structure: sorted columns without duplicates, in range, a diagonal in each row.
+/// The assembled matrix, dense; checks the structure: sorted columns without duplicates, in range, a diagonal in each
+/// row.
 template <class Real> MatrixXd download(State &state)
 {
   BlockMatrix<Real> &m = state.system<Real>().matrix;
@@ -282,9 +293,16 @@ template <class Real> MatrixXd download(State &state)
   return dense;
 }
 
-double difference(const MatrixXd &a, const MatrixXd &b) { return (a - b).cwiseAbs().maxCoeff() / std::max(1e-300, b.cwiseAbs().maxCoeff()); }
+double difference(const MatrixXd &a, const MatrixXd &b)
+{
+  return (a - b).cwiseAbs().maxCoeff() / std::max(1e-300, b.cwiseAbs().maxCoeff());
+}
 
-struct Way { const char *name; Assembly assembly; bool atomic; };
+struct Way {
+  const char *name;
+  Assembly assembly;
+  bool atomic;
+};
 const Way ways[] = {{"algorithm 1, gathered", Assembly::algorithm1, false},
                     {"algorithm 1, atomic", Assembly::algorithm1, true},
                     {"collect, sort, reduce", Assembly::sorted, false}};
@@ -320,7 +338,8 @@ template <class Real> void check(const Elements<Real> &e, double tolerance, int 
     REQUIRE(difference(download<Real>(*state), dense(e, ContactForm::rank_one, false)) < tolerance);
     std::vector<typename Types<Real>::vec3> x(static_cast<std::size_t>(state->vertices));
     VectorXd dense_x(3 * state->vertices), product(3 * e.rows);
-    for (int i = 0; i < state->vertices; ++i) dense_x.segment<3>(3 * i) = eigen(x[static_cast<std::size_t>(i)] = maker.vector());
+    for (int i = 0; i < state->vertices; ++i)
+      dense_x.segment<3>(3 * i) = eigen(x[static_cast<std::size_t>(i)] = maker.vector());
     Stream<typename Types<Real>::vec3> in(*backend, x), out(*backend, e.rows);
     solve.multiply(*state, in, out);
     const auto y = out.download();
@@ -425,7 +444,8 @@ TEST_CASE("Algorithm 1 has the bits of the static pattern where there are no ter
     AssembleMatrix<double> stage(*backend);
     stage.run(*state);
     for (const auto &block : state->system<double>().matrix.block.download())
-      for (const auto &row : block.row) bits[assembly == Assembly::gather].insert(bits[assembly == Assembly::gather].end(), {row.x, row.y, row.z});
+      for (const auto &row : block.row)
+        bits[assembly == Assembly::gather].insert(bits[assembly == Assembly::gather].end(), {row.x, row.y, row.z});
   }
   REQUIRE(bits[0].size() > 0);
   REQUIRE(bits[0] == bits[1]);

@@ -14,7 +14,7 @@
 #include "../engine.hpp"
 #include "../meshes.hpp"
 #include "cama/error.hpp"
-#include "launch.hpp"
+#include "device/launch.hpp"
 
 using namespace cama;
 
@@ -98,10 +98,12 @@ TEST_CASE("scan refuses a list of 2^31 entries", "[backend]")
 {
   for (const auto &backend : every_backend()) {
     INFO(backend->name());
-    Stream<int> fits(*backend, std::vector<int>{0x7fffffff, 0}), beyond(*backend, std::vector<int>{0x7fffffff, 1}), to(*backend, 3);
+    Stream<int> fits(*backend, std::vector<int>{0x7fffffff, 0}), beyond(*backend, std::vector<int>{0x7fffffff, 1}),
+        to(*backend, 3);
     backend->scan(fits.buffer(), to.buffer(), 2);
     CHECK(to.at(2) == 0x7fffffff);
-    CHECK_THROWS_AS((backend->scan(beyond.buffer(), to.buffer(), 2), to.at(2)), MemoryError);   // when the total is read at the latest
+    CHECK_THROWS_AS((backend->scan(beyond.buffer(), to.buffer(), 2), to.at(2)),
+                    MemoryError);   // when the total is read at the latest
     CHECK_THROWS_AS((backend->scan(beyond.buffer(), to.buffer(), 2), backend->synchronize()), MemoryError);
     backend->scan(fits.buffer(), to.buffer(), 2);   // and goes on
     CHECK(to.at(2) == 0x7fffffff);
@@ -116,7 +118,8 @@ TEST_CASE("a stream refuses 2^31 elements, also where a sum of sizes has overflo
   const auto backend = make_backend("cpu", 0, 1);
   Stream<char> stream(*backend, std::vector<char>{1, 2, 3});
   const volatile int most = 0x7fffffff;
-  for (const long long size : {0x7fffffffll, 0x80000000ll, 0x100000003ll, static_cast<long long>(static_cast<int>(static_cast<unsigned>(most) + 3u)), -1ll}) {
+  for (const long long size : {0x7fffffffll, 0x80000000ll, 0x100000003ll,
+                               static_cast<long long>(static_cast<int>(static_cast<unsigned>(most) + 3u)), -1ll}) {
     INFO(size);
     CHECK_THROWS_AS(stream.grow(size), MemoryError);
     CHECK_THROWS_AS(stream.resize(size), MemoryError);
@@ -137,7 +140,9 @@ TEST_CASE("sort is std::stable_sort of keys with their values", "[backend]")
           Stream<key64> key(*backend, keys);
           Stream<int> value(*backend, order);
           backend->sort(key.buffer(), value.buffer(), n, bits);
-          std::stable_sort(order.begin(), order.end(), [&](int a, int b) { return keys[static_cast<std::size_t>(a)] < keys[static_cast<std::size_t>(b)]; });
+          std::stable_sort(order.begin(), order.end(), [&](int a, int b) {
+            return keys[static_cast<std::size_t>(a)] < keys[static_cast<std::size_t>(b)];
+          });
           REQUIRE(value.download() == order);   // stable: equal keys keep their order
           std::vector<key64> sorted = keys;
           std::sort(sorted.begin(), sorted.end());
@@ -222,7 +227,10 @@ TEST_CASE("new streams hold NaN in debug builds of the library", "[backend]")
 {
   const auto backend = make_backend("cpu", 0, 1);
   // Memory that was just zeroed and released comes back from the allocator; poisoned it is NaN again.
-  { Stream<double> zero(*backend, 32); zero.fill_zero(); }
+  {
+    Stream<double> zero(*backend, 32);
+    zero.fill_zero();
+  }
   Stream<double> d(*backend, 32);
   const std::vector<double> values = d.download();
   const bool poisoned = std::all_of(values.begin(), values.end(), [](double x) { return std::isnan(x); });
@@ -243,18 +251,20 @@ TEST_CASE("backends that are not there are named", "[backend]")
 TEST_CASE("a scene gets the threads of the CPU backend that it keeps busy, no more than there are", "[backend]")
 {
   for (int triangles : {0, 1, 999, 1000, 1999}) CHECK(useful_threads(triangles) == 1);
-  CHECK(useful_threads(3500) == std::min(3, processors()));
-  CHECK(useful_threads(std::numeric_limits<int>::max()) == processors());
+  CHECK(useful_threads(3500) == std::min(3, cpu_count()));
+  CHECK(useful_threads(std::numeric_limits<int>::max()) == cpu_count());
   const auto device = [](int cells, int threads) {
     Options o = serial();
     o.backend = "cpu";
     o.threads = threads;
     return Simulation(meshes::hanging(cells), o).backend().device();
   };
-  const auto ends_with = [](const std::string &text, const std::string &end) { return text.size() > end.size() && text.substr(text.size() - end.size()) == end; };
+  const auto ends_with = [](const std::string &text, const std::string &end) {
+    return text.size() > end.size() && text.substr(text.size() - end.size()) == end;
+  };
   CHECK(ends_with(device(8, 0), ", 1 thread"));
   CHECK(ends_with(device(8, 3), ", 3 threads"));
-  CHECK(ends_with(device(60, 0), processors() > 1 ? " threads" : ", 1 thread"));   // 7,200 triangles
+  CHECK(ends_with(device(60, 0), cpu_count() > 1 ? " threads" : ", 1 thread"));   // 7,200 triangles
 }
 
 TEST_CASE("downloads start where they are told, copies and fills end there", "[backend]")
@@ -337,13 +347,16 @@ TEST_CASE("float_below and float_above bracket every double closely", "[backend]
     const float lo = kernels::float_below(x), hi = kernels::float_above(x);
     wrong += !(static_cast<double>(lo) <= x && x <= static_cast<double>(hi));
     wrong += std::fpclassify(lo) == FP_SUBNORMAL || std::fpclassify(hi) == FP_SUBNORMAL;
-    if (std::abs(x) > 1e-29) widest = std::max({widest, ulps<float>(lo, static_cast<float>(x)), ulps<float>(hi, static_cast<float>(x))});
+    if (std::abs(x) > 1e-29)
+      widest = std::max({widest, ulps<float>(lo, static_cast<float>(x)), ulps<float>(hi, static_cast<float>(x))});
   };
   for (int e = -140; e <= 120; ++e)
     for (int i = 0; i < 1000; ++i) look(std::ldexp(mantissa(random), e));
   for (int i = 0; i < 100000; ++i) {   // at and beside floats
     const float f = static_cast<float>(std::ldexp(mantissa(random), static_cast<int>(random() % 60) - 30));
-    for (double x : {static_cast<double>(f), std::nextafter(static_cast<double>(f), 1e9), std::nextafter(static_cast<double>(f), -1e9)}) look(x);
+    for (double x : {static_cast<double>(f), std::nextafter(static_cast<double>(f), 1e9),
+                     std::nextafter(static_cast<double>(f), -1e9)})
+      look(x);
   }
   for (double x : {0.0, -0.0, 1e-45, -1e-45, 1e-38, 1e-30, 5e-324, 1.0, -1.0}) look(x);
   CHECK(wrong == 0);

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Bending over hinges: the angle against std::atan2, forces against finite differences, the matrix factor, and the energy of bent sheets.
+// Bending over hinges: the angle against std::atan2, forces against finite differences, the matrix factor, and the
+// energy of bent sheets.
 #include "../catch.hpp"
 
 #include <algorithm>
@@ -11,8 +12,8 @@
 
 #include "cama/generators.hpp"
 #include "cama/scene.hpp"
-#include "kernels.hpp"
-#include "topology.hpp"
+#include "device/kernels.hpp"
+#include "model/topology.hpp"
 
 using namespace cama;
 
@@ -41,7 +42,8 @@ Corners folded(Random &random, double angle)
 {
   const double l = random(0.01, 0.03), h0 = random(0.3, 1.5) * l, h1 = random(0.3, 1.5) * l;
   const double a = random(-0.3, 1.3) * l, b = random(-0.3, 1.3) * l;
-  Corners x{Vector(0, 0, 0), Vector(l, 0, 0), Vector(a, h0, 0), Vector(b, -h1 * std::cos(angle), -h1 * std::sin(angle))};
+  Corners x{Vector(0, 0, 0), Vector(l, 0, 0), Vector(a, h0, 0),
+            Vector(b, -h1 * std::cos(angle), -h1 * std::sin(angle))};
   const Eigen::Matrix3d turn = random.rotation();
   const Vector shift(random(-1, 1), random(-1, 1), random(-1, 1));
   for (Vector &p : x) p = turn * p + shift;
@@ -72,7 +74,11 @@ template <class F> std::array<Vector, 4> gradient(F f, const Corners &x, double 
   std::array<Vector, 4> g;
   for (int a = 0; a < 4; ++a)
     for (int c = 0; c < 3; ++c) {
-      const auto at = [&](double t) { Corners y = x; y[a][c] += t; return f(y); };
+      const auto at = [&](double t) {
+        Corners y = x;
+        y[a][c] += t;
+        return f(y);
+      };
       g[a][c] = (8 * (at(h) - at(-h)) - (at(2 * h) - at(-2 * h))) / (12 * h);
     }
   return g;
@@ -129,7 +135,9 @@ TEST_CASE("atan2 in plain arithmetic equals the library's to rounding", "[bendin
     const double angle = i < 1000 ? -pi + 2 * pi * i / 999.0 : random(-pi, pi), r = std::pow(10, random(-12, 12));
     const double y = r * std::sin(angle), x = r * std::cos(angle), expected = std::atan2(y, x);
     worst = std::max(worst, std::abs(wrapped(kernels::f64::atan2_plain(y, x) - expected)));
-    worst_single = std::max(worst_single, std::abs(wrapped(kernels::f32::atan2_plain(float(y), float(x)) - std::atan2(float(y), float(x)))));
+    worst_single =
+        std::max(worst_single,
+                 std::abs(wrapped(kernels::f32::atan2_plain(float(y), float(x)) - std::atan2(float(y), float(x)))));
   }
   CAPTURE(worst, worst_single);
   CHECK(worst < 9e-16);   // two units in the last place of pi
@@ -166,7 +174,8 @@ TEMPLATE_TEST_CASE("the hinge gradient is the derivative of the angle", "[bendin
     const double fold = i % 3 == 0 ? random(0.99 * pi, pi) * (i % 2 ? 1 : -1) : random(-pi, pi);
     const Corners x = folded(random, fold);
     const double here = reference_angle(x);
-    const auto expected = gradient([&](const Corners &y) { return wrapped(reference_angle(y) - here); }, x, 1e-5 * 0.02 * 10);
+    const auto expected =
+        gradient([&](const Corners &y) { return wrapped(reference_angle(y) - here); }, x, 1e-5 * 0.02 * 10);
     const auto h = measure<TestType>(x);
     double off = 0, scale = 0;
     for (int a = 0; a < 4; ++a) {
@@ -179,7 +188,8 @@ TEMPLATE_TEST_CASE("the hinge gradient is the derivative of the angle", "[bendin
   CHECK(worst < bound);
 }
 
-TEMPLATE_TEST_CASE("hinge forces are the negative gradient of the energy, without net force or torque", "[bending]", double, float)
+TEMPLATE_TEST_CASE("hinge forces are the negative gradient of the energy, without net force or torque", "[bending]",
+                   double, float)
 {
   const double bound = sizeof(TestType) == 8 ? 1e-7 : 2e-3, exact = sizeof(TestType) == 8 ? 1e-12 : 1e-5;
   Random random(4);
@@ -187,7 +197,8 @@ TEMPLATE_TEST_CASE("hinge forces are the negative gradient of the energy, withou
   for (int i = 0; i < 2000; ++i) {
     Hinge<TestType> hinge(random, i % 2 == 0);
     double fold = random(-pi, pi);
-    while (std::abs(wrapped(fold - hinge.rest.rest_angle)) > pi - 1e-3) fold = random(-pi, pi);   // the energy has a ridge at half a turn
+    while (std::abs(wrapped(fold - hinge.rest.rest_angle)) > pi - 1e-3)
+      fold = random(-pi, pi);   // the energy has a ridge at half a turn
     const Corners x = folded(random, fold);
     hinge.evaluate(x, i % 4 == 3);
     const auto expected = gradient([&](const Corners &y) { return -hinge.reference_energy(y); }, x, 2e-6);
@@ -199,8 +210,12 @@ TEMPLATE_TEST_CASE("hinge forces are the negative gradient of the energy, withou
       sum += hinge.force[a];
       torque += (x[a] - x[0]).cross(hinge.force[a]);
     }
-    if (hinge.coefficient <= 0) { CHECK(off <= 0); continue; }
-    const double stiffest = hinge.coefficient / 0.005;   // scale that does not vanish when the hinge is near its rest angle
+    if (hinge.coefficient <= 0) {
+      CHECK(off <= 0);
+      continue;
+    }
+    const double stiffest =
+        hinge.coefficient / 0.005;   // scale that does not vanish when the hinge is near its rest angle
     worst = std::max(worst, off / std::max(scale, 1e-3 * stiffest));
     worst_sum = std::max(worst_sum, sum.norm() / stiffest);
     worst_torque = std::max(worst_torque, torque.norm() / hinge.coefficient);
@@ -228,13 +243,20 @@ TEST_CASE("the hinge matrix is symmetric, positive semidefinite and the Gauss-Ne
       }
     const double scale = m.cwiseAbs().maxCoeff();
     REQUIRE((m - m.transpose()).cwiseAbs().maxCoeff() <= 1e-14 * scale);
-    const Eigen::VectorXd eigenvalues = Eigen::SelfAdjointEigenSolver<Eigen::Matrix<double, 12, 12>>(m, Eigen::EigenvaluesOnly).eigenvalues();
+    const Eigen::VectorXd eigenvalues =
+        Eigen::SelfAdjointEigenSolver<Eigen::Matrix<double, 12, 12>>(m, Eigen::EigenvaluesOnly).eigenvalues();
     REQUIRE(eigenvalues[0] >= -1e-13 * scale);
     // Where the hinge is at its rest angle the second derivative of the energy is this matrix.
     hinge.rest.rest_angle = reference_angle(x);
     const double h = 2e-6;
     for (int c = 0; c < 12; c += 5) {
-      const auto at = [&](double t) { Corners y = x; y[c / 3][c % 3] += t; Hinge<double> k = hinge; k.evaluate(y); return k.force; };
+      const auto at = [&](double t) {
+        Corners y = x;
+        y[c / 3][c % 3] += t;
+        Hinge<double> k = hinge;
+        k.evaluate(y);
+        return k.force;
+      };
       const auto p = at(h), q = at(-h);
       for (int a = 0; a < 4; ++a) REQUIRE((-(p[a] - q[a]) / (2 * h) - m.block<3, 1>(3 * a, c)).norm() <= 1e-6 * scale);
     }
@@ -246,19 +268,22 @@ TEST_CASE("sampling a bending table hits its nodes, folds nothing and keeps to i
   Types<double>::bending_stiffness table;
   for (int i = 0; i < 15; ++i) table.k[i] = 1e-5 * (1 + (i * 7) % 15);
   for (int r = 0; r < 3; ++r)
-    for (int c = 0; c < 5; ++c) CHECK(sample_bending(&table, double(r), 5.0 * c, 0) == Approx(table.k[5 * r + c]).epsilon(1e-12));
-  CHECK(sample_bending(&table, 0.5, 2.5, 0) == Approx(0.25 * (table.k[0] + table.k[1] + table.k[5] + table.k[6])).epsilon(1e-12));
+    for (int c = 0; c < 5; ++c)
+      CHECK(sample_bending(&table, double(r), 5.0 * c, 0) == Approx(table.k[5 * r + c]).epsilon(1e-12));
+  CHECK(sample_bending(&table, 0.5, 2.5, 0) ==
+        Approx(0.25 * (table.k[0] + table.k[1] + table.k[5] + table.k[6])).epsilon(1e-12));
   CHECK(sample_bending(&table, 1.0, 100.0, 0) == Approx(table.k[9]).epsilon(1e-12));
   CHECK(sample_bending(&table, 1.0, -3.0, 0) == Approx(table.k[5]).epsilon(1e-12));
-  CHECK(sample_bending(&table, 1.0, -3.0, 1) == Approx(std::max(0.0, table.k[5] - 0.6 * (table.k[6] - table.k[5]))).epsilon(1e-12));
+  CHECK(sample_bending(&table, 1.0, -3.0, 1) ==
+        Approx(std::max(0.0, table.k[5] - 0.6 * (table.k[6] - table.k[5]))).epsilon(1e-12));
 }
 
 namespace {
 
 enum class Diagonals { alternating, rising, irregular };
 
-/// Bending energy per area of a narrow sheet wrapped around a cylinder, over B / (2 R^2) with B = k / 4 of the hinges' stiffness k.
-/// `turn`: angle of the curved direction from warp.
+/// Bending energy per area of a narrow sheet wrapped around a cylinder, over B / (2 R^2) with B = k / 4 of the hinges'
+/// stiffness k. `turn`: angle of the curved direction from warp.
 double cylinder_ratio(Diagonals kind, int cells, double turn, unsigned seed = 1)
 {
   const double length = 0.2, radius = 0.1;
@@ -270,8 +295,13 @@ double cylinder_ratio(Diagonals kind, int cells, double turn, unsigned seed = 1)
     for (int j = 0; j < cells / 4; ++j)
       for (int i = 0; i < cells; ++i) {
         const int a = j * stride + i, b = a + 1, d = a + stride, c = d + 1;
-        if (kind == Diagonals::rising || engine() % 2) { p.mesh.face.push_back({a, b, c}); p.mesh.face.push_back({a, c, d}); }
-        else { p.mesh.face.push_back({a, b, d}); p.mesh.face.push_back({b, c, d}); }
+        if (kind == Diagonals::rising || engine() % 2) {
+          p.mesh.face.push_back({a, b, c});
+          p.mesh.face.push_back({a, c, d});
+        } else {
+          p.mesh.face.push_back({a, b, d});
+          p.mesh.face.push_back({b, c, d});
+        }
       }
     p.mesh.material_face = p.mesh.face;
     if (kind == Diagonals::irregular) {
@@ -290,8 +320,8 @@ double cylinder_ratio(Diagonals kind, int cells, double turn, unsigned seed = 1)
   Scene scene;
   scene.cloths.push_back({"sheet", p.mesh, Material::isotropic(1e4, 0, 1e-4, 0.2), {0, 0, 0}, ""});
   const Topology topology = build_topology(scene);
-  // Border hinges carry half a cell's worth of sheet: only hinges well inside count, with the area that belongs to them (a third of
-  // both faces), so that whole sheets and their interiors give the same density.
+  // Border hinges carry half a cell's worth of sheet: only hinges well inside count, with the area that belongs to them
+  // (a third of both faces), so that whole sheets and their interiors give the same density.
   const double k = scene.cloths[0].material.bending[0][0];
   double energy = 0, area = 0;
   for (const RestHinge &h : topology.hinge) {
@@ -314,7 +344,8 @@ double cylinder_ratio(Diagonals kind, int cells, double turn, unsigned seed = 1)
 
 TEST_CASE("a sheet bent along its grid holds the cylinder's energy B / 2R^2", "[bending]")
 {
-  // B = k / 4 where every vertex is held on the cylinder. A strip in equilibrium is softer, k / 5: test_dynamics.cpp has the elastica.
+  // B = k / 4 where every vertex is held on the cylinder. A strip in equilibrium is softer, k / 5: test_dynamics.cpp
+  // has the elastica.
   double before = 1;
   for (int cells : {16, 32, 64, 128}) {
     const double off = std::abs(cylinder_ratio(Diagonals::alternating, cells, 0) - 1);
@@ -327,9 +358,10 @@ TEST_CASE("a sheet bent along its grid holds the cylinder's energy B / 2R^2", "[
 
 TEST_CASE("what the hinge model gives across the grid", "[bending]")
 {
-  // Summing k l^2 angle^2 / (8 A) over a grid of squares with the surface z = (x cos t + y sin t)^2 / (2 R) gives, as cells shrink,
-  // B / 2 (zxx^2 + zyy^2 + 4 zxy^2) for diagonals that alternate, where a plate with Poisson ratio 0 has 2 zxy^2; with one direction of
-  // diagonals B / 2 ((zxx + zxy)^2 + (zyy + zxy)^2 + 4 zxy^2). The model knows the plate only up to the mesh.
+  // Summing k l^2 angle^2 / (8 A) over a grid of squares with the surface z = (x cos t + y sin t)^2 / (2 R) gives, as
+  // cells shrink, B / 2 (zxx^2 + zyy^2 + 4 zxy^2) for diagonals that alternate, where a plate with Poisson ratio 0 has
+  // 2 zxy^2; with one direction of diagonals B / 2 ((zxx + zxy)^2 + (zyy + zxy)^2 + 4 zxy^2). The model knows the plate
+  // only up to the mesh.
   CHECK(cylinder_ratio(Diagonals::alternating, 128, pi / 4) == Approx(1.5).epsilon(0.03));
   CHECK(cylinder_ratio(Diagonals::rising, 128, 0) == Approx(1).epsilon(0.03));
   CHECK(cylinder_ratio(Diagonals::rising, 128, pi / 4) == Approx(3).epsilon(0.03));
@@ -346,7 +378,7 @@ TEST_CASE("on an irregular mesh the cylinder's energy settles at a level of its 
     figures += std::to_string(cells) + ": " + std::to_string(along) + " " + std::to_string(across) + "; ";
   }
   INFO(figures);
-  CHECK(along > 0.9);    // stiffer than the plate, never much softer
+  CHECK(along > 0.9);  // stiffer than the plate, never much softer
   CHECK(along < 2);
   CHECK(across > 0.9);
   CHECK(across < 2.5);

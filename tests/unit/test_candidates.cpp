@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Candidate lists that grow: the pairs after an update are those of brute force over the boxes, and earlier ones keep what is known of
-// them. Exempt pairs: seams, tangles, and cloth that pinching obstacles let go of.
+// Candidate lists that grow: the pairs after an update are those of brute force over the boxes, and earlier ones keep
+// what is known of them. Exempt pairs: seams, tangles, and cloth that pinching obstacles let go of.
 #include "../catch.hpp"
 
 #include <algorithm>
@@ -20,9 +20,13 @@ namespace {
 
 using Pair = std::pair<int, int>;
 
-struct Lists { std::vector<Pair> vertex_face, edge_edge; };
+struct Lists {
+  std::vector<Pair> vertex_face, edge_edge;
+};
 
-struct Box { float lo[3], hi[3]; };
+struct Box {
+  float lo[3], hi[3];
+};
 
 Box bound(const std::vector<kernels::box> &boxes, std::initializer_list<int> vertices)
 {
@@ -54,7 +58,7 @@ Lists brute_force(State &s)
   const auto boxes = s.vertex_box.download();
   const auto faces = s.face.download();
   const auto edges = s.edge.download();
-  const std::vector<int> asking = s.asking.download();
+  const std::vector<int> query_vertices = s.query_vertices.download();
   const auto unwanted = [&](int v, int w) {
     const bool a = v >= s.cloth_vertices, b = w >= s.cloth_vertices;
     return a == b && (a || !s.contact_settings.self);
@@ -62,7 +66,9 @@ Lists brute_force(State &s)
   for (int v = 0; v < s.vertices; ++v)
     for (int f = 0; f < s.faces; ++f) {
       const int *n = faces[f].node;
-      if (share({v}, {n[0], n[1], n[2]}) || unwanted(v, n[0]) || !std::binary_search(asking.begin(), asking.end(), v)) continue;
+      if (share({v}, {n[0], n[1], n[2]}) || unwanted(v, n[0]) ||
+          !std::binary_search(query_vertices.begin(), query_vertices.end(), v))
+        continue;
       if (overlap(bound(boxes, {v}), bound(boxes, {n[0], n[1], n[2]}))) lists.vertex_face.emplace_back(v, f);
     }
   for (int e = 0; e < s.edges; ++e)
@@ -128,7 +134,10 @@ Scene pinched()
 
 namespace {
 
-struct Variant { const char *name; bool self, moving, still, exact; };
+struct Variant {
+  const char *name;
+  bool self, moving, still, exact;
+};
 
 /// The pile, with a ball that moves, one at rest below, an exact one at rest above.
 Scene pile_of(const Variant &v)
@@ -136,7 +145,8 @@ Scene pile_of(const Variant &v)
   Scene scene = meshes::pile(6);
   scene.contact.self = v.self;
   if (!v.moving) scene.obstacles.clear();
-  if (v.still) scene.obstacles.push_back(meshes::obstacle(meshes::sphere(10, 7, 0.1, {0.02, 0.01, -0.11}), {}, "still"));
+  if (v.still)
+    scene.obstacles.push_back(meshes::obstacle(meshes::sphere(10, 7, 0.1, {0.02, 0.01, -0.11}), {}, "still"));
   if (v.exact) {
     scene.obstacles.push_back(exact_sphere({0.01, 0, 0.115}, 0.1));
     scene.obstacles.back().name = "exact";
@@ -148,10 +158,14 @@ Scene pile_of(const Variant &v)
 
 TEST_CASE("an updated list holds the pairs of the grown boxes, each once", "[candidates]")
 {
-  const Variant variants[] = {{"cloth and a moving ball", true, true, false, false}, {"cloth and a ball at rest", true, false, true, false},
-                              {"cloth alone", true, false, false, false},           {"both balls, cloth does not meet cloth", false, true, true, false},
-                              {"a moving ball alone", false, true, false, false},   {"a ball at rest alone", false, false, true, false},
-                              {"an exact ball alone", false, false, false, true},   {"all", true, true, true, true}};
+  const Variant variants[] = {{"cloth and a moving ball", true, true, false, false},
+                              {"cloth and a ball at rest", true, false, true, false},
+                              {"cloth alone", true, false, false, false},
+                              {"both balls, cloth does not meet cloth", false, true, true, false},
+                              {"a moving ball alone", false, true, false, false},
+                              {"a ball at rest alone", false, false, true, false},
+                              {"an exact ball alone", false, false, false, true},
+                              {"all", true, true, true, true}};
   for (const std::string backend : {"cpu", "opencl"})
     for (const Variant &variant : variants) {
       INFO(backend << ", " << variant.name);
@@ -160,7 +174,9 @@ TEST_CASE("an updated list holds the pairs of the grown boxes, each once", "[can
       options.backend = backend;
       Engine engine(pile_of(variant), options);
       State &s = engine.state;
-      const auto moves = [&](std::size_t v) { return !s.object_still[static_cast<std::size_t>(s.object_of(static_cast<int>(v)))]; };
+      const auto moves = [&](std::size_t v) {
+        return !s.object_static[static_cast<std::size_t>(s.object_of(static_cast<int>(v)))];
+      };
       FlaggedPairs flagged(*s.backend);
       TreeSearch search(*s.backend, flagged);
       std::mt19937 random(7);
@@ -168,7 +184,8 @@ TEST_CASE("an updated list holds the pairs of the grown boxes, each once", "[can
       const std::vector<dvec3> start = s.position.download();
       std::vector<dvec3> target = start;
       for (std::size_t v = 0; v < target.size(); ++v)
-        if (moves(v)) target[v] = kernels::dadd(target[v], {2e-3 * move(random), 2e-3 * move(random), 2e-3 * move(random)});
+        if (moves(v))
+          target[v] = kernels::dadd(target[v], {2e-3 * move(random), 2e-3 * move(random), 2e-3 * move(random)});
       Stream<dvec3> from(*s.backend, start), to(*s.backend, target);
       search.run(s, from, to);
       CHECK(search.update(s, from, to, 0) == CandidateSearch::Change::none);
@@ -176,20 +193,23 @@ TEST_CASE("an updated list holds the pairs of the grown boxes, each once", "[can
       for (int round = 0; round < 6; ++round) {
         for (int k = 0; k < 8; ++k) {
           const std::size_t v = std::uniform_int_distribution<std::size_t>(0, target.size() - 1)(random);
-          if (!moves(v)) { --k; continue; }
+          if (!moves(v)) {
+            --k;
+            continue;
+          }
           dvec3 &x = target[v];
           x = kernels::dadd(x, {0.05 * move(random), 0.05 * move(random), 0.05 * move(random)});
         }
         to.assign(target);
-        s.vertex_face.room.assign(std::vector<float>(static_cast<std::size_t>(s.vertex_face.pairs.size()), 5));
+        s.vertex_face.gap_bound.assign(std::vector<float>(static_cast<std::size_t>(s.vertex_face.pairs.size()), 5));
         const std::vector<Pair> before = plain(s.vertex_face);
         REQUIRE(search.update(s, from, to, 1e-4) == CandidateSearch::Change::grown);
         const std::vector<Pair> after = plain(s.vertex_face);
         REQUIRE(after.size() >= before.size());
         CHECK(std::equal(before.begin(), before.end(), after.begin()));
-        const std::vector<float> room = s.vertex_face.room.download();
-        CHECK(std::count(room.begin(), room.end(), 5.0f) == static_cast<long>(before.size()));
-        CHECK(std::count(room.begin(), room.end(), 0.0f) == static_cast<long>(after.size() - before.size()));
+        const std::vector<float> gap_bound = s.vertex_face.gap_bound.download();
+        CHECK(std::count(gap_bound.begin(), gap_bound.end(), 5.0f) == static_cast<long>(before.size()));
+        CHECK(std::count(gap_bound.begin(), gap_bound.end(), 0.0f) == static_cast<long>(after.size() - before.size()));
         grown += static_cast<int>(after.size() - before.size());
         const Lists expected = brute_force(s), found = sorted(s);
         CHECK(found.vertex_face == expected.vertex_face);
@@ -199,8 +219,10 @@ TEST_CASE("an updated list holds the pairs of the grown boxes, each once", "[can
         const dvec3 origin = s.box_origin().download()[0];
         for (std::size_t v = 0; v < target.size(); ++v)
           for (const dvec3 &x : {start[v], target[v]}) {
-            REQUIRE(boxes[v].lo[0] <= x.x - origin.x); REQUIRE(boxes[v].hi[0] >= x.x - origin.x);
-            REQUIRE(boxes[v].lo[2] <= x.z - origin.z); REQUIRE(boxes[v].hi[2] >= x.z - origin.z);
+            REQUIRE(boxes[v].lo[0] <= x.x - origin.x);
+            REQUIRE(boxes[v].hi[0] >= x.x - origin.x);
+            REQUIRE(boxes[v].lo[2] <= x.z - origin.z);
+            REQUIRE(boxes[v].hi[2] >= x.z - origin.z);
           }
         CHECK(search.update(s, from, to, 1e-4) == CandidateSearch::Change::none);
       }
@@ -215,7 +237,9 @@ TEST_CASE("an updated list holds the pairs of the grown boxes, each once", "[can
     }
 }
 
-TEST_CASE("rooms are no more than the distances until the prediction; pairs with room are no contacts, all others are looked at", "[candidates]")
+TEST_CASE("rooms are no more than the distances until the prediction; pairs with gap_bound are no contacts, all others are "
+          "looked at",
+          "[candidates]")
 {
   for (const bool anticipate : {false, true}) {
     Options options = serial();
@@ -242,28 +266,31 @@ TEST_CASE("rooms are no more than the distances until the prediction; pairs with
       for (int kind = 0; kind < 2; ++kind) {
         const PairList &list = kind == 0 ? s.vertex_face : s.edge_edge;
         const auto pairs = list.pairs.download();
-        const auto room = list.room.download();
-        REQUIRE(room.size() == pairs.size());
+        const auto gap_bound = list.gap_bound.download();
+        REQUIRE(gap_bound.size() == pairs.size());
         for (std::size_t i = 0; i < pairs.size(); ++i) {
           const kernels::element_nodes e = kernels::pair_nodes(kind, pairs[i], face.data(), edge.data());
           const bool contact = found.count({kind, int(i), 0}) != 0;
           ++all;
           contacts += contact;
-          if (room[i] > 0) {
+          if (gap_bound[i] > 0) {
             ++told;
             REQUIRE_FALSE(contact);
             for (int t = 0; t <= 16; ++t) {
               std::vector<dvec3> at(x.size());
               for (int n : e.node) at[n] = kernels::dlerp(x[n], y[n], t / 16.0);
-              REQUIRE(kernels::surface_proximity(kind, e, at.data(), v.data()).distance >= double(room[i]));
+              REQUIRE(kernels::surface_proximity(kind, e, at.data(), v.data()).distance >= double(gap_bound[i]));
             }
-            REQUIRE(double(room[i]) > kernels::pair_thickness(kind, e, v.data()));
+            REQUIRE(double(gap_bound[i]) > kernels::pair_thickness(kind, e, v.data()));
           }
           kernels::contact c;
-          const bool full = kernels::make_contact(kind, e, x.data(), y.data(), v.data(), anticipate ? 20 * scene.contact.thickness : 0.0,
+          const bool full = kernels::make_contact(kind, e, x.data(), y.data(), v.data(),
+                                                  anticipate ? 20 * scene.contact.thickness : 0.0,
                                                   kernels::surface_proximity(kind, e, x.data(), v.data()), &c);
-          if (anticipate) REQUIRE((full || !contact));   // hidden ones are dropped
-          else REQUIRE(full == contact);
+          if (anticipate)
+            REQUIRE((full || !contact));   // hidden ones are dropped
+          else
+            REQUIRE(full == contact);
         }
       }
       s.report.step -= 1;
@@ -274,7 +301,8 @@ TEST_CASE("rooms are no more than the distances until the prediction; pairs with
   }
 }
 
-TEST_CASE("contacts do not depend on searches before: a state that is set has those of one that was stepped to", "[candidates]")
+TEST_CASE("contacts do not depend on searches before: a state that is set has those of one that was stepped to",
+          "[candidates]")
 {
   Scene scene = meshes::pile(8);
   scene.obstacles[0].motion = Motion{};
@@ -323,10 +351,12 @@ TEST_CASE("both sides of a seam are no candidates; the rest of the two pieces is
   for (const Pair &p : plain(s.vertex_face)) {
     const int v = p.first, *n = faces[p.second].node;
     const bool across = (v < upper) != (n[0] < upper);
-    if (across && v % upper < 7) {   // a seam vertex: not against faces with the seam vertices across from it and beside it
+    if (across &&
+        v % upper < 7) {   // a seam vertex: not against faces with the seam vertices across from it and beside it
       for (int k = 0; k < 3; ++k)
         if (n[k] % upper < 7) CHECK(std::abs(n[k] % upper - v % upper) > 3);
-    } else if (across) ++others;
+    } else if (across)
+      ++others;
   }
   CHECK(others > 20);
 }
@@ -407,7 +437,7 @@ TEST_CASE("tangled cloth is simulated, its pairs are contacts again once apart",
   scene.pins.push_back(hold);
   CHECK(contains(thrown<CollisionError>([&] { Simulation refused(scene, serial()); }), "intersections"));
   Options options = serial();
-  options.intersections = Intersections::exempt;
+  options.intersections = StartPolicy::exempt;
   Simulation simulation(scene, options);
   const int start = simulation.count_intersections();
   CHECK(start > 0);

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Continuous collision against FCL, hand-made degenerate queries with exact truth, and motions whose contact is known by construction.
+// Continuous collision against FCL, hand-made degenerate queries with exact truth, and motions whose contact is known
+// by construction.
 #include "../catch.hpp"
 #include "../engine.hpp"
 
@@ -34,10 +35,19 @@ using kernels::dvec3_make;
 
 namespace {
 
-struct LinearMotion { Quad start, end; bool edges; };
+struct LinearMotion {
+  Quad start, end;
+  bool edges;
+};
 
-Ccd additive(const LinearMotion &m, double minimum = 0) { return m.edges ? edge_edge_ccd(m.start, m.end, minimum) : vertex_face_ccd(m.start, m.end, minimum); }
-Ccd cubic(const LinearMotion &m) { return m.edges ? edge_edge_ccd_cubic(m.start, m.end) : vertex_face_ccd_cubic(m.start, m.end); }
+Ccd additive(const LinearMotion &m, double minimum = 0)
+{
+  return m.edges ? edge_edge_ccd(m.start, m.end, minimum) : vertex_face_ccd(m.start, m.end, minimum);
+}
+Ccd cubic(const LinearMotion &m)
+{
+  return m.edges ? edge_edge_ccd_cubic(m.start, m.end) : vertex_face_ccd_cubic(m.start, m.end);
+}
 double distance_at(const LinearMotion &m, double t)
 {
   Quad x;
@@ -57,17 +67,21 @@ private:
   std::normal_distribution<double> normal_;
 };
 
-/// Four points in touch: a vertex inside a face, or two edges crossing; `parallel` is the sine of the edges' angle or the face's thinness.
+/// Four points in touch: a vertex inside a face, or two edges crossing; `parallel` is the sine of the edges' angle or
+/// the face's thinness.
 Quad touching(Random &random, bool edges, double parallel)
 {
-  const dvec3 p = random.vector(1), u = random.direction(), v = dnormalize(daxpy(dscale(parallel, random.direction()), 1.0, u));
+  const dvec3 p = random.vector(1), u = random.direction(),
+              v = dnormalize(daxpy(dscale(parallel, random.direction()), 1.0, u));
   if (edges) {
     const double s = random(0.05, 0.95), t = random(0.05, 0.95), a = random(0.5, 2), b = random(0.5, 2);
     return {daxpy(p, -s * a, u), daxpy(p, (1 - s) * a, u), daxpy(p, -t * b, v), daxpy(p, (1 - t) * b, v)};
   }
   double w0 = random(0.05, 1), w1 = random(0.05, 1), w2 = random(0.05, 1);
   const double sum = w0 + w1 + w2;
-  w0 /= sum; w1 /= sum; w2 /= sum;
+  w0 /= sum;
+  w1 /= sum;
+  w2 /= sum;
   const dvec3 b = daxpy(dvec3_make(0, 0, 0), random(0.5, 2), u), c = daxpy(dvec3_make(0, 0, 0), random(0.5, 2), v);
   const dvec3 a = dsub(p, dadd(dscale(w1, b), dscale(w2, c)));
   return {p, a, dadd(a, b), dadd(a, c)};
@@ -75,7 +89,8 @@ Quad touching(Random &random, bool edges, double parallel)
 
 dvec3 contact_normal(const Quad &x, bool edges)
 {
-  return edges ? dnormalize(dcross(dsub(x[1], x[0]), dsub(x[3], x[2]))) : dnormalize(dcross(dsub(x[2], x[1]), dsub(x[3], x[1])));
+  return edges ? dnormalize(dcross(dsub(x[1], x[0]), dsub(x[3], x[2])))
+               : dnormalize(dcross(dsub(x[2], x[1]), dsub(x[3], x[1])));
 }
 
 /// A motion that passes through `contact` at `time`; every vertex has its own velocity.
@@ -90,7 +105,12 @@ LinearMotion through(Random &random, const Quad &contact, bool edges, double tim
   return m;
 }
 
-struct Query { std::string file; int index; LinearMotion motion; bool truth; };
+struct Query {
+  std::string file;
+  int index;
+  LinearMotion motion;
+  bool truth;
+};
 
 std::vector<std::string> split(const std::string &line)
 {
@@ -100,7 +120,8 @@ std::vector<std::string> split(const std::string &line)
   return part;
 }
 
-/// Rows of six integers, numerator and denominator of each coordinate, and the truth; eight rows a query. All are exact doubles.
+/// Rows of six integers, numerator and denominator of each coordinate, and the truth; eight rows a query. All are exact
+/// doubles.
 std::vector<Query> sample_queries(const std::filesystem::path &root)
 {
   std::vector<Query> all;
@@ -112,11 +133,16 @@ std::vector<Query> sample_queries(const std::filesystem::path &root)
     std::string line;
     for (int index = 0; std::getline(file, line);) {
       const auto part = split(line);
-      const auto number = [&](int k) { return static_cast<double>(std::strtold(part[2 * k].c_str(), nullptr) / std::strtold(part[2 * k + 1].c_str(), nullptr)); };
+      const auto number = [&](int k) {
+        return static_cast<double>(std::strtold(part[2 * k].c_str(), nullptr) /
+                                   std::strtold(part[2 * k + 1].c_str(), nullptr));
+      };
       x.push_back(dvec3_make(number(0), number(1), number(2)));
       if (x.size() < 8) continue;
-      all.push_back({std::filesystem::relative(entry.path(), root).string(), index++,
-                     {{x[0], x[1], x[2], x[3]}, {x[4], x[5], x[6], x[7]}, kind == "edge-edge"}, part[6] == "1"});
+      all.push_back({std::filesystem::relative(entry.path(), root).string(),
+                     index++,
+                     {{x[0], x[1], x[2], x[3]}, {x[4], x[5], x[6], x[7]}, kind == "edge-edge"},
+                     part[6] == "1"});
       x.clear();
     }
   }
@@ -129,7 +155,10 @@ bool fcl_hit(const LinearMotion &m, double &time)
 {
   fcl::Vector3d point;
   fcl::Vector3d a[4], b[4];
-  for (int k = 0; k < 4; ++k) { a[k] = to_fcl(m.start[k]); b[k] = to_fcl(m.end[k]); }
+  for (int k = 0; k < 4; ++k) {
+    a[k] = to_fcl(m.start[k]);
+    b[k] = to_fcl(m.end[k]);
+  }
   using Intersect = fcl::detail::Intersect<double>;
   return m.edges ? Intersect::intersect_EE(a[0], a[1], a[2], a[3], b[0], b[1], b[2], b[3], &time, &point)
                  : Intersect::intersect_VF(a[1], a[2], a[3], a[0], b[1], b[2], b[3], b[0], &time, &point);
@@ -151,7 +180,7 @@ TEST_CASE("a vertex falling on a face hits at the time of its height", "[ccd]")
   end[0].z = 0.001;
   CHECK_FALSE(vertex_face_ccd(start, end).hit);
   CHECK(vertex_face_ccd(start, end, 0.002).hit);
-  end[0] = dvec3_make(0.8, 0.8, -1);   // leaves over the edge
+  end[0] = dvec3_make(0.8, 0.8, -1);  // leaves over the edge
   CHECK_FALSE(vertex_face_ccd({dvec3_make(0.8, 0.8, 1), start[1], start[2], start[3]}, end).hit);
 }
 
@@ -161,8 +190,9 @@ TEST_CASE("motions through a known contact are never missed, never reported late
   for (const double offset : {0.0, 100.0, 1e6})
     for (const double parallel : {1.0, 1e-3, 1e-6})
       for (const bool edges : {false, true}) {
-        // Far coordinates and thin shapes move the contact by their own rounding, so those pairs cross it by more: at mid step, along the
-        // contact's normal, sliding in its plane. The others pass through the contact with four unrelated velocities.
+        // Far coordinates and thin shapes move the contact by their own rounding, so those pairs cross it by more: at
+        // mid step, along the contact's normal, sliding in its plane. The others pass through the contact with four
+        // unrelated velocities.
         const bool crossing = offset > 0 || parallel < 1;
         const double reach = 1e-5 + 1e-14 * offset;
         int missed = 0, after = 0, cubic_missed = 0;
@@ -173,14 +203,18 @@ TEST_CASE("motions through a known contact are never missed, never reported late
           if (crossing) {
             const dvec3 n = contact_normal(x, edges);
             for (int k = 0; k < 4; ++k) {
-              const dvec3 side = dscale(k < (edges ? 2 : 1) ? reach : -reach, n), d = dscale(1e-3, dsub(m.end[k], m.start[k]));
+              const dvec3 side = dscale(k < (edges ? 2 : 1) ? reach : -reach, n),
+                          d = dscale(1e-3, dsub(m.end[k], m.start[k]));
               const dvec3 along = daxpy(d, -kernels::ddot(d, n), n);
               m.start[k] = dadd(daxpy(x[k], -0.5, along), side);
               m.end[k] = dsub(daxpy(x[k], 0.5, along), side);
             }
           }
           const dvec3 shift = dscale(offset, random.direction()), travel = dscale(offset, random.direction());
-          for (int k = 0; k < 4; ++k) { m.start[k] = dadd(m.start[k], shift); m.end[k] = dadd(m.end[k], dadd(shift, travel)); }
+          for (int k = 0; k < 4; ++k) {
+            m.start[k] = dadd(m.start[k], shift);
+            m.end[k] = dadd(m.end[k], dadd(shift, travel));
+          }
           const Ccd result = additive(m);
           missed += !result.hit;
           after += result.time > time + (crossing ? 1e-2 : 1e-12);
@@ -200,7 +234,10 @@ TEST_CASE("the reported time is certified: no distance below the minimum before 
   double worst = 0;
   for (int i = 0; i < 20000; ++i) {
     LinearMotion m{{}, {}, i % 2 == 0};
-    for (int k = 0; k < 4; ++k) { m.start[k] = random.vector(1); m.end[k] = random.vector(1); }
+    for (int k = 0; k < 4; ++k) {
+      m.start[k] = random.vector(1);
+      m.end[k] = random.vector(1);
+    }
     const double minimum = i % 3 ? 0 : random(0, 0.1);
     if (distance_at(m, 0) <= minimum) continue;
     const Ccd result = additive(m, minimum);
@@ -211,7 +248,7 @@ TEST_CASE("the reported time is certified: no distance below the minimum before 
     if (result.hit) worst = std::max(worst, distance_at(m, result.time) - minimum);
   }
   CHECK(hits > 2000);
-  CHECK(worst < 1e-7);   // and the pair is really that near at the reported time
+  CHECK(worst < 1e-7);  // and the pair is really that near at the reported time
 }
 
 TEST_CASE("random motions agree with FCL", "[ccd]")
@@ -222,9 +259,12 @@ TEST_CASE("random motions agree with FCL", "[ccd]")
     double worst = 0;
     for (int i = 0; i < count; ++i) {
       LinearMotion m{{}, {}, edges};
-      for (int k = 0; k < 4; ++k) { m.start[k] = random.vector(1); m.end[k] = random.vector(1); }
+      for (int k = 0; k < 4; ++k) {
+        m.start[k] = random.vector(1);
+        m.end[k] = random.vector(1);
+      }
       double time = 1;
-      const bool truth = fcl_hit(m, time) && distance_at(m, time) < 1e-9;   // FCL's inside test is loose
+      const bool truth = fcl_hit(m, time) && distance_at(m, time) < 1e-9;  // FCL's inside test is loose
       const Ccd a = additive(m), c = cubic(m);
       missed += truth && !a.hit;
       cubic_missed += truth && !c.hit;
@@ -250,7 +290,10 @@ TEST_CASE("common motion, however large, changes nothing", "[ccd]")
   Random random(4);
   for (int i = 0; i < 2000; ++i) {
     LinearMotion m{{}, {}, i % 2 == 0};
-    for (int k = 0; k < 4; ++k) { m.start[k] = random.vector(1); m.end[k] = m.start[k]; }
+    for (int k = 0; k < 4; ++k) {
+      m.start[k] = random.vector(1);
+      m.end[k] = m.start[k];
+    }
     for (auto &x : m.end) x = dadd(x, dvec3_make(1024, -4096, 512));
     if (distance_at(m, 0) > 1e-6) REQUIRE_FALSE(additive(m).hit);
   }
@@ -269,7 +312,9 @@ TEST_CASE("hand-made degenerate queries: no false negative", "[ccd][data]")
     if (part.size() > 3 && !part[3].empty()) first[part[0] + ":" + part[1]] = std::stod(part[3]);
   }
   const auto queries = sample_queries(root);
-  struct Count { int queries = 0, hits = 0, missed = 0, extra = 0, late = 0, cubic_missed = 0, cubic_extra = 0, cubic_off = 0; };
+  struct Count {
+    int queries = 0, hits = 0, missed = 0, extra = 0, late = 0, cubic_missed = 0, cubic_extra = 0, cubic_off = 0;
+  };
   std::map<std::string, Count> folders;
   for (const Query &q : queries) {
     const Ccd a = additive(q.motion), c = cubic(q.motion);
@@ -296,9 +341,10 @@ TEST_CASE("hand-made degenerate queries: no false negative", "[ccd][data]")
     CHECK(n.late == 0);
     CHECK(n.extra < 0.005 * n.queries);
     CHECK(n.cubic_missed == 0);
-    CHECK(n.cubic_off <= (name == "erleben-cube-internal-edges" || name == "all"));   // a vertex comes within 1e-16 of the face 0.78 before it touches
+    CHECK(n.cubic_off <= (name == "erleben-cube-internal-edges" ||
+                          name == "all"));  // a vertex comes within 1e-16 of the face 0.78 before it touches
   }
-  CHECK(folders["all"].cubic_extra <= 42);   // which pass each other within 2e-16
+  CHECK(folders["all"].cubic_extra <= 42);  // which pass each other within 2e-16
 }
 
 namespace {
@@ -310,13 +356,16 @@ Mesh read_ply(const std::filesystem::path &path)
   std::string line, element;
   std::size_t vertices = 0, faces = 0;
   bool swapped = false;
-  std::vector<int> bytes, axis;   // of a vertex's properties; axis -1: not a coordinate
+  std::vector<int> bytes, axis;  // of a vertex's properties; axis -1: not a coordinate
   while (std::getline(file, line) && line != "end_header") {
     std::istringstream words(line);
     std::string key, a, b;
     words >> key >> a >> b;
     if (key == "format") swapped = a == "binary_big_endian";
-    if (key == "element") { element = a; (a == "vertex" ? vertices : faces) = std::stoul(b); }
+    if (key == "element") {
+      element = a;
+      (a == "vertex" ? vertices : faces) = std::stoul(b);
+    }
     if (key == "property" && element == "vertex") {
       bytes.push_back(a == "double" ? 8 : a == "float" ? 4 : a == "int" ? 4 : 1);
       axis.push_back(b == "x" ? 0 : b == "y" ? 1 : b == "z" ? 2 : -1);
@@ -336,7 +385,10 @@ Mesh read_ply(const std::filesystem::path &path)
       read(raw, bytes[k]);
       if (axis[k] < 0) continue;
       std::memcpy(&single, raw, 4);
-      if (bytes[k] == 4) x[axis[k]] = single; else std::memcpy(&x[axis[k]], raw, 8);
+      if (bytes[k] == 4)
+        x[axis[k]] = single;
+      else
+        std::memcpy(&x[axis[k]], raw, 8);
     }
     mesh.position.push_back(dvec3_make(x[0], x[1], x[2]));
   }
@@ -354,7 +406,9 @@ Mesh read_ply(const std::filesystem::path &path)
 
 using Pairs = std::set<std::pair<int, int>>;
 
-struct Listed { Pairs all, colliding; };   // (vertex, face), or (edge, edge) with the lower index of unique_edges first
+struct Listed {
+  Pairs all, colliding;
+};  // (vertex, face), or (edge, edge) with the lower index of unique_edges first
 
 /// boxes/*.json: ids of vertices 0.., edges V.. in order of (hi, lo), faces V + E..; mma_bool/*.json: do they collide.
 Listed read_listed(const std::filesystem::path &folder, const std::string &stem, bool edges, const Mesh &mesh)
@@ -362,14 +416,20 @@ Listed read_listed(const std::filesystem::path &folder, const std::string &stem,
   std::vector<std::array<int, 2>> own = unique_edges(mesh.face);
   std::vector<int> order(own.size());
   for (std::size_t e = 0; e < own.size(); ++e) order[e] = static_cast<int>(e);
-  std::sort(order.begin(), order.end(), [&](int a, int b) { return std::pair(own[a][1], own[a][0]) < std::pair(own[b][1], own[b][0]); });
+  std::sort(order.begin(), order.end(),
+            [&](int a, int b) { return std::pair(own[a][1], own[a][0]) < std::pair(own[b][1], own[b][0]); });
   const auto ids = nlohmann::json::parse(std::ifstream(folder / "boxes" / (stem + ".json")));
   const auto truth = nlohmann::json::parse(std::ifstream(folder / "mma_bool" / (stem + "_mma_bool.json")));
   const int v = static_cast<int>(mesh.position.size()), e = static_cast<int>(own.size());
   Listed listed;
   for (std::size_t k = 0; k < ids.size(); ++k) {
     int a = ids[k][0], b = ids[k][1];
-    if (edges) { a = order[a - v]; b = order[b - v]; if (a > b) std::swap(a, b); } else b -= v + e;
+    if (edges) {
+      a = order[a - v];
+      b = order[b - v];
+      if (a > b) std::swap(a, b);
+    } else
+      b -= v + e;
     listed.all.insert({a, b});
     if (truth[k].get<bool>()) listed.colliding.insert({a, b});
   }
@@ -397,7 +457,7 @@ FoundImpacts find_in(const Mesh &start, const Mesh &end, const std::string &prec
   cloth.name = "mesh";
   cloth.mesh = start;
   scene.cloths.push_back(cloth);
-  scene.contact.thickness = 1e-6;   // an impact is what comes nearer than 1e-8
+  scene.contact.thickness = 1e-6;  // an impact is what comes nearer than 1e-8
   Options options = serial();
   options.precision = precision;
   options.cubic_impacts = cubic;
@@ -424,12 +484,17 @@ FoundImpacts find_in(const Mesh &start, const Mesh &end, const std::string &prec
 
 }  // namespace
 
-TEST_CASE("whole meshes: every listed pair is a candidate, impacts are the colliding pairs, in every precision", "[ccd][data]")
+TEST_CASE("whole meshes: every listed pair is a candidate, impacts are the colliding pairs, in every precision",
+          "[ccd][data]")
 {
-  struct Case { const char *folder, *first, *second, *stem; double vertex_face, edge_edge; };
+  struct Case {
+    const char *folder, *first, *second, *stem;
+    double vertex_face, edge_edge;
+  };
   // First contacts: exact rational arithmetic, stated with the data; 0: not stated there.
-  for (const Case &c : {Case{"cloth-ball", "cloth_ball92.ply", "cloth_ball93.ply", "92", 1.4768157568140283e-04, 7.492069186824336e-06},
-                        Case{"cloth-funnel", "227.ply", "228.ply", "227", 0.0452323, 0}}) {
+  for (const Case &c :
+       {Case{"cloth-ball", "cloth_ball92.ply", "cloth_ball93.ply", "92", 1.4768157568140283e-04, 7.492069186824336e-06},
+        Case{"cloth-funnel", "227.ply", "228.ply", "227", 0.0452323, 0}}) {
     const auto folder = test_data(std::string("ccd/scalable/") + c.folder);
     if (!folder) return;
     const Mesh start = read_ply(*folder / "frames" / c.first), end = read_ply(*folder / "frames" / c.second);
@@ -437,7 +502,8 @@ TEST_CASE("whole meshes: every listed pair is a candidate, impacts are the colli
     const auto edge = unique_edges(start.face);
     const auto quads = [&](int kind, std::pair<int, int> p, const Mesh &m) {
       const Triangle &f = m.face[static_cast<std::size_t>(kind == 0 ? p.second : 0)];
-      const std::array<int, 2> a = edge[static_cast<std::size_t>(kind == 0 ? 0 : p.first)], b = edge[static_cast<std::size_t>(kind == 0 ? 0 : p.second)];
+      const std::array<int, 2> a = edge[static_cast<std::size_t>(kind == 0 ? 0 : p.first)],
+                               b = edge[static_cast<std::size_t>(kind == 0 ? 0 : p.second)];
       return kind == 0 ? Quad{m.position[p.first], m.position[f[0]], m.position[f[1]], m.position[f[2]]}
                        : Quad{m.position[a[0]], m.position[a[1]], m.position[b[0]], m.position[b[1]]};
     };
@@ -457,11 +523,12 @@ TEST_CASE("whole meshes: every listed pair is a candidate, impacts are the colli
       int far = 0;
       for (const auto &p : found.impacts[kind]) {
         const Quad a = quads(kind, p, start), b = quads(kind, p, end);
-        const Ccd hit = kind == 0 ? vertex_face_ccd(a, b) : edge_edge_ccd(a, b), root = kind == 0 ? vertex_face_ccd_cubic(a, b) : edge_edge_ccd_cubic(a, b);
+        const Ccd hit = kind == 0 ? vertex_face_ccd(a, b) : edge_edge_ccd(a, b),
+                  root = kind == 0 ? vertex_face_ccd_cubic(a, b) : edge_edge_ccd_cubic(a, b);
         if (hit.hit) first = std::min(first, hit.time);
         if (root.hit) first_cubic = std::min(first_cubic, root.time);
         CHECK(hit.hit == (listed.colliding.count(p) == 1));
-        if (listed.colliding.count(p) == 0) {   // an extra impact must come nearer than the certified distance
+        if (listed.colliding.count(p) == 0) {  // an extra impact must come nearer than the certified distance
           const double near = 1.01e-8;
           far += !(kind == 0 ? vertex_face_ccd(a, b, near) : edge_edge_ccd(a, b, near)).hit;
         }
@@ -469,16 +536,17 @@ TEST_CASE("whole meshes: every listed pair is a candidate, impacts are the colli
       CHECK(far == 0);
       const double truth = kind == 0 ? c.vertex_face : c.edge_edge;
       if (truth > 0) {
-        CHECK(first <= truth * (1 + 1e-6));   // the funnel's is stated to six digits
+        CHECK(first <= truth * (1 + 1e-6));  // the funnel's is stated to six digits
         CHECK(first > truth - 1e-6);
         CHECK(first_cubic == Approx(truth).margin(1e-6 * truth));
       }
       CHECK(single.candidates[kind] == found.candidates[kind]);
     }
     const auto same = [](const std::vector<kernels::impact> &a, const std::vector<kernels::impact> &b) {
-      return a.size() == b.size() && std::equal(a.begin(), a.end(), b.begin(), [](const kernels::impact &x, const kernels::impact &y) {
-        return std::memcmp(&x, &y, sizeof x) == 0;
-      });
+      return a.size() == b.size() &&
+             std::equal(a.begin(), a.end(), b.begin(), [](const kernels::impact &x, const kernels::impact &y) {
+               return std::memcmp(&x, &y, sizeof x) == 0;
+             });
     };
     CHECK(same(found.list, single.list));
     CHECK(same(paper.list, paper_single.list));
@@ -488,18 +556,29 @@ TEST_CASE("whole meshes: every listed pair is a candidate, impacts are the colli
 
 namespace {
 
-dvec3 turned(dvec3 a, int turn) { return turn == 0 ? a : turn == 1 ? dvec3_make(a.y, a.z, a.x) : dvec3_make(a.z, a.x, a.y); }
+dvec3 turned(dvec3 a, int turn)
+{
+  return turn == 0 ? a : turn == 1 ? dvec3_make(a.y, a.z, a.x) : dvec3_make(a.z, a.x, a.y);
+}
 
-struct Planted { const char *name; LinearMotion motion; bool hit; double time; };
+struct Planted {
+  const char *name;
+  LinearMotion motion;
+  bool hit;
+  double time;
+};
 
-/// Contacts and near misses whose answer is plain from the numbers; lengths of order 1, all dyadic, so that they stay so scaled and moved.
+/// Contacts and near misses whose answer is plain from the numbers; lengths of order 1, all dyadic, so that they stay
+/// so scaled and moved.
 std::vector<Planted> planted()
 {
   const auto v = dvec3_make;
   const dvec3 a = v(0, 0, 0), b = v(1, 0, 0), c = v(0, 1, 0);
   const double e = std::ldexp(1, -10), tiny = std::ldexp(1, -20);
   std::vector<Planted> all;
-  const auto drop = [&](const char *name, dvec3 from, dvec3 to, bool hit, double time) { all.push_back({name, {{from, a, b, c}, {to, a, b, c}, false}, hit, time}); };
+  const auto drop = [&](const char *name, dvec3 from, dvec3 to, bool hit, double time) {
+    all.push_back({name, {{from, a, b, c}, {to, a, b, c}, false}, hit, time});
+  };
   const auto cross = [&](const char *name, Quad from, dvec3 move, bool hit, double time) {
     Quad to = from;
     to[0] = dadd(from[0], move);
@@ -528,10 +607,14 @@ std::vector<Planted> planted()
   cross("parallel edges fall on each other", {v(0, 0, 1), v(1, 0, 1), v(.5, 0, 0), v(2, 0, 0)}, v(0, 0, -2), true, .5);
   cross("parallel edges pass", {v(0, tiny, 1), v(1, tiny, 1), v(.5, 0, 0), v(2, 0, 0)}, v(0, 0, -2), false, 1);
   cross("collinear edges meet", {v(-2, 0, 0), v(-1, 0, 0), v(0, 0, 0), v(1, 0, 0)}, v(2, 0, 0), true, .5);
-  cross("near-parallel edges fall, angle 1e-3", {v(-1, -e, 1), v(1, e, 1), v(-1, 0, 0), v(1, 0, 0)}, v(0, 0, -2), true, .5);
-  cross("near-parallel edges slide into each other, angle 1e-3", {v(-1, 4 * e, 0), v(1, 6 * e, 0), v(-1, 0, 0), v(1, 0, 0)}, v(0, -8 * e, 0), true, .5);
-  cross("near-parallel edges slide, 1e-6 apart", {v(-1, 4 * e, tiny), v(1, 6 * e, tiny), v(-1, 0, 0), v(1, 0, 0)}, v(.5, -8 * e, 0), false, 1);
-  cross("near-parallel edges slide in the plane, angle 1e-6", {v(-1, 2 * tiny, 0), v(1, 4 * tiny, 0), v(-1, 0, 0), v(1, 0, 0)}, v(0, -4 * tiny, 0), true, .5);
+  cross("near-parallel edges fall, angle 1e-3", {v(-1, -e, 1), v(1, e, 1), v(-1, 0, 0), v(1, 0, 0)}, v(0, 0, -2), true,
+        .5);
+  cross("near-parallel edges slide into each other, angle 1e-3",
+        {v(-1, 4 * e, 0), v(1, 6 * e, 0), v(-1, 0, 0), v(1, 0, 0)}, v(0, -8 * e, 0), true, .5);
+  cross("near-parallel edges slide, 1e-6 apart", {v(-1, 4 * e, tiny), v(1, 6 * e, tiny), v(-1, 0, 0), v(1, 0, 0)},
+        v(.5, -8 * e, 0), false, 1);
+  cross("near-parallel edges slide in the plane, angle 1e-6",
+        {v(-1, 2 * tiny, 0), v(1, 4 * tiny, 0), v(-1, 0, 0), v(1, 0, 0)}, v(0, -4 * tiny, 0), true, .5);
   return all;
 }
 
@@ -543,7 +626,7 @@ TEST_CASE("planted contacts: corners, edges, parallels, grazing, first and last 
     for (const double scale : {1.0, std::ldexp(1, -20), std::ldexp(1, 20)})
       for (const double offset : {0.0, std::ldexp(1, 20)})
         for (int turn = 0; turn < 3; ++turn) {
-          if (offset > 0 && scale < 1) continue;   // 1e-6 m shapes at 1e6 m are not representable
+          if (offset > 0 && scale < 1) continue;  // 1e-6 m shapes at 1e6 m are not representable
           LinearMotion m = p.motion;
           for (Quad *x : {&m.start, &m.end})
             for (dvec3 &y : *x) y = dadd(dscale(scale, turned(y, turn)), dvec3_make(offset, -offset, offset));
@@ -554,7 +637,7 @@ TEST_CASE("planted contacts: corners, edges, parallels, grazing, first and last 
           REQUIRE(r.hit == p.hit);
           REQUIRE(c.hit == p.hit);
           REQUIRE(r.time <= p.time);
-          REQUIRE(r.time > p.time - 1e-5 - 2e-8 / speed);   // CCD_TOLERANCE of a pair of this size
+          REQUIRE(r.time > p.time - 1e-5 - 2e-8 / speed);  // CCD_TOLERANCE of a pair of this size
           REQUIRE(c.time == Approx(p.time).margin(1e-6));
         }
 }
@@ -563,12 +646,14 @@ TEST_CASE("what passes nearer than double can tell is told apart in double-doubl
 {
   const auto v = dvec3_make;
   const double third = 1.0 / 3, tenth = 0.1;
-  // The rounding of 1/3 and 0.1 to double leaves a vertex beside an edge's line by about 1e-17: its side by exact rational arithmetic.
+  // The rounding of 1/3 and 0.1 to double leaves a vertex beside an edge's line by about 1e-17: its side by exact
+  // rational arithmetic.
   for (const int sign : {-1, 1}) {
     const Quad start{v(third, tenth, 1), v(0, 0, 0), v(1, 0.3 + sign * 0x1p-53, 0), v(0.5, -1, 0)};
     Quad end = start;
     end[0].z = -1;
-    const double side = std::fma(third, start[2].y, -tenth);   // correctly rounded, so its sign is exact; negative: above the edge, outside
+    const double side = std::fma(third, start[2].y,
+                                 -tenth);  // correctly rounded, so its sign is exact; negative: above the edge, outside
     CAPTURE(sign, side);
     REQUIRE(side != 0);
     REQUIRE(std::fabs(side) < 1e-16);
@@ -576,7 +661,8 @@ TEST_CASE("what passes nearer than double can tell is told apart in double-doubl
   }
 }
 
-TEST_CASE("an impact of the cubic, at distance 0, has the normal of the features, towards the side that A comes from", "[ccd]")
+TEST_CASE("an impact of the cubic, at distance 0, has the normal of the features, towards the side that A comes from",
+          "[ccd]")
 {
   Random random(6);
   for (const bool edges : {false, true})
@@ -587,7 +673,7 @@ TEST_CASE("an impact of the cubic, at distance 0, has the normal of the features
       std::vector<dvec3> x(contact.begin(), contact.end()), y = x;
       for (int k = 0; k < (edges ? 2 : 1); ++k) {
         const dvec3 d = dadd(dscale(-side, n), dscale(0.1, random.vector(1)));
-        const dvec3 whole = k == 1 ? dsub(y[0], x[0]) : d;   // an edge moves as one
+        const dvec3 whole = k == 1 ? dsub(y[0], x[0]) : d;  // an edge moves as one
         x[k] = daxpy(contact[k], -time, whole);
         y[k] = daxpy(contact[k], 1 - time, whole);
       }
@@ -602,14 +688,16 @@ TEST_CASE("an impact of the cubic, at distance 0, has the normal of the features
       int found = 0, index = 0;
       kernels::impact impact;
       int look[2] = {0, 0};
-      kernels::doubt_pairs(1, edges ? 0 : 1, 0, &pair, &pair, &face, edge, mass, 1.0, 1e-9, nullptr, 0, 0, 0, &room, 0, &room, nullptr, &found);
+      kernels::select_ccd_pairs(1, edges ? 0 : 1, 0, &pair, &pair, &face, edge, mass, 1.0, 1e-9, nullptr, 0, 0, 0,
+                                &room, 0, &room, nullptr, &found);
       REQUIRE(found == 1);
-      kernels::find_impacts(1, 1, edges ? 0 : 1, 1, &pair, &pair, &face, edge, x.data(), y.data(), properties, 1.0, &direction, &direction,
-                            &found, look);
+      kernels::find_impacts(1, 1, edges ? 0 : 1, 1, &pair, &pair, &face, edge, x.data(), y.data(), properties, 1.0,
+                            &direction, &direction, &found, look);
       REQUIRE(found == 1);
       REQUIRE(look[1] == 1);
-      kernels::fill_impacts(1, edges ? 0 : 1, 1, &index, &pair, &pair, &face, edge, x.data(), y.data(), properties, 1.0, 1.0, 0, &room, &room, &impact);
-      REQUIRE(room < 0);   // known from now on
+      kernels::fill_impacts(1, edges ? 0 : 1, 1, &index, &pair, &pair, &face, edge, x.data(), y.data(), properties, 1.0,
+                            1.0, 0, &room, &room, &impact);
+      REQUIRE(room < 0);  // known from now on
       REQUIRE(kernels::ddot(impact.normal, n) * side > 1 - 1e-9);
     }
 }
@@ -622,9 +710,14 @@ TEST_CASE("cost of a query", "[.benchmark]")
       std::vector<LinearMotion> motions;
       for (int i = 0; i < 20000; ++i) {
         LinearMotion m{{}, {}, edges};
-        if (kind == 0) for (int k = 0; k < 4; ++k) { m.start[k] = random.vector(1); m.end[k] = random.vector(1); }
-        else if (kind == 1) m = through(random, touching(random, edges, 1), edges, random(0, 1), 0.3);
-        else {   // sliding past each other, 1e-3 apart
+        if (kind == 0)
+          for (int k = 0; k < 4; ++k) {
+            m.start[k] = random.vector(1);
+            m.end[k] = random.vector(1);
+          }
+        else if (kind == 1)
+          m = through(random, touching(random, edges, 1), edges, random(0, 1), 0.3);
+        else {  // sliding past each other, 1e-3 apart
           m.start = touching(random, edges, 1);
           const int first = edges ? 2 : 1;
           const dvec3 n = contact_normal(m.start, edges);
@@ -639,10 +732,15 @@ TEST_CASE("cost of a query", "[.benchmark]")
       for (const bool use_cubic : {false, true}) {
         int hits = 0;
         const auto begin = std::chrono::steady_clock::now();
-        for (int repeat = 0; repeat < 10; ++repeat) for (const LinearMotion &m : motions) hits += use_cubic ? cubic(m).hit : additive(m).hit;
-        const double ns = std::chrono::duration<double, std::nano>(std::chrono::steady_clock::now() - begin).count() / 10.0 / motions.size();
-        WARN((edges ? "edge-edge " : "vertex-face ") << (kind == 0 ? "generic " : kind == 1 ? "hitting " : "sliding ") << (use_cubic ? "cubic " : "additive ")
-                                                     << ns << " ns, hits " << hits / 10 << " of " << motions.size());
+        for (int repeat = 0; repeat < 10; ++repeat)
+          for (const LinearMotion &m : motions) hits += use_cubic ? cubic(m).hit : additive(m).hit;
+        const double ns = std::chrono::duration<double, std::nano>(std::chrono::steady_clock::now() - begin).count() /
+                          10.0 / motions.size();
+        WARN((edges ? "edge-edge " : "vertex-face ")
+             << (kind == 0   ? "generic "
+                 : kind == 1 ? "hitting "
+                             : "sliding ")
+             << (use_cubic ? "cubic " : "additive ") << ns << " ns, hits " << hits / 10 << " of " << motions.size());
       }
     }
 }

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The certified commit: whatever motion is proposed, no pair crosses. Judged by an own distance in long double with a Lipschitz
-// certificate over the whole path, and by exact intersection tests on scenes.
+// The certified commit: whatever motion is proposed, no pair crosses. Judged by an own distance in long double with a
+// Lipschitz certificate over the whole path, and by exact intersection tests on scenes.
 #include "../catch.hpp"
 #include "../judge.hpp"
 
@@ -12,7 +12,7 @@
 
 #include "../engine.hpp"
 #include "cama/geometry.hpp"
-#include "kernels.hpp"
+#include "device/kernels.hpp"
 
 using namespace cama;
 using namespace cama::kernels;
@@ -28,8 +28,9 @@ Real distance(const Four &x, bool edges)
   return edges ? judge::segment_segment(x[0], x[1], x[2], x[3]) : judge::point_triangle(x[0], x[1], x[2], x[3]);
 }
 
-/// Is the distance above `least` for the whole linear motion a -> b? Halves until the midpoint's distance covers the half.
-bool stays_apart(const Four &a, const Four &b, bool edges, Real least, int depth = 0)
+/// Is the distance above `least` for the whole linear motion a -> b? Halves until the midpoint's distance covers the
+/// half.
+bool stays_separated(const Four &a, const Four &b, bool edges, Real least, int depth = 0)
 {
   Four middle;
   Real reach = 0;
@@ -41,12 +42,21 @@ bool stays_apart(const Four &a, const Four &b, bool edges, Real least, int depth
   if (!(d > least)) return false;
   if (d - least > 0.5L * reach) return true;
   if (depth > 60) return false;
-  return stays_apart(a, middle, edges, least, depth + 1) && stays_apart(middle, b, edges, least, depth + 1);
+  return stays_separated(a, middle, edges, least, depth + 1) && stays_separated(middle, b, edges, least, depth + 1);
 }
 
-struct Trial { Quad x, y; std::array<double, 4> inverse_mass{1, 1, 1, 1}; bool edges = false; };
+struct Trial {
+  Quad x, y;
+  std::array<double, 4> inverse_mass{1, 1, 1, 1};
+  bool edges = false;
+};
 
-struct Result { std::array<double, 4> fraction; double sigma; Quad committed; int intersecting, state; };
+struct Result {
+  std::array<double, 4> fraction;
+  double sigma;
+  Quad committed;
+  int intersecting, state;
+};
 
 Result commit(const Trial &trial, double dmin, bool settle = false)
 {
@@ -58,8 +68,8 @@ Result commit(const Trial &trial, double dmin, bool settle = false)
   int fraction[4], sigma[1], counter[2], accepted[1];
   commit_begin(4, fraction, sigma, counter);
   for (const int pass : {0, settle ? -1 : 1})
-    commit_pairs(1, trial.edges, 0, pass, &candidate, &face, edge, trial.x.data(), trial.y.data(), trial.inverse_mass.data(), properties, 1.0, 1, accepted,
-                 fraction, fraction, sigma, counter);
+    commit_pairs(1, trial.edges, 0, pass, &candidate, &face, edge, trial.x.data(), trial.y.data(),
+                 trial.inverse_mass.data(), properties, 1.0, 1, accepted, fraction, fraction, sigma, counter);
   Result r;
   commit_apply(4, trial.x.data(), trial.y.data(), fraction, sigma, r.committed.data());
   for (int k = 0; k < 4; ++k) r.fraction[k] = double(bits_float(fraction[k])) * bits_float(sigma[0]);
@@ -80,7 +90,7 @@ bool path_is_safe(const Trial &trial, const Result &r, Real least)
     const Vec x = wide(trial.x[k]);
     end[k] = x + static_cast<Real>(r.fraction[k]) * (wide(trial.y[k]) - x);
   }
-  return stays_apart(wide(trial.x), end, trial.edges, least);
+  return stays_separated(wide(trial.x), end, trial.edges, least);
 }
 
 class Random {
@@ -98,13 +108,17 @@ private:
 
 constexpr double edge_length = 0.01, dmin = 1e-6;   // m; dmin a thousandth of a 1 mm thickness
 
-/// A pair near touching, its features at random angles; `thin` the sine of the angle between edges, or of the face's corner.
+/// A pair near touching, its features at random angles; `thin` the sine of the angle between edges, or of the face's
+/// corner.
 Quad near_pair(Random &random, bool edges, double thin, double gap)
 {
   const dvec3 u = random.direction(), w = random.direction(), v = dnormalize(daxpy(u, thin, w));
   const dvec3 n = dnormalize(dcross(u, v)), zero = dvec3_make(0, 0, 0);
-  const double a = random(0.3, 1.5) * edge_length, b = random(0.3, 1.5) * edge_length, s = random(-0.1, 1.1), t = random(-0.1, 1.1);
-  if (edges) return {daxpy(dscale(gap, n), -s * a, u), daxpy(dscale(gap, n), (1 - s) * a, u), daxpy(zero, -t * b, v), daxpy(zero, (1 - t) * b, v)};
+  const double a = random(0.3, 1.5) * edge_length, b = random(0.3, 1.5) * edge_length, s = random(-0.1, 1.1),
+               t = random(-0.1, 1.1);
+  if (edges)
+    return {daxpy(dscale(gap, n), -s * a, u), daxpy(dscale(gap, n), (1 - s) * a, u), daxpy(zero, -t * b, v),
+            daxpy(zero, (1 - t) * b, v)};
   const dvec3 e = dscale(a, u), f = dscale(b, v), p = daxpy(daxpy(dscale(gap, n), s, e), t * (1 - s), f);
   return {p, zero, e, f};
 }
@@ -120,13 +134,18 @@ Trial make_trial(Random &random, int kind, bool kinematic)
     const dvec3 slide = random.vector(speed);
     for (int k = 0; k < 4; ++k) {
       const bool first = k < (trial.edges ? 2 : 1);
-      const dvec3 d = kind == 1 ? daxpy(dscale(first ? 1 : -1, slide), 0.05, random.vector(speed)) : random.vector(speed);
+      const dvec3 d =
+          kind == 1 ? daxpy(dscale(first ? 1 : -1, slide), 0.05, random.vector(speed)) : random.vector(speed);
       trial.y[k] = dadd(trial.x[k], d);
       trial.inverse_mass[k] = kinematic && random(0, 1) < 0.4 ? 0 : 1;
     }
     if (*std::max_element(trial.inverse_mass.begin(), trial.inverse_mass.end()) == 0) trial.inverse_mass[0] = 1;
-    const dvec3 shift = kind == 4 ? random.vector(random.scale(1, 1e6)) : random.vector(1), common = kind >= 3 ? random.vector(kind == 3 ? 1 : 0.1) : dvec3_make(0, 0, 0);
-    for (int k = 0; k < 4; ++k) { trial.x[k] = dadd(trial.x[k], shift); trial.y[k] = dadd(trial.y[k], dadd(shift, common)); }
+    const dvec3 shift = kind == 4 ? random.vector(random.scale(1, 1e6)) : random.vector(1),
+                common = kind >= 3 ? random.vector(kind == 3 ? 1 : 0.1) : dvec3_make(0, 0, 0);
+    for (int k = 0; k < 4; ++k) {
+      trial.x[k] = dadd(trial.x[k], shift);
+      trial.y[k] = dadd(trial.y[k], dadd(shift, common));
+    }
   } while (!(distance(wide(trial.x), trial.edges) > dmin * 1.001));
   return trial;
 }
@@ -155,20 +174,29 @@ void check_pairs(unsigned seed, int count)
         stopped += r.sigma == 0;
       }
       CAPTURE(kinematic, kind);
-      INFO("motion kept " << kept << ", untouched " << double(whole) / count << ", conditional " << double(conditional) / count << ", sigma 0: " << stopped);
+      INFO("motion kept " << kept << ", untouched " << double(whole) / count << ", conditional "
+                          << double(conditional) / count << ", sigma 0: " << stopped);
       CHECK(unsafe == 0);
       CHECK(nearer == 0);
       CHECK(intersecting == 0);
       CHECK(stopped == 0);
       CHECK(kept > 0.3);
-      if (std::getenv("CAMA_VERBOSE")) WARN("kinematic " << kinematic << " kind " << kind << ": kept " << kept << ", untouched " << double(whole) / count << ", conditional " << double(conditional) / count);
+      if (std::getenv("CAMA_VERBOSE"))
+        WARN("kinematic " << kinematic << " kind " << kind << ": kept " << kept << ", untouched "
+                          << double(whole) / count << ", conditional " << double(conditional) / count);
     }
 }
 
 }  // namespace
 
-TEST_CASE("no proposed motion makes a pair cross or come nearer than the minimum", "[commit]") { check_pairs(11, 20000); }
-TEST_CASE("a million pairs neither cross nor come nearer than the minimum", "[commit][.][long]") { check_pairs(17, 100000); }
+TEST_CASE("no proposed motion makes a pair cross or come nearer than the minimum", "[commit]")
+{
+  check_pairs(11, 20000);
+}
+TEST_CASE("a million pairs neither cross nor come nearer than the minimum", "[commit][.][long]")
+{
+  check_pairs(17, 100000);
+}
 
 TEST_CASE("common translation of touching pairs loses nothing", "[commit]")
 {
@@ -188,7 +216,8 @@ TEST_CASE("common translation of touching pairs loses nothing", "[commit]")
         }
         const Result r = commit(trial, dmin);
         lost += *std::min_element(r.fraction.begin(), r.fraction.end()) < 1;
-        for (int k = 0; k < 4; ++k) lost += std::memcmp(&r.committed[k], &trial.y[k], sizeof(dvec3)) != 0 && r.fraction[k] == 1;
+        for (int k = 0; k < 4; ++k)
+          lost += std::memcmp(&r.committed[k], &trial.y[k], sizeof(dvec3)) != 0 && r.fraction[k] == 1;
       }
       CAPTURE(far, nearness);
       CHECK(lost == 0);
@@ -265,7 +294,8 @@ struct Soup {
   double commit(const std::vector<dvec3> &target, int cap)
   {
     const int n = int(position.size());
-    std::vector<int> fraction(n), before, accepted[2] = {std::vector<int>(vertex_face.size()), std::vector<int>(edge_edge.size())};
+    std::vector<int> fraction(n), before,
+        accepted[2] = {std::vector<int>(vertex_face.size()), std::vector<int>(edge_edge.size())};
     std::vector<vertex_contact> properties(position.size());
     for (vertex_contact &p : properties) p.thickness = 1e-6;
     int sigma, counter[2];
@@ -274,12 +304,15 @@ struct Soup {
       const int seen = counter[0];
       before = fraction;
       for (const int kind : {0, 1})
-        commit_pairs(int((kind ? edge_edge : vertex_face).size()), kind, 0, number, (kind ? edge_edge : vertex_face).data(), faces.data(), edges.data(),
-                     position.data(), target.data(), inverse_mass.data(), properties.data(), 1.0, 0, accepted[kind].data(), before.data(), fraction.data(), &sigma, counter);
+        commit_pairs(int((kind ? edge_edge : vertex_face).size()), kind, 0, number,
+                     (kind ? edge_edge : vertex_face).data(), faces.data(), edges.data(), position.data(),
+                     target.data(), inverse_mass.data(), properties.data(), 1.0, 0, accepted[kind].data(),
+                     before.data(), fraction.data(), &sigma, counter);
       return counter[0] != seen;
     };
     pass(0);
-    for (int k = 1; k != cap && pass(k); ++k) {}
+    for (int k = 1; k != cap && pass(k); ++k) {
+    }
     if (cap >= 0) pass(-1);
     std::vector<dvec3> committed(position.size());
     commit_apply(n, position.data(), target.data(), fraction.data(), &sigma, committed.data());
@@ -299,7 +332,10 @@ Soup make_soup(Random &random)
     const int first = int(kept.size());
     for (int j = 0; j < 3; ++j) soup.position.push_back(dadd(p, random.vector(0.008)));
     soup.face.push_back({first, first + 1, first + 2});
-    if (!intersections(soup.position, soup.face).empty()) { soup.position = kept; soup.face.pop_back(); }
+    if (!intersections(soup.position, soup.face).empty()) {
+      soup.position = kept;
+      soup.face.pop_back();
+    }
   }
   soup.connect();
   return soup;
@@ -317,7 +353,8 @@ TEST_CASE("a soup of triangles in wild motion never intersects", "[commit]")
     for (int step = 0; step < 40; ++step) {
       std::vector<dvec3> target = soup.position;
       const dvec3 common = random.vector(0.05);
-      for (std::size_t v = 0; v < target.size(); ++v) target[v] = dadd(target[v], dadd(common, random.vector(step % 2 ? 0.004 : 0.0004)));
+      for (std::size_t v = 0; v < target.size(); ++v)
+        target[v] = dadd(target[v], dadd(common, random.vector(step % 2 ? 0.004 : 0.0004)));
       kept += soup.commit(target, cap) / 40;
       REQUIRE(intersections(soup.position, soup.face).empty());
     }
@@ -329,7 +366,8 @@ TEST_CASE("a soup of triangles in wild motion never intersects", "[commit]")
 
 namespace {
 
-/// Draped cloth, its vertices sent anywhere by several edge lengths, with nothing but the commit between: intersections by exact predicates.
+/// Draped cloth, its vertices sent anywhere by several edge lengths, with nothing but the commit between: intersections
+/// by exact predicates.
 void check_mesh(const char *scene_name, int triangles, int settle, int rounds)
 {
   Scene scene = Scene::load(std::string(CAMA_SOURCE_DIR) + "/scenes/" + scene_name, triangles);

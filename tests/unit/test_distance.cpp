@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Distances against libccd, closed forms, and the duality gap: the closest vector bounds the distance from below over the vertices.
+// Distances against libccd, closed forms, and the duality gap: the closest vector bounds the distance from below over
+// the vertices.
 #include "../catch.hpp"
 
 #include <ccd/vec3.h>
@@ -8,7 +9,7 @@
 #include <random>
 
 #include "cama/geometry.hpp"
-#include "kernels.hpp"
+#include "device/kernels.hpp"
 
 using namespace cama;
 using namespace cama::kernels;
@@ -16,12 +17,16 @@ using namespace cama::kernels;
 namespace {
 
 using Real = long double;
-struct Wide { Real x, y, z; };
+struct Wide {
+  Real x, y, z;
+};
 Wide operator-(Wide a, Wide b) { return {a.x - b.x, a.y - b.y, a.z - b.z}; }
 Real dot(Wide a, Wide b) { return a.x * b.x + a.y * b.y + a.z * b.z; }
 Wide wide(dvec3 a) { return {a.x, a.y, a.z}; }
 
-struct Gap { Real above, below; };   ///< length of sum w x, and the greatest lower bound along the reported normal
+struct Gap {
+  Real above, below;
+};   ///< length of sum w x, and the greatest lower bound along the reported normal
 
 Gap bounds(const Quad &x, const proximity &p, bool edges)
 {
@@ -78,7 +83,8 @@ TEST_CASE("vertex-face distance equals libccd's", "[distance]")
       ccdVec3Set(&v[k], ccd_real_t(x[k].x), ccd_real_t(x[k].y), ccd_real_t(x[k].z));
     }
     const double expected = std::sqrt(double(ccdVec3PointTriDist2(&v[0], &v[1], &v[2], &v[3], nullptr)));
-    REQUIRE(vertex_face_distance(x).distance == Approx(expected).epsilon(sizeof(ccd_real_t) == 8 ? 1e-9 : 1e-4).margin(1e-7));
+    REQUIRE(vertex_face_distance(x).distance ==
+            Approx(expected).epsilon(sizeof(ccd_real_t) == 8 ? 1e-9 : 1e-4).margin(1e-7));
   }
 }
 
@@ -94,8 +100,15 @@ TEST_CASE("closest points are optimal: no gap to the lower bound along the norma
           Quad x;
           const dvec3 u = random.vector(1), v = dadd(u, random.vector(thin)), shift = random.vector(offset);
           x[0] = random.vector(1);
-          if (edges) { x[1] = dadd(x[0], u); x[2] = random.vector(1); x[3] = daxpy(x[2], random(0.5, 2), v); }
-          else { x[1] = random.vector(1); x[2] = dadd(x[1], u); x[3] = daxpy(x[1], random(0.5, 2), v); }
+          if (edges) {
+            x[1] = dadd(x[0], u);
+            x[2] = random.vector(1);
+            x[3] = daxpy(x[2], random(0.5, 2), v);
+          } else {
+            x[1] = random.vector(1);
+            x[2] = dadd(x[1], u);
+            x[3] = daxpy(x[1], random(0.5, 2), v);
+          }
           if (i % 2) {   // moved so that the closest points are inside, from 1e-6 to 1 apart
             const dvec3 n = dnormalize(dcross(u, v)), w = dsub(x[3], edges ? x[2] : x[1]);
             const double s = random(0.1, 0.9), t = random(0.1, 0.9), height = std::pow(10.0, random(-6, 0));

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Whole simulations against closed forms: free fall, pendulum, hanging chain, momentum, hanging strip, catenary, elastica, friction on a
-// slope, collisions. Tables: ../shared/data/analytic.
+// Whole simulations against closed forms: free fall, pendulum, hanging chain, momentum, hanging strip, catenary,
+// elastica, friction on a slope, collisions. Tables: ../shared/data/analytic.
 #include "../catch.hpp"
 
 #include <algorithm>
@@ -44,7 +44,8 @@ Scene scene_of(const Mesh &mesh, const Material &material, double time_step)
 /// Puts material point (u, v) at f(u, v).
 template <class F> void place(Mesh &mesh, F f)
 {
-  for (std::size_t i = 0; i < mesh.position.size(); ++i) mesh.position[i] = f(mesh.material_position[i][0], mesh.material_position[i][1]);
+  for (std::size_t i = 0; i < mesh.position.size(); ++i)
+    mesh.position[i] = f(mesh.material_position[i][0], mesh.material_position[i][1]);
 }
 
 std::vector<int> join(std::vector<int> a, const std::vector<int> &b)
@@ -77,7 +78,10 @@ dvec3 mean(const std::vector<dvec3> &x, const std::vector<int> &vertices)
   return dscale(1.0 / static_cast<double>(vertices.size()), sum);
 }
 
-struct Momentum { dvec3 linear{0, 0, 0}, angular{0, 0, 0}; double speed = 0; };   // speed: sum of m |v|
+struct Momentum {
+  dvec3 linear{0, 0, 0}, angular{0, 0, 0};
+  double speed = 0;
+};   // speed: sum of m |v|
 
 Momentum momentum(const Simulation &sim)
 {
@@ -107,7 +111,8 @@ TEST_CASE("free fall follows the closed form of backward Euler", "[dynamics]")
     double off = 0;
     for (std::size_t i = 0; i < x.size(); ++i) {
       const dvec3 x0 = s.cloths[0].mesh.position[i];
-      const dvec3 fallen{x0.x + 0.3 * steps * h, x0.y - 0.2 * steps * h, x0.z + 1.5 * steps * h - gravity * h * h * steps * (steps + 1) / 2};
+      const dvec3 fallen{x0.x + 0.3 * steps * h, x0.y - 0.2 * steps * h,
+                         x0.z + 1.5 * steps * h - gravity * h * h * steps * (steps + 1) / 2};
       off = std::max(off, dnorm(dsub(x[i], fallen)));
     }
     return off;
@@ -126,7 +131,8 @@ TEST_CASE("a single stiff cell swings as the simple pendulum under backward Eule
 {
   const double length = 0.5, h = 1.0 / 500, start = 0.01;
   Pattern p = make_grid_cells(0.5, length, 1, 1);
-  place(p.mesh, [&](double u, double v) { return dvec3{u, (length - v) * std::sin(start), -(length - v) * std::cos(start)}; });
+  place(p.mesh,
+        [&](double u, double v) { return dvec3{u, (length - v) * std::sin(start), -(length - v) * std::cos(start)}; });
   Scene s = scene_of(p.mesh, Material::isotropic(1e6, 0, 0, 0.2), h);
   s.pins.push_back({0, p.group["top"], {}, {}});
   Simulation sim(s, exact());
@@ -150,7 +156,9 @@ TEST_CASE("the first mode of a hanging chain has the frequency of Bernoulli's", 
   const double length = 0.5, amplitude = 1e-3, w = 0.5 * 2.404825557695773 * std::sqrt(gravity / length);
   const auto period_error = [&](int cells, double h) {
     Pattern p = make_grid_cells(length / cells, length, 1, cells);
-    place(p.mesh, [&](double u, double v) { return dvec3{u, amplitude * std::cyl_bessel_j(0, 2 * w * std::sqrt(v / gravity)), v - length}; });
+    place(p.mesh, [&](double u, double v) {
+      return dvec3{u, amplitude * std::cyl_bessel_j(0, 2 * w * std::sqrt(v / gravity)), v - length};
+    });
     Scene s = scene_of(p.mesh, Material::isotropic(1e5, 0, 0, 0.2), h);
     s.pins.push_back({0, p.group["top"], {}, {}});
     Simulation sim(s, exact());
@@ -191,7 +199,8 @@ TEST_CASE("a free spinning cloth keeps its momentum, and its angular momentum as
     linear = dnorm(dsub(end.linear, start.linear)) / start.speed;
     return dnorm(dsub(end.angular, start.angular)) / dnorm(start.angular);
   };
-  // Backward Euler takes the centripetal force at the end of the step: L loses h^2 w^2 of itself a step, h w^2 t in all.
+  // Backward Euler takes the centripetal force at the end of the step: L loses h^2 w^2 of itself a step, h w^2 t in
+  // all.
   double linear = 0;
   for (double h : {1.0 / 500, 1.0 / 1000, 1.0 / 2000}) {
     const double lost = run(h, linear, exact());
@@ -293,10 +302,12 @@ TEST_CASE("a strip hung by its ends sags as the catenary when bending vanishes",
 
 namespace {
 
-struct Tip { double drop, reach; };
+struct Tip {
+  double drop, reach;
+};
 
-/// A strip of length 2 and `rows` cells' width held along its middle line, bent by its weight: by symmetry each half is a cantilever of
-/// length 1 with an exact clamp. mirror: the mesh's mirror image across the strip.
+/// A strip of length 2 and `rows` cells' width held along its middle line, bent by its weight: by symmetry each half is
+/// a cantilever of length 1 with an exact clamp. mirror: the mesh's mirror image across the strip.
 Tip cantilever(double gamma, int cells, int rows, bool mirror)
 {
   const double cell = 1.0 / cells, density = 0.2, width = rows * cell;
@@ -320,8 +331,9 @@ Tip cantilever(double gamma, int cells, int rows, bool mirror)
 
 }  // namespace
 
-// The hinges of a grid whose diagonals alternate can fold up and down from vertex to vertex on top of the strip's curvature, which
-// lowers the stiffness of a free strip from k / 4 to k / 5: per cell, the energy is k / 8 [(c + d)^2 + d^2 + 4 d^2], least over d.
+// The hinges of a grid whose diagonals alternate can fold up and down from vertex to vertex on top of the strip's
+// curvature, which lowers the stiffness of a free strip from k / 4 to k / 5: per cell, the energy is k / 8 [(c + d)^2 +
+// d^2 + 4 d^2], least over d.
 TEST_CASE("a cantilever under its weight bends as the elastica", "[dynamics][data]")
 {
   const auto file = test_data("analytic/elastica.csv");
@@ -344,7 +356,8 @@ TEST_CASE("a wide cantilever bends as the elastica but for its anticlastic stiff
 {
   const auto file = test_data("analytic/elastica.csv");
   if (!file) return;
-  // The relaxed grid is a plate of Poisson ratio -0.2: where its width is held from curling it is stiffer, by 1 / (1 - 0.04) at most.
+  // The relaxed grid is a plate of Poisson ratio -0.2: where its width is held from curling it is stiffer, by 1 / (1 -
+  // 0.04) at most.
   for (int cells : {16, 32, 64}) {
     const Tip tip = cantilever(5, cells, cells / 8, false);
     const double off = std::abs(tip.drop / tip.reach / table(*file).at(5).at("H_over_W") - 1);
@@ -362,20 +375,26 @@ TEST_CASE("a mirrored mesh bends the same", "[dynamics]")
 
 namespace {
 
-struct Slide { double moved, acceleration; };   // along the slope, m and m/s^2, after settling
+struct Slide {
+  double moved, acceleration;
+};  // along the slope, m and m/s^2, after settling
 
 enum class Ground { obstacle, cloth };
 
-/// A patch of 5 cm on a slope of 26.57 degrees with friction `factor` times its tangent, and static friction likewise. `cells`: of the
-/// slope's mesh, along each side. On a cloth: one that is held everywhere. loaded: starts where the penalty carries its weight; else just
-/// out of contact, so that its first step is without friction and it moves when the load sets in.
-Slide slide(double factor, double static_factor, int cells, double duration, Ground kind = Ground::obstacle, bool loaded = false)
+/// A patch of 5 cm on a slope of 26.57 degrees with friction `factor` times its tangent, and static friction likewise.
+/// `cells`: of the slope's mesh, along each side. On a cloth: one that is held everywhere. loaded: starts where the
+/// penalty carries its weight; else just out of contact, so that its first step is without friction and it moves when
+/// the load sets in.
+Slide slide(double factor, double static_factor, int cells, double duration, Ground kind = Ground::obstacle,
+            bool loaded = false)
 {
   const double angle = 26.57 * pi / 180, turn = 0.3;
   const dvec3 down{std::cos(angle), 0, -std::sin(angle)}, normal{std::sin(angle), 0, std::cos(angle)};
   const double density = 0.2, stiffness = 1e6, thickness = 1e-3;
   const double gap = thickness - (loaded ? density * gravity * std::cos(angle) / stiffness : 0);
-  const auto at = [&](double a, double b, double c) { return dadd(dadd(dscale(a, down), {0, b, 0}), dscale(c, normal)); };
+  const auto at = [&](double a, double b, double c) {
+    return dadd(dadd(dscale(a, down), {0, b, 0}), dscale(c, normal));
+  };
   Pattern patch = make_grid_cells(0.05, 0.05, 4, 4), ground = make_grid_cells(1, 0.4, cells, cells);
   place(patch.mesh, [&](double u, double v) {
     u -= 0.025;
@@ -430,7 +449,8 @@ TEST_CASE("wind drives a free sheet to its own speed and not beyond, however lon
       scene.gravity = {0, 0, 0};
       scene.time_step = 1.0 / 120;
       scene.wind = Wind{{0.17 * speed, 0, 0.985 * speed}, 1.2, 0.1};
-      scene.cloths.push_back(meshes::cloth(meshes::grid(8, 8, 0.5, 0.5, 0), Material::isotropic(200, 0.3, 1e-5, density), "sheet"));
+      scene.cloths.push_back(
+          meshes::cloth(meshes::grid(8, 8, 0.5, 0.5, 0), Material::isotropic(200, 0.3, 1e-5, density), "sheet"));
       Simulation simulation(scene, serial());
       double fastest = 0, along = 0;
       for (int i = 0; i < 100; ++i) {
@@ -443,7 +463,8 @@ TEST_CASE("wind drives a free sheet to its own speed and not beyond, however lon
     }
 }
 
-TEST_CASE("a patch on a flat slope sticks just above, and slides just below, the angle of friction", "[dynamics][friction]")
+TEST_CASE("a patch on a flat slope sticks just above, and slides just below, the angle of friction",
+          "[dynamics][friction]")
 {
   const Slide stick = slide(1.02, 1.02, 1, 1), slip = slide(0.98, 0.98, 1, 0.5), fast = slide(0.5, 0.5, 1, 0.3);
   CAPTURE(stick.moved, stick.acceleration, slip.acceleration, fast.acceleration);
@@ -457,19 +478,22 @@ TEST_CASE("a patch on a slope of many triangles sticks and slides as on a flat o
 {
   const Slide stick = slide(1.02, 1.02, 10, 1), slip = slide(0.98, 0.98, 10, 0.5), fast = slide(0.5, 0.5, 10, 0.3);
   CAPTURE(stick.moved, stick.acceleration, slip.acceleration, fast.acceleration);
-  const double one_percent = 0.01 * gravity * std::sin(26.57 * pi / 180);   // of the friction at the limit
+  const double one_percent = 0.01 * gravity * std::sin(26.57 * pi / 180);  // of the friction at the limit
   CHECK(std::abs(stick.moved) < 1e-3);
   CHECK(std::abs(slip.acceleration - sliding_acceleration(0.98)) < one_percent);
   CHECK(std::abs(fast.acceleration - sliding_acceleration(0.5)) < one_percent);
 }
 
-TEST_CASE("with a static coefficient above the kinetic one a patch sticks up to the one and slides with the other", "[dynamics][friction]")
+TEST_CASE("with a static coefficient above the kinetic one a patch sticks up to the one and slides with the other",
+          "[dynamics][friction]")
 {
   const double kinetic = 0.6;
   for (const Ground ground : {Ground::obstacle, Ground::cloth})
     for (const int cells : {1, 10}) {
-      // On many triangles the load is uneven, and from rest heavily loaded vertices hold their neighbours: there it starts moving.
-      const Slide stick = slide(kinetic, 1.02, cells, 1, ground, true), slip = slide(kinetic, 0.98, cells, 0.3, ground, cells == 1);
+      // On many triangles the load is uneven, and from rest heavily loaded vertices hold their neighbours: there it
+      // starts moving.
+      const Slide stick = slide(kinetic, 1.02, cells, 1, ground, true),
+                  slip = slide(kinetic, 0.98, cells, 0.3, ground, cells == 1);
       const Slide low = slide(kinetic, kinetic, cells, 0.3, ground, cells == 1);
       CAPTURE(static_cast<int>(ground), cells, stick.moved, stick.acceleration, slip.acceleration, low.acceleration);
       CHECK(std::abs(stick.moved) < 1e-3);
@@ -480,9 +504,11 @@ TEST_CASE("with a static coefficient above the kinetic one a patch sticks up to 
 
 TEST_CASE("a cloth rests where the penalty of its pair carries its weight", "[dynamics]")
 {
-  // One cell above a large triangle: each corner has one contact with its own area, so that density g = k (thickness - gap).
+  // One cell above a large triangle: each corner has one contact with its own area, so that density g = k (thickness -
+  // gap).
   const double density = 0.3;
-  const auto gap = [&](double cloth_stiffness, double body_stiffness, double cloth_thickness, double body_thickness, double start) {
+  const auto gap = [&](double cloth_stiffness, double body_stiffness, double cloth_thickness, double body_thickness,
+                       double start) {
     Pattern p = make_grid_cells(0.05, 0.05, 1, 1);
     place(p.mesh, [&](double u, double v) { return dvec3{u, v, start}; });
     Scene s = scene_of(p.mesh, Material::isotropic(500, 0.3, 0, density), 1.0 / 200);
@@ -529,7 +555,7 @@ TEST_CASE("two cloths that collide keep their momentum", "[dynamics]")
     s.contact.enabled = true;
     s.cloths.push_back({"above", b.mesh, Material::isotropic(300, 0.3, 1e-5, 0.1), {0.1, 0, -speed}, ""});
     Options o = exact();
-    o.anticipate_contacts = speed < 1;   // leaves the fast case to the impacts
+    o.anticipate_contacts = speed < 1;  // leaves the fast case to the impacts
     Simulation sim(s, o);
     const Momentum start = momentum(sim);
     int impacts = 0, truncated = 0, contacts = 0;
@@ -548,13 +574,14 @@ TEST_CASE("two cloths that collide keep their momentum", "[dynamics]")
     std::vector<int> lower, upper;
     for (int i = range[0].first; i < range[0].second; ++i) lower.push_back(i);
     for (int i = range[1].first; i < range[1].second; ++i) upper.push_back(i);
-    approach = mean(v, lower).z - mean(v, upper).z;   // positive while they still close in
+    approach = mean(v, lower).z - mean(v, upper).z;  // positive while they still close in
     CAPTURE(speed, contacts, impacts, truncated, linear, angular, approach);
     CHECK(contacts > 0);
     if (speed > 1) CHECK(impacts > 0);
     CHECK(sim.count_intersections() == 0);
     CHECK(linear < 1e-10);
-    CHECK(angular < (speed < 1 ? 0.02 : 0.15));   // impulses act where the vertices were: off by what they move in a step
+    CHECK(angular <
+          (speed < 1 ? 0.02 : 0.15));  // impulses act where the vertices were: off by what they move in a step
     CHECK(approach < 0.05 * speed);
   }
 }
@@ -580,7 +607,8 @@ TEST_CASE("an obstacle with sampled and rigid motion goes where Motion::evaluate
   o.motion.evaluate(sim.time(), o.mesh.position, expected);
   const auto x = sim.positions();
   for (int k = 0; k < 3; ++k) {
-    const dvec3 d = kernels::dsub(x[static_cast<std::size_t>(sim.obstacle_ranges()[0].first + k)], expected[static_cast<std::size_t>(k)]);
+    const dvec3 d = kernels::dsub(x[static_cast<std::size_t>(sim.obstacle_ranges()[0].first + k)],
+                                  expected[static_cast<std::size_t>(k)]);
     CHECK(kernels::dnorm(d) < 1e-12);
   }
 }

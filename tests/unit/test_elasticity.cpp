@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Planar elasticity: forces against finite differences of an energy written here, Hessian blocks, invariances, and the stiffness table
-// against ARCSim's printed samples.
+// Planar elasticity: forces against finite differences of an energy written here, Hessian blocks, invariances, and the
+// stiffness table against ARCSim's printed samples.
 #include "../catch.hpp"
 
 #include <algorithm>
@@ -13,8 +13,8 @@
 #include <Eigen/Dense>
 
 #include "cama/material.hpp"
-#include "kernels.hpp"
-#include "topology.hpp"
+#include "device/kernels.hpp"
+#include "model/topology.hpp"
 
 using namespace cama;
 
@@ -49,8 +49,8 @@ double rest_area(const Sample &s) { return 0.5 * std::abs(s.rest_edges.determina
 double reference_energy(const Sample &s, const Nodes &x)
 {
   const Eigen::Matrix2d g = green(s, x);
-  return rest_area(s) * (0.5 * s.k[0] * g(0, 0) * g(0, 0) + s.k[1] * g(0, 0) * g(1, 1) + 0.5 * s.k[2] * g(1, 1) * g(1, 1) +
-                         s.k[3] * g(0, 1) * g(0, 1));
+  return rest_area(s) * (0.5 * s.k[0] * g(0, 0) * g(0, 0) + s.k[1] * g(0, 0) * g(1, 1) +
+                         0.5 * s.k[2] * g(1, 1) * g(1, 1) + s.k[3] * g(0, 1) * g(0, 1));
 }
 
 /// The energy is of degree four in the positions: this five-point formula has no truncation error.
@@ -58,7 +58,11 @@ template <class F> Nodes gradient(F f, const Nodes &x, double h)
 {
   Nodes g;
   for (int i = 0; i < 9; ++i) {
-    const auto at = [&](double t) { Nodes y = x; y[i] += t; return f(y); };
+    const auto at = [&](double t) {
+      Nodes y = x;
+      y[i] += t;
+      return f(y);
+    };
     g[i] = (8 * (at(h) - at(-h)) - (at(2 * h) - at(-2 * h))) / (12 * h);
   }
   return g;
@@ -87,7 +91,9 @@ public:
   }
   Eigen::Matrix3d rotation()
   {
-    return Eigen::Quaterniond(uniform(-1, 1), uniform(-1, 1), uniform(-1, 1), uniform(-1, 1)).normalized().toRotationMatrix();
+    return Eigen::Quaterniond(uniform(-1, 1), uniform(-1, 1), uniform(-1, 1), uniform(-1, 1))
+        .normalized()
+        .toRotationMatrix();
   }
 
 private:
@@ -106,7 +112,10 @@ template <class Real> struct Element {
   Element(const Sample &s, const Nodes &x)
   {
     const Eigen::Matrix2d d = s.rest_edges.inverse();
-    for (int i = 0; i < 4; ++i) { rest.d[i] = static_cast<Real>(d(i / 2, i % 2)); k.k[i] = static_cast<Real>(s.k[i]); }
+    for (int i = 0; i < 4; ++i) {
+      rest.d[i] = static_cast<Real>(d(i / 2, i % 2));
+      k.k[i] = static_cast<Real>(s.k[i]);
+    }
     rest.area = static_cast<Real>(rest_area(s));
     const auto edge = [&](int a) {
       const Eigen::Vector3d e = x.segment<3>(3 * a) - x.segment<3>(0);
@@ -141,16 +150,19 @@ TEMPLATE_TEST_CASE("triangle forces are the negative gradient of the energy", "[
   for (int n = 0; n < 2000; ++n) {
     const Sample s = samples();
     const Element<TestType> e(s, s.x);
-    const Nodes expected = -gradient([&](const Nodes &x) { return reference_energy(s, x); }, s.x, 1e-3 * std::sqrt(rest_area(s)));
+    const Nodes expected =
+        -gradient([&](const Nodes &x) { return reference_energy(s, x); }, s.x, 1e-3 * std::sqrt(rest_area(s)));
     worst = std::max(worst, (e.force - expected).norm() / expected.norm());
-    worst_energy = std::max(worst_energy, std::abs(e.energy - reference_energy(s, s.x)) / (s.k.cwiseAbs().sum() * rest_area(s)));
+    worst_energy =
+        std::max(worst_energy, std::abs(e.energy - reference_energy(s, s.x)) / (s.k.cwiseAbs().sum() * rest_area(s)));
   }
   CAPTURE(worst, worst_energy);
   CHECK(worst < bound);
   CHECK(worst_energy < (sizeof(TestType) == 8 ? 1e-13 : 1e-5));
 }
 
-TEMPLATE_TEST_CASE("triangle forces vanish at rest, sum to nothing, exert no torque and turn with the triangle", "[elasticity]", double, float)
+TEMPLATE_TEST_CASE("triangle forces vanish at rest, sum to nothing, exert no torque and turn with the triangle",
+                   "[elasticity]", double, float)
 {
   const double bound = sizeof(TestType) == 8 ? 1e-12 : 2e-5;
   Samples samples(2);
@@ -201,9 +213,11 @@ TEMPLATE_TEST_CASE("the triangle matrix is symmetric and positive semidefinite",
     const double scale = m.cwiseAbs().maxCoeff();
     for (int a = 0; a < 3; ++a)
       for (int b = 0; b < 3; ++b)
-        REQUIRE((m.block<3, 3>(3 * a, 3 * b) - m.block<3, 3>(3 * b, 3 * a).transpose()).cwiseAbs().maxCoeff() <= bound * scale);
+        REQUIRE((m.block<3, 3>(3 * a, 3 * b) - m.block<3, 3>(3 * b, 3 * a).transpose()).cwiseAbs().maxCoeff() <=
+                bound * scale);
     const Matrix9 symmetric = 0.5 * (m + m.transpose());
-    lowest = std::min(lowest, Eigen::SelfAdjointEigenSolver<Matrix9>(symmetric, Eigen::EigenvaluesOnly).eigenvalues()[0] / scale);
+    lowest = std::min(
+        lowest, Eigen::SelfAdjointEigenSolver<Matrix9>(symmetric, Eigen::EigenvaluesOnly).eigenvalues()[0] / scale);
     const Nodes shift = (Nodes() << 1, 2, 3, 1, 2, 3, 1, 2, 3).finished();
     REQUIRE((m * shift).norm() <= 100 * bound * scale);   // moving along costs nothing
   }
@@ -222,7 +236,11 @@ TEST_CASE("under tension without shear the triangle matrix is the exact Hessian"
     const Matrix9 m = e.matrix();
     const double h = 1e-3 * std::sqrt(rest_area(s));
     for (int i = 0; i < 9; ++i) {
-      const auto force = [&](double t) { Nodes y = s.x; y[i] += t; return Nodes(Element<double>(s, y).force); };
+      const auto force = [&](double t) {
+        Nodes y = s.x;
+        y[i] += t;
+        return Nodes(Element<double>(s, y).force);
+      };
       const Nodes column = -(8 * (force(h) - force(-h)) - (force(2 * h) - force(-2 * h))) / (12 * h);
       worst = std::max(worst, (column - m.col(i)).norm() / m.norm());
     }
@@ -244,8 +262,10 @@ TEST_CASE("sampling a stretching table hits its nodes and is linear between them
     for (int j = 0; j < n; j += 2)
       for (int k = 0; k < n; ++k)
         for (int sign : {-1, 1}) {
-          const S s = sample_stretching(table.data(), -0.25 + double(i) / n, -0.25 + double(j) / n, sign * double(k) / n);
-          for (int m = 0; m < 4; ++m) REQUIRE(std::abs(s.k[m] - at(i, j, k).k[m]) <= 1000 * (i == 29 || j == 29 || k == 29 ? 3.1e-5 : 1e-10));
+          const S s =
+              sample_stretching(table.data(), -0.25 + double(i) / n, -0.25 + double(j) / n, sign * double(k) / n);
+          for (int m = 0; m < 4; ++m)
+            REQUIRE(std::abs(s.k[m] - at(i, j, k).k[m]) <= 1000 * (i == 29 || j == 29 || k == 29 ? 3.1e-5 : 1e-10));
         }
   // Halfway between two nodes: their mean. Outside: held.
   const S middle = sample_stretching(table.data(), -0.25 + 4.5 / n, -0.25 + 7.0 / n, 2.0 / n);
@@ -281,14 +301,24 @@ TEST_CASE("stretching tables equal ARCSim's printed stiffness", "[elasticity][or
     std::string name, cell;
     std::getline(text, name, ',');
     double v[7];
-    for (double &x : v) { std::getline(text, cell, ','); x = std::stod(cell); }
+    for (double &x : v) {
+      std::getline(text, cell, ',');
+      x = std::stod(cell);
+    }
     auto &table = tables[name];
     if (table.empty())
-      for (const auto &k : stretching_table(Material::load(*materials / (name + ".json")))) table.push_back({{k[0], k[1], k[2], k[3]}});
+      for (const auto &k : stretching_table(Material::load(*materials / (name + ".json"))))
+        table.push_back({{k[0], k[1], k[2], k[3]}});
     const auto k = sample_stretching(table.data(), v[0], v[1], v[2]);
     double off = 0, scale = 0;
-    for (int m = 0; m < 4; ++m) { off = std::max(off, std::abs(k.k[m] - v[3 + m])); scale = std::max(scale, std::abs(v[3 + m])); }
-    if (off / scale > worst) { worst = off / scale; where = line; }
+    for (int m = 0; m < 4; ++m) {
+      off = std::max(off, std::abs(k.k[m] - v[3 + m]));
+      scale = std::max(scale, std::abs(v[3 + m]));
+    }
+    if (off / scale > worst) {
+      worst = off / scale;
+      where = line;
+    }
     ++rows;
   }
   CAPTURE(worst, where);

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Fronts against brute force over every pair of feature boxes and against the trees, through moving sequences in which they are kept.
+// Fronts against brute force over every pair of feature boxes and against the trees, through moving sequences in which
+// they are kept.
 #include "../backends.hpp"
 
 #include <algorithm>
@@ -25,10 +26,16 @@ Pairs listed(const PairList &list)
   for (kernels::pair p : list.pairs.download()) all.push_back({p.a, p.b});
   return all;
 }
-Pairs sorted(Pairs p) { std::sort(p.begin(), p.end()); return p; }
+Pairs sorted(Pairs p)
+{
+  std::sort(p.begin(), p.end());
+  return p;
+}
 
 /// Every pair of features without a shared vertex whose boxes overlap, one by one.
-struct Found { Pairs vertex_face, edge_edge; };
+struct Found {
+  Pairs vertex_face, edge_edge;
+};
 Found brute_force(State &s, const Topology &t)
 {
   const std::vector<box> v = s.vertex_box.download(), f = s.face_box.download(), e = s.edge_box.download();
@@ -45,12 +52,14 @@ Found brute_force(State &s, const Topology &t)
   for (int i = 0; i < s.vertices; ++i)
     for (int j = 0; j < s.faces; ++j) {
       const Triangle &n = t.face[j];
-      if (n[0] != i && n[1] != i && n[2] != i && wanted(i, n[0]) && !apart(v[i], f[j])) found.vertex_face.push_back({i, j});
+      if (n[0] != i && n[1] != i && n[2] != i && wanted(i, n[0]) && !apart(v[i], f[j]))
+        found.vertex_face.push_back({i, j});
     }
   for (int i = 0; i < s.edges; ++i)
     for (int j = i + 1; j < s.edges; ++j) {
       const auto &a = t.edge[i], &b = t.edge[j];
-      if (a[0] != b[0] && a[0] != b[1] && a[1] != b[0] && a[1] != b[1] && wanted(a[0], b[0]) && !apart(e[i], e[j])) found.edge_edge.push_back({i, j});
+      if (a[0] != b[0] && a[0] != b[1] && a[1] != b[0] && a[1] != b[1] && wanted(a[0], b[0]) && !apart(e[i], e[j]))
+        found.edge_edge.push_back({i, j});
     }
   return found;
 }
@@ -65,13 +74,15 @@ Mesh soup(unsigned seed, int vertices, int faces, double reach)
   std::set<std::set<int>> present;
   const auto add = [&](int a, int b, int c) {
     const auto far = [&](int i, int j) {
-      return std::hypot(m.position[i].x - m.position[j].x, m.position[i].y - m.position[j].y, m.position[i].z - m.position[j].z) > reach;
+      return std::hypot(m.position[i].x - m.position[j].x, m.position[i].y - m.position[j].y,
+                        m.position[i].z - m.position[j].z) > reach;
     };
     if (a == b || b == c || a == c || far(a, b) || far(b, c) || far(a, c) || !present.insert({a, b, c}).second) return;
     m.face.push_back({a, b, c});
   };
   std::uniform_int_distribution<int> any(0, vertices - 1);
-  for (int i = 0; i < 400 * faces && static_cast<int>(m.face.size()) < faces; ++i) add(any(engine), any(engine), any(engine));
+  for (int i = 0; i < 400 * faces && static_cast<int>(m.face.size()) < faces; ++i)
+    add(any(engine), any(engine), any(engine));
   std::vector<int> number(m.position.size(), -1);   // vertices in use only
   Mesh used;
   for (Triangle &t : m.face)
@@ -111,10 +122,12 @@ Scene with(std::vector<Mesh> cloths, std::vector<Mesh> obstacles, bool self = tr
   s.time_step = 1.0 / 200;
   s.contact.thickness = 4e-3;
   s.contact.self = self;
-  for (std::size_t i = 0; i < cloths.size(); ++i) s.cloths.push_back(meshes::cloth(std::move(cloths[i]), meshes::cotton(), "cloth" + std::to_string(i)));
+  for (std::size_t i = 0; i < cloths.size(); ++i)
+    s.cloths.push_back(meshes::cloth(std::move(cloths[i]), meshes::cotton(), "cloth" + std::to_string(i)));
   Motion moving;   // the tests move everything themselves
   moving.velocity = {1, 0, 0};
-  for (std::size_t i = 0; i < obstacles.size(); ++i) s.obstacles.push_back(meshes::obstacle(std::move(obstacles[i]), moving, "obstacle" + std::to_string(i)));
+  for (std::size_t i = 0; i < obstacles.size(); ++i)
+    s.obstacles.push_back(meshes::obstacle(std::move(obstacles[i]), moving, "obstacle" + std::to_string(i)));
   return s;
 }
 
@@ -124,7 +137,10 @@ Mesh moved(Mesh m, dvec3 by)
   return m;
 }
 
-struct Case { const char *name; Scene scene; };
+struct Case {
+  const char *name;
+  Scene scene;
+};
 std::vector<Case> cases(unsigned seed)
 {
   return {{"one triangle", with({soup(seed, 3, 1, 9)}, {})},
@@ -134,8 +150,11 @@ std::vector<Case> cases(unsigned seed)
           {"book", with({meshes::book(37, 0.3)}, {meshes::sphere(5, 3, 0.1)})},
           {"book of few pages", with({meshes::book(7, 0.3)}, {})},
           {"folded", with({folded(12)}, {})},
-          {"sheets and ball", with({meshes::grid(9, 8, 0.3, 0.3, -0.15, -0.15, 0.02), meshes::grid(7, 7, 0.3, 0.3, -0.14, -0.16, 0.024)}, {meshes::sphere(9, 7, 0.1)})},
-          {"without self", with({folded(8)}, {meshes::sphere(9, 7, 0.1), moved(soup(seed, 30, 20, 9), {0.1, 0, 0})}, false)},
+          {"sheets and ball",
+           with({meshes::grid(9, 8, 0.3, 0.3, -0.15, -0.15, 0.02), meshes::grid(7, 7, 0.3, 0.3, -0.14, -0.16, 0.024)},
+                {meshes::sphere(9, 7, 0.1)})},
+          {"without self",
+           with({folded(8)}, {meshes::sphere(9, 7, 0.1), moved(soup(seed, 30, 20, 9), {0.1, 0, 0})}, false)},
           {"fan", with({fan(40), meshes::grid(3, 3, 0.3, 0.3)}, {fan(31)})}};
 }
 
@@ -159,7 +178,8 @@ std::vector<dvec3> positions(const std::vector<dvec3> &rest, unsigned seed, int 
 /// Engine whose own pipeline does not matter, with a FrontSearch on its state.
 struct Fronts {
   Fronts(const Scene &scene, const std::string &backend, int threads, bool localized = true)
-      : engine(scene, options(backend, threads, localized)), search(engine.state), from(*engine.backend), to(*engine.backend)
+      : engine(scene, options(backend, threads, localized)), search(engine.state), from(*engine.backend),
+        to(*engine.backend)
   {}
   static Options options(const std::string &backend, int threads, bool localized)
   {
@@ -189,7 +209,8 @@ void check_cut(State &s, const Topology &t)
     const kernels::node_pair p = kernels::front_unpack(packed);
     const int level = std::min(p.level, root);
     for (int i = p.a << level; i < std::min(n, (p.a + 1) << level); ++i)
-      for (int j = p.b << level; j < std::min(n, (p.b + 1) << level); ++j) ++covered[static_cast<std::size_t>(i) * n + j];
+      for (int j = p.b << level; j < std::min(n, (p.b + 1) << level); ++j)
+        ++covered[static_cast<std::size_t>(i) * n + j];
   }
   const std::vector<int> order = s.face_order.download();
   int wrong = 0, twice = 0;
@@ -208,7 +229,8 @@ void check_cut(State &s, const Topology &t)
 
 }  // namespace
 
-TEST_CASE("fronts give every pair of features whose boxes overlap, once, and those of the trees, through a motion", "[front]")
+TEST_CASE("fronts give every pair of features whose boxes overlap, once, and those of the trees, through a motion",
+          "[front]")
 {
   for (const std::string &backend : backends_here())
     for (unsigned seed : {1u, 2u, 3u}) {
@@ -235,9 +257,9 @@ TEST_CASE("fronts give every pair of features whose boxes overlap, once, and tho
           tree.run(trees.state, trees.state.position, trees.state.position_next);
           REQUIRE(sorted(vf) == sorted(listed(trees.state.vertex_face)));
           REQUIRE(sorted(ee) == sorted(listed(trees.state.edge_edge)));
-          REQUIRE(s.vertex_face.room.size() == static_cast<int>(vf.size()));
+          REQUIRE(s.vertex_face.gap_bound.size() == static_cast<int>(vf.size()));
           REQUIRE(s.edge_edge.direction.size() == static_cast<int>(ee.size()));
-          for (float room : s.vertex_face.room.download()) REQUIRE(room == 0);
+          for (float gap_bound : s.vertex_face.gap_bound.download()) REQUIRE(gap_bound == 0);
           for (const auto &d : s.edge_edge.direction.download()) REQUIRE((d.x == 0 && d.y == 0 && d.z == 0));
           if (c.scene.contact.self) check_cut(s, t);
           const int front = s.front.size() + s.self_front.size();
@@ -252,7 +274,8 @@ TEST_CASE("fronts give every pair of features whose boxes overlap, once, and tho
 
 TEST_CASE("fronts kept through a smooth motion sprout and prune without being built anew", "[front]")
 {
-  const Scene scene = with({meshes::grid(20, 20, 0.4, 0.4), meshes::grid(20, 20, 0.4, 0.4, 0, 0, 0.1)}, {meshes::sphere(12, 8, 0.05, {0.2, 0.2, 0.2})});
+  const Scene scene = with({meshes::grid(20, 20, 0.4, 0.4), meshes::grid(20, 20, 0.4, 0.4, 0, 0, 0.1)},
+                           {meshes::sphere(12, 8, 0.05, {0.2, 0.2, 0.2})});
   Fronts fronts(scene, "cpu", 1);
   State &s = fronts.engine.state;
   const Topology &t = fronts.engine.topology;
@@ -307,12 +330,12 @@ TEST_CASE("a localized update adds exactly the pairs that are new, and leaves th
             }
             fronts.to.assign(y);
             for (PairList *list : {&s.vertex_face, &s.edge_edge}) {   // marks that must stay
-              std::vector<float> room(static_cast<std::size_t>(list->pairs.size()), -1);
-              std::vector<kernels::fvec3> direction(room.size());
-              for (std::size_t i = 0; i < room.size(); ++i) {
+              std::vector<float> gap_bound(static_cast<std::size_t>(list->pairs.size()), -1);
+              std::vector<kernels::fvec3> direction(gap_bound.size());
+              for (std::size_t i = 0; i < gap_bound.size(); ++i) {
                 direction[i] = {static_cast<float>(i), 2, 3};
               }
-              list->room.assign(room);
+              list->gap_bound.assign(gap_bound);
               list->direction.assign(direction);
             }
             const Pairs vf = listed(s.vertex_face), ee = listed(s.edge_edge);
@@ -325,7 +348,8 @@ TEST_CASE("a localized update adds exactly the pairs that are new, and leaves th
             if (few == 0) CHECK_FALSE(changed);
             const std::vector<box> after = s.vertex_box.download();
             for (std::size_t i = 0; i < after.size(); ++i)
-              for (int axis = 0; axis < 3; ++axis) REQUIRE((after[i].lo[axis] <= before[i].lo[axis] && after[i].hi[axis] >= before[i].hi[axis]));
+              for (int axis = 0; axis < 3; ++axis)
+                REQUIRE((after[i].lo[axis] <= before[i].lo[axis] && after[i].hi[axis] >= before[i].hi[axis]));
             const Found expected = brute_force(s, t);
             const Pairs vf_after = listed(s.vertex_face), ee_after = listed(s.edge_edge);
             REQUIRE(sorted(vf_after) == sorted(expected.vertex_face));
@@ -335,14 +359,16 @@ TEST_CASE("a localized update adds exactly the pairs that are new, and leaves th
             fresh += static_cast<int>(vf_after.size() + ee_after.size() - vf.size() - ee.size());
             const std::pair<PairList *, std::size_t> lists[] = {{&s.vertex_face, vf.size()}, {&s.edge_edge, ee.size()}};
             for (const auto &[list, old] : lists) {
-              const std::vector<float> room = list->room.download();
+              const std::vector<float> gap_bound = list->gap_bound.download();
               const std::vector<kernels::fvec3> direction = list->direction.download();
-              REQUIRE(room.size() == static_cast<std::size_t>(list->pairs.size()));
-              REQUIRE(direction.size() == room.size());
-              for (std::size_t i = 0; i < room.size(); ++i) {
-                REQUIRE(room[i] == (i < old ? -1 : 0));
-                if (i < old) REQUIRE((direction[i].x == static_cast<float>(i) && direction[i].y == 2 && direction[i].z == 3));
-                else REQUIRE(std::abs(std::hypot(direction[i].x, direction[i].y, direction[i].z) - 1) < 1e-6);
+              REQUIRE(gap_bound.size() == static_cast<std::size_t>(list->pairs.size()));
+              REQUIRE(direction.size() == gap_bound.size());
+              for (std::size_t i = 0; i < gap_bound.size(); ++i) {
+                REQUIRE(gap_bound[i] == (i < old ? -1 : 0));
+                if (i < old)
+                  REQUIRE((direction[i].x == static_cast<float>(i) && direction[i].y == 2 && direction[i].z == 3));
+                else
+                  REQUIRE(std::abs(std::hypot(direction[i].x, direction[i].y, direction[i].z) - 1) < 1e-6);
               }
             }
           }
@@ -363,10 +389,10 @@ TEST_CASE("many vertices out of their boxes, or the option, make a full search; 
     std::vector<dvec3> y = t.position;
     for (std::size_t i = 0; i < y.size(); i += localized ? 2 : 50) y[i].z += 0.1;
     fronts.to.assign(y);
-    s.vertex_face.room.assign(std::vector<float>(static_cast<std::size_t>(s.vertex_face.room.size()), -1));
+    s.vertex_face.gap_bound.assign(std::vector<float>(static_cast<std::size_t>(s.vertex_face.gap_bound.size()), -1));
     REQUIRE(fronts.search.update(s, fronts.from, fronts.to, 1e-6) == CandidateSearch::Change::renewed);
     CHECK(fronts.search.localized() == 0);
-    for (float room : s.vertex_face.room.download()) CHECK(room == 0);
+    for (float gap_bound : s.vertex_face.gap_bound.download()) CHECK(gap_bound == 0);
     CHECK(sorted(listed(s.vertex_face)) == sorted(brute_force(s, t).vertex_face));
   }
 }
@@ -381,7 +407,8 @@ TEST_CASE("fronts have the same order for 1, 2 and 7 threads and on every backen
     for (const std::string &backend : backends_here())
       if (backend != "cpu") others.push_back(std::make_unique<Fronts>(c.scene, backend, 1));
     for (int k = 0; k < 10; ++k) {
-      const auto x = positions(reference.engine.topology.position, 8, k), y = positions(reference.engine.topology.position, 8, k + 1);
+      const auto x = positions(reference.engine.topology.position, 8, k),
+                 y = positions(reference.engine.topology.position, 8, k + 1);
       reference.run(x, y);
       for (auto &other : others) {
         other->run(x, y);
@@ -406,7 +433,9 @@ TEST_CASE("orphans grow with the mesh, not with its square, whatever meets in a 
 
 TEST_CASE("a steady motion allocates nothing once the fronts have their size", "[front]")
 {
-  Fronts fronts(with({meshes::grid(20, 20, 0.4, 0.4), meshes::grid(20, 20, 0.4, 0.4, 0, 0, 0.004)}, {meshes::sphere(12, 8, 0.05, {0.2, 0.2, 0.03})}), "cpu", 1);
+  Fronts fronts(with({meshes::grid(20, 20, 0.4, 0.4), meshes::grid(20, 20, 0.4, 0.4, 0, 0, 0.004)},
+                     {meshes::sphere(12, 8, 0.05, {0.2, 0.2, 0.03})}),
+                "cpu", 1);
   std::vector<dvec3> x = fronts.engine.topology.position, y = x;
   for (dvec3 &p : y) p.z += 1e-3;
   for (int k = 0; k < 3; ++k) fronts.run(k % 2 ? x : y, y);
@@ -436,7 +465,8 @@ TEST_CASE("the paper's mode has the same bits with trees and with fronts", "[fro
     std::set<std::string> streams;
     for (const StreamInfo &info : simulation.streams())
       if (info.bytes) streams.insert(info.name);
-    for (const char *name : {"front", "self_front", "triangle_pairs", "orphan_vertex_face", "orphan_edge_edge", "face_features"})
+    for (const char *name :
+         {"front", "self_front", "triangle_pairs", "orphan_vertex_face", "orphan_edge_edge", "face_features"})
       CHECK(streams.count(name) == static_cast<std::size_t>(way));
     CHECK(streams.count("edge_groups") == static_cast<std::size_t>(1 - way));
   }

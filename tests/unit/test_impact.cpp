@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Inelastic projection of impacts against dense solutions: projected Gauss-Seidel run to convergence for impulses that only push,
-// Eigen with an active set for the linear system; and what mechanics says of one impact.
+// Inelastic projection of impacts against dense solutions: projected Gauss-Seidel run to convergence for impulses that
+// only push, Eigen with an active set for the linear system; and what mechanics says of one impact.
 #include "../catch.hpp"
 
 #include <algorithm>
@@ -11,7 +11,7 @@
 #include <Eigen/Dense>
 
 #include "cama/geometry.hpp"
-#include "launch.hpp"
+#include "device/launch.hpp"
 #include "stages/penetration_handling.hpp"
 
 using namespace cama;
@@ -41,13 +41,15 @@ struct Problem {
     MatrixXd j = MatrixXd::Zero(static_cast<int>(impacts.size()), 3 * static_cast<int>(position.size()));
     for (std::size_t i = 0; i < impacts.size(); ++i)
       for (int k = 0; k < 4; ++k)
-        j.block<1, 3>(static_cast<int>(i), 3 * impacts[i].node[k]) += impacts[i].weight[k] * eigen(impacts[i].normal).transpose();
+        j.block<1, 3>(static_cast<int>(i), 3 * impacts[i].node[k]) +=
+            impacts[i].weight[k] * eigen(impacts[i].normal).transpose();
     return j;
   }
   VectorXd mobility() const
   {
     VectorXd m(3 * position.size());
-    for (std::size_t i = 0; i < position.size(); ++i) m.segment<3>(3 * static_cast<int>(i)).setConstant(inverse_mass[i]);
+    for (std::size_t i = 0; i < position.size(); ++i)
+      m.segment<3>(3 * static_cast<int>(i)).setConstant(inverse_mass[i]);
     return m;
   }
 };
@@ -117,7 +119,8 @@ VectorXd active_set(const Problem &p, double target, double regularisation)
     for (int a = 0; a < n; ++a) {
       right[a] = c[active[static_cast<std::size_t>(a)]];
       for (int b = 0; b < n; ++b)
-        part(a, b) = s(active[static_cast<std::size_t>(a)], active[static_cast<std::size_t>(b)]) * (a == b ? 1 + regularisation : 1);
+        part(a, b) = s(active[static_cast<std::size_t>(a)], active[static_cast<std::size_t>(b)]) *
+                     (a == b ? 1 + regularisation : 1);
     }
     const VectorXd solution = part.ldlt().solve(right);
     lambda = VectorXd::Zero(j.rows());
@@ -172,8 +175,18 @@ public:
       }
       const double s = fraction(), t = fraction() * (1 - s);
       m.kind = i % 2;
-      if (m.kind == 0) { m.weight[0] = 1; m.weight[1] = s + t - 1; m.weight[2] = -s; m.weight[3] = -t; }
-      else { const double u = fraction(); m.weight[0] = 1 - s; m.weight[1] = s; m.weight[2] = u - 1; m.weight[3] = -u; }
+      if (m.kind == 0) {
+        m.weight[0] = 1;
+        m.weight[1] = s + t - 1;
+        m.weight[2] = -s;
+        m.weight[3] = -t;
+      } else {
+        const double u = fraction();
+        m.weight[0] = 1 - s;
+        m.weight[1] = s;
+        m.weight[2] = u - 1;
+        m.weight[3] = -u;
+      }
       m.normal = kernels::dnormalize(vector());
       p.impacts.push_back(m);
     }
@@ -194,8 +207,12 @@ std::vector<impact> find(const std::vector<dvec3> &x, const std::vector<dvec3> &
   impact m{};
   std::array<dvec3, 4> at;
   for (std::size_t k = 0; k < 4; ++k) at[k] = kernels::dlerp(x[k], y[k], ccd.time);
-  const kernels::proximity p = kind == 0 ? kernels::vertex_face_proximity(at[0], at[1], at[2], at[3]) : kernels::edge_edge_proximity(at[0], at[1], at[2], at[3]);
-  for (int k = 0; k < 4; ++k) { m.node[k] = k; m.weight[k] = p.weight[k]; }
+  const kernels::proximity p = kind == 0 ? kernels::vertex_face_proximity(at[0], at[1], at[2], at[3])
+                                         : kernels::edge_edge_proximity(at[0], at[1], at[2], at[3]);
+  for (int k = 0; k < 4; ++k) {
+    m.node[k] = k;
+    m.weight[k] = p.weight[k];
+  }
   m.kind = kind;
   m.normal = p.normal;
   found.push_back(m);
@@ -205,8 +222,12 @@ std::vector<impact> find(const std::vector<dvec3> &x, const std::vector<dvec3> &
 impact between(int a, int b, dvec3 normal)
 {
   impact m{};
-  m.node[0] = a; m.node[1] = b; m.node[2] = 2; m.node[3] = 3;
-  m.weight[0] = 1; m.weight[1] = -1;
+  m.node[0] = a;
+  m.node[1] = b;
+  m.node[2] = 2;
+  m.node[3] = 3;
+  m.weight[0] = 1;
+  m.weight[1] = -1;
   m.normal = normal;
   return m;
 }
@@ -241,12 +262,14 @@ TEST_CASE("what pushes leaves no impact violated by more than the tolerance", "[
     const double violated = (VectorXd::Constant(12, 0.01) - before).maxCoeff();
     for (int i = 0; i < 12; ++i) {
       INFO("seed " << seed << ", impact " << i);
-      if ((p.jacobian() * p.mobility().asDiagonal() * p.jacobian().transpose())(i, i) > 0) CHECK(after[i] > 0.01 - 0.02 * violated);
+      if ((p.jacobian() * p.mobility().asDiagonal() * p.jacobian().transpose())(i, i) > 0)
+        CHECK(after[i] > 0.01 - 0.02 * violated);
     }
   }
 }
 
-TEST_CASE("the linear system equals Eigen on impacts apart from each other, and with its active set on others", "[impact]")
+TEST_CASE("the linear system equals Eigen on impacts apart from each other, and with its active set on others",
+          "[impact]")
 {
   for (unsigned seed = 0; seed < 40; ++seed) {
     Maker maker(seed);
@@ -270,7 +293,8 @@ TEST_CASE("an impact of two masses ends with the common velocity of the centre o
       Problem p;
       p.cloth = 4;
       const Vector3d v1(0.3, 0, -2), v2(-0.1, 0.2, 1);
-      p.position = {{v1.x() * dt, v1.y() * dt, v1.z() * dt}, {v2.x() * dt, v2.y() * dt, v2.z() * dt}, {1, 0, 0}, {0, 1, 0}};
+      p.position = {
+          {v1.x() * dt, v1.y() * dt, v1.z() * dt}, {v2.x() * dt, v2.y() * dt, v2.z() * dt}, {1, 0, 0}, {0, 1, 0}};
       p.inverse_mass = {1.0, ratio, 1.0, 1.0};   // m1 = 1, m2 = 1 / ratio
       p.impacts = {between(0, 1, n)};
       const VectorXd dx = project(p, 0, linear);
@@ -334,12 +358,15 @@ TEST_CASE("angular momentum is conserved to rounding by an impact as detection f
     Maker maker(seed);
     const int kind = static_cast<int>(seed % 2);
     std::vector<dvec3> x, y;
-    if (kind == 0) x = {{0.3, 0.3, 0.5}, {0, 0, 0}, {1, 0, 0}, {0, 1, 0}};
-    else x = {{-1, 0, 0.5}, {1, 0, 0.5}, {0, -1, 0}, {0, 1, 0}};
+    if (kind == 0)
+      x = {{0.3, 0.3, 0.5}, {0, 0, 0}, {1, 0, 0}, {0, 1, 0}};
+    else
+      x = {{-1, 0, 0.5}, {1, 0, 0.5}, {0, -1, 0}, {0, 1, 0}};
     for (int k = 0; k < 4; ++k) {
       const bool above = kind == 0 ? k == 0 : k < 2;
       x[static_cast<std::size_t>(k)] = kernels::daxpy(x[static_cast<std::size_t>(k)], 0.1, maker.vector());
-      y.push_back(kernels::dadd(kernels::daxpy(x[static_cast<std::size_t>(k)], 0.2, maker.vector()), {0, 0, above ? -1.0 : 0.2}));
+      y.push_back(kernels::dadd(kernels::daxpy(x[static_cast<std::size_t>(k)], 0.2, maker.vector()),
+                                {0, 0, above ? -1.0 : 0.2}));
     }
     Problem p;
     p.cloth = 4;

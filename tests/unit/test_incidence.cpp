@@ -6,8 +6,8 @@
 #include <map>
 #include <random>
 
-#include "launch.hpp"
-#include "state.hpp"
+#include "device/launch.hpp"
+#include "model/state.hpp"
 
 using namespace cama;
 using kernels::element_nodes;
@@ -19,7 +19,8 @@ std::vector<element_nodes> random_elements(int count, int vertices, std::mt19937
   std::vector<element_nodes> elements;
   for (int e = 0; e < count; ++e) {
     element_nodes n;
-    for (int &v : n.node) v = static_cast<int>(random() % static_cast<unsigned>(vertices + 3)) - 1;   // -1 and past the end occur
+    for (int &v : n.node)
+      v = static_cast<int>(random() % static_cast<unsigned>(vertices + 3)) - 1;   // -1 and past the end occur
     elements.push_back(n);
   }
   return elements;
@@ -30,7 +31,8 @@ void check(Backend &backend, const std::vector<element_nodes> &elements, int ver
   std::map<int, std::vector<int>> expected;
   for (std::size_t e = 0; e < elements.size(); ++e)
     for (int a = 0; a < 4; ++a)
-      if (elements[e].node[a] >= 0 && elements[e].node[a] < vertices) expected[elements[e].node[a]].push_back(4 * static_cast<int>(e) + a);
+      if (elements[e].node[a] >= 0 && elements[e].node[a] < vertices)
+        expected[elements[e].node[a]].push_back(4 * static_cast<int>(e) + a);
   Stream<element_nodes> nodes(backend, elements);
   Stream<int> count(backend, vertices);
   Incidence lists;
@@ -54,12 +56,13 @@ std::vector<std::vector<int>> adversarial_rows()
   std::mt19937 random(7);
   std::vector<std::vector<int>> rows;
   for (int n : {0, 1, 2, 3, 23, 24, 25, 26, 63, 64, 65, 1000, 4097}) {
-    std::vector<int> up(static_cast<std::size_t>(n)), equal(up.size(), 5), two(up.size()), noise(up.size()), saw(up.size()), extreme(up.size());
+    std::vector<int> up(static_cast<std::size_t>(n)), equal(up.size(), 5), two(up.size()), noise(up.size()),
+        saw(up.size()), extreme(up.size());
     for (int i = 0; i < n; ++i) {
       const auto k = static_cast<std::size_t>(i);
       up[k] = i;
       two[k] = i % 2;
-      noise[k] = static_cast<int>(random()) ;
+      noise[k] = static_cast<int>(random());
       saw[k] = i % 7 * 1000 - i;
       extreme[k] = i % 3 == 0 ? 2147483647 : i % 3 == 1 ? -2147483647 - 1 : 0;
     }

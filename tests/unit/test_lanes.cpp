@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Vectors of the processors against plain loops over their numbers.
+// Vectors of the cpu_count against plain loops over their numbers.
 #include "../catch.hpp"
 
 #include <algorithm>
@@ -8,7 +8,7 @@
 #include <random>
 #include <vector>
 
-#include "kernels.hpp"
+#include "device/kernels.hpp"
 
 using namespace cama;
 
@@ -42,8 +42,10 @@ TEMPLATE_TEST_CASE("sums of columns come in the order of halves, bit by bit", "[
       sum_columns(&c, &sums);
       for (int q = 0; q < LANES; ++q) sum[q] = LANE(sums, q);
     };
-    if constexpr (sizeof(TestType) == 4) add_up(kernels::f32::lanes_columns{});
-    else add_up(kernels::f64::lanes_columns{});
+    if constexpr (sizeof(TestType) == 4)
+      add_up(kernels::f32::lanes_columns{});
+    else
+      add_up(kernels::f64::lanes_columns{});
     for (int q = 0; q < LANES; ++q) {
       TestType t[16] = {};
       for (int k = 0; k < 3; ++k)
@@ -60,8 +62,10 @@ TEST_CASE("lanes choose, invert and take roots as one number does", "[lanes]")
   std::mt19937 engine(5);
   for (int round = 0; round < 50; ++round) {
     const auto a = random<float>(LANES, engine), b = random<float>(LANES, engine);
-    const auto most = kernels::lanes_most(lanes_of(a), lanes_of(b)), least = kernels::lanes_least(lanes_of(a), lanes_of(b));
-    const auto inverse = kernels::lanes_inverse(lanes_of(a)), root = kernels::lanes_inverse_root(lanes_of(a) * lanes_of(a));
+    const auto most = kernels::lanes_most(lanes_of(a), lanes_of(b)),
+               least = kernels::lanes_least(lanes_of(a), lanes_of(b));
+    const auto inverse = kernels::lanes_inverse(lanes_of(a)),
+               root = kernels::lanes_inverse_root(lanes_of(a) * lanes_of(a));
     for (int q = 0; q < LANES; ++q) {
       CHECK(same_bits(LANE(most, q), std::max(a[q], b[q])));
       CHECK(same_bits(LANE(least, q), std::min(a[q], b[q])));
@@ -71,17 +75,20 @@ TEST_CASE("lanes choose, invert and take roots as one number does", "[lanes]")
   }
 }
 
-TEST_CASE("a pair of movers has the room of its lane", "[lanes]")
+TEST_CASE("a pair of swept_vertices has the room of its lane", "[lanes]")
 {
   // A face in the plane z = 0 and a vertex above it: its height, less motion and radius, if that exceeds the thickness.
-  const auto mover = [](float x, float y, float z, float dz, float radius) { return kernels::mover{x, y, z, 0, 0, dz, 1e-3f, radius}; };
+  const auto swept_vertex = [](float x, float y, float z, float dz, float radius) {
+    return kernels::swept_vertex{x, y, z, 0, 0, dz, 1e-3f, radius};
+  };
   const auto room = [&](float height, float falls, float radius) {
-    return kernels::room_along(0, mover(0.2f, 0.2f, height, -falls, radius), mover(0, 0, 0, 0, 0), mover(1, 0, 0, 0, 0), mover(0, 1, 0, 0, 0),
-                               kernels::fvec3_make(0, 0, 1), 0);
+    return kernels::gap_bound_along(0, swept_vertex(0.2f, 0.2f, height, -falls, radius), swept_vertex(0, 0, 0, 0, 0),
+                                    swept_vertex(1, 0, 0, 0, 0), swept_vertex(0, 1, 0, 0, 0),
+                                    kernels::fvec3_make(0, 0, 1), 0);
   };
   CHECK(room(0.5f, 0, 0) == Approx(0.5));
   CHECK(room(0.5f, 0.1f, 0) == Approx(0.4).epsilon(1e-5));
   CHECK(room(0.5f, 0.1f, 0.2f) == Approx(0.2).epsilon(1e-5));
-  CHECK(room(0.9e-3f, 0, 0) == 0);   // not beyond the thickness
+  CHECK(room(0.9e-3f, 0, 0) == 0);  // not beyond the thickness
   CHECK(room(-0.5f, 0, 0) == 0);
 }

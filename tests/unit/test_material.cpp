@@ -16,8 +16,16 @@ using namespace cama;
 namespace {
 
 /// Force per width of a strip pulled along u by a small strain, free to narrow: Young's modulus times thickness.
-double uniaxial_u(const Material &m) { const auto &k = m.stretching[0]; return k[0] - k[1] * k[1] / k[2]; }
-double uniaxial_v(const Material &m) { const auto &k = m.stretching[0]; return k[2] - k[1] * k[1] / k[0]; }
+double uniaxial_u(const Material &m)
+{
+  const auto &k = m.stretching[0];
+  return k[0] - k[1] * k[1] / k[2];
+}
+double uniaxial_v(const Material &m)
+{
+  const auto &k = m.stretching[0];
+  return k[2] - k[1] * k[1] / k[0];
+}
 
 const char *arcsim_text = R"({
   // a comment, as ARCSim's files have them
@@ -45,17 +53,21 @@ TEST_CASE("isotropic material is a sheet in plane stress", "[material]")
   CHECK_FALSE(Material::isotropic(1000, 0.25, 0, 0.15).has_bending());
 }
 
-TEST_CASE("the hinges of a sheet held on a cylinder hold five fourths of the plate's energy, so that a free strip holds it", "[material]")
+TEST_CASE(
+    "the hinges of a sheet held on a cylinder hold five fourths of the plate's energy, so that a free strip holds it",
+    "[material]")
 {
   const double B = 2e-5, radius = 0.1, length = 0.4;
   const Mesh tube = make_tube(radius, radius, length, 4000).mesh;
   const double k = Material::isotropic(1000, 0, B, 0.1).bending[0][0];
   std::map<std::pair<int, int>, std::vector<int>> faces;
   for (std::size_t f = 0; f < tube.face.size(); ++f)
-    for (int i = 0; i < 3; ++i) faces[std::minmax(tube.face[f][i], tube.face[f][(i + 1) % 3])].push_back(static_cast<int>(f));
+    for (int i = 0; i < 3; ++i)
+      faces[std::minmax(tube.face[f][i], tube.face[f][(i + 1) % 3])].push_back(static_cast<int>(f));
   const auto normal = [&](int f) {   // twice the area long
     const auto &t = tube.face[f];
-    return kernels::dcross(kernels::dsub(tube.position[t[1]], tube.position[t[0]]), kernels::dsub(tube.position[t[2]], tube.position[t[0]]));
+    return kernels::dcross(kernels::dsub(tube.position[t[1]], tube.position[t[0]]),
+                           kernels::dsub(tube.position[t[2]], tube.position[t[0]]));
   };
   double energy = 0;
   for (const auto &[edge, pair] : faces) {
@@ -113,8 +125,12 @@ TEST_CASE("fabrics ship inside the library with their sources", "[material]")
   }
   CHECK(Material::fabric("silk").density == Approx(12 * 4.34e-3).epsilon(0.01));      // 12 momme
   CHECK(Material::fabric("denim").density == Approx(12 * 0.0339).epsilon(0.03));      // 12 oz/yd^2
-  const auto stiffness = [](const char *n) { const Material m = Material::fabric(n); return m.bending[2][0] / m.density; };
-  CHECK(stiffness("denim") > stiffness("cotton"));   // published drape coefficients: denim 70-90 %, cotton 60-76 %, silk 20-40 %
+  const auto stiffness = [](const char *n) {
+    const Material m = Material::fabric(n);
+    return m.bending[2][0] / m.density;
+  };
+  CHECK(stiffness("denim") >
+        stiffness("cotton"));   // published drape coefficients: denim 70-90 %, cotton 60-76 %, silk 20-40 %
   CHECK(stiffness("cotton") > stiffness("silk"));
   const std::string text = thrown<MaterialError>([] { Material::fabric("kevlar"); });
   CHECK(contains(text, "kevlar"));
@@ -161,17 +177,29 @@ TEST_CASE("bad materials are named", "[material]")
   CHECK(contains(broken([](Material &m) { m.damping = -1; }), "damping"));
   CHECK(contains(broken([](Material &m) { m.friction = -0.5; }), "friction"));
   CHECK(contains(broken([](Material &m) { m.thickness = -1; }), "thickness"));
-  CHECK(contains(broken([](Material &m) { m.friction = 0.4; m.static_friction = 0.39; }), "static_friction is 0.39"));
+  CHECK(contains(broken([](Material &m) {
+                   m.friction = 0.4;
+                   m.static_friction = 0.39;
+                 }),
+                 "static_friction is 0.39"));
   CHECK(contains(broken([](Material &m) { m.static_friction = std::nan(""); }), "static_friction"));
   CHECK(contains(broken([](Material &m) { m.contact_stiffness = 0; }), "contact_stiffness"));
-  CHECK(contains(broken([](Material &m) { m.contact_stiffness = std::numeric_limits<double>::infinity(); }), "contact_stiffness"));
-  CHECK(contains(broken([](Material &m) { m.stretching[3][1] = std::numeric_limits<double>::infinity(); }), "stretching"));
+  CHECK(contains(broken([](Material &m) { m.contact_stiffness = std::numeric_limits<double>::infinity(); }),
+                 "contact_stiffness"));
+  CHECK(contains(broken([](Material &m) { m.stretching[3][1] = std::numeric_limits<double>::infinity(); }),
+                 "stretching"));
   CHECK(contains(broken([](Material &m) { m.bending[1][2] = -1e-6; }), "bending"));
-  CHECK(contains(broken([](Material &m) { for (auto &row : m.stretching) row[1] = 5000; }), "k12"));
+  CHECK(contains(broken([](Material &m) {
+                   for (auto &row : m.stretching) row[1] = 5000;
+                 }),
+                 "k12"));
 
-  CHECK(contains(thrown<MaterialError>([] { Material::parse("{\"density\": 0.1, \"isotropic\": {\"youngs_modulus\": 1, \"stiff\": 2}}", "x"); }),
+  CHECK(contains(thrown<MaterialError>([] {
+                   Material::parse("{\"density\": 0.1, \"isotropic\": {\"youngs_modulus\": 1, \"stiff\": 2}}", "x");
+                 }),
                  "unknown key \"stiff\""));
-  CHECK(contains(thrown<MaterialError>([] { Material::parse("{\"stretching\": [[1,1,1,1]], \"bending\": [], \"density\": 1}", "x"); }),
+  CHECK(contains(thrown<MaterialError>(
+                     [] { Material::parse("{\"stretching\": [[1,1,1,1]], \"bending\": [], \"density\": 1}", "x"); }),
                  "expected 6 rows"));
   CHECK(contains(thrown<MaterialError>([] { Material::parse("{", "x"); }), "not JSON"));
   CHECK(contains(thrown<FileError>([] { Material::load("/no/such/fabric.json"); }), "/no/such/fabric.json"));

@@ -47,13 +47,15 @@ bool closed(const Mesh &m)
 double volume(const Mesh &m)
 {
   double v = 0;
-  for (const Triangle &t : m.face) v += kernels::ddot(m.position[t[0]], kernels::dcross(m.position[t[1]], m.position[t[2]])) / 6;
+  for (const Triangle &t : m.face)
+    v += kernels::ddot(m.position[t[0]], kernels::dcross(m.position[t[1]], m.position[t[2]])) / 6;
   return v;
 }
 
 long euler(const Mesh &m)
 {
-  return static_cast<long>(m.position.size()) - static_cast<long>(unique_edges(m.face).size()) + static_cast<long>(m.face.size());
+  return static_cast<long>(m.position.size()) - static_cast<long>(unique_edges(m.face).size()) +
+         static_cast<long>(m.face.size());
 }
 
 }  // namespace
@@ -69,7 +71,11 @@ TEST_CASE("bad meshes are named, element by element", "[mesh]")
   };
   CHECK_NOTHROW(square().validate("towel"));
   CHECK(contains(broken([](Mesh &m) { m = Mesh(); }), "empty"));
-  CHECK(contains(broken([](Mesh &m) { m.face.clear(); m.material_face.clear(); }), "empty"));
+  CHECK(contains(broken([](Mesh &m) {
+                   m.face.clear();
+                   m.material_face.clear();
+                 }),
+                 "empty"));
   CHECK(contains(broken([](Mesh &m) { m.position[2].y = std::nan(""); }), "vertex 2"));
   CHECK(contains(broken([](Mesh &m) { m.position[3].z = INFINITY; }), "vertex 3"));
   CHECK(contains(broken([](Mesh &m) { m.material_position[1][0] = std::nan(""); }), "material vertex 1"));
@@ -79,14 +85,18 @@ TEST_CASE("bad meshes are named, element by element", "[mesh]")
   CHECK(contains(broken([](Mesh &m) { m.face[1] = {0, 2, 2}; }), "twice"));
   CHECK(contains(broken([](Mesh &m) { m.position[3] = {0.5, 0.5, 0}; }), "face 1 (0 2 3) has zero area"));
   CHECK(contains(broken([](Mesh &m) { m.material_position[3] = {0.5, 0.5}; }), "zero area in material space"));
-  CHECK(contains(broken([](Mesh &m) { m.face.push_back({2, 0, 1}); m.material_face.push_back({2, 0, 1}); }), "face 2 (2 0 1) repeats face 0"));
+  CHECK(contains(broken([](Mesh &m) {
+                   m.face.push_back({2, 0, 1});
+                   m.material_face.push_back({2, 0, 1});
+                 }),
+                 "face 2 (2 0 1) repeats face 0"));
   CHECK(contains(broken([](Mesh &m) { m.position.push_back({5, 5, 5}); }), "vertex 4 is isolated"));
   CHECK(contains(broken([](Mesh &m) { m.material_face.pop_back(); }), "1 faces in material space"));
 }
 
 TEST_CASE("unique edges are sorted pairs", "[mesh]")
 {
-  const std::vector<std::array<int, 2>> expected{{0, 1}, {0, 2}, {0, 3}, {1, 2}, {1, 3}, {2, 3}};   // of a tetrahedron
+  const std::vector<std::array<int, 2>> expected{{0, 1}, {0, 2}, {0, 3}, {1, 2}, {1, 3}, {2, 3}};  // of a tetrahedron
   CHECK(unique_edges({{0, 2, 1}, {0, 1, 3}, {1, 2, 3}, {2, 0, 3}}) == expected);
 }
 
@@ -112,7 +122,9 @@ TEST_CASE("OBJ keeps vertex order, separate texture indices and every bit", "[me
 
 TEST_CASE("a concave polygon of an OBJ is refused, a convex one and one that is not flat are not", "[mesh][io]")
 {
-  const auto quad = [](const std::string &corner) { return write("quad.obj", "v 0 0 0\nv 1 0 0\n" + corner + "\nv 0 1 0\nf 2 3 4 1\n"); };
+  const auto quad = [](const std::string &corner) {
+    return write("quad.obj", "v 0 0 0\nv 1 0 0\n" + corner + "\nv 0 1 0\nf 2 3 4 1\n");
+  };
   CHECK(load_mesh(quad("v 1 1 0")).face.size() == 2);
   CHECK(load_mesh(quad("v 1 1 0.4")).face.size() == 2);
   CHECK(contains(thrown<FileError>([&] { load_mesh(quad("v 0.3 0.3 0")); }), ":5: the face is a concave polygon"));
@@ -120,7 +132,8 @@ TEST_CASE("a concave polygon of an OBJ is refused, a convex one and one that is 
 
 TEST_CASE("OBJ polygons, relative indices, stitches and bad lines", "[mesh][io]")
 {
-  const fs::path file = write("quad.obj", "# a quad\nv 0 0 0\nv 1 0 0\r\nv 1 1 0\nv 0 1 0\n\nf -4 -3 -2 -1\nstitch 0 1 2 2.5e-001\nvn 0 0 1");
+  const fs::path file = write(
+      "quad.obj", "# a quad\nv 0 0 0\nv 1 0 0\r\nv 1 1 0\nv 0 1 0\n\nf -4 -3 -2 -1\nstitch 0 1 2 2.5e-001\nvn 0 0 1");
   const Mesh m = load_mesh(file);
   CHECK(m.face == std::vector<Triangle>{{0, 1, 2}, {0, 2, 3}});
   CHECK(m.material_face.empty());
@@ -130,8 +143,10 @@ TEST_CASE("OBJ polygons, relative indices, stitches and bad lines", "[mesh][io]"
   CHECK(stitches[0].ratio == 0.25);
 
   CHECK(contains(thrown<FileError>([] { load_mesh(write("short.obj", "v 0 0\n")); }), ":1: expected z"));
-  CHECK(contains(thrown<FileError>([] { load_mesh(write("index.obj", "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 4\n")); }), "uses vertex 4"));
-  CHECK(contains(thrown<FileError>([] { load_mesh(write("two.obj", "v 0 0 0\nv 1 0 0\nf 1 2\n")); }), ":3: a face needs"));
+  CHECK(contains(thrown<FileError>([] { load_mesh(write("index.obj", "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 4\n")); }),
+                 "uses vertex 4"));
+  CHECK(contains(thrown<FileError>([] { load_mesh(write("two.obj", "v 0 0 0\nv 1 0 0\nf 1 2\n")); }),
+                 ":3: a face needs"));
   CHECK(contains(thrown<FileError>([] { load_mesh(write("none.obj", "v 0 0 0\n")); }), "no faces"));
   CHECK(contains(thrown<FileError>([] { load_mesh("/no/such.obj"); }), "no such file"));
   CHECK_THROWS_AS(load_mesh("/no/such.glb"), FileError);
@@ -144,7 +159,7 @@ TEST_CASE("garments with panels survive: counts as grep finds them in the file",
     CHECK(m.position.size() == 330);
     CHECK(m.face.size() == 604);
     CHECK(m.material_position.size() == 426);
-    CHECK(m.material_position[0] == MaterialPoint{0.985129, 1.04444});   // the first line of the file
+    CHECK(m.material_position[0] == MaterialPoint{0.985129, 1.04444});  // the first line of the file
     CHECK(m.face[1] == Triangle{0, 2, 3});
     CHECK_NOTHROW(m.validate("tshirt"));
   }
@@ -165,9 +180,10 @@ TEST_CASE("garments with panels survive: counts as grep finds them in the file",
 #if CAMA_HAS_ASSIMP
 TEST_CASE("PLY and STL through assimp: order kept, facets welded", "[mesh][io]")
 {
-  const Mesh ply =
-      load_mesh(write("square.ply", "ply\nformat ascii 1.0\nelement vertex 4\nproperty float x\nproperty float y\nproperty float z\nelement face 2\n"
-                                    "property list uchar int vertex_indices\nend_header\n0 0 0\n1 0 0\n1 1 0\n0 1 0\n3 0 1 2\n3 0 2 3\n"));
+  const Mesh ply = load_mesh(write(
+      "square.ply",
+      "ply\nformat ascii 1.0\nelement vertex 4\nproperty float x\nproperty float y\nproperty float z\nelement face 2\n"
+      "property list uchar int vertex_indices\nend_header\n0 0 0\n1 0 0\n1 1 0\n0 1 0\n3 0 1 2\n3 0 2 3\n"));
   CHECK(ply.position.size() == 4);
   CHECK(ply.face == std::vector<Triangle>{{0, 1, 2}, {0, 2, 3}});
   CHECK(ply.position[2].y == 1);
@@ -176,7 +192,8 @@ TEST_CASE("PLY and STL through assimp: order kept, facets welded", "[mesh][io]")
   const int f[4][3] = {{0, 2, 1}, {0, 1, 3}, {1, 2, 3}, {2, 0, 3}};
   for (const auto &t : f) {
     stl += "facet normal 0 0 1\nouter loop\n";
-    for (int v : t) stl += "vertex " + std::to_string(x[v][0]) + " " + std::to_string(x[v][1]) + " " + std::to_string(x[v][2]) + "\n";
+    for (int v : t)
+      stl += "vertex " + std::to_string(x[v][0]) + " " + std::to_string(x[v][1]) + " " + std::to_string(x[v][2]) + "\n";
     stl += "endloop\nendfacet\n";
   }
   const Mesh solid = load_mesh(write("tetra.stl", stl + "endsolid t\n"), 2.0);
@@ -190,13 +207,13 @@ TEST_CASE("characters from files are closed where the model is", "[mesh][data]")
 {
   if (const auto file = test_data("characters/makehuman_body.glb")) {
     const Mesh m = load_mesh(*file);
-    CHECK(m.position.size() == 13380);   // as its SOURCE.txt says
+    CHECK(m.position.size() == 13380);  // as its SOURCE.txt says
     CHECK(m.face.size() == 26756);
     CHECK(closed(m));
     CHECK(volume(m) > 0);
     double top = 0;
     for (const dvec3 &x : m.position) top = std::max(top, x.z);
-    CHECK(top == Approx(1.666).epsilon(0.01));   // z is up
+    CHECK(top == Approx(1.666).epsilon(0.01));  // z is up
   }
   if (const auto file = test_data("characters/ozz_arnaud.fbx")) CHECK(closed(load_mesh(*file)));
 }
@@ -216,7 +233,7 @@ TEST_CASE("generated meshes: counts, closedness, volumes", "[mesh][generators]")
   CHECK(grid.group.at("top").size() == 5);
   CHECK(grid.mesh.position[grid.group.at("top_right")[0]].x == 1);
   CHECK(grid.mesh.position[grid.group.at("top_right")[0]].y == 0.5);
-  std::map<std::pair<int, int>, int> diagonal;   // both directions equally often: no bias
+  std::map<std::pair<int, int>, int> diagonal;  // both directions equally often: no bias
   for (const auto &[a, b] : unique_edges(grid.mesh.face)) {
     const dvec3 d = kernels::dsub(grid.mesh.position[b], grid.mesh.position[a]);
     if (d.x != 0 && d.y != 0) ++diagonal[{d.x > 0 ? 1 : -1, d.y > 0 ? 1 : -1}];
@@ -237,7 +254,7 @@ TEST_CASE("generated meshes: counts, closedness, volumes", "[mesh][generators]")
   CHECK(volume(capsule) == Approx(pi * 0.01 * 0.3 + 4.0 / 3 * pi * 0.001).epsilon(0.005));
   const Mesh funnel = make_funnel({});
   CHECK(closed(funnel));
-  CHECK(euler(funnel) == 0);   // a ring: there is a way through
+  CHECK(euler(funnel) == 0);  // a ring: there is a way through
   CHECK(volume(funnel) > 0);
   for (const Mesh *m : {&sphere, &box, &capsule, &funnel}) CHECK_NOTHROW(m->validate("shape"));
   CHECK_THROWS_AS(make_sphere(-1), MeshError);
@@ -245,5 +262,5 @@ TEST_CASE("generated meshes: counts, closedness, volumes", "[mesh][generators]")
   const Pattern tube = make_tube(0.3, 0.2, 0.5, 4000, 6);
   CHECK_NOTHROW(tube.mesh.validate("tube"));
   CHECK(euler(tube.mesh) == 0);
-  CHECK(tube.mesh.material_position.size() > tube.mesh.position.size());   // panels are separate in material space
+  CHECK(tube.mesh.material_position.size() > tube.mesh.position.size());  // panels are separate in material space
 }

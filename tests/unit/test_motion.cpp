@@ -91,7 +91,10 @@ TEST_CASE("sampled vertices: linear between, held outside, moved rigidly on top"
   CHECK_FALSE(m.is_static());
   std::vector<dvec3> x;
   const std::vector<dvec3> rest{{9, 9, 9}};
-  const auto at = [&](double t) { m.evaluate(t, rest, x); return x[0]; };
+  const auto at = [&](double t) {
+    m.evaluate(t, rest, x);
+    return x[0];
+  };
   check_point(at(-1), {0, 0, 0});
   check_point(at(0.25), {0.25, 0, 0});
   check_point(at(2), {1, 2, 0});
@@ -132,8 +135,8 @@ TEST_CASE("a walker stands closed and still at first, then walks continuously", 
 #if CAMA_HAS_ASSIMP
 TEST_CASE("skinning in the bind pose gives the mesh back", "[motion][data]")
 {
-  for (const char *name :
-       {"characters/makehuman_body.glb", "characters/CesiumMan.glb", "characters/ozz_arnaud.fbx", "characters/raylib_greenman.glb"}) {
+  for (const char *name : {"characters/makehuman_body.glb", "characters/CesiumMan.glb", "characters/ozz_arnaud.fbx",
+                           "characters/raylib_greenman.glb"}) {
     const auto file = test_data(name);
     if (!file) continue;
     CAPTURE(name);
@@ -143,9 +146,12 @@ TEST_CASE("skinning in the bind pose gives the mesh back", "[motion][data]")
     REQUIRE(c.mesh.face.size() == mesh.face.size());
     double worst = 0;
     for (std::size_t f = 0; f < mesh.face.size(); ++f)
-      for (int k = 0; k < 3; ++k) worst = std::max(worst, distance(c.mesh.position[c.mesh.face[f][k]], mesh.position[mesh.face[f][k]]));
-    if (contains(name, "fbx")) CHECK(worst < 2e-5);           // assimp keeps FBX matrices in single precision, in cm
-    else if (!contains(name, "greenman")) CHECK(worst < 1e-6);   // greenman's nodes do not rest in its bind pose
+      for (int k = 0; k < 3; ++k)
+        worst = std::max(worst, distance(c.mesh.position[c.mesh.face[f][k]], mesh.position[mesh.face[f][k]]));
+    if (contains(name, "fbx"))
+      CHECK(worst < 2e-5);           // assimp keeps FBX matrices in single precision, in cm
+    else if (!contains(name, "greenman"))
+      CHECK(worst < 1e-6);   // greenman's nodes do not rest in its bind pose
     CHECK_NOTHROW(c.mesh.validate(name));
   }
 }
@@ -157,7 +163,8 @@ TEST_CASE("clips start in the mesh and move continuously", "[motion][data]")
     const Mesh bind = load_character(*file, "bind").mesh;
     CHECK(c.duration == Approx(6.0));
     double start = 0, jump = 0;
-    for (std::size_t v = 0; v < bind.position.size(); ++v) start = std::max(start, distance(bind.position[v], c.mesh.position[v]));
+    for (std::size_t v = 0; v < bind.position.size(); ++v)
+      start = std::max(start, distance(bind.position[v], c.mesh.position[v]));
     CHECK(start < 1e-6);   // this clip begins in the bind pose
     std::vector<dvec3> a, b;
     for (double t = 0.9; t < 1.1; t += 0.011) {   // across samples and within

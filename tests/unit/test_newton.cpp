@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Newton's method and the integrators against ordinary differential equations solved here, Richardson sequences, and the equation of a
-// step with forces by finite differences of the energy; accuracy levels; steps that fail.
+// Newton's method and the integrators against ordinary differential equations solved here, Richardson sequences, and
+// the equation of a step with forces by finite differences of the energy; accuracy levels; steps that fail.
 #include "../catch.hpp"
 
 #include <cmath>
@@ -32,7 +32,8 @@ Options newton(Integrator integrator, int iterations = 60, double tolerance = 1e
 
 constexpr double stiffness = 50, density = 0.2, width = 0.2, height = 0.1;
 
-/// A triangle whose base is pinned and whose apex swings along its height: one degree of freedom y, the height over that at rest.
+/// A triangle whose base is pinned and whose apex swings along its height: one degree of freedom y, the height over
+/// that at rest.
 Scene spring()
 {
   Scene s;
@@ -51,16 +52,18 @@ Scene spring()
   return s;
 }
 
-/// y'' = -k area / (m height^2) (y^2 - 1) / 2 y, of the energy k area ((y^2 - 1) / 2)^2 / 2, by Runge and Kutta's fourth order.
+/// y'' = -k area / (m height^2) (y^2 - 1) / 2 y, of the energy k area ((y^2 - 1) / 2)^2 / 2, by Runge and Kutta's
+/// fourth order.
 double swing(double y, double v, double time)
 {
-  const double area = width * height / 2, mass = density * area / 3, factor = stiffness * area / (mass * height * height);
+  const double area = width * height / 2, mass = density * area / 3,
+               factor = stiffness * area / (mass * height * height);
   const auto acceleration = [&](double x) { return -factor * (x * x - 1) / 2 * x; };
   const int steps = 20000;
   const double h = time / steps;
   for (int i = 0; i < steps; ++i) {
-    const double a1 = acceleration(y), a2 = acceleration(y + h / 2 * v), a3 = acceleration(y + h / 2 * v + h * h / 4 * a1),
-                 a4 = acceleration(y + h * v + h * h / 2 * a2);
+    const double a1 = acceleration(y), a2 = acceleration(y + h / 2 * v),
+                 a3 = acceleration(y + h / 2 * v + h * h / 4 * a1), a4 = acceleration(y + h * v + h * h / 2 * a2);
     y += h * v + h * h / 6 * (a1 + a2 + a3);
     v += h / 6 * (a1 + 2 * a2 + 2 * a3 + a4);
   }
@@ -69,7 +72,8 @@ double swing(double y, double v, double time)
 
 double spring_end(Integrator integrator, double step, double time, double y0, double v0)
 {
-  Options o = newton(integrator, 60, 1e-10);   // the spring passes through rest, where there are no forces to be relative to
+  Options o =
+      newton(integrator, 60, 1e-10);   // the spring passes through rest, where there are no forces to be relative to
   o.time_step = step;
   Simulation s(spring(), o);
   std::vector<dvec3> x = s.positions(), v(3, dvec3{0, 0, 0});
@@ -179,8 +183,9 @@ TEST_CASE("Newton's method converges quadratically near the solution", "[newton]
 
 namespace {
 
-/// The largest component of M (v' - v) / dt - f(x') over the free vertices, relative to the largest force: elastic forces by central
-/// differences of the energy at x', contact forces from the contacts that the step reports and their penalty.
+/// The largest component of M (v' - v) / dt - f(x') over the free vertices, relative to the largest force: elastic
+/// forces by central differences of the energy at x', contact forces from the contacts that the step reports and their
+/// penalty.
 double equation_error(const Scene &scene, const Options &o, int steps)
 {
   Engine engine(scene, o);
@@ -199,7 +204,8 @@ double equation_error(const Scene &scene, const Options &o, int steps)
     double depth = c.thickness - c.distance;
     for (int a = 0; a < 4; ++a) depth -= c.weight[a] * ddot(c.normal, dsub(x[c.node[a]], x0[c.node[a]]));
     if (depth > 0)
-      for (int a = 0; a < 4; ++a) force[c.node[a]] = daxpy(force[c.node[a]], c.weight[a] * c.stiffness * depth, c.normal);
+      for (int a = 0; a < 4; ++a)
+        force[c.node[a]] = daxpy(force[c.node[a]], c.weight[a] * c.stiffness * depth, c.normal);
   }
   const std::vector<dvec3> still(n, dvec3{0, 0, 0});
   std::vector<dvec3> cloth(x.begin(), x.begin() + static_cast<long>(n));
@@ -248,7 +254,8 @@ TEST_CASE("a converged step solves backward Euler's equation, contact included; 
   CHECK(linear > 1e-4);
 }
 
-TEST_CASE("Newton's method brings the residual below the tolerance in contact, with friction and refreshed contacts", "[newton]")
+TEST_CASE("Newton's method brings the residual below the tolerance in contact, with friction and refreshed contacts",
+          "[newton]")
 {
   for (const ContactRefresh refresh : {ContactRefresh::step, ContactRefresh::iteration})
     for (const Integrator integrator : {Integrator::backward_euler, Integrator::bdf2}) {
@@ -309,7 +316,8 @@ TEST_CASE("only scenes and options that need them get Newton's and BDF2's stages
   CHECK(Engine(meshes::pile(3), o).has_stream("position_before"));
 }
 
-TEST_CASE("BDF2 starts anew after motion that was handled, after a state that was set, and after a step in pieces", "[newton]")
+TEST_CASE("BDF2 starts anew after motion that was handled, after a state that was set, and after a step in pieces",
+          "[newton]")
 {
   Options o = newton(Integrator::bdf2);
   Scene scene = meshes::hanging(3);
@@ -372,8 +380,17 @@ void fail(State &state)
 }
 
 struct Planted {
-  Planted(Plant how, int count) { plant = how; failures = count; planted_failure = fail; }
-  ~Planted() { planted_failure = nullptr; failures = 0; }
+  Planted(Plant how, int count)
+  {
+    plant = how;
+    failures = count;
+    planted_failure = fail;
+  }
+  ~Planted()
+  {
+    planted_failure = nullptr;
+    failures = 0;
+  }
 };
 
 }  // namespace
@@ -440,37 +457,43 @@ TEST_CASE("the time step of a level that the scene leaves to it goes with the ed
     const double z = side * 1.5;   // the material is the smaller: its edges count
     Scene s;
     s.frame_time = frame_time;
-    s.cloths.push_back(meshes::cloth({{{0, 0, 0}, {z, 0, 0}, {z, z, 0}, {0, z, 0}}, {{0, 1, 2}, {0, 2, 3}}, {{0, 0}, {side, 0}, {side, side}, {0, side}}, {{0, 1, 2}, {0, 2, 3}}}));
+    s.cloths.push_back(meshes::cloth({{{0, 0, 0}, {z, 0, 0}, {z, z, 0}, {0, z, 0}},
+                                      {{0, 1, 2}, {0, 2, 3}},
+                                      {{0, 0}, {side, 0}, {side, side}, {0, side}},
+                                      {{0, 1, 2}, {0, 2, 3}}}));
     return chosen_time_step(Options::preset(level), s);
   };
-  const double side = 0.04 * 3 / (2 + std::sqrt(2.0));      // edges of 40 mm on average: sqrt(0.04 / 1.5e5) s is 32.3 steps in 1/60 s
+  const double side =
+      0.04 * 3 / (2 + std::sqrt(2.0));  // edges of 40 mm on average: sqrt(0.04 / 1.5e5) s is 32.3 steps in 1/60 s
   CHECK(step(side, "production") == Approx(1.0 / 60 / 33));
   CHECK(step(side, "accurate") == Approx(1.0 / 60 / 162));  // 161.4
-  CHECK(step(side, "reference") == Approx(1.0 / 60 / 646)); // 645.5
+  CHECK(step(side, "reference") == Approx(1.0 / 60 / 646));  // 645.5
   CHECK(step(side, "paper") == Approx(1.0 / 60 / 4));
   CHECK(step(1.0, "production") == Approx(1.0 / 960));
   CHECK(step(1e-4, "production") == Approx(1.0 / 2880));
-  CHECK(step(1.0, "production", 0.005) == Approx(1e-3));    // five fill a frame
+  CHECK(step(1.0, "production", 0.005) == Approx(1e-3));  // five fill a frame
   CHECK(step(1.0, "paper", 1.0 / 300) == Approx(1.0 / 300));
   CHECK(chosen_time_step(Options(), Scene()) == Approx(1.0 / 2880));
 }
 
 TEST_CASE("levels: names, time steps that fill frames, and who chose what", "[levels]")
 {
-  CHECK(accuracy_levels() == std::vector<std::string>{"preview", "interactive", "production", "accurate", "reference", "paper"});
-  CHECK(contains(thrown<SceneError>([] { Options::preset("best"); }), "preview, interactive, production, accurate, reference or paper"));
+  CHECK(accuracy_levels() ==
+        std::vector<std::string>{"preview", "interactive", "production", "accurate", "reference", "paper"});
+  CHECK(contains(thrown<SceneError>([] { Options::preset("best"); }),
+                 "preview, interactive, production, accurate, reference or paper"));
   Scene s = meshes::hanging(3);
   s.time_step = 0.005;
   const auto step = [&](const char *level) { return chosen_time_step(Options::preset(level), s); };
   CHECK(step("production") == 0.005);
   CHECK(step("paper") == 0.005);
   CHECK(step("preview") == Approx(1.0 / 120));
-  CHECK(step("accurate") == Approx(0.005 / 25));   // edges of 152 mm: 24.9
+  CHECK(step("accurate") == Approx(0.005 / 25));  // edges of 152 mm: 24.9
   s.frame_time = 0.04;
-  CHECK(step("preview") == Approx(0.008));       // five fill a frame
+  CHECK(step("preview") == Approx(0.008));  // five fill a frame
   CHECK(step("interactive") == Approx(0.004));
   s.time_step = 1e-4;
-  CHECK(step("accurate") == Approx(1e-4));       // not coarser than the scene's
+  CHECK(step("accurate") == Approx(1e-4));  // not coarser than the scene's
   Options o = Options::preset("interactive");
   o.tolerance = 1e-2;
   o.time_step = 0.003;

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Forces, masses and matrix products of two deformed meshes in a measured fabric, as ARCSim 0.2.1 printed them, against the kernels with
-// ARCSim's conventions chosen: bending sampled at the signed curvature, wind on the area at rest.
+// Forces, masses and matrix products of two deformed meshes in a measured fabric, as ARCSim 0.2.1 printed them, against
+// the kernels with ARCSim's conventions chosen: bending sampled at the signed curvature, wind on the area at rest.
 #include "../catch.hpp"
 
 #include <algorithm>
@@ -12,8 +12,8 @@
 #include <nlohmann/json.hpp>
 
 #include "cama/scene.hpp"
-#include "kernels.hpp"
-#include "topology.hpp"
+#include "device/kernels.hpp"
+#include "model/topology.hpp"
 
 using namespace cama;
 
@@ -29,7 +29,7 @@ struct Oracle {
   double energy = 0;
 };
 
-constexpr double time_step = 0.005, damping = 0.01;   // of b_dt and A_dt_p
+constexpr double time_step = 0.005, damping = 0.01;  // of b_dt and A_dt_p
 constexpr int arcsim_convention = 1;
 
 Oracle read_oracle(const std::filesystem::path &file, const std::filesystem::path &material)
@@ -131,16 +131,18 @@ template <class Real> struct Elements {
   {
     const int start = 0;
     const Real matrix_scale = static_cast<Real>(scale);
-    evaluate_triangles(int(triangle.size()), triangle.data(), table.data(), &start, &matrix_scale, x.data(), triangle_factor.data(), triangle_force.data());
-    evaluate_hinges(int(hinge.size()), hinge.data(), &bending, &matrix_scale, arcsim_convention, x.data(), hinge_factor.data(), hinge_force.data());
+    evaluate_triangles(int(triangle.size()), triangle.data(), table.data(), &start, &matrix_scale, x.data(),
+                       triangle_factor.data(), triangle_force.data());
+    evaluate_hinges(int(hinge.size()), hinge.data(), &bending, &matrix_scale, arcsim_convention, x.data(),
+                    hinge_factor.data(), hinge_force.data());
   }
   void evaluate_wind(const Rows &v, const dvec3 &wind, double density, double drag, int convention)
   {
-    const std::vector<double> areal_density(1, 1.0);   // steps so short that drag is not limited
+    const std::vector<double> areal_density(1, 1.0);  // steps so short that drag is not limited
     std::fill(triangle_force.begin(), triangle_force.end(), V{0, 0, 0});
     std::fill(hinge_force.begin(), hinge_force.end(), V{0, 0, 0});
-    add_wind(int(triangle.size()), triangle.data(), x.data(), v.data(), &wind, areal_density.data(), Real(density), Real(drag), convention, Real(1e-6),
-             triangle_force.data());
+    add_wind(int(triangle.size()), triangle.data(), x.data(), v.data(), &wind, areal_density.data(), Real(density),
+             Real(drag), convention, Real(1e-6), triangle_force.data());
   }
   /// Through gather_forces.
   Rows forces(const dvec3 &gravity) const
@@ -156,16 +158,20 @@ template <class Real> struct Elements {
           if (nodes[e].node[a] >= 0) lists[nodes[e].node[a]].push_back(int(4 * e) + a);
       std::vector<int> entry;
       row.assign(1, 0);
-      for (const auto &l : lists) { entry.insert(entry.end(), l.begin(), l.end()); row.push_back(int(entry.size())); }
+      for (const auto &l : lists) {
+        entry.insert(entry.end(), l.begin(), l.end());
+        row.push_back(int(entry.size()));
+      }
       return entry;
     };
     std::vector<int> triangle_row, hinge_row;
-    const std::vector<int> triangle_entry = incidence(triangles, triangle_row), hinge_entry = incidence(hinges, hinge_row);
+    const std::vector<int> triangle_entry = incidence(triangles, triangle_row),
+                           hinge_entry = incidence(hinges, hinge_row);
     std::vector<Real> mass;
     for (double m : topology.mass) mass.push_back(Real(m));
     std::vector<V> force(x.size());
-    gather_forces(n, triangle_row.data(), triangle_entry.data(), triangle_force.data(), hinge_row.data(), hinge_entry.data(),
-                  hinge_force.data(), int(hinge.size()), mass.data(), &gravity, force.data());
+    gather_forces(n, triangle_row.data(), triangle_entry.data(), triangle_force.data(), hinge_row.data(),
+                  hinge_entry.data(), hinge_force.data(), int(hinge.size()), mass.data(), &gravity, force.data());
     return widen(force);
   }
   static Rows widen(const std::vector<V> &a)
@@ -185,8 +191,10 @@ template <class Real> struct Elements {
           y[node[a]] = add(y[node[a]], mat3_multiply(block(a, b), V{Real(q.x), Real(q.y), Real(q.z)}));
         }
     };
-    for (std::size_t e = 0; e < triangle.size(); ++e) multiply(triangle[e].node, 3, [&](int a, int b) { return triangle_block(triangle_factor[e], a, b); });
-    for (std::size_t e = 0; e < hinge.size(); ++e) multiply(hinge[e].node, 4, [&](int a, int b) { return hinge_block(hinge_factor[e], a, b); });
+    for (std::size_t e = 0; e < triangle.size(); ++e)
+      multiply(triangle[e].node, 3, [&](int a, int b) { return triangle_block(triangle_factor[e], a, b); });
+    for (std::size_t e = 0; e < hinge.size(); ++e)
+      multiply(hinge[e].node, 4, [&](int a, int b) { return hinge_block(hinge_factor[e], a, b); });
     return widen(y);
   }
 };
@@ -227,10 +235,11 @@ TEST_CASE("masses, angles and bending stiffness equal ARCSim's", "[oracle][data]
       REQUIRE(found != hinges.end());
       const std::size_t h = static_cast<std::size_t>(found->second - e.topology.hinge.data());
       const double theta = load_hinge(e.hinge[h], e.x.data()).angle;
-      angle = std::max(angle, std::abs(theta + edge["theta"].get<double>()));   // ARCSim's sign is the opposite
+      angle = std::max(angle, std::abs(theta + edge["theta"].get<double>()));  // ARCSim's sign is the opposite
       length = std::max(length, std::abs(e.hinge[h].length / edge["l"].get<double>() - 1));
       const double expected = std::min(edge["k"][0].get<double>(), edge["k"][1].get<double>());
-      stiffness = std::max(stiffness, std::abs(hinge_stiffness(&e.bending, e.hinge[h], theta, arcsim_convention) - expected) / scale);
+      stiffness = std::max(
+          stiffness, std::abs(hinge_stiffness(&e.bending, e.hinge[h], theta, arcsim_convention) - expected) / scale);
     }
     CAPTURE(angle, length, stiffness);
     CHECK(angle < 1e-12);
@@ -248,9 +257,11 @@ TEMPLATE_TEST_CASE("forces and matrix products equal ARCSim's", "[oracle][data]"
     const Rows force = e.forces({0, 0, 0}), stiffness_p = e.product(o.p);
     e.evaluate(time_step * (time_step + damping));
     const Rows a_dt_p = e.product(o.p);
-    Rows b_dt = e.product(o.v);   // b = dt (F + (dt + damping) J v) with J = -K
-    for (std::size_t i = 0; i < b_dt.size(); ++i) b_dt[i] = kernels::dsub(kernels::dscale(time_step, force[i]), b_dt[i]);
-    CAPTURE(difference(force, o.force), difference(stiffness_p, o.stiffness_p), difference(b_dt, o.b_dt), difference(a_dt_p, o.a_dt_p));
+    Rows b_dt = e.product(o.v);  // b = dt (F + (dt + damping) J v) with J = -K
+    for (std::size_t i = 0; i < b_dt.size(); ++i)
+      b_dt[i] = kernels::dsub(kernels::dscale(time_step, force[i]), b_dt[i]);
+    CAPTURE(difference(force, o.force), difference(stiffness_p, o.stiffness_p), difference(b_dt, o.b_dt),
+            difference(a_dt_p, o.a_dt_p));
     CAPTURE(median_difference(force, o.force), median_difference(stiffness_p, o.stiffness_p));
     CHECK(difference(force, o.force) < bound);
     CHECK(difference(stiffness_p, o.stiffness_p) < bound);

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The pipeline is built from the scene: what a scene does not have adds no stage and no stream, and does not move the cloth.
+// The pipeline is built from the scene: what a scene does not have adds no stage and no stream, and does not move the
+// cloth.
 #include "../catch.hpp"
 
 #include <algorithm>
@@ -50,10 +51,12 @@ bool has_any(const std::set<std::string> &names, const std::vector<std::string> 
   });
 }
 
-const std::set<std::string> always = {"element forces", "matrix assembly", "linear solve", "advance positions", "finish step"};
+const std::set<std::string> always = {"element forces", "matrix assembly", "linear solve", "advance positions",
+                                      "finish step"};
 const std::set<std::string> contact_stages = {"candidate search", "contacts", "contact terms", "penetration handling"};
-const std::vector<std::string> contact_streams = {"tree", "groups", "box", "order", "pairs", "direction", "room", "contact", "impact", "margin", "bounds", "predicted",
-                                                  "face", "edge"};
+const std::vector<std::string> contact_streams = {"tree",      "groups",    "box",     "order",  "pairs",
+                                                  "direction", "room",      "contact", "impact", "margin",
+                                                  "bounds",    "predicted", "face",    "edge"};
 
 std::set<std::string> with(std::set<std::string> a, const std::set<std::string> &b)
 {
@@ -62,7 +65,10 @@ std::set<std::string> with(std::set<std::string> a, const std::set<std::string> 
 }
 
 /// Cloth 0 after some steps, bit for bit; reports say what else happened.
-struct Run { std::vector<dvec3> position, velocity; int contacts = 0; };
+struct Run {
+  std::vector<dvec3> position, velocity;
+  int contacts = 0;
+};
 
 Run follow(const Scene &scene, int steps, const Options &options)
 {
@@ -191,7 +197,8 @@ TEST_CASE("single precision refuses cloth whose mass it would lose beside its st
 {
   Scene s = meshes::hanging(3);
   const std::vector<double> masses = Simulation(s).masses();
-  const double lightest = *std::min_element(masses.begin(), masses.end()), limit = 8e9 * lightest / (0.005 * (0.005 + s.cloths[0].material.damping));
+  const double lightest = *std::min_element(masses.begin(), masses.end()),
+               limit = 8e9 * lightest / (0.005 * (0.005 + s.cloths[0].material.damping));
   const auto refused = [&](double stiffness, const std::string &precision) {
     for (auto &row : s.cloths[0].material.stretching) row = {stiffness, 0.3 * stiffness, stiffness, 0.3 * stiffness};
     Options o;
@@ -252,8 +259,8 @@ TEST_CASE("a distant obstacle moves the cloth by no more than rounding", "[pipel
   }
 }
 
-// Candidate pairs come in the order of the trees, whose Morton codes are relative to the bounds of the whole scene; contacts and
-// impacts are sorted by their features (FlaggedPairs), so that sums over them do not see it.
+// Candidate pairs come in the order of the trees, whose Morton codes are relative to the bounds of the whole scene;
+// contacts and impacts are sorted by their features (FlaggedPairs), so that sums over them do not see it.
 TEST_CASE("a distant obstacle does not move the cloth by one bit", "[pipeline]")
 {
   for (const Motion &motion : resting_and_moving()) {
@@ -301,12 +308,14 @@ TEST_CASE("a distant cloth that needs no solving does not move the first by one 
 
 TEST_CASE("a distant cloth moves the first by no more than the solver's tolerance", "[pipeline]")
 {
-  // One conjugate gradient solves for all cloths: its step lengths and its stop are common, so bits do change, and with them which pairs
-  // are contacts. With a direct solve, or as the tolerance goes down, they agree.
+  // One conjugate gradient solves for all cloths: its step lengths and its stop are common, so bits do change, and with
+  // them which pairs are contacts. With a direct solve, or as the tolerance goes down, they agree.
   Scene scene = meshes::sheet_on_ball();
-  for (dvec3 &x : scene.cloths[0].mesh.position) x = {x.x + 0.013, x.y + 0.007, x.z};   // off the ball's axes, where contacts would be ties
+  for (dvec3 &x : scene.cloths[0].mesh.position)
+    x = {x.x + 0.013, x.y + 0.007, x.z};  // off the ball's axes, where contacts would be ties
   Scene both = scene;
-  both.cloths.push_back(meshes::cloth(meshes::grid(6, 6, 0.2, 0.2, 5, 3, 0), Material::isotropic(1000, 0.2, 1e-5, 0.3), "far"));
+  both.cloths.push_back(
+      meshes::cloth(meshes::grid(6, 6, 0.2, 0.2, 5, 3, 0), Material::isotropic(1000, 0.2, 1e-5, 0.3), "far"));
   Options o = serial();
   double moved[2];
   for (int k = 0; k < 2; ++k) {

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Only what the scene requires: what a term brings, in streams, stages, kernels and matrix blocks, and that a scene without it has none
-// of that. What is expected is written from the table in docs/terms.md, not read off the program.
+// Only what the scene requires: what a term brings, in streams, stages, kernels and matrix blocks, and that a scene
+// without it has none of that. What is expected is written from the table in docs/terms.md, not read off the program.
 #include "../catch.hpp"
 
 #include <algorithm>
@@ -32,9 +32,11 @@ Kernels operator+(Kernels a, const Kernels &b)
   return a;
 }
 
-constexpr int columns = 6, rows = 5, vertices = 42, edges = 101, inner_edges = 79;   // 60 triangles: V - E + F = 1; 22 edges of the border
+constexpr int columns = 6, rows = 5, vertices = 42, edges = 101,
+              inner_edges = 79;   // 60 triangles: V - E + F = 1; 22 edges of the border
 
-/// A grid whose cells are all split along the same diagonal: six triangles around every inner vertex, and no two hinges with the same ends.
+/// A grid whose cells are all split along the same diagonal: six triangles around every inner vertex, and no two hinges
+/// with the same ends.
 Mesh grid(int columns, int rows, double width, double height, double x = 0, double y = 0, double z = 0)
 {
   Mesh m = meshes::grid(columns, rows, width, height, x, y, z);
@@ -61,13 +63,14 @@ Scene bare()
 Material tabulated(bool bending)
 {
   Material m = Material::isotropic(100, 0.3, bending ? 1e-5 : 0, 0.1);
-  for (std::size_t row = 1; row < m.stretching.size(); ++row) m.stretching[row][0] *= 1 + 0.1 * static_cast<double>(row);
+  for (std::size_t row = 1; row < m.stretching.size(); ++row)
+    m.stretching[row][0] *= 1 + 0.1 * static_cast<double>(row);
   return m;
 }
 
 /// What a scene has after some steps, and what one more step launches.
 struct Inventory {
-  Names streams;                           // of more than no bytes
+  Names streams;  // of more than no bytes
   std::vector<std::string> stages;
   std::map<std::string, Kernels> kernels;  // by stage
   int blocks = 0, contacts = 0;
@@ -90,7 +93,8 @@ Inventory take(const Scene &scene, const Options &options, int steps = 3)
   engine.state.visit([&](const char *name, auto &stream) {
     if (stream.bytes()) found.streams.insert(name);
   });
-  found.blocks = engine.state.system64 ? engine.state.system64->matrix.column.size() : engine.state.system32->matrix.column.size();
+  found.blocks =
+      engine.state.system64 ? engine.state.system64->matrix.column.size() : engine.state.system32->matrix.column.size();
   found.contacts = engine.state.contacts;
   return found;
 }
@@ -106,29 +110,54 @@ Kernels outside_the_solve(const Inventory &i)
 
 bool launched(const Inventory &i, const std::string &kernel)
 {
-  return std::any_of(i.kernels.begin(), i.kernels.end(), [&](const auto &stage) { return stage.second.count(kernel) > 0; });
+  return std::any_of(i.kernels.begin(), i.kernels.end(),
+                     [&](const auto &stage) { return stage.second.count(kernel) > 0; });
 }
 
-const Names elastic_streams = {"position", "velocity", "position_next", "velocity_next", "fixed", "gravity", "mass",
-                               "triangle_nodes", "triangle_incidence.row", "triangle_incidence.entry", "triangle_rest", "triangle_factor",
-                               "triangle_force", "material_scale", "stretching_table", "stretching_start",
-                               "force", "row", "column", "block", "right_side", "solution"};
-const Names hinge_streams = {"hinge_nodes", "hinge_incidence.row", "hinge_incidence.entry", "hinge_rest", "hinge_factor", "hinge_force",
-                             "bending_table"};
+const Names elastic_streams = {"position",
+                               "velocity",
+                               "position_next",
+                               "velocity_next",
+                               "fixed",
+                               "gravity",
+                               "mass",
+                               "triangle_nodes",
+                               "triangle_incidence.row",
+                               "triangle_incidence.entry",
+                               "triangle_rest",
+                               "triangle_factor",
+                               "triangle_force",
+                               "material_scale",
+                               "stretching_table",
+                               "stretching_start",
+                               "force",
+                               "row",
+                               "column",
+                               "block",
+                               "right_side",
+                               "solution"};
+const Names hinge_streams = {"hinge_nodes",  "hinge_incidence.row", "hinge_incidence.entry", "hinge_rest",
+                             "hinge_factor", "hinge_force",         "bending_table"};
 const Names term_streams = {"term", "term_nodes", "term_incidence.row", "term_incidence.entry"};
-const Names contact_streams = {"predicted", "inverse_mass", "face", "asking", "vertex_contact", "margin", "bounds", "vertex_box"};
-const Names face_pair_streams = {"vertex_face.pairs", "vertex_face.direction", "vertex_face.room"};
-const Names edge_pair_streams = {"edge_edge.pairs", "edge_edge.direction", "edge_edge.room"};
+const Names contact_streams = {"predicted",      "inverse_mass", "face",   "query_vertices",
+                               "vertex_contact", "margin",       "bounds", "vertex_box"};
+const Names face_pair_streams = {"vertex_face.pairs", "vertex_face.direction", "vertex_face.gap_bound"};
+const Names edge_pair_streams = {"edge_edge.pairs", "edge_edge.direction", "edge_edge.gap_bound"};
 
-const Kernels elastic_kernels = {{"evaluate_triangles", 1}, {"gather_forces", 1}, {"gather_blocks", 1}, {"advance", 1}, {"find_nonfinite", 1}};
+const Kernels elastic_kernels = {
+    {"evaluate_triangles", 1}, {"gather_forces", 1}, {"gather_blocks", 1}, {"advance", 1}, {"find_nonfinite", 1}};
 /// A list of elements, vertex by vertex: count, scan, fill, sort.
-const Kernels incidence_kernels = {{"set_int", 2}, {"count_incidence", 1}, {"scan", 1}, {"fill_incidence", 1}, {"sort_rows", 1}};
+const Kernels incidence_kernels = {
+    {"set_int", 2}, {"count_incidence", 1}, {"scan", 1}, {"fill_incidence", 1}, {"sort_rows", 1}};
 const Names friction_kernels = {"vertex_loads", "free_velocities", "make_contact_terms"};
-const Names solve_kernels_of_terms = {"pack_terms", "term_products", "add_term_products", "add_term_forces", "add_term_diagonal", "term_diagonals"};
+const Names solve_kernels_of_terms = {"pack_terms",      "term_products",     "add_term_products",
+                                      "add_term_forces", "add_term_diagonal", "term_diagonals"};
 
-const std::vector<std::string> elastic_stages = {"element forces", "matrix assembly", "linear solve", "advance positions", "finish step"};
-const std::vector<std::string> contact_stages = {"candidate search", "contacts", "element forces", "contact terms", "matrix assembly",
-                                                 "linear solve", "advance positions", "penetration handling", "finish step"};
+const std::vector<std::string> elastic_stages = {"element forces", "matrix assembly", "linear solve",
+                                                 "advance positions", "finish step"};
+const std::vector<std::string> contact_stages = {
+    "candidate search", "contacts",          "element forces",       "contact terms", "matrix assembly",
+    "linear solve",     "advance positions", "penetration handling", "finish step"};
 std::vector<std::string> behind(const std::string &first, std::vector<std::string> stages)
 {
   stages.insert(stages.begin(), first);
@@ -150,7 +179,10 @@ Scene on(Obstacle obstacle, const Motion &motion = {})
 
 Obstacle plane() { return exact_plane({0, 0, -2e-3}, {0, 0, 1}); }
 Obstacle ball() { return exact_sphere({0.15, 0.125, -0.102}, 0.1); }
-Obstacle table() { return meshes::obstacle(meshes::grid(3, 3, 0.5, 0.5, -0.1, -0.1, -3e-3)); }   // near enough to push, too little for anything to stray
+Obstacle table()
+{
+  return meshes::obstacle(meshes::grid(3, 3, 0.5, 0.5, -0.1, -0.1, -3e-3));
+}  // near enough to push, too little for anything to stray
 Motion rising()
 {
   Motion m;
@@ -195,7 +227,8 @@ TEST_CASE("bending brings hinges and the second ring: 13 blocks a row instead of
 TEST_CASE("bending of one cloth gives the other no hinges", "[required]")
 {
   Scene scene = bare();
-  scene.cloths.push_back(meshes::cloth(grid(columns, rows, 0.3, 0.25, 2), Material::isotropic(100, 0.3, 1e-5, 0.1), "second"));
+  scene.cloths.push_back(
+      meshes::cloth(grid(columns, rows, 0.3, 0.25, 2), Material::isotropic(100, 0.3, 1e-5, 0.1), "second"));
   CHECK(take(scene, serial()).blocks == 2 * (vertices + 2 * edges) + 2 * inner_edges);
 }
 
@@ -247,7 +280,8 @@ TEST_CASE("stitches bring their terms alone", "[required]")
   std::vector<std::string> stages = elastic_stages;
   stages.insert(stages.begin() + 1, "contact terms");
   CHECK(found.stages == stages);
-  CHECK(outside_the_solve(found) == elastic_kernels + incidence_kernels + Kernels{{"stitch_nodes", 1}, {"make_stitch_terms", 1}});
+  CHECK(outside_the_solve(found) ==
+        elastic_kernels + incidence_kernels + Kernels{{"stitch_nodes", 1}, {"make_stitch_terms", 1}});
 }
 
 TEST_CASE("obstacles without contact bring nothing but their vertices; moving ones their motion", "[required]")
@@ -270,18 +304,24 @@ TEST_CASE("a plane: the cloth's vertices ask one face; no edges, no trees of the
   REQUIRE(found.contacts > 0);
   CHECK(found.stages == contact_stages);
   CHECK(found.streams == elastic_streams + term_streams + contact_streams + face_pair_streams +
-                             Names{"origin", "still.face_groups", "still.face_order", "contact"});
-  CHECK(found.kernels.at("candidate search") ==
-        Kernels{{"predict_positions", 1}, {"position_bounds", 1}, {"reduce_bounds", 2}, {"vertex_boxes", 1}, {"query_vertex_face_count", 1},
-                {"scan", 1}, {"scan_totals", 1}, {"query_vertex_face_fill", 1}});
+                             Names{"origin", "static.face_groups", "static.face_order", "contact"});
+  CHECK(found.kernels.at("candidate search") == Kernels{{"predict_positions", 1},
+                                                        {"position_bounds", 1},
+                                                        {"reduce_bounds", 2},
+                                                        {"vertex_boxes", 1},
+                                                        {"query_vertex_face_count", 1},
+                                                        {"scan", 1},
+                                                        {"scan_totals", 1},
+                                                        {"query_vertex_face_fill", 1}});
 }
 
 TEST_CASE("a ball's centre asks the faces of the cloth: no edges", "[required]")
 {
   const Inventory found = take(on(ball()), serial());
   REQUIRE(found.contacts > 0);
-  CHECK(found.streams == elastic_streams + term_streams + contact_streams + face_pair_streams +
-                             Names{"origin", "still.face_groups", "still.face_order", "face_groups", "face_order", "contact"});
+  CHECK(found.streams ==
+        elastic_streams + term_streams + contact_streams + face_pair_streams +
+            Names{"origin", "static.face_groups", "static.face_order", "face_groups", "face_order", "contact"});
   CHECK(found.kernels.at("candidate search").at("face_groups") == 1);
   CHECK(found.kernels.at("candidate search").at("query_vertex_face_count") == 2);
   for (const char *kernel : {"edge_groups", "query_edge_edge_count", "query_edge_edge_fill", "sort"})
@@ -293,11 +333,14 @@ TEST_CASE("an obstacle at rest is neither boxed nor sorted again, and its tree s
   const Inventory still = take(on(table()), serial()), moving = take(on(table(), rising()), serial());
   REQUIRE(still.contacts > 0);
   REQUIRE(moving.contacts > 0);
-  const Names both = elastic_streams + term_streams + contact_streams + face_pair_streams + edge_pair_streams +
-                     Names{"edge", "face_groups", "face_order", "edge_order", "contact"};   // edges of the cloth ask; nothing asks them
-  CHECK(still.streams == both + Names{"origin", "still.face_groups", "still.face_order", "still.edge_groups", "still.edge_order"});
-  CHECK(moving.streams == both + Names{"rest_position", "moving.face_groups", "moving.face_order", "moving.edge_groups", "moving.edge_order"});
-  CHECK(still.kernels.at("candidate search").at("face_groups") == 1);    // of the cloth
+  const Names both =
+      elastic_streams + term_streams + contact_streams + face_pair_streams + edge_pair_streams +
+      Names{"edge", "face_groups", "face_order", "edge_order", "contact"};  // edges of the cloth ask; nothing asks them
+  CHECK(still.streams ==
+        both + Names{"origin", "static.face_groups", "static.face_order", "static.edge_groups", "static.edge_order"});
+  CHECK(moving.streams == both + Names{"rest_position", "moving.face_groups", "moving.face_order", "moving.edge_groups",
+                                       "moving.edge_order"});
+  CHECK(still.kernels.at("candidate search").at("face_groups") == 1);  // of the cloth
   CHECK_FALSE(still.kernels.at("candidate search").count("edge_groups"));
   CHECK(moving.kernels.at("candidate search").at("face_groups") == 2);
   CHECK(moving.kernels.at("candidate search").at("edge_groups") == 1);
@@ -310,13 +353,15 @@ TEST_CASE("cloth meets cloth: trees of the cloth, none of obstacles", "[required
   Scene scene = bare();
   scene.contact.enabled = scene.contact.self = true;
   scene.contact.thickness = 4e-3;
-  scene.cloths.push_back(meshes::cloth(grid(columns, rows, 0.3, 0.25, 0.01, 0.007, 3e-3), scene.cloths[0].material, "second"));
+  scene.cloths.push_back(
+      meshes::cloth(grid(columns, rows, 0.3, 0.25, 0.01, 0.007, 3e-3), scene.cloths[0].material, "second"));
   const Inventory found = take(scene, serial());
   REQUIRE(found.contacts > 0);
   CHECK(found.streams == elastic_streams + term_streams + contact_streams + face_pair_streams + edge_pair_streams +
                              Names{"edge", "face_groups", "face_order", "edge_groups", "edge_order", "contact"});
   const Kernels &search = found.kernels.at("candidate search");
-  for (const char *kernel : {"face_groups", "edge_groups", "query_vertex_face_count", "query_edge_edge_count"}) CHECK(search.at(kernel) == 1);
+  for (const char *kernel : {"face_groups", "edge_groups", "query_vertex_face_count", "query_edge_edge_count"})
+    CHECK(search.at(kernel) == 1);
 }
 
 TEST_CASE("without cloth on cloth none of its pairs are looked at", "[required]")
@@ -327,12 +372,14 @@ TEST_CASE("without cloth on cloth none of its pairs are looked at", "[required]"
     if (x.x > 0.15) x = {0.3 - x.x, x.y, 3e-3};
   const auto &source = scene.cloths[0].mesh;
   scene.cloths[0].mesh.material_face = source.face;
-  for (const dvec3 &x : grid(columns, rows, 0.3, 0.25).position) scene.cloths[0].mesh.material_position.push_back({x.x, x.y});
+  for (const dvec3 &x : grid(columns, rows, 0.3, 0.25).position)
+    scene.cloths[0].mesh.material_position.push_back({x.x, x.y});
   Engine engine(scene);
   engine.step();
   const auto faces = engine.state.face.download();
   for (const kernels::pair &p : engine.state.vertex_face.pairs.download())
-    CHECK((p.a < engine.state.cloth_vertices) != (faces[static_cast<std::size_t>(p.b)].node[0] < engine.state.cloth_vertices));
+    CHECK((p.a < engine.state.cloth_vertices) !=
+          (faces[static_cast<std::size_t>(p.b)].node[0] < engine.state.cloth_vertices));
   CHECK(engine.state.edge_edge.pairs.size() > 0);
 }
 
@@ -340,20 +387,25 @@ TEST_CASE("contact without friction sums no loads and predicts no velocities", "
 {
   Scene scene = on(plane());
   const Inventory smooth = take(scene, serial());
-  CHECK(smooth.kernels.at("contact terms") == incidence_kernels + Kernels{{"contact_nodes", 1}, {"stiffen_contacts", 1}, {"make_frictionless_terms", 1}});
-  scene.cloths[0].material.friction = 0.5;   // cloth meets no cloth: it has nothing to rub
+  CHECK(smooth.kernels.at("contact terms") ==
+        incidence_kernels + Kernels{{"contact_nodes", 1}, {"stiffen_contacts", 1}, {"make_frictionless_terms", 1}});
+  scene.cloths[0].material.friction = 0.5;  // cloth meets no cloth: it has nothing to rub
   CHECK(take(scene, serial()).kernels.at("contact terms") == smooth.kernels.at("contact terms"));
   scene.obstacles[0].friction = 0.5;
   const Inventory rough = take(scene, serial());
   CHECK(rough.streams == smooth.streams);
-  CHECK(rough.kernels.at("contact terms") == incidence_kernels + Kernels{{"contact_nodes", 1}, {"stiffen_contacts", 1}, {"vertex_loads", 1}, {"free_velocities", 1}, {"make_contact_terms", 1}});
+  CHECK(rough.kernels.at("contact terms") == incidence_kernels + Kernels{{"contact_nodes", 1},
+                                                                         {"stiffen_contacts", 1},
+                                                                         {"vertex_loads", 1},
+                                                                         {"free_velocities", 1},
+                                                                         {"make_contact_terms", 1}});
 }
 
 TEST_CASE("contact terms without friction are those of friction zero, bit for bit", "[required]")
 {
   Scene scene = on(ball());
   Engine smooth(scene), rubbing(scene);
-  rubbing.state.friction = true;   // all coefficients stay zero
+  rubbing.state.friction = true;  // all coefficients stay zero
   for (int i = 0; i < 10; ++i) {
     smooth.step();
     rubbing.step();
@@ -380,7 +432,8 @@ TEST_CASE("no guarantee, no commit", "[required]")
   Options o = serial();
   o.commit = false;
   const Inventory found = take(on(table(), rising()), o, 8);
-  for (const char *kernel : {"commit_begin", "commit_screen", "commit_pairs", "commit_apply"}) CHECK_FALSE(launched(found, kernel));
+  for (const char *kernel : {"commit_begin", "commit_screen", "commit_pairs", "commit_apply"})
+    CHECK_FALSE(launched(found, kernel));
 }
 
 TEST_CASE("every stage that a term brings says so", "[required]")
@@ -403,14 +456,18 @@ TEST_CASE("every stage that a term brings says so", "[required]")
   CHECK(reason.at("penetration handling") == "contact");
 }
 
-// What is far away does not move the cloth by one bit. It may not be in the same contact, nor, as a free cloth, in the same solve: the
-// conjugate gradient's steps are ratios of sums over all free vertices, and those change with every free vertex that has a residual.
+// What is far away does not move the cloth by one bit. It may not be in the same contact, nor, as a free cloth, in the
+// same solve: the conjugate gradient's steps are ratios of sums over all free vertices, and those change with every
+// free vertex that has a residual.
 namespace {
 
 /// Two sheets that fall on each other and on a ball that moves.
 Scene pile() { return meshes::pile(8); }
 
-struct Trace { std::vector<dvec3> position, velocity; int contacts = 0; };
+struct Trace {
+  std::vector<dvec3> position, velocity;
+  int contacts = 0;
+};
 
 Trace follow_first(const Scene &scene, int cloths, int steps, const Options &options)
 {
@@ -420,7 +477,8 @@ Trace follow_first(const Scene &scene, int cloths, int steps, const Options &opt
     simulation.step();
     r.contacts = std::max(r.contacts, simulation.report().contacts);
   }
-  const std::size_t n = static_cast<std::size_t>(simulation.cloth_ranges()[static_cast<std::size_t>(cloths) - 1].second);
+  const std::size_t n =
+      static_cast<std::size_t>(simulation.cloth_ranges()[static_cast<std::size_t>(cloths) - 1].second);
   r.position = simulation.positions();
   r.velocity = simulation.velocities();
   r.position.resize(n);
@@ -461,35 +519,68 @@ std::size_t add_pinned(Scene &s, Material material, const Motion &motion = {})
 }
 Obstacle far_mesh(const dvec3 &center) { return meshes::obstacle(meshes::sphere(8, 6, 0.2, center)); }
 
-struct Feature { const char *name; std::function<void(Scene &)> add; };
+struct Feature {
+  const char *name;
+  std::function<void(Scene &)> add;
+};
 const Feature far_features[] = {
     {"a mesh above", [](Scene &s) { add(s, far_mesh({5, 3, 4})); }},
     {"a mesh below", [](Scene &s) { add(s, far_mesh({-5, -3, -4})); }},
     {"a mesh a kilometre away", [](Scene &s) { add(s, far_mesh({-1000, 300, 200})); }},
     {"a mesh that moves", [](Scene &s) { add(s, far_mesh({-5, 3, -4}), drifting({1, -2, 0.5})); }},
     {"a mesh that moves fast", [](Scene &s) { add(s, far_mesh({-5, 3, -4}), drifting({0, 0, -40})); }},
-    {"meshes at rest and moving", [](Scene &s) { add(s, far_mesh({-5, 3, -4}), drifting({0, -3, 0})); add(s, far_mesh({5, -3, -4})); }},
+    {"meshes at rest and moving",
+     [](Scene &s) {
+       add(s, far_mesh({-5, 3, -4}), drifting({0, -3, 0}));
+       add(s, far_mesh({5, -3, -4}));
+     }},
     {"an exact sphere", [](Scene &s) { add(s, exact_sphere({3, 0, -3}, 0.5)); }},
     {"an exact sphere that moves", [](Scene &s) { add(s, exact_sphere({3, 0, -3}, 0.5), drifting({1, 0, 0})); }},
     {"a capsule", [](Scene &s) { add(s, exact_capsule({-3, 1, 0}, {-3, -1, 1}, 0.2)); }},
     {"a box", [](Scene &s) { add(s, exact_box({0, 4, 1}, {1, 1, 1})); }},
     {"a plane", [](Scene &s) { add(s, exact_plane({0, 0, -6}, {0, 0, 1})); }},
     {"a plane that moves", [](Scene &s) { add(s, exact_plane({0, 0, -6}, {0, 0, 1}), drifting({0, 0, 1})); }},
-    {"rougher and stiffer ground", [](Scene &s) { add(s, far_mesh({0, 0, -5})); s.obstacles.back().friction = 2; s.obstacles.back().contact_stiffness = 1e8; }},
-    {"thicker ground", [](Scene &s) { add(s, far_mesh({0, 0, -5})); s.obstacles.back().thickness = 0.03; }},
+    {"rougher and stiffer ground",
+     [](Scene &s) {
+       add(s, far_mesh({0, 0, -5}));
+       s.obstacles.back().friction = 2;
+       s.obstacles.back().contact_stiffness = 1e8;
+     }},
+    {"thicker ground",
+     [](Scene &s) {
+       add(s, far_mesh({0, 0, -5}));
+       s.obstacles.back().thickness = 0.03;
+     }},
     {"a pinned cloth", [](Scene &s) { add_pinned(s, meshes::cotton()); }},
     {"a pinned cloth that is moved", [](Scene &s) { add_pinned(s, meshes::cotton(), drifting({0.3, 0, 0})); }},
     {"a pinned cloth without bending", [](Scene &s) { add_pinned(s, Material::isotropic(100, 0.3, 0, 0.1)); }},
     {"a pinned cloth of a tabulated fabric", [](Scene &s) { add_pinned(s, tabulated(true)); }},
-    {"a pinned cloth that is damped", [](Scene &s) { Material m = meshes::cotton(); m.damping = 0.02; add_pinned(s, m); }},
-    {"a pinned cloth with a seam", [](Scene &s) { const int c = static_cast<int>(add_pinned(s, meshes::cotton())); s.stitches.push_back({c, 0, c, 3, 2, 0, 10}); }},
-    {"a thicker pinned cloth", [](Scene &s) { const std::size_t c = add_pinned(s, meshes::cotton()); s.cloths[c].material.thickness = 0.01; }},
+    {"a pinned cloth that is damped",
+     [](Scene &s) {
+       Material m = meshes::cotton();
+       m.damping = 0.02;
+       add_pinned(s, m);
+     }},
+    {"a pinned cloth with a seam",
+     [](Scene &s) {
+       const int c = static_cast<int>(add_pinned(s, meshes::cotton()));
+       s.stitches.push_back({c, 0, c, 3, 2, 0, 10});
+     }},
+    {"a thicker pinned cloth",
+     [](Scene &s) {
+       const std::size_t c = add_pinned(s, meshes::cotton());
+       s.cloths[c].material.thickness = 0.01;
+     }},
 };
 
 /// Features that every vertex sees, and that are nothing.
 const Feature empty_features[] = {
     {"still air without density", [](Scene &s) { s.wind = Wind{{3, 0, 0}, 0, 0}; }},
-    {"a cloth's friction where an obstacle's holds", [](Scene &s) { s.contact.self = false; s.cloths[0].material.friction = 0.7; }},
+    {"a cloth's friction where an obstacle's holds",
+     [](Scene &s) {
+       s.contact.self = false;
+       s.cloths[0].material.friction = 0.7;
+     }},
 };
 
 }  // namespace
@@ -497,7 +588,8 @@ const Feature empty_features[] = {
 TEST_CASE("what is far away does not move the cloth by one bit", "[required][distant]")
 {
   for (const std::string &backend : backends_here())
-    for (const auto &[start, scene] : {std::pair<const char *, Scene>{"draped", meshes::sheet_on_ball()}, {"pile", pile()}}) {
+    for (const auto &[start, scene] :
+         {std::pair<const char *, Scene>{"draped", meshes::sheet_on_ball()}, {"pile", pile()}}) {
       Options o = serial();
       o.backend = backend;
       const int steps = backend == "cpu" ? 30 : 6, cloths = static_cast<int>(scene.cloths.size());

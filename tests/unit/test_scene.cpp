@@ -35,7 +35,10 @@ double distance(const dvec3 &p, const dvec3 &a, const dvec3 &b, const dvec3 &c)
   return inside ? std::abs(ddot(dsub(p, a), n)) : best;
 }
 
-std::string parse_error(const std::string &json) { return thrown<Error>([&] { Scene::parse(json, ".").validate(); }); }
+std::string parse_error(const std::string &json)
+{
+  return thrown<Error>([&] { Scene::parse(json, ".").validate(); });
+}
 
 bool same(const std::vector<dvec3> &a, const std::vector<dvec3> &b)
 {
@@ -78,10 +81,13 @@ TEST_CASE("shipped scenes load, validate and meet the triangle count", "[scene]"
       if (resolution) CHECK(std::abs(s.cloth_triangle_count() - resolution) < 0.05 * resolution);
       CHECK(s.gravity.z == -9.81);
     }
-  const auto step_of_the_paper = [](const char *name) { return chosen_time_step(Options::preset("paper"), Scene::load(scene_folder(name))); };
+  const auto step_of_the_paper = [](const char *name) {
+    return chosen_time_step(Options::preset("paper"), Scene::load(scene_folder(name)));
+  };
   CHECK(step_of_the_paper("funnel") == Approx(1.0 / 300));
   for (const char *name : {"drape", "sphere", "twisting"}) CHECK(step_of_the_paper(name) == Approx(1.0 / 200));
-  for (const char *name : {"drape", "sphere", "funnel", "twisting"}) CHECK(Scene::load(scene_folder(name)).cloths.size() == 3);
+  for (const char *name : {"drape", "sphere", "funnel", "twisting"})
+    CHECK(Scene::load(scene_folder(name)).cloths.size() == 3);
   const Scene large = Scene::load(scene_folder("drape"), 1000000);
   CHECK(std::abs(large.cloth_triangle_count() - 1000000) < 50000);
   CHECK_NOTHROW(large.validate());
@@ -96,7 +102,8 @@ TEST_CASE("shipped scenes start free of contact: gaps of at least 2.5 thicknesse
     for (std::size_t i = 0; i < s.cloths.size(); ++i)
       for (const dvec3 &x : s.cloths[i].mesh.position) {
         const auto against = [&](const Mesh &m) {
-          for (const Triangle &t : m.face) gap = std::min(gap, distance(x, m.position[t[0]], m.position[t[1]], m.position[t[2]]));
+          for (const Triangle &t : m.face)
+            gap = std::min(gap, distance(x, m.position[t[0]], m.position[t[1]], m.position[t[2]]));
         };
         for (std::size_t j = 0; j < s.cloths.size(); ++j)
           if (j != i) against(s.cloths[j].mesh);
@@ -116,8 +123,10 @@ TEST_CASE("the garment is sewn from panels and sits around the body", "[scene]")
   double lo = 9, hi = 0, top = -9;
   for (std::size_t f = 0; f < m.face.size(); ++f)
     for (int k = 0; k < 3; ++k) {
-      const MaterialPoint &p = m.material_position[m.material_face[f][k]], &q = m.material_position[m.material_face[f][(k + 1) % 3]];
-      const double ratio = distance(m.position[m.face[f][k]], m.position[m.face[f][(k + 1) % 3]]) / std::hypot(p[0] - q[0], p[1] - q[1]);
+      const MaterialPoint &p = m.material_position[m.material_face[f][k]],
+                          &q = m.material_position[m.material_face[f][(k + 1) % 3]];
+      const double ratio =
+          distance(m.position[m.face[f][k]], m.position[m.face[f][(k + 1) % 3]]) / std::hypot(p[0] - q[0], p[1] - q[1]);
       lo = std::min(lo, ratio);
       hi = std::max(hi, ratio);
     }
@@ -172,10 +181,10 @@ TEST_CASE("save and parse give the same scene, bit for bit", "[scene]")
 
 TEST_CASE("selections find what they say", "[scene]")
 {
-  const Scene s =
-      Scene::parse(R"({"cloth": [{"name": "c", "grid": {"size": [2, 1], "cells": [4, 2], "plane": "xz"}, "transform": {"translate": [0, 0, 3]}}],
+  const Scene s = Scene::parse(
+      R"({"cloth": [{"name": "c", "grid": {"size": [2, 1], "cells": [4, 2], "plane": "xz"}, "transform": {"translate": [0, 0, 3]}}],
     "pins": [{"cloth": "c", "edge": "top"}, {"cloth": 0, "corners": ["bottom_left", "top_right"]}, {"cloth": "c", "box": {"min": [-1.1, -1, 2], "max": [-0.9, 1, 4]}}]})",
-                   ".");
+      ".");
   CHECK(s.pins[0].vertices.size() == 5);
   for (int v : s.pins[0].vertices) CHECK(s.cloths[0].mesh.position[v].z == 3.5);
   REQUIRE(s.pins[1].vertices.size() == 2);
@@ -186,7 +195,8 @@ TEST_CASE("selections find what they say", "[scene]")
 
 TEST_CASE("the triangle budget is shared by area, or as told", "[scene]")
 {
-  const char *text = R"({"cloth": [{"name": "a", "grid": {"size": [1, 1]}}, {"name": "b", "grid": {"size": [3, 1]} %s }]})";
+  const char *text =
+      R"({"cloth": [{"name": "a", "grid": {"size": [1, 1]}}, {"name": "b", "grid": {"size": [3, 1]} %s }]})";
   const auto counts = [&](const char *share) {
     char b[400];
     std::snprintf(b, sizeof b, text, share);
@@ -199,16 +209,21 @@ TEST_CASE("the triangle budget is shared by area, or as told", "[scene]")
 
 TEST_CASE("errors name the field", "[scene]")
 {
-  struct Case { const char *json, *part; };
+  struct Case {
+    const char *json, *part;
+  };
   const char *cloth = R"("cloth": [{"name": "c", "grid": {"size": [1, 1]}}])";
   const auto with = [&](const std::string &more) { return "{" + std::string(cloth) + ", " + more + "}"; };
   CHECK(contains(parse_error("{"), "not JSON"));
   CHECK(contains(parse_error("{\"frames\": 1e400}"), "not JSON"));
   CHECK(contains(parse_error("{\"frames\": \"\xff\xfe\"}"), "UTF-8"));
   CHECK(contains(parse_error("{\"frames\": 1, \"gravity\": [0, 0, 0], \"frames\": 2}"), "\"frames\" is there twice"));
-  CHECK(contains(parse_error(with("\"obstacles\": [{\"name\": \"o\", \"sphere\": {\"radius\": 1}}], \"pins\": [{\"cloth\": \"c\", \"vertices\": [0], "
-                                  "\"attach\": \"o\", \"motion\": {\"velocity\": [1, 0, 0]}}]")), "pins[0].motion: a pin that is attached"));
-  CHECK(contains(parse_error(with("\"pins\": [{\"cloth\": \"c\", \"box\": {\"min\": [5, 5, 5], \"max\": [6, 6, 6]}}]")), "pins[0].box: has no vertex in it; cloth \"c\" reaches from ("));
+  CHECK(contains(parse_error(with("\"obstacles\": [{\"name\": \"o\", \"sphere\": {\"radius\": 1}}], \"pins\": "
+                                  "[{\"cloth\": \"c\", \"vertices\": [0], "
+                                  "\"attach\": \"o\", \"motion\": {\"velocity\": [1, 0, 0]}}]")),
+                 "pins[0].motion: a pin that is attached"));
+  CHECK(contains(parse_error(with("\"pins\": [{\"cloth\": \"c\", \"box\": {\"min\": [5, 5, 5], \"max\": [6, 6, 6]}}]")),
+                 "pins[0].box: has no vertex in it; cloth \"c\" reaches from ("));
   CHECK(contains(parse_error("[]"), "expected an object"));
   CHECK(contains(parse_error("{}"), "the scene is empty"));
   CHECK(contains(parse_error(with("\"gravitty\": 1")), "unknown key \"gravitty\"; known keys: name, "));
@@ -217,35 +232,45 @@ TEST_CASE("errors name the field", "[scene]")
   CHECK(contains(parse_error(R"({"cloth": [{"grid": {"size": [1, -1]}}]})"), "cloth[0].grid.size"));
   CHECK(contains(parse_error(R"({"cloth": [{"grid": {"size": [1, 1]}, "tube": {}}]})"), "give one shape"));
   CHECK(contains(parse_error(R"({"cloth": [{"name": "x"}]})"), "cloth[0]: has no shape"));
-  CHECK(contains(parse_error(R"({"cloth": [{"grid": {"size": [1, 1]}, "material": "kevlar"}]})"), "cloth[0].material: no fabric \"kevlar\""));
+  CHECK(contains(parse_error(R"({"cloth": [{"grid": {"size": [1, 1]}, "material": "kevlar"}]})"),
+                 "cloth[0].material: no fabric \"kevlar\""));
   CHECK(contains(parse_error(R"({"cloth": [{"file": "no_such.obj"}]})"), "no_such.obj: no such file"));
   CHECK(contains(parse_error(with("\"time_step\": 0")), "time_step: must be greater than 0"));
   CHECK(contains(parse_error(with("\"time_step\": \"fast\"")), "time_step: expected a number"));
   CHECK(contains(parse_error(with("\"contact\": {\"friction\": -1}")), "contact.friction"));
   CHECK(contains(parse_error(with("\"contact\": {\"thickness\": 0}")), "contact.thickness"));
-  CHECK(contains(parse_error(with("\"pins\": [{\"cloth\": \"d\", \"vertices\": [0]}]")), "pins[0].cloth: no cloth \"d\"; there are: \"c\""));
+  CHECK(contains(parse_error(with("\"pins\": [{\"cloth\": \"d\", \"vertices\": [0]}]")),
+                 "pins[0].cloth: no cloth \"d\"; there are: \"c\""));
   CHECK(contains(parse_error(with("\"pins\": [{\"cloth\": \"c\", \"vertices\": [5, 99999]}]")),
                  "pins[0].vertices[1]: cloth \"c\" has no vertex 99999"));
   CHECK(contains(parse_error(with("\"pins\": [{\"cloth\": \"c\", \"edge\": \"rim\"}]")), "pins[0].edge"));
   CHECK(contains(parse_error(with("\"pins\": [{\"cloth\": \"c\"}]")), "pins[0]: selects no vertex"));
-  CHECK(contains(parse_error(with("\"pins\": [{\"cloth\": \"c\", \"vertices\": [0], \"attach\": \"x\"}]")), "pins[0].attach: no obstacle \"x\""));
+  CHECK(contains(parse_error(with("\"pins\": [{\"cloth\": \"c\", \"vertices\": [0], \"attach\": \"x\"}]")),
+                 "pins[0].attach: no obstacle \"x\""));
   CHECK(contains(parse_error(with("\"obstacles\": [{\"sphere\": {\"radius\": 0}}]")), "obstacles[0].sphere.radius"));
   CHECK(contains(parse_error(with("\"obstacles\": [{\"sphere\": {}, \"friction\": -0.1}]")), "friction"));
   CHECK(contains(parse_error(with("\"obstacles\": [{\"sphere\": {}, \"transform\": {\"quaternion\": [1, 1, 0, 0]}}]")),
                  "transform.quaternion: must have length 1"));
-  CHECK(contains(parse_error(with("\"obstacles\": [{\"sphere\": {}, \"motion\": {\"keys\": [{\"time\": 1}, {\"time\": 1}]}}]")),
-                 "motion.keys[1].time"));
-  CHECK(contains(parse_error(with("\"stitches\": [{\"a\": {\"cloth\": \"c\", \"vertex\": 999999}, \"b\": {\"cloth\": \"c\", \"vertex\": 0}}]")),
-                 "stitches[0].a.vertex"));
+  CHECK(contains(
+      parse_error(with("\"obstacles\": [{\"sphere\": {}, \"motion\": {\"keys\": [{\"time\": 1}, {\"time\": 1}]}}]")),
+      "motion.keys[1].time"));
+  CHECK(contains(
+      parse_error(with(
+          "\"stitches\": [{\"a\": {\"cloth\": \"c\", \"vertex\": 999999}, \"b\": {\"cloth\": \"c\", \"vertex\": 0}}]")),
+      "stitches[0].a.vertex"));
   CHECK(contains(parse_error(R"({"cloth": [{"mesh": {"position": [[0,0,0],[1,0,0],[0,1,0]], "face": [[0, 1, 7]]}}]})"),
                  "face 0 (0 1 7) uses vertex 7"));
   CHECK(contains(parse_error(R"({"cloth": [{"mesh": {"position": [], "face": []}}]})"), "is empty"));
-  CHECK(contains(parse_error(R"({"cloth": [{"name": "c", "grid": {"size": [1, 1]}}, {"name": "c", "grid": {"size": [1, 1]}}]})"),
-                 "two cloths are named \"c\""));
-  CHECK(contains(parse_error(R"({"materials": {"m": {"isotropic": {"youngs_modulus": 1}, "density": -1}}})"), "density"));
-  CHECK(contains(parse_error(R"({"cloth": [{"garment": {"skirt": {"body": "b"}}}]})"), "cloth[0].garment.skirt.body: no obstacle \"b\""));
   CHECK(contains(
-      parse_error(R"({"obstacles": [{"name": "b", "sphere": {"radius": 0.2}}], "cloth": [{"garment": {"skirt": {"body": "b", "waist": 5}}}]})"),
+      parse_error(R"({"cloth": [{"name": "c", "grid": {"size": [1, 1]}}, {"name": "c", "grid": {"size": [1, 1]}}]})"),
+      "two cloths are named \"c\""));
+  CHECK(
+      contains(parse_error(R"({"materials": {"m": {"isotropic": {"youngs_modulus": 1}, "density": -1}}})"), "density"));
+  CHECK(contains(parse_error(R"({"cloth": [{"garment": {"skirt": {"body": "b"}}}]})"),
+                 "cloth[0].garment.skirt.body: no obstacle \"b\""));
+  CHECK(contains(
+      parse_error(
+          R"({"obstacles": [{"name": "b", "sphere": {"radius": 0.2}}], "cloth": [{"garment": {"skirt": {"body": "b", "waist": 5}}}]})"),
       "no body at height 5"));
   CHECK(contains(thrown<FileError>([] { Scene::load("/no/such/scene"); }), "/no/such/scene"));
   CHECK_THROWS_AS(Scene::load(scene_folder("drape"), -5), SceneError);
@@ -253,7 +278,8 @@ TEST_CASE("errors name the field", "[scene]")
 
 TEST_CASE("what a material or obstacle leaves out of contact comes from the scene", "[scene]")
 {
-  Scene s = small_scene();   // cloth a and ball give all but a's thickness; cloth b is of a fabric, the key gives nothing
+  Scene s =
+      small_scene();   // cloth a and ball give all but a's thickness; cloth b is of a fabric, the key gives nothing
   const ContactProperties a = s.contact_properties(0), ball = s.contact_properties(2), key = s.contact_properties(3);
   CHECK((a.thickness == 0.002 && a.stiffness == 3e5 && a.friction == 0.3 && a.static_friction == 0.35));
   CHECK((ball.thickness == 0.003 && ball.stiffness == 4e6 && ball.friction == 0.7 && ball.static_friction == 0.9));
@@ -279,13 +305,19 @@ TEST_CASE("scenes made by a program are checked too", "[scene]")
   CHECK(contains(broken([](Scene &s) { s.cloths[0].mesh.position[3].x = std::nan(""); }), "cloth \"a\""));
   CHECK(contains(broken([](Scene &s) { s.cloths[0].material.density = -1; }), "density is -1"));
   CHECK(contains(broken([](Scene &s) { s.obstacles[0].friction = -1; }), "obstacle \"ball\": friction"));
-  CHECK(contains(broken([](Scene &s) { s.obstacles[0].static_friction = 0.69; }), "obstacle \"ball\": static_friction"));
-  CHECK(contains(broken([](Scene &s) { s.obstacles[0].static_friction = INFINITY; }), "obstacle \"ball\": static_friction"));
+  CHECK(
+      contains(broken([](Scene &s) { s.obstacles[0].static_friction = 0.69; }), "obstacle \"ball\": static_friction"));
+  CHECK(contains(broken([](Scene &s) { s.obstacles[0].static_friction = INFINITY; }),
+                 "obstacle \"ball\": static_friction"));
   CHECK(contains(broken([](Scene &s) { s.obstacles[0].thickness = -1e-3; }), "obstacle \"ball\": thickness"));
-  CHECK(contains(broken([](Scene &s) { s.obstacles[0].contact_stiffness = 0; }), "obstacle \"ball\": contact_stiffness"));
+  CHECK(
+      contains(broken([](Scene &s) { s.obstacles[0].contact_stiffness = 0; }), "obstacle \"ball\": contact_stiffness"));
   CHECK(contains(broken([](Scene &s) { s.contact.static_friction = 0.32; }), "contact.static_friction"));
   CHECK(contains(broken([](Scene &s) { s.cloths[0].material.static_friction = 0.29; }), "static_friction"));
-  CHECK(contains(broken([](Scene &s) { s.cloths[0].material.friction = -1; s.cloths[0].material.static_friction = 0.32; }),
+  CHECK(contains(broken([](Scene &s) {
+                   s.cloths[0].material.friction = -1;
+                   s.cloths[0].material.static_friction = 0.32;
+                 }),
                  "cloth \"a\": material.static_friction"));   // below the scene's 0.33
   CHECK(contains(broken([](Scene &s) { s.obstacles[1].mesh.face[0][0] = 100000; }), "obstacle \"key\""));
   CHECK(contains(broken([](Scene &s) { s.pins[0].vertices[0] = -1; }), "pins[0].vertices[0]"));
@@ -308,13 +340,15 @@ TEST_CASE("sewing lines of a file become stitches of the scene", "[scene][data]"
   const auto folder = test_data("garments/codim");
   if (!folder) return;
   const Scene s = Scene::parse(R"({"cloth": [{"name": "dress", "stitch_stiffness": 700, "file":
-    {"path": "dress_knife_stage.obj", "positions": "dress_knife_drape_with_body.obj"}}]})", *folder);
+    {"path": "dress_knife_stage.obj", "positions": "dress_knife_drape_with_body.obj"}}]})",
+                               *folder);
   CHECK_NOTHROW(s.validate());
   REQUIRE(s.stitches.size() == 851);
   CHECK(s.stitches[0].stiffness == 700);
   const auto &x = s.cloths[0].mesh.position;   // draped by another solver, which held the stitches together
   double worst = 0;
-  for (const Stitch &t : s.stitches) worst = std::max(worst, distance(x[t.vertex_a], kernels::dlerp(x[t.vertex_b], x[t.vertex_c], t.ratio)));
+  for (const Stitch &t : s.stitches)
+    worst = std::max(worst, distance(x[t.vertex_a], kernels::dlerp(x[t.vertex_b], x[t.vertex_c], t.ratio)));
   CHECK(worst < 5e-4);
 }
 
@@ -324,26 +358,30 @@ TEST_CASE("garments fit characters from files", "[scene][data]")
   const auto folder = test_data("characters");
   if (!folder) return;
   const auto scene = [&](const std::string &character, const std::string &garment) {
-    return R"({"resolution": 4000, "contact": {"thickness": 1.5e-3}, "obstacles": [{"name": "body", "character": )" + character +
-           R"(}], "cloth": [{"name": "skirt", "garment": {"skirt": {"body": "body", )" + garment +
+    return R"({"resolution": 4000, "contact": {"thickness": 1.5e-3}, "obstacles": [{"name": "body", "character": )" +
+           character + R"(}], "cloth": [{"name": "skirt", "garment": {"skirt": {"body": "body", )" + garment +
            R"(}}, "material": "wool"}], "pins": [{"cloth": "skirt", "edge": "waist", "attach": "body"}]})";
   };
-  for (const std::string &text : {scene(R"({"file": "makehuman_body.glb", "samples_per_second": 20})", R"("waist": 1.0, "length": 0.4, "panels": 8)"),
-                                  scene(R"({"file": "ozz_arnaud.fbx", "animation_file": "ozz_pab_walk.fbx", "scale": 0.01, "lead_in": 1})",
-                                        R"("waist": 1.1, "hip": 1.02, "length": 0.42, "panels": 8)"),
-                                  scene(R"({"file": "CesiumMan.glb", "lead_in": 1})", R"("waist": 0.85, "length": 0.38)")}) {
+  for (const std::string &text :
+       {scene(R"({"file": "makehuman_body.glb", "samples_per_second": 20})",
+              R"("waist": 1.0, "length": 0.4, "panels": 8)"),
+        scene(R"({"file": "ozz_arnaud.fbx", "animation_file": "ozz_pab_walk.fbx", "scale": 0.01, "lead_in": 1})",
+              R"("waist": 1.1, "hip": 1.02, "length": 0.42, "panels": 8)"),
+        scene(R"({"file": "CesiumMan.glb", "lead_in": 1})", R"("waist": 0.85, "length": 0.38)")}) {
     CAPTURE(text);
     const Scene s = Scene::parse(text, *folder);
     CHECK_NOTHROW(s.validate());
     double gap = 1;
     const Mesh &body = s.obstacles[0].mesh;
     for (const dvec3 &x : s.cloths[0].mesh.position)
-      for (const Triangle &t : body.face) gap = std::min(gap, distance(x, body.position[t[0]], body.position[t[1]], body.position[t[2]]));
+      for (const Triangle &t : body.face)
+        gap = std::min(gap, distance(x, body.position[t[0]], body.position[t[1]], body.position[t[2]]));
     CHECK(gap > 0.005);
   }
   // Arms that hang beside the hips are in the way of a wide skirt: said, not sewn in.
   const std::string walking =
-      scene(R"({"file": "ozz_arnaud.fbx", "animation_file": "ozz_pab_walk.fbx", "scale": 0.01})", R"("waist": 1.05, "length": 0.5, "flare": 0.3)");
+      scene(R"({"file": "ozz_arnaud.fbx", "animation_file": "ozz_pab_walk.fbx", "scale": 0.01})",
+            R"("waist": 1.05, "length": 0.5, "flare": 0.3)");
   CHECK(contains(thrown<SceneError>([&] { Scene::parse(walking, *folder); }), "in the way"));
 }
 #endif
@@ -364,18 +402,23 @@ TEST_CASE("a material space that is the start in other units is refused", "[scen
       m.material_position.push_back({along * (u + shear * v), across * v});
     }
   };
-  for (const auto &[factor, text] : {std::pair(100.0, "is 100 times as large"), std::pair(0.001, "is 1000 times as small"), std::pair(25.4, "is 25.4 times as large")}) {
+  for (const auto &[factor, text] :
+       {std::pair(100.0, "is 100 times as large"), std::pair(0.001, "is 1000 times as small"),
+        std::pair(25.4, "is 25.4 times as large")}) {
     rest(factor, factor, 0);
     const std::string error = thrown<MeshError>([&] { scene.validate(); });
     CHECK(contains(error, "cloth \"a\""));
     CHECK(contains(error, text));
   }
   CHECK(contains((rest(100, 100, 0), thrown<MeshError>([&] { scene.validate(); })), "material_scale 0.01"));
-  for (const auto &[along, across, shear] : {std::tuple(1.0, 1.0, 0.0), std::tuple(2.9, 2.9, 0.0), std::tuple(1e6, 1e6, 0.0), std::tuple(2.9, 0.4, 0.0), std::tuple(1.0, 1.0, 1.0)}) {
+  for (const auto &[along, across, shear] :
+       {std::tuple(1.0, 1.0, 0.0), std::tuple(2.9, 2.9, 0.0), std::tuple(1e6, 1e6, 0.0), std::tuple(2.9, 0.4, 0.0),
+        std::tuple(1.0, 1.0, 1.0)}) {
     rest(along, across, shear);
     CHECK_NOTHROW(scene.validate());
   }
-  for (const auto &[along, across, text] : {std::tuple(0.02, 0.04, "50 times as long one way and 25 times the other"), std::tuple(1.0, 4.0, "1 times as long one way and 0.25 times the other")}) {
+  for (const auto &[along, across, text] : {std::tuple(0.02, 0.04, "50 times as long one way and 25 times the other"),
+                                            std::tuple(1.0, 4.0, "1 times as long one way and 0.25 times the other")}) {
     rest(along, across, 0);
     CHECK(contains(thrown<MeshError>([&] { scene.validate(); }), text));
   }

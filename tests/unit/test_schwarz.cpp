@@ -10,7 +10,7 @@
 
 #include "../engine.hpp"
 #include "../meshes.hpp"
-#include "launch.hpp"
+#include "device/launch.hpp"
 #include "solver/aggregates.hpp"
 
 using namespace cama;
@@ -37,7 +37,8 @@ Stream<kernels::f64::mat3> diagonal_of(Engine &engine)
 {
   System<double> &s = engine.state.system<double>();
   Stream<kernels::f64::mat3> diagonal(*engine.backend, engine.state.cloth_vertices);
-  CAMA_LAUNCH_REAL(double, *engine.backend, extract_diagonal, engine.state.cloth_vertices, s.matrix.row, s.matrix.column, s.matrix.block, diagonal);
+  CAMA_LAUNCH_REAL(double, *engine.backend, extract_diagonal, engine.state.cloth_vertices, s.matrix.row,
+                   s.matrix.column, s.matrix.block, diagonal);
   return diagonal;
 }
 
@@ -53,19 +54,23 @@ struct Block {
       for (int l = 0; l < SLICE_ROWS; ++l) column.push_back(k < rows && l < rows ? k : 0);
     for (int k = 0; k < width; ++k)
       for (int c = 0; c < 9; ++c)
-        for (int l = 0; l < SLICE_ROWS; ++l) value.push_back(k < rows && l < rows ? static_cast<float>(a(3 * l + c / 3, 3 * k + c % 3)) : 0.0f);
+        for (int l = 0; l < SLICE_ROWS; ++l)
+          value.push_back(k < rows && l < rows ? static_cast<float>(a(3 * l + c / 3, 3 * k + c % 3)) : 0.0f);
     block_start.assign(start);
-    const Stream<int> slices(b, std::vector<int>{0, width}), columns(b, column), places(b, order), none(b, std::vector<int>{0});
+    const Stream<int> slices(b, std::vector<int>{0, width}), columns(b, column), places(b, order),
+        none(b, std::vector<int>{0});
     const Stream<float> values(b, value), no_terms(b, std::vector<float>{0.0f});
     const Stream<kernels::element_nodes> no_nodes(b, 1);
-    CAMA_LAUNCH_TEAMS(float, b, factor_fine_blocks, BLOCK_TEAM, 1, block_start, slices, places, columns, values, 0, places, none, none,
-                      no_nodes, no_terms, factor, weight);
+    CAMA_LAUNCH_TEAMS(float, b, factor_fine_blocks, BLOCK_TEAM, 1, block_start, slices, places, columns, values, 0,
+                      places, none, none, no_nodes, no_terms, factor, weight);
   }
   VectorXd apply(const VectorXd &r)
   {
-    std::vector<kernels::f32::vec4> in(static_cast<std::size_t>(rows) + 1, kernels::f32::vec4{-1, -1, -1, 0});   // and the block's node
+    std::vector<kernels::f32::vec4> in(static_cast<std::size_t>(rows) + 1,
+                                       kernels::f32::vec4{-1, -1, -1, 0});   // and the block's node
     for (int i = 0; i < rows; ++i)
-      in[static_cast<std::size_t>(i)] = {static_cast<float>(r[3 * i]), static_cast<float>(r[3 * i + 1]), static_cast<float>(r[3 * i + 2]), 0};
+      in[static_cast<std::size_t>(i)] = {static_cast<float>(r[3 * i]), static_cast<float>(r[3 * i + 1]),
+                                         static_cast<float>(r[3 * i + 2]), 0};
     Stream<kernels::f32::vec4> right(backend, in), z(backend, rows);
     Stream<double> scalar(backend, std::vector<double>(CG_COUNT, 0.0));
     const Stream<int> groups(backend, std::vector<int>{0, 1});
@@ -113,7 +118,8 @@ TEST_CASE("aggregates: every free vertex is in one block of at most 16 connected
     State &s = engine.state;
     Aggregates aggregates(*engine.backend);
     aggregates.build<double>(s, diagonal_of(engine));
-    const auto order = aggregates.rows.order.download(), place = aggregates.rows.place.download(), fixed = s.fixed.download();
+    const auto order = aggregates.rows.order.download(), place = aggregates.rows.place.download(),
+               fixed = s.fixed.download();
     const auto row = s.system<double>().matrix.row.download(), column = s.system<double>().matrix.column.download();
     const auto start = aggregates.level(0).start.download(), parent = aggregates.level(0).parent.download();
     const int free = static_cast<int>(std::count(fixed.begin(), fixed.begin() + s.cloth_vertices, 0));

@@ -14,7 +14,7 @@
 #include "../engine.hpp"
 #include "../meshes.hpp"
 #include "cama/error.hpp"
-#include "launch.hpp"
+#include "device/launch.hpp"
 #include "stages/linear_solve.hpp"
 
 using namespace cama;
@@ -24,7 +24,10 @@ using Eigen::VectorXd;
 
 namespace {
 
-template <class V> Vector3d eigen(const V &v) { return {static_cast<double>(v.x), static_cast<double>(v.y), static_cast<double>(v.z)}; }
+template <class V> Vector3d eigen(const V &v)
+{
+  return {static_cast<double>(v.x), static_cast<double>(v.y), static_cast<double>(v.z)};
+}
 template <class M> Matrix3d eigen_matrix(const M &m)
 {
   Matrix3d r;
@@ -32,8 +35,13 @@ template <class M> Matrix3d eigen_matrix(const M &m)
   return r;
 }
 
-/// The system of the step that the engine stands before solving, over all vertices: A (with terms), b, and what is prescribed.
-struct System64 { Eigen::SparseMatrix<double> matrix; VectorXd right, prescribed; std::vector<bool> free; };
+/// The system of the step that the engine stands before solving, over all vertices: A (with terms), b, and what is
+/// prescribed.
+struct System64 {
+  Eigen::SparseMatrix<double> matrix;
+  VectorXd right, prescribed;
+  std::vector<bool> free;
+};
 
 System64 download(Engine &engine)
 {
@@ -53,7 +61,8 @@ System64 download(Engine &engine)
   };
   for (int i = 0; i < s.cloth_vertices; ++i) {
     const auto p = static_cast<std::size_t>(i);
-    for (int k = row[p]; k < row[p + 1]; ++k) add(i, column[static_cast<std::size_t>(k)], eigen_matrix(block[static_cast<std::size_t>(k)]));
+    for (int k = row[p]; k < row[p + 1]; ++k)
+      add(i, column[static_cast<std::size_t>(k)], eigen_matrix(block[static_cast<std::size_t>(k)]));
     r.right.segment<3>(3 * i) = s.time_step * eigen(force[p]) + mass[p] * eigen(velocity[p]);
   }
   if (s.terms && s.options.assembly == Assembly::gather)
@@ -61,7 +70,9 @@ System64 download(Engine &engine)
       for (int a = 0; a < 4; ++a)
         for (int b = 0; b < 4; ++b)
           if (t.node[a] >= 0 && t.node[b] >= 0)
-            add(t.node[a], t.node[b], t.weight[a] * t.weight[b] * (t.along * eigen(t.normal) * eigen(t.normal).transpose() + t.around * Matrix3d::Identity()));
+            add(t.node[a], t.node[b],
+                t.weight[a] * t.weight[b] *
+                    (t.along * eigen(t.normal) * eigen(t.normal).transpose() + t.around * Matrix3d::Identity()));
   if (s.terms)
     for (const auto &t : y.term.download())
       for (int a = 0; a < 4; ++a)
@@ -89,10 +100,13 @@ VectorXd solve(const System64 &s)
   for (int k = 0; k < s.matrix.outerSize(); ++k)
     for (Eigen::SparseMatrix<double>::InnerIterator e(s.matrix, k); e; ++e) {
       const int i = place[static_cast<std::size_t>(e.row() / 3)], j = place[static_cast<std::size_t>(e.col() / 3)];
-      if (i >= 0 && j >= 0) entries.emplace_back(3 * i + static_cast<int>(e.row() % 3), 3 * j + static_cast<int>(e.col() % 3), e.value());
+      if (i >= 0 && j >= 0)
+        entries.emplace_back(3 * i + static_cast<int>(e.row() % 3), 3 * j + static_cast<int>(e.col() % 3), e.value());
     }
   for (std::size_t i = 0; i < s.free.size(); ++i)
-    if (s.free[i]) right.segment<3>(3 * place[i]) = s.right.segment<3>(3 * static_cast<int>(i)) - moved.segment<3>(3 * static_cast<int>(i));
+    if (s.free[i])
+      right.segment<3>(3 * place[i]) =
+          s.right.segment<3>(3 * static_cast<int>(i)) - moved.segment<3>(3 * static_cast<int>(i));
   Eigen::SparseMatrix<double> matrix(3 * count, 3 * count);
   matrix.setFromTriplets(entries.begin(), entries.end());
   Eigen::SimplicialLDLT<Eigen::SparseMatrix<double>> factor(matrix);
@@ -107,11 +121,13 @@ VectorXd solve(const System64 &s)
 double distance(const std::vector<dvec3> &a, const VectorXd &b, int n)
 {
   double most = 0;
-  for (int i = 0; i < n; ++i) most = std::max(most, (eigen(a[static_cast<std::size_t>(i)]) - b.segment<3>(3 * i)).norm());
+  for (int i = 0; i < n; ++i)
+    most = std::max(most, (eigen(a[static_cast<std::size_t>(i)]) - b.segment<3>(3 * i)).norm());
   return most / b.cwiseAbs().maxCoeff();
 }
 
-Options options(Preconditioner preconditioner, LinearSolver solver = LinearSolver::conjugate_gradient, Assembly assembly = Assembly::gather)
+Options options(Preconditioner preconditioner, LinearSolver solver = LinearSolver::conjugate_gradient,
+                Assembly assembly = Assembly::gather)
 {
   Options o = serial();
   o.precision = "double";
@@ -122,7 +138,8 @@ Options options(Preconditioner preconditioner, LinearSolver solver = LinearSolve
   return o;
 }
 
-const Preconditioner preconditioners[] = {Preconditioner::none, Preconditioner::jacobi, Preconditioner::block_jacobi, Preconditioner::schwarz};
+const Preconditioner preconditioners[] = {Preconditioner::none, Preconditioner::jacobi, Preconditioner::block_jacobi,
+                                          Preconditioner::schwarz};
 
 /// Stretched sheets on a ball with a pin that moves: contacts, friction, prescribed vertices of cloth and obstacle.
 Scene busy()
@@ -141,7 +158,8 @@ Scene uneven()
 {
   Scene s = meshes::hanging(12);
   s.cloths[0].material = Material::isotropic(2000, 0.3, 1e-4, 0.1);
-  s.cloths.push_back(meshes::cloth(meshes::grid(10, 10, 0.1, 0.4, 1), Material::isotropic(20, 0.3, 1e-6, 1.5), "heavy"));
+  s.cloths.push_back(
+      meshes::cloth(meshes::grid(10, 10, 0.1, 0.4, 1), Material::isotropic(20, 0.3, 1e-6, 1.5), "heavy"));
   s.cloths[1].velocity = {0, 0, 2};
   return s;
 }
@@ -181,7 +199,8 @@ TEST_CASE("bcsr_multiply equals Eigen's product", "[solver]")
   CAMA_LAUNCH_REAL(double, *backend, bcsr_multiply, n, rows, columns, blocks, fixed_stream, nothing<double>(), in, out);
   const VectorXd expected = dense * v;
   const auto y = out.download();
-  for (int i = 0; i < n; ++i) REQUIRE((eigen(y[static_cast<std::size_t>(i)]) - expected.segment<3>(3 * i)).norm() < 1e-13 * expected.norm());
+  for (int i = 0; i < n; ++i)
+    REQUIRE((eigen(y[static_cast<std::size_t>(i)]) - expected.segment<3>(3 * i)).norm() < 1e-13 * expected.norm());
 }
 
 TEST_CASE("bcsr_multiply by differences: masses and springs, and what all share costs no rounding", "[solver]")
@@ -192,7 +211,7 @@ TEST_CASE("bcsr_multiply by differences: masses and springs, and what all share 
   const float spring = 1e6f, mass = 1e-3f;
   std::vector<int> row{0}, column;
   std::vector<kernels::f32::mat3> block;
-  std::vector<kernels::f32::vec3> alike(n, {6.1f, -0.7f, 1.3f}), apart;
+  std::vector<kernels::f32::vec3> uniform(n, {6.1f, -0.7f, 1.3f}), apart;
   for (int i = 0; i < n; ++i) {
     for (int j = std::max(0, i - 1); j <= std::min(n - 1, i + 1); ++j) {
       const float value = i != j ? -spring : (i > 0) * spring + (i < n - 1) * spring + mass;
@@ -205,22 +224,27 @@ TEST_CASE("bcsr_multiply by differences: masses and springs, and what all share 
   Stream<int> rows(*backend, row), columns(*backend, column), fixed(*backend, std::vector<int>(n, 0));
   Stream<kernels::f32::mat3> blocks(*backend, block);
   Stream<float> masses(*backend, std::vector<float>(n, mass));
-  Stream<kernels::f32::vec3> in(*backend, alike), out(*backend, n);
+  Stream<kernels::f32::vec3> in(*backend, uniform), out(*backend, n);
   CAMA_LAUNCH_REAL(float, *backend, bcsr_multiply, n, rows, columns, blocks, fixed, masses, in, out);
   for (const auto &y : out.download()) REQUIRE((y.x == mass * 6.1f && y.y == mass * -0.7f && y.z == mass * 1.3f));
   in.assign(apart);
   CAMA_LAUNCH_REAL(float, *backend, bcsr_multiply, n, rows, columns, blocks, fixed, masses, in, out);
   const auto y = out.download();
-  for (int i = 1; i < n - 1; ++i) REQUIRE(y[static_cast<std::size_t>(i)].x == Approx(mass * i * i - 2.0 * spring).epsilon(1e-6));   // (i - 1)^2 - 2 i^2 + (i + 1)^2 = 2
+  for (int i = 1; i < n - 1; ++i)
+    REQUIRE(y[static_cast<std::size_t>(i)].x ==
+            Approx(mass * i * i - 2.0 * spring).epsilon(1e-6));   // (i - 1)^2 - 2 i^2 + (i + 1)^2 = 2
 }
 
 namespace {
 
 /// Largest error of the inverse relative to the true one, and how many inverses were not positive definite.
-struct Inverses { double worst = 0; int indefinite = 0; };
+struct Inverses {
+  double worst = 0;
+  int indefinite = 0;
+};
 
-/// Random symmetric blocks with eigenvalues (1, middle, 1 / condition), times random scales; middle is 1 or 1 / condition: the
-/// latter is a contact on a light vertex.
+/// Random symmetric blocks with eigenvalues (1, middle, 1 / condition), times random scales; middle is 1 or 1 /
+/// condition: the latter is a contact on a light vertex.
 template <class Real, class Block, class Invert> Inverses invert_random(double condition, double middle, Invert invert)
 {
   using Exact = Eigen::Matrix<long double, 3, 3>;
@@ -231,14 +255,20 @@ template <class Real, class Block, class Invert> Inverses invert_random(double c
     Matrix3d g;
     for (int k = 0; k < 9; ++k) g(k / 3, k % 3) = normal(random);
     const Matrix3d q = Eigen::HouseholderQR<Matrix3d>(g).householderQ();
-    const Matrix3d a = std::pow(10.0, 2 * normal(random)) * q * Vector3d(1, middle, 1 / condition).asDiagonal() * q.transpose();
+    const Matrix3d a =
+        std::pow(10.0, 2 * normal(random)) * q * Vector3d(1, middle, 1 / condition).asDiagonal() * q.transpose();
     Block m;
-    for (int r = 0; r < 3; ++r) m.row[r] = {static_cast<Real>(a(r, 0)), static_cast<Real>(a(r, 1)), static_cast<Real>(a(r, 2))};
-    m.row[1].x = m.row[0].y; m.row[2].x = m.row[0].z; m.row[2].y = m.row[1].z;
+    for (int r = 0; r < 3; ++r)
+      m.row[r] = {static_cast<Real>(a(r, 0)), static_cast<Real>(a(r, 1)), static_cast<Real>(a(r, 2))};
+    m.row[1].x = m.row[0].y;
+    m.row[2].x = m.row[0].z;
+    m.row[2].y = m.row[1].z;
     const Matrix3d inverse = eigen_matrix(invert(m));
     const Exact exact = eigen_matrix(m).template cast<long double>().llt().solve(Exact::Identity());
-    result.worst = std::max(result.worst, static_cast<double>((inverse.cast<long double>() - exact).norm() / exact.norm()));
-    const double least = Eigen::SelfAdjointEigenSolver<Matrix3d>(0.5 * (inverse + inverse.transpose())).eigenvalues()[0];
+    result.worst =
+        std::max(result.worst, static_cast<double>((inverse.cast<long double>() - exact).norm() / exact.norm()));
+    const double least =
+        Eigen::SelfAdjointEigenSolver<Matrix3d>(0.5 * (inverse + inverse.transpose())).eigenvalues()[0];
     result.indefinite += !(least > 0);
   }
   return result;
@@ -250,8 +280,10 @@ TEST_CASE("mat3_inverse_spd equals Eigen's inverse up to condition 1e9", "[solve
 {
   for (double condition : {1.0, 1e2, 1e4, 1e6, 1e9})
     for (double middle : {1.0, 1 / condition}) {
-      const Inverses r = invert_random<double, kernels::f64::mat3>(condition, middle, [](auto m) { return kernels::f64::mat3_inverse_spd(m); });
-      INFO("condition " << condition << ", middle " << middle << ": error " << r.worst << ", indefinite " << r.indefinite);
+      const Inverses r = invert_random<double, kernels::f64::mat3>(
+          condition, middle, [](auto m) { return kernels::f64::mat3_inverse_spd(m); });
+      INFO("condition " << condition << ", middle " << middle << ": error " << r.worst << ", indefinite "
+                        << r.indefinite);
       CHECK(r.worst < 3e-15 * condition + 1e-15);   // rounding times condition: backward stable
       CHECK(r.indefinite == 0);
     }
@@ -261,8 +293,10 @@ TEST_CASE("mat3_inverse_spd in single precision stays positive definite up to co
 {
   for (double condition : {1.0, 1e2, 1e4, 1e5})
     for (double middle : {1.0, 1 / condition}) {
-      const Inverses r = invert_random<float, kernels::f32::mat3>(condition, middle, [](auto m) { return kernels::f32::mat3_inverse_spd(m); });
-      INFO("condition " << condition << ", middle " << middle << ": error " << r.worst << ", indefinite " << r.indefinite);
+      const Inverses r = invert_random<float, kernels::f32::mat3>(
+          condition, middle, [](auto m) { return kernels::f32::mat3_inverse_spd(m); });
+      INFO("condition " << condition << ", middle " << middle << ": error " << r.worst << ", indefinite "
+                        << r.indefinite);
       CHECK(r.worst < 1.5e-6 * condition + 1e-6);
       CHECK(r.indefinite == 0);
     }
@@ -280,13 +314,15 @@ TEST_CASE("mat3_inverse_spd of badly scaled diagonals is exact to rounding", "[s
   CHECK(inverse(2, 2) == Approx(1e-9).epsilon(1e-15));
 }
 
-TEST_CASE("conjugate gradient with each preconditioner and the direct solve equal Eigen on a step with contacts", "[solver]")
+TEST_CASE("conjugate gradient with each preconditioner and the direct solve equal Eigen on a step with contacts",
+          "[solver]")
 {
   for (int warm_up : {0, 3}) {
     for (Assembly assembly : {Assembly::gather, Assembly::algorithm1, Assembly::sorted})
       for (int way = 0; way < 6; ++way) {
         INFO("assembly " << static_cast<int>(assembly) << ", way " << way << ", after " << warm_up << " steps");
-        Options o = options(preconditioners[std::min(way, 3)], way == 5 ? LinearSolver::direct : LinearSolver::conjugate_gradient, assembly);
+        Options o = options(preconditioners[std::min(way, 3)],
+                            way == 5 ? LinearSolver::direct : LinearSolver::conjugate_gradient, assembly);
         if (way == 4) o.precision = "mixed";
         Engine engine(busy(), o);
         for (int i = 0; i < warm_up; ++i) engine.step();
@@ -299,7 +335,7 @@ TEST_CASE("conjugate gradient with each preconditioner and the direct solve equa
   }
 }
 
-TEST_CASE("a moving obstacle pulls alike on every way of assembly", "[solver]")
+TEST_CASE("a moving obstacle pulls uniform on every way of assembly", "[solver]")
 {
   std::vector<std::vector<dvec3>> velocity;
   for (Assembly assembly : {Assembly::gather, Assembly::algorithm1, Assembly::sorted}) {
@@ -311,7 +347,8 @@ TEST_CASE("a moving obstacle pulls alike on every way of assembly", "[solver]")
   }
   for (std::size_t k = 1; k < velocity.size(); ++k) {
     double most = 0;
-    for (std::size_t i = 0; i < velocity[0].size(); ++i) most = std::max(most, (eigen(velocity[k][i]) - eigen(velocity[0][i])).norm());
+    for (std::size_t i = 0; i < velocity[0].size(); ++i)
+      most = std::max(most, (eigen(velocity[k][i]) - eigen(velocity[0][i])).norm());
     INFO("assembly " << k << " differs from gather by " << most << " m/s");
     CHECK(most < 1e-8);
   }
@@ -321,7 +358,8 @@ TEST_CASE("all solvers take a simulation to the same place", "[solver]")
 {
   std::vector<std::vector<dvec3>> position;
   for (int way = 0; way < 6; ++way) {
-    Options o = options(preconditioners[std::min(way, 3)], way == 5 ? LinearSolver::direct : LinearSolver::conjugate_gradient);
+    Options o =
+        options(preconditioners[std::min(way, 3)], way == 5 ? LinearSolver::direct : LinearSolver::conjugate_gradient);
     if (way == 4) o.precision = "mixed";
     Simulation simulation(uneven(), o);
     for (int i = 0; i < 5; ++i) simulation.step();
@@ -338,7 +376,8 @@ TEST_CASE("vertices that a pin lets go are solved for from then on", "[solver]")
   scene.pins[0].release = 2.5 * scene.time_step;
   std::vector<std::vector<dvec3>> position;
   for (int way = 0; way < 5; ++way) {
-    Options o = options(preconditioners[std::min(way, 3)], way == 4 ? LinearSolver::direct : LinearSolver::conjugate_gradient);
+    Options o =
+        options(preconditioners[std::min(way, 3)], way == 4 ? LinearSolver::direct : LinearSolver::conjugate_gradient);
     Simulation simulation(scene, o);
     for (int i = 0; i < 6; ++i) simulation.step();
     position.push_back(simulation.positions());
@@ -360,13 +399,15 @@ TEST_CASE("the solve in single precision stays near the one in double", "[solver
     position.push_back(simulation.positions());
   }
   double most = 0;
-  for (std::size_t i = 0; i < position[0].size(); ++i) most = std::max(most, (eigen(position[0][i]) - eigen(position[1][i])).norm());
+  for (std::size_t i = 0; i < position[0].size(); ++i)
+    most = std::max(most, (eigen(position[0][i]) - eigen(position[1][i])).norm());
   INFO("largest distance " << most << " m");
   CHECK(most < 1e-4);
   CHECK(most > 0);
 }
 
-TEST_CASE("Jacobi needs fewer iterations than no preconditioner, block Jacobi no more than Jacobi, Schwarz fewer still", "[solver]")
+TEST_CASE("Jacobi needs fewer iterations than no preconditioner, block Jacobi no more than Jacobi, Schwarz fewer still",
+          "[solver]")
 {
   int iterations[4];
   for (int k = 0; k < 4; ++k) {
@@ -380,7 +421,8 @@ TEST_CASE("Jacobi needs fewer iterations than no preconditioner, block Jacobi no
     }
     iterations[k] = sum;
   }
-  INFO("none " << iterations[0] << ", jacobi " << iterations[1] << ", block jacobi " << iterations[2] << ", schwarz " << iterations[3]);
+  INFO("none " << iterations[0] << ", jacobi " << iterations[1] << ", block jacobi " << iterations[2] << ", schwarz "
+               << iterations[3]);
   CHECK(iterations[1] < iterations[0]);
   CHECK(iterations[2] <= iterations[1]);
   CHECK(10 * iterations[3] < 7 * iterations[2]);
@@ -418,7 +460,8 @@ TEST_CASE("prescribed degrees of freedom are eliminated exactly", "[solver]")
         engine.step();
         const RigidTransform now = scene.pins[0].motion.at(i * scene.time_step);
         for (int v : scene.pins[0].vertices) {
-          const dvec3 expected = now.apply(scene.cloths[0].mesh.position[static_cast<std::size_t>(v)]), got = engine.state.position.at(v);
+          const dvec3 expected = now.apply(scene.cloths[0].mesh.position[static_cast<std::size_t>(v)]),
+                      got = engine.state.position.at(v);
           CHECK(got.x == expected.x);   // to the bit: no solver, no precision in between
           CHECK(got.y == expected.y);
           CHECK(got.z == expected.z);
@@ -442,7 +485,10 @@ TEST_CASE("a system that is not positive definite raises SolverError and says th
         for (auto &b : block) b.row[2].z = -std::abs(b.row[2].z) * 100;
         stream.assign(block);
       };
-      if (engine.state.system32) poke(engine.state.system32->matrix.block); else poke(engine.state.system64->matrix.block);
+      if (engine.state.system32)
+        poke(engine.state.system32->matrix.block);
+      else
+        poke(engine.state.system64->matrix.block);
       const std::string text = thrown<SolverError>([&] { engine.find("linear solve")->run(engine.state); });
       CHECK(contains(text, "step 1"));
     }

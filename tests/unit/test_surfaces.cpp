@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Exact obstacles: where cloth rests on them, friction on a plane, no cloth inside them whatever they do, what is refused. Distances are
-// measured by the code of tests/judge.hpp, in long double, or written here.
+// Exact obstacles: where cloth rests on them, friction on a plane, no cloth inside them whatever they do, what is
+// refused. Distances are measured by the code of tests/judge.hpp, in long double, or written here.
 #include "../catch.hpp"
 
 #include <algorithm>
@@ -31,7 +31,8 @@ double cloth_to_segment(const Simulation &sim, const dvec3 &a, const dvec3 &b)
   for (int f = 0; f < sim.cloth_triangle_count(); ++f) {
     const Vec t[3] = {wide(x[faces[f][0]]), wide(x[faces[f][1]]), wide(x[faces[f][2]])}, p = wide(a), q = wide(b);
     least = std::min({least, judge::point_triangle(p, t[0], t[1], t[2]), judge::point_triangle(q, t[0], t[1], t[2])});
-    for (int k = 0; k < 3 && judge::length(q - p) > 0; ++k) least = std::min(least, judge::segment_segment(p, q, t[k], t[(k + 1) % 3]));
+    for (int k = 0; k < 3 && judge::length(q - p) > 0; ++k)
+      least = std::min(least, judge::segment_segment(p, q, t[k], t[(k + 1) % 3]));
   }
   return static_cast<double>(least);
 }
@@ -67,7 +68,10 @@ Scene curtain(Obstacle o, int cells)
   return s;
 }
 
-struct Course { double least = 1e30; int intersections = 0, truncated = 0; };
+struct Course {
+  double least = 1e30;
+  int intersections = 0, truncated = 0;
+};
 
 /// Steps; `distance` is measured after each.
 template <class Distance> Course follow(Simulation &sim, int steps, Distance distance)
@@ -82,7 +86,10 @@ template <class Distance> Course follow(Simulation &sim, int steps, Distance dis
   return c;
 }
 
-dvec3 obstacle_point(const Simulation &sim, int k) { return sim.positions()[static_cast<std::size_t>(sim.obstacle_ranges()[0].first + k)]; }
+dvec3 obstacle_point(const Simulation &sim, int k)
+{
+  return sim.positions()[static_cast<std::size_t>(sim.obstacle_ranges()[0].first + k)];
+}
 
 }  // namespace
 
@@ -90,7 +97,8 @@ TEST_CASE("a sheet rests on a plane where the penalty carries its weight", "[sur
 {
   // Every vertex has one contact with its own area, on any mesh and in any frame: density g cos = k (thickness - gap).
   for (const double angle : {0.0, 0.3}) {
-    const dvec3 normal{std::sin(angle), 0, std::cos(angle)}, down{std::cos(angle), 0, -std::sin(angle)}, point{0.3, -0.2, 1.7};
+    const dvec3 normal{std::sin(angle), 0, std::cos(angle)}, down{std::cos(angle), 0, -std::sin(angle)},
+        point{0.3, -0.2, 1.7};
     Mesh m = meshes::grid(6, 5, 0.3, 0.25);
     for (dvec3 &x : m.position) x = dadd(point, dadd(dadd(dscale(x.x, down), {0, x.y, 0}), dscale(1e-3, normal)));
     Obstacle plane = exact_plane(point, dscale(3, normal));
@@ -99,7 +107,8 @@ TEST_CASE("a sheet rests on a plane where the penalty carries its weight", "[sur
     Scene s = with(plane, m);
     Simulation sim(s, serial_options(LinearSolver::direct));
     for (int n = 0; n < 400; ++n) sim.step();
-    const double expected = s.contact.thickness - s.cloths[0].material.density * gravity * std::cos(angle) / (2 * 3e5 * 1e6 / 1.3e6);
+    const double expected =
+        s.contact.thickness - s.cloths[0].material.density * gravity * std::cos(angle) / (2 * 3e5 * 1e6 / 1.3e6);
     double off = 0;
     for (int v = 0; v < sim.cloth_vertex_count(); ++v)
       off = std::max(off, std::abs(ddot(normal, dsub(sim.positions()[static_cast<std::size_t>(v)], point)) - expected));
@@ -110,15 +119,20 @@ TEST_CASE("a sheet rests on a plane where the penalty carries its weight", "[sur
   }
 }
 
-TEST_CASE("on a plane a sheet of any mesh sticks up to the static coefficient and slides with the kinetic one", "[surfaces][friction]")
+TEST_CASE("on a plane a sheet of any mesh sticks up to the static coefficient and slides with the kinetic one",
+          "[surfaces][friction]")
 {
   const double angle = 26.57 * pi / 180, turn = 0.3, tangent = std::tan(angle);
   const dvec3 down{std::cos(angle), 0, -std::sin(angle)}, normal{std::sin(angle), 0, std::cos(angle)};
-  struct Slide { double moved, acceleration; };
-  const auto slide = [&](double friction, double static_friction, double duration, bool loaded) {   // as in test_dynamics.cpp
+  struct Slide {
+    double moved, acceleration;
+  };
+  const auto slide = [&](double friction, double static_friction, double duration,
+                         bool loaded) {  // as in test_dynamics.cpp
     Mesh m = meshes::grid(6, 6, 0.05, 0.05, -0.025, -0.025);
     Scene s = with(exact_plane({0, 0, 0}, normal), {});
-    const double gap = s.contact.thickness - (loaded ? s.cloths[0].material.density * gravity * std::cos(angle) / s.contact.stiffness : 0);
+    const double gap = s.contact.thickness -
+                       (loaded ? s.cloths[0].material.density * gravity * std::cos(angle) / s.contact.stiffness : 0);
     for (dvec3 &x : m.position) {
       const double u = x.x * std::cos(turn) - x.y * std::sin(turn), v = x.x * std::sin(turn) + x.y * std::cos(turn);
       x = dadd(dadd(dscale(u, down), {0, v, 0}), dscale(gap, normal));
@@ -129,7 +143,8 @@ TEST_CASE("on a plane a sheet of any mesh sticks up to the static coefficient an
     Simulation sim(s, serial_options(LinearSolver::direct));
     const auto mean = [&](const std::vector<dvec3> &x) {
       double sum = 0;
-      for (int v = 0; v < sim.cloth_vertex_count(); ++v) sum += ddot(x[static_cast<std::size_t>(v)], down) / sim.cloth_vertex_count();
+      for (int v = 0; v < sim.cloth_vertex_count(); ++v)
+        sum += ddot(x[static_cast<std::size_t>(v)], down) / sim.cloth_vertex_count();
       return sum;
     };
     for (int n = 0; n < 20; ++n) sim.step();
@@ -137,7 +152,8 @@ TEST_CASE("on a plane a sheet of any mesh sticks up to the static coefficient an
     while (sim.time() < start + duration - 1e-9) sim.step();
     return Slide{mean(sim.positions()) - x, (mean(sim.velocities()) - v) / (sim.time() - start)};
   };
-  const Slide stick = slide(0.5 * tangent, 1.01 * tangent, 1, true), slip = slide(0.5 * tangent, 0.99 * tangent, 0.3, true);
+  const Slide stick = slide(0.5 * tangent, 1.01 * tangent, 1, true),
+              slip = slide(0.5 * tangent, 0.99 * tangent, 0.3, true);
   const Slide equal = slide(0.98 * tangent, -1, 0.5, false);
   const double g = gravity * std::sin(angle);
   CAPTURE(stick.moved, slip.acceleration / g, equal.acceleration / g);
@@ -152,14 +168,17 @@ TEST_CASE("cloth falls on a sphere and never reaches into it", "[surfaces]")
   Scene s = with(exact_sphere({0, 0, -radius - 0.002}, radius), meshes::grid(16, 16, 0.4, 0.4, -0.2, -0.2));
   Simulation sim(s, serial_options());
   double highest = -1;
-  const Course c = follow(sim, 120, [&] { return cloth_to_segment(sim, obstacle_point(sim, 0), obstacle_point(sim, 0)); });
-  for (int v = 0; v < sim.cloth_vertex_count(); ++v) highest = std::max(highest, sim.positions()[static_cast<std::size_t>(v)].z);
+  const Course c =
+      follow(sim, 120, [&] { return cloth_to_segment(sim, obstacle_point(sim, 0), obstacle_point(sim, 0)); });
+  for (int v = 0; v < sim.cloth_vertex_count(); ++v)
+    highest = std::max(highest, sim.positions()[static_cast<std::size_t>(v)].z);
   CAPTURE(c.least - radius, c.truncated, highest);
   CHECK(c.least >= radius);
-  CHECK(c.least < radius + s.contact.thickness);   // it rests on it
+  CHECK(c.least < radius + s.contact.thickness);  // it rests on it
   CHECK(c.intersections == 0);
   CHECK(highest > -0.01);
-  CHECK(sim.min_gap() == Approx(cloth_to_segment(sim, obstacle_point(sim, 0), obstacle_point(sim, 0)) - radius).epsilon(1e-6));
+  CHECK(sim.min_gap() ==
+        Approx(cloth_to_segment(sim, obstacle_point(sim, 0), obstacle_point(sim, 0)) - radius).epsilon(1e-6));
 }
 
 TEST_CASE("a ball at 100 m/s carries the cloth that it meets", "[surfaces]")
@@ -167,14 +186,16 @@ TEST_CASE("a ball at 100 m/s carries the cloth that it meets", "[surfaces]")
   const double radius = 0.05;
   Obstacle ball = exact_sphere({0.013, -0.3, 0.007}, radius);
   ball.motion.velocity = {0, 100, 0};
-  ball.motion.stop = 0.02;   // 2 m
+  ball.motion.stop = 0.02;  // 2 m
   for (const bool pinned : {true, false}) {
     Scene s = curtain(ball, 12);
     if (!pinned) s.pins.clear();
     Simulation sim(s, serial_options());
-    const Course c = follow(sim, 8, [&] { return cloth_to_segment(sim, obstacle_point(sim, 0), obstacle_point(sim, 0)); });
-    double front = -1;   // the cloth in front of the ball
-    for (int v = 0; v < sim.cloth_vertex_count(); ++v) front = std::max(front, sim.positions()[static_cast<std::size_t>(v)].y);
+    const Course c =
+        follow(sim, 8, [&] { return cloth_to_segment(sim, obstacle_point(sim, 0), obstacle_point(sim, 0)); });
+    double front = -1;  // the cloth in front of the ball
+    for (int v = 0; v < sim.cloth_vertex_count(); ++v)
+      front = std::max(front, sim.positions()[static_cast<std::size_t>(v)].y);
     CAPTURE(pinned, c.least - radius, c.truncated, front);
     CHECK(obstacle_point(sim, 0).y == Approx(1.7));
     CHECK(c.least >= radius);
@@ -192,7 +213,8 @@ TEST_CASE("a turning capsule sweeps through a curtain without reaching into it",
   o.motion.center = {0, -0.15, 0};
   Scene s = curtain(o, 14);
   Simulation sim(s, serial_options());
-  const Course c = follow(sim, 60, [&] { return cloth_to_segment(sim, obstacle_point(sim, 0), obstacle_point(sim, 1)); });
+  const Course c =
+      follow(sim, 60, [&] { return cloth_to_segment(sim, obstacle_point(sim, 0), obstacle_point(sim, 1)); });
   CAPTURE(c.least - radius, c.truncated);
   CHECK(c.least >= radius);
   CHECK(c.least < radius + s.contact.thickness);
@@ -243,7 +265,8 @@ TEST_CASE("a plane that rises carries a sheet, and nothing falls through one", "
   const dvec3 n = dnormalize({0.1, -0.2, 1});
   const Course c = follow(sim, 30, [&] {
     double least = 1;
-    for (int v = 0; v < sim.cloth_vertex_count(); ++v) least = std::min(least, ddot(n, dsub(sim.positions()[static_cast<std::size_t>(v)], obstacle_point(sim, 0))));
+    for (int v = 0; v < sim.cloth_vertex_count(); ++v)
+      least = std::min(least, ddot(n, dsub(sim.positions()[static_cast<std::size_t>(v)], obstacle_point(sim, 0))));
     return least;
   });
   CAPTURE(c.least, c.truncated);
@@ -273,13 +296,14 @@ Scene everything_exact()
 
 }  // namespace
 
-TEST_CASE("contacts of vertices with exact obstacles are those of points with spheres, capsules and planes", "[surfaces]")
+TEST_CASE("contacts of vertices with exact obstacles are those of points with spheres, capsules and planes",
+          "[surfaces]")
 {
   const Scene s = everything_exact();
   Simulation sim(s, serial_options());
   int seen[5] = {0, 0, 0, 0, 0};
   for (int n = 0; n < 25; ++n) {
-    const auto x = sim.positions();   // where the contacts of the next step are found
+    const auto x = sim.positions();  // where the contacts of the next step are found
     sim.step();
     const ContactArrays c = sim.contacts();
     const auto ranges = sim.obstacle_ranges();
@@ -288,16 +312,18 @@ TEST_CASE("contacts of vertices with exact obstacles are those of points with sp
       const int v = c.vertices[i][0];
       std::size_t o = 0;
       while (o < ranges.size() && !(c.vertices[i][1] >= ranges[o].first && c.vertices[i][1] < ranges[o].second)) ++o;
-      if (c.kind[i] != 0 || o == ranges.size() || s.obstacles[o].surface == Form::mesh || s.obstacles[o].surface == Form::box) continue;
+      if (c.kind[i] != 0 || o == ranges.size() || s.obstacles[o].shape == ObstacleShape::mesh ||
+          s.obstacles[o].shape == ObstacleShape::box)
+        continue;
       const Obstacle &body = s.obstacles[o];
       const dvec3 p = x[static_cast<std::size_t>(v)], a = x[static_cast<std::size_t>(ranges[o].first)];
       dvec3 away;
       double distance;
-      if (body.surface == Form::plane) {
+      if (body.shape == ObstacleShape::plane) {
         away = dnormalize({0, 0.1, 1});
         distance = ddot(away, dsub(p, a));
       } else {
-        const dvec3 u = dsub(x[static_cast<std::size_t>(ranges[o].second - 1)], a);   // zero for a sphere
+        const dvec3 u = dsub(x[static_cast<std::size_t>(ranges[o].second - 1)], a);  // zero for a sphere
         const double t = ddot(u, u) > 0 ? std::clamp(ddot(dsub(p, a), u) / ddot(u, u), 0.0, 1.0) : 0;
         const dvec3 off = dsub(p, daxpy(a, t, u));
         away = dnormalize(off);
@@ -305,14 +331,17 @@ TEST_CASE("contacts of vertices with exact obstacles are those of points with sp
       }
       REQUIRE(std::abs(c.distance[i] - distance) < 1e-14);
       REQUIRE(dnorm(dsub(c.normal[i], away)) < 1e-12);
-      ++seen[static_cast<int>(body.surface)];
+      ++seen[static_cast<int>(body.shape)];
       have.push_back({static_cast<int>(o), v});
     }
-    for (std::size_t o = 0; o < ranges.size(); ++o)   // and none is missing
-      if (s.obstacles[o].surface == Form::sphere)
+    for (std::size_t o = 0; o < ranges.size(); ++o)  // and none is missing
+      if (s.obstacles[o].shape == ObstacleShape::sphere)
         for (int v = 0; v < sim.cloth_vertex_count(); ++v) {
-          const double distance = dnorm(dsub(x[static_cast<std::size_t>(v)], x[static_cast<std::size_t>(ranges[o].first)])) - s.obstacles[o].radius;
-          if (distance < s.contact.thickness) REQUIRE(std::count(have.begin(), have.end(), std::array<int, 2>{static_cast<int>(o), v}) == 1);
+          const double distance =
+              dnorm(dsub(x[static_cast<std::size_t>(v)], x[static_cast<std::size_t>(ranges[o].first)])) -
+              s.obstacles[o].radius;
+          if (distance < s.contact.thickness)
+            REQUIRE(std::count(have.begin(), have.end(), std::array<int, 2>{static_cast<int>(o), v}) == 1);
         }
   }
   CAPTURE(seen[1], seen[2], seen[4]);
@@ -344,8 +373,8 @@ TEST_CASE("exact obstacles give the same bits on every backend and number of thr
 
 TEST_CASE("the commit keeps each pair a hundredth of its own smallest thickness apart", "[surfaces][commit]")
 {
-  // A thick and a thin sheet are thrown at a plane with next to no penalty and no projection: they stop at what is certified. No weight presses them, which
-  // would stiffen the contacts.
+  // A thick and a thin sheet are thrown at a plane with next to no penalty and no projection: they stop at what is
+  // certified. No weight presses them, which would stiffen the contacts.
   Scene s = with(exact_plane({0, 0, 0}, {0, 0, 1}), meshes::grid(3, 3, 0.1, 0.1, 0, 0, 0.01));
   s.cloths.push_back(meshes::cloth(meshes::grid(3, 3, 0.1, 0.1, 0.3, 0, 0.01), meshes::cotton(), "thin"));
   s.contact.stiffness = 1e-3;
@@ -361,7 +390,8 @@ TEST_CASE("the commit keeps each pair a hundredth of its own smallest thickness 
     sim.step();
     const std::vector<dvec3> x = sim.positions();
     for (std::size_t cloth = 0; cloth < 2; ++cloth)
-      for (int v = sim.cloth_ranges()[cloth].first; v < sim.cloth_ranges()[cloth].second; ++v) lowest_of[cloth] = std::min(lowest_of[cloth], x[static_cast<std::size_t>(v)].z);
+      for (int v = sim.cloth_ranges()[cloth].first; v < sim.cloth_ranges()[cloth].second; ++v)
+        lowest_of[cloth] = std::min(lowest_of[cloth], x[static_cast<std::size_t>(v)].z);
   }
   for (const auto &[cloth, thickness] : {std::pair{0, 4e-3}, std::pair{1, 1e-4}}) {
     const double lowest = lowest_of[cloth];
@@ -374,7 +404,8 @@ TEST_CASE("the commit keeps each pair a hundredth of its own smallest thickness 
 TEST_CASE("exact obstacles far away do not change the cloth by one bit", "[surfaces]")
 {
   Scene far = everything_exact();
-  for (const auto &[name, o] : {std::pair{"deep", exact_plane({0, 0, -50}, {0.2, 0, 1})}, std::pair{"moon", exact_sphere({0, 30, 40}, 7)}}) {
+  for (const auto &[name, o] :
+       {std::pair{"deep", exact_plane({0, 0, -50}, {0.2, 0, 1})}, std::pair{"moon", exact_sphere({0, 30, 40}, 7)}}) {
     far.obstacles.push_back(o);
     far.obstacles.back().name = name;
   }
@@ -409,12 +440,13 @@ TEST_CASE("starts inside exact obstacles are refused and counted", "[surfaces]")
   const auto refused = [&](const Obstacle &o) {
     const Scene s = with(o, sheet);
     Options unchecked = serial_options();
-    unchecked.intersections = Intersections::exempt;
+    unchecked.intersections = StartPolicy::exempt;
     CHECK(Simulation(s, unchecked).count_intersections() > 0);
     return thrown<CollisionError>([&] { Simulation(s, serial_options()); });
   };
   CHECK(contains(refused(exact_sphere({0.01, 0.02, 0.04}, 0.05)), "triangle"));
-  CHECK(contains(refused(exact_capsule({0.01, 0.02, -0.3}, {0.02, 0.02, 0.3}, 0.001)), "reaches into obstacle 'body'"));   // through a triangle
+  CHECK(contains(refused(exact_capsule({0.01, 0.02, -0.3}, {0.02, 0.02, 0.3}, 0.001)),
+                 "reaches into obstacle 'body'"));  // through a triangle
   CHECK(contains(refused(exact_box({0, 0, 0}, {0.1, 0.1, 0.1})), "body"));
   CHECK(contains(refused(exact_plane({5, 5, 0.001}, {0, 0, 1})), "below obstacle 'body'"));
   CHECK_NOTHROW(Simulation(with(exact_plane({5, 5, -0.001}, {0, 0, 1}), sheet), serial_options()));
@@ -424,38 +456,50 @@ TEST_CASE("starts inside exact obstacles are refused and counted", "[surfaces]")
 TEST_CASE("exact obstacles from a file: placed, scaled, saved, and refused by name", "[surfaces][scene]")
 {
   const auto scene = [](const std::string &obstacle) {
-    return R"({"cloth": [{"name": "c", "grid": {"size": [1, 1]}, "triangles": 8}], "obstacles": [{"name": "o", )" + obstacle + "}]}";
+    return R"({"cloth": [{"name": "c", "grid": {"size": [1, 1]}, "triangles": 8}], "obstacles": [{"name": "o", )" +
+           obstacle + "}]}";
   };
   const auto parse = [&](const std::string &obstacle) { return Scene::parse(scene(obstacle), "."); };
-  const std::string place = R"(, "transform": {"translate": [1, 2, 3], "scale": 2, "rotate": {"axis": [1, 0, 0], "angle_deg": 90}})";
+  const std::string place =
+      R"(, "transform": {"translate": [1, 2, 3], "scale": 2, "rotate": {"axis": [1, 0, 0], "angle_deg": 90}})";
   const Obstacle sphere = parse(R"("shape": {"sphere": {"radius": 0.3}})" + place).obstacles[0];
-  CHECK((sphere.surface == Form::sphere && sphere.radius == 0.6 && sphere.mesh.position[0].y == 2));
+  CHECK((sphere.shape == ObstacleShape::sphere && sphere.radius == 0.6 && sphere.mesh.position[0].y == 2));
   const Obstacle capsule = parse(R"("shape": {"capsule": {"radius": 0.1, "length": 1}})" + place).obstacles[0];
   CHECK(capsule.mesh.position[1].y - capsule.mesh.position[0].y == Approx(-2));
   const Obstacle plane = parse(R"("shape": {"plane": {"normal": [0, 0, 2]}})" + place).obstacles[0];
   const auto &p = plane.mesh.position;
   CHECK(dnorm(dsub(dnormalize(dcross(dsub(p[1], p[0]), dsub(p[2], p[0]))), {0, -1, 0})) < 1e-12);
-  for (const char *shape : {R"("sphere": {"radius": 0.3})", R"("capsule": {"radius": 0.1, "length": 1})", R"("plane": {})", R"("box": {"size": [1, 2, 3]})"}) {
+  for (const char *shape : {R"("sphere": {"radius": 0.3})", R"("capsule": {"radius": 0.1, "length": 1})",
+                            R"("plane": {})", R"("box": {"size": [1, 2, 3]})"}) {
     const Scene first = parse("\"shape\": {" + std::string(shape) + "}" + place);
     first.validate();
     CHECK(Scene::parse(first.save(), ".").save() == first.save());
-    CHECK(Scene::parse(first.save(), ".").obstacles[0].surface == first.obstacles[0].surface);
+    CHECK(Scene::parse(first.save(), ".").obstacles[0].shape == first.obstacles[0].shape);
   }
-  const auto error = [&](const std::string &obstacle) { return thrown<SceneError>([&] { parse(obstacle).validate(); }); };
+  const auto error = [&](const std::string &obstacle) {
+    return thrown<SceneError>([&] { parse(obstacle).validate(); });
+  };
   CHECK(contains(error(R"("shape": {"sphere": {"radius": 0}})"), "obstacles[0].shape.sphere.radius"));
   CHECK(contains(error(R"("shape": {"cone": {}})"), "unknown key \"cone\""));
   CHECK(contains(error(R"("shape": {"plane": {}, "sphere": {}})"), "exactly one"));
   CHECK(contains(error(R"("shape": {"plane": {"normal": [0, 0, 0]}})"), "normal"));
-  CHECK(contains(error(R"("shape": {"box": {"points": [[0,0,0],[1,0,0],[0,1,0],[1,1,0],[0,0,1],[1,0,1],[0,1,1],[1,1,1.01]]}})"), "corners"));
+  CHECK(contains(
+      error(R"("shape": {"box": {"points": [[0,0,0],[1,0,0],[0,1,0],[1,1,0],[0,0,1],[1,0,1],[0,1,1],[1,1,1.01]]}})"),
+      "corners"));
   CHECK(contains(error(R"("shape": {"plane": {}}, "motion": {"rotation_rate": [0, 0, 1]})"), "use a box"));
-  CHECK(contains(error(R"("shape": {"plane": {}}, "motion": {"keys": [{"time": 0}, {"time": 1, "rotate": {"axis": [1, 0, 0], "angle_deg": 5}}]})"), "use a box"));
-  CHECK(contains(error(R"("shape": {"sphere": {}}, "motion": {"keys": [{"time": 0}, {"time": 1, "scale": 2}]})"), "keeps its size"));
+  CHECK(contains(
+      error(
+          R"("shape": {"plane": {}}, "motion": {"keys": [{"time": 0}, {"time": 1, "rotate": {"axis": [1, 0, 0], "angle_deg": 5}}]})"),
+      "use a box"));
+  CHECK(contains(error(R"("shape": {"sphere": {}}, "motion": {"keys": [{"time": 0}, {"time": 1, "scale": 2}]})"),
+                 "keeps its size"));
   CHECK(contains(thrown<SceneError>([&] {
-    Scene s = parse(R"("shape": {"sphere": {}})");
-    Pin pin;
-    pin.vertices = {0};
-    pin.obstacle = 0;
-    s.pins.push_back(pin);
-    s.validate();
-  }), "has no mesh to follow"));
+                   Scene s = parse(R"("shape": {"sphere": {}})");
+                   Pin pin;
+                   pin.vertices = {0};
+                   pin.obstacle = 0;
+                   s.pins.push_back(pin);
+                   s.validate();
+                 }),
+                 "has no mesh to follow"));
 }

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Terms of the system that are not elements of the cloth: contacts, friction and stitches, against plane and line distances, finite
-// differences and Coulomb's law for one mass.
+// Terms of the system that are not elements of the cloth: contacts, friction and stitches, against plane and line
+// distances, finite differences and Coulomb's law for one mass.
 #include "../catch.hpp"
 
 #include <algorithm>
@@ -10,7 +10,7 @@
 
 #include <Eigen/Dense>
 
-#include "kernels.hpp"
+#include "device/kernels.hpp"
 
 using namespace cama;
 using namespace cama::kernels;
@@ -34,15 +34,20 @@ private:
   std::mt19937 engine_;
 };
 
-/// A pair closer than its thickness whose closest points lie inside its features: the vertex over the face, or the edges crossing.
+/// A pair closer than its thickness whose closest points lie inside its features: the vertex over the face, or the
+/// edges crossing.
 Corners close_pair(Random &random, int kind)
 {
-  const Eigen::Matrix3d turn = Eigen::Quaterniond(random(-1, 1), random(-1, 1), random(-1, 1), random(-1, 1)).normalized().toRotationMatrix();
+  const Eigen::Matrix3d turn =
+      Eigen::Quaterniond(random(-1, 1), random(-1, 1), random(-1, 1), random(-1, 1)).normalized().toRotationMatrix();
   const Vector shift = random.vector(1);
   const double gap = random(1e-4, 9e-4) * (random(0, 1) < 0.5 ? 1 : -1);
   Corners x;
-  if (kind == 0) x = {Vector(0.001, 0.002, gap), Vector(-0.02, -0.01, 0), Vector(0.02, -0.012, 0), Vector(0.001, 0.02, 0)};
-  else x = {Vector(-0.01, random(-2e-3, 2e-3), gap), Vector(0.013, random(-2e-3, 2e-3), gap), Vector(1e-3, -0.012, 0), Vector(2e-3, 0.01, 0)};
+  if (kind == 0)
+    x = {Vector(0.001, 0.002, gap), Vector(-0.02, -0.01, 0), Vector(0.02, -0.012, 0), Vector(0.001, 0.02, 0)};
+  else
+    x = {Vector(-0.01, random(-2e-3, 2e-3), gap), Vector(0.013, random(-2e-3, 2e-3), gap), Vector(1e-3, -0.012, 0),
+         Vector(2e-3, 0.01, 0)};
   for (Vector &p : x) p = turn * p + shift;
   return x;
 }
@@ -57,7 +62,8 @@ double reference_distance(int kind, const Corners &x)
 constexpr double thickness = 1e-3, stiffness = 10, time_step = 1.0 / 200;
 
 /// The contact of a pair of free vertices, and its term; `velocity`: free velocities.
-void make_terms(int kind, const Corners &x, double friction, const std::array<Vector, 4> &velocity, double mass, contact &c, Term &t)
+void make_terms(int kind, const Corners &x, double friction, const std::array<Vector, 4> &velocity, double mass,
+                contact &c, Term &t)
 {
   dvec3 position[4], free_velocity[4];
   double inverse_mass[4];
@@ -121,7 +127,11 @@ TEST_CASE("contact forces are the negative gradient of the penalty energy", "[te
       const Vector force = t.weight[a] * t.push / time_step * Vector(t.normal.x, t.normal.y, t.normal.z);
       Vector expected;
       for (int k = 0; k < 3; ++k) {
-        const auto at = [&](double s) { Corners y = x; y[a][k] += s; return energy(y); };
+        const auto at = [&](double s) {
+          Corners y = x;
+          y[a][k] += s;
+          return energy(y);
+        };
         const double h = 1e-6;
         expected[k] = -(8 * (at(h) - at(-h)) - (at(2 * h) - at(-2 * h))) / (12 * h);
       }
@@ -136,7 +146,9 @@ TEST_CASE("contact forces are the negative gradient of the penalty energy", "[te
   CHECK(worst < 1e-6);
 }
 
-TEST_CASE("contact matrices are symmetric, positive semidefinite and blind to translation, in both forms, with friction", "[term]")
+TEST_CASE(
+    "contact matrices are symmetric, positive semidefinite and blind to translation, in both forms, with friction",
+    "[term]")
 {
   Random random(2);
   for (int n = 0; n < 1000; ++n) {
@@ -144,7 +156,8 @@ TEST_CASE("contact matrices are symmetric, positive semidefinite and blind to tr
     const Corners x = close_pair(random, kind);
     contact c;
     Term t;
-    make_terms(kind, x, random(0, 1), {random.vector(1), random.vector(1), random.vector(1), random.vector(1)}, 1e-4, c, t);
+    make_terms(kind, x, random(0, 1), {random.vector(1), random.vector(1), random.vector(1), random.vector(1)}, 1e-4, c,
+               t);
     for (int form : {FORM_RANK_ONE, FORM_STAR}) {
       const Matrix12 m = matrix(t, form);
       const double scale = m.cwiseAbs().maxCoeff();
@@ -159,7 +172,9 @@ TEST_CASE("contact matrices are symmetric, positive semidefinite and blind to tr
     t.around = 0;
     Eigen::Matrix<double, 12, 1> g;
     for (int a = 0; a < 4; ++a) g.segment<3>(3 * a) = t.weight[a] * Vector(t.normal.x, t.normal.y, t.normal.z);
-    REQUIRE((matrix(t, FORM_RANK_ONE) - time_step * time_step * c.stiffness * g * g.transpose()).cwiseAbs().maxCoeff() <= 1e-12 * t.along);
+    REQUIRE(
+        (matrix(t, FORM_RANK_ONE) - time_step * time_step * c.stiffness * g * g.transpose()).cwiseAbs().maxCoeff() <=
+        1e-12 * t.along);
   }
 }
 
@@ -168,18 +183,22 @@ TEST_CASE("friction of one contact obeys Coulomb's law over a backward Euler ste
   // A mass m with free speed s and damping phi ends at v = s / (1 + phi dt / m); the friction was phi v.
   Random random(3);
   for (int n = 0; n < 2000; ++n) {
-    const double mass = std::pow(10, random(-6, -3)), normal = mass * random(0, 100), mu = random(0, 1), speed = std::pow(10, random(-6, 1));
+    const double mass = std::pow(10, random(-6, -3)), normal = mass * random(0, 100), mu = random(0, 1),
+                 speed = std::pow(10, random(-6, 1));
     const double phi = f64::friction_damping(mu, mu, normal, speed, mass, time_step);
     const double after = speed / (1 + phi * time_step / mass), force = phi * after, stopping = speed * mass / time_step;
     REQUIRE(phi >= 0);
     REQUIRE(force <= mu * normal * (1 + 1e-9) + 1e-300);
-    if (stopping <= mu * normal) REQUIRE(after <= speed / 1000);                             // sticks
-    else if (after > speed / 500) REQUIRE(force == Approx(mu * normal).epsilon(1e-9));       // slides at the cone
+    if (stopping <= mu * normal)
+      REQUIRE(after <= speed / 1000);                             // sticks
+    else if (after > speed / 500)
+      REQUIRE(force == Approx(mu * normal).epsilon(1e-9));       // slides at the cone
   }
   // With a static coefficient above the kinetic one it sticks up to the first and slides with the second.
   const double mass = 2e-4, normal = 3e-3;
   const auto force = [&](double stopping, double &after) {
-    const double speed = stopping * time_step / mass, phi = f64::friction_damping(0.5, 0.3, normal, speed, mass, time_step);
+    const double speed = stopping * time_step / mass,
+                 phi = f64::friction_damping(0.5, 0.3, normal, speed, mass, time_step);
     after = speed / (1 + phi * time_step / mass);
     return phi * after;
   };
@@ -205,7 +224,8 @@ TEST_CASE("a stitch pulls with the gradient of its energy and its matrix is the 
       return t;
     };
     const auto energy = [&](const dvec3 *y) {
-      const Vector gap(y[0].x - (1 - s.ratio) * y[1].x - s.ratio * y[2].x, y[0].y - (1 - s.ratio) * y[1].y - s.ratio * y[2].y,
+      const Vector gap(y[0].x - (1 - s.ratio) * y[1].x - s.ratio * y[2].x,
+                       y[0].y - (1 - s.ratio) * y[1].y - s.ratio * y[2].y,
                        y[0].z - (1 - s.ratio) * y[1].z - s.ratio * y[2].z);
       return 0.5 * s.stiffness * gap.squaredNorm();
     };
@@ -223,9 +243,11 @@ TEST_CASE("a stitch pulls with the gradient of its energy and its matrix is the 
     const double h = 1e-3, scale = s.stiffness * 0.1;
     for (int i = 0; i < 9; ++i) {
       const auto p = shifted(i, h), q = shifted(i, -h);
-      REQUIRE(std::abs(force(t, i) + (energy(p.data()) - energy(q.data())) / (2 * h)) <= 1e-9 * scale);   // quadratic: exact
+      REQUIRE(std::abs(force(t, i) + (energy(p.data()) - energy(q.data())) / (2 * h)) <=
+              1e-9 * scale);   // quadratic: exact
       for (int j = 0; j < 9; ++j)
-        REQUIRE(std::abs(m(j, i) + (force(term_of(p.data()), j) - force(term_of(q.data()), j)) / (2 * h)) <= 1e-9 * s.stiffness);
+        REQUIRE(std::abs(m(j, i) + (force(term_of(p.data()), j) - force(term_of(q.data()), j)) / (2 * h)) <=
+                1e-9 * s.stiffness);
     }
   }
 }

@@ -10,7 +10,7 @@
 #include <set>
 
 #include "cama/mesh.hpp"
-#include "kernels.hpp"
+#include "device/kernels.hpp"
 
 using namespace cama;
 using namespace cama::kernels;
@@ -31,14 +31,20 @@ struct Scene {
 template <class Nodes> struct Tree {
   std::vector<int> order;
   std::vector<Nodes> leaf;
-  std::vector<box_group> group;
+  std::vector<bvh8_node> group;
 };
 
-void make_groups(int n, const face_nodes *leaf, const std::vector<box> &boxes, box_group *tree) { face_groups(group_level_size(n, 0), n, leaf, boxes.data(), tree); }
-void make_groups(int n, const edge_nodes *leaf, const std::vector<box> &boxes, box_group *tree) { edge_groups(group_level_size(n, 0), n, leaf, boxes.data(), tree); }
+void make_groups(int n, const face_nodes *leaf, const std::vector<box> &boxes, bvh8_node *tree)
+{
+  face_groups(group_level_size(n, 0), n, leaf, boxes.data(), tree);
+}
+void make_groups(int n, const edge_nodes *leaf, const std::vector<box> &boxes, bvh8_node *tree)
+{
+  edge_groups(group_level_size(n, 0), n, leaf, boxes.data(), tree);
+}
 
 /// both: two levels at a time.
-void make_levels(int n, bool both, box_group *tree)
+void make_levels(int n, bool both, bvh8_node *tree)
 {
   const int root = group_root_level(n);
   for (int level = 0; level < root;) {
@@ -49,7 +55,8 @@ void make_levels(int n, bool both, box_group *tree)
 }
 
 template <class Nodes>
-Tree<Nodes> build_tree(const std::vector<Nodes> &nodes, const std::vector<box> &boxes, const std::vector<box> &vertex_box, const std::vector<dvec3> &bounds, bool both)
+Tree<Nodes> build_tree(const std::vector<Nodes> &nodes, const std::vector<box> &boxes,
+                       const std::vector<box> &vertex_box, const std::vector<dvec3> &bounds, bool both)
 {
   Tree<Nodes> tree;
   const int n = static_cast<int>(boxes.size());
@@ -64,7 +71,9 @@ Tree<Nodes> build_tree(const std::vector<Nodes> &nodes, const std::vector<box> &
   return tree;
 }
 
-struct Found { Pairs vertex_face, edge_edge; };
+struct Found {
+  Pairs vertex_face, edge_edge;
+};
 
 Found query(const Scene &s, int self, int slots, int batch, bool both)
 {
@@ -85,35 +94,45 @@ Found query(const Scene &s, int self, int slots, int batch, bool both)
   // Vertices, then edges, in one list of items.
   const int items = vertices + edges;
   std::vector<int> slot(std::size_t(items) * slots + 1), count(items, -1), offset(items + 1, 0);
-  query_vertex_face_count((vertices + batch - 1) / batch, vertices, batch, order.data(), vertex_box.data(), faces, face_tree.order.data(),
-                          face_tree.leaf.data(), face_tree.group.data(), s.cloth_vertices, self, QUERY_ALL, nullptr, nullptr, slots, 0,
-                          slot.data(), count.data());
-  query_edge_edge_count((edges + batch - 1) / batch, edges, batch, edge_tree.order.data(), edge_tree.leaf.data(), vertex_box.data(), edges,
-                        edge_tree.order.data(), edge_tree.leaf.data(), edge_tree.group.data(), s.cloth_vertices, self, QUERY_ALL, nullptr,
-                        nullptr, slots, vertices, slot.data(), count.data());
+  query_vertex_face_count((vertices + batch - 1) / batch, vertices, batch, order.data(), vertex_box.data(), faces,
+                          face_tree.order.data(), face_tree.leaf.data(), face_tree.group.data(), s.cloth_vertices, self,
+                          QUERY_ALL, nullptr, nullptr, slots, 0, slot.data(), count.data());
+  query_edge_edge_count((edges + batch - 1) / batch, edges, batch, edge_tree.order.data(), edge_tree.leaf.data(),
+                        vertex_box.data(), edges, edge_tree.order.data(), edge_tree.leaf.data(), edge_tree.group.data(),
+                        s.cloth_vertices, self, QUERY_ALL, nullptr, nullptr, slots, vertices, slot.data(),
+                        count.data());
   std::partial_sum(count.begin(), count.end(), offset.begin() + 1);
   pair totals;
   scan_totals(1, vertices, items, offset.data(), &totals);
   const int first = 3;   // behind what a list has
   std::vector<pair> vf(totals.a + first), ee(totals.b + first);
-  std::vector<float> vf_room(vf.size(), 7), ee_room(ee.size(), 7);
-  query_vertex_face_fill(vertices, order.data(), vertex_box.data(), faces, face_tree.order.data(), face_tree.leaf.data(), face_tree.group.data(),
-                         s.cloth_vertices, self, QUERY_ALL, nullptr, slots, 0, slot.data(), count.data(), offset.data(), first, vf.data(),
-                         vf_room.data());
-  query_edge_edge_fill(edges, edge_tree.order.data(), edge_tree.leaf.data(), vertex_box.data(), edges, edge_tree.order.data(),
-                       edge_tree.leaf.data(), edge_tree.group.data(), s.cloth_vertices, self, QUERY_ALL, nullptr, nullptr, slots, vertices,
-                       slot.data(), count.data(), offset.data(), first - totals.a, ee.data(), ee_room.data());
+  std::vector<float> vf_gap_bound(vf.size(), 7), ee_gap_bound(ee.size(), 7);
+  query_vertex_face_fill(vertices, order.data(), vertex_box.data(), faces, face_tree.order.data(),
+                         face_tree.leaf.data(), face_tree.group.data(), s.cloth_vertices, self, QUERY_ALL, nullptr,
+                         slots, 0, slot.data(), count.data(), offset.data(), first, vf.data(), vf_gap_bound.data());
+  query_edge_edge_fill(edges, edge_tree.order.data(), edge_tree.leaf.data(), vertex_box.data(), edges,
+                       edge_tree.order.data(), edge_tree.leaf.data(), edge_tree.group.data(), s.cloth_vertices, self,
+                       QUERY_ALL, nullptr, nullptr, slots, vertices, slot.data(), count.data(), offset.data(),
+                       first - totals.a, ee.data(), ee_gap_bound.data());
   Found found;
-  for (int i = 0; i < first; ++i) REQUIRE((vf_room[i] == 7 && ee_room[i] == 7));
-  for (std::size_t i = first; i < vf.size(); ++i) { REQUIRE(vf_room[i] == 0); found.vertex_face.push_back({vf[i].a, vf[i].b}); }
-  for (std::size_t i = first; i < ee.size(); ++i) { REQUIRE(ee_room[i] == 0); found.edge_edge.push_back({ee[i].a, ee[i].b}); }
+  for (int i = 0; i < first; ++i) REQUIRE((vf_gap_bound[i] == 7 && ee_gap_bound[i] == 7));
+  for (std::size_t i = first; i < vf.size(); ++i) {
+    REQUIRE(vf_gap_bound[i] == 0);
+    found.vertex_face.push_back({vf[i].a, vf[i].b});
+  }
+  for (std::size_t i = first; i < ee.size(); ++i) {
+    REQUIRE(ee_gap_bound[i] == 0);
+    found.edge_edge.push_back({ee[i].a, ee[i].b});
+  }
   return found;
 }
 
 /// Boxes in double, every pair; `slack` widens them.
 Found brute_force(const Scene &s, int self, double slack)
 {
-  struct Box { double lo[3], hi[3]; };
+  struct Box {
+    double lo[3], hi[3];
+  };
   const auto make = [&](const int *v, int count) {
     Box b;
     for (int k = 0; k < 3; ++k) {
@@ -128,7 +147,8 @@ Found brute_force(const Scene &s, int self, double slack)
     return b;
   };
   const auto overlap = [](const Box &a, const Box &b) {
-    for (int k = 0; k < 3; ++k) if (a.lo[k] > b.hi[k] || b.lo[k] > a.hi[k]) return false;
+    for (int k = 0; k < 3; ++k)
+      if (a.lo[k] > b.hi[k] || b.lo[k] > a.hi[k]) return false;
     return true;
   };
   const auto wanted = [&](int a, int b) {
@@ -143,12 +163,14 @@ Found brute_force(const Scene &s, int self, double slack)
   for (int v = 0; v < int(vertex.size()); ++v)
     for (int f = 0; f < int(face.size()); ++f) {
       const int *t = s.face[f].node;
-      if (t[0] != v && t[1] != v && t[2] != v && wanted(v, t[0]) && overlap(vertex[v], face[f])) found.vertex_face.push_back({v, f});
+      if (t[0] != v && t[1] != v && t[2] != v && wanted(v, t[0]) && overlap(vertex[v], face[f]))
+        found.vertex_face.push_back({v, f});
     }
   for (int a = 0; a < int(edge.size()); ++a)
     for (int b = a + 1; b < int(edge.size()); ++b) {
       const int *p = s.edge[a].node, *q = s.edge[b].node;
-      if (p[0] != q[0] && p[0] != q[1] && p[1] != q[0] && p[1] != q[1] && wanted(p[0], q[0]) && overlap(edge[a], edge[b]))
+      if (p[0] != q[0] && p[0] != q[1] && p[1] != q[0] && p[1] != q[1] && wanted(p[0], q[0]) &&
+          overlap(edge[a], edge[b]))
         found.edge_edge.push_back({a, b});
     }
   return found;
@@ -183,8 +205,15 @@ Scene make_scene(unsigned seed, int n, double size, double offset)
   return s;
 }
 
-Pairs sorted(Pairs p) { std::sort(p.begin(), p.end()); return p; }
-bool contains(const Pairs &all, const Pairs &some) { return std::includes(all.begin(), all.end(), some.begin(), some.end()); }
+Pairs sorted(Pairs p)
+{
+  std::sort(p.begin(), p.end());
+  return p;
+}
+bool contains(const Pairs &all, const Pairs &some)
+{
+  return std::includes(all.begin(), all.end(), some.begin(), some.end());
+}
 
 }  // namespace
 
@@ -207,23 +236,29 @@ TEST_CASE("level sizes and offsets of the implicit tree add up", "[tree]")
 TEST_CASE("a traversal meets every leaf once, a half traversal the leaves behind it", "[tree]")
 {
   box all;
-  for (int k = 0; k < 3; ++k) { all.lo[k] = -1; all.hi[k] = 1; }
+  for (int k = 0; k < 3; ++k) {
+    all.lo[k] = -1;
+    all.hi[k] = 1;
+  }
   for (int leaves = 1; leaves < 140; ++leaves) {
     const std::vector<box> node(tree_size(leaves), all);
     int next = 0;
-    for (tree_node n = tree_find(tree_root(leaves), leaves, node.data(), all); n.level == 0; n = tree_find(tree_next(n), leaves, node.data(), all))
+    for (tree_node n = tree_find(tree_root(leaves), leaves, node.data(), all); n.level == 0;
+         n = tree_find(tree_next(n), leaves, node.data(), all))
       REQUIRE(n.index == next++);
     REQUIRE(next == leaves);
     for (int i = 0; i < leaves; ++i) {
       next = i + 1;
-      for (tree_node n = tree_find(tree_after_leaf(i), leaves, node.data(), all); n.level == 0; n = tree_find(tree_next(n), leaves, node.data(), all))
+      for (tree_node n = tree_find(tree_after_leaf(i), leaves, node.data(), all); n.level == 0;
+           n = tree_find(tree_next(n), leaves, node.data(), all))
         REQUIRE(n.index == next++);
       REQUIRE(next == leaves);
     }
   }
 }
 
-TEST_CASE("groups: sizes and offsets add up; every level is the union of the one below, made one or two at a time", "[tree]")
+TEST_CASE("groups: sizes and offsets add up; every level is the union of the one below, made one or two at a time",
+          "[tree]")
 {
   for (int leaves : {1, 2, 7, 8, 9, 63, 64, 65, 511, 512, 513, 4097, 70000}) {
     int offset = 0, level = 0;
@@ -240,14 +275,17 @@ TEST_CASE("groups: sizes and offsets add up; every level is the union of the one
     std::vector<box> vertex_box(2 * leaves);
     std::vector<edge_nodes> leaf(leaves);
     for (box &b : vertex_box)
-      for (int k = 0; k < 3; ++k) { b.lo[k] = place(random); b.hi[k] = b.lo[k] + 0.1f; }
+      for (int k = 0; k < 3; ++k) {
+        b.lo[k] = place(random);
+        b.hi[k] = b.lo[k] + 0.1f;
+      }
     for (int i = 0; i < leaves; ++i) leaf[i] = {{2 * i, 2 * i + 1}};
-    std::vector<box_group> one(offset), two(offset);
+    std::vector<bvh8_node> one(offset), two(offset);
     make_groups(leaves, leaf.data(), vertex_box, one.data());
     two = one;
     make_levels(leaves, false, one.data());
     make_levels(leaves, true, two.data());
-    REQUIRE(std::memcmp(one.data(), two.data(), one.size() * sizeof(box_group)) == 0);
+    REQUIRE(std::memcmp(one.data(), two.data(), one.size() * sizeof(bvh8_node)) == 0);
     std::vector<box> below(leaves);   // by hand
     for (int i = 0; i < leaves; ++i) below[i] = box_union(vertex_box[2 * i], vertex_box[2 * i + 1]);
     for (int l = 0; l <= level; ++l) {
@@ -255,11 +293,14 @@ TEST_CASE("groups: sizes and offsets add up; every level is the union of the one
       for (int g = 0; g < group_level_size(leaves, l); ++g) {
         for (int k = 0; k < 8; ++k) {
           const box b = group_box(&one[group_level_offset(leaves, l) + g], k);
-          if (8 * g + k < int(below.size())) REQUIRE(std::memcmp(&b, &below[8 * g + k], sizeof b) == 0);
-          else REQUIRE(b.lo[0] > b.hi[0]);
+          if (8 * g + k < int(below.size()))
+            REQUIRE(std::memcmp(&b, &below[8 * g + k], sizeof b) == 0);
+          else
+            REQUIRE(b.lo[0] > b.hi[0]);
         }
         here.push_back(below[8 * g]);
-        for (int k = 1; k < 8 && 8 * g + k < int(below.size()); ++k) here.back() = box_union(here.back(), below[8 * g + k]);
+        for (int k = 1; k < 8 && 8 * g + k < int(below.size()); ++k)
+          here.back() = box_union(here.back(), below[8 * g + k]);
       }
       below = here;
     }
@@ -277,28 +318,38 @@ TEST_CASE("a walk meets every group, and every leaf, that overlaps once and in o
     std::vector<box> vertex_box(2 * leaves);
     std::vector<edge_nodes> leaf(leaves);
     for (box &b : vertex_box)
-      for (int k = 0; k < 3; ++k) { b.lo[k] = place(random); b.hi[k] = b.lo[k] + 0.1f; }
+      for (int k = 0; k < 3; ++k) {
+        b.lo[k] = place(random);
+        b.hi[k] = b.lo[k] + 0.1f;
+      }
     for (int i = 0; i < leaves; ++i) leaf[i] = {{2 * i, 2 * i + 1}};
-    std::vector<box_group> tree(group_tree_size(leaves));
+    std::vector<bvh8_node> tree(group_tree_size(leaves));
     make_groups(leaves, leaf.data(), vertex_box, tree.data());
     make_levels(leaves, true, tree.data());
     const int groups = group_level_size(leaves, 0);
     for (int trial = 0; trial < 60; ++trial) {
       box b;
-      for (int k = 0; k < 3; ++k) { b.lo[k] = place(random); b.hi[k] = b.lo[k] + (trial == 0 ? 20 : size(random)); if (trial == 0) b.lo[k] = -1; }
+      for (int k = 0; k < 3; ++k) {
+        b.lo[k] = place(random);
+        b.hi[k] = b.lo[k] + (trial == 0 ? 20 : size(random));
+        if (trial == 0) b.lo[k] = -1;
+      }
       const int first = trial % 2 ? std::uniform_int_distribution<int>(0, groups - 1)(random) : 0;
       std::vector<int> expected, met;
       for (int g = first; g < groups; ++g)
         if (box_overlap(b, group_union(&tree[g]))) expected.push_back(g);
-      group_walk w = trial % 2 ? groups_overlapping_from(first, leaves, tree.data(), b) : groups_overlapping(leaves, tree.data(), b);
-      for (int g = next_group(&w, leaves, tree.data(), b); g >= 0; g = next_group(&w, leaves, tree.data(), b)) met.push_back(g);
+      group_walk w = trial % 2 ? groups_overlapping_from(first, leaves, tree.data(), b)
+                               : groups_overlapping(leaves, tree.data(), b);
+      for (int g = next_group(&w, leaves, tree.data(), b); g >= 0; g = next_group(&w, leaves, tree.data(), b))
+        met.push_back(g);
       REQUIRE(met == expected);
       if (trial == 0) REQUIRE(int(met.size()) == groups);
       expected.clear();
       met.clear();
       for (int i = GROUP * first; i < leaves; ++i)
         if (box_overlap(b, group_box(&tree[i / GROUP], i % GROUP))) expected.push_back(i);
-      w = trial % 2 ? groups_overlapping_from(first, leaves, tree.data(), b) : groups_overlapping(leaves, tree.data(), b);
+      w = trial % 2 ? groups_overlapping_from(first, leaves, tree.data(), b)
+                    : groups_overlapping(leaves, tree.data(), b);
       for (int i = walk_leaves(&w, leaves, tree.data(), b); i != WALK_END; i = walk_leaves(&w, leaves, tree.data(), b))
         if (i != WALK_ON) met.push_back(i);
       REQUIRE(met == expected);

@@ -35,7 +35,8 @@ private:
 Mesh sheet(Random &random, double noise)
 {
   Mesh m = meshes::grid(cells, cells, size, size, -size / 2, -size / 2);
-  for (dvec3 &x : m.position) x = {x.x + random(-noise, noise), x.y + random(-noise, noise), x.z + random(-noise, noise)};
+  for (dvec3 &x : m.position)
+    x = {x.x + random(-noise, noise), x.y + random(-noise, noise), x.z + random(-noise, noise)};
   return m;
 }
 
@@ -71,7 +72,8 @@ Scene tangled(const std::string &kind, unsigned seed)
   } else if (kind == "fold") {   // bent by more than a half turn, until the flap passes through the rest
     const double radius = 0.03, angle = 3.14159 + random(0.9, 1.0);
     a = moved(a, [&](dvec3 x) {
-      const double arc = std::min(std::max(x.x, 0.0), radius * angle), rest = std::max(x.x - radius * angle, 0.0), p = arc / radius;
+      const double arc = std::min(std::max(x.x, 0.0), radius * angle), rest = std::max(x.x - radius * angle, 0.0),
+                   p = arc / radius;
       const double px = std::min(x.x, 0.0) + radius * std::sin(p) + rest * std::cos(p);
       return dvec3{px, x.y + 0.03 * px, radius * (1 - std::cos(p)) + rest * std::sin(p) + x.z};
     });
@@ -130,7 +132,7 @@ TEST_CASE("far vertices keep every bit, pins stay, and the result repeats", "[un
   Scene start = tangled("line", 3);
   Pin pin;
   pin.cloth = 0;
-  for (int j = 0; j <= cells; ++j) pin.vertices.push_back(j * (cells + 1) + 5);   // beside the contour
+  for (int j = 0; j <= cells; ++j) pin.vertices.push_back(j * (cells + 1) + 5);  // beside the contour
   Scene free = start;
   untangle(free);
   CHECK_FALSE(same_bits(free.cloths[0].mesh.position[pin.vertices[8]], start.cloths[0].mesh.position[pin.vertices[8]]));
@@ -139,7 +141,7 @@ TEST_CASE("far vertices keep every bit, pins stay, and the result repeats", "[un
   REQUIRE(untangle(scene).clean);
   untangle(again);
   for (int v : pin.vertices) CHECK(same_bits(scene.cloths[0].mesh.position[v], start.cloths[0].mesh.position[v]));
-  for (int j = 0; j <= cells; ++j)   // the contour is between b's columns 1 and 2; columns from 8 on are far
+  for (int j = 0; j <= cells; ++j)  // the contour is between b's columns 1 and 2; columns from 8 on are far
     for (int i = 8; i <= cells; ++i) {
       const std::size_t v = static_cast<std::size_t>(j * (cells + 1) + i);
       REQUIRE(same_bits(scene.cloths[1].mesh.position[v], start.cloths[1].mesh.position[v]));
@@ -171,7 +173,7 @@ TEST_CASE("what cannot move is reported and refused", "[untangle]")
   }
   Options options;
   options.backend = "cpu";
-  options.intersections = Intersections::untangle;
+  options.intersections = StartPolicy::untangle;
   CHECK_THROWS_AS(Simulation(scene, options), CollisionError);
   const int before = count(scene);
   UntangleOptions few;
@@ -197,9 +199,9 @@ TEST_CASE("the policies at the start of a simulation", "[untangle]")
     CHECK(text.find("cama check SCENE --mesh") != std::string::npos);
     CHECK(text.find("untangle") != std::string::npos);
   }
-  options.intersections = Intersections::exempt;
+  options.intersections = StartPolicy::exempt;
   CHECK(Simulation(scene, options).count_intersections() == count(scene));
-  options.intersections = Intersections::untangle;
+  options.intersections = StartPolicy::untangle;
   Simulation simulation(scene, options);
   CHECK(simulation.untangled().clean);
   CHECK(simulation.untangled().before == count(scene));
@@ -211,7 +213,8 @@ TEST_CASE("the policies at the start of a simulation", "[untangle]")
 
 TEST_CASE("intersections by objects, in the objects' own numbers", "[untangle]")
 {
-  // One triangle stands through another: edges 0-1 and 0-2 of "up" (its face 0) pass through face 0 of "flat", at x = 0.4 and 0.6.
+  // One triangle stands through another: edges 0-1 and 0-2 of "up" (its face 0) pass through face 0 of "flat", at x =
+  // 0.4 and 0.6.
   Scene scene;
   scene.time_step = 1.0 / 200;
   Mesh far = meshes::grid(2, 2, 1, 1, 10, 10), flat, up;
@@ -242,7 +245,8 @@ TEST_CASE("intersections by objects, in the objects' own numbers", "[untangle]")
     save_intersections(file, scene, found);
     std::stringstream text;
     text << std::ifstream(file).rdbuf();
-    CHECK(text.str().find(suffix == ".obj" ? "g cloth__up__with_obstacle__flat_\nf " : "element face 2\n") != std::string::npos);
+    CHECK(text.str().find(suffix == ".obj" ? "g cloth__up__with_obstacle__flat_\nf " : "element face 2\n") !=
+          std::string::npos);
     std::filesystem::remove(file);
   }
   CHECK_THROWS_AS(save_intersections(folder / "x.stl", scene, found), FileError);

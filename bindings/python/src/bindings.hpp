@@ -13,7 +13,8 @@
 #include "cama/mesh.hpp"
 #include "cama/untangle.hpp"
 
-/// The private module cama._core: what cama/*.py wraps. Arrays arrive here with shape, type and finiteness already checked.
+/// The private module cama._core: what cama/*.py wraps. Arrays arrive here with shape, type and finiteness already
+/// checked.
 namespace cama::python {
 
 namespace py = pybind11;
@@ -30,8 +31,7 @@ py::dict to_dict(const UntangleReport &report);
 static_assert(sizeof(dvec3) == 3 * sizeof(double) && sizeof(Triangle) == 3 * sizeof(int));
 
 /// Array [rows, columns] that owns the vector's memory: no copy.
-template <class Scalar, class T>
-py::array_t<Scalar> to_array(std::vector<T> values)
+template <class Scalar, class T> py::array_t<Scalar> to_array(std::vector<T> values)
 {
   constexpr py::ssize_t columns = sizeof(T) / sizeof(Scalar);
   auto *owned = new std::vector<T>(std::move(values));
@@ -42,8 +42,7 @@ py::array_t<Scalar> to_array(std::vector<T> values)
 }
 
 /// Rows of a checked array as values of type T.
-template <class T, class Scalar>
-std::vector<T> to_vector(const py::array_t<Scalar, py::array::c_style> &array)
+template <class T, class Scalar> std::vector<T> to_vector(const py::array_t<Scalar, py::array::c_style> &array)
 {
   static_assert(sizeof(T) % sizeof(Scalar) == 0);
   const T *first = reinterpret_cast<const T *>(array.data());
@@ -54,11 +53,11 @@ inline std::array<double, 3> to_tuple(const dvec3 &v) { return {v.x, v.y, v.z}; 
 inline dvec3 to_vec(const std::array<double, 3> &v) { return dvec3{v[0], v[1], v[2]}; }
 
 /// A dvec3 member as a Python tuple of three floats.
-template <class Class, class Owner>
-void vector_property(Class &bound, const char *name, dvec3 Owner::*member)
+template <class Class, class Owner> void vector_property(Class &bound, const char *name, dvec3 Owner::*member)
 {
-  bound.def_property(name, [member](const Owner &o) { return py::tuple(py::cast(to_tuple(o.*member))); },
-                     [member](Owner &o, const std::array<double, 3> &v) { o.*member = to_vec(v); });
+  bound.def_property(
+      name, [member](const Owner &o) { return py::tuple(py::cast(to_tuple(o.*member))); },
+      [member](Owner &o, const std::array<double, 3> &v) { o.*member = to_vec(v); });
 }
 
 }  // namespace cama::python

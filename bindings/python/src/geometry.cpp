@@ -12,8 +12,7 @@ static_assert(sizeof(Quad) == 12 * sizeof(double));
 const Quad *rows(const Doubles &array) { return reinterpret_cast<const Quad *>(array.data()); }
 
 /// Applies one query to every row of [n, 4, 3] arrays; returns hit [n], time [n].
-template <class Query>
-py::tuple ccd(const Doubles &start, const Doubles &end, Query &&query)
+template <class Query> py::tuple ccd(const Doubles &start, const Doubles &end, Query &&query)
 {
   const py::ssize_t n = start.shape(0);
   py::array_t<bool> hit(n);
@@ -52,7 +51,8 @@ py::tuple distance(const Doubles &points, Distance (*query)(const Quad &))
   return py::make_tuple(distance, weight);
 }
 
-/// (first, second, first name, second name, rows [k, 5] of edge object, edge, face object, face; places [k, 3]) per pair of objects.
+/// (first, second, first name, second name, rows [k, 5] of edge object, edge, face object, face; places [k, 3]) per
+/// pair of objects.
 py::list to_list(const std::vector<ObjectIntersections> &found)
 {
   py::list pairs;
@@ -63,8 +63,8 @@ py::list to_list(const std::vector<ObjectIntersections> &found)
       row.push_back({p.edge_object, p.edge[0], p.edge[1], p.face_object, p.face});
       place.push_back(p.place);
     }
-    pairs.append(py::make_tuple(pair.first, pair.second, pair.first_name, pair.second_name, to_array<int>(std::move(row)),
-                                to_array<double>(std::move(place))));
+    pairs.append(py::make_tuple(pair.first, pair.second, pair.first_name, pair.second_name,
+                                to_array<int>(std::move(row)), to_array<double>(std::move(place))));
   }
   return pairs;
 }
@@ -92,8 +92,10 @@ void bind_geometry(py::module_ &m)
   m.def("edge_edge_ccd", [](const Doubles &start, const Doubles &end, double minimum_distance) {
     return ccd(start, end, [=](const Quad &a, const Quad &b) { return edge_edge_ccd(a, b, minimum_distance); });
   });
-  m.def("vertex_face_ccd_cubic", [](const Doubles &start, const Doubles &end) { return ccd(start, end, vertex_face_ccd_cubic); });
-  m.def("edge_edge_ccd_cubic", [](const Doubles &start, const Doubles &end) { return ccd(start, end, edge_edge_ccd_cubic); });
+  m.def("vertex_face_ccd_cubic",
+        [](const Doubles &start, const Doubles &end) { return ccd(start, end, vertex_face_ccd_cubic); });
+  m.def("edge_edge_ccd_cubic",
+        [](const Doubles &start, const Doubles &end) { return ccd(start, end, edge_edge_ccd_cubic); });
   m.def("vertex_face_distance", [](const Doubles &points) { return distance(points, vertex_face_distance); });
   m.def("edge_edge_distance", [](const Doubles &points) { return distance(points, edge_edge_distance); });
   m.def("intersections", [](const Doubles &vertices, const Ints &faces, int first_obstacle_vertex) {

@@ -6,7 +6,7 @@
 namespace cama::python {
 namespace {
 
-constexpr const char *surface_names[] = {"mesh", "sphere", "capsule", "box", "plane"};   // in the order of Form
+constexpr const char *shape_names[] = {"mesh", "sphere", "capsule", "box", "plane"};  // in the order of ObstacleShape
 
 using Matrix4 = std::array<std::array<double, 4>, 4>;
 
@@ -36,25 +36,29 @@ std::shared_ptr<const Motion::Sampled> samples(const Doubles &times, const Doubl
   sampled->time.assign(times.data(), times.data() + times.size());
   const py::ssize_t count = positions.shape(1);
   const dvec3 *first = reinterpret_cast<const dvec3 *>(positions.data());
-  for (py::ssize_t k = 0; k < positions.shape(0); ++k) sampled->position.emplace_back(first + k * count, first + (k + 1) * count);
+  for (py::ssize_t k = 0; k < positions.shape(0); ++k)
+    sampled->position.emplace_back(first + k * count, first + (k + 1) * count);
   return sampled;
 }
 
 void bind_mesh(py::module_ &m)
 {
   py::class_<Mesh>(m, "Mesh")
-      .def(py::init([](const Doubles &position, const Ints &face, const Doubles &material_position, const Ints &material_face) {
-        return Mesh{to_vector<dvec3>(position), to_vector<Triangle>(face), to_vector<MaterialPoint>(material_position),
-                    to_vector<Triangle>(material_face)};
-      }))
+      .def(py::init(
+          [](const Doubles &position, const Ints &face, const Doubles &material_position, const Ints &material_face) {
+            return Mesh{to_vector<dvec3>(position), to_vector<Triangle>(face),
+                        to_vector<MaterialPoint>(material_position), to_vector<Triangle>(material_face)};
+          }))
       .def_property_readonly("vertices", [](const Mesh &mesh) { return to_array<double>(mesh.position); })
       .def_property_readonly("faces", [](const Mesh &mesh) { return to_array<int>(mesh.face); })
-      .def_property_readonly("material_vertices", [](const Mesh &mesh) { return to_array<double>(mesh.material_position); })
+      .def_property_readonly("material_vertices",
+                             [](const Mesh &mesh) { return to_array<double>(mesh.material_position); })
       .def_property_readonly("material_faces", [](const Mesh &mesh) { return to_array<int>(mesh.material_face); })
       .def("transform", [](Mesh &mesh, const Matrix4 &matrix) { transform(mesh.position, matrix); })
-      .def("scale_material", [](Mesh &mesh, double scale) {
-        for (MaterialPoint &u : mesh.material_position) u = {scale * u[0], scale * u[1]};
-      })
+      .def("scale_material",
+           [](Mesh &mesh, double scale) {
+             for (MaterialPoint &u : mesh.material_position) u = {scale * u[0], scale * u[1]};
+           })
       .def("validate", &Mesh::validate);
   m.def("load_mesh", &load_mesh, py::call_guard<py::gil_scoped_release>());
   m.def("save_obj", &save_obj);
@@ -103,9 +107,13 @@ void bind_motion(py::module_ &m)
       .def_readwrite("stop", &Motion::stop)
       .def_property_readonly("is_static", &Motion::is_static)
       .def_property_readonly("is_rigid", &Motion::is_rigid)
-      .def("add_key", [](Motion &o, double time, const std::array<double, 3> &translation, const std::array<double, 4> &rotation, double scale,
-                         const std::array<double, 3> &center) { o.keys.push_back({time, {to_vec(translation), rotation, scale, to_vec(center)}}); })
-      .def("set_samples", [](Motion &o, const Doubles &times, const Doubles &positions) { o.sampled = samples(times, positions); })
+      .def("add_key",
+           [](Motion &o, double time, const std::array<double, 3> &translation, const std::array<double, 4> &rotation,
+              double scale, const std::array<double, 3> &center) {
+             o.keys.push_back({time, {to_vec(translation), rotation, scale, to_vec(center)}});
+           })
+      .def("set_samples",
+           [](Motion &o, const Doubles &times, const Doubles &positions) { o.sampled = samples(times, positions); })
       .def("transform", [](Motion &o, const Matrix4 &matrix) { transform(o, matrix); })
       .def("evaluate", [](const Motion &o, double time, const Doubles &rest) {
         std::vector<dvec3> position;
@@ -137,11 +145,12 @@ void bind_parts(py::module_ &m)
       .def_readwrite("motion", &Obstacle::motion)
       .def_readwrite("friction", &Obstacle::friction)
       .def_readwrite("static_friction", &Obstacle::static_friction)
-      .def_property("surface", [](const Obstacle &o) { return surface_names[static_cast<int>(o.surface)]; },
-                    [](Obstacle &o, const std::string &name) {
-                      for (int k = 0; k < 5; ++k)
-                        if (name == surface_names[k]) o.surface = static_cast<Form>(k);
-                    })
+      .def_property(
+          "shape", [](const Obstacle &o) { return shape_names[static_cast<int>(o.shape)]; },
+          [](Obstacle &o, const std::string &name) {
+            for (int k = 0; k < 5; ++k)
+              if (name == shape_names[k]) o.shape = static_cast<ObstacleShape>(k);
+          })
       .def_readwrite("radius", &Obstacle::radius)
       .def_readwrite("thickness", &Obstacle::thickness)
       .def_readwrite("contact_stiffness", &Obstacle::contact_stiffness)
@@ -184,25 +193,39 @@ void bind_scene(py::module_ &m)
       .def_readwrite("frames", &Scene::frames)
       .def_readwrite("wind", &Scene::wind)
       .def_readwrite("options", &Scene::options)
-      .def_property_readonly("contact", [](Scene &s) -> Contact & { return s.contact; }, inside)
+      .def_property_readonly(
+          "contact", [](Scene &s) -> Contact & { return s.contact; }, inside)
       .def_property_readonly("cloth_count", [](const Scene &s) { return s.cloths.size(); })
       .def_property_readonly("obstacle_count", [](const Scene &s) { return s.obstacles.size(); })
       .def_property_readonly("stitch_count", [](const Scene &s) { return s.stitches.size(); })
       .def_property_readonly("cloth_vertex_count", &Scene::cloth_vertex_count)
       .def_property_readonly("cloth_triangle_count", &Scene::cloth_triangle_count)
-      .def("cloth", [](Scene &s, std::size_t i) -> Cloth & { return s.cloths.at(i); }, inside)
-      .def("obstacle", [](Scene &s, std::size_t i) -> Obstacle & { return s.obstacles.at(i); }, inside)
-      .def("pins", [](const Scene &s) {
-        py::list rows;
-        for (const Pin &p : s.pins) rows.append(py::make_tuple(p.cloth, to_array<int>(p.vertices), p.obstacle, p.release));
-        return rows;
-      })
-      .def("add_cloth", [](Scene &s, const Cloth &c) { s.cloths.push_back(c); return s.cloths.size() - 1; })
-      .def("add_obstacle", [](Scene &s, const Obstacle &o) { s.obstacles.push_back(o); return s.obstacles.size() - 1; })
-      .def("add_pin", [](Scene &s, int cloth, const Ints &vertices, const Motion &motion, std::optional<int> obstacle, double release) {
-        s.pins.push_back({cloth, to_vector<int>(vertices), motion, obstacle, release});
-      })
-      .def("add_stitch", [](Scene &s, int cloth_a, int vertex_a, int cloth_b, int vertex_b, int vertex_c, double ratio, double stiffness) {
+      .def(
+          "cloth", [](Scene &s, std::size_t i) -> Cloth & { return s.cloths.at(i); }, inside)
+      .def(
+          "obstacle", [](Scene &s, std::size_t i) -> Obstacle & { return s.obstacles.at(i); }, inside)
+      .def("pins",
+           [](const Scene &s) {
+             py::list rows;
+             for (const Pin &p : s.pins)
+               rows.append(py::make_tuple(p.cloth, to_array<int>(p.vertices), p.obstacle, p.release));
+             return rows;
+           })
+      .def("add_cloth",
+           [](Scene &s, const Cloth &c) {
+             s.cloths.push_back(c);
+             return s.cloths.size() - 1;
+           })
+      .def("add_obstacle",
+           [](Scene &s, const Obstacle &o) {
+             s.obstacles.push_back(o);
+             return s.obstacles.size() - 1;
+           })
+      .def("add_pin",
+           [](Scene &s, int cloth, const Ints &vertices, const Motion &motion, std::optional<int> obstacle,
+              double release) { s.pins.push_back({cloth, to_vector<int>(vertices), motion, obstacle, release}); })
+      .def("add_stitch", [](Scene &s, int cloth_a, int vertex_a, int cloth_b, int vertex_b, int vertex_c, double ratio,
+                            double stiffness) {
         s.stitches.push_back({cloth_a, vertex_a, cloth_b, vertex_b, vertex_c, ratio, stiffness});
       });
 }

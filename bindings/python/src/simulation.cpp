@@ -9,13 +9,13 @@
 namespace cama::python {
 namespace {
 
-/// A simulation that several Python threads may ask: one at a time, and never while its lock is waited for with the GIL held.
+/// A simulation that several Python threads may ask: one at a time, and never while its lock is waited for with the GIL
+/// held.
 class Guarded {
 public:
   Guarded(const Scene &scene, const Options &options) : simulation_(scene, options) {}
 
-  template <class Ask>
-  auto with(Ask &&ask)
+  template <class Ask> auto with(Ask &&ask)
   {
     py::gil_scoped_release release;
     std::lock_guard<std::mutex> lock(mutex_);
@@ -36,38 +36,50 @@ void step(Guarded &g, int n)
   }
 }
 
-template <class Enum>
-struct Choice { const char *name; Enum value; };
+template <class Enum> struct Choice {
+  const char *name;
+  Enum value;
+};
 
-constexpr Choice<Assembly> assemblies[] = {{"gather", Assembly::gather}, {"algorithm1", Assembly::algorithm1}, {"sorted", Assembly::sorted}};
-constexpr Choice<Preconditioner> preconditioners[] = {
-    {"none", Preconditioner::none}, {"jacobi", Preconditioner::jacobi}, {"block_jacobi", Preconditioner::block_jacobi},
-    {"schwarz", Preconditioner::schwarz}};
+constexpr Choice<Assembly> assemblies[] = {
+    {"gather", Assembly::gather}, {"algorithm1", Assembly::algorithm1}, {"sorted", Assembly::sorted}};
+constexpr Choice<Preconditioner> preconditioners[] = {{"none", Preconditioner::none},
+                                                      {"jacobi", Preconditioner::jacobi},
+                                                      {"block_jacobi", Preconditioner::block_jacobi},
+                                                      {"schwarz", Preconditioner::schwarz}};
 constexpr Choice<ContactForm> contact_forms[] = {{"rank_one", ContactForm::rank_one}, {"star", ContactForm::star}};
 constexpr Choice<Pinch> pinches[] = {{"stop", Pinch::stop}, {"release", Pinch::release}};
 constexpr Choice<SearchKind> searches[] = {{"tree", SearchKind::tree}, {"fronts", SearchKind::fronts}};
-constexpr Choice<LinearSolver> solvers[] = {{"conjugate_gradient", LinearSolver::conjugate_gradient}, {"direct", LinearSolver::direct}};
+constexpr Choice<LinearSolver> solvers[] = {{"conjugate_gradient", LinearSolver::conjugate_gradient},
+                                            {"direct", LinearSolver::direct}};
 
-constexpr Choice<Integrator> integrators[] = {{"backward_euler", Integrator::backward_euler}, {"bdf2", Integrator::bdf2}};
-constexpr Choice<ContactRefresh> refreshes[] = {{"step", ContactRefresh::step}, {"iteration", ContactRefresh::iteration}};
+constexpr Choice<Integrator> integrators[] = {{"backward_euler", Integrator::backward_euler},
+                                              {"bdf2", Integrator::bdf2}};
+constexpr Choice<ContactRefresh> refreshes[] = {{"step", ContactRefresh::step},
+                                                {"iteration", ContactRefresh::iteration}};
 
-constexpr Choice<Intersections> policies[] = {
-    {"reject", Intersections::reject}, {"exempt", Intersections::exempt}, {"untangle", Intersections::untangle}};
+constexpr Choice<StartPolicy> policies[] = {
+    {"reject", StartPolicy::reject}, {"exempt", StartPolicy::exempt}, {"untangle", StartPolicy::untangle}};
 
 /// An enumeration that Python sees as one of a few words.
 template <class Enum, std::size_t count>
-void choice_property(py::class_<Options> &bound, const char *name, Enum Options::*member, const Choice<Enum> (&choices)[count])
+void choice_property(py::class_<Options> &bound, const char *name, Enum Options::*member,
+                     const Choice<Enum> (&choices)[count])
 {
   bound.def_property(
       name,
       [member, &choices](const Options &o) -> std::string {
-        for (const auto &c : choices) if (c.value == o.*member) return c.name;
+        for (const auto &c : choices)
+          if (c.value == o.*member) return c.name;
         return "?";
       },
       [name, member, &choices](Options &o, const std::string &word) {
         std::string names;
         for (const auto &c : choices) {
-          if (word == c.name) { o.*member = c.value; return; }
+          if (word == c.name) {
+            o.*member = c.value;
+            return;
+          }
           names += (names.empty() ? "" : ", ") + std::string(c.name);
         }
         throw SceneError(std::string(name) + ": \"" + word + "\" is not one of " + names);
@@ -137,8 +149,9 @@ py::dict to_dict(const StepReport &r)
 
 py::tuple contact_arrays(ContactArrays c)
 {
-  return py::make_tuple(to_array<int>(std::move(c.vertices)), to_array<double>(std::move(c.weights)), to_array<double>(std::move(c.normal)),
-                        to_array<double>(std::move(c.distance)), to_array<int>(std::move(c.kind)));
+  return py::make_tuple(to_array<int>(std::move(c.vertices)), to_array<double>(std::move(c.weights)),
+                        to_array<double>(std::move(c.normal)), to_array<double>(std::move(c.distance)),
+                        to_array<int>(std::move(c.kind)));
 }
 
 py::dict to_dict(Checkpoint c)
@@ -163,7 +176,8 @@ py::dict to_dict(Checkpoint c)
   d["matching_last_iterations"] = c.matching.last_iterations;
   d["matching_order"] = to_array<int>(std::move(c.matching.order));
   py::list levels;
-  for (Matching::Level &l : c.matching.levels) levels.append(py::make_tuple(to_array<int>(std::move(l.parent)), to_array<int>(std::move(l.start))));
+  for (Matching::Level &l : c.matching.levels)
+    levels.append(py::make_tuple(to_array<int>(std::move(l.parent)), to_array<int>(std::move(l.start))));
   d["matching_levels"] = levels;
   return d;
 }
@@ -193,15 +207,16 @@ Checkpoint to_checkpoint(const py::dict &d)
   c.matching.last_iterations = d["matching_last_iterations"].cast<int>();
   c.matching.order = to_vector<int>(d["matching_order"].cast<Ints>());
   for (const py::handle &level : d["matching_levels"])
-    c.matching.levels.push_back({to_vector<int>(level[py::int_(0)].cast<Ints>()), to_vector<int>(level[py::int_(1)].cast<Ints>())});
+    c.matching.levels.push_back(
+        {to_vector<int>(level[py::int_(0)].cast<Ints>()), to_vector<int>(level[py::int_(1)].cast<Ints>())});
   return c;
 }
 
 /// Binds a member function that needs no lock beyond the call.
-template <class Result>
-auto ask(Result (Simulation::*method)() const)
+template <class Result> auto ask(Result (Simulation::*method)() const)
 {
-  return [method](Guarded &g) { return g.with([method](Simulation &s) { return std::decay_t<Result>((s.*method)()); }); };
+  return
+      [method](Guarded &g) { return g.with([method](Simulation &s) { return std::decay_t<Result>((s.*method)()); }); };
 }
 
 }  // namespace
@@ -233,40 +248,49 @@ void bind_simulation(py::module_ &m)
       .def("cloth_ranges", ask(&Simulation::cloth_ranges))
       .def("obstacle_ranges", ask(&Simulation::obstacle_ranges))
       .def("faces", [](Guarded &g) { return to_array<int>(g.with([](Simulation &s) { return s.faces(); })); })
-      .def("positions", [](Guarded &g) { return to_array<double>(g.with([](Simulation &s) { return s.positions(); })); })
-      .def("velocities", [](Guarded &g) { return to_array<double>(g.with([](Simulation &s) { return s.velocities(); })); })
+      .def("positions",
+           [](Guarded &g) { return to_array<double>(g.with([](Simulation &s) { return s.positions(); })); })
+      .def("velocities",
+           [](Guarded &g) { return to_array<double>(g.with([](Simulation &s) { return s.velocities(); })); })
       .def("masses", [](Guarded &g) { return to_array<double>(g.with([](Simulation &s) { return s.masses(); })); })
-      .def("set_state", [](Guarded &g, const Doubles &positions, const Doubles &velocities) {
-        const auto x = to_vector<dvec3>(positions), v = to_vector<dvec3>(velocities);
-        g.with([&](Simulation &s) { s.set_state(x, v); });
-      })
+      .def("set_state",
+           [](Guarded &g, const Doubles &positions, const Doubles &velocities) {
+             const auto x = to_vector<dvec3>(positions), v = to_vector<dvec3>(velocities);
+             g.with([&](Simulation &s) { s.set_state(x, v); });
+           })
       .def("checkpoint", [](Guarded &g) { return to_dict(g.with([](Simulation &s) { return s.checkpoint(); })); })
-      .def("restore", [](Guarded &g, const py::dict &fields) {
-        const Checkpoint c = to_checkpoint(fields);
-        g.with([&](Simulation &s) { s.restore(c); });
-      })
+      .def("restore",
+           [](Guarded &g, const py::dict &fields) {
+             const Checkpoint c = to_checkpoint(fields);
+             g.with([&](Simulation &s) { s.restore(c); });
+           })
       .def("contacts", [](Guarded &g) { return contact_arrays(g.with([](Simulation &s) { return s.contacts(); })); })
       .def("report", [](Guarded &g) { return to_dict(g.with([](Simulation &s) { return s.report(); })); })
-      .def("timings", [](Guarded &g) {
-        py::list rows;
-        for (const StageTime &t : g.with([](Simulation &s) { return s.timings(); })) rows.append(py::make_tuple(t.name, t.depth, t.milliseconds));
-        return rows;
-      })
-      .def("streams", [](Guarded &g) {
-        py::list rows;
-        for (const StreamInfo &t : g.with([](Simulation &s) { return s.streams(); })) rows.append(py::make_tuple(t.name, t.element, t.size, t.bytes));
-        return rows;
-      })
+      .def("timings",
+           [](Guarded &g) {
+             py::list rows;
+             for (const StageTime &t : g.with([](Simulation &s) { return s.timings(); }))
+               rows.append(py::make_tuple(t.name, t.depth, t.milliseconds));
+             return rows;
+           })
+      .def("streams",
+           [](Guarded &g) {
+             py::list rows;
+             for (const StreamInfo &t : g.with([](Simulation &s) { return s.streams(); }))
+               rows.append(py::make_tuple(t.name, t.element, t.size, t.bytes));
+             return rows;
+           })
       .def("explain", ask(&Simulation::explain))
-      .def("energy", [](Guarded &g) {
-        const Energy e = g.with([](Simulation &s) { return s.energy(); });
-        py::dict d;
-        d["kinetic"] = e.kinetic;
-        d["stretching"] = e.stretching;
-        d["bending"] = e.bending;
-        d["gravity"] = e.gravity;
-        return d;
-      })
+      .def("energy",
+           [](Guarded &g) {
+             const Energy e = g.with([](Simulation &s) { return s.energy(); });
+             py::dict d;
+             d["kinetic"] = e.kinetic;
+             d["stretching"] = e.stretching;
+             d["bending"] = e.bending;
+             d["gravity"] = e.gravity;
+             return d;
+           })
       .def("untangled", [](Guarded &g) { return to_dict(g.with([](Simulation &s) { return s.untangled(); })); })
       .def("min_gap", ask(&Simulation::min_gap))
       .def("max_strain", ask(&Simulation::max_strain))
@@ -274,13 +298,16 @@ void bind_simulation(py::module_ &m)
       .def("state_hash", ask(&Simulation::state_hash))
       .def("peak_memory_bytes", ask(&Simulation::peak_memory_bytes))
       .def("options", ask(&Simulation::options))
-      .def("settings", [](Guarded &g) {
-        py::list rows;
-        for (const Setting &s : g.with([](Simulation &s) { return s.settings(); })) rows.append(py::make_tuple(s.name, s.value, s.origin, s.trades));
-        return rows;
-      })
+      .def("settings",
+           [](Guarded &g) {
+             py::list rows;
+             for (const Setting &s : g.with([](Simulation &s) { return s.settings(); }))
+               rows.append(py::make_tuple(s.name, s.value, s.origin, s.trades));
+             return rows;
+           })
       .def("backend", [](Guarded &g) {
-        return g.with([](Simulation &s) { return std::make_pair(std::string(s.backend().name()), s.backend().device()); });
+        return g.with(
+            [](Simulation &s) { return std::make_pair(std::string(s.backend().name()), s.backend().device()); });
       });
 }
 

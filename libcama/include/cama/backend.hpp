@@ -41,9 +41,9 @@ public:
   virtual std::string_view name() const = 0;     ///< "cpu", "opencl", "cuda"
   virtual std::string device() const = 0;        ///< what a user calls the hardware
 
-  virtual bool processor() const = 0;            ///< work items are cores with vector registers, not thousands of threads
+  virtual bool wide_workers() const = 0;  ///< work items are cores with vector registers, not thousands of threads
 
-  virtual Buffer allocate(std::size_t bytes) = 0;             ///< throws MemoryError
+  virtual Buffer allocate(std::size_t bytes) = 0;  ///< throws MemoryError
   virtual void release(Buffer buffer) noexcept = 0;
   virtual void upload(Buffer to, const void *from, std::size_t bytes) = 0;
   virtual void download(void *to, Buffer from, std::size_t bytes, std::size_t offset = 0) = 0;
@@ -52,14 +52,16 @@ public:
 
   /// n work items, or n teams where the kernel has teams.
   virtual void launch(const KernelKey &kernel, int n, const Argument *arguments, int count) = 0;
-  /// Runs `work`, which only launches, `times` times; a backend may record it once and replay it. again: it is the work of the last call.
+  /// Runs `work`, which only launches, `times` times; a backend may record it once and replay it. again: it is the work
+  /// of the last call.
   virtual void repeat(int times, const std::function<void()> &work, bool again = false)
   {
     static_cast<void>(again);
     for (int i = 0; i < times; ++i) work();
   }
   /// to[i] = sum of from[0..i), to[n] = total. `to` holds n + 1 ints and may not alias `from`.
-  /// A total beyond 2^31 - 1 is a MemoryError, here or, on backends that do not wait, at the next `download` or `synchronize`.
+  /// A total beyond 2^31 - 1 is a MemoryError, here or, on backends that do not wait, at the next `download` or
+  /// `synchronize`.
   virtual void scan(Buffer from, Buffer to, int n) = 0;
   /// Stable radix sort of n 64-bit keys by their low `bits` bits, values moved along.
   virtual void sort(Buffer keys, Buffer values, int n, int bits) = 0;
@@ -68,9 +70,12 @@ public:
   std::size_t allocated_bytes() const { return allocated_; }
   std::size_t peak_bytes() const { return peak_; }
   long launches() const { return launches_; }
-  long waits() const { return waits_; }          ///< times the host waited for the device
+  long waits() const { return waits_; }  ///< times the host waited for the device
 
-  struct KernelTime { long launches = 0; double milliseconds = 0; };
+  struct KernelTime {
+    long launches = 0;
+    double milliseconds = 0;
+  };
   /// Every kernel's share, where the environment variable CAMA_KERNEL_TIMES is set: launches then wait for each other.
   const std::map<std::string, KernelTime> &kernel_times() const { return kernel_times_; }
 
@@ -94,16 +99,22 @@ protected:
 };
 
 /// Processors of this process, at most OMP_NUM_THREADS where that is set: what threads = 0 of the CPU backend means.
-int processors();
-/// Threads that a scene of so many cloth triangles keeps busy: one for every 1,000, at least 1, at most processors(). Kernels are short; with
-/// more threads they wait for each other.
+int cpu_count();
+/// Threads that a scene of so many cloth triangles keeps busy: one for every 1,000, at least 1, at most cpu_count().
+/// Kernels are short; with more threads they wait for each other.
 int useful_threads(int triangles);
 
 /// name: "auto" (what the environment variable CAMA_BACKEND names, else cpu), "cpu", "opencl" or "cuda".
-/// device: index over the backend's usable devices. threads: of the CPU backend, 0 = processors(). Throws BackendError listing what is there.
+/// device: index over the backend's usable devices. threads: of the CPU backend, 0 = cpu_count(). Throws BackendError
+/// listing what is there.
 std::unique_ptr<Backend> make_backend(const std::string &name, int device = 0, int threads = 0);
 
-struct BackendInfo { std::string name; bool available; std::vector<std::string> devices; std::string note; };
+struct BackendInfo {
+  std::string name;
+  bool available;
+  std::vector<std::string> devices;
+  std::string note;
+};
 std::vector<BackendInfo> list_backends();
 
 }  // namespace cama

@@ -22,8 +22,8 @@ struct Matching {
   std::vector<Level> levels;
 };
 
-/// All that later steps depend on beside scene and options: a simulation that continues from it takes the same steps, bit by bit, on
-/// every backend, as the one it is of.
+/// All that later steps depend on beside scene and options: a simulation that continues from it takes the same steps,
+/// bit by bit, on every backend, as the one it is of.
 struct Checkpoint {
   std::uint64_t scene = 0;                    ///< of meshes and masses; see Simulation::scene_key
   int step = 0;                               ///< steps done
@@ -31,10 +31,10 @@ struct Checkpoint {
   int start_step = 0;                         ///< time = start_time + (step - start_step) time_step
   double start_time = 0;                      ///< s
   std::vector<dvec3> positions, velocities;   ///< [all vertices] m, m/s
-  std::vector<dvec3> positions_before, velocities_before;   ///< a step before, where BDF2 goes on from there; else empty
-  double released = -std::numeric_limits<double>::infinity();   ///< s; pins whose end is not later have let go
-  std::vector<std::pair<int, int>> tangled;   ///< vertices that may pass each other until they separate
-  std::vector<std::pair<int, int>> let_go;    ///< vertex, object that it may pass until it separates
+  std::vector<dvec3> positions_before, velocities_before;  ///< a step before, where BDF2 goes on from there; else empty
+  double released = -std::numeric_limits<double>::infinity();  ///< s; pins whose end is not later have let go
+  std::vector<std::pair<int, int>> tangled;  ///< vertices that may pass each other until they separate
+  std::vector<std::pair<int, int>> let_go;  ///< vertex, object that it may pass until it separates
   Matching matching;
 };
 

@@ -21,34 +21,48 @@ struct RigidTransform {
 
 /// A prescribed motion, continuous in time: rigid keys, steady rates, oscillation, or sampled vertex positions.
 struct Motion {
-  struct Key { double time = 0; RigidTransform transform; };
-  std::vector<Key> keys;                         ///< linear in translation and scale, spherical in rotation; held outside
-  dvec3 velocity{0, 0, 0};                       ///< steady translation, m/s
-  dvec3 rotation_rate{0, 0, 0};                  ///< steady rotation about `center`, rad/s (axis times rate)
-  dvec3 oscillation{0, 0, 0};                    ///< amplitude of a sine translation, m
-  double period = 1;                             ///< of the oscillation, s
+  struct Key {
+    double time = 0;
+    RigidTransform transform;
+  };
+  std::vector<Key> keys;  ///< linear in translation and scale, spherical in rotation; held outside
+  dvec3 velocity{0, 0, 0};  ///< steady translation, m/s
+  dvec3 rotation_rate{0, 0, 0};  ///< steady rotation about `center`, rad/s (axis times rate)
+  dvec3 oscillation{0, 0, 0};  ///< amplitude of a sine translation, m
+  double period = 1;  ///< of the oscillation, s
   dvec3 center{0, 0, 0};
-  double start = 0, stop = 1e300;                ///< the steady parts act between these times, s
+  double start = 0, stop = 1e300;  ///< the steady parts act between these times, s
 
   /// Vertex animation (skinned characters, sequences): positions at given times, linear between, held outside.
-  struct Sampled { std::vector<double> time; std::vector<std::vector<dvec3>> position; };
+  struct Sampled {
+    std::vector<double> time;
+    std::vector<std::vector<dvec3>> position;
+  };
   std::shared_ptr<const Sampled> sampled;
 
   bool is_static() const;
   bool is_rigid() const { return !sampled; }
-  RigidTransform at(double time) const;                                  ///< rigid part
+  RigidTransform at(double time) const;  ///< rigid part
   void evaluate(double time, const std::vector<dvec3> &rest, std::vector<dvec3> &position) const;  ///< all vertices
 };
 
 /// A skinned character: the mesh at the clip's first frame and its sampled motion.
-struct Character { Mesh mesh; Motion motion; double duration = 0; };
+struct Character {
+  Mesh mesh;
+  Motion motion;
+  double duration = 0;
+};
 
 /// Loads a mesh with skeletal animation through assimp (glTF, FBX, DAE).
-/// @param clip name or index of the animation ("" or "0": the first). @param animation_file other file to take the clip from, nodes matched by name.
-/// @param scale m per file unit. @param samples_per_second density of the sampled vertex motion. @param y_up turn y-up files to z-up.
-/// @param lead_in seconds of easing from the bind pose into the clip before it starts (0: starts with the clip; clip "bind": no clip at all).
+/// @param clip name or index of the animation ("" or "0": the first). @param animation_file other file to take the clip
+/// from, nodes matched by name.
+/// @param scale m per file unit. @param samples_per_second density of the sampled vertex motion. @param y_up turn y-up
+/// files to z-up.
+/// @param lead_in seconds of easing from the bind pose into the clip before it starts (0: starts with the clip; clip
+/// "bind": no clip at all).
 /// @param loops how often the clip is played. Throws FileError.
-Character load_character(const std::filesystem::path &file, const std::string &clip = "", const std::filesystem::path &animation_file = {},
-                         double scale = 1.0, double samples_per_second = 60, bool y_up = true, double lead_in = 0, int loops = 1);
+Character load_character(const std::filesystem::path &file, const std::string &clip = "",
+                         const std::filesystem::path &animation_file = {}, double scale = 1.0,
+                         double samples_per_second = 60, bool y_up = true, double lead_in = 0, int loops = 1);
 
 }  // namespace cama

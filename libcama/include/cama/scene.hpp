@@ -17,29 +17,30 @@ namespace cama {
 /// One piece of cloth: a mesh in its starting position, with a rest state in material space.
 struct Cloth {
   std::string name;
-  Mesh mesh;                     ///< mesh.material_position is the rest state; empty: the starting position is the rest state
+  Mesh mesh;  ///< mesh.material_position is the rest state; empty: the starting position is the rest state
   Material material;
-  dvec3 velocity{0, 0, 0};       ///< starting velocity, m/s
-  std::string source;            ///< what it was made from ("grid", a file name), for `explain`
+  dvec3 velocity{0, 0, 0};  ///< starting velocity, m/s
+  std::string source;  ///< what it was made from ("grid", a file name), for `explain`
 };
 
-/// What an obstacle's surface is: a mesh, or exact. The defining points of an exact one are its mesh's vertices: the centre of a sphere,
-/// both ends of a capsule's axis, eight corners of a box (corner k at the low or high side along axis a by bit a of k; with 12 faces), and
-/// three points of a plane whose normal (b - a) x (c - a) points out of the solid half space.
-enum class Form { mesh, sphere, capsule, box, plane };
+/// What an obstacle's surface is: a mesh, or exact. The defining points of an exact one are its mesh's vertices: the
+/// centre of a sphere, both ends of a capsule's axis, eight corners of a box (corner k at the low or high side along
+/// axis a by bit a of k; with 12 faces), and three points of a plane whose normal (b - a) x (c - a) points out of the
+/// solid half space.
+enum class ObstacleShape { mesh, sphere, capsule, box, plane };
 
 /// A body that cloth collides with; it moves as told and feels nothing.
 struct Obstacle {
   std::string name;
-  Mesh mesh;                     ///< position at rest of the motion
-  Motion motion;                 ///< rigid keys or vertex animation
-  double friction = 0.3;         ///< Coulomb coefficient against cloth while it slides
-  double static_friction = -1;   ///< while it sticks, not below `friction`; -1: equal to it
-  double thickness = 0;          ///< contact thickness, m; 0: the scene's
-  double contact_stiffness = -1; ///< penalty, N/m^3; -1: the scene's
+  Mesh mesh;  ///< position at rest of the motion
+  Motion motion;  ///< rigid keys or vertex animation
+  double friction = 0.3;  ///< Coulomb coefficient against cloth while it slides
+  double static_friction = -1;  ///< while it sticks, not below `friction`; -1: equal to it
+  double thickness = 0;  ///< contact thickness, m; 0: the scene's
+  double contact_stiffness = -1;  ///< penalty, N/m^3; -1: the scene's
   std::string source;
-  Form surface = Form::mesh;
-  double radius = 0;             ///< of a sphere or capsule, m
+  ObstacleShape shape = ObstacleShape::mesh;
+  double radius = 0;  ///< of a sphere or capsule, m
 };
 
 /// Exact obstacles, without meshing. Lengths in m; normal need not be of length 1. Throw SceneError.
@@ -48,13 +49,12 @@ Obstacle exact_capsule(const dvec3 &end_a, const dvec3 &end_b, double radius);
 Obstacle exact_box(const dvec3 &center, const dvec3 &size);
 Obstacle exact_plane(const dvec3 &point, const dvec3 &normal);
 
-
 /// Cloth vertices whose motion is prescribed (degrees of freedom eliminated from the system).
 struct Pin {
   int cloth = 0;
-  std::vector<int> vertices;     ///< indices into the cloth's mesh
-  Motion motion;                 ///< rigid motion of the starting position; ignored when `obstacle` is set
-  std::optional<int> obstacle;   ///< attach: follow the nearest point of this obstacle's surface
+  std::vector<int> vertices;  ///< indices into the cloth's mesh
+  Motion motion;  ///< rigid motion of the starting position; ignored when `obstacle` is set
+  std::optional<int> obstacle;  ///< attach: follow the nearest point of this obstacle's surface
   double release = std::numeric_limits<double>::infinity();  ///< time at which the vertices are let go, s
 };
 
@@ -63,43 +63,45 @@ struct Stitch {
   int cloth_a = 0, vertex_a = 0;
   int cloth_b = 0, vertex_b = 0, vertex_c = 0;
   double ratio = 0;
-  double stiffness = 1e3;        ///< N/m
+  double stiffness = 1e3;  ///< N/m
 };
 
 struct Wind {
-  dvec3 velocity{0, 0, 0};       ///< m/s
-  double density = 1.2;          ///< of air, kg/m^3
-  double drag = 0.0;             ///< tangential drag per area and speed, kg/(m^2 s)
+  dvec3 velocity{0, 0, 0};  ///< m/s
+  double density = 1.2;  ///< of air, kg/m^3
+  double drag = 0.0;  ///< tangential drag per area and speed, kg/(m^2 s)
 };
 
 enum class ContactForm { rank_one, star };
 
 struct Contact {
-  bool enabled = true;           ///< false: cloth passes through everything
-  bool self = true;              ///< cloth against cloth
-  double thickness = 1e-3;       ///< distance below which the penalty acts, m
-  double stiffness = 1e6;        ///< penalty stiffness k of Equation 2 per contact area, N/m^3
-  double friction = 0.2;         ///< Coulomb coefficient cloth against cloth, for materials that give none
-  double static_friction = -1;   ///< while it sticks, not below `friction`, for those materials; -1: equal to it
+  bool enabled = true;  ///< false: cloth passes through everything
+  bool self = true;  ///< cloth against cloth
+  double thickness = 1e-3;  ///< distance below which the penalty acts, m
+  double stiffness = 1e6;  ///< penalty stiffness k of Equation 2 per contact area, N/m^3
+  double friction = 0.2;  ///< Coulomb coefficient cloth against cloth, for materials that give none
+  double static_friction = -1;  ///< while it sticks, not below `friction`, for those materials; -1: equal to it
 };
 
 /// What holds for one cloth or obstacle once the scene's values stand in for what it leaves out.
-struct ContactProperties { double thickness, stiffness, friction, static_friction; };
+struct ContactProperties {
+  double thickness, stiffness, friction, static_friction;
+};
 
 /// What the user describes: host data only. Lengths in m, masses in kg, times in s.
 struct Scene {
   std::string name = "scene", description;
-  double time_step = 0;          ///< s, what the levels production and paper take as it is; 0: the level's own
-  double frame_time = 0;         ///< s between recorded frames; 0: time_step, and 1/60 s without one
+  double time_step = 0;  ///< s, what the levels production and paper take as it is; 0: the level's own
+  double frame_time = 0;  ///< s between recorded frames; 0: time_step, and 1/60 s without one
   int frames = 100;
-  dvec3 gravity{0, 0, -9.81};    ///< m/s^2
+  dvec3 gravity{0, 0, -9.81};  ///< m/s^2
   std::optional<Wind> wind;
   Contact contact;
   std::vector<Cloth> cloths;
   std::vector<Obstacle> obstacles;
   std::vector<Pin> pins;
   std::vector<Stitch> stitches;
-  std::string options;           ///< JSON object of how to compute it where the caller does not say; empty: nothing
+  std::string options;  ///< JSON object of how to compute it where the caller does not say; empty: nothing
 
   /// Loads a folder with scene.json, or a JSON file.
   /// @param resolution total number of cloth triangles aimed at by generated meshes; 0: the scene's own default.

@@ -10,8 +10,7 @@
 namespace cama {
 
 /// The paper's data stream: typed, sized, growable memory on one backend.
-template <class T>
-class Stream {
+template <class T> class Stream {
 public:
   using value_type = T;
 
@@ -19,8 +18,15 @@ public:
   explicit Stream(Backend &backend, int size = 0) : backend_(&backend) { resize(size); }
   Stream(Backend &backend, const std::vector<T> &values) : backend_(&backend) { assign(values); }
   Stream(Stream &&other) noexcept { swap(other); }
-  Stream &operator=(Stream &&other) noexcept { swap(other); return *this; }
-  ~Stream() { if (buffer_) backend_->release(buffer_); }
+  Stream &operator=(Stream &&other) noexcept
+  {
+    swap(other);
+    return *this;
+  }
+  ~Stream()
+  {
+    if (buffer_) backend_->release(buffer_);
+  }
 
   int size() const { return size_; }
   int capacity() const { return capacity_; }
@@ -28,11 +34,12 @@ public:
   Buffer buffer() const { return buffer_; }
   Backend *backend() const { return backend_; }
 
-  /// Contents are lost when the stream has to grow; it grows by half, large ones by a sixteenth, so that repeated growth is rare.
+  /// Contents are lost when the stream has to grow; it grows by half, large ones by a sixteenth, so that repeated
+  /// growth is rare.
   void resize(long long size)
   {
     const int wanted = checked(size);
-    if (wanted > capacity_) reserve(capacity_ == 0 ? wanted : with_room(wanted));
+    if (wanted > capacity_) reserve(capacity_ == 0 ? wanted : with_reserve(wanted));
     size_ = wanted;
   }
   void reserve(int capacity)
@@ -49,7 +56,7 @@ public:
     const int wanted = checked(size);
     if (wanted > capacity_) {
       Stream larger(*backend_);
-      larger.reserve(with_room(wanted));
+      larger.reserve(with_reserve(wanted));
       if (size_) backend_->copy(larger.buffer_, buffer_, sizeof(T) * static_cast<std::size_t>(size_));
       swap(larger);
     }
@@ -78,7 +85,10 @@ public:
     resize(other.size_);
     if (size_) backend_->copy(buffer_, other.buffer_, sizeof(T) * static_cast<std::size_t>(size_));
   }
-  void fill_zero() { if (size_) backend_->fill(buffer_, 0, sizeof(T) * static_cast<std::size_t>(size_)); }
+  void fill_zero()
+  {
+    if (size_) backend_->fill(buffer_, 0, sizeof(T) * static_cast<std::size_t>(size_));
+  }
   void swap(Stream &other) noexcept
   {
     std::swap(backend_, other.backend_);
@@ -88,14 +98,17 @@ public:
   }
 
 private:
-  static constexpr int most = 0x7fffffff - (1 << 22);   // kernels' loops count on behind the last by as many work items as there are
+  static constexpr int most =
+      0x7fffffff - (1 << 22);   // kernels' loops count on behind the last by as many work items as there are
   /// A size that was summed up as an int has overflowed to below 0.
   static int checked(long long size)
   {
-    if (size < 0 || size > most) throw MemoryError("a list of this scene exceeds 2^31 entries (" + std::to_string(size) + "); lower the resolution or the contact thickness");
+    if (size < 0 || size > most)
+      throw MemoryError("a list of this scene exceeds 2^31 entries (" + std::to_string(size) +
+                        "); lower the resolution or the contact thickness");
     return static_cast<int>(size);
   }
-  static int with_room(int size)
+  static int with_reserve(int size)
   {
     const long long more = sizeof(T) * static_cast<std::size_t>(size) > (std::size_t(16) << 20) ? size / 16 : size / 2;
     return static_cast<int>(std::min<long long>(most, size + more));

@@ -5,22 +5,23 @@
 #include <cmath>
 
 #include "cama/error.hpp"
-#include "scene/embedded_text.hpp"
-#include "scene/json_reader.hpp"
-#include "scene/material_json.hpp"
-#include "scene/text_file.hpp"
+#include "device/embedded_text.hpp"
+#include "scene/reading/json_reader.hpp"
+#include "scene/reading/material_json.hpp"
+#include "scene/reading/text_file.hpp"
 
 namespace cama {
 namespace {
 
-// ARCSim doubles the tabulated stretching stiffness before use; its tabulated bending stiffness is the hinge's, as here.
+// ARCSim doubles the tabulated stretching stiffness before use; its tabulated bending stiffness is the hinge's, as
+// here.
 constexpr double arcsim_stretching_scale = 2.0;
 
 // A sheet of curvature c on a grid of cells h x h has one hinge a cell: l = h, A = h^2, angle = c h, so that
 // k l^2 angle^2 / (8 A) = k c^2 h^2 / 8 must be the plate's B c^2 h^2 / 2.
-// So k = 4 B holds for a sheet that is held on a cylinder along the grid. A free strip on the alternating grid of our generators relaxes, its vertices
-// folding up and down a little, to four fifths of that energy: with k = 5 B it meets the elastica (tests/unit/test_dynamics.cpp).
-// Other meshes differ by tens of percent (docs/materials.md).
+// So k = 4 B holds for a sheet that is held on a cylinder along the grid. A free strip on the alternating grid of our
+// generators relaxes, its vertices folding up and down a little, to four fifths of that energy: with k = 5 B it meets
+// the elastica (tests/unit/test_dynamics.cpp). Other meshes differ by tens of percent (docs/materials.md).
 constexpr double hinge_per_plate = 5.0;
 
 std::array<std::array<double, 4>, 6> same_rows(const std::array<double, 4> &row)
@@ -41,14 +42,16 @@ void set_bending(Material &m, double warp, double weft)
 Material from_isotropic(const Field &f, double density)
 {
   f.only({"youngs_modulus", "poisson_ratio", "bending", "density"});
-  return Material::isotropic(f.at("youngs_modulus").finite(), f.finite("poisson_ratio", 0.3), f.finite("bending", 0), f.finite("density", density));
+  return Material::isotropic(f.at("youngs_modulus").finite(), f.finite("poisson_ratio", 0.3), f.finite("bending", 0),
+                             f.finite("density", density));
 }
 
 Material from_orthotropic(const Field &f, double density)
 {
   f.only({"youngs_warp", "youngs_weft", "poisson_ratio", "shear", "bending_warp", "bending_weft", "density"});
-  return Material::orthotropic(f.at("youngs_warp").finite(), f.at("youngs_weft").finite(), f.finite("poisson_ratio", 0), f.at("shear").finite(),
-                               f.finite("bending_warp", 0), f.finite("bending_weft", 0), f.finite("density", density));
+  return Material::orthotropic(f.at("youngs_warp").finite(), f.at("youngs_weft").finite(), f.finite("poisson_ratio", 0),
+                               f.at("shear").finite(), f.finite("bending_warp", 0), f.finite("bending_weft", 0),
+                               f.finite("density", density));
 }
 
 template <std::size_t Rows, std::size_t Columns>
@@ -56,7 +59,8 @@ std::array<std::array<double, Columns>, Rows> table(const Field &f, double scale
 {
   const auto items = f.items();
   if (items.size() != Rows)
-    f.fail("expected " + std::to_string(Rows) + " rows of " + std::to_string(Columns) + " numbers, got " + std::to_string(items.size()) + " rows");
+    f.fail("expected " + std::to_string(Rows) + " rows of " + std::to_string(Columns) + " numbers, got " +
+           std::to_string(items.size()) + " rows");
   std::array<std::array<double, Columns>, Rows> rows;
   for (std::size_t r = 0; r < Rows; ++r) {
     const auto v = items[r].numbers(Columns);
@@ -79,14 +83,16 @@ Material from_arcsim(const Field &f)
 
 Material from_cama(const Field &f)
 {
-  f.only({"format", "name", "description", "source", "units", "evidence", "density", "isotropic", "orthotropic", "stretching", "bending",
-          "damping", "friction", "static_friction", "thickness", "contact_stiffness"});
+  f.only({"format", "name", "description", "source", "units", "evidence", "density", "isotropic", "orthotropic",
+          "stretching", "bending", "damping", "friction", "static_friction", "thickness", "contact_stiffness"});
   const double density = f.finite("density", 0.2);
   const int forms = f.has("isotropic") + f.has("orthotropic") + f.has("stretching");
   if (forms != 1) f.fail("give exactly one of \"isotropic\", \"orthotropic\", \"stretching\" (with \"bending\")");
   Material m;
-  if (f.has("isotropic")) m = from_isotropic(f.at("isotropic"), density);
-  else if (f.has("orthotropic")) m = from_orthotropic(f.at("orthotropic"), density);
+  if (f.has("isotropic"))
+    m = from_isotropic(f.at("isotropic"), density);
+  else if (f.has("orthotropic"))
+    m = from_orthotropic(f.at("orthotropic"), density);
   else {
     m.stretching = table<6, 4>(f.at("stretching"), 1.0);
     if (f.has("bending")) m.bending = table<3, 5>(f.at("bending"), 1.0);
@@ -105,7 +111,8 @@ Material from_cama(const Field &f)
 
 void require(bool good, const std::string &object, const char *field, double value, const char *advice)
 {
-  if (!good) throw MaterialError("material of " + object + ": " + field + " is " + std::to_string(value) + "; " + advice);
+  if (!good)
+    throw MaterialError("material of " + object + ": " + field + " is " + std::to_string(value) + "; " + advice);
 }
 
 }  // namespace
@@ -125,15 +132,18 @@ bool Material::has_bending() const
 
 void Material::validate(const std::string &object) const
 {
-  require(std::isfinite(density) && density > 0, object, "density", density, "give kilograms per square metre, greater than 0");
+  require(std::isfinite(density) && density > 0, object, "density", density,
+          "give kilograms per square metre, greater than 0");
   require(std::isfinite(damping) && damping >= 0, object, "damping", damping, "give seconds, 0 or more");
   require(friction == -1 || (std::isfinite(friction) && friction >= 0), object, "friction", friction,
           "give a Coulomb coefficient, 0 or more, or leave it out for the scene's");
-  require(static_friction == -1 || (std::isfinite(static_friction) && static_friction >= std::max(friction, 0.0)), object, "static_friction",
-          static_friction, "give a Coulomb coefficient not below friction, or leave it out for the same");
-  require(contact_stiffness == -1 || (std::isfinite(contact_stiffness) && contact_stiffness > 0), object, "contact_stiffness",
-          contact_stiffness, "give N/m^3, greater than 0, or leave it out for the scene's");
-  require(std::isfinite(thickness) && thickness >= 0, object, "thickness", thickness, "give metres, 0 or more (0: the scene's)");
+  require(static_friction == -1 || (std::isfinite(static_friction) && static_friction >= std::max(friction, 0.0)),
+          object, "static_friction", static_friction,
+          "give a Coulomb coefficient not below friction, or leave it out for the same");
+  require(contact_stiffness == -1 || (std::isfinite(contact_stiffness) && contact_stiffness > 0), object,
+          "contact_stiffness", contact_stiffness, "give N/m^3, greater than 0, or leave it out for the scene's");
+  require(std::isfinite(thickness) && thickness >= 0, object, "thickness", thickness,
+          "give metres, 0 or more (0: the scene's)");
   for (const auto &row : stretching) {
     for (double k : row) require(std::isfinite(k), object, "stretching", k, "every entry must be finite, N/m");
     require(row[0] >= 0, object, "stretching k11", row[0], "give N/m, 0 or more");
@@ -142,7 +152,8 @@ void Material::validate(const std::string &object) const
   if (!has_table()) {   // measured tables may hold negative k12 and k33, which the evaluation clamps
     const auto &k = stretching[0];
     require(k[3] >= 0, object, "stretching k33", k[3], "give N/m, 0 or more");
-    require(k[1] * k[1] <= k[0] * k[2] * (1 + 1e-12), object, "stretching k12", k[1], "k12^2 must not exceed k11 k22 (Poisson ratio below 1)");
+    require(k[1] * k[1] <= k[0] * k[2] * (1 + 1e-12), object, "stretching k12", k[1],
+            "k12^2 must not exceed k11 k22 (Poisson ratio below 1)");
   }
   for (const auto &row : bending)
     for (double b : row) require(std::isfinite(b) && b >= 0, object, "bending", b, "give N m, 0 or more");
@@ -156,11 +167,12 @@ Material Material::isotropic(double youngs_modulus, double poisson_ratio, double
   return m;
 }
 
-Material Material::orthotropic(double youngs_warp, double youngs_weft, double poisson_ratio, double shear, double bending_warp, double bending_weft,
-                               double density)
+Material Material::orthotropic(double youngs_warp, double youngs_weft, double poisson_ratio, double shear,
+                               double bending_warp, double bending_weft, double density)
 {
   if (!(std::abs(poisson_ratio) < 1))
-    throw MaterialError("poisson_ratio is " + std::to_string(poisson_ratio) + "; a sheet needs a value between -1 and 1");
+    throw MaterialError("poisson_ratio is " + std::to_string(poisson_ratio) +
+                        "; a sheet needs a value between -1 and 1");
   if (!(youngs_warp >= 0) || !(youngs_weft >= 0)) throw MaterialError("Young's modulus must be 0 or more, N/m");
   const double scale = 1 / (1 - poisson_ratio * poisson_ratio);   // plane stress; poisson_ratio^2 = nu_12 nu_21
   Material m;
@@ -168,7 +180,8 @@ Material Material::orthotropic(double youngs_warp, double youngs_weft, double po
   m.source = "given by the scene";
   m.density = density;
   // E12 is half the engineering shear strain: G (2 E12)^2 / 2 = k33 E12^2 with k33 = 2 G.
-  m.stretching = same_rows({scale * youngs_warp, scale * poisson_ratio * std::sqrt(youngs_warp * youngs_weft), scale * youngs_weft, 2 * shear});
+  m.stretching = same_rows({scale * youngs_warp, scale * poisson_ratio * std::sqrt(youngs_warp * youngs_weft),
+                            scale * youngs_weft, 2 * shear});
   set_bending(m, bending_warp, bending_weft);
   return m;
 }
@@ -190,14 +203,13 @@ std::vector<std::string> Material::fabric_names()
   return names;
 }
 
-Material Material::load(const std::filesystem::path &file)
-{
-  return parse(read_text(file), file.stem().string());
-}
+Material Material::load(const std::filesystem::path &file) { return parse(read_text(file), file.stem().string()); }
 
 Material Material::parse(const std::string &json, const std::string &name)
 {
-  const Json value = parse_json(json, [&](const std::string &what) { throw MaterialError("material " + name + ": " + what); });   // ARCSim's hold comments
+  const Json value = parse_json(json, [&](const std::string &what) {
+    throw MaterialError("material " + name + ": " + what);
+  });   // ARCSim's hold comments
   return parse_material(Field(value, "material " + name, raise_material_error), name);
 }
 
@@ -213,8 +225,9 @@ Material parse_material(const Field &f, const std::string &name)
 
 Json material_json(const Material &m)
 {
-  Json json = {{"format", "cama"}, {"name", m.name}, {"source", m.source}, {"density", m.density}, {"stretching", m.stretching},
-               {"bending", m.bending}, {"damping", m.damping}, {"thickness", m.thickness}};
+  Json json = {
+      {"format", "cama"},           {"name", m.name},       {"source", m.source},   {"density", m.density},
+      {"stretching", m.stretching}, {"bending", m.bending}, {"damping", m.damping}, {"thickness", m.thickness}};
   if (m.friction >= 0) json["friction"] = m.friction;
   if (m.static_friction >= 0) json["static_friction"] = m.static_friction;
   if (m.contact_stiffness >= 0) json["contact_stiffness"] = m.contact_stiffness;

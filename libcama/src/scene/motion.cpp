@@ -4,7 +4,7 @@
 #include <algorithm>
 #include <cmath>
 
-#include "scene/quaternion.hpp"
+#include "scene/shapes/quaternion.hpp"
 
 namespace cama {
 namespace {
@@ -56,7 +56,8 @@ bool Motion::is_static() const
 RigidTransform Motion::at(double time) const
 {
   RigidTransform key;
-  if (keys.size() == 1) key = keys[0].transform;
+  if (keys.size() == 1)
+    key = keys[0].transform;
   else if (keys.size() > 1) {
     const auto [i, t] = locate([&](std::size_t k) { return keys[k].time; }, keys.size(), time);
     key = between(keys[i].transform, keys[i + 1].transform, t);
@@ -85,7 +86,8 @@ void Motion::evaluate(double time, const std::vector<dvec3> &rest, std::vector<d
   const std::vector<dvec3> *base = &rest;
   if (sampled && !sampled->position.empty()) {
     const auto &s = *sampled;
-    if (s.position.size() == 1) position = s.position[0];
+    if (s.position.size() == 1)
+      position = s.position[0];
     else {
       const auto [i, t] = locate([&](std::size_t k) { return s.time[k]; }, s.time.size(), time);
       const auto &a = s.position[i], &b = s.position[i + 1];

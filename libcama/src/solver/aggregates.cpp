@@ -5,15 +5,16 @@
 
 namespace cama {
 namespace {
-constexpr int most_rounds = 7;       // of joining two by two: 2, 4, 8, 16, then what is left over
-constexpr int wishes = 4;            // handshakes a round
-constexpr int most_levels = 3;         // more make the sum overshoot: 142 iterations became 160 on the drape of 200,000 triangles
-constexpr double least_progress = 0.6;   // of the nodes must go in a level, or it is the last
+constexpr int max_rounds = 7;       // of joining two by two: 2, 4, 8, 16, then what is left over
+constexpr int proposals = 4;            // handshakes a round
+constexpr int max_levels =
+    3;         // more make the sum overshoot: 142 iterations became 160 on the drape of 200,000 triangles
+constexpr double min_progress = 0.6;   // of the nodes must go in a level, or it is the last
 }  // namespace
 
 Aggregates::Aggregates(Backend &b)
-    : rows(b), graph_(b), merged_(b), key_(b), merged_key_(b), entry_(b), head_(b), place_(b), size_(b), joined_size_(b), mate_(b),
-      wish_(b), parent_(b), cluster_(b), strength_(b), weight_(b)
+    : rows(b), graph_(b), merged_(b), key_(b), merged_key_(b), entry_(b), head_(b), place_(b), size_(b),
+      joined_size_(b), mate_(b), proposal_(b), parent_(b), cluster_(b), strength_(b), weight_(b)
 {}
 
 void Aggregates::merge(Backend &b, int n, int nodes, Graph &graph)
@@ -41,17 +42,18 @@ int Aggregates::match(Backend &b)
   cluster_.resize(start);
   CAMA_LAUNCH(b, set_int, nodes, 0, 1, size_);
   CAMA_LAUNCH(b, number_items, start, cluster_);
-  for (int round = 0; round < most_rounds && nodes > 1; ++round) {
-    for (Stream<int> *s : {&mate_, &wish_, &head_, &parent_, &joined_size_}) s->resize(nodes);
+  for (int round = 0; round < max_rounds && nodes > 1; ++round) {
+    for (Stream<int> *s : {&mate_, &proposal_, &head_, &parent_, &joined_size_}) s->resize(nodes);
     place_.resize(nodes + 1);
     CAMA_LAUNCH(b, set_int, nodes, 0, -1, mate_);
-    for (int i = 0; i < wishes; ++i) {
-      CAMA_LAUNCH(b, propose_mates, nodes, graph_.row, graph_.column, graph_.weight, size_, BLOCK_ROWS, mate_, wish_);
-      CAMA_LAUNCH(b, accept_mates, nodes, wish_, mate_);
+    for (int i = 0; i < proposals; ++i) {
+      CAMA_LAUNCH(b, propose_matches, nodes, graph_.row, graph_.column, graph_.weight, size_, BLOCK_ROWS, mate_,
+                  proposal_);
+      CAMA_LAUNCH(b, accept_matches, nodes, proposal_, mate_);
     }
-    CAMA_LAUNCH(b, first_of_mates, nodes, mate_, head_);
+    CAMA_LAUNCH(b, first_of_matches, nodes, mate_, head_);
     b.scan(head_.buffer(), place_.buffer(), nodes);
-    CAMA_LAUNCH(b, join_mates, nodes, mate_, place_, size_, parent_, joined_size_);
+    CAMA_LAUNCH(b, join_matches, nodes, mate_, place_, size_, parent_, joined_size_);
     const int joined = place_.at(nodes);
     if (joined == nodes) break;
     CAMA_LAUNCH(b, follow_parents, start, parent_, cluster_);
@@ -98,8 +100,7 @@ void Aggregates::arrange(Backend &b, std::vector<Stream<int>> &parents, const st
   CAMA_LAUNCH(b, invert_order, rows.size, rows.order, rows.place);
 }
 
-template <class Real>
-void Aggregates::build(State &state, const Stream<typename Types<Real>::mat3> &diagonal)
+template <class Real> void Aggregates::build(State &state, const Stream<typename Types<Real>::mat3> &diagonal)
 {
   Backend &b = *state.backend;
   System<Real> &s = state.system<Real>();
@@ -112,32 +113,34 @@ void Aggregates::build(State &state, const Stream<typename Types<Real>::mat3> &d
   entry_.resize(entries);
   weight_.resize(entries);
   CAMA_LAUNCH_REAL(Real, b, vertex_strengths, vertices, diagonal, strength_);
-  CAMA_LAUNCH_REAL(Real, b, matrix_entries, vertices, s.matrix.row, s.matrix.column, s.matrix.block, rows.place, rows.size, strength_, key_, entry_,
-                   weight_);
-  CAMA_LAUNCH_REAL(Real, b, term_entries, terms, blocks, vertices, s.term, rows.place, rows.size, strength_, key_, entry_, weight_);
+  CAMA_LAUNCH_REAL(Real, b, matrix_entries, vertices, s.matrix.row, s.matrix.column, s.matrix.block, rows.place,
+                   rows.size, strength_, key_, entry_, weight_);
+  CAMA_LAUNCH_REAL(Real, b, term_entries, terms, blocks, vertices, s.term, rows.place, rows.size, strength_, key_,
+                   entry_, weight_);
   merge(b, entries, rows.size, graph_);
   // Each level's clusters are the nodes of the next, until one block holds them all or matching gets stuck.
   std::vector<Stream<int>> parents;
   std::vector<int> count;
   do {
     const int before = graph_.nodes, now = match(b);
-    if (!parents.empty() && now > least_progress * before) break;
+    if (!parents.empty() && now > min_progress * before) break;
     parents.emplace_back(b);
     parents.back().swap(cluster_);
     count.push_back(now);
-  } while (count.back() > 1 && static_cast<int>(count.size()) < most_levels);
+  } while (count.back() > 1 && static_cast<int>(count.size()) < max_levels);
   arrange(b, parents, count);
   // What is left is for many steps.
   graph_ = Graph(b);
   merged_ = Graph(b);
-  for (Stream<int> *s : {&entry_, &head_, &place_, &size_, &joined_size_, &mate_, &wish_, &parent_, &cluster_}) *s = Stream<int>(b);
+  for (Stream<int> *s : {&entry_, &head_, &place_, &size_, &joined_size_, &mate_, &proposal_, &parent_, &cluster_})
+    *s = Stream<int>(b);
   for (Stream<key64> *s : {&key_, &merged_key_}) *s = Stream<key64>(b);
   for (Stream<float> *s : {&strength_, &weight_}) *s = Stream<float>(b);
 }
 
 bool Aggregates::adopt(State &state, const Matching &m)
 {
-  if (m.levels.size() > static_cast<std::size_t>(most_levels)) return false;
+  if (m.levels.size() > static_cast<std::size_t>(max_levels)) return false;
   Backend &b = *state.backend;
   rows.number(state);
   std::vector<int> free = rows.order.download(), order = m.order;

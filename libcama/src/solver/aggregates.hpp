@@ -7,8 +7,8 @@
 
 namespace cama {
 
-/// Rows of the linear system in blocks of strongly coupled neighbours, blocks in blocks: free vertices only, by deterministic handshake
-/// matching on |A_ij| / sqrt(tr A_ii tr A_jj), terms included.
+/// Rows of the linear system in blocks of strongly coupled neighbours, blocks in blocks: free vertices only, by
+/// deterministic handshake matching on |A_ij| / sqrt(tr A_ii tr A_jj), terms included.
 class Aggregates {
 public:
   explicit Aggregates(Backend &backend);
@@ -41,7 +41,8 @@ private:
   };
   /// Sorts the n entries in key_, entry_ and weight_, and adds up equal ones.
   void merge(Backend &b, int n, int nodes, Graph &graph);
-  /// Joins neighbours until no two fit into BLOCK_ROWS; cluster_: [nodes] the cluster of each node of graph_. Returns how many.
+  /// Joins neighbours until no two fit into BLOCK_ROWS; cluster_: [nodes] the cluster of each node of graph_. Returns
+  /// how many.
   int match(Backend &b);
   /// Renumbers nodes so that each block's are neighbours. parents, count: clusters of each level's nodes.
   void arrange(Backend &b, std::vector<Stream<int>> &parents, const std::vector<int> &count);
@@ -49,7 +50,7 @@ private:
   std::vector<Level> level_;
   Graph graph_, merged_;
   Stream<key64> key_, merged_key_;
-  Stream<int> entry_, head_, place_, size_, joined_size_, mate_, wish_, parent_, cluster_;
+  Stream<int> entry_, head_, place_, size_, joined_size_, mate_, proposal_, parent_, cluster_;
   Stream<float> strength_, weight_;
 };
 

@@ -8,7 +8,7 @@ namespace cama {
 namespace {
 constexpr double forces_slack = 10;         // of the tolerance, relative to the forces without penalties
 constexpr double accepted = 1.2;            // of the goal, for the residual computed afresh
-constexpr int most_refinements = 6;
+constexpr int max_refinements = 6;
 /// Of r' P r relative to its start: where a recurrence in this precision would leave the true residual.
 template <class S> constexpr double reachable = sizeof(S) == 8 ? 1e-28 : 4e-8;
 
@@ -19,24 +19,25 @@ int in_columns(int rows) { return column_length(rows) / 4 * 3; }
 
 template <class S>
 ConjugateGradient<S>::ConjugateGradient(Backend &b, Preconditioner kind)
-    : kind_(kind), rows_(b), matrix_(b), inverse_(b), r_(b), z_(b), total_(b), w_(b), p_(b), s_(b), x_(b), product_(b), partial_(b),
-      scalar_(b, 2 * CG_COUNT)
+    : kind_(kind), rows_(b), matrix_(b), inverse_(b), r_(b), z_(b), total_(b), w_(b), p_(b), s_(b), x_(b), product_(b),
+      partial_(b), scalar_(b, 2 * CG_COUNT)
 {
   if (kind == Preconditioner::schwarz) schwarz_ = std::make_unique<Schwarz<S>>(b);
 }
 
-template <class S> template <class Real>
-void ConjugateGradient<S>::start_from(State &state, const Matching &matching)
+template <class S> template <class Real> void ConjugateGradient<S>::start_from(State &state, const Matching &matching)
 {
   if (schwarz_) schwarz_->template adopt<Real>(state, matching);
 }
 
-template <class S> template <class Real>
+template <class S>
+template <class Real>
 void ConjugateGradient<S>::prepare(State &state, Stream<typename Types<Real>::mat3> &diagonal)
 {
   Backend &b = *state.backend;
   const BlockMatrix<Real> &matrix = state.system<Real>().matrix;
-  if (schwarz_ ? schwarz_->outdated(state) : releases_ != state.releases || state.options.assembly != Assembly::gather) {
+  if (schwarz_ ? schwarz_->outdated(state)
+               : releases_ != state.releases || state.options.assembly != Assembly::gather) {
     releases_ = -1;   // stays so if anything below throws
     if (schwarz_) {
       schwarz_->template match<Real>(state, diagonal);
@@ -52,72 +53,79 @@ void ConjugateGradient<S>::prepare(State &state, Stream<typename Types<Real>::ma
   if (rows().size == 0) return;
   matrix_.template fill<Real>(state, rows(), matrix);
   if (schwarz_) return schwarz_->template factor<Real>(state, matrix_);
-  inverse_.resize(across() * in_columns(rows_.size));
+  inverse_.resize(block_rows() * in_columns(rows_.size));
   CAMA_LAUNCH_REAL(Real, b, invert_diagonal, state.cloth_vertices, static_cast<int>(kind_), diagonal);
-  CAMA_LAUNCH_REAL(S, b, pack_diagonal, rows_.size, rows_.order, apart(), across(), sizeof(Real) == 8 ? 1 : 0, as<double, Real>(diagonal),
-                   as<float, Real>(diagonal), components<S>(inverse_));
+  CAMA_LAUNCH_REAL(S, b, pack_diagonal, rows_.size, rows_.order, component_stride(), block_rows(),
+                   sizeof(Real) == 8 ? 1 : 0, as<double, Real>(diagonal), as<float, Real>(diagonal),
+                   components<S>(inverse_));
 }
 
-template <class S>
-int ConjugateGradient<S>::apart() const { return schwarz_ ? 0 : column_length(rows_.size); }
+template <class S> int ConjugateGradient<S>::component_stride() const
+{
+  return schwarz_ ? 0 : column_length(rows_.size);
+}
 
-template <class S>
-void ConjugateGradient<S>::precondition(State &state)
+template <class S> void ConjugateGradient<S>::precondition(State &state)
 {
   Backend &b = *state.backend;
   if (schwarz_)
-    CAMA_LAUNCH_TEAMS(S, b, restrict_residual, CG_TEAM, schwarz_->group_start().size() - 1, schwarz_->levels(), rows().size,
-                      schwarz_->fine_blocks(), schwarz_->group_start(), schwarz_->block_start(), r_);
+    CAMA_LAUNCH_TEAMS(S, b, restrict_residual, CG_TEAM, schwarz_->group_start().size() - 1, schwarz_->levels(),
+                      rows().size, schwarz_->fine_blocks(), schwarz_->group_start(), schwarz_->block_start(), r_);
   else
-    CAMA_LAUNCH_REAL(S, b, apply_diagonal, rows().size, apart(), across(), components<S>(inverse_), components<S>(r_), z_);
+    CAMA_LAUNCH_REAL(S, b, apply_diagonal, rows().size, component_stride(), block_rows(), components<S>(inverse_),
+                     components<S>(r_), z_);
 }
 
-template <class S>
-void ConjugateGradient<S>::advance(State &state, int from, int to)
+template <class S> void ConjugateGradient<S>::advance(State &state, int from, int to)
 {
   Backend &b = *state.backend;
   const int n = rows().size, partials = parts(n, TEAM_ROWS), most = state.options.max_iterations;
   if (schwarz_)
-    CAMA_LAUNCH_TEAMS(S, b, cg_advance_blocks, CG_TEAM, schwarz_->group_start().size() - 1, schwarz_->levels(), n, schwarz_->fine_blocks(),
-                      schwarz_->group_start(), schwarz_->block_start(), partials, partial_, most, from, to, scalar_, total_,
-                      w_, p_, s_, x_, r_);
+    CAMA_LAUNCH_TEAMS(S, b, cg_advance_blocks, CG_TEAM, schwarz_->group_start().size() - 1, schwarz_->levels(), n,
+                      schwarz_->fine_blocks(), schwarz_->group_start(), schwarz_->block_start(), partials, partial_,
+                      most, from, to, scalar_, total_, w_, p_, s_, x_, r_);
   else
-    CAMA_LAUNCH_TEAMS(S, b, cg_advance, CG_TEAM, parts(n, CG_ROWS), n, apart(), across(), components<S>(inverse_), partials, partial_, most, from, to,
-                      scalar_, z_, components<S>(w_), components<S>(p_), components<S>(s_), components<S>(x_), components<S>(r_));
+    CAMA_LAUNCH_TEAMS(S, b, cg_advance, CG_TEAM, parts(n, CG_ROWS), n, component_stride(), block_rows(),
+                      components<S>(inverse_), partials, partial_, most, from, to, scalar_, z_, components<S>(w_),
+                      components<S>(p_), components<S>(s_), components<S>(x_), components<S>(r_));
 }
 
-template <class S>
-void ConjugateGradient<S>::multiply(State &state, int at)
+template <class S> void ConjugateGradient<S>::multiply(State &state, int at)
 {
   Backend &b = *state.backend;
   const int n = rows().size, terms = terms_beside(state);
   const auto combine = [&](int rows_here, int terms_here, int levels, const Stream<vec4> &z) {
     const Stream<int> &none = state.term_incidence.row;
-    CAMA_LAUNCH_REAL(S, b, combine_levels, rows_here + terms_here, rows_here, levels, n, levels > 1 ? schwarz_->fine_blocks() : 0,
-                     levels > 1 ? schwarz_->block_of_row() : none, levels > 1 ? schwarz_->parents() : none, at, scalar_, z, matrix_.term_nodes,
-                     matrix_.term_value, total_, product_);
+    CAMA_LAUNCH_REAL(S, b, combine_levels, rows_here + terms_here, rows_here, levels, n,
+                     levels > 1 ? schwarz_->fine_blocks() : 0, levels > 1 ? schwarz_->block_of_row() : none,
+                     levels > 1 ? schwarz_->parents() : none, at, scalar_, z, matrix_.term_nodes, matrix_.term_value,
+                     total_, product_);
   };
   if (schwarz_) {
-    CAMA_LAUNCH_TEAMS(S, b, apply_blocks, APPLY_TEAM, schwarz_->blocks(), schwarz_->block_start(), at, scalar_, schwarz_->factors(),
-                      schwarz_->weights(), r_, z_);
-    const bool together = !b.processor() && 4 * terms < n;   // one launch less, but every term sums up its own rows; the same bits
+    CAMA_LAUNCH_TEAMS(S, b, apply_blocks, APPLY_TEAM, schwarz_->blocks(), schwarz_->block_start(), at, scalar_,
+                      schwarz_->factors(), schwarz_->weights(), r_, z_);
+    const bool together =
+        !b.wide_workers() && 4 * terms < n;   // one launch less, but every term sums up its own rows; the same bits
     combine(n, together ? terms : 0, schwarz_->levels(), z_);
     if (!together) combine(0, terms, 1, total_);
   } else {
     combine(0, terms, 1, z_);
   }
-  CAMA_LAUNCH_TEAMS(S, b, cg_multiply, CG_MULTIPLY_TEAM, parts(n, TEAM_ROWS), n, matrix_.start, matrix_.row, matrix_.column, matrix_.value,
-                    terms > 0 ? 1 : 0, rows().order, state.term_incidence.row, state.term_incidence.entry, matrix_.entry_weight, product_, at,
-                    scalar_, preconditioned(), apart(), components<S>(r_), components<S>(w_), partial_);
+  CAMA_LAUNCH_TEAMS(S, b, cg_multiply, CG_MULTIPLY_TEAM, parts(n, TEAM_ROWS), n, matrix_.start, matrix_.row,
+                    matrix_.column, matrix_.value, terms > 0 ? 1 : 0, rows().order, state.term_incidence.row,
+                    state.term_incidence.entry, matrix_.entry_weight, product_, at, scalar_, preconditioned(),
+                    component_stride(), components<S>(r_), components<S>(w_), partial_);
 }
 
-template <class S> template <class Real>
-typename ConjugateGradient<S>::Result ConjugateGradient<S>::solve(State &state, const Stream<typename Types<Real>::vec3> *residual,
-                                                                  Stream<typename Types<Real>::vec3> &q, const Product<Real> &product)
+template <class S>
+template <class Real>
+typename ConjugateGradient<S>::Result
+ConjugateGradient<S>::solve(State &state, const Stream<typename Types<Real>::vec3> *residual,
+                            Stream<typename Types<Real>::vec3> &q, const Product<Real> &product)
 {
   Backend &b = *state.backend;
   System<Real> &s = state.system<Real>();
-  const int n = rows().size, wide = sizeof(Real) == 8, nodes = schwarz_ && n ? schwarz_->nodes() : n;
+  const int n = rows().size, is_double = sizeof(Real) == 8, nodes = schwarz_ && n ? schwarz_->nodes() : n;
   Result result;
   if (n == 0) return result;
   const int length = schwarz_ ? n : in_columns(n);
@@ -128,15 +136,18 @@ typename ConjugateGradient<S>::Result ConjugateGradient<S>::solve(State &state, 
   product_.resize(terms_beside(state));
   partial_.resize(2 * parts(n, TEAM_ROWS));
   const double tolerance = state.options.tolerance, dt = state.time_step;
-  const int most = state.options.max_iterations, partials = parts(n, TEAM_ROWS), block = b.processor() ? 4 : 8;   // iterations enqueued at once
-  const auto start_from = [&](int mode, int plain, const Stream<typename Types<Real>::vec3> &b1, const Stream<typename Types<Real>::vec3> &q1) {
+  const int most = state.options.max_iterations, partials = parts(n, TEAM_ROWS),
+            block = b.wide_workers() ? 4 : 8;   // iterations enqueued at once
+  const auto start_from = [&](int mode, int plain, const Stream<typename Types<Real>::vec3> &b1,
+                              const Stream<typename Types<Real>::vec3> &q1) {
     if (mode == CG_MEASURE_FORCES) scalar_.fill_zero();
-    CAMA_LAUNCH_REAL(S, b, gather_residual, n, rows().order, apart(), plain, wide, as<double, Real>(b1), as<double, Real>(q1), as<float, Real>(b1),
-                     as<float, Real>(q1), components<S>(r_), scalar_);
+    CAMA_LAUNCH_REAL(S, b, gather_residual, n, rows().order, component_stride(), plain, is_double, as<double, Real>(b1),
+                     as<double, Real>(q1), as<float, Real>(b1), as<float, Real>(q1), components<S>(r_), scalar_);
     precondition(state);
     multiply(state, 0);
-    CAMA_LAUNCH_TEAMS(S, b, cg_start, CG_TEAM, 1, mode, partials, partial_, tolerance * tolerance, forces_slack * forces_slack * dt * dt,
-                      std::min(1e-20, 1e-6 * tolerance * tolerance), reachable<S>, scalar_);
+    CAMA_LAUNCH_TEAMS(S, b, cg_start, CG_TEAM, 1, mode, partials, partial_, tolerance * tolerance,
+                      forces_slack * forces_slack * dt * dt, std::min(1e-20, 1e-6 * tolerance * tolerance),
+                      reachable<S>, scalar_);
   };
   const auto iterate = [&] {
     for (int i = 0; i < block; ++i) {
@@ -159,10 +170,14 @@ typename ConjugateGradient<S>::Result ConjugateGradient<S>::solve(State &state, 
     bool recorded = refinement == 0;
     scalar = scalar_.download();
     const double start = refinement == 0 ? scalar[CG_START] : scalar[CG_INNER] / reachable<S>;
-    if (refinement == 0) result.start = start;
-    else result.residual = result.start > 0 ? std::sqrt(start / result.start) : 0;
+    if (refinement == 0)
+      result.start = start;
+    else
+      result.residual = result.start > 0 ? std::sqrt(start / result.start) : 0;
     const bool met = refinement > 0 && start <= accepted * accepted * scalar[CG_GOAL];
-    if (met || refinement == most_refinements || (refinement > 0 && (start > before / 4 || scalar[CG_ITERATIONS] >= most))) break;
+    if (met || refinement == max_refinements ||
+        (refinement > 0 && (start > before / 4 || scalar[CG_ITERATIONS] >= most)))
+      break;
     while (scalar[CG_DONE] == 0) {
       b.repeat(std::max(1, expected_ / (16 * block)), iterate, recorded);
       recorded = true;
@@ -174,8 +189,8 @@ typename ConjugateGradient<S>::Result ConjugateGradient<S>::solve(State &state, 
     }
     if (scalar[CG_ITERATIONS] == 0) break;   // nothing to do
     before = start;
-    CAMA_LAUNCH_REAL(S, b, add_solution, n, rows().order, apart(), components<S>(x_), wide, as<double, Real>(s.solution),
-                     as<float, Real>(s.solution));
+    CAMA_LAUNCH_REAL(S, b, add_solution, n, rows().order, component_stride(), components<S>(x_), is_double,
+                     as<double, Real>(s.solution), as<float, Real>(s.solution));
   }
   result.iterations = expected_ = static_cast<int>(scalar[CG_ITERATIONS]);
   if (schwarz_) schwarz_->note(state.report.step, result.iterations);
@@ -184,11 +199,12 @@ typename ConjugateGradient<S>::Result ConjugateGradient<S>::solve(State &state, 
 
 template class ConjugateGradient<double>;
 template class ConjugateGradient<float>;
-#define CAMA_SOLVER(S, Real)                                                                              \
-  template void ConjugateGradient<S>::start_from<Real>(State &, const Matching &);                         \
-  template void ConjugateGradient<S>::prepare<Real>(State &, Stream<typename Types<Real>::mat3> &);        \
-  template ConjugateGradient<S>::Result ConjugateGradient<S>::solve<Real>(State &, const Stream<typename Types<Real>::vec3> *,             \
-                                                                        Stream<typename Types<Real>::vec3> &, const Product<Real> &);
+#define CAMA_SOLVER(S, Real)                                                                        \
+  template void ConjugateGradient<S>::start_from<Real>(State &, const Matching &);                  \
+  template void ConjugateGradient<S>::prepare<Real>(State &, Stream<typename Types<Real>::mat3> &); \
+  template ConjugateGradient<S>::Result ConjugateGradient<S>::solve<Real>(                          \
+      State &, const Stream<typename Types<Real>::vec3> *, Stream<typename Types<Real>::vec3> &,    \
+      const Product<Real> &);
 CAMA_SOLVER(double, double)
 CAMA_SOLVER(float, double)
 CAMA_SOLVER(float, float)

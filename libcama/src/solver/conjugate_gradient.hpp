@@ -11,8 +11,9 @@ namespace cama {
 template <class Real>
 using Product = std::function<void(const Stream<typename Types<Real>::vec3> &x, Stream<typename Types<Real>::vec3> &q)>;
 
-/// A v = b by the conjugate gradient in one reduction an iteration (Chronopoulos and Gear 1989), in precision S. The matrix and the residual
-/// come in the precision of the forces, so that a solve in single precision is refined to any tolerance.
+/// A v = b by the conjugate gradient in one reduction an iteration (Chronopoulos and Gear 1989), in precision S. The
+/// matrix and the residual come in the precision of the forces, so that a solve in single precision is refined to any
+/// tolerance.
 template <class S> class ConjugateGradient {
 public:
   ConjugateGradient(Backend &backend, Preconditioner kind);
@@ -26,20 +27,25 @@ public:
   template <class Real> void prepare(State &state, Stream<typename Types<Real>::mat3> &diagonal);
 
   /// start: r' P r at the start. broken: not positive definite, or not finite.
-  struct Result { int iterations = 0; double residual = 0, start = 0; bool broken = false; };
-  /// Improves the solution until sqrt(r' P r) of the true residual has met the tolerance. residual: of the start, where it is known.
-  /// multiply(x, q): q = A x; q: scratch.
+  struct Result {
+    int iterations = 0;
+    double residual = 0, start = 0;
+    bool broken = false;
+  };
+  /// Improves the solution until sqrt(r' P r) of the true residual has met the tolerance. residual: of the start, where
+  /// it is known. multiply(x, q): q = A x; q: scratch.
   template <class Real>
-  Result solve(State &state, const Stream<typename Types<Real>::vec3> *residual, Stream<typename Types<Real>::vec3> &q, const Product<Real> &multiply);
+  Result solve(State &state, const Stream<typename Types<Real>::vec3> *residual, Stream<typename Types<Real>::vec3> &q,
+               const Product<Real> &multiply);
 
 private:
   using vec4 = typename Types<S>::vec4;
   const RowOrder &rows() const { return schwarz_ ? schwarz_->rows() : rows_; }
   const Stream<vec4> &preconditioned() const { return schwarz_ ? total_ : z_; }
   /// Numbers from column to column of r, w, p, s, x and P; 0 with Schwarz, where they are rows.
-  int apart() const;
+  int component_stride() const;
   /// Rows of a block of P.
-  int across() const { return kind_ == Preconditioner::block_jacobi ? 3 : 1; }
+  int block_rows() const { return kind_ == Preconditioner::block_jacobi ? 3 : 1; }
   /// z = P r where it was not made with r.
   void precondition(State &state);
   /// z = P r with the coarse corrections, w = A z, r'z and z'w. at: place of the scalars.
@@ -47,14 +53,14 @@ private:
   void advance(State &state, int from, int to);
 
   const Preconditioner kind_;
-  std::unique_ptr<Schwarz<S>> schwarz_;   // of the Schwarz preconditioner
-  RowOrder rows_;                             // of others
+  std::unique_ptr<Schwarz<S>> schwarz_;  // of the Schwarz preconditioner
+  RowOrder rows_;  // of others
   SlicedMatrix<S> matrix_;
-  Stream<vec4> inverse_;                  // others' P
-  int releases_ = -1;                     // of pins, when the pattern was made; -1: it has to be
-  int expected_ = 0;                      // iterations
-  Stream<vec4> r_, z_, total_, w_, p_, s_, x_, product_;   // r_, z_: with the nodes of coarse levels behind
-  Stream<double> partial_, scalar_;       // scalars twice: of the last iteration and of this one
+  Stream<vec4> inverse_;  // others' P
+  int releases_ = -1;  // of pins, when the pattern was made; -1: it has to be
+  int expected_ = 0;  // iterations
+  Stream<vec4> r_, z_, total_, w_, p_, s_, x_, product_;  // r_, z_: with the nodes of coarse levels behind
+  Stream<double> partial_, scalar_;  // scalars twice: of the last iteration and of this one
 };
 
 }  // namespace cama

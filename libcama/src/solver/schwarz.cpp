@@ -5,20 +5,22 @@
 
 namespace cama {
 namespace {
-// A matching is kept for some steps: contacts may have changed what is strongly coupled. Few do: 10 or 60 steps differ by 0 to 6 % of iterations.
-constexpr int least_steps = 10, most_steps = 60;
+// A matching is kept for some steps: contacts may have changed what is strongly coupled. Few do: 10 or 60 steps differ
+// by 0 to 6 % of iterations.
+constexpr int min_steps = 10, max_steps = 60;
 constexpr double longer_solves = 1.1;       // than right after the matching
 constexpr double changed_terms = 0.2;       // or as many terms as this fraction came or went
 }  // namespace
 
 template <class S>
 Schwarz<S>::Schwarz(Backend &b)
-    : aggregates_(b), factor_(b), block_start_(b), group_start_(b), vertex_parent_(b), weight_(b), sum_(b), other_sum_(b)
+    : aggregates_(b), factor_(b), block_start_(b), group_start_(b), vertex_parent_(b), weight_(b), sum_(b),
+      other_sum_(b)
 {}
 
 template <class S>
 void Schwarz<S>::make_level(Backend &b, int l, const Stream<int> &row, const Stream<int> &column, int rows, int columns,
-                                  const Stream<int> &parent)
+                            const Stream<int> &parent)
 {
   Level &level = level_[static_cast<std::size_t>(l)];
   const int n = column.size(), nodes = aggregates_.level(l).nodes;
@@ -39,12 +41,14 @@ void Schwarz<S>::make_level(Backend &b, int l, const Stream<int> &row, const Str
   CAMA_LAUNCH(b, row_starts, nodes + 1, entries, coarse_key, level.row);
   // The ancestors of rows.
   level.ancestor.resize(aggregates_.rows.size);
-  if (l == 1) level.ancestor.copy_from(aggregates_.level(0).parent);
-  else CAMA_LAUNCH(b, take_items, aggregates_.rows.size, level_[static_cast<std::size_t>(l - 1)].ancestor, aggregates_.level(l - 1).parent, level.ancestor);
+  if (l == 1)
+    level.ancestor.copy_from(aggregates_.level(0).parent);
+  else
+    CAMA_LAUNCH(b, take_items, aggregates_.rows.size, level_[static_cast<std::size_t>(l - 1)].ancestor,
+                aggregates_.level(l - 1).parent, level.ancestor);
 }
 
-template <class S>
-void Schwarz<S>::make_tables(Backend &b)
+template <class S> void Schwarz<S>::make_tables(Backend &b)
 {
   const int levels = aggregates_.levels();
   blocks_ = nodes_ = 0;
@@ -67,7 +71,8 @@ void Schwarz<S>::make_tables(Backend &b)
   group_start_.assign(start);
 }
 
-template <class S> template <class Real>
+template <class S>
+template <class Real>
 void Schwarz<S>::match(State &state, const Stream<typename Types<Real>::mat3> &diagonal)
 {
   terms_ = -1;   // stays so if anything below throws
@@ -78,8 +83,7 @@ void Schwarz<S>::match(State &state, const Stream<typename Types<Real>::mat3> &d
   matched_ = state.report.step;   // by number: a step that fails and is taken again counts once
 }
 
-template <class S> template <class Real>
-void Schwarz<S>::make_levels(State &state)
+template <class S> template <class Real> void Schwarz<S>::make_levels(State &state)
 {
   level_.clear();
   if (rows().size == 0) return;
@@ -98,8 +102,7 @@ void Schwarz<S>::make_levels(State &state)
   make_tables(b);
 }
 
-template <class S>
-void Schwarz<S>::note(int step, int iterations)
+template <class S> void Schwarz<S>::note(int step, int iterations)
 {
   if (step != last_.step) {
     before_ = last_;
@@ -109,8 +112,7 @@ void Schwarz<S>::note(int step, int iterations)
   if (step == matched_) first_ = last_.iterations;
 }
 
-template <class S>
-Matching Schwarz<S>::matching(const State &state) const
+template <class S> Matching Schwarz<S>::matching(const State &state) const
 {
   Matching m;
   if (terms_ < 0 || releases_ != state.releases || rows().size == 0) return m;
@@ -119,12 +121,12 @@ Matching Schwarz<S>::matching(const State &state) const
   m.first_iterations = first_;
   m.last_iterations = last_.iterations;
   m.order = rows().order.download();
-  for (int l = 0; l < levels(); ++l) m.levels.push_back({aggregates_.level(l).parent.download(), aggregates_.level(l).start.download()});
+  for (int l = 0; l < levels(); ++l)
+    m.levels.push_back({aggregates_.level(l).parent.download(), aggregates_.level(l).start.download()});
   return m;
 }
 
-template <class S> template <class Real>
-void Schwarz<S>::adopt(State &state, const Matching &m)
+template <class S> template <class Real> void Schwarz<S>::adopt(State &state, const Matching &m)
 {
   if (m.order.empty() || !aggregates_.adopt(state, m)) return;
   make_levels<Real>(state);
@@ -136,27 +138,28 @@ void Schwarz<S>::adopt(State &state, const Matching &m)
   last_ = {state.report.step - 1, m.last_iterations};
 }
 
-template <class S>
-bool Schwarz<S>::outdated(const State &state) const
+template <class S> bool Schwarz<S>::outdated(const State &state) const
 {
   if (terms_ < 0 || releases_ != state.releases || state.options.assembly != Assembly::gather) return true;
   const int age = state.report.step - matched_;
-  const Solve &solve = last_.step < state.report.step ? last_ : before_;   // a step that is taken again decides as it did
-  if (state.terms > 0 && (age >= most_steps || (age >= least_steps && solve.iterations > longer_solves * first_))) return true;
+  const Solve &solve =
+      last_.step < state.report.step ? last_ : before_;   // a step that is taken again decides as it did
+  if (state.terms > 0 && (age >= max_steps || (age >= min_steps && solve.iterations > longer_solves * first_)))
+    return true;
   return std::abs(state.terms - terms_) > changed_terms * (state.terms + terms_) + 64;
 }
 
 /// The terms' part of the coarse diagonals: each level sums what rows add, child by child.
-template <class S>
-void Schwarz<S>::weigh_terms(State &state, const SlicedMatrix<S> &matrix)
+template <class S> void Schwarz<S>::weigh_terms(State &state, const SlicedMatrix<S> &matrix)
 {
   Backend &b = *state.backend;
-  const bool wide = sizeof(S) == 8;
+  const bool is_double = sizeof(S) == 8;
   for (int l = 1; l < aggregates_.levels(); ++l) {
     Level &level = level_[static_cast<std::size_t>(l)];
     sum_.resize(6 * rows().size);
-    CAMA_LAUNCH(b, term_diagonals, rows().size, rows().order, state.term_incidence.row, state.term_incidence.entry, matrix.term_nodes,
-                level.ancestor, wide ? 1 : 0, as<double, S>(matrix.term_value), as<float, S>(matrix.term_value), sum_);
+    CAMA_LAUNCH(b, term_diagonals, rows().size, rows().order, state.term_incidence.row, state.term_incidence.entry,
+                matrix.term_nodes, level.ancestor, is_double ? 1 : 0, as<double, S>(matrix.term_value),
+                as<float, S>(matrix.term_value), sum_);
     for (int k = 0; k < l; ++k) {
       Stream<double> &to = k == l - 1 ? level.diagonal : other_sum_;
       to.resize(6 * aggregates_.level(k).blocks);
@@ -166,36 +169,38 @@ void Schwarz<S>::weigh_terms(State &state, const SlicedMatrix<S> &matrix)
   }
 }
 
-template <class S> template <class Real>
-void Schwarz<S>::factor(State &state, const SlicedMatrix<S> &matrix)
+template <class S> template <class Real> void Schwarz<S>::factor(State &state, const SlicedMatrix<S> &matrix)
 {
   Backend &b = *state.backend;
   System<Real> &s = state.system<Real>();
-  const int wide = sizeof(Real) == 8, terms = terms_beside(state) > 0;
+  const int is_double = sizeof(Real) == 8, terms = terms_beside(state) > 0;
   const auto &fine = aggregates_.level(0);
   if (terms) weigh_terms(state, matrix);
   factor_.resize(FACTOR_WORDS * blocks_);
   weight_.resize(BLOCK_SIZE * blocks_);
-  CAMA_LAUNCH_TEAMS(S, b, factor_fine_blocks, BLOCK_TEAM, fine.blocks, fine.start, matrix.start, matrix.place, matrix.column, matrix.value, terms,
-                    rows().order, state.term_incidence.row, state.term_incidence.entry, matrix.term_nodes, matrix.term_value, factor_, weight_);
+  CAMA_LAUNCH_TEAMS(S, b, factor_fine_blocks, BLOCK_TEAM, fine.blocks, fine.start, matrix.start, matrix.place,
+                    matrix.column, matrix.value, terms, rows().order, state.term_incidence.row,
+                    state.term_incidence.entry, matrix.term_nodes, matrix.term_value, factor_, weight_);
   for (int l = 1, at = fine.blocks; l < aggregates_.levels(); ++l) {
     Level &level = level_[static_cast<std::size_t>(l)];
     const int blocks = aggregates_.level(l).blocks;
-    if (l == 1) CAMA_LAUNCH(b, coarse_values, level.value.size(), level.source_start, level.source, wide, as<double, Real>(s.matrix.block),
-                            as<float, Real>(s.matrix.block), level.value);
-    else CAMA_LAUNCH(b, coarse_values, level.value.size(), level.source_start, level.source, 1, level_[static_cast<std::size_t>(l - 1)].value,
-                     nothing<float>(), level.value);
-    CAMA_LAUNCH_TEAMS(S, b, factor_coarse_blocks, BLOCK_TEAM, blocks, at, aggregates_.level(l).start, level.row, level.column, level.value,
-                      terms, level.diagonal, factor_, weight_);
+    if (l == 1)
+      CAMA_LAUNCH(b, coarse_values, level.value.size(), level.source_start, level.source, is_double,
+                  as<double, Real>(s.matrix.block), as<float, Real>(s.matrix.block), level.value);
+    else
+      CAMA_LAUNCH(b, coarse_values, level.value.size(), level.source_start, level.source, 1,
+                  level_[static_cast<std::size_t>(l - 1)].value, nothing<float>(), level.value);
+    CAMA_LAUNCH_TEAMS(S, b, factor_coarse_blocks, BLOCK_TEAM, blocks, at, aggregates_.level(l).start, level.row,
+                      level.column, level.value, terms, level.diagonal, factor_, weight_);
     at += blocks;
   }
 }
 
 template class Schwarz<double>;
 template class Schwarz<float>;
-#define CAMA_SCHWARZ(S, Real)                                                                \
+#define CAMA_SCHWARZ(S, Real)                                                                 \
   template void Schwarz<S>::match<Real>(State &, const Stream<typename Types<Real>::mat3> &); \
-  template void Schwarz<S>::adopt<Real>(State &, const Matching &); \
+  template void Schwarz<S>::adopt<Real>(State &, const Matching &);                           \
   template void Schwarz<S>::factor<Real>(State &, const SlicedMatrix<S> &);
 CAMA_SCHWARZ(double, double)
 CAMA_SCHWARZ(double, float)

@@ -11,7 +11,8 @@ template <class S> class Schwarz {
 public:
   explicit Schwarz(Backend &backend);
 
-  /// Whether contacts or pins have changed so much, or solves have become so long, that vertices are to be matched anew.
+  /// Whether contacts or pins have changed so much, or solves have become so long, that vertices are to be matched
+  /// anew.
   bool outdated(const State &state) const;
   /// New blocks; rows() in a new order. diagonal: of the matrix, terms included.
   template <class Real> void match(State &state, const Stream<typename Types<Real>::mat3> &diagonal);
@@ -51,12 +52,15 @@ private:
 
   /// Patterns and tables of the levels.
   template <class Real> void make_levels(State &state);
-  void make_level(Backend &b, int l, const Stream<int> &row, const Stream<int> &column, int rows, int columns, const Stream<int> &parent);
+  void make_level(Backend &b, int l, const Stream<int> &row, const Stream<int> &column, int rows, int columns,
+                  const Stream<int> &parent);
   void make_tables(Backend &b);
   void weigh_terms(State &state, const SlicedMatrix<S> &matrix);
 
   Aggregates aggregates_;
-  struct Solve { int step = -1, iterations = 0; };   // the longest of a step
+  struct Solve {
+    int step = -1, iterations = 0;
+  };   // the longest of a step
   Solve last_, before_;                 // of the last step, of the one before
   int first_ = 0;                       // iterations of the longest in the step of the matching
   int terms_ = -1, matched_ = 0, releases_ = 0, blocks_ = 0, nodes_ = 0;

@@ -31,7 +31,8 @@ void RowOrder::sort_by_length(Backend &b, const Stream<int> &row)
   CAMA_LAUNCH(b, invert_order, size, order, place);
 }
 
-template <class S> template <class Real>
+template <class S>
+template <class Real>
 void SlicedMatrix<S>::make_pattern(State &state, const RowOrder &rows, const BlockMatrix<Real> &matrix)
 {
   Backend &b = *state.backend;
@@ -44,35 +45,37 @@ void SlicedMatrix<S>::make_pattern(State &state, const RowOrder &rows, const Blo
   CAMA_LAUNCH(b, invert_order, rows.size, row, place);
   width_.resize(slices);
   start.resize(slices + 1);
-  CAMA_LAUNCH(b, slice_widths, slices, rows.size, row, rows.order, matrix.row, matrix.column, state.cloth_vertices, rows.place, width_);
+  CAMA_LAUNCH(b, slice_widths, slices, rows.size, row, rows.order, matrix.row, matrix.column, state.cloth_vertices,
+              rows.place, width_);
   b.scan(width_.buffer(), start.buffer(), slices);
   const long long entries = static_cast<long long>(SLICE_ROWS) * start.at(slices);
   column.resize(entries);
   source_.resize(entries);
   value.resize(9 * entries);
-  CAMA_LAUNCH(b, fill_slices, SLICE_ROWS * slices, rows.size, row, rows.order, matrix.row, matrix.column, state.cloth_vertices, rows.place,
-              start, column, source_);
+  CAMA_LAUNCH(b, fill_slices, SLICE_ROWS * slices, rows.size, row, rows.order, matrix.row, matrix.column,
+              state.cloth_vertices, rows.place, start, column, source_);
 }
 
-template <class S> template <class Real>
+template <class S>
+template <class Real>
 void SlicedMatrix<S>::fill(State &state, const RowOrder &rows, const BlockMatrix<Real> &matrix)
 {
   Backend &b = *state.backend;
-  CAMA_LAUNCH_REAL(S, b, fill_slice_values, source_.size(), source_, sizeof(Real) == 8 ? 1 : 0, as<double, Real>(matrix.block),
-                   as<float, Real>(matrix.block), value);
+  CAMA_LAUNCH_REAL(S, b, fill_slice_values, source_.size(), source_, sizeof(Real) == 8 ? 1 : 0,
+                   as<double, Real>(matrix.block), as<float, Real>(matrix.block), value);
   const int terms = terms_beside(state);
   if (terms == 0) return;
   term_nodes.resize(terms);
   term_value.resize(9ll * terms);
   entry_weight.resize(state.term_incidence.entry.size());
-  CAMA_LAUNCH_REAL(Real, b, pack_terms, terms, state.system<Real>().term, state.cloth_vertices, rows.place, sizeof(S) == 8 ? 1 : 0, term_nodes,
-                   as<double, S>(term_value), as<float, S>(term_value));
+  CAMA_LAUNCH_REAL(Real, b, pack_terms, terms, state.system<Real>().term, state.cloth_vertices, rows.place,
+                   sizeof(S) == 8 ? 1 : 0, term_nodes, as<double, S>(term_value), as<float, S>(term_value));
   CAMA_LAUNCH_REAL(S, b, pack_weights, entry_weight.size(), state.term_incidence.entry, term_value, entry_weight);
 }
 
 template class SlicedMatrix<double>;
 template class SlicedMatrix<float>;
-#define CAMA_SLICED(S, Real)                                                                          \
+#define CAMA_SLICED(S, Real)                                                                               \
   template void SlicedMatrix<S>::make_pattern<Real>(State &, const RowOrder &, const BlockMatrix<Real> &); \
   template void SlicedMatrix<S>::fill<Real>(State &, const RowOrder &, const BlockMatrix<Real> &);
 CAMA_SLICED(double, double)

@@ -2,8 +2,8 @@
 #pragma once
 #include <type_traits>
 
-#include "launch.hpp"
-#include "state.hpp"
+#include "device/launch.hpp"
+#include "model/state.hpp"
 
 namespace cama {
 
@@ -15,8 +15,10 @@ inline int terms_beside(const State &state) { return state.options.assembly == A
 /// A stream of the precision of the forces as the two pointers of which kernels use one.
 template <class Number, class Real, class T> Components<Number> as(const Stream<T> &stream)
 {
-  if constexpr (std::is_same_v<Number, Real>) return components<Number>(stream);
-  else return nothing<Number>();
+  if constexpr (std::is_same_v<Number, Real>)
+    return components<Number>(stream);
+  else
+    return nothing<Number>();
 }
 
 /// Bits of keys whose rows go up to `rows`.
@@ -27,7 +29,7 @@ struct RowOrder {
   explicit RowOrder(Backend &b) : order(b), place(b) {}
   /// Free vertices by number.
   void number(State &state);
-  /// Rows of alike length beside each other, within windows: slices are then full. row: of the matrix.
+  /// Rows of uniform length beside each other, within windows: slices are then full. row: of the matrix.
   void sort_by_length(Backend &backend, const Stream<int> &row);
 
   int size = 0;
@@ -35,22 +37,24 @@ struct RowOrder {
   Stream<int> place;      // [cloth vertices] row; -1: fixed
 };
 
-/// The matrix on these rows, in slices of SLICE_ROWS so that neighbours read neighbours (sliced ELLPACK), and the terms beside it.
+/// The matrix on these rows, in slices of SLICE_ROWS so that neighbours read neighbours (sliced ELLPACK), and the terms
+/// beside it.
 template <class S> class SlicedMatrix {
 public:
   explicit SlicedMatrix(Backend &b)
-      : start(b), row(b), place(b), column(b), value(b), term_nodes(b), term_value(b), entry_weight(b), width_(b), source_(b)
+      : start(b), row(b), place(b), column(b), value(b), term_nodes(b), term_value(b), entry_weight(b), width_(b),
+        source_(b)
   {}
   template <class Real> void make_pattern(State &state, const RowOrder &rows, const BlockMatrix<Real> &matrix);
   template <class Real> void fill(State &state, const RowOrder &rows, const BlockMatrix<Real> &matrix);
 
-  Stream<int> start;                           // [slices + 1] first entry of a lane
-  Stream<int> row, place;                      // [rows] row of each place in the slices, place of each row
+  Stream<int> start;  // [slices + 1] first entry of a lane
+  Stream<int> row, place;  // [rows] row of each place in the slices, place of each row
   Stream<int> column;
   Stream<S> value;
-  Stream<kernels::element_nodes> term_nodes;   // [terms] rows
-  Stream<S> term_value;                        // [9 terms]
-  Stream<S> entry_weight;                      // of the terms' incidence
+  Stream<kernels::element_nodes> term_nodes;  // [terms] rows
+  Stream<S> term_value;  // [9 terms]
+  Stream<S> entry_weight;  // of the terms' incidence
 
 private:
   Stream<int> width_, source_;

@@ -4,15 +4,15 @@
 #include <algorithm>
 #include <numeric>
 
-#include "launch.hpp"
+#include "device/launch.hpp"
 
 namespace cama {
 namespace {
-constexpr int most_slots = 16;        // hits of an item kept by the count pass
+constexpr int max_slots = 16;        // hits of an item kept by the count pass
 constexpr int searches_per_sort = 16; // leaf order is kept between sorts; boxes are always fresh
 constexpr int sorts_per_placing = 64; // what boxes are relative to is kept between placings of obstacles at rest
 constexpr int morton_bits = 63;
-constexpr double most_changed = 0.3;  // of the vertices: beyond, a full search costs less
+constexpr double max_changed = 0.3;  // of the vertices: beyond, a full search costs less
 }  // namespace
 
 void CandidateSearch::drop_exempt(State &state, int kind, int first)
@@ -32,25 +32,27 @@ void CandidateSearch::drop_exempt(State &state, int kind, int first)
   CAMA_LAUNCH(b, keep_pairs, n, first, place_, list.pairs, kept_);
   CAMA_LAUNCH(b, copy_pairs, kept, first, kept_, list.pairs);
   list.pairs.resize(first + kept);
-  list.room.resize(first + kept);
+  list.gap_bound.resize(first + kept);
 }
 
-void CandidateSearch::find_directions(State &state, const Stream<dvec3> &from, int first_vertex_face, int first_edge_edge)
+void CandidateSearch::find_directions(State &state, const Stream<dvec3> &from, int first_vertex_face,
+                                      int first_edge_edge)
 {
   const auto direct = [&](int kind, PairList &list, int first) {
     first = std::min(first, list.direction.size());
     list.direction.grow(list.pairs.size());
-    CAMA_LAUNCH(*state.backend, find_directions, list.pairs.size() - first, kind, first, list.pairs, state.face, state.edge, from,
-                state.vertex_contact, list.direction);
+    CAMA_LAUNCH(*state.backend, find_directions, list.pairs.size() - first, kind, first, list.pairs, state.face,
+                state.edge, from, state.vertex_contact, list.direction);
   };
   direct(0, state.vertex_face, first_vertex_face);
   direct(1, state.edge_edge, first_edge_edge);
 }
 
 TreeSearch::TreeSearch(Backend &b, FlaggedPairs &flagged)
-    : CandidateSearch(b), batch_(b.processor() ? GROUP : 1), cloth_(b), moving_(b), still_(b), key_(b), slot_(flagged.flag), count_(b), offset_(b),
-      identity_(b), changed_leaf_face_(b), changed_leaf_edge_(b), totals_(b, 1), changed_(b), flag_(b), offsets_(b), changed_vertex_(b),
-      changed_face_(b), changed_edge_(b), before_(b), changed_groups_(b)
+    : CandidateSearch(b), batch_(b.wide_workers() ? GROUP : 1), cloth_(b), moving_(b), static_(b), key_(b),
+      slot_(flagged.flag), count_(b), offset_(b), identity_(b), changed_leaf_face_(b), changed_leaf_edge_(b),
+      totals_(b, 1), changed_(b), flag_(b), offsets_(b), changed_vertex_(b), changed_face_(b), changed_edge_(b),
+      before_(b), changed_groups_(b)
 {}
 
 void CandidateSearch::find_bounds(State &state, const Stream<dvec3> &from, const Stream<dvec3> &to)
@@ -64,20 +66,22 @@ void CandidateSearch::find_bounds(State &state, const Stream<dvec3> &from, const
   CAMA_LAUNCH(b, reduce_bounds, 1, second, reduced_, state.bounds);
 }
 
-void TreeSearch::build_levels(Backend &b, int leaves, Stream<kernels::box_group> &tree)
+void TreeSearch::build_levels(Backend &b, int leaves, Stream<kernels::bvh8_node> &tree)
 {
   const int root = kernels::group_root_level(leaves);
   for (int level = 0; level < root;) {
-    const int both = b.processor() && level + 2 <= root ? 1 : 0;   // one launch less, but few work-items
+    const int both = b.wide_workers() && level + 2 <= root ? 1 : 0;   // one launch less, but few work-items
     level += 1 + both;
     CAMA_LAUNCH(b, group_levels, GROUP * kernels::group_level_size(leaves, level), leaves, level, both, tree);
   }
 }
 
-void TreeSearch::build_faces(State &state, int leaves, const Stream<kernels::face_nodes> &leaf_face, Stream<kernels::box_group> &tree)
+void TreeSearch::build_faces(State &state, int leaves, const Stream<kernels::face_nodes> &leaf_face,
+                             Stream<kernels::bvh8_node> &tree)
 {
   tree.resize(kernels::group_tree_size(leaves));
-  CAMA_LAUNCH(*state.backend, face_groups, kernels::group_level_size(leaves, 0), leaves, leaf_face, state.vertex_box, tree);
+  CAMA_LAUNCH(*state.backend, face_groups, kernels::group_level_size(leaves, 0), leaves, leaf_face, state.vertex_box,
+              tree);
   build_levels(*state.backend, leaves, tree);
 }
 
@@ -85,37 +89,40 @@ void TreeSearch::build_faces(State &state, int leaves, const Stream<kernels::fac
 void TreeSearch::find_groups(State &state)
 {
   Backend &b = *state.backend;
-  const auto group_of = [&](int v) { return v < state.cloth_vertices ? 0 : 1 + state.object_still[static_cast<std::size_t>(state.object_of(v))]; };
-  Group *group[3] = {&cloth_, &moving_, &still_};
-  std::vector<int> face[3], edge[3], asking[3];
+  const auto group_of = [&](int v) {
+    return v < state.cloth_vertices ? 0 : 1 + state.object_static[static_cast<std::size_t>(state.object_of(v))];
+  };
+  Group *group[3] = {&cloth_, &moving_, &static_};
+  std::vector<int> face[3], edge[3], query_vertices[3];
   const auto faces = state.face.download();
   const auto edges = state.edge.download();
   for (std::size_t f = 0; f < faces.size(); ++f) face[group_of(faces[f].node[0])].push_back(static_cast<int>(f));
   for (std::size_t e = 0; e < edges.size(); ++e) edge[group_of(edges[e].node[0])].push_back(static_cast<int>(e));
-  for (int v : state.asking.download()) asking[group_of(v)].push_back(v);
+  for (int v : state.query_vertices.download()) query_vertices[group_of(v)].push_back(v);
   self_ = state.contact_settings.self;
-  if (!self_ && asking[1].empty() && asking[2].empty()) face[0].clear();
+  if (!self_ && query_vertices[1].empty() && query_vertices[2].empty()) face[0].clear();
   if (!self_ && edge[1].empty() && edge[2].empty()) edge[0].clear();
   boxed_ = state.cloth_vertices;
-  for (std::size_t o = 0; o < state.object_still.size(); ++o)
-    if (!state.object_still[o]) boxed_ = o + 1 < state.object_first.size() ? state.object_first[o + 1] : state.vertices;
-  FeatureTrees *trees[3] = {&state.cloth_trees, &state.moving_trees, &state.still_trees};
+  for (std::size_t o = 0; o < state.object_static.size(); ++o)
+    if (!state.object_static[o])
+      boxed_ = o + 1 < state.object_first.size() ? state.object_first[o + 1] : state.vertices;
+  FeatureTrees *trees[3] = {&state.cloth_trees, &state.moving_trees, &state.static_trees};
   for (int k = 0; k < 3; ++k) {
     Group &g = *group[k];
     g.face.assign(face[k]);
     g.edge.assign(edge[k]);
-    g.asking.assign(asking[k]);
+    g.query_vertices.assign(query_vertices[k]);
     g.trees = trees[k];
     if (g.face.size() && !g.trees->face_order.backend()) {
       g.trees->face_order = Stream<int>(b);
-      g.trees->face_groups = Stream<kernels::box_group>(b);
+      g.trees->face_groups = Stream<kernels::bvh8_node>(b);
     }
     if (g.edge.size() && !g.trees->edge_order.backend()) {
       g.trees->edge_order = Stream<int>(b);
-      g.trees->edge_groups = Stream<kernels::box_group>(b);
+      g.trees->edge_groups = Stream<kernels::bvh8_node>(b);
     }
   }
-  if (still_.face.size() && !state.origin.backend()) state.origin = Stream<dvec3>(b);
+  if (static_.face.size() && !state.origin.backend()) state.origin = Stream<dvec3>(b);
   std::vector<int> identity(static_cast<std::size_t>(state.vertices));
   std::iota(identity.begin(), identity.end(), 0);
   identity_.assign(identity);
@@ -131,7 +138,8 @@ void TreeSearch::build_trees(State &state, Group &g, bool faces, bool edges)
   const int leaves = g.edge.size();
   if (!edges || leaves == 0) return;
   g.trees->edge_groups.resize(kernels::group_tree_size(leaves));
-  CAMA_LAUNCH(b, edge_groups, kernels::group_level_size(leaves, 0), leaves, g.leaf_edge, state.vertex_box, g.trees->edge_groups);
+  CAMA_LAUNCH(b, edge_groups, kernels::group_level_size(leaves, 0), leaves, g.leaf_edge, state.vertex_box,
+              g.trees->edge_groups);
   build_levels(b, leaves, g.trees->edge_groups);
 }
 
@@ -139,9 +147,9 @@ void TreeSearch::build_trees(State &state, Group &g, bool faces, bool edges)
 void TreeSearch::sort_features(State &state, Group &g)
 {
   Backend &b = *state.backend;
-  const int faces = g.face.size(), edges = g.edge.size(), asking = g.asking.size();
+  const int faces = g.face.size(), edges = g.edge.size(), query_vertices = g.query_vertices.size();
   const Stream<dvec3> &origin = state.box_origin();
-  key_.resize(std::max({faces, edges, asking}));
+  key_.resize(std::max({faces, edges, query_vertices}));
   const auto along_curve = [&](Stream<int> &order, int n, const auto &make_codes) {
     if (n == 0) return false;
     order.resize(n);
@@ -150,30 +158,35 @@ void TreeSearch::sort_features(State &state, Group &g)
     return true;
   };
   if (along_curve(g.trees->face_order, faces, [&](Stream<int> &order) {
-        CAMA_LAUNCH(b, codes_of_faces, faces, g.face, state.face, state.vertex_box, state.bounds, origin, key_, order); })) {
+        CAMA_LAUNCH(b, codes_of_faces, faces, g.face, state.face, state.vertex_box, state.bounds, origin, key_, order);
+      })) {
     g.leaf_face.resize(faces);
     CAMA_LAUNCH(b, order_faces, faces, g.trees->face_order, state.face, g.leaf_face);
   }
   if (along_curve(g.trees->edge_order, edges, [&](Stream<int> &order) {
-        CAMA_LAUNCH(b, codes_of_edges, edges, g.edge, state.edge, state.vertex_box, state.bounds, origin, key_, order); })) {
+        CAMA_LAUNCH(b, codes_of_edges, edges, g.edge, state.edge, state.vertex_box, state.bounds, origin, key_, order);
+      })) {
     g.leaf_edge.resize(edges);
     CAMA_LAUNCH(b, order_edges, edges, g.trees->edge_order, state.edge, g.leaf_edge);
   }
-  along_curve(g.asking_order, asking, [&](Stream<int> &order) {
-    CAMA_LAUNCH(b, codes_of_vertices, asking, g.asking, state.vertex_box, state.bounds, origin, key_, order); });
+  along_curve(g.query_order, query_vertices, [&](Stream<int> &order) {
+    CAMA_LAUNCH(b, codes_of_vertices, query_vertices, g.query_vertices, state.vertex_box, state.bounds, origin, key_,
+                order);
+  });
 }
 
 /// Boxes and trees of obstacles at rest.
-void TreeSearch::place_still(State &state, const Stream<dvec3> &from, const Stream<dvec3> &to)
+void TreeSearch::place_static(State &state, const Stream<dvec3> &from, const Stream<dvec3> &to)
 {
   sorts_since_placed_ = 0;   // stays so if anything below throws
   state.origin.copy_from(state.bounds);
   CAMA_LAUNCH(*state.backend, vertex_boxes, state.vertices, from, to, state.margin, state.origin, state.vertex_box);
-  sort_features(state, still_);
-  build_trees(state, still_, true, true);
+  sort_features(state, static_);
+  build_trees(state, static_, true, true);
 }
 
-/// Counts and then fills in the candidates of vertices and edges that ask, behind those that the lists have: one wait for all.
+/// Counts and then fills in the candidates of vertices and edges that ask, behind those that the lists have: one wait
+/// for all.
 void TreeSearch::query(State &state, const std::vector<FaceQuery> &faces, const std::vector<EdgeQuery> &edges)
 {
   Backend &b = *state.backend;
@@ -184,7 +197,7 @@ void TreeSearch::query(State &state, const std::vector<FaceQuery> &faces, const 
   const int items = vertex_items + edge_items;
   ++state.report.searches;
   if (items == 0) return;
-  const int slots = std::min(most_slots, 0x7fffffff / items);
+  const int slots = std::min(max_slots, 0x7fffffff / items);
   slot_.resize(slots * items);
   count_.resize(items);
   offset_.resize(items + 1);
@@ -192,15 +205,16 @@ void TreeSearch::query(State &state, const std::vector<FaceQuery> &faces, const 
   int at = 0;
   for (const FaceQuery &q : faces) {
     const int n = q.items->size(), batch = batch_of(q.mode);
-    CAMA_LAUNCH(b, query_vertex_face_count, (n + batch - 1) / batch, n, batch, *q.items, state.vertex_box, q.leaves, *q.order, *q.leaf_face,
-                *q.tree, state.cloth_vertices, self, q.mode, changed_, before_, slots, at, slot_, count_);
+    CAMA_LAUNCH(b, query_vertex_face_count, (n + batch - 1) / batch, n, batch, *q.items, state.vertex_box, q.leaves,
+                *q.order, *q.leaf_face, *q.tree, state.cloth_vertices, self, q.mode, changed_, before_, slots, at,
+                slot_, count_);
     at += n;
   }
   for (const EdgeQuery &q : edges) {
     const int n = q.items->size(), batch = batch_of(q.mode);
-    CAMA_LAUNCH(b, query_edge_edge_count, (n + batch - 1) / batch, n, batch, *q.items, *q.item_edge, state.vertex_box, q.group->edge.size(),
-                q.group->trees->edge_order, q.group->leaf_edge, q.group->trees->edge_groups, state.cloth_vertices, self, q.mode, changed_,
-                before_, slots, at, slot_, count_);
+    CAMA_LAUNCH(b, query_edge_edge_count, (n + batch - 1) / batch, n, batch, *q.items, *q.item_edge, state.vertex_box,
+                q.group->edge.size(), q.group->trees->edge_order, q.group->leaf_edge, q.group->trees->edge_groups,
+                state.cloth_vertices, self, q.mode, changed_, before_, slots, at, slot_, count_);
     at += n;
   }
   b.scan(count_.buffer(), offset_.buffer(), items);
@@ -209,22 +223,24 @@ void TreeSearch::query(State &state, const std::vector<FaceQuery> &faces, const 
   const int first_face = state.vertex_face.pairs.size(), first_edge = state.edge_edge.pairs.size();
   const auto grow = [](PairList &list, int more) {
     list.pairs.grow(static_cast<long long>(list.pairs.size()) + more);
-    list.room.grow(list.pairs.size());
+    list.gap_bound.grow(list.pairs.size());
   };
   grow(state.vertex_face, found.a);
   grow(state.edge_edge, found.b);
   at = 0;
   for (const FaceQuery &q : faces) {
     const int n = q.items->size();
-    CAMA_LAUNCH(b, query_vertex_face_fill, n, *q.items, state.vertex_box, q.leaves, *q.order, *q.leaf_face, *q.tree, state.cloth_vertices, self,
-                q.mode, before_, slots, at, slot_, count_, offset_, first_face, state.vertex_face.pairs, state.vertex_face.room);
+    CAMA_LAUNCH(b, query_vertex_face_fill, n, *q.items, state.vertex_box, q.leaves, *q.order, *q.leaf_face, *q.tree,
+                state.cloth_vertices, self, q.mode, before_, slots, at, slot_, count_, offset_, first_face,
+                state.vertex_face.pairs, state.vertex_face.gap_bound);
     at += n;
   }
   for (const EdgeQuery &q : edges) {
     const int n = q.items->size();
-    CAMA_LAUNCH(b, query_edge_edge_fill, n, *q.items, *q.item_edge, state.vertex_box, q.group->edge.size(), q.group->trees->edge_order,
-                q.group->leaf_edge, q.group->trees->edge_groups, state.cloth_vertices, self, q.mode, changed_, before_, slots, at, slot_, count_,
-                offset_, first_edge - found.a, state.edge_edge.pairs, state.edge_edge.room);
+    CAMA_LAUNCH(b, query_edge_edge_fill, n, *q.items, *q.item_edge, state.vertex_box, q.group->edge.size(),
+                q.group->trees->edge_order, q.group->leaf_edge, q.group->trees->edge_groups, state.cloth_vertices, self,
+                q.mode, changed_, before_, slots, at, slot_, count_, offset_, first_edge - found.a,
+                state.edge_edge.pairs, state.edge_edge.gap_bound);
     at += n;
   }
   drop_exempt(state, 0, first_face);
@@ -239,9 +255,9 @@ void TreeSearch::run(State &state, const Stream<dvec3> &from, const Stream<dvec3
   if (sort) searches_since_sort_ = 0;   // stays so if anything below throws
   if (!found_) find_groups(state);
   find_bounds(state, from, to);
-  const bool still = still_.face.size() > 0;
-  if (still && (sorts_since_placed_ == 0 || (sort && sorts_since_placed_ >= sorts_per_placing)))
-    place_still(state, from, to);
+  const bool has_static = static_.face.size() > 0;
+  if (has_static && (sorts_since_placed_ == 0 || (sort && sorts_since_placed_ >= sorts_per_placing)))
+    place_static(state, from, to);
   else
     CAMA_LAUNCH(b, vertex_boxes, boxed_, from, to, state.margin, state.box_origin(), state.vertex_box);
   for (Group *g : {&cloth_, &moving_}) {
@@ -253,19 +269,20 @@ void TreeSearch::run(State &state, const Stream<dvec3> &from, const Stream<dvec3
   for (PairList *list : {&state.vertex_face, &state.edge_edge}) {
     list->pairs.resize(0);
     list->direction.resize(0);
-    list->room.resize(0);
+    list->gap_bound.resize(0);
   }
   std::vector<FaceQuery> faces;
   std::vector<EdgeQuery> edges;
   const auto ask = [&](const Group &items, const Group &tree) {
-    if (tree.face.size() && items.asking.size())
-      faces.push_back({QUERY_ALL, &items.asking_order, tree.face.size(), &tree.trees->face_order, &tree.leaf_face, &tree.trees->face_groups});
+    if (tree.face.size() && items.query_vertices.size())
+      faces.push_back({QUERY_ALL, &items.query_order, tree.face.size(), &tree.trees->face_order, &tree.leaf_face,
+                       &tree.trees->face_groups});
   };
   if (self_) {
     ask(cloth_, cloth_);
     edges.push_back({QUERY_ALL, &cloth_.trees->edge_order, &cloth_.leaf_edge, &cloth_});
   }
-  for (const Group *g : {&moving_, &still_}) {
+  for (const Group *g : {&moving_, &static_}) {
     ask(*g, cloth_);
     ask(cloth_, *g);
     if (g->edge.size()) edges.push_back({QUERY_OTHER, &cloth_.trees->edge_order, &cloth_.leaf_edge, g});
@@ -273,7 +290,8 @@ void TreeSearch::run(State &state, const Stream<dvec3> &from, const Stream<dvec3
   query(state, faces, edges);
 }
 
-CandidateSearch::Change TreeSearch::update(State &state, const Stream<dvec3> &from, const Stream<dvec3> &to, double margin)
+CandidateSearch::Change TreeSearch::update(State &state, const Stream<dvec3> &from, const Stream<dvec3> &to,
+                                           double margin)
 {
   Backend &b = *state.backend;
   if (searches_since_sort_ == 0) {
@@ -281,12 +299,13 @@ CandidateSearch::Change TreeSearch::update(State &state, const Stream<dvec3> &fr
     find_directions(state, from, 0, 0);
     return Change::renewed;
   }
-  CAMA_LAUNCH(b, grow_boxes, state.vertices, from, to, state.margin, state.box_origin(), margin, before_, state.vertex_box, changed_);
+  CAMA_LAUNCH(b, grow_boxes, state.vertices, from, to, state.margin, state.box_origin(), margin, before_,
+              state.vertex_box, changed_);
   offsets_.resize(state.vertices + 1);
   b.scan(changed_.buffer(), offsets_.buffer(), state.vertices);
   const int changed = offsets_.at(state.vertices);
   if (changed == 0) return Change::none;
-  if (changed > most_changed * state.vertices) {
+  if (changed > max_changed * state.vertices) {
     run(state, from, to);
     find_directions(state, from, 0, 0);
     return Change::renewed;
@@ -295,8 +314,9 @@ CandidateSearch::Change TreeSearch::update(State &state, const Stream<dvec3> &fr
   CAMA_LAUNCH(b, keep_flagged, state.vertices, 0, 0, offsets_, identity_, changed_vertex_);
 
   // Faces and edges with such vertices; obstacles at rest have none.
-  const Group *const groups[3] = {&cloth_, &moving_, &still_};
-  const int faces_of[2] = {cloth_.face.size(), moving_.face.size()}, edges_of[2] = {cloth_.edge.size(), moving_.edge.size()};
+  const Group *const groups[3] = {&cloth_, &moving_, &static_};
+  const int faces_of[2] = {cloth_.face.size(), moving_.face.size()},
+            edges_of[2] = {cloth_.edge.size(), moving_.edge.size()};
   const int all_faces = faces_of[0] + faces_of[1], features = all_faces + edges_of[0] + edges_of[1];
   const bool cloth_edges_asked = self_ || moving_.edge.size() > 0;
   build_trees(state, cloth_, true, cloth_edges_asked);
@@ -316,7 +336,8 @@ CandidateSearch::Change TreeSearch::update(State &state, const Stream<dvec3> &fr
   for (int k = 0; k < 2; ++k) {
     const FeatureTrees &t = *groups[k]->trees;
     CAMA_LAUNCH(b, keep_flagged, of.a ? faces_of[k] : 0, 0, k * faces_of[0], offsets_, t.face_order, changed_face_);
-    CAMA_LAUNCH(b, keep_flagged, of.b ? edges_of[k] : 0, all_faces, all_faces + k * edges_of[0], offsets_, t.edge_order, changed_edge_);
+    CAMA_LAUNCH(b, keep_flagged, of.b ? edges_of[k] : 0, all_faces, all_faces + k * edges_of[0], offsets_, t.edge_order,
+                changed_edge_);
   }
   std::vector<FaceQuery> faces;
   std::vector<EdgeQuery> edges;
@@ -325,7 +346,9 @@ CandidateSearch::Change TreeSearch::update(State &state, const Stream<dvec3> &fr
     CAMA_LAUNCH(b, order_faces, of.a, changed_face_, state.face, changed_leaf_face_);
     build_faces(state, of.a, changed_leaf_face_, changed_groups_);
     for (const Group *g : groups)
-      if (g->asking.size()) faces.push_back({QUERY_UNCHANGED, &g->asking_order, of.a, &changed_face_, &changed_leaf_face_, &changed_groups_});
+      if (g->query_vertices.size())
+        faces.push_back(
+            {QUERY_UNCHANGED, &g->query_order, of.a, &changed_face_, &changed_leaf_face_, &changed_groups_});
   }
   if (of.b) {
     changed_leaf_edge_.resize(of.b);
@@ -334,7 +357,8 @@ CandidateSearch::Change TreeSearch::update(State &state, const Stream<dvec3> &fr
   for (const Group *g : groups) {
     const bool edge_tree = g->edge.size() && (g != &cloth_ || cloth_edges_asked);
     if (g->face.size())
-      faces.push_back({QUERY_CHANGED, &changed_vertex_, g->face.size(), &g->trees->face_order, &g->leaf_face, &g->trees->face_groups});
+      faces.push_back({QUERY_CHANGED, &changed_vertex_, g->face.size(), &g->trees->face_order, &g->leaf_face,
+                       &g->trees->face_groups});
     if (of.b && edge_tree) edges.push_back({QUERY_CHANGED, &changed_edge_, &changed_leaf_edge_, g});
   }
   const int first_face = state.vertex_face.pairs.size(), first_edge = state.edge_edge.pairs.size();
@@ -345,8 +369,8 @@ CandidateSearch::Change TreeSearch::update(State &state, const Stream<dvec3> &fr
 
 void ProximitySearch::run(State &state)
 {
-  CAMA_LAUNCH(*state.backend, predict_positions, state.vertices, state.fixed, state.position, state.velocity, state.gravity,
-              state.position_next, state.time_step, state.predicted);
+  CAMA_LAUNCH(*state.backend, predict_positions, state.vertices, state.fixed, state.position, state.velocity,
+              state.gravity, state.position_next, state.time_step, state.predicted);
   search_.run(state, state.position, state.predicted);
 }
 

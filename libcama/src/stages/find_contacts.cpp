@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "stages/find_contacts.hpp"
 
-#include "launch.hpp"
+#include "device/launch.hpp"
 
 namespace cama {
 
@@ -12,27 +12,30 @@ void FindContacts::run(State &state)
   const double anticipate = state.options.anticipate_contacts ? 20 * state.contact_settings.thickness : 0.0;
   PairList &vertex_face = state.vertex_face, &edge_edge = state.edge_edge;
   const int first = vertex_face.pairs.size(), n = first + edge_edge.pairs.size();
-  movers_.resize(state.vertices);
+  swept_vertices_.resize(state.vertices);
   flagged_.resize(state);
   for (PairList *list : {&vertex_face, &edge_edge}) list->direction.resize(list->pairs.size());
-  CAMA_LAUNCH(b, make_movers, state.vertices, state.position, state.predicted, state.bounds, state.vertex_contact, movers_, spare_);
-  CAMA_LAUNCH(b, tell_apart, first, 0, vertex_face.pairs, state.face, state.edge, movers_, spare_, vertex_face.direction, vertex_face.room);
-  CAMA_LAUNCH(b, tell_apart, n - first, 1, edge_edge.pairs, state.face, state.edge, movers_, spare_, edge_edge.direction, edge_edge.room);
-  CAMA_LAUNCH(b, find_contacts, n, first, vertex_face.pairs, edge_edge.pairs, state.face, state.edge, state.position, state.predicted, movers_,
-              spare_, state.vertex_contact, anticipate, flagged_.flag, vertex_face.direction, vertex_face.room, edge_edge.direction,
-              edge_edge.room);
+  CAMA_LAUNCH(b, make_swept_vertices, state.vertices, state.position, state.predicted, state.bounds,
+              state.vertex_contact, swept_vertices_, rounding_margin_);
+  CAMA_LAUNCH(b, cull_separated_pairs, first, 0, vertex_face.pairs, state.face, state.edge, swept_vertices_,
+              rounding_margin_, vertex_face.direction, vertex_face.gap_bound);
+  CAMA_LAUNCH(b, cull_separated_pairs, n - first, 1, edge_edge.pairs, state.face, state.edge, swept_vertices_,
+              rounding_margin_, edge_edge.direction, edge_edge.gap_bound);
+  CAMA_LAUNCH(b, find_contacts, n, first, vertex_face.pairs, edge_edge.pairs, state.face, state.edge, state.position,
+              state.predicted, swept_vertices_, rounding_margin_, state.vertex_contact, anticipate, flagged_.flag,
+              vertex_face.direction, vertex_face.gap_bound, edge_edge.direction, edge_edge.gap_bound);
   if (anticipate > 0) {
     nearest_.resize(SIDES * state.cloth_vertices);
-    b.fill(nearest_.buffer(), 0x7f, nearest_.bytes());   // a float of 3e38
-    CAMA_LAUNCH(b, nearest_contacts, n, first, vertex_face.pairs, edge_edge.pairs, state.face, state.edge, state.position,
-                state.vertex_contact, state.cloth_vertices, flagged_.flag, nearest_);
-    CAMA_LAUNCH(b, drop_hidden_contacts, n, first, vertex_face.pairs, edge_edge.pairs, state.face, state.edge, state.position,
-                state.vertex_contact, state.cloth_vertices, nearest_, flagged_.flag);
+    b.fill(nearest_.buffer(), 0x7f, nearest_.bytes());  // a float of 3e38
+    CAMA_LAUNCH(b, nearest_contacts, n, first, vertex_face.pairs, edge_edge.pairs, state.face, state.edge,
+                state.position, state.vertex_contact, state.cloth_vertices, flagged_.flag, nearest_);
+    CAMA_LAUNCH(b, drop_hidden_contacts, n, first, vertex_face.pairs, edge_edge.pairs, state.face, state.edge,
+                state.position, state.vertex_contact, state.cloth_vertices, nearest_, flagged_.flag);
   }
   state.contacts = flagged_.compact(state);
   state.contact.resize(state.contacts);
-  CAMA_LAUNCH(b, fill_contacts, state.contacts, first, flagged_.index, vertex_face.pairs, edge_edge.pairs, state.face, state.edge,
-              state.position, state.predicted, state.vertex_contact, anticipate, state.contact);
+  CAMA_LAUNCH(b, fill_contacts, state.contacts, first, flagged_.index, vertex_face.pairs, edge_edge.pairs, state.face,
+              state.edge, state.position, state.predicted, state.vertex_contact, anticipate, state.contact);
   state.report.contacts = state.contacts;
 }
 

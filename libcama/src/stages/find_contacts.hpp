@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
-#include "pipeline.hpp"
+#include "run/pipeline.hpp"
 #include "stages/flagged_pairs.hpp"
 
 namespace cama {
@@ -8,7 +8,9 @@ namespace cama {
 /// Candidate pairs that are closer than their thickness, or will be, become contacts (discrete detection, Figure 7).
 class FindContacts final : public Stage {
 public:
-  FindContacts(Backend &backend, FlaggedPairs &flagged) : flagged_(flagged), nearest_(backend), movers_(backend), spare_(backend, 1) {}
+  FindContacts(Backend &backend, FlaggedPairs &flagged)
+      : flagged_(flagged), nearest_(backend), swept_vertices_(backend), rounding_margin_(backend, 1)
+  {}
   std::string_view name() const override { return "contacts"; }
   std::string reason() const override { return "contact"; }
   void run(State &state) override;
@@ -16,8 +18,8 @@ public:
 private:
   FlaggedPairs &flagged_;
   Stream<int> nearest_;
-  Stream<kernels::mover> movers_;
-  Stream<float> spare_;
+  Stream<kernels::swept_vertex> swept_vertices_;
+  Stream<float> rounding_margin_;
 };
 
 }  // namespace cama

@@ -1,11 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
-#include "pipeline.hpp"
+#include "run/pipeline.hpp"
 
 namespace cama {
 
-/// Base of a step by the second-order backward differentiation formula: x* = (4 x_n - x_{n-1}) / 3, v* alike, h = 2/3 dt. Backward Euler, whose
-/// base is x_n, v_n, where there is no history: in the first step, and after one whose motion was handled, divided or replaced.
+/// Base of a step by the second-order backward differentiation formula: x* = (4 x_n - x_{n-1}) / 3, v* uniform, h = 2/3
+/// dt. Backward Euler, whose base is x_n, v_n, where there is no history: in the first step, and after one whose motion
+/// was handled, divided or replaced.
 class Extrapolate final : public Stage {
 public:
   std::string_view name() const override { return "extrapolation"; }

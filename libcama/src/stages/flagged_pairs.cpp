@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "stages/flagged_pairs.hpp"
 
-#include "launch.hpp"
+#include "device/launch.hpp"
 
 namespace cama {
 
@@ -17,7 +17,8 @@ int FlaggedPairs::compact(State &state, int flagged)
   index.resize(flagged);
   key_.resize(flagged);
   if (flagged == 0) return 0;
-  CAMA_LAUNCH(b, flagged_pairs, n, state.vertex_face.pairs.size(), state.vertex_face.pairs, state.edge_edge.pairs, place_, key_, index);
+  CAMA_LAUNCH(b, flagged_pairs, n, state.vertex_face.pairs.size(), state.vertex_face.pairs, state.edge_edge.pairs,
+              place_, key_, index);
   b.sort(key_.buffer(), index.buffer(), flagged, 63);
   return flagged;
 }

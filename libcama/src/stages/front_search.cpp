@@ -5,15 +5,15 @@
 #include <array>
 #include <numeric>
 
-#include "launch.hpp"
+#include "device/launch.hpp"
 
 namespace cama {
 namespace {
 constexpr int morton_bits = 63;
-constexpr double worst_growth = 1.5;      // of inner boxes' surface relative to the leaves', before trees are built anew
-constexpr double most_escaped = 0.3;     // of the vertices, for a localized update
-constexpr int most_adjacent = 24;         // faces around a vertex that make each other adjacent: bounds the orphans
-constexpr long long most_pairs = 1024;    // of triangles, for every face: cloth that has blown up is near everything
+constexpr double worst_growth = 1.5;  // of inner boxes' surface relative to the leaves', before trees are built anew
+constexpr double max_escaped = 0.3;  // of the vertices, for a localized update
+constexpr int max_adjacent = 24;  // faces around a vertex that make each other adjacent: bounds the orphans
+constexpr long long max_pairs = 1024;  // of triangles, for every face: cloth that has blown up is near everything
 using kernels::pair;
 
 int chunks(int n, int chunk) { return (n + chunk - 1) / chunk; }
@@ -23,15 +23,16 @@ int chunks(int n, int chunk) { return (n + chunk - 1) / chunk; }
 FrontSearch::FrontSearch(State &s)
     : CandidateSearch(*s.backend),
       cloth_{0, s.triangles, kernels::tree_root_level(s.triangles), s.face_order, s.face_tree, cloth_dirty_},
-      obstacles_{s.triangles, s.faces - s.triangles, kernels::tree_root_level(std::max(1, s.faces - s.triangles)), s.obstacle_order,
-                 s.obstacle_tree, obstacle_dirty_}
+      obstacles_{s.triangles,      s.faces - s.triangles, kernels::tree_root_level(std::max(1, s.faces - s.triangles)),
+                 s.obstacle_order, s.obstacle_tree,       obstacle_dirty_}
 {
   Backend &b = *s.backend;
   if (s.faces >= 1 << FRONT_BITS) throw MemoryError("search: fronts hold at most 2^26 faces; use search=tree");
-  for (Stream<int> *stream : {&outcome_, &count_, &offset_, &mask_, &found_[0], &found_[1], &place_[0], &place_[1], &cloth_dirty_,
-                              &obstacle_dirty_, &s.obstacle_order})
+  for (Stream<int> *stream : {&outcome_, &count_, &offset_, &mask_, &found_[0], &found_[1], &place_[0], &place_[1],
+                              &cloth_dirty_, &obstacle_dirty_, &s.obstacle_order})
     *stream = Stream<int>(b);
-  for (Stream<pair> *stream : {&kept_[0], &kept_[1], &open_, &child_, &s.front, &s.self_front, &s.triangle_pairs, &s.orphan_vertex_face, &s.orphan_edge_edge})
+  for (Stream<pair> *stream : {&kept_[0], &kept_[1], &open_, &child_, &s.front, &s.self_front, &s.triangle_pairs,
+                               &s.orphan_vertex_face, &s.orphan_edge_edge})
     *stream = Stream<pair>(b);
   key_ = Stream<key64>(b);
   partial_ = Stream<double>(b);
@@ -41,7 +42,7 @@ FrontSearch::FrontSearch(State &s)
   s.edge_box = Stream<kernels::box>(b, s.edges);
   s.face_tree = Stream<kernels::box>(b);
   s.obstacle_tree = Stream<kernels::box>(b);
-  const int one = s.options.localized_search ? 0 : 1;   // kernels take them, and use them, in localized updates only
+  const int one = s.options.localized_search ? 0 : 1;  // kernels take them, and use them, in localized updates only
   vertex_dirty_ = Stream<int>(b, s.vertices);
   face_dirty_ = Stream<int>(b, one ? 1 : s.faces);
   edge_dirty_ = Stream<int>(b, one ? 1 : s.edges);
@@ -60,7 +61,8 @@ void FrontSearch::find_features(State &s)
   const std::vector<kernels::edge_nodes> edge = s.edge.download();
   std::vector<std::pair<std::array<int, 2>, int>> number;
   for (std::size_t e = 0; e < edge.size(); ++e)
-    number.push_back({{std::min(edge[e].node[0], edge[e].node[1]), std::max(edge[e].node[0], edge[e].node[1])}, static_cast<int>(e)});
+    number.push_back({{std::min(edge[e].node[0], edge[e].node[1]), std::max(edge[e].node[0], edge[e].node[1])},
+                      static_cast<int>(e)});
   std::sort(number.begin(), number.end());
   std::vector<kernels::face_features> features(face.size());
   std::vector<char> vertex_owned(static_cast<std::size_t>(s.vertices), 0), edge_owned(edge.size(), 0);
@@ -74,11 +76,12 @@ void FrontSearch::find_features(State &s)
     for (int k = 0; k < 3; ++k) {
       const int v = face[f].node[k], w = face[f].node[(k + 1) % 3];
       around[static_cast<std::size_t>(next[v]++)] = static_cast<int>(f);
-      const auto found = std::lower_bound(number.begin(), number.end(), std::pair<std::array<int, 2>, int>{{std::min(v, w), std::max(v, w)}, -1});
+      const auto found = std::lower_bound(number.begin(), number.end(),
+                                          std::pair<std::array<int, 2>, int>{{std::min(v, w), std::max(v, w)}, -1});
       features[f].edge[k] = found->second;
       if (!std::exchange(vertex_owned[v], 1)) features[f].owned |= 1 << k;
       if (!std::exchange(edge_owned[found->second], 1)) features[f].owned |= 1 << (3 + k);
-      if (row[v + 1] - row[v] > most_adjacent) features[f].owned |= 1 << (6 + k);
+      if (row[v + 1] - row[v] > max_adjacent) features[f].owned |= 1 << (6 + k);
     }
   s.face_features = Stream<kernels::face_features>(b, features);
   if (!s.contact_settings.self) return;
@@ -103,7 +106,8 @@ void FrontSearch::find_features(State &s)
       add_points(g, f);
       for (int k = 0; k < 9; ++k) {
         const int d = features[f].edge[k / 3], e = features[g].edge[k % 3];
-        if (owns(f, 3 + k / 3) && owns(g, 3 + k % 3) && !kernels::edges_meet(edge[d], edge[e])) lines.push_back(kernels::ordered_pair(d, e));
+        if (owns(f, 3 + k / 3) && owns(g, 3 + k % 3) && !kernels::edges_meet(edge[d], edge[e]))
+          lines.push_back(kernels::ordered_pair(d, e));
       }
     }
   }
@@ -126,7 +130,8 @@ void FrontSearch::sort_leaves(State &state, Tree &tree)
 template <class Level> void FrontSearch::for_each_level(const Tree &tree, Level &&launch)
 {
   for (int level = 0; level < tree.root;) {
-    const int steps = kernels::tree_level_size(tree.leaves, level) <= 256 ? tree.root - level : std::min(3, tree.root - level);
+    const int steps =
+        kernels::tree_level_size(tree.leaves, level) <= 256 ? tree.root - level : std::min(3, tree.root - level);
     level += steps;
     launch(kernels::tree_level_size(tree.leaves, level), level, steps);
   }
@@ -136,7 +141,8 @@ void FrontSearch::refit(State &state, Tree &tree)
 {
   Backend &b = *state.backend;
   CAMA_LAUNCH(b, tree_leaves, tree.leaves, tree.order, state.face_box, tree.node);
-  for_each_level(tree, [&](int n, int level, int steps) { CAMA_LAUNCH(b, tree_levels, n, tree.leaves, level, steps, tree.node); });
+  for_each_level(
+      tree, [&](int n, int level, int steps) { CAMA_LAUNCH(b, tree_levels, n, tree.leaves, level, steps, tree.node); });
 }
 
 /// Surface of the inner boxes relative to the leaves'.
@@ -155,8 +161,10 @@ double FrontSearch::surface(State &state, const Tree &tree)
   return leaves > 0 ? total_.at(1) / leaves : leaves;
 }
 
-/// After `outcome_` of `pairs` is known: appends to `kept` (unless there is none), to the triangle pairs, and fills open_; returns how many are open.
-int FrontSearch::partition(State &state, int size, const Stream<pair> &pairs, const Tree &a, const Tree &b, Stream<pair> *kept)
+/// After `outcome_` of `pairs` is known: appends to `kept` (unless there is none), to the triangle pairs, and fills
+/// open_; returns how many are open.
+int FrontSearch::partition(State &state, int size, const Stream<pair> &pairs, const Tree &a, const Tree &b,
+                           Stream<pair> *kept)
 {
   Backend &device = *state.backend;
   const int n = chunks(size, FRONT_CHUNK);
@@ -168,13 +176,15 @@ int FrontSearch::partition(State &state, int size, const Stream<pair> &pairs, co
   const int first_kept = kept ? kept->size() : 0, first_triangle = state.triangle_pairs.size();
   if (kept) kept->grow(static_cast<long long>(first_kept) + stay);
   const long long pairs_now = static_cast<long long>(first_triangle) + touching;
-  if (pairs_now > most_pairs * state.faces)
-    throw SolverError("step " + std::to_string(state.report.step) + ": the motion of this step brings " + std::to_string(pairs_now) +
-                      " pairs of triangles near each other: it has blown up; take a smaller time step, or the level production, which keeps cloth apart");
+  if (pairs_now > max_pairs * state.faces)
+    throw SolverError("step " + std::to_string(state.report.step) + ": the motion of this step brings " +
+                      std::to_string(pairs_now) +
+                      " pairs of triangles near each other: it has blown up; take a smaller time step, or the level "
+                      "production, which keeps cloth apart");
   state.triangle_pairs.grow(pairs_now);
   open_.resize(open);
-  CAMA_LAUNCH(device, fill_front, n, size, kept ? 1 : 0, pairs, outcome_, offset_, first_kept, first_triangle, a.order, b.order,
-              kept ? *kept : kept_[0], state.triangle_pairs, open_);
+  CAMA_LAUNCH(device, fill_front, n, size, kept ? 1 : 0, pairs, outcome_, offset_, first_kept, first_triangle, a.order,
+              b.order, kept ? *kept : kept_[0], state.triangle_pairs, open_);
   return open;
 }
 
@@ -189,11 +199,11 @@ void FrontSearch::traverse(State &state, const Tree &a, const Tree &b, int open,
     outcome_.resize(size);
     CAMA_LAUNCH(device, open_pairs, size, self, a.leaves, a.root, b.leaves, b.root, open_, child_);
     if (kept)
-      CAMA_LAUNCH(device, test_front, size, 0, self, a.leaves, a.root, a.node, a.order, b.leaves, b.root, b.node, b.order, state.face,
-                  state.face_features, child_, outcome_);
-    else
-      CAMA_LAUNCH(device, test_dirty_front, size, 1, self, a.leaves, a.root, a.node, a.dirty, a.order, b.leaves, b.root, b.node, b.dirty,
+      CAMA_LAUNCH(device, test_front, size, 0, self, a.leaves, a.root, a.node, a.order, b.leaves, b.root, b.node,
                   b.order, state.face, state.face_features, child_, outcome_);
+    else
+      CAMA_LAUNCH(device, test_dirty_front, size, 1, self, a.leaves, a.root, a.node, a.dirty, a.order, b.leaves, b.root,
+                  b.node, b.dirty, b.order, state.face, state.face_features, child_, outcome_);
     open = partition(state, size, child_, a, b, kept);
   }
 }
@@ -206,21 +216,22 @@ void FrontSearch::update_front(State &state, const Tree &a, const Tree &b, Strea
   outcome_.resize(size);
   Stream<pair> &kept = kept_[&a == &b ? 0 : 1];
   kept.resize(0);
-  CAMA_LAUNCH(device, test_front, size, restart ? 0 : 1, &a == &b ? 1 : 0, a.leaves, a.root, a.node, a.order, b.leaves, b.root, b.node,
-              b.order, state.face, state.face_features, front, outcome_);
+  CAMA_LAUNCH(device, test_front, size, restart ? 0 : 1, &a == &b ? 1 : 0, a.leaves, a.root, a.node, a.order, b.leaves,
+              b.root, b.node, b.order, state.face, state.face_features, front, outcome_);
   kept.reserve(front.capacity());
   const int open = partition(state, size, front, a, b, &kept);
   traverse(state, a, b, open, &kept);
   front.swap(kept);
 }
 
-/// Triangle pairs below front pairs with a dirty node. The front stays: it is a cut, and the next full search opens what overlaps.
+/// Triangle pairs below front pairs with a dirty node. The front stays: it is a cut, and the next full search opens
+/// what overlaps.
 void FrontSearch::follow_dirty(State &state, const Tree &a, const Tree &b, const Stream<pair> &front)
 {
   const int size = front.size();
   outcome_.resize(size);
-  CAMA_LAUNCH(*state.backend, test_dirty_front, size, 0, &a == &b ? 1 : 0, a.leaves, a.root, a.node, a.dirty, a.order, b.leaves, b.root,
-              b.node, b.dirty, b.order, state.face, state.face_features, front, outcome_);
+  CAMA_LAUNCH(*state.backend, test_dirty_front, size, 0, &a == &b ? 1 : 0, a.leaves, a.root, a.node, a.dirty, a.order,
+              b.leaves, b.root, b.node, b.dirty, b.order, state.face, state.face_features, front, outcome_);
   const int open = partition(state, size, front, a, b, nullptr);
   traverse(state, a, b, open, nullptr);
 }
@@ -237,12 +248,13 @@ void FrontSearch::collect_features(State &s, bool only_new)
     found_[kind].resize(static_cast<long long>(n) + orphan[kind]->size());
     place_[kind].resize(found_[kind].size() + 1);
   }
-  CAMA_LAUNCH(b, test_features, n, fresh, s.triangle_pairs, s.face, s.edge, s.face_features, s.vertex_box, vertex_dirty_, vertex_before_,
-              s.face_box, face_dirty_, face_before_, s.edge_box, edge_dirty_, edge_before_, mask_, found_[0], found_[1]);
-  CAMA_LAUNCH(b, test_orphans, orphan[0]->size(), fresh, *orphan[0], s.vertex_box, vertex_dirty_, vertex_before_, s.face_box, face_dirty_,
-              face_before_, n, found_[0]);
-  CAMA_LAUNCH(b, test_orphans, orphan[1]->size(), fresh, *orphan[1], s.edge_box, edge_dirty_, edge_before_, s.edge_box, edge_dirty_,
-              edge_before_, n, found_[1]);
+  CAMA_LAUNCH(b, test_features, n, fresh, s.triangle_pairs, s.face, s.edge, s.face_features, s.vertex_box,
+              vertex_dirty_, vertex_before_, s.face_box, face_dirty_, face_before_, s.edge_box, edge_dirty_,
+              edge_before_, mask_, found_[0], found_[1]);
+  CAMA_LAUNCH(b, test_orphans, orphan[0]->size(), fresh, *orphan[0], s.vertex_box, vertex_dirty_, vertex_before_,
+              s.face_box, face_dirty_, face_before_, n, found_[0]);
+  CAMA_LAUNCH(b, test_orphans, orphan[1]->size(), fresh, *orphan[1], s.edge_box, edge_dirty_, edge_before_, s.edge_box,
+              edge_dirty_, edge_before_, n, found_[1]);
   int first[2];
   for (int kind = 0; kind < 2; ++kind) {
     first[kind] = list[kind]->pairs.size();
@@ -250,13 +262,14 @@ void FrontSearch::collect_features(State &s, bool only_new)
     const long long size = static_cast<long long>(first[kind]) + place_[kind].at(found_[kind].size());
     list[kind]->pairs.grow(size);
     list[kind]->direction.grow(size);
-    list[kind]->room.grow(size);
+    list[kind]->gap_bound.grow(size);
   }
-  CAMA_LAUNCH(b, fill_features, n, s.triangle_pairs, s.face, s.face_features, mask_, first[0], place_[0], s.vertex_face.pairs,
-              s.vertex_face.room, first[1], place_[1], s.edge_edge.pairs, s.edge_edge.room);
+  CAMA_LAUNCH(b, fill_features, n, s.triangle_pairs, s.face, s.face_features, mask_, first[0], place_[0],
+              s.vertex_face.pairs, s.vertex_face.gap_bound, first[1], place_[1], s.edge_edge.pairs,
+              s.edge_edge.gap_bound);
   for (int kind = 0; kind < 2; ++kind)
-    CAMA_LAUNCH(b, fill_orphans, orphan[kind]->size(), *orphan[kind], n, found_[kind], place_[kind], first[kind], list[kind]->pairs,
-                list[kind]->room);
+    CAMA_LAUNCH(b, fill_orphans, orphan[kind]->size(), *orphan[kind], n, found_[kind], place_[kind], first[kind],
+                list[kind]->pairs, list[kind]->gap_bound);
   for (int kind = 0; kind < 2; ++kind) drop_exempt(s, kind, first[kind]);
   s.report.candidates = s.vertex_face.pairs.size() + s.edge_edge.pairs.size();
   ++s.report.searches;
@@ -265,7 +278,8 @@ void FrontSearch::collect_features(State &s, bool only_new)
 void FrontSearch::run(State &s, const Stream<dvec3> &from, const Stream<dvec3> &to)
 {
   Backend &b = *s.backend;
-  const bool was_built = std::exchange(built_, false), obstacles = obstacles_.leaves > 0;   // stays so if anything below throws
+  const bool was_built = std::exchange(built_, false),
+             obstacles = obstacles_.leaves > 0;  // stays so if anything below throws
   find_bounds(s, from, to);
   CAMA_LAUNCH(b, vertex_boxes, s.vertices, from, to, s.margin, s.bounds, s.vertex_box);
   CAMA_LAUNCH(b, face_boxes, s.faces, s.face, s.vertex_box, s.face_box);
@@ -296,10 +310,11 @@ void FrontSearch::run(State &s, const Stream<dvec3> &from, const Stream<dvec3> &
   for (PairList *list : {&s.vertex_face, &s.edge_edge}) {
     list->pairs.resize(0);
     list->direction.resize(0);
-    list->room.resize(0);
+    list->gap_bound.resize(0);
   }
   collect_features(s, false);
-  for (PairList *list : {&s.vertex_face, &s.edge_edge}) list->direction.fill_zero();   // a zero direction certifies nothing
+  for (PairList *list : {&s.vertex_face, &s.edge_edge})
+    list->direction.fill_zero();  // a zero direction certifies nothing
   built_ = true;
 }
 
@@ -310,19 +325,22 @@ CandidateSearch::Change FrontSearch::update(State &s, const Stream<dvec3> &from,
   CAMA_LAUNCH(b, mark_escaped, s.vertices, from, to, s.vertex_box, s.bounds, margin, vertex_dirty_, dirty_count_);
   const int escaped = dirty_count_.at(0);
   if (escaped == 0) return Change::none;
-  if (!built_ || !s.options.localized_search || escaped > most_escaped * s.vertices) {
+  if (!built_ || !s.options.localized_search || escaped > max_escaped * s.vertices) {
     run(s, from, to);
     find_directions(s, from, 0, 0);
     return Change::renewed;
   }
-  CAMA_LAUNCH(b, grow_vertex_boxes, s.vertices, from, to, s.margin, s.bounds, vertex_dirty_, s.vertex_box, vertex_before_);
+  CAMA_LAUNCH(b, grow_vertex_boxes, s.vertices, from, to, s.margin, s.bounds, vertex_dirty_, s.vertex_box,
+              vertex_before_);
   CAMA_LAUNCH(b, grow_face_boxes, s.faces, s.face, s.vertex_box, vertex_dirty_, face_dirty_, s.face_box, face_before_);
   CAMA_LAUNCH(b, grow_edge_boxes, s.edges, s.edge, s.vertex_box, vertex_dirty_, edge_dirty_, s.edge_box, edge_before_);
   const bool obstacles = obstacles_.leaves > 0;
   for (Tree *tree : {&cloth_, &obstacles_}) {
     if (tree->leaves == 0) continue;
     CAMA_LAUNCH(b, grow_leaves, tree->leaves, tree->order, face_dirty_, s.face_box, tree->dirty, tree->node);
-    for_each_level(*tree, [&](int n, int level, int steps) { CAMA_LAUNCH(b, grow_levels, n, tree->leaves, level, steps, tree->dirty, tree->node); });
+    for_each_level(*tree, [&](int n, int level, int steps) {
+      CAMA_LAUNCH(b, grow_levels, n, tree->leaves, level, steps, tree->dirty, tree->node);
+    });
   }
   s.triangle_pairs.resize(0);
   if (s.contact_settings.self) follow_dirty(s, cloth_, cloth_, s.self_front);

@@ -4,15 +4,15 @@
 
 namespace cama {
 
-/// The paper's (section 4.1, Figures 7 and 8): fronts of the traversal of cloth with itself and of cloth with obstacles, kept between
-/// searches; triangle pairs from them; feature pairs that the triangles own; and orphans, feature pairs whose owners are adjacent.
-/// Gives the pairs that TreeSearch gives, in another order.
+/// The paper's (section 4.1, Figures 7 and 8): fronts of the traversal of cloth with itself and of cloth with
+/// obstacles, kept between searches; triangle pairs from them; feature pairs that the triangles own; and orphans,
+/// feature pairs whose owners are adjacent. Gives the pairs that TreeSearch gives, in another order.
 class FrontSearch final : public CandidateSearch {
 public:
   explicit FrontSearch(State &state);
   void run(State &state, const Stream<dvec3> &from, const Stream<dvec3> &to) override;
-  /// With the option `localized_search` and few vertices out of their boxes, only pairs near those are looked for: earlier pairs stay as
-  /// they are, with `direction` and `room`, new ones are appended.
+  /// With the option `localized_search` and few vertices out of their boxes, only pairs near those are looked for:
+  /// earlier pairs stay as they are, with `direction` and `gap_bound`, new ones are appended.
   Change update(State &state, const Stream<dvec3> &from, const Stream<dvec3> &to, double margin) override;
 
   int rebuilds() const { return rebuilds_; }     ///< of trees and fronts
@@ -30,7 +30,8 @@ private:
   template <class Level> void for_each_level(const Tree &tree, Level &&level);
   void refit(State &state, Tree &tree);
   double surface(State &state, const Tree &tree);
-  int partition(State &state, int size, const Stream<kernels::pair> &pairs, const Tree &a, const Tree &b, Stream<kernels::pair> *kept);
+  int partition(State &state, int size, const Stream<kernels::pair> &pairs, const Tree &a, const Tree &b,
+                Stream<kernels::pair> *kept);
   void traverse(State &state, const Tree &a, const Tree &b, int open, Stream<kernels::pair> *kept);
   void update_front(State &state, const Tree &a, const Tree &b, Stream<kernels::pair> &front, bool restart);
   void follow_dirty(State &state, const Tree &a, const Tree &b, const Stream<kernels::pair> &front);

@@ -6,7 +6,7 @@
 
 #include <Eigen/SparseCholesky>
 
-#include "launch.hpp"
+#include "device/launch.hpp"
 
 namespace cama {
 namespace {
@@ -20,35 +20,34 @@ LinearSolve<Real>::LinearSolve(Backend &b)
     : diagonal_(b), r_(b), p_(b), q_(b), product_(b), partial_(b), reduced_(b), sum_(b), scalar_(b, SCALAR_COUNT)
 {}
 
-template <class Real>
-void LinearSolve<Real>::multiply(State &state, const Stream<vec3> &x, Stream<vec3> &q)
+template <class Real> void LinearSolve<Real>::multiply(State &state, const Stream<vec3> &x, Stream<vec3> &q)
 {
   Backend &b = *state.backend;
   System<Real> &s = state.system<Real>();
   // In single, what rounding leaves of stiffness times a motion that all share would be a force.
   const bool differences = sizeof(Real) == 4 && state.options.assembly == Assembly::gather;
-  CAMA_LAUNCH_REAL(Real, b, bcsr_multiply, state.cloth_vertices, s.matrix.row, s.matrix.column, s.matrix.block, state.fixed,
-                   differences ? s.mass : no_mass_, x, q);
+  CAMA_LAUNCH_REAL(Real, b, bcsr_multiply, state.cloth_vertices, s.matrix.row, s.matrix.column, s.matrix.block,
+                   state.fixed, differences ? s.mass : no_mass_, x, q);
   if (!terms_as_operator(state)) return;
   product_.resize(state.terms);
   CAMA_LAUNCH_REAL(Real, b, term_products, state.terms, s.term, x, product_);
-  CAMA_LAUNCH_REAL(Real, b, add_term_products, state.cloth_vertices, state.term_incidence.row, state.term_incidence.entry, s.term,
-                   product_, state.fixed, q);
+  CAMA_LAUNCH_REAL(Real, b, add_term_products, state.cloth_vertices, state.term_incidence.row,
+                   state.term_incidence.entry, s.term, product_, state.fixed, q);
 }
 
-template <class Real>
-void LinearSolve<Real>::extract_diagonal(State &state)
+template <class Real> void LinearSolve<Real>::extract_diagonal(State &state)
 {
   Backend &b = *state.backend;
   System<Real> &s = state.system<Real>();
   diagonal_.resize(state.cloth_vertices);
-  CAMA_LAUNCH_REAL(Real, b, extract_diagonal, state.cloth_vertices, s.matrix.row, s.matrix.column, s.matrix.block, diagonal_);
+  CAMA_LAUNCH_REAL(Real, b, extract_diagonal, state.cloth_vertices, s.matrix.row, s.matrix.column, s.matrix.block,
+                   diagonal_);
   if (terms_as_operator(state))
-    CAMA_LAUNCH_REAL(Real, b, add_term_diagonal, state.cloth_vertices, state.term_incidence.row, state.term_incidence.entry, s.term, diagonal_);
+    CAMA_LAUNCH_REAL(Real, b, add_term_diagonal, state.cloth_vertices, state.term_incidence.row,
+                     state.term_incidence.entry, s.term, diagonal_);
 }
 
-template <class Real>
-void LinearSolve<Real>::dot(State &state, const Stream<vec3> &a, const Stream<vec3> &b)
+template <class Real> void LinearSolve<Real>::dot(State &state, const Stream<vec3> &a, const Stream<vec3> &b)
 {
   const int n = state.cloth_vertices;
   partial_.resize(first_parts(n));
@@ -57,8 +56,7 @@ void LinearSolve<Real>::dot(State &state, const Stream<vec3> &a, const Stream<ve
   CAMA_LAUNCH(*state.backend, reduce_partials, second_parts(n), first_parts(n), partial_, reduced_);
 }
 
-template <class Real>
-void LinearSolve<Real>::move_alike(State &state, bool falling)
+template <class Real> void LinearSolve<Real>::move_uniformly(State &state, bool falling)
 {
   Backend &b = *state.backend;
   System<Real> &s = state.system<Real>();
@@ -69,7 +67,8 @@ void LinearSolve<Real>::move_alike(State &state, bool falling)
   if (falling) multiply(state, s.solution, q_);   // else the solve has left it there
   CAMA_LAUNCH_REAL(Real, b, subtract_product, rows, state.fixed, s.right_side, q_, r_);
   if (falling) {
-    CAMA_LAUNCH_REAL(Real, b, uniform_direction, state.vertices, rows, state.time_step, components<double>(state.gravity), state.fixed, p_);
+    CAMA_LAUNCH_REAL(Real, b, uniform_direction, state.vertices, rows, state.time_step,
+                     components<double>(state.gravity), state.fixed, p_);
   } else {
     CAMA_LAUNCH_TEAMS(Real, b, sum_vectors, SUM_ROWS, teams, rows, r_, sum_);
     CAMA_LAUNCH_TEAMS(Real, b, sum_sums, SUM_ROWS, 1, teams, sum_);
@@ -85,32 +84,32 @@ void LinearSolve<Real>::move_alike(State &state, bool falling)
 
 template <class Real>
 template <class S>
-bool LinearSolve<Real>::conjugate_gradient(State &state, std::unique_ptr<ConjugateGradient<S>> &solver, Preconditioner preconditioner, bool alike)
+bool LinearSolve<Real>::conjugate_gradient(State &state, std::unique_ptr<ConjugateGradient<S>> &solver,
+                                           Preconditioner preconditioner, bool uniform)
 {
   if (!solver) {
     solver = std::make_unique<ConjugateGradient<S>>(*state.backend, preconditioner);
-    if (alike) solver->template start_from<Real>(state, std::exchange(matching_, {}));
+    if (uniform) solver->template start_from<Real>(state, std::exchange(matching_, {}));
   }
   q_.resize(state.cloth_vertices);
-  if (alike) move_alike(state, true);
+  if (uniform) move_uniformly(state, true);
   extract_diagonal(state);
   solver->template prepare<Real>(state, diagonal_);
-  const auto result = solver->template solve<Real>(state, alike ? &r_ : nullptr, q_, [&](const Stream<vec3> &x, Stream<vec3> &q) { multiply(state, x, q); });
+  const auto result = solver->template solve<Real>(
+      state, uniform ? &r_ : nullptr, q_, [&](const Stream<vec3> &x, Stream<vec3> &q) { multiply(state, x, q); });
   state.report.iterations = result.iterations;
   state.report.residual = result.residual;
   finite_ = std::isfinite(result.start);
-  if (alike && !result.broken && result.iterations > 0) move_alike(state, false);
+  if (uniform && !result.broken && result.iterations > 0) move_uniformly(state, false);
   return !result.broken;
 }
 
-template <class Real>
-void LinearSolve<Real>::save(State &state, Checkpoint &checkpoint)
+template <class Real> void LinearSolve<Real>::save(State &state, Checkpoint &checkpoint)
 {
   checkpoint.matching = single_ ? single_->matching(state) : own_ ? own_->matching(state) : matching_;
 }
 
-template <class Real>
-void LinearSolve<Real>::restore(State &, const Checkpoint &checkpoint)
+template <class Real> void LinearSolve<Real>::restore(State &, const Checkpoint &checkpoint)
 {
   matching_ = checkpoint.matching;
   single_.reset();
@@ -118,21 +117,27 @@ void LinearSolve<Real>::restore(State &, const Checkpoint &checkpoint)
   fallback_.reset();
 }
 
-template <class Real>
-void LinearSolve<Real>::iterative(State &state)
+template <class Real> void LinearSolve<Real>::iterative(State &state)
 {
   const Preconditioner wanted = state.options.preconditioner;
-  const bool single = sizeof(Real) == 4 || state.options.precision == "mixed", alike = wanted == Preconditioner::schwarz;
-  if (single ? conjugate_gradient(state, single_, wanted, alike) : conjugate_gradient<Real>(state, own_, wanted, alike)) return;
-  if (wanted != Preconditioner::block_jacobi && conjugate_gradient<Real>(state, fallback_, Preconditioner::block_jacobi, false)) return;
+  const bool single = sizeof(Real) == 4 || state.options.precision == "mixed",
+             uniform = wanted == Preconditioner::schwarz;
+  if (single ? conjugate_gradient(state, single_, wanted, uniform)
+             : conjugate_gradient<Real>(state, own_, wanted, uniform))
+    return;
+  if (wanted != Preconditioner::block_jacobi &&
+      conjugate_gradient<Real>(state, fallback_, Preconditioner::block_jacobi, false))
+    return;
   const std::string step = "step " + std::to_string(state.report.step);
-  if (!finite_) throw SolverError(step + ": the linear system is not finite; check the material's stiffness and density and the time step");
-  throw SolverError(step + ": the linear solve broke down after " + std::to_string(state.report.iterations) +
-                    " iterations (the matrix is not positive definite); check stiffness and density, or take a smaller time step");
+  if (!finite_)
+    throw SolverError(
+        step + ": the linear system is not finite; check the material's stiffness and density and the time step");
+  throw SolverError(
+      step + ": the linear solve broke down after " + std::to_string(state.report.iterations) +
+      " iterations (the matrix is not positive definite); check stiffness and density, or take a smaller time step");
 }
 
-template <class Real>
-void LinearSolve<Real>::direct(State &state)
+template <class Real> void LinearSolve<Real>::direct(State &state)
 {
   System<Real> &s = state.system<Real>();
   const int rows = state.cloth_vertices;
@@ -146,8 +151,10 @@ void LinearSolve<Real>::direct(State &state)
   Eigen::VectorXd rhs = Eigen::VectorXd::Zero(3 * rows);
   const auto add = [&](int i, int j, int a, int c, double value) {
     if (i >= rows || fixed[i]) return;
-    if (j >= rows || fixed[j]) rhs[3 * i + a] -= value * component(x[j], c);
-    else entries.emplace_back(3 * i + a, 3 * j + c, value);
+    if (j >= rows || fixed[j])
+      rhs[3 * i + a] -= value * component(x[j], c);
+    else
+      entries.emplace_back(3 * i + a, 3 * j + c, value);
   };
   for (int i = 0; i < rows; ++i) {
     for (int k = row[i]; k < row[i + 1]; ++k)
@@ -155,7 +162,10 @@ void LinearSolve<Real>::direct(State &state)
         for (int c = 0; c < 3; ++c) add(i, column[k], a, c, component(block[k].row[a], c));
     for (int a = 0; a < 3; ++a) {
       rhs[3 * i + a] += component(right[i], a);
-      if (fixed[i]) { entries.emplace_back(3 * i + a, 3 * i + a, 1.0); rhs[3 * i + a] = component(x[i], a); }
+      if (fixed[i]) {
+        entries.emplace_back(3 * i + a, 3 * i + a, 1.0);
+        rhs[3 * i + a] = component(x[i], a);
+      }
     }
   }
   if (terms_as_operator(state))
@@ -165,39 +175,44 @@ void LinearSolve<Real>::direct(State &state)
           for (int a = 0; a < 3; ++a)
             for (int c = 0; c < 3; ++c)
               if (t.node[i] >= 0 && t.node[j] >= 0)
-                add(t.node[i], t.node[j], a, c, static_cast<double>(t.weight[i]) * t.weight[j] *
-                    (t.along * component(t.normal, a) * component(t.normal, c) + (a == c ? t.around : Real(0))));
+                add(t.node[i], t.node[j], a, c,
+                    static_cast<double>(t.weight[i]) * t.weight[j] *
+                        (t.along * component(t.normal, a) * component(t.normal, c) + (a == c ? t.around : Real(0))));
   Eigen::SparseMatrix<double> matrix(3 * rows, 3 * rows);
   matrix.setFromTriplets(entries.begin(), entries.end());
   Eigen::SimplicialLDLT<Eigen::SparseMatrix<double>> factor(matrix);
-  if (factor.info() != Eigen::Success || !(factor.vectorD().minCoeff() > 0)) throw SolverError("step " + std::to_string(state.report.step) + ": the sparse factorisation failed (the matrix is not positive definite); check stiffness and density");
+  if (factor.info() != Eigen::Success || !(factor.vectorD().minCoeff() > 0))
+    throw SolverError(
+        "step " + std::to_string(state.report.step) +
+        ": the sparse factorisation failed (the matrix is not positive definite); check stiffness and density");
   const Eigen::VectorXd v = factor.solve(rhs);
   for (int i = 0; i < rows; ++i)
-    if (!fixed[i]) x[i] = {static_cast<Real>(v[3 * i]), static_cast<Real>(v[3 * i + 1]), static_cast<Real>(v[3 * i + 2])};
+    if (!fixed[i])
+      x[i] = {static_cast<Real>(v[3 * i]), static_cast<Real>(v[3 * i + 1]), static_cast<Real>(v[3 * i + 2])};
   s.solution.assign(x);
   state.report.iterations = 0;
   state.report.residual = (matrix * v - rhs).norm() / std::max(rhs.norm(), 1e-300);
 }
 
-template <class Real>
-void LinearSolve<Real>::run(State &state)
+template <class Real> void LinearSolve<Real>::run(State &state)
 {
   Backend &b = *state.backend;
   System<Real> &s = state.system<Real>();
   s.right_side.resize(state.cloth_vertices);
   s.solution.resize(state.vertices);
-  CAMA_LAUNCH_REAL(Real, b, start_solution, state.vertices, state.base_velocity(), state.velocity_next, state.fixed, s.solution);
-  CAMA_LAUNCH_REAL(Real, b, make_right_side, state.cloth_vertices, static_cast<Real>(state.implicit_step), s.mass, state.base_velocity(),
-                   state.velocity_next, state.fixed, s.force, s.right_side);
+  CAMA_LAUNCH_REAL(Real, b, start_solution, state.vertices, state.base_velocity(), state.velocity_next, state.fixed,
+                   s.solution);
+  CAMA_LAUNCH_REAL(Real, b, make_right_side, state.cloth_vertices, static_cast<Real>(state.implicit_step), s.mass,
+                   state.base_velocity(), state.velocity_next, state.fixed, s.force, s.right_side);
   if (state.terms)
-    CAMA_LAUNCH_REAL(Real, b, add_term_forces, state.cloth_vertices, state.term_incidence.row, state.term_incidence.entry, s.term, s.right_side);
+    CAMA_LAUNCH_REAL(Real, b, add_term_forces, state.cloth_vertices, state.term_incidence.row,
+                     state.term_incidence.entry, s.term, s.right_side);
   solve(state);
   CAMA_LAUNCH_REAL(Real, b, store_velocity, state.cloth_vertices, state.fixed, s.solution, state.velocity_next);
   if (planted_failure) planted_failure(state);
 }
 
-template <class Real>
-void LinearSolve<Real>::solve(State &state)
+template <class Real> void LinearSolve<Real>::solve(State &state)
 {
   if (state.options.solver == LinearSolver::direct) {
     direct(state);

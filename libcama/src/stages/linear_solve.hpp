@@ -2,14 +2,15 @@
 #pragma once
 #include <memory>
 
-#include "pipeline.hpp"
+#include "run/pipeline.hpp"
 #include "solver/conjugate_gradient.hpp"
 
 namespace cama {
 
-/// A v = b of Equation 1 by preconditioned conjugate gradient, or by a sparse direct factorisation (the reference). Where the preconditioner
-/// is not positive definite in its precision, the blocks of the diagonal take its place. Starts from the current velocities; prescribed
-/// degrees of freedom are eliminated; stops by sqrt(r' P r) relative to its start, or to that of the forces without penalties where it is smaller.
+/// A v = b of Equation 1 by preconditioned conjugate gradient, or by a sparse direct factorisation (the reference).
+/// Where the preconditioner is not positive definite in its precision, the blocks of the diagonal take its place.
+/// Starts from the current velocities; prescribed degrees of freedom are eliminated; stops by sqrt(r' P r) relative to
+/// its start, or to that of the forces without penalties where it is smaller.
 template <class Real> class LinearSolve final : public Stage {
 public:
   explicit LinearSolve(Backend &backend);
@@ -26,16 +27,20 @@ public:
 private:
   using vec3 = typename Types<Real>::vec3;
   void extract_diagonal(State &state);
-  /// Moves all free vertices alike by what lowers the energy of the error most: along gravity before the solve, so that free fall is
-  /// exact; along the net force that is left over after it, so that momentum is kept beyond the tolerance.
-  /// Leaves the residual in r_.
-  void move_alike(State &state, bool falling);
+  /// Moves all free vertices uniform by what lowers the energy of the error most: along gravity before the solve, so
+  /// that free fall is exact; along the net force that is left over after it, so that momentum is kept beyond the
+  /// tolerance. Leaves the residual in r_.
+  void move_uniformly(State &state, bool falling);
   void iterative(State &state);
-  /// False if it broke down. alike: with `move_alike`.
+  /// False if it broke down. uniform: with `move_uniformly`.
   template <class S>
-  bool conjugate_gradient(State &state, std::unique_ptr<ConjugateGradient<S>> &solver, Preconditioner preconditioner, bool alike);
+  bool conjugate_gradient(State &state, std::unique_ptr<ConjugateGradient<S>> &solver, Preconditioner preconditioner,
+                          bool uniform);
   void direct(State &state);
-  bool terms_as_operator(const State &state) const { return state.options.assembly == Assembly::gather && state.terms > 0; }
+  bool terms_as_operator(const State &state) const
+  {
+    return state.options.assembly == Assembly::gather && state.terms > 0;
+  }
   void dot(State &state, const Stream<vec3> &a, const Stream<vec3> &b);
 
   Stream<typename Types<Real>::mat3> diagonal_;

@@ -2,7 +2,7 @@
 #include "stages/matrix_assembly.hpp"
 
 #include "cama/error.hpp"
-#include "launch.hpp"
+#include "device/launch.hpp"
 
 namespace cama {
 
@@ -11,13 +11,12 @@ AssembleMatrix<Real>::AssembleMatrix(Backend &b)
     : count_(b), space_(b), cursor_(b), index_(b), source_start_(b), source_(b), key_(b), entry_(b), head_(b), place_(b)
 {}
 
-template <class Real>
-void AssembleMatrix<Real>::find_pattern(State &state, bool with_terms)
+template <class Real> void AssembleMatrix<Real>::find_pattern(State &state, bool with_terms)
 {
   Backend &b = *state.backend;
   BlockMatrix<Real> &m = state.system<Real>().matrix;
   const int rows = state.cloth_vertices, terms = with_terms ? state.terms : 0;
-  if (16 * (static_cast<long long>(state.triangles) + state.hinges + terms) > 0x7fffffff)   // sources are numbered by 16
+  if (16 * (static_cast<long long>(state.triangles) + state.hinges + terms) > 0x7fffffff)  // sources are numbered by 16
     throw MemoryError("the matrix: more than 2^27 triangles, hinges and contacts; lower the resolution");
   count_.resize(rows);
   space_.resize(rows + 1);
@@ -43,8 +42,10 @@ void AssembleMatrix<Real>::find_pattern(State &state, bool with_terms)
   fill(state.hinges, state.triangles, state.hinge_nodes, all_couple_);
   fill(terms, state.triangles + state.hinges, state.term_nodes, state.term_split);
   // Removing duplications, lines 11-13; data reduction, lines 15-16.
-  if (b.processor()) CAMA_LAUNCH(b, sort_indices, rows, space_, index_);
-  else CAMA_LAUNCH_TEAMS(void, b, sort_indices_by_teams, SORT_TEAM, rows, space_, index_);
+  if (b.wide_workers())
+    CAMA_LAUNCH(b, sort_indices, rows, space_, index_);
+  else
+    CAMA_LAUNCH_TEAMS(void, b, sort_indices_by_teams, SORT_TEAM, rows, space_, index_);
   CAMA_LAUNCH(b, count_columns, rows, space_, index_, count_);
   b.scan(count_.buffer(), m.row.buffer(), rows);
   m.column.resize(m.row.at(rows));
@@ -53,22 +54,22 @@ void AssembleMatrix<Real>::find_pattern(State &state, bool with_terms)
   m.block.resize(m.column.size());
 }
 
-template <class Real>
-void AssembleMatrix<Real>::scatter(State &state)
+template <class Real> void AssembleMatrix<Real>::scatter(State &state)
 {
   Backend &b = *state.backend;
   System<Real> &s = state.system<Real>();
   BlockMatrix<Real> &m = s.matrix;
   const int rows = state.cloth_vertices;
   CAMA_LAUNCH_REAL(Real, b, set_mass_rows, rows, m.row, m.column, s.mass, m.block);
-  CAMA_LAUNCH_REAL(Real, b, scatter_triangles, state.triangles, state.triangle_nodes, s.triangle_factor, rows, m.row, m.column, m.block);
-  CAMA_LAUNCH_REAL(Real, b, scatter_hinges, state.hinges, state.hinge_nodes, s.hinge_factor, rows, m.row, m.column, m.block);
+  CAMA_LAUNCH_REAL(Real, b, scatter_triangles, state.triangles, state.triangle_nodes, s.triangle_factor, rows, m.row,
+                   m.column, m.block);
+  CAMA_LAUNCH_REAL(Real, b, scatter_hinges, state.hinges, state.hinge_nodes, s.hinge_factor, rows, m.row, m.column,
+                   m.block);
   CAMA_LAUNCH_REAL(Real, b, scatter_terms, state.terms, state.term_nodes, state.term_split, s.term,
                    static_cast<int>(state.options.contact_form), rows, m.row, m.column, m.block);
 }
 
-template <class Real>
-void AssembleMatrix<Real>::sorted(State &state)
+template <class Real> void AssembleMatrix<Real>::sorted(State &state)
 {
   Backend &b = *state.backend;
   System<Real> &s = state.system<Real>();
@@ -79,7 +80,8 @@ void AssembleMatrix<Real>::sorted(State &state)
   entry_.resize(n);
   head_.resize(n);
   place_.resize(n + 1);
-  const auto collect = [&](int count, const Stream<kernels::element_nodes> &nodes, const Stream<int> &split, int first) {
+  const auto collect = [&](int count, const Stream<kernels::element_nodes> &nodes, const Stream<int> &split,
+                           int first) {
     CAMA_LAUNCH_REAL(Real, b, collect_entries, count, nodes, split, rows, first, key_, entry_);
   };
   collect(state.triangles, state.triangle_nodes, all_couple_, 0);
@@ -93,16 +95,17 @@ void AssembleMatrix<Real>::sorted(State &state)
   m.row.resize(rows + 1);
   m.column.resize(total);
   m.block.resize(total);
-  CAMA_LAUNCH_REAL(Real, b, reduce_sorted, n, key_, entry_, place_, total, rows, s.mass, state.triangles, s.triangle_factor,
-                   state.hinges, s.hinge_factor, s.term, static_cast<int>(state.options.contact_form), m.row, m.column, m.block);
+  CAMA_LAUNCH_REAL(Real, b, reduce_sorted, n, key_, entry_, place_, total, rows, s.mass, state.triangles,
+                   s.triangle_factor, state.hinges, s.hinge_factor, s.term,
+                   static_cast<int>(state.options.contact_form), m.row, m.column, m.block);
 }
 
-template <class Real>
-void AssembleMatrix<Real>::run(State &state)
+template <class Real> void AssembleMatrix<Real>::run(State &state)
 {
   const Options &options = state.options;
   if (options.contact_form == ContactForm::star && state.terms) {
-    // Sides of terms: the star couples across sides only; vertex-face terms split after one node, edge-edge terms after two.
+    // Sides of terms: the star couples across sides only; vertex-face terms split after one node, edge-edge terms after
+    // two.
     state.term_split.resize(state.terms);
     CAMA_LAUNCH(*state.backend, set_int, state.stitches, state.contacts, 0, state.term_split);
     CAMA_LAUNCH(*state.backend, contact_splits, state.contacts, state.contact, state.term_split);
@@ -113,8 +116,9 @@ void AssembleMatrix<Real>::run(State &state)
     find_pattern(state, true);
     if (options.atomic_filling) return scatter(state);
     System<Real> &s = state.system<Real>();
-    CAMA_LAUNCH_REAL(Real, *state.backend, gather_blocks_and_terms, s.matrix.block.size(), source_start_, source_, s.mass, state.triangles,
-                     s.triangle_factor, state.hinges, s.hinge_factor, s.term, static_cast<int>(options.contact_form), s.matrix.block);
+    CAMA_LAUNCH_REAL(Real, *state.backend, gather_blocks_and_terms, s.matrix.block.size(), source_start_, source_,
+                     s.mass, state.triangles, s.triangle_factor, state.hinges, s.hinge_factor, s.term,
+                     static_cast<int>(options.contact_form), s.matrix.block);
   } else {
     System<Real> &s = state.system<Real>();
     if (!pattern_ready_) {
@@ -123,8 +127,8 @@ void AssembleMatrix<Real>::run(State &state)
       index_ = Stream<key64>(*state.backend);
       pattern_ready_ = true;
     }
-    CAMA_LAUNCH_REAL(Real, *state.backend, gather_blocks, s.matrix.block.size(), source_start_, source_, s.mass, state.triangles,
-                     s.triangle_factor, s.hinge_factor, s.matrix.block);
+    CAMA_LAUNCH_REAL(Real, *state.backend, gather_blocks, s.matrix.block.size(), source_start_, source_, s.mass,
+                     state.triangles, s.triangle_factor, s.hinge_factor, s.matrix.block);
   }
 }
 

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
-#include "pipeline.hpp"
+#include "run/pipeline.hpp"
 
 namespace cama {
 
@@ -15,7 +15,8 @@ public:
   /// Forces and factors at these positions.
   void evaluate(State &state, const Stream<dvec3> &position, bool with_wind);
   bool windy() const { return windy_; }
-  void add_wind(State &state, const Stream<dvec3> &position, const Stream<dvec3> &velocity, Stream<vec3> &force);   ///< [3 triangles]
+  void add_wind(State &state, const Stream<dvec3> &position, const Stream<dvec3> &velocity,
+                Stream<vec3> &force);   ///< [3 triangles]
 
 private:
   bool windy_;
@@ -36,8 +37,8 @@ private:
   Stream<int> count_;
 };
 
-/// The matrix of Equation 1 in BCSR: by gathering into the static elastic pattern (terms stay an operator of rank one each), by the
-/// paper's Algorithm 1, or by collecting, sorting and reducing all entries.
+/// The matrix of Equation 1 in BCSR: by gathering into the static elastic pattern (terms stay an operator of rank one
+/// each), by the paper's Algorithm 1, or by collecting, sorting and reducing all entries.
 template <class Real> class AssembleMatrix final : public Stage {
 public:
   explicit AssembleMatrix(Backend &backend);

@@ -5,22 +5,25 @@
 #include <cmath>
 #include <limits>
 
-#include "launch.hpp"
+#include "device/launch.hpp"
 
 namespace cama {
 namespace {
-constexpr int most_halvings = 10, patience = 3;   // iterations in a row that lower neither the potential beyond rounding nor the residual
-constexpr double sufficient = 1e-4;               // of the fall that the slope promises
-constexpr double rounding_units = 16;             // of the potential's parts together
+constexpr int max_halvings = 10,
+              patience = 3;  // iterations in a row that lower neither the potential beyond rounding nor the residual
+constexpr double sufficient = 1e-4;  // of the fall that the slope promises
+constexpr double rounding_units = 16;  // of the potential's parts together
 }  // namespace
 
 template <class Real>
-NewtonIterations<Real>::NewtonIterations(const Scene &scene, Backend &b, EvaluateElements<Real> &elements, AssembleMatrix<Real> &assembly,
-                                         LinearSolve<Real> &solve)
+NewtonIterations<Real>::NewtonIterations(const Scene &scene, Backend &b, EvaluateElements<Real> &elements,
+                                         AssembleMatrix<Real> &assembly, LinearSolve<Real> &solve)
     : elements_(elements), assembly_(assembly), solve_(solve),
-      damped_(std::any_of(scene.cloths.begin(), scene.cloths.end(), [](const Cloth &c) { return c.material.damping != 0; })),
-      product_(b), outer_(b), outer_triangle_(b), outer_hinge_(b), start_(b), still_(b), vertex_{Stream<double>(b), Stream<double>(b)},
-      triangle_{Stream<double>(b), Stream<double>(b)}, hinge_(b), term_(b), total_(b), part_(b)
+      damped_(std::any_of(scene.cloths.begin(), scene.cloths.end(),
+                          [](const Cloth &c) { return c.material.damping != 0; })),
+      product_(b), outer_(b), outer_triangle_(b), outer_hinge_(b), start_(b), zero_gravity_(b),
+      vertex_{Stream<double>(b), Stream<double>(b)}, triangle_{Stream<double>(b), Stream<double>(b)}, hinge_(b),
+      term_(b), total_(b), part_(b)
 {}
 
 template <class Real>
@@ -47,8 +50,7 @@ std::vector<double> NewtonIterations<Real>::sum(State &state, const std::vector<
   return total_.download();
 }
 
-template <class Real>
-typename NewtonIterations<Real>::Norms NewtonIterations<Real>::evaluate(State &state)
+template <class Real> typename NewtonIterations<Real>::Norms NewtonIterations<Real>::evaluate(State &state)
 {
   Backend &b = *state.backend;
   System<Real> &s = state.system<Real>();
@@ -60,58 +62,70 @@ typename NewtonIterations<Real>::Norms NewtonIterations<Real>::evaluate(State &s
     outer_triangle_.resize(3 * state.triangles);
     outer_hinge_.resize(4 * state.hinges);
     outer_.resize(rows);
-    if (still_.size() == 0) still_.assign({dvec3{0, 0, 0}});
+    if (zero_gravity_.size() == 0) zero_gravity_.assign({dvec3{0, 0, 0}});
     outer_triangle_.fill_zero();
     outer_hinge_.fill_zero();
     if (elements_.windy()) elements_.add_wind(state, x, v, outer_triangle_);
     if (damped_) {
-      CAMA_LAUNCH_REAL(Real, b, damp_triangles, state.triangles, s.triangle_rest, s.triangle_factor, s.material_scale, h, v, outer_triangle_);
-      CAMA_LAUNCH_REAL(Real, b, damp_hinges, state.hinges, s.hinge_rest, s.hinge_factor, s.material_scale, h, v, outer_hinge_);
+      CAMA_LAUNCH_REAL(Real, b, damp_triangles, state.triangles, s.triangle_rest, s.triangle_factor, s.material_scale,
+                       h, v, outer_triangle_);
+      CAMA_LAUNCH_REAL(Real, b, damp_hinges, state.hinges, s.hinge_rest, s.hinge_factor, s.material_scale, h, v,
+                       outer_hinge_);
     }
-    CAMA_LAUNCH_REAL(Real, b, gather_forces, rows, state.triangle_incidence.row, state.triangle_incidence.entry, outer_triangle_,
-                     state.hinge_incidence.row, state.hinge_incidence.entry, outer_hinge_, state.hinges, s.mass, still_, outer_);
+    CAMA_LAUNCH_REAL(Real, b, gather_forces, rows, state.triangle_incidence.row, state.triangle_incidence.entry,
+                     outer_triangle_, state.hinge_incidence.row, state.hinge_incidence.entry, outer_hinge_,
+                     state.hinges, s.mass, zero_gravity_, outer_);
     CAMA_LAUNCH_REAL(Real, b, add_forces, rows, outer_, s.force);
   }
-  CAMA_LAUNCH_REAL(Real, b, newton_right_side, rows, h, s.mass, state.fixed, state.base_velocity(), v, s.force, s.right_side);
+  CAMA_LAUNCH_REAL(Real, b, newton_right_side, rows, h, s.mass, state.fixed, state.base_velocity(), v, s.force,
+                   s.right_side);
   if (state.terms) {
     const int refresh = state.options.contact_refresh == ContactRefresh::iteration;
     product_.resize(state.terms);
-    CAMA_LAUNCH_REAL(Real, b, update_contact_terms, state.contacts, refresh, state.contact, state.position, x, state.vertex_contact, h, s.term);
+    CAMA_LAUNCH_REAL(Real, b, update_contact_terms, state.contacts, refresh, state.contact, state.position, x,
+                     state.vertex_contact, h, s.term);
     CAMA_LAUNCH_REAL(Real, b, make_stitch_terms, state.stitches, state.stitch, x, h, state.contacts, s.term);
-    CAMA_LAUNCH_REAL(Real, b, add_term_forces, rows, state.term_incidence.row, state.term_incidence.entry, s.term, s.right_side);
-    CAMA_LAUNCH_REAL(Real, b, friction_products, state.terms, state.contacts, s.term, v, product_);
-    CAMA_LAUNCH_REAL(Real, b, add_term_products, rows, state.term_incidence.row, state.term_incidence.entry, s.term, product_, state.fixed,
+    CAMA_LAUNCH_REAL(Real, b, add_term_forces, rows, state.term_incidence.row, state.term_incidence.entry, s.term,
                      s.right_side);
+    CAMA_LAUNCH_REAL(Real, b, friction_products, state.terms, state.contacts, s.term, v, product_);
+    CAMA_LAUNCH_REAL(Real, b, add_term_products, rows, state.term_incidence.row, state.term_incidence.entry, s.term,
+                     product_, state.fixed, s.right_side);
   }
   for (Stream<double> &values : vertex_) values.resize(rows);
-  CAMA_LAUNCH_REAL(Real, b, newton_norms, rows, h, s.mass, state.fixed, state.gravity, s.right_side, state.triangle_incidence.row,
-                   state.triangle_incidence.entry, s.triangle_force, state.hinge_incidence.row, state.hinge_incidence.entry, s.hinge_force,
-                   state.hinges, state.terms > 0 ? 1 : 0, state.term_incidence.row, state.term_incidence.entry, s.term, vertex_[0], vertex_[1]);
+  CAMA_LAUNCH_REAL(Real, b, newton_norms, rows, h, s.mass, state.fixed, state.gravity, s.right_side,
+                   state.triangle_incidence.row, state.triangle_incidence.entry, s.triangle_force,
+                   state.hinge_incidence.row, state.hinge_incidence.entry, s.hinge_force, state.hinges,
+                   state.terms > 0 ? 1 : 0, state.term_incidence.row, state.term_incidence.entry, s.term, vertex_[0],
+                   vertex_[1]);
   const std::vector<double> totals = sum(state, {&vertex_[0], &vertex_[1]});
   if (!std::isfinite(totals[0]) && !searching_)
-    throw SolverError("step " + std::to_string(state.report.step) + ": Newton's method met forces that are not finite; check the material's stiffness and density and the time step");
+    throw SolverError("step " + std::to_string(state.report.step) +
+                      ": Newton's method met forces that are not finite; check the material's stiffness and density "
+                      "and the time step");
   return {totals[0], totals[1]};
 }
 
-template <class Real>
-typename NewtonIterations<Real>::Potential NewtonIterations<Real>::measure(State &state)
+template <class Real> typename NewtonIterations<Real>::Potential NewtonIterations<Real>::measure(State &state)
 {
   Backend &b = *state.backend;
   System<Real> &s = state.system<Real>();
   const Stream<dvec3> &x = state.position_next, &v = state.velocity_next;
   const bool held = elements_.windy() || damped_;
   vertex_[0].resize(state.cloth_vertices);
-  CAMA_LAUNCH_REAL(Real, b, measure_inertia, state.cloth_vertices, state.implicit_step, s.mass, state.fixed, state.base_velocity(), v,
-                   state.position, x, state.gravity, held ? 1 : 0, held ? outer_ : s.force, vertex_[0]);
+  CAMA_LAUNCH_REAL(Real, b, measure_inertia, state.cloth_vertices, state.implicit_step, s.mass, state.fixed,
+                   state.base_velocity(), v, state.position, x, state.gravity, held ? 1 : 0, held ? outer_ : s.force,
+                   vertex_[0]);
   for (Stream<double> &values : triangle_) values.resize(state.triangles);
-  CAMA_LAUNCH_REAL(Real, b, measure_triangles, state.triangles, s.triangle_rest, s.stretching_table, s.stretching_start, x, triangle_[0],
-                   triangle_[1]);
+  CAMA_LAUNCH_REAL(Real, b, measure_triangles, state.triangles, s.triangle_rest, s.stretching_table, s.stretching_start,
+                   x, triangle_[0], triangle_[1]);
   hinge_.resize(state.hinges);
   if (state.hinges)
-    CAMA_LAUNCH_REAL(Real, b, measure_hinges, state.hinges, s.hinge_rest, s.bending_table, state.options.arcsim_conventions ? 1 : 0, x, hinge_);
+    CAMA_LAUNCH_REAL(Real, b, measure_hinges, state.hinges, s.hinge_rest, s.bending_table,
+                     state.options.arcsim_conventions ? 1 : 0, x, hinge_);
   term_.resize(state.terms);
-  CAMA_LAUNCH_REAL(Real, b, measure_terms, state.terms, state.contacts, state.options.contact_refresh == ContactRefresh::iteration ? 1 : 0,
-                   state.contact, state.stitch, state.position, x, v, state.vertex_contact, s.term, term_);
+  CAMA_LAUNCH_REAL(Real, b, measure_terms, state.terms, state.contacts,
+                   state.options.contact_refresh == ContactRefresh::iteration ? 1 : 0, state.contact, state.stitch,
+                   state.position, x, v, state.vertex_contact, s.term, term_);
   const std::vector<double> parts = sum(state, {&vertex_[0], &triangle_[0], &hinge_, &term_});
   Potential result{0, 0};
   for (double part : parts) {
@@ -121,16 +135,16 @@ typename NewtonIterations<Real>::Potential NewtonIterations<Real>::measure(State
   return result;
 }
 
-template <class Real>
-void NewtonIterations<Real>::move(State &state, double alpha)
+template <class Real> void NewtonIterations<Real>::move(State &state, double alpha)
 {
   Backend &b = *state.backend;
-  CAMA_LAUNCH_REAL(Real, b, move_iterate, state.cloth_vertices, alpha, state.fixed, start_, state.system<Real>().solution, state.velocity_next);
-  CAMA_LAUNCH(b, advance, state.cloth_vertices, state.implicit_step, state.fixed, state.velocity_next, state.base_position(), state.position_next);
+  CAMA_LAUNCH_REAL(Real, b, move_iterate, state.cloth_vertices, alpha, state.fixed, start_,
+                   state.system<Real>().solution, state.velocity_next);
+  CAMA_LAUNCH(b, advance, state.cloth_vertices, state.implicit_step, state.fixed, state.velocity_next,
+              state.base_position(), state.position_next);
 }
 
-template <class Real>
-bool NewtonIterations<Real>::search_line(State &state, Norms &norms, bool &evaluated)
+template <class Real> bool NewtonIterations<Real>::search_line(State &state, Norms &norms, bool &evaluated)
 {
   Backend &b = *state.backend;
   System<Real> &s = state.system<Real>();
@@ -143,7 +157,7 @@ bool NewtonIterations<Real>::search_line(State &state, Norms &norms, bool &evalu
   const Potential before = measure(state);
   const double rounding = rounding_units * std::numeric_limits<Real>::epsilon();
   double alpha = 1;
-  for (int halving = 0; halving <= most_halvings; ++halving, alpha /= 2) {
+  for (int halving = 0; halving <= max_halvings; ++halving, alpha /= 2) {
     move(state, alpha);
     const Potential now = measure(state);
     const double slack = rounding * (before.size + now.size);
@@ -165,8 +179,7 @@ bool NewtonIterations<Real>::search_line(State &state, Norms &norms, bool &evalu
   return false;
 }
 
-template <class Real>
-void NewtonIterations<Real>::run(State &state)
+template <class Real> void NewtonIterations<Real>::run(State &state)
 {
   System<Real> &s = state.system<Real>();
   const double goal = state.options.newton_tolerance * state.options.newton_tolerance;

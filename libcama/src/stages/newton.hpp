@@ -5,26 +5,33 @@
 
 namespace cama {
 
-/// Newton's method on the nonlinear equation of the step, from the linearised step that the stages before have done: elements and terms at
-/// the iterate, assembly, solve for the change of velocity, line search on the incremental potential (inertia, elasticity, gravity, penalty;
-/// friction with the normal forces of the step's start, wind and damping as they are at the iterate). Hessians are positive semidefinite.
+/// Newton's method on the nonlinear equation of the step, from the linearised step that the stages before have done:
+/// elements and terms at the iterate, assembly, solve for the change of velocity, line search on the incremental
+/// potential (inertia, elasticity, gravity, penalty; friction with the normal forces of the step's start, wind and
+/// damping as they are at the iterate). Hessians are positive semidefinite.
 template <class Real> class NewtonIterations final : public Stage {
 public:
-  NewtonIterations(const Scene &scene, Backend &backend, EvaluateElements<Real> &elements, AssembleMatrix<Real> &assembly, LinearSolve<Real> &solve);
+  NewtonIterations(const Scene &scene, Backend &backend, EvaluateElements<Real> &elements,
+                   AssembleMatrix<Real> &assembly, LinearSolve<Real> &solve);
   std::string_view name() const override { return "newton iterations"; }
   std::string reason() const override { return "newton_iterations above 1"; }
   void run(State &state) override;
 
 private:
   using vec3 = typename Types<Real>::vec3;
-  struct Norms { double residual = 0, size = 0; };   // squares
+  struct Norms {
+    double residual = 0, size = 0;
+  };   // squares
   /// Elements, terms and right-hand side, which is the negative residual, at the iterate.
   Norms evaluate(State &state);
   /// Incremental potential at the iterate, J; size: of its parts together.
-  struct Potential { double value, size; };
+  struct Potential {
+    double value, size;
+  };
   Potential measure(State &state);
   void move(State &state, double alpha);
-  /// Goes along the solution as far as the potential falls; false: nowhere. norms: of where it came from, then of where it is if `evaluated`.
+  /// Goes along the solution as far as the potential falls; false: nowhere. norms: of where it came from, then of where
+  /// it is if `evaluated`.
   bool search_line(State &state, Norms &norms, bool &evaluated);
   /// One number per stream, at the same time; leaves the streams changed. Empty ones give 0.
   std::vector<double> sum(State &state, const std::vector<Stream<double> *> &streams);
@@ -32,9 +39,9 @@ private:
   EvaluateElements<Real> &elements_;
   AssembleMatrix<Real> &assembly_;
   LinearSolve<Real> &solve_;
-  bool damped_, searching_ = false, fell_ = false;   // fell_: the last search lowered the potential beyond rounding
-  Stream<vec3> product_, outer_, outer_triangle_, outer_hinge_;   // outer: wind and damping
-  Stream<dvec3> start_, still_;
+  bool damped_, searching_ = false, fell_ = false;  // fell_: the last search lowered the potential beyond rounding
+  Stream<vec3> product_, outer_, outer_triangle_, outer_hinge_;  // outer: wind and damping
+  Stream<dvec3> start_, zero_gravity_;
   Stream<double> vertex_[2], triangle_[2], hinge_, term_, total_, part_;
 };
 

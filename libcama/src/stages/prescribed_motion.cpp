@@ -5,7 +5,7 @@
 #include <cmath>
 #include <limits>
 
-#include "launch.hpp"
+#include "device/launch.hpp"
 
 namespace cama {
 namespace {
@@ -16,11 +16,14 @@ std::vector<dvec3> transform_rows(const RigidTransform &t)
   return {{1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)},
           {2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)},
           {2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)},
-          t.translation, t.center, {t.scale, 0, 0}};
+          t.translation,
+          t.center,
+          {t.scale, 0, 0}};
 }
 
 /// The foot point of x on a triangle soup and the offset in the triangle's frame.
-kernels::attachment attach(const dvec3 &x, int vertex, const Obstacle &obstacle, const std::vector<dvec3> &position, int first)
+kernels::attachment attach(const dvec3 &x, int vertex, const Obstacle &obstacle, const std::vector<dvec3> &position,
+                           int first)
 {
   using namespace kernels;
   kernels::attachment best{};
@@ -32,9 +35,15 @@ kernels::attachment attach(const dvec3 &x, int vertex, const Obstacle &obstacle,
     smallest = p.distance;
     best.vertex = vertex;
     const dvec3 foot = dadd(dadd(dscale(-p.weight[1], a), dscale(-p.weight[2], b)), dscale(-p.weight[3], c));
-    const dvec3 t = dnormalize(dsub(b, a)), n = dnormalize(dcross(dsub(b, a), dsub(c, a))), s = dcross(n, t), off = dsub(x, foot);
-    for (int k = 0; k < 3; ++k) { best.node[k] = first + f[k]; best.weight[k] = -p.weight[k + 1]; }
-    best.offset[0] = ddot(off, t); best.offset[1] = ddot(off, s); best.offset[2] = ddot(off, n);
+    const dvec3 t = dnormalize(dsub(b, a)), n = dnormalize(dcross(dsub(b, a), dsub(c, a))), s = dcross(n, t),
+                off = dsub(x, foot);
+    for (int k = 0; k < 3; ++k) {
+      best.node[k] = first + f[k];
+      best.weight[k] = -p.weight[k + 1];
+    }
+    best.offset[0] = ddot(off, t);
+    best.offset[1] = ddot(off, s);
+    best.offset[2] = ddot(off, n);
   }
   return best;
 }
@@ -42,7 +51,8 @@ kernels::attachment attach(const dvec3 &x, int vertex, const Obstacle &obstacle,
 }  // namespace
 
 PrescribedMotion::PrescribedMotion(const Scene &scene, State &state)
-    : transform_(*state.backend, 6), handle_position_(*state.backend), handle_vertex_(*state.backend), attachments_(*state.backend)
+    : transform_(*state.backend, 6), handle_position_(*state.backend), handle_vertex_(*state.backend),
+      attachments_(*state.backend)
 {
   std::vector<int> cloth_first, obstacle_first;
   std::vector<dvec3> start;
@@ -57,7 +67,8 @@ PrescribedMotion::PrescribedMotion(const Scene &scene, State &state)
     obstacle.motion.evaluate(0, obstacle.mesh.position, placed);
     start.insert(start.end(), placed.begin(), placed.end());
     if (!obstacle.motion.is_static())
-      obstacles_.push_back({obstacle.motion, first, static_cast<int>(placed.size()), -1, -1, Stream<dvec3>(*state.backend), Stream<dvec3>(*state.backend)});
+      obstacles_.push_back({obstacle.motion, first, static_cast<int>(placed.size()), -1, -1,
+                            Stream<dvec3>(*state.backend), Stream<dvec3>(*state.backend)});
   }
   std::vector<kernels::attachment> attachments;
   for (const Pin &pin : scene.pins) {
@@ -66,7 +77,8 @@ PrescribedMotion::PrescribedMotion(const Scene &scene, State &state)
     if (pin.obstacle) {
       const Obstacle &obstacle = scene.obstacles[*pin.obstacle];
       const int first = obstacle_first[*pin.obstacle];
-      const std::vector<dvec3> placed(start.begin() + first, start.begin() + first + static_cast<long>(obstacle.mesh.position.size()));
+      const std::vector<dvec3> placed(start.begin() + first,
+                                      start.begin() + first + static_cast<long>(obstacle.mesh.position.size()));
       for (int v : vertices) attachments.push_back(attach(start[v], v, obstacle, placed, first));
       attached_.push_back({std::move(vertices), pin.release});
     } else {
@@ -81,7 +93,8 @@ PrescribedMotion::PrescribedMotion(const Scene &scene, State &state)
 void PrescribedMotion::release_due(State &state, double time)
 {
   const auto due = [time](const auto &p) { return !p.released && p.release <= time; };
-  if (std::none_of(handles_.begin(), handles_.end(), due) && std::none_of(attached_.begin(), attached_.end(), due)) return;
+  if (std::none_of(handles_.begin(), handles_.end(), due) && std::none_of(attached_.begin(), attached_.end(), due))
+    return;
   std::vector<int> fixed = state.fixed.download();
   std::vector<double> inverse_mass = state.inverse_mass.download();   // empty without contact
   const std::vector<double> mass = state.system64 ? state.system64->mass.download() : [&] {
@@ -128,7 +141,8 @@ void PrescribedMotion::place(State &state, double time)
     }
     const Motion::Sampled &s = *o.motion.sampled;
     const int last = static_cast<int>(s.time.size()) - 1;
-    const int b = std::clamp(static_cast<int>(std::upper_bound(s.time.begin(), s.time.end(), time) - s.time.begin()), std::min(1, last), last);
+    const int b = std::clamp(static_cast<int>(std::upper_bound(s.time.begin(), s.time.end(), time) - s.time.begin()),
+                             std::min(1, last), last);
     const int a = std::max(b - 1, 0);
     const double t = b > a ? std::clamp((time - s.time[a]) / (s.time[b] - s.time[a]), 0.0, 1.0) : 0.0;
     if (a != o.frame_a || b != o.frame_b) {
@@ -138,7 +152,8 @@ void PrescribedMotion::place(State &state, double time)
       o.frame_b = b;
     }
     CAMA_LAUNCH(*state.backend, move_sampled, o.count, o.a, o.b, t, o.first, state.position_next);
-    CAMA_LAUNCH(*state.backend, move_rigid, o.count, state.position_next, transform_, o.first, state.position_next);   // as Motion::evaluate
+    CAMA_LAUNCH(*state.backend, move_rigid, o.count, state.position_next, transform_, o.first,
+                state.position_next);   // as Motion::evaluate
   }
   std::vector<int> vertex;
   std::vector<dvec3> position;
@@ -153,9 +168,11 @@ void PrescribedMotion::place(State &state, double time)
   if (!vertex.empty()) {
     handle_vertex_.assign(vertex);
     handle_position_.assign(position);
-    CAMA_LAUNCH(*state.backend, scatter_positions, handle_vertex_.size(), handle_vertex_, handle_position_, state.position_next);
+    CAMA_LAUNCH(*state.backend, scatter_positions, handle_vertex_.size(), handle_vertex_, handle_position_,
+                state.position_next);
   }
-  if (attachments_.size()) CAMA_LAUNCH(*state.backend, move_attached, attachments_.size(), attachments_, state.position_next);
+  if (attachments_.size())
+    CAMA_LAUNCH(*state.backend, move_attached, attachments_.size(), attachments_, state.position_next);
 }
 
 void PrescribedMotion::save(State &, Checkpoint &checkpoint) { checkpoint.released = released_; }
@@ -163,7 +180,8 @@ void PrescribedMotion::save(State &, Checkpoint &checkpoint) { checkpoint.releas
 void PrescribedMotion::restore(State &state, const Checkpoint &checkpoint)
 {
   if (last_end_ > checkpoint.released)
-    throw SceneError("checkpoint: holds vertices that this simulation's pins have let go of; restore it into a new simulation of the scene");
+    throw SceneError("checkpoint: holds vertices that this simulation's pins have let go of; restore it into a new "
+                     "simulation of the scene");
   release_due(state, checkpoint.released);
 }
 
@@ -171,8 +189,8 @@ void PrescribedMotion::run(State &state)
 {
   release_due(state, state.time);
   place(state, state.time + state.time_step);
-  CAMA_LAUNCH(*state.backend, prescribe_velocities, state.vertices, state.fixed, state.base_position(), state.position_next, state.implicit_step,
-              state.velocity_next);
+  CAMA_LAUNCH(*state.backend, prescribe_velocities, state.vertices, state.fixed, state.base_position(),
+              state.position_next, state.implicit_step, state.velocity_next);
 }
 
 }  // namespace cama

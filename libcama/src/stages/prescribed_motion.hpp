@@ -2,7 +2,7 @@
 #pragma once
 #include <limits>
 
-#include "pipeline.hpp"
+#include "run/pipeline.hpp"
 
 namespace cama {
 
@@ -20,9 +20,24 @@ public:
   void place(State &state, double time);
 
 private:
-  struct MovingObstacle { Motion motion; int first, count; int frame_a = -1, frame_b = -1; Stream<dvec3> a, b; };
-  struct Handle { Motion motion; std::vector<int> vertices; std::vector<dvec3> rest; double release; bool released = false; };
-  struct Attached { std::vector<int> vertices; double release; bool released = false; };
+  struct MovingObstacle {
+    Motion motion;
+    int first, count;
+    int frame_a = -1, frame_b = -1;
+    Stream<dvec3> a, b;
+  };
+  struct Handle {
+    Motion motion;
+    std::vector<int> vertices;
+    std::vector<dvec3> rest;
+    double release;
+    bool released = false;
+  };
+  struct Attached {
+    std::vector<int> vertices;
+    double release;
+    bool released = false;
+  };
 
   void release_due(State &state, double time);
 

@@ -1,0 +1,14 @@
+# SPDX-License-Identifier: Apache-2.0
+# cama_flags: how the library and everything that calls kernels inline is compiled. Strict floating point gives the same bits
+# from every backend; mixing flags would mix bits and memory layouts.
+add_library(cama_flags INTERFACE)
+target_compile_options(cama_flags INTERFACE -Wall -Wextra -fno-math-errno -fno-trapping-math)
+if(NOT CAMA_FAST_MATH)
+  target_compile_options(cama_flags INTERFACE -ffp-contract=off)
+endif()
+if(CAMA_NATIVE)
+  target_compile_options(cama_flags INTERFACE -march=native)
+endif()
+if(CAMA_SANITIZE)
+  target_compile_options(cama_flags INTERFACE -fsanitize=address,undefined -fno-omit-frame-pointer)
+endif()

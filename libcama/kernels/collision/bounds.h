@@ -1,0 +1,193 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* Boxes of vertices over their motion, boxes of faces and edges from them, and Morton codes. Boxes are floats relative
+   to the scene's lower corner, rounded outward, so a scene far from the origin keeps its resolution. `scene_bounds` is
+   [2]: lower and upper corner. */
+#ifndef CAMA_KERNELS_COLLISION_BOUNDS_H
+#define CAMA_KERNELS_COLLISION_BOUNDS_H
+#include "../dialect/dvec3.h"
+#include "../dialect/lang.h"
+
+typedef struct {
+  float lo[3], hi[3];
+} box;
+typedef struct {
+  int node[3];
+} face_nodes;
+typedef struct {
+  int node[2];
+} edge_nodes;
+
+/* Floats <= x and >= x, at most three units in the last place away (1.2e-7 > 2^-23); never denormal, which devices may
+   flush. */
+DEVICE float float_below(double x) { return fabs(x) < 1e-30 ? -1e-30f : (float)(x - 1.2e-7 * fabs(x)); }
+DEVICE float float_above(double x) { return -float_below(-x); }
+
+/* The smallest box that holds both. */
+DEVICE box box_union(box a, box b)
+{
+  for (int k = 0; k < 3; ++k) {
+    a.lo[k] = b.lo[k] < a.lo[k] ? b.lo[k] : a.lo[k];   /* no branches: they would be guessed wrong */
+    a.hi[k] = b.hi[k] > a.hi[k] ? b.hi[k] : a.hi[k];
+  }
+  return a;
+}
+DEVICE int box_overlap(box a, box b)
+{
+  return a.lo[0] <= b.hi[0] && b.lo[0] <= a.hi[0] && a.lo[1] <= b.hi[1] && b.lo[1] <= a.hi[1] && a.lo[2] <= b.hi[2] &&
+         b.lo[2] <= a.hi[2];
+}
+/* 1 if a holds all of b. */
+DEVICE int box_holds(box a, box b)
+{
+  return a.lo[0] <= b.lo[0] && a.lo[1] <= b.lo[1] && a.lo[2] <= b.lo[2] && a.hi[0] >= b.hi[0] && a.hi[1] >= b.hi[1] &&
+         a.hi[2] >= b.hi[2];
+}
+
+DEVICE dvec3 dvec3_least(dvec3 a, dvec3 b)
+{
+  return dvec3_make(min_double(a.x, b.x), min_double(a.y, b.y), min_double(a.z, b.z));
+}
+DEVICE dvec3 dvec3_most(dvec3 a, dvec3 b)
+{
+  return dvec3_make(max_double(a.x, b.x), max_double(a.y, b.y), max_double(a.z, b.z));
+}
+
+/* First stage: item i reduces positions and targets i, i + n, i + 2n, .. < count to corners[2i], corners[2i + 1]. Needs
+   n <= count. */
+KERNEL position_bounds(int n, int count, GLOBAL const dvec3 *position, GLOBAL const dvec3 *target,
+                       GLOBAL dvec3 *corners)
+{
+  FOR_EACH(i, n) {
+    dvec3 lo = dvec3_least(position[i], target[i]), hi = dvec3_most(position[i], target[i]);
+    for (int k = i + n; k < count; k += n) {
+      lo = dvec3_least(lo, dvec3_least(position[k], target[k]));
+      hi = dvec3_most(hi, dvec3_most(position[k], target[k]));
+    }
+    corners[2 * i] = lo;
+    corners[2 * i + 1] = hi;
+  }
+}
+
+/* Further stages: `count` pairs of corners to n pairs, until n = 1 writes scene_bounds. Needs n <= count; streams must
+   differ. */
+KERNEL reduce_bounds(int n, int count, GLOBAL const dvec3 *corners, GLOBAL dvec3 *reduced)
+{
+  FOR_EACH(i, n) {
+    dvec3 lo = corners[2 * i], hi = corners[2 * i + 1];
+    for (int k = i + n; k < count; k += n) {
+      lo = dvec3_least(lo, corners[2 * k]);
+      hi = dvec3_most(hi, corners[2 * k + 1]);
+    }
+    reduced[2 * i] = lo;
+    reduced[2 * i + 1] = hi;
+  }
+}
+
+/* Box of one vertex moving from x to y, inflated by margin. The relative 4e-16 covers the rounding of the two
+   subtractions. */
+DEVICE box swept_box(dvec3 x, dvec3 y, double margin, dvec3 origin)
+{
+  dvec3 lo = dsub(dvec3_least(x, y), origin), hi = dsub(dvec3_most(x, y), origin);
+  box b;
+  for (int k = 0; k < 3; ++k) {
+    double l = dcomponent(lo, k), h = dcomponent(hi, k);
+    b.lo[k] = float_below(l - margin - 4e-16 * (fabs(l) + margin));
+    b.hi[k] = float_above(h + margin + 4e-16 * (fabs(h) + margin));
+  }
+  return b;
+}
+
+/* margin: m, per vertex; two features become candidates when their distance may be below the sum of their margins. */
+KERNEL vertex_boxes(int n, GLOBAL const dvec3 *position, GLOBAL const dvec3 *target, GLOBAL const double *margin,
+                    GLOBAL const dvec3 *scene_bounds, GLOBAL box *vertex_box)
+{
+  FOR_EACH(i, n) vertex_box[i] = swept_box(position[i], target[i], margin[i], scene_bounds[0]);
+}
+
+KERNEL face_boxes(int n, GLOBAL const face_nodes *face, GLOBAL const box *vertex_box, GLOBAL box *face_box)
+{
+  FOR_EACH(i, n) {
+    face_nodes f = face[i];
+    face_box[i] = box_union(box_union(vertex_box[f.node[0]], vertex_box[f.node[1]]), vertex_box[f.node[2]]);
+  }
+}
+
+KERNEL edge_boxes(int n, GLOBAL const edge_nodes *edge, GLOBAL const box *vertex_box, GLOBAL box *edge_box)
+{
+  FOR_EACH(i, n) edge_box[i] = box_union(vertex_box[edge[i].node[0]], vertex_box[edge[i].node[1]]);
+}
+
+/* The 21 low bits of v, two zero bits before each. */
+DEVICE key64 spread_bits(int v)
+{
+  key64 x = (key64)v & (key64)0x1fffff;
+  x = (x | (x << 32)) & (key64)0x1f00000000ffff;
+  x = (x | (x << 16)) & (key64)0x1f0000ff0000ff;
+  x = (x | (x << 8)) & (key64)0x100f00f00f00f00f;
+  x = (x | (x << 4)) & (key64)0x10c30c30c30c30c3;
+  x = (x | (x << 2)) & (key64)0x1249249249249249;
+  return x;
+}
+
+/* 63-bit Morton code of a box's centre on a cubic grid over the scene. origin: what boxes are relative to. */
+DEVICE key64 morton_code(box b, GLOBAL const dvec3 *scene_bounds, dvec3 origin)
+{
+  dvec3 size = dsub(scene_bounds[1], scene_bounds[0]);
+  double extent = max_double(size.x, max_double(size.y, size.z)), cells = extent > 0.0 ? 2097151.0 / extent : 0.0;
+  dvec3 shift = dsub(origin, scene_bounds[0]);
+  key64 code = 0;
+  for (int k = 0; k < 3; ++k) {
+    double c = (0.5 * ((double)b.lo[k] + (double)b.hi[k]) + dcomponent(shift, k)) * cells;
+    code |= spread_bits((int)clamp_double(c, 0.0, 2097151.0)) << k;
+  }
+  return code;
+}
+
+/* Morton codes of the boxes, and the identity permutation to sort with them. */
+KERNEL morton_codes(int n, GLOBAL const box *primitive_box, GLOBAL const dvec3 *scene_bounds, GLOBAL key64 *key,
+                    GLOBAL int *index)
+{
+  FOR_EACH(i, n) {
+    key[i] = morton_code(primitive_box[i], scene_bounds, scene_bounds[0]);
+    index[i] = i;
+  }
+}
+
+DEVICE box box_of_face(face_nodes f, GLOBAL const box *vertex_box)
+{
+  return box_union(box_union(vertex_box[f.node[0]], vertex_box[f.node[1]]), vertex_box[f.node[2]]);
+}
+DEVICE box box_of_edge(edge_nodes e, GLOBAL const box *vertex_box)
+{
+  return box_union(vertex_box[e.node[0]], vertex_box[e.node[1]]);
+}
+
+/* The same of vertices, faces or edges item[i], with their numbers; origin: [1], what boxes are relative to. */
+KERNEL codes_of_vertices(int n, GLOBAL const int *item, GLOBAL const box *vertex_box, GLOBAL const dvec3 *scene_bounds,
+                         GLOBAL const dvec3 *origin, GLOBAL key64 *key, GLOBAL int *index)
+{
+  FOR_EACH(i, n) {
+    key[i] = morton_code(vertex_box[item[i]], scene_bounds, origin[0]);
+    index[i] = item[i];
+  }
+}
+KERNEL codes_of_faces(int n, GLOBAL const int *item, GLOBAL const face_nodes *face, GLOBAL const box *vertex_box,
+                      GLOBAL const dvec3 *scene_bounds, GLOBAL const dvec3 *origin, GLOBAL key64 *key,
+                      GLOBAL int *index)
+{
+  FOR_EACH(i, n) {
+    key[i] = morton_code(box_of_face(face[item[i]], vertex_box), scene_bounds, origin[0]);
+    index[i] = item[i];
+  }
+}
+KERNEL codes_of_edges(int n, GLOBAL const int *item, GLOBAL const edge_nodes *edge, GLOBAL const box *vertex_box,
+                      GLOBAL const dvec3 *scene_bounds, GLOBAL const dvec3 *origin, GLOBAL key64 *key,
+                      GLOBAL int *index)
+{
+  FOR_EACH(i, n) {
+    key[i] = morton_code(box_of_edge(edge[item[i]], vertex_box), scene_bounds, origin[0]);
+    index[i] = item[i];
+  }
+}
+
+#endif

@@ -1,0 +1,306 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* Certified commit: how far each vertex may go along its straight motion so that no candidate pair crosses (ALGORITHMS
+   A.8; Divide and Truncate, arXiv 2604.15513). Given no intersection before, there is none after, whatever the solver
+   proposed.
+
+   Vertex v follows x_v + s t_v d_v for s from 0 to sigma, t_v its fraction (1 unless truncated), sigma the step's (1
+   unless an obstacle must wait). A pair with hulls A, B is safe in one of two ways.
+   SETTLED: a fixed plane n.x = p keeps A above and B below: every vertex starts on its side by half of dmin and ends
+   there, hence is there throughout, for ANY smaller t_v and sigma; so truncating others never harms it, and one pass
+   over such pairs is final. Vertices of inverse mass 0 are never truncated: the plane stays ahead of them, and if it
+   would pass a vertex of the other side, sigma is cut. CONDITIONAL: for the fractions t as they are, the pair's actual
+   motion is certified: for one n, min over cross pairs of n.(x_i - x_j), concave in s, is at least dmin at both ends,
+   or the additive CCD certifies the distance. Only relative motion enters: common translation loses nothing. When a
+   vertex of it has been truncated the pair is looked at again, and settled with a plane if the new motion is not
+   certified. Each pair settles at most once and only settling lowers a t, so passes end; after one in which nothing
+   settled every pair is safe for the same t. Passes read a copy of t, so the result is the same everywhere. Positions
+   closer than dmin (a start that was so, or what a pinch left) may come nearer by half, so that they stay apart
+   whatever an obstacle does; intersecting ones cannot be certified: counted, frozen or let go. */
+#ifndef CAMA_KERNELS_COLLISION_COMMIT_H
+#define CAMA_KERNELS_COLLISION_COMMIT_H
+#include "../dialect/dvec3.h"
+#include "../dialect/lang.h"
+#include "../system/incidence.h"
+#include "bounds.h"
+#include "ccd.h"
+#include "impact.h"
+#include "pair.h"
+#include "query.h"
+#include "swept_vertex.h"
+
+#define COMMIT_SETTLED 0
+#define COMMIT_CONDITIONAL 1
+#define COMMIT_INTERSECTING 2
+#define COMMIT_SCREENED 3         /* before pass 0: certified by commit_screen, conditional from then on */
+#define COMMIT_PAUSING 4          /* settled, and the step waits for it: sigma was cut */
+#define COMMIT_WHOLE 0x3f800000   /* bits of 1.0f: what fraction[] and sigma[0] start from */
+
+typedef struct {
+  int state;            /* one of the above */
+  double fraction[4];   /* upper bounds for t of the four vertices */
+  double sigma;         /* upper bound for the step's fraction */
+} commit_bound;
+
+/* A float <= t, t in [0, 1]; 1 stays 1. Bits of such floats order like the numbers, so integer minima serve. */
+DEVICE float fraction_below(double t) { return t >= 1.0 ? 1.0f : (t > 1e-30 ? (float)(t - 1.2e-7 * t) : 0.0f); }
+
+DEVICE commit_bound commit_free(int state)
+{
+  commit_bound r;
+  r.state = state;
+  r.fraction[0] = r.fraction[1] = r.fraction[2] = r.fraction[3] = r.sigma = 1.0;
+  return r;
+}
+
+/* SETTLED. Divides the gap along n between both hulls. radius: of them together, m, part of dmin. x relative to one
+   vertex, d absolute displacements, fixed[k]: vertex k cannot be truncated, rounding: m, covers what float arithmetic
+   loses in x and d. */
+DEVICE commit_bound commit_plane(const dvec3 *x, const dvec3 *d, const int *fixed, int split, dvec3 n, double dmin,
+                                 double radius, double rounding)
+{
+  commit_bound r = commit_free(COMMIT_SETTLED);
+  /* Heights along the outward side of each hull, A first (0), B (1) with n reversed: approach is positive towards the
+     other hull. */
+  double height[4], approach[4], start[2], most[2], max_fixed[2], floor_distance, gap, share, plane;
+  start[0] = start[1] = most[0] = most[1] = max_fixed[0] = max_fixed[1] = 0.0;
+  for (int k = 0; k < 4; ++k) {
+    int side = k >= split;
+    double sign = side ? -1.0 : 1.0;
+    height[k] = sign * ddot(n, x[k]);
+    approach[k] = -sign * ddot(n, d[k]);
+    start[side] = k == 0 || k == split ? height[k] : min_double(start[side], height[k]);
+    most[side] = max_double(most[side], approach[k]);
+    if (fixed[k]) max_fixed[side] = max_double(max_fixed[side], approach[k]);
+  }
+  gap = start[0] + start[1];
+  floor_distance = (gap < dmin ? radius + 0.5 * (gap - radius) : dmin) + 2.0 * rounding;
+  if (!(gap > rounding)) {
+    r.state = COMMIT_INTERSECTING;
+    return r;
+  }
+  if (most[0] + most[1] <= gap - floor_distance) return r;
+  if (gap <= floor_distance) { /* touching, but for rounding: nothing comes nearer, everything may leave */
+    for (int k = 0; k < 4; ++k)
+      if (approach[k] > 0.0) {
+        if (fixed[k])
+          r.sigma = 0.0;
+        else
+          r.fraction[k] = 0.0;
+      }
+    return r;
+  }
+  if (max_fixed[0] + max_fixed[1] > gap - floor_distance) { /* fixed vertices alone would use up the gap */
+    r.sigma = 0.9 * (gap - floor_distance) / (max_fixed[0] + max_fixed[1]);
+    max_fixed[0] *= r.sigma;
+    max_fixed[1] *= r.sigma;
+  }
+  /* Depth of the plane below the lowest vertex of A: by the ratio of approaches, but behind where fixed vertices will
+     be. */
+  share = clamp_double(most[0] / (most[0] + most[1]), 0.05, 0.95) * gap;
+  share = min_double(share, gap - max_fixed[1] - 0.5 * floor_distance);
+  share = max_double(share, max_fixed[0] + 0.5 * floor_distance);
+  for (int k = 0; k < 4; ++k) {
+    double distance, slack;
+    plane = k < split ? start[0] - share : start[1] - (gap - share);
+    distance = height[k] - plane;
+    slack = max_double(min_double(0.9 * distance, distance - 0.5 * floor_distance), 0.0);
+    if (!fixed[k] && approach[k] > slack) r.fraction[k] = slack / approach[k];
+  }
+  return r;
+}
+
+/* 1 if the boxes that the hulls sweep are apart by more than `distance` along an axis: a plane between them settles the
+   pair. */
+DEVICE int swept_separation(const dvec3 *x, const dvec3 *d, int split, double distance)
+{
+  for (int axis = 0; axis < 3; ++axis) {
+    double lo[2], hi[2];
+    lo[0] = hi[0] = lo[1] = hi[1] = 0.0;
+    for (int k = 0; k < 4; ++k) {
+      double h = dcomponent(x[k], axis), e = h + dcomponent(d[k], axis);
+      int side = k >= split, first = k == 0 || k == split;
+      lo[side] = first ? min_double(h, e) : min_double(lo[side], min_double(h, e));
+      hi[side] = first ? max_double(h, e) : max_double(hi[side], max_double(h, e));
+    }
+    if (lo[0] - hi[1] > distance || lo[1] - hi[0] > distance) return 1;
+  }
+  return 0;
+}
+
+/* 1 if along n the motion x -> z keeps `least` at both ends, hence throughout. */
+DEVICE int commit_certified(const dvec3 *x, const dvec3 *z, int split, dvec3 n, double least)
+{
+  return hull_separation(x, z, split, n, 0.0) >= least && hull_separation(z, x, split, n, 0.0) >= least;
+}
+
+/* One pair: x where its vertices are, y where the step wants them, t the fractions so far, fixed: cannot be truncated.
+   recheck: it is known not to be settled already. */
+DEVICE commit_bound commit_decide(dvec3 *x, dvec3 *y, const double *t, const int *fixed, int split, double dmin,
+                                  double radius, int conditional, int recheck)
+{
+  dvec3 d[4], z[4], motion[4], n, x0 = x[0], y0 = y[0];
+  double largest = 0.0, extent = 0.0, rounding, gap, least;
+  int whole = t[0] >= 1.0 && t[1] >= 1.0 && t[2] >= 1.0 && t[3] >= 1.0;
+  commit_bound r;
+  for (int k = 0; k < 4; ++k) {
+    largest = max_double(largest, max_double(largest_component(x[k]), largest_component(y[k])));
+    d[k] = dsub(y[k], x[k]);
+    x[k] = dsub(x[k], x0);
+    y[k] = dsub(y[k], y0);
+    extent = max_double(extent, largest_component(x[k]) + largest_component(y[k]) + largest_component(d[k]));
+  }
+  rounding = 1e-15 * largest + CCD_ROUNDING * extent;
+  if (!recheck && swept_separation(x, d, split, dmin + 2.0 * rounding)) return commit_free(COMMIT_SETTLED);
+  n = hull_proximity(x, split).normal;
+  r = commit_plane(x, d, fixed, split, n, dmin, radius, rounding);
+  if (!conditional || r.state == COMMIT_INTERSECTING ||
+      (r.fraction[0] >= 1.0 && r.fraction[1] >= 1.0 && r.fraction[2] >= 1.0 && r.fraction[3] >= 1.0 && r.sigma >= 1.0))
+    return r;
+  /* Pairs nearer than dmin keep what they have, but for rounding. */
+  gap = hull_separation(x, d, split, n, 0.0);
+  least = min_double(dmin, gap - (gap > 8.0 * rounding ? 2.0 * rounding : 0.0));
+  for (int k = 0; k < 4; ++k) { /* where the vertices end, relative to vertex 0 */
+    z[k] = whole ? y[k] : dadd(x[k], dsub(dscale(t[k], d[k]), dscale(t[0], d[0])));
+    motion[k] = dsub(z[k], x[k]);
+  }
+  if (commit_certified(x, z, split, n, least)) return commit_free(COMMIT_CONDITIONAL);
+  if (commit_certified(x, z, split, hull_proximity(z, split).normal, least)) return commit_free(COMMIT_CONDITIONAL);
+  if (!hull_impact_time(x, motion, split, least, extent, CCD_TOLERANCE).hit) return commit_free(COMMIT_CONDITIONAL);
+  return r;
+}
+
+/* A vertex and a plane, which only translates: heights are linear in time and the plane's normal decides alone, for any
+   extent. */
+DEVICE commit_bound commit_half_space(dvec3 *x, const dvec3 *y, const int *fixed, double dmin, double radius)
+{
+  dvec3 d[4], x0 = x[0], n = vertex_plane_proximity(x[0], x[1], x[2], x[3]).normal;
+  double largest = 0.0, extent = 0.0;
+  for (int k = 0; k < 4; ++k) {
+    largest = max_double(largest, max_double(largest_component(x[k]), largest_component(y[k])));
+    d[k] = dsub(y[k], x[k]);
+    x[k] = dsub(x[k], x0);
+    extent = max_double(extent, largest_component(x[k]) + largest_component(d[k]));
+  }
+  return commit_plane(x, d, fixed, 1, n, dmin, radius, 1e-15 * largest + CCD_ROUNDING * extent);
+}
+
+/* The four vertices of a candidate: kind 0 is (vertex, face), kind 1 (edge, edge). */
+DEVICE void commit_vertices(int kind, pair p, GLOBAL const face_nodes *face, GLOBAL const edge_nodes *edge, int *v)
+{
+  if (kind == 0) {
+    v[0] = p.a;
+    v[1] = face[p.b].node[0];
+    v[2] = face[p.b].node[1];
+    v[3] = face[p.b].node[2];
+  } else {
+    v[0] = edge[p.a].node[0];
+    v[1] = edge[p.a].node[1];
+    v[2] = edge[p.b].node[0];
+    v[3] = edge[p.b].node[1];
+  }
+}
+
+/* 1 if the pair, not yet settled, is to be decided in this pass; see commit_pairs. */
+DEVICE int commit_due(int pass, const double *t, const int *fixed)
+{
+  if (pass == 0) return !(fixed[0] && fixed[1] && fixed[2] && fixed[3]);
+  return pass < 0 || t[0] < 1.0 || t[1] < 1.0 || t[2] < 1.0 || t[3] < 1.0;
+}
+
+/* Marks pairs that keep their clearance along the direction known from their search; for most this settles pass 0 at a
+   fifth of its cost. certified 1: find_impacts has certified every pair that is no impact for this very motion, so
+   nothing is left to be done for them; gap_bound: below 0 of an impact. accepted: states from `first` on. */
+KERNEL commit_screen(int n, int kind, int first, int certified, GLOBAL const pair *candidate,
+                     GLOBAL const face_nodes *face, GLOBAL const edge_nodes *edge, GLOBAL const dvec3 *position,
+                     GLOBAL const dvec3 *target, GLOBAL const fvec3 *direction, GLOBAL const vertex_contact *properties,
+                     GLOBAL const float *gap_bound, double share, GLOBAL int *accepted)
+{
+  FOR_EACH(i, n) {
+    int screened = certified && !(gap_bound[i] < 0.0f);
+    if (!screened) {
+      element_nodes e = pair_nodes(kind, candidate[i], face, edge);
+      screened = separated_along(kind, e, position, target, from_direction(direction[i]),
+                                 pair_clearance(kind, e, properties, 1.001 * share));
+    }
+    accepted[first + i] = screened ? COMMIT_SCREENED : COMMIT_SETTLED;
+  }
+}
+
+/* Pass 0 sees every pair that is not screened. Pass k > 0 looks at conditional pairs with truncated vertices again;
+   repeat until counter[0] stays as it is. Pass -1 settles every conditional pair: final whatever came before, for a cap
+   on the number of passes. Both kinds go through each pass. `fraction_before` is a copy of `fraction` made before the
+   pass (not read in pass 0). accepted: [n] states from `first` on; fraction: [vertices] bits of floats; sigma: [1],
+   likewise; counter: [2] pairs settled after having been conditional, intersecting pairs; commit_begin sets them.
+   share: dmin is a pair's clearance at it. let_go 1: intersecting pairs are free, 0: their vertices stay. */
+KERNEL commit_pairs(int n, int kind, int first, int pass, GLOBAL const pair *candidate, GLOBAL const face_nodes *face,
+                    GLOBAL const edge_nodes *edge, GLOBAL const dvec3 *position, GLOBAL const dvec3 *target,
+                    GLOBAL const double *inverse_mass, GLOBAL const vertex_contact *properties, double share,
+                    int let_go, GLOBAL int *accepted, GLOBAL const int *fraction_before, GLOBAL int *fraction,
+                    GLOBAL int *sigma, GLOBAL int *counter)
+{
+  FOR_EACH_UNEVEN(i, n) {
+    int v[4], fixed[4], k;
+    double t[4];
+    commit_bound r = commit_free(COMMIT_SETTLED);
+    if (pass != 0 && accepted[first + i] != COMMIT_CONDITIONAL) continue;
+    if (pass == 0 && accepted[first + i] == COMMIT_SCREENED) {
+      accepted[first + i] = COMMIT_CONDITIONAL;
+      continue;
+    }
+    commit_vertices(kind, candidate[i], face, edge, v);
+    for (k = 0; k < 4; ++k) {
+      fixed[k] = inverse_mass[v[k]] == 0.0;
+      t[k] = pass == 0 ? 1.0 : (double)bits_float(fraction_before[v[k]]);
+    }
+    if (commit_due(pass, t, fixed)) {
+      dvec3 x[4], y[4];
+      element_nodes e = pair_nodes(kind, candidate[i], face, edge);
+      double dmin = pair_clearance(kind, e, properties, share), radius = pair_radius(kind, e, properties);
+      for (k = 0; k < 4; ++k) {
+        x[k] = position[v[k]];
+        y[k] = target[v[k]];
+      }
+      if (pair_has_plane(kind, e, properties))
+        r = commit_half_space(x, y, fixed, dmin, radius);
+      else
+        r = commit_decide(x, y, t, fixed, kind + 1, dmin, radius, pass >= 0, pass != 0);
+      if (pass != 0 && r.state != COMMIT_CONDITIONAL) atomic_add_int(counter, 1);
+    } else if (pass != 0)
+      continue;
+    accepted[first + i] =
+        r.sigma < 1.0 ? COMMIT_PAUSING : (r.state == COMMIT_CONDITIONAL ? COMMIT_CONDITIONAL : COMMIT_SETTLED);
+    if (r.state == COMMIT_INTERSECTING) {
+      atomic_add_int(counter + 1, 1);
+      for (k = 0; k < 4; ++k)
+        if (!let_go && !fixed[k]) atomic_min_int(fraction + v[k], 0);
+    }
+    for (k = 0; k < 4; ++k)
+      if (r.fraction[k] < 1.0) atomic_min_int(fraction + v[k], float_bits(fraction_below(r.fraction[k])));
+    if (r.sigma < 1.0) atomic_min_int(sigma, float_bits(fraction_below(r.sigma)));
+  }
+}
+
+/* Nothing truncated yet. */
+KERNEL commit_begin(int n, GLOBAL int *fraction, GLOBAL int *sigma, GLOBAL int *counter)
+{
+  FOR_EACH(i, n) {
+    fraction[i] = COMMIT_WHOLE;
+    if (i == 0) {
+      sigma[0] = COMMIT_WHOLE;
+      counter[0] = 0;
+      counter[1] = 0;
+    }
+  }
+}
+
+/* Moves vertices: to the target where nothing was in the way. */
+KERNEL commit_apply(int n, GLOBAL const dvec3 *position, GLOBAL const dvec3 *target, GLOBAL const int *fraction,
+                    GLOBAL const int *sigma, GLOBAL dvec3 *committed)
+{
+  FOR_EACH(i, n) {
+    double t = (double)bits_float(fraction[i]) * (double)bits_float(sigma[0]);
+    committed[i] = t == 1.0 ? target[i] : daxpy(position[i], t, dsub(target[i], position[i]));
+  }
+}
+
+#endif

@@ -1,0 +1,213 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* Contacts of candidate pairs (paper, sections 3.3 and 4.1), their springs, and those that others hide. */
+#ifndef CAMA_KERNELS_COLLISION_CONTACT_H
+#define CAMA_KERNELS_COLLISION_CONTACT_H
+#include "../dialect/dvec3.h"
+#include "../dialect/lang.h"
+#include "../system/incidence.h"
+#include "bounds.h"
+#include "distance.h"
+#include "pair.h"
+#include "query.h"
+#include "swept_vertex.h"
+
+/* Pair i of the two candidate lists one behind the other, vertex-face first. */
+DEVICE pair listed_pair(int i, int first_size, GLOBAL const pair *vertex_face, GLOBAL const pair *edge_edge)
+{
+  return i < first_size ? vertex_face[i] : edge_edge[i - first_size];
+}
+
+/* flag[i] = 1 where candidate i of both lists is a contact; direction: one that tells its sides apart, from side B to
+   side A; gap_bound: how far apart, m, they are along it at least until the prediction, 0 where that is not known to
+   exceed the thickness. Both come from cull_separated_pairs; here pairs without gap_bound are looked at. */
+KERNEL find_contacts(int n, int first_size, GLOBAL const pair *vertex_face, GLOBAL const pair *edge_edge,
+                     GLOBAL const face_nodes *face, GLOBAL const edge_nodes *edge, GLOBAL const dvec3 *position,
+                     GLOBAL const dvec3 *predicted, GLOBAL const swept_vertex *swept_vertices,
+                     GLOBAL const float *rounding_margin, GLOBAL const vertex_contact *v, double anticipate,
+                     GLOBAL int *flag, GLOBAL fvec3 *vertex_face_direction, GLOBAL float *vertex_face_gap_bound,
+                     GLOBAL fvec3 *edge_edge_direction, GLOBAL float *edge_edge_gap_bound)
+{
+  FOR_EACH_UNEVEN(i, n) {
+    contact c;
+    int kind = i >= first_size, at = kind == 0 ? i : i - first_size, hit = 0;
+    if (!((kind == 0 ? vertex_face_gap_bound[at] : edge_edge_gap_bound[at]) > 0.0f)) {
+      element_nodes e = pair_nodes(kind, listed_pair(i, first_size, vertex_face, edge_edge), face, edge);
+      proximity p = surface_proximity(kind, e, position, v);
+      hit = make_contact(kind, e, position, predicted, v, anticipate, p, &c);
+      if (kind == 0)
+        vertex_face_direction[at] = to_direction(p.normal);
+      else
+        edge_edge_direction[at] = to_direction(p.normal);
+      if (!hit) {   /* the direction of the closest points may tell more */
+        fvec3 normal =
+            fvec3_make(0.999999f * (float)p.normal.x, 0.999999f * (float)p.normal.y, 0.999999f * (float)p.normal.z);
+        float gap_bound =
+            gap_bound_along(kind, swept_vertices[e.node[0]], swept_vertices[e.node[1]], swept_vertices[e.node[2]],
+                            swept_vertices[e.node[3]], normal, rounding_margin[0]);
+        if (gap_bound > 0.0f) {
+          if (kind == 0)
+            vertex_face_gap_bound[at] = gap_bound;
+          else
+            edge_edge_gap_bound[at] = gap_bound;
+        }
+      }
+    }
+    flag[i] = hit;
+  }
+}
+
+#define SIDES 6            /* +x, -x, +y, -y, +z, -z */
+/* a direction points to every side along which its component is larger than this, to one at least */
+#define SIDE_COMPONENT 0.45
+
+DEVICE double side_component(dvec3 n, int side)
+{
+  return (side & 1) ? -dcomponent(n, side >> 1) : dcomponent(n, side >> 1);
+}
+
+/* nearest[SIDES v + side]: bits of the smallest distance (float, m) at which cloth vertex v has a contact on that
+   side. */
+KERNEL nearest_contacts(int n, int first_size, GLOBAL const pair *vertex_face, GLOBAL const pair *edge_edge,
+                        GLOBAL const face_nodes *face, GLOBAL const edge_nodes *edge, GLOBAL const dvec3 *position,
+                        GLOBAL const vertex_contact *v, int cloth_vertex_count, GLOBAL const int *flag,
+                        GLOBAL int *nearest)
+{
+  FOR_EACH(i, n) {
+    element_nodes e;
+    proximity p;
+    int k, side, kind = i >= first_size;
+    if (!flag[i]) continue;
+    e = pair_nodes(kind, listed_pair(i, first_size, vertex_face, edge_edge), face, edge);
+    p = surface_proximity(kind, e, position, v);
+    for (k = 0; k < 4; ++k) {
+      dvec3 towards = k <= kind ? dscale(-1.0, p.normal) : p.normal;
+      if (e.node[k] >= cloth_vertex_count) continue;
+      for (side = 0; side < SIDES; ++side)
+        if (side_component(towards, side) > SIDE_COMPONENT)
+          atomic_min_int(nearest + SIDES * e.node[k] + side, float_bits((float)p.distance));
+    }
+  }
+}
+
+/* Takes back anticipated contacts through other cloth: one of their vertices has a contact on the same side that is
+   nearer by more than the thickness. The term of such a pair would pull its sides together through what lies between
+   them. */
+KERNEL drop_hidden_contacts(int n, int first_size, GLOBAL const pair *vertex_face, GLOBAL const pair *edge_edge,
+                            GLOBAL const face_nodes *face, GLOBAL const edge_nodes *edge, GLOBAL const dvec3 *position,
+                            GLOBAL const vertex_contact *v, int cloth_vertex_count, GLOBAL const int *nearest,
+                            GLOBAL int *flag)
+{
+  FOR_EACH(i, n) {
+    element_nodes e;
+    proximity p;
+    double thickness;
+    int k, side, hidden = 0, kind = i >= first_size;
+    if (!flag[i]) continue;
+    e = pair_nodes(kind, listed_pair(i, first_size, vertex_face, edge_edge), face, edge);
+    p = surface_proximity(kind, e, position, v);
+    thickness = pair_thickness(kind, e, v);
+    if (!(p.distance > thickness)) continue;
+    for (k = 0; k < 4; ++k) {
+      dvec3 towards = k <= kind ? dscale(-1.0, p.normal) : p.normal;
+      if (e.node[k] >= cloth_vertex_count) continue;
+      for (side = 0; side < SIDES; ++side)
+        if (side_component(towards, side) > SIDE_COMPONENT)
+          hidden |= p.distance > (double)bits_float(nearest[SIDES * e.node[k] + side]) + thickness;
+    }
+    if (hidden) flag[i] = 0;
+  }
+}
+
+/* The directions alone, from pair `first` on, for a search that contacts are not wanted from. */
+KERNEL find_directions(int n, int kind, int first, GLOBAL const pair *pairs, GLOBAL const face_nodes *face,
+                       GLOBAL const edge_nodes *edge, GLOBAL const dvec3 *position, GLOBAL const vertex_contact *v,
+                       GLOBAL fvec3 *direction)
+{
+  FOR_EACH(i, n) {
+    direction[first + i] =
+        to_direction(surface_proximity(kind, pair_nodes(kind, pairs[first + i], face, edge), position, v).normal);
+  }
+}
+
+/* The flagged pairs of both lists with a key by their features, so that lists made from them have one order whatever
+   the search's was: vertex-face pairs first. */
+KERNEL flagged_pairs(int n, int first_size, GLOBAL const pair *vertex_face, GLOBAL const pair *edge_edge,
+                     GLOBAL const int *place, GLOBAL key64 *key, GLOBAL int *index)
+{
+  FOR_EACH(i, n) {
+    pair p;
+    if (place[i + 1] == place[i]) continue;
+    p = listed_pair(i, first_size, vertex_face, edge_edge);
+    key[place[i]] = ((key64)(i >= first_size) << 62) | ((key64)p.a << 31) | (key64)p.b;
+    index[place[i]] = i;
+  }
+}
+
+/* Contacts of the pairs index[0 .. n). */
+KERNEL fill_contacts(int n, int first_size, GLOBAL const int *index, GLOBAL const pair *vertex_face,
+                     GLOBAL const pair *edge_edge, GLOBAL const face_nodes *face, GLOBAL const edge_nodes *edge,
+                     GLOBAL const dvec3 *position, GLOBAL const dvec3 *predicted, GLOBAL const vertex_contact *v,
+                     double anticipate, GLOBAL contact *contacts)
+{
+  FOR_EACH(i, n) {
+    contact c;
+    int k, kind = index[i] >= first_size;
+    element_nodes e = pair_nodes(kind, listed_pair(index[i], first_size, vertex_face, edge_edge), face, edge);
+    c.kind = kind;
+    c.candidate = kind == 0 ? index[i] : index[i] - first_size;
+    c.normal = dvec3_make(0.0, 0.0, 1.0);
+    c.distance = c.thickness = c.stiffness = c.friction = c.static_friction = 0.0;
+    for (k = 0; k < 4; ++k) {
+      c.node[k] = e.node[k];
+      c.weight[k] = 0.0;
+    }
+    make_contact(kind, e, position, predicted, v, anticipate, surface_proximity(kind, e, position, v), &c);
+    contacts[i] = c;
+  }
+}
+
+/* Number of nodes on side A: 1 for vertex-face, 2 for edge-edge. */
+KERNEL contact_splits(int n, GLOBAL const contact *contacts, GLOBAL int *split)
+{
+  FOR_EACH(i, n) {
+    split[i] = contacts[i].kind + 1;
+  }
+}
+
+KERNEL contact_nodes(int n, GLOBAL const contact *contacts, GLOBAL element_nodes *nodes)
+{
+  FOR_EACH(i, n) {
+    int a;
+    for (a = 0; a < 4; ++a) nodes[i].node[a] = contacts[i].node[a];
+  }
+}
+
+/* Nodes of stitches, behind `first`. */
+KERNEL stitch_nodes(int n, GLOBAL const stitch *stitches, int first, GLOBAL element_nodes *nodes)
+{
+  FOR_EACH(i, n) {
+    int a;
+    for (a = 0; a < 3; ++a) nodes[first + i].node[a] = stitches[i].node[a];
+    nodes[first + i].node[3] = -1;
+  }
+}
+
+/* Force of the penalty, N; pairs that are only anticipated push nothing yet. */
+DEVICE double contact_load(contact c) { return c.stiffness * max_double(c.thickness - c.distance, 0.0); }
+
+/* Normal load that its contacts lay on each cloth vertex, N. incidence: 4 * term + local index; terms from
+   `contact_count` on are stitches. */
+KERNEL vertex_loads(int n, int contact_count, GLOBAL const int *row, GLOBAL const int *incidence,
+                    GLOBAL const contact *contacts, GLOBAL double *load)
+{
+  FOR_EACH(i, n) {
+    double sum = 0.0;
+    int k;
+    for (k = row[i]; k < row[i + 1]; ++k)
+      if ((incidence[k] >> 2) < contact_count)
+        sum += fabs(contacts[incidence[k] >> 2].weight[incidence[k] & 3]) * contact_load(contacts[incidence[k] >> 2]);
+    load[i] = sum;
+  }
+}
+
+#endif

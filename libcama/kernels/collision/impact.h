@@ -1,0 +1,224 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* Penetration handling (paper, section 4): which candidates touch on their way, and where. Their projection is in
+   impulses.h. */
+#ifndef CAMA_KERNELS_COLLISION_IMPACT_H
+#define CAMA_KERNELS_COLLISION_IMPACT_H
+#include "../dialect/dvec3.h"
+#include "../dialect/lang.h"
+#include "../system/incidence.h"
+#include "bounds.h"
+#include "ccd.h"
+#include "contact.h"
+#include "cubic.h"
+#include "distance.h"
+#include "pair.h"
+#include "query.h"
+#include "swept_vertex.h"
+
+typedef struct {
+  int node[4];
+  int kind;
+  int candidate;
+  double weight[4];   /* signed, at the time of impact */
+  dvec3 normal;       /* from side B to side A at the time of impact */
+  double target;      /* distance that it is put apart to, m */
+} impact;
+
+/* cubic: the paper's test, at distance 0; else the additive one, at `minimum`. */
+DEVICE impact_time candidate_impact_time(int kind, int cubic, element_nodes e, GLOBAL const dvec3 *x,
+                                         GLOBAL const dvec3 *y, double minimum)
+{
+  dvec3 o = x[e.node[0]], z = dvec3_make(0.0, 0.0, 0.0);
+  dvec3 a0 = dsub(x[e.node[1]], o), b0 = dsub(x[e.node[2]], o), c0 = dsub(x[e.node[3]], o);
+  dvec3 o1 = dsub(y[e.node[0]], o), a1 = dsub(y[e.node[1]], o), b1 = dsub(y[e.node[2]], o), c1 = dsub(y[e.node[3]], o);
+  if (cubic) return linear_impact_cubic(kind == 0 ? 1 : 2, z, a0, b0, c0, o1, a1, b1, c1);
+  return kind == 0 ? vertex_face_impact_time(z, a0, b0, c0, o1, a1, b1, c1, minimum)
+                   : edge_edge_impact_time(z, a0, b0, c0, o1, a1, b1, c1, minimum);
+}
+
+/* Normal of features that touch: of the face or common to the edges where that is well defined, against the weighted
+   relative motion. */
+DEVICE dvec3 touching_normal(int kind, const dvec3 *at, const dvec3 *motion, proximity p)
+{
+  dvec3 u = kind == 0 ? dsub(at[2], at[1]) : dsub(at[1], at[0]),
+        w = kind == 0 ? dsub(at[3], at[1]) : dsub(at[3], at[2]), n = dcross(u, w);
+  double approach = 0.0;
+  int k;
+  n = ddot(n, n) > 1e-12 * ddot(u, u) * ddot(w, w) ? dnormalize(n) : p.normal;
+  for (k = 0; k < 4; ++k) approach += p.weight[k] * ddot(n, motion[k]);
+  return approach > 0.0 ? dscale(-1.0, n) : n;
+}
+
+/* 1 if the pair keeps `least` between its sides along direction n at both ends of the motion x to y, hence all the way:
+   the separation along a fixed direction is concave in time. Only relative motion counts. */
+DEVICE int separated_along(int kind, element_nodes e, GLOBAL const dvec3 *x, GLOBAL const dvec3 *y, dvec3 n,
+                           double least)
+{
+  dvec3 o = x[e.node[0]], p = y[e.node[0]];
+  double a0 = 0.0, a1 = 0.0, b0 = -1e300, b1 = -1e300;
+  int k;
+  for (k = 1; k < 4; ++k) {
+    double h0 = ddot(n, dsub(x[e.node[k]], o)), h1 = ddot(n, dsub(y[e.node[k]], p));
+    if (k == 1 && kind == 1) {
+      a0 = min_double(a0, h0);
+      a1 = min_double(a1, h1);
+    } else {
+      b0 = max_double(b0, h0);
+      b1 = max_double(b1, h1);
+    }
+  }
+  return a0 - b0 >= least && a1 - b1 >= least;
+}
+
+/* The first time at which the hulls of a pair come closer than `minimum`. A plane is met where the height, linear in
+   time, falls below it; what starts lower is met at once. The cubic, which knows no distance, is for pairs without a
+   radius. */
+DEVICE int takes_cubic(int kind, int cubic, element_nodes e, GLOBAL const vertex_contact *v)
+{
+  return cubic && !pair_has_plane(kind, e, v) && pair_radius(kind, e, v) == 0.0;
+}
+DEVICE impact_time surface_impact_time(int kind, int cubic, element_nodes e, GLOBAL const dvec3 *x,
+                                       GLOBAL const dvec3 *y, GLOBAL const vertex_contact *v, double minimum)
+{
+  impact_time r;
+  double start, end;
+  if (!pair_has_plane(kind, e, v)) return candidate_impact_time(kind, takes_cubic(kind, cubic, e, v), e, x, y, minimum);
+  start = vertex_plane_proximity(x[e.node[0]], x[e.node[1]], x[e.node[2]], x[e.node[3]]).distance;
+  end = vertex_plane_proximity(y[e.node[0]], y[e.node[1]], y[e.node[2]], y[e.node[3]]).distance;
+  r.hit = start < minimum || end < minimum;
+  r.time = start > minimum && end < minimum ? (start - minimum) / (start - end) : 0.0;
+  return r;
+}
+
+/* prediction_error[i]: how far vertex i ends from where it was predicted, m, not less. found[0]: adds the vertices
+   whose motion x to y comes nearer to the border of its box than `least`, m. */
+KERNEL find_prediction_errors(int n, GLOBAL const dvec3 *x, GLOBAL const dvec3 *y, GLOBAL const dvec3 *predicted,
+                              GLOBAL const box *vertex_box, GLOBAL const dvec3 *scene_bounds, double least,
+                              GLOBAL float *prediction_error, GLOBAL int *found)
+{
+  FOR_EACH(i, n) {
+    prediction_error[i] = float_above(dnorm(dsub(y[i], predicted[i])) +
+                                      1e-15 * (largest_component(y[i]) + largest_component(predicted[i])));
+    if (!box_holds(vertex_box[i], swept_box(x[i], y[i], least, scene_bounds[0]))) atomic_add_int(found, 1);
+  }
+}
+
+/* flag[i] = 1 where candidate i of both lists is to be looked at. The first *_done pairs of each list have been looked
+   at for this very motion and are none. localized: only pairs with a vertex that the last projection moved are looked
+   at, the others were certified before it. Most pairs are told by their gap_bound and how far their vertices
+   prediction_error; *_rooms: pairs whose gap_bound is of this motion's start; below 0 it is that of a known impact.
+   share: of the thickness, that pairs keep; largest: of all contact thicknesses, m. */
+KERNEL select_ccd_pairs(int n, int first_size, int localized, GLOBAL const pair *vertex_face,
+                        GLOBAL const pair *edge_edge, GLOBAL const face_nodes *face, GLOBAL const edge_nodes *edge,
+                        GLOBAL const double *inverse_mass, double share, double largest,
+                        GLOBAL const float *prediction_error, int vertex_face_done, int edge_edge_done,
+                        int vertex_face_bounds, GLOBAL const float *vertex_face_gap_bound, int edge_edge_bounds,
+                        GLOBAL const float *edge_edge_gap_bound, GLOBAL const int *moved, GLOBAL int *flag)
+{
+  FOR_EACH(i, n) {
+    int kind = i >= first_size, at = kind == 0 ? i : i - first_size, undecided = 0;
+    if (at >= (kind == 0 ? vertex_face_done : edge_edge_done)) {
+      const float gap_bound = kind == 0 ? vertex_face_gap_bound[at] : edge_edge_gap_bound[at];
+      element_nodes e = pair_nodes(kind, listed_pair(i, first_size, vertex_face, edge_edge), face, edge);
+      undecided =
+          !(gap_bound < 0.0f) &&
+          (!localized || moved[e.node[0]] || moved[e.node[1]] || moved[e.node[2]] || moved[e.node[3]]) &&
+          inverse_mass[e.node[0]] + inverse_mass[e.node[1]] + inverse_mass[e.node[2]] + inverse_mass[e.node[3]] > 0.0;
+      if (undecided && gap_bound > 0.0f && at < (kind == 0 ? vertex_face_bounds : edge_edge_bounds)) {
+        float a = prediction_error[e.node[0]], b = prediction_error[e.node[3]];
+        if (kind == 1 && prediction_error[e.node[1]] > a) a = prediction_error[e.node[1]];
+        if (kind == 0 && prediction_error[e.node[1]] > b) b = prediction_error[e.node[1]];
+        if (prediction_error[e.node[2]] > b) b = prediction_error[e.node[2]];
+        undecided = !((double)gap_bound - 1.00001 * ((double)a + (double)b) > 1.01 * share * largest);
+      }
+    }
+    flag[i] = undecided;
+  }
+}
+
+/* Candidates that a team takes at once. Few of them are in doubt: it lists these first, so that its members have one
+   each to work on. */
+#define PAIR_TEAM 256
+#define TEAM_PAIRS 1024
+
+/* flag[i] stays 1 where candidate i of both lists comes closer than its clearance at `share`, or touches (cubic), on
+   its way from x to y; found[1]: adds them. n: teams; pairs: candidates. */
+KERNEL find_impacts(int n, int pairs, int first_size, int cubic, GLOBAL const pair *vertex_face,
+                    GLOBAL const pair *edge_edge, GLOBAL const face_nodes *face, GLOBAL const edge_nodes *edge,
+                    GLOBAL const dvec3 *x, GLOBAL const dvec3 *y, GLOBAL const vertex_contact *v, double share,
+                    GLOBAL const fvec3 *vertex_face_direction, GLOBAL const fvec3 *edge_edge_direction,
+                    GLOBAL int *flag, GLOBAL int *found)
+{
+  TEAM_LOCAL(int, undecided, TEAM_PAIRS);
+  TEAM_LOCAL(int, undecided_count, 1);
+  FOR_EACH_UNEVEN_TEAM(t, n) {
+    TEAM_BARRIER;
+    TEAM_FOR(l, 1) undecided_count[l] = 0;
+    TEAM_BARRIER;
+    TEAM_FOR(l, min_int(pairs - t * TEAM_PAIRS, TEAM_PAIRS))
+      if (flag[t * TEAM_PAIRS + l]) undecided[local_add_int(undecided_count, 1)] = t * TEAM_PAIRS + l;
+    TEAM_BARRIER;
+    TEAM_FOR(l, undecided_count[0]) {
+      const int i = undecided[l], kind = i >= first_size, at = kind == 0 ? i : i - first_size;
+      element_nodes e = pair_nodes(kind, listed_pair(i, first_size, vertex_face, edge_edge), face, edge);
+      double minimum = pair_clearance(kind, e, v, share);
+      const int hit = !separated_along(kind, e, x, y,
+                                       from_direction(kind == 0 ? vertex_face_direction[at] : edge_edge_direction[at]),
+                                       minimum + 0.001 * share * pair_min_thickness(e, v)) &&
+                      surface_impact_time(kind, cubic, e, x, y, v, minimum).hit;
+      if (hit)
+        atomic_add_int(found + 1, 1);
+      else
+        flag[i] = 0;
+    }
+  }
+}
+
+/* Impacts of the pairs index[0 .. n), behind `first`; their gap_bound becomes -1: known. */
+KERNEL fill_impacts(int n, int first_size, int cubic, GLOBAL const int *index, GLOBAL const pair *vertex_face,
+                    GLOBAL const pair *edge_edge, GLOBAL const face_nodes *face, GLOBAL const edge_nodes *edge,
+                    GLOBAL const dvec3 *x, GLOBAL const dvec3 *y, GLOBAL const vertex_contact *v, double share,
+                    double target_share, int first, GLOBAL float *vertex_face_gap_bound,
+                    GLOBAL float *edge_edge_gap_bound, GLOBAL impact *impacts)
+{
+  FOR_EACH(i, n) {
+    int k, kind = index[i] >= first_size, candidate = kind == 0 ? index[i] : index[i] - first_size;
+    element_nodes e = pair_nodes(kind, listed_pair(index[i], first_size, vertex_face, edge_edge), face, edge);
+    double t = surface_impact_time(kind, cubic, e, x, y, v, pair_clearance(kind, e, v, share)).time;
+    dvec3 o = dlerp(x[e.node[0]], y[e.node[0]], t), at[4], motion[4];
+    impact m;
+    proximity p;
+    for (k = 0; k < 4; ++k) {
+      at[k] = dsub(dlerp(x[e.node[k]], y[e.node[k]], t), o);
+      motion[k] = dsub(y[e.node[k]], x[e.node[k]]);
+    }
+    if (pair_has_plane(kind, e, v))
+      p = vertex_plane_proximity(at[0], at[1], at[2], at[3]);
+    else
+      p = kind == 0 ? vertex_face_proximity(at[0], at[1], at[2], at[3])
+                    : edge_edge_proximity(at[0], at[1], at[2], at[3]);
+    for (k = 0; k < 4; ++k) {
+      m.node[k] = e.node[k];
+      m.weight[k] = p.weight[k];
+    }
+    m.kind = kind;
+    m.candidate = candidate;
+    m.normal = takes_cubic(kind, cubic, e, v) ? touching_normal(kind, at, motion, p) : p.normal;
+    m.target = pair_clearance(kind, e, v, target_share);
+    if (kind == 0)
+      vertex_face_gap_bound[candidate] = -1.0f;
+    else
+      edge_edge_gap_bound[candidate] = -1.0f;
+    impacts[first + i] = m;
+  }
+}
+
+/* No pair is a known impact. */
+KERNEL forget_impacts(int n, GLOBAL float *gap_bound)
+{
+  FOR_EACH(i, n) {
+    if (gap_bound[i] < 0.0f) gap_bound[i] = 0.0f;
+  }
+}
+
+#endif

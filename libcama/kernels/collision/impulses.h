@@ -1,0 +1,253 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* Penetration handling (paper, section 4; inelastic impact zones of Harmon et al. 2008 as one linear system): all
+   impacts are projected at once, S lambda = target - C(x) with S = J M^-1 J', C_i = n_i . sum_k w_ik x_k, then x +=
+   M^-1 J' lambda. */
+#ifndef CAMA_KERNELS_COLLISION_IMPULSES_H
+#define CAMA_KERNELS_COLLISION_IMPULSES_H
+#include "../dialect/dvec3.h"
+#include "../dialect/lang.h"
+#include "../solver/scalars.h"
+#include "../system/incidence.h"
+#include "impact.h"
+
+KERNEL impact_nodes(int n, GLOBAL const impact *impacts, GLOBAL element_nodes *nodes)
+{
+  FOR_EACH(i, n) {
+    int a;
+    for (a = 0; a < 4; ++a) nodes[i].node[a] = impacts[i].node[a];
+  }
+}
+
+/* constraint = target - C(x); diagonal of S; majorant: sum_k count_k w_k^2 / m_k with count_k the impacts at node k, a
+   diagonal matrix that exceeds S (mass splitting), so that steps scaled by it never overshoot. active: violated and
+   movable. row: incidence. */
+KERNEL start_impacts(int n, int rows, GLOBAL const impact *impacts, GLOBAL const dvec3 *x,
+                     GLOBAL const double *inverse_mass, GLOBAL const int *row, GLOBAL double *constraint,
+                     GLOBAL double *diagonal, GLOBAL double *majorant, GLOBAL int *active)
+{
+  FOR_EACH(i, n) {
+    impact m = impacts[i];
+    dvec3 o = x[m.node[0]];
+    double c = 0.0, d = 0.0, split = 0.0;
+    int k;
+    for (k = 1; k < 4; ++k) c += m.weight[k] * ddot(m.normal, dsub(x[m.node[k]], o));
+    for (k = 0; k < 4; ++k) {
+      double mobility = m.weight[k] * m.weight[k] * inverse_mass[m.node[k]];
+      d += mobility;
+      if (m.node[k] < rows) split += mobility * (double)(row[m.node[k] + 1] - row[m.node[k]]);
+    }
+    constraint[i] = m.target - c;
+    diagonal[i] = d;
+    majorant[i] = split;
+    active[i] = m.target - c > 0.0 && d > 0.0;
+  }
+}
+
+#define PUSH_TEAM 256
+#define PUSH_IMPACTS 1024   /* of a team */
+#define PUSH_T 0            /* t of Nesterov's sequence */
+#define PUSH_MOVED 1        /* |change|^2 in the majorant's norm */
+#define PUSH_SIZE 2         /* |lambda|^2 in it */
+#define PUSH_COUNT 4
+
+/* Row i of S p, S = C M^-1 C'; y: M^-1 C' p of cloth vertices. */
+DEVICE double impulse_response(impact m, int rows, GLOBAL const dvec3 *y)
+{
+  double sum = 0.0;
+  int k;
+  for (k = 0; k < 4; ++k)
+    if (m.node[k] < rows) sum += m.weight[k] * ddot(m.normal, y[m.node[k]]);
+  return sum;
+}
+
+/* Accelerated projected gradient on min lambda' S lambda / 2 - constraint' lambda, lambda >= 0: one step from the
+   extrapolated point p, lambda = max(0, p + (constraint - S p) / majorant); y: M^-1 C' p. change: lambda_new -
+   lambda_old. partial[3 t ...], over the PUSH_IMPACTS impacts of team t: gradient mapping times change, |change|^2,
+   |lambda|^2, these two in the majorant's norm. */
+KERNEL push_impulses(int n, int count, int rows, GLOBAL const impact *impacts, GLOBAL const int *active,
+                     GLOBAL const dvec3 *y, GLOBAL const double *constraint, GLOBAL const double *majorant,
+                     GLOBAL const double *p, GLOBAL double *lambda, GLOBAL double *change, GLOBAL double *partial)
+{
+  TEAM_LOCAL(double, sums, 3 * PUSH_TEAM);
+  FOR_EACH_TEAM(t, n) {
+    TEAM_BARRIER;
+    TEAM_FOR(l, PUSH_TEAM) {
+      double along = 0.0, moved = 0.0, size = 0.0;
+      int i, end = min_int((t + 1) * PUSH_IMPACTS, count);
+      for (i = t * PUSH_IMPACTS + l; i < end; i += PUSH_TEAM) {
+        double weight = majorant[i],
+               gradient = constraint[i] - (active[i] ? impulse_response(impacts[i], rows, y) : 0.0);
+        double next = weight > 0.0 ? max_double(0.0, p[i] + gradient / weight) : 0.0, by = next - lambda[i];
+        along += (next - p[i]) * weight * by;
+        moved += weight * by * by;
+        size += next * weight * next;
+        change[i] = by;
+        lambda[i] = next;
+      }
+      sums[l] = along;
+      sums[PUSH_TEAM + l] = moved;
+      sums[2 * PUSH_TEAM + l] = size;
+    }
+    tree_sums(PUSH_TEAM, 3, sums);
+    TEAM_FOR(c, 3) partial[3 * t + c] = sums[c * PUSH_TEAM];
+  }
+}
+
+/* p = lambda + momentum change; Nesterov's sequence starts again when the step went against the momentum. The scalars
+   at `from` become those at `to`. */
+KERNEL extrapolate_impulses(int n, int count, int teams, GLOBAL const double *partial, int from, int to,
+                            GLOBAL double *scalar, GLOBAL const double *lambda, GLOBAL const double *change,
+                            GLOBAL double *p)
+{
+  TEAM_LOCAL(double, sums, 3 * PUSH_TEAM);
+  FOR_EACH_TEAM(t, n) {
+    double before = scalar[from + PUSH_T], next, momentum;
+    const int first = t * PUSH_IMPACTS;
+    TEAM_BARRIER;
+    sum_of_teams(PUSH_TEAM, 3, teams, partial, sums);
+    if (sums[0] < 0.0) before = 1.0;
+    next = 0.5 * (1.0 + sqrt(1.0 + 4.0 * before * before));
+    momentum = sums[0] < 0.0 ? 0.0 : (before - 1.0) / next;
+    if (t == 0)
+      TEAM_FOR(l, 1) {
+        scalar[to + PUSH_T] = next;
+        scalar[to + PUSH_MOVED] = sums[PUSH_TEAM];
+        scalar[to + PUSH_SIZE] = sums[2 * PUSH_TEAM];
+      }
+    TEAM_FOR(l, min_int(count - first, PUSH_IMPACTS)) p[first + l] = lambda[first + l] + momentum * change[first + l];
+  }
+}
+
+KERNEL start_momentum(int n, GLOBAL double *scalar)
+{
+  FOR_EACH(i, n) {
+    scalar[i] = i == PUSH_T ? 1.0 : 0.0;
+  }
+}
+KERNEL set_double(int n, double value, GLOBAL double *out)
+{
+  FOR_EACH(i, n) {
+    out[i] = value;
+  }
+}
+
+/* y_v = m_v^-1 sum over impacts at v of w n lambda, cloth vertices. incidence: 4 * impact + local index. */
+KERNEL spread_impulses(int n, GLOBAL const int *row, GLOBAL const int *incidence, GLOBAL const impact *impacts,
+                       GLOBAL const double *inverse_mass, GLOBAL const double *lambda, GLOBAL dvec3 *y)
+{
+  FOR_EACH(i, n) {
+    dvec3 sum = dvec3_make(0.0, 0.0, 0.0);
+    int k;
+    for (k = row[i]; k < row[i + 1]; ++k) {
+      int e = incidence[k] >> 2;
+      sum = daxpy(sum, impacts[e].weight[incidence[k] & 3] * lambda[e], impacts[e].normal);
+    }
+    y[i] = dscale(inverse_mass[i], sum);
+  }
+}
+
+/* q = S p + regularisation diagonal p on active rows. */
+KERNEL gather_impulses(int n, int rows, double regularisation, GLOBAL const impact *impacts, GLOBAL const int *active,
+                       GLOBAL const dvec3 *y, GLOBAL const double *diagonal, GLOBAL const double *p, GLOBAL double *q)
+{
+  FOR_EACH(i, n) {
+    q[i] = active[i] ? regularisation * diagonal[i] * p[i] + impulse_response(impacts[i], rows, y) : 0.0;
+  }
+}
+
+/* r = constraint on active rows, z = r / diagonal, p = z, lambda = 0. */
+KERNEL start_impulses(int n, GLOBAL const int *active, GLOBAL const double *constraint, GLOBAL const double *diagonal,
+                      GLOBAL double *lambda, GLOBAL double *r, GLOBAL double *z, GLOBAL double *p)
+{
+  FOR_EACH(i, n) {
+    lambda[i] = 0.0;
+    r[i] = active[i] ? constraint[i] : 0.0;
+    z[i] = active[i] ? r[i] / diagonal[i] : 0.0;
+    p[i] = z[i];
+  }
+}
+
+KERNEL update_impulses(int n, GLOBAL const double *scalar, GLOBAL const int *active, GLOBAL const double *diagonal,
+                       GLOBAL const double *p, GLOBAL const double *q, GLOBAL double *lambda, GLOBAL double *r,
+                       GLOBAL double *z)
+{
+  FOR_EACH(i, n) {
+    lambda[i] += scalar[SCALAR_ALPHA] * p[i];
+    r[i] -= scalar[SCALAR_ALPHA] * q[i];
+    z[i] = active[i] ? r[i] / diagonal[i] : 0.0;
+  }
+}
+
+KERNEL update_impulse_direction(int n, GLOBAL const double *scalar, GLOBAL const double *z, GLOBAL double *p)
+{
+  FOR_EACH(i, n) {
+    p[i] = z[i] + scalar[SCALAR_BETA] * p[i];
+  }
+}
+
+/* Impacts that would pull (lambda < 0) leave the active set. */
+KERNEL drop_pulling(int n, GLOBAL const double *lambda, GLOBAL int *active, GLOBAL int *dropped)
+{
+  FOR_EACH(i, n) {
+    if (active[i] && lambda[i] < 0.0) {
+      active[i] = 0;
+      atomic_add_int(dropped, 1);
+    }
+  }
+}
+
+/* length[i]: of the motion of vertex i from x to y, m. */
+KERNEL motion_lengths(int n, GLOBAL const dvec3 *x, GLOBAL const dvec3 *y, GLOBAL double *length)
+{
+  FOR_EACH(i, n) {
+    length[i] = dnorm(dsub(y[i], x[i]));
+  }
+}
+/* farthest[i]: how far impacts i, i + n, .. < count may move a vertex, m: twice the longest motion of one, and the
+   distance aimed at. */
+KERNEL farthest_pushes(int n, int count, GLOBAL const impact *impacts, GLOBAL const double *length,
+                       GLOBAL double *farthest)
+{
+  FOR_EACH(i, n) {
+    double most = 0.0;
+    int k, a;
+    for (k = i; k < count; k += n)
+      for (a = 0; a < 4; ++a) most = max_double(most, 2.0 * length[impacts[k].node[a]] + impacts[k].target);
+    farthest[i] = most;
+  }
+}
+KERNEL largest_of(int n, int count, GLOBAL const double *value, GLOBAL double *largest)
+{
+  FOR_EACH(i, n) {
+    double most = value[i];
+    int k;
+    for (k = i + n; k < count; k += n) most = max_double(most, value[k]);
+    largest[i] = most;
+  }
+}
+
+/* x += y = M^-1 J' lambda, cloth vertices, but no further than farthest[0] from where the solve wanted the vertex:
+   impacts that cannot all be met, between obstacles that close, would throw it anywhere. moved[i] = 1 where x
+   changes. */
+KERNEL apply_impulses(int n, GLOBAL const double *farthest, GLOBAL const dvec3 *wanted, GLOBAL const dvec3 *y,
+                      GLOBAL dvec3 *x, GLOBAL int *moved)
+{
+  FOR_EACH(i, n) {
+    double most = farthest[0], length = dnorm(y[i]), away;
+    dvec3 from = wanted[i], d = dsub(dadd(x[i], y[i]), from);
+    moved[i] = length > 0.0;
+    if (!(length > 0.0)) continue;
+    away = dnorm(d);
+    x[i] = away > most ? daxpy(from, most / away, d) : dadd(x[i], y[i]);
+  }
+}
+
+/* What still pulls at the end counts as zero. */
+KERNEL clamp_impulses(int n, GLOBAL const int *active, GLOBAL double *lambda)
+{
+  FOR_EACH(i, n) {
+    lambda[i] = active[i] ? max_double(lambda[i], 0.0) : 0.0;
+  }
+}
+
+#endif

@@ -1,0 +1,179 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* Records of the contact system, and proximity checking: candidate pairs become contacts (paper, section 3.2). */
+#ifndef CAMA_KERNELS_COLLISION_PAIR_H
+#define CAMA_KERNELS_COLLISION_PAIR_H
+#include "../dialect/dvec3.h"
+#include "../dialect/lang.h"
+#include "../system/incidence.h"
+#include "bounds.h"
+#include "distance.h"
+#include "query.h"
+
+typedef struct {
+  int node[4];        /* vertex then face, or two edges */
+  int kind;           /* 0 vertex-face, 1 edge-edge */
+  int candidate;      /* the pair it came from */
+  double weight[4];   /* sum_k w_k x_k is the difference vector, side A minus side B */
+  dvec3 normal;       /* from B to A */
+  double distance;    /* m */
+  double thickness;   /* m */
+  double stiffness;   /* N/m */
+  double friction;         /* Coulomb coefficient while it slides */
+  double static_friction;  /* while it sticks, not below `friction` */
+} contact;
+
+typedef struct {
+  int node[3];
+  double ratio, stiffness;
+} stitch;
+
+/* Per vertex: what contact needs to know. */
+typedef struct {
+  double thickness, area;            /* m, m^2 */
+  double stiffness;                  /* penalty per area against its own like, N/m^3 */
+  double friction, static_friction;
+  double radius; /* of the sphere around it that an analytic obstacle is made of; 0 elsewhere, m */
+  int obstacle, shape; /* shape: SHAPE_* */
+} vertex_contact;
+
+#define SHAPE_MESH 0
+/* A sphere is the face (c, c, c), a capsule the face (a, b, b): distances are those of the hulls less the radius. */
+#define SHAPE_ROUND 1
+#define SHAPE_PLANE 2 /* the half space below the plane of the face, without end */
+
+DEVICE element_nodes pair_nodes(int kind, pair p, GLOBAL const face_nodes *face, GLOBAL const edge_nodes *edge)
+{
+  element_nodes e;
+  if (kind == 0) {
+    e.node[0] = p.a;
+    e.node[1] = face[p.b].node[0];
+    e.node[2] = face[p.b].node[1];
+    e.node[3] = face[p.b].node[2];
+  } else {
+    e.node[0] = edge[p.a].node[0];
+    e.node[1] = edge[p.a].node[1];
+    e.node[2] = edge[p.b].node[0];
+    e.node[3] = edge[p.b].node[1];
+  }
+  return e;
+}
+
+/* The proximity of a pair at given positions. */
+DEVICE proximity pair_proximity(int kind, element_nodes e, GLOBAL const dvec3 *x)
+{
+  dvec3 o = x[e.node[0]], z = dvec3_make(0.0, 0.0, 0.0);
+  dvec3 b = dsub(x[e.node[1]], o), c = dsub(x[e.node[2]], o), d = dsub(x[e.node[3]], o);
+  return kind == 0 ? vertex_face_proximity(z, b, c, d) : edge_edge_proximity(z, b, c, d);
+}
+
+/* Radii of both sides together, m. All vertices of a side belong to one object. */
+DEVICE double pair_radius(int kind, element_nodes e, GLOBAL const vertex_contact *v)
+{
+  return v[e.node[0]].radius + v[e.node[kind + 1]].radius;
+}
+
+/* Smallest contact thickness of the four vertices, m. */
+DEVICE double pair_min_thickness(element_nodes e, GLOBAL const vertex_contact *v)
+{
+  return min_double(min_double(v[e.node[0]].thickness, v[e.node[1]].thickness),
+                    min_double(v[e.node[2]].thickness, v[e.node[3]].thickness));
+}
+
+/* Distance that a pair's hulls keep: a share of its least thickness, and the radii, m. */
+DEVICE double pair_clearance(int kind, element_nodes e, GLOBAL const vertex_contact *v, double share)
+{
+  return share * pair_min_thickness(e, v) + pair_radius(kind, e, v);
+}
+
+DEVICE int pair_has_plane(int kind, element_nodes e, GLOBAL const vertex_contact *v)
+{
+  return kind == 0 && v[e.node[1]].shape == SHAPE_PLANE;
+}
+
+/* A vertex over the half space below the plane of a, b, c; the distance is negative inside. A plane only translates, so
+   that each of its points moves as the closest one does: one stands for it. */
+DEVICE proximity vertex_plane_proximity(dvec3 vertex, dvec3 a, dvec3 b, dvec3 c)
+{
+  proximity p;
+  p.normal = dnormalize(dcross(dsub(b, a), dsub(c, a)));
+  p.distance = ddot(p.normal, dsub(vertex, a));
+  p.weight[0] = 1.0;
+  p.weight[1] = -1.0;
+  p.weight[2] = p.weight[3] = 0.0;
+  p.interior = 1;
+  return p;
+}
+
+/* The proximity of a pair as contact sees it: radii and planes heeded. A round obstacle has no border: all its points
+   are inside. */
+DEVICE proximity surface_proximity(int kind, element_nodes e, GLOBAL const dvec3 *x, GLOBAL const vertex_contact *v)
+{
+  proximity p;
+  if (pair_has_plane(kind, e, v)) return vertex_plane_proximity(x[e.node[0]], x[e.node[1]], x[e.node[2]], x[e.node[3]]);
+  p = pair_proximity(kind, e, x);
+  if (kind == 0 && v[e.node[1]].shape == SHAPE_ROUND) p.interior = p.distance > 0.0;
+  p.distance -= pair_radius(kind, e, v);
+  return p;
+}
+
+DEVICE double mean4(double a, double b, double c, double d) { return 0.25 * (a + b + c + d); }
+
+/* Thickness of a pair: half of side A's plus half of side B's. */
+DEVICE double pair_thickness(int kind, element_nodes e, GLOBAL const vertex_contact *v)
+{
+  double t0 = v[e.node[0]].thickness, t1 = v[e.node[1]].thickness, t2 = v[e.node[2]].thickness,
+         t3 = v[e.node[3]].thickness;
+  return kind == 0 ? 0.5 * t0 + (t1 + t2 + t3) / 6.0 : mean4(t0, t1, t2, t3);
+}
+
+/* An obstacle's coefficient holds for all that touches it; two cloths meet at their mean. */
+DEVICE double pair_friction(vertex_contact a, vertex_contact b)
+{
+  return a.obstacle ? a.friction : (b.obstacle ? b.friction : 0.5 * (a.friction + b.friction));
+}
+DEVICE double pair_static_friction(vertex_contact a, vertex_contact b)
+{
+  return a.obstacle ? a.static_friction
+                    : (b.obstacle ? b.static_friction : 0.5 * (a.static_friction + b.static_friction));
+}
+
+/* Penalty per area of two layers that yield one behind the other, N/m^3: the harmonic mean, so that like on like keeps
+   its own. */
+DEVICE double pair_stiffness(vertex_contact a, vertex_contact b)
+{
+  return a.stiffness == b.stiffness ? a.stiffness : 2.0 * a.stiffness * b.stiffness / (a.stiffness + b.stiffness);
+}
+
+/* The contact of a candidate pair, if it is one: closest points inside the features, and closer than the thickness now
+   or (anticipate > 0) after moving with the predicted displacement. */
+DEVICE int make_contact(int kind, element_nodes e, GLOBAL const dvec3 *position, GLOBAL const dvec3 *predicted,
+                        GLOBAL const vertex_contact *v, double anticipate, proximity p, contact *c)
+{
+  double thickness = pair_thickness(kind, e, v), approach = 0.0, area_a, area_b;
+  int k;
+  if (!p.interior || !(p.distance + pair_radius(kind, e, v) > 0.0)) return 0;
+  for (k = 0; k < 4; ++k) approach += p.weight[k] * ddot(p.normal, dsub(predicted[e.node[k]], position[e.node[k]]));
+  if (!(p.distance < thickness || (anticipate > 0.0 && p.distance + approach < thickness))) return 0;
+  if (p.distance >= thickness + anticipate) return 0;
+  if (kind == 0) {
+    area_a = v[e.node[0]].area;
+    area_b = v[e.node[1]].area + v[e.node[2]].area + v[e.node[3]].area;
+  } else {
+    area_a = 0.5 * (v[e.node[0]].area + v[e.node[1]].area);
+    area_b = 0.5 * (v[e.node[2]].area + v[e.node[3]].area);
+  }
+  for (k = 0; k < 4; ++k) {
+    c->node[k] = e.node[k];
+    c->weight[k] = p.weight[k];
+  }
+  c->kind = kind;
+  c->normal = p.normal;
+  c->distance = p.distance;
+  c->thickness = thickness;
+  c->stiffness = pair_stiffness(v[e.node[0]], v[e.node[3]]) * min_double(area_a, area_b);
+  c->friction = pair_friction(v[e.node[0]], v[e.node[3]]);
+  c->static_friction = pair_static_friction(v[e.node[0]], v[e.node[3]]);
+  return 1;
+}
+
+#endif

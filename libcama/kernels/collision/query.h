@@ -1,0 +1,364 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* Candidate pairs from the trees by count, scan, fill: vertices against the tree of faces, edges against the tree of
+   edges, so every pair of features arises exactly once and no representative triangles or orphan sets are needed. The
+   count pass keeps each item's first `slots` hits in slot[slots (first_slot + i) ..]; the fill pass walks the tree
+   again only for items with more. Vertices are numbered cloth first: those from cloth_vertex_count on are obstacles,
+   whose pairs among themselves are left out. self = 0 leaves out cloth against cloth. */
+#ifndef CAMA_KERNELS_COLLISION_QUERY_H
+#define CAMA_KERNELS_COLLISION_QUERY_H
+#include "../dialect/dvec3.h"
+#include "../dialect/lang.h"
+#include "bounds.h"
+#include "tree.h"
+
+typedef struct {
+  int a, b;
+} pair;
+
+/* 1 if features whose first vertices are a and b are to be tested against each other. */
+DEVICE int wanted_pair(int a, int b, int cloth_vertex_count, int self)
+{
+  int obstacle_a = a >= cloth_vertex_count, obstacle_b = b >= cloth_vertex_count;
+  return !(obstacle_a && obstacle_b) && (self || obstacle_a || obstacle_b);
+}
+
+/* A search that follows another one for motion that has changed: boxes of changed vertices have grown, box_before has
+   the earlier ones. A pair is fresh if it overlaps now and did not before; pairs of the earlier search stay as they
+   are. */
+DEVICE int fresh_vertex_face(int v, face_nodes f, GLOBAL const box *box_before)
+{
+  box b = box_union(box_union(box_before[f.node[0]], box_before[f.node[1]]), box_before[f.node[2]]);
+  return !box_overlap(box_before[v], b);
+}
+DEVICE int fresh_edge_edge(edge_nodes e, edge_nodes f, GLOBAL const box *box_before)
+{
+  return !box_overlap(box_union(box_before[e.node[0]], box_before[e.node[1]]),
+                      box_union(box_before[f.node[0]], box_before[f.node[1]]));
+}
+
+#define QUERY_ALL 0       /* every pair */
+#define QUERY_CHANGED 1   /* fresh pairs; items are the changed vertices, or edges */
+/* fresh pairs; items are all vertices, changed ones are passed over; the tree holds changed faces */
+#define QUERY_UNCHANGED 2
+
+/* 1 if face f is to be tested against vertex v; changed and box_before, per vertex, are read unless mode is
+   QUERY_ALL. */
+DEVICE int wanted_vertex_face(int v, face_nodes f, int cloth_vertex_count, int self, int mode,
+                              GLOBAL const box *box_before)
+{
+  return (f.node[0] != v) & (f.node[1] != v) & (f.node[2] != v) &&
+         wanted_pair(v, f.node[0], cloth_vertex_count, self) &&
+         (mode == QUERY_ALL || fresh_vertex_face(v, f, box_before));
+}
+
+/* Items that ask: 8 i .. 8 i + 8, or one a work-item with batch = 1. A batch walks the tree once, for the box of all;
+   near the leaves each tests for itself: less work, for one thread. What an item finds, and in which order, does not
+   depend on the batch. */
+
+/* Item k is vertex vertex_order[k]; count[first_slot + k]: its candidate faces. n = items / batch, rounded up. mode:
+   QUERY_*. */
+KERNEL query_vertex_face_count(int n, int items, int batch, GLOBAL const int *vertex_order,
+                               GLOBAL const box *vertex_box, int leaf_count, GLOBAL const int *face_order,
+                               GLOBAL const face_nodes *leaf_face, GLOBAL const bvh8_node *tree, int cloth_vertex_count,
+                               int self, int mode, GLOBAL const int *changed, GLOBAL const box *box_before, int slots,
+                               int first_slot, GLOBAL int *slot, GLOBAL int *count)
+{
+  FOR_EACH_UNEVEN(i, n) {
+    int first = batch * i, end = min_int(first + batch, items), g;
+    box all = empty_box();
+    group_walk walk;
+    if (batch == 1) {
+      int v = vertex_order[i], found = 0, leaf = mode == QUERY_UNCHANGED && changed[v] ? WALK_END : WALK_ON;
+      all = vertex_box[v];
+      walk = groups_overlapping(leaf_count, tree, all);
+      WHILE_ANY(leaf != WALK_END)
+      {
+        if (leaf != WALK_END) leaf = walk_leaves(&walk, leaf_count, tree, all);
+        if (leaf >= 0 && wanted_vertex_face(v, leaf_face[leaf], cloth_vertex_count, self, mode, box_before)) {
+          if (found < slots) slot[slots * (first_slot + i) + found] = face_order[leaf];
+          ++found;
+        }
+      }
+      count[first_slot + i] = found;
+      continue;
+    }
+    for (int k = first; k < end; ++k) {
+      int v = vertex_order[k];
+      count[first_slot + k] = 0;
+      if (mode != QUERY_UNCHANGED || !changed[v]) all = box_union(all, vertex_box[v]);
+    }
+    walk = groups_overlapping(leaf_count, tree, all);
+    while ((g = next_group(&walk, leaf_count, tree, all)) >= 0) {
+      for (int k = first; k < end; ++k) {
+        int v = vertex_order[k],
+            mask = mode == QUERY_UNCHANGED && changed[v] ? 0 : group_overlap(tree + g, vertex_box[v]);
+        for (; mask; mask &= mask - 1) {
+          int leaf = GROUP * g + lowest_bit((key64)mask), found = count[first_slot + k];
+          if (!wanted_vertex_face(v, leaf_face[leaf], cloth_vertex_count, self, mode, box_before)) continue;
+          if (found < slots) slot[slots * (first_slot + k) + found] = face_order[leaf];
+          count[first_slot + k] = found + 1;
+        }
+      }
+    }
+  }
+}
+
+/* candidate[first + offset[first_slot + k] ..]: (vertex, face); offset is the exclusive sum of count. gap_bound: 0 for
+   them. */
+KERNEL query_vertex_face_fill(int n, GLOBAL const int *vertex_order, GLOBAL const box *vertex_box, int leaf_count,
+                              GLOBAL const int *face_order, GLOBAL const face_nodes *leaf_face,
+                              GLOBAL const bvh8_node *tree, int cloth_vertex_count, int self, int mode,
+                              GLOBAL const box *box_before, int slots, int first_slot, GLOBAL const int *slot,
+                              GLOBAL const int *count, GLOBAL const int *offset, int first, GLOBAL pair *candidate,
+                              GLOBAL float *gap_bound)
+{
+  FOR_EACH_UNEVEN(k, n) {
+    int v = vertex_order[k], at = first + offset[first_slot + k], found = count[first_slot + k], leaf = WALK_ON;
+    pair p;
+    p.a = v;
+    for (int j = 0; j < found; ++j) gap_bound[at + j] = 0.0f;
+    if (found <= slots) {
+      for (int j = 0; j < found; ++j) {
+        p.b = slot[slots * (first_slot + k) + j];
+        candidate[at + j] = p;
+      }
+    } else {
+      box b = vertex_box[v];
+      group_walk walk = groups_overlapping(leaf_count, tree, b);
+      WHILE_ANY(leaf != WALK_END)
+      {
+        if (leaf != WALK_END) leaf = walk_leaves(&walk, leaf_count, tree, b);
+        if (leaf >= 0 && wanted_vertex_face(v, leaf_face[leaf], cloth_vertex_count, self, mode, box_before)) {
+          p.b = face_order[leaf];
+          candidate[at++] = p;
+        }
+      }
+    }
+  }
+}
+
+DEVICE int edge_changed(edge_nodes e, GLOBAL const int *changed) { return changed[e.node[0]] || changed[e.node[1]]; }
+
+#define QUERY_OTHER 3 /* every pair; items are edges of another tree */
+
+/* 1 if edge j, f, is to be tested against edge i, e. Every pair once: QUERY_ALL asks leaves behind the item's only;
+   with QUERY_CHANGED unchanged edges do not ask, and two changed ones meet from the first. */
+DEVICE int wanted_edge_edge(int i, edge_nodes e, int j, edge_nodes f, int cloth_vertex_count, int self, int mode,
+                            GLOBAL const int *changed, GLOBAL const box *box_before)
+{
+  return (e.node[0] != f.node[0]) & (e.node[0] != f.node[1]) & (e.node[1] != f.node[0]) & (e.node[1] != f.node[1]) &&
+         wanted_pair(e.node[0], f.node[0], cloth_vertex_count, self) &&
+         (mode != QUERY_CHANGED || ((j > i || !edge_changed(f, changed)) && fresh_edge_edge(e, f, box_before)));
+}
+
+/* The leaves of group g that overlap item k, of box b: with QUERY_ALL, where the item is leaf k, those behind it. */
+DEVICE int edge_leaves(int g, int k, box b, GLOBAL const bvh8_node *tree, int mode)
+{
+  int mask = group_overlap(tree + g, b);
+  return mode == QUERY_ALL && g == k >> 3 ? mask & (0xfe << (k & 7)) : mask;
+}
+DEVICE box edge_item_box(int k, GLOBAL const edge_nodes *item_edge, GLOBAL const box *vertex_box,
+                         GLOBAL const bvh8_node *tree, int mode)
+{
+  return mode == QUERY_ALL ? group_box(tree + (k >> 3), k & 7) : box_of_edge(item_edge[k], vertex_box);
+}
+
+/* Item k is edge item[k], nodes item_edge[k]; with QUERY_ALL they are the leaves. mode: QUERY_ALL, QUERY_OTHER or
+   QUERY_CHANGED. */
+KERNEL query_edge_edge_count(int n, int items, int batch, GLOBAL const int *item, GLOBAL const edge_nodes *item_edge,
+                             GLOBAL const box *vertex_box, int leaf_count, GLOBAL const int *edge_order,
+                             GLOBAL const edge_nodes *leaf_edge, GLOBAL const bvh8_node *tree, int cloth_vertex_count,
+                             int self, int mode, GLOBAL const int *changed, GLOBAL const box *box_before, int slots,
+                             int first_slot, GLOBAL int *slot, GLOBAL int *count)
+{
+  FOR_EACH_UNEVEN(b, n) {
+    int first = batch * b, end = min_int(first + batch, items), g;
+    box all = empty_box();
+    group_walk walk;
+    if (batch == 1) {
+      int own = item[b], found = 0, j = WALK_ON;
+      edge_nodes e = item_edge[b];
+      all = edge_item_box(b, item_edge, vertex_box, tree, mode);
+      walk = mode == QUERY_ALL ? groups_overlapping_from(b >> 3, leaf_count, tree, all)
+                               : groups_overlapping(leaf_count, tree, all);
+      WHILE_ANY(j != WALK_END)
+      {
+        if (j != WALK_END) j = walk_leaves(&walk, leaf_count, tree, all);
+        if (j >= 0 && (mode != QUERY_ALL || j > b) &&
+            wanted_edge_edge(own, e, edge_order[j], leaf_edge[j], cloth_vertex_count, self, mode, changed,
+                             box_before)) {
+          if (found < slots) slot[slots * (first_slot + b) + found] = edge_order[j];
+          ++found;
+        }
+      }
+      count[first_slot + b] = found;
+      continue;
+    }
+    for (int k = first; k < end; ++k) {
+      count[first_slot + k] = 0;
+      all = box_union(all, edge_item_box(k, item_edge, vertex_box, tree, mode));
+    }
+    walk = mode == QUERY_ALL ? groups_overlapping_from(first >> 3, leaf_count, tree, all)
+                             : groups_overlapping(leaf_count, tree, all);
+    while ((g = next_group(&walk, leaf_count, tree, all)) >= 0) {
+      for (int k = first; k < end; ++k) {
+        edge_nodes e = item_edge[k];
+        for (int mask = edge_leaves(g, k, edge_item_box(k, item_edge, vertex_box, tree, mode), tree, mode); mask;
+             mask &= mask - 1) {
+          int j = GROUP * g + lowest_bit((key64)mask), found = count[first_slot + k];
+          if (!wanted_edge_edge(item[k], e, edge_order[j], leaf_edge[j], cloth_vertex_count, self, mode, changed,
+                                box_before))
+            continue;
+          if (found < slots) slot[slots * (first_slot + k) + found] = edge_order[j];
+          count[first_slot + k] = found + 1;
+        }
+      }
+    }
+  }
+}
+
+/* Both edges of a pair, the lower index first. */
+DEVICE pair ordered_pair(int a, int b)
+{
+  pair p;
+  p.a = min_int(a, b);
+  p.b = max_int(a, b);
+  return p;
+}
+
+/* candidate[first + offset[first_slot + k] ..]: (edge, edge). gap_bound: 0 for them. */
+KERNEL query_edge_edge_fill(int n, GLOBAL const int *item, GLOBAL const edge_nodes *item_edge,
+                            GLOBAL const box *vertex_box, int leaf_count, GLOBAL const int *edge_order,
+                            GLOBAL const edge_nodes *leaf_edge, GLOBAL const bvh8_node *tree, int cloth_vertex_count,
+                            int self, int mode, GLOBAL const int *changed, GLOBAL const box *box_before, int slots,
+                            int first_slot, GLOBAL const int *slot, GLOBAL const int *count, GLOBAL const int *offset,
+                            int first, GLOBAL pair *candidate, GLOBAL float *gap_bound)
+{
+  FOR_EACH_UNEVEN(k, n) {
+    int own = item[k], at = first + offset[first_slot + k], found = count[first_slot + k], other = WALK_ON;
+    for (int j = 0; j < found; ++j) gap_bound[at + j] = 0.0f;
+    if (found <= slots) {
+      for (int j = 0; j < found; ++j) candidate[at + j] = ordered_pair(own, slot[slots * (first_slot + k) + j]);
+    } else {
+      edge_nodes e = item_edge[k];
+      box b = edge_item_box(k, item_edge, vertex_box, tree, mode);
+      group_walk walk = mode == QUERY_ALL ? groups_overlapping_from(k >> 3, leaf_count, tree, b)
+                                          : groups_overlapping(leaf_count, tree, b);
+      WHILE_ANY(other != WALK_END)
+      {
+        if (other != WALK_END) other = walk_leaves(&walk, leaf_count, tree, b);
+        if (other >= 0 && (mode != QUERY_ALL || other > k) &&
+            wanted_edge_edge(own, e, edge_order[other], leaf_edge[other], cloth_vertex_count, self, mode, changed,
+                             box_before))
+          candidate[at++] = ordered_pair(own, edge_order[other]);
+      }
+    }
+  }
+}
+
+/* Totals of a scan over the items of two lists, the first with n_first of them. */
+KERNEL scan_totals(int n, int n_first, int n_all, GLOBAL const int *offset, GLOBAL pair *totals)
+{
+  FOR_EACH(i, n) {
+    totals[i].a = offset[n_first];
+    totals[i].b = offset[n_all] - offset[n_first];
+  }
+}
+
+/* changed[i] = 1 where the motion x to y of vertex i leaves its box, which then grows to hold it with its own margin;
+   before: a copy. `least`: what must be left between motion and box, m. */
+KERNEL grow_boxes(int n, GLOBAL const dvec3 *x, GLOBAL const dvec3 *y, GLOBAL const double *margin,
+                  GLOBAL const dvec3 *scene_bounds, double least, GLOBAL box *before, GLOBAL box *vertex_box,
+                  GLOBAL int *changed)
+{
+  FOR_EACH(i, n) {
+    box b = vertex_box[i], needed = swept_box(x[i], y[i], least, scene_bounds[0]), all = box_union(b, needed);
+    int outside = 0;
+    for (int k = 0; k < 3; ++k) outside |= all.lo[k] != b.lo[k] || all.hi[k] != b.hi[k];
+    before[i] = b;
+    changed[i] = outside;
+    if (outside) vertex_box[i] = box_union(b, swept_box(x[i], y[i], margin[i], scene_bounds[0]));
+  }
+}
+
+/* flag[first + i] = 1 for the leaves whose face, or edge, has a changed vertex. */
+KERNEL changed_faces(int n, int first, GLOBAL const int *face_order, GLOBAL const face_nodes *face,
+                     GLOBAL const int *changed, GLOBAL int *flag)
+{
+  FOR_EACH(i, n) {
+    face_nodes f = face[face_order[i]];
+    flag[first + i] = changed[f.node[0]] || changed[f.node[1]] || changed[f.node[2]];
+  }
+}
+KERNEL changed_edges(int n, int first, GLOBAL const int *edge_order, GLOBAL const edge_nodes *edge,
+                     GLOBAL const int *changed, GLOBAL int *flag)
+{
+  FOR_EACH(i, n) flag[first + i] = edge_changed(edge[edge_order[i]], changed);
+}
+
+/* The values whose flags, from `first` on, are 1, in order, behind those with flags from `start` on; place: exclusive
+   sum of all flags. */
+KERNEL keep_flagged(int n, int start, int first, GLOBAL const int *place, GLOBAL const int *value, GLOBAL int *kept)
+{
+  FOR_EACH(i, n)
+    if (place[first + i + 1] > place[first + i]) kept[place[first + i] - place[start]] = value[i];
+}
+
+/* 1 if `value` is in the sorted row of vertex v. */
+DEVICE int row_holds(GLOBAL const int *row, GLOBAL const int *entry, int v, int value)
+{
+  int lo = row[v], hi = row[v + 1];
+  while (lo < hi) {
+    int mid = lo + (hi - lo) / 2;
+    if (entry[mid] == value) return 1;
+    if (entry[mid] < value)
+      lo = mid + 1;
+    else
+      hi = mid;
+  }
+  return 0;
+}
+
+/* flag[i] = 1 if pair first + i is not exempt: no vertex of one side may pass a vertex, or the object, of the other. */
+KERNEL wanted_pairs(int n, int first, int kind, int vertex_count, GLOBAL const pair *pairs,
+                    GLOBAL const face_nodes *face, GLOBAL const edge_nodes *edge, GLOBAL const int *row,
+                    GLOBAL const int *entry, GLOBAL const int *object, GLOBAL int *flag)
+{
+  FOR_EACH(i, n) {
+    pair p = pairs[first + i];
+    int v[4], exempt = 0, split = kind + 1;
+    if (kind == 0) {
+      face_nodes f = face[p.b];
+      v[0] = p.a;
+      v[1] = f.node[0];
+      v[2] = f.node[1];
+      v[3] = f.node[2];
+    } else {
+      v[0] = edge[p.a].node[0];
+      v[1] = edge[p.a].node[1];
+      v[2] = edge[p.b].node[0];
+      v[3] = edge[p.b].node[1];
+    }
+    for (int a = 0; a < 4 && !exempt; ++a) {
+      int other = a < split ? split : 0, last = a < split ? 4 : split;
+      if (row[v[a]] == row[v[a] + 1]) continue;
+      exempt = row_holds(row, entry, v[a], vertex_count + object[v[other]]);
+      for (; other < last && !exempt; ++other) exempt = row_holds(row, entry, v[a], v[other]);
+    }
+    flag[i] = !exempt;
+  }
+}
+
+/* The flagged pairs from `first` on, in order; place: exclusive sum of the flags. */
+KERNEL keep_pairs(int n, int first, GLOBAL const int *place, GLOBAL const pair *pairs, GLOBAL pair *kept)
+{
+  FOR_EACH(i, n)
+    if (place[i + 1] > place[i]) kept[place[i]] = pairs[first + i];
+}
+
+KERNEL copy_pairs(int n, int first, GLOBAL const pair *from, GLOBAL pair *to)
+{
+  FOR_EACH(i, n) to[first + i] = from[i];
+}
+
+#endif

@@ -1,0 +1,52 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* Wind and drag on triangles. */
+#ifndef CAMA_KERNELS_ELEMENTS_EXTERNAL_H
+#define CAMA_KERNELS_ELEMENTS_EXTERNAL_H
+#include "../dialect/dvec3.h"
+#include "../dialect/lang.h"
+#include "../dialect/vec3.h"
+#include "elasticity.h"
+
+#define WIND_SHARE 0.5 /* of a triangle's speed through the air, the most that a step of drag may take */
+
+/* Force on each node of a triangle from air moving with `wind` (m/s) of density rho (kg/m^3): pressure rho A (v.n)|v.n|
+   along the normal and tangential drag A drag v_t, a third to each node. Velocity of the triangle is the mean of its
+   nodes. rest_area > 0: A is the area at rest, ARCSim's convention; else the area now. most: kg/s, of force over speed
+   at a node: drag is explicit, and beyond mass over time step it would turn the motion round and blow it up. */
+DEVICE vec3 wind_force(vec3 edge1, vec3 edge2, vec3 relative_velocity, real density, real drag, real rest_area,
+                       real most)
+{
+  vec3 doubled = cross(edge1, edge2), normal, tangential;
+  real area = (real)0.5 * norm(doubled), vn, speed;
+  if (!(area > (real)0)) return vec3_make((real)0, (real)0, (real)0);
+  normal = scale((real)0.5 / area, doubled);
+  if (rest_area > (real)0) area = rest_area;
+  vn = dot(normal, relative_velocity);
+  speed = vn < (real)0 ? -vn : vn;
+  tangential = axpy(relative_velocity, -vn, normal);
+  if (area / (real)3 * max_real(density * speed, drag) > most)
+    return axpy(scale(min_real(area / (real)3 * density * speed, most) * vn, normal),
+                min_real(area / (real)3 * drag, most), tangential);
+  return scale(area / (real)3, axpy(scale(density * speed * vn, normal), drag, tangential));
+}
+
+/* Adds wind to the element forces [3 n] of all triangles. wind: [1], m/s. areal_density: by material, kg/m^2.
+   Convention 1 takes ARCSim's area. */
+KERNEL add_wind(int n, GLOBAL const triangle_rest *rest, GLOBAL const dvec3 *position, GLOBAL const dvec3 *velocity,
+                GLOBAL const dvec3 *wind, GLOBAL const double *areal_density, real density, real drag, int convention,
+                real time_step, GLOBAL vec3 *force)
+{
+  FOR_EACH(i, n) {
+    triangle_rest r = rest[i];
+    dvec3 x0 = position[r.node[0]];
+    dvec3 sum = dadd(dadd(velocity[r.node[0]], velocity[r.node[1]]), velocity[r.node[2]]);
+    vec3 f = wind_force(to_vec3(dsub(position[r.node[1]], x0)), to_vec3(dsub(position[r.node[2]], x0)),
+                        to_vec3(dsub(wind[0], dscale(1.0 / 3.0, sum))), density, drag, convention ? r.area : (real)0,
+                        (real)(WIND_SHARE / 3.0 * areal_density[r.material]) * r.area / time_step);
+    force[3 * i] = add(force[3 * i], f);
+    force[3 * i + 1] = add(force[3 * i + 1], f);
+    force[3 * i + 2] = add(force[3 * i + 2], f);
+  }
+}
+
+#endif

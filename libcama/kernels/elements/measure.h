@@ -1,0 +1,43 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* Diagnostics, run only when asked for. */
+#ifndef CAMA_KERNELS_ELEMENTS_MEASURE_H
+#define CAMA_KERNELS_ELEMENTS_MEASURE_H
+#include "../collision/bounds.h"
+#include "../collision/pair.h"
+#include "../collision/query.h"
+#include "../dialect/dvec3.h"
+#include "../dialect/lang.h"
+
+/* Kinetic and gravitational energy of each cloth vertex, J. */
+KERNEL measure_vertices(int n, GLOBAL const double *mass, GLOBAL const dvec3 *position, GLOBAL const dvec3 *velocity,
+                        GLOBAL const dvec3 *gravity, GLOBAL double *kinetic, GLOBAL double *potential)
+{
+  FOR_EACH(i, n) {
+    kinetic[i] = 0.5 * mass[i] * ddot(velocity[i], velocity[i]);
+    potential[i] = -mass[i] * ddot(gravity[0], position[i]);
+  }
+}
+
+/* Distance of each candidate pair, m. */
+KERNEL measure_pairs(int n, int kind, GLOBAL const pair *pairs, GLOBAL const face_nodes *face,
+                     GLOBAL const edge_nodes *edge, GLOBAL const dvec3 *position, GLOBAL const vertex_contact *v,
+                     GLOBAL double *distance)
+{
+  FOR_EACH(i, n) {
+    distance[i] = surface_proximity(kind, pair_nodes(kind, pairs[i], face, edge), position, v).distance;
+  }
+}
+
+/* total[0 .. 3]: four numbers side by side; those that are not there are 0. */
+KERNEL collect_totals(int n, int used, GLOBAL const double *a, GLOBAL const double *b, GLOBAL const double *c,
+                      GLOBAL const double *d, GLOBAL double *total)
+{
+  FOR_EACH(i, n) {
+    total[0] = used & 1 ? a[0] : 0.0;
+    total[1] = used & 2 ? b[0] : 0.0;
+    total[2] = used & 4 ? c[0] : 0.0;
+    total[3] = used & 8 ? d[0] : 0.0;
+  }
+}
+
+#endif

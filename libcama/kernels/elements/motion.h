@@ -1,0 +1,120 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* Prescribed motion, position prediction and the end of a step. */
+#ifndef CAMA_KERNELS_ELEMENTS_MOTION_H
+#define CAMA_KERNELS_ELEMENTS_MOTION_H
+#include "../dialect/dvec3.h"
+#include "../dialect/lang.h"
+
+/* x = rotation (rest - center) scale + center + translation, row-major rotation; transform: rotation rows, then
+   translation, center and (scale, 0, 0) as 6 vectors. Writes vertices first .. first + n. */
+KERNEL move_rigid(int n, GLOBAL const dvec3 *rest, GLOBAL const dvec3 *transform, int first, GLOBAL dvec3 *out)
+{
+  FOR_EACH(i, n) {
+    dvec3 x = dscale(transform[5].x, dsub(rest[first + i], transform[4]));
+    out[first + i] =
+        dadd(dadd(dvec3_make(ddot(transform[0], x), ddot(transform[1], x), ddot(transform[2], x)), transform[4]),
+             transform[3]);
+  }
+}
+
+/* Linear between two sampled frames. */
+KERNEL move_sampled(int n, GLOBAL const dvec3 *frame_a, GLOBAL const dvec3 *frame_b, double t, int first,
+                    GLOBAL dvec3 *out)
+{
+  FOR_EACH(i, n) {
+    out[first + i] = dlerp(frame_a[i], frame_b[i], t);
+  }
+}
+
+/* Scatters prescribed positions to their vertices. */
+KERNEL scatter_positions(int n, GLOBAL const int *vertex, GLOBAL const dvec3 *position, GLOBAL dvec3 *out)
+{
+  FOR_EACH(i, n) {
+    out[vertex[i]] = position[i];
+  }
+}
+
+/* A vertex attached to a triangle: barycentric foot point and an offset in the triangle's own frame. */
+typedef struct {
+  int vertex;
+  int node[3];
+  double weight[3];
+  double offset[3];
+} attachment;
+
+DEVICE dvec3 attachment_position(attachment a, dvec3 x0, dvec3 x1, dvec3 x2)
+{
+  dvec3 t = dnormalize(dsub(x1, x0)), n = dnormalize(dcross(dsub(x1, x0), dsub(x2, x0))), s = dcross(n, t);
+  dvec3 foot = dadd(dadd(dscale(a.weight[0], x0), dscale(a.weight[1], x1)), dscale(a.weight[2], x2));
+  return daxpy(daxpy(daxpy(foot, a.offset[0], t), a.offset[1], s), a.offset[2], n);
+}
+
+/* position: of the obstacles at the end of the step. */
+KERNEL move_attached(int n, GLOBAL const attachment *attachments, GLOBAL dvec3 *position)
+{
+  FOR_EACH(i, n) {
+    attachment a = attachments[i];
+    position[a.vertex] = attachment_position(a, position[a.node[0]], position[a.node[1]], position[a.node[2]]);
+  }
+}
+
+/* base = (4 now - before) / 3, where the second-order backward differentiation formula (BDF2) starts from. */
+KERNEL extrapolate_states(int n, GLOBAL const dvec3 *now, GLOBAL const dvec3 *before, GLOBAL dvec3 *base)
+{
+  FOR_EACH(i, n) {
+    base[i] = daxpy(now[i], 1.0 / 3.0, dsub(now[i], before[i]));
+  }
+}
+
+/* Velocity of prescribed vertices over the step; zero elsewhere. */
+KERNEL prescribe_velocities(int n, GLOBAL const int *fixed, GLOBAL const dvec3 *position, GLOBAL const dvec3 *target,
+                            double time_step, GLOBAL dvec3 *velocity_next)
+{
+  FOR_EACH(i, n) {
+    velocity_next[i] = fixed[i] ? dscale(1.0 / time_step, dsub(target[i], position[i])) : dvec3_make(0.0, 0.0, 0.0);
+  }
+}
+
+/* Ballistic prediction of the end of the step; prescribed vertices go to their target. */
+KERNEL predict_positions(int n, GLOBAL const int *fixed, GLOBAL const dvec3 *position, GLOBAL const dvec3 *velocity,
+                         GLOBAL const dvec3 *gravity, GLOBAL const dvec3 *target, double time_step,
+                         GLOBAL dvec3 *predicted)
+{
+  FOR_EACH(i, n) {
+    predicted[i] =
+        fixed[i] ? target[i] : daxpy(daxpy(position[i], time_step, velocity[i]), time_step * time_step, gravity[0]);
+  }
+}
+
+/* Projects positions along the solved velocities (Equation 1). n: cloth vertices. */
+KERNEL advance(int n, double time_step, GLOBAL const int *fixed, GLOBAL const dvec3 *velocity_next,
+               GLOBAL const dvec3 *position, GLOBAL dvec3 *position_next)
+{
+  FOR_EACH(i, n) {
+    if (!fixed[i]) position_next[i] = daxpy(position[i], time_step, velocity_next[i]);
+  }
+}
+
+/* Where handling of penetrations moved a vertex from base + step v, its velocity is the mean one over the time step. n:
+   cloth vertices. */
+KERNEL follow_positions(int n, double time_step, double step, GLOBAL const int *fixed, GLOBAL const dvec3 *position,
+                        GLOBAL const dvec3 *base, GLOBAL const dvec3 *position_next, GLOBAL dvec3 *velocity_next)
+{
+  FOR_EACH(i, n) {
+    dvec3 free_end = daxpy(base[i], step, velocity_next[i]), x = position_next[i];
+    if (!fixed[i] && (x.x != free_end.x || x.y != free_end.y || x.z != free_end.z))
+      velocity_next[i] = dscale(1.0 / time_step, dsub(x, position[i]));
+  }
+}
+
+/* bad[0]: 1 + the last vertex of which a value is not finite; 0 from the start: none. */
+KERNEL find_nonfinite(int n, GLOBAL const dvec3 *x, GLOBAL const dvec3 *v, GLOBAL int *bad)
+{
+  FOR_EACH(i, n) {
+    double s = (x[i].x - x[i].x) + (x[i].y - x[i].y) + (x[i].z - x[i].z) + (v[i].x - v[i].x) + (v[i].y - v[i].y) +
+               (v[i].z - v[i].z);
+    if (!(s == 0.0)) atomic_max_int(bad, i + 1);
+  }
+}
+
+#endif

@@ -1,0 +1,440 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* The conjugate gradient in one reduction an iteration (Chronopoulos and Gear 1989) on a matrix in slices; its
+   preconditioner is in schwarz.h. Rows are free vertices. */
+#ifndef CAMA_KERNELS_SOLVER_CONJUGATE_GRADIENT_H
+#define CAMA_KERNELS_SOLVER_CONJUGATE_GRADIENT_H
+#include "../dialect/caching.h"
+#include "../dialect/lanes.h"
+#include "../dialect/lang.h"
+#include "../dialect/vec3.h"
+#include "../system/incidence.h"
+#include "../system/slices.h"
+#include "../system/term.h"
+#include "scalars.h"
+
+#define ROW_PARTS 2     /* members of a team that share a row, each with every second entry */
+
+/* Vectors of the solve: three numbers and a zero, so that one load takes them. */
+typedef struct ALIGNED(16) {
+  real x, y, z, w;
+} vec4;
+
+LANES_TYPE(real, lanes);
+LANES_GATHER(real, lanes, vec4)
+LANES_COLUMNS(real, lanes)
+
+DEVICE vec4 vec4_make(real x, real y, real z)
+{
+  vec4 v;
+  v.x = x;
+  v.y = y;
+  v.z = z;
+  v.w = (real)0;
+  return v;
+}
+DEVICE vec4 vec4_axpy(vec4 v, real a, vec4 w) { return vec4_make(v.x + a * w.x, v.y + a * w.y, v.z + a * w.z); }
+DEVICE real vec4_dot(vec4 v, vec4 w) { return v.x * w.x + v.y * w.y + v.z * w.z; }
+
+/* Scalars of the conjugate gradient in one reduction. */
+#define CG_GAMMA 0       /* r' z */
+#define CG_ALPHA 1
+#define CG_GOAL 2        /* of r' z */
+#define CG_DONE 3        /* 1: nothing more changes */
+#define CG_BROKEN 4      /* 1: not positive definite, or not finite */
+#define CG_ITERATIONS 5
+#define CG_START 6       /* r' z at the start */
+#define CG_FORCES 7      /* f' P f of the forces without penalties */
+#define CG_INNER 8       /* r' z that working precision can reach from this start */
+#define CG_COUNT 9
+#define CG_TEAM 128     /* members of a team: all teams have room at once */
+#define CG_ROWS 256      /* rows of the vectors that a team advances */
+
+#define CG_MEASURE_FORCES 0
+#define CG_MEASURE_START 1  /* sets the goal */
+#define CG_MEASURE_CHECK 2  /* the goal stays: a residual computed afresh */
+
+/* Starts from a residual whose products are in `partial`. goal: tolerance^2; slack: (of the forces) a tolerance
+   relative to huge penalties would leave gravity unsolved; rounding: (of slack times the forces) what is left of a
+   solution that was right from the start; inner: least r'z relative to this start that working precision can reach. One
+   team. */
+KERNEL cg_start(int n, int mode, int partials, GLOBAL const double *partial, double goal, double slack, double rounding,
+                double inner, GLOBAL double *scalar)
+{
+  TEAM_LOCAL(double, sums, 2 * CG_TEAM);
+  FOR_EACH_TEAM(t, n) {
+    sum_of_teams(CG_TEAM, 2, partials, partial, sums);
+    TEAM_FOR(l, 1) {
+      double gamma = sums[0], forces = scalar[CG_FORCES];
+      if (mode == CG_MEASURE_FORCES) {
+        scalar[CG_FORCES] = gamma;
+      } else {
+        if (mode == CG_MEASURE_START) {
+          scalar[CG_START] = gamma;
+          scalar[CG_GOAL] = forces > 0.0
+                                ? max_double(goal * min_double(gamma, slack * forces), rounding * slack * forces)
+                                : goal * gamma;
+          scalar[CG_ITERATIONS] = 0.0;
+        }
+        scalar[CG_GAMMA] = 0.0;
+        scalar[CG_INNER] = inner * gamma;
+        scalar[CG_BROKEN] = 0.0;
+      }
+      scalar[CG_DONE] = 0.0;
+    }
+  }
+}
+
+typedef struct {
+  double alpha, beta;
+  int done;
+} cg_step;
+
+/* alpha and beta of one iteration from the partial sums, by every team for itself; the scalars at `from` become those
+   at `to`. */
+DEVICE_TEAM cg_step next_step(int t, int partials, GLOBAL const double *partial, int most, int from, int to,
+                              GLOBAL double *scalar, LOCAL double *sums)
+{
+  double before = scalar[from + CG_GAMMA], alpha = scalar[from + CG_ALPHA], done = scalar[from + CG_DONE],
+         broken = scalar[from + CG_BROKEN];
+  double iterations = scalar[from + CG_ITERATIONS], least = max_double(scalar[from + CG_GOAL], scalar[from + CG_INNER]);
+  cg_step step;
+  step.beta = 0.0;
+  TEAM_BARRIER;
+  if (done == 0.0) {
+    double gamma, denominator;
+    sum_of_teams(CG_TEAM, 2, partials, partial, sums);
+    gamma = sums[0];
+    denominator = sums[CG_TEAM];
+    step.beta = before > 0.0 ? gamma / before : 0.0;
+    if (before > 0.0) denominator -= step.beta * gamma / alpha;
+    alpha = gamma / denominator;
+    if (!(gamma >= 0.0) || !(gamma < 1e300))
+      done = broken = 1.0;
+    else if (gamma <= least || iterations >= (double)most)
+      done = 1.0;
+    else if (!(denominator > 0.0))
+      done = broken = 1.0;
+    else
+      iterations += 1.0;
+    before = gamma;
+  }
+  if (t == 0)
+    TEAM_FOR(l, 1) {
+      scalar[to + CG_GAMMA] = before;
+      scalar[to + CG_ALPHA] = alpha;
+      scalar[to + CG_DONE] = done;
+      scalar[to + CG_BROKEN] = broken;
+      scalar[to + CG_ITERATIONS] = iterations;
+      scalar[to + CG_GOAL] = scalar[from + CG_GOAL];
+      scalar[to + CG_INNER] = scalar[from + CG_INNER];
+      scalar[to + CG_START] = scalar[from + CG_START];
+      scalar[to + CG_FORCES] = scalar[from + CG_FORCES];
+    }
+  step.alpha = alpha;
+  step.done = done != 0.0;
+  return step;
+}
+
+/* Vectors of a diagonal preconditioner's loop but z are in columns: all x, all y, all z, `component_stride` numbers
+   from each other, so that neighbours read neighbours. Those of the Schwarz preconditioner are rows of vec4
+   (component_stride = 0). */
+DEVICE vec4 load_row(GLOBAL const real *v, int component_stride, int i)
+{
+  if (component_stride == 0) return LOAD_KEPT((GLOBAL const vec4 *)v + i);
+  return vec4_make(LOAD_KEPT(v + i), LOAD_KEPT(v + component_stride + i), LOAD_KEPT(v + 2 * component_stride + i));
+}
+DEVICE void store_row(GLOBAL real *v, int component_stride, int i, vec4 own)
+{
+  if (component_stride == 0) {
+    STORE_KEPT((GLOBAL vec4 *)v + i, own);
+  } else {
+    STORE_KEPT(v + i, own.x);
+    STORE_KEPT(v + component_stride + i, own.y);
+    STORE_KEPT(v + 2 * component_stride + i, own.z);
+  }
+}
+
+/* P of a row: its diagonal (block_rows = 1) in the first row, or a block (block_rows = 3); in columns. */
+typedef struct {
+  vec4 row[3];
+} row_inverse;
+DEVICE row_inverse load_inverse(int i, int block_rows, int component_stride, GLOBAL const real *RESTRICT inverse)
+{
+  row_inverse own;
+  own.row[0] = load_row(inverse, component_stride, i);
+  own.row[1] = own.row[2] = own.row[0];
+  if (block_rows == 3) {
+    own.row[1] = load_row(inverse + 3 * (size_t)component_stride, component_stride, i);
+    own.row[2] = load_row(inverse + 6 * (size_t)component_stride, component_stride, i);
+  }
+  return own;
+}
+DEVICE vec4 apply_inverse(int block_rows, row_inverse own, vec4 r)
+{
+  if (block_rows == 1) return vec4_make(own.row[0].x * r.x, own.row[0].y * r.y, own.row[0].z * r.z);
+  return vec4_make(vec4_dot(own.row[0], r), vec4_dot(own.row[1], r), vec4_dot(own.row[2], r));
+}
+
+/* One iteration's scalars and vectors, and z = P r. */
+KERNEL_OF(CG_TEAM, 4)
+cg_advance(int n, int rows, int component_stride, int block_rows, GLOBAL const real *RESTRICT inverse, int partials,
+           GLOBAL const double *partial, int most, int from, int to, GLOBAL double *scalar, GLOBAL vec4 *RESTRICT z,
+           GLOBAL const real *RESTRICT w, GLOBAL real *RESTRICT p, GLOBAL real *RESTRICT s, GLOBAL real *RESTRICT x,
+           GLOBAL real *RESTRICT r)
+{
+  TEAM_LOCAL(double, sums, 2 * CG_TEAM);
+  FOR_EACH_TEAM(t, n) {
+    const int begin = t * CG_ROWS, count = min_int(rows - begin, CG_ROWS);
+    cg_step step = next_step(t, partials, partial, most, from, to, scalar, sums);
+    const int first = step.beta == 0.0;
+    const real a = (real)step.alpha, b = (real)step.beta;
+    if (!step.done)
+      TEAM_FOR(l, count) {
+        const int i = begin + l;
+        const row_inverse own = load_inverse(i, block_rows, component_stride, inverse);
+        vec4 ri = load_row(r, component_stride, i), si = load_row(w, component_stride, i),
+             xi = vec4_make((real)0, (real)0, (real)0);
+        vec4 pi = apply_inverse(block_rows, own, ri);   /* z */
+        if (!first) {
+          const vec4 p0 = load_row(p, component_stride, i), s0 = load_row(s, component_stride, i);
+          xi = load_row(x, component_stride, i);
+          pi = vec4_axpy(pi, b, p0);
+          si = vec4_axpy(si, b, s0);
+        }
+        ri = vec4_axpy(ri, -a, si);
+        store_row(p, component_stride, i, pi);
+        store_row(s, component_stride, i, si);
+        store_row(x, component_stride, i, vec4_axpy(xi, a, pi));
+        store_row(r, component_stride, i, ri);
+        pi = apply_inverse(block_rows, own, ri);
+        STORE_KEPT(z + i, pi);
+      }
+  }
+}
+
+/* z = P r with P as in cg_advance. n: rows. */
+KERNEL apply_diagonal(int n, int component_stride, int block_rows, GLOBAL const real *RESTRICT inverse,
+                      GLOBAL const real *RESTRICT r, GLOBAL vec4 *RESTRICT z)
+{
+  FOR_EACH(i, n)
+    z[i] = apply_inverse(block_rows, load_inverse(i, block_rows, component_stride, inverse),
+                         load_row(r, component_stride, i));
+}
+
+/* The inverses of diagonal blocks as P of the rows: their diagonals (block_rows = 1), or whole; in columns. */
+KERNEL pack_diagonal(int n, GLOBAL const int *order, int component_stride, int block_rows, int is_double,
+                     GLOBAL const double *from64, GLOBAL const float *from32, GLOBAL real *inverse)
+{
+  FOR_EACH(i, n) {
+    int k, at = 9 * order[i];
+    for (k = 0; k < 3 * block_rows; ++k) {
+      int number = at + (block_rows == 1 ? 4 * k : k);
+      inverse[k * (size_t)component_stride + i] = is_double ? (real)from64[number] : (real)from32[number];
+    }
+  }
+}
+
+/* Terms on rows: nodes as rows (-1: not free), and 4 weights, normal, along, around in double or single, whichever is
+   there. */
+KERNEL pack_terms(int n, GLOBAL const term *terms, int vertices, GLOBAL const int *place, int is_double,
+                  GLOBAL element_nodes *nodes, GLOBAL double *to64, GLOBAL float *to32)
+{
+  FOR_EACH(i, n) {
+    real x[9];
+    int c;
+    for (c = 0; c < 4; ++c) {
+      int v = terms[i].node[c];
+      nodes[i].node[c] = v >= 0 && v < vertices ? place[v] : -1;
+      x[c] = terms[i].weight[c];
+    }
+    x[4] = terms[i].normal.x;
+    x[5] = terms[i].normal.y;
+    x[6] = terms[i].normal.z;
+    x[7] = terms[i].along;
+    x[8] = terms[i].around;
+    for (c = 0; c < 9; ++c)
+      if (is_double)
+        to64[9 * i + c] = (double)x[c];
+      else
+        to32[9 * i + c] = (float)x[c];
+  }
+}
+
+/* The weight of each entry of the terms' incidence. */
+KERNEL pack_weights(int n, GLOBAL const int *entry, GLOBAL const real *coefficient, GLOBAL real *weight)
+{
+  FOR_EACH(i, n) weight[i] = coefficient[9 * (entry[i] >> 2) + (entry[i] & 3)];
+}
+
+/* Blocks into slices: number c of entry e of lane l is at SLICE_ROWS (9 e + c) + l. n: entries of all lanes. */
+KERNEL fill_slice_values(int n, GLOBAL const int *source, int is_double, GLOBAL const double *from64,
+                         GLOBAL const float *from32, GLOBAL real *value)
+{
+  FOR_EACH(i, n) {
+    int e = i / SLICE_ROWS, l = i - e * SLICE_ROWS, c;
+    for (c = 0; c < 9; ++c) {
+      real v = (real)0;
+      if (source[i] >= 0) v = is_double ? (real)from64[9 * source[i] + c] : (real)from32[9 * source[i] + c];
+      value[SLICE_ROWS * (9 * e + c) + l] = v;
+    }
+  }
+}
+
+#define CG_MULTIPLY_TEAM (ROW_PARTS * TEAM_ROWS)
+
+/* A team's blocks are read part by part, in steps that no processor foresees: those of the next team are called for
+   meanwhile. */
+#define BLOCK_PREFETCH(v)                                                       \
+  do {                                                                          \
+    int number;                                                                 \
+    for (number = 0; number < 9; ++number) PREFETCH((v) + number * SLICE_ROWS); \
+  } while (0)
+#define BLOCK_NUMBER(v, c) LANES_LOAD_ONCE(GLOBAL lanes, (v) + (c) * SLICE_ROWS)
+#define LOAD_BLOCK(q, v)                                                                       \
+  const lanes q##0 = BLOCK_NUMBER(v, 0), q##1 = BLOCK_NUMBER(v, 1), q##2 = BLOCK_NUMBER(v, 2), \
+              q##3 = BLOCK_NUMBER(v, 3), q##4 = BLOCK_NUMBER(v, 4), q##5 = BLOCK_NUMBER(v, 5), \
+              q##6 = BLOCK_NUMBER(v, 6), q##7 = BLOCK_NUMBER(v, 7), q##8 = BLOCK_NUMBER(v, 8)
+
+/* w = A z with the terms; partial[2 t], partial[2 t + 1] = r'z and z'w over the TEAM_ROWS rows of team t. entry_weight:
+   of the terms' entries. Loads do not wait for each other: two entries at once, all their numbers before the first
+   product, and where a row is a thread, columns two entries early, since what they name is a load behind them. */
+KERNEL_OF(CG_MULTIPLY_TEAM, 3)
+cg_multiply(int n, int rows, GLOBAL const int *slice_start, GLOBAL const int *slice_row,
+            GLOBAL const int *RESTRICT column, GLOBAL const real *RESTRICT value, int terms, GLOBAL const int *order,
+            GLOBAL const int *term_row, GLOBAL const int *term_entry, GLOBAL const real *entry_weight,
+            GLOBAL const vec4 *RESTRICT product, int at, GLOBAL const double *scalar, GLOBAL const vec4 *RESTRICT z,
+            int component_stride, GLOBAL const real *RESTRICT r, GLOBAL real *RESTRICT w, GLOBAL double *partial)
+{
+  TEAM_LOCAL(real, sum, ROW_PARTS * 3 * TEAM_ROWS);
+  TEAM_LOCAL(double, products, 2 * TEAM_ROWS);
+  if (scalar[at + CG_DONE] != 0.0) return;
+  FOR_EACH_TEAM(t, n) {
+    TEAM_BARRIER;
+    TEAM_FOR_LANES(item, ROW_PARTS * TEAM_ROWS) {
+      lanes x = LANES_ALL(lanes, (real)0), y = x, u = x;
+      int part = item / TEAM_ROWS, first = t * TEAM_ROWS + item - part * TEAM_ROWS, s = first / SLICE_ROWS;
+      int lane = first - s * SLICE_ROWS, e, end, early = 0, early1 = 0, place = 0;
+      if (first < rows) {
+        const size_t ahead = first + TEAM_ROWS < rows
+                                 ? (size_t)SLICE_ROWS * 9 * (slice_start[s + TEAM_ROWS / SLICE_ROWS] - slice_start[s])
+                                 : 0;
+        end = slice_start[s + 1];
+        e = slice_start[s] + part;
+        if (LANES == 1) {
+          place = slice_row[first];
+          if (e < end) {
+            early = LOAD_ONCE(column + (size_t)SLICE_ROWS * e + lane);
+            early1 = LOAD_ONCE(column + (size_t)SLICE_ROWS * (e + ROW_PARTS < end ? e + ROW_PARTS : e) + lane);
+          }
+        }
+        for (; e < end; e += 2 * ROW_PARTS) {
+          const int next = e + ROW_PARTS < end ? ROW_PARTS : 0;
+          GLOBAL const real *RESTRICT v = value + (size_t)SLICE_ROWS * 9 * e + lane, *RESTRICT v1 =
+                                                                                         v + SLICE_ROWS * 9 * next;
+          lanes ax, ay, az, bx, by, bz;
+          if (LANES == 1) {
+            const vec4 a = LOAD_KEPT(z + early), b = LOAD_KEPT(z + early1);
+            const int then = e + 2 * ROW_PARTS;
+            if (then < end) {
+              early = LOAD_ONCE(column + (size_t)SLICE_ROWS * then + lane);
+              early1 =
+                  LOAD_ONCE(column + (size_t)SLICE_ROWS * (then + ROW_PARTS < end ? then + ROW_PARTS : then) + lane);
+            }
+            ax = LANES_ALL(lanes, a.x);
+            ay = LANES_ALL(lanes, a.y);
+            az = LANES_ALL(lanes, a.z);
+            bx = LANES_ALL(lanes, b.x);
+            by = LANES_ALL(lanes, b.y);
+            bz = LANES_ALL(lanes, b.z);
+          } else {
+            GLOBAL const int *RESTRICT c = column + (size_t)SLICE_ROWS * e + lane;
+            gather_lanes(z, c, &ax, &ay, &az);
+            gather_lanes(z, c + SLICE_ROWS * next, &bx, &by, &bz);
+          }
+          if (!next) bx = by = bz = LANES_ALL(lanes, (real)0);
+          BLOCK_PREFETCH(v + ahead);
+          BLOCK_PREFETCH(v1 + ahead);
+          {
+            LOAD_BLOCK(p, v);
+            LOAD_BLOCK(q, v1);
+            x += p0 * ax + p1 * ay + p2 * az + (q0 * bx + q1 * by + q2 * bz);
+            y += p3 * ax + p4 * ay + p5 * az + (q3 * bx + q4 * by + q5 * bz);
+            u += p6 * ax + p7 * ay + p8 * az + (q6 * bx + q7 * by + q8 * bz);
+          }
+        }
+      }
+      FOR_LANES(q)
+        if (first + q < rows) {
+          vec4 all = vec4_make(LANE(x, q), LANE(y, q), LANE(u, q));
+          const int i = LANES == 1 ? place : slice_row[first + q];
+          LOCAL real *own = sum + part * 3 * TEAM_ROWS + i - t * TEAM_ROWS;
+          if (terms) {
+            int v = order[i], k = term_row[v] + part;
+            end = term_row[v + 1];
+            for (; k + ROW_PARTS < end; k += 2 * ROW_PARTS)
+              all = vec4_axpy(vec4_axpy(all, entry_weight[k], product[term_entry[k] >> 2]), entry_weight[k + ROW_PARTS],
+                              product[term_entry[k + ROW_PARTS] >> 2]);
+            if (k < end) all = vec4_axpy(all, entry_weight[k], product[term_entry[k] >> 2]);
+          }
+          own[0] = all.x;
+          own[TEAM_ROWS] = all.y;
+          own[2 * TEAM_ROWS] = all.z;
+        }
+    }
+    TEAM_BARRIER;
+    TEAM_FOR(l, TEAM_ROWS) {
+      int i = t * TEAM_ROWS + l;
+      products[l] = products[TEAM_ROWS + l] = 0.0;
+      if (i < rows) {
+        const vec4 zi = LOAD_KEPT(z + i), ri = load_row(r, component_stride, i);
+        const vec4 all = vec4_make(sum[l] + sum[3 * TEAM_ROWS + l], sum[TEAM_ROWS + l] + sum[4 * TEAM_ROWS + l],
+                                   sum[2 * TEAM_ROWS + l] + sum[5 * TEAM_ROWS + l]);
+        store_row(w, component_stride, i, all);
+        products[l] = (double)ri.x * (double)zi.x + (double)ri.y * (double)zi.y + (double)ri.z * (double)zi.z;
+        products[TEAM_ROWS + l] =
+            (double)all.x * (double)zi.x + (double)all.y * (double)zi.y + (double)all.z * (double)zi.z;
+      }
+    }
+    tree_sums(TEAM_ROWS, 2, products);
+    TEAM_FOR(l, 1) {
+      partial[2 * t] = products[0];
+      partial[2 * t + 1] = products[TEAM_ROWS];
+    }
+  }
+}
+
+/* r of rows from vertices: r = b - q, or r = b where plain = 1; the conjugate gradient is no longer done. */
+KERNEL gather_residual(int n, GLOBAL const int *order, int component_stride, int plain, int is_double,
+                       GLOBAL const double *b64, GLOBAL const double *q64, GLOBAL const float *b32,
+                       GLOBAL const float *q32, GLOBAL real *r, GLOBAL double *scalar)
+{
+  FOR_EACH(i, n) {
+    int c, at = 3 * order[i];
+    real v[3];
+    if (i == 0) scalar[CG_DONE] = 0.0;
+    for (c = 0; c < 3; ++c, ++at)
+      v[c] = is_double ? (real)(plain ? b64[at] : b64[at] - q64[at]) : (real)(plain ? b32[at] : b32[at] - q32[at]);
+    store_row(r, component_stride, i, vec4_make(v[0], v[1], v[2]));
+  }
+}
+
+/* The correction joins the solution of vertices. */
+KERNEL add_solution(int n, GLOBAL const int *order, int component_stride, GLOBAL const real *x, int is_double,
+                    GLOBAL double *solution64, GLOBAL float *solution32)
+{
+  FOR_EACH(i, n) {
+    int at = 3 * order[i];
+    vec4 v = load_row(x, component_stride, i);
+    if (is_double) {
+      solution64[at] += (double)v.x;
+      solution64[at + 1] += (double)v.y;
+      solution64[at + 2] += (double)v.z;
+    } else {
+      solution32[at] += (float)v.x;
+      solution32[at + 1] += (float)v.y;
+      solution32[at + 2] += (float)v.z;
+    }
+  }
+}
+
+#endif

@@ -1,0 +1,246 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* The multilevel additive Schwarz preconditioner (Wu et al. 2022, "A GPU-based multilevel additive Schwarz
+   preconditioner for cloth and deformable body simulation"). Rows are free vertices, ordered so that each block's are
+   neighbours. A block B has at most BLOCK_ROWS rows; with S B S of unit diagonal = L D L', its inverse is applied as S
+   G' G S with G = D^-1/2 L^-1, which is positive definite however coarsely G is stored: 16 bits an entry, each column
+   in units of its largest. */
+#ifndef CAMA_KERNELS_SOLVER_FACTORS_H
+#define CAMA_KERNELS_SOLVER_FACTORS_H
+#include "../dialect/lanes.h"
+#include "../dialect/lang.h"
+#include "../dialect/vec3.h"
+#include "../system/incidence.h"
+#include "../system/slices.h"
+#include "../system/term.h"
+#include "conjugate_gradient.h"
+
+#define BLOCK_ROWS 16
+#define BLOCK_SIZE 48
+#define BLOCK_TEAM 64   /* members of a team that factors a block */
+#define APPLY_TEAM 32   /* and of one that applies it */
+#define ROW_MEMBERS (LANES == 1 ? 3 : 1)   /* members that gather the entries of a row of vertices */
+/* Entries of G: 16 rows at a time, of these the columns up to the diagonal, of these 16 numbers. Word k holds entries k
+   and k + FACTOR_WORDS. */
+#define FACTOR_WORDS 768
+#define FACTOR_COLUMN(group, c) (8 * (group) * ((group) + 1) + (c))
+
+/* Strength of a vertex: 1 / sqrt(trace of its diagonal block). */
+KERNEL vertex_strengths(int n, GLOBAL const mat3 *diagonal, GLOBAL float *strength)
+{
+  FOR_EACH(i, n) {
+    real trace = diagonal[i].row[0].x + diagonal[i].row[1].y + diagonal[i].row[2].z;
+    strength[i] = trace > (real)0 ? (float)((real)1 / (real)sqrt(trace)) : 0.0f;
+  }
+}
+
+/* Entries of the graph: |A_ij| / sqrt(tr A_ii tr A_jj) for free cloth vertices i and j. n: cloth vertices; entry k of
+   the graph is block k. number: of free vertices; -1: fixed. */
+KERNEL matrix_entries(int n, GLOBAL const int *row, GLOBAL const int *column, GLOBAL const mat3 *block,
+                      GLOBAL const int *number, int numbers, GLOBAL const float *strength, GLOBAL key64 *key,
+                      GLOBAL int *entry, GLOBAL float *weight)
+{
+  FOR_EACH(i, n) {
+    int k, a;
+    for (k = row[i]; k < row[i + 1]; ++k) {
+      int j = column[k], used = j < n && j != i && number[i] >= 0 && number[j] >= 0;
+      real squares = (real)0;
+      for (a = 0; a < 3; ++a) squares += dot(block[k].row[a], block[k].row[a]);
+      key[k] = used ? ((key64)number[i] << 31) | (key64)number[j] : (key64)numbers << 31;
+      entry[k] = k;
+      weight[k] = used ? (float)sqrt(squares) * strength[i] * strength[j] : 0.0f;
+    }
+  }
+}
+
+#define TERM_ENTRIES 8
+
+/* The same for what each term couples across its sides, behind the `first` entries of the matrix: at most four pairs,
+   both ways. Vertices of one side are neighbours in the matrix as it is. */
+KERNEL term_entries(int n, int first, int vertices, GLOBAL const term *terms, GLOBAL const int *number, int numbers,
+                    GLOBAL const float *strength, GLOBAL key64 *key, GLOBAL int *entry, GLOBAL float *weight)
+{
+  FOR_EACH(i, n) {
+    int a, b, at = first + TERM_ENTRIES * i;
+    for (a = 0; a < 4; ++a)
+      for (b = 0; b < 4; ++b) {
+        int u = terms[i].node[a], v = terms[i].node[b];
+        int used = u >= 0 && v >= 0 && u < vertices && v < vertices && number[u] >= 0 && number[v] >= 0;
+        real w = terms[i].weight[a] * terms[i].weight[b];
+        if (!used || !(w < (real)0)) continue;
+        key[at] = ((key64)number[u] << 31) | (key64)number[v];
+        entry[at] = at;
+        weight[at++] = (float)(-w * (terms[i].along + (real)3 * terms[i].around)) * strength[u] * strength[v];
+      }
+    for (; at < first + TERM_ENTRIES * (i + 1); ++at) {
+      key[at] = (key64)numbers << 31;
+      entry[at] = at;
+      weight[at] = 0.0f;
+    }
+  }
+}
+
+/* a: a symmetric positive definite matrix of m rows in BLOCK_SIZE columns, scaled to a unit diagonal by the outer
+   product of `scaling`; zero elsewhere. Leaves G in `factor`, its columns' units times the scaling in `weight`. Below
+   the diagonal of a, L^-1 grows as rows are eliminated; pivots are held above rounding. */
+DEVICE_TEAM void factor_block(int m, LOCAL real *a, LOCAL real *pivot_row, LOCAL real *root, LOCAL double *scaling,
+                              GLOBAL int *factor, GLOBAL real *weight)
+{
+  const real least = sizeof(real) == 8 ? (real)1e-14 : (real)1e-6;
+  int k;
+  for (k = 0; k < m; ++k) {
+    real p;
+    TEAM_FOR(l, BLOCK_SIZE) pivot_row[l] = a[k * BLOCK_SIZE + l];
+    TEAM_BARRIER;
+    p = (real)1 / max_real(pivot_row[k], least);
+    TEAM_FOR_LANES(j, m) {
+      lanes own = LANES_LOAD(LOCAL lanes, pivot_row + j);
+      int i;
+      /* row k behind its diagonal is also column k: what is still to be eliminated is symmetric */
+      for (i = k + 1; i < m; ++i) {
+        LOCAL real *at = a + i * BLOCK_SIZE + j;
+        LANES_STORE(LOCAL lanes, at, LANES_LOAD(LOCAL lanes, at) - own * pivot_row[i] * p);
+      }
+    }
+    TEAM_BARRIER;
+    TEAM_FOR(l, m) {
+      if (l > k) a[l * BLOCK_SIZE + k] = -pivot_row[l] * p;
+      if (l == k) root[k] = (real)sqrt(p);
+    }
+    TEAM_BARRIER;
+  }
+  TEAM_FOR(c, BLOCK_SIZE) {
+    real largest = (real)0;
+    int l;
+    for (l = c; l < m; ++l) {
+      real v = (l == c ? (real)1 : a[l * BLOCK_SIZE + c]) * root[l];
+      a[l * BLOCK_SIZE + c] = v;
+      largest = max_real(largest, v < (real)0 ? -v : v);
+    }
+    pivot_row[c] = largest;
+    weight[c] = c < m ? (real)((double)largest * (1.0 / 32767.0) * scaling[c]) : (real)0;
+  }
+  TEAM_BARRIER;
+  TEAM_FOR(word, FACTOR_WORDS) {
+    int part, both = 0;
+    for (part = 1; part >= 0; --part) {
+      int at = word + part * FACTOR_WORDS, column = at / 16, group = column < 16 ? 0 : column < 48 ? 1 : 2;
+      int c = column - FACTOR_COLUMN(group, 0), l = 16 * group + at % 16, q = 0;
+      if (c <= l && l < m && pivot_row[c] > (real)0 && pivot_row[c] < (real)1e30) {
+        real v = a[l * BLOCK_SIZE + c] * ((real)32767 / pivot_row[c]);
+        q = (int)(v < (real)0 ? v - (real)0.5 : v + (real)0.5);
+      }
+      both = (int)(((unsigned int)both << 16) | ((unsigned int)q & 0xffffu));
+    }
+    factor[word] = both;
+  }
+}
+
+/* Factors of the finest blocks: the matrix's entries within a block, and the terms'. */
+KERNEL factor_fine_blocks(int n, GLOBAL const int *block_start, GLOBAL const int *slice_start,
+                          GLOBAL const int *slice_place, GLOBAL const int *column, GLOBAL const real *value, int terms,
+                          GLOBAL const int *order, GLOBAL const int *term_row, GLOBAL const int *term_entry,
+                          GLOBAL const element_nodes *nodes, GLOBAL const real *coefficient, GLOBAL int *factor,
+                          GLOBAL real *weight)
+{
+  TEAM_LOCAL(real, a, BLOCK_SIZE * BLOCK_SIZE);
+  TEAM_LOCAL(real, pivot_row, BLOCK_SIZE);
+  TEAM_LOCAL(real, root, BLOCK_SIZE);
+  TEAM_LOCAL(double, scaling, BLOCK_SIZE);
+  FOR_EACH_TEAM(t, n) {
+    int first = block_start[t], last = block_start[t + 1], m = 3 * (last - first);
+    TEAM_BARRIER;
+    TEAM_FOR(l, BLOCK_SIZE * BLOCK_SIZE) a[l] = (real)0;
+    TEAM_BARRIER;
+    TEAM_FOR(item, (last - first) * ROW_MEMBERS) {
+      int l = item / ROW_MEMBERS, i = first + l, place = slice_place[i], s = place / SLICE_ROWS,
+          lane = place - s * SLICE_ROWS, e, k, b, c, d;
+      for (e = slice_start[s]; e < slice_start[s + 1]; ++e) {
+        int j = column[SLICE_ROWS * e + lane];
+        if (j < first || j > i) continue;
+        for (c = item % ROW_MEMBERS; c < 3; c += ROW_MEMBERS)
+          for (d = 0; d < 3; ++d)
+            a[(3 * l + c) * BLOCK_SIZE + 3 * (j - first) + d] += value[SLICE_ROWS * (9 * e + 3 * c + d) + lane];
+      }
+      if (terms)
+        for (k = term_row[order[i]]; k < term_row[order[i] + 1]; ++k) {
+          int term_index = term_entry[k] >> 2;
+          GLOBAL const real *x = coefficient + 9 * term_index;
+          for (b = 0; b < 4; ++b) {
+            int j = nodes[term_index].node[b];
+            real w = x[term_entry[k] & 3] * x[b];
+            if (j < first || j > i) continue;
+            for (c = item % ROW_MEMBERS; c < 3; c += ROW_MEMBERS)
+              for (d = 0; d < 3; ++d)
+                a[(3 * l + c) * BLOCK_SIZE + 3 * (j - first) + d] +=
+                    w * (x[7] * (x[4 + c] * x[4 + d]) + (c == d ? x[8] : (real)0));
+          }
+        }
+    }
+    TEAM_BARRIER;
+    TEAM_FOR(l, m) {
+      /* not a number where the matrix is not positive: the solve says so */
+      scaling[l] = 1.0 / sqrt((double)a[l * BLOCK_SIZE + l]);
+    }
+    TEAM_BARRIER;
+    TEAM_FOR(l, m) {
+      int c;
+      for (c = 0; c <= l; ++c) {
+        real v = (real)((double)a[l * BLOCK_SIZE + c] * (scaling[l] * scaling[c]));
+        a[l * BLOCK_SIZE + c] = v;
+        a[c * BLOCK_SIZE + l] = v;
+      }
+    }
+    TEAM_BARRIER;
+    factor_block(m, a, pivot_row, root, scaling, factor + (size_t)t * FACTOR_WORDS, weight + (size_t)t * BLOCK_SIZE);
+  }
+}
+
+/* Factors of the blocks of one coarse level, whose nodes are coupled by row, column and value; terms = 1: with their
+   diagonals. Block t is at `at` + t of the factors. */
+KERNEL factor_coarse_blocks(int n, int at, GLOBAL const int *block_start, GLOBAL const int *row,
+                            GLOBAL const int *column, GLOBAL const double *value, int terms,
+                            GLOBAL const double *diagonal, GLOBAL int *factor, GLOBAL real *weight)
+{
+  TEAM_LOCAL(real, a, BLOCK_SIZE * BLOCK_SIZE);
+  TEAM_LOCAL(real, pivot_row, BLOCK_SIZE);
+  TEAM_LOCAL(real, root, BLOCK_SIZE);
+  TEAM_LOCAL(double, scaling, BLOCK_SIZE);
+  FOR_EACH_TEAM(t, n) {
+    int first = block_start[t], last = block_start[t + 1], m = 3 * (last - first);
+    TEAM_BARRIER;
+    TEAM_FOR(l, BLOCK_SIZE * BLOCK_SIZE) a[l] = (real)0;
+    TEAM_FOR(l, BLOCK_SIZE) {
+      int k, i = first + l / 3, d = l - l / 3 * 3;
+      scaling[l] = 0.0;
+      if (l < m)
+        for (k = row[i]; k < row[i + 1]; ++k)
+          if (column[k] == i) {
+            const int packed[3] = {0, 3, 5};
+            double v = value[9 * k + 4 * d] + (terms ? diagonal[6 * i + packed[d]] : 0.0);
+            scaling[l] = 1.0 / sqrt(v);
+          }
+    }
+    TEAM_BARRIER;
+    TEAM_FOR(l, m) {
+      int i = first + l / 3, r = l - l / 3 * 3, k, d;
+      for (k = row[i]; k < row[i + 1]; ++k) {
+        int j = column[k];
+        if (j < first || j > i) continue;
+        for (d = 0; d < 3; ++d) {
+          int c = 3 * (j - first) + d, low = min_int(r, d), high = max_int(r, d);
+          double v = value[9 * k + 3 * r + d];
+          if (c > l) continue;
+          if (terms && j == i) v += diagonal[6 * i + (low == 0 ? high : low + high + 1)];
+          v *= scaling[l] * scaling[c];
+          a[l * BLOCK_SIZE + c] = (real)v;
+          a[c * BLOCK_SIZE + l] = (real)v;
+        }
+      }
+    }
+    TEAM_BARRIER;
+    factor_block(m, a, pivot_row, root, scaling, factor + (size_t)(at + t) * FACTOR_WORDS,
+                 weight + (size_t)(at + t) * BLOCK_SIZE);
+  }
+}
+
+#endif

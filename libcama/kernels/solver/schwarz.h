@@ -1,0 +1,259 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* The multilevel additive Schwarz preconditioner applied: blocks of all levels, residuals of coarse nodes, corrections;
+   its factors are in factors.h. */
+#ifndef CAMA_KERNELS_SOLVER_SCHWARZ_H
+#define CAMA_KERNELS_SOLVER_SCHWARZ_H
+#include "../dialect/caching.h"
+#include "../dialect/lanes.h"
+#include "../dialect/lang.h"
+#include "../dialect/vec3.h"
+#include "../system/incidence.h"
+#include "conjugate_gradient.h"
+#include "factors.h"
+
+/* Where a team works on the columns of a factor. Members with a lane each keep words as they are, half the memory, with
+   columns 17 words apart and those from 32 on another 16: no two members in one bank. */
+#if LANES == 1
+typedef int staged_factor;
+#define FACTOR_STRIDE 17
+#define STAGED_SIZE (48 * 17 + 16)
+#define STAGED_COLUMN(column) ((column) % 48 * 17 + (column) % 48 / 32 * 16)
+/* A number of a column: of the upper half of the word if the column is one of the last group. */
+#define STAGED_LANES(p, upper) ((real)(short)(*(p) >> ((upper) ? 16 : 0)))
+#define ADD_STAGED_COLUMNS(columns, p, upper, v)                                                    \
+  do {                                                                                              \
+    int row;                                                                                        \
+    for (row = 0; row < 16; ++row) (columns)->at[row] += STAGED_LANES((p) + row, upper) * (v)[row]; \
+  } while (0)
+typedef struct ALIGNED(16) {
+  int word[4];
+} factor_words;
+
+DEVICE_TEAM void stage_factor(GLOBAL const int *factor, LOCAL staged_factor *g)
+{
+  TEAM_FOR(l, APPLY_TEAM) {
+    GLOBAL const factor_words *from = (GLOBAL const factor_words *)factor;
+    factor_words own[FACTOR_WORDS / APPLY_TEAM / 4]; /* all are read before the first is stored */
+    int k, part;
+    for (k = 0; k < FACTOR_WORDS / APPLY_TEAM / 4; ++k) own[k] = from[l + k * APPLY_TEAM];
+    for (k = 0; k < FACTOR_WORDS / APPLY_TEAM / 4; ++k)
+      for (part = 0; part < 4; ++part)
+        g[STAGED_COLUMN((l + k * APPLY_TEAM) / 4) + (l + k * APPLY_TEAM) % 4 * 4 + part] = own[k].word[part];
+  }
+}
+#else
+typedef real staged_factor;
+#define FACTOR_STRIDE 16
+#define STAGED_SIZE (2 * FACTOR_WORDS)
+#define STAGED_COLUMN(column) ((column) * 16)
+#define STAGED_LANES(p, upper) LANES_LOAD(LOCAL lanes, p)
+#define ADD_STAGED_COLUMNS(columns, p, upper, v) add_columns(columns, p, FACTOR_STRIDE, v)
+
+DEVICE_TEAM void stage_factor(GLOBAL const int *factor, LOCAL staged_factor *g)
+{
+  TEAM_FOR_LANES(k, FACTOR_WORDS) {
+    const int_lanes word = LANES_LOAD(GLOBAL int_lanes, factor + k);
+    LANES_STORE(LOCAL lanes, g + k, LANES_TO(real, lanes, ((word & 0xffff) ^ 0x8000) - 0x8000));
+    LANES_STORE(LOCAL lanes, g + FACTOR_WORDS + k, LANES_TO(real, lanes, word >> 16));
+  }
+}
+#endif
+
+/* z = S G' G S r of each block, of all levels: the nodes of a coarse level are numbered behind those of the finer one.
+   at: of the scalars. */
+KERNEL apply_blocks(int n, GLOBAL const int *block_start, int at, GLOBAL const double *scalar,
+                    GLOBAL const int *RESTRICT factor, GLOBAL const real *RESTRICT weight,
+                    GLOBAL const vec4 *RESTRICT residual, GLOBAL vec4 *RESTRICT result)
+{
+  TEAM_LOCAL(staged_factor, g, STAGED_SIZE);
+  TEAM_LOCAL(real, u, BLOCK_SIZE);
+  TEAM_LOCAL(real, y, BLOCK_SIZE);
+  if (scalar[at + CG_DONE] != 0.0) return;
+  FOR_EACH_TEAM(t, n) {
+    const int node = block_start[t], rows = block_start[t + 1] - node, groups = (3 * rows + 15) / 16;
+    GLOBAL const real *RESTRICT w = weight + t * BLOCK_SIZE;
+    TEAM_BARRIER;
+    stage_factor(factor + (size_t)t * FACTOR_WORDS, g);
+    TEAM_FOR(l, BLOCK_ROWS) {
+      const vec4 r = l < rows ? residual[node + l] : vec4_make((real)0, (real)0, (real)0);
+      u[3 * l] = w[3 * l] * r.x;
+      u[3 * l + 1] = w[3 * l + 1] * r.y;
+      u[3 * l + 2] = w[3 * l + 2] * r.z;
+    }
+    TEAM_BARRIER;
+    /* y = G u. Rows in three groups of 16 have 16, 32 and 48 columns; a member has a row of the last group, or one of
+       each of the others: 48 columns in three turns. */
+    TEAM_FOR_LANES(j, APPLY_TEAM) {
+      const int last = j < 16, turns = groups == 1 ? 1 : 3;
+      lanes even = LANES_ALL(lanes, (real)0), odd = even;
+      int turn, c;
+      if (!last || groups == 3)
+        for (turn = 0; turn < turns; ++turn) {
+          const int group = last ? 2 : turn > 0,
+                    first = last        ? 16 * turn
+                            : turn == 2 ? 16
+                                        : 0,
+                    lane = last ? j : j - 16;
+          LOCAL const staged_factor *column = g + STAGED_COLUMN(FACTOR_COLUMN(group, first)) + lane;
+          LOCAL const real *v = u + first;
+          for (c = 0; c < 16; c += 4) {
+            even += STAGED_LANES(column + c * FACTOR_STRIDE, last) * v[c];
+            odd += STAGED_LANES(column + (c + 1) * FACTOR_STRIDE, last) * v[c + 1];
+            even += STAGED_LANES(column + (c + 2) * FACTOR_STRIDE, last) * v[c + 2];
+            odd += STAGED_LANES(column + (c + 3) * FACTOR_STRIDE, last) * v[c + 3];
+          }
+          if (turn == 2 || (turn == 0 && !last)) {
+            LANES_STORE(LOCAL lanes, y + 16 * group + lane, even + odd);
+            even = odd = LANES_ALL(lanes, (real)0);
+          }
+        }
+    }
+    TEAM_BARRIER;
+    /* z = S G' y. Columns in three groups have 48, 32 and 16 rows: shared out in the same way. */
+    TEAM_FOR_LANES(l, APPLY_TEAM) {
+      lanes_columns columns;
+      int turn;
+      clear_columns(&columns);
+      for (turn = 0; turn < 3; ++turn) {
+        const int c = l >= 16 && turn == 2 ? l + 16 : l, group = l < 16 ? turn : turn == 0 ? 1 : 2;
+        if (group < groups)
+          ADD_STAGED_COLUMNS(&columns, g + STAGED_COLUMN(FACTOR_COLUMN(group, c)), group == 2, y + 16 * group);
+        if (turn == 2 || (turn == 1 && l >= 16)) {
+          lanes sums;
+          sum_columns(&columns, &sums);
+          LANES_STORE(LOCAL lanes, u + c, LANES_LOAD(GLOBAL lanes, w + c) * sums);
+          clear_columns(&columns);
+        }
+      }
+    }
+    TEAM_BARRIER;
+    TEAM_FOR(l, rows) result[node + l] = vec4_make(u[3 * l], u[3 * l + 1], u[3 * l + 2]);
+  }
+}
+
+/* Where a team works on the rows of the blocks of one block of the next level: its residuals are in `own`. The sums of
+   r over each block, and over all of them, become the residuals of the nodes on coarse levels. */
+DEVICE_TEAM void sum_blocks(int t, int levels, int rows, int blocks, int first_block, int last_block,
+                            GLOBAL const int *block_start, LOCAL const vec4 *own, LOCAL vec4 *sums, GLOBAL vec4 *r)
+{
+  const int first = block_start[first_block];
+  if (levels < 2) return;
+  TEAM_FOR(l, last_block - first_block) {
+    const int end = block_start[first_block + l + 1] - first;
+    int k;
+    vec4 sum = vec4_make((real)0, (real)0, (real)0);
+    for (k = block_start[first_block + l] - first; k < end; ++k) sum = vec4_axpy(sum, (real)1, own[k]);
+    sums[l] = sum;
+    r[rows + first_block + l] = sum;
+  }
+  TEAM_BARRIER;
+  if (levels < 3) return;
+  TEAM_FOR(l, 1) {
+    vec4 sum = vec4_make((real)0, (real)0, (real)0);
+    int k;
+    for (k = 0; k < last_block - first_block; ++k) sum = vec4_axpy(sum, (real)1, sums[k]);
+    r[rows + blocks + t] = sum;
+  }
+}
+
+/* The residuals of coarse nodes. Team t: the blocks [group_start[t], group_start[t + 1]) of the finest level, at most
+   BLOCK_ROWS. */
+KERNEL restrict_residual(int n, int levels, int rows, int blocks, GLOBAL const int *group_start,
+                         GLOBAL const int *block_start, GLOBAL vec4 *r)
+{
+  TEAM_LOCAL(vec4, own, BLOCK_ROWS * BLOCK_ROWS);
+  TEAM_LOCAL(vec4, sums, BLOCK_ROWS);
+  FOR_EACH_TEAM(t, n) {
+    const int first_block = group_start[t], last_block = group_start[t + 1], first = block_start[first_block];
+    TEAM_BARRIER;
+    TEAM_FOR(l, block_start[last_block] - first) own[l] = r[first + l];
+    TEAM_BARRIER;
+    sum_blocks(t, levels, rows, blocks, first_block, last_block, block_start, own, sums, r);
+  }
+}
+
+/* Row i of p = z + beta p, s = w + beta s, x += alpha p, r -= alpha s; the first iteration has beta = 0 and nothing
+   before. Returns r. */
+DEVICE vec4 advance_row(int i, cg_step step, GLOBAL const vec4 *RESTRICT z, GLOBAL const vec4 *RESTRICT w,
+                        GLOBAL vec4 *RESTRICT p, GLOBAL vec4 *RESTRICT s, GLOBAL vec4 *RESTRICT x,
+                        GLOBAL vec4 *RESTRICT r)
+{
+  const int first = step.beta == 0.0;
+  const real a = (real)step.alpha, b = (real)step.beta;
+  const vec4 zi = LOAD_KEPT(z + i), wi = LOAD_KEPT(w + i), before = LOAD_KEPT(r + i);
+  vec4 pi = zi, si = wi, xi = vec4_make((real)0, (real)0, (real)0), ri;
+  if (!first) {
+    const vec4 p0 = LOAD_KEPT(p + i), s0 = LOAD_KEPT(s + i);
+    xi = LOAD_KEPT(x + i);
+    pi = vec4_axpy(zi, b, p0);
+    si = vec4_axpy(wi, b, s0);
+  }
+  ri = vec4_axpy(before, -a, si);
+  STORE_KEPT(p + i, pi);
+  STORE_KEPT(s + i, si);
+  STORE_KEPT(x + i, vec4_axpy(xi, a, pi));
+  STORE_KEPT(r + i, ri);
+  return ri;
+}
+
+/* One iteration's scalars and vectors, and the residuals of coarse nodes. Teams as in restrict_residual. */
+KERNEL cg_advance_blocks(int n, int levels, int rows, int blocks, GLOBAL const int *group_start,
+                         GLOBAL const int *block_start, int partials, GLOBAL const double *partial, int most, int from,
+                         int to, GLOBAL double *scalar, GLOBAL const vec4 *RESTRICT z, GLOBAL const vec4 *RESTRICT w,
+                         GLOBAL vec4 *RESTRICT p, GLOBAL vec4 *RESTRICT s, GLOBAL vec4 *RESTRICT x,
+                         GLOBAL vec4 *RESTRICT r)
+{
+  TEAM_LOCAL(double, products, 2 * CG_TEAM);
+  TEAM_LOCAL(vec4, own, BLOCK_ROWS * BLOCK_ROWS);
+  TEAM_LOCAL(vec4, sums, BLOCK_ROWS);
+  FOR_EACH_TEAM(t, n) {
+    const int first_block = group_start[t], last_block = group_start[t + 1], first = block_start[first_block];
+    cg_step step = next_step(t, partials, partial, most, from, to, scalar, products);
+    if (!step.done) {
+      TEAM_FOR(l, block_start[last_block] - first) own[l] = advance_row(first + l, step, z, w, p, s, x, r);
+      TEAM_BARRIER;
+      sum_blocks(t, levels, rows, blocks, first_block, last_block, block_start, own, sums, r);
+    }
+  }
+}
+
+/* z of a row with the corrections of the coarse levels. block: of rows; parent: of blocks. */
+DEVICE vec4 corrected(int row, int levels, int rows, int blocks, GLOBAL const int *block, GLOBAL const int *parent,
+                      GLOBAL const vec4 *z)
+{
+  vec4 sum = z[row];
+  if (levels > 1) {
+    int own = block[row];
+    sum = vec4_axpy(sum, (real)1, z[rows + own]);
+    if (levels > 2) sum = vec4_axpy(sum, (real)1, z[rows + blocks + parent[own]]);
+  }
+  return sum;
+}
+
+/* total = z with the corrections, of rows; then product = (along n n' + around I) sum_k w_k total_k of each term. n:
+   rows_here and terms. */
+KERNEL combine_levels(int n, int rows_here, int levels, int rows, int blocks, GLOBAL const int *RESTRICT block,
+                      GLOBAL const int *RESTRICT parent, int at, GLOBAL const double *scalar,
+                      GLOBAL const vec4 *RESTRICT z, GLOBAL const element_nodes *RESTRICT nodes,
+                      GLOBAL const real *RESTRICT coefficient, GLOBAL vec4 *RESTRICT total,
+                      GLOBAL vec4 *RESTRICT product)
+{
+  if (scalar[at + CG_DONE] != 0.0) return;
+  FOR_EACH(i, n) {
+    if (i < rows_here) {
+      total[i] = corrected(i, levels, rows, blocks, block, parent, z);
+    } else {
+      GLOBAL const real *RESTRICT x = coefficient + 9 * (i - rows_here);
+      element_nodes own = nodes[i - rows_here];
+      vec4 normal = vec4_make(x[4], x[5], x[6]), s = vec4_make((real)0, (real)0, (real)0);
+      if (own.node[0] >= 0) s = vec4_axpy(s, x[0], corrected(own.node[0], levels, rows, blocks, block, parent, z));
+      if (own.node[1] >= 0) s = vec4_axpy(s, x[1], corrected(own.node[1], levels, rows, blocks, block, parent, z));
+      if (own.node[2] >= 0) s = vec4_axpy(s, x[2], corrected(own.node[2], levels, rows, blocks, block, parent, z));
+      if (own.node[3] >= 0) s = vec4_axpy(s, x[3], corrected(own.node[3], levels, rows, blocks, block, parent, z));
+      product[i - rows_here] =
+          vec4_axpy(vec4_make(x[8] * s.x, x[8] * s.y, x[8] * s.z), x[7] * vec4_dot(normal, s), normal);
+    }
+  }
+}
+
+#endif

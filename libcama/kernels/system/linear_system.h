@@ -1,0 +1,173 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* Preconditioned conjugate gradient on BCSR with 3x3 blocks. Scalars stay on the device (scalars.h). */
+#ifndef CAMA_KERNELS_SYSTEM_LINEAR_SYSTEM_H
+#define CAMA_KERNELS_SYSTEM_LINEAR_SYSTEM_H
+#include "../dialect/dvec3.h"
+#include "../dialect/lang.h"
+#include "../dialect/vec3.h"
+#include "../solver/scalars.h"
+
+#define PRECONDITIONER_NONE 0
+#define PRECONDITIONER_JACOBI 1
+#define PRECONDITIONER_BLOCK_JACOBI 2
+
+/* y = A x for a matrix of 3x3 blocks in BCSR form; rows of fixed vertices give zero. mass: [n] where what is beside the
+   masses adds up to nothing in every row, which holds for elements: y = M x + sum A_ij (x_j - x_i) then, so that
+   rounding is of differences. Or none. */
+KERNEL bcsr_multiply(int n, GLOBAL const int *row, GLOBAL const int *column, GLOBAL const mat3 *block,
+                     GLOBAL const int *fixed, GLOBAL const real *mass, GLOBAL const vec3 *x, GLOBAL vec3 *y)
+{
+  FOR_EACH(i, n) {
+    const vec3 none = vec3_make((real)0, (real)0, (real)0), own = mass ? x[i] : none;
+    vec3 sum = mass && !fixed[i] ? scale(mass[i], own) : none;
+    int k, end = fixed[i] ? row[i] : row[i + 1];
+    for (k = row[i]; k < end; ++k) sum = add(sum, mat3_multiply(block[k], sub(x[column[k]], own)));
+    y[i] = sum;
+  }
+}
+
+KERNEL extract_diagonal(int n, GLOBAL const int *row, GLOBAL const int *column, GLOBAL const mat3 *block,
+                        GLOBAL mat3 *diagonal)
+{
+  FOR_EACH(i, n) {
+    int lo = row[i], hi = row[i + 1] - 1;
+    while (lo < hi) {
+      int middle = (lo + hi) / 2;
+      if (column[middle] < i)
+        lo = middle + 1;
+      else
+        hi = middle;
+    }
+    diagonal[i] = block[lo];
+  }
+}
+
+/* Replaces diagonal blocks by the preconditioner. */
+KERNEL invert_diagonal(int n, int kind, GLOBAL mat3 *diagonal)
+{
+  FOR_EACH(i, n) {
+    mat3 d = diagonal[i], m = mat3_diagonal((real)1);
+    if (kind == PRECONDITIONER_JACOBI) {
+      m.row[0].x = (real)1 / d.row[0].x;
+      m.row[1].y = (real)1 / d.row[1].y;
+      m.row[2].z = (real)1 / d.row[2].z;
+    } else if (kind == PRECONDITIONER_BLOCK_JACOBI) {
+      m = mat3_inverse_spd(d);
+    }
+    diagonal[i] = m;
+  }
+}
+
+/* b = dt f + M v. */
+KERNEL make_right_side(int n, real time_step, GLOBAL const real *mass, GLOBAL const dvec3 *velocity,
+                       GLOBAL const dvec3 *prescribed, GLOBAL const int *fixed, GLOBAL const vec3 *force,
+                       GLOBAL vec3 *b)
+{
+  FOR_EACH(i, n) {
+    b[i] = axpy(scale(mass[i], to_vec3(fixed[i] ? prescribed[i] : velocity[i])), time_step, force[i]);
+  }
+}
+
+/* The starting guess: v of free vertices, the prescribed velocity of fixed ones. n: all vertices. */
+KERNEL start_solution(int n, GLOBAL const dvec3 *velocity, GLOBAL const dvec3 *prescribed, GLOBAL const int *fixed,
+                      GLOBAL vec3 *x)
+{
+  FOR_EACH(i, n) {
+    x[i] = to_vec3(fixed[i] ? prescribed[i] : velocity[i]);
+  }
+}
+
+/* partial[i] = sum of a_j . b_j over the i-th VECTOR_CHUNK of `size` vectors. */
+KERNEL dot_chunks(int n, int size, GLOBAL const vec3 *a, GLOBAL const vec3 *b, GLOBAL double *partial)
+{
+  FOR_EACH(i, n) {
+    int j, end = min_int((i + 1) * VECTOR_CHUNK, size);
+    double sum = 0.0;
+    for (j = i * VECTOR_CHUNK; j < end; ++j)
+      sum += (double)a[j].x * (double)b[j].x + (double)a[j].y * (double)b[j].y + (double)a[j].z * (double)b[j].z;
+    partial[i] = sum;
+  }
+}
+
+/* The solved velocities become the next ones; fixed vertices keep what is prescribed. n: cloth vertices. */
+KERNEL store_velocity(int n, GLOBAL const int *fixed, GLOBAL const vec3 *x, GLOBAL dvec3 *velocity_next)
+{
+  FOR_EACH(i, n) {
+    if (!fixed[i]) velocity_next[i] = to_dvec3(x[i]);
+  }
+}
+
+/* Velocity after this step from forces other than contact, with the elastic response left out: v + dt f / m. n: all
+   vertices. */
+KERNEL free_velocities(int n, int rows, real time_step, GLOBAL const real *mass, GLOBAL const int *fixed,
+                       GLOBAL const dvec3 *velocity, GLOBAL const dvec3 *prescribed, GLOBAL const vec3 *force,
+                       GLOBAL dvec3 *free_velocity)
+{
+  FOR_EACH(i, n) {
+    free_velocity[i] =
+        i < rows && !fixed[i] ? daxpy(velocity[i], (double)(time_step / mass[i]), to_dvec3(force[i])) : prescribed[i];
+  }
+}
+
+/* r = b - q on free rows. */
+KERNEL subtract_product(int n, GLOBAL const int *fixed, GLOBAL const vec3 *b, GLOBAL const vec3 *q, GLOBAL vec3 *r)
+{
+  FOR_EACH(i, n) {
+    r[i] = fixed[i] ? vec3_make((real)0, (real)0, (real)0) : sub(b[i], q[i]);
+  }
+}
+
+#define SUM_ROWS 128
+
+/* partial[3 t ...] = the sum of r over the SUM_ROWS rows of team t. */
+KERNEL sum_vectors(int n, int rows, GLOBAL const vec3 *r, GLOBAL double *partial)
+{
+  TEAM_LOCAL(double, sum, 3 * SUM_ROWS);
+  FOR_EACH_TEAM(t, n) {
+    TEAM_BARRIER;
+    TEAM_FOR(l, SUM_ROWS) {
+      int i = t * SUM_ROWS + l;
+      sum[l] = i < rows ? (double)r[i].x : 0.0;
+      sum[SUM_ROWS + l] = i < rows ? (double)r[i].y : 0.0;
+      sum[2 * SUM_ROWS + l] = i < rows ? (double)r[i].z : 0.0;
+    }
+    tree_sums(SUM_ROWS, 3, sum);
+    TEAM_FOR(c, 3) partial[3 * t + c] = sum[c * SUM_ROWS];
+  }
+}
+
+/* d = factor times the vector v[0 ... 2] on every free row, zero elsewhere. n: vertices. */
+KERNEL uniform_direction(int n, int rows, double factor, GLOBAL const double *v, GLOBAL const int *fixed,
+                         GLOBAL vec3 *d)
+{
+  FOR_EACH(i, n) {
+    vec3 own = vec3_make((real)0, (real)0, (real)0);
+    if (i < rows && !fixed[i]) own = vec3_make((real)(factor * v[0]), (real)(factor * v[1]), (real)(factor * v[2]));
+    d[i] = own;
+  }
+}
+
+/* partial[0 ... 2] = the sum of all. One team. */
+KERNEL sum_sums(int n, int partials, GLOBAL double *partial)
+{
+  TEAM_LOCAL(double, sum, 3 * SUM_ROWS);
+  FOR_EACH_TEAM(t, n) {
+    sum_of_teams(SUM_ROWS, 3, partials, partial, sum);
+    TEAM_FOR(c, 3) partial[c] = sum[c * SUM_ROWS];
+  }
+}
+
+/* x += alpha d, r -= alpha q; an alpha that is 1 but for the rounding of its sums is 1, whatever else is in the
+   scene. */
+KERNEL move_along(int n, GLOBAL const double *scalar, GLOBAL const vec3 *d, GLOBAL const vec3 *q, GLOBAL vec3 *x,
+                  GLOBAL vec3 *r)
+{
+  FOR_EACH(i, n) {
+    double alpha = scalar[SCALAR_ALPHA];
+    if (fabs(alpha - 1.0) < 1e-12) alpha = 1.0;
+    x[i] = axpy(x[i], (real)alpha, d[i]);
+    r[i] = axpy(r[i], -(real)alpha, q[i]);
+  }
+}
+
+#endif

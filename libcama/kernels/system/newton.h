@@ -1,0 +1,233 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* Newton's method on the nonlinear equation of a step, R(v) = M (v - v*) - h f(x* + h v, v) = 0, and the incremental
+   potential that its line search lowers. v*, x*, h: base of the step (v, x and dt of its start by backward Euler). */
+#ifndef CAMA_KERNELS_SYSTEM_NEWTON_H
+#define CAMA_KERNELS_SYSTEM_NEWTON_H
+#include "../collision/distance.h"
+#include "../collision/pair.h"
+#include "../dialect/dvec3.h"
+#include "../dialect/lang.h"
+#include "../dialect/vec3.h"
+#include "../elements/bending.h"
+#include "../elements/elasticity.h"
+#include "incidence.h"
+#include "term.h"
+
+/* Distance between the sides of a contact at x, negative once they have passed through each other, with the normal and
+   weights it is along. refresh: of the closest points at x; else along those of the contact, which it was found with at
+   `start`. */
+DEVICE double contact_gap(contact c, int refresh, GLOBAL const dvec3 *start, GLOBAL const dvec3 *x,
+                          GLOBAL const vertex_contact *v, dvec3 *normal, double *weight)
+{
+  double gap = c.distance;
+  int a;
+  *normal = c.normal;
+  for (a = 0; a < 4; ++a) weight[a] = c.weight[a];
+  if (refresh) {
+    element_nodes e;
+    proximity p;
+    double sign, radius;
+    for (a = 0; a < 4; ++a) e.node[a] = c.node[a];
+    radius = pair_radius(c.kind, e, v);
+    p = surface_proximity(c.kind, e, x, v);
+    sign = p.interior && ddot(p.normal, c.normal) < 0.0 && !pair_has_plane(c.kind, e, v) ? -1.0 : 1.0;
+    *normal = dscale(sign, p.normal);
+    for (a = 0; a < 4; ++a) weight[a] = p.weight[a];
+    return sign * (p.distance + radius) - radius;
+  }
+  for (a = 0; a < 4; ++a) gap += c.weight[a] * ddot(c.normal, dsub(x[c.node[a]], start[c.node[a]]));
+  return gap;
+}
+
+/* What contacts push at the base of the step, where it is not its start. */
+KERNEL shift_contact_terms(int n, GLOBAL const contact *contacts, GLOBAL const dvec3 *start, GLOBAL const dvec3 *base,
+                           real step, GLOBAL term *terms)
+{
+  FOR_EACH(i, n) {
+    double moved = 0.0;
+    int a;
+    for (a = 0; a < 4; ++a)
+      moved +=
+          contacts[i].weight[a] * ddot(contacts[i].normal, dsub(base[contacts[i].node[a]], start[contacts[i].node[a]]));
+    terms[i].push -= step * (real)(contacts[i].stiffness * moved);
+  }
+}
+
+/* Terms of contacts at the iterate x: a contact that is open there pushes nothing; friction stays that of the step's
+   start. */
+KERNEL update_contact_terms(int n, int refresh, GLOBAL const contact *contacts, GLOBAL const dvec3 *start,
+                            GLOBAL const dvec3 *x, GLOBAL const vertex_contact *v, real step, GLOBAL term *terms)
+{
+  FOR_EACH(i, n) {
+    contact c = contacts[i];
+    dvec3 normal;
+    double weight[4], depth = c.thickness - contact_gap(c, refresh, start, x, v, &normal, weight);
+    int a;
+    if (depth > 0.0) {
+      terms[i].along = step * step * (real)c.stiffness - terms[i].around;
+      terms[i].push = step * (real)(c.stiffness * depth);
+    } else {
+      terms[i].along = -terms[i].around;
+      terms[i].push = (real)0;
+    }
+    terms[i].normal = to_vec3(normal);
+    for (a = 0; a < 4; ++a) terms[i].weight[a] = (real)weight[a];
+  }
+}
+
+/* Tangential part of sum w v of a contact. */
+DEVICE vec3 sliding(term t, GLOBAL const dvec3 *velocity)
+{
+  vec3 s = vec3_make((real)0, (real)0, (real)0);
+  int a;
+  for (a = 0; a < 4; ++a) s = axpy(s, t.weight[a], to_vec3(velocity[t.node[a]]));
+  return axpy(s, -dot(t.normal, s), t.normal);
+}
+
+/* What friction takes from the right-hand side, by term; nothing for terms from `contact_count` on. */
+KERNEL friction_products(int n, int contact_count, GLOBAL const term *terms, GLOBAL const dvec3 *velocity,
+                         GLOBAL vec3 *r)
+{
+  FOR_EACH(i, n) {
+    r[i] =
+        i < contact_count ? scale(-terms[i].around, sliding(terms[i], velocity)) : vec3_make((real)0, (real)0, (real)0);
+  }
+}
+
+/* b = h f - M (v - v*) of free vertices, the negative residual but for terms. */
+KERNEL newton_right_side(int n, real step, GLOBAL const real *mass, GLOBAL const int *fixed,
+                         GLOBAL const dvec3 *base_velocity, GLOBAL const dvec3 *velocity, GLOBAL const vec3 *force,
+                         GLOBAL vec3 *b)
+{
+  FOR_EACH(i, n) {
+    b[i] = fixed[i] ? vec3_make((real)0, (real)0, (real)0)
+                    : axpy(scale(step, force[i]), -mass[i], to_vec3(dsub(velocity[i], base_velocity[i])));
+  }
+}
+
+/* residual[i] = |b|^2 / m; size[i] = the squares of all that is added up in it, before anything cancels, / m. J both,
+   of free vertices. pushing: whether there are terms. */
+KERNEL newton_norms(int n, real step, GLOBAL const real *mass, GLOBAL const int *fixed, GLOBAL const dvec3 *gravity,
+                    GLOBAL const vec3 *b, GLOBAL const int *triangle_row, GLOBAL const int *triangle_incidence,
+                    GLOBAL const vec3 *triangle_force, GLOBAL const int *hinge_row, GLOBAL const int *hinge_incidence,
+                    GLOBAL const vec3 *hinge_force, int hinges, int pushing, GLOBAL const int *term_row,
+                    GLOBAL const int *term_incidence, GLOBAL const term *terms, GLOBAL double *residual,
+                    GLOBAL double *size)
+{
+  FOR_EACH(i, n) {
+    double sum = 0.0, pushes = 0.0, inverse = 1.0 / (double)mass[i];
+    vec3 weight = scale(mass[i], to_vec3(gravity[0]));
+    int k;
+    if (!fixed[i]) {
+      sum = (double)dot(weight, weight);
+      for (k = triangle_row[i]; k < triangle_row[i + 1]; ++k) {
+        vec3 f = triangle_force[3 * (triangle_incidence[k] >> 2) + (triangle_incidence[k] & 3)];
+        sum += (double)dot(f, f);
+      }
+      if (hinges)
+        for (k = hinge_row[i]; k < hinge_row[i + 1]; ++k)
+          sum += (double)dot(hinge_force[hinge_incidence[k]], hinge_force[hinge_incidence[k]]);
+      if (pushing)
+        for (k = term_row[i]; k < term_row[i + 1]; ++k) {
+          term t = terms[term_incidence[k] >> 2];
+          double push = (double)(t.weight[term_incidence[k] & 3] * t.push);
+          pushes += push * push;
+        }
+    }
+    residual[i] = fixed[i] ? 0.0 : inverse * (double)dot(b[i], b[i]);
+    size[i] = inverse * ((double)(step * step) * sum + pushes);
+  }
+}
+
+/* Adds damping to the element forces of triangles [3 n] and hinges [4 n]: -c K v, with the K of the matrix;
+   material_scale = h (h + c). */
+KERNEL damp_triangles(int n, GLOBAL const triangle_rest *rest, GLOBAL const triangle_factor *factor,
+                      GLOBAL const real *material_scale, real step, GLOBAL const dvec3 *velocity, GLOBAL vec3 *force)
+{
+  FOR_EACH(i, n) {
+    triangle_rest r = rest[i];
+    real whole = material_scale[r.material], ratio = (whole / step - step) / whole;
+    int a, b;
+    for (a = 0; a < 3; ++a) {
+      vec3 sum = vec3_make((real)0, (real)0, (real)0);
+      for (b = 0; b < 3; ++b)
+        sum = add(sum, mat3_multiply(triangle_block(factor[i], a, b), to_vec3(velocity[r.node[b]])));
+      force[3 * i + a] = axpy(force[3 * i + a], -ratio, sum);
+    }
+  }
+}
+KERNEL damp_hinges(int n, GLOBAL const hinge_rest *rest, GLOBAL const hinge_factor *factor,
+                   GLOBAL const real *material_scale, real step, GLOBAL const dvec3 *velocity, GLOBAL vec3 *force)
+{
+  FOR_EACH(i, n) {
+    hinge_rest r = rest[i];
+    real whole = material_scale[r.material], ratio = (whole / step - step) / whole, rate = (real)0;
+    int a;
+    for (a = 0; a < 4; ++a) rate += dot(factor[i].gradient[a], to_vec3(velocity[r.node[a]]));
+    for (a = 0; a < 4; ++a)
+      force[4 * i + a] = axpy(force[4 * i + a], -ratio * factor[i].coefficient * rate, factor[i].gradient[a]);
+  }
+}
+
+/* force += outer */
+KERNEL add_forces(int n, GLOBAL const vec3 *outer, GLOBAL vec3 *force)
+{
+  FOR_EACH(i, n) {
+    force[i] = add(force[i], outer[i]);
+  }
+}
+
+/* v = v0 + alpha d of free vertices. n: cloth vertices. */
+KERNEL move_iterate(int n, double alpha, GLOBAL const int *fixed, GLOBAL const dvec3 *start,
+                    GLOBAL const vec3 *direction, GLOBAL dvec3 *velocity)
+{
+  FOR_EACH(i, n) {
+    if (!fixed[i]) velocity[i] = daxpy(start[i], alpha, to_dvec3(direction[i]));
+  }
+}
+
+/* Inertia, gravity and, where there is any, a force held through the line search, as parts of the incremental potential
+   of each cloth vertex, J. */
+KERNEL measure_inertia(int n, double step, GLOBAL const real *mass, GLOBAL const int *fixed,
+                       GLOBAL const dvec3 *base_velocity, GLOBAL const dvec3 *velocity, GLOBAL const dvec3 *start,
+                       GLOBAL const dvec3 *position, GLOBAL const dvec3 *gravity, int held, GLOBAL const vec3 *outer,
+                       GLOBAL double *energy)
+{
+  FOR_EACH(i, n) {
+    dvec3 d = dsub(velocity[i], base_velocity[i]);
+    double m = (double)mass[i], sum = m * (0.5 * ddot(d, d) - ddot(gravity[0], dsub(position[i], start[i])));
+    if (held) sum -= step * ddot(to_dvec3(outer[i]), velocity[i]);
+    energy[i] = fixed[i] ? 0.0 : sum;
+  }
+}
+
+/* Penalty and friction of each contact, stretch of each stitch behind them, J. */
+KERNEL measure_terms(int n, int contact_count, int refresh, GLOBAL const contact *contacts,
+                     GLOBAL const stitch *stitches, GLOBAL const dvec3 *start, GLOBAL const dvec3 *x,
+                     GLOBAL const dvec3 *velocity, GLOBAL const vertex_contact *v, GLOBAL const term *terms,
+                     GLOBAL double *energy)
+{
+  FOR_EACH(i, n) {
+    if (i < contact_count) {
+      contact c = contacts[i];
+      dvec3 normal;
+      double weight[4], depth = max_double(c.thickness - contact_gap(c, refresh, start, x, v, &normal, weight), 0.0);
+      vec3 s = sliding(terms[i], velocity);
+      energy[i] = 0.5 * (c.stiffness * depth * depth + (double)(terms[i].around * dot(s, s)));
+    } else {
+      stitch s = stitches[i - contact_count];
+      dvec3 gap = daxpy(dsub(x[s.node[0]], x[s.node[1]]), -s.ratio, dsub(x[s.node[2]], x[s.node[1]]));
+      energy[i] = 0.5 * s.stiffness * ddot(gap, gap);
+    }
+  }
+}
+
+/* slope[i] = -b . d: how fast the potential falls along d. */
+KERNEL descent(int n, GLOBAL const int *fixed, GLOBAL const vec3 *b, GLOBAL const vec3 *d, GLOBAL double *slope)
+{
+  FOR_EACH(i, n) {
+    slope[i] = fixed[i] ? 0.0 : -(double)dot(b[i], d[i]);
+  }
+}
+
+#endif

@@ -1,0 +1,221 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* Terms: elements of the system that couple up to four nodes through weights, contacts (paper, Equation 2 and Algorithm
+   2), friction and stitches. Block (a, b) of a term is c_ab (along n n' + around I). */
+#ifndef CAMA_KERNELS_SYSTEM_TERM_H
+#define CAMA_KERNELS_SYSTEM_TERM_H
+#include "../collision/contact.h"
+#include "../collision/pair.h"
+#include "../dialect/dvec3.h"
+#include "../dialect/lang.h"
+#include "../dialect/vec3.h"
+
+#define FORM_RANK_ONE 0 /* c_ab = w_a w_b: the Jacobian of the penalty force with the normal held */
+#define FORM_STAR 1 /* the paper's Algorithm 2: springs from every node of one side to every node of the other */
+
+typedef struct {
+  int node[4]; /* -1: unused */
+  real weight[4]; /* sum_k w_k x_k is the difference vector; positive on side A, negative on side B */
+  vec3 normal; /* from side B to side A */
+  real along; /* coefficient of n n' in the matrix, kg */
+  real around; /* coefficient of I in the matrix, kg */
+  real push; /* right-hand side along the normal, kg m/s */
+} term;
+
+DEVICE real term_coupling(term t, int form, int a, int b)
+{
+  real w = t.weight[a] * t.weight[b];
+  if (form == FORM_RANK_ONE) return w;
+  if (a == b) return t.weight[a] < (real)0 ? -t.weight[a] : t.weight[a];
+  return w < (real)0 ? w : (real)0;
+}
+
+DEVICE mat3 term_block(term t, int form, int a, int b)
+{
+  real c = term_coupling(t, form, a, b);
+  return mat3_add_outer(mat3_diagonal(c * t.around), c * t.along, t.normal, t.normal);
+}
+
+/* Lagged Coulomb friction of one contact as a damping coefficient phi (N s/m) such that the step ends sticking while
+   the stopping force is within static_friction N, and else with the sliding force friction N; static_friction >=
+   friction. `speed`: tangential speed that the contact would have after this step without friction, m/s;
+   effective_mass: 1 / sum w^2/m, kg. */
+DEVICE real friction_damping(real static_friction, real friction, real normal_force, real speed, real effective_mass,
+                             real time_step)
+{
+  const real stick = (real)1000; /* a sticking contact keeps 1/1000 of the speed that a step would add */
+  real stopping = speed * effective_mass / time_step, cone = friction * normal_force,
+       most = stick * effective_mass / time_step;
+  if (!(static_friction * normal_force > (real)0)) return (real)0;
+  if (stopping <= static_friction * normal_force) return most;
+  return min_real(most, cone / (speed * ((real)1 - cone / stopping)));
+}
+
+/* sum_k w_k^2 / m_k, 1/kg, where each vertex lends a contact the part of its mass that the contact has of the vertex's
+   whole load: so that all contacts of a vertex together stop it, and no one alone. load: [cloth vertices], N. */
+DEVICE double shared_mobility(contact c, GLOBAL const double *inverse_mass, GLOBAL const double *load)
+{
+  double sum = 0.0, own = contact_load(c);
+  int a;
+  for (a = 0; a < 4; ++a) {
+    double w = fabs(c.weight[a]);
+    if (inverse_mass[c.node[a]] > 0.0 && w * own > 0.0)
+      sum += w * w * inverse_mass[c.node[a]] * (load[c.node[a]] / (w * own));
+  }
+  return sum;
+}
+
+/* Contacts that the forces of now press harder than their penalty holds at half the thickness are stiffer by as much:
+   stretched cloth would close them and be left to impacts, whose projection knows masses only. force: of elements,
+   weights, wind, N. */
+KERNEL stiffen_contacts(int n, int cloth_vertices, GLOBAL const double *inverse_mass, GLOBAL const vec3 *force,
+                        GLOBAL contact *contacts)
+{
+  FOR_EACH(i, n) {
+    contact c = contacts[i];
+    double pull = 0.0, mobility = 0.0, load;
+    int a;
+    if (!(c.distance < c.thickness)) continue;
+    for (a = 0; a < 4; ++a) {
+      int v = c.node[a];
+      if (v >= cloth_vertices || !(inverse_mass[v] > 0.0)) continue;
+      pull -= c.weight[a] * inverse_mass[v] * ddot(c.normal, to_dvec3(force[v]));
+      mobility += c.weight[a] * c.weight[a] * inverse_mass[v];
+    }
+    load = mobility > 0.0 ? pull / mobility : 0.0;
+    if (load > 0.5 * c.stiffness * c.thickness) contacts[i].stiffness = 2.0 * load / c.thickness;
+  }
+}
+
+/* Terms from contacts. Penalty E = k (d - thickness)^2 / 2 while d < thickness, linearised: matrix dt^2 k, push dt k
+   (thickness - d). free_velocity: velocity after this step if no contact acted, m/s. */
+KERNEL make_contact_terms(int n, GLOBAL const contact *contacts, GLOBAL const double *inverse_mass,
+                          GLOBAL const dvec3 *free_velocity, GLOBAL const double *load, real time_step,
+                          GLOBAL term *terms)
+{
+  FOR_EACH(i, n) {
+    contact c = contacts[i];
+    term t;
+    double mobility = shared_mobility(c, inverse_mass, load);
+    dvec3 relative = dvec3_make(0.0, 0.0, 0.0), tangential;
+    real k = (real)c.stiffness, depth = (real)(c.thickness - c.distance), damping;
+    int a;
+    for (a = 0; a < 4; ++a) {
+      t.node[a] = c.node[a];
+      t.weight[a] = (real)c.weight[a];
+      relative = daxpy(relative, c.weight[a], free_velocity[c.node[a]]);
+    }
+    tangential = daxpy(relative, -ddot(relative, c.normal), c.normal);
+    damping = mobility > 0.0
+                  ? time_step * friction_damping((real)c.static_friction, (real)c.friction, (real)contact_load(c),
+                                                 (real)dnorm(tangential), (real)(1.0 / mobility), time_step)
+                  : (real)0;
+    t.normal = to_vec3(c.normal);
+    t.along = time_step * time_step * k - damping;
+    t.around = damping;
+    t.push = time_step * k * depth;
+    terms[i] = t;
+  }
+}
+
+/* The same where nothing has friction: neither loads nor free velocities. */
+KERNEL make_frictionless_terms(int n, GLOBAL const contact *contacts, real time_step, GLOBAL term *terms)
+{
+  FOR_EACH(i, n) {
+    contact c = contacts[i];
+    term t;
+    real k = (real)c.stiffness, depth = (real)(c.thickness - c.distance);
+    int a;
+    for (a = 0; a < 4; ++a) {
+      t.node[a] = c.node[a];
+      t.weight[a] = (real)c.weight[a];
+    }
+    t.normal = to_vec3(c.normal);
+    t.along = time_step * time_step * k;
+    t.around = (real)0;
+    t.push = time_step * k * depth;
+    terms[i] = t;
+  }
+}
+
+/* Appends zero-length springs (stitches) to the terms, starting at `first`. */
+KERNEL make_stitch_terms(int n, GLOBAL const stitch *stitches, GLOBAL const dvec3 *position, real time_step, int first,
+                         GLOBAL term *terms)
+{
+  FOR_EACH(i, n) {
+    stitch s = stitches[i];
+    term t;
+    dvec3 gap =
+        daxpy(dsub(position[s.node[0]], position[s.node[1]]), -s.ratio, dsub(position[s.node[2]], position[s.node[1]]));
+    double length = dnorm(gap);
+    real k = (real)s.stiffness;
+    t.node[0] = s.node[0];
+    t.node[1] = s.node[1];
+    t.node[2] = s.node[2];
+    t.node[3] = -1;
+    t.weight[0] = (real)1;
+    t.weight[1] = -(real)(1.0 - s.ratio);
+    t.weight[2] = -(real)s.ratio;
+    t.weight[3] = (real)0;
+    t.normal = to_vec3(dnormalize(gap));
+    t.along = (real)0;
+    t.around = time_step * time_step * k;
+    t.push = -time_step * k * (real)length;
+    terms[first + i] = t;
+  }
+}
+
+/* b_i += sum over terms of w push n, rows of free vertices. incidence: 4 * term + local index, sorted within a row. */
+KERNEL add_term_forces(int n, GLOBAL const int *row, GLOBAL const int *incidence, GLOBAL const term *terms,
+                       GLOBAL vec3 *b)
+{
+  FOR_EACH(i, n) {
+    vec3 sum = b[i];
+    int k;
+    for (k = row[i]; k < row[i + 1]; ++k) {
+      int e = incidence[k] >> 2, a = incidence[k] & 3;
+      sum = axpy(sum, terms[e].weight[a] * terms[e].push, terms[e].normal);
+    }
+    b[i] = sum;
+  }
+}
+
+/* r = (along n n' + around I) sum_k w_k x_k of each term (rank-one form). */
+KERNEL term_products(int n, GLOBAL const term *terms, GLOBAL const vec3 *x, GLOBAL vec3 *r)
+{
+  FOR_EACH(i, n) {
+    vec3 s = scale(terms[i].weight[0], x[terms[i].node[0]]), normal = terms[i].normal;
+    int a;
+    for (a = 1; a < 4; ++a)
+      if (terms[i].node[a] >= 0) s = axpy(s, terms[i].weight[a], x[terms[i].node[a]]);
+    r[i] = axpy(scale(terms[i].around, s), terms[i].along * dot(normal, s), normal);
+  }
+}
+
+/* y_i += sum over the terms at vertex i of w r. */
+KERNEL add_term_products(int n, GLOBAL const int *row, GLOBAL const int *incidence, GLOBAL const term *terms,
+                         GLOBAL const vec3 *r, GLOBAL const int *fixed, GLOBAL vec3 *y)
+{
+  FOR_EACH(i, n) {
+    vec3 sum = y[i];
+    int k;
+    if (fixed[i]) continue;
+    for (k = row[i]; k < row[i + 1]; ++k)
+      sum = axpy(sum, terms[incidence[k] >> 2].weight[incidence[k] & 3], r[incidence[k] >> 2]);
+    y[i] = sum;
+  }
+}
+
+/* Diagonal blocks: matrix (and, in rank-one operator form, the terms). */
+KERNEL add_term_diagonal(int n, GLOBAL const int *row, GLOBAL const int *incidence, GLOBAL const term *terms,
+                         GLOBAL mat3 *diagonal)
+{
+  FOR_EACH(i, n) {
+    mat3 sum = diagonal[i];
+    int k;
+    for (k = row[i]; k < row[i + 1]; ++k)
+      sum = mat3_add(sum, term_block(terms[incidence[k] >> 2], FORM_RANK_ONE, incidence[k] & 3, incidence[k] & 3));
+    diagonal[i] = sum;
+  }
+}
+
+#endif

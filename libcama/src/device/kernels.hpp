@@ -1,0 +1,47 @@
+// SPDX-License-Identifier: Apache-2.0
+// Every kernel as a C++ function: cama::kernels for those in double, cama::kernels::f64 and ::f32 for the two
+// precisions.
+#pragma once
+#include "cama/types.hpp"
+#include "kernels/dialect/caching.h"
+#include "kernels/dialect/lanes.h"
+
+namespace cama::kernels {
+#include "kernels/double.h"
+
+#define ATOMIC_ADD_REAL atomic_add_double
+namespace f64 {
+using real = double;
+#include "kernels/real.h"
+}  // namespace f64
+#undef ATOMIC_ADD_REAL
+#define ATOMIC_ADD_REAL atomic_add_float
+namespace f32 {
+using real = float;
+#include "kernels/real.h"
+}  // namespace f32
+#undef ATOMIC_ADD_REAL
+}  // namespace cama::kernels
+
+namespace cama {
+
+/// The value types of one precision.
+template <class Real> struct Types;
+#define CAMA_TYPES(Real, space)                                        \
+  template <> struct Types<Real> {                                     \
+    using vec3 = kernels::space::vec3;                                 \
+    using vec4 = kernels::space::vec4;                                 \
+    using mat3 = kernels::space::mat3;                                 \
+    using stretching_stiffness = kernels::space::stretching_stiffness; \
+    using bending_stiffness = kernels::space::bending_stiffness;       \
+    using triangle_rest = kernels::space::triangle_rest;               \
+    using triangle_factor = kernels::space::triangle_factor;           \
+    using hinge_rest = kernels::space::hinge_rest;                     \
+    using hinge_factor = kernels::space::hinge_factor;                 \
+    using term = kernels::space::term;                                 \
+  };
+CAMA_TYPES(double, f64)
+CAMA_TYPES(float, f32)
+#undef CAMA_TYPES
+
+}  // namespace cama

@@ -1,0 +1,47 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "device/launch.hpp"
+#include "model/state.hpp"
+
+namespace cama {
+namespace {
+constexpr int many_elements =
+    1 << 16;   // a radix sort is faster from here on than filling rows by atomics and sorting each
+}  // namespace
+
+void Incidence::rebuild(Backend &b, const Stream<kernels::element_nodes> &nodes, int elements, Stream<int> &count)
+{
+  if (b.wide_workers() || elements < many_elements) return build(b, nodes, elements, count);
+  int bits = 0;
+  for (int v = vertices; v > 0; v >>= 1) ++bits;
+  key_.resize(4ll * elements);
+  const int n = key_.size();
+  sorted_.resize(n);
+  CAMA_LAUNCH(b, incidence_keys, elements, nodes, vertices, key_, sorted_);
+  b.sort(key_.buffer(), sorted_.buffer(), n, bits);
+  CAMA_LAUNCH(b, incidence_rows, vertices + 1, n, key_, row);
+  entry.resize(row.at(vertices));
+  if (entry.size()) b.copy(entry.buffer(), sorted_.buffer(), sizeof(int) * static_cast<std::size_t>(entry.size()));
+}
+
+void Incidence::reset(Backend &backend, int vertex_count)
+{
+  if (row.backend()) return;
+  row = Stream<int>(backend, vertex_count + 1);
+  entry = Stream<int>(backend);
+  key_ = Stream<key64>(backend);
+  sorted_ = Stream<int>(backend);
+  vertices = vertex_count;
+}
+
+void Incidence::build(Backend &b, const Stream<kernels::element_nodes> &nodes, int elements, Stream<int> &count)
+{
+  CAMA_LAUNCH(b, set_int, vertices, 0, 0, count);
+  CAMA_LAUNCH(b, count_incidence, elements, nodes, vertices, count);
+  b.scan(count.buffer(), row.buffer(), vertices);
+  entry.resize(row.at(vertices));
+  CAMA_LAUNCH(b, set_int, vertices, 0, 0, count);
+  CAMA_LAUNCH(b, fill_incidence, elements, nodes, vertices, row, count, entry);
+  CAMA_LAUNCH(b, sort_rows, vertices, row, entry);
+}
+
+}  // namespace cama

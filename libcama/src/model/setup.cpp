@@ -1,0 +1,297 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "model/setup.hpp"
+
+#include <algorithm>
+#include <cstdio>
+
+namespace cama {
+namespace {
+
+constexpr double without_end = 1e30;         // m; boxes of planes
+constexpr double thickest_per_edge = 0.45;   // of the shortest edge: neighbours at rest are never in contact
+constexpr double contact_margin =
+    0.6;       // of the thickness: half for the contact distance, the rest for what the solve adds to the prediction
+
+/// Single precision loses a vertex's mass beside h^2 k, and with it the motion: from 2e10 times on cloth was seen to
+/// stretch. Throws MaterialError.
+void refuse_stiffness_beyond_single(const State &state, const Scene &scene, const Topology &t)
+{
+  constexpr double largest = 8e9;
+  for (std::size_t c = 0; c < scene.cloths.size(); ++c) {
+    const Material &material = scene.cloths[c].material;
+    double stiffness = 0;
+    for (const auto &row : material.stretching)
+      stiffness = std::max(stiffness, *std::max_element(row.begin(), row.end()));
+    const auto first = t.mass.begin() + t.cloth_range[c].first,
+               lightest = std::min_element(first, t.mass.begin() + t.cloth_range[c].second);
+    if (state.time_step * (state.time_step + material.damping) * stiffness <= largest * *lightest) continue;
+    char text[160];
+    std::snprintf(text, sizeof text,
+                  "%.3g N/m with steps of %.3g s and vertex %d of %.3g kg is beyond single precision; use mixed or "
+                  "double, or shorter steps",
+                  stiffness, state.time_step, static_cast<int>(lightest - first), *lightest);
+    throw MaterialError("cloth '" + scene.cloths[c].name + "': stiffness of " + text);
+  }
+}
+
+template <class Real> void set_up_materials(State &state, System<Real> &s, Backend &b, const Scene &scene, bool hinges)
+{
+  using T = Types<Real>;
+  std::vector<typename T::stretching_stiffness> table;
+  std::vector<typename T::bending_stiffness> bending;
+  std::vector<int> start;
+  std::vector<Real> scale;
+  const auto push = [&](const std::array<double, 4> &row) {
+    typename T::stretching_stiffness k;
+    for (int m = 0; m < 4; ++m) k.k[m] = static_cast<Real>(row[m]);
+    table.push_back(k);
+  };
+  for (std::size_t c = 0; c < scene.cloths.size(); ++c) {
+    const Material &material = scene.cloths[c].material;
+    std::size_t same = 0;
+    while (same < c && scene.cloths[same].material.stretching != material.stretching) ++same;
+    if (same < c) {
+      start.push_back(start[same]);
+    } else if (material.has_table()) {
+      start.push_back(static_cast<int>(table.size()));
+      for (const auto &row : stretching_table(material)) push(row);
+    } else {
+      start.push_back(-1 - static_cast<int>(table.size()));
+      push(material.stretching[0]);
+    }
+    typename T::bending_stiffness k;
+    for (int m = 0; m < 15; ++m) k.k[m] = static_cast<Real>(material.bending[m / 5][m % 5]);
+    bending.push_back(k);
+    scale.push_back(static_cast<Real>(state.time_step * (state.time_step + material.damping)));
+    state.damping.push_back(material.damping);
+  }
+  state.implicit_step = state.scaled_step = state.time_step;
+  s.stretching_table = Stream<typename T::stretching_stiffness>(b, table);
+  s.stretching_start = Stream<int>(b, start);
+  if (hinges) s.bending_table = Stream<typename T::bending_stiffness>(b, bending);
+  s.material_scale = Stream<Real>(b, scale);
+}
+
+template <class Real> void set_up_elements(State &state, System<Real> &s, const Topology &t)
+{
+  using T = Types<Real>;
+  Backend &b = *state.backend;
+  std::vector<typename T::triangle_rest> triangles;
+  std::vector<typename T::hinge_rest> hinges;
+  std::vector<kernels::element_nodes> triangle_nodes, hinge_nodes;
+  for (const RestTriangle &r : t.triangle) {
+    typename T::triangle_rest e{};
+    std::copy(r.node.begin(), r.node.end(), e.node);
+    e.material = r.material;
+    for (int k = 0; k < 4; ++k) e.d[k] = static_cast<Real>(r.d[k]);
+    e.area = static_cast<Real>(r.area);
+    triangles.push_back(e);
+    triangle_nodes.push_back({{r.node[0], r.node[1], r.node[2], -1}});
+  }
+  for (const RestHinge &r : t.hinge) {
+    typename T::hinge_rest e{};
+    std::copy(r.node.begin(), r.node.end(), e.node);
+    e.material = r.material;
+    e.rest_angle = static_cast<Real>(r.rest_angle);
+    e.length = static_cast<Real>(r.length);
+    e.area = static_cast<Real>(r.area);
+    for (int k = 0; k < 2; ++k) e.direction[k] = static_cast<Real>(r.direction[k]);
+    hinges.push_back(e);
+    hinge_nodes.push_back({{r.node[0], r.node[1], r.node[2], r.node[3]}});
+  }
+  const auto incidence = [&](Incidence &list, const Stream<kernels::element_nodes> &nodes, int n) {
+    Stream<int> count(b, state.cloth_vertices);
+    list.reset(b, state.cloth_vertices);
+    list.build(b, nodes, n, count);
+  };
+  s.triangle_rest = Stream<typename T::triangle_rest>(b, triangles);
+  s.triangle_factor = Stream<typename T::triangle_factor>(b, state.triangles);
+  s.triangle_force = Stream<typename T::vec3>(b, 3 * state.triangles);
+  state.triangle_nodes = Stream<kernels::element_nodes>(b, triangle_nodes);
+  incidence(state.triangle_incidence, state.triangle_nodes, state.triangles);
+  if (state.hinges == 0) return;
+  s.hinge_rest = Stream<typename T::hinge_rest>(b, hinges);
+  s.hinge_factor = Stream<typename T::hinge_factor>(b, state.hinges);
+  s.hinge_force = Stream<typename T::vec3>(b, 4 * state.hinges);
+  state.hinge_nodes = Stream<kernels::element_nodes>(b, hinge_nodes);
+  incidence(state.hinge_incidence, state.hinge_nodes, state.hinges);
+}
+
+void set_up_contact(State &state, const Scene &scene, const Topology &t, const std::vector<double> &inverse_mass)
+{
+  Backend &b = *state.backend;
+  state.friction = has_friction(scene);
+  state.predicted = Stream<dvec3>(b, state.vertices);
+  state.inverse_mass = Stream<double>(b, inverse_mass);
+  std::vector<kernels::face_nodes> faces;
+  std::vector<kernels::edge_nodes> edges;
+  std::vector<kernels::vertex_contact> properties(t.position.size());
+  std::vector<double> margin(t.position.size());
+  std::vector<int> query_vertices;
+  state.largest_thickness = 0;
+  for (const auto *list : {&t.face, &t.exact_face})
+    for (const Triangle &f : *list) faces.push_back({{f[0], f[1], f[2]}});
+  for (const auto &e : t.edge) {
+    if (t.shape[e[0]] ==
+        ObstacleShape::box) {   // without the diagonals of its sides: corners along an edge differ in one bit
+      const int first = t.obstacle_range[static_cast<std::size_t>(t.object[e[0]]) - scene.cloths.size()].first,
+                bits = (e[0] - first) ^ (e[1] - first);
+      if (bits & (bits - 1)) continue;
+    }
+    edges.push_back({{e[0], e[1]}});
+  }
+  const auto of_obstacle = [&](const kernels::edge_nodes &e) { return e.node[0] >= t.cloth_vertices; };
+  if (!scene.contact.self && std::none_of(edges.begin(), edges.end(), of_obstacle))
+    edges.clear();   // nothing for the cloth's to meet
+  state.edges = static_cast<int>(edges.size());
+  for (std::size_t v = 0; v < t.position.size(); ++v) {
+    const std::size_t object = static_cast<std::size_t>(t.object[v]), cloths = scene.cloths.size();
+    const bool obstacle = object >= cloths;
+    kernels::vertex_contact &p = properties[v];
+    const ContactProperties own = scene.contact_properties(object);
+    p.thickness = own.thickness;
+    if (!obstacle) p.thickness = std::min(p.thickness, thickest_per_edge * t.shortest_edge[v]);
+    state.largest_thickness = std::max(state.largest_thickness, p.thickness);
+    p.area = t.area[v];
+    p.stiffness = own.stiffness;
+    p.friction = own.friction;
+    p.static_friction = own.static_friction;
+    p.obstacle = obstacle;
+    const ObstacleShape shape = t.shape[v];
+    p.radius = t.radius[v];
+    p.shape = shape == ObstacleShape::plane
+                  ? SHAPE_PLANE
+                  : (shape == ObstacleShape::sphere || shape == ObstacleShape::capsule ? SHAPE_ROUND : SHAPE_MESH);
+    if (shape != ObstacleShape::plane) query_vertices.push_back(static_cast<int>(v));
+    margin[v] = shape == ObstacleShape::plane ? without_end : p.radius + contact_margin * p.thickness;
+  }
+  state.face = Stream<kernels::face_nodes>(b, faces);
+  state.edge = Stream<kernels::edge_nodes>(b, edges);
+  state.vertex_contact = Stream<kernels::vertex_contact>(b, properties);
+  state.margin = Stream<double>(b, margin);
+  state.query_vertices = Stream<int>(b, query_vertices);
+  state.bounds = Stream<dvec3>(b, 2);
+  state.vertex_box = Stream<kernels::box>(b, state.vertices);
+  for (PairList *list : {&state.vertex_face, &state.edge_edge}) {
+    list->pairs = Stream<kernels::pair>(b);
+    list->direction = Stream<kernels::fvec3>(b);
+    list->gap_bound = Stream<float>(b);
+  }
+  if (!t.seam.empty() || state.options.intersections == StartPolicy::exempt || state.options.pinch == Pinch::release)
+    state.exemptions.set_up(b, t);
+  state.contact = Stream<kernels::contact>(b);
+  state.impact = Stream<kernels::impact>(b);
+}
+
+std::vector<kernels::stitch> stitches_of(const Scene &scene, const Topology &t)
+{
+  std::vector<kernels::stitch> stitches;
+  for (const Stitch &s : scene.stitches) {
+    const int a = t.cloth_range[s.cloth_a].first, b = t.cloth_range[s.cloth_b].first;
+    stitches.push_back({{a + s.vertex_a, b + s.vertex_b, b + s.vertex_c}, s.ratio, s.stiffness});
+  }
+  return stitches;
+}
+
+}  // namespace
+
+bool has_wind(const Scene &scene) { return scene.wind && (scene.wind->density != 0 || scene.wind->drag != 0); }
+
+bool has_friction(const Scene &scene)
+{
+  const std::size_t cloths = scene.cloths.size();
+  for (std::size_t object = scene.contact.self ? 0 : cloths; object < cloths + scene.obstacles.size(); ++object) {
+    const ContactProperties p = scene.contact_properties(object);
+    if (p.friction > 0 || p.static_friction > 0) return true;
+  }
+  return false;
+}
+
+template <class Real> void set_up(State &state, const Scene &scene, const Topology &t)
+{
+  Backend &b = *state.backend;
+  System<Real> *s;
+  if constexpr (sizeof(Real) == 8)
+    s = (state.system64 = std::make_unique<System<double>>()).get();
+  else
+    s = (state.system32 = std::make_unique<System<float>>()).get();
+
+  state.time_step = chosen_time_step(state.options, scene);
+  if (sizeof(Real) == 4) refuse_stiffness_beyond_single(state, scene, t);
+  state.contact_settings = scene.contact;
+  state.cloth_vertices = t.cloth_vertices;
+  state.vertices = static_cast<int>(t.position.size());
+  state.triangles = static_cast<int>(t.triangle.size());
+  state.hinges = static_cast<int>(t.hinge.size());
+  state.faces = static_cast<int>(t.face.size() + t.exact_face.size());
+  state.edges = static_cast<int>(t.edge.size());
+
+  for (std::size_t c = 0; c < scene.cloths.size(); ++c) {
+    state.object_name.push_back("cloth '" + scene.cloths[c].name + "'");
+    state.object_first.push_back(t.cloth_range[c].first);
+    state.object_static.push_back(0);
+  }
+  for (std::size_t o = 0; o < scene.obstacles.size(); ++o) {
+    state.object_name.push_back("obstacle '" + scene.obstacles[o].name + "'");
+    state.object_first.push_back(t.obstacle_range[o].first);
+    state.object_static.push_back(scene.obstacles[o].motion.is_static());
+  }
+  std::vector<int> fixed(t.position.size(), 0);
+  std::fill(fixed.begin() + t.cloth_vertices, fixed.end(), 1);
+  for (const Pin &pin : scene.pins)
+    for (int v : pin.vertices) fixed[t.cloth_range[pin.cloth].first + v] = 1;
+  std::vector<double> inverse_mass(t.position.size(), 0.0);
+  std::vector<Real> mass;
+  std::vector<dvec3> velocity(t.position.size(), dvec3{0, 0, 0});
+  for (int v = 0; v < t.cloth_vertices; ++v) {
+    mass.push_back(static_cast<Real>(t.mass[v]));
+    if (fixed[v]) continue;
+    inverse_mass[v] = 1 / t.mass[v];
+    velocity[v] = scene.cloths[t.object[v]].velocity;
+  }
+  state.position = Stream<dvec3>(b, t.position);
+  state.velocity = Stream<dvec3>(b, velocity);
+  state.position_next = Stream<dvec3>(b, t.position);
+  state.velocity_next = Stream<dvec3>(b, velocity);
+  if (state.options.integrator == Integrator::bdf2) {
+    state.position_before = Stream<dvec3>(b, t.position);
+    state.velocity_before = Stream<dvec3>(b, velocity);
+    state.position_base = Stream<dvec3>(b, t.position);
+    state.velocity_base = Stream<dvec3>(b, velocity);
+  }
+  state.fixed = Stream<int>(b, fixed);
+  state.gravity = Stream<dvec3>(b, std::vector<dvec3>{scene.gravity});
+  if (has_wind(scene)) {
+    std::vector<double> density;
+    for (const Cloth &c : scene.cloths) density.push_back(c.material.density);
+    state.wind = Stream<dvec3>(b, std::vector<dvec3>{scene.wind->velocity});
+    state.areal_density = Stream<double>(b, density);
+  }
+  if (std::any_of(scene.obstacles.begin(), scene.obstacles.end(),
+                  [](const Obstacle &o) { return !o.motion.is_static() && o.motion.is_rigid(); }))
+    state.rest_position = Stream<dvec3>(b, t.rest_position);
+
+  s->mass = Stream<Real>(b, mass);
+  set_up_materials(state, *s, b, scene, state.hinges > 0);
+  set_up_elements(state, *s, t);
+  s->force = Stream<typename Types<Real>::vec3>(b, t.cloth_vertices);
+  s->matrix = {Stream<int>(b), Stream<int>(b), Stream<typename Types<Real>::mat3>(b)};
+  s->right_side = Stream<typename Types<Real>::vec3>(b, t.cloth_vertices);
+  s->solution = Stream<typename Types<Real>::vec3>(b, state.vertices);
+
+  const std::vector<kernels::stitch> stitches = stitches_of(scene, t);
+  state.stitches = static_cast<int>(stitches.size());
+  if (scene.has_contact()) set_up_contact(state, scene, t, inverse_mass);
+  if (state.stitches) state.stitch = Stream<kernels::stitch>(b, stitches);
+  if (scene.has_contact() || state.stitches) {
+    s->term = Stream<typename Types<Real>::term>(b);
+    state.term_nodes = Stream<kernels::element_nodes>(b);
+    if (state.options.contact_form == ContactForm::star) state.term_split = Stream<int>(b);
+    state.term_incidence.reset(b, t.cloth_vertices);
+  }
+}
+
+template void set_up<double>(State &, const Scene &, const Topology &);
+template void set_up<float>(State &, const Scene &, const Topology &);
+
+}  // namespace cama

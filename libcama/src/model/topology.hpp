@@ -1,0 +1,53 @@
+// SPDX-License-Identifier: Apache-2.0
+// What a scene's meshes become before they go to the device: elements with rest state, masses, contact properties.
+#pragma once
+#include <array>
+#include <set>
+#include <utility>
+#include <vector>
+
+#include "cama/scene.hpp"
+
+namespace cama {
+
+struct RestTriangle {
+  std::array<int, 3> node;
+  int material;
+  std::array<double, 4> d;   ///< inverse of the rest edge matrix, row major, 1/m
+  double area;               ///< m^2
+};
+
+struct RestHinge {
+  std::array<int, 4> node;
+  int material;
+  double rest_angle, length, area;
+  std::array<double, 2> direction;   ///< of the rest edge in each face: 0, 1, 2 = 0, 45, 90 degrees
+};
+
+/// Everything in one numbering: vertices and faces of all cloths, then of all obstacles.
+struct Topology {
+  int cloth_vertices = 0;
+  std::vector<dvec3> position, rest_position;      ///< start; obstacles at rest of their motion
+  std::vector<Triangle> face;                      ///< of meshes and boxes
+  std::vector<Triangle> exact_face;                ///< of spheres (c, c, c), capsules (a, b, b) and planes
+  std::vector<std::array<int, 2>> edge;
+  std::vector<RestTriangle> triangle;
+  std::vector<RestHinge> hinge;
+  std::vector<double> mass;                        ///< [cloth vertices], kg
+  std::vector<double> area;                        ///< [vertices], a third of the area around, m^2
+  std::vector<double> shortest_edge;               ///< [vertices], m
+  std::vector<double> radius;                      ///< [vertices] of exact obstacles, m
+  std::vector<ObstacleShape> shape;                      ///< [vertices]
+  std::vector<int> object;                         ///< [vertices] cloth index, or cloths + obstacle index
+  std::vector<std::pair<int, int>> cloth_range, obstacle_range;
+  std::set<std::pair<int, int>>
+      seam;              ///< vertices (a < b) on both sides of a seam: as near as they are by construction
+};
+
+Topology build_topology(const Scene &scene);
+
+/// The stiffness table of a material, [30][30][30][4] over E11, E22, |E12| (Wang et al. 2011; sampling as in
+/// docs/elasticity.md), N/m.
+std::vector<std::array<double, 4>> stretching_table(const Material &material);
+
+}  // namespace cama

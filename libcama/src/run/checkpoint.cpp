@@ -1,0 +1,143 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "run/checkpoint.hpp"
+
+#include <cmath>
+#include <string>
+
+#include "cama/error.hpp"
+#include "device/fnv.hpp"
+
+namespace cama {
+namespace {
+
+constexpr int max_terms = 1 << 29;   // what four entries each can be listed of
+
+[[noreturn]] void refuse(const std::string &what) { throw SceneError("checkpoint: " + what); }
+
+void check_vectors(const char *name, const std::vector<dvec3> &values, std::size_t count)
+{
+  if (values.size() != count)
+    refuse(std::string(name) + " has " + std::to_string(values.size()) + " rows, the scene has " +
+           std::to_string(count) + " vertices");
+  for (std::size_t i = 0; i < count; ++i)
+    if (!std::isfinite(values[i].x + values[i].y + values[i].z))
+      refuse(std::string(name) + "[" + std::to_string(i) + "] is not finite");
+}
+
+/// Each block has some neighbours, each level is of the blocks below.
+void check_matching(const Matching &m, int step, const State &state)
+{
+  if (m.step < 0 || m.step > step || m.terms < 0 || m.terms > max_terms || m.first_iterations < 0 ||
+      m.last_iterations < 0)
+    refuse("matching: step " + std::to_string(m.step) + ", " + std::to_string(m.terms) + " terms, " +
+           std::to_string(m.first_iterations) + " and " + std::to_string(m.last_iterations) +
+           " iterations are no counts of this run");
+  std::vector<char> seen(static_cast<std::size_t>(state.cloth_vertices), 0);
+  for (int v : m.order)
+    if (v < 0 || v >= state.cloth_vertices || seen[static_cast<std::size_t>(v)]++)
+      refuse("matching: vertex " + std::to_string(v) + " is not one of the cloth, or is there twice");
+  if (m.order.empty() != m.levels.empty()) refuse("matching: has an order without levels, or levels without an order");
+  std::size_t nodes = m.order.size();
+  for (std::size_t l = 0; l < m.levels.size(); ++l) {
+    const Matching::Level &level = m.levels[l];
+    const std::string name = "matching: level " + std::to_string(l);
+    if (level.parent.size() != nodes || level.start.size() < 2 || level.start.front() != 0 ||
+        level.start.back() != static_cast<int>(nodes))
+      refuse(name + " is not of " + std::to_string(nodes) + " nodes");
+    for (std::size_t b = 0; b + 1 < level.start.size(); ++b) {
+      const int first = level.start[b], last = level.start[b + 1];
+      if (first < 0 || last <= first || last > static_cast<int>(nodes) || last - first > BLOCK_ROWS)
+        refuse(name + ", block " + std::to_string(b) + " is no block");
+      for (int i = first; i < last; ++i)
+        if (level.parent[static_cast<std::size_t>(i)] != static_cast<int>(b))
+          refuse(name + ", node " + std::to_string(i) + " is not in its block");
+    }
+    nodes = level.start.size() - 1;
+  }
+}
+
+}  // namespace
+
+std::uint64_t scene_key(const Topology &t)
+{
+  const auto bytes = [](const auto &values) { return sizeof(values[0]) * values.size(); };
+  const std::uint64_t hash = fnv1a(t.object.data(), bytes(t.object), fnv1a(t.face.data(), bytes(t.face)));
+  return fnv1a(t.mass.data(), bytes(t.mass), hash);
+}
+
+Checkpoint take_checkpoint(State &s, Pipeline &step, const Topology &topology)
+{
+  Checkpoint c;
+  c.scene = scene_key(topology);
+  c.step = s.report.step;
+  c.time = s.time;
+  c.time_step = s.time_step;
+  c.start_step = s.start_step;
+  c.start_time = s.start_time;
+  c.positions = s.position.download();
+  c.velocities = s.velocity.download();
+  if (s.history) {
+    c.positions_before = s.position_before.download();
+    c.velocities_before = s.velocity_before.download();
+  }
+  const Exemptions::Kept kept = s.exemptions.kept();
+  c.tangled.assign(kept.first.begin(), kept.first.end());
+  c.let_go.assign(kept.second.begin(), kept.second.end());
+  step.save(s, c);
+  return c;
+}
+
+void check_checkpoint(const Checkpoint &c, const State &s, const Topology &t)
+{
+  const std::size_t vertices = static_cast<std::size_t>(s.vertices);
+  if (c.positions.size() != vertices || c.scene != scene_key(t))
+    refuse("is of another scene or resolution: it has " + std::to_string(c.positions.size()) +
+           " vertices, this simulation " + std::to_string(vertices) +
+           (c.positions.size() == vertices ? ", and triangles or masses differ" : "") +
+           "; load the scene that it was taken of");
+  if (c.step < 0 || c.start_step < 0 || c.start_step > c.step)
+    refuse("step " + std::to_string(c.step) + " and start_step " + std::to_string(c.start_step) + " are no counts");
+  if (!std::isfinite(c.time) || c.time < 0 || !std::isfinite(c.start_time) || !std::isfinite(c.time_step) ||
+      c.time_step <= 0 || std::isnan(c.released))
+    refuse("time, start_time, time_step or released is not a time in seconds");
+  check_vectors("positions", c.positions, vertices);
+  check_vectors("velocities", c.velocities, vertices);
+  if (c.positions_before.size() + c.velocities_before.size() > 0) {
+    check_vectors("positions_before", c.positions_before, vertices);
+    check_vectors("velocities_before", c.velocities_before, vertices);
+  }
+  const auto in = [](int i, std::size_t count) { return i >= 0 && static_cast<std::size_t>(i) < count; };
+  for (const auto &[a, b] : c.tangled)
+    if (!in(a, vertices) || !in(b, vertices))
+      refuse("tangled: a vertex of " + std::to_string(a) + ", " + std::to_string(b) + " is not there");
+  for (const auto &[a, object] : c.let_go)
+    if (!in(a, vertices) || !in(object, s.object_name.size()))
+      refuse("let_go: vertex or object of " + std::to_string(a) + ", " + std::to_string(object) + " is not there");
+  if ((!c.tangled.empty() || !c.let_go.empty()) && !s.exemptions.row.backend())
+    refuse("lets vertices pass, which this simulation's options do not; give intersections or pinch as they were");
+  check_matching(c.matching, c.step, s);
+}
+
+void restore_checkpoint(const Checkpoint &c, State &s, Pipeline &step)
+{
+  step.restore(s, c);
+  s.position.assign(c.positions);
+  s.position_next.assign(c.positions);
+  s.velocity.assign(c.velocities);
+  s.history = !c.positions_before.empty() && s.position_before.backend() && c.time_step == s.time_step;
+  if (s.history) {
+    s.position_before.assign(c.positions_before);
+    s.velocity_before.assign(c.velocities_before);
+  }
+  Exemptions::Kept kept{{c.tangled.begin(), c.tangled.end()}, {c.let_go.begin(), c.let_go.end()}};
+  s.exemptions.keep(kept);
+  s.forget_contacts();
+  const bool same = c.time_step == s.time_step;
+  s.start_step = same ? c.start_step : c.step;
+  s.start_time = same ? c.start_time : c.time;
+  s.report = StepReport{};
+  s.report.step = c.step;
+  s.report.time = s.time = c.time;
+}
+
+}  // namespace cama

@@ -1,0 +1,20 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+#include "cama/checkpoint.hpp"
+#include "model/topology.hpp"
+#include "run/pipeline.hpp"
+
+namespace cama {
+
+/// FNV-1a of faces, ranges of objects and masses.
+std::uint64_t scene_key(const Topology &topology);
+
+Checkpoint take_checkpoint(State &state, Pipeline &step, const Topology &topology);
+
+/// Throws SceneError where the checkpoint is of another scene or is damaged; nothing is changed then.
+void check_checkpoint(const Checkpoint &checkpoint, const State &state, const Topology &topology);
+
+/// checkpoint: checked. Throws SceneError where this simulation's pins have let go of what is held in it.
+void restore_checkpoint(const Checkpoint &checkpoint, State &state, Pipeline &step);
+
+}  // namespace cama

@@ -1,0 +1,271 @@
+// SPDX-License-Identifier: Apache-2.0
+#include <algorithm>
+#include <cmath>
+#include <cstdio>
+#include <set>
+#include <vector>
+
+#include "cama/error.hpp"
+#include "cama/scene.hpp"
+#include "scene/shapes/exact_obstacle.hpp"
+
+namespace cama {
+namespace {
+
+bool finite(const dvec3 &v) { return std::isfinite(v.x) && std::isfinite(v.y) && std::isfinite(v.z); }
+
+void require(bool good, const std::string &field, const std::string &value, const std::string &advice)
+{
+  if (!good) throw SceneError(field + ": is " + value + "; " + advice);
+}
+void require(bool good, const std::string &field, double value, const std::string &advice)
+{
+  require(good, field, std::to_string(value), advice);
+}
+
+void check_motion(const std::string &field, const Motion &m, std::size_t vertices)
+{
+  require(finite(m.velocity) && finite(m.rotation_rate) && finite(m.oscillation) && finite(m.center), field,
+          "not finite", "give finite velocity, rotation_rate, oscillation and center");
+  require(std::isfinite(m.period) && m.period > 0, field + ".oscillation.period", m.period,
+          "give seconds, greater than 0");
+  require(!std::isnan(m.start) && !std::isnan(m.stop), field + ".start", "not a number", "give seconds");
+  for (std::size_t k = 0; k < m.keys.size(); ++k) {
+    const std::string key = field + ".keys[" + std::to_string(k) + "]";
+    const RigidTransform &t = m.keys[k].transform;
+    const auto &q = t.rotation;
+    require(std::isfinite(m.keys[k].time) && (k == 0 || m.keys[k].time > m.keys[k - 1].time), key + ".time",
+            m.keys[k].time, "times must be finite and increase");
+    require(finite(t.translation) && finite(t.center) && std::isfinite(t.scale) && t.scale > 0, key, "not a placement",
+            "give finite numbers and a scale greater than 0");
+    require(std::abs(q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3] - 1) < 1e-5, key + ".quaternion",
+            "not of length 1", "give a unit quaternion (w, x, y, z)");
+  }
+  if (!m.sampled) return;
+  const auto &s = *m.sampled;
+  require(!s.time.empty() && s.time.size() == s.position.size(), field + ".sampled",
+          std::to_string(s.time.size()) + " times and " + std::to_string(s.position.size()) + " frames",
+          "give one frame for each time, at least one");
+  for (std::size_t i = 0; i < s.time.size(); ++i) {
+    const std::string frame = field + ".sampled.position[" + std::to_string(i) + "]";
+    require(std::isfinite(s.time[i]) && (i == 0 || s.time[i] > s.time[i - 1]),
+            field + ".sampled.time[" + std::to_string(i) + "]", s.time[i], "times must be finite and increase");
+    require(s.position[i].size() == vertices, frame, std::to_string(s.position[i].size()) + " vertices",
+            "the mesh has " + std::to_string(vertices));
+    for (std::size_t v = 0; v < s.position[i].size(); ++v)
+      if (!finite(s.position[i][v]))
+        throw SceneError(frame + ", vertex " + std::to_string(v) + ": is not finite; give finite coordinates");
+  }
+}
+
+/// `friction`: the coefficient of sliding that it goes with.
+void check_static_friction(const std::string &field, double value, double friction)
+{
+  require(value == -1 || (std::isfinite(value) && value >= friction), field, value,
+          "give a Coulomb coefficient not below that of sliding (" + std::to_string(friction) +
+              "), or leave it out for the same");
+}
+
+void check_settings(const Scene &s)
+{
+  require(std::isfinite(s.time_step) && s.time_step >= 0, "time_step", s.time_step,
+          "give seconds, for example 0.005, or 0 for the accuracy level's");
+  require(std::isfinite(s.frame_time) && s.frame_time >= 0, "frame_time", s.frame_time,
+          "give seconds, or 0 for one frame per time_step");
+  require(s.frames >= 0, "frames", s.frames, "give 0 or more");
+  require(finite(s.gravity), "gravity", "not finite", "give three finite numbers, m/s^2");
+  require(std::isfinite(s.contact.thickness) && s.contact.thickness > 0, "contact.thickness", s.contact.thickness,
+          "give metres, greater than 0");
+  require(std::isfinite(s.contact.stiffness) && s.contact.stiffness > 0, "contact.stiffness", s.contact.stiffness,
+          "give N/m^3, greater than 0");
+  require(std::isfinite(s.contact.friction) && s.contact.friction >= 0, "contact.friction", s.contact.friction,
+          "give a Coulomb coefficient, 0 or more");
+  check_static_friction("contact.static_friction", s.contact.static_friction, s.contact.friction);
+  if (!s.wind) return;
+  require(finite(s.wind->velocity), "wind.velocity", "not finite", "give three finite numbers, m/s");
+  require(std::isfinite(s.wind->density) && s.wind->density >= 0, "wind.density", s.wind->density,
+          "give kg/m^3, 0 or more");
+  require(std::isfinite(s.wind->drag) && s.wind->drag >= 0, "wind.drag", s.wind->drag, "give 0 or more");
+}
+
+void check_pin(const Scene &s, std::size_t i)
+{
+  const Pin &p = s.pins[i];
+  const std::string field = "pins[" + std::to_string(i) + "]";
+  require(p.cloth >= 0 && p.cloth < static_cast<int>(s.cloths.size()), field + ".cloth", std::to_string(p.cloth),
+          "there are " + std::to_string(s.cloths.size()) + " cloths, counted from 0");
+  const Cloth &c = s.cloths[p.cloth];
+  require(!p.vertices.empty(), field + ".vertices", "empty", "name at least one vertex, or leave the pin out");
+  for (std::size_t k = 0; k < p.vertices.size(); ++k)
+    require(p.vertices[k] >= 0 && p.vertices[k] < static_cast<int>(c.mesh.position.size()),
+            field + ".vertices[" + std::to_string(k) + "]", std::to_string(p.vertices[k]),
+            "cloth \"" + c.name + "\" has " + std::to_string(c.mesh.position.size()) + " vertices, counted from 0");
+  if (p.obstacle)
+    require(*p.obstacle >= 0 && *p.obstacle < static_cast<int>(s.obstacles.size()), field + ".attach",
+            std::to_string(*p.obstacle),
+            "there are " + std::to_string(s.obstacles.size()) + " obstacles, counted from 0");
+  if (p.obstacle && s.obstacles[*p.obstacle].mesh.face.empty())
+    throw SceneError(field + ".attach: obstacle \"" + s.obstacles[*p.obstacle].name +
+                     "\" has no mesh to follow; use a meshed one");
+  require(!std::isnan(p.release), field + ".release", "not a number", "give seconds, or leave it out");
+  require(!p.motion.sampled, field + ".motion", "vertex animation", "pins move rigidly");
+  check_motion(field + ".motion", p.motion, 0);
+}
+
+/// A vertex follows one motion.
+void check_pins_disjoint(const Scene &s)
+{
+  std::vector<std::pair<std::array<int, 2>, std::size_t>> held;
+  for (std::size_t i = 0; i < s.pins.size(); ++i)
+    for (int v : s.pins[i].vertices) held.push_back({{s.pins[i].cloth, v}, i});
+  std::sort(held.begin(), held.end());
+  for (std::size_t k = 1; k < held.size(); ++k)
+    require(held[k].first != held[k - 1].first || held[k].second == held[k - 1].second,
+            "pins[" + std::to_string(held[k].second) + "].vertices", std::to_string(held[k].first[1]),
+            "pins[" + std::to_string(held[k - 1].second) + "] holds this vertex already; leave it to one of them");
+}
+
+void check_stitch(const Scene &s, std::size_t i)
+{
+  const Stitch &t = s.stitches[i];
+  const std::string field = "stitches[" + std::to_string(i) + "]";
+  const auto vertex = [&](int cloth, int v, const char *end) {
+    require(cloth >= 0 && cloth < static_cast<int>(s.cloths.size()), field + "." + end + ".cloth",
+            std::to_string(cloth), "there are " + std::to_string(s.cloths.size()) + " cloths, counted from 0");
+    const auto count = s.cloths[cloth].mesh.position.size();
+    require(v >= 0 && static_cast<std::size_t>(v) < count, field + "." + end + ".vertex", std::to_string(v),
+            "cloth \"" + s.cloths[cloth].name + "\" has " + std::to_string(count) + " vertices, counted from 0");
+  };
+  vertex(t.cloth_a, t.vertex_a, "a");
+  vertex(t.cloth_b, t.vertex_b, "b");
+  vertex(t.cloth_b, t.vertex_c, "b");
+  require(t.ratio >= 0 && t.ratio <= 1, field + ".b.ratio", t.ratio, "give a number from 0 to 1");
+  require(std::isfinite(t.stiffness) && t.stiffness > 0, field + ".stiffness", t.stiffness, "give N/m, greater than 0");
+  require(!(t.cloth_a == t.cloth_b && (t.vertex_a == t.vertex_b || t.vertex_a == t.vertex_c)), field,
+          "a stitch of vertex " + std::to_string(t.vertex_a) + " to itself", "remove it");
+}
+
+/// Refuses a cloth whose rest shape is the start at another scale, as texture coordinates in other units or of an image
+/// make it: it would snap to that size. Cloth that starts crumpled, sheared or collapsed is not stretched uniform
+/// everywhere, or by factors that units explain.
+void check_material_scale(const std::string &object, const Mesh &m)
+{
+  constexpr double least = 3, most = 1e5, same = 0.1, share = 0.9;
+  if (m.material_face.empty()) return;
+  std::vector<double> large, small;  // principal stretches of each face, from the rest shape to the start
+  for (std::size_t f = 0; f < m.face.size(); ++f) {
+    const Triangle &t = m.face[f], &u = m.material_face[f];
+    const dvec3 a = kernels::dsub(m.position[t[1]], m.position[t[0]]),
+                b = kernels::dsub(m.position[t[2]], m.position[t[0]]);
+    const MaterialPoint &o = m.material_position[u[0]], &q = m.material_position[u[1]], &r = m.material_position[u[2]];
+    const double ax = q[0] - o[0], ay = q[1] - o[1], bx = r[0] - o[0], by = r[1] - o[1], area = ax * by - ay * bx;
+    const double aa = kernels::ddot(a, a), ab = kernels::ddot(a, b), bb = kernels::ddot(b, b);
+    // Of C = F'F: its trace and, with the areas, its determinant.
+    const double trace =
+        (aa * (bx * bx + by * by) - 2 * ab * (ax * bx + ay * by) + bb * (ax * ax + ay * ay)) / (area * area);
+    const double determinant = (aa * bb - ab * ab) / (area * area);
+    const double root = std::sqrt(std::max(0.0, trace * trace / 4 - determinant));
+    large.push_back(std::sqrt(trace / 2 + root));
+    small.push_back(std::sqrt(std::max(0.0, trace / 2 - root)));
+  }
+  const auto median = [](std::vector<double> values) {
+    const auto middle = values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2);
+    std::nth_element(values.begin(), middle, values.end());
+    return *middle;
+  };
+  const double factor[2] = {median(large), median(small)}, away = std::max(factor[0], 1 / factor[1]);
+  std::size_t uniform = 0;
+  for (std::size_t f = 0; f < large.size(); ++f)
+    uniform += std::abs(large[f] - factor[0]) <= same * factor[0] && std::abs(small[f] - factor[1]) <= same * factor[1];
+  if (!(away > least && away < most) || static_cast<double>(uniform) < share * static_cast<double>(large.size()))
+    return;
+  char what[160];
+  if (factor[0] <= (1 + same) * factor[1]) {
+    const double times = std::sqrt(factor[0] * factor[1]);
+    std::snprintf(what, sizeof what,
+                  "%.4g times as %s as its start, in every direction; check the units (material_scale %.4g would make "
+                  "them equal)",
+                  std::max(times, 1 / times), times < 1 ? "large" : "small", times);
+  } else {
+    std::snprintf(what, sizeof what,
+                  "not its start's: that is %.4g times as long one way and %.4g times the other; texture coordinates "
+                  "of an image are no rest shape",
+                  factor[0], factor[1]);
+  }
+  throw MeshError("mesh of " + object + ": its material space is " + what);
+}
+
+}  // namespace
+
+void Scene::validate() const
+{
+  check_settings(*this);
+  if (cloths.empty()) throw SceneError("cloth: the scene is empty; add at least one cloth");
+  std::set<std::string> names;
+  for (const Cloth &c : cloths) {
+    const std::string object = "cloth \"" + c.name + "\"";
+    if (!names.insert(c.name).second)
+      throw SceneError("cloth: two cloths are named \"" + c.name + "\"; give each its own name");
+    c.mesh.validate(object);
+    check_material_scale(object, c.mesh);
+    c.material.validate(object);
+    if (c.material.static_friction != -1 && c.material.friction == -1)
+      check_static_friction(object + ": material.static_friction", c.material.static_friction, contact.friction);
+    require(finite(c.velocity), object + ": velocity", "not finite", "give three finite numbers, m/s");
+  }
+  names.clear();
+  for (const Obstacle &o : obstacles) {
+    const std::string object = "obstacle \"" + o.name + "\"";
+    if (!names.insert(o.name).second)
+      throw SceneError("obstacles: two obstacles are named \"" + o.name + "\"; give each its own name");
+    if (o.shape == ObstacleShape::mesh)
+      o.mesh.validate(object);
+    else
+      validate_exact(object, o);
+    require(std::isfinite(o.friction) && o.friction >= 0, object + ": friction", o.friction,
+            "give a Coulomb coefficient, 0 or more");
+    check_static_friction(object + ": static_friction", o.static_friction, o.friction);
+    require(std::isfinite(o.thickness) && o.thickness >= 0, object + ": thickness", o.thickness,
+            "give metres, 0 or more (0: the scene's)");
+    require(o.contact_stiffness == -1 || (std::isfinite(o.contact_stiffness) && o.contact_stiffness > 0),
+            object + ": contact_stiffness", o.contact_stiffness,
+            "give N/m^3, greater than 0, or leave it out for the scene's");
+    check_motion(object + ": motion", o.motion, o.mesh.position.size());
+  }
+  for (std::size_t i = 0; i < pins.size(); ++i) check_pin(*this, i);
+  check_pins_disjoint(*this);
+  for (std::size_t i = 0; i < stitches.size(); ++i) check_stitch(*this, i);
+}
+
+ContactProperties Scene::contact_properties(std::size_t object) const
+{
+  const auto combine = [&](double thickness, double stiffness, double friction, double static_friction) {
+    const bool own = friction >= 0;
+    const double kinetic = own ? friction : contact.friction, inherited = own ? -1 : contact.static_friction;
+    const double sticking = static_friction >= 0 ? static_friction : (inherited >= 0 ? inherited : kinetic);
+    return ContactProperties{thickness > 0 ? thickness : contact.thickness,
+                             stiffness >= 0 ? stiffness : contact.stiffness, kinetic, sticking};
+  };
+  if (object < cloths.size()) {
+    const Material &m = cloths[object].material;
+    return combine(m.thickness, m.contact_stiffness, m.friction, m.static_friction);
+  }
+  const Obstacle &o = obstacles[object - cloths.size()];
+  return combine(o.thickness, o.contact_stiffness, o.friction, o.static_friction);
+}
+
+int Scene::cloth_vertex_count() const
+{
+  std::size_t n = 0;
+  for (const Cloth &c : cloths) n += c.mesh.position.size();
+  return static_cast<int>(n);
+}
+
+int Scene::cloth_triangle_count() const
+{
+  std::size_t n = 0;
+  for (const Cloth &c : cloths) n += c.mesh.face.size();
+  return static_cast<int>(n);
+}
+
+}  // namespace cama

@@ -1,0 +1,23 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+#include <vector>
+
+#include "cama/geometry.hpp"
+#include "cama/intersections.hpp"
+#include "cama/untangle.hpp"
+#include "model/topology.hpp"
+
+namespace cama {
+
+/// StartPolicy that contact is to prevent: cloth with obstacles, and cloth with cloth where the scene wants that.
+std::vector<Intersection> forbidden_intersections(const std::vector<dvec3> &position, const Topology &topology,
+                                                  bool self);
+
+/// The same by pairs of objects, with names and places.
+std::vector<ObjectIntersections> by_objects(const Scene &scene, const Topology &topology,
+                                            const std::vector<dvec3> &position);
+
+/// Moves `topology.position`; rest state, masses and thicknesses stay.
+UntangleReport untangle(const Scene &scene, Topology &topology, const UntangleOptions &options = {});
+
+}  // namespace cama
