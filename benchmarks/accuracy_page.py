@@ -50,7 +50,14 @@ def grid_table(scene):
     steps, tolerances = sorted({k[0] for k in found}, reverse=True), sorted({k[1] for k in found}, reverse=True)
     if not found:
         return ""
-    cell = lambda p: "" if p is None else f"{100 * p['restart_rms_edges']:.2f} % / {number(p['ms_per_second'])} ms / {p['iterations'] / p['dt']:,.0f}"
+
+    def cell(p):
+        return (
+            ""
+            if p is None
+            else f"{100 * p['restart_rms_edges']:.2f} % / {number(p['ms_per_second'])} ms / {p['iterations'] / p['dt']:,.0f}"
+        )
+
     rows = [[step(t), *(cell(found.get((t, tolerance))) for tolerance in tolerances)] for t in steps]
     return times.markdown(["time step, s", *(f"tolerance {t:g}" for t in tolerances)], rows)
 
@@ -62,8 +69,15 @@ def precision_table(scene):
         s = p["settings"]
         if p["backend"] == backend and "precision" in s and plain(s) and not p["failed"]:
             groups.setdefault((s["time_step"], s["tolerance"]), {})[s["precision"]] = p
-    rows = [[step(t), f"{tolerance:g}", *(f"{100 * g[k]['restart_rms_edges']:.3f} %" for k in ("double", "mixed", "single"))]
-            for (t, tolerance), g in sorted(groups.items(), reverse=True) if len(g) == 3]
+    rows = [
+        [
+            step(t),
+            f"{tolerance:g}",
+            *(f"{100 * g[k]['restart_rms_edges']:.3f} %" for k in ("double", "mixed", "single")),
+        ]
+        for (t, tolerance), g in sorted(groups.items(), reverse=True)
+        if len(g) == 3
+    ]
     return times.markdown(["time step, s", "tolerance", "double", "mixed", "single"], rows) if rows else ""
 
 
@@ -78,18 +92,39 @@ def front_table(scene):
             where = "front" if i in front else ("" if not p.get("intersections") else "intersects")
             if p["failed"]:
                 where = "failed: " + p["failed"].replace("|", "/")[:80]
-            rows.append((backend, p.get("ms_per_second") or float("inf"),
-                         [backend, p["label"], number(p.get("ms_per_second")), "" if p.get("restart_rms_edges") is None else f"{100 * p['restart_rms_edges']:.2f} %",
-                          number(p.get("surface_mean_edges")), number(p.get("energy_error")), number(p.get("strain_max")),
-                          number(p.get("intersections")), number(p.get("lost_motion")), where]))
-    return times.markdown(["backend", "settings", "ms per simulated s", "error, of an edge", "surface, edges", "energy", "largest strain", "intersections",
-                           "motion cut", ""], [row for _, _, row in sorted(rows, key=lambda r: (r[0], r[1]))])
-
-
-def published_table(scenes):
-    rows = [[scene["scene"], row["system"], row["hardware"], f"{row['triangles']:,}", step(row["time_step"]), number(row["ms_per_second"]),
-             "" if row["strain"] is None else number(row["strain"]), row["source"]] for scene in scenes for row in scene["published"]]
-    return times.markdown(["scene", "system", "hardware", "triangles", "time step, s", "ms per simulated s", "largest strain", "source"], rows) if rows else ""
+            rows.append(
+                (
+                    backend,
+                    p.get("ms_per_second") or float("inf"),
+                    [
+                        backend,
+                        p["label"],
+                        number(p.get("ms_per_second")),
+                        "" if p.get("restart_rms_edges") is None else f"{100 * p['restart_rms_edges']:.2f} %",
+                        number(p.get("surface_mean_edges")),
+                        number(p.get("energy_error")),
+                        number(p.get("strain_max")),
+                        number(p.get("intersections")),
+                        number(p.get("lost_motion")),
+                        where,
+                    ],
+                )
+            )
+    return times.markdown(
+        [
+            "backend",
+            "settings",
+            "ms per simulated s",
+            "error, of an edge",
+            "surface, edges",
+            "energy",
+            "largest strain",
+            "intersections",
+            "motion cut",
+            "",
+        ],
+        [row for _, _, row in sorted(rows, key=lambda r: (r[0], r[1]))],
+    )
 
 
 def section(scenes):
@@ -97,23 +132,31 @@ def section(scenes):
     parts = []
     for scene in scenes:
         devices = "; ".join(f"{b}: {d}" for b, d in scene["devices"].items())
-        threads = f"{scene['threads']} thread{'s' if scene['threads'] > 1 else ''}" if scene["threads"] else "all threads"
-        parts.append(f"### {scene['scene']}, {scene['triangles']:,} triangles\n\n"
-                     f"{devices}; {threads} on the CPU. Reference: steps of {step(scene['reference_step'])} s, off itself by {100 * scene['uncertainty_edges']:.2g} % of an edge (rms); "
-                     f"cama {scene['version'].split('+')[0]}; an edge is {1e3 * scene['edge']:.3g} mm; {scene['windows']} windows of {scene['window']:g} s from {scene['first'] * scene['window']:g} s.\n\n"
-                     f"![{scene['scene']}](images/tradeoff-{scene['scene']}.svg)\n\n{front_table(scene)}\n")
+        threads = (
+            f"{scene['threads']} thread{'s' if scene['threads'] > 1 else ''}" if scene["threads"] else "all threads"
+        )
+        parts.append(
+            f"### {scene['scene']}, {scene['triangles']:,} triangles\n\n"
+            f"{devices}; {threads} on the CPU. Reference: steps of {step(scene['reference_step'])} s, off itself by {100 * scene['uncertainty_edges']:.2g} % of an edge (rms); "
+            f"cama {scene['version'].split('+')[0]}; an edge is {1e3 * scene['edge']:.3g} mm; {scene['windows']} windows of {scene['window']:g} s from {scene['first'] * scene['window']:g} s.\n\n"
+            f"![{scene['scene']}](images/tradeoff-{scene['scene']}.svg)\n\n{front_table(scene)}\n"
+        )
         if grid_table(scene):
-            parts.append(f"Error / ms per simulated second / solver iterations per simulated second, mixed precision:\n\n{grid_table(scene)}\n")
+            parts.append(
+                f"Error / ms per simulated second / solver iterations per simulated second, mixed precision:\n\n{grid_table(scene)}\n"
+            )
         if precision_table(scene):
             parts.append(f"Error by precision:\n\n{precision_table(scene)}\n")
-    if published_table(scenes):
-        parts.append(f"### What others published of scenes of these names\n\n{published_table(scenes)}\n")
     return "\n".join(parts)
 
 
 def levels(scenes):
     """Text of the section on levels: error and time of each in every scene."""
-    names = list(dict.fromkeys(p["settings"]["accuracy"] for s in scenes for p in s["points"] if set(p["settings"]) == {"accuracy"}))
+    names = list(
+        dict.fromkeys(
+            p["settings"]["accuracy"] for s in scenes for p in s["points"] if set(p["settings"]) == {"accuracy"}
+        )
+    )
     rows = []
     for scene in scenes:
         found = {p["settings"]["accuracy"]: p for p in scene["points"] if set(p["settings"]) == {"accuracy"}}
@@ -139,7 +182,12 @@ def main():
     scenes = json.loads((arguments.folder / "tradeoff.json").read_text(encoding="utf-8"))["scenes"]
     text = arguments.page.read_text(encoding="utf-8")
     name, made = arguments.section, section(scenes) if arguments.section == "fronts" else levels(scenes)
-    changed, count = re.subn(rf"(<!-- section {name} -->\n).*?(<!-- end {name} -->)", lambda m: m[1] + "\n" + made + "\n" + m[2], text, flags=re.S)
+    changed, count = re.subn(
+        rf"(<!-- section {name} -->\n).*?(<!-- end {name} -->)",
+        lambda m: m[1] + "\n" + made + "\n" + m[2],
+        text,
+        flags=re.S,
+    )
     if count != 1:
         raise SystemExit(f"{arguments.page}: no section {name}")
     for scene in scenes if name == "fronts" else ():

@@ -34,12 +34,41 @@ def published(run):
 
 
 def bars(runs):
-    columns = ["scene", "triangles", "settings", "ms per step, median", "95 %", "published ms", "floor ms", "iterations", "launches",
-               "waits", "contacts", "intersections", "peak MiB", "steps"]
-    rows = [[r["scene"], f"{r['triangles']:,}", settings(r), times.short(r["median_ms"]), times.short(r["p95_ms"]), published(r),
-             times.short(r["floor_ms"]), times.short(r["iterations"]), times.short(r["launches"]), times.short(r["waits"]),
-             times.short(r["contacts"]), times.short(r["intersections"]), times.short(r["peak_mib"]),
-             f"{r['steps']} after {r['skipped']}"] for r in runs]
+    columns = [
+        "scene",
+        "triangles",
+        "settings",
+        "ms per step, median",
+        "95 %",
+        "published ms",
+        "floor ms",
+        "iterations",
+        "launches",
+        "waits",
+        "contacts",
+        "intersections",
+        "peak MiB",
+        "steps",
+    ]
+    rows = [
+        [
+            r["scene"],
+            f"{r['triangles']:,}",
+            settings(r),
+            times.short(r["median_ms"]),
+            times.short(r["p95_ms"]),
+            published(r),
+            times.short(r["floor_ms"]),
+            times.short(r["iterations"]),
+            times.short(r["launches"]),
+            times.short(r["waits"]),
+            times.short(r["contacts"]),
+            times.short(r["intersections"]),
+            times.short(r["peak_mib"]),
+            f"{r['steps']} after {r['skipped']}",
+        ]
+        for r in runs
+    ]
     return times.markdown(columns, rows)
 
 
@@ -60,10 +89,23 @@ def scaling(runs):
         points = [(r["triangles"], r["median_ms"]) for r in group]
         if math.isnan(times.exponent(points)):
             continue
-        rows.append([scene, words, " / ".join(f"{x:,}" for x, _ in points),
-                     " / ".join(times.short(y) for _, y in points), f"{times.exponent(points):.2f}",
-                     times.short(group[-1]["peak_mib"] * 2 ** 20 / group[-1]["triangles"])])
-    return times.markdown(["scene", "settings", "triangles", "ms per step, median", "exponent", "peak bytes per triangle"], rows) if rows else ""
+        rows.append(
+            [
+                scene,
+                words,
+                " / ".join(f"{x:,}" for x, _ in points),
+                " / ".join(times.short(y) for _, y in points),
+                f"{times.exponent(points):.2f}",
+                times.short(group[-1]["peak_mib"] * 2**20 / group[-1]["triangles"]),
+            ]
+        )
+    return (
+        times.markdown(
+            ["scene", "settings", "triangles", "ms per step, median", "exponent", "peak bytes per triangle"], rows
+        )
+        if rows
+        else ""
+    )
 
 
 def stages(runs):
@@ -76,9 +118,15 @@ def stages(runs):
         if row is None:
             return ""
         ratio = f", {row['ratio']:.1f}x" if row["ratio"] > 0 else ""
-        return f"{times.short(row['median_ms'])} ({times.short(row['floor_ms'])}{ratio})" if ratio else times.short(row["median_ms"])
+        return (
+            f"{times.short(row['median_ms'])} ({times.short(row['floor_ms'])}{ratio})"
+            if ratio
+            else times.short(row["median_ms"])
+        )
 
-    rows = [["**step**"] + [cell(r.values) for r in runs]] + [[n] + [cell(r.leaves().get(n)) for r in runs] for n in names]
+    rows = [["**step**"] + [cell(r.values) for r in runs]] + [
+        [n] + [cell(r.leaves().get(n)) for r in runs] for n in names
+    ]
     heads = [f"{r['scene']} {r['triangles']:,}, {r['backend']}, {r['accuracy']}, {r['precision']}" for r in runs]
     return times.markdown(["stage: median ms (floor ms, ratio)"] + heads, rows)
 
@@ -87,9 +135,14 @@ def everything(runs):
     speeds = {}
     for r in runs:
         speeds.setdefault(r["device"], []).append(r["bandwidth_gbs"])
-    devices = [f"{device} (copy {' to '.join(dict.fromkeys(times.short(f(s)) for f in (min, max)))} GB/s)" for device, s in sorted(speeds.items())]
+    devices = [
+        f"{device} (copy {' to '.join(dict.fromkeys(times.short(f(s)) for f in (min, max)))} GB/s)"
+        for device, s in sorted(speeds.items())
+    ]
     same = lambda a, b: a["scene"] == b["scene"] and settings(a) == settings(b)  # noqa: E731
-    largest = [r for r in runs if not r["options"] and not any(same(o, r) and o["triangles"] > r["triangles"] for o in runs)]
+    largest = [
+        r for r in runs if not r["options"] and not any(same(o, r) and o["triangles"] > r["triangles"] for o in runs)
+    ]
     parts = ["; ".join(devices) + ".", bars(runs), scaling(runs), stages(largest)]
     return "\n\n".join(p for p in parts if p)
 
