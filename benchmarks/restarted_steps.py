@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Error of `production` after ten steps that start from checkpoints of one run, at its own time step and others: rows of tables in docs/accuracy.md.
+"""Error of `production` after ten steps that start from checkpoints of one run, at its own time step and others: rows of the
+tables in results/accuracy-levels-*.md.
 
 python benchmarks/restarted_steps.py drape sphere flag funnel twisting --resolution 400
 python benchmarks/restarted_steps.py drape sphere flag funnel twisting --per-second
