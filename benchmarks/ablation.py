@@ -27,8 +27,21 @@ VARIANTS = {
     "proximity, impact zones": dict(commit=False),
     "all": {},
 }
-COLUMNS = ["variant", "triangles", "steps", "impacts", "impacts_worst", "intersections", "intersections_worst", "intersections_end",
-           "steps_with_any", "first", "truncated", "lost_motion", "ms_per_step"]
+COLUMNS = [
+    "variant",
+    "triangles",
+    "steps",
+    "impacts",
+    "impacts_worst",
+    "intersections",
+    "intersections_worst",
+    "intersections_end",
+    "steps_with_any",
+    "first",
+    "truncated",
+    "lost_motion",
+    "ms_per_step",
+]
 
 
 class Judge:
@@ -53,7 +66,7 @@ class Judge:
         return found + self._hits(collision.edge_edge_ccd, rows, (2, 2), before, after)
 
     def _hits(self, test, rows, split, before, after):
-        a, b = rows[:, :split[0]], rows[:, split[0]:]
+        a, b = rows[:, : split[0]], rows[:, split[0] :]
         shared = (a[:, :, None] == b[:, None, :]).any(axis=(1, 2))
         rows = rows[~shared & ((a < self.first).any(axis=1) | (b < self.first).any(axis=1))]
         return int(test(before[rows], after[rows])[0].sum()) if len(rows) else 0
@@ -85,10 +98,26 @@ def measure(variant, arguments):
             audits.append(count(simulation, judge))
     print(f"  {variant}: {time.perf_counter() - begin:.0f} s", file=sys.stderr, flush=True)
     mean = lambda field: float(np.mean([r[field] for r in reports]))  # noqa: E731
-    return dict(zip(COLUMNS, [
-        variant, simulation.cloth_triangle_count, len(reports), float(np.mean(impacts)), max(impacts), float(np.mean(audits)), max(audits),
-        audits[-1], float(np.mean(np.array(audits) > 0)), mean("impacts"), mean("truncated"), mean("lost_motion"),
-        float(np.median([r["milliseconds"] for r in reports]))]))
+    return dict(
+        zip(
+            COLUMNS,
+            [
+                variant,
+                simulation.cloth_triangle_count,
+                len(reports),
+                float(np.mean(impacts)),
+                max(impacts),
+                float(np.mean(audits)),
+                max(audits),
+                audits[-1],
+                float(np.mean(np.array(audits) > 0)),
+                mean("impacts"),
+                mean("truncated"),
+                mean("lost_motion"),
+                float(np.median([r["milliseconds"] for r in reports])),
+            ],
+        )
+    )
 
 
 def count(simulation, judge):
@@ -111,7 +140,10 @@ def main():
     print("| " + " | ".join(COLUMNS) + " |\n|" + "---|" * len(COLUMNS), flush=True)
     for variant in arguments.variant or VARIANTS:
         rows.append(measure(variant, arguments))
-        print("| " + " | ".join(f"{v:.3g}" if isinstance(v, float) else str(v) for v in rows[-1].values()) + " |", flush=True)
+        print(
+            "| " + " | ".join(f"{v:.3g}" if isinstance(v, float) else str(v) for v in rows[-1].values()) + " |",
+            flush=True,
+        )
     if arguments.csv:
         with open(arguments.csv, "w", newline="", encoding="utf-8") as file:
             writer = csv.DictWriter(file, COLUMNS)

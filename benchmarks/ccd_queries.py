@@ -100,18 +100,29 @@ def main():
         for name, rows in sets.items():
             np.ascontiguousarray(rows, float).tofile(Path(folder) / f"{name}.bin")
         command = [options.program, "--write", folder] + [f"{name}={folder}/{name}.bin" for name in sets]
-        table = list(csv.DictReader(io.StringIO(subprocess.run(command, check=True, capture_output=True, text=True).stdout)))
+        table = list(
+            csv.DictReader(io.StringIO(subprocess.run(command, check=True, capture_output=True, text=True).stdout))
+        )
         overhead = call_overhead()
         names = list(dict.fromkeys(row["set"] for row in table))
-        out = ["| set | queries | hits | " + " | ".join(["additive", "cubic", "FCL", "Tight Inclusion"]) + " |", "|---|---|---|---|---|---|---|"]
+        out = [
+            "| set | queries | hits | " + " | ".join(["additive", "cubic", "FCL", "Tight Inclusion"]) + " |",
+            "|---|---|---|---|---|---|---|",
+        ]
         for name in names:
             cells = [f"{r['missed']} / {r['extra']} / {r['ns']}" for r in table if r["set"] == name]
-            done, missed, extra, ns = tight_inclusion(np.fromfile(Path(folder) / f"{name}.bin").reshape(-1, 26), options.seconds, overhead)
+            done, missed, extra, ns = tight_inclusion(
+                np.fromfile(Path(folder) / f"{name}.bin").reshape(-1, 26), options.seconds, overhead
+            )
             first = next(r for r in table if r["set"] == name)
-            cells.append(f"{missed} / {extra} / {max(ns, 0):.0f}" + ("" if done == int(first["queries"]) else f" (of {done})"))
+            cells.append(
+                f"{missed} / {extra} / {max(ns, 0):.0f}" + ("" if done == int(first["queries"]) else f" (of {done})")
+            )
             out.append(f"| {name} | {first['queries']} | {first['hits']} | " + " | ".join(cells) + " |")
         out.append("")
-        out.append(f"Missed / extra / ns a query. Cost of a call to Tight Inclusion from Python, subtracted: {overhead:.0f} ns.")
+        out.append(
+            f"Missed / extra / ns a query. Cost of a call to Tight Inclusion from Python, subtracted: {overhead:.0f} ns."
+        )
         text = "\n".join(out) + "\n"
         print(text)
         if options.output:

@@ -20,17 +20,28 @@ import times
 
 SCENES = ["sphere", "funnel", "twisting"]
 
-# Changed option(s) against the paper's: variant, settings.
+# Changed option(s) against the paper's: variant, options.
 VARIANTS = {
     "paper": {},
     "no preconditioner": {"preconditioner": "none"},
-    "sorted assembly": {"assembly": "sorted"},
-    "atomic filling": {"atomic_filling": 1},
-    "search not localized": {"localized_search": 0},
+    "sorted assembly": {"paper.assembly": "sorted"},
+    "atomic filling": {"paper.atomic_filling": "true"},
+    "search not localized": {"paper.localized_search": "false"},
     "tolerance 1e-11": {"tolerance": "1e-11"},
 }
+# How tables of before name them.
+OLD_NAMES = {
+    "assembly=sorted": "sorted assembly",
+    "atomic_filling=1": "atomic filling",
+    "localized_search=0": "search not localized",
+}
 
-BOXES = {"PC": ["proximity checking"], "MA": ["matrix assembly"], "LS": ["linear solve"], "PH": ["penetration handling"]}
+BOXES = {
+    "PC": ["proximity checking"],
+    "MA": ["matrix assembly"],
+    "LS": ["linear solve"],
+    "PH": ["penetration handling"],
+}
 
 CLAIMS = [
     ("Jacobi instead of no preconditioner: fewer iterations", "32 %"),
@@ -70,7 +81,10 @@ def claims(runs):
         compare("no preconditioner", lambda a, b: percent(1 - integration(a) / integration(b))),
         compare("sorted assembly", lambda a, b: f"{assembly(b) / assembly(a):.2f}x"),
         f"{assembly(sorting) / assembly(atomic):.2f}x" if sorting and atomic else None,
-        compare("search not localized", lambda a, b: percent(1 - stage(a, "penetration handling") / stage(b, "penetration handling"))),
+        compare(
+            "search not localized",
+            lambda a, b: percent(1 - stage(a, "penetration handling") / stage(b, "penetration handling")),
+        ),
         compare("tolerance 1e-11", lambda a, b: percent(b["median_ms"] / a["median_ms"] - 1)),
     ]
 
@@ -79,16 +93,25 @@ def run_all(arguments, file):
     """{scene: {variant: Run}}; the CSV of every run goes to `file` as it comes."""
     program, root = times.find_program(arguments.build), os.path.dirname(os.path.dirname(os.path.abspath(__file__)))
     begin, runs = time.monotonic(), {scene: {} for scene in arguments.scenes}
-    share = 3 * arguments.budget / (len(VARIANTS) * len(arguments.scenes))   # at most, of one run
+    share = 3 * arguments.budget / (len(VARIANTS) * len(arguments.scenes))  # at most, of one run
     for variant, changed in VARIANTS.items():
         for scene in arguments.scenes:
             left = min(max(share, 10), arguments.budget - (time.monotonic() - begin))
             if left < 5:
                 print(f"  {scene}, {variant}: not run, the time is spent", file=sys.stderr)
                 continue
-            settings = dict(accuracy="paper", backend=arguments.backend, precision=arguments.precision, threads=arguments.threads,
-                            device=arguments.device, resolutions=arguments.resolution, skip=arguments.skip, steps=arguments.steps,
-                            limit=round(0.8 * left), **changed)
+            settings = dict(
+                accuracy="paper",
+                backend=arguments.backend,
+                precision=arguments.precision,
+                threads=arguments.threads,
+                device=arguments.device,
+                resolutions=arguments.resolution,
+                skip=arguments.skip,
+                steps=arguments.steps,
+                limit=round(0.8 * left),
+                **changed,
+            )
             text, said = times.run(program, os.path.join(root, "scenes", scene), left, **settings)
             print(f"  {variant}: {said}", file=sys.stderr, flush=True)
             file.write(text)
@@ -101,7 +124,10 @@ def run_all(arguments, file):
 
 def read_runs(path):
     """The same from a CSV of before; a run's changed options say which variant it is."""
-    names = {" ".join(f"{name}={value}" for name, value in changed.items()): variant for variant, changed in VARIANTS.items()}
+    names = {
+        " ".join(f"{name}={value}" for name, value in changed.items()): variant for variant, changed in VARIANTS.items()
+    }
+    names.update(OLD_NAMES)
     runs = {}
     for run in times.read([path]):
         if run["options"] in names:
@@ -116,29 +142,58 @@ def tables(runs):
     for scene in scenes:
         run, parts = runs[scene]["paper"], shares(runs[scene]["paper"])
         total = sum(parts.values())
-        rows.append([scene, f"{run['triangles']:,}", times.short(run["median_ms"]), times.short(run["iterations"]),
-                     times.short(run["contacts"])] +
-                    [f"{100 * v / total:.0f} %" for v in parts.values()] + [times.short(run["intersections"])])
-    columns = ["scene", "triangles", "ms per step", "iterations", "contacts", "PC", "MA", "LS", "PH", "Misc", "intersections"]
-    worth = [[claim, said] + [value or "not run" for value in values]
-             for (claim, said), *values in zip(CLAIMS, *[claims(runs[s]) for s in scenes])]
+        rows.append(
+            [
+                scene,
+                f"{run['triangles']:,}",
+                times.short(run["median_ms"]),
+                times.short(run["iterations"]),
+                times.short(run["contacts"]),
+            ]
+            + [f"{100 * v / total:.0f} %" for v in parts.values()]
+            + [times.short(run["intersections"])]
+        )
+    columns = [
+        "scene",
+        "triangles",
+        "ms per step",
+        "iterations",
+        "contacts",
+        "PC",
+        "MA",
+        "LS",
+        "PH",
+        "Misc",
+        "intersections",
+    ]
+    worth = [
+        [claim, said] + [value or "not run" for value in values]
+        for (claim, said), *values in zip(CLAIMS, *[claims(runs[s]) for s in scenes])
+    ]
     return [("Shares of a step", columns, rows), ("What each part is worth", ["claim", "paper, 200K"] + scenes, worth)]
 
 
 def plot(runs, path):
     """Stacked shares of each scene; False without matplotlib."""
     try:
-        import matplotlib
+        plot_shares({s: shares(variants["paper"]) for s, variants in runs.items() if "paper" in variants}, path)
     except ImportError:
         return False
+    return True
+
+
+def plot_shares(parts, path):
+    """Bars of {scene: {box: time or share}}. Throws ImportError without matplotlib."""
+    import matplotlib
+
     matplotlib.use("Agg")
     import matplotlib.pyplot as plt
-    scenes = [s for s in runs if "paper" in runs[s]]
+
+    scenes = list(parts)
     figure, axes = plt.subplots(figsize=(7, 0.7 * len(scenes) + 1.2), constrained_layout=True)
-    parts = [shares(runs[s]["paper"]) for s in scenes]
     left = [0.0] * len(scenes)
     for box, color in zip(["PC", "MA", "LS", "PH", "Misc"], ["#4c78a8", "#f58518", "#54a24b", "#e45756", "#9d9da1"]):
-        width = [100 * p[box] / sum(p.values()) for p in parts]
+        width = [100 * parts[s][box] / sum(parts[s].values()) for s in scenes]
         axes.barh(scenes, width, left=left, label=box, color=color)
         for y, (w, x) in enumerate(zip(width, left)):
             if w >= 4:
@@ -148,7 +203,7 @@ def plot(runs, path):
     axes.invert_yaxis()
     axes.legend(ncols=5, loc="lower center", bbox_to_anchor=(0.5, 1), frameon=False)
     figure.savefig(path, dpi=130)
-    return True
+    plt.close(figure)
 
 
 def write(runs, folder):
@@ -181,7 +236,9 @@ def main():
     p.add_argument("--precision", default="double")
     p.add_argument("--device", type=int, default=0)
     p.add_argument("--threads", type=int, default=0)
-    p.add_argument("--budget", type=float, default=3600, help="seconds for all runs; what does not fit is left out and said so")
+    p.add_argument(
+        "--budget", type=float, default=3600, help="seconds for all runs; what does not fit is left out and said so"
+    )
     p.add_argument("--read", metavar="CSV", help="of an earlier call, in place of running")
     p.add_argument("--build", help="build folder with benchmarks/step_times")
     arguments = p.parse_args()

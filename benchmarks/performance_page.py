@@ -1,24 +1,33 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Tables of step_times' CSV as text, or written into docs/performance.md between its markers. Standard library only.
+"""Tables of step_times' CSV as text, or written into a dated page in results/. Standard library only.
 
-    python benchmarks/performance_page.py bars OUT/bars.csv                                   # a table beside the published figures
+    python benchmarks/performance_page.py bars OUT/bars.csv                 # a table beside the published figures
     python benchmarks/performance_page.py scaling OUT/scaling.csv
     python benchmarks/performance_page.py stages OUT/bars.csv
-    python benchmarks/performance_page.py all OUT/bars.csv OUT/scaling.csv --section gpu      # replaces the section `gpu` of the page
-    python benchmarks/performance_page.py paper OUT/paper_tables.md --section paper-gpu       # the same with what paper_tables.py wrote
+    python benchmarks/performance_page.py all OUT/bars.csv OUT/scaling.csv --section gpu
+    python benchmarks/performance_page.py paper OUT/paper_tables.md --section paper-gpu      # what paper_tables.py wrote
 
-A section is what stands between <!-- section NAME --> and <!-- end NAME -->; nothing there is written by hand.
+With --section the tables replace that section of today's page in results/, or of --page. Copy the CSV files beside it,
+named as the page: benchmarks/plot_results.py draws the plots from them.
 """
 
 import argparse
 import collections
 import math
-import os
 import re
+import sys
 
+import result_page
 import times
+from result_page import replace_section  # noqa: F401
 
-PAGE = os.path.join(os.path.dirname(os.path.dirname(os.path.abspath(__file__))), "docs", "performance.md")
+#: Page and title of each section.
+PAGES = {
+    "cpu": ("performance-cpu", "Performance on CPU cores"),
+    "gpu": ("performance-cuda", "Performance on a GPU"),
+    "paper-cpu": ("paper-measurements", "The measurements of the paper, repeated"),
+    "paper-gpu": ("paper-measurements", "The measurements of the paper, repeated"),
+}
 
 # Seconds a step of 200,000 triangles, Tesla K40c (Tang et al. 2016, Figure 13; sphere is its "Moving").
 PAPER = {"funnel": 1.68, "sphere": 2.84, "twisting": 2.92}
@@ -34,12 +43,41 @@ def published(run):
 
 
 def bars(runs):
-    columns = ["scene", "triangles", "settings", "ms per step, median", "95 %", "published ms", "floor ms", "iterations", "launches",
-               "waits", "contacts", "intersections", "peak MiB", "steps"]
-    rows = [[r["scene"], f"{r['triangles']:,}", settings(r), times.short(r["median_ms"]), times.short(r["p95_ms"]), published(r),
-             times.short(r["floor_ms"]), times.short(r["iterations"]), times.short(r["launches"]), times.short(r["waits"]),
-             times.short(r["contacts"]), times.short(r["intersections"]), times.short(r["peak_mib"]),
-             f"{r['steps']} after {r['skipped']}"] for r in runs]
+    columns = [
+        "scene",
+        "triangles",
+        "settings",
+        "ms per step, median",
+        "95 %",
+        "published ms",
+        "floor ms",
+        "iterations",
+        "launches",
+        "waits",
+        "contacts",
+        "intersections",
+        "peak MiB",
+        "steps",
+    ]
+    rows = [
+        [
+            r["scene"],
+            f"{r['triangles']:,}",
+            settings(r),
+            times.short(r["median_ms"]),
+            times.short(r["p95_ms"]),
+            published(r),
+            times.short(r["floor_ms"]),
+            times.short(r["iterations"]),
+            times.short(r["launches"]),
+            times.short(r["waits"]),
+            times.short(r["contacts"]),
+            times.short(r["intersections"]),
+            times.short(r["peak_mib"]),
+            f"{r['steps']} after {r['skipped']}",
+        ]
+        for r in runs
+    ]
     return times.markdown(columns, rows)
 
 
@@ -60,10 +98,23 @@ def scaling(runs):
         points = [(r["triangles"], r["median_ms"]) for r in group]
         if math.isnan(times.exponent(points)):
             continue
-        rows.append([scene, words, " / ".join(f"{x:,}" for x, _ in points),
-                     " / ".join(times.short(y) for _, y in points), f"{times.exponent(points):.2f}",
-                     times.short(group[-1]["peak_mib"] * 2 ** 20 / group[-1]["triangles"])])
-    return times.markdown(["scene", "settings", "triangles", "ms per step, median", "exponent", "peak bytes per triangle"], rows) if rows else ""
+        rows.append(
+            [
+                scene,
+                words,
+                " / ".join(f"{x:,}" for x, _ in points),
+                " / ".join(times.short(y) for _, y in points),
+                f"{times.exponent(points):.2f}",
+                times.short(group[-1]["peak_mib"] * 2**20 / group[-1]["triangles"]),
+            ]
+        )
+    return (
+        times.markdown(
+            ["scene", "settings", "triangles", "ms per step, median", "exponent", "peak bytes per triangle"], rows
+        )
+        if rows
+        else ""
+    )
 
 
 def stages(runs):
@@ -76,9 +127,15 @@ def stages(runs):
         if row is None:
             return ""
         ratio = f", {row['ratio']:.1f}x" if row["ratio"] > 0 else ""
-        return f"{times.short(row['median_ms'])} ({times.short(row['floor_ms'])}{ratio})" if ratio else times.short(row["median_ms"])
+        return (
+            f"{times.short(row['median_ms'])} ({times.short(row['floor_ms'])}{ratio})"
+            if ratio
+            else times.short(row["median_ms"])
+        )
 
-    rows = [["**step**"] + [cell(r.values) for r in runs]] + [[n] + [cell(r.leaves().get(n)) for r in runs] for n in names]
+    rows = [["**step**"] + [cell(r.values) for r in runs]] + [
+        [n] + [cell(r.leaves().get(n)) for r in runs] for n in names
+    ]
     heads = [f"{r['scene']} {r['triangles']:,}, {r['backend']}, {r['accuracy']}, {r['precision']}" for r in runs]
     return times.markdown(["stage: median ms (floor ms, ratio)"] + heads, rows)
 
@@ -87,9 +144,14 @@ def everything(runs):
     speeds = {}
     for r in runs:
         speeds.setdefault(r["device"], []).append(r["bandwidth_gbs"])
-    devices = [f"{device} (copy {' to '.join(dict.fromkeys(times.short(f(s)) for f in (min, max)))} GB/s)" for device, s in sorted(speeds.items())]
+    devices = [
+        f"{device} (copy {' to '.join(dict.fromkeys(times.short(f(s)) for f in (min, max)))} GB/s)"
+        for device, s in sorted(speeds.items())
+    ]
     same = lambda a, b: a["scene"] == b["scene"] and settings(a) == settings(b)  # noqa: E731
-    largest = [r for r in runs if not r["options"] and not any(same(o, r) and o["triangles"] > r["triangles"] for o in runs)]
+    largest = [
+        r for r in runs if not r["options"] and not any(same(o, r) and o["triangles"] > r["triangles"] for o in runs)
+    ]
     parts = ["; ".join(devices) + ".", bars(runs), scaling(runs), stages(largest)]
     return "\n\n".join(p for p in parts if p)
 
@@ -106,29 +168,22 @@ def paper(paths):
     return re.sub(r"^## ", "#### ", re.sub(r"^# .*\n+", "", text, flags=re.M), flags=re.M).strip()
 
 
-def replace_section(page, name, text):
-    """The page with the section's text replaced. Throws ValueError where it has no such section."""
-    pattern = re.compile(rf"(<!-- section {re.escape(name)} -->\n).*?(<!-- end {re.escape(name)} -->)", re.S)
-    if not pattern.search(page):
-        raise ValueError(f"the page has no section '{name}'")
-    return pattern.sub(lambda m: m.group(1) + "\n" + text + "\n\n" + m.group(2), page)
-
-
 def main():
     p = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     p.add_argument("table", choices=[*TABLES, "paper"])
     p.add_argument("csv", nargs="+")
-    p.add_argument("--section", help="of docs/performance.md, to be replaced")
-    p.add_argument("--page", default=PAGE)
+    p.add_argument("--section", choices=PAGES, help="of the page, to be replaced")
+    p.add_argument("--page", help="default: today's in results/")
     arguments = p.parse_args()
     text = paper(arguments.csv) if arguments.table == "paper" else TABLES[arguments.table](times.read(arguments.csv))
     if not arguments.section:
         print(text)
         return
-    with open(arguments.page, encoding="utf-8") as file:
-        page = file.read()
-    with open(arguments.page, "w", encoding="utf-8") as file:
-        file.write(replace_section(page, arguments.section, text))
+    name, title = PAGES[arguments.section]
+    page = arguments.page or result_page.path_of(name)
+    command = "python benchmarks/performance_page.py " + " ".join(sys.argv[1:])
+    result_page.write_section(page, arguments.section, text, title, command)
+    print(page)
 
 
 if __name__ == "__main__":

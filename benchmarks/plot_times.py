@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Plots from the CSV of step_times; needs matplotlib.
 
-    python benchmarks/plot_times.py CSV... --out docs/images/performance-cpu            # performance-cpu-stages.png, -scaling.png
+    python benchmarks/plot_times.py CSV... --out out/times            # out/times-stages.png, out/times-scaling.png
     python benchmarks/plot_times.py CSV... --out FOLDER/name --format svg --scene drape
 
 stages: time of every stage and, beside it, the time that its bytes take at the bandwidth of the device, one panel a run (the largest of
@@ -52,12 +52,30 @@ def draw_stages(axes, run):
     values = [r["median_ms"] for _, r in rows] + [r["floor_ms"] for _, r in rows if r["floor_ms"] > 0]
     low, high = 10 ** math.floor(math.log10(max(min(values), max(values) * 1e-5))), max(values) * 40
     for y, (_, r) in enumerate(rows):
-        axes.barh(y - 0.19, max(r["median_ms"], low), height=0.36, color=MEASURED, label="measured, median" if y == 0 else None)
+        axes.barh(
+            y - 0.19,
+            max(r["median_ms"], low),
+            height=0.36,
+            color=MEASURED,
+            label="measured, median" if y == 0 else None,
+        )
         if r["floor_ms"] > 0:
-            axes.barh(y + 0.19, max(r["floor_ms"], low), height=0.36, color=FLOOR, label="floor of its bytes" if y == 0 else None)
+            axes.barh(
+                y + 0.19,
+                max(r["floor_ms"], low),
+                height=0.36,
+                color=FLOOR,
+                label="floor of its bytes" if y == 0 else None,
+            )
         ratio = f"  ({r['ratio']:.1f}x)" if r["ratio"] > 0 else ""
         axes.text(r["median_ms"] * 1.08, y - 0.19, f"{times.short(r['median_ms'])} ms{ratio}", va="center", fontsize=8)
-    axes.set(xscale="log", xlim=(low, high), xlabel="ms per step", yticks=range(len(rows)), yticklabels=[name for name, _ in rows])
+    axes.set(
+        xscale="log",
+        xlim=(low, high),
+        xlabel="ms per step",
+        yticks=range(len(rows)),
+        yticklabels=[name for name, _ in rows],
+    )
     axes.set_title(f"{run['scene']}, {run['triangles']:,} triangles\n{setting(run)}", fontsize=9)
     axes.invert_yaxis()
     axes.grid(axis="x", alpha=0.3)
@@ -72,7 +90,7 @@ def plot_stages(runs, path):
     panels = [axes for row in grid for axes in row]
     for axes, run in zip(panels, runs):
         draw_stages(axes, run)
-    for axes in panels[len(runs):]:
+    for axes in panels[len(runs) :]:
         axes.set_visible(False)
     handles, labels = panels[0].get_legend_handles_labels()
     figure.legend(handles, labels, loc="outside upper center", ncols=2, frameon=False)
@@ -84,7 +102,9 @@ def series(runs):
     """{(scene, setting): [(triangles, ms)]}, those with at least two sizes."""
     found = collections.defaultdict(list)
     for run in runs:
-        found[run["scene"], f"{setting(run)}, after {run['skipped']} steps"].append((run["triangles"], run["median_ms"]))
+        found[run["scene"], f"{setting(run)}, after {run['skipped']} steps"].append(
+            (run["triangles"], run["median_ms"])
+        )
     return {key: sorted(points) for key, points in found.items() if len({x for x, _ in points}) > 1}
 
 

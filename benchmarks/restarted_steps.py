@@ -1,8 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Error of `production` after ten steps that start from checkpoints of one run, at its own time step and others: rows of tables in docs/accuracy.md.
+"""Error of `production` after ten steps that start from checkpoints of one run, at its own time step and others: rows of the
+tables in results/accuracy-levels-*.md.
 
-    python benchmarks/restarted_steps.py drape sphere flag funnel twisting --resolution 400
-    python benchmarks/restarted_steps.py drape sphere flag funnel twisting --per-second
+python benchmarks/restarted_steps.py drape sphere flag funnel twisting --resolution 400
+python benchmarks/restarted_steps.py drape sphere flag funnel twisting --per-second
 """
 
 import argparse
@@ -33,8 +34,13 @@ def measure(name, resolution, time_steps, times=TIMES, backend="cpu"):
         for start, time in zip(starts, times):
             path.step(round((time - path.time) / PATH))
             path.save_checkpoint(start)
-        faces = path.faces[:path.cloth_triangle_count]
-        edge = np.mean([np.linalg.norm(path.positions[faces[:, i]] - path.positions[faces[:, i - 1]], axis=1).mean() for i in range(3)])
+        faces = path.faces[: path.cloth_triangle_count]
+        edge = np.mean(
+            [
+                np.linalg.norm(path.positions[faces[:, i]] - path.positions[faces[:, i - 1]], axis=1).mean()
+                for i in range(3)
+            ]
+        )
 
         def run(start, window, steps, **options):
             simulation = cama.Simulation(scene, time_step=window / steps, **where, **options)
@@ -42,12 +48,21 @@ def measure(name, resolution, time_steps, times=TIMES, backend="cpu"):
             simulation.step(steps)
             return simulation.positions[:count]
 
+        def error(ends, exact):
+            return np.sqrt(np.mean([rms(x - y, masses) ** 2 for x, y in zip(ends, exact)])) / edge
+
         rows = []
         for step in time_steps:
-            fine, half, own = ([run(s, STEPS * step, n, **options) for s in starts]
-                               for n, options in ((REFERENCE, {"accuracy": "reference"}), (REFERENCE // 2, {"accuracy": "reference"}), (STEPS, {})))
-            mean = lambda a: np.sqrt(np.mean([rms(x - y, masses) ** 2 for x, y in zip(a, fine)])) / edge
-            rows.append((step, mean(own), mean(half)))
+            fine, half, own = (
+                [run(s, STEPS * step, n, **options) for s in starts]
+                for n, options in (
+                    (REFERENCE, {"accuracy": "reference"}),
+                    (REFERENCE // 2, {"accuracy": "reference"}),
+                    (STEPS, {}),
+                )
+            )
+
+            rows.append((step, error(own, fine), error(half, fine)))
     return len(faces), edge, rows
 
 
@@ -62,7 +77,9 @@ def main():
     heads = ["scene, triangles", "an edge", "`production`", *(f"1/{n} s" for n in arguments.per_second)]
     print("| " + " | ".join(heads) + " |\n" + "|---" * len(heads) + "|")
     for scene in arguments.scenes:
-        triangles, edge, rows = measure(scene, arguments.resolution, [1 / n for n in arguments.per_second], arguments.times, arguments.backend)
+        triangles, edge, rows = measure(
+            scene, arguments.resolution, [1 / n for n in arguments.per_second], arguments.times, arguments.backend
+        )
         cells = [f"{100 * error:.2g} % ({100 * uncertainty:.1g})" for _, error, uncertainty in rows]
         cells[0] += f" at 1/{1 / rows[0][0]:.0f} s"
         print("| " + " | ".join([f"{scene}, {triangles:,}", f"{edge * 1e3:.1f} mm", *cells]) + " |", flush=True)

@@ -9,8 +9,23 @@ import shutil
 import subprocess
 
 KEY = ["scene", "triangles", "accuracy", "backend", "device", "precision", "options", "time_step"]
-NUMBERS = ["mean_ms", "median_ms", "stddev_ms", "p95_ms", "bytes", "bandwidth_gbs", "floor_ms", "ratio", "iterations", "launches", "waits",
-           "contacts", "candidates", "intersections", "peak_mib"]
+NUMBERS = [
+    "mean_ms",
+    "median_ms",
+    "stddev_ms",
+    "p95_ms",
+    "bytes",
+    "bandwidth_gbs",
+    "floor_ms",
+    "ratio",
+    "iterations",
+    "launches",
+    "waits",
+    "contacts",
+    "candidates",
+    "intersections",
+    "peak_mib",
+]
 
 
 class Run:
@@ -29,7 +44,9 @@ class Run:
 
     def leaves(self):
         """Stages without parts."""
-        return {name: r for name, r in self.stages.items() if not any(other.startswith(name + "/") for other in self.stages)}
+        return {
+            name: r for name, r in self.stages.items() if not any(other.startswith(name + "/") for other in self.stages)
+        }
 
 
 def _number(text):
@@ -71,12 +88,18 @@ def read(paths):
 def find_program(folder=None):
     """Path of step_times: in `folder`, else in the usual build folders of the repository. Throws FileNotFoundError."""
     root = os.path.dirname(os.path.dirname(os.path.abspath(__file__)))
-    places = [folder] if folder else [os.path.join(root, name) for name in (os.environ.get("CAMA_GPU_BUILD", "build-gpu"), "build")]
+    places = (
+        [folder]
+        if folder
+        else [os.path.join(root, name) for name in (os.environ.get("CAMA_GPU_BUILD", "build-gpu"), "build")]
+    )
     for place in places:
         found = shutil.which(os.path.join(place, "benchmarks", "step_times"))
         if found:
             return found
-    raise FileNotFoundError("step_times is not built; configure with -DCAMA_BUILD_BENCHMARKS=ON (looked in " + ", ".join(places) + ")")
+    raise FileNotFoundError(
+        "step_times is not built; configure with -DCAMA_BUILD_BENCHMARKS=ON (looked in " + ", ".join(places) + ")"
+    )
 
 
 def run(program, scene, seconds, **settings):
@@ -111,6 +134,6 @@ def short(value, digits=3):
         return value
     if math.isnan(value):
         return ""
-    if abs(value) >= 10 ** digits:
+    if abs(value) >= 10**digits:
         return f"{value:,.0f}"
     return f"{value:.{digits}g}"

@@ -14,7 +14,8 @@ SYSTEM_PACKAGES=(
 PYTHON_PACKAGES=(
   "scikit-build-core>=0.10" "pybind11>=2.12" "numpy>=1.22" "h5py>=3.6" "typer>=0.12" "rich>=13"
   "pyvista>=0.43" "imageio>=2.30" "imageio-ffmpeg>=0.4")
-TEST_PACKAGES=("matplotlib>=3.6" "pytest>=7" "jsonschema>=4" "ipctk>=1.3" "scipy>=1.8" "trimesh>=4")
+TEST_PACKAGES=("matplotlib>=3.6" "pytest>=7" "jsonschema>=4" "ipctk>=1.3" "scipy>=1.8" "trimesh>=4"
+  "mypy>=1.11" "ruff==0.17.6")
 
 # phase NAME COMMAND...: runs it and says how long it took.
 phase() {
@@ -50,9 +51,10 @@ import importlib.metadata, re, sys
 def number(text):
     return [int(part) for part in re.findall(r"\d+", text)[:3]]
 for wanted in sys.argv[1:]:
-    name, least = wanted.split(">=")
+    name, relation, version = re.fullmatch("(.+)([>=]=)(.+)", wanted).groups()
     try:
-        present = number(importlib.metadata.version(name)) >= number(least)
+        there = number(importlib.metadata.version(name))
+        present = there == number(version) if relation == "==" else there >= number(version)
     except importlib.metadata.PackageNotFoundError:
         present = False
     if not present:

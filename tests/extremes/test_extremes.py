@@ -8,17 +8,28 @@ import numpy as np
 import pytest
 
 import cama
-from cama.extremes import judge, scenes, shapes
-from cama.extremes.scene_cases import CASES
-from run import perform
+from cama.torture import judge, scenes, shapes
+from cama.torture.scene_cases import CASES
+from cama.torture.seeds import perform
 
 REPEATS = 10
 
 # name, cloth triangles, arguments of the case: what a short run needs to reach the hard part
-QUICK = [("knot", 480, {}), ("chain", 300, {}), ("needle_bed", 300, {}), ("knife", 300, {}),
-         ("needle_shot", 200, {}), ("press_tight", 200, {}), ("press_shut", 100, {}), ("hole", 300, {}), ("coincident", 200, {}),
-         ("rope", 200, {}), ("pile", 500, {"sheets": 5, "seconds": 0.6}),
-         ("bullet", 100, {}), ("stack", 200, {"sheets": 3, "seconds": 2.0})]
+QUICK = [
+    ("knot", 480, {}),
+    ("chain", 300, {}),
+    ("needle_bed", 300, {}),
+    ("knife", 300, {}),
+    ("needle_shot", 200, {}),
+    ("press_tight", 200, {}),
+    ("press_shut", 100, {}),
+    ("hole", 300, {}),
+    ("coincident", 200, {}),
+    ("rope", 200, {}),
+    ("pile", 500, {"sheets": 5, "seconds": 0.6}),
+    ("bullet", 100, {}),
+    ("stack", 200, {"sheets": 3, "seconds": 2.0}),
+]
 
 
 def free_of_trouble(run, complaints):
@@ -46,7 +57,9 @@ def test_every_case(name, seed):
 
 @pytest.mark.parametrize("name", CASES)
 def test_start_is_reproducible_and_jittered(name):
-    first, again, other = (np.concatenate([c.vertices for c in CASES[name].build(200, seed).cloths]) for seed in (3, 3, 5))
+    first, again, other = (
+        np.concatenate([c.vertices for c in CASES[name].build(200, seed).cloths]) for seed in (3, 3, 5)
+    )
     assert np.array_equal(first, again)
     assert np.abs(first - other).max() > 1e-4
 
@@ -58,6 +71,7 @@ def test_sheets_at_distance_zero_are_refused():
 
 
 # The judges must be able to see.
+
 
 def crossing():
     """Two sheets through each other, contact off."""
@@ -85,14 +99,15 @@ def test_order_is_seen_to_be_lost():
     assert CASES["drape"].expect(run) == []
     first, last = run.simulation.cloth_ranges[0]
     upper = run.simulation.cloth_ranges[2]
-    positions = run.simulation.positions[:run.simulation.cloth_vertex_count]
+    positions = run.simulation.positions[: run.simulation.cloth_vertex_count]
     positions[first:last, 2] += 1.0
-    positions[upper[0]:upper[1], 2] -= 0.01
+    positions[upper[0] : upper[1], 2] -= 0.01
     run.simulation.set_state(positions, np.zeros_like(positions))
     assert CASES["drape"].expect(run)
 
 
 # Measures against known values.
+
 
 def test_linking_and_writhe_of_known_curves():
     t = np.linspace(0, 2 * np.pi, 200, endpoint=False)
@@ -101,7 +116,9 @@ def test_linking_and_writhe_of_known_curves():
     assert abs(shapes.linking(ring, other)) == pytest.approx(1, abs=1e-9)
     assert shapes.linking(ring, other + [3, 0, 0]) == pytest.approx(0, abs=1e-9)
     assert shapes.writhe(np.stack([t, 0 * t, 0 * t], 1)) == pytest.approx(0, abs=1e-9)
-    assert 3 < abs(shapes.writhe(shapes.resample(shapes.overhand(), 300)[0])) < 3.5  # ideal trefoil 3.4 (Katritch et al. 1996)
+    assert (
+        3 < abs(shapes.writhe(shapes.resample(shapes.overhand(), 300)[0])) < 3.5
+    )  # ideal trefoil 3.4 (Katritch et al. 1996)
 
 
 def test_heights_of_a_slope():
@@ -112,6 +129,7 @@ def test_heights_of_a_slope():
 
 
 # Contact that has nothing to do must do nothing.
+
 
 def lost(run):
     return run.total("truncated"), run.total("lost_motion"), run.total("impacts")

@@ -19,16 +19,24 @@ from rich.console import Console
 from typer.testing import CliRunner
 
 import cama
-from cama import stability
 from cama.cli import app
-from cama.extremes import judge, meshes, table
-from cama.extremes.probe import Probe, Wrong
-from cama.extremes.scene_cases import CASES
-from cama.stability_command import outcome_table
+from cama.cli.stability import outcome_table
+from cama.torture import judge, meshes, stability, table
+from cama.torture.probe import Probe, Wrong
+from cama.torture.scene_cases import CASES
 
 OPENCL = next(b for b in cama.backends() if b["name"] == "opencl")["available"]
-SLOW = {"swinging_slivers", "collapsed_to_a_point", "same_centroid", "thread_counts", "out_of_memory", "confetti", "far_away",
-        "slivers", "graded_edges"}
+SLOW = {
+    "swinging_slivers",
+    "collapsed_to_a_point",
+    "same_centroid",
+    "thread_counts",
+    "out_of_memory",
+    "confetti",
+    "far_away",
+    "slivers",
+    "graded_edges",
+}
 
 
 def small(check):
@@ -45,9 +53,18 @@ def runs():
         for backend in ("cpu", "opencl"):
             for precision in table.PRECISIONS:
                 if check.applies(backend, precision):
-                    quick = small(check) and precision == mode(check, backend) and not (check.name in SLOW and backend == "opencl")
-                    yield pytest.param(check, backend, precision, id=f"{check.number}-{check.name}-{backend}-{precision}",
-                                       marks=[] if quick else [pytest.mark.long])
+                    quick = (
+                        small(check)
+                        and precision == mode(check, backend)
+                        and not (check.name in SLOW and backend == "opencl")
+                    )
+                    yield pytest.param(
+                        check,
+                        backend,
+                        precision,
+                        id=f"{check.number}-{check.name}-{backend}-{precision}",
+                        marks=[] if quick else [pytest.mark.long],
+                    )
 
 
 @pytest.mark.parametrize("check, backend, precision", list(runs()))
@@ -56,7 +73,7 @@ def test_check(check, backend, precision):
         assert "opencl" not in os.environ.get("CAMA_REQUIRE_BACKENDS", ""), "no OpenCL device"
         pytest.skip("no OpenCL device")
     if check.alone:
-        outcome, = stability.run([check], [backend], [precision], long=True)
+        (outcome,) = stability.run([check], [backend], [precision], long=True)
     else:
         outcome = stability.perform(check, backend, precision)
     if outcome.known:
@@ -78,11 +95,24 @@ def test_the_table_is_whole():
         assert bool(check.fault) == bool(check.seen_as)
 
 
-def test_the_page_has_every_check():
-    page = (Path(__file__).parents[2] / "docs" / "stability.md").read_text(encoding="utf-8")
+ROOT = Path(__file__).parents[2]
+
+
+def test_the_reference_page_has_every_check_and_what_is_expected():
+    page = (ROOT / "docs" / "reference" / "stability.md").read_text(encoding="utf-8")
+    for check in table.CHECKS:
+        assert f"`{check.name}` | {stability._plain(check.expected)} |" in page
+    for number, about in table.NUMBERS.items():
+        assert f"| {number} | {about} |" in page
+
+
+def test_the_newest_results_have_every_check_and_no_failure_that_is_not_known():
+    newest = max((ROOT / "results").glob("stability-*.md"))
+    page = newest.read_text(encoding="utf-8")
     for check in table.CHECKS:
         assert f"| {check.number} | `{check.name}` |" in page
-    assert "**fails**" not in page.split("| | check |")[1] and " 0 fail otherwise" in page
+    assert "**fails**" not in page.split("| | check |")[1] and " 0 failed otherwise" in page
+    assert newest.name in (ROOT / "results" / "README.md").read_text(encoding="utf-8")
 
 
 def test_every_scene_case_is_in_the_table_or_shipped():
@@ -90,7 +120,11 @@ def test_every_scene_case_is_in_the_table_or_shipped():
 
 
 def test_selection_by_number_and_name():
-    assert {c.name for c in table.select(["4", "at_rest"])} == {"degenerate_triangles", "duplicate_triangles", "at_rest"}
+    assert {c.name for c in table.select(["4", "at_rest"])} == {
+        "degenerate_triangles",
+        "duplicate_triangles",
+        "at_rest",
+    }
     assert table.select() == table.CHECKS
     with pytest.raises(KeyError, match="46"):
         table.select(["46"])
@@ -98,15 +132,28 @@ def test_selection_by_number_and_name():
 
 @pytest.mark.parametrize("width", [80, 110])
 def test_what_came_of_a_run_is_printed_on_narrow_terminals_too(width):
-    outcome = stability.Outcome(21, "restart_in_contact_block_jacobi", "opencl", "single", "production", outcome="ok: CollisionError", good=True, steps=100000, strain=0.123)
+    outcome = stability.Outcome(
+        21,
+        "restart_in_contact_block_jacobi",
+        "opencl",
+        "single",
+        "production",
+        outcome="ok: CollisionError",
+        good=True,
+        steps=100000,
+        strain=0.123,
+    )
     out = io.StringIO()
     Console(file=out, width=width).print(outcome_table([outcome], width))
     words = out.getvalue().split()
-    assert {"restart_in_contact_block_jacobi", "opencl", "single", "ok:", "CollisionError"} <= set(words) and "…" not in out.getvalue()
+    assert {"restart_in_contact_block_jacobi", "opencl", "single", "ok:", "CollisionError"} <= set(
+        words
+    ) and "…" not in out.getvalue()
     assert ("100000" in words) == (width >= 110)
 
 
 # Failures are seen.
+
 
 def check_of(name, **changes):
     return dataclasses.replace(table.select([name])[0], **changes)
@@ -115,6 +162,7 @@ def check_of(name, **changes):
 def test_another_error_than_the_expected_fails():
     def refused(p):
         p.simulation(cama.Scene())
+
     good = stability.perform(check_of("empty_scene", body=refused, error="SceneError", words="cloth"))
     assert good.good and good.outcome == "ok: SceneError"
     for changes in (dict(error="MeshError"), dict(error="SceneError", words="nowhere to be read"), dict(error="")):
@@ -127,6 +175,7 @@ def test_another_error_than_the_expected_fails():
 def test_an_error_without_a_name_fails():
     def broken(p):
         raise ZeroDivisionError("planted")
+
     outcome = stability.perform(check_of("empty_scene", body=broken))
     assert not outcome.good and "ZeroDivisionError" in outcome.outcome
 
@@ -134,14 +183,19 @@ def test_an_error_without_a_name_fails():
 def test_a_known_fault_excuses_only_its_own_outcome():
     def broken(p):
         raise Wrong("step 3: intersections: 1 by audit")
+
     for name in ("teleport", "friction_angle_at_rest", "scale_error"):
         outcome = stability.perform(check_of(name, body=broken))
         assert not outcome.good and outcome.known == "" and not outcome.excused
 
     def moves(p):
         raise Wrong("not bitwise still: moved by 1e-14 m in 1000 steps")
+
     still = check_of("at_rest_any_mesh", body=moves)
-    assert stability.perform(still, precision="double").excused and not stability.perform(still, precision="single").excused
+    assert (
+        stability.perform(still, precision="double").excused
+        and not stability.perform(still, precision="single").excused
+    )
 
 
 @pytest.mark.parametrize("array", ["positions", "velocities"])
@@ -156,7 +210,10 @@ def test_nan_in_an_array_is_seen(array, monkeypatch):
         probe.watch(simulation)
 
 
-@pytest.mark.parametrize("name", ["moebius_strip", "restart", "lists_from_nothing", "huge_friction", "same_as_cpu", "needle_shot", "rotation"])
+@pytest.mark.parametrize(
+    "name",
+    ["moebius_strip", "restart", "lists_from_nothing", "huge_friction", "same_as_cpu", "needle_shot", "rotation"],
+)
 def test_every_step_is_looked_at(name, monkeypatch):
     steps, looks = [], []
     step, finite = cama.Simulation.step, judge.finite
@@ -200,6 +257,7 @@ def test_the_exact_audit_judges_alone_without_ipctk(monkeypatch):
 
 # Processes.
 
+
 def hang(p):
     time.sleep(60)
 
@@ -222,41 +280,83 @@ def test_what_hangs_or_dies_is_an_outcome(monkeypatch):
 
 # The command.
 
+
 def call(*words):
     return CliRunner().invoke(app, ["stability", *map(str, words)], env={"COLUMNS": "200"})
 
 
 def test_command_writes_what_was_seen(tmp_path):
-    result = call(2, "single_triangle", "at_rest_any_mesh", "twenty_million", "--backend", "cpu", "--precision", "double", "--precision", "single",
-                  "-o", tmp_path, "--page", tmp_path / "page.md")
+    result = call(
+        2,
+        "single_triangle",
+        "at_rest_any_mesh",
+        "twenty_million",
+        "--backend",
+        "cpu",
+        "--precision",
+        "double",
+        "--precision",
+        "single",
+        "-o",
+        tmp_path,
+        "--page",
+        tmp_path / "page.md",
+    )
     assert result.exit_code == 0, result.output
     with open(tmp_path / "stability.csv", encoding="utf-8") as file:
         rows = list(csv.DictReader(file))
     assert list(rows[0]) == list(stability.COLUMNS)
-    assert [(r["check"], r["precision"]) for r in rows] == [(n, p) for p in ("double", "single")
-                                                            for n in ("single_triangle", "empty_scene", "no_triangles", "at_rest_any_mesh")]
+    assert [(r["check"], r["precision"]) for r in rows] == [
+        (n, p)
+        for p in ("double", "single")
+        for n in ("single_triangle", "empty_scene", "no_triangles", "at_rest_any_mesh")
+    ]
     described = json.loads((tmp_path / "stability.json").read_text())
     assert [c["outcome"] for c in described["checks"]][:3] == ["ok"] * 3 and described["checks"][0]["steps"] == 100
-    assert described["not_run"] == [{"number": 45, "check": "twenty_million", "reason": table.select(["twenty_million"])[0].reason}]
+    assert described["not_run"] == [
+        {"number": 45, "check": "twenty_million", "reason": table.select(["twenty_million"])[0].reason}
+    ]
     page = (tmp_path / "page.md").read_text()
     assert page == (tmp_path / "stability.md").read_text()
     assert "| 1 | `single_triangle` | ok | ok | 100 | 0 |" in page and "| 45 | `twenty_million` | not run |" in page
 
 
 def test_command_shows_results_of_another_machine(tmp_path):
-    there = [stability.Outcome(1, "single_triangle", "cuda", "double", "production", "ok", True, steps=100),
-             stability.Outcome(1, "single_triangle", "cpu", "double", "production", "moved", steps=100)]
+    there = [
+        stability.Outcome(1, "single_triangle", "cuda", "double", "production", "ok", True, steps=100),
+        stability.Outcome(1, "single_triangle", "cpu", "double", "production", "moved", steps=100),
+    ]
     stability.write(there, tmp_path / "there")
     assert stability.read(tmp_path / "there" / "stability.json") == there
-    result = call("single_triangle", "--backend", "cpu", "--precision", "double", "-o", tmp_path / "here", "--join",
-                  tmp_path / "there" / "stability.json")
+    result = call(
+        "single_triangle",
+        "--backend",
+        "cpu",
+        "--precision",
+        "double",
+        "-o",
+        tmp_path / "here",
+        "--join",
+        tmp_path / "there" / "stability.json",
+    )
     assert result.exit_code == 0, result.output
     page = (tmp_path / "here" / "stability.md").read_text()
-    assert "| cpu double | cuda double |" in page and "| 1 | `single_triangle` | ok | ok | 100 | 0 |" in page   # what was run here counts
+    assert (
+        "| cpu double | cuda double |" in page and "| 1 | `single_triangle` | ok | ok | 100 | 0 |" in page
+    )  # what was run here counts
 
 
-@pytest.mark.parametrize("text", ["", "[]", '{"checks": [{}]}', '{"checks": [7]}', "\xff",
-                                  '{"checks": [{"number": "1", "check": "x", "backend": "cpu", "precision": "double", "accuracy": "paper"}]}'])
+@pytest.mark.parametrize(
+    "text",
+    [
+        "",
+        "[]",
+        '{"checks": [{}]}',
+        '{"checks": [7]}',
+        "\xff",
+        '{"checks": [{"number": "1", "check": "x", "backend": "cpu", "precision": "double", "accuracy": "paper"}]}',
+    ],
+)
 def test_results_that_are_none_are_refused(tmp_path, text):
     (tmp_path / "stability.json").write_text(text, encoding="latin-1")
     with pytest.raises(cama.FileError, match="stability.json: not the results"):
@@ -266,8 +366,11 @@ def test_results_that_are_none_are_refused(tmp_path, text):
 
 
 def test_command_fails_where_a_check_does(tmp_path, monkeypatch):
-    monkeypatch.setattr(stability, "run", lambda checks, *rest: [
-        stability.Outcome(1, "single_triangle", "cpu", "double", "production", "no")])
+    monkeypatch.setattr(
+        stability,
+        "run",
+        lambda checks, *rest: [stability.Outcome(1, "single_triangle", "cpu", "double", "production", "no")],
+    )
     assert call("single_triangle", "--backend", "cpu", "--precision", "double", "-o", tmp_path).exit_code == 1
     assert "**fails**" in (tmp_path / "stability.md").read_text()
 

@@ -1,12 +1,23 @@
 # SPDX-License-Identifier: Apache-2.0
 """What the Python tests share: small scenes, and a judge of intersections that is not ours."""
 
+import json
+
 import ipctk
 import numpy as np
 import pytest
 
 import cama
-from cama.recording import Recording
+from cama.io.recording import Recording
+
+# Free fall: the error after a window w is g dt w / 2 exactly, whatever the mesh.
+FALL = {
+    "name": "fall",
+    "time_step": 0.005,
+    "frames": 40,
+    "contact": {"enabled": False},
+    "cloth": [{"name": "sheet", "grid": {"size": [0.3, 0.3], "cells": [2, 2]}, "material": "cotton"}],
+}
 
 
 def grid(cells=8, size=1.0, z=0.0):
@@ -30,7 +41,12 @@ def count_intersections(vertices, faces, first_obstacle_vertex):
     edges = edges_of(faces).astype(np.int32)
     low, high = vertices.min(axis=0), vertices.max(axis=0)
     tree = ipctk.LBVH()
-    tree.build(np.asfortranarray(vertices), np.asfortranarray(edges), np.asfortranarray(faces), 1e-9 * np.linalg.norm(high - low))
+    tree.build(
+        np.asfortranarray(vertices),
+        np.asfortranarray(edges),
+        np.asfortranarray(faces),
+        1e-9 * np.linalg.norm(high - low),
+    )
     found = 0
     for pair in tree.detect_edge_face_candidates():
         e, f = edges[pair.edge_id], faces[pair.face_id]
@@ -44,13 +60,23 @@ def judge(path, every=1):
     """Intersections over the recorded frames of a folder, cloth against cloth and cloth against obstacles."""
     with Recording(path) as recording:
         first = recording.obstacles[0].vertices.start if recording.obstacles else recording.positions.shape[1]
-        return sum(count_intersections(recording.frame(i), recording.faces, first) for i in range(0, len(recording), every))
+        return sum(
+            count_intersections(recording.frame(i), recording.faces, first) for i in range(0, len(recording), every)
+        )
 
 
 @pytest.fixture
 def sheet():
     """Vertices and faces of a small sheet."""
     return grid()
+
+
+@pytest.fixture
+def fall(tmp_path):
+    """The scene file of FALL."""
+    path = tmp_path / "fall.json"
+    path.write_text(json.dumps(FALL))
+    return path
 
 
 @pytest.fixture

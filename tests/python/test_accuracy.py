@@ -12,7 +12,7 @@ from scipy.optimize import brentq
 
 import cama
 from cama import accuracy
-from cama.accuracy_reference import Reference, richardson
+from cama.measuring.reference import Reference, richardson
 from conftest import grid
 
 G = 9.81
@@ -30,6 +30,7 @@ def sphere(radius=1.0, shift=(0, 0, 0), subdivisions=4):
 
 
 # Distances of surfaces
+
 
 def test_hausdorff_distance_of_shifted_and_of_concentric_spheres():
     first = sphere()
@@ -57,10 +58,13 @@ def test_distances_to_a_surface_are_those_of_brute_force():
     vertices[:, 0] *= 30  # long triangles beside small ones
     points = rng.normal(0, 5, (200, 3))
     exact = np.min([[ipctk.point_triangle_distance(p, *vertices[f]) for f in faces] for p in points], axis=1)
-    np.testing.assert_allclose(accuracy.distance_to_surface(points, vertices, faces), np.sqrt(exact), rtol=1e-9, atol=1e-12)
+    np.testing.assert_allclose(
+        accuracy.distance_to_surface(points, vertices, faces), np.sqrt(exact), rtol=1e-9, atol=1e-12
+    )
 
 
 # Strain, gaps, contacts that were missed, drape
+
 
 def test_strain_of_a_known_deformation():
     vertices, faces = grid(4)
@@ -68,7 +72,11 @@ def test_strain_of_a_known_deformation():
     s = accuracy.strain(vertices @ matrix.T, faces, vertices[faces])
     exact = np.linalg.svd(matrix[:2, :2], compute_uv=False) - 1
     np.testing.assert_allclose(s.principal, np.tile(exact, (len(faces), 1)), atol=1e-12)
-    assert s.largest == pytest.approx(exact[0]) and s.mean_area == pytest.approx(1.2 * 0.9) and s.smallest_area == pytest.approx(1.08)
+    assert (
+        s.largest == pytest.approx(exact[0])
+        and s.mean_area == pytest.approx(1.2 * 0.9)
+        and s.smallest_area == pytest.approx(1.08)
+    )
     turned = trimesh.transformations.rotation_matrix(1.0, [1, 2, 3])[:3, :3]
     assert abs(accuracy.strain(vertices @ turned.T, faces, vertices[faces][:, :, :2]).largest) < 1e-12
 
@@ -78,7 +86,9 @@ def test_strain_agrees_with_the_library():
     simulation = cama.Simulation(scene, threads=1)
     simulation.step(20)
     n = simulation.cloth_vertex_count
-    s = accuracy.strain(simulation.positions[:n], simulation.faces[:simulation.cloth_triangle_count], accuracy.rest_shapes(scene))
+    s = accuracy.strain(
+        simulation.positions[:n], simulation.faces[: simulation.cloth_triangle_count], accuracy.rest_shapes(scene)
+    )
     assert s.largest == pytest.approx(simulation.max_strain, rel=1e-6) and s.p999 <= s.largest
 
 
@@ -126,7 +136,14 @@ def test_a_run_with_contact_misses_nothing_and_one_without_does():
         for _ in range(25):
             before = simulation.positions
             simulation.step()
-            found += sum(map(len, accuracy.missed_contacts(before, simulation.positions, simulation.faces, simulation.cloth_vertex_count)))
+            found += sum(
+                map(
+                    len,
+                    accuracy.missed_contacts(
+                        before, simulation.positions, simulation.faces, simulation.cloth_vertex_count
+                    ),
+                )
+            )
         assert (found == 0) == contact
 
 
@@ -137,7 +154,9 @@ def test_drape_coefficient_of_a_board_a_cone_and_cloth_that_hangs_straight():
     flat = math.pi
     assert accuracy.drape_coefficient(plane, disc.faces, 0.6, flat) == pytest.approx(1.0, abs=0.02)
     assert accuracy.drape_coefficient(0.6 * plane, disc.faces, 0.6, flat) == pytest.approx(0.0, abs=0.01)
-    assert accuracy.drape_coefficient(0.8 * plane, disc.faces, 0.6, flat) == pytest.approx((0.64 - 0.36) / (1 - 0.36), abs=0.02)
+    assert accuracy.drape_coefficient(0.8 * plane, disc.faces, 0.6, flat) == pytest.approx(
+        (0.64 - 0.36) / (1 - 0.36), abs=0.02
+    )
     assert accuracy.shadow_area(*grid(2, size=2.0)) == pytest.approx(4.0, rel=0.01)
     with pytest.raises(cama.ArrayError, match="larger"):
         accuracy.drape_coefficient(plane, disc.faces, 2.0, flat)
@@ -145,9 +164,15 @@ def test_drape_coefficient_of_a_board_a_cone_and_cloth_that_hangs_straight():
 
 # Motion
 
+
 def test_position_error_by_hand():
     e = accuracy.position_error([[0, 0, 0], [0, 0, 2.0]], [[0, 3, 0], [0, 0, 0]], [1.0, 3.0], 0.5)
-    assert e.rms == pytest.approx(math.sqrt((1 * 9 + 3 * 4) / 4)) and e.largest == 3 and e.rms_edges == e.rms / 0.5 and e.largest_edges == 6
+    assert (
+        e.rms == pytest.approx(math.sqrt((1 * 9 + 3 * 4) / 4))
+        and e.largest == 3
+        and e.rms_edges == e.rms / 0.5
+        and e.largest_edges == 6
+    )
 
 
 def test_free_fall_is_off_by_half_a_step_of_gravity():
@@ -158,9 +183,15 @@ def test_free_fall_is_off_by_half_a_step_of_gravity():
     for i, start in enumerate(r.starts):
         fall = r.positions[i][:, 2] - r.velocities[i][:, 2] * 0
         exact = fall + r.velocities[i][:, 2] * window - G * window**2 / 2
-        np.testing.assert_allclose(r.targets[i][:, 2], exact, atol=1e-9)  # extrapolation takes out an error of first order
+        np.testing.assert_allclose(
+            r.targets[i][:, 2], exact, atol=1e-9
+        )  # extrapolation takes out an error of first order
         assert r.velocities[i][0, 2] == pytest.approx(-G * start, rel=1e-9)
-    assert r.converged and (r.order == pytest.approx(1, abs=0.05) or r.order == pytest.approx(2, abs=0.05)) and r.uncertainty.max() < 1e-9
+    assert (
+        r.converged
+        and (r.order == pytest.approx(1, abs=0.05) or r.order == pytest.approx(2, abs=0.05))
+        and r.uncertainty.max() < 1e-9
+    )
     assert r.edge == pytest.approx((24 * 0.1 + 9 * 0.1 * math.sqrt(2)) / 33, rel=1e-9)
     for dt in (0.05, 0.02, 0.005):
         e = accuracy.restart_error(r, scene, time_step=dt)
@@ -169,7 +200,9 @@ def test_free_fall_is_off_by_half_a_step_of_gravity():
         np.testing.assert_allclose(e.largest, G * dt * window / 2, rtol=1e-6)
         # Energy from the state at the window's start, v = -g t0: potential off by m g (g dt w / 2), kinetic exact.
         mass = r.masses.sum()
-        assert e.energy == pytest.approx(mass * G * G * dt * window / 2, abs=1.01 * mass * G * G * r.time_step * window / 2)
+        assert e.energy == pytest.approx(
+            mass * G * G * dt * window / 2, abs=1.01 * mass * G * G * r.time_step * window / 2
+        )
         assert e.momentum < 1e-9
     assert np.abs(x0).max() > 0
 
@@ -197,18 +230,25 @@ def test_the_reference_is_a_pendulum():
     height = 0.5
     scene = cama.Scene(time_step=0.005, contact=False)
     material = cama.Material.isotropic(2e3, 0.0, bending=0.0, density=0.1)
-    swing = scene.add_cloth([[0, -0.2, 0], [0, 0.2, 0], [height, 0, 0]], [[0, 1, 2]], material=material, name="pendulum")
+    swing = scene.add_cloth(
+        [[0, -0.2, 0], [0, 0.2, 0], [height, 0, 0]], [[0, 1, 2]], material=material, name="pendulum"
+    )
     scene.pin(swing, [0, 1])
     r = accuracy.reference(scene, window=0.1, windows=3, first=1, time_step=0.1 / 640)
     for i in range(3):
         x, v = r.positions[i][2], r.velocities[i][2]
         start = math.atan2(x[2], x[0])
         rate = (v[2] * x[0] - v[0] * x[2]) / (x @ x)
-        swung = solve_ivp(lambda t, y: [y[1], -G / height * math.cos(y[0])], (0, 0.1), [start, rate], rtol=1e-10, atol=1e-12).y[:, -1]
+        swung = solve_ivp(
+            lambda t, y: [y[1], -G / height * math.cos(y[0])], (0, 0.1), [start, rate], rtol=1e-10, atol=1e-12
+        ).y[:, -1]
         exact = height * np.array([math.cos(swung[0]), 0, math.sin(swung[0])])
         assert np.linalg.norm(r.targets[i][2] - exact) < 2e-4  # it is stretched by a hundred thousandth
         assert np.linalg.norm(r.ends[i][2] - exact) < 1e-3
-    e = [accuracy.restart_error(r, scene, time_step=dt, precision="double", tolerance=1e-8).rms_all for dt in (0.00125, 0.000625, 0.0003125)]
+    e = [
+        accuracy.restart_error(r, scene, time_step=dt, precision="double", tolerance=1e-8).rms_all
+        for dt in (0.00125, 0.000625, 0.0003125)
+    ]
     assert e[0] / e[1] == pytest.approx(2, rel=0.1) and e[1] / e[2] == pytest.approx(2, rel=0.1)  # first order
 
 
@@ -222,19 +262,27 @@ def test_a_hanging_strip_is_a_catenary():
     rest = vertices[:, :2] * [length / span, 1]
     material = cama.Material.isotropic(2000, 0.0, bending=0.0, density=0.2)
     material.damping = 0.02
-    strip = scene.add_cloth(vertices, faces, material=material, material_vertices=rest, material_faces=faces, name="strip")
+    strip = scene.add_cloth(
+        vertices, faces, material=material, material_vertices=rest, material_faces=faces, name="strip"
+    )
     scene.pin(strip, [0, cells, cells + 1, 2 * cells + 1])
     simulation = cama.Simulation(scene, precision="double", tolerance=1e-8)
     simulation.step(1500)
-    found = simulation.positions[:cells + 1]
+    found = simulation.positions[: cells + 1]
     a = brentq(lambda a: 2 * a * math.sinh(span / (2 * a)) - length, 0.05, 5)
     middle = span / 2
     exact = a * (np.cosh((found[:, 0] - middle) / a) - math.cosh(middle / a))
     count = simulation.cloth_vertex_count
     assert accuracy.residual_speed(simulation.velocities[:count], simulation.masses) < 1e-3
     assert np.abs(found[:, 2] - exact).max() < 0.004 * length
-    residual = accuracy.nonlinear_residual(scene, simulation.velocities[:count], simulation.positions[:count], simulation.velocities[:count], 1 / 120,
-                                           simulation.masses)
+    residual = accuracy.nonlinear_residual(
+        scene,
+        simulation.velocities[:count],
+        simulation.positions[:count],
+        simulation.velocities[:count],
+        1 / 120,
+        simulation.masses,
+    )
     assert residual < 0.05  # at rest, forces balance
 
 
@@ -258,19 +306,27 @@ def test_accelerations_are_the_gradient_of_the_energy():
 def test_the_nonlinear_residual_falls_with_the_time_step():
     scene, found = cama.Scene.load("flag", resolution=60), []
     for dt in (1 / 120, 1 / 960):
-        simulation = cama.Simulation(_with(scene, dt),
-                                     precision="double", tolerance=1e-10)
+        simulation = cama.Simulation(_with(scene, dt), precision="double", tolerance=1e-10)
         n = simulation.cloth_vertex_count
         simulation.step(round(0.1 / dt) - 1)
         before = simulation.velocities[:n]
         simulation.step()
-        found.append(accuracy.nonlinear_residual(scene, before, simulation.positions[:n], simulation.velocities[:n], dt, simulation.masses))
+        found.append(
+            accuracy.nonlinear_residual(
+                scene, before, simulation.positions[:n], simulation.velocities[:n], dt, simulation.masses
+            )
+        )
     assert found[1] < 0.3 * found[0]
     fall = sheet_in_the_air()
     simulation = cama.Simulation(fall)
     n = simulation.cloth_vertex_count
     simulation.step()
-    assert accuracy.nonlinear_residual(fall, np.zeros((n, 3)), simulation.positions[:n], simulation.velocities[:n], 0.005, simulation.masses) < 1e-6
+    assert (
+        accuracy.nonlinear_residual(
+            fall, np.zeros((n, 3)), simulation.positions[:n], simulation.velocities[:n], 0.005, simulation.masses
+        )
+        < 1e-6
+    )
 
 
 def _with(scene, dt):
@@ -281,7 +337,9 @@ def _with(scene, dt):
 
 @pytest.mark.parametrize("friction, static", [(0.2, 0.4), (0.3, 0.6)])
 def test_the_friction_angle_is_that_of_static_friction(friction, static):
-    assert accuracy.friction_angle(friction, static, threads=1) == pytest.approx(math.degrees(math.atan(static)), abs=0.3)
+    assert accuracy.friction_angle(friction, static, threads=1) == pytest.approx(
+        math.degrees(math.atan(static)), abs=0.3
+    )
 
 
 def test_the_friction_angle_with_equal_coefficients_is_within_two_degrees():
@@ -290,6 +348,7 @@ def test_the_friction_angle_with_equal_coefficients_is_within_two_degrees():
 
 
 # Reference
+
 
 def test_richardson_of_known_sequences():
     masses = np.ones(4)
@@ -319,27 +378,33 @@ def test_a_reference_survives_a_file(tmp_path):
 
 def test_a_restart_does_not_depend_on_what_came_before(falling):
     # The reference's own settings from its own states, in a simulation that has computed nothing yet, give its own ends up to the solve.
-    r = accuracy.reference(falling, window=0.02, windows=3, first=1, stride=2, time_step=0.02 / 16, accuracy="production", tolerance=1e-10)
+    r = accuracy.reference(
+        falling, window=0.02, windows=3, first=1, stride=2, time_step=0.02 / 16, accuracy="production", tolerance=1e-10
+    )
     for i in (2, 0, 1):
         simulation = cama.Simulation(_with(falling, r.time_step), precision="double", tolerance=1e-10)
         simulation.set_state(r.positions[i], r.velocities[i])
         simulation.step(16)
-        np.testing.assert_allclose(simulation.positions[:len(r.masses)], r.ends[i], rtol=0, atol=1e-9)
+        np.testing.assert_allclose(simulation.positions[: len(r.masses)], r.ends[i], rtol=0, atol=1e-9)
 
 
-@pytest.mark.parametrize("call, text", [
-    (lambda s, r: accuracy.reference(s, window=0.05, time_step=0.02), "whole number of steps"),
-    (lambda s, r: accuracy.reference(s, window=-1), "window"),
-    (lambda s, r: accuracy.reference(s, window=0.05, starts=[0, 0.02]), "apart"),
-    (lambda s, r: accuracy.reference(s, window=0.05, starts=[[0]]), "starts"),
-    (lambda s, r: accuracy.restart_error(r, s, time_step=0.03), "whole number of steps"),
-    (lambda s, r: accuracy.restart_error(r, s, steps=3), "10"),
-    (lambda s, r: accuracy.restart_error(r, sheet_in_the_air(cells=2)), "vertices"),
-    (lambda s, r: accuracy.position_error([[0, 0, 0]], [[0, 0]], [1], 1), "expected"),
-    (lambda s, r: accuracy.position_error([[0, 0, 0]], [[0, 0, np.nan]], [1], 1), "finite"),
-    (lambda s, r: accuracy.position_error([[0, 0, 0]], [[0, 0, 0]], [1], 0), "edge"),
-    (lambda s, r: accuracy.strain([[0, 0, 0]] * 3, [[0, 1, 2]], [[[0, 0], [1, 0]]]), "rest"),
-    (lambda s, r: accuracy.friction_angle(0.5, 0.2), "friction")])
+@pytest.mark.parametrize(
+    "call, text",
+    [
+        (lambda s, r: accuracy.reference(s, window=0.05, time_step=0.02), "whole number of steps"),
+        (lambda s, r: accuracy.reference(s, window=-1), "window"),
+        (lambda s, r: accuracy.reference(s, window=0.05, starts=[0, 0.02]), "apart"),
+        (lambda s, r: accuracy.reference(s, window=0.05, starts=[[0]]), "starts"),
+        (lambda s, r: accuracy.restart_error(r, s, time_step=0.03), "whole number of steps"),
+        (lambda s, r: accuracy.restart_error(r, s, steps=3), "10"),
+        (lambda s, r: accuracy.restart_error(r, sheet_in_the_air(cells=2)), "vertices"),
+        (lambda s, r: accuracy.position_error([[0, 0, 0]], [[0, 0]], [1], 1), "expected"),
+        (lambda s, r: accuracy.position_error([[0, 0, 0]], [[0, 0, np.nan]], [1], 1), "finite"),
+        (lambda s, r: accuracy.position_error([[0, 0, 0]], [[0, 0, 0]], [1], 0), "edge"),
+        (lambda s, r: accuracy.strain([[0, 0, 0]] * 3, [[0, 1, 2]], [[[0, 0], [1, 0]]]), "rest"),
+        (lambda s, r: accuracy.friction_angle(0.5, 0.2), "friction"),
+    ],
+)
 def test_bad_input_is_named(call, text):
     scene = sheet_in_the_air()
     r = accuracy.reference(scene, window=0.05, windows=1, time_step=0.05 / 8)

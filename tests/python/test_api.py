@@ -19,7 +19,9 @@ def test_falls_freely(sheet):
     simulation.step(20)
     # implicit Euler: v = g t, x = g dt^2 n (n + 1) / 2
     np.testing.assert_allclose(simulation.velocities, np.broadcast_to([0, 0, -2.0], (81, 3)), atol=1e-9)
-    np.testing.assert_allclose(simulation.positions - sheet[0], np.broadcast_to([0, 0, -10 * 1e-4 * 210], (81, 3)), atol=1e-9)
+    np.testing.assert_allclose(
+        simulation.positions - sheet[0], np.broadcast_to([0, 0, -10 * 1e-4 * 210], (81, 3)), atol=1e-9
+    )
 
 
 def test_arrays_have_stated_shapes(falling):
@@ -36,7 +38,9 @@ def test_arrays_have_stated_shapes(falling):
     assert simulation.step_count == 3 and simulation.time == pytest.approx(0.015)
     assert len(simulation.state_hash) == 16 and int(simulation.state_hash, 16) >= 0
     assert set(simulation.energy()) == {"kinetic", "stretching", "bending", "gravity"}
-    assert simulation.report["step"] == 3 and simulation.report["milliseconds"] > 0 and simulation.report["launches"] > 0
+    assert (
+        simulation.report["step"] == 3 and simulation.report["milliseconds"] > 0 and simulation.report["launches"] > 0
+    )
     assert simulation.timings and all(ms >= 0 for ms in simulation.timings.values())
     assert simulation.explain() and all(len(row) == 2 for row in simulation.explain())
     assert simulation.streams and simulation.streams[0].keys() == {"name", "element", "size", "bytes"}
@@ -122,8 +126,10 @@ def test_set_state_refuses_positions_that_intersect(sheet):
     simulation = cama.Simulation(scene)
     n, before = len(sheet[0]), simulation.state_hash
     crossed = simulation.positions.copy()
-    crossed[n] -= [0, 0, 0.2]   # a corner of the upper sheet goes through the lower one
-    with pytest.raises(cama.CollisionError, match="intersection.* 'low'.* 'high'|intersection.* 'high'.* 'low'") as error:
+    crossed[n] -= [0, 0, 0.2]  # a corner of the upper sheet goes through the lower one
+    with pytest.raises(
+        cama.CollisionError, match="intersection.* 'low'.* 'high'|intersection.* 'high'.* 'low'"
+    ) as error:
         simulation.set_state(crossed, np.zeros_like(crossed))
     assert "exempt" in str(error.value) and simulation.state_hash == before
     free = cama.Simulation(scene, intersections="exempt")
@@ -131,7 +137,7 @@ def test_set_state_refuses_positions_that_intersect(sheet):
     np.testing.assert_array_equal(free.positions, crossed)
     alone = cama.Scene(self_contact=False)
     alone.add_cloth(*sheet)
-    folded = sheet[0] * [1, 0, 1]   # nothing can touch
+    folded = sheet[0] * [1, 0, 1]  # nothing can touch
     cama.Simulation(alone).set_state(folded, np.zeros_like(folded))
 
 
@@ -140,7 +146,7 @@ def test_set_state_refuses_cloth_below_a_plane(sheet):
     scene.add_cloth(sheet[0] + [0, 0, 1], *sheet[1:], name="sheet")
     scene.add_obstacle(shape={"shape": {"plane": {}}}, name="floor")
     simulation = cama.Simulation(scene)
-    below = simulation.positions[:simulation.cloth_vertex_count] - [0, 0, 2]
+    below = simulation.positions[: simulation.cloth_vertex_count] - [0, 0, 2]
     with pytest.raises(cama.CollisionError, match="vertex 0 of cloth 'sheet' is below obstacle 'floor'"):
         simulation.set_state(below, np.zeros_like(below))
 

@@ -26,6 +26,7 @@ def put(row, value):
         array = array.copy()
         array[row] = value
         return array
+
     return change
 
 
@@ -54,22 +55,44 @@ CASES = {
     "duplicate face": (cama.MeshError, ["sheet", "32"], lambda: cloth(None, lambda f: np.vstack([f, f[5][[1, 2, 0]]]))),
     "empty mesh": (cama.MeshError, ["sheet"], lambda: cloth(lambda v: v[:0], lambda f: f[:0])),
     "no face": (cama.MeshError, ["sheet"], lambda: cloth(None, lambda f: f[:0])),
-    "negative density": (cama.MaterialError, ["sheet", "density", "-0.1"], lambda: cloth(material=material(density=-0.1))),
-    "NaN stiffness": (cama.MaterialError, ["sheet", "stretching"], lambda: cloth(material=material(stretching=[[np.nan] * 4] * 6))),
+    "negative density": (
+        cama.MaterialError,
+        ["sheet", "density", "-0.1"],
+        lambda: cloth(material=material(density=-0.1)),
+    ),
+    "NaN stiffness": (
+        cama.MaterialError,
+        ["sheet", "stretching"],
+        lambda: cloth(material=material(stretching=[[np.nan] * 4] * 6)),
+    ),
     "unknown fabric": (cama.MaterialError, ["tweed", "cotton"], lambda: cloth(material="tweed")),
     "flat vertices": (cama.ArrayError, ["sheet", "vertices", "[25, 2]"], lambda: cloth(lambda v: v[:, :2])),
     "quads": (cama.ArrayError, ["sheet", "faces", "[32, 4]"], lambda: cloth(None, lambda f: np.hstack([f, f[:, :1]]))),
     "text vertices": (cama.ArrayError, ["sheet", "vertices", "U"], lambda: cloth(lambda v: v.astype(str))),
     "complex vertices": (cama.ArrayError, ["sheet", "vertices", "complex"], lambda: cloth(lambda v: v + 0j)),
-    "floating-point faces": (cama.ArrayError, ["sheet", "faces", "float64"], lambda: cloth(None, lambda f: f.astype(float))),
+    "floating-point faces": (
+        cama.ArrayError,
+        ["sheet", "faces", "float64"],
+        lambda: cloth(None, lambda f: f.astype(float)),
+    ),
     "ragged faces": (cama.ArrayError, ["sheet", "faces"], lambda: cloth(None, lambda f: [[0, 1, 2], [3, 4]])),
-    "material faces of another length": (cama.ArrayError, ["sheet", "material_faces"],
-                                         lambda: cloth(material_vertices=np.zeros((3, 2)), material_faces=[[0, 1, 2]])),
+    "material faces of another length": (
+        cama.ArrayError,
+        ["sheet", "material_faces"],
+        lambda: cloth(material_vertices=np.zeros((3, 2)), material_faces=[[0, 1, 2]]),
+    ),
     "missing mesh": (cama.FileError, ["nowhere.obj"], lambda: cama.Scene().add_cloth("nowhere.obj")),
     "missing scene": (cama.FileError, ["nowhere", "sphere"], lambda: cama.Scene.load("nowhere")),
-    "unknown key": (cama.SceneError, ["gravitas"], lambda: cama.Scene.parse({"gravitas": 1, "cloth": [{"grid": {"size": [1, 1]}}]})),
-    "unknown key of a cloth": (cama.SceneError, ["cloth[0]", "colour"],
-                               lambda: cama.Scene.parse({"cloth": [{"grid": {"size": [1, 1]}, "colour": "red"}]})),
+    "unknown key": (
+        cama.SceneError,
+        ["gravitas"],
+        lambda: cama.Scene.parse({"gravitas": 1, "cloth": [{"grid": {"size": [1, 1]}}]}),
+    ),
+    "unknown key of a cloth": (
+        cama.SceneError,
+        ["cloth[0]", "colour"],
+        lambda: cama.Scene.parse({"cloth": [{"grid": {"size": [1, 1]}, "colour": "red"}]}),
+    ),
     "not JSON": (cama.SceneError, ["JSON"], lambda: cama.Scene.parse("{")),
     "a key twice": (cama.SceneError, ["frames", "twice"], lambda: cama.Scene.parse('{"frames": 1, "frames": 2}')),
     "a number beyond double": (cama.SceneError, ["JSON"], lambda: cama.Scene.parse('{"frame_time": 1e400}')),
@@ -85,23 +108,58 @@ CASES = {
     "pin of no cloth": (cama.SceneError, ["curtain", "sheet"], lambda: sheet_scene().pin("curtain", [0])),
     "unknown wind key": (cama.SceneError, ["gust"], lambda: cama.Scene(wind={"gust": 1})),
     "unknown option": (cama.SceneError, ["speed", "tolerance"], lambda: cama.Simulation(sheet_scene(), speed=3)),
-    "unknown preconditioner": (cama.SceneError, ["preconditioner", "magic", "block_jacobi"],
-                               lambda: cama.Simulation(sheet_scene(), preconditioner="magic")),
+    "unknown preconditioner": (
+        cama.SceneError,
+        ["preconditioner", "magic", "block_jacobi"],
+        lambda: cama.Simulation(sheet_scene(), preconditioner="magic"),
+    ),
     "option of wrong type": (cama.SceneError, ["tolerance"], lambda: cama.Simulation(sheet_scene(), tolerance="low")),
     "unknown backend": (cama.BackendError, ["abacus", "cpu"], lambda: cama.Simulation(sheet_scene(), backend="abacus")),
-    "unknown precision": (cama.SceneError, ["precision", "half"], lambda: cama.Simulation(sheet_scene(), precision="half")),
-    "unknown accuracy": (cama.SceneError, ["accuracy", "perfect", "production"],
-                         lambda: cama.Simulation(sheet_scene(), accuracy="perfect")),
-    "state of wrong shape": (cama.ArrayError, ["positions", "[3, 3]", "25"],
-                             lambda: cama.Simulation(sheet_scene()).set_state(np.zeros((3, 3)), np.zeros((3, 3)))),
-    "state with NaN": (cama.ArrayError, ["velocities", "row 4"],
-                       lambda: cama.Simulation(sheet_scene()).set_state(grid(4)[0], put(4, np.nan)(grid(4)[0]))),
-    "ccd of wrong shape": (cama.ArrayError, ["start", "[2, 3]"], lambda: cama.collision.vertex_face_ccd(np.zeros((2, 3)), np.zeros((2, 4, 3)))),
-    "ccd of two lengths": (cama.ArrayError, ["2", "3"], lambda: cama.collision.edge_edge_ccd(np.zeros((2, 4, 3)), np.zeros((3, 4, 3)))),
-    "ccd with NaN": (cama.ArrayError, ["end", "row 1"],
-                     lambda: cama.collision.vertex_face_ccd(np.zeros((2, 4, 3)), put(1, np.nan)(np.zeros((2, 4, 3))))),
-    "ccd by magic": (cama.ArrayError, ["magic", "additive"], lambda: cama.collision.edge_edge_ccd([], [], method="magic")),
-    "intersections out of range": (cama.MeshError, ["face 1", "9"], lambda: cama.collision.intersections(np.zeros((3, 3)), [[0, 1, 2], [0, 1, 9]])),
+    "unknown precision": (
+        cama.SceneError,
+        ["precision", "half"],
+        lambda: cama.Simulation(sheet_scene(), precision="half"),
+    ),
+    "unknown accuracy": (
+        cama.SceneError,
+        ["accuracy", "perfect", "production"],
+        lambda: cama.Simulation(sheet_scene(), accuracy="perfect"),
+    ),
+    "state of wrong shape": (
+        cama.ArrayError,
+        ["positions", "[3, 3]", "25"],
+        lambda: cama.Simulation(sheet_scene()).set_state(np.zeros((3, 3)), np.zeros((3, 3))),
+    ),
+    "state with NaN": (
+        cama.ArrayError,
+        ["velocities", "row 4"],
+        lambda: cama.Simulation(sheet_scene()).set_state(grid(4)[0], put(4, np.nan)(grid(4)[0])),
+    ),
+    "ccd of wrong shape": (
+        cama.ArrayError,
+        ["start", "[2, 3]"],
+        lambda: cama.collision.vertex_face_ccd(np.zeros((2, 3)), np.zeros((2, 4, 3))),
+    ),
+    "ccd of two lengths": (
+        cama.ArrayError,
+        ["2", "3"],
+        lambda: cama.collision.edge_edge_ccd(np.zeros((2, 4, 3)), np.zeros((3, 4, 3))),
+    ),
+    "ccd with NaN": (
+        cama.ArrayError,
+        ["end", "row 1"],
+        lambda: cama.collision.vertex_face_ccd(np.zeros((2, 4, 3)), put(1, np.nan)(np.zeros((2, 4, 3)))),
+    ),
+    "ccd by magic": (
+        cama.ArrayError,
+        ["magic", "additive"],
+        lambda: cama.collision.edge_edge_ccd([], [], method="magic"),
+    ),
+    "intersections out of range": (
+        cama.MeshError,
+        ["face 1", "9"],
+        lambda: cama.collision.intersections(np.zeros((3, 3)), [[0, 1, 2], [0, 1, 9]]),
+    ),
 }
 
 
@@ -122,7 +180,9 @@ def test_is_refused_by_name(case):
         assert word in str(caught.value)
 
 
-@pytest.mark.parametrize("thing, field", [(cama.Material.fabric("silk"), "dampign"), (cama.Scene(), "gravitas"), (cama.Motion(), "speed")])
+@pytest.mark.parametrize(
+    "thing, field", [(cama.Material.fabric("silk"), "dampign"), (cama.Scene(), "gravitas"), (cama.Motion(), "speed")]
+)
 def test_a_field_that_is_not_there_is_no_new_one(thing, field):
     with pytest.raises(AttributeError, match=field):
         setattr(thing, field, 3)
@@ -130,16 +190,27 @@ def test_a_field_that_is_not_there_is_no_new_one(thing, field):
 
 def test_a_process_may_fork_after_simulating_on_one_thread():
     """As multiprocessing does by default: with threads of OpenMP's the child would wait for them for ever."""
-    code = ("import os, cama\nscene = cama.Scene.load('drape', 1000)\n"
-            "def run(**options):\n    s = cama.Simulation(scene, **options)\n    s.step(2)\n    return s.state_hash, s.count_intersections()\n"
-            "before = run(backend='cpu')\nif os.fork() == 0:\n    print(run(backend='cpu', threads=1) == before, flush=True)\n    os._exit(0)\nos.wait()\n")
+    code = (
+        "import os, cama\nscene = cama.Scene.load('drape', 1000)\n"
+        "def run(**options):\n    s = cama.Simulation(scene, **options)\n    s.step(2)\n    return s.state_hash, s.count_intersections()\n"
+        "before = run(backend='cpu')\nif os.fork() == 0:\n    print(run(backend='cpu', threads=1) == before, flush=True)\n    os._exit(0)\nos.wait()\n"
+    )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60)
     assert done.stdout == "True\n", done
 
 
 def test_every_error_is_one_family():
-    for name in ("ArrayError", "BackendError", "CollisionError", "DeviceMemoryError", "FileError", "MaterialError", "MeshError",
-                 "SceneError", "SolverError"):
+    for name in (
+        "ArrayError",
+        "BackendError",
+        "CollisionError",
+        "DeviceMemoryError",
+        "FileError",
+        "MaterialError",
+        "MeshError",
+        "SceneError",
+        "SolverError",
+    ):
         assert issubclass(getattr(cama, name), cama.Error)
         assert getattr(cama, name).__module__ == "cama"
     assert issubclass(cama.DeviceMemoryError, cama.BackendError) and issubclass(cama.ArrayError, ValueError)

@@ -40,16 +40,21 @@ def crossing(seed=0):
 def test_report_names_objects_primitives_and_places():
     scene = crossing()
     found = scene.intersections()
-    assert {(p.first_name, p.second_name) for p in found} == {("cloth 'sheet'", "cloth 'upright'"), ("cloth 'sheet'", "obstacle 'ball'")}
+    assert {(p.first_name, p.second_name) for p in found} == {
+        ("cloth 'sheet'", "cloth 'upright'"),
+        ("cloth 'sheet'", "obstacle 'ball'"),
+    }
     assert sum(p.count for p in found) == judged(scene) > 0
     parts = [*scene.cloths, *scene.obstacles]
     for pair in found:
         assert pair.edge.shape == (pair.count, 2) and pair.place.shape == (pair.count, 3)
-        for e_object, edge, f_object, face, place in zip(pair.edge_object, pair.edge, pair.face_object, pair.face, pair.place):
+        for e_object, edge, f_object, face, place in zip(
+            pair.edge_object, pair.edge, pair.face_object, pair.face, pair.place
+        ):
             p, q = parts[e_object].vertices[edge]
             a, b, c = parts[f_object].vertices[parts[f_object].faces[face]]
-            assert np.linalg.norm(np.cross(q - p, place - p)) < 1e-12          # on the edge
-            assert abs(np.dot(np.cross(b - a, c - a), place - a)) < 1e-12      # in the face's plane
+            assert np.linalg.norm(np.cross(q - p, place - p)) < 1e-12  # on the edge
+            assert abs(np.dot(np.cross(b - a, c - a), place - a)) < 1e-12  # in the face's plane
         assert (pair.bounds[0] <= pair.mean).all() and (pair.mean <= pair.bounds[1]).all()
 
 
@@ -68,19 +73,22 @@ def test_untangled_start_is_clean_for_ipctk(seed):
 
 def test_policies():
     scene = crossing()
-    with pytest.raises(cama.CollisionError, match="cloth 'sheet' with obstacle 'ball'.*cama check SCENE --mesh.*untangle"):
+    with pytest.raises(
+        cama.CollisionError, match="cloth 'sheet' with obstacle 'ball'.*cama check SCENE --mesh.*untangle"
+    ):
         cama.Simulation(scene)
     assert cama.Simulation(scene, intersections="exempt").count_intersections() == judged(scene)
     simulation = cama.Simulation(scene, intersections="untangle", threads=1)
     assert simulation.untangled.clean and simulation.count_intersections() == 0
     assert all(frame.intersections == 0 for frame in simulation.frames(10))
-    assert (scene.cloths[0].vertices == crossing().cloths[0].vertices).all()   # the caller's scene stays
+    assert (scene.cloths[0].vertices == crossing().cloths[0].vertices).all()  # the caller's scene stays
     with pytest.raises(cama.SceneError, match="reject, exempt, untangle"):
         cama.Simulation(scene, intersections="ignore")
 
 
 def test_meshes_have_a_group_per_pair(tmp_path):
     import pyvista
+
     scene = crossing()
     scene.save_intersections(tmp_path / "guilty.ply")
     scene.save_intersections(tmp_path / "guilty.obj")
@@ -109,9 +117,16 @@ def garment(name):
         folder = GARMENTS / "codim"
         if not (folder / "dress_knife_stage.obj").exists():
             pytest.skip(f"no test data in {folder}")
-        stage, drape = (_core.load_mesh(folder / f"dress_knife_{part}.obj", 1.0, 1.0) for part in ("stage", "drape_with_body"))
-        scene.add_cloth(drape.vertices[:len(stage.vertices)], stage.faces, material_vertices=stage.material_vertices,
-                        material_faces=stage.material_faces, name="garment")
+        stage, drape = (
+            _core.load_mesh(folder / f"dress_knife_{part}.obj", 1.0, 1.0) for part in ("stage", "drape_with_body")
+        )
+        scene.add_cloth(
+            drape.vertices[: len(stage.vertices)],
+            stage.faces,
+            material_vertices=stage.material_vertices,
+            material_faces=stage.material_faces,
+            name="garment",
+        )
         return scene
     folder = GARMENTS / "garmentcode"
     if not (folder / f"{name}_m.obj").exists():

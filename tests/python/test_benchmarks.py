@@ -17,8 +17,10 @@ import paper_tables  # noqa: E402
 import performance_page  # noqa: E402
 import times  # noqa: E402
 
-HEADER = ("scene,triangles,accuracy,backend,device,precision,options,time_step,skipped,steps,stage,mean_ms,median_ms,stddev_ms,p95_ms,bytes,"
-          "bandwidth_gbs,floor_ms,ratio,iterations,launches,waits,contacts,candidates,intersections,peak_mib,hash\n")
+HEADER = (
+    "scene,triangles,accuracy,backend,device,precision,options,time_step,skipped,steps,stage,mean_ms,median_ms,stddev_ms,p95_ms,bytes,"
+    "bandwidth_gbs,floor_ms,ratio,iterations,launches,waits,contacts,candidates,intersections,peak_mib,hash\n"
+)
 
 
 def rows(step, parts, iterations=100, triangles=200000):
@@ -28,21 +30,33 @@ def rows(step, parts, iterations=100, triangles=200000):
     return text + "".join(f'{start}"{name}",{ms},{ms},0,{ms},,,,,,,,,,,,\n' for name, ms in parts.items())
 
 
-PARTS = {"proximity checking": 2, "matrix assembly": 4, "matrix assembly/matrix assembly": 3, "linear solve": 10, "penetration handling": 3,
-         "finish step": 1}
+PARTS = {
+    "proximity checking": 2,
+    "matrix assembly": 4,
+    "matrix assembly/matrix assembly": 3,
+    "linear solve": 10,
+    "penetration handling": 3,
+    "finish step": 1,
+}
 
 
 def test_csv_is_read_run_by_run():
     runs = times.parse(HEADER + rows(20, PARTS) + "# remark\n" + HEADER + rows(40, PARTS, triangles=400000))
     assert [r["triangles"] for r in runs] == [200000, 400000] and [r["median_ms"] for r in runs] == [20, 40]
     assert runs[0]["device"] == "a device, 1 thread" and math.isnan(runs[0]["waits"]) and runs[0]["peak_mib"] == 12.5
-    assert list(runs[0].top()) == ["proximity checking", "matrix assembly", "linear solve", "penetration handling", "finish step"]
+    assert list(runs[0].top()) == [
+        "proximity checking",
+        "matrix assembly",
+        "linear solve",
+        "penetration handling",
+        "finish step",
+    ]
     assert "matrix assembly" not in runs[0].leaves() and "matrix assembly/matrix assembly" in runs[0].leaves()
 
 
 def test_exponent_of_a_power_law():
-    assert times.exponent([(x, 3 * x ** 1.37) for x in (16e3, 64e3, 256e3, 1e6)]) == pytest.approx(1.37)
-    figure16 = np.log([(16e3, 0.27), (64e3, 1.22), (256e3, 5.30), (1e6, 35.57)])   # of the paper: 1.17
+    assert times.exponent([(x, 3 * x**1.37) for x in (16e3, 64e3, 256e3, 1e6)]) == pytest.approx(1.37)
+    figure16 = np.log([(16e3, 0.27), (64e3, 1.22), (256e3, 5.30), (1e6, 35.57)])  # of the paper: 1.17
     assert times.exponent(np.exp(figure16).tolist()) == pytest.approx(np.polyfit(*figure16.T, 1)[0])
     assert math.isnan(times.exponent([(1000, 1.0), (1000, 2.0)]))
 
@@ -54,14 +68,24 @@ def test_shares_and_claims_are_those_of_the_times():
     sort = times.parse(HEADER + rows(29, {**PARTS, "matrix assembly/matrix assembly": 12}))[0]
     whole = times.parse(HEADER + rows(23, {**PARTS, "penetration handling": 6}))[0]
     tight = times.parse(HEADER + rows(26, PARTS))[0]
-    found = paper_tables.claims({"paper": base, "no preconditioner": plain, "sorted assembly": sort, "search not localized": whole,
-                                 "tolerance 1e-11": tight})
+    found = paper_tables.claims(
+        {
+            "paper": base,
+            "no preconditioner": plain,
+            "sorted assembly": sort,
+            "search not localized": whole,
+            "tolerance 1e-11": tight,
+        }
+    )
     assert found == ["20 %", "30 %", "4.00x", None, "50 %", "30 %"]
 
 
 def test_a_section_of_the_page_is_replaced_and_nothing_else():
     page = "a\n<!-- section gpu -->\nold\n<!-- end gpu -->\nb\n"
-    assert performance_page.replace_section(page, "gpu", r"new \1") == "a\n<!-- section gpu -->\n\nnew \\1\n\n<!-- end gpu -->\nb\n"
+    assert (
+        performance_page.replace_section(page, "gpu", r"new \1")
+        == "a\n<!-- section gpu -->\n\nnew \\1\n\n<!-- end gpu -->\nb\n"
+    )
     with pytest.raises(ValueError, match="no section 'cpu'"):
         performance_page.replace_section(page, "cpu", "new")
 
@@ -72,7 +96,12 @@ def test_published_figures_stand_beside_runs_of_their_size_alone():
 
 
 def test_sizes_are_compared_from_the_same_step_on_alone():
-    text = HEADER + rows(20, PARTS) + rows(80, PARTS, triangles=800000) + rows(1, PARTS, triangles=2000).replace(",1,2,", ",9,2,")
+    text = (
+        HEADER
+        + rows(20, PARTS)
+        + rows(80, PARTS, triangles=800000)
+        + rows(1, PARTS, triangles=2000).replace(",1,2,", ",9,2,")
+    )
     table = performance_page.scaling(times.parse(text)).splitlines()
     assert len(table) == 3 and "200,000 / 800,000 | 20 / 80 | 1.00 |" in table[2]
 
@@ -103,7 +132,7 @@ def test_bytes_of_a_solve_are_those_of_the_mesh():
         pairs |= set(itertools.permutations(ends, 2))
     blocks, i = cloth + len(pairs), run["iterations"]
     multiply = blocks * (9 * 8 + 4) + cloth * (4 + 2 * 24)
-    vectors = 12 * 24 - 2 * 24 + 72   # update and direction, the preconditioner's block
+    vectors = 12 * 24 - 2 * 24 + 72  # update and direction, the preconditioner's block
     assert run["contacts"] == 0 and i > 0
     assert run.stages["linear solve"]["bytes"] == (i + 1) * multiply + i * vectors * cloth
 
@@ -111,7 +140,7 @@ def test_bytes_of_a_solve_are_those_of_the_mesh():
 def test_floors_times_and_counts_fit_together():
     (run,), said = step_times(resolutions=600, skip=60, steps=4, audit=1)
     top, leaves = run.top(), run.leaves()
-    assert run["bytes"] == pytest.approx(sum(r["bytes"] for r in top.values()), rel=0.05)       # medians
+    assert run["bytes"] == pytest.approx(sum(r["bytes"] for r in top.values()), rel=0.05)  # medians
     assert run["bytes"] == pytest.approx(sum(r["bytes"] for r in leaves.values()), rel=0.05)
     assert run["floor_ms"] == pytest.approx(run["bytes"] / 10e9 * 1e3, rel=1e-3)
     assert run["mean_ms"] >= sum(r["mean_ms"] for r in top.values()) >= 0.5 * run["mean_ms"]
@@ -130,6 +159,10 @@ def test_an_unknown_name_or_value_is_refused():
         program = times.find_program()
     except FileNotFoundError as missing:
         pytest.skip(str(missing))
-    for settings, words in ({"colour": 1}, "colour: is not known"), ({"steps": "1.5"}, "not a whole number"), ({"search": "x"}, "tree|fronts"):
+    for settings, words in (
+        ({"colour": 1}, "colour: is not known"),
+        ({"steps": "1.5"}, "not a whole number"),
+        ({"search": "x"}, "tree|fronts"),
+    ):
         text, said = times.run(program, str(ROOT / "scenes" / "drape"), 20, **settings)
         assert text == "" and words in said

@@ -15,7 +15,14 @@ from cama import collision
 DATA = Path(os.environ.get("CAMA_TEST_DATA", Path(__file__).resolve().parents[2] / ".." / "shared" / "data")) / "ccd"
 needs_data = pytest.mark.skipif(not (DATA / "sample-queries").exists(), reason=f"SKIPPED: no test data {DATA}")
 SCENES = ["cloth-ball", "cloth-funnel"]
-FOLDERS = ["erleben-cube-internal-edges", "erleben-sliding-spike", "erleben-spike-hole", "erleben-spikes", "erleben-wedges", "unit-tests"]
+FOLDERS = [
+    "erleben-cube-internal-edges",
+    "erleben-sliding-spike",
+    "erleben-spike-hole",
+    "erleben-spikes",
+    "erleben-wedges",
+    "unit-tests",
+]
 
 
 def reader(name):
@@ -104,8 +111,10 @@ def test_whole_meshes(scene):
 
 
 @needs_data
-@pytest.mark.parametrize("scene, edge_first, face_first", [("cloth-ball", 7.492069186824336e-06, 1.4768157568140283e-04),
-                                                           ("cloth-funnel", None, 0.0452323)])
+@pytest.mark.parametrize(
+    "scene, edge_first, face_first",
+    [("cloth-ball", 7.492069186824336e-06, 1.4768157568140283e-04), ("cloth-funnel", None, 0.0452323)],
+)
 def test_first_contacts(scene, edge_first, face_first):
     points, edges, _, _ = listed(scene)
     for method in ("additive", "cubic"):
@@ -114,5 +123,7 @@ def test_first_contacts(scene, edge_first, face_first):
             if expected is None:
                 continue
             found = time[rows & hit].min()
-            assert found == pytest.approx(expected, rel=1e-3 if method == "additive" else 3e-6)  # the funnel's is stated to six digits
+            assert found == pytest.approx(
+                expected, rel=1e-3 if method == "additive" else 3e-6
+            )  # the funnel's is stated to six digits
             assert method == "cubic" or found <= expected

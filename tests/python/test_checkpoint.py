@@ -9,10 +9,10 @@ from pathlib import Path
 import h5py
 import numpy as np
 import pytest
-from conftest import grid
 
 import cama
-from cama.recording import Recording
+from cama.io.recording import Recording
+from conftest import grid
 
 
 def falling(**options):
@@ -20,7 +20,12 @@ def falling(**options):
     scene = cama.Scene(thickness=4e-3, time_step=0.004, frame_time=0.012)
     for k in range(2):
         vertices, faces = grid(8)
-        scene.add_cloth(vertices * 0.3 + [-0.15, -0.15 - 0.003 * k, 0.005 + 0.005 * k], faces, velocity=(0.1, 0, -1), name=f"sheet {k}")
+        scene.add_cloth(
+            vertices * 0.3 + [-0.15, -0.15 - 0.003 * k, 0.005 + 0.005 * k],
+            faces,
+            velocity=(0.1, 0, -1),
+            name=f"sheet {k}",
+        )
     scene.add_obstacle(shape={"sphere": {"radius": 0.1}}, name="ball", translate=(0, 0, -0.101))
     return cama.Simulation(scene, threads=1, **options)
 
@@ -82,25 +87,28 @@ def damage(path, name, value=None, attribute=False):
             where[name] = value
 
 
-@pytest.mark.parametrize("name, value, attribute, error, text", [
-    ("format", "cama checkpoint 99", True, cama.FileError, "format is 'cama checkpoint 99'"),
-    ("step", None, True, cama.FileError, "step"),
-    ("step", 2**40, True, cama.FileError, "32 bits"),
-    ("scene", "zz", True, cama.FileError, "not a checkpoint"),
-    ("scene", "00", True, cama.SceneError, "another scene"),
-    ("time", np.nan, True, cama.SceneError, "time"),
-    ("settings", "[1]", True, cama.FileError, "table"),
-    ("settings", "{", True, cama.FileError, "not a checkpoint"),
-    ("positions", None, False, cama.FileError, "positions"),
-    ("positions", np.zeros(5), False, cama.FileError, "shape"),
-    ("positions", np.full((169, 3), np.nan), False, cama.SceneError, "another scene"),
-    ("velocities", np.zeros((3, 3)), False, cama.SceneError, "velocities has 3 rows"),
-    ("tangled", np.zeros((1, 2)), False, cama.FileError, "integers"),
-    ("let_go", np.array([[0, 7]]), False, cama.SceneError, "let_go"),
-    ("matching_order", np.zeros(162, int), False, cama.SceneError, "twice"),
-    ("matching_parent_0", np.zeros(3, int), False, cama.SceneError, "level 0"),
-    ("matching_start_0", None, False, cama.FileError, "matching_start_0"),
-])
+@pytest.mark.parametrize(
+    "name, value, attribute, error, text",
+    [
+        ("format", "cama checkpoint 99", True, cama.FileError, "format is 'cama checkpoint 99'"),
+        ("step", None, True, cama.FileError, "step"),
+        ("step", 2**40, True, cama.FileError, "32 bits"),
+        ("scene", "zz", True, cama.FileError, "not a checkpoint"),
+        ("scene", "00", True, cama.SceneError, "another scene"),
+        ("time", np.nan, True, cama.SceneError, "time"),
+        ("settings", "[1]", True, cama.FileError, "table"),
+        ("settings", "{", True, cama.FileError, "not a checkpoint"),
+        ("positions", None, False, cama.FileError, "positions"),
+        ("positions", np.zeros(5), False, cama.FileError, "shape"),
+        ("positions", np.full((169, 3), np.nan), False, cama.SceneError, "another scene"),
+        ("velocities", np.zeros((3, 3)), False, cama.SceneError, "velocities has 3 rows"),
+        ("tangled", np.zeros((1, 2)), False, cama.FileError, "integers"),
+        ("let_go", np.array([[0, 7]]), False, cama.SceneError, "let_go"),
+        ("matching_order", np.zeros(162, int), False, cama.SceneError, "twice"),
+        ("matching_parent_0", np.zeros(3, int), False, cama.SceneError, "level 0"),
+        ("matching_start_0", None, False, cama.FileError, "matching_start_0"),
+    ],
+)
 def test_damaged_files_are_refused_by_name_and_nothing_changes(kept, name, value, attribute, error, text):
     path, _ = kept
     damage(path, name, value, attribute)
@@ -113,14 +121,31 @@ def test_damaged_files_are_refused_by_name_and_nothing_changes(kept, name, value
 
 def test_what_is_no_checkpoint_is_refused(tmp_path):
     (tmp_path / "text.h5").write_text("hello")
-    for path, text in ((tmp_path / "none.h5", "no such file"), (tmp_path, "no such file"), (tmp_path / "text.h5", "not a checkpoint")):
+    for path, text in (
+        (tmp_path / "none.h5", "no such file"),
+        (tmp_path, "no such file"),
+        (tmp_path / "text.h5", "not a checkpoint"),
+    ):
         with pytest.raises(cama.FileError, match=text):
             falling().load_checkpoint(path)
 
 
 def command(*words):
-    return subprocess.run([str(Path(sys.executable).parent / "cama"), "run", "drape", "--resolution", "300", "--threads", "1", *map(str, words)], capture_output=True, text=True,
-                          timeout=120)
+    return subprocess.run(
+        [
+            str(Path(sys.executable).parent / "cama"),
+            "run",
+            "drape",
+            "--resolution",
+            "300",
+            "--threads",
+            "1",
+            *map(str, words),
+        ],
+        capture_output=True,
+        text=True,
+        timeout=120,
+    )
 
 
 def test_the_command_resumes_as_if_it_had_never_stopped(tmp_path):
@@ -144,17 +169,22 @@ def test_the_command_resumes_as_if_it_had_never_stopped(tmp_path):
     assert first["state_hash"] == second["state_hash"] and first["steps"] == second["steps"]
     assert first["resumed_at"] is None and second["resumed_at"] == 6 * simulation.steps_per_frame
     other = command("--frames", 20, "-o", parts, "--resume", "--set", "tolerance=1e-2")
-    assert other.returncode == 0 and "not bit by bit as before: tolerance 0.01 instead of 0.001" in " ".join(other.stdout.split())
+    assert other.returncode == 0 and "not bit by bit as before: tolerance 0.01 instead of 0.001" in " ".join(
+        other.stdout.split()
+    )
 
 
-@pytest.mark.parametrize("edit, part", [
-    (lambda s: setattr(s, "gravity", (0, 0, 9.81)), "gravity"),
-    (lambda s: setattr(s, "friction", 0.9), "contact"),
-    (lambda s: s.add_obstacle(shape={"plane": {"size": [1, 1]}}, name="floor", translate=(0, 0, -1)), "floor"),
-    (lambda s: s.pin("sheet 0", [3]), "pins"),
-    (lambda s: setattr(s.cloths[1], "material", cama.Material.fabric("denim")), "sheet 1"),
-    (lambda s: setattr(s, "wind", {"velocity": (1, 0, 0)}), "wind"),
-])
+@pytest.mark.parametrize(
+    "edit, part",
+    [
+        (lambda s: setattr(s, "gravity", (0, 0, 9.81)), "gravity"),
+        (lambda s: setattr(s, "friction", 0.9), "contact"),
+        (lambda s: s.add_obstacle(shape={"plane": {"size": [1, 1]}}, name="floor", translate=(0, 0, -1)), "floor"),
+        (lambda s: s.pin("sheet 0", [3]), "pins"),
+        (lambda s: setattr(s.cloths[1], "material", cama.Material.fabric("denim")), "sheet 1"),
+        (lambda s: setattr(s, "wind", {"velocity": (1, 0, 0)}), "wind"),
+    ],
+)
 def test_a_checkpoint_of_another_scene_is_refused_by_what_differs(kept, edit, part):
     path, _ = kept
     scene = falling().scene.copy()
@@ -172,14 +202,17 @@ def test_a_changed_scene_may_go_on_where_it_is_asked_for_and_frames_are_counted_
     scene.gravity, scene.frames = (0, 0, -1), 3
     simulation = cama.Simulation(scene, threads=1)
     assert simulation.load_checkpoint(path, changed_scene=True) == []
-    assert [frame.index for frame in simulation.frames()] == [3, 4, 5]   # 8 steps of 3 a frame are two frames
+    assert [frame.index for frame in simulation.frames()] == [3, 4, 5]  # 8 steps of 3 a frame are two frames
 
 
 def test_resuming_otherwise_than_the_frames_are_is_refused_and_loses_nothing(tmp_path):
     assert command("--frames", 4, "-o", tmp_path, "--store", "single").returncode == 0
     summary = (tmp_path / "summary.json").read_text()
-    for words, text in ((("--frames", 4), "has 4 frames"), (("--frames", 6, "--store", "double"), "float32"),
-                        (("--frames", 6, "--time-step", "0.003"), "frame every")):
+    for words, text in (
+        (("--frames", 4), "has 4 frames"),
+        (("--frames", 6, "--store", "double"), "float32"),
+        (("--frames", 6, "--time-step", "0.003"), "frame every"),
+    ):
         refused = command("-o", tmp_path, "--resume", *words)
         assert refused.returncode == 2 and text in " ".join(refused.stderr.split()), refused
         assert (tmp_path / "summary.json").read_text() == summary and len(Recording(tmp_path)) == 5

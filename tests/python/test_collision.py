@@ -50,7 +50,12 @@ def adversarial_queries(kind, seed, n):
             points[near, 3] = points[near, 2] + (points[near, 1] - points[near, 0]) * (1 + 2**-16)
         middle = start + time[:, None, None] * (end - start)
         s, t = random.choice([0, 1, 0.25, 0.75], (2, n))
-        shift = (1 - s)[:, None] * middle[:, 0] + s[:, None] * middle[:, 1] - (1 - t)[:, None] * middle[:, 2] - t[:, None] * middle[:, 3]
+        shift = (
+            (1 - s)[:, None] * middle[:, 0]
+            + s[:, None] * middle[:, 1]
+            - (1 - t)[:, None] * middle[:, 2]
+            - t[:, None] * middle[:, 3]
+        )
         for points in (start, end):
             points[:, 2:] += shift[:, None]
     return start, end
@@ -106,14 +111,23 @@ def test_ccd_keeps_the_minimum_distance(kind):
 @pytest.mark.parametrize("kind", KINDS)
 def test_distances_equal_ipctk(kind):
     points = np.concatenate([random_queries(31, 500)[0], np.round(random_queries(32, 500)[0])])
-    ours, weights = (collision.vertex_face_distance if kind == "vertex_face" else collision.edge_edge_distance)(points, return_weights=True)
+    ours, weights = (collision.vertex_face_distance if kind == "vertex_face" else collision.edge_edge_distance)(
+        points, return_weights=True
+    )
     theirs = ipctk.point_triangle_distance if kind == "vertex_face" else ipctk.edge_edge_distance
     flat = np.linalg.norm(np.cross(points[:, 2] - points[:, 1], points[:, 3] - points[:, 1]), axis=1) > 0.1
     if kind == "edge_edge":
-        flat = np.minimum(np.linalg.norm(points[:, 1] - points[:, 0], axis=1), np.linalg.norm(points[:, 3] - points[:, 2], axis=1)) > 0.1
+        flat = (
+            np.minimum(
+                np.linalg.norm(points[:, 1] - points[:, 0], axis=1), np.linalg.norm(points[:, 3] - points[:, 2], axis=1)
+            )
+            > 0.1
+        )
     expected = np.sqrt([max(0.0, theirs(*p)) for p in points[flat]])
     np.testing.assert_allclose(ours[flat], expected, atol=1e-9)
-    np.testing.assert_allclose(np.linalg.norm(np.einsum("nk,nkd->nd", weights, points), axis=1)[flat], ours[flat], atol=1e-9)
+    np.testing.assert_allclose(
+        np.linalg.norm(np.einsum("nk,nkd->nd", weights, points), axis=1)[flat], ours[flat], atol=1e-9
+    )
 
 
 @pytest.mark.parametrize("shift", [0.01, 0.05, -0.05, 2.0])
@@ -150,7 +164,7 @@ def test_contacts_carry_any_load_at_half_the_thickness(density):
         simulation.step()
         impacts += simulation.report["impacts"]
     assert impacts == 0
-    assert simulation.positions[:simulation.cloth_vertex_count, 2].min() == pytest.approx(1e-3, rel=0.01)
+    assert simulation.positions[: simulation.cloth_vertex_count, 2].min() == pytest.approx(1e-3, rel=0.01)
 
 
 def test_cloth_that_has_blown_up_is_a_named_error_in_paper_mode():

@@ -9,12 +9,14 @@ import numpy as np
 import pytest
 
 import cama
-from cama.recording import Recording
+from cama.io.recording import Recording
 
 
 def run(code, **environment):
     """Standard output of a Python process."""
-    done = subprocess.run([sys.executable, "-c", code], env={**os.environ, **environment}, capture_output=True, text=True, timeout=120)
+    done = subprocess.run(
+        [sys.executable, "-c", code], env={**os.environ, **environment}, capture_output=True, text=True, timeout=120
+    )
     assert done.returncode == 0, done.stdout + done.stderr
     return done.stdout
 
@@ -49,21 +51,31 @@ def opencl_in_build():
 
 
 def test_without_an_opencl_driver_the_error_says_what_to_install(opencl_in_build):
-    out = run(scene(4) + """
+    out = run(
+        scene(4)
+        + """
 try:
     cama.Simulation(scene, backend="opencl")
 except cama.BackendError as error:
     print("caught", type(error).__name__, error)
 print("cpu", cama.Simulation(scene, backend="cpu").step_count)
-""", OCL_ICD_VENDORS="/nonexistent", OCL_ICD_FILENAMES="")
+""",
+        OCL_ICD_VENDORS="/nonexistent",
+        OCL_ICD_FILENAMES="",
+    )
     assert "caught BackendError backend opencl: no OpenCL device; install a driver (pocl" in out
     assert "cpu 0" in out
 
 
 def test_the_command_line_ends_with_the_error_and_no_trace(tmp_path, opencl_in_build):
     words = ["run", "drape", "--backend", "opencl", "--frames", "1", "--resolution", "100", "-o", str(tmp_path)]
-    done = subprocess.run([sys.executable, "-c", f"from cama.cli import app; app({words!r})"], capture_output=True, text=True, timeout=120,
-                          env={**os.environ, "OCL_ICD_VENDORS": "/nonexistent"})
+    done = subprocess.run(
+        [sys.executable, "-c", f"from cama.cli import app; app({words!r})"],
+        capture_output=True,
+        text=True,
+        timeout=120,
+        env={**os.environ, "OCL_ICD_VENDORS": "/nonexistent"},
+    )
     said = " ".join((done.stdout + done.stderr).split())
     assert done.returncode > 0
     assert "Traceback" not in said
@@ -86,20 +98,27 @@ def test_without_a_cuda_driver_the_error_has_the_drivers_code():
 
 @pytest.mark.skipif(not sys.platform.startswith("linux"), reason="limits memory by RLIMIT_AS and /proc")
 def test_memory_that_runs_out_while_a_simulation_is_made_is_a_named_error():
-    out = run(scene(150) + LIMIT + """
+    out = run(
+        scene(150)
+        + LIMIT
+        + """
 limit(16 << 20)
 try:
     cama.Simulation(scene, backend="cpu", threads=1)
 except cama.BackendError as error:
     print("caught", type(error).__name__, error)
-""")
+"""
+    )
     assert "caught DeviceMemoryError" in out
     assert "lower the resolution" in out
 
 
 @pytest.mark.skipif(not sys.platform.startswith("linux"), reason="limits memory by RLIMIT_AS and /proc")
 def test_memory_that_runs_out_in_a_step_leaves_the_state_and_a_later_step_works():
-    out = run(scene(60) + LIMIT + """
+    out = run(
+        scene(60)
+        + LIMIT
+        + """
 whole = cama.Simulation(scene, backend="cpu", threads=1)
 for _ in range(3):
     whole.step()
@@ -116,16 +135,19 @@ for _ in range(3):
     simulation.step()
 assert simulation.state_hash == whole.state_hash
 print("same")
-""")
+"""
+    )
     assert "caught out of memory" in out or "caught step 1: out of memory" in out
     assert "same" in out
 
 
 @pytest.mark.skipif(not sys.platform.startswith("linux"), reason="limits files by RLIMIT_FSIZE")
 def test_a_disk_that_is_full_is_a_named_error_and_earlier_frames_stay(tmp_path):
-    out = run(scene(20) + f"""
+    out = run(
+        scene(20)
+        + f"""
 import resource, signal
-from cama.recording import Recorder
+from cama.io.recording import Recorder
 simulation = cama.Simulation(scene, backend="cpu", threads=1)
 signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
 resource.setrlimit(resource.RLIMIT_FSIZE, (200_000, resource.RLIM_INFINITY))
@@ -137,7 +159,8 @@ try:
             frames += 1
 except cama.FileError as error:
     print("caught", frames, error)
-""")
+"""
+    )
     assert "caught" in out and "frames.h5: writing failed" in out and "disk full" in out
     frames = int(out.split("caught ")[1].split()[0])
     assert 2 <= frames < 100

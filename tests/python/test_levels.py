@@ -27,10 +27,14 @@ def falling(time_step=0.005, **more):
 
 def test_levels_set_the_time_step_and_frames_stay_the_same_in_time():
     assert cama.accuracy_levels() == ["preview", "interactive", "production", "accurate", "reference", "paper"]
-    steps = {level: cama.Simulation(falling(frame_time=0.02), accuracy=level).time_step for level in cama.accuracy_levels()}
+    steps = {
+        level: cama.Simulation(falling(frame_time=0.02), accuracy=level).time_step for level in cama.accuracy_levels()
+    }
     assert steps["production"] == steps["paper"] == 0.005
     assert steps["preview"] == pytest.approx(0.02 / 3) and steps["interactive"] == pytest.approx(0.004)
-    assert steps["accurate"] == pytest.approx(0.02 / 182) and steps["reference"] == pytest.approx(0.02 / 727)   # of sqrt(0.0455 / 1.5e5) s a fifth and a twentieth
+    assert steps["accurate"] == pytest.approx(0.02 / 182) and steps["reference"] == pytest.approx(
+        0.02 / 727
+    )  # of sqrt(0.0455 / 1.5e5) s a fifth and a twentieth
     for level, own in (("preview", 0.005), ("production", 0.005), ("accurate", 0.005), ("production", 0)):
         simulation = cama.Simulation(falling(own, frame_time=0.02), accuracy=level)
         times = [frame.time for frame in simulation.frames(audit=False)]
@@ -41,9 +45,9 @@ def test_what_neither_scene_nor_user_says_the_level_does():
     scene = falling(0)
     assert (scene.time_step, scene.frame_time, scene.seconds_per_frame) == (0, 0, 1 / 60)
     simulation = cama.Simulation(scene)
-    assert simulation.time_step == pytest.approx(1 / 60 / 31) and simulation.steps_per_frame == 31   # 30.3
+    assert simulation.time_step == pytest.approx(1 / 60 / 31) and simulation.steps_per_frame == 31  # 30.3
     assert {s["name"]: s["origin"] for s in simulation.settings}["time_step"] == "level"
-    assert cama.Simulation(scene, accuracy="paper").time_step == pytest.approx(1 / 240)              # 1/200 s is 3.3 in a frame
+    assert cama.Simulation(scene, accuracy="paper").time_step == pytest.approx(1 / 240)  # 1/200 s is 3.3 in a frame
     assert "time_step" not in json.loads(scene.to_json()) and cama.Scene.parse(scene.to_json()).time_step == 0
 
 
@@ -60,7 +64,9 @@ def test_free_fall_follows_the_closed_form_of_each_integrator():
 
 
 def test_every_knob_can_be_overridden_and_says_so():
-    simulation = cama.Simulation(falling(), accuracy="accurate", time_step=1e-3, newton_iterations=2, integrator="backward_euler")
+    simulation = cama.Simulation(
+        falling(), accuracy="accurate", time_step=1e-3, newton_iterations=2, integrator="backward_euler"
+    )
     chosen = {s["name"]: (s["value"], s["origin"]) for s in simulation.settings}
     assert chosen["time_step"] == ("0.001 s", "user") and chosen["newton_iterations"] == ("2", "user")
     assert chosen["integrator"] == ("backward_euler", "user") and chosen["newton_tolerance"][1] == "level"
@@ -68,7 +74,11 @@ def test_every_knob_can_be_overridden_and_says_so():
     scene = falling()
     scene.options = {"accuracy": "accurate", "tolerance": 1e-5, "newton_iterations": 3}
     chosen = {s["name"]: (s["value"], s["origin"]) for s in cama.Simulation(scene, newton_iterations=2).settings}
-    assert chosen["tolerance"] == ("1e-05", "scene") and chosen["newton_iterations"] == ("2", "user") and chosen["integrator"] == ("bdf2", "level")
+    assert (
+        chosen["tolerance"] == ("1e-05", "scene")
+        and chosen["newton_iterations"] == ("2", "user")
+        and chosen["integrator"] == ("bdf2", "level")
+    )
     simulation.step()
     report = simulation.report
     assert report["retries"] == 0 and report["newton_iterations"] >= 1 and report["newton_residual"] >= 0
@@ -81,17 +91,41 @@ def test_every_knob_can_be_overridden_and_says_so():
 def test_command_line(tmp_path):
     path = tmp_path / "falling.json"
     path.write_text(falling(frame_time=0.01).to_json())
-    result = RUNNER.invoke(app, ["run", str(path), "--accuracy", "accurate", "--set", "newton_iterations=2", "--set", "tolerance=1e-5", "--frames", "2",
-                                 "-o", str(tmp_path / "out")], catch_exceptions=False)
+    result = RUNNER.invoke(
+        app,
+        [
+            "run",
+            str(path),
+            "--accuracy",
+            "accurate",
+            "--set",
+            "newton_iterations=2",
+            "--set",
+            "tolerance=1e-5",
+            "--frames",
+            "2",
+            "-o",
+            str(tmp_path / "out"),
+        ],
+        catch_exceptions=False,
+    )
     assert result.exit_code == 0, result.output
     summary = json.loads((tmp_path / "out" / "summary.json").read_text())
     assert summary["steps"] == 2 * 91 and summary["dt"] == pytest.approx(0.01 / 91) and summary["retries"] == 0
-    shown = RUNNER.invoke(app, ["explain", str(path), "--accuracy", "accurate", "--time-step", "0.001", "--set", "commit=false"], catch_exceptions=False)
+    shown = RUNNER.invoke(
+        app,
+        ["explain", str(path), "--accuracy", "accurate", "--time-step", "0.001", "--set", "commit=false"],
+        catch_exceptions=False,
+    )
     lines = {line.split()[0]: line for line in shown.output.splitlines() if line.strip()}
     assert "0.001 s" in lines["time_step"] and "user" in lines["time_step"]
     assert "bdf2" in lines["integrator"] and "level accurate" in lines["integrator"]
     assert "false" in lines["commit"] and "user" in lines["commit"]
-    for words, expected in ((["--set", "tolerance"], "NAME=VALUE"), (["--set", "tolerance=much"], "much"), (["--set", "tolerence=1"], "tolerence")):
+    for words, expected in (
+        (["--set", "tolerance"], "NAME=VALUE"),
+        (["--set", "tolerance=much"], "much"),
+        (["--set", "tolerence=1"], "tolerence"),
+    ):
         failed = RUNNER.invoke(app, ["run", str(path), *words, "-o", str(tmp_path / "no")])
         assert failed.exit_code == 2 and expected in failed.output
 

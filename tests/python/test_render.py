@@ -11,7 +11,7 @@ pytest.importorskip("pyvista")
 imageio = pytest.importorskip("imageio.v3")
 
 import cama  # noqa: E402
-from cama import render  # noqa: E402
+from cama.io import render  # noqa: E402
 
 
 @pytest.fixture
@@ -20,9 +20,14 @@ def recording(tmp_path):
     vertices, faces = grid(20)
     times = np.arange(26) / 50
     with h5py.File(tmp_path / "frames.h5", "w") as f:
-        f["positions"] = np.stack([vertices + np.outer(0.1 * np.sin(8 * vertices[:, 0] + 9 * t), [0, 0, 1]) for t in times])
+        f["positions"] = np.stack(
+            [vertices + np.outer(0.1 * np.sin(8 * vertices[:, 0] + 9 * t), [0, 0, 1]) for t in times]
+        )
         f["times"], f["faces"] = times, faces.astype(np.int32)
-        for kind, ranges, names in (("cloth", [[0, len(vertices)]], ["sheet"]), ("obstacle", np.zeros((0, 2), int), [])):
+        for kind, ranges, names in (
+            ("cloth", [[0, len(vertices)]], ["sheet"]),
+            ("obstacle", np.zeros((0, 2), int), []),
+        ):
             f[f"{kind}_ranges"] = np.asarray(ranges)
             f[f"{kind}_ranges"].attrs["names"] = np.array(names, dtype=h5py.string_dtype())
     return tmp_path
@@ -36,7 +41,7 @@ def test_draws_images_and_video(recording, monkeypatch):
     assert len(pictures) == 11 and pictures[0].shape == (180, 320, 3)
     assert (pictures[0] != pictures[5]).mean() > 0.02
     blue = pictures[0].astype(int)
-    assert 0.05 < (blue[..., 2] > blue[..., 0] + 40).mean() < 0.7   # the sheet is in the picture, and not all of it
+    assert 0.05 < (blue[..., 2] > blue[..., 0] + 40).mean() < 0.7  # the sheet is in the picture, and not all of it
     assert imageio.imread(recording / "video.mp4").shape == (11, 180, 320, 3)
     assert not list(recording.glob("*.partial*"))
 
@@ -51,7 +56,7 @@ def test_what_cannot_be_written_is_a_named_error_and_nothing_half_written_stays(
 def test_speed_slows_down_short_clips():
     assert render.choose_speed(10.0, 0.005, 30) == 1
     assert render.choose_speed(0.5, 0.001, 30) == 0.125
-    assert render.choose_speed(0.5, 0.02, 30) == 0.5   # images would only repeat
+    assert render.choose_speed(0.5, 0.02, 30) == 0.5  # images would only repeat
     times = np.arange(101) * 0.01
     frames = render.choose_frames(times, 25, 1.0)
     assert frames[0] == 0 and frames[-1] == 100 and (np.diff(frames) == 4).all()

@@ -9,13 +9,24 @@ SHEET = {"cloth": [{"grid": {"size": [1, 1], "cells": [2, 2]}, "material": "cott
 
 
 def test_options_are_used_and_survive_saving(tmp_path):
-    scene = cama.Scene.parse(dict(SHEET, options={"accuracy": "paper", "tolerance": 1e-4, "max_impact_passes": 3, "precision": "single"}))
+    scene = cama.Scene.parse(
+        dict(SHEET, options={"accuracy": "paper", "tolerance": 1e-4, "max_impact_passes": 3, "precision": "single"})
+    )
     scene.save(tmp_path / "scene.json")
     again = cama.Scene.load(tmp_path / "scene.json")
-    assert again.options == scene.options == {"accuracy": "paper", "tolerance": 1e-4, "max_impact_passes": 3, "precision": "single"}
+    assert (
+        again.options
+        == scene.options
+        == {"accuracy": "paper", "tolerance": 1e-4, "max_impact_passes": 3, "precision": "single"}
+    )
     assert again.to_json() == scene.to_json() == again.copy().to_json()
     options = cama.Simulation(again).options
-    assert (options["accuracy"], options["tolerance"], options["max_impact_passes"], options["precision"]) == ("paper", 1e-4, 3, "single")
+    assert (options["accuracy"], options["tolerance"], options["max_impact_passes"], options["precision"]) == (
+        "paper",
+        1e-4,
+        3,
+        "single",
+    )
     assert options["search"] == "fronts"  # of the preset
 
 
@@ -29,10 +40,20 @@ def test_the_caller_overrides():
     assert cama.Simulation(scene, accuracy="production").options["tolerance"] == 1e-3
 
 
-@pytest.mark.parametrize("options, text", [
-    ({"tolerence": 1e-2}, "tolerence.*tolerance"), ({"backend": "cpu"}, "backend"), ({"pinch": "release"}, "pinch"), ({"accuracy": "best"}, "best"),
-    ({"tolerance": "small"}, "tolerance"), ({"tolerance": [1]}, "options.tolerance"), ({"search": "luck"}, "luck"), ([1], "options"),
-    ({"accuracy": 3}, "accuracy")])
+@pytest.mark.parametrize(
+    "options, text",
+    [
+        ({"tolerence": 1e-2}, "tolerence.*tolerance"),
+        ({"backend": "cpu"}, "backend"),
+        ({"pinch": "release"}, "pinch"),
+        ({"accuracy": "best"}, "best"),
+        ({"tolerance": "small"}, "tolerance"),
+        ({"tolerance": [1]}, "options.tolerance"),
+        ({"search": "luck"}, "luck"),
+        ([1], "options"),
+        ({"accuracy": 3}, "accuracy"),
+    ],
+)
 def test_bad_options_are_named(options, text):
     with pytest.raises(cama.SceneError, match=text):
         cama.Scene.parse(dict(SHEET, options=options))

@@ -5,12 +5,12 @@ import json
 
 import jsonschema
 import pytest
+from typer.testing import CliRunner
 
 import cama
 from cama import shipped
 from cama.cli import app
 from conftest import judge
-from typer.testing import CliRunner
 
 SCENES = ["drape", "flag", "funnel", "garment", "pile", "sphere", "twisting"]
 
@@ -35,7 +35,9 @@ def test_has_the_size_asked_for(name):
 
 
 def run(name, resolution, frames, folder):
-    words = ["run", name, "--resolution", str(resolution), "-o", str(folder)] + (["--frames", str(frames)] if frames else [])
+    words = ["run", name, "--resolution", str(resolution), "-o", str(folder)] + (
+        ["--frames", str(frames)] if frames else []
+    )
     result = CliRunner().invoke(app, words, catch_exceptions=False)
     assert result.exit_code == 0, result.output
     return json.loads((folder / "summary.json").read_text())
@@ -49,7 +51,10 @@ def test_starts_without_intersections_and_keeps_so(name, tmp_path):
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("name, resolution", [("sphere", 20000), ("drape", 20000), ("funnel", 5000), ("twisting", 5000), ("garment", 8000), ("flag", 4000)])
+@pytest.mark.parametrize(
+    "name, resolution",
+    [("sphere", 20000), ("drape", 20000), ("funnel", 5000), ("twisting", 5000), ("garment", 8000), ("flag", 4000)],
+)
 def test_keeps_free_of_intersections_for_its_whole_length(name, resolution, tmp_path):
     summary = run(name, resolution, 0, tmp_path)
     assert judge(tmp_path, every=5) == 0

@@ -5,8 +5,8 @@ import numpy as np
 import pytest
 
 import cama
-from cama.recording import Recorder, Recording
-from cama.render import tessellate
+from cama.io.recording import Recorder, Recording
+from cama.io.render import tessellate
 from conftest import grid
 
 
@@ -36,10 +36,28 @@ def scene():
     """A sheet over all four, one of them moving."""
     scene = cama.Scene(thickness=2e-3, time_step=0.005)
     scene.add_cloth(*grid(16, 0.5, z=0.26), name="sheet")
-    scene.add_obstacle(shape={"shape": {"sphere": {"radius": 0.05}}}, translate=(-0.1, 0.1, 0.2), scale=1.1, name="ball", motion={"velocity": (0.3, 0, 0.2)})
-    scene.add_obstacle(shape={"shape": {"capsule": {"radius": 0.04, "length": 0.2}}}, translate=(0.1, 0.0, 0.2), rotate=(2**-0.5, 2**-0.5, 0, 0), name="rod")
+    scene.add_obstacle(
+        shape={"shape": {"sphere": {"radius": 0.05}}},
+        translate=(-0.1, 0.1, 0.2),
+        scale=1.1,
+        name="ball",
+        motion={"velocity": (0.3, 0, 0.2)},
+    )
+    scene.add_obstacle(
+        shape={"shape": {"capsule": {"radius": 0.04, "length": 0.2}}},
+        translate=(0.1, 0.0, 0.2),
+        rotate=(2**-0.5, 2**-0.5, 0, 0),
+        name="rod",
+    )
     scene.add_obstacle(shape={"shape": {"box": {"size": [0.1, 0.1, 0.1]}}}, translate=(-0.1, -0.12, 0.19), name="block")
-    scene.add_obstacle(shape={"shape": {"plane": {}}}, friction=0.3, static_friction=0.5, thickness=3e-3, contact_stiffness=2e6, name="ground")
+    scene.add_obstacle(
+        shape={"shape": {"plane": {}}},
+        friction=0.3,
+        static_friction=0.5,
+        thickness=3e-3,
+        contact_stiffness=2e6,
+        name="ground",
+    )
     return scene
 
 
@@ -57,8 +75,11 @@ def test_cloth_stays_out_of_smooth_shapes(scene):
         simulation.step()
         x = simulation.positions
         ends = [x[first:last] for first, last in simulation.obstacle_ranges]
-        gaps = [point_triangles(ends[0][0], x[cloth]).min() - ball.radius, segment_triangles(*ends[1], x[cloth]).min() - rod.radius,
-                x[: scene.vertex_count, 2].min()]
+        gaps = [
+            point_triangles(ends[0][0], x[cloth]).min() - ball.radius,
+            segment_triangles(*ends[1], x[cloth]).min() - rod.radius,
+            x[: scene.vertex_count, 2].min(),
+        ]
         assert min(gaps) > 0
         touched |= np.array(gaps) < 2.5e-3
     assert simulation.count_intersections() == 0
@@ -76,7 +97,12 @@ def test_a_recording_knows_exact_obstacles(scene, tmp_path):
     with Recorder(tmp_path / "frames.h5", simulation) as recorder:
         recorder.add(0.0, simulation.positions, 0, 0)
     with Recording(tmp_path) as recording:
-        assert [(p.surface, p.radius) for p in recording.obstacles] == [("sphere", pytest.approx(0.055)), ("capsule", 0.04), ("box", 0), ("plane", 0)]
+        assert [(p.surface, p.radius) for p in recording.obstacles] == [
+            ("sphere", pytest.approx(0.055)),
+            ("capsule", 0.04),
+            ("box", 0),
+            ("plane", 0),
+        ]
         assert [p.surface for p in recording.cloths] == ["mesh"]
 
 
@@ -85,8 +111,12 @@ def test_what_is_drawn_lies_on_the_surface_and_faces_outward(surface):
     points = np.array([[0.1, 0.2, 0.3], [0.4, -0.2, 0.5]])[: 1 if surface == "sphere" else 2]
     vertices, faces = tessellate(surface, 0.2, points)
     ends = np.repeat(points, 2, axis=0) if len(points) == 1 else points
-    nearest = [ends[0] + np.clip((v - ends[0]) @ (ends[1] - ends[0]) / max((ends[1] - ends[0]) @ (ends[1] - ends[0]), 1e-300), 0, 1) * (ends[1] - ends[0])
-               for v in vertices]
+    nearest = [
+        ends[0]
+        + np.clip((v - ends[0]) @ (ends[1] - ends[0]) / max((ends[1] - ends[0]) @ (ends[1] - ends[0]), 1e-300), 0, 1)
+        * (ends[1] - ends[0])
+        for v in vertices
+    ]
     assert np.allclose(np.linalg.norm(vertices - nearest, axis=1), 0.2)
     x = vertices[faces]
     volume = (x[:, 0] * np.cross(x[:, 1], x[:, 2])).sum() / 6
@@ -97,8 +127,13 @@ def test_what_is_drawn_lies_on_the_surface_and_faces_outward(surface):
 def test_what_is_drawn_of_a_plane_lies_in_it():
     points = np.array([[1.0, 2, 3], [2, 2, 3.5], [1, 3, 3]])
     vertices, faces = tessellate("plane", 0, points, seen=((5, -3, 2), 4.0))
-    assert np.allclose(np.cross(vertices.mean(axis=0) - [5, -3, 2], np.cross(points[1] - points[0], points[2] - points[0])), 0)
+    assert np.allclose(
+        np.cross(vertices.mean(axis=0) - [5, -3, 2], np.cross(points[1] - points[0], points[2] - points[0])), 0
+    )
     assert np.allclose(np.linalg.norm(vertices[1] - vertices[0]), 8)
     normal = np.cross(points[1] - points[0], points[2] - points[0])
     assert np.allclose((vertices - points[0]) @ normal, 0)
-    assert (np.cross(vertices[faces][:, 1] - vertices[faces][:, 0], vertices[faces][:, 2] - vertices[faces][:, 0]) @ normal > 0).all()
+    assert (
+        np.cross(vertices[faces][:, 1] - vertices[faces][:, 0], vertices[faces][:, 2] - vertices[faces][:, 0]) @ normal
+        > 0
+    ).all()

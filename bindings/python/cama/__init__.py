@@ -1,32 +1,87 @@
 # SPDX-License-Identifier: Apache-2.0
 """cama: cloth simulation with implicit integration and exact contact, on CPUs and GPUs.
 
-    scene = cama.Scene()
-    sheet = scene.add_cloth("sheet.obj", material="cotton", thickness=1e-3)
-    scene.add_obstacle("walk.glb")
-    scene.pin(sheet, vertices=[0, 1])
-    for frame in cama.Simulation(scene).frames(240):
-        print(frame.index, frame.contacts, frame.intersections)
+scene = cama.Scene()
+sheet = scene.add_cloth("sheet.obj", material="cotton", thickness=1e-3)
+scene.add_obstacle("walk.glb")
+scene.pin(sheet, vertices=[0, 1])
+for frame in cama.Simulation(scene).frames(240):
+    print(frame.index, frame.contacts, frame.intersections)
 """
 
-import os as _os
+import importlib
+import os
+from types import ModuleType
+from typing import TYPE_CHECKING
 
 # Threads that wait for each other spin for a moment, then sleep: on a shared machine they would otherwise starve each other.
-_os.environ.setdefault("GOMP_SPINCOUNT", "20000")
+os.environ.setdefault("GOMP_SPINCOUNT", "20000")  # before the compiled module starts them
 
 from . import collision, shipped  # noqa: E402
-from ._core import __version__, accuracy_levels, list_backends as backends
-from .errors import (ArrayError, BackendError, CollisionError, DeviceMemoryError, Error, FileError, MaterialError,
-                     MeshError, SceneError, SolverError)
-from .material import Material, fabrics
-from .motion import Motion
-from .scene import Cloth, Obstacle, Scene
-from .simulation import Frame, Simulation
-from . import accuracy, tradeoff, tune  # noqa: E402
+from ._core import __version__, accuracy_levels  # noqa: E402
+from ._core import list_backends as backends  # noqa: E402
+from .errors import (
+    ArrayError,
+    BackendError,
+    CollisionError,
+    DeviceMemoryError,
+    Error,
+    FileError,
+    MaterialError,  # noqa: E402
+    MeshError,
+    SceneError,
+    SolverError,
+)
+from .material import Material, fabrics  # noqa: E402
+from .motion import Motion  # noqa: E402
+from .scene import Cloth, Obstacle, Scene  # noqa: E402
+from .simulation import Frame, Simulation  # noqa: E402
+
+if TYPE_CHECKING:
+    from .measuring import accuracy, tradeoff, tune
 
 scenes = shipped.names
 
-__all__ = ["Scene", "Cloth", "Obstacle", "Material", "Motion", "Simulation", "Frame", "accuracy", "accuracy_levels", "collision", "tradeoff", "tune",
-           "backends", "fabrics",
-           "scenes", "Error", "ArrayError", "BackendError", "CollisionError", "DeviceMemoryError", "FileError",
-           "MaterialError", "MeshError", "SceneError", "SolverError"]
+__all__ = [
+    "Scene",
+    "Cloth",
+    "Obstacle",
+    "Material",
+    "Motion",
+    "Simulation",
+    "Frame",
+    "accuracy",
+    "accuracy_levels",
+    "backends",
+    "collision",
+    "fabrics",
+    "scenes",
+    "shipped",
+    "tradeoff",
+    "tune",
+    "__version__",
+    "Error",
+    "ArrayError",
+    "BackendError",
+    "CollisionError",
+    "DeviceMemoryError",
+    "FileError",
+    "MaterialError",
+    "MeshError",
+    "SceneError",
+    "SolverError",
+]
+
+_ON_FIRST_USE = {"accuracy": "measuring.accuracy", "tradeoff": "measuring.tradeoff", "tune": "measuring.tune"}
+
+
+def __getattr__(name: str) -> ModuleType:
+    """Tools for measurements are loaded when they are first asked for."""
+    if name not in _ON_FIRST_USE:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    globals()[name] = module = importlib.import_module(f"{__name__}.{_ON_FIRST_USE[name]}")
+    return module
+
+
+def __dir__() -> list[str]:
+    return sorted(__all__)

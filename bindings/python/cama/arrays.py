@@ -1,16 +1,24 @@
 # SPDX-License-Identifier: Apache-2.0
 """Checks that turn what a user passes into arrays the compiled part can read."""
 
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any, Optional
+
 import numpy as np
 
 from .errors import ArrayError
+from .types import Integers, Quaternion, Reals, Vector
+
+_Shape = Sequence[Optional[int]]
 
 
-def _shape_text(shape):
+def _shape_text(shape: _Shape) -> str:
     return "[" + ", ".join("n" if s is None else str(s) for s in shape) + "]"
 
 
-def _as_array(name, value, shape):
+def _as_array(name: str, value: object, shape: _Shape) -> Any:
     try:
         array = np.asarray(value)
     except (TypeError, ValueError) as problem:
@@ -22,7 +30,7 @@ def _as_array(name, value, shape):
     return array
 
 
-def reals(name, value, shape, finite=True):
+def reals(name: str, value: object, shape: _Shape, finite: bool = True) -> Reals:
     """`value` as a C-ordered float64 array of this shape; None in `shape` is any length."""
     array = _as_array(name, value, shape)
     if array.dtype.kind not in "fiu":
@@ -34,7 +42,7 @@ def reals(name, value, shape, finite=True):
     return array
 
 
-def integers(name, value, shape):
+def integers(name: str, value: object, shape: _Shape) -> Integers:
     """`value` as a C-ordered int32 array of this shape; floating-point values are refused."""
     array = _as_array(name, value, shape)
     if array.size and array.dtype.kind not in "iu":
@@ -47,12 +55,19 @@ def integers(name, value, shape):
     return np.ascontiguousarray(array, dtype=np.int32)
 
 
-def vector(name, value, length=3):
-    """`value` as a tuple of finite floats."""
-    return tuple(float(x) for x in reals(name, value, (length,)))
+def vector(name: str, value: object) -> Vector:
+    """`value` as a tuple of three finite floats."""
+    x, y, z = reals(name, value, (3,)).tolist()
+    return x, y, z
 
 
-def number(name, value):
+def quaternion(name: str, value: object) -> Quaternion:
+    """`value` as a tuple of four finite floats: w, x, y, z."""
+    w, x, y, z = reals(name, value, (4,)).tolist()
+    return w, x, y, z
+
+
+def number(name: str, value: Any) -> float:
     """`value` as one finite float."""
     try:
         result = float(value)
@@ -63,7 +78,7 @@ def number(name, value):
     return result
 
 
-def whole(name, value):
+def whole(name: str, value: Any) -> int:
     """`value` as one int of 32 bits."""
     result = number(name, value)
     if result != int(result) or abs(result) > 2**31 - 1:
@@ -71,7 +86,7 @@ def whole(name, value):
     return int(result)
 
 
-def count(name, value):
+def count(name: str, value: Any) -> int:
     """`value` as one int of 32 bits, not below 0."""
     result = whole(name, value)
     if result < 0:
@@ -79,7 +94,7 @@ def count(name, value):
     return result
 
 
-def plain(value):
+def plain(value: object) -> Any:
     """NumPy's arrays and numbers as what JSON can hold. Throws TypeError."""
     if isinstance(value, (np.ndarray, np.generic)):
         return value.tolist()

@@ -1,8 +1,17 @@
 # SPDX-License-Identifier: Apache-2.0
 """Every exception that cama throws; all are subclasses of `cama.Error`."""
 
-from ._core import (BackendError, CollisionError, DeviceMemoryError, Error, FileError, MaterialError, MeshError,
-                    SceneError, SolverError)
+from ._core import (
+    BackendError,
+    CollisionError,
+    DeviceMemoryError,
+    Error,
+    FileError,
+    MaterialError,
+    MeshError,
+    SceneError,
+    SolverError,
+)
 
 
 class ArrayError(Error, ValueError):
@@ -11,5 +20,15 @@ class ArrayError(Error, ValueError):
     __module__ = "cama"
 
 
-__all__ = ["Error", "ArrayError", "BackendError", "CollisionError", "DeviceMemoryError", "FileError", "MaterialError",
-           "MeshError", "SceneError", "SolverError"]
+__all__ = [
+    "Error",
+    "ArrayError",
+    "BackendError",
+    "CollisionError",
+    "DeviceMemoryError",
+    "FileError",
+    "MaterialError",
+    "MeshError",
+    "SceneError",
+    "SolverError",
+]

@@ -1,9 +1,15 @@
 # SPDX-License-Identifier: Apache-2.0
 """How pins and obstacles move."""
 
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from typing import Any, Optional, Union
+
 from . import _core
-from .arrays import number, reals, vector
+from .arrays import number, quaternion, reals, vector
 from .errors import ArrayError, SceneError
+from .types import ArrayLike, VectorLike
 
 __all__ = ["Motion"]
 
@@ -19,8 +25,19 @@ class Motion(_core.Motion):
 
     __slots__ = ()
 
-    def __init__(self, velocity=(0, 0, 0), rotation_rate=(0, 0, 0), oscillation=(0, 0, 0), period=1.0, center=(0, 0, 0),
-                 start=0.0, stop=1e300, keys=(), times=None, positions=None):
+    def __init__(
+        self,
+        velocity: VectorLike = (0, 0, 0),
+        rotation_rate: VectorLike = (0, 0, 0),
+        oscillation: VectorLike = (0, 0, 0),
+        period: float = 1.0,
+        center: VectorLike = (0, 0, 0),
+        start: float = 0.0,
+        stop: float = 1e300,
+        keys: Iterable[Mapping[str, Any]] = (),
+        times: Optional[ArrayLike] = None,
+        positions: Optional[ArrayLike] = None,
+    ) -> None:
         super().__init__()
         self.velocity = vector("motion: velocity", velocity)
         self.rotation_rate = vector("motion: rotation_rate", rotation_rate)
@@ -37,7 +54,7 @@ class Motion(_core.Motion):
             self._set_samples(times, positions)
 
     @classmethod
-    def of(cls, value):
+    def of(cls, value: Union[_core.Motion, dict[str, Any], None]) -> _core.Motion:
         """A motion from itself, a dict of arguments, or None: at rest."""
         if isinstance(value, dict):
             try:
@@ -48,11 +65,24 @@ class Motion(_core.Motion):
             raise SceneError(f"motion: {value!r} is neither a cama.Motion nor a dict of its arguments")
         return cls() if value is None else value
 
-    def _add_key(self, name, time, translation=(0, 0, 0), rotation=(1, 0, 0, 0), scale=1.0, center=(0, 0, 0)):
-        self.add_key(number(f"{name}: time", time), vector(f"{name}: translation", translation),
-                     vector(f"{name}: rotation", rotation, 4), number(f"{name}: scale", scale), vector(f"{name}: center", center))
+    def _add_key(
+        self,
+        name: str,
+        time: float,
+        translation: VectorLike = (0, 0, 0),
+        rotation: VectorLike = (1, 0, 0, 0),
+        scale: float = 1.0,
+        center: VectorLike = (0, 0, 0),
+    ) -> None:
+        self.add_key(
+            number(f"{name}: time", time),
+            vector(f"{name}: translation", translation),
+            quaternion(f"{name}: rotation", rotation),
+            number(f"{name}: scale", scale),
+            vector(f"{name}: center", center),
+        )
 
-    def _set_samples(self, times, positions):
+    def _set_samples(self, times: object, positions: object) -> None:
         times = reals("motion: times", times, (None,))
         positions = reals("motion: positions", positions, (len(times), None, 3))
         if not len(times) or (times[1:] <= times[:-1]).any():

@@ -1,0 +1,112 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The command `cama check`."""
+
+from pathlib import Path
+from typing import Annotated, Optional
+
+import numpy as np
+import typer
+from rich.markup import escape
+from rich.table import Table
+
+from ..scene import Scene
+from .common import Debug, Resolution, SceneName, clean, console
+
+STRETCHED = 0.5  # start strain that `check` warns of, and to a stretch of 1 / 1.5
+LARGE = 20.0  # m, extent that `check` asks about: a garment in centimetres
+
+
+@clean
+def check(
+    scene: SceneName,
+    resolution: Resolution = 0,
+    mesh: Annotated[
+        Optional[Path],
+        typer.Option(metavar="FILE", help="Write the intersecting faces: .ply (coloured) or .obj (grouped)."),
+    ] = None,
+    debug: Debug = False,
+):
+    """Validates SCENE; reports its parts and what intersects at the start, and where. Exit code 1 if anything does."""
+    loaded = Scene.load(scene, resolution)
+    loaded.validate()
+    table = Table("part", "name", "from", box=None, padding=(0, 2))
+    sizes = Table("cloth", box=None, padding=(0, 1))
+    for title in ("triangles", "vertices"):
+        table.add_column(title, justify="right")
+    for title in ("extent, m", "rest area, m²", "mass, kg", "start strain, %"):
+        sizes.add_column(title, justify="right", no_wrap=True)
+    stretched, large = [], []
+    for kind, parts in (("cloth", loaded.cloths), ("obstacle", loaded.obstacles)):
+        for part in parts:
+            table.add_row(
+                kind, escape(part.name), escape(part.source), f"{len(part.faces):,}", f"{len(part.vertices):,}"
+            )
+            if kind == "obstacle":
+                continue
+            least, most = part.start_strain
+            if np.ptp(part.vertices, axis=0).max() > LARGE:
+                large.append(part.name)
+            strain = f"{100 * least:.3g} to {100 * most:.3g}" if max(most, -least) > 5e-5 else "0"
+            sizes.add_row(
+                escape(part.name),
+                " x ".join(f"{x:.3g}" for x in np.ptp(part.vertices, axis=0)),
+                f"{part.rest_area:.3g}",
+                f"{part.mass:.3g}",
+                strain,
+            )
+            if most > STRETCHED or least < 1 / (1 + STRETCHED) - 1:
+                stretched.append(part.name)
+    out = console()
+    out.print(table)
+    out.print(sizes)
+    pinned = sum(len(pin["vertices"]) for pin in loaded.pins)
+    found = loaded.intersections()
+    count = sum(pair.count for pair in found)
+    out.print(
+        f"{loaded.triangle_count:,} cloth triangles, {pinned:,} pinned vertices, {loaded.stitch_count:,} stitches, "
+        f"{loaded.frames} frames of {loaded.seconds_per_frame * 1e3:g} ms"
+    )
+    if large:
+        out.print(
+            f"[yellow]{escape(', '.join(large))}: more than {LARGE:g} m across; lengths are metres, so what was made in centimetres or millimetres needs "
+            "a file with `scale` 0.01 or 0.001[/]"
+        )
+    if stretched:
+        out.print(
+            f"[yellow]{escape(', '.join(stretched))}: starts far from its rest shape, which its texture coordinates or material vertices say[/]"
+        )
+    out.print(f"intersections at the start: [{'bold red' if count else 'green'}]{count}[/]")
+    if mesh:
+        loaded.save_intersections(mesh)
+        out.print(f"intersecting faces written to {escape(str(mesh))}")
+    if count:
+        out.print(intersection_table(found))
+        out.print(
+            "`cama run` refuses this start; its option --intersections untangle moves the cloth first, exempt starts as it is."
+        )
+        raise typer.Exit(1)
+
+
+def place_text(place):
+    return "(" + ", ".join(f"{x:.4g}" for x in place) + ")"
+
+
+def intersection_table(found):
+    """Count, place and first primitives for each pair of objects."""
+    table = Table("objects", box=None, padding=(0, 2))
+    table.add_column("count", justify="right")
+    for title in ("around, m", "from, m", "to, m", "first edge", "first face"):
+        table.add_column(title)
+    for pair in found:
+        names = {pair.first: pair.first_name, pair.second: pair.second_name}
+        who = pair.first_name + (" with itself" if pair.first == pair.second else " with " + pair.second_name)
+        edge, face = (escape(names[int(owner[0])]) for owner in (pair.edge_object, pair.face_object))
+        table.add_row(
+            escape(who),
+            f"[bold red]{pair.count:,}[/]",
+            place_text(pair.mean),
+            *map(place_text, pair.bounds),
+            f"{pair.edge[0, 0]}-{pair.edge[0, 1]} of {edge}",
+            f"{pair.face[0]} of {face}",
+        )
+    return table

@@ -1,0 +1,88 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What `Scene.add_cloth` and `Scene.add_obstacle` take: meshes, shapes and where they are placed."""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+from pathlib import Path
+from typing import Any, Optional
+
+import numpy as np
+
+from . import _core
+from .arrays import integers, number, quaternion, reals, vector
+from .errors import ArrayError, SceneError
+from .types import ArrayLike, Reals, VectorLike
+
+
+def placement(transform: Optional[ArrayLike], translate: VectorLike, rotate: VectorLike, scale: float) -> Reals:
+    """4x4 matrix: `transform` after scale, rotation (unit quaternion w, x, y, z) and translation."""
+    w, x, y, z = quaternion("rotate", rotate)
+    length = math.sqrt(w * w + x * x + y * y + z * z)
+    if length == 0:
+        raise ArrayError("rotate: a quaternion of length 0")
+    w, x, y, z = (c / length for c in (w, x, y, z))
+    own = np.eye(4)
+    own[:3, :3] = number("scale", scale) * np.array(
+        [
+            [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
+            [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
+            [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
+        ]
+    )
+    own[:3, 3] = vector("translate", translate)
+    if transform is not None:
+        own = reals("transform", transform, (4, 4)) @ own
+    return own
+
+
+def uniform_scale(name: str, surface: str, matrix: Reals) -> float:
+    """Of a rotation times a scale [3, 3], which an exact obstacle keeps its form under."""
+    scale = np.cbrt(np.linalg.det(matrix))
+    if not scale > 0 or np.abs(matrix @ matrix.T - scale**2 * np.eye(3)).max() > 1e-9 * scale**2:
+        raise SceneError(
+            f"{name}: transform: an exact {surface} can be turned, moved and scaled alike in all directions only"
+        )
+    return 1.0 if abs(scale - 1) < 1e-12 else float(scale)  # unit quaternions round
+
+
+def compiled_mesh(
+    name: str,
+    mesh: Any,
+    faces: Optional[ArrayLike],
+    material_vertices: Optional[ArrayLike],
+    material_faces: Optional[ArrayLike],
+    material_scale: float = 1.0,
+) -> tuple[_core.Mesh, str]:
+    """The compiled Mesh of a file, a pair of arrays, or an object with `vertices` and `faces`; and where it is from."""
+    if isinstance(mesh, (str, os.PathLike)):
+        if faces is not None:
+            raise SceneError(f"{name}: faces are given beside the file {mesh}")
+        return _core.load_mesh(Path(mesh), 1.0, material_scale), str(mesh)
+    if faces is None:
+        if not (hasattr(mesh, "vertices") and hasattr(mesh, "faces")):
+            raise SceneError(f"{name}: neither a file, vertices with faces, nor an object that has both")
+        mesh, faces = mesh.vertices, mesh.faces
+    if (material_vertices is None) != (material_faces is None):
+        if material_faces is not None:
+            raise SceneError(f"{name}: material_faces are given without material_vertices")
+        material_faces = faces
+    vertices = reals(f"{name}: vertices", mesh, (None, 3), finite=False)
+    faces = integers(f"{name}: faces", faces, (None, 3))
+    if material_vertices is None:
+        return _core.Mesh(vertices, faces, np.zeros((0, 2)), np.zeros((0, 3), np.int32)), "arrays"
+    material_vertices = reals(f"{name}: material_vertices", material_vertices, (None, 2), finite=False)
+    material_faces = integers(f"{name}: material_faces", material_faces, (len(faces), 3))
+    return _core.Mesh(vertices, faces, material_vertices, material_faces), "arrays"
+
+
+def shape_scene(kind: str, name: str, shape: object) -> _core.Scene:
+    """A scene whose one cloth or obstacle is a generated shape, described as in scene.json."""
+    if not isinstance(shape, dict):
+        raise SceneError(
+            f"{name}: shape: {shape!r} is not a dict as in scene.json, for example {{'sphere': {{'radius': 0.25}}}}"
+        )
+    key = "cloth" if kind == "cloth" else "obstacles"
+    return _core.Scene.parse(json.dumps({key: [dict(shape, name=name)]}), Path("."), 0)

@@ -1,0 +1,178 @@
+# SPDX-License-Identifier: Apache-2.0
+"""checkpoint.h5: all that later steps of a run depend on, beside its scene and options.
+
+Datasets positions, velocities [vertices, 3] m, m/s; positions_before, velocities_before, of the step before, or without rows; tangled
+[pairs, 2] vertices, let_go [pairs, 2] vertex and object, that may pass each other; matching_order [rows] and, for every level,
+matching_parent_L [nodes], matching_start_L [blocks + 1]: the preconditioner's blocks (docs/solver.md); scene_parts, JSON: digests of all that the
+scene says, part by part. Attributes: `format`; scene (of meshes and masses, 16 hexadecimal digits), step, time, time_step, start_step, start_time,
+released, matching_step, matching_terms, matching_first_iterations, matching_last_iterations; for people and for `cama run --resume`: scene_name,
+settings (JSON), cama_version. Nothing in it is executed; every value is checked before it is used.
+"""
+
+import contextlib
+import hashlib
+import io
+import json
+import os
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, Optional
+
+import h5py
+
+from .._core import __version__
+from ..arrays import integers, reals
+from ..errors import FileError, SceneError
+from ..types import PathLike
+
+NAME = "checkpoint.h5"
+FORMAT = "cama checkpoint 1"
+VECTORS = ("positions", "velocities", "positions_before", "velocities_before")
+PAIRS = ("tangled", "let_go")
+INTEGERS = (
+    "step",
+    "start_step",
+    "matching_step",
+    "matching_terms",
+    "matching_first_iterations",
+    "matching_last_iterations",
+)
+TIMES = ("time", "time_step", "start_time", "released")
+MOST_LEVELS = 16
+NOT_OF_STEPS = (
+    "name",
+    "description",
+    "frames",
+    "frame_time",
+    "time_step",
+    "options",
+)  # in a scene; the time step is among the settings
+MOST_PARTS = 100  # of one kind that are told apart
+
+
+def settings_of(simulation: Any) -> dict[str, Any]:
+    """What the bits of later steps depend on beside the scene: every option but those of where it is computed."""
+    return {
+        **{k: v for k, v in simulation.options.items() if k not in ("backend", "device", "threads", "audit")},
+        "time_step": simulation.time_step,
+    }
+
+
+def parts_of(scene: Any) -> dict[str, str]:
+    """{part: digest} of all in a scene that steps depend on: {"gravity": ..., "obstacle[ball].friction": ..., ...}."""
+
+    def digest(value: object) -> str:
+        return hashlib.sha256(json.dumps(value, sort_keys=True).encode()).hexdigest()[:16]
+
+    found = {}
+    for key, value in json.loads(scene.to_json()).items():
+        if key in NOT_OF_STEPS:
+            continue
+        if isinstance(value, list) and len(value) <= MOST_PARTS and all(isinstance(entry, dict) for entry in value):
+            for number, entry in enumerate(value):
+                found.update(
+                    {f"{key}[{entry.get('name', number)}].{field}": digest(inner) for field, inner in entry.items()}
+                )
+        else:
+            found[key] = digest(value)
+    return found
+
+
+def check_scene(simulation: Any, parts: Optional[dict[str, str]]) -> None:
+    """Throws SceneError that names the parts in which the simulation's scene is not the checkpoint's. parts: None, of a file without."""
+    own = simulation.scene_parts()
+    changed = (
+        sorted(name for name in own.keys() | parts.keys() if own.get(name) != parts.get(name))
+        if parts is not None
+        else []
+    )
+    if changed:
+        raise SceneError(
+            f"checkpoint: is of a scene that differs in {', '.join(changed[:8])}{' and more' * (len(changed) > 8)}; load the scene that it "
+            "was taken of, start anew, or let load_checkpoint(path, changed_scene=True) go on with this one"
+        )
+
+
+def write(path: PathLike, simulation: Any) -> None:
+    """Writes the file, whole or not at all. Throws FileError."""
+    path, fields = Path(path), simulation._core.checkpoint()
+    partial, whole = path.with_name(path.name + ".partial"), io.BytesIO()
+    with h5py.File(whole, "w") as file:  # in memory: HDF5 itself does not survive a full disk
+        file.attrs.update(
+            {
+                "format": FORMAT,
+                "scene": f"{fields['scene']:016x}",
+                "scene_name": simulation.scene.name,
+                "cama_version": __version__,
+                "settings": json.dumps(settings_of(simulation)),
+            }
+        )
+        file["scene_parts"] = json.dumps(simulation.scene_parts())  # no attribute: those end at 64 KiB
+        file.attrs.update({name: fields[name] for name in INTEGERS + TIMES})
+        for name in VECTORS + PAIRS + ("matching_order",):
+            file[name] = fields[name]
+        for number, (parent, start) in enumerate(fields["matching_levels"]):
+            file[f"matching_parent_{number}"], file[f"matching_start_{number}"] = parent, start
+    try:
+        with open(partial, "wb") as file:
+            file.write(whole.getbuffer())
+            file.flush()
+            os.fsync(file.fileno())
+        os.replace(partial, path)
+    except OSError as problem:
+        with contextlib.suppress(OSError):
+            partial.unlink()
+        raise FileError(f"{path}: writing failed ({problem})") from None
+
+
+def read(path: PathLike) -> tuple[dict[str, Any], dict[str, Any], Optional[dict[str, str]]]:
+    """(fields as of the compiled part, settings, parts of the scene or None) of a checkpoint. Shapes and types are right, the rest Simulation checks.
+
+    Throws FileError.
+    """
+    path = Path(path)
+    path = path / NAME if path.is_dir() else path
+    if not path.is_file():
+        raise FileError(f"{path}: no such file; `cama run ... --checkpoint N` and Simulation.save_checkpoint write it")
+    try:
+        with h5py.File(path, "r") as file:
+            if file.attrs.get("format") != FORMAT:
+                raise ValueError(f"its format is {file.attrs.get('format')!r}, not {FORMAT!r}")
+            fields: dict[str, Any] = {name: int(file.attrs[name]) for name in INTEGERS}
+            if any(not -(2**31) <= value < 2**31 for value in fields.values()):
+                raise ValueError("a count is beyond 32 bits")
+            fields.update({name: float(file.attrs[name]) for name in TIMES}, scene=int(file.attrs["scene"], 16) % 2**64)
+            fields.update({name: reals(name, file[name][()], (None, 3), finite=False) for name in VECTORS})
+            fields.update({name: integers(name, file[name][()], (None, 2)) for name in PAIRS})
+            fields["matching_order"] = integers("matching_order", file["matching_order"][()], (None,))
+            count = sum(f"matching_parent_{number}" in file for number in range(MOST_LEVELS))
+            fields["matching_levels"] = [
+                tuple(
+                    integers(name, file[name][()], (None,)) for name in (f"matching_parent_{n}", f"matching_start_{n}")
+                )
+                for n in range(count)
+            ]
+            settings = json.loads(file.attrs["settings"])
+            parts = json.loads(file["scene_parts"][()]) if "scene_parts" in file else None
+            if not isinstance(settings, dict) or not isinstance(parts, (dict, type(None))):
+                raise ValueError("its settings or parts of the scene are not a table")
+    except (
+        OSError,
+        KeyError,
+        ValueError,
+        TypeError,
+        AttributeError,
+        MemoryError,
+    ) as problem:  # ArrayError is a ValueError
+        raise FileError(f"{path}: not a checkpoint of cama: {problem}") from None
+    return fields, settings, parts
+
+
+def differences(simulation: Any, settings: Mapping[str, Any]) -> list[str]:
+    """["tolerance 0.001 instead of 0.01", ...]: why steps are not, bit by bit, those of the run that wrote it."""
+    own = settings_of(simulation)
+    return [
+        f"{name} {own.get(name)} instead of {settings.get(name)}"
+        for name in sorted(own.keys() | settings.keys())
+        if own.get(name) != settings.get(name)
+    ]
