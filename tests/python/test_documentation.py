@@ -17,6 +17,7 @@ import pytest
 import typer.main
 
 import cama
+from cama.cli.main import app
 
 ROOT = Path(__file__).resolve().parents[2]
 Refused = next(c for c in typer.BadParameter.__mro__ if c.__name__ == "ClickException")   # what Typer's parser raises, its own Click's or Click's
@@ -31,6 +32,7 @@ FOREIGN = {
     "Python and its packages": "multiprocessing get_context spawn fork",
     "build tools": "CMAKE_CUDA_ARCHITECTURES CMAKE_PREFIX_PATH CMAKE_ARGS all-major find_package",
     "options of drivers and loaders": "CUDA_VISIBLE_DEVICES OCL_ICD_VENDORS OCL_ICD_FILENAMES libnvidia-opencl.so.1 NVIDIA pocl gfx",
+    "the licence, which is named in comments": "SPDX-License-Identifier Apache-2.0",
     "words that stand for others": "NAME VALUE SCENE SCENE.png OUT FILE CASE outer/inner stage/part",
 }
 FOREIGN_PATHS = ("~/", "/usr/", "/etc/", "out/", "OUT/", "build/", "build-", "$", ".venv/")   # of the reader's machine, or made by a run
@@ -101,13 +103,9 @@ def spans(page):
 
 # --- Names -----------------------------------------------------------------------------------------------------------------------
 
-def application_module():
-    return "cama.cli.main" if hasattr(importlib.import_module("cama.cli"), "__path__") else "cama.cli"
-
-
 @functools.lru_cache(None)
 def application():
-    return typer.main.get_command(importlib.import_module(application_module()).app)
+    return typer.main.get_command(app)
 
 
 @functools.lru_cache(None)
@@ -379,8 +377,7 @@ def unknown_options(words):
 
 
 def command(arguments, folder):
-    start = f"from {application_module()} import main; main()"
-    return subprocess.run([sys.executable, "-c", start, *arguments], cwd=folder, capture_output=True, text=True, timeout=300,
+    return subprocess.run([sys.executable, "-m", "cama", *arguments], cwd=folder, capture_output=True, text=True, timeout=300,
                           env={**os.environ, "COLUMNS": "200"})
 
 

@@ -27,7 +27,7 @@ def fabrics() -> list[str]:
 class Material(_core.Material):
     """A fabric in SI units.
 
-    Fields: name, source, density [kg/m^2], stretching [6][4] N/m, bending [3][5] N m, damping [s], friction (-1: the
+    Fields: name, source, density [kg/m^2], stretching [6, 4] N/m, bending [3, 5] N m, damping [s], friction (-1: the
     scene's), static_friction (-1: equal to it), thickness [m] (0: the scene's) and contact_stiffness [N/m^3] (-1: the
     scene's). Made by `isotropic`, `orthotropic`, `fabric` or `load`; fields may then be changed.
     """
