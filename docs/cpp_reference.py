@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The page of the C++ interface: Doxygen reads the comments of the public headers, this file lays its XML out as tables, a section a header."""
+"""The page of the C++ interface: Doxygen reads the comments of the public headers, this file makes tables of them."""
 
 import re
 import shutil
@@ -26,7 +26,7 @@ QUIET = YES
 WARN_IF_UNDOCUMENTED = NO
 WARN_IF_DOC_ERROR = YES
 """
-TABLES = {"Options": "options", "StepReport": "report"}   # structs made of a table that has a page of its own
+TABLES = {"Options": "options", "StepReport": "report"}  # structs made of a table that has a page of its own
 
 
 def text(node):
@@ -41,8 +41,10 @@ def prose(node):
         element = node.find(part)
         if element is None:
             continue
-        parameters = [f"`{text(item.find('parameternamelist'))}`: {plain(text(item.find('parameterdescription')))}"
-                      for item in element.iter("parameteritem")]
+        parameters = [
+            f"`{text(item.find('parameternamelist'))}`: {plain(text(item.find('parameterdescription')))}"
+            for item in element.iter("parameteritem")
+        ]
         for paragraph in element.iter("para"):
             for below in paragraph.findall("parameterlist"):
                 paragraph.remove(below)
@@ -61,9 +63,9 @@ def plain(words):
 
 def code(words):
     """A declaration as code in a table's cell, spaced as in the headers."""
-    words = re.sub(r"\s*([&*]+)\s*", r" \1", words)                      # const Scene &scene
-    words = re.sub(r"\s*=\s*0$", "", words) if "(" in words else words   # a pure virtual function
-    words = re.sub(r"(?<=\w)=(?=[\w{\"-])", " = ", words)                # n = 0
+    words = re.sub(r"\s*([&*]+)\s*", r" \1", words)  # const Scene &scene
+    words = re.sub(r"\s*=\s*0$", "", words) if "(" in words else words  # a pure virtual function
+    words = re.sub(r"(?<=\w)=(?=[\w{\"-])", " = ", words)  # n = 0
     words = words.replace("= default", "").replace("=default", "").replace("< ", "<").replace(" >", ">")
     return "`" + " ".join(words.split()).replace("|", "\\|") + "`"
 
@@ -79,13 +81,17 @@ def signature(member):
         return f"enum class {name} {{ {', '.join(text(value.find('name')) for value in member.findall('enumvalue'))} }}"
     if kind == "typedef":
         return f"using {name} = {text(member.find('type'))}"
-    type_, arguments, start = text(member.find("type")), text(member.find("argsstring")), text(member.find("initializer"))
+    type_, arguments, start = (
+        text(member.find("type")),
+        text(member.find("argsstring")),
+        text(member.find("initializer")),
+    )
     static = "static " if member.get("static") == "yes" and not type_.startswith("static") else ""
     return f"{static}{type_} {name}{arguments} {start}".strip()
 
 
 def rows(members):
-    """[(signatures, description)]. Variables of one line share its comment, and so do free functions below each other under one comment."""
+    """[(signatures, description)]. Variables of one line share its comment; so do functions below it."""
     result, last = [], None
     for member in sorted(members, key=line_of):
         words, line = prose(member), line_of(member)
@@ -102,8 +108,11 @@ def rows(members):
 
 
 def table(members):
-    return ["| declaration | meaning |", "|---|---|",
-            *("| " + "<br>".join(map(code, names)) + f" | {words} |" for names, words in rows(members))]
+    return [
+        "| declaration | meaning |",
+        "|---|---|",
+        *("| " + "<br>".join(map(code, names)) + f" | {words} |" for names, words in rows(members)),
+    ]
 
 
 def doxygen(include, output):
@@ -116,7 +125,11 @@ def doxygen(include, output):
     if done.returncode:
         raise SystemExit(f"docs/cpp_reference.py: doxygen failed\n{done.stderr}")
     files = sorted(Path(output, "xml").glob("*.xml"))
-    return [ElementTree.parse(file).getroot().find("compounddef") for file in files if file.stem not in ("index", "Doxyfile")]
+    return [
+        ElementTree.parse(file).getroot().find("compounddef")
+        for file in files
+        if file.stem not in ("index", "Doxyfile")
+    ]
 
 
 def page(include):
@@ -126,7 +139,12 @@ def page(include):
     classes, free, heads = {}, {}, {}
     for compound in compounds:
         name, kind = text(compound.find("compoundname")), compound.get("kind")
-        members = [m for section in compound.findall("sectiondef") for m in section.findall("memberdef") if m.get("prot") in ("public", None)]
+        members = [
+            m
+            for section in compound.findall("sectiondef")
+            for m in section.findall("memberdef")
+            if m.get("prot") in ("public", None)
+        ]
         if kind == "namespace" and name == "cama":
             for member in members:
                 free.setdefault(Path(member.find("location").get("file")).name, []).append(member)
@@ -135,10 +153,15 @@ def page(include):
             classes.setdefault(header, []).append((line_of(compound), kind, name[6:], prose(compound), members))
         elif kind == "file":
             heads[name] = prose(compound)
-    lines = ["# C++ interface", "",
-             "The public headers, generated from their comments by Doxygen. Include `cama/simulation.hpp` to load a scene and step it; link with",
-             "`cama::cama` (`find_package(cama)`, [install](../start/install.md#the-c-library)). Everything is in the namespace `cama`. Options and the",
-             "report of a step have tables of their own: [options](options.md), [report](report.md).", ""]
+    lines = [
+        "# C++ interface",
+        "",
+        "The public headers, generated from their comments by Doxygen. Include `cama/simulation.hpp` to load a scene",
+        "and step it; link with `cama::cama` (`find_package(cama)`,",
+        "[install](../start/install.md#the-c-library)). Everything is in the namespace `cama`. Options and the report",
+        "of a step have tables of their own: [options](options.md), [report](report.md).",
+        "",
+    ]
     for header in sorted({*classes, *free}):
         lines += [f"## cama/{header}", "", heads.get(header, ""), ""]
         for _, kind, name, words, members in sorted(classes.get(header, ()), key=lambda entry: entry[0]):

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// A cotton sheet falls on a ball, from C++. Ends with 0 if the sheet touches the ball and nothing intersects, else with 1.
+// A cotton sheet falls on a ball, from C++. Ends with 0 if the sheet touches the ball and nothing intersects.
 #include <algorithm>
 #include <cstdio>
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Sentences that stay true: what README, docs and changelog name exists, what they show runs, and links lead somewhere."""
+"""Sentences that stay true: what the documentation names exists, what it shows runs, and its links lead somewhere."""
 
 import fnmatch
 import functools
@@ -20,10 +20,39 @@ import cama
 from cama.cli.main import app
 
 ROOT = Path(__file__).resolve().parents[2]
-Refused = next(c for c in typer.BadParameter.__mro__ if c.__name__ == "ClickException")   # what Typer's parser raises, its own Click's or Click's
-PAGES = sorted([ROOT / "README.md", ROOT / "CHANGELOG.md", ROOT / "CONTRIBUTING.md", *ROOT.glob("docs/**/*.md"), *ROOT.glob("scenes/*/README.md")])
-GENERATED = {"options.md", "report.md", "command-line.md", "scene-file.md", "cpp-api.md"}   # in docs/reference, made by docs/generate.py
-SOURCES = ("libcama", "backends", "bindings", "benchmarks", "tests", "script", "scenes", "materials", "cmake", "examples", "results", ".ci")
+Refused = next(
+    c for c in typer.BadParameter.__mro__ if c.__name__ == "ClickException"
+)  # what Typer's parser raises, its own Click's or Click's
+PAGES = sorted(
+    [
+        ROOT / "README.md",
+        ROOT / "CHANGELOG.md",
+        ROOT / "CONTRIBUTING.md",
+        *ROOT.glob("docs/**/*.md"),
+        *ROOT.glob("scenes/*/README.md"),
+    ]
+)
+GENERATED = {
+    "options.md",
+    "report.md",
+    "command-line.md",
+    "scene-file.md",
+    "cpp-api.md",
+}  # in docs/reference, made by docs/generate.py
+SOURCES = (
+    "libcama",
+    "backends",
+    "bindings",
+    "benchmarks",
+    "tests",
+    "script",
+    "scenes",
+    "materials",
+    "cmake",
+    "examples",
+    "results",
+    ".ci",
+)
 TEXT = {".py", ".cpp", ".hpp", ".h", ".cu", ".cl", ".c", ".def", ".json", ".txt", ".cmake", ".in", ".sh", ".toml", ""}
 
 # Names that are not the project's, with the reason why the documentation has them.
@@ -31,11 +60,22 @@ FOREIGN = {
     "the shell and its programs": "apt-get sudo source pip venv ctest perf",
     "Python and its packages": "multiprocessing get_context spawn fork",
     "build tools": "CMAKE_CUDA_ARCHITECTURES CMAKE_PREFIX_PATH CMAKE_ARGS all-major find_package",
-    "options of drivers and loaders": "CUDA_VISIBLE_DEVICES OCL_ICD_VENDORS OCL_ICD_FILENAMES libnvidia-opencl.so.1 NVIDIA pocl gfx",
+    "options of drivers and loaders": "CUDA_VISIBLE_DEVICES OCL_ICD_VENDORS OCL_ICD_FILENAMES libnvidia-opencl.so.1",
+    "names of devices and drivers": "NVIDIA pocl gfx",
     "the licence, which is named in comments": "SPDX-License-Identifier Apache-2.0",
     "words that stand for others": "NAME VALUE SCENE SCENE.png OUT FILE CASE outer/inner stage/part",
 }
-FOREIGN_PATHS = ("~/", "/usr/", "/etc/", "out/", "OUT/", "build/", "build-", "$", ".venv/")   # of the reader's machine, or made by a run
+FOREIGN_PATHS = (
+    "~/",
+    "/usr/",
+    "/etc/",
+    "out/",
+    "OUT/",
+    "build/",
+    "build-",
+    "$",
+    ".venv/",
+)  # of the reader's machine, or made by a run
 WORD = re.compile(r"[A-Za-z_][A-Za-z0-9_]*")
 
 
@@ -64,7 +104,7 @@ def without_comments(path, text):
 
 @functools.lru_cache(None)
 def code():
-    """(all code as one text, all names in it). A string counts as a name where it is one word, so that error texts lend no names."""
+    """(all code as one text, all names in it). A string is a name where it is one word: error texts lend no names."""
     texts, names = [], set()
     for path in files():
         names.update(WORD.findall(path.stem))
@@ -101,7 +141,8 @@ def spans(page):
     return [span.replace("\\|", "|") for span in re.findall(r"(?<!`)`([^`\n]+)`(?!`)", text)]
 
 
-# --- Names -----------------------------------------------------------------------------------------------------------------------
+# --- Names ------------------------------------------------------------------------------------------------------------
+
 
 @functools.lru_cache(None)
 def application():
@@ -111,11 +152,16 @@ def application():
 @functools.lru_cache(None)
 def flags():
     """Options of all commands."""
-    return {flag for command in application().commands.values() for parameter in command.params for flag in (*parameter.opts, *parameter.secondary_opts)}
+    return {
+        flag
+        for command in application().commands.values()
+        for parameter in command.params
+        for flag in (*parameter.opts, *parameter.secondary_opts)
+    }
 
 
 def attribute_is_there(dotted):
-    """Whether cama.A.b, or A.b with A a class of the package, leads to something; None where the first word is not of the package."""
+    """Whether cama.A.b, or A.b with A a class of the package, leads to something; None for words of other worlds."""
     first, *rest = dotted.split(".")
     if first != "cama" and not (rest and first in cama.__all__ and first[0].isupper()):
         return None
@@ -167,27 +213,36 @@ def missing(span):
     """The words of a backticked text that name nothing."""
     _, names = code()
     if span.startswith("cama ") or re.fullmatch(r"[0-9a-f]{16}", span):
-        return []   # a command, which has a test of its own; a hash
+        return []  # a command, which has a test of its own; a hash
     if len(span) > 3 and not WORD.fullmatch(span) and in_code(span):
         return []
     wrong = []
     for token in re.findall(r"[^\s,;(){}\[\]=\"'!|]+", span if "/" in span else re.sub("[<>]", " ", span)):
         token = token.rstrip(".:+?&").lstrip(":+?&*").split("#")[0]
-        if not re.search(r"[A-Za-z_]{2}", token) or not token.isascii() or token in foreign() or token.startswith(FOREIGN_PATHS):
+        if (
+            not re.search(r"[A-Za-z_]{2}", token)
+            or not token.isascii()
+            or token in foreign()
+            or token.startswith(FOREIGN_PATHS)
+        ):
             continue
         words = [word for word in WORD.findall(token) if len(word) > 2 and word not in foreign()]
         if token.startswith("-"):
             wrong += [token] if token not in flags() and not in_code(token) else []
         elif re.fullmatch(r"[\w.-]+\.(cpp|hpp|h|py|json|md|csv|def|cu|cl|sh|txt|cmake|toml|png|h5|cff)|.*/.*", token):
-            wrong += [token] if not is_path(token) and not in_code(token) and not re.fullmatch(r"\d+/\d+", token) else []
+            wrong += (
+                [token] if not is_path(token) and not in_code(token) and not re.fullmatch(r"\d+/\d+", token) else []
+            )
         elif "*" in token:
             parts = [part for part in re.split(r"[.:]+", token) if re.search(r"\w", part)]
             wrong += [token] if not all(fnmatch.filter(names, part) for part in parts) else []
-        elif re.fullmatch(r"_\w+_?|\w+_", token):   # a piece of a name
+        elif re.fullmatch(r"_\w+_?|\w+_", token):  # a piece of a name
             wrong += [token] if not any(token in name for name in names) else []
         else:
             there = attribute_is_there(token)
-            wrong += [token] if there is False else [word for word in words if word not in names] if there is None else []
+            wrong += (
+                [token] if there is False else [word for word in words if word not in names] if there is None else []
+            )
     return wrong
 
 
@@ -197,16 +252,46 @@ def test_names_exist(page):
     assert not {span: wrong for span, wrong in found.items() if wrong}
 
 
-@pytest.mark.parametrize("span", [
-    "start_solver_of_old", "Simulation.scene_key", "cama.Simulation.steps", "--no-such-flag", "docs/no-such-page.md", "src/nothing.cpp", "no_such_thing_*",
-    'report["never_reported"]', "Backend::is_a_cpu", "CAMA_NO_SUCH_VARIABLE", "tests/unit/test_nothing.cpp:12"])
+@pytest.mark.parametrize(
+    "span",
+    [
+        "start_solver_of_old",
+        "Simulation.scene_key",
+        "cama.Simulation.steps",
+        "--no-such-flag",
+        "docs/no-such-page.md",
+        "src/nothing.cpp",
+        "no_such_thing_*",
+        'report["never_reported"]',
+        "Backend::is_a_cpu",
+        "CAMA_NO_SUCH_VARIABLE",
+        "tests/unit/test_nothing.cpp:12",
+    ],
+)
 def test_a_false_name_is_seen(span):
     assert missing(span)
 
 
-@pytest.mark.parametrize("span", [
-    "Simulation.step", "cama.collision.vertex_face_ccd", "--resolution", "tests/python/conftest.py", "triangle_*", 'Simulation(scene, intersections="untangle")',
-    "cama::Scene", "CAMA_BACKEND", "-ffp-contract=off", "libcama/kernels/<topic>.h", "CITATION.cff", "scenes/schema.json", '{"grid": {"size": [1, 1]}}', "1/960", "conftest.py"])
+@pytest.mark.parametrize(
+    "span",
+    [
+        "Simulation.step",
+        "cama.collision.vertex_face_ccd",
+        "--resolution",
+        "tests/python/conftest.py",
+        "triangle_*",
+        'Simulation(scene, intersections="untangle")',
+        "cama::Scene",
+        "CAMA_BACKEND",
+        "-ffp-contract=off",
+        "libcama/kernels/<topic>.h",
+        "CITATION.cff",
+        "scenes/schema.json",
+        '{"grid": {"size": [1, 1]}}',
+        "1/960",
+        "conftest.py",
+    ],
+)
 def test_a_true_name_is_not(span):
     assert not missing(span)
 
@@ -215,29 +300,42 @@ def test_changelog_says_nothing_is_missing_that_is_there():
     assert "not there yet" not in (ROOT / "CHANGELOG.md").read_text(encoding="utf-8").lower()
 
 
-# Words that were given up for the field's own, with what is written now: docs/developer/vocabulary.md. Code spans are not looked at.
+# Words that were given up for the field's own, with what is written now: docs/developer/vocabulary.md. Code spans are
+# not looked at.
 RETIRED = {
-    "graphics card": "GPU", "said aloud": "reported", "refused by name": "refused with an error that says why",
-    "a named error": "an error that says what is wrong", "knob": "option", "preset": "accuracy level", "the kernels of now": "a date and a commit",
-    "machine that others use": "shared machine", "guilty": "intersecting"}
+    "graphics card": "GPU",
+    "said aloud": "reported",
+    "refused by name": "refused with an error that says why",
+    "a named error": "an error that says what is wrong",
+    "knob": "option",
+    "preset": "accuracy level",
+    "the kernels of now": "a date and a commit",
+    "machine that others use": "shared machine",
+    "guilty": "intersecting",
+}
 
 
 @pytest.mark.parametrize("page", PAGES, ids=name_of)
 def test_retired_words_stay_away(page):
     prose = re.sub(r"`[^`\n]*`", "", without_blocks(page.read_text(encoding="utf-8"))).lower()
     if page.name == "vocabulary.md":
-        return   # names what it replaces
+        return  # names what it replaces
     assert not [word for word in RETIRED if re.search(rf"\b{word}", prose)]
 
 
 @pytest.mark.parametrize("page", PAGES, ids=name_of)
 def test_lines_fit(page):
     """120 columns but for tables, pictures and addresses."""
-    long = [line for line in page.read_text(encoding="utf-8").splitlines() if len(line) > 120 and not re.match(r"\s*[|!]|.*https?:", line)]
+    long = [
+        line
+        for line in page.read_text(encoding="utf-8").splitlines()
+        if len(line) > 120 and not re.match(r"\s*[|!]|.*https?:", line)
+    ]
     assert not long
 
 
-# --- Links -----------------------------------------------------------------------------------------------------------------------
+# --- Links ------------------------------------------------------------------------------------------------------------
+
 
 def slug(heading):
     """The anchor of a heading, as mkdocs makes it."""
@@ -248,7 +346,9 @@ def slug(heading):
 
 def anchors(page):
     text = re.sub(r"(?ms)^```.*?^```", "", page.read_text(encoding="utf-8"))
-    found = {slug(heading) for heading in re.findall(r"(?m)^#+ (.*?)\s*$", text)} | set(re.findall(r'(?:id|name)="([^"]+)"', text))
+    found = {slug(heading) for heading in re.findall(r"(?m)^#+ (.*?)\s*$", text)} | set(
+        re.findall(r'(?:id|name)="([^"]+)"', text)
+    )
     return found
 
 
@@ -262,7 +362,7 @@ def test_links_lead_somewhere(page):
         other = (page.parent / path).resolve() if path else page
         generated = other.parent == ROOT / "docs" / "reference" and other.name in GENERATED
         if generated and page.parent != ROOT:
-            continue   # mkdocs checks them when it builds the site; a page outside docs/ is read without it
+            continue  # mkdocs checks them when it builds the site; a page outside docs/ is read without it
         if not other.exists() or (anchor and other.suffix == ".md" and anchor not in anchors(other)):
             wrong.append(target)
     assert not wrong
@@ -276,7 +376,8 @@ def test_a_false_link_is_seen(tmp_path):
     assert "gone.md" in str(seen.value) and "#tail" in str(seen.value) and "#head" not in str(seen.value)
 
 
-# --- Scenes ----------------------------------------------------------------------------------------------------------------------
+# --- Scenes -----------------------------------------------------------------------------------------------------------
+
 
 def fraction(seconds):
     return f"1/{round(1 / seconds)} s" if abs(1 / seconds - round(1 / seconds)) < 1e-6 else f"{seconds:g} s"
@@ -292,19 +393,23 @@ def scene_row(scene):
 def test_scene_pages_agree_with_the_scene(folder):
     text = (ROOT / "scenes" / folder / "README.md").read_text(encoding="utf-8")
     scene = json.loads((ROOT / "scenes" / folder / "scene.json").read_text(encoding="utf-8"))
-    assert text.startswith(f"# {scene['name']}\n\n| triangles | frames | frame time | time step |\n|---|---|---|---|\n{scene_row(scene)}\n")
+    assert text.startswith(
+        f"# {scene['name']}\n\n| triangles | frames | frame time | time step |\n|---|---|---|---|\n{scene_row(scene)}\n"
+    )
     assert f"cama run {folder}" in text
 
 
 def test_the_list_of_scenes_agrees():
     rows = re.findall(r"(?m)^\| `(\w+)` \| ([\d,]+) \|", (ROOT / "docs/guide/scenes.md").read_text(encoding="utf-8"))
-    scenes = {path.parent.name: json.loads(path.read_text(encoding="utf-8")) for path in ROOT.glob("scenes/*/scene.json")}
+    scenes = {
+        path.parent.name: json.loads(path.read_text(encoding="utf-8")) for path in ROOT.glob("scenes/*/scene.json")
+    }
     assert {name: count for name, count in rows} == {name: f"{scene['resolution']:,}" for name, scene in scenes.items()}
 
 
-# --- Code and commands -----------------------------------------------------------------------------------------------------------
+# --- Code and commands ------------------------------------------------------------------------------------------------
 
-RUN = (ROOT.name, "start", "guide")   # folders whose programs are short; those of other pages may compute for minutes
+RUN = (ROOT.name, "start", "guide")  # folders whose programs are short; those of other pages may compute for minutes
 
 
 def blocks(page):
@@ -318,7 +423,13 @@ def program(page):
         for line in block.splitlines():
             said = re.fullmatch(r"(\S.*?)\s*# -> (.*)", line)
             lines.append(f"_same({said[1]}, {said[2]!r}, {line!r})" if said else line)
-    return "\n".join(["def _same(value, text, line):", "    assert ' '.join(repr(value).split()) == text, f'{line!r} is {value!r}'", *lines])
+    return "\n".join(
+        [
+            "def _same(value, text, line):",
+            "    assert ' '.join(repr(value).split()) == text, f'{line!r} is {value!r}'",
+            *lines,
+        ]
+    )
 
 
 @pytest.mark.parametrize("page", [page for page in PAGES if blocks(page)], ids=name_of)
@@ -331,8 +442,13 @@ def test_python_blocks_name_what_is_there(page):
 @pytest.mark.parametrize("page", [page for page in PAGES if blocks(page) and page.parent.name in RUN], ids=name_of)
 def test_python_blocks_run(page, tmp_path):
     if "out/drape" in program(page):
-        command(["run", "drape", "--resolution", "96", "--frames", "1", "--accuracy", "preview", "-o", "out/drape"], tmp_path)
-    done = subprocess.run([sys.executable, "-c", program(page)], cwd=tmp_path, capture_output=True, text=True, timeout=300)
+        command(
+            ["run", "drape", "--resolution", "96", "--frames", "1", "--accuracy", "preview", "-o", "out/drape"],
+            tmp_path,
+        )
+    done = subprocess.run(
+        [sys.executable, "-c", program(page)], cwd=tmp_path, capture_output=True, text=True, timeout=300
+    )
     assert done.returncode == 0, done.stderr
 
 
@@ -349,7 +465,10 @@ def without_remark(words):
 
 def commands(page):
     """Every command line of `cama` in the blocks of a page, without remarks and variables in front."""
-    lines = re.findall(r"(?m)^(?:    |\t)?(?:[A-Z_]+=\S+ )*(?:\S*/)?cama ([a-z][^\n]*)$", page.read_text(encoding="utf-8").replace("\\\n", " "))
+    lines = re.findall(
+        r"(?m)^(?:    |\t)?(?:[A-Z_]+=\S+ )*(?:\S*/)?cama ([a-z][^\n]*)$",
+        page.read_text(encoding="utf-8").replace("\\\n", " "),
+    )
     return [words for words in dict.fromkeys(map(without_remark, lines)) if not re.search(r"[\[…]", words)]
 
 
@@ -372,13 +491,23 @@ def unknown_options(words):
     name, *arguments = shlex.split(words)
     if name not in application().commands:
         return [name]
-    own = {flag for parameter in application().commands[name].params for flag in (*parameter.opts, *parameter.secondary_opts)} | {"--help"}
+    own = {
+        flag
+        for parameter in application().commands[name].params
+        for flag in (*parameter.opts, *parameter.secondary_opts)
+    } | {"--help"}
     return [word for word in arguments if word.startswith("-") and word not in own]
 
 
 def command(arguments, folder):
-    return subprocess.run([sys.executable, "-m", "cama", *arguments], cwd=folder, capture_output=True, text=True, timeout=300,
-                          env={**os.environ, "COLUMNS": "200"})
+    return subprocess.run(
+        [sys.executable, "-m", "cama", *arguments],
+        cwd=folder,
+        capture_output=True,
+        text=True,
+        timeout=300,
+        env={**os.environ, "COLUMNS": "200"},
+    )
 
 
 @pytest.mark.parametrize("page", [page for page in PAGES if commands(page) or named_commands(page)], ids=name_of)
@@ -392,24 +521,48 @@ def test_commands_are_accepted(page):
     assert not wrong
 
 
-@pytest.mark.parametrize("words", ["simulate drape", "run drape --no-such-option 3", "run drape --backend abacus", "run --frames 3", "run drape --frames few"])
+@pytest.mark.parametrize(
+    "words",
+    [
+        "simulate drape",
+        "run drape --no-such-option 3",
+        "run drape --backend abacus",
+        "run --frames 3",
+        "run drape --frames few",
+    ],
+)
 def test_a_false_command_is_seen(words):
     with pytest.raises(Refused):
         parse(words)
     assert words.startswith("run") or unknown_options(words)
 
 
-SMALL = {"run": ["--resolution", "96", "--frames", "1", "--accuracy", "preview", "-o", "small"],
-         "explain": ["--resolution", "96"], "check": ["--resolution", "96"], "info": []}
+SMALL = {
+    "run": ["--resolution", "96", "--frames", "1", "--accuracy", "preview", "-o", "small"],
+    "explain": ["--resolution", "96"],
+    "check": ["--resolution", "96"],
+    "info": [],
+}
 
 
-def shown(folder_pages=("README.md", "docs/start/first-steps.md", "docs/guide/command-line.md", "docs/guide/choosing-a-backend.md")):
-    """Commands of the guide that take no file of the reader's and no device that may be absent; the long ones are not run."""
+def shown(
+    folder_pages=(
+        "README.md",
+        "docs/start/first-steps.md",
+        "docs/guide/command-line.md",
+        "docs/guide/choosing-a-backend.md",
+    ),
+):
+    """Commands of the guide that need no file of the reader's and no absent device, and are quick at small size."""
     there = {backend["name"] for backend in cama.backends() if backend["available"]}
     for page in folder_pages:
         for words in commands(ROOT / page):
             name, *arguments = shlex.split(words)
-            if name not in SMALL or "--resume" in arguments or (name != "info" and not set(arguments) & set(cama.scenes())):
+            if (
+                name not in SMALL
+                or "--resume" in arguments
+                or (name != "info" and not set(arguments) & set(cama.scenes()))
+            ):
                 continue
             if "--backend" in arguments and arguments[arguments.index("--backend") + 1] not in there:
                 continue
@@ -423,7 +576,8 @@ def test_commands_run(words, tmp_path):
     assert done.returncode == 0, done.stdout + done.stderr
 
 
-# --- Generated pages -------------------------------------------------------------------------------------------------------------
+# --- Generated pages --------------------------------------------------------------------------------------------------
+
 
 @pytest.fixture(scope="module")
 def generate():
@@ -436,18 +590,43 @@ def generate():
 
 def test_options_page(generate):
     levels = {"preview": 0.1, "production": 1e-3, "paper": 1e-6}
-    rows = [{"name": "tolerance", "type": "number", "words": [], "levels": levels, "range": "above 0", "unit": "", "set_by": "scene",
-             "trades": "linear solve", "help": "Of the solve | relative."},
-            {"name": "paper.search", "type": "choice", "words": ["tree", "fronts"], "levels": {"preview": "tree", "production": "tree", "paper": "fronts"},
-             "range": "", "unit": "", "set_by": "user", "trades": "", "help": "How pairs are found."}]
+    rows = [
+        {
+            "name": "tolerance",
+            "type": "number",
+            "words": [],
+            "levels": levels,
+            "range": "above 0",
+            "unit": "",
+            "set_by": "scene",
+            "trades": "linear solve",
+            "help": "Of the solve | relative.",
+        },
+        {
+            "name": "paper.search",
+            "type": "choice",
+            "words": ["tree", "fronts"],
+            "levels": {"preview": "tree", "production": "tree", "paper": "fronts"},
+            "range": "",
+            "unit": "",
+            "set_by": "user",
+            "trades": "",
+            "help": "How pairs are found.",
+        },
+    ]
     user, paper = generate.options_page(rows).split("## Options that reproduce the paper")
-    assert '| <span id="tolerance">`tolerance`</span> | number, above 0 | `0.001` | `0.1`: `preview`; `1e-06`: `paper` | scene, user | linear solve |' in user
+    assert (
+        '| <span id="tolerance">`tolerance`</span> | number, above 0 | `0.001` '
+        "| `0.1`: `preview`; `1e-06`: `paper` | scene, user | linear solve |" in user
+    )
     assert "Of the solve \\| relative. |" in user and "paper.search`</span>" not in user
     assert "| `tree`, `fronts` | `tree` | `fronts`: `paper` | user |" in paper
 
 
 def test_report_page(generate):
-    page = generate.report_page([{"name": "contacts", "type": "integer", "unit": "", "adds": "max", "help": "In the matrix."}])
+    page = generate.report_page(
+        [{"name": "contacts", "type": "integer", "unit": "", "adds": "max", "help": "In the matrix."}]
+    )
     assert '| <span id="contacts">`contacts`</span> | integer |  | the largest | In the matrix. |' in page
 
 
@@ -466,11 +645,12 @@ def test_scene_file_page_has_every_key(generate):
 
     def keys(node):
         if isinstance(node, dict):
-            for key, value in node.get("properties", {}).items() if isinstance(node.get("properties"), dict) else ():
-                yield key
+            properties = node.get("properties")
+            yield from properties if isinstance(properties, dict) else ()
             for value in node.values():
                 yield from keys(value)
         elif isinstance(node, list):
             for value in node:
                 yield from keys(value)
+
     assert not [key for key in set(keys(schema)) if f"| `{key}` |" not in page]
