@@ -7,6 +7,7 @@ With a file name behind it, such as checkpoint.h5, the program also writes a che
 import sys
 
 import numpy as np
+from numpy.typing import NDArray
 
 import cama
 
@@ -14,7 +15,7 @@ GRAVITY = 9.81  # m/s^2
 HEIGHT = 0.3  # m
 
 
-def grid(cells, size, z):
+def grid(cells: int, size: float, z: float) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
     """Vertices [n, 3] and triangles [m, 3] of a square sheet around the z axis."""
     line = (np.arange(cells + 1) / cells - 0.5) * size
     x, y = np.meshgrid(line, line, indexing="ij")

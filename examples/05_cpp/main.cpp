@@ -27,7 +27,7 @@ int main()
     scene.obstacles.push_back(cama::exact_sphere({0, 0, 0}, radius));
     scene.obstacles.back().name = "ball";
 
-    // How to compute it: the defaults are those of the accuracy level `production`. Throws before the first step if the scene is wrong.
+    // How to compute it: the defaults are those of the accuracy level `production`. Throws if the scene is wrong.
     cama::Simulation simulation(scene);
     int intersections = 0;
     for (int i = 0; i < 200; ++i) {
