@@ -376,6 +376,19 @@ def test_a_false_link_is_seen(tmp_path):
     assert "gone.md" in str(seen.value) and "#tail" in str(seen.value) and "#head" not in str(seen.value)
 
 
+def test_sources_name_pages_that_exist():
+    """Comments and texts of the program that send a reader to docs/ or results/."""
+    wrong = []
+    for path in files():
+        if path.suffix in TEXT and path != Path(__file__).resolve() and not path.is_relative_to(ROOT / "docs"):
+            for page in re.findall(
+                r"\b((?:docs|results)/[\w/.-]+\.md)", path.read_text(encoding="utf-8", errors="replace")
+            ):
+                if not (ROOT / page).exists() and Path(page).name not in GENERATED:
+                    wrong.append(f"{name_of(path)}: {page}")
+    assert not wrong
+
+
 # --- Scenes -----------------------------------------------------------------------------------------------------------
 
 
