@@ -1,32 +1,37 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Tables and plots of `cama tradeoff` written into docs/accuracy.md and docs/images. Standard library only.
+"""Tables of `cama tradeoff` written into a dated page in results/, with the data beside it. Standard library only.
 
     cama tradeoff drape sphere flag funnel twisting --backend cpu --backend opencl --resolution 400 --threads 1 \\
         -o out/tradeoff
-    python benchmarks/accuracy_page.py out/tradeoff
+    python benchmarks/accuracy_page.py out/tradeoff                        # results/accuracy-fronts-DATE.md, .csv
 
     cama tradeoff drape sphere flag funnel twisting --resolution 400 --threads 1 -o out/levels \\
         $(printf -- '--also accuracy=%s ' preview interactive production accurate paper)
-    python benchmarks/accuracy_page.py out/levels --section levels
+    python benchmarks/accuracy_page.py out/levels --section levels         # results/accuracy-levels-DATE.md
 
     the same with --backend cuda, on a machine that has it, and --section levels-cuda
 
 Text between <!-- section fronts --> and <!-- end fronts --> (or levels, levels-cuda) is made here; nothing there is
-written by hand.
+written by hand. benchmarks/plot_results.py draws the plots from the CSV files.
 """
 
 import argparse
+import csv
 import json
-import re
 import shutil
 from fractions import Fraction
 from pathlib import Path
 
+import result_page
 import times
 
-ROOT = Path(__file__).resolve().parents[1]
-PAGE, IMAGES = ROOT / "docs" / "accuracy.md", ROOT / "docs" / "images"
-LIMIT = 250_000  # bytes of a plot
+#: Page and title of each section.
+PAGES = {
+    "fronts": ("accuracy-fronts", "Accuracy against time: fronts"),
+    "levels": ("accuracy-levels", "Accuracy levels: error and time"),
+    "levels-cuda": ("accuracy-levels", "Accuracy levels: error and time"),
+}
+PICTURES = "../docs/images/generated"
 
 
 def step(seconds):
@@ -55,10 +60,11 @@ def grid_table(scene):
         return ""
 
     def cell(p):
-        if p is None:
-            return ""
-        error, rate = f"{100 * p['restart_rms_edges']:.2f} %", f"{p['iterations'] / p['dt']:,.0f}"
-        return f"{error} / {number(p['ms_per_second'])} ms / {rate}"
+        return (
+            ""
+            if p is None
+            else f"{100 * p['restart_rms_edges']:.2f} % / {number(p['ms_per_second'])} ms / {p['iterations'] / p['dt']:,.0f}"
+        )
 
     rows = [[step(t), *(cell(found.get((t, tolerance))) for tolerance in tolerances)] for t in steps]
     return times.markdown(["time step, s", *(f"tolerance {t:g}" for t in tolerances)], rows)
@@ -129,8 +135,8 @@ def front_table(scene):
     )
 
 
-def section(scenes):
-    """Text of the section."""
+def section(scenes, page):
+    """Text of the section, for the page of this name without ending."""
     parts = []
     for scene in scenes:
         devices = "; ".join(f"{b}: {d}" for b, d in scene["devices"].items())
@@ -139,16 +145,13 @@ def section(scenes):
         )
         parts.append(
             f"### {scene['scene']}, {scene['triangles']:,} triangles\n\n"
-            f"{devices}; {threads} on the CPU. Reference: steps of {step(scene['reference_step'])} s, off "
-            f"itself by {100 * scene['uncertainty_edges']:.2g} % of an edge (rms); "
-            f"cama {scene['version'].split('+')[0]}; an edge is {1e3 * scene['edge']:.3g} mm; "
-            f"{scene['windows']} windows of {scene['window']:g} s from {scene['first'] * scene['window']:g} s.\n\n"
-            f"![{scene['scene']}](images/tradeoff-{scene['scene']}.svg)\n\n{front_table(scene)}\n"
+            f"{devices}; {threads} on the CPU. Reference: steps of {step(scene['reference_step'])} s, off itself by {100 * scene['uncertainty_edges']:.2g} % of an edge (rms); "
+            f"cama {scene['version'].split('+')[0]}; an edge is {1e3 * scene['edge']:.3g} mm; {scene['windows']} windows of {scene['window']:g} s from {scene['first'] * scene['window']:g} s.\n\n"
+            f"![{scene['scene']}]({PICTURES}/{page}-{scene['scene']}.svg)\n\n{front_table(scene)}\n"
         )
         if grid_table(scene):
             parts.append(
-                "Error / ms per simulated second / solver iterations per simulated second, mixed precision:\n"
-                f"\n{grid_table(scene)}\n"
+                f"Error / ms per simulated second / solver iterations per simulated second, mixed precision:\n\n{grid_table(scene)}\n"
             )
         if precision_table(scene):
             parts.append(f"Error by precision:\n\n{precision_table(scene)}\n")
@@ -177,31 +180,35 @@ def levels(scenes):
     return times.markdown(["scene, triangles", "reference", *names], rows) + "\n"
 
 
+def write_references(scenes, path):
+    """What the plots need besides the points: the reference's own uncertainty and strain."""
+    with open(path, "w", newline="", encoding="utf-8") as file:
+        writer = csv.writer(file, lineterminator="\n")
+        writer.writerow(["scene", "triangles", "reference_step", "uncertainty_edges", "edge_mm", "windows", "window_s",
+                         "first_window_s", "reference_strain_max"])  # fmt: skip
+        for s in scenes:
+            strain = s.get("strain_max")
+            writer.writerow([s["scene"], s["triangles"], step(s["reference_step"]), f"{s['uncertainty_edges']:.2g}",
+                             f"{1e3 * s['edge']:.3g}", s["windows"], f"{s['window']:g}",
+                             f"{s['first'] * s['window']:g}", "" if strain is None else f"{strain:.4g}"])  # fmt: skip
+
+
 def main():
     p = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     p.add_argument("folder", type=Path, help="what `cama tradeoff -o` wrote")
-    p.add_argument("--section", choices=["fronts", "levels", "levels-cuda"], default="fronts")
-    p.add_argument("--page", type=Path, default=PAGE)
-    p.add_argument("--images", type=Path, default=IMAGES)
+    p.add_argument("--section", choices=PAGES, default="fronts")
+    p.add_argument("--page", type=Path, help="default: today's in results/")
     arguments = p.parse_args()
     scenes = json.loads((arguments.folder / "tradeoff.json").read_text(encoding="utf-8"))["scenes"]
-    text = arguments.page.read_text(encoding="utf-8")
-    name, made = arguments.section, section(scenes) if arguments.section == "fronts" else levels(scenes)
-    changed, count = re.subn(
-        rf"(<!-- section {name} -->\n).*?(<!-- end {name} -->)",
-        lambda m: m[1] + "\n" + made + "\n" + m[2],
-        text,
-        flags=re.S,
-    )
-    if count != 1:
-        raise SystemExit(f"{arguments.page}: no section {name}")
-    for scene in scenes if name == "fronts" else ():
-        plot = arguments.folder / f"{scene['scene']}.svg"
-        if plot.stat().st_size > LIMIT:
-            raise SystemExit(f"{plot}: {plot.stat().st_size} bytes, above {LIMIT}")
-        shutil.copyfile(plot, arguments.images / f"tradeoff-{scene['scene']}.svg")
-    arguments.page.write_text(changed, encoding="utf-8")
-    print(f"{arguments.page}: {len(scenes)} scenes")
+    name, title = PAGES[arguments.section]
+    page = arguments.page or result_page.path_of(name)
+    made = section(scenes, page.stem) if arguments.section == "fronts" else levels(scenes)
+    command = f"python benchmarks/accuracy_page.py {arguments.folder} --section {arguments.section}"
+    result_page.write_section(page, arguments.section, made, title, command)
+    if arguments.section == "fronts":
+        shutil.copyfile(arguments.folder / "tradeoff.csv", page.with_suffix(".csv"))
+        write_references(scenes, page.with_name(f"{page.stem}-references.csv"))
+    print(f"{page}: {len(scenes)} scenes")
 
 
 if __name__ == "__main__":

@@ -21,14 +21,20 @@ import times
 
 SCENES = ["sphere", "funnel", "twisting"]
 
-# Changed option(s) against the paper's: variant, settings.
+# Changed option(s) against the paper's: variant, options.
 VARIANTS = {
     "paper": {},
     "no preconditioner": {"preconditioner": "none"},
-    "sorted assembly": {"assembly": "sorted"},
-    "atomic filling": {"atomic_filling": 1},
-    "search not localized": {"localized_search": 0},
+    "sorted assembly": {"paper.assembly": "sorted"},
+    "atomic filling": {"paper.atomic_filling": "true"},
+    "search not localized": {"paper.localized_search": "false"},
     "tolerance 1e-11": {"tolerance": "1e-11"},
+}
+# How tables of before name them.
+OLD_NAMES = {
+    "assembly=sorted": "sorted assembly",
+    "atomic_filling=1": "atomic filling",
+    "localized_search=0": "search not localized",
 }
 
 BOXES = {
@@ -122,6 +128,7 @@ def read_runs(path):
     names = {
         " ".join(f"{name}={value}" for name, value in changed.items()): variant for variant, changed in VARIANTS.items()
     }
+    names.update(OLD_NAMES)
     runs = {}
     for run in times.read([path]):
         if run["options"] in names:
@@ -170,18 +177,24 @@ def tables(runs):
 def plot(runs, path):
     """Stacked shares of each scene; False without matplotlib."""
     try:
-        import matplotlib
+        plot_shares({s: shares(variants["paper"]) for s, variants in runs.items() if "paper" in variants}, path)
     except ImportError:
         return False
+    return True
+
+
+def plot_shares(parts, path):
+    """Bars of {scene: {box: time or share}}. Throws ImportError without matplotlib."""
+    import matplotlib
+
     matplotlib.use("Agg")
     import matplotlib.pyplot as plt
 
-    scenes = [s for s in runs if "paper" in runs[s]]
+    scenes = list(parts)
     figure, axes = plt.subplots(figsize=(7, 0.7 * len(scenes) + 1.2), constrained_layout=True)
-    parts = [shares(runs[s]["paper"]) for s in scenes]
     left = [0.0] * len(scenes)
     for box, color in zip(["PC", "MA", "LS", "PH", "Misc"], ["#4c78a8", "#f58518", "#54a24b", "#e45756", "#9d9da1"]):
-        width = [100 * p[box] / sum(p.values()) for p in parts]
+        width = [100 * parts[s][box] / sum(parts[s].values()) for s in scenes]
         axes.barh(scenes, width, left=left, label=box, color=color)
         for y, (w, x) in enumerate(zip(width, left)):
             if w >= 4:
@@ -191,7 +204,7 @@ def plot(runs, path):
     axes.invert_yaxis()
     axes.legend(ncols=5, loc="lower center", bbox_to_anchor=(0.5, 1), frameon=False)
     figure.savefig(path, dpi=130)
-    return True
+    plt.close(figure)
 
 
 def write(runs, folder):

@@ -1,27 +1,33 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Tables of step_times' CSV as text, or written into docs/performance.md between its markers. Standard library only.
+"""Tables of step_times' CSV as text, or written into a dated page in results/. Standard library only.
 
-    python benchmarks/performance_page.py bars OUT/bars.csv
+    python benchmarks/performance_page.py bars OUT/bars.csv                 # a table beside the published figures
     python benchmarks/performance_page.py scaling OUT/scaling.csv
     python benchmarks/performance_page.py stages OUT/bars.csv
     python benchmarks/performance_page.py all OUT/bars.csv OUT/scaling.csv --section gpu
-    python benchmarks/performance_page.py paper OUT/paper_tables.md --section paper-gpu
+    python benchmarks/performance_page.py paper OUT/paper_tables.md --section paper-gpu      # what paper_tables.py wrote
 
-bars: a table beside the published figures.  --section: replaces the section of this name in the page.  paper: the same
-with what paper_tables.py wrote.
-
-A section is what stands between <!-- section NAME --> and <!-- end NAME -->; nothing there is written by hand.
+With --section the tables replace that section of today's page in results/, or of --page. Copy the CSV files beside it,
+named as the page: benchmarks/plot_results.py draws the plots from them.
 """
 
 import argparse
 import collections
 import math
-import os
 import re
+import sys
 
+import result_page
 import times
+from result_page import replace_section  # noqa: F401
 
-PAGE = os.path.join(os.path.dirname(os.path.dirname(os.path.abspath(__file__))), "docs", "performance.md")
+#: Page and title of each section.
+PAGES = {
+    "cpu": ("performance-cpu", "Performance on CPU cores"),
+    "gpu": ("performance-cuda", "Performance on a GPU"),
+    "paper-cpu": ("paper-measurements", "The measurements of the paper, repeated"),
+    "paper-gpu": ("paper-measurements", "The measurements of the paper, repeated"),
+}
 
 # Seconds a step of 200,000 triangles, Tesla K40c (Tang et al. 2016, Figure 13; sphere is its "Moving").
 PAPER = {"funnel": 1.68, "sphere": 2.84, "twisting": 2.92}
@@ -82,9 +88,7 @@ def settings(run):
 
 
 def scaling(runs):
-    """Runs of one scene and setting, from the same step on, at several sizes; the exponent is of the fit over all of
-    them.
-    """
+    """Runs of one scene and setting, from the same step on, at several sizes; the exponent is of the fit over all of them."""
     groups = collections.defaultdict(list)
     for r in runs:
         groups[r["scene"], f"{settings(r)}, after {r['skipped']} steps"].append(r)
@@ -164,29 +168,22 @@ def paper(paths):
     return re.sub(r"^## ", "#### ", re.sub(r"^# .*\n+", "", text, flags=re.M), flags=re.M).strip()
 
 
-def replace_section(page, name, text):
-    """The page with the section's text replaced. Throws ValueError where it has no such section."""
-    pattern = re.compile(rf"(<!-- section {re.escape(name)} -->\n).*?(<!-- end {re.escape(name)} -->)", re.S)
-    if not pattern.search(page):
-        raise ValueError(f"the page has no section '{name}'")
-    return pattern.sub(lambda m: m.group(1) + "\n" + text + "\n\n" + m.group(2), page)
-
-
 def main():
     p = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     p.add_argument("table", choices=[*TABLES, "paper"])
     p.add_argument("csv", nargs="+")
-    p.add_argument("--section", help="of docs/performance.md, to be replaced")
-    p.add_argument("--page", default=PAGE)
+    p.add_argument("--section", choices=PAGES, help="of the page, to be replaced")
+    p.add_argument("--page", help="default: today's in results/")
     arguments = p.parse_args()
     text = paper(arguments.csv) if arguments.table == "paper" else TABLES[arguments.table](times.read(arguments.csv))
     if not arguments.section:
         print(text)
         return
-    with open(arguments.page, encoding="utf-8") as file:
-        page = file.read()
-    with open(arguments.page, "w", encoding="utf-8") as file:
-        file.write(replace_section(page, arguments.section, text))
+    name, title = PAGES[arguments.section]
+    page = arguments.page or result_page.path_of(name)
+    command = "python benchmarks/performance_page.py " + " ".join(sys.argv[1:])
+    result_page.write_section(page, arguments.section, text, title, command)
+    print(page)
 
 
 if __name__ == "__main__":

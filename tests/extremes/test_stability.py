@@ -95,11 +95,24 @@ def test_the_table_is_whole():
         assert bool(check.fault) == bool(check.seen_as)
 
 
-def test_the_page_has_every_check():
-    page = (Path(__file__).parents[2] / "docs" / "stability.md").read_text(encoding="utf-8")
+ROOT = Path(__file__).parents[2]
+
+
+def test_the_reference_page_has_every_check_and_what_is_expected():
+    page = (ROOT / "docs" / "reference" / "stability.md").read_text(encoding="utf-8")
+    for check in table.CHECKS:
+        assert f"`{check.name}` | {stability._plain(check.expected)} |" in page
+    for number, about in table.NUMBERS.items():
+        assert f"| {number} | {about} |" in page
+
+
+def test_the_newest_results_have_every_check_and_no_failure_that_is_not_known():
+    newest = max((ROOT / "results").glob("stability-*.md"))
+    page = newest.read_text(encoding="utf-8")
     for check in table.CHECKS:
         assert f"| {check.number} | `{check.name}` |" in page
-    assert "**fails**" not in page.split("| | check |")[1] and " 0 fail otherwise" in page
+    assert "**fails**" not in page.split("| | check |")[1] and " 0 failed otherwise" in page
+    assert newest.name in (ROOT / "results" / "README.md").read_text(encoding="utf-8")
 
 
 def test_every_scene_case_is_in_the_table_or_shipped():

@@ -344,7 +344,7 @@ def test_the_friction_angle_is_that_of_static_friction(friction, static):
 
 
 def test_the_friction_angle_with_equal_coefficients_is_within_two_degrees():
-    # docs/collision.md: a slide from rest shortly above the angle can stick again.
+    # docs/theory/contact.md: a slide from rest shortly above the angle can stick again.
     assert accuracy.friction_angle(0.3, threads=1) == pytest.approx(math.degrees(math.atan(0.3)), abs=2)
 
 

@@ -511,7 +511,7 @@ def test_the_command_writes_table_plots_and_page(fall, tmp_path):
     document = tmp_path / "page.md"
     document.write_text("before\n<!-- section fronts -->\nold\n<!-- end fronts -->\nafter\n")
     subprocess.run(
-        [sys.executable, ROOT / "benchmarks" / "accuracy_page.py", out, "--page", document, "--images", tmp_path],
+        [sys.executable, ROOT / "benchmarks" / "accuracy_page.py", out, "--page", document],
         check=True,
     )
     text = document.read_text()
@@ -524,8 +524,18 @@ def test_the_command_writes_table_plots_and_page(fall, tmp_path):
     assert (
         "tolerance 0.1" in text
         and f"{100 * scene['points'][scene['fronts']['cpu'][0]]['restart_rms_edges']:.2f} %" in text
-        and (tmp_path / "tradeoff-fall.svg").is_file()
+        and "(../docs/images/generated/page-fall.svg)" in text
     )
+    assert (tmp_path / "page.csv").read_text() == (out / "tradeoff.csv").read_text()
+    references = list(csv.DictReader((tmp_path / "page-references.csv").open()))
+    assert len(references) == 1 and references[0]["scene"] == "fall" and references[0]["triangles"] == "8"
+    sys.path.insert(0, str(ROOT / "benchmarks"))
+    import plot_results
+
+    (tmp_path / "page.csv").rename(tmp_path / "accuracy-fronts-page.csv")
+    (tmp_path / "page-references.csv").rename(tmp_path / "accuracy-fronts-page-references.csv")
+    assert plot_results.plot_all(tmp_path, tmp_path) == [tmp_path / "accuracy-fronts-page-fall.svg"]
+    xml.etree.ElementTree.parse(tmp_path / "accuracy-fronts-page-fall.svg")
     document.write_text("<!-- section levels -->\nold\n<!-- end levels -->\n")
     subprocess.run(
         [sys.executable, ROOT / "benchmarks" / "accuracy_page.py", out, "--page", document, "--section", "levels"],

@@ -31,8 +31,8 @@ class Material(_core.Material):
         name: Name of the fabric.
         source: Where the numbers come from.
         density: Mass per area, kg/m^2.
-        stretching: Stretching stiffness [6][4], N/m.
-        bending: Bending stiffness [3][5], N m.
+        stretching: Stretching stiffness [6, 4], N/m.
+        bending: Bending stiffness [3, 5], N m.
         damping: Damping time, s.
         friction: Coulomb coefficient of cloth against cloth; -1: the scene's.
         static_friction: The coefficient while cloth sticks; -1: equal to `friction`.

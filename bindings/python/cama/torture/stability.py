@@ -253,30 +253,23 @@ def markdown(outcomes, checks):
         (sum(test) for test in zip(*((o.good, bool(o.known), o.cut_off) for o in outcomes))) if outcomes else (0, 0, 0)
     )
     lines = [
-        "# Stability",
+        "# Stability: every check on every backend",
         "",
-        "<!-- written by `cama stability --page docs/stability.md`; edit bindings/python/cama/torture/stability.py -->",
+        "<!-- written by `cama stability --page results/stability-DATE.md` -->",
         "",
-        "Cases that break cloth simulators, each on every backend and in every precision, with an outcome "
-        "that is expected from outside the",
-        "code: a closed form, a conserved quantity, a scaled copy, an exact count, or an error of cama. Every "
-        "step of every run is checked for values",
-        "that are not finite, in all arrays and reports that a user can read, and for intersections, by",
-        f"{judge.JUDGES}. [`cama stability`](cli.md#cama-stability-case) runs them and writes this page; the "
-        "numbers are",
-        "those of the list of torture cases. [Extreme cases](extremes.md) has large runs of the scenes among them.",
+        "Cases that break cloth simulators, on each backend and in each precision. [Stability](../docs/reference/stability.md)",
+        "says what is checked and where the expectations come from. Every step of every run is checked for values that are not",
+        f"finite and for intersections, by {judge.JUDGES}.",
         "",
-        f"cama {cama.__version__}, accuracy {levels}: {good} of {len(outcomes)} as expected, {known} fail as known, "
-        f"{cut} were cut off, {len(outcomes) - good - known - cut} fail otherwise.",
+        f"cama {cama.__version__}, {time.strftime('%Y-%m-%d')}, accuracy {levels}: {good} of {len(outcomes)} as expected, "
+        f"{known} known to fail, {cut} cut off, {len(outcomes) - good - known - cut} failed otherwise.",
         "",
-        "- *ok*, or the expected error of cama; **known**: a fault that is listed below; **fails**: anything else.",
+        "- *ok*, or the name of the error that was expected; **known**: a fault that is listed below; **fails**: anything else.",
         "- *cut off*: did not end within its wall time, which other runs on the same machine shared.",
-        "- *-*: does not apply there.  *not run*: long, or see the end of the page.",
-        "- *steps* is of one configuration; *intersections*, *strain* (largest principal stretch minus one) "
-        "and *energy* (kinetic energy at the",
-        "  end over its peak) are the largest of all of them. Checks that start tangled on purpose "
-        "(`exempt`) and those without",
-        "  contact show how many intersections there were.",
+        "- *-*: does not apply there. *not run*: long, or see the end of the page.",
+        "- *steps* is of one configuration; *intersections*, *strain* (largest principal stretch minus one) and *energy* (kinetic",
+        "  energy at the end over its peak) are the largest of all configurations. Checks that start with intersections",
+        "  intentionally (`exempt`) and those without contact show how many there were.",
         "",
         "| | check | "
         + " | ".join(f"{b} {p}" for b, p in configurations)
