@@ -4,8 +4,8 @@
 #include <algorithm>
 #include <cstdlib>
 
-#include "cpu/cpu_backend.hpp"
 #include "cama/error.hpp"
+#include "cpu/cpu_backend.hpp"
 #if CAMA_HAS_OPENCL
 #include "opencl/opencl_backend.hpp"
 #endif
@@ -50,7 +50,8 @@ std::unique_ptr<Backend> make_backend(const std::string &name, int device, int t
   }
   if (threads < 0) throw BackendError("threads: " + std::to_string(threads) + " is below 0; use 0 to have them chosen");
   if (name == "cpu") {
-    if (device != 0) throw BackendError("device: " + std::to_string(device) + " is out of range; backend cpu has one device, 0");
+    if (device != 0)
+      throw BackendError("device: " + std::to_string(device) + " is out of range; backend cpu has one device, 0");
     return make_cpu_backend(threads);
   }
 #if CAMA_HAS_OPENCL

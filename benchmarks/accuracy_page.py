@@ -63,7 +63,8 @@ def grid_table(scene):
         return (
             ""
             if p is None
-            else f"{100 * p['restart_rms_edges']:.2f} % / {number(p['ms_per_second'])} ms / {p['iterations'] / p['dt']:,.0f}"
+            else f"{100 * p['restart_rms_edges']:.2f} % / {number(p['ms_per_second'])} ms / "
+            f"{p['iterations'] / p['dt']:,.0f}"
         )
 
     rows = [[step(t), *(cell(found.get((t, tolerance))) for tolerance in tolerances)] for t in steps]
@@ -145,13 +146,16 @@ def section(scenes, page):
         )
         parts.append(
             f"### {scene['scene']}, {scene['triangles']:,} triangles\n\n"
-            f"{devices}; {threads} on the CPU. Reference: steps of {step(scene['reference_step'])} s, off itself by {100 * scene['uncertainty_edges']:.2g} % of an edge (rms); "
-            f"cama {scene['version'].split('+')[0]}; an edge is {1e3 * scene['edge']:.3g} mm; {scene['windows']} windows of {scene['window']:g} s from {scene['first'] * scene['window']:g} s.\n\n"
+            f"{devices}; {threads} on the CPU. Reference: steps of {step(scene['reference_step'])} s, off itself by "
+            f"{100 * scene['uncertainty_edges']:.2g} % of an edge (rms); cama {scene['version'].split('+')[0]}; an edge is "
+            f"{1e3 * scene['edge']:.3g} mm; {scene['windows']} windows of {scene['window']:g} s from "
+            f"{scene['first'] * scene['window']:g} s.\n\n"
             f"![{scene['scene']}]({PICTURES}/{page}-{scene['scene']}.svg)\n\n{front_table(scene)}\n"
         )
         if grid_table(scene):
             parts.append(
-                f"Error / ms per simulated second / solver iterations per simulated second, mixed precision:\n\n{grid_table(scene)}\n"
+                "Error / ms per simulated second / solver iterations per simulated second, mixed precision:\n\n"
+                f"{grid_table(scene)}\n"
             )
         if precision_table(scene):
             parts.append(f"Error by precision:\n\n{precision_table(scene)}\n")

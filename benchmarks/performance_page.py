@@ -5,7 +5,7 @@
     python benchmarks/performance_page.py scaling OUT/scaling.csv
     python benchmarks/performance_page.py stages OUT/bars.csv
     python benchmarks/performance_page.py all OUT/bars.csv OUT/scaling.csv --section gpu
-    python benchmarks/performance_page.py paper OUT/paper_tables.md --section paper-gpu      # what paper_tables.py wrote
+    python benchmarks/performance_page.py paper OUT/paper_tables.md --section paper-gpu   # what paper_tables.py wrote
 
 With --section the tables replace that section of today's page in results/, or of --page. Copy the CSV files beside it,
 named as the page: benchmarks/plot_results.py draws the plots from them.
@@ -88,7 +88,7 @@ def settings(run):
 
 
 def scaling(runs):
-    """Runs of one scene and setting, from the same step on, at several sizes; the exponent is of the fit over all of them."""
+    """Runs of one scene from the same step on, at several sizes; the exponent is of the fit over all of them."""
     groups = collections.defaultdict(list)
     for r in runs:
         groups[r["scene"], f"{settings(r)}, after {r['skipped']} steps"].append(r)

@@ -23,6 +23,7 @@ import matplotlib
 
 matplotlib.use("Agg")
 import matplotlib.pyplot as plt  # noqa: E402
+
 import paper_tables  # noqa: E402
 import plot_times  # noqa: E402
 import times  # noqa: E402

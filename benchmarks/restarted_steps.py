@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Error of `production` after ten steps that start from checkpoints of one run, at its own time step and others: rows of the
-tables in results/accuracy-levels-*.md.
+"""Error of `production` after ten steps that start from checkpoints of one run, at its own time step and others.
+
+The rows of the tables in results/accuracy-levels-*.md:
 
 python benchmarks/restarted_steps.py drape sphere flag funnel twisting --resolution 400
 python benchmarks/restarted_steps.py drape sphere flag funnel twisting --per-second
@@ -23,7 +24,10 @@ def rms(difference, masses):
 
 
 def measure(name, resolution, time_steps, times=TIMES, backend="cpu"):
-    """(triangles, edge in m, [(time step in s, error, uncertainty of the reference)]) in edges, rms over starts; the level's own step first."""
+    """(triangles, edge in m, [(time step in s, error, uncertainty of the reference)]), the level's own step first.
+
+    Errors are in edges, rms over starts.
+    """
     scene = cama.Scene.load(name, resolution)
     where = {"backend": backend, "threads": 1}
     time_steps = [cama.Simulation(scene, **where).time_step, *time_steps]

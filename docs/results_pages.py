@@ -1,8 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""mkdocs loads this file as a hook (mkdocs.yml): the pages of results/ become part of the site, and their pictures are drawn.
+"""A hook of mkdocs (mkdocs.yml): the pages of results/ become part of the site, and their pictures are drawn.
 
-Pages link to each other as they lie in the repository, so that links work there too: `../../results/NAME.md` from a page
-of a folder of docs, `../docs/FOLDER/PAGE.md` from a page of results. In the site results/ lies beside those folders.
+Pages link to each other as they lie in the repository, so that links work there too: `../../results/NAME.md` from a
+page of a folder of docs, `../docs/FOLDER/PAGE.md` from a page of results. In the site results/ lies beside
+those folders.
 """
 
 import re

@@ -65,7 +65,7 @@ def test_free_fall_follows_the_closed_form_of_each_integrator():
         np.testing.assert_allclose(start[:, 2] - 9.81 * 0.1**2 / 2 - simulation.positions[:, 2], error, rtol=1e-6)
 
 
-def test_every_knob_can_be_overridden_and_says_so():
+def test_every_option_can_be_overridden_and_says_so():
     simulation = cama.Simulation(
         falling(), accuracy="accurate", time_step=1e-3, newton_iterations=2, integrator="backward_euler"
     )

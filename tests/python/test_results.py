@@ -11,7 +11,7 @@ ROOT = Path(__file__).parents[2]
 sys.path.insert(0, str(ROOT / "benchmarks"))
 import result_page  # noqa: E402
 
-GENERATED = ("options.md", "report.md", "command-line.md", "scene-file.md", "cpp-api.md")   # docs/generate.py
+GENERATED = ("options.md", "report.md", "command-line.md", "scene-file.md", "cpp-api.md")  # docs/generate.py
 PAGES = sorted(p for p in (ROOT / "results").glob("*.md") if p.name != "README.md")
 
 
@@ -27,7 +27,7 @@ def test_a_page_of_results_is_listed_and_says_when_and_of_what_it_is(page):
     text = page.read_text(encoding="utf-8")
     assert date and date[1] in text, "the date in its name"
     assert f"({page.name})" in (ROOT / "results" / "README.md").read_text(encoding="utf-8")
-    if not page.stem.startswith("stability-"):   # whose page cama stability writes
+    if not page.stem.startswith("stability-"):  # whose page cama stability writes
         assert re.search(r"[Cc]ommits?\b", text)
 
 

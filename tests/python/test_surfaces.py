@@ -63,7 +63,7 @@ def scene():
 
 def test_cloth_stays_out_of_smooth_shapes(scene):
     ball, rod, block, ground = scene.obstacles
-    assert [o.surface for o in scene.obstacles] == ["sphere", "capsule", "box", "plane"]
+    assert [o.shape for o in scene.obstacles] == ["sphere", "capsule", "box", "plane"]
     assert ball.radius == pytest.approx(0.055) and rod.radius == 0.04 and ground.radius == 0
     assert (ground.friction, ground.static_friction) == (0.3, 0.5)
     assert np.allclose(np.sort(rod.vertices[:, 1]), [-0.1, 0.1]) and len(block.faces) == 12
@@ -97,13 +97,13 @@ def test_a_recording_knows_exact_obstacles(scene, tmp_path):
     with Recorder(tmp_path / "frames.h5", simulation) as recorder:
         recorder.add(0.0, simulation.positions, 0, 0)
     with Recording(tmp_path) as recording:
-        assert [(p.surface, p.radius) for p in recording.obstacles] == [
+        assert [(p.shape, p.radius) for p in recording.obstacles] == [
             ("sphere", pytest.approx(0.055)),
             ("capsule", 0.04),
             ("box", 0),
             ("plane", 0),
         ]
-        assert [p.surface for p in recording.cloths] == ["mesh"]
+        assert [p.shape for p in recording.cloths] == ["mesh"]
 
 
 @pytest.mark.parametrize("surface", ["sphere", "capsule"])

@@ -52,7 +52,7 @@ def point(cost, error, **other):
 
 
 def test_results_of_another_machine_are_shown_beside_these(fall, tmp_path):
-    words = ["tradeoff", fall, "--backend", "cpu", "--knob", "time_step=1/100,1/200", "--windows", 2, *ONE]
+    words = ["tradeoff", fall, "--backend", "cpu", "--vary", "time_step=1/100,1/200", "--windows", 2, *ONE]
     assert call(*words, "-o", tmp_path / "here", "--no-plots").exit_code == 0
     there = json.loads((tmp_path / "here" / "tradeoff.json").read_text())
     scene = there["scenes"][0]
@@ -113,14 +113,14 @@ def test_pareto_is_what_brute_force_finds():
     assert [points[i][0] for i in found] == sorted(points[i][0] for i in found)
 
 
-def test_knobs_are_those_of_the_installed_version():
-    known = plans.knobs()
+def test_options_that_vary_are_those_of_the_installed_version():
+    known = plans.variable_options()
     assert {"tolerance", "precision", "preconditioner", "time_step", "resolution", "accuracy"} <= set(known)
     assert not {"backend", "threads", "audit", "pinch"} & set(known)
     assert {"production", "paper"} <= set(plans.levels())
-    assert plans.parse_knob("time_step=1/60, 1/200") == ("time_step", [1 / 60, 1 / 200])
-    assert plans.parse_knob("commit=true,false") == ("commit", [True, False])
-    assert plans.parse_knob("max_iterations=50") == ("max_iterations", [50])
+    assert plans.parse_values("time_step=1/60, 1/200") == ("time_step", [1 / 60, 1 / 200])
+    assert plans.parse_values("commit=true,false") == ("commit", [True, False])
+    assert plans.parse_values("max_iterations=50") == ("max_iterations", [50])
     assert len(plans.product({"time_step": [0.01, 0.02], "tolerance": [0.1], "precision": ["double", "mixed"]})) == 4
     plan = plans.default_plan(cama.Scene.parse(FALL), 0.05)
     assert {"accuracy": "paper"} in plan and len(plan) == len(plans.unique(plan)) > 10
@@ -141,9 +141,9 @@ def test_knobs_are_those_of_the_installed_version():
         ("backend=cpu", "backend"),
     ],
 )
-def test_bad_knobs_are_named(text, words):
+def test_bad_options_are_named(text, words):
     with pytest.raises(cama.SceneError, match=words):
-        plans.parse_knob(text)
+        plans.parse_values(text)
 
 
 @pytest.mark.parametrize(
@@ -399,7 +399,7 @@ def test_a_killed_run_goes_on_where_it_was(fall, tmp_path):
         "cama",
         "tradeoff",
         fall,
-        "--knob",
+        "--vary",
         "time_step=1/20,1/40,1/60,1/80,1/100,1/120,1/140,1/160",
         "--window",
         "0.05",
@@ -469,9 +469,9 @@ def test_the_command_writes_table_plots_and_page(fall, tmp_path):
     result = call(
         "tradeoff",
         fall,
-        "--knob",
+        "--vary",
         "time_step=1/100,1/200",
-        "--knob",
+        "--vary",
         "tolerance=1e-1,1e-3",
         "--also",
         "accuracy=paper",
@@ -552,10 +552,10 @@ def test_the_command_writes_table_plots_and_page(fall, tmp_path):
 @pytest.mark.parametrize(
     "words, text",
     [
-        (["nowhere", "--knob", "time_step=1/60"], "nowhere"),
-        (["flag", "--knob", "tollerance=1"], "tollerance"),
+        (["nowhere", "--vary", "time_step=1/60"], "nowhere"),
+        (["flag", "--vary", "tollerance=1"], "tollerance"),
         (["flag", "--backend", "tpu"], "tpu"),
-        (["flag", "--knob", "time_step=1/7"], "whole number"),
+        (["flag", "--vary", "time_step=1/7"], "whole number"),
         (["flag", "--also", "tolerance=1,2"], "one value"),
         (["flag", "--device", 9], "number 9"),
         (["flag", "--cluster", "127.0.0.1:1"], "Ray"),

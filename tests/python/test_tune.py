@@ -58,7 +58,7 @@ def test_tune_finds_the_cheapest_time_step_and_run_uses_it(fall, tmp_path):
         fall,
         "--error",
         "2.5mm",
-        "--knob",
+        "--vary",
         "time_step=1/80,1/160,1/320",
         "--windows",
         3,

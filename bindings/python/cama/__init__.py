@@ -34,6 +34,7 @@ from .errors import (
 )
 from .material import Material, fabrics  # noqa: E402
 from .motion import Motion  # noqa: E402
+from .options import option_table  # noqa: E402
 from .scene import Cloth, Obstacle, Scene  # noqa: E402
 from .simulation import Frame, Simulation  # noqa: E402
 
@@ -52,6 +53,7 @@ __all__ = [
     "backends",
     "collision",
     "fabrics",
+    "option_table",
     "scenes",
     "shipped",
     "tradeoff",

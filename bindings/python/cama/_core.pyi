@@ -4,6 +4,7 @@
 from os import PathLike
 from typing import Any, Literal, TypedDict, type_check_only
 
+from ._options import AccuracyLevel, StepReport
 from .types import Booleans, Integers, Quaternion, Reals, Vector
 
 _Path = str | PathLike[str]
@@ -31,117 +32,43 @@ class BackendInfo(TypedDict):
 
 def list_backends() -> list[BackendInfo]: ...
 
-# ---- Options: begin -------------------------------------------------------------------------------------------------
-# All that depends on the table of options stands between these two lines.
+@type_check_only
+class OptionInfo(TypedDict):
+    name: str
+    type: Literal["boolean", "integer", "number", "choice", "text"]
+    words: list[str]
+    levels: dict[str, bool | int | float | str]
+    range: str
+    unit: str
+    set_by: Literal["scene", "user"]
+    trades: str
+    help: str
 
-AccuracyLevel = Literal["preview", "interactive", "production", "accurate", "reference", "paper"]
-BackendName = Literal["auto", "cpu", "opencl", "cuda"]
-Precision = Literal["double", "mixed", "single"]
+@type_check_only
+class ReportInfo(TypedDict):
+    name: str
+    type: Literal["integer", "number"]
+    unit: str
+    adds: Literal["sum", "max", "last"]
+    help: str
+
+_ChosenOption = tuple[str, str, str, str]  # name, value, origin, what it trades
+
+class OptionOverrides:
+    def __init__(self) -> None: ...
+    def set(self, name: str, value: bool | int | float | str, /) -> None: ...
+    def set_text(self, name: str, text: str, /) -> None: ...
+    def values(self) -> dict[str, bool | int | float | str]: ...
 
 def accuracy_levels() -> list[AccuracyLevel]: ...
-
-class Options:
-    @staticmethod
-    def preset(level: str, /) -> Options: ...
-    @property
-    def accuracy(self) -> str: ...
-    backend: str
-    device: int
-    threads: int
-    precision: str
-    time_step: float
-    integrator: str
-    newton_iterations: int
-    newton_tolerance: float
-    contact_refresh: str
-    assembly: str
-    atomic_filling: bool
-    contact_form: str
-    anticipate_contacts: bool
-    arcsim_conventions: bool
-    solver: str
-    preconditioner: str
-    tolerance: float
-    max_iterations: int
-    search: str
-    localized_search: bool
-    max_impact_passes: int
-    linear_impacts: bool
-    cubic_impacts: bool
-    commit: bool
-    audit: bool
-    intersections: str
-    pinch: str
-
-@type_check_only
-class Overrides(TypedDict, total=False):
-    """Single options of a Simulation, as keywords."""
-
-    time_step: float
-    integrator: Literal["backward_euler", "bdf2"]
-    newton_iterations: int
-    newton_tolerance: float
-    contact_refresh: Literal["step", "iteration"]
-    assembly: Literal["gather", "algorithm1", "sorted"]
-    atomic_filling: bool
-    contact_form: Literal["rank_one", "star"]
-    anticipate_contacts: bool
-    arcsim_conventions: bool
-    solver: Literal["conjugate_gradient", "direct"]
-    preconditioner: Literal["none", "jacobi", "block_jacobi", "schwarz"]
-    tolerance: float
-    max_iterations: int
-    search: Literal["tree", "fronts"]
-    localized_search: bool
-    max_impact_passes: int
-    linear_impacts: bool
-    cubic_impacts: bool
-    commit: bool
-    audit: bool
-    intersections: Literal["reject", "exempt", "untangle"]
-    pinch: Literal["stop", "release"]
-
-@type_check_only
-class SimulationOptions(Overrides, total=False):
-    """All keywords of a Simulation."""
-
-    backend: BackendName
-    precision: Precision | None
-    accuracy: AccuracyLevel | None
-    device: int
-    threads: int
-
-def chosen_time_step(options: Options, scene: Scene, /) -> float: ...
-def settings(options: Options, scene: Scene, /) -> list[tuple[str, str, str, str]]: ...
-
-# ---- Options: end ---------------------------------------------------------------------------------------------------
-# ---- Report of a step: begin ----------------------------------------------------------------------------------------
-
-@type_check_only
-class StepReport(TypedDict):
-    step: int
-    time: float
-    contacts: int
-    candidates: int
-    searches: int
-    impacts: int
-    impact_passes: int
-    truncated: int
-    lost_motion: float
-    released: int
-    exempt: int
-    substeps: int
-    retries: int
-    newton_iterations: int
-    newton_residual: float
-    iterations: int
-    residual: float
-    milliseconds: float
-    launches: int
-    waits: int
-    intersections: int
-
-# ---- Report of a step: end ------------------------------------------------------------------------------------------
+def option_table() -> list[OptionInfo]: ...
+def report_table() -> list[ReportInfo]: ...
+def check_scene_options(options: OptionOverrides, /) -> None: ...
+def level_options(level: str, /) -> dict[str, bool | int | float | str]: ...
+def level_time_step(level: str, scene: Scene, /) -> float: ...
+def resolve(
+    user: OptionOverrides, scene: Scene, /
+) -> tuple[dict[str, bool | int | float | str], list[_ChosenOption]]: ...
 
 @type_check_only
 class Energy(TypedDict):
@@ -269,7 +196,7 @@ class Obstacle:
     motion: Motion
     friction: float
     static_friction: float
-    surface: str
+    shape: str
     radius: float
     thickness: float
     contact_stiffness: float
@@ -306,7 +233,7 @@ class Scene:
     def seconds_per_frame(self) -> float: ...
     frames: int
     wind: Wind | None
-    options: str
+    options: OptionOverrides
     @property
     def contact(self) -> Contact: ...
     @property
@@ -340,7 +267,7 @@ class Scene:
     ) -> None: ...
 
 class Simulation:
-    def __init__(self, scene: Scene, options: Options, /) -> None: ...
+    def __init__(self, scene: Scene, options: OptionOverrides, /) -> None: ...
     def step(self, n: int, /) -> None: ...
     def step_count(self) -> int: ...
     def time(self) -> float: ...
@@ -369,8 +296,8 @@ class Simulation:
     def count_intersections(self) -> int: ...
     def state_hash(self) -> int: ...
     def peak_memory_bytes(self) -> int: ...
-    def options(self) -> Options: ...
-    def settings(self) -> list[tuple[str, str, str, str]]: ...
+    def options(self) -> dict[str, bool | int | float | str]: ...
+    def chosen_options(self) -> list[_ChosenOption]: ...
     def backend(self) -> tuple[str, str]: ...
 
 def vertex_face_ccd(start: Reals, end: Reals, minimum_distance: float, /) -> tuple[Booleans, Reals]: ...

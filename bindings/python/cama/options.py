@@ -1,101 +1,96 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Options of a simulation: names, types, the values of accuracy levels, and how level, scene and caller combine.
+"""Options of a simulation, by the table of options of the compiled module (libcama/include/cama/options.def).
 
 All of the package that handles options by name or type uses this module.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import Any
+import inspect
+from collections.abc import Callable, Mapping
+from typing import TYPE_CHECKING, Any
 
 from . import _core
 from .errors import SceneError
 
-# Who runs a scene chooses these; a scene may not.
-OF_THE_CALLER = ("backend", "device", "threads", "audit", "intersections", "pinch")
+if TYPE_CHECKING:
+    from ._core import OptionInfo
+    from .scene import Scene
+
+__all__ = ["option_table"]
+
+TYPES: dict[str, type] = {"boolean": bool, "integer": int, "number": float, "choice": str, "text": str}
 
 
-def names(options: _core.Options) -> list[str]:
-    """Returns the names of all options that a caller may give, without `accuracy`."""
-    return [n for n in dir(options) if not n.startswith("_") and n not in ("preset", "accuracy")]
+def option_table() -> list[OptionInfo]:
+    """Returns the table of options, a dict for each.
+
+    Keys: name ("tolerance", "paper.search"), type ("number", "integer", "boolean", "choice" or "text"), words (of a
+    choice), levels ({accuracy level: value}), range (text), unit, set_by ("scene": by a scene file or the user; "user":
+    by the user alone), trades (what it trades accuracy for time in; empty: nothing), help.
+    """
+    return _core.option_table()
 
 
-def values(options: _core.Options) -> dict[str, Any]:
-    """Returns {name: value} of all options, `accuracy` among them."""
-    return {n: getattr(options, n) for n in sorted((*names(options), "accuracy"))}
+def words(name: str) -> list[str]:
+    """Returns the words of a choice."""
+    return next(row["words"] for row in option_table() if row["name"] == name)
 
 
-def option_types(accuracy: str = "production") -> dict[str, type]:
-    """Returns {name: type} of all options, `accuracy` among them."""
-    return {name: type(value) for name, value in values(_core.Options.preset(accuracy)).items()}
+def help_of(name: str) -> str:
+    """Returns what the table says of an option."""
+    return next(row["help"] for row in option_table() if row["name"] == name)
 
 
-def _options(
-    backend: str, precision: str | None, accuracy: str, device: int, threads: int, overrides: Mapping[str, Any]
-) -> _core.Options:
-    """Returns the options of a level with all given ones in place of the level's. Raises SceneError."""
-    options = _core.Options.preset(accuracy)
-    known = names(options)
-    given = dict(backend=backend, device=device, threads=threads, **overrides)
-    if precision is not None:
-        given["precision"] = precision
-    for name, value in given.items():
-        if name not in known:
-            raise SceneError(f"option {name!r} is unknown; there are {', '.join(known)}")
-        try:
-            setattr(options, name, value)
-        except TypeError:
-            raise SceneError(
-                f"option {name}: {value!r} is of the wrong type, expected like {getattr(options, name)!r}"
-            ) from None
-    return options
+def option_types(set_by: str | None = None) -> dict[str, type]:
+    """Returns {name: type} of all options, or of those that the scene ("scene") or the user alone ("user") may set."""
+    return {row["name"]: TYPES[row["type"]] for row in option_table() if set_by in (None, row["set_by"])}
 
 
-def merged(
-    of_scene: Mapping[str, Any],
-    backend: str,
-    precision: str | None,
-    accuracy: str | None,
-    device: int,
-    threads: int,
-    overrides: Mapping[str, Any],
-) -> tuple[_core.Options, set[str]]:
-    """Combines the options of level, scene and caller, in this order.
+def overrides_of(given: Mapping[str, Any]) -> _core.OptionOverrides:
+    """Returns options that replace those of scene and level.
 
-    An accuracy level that the caller gives sets the scene's options aside.
-
-    Returns:
-        The options, and the names of those that come from the scene.
+    Args:
+        given: {name: value}; those of the paper as "paper.NAME" or as a mapping "paper". None: not given.
 
     Raises:
-        SceneError
+        SceneError: A name is not known, or a value is not one of its option.
     """
-    taken = set()
-    if accuracy is None:
-        taken = set(of_scene) - {name for name, value in overrides.items() if name != "time_step" or value}
-        taken -= set() if precision is None else {"precision"}
-        overrides = {**of_scene, **{k: v for k, v in overrides.items() if k != "time_step" or v}}
-        accuracy, own = overrides.pop("accuracy", "production"), overrides.pop("precision", None)
-        precision = own if precision is None else precision
-    return _options(backend, precision, accuracy, device, threads, overrides), taken
+    overrides = _core.OptionOverrides()
+    for name, value in given.items():
+        for inner, entry in value.items() if isinstance(value, Mapping) else [("", value)]:
+            full = f"{name}.{inner}" if inner else name
+            if entry is None:
+                continue
+            try:
+                overrides.set(full, entry)
+            except TypeError:
+                raise SceneError(f"option {full}: {entry!r} is of the wrong type") from None
+    return overrides
 
 
-def check_scene_options(options: Mapping[str, Any]) -> None:
-    """Raises SceneError for a name or a type that the options of a scene may not have."""
-    for name in options:
-        if name in OF_THE_CALLER:
-            raise SceneError(f"options: {name!r} is chosen by who runs the scene, not by the scene")
-    single = dict(options)
-    try:
-        accuracy = single.pop("accuracy", "production")
-        if not isinstance(accuracy, str):
-            raise SceneError(f"option accuracy: {accuracy!r} is not a text")
-        _options("auto", None, accuracy, 0, 0, single)
-    except SceneError as problem:
-        raise SceneError(f"options: {problem}") from None
+def nested(values: Mapping[str, Any]) -> dict[str, Any]:
+    """Returns {name: value} with the options of the paper in a dict of their own, as scene.json has them."""
+    result: dict[str, Any] = {}
+    for name, value in values.items():
+        group, dot, inner = name.partition(".")
+        if dot:
+            result.setdefault(group, {})[inner] = value
+        else:
+            result[name] = value
+    return result
 
 
-def level_time_step(accuracy: str, scene: Any) -> float:
-    """Returns the time step of a Scene at a level, s: the scene's if the level uses it, else the level's."""
-    return _core.chosen_time_step(_core.Options.preset(accuracy), scene._core)
+def level_time_step(accuracy: str, scene: Scene) -> float:
+    """Returns the time step of a scene at a level, s: the scene's if the level uses it, else the level's."""
+    return _core.level_time_step(accuracy, scene._core)
+
+
+def signature(function: Callable[..., Any]) -> inspect.Signature:
+    """Returns the signature of a function that takes options as keywords, with every option by its name."""
+    own = inspect.signature(function)
+    parameters = [p for p in own.parameters.values() if p.kind is not p.VAR_KEYWORD]
+    known = {p.name for p in parameters}
+    names = dict.fromkeys(row["name"].partition(".")[0] for row in option_table())
+    parameters += [inspect.Parameter(n, inspect.Parameter.KEYWORD_ONLY, default=None) for n in names if n not in known]
+    return own.replace(parameters=parameters)

@@ -123,12 +123,12 @@ class Obstacle(Part):
         return self._compiled().static_friction
 
     @property
-    def surface(self) -> str:
+    def shape(self) -> str:
         """ "mesh", or the kind of an exact obstacle: "sphere", "capsule", "box" or "plane".
 
         The `vertices` of an exact obstacle are its defining points.
         """
-        return self._compiled().surface
+        return self._compiled().shape
 
     @property
     def radius(self) -> float:

@@ -18,7 +18,7 @@ from .errors import ArrayError, FileError, SceneError
 from .inputs import compiled_mesh, placement, shape_scene, uniform_scale
 from .material import Material
 from .motion import Motion
-from .options import check_scene_options
+from .options import nested, overrides_of
 from .parts import Cloth, Obstacle, Part
 from .types import ArrayLike, Description, Integers, MeshLike, PathLike, Vector, VectorLike
 
@@ -104,12 +104,7 @@ class Scene:
             FileError, SceneError, MeshError, MaterialError
         """
         path = shipped.resolve(scene)
-        loaded = cls._of(_core.Scene.load(path, count("resolution", resolution)))
-        try:
-            loaded.options = loaded.options
-        except SceneError as problem:
-            raise SceneError(f"{path}: {problem}") from None
-        return loaded
+        return cls._of(_core.Scene.load(path, count("resolution", resolution)))
 
     @classmethod
     def parse(cls, text: str | Description, folder: PathLike = ".", resolution: int = 0) -> Self:
@@ -124,9 +119,7 @@ class Scene:
             text = text if isinstance(text, str) else json.dumps(text, default=plain)
         except (TypeError, ValueError) as problem:
             raise SceneError(f"not what JSON can hold: {problem}") from None
-        parsed = cls._of(_core.Scene.parse(text, Path(folder), count("resolution", resolution)))
-        parsed.options = parsed.options
-        return parsed
+        return cls._of(_core.Scene.parse(text, Path(folder), count("resolution", resolution)))
 
     def to_json(self) -> str:
         """Returns the whole scene as JSON text that contains its meshes."""
@@ -600,18 +593,16 @@ class Scene:
     def options(self) -> dict[str, Any]:
         """The options that `Simulation` uses unless its caller gives others: `accuracy` and others such as `tolerance`.
 
-        These are the `options` of scene.json; assign a dict to change them. The caller alone chooses `backend`,
-        `device`, `threads`, `audit`, `intersections` and `pinch`: these names, unknown names and values of a wrong type
-        raise SceneError.
+        These are the `options` of scene.json; assign a dict to change them. SceneError for a name that is not known, an
+        option that belongs to the user alone (`backend`, `pinch`, ...), and a value that is not one of its option.
         """
-        options: dict[str, Any] = json.loads(self._core.options or "{}")
-        return options
+        return nested(self._core.options.values())
 
     @options.setter
     def options(self, value: Mapping[str, Any]) -> None:
-        value = dict(value)
-        check_scene_options(value)
-        self._core.options = json.dumps(value, sort_keys=True) if value else ""
+        options = overrides_of(value)
+        _core.check_scene_options(options)
+        self._core.options = options
 
     def __repr__(self) -> str:
         return (

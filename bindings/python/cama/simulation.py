@@ -14,14 +14,15 @@ from . import _core
 from .arrays import count, reals
 from .collision import UntangleReport
 from .io import checkpoint
-from .options import merged, values
+from .options import overrides_of, signature
 from .scene import Scene
 from .types import ArrayLike, Integers, PathLike, Reals
 
 if TYPE_CHECKING:
     from typing_extensions import Unpack
 
-    from ._core import AccuracyLevel, BackendName, Energy, Overrides, Precision, StepReport
+    from ._core import Energy
+    from ._options import AccuracyLevel, BackendName, Overrides, Precision, StepReport
 
 __all__ = ["Simulation", "Frame"]
 
@@ -63,10 +64,9 @@ class Simulation:
             scene's `options`, else "production".
         device: Index of the backend's device.
         threads: Threads of the CPU backend; 0: one for every 1,000 triangles, at most one for every core.
-        overrides: Options in place of the level's and the scene's, for example time_step (s, 0: the level's),
-            integrator ("backward_euler", "bdf2"), newton_iterations, tolerance=1e-6, preconditioner="jacobi",
-            solver="direct", intersections ("reject", "exempt" or "untangle": what to do with a start that intersects),
-            pinch ("stop" or "release": what to do with cloth that moving obstacles pinch).
+        overrides: Any option of `cama.option_table()` in place of the level's and the scene's, for example
+            time_step=1/400 (s), tolerance=1e-6, preconditioner="jacobi", intersections="untangle" or
+            paper={"search": "fronts"}.
 
     Raises:
         cama.Error: The scene cannot be simulated; a subclass says why, before any computation.
@@ -84,8 +84,8 @@ class Simulation:
         **overrides: Unpack[Overrides],
     ) -> None:
         self.scene = scene.copy() if isinstance(scene, Scene) else Scene.load(scene)
-        chosen, self._of_scene = merged(self.scene.options, backend, precision, accuracy, device, threads, overrides)
-        self._core = _core.Simulation(self.scene._core, chosen)
+        given = dict(backend=backend, precision=precision, accuracy=accuracy, device=device, threads=threads)
+        self._core = _core.Simulation(self.scene._core, overrides_of({**given, **overrides}))
         self._frame = 0
         self._parts: dict[str, str] | None = None
 
@@ -147,16 +147,12 @@ class Simulation:
         return max(1, round(self.scene.seconds_per_frame / self.time_step))
 
     @property
-    def settings(self) -> list[dict[str, str]]:
-        """The options that trade accuracy for time.
+    def chosen_options(self) -> list[dict[str, str]]:
+        """The options that trade accuracy for time, and who chose them.
 
         A list of dicts with name, value (text), origin ("level", "scene" or "user") and trades.
         """
-        rows = [dict(zip(("name", "value", "origin", "trades"), row)) for row in self._core.settings()]
-        return [
-            {**row, "origin": "scene"} if row["origin"] == "user" and row["name"] in self._of_scene else row
-            for row in rows
-        ]
+        return [dict(zip(("name", "value", "origin", "trades"), row)) for row in self._core.chosen_options()]
 
     @property
     def vertex_count(self) -> int:
@@ -264,12 +260,12 @@ class Simulation:
             SceneError: The checkpoint is of another scene, is damaged, or has vertices that pins have released here.
             CollisionError: Cloth intersects.
         """
-        fields, settings, parts = checkpoint.read(path)
+        fields, options, parts = checkpoint.read(path)
         if not changed_scene:
             checkpoint.check_scene(self, parts)
         self._core.restore(fields)
         self._frame = self.step_count // self.steps_per_frame
-        return checkpoint.differences(self, settings)
+        return checkpoint.differences(self, options)
 
     @property
     def report(self) -> StepReport:
@@ -339,13 +335,16 @@ class Simulation:
 
     @property
     def options(self) -> dict[str, Any]:
-        """All options in force."""
-        return values(self._core.options())
+        """All options in force, by name; those of the paper are "paper.NAME"."""
+        return self._core.options()
 
     def __repr__(self) -> str:
         return (
             f"<cama.Simulation of {self.scene.name!r} on {self.backend}: step {self.step_count}, time {self.time:g} s>"
         )
+
+
+Simulation.__init__.__signature__ = signature(Simulation.__init__)  # type: ignore[attr-defined]
 
 
 def stage_paths(rows: Iterable[tuple[str, int, float]]) -> dict[str, float]:

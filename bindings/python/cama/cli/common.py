@@ -9,40 +9,37 @@ import typer
 from rich.console import Console
 from rich.markup import escape
 
-from .. import _core
+from .. import _core, options
 from ..errors import Error, SceneError
-from ..options import option_types
 
 
-class Backend(str, Enum):
-    auto, cpu, opencl, cuda = "auto", "cpu", "opencl", "cuda"
+def choice(title, words):
+    """Returns an enumeration of words for a command line."""
+    return Enum(title, {word: word for word in words}, type=str)
 
 
-class Precision(str, Enum):
-    double, mixed, single = "double", "mixed", "single"
+Backend = choice("Backend", ["auto", *(backend["name"] for backend in _core.list_backends())])
+Precision = choice("Precision", options.words("precision"))
+Accuracy = choice("Accuracy", _core.accuracy_levels())
+Policy = choice("Policy", options.words("intersections"))
+Pinch = choice("Pinch", options.words("pinch"))
+Store = choice("Store", ["double", "single"])
 
 
-Accuracy = Enum("Accuracy", {name: name for name in _core.accuracy_levels()}, type=str)
-
-
-class Store(str, Enum):
-    double, single = "double", "single"
-
-
-class Policy(str, Enum):
-    reject, exempt, untangle = "reject", "exempt", "untangle"
-
-
-class Pinch(str, Enum):
-    stop, release = "stop", "release"
+def option_names(incomplete):
+    """Completes the name of an option for --set."""
+    for row in options.option_table():
+        if row["name"].startswith(incomplete) and row["name"] not in WHERE:
+            yield row["name"] + "=", row["help"]
 
 
 SceneName = Annotated[
     str, typer.Argument(metavar="SCENE", help="A folder with scene.json, a JSON file, or a shipped scene's name.")
 ]
-BackendOption = Annotated[Backend, typer.Option(help="Where to compute.")]
+BackendOption = Annotated[Backend, typer.Option(help=options.help_of("backend"))]
 PrecisionOption = Annotated[
-    Optional[Precision], typer.Option(help="Precision of forces, matrix and solve. Default: the accuracy level's.")
+    Optional[Precision],
+    typer.Option(help="Precision of forces, matrix and solve. Default: the accuracy level's."),
 ]
 AccuracyOption = Annotated[
     Optional[Accuracy],
@@ -53,14 +50,15 @@ AccuracyOption = Annotated[
 ]
 TimeStep = Annotated[
     float,
-    typer.Option(min=0.0, help="Time step, s; 0: the scene's at the levels production and paper, else the level's."),
+    typer.Option(min=0.0, help=options.help_of("time_step")),
 ]
 Set = Annotated[
     Optional[list[str]],
     typer.Option(
         "--set",
         metavar="NAME=VALUE",
-        help="An option in place of the level's, for example tolerance=1e-4; may be repeated.",
+        help="An option in place of the level's, for example tolerance=1e-4 or paper.search=fronts; may be repeated.",
+        autocompletion=option_names,
     ),
 ]
 Resolution = Annotated[
@@ -68,11 +66,9 @@ Resolution = Annotated[
 ]
 Threads = Annotated[
     int,
-    typer.Option(
-        min=0, help="Threads of the CPU backend; 0: one for every 1,000 triangles, at most one for every core."
-    ),
+    typer.Option(min=0, help=options.help_of("threads")),
 ]
-Device = Annotated[int, typer.Option(min=0, help="Index of the backend's device.")]
+Device = Annotated[int, typer.Option(min=0, help=options.help_of("device"))]
 Debug = Annotated[bool, typer.Option("--debug", help="Show Python's traceback of an error.")]
 
 WHERE = (
@@ -90,9 +86,9 @@ def clean(command):
     """Decorates a command: an error of cama becomes one red line and exit code 2."""
 
     @functools.wraps(command)
-    def run_clean(*arguments, debug=False, **options):
+    def run_clean(*arguments, debug=False, **keywords):
         try:
-            return command(*arguments, debug=debug, **options)
+            return command(*arguments, debug=debug, **keywords)
         except Error as problem:
             if debug:
                 raise
@@ -109,24 +105,22 @@ def fail(problem):
     )
 
 
-def chosen(accuracy, time_step, words):
-    """Returns the options of `--time-step` and `--set NAME=VALUE`, with the types of the options. Raises SceneError."""
-    known, result = (
-        option_types(accuracy.value if accuracy else "production"),
-        {"time_step": time_step} if time_step else {},
-    )
+def chosen(time_step, words):
+    """Returns the options of `--time-step` and `--set NAME=VALUE`, {name: value}. Raises SceneError."""
+    result = _core.OptionOverrides()
+    if time_step:
+        result.set("time_step", time_step)
     for word in words or ():
         name, mark, text = word.partition("=")
         if not mark:
-            raise SceneError(f"--set {word}: expected NAME=VALUE")
+            raise SceneError(f"--set {word}: give it as NAME=VALUE")
         if name in WHERE:
             raise SceneError(f"--set {word}: use --{name}")
-        kind = known.get(name, str)
         try:
-            result[name] = {"true": True, "false": False}[text.lower()] if kind is bool else kind(text)
-        except (KeyError, ValueError):
-            raise SceneError(f"--set {word}: {text!r} is not a {kind.__name__}") from None
-    return result
+            result.set_text(name, text)
+        except SceneError as problem:
+            raise SceneError(f"--set {word}: {problem}") from None
+    return result.values()
 
 
 def console():

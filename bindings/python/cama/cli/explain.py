@@ -46,7 +46,7 @@ def explain(
         accuracy=accuracy.value if accuracy else None,
         device=device,
         threads=threads,
-        **chosen(accuracy, time_step, set_),
+        **chosen(time_step, set_),
     )
     level = accuracy.value if accuracy else loaded.options.get("accuracy", "production")
     simulation.step()
@@ -57,7 +57,7 @@ def explain(
     )
     chosen_by = {"level": f"level {level}", "scene": "scene", "user": "[bold]user[/]"}
     options = Table("option", "value", "set by", "trades time for", box=None, padding=(0, 2))
-    for s in simulation.settings:
+    for s in simulation.chosen_options:
         options.add_row(s["name"], escape(s["value"]), chosen_by[s["origin"]], s["trades"])
     out.print(options)
     stages = Table("stage", "why", box=None, padding=(0, 2))

@@ -12,10 +12,10 @@ from ..errors import SceneError
 from ..measuring import grid
 from .common import console
 
-Knobs = Annotated[
+Vary = Annotated[
     Optional[list[str]],
     typer.Option(
-        "--knob",
+        "--vary",
         metavar="NAME=V,V",
         help="Values of an option; several options are combined. Default: a plan of levels, time steps and tolerances.",
     ),
@@ -53,15 +53,15 @@ WarmUp = Annotated[int, typer.Option(min=0, help="Number of first steps that are
 Debug = Annotated[bool, typer.Option("--debug", help="Show Python's traceback of an error.")]
 
 
-def plan_of(knobs, also):
+def plan_of(vary, also):
     """Returns a plan from the texts of the options, or None: the default plan."""
-    if not knobs and not also:
+    if not vary and not also:
         return None
-    plan = grid.product(dict(grid.parse_knob(k) for k in knobs)) if knobs else []
+    plan = grid.product(dict(grid.parse_values(k) for k in vary)) if vary else []
     for text in also or ():
-        pairs = [grid.parse_knob(part) for part in text.split(";") if part.strip()]
+        pairs = [grid.parse_values(part) for part in text.split(";") if part.strip()]
         if any(len(values) != 1 for _, values in pairs):
-            raise SceneError(f"also {text!r}: give one value for each knob")
+            raise SceneError(f"also {text!r}: give one value for each option")
         plan.append({name: values[0] for name, values in pairs})
     return plan
 

@@ -9,6 +9,7 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
+from ..options import help_of
 from ..scene import Scene
 from ..simulation import Simulation
 from . import loop
@@ -52,15 +53,11 @@ def run(
     device: Device = 0,
     intersections: Annotated[
         Policy,
-        typer.Option(
-            help="What to do if the start intersects: stop with an error, start anyway, or move the cloth first."
-        ),
+        typer.Option(help=help_of("intersections")),
     ] = Policy.reject,
     pinch: Annotated[
         Pinch,
-        typer.Option(
-            help="What to do if moving obstacles pinch cloth: stop with an error, or release it until it is free."
-        ),
+        typer.Option(help=help_of("pinch")),
     ] = Pinch.stop,
     store: Annotated[
         Optional[Store],
@@ -95,7 +92,7 @@ def run(
         accuracy=accuracy.value if accuracy else None,
         device=device,
         threads=threads,
-        **{"intersections": intersections.value, "pinch": pinch.value, **chosen(accuracy, time_step, set_)},
+        **{"intersections": intersections.value, "pinch": pinch.value, **chosen(time_step, set_)},
     )
     if simulation.untangled.rounds:
         moved = simulation.untangled

@@ -22,11 +22,11 @@ from .plan import (
     Device,
     ErrorJobs,
     Jobs,
-    Knobs,
     Limit,
     ReferenceStep,
     Resolution,
     Threads,
+    Vary,
     WarmUp,
     Window,
     backend_names,
@@ -40,7 +40,7 @@ from .plan import (
 @clean
 def tradeoff(
     scenes: Annotated[list[str], typer.Argument(metavar="SCENE...", help="As for run.")],
-    knob: Knobs = None,
+    vary: Vary = None,
     also: Also = None,
     backend: Backends = ("auto",),
     resolution: Resolution = 0,
@@ -73,7 +73,7 @@ def tradeoff(
 
     The same command continues an interrupted run.
     """
-    plan = plan_of(knob, also)
+    plan = plan_of(vary, also)
     setup = Setup(backend_names(backend), device, threads, jobs, error_jobs, cluster, limit, warm_up)
     results = []
     with bar(Console(stderr=True, highlight=False)) as progress, stoppable(output):

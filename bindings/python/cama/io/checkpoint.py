@@ -25,18 +25,16 @@ from ..errors import FileError, SceneError
 from ..types import PathLike
 
 NAME = "checkpoint.h5"
-FORMAT = "cama checkpoint 1"
-VECTORS = ("positions", "velocities", "positions_before", "velocities_before")
+FORMAT = "cama checkpoint 2"
 PAIRS = ("tangled", "let_go")
 INTEGERS = (
     "step",
-    "start_step",
     "matching_step",
     "matching_terms",
     "matching_first_iterations",
     "matching_last_iterations",
 )
-TIMES = ("time", "time_step", "start_time", "released")
+TIMES = ("time_step", "released")
 MOST_LEVELS = 16
 NOT_OF_STEPS = (
     "name",
@@ -45,11 +43,11 @@ NOT_OF_STEPS = (
     "frame_time",
     "time_step",
     "options",
-)  # in a scene; the time step is among the settings
+)  # in a scene; the time step is among the options
 MOST_PARTS = 100  # of one kind that are told apart
 
 
-def settings_of(simulation: Any) -> dict[str, Any]:
+def options_of(simulation: Any) -> dict[str, Any]:
     """Returns the options that the bits of later steps depend on: all but those of where it is computed."""
     return {
         **{k: v for k, v in simulation.options.items() if k not in ("backend", "device", "threads", "audit")},
@@ -106,12 +104,16 @@ def write(path: PathLike, simulation: Any) -> None:
                 "scene": f"{fields['scene']:016x}",
                 "scene_name": simulation.scene.name,
                 "cama_version": __version__,
-                "settings": json.dumps(settings_of(simulation)),
+                "options": json.dumps(options_of(simulation)),
             }
         )
         file["scene_parts"] = json.dumps(simulation.scene_parts())  # no attribute: those end at 64 KiB
         file.attrs.update({name: fields[name] for name in INTEGERS + TIMES})
-        for name in VECTORS + PAIRS + ("matching_order",):
+        file.create_group("numbers").attrs.update(fields["numbers"])
+        vectors = file.create_group("vectors")
+        for name, values in fields["vectors"].items():
+            vectors[name] = values
+        for name in (*PAIRS, "matching_order"):
             file[name] = fields[name]
         for number, (parent, start) in enumerate(fields["matching_levels"]):
             file[f"matching_parent_{number}"], file[f"matching_start_{number}"] = parent, start
@@ -146,7 +148,10 @@ def read(path: PathLike) -> tuple[dict[str, Any], dict[str, Any], Optional[dict[
             if any(not -(2**31) <= value < 2**31 for value in fields.values()):
                 raise ValueError("a count is beyond 32 bits")
             fields.update({name: float(file.attrs[name]) for name in TIMES}, scene=int(file.attrs["scene"], 16) % 2**64)
-            fields.update({name: reals(name, file[name][()], (None, 3), finite=False) for name in VECTORS})
+            fields["numbers"] = {name: float(value) for name, value in file["numbers"].attrs.items()}
+            fields["vectors"] = {
+                name: reals(name, values[()], (None, 3), finite=False) for name, values in file["vectors"].items()
+            }
             fields.update({name: integers(name, file[name][()], (None, 2)) for name in PAIRS})
             fields["matching_order"] = integers("matching_order", file["matching_order"][()], (None,))
             count = sum(f"matching_parent_{number}" in file for number in range(MOST_LEVELS))
@@ -156,10 +161,10 @@ def read(path: PathLike) -> tuple[dict[str, Any], dict[str, Any], Optional[dict[
                 )
                 for n in range(count)
             ]
-            settings = json.loads(file.attrs["settings"])
+            options = json.loads(file.attrs["options"])
             parts = json.loads(file["scene_parts"][()]) if "scene_parts" in file else None
-            if not isinstance(settings, dict) or not isinstance(parts, (dict, type(None))):
-                raise ValueError("its settings or parts of the scene are not a table")
+            if not isinstance(options, dict) or not isinstance(parts, (dict, type(None))):
+                raise ValueError("its options or parts of the scene are not a table")
     except (
         OSError,
         KeyError,
@@ -169,14 +174,14 @@ def read(path: PathLike) -> tuple[dict[str, Any], dict[str, Any], Optional[dict[
         MemoryError,
     ) as problem:  # ArrayError is a ValueError
         raise FileError(f"{path}: not a checkpoint of cama: {problem}") from None
-    return fields, settings, parts
+    return fields, options, parts
 
 
-def differences(simulation: Any, settings: Mapping[str, Any]) -> list[str]:
+def differences(simulation: Any, options: Mapping[str, Any]) -> list[str]:
     """Returns texts such as "tolerance 0.001 instead of 0.01" for all options that differ from the checkpoint's."""
-    own = settings_of(simulation)
+    own = options_of(simulation)
     return [
-        f"{name} {own.get(name)} instead of {settings.get(name)}"
-        for name in sorted(own.keys() | settings.keys())
-        if own.get(name) != settings.get(name)
+        f"{name} {own.get(name)} instead of {options.get(name)}"
+        for name in sorted(own.keys() | options.keys())
+        if own.get(name) != options.get(name)
     ]

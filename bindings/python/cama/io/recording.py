@@ -3,7 +3,7 @@
 
 positions [frames, vertices, 3] m; times [frames] s; contacts, intersections [frames]; faces [triangles, 3];
 cloth_ranges and obstacle_ranges [objects, 2], first vertex and last excluded, with attribute `names`, obstacles also
-with `surfaces` and `radii` (of exact ones, whose vertices are their defining points); what was run as attributes of the
+with `shapes` and `radii` (of exact ones, whose vertices are their defining points); what was run as attributes of the
 file. Frame 0 is the start.
 """
 
@@ -115,8 +115,8 @@ class Recorder:
             self._file[f"{kind}_ranges"] = ranges
             self._file[f"{kind}_ranges"].attrs["names"] = np.array([p.name for p in parts], dtype=h5py.string_dtype())
             if kind == "obstacle":
-                self._file["obstacle_ranges"].attrs["surfaces"] = np.array(
-                    [p.surface for p in parts], dtype=h5py.string_dtype()
+                self._file["obstacle_ranges"].attrs["shapes"] = np.array(
+                    [p.shape for p in parts], dtype=h5py.string_dtype()
                 )
                 self._file["obstacle_ranges"].attrs["radii"] = np.array([p.radius for p in parts], np.float64)
         self._rows = {
@@ -196,7 +196,7 @@ class Part:
     name: str
     vertices: slice  #: into the vertices of a frame
     faces: np.ndarray  #: [triangles, 3] int64, counted from the part's first vertex
-    surface: str = "mesh"  #: or that of an exact obstacle, whose vertices are its defining points
+    shape: str = "mesh"  #: or that of an exact obstacle, whose vertices are its defining points
     radius: float = 0.0  #: of an exact sphere or capsule, m
 
 
@@ -227,10 +227,8 @@ class Recording:
 
         radii = ranges.attrs.get("radii", [0.0] * len(ranges))
         return [
-            Part(name, slice(first, last), self._faces_of(first, last), surface, float(radius))
-            for name, (first, last), surface, radius in zip(
-                texts("names"), ranges[:].tolist(), texts("surfaces"), radii
-            )
+            Part(name, slice(first, last), self._faces_of(first, last), shape, float(radius))
+            for name, (first, last), shape, radius in zip(texts("names"), ranges[:].tolist(), texts("shapes"), radii)
         ]
 
     def _faces_of(self, first, last):

@@ -105,9 +105,9 @@ def tessellate(surface, radius, points, around=48, seen=((0, 0, 0), 1.0)):
 def drawn(part, positions, seen=((0, 0, 0), 1.0)):
     """Vertices [n, 3] and faces [m, 3] that show a part of a frame; `seen` as for `tessellate`."""
     points = positions[part.vertices]
-    if part.surface in ("mesh", "box"):
+    if part.shape in ("mesh", "box"):
         return points, part.faces
-    return tessellate(part.surface, part.radius, points, seen=seen)
+    return tessellate(part.shape, part.radius, points, seen=seen)
 
 
 def frame_camera(points, azimuth, elevation, aspect):
@@ -200,7 +200,7 @@ class Stage:
                 positions[p.vertices][:: max(1, (p.vertices.stop - p.vertices.start) // 2000)]
                 for p in self._recording.cloths
             ]
-            body += [drawn(p, positions)[0] for p in self._recording.obstacles if p.surface != "plane"]
+            body += [drawn(p, positions)[0] for p in self._recording.obstacles if p.shape != "plane"]
         cloth = np.concatenate(cloth or body)
         low, high = np.percentile(cloth, 0.2, axis=0), np.percentile(cloth, 99.8, axis=0)
         reach = 0.4 * np.linalg.norm(high - low)
@@ -229,7 +229,7 @@ class Stage:
         self._floor_texture.InterpolateOn()
         self._plotter.add_mesh(plane, texture=self._floor_texture, lighting=False)
         self._areas = [
-            self._point_areas(faces, surface) for part, surface, faces in self._parts if part.surface != "plane"
+            self._point_areas(faces, surface) for part, surface, faces in self._parts if part.shape != "plane"
         ]
 
     @staticmethod
@@ -271,7 +271,7 @@ class Stage:
             surface.point_data.active_normals = smooth_normals(np.asarray(surface.points), faces)
         pv = self._pyvista
         shaded = self._shade.image(
-            np.concatenate([s.points for p, s, _ in self._parts if p.surface != "plane"]),
+            np.concatenate([s.points for p, s, _ in self._parts if p.shape != "plane"]),
             np.concatenate(self._areas),
             np.array(pv.Color(FLOOR).float_rgb),
             np.array(pv.Color(SKY).float_rgb),

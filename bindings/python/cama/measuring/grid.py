@@ -11,13 +11,13 @@ from typing import Any
 
 from .. import _core
 from ..errors import ArrayError, SceneError
-from ..options import OF_THE_CALLER, option_types
+from ..options import option_types
 from ..scene import Scene
 from ..simulation import Simulation
 from .reference import steps_of
 
-# Values of knobs: one setting of a plan.
-Knobs = dict[str, Any]
+# Values of options: one row of a plan.
+OptionValues = dict[str, Any]
 
 # Steps, s, and values that are tried where the caller names none.
 STEPS = tuple(Fraction(1, n) for n in (60, 120, 240, 480, 960))
@@ -29,9 +29,9 @@ def levels() -> list[str]:
     return list(_core.accuracy_levels())
 
 
-def knobs() -> dict[str, type]:
+def variable_options() -> dict[str, type]:
     """Returns {name: type} of all that can be varied: options, `accuracy`, `time_step` and `resolution`."""
-    own = {name: kind for name, kind in option_types().items() if name not in OF_THE_CALLER}
+    own = option_types(set_by="scene")
     return {**own, "time_step": float, "resolution": int}
 
 
@@ -40,9 +40,9 @@ def value_of(name: str, text: object) -> Any:
 
     Raises SceneError.
     """
-    known = knobs()
+    known = variable_options()
     if name not in known:
-        raise SceneError(f"knob {name!r} is unknown; there are {', '.join(sorted(known))}")
+        raise SceneError(f"option {name!r} is not known; there are {', '.join(sorted(known))}")
     kind = known[name]
     try:
         if kind is bool:
@@ -61,28 +61,28 @@ def value_of(name: str, text: object) -> Any:
         return str(text).strip()
     except (ValueError, ZeroDivisionError, OverflowError):
         raise SceneError(
-            f"knob {name}: {text!r} is not a {'positive number' if kind is float else kind.__name__}"
+            f"option {name}: {text!r} is not a {'positive number' if kind is float else kind.__name__}"
         ) from None
 
 
-def parse_knob(text: str) -> tuple[str, list[Any]]:
+def parse_values(text: str) -> tuple[str, list[Any]]:
     """Returns ("time_step", [1/60, 1/200]) for "time_step=1/60,1/200". Raises SceneError."""
     name, equals, values = str(text).partition("=")
     if not equals or not values.strip():
-        raise SceneError(f"knob {text!r}: give name=value,value")
+        raise SceneError(f"option {text!r}: give name=value,value")
     return name.strip(), [value_of(name.strip(), v) for v in values.split(",")]
 
 
-def product(chosen: Mapping[str, Iterable[Any]]) -> list[Knobs]:
+def product(chosen: Mapping[str, Iterable[Any]]) -> list[OptionValues]:
     """Returns all combinations of {name: [values]} as dicts. Raises SceneError."""
     chosen = {name: [value_of(name, v) for v in values] for name, values in dict(chosen).items()}
     for name, values in chosen.items():
         if not values:
-            raise SceneError(f"knob {name}: no values")
+            raise SceneError(f"option {name}: give values")
     return [dict(zip(chosen, values)) for values in itertools.product(*chosen.values())]
 
 
-def default_plan(scene: Scene, window: float) -> list[Knobs]:
+def default_plan(scene: Scene, window: float) -> list[OptionValues]:
     """Returns the plan that is measured if the caller gives none.
 
     Every level but `reference`; `production` with time steps and tolerances, in every precision at the longest and the
@@ -116,7 +116,7 @@ def _divides(step: float, span: float) -> bool:
     return abs(round(span / step) * step - span) <= 1e-9 * span and round(span / step) >= 1
 
 
-def unique(plan: Iterable[Knobs]) -> list[Knobs]:
+def unique(plan: Iterable[OptionValues]) -> list[OptionValues]:
     """Returns the plan without repetitions, in order."""
     seen, kept = set(), []
     for settings in plan:
@@ -127,7 +127,7 @@ def unique(plan: Iterable[Knobs]) -> list[Knobs]:
     return kept
 
 
-def label(settings: Knobs) -> str:
+def label(settings: OptionValues) -> str:
     """Returns a text such as "production, dt 1/200 s, tolerance 0.01, mixed"."""
     words = []
     for name, value in settings.items():
@@ -168,7 +168,7 @@ def pareto(points: Iterable[tuple[float | None, float | None]]) -> list[int]:
     return front
 
 
-def check_plan(plan: Sequence[Knobs], window: float) -> None:
+def check_plan(plan: Sequence[OptionValues], window: float) -> None:
     """Raises SceneError or ArrayError for impossible options and for time steps that do not divide the window."""
     if not plan:
         raise SceneError("no settings to measure")

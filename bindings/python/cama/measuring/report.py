@@ -36,10 +36,10 @@ def precision_of(point):
 
 def columns(points):
     """Names of a table's columns: what was run, then the measures."""
-    knobs = []
+    varied = []
     for p in points:
-        knobs += [k for k in p["settings"] if k not in knobs]
-    return ["scene", "triangles", "backend", "device", *knobs, "dt", *MEASURES, "at_floor", "front", "failed"]
+        varied += [k for k in p["settings"] if k not in varied]
+    return ["scene", "triangles", "backend", "device", *varied, "dt", *MEASURES, "at_floor", "front", "failed"]
 
 
 def rows(results):

@@ -15,13 +15,13 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Literal
 
-from .. import shipped
+from .. import _core, shipped
 from ..arrays import number
 from ..errors import ArrayError, Error, FileError
-from ..options import check_scene_options
+from ..options import nested, overrides_of
 from ..scene import Scene
 from ..types import PathLike
-from .grid import Knobs, label
+from .grid import OptionValues, label
 from .tradeoff import Progress, Setup, Tradeoff, tradeoff
 
 __all__ = ["tune", "Tuned", "Budget", "BudgetError", "parse_error", "parse_time"]
@@ -111,7 +111,7 @@ class Budget:
 class Tuned:
     """Options that keep a budget."""
 
-    settings: Knobs  #: knobs
+    settings: OptionValues  #: values of options
     found: dict[str, Any]  #: the point that the search measured
     judged: dict[str, Any]  #: the point that the judge measured
     safety: float  #: factor that the search kept to spare
@@ -149,7 +149,7 @@ class Tuned:
         write_scene(self.source, self.settings, path, self.remark())
 
 
-def applied(data: Mapping[str, Any], settings: Knobs) -> dict[str, Any]:
+def applied(data: Mapping[str, Any], settings: OptionValues) -> dict[str, Any]:
     """Returns scene data (as in scene.json) with the options where `cama run` reads them; the clip keeps its length."""
     data, own = dict(data), dict(settings)
     if "resolution" in own:
@@ -161,8 +161,8 @@ def applied(data: Mapping[str, Any], settings: Knobs) -> dict[str, Any]:
         data["time_step"] = step
         data["frame_time"] = step * max(1, round(frame / step))
         data["frames"] = max(1, round(seconds / data["frame_time"]))
-    check_scene_options(own)
-    data["options"] = own
+    _core.check_scene_options(overrides_of(own))
+    data["options"] = nested(own)
     return data
 
 
@@ -181,7 +181,7 @@ def _anchored(value, folder):
     return value
 
 
-def write_scene(source: Scene | PathLike, settings: Knobs, path: PathLike, remark: str = "") -> None:
+def write_scene(source: Scene | PathLike, settings: OptionValues, path: PathLike, remark: str = "") -> None:
     """Writes a scene file with options. Comments are lost; keys and their order are kept.
 
     Args:

@@ -257,19 +257,19 @@ def markdown(outcomes, checks):
         "",
         "<!-- written by `cama stability --page results/stability-DATE.md` -->",
         "",
-        "Cases that break cloth simulators, on each backend and in each precision. [Stability](../docs/reference/stability.md)",
-        "says what is checked and where the expectations come from. Every step of every run is checked for values that are not",
-        f"finite and for intersections, by {judge.JUDGES}.",
+        "Cases that break cloth simulators, on each backend and in each precision.",
+        "[Stability](../docs/reference/stability.md) says what is checked and where the expectations come from. Every",
+        f"step of every run is checked for values that are not finite and for intersections, by {judge.JUDGES}.",
         "",
-        f"cama {cama.__version__}, {time.strftime('%Y-%m-%d')}, accuracy {levels}: {good} of {len(outcomes)} as expected, "
-        f"{known} known to fail, {cut} cut off, {len(outcomes) - good - known - cut} failed otherwise.",
+        f"cama {cama.__version__}, {time.strftime('%Y-%m-%d')}, accuracy {levels}: {good} of {len(outcomes)} as "
+        f"expected, {known} known to fail, {cut} cut off, {len(outcomes) - good - known - cut} failed otherwise.",
         "",
-        "- *ok*, or the name of the error that was expected; **known**: a fault that is listed below; **fails**: anything else.",
+        "- *ok*, or the name of the expected error; **known**: a fault that is listed below; **fails**: anything else.",
         "- *cut off*: did not end within its wall time, which other runs on the same machine shared.",
         "- *-*: does not apply there. *not run*: long, or see the end of the page.",
-        "- *steps* is of one configuration; *intersections*, *strain* (largest principal stretch minus one) and *energy* (kinetic",
-        "  energy at the end over its peak) are the largest of all configurations. Checks that start with intersections",
-        "  intentionally (`exempt`) and those without contact show how many there were.",
+        "- *steps* is of one configuration; *intersections*, *strain* (largest principal stretch minus one) and",
+        "  *energy* (kinetic energy at the end over its peak) are the largest of all configurations. Checks that start with",
+        "  intersections intentionally (`exempt`) and those without contact show how many there were.",
         "",
         "| | check | "
         + " | ".join(f"{b} {p}" for b, p in configurations)
