@@ -147,8 +147,8 @@ def section(scenes, page):
         parts.append(
             f"### {scene['scene']}, {scene['triangles']:,} triangles\n\n"
             f"{devices}; {threads} on the CPU. Reference: steps of {step(scene['reference_step'])} s, off itself by "
-            f"{100 * scene['uncertainty_edges']:.2g} % of an edge (rms); cama {scene['version'].split('+')[0]}; an edge is "
-            f"{1e3 * scene['edge']:.3g} mm; {scene['windows']} windows of {scene['window']:g} s from "
+            f"{100 * scene['uncertainty_edges']:.2g} % of an edge (rms); cama {scene['version'].split('+')[0]}; "
+            f"an edge is {1e3 * scene['edge']:.3g} mm; {scene['windows']} windows of {scene['window']:g} s from "
             f"{scene['first'] * scene['window']:g} s.\n\n"
             f"![{scene['scene']}]({PICTURES}/{page}-{scene['scene']}.svg)\n\n{front_table(scene)}\n"
         )

@@ -5,7 +5,8 @@
     python benchmarks/plot_times.py CSV... --out FOLDER/name --format svg --scene drape
 
 stages: time of every stage and, beside it, the time that its bytes take at the bandwidth of the device, one panel a
-run (the largest of each scene and its options).  scaling: step time against triangles, log-log, with the fitted exponent.
+run (the largest of each scene and its options). scaling: step time against triangles, log-log, with the fitted
+exponent.
 """
 
 import argparse

@@ -160,9 +160,9 @@ def test_an_unknown_name_or_value_is_refused():
     except FileNotFoundError as missing:
         pytest.skip(str(missing))
     for settings, words in (
-        ({"colour": 1}, "colour: is not known"),
+        ({"colour": 1}, "'colour' is not known"),
         ({"steps": "1.5"}, "not a whole number"),
-        ({"search": "x"}, "tree|fronts"),
+        ({"paper.search": "x"}, "tree or fronts"),
     ):
         text, said = times.run(program, str(ROOT / "scenes" / "drape"), 20, **settings)
         assert text == "" and words in said

@@ -53,7 +53,7 @@ def test_a_run_goes_on_bit_by_bit(kept):
     with h5py.File(path, "r") as file:
         count = simulation.cloth_vertex_count
         bare = falling()
-        bare.set_state(file["positions"][:count], file["velocities"][:count])
+        bare.set_state(file["vectors/position"][:count], file["vectors/velocity"][:count])
     bare.step(14)
     assert bare.state_hash != end
     np.testing.assert_allclose(bare.positions, simulation.positions, atol=2e-3)
@@ -81,7 +81,9 @@ def test_a_file_is_written_whole_or_not_at_all(kept):
 
 def damage(path, name, value=None, attribute=False):
     with h5py.File(path, "r+") as file:
-        where = file.attrs if attribute else file
+        group, _, last = name.rpartition("/")
+        place = file[group] if group else file
+        where, name = place.attrs if attribute else place, last
         del where[name]
         if value is not None:
             where[name] = value
@@ -95,13 +97,13 @@ def damage(path, name, value=None, attribute=False):
         ("step", 2**40, True, cama.FileError, "32 bits"),
         ("scene", "zz", True, cama.FileError, "not a checkpoint"),
         ("scene", "00", True, cama.SceneError, "another scene"),
-        ("time", np.nan, True, cama.SceneError, "time"),
-        ("settings", "[1]", True, cama.FileError, "table"),
-        ("settings", "{", True, cama.FileError, "not a checkpoint"),
-        ("positions", None, False, cama.FileError, "positions"),
-        ("positions", np.zeros(5), False, cama.FileError, "shape"),
-        ("positions", np.full((169, 3), np.nan), False, cama.SceneError, "another scene"),
-        ("velocities", np.zeros((3, 3)), False, cama.SceneError, "velocities has 3 rows"),
+        ("numbers/time", np.nan, True, cama.SceneError, "time"),
+        ("options", "[1]", True, cama.FileError, "table"),
+        ("options", "{", True, cama.FileError, "not a checkpoint"),
+        ("vectors/position", None, False, cama.SceneError, "no position"),
+        ("vectors/position", np.zeros(5), False, cama.FileError, "shape"),
+        ("vectors/position", np.full((169, 3), np.nan), False, cama.SceneError, "another scene"),
+        ("vectors/velocity", np.zeros((3, 3)), False, cama.SceneError, "velocity has 3 rows"),
         ("tangled", np.zeros((1, 2)), False, cama.FileError, "integers"),
         ("let_go", np.array([[0, 7]]), False, cama.SceneError, "let_go"),
         ("matching_order", np.zeros(162, int), False, cama.SceneError, "twice"),

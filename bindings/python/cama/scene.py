@@ -328,14 +328,14 @@ class Scene:
         else:
             part, obstacle.source = self._part("obstacle", name, mesh, faces, shape)
             body, moving = part.mesh, part.motion
-            if part.surface != "mesh":
-                obstacle.surface = part.surface
-                obstacle.radius = part.radius * uniform_scale(name, part.surface, place[:3, :3])
+            if part.shape != "mesh":
+                obstacle.shape = part.shape
+                obstacle.radius = part.radius * uniform_scale(name, part.shape, place[:3, :3])
         if motion is not None:
             moving = _core.Motion(Motion.of(motion))
         body.transform(matrix)
         moving.transform(matrix)
-        if obstacle.surface == "mesh":
+        if obstacle.shape == "mesh":
             body.validate(name)
         obstacle.mesh, obstacle.motion = body, moving
         for key, value in numbers.items():

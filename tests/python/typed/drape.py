@@ -36,4 +36,4 @@ for frame in simulation.frames(2):
     print(frame.index, frame.time, frame.contacts, frame.intersections, moved.shape, contacts)
 residual: float = simulation.report["residual"]
 normals = simulation.contacts["normal"]
-origin: list[str] = [row["origin"] for row in simulation.settings]
+origin: list[str] = [row["origin"] for row in simulation.chosen_options]

@@ -1,13 +1,14 @@
 # SPDX-License-Identifier: Apache-2.0
 """checkpoint.h5: all that later steps of a run depend on, beside its scene and options.
 
-Datasets positions, velocities [vertices, 3] m, m/s; positions_before, velocities_before, of the step before, or without
-rows; tangled [pairs, 2] vertices, let_go [pairs, 2] vertex and object, that may pass each other; matching_order [rows]
-and, for every level, matching_parent_L [nodes], matching_start_L [blocks + 1]: the preconditioner's blocks
-(docs/solver.md); scene_parts, JSON: digests of all that the scene says, part by part. Attributes: `format`; scene (of
-meshes and masses, 16 hexadecimal digits), step, time, time_step, start_step, start_time, released, matching_step,
-matching_terms, matching_first_iterations, matching_last_iterations; for people and for `cama run --resume`: scene_name,
-settings (JSON), cama_version. Nothing in it is executed; every value is checked before it is used.
+What the state carries from step to step: the group `vectors` [vertices, 3] (position, m, velocity, m/s, ...) and the
+attributes of the group `numbers` (time, s, ...). Datasets tangled [pairs, 2] vertices and let_go [pairs, 2] vertex and
+object, that may pass each other; matching_order [rows] and, for every level, matching_parent_L [nodes] and
+matching_start_L [blocks + 1]: the preconditioner's blocks (docs/theory/linear-solve.md); scene_parts, JSON: digests of
+all that the scene says, part by part. Attributes: `format`; scene (of meshes and masses, 16 hexadecimal digits), step,
+time_step, released, matching_step, matching_terms, matching_first_iterations, matching_last_iterations; for people and
+for `cama run --resume`: scene_name, options (JSON), cama_version. Nothing in it is executed; every value is checked
+before it is used.
 """
 
 import contextlib

@@ -268,8 +268,8 @@ def markdown(outcomes, checks):
         "- *cut off*: did not end within its wall time, which other runs on the same machine shared.",
         "- *-*: does not apply there. *not run*: long, or see the end of the page.",
         "- *steps* is of one configuration; *intersections*, *strain* (largest principal stretch minus one) and",
-        "  *energy* (kinetic energy at the end over its peak) are the largest of all configurations. Checks that start with",
-        "  intersections intentionally (`exempt`) and those without contact show how many there were.",
+        "  *energy* (kinetic energy at the end over its peak) are the largest of all configurations. Checks that start",
+        "  with intersections intentionally (`exempt`) and those without contact show how many there were.",
         "",
         "| | check | "
         + " | ".join(f"{b} {p}" for b, p in configurations)
