@@ -17,9 +17,9 @@ using Catch::Approx;
 #define CAMA_SOURCE_DIR "."
 #endif
 
-/// How often this program went without a file of test data; then its main function returns 77, which ctest counts as
-/// skipped.
-inline int skipped_for_data = 0;
+/// How often a test of this program went without a file of test data, a backend or a strict build; then its main
+/// function returns 77, which ctest counts as skipped.
+inline int skipped = 0;
 
 /// A file of the shared test data (CAMA_TEST_DATA, else ../shared/data beside the sources), or nothing, said aloud and
 /// counted.
@@ -30,7 +30,7 @@ inline std::optional<std::filesystem::path> test_data(const std::string &name)
       (folder ? std::filesystem::path(folder) : std::filesystem::path(CAMA_SOURCE_DIR) / ".." / "shared" / "data") /
       name;
   if (std::filesystem::exists(path)) return path;
-  ++skipped_for_data;
+  ++skipped;
   WARN("SKIPPED: no test data " << path.string());
   return std::nullopt;
 }

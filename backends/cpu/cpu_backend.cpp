@@ -11,8 +11,8 @@
 #include <new>
 #include <thread>
 
-#include "device/host_threads.hpp"
-#include "device/launch.hpp"
+#include "cama/error.hpp"
+#include "device/for_backends.hpp"
 
 namespace cama {
 namespace {

@@ -11,7 +11,7 @@
 #include <utility>
 
 #include "cama/error.hpp"
-#include "device/kernels.hpp"
+#include "device/for_backends.hpp"
 
 namespace cama {
 namespace {

@@ -15,7 +15,7 @@
 #include <vector>
 
 #include "cama/error.hpp"
-#include "device/embedded_text.hpp"
+#include "device/for_backends.hpp"
 
 namespace cama::opencl {
 namespace {
@@ -65,11 +65,9 @@ void expand(const std::string &file, std::set<std::string> &expanded, std::strin
   }
 }
 
-/// FNV-1a, 64 bits.
-std::uint64_t hash(const std::string &text, std::uint64_t h = 0xcbf29ce484222325ull)
+std::uint64_t hash(const std::string &text, std::uint64_t start = fnv1a(nullptr, 0))
 {
-  for (unsigned char c : text) h = (h ^ c) * 0x100000001b3ull;
-  return h;
+  return fnv1a(text.data(), text.size(), start);
 }
 
 /// CAMA_CACHE, else the user's cache folder; empty: no cache (CAMA_CACHE=off, or no home). pocl keeps compiled kernels

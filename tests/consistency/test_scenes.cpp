@@ -11,6 +11,7 @@
 
 #include "../backends.hpp"
 #include "../meshes.hpp"
+#include "device/fnv.hpp"
 #include "lockstep.hpp"
 #include "shipped.hpp"
 
@@ -52,22 +53,15 @@ int check_lock_step(const std::string &backend, int triangles, int steps, int mo
   return in_contact;
 }
 
-std::uint64_t fnv(const void *bytes, std::size_t count, std::uint64_t hash = 14695981039346656037ull)
-{
-  const auto *byte = static_cast<const unsigned char *>(bytes);
-  for (std::size_t i = 0; i < count; ++i) hash = (hash ^ byte[i]) * 1099511628211ull;
-  return hash;
-}
-
 /// What generated meshes, placements and motions take from the maths library.
 std::uint64_t maths_library()
 {
-  std::uint64_t hash = 14695981039346656037ull;
+  std::uint64_t hash = fnv1a(nullptr, 0);
   for (int i = 1; i <= 4000; ++i) {
     const double x = 0.001 * i,
                  values[] = {std::sin(x),        std::cos(x),        std::tan(x),      std::atan2(x, 1.3),
                              std::acos(x / 4.1), std::hypot(x, 0.7), std::pow(x, -4.0)};
-    hash = fnv(values, sizeof values, hash);
+    hash = fnv1a(values, sizeof values, hash);
   }
   return hash;
 }
@@ -82,7 +76,8 @@ Result run(const std::string &name, int triangles, int steps, const Options &opt
   Simulation simulation(shipped::load(name, triangles), options);
   const std::vector<dvec3> x = simulation.positions();
   const std::vector<double> mass = simulation.masses();
-  const std::uint64_t start = fnv(mass.data(), mass.size() * sizeof(double), fnv(x.data(), x.size() * sizeof(dvec3)));
+  const std::uint64_t start =
+      fnv1a(mass.data(), mass.size() * sizeof(double), fnv1a(x.data(), x.size() * sizeof(dvec3)));
   for (int i = 0; i < steps; ++i) simulation.step();
   return {simulation.cloth_triangle_count(), start, simulation.state_hash()};
 }
@@ -184,9 +179,11 @@ TEST_CASE("the state hashes of the shipped scenes are those that are pinned", "[
     INFO("the first word is the hash of the scene before the first step");
     CHECK(pinned[key] == value);
   }
-  if (!same_library)
+  if (!same_library) {
+    ++skipped;
     WARN("SKIPPED: hashes were pinned with another maths library, whose sines place meshes and obstacles; "
          << other_bits << " of " << now.size() << " differ");
+  }
   INFO("pins of scenes that are not there; " << pins_command);
   CHECK(pinned.size() == now.size());
 }

@@ -362,3 +362,18 @@ TEST_CASE("float_below and float_above bracket every double closely", "[backend]
   CHECK(wrong == 0);
   CHECK(widest <= 3);
 }
+
+// One ctest for each backend (backend.cpu, ...), so that an absent one is seen: other tests run on those that are here.
+TEST_CASE("a backend runs a kernel", "[.][presence]")
+{
+  const char *name = std::getenv("CAMA_TEST_BACKEND");
+  REQUIRE(name);
+  if (!backend_here(name)) {
+    ++skipped;
+    return;
+  }
+  const auto backend = make_backend(name);
+  Stream<int> numbers(*backend, 1000);
+  CAMA_LAUNCH(*backend, set_int, 1000, 0, 7, numbers);
+  CHECK(numbers.download() == std::vector<int>(1000, 7));
+}

@@ -62,7 +62,10 @@ Tree<Nodes> build_tree(const std::vector<Nodes> &nodes, const std::vector<box> &
   const int n = static_cast<int>(boxes.size());
   std::vector<key64> key(n);
   tree.order.resize(n);
-  morton_codes(n, boxes.data(), bounds.data(), key.data(), tree.order.data());
+  for (int i = 0; i < n; ++i) {
+    key[i] = morton_code(boxes[i], bounds.data(), bounds[0]);
+    tree.order[i] = i;
+  }
   std::stable_sort(tree.order.begin(), tree.order.end(), [&](int a, int b) { return key[a] < key[b]; });
   for (int i : tree.order) tree.leaf.push_back(nodes[i]);
   tree.group.resize(group_tree_size(n));
@@ -249,7 +252,10 @@ TEST_CASE("a traversal meets every leaf once, a half traversal the leaves behind
     REQUIRE(next == leaves);
     for (int i = 0; i < leaves; ++i) {
       next = i + 1;
-      for (tree_node n = tree_find(tree_after_leaf(i), leaves, node.data(), all); n.level == 0;
+      tree_node leaf;
+      leaf.level = 0;
+      leaf.index = i;
+      for (tree_node n = tree_find(tree_next(leaf), leaves, node.data(), all); n.level == 0;
            n = tree_find(tree_next(n), leaves, node.data(), all))
         REQUIRE(n.index == next++);
       REQUIRE(next == leaves);

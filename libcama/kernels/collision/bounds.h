@@ -143,16 +143,6 @@ DEVICE key64 morton_code(box b, GLOBAL const dvec3 *scene_bounds, dvec3 origin)
   return code;
 }
 
-/* Morton codes of the boxes, and the identity permutation to sort with them. */
-KERNEL morton_codes(int n, GLOBAL const box *primitive_box, GLOBAL const dvec3 *scene_bounds, GLOBAL key64 *key,
-                    GLOBAL int *index)
-{
-  FOR_EACH(i, n) {
-    key[i] = morton_code(primitive_box[i], scene_bounds, scene_bounds[0]);
-    index[i] = i;
-  }
-}
-
 DEVICE box box_of_face(face_nodes f, GLOBAL const box *vertex_box)
 {
   return box_union(box_union(vertex_box[f.node[0]], vertex_box[f.node[1]]), vertex_box[f.node[2]]);

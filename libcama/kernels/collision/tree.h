@@ -95,15 +95,6 @@ DEVICE tree_node tree_find(tree_node node, int leaf_count, GLOBAL const box *nod
   return node;
 }
 
-/* The leaf after sorted leaf i in depth-first order. */
-DEVICE tree_node tree_after_leaf(int i)
-{
-  tree_node node;
-  node.level = 0;
-  node.index = i;
-  return tree_next(node);
-}
-
 /* Leaf boxes in sorted order. */
 KERNEL tree_leaves(int n, GLOBAL const int *order, GLOBAL const box *primitive_box, GLOBAL box *node_box)
 {

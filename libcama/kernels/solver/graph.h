@@ -162,16 +162,6 @@ KERNEL shift_items(int n, GLOBAL const int *from, int shift, int first, GLOBAL i
   }
 }
 
-/* The finest blocks [first, last) that node `at` + i covers: its own number (below < 0), or what its nodes of the level
-   at `below` cover. */
-KERNEL cover_nodes(int n, int below, int at, GLOBAL const int *start, GLOBAL int *first, GLOBAL int *last)
-{
-  FOR_EACH(i, n) {
-    first[at + i] = below < 0 ? i : first[below + start[i]];
-    last[at + i] = below < 0 ? i + 1 : last[below + start[i + 1] - 1];
-  }
-}
-
 /* parent[v] of vertices: the block of their row; -1: fixed. */
 KERNEL vertex_parents(int n, GLOBAL const int *place, GLOBAL const int *row_parent, GLOBAL int *parent)
 {

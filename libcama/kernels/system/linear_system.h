@@ -7,7 +7,6 @@
 #include "../dialect/vec3.h"
 #include "../solver/scalars.h"
 
-#define PRECONDITIONER_NONE 0
 #define PRECONDITIONER_JACOBI 1
 #define PRECONDITIONER_BLOCK_JACOBI 2
 

@@ -29,7 +29,10 @@ struct FaceTree {
       boxes[f] = box_union(box_union(vertex_boxes[face[f][0]], vertex_boxes[face[f][1]]), vertex_boxes[face[f][2]]);
     std::vector<key64> key(face.size());
     order.resize(face.size());
-    morton_codes(leaves, boxes.data(), bounds.data(), key.data(), order.data());
+    for (int f = 0; f < leaves; ++f) {
+      key[f] = morton_code(boxes[f], bounds.data(), bounds[0]);
+      order[f] = f;
+    }
     std::sort(order.begin(), order.end(), [&](int a, int b) { return key[a] != key[b] ? key[a] < key[b] : a < b; });
     node.resize(tree_size(leaves));
     tree_leaves(leaves, order.data(), boxes.data(), node.data());

@@ -5,6 +5,9 @@
 #include <cmath>
 
 namespace cama {
+
+static_assert(static_cast<int>(Preconditioner::jacobi) == PRECONDITIONER_JACOBI &&
+              static_cast<int>(Preconditioner::block_jacobi) == PRECONDITIONER_BLOCK_JACOBI);
 namespace {
 constexpr double forces_slack = 10;         // of the tolerance, relative to the forces without penalties
 constexpr double accepted = 1.2;            // of the goal, for the residual computed afresh

@@ -6,6 +6,9 @@
 
 namespace cama {
 
+static_assert(static_cast<int>(ContactForm::rank_one) == FORM_RANK_ONE &&
+              static_cast<int>(ContactForm::star) == FORM_STAR);
+
 template <class Real>
 AssembleMatrix<Real>::AssembleMatrix(Backend &b)
     : count_(b), space_(b), cursor_(b), index_(b), source_start_(b), source_(b), key_(b), entry_(b), head_(b), place_(b)

@@ -7,6 +7,7 @@
 
 #include "cama/error.hpp"
 #include "cama/mesh.hpp"
+#include "device/fnv.hpp"
 #include "scene/reading/assimp_file.hpp"
 #include "scene/reading/obj_reader.hpp"
 #include "scene/reading/weld.hpp"
@@ -109,9 +110,7 @@ Weld weld_equal(const std::vector<dvec3> &position, const std::vector<std::strin
   struct Hash {
     std::size_t operator()(const std::array<std::uint64_t, 3> &k) const
     {
-      std::uint64_t h = 1469598103934665603ull;
-      for (std::uint64_t x : k) h = (h ^ (x + (x >> 29))) * 1099511628211ull;
-      return static_cast<std::size_t>(h ^ (h >> 31));
+      return static_cast<std::size_t>(fnv1a(k.data(), sizeof k));
     }
   };
   std::unordered_multimap<std::array<std::uint64_t, 3>, int, Hash> seen;

@@ -99,7 +99,7 @@ Inventory take(const Scene &scene, const Options &options, int steps = 3)
   return found;
 }
 
-/// Every kernel of the step but those of the linear solve, which test_required names only where they are a term's.
+/// Every kernel of the step but those of the linear solve, which test_features names only where they are a term's.
 Kernels outside_the_solve(const Inventory &i)
 {
   Kernels all;
