@@ -3,6 +3,7 @@
 
 import ast
 import os
+import posixpath
 import re
 import shutil
 import subprocess
@@ -61,7 +62,10 @@ def imported(name, path, names):
 def circles(package):
     """Lists of modules each of which imports the next, the last one the first."""
     names = module_names(package)
-    edges = {name: sorted(set(imported(name, path, names)) - {name}) for name, path in names.items()}
+    return circles_of({name: sorted(set(imported(name, path, names)) - {name}) for name, path in names.items()})
+
+
+def circles_of(edges):
     found, done = [], set()
 
     def visit(name, trail):
@@ -70,11 +74,11 @@ def circles(package):
             return
         if name in done:
             return
-        for other in edges[name]:
+        for other in edges.get(name, ()):
             visit(other, [*trail, name])
         done.add(name)
 
-    for name in names:
+    for name in edges:
         visit(name, [])
     return found
 
@@ -195,3 +199,43 @@ def test_python_code_keeps_the_rules_of_ruff():
             cwd=ROOT,
         )
         assert done.returncode == 0, done.stdout + done.stderr
+
+
+def include_graph(root):
+    """{header or source: included files of the library} of C++ files below a folder, as paths relative to it."""
+    files = {
+        p.relative_to(root).as_posix(): p
+        for folder in ("libcama", "backends")
+        for p in (root / folder).rglob("*")
+        if p.suffix in (".hpp", ".cpp", ".cu", ".h")
+    }
+    graph = {}
+    for name, path in files.items():
+        found = re.findall(r'^#include "([^"]+)"', path.read_text(encoding="utf-8"), flags=re.M)
+        places = [Path(name).parent, Path("libcama/src"), Path("libcama/include"), Path("libcama")]
+        graph[name] = {
+            next((c for c in (posixpath.normpath((p / f).as_posix()) for p in places) if c in files), f) for f in found
+        }
+    return graph
+
+
+def test_cpp_includes_have_no_circles(tmp_path):
+    def copied(name, text):
+        path = tmp_path / name
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text(text)
+
+    assert not circles_of(include_graph(ROOT))
+    copied("libcama/src/model/a.hpp", '#include "run/b.hpp"\n')
+    copied("libcama/src/run/b.hpp", '#include "model/a.hpp"\n')
+    assert circles_of(include_graph(tmp_path))
+
+
+def test_backends_take_one_inner_header():
+    """And nothing of the library includes a backend: backends/backends.cpp alone knows which there are."""
+    for name, included in include_graph(ROOT).items():
+        if name.startswith("backends/"):
+            inner = {i for i in included if i.startswith("libcama/src/")}
+            assert inner <= {"libcama/src/device/for_backends.hpp"}, name
+        if name.startswith("libcama/"):
+            assert not {i for i in included if i.startswith("backends/")}, name
