@@ -447,7 +447,7 @@ TEST_CASE("a step that nothing helps is named, and leaves the state of before", 
   s.plant(Plant::error, 1000);
   const std::string text = thrown<SolverError>([&] { s.step(); });
   CHECK(contains(text, "step 4: planted"));
-  CHECK(contains(text, "1/16"));
+  CHECK(contains(text, "1/2^4"));
   CHECK(s.planted->failures == 1000 - 5);   // the whole, 1/2, 1/4, 1/8, 1/16
   CHECK(s.hash() == hash);
   CHECK(s.state.time.now == time);
@@ -462,6 +462,20 @@ TEST_CASE("a step that nothing helps is named, and leaves the state of before", 
   CHECK(s.report().retries == 3);
   CHECK(s.report().newton_iterations >= 4);
   CHECK(s.state.time.now == Approx(5 * s.state.time.step));
+}
+
+TEST_CASE("how often a failing step is halved is an option", "[newton][failures]")
+{
+  for (int most : {0, 1, 2}) {
+    Options o = serial();
+    o.max_divisions = most;
+    Failing s(meshes::pile(4), o);
+    s.plant(Plant::error, 1000);
+    const std::string text = thrown<SolverError>([&] { s.step(); });
+    CHECK(s.planted->failures == 1000 - 1 - most);   // the whole, 1/2, 1/4
+    CHECK(contains(text, "pieces of this step") == (most > 0));
+    CHECK(s.report().step == 0);
+  }
 }
 
 TEST_CASE("the time step of a level that the scene leaves to it goes with the edges", "[levels]")

@@ -1,15 +1,13 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "run/step.hpp"
 
-#include <algorithm>
+#include <cmath>
 #include <optional>
 
 #include "cama/error.hpp"
 
 namespace cama {
 namespace {
-
-constexpr int max_divisions = 4;   // of a step that fails: down to 1/16
 
 /// The numbers that the state carries from step to step, in the order of State::visit.
 std::vector<double> carried(State &s)
@@ -108,7 +106,7 @@ private:
   /// Piece `index` of 2^division.
   void advance(int division, int index, int number, const std::string &problem)
   {
-    const double step = whole_ / (1 << division);
+    const double step = std::ldexp(whole_, -division);
     state_.time.now = start_ + index * step;
     state_.time.step = step;
     state_.time.history = false;
@@ -120,9 +118,8 @@ private:
       undo_step(state_, start);
     }
     ++sum_.retries;
-    if (division == max_divisions)
-      throw SolverError(problem + "; pieces of this step down to 1/" + std::to_string(1 << max_divisions) +
-                        " of it failed too");
+    if (division == state_.options.max_divisions)
+      throw SolverError(problem + "; pieces of this step down to 1/2^" + std::to_string(division) + " of it failed too");
     advance(division + 1, 2 * index, number, problem);
     advance(division + 1, 2 * index + 1, number, problem);
   }
@@ -151,6 +148,7 @@ void take_step(State &s, Pipeline &step, const std::function<void()> &finish)
       undo_step(s, start);
     }
     if (!problem.empty()) {
+      if (s.options.max_divisions == 0) throw SolverError(problem);
       divided.emplace(s, step);
       divided->run(number, problem);
       s.time.step = divided->whole();
