@@ -293,7 +293,7 @@ private:
     set(kernel, kernel_name, index, sizeof handle, handle ? &handle : nullptr);
   }
 
-  /// Kernels with FOR_EACH accept any number of work-items: on cpu_count a few with a run each, elsewhere up to one per
+  /// Kernels with FOR_EACH accept any number of work-items: on CPUs a few with a run each, elsewhere up to one per
   /// element.
   void enqueue(const OwnKernel &kernel, const char *kernel_name, int n)
   {
@@ -306,7 +306,7 @@ private:
     }
     enqueue(kernel, kernel_name, global, local);
   }
-  /// On cpu_count a team is one work-item; elsewhere a work-group, smaller where the device wants it so.
+  /// On CPUs a team is one work-item; elsewhere a work-group, smaller where the device wants it so.
   void enqueue_teams(const OwnKernel &kernel, const char *kernel_name, int n, int team)
   {
     if (library_.is_cpu) {

@@ -94,7 +94,7 @@ KERNEL sort_move(int workers, int n, int shift, int digits, GLOBAL const key64 *
   }
 }
 
-/* The whole sort in one work-item, for cpu_count and few keys: `width` bits at a time. count: [2^width + 1]. */
+/* The whole sort in one work-item, for CPUs and few keys: `width` bits at a time. count: [2^width + 1]. */
 KERNEL sort_small(int n, int bits, int width, GLOBAL key64 *key, GLOBAL int *value, GLOBAL key64 *key_out,
                   GLOBAL int *value_out, GLOBAL int *count)
 {

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // Only what the scene requires: what a term brings, in streams, stages, kernels and matrix blocks, and that a scene
-// without it has none of that. What is expected is written from the table in docs/terms.md, not read off the program.
+// without it has none of that. What is expected is written from the table in docs/reference/features.md, not read off
+// the program.
 #include "../catch.hpp"
 
 #include <algorithm>

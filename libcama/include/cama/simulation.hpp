@@ -55,7 +55,7 @@ public:
   Simulation(Simulation &&) noexcept;
   Simulation &operator=(Simulation &&) noexcept;
 
-  /// One time step. A step that the solver cannot do is taken back and done in halves, down to 1/16
+  /// One time step. A step that the solver cannot do is taken back and done in halves, by default down to 1/16
   /// (StepReport::retries). Throws SolverError when that does not help either, CollisionError or BackendError; the
   /// state before the step stays.
   void step();

@@ -23,7 +23,8 @@ typedef struct {
 
 #define CCD_ITERATIONS 64       /* more means "hit at the time reached", the safe answer */
 #define CCD_ROUNDING 4e-14      /* bound on the rounding error of g over the pair's extent */
-#define CCD_DETERMINANT 7e-15   /* bound on the rounding error of a triple product, docs/ccd.md */
+/* Bound on the rounding error of a triple product, docs/theory/continuous-collision.md. */
+#define CCD_DETERMINANT 7e-15
 /* a pair nearer than this, over its extent, that is not certified to the end counts as hit */
 #define CCD_TOLERANCE 1e-9
 
@@ -185,7 +186,7 @@ DEVICE impact_time hull_impact_after(const dvec3 *x, const dvec3 *d, int split, 
       span = min_double(max_double(2.0 * step, span), 1.0 - result.time);
       for (int k = 0; k < 4; ++k) z[k] = daxpy(y[k], span, d[k]);
       m = hull_proximity(z, split).normal;
-      if (ddot(m, n) < 0.0) m = dscale(-1.0, m);   /* beyond the contact, on the other side */
+      if (ddot(m, n) < 0.0) m = dscale(-1.0, m); /* beyond the contact, on the other side */
       turned = hull_advance_turning(y, d, split, n, m, span, sure);
       if (turned >= span && result.time + span >= 1.0) turned = 2.0;
       step = max_double(step, turned);

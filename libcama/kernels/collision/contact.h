@@ -19,7 +19,7 @@ DEVICE pair listed_pair(int i, int first_size, GLOBAL const pair *vertex_face, G
 
 /* flag[i] = 1 where candidate i of both lists is a contact; direction: one that tells its sides apart, from side B to
    side A; gap_bound: how far apart, m, they are along it at least until the prediction, 0 where that is not known to
-   exceed the thickness. Both come from cull_separated_pairs; here pairs without gap_bound are looked at. */
+   exceed the thickness. Both come from cull_separated_pairs; here pairs without a bound are tested. */
 KERNEL find_contacts(int n, int first_size, GLOBAL const pair *vertex_face, GLOBAL const pair *edge_edge,
                      GLOBAL const face_nodes *face, GLOBAL const edge_nodes *edge, GLOBAL const dvec3 *position,
                      GLOBAL const dvec3 *predicted, GLOBAL const swept_vertex *swept_vertices,

@@ -7,7 +7,7 @@
 #include "../dialect/lang.h"
 #include "ccd.h"
 
-/* 256 u: bound on the rounding error of the coplanarity cubic over the product of three extents */
+/* 261 u: bound on the rounding error of the coplanarity cubic over the product of three extents */
 #define CUBIC_ROUNDING 2.9e-14
 #define CUBIC_TOUCH 1e-13       /* as CCD_TOLERANCE, where the additive method decides for the cubic */
 
@@ -77,8 +77,8 @@ DEVICE double triple_product(dvec3 a, dvec3 b, dvec3 c) { return ddot(a, dcross(
 
 /* No false negative: contact needs |f| <= bound, f as computed. That holds in at most one interval a monotone piece.
    Where it is short the pair hardly moves in it: what a direction separates by more at one moment does not touch. Where
-   it is long (coplanar, grazing motion) the additive method decides. Time: of the root where it is one. docs/ccd.md
-   derives the bound. */
+   it is long (coplanar, grazing motion) the additive method decides. Time: of the root where it is one.
+   docs/theory/continuous-collision.md derives the bound. */
 DEVICE impact_time linear_impact_cubic(int split, dvec3 a0, dvec3 b0, dvec3 c0, dvec3 d0, dvec3 a1, dvec3 b1, dvec3 c1,
                                        dvec3 d1)
 {

@@ -105,8 +105,8 @@ KERNEL find_prediction_errors(int n, GLOBAL const dvec3 *x, GLOBAL const dvec3 *
 
 /* flag[i] = 1 where candidate i of both lists is to be looked at. The first *_done pairs of each list have been looked
    at for this very motion and are none. localized: only pairs with a vertex that the last projection moved are looked
-   at, the others were certified before it. Most pairs are told by their gap_bound and how far their vertices
-   prediction_error; *_rooms: pairs whose gap_bound is of this motion's start; below 0 it is that of a known impact.
+   at, the others were certified before it. Most pairs are decided by their gap_bound and the prediction errors of
+   their vertices; *_bounds: pairs whose gap_bound is of this motion's start; below 0 it is that of a known impact.
    share: of the thickness, that pairs keep; largest: of all contact thicknesses, m. */
 KERNEL select_ccd_pairs(int n, int first_size, int localized, GLOBAL const pair *vertex_face,
                         GLOBAL const pair *edge_edge, GLOBAL const face_nodes *face, GLOBAL const edge_nodes *edge,

@@ -51,7 +51,7 @@ DEVICE int wanted_vertex_face(int v, face_nodes f, int cloth_vertex_count, int s
          (mode == QUERY_ALL || fresh_vertex_face(v, f, box_before));
 }
 
-/* Items that ask: 8 i .. 8 i + 8, or one a work-item with batch = 1. A batch walks the tree once, for the box of all;
+/* Items that query: 8 i .. 8 i + 8, or one a work-item with batch = 1. A batch walks the tree once, for the box of all;
    near the leaves each tests for itself: less work, for one thread. What an item finds, and in which order, does not
    depend on the batch. */
 
@@ -141,8 +141,8 @@ DEVICE int edge_changed(edge_nodes e, GLOBAL const int *changed) { return change
 
 #define QUERY_OTHER 3 /* every pair; items are edges of another tree */
 
-/* 1 if edge j, f, is to be tested against edge i, e. Every pair once: QUERY_ALL asks leaves behind the item's only;
-   with QUERY_CHANGED unchanged edges do not ask, and two changed ones meet from the first. */
+/* 1 if edge j, f, is to be tested against edge i, e. Every pair once: QUERY_ALL queries leaves behind the item's only;
+   with QUERY_CHANGED unchanged edges do not query, and two changed ones meet from the first. */
 DEVICE int wanted_edge_edge(int i, edge_nodes e, int j, edge_nodes f, int cloth_vertex_count, int self, int mode,
                             GLOBAL const int *changed, GLOBAL const box *box_before)
 {

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Movers: vertices in floats, by which most candidate pairs are told to be no contact at a fraction of the cost of
-   their closest points. */
+/* Swept vertices: positions and motions in floats, by which most candidate pairs are found to be no contact at a
+   fraction of the cost of their closest points. */
 #ifndef CAMA_KERNELS_COLLISION_SWEPT_VERTEX_H
 #define CAMA_KERNELS_COLLISION_SWEPT_VERTEX_H
 #include "../dialect/dvec3.h"
@@ -32,15 +32,15 @@ DEVICE fvec3 to_direction(dvec3 n)
 DEVICE dvec3 from_direction(fvec3 n) { return dvec3_make((double)n.x, (double)n.y, (double)n.z); }
 
 /* Position and motion until the prediction relative to the scene's lower corner, contact thickness and radius of a
-   vertex, all m. Rounded: what is told by it is told with MOVER_ROUNDING of the scene's extent to rounding_margin,
-   which covers the floats (6e-8 each, two to an offset) and the some thirty operations on them. */
+   vertex, all m. Rounded: what is decided by it is decided with SWEPT_ROUNDING of the scene's extent to
+   rounding_margin, which covers the floats (6e-8 each, two to an offset) and the some thirty operations on them. */
 typedef struct {
   float x, y, z, dx, dy, dz, thickness, radius;
 } swept_vertex;
-#define MOVER_ROUNDING 6e-6
+#define SWEPT_ROUNDING 6e-6
 
-/* A plane's radius is without end, so that swept_vertices tell nothing of it. rounding_margin: [1] what rounding may
-   take, m. */
+/* A plane's radius is without end, so that swept vertices decide nothing about it. rounding_margin: [1] what rounding
+   may take, m. */
 KERNEL make_swept_vertices(int n, GLOBAL const dvec3 *position, GLOBAL const dvec3 *predicted,
                            GLOBAL const dvec3 *scene_bounds, GLOBAL const vertex_contact *v,
                            GLOBAL swept_vertex *swept_vertices, GLOBAL float *rounding_margin)
@@ -59,12 +59,12 @@ KERNEL make_swept_vertices(int n, GLOBAL const dvec3 *position, GLOBAL const dve
     swept_vertices[i] = m;
     if (i == 0)
       rounding_margin[0] =
-          float_above(MOVER_ROUNDING * largest_component(dsub(scene_bounds[1], scene_bounds[0])) +
+          float_above(SWEPT_ROUNDING * largest_component(dsub(scene_bounds[1], scene_bounds[0])) +
                       1e-15 * max_double(largest_component(scene_bounds[0]), largest_component(scene_bounds[1])));
   }
 }
 
-/* Vectors and swept_vertices of LANES pairs. */
+/* Vectors and swept vertices of LANES pairs. */
 typedef struct {
   float_lanes x, y, z;
 } fvec3_lanes;
@@ -98,7 +98,7 @@ DEVICE INLINED float_lanes lanes_inverse(float_lanes a)
   return LANES_TO(float, float_lanes, 1.0 / LANES_TO(double, double_lanes, a));
 }
 
-/* A swept_vertex in every lane. */
+/* A swept vertex in every lane. */
 DEVICE INLINED swept_vertex_lanes swept_vertex_in_lanes(swept_vertex v)
 {
   swept_vertex_lanes m;
@@ -195,9 +195,9 @@ DEVICE INLINED separation_bound wider_separation(int kind, fvec3_lanes x1, fvec3
 }
 
 /* The direction with the widest gap of three: between the middles of both sides, and that across two of the pair's
-   edges; about as long as 1. gap becomes the gap_bound along it: the least distance of the surfaces until the
+   edges; about as long as 1. `gap` becomes the bound along it: the least distance of the surfaces until the
    prediction, 0 if it does not exceed the thickness. No branches: they would be guessed wrong, and pairs could not be
-   told side by side. */
+   decided side by side. */
 DEVICE INLINED separation_bound separation_along(int kind, swept_vertex_lanes m0, swept_vertex_lanes m1,
                                                  swept_vertex_lanes m2, swept_vertex_lanes m3, float rounding)
 {
@@ -272,7 +272,7 @@ DEVICE INLINED swept_vertex_lanes swept_vertices_of(GLOBAL const swept_vertex *s
   return m;
 }
 
-/* Pairs that swept_vertices can tell to be no contact: gap_bound, how far apart they are along `direction`, from side B
+/* Pairs that swept vertices show to be no contact: gap_bound, how far apart they are along `direction`, from side B
    to side A, at least until the prediction, m; 0 for the others. */
 KERNEL cull_separated_pairs(int n, int kind, GLOBAL const pair *pairs, GLOBAL const face_nodes *face,
                             GLOBAL const edge_nodes *edge, GLOBAL const swept_vertex *swept_vertices,

@@ -249,7 +249,7 @@ DEVICE int next_group(group_walk *w, int leaf_count, GLOBAL const bvh8_node *tre
   }
 }
 
-/* The same walk a turn at a time, down to the leaves: byte 0 of `open` is of leaves. Turns are uniform for all who
+/* The same walk a turn at a time, down to the leaves: byte 0 of `open` is of leaves. Turns are the same for all who
    walk, so that those who do so side by side stay together. Returns a leaf that overlaps, in order, WALK_ON, or
    WALK_END behind the last. */
 #define WALK_ON -1

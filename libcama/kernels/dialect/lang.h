@@ -15,7 +15,7 @@
 #define DEVICE_TEAM DEVICE   /* functions that a whole team calls */
 #define GLOBAL __global
 #define RESTRICT restrict
-#if defined(CAMA_CHUNKED) /* cpu_count: every work-item has a run of elements */
+#if defined(CAMA_CHUNKED) /* CPUs: every work-item has a run of elements */
 #define CHUNK_BEGIN(n, item) ((int)((long)(n) * (long)(item) / (long)get_global_size(0)))
 #define FOR_EACH(i, n) \
   for (int i = CHUNK_BEGIN(n, get_global_id(0)), i##_end = CHUNK_BEGIN(n, get_global_id(0) + 1); i < i##_end; ++i)

@@ -80,7 +80,7 @@ KERNEL propose_matches(int n, GLOBAL const int *row, GLOBAL const int *column, G
   }
 }
 
-/* Two that proposal for each other are matches. */
+/* Two nodes that propose to each other are a match. */
 KERNEL accept_matches(int n, GLOBAL const int *proposal, GLOBAL int *mate)
 {
   FOR_EACH(i, n) {
@@ -95,7 +95,7 @@ KERNEL first_of_matches(int n, GLOBAL const int *mate, GLOBAL int *head)
   }
 }
 
-/* Mates become one node. place: numbers of the first of matches. */
+/* Matched nodes become one. place: numbers of the first of each match. */
 KERNEL join_matches(int n, GLOBAL const int *mate, GLOBAL const int *place, GLOBAL const int *size, GLOBAL int *parent,
                     GLOBAL int *joined_size)
 {

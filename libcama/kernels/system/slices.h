@@ -10,7 +10,8 @@
 #define TEAM_ROWS 128   /* rows of a team in the matrix product */
 #define ROW_WINDOW 512  /* rows that are numbered by length among themselves where their order is free */
 
-/* Keys of rows by windows of ROW_WINDOW, in a window the longest first: rows of a slice are then uniform. n: rows. */
+/* Keys of rows by windows of ROW_WINDOW, in a window the longest first: rows of a slice are then of similar length. n:
+   rows. */
 KERNEL length_keys(int n, GLOBAL const int *vertex, GLOBAL const int *row, GLOBAL key64 *key)
 {
   FOR_EACH(i, n)

@@ -58,7 +58,7 @@ struct Topology {
 Topology build_topology(const Scene &scene);
 
 /// The stiffness table of a material, [30][30][30][4] over E11, E22, |E12| (Wang et al. 2011; sampling as in
-/// docs/elasticity.md), N/m.
+/// docs/theory/elasticity.md), N/m.
 std::vector<std::array<double, 4>> stretching_table(const Material &material);
 
 }  // namespace cama

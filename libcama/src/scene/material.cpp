@@ -21,7 +21,7 @@ constexpr double arcsim_stretching_scale = 2.0;
 // k l^2 angle^2 / (8 A) = k c^2 h^2 / 8 must be the plate's B c^2 h^2 / 2.
 // So k = 4 B holds for a sheet that is held on a cylinder along the grid. A free strip on the alternating grid of our
 // generators relaxes, its vertices folding up and down a little, to four fifths of that energy: with k = 5 B it meets
-// the elastica (tests/unit/test_dynamics.cpp). Other meshes differ by tens of percent (docs/materials.md).
+// the elastica (tests/unit/test_dynamics.cpp). Other meshes differ by tens of percent (docs/guide/materials.md).
 constexpr double hinge_per_plate = 5.0;
 
 std::array<std::array<double, 4>, 6> same_rows(const std::array<double, 4> &row)

@@ -34,7 +34,7 @@ struct RowOrder {
   explicit RowOrder(Backend &b) : order(b), place(b) {}
   /// Free vertices by number.
   void number(const SolverRooms &state);
-  /// Rows of uniform length beside each other, within windows: slices are then full. row: of the matrix.
+  /// Rows of similar length beside each other, within windows: slices are then full. row: of the matrix.
   void sort_by_length(Backend &backend, const Stream<int> &row);
 
   int size = 0;

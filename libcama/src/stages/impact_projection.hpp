@@ -14,7 +14,7 @@ public:
   /// Before the first run of a step: where the solve wants the vertices, and from where.
   void start(const Rooms &state, const Stream<dvec3> &from, const Stream<dvec3> &wanted);
   /// Moves `positions` so that every impact of the state ends apart by its target at least, but no vertex further than
-  /// any impact's motion and target ask for.
+  /// any impact's motion and target need.
   void run(const Rooms &state, Stream<dvec3> &positions);
   /// [vertices] 1: moved by the last run.
   const Stream<int> &moved() const { return moved_; }

@@ -29,9 +29,9 @@ public:
 private:
   using vec3 = typename Types<Real>::vec3;
   void extract_diagonal(const Rooms &state);
-  /// Moves all free vertices uniform by what lowers the energy of the error most: along gravity before the solve, so
-  /// that free fall is exact; along the net force that is left over after it, so that momentum is kept beyond the
-  /// tolerance. Leaves the residual in r_.
+  /// Moves all free vertices by the one vector that lowers the energy of the error most: along gravity before the
+  /// solve, so that free fall is exact; along the net force that is left over after it, so that momentum is kept beyond
+  /// the tolerance. Leaves the residual in r_.
   void move_uniformly(const Rooms &state, bool falling);
   void iterative(const Rooms &state);
   /// False if it broke down. uniform: with `move_uniformly`.
@@ -49,10 +49,10 @@ private:
   Stream<vec3> r_, p_, q_, product_;
   Stream<double> partial_, reduced_, sum_, scalar_;
   const Stream<Real> no_mass_;
-  bool finite_ = true;                                     // the last system
-  std::unique_ptr<ConjugateGradient<float>> single_;       // made when first used
+  bool finite_ = true;  // the last system
+  std::unique_ptr<ConjugateGradient<float>> single_;  // made when first used
   std::unique_ptr<ConjugateGradient<Real>> own_, fallback_;
-  Matching matching_;                                      // of a checkpoint, for the next solver that is made
+  Matching matching_;  // of a checkpoint, for the next solver that is made
 };
 
 extern template class LinearSolve<double>;

@@ -147,8 +147,8 @@ void TreeSearch::place_static(const SearchRooms &state, const Stream<dvec3> &fro
   build_trees(state, static_, true, true);
 }
 
-/// Counts and then fills in the candidates of vertices and edges that ask, behind those that the lists have: one wait
-/// for all.
+/// Counts and then fills in the candidates of the querying vertices and edges, behind those that the lists have: one
+/// wait for all.
 void TreeSearch::query(const SearchRooms &state, const std::vector<FaceQuery> &faces,
                        const std::vector<EdgeQuery> &edges)
 {

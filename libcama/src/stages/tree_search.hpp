@@ -7,11 +7,11 @@
 
 namespace cama {
 
-/// The default: vertices ask trees of faces, edges ask trees of edges, by count, scan and fill. The cloth, obstacles
-/// that move and those that do not have trees of their own, so that obstacles never meet obstacles, cloth meets cloth
-/// only where contact.self is on, and obstacles at rest are boxed and sorted once in a thousand searches. Localised
-/// updates (section 4.1 of the paper): only features with vertices that left their boxes ask, and only for pairs that
-/// did not overlap before.
+/// The default: vertices query trees of faces, edges query trees of edges, by count, scan and fill. The cloth,
+/// obstacles that move and those that do not have trees of their own, so that obstacles never meet obstacles, cloth
+/// meets cloth only where contact.self is on, and obstacles at rest are boxed and sorted once in a thousand searches.
+/// Localised updates (section 4.1 of the paper): only features with vertices that left their boxes query, and only for
+/// pairs that did not overlap before.
 class TreeSearch final : public CandidateSearch {
 public:
   /// flagged: its flags are overwritten by every search.
@@ -31,7 +31,7 @@ private:
     Stream<kernels::edge_nodes> leaf_edge;
     FeatureTrees *trees = nullptr;
   };
-  /// Vertices that ask the tree of some faces.
+  /// Vertices that query the tree of some faces.
   struct FaceQuery {
     int mode;
     const Stream<int> *items;
@@ -40,7 +40,7 @@ private:
     const Stream<kernels::face_nodes> *leaf_face;
     const Stream<kernels::bvh8_node> *tree;
   };
-  /// Edges that ask the tree of some edges.
+  /// Edges that query the tree of some edges.
   struct EdgeQuery {
     int mode;
     const Stream<int> *items;
@@ -56,8 +56,7 @@ private:
   static void build_levels(Backend &backend, int leaves, Stream<kernels::bvh8_node> &tree);
   void query(const SearchRooms &state, const std::vector<FaceQuery> &faces, const std::vector<EdgeQuery> &edges);
 
-  const int
-      batch_;   // items that walk a tree together: on cpu_count those of a group; on devices each has its own thread
+  const int batch_;   // items that walk a tree together: a group on CPUs; on GPUs each item has its own thread
   TreeState trees_;
   Group cloth_, moving_, static_;   // static_: obstacles that never move
   int boxed_ = 0;                  // vertices with fresh boxes in every search: the first ones

@@ -9,7 +9,7 @@
 
 namespace cama {
 
-/// StartPolicy that contact is to prevent: cloth with obstacles, and cloth with cloth where the scene wants that.
+/// Intersections that contact is to prevent: cloth with obstacles, and cloth with cloth where the scene wants that.
 std::vector<Intersection> forbidden_intersections(const std::vector<dvec3> &position, const Topology &topology,
                                                   bool self);
 

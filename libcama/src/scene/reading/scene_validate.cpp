@@ -146,7 +146,7 @@ void check_stitch(const Scene &s, std::size_t i)
 }
 
 /// Refuses a cloth whose rest shape is the start at another scale, as texture coordinates in other units or of an image
-/// make it: it would snap to that size. Cloth that starts crumpled, sheared or collapsed is not stretched uniform
+/// make it: it would snap to that size. Cloth that starts crumpled, sheared or collapsed is not stretched uniformly
 /// everywhere, or by factors that units explain.
 void check_material_scale(const std::string &object, const Mesh &m)
 {
