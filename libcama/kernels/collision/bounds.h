@@ -17,8 +17,8 @@ typedef struct {
   int node[2];
 } edge_nodes;
 
-/* Floats <= x and >= x, at most three units in the last place away (1.2e-7 > 2^-23); never denormal, which devices may
-   flush. */
+/* Floats <= x and >= x, at most three units in the last place away (1.2e-7 > 2^-23); never denormal, since devices may
+   flush denormals to zero. */
 DEVICE float float_below(double x) { return fabs(x) < 1e-30 ? -1e-30f : (float)(x - 1.2e-7 * fabs(x)); }
 DEVICE float float_above(double x) { return -float_below(-x); }
 
@@ -26,7 +26,7 @@ DEVICE float float_above(double x) { return -float_below(-x); }
 DEVICE box box_union(box a, box b)
 {
   for (int k = 0; k < 3; ++k) {
-    a.lo[k] = b.lo[k] < a.lo[k] ? b.lo[k] : a.lo[k];   /* no branches: they would be guessed wrong */
+    a.lo[k] = b.lo[k] < a.lo[k] ? b.lo[k] : a.lo[k];   /* no branches: they would be mispredicted */
     a.hi[k] = b.hi[k] > a.hi[k] ? b.hi[k] : a.hi[k];
   }
   return a;
@@ -83,7 +83,7 @@ KERNEL reduce_bounds(int n, int count, GLOBAL const dvec3 *corners, GLOBAL dvec3
   }
 }
 
-/* Box of one vertex moving from x to y, inflated by margin. The relative 4e-16 covers the rounding of the two
+/* The box of one vertex that moves from x to y, inflated by margin. The relative 4e-16 covers the rounding of the two
    subtractions. */
 DEVICE box swept_box(dvec3 x, dvec3 y, double margin, dvec3 origin)
 {
@@ -97,7 +97,7 @@ DEVICE box swept_box(dvec3 x, dvec3 y, double margin, dvec3 origin)
   return b;
 }
 
-/* margin: m, per vertex; two features become candidates when their distance may be below the sum of their margins. */
+/* margin: per vertex, m; two features become candidates when their distance may be below the sum of their margins. */
 KERNEL vertex_boxes(int n, GLOBAL const dvec3 *position, GLOBAL const dvec3 *target, GLOBAL const double *margin,
                     GLOBAL const dvec3 *scene_bounds, GLOBAL box *vertex_box)
 {
@@ -129,7 +129,7 @@ DEVICE key64 spread_bits(int v)
   return x;
 }
 
-/* 63-bit Morton code of a box's centre on a cubic grid over the scene. origin: what boxes are relative to. */
+/* 63-bit Morton code of a box's centre on a cubic grid over the scene. origin: the point that boxes are relative to. */
 DEVICE key64 morton_code(box b, GLOBAL const dvec3 *scene_bounds, dvec3 origin)
 {
   dvec3 size = dsub(scene_bounds[1], scene_bounds[0]);
@@ -152,7 +152,8 @@ DEVICE box box_of_edge(edge_nodes e, GLOBAL const box *vertex_box)
   return box_union(vertex_box[e.node[0]], vertex_box[e.node[1]]);
 }
 
-/* The same of vertices, faces or edges item[i], with their numbers; origin: [1], what boxes are relative to. */
+/* The same for the vertices, faces or edges item[i], with their numbers; origin: [1], the point that boxes are relative
+   to. */
 KERNEL codes_of_vertices(int n, GLOBAL const int *item, GLOBAL const box *vertex_box, GLOBAL const dvec3 *scene_bounds,
                          GLOBAL const dvec3 *origin, GLOBAL key64 *key, GLOBAL int *index)
 {
