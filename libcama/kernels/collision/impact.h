@@ -35,8 +35,8 @@ DEVICE impact_time candidate_impact_time(int kind, int cubic, element_nodes e, G
                    : edge_edge_impact_time(z, a0, b0, c0, o1, a1, b1, c1, minimum);
 }
 
-/* Normal of touching features: that of the face, or common to the edges, where it is well defined, else opposite to the
-   weighted relative motion. */
+/* Normal of touching features, opposite to their weighted relative motion: that of the face, or common to the edges,
+   where it is well defined, else that of the proximity. */
 DEVICE dvec3 touching_normal(int kind, const dvec3 *at, const dvec3 *motion, proximity p)
 {
   dvec3 u = kind == 0 ? dsub(at[2], at[1]) : dsub(at[1], at[0]),
