@@ -18,9 +18,9 @@ typedef struct {
   int node[4];
   int kind;
   int candidate;
-  double weight[4];   /* signed, at the time of impact */
-  dvec3 normal;       /* from side B to side A at the time of impact */
-  double target;      /* distance to which the projection separates the pair, m */
+  double weight[4]; /* signed, at the time of impact */
+  dvec3 normal; /* from side B to side A at the time of impact */
+  double target; /* distance to which the projection separates the pair, m */
 } impact;
 
 /* cubic: the paper's test, at distance 0; else the additive method, at `minimum`. */

@@ -82,14 +82,14 @@
   typedef real lanes_quad __attribute__((ext_vector_type(4), aligned(16))); \
   typedef lanes gathered;
 #define gather_lanes(v, at, x, y, z) /* a macro, since a call would keep every vector in memory */ \
-  do {                                                                                           \
-    GLOBAL const lanes_quad *gather_from = (GLOBAL const lanes_quad *)(v);                       \
-    GLOBAL const int *gather_at = (at);                                                          \
-    const gathered a = (gathered)(LANES_FOUR(0)), b = (gathered)(LANES_FOUR(4));                 \
-    const gathered c = (gathered)(LANES_FOUR(8)), d = (gathered)(LANES_FOUR(12));                \
-    *(x) = (gathered)(a.s048c, b.s048c, c.s048c, d.s048c);                                       \
-    *(y) = (gathered)(a.s159d, b.s159d, c.s159d, d.s159d);                                       \
-    *(z) = (gathered)(a.s26ae, b.s26ae, c.s26ae, d.s26ae);                                       \
+  do {                                                                                             \
+    GLOBAL const lanes_quad *gather_from = (GLOBAL const lanes_quad *)(v);                         \
+    GLOBAL const int *gather_at = (at);                                                            \
+    const gathered a = (gathered)(LANES_FOUR(0)), b = (gathered)(LANES_FOUR(4));                   \
+    const gathered c = (gathered)(LANES_FOUR(8)), d = (gathered)(LANES_FOUR(12));                  \
+    *(x) = (gathered)(a.s048c, b.s048c, c.s048c, d.s048c);                                         \
+    *(y) = (gathered)(a.s159d, b.s159d, c.s159d, d.s159d);                                         \
+    *(z) = (gathered)(a.s26ae, b.s26ae, c.s26ae, d.s26ae);                                         \
   } while (0)
 #define FOLD_8(lanes, a, b) ((lanes)((a).lo, (b).lo) + (lanes)((a).hi, (b).hi))
 #define FOLD_4(lanes, a, b) \

@@ -194,7 +194,7 @@ cg_advance(int n, int rows, int component_stride, int block_rows, GLOBAL const r
         const row_inverse own = load_inverse(i, block_rows, component_stride, inverse);
         vec4 ri = load_row(r, component_stride, i), si = load_row(w, component_stride, i),
              xi = vec4_make((real)0, (real)0, (real)0);
-        vec4 pi = apply_inverse(block_rows, own, ri);   /* z */
+        vec4 pi = apply_inverse(block_rows, own, ri); /* z */
         if (!first) {
           const vec4 p0 = load_row(p, component_stride, i), s0 = load_row(s, component_stride, i);
           xi = load_row(x, component_stride, i);

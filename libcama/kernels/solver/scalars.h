@@ -6,15 +6,15 @@
 #define CAMA_KERNELS_SOLVER_SCALARS_H
 #include "../dialect/lang.h"
 
-#define DOT_CHUNK 256     /* numbers in a chunk of impulses */
-#define VECTOR_CHUNK 32   /* vectors in a chunk of the linear solve */
+#define DOT_CHUNK 256 /* numbers in a chunk of impulses */
+#define VECTOR_CHUNK 32 /* vectors in a chunk of the linear solve */
 #define PARTIAL_CHUNK 64
 
-#define SCALAR_RZ 0        /* r' z of this iteration */
-#define SCALAR_PQ 1        /* p' A p */
+#define SCALAR_RZ 0 /* r' z of this iteration */
+#define SCALAR_PQ 1 /* p' A p */
 #define SCALAR_ALPHA 2
 #define SCALAR_BETA 3
-#define SCALAR_BROKEN 4    /* 1: p' A p <= 0 or not finite */
+#define SCALAR_BROKEN 4 /* 1: p' A p <= 0 or not finite */
 #define SCALAR_COUNT 8
 
 /* reduced[i] = sum over the i-th PARTIAL_CHUNK of `count` partials. */
@@ -89,7 +89,7 @@ DEVICE_TEAM void sum_of_teams(int size, int columns, int teams, GLOBAL const dou
   TEAM_FOR(l, size) {
     int k, c;
     for (c = 0; c < columns; ++c) {
-      double sum = 0.0;   /* in a register, so that loads do not wait for each other */
+      double sum = 0.0; /* in a register, so that loads do not wait for each other */
       for (k = l; k < teams; k += size) sum += partial[columns * k + c];
       a[c * size + l] = sum;
     }
