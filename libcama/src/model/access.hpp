@@ -6,7 +6,7 @@
 
 namespace cama {
 
-/// A reference to a room of the state, as a member of the room's name.
+/// A reference to a room of the state, as a member with the room's name.
 template <class Room> struct RoomRef;
 #define CAMA_ROOM(Type, name)                          \
   template <> struct RoomRef<Type> {                   \
@@ -30,7 +30,7 @@ CAMA_ROOM(BoundsState, bounds)
 CAMA_ROOM(SystemState, system)
 #undef CAMA_ROOM
 
-/// Some rooms of a state. Made of the state, or of an access to more.
+/// Access to some rooms of a state; made from the state, or from an access to more rooms.
 template <class... Rooms> struct Access : RoomRef<Rooms>... {
   Access(State &state) : RoomRef<Rooms>{RoomRef<Rooms>::of(state)}..., backend(state.backend) {}
   template <class... More>

@@ -10,7 +10,7 @@
 namespace cama {
 namespace {
 
-constexpr int max_terms = 1 << 29;   // what four entries each can be listed of
+constexpr int max_terms = 1 << 29;   // with four entries each, the largest list
 
 [[noreturn]] void refuse(const std::string &what) { throw SceneError("checkpoint: " + what); }
 
@@ -24,7 +24,7 @@ void check_vectors(const std::string &name, const std::vector<dvec3> &values, st
       refuse(name + "[" + std::to_string(i) + "] is not finite");
 }
 
-/// Each block has some neighbours, each level is of the blocks below.
+/// Checks that blocks are not empty and that each level consists of the blocks below.
 void check_matching(const Matching &m, int step, const State &state)
 {
   if (m.step < 0 || m.step > step || m.terms < 0 || m.terms > max_terms || m.first_iterations < 0 ||

@@ -39,7 +39,7 @@ Starts starts(const Scene &scene)
   return s;
 }
 
-/// Where the line through p and q meets the plane of a, b, c, kept between p and q.
+/// Where the line through p and q meets the plane of a, b, c, clamped to the segment p q.
 dvec3 meeting_point(dvec3 p, dvec3 q, dvec3 a, dvec3 b, dvec3 c)
 {
   const dvec3 n = dcross(dsub(b, a), dsub(c, a));
@@ -78,7 +78,7 @@ std::string group_name(const ObjectIntersections &pair)
   return name;
 }
 
-/// Vertices and faces of all groups, vertices numbered anew.
+/// Vertices and faces of all groups, with vertices renumbered.
 struct Groups {
   std::vector<dvec3> vertex;
   std::vector<std::vector<Triangle>> face;

@@ -23,7 +23,7 @@ std::string describe(const Intrusion &i, const Topology &t)
          (plane ? " is below " : " reaches into ") + t.owner(i.vertex);
 }
 
-/// Cloth in exact spheres and capsules or below planes, which nothing untangles.
+/// Throws CollisionError for cloth in exact spheres and capsules or below planes, which cannot be untangled.
 void check_exact_start(const Topology &t)
 {
   const std::vector<Intrusion> inside = intrusions(t.position, t);
