@@ -37,8 +37,8 @@ struct Set {
 
 dvec3 along(dvec3 a, double s, dvec3 b) { return {a.x + s * b.x, a.y + s * b.y, a.z + s * b.z}; }
 
-/// Pairs whose answer is known: the plane z = 0 keeps the misses apart, the hits pass through a contact at the origin
-/// in mid step.
+/// Pairs with a known answer: the plane z = 0 separates the misses, the hits pass through a contact at the origin in
+/// mid step.
 class Generator {
 public:
   explicit Generator(unsigned seed) : engine_(seed) {}

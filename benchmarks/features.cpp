@@ -32,7 +32,7 @@ Mesh grid(int cells, double side, const dvec3 &corner)
 
 Material fabric(double bending = 0) { return Material::isotropic(200, 0.3, bending, 0.15); }
 
-/// A sheet of 0.5 m hung by two corners.
+/// A sheet of 0.5 m that hangs by two corners.
 Scene hanging(int cells)
 {
   Scene s;
@@ -49,7 +49,7 @@ Scene hanging(int cells)
   return s;
 }
 
-/// The sheet on the ground, a little wavy, without friction.
+/// The same sheet on the ground, slightly wavy, without friction.
 Scene lying(int cells)
 {
   Scene s = hanging(cells);

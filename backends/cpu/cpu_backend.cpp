@@ -50,7 +50,7 @@ const Entry entries[] = {
 #include "kernels/kernels.def"
 };
 
-constexpr std::size_t header = 64;   // keeps the size in front of every allocation, and 64-byte alignment
+constexpr std::size_t header = 64;   // holds the size in front of every allocation, and keeps 64-byte alignment
 
 std::string cpu_name()
 {
@@ -163,7 +163,7 @@ public:
 
 private:
   int threads_;
-  std::vector<key64> keys_;   // scratch of sort
+  std::vector<key64> keys_;   // scratch memory of sort
   std::vector<int> values_;
 };
 

@@ -29,7 +29,7 @@ const Entry entries[] = {
 #include "kernels/kernels.def"
 };
 
-/// What to do about a CUDA error.
+/// What a user can do about a CUDA error.
 const char *advice(cudaError_t status)
 {
   switch (status) {
@@ -57,7 +57,7 @@ const char *advice(cudaError_t status)
 void check(cudaError_t status, const char *call)
 {
   if (status == cudaSuccess) return;
-  cudaGetLastError();   // what is reported here is not found again by a later call
+  cudaGetLastError();   // clears the error, so that a later call does not report it again
   const std::string text = std::string(call) + ": " + cudaGetErrorName(status) + " " + std::to_string(status) + " (" +
                            cudaGetErrorString(status) + "); " + advice(status);
   if (status == cudaErrorMemoryAllocation) throw MemoryError(text);
@@ -87,7 +87,7 @@ public:
     check(cudaStreamCreateWithFlags(&queue_, cudaStreamNonBlocking), "cudaStreamCreate");
     cudaMemPool_t pool = nullptr;
     check(cudaDeviceGetDefaultMemPool(&pool, device), "cudaDeviceGetDefaultMemPool");
-    std::uint64_t kept = std::uint64_t(1) << 30;   // bytes that a wait does not give back to the driver
+    std::uint64_t kept = std::uint64_t(1) << 30;   // bytes that are not returned to the driver at a wait
     check(cudaMemPoolSetAttribute(pool, cudaMemPoolAttrReleaseThreshold, &kept), "cudaMemPoolSetAttribute");
     check(cudaMalloc(&flags_, 64), "cudaMalloc");
     check(cudaMemset(flags_, 0, 64), "cudaMemset");
@@ -125,12 +125,12 @@ public:
       allocated_ -= found->second;
       sizes_.erase(found);
     }
-    cudaFreeAsync(buffer, queue_);  // behind the work that uses it; the pool keeps it for the next
+    cudaFreeAsync(buffer, queue_);  // ordered after the work that uses it; the pool keeps the memory
   }
   void upload(Buffer to, const void *from, std::size_t bytes) override
   {
     check(cudaMemcpyAsync(to, from, bytes, cudaMemcpyHostToDevice, queue_), "cudaMemcpy to the device");
-    check(cudaStreamSynchronize(queue_), "upload");  // the caller's memory may go away
+    check(cudaStreamSynchronize(queue_), "upload");  // the caller may free its memory
   }
   void download(void *to, Buffer from, std::size_t bytes, std::size_t offset) override
   {
@@ -164,7 +164,7 @@ public:
     check(cudaLaunchKernel(function, dim3(blocks), dim3(threads), parameters, 0, queue_), kernel.name);
   }
 
-  /// Recorded once as a graph: a node costs an eighth of a launch.
+  /// Records the work once as a graph, whose nodes cost an eighth of a launch.
   void repeat(int times, const std::function<void()> &work, bool again) override
   {
     if (times < 1) return;
@@ -216,7 +216,7 @@ public:
     if (key.Current() != keys) copy(keys, key.Current(), sizeof(key64) * static_cast<std::size_t>(n));
     if (value.Current() != values) copy(values, value.Current(), sizeof(int) * static_cast<std::size_t>(n));
   }
-  /// Waits; reports a scan that overflowed since the last wait.
+  /// Waits for the device; throws MemoryError if a scan has overflowed since the last wait.
   void synchronize() override
   {
     ++waits_;
@@ -230,7 +230,7 @@ public:
   }
 
 private:
-  /// The launches of `work` as the graph that is replayed.
+  /// Records the launches of `work` as the graph to replay.
   void record(const std::function<void()> &work)
   {
     const long before = launches_;
@@ -258,7 +258,7 @@ private:
 
   int *flag() const { return reinterpret_cast<int *>(static_cast<char *>(flags_) + 8); }
 
-  /// CUB's two calls: how much scratch, then the work.
+  /// Calls CUB twice: for the size of its scratch memory, then for the work.
   template <class F> void with_scratch(F &&call, const char *what)
   {
     std::size_t bytes = 0;

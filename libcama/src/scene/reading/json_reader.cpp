@@ -8,7 +8,7 @@ namespace cama {
 
 Json parse_json(const std::string &text, const std::function<void(const std::string &)> &complain)
 {
-  std::vector<std::set<std::string>> keys;   // of the objects that are open
+  std::vector<std::set<std::string>> keys;   // keys of the objects that are open
   const auto watch = [&](int, Json::parse_event_t event, Json &value) {
     if (event == Json::parse_event_t::object_start)
       keys.emplace_back();
@@ -22,7 +22,7 @@ Json parse_json(const std::string &text, const std::function<void(const std::str
   try {
     return Json::parse(text, watch, true, true);
   } catch (const Json::exception &e) {
-    std::string what = e.what();   // quotes the text, which may be in any encoding
+    std::string what = e.what();   // it quotes the text, which may be in any encoding
     std::replace_if(what.begin(), what.end(), [](char c) { return static_cast<unsigned char>(c) >= 0x80; }, '?');
     complain("not JSON in UTF-8: " + what);
     throw;   // complain throws

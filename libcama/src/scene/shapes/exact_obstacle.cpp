@@ -21,7 +21,7 @@ Obstacle made(ObstacleShape shape, std::vector<dvec3> points, double radius)
   o.radius = radius;
   o.mesh.position = std::move(points);
   o.source = std::string("exact ") + shape_name(shape);
-  if (shape == ObstacleShape::box)   // outward
+  if (shape == ObstacleShape::box)   // with outward normals
     o.mesh.face = {{0, 2, 3}, {0, 3, 1}, {4, 5, 7}, {4, 7, 6}, {0, 1, 5}, {0, 5, 4},
                    {2, 6, 7}, {2, 7, 3}, {0, 4, 6}, {0, 6, 2}, {1, 3, 7}, {1, 7, 5}};
   return o;
