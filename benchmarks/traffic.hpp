@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Bytes that a step must move at least. docs/reference/performance.md holds the same formulas as a table.
+// The least number of bytes that a step has to move. docs/reference/performance.md holds the same formulas as a table.
 #pragma once
 #include <map>
 #include <optional>

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The OpenMP backend: an ordinary loop per kernel. With one thread it is the serial reference.
+// The OpenMP backend: each kernel is an ordinary loop. With one thread it is the serial reference.
 #include "cpu_backend.hpp"
 
 #include <omp.h>

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The OpenCL 1.2 interface, and its error codes as exceptions.
+// The OpenCL 1.2 interface, with error codes as exceptions.
 #pragma once
 #define CL_TARGET_OPENCL_VERSION 120
 #include <CL/cl.h>

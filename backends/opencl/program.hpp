@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Kernel text to programs: one per precision, built when first asked for, shared by all backends of the process, kept
-// on disk.
+// Programs made from the text of the kernels: one per precision, built on first use, shared by all backends of the
+// process, and cached on disk.
 #pragma once
 #include <atomic>
 #include <map>

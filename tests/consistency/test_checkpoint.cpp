@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// A run that is taken over by another simulation, on another backend or with other threads, goes on bit by bit.
+// A run that another simulation continues, on another backend or with other threads, stays the same bit by bit.
 #include <cmath>
 #include <functional>
 #include <limits>
@@ -177,12 +177,12 @@ TEST_CASE("checkpoints of other scenes and damaged ones are refused by name, and
     CHECK(s.state_hash() == before);
     CHECK(s.step_count() == 6);
   }
-  // Cloth put into the ball.
+  // The cloth inside the ball.
   Checkpoint tangled = good;
   for (int v = 0; v < s.cloth_vertex_count(); ++v) tangled.vectors["position"][static_cast<std::size_t>(v)].z -= 0.05;
   CHECK(contains(thrown<CollisionError>([&] { s.restore(tangled); }), "crosses"));
   CHECK(s.state_hash() == before);
-  // A matching of more levels than are made is left out.
+  // A matching with more levels than the limit is ignored.
   Checkpoint deep = good;
   REQUIRE(deep.matching.levels.back().start.size() == 2);
   for (int i = 0; i < 5; ++i) deep.matching.levels.push_back({{0}, {0, 1}});
@@ -191,7 +191,7 @@ TEST_CASE("checkpoints of other scenes and damaged ones are refused by name, and
   plain.step();
   CHECK(plain.report().residual < 1e-3);
   CHECK(plain.checkpoint().matching.levels.size() <= 3);
-  // A matching of other vertices than are free here is left out.
+  // A matching of vertices other than the free ones is ignored.
   Scene pinned = meshes::pile(8);
   Pin pin;
   pin.vertices = {0, 8};

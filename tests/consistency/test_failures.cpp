@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// What fails, fails cleanly: memory of the device and of the host that runs out at any allocation, devices that are
-// lost, drivers and features that are not there. The linker puts __wrap_f in the place of f in this program alone
-// (--wrap).
+// Failures are clean: memory of the device and of the host that runs out at any allocation, devices that are lost,
+// drivers and features that are missing. The linker replaces f by __wrap_f in this program only (--wrap).
 #include <atomic>
 #include <cstddef>
 #include <cstdlib>
@@ -18,7 +17,7 @@
 
 namespace fault {
 
-/// The how-manieth call from now on fails; below 0: none.
+/// The number of calls before the one that fails; below 0: none fails.
 using Countdown = std::atomic<long>;
 Countdown device_memory{-1}, host_memory{-1};
 
@@ -56,10 +55,10 @@ int __wrap_cudaMallocAsync(void **memory, std::size_t bytes, void *queue)
 namespace fault {
 
 bool no_platform = false, no_double = false, as_gpu = false;
-std::size_t max_work_items = 0;       // of any kernel; 0: as they are
+std::size_t max_work_items = 0;       // of any kernel; 0: the driver's own
 std::string lost_call;                 // this call fails
 cl_int lost_code = CL_SUCCESS;
-long contexts = 0, buffers = 0;        // made; alive
+long contexts = 0, buffers = 0;        // contexts made; buffers alive
 
 bool lost(const char *call) { return lost_call == call; }
 
@@ -188,7 +187,7 @@ struct Case {
   Scene scene;
   Options options;
   int middle;
-};   ///< middle: the step from which a run is disturbed
+};   ///< middle: the step at which a run is disturbed
 
 /// A strip that sticks in a sheet and leaves it upwards within a few steps.
 Scene tangle()
@@ -204,7 +203,7 @@ Scene tangle()
   return s;
 }
 
-/// Two boxes that close on a sheet: it is let go of at step 39 or so.
+/// Two boxes that close on a sheet, which is released at about step 39.
 Scene pinched()
 {
   Scene s;
@@ -237,7 +236,7 @@ Scene released()
   return s;
 }
 
-/// The ways of computing that keep different things between steps.
+/// Cases that keep different data between steps.
 std::vector<Case> cases(const std::string &backend)
 {
   std::vector<Case> list;
@@ -262,8 +261,8 @@ std::vector<Case> cases(const std::string &backend)
   return list;
 }
 
-/// A step in which allocation 0 fails, then allocation 1, and so on until none does. After each failure the state is
-/// that of before, readable in every way. Returns how many failed.
+/// Takes a step in which allocation 0 fails, then allocation 1, and so on until none fails. After each failure the
+/// state is the previous one and can be read completely. Returns the number of failures.
 int step_through_failures(Simulation &s, fault::Countdown &countdown)
 {
   const Seen before = look(s);
@@ -496,7 +495,7 @@ TEST_CASE("a device without double precision is refused by name", "[failures][op
 
 namespace {
 
-/// A driver's limits of the work-group; 0: its own.
+/// limits: limits of the work-group; 0: the driver's own.
 void check_as_gpu(std::initializer_list<std::size_t> limits)
 {
   if (!lockstep::strict_build() || !backend_here("opencl")) return;

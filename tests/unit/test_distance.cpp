@@ -26,7 +26,7 @@ Wide wide(dvec3 a) { return {a.x, a.y, a.z}; }
 
 struct Gap {
   Real above, below;
-};   ///< length of sum w x, and the greatest lower bound along the reported normal
+};   ///< length of sum w x, and the largest lower bound along the reported normal
 
 Gap bounds(const Quad &x, const proximity &p, bool edges)
 {

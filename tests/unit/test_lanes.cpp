@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Vectors of the cpu_count against plain loops over their numbers.
+// Vectors of CPUs against plain loops over their numbers.
 #include "../catch.hpp"
 
 #include <algorithm>
@@ -14,7 +14,7 @@ using namespace cama;
 
 namespace {
 
-/// These numbers, one a lane.
+/// These numbers, one in each lane.
 float_lanes lanes_of(const std::vector<float> &v) { return LANES_LOAD(float_lanes, v.data()); }
 
 template <class Real> std::vector<Real> random(std::size_t n, std::mt19937 &engine)
@@ -35,7 +35,7 @@ TEMPLATE_TEST_CASE("sums of columns come in the order of halves, bit by bit", "[
   for (int round = 0; round < 20; ++round) {
     const auto column = random<TestType>(3 * 256, engine), v = random<TestType>(3 * 16, engine);
     TestType sum[LANES];
-    const auto add_up = [&](auto c) {   // the functions of its precision's namespace
+    const auto add_up = [&](auto c) {   // the functions of the namespace of its precision
       clear_columns(&c);
       for (int k = 0; k < 3; ++k) add_columns(&c, column.data() + 256 * k, 16, v.data() + 16 * k);
       auto sums = c.at[0];
@@ -77,7 +77,8 @@ TEST_CASE("lanes choose, invert and take roots as one number does", "[lanes]")
 
 TEST_CASE("a pair of swept_vertices has the room of its lane", "[lanes]")
 {
-  // A face in the plane z = 0 and a vertex above it: its height, less motion and radius, if that exceeds the thickness.
+  // A face in the plane z = 0 and a vertex above it: the result is the height minus motion and radius, if that exceeds
+  // the thickness.
   const auto swept_vertex = [](float x, float y, float z, float dz, float radius) {
     return kernels::swept_vertex{x, y, z, 0, 0, dz, 1e-3f, radius};
   };

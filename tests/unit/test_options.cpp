@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The table of options: levels, texts, ranges, and who is obeyed. Expected values are those of
+// The table of options: levels, texts, ranges, and whose values hold. Expected values are those of
 // docs/guide/accuracy-levels.md and of tests/shared_scenes/options.json, which the Python tests read too.
 #include <fstream>
 #include <set>
@@ -84,7 +84,7 @@ TEST_CASE("options by name and text", "[options]")
     CHECK(contains(thrown<SceneError>([&] { o.set_text(bad.name, bad.text); }), bad.said));
   }
   CHECK(contains(thrown<SceneError>([&] { o.set("max_iterations", true); }), "whole number"));
-  CHECK(o.values().size() == 6);  // nothing was half set
+  CHECK(o.values().size() == 6);  // no value was set partly
 }
 
 TEST_CASE("options that do not go together, and those of the user alone", "[options]")
@@ -113,7 +113,7 @@ TEST_CASE("the table is whole", "[options]")
     CHECK(row.help.size() > 20);
     CHECK(row.help.back() == '.');
     CHECK((row.type == "choice") == !row.words.empty());
-    for (const auto &[level, value] : row.levels) {  // every value is one that the option takes
+    for (const auto &[level, value] : row.levels) {  // the option accepts every value
       OptionOverrides o;
       o.set(row.name, value);
       CHECK(o.values().size() == 1);

@@ -66,7 +66,7 @@ TEST_CASE("an index gives back its column and its source", "[pattern]")
       const key64 index = kernels::index_of(column, source);
       CHECK(kernels::index_column(index) == column);
       CHECK(kernels::index_source(index) == source);
-      CHECK(kernels::index_of_mass(column) < index);   // the mass comes first of its block
+      CHECK(kernels::index_of_mass(column) < index);   // the mass comes first in its block
     }
   CHECK(kernels::index_source(kernels::index_of_mass(7)) == -1 - 7);
 }

@@ -130,7 +130,7 @@ TEST_CASE("the garment is sewn from panels and sits around the body", "[scene]")
       lo = std::min(lo, ratio);
       hi = std::max(hi, ratio);
     }
-  CHECK(lo > 0.95);   // the gores fit the shape they are sewn to
+  CHECK(lo > 0.95);   // the gores fit the shape that they are sewn to
   CHECK(hi < 1.05);
   for (const dvec3 &x : m.position) top = std::max(top, x.z);
   for (int v : s.pins[0].vertices) CHECK(m.position[v].z == Approx(top));
@@ -345,7 +345,7 @@ TEST_CASE("sewing lines of a file become stitches of the scene", "[scene][data]"
   CHECK_NOTHROW(s.validate());
   REQUIRE(s.stitches.size() == 851);
   CHECK(s.stitches[0].stiffness == 700);
-  const auto &x = s.cloths[0].mesh.position;   // draped by another solver, which held the stitches together
+  const auto &x = s.cloths[0].mesh.position;   // draped by another solver, which kept the stitches closed
   double worst = 0;
   for (const Stitch &t : s.stitches)
     worst = std::max(worst, distance(x[t.vertex_a], kernels::dlerp(x[t.vertex_b], x[t.vertex_c], t.ratio)));
@@ -378,7 +378,7 @@ TEST_CASE("garments fit characters from files", "[scene][data]")
         gap = std::min(gap, distance(x, body.position[t[0]], body.position[t[1]], body.position[t[2]]));
     CHECK(gap > 0.005);
   }
-  // Arms that hang beside the hips are in the way of a wide skirt: said, not sewn in.
+  // Arms beside the hips are in the way of a wide skirt: an error reports that, and they are not sewn in.
   const std::string walking =
       scene(R"({"file": "ozz_arnaud.fbx", "animation_file": "ozz_pab_walk.fbx", "scale": 0.01})",
             R"("waist": 1.05, "length": 0.5, "flare": 0.3)");

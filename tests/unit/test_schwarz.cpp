@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The Schwarz preconditioner: blocks of neighbours, their inverses, the same on every backend.
+// The Schwarz preconditioner: blocks of neighbours and their inverses, which are the same on every backend.
 #include "../backends.hpp"
 
 #include <numeric>
@@ -42,7 +42,7 @@ Stream<kernels::f64::mat3> diagonal_of(StagedEngine &engine)
   return diagonal;
 }
 
-/// One block of `rows` vertices whose matrix is dense, and what the kernels make of it.
+/// One block of `rows` vertices with a dense matrix, and what the kernels compute from it.
 struct Block {
   Block(Backend &b, const MatrixXd &a) : rows(static_cast<int>(a.rows()) / 3), backend(b)
   {

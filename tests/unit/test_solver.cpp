@@ -35,8 +35,7 @@ template <class M> Matrix3d eigen_matrix(const M &m)
   return r;
 }
 
-/// The system of the step that the engine stands before solving, over all vertices: A (with terms), b, and what is
-/// prescribed.
+/// The system that the engine would solve next, over all vertices: A (with terms), b, and prescribed values.
 struct System64 {
   Eigen::SparseMatrix<double> matrix;
   VectorXd right, prescribed;
@@ -85,7 +84,7 @@ System64 download(StagedEngine &engine)
   return r;
 }
 
-/// Eigen's answer, over all vertices.
+/// Eigen's solution, over all vertices.
 VectorXd solve(const System64 &s)
 {
   std::vector<int> place(s.free.size(), -1);
@@ -153,7 +152,7 @@ Scene busy()
   return s;
 }
 
-/// Stiff and uneven: where preconditioning pays.
+/// Stiff and uneven, so that preconditioning helps.
 Scene uneven()
 {
   Scene s = meshes::hanging(12);
@@ -462,7 +461,7 @@ TEST_CASE("prescribed degrees of freedom are eliminated exactly", "[solver]")
         for (int v : scene.pins[0].vertices) {
           const dvec3 expected = now.apply(scene.cloths[0].mesh.position[static_cast<std::size_t>(v)]),
                       got = engine.state.mesh.position.at(v);
-          CHECK(got.x == expected.x);   // to the bit: no solver, no precision in between
+          CHECK(got.x == expected.x);   // to the bit: independent of solver and precision
           CHECK(got.y == expected.y);
           CHECK(got.z == expected.z);
         }

@@ -83,7 +83,7 @@ void make_terms(int kind, const Corners &x, double friction, const std::array<Ve
   c.thickness = thickness;
   c.stiffness = stiffness;
   c.friction = c.static_friction = friction;
-  double load[4];   // the contact is its vertices' only one, so that each lends it the whole mass
+  double load[4];   // the only contact of its vertices, so that each gives it its whole mass
   for (int a = 0; a < 4; ++a) load[a] = std::abs(c.weight[a]) * stiffness * (thickness - p.distance);
   f64::make_contact_terms(1, &c, inverse_mass, free_velocity, load, time_step, &t);
 }

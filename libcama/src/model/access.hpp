@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// What a stage may touch, said by its type: class FindContacts : public StageOn<const MeshState, ContactState> gets
-// these two rooms of the state, the first to read only, under the names that they have in the state.
+// The rooms of the state that a stage may access, declared by its type: class FindContacts : public StageOn<const
+// MeshState, ContactState> gets these two rooms, the first read-only, under the names that they have in the state.
 #pragma once
 #include "model/state.hpp"
 

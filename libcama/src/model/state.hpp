@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// All that outlives a stage, in rooms. Names of streams follow the paper's Figure 4; docs/developer/architecture.md has
-// the table. A stage names the rooms that it gets (access.hpp) and can touch no other.
+// All data that lives longer than a stage, in rooms. Names of streams follow the paper's Figure 4;
+// docs/developer/architecture.md has the table. A stage declares the rooms that it accesses (access.hpp) and cannot
+// access others.
 #pragma once
 #include <memory>
 #include <string>

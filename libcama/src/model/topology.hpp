@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// What a scene's meshes become before they go to the device: elements with rest state, masses, contact properties.
+// What a scene's meshes become before they are copied to the device: elements with rest state, masses, contact
+// properties.
 #pragma once
 #include <array>
 #include <set>

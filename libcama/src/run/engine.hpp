@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Backend, state and stages of one scene, opened: what Simulation hides and what the tests look into.
+// Backend, state and stages of one scene, which Simulation hides and tests inspect.
 #pragma once
 #include <functional>
 #include <memory>

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The table of options: texts, checks, levels, and what was chosen by whom.
+// The table of options: conversion to and from text, checks, levels, and who chose which value.
 #include "cama/options.hpp"
 
 #include <algorithm>

@@ -9,8 +9,8 @@
 
 namespace cama {
 namespace {
-constexpr int max_halvings = 10;
-constexpr int patience = 3;  // iterations in a row that lower neither the potential beyond rounding nor the residual
+// patience: iterations in a row that lower neither the potential beyond rounding nor the residual.
+constexpr int max_halvings = 10, patience = 3;
 constexpr double sufficient = 1e-4;  // of the decrease that the slope predicts
 constexpr double rounding_units = 16;  // of the sum of the potential's parts
 }  // namespace

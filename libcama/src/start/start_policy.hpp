@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// What becomes of positions in which cloth intersects something: no step could promise anything from there.
+// What to do with positions in which cloth intersects something, from which no step could guarantee anything.
 #pragma once
 #include <vector>
 

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// Why not assimp: it stores floats, splits vertices at texture seams and orders them by first use. Users name vertices
-// by their place in the file, panels share world vertices that are separate in material space, and coordinates must
-// survive to the last bit.
+// OBJ files are not read with assimp, which stores floats, splits vertices at texture seams and orders them by first
+// use. Users refer to vertices by their place in the file, panels share world vertices that are separate in material
+// space, and coordinates must be kept to the last bit.
 #include "scene/reading/obj_reader.hpp"
 
 #include <charconv>

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Writes a scene as text, straight into one string: a scene of a million triangles never becomes a JSON tree.
+// Writes a scene as text, directly into one string: a scene of a million triangles would be too large a JSON tree.
 #include <charconv>
 #include <cmath>
 #include <cstdio>

@@ -9,8 +9,8 @@ namespace cama {
 
 /// Merges vertices with bitwise equal positions (and equal tags, if given), in order of first appearance.
 struct Weld {
-  std::vector<int> index;   ///< [old vertices] new vertex
-  std::vector<int> first;   ///< [new vertices] first old vertex
+  /// index: [old vertices] new vertex; first: [new vertices] first old vertex.
+  std::vector<int> index, first;
 };
 Weld weld_equal(const std::vector<dvec3> &position, const std::vector<std::string> &tag);
 

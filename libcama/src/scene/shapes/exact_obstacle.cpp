@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Spheres, capsules, boxes and planes that are not meshed: made, read from a scene file, checked.
+// Spheres, capsules, boxes and planes that are not meshed: making, reading from a scene file, checking.
 #include <algorithm>
 #include <cmath>
 

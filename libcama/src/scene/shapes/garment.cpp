@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Skirts and dresses around a body: rings that follow the convex hull of the body's cross-sections, cut into gores.
+// Skirts and dresses around a human body: rings that follow the convex hull of the body's cross-sections, cut into
+// gores.
 #include <algorithm>
 #include <cmath>
 #include <numeric>

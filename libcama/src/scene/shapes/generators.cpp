@@ -242,8 +242,7 @@ Mesh make_funnel(const Funnel &f, int triangles)
                                0.4 * std::min(f.cone_height, f.tube_length) / std::tan(0.5 * slope));
   const double cut = bend * std::tan(0.5 * slope);   // where the arc starts, before and after the corner
   struct Point {
-    double r, z;     // position
-    double nr, nz;   // normal towards the inside
+    double r, z, nr, nz;   // position and normal towards the inside
   };
   std::vector<Point> line;
   const auto straight = [&](double ra, double za, double rb, double zb, int n) {

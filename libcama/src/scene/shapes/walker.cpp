@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// A human-like body from nothing: a smooth union of round cones, meshed by surface nets, skinned to thirteen bones,
-// walking in place.
+// A human-like body without data files: a smooth union of round cones, meshed by surface nets, skinned to thirteen
+// bones, walking in place.
 #include <algorithm>
 #include <array>
 #include <cmath>
