@@ -77,7 +77,7 @@ public:
     const std::size_t whole = (bytes + header + 63) / 64 * 64;
     auto *memory = static_cast<unsigned char *>(std::aligned_alloc(64, whole));
     if (!memory)
-      throw MemoryError("out of memory: " + std::to_string(bytes) + " bytes asked on top of " +
+      throw MemoryError("out of memory: " + std::to_string(bytes) + " bytes requested in addition to " +
                         std::to_string(allocated_) + "; lower the resolution");
     std::memcpy(memory, &bytes, sizeof bytes);
 #ifndef NDEBUG

@@ -34,23 +34,23 @@ const char *advice(cudaError_t status)
 {
   switch (status) {
   case cudaErrorMemoryAllocation: return "lower the resolution or use a larger device";
-  case cudaErrorNoDevice: return "use backend cpu or opencl, or look at nvidia-smi whether the device is seen";
+  case cudaErrorNoDevice: return "use backend cpu or opencl, or check with nvidia-smi that the device is visible";
   case cudaErrorInsufficientDriver:
   case cudaErrorSystemDriverMismatch: return "update NVIDIA's driver, or use backend cpu or opencl";
   case cudaErrorNoKernelImageForDevice:
   case cudaErrorUnsupportedPtxVersion:
-    return "the driver cannot compile for this device: update it, or build with CMAKE_CUDA_ARCHITECTURES of the device";
+    return "the driver cannot compile for this device; update it, or build with the device's CMAKE_CUDA_ARCHITECTURES";
   case cudaErrorDevicesUnavailable:
-    return "another process has the device for itself, or it is being reset: take another one, or try again";
+    return "another process uses the device exclusively, or it is being reset; choose another device, or try again";
   case cudaErrorECCUncorrectable:
-    return "the device's memory is faulty: take another one, and look at the system's log";
+    return "the device's memory is faulty; choose another device, and read the system log";
   case cudaErrorIllegalAddress:
   case cudaErrorMisalignedAddress:
   case cudaErrorIllegalInstruction:
   case cudaErrorInvalidValue:
   case cudaErrorInvalidConfiguration:
-    return "this is a bug of cama: report it with the scene; a new process can use the device again";
-  default: return "the device may be lost: start a new process, and look at the system's log if it happens again";
+    return "this is a bug of cama; report it with the scene. A new process can use the device again";
+  default: return "the device may be lost; start a new process, and read the system log if it happens again";
   }
 }
 
@@ -309,10 +309,10 @@ std::unique_ptr<Backend> make_cuda_backend(int device)
   std::string note;
   const std::vector<std::string> devices = cuda_devices(note);
   if (devices.empty())
-    throw BackendError("backend: cuda has no device here (" + note + "); use cpu, or install NVIDIA's driver");
+    throw BackendError("backend cuda: no usable device (" + note + "); use cpu, or install NVIDIA's driver");
   if (device < 0 || device >= static_cast<int>(devices.size()))
     throw BackendError("device: " + std::to_string(device) + " is out of range; backend cuda has " +
-                       std::to_string(devices.size()) + " devices, from 0");
+                       std::to_string(devices.size()) + " devices, counted from 0");
   return std::make_unique<CudaBackend>(device);
 }
 

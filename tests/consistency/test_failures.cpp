@@ -456,7 +456,7 @@ TEST_CASE("a lost device is a BackendError with the driver's code; a new simulat
   const std::string text = thrown<BackendError>([&] { backend->synchronize(); });
   fault::lost_call.clear();
   CHECK(contains(text, "clFinish"));
-  CHECK(contains(text, "CL_DEVICE_NOT_AVAILABLE (-2); the device may be lost: make a new simulation"));
+  CHECK(contains(text, "CL_DEVICE_NOT_AVAILABLE (-2); the device may be lost; make a new simulation"));
 }
 
 TEST_CASE("no driver: the backend is listed as absent, and query_vertices for it says what to install",

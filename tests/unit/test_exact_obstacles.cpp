@@ -492,7 +492,7 @@ TEST_CASE("exact obstacles from a file: placed, scaled, saved, and refused by na
           R"("shape": {"plane": {}}, "motion": {"keys": [{"time": 0}, {"time": 1, "rotate": {"axis": [1, 0, 0], "angle_deg": 5}}]})"),
       "use a box"));
   CHECK(contains(error(R"("shape": {"sphere": {}}, "motion": {"keys": [{"time": 0}, {"time": 1, "scale": 2}]})"),
-                 "keeps its size"));
+                 "cannot be scaled"));
   CHECK(contains(thrown<SceneError>([&] {
                    Scene s = parse(R"("shape": {"sphere": {}})");
                    Pin pin;

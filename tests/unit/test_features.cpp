@@ -183,7 +183,7 @@ Obstacle ball() { return exact_sphere({0.15, 0.125, -0.102}, 0.1); }
 Obstacle table()
 {
   return meshes::obstacle(meshes::grid(3, 3, 0.5, 0.5, -0.1, -0.1, -3e-3));
-}  // near enough to push, too little for anything to stray
+}  // near enough to push, too little for a vertex to leave its box
 Motion rising()
 {
   Motion m;
@@ -336,7 +336,7 @@ TEST_CASE("an obstacle at rest is neither boxed nor sorted again, and its tree s
   REQUIRE(moving.contacts > 0);
   const Names both = elastic_streams + term_streams + contact_streams + face_pair_streams + edge_pair_streams +
                      Names{"edge", "trees.cloth.face_bvh", "trees.cloth.face_order", "trees.cloth.edge_order",
-                           "contact"};  // edges of the cloth ask; nothing asks them
+                           "contact"};  // edges of the cloth query; no edge queries them
   CHECK(still.streams == both + Names{"origin", "trees.resting.face_bvh", "trees.resting.face_order",
                                       "trees.resting.edge_bvh", "trees.resting.edge_order"});
   CHECK(moving.streams == both + Names{"rest_position", "trees.moving.face_bvh", "trees.moving.face_order",
@@ -450,7 +450,7 @@ TEST_CASE("every stage that a term brings says so", "[required]")
   }
   CHECK(reason.at("element forces") == "always");
   CHECK(reason.at("linear solve") == "always");
-  CHECK(reason.at("prescribed motion") == "pins, handles or moving obstacles");
+  CHECK(reason.at("prescribed motion") == "pins or moving obstacles");
   CHECK(reason.at("proximity checking") == "contact");
   CHECK(reason.at("candidate search") == "contact");
   CHECK(reason.at("contacts") == "contact");

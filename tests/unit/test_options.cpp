@@ -99,7 +99,7 @@ TEST_CASE("options that do not go together, and those of the user alone", "[opti
   CHECK(contains(thrown<SceneError>([&] { resolve(o, scene); }), "paper.atomic_filling"));
   OptionOverrides pinch;
   pinch.pinch = Pinch::release;
-  CHECK(contains(thrown<SceneError>([&] { check_scene_options(pinch); }), "'pinch' belongs to the user"));
+  CHECK(contains(thrown<SceneError>([&] { check_scene_options(pinch); }), "'pinch' can only be set by the user"));
   CHECK_THROWS_AS(Scene::parse(R"({"options": {"backend": "cpu"}})", "."), SceneError);
 }
 

@@ -217,7 +217,7 @@ TEST_CASE("errors name the field", "[scene]")
   CHECK(contains(parse_error("{"), "not JSON"));
   CHECK(contains(parse_error("{\"frames\": 1e400}"), "not JSON"));
   CHECK(contains(parse_error("{\"frames\": \"\xff\xfe\"}"), "UTF-8"));
-  CHECK(contains(parse_error("{\"frames\": 1, \"gravity\": [0, 0, 0], \"frames\": 2}"), "\"frames\" is there twice"));
+  CHECK(contains(parse_error("{\"frames\": 1, \"gravity\": [0, 0, 0], \"frames\": 2}"), "\"frames\" appears twice"));
   CHECK(contains(parse_error(with("\"obstacles\": [{\"name\": \"o\", \"sphere\": {\"radius\": 1}}], \"pins\": "
                                   "[{\"cloth\": \"c\", \"vertices\": [0], "
                                   "\"attach\": \"o\", \"motion\": {\"velocity\": [1, 0, 0]}}]")),

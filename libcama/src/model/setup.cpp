@@ -26,8 +26,8 @@ void refuse_stiffness_beyond_single(const State &state, const Scene &scene, cons
     if (state.time.step * (state.time.step + material.damping) * stiffness <= largest * *lightest) continue;
     char text[160];
     std::snprintf(text, sizeof text,
-                  "%.3g N/m with steps of %.3g s and vertex %d of %.3g kg is beyond single precision; use mixed or "
-                  "double, or shorter steps",
+                  "%.3g N/m with steps of %.3g s and vertex %d of %.3g kg is beyond single precision; use "
+                  "precision mixed or double, or shorter steps",
                   stiffness, state.time.step, static_cast<int>(lightest - first), *lightest);
     throw MaterialError("cloth '" + scene.cloths[c].name + "': stiffness of " + text);
   }

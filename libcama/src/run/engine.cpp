@@ -24,8 +24,8 @@ std::unique_ptr<Backend> checked_backend(const Scene &scene, const Options &opti
   if (options.pinch == Pinch::release)   // only meshes tell when cloth has come free
     for (const Obstacle &o : scene.obstacles)
       if (o.shape != ObstacleShape::mesh && o.shape != ObstacleShape::box)
-        throw SceneError("pinch: release is for obstacles that are meshes or boxes, '" + o.name +
-                         "' is not; mesh it, or use stop");
+        throw SceneError("pinch: release needs obstacles that are meshes or boxes; mesh '" + o.name +
+                         "', or set pinch to stop");
   return make_backend(options.backend, options.device, chosen_threads(scene, options));
 }
 

@@ -268,7 +268,7 @@ void check_together(const Options &o)
         "paper.contact_form: star needs its entries in the matrix; set paper.assembly to algorithm1 or sorted");
   if (o.paper.atomic_filling && o.paper.assembly != Assembly::algorithm1)
     throw SceneError(
-        "paper.atomic_filling: it fills the matrix of paper.assembly algorithm1; set that too, or leave it out");
+        "paper.atomic_filling: needs paper.assembly algorithm1; set that too, or leave atomic_filling out");
 }
 
 bool names_level(const OptionOverrides &o) { return o.accuracy.has_value(); }
@@ -366,7 +366,7 @@ void check_scene_options(const OptionOverrides &options)
   for_each_option([&](const auto &row, auto member) {
     if (row.set_by == SetBy::user && member(options))
       throw SceneError(std::string("options: '") + row.name +
-                       "' belongs to the user who runs the scene; remove it from the scene");
+                       "' can only be set by the user who runs the scene; remove it from the scene");
   });
 }
 

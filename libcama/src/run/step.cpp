@@ -119,8 +119,8 @@ private:
     }
     ++sum_.retries;
     if (division == state_.options.max_divisions)
-      throw SolverError(problem + "; pieces of this step down to 1/2^" + std::to_string(division) +
-                        " of it failed too");
+      throw SolverError(problem + "; pieces of this step, down to 1/2^" + std::to_string(division) +
+                        " of it, failed as well");
     advance(division + 1, 2 * index, number, problem);
     advance(division + 1, 2 * index + 1, number, problem);
   }

@@ -188,10 +188,10 @@ int FrontSearch::partition(const SearchRooms &state, int size, const Stream<pair
   if (kept) kept->grow(static_cast<long long>(first_kept) + stay);
   const long long pairs_now = static_cast<long long>(first_triangle) + touching;
   if (pairs_now > max_pairs * state.mesh.faces)
-    throw SolverError("step " + std::to_string(state.report.step) + ": the motion of this step brings " +
-                      std::to_string(pairs_now) +
-                      " pairs of triangles near each other: it has blown up; take a smaller time step, or the level "
-                      "production, which keeps cloth apart");
+    throw SolverError(
+        "step " + std::to_string(state.report.step) + ": the motion of this step brings " + std::to_string(pairs_now) +
+        " pairs of triangles near each other: the simulation is unstable; take a smaller time step, or the "
+        "level production, which keeps cloth free of intersections");
   fronts_.triangle_pairs.grow(pairs_now);
   open_.resize(open);
   CAMA_LAUNCH(device, fill_front, n, size, kept ? 1 : 0, pairs, outcome_, offset_, first_kept, first_triangle, a.order,

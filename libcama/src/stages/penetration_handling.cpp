@@ -87,7 +87,7 @@ std::string PenetrationHandling::place(const Rooms &state, const std::vector<std
   };
   return " at (" + coordinate(x.x) + ", " + coordinate(x.y) + ", " + coordinate(x.z) + ") m, between " +
          state.mesh.describe(v[0]) + " and " + state.mesh.describe(v[static_cast<std::size_t>(kind + 1)]) +
-         (pausing.size() > 1 ? ", and at " + std::to_string(pausing.size() - 1) + " pairs more" : "");
+         (pausing.size() > 1 ? ", and at " + std::to_string(pausing.size() - 1) + " more pairs" : "");
 }
 
 bool PenetrationHandling::release(const Rooms &state, const std::vector<std::pair<int, kernels::pair>> &pausing)

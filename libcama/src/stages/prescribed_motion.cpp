@@ -178,8 +178,8 @@ void PrescribedMotion::save(State &, Checkpoint &checkpoint) { checkpoint.releas
 void PrescribedMotion::restore(State &state, const Checkpoint &checkpoint)
 {
   if (last_end_ > checkpoint.released)
-    throw SceneError("checkpoint: holds vertices that this simulation's pins have let go of; restore it into a new "
-                     "simulation of the scene");
+    throw SceneError("checkpoint: has pins that this simulation has released; restore it into a new simulation of the "
+                     "scene");
   release_due(state, checkpoint.released);
 }
 

@@ -11,7 +11,7 @@ class PrescribedMotion final : public StageOn<const Clock, MeshState, const Syst
 public:
   PrescribedMotion(const Scene &scene, Backend &backend);
   std::string_view name() const override { return "prescribed motion"; }
-  std::string reason() const override { return "pins, handles or moving obstacles"; }
+  std::string reason() const override { return "pins or moving obstacles"; }
   void run_on(const Rooms &state) override;
   void save(State &state, Checkpoint &checkpoint) override;
   void restore(State &state, const Checkpoint &checkpoint) override;

@@ -194,7 +194,7 @@ void save_intersections(const std::filesystem::path &file, const Scene &scene,
 {
   const std::string suffix = file.extension().string();
   if (suffix != ".obj" && suffix != ".ply")
-    throw FileError(file.string() + ": '" + suffix + "' is not a format for this; use .obj or .ply");
+    throw FileError(file.string() + ": '" + suffix + "' is not a supported format; use .obj or .ply");
   std::ofstream out(file);
   out.precision(17);
   const Groups groups = collect(scene, found);

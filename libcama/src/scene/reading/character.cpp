@@ -190,7 +190,8 @@ private:
     const aiScene *source = animation_file.empty() ? scene_ : open_assimp(animation_importer_, animation_file, false);
     const std::string from = animation_file.empty() ? file_ : animation_file.string();
     if (source->mNumAnimations == 0)
-      throw FileError(from + ": holds no animation; give animation_file, or clip \"bind\" for a still body");
+      throw FileError(from +
+                      ": holds no animation; give animation_file, or clip \"bind\" for a mesh that does not move");
     std::string names;
     for (unsigned i = 0; i < source->mNumAnimations; ++i) {
       const aiAnimation *a = source->mAnimations[i];

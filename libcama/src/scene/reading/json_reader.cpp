@@ -15,8 +15,7 @@ Json parse_json(const std::string &text, const std::function<void(const std::str
     else if (event == Json::parse_event_t::object_end)
       keys.pop_back();
     else if (event == Json::parse_event_t::key && !keys.back().insert(value.get<std::string>()).second)
-      complain("the key \"" + value.get<std::string>() +
-               "\" is there twice in one object; only one of them would count");
+      complain("the key \"" + value.get<std::string>() + "\" appears twice in one object; remove one of them");
     return true;
   };
   try {

@@ -69,7 +69,7 @@ void check_motion(const std::string &object, const Obstacle &o)
   for (const Motion::Key &k : m.keys) {
     if (o.shape != ObstacleShape::box && k.transform.scale != 1)
       throw SceneError(object + ": motion.keys: scale is " + std::to_string(k.transform.scale) + "; an exact " +
-                       shape_name(o.shape) + " keeps its size");
+                       shape_name(o.shape) + " cannot be scaled; use a mesh");
     const auto &q = k.transform.rotation;
     if (o.shape == ObstacleShape::plane && (q[1] != 0 || q[2] != 0 || q[3] != 0))
       throw SceneError(object + ": motion.keys: turns a plane; a plane may only translate, use a box");
