@@ -29,10 +29,8 @@ void check_continued(const Scene &scene, const Options &options, Halves halves, 
     INFO("continued on " << backend);
     Options other = options;
     other.backend = backend;
-    other.threads = backend != "cpu" ? 0
-                    : options.accuracy == Accuracy::paper
-                        ? 1
-                        : 2;   // tangled cloth in paper mode: 50,000 small launches a step
+    // Tangled cloth in paper mode: 50,000 small launches a step.
+    other.threads = backend != "cpu" ? 0 : options.accuracy == Accuracy::paper ? 1 : 2;
     Simulation second(scene, other);
     second.restore(kept);
     CHECK(second.time() == kept.numbers.at("time"));

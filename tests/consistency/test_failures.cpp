@@ -182,12 +182,13 @@ bool same(const Seen &a, const Seen &b)
          a.time == b.time && a.hash == b.hash && same(a.position, b.position) && same(a.velocity, b.velocity);
 }
 
+/// middle: the step at which a run is disturbed.
 struct Case {
   const char *name;
   Scene scene;
   Options options;
   int middle;
-};   ///< middle: the step at which a run is disturbed
+};
 
 /// A strip that sticks in a sheet and leaves it upwards within a few steps.
 Scene tangle()

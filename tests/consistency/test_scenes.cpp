@@ -66,10 +66,11 @@ std::uint64_t maths_library()
   return hash;
 }
 
+/// start: hash of the scene before the first step, obstacles and masses included.
 struct Result {
   int triangles;
   std::uint64_t start, hash;
-};   ///< start: of the scene before the first step, obstacles and masses included
+};
 
 Result run(const std::string &name, int triangles, int steps, const Options &options)
 {
@@ -82,8 +83,8 @@ Result run(const std::string &name, int triangles, int steps, const Options &opt
   return {simulation.cloth_triangle_count(), start, simulation.state_hash()};
 }
 
-constexpr int pinned_steps = 50,
-              pinned_triangles = 1000;   // more than 512 vertices: smaller loops are not shared among threads
+// More than 512 vertices: smaller loops are not shared among threads.
+constexpr int pinned_steps = 50, pinned_triangles = 1000;
 
 /// The result on one thread; computed once.
 const Result &serial(const std::string &name, const std::string &precision)

@@ -102,8 +102,8 @@ TEST_CASE("scan refuses a list of 2^31 entries", "[backend]")
         to(*backend, 3);
     backend->scan(fits.buffer(), to.buffer(), 2);
     CHECK(to.at(2) == 0x7fffffff);
-    CHECK_THROWS_AS((backend->scan(beyond.buffer(), to.buffer(), 2), to.at(2)),
-                    MemoryError);   // when the total is read at the latest
+    // It throws at the latest when the total is read.
+    CHECK_THROWS_AS((backend->scan(beyond.buffer(), to.buffer(), 2), to.at(2)), MemoryError);
     CHECK_THROWS_AS((backend->scan(beyond.buffer(), to.buffer(), 2), backend->synchronize()), MemoryError);
     backend->scan(fits.buffer(), to.buffer(), 2);   // and the backend still works
     CHECK(to.at(2) == 0x7fffffff);

@@ -214,8 +214,8 @@ TEMPLATE_TEST_CASE("hinge forces are the negative gradient of the energy, withou
       CHECK(off <= 0);
       continue;
     }
-    const double stiffest =
-        hinge.coefficient / 0.005;  // scale that does not vanish when the hinge is near its rest angle
+    // Scale that does not vanish when the hinge is near its rest angle.
+    const double stiffest = hinge.coefficient / 0.005;
     worst = std::max(worst, off / std::max(scale, 1e-3 * stiffest));
     worst_sum = std::max(worst_sum, sum.norm() / stiffest);
     worst_torque = std::max(worst_torque, torque.norm() / hinge.coefficient);

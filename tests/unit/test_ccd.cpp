@@ -341,8 +341,8 @@ TEST_CASE("hand-made degenerate queries: no false negative", "[ccd][data]")
     CHECK(n.late == 0);
     CHECK(n.extra < 0.005 * n.queries);
     CHECK(n.cubic_missed == 0);
-    CHECK(n.cubic_off <= (name == "erleben-cube-internal-edges" ||
-                          name == "all"));  // a vertex comes within 1e-16 of the face 0.78 before it touches
+    // A vertex comes within 1e-16 of the face 0.78 before it touches.
+    CHECK(n.cubic_off <= (name == "erleben-cube-internal-edges" || name == "all"));
   }
   CHECK(folders["all"].cubic_extra <= 42);  // which pass each other within 2e-16
 }
@@ -406,9 +406,10 @@ Mesh read_ply(const std::filesystem::path &path)
 
 using Pairs = std::set<std::pair<int, int>>;
 
+/// (vertex, face), or (edge, edge) with the lower index of unique_edges first.
 struct Listed {
   Pairs all, colliding;
-};  // (vertex, face), or (edge, edge) with the lower index of unique_edges first
+};
 
 /// boxes/*.json: ids of vertices 0.., edges V.. in order of (hi, lo), faces V + E..; mma_bool/*.json: whether they
 /// collide.
@@ -654,8 +655,8 @@ TEST_CASE("what passes nearer than double can tell is told apart in double-doubl
     const Quad start{v(third, tenth, 1), v(0, 0, 0), v(1, 0.3 + sign * 0x1p-53, 0), v(0.5, -1, 0)};
     Quad end = start;
     end[0].z = -1;
-    const double side = std::fma(third, start[2].y,
-                                 -tenth);  // correctly rounded, so its sign is exact; negative: above the edge, outside
+    // Correctly rounded, so its sign is exact; negative: above the edge, outside.
+    const double side = std::fma(third, start[2].y, -tenth);
     CAPTURE(sign, side);
     REQUIRE(side != 0);
     REQUIRE(std::fabs(side) < 1e-16);

@@ -78,10 +78,11 @@ dvec3 mean(const std::vector<dvec3> &x, const std::vector<int> &vertices)
   return dscale(1.0 / static_cast<double>(vertices.size()), sum);
 }
 
+/// speed: sum of m |v|.
 struct Momentum {
   dvec3 linear{0, 0, 0}, angular{0, 0, 0};
   double speed = 0;
-};   // speed: sum of m |v|
+};
 
 Momentum momentum(const Simulation &sim)
 {
@@ -375,9 +376,10 @@ TEST_CASE("a mirrored mesh bends the same", "[dynamics]")
 
 namespace {
 
+/// Along the slope, m and m/s^2, after settling.
 struct Slide {
   double moved, acceleration;
-};  // along the slope, m and m/s^2, after settling
+};
 
 enum class Ground { obstacle, cloth };
 
@@ -580,8 +582,8 @@ TEST_CASE("two cloths that collide keep their momentum", "[dynamics]")
     if (speed > 1) CHECK(impacts > 0);
     CHECK(sim.count_intersections() == 0);
     CHECK(linear < 1e-10);
-    CHECK(angular <
-          (speed < 1 ? 0.02 : 0.15));  // impulses act at the earlier positions, with an error of the motion in a step
+    // Impulses act at the earlier positions, with an error of the motion in a step.
+    CHECK(angular < (speed < 1 ? 0.02 : 0.15));
     CHECK(approach < 0.05 * speed);
   }
 }

@@ -445,8 +445,8 @@ TEST_CASE("starts inside exact obstacles are refused and counted", "[surfaces]")
     return thrown<CollisionError>([&] { Simulation(s, serial_options()); });
   };
   CHECK(contains(refused(exact_sphere({0.01, 0.02, 0.04}, 0.05)), "triangle"));
-  CHECK(contains(refused(exact_capsule({0.01, 0.02, -0.3}, {0.02, 0.02, 0.3}, 0.001)),
-                 "reaches into obstacle 'body'"));  // through a triangle
+  // It passes through a triangle.
+  CHECK(contains(refused(exact_capsule({0.01, 0.02, -0.3}, {0.02, 0.02, 0.3}, 0.001)), "reaches into obstacle 'body'"));
   CHECK(contains(refused(exact_box({0, 0, 0}, {0.1, 0.1, 0.1})), "body"));
   CHECK(contains(refused(exact_plane({5, 5, 0.001}, {0, 0, 1})), "below obstacle 'body'"));
   CHECK_NOTHROW(Simulation(with(exact_plane({5, 5, -0.001}, {0, 0, 1}), sheet), serial_options()));

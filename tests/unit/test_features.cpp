@@ -33,8 +33,8 @@ Kernels operator+(Kernels a, const Kernels &b)
   return a;
 }
 
-constexpr int columns = 6, rows = 5, vertices = 42, edges = 101,
-              inner_edges = 79;  // 60 triangles: V - E + F = 1; 22 edges of the border
+// 60 triangles: V - E + F = 1; 22 edges are on the border.
+constexpr int columns = 6, rows = 5, vertices = 42, edges = 101, inner_edges = 79;
 
 /// A grid whose cells are all split along the same diagonal: six triangles around every inner vertex, and no two hinges
 /// with the same ends.
@@ -334,9 +334,10 @@ TEST_CASE("an obstacle at rest is neither boxed nor sorted again, and its tree s
   const Inventory still = take(on(table()), serial()), moving = take(on(table(), rising()), serial());
   REQUIRE(still.contacts > 0);
   REQUIRE(moving.contacts > 0);
-  const Names both = elastic_streams + term_streams + contact_streams + face_pair_streams + edge_pair_streams +
-                     Names{"edge", "trees.cloth.face_bvh", "trees.cloth.face_order", "trees.cloth.edge_order",
-                           "contact"};  // edges of the cloth query; no edge queries them
+  // Edges of the cloth query; no edge queries them.
+  const Names both =
+      elastic_streams + term_streams + contact_streams + face_pair_streams + edge_pair_streams +
+      Names{"edge", "trees.cloth.face_bvh", "trees.cloth.face_order", "trees.cloth.edge_order", "contact"};
   CHECK(still.streams == both + Names{"origin", "trees.resting.face_bvh", "trees.resting.face_order",
                                       "trees.resting.edge_bvh", "trees.resting.edge_order"});
   CHECK(moving.streams == both + Names{"rest_position", "trees.moving.face_bvh", "trees.moving.face_order",

@@ -129,8 +129,8 @@ TEST_CASE("fabrics ship inside the library with their sources", "[material]")
     const Material m = Material::fabric(n);
     return m.bending[2][0] / m.density;
   };
-  CHECK(stiffness("denim") >
-        stiffness("cotton"));   // published drape coefficients: denim 70-90 %, cotton 60-76 %, silk 20-40 %
+  // Published drape coefficients: denim 70-90 %, cotton 60-76 %, silk 20-40 %.
+  CHECK(stiffness("denim") > stiffness("cotton"));
   CHECK(stiffness("cotton") > stiffness("silk"));
   const std::string text = thrown<MaterialError>([] { Material::fabric("kevlar"); });
   CHECK(contains(text, "kevlar"));

@@ -74,8 +74,8 @@ double swing(double y, double v, double time)
 
 double spring_end(Integrator integrator, double step, double time, double y0, double v0)
 {
-  Options o =
-      newton(integrator, 60, 1e-10);   // the spring passes through rest, where there are no forces to be relative to
+  // The spring passes through rest, where there are no forces to be relative to.
+  Options o = newton(integrator, 60, 1e-10);
   o.time_step = step;
   Simulation s(spring(), o);
   std::vector<dvec3> x = s.positions(), v(3, dvec3{0, 0, 0});
@@ -491,8 +491,8 @@ TEST_CASE("the time step of a level that the scene leaves to it goes with the ed
                                       {{0, 1, 2}, {0, 2, 3}}}));
     return chosen_time_step(Options::at(accuracy_level(level)), s);
   };
-  const double side =
-      0.04 * 3 / (2 + std::sqrt(2.0));  // edges of 40 mm on average: sqrt(0.04 / 1.5e5) s is 32.3 steps in 1/60 s
+  // Edges of 40 mm on average: sqrt(0.04 / 1.5e5) s is 32.3 steps in 1/60 s.
+  const double side = 0.04 * 3 / (2 + std::sqrt(2.0));
   CHECK(step(side, "production") == Approx(1.0 / 60 / 33));
   CHECK(step(side, "accurate") == Approx(1.0 / 60 / 162));  // 161.4
   CHECK(step(side, "reference") == Approx(1.0 / 60 / 646));  // 645.5

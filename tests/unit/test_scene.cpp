@@ -278,8 +278,8 @@ TEST_CASE("errors name the field", "[scene]")
 
 TEST_CASE("what a material or obstacle leaves out of contact comes from the scene", "[scene]")
 {
-  Scene s =
-      small_scene();   // cloth a and ball give all but a's thickness; cloth b is of a fabric, the key gives nothing
+  // Cloth a and ball give all but a's thickness; cloth b is of a fabric, the key gives nothing.
+  Scene s = small_scene();
   const ContactProperties a = s.contact_properties(0), ball = s.contact_properties(2), key = s.contact_properties(3);
   CHECK((a.thickness == 0.002 && a.stiffness == 3e5 && a.friction == 0.3 && a.static_friction == 0.35));
   CHECK((ball.thickness == 0.003 && ball.stiffness == 4e6 && ball.friction == 0.7 && ball.static_friction == 0.9));
@@ -316,9 +316,9 @@ TEST_CASE("scenes made by a program are checked too", "[scene]")
   CHECK(contains(broken([](Scene &s) { s.cloths[0].material.static_friction = 0.29; }), "static_friction"));
   CHECK(contains(broken([](Scene &s) {
                    s.cloths[0].material.friction = -1;
-                   s.cloths[0].material.static_friction = 0.32;
+                   s.cloths[0].material.static_friction = 0.32;  // below the scene's 0.33
                  }),
-                 "cloth \"a\": material.static_friction"));   // below the scene's 0.33
+                 "cloth \"a\": material.static_friction"));
   CHECK(contains(broken([](Scene &s) { s.obstacles[1].mesh.face[0][0] = 100000; }), "obstacle \"key\""));
   CHECK(contains(broken([](Scene &s) { s.pins[0].vertices[0] = -1; }), "pins[0].vertices[0]"));
   CHECK(contains(broken([](Scene &s) { s.pins[0].cloth = 9; }), "pins[0].cloth"));

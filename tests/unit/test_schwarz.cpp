@@ -66,8 +66,8 @@ struct Block {
   }
   VectorXd apply(const VectorXd &r)
   {
-    std::vector<kernels::f32::vec4> in(static_cast<std::size_t>(rows) + 1,
-                                       kernels::f32::vec4{-1, -1, -1, 0});   // and the block's node
+    // The last entry is the block's node.
+    std::vector<kernels::f32::vec4> in(static_cast<std::size_t>(rows) + 1, kernels::f32::vec4{-1, -1, -1, 0});
     for (int i = 0; i < rows; ++i)
       in[static_cast<std::size_t>(i)] = {static_cast<float>(r[3 * i]), static_cast<float>(r[3 * i + 1]),
                                          static_cast<float>(r[3 * i + 2]), 0};

@@ -229,9 +229,9 @@ TEST_CASE("bcsr_multiply by differences: masses and springs, and what all share 
   in.assign(apart);
   CAMA_LAUNCH_REAL(float, *backend, bcsr_multiply, n, rows, columns, blocks, fixed, masses, in, out);
   const auto y = out.download();
+  // (i - 1)^2 - 2 i^2 + (i + 1)^2 = 2.
   for (int i = 1; i < n - 1; ++i)
-    REQUIRE(y[static_cast<std::size_t>(i)].x ==
-            Approx(mass * i * i - 2.0 * spring).epsilon(1e-6));   // (i - 1)^2 - 2 i^2 + (i + 1)^2 = 2
+    REQUIRE(y[static_cast<std::size_t>(i)].x == Approx(mass * i * i - 2.0 * spring).epsilon(1e-6));
 }
 
 namespace {
