@@ -132,7 +132,8 @@ TEST_CASE("time goes on from a checkpoint where the time step is another", "[che
   CHECK(again.state_hash() == fine.state_hash());
 }
 
-TEST_CASE("checkpoints of other scenes and damaged ones are refused by name, and nothing changes", "[checkpoint]")
+TEST_CASE("checkpoints of other scenes and damaged ones are rejected with the field, and nothing changes",
+          "[checkpoint]")
 {
   Options options = Options::at(Accuracy::production);
   Simulation s(meshes::pile(8), options);

@@ -460,8 +460,7 @@ TEST_CASE("a lost device is a BackendError with the driver's code; a new simulat
   CHECK(contains(text, "CL_DEVICE_NOT_AVAILABLE (-2); the device may be lost; make a new simulation"));
 }
 
-TEST_CASE("no driver: the backend is listed as absent, and query_vertices for it says what to install",
-          "[failures][opencl]")
+TEST_CASE("no driver: the backend is listed as absent, and choosing it says what to install", "[failures][opencl]")
 {
   fault::no_platform = true;
   const std::string text = thrown<BackendError>([] { make_backend("opencl"); });
@@ -478,7 +477,7 @@ TEST_CASE("no driver: the backend is listed as absent, and query_vertices for it
   CHECK(contains(note, "pocl"));
 }
 
-TEST_CASE("a device without double precision is refused by name", "[failures][opencl]")
+TEST_CASE("a device without double precision is rejected with its name", "[failures][opencl]")
 {
   if (!backend_here("opencl")) return;
   const std::string name = opencl::choose_device(0).name;
@@ -524,12 +523,11 @@ void check_as_gpu(std::initializer_list<std::size_t> limits)
 
 }  // namespace
 
-TEST_CASE("launched as on a graphics card with small work-groups, the bits are the same", "[failures][opencl]")
+TEST_CASE("launched as on a GPU with small work-groups, the bits are the same", "[failures][opencl]")
 {
   check_as_gpu({3});
 }
-TEST_CASE("launched as on a graphics card, at any limit of the work-group, the bits are the same",
-          "[failures][opencl][.][long]")
+TEST_CASE("launched as on a GPU, at any limit of the work-group, the bits are the same", "[failures][opencl][.][long]")
 {
   check_as_gpu({0, 1, 96});
 }

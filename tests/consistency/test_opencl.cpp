@@ -244,7 +244,8 @@ TEST_CASE("devices are chosen by index or by part of a name", "[opencl]")
   CHECK(contains(text, devices[0]));
 }
 
-TEST_CASE("memory that cannot be had is named by the code, and what was there stays readable", "[opencl]")
+TEST_CASE("memory that cannot be allocated throws an error with the code, and earlier memory stays readable",
+          "[opencl]")
 {
   if (!backend_here("opencl")) return;
   const auto backend = make_backend("opencl");

@@ -213,7 +213,7 @@ TEST_CASE("memory is aligned to 64 bytes and accounted for", "[backend]")
   }
 }
 
-TEST_CASE("memory that cannot be had is an error that says how much", "[backend]")
+TEST_CASE("memory that cannot be allocated throws an error with the size", "[backend]")
 {
   for (const auto &backend : every_backend()) {
     INFO(backend->name());

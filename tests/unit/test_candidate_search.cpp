@@ -238,10 +238,9 @@ TEST_CASE("an updated list holds the pairs of the grown boxes, each once", "[can
     }
 }
 
-TEST_CASE(
-    "rooms are no more than the distances until the prediction; pairs with gap_bound are no contacts, all others are "
-    "looked at",
-    "[candidates]")
+TEST_CASE("gap_bound is no more than the distance until the prediction; pairs with one are no contacts, all others are "
+          "tested",
+          "[candidates]")
 {
   for (const bool anticipate : {false, true}) {
     Options options = serial();
@@ -407,7 +406,7 @@ TEST_CASE("released cloth goes on, and is held again when it has come free", "[c
   CHECK(simulation.count_intersections() == 0);
 }
 
-TEST_CASE("exact obstacles that cannot let go are refused by name", "[candidates]")
+TEST_CASE("exact obstacles are rejected with pinch release", "[candidates]")
 {
   Scene scene = pinched();
   scene.obstacles.push_back(exact_sphere({0, 0, 1}, 0.1));

@@ -645,7 +645,7 @@ TEST_CASE("planted contacts: corners, edges, parallels, grazing, first and last 
         }
 }
 
-TEST_CASE("what passes nearer than double can tell is told apart in double-double", "[ccd]")
+TEST_CASE("pairs that pass nearer than double can resolve are decided in double-double", "[ccd]")
 {
   const auto v = dvec3_make;
   const double third = 1.0 / 3, tenth = 0.1;
@@ -687,20 +687,20 @@ TEST_CASE("an impact of the cubic, at distance 0, has the normal of the features
       const kernels::fvec3 direction = kernels::fvec3_make(0, 0, 0);
       kernels::vertex_contact properties[4] = {};
       for (auto &p : properties) p.thickness = 1e-9;
-      float room = 0;
+      float gap_bound = 0;
       int found = 0, index = 0;
       kernels::impact impact;
-      int look[2] = {0, 0};
+      int detection[2] = {0, 0};
       kernels::select_ccd_pairs(1, edges ? 0 : 1, 0, &pair, &pair, &face, edge, mass, 1.0, 1e-9, nullptr, 0, 0, 0,
-                                &room, 0, &room, nullptr, &found);
+                                &gap_bound, 0, &gap_bound, nullptr, &found);
       REQUIRE(found == 1);
       kernels::find_impacts(1, 1, edges ? 0 : 1, 1, &pair, &pair, &face, edge, x.data(), y.data(), properties, 1.0,
-                            &direction, &direction, &found, look);
+                            &direction, &direction, &found, detection);
       REQUIRE(found == 1);
-      REQUIRE(look[1] == 1);
+      REQUIRE(detection[1] == 1);
       kernels::fill_impacts(1, edges ? 0 : 1, 1, &index, &pair, &pair, &face, edge, x.data(), y.data(), properties, 1.0,
-                            1.0, 0, &room, &room, &impact);
-      REQUIRE(room < 0);  // known from now on
+                            1.0, 0, &gap_bound, &gap_bound, &impact);
+      REQUIRE(gap_bound < 0);  // known from now on
       REQUIRE(kernels::ddot(impact.normal, n) * side > 1 - 1e-9);
     }
 }

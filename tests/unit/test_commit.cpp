@@ -224,7 +224,7 @@ TEST_CASE("common translation of touching pairs loses nothing", "[commit]")
     }
 }
 
-TEST_CASE("an obstacle waits for what it would run over", "[commit]")
+TEST_CASE("an obstacle pauses before it would pass through cloth", "[commit]")
 {
   Trial trial;  // a pinned vertex 1 mm above an obstacle that rises 4 mm
   trial.x = {dvec3_make(0.2, 0.2, 1e-3), dvec3_make(0, 0, 0), dvec3_make(1, 0, 0), dvec3_make(0, 1, 0)};

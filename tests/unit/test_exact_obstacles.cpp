@@ -453,7 +453,7 @@ TEST_CASE("starts inside exact obstacles are refused and counted", "[surfaces]")
   CHECK_NOTHROW(Simulation(with(exact_sphere({0.01, 0.02, 0.051}, 0.05), sheet), serial_options()));
 }
 
-TEST_CASE("exact obstacles from a file: placed, scaled, saved, and refused by name", "[surfaces][scene]")
+TEST_CASE("exact obstacles from a file: placed, scaled, saved, and rejected with the field", "[surfaces][scene]")
 {
   const auto scene = [](const std::string &obstacle) {
     return R"({"cloth": [{"name": "c", "grid": {"size": [1, 1]}, "triangles": 8}], "obstacles": [{"name": "o", )" +

@@ -299,7 +299,7 @@ TEST_CASE("obstacles without contact bring nothing but their vertices; moving on
   CHECK(outside_the_solve(found) == elastic_kernels + Kernels{{"move_rigid", 1}, {"prescribe_velocities", 1}});
 }
 
-TEST_CASE("a plane: the cloth's vertices ask one face; no edges, no trees of the cloth", "[required]")
+TEST_CASE("a plane: the cloth's vertices query one face; no edges, no trees of the cloth", "[required]")
 {
   const Inventory found = take(on(plane()), serial());
   REQUIRE(found.contacts > 0);
@@ -316,7 +316,7 @@ TEST_CASE("a plane: the cloth's vertices ask one face; no edges, no trees of the
                                                         {"query_vertex_face_fill", 1}});
 }
 
-TEST_CASE("a ball's centre asks the faces of the cloth: no edges", "[required]")
+TEST_CASE("a ball's centre queries the faces of the cloth: no edges", "[required]")
 {
   const Inventory found = take(on(ball()), serial());
   REQUIRE(found.contacts > 0);
@@ -367,7 +367,7 @@ TEST_CASE("cloth meets cloth: trees of the cloth, none of obstacles", "[required
     CHECK(search.at(kernel) == 1);
 }
 
-TEST_CASE("without cloth on cloth none of its pairs are looked at", "[required]")
+TEST_CASE("without contact.self no pair of cloth with cloth is tested", "[required]")
 {
   // A folded sheet: its layers are nearer than the thickness, and the table is near both.
   Scene scene = on(table());
@@ -439,7 +439,7 @@ TEST_CASE("no guarantee, no commit", "[required]")
     CHECK_FALSE(launched(found, kernel));
 }
 
-TEST_CASE("every stage that a term brings says so", "[required]")
+TEST_CASE("every stage names the feature that needs it", "[required]")
 {
   Scene scene = on(table(), rising());
   scene.stitches.push_back({0, 0, 0, columns, columns - 1, 0.5, 10});

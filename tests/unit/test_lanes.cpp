@@ -62,8 +62,8 @@ TEST_CASE("lanes choose, invert and take roots as one number does", "[lanes]")
   std::mt19937 engine(5);
   for (int round = 0; round < 50; ++round) {
     const auto a = random<float>(LANES, engine), b = random<float>(LANES, engine);
-    const auto most = kernels::lanes_most(lanes_of(a), lanes_of(b)),
-               least = kernels::lanes_least(lanes_of(a), lanes_of(b));
+    const auto most = kernels::lanes_max(lanes_of(a), lanes_of(b)),
+               least = kernels::lanes_min(lanes_of(a), lanes_of(b));
     const auto inverse = kernels::lanes_inverse(lanes_of(a)),
                root = kernels::lanes_inverse_root(lanes_of(a) * lanes_of(a));
     for (int q = 0; q < LANES; ++q) {
@@ -75,21 +75,21 @@ TEST_CASE("lanes choose, invert and take roots as one number does", "[lanes]")
   }
 }
 
-TEST_CASE("a pair of swept_vertices has the room of its lane", "[lanes]")
+TEST_CASE("a single pair of swept vertices has the gap_bound of its lane", "[lanes]")
 {
   // A face in the plane z = 0 and a vertex above it: the result is the height minus motion and radius, if that exceeds
   // the thickness.
   const auto swept_vertex = [](float x, float y, float z, float dz, float radius) {
     return kernels::swept_vertex{x, y, z, 0, 0, dz, 1e-3f, radius};
   };
-  const auto room = [&](float height, float falls, float radius) {
+  const auto gap_bound = [&](float height, float falls, float radius) {
     return kernels::gap_bound_along(0, swept_vertex(0.2f, 0.2f, height, -falls, radius), swept_vertex(0, 0, 0, 0, 0),
                                     swept_vertex(1, 0, 0, 0, 0), swept_vertex(0, 1, 0, 0, 0),
                                     kernels::fvec3_make(0, 0, 1), 0);
   };
-  CHECK(room(0.5f, 0, 0) == Approx(0.5));
-  CHECK(room(0.5f, 0.1f, 0) == Approx(0.4).epsilon(1e-5));
-  CHECK(room(0.5f, 0.1f, 0.2f) == Approx(0.2).epsilon(1e-5));
-  CHECK(room(0.9e-3f, 0, 0) == 0);  // not beyond the thickness
-  CHECK(room(-0.5f, 0, 0) == 0);
+  CHECK(gap_bound(0.5f, 0, 0) == Approx(0.5));
+  CHECK(gap_bound(0.5f, 0.1f, 0) == Approx(0.4).epsilon(1e-5));
+  CHECK(gap_bound(0.5f, 0.1f, 0.2f) == Approx(0.2).epsilon(1e-5));
+  CHECK(gap_bound(0.9e-3f, 0, 0) == 0);  // not beyond the thickness
+  CHECK(gap_bound(-0.5f, 0, 0) == 0);
 }

@@ -437,7 +437,7 @@ TEST_CASE("a step that the solver cannot do is done in halves", "[newton][failur
     }
 }
 
-TEST_CASE("a step that nothing helps is named, and leaves the state of before", "[newton][failures]")
+TEST_CASE("a step that fails in all pieces is reported, and leaves the previous state", "[newton][failures]")
 {
   Options o = serial(Accuracy::accurate);
   Scene scene = meshes::pile(4);

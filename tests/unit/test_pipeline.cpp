@@ -54,8 +54,8 @@ bool has_any(const std::set<std::string> &names, const std::vector<std::string> 
 const std::set<std::string> always = {"element forces", "matrix assembly", "linear solve", "advance positions",
                                       "finish step"};
 const std::set<std::string> contact_stages = {"candidate search", "contacts", "contact terms", "penetration handling"};
-const std::vector<std::string> contact_streams = {"tree",      "groups",    "box",     "order",  "pairs",
-                                                  "direction", "room",      "contact", "impact", "margin",
+const std::vector<std::string> contact_streams = {"tree",      "bvh",       "box",     "order",  "pairs",
+                                                  "direction", "gap_bound", "contact", "impact", "margin",
                                                   "bounds",    "predicted", "face",    "edge"};
 
 std::set<std::string> with(std::set<std::string> a, const std::set<std::string> &b)

@@ -334,7 +334,7 @@ TEST_CASE("conjugate gradient with each preconditioner and the direct solve equa
   }
 }
 
-TEST_CASE("a moving obstacle pulls uniform on every way of assembly", "[solver]")
+TEST_CASE("a moving obstacle pulls equally with every kind of assembly", "[solver]")
 {
   std::vector<std::vector<dvec3>> velocity;
   for (Assembly assembly : {Assembly::gather, Assembly::algorithm1, Assembly::sorted}) {
@@ -427,7 +427,7 @@ TEST_CASE("Jacobi needs fewer iterations than no preconditioner, block Jacobi no
   CHECK(10 * iterations[3] < 7 * iterations[2]);
 }
 
-TEST_CASE("a solve that is cut off keeps what it has and says how far it came", "[solver]")
+TEST_CASE("a solve that reaches its limit keeps its result and reports its residual", "[solver]")
 {
   for (Preconditioner preconditioner : preconditioners) {
     INFO("preconditioner " << static_cast<int>(preconditioner));

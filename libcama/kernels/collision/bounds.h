@@ -43,11 +43,11 @@ DEVICE int box_holds(box a, box b)
          a.hi[2] >= b.hi[2];
 }
 
-DEVICE dvec3 dvec3_least(dvec3 a, dvec3 b)
+DEVICE dvec3 dvec3_min(dvec3 a, dvec3 b)
 {
   return dvec3_make(min_double(a.x, b.x), min_double(a.y, b.y), min_double(a.z, b.z));
 }
-DEVICE dvec3 dvec3_most(dvec3 a, dvec3 b)
+DEVICE dvec3 dvec3_max(dvec3 a, dvec3 b)
 {
   return dvec3_make(max_double(a.x, b.x), max_double(a.y, b.y), max_double(a.z, b.z));
 }
@@ -58,10 +58,10 @@ KERNEL position_bounds(int n, int count, GLOBAL const dvec3 *position, GLOBAL co
                        GLOBAL dvec3 *corners)
 {
   FOR_EACH(i, n) {
-    dvec3 lo = dvec3_least(position[i], target[i]), hi = dvec3_most(position[i], target[i]);
+    dvec3 lo = dvec3_min(position[i], target[i]), hi = dvec3_max(position[i], target[i]);
     for (int k = i + n; k < count; k += n) {
-      lo = dvec3_least(lo, dvec3_least(position[k], target[k]));
-      hi = dvec3_most(hi, dvec3_most(position[k], target[k]));
+      lo = dvec3_min(lo, dvec3_min(position[k], target[k]));
+      hi = dvec3_max(hi, dvec3_max(position[k], target[k]));
     }
     corners[2 * i] = lo;
     corners[2 * i + 1] = hi;
@@ -75,8 +75,8 @@ KERNEL reduce_bounds(int n, int count, GLOBAL const dvec3 *corners, GLOBAL dvec3
   FOR_EACH(i, n) {
     dvec3 lo = corners[2 * i], hi = corners[2 * i + 1];
     for (int k = i + n; k < count; k += n) {
-      lo = dvec3_least(lo, corners[2 * k]);
-      hi = dvec3_most(hi, corners[2 * k + 1]);
+      lo = dvec3_min(lo, corners[2 * k]);
+      hi = dvec3_max(hi, corners[2 * k + 1]);
     }
     reduced[2 * i] = lo;
     reduced[2 * i + 1] = hi;
@@ -87,7 +87,7 @@ KERNEL reduce_bounds(int n, int count, GLOBAL const dvec3 *corners, GLOBAL dvec3
    subtractions. */
 DEVICE box swept_box(dvec3 x, dvec3 y, double margin, dvec3 origin)
 {
-  dvec3 lo = dsub(dvec3_least(x, y), origin), hi = dsub(dvec3_most(x, y), origin);
+  dvec3 lo = dsub(dvec3_min(x, y), origin), hi = dsub(dvec3_max(x, y), origin);
   box b;
   for (int k = 0; k < 3; ++k) {
     double l = dcomponent(lo, k), h = dcomponent(hi, k);

@@ -81,8 +81,8 @@ DEVICE INLINED fvec3_lanes lanes_minus(fvec3_lanes a, fvec3_lanes b)
   return r;
 }
 DEVICE INLINED float_lanes lanes_dot(fvec3_lanes a, fvec3_lanes b) { return a.x * b.x + a.y * b.y + a.z * b.z; }
-DEVICE INLINED float_lanes lanes_most(float_lanes a, float_lanes b) { return LANES_SELECT(float_lanes, a > b, a, b); }
-DEVICE INLINED float_lanes lanes_least(float_lanes a, float_lanes b) { return LANES_SELECT(float_lanes, a < b, a, b); }
+DEVICE INLINED float_lanes lanes_max(float_lanes a, float_lanes b) { return LANES_SELECT(float_lanes, a > b, a, b); }
+DEVICE INLINED float_lanes lanes_min(float_lanes a, float_lanes b) { return LANES_SELECT(float_lanes, a < b, a, b); }
 /* 1 / sqrt(a) to 3e-7 for a > 0, in plain arithmetic: the same bits everywhere. */
 DEVICE INLINED float_lanes lanes_inverse_root(float_lanes a)
 {
@@ -145,12 +145,12 @@ DEVICE INLINED float_lanes swept_thickness(int kind, swept_vertex_lanes m0, swep
 DEVICE INLINED float_lanes swept_motion_spent(int kind, swept_vertex_lanes m0, swept_vertex_lanes m1,
                                               swept_vertex_lanes m2, swept_vertex_lanes m3, float rounding)
 {
-  float_lanes most = lanes_most(swept_motion(m0, m2), swept_motion(m0, m3));
+  float_lanes most = lanes_max(swept_motion(m0, m2), swept_motion(m0, m3));
   if (kind == 0) {
-    most = lanes_most(most, swept_motion(m1, m0));
+    most = lanes_max(most, swept_motion(m1, m0));
     return 1.000001f * (most * lanes_inverse_root(most)) + m0.radius + m1.radius + rounding;
   }
-  most = lanes_most(lanes_most(most, swept_motion(m1, m2)), swept_motion(m1, m3));
+  most = lanes_max(lanes_max(most, swept_motion(m1, m2)), swept_motion(m1, m3));
   return 1.000001f * (most * lanes_inverse_root(most)) + m0.radius + m2.radius + rounding;
 }
 
@@ -159,9 +159,9 @@ DEVICE INLINED float_lanes swept_hull_separation(int kind, fvec3_lanes x1, fvec3
                                                  fvec3_lanes n)
 {
   const float_lanes none = LANES_ALL(float_lanes, 0.0f);
-  float_lanes a = lanes_dot(n, x1), high = lanes_most(lanes_dot(n, x2), lanes_dot(n, x3));
-  if (kind == 0) return lanes_most(none, -lanes_most(high, a));
-  return lanes_most(none, lanes_least(none, a) - high);
+  float_lanes a = lanes_dot(n, x1), high = lanes_max(lanes_dot(n, x2), lanes_dot(n, x3));
+  if (kind == 0) return lanes_max(none, -lanes_max(high, a));
+  return lanes_max(none, lanes_min(none, a) - high);
 }
 
 /* `a` minus its part along b. */

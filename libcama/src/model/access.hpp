@@ -47,7 +47,7 @@ private:
       return static_cast<const RoomRef<Room> &>(other).room();
     } else {
       using Writable = RoomRef<std::remove_const_t<Room>>;
-      static_assert(std::is_base_of_v<Writable, Other>, "asks for a room that its caller has not");
+      static_assert(std::is_base_of_v<Writable, Other>, "needs a room that its caller does not have");
       return static_cast<const Writable &>(other).room();
     }
   }

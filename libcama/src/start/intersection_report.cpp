@@ -173,8 +173,8 @@ std::vector<ObjectIntersections> by_objects(const Scene &scene, const Topology &
     dvec3 sum{0, 0, 0};
     for (const Piercing &p : pair.piercings) {
       sum = dadd(sum, p.place);
-      pair.lower = dvec3_least(pair.lower, p.place);
-      pair.upper = dvec3_most(pair.upper, p.place);
+      pair.lower = dvec3_min(pair.lower, p.place);
+      pair.upper = dvec3_max(pair.upper, p.place);
     }
     pair.mean = dscale(1.0 / static_cast<double>(pair.piercings.size()), sum);
     found.push_back(std::move(pair));
