@@ -53,8 +53,8 @@ DEVICE hinge_angle measure_hinge(vec3 e1, vec3 e2, vec3 e3)
   return h;
 }
 
-/* Piecewise-linear sample at `direction` in [0, 2] and curvature (1/m); below the first column, it extrapolates only if
-   told to. */
+/* Piecewise-linear sample at `direction` in [0, 2] and curvature (1/m); below the first column it extrapolates only
+   with `extrapolate`. */
 DEVICE real sample_bending(GLOBAL const bending_stiffness *table, real direction, real curvature, int extrapolate)
 {
   real c = min_real(curvature * (real)0.2, (real)4), d = clamp_real(direction, (real)0, (real)2);
