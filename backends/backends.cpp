@@ -48,7 +48,8 @@ std::unique_ptr<Backend> make_backend(const std::string &name, int device, int t
     const char *chosen = std::getenv("CAMA_BACKEND");
     return make_backend(chosen && *chosen && std::string(chosen) != "auto" ? chosen : "cpu", device, threads);
   }
-  if (threads < 0) throw BackendError("threads: " + std::to_string(threads) + " is below 0; use 0 to have them chosen");
+  if (threads < 0)
+    throw BackendError("threads: " + std::to_string(threads) + " is below 0; use 0 for an automatic number");
   if (name == "cpu") {
     if (device != 0)
       throw BackendError("device: " + std::to_string(device) + " is out of range; backend cpu has one device, 0");

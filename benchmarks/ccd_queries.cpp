@@ -1,9 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
-// Cost and errors of continuous collision queries: ours (additive, cubic) and FCL's on the same queries, one thread.
+// Cost and errors of continuous collision queries: cama's (additive, cubic) and FCL's on the same queries, on one
+// thread.
 //   ccd_queries [--repeats N] [--write FOLDER] [NAME=FILE ...]
 // FILE: rows of 26 doubles: 1 for two edges or 0 for vertex and face, truth (1, 0), 4 points at the start, 4 at the
-// end. The generated sets come always; --write stores them in that form. Prints CSV:
-// set,queries,hits,method,missed,extra,ns (processor time, median over repeats).
+// end. The generated sets are always included; --write stores them in this form. Prints CSV:
+// set,queries,hits,method,missed,extra,ns (CPU time, median over repeats).
 #include <fcl/narrowphase/detail/traversal/collision/intersect.h>
 
 #include <algorithm>
@@ -37,8 +38,8 @@ struct Set {
 
 dvec3 along(dvec3 a, double s, dvec3 b) { return {a.x + s * b.x, a.y + s * b.y, a.z + s * b.z}; }
 
-/// Pairs whose answer is known: the plane z = 0 keeps the misses apart, the hits pass through a contact at the origin
-/// in mid step.
+/// Pairs with a known answer: the plane z = 0 separates the misses, the hits pass through a contact at the origin in
+/// mid step.
 class Generator {
 public:
   explicit Generator(unsigned seed) : engine_(seed) {}

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// What each term of a scene costs: a step of the scene without it and with it, steps of both in turn, medians. One CSV
-// row a term.
-//   build/benchmarks/terms [CELLS [STEPS [BACKEND]]]
+// The cost of each feature of a scene: medians of steps of the scene without it and with it, taken alternately. One CSV
+// row per feature.
+//   build/benchmarks/features [CELLS [STEPS [BACKEND]]]
 #include <algorithm>
 #include <cmath>
 #include <cstdio>
@@ -32,7 +32,7 @@ Mesh grid(int cells, double side, const dvec3 &corner)
 
 Material fabric(double bending = 0) { return Material::isotropic(200, 0.3, bending, 0.15); }
 
-/// A sheet of 0.5 m hung by two corners.
+/// A sheet of 0.5 m that hangs by two corners.
 Scene hanging(int cells)
 {
   Scene s;
@@ -49,7 +49,7 @@ Scene hanging(int cells)
   return s;
 }
 
-/// The sheet on the ground, a little wavy, without friction.
+/// The same sheet on the ground, slightly wavy, without friction.
 Scene lying(int cells)
 {
   Scene s = hanging(cells);
@@ -68,7 +68,7 @@ void add_far(Scene &s, const dvec3 &velocity)
 {
   Obstacle o;
   o.name = "far";
-  o.mesh = grid(100, 2, {10, 10, -5});   // 20,000 triangles
+  o.mesh = grid(100, 2, {10, 10, -5});  // 20,000 triangles
   o.motion.velocity = velocity;
   s.obstacles.push_back(std::move(o));
 }

@@ -26,8 +26,8 @@ double median(const std::vector<double> &values) { return statistics(values).med
 /// Times and counts of the measured steps.
 class Samples {
 public:
-  /// stages: whether the times of stages are of their work; step: whether the time of the step is without waits between
-  /// stages. The last stage of a step waits for the device in any case.
+  /// stages: whether the times of stages measure their work; step: whether the step had no waits between stages. The
+  /// last stage of a step waits for the device in any case.
   void add(const Simulation &simulation, bool stages, bool step)
   {
     std::string outer;
@@ -81,7 +81,7 @@ void run_steps(const Settings &settings, Simulation &simulation, Samples &sample
 {
   const Clock all;
   const auto spent = [&] { return settings.limit > 0 && all.seconds() > settings.limit; };
-  const bool synchronous = simulation.backend().name() == "cpu";  // its stages end when they return
+  const bool synchronous = simulation.backend().name() == "cpu";  // its stages have ended when they return
   simulation.wait_for_stages(false);
   for (; m.skipped < settings.skip && !spent(); ++m.skipped) simulation.step();
   simulation.positions();  // waits for the device

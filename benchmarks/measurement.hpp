@@ -10,11 +10,11 @@ namespace cama::benchmark {
 
 struct Statistics {
   double mean = 0, median = 0, percentile95 = 0;
-  double deviation = 0;   ///< of a sample, n - 1
+  double deviation = 0;   ///< of a sample, with n - 1
 };
 Statistics statistics(std::vector<double> values);
 
-/// One stage over the measured steps.
+/// Times of one stage over the measured steps.
 struct StageRow {
   std::string name;
   Statistics milliseconds;
@@ -23,23 +23,23 @@ struct StageRow {
 
 /// One scene at one resolution. Counts of a step are medians over the measured steps.
 struct Measurement {
-  std::string scene, device, error;       ///< error: why it ended early, else empty
+  std::string scene, device, error;       ///< error: why it ended early, or empty
   int triangles = 0, skipped = 0, steps = 0, intersections = -1;
-  Options options;                        ///< in force
+  Options options;                        ///< the resolved options
   double time_step = 0, seconds = 0;      ///< s, of all steps
   double iterations = 0, launches = 0, contacts = 0, candidates = 0;
-  double waits = 0;                       ///< of the host for the device
+  double waits = 0;                       ///< number of times that the host waited for the device
   double peak_mib = 0;
   std::uint64_t hash = 0;
   std::vector<StageRow> stages;           ///< the whole step first
 };
 
-/// Steps from rest, then the measured ones. An error of the simulation ends it and is kept; errors of the scene are
-/// thrown.
+/// Takes the steps to skip, then the measured ones. An error of the simulation ends the measurement and is kept in it;
+/// errors of the scene are thrown.
 Measurement measure(const Settings &settings, int resolution);
 
-/// Bytes read and written a second by copying 256 MiB on the device, best of five, GB/s: a floor is of the undisturbed
-/// device.
+/// Bytes read and written per second by copying 256 MiB on the device, GB/s; the best of five, since a floor is that of
+/// the undisturbed device.
 double copy_bandwidth(const OptionOverrides &options);
 
 /// Slope of the least squares line through (log x, log y); 0 with fewer than two points.

@@ -55,7 +55,7 @@ std::vector<int> list(const std::string &value)
   return numbers;
 }
 
-/// What is no option of a simulation.
+/// Arguments that are not options of the simulation.
 const std::vector<Entry> &entries()
 {
   static const std::vector<Entry> all = {
@@ -80,7 +80,7 @@ const std::vector<Entry> &entries()
   return all;
 }
 
-/// Columns of their own in the table, or without a bearing on the result.
+/// Options that have a column in the table, or that do not influence the result.
 bool shown_elsewhere(const std::string &option)
 {
   for (const char *name : {"accuracy", "backend", "device", "threads", "precision", "audit", "time_step"})
@@ -127,7 +127,7 @@ Settings parse_settings(int count, const char *const *arguments)
 {
   Settings settings;
   settings.options.backend = "cpu";
-  settings.options.accuracy = Accuracy::production;   // whatever the scene says
+  settings.options.accuracy = Accuracy::production;   // regardless of the scene
   for (int i = 1; i < count; ++i) {
     const std::string argument = arguments[i];
     const std::size_t equals = argument.find('=');

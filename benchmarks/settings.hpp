@@ -7,23 +7,23 @@
 
 namespace cama::benchmark {
 
-enum class Wait { never, always, alternate };   ///< for the device after every stage
+enum class Wait { never, always, alternate };   ///< whether to wait for the device after every stage
 
-/// What to run and what to measure of it.
+/// What to run and what to measure.
 struct Settings {
   std::string scene;
-  std::vector<int> resolutions = {0};   ///< 0: the scene's own
-  int skip = 10;                        ///< steps from rest that are not measured
-  int steps = 20;                       ///< measured
-  double limit = 0;  ///< s of wall time a resolution; 0: none. Reached: what was measured is the result
+  std::vector<int> resolutions = {0};   ///< triangles; 0: the scene's own
+  int skip = 10;                        ///< steps before the measurement
+  int steps = 20;                       ///< measured steps
+  double limit = 0;  ///< of wall time for each resolution, s, after which the measurement ends; 0: none
   double bandwidth = 0;  ///< GB/s; 0: measured by copying
   Wait wait = Wait::alternate;
   bool header = true;
-  OptionOverrides options;  ///< of the simulation, by the names of the table of options; backend cpu unless set
-  std::string changed;  ///< those that bear on the result beyond level and precision: "name=value name=value"
+  OptionOverrides options;  ///< of the simulation; the backend is cpu unless set
+  std::string changed;  ///< those that influence the result besides level and precision: "name=value name=value"
 };
 
-/// SCENE [name=value ...]. Throws SceneError that lists the names where one is not known.
+/// Parses SCENE [name=value ...]. Throws SceneError, which lists the names, if one is unknown.
 Settings parse_settings(int count, const char *const *arguments);
 
 /// All names with their values, for a usage message.

@@ -31,7 +31,7 @@ std::string number(double value, const char *format = "%.4f")
   return text;
 }
 
-/// Bytes, bandwidth, floor and ratio; empty where no bytes are known.
+/// Columns for bytes, bandwidth, floor and ratio; empty if the bytes are unknown.
 std::string floor_of(const StageRow &row, double bandwidth)
 {
   if (row.bytes <= 0) return ",,,";
@@ -49,7 +49,7 @@ std::string counts_of(const Measurement &m)
          number(m.peak_mib, "%.1f") + "," + hash;
 }
 
-/// The word of an option in force.
+/// The value of an option as text.
 std::string word(const Measurement &m, const char *option) { return cama::to_text(option_value(m.options, option)); }
 
 void print(const Settings &s, const Measurement &m, double bandwidth)

@@ -9,7 +9,7 @@ namespace cama::benchmark {
 namespace {
 
 constexpr double radix_passes = 8;      // 62-bit keys, 8 bits a pass
-constexpr double aggregate = 16;        // vertices of a Schwarz block, and the ratio of its levels
+constexpr double aggregate = 16;        // vertices of a Schwarz block, and ratio of the sizes of levels
 constexpr double int_bytes = 4, pair_bytes = 8, vector_bytes = 24;
 
 double element_bytes(const std::string &element)
@@ -19,13 +19,13 @@ double element_bytes(const std::string &element)
   return std::atof(element.c_str());   // "24 bytes"
 }
 
-/// Bytes of a number of the solve: mixed is single for the Schwarz preconditioner alone.
+/// Bytes of a number of the solve: with mixed, single precision is used for the Schwarz preconditioner only.
 double solve_real(const SolveShape &shape)
 {
   return shape.precision == "single" || (shape.precision == "mixed" && shape.preconditioner == "schwarz") ? 4 : 8;
 }
 
-/// Sizes of the streams: S(name) is all bytes of one, n(name) its elements.
+/// Sizes of the streams: the bytes of a stream and its number of elements.
 class Streams {
 public:
   explicit Streams(const Simulation &simulation)
@@ -51,7 +51,7 @@ public:
   }
 
 private:
-  /// A stream that this scene lacks has no bytes; one that no scene can have is a mistake here.
+  /// Throws for a name that no stream has; a stream that this scene does not have has no bytes.
   static void check(const std::string &name)
   {
     const std::vector<std::string> &known = stream_names();
@@ -87,7 +87,7 @@ double candidate_search(const Streams &s)
   return s.bytes({"position", "velocity", "predicted"}) + boxes_and_trees(s) + fronts(s) + pairs_written(s);
 }
 
-/// Every pair read with both features' vertices from cache; flag and direction written.
+/// Every pair read, with the vertices of both features from the cache; flag and direction written.
 double contacts(const Streams &s)
 {
   return s.bytes({"vertex_face.pairs", "edge_edge.pairs", "vertex_face.direction", "edge_edge.direction", "position",
@@ -111,7 +111,7 @@ double contact_terms(const Streams &s)
 }
 
 /// gather: sources of the blocks read. algorithm1: indices written, sorted and read, sources written besides. sorted:
-/// entries through a radix sort.
+/// all entries pass through a radix sort.
 double matrix(const Streams &s, const Options &o, double rows)
 {
   const bool terms = o.paper.assembly != Assembly::gather;
@@ -128,7 +128,7 @@ double matrix(const Streams &s, const Options &o, double rows)
          (4 * 2 * int_bytes + int_bytes) * directed;
 }
 
-/// Growth test, per pass every pair examined; the commit reads every pair and writes every vertex.
+/// Test of the boxes, and every pair examined in each pass; the commit reads every pair and writes every vertex.
 double penetration(const Streams &s, const StepReport &r, const Options &o)
 {
   const double pairs = s.n("vertex_face.pairs") + s.n("edge_edge.pairs");

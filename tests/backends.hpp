@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The backends that tests run on: those with a device here. One that is absent is said aloud, and fails the test if the
-// environment variable CAMA_REQUIRE_BACKENDS ("cpu,opencl") names it.
+// The backends that tests run on: those with a device on this machine. An absent one is reported, and fails the test if
+// the environment variable CAMA_REQUIRE_BACKENDS ("cpu,opencl") names it.
 #pragma once
 #include <cstdlib>
 #include <string>

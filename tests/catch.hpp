@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Catch2 version 2 or 3 under one name, and what every test needs: where the data is, and what was thrown.
+// Catch2 version 2 or 3 under one name, and what every test needs: the test data, and the text of exceptions.
 #pragma once
 #if __has_include(<catch2/catch_all.hpp>)
 #include <catch2/catch_all.hpp>
@@ -17,12 +17,12 @@ using Catch::Approx;
 #define CAMA_SOURCE_DIR "."
 #endif
 
-/// How often a test of this program went without a file of test data, a backend or a strict build; then its main
-/// function returns 77, which ctest counts as skipped.
+/// How often a test of this program lacked a file of test data, a backend or a strict build; the main function then
+/// returns 77, which ctest counts as skipped.
 inline int skipped = 0;
 
-/// A file of the shared test data (CAMA_TEST_DATA, else ../shared/data beside the sources), or nothing, said aloud and
-/// counted.
+/// A file of the shared test data (CAMA_TEST_DATA, else ../shared/data beside the sources), or nothing, which is
+/// reported and counted.
 inline std::optional<std::filesystem::path> test_data(const std::string &name)
 {
   const char *folder = std::getenv("CAMA_TEST_DATA");
@@ -37,7 +37,7 @@ inline std::optional<std::filesystem::path> test_data(const std::string &name)
 
 inline bool contains(const std::string &text, const std::string &part) { return text.find(part) != std::string::npos; }
 
-/// The text of the exception that `run` throws; fails when it throws none or one that is not an E.
+/// The text of the exception that `run` throws; fails if it throws none or one that is not an E.
 template <class E, class Run> std::string thrown(Run run)
 {
   try {

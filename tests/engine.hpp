@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The engine of a simulation with its stages in a row, and one step in pieces.
+// The engine of a simulation with a flat list of its stages, which can run a step stage by stage.
 #pragma once
 #include <memory>
 #include <string>
@@ -10,7 +10,7 @@
 #include "precision.hpp"
 #include "run/engine.hpp"
 
-/// One thread.
+/// Options for one thread.
 inline cama::Options serial(cama::Accuracy level = cama::Accuracy::production)
 {
   cama::Options options = cama::Options::at(level);
@@ -20,7 +20,7 @@ inline cama::Options serial(cama::Accuracy level = cama::Accuracy::production)
 
 class StagedEngine : public cama::Engine {
 public:
-  /// Wherever the scene starts, intersections or not.
+  /// Accepts starts with intersections.
   explicit StagedEngine(const cama::Scene &scene, const cama::Options &options = serial())
       : StagedEngine(scene, options, cama::make_backend(options.backend, options.device, options.threads))
   {}
@@ -52,7 +52,7 @@ public:
     for (cama::Stage *stage : leaves_) stage->run(state);
     end_step();
   }
-  /// Runs the step's stages before the one of this name.
+  /// Runs the step's stages before the one with this name.
   void run_before(const std::string &name)
   {
     begin_step();

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Distances in long double, written for the tests: all pairs of sub-features, the least wins.
+// Distances in long double, independent of the library: the smallest over all pairs of sub-features.
 #pragma once
 #include <algorithm>
 #include <cmath>

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The main function, for Catch2 version 2 and 3. Returns 0 if all passed, 1 if not, 77 if all passed that could
-// run and some could not.
+// The main function, for Catch2 version 2 and 3. Returns 0 if all tests passed, 1 if one failed, and 77 if none failed
+// but some could not run.
 #define CATCH_CONFIG_RUNNER
 #include "catch.hpp"
 

@@ -90,7 +90,7 @@ inline cama::Obstacle obstacle(cama::Mesh mesh, cama::Motion motion = {}, const 
   return o;
 }
 
-/// A square sheet of 0.4 m hung by two corners; no contact.
+/// A square sheet of 0.4 m that hangs by two corners, without contact.
 inline cama::Scene hanging(int cells)
 {
   cama::Scene s;

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// A backend that counts what is launched on another one.
+// A backend that counts the launches on another one.
 #pragma once
 #include <map>
 #include <memory>

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The OpenMP backend: an ordinary loop per kernel. With one thread it is the serial reference.
+// The OpenMP backend: each kernel is an ordinary loop. With one thread it is the serial reference.
 #include "cpu_backend.hpp"
 
 #include <omp.h>
@@ -50,7 +50,7 @@ const Entry entries[] = {
 #include "kernels/kernels.def"
 };
 
-constexpr std::size_t header = 64;   // keeps the size in front of every allocation, and 64-byte alignment
+constexpr std::size_t header = 64;   // holds the size in front of every allocation, and keeps 64-byte alignment
 
 std::string cpu_name()
 {
@@ -77,7 +77,7 @@ public:
     const std::size_t whole = (bytes + header + 63) / 64 * 64;
     auto *memory = static_cast<unsigned char *>(std::aligned_alloc(64, whole));
     if (!memory)
-      throw MemoryError("out of memory: " + std::to_string(bytes) + " bytes asked on top of " +
+      throw MemoryError("out of memory: " + std::to_string(bytes) + " bytes requested in addition to " +
                         std::to_string(allocated_) + "; lower the resolution");
     std::memcpy(memory, &bytes, sizeof bytes);
 #ifndef NDEBUG
@@ -163,7 +163,7 @@ public:
 
 private:
   int threads_;
-  std::vector<key64> keys_;   // scratch of sort
+  std::vector<key64> keys_;   // scratch memory of sort
   std::vector<int> values_;
 };
 

@@ -29,35 +29,35 @@ const Entry entries[] = {
 #include "kernels/kernels.def"
 };
 
-/// What to do about a CUDA error.
+/// What a user can do about a CUDA error.
 const char *advice(cudaError_t status)
 {
   switch (status) {
   case cudaErrorMemoryAllocation: return "lower the resolution or use a larger device";
-  case cudaErrorNoDevice: return "use backend cpu or opencl, or look at nvidia-smi whether the device is seen";
+  case cudaErrorNoDevice: return "use backend cpu or opencl, or check with nvidia-smi that the device is visible";
   case cudaErrorInsufficientDriver:
   case cudaErrorSystemDriverMismatch: return "update NVIDIA's driver, or use backend cpu or opencl";
   case cudaErrorNoKernelImageForDevice:
   case cudaErrorUnsupportedPtxVersion:
-    return "the driver cannot compile for this device: update it, or build with CMAKE_CUDA_ARCHITECTURES of the device";
+    return "the driver cannot compile for this device; update it, or build with the device's CMAKE_CUDA_ARCHITECTURES";
   case cudaErrorDevicesUnavailable:
-    return "another process has the device for itself, or it is being reset: take another one, or try again";
+    return "another process uses the device exclusively, or it is being reset; choose another device, or try again";
   case cudaErrorECCUncorrectable:
-    return "the device's memory is faulty: take another one, and look at the system's log";
+    return "the device's memory is faulty; choose another device, and read the system log";
   case cudaErrorIllegalAddress:
   case cudaErrorMisalignedAddress:
   case cudaErrorIllegalInstruction:
   case cudaErrorInvalidValue:
   case cudaErrorInvalidConfiguration:
-    return "this is a bug of cama: report it with the scene; a new process can use the device again";
-  default: return "the device may be lost: start a new process, and look at the system's log if it happens again";
+    return "this is a bug of cama; report it with the scene. A new process can use the device again";
+  default: return "the device may be lost; start a new process, and read the system log if it happens again";
   }
 }
 
 void check(cudaError_t status, const char *call)
 {
   if (status == cudaSuccess) return;
-  cudaGetLastError();   // what is reported here is not found again by a later call
+  cudaGetLastError();   // clears the error, so that a later call does not report it again
   const std::string text = std::string(call) + ": " + cudaGetErrorName(status) + " " + std::to_string(status) + " (" +
                            cudaGetErrorString(status) + "); " + advice(status);
   if (status == cudaErrorMemoryAllocation) throw MemoryError(text);
@@ -87,7 +87,7 @@ public:
     check(cudaStreamCreateWithFlags(&queue_, cudaStreamNonBlocking), "cudaStreamCreate");
     cudaMemPool_t pool = nullptr;
     check(cudaDeviceGetDefaultMemPool(&pool, device), "cudaDeviceGetDefaultMemPool");
-    std::uint64_t kept = std::uint64_t(1) << 30;   // bytes that a wait does not give back to the driver
+    std::uint64_t kept = std::uint64_t(1) << 30;   // bytes that are not returned to the driver at a wait
     check(cudaMemPoolSetAttribute(pool, cudaMemPoolAttrReleaseThreshold, &kept), "cudaMemPoolSetAttribute");
     check(cudaMalloc(&flags_, 64), "cudaMalloc");
     check(cudaMemset(flags_, 0, 64), "cudaMemset");
@@ -125,12 +125,12 @@ public:
       allocated_ -= found->second;
       sizes_.erase(found);
     }
-    cudaFreeAsync(buffer, queue_);  // behind the work that uses it; the pool keeps it for the next
+    cudaFreeAsync(buffer, queue_);  // ordered after the work that uses it; the pool keeps the memory
   }
   void upload(Buffer to, const void *from, std::size_t bytes) override
   {
     check(cudaMemcpyAsync(to, from, bytes, cudaMemcpyHostToDevice, queue_), "cudaMemcpy to the device");
-    check(cudaStreamSynchronize(queue_), "upload");  // the caller's memory may go away
+    check(cudaStreamSynchronize(queue_), "upload");  // the caller may free its memory
   }
   void download(void *to, Buffer from, std::size_t bytes, std::size_t offset) override
   {
@@ -164,7 +164,7 @@ public:
     check(cudaLaunchKernel(function, dim3(blocks), dim3(threads), parameters, 0, queue_), kernel.name);
   }
 
-  /// Recorded once as a graph: a node costs an eighth of a launch.
+  /// Records the work once as a graph, whose nodes cost an eighth of a launch.
   void repeat(int times, const std::function<void()> &work, bool again) override
   {
     if (times < 1) return;
@@ -216,7 +216,7 @@ public:
     if (key.Current() != keys) copy(keys, key.Current(), sizeof(key64) * static_cast<std::size_t>(n));
     if (value.Current() != values) copy(values, value.Current(), sizeof(int) * static_cast<std::size_t>(n));
   }
-  /// Waits; reports a scan that overflowed since the last wait.
+  /// Waits for the device; throws MemoryError if a scan has overflowed since the last wait.
   void synchronize() override
   {
     ++waits_;
@@ -230,7 +230,7 @@ public:
   }
 
 private:
-  /// The launches of `work` as the graph that is replayed.
+  /// Records the launches of `work` as the graph to replay.
   void record(const std::function<void()> &work)
   {
     const long before = launches_;
@@ -258,7 +258,7 @@ private:
 
   int *flag() const { return reinterpret_cast<int *>(static_cast<char *>(flags_) + 8); }
 
-  /// CUB's two calls: how much scratch, then the work.
+  /// Calls CUB twice: for the size of its scratch memory, then for the work.
   template <class F> void with_scratch(F &&call, const char *what)
   {
     std::size_t bytes = 0;
@@ -309,10 +309,10 @@ std::unique_ptr<Backend> make_cuda_backend(int device)
   std::string note;
   const std::vector<std::string> devices = cuda_devices(note);
   if (devices.empty())
-    throw BackendError("backend: cuda has no device here (" + note + "); use cpu, or install NVIDIA's driver");
+    throw BackendError("backend cuda: no usable device (" + note + "); use cpu, or install NVIDIA's driver");
   if (device < 0 || device >= static_cast<int>(devices.size()))
     throw BackendError("device: " + std::to_string(device) + " is out of range; backend cuda has " +
-                       std::to_string(devices.size()) + " devices, from 0");
+                       std::to_string(devices.size()) + " devices, counted from 0");
   return std::make_unique<CudaBackend>(device);
 }
 

@@ -13,9 +13,9 @@ struct Code {
 
 constexpr const char *lower = "lower the resolution, or choose a device with more memory";
 constexpr const char *reset =
-    "the device may be lost: make a new simulation, and look at the system's log if it happens again";
-constexpr const char *driver = "check that the driver is installed for this user (clinfo shows what there is)";
-constexpr const char *bug = "this is a fault of cama or of the driver; please report it with the device's name";
+    "the device may be lost; make a new simulation, and read the system log if it happens again";
+constexpr const char *driver = "check with clinfo that the driver is installed for this user";
+constexpr const char *bug = "this is a bug of cama or of the driver; report it with the device's name";
 
 constexpr Code codes[] = {
     {CL_DEVICE_NOT_FOUND, "CL_DEVICE_NOT_FOUND", driver},

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The OpenCL 1.2 interface, and its error codes as exceptions.
+// The OpenCL 1.2 interface, with error codes as exceptions.
 #pragma once
 #define CL_TARGET_OPENCL_VERSION 120
 #include <CL/cl.h>
@@ -10,9 +10,9 @@ namespace cama::opencl {
 
 /// "CL_OUT_OF_RESOURCES (-5)".
 std::string code_name(cl_int code);
-/// Codes after which a context may be of no more use: the device was reset, removed or taken away.
+/// Whether a context may be unusable after this code: the device was reset or removed.
 bool means_lost(cl_int code);
-/// Throws MemoryError or BackendError: the failing call, what it was for, the code and what to do.
+/// Throws MemoryError or BackendError with the call that failed, its purpose, the code and what to do.
 [[noreturn]] void fail(cl_int code, const char *call, const std::string &what);
 inline void check(cl_int code, const char *call, const std::string &what)
 {

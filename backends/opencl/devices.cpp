@@ -45,7 +45,7 @@ std::vector<Device> find_devices()
   std::vector<Device> devices;
   cl_uint platforms = 0;
   const cl_int status = clGetPlatformIDs(0, nullptr, &platforms);
-  if (status == -1001 || platforms == 0) return devices;   // the loader's way to say that no driver is installed
+  if (status == -1001 || platforms == 0) return devices;   // the loader's code for: no driver is installed
   check(status, "clGetPlatformIDs", "listing the drivers");
   std::vector<cl_platform_id> platform(platforms);
   check(clGetPlatformIDs(platforms, platform.data(), nullptr), "clGetPlatformIDs", "listing the drivers");

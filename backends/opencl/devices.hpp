@@ -9,17 +9,17 @@ namespace cama::opencl {
 struct Device {
   cl_platform_id platform = nullptr;
   cl_device_id id = nullptr;
-  std::string name, driver;   ///< driver: its platform's name and its version
-  std::string version;        ///< all that the platform says of itself
+  std::string name, driver;   ///< driver: name of its platform and version
+  std::string version;        ///< full version text of the platform
   std::string lacks;          ///< empty: usable
 };
 
 /// Every device of every platform, usable or not.
 std::vector<Device> find_devices();
-/// Of a work-group in its first dimension, by the device's limits; kernels may have lower ones.
+/// Largest work-group in the first dimension by the device's limits; kernels may have lower ones.
 size_t max_work_items(cl_device_id id);
-/// By index over the usable ones; with 0, CAMA_OPENCL_DEVICE decides. Throws BackendError naming what is there and what
-/// it lacks.
+/// Chooses by index among usable devices; with 0, CAMA_OPENCL_DEVICE decides. Throws BackendError, which names the
+/// devices and what they lack.
 Device choose_device(int index);
 
 }  // namespace cama::opencl

@@ -18,11 +18,11 @@ namespace {
 using opencl::Library;
 using opencl::Text;
 
-/// A kernel with its arguments is the business of one backend.
+/// A kernel object holds its arguments, so every backend has its own.
 struct OwnKernel {
   cl_kernel kernel = nullptr;
   size_t group = 1;   ///< work-items per work-group
-  size_t most = 1;    ///< the same, at most
+  size_t most = 1;    ///< largest group of this kernel
 };
 
 cl_mem memory(Buffer buffer) { return static_cast<cl_mem>(buffer); }
@@ -82,7 +82,7 @@ public:
   {
     const std::string what = "allocating " + std::to_string(bytes) + " bytes on top of " + std::to_string(allocated_) +
                              " on device '" + library_.device.name + "'";
-    // Drivers that allocate late would fail in the middle of a step.
+    // Drivers that allocate lazily would fail in the middle of a step.
     if (bytes > max_bytes_) opencl::fail(CL_INVALID_BUFFER_SIZE, "clCreateBuffer", what);
     if (bytes > all_bytes_ - std::min<std::size_t>(allocated_, all_bytes_))
       opencl::fail(CL_MEM_OBJECT_ALLOCATION_FAILURE, "clCreateBuffer", what);
@@ -293,8 +293,8 @@ private:
     set(kernel, kernel_name, index, sizeof handle, handle ? &handle : nullptr);
   }
 
-  /// Kernels with FOR_EACH accept any number of work-items: on CPUs a few with a run each, elsewhere up to one per
-  /// element.
+  /// Kernels with FOR_EACH accept any number of work-items: on CPUs a few with a contiguous run each, on GPUs up to one
+  /// per element.
   void enqueue(const OwnKernel &kernel, const char *kernel_name, int n)
   {
     size_t local = kernel.group, global;
@@ -306,7 +306,7 @@ private:
     }
     enqueue(kernel, kernel_name, global, local);
   }
-  /// On CPUs a team is one work-item; elsewhere a work-group, smaller where the device wants it so.
+  /// On CPUs a team is one work-item; on GPUs a work-group, smaller if the device requires it.
   void enqueue_teams(const OwnKernel &kernel, const char *kernel_name, int n, int team)
   {
     if (library_.is_cpu) {
@@ -358,7 +358,7 @@ private:
   int units_ = 1;
   std::size_t max_bytes_ = 0, all_bytes_ = 0, max_items_ = 1;
   std::map<int, OwnKernel> kernels_;
-  bool scans_ = false;  ///< a scan since the overflow flag was read
+  bool scans_ = false;  ///< a scan has run since the overflow flag was read
   Scratch sums_{*this}, overflow_{*this}, keys_{*this}, values_{*this}, counts_{*this}, places_{*this};
 };
 

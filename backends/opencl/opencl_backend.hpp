@@ -5,7 +5,7 @@
 #include "cama/backend.hpp"
 
 namespace cama {
-/// device: index over the usable OpenCL devices of all platforms. With 0, CAMA_OPENCL_DEVICE (an index or a part of a
+/// device: index among the usable OpenCL devices of all platforms. With 0, CAMA_OPENCL_DEVICE (an index or a part of a
 /// name) decides.
 std::unique_ptr<Backend> make_opencl_backend(int device);
 BackendInfo opencl_info();

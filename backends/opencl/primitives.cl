@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Prefix sums and sorting. Work is cut into runs: worker r of w has the elements [n r / w, n (r + 1) / w). All is
-   integer arithmetic in the order of the elements, so the number of workers never shows in the result. lang.h comes
-   before. */
+/* Prefix sums and sorting. Work is divided into runs: worker r of w has the elements [n r / w, n (r + 1) / w).
+   Everything is integer arithmetic in the order of the elements, so the result does not depend on the number of
+   workers. lang.h is included before. */
 
 DEVICE int run_begin(int n, int workers, int r) { return (int)((long)n * r / workers); }
 
@@ -15,8 +15,7 @@ KERNEL scan_sums(int workers, int n, GLOBAL const int *from, GLOBAL long *sum)
   }
 }
 
-/* One work-group; sum [workers] becomes where each run begins. *overflow is set to 1 when the total exceeds 2^31 -
-   1. */
+/* One work-group; sum [workers] becomes the start of each run. *overflow is set to 1 if the total exceeds 2^31 - 1. */
 KERNEL scan_offsets(int workers, GLOBAL long *sum, GLOBAL int *overflow, __local long *part)
 {
   int l = (int)get_local_id(0), w = (int)get_local_size(0), begin = run_begin(workers, w, l),

@@ -45,8 +45,8 @@ std::string kernel_text(const std::string &file)
   throw BackendError("kernel file " + file + " is not in this build");
 }
 
-/// The file with its #include "..." lines replaced by the files that are not in the text yet; paths are relative to the
-/// file.
+/// Appends the file with its #include "..." lines replaced by the files that are not in the text yet; paths are
+/// relative to the file.
 void expand(const std::string &file, std::set<std::string> &expanded, std::string &out)
 {
   if (!expanded.insert(file).second) return;
@@ -70,9 +70,9 @@ std::uint64_t hash(const std::string &text, std::uint64_t start = fnv1a(nullptr,
   return fnv1a(text.data(), text.size(), start);
 }
 
-/// CAMA_CACHE, else the user's cache folder; empty: no cache (CAMA_CACHE=off, or no home). pocl keeps compiled kernels
-/// itself, and giving out a program's binary makes it compile all kernels again, so it is left alone unless CAMA_CACHE
-/// names a folder.
+/// CAMA_CACHE, else the user's cache folder; empty: no cache (CAMA_CACHE=off, or no home). pocl caches compiled kernels
+/// itself, and asking for a program's binary makes it compile all kernels again, so pocl has no cache here unless
+/// CAMA_CACHE names a folder.
 fs::path cache_folder(const Device &device)
 {
   if (const char *own = std::getenv("CAMA_CACHE"); own && *own)
@@ -83,7 +83,8 @@ fs::path cache_folder(const Device &device)
   return {};
 }
 
-/// Compilers that ignore #line say "<kernel>:1188:5: ..": the file and line that line 1188 of the whole text came from.
+/// Some compilers ignore #line and report "<kernel>:1188:5: ..": adds the file and line that line 1188 of the whole
+/// text came from.
 std::string with_place(const std::string &message, const std::string &source)
 {
   static const std::regex physical("^(\\s*)<(?:kernel|program source|source)>:(\\d+):");
@@ -147,7 +148,7 @@ std::string source(Text text)
     add("double.h");
     return out;
   }
-  // real.h uses types and functions of double.h; its kernels are not wanted twice.
+  // real.h uses types and functions of double.h, whose kernels must not be compiled twice.
   const std::string real = text == Text::f32 ? "float" : "double";
   out += "#undef KERNEL\n#define KERNEL static inline void\n"
          "#undef TEAM_LOCAL\n#define TEAM_LOCAL(type, name, count) LOCAL type *name = 0\n";
@@ -163,7 +164,7 @@ Library &Library::of(const Device &device)
 {
   static std::mutex mutex;
   static auto *libraries = new std::map<cl_device_id, Library *>;
-  static auto *lost = new std::vector<Library *>;  // backends may still hold them
+  static auto *lost = new std::vector<Library *>;  // never freed: backends may still use them
   const std::lock_guard<std::mutex> lock(mutex);
   Library *&library = (*libraries)[device.id];
   if (library && library->lost_) lost->push_back(std::exchange(library, nullptr));
@@ -224,7 +225,7 @@ cl_program Library::build(const std::string &whole, const std::string &name)
                      device.driver + "): " + code_name(code) + first_errors(log.c_str(), whole));
 }
 
-/// A file is the magic line, the hash of the binary, the binary. Anything else is ignored.
+/// A file holds the magic line, the hash of the binary and the binary. Any other file is ignored.
 cl_program Library::load(const std::string &file)
 {
   const std::string whole = read_file(file);
@@ -245,7 +246,7 @@ cl_program Library::load(const std::string &file)
   return nullptr;
 }
 
-/// A cache that cannot be written is no error.
+/// It is no error if the cache cannot be written.
 void Library::store(cl_program program, const std::string &file) const
 {
   size_t size = 0;
@@ -256,7 +257,7 @@ void Library::store(cl_program program, const std::string &file) const
   if (clGetProgramInfo(program, CL_PROGRAM_BINARIES, sizeof bytes, &bytes, nullptr) != CL_SUCCESS) return;
   std::error_code error;
   fs::create_directories(fs::path(file).parent_path(), error);
-  // A name of its own for every writer, in other containers with the same process numbers too.
+  // A unique name for every writer, also in other containers with the same process ids.
   std::string temporary = file + ".XXXXXX";
   const int descriptor = mkstemp(temporary.data());
   if (descriptor < 0) return;

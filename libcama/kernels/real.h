@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* The kernels that exist once per precision: `real` and ATOMIC_ADD_REAL are defined by whoever includes this. */
+/* The kernels that exist once per precision: the file that includes this defines `real` and ATOMIC_ADD_REAL. */
 #include "dialect/vec3.h"
 #include "elements/bending.h"
 #include "elements/elasticity.h"

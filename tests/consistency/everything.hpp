@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// A scene with every stage and stream there is, and its outcome.
+// A scene with every stage and stream, and the outcome of its run.
 #pragma once
 #include <algorithm>
 #include <string>
@@ -21,7 +21,7 @@ inline cama::Options with(const std::string &precision, int threads, cama::Assem
   return o;
 }
 
-/// Sheets on a moving ball with a moving pin, a stitch, wind and a measured fabric: every stage and stream there is.
+/// Sheets on a moving ball with a moving pin, a stitch, wind and a measured fabric: every stage and stream.
 inline cama::Scene everything(int cells)
 {
   cama::Scene s = meshes::pile(cells);

@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // Two engines in lock step: before each leaf stage the candidate gets every stream of the reference, both run it, and
-// every stream that State::visit names must be the same, bit for bit. A stage that is added is covered without a new
-// test.
+// every stream that State::visit names must be the same, bit for bit. Added stages are covered without a new test.
 #pragma once
 #include <cstring>
 #include <functional>
@@ -22,7 +21,7 @@ inline constexpr bool strict = false;
 inline constexpr bool strict = true;
 #endif
 
-/// False, and counted as skipped, where products and sums may be contracted: bits are promised in strict builds alone.
+/// False, and counted as skipped, if products and sums may be contracted: only strict builds guarantee equal bits.
 inline bool strict_build()
 {
   if (!strict) {
@@ -32,7 +31,7 @@ inline bool strict_build()
   return strict;
 }
 
-/// Calls f on every number of a value: padding between members never counts.
+/// Calls f on every number of a value, so that padding between members does not count.
 template <class F> void each(int v, F &&f) { f(v); }
 template <class F> void each(float v, F &&f) { f(v); }
 template <class F> void each(double v, F &&f) { f(v); }
@@ -97,8 +96,8 @@ template <class F> void each(const cama::kernels::impact &m, F &&f)
   each_of(f, m.node, m.kind, m.candidate, m.weight, m.normal, m.target);
 }
 
-/// The numbers of a value as words: equal words are equal bits; every NaN is one word (its payload is no one's
-/// promise).
+/// The numbers of a value as words: equal words are equal bits; every NaN is the same word, since its payload is not
+/// defined.
 template <class T> std::vector<std::uint64_t> words(const T &value)
 {
   std::vector<std::uint64_t> result;
@@ -133,7 +132,7 @@ std::optional<Difference> compare(const std::string &name, const cama::Stream<T>
   return std::nullopt;
 }
 
-/// A number that stages leave to each other.
+/// Compares a number that stages pass to each other.
 template <class T> std::optional<Difference> compare(const std::string &name, const T &a, const T &b)
 {
   if (words(static_cast<double>(a)) == words(static_cast<double>(b))) return std::nullopt;
@@ -152,7 +151,7 @@ template <class F> void for_each_value(cama::State &a, cama::State &b, F &&f)
   });
 }
 
-/// Everything that outlives a stage, from one backend to another.
+/// Copies all data that lives longer than a stage from one backend to another.
 inline void copy(cama::State &from, cama::State &to)
 {
   for_each_value(from, to, [](const std::string &, auto &source, auto &target) {
@@ -177,12 +176,12 @@ inline std::optional<Difference> first_difference(cama::State &a, cama::State &b
   return first;
 }
 
-/// Called after a stage has run on the candidate: a planted error goes in here.
+/// Called after a stage has run on the candidate, to plant an error.
 using Tamper = std::function<void(int step, const std::string &stage, cama::State &candidate)>;
 
 /// Runs both through `steps` steps. For every stage of every step that differs, the first difference: "step 3, stage
 /// linear solve, stream solution, index 12: values differ". Stages start from the reference's state, so that one
-/// finding is not the cause of the next. At most `most`.
+/// difference does not cause the next. At most `most` differences.
 inline std::vector<std::string> differences(StagedEngine &reference, StagedEngine &candidate, int steps,
                                             const Tamper &tamper = {}, std::size_t most = 1000)
 {
@@ -208,7 +207,7 @@ inline std::vector<std::string> differences(StagedEngine &reference, StagedEngin
   return found;
 }
 
-/// The first difference; empty: none.
+/// The first difference, or an empty text.
 inline std::string run(StagedEngine &reference, StagedEngine &candidate, int steps, const Tamper &tamper = {})
 {
   const std::vector<std::string> found = differences(reference, candidate, steps, tamper, 1);

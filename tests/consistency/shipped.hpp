@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The shipped scenes at small size: every folder of scenes/ that has a scene.json, so that one added later is covered
+// The shipped scenes at small size: every folder of scenes/ that has a scene.json, so that added scenes are covered
 // without a new test.
 #pragma once
 #include <algorithm>
@@ -20,7 +20,7 @@ namespace shipped {
 /// Every value of Options::precision.
 inline const std::vector<std::string> precisions = {"double", "mixed", "single"};
 
-/// Names, sorted.
+/// Sorted names of the scenes.
 inline std::vector<std::string> scenes()
 {
   std::vector<std::string> names;
@@ -30,7 +30,7 @@ inline std::vector<std::string> scenes()
   return names;
 }
 
-/// About `triangles` triangles of cloth, with the paper's time step. Read once.
+/// The scene with about `triangles` triangles of cloth and the paper's time step. Read once.
 inline const cama::Scene &load(const std::string &name, int triangles)
 {
   static std::map<std::pair<std::string, int>, cama::Scene> loaded;
@@ -57,7 +57,7 @@ struct Moment {
   std::vector<cama::dvec3> position, velocity;   ///< of all vertices
 };
 
-/// Where a serial run first has at least `contacts` contacts, a few steps on; after `most` steps wherever it is.
+/// The moment a few steps after a serial run first has at least `contacts` contacts, at the latest after `most` steps.
 inline const Moment &in_contact(const std::string &name, int triangles, int contacts, int most)
 {
   static std::map<std::tuple<std::string, int, int, int>, Moment> known;
@@ -73,7 +73,7 @@ inline const Moment &in_contact(const std::string &name, int triangles, int cont
                    simulation.velocities()};
 }
 
-/// Goes on from there.
+/// Sets the engine to that moment.
 inline void start_at(StagedEngine &engine, const Moment &moment)
 {
   engine.state.mesh.position.assign(moment.position);

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Backends that agree to the bit: each one here beside the serial reference, stage by stage and in free runs. An absent
-// one is said aloud.
+// Backends agree to the bit: each available one with the serial reference, stage by stage and in free runs. An absent
+// one is reported.
 #include "../backends.hpp"
 #include "../engine.hpp"
 #include "everything.hpp"
@@ -11,7 +11,7 @@ using namespace everything_scene;
 
 namespace {
 
-/// The backends besides cpu that have a device here.
+/// The backends besides cpu that have a device on this machine.
 std::vector<std::string> device_backends()
 {
   std::vector<std::string> names;

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// A run that is taken over by another simulation, on another backend or with other threads, goes on bit by bit.
+// A run that another simulation continues, on another backend or with other threads, stays the same bit by bit.
 #include <cmath>
 #include <functional>
 #include <limits>
@@ -29,10 +29,8 @@ void check_continued(const Scene &scene, const Options &options, Halves halves, 
     INFO("continued on " << backend);
     Options other = options;
     other.backend = backend;
-    other.threads = backend != "cpu" ? 0
-                    : options.accuracy == Accuracy::paper
-                        ? 1
-                        : 2;   // tangled cloth in paper mode: 50,000 small launches a step
+    // Tangled cloth in paper mode: 50,000 small launches a step.
+    other.threads = backend != "cpu" ? 0 : options.accuracy == Accuracy::paper ? 1 : 2;
     Simulation second(scene, other);
     second.restore(kept);
     CHECK(second.time() == kept.numbers.at("time"));
@@ -134,7 +132,8 @@ TEST_CASE("time goes on from a checkpoint where the time step is another", "[che
   CHECK(again.state_hash() == fine.state_hash());
 }
 
-TEST_CASE("checkpoints of other scenes and damaged ones are refused by name, and nothing changes", "[checkpoint]")
+TEST_CASE("checkpoints of other scenes and damaged ones are rejected with the field, and nothing changes",
+          "[checkpoint]")
 {
   Options options = Options::at(Accuracy::production);
   Simulation s(meshes::pile(8), options);
@@ -156,17 +155,17 @@ TEST_CASE("checkpoints of other scenes and damaged ones are refused by name, and
       {"time", [](Checkpoint &c) { c.time_step = 0; }},
       {"tangled", [](Checkpoint &c) { c.tangled.push_back({0, 1 << 30}); }},
       {"let_go", [](Checkpoint &c) { c.let_go.push_back({0, 99}); }},
-      {"lets vertices pass", [](Checkpoint &c) { c.tangled.push_back({0, 1}); }},
+      {"exempt from contact", [](Checkpoint &c) { c.tangled.push_back({0, 1}); }},
       {"matching: step -2147483648", [](Checkpoint &c) { c.matching.step = std::numeric_limits<int>::min(); }},
       {"2147483647 terms", [](Checkpoint &c) { c.matching.terms = std::numeric_limits<int>::max(); }},
       {"-1 iterations", [](Checkpoint &c) { c.matching.last_iterations = -1; }},
-      {"is there twice", [](Checkpoint &c) { c.matching.order[1] = c.matching.order[0]; }},
+      {"appears twice", [](Checkpoint &c) { c.matching.order[1] = c.matching.order[0]; }},
       {"vertex -7", [](Checkpoint &c) { c.matching.order[0] = -7; }},
-      {"level 0 is not of", [](Checkpoint &c) { c.matching.order.pop_back(); }},
+      {"level 0 does not have", [](Checkpoint &c) { c.matching.order.pop_back(); }},
       {"level 0, node", [](Checkpoint &c) { c.matching.levels[0].parent[0] = 5; }},
       {"level 0, block 0", [](Checkpoint &c) { c.matching.levels[0].start[1] = 0; }},
       {"level 0, block 1", [](Checkpoint &c) { c.matching.levels[0].start[2] = 1 << 30; }},
-      {"level 1 is not of", [](Checkpoint &c) { c.matching.levels[1].start.clear(); }},
+      {"level 1 does not have", [](Checkpoint &c) { c.matching.levels[1].start.clear(); }},
       {"without levels", [](Checkpoint &c) { c.matching.levels.clear(); }},
   };
   for (const auto &[text, damage] : damages) {
@@ -177,12 +176,12 @@ TEST_CASE("checkpoints of other scenes and damaged ones are refused by name, and
     CHECK(s.state_hash() == before);
     CHECK(s.step_count() == 6);
   }
-  // Cloth put into the ball.
+  // The cloth inside the ball.
   Checkpoint tangled = good;
   for (int v = 0; v < s.cloth_vertex_count(); ++v) tangled.vectors["position"][static_cast<std::size_t>(v)].z -= 0.05;
   CHECK(contains(thrown<CollisionError>([&] { s.restore(tangled); }), "crosses"));
   CHECK(s.state_hash() == before);
-  // A matching of more levels than are made is left out.
+  // A matching with more levels than the limit is ignored.
   Checkpoint deep = good;
   REQUIRE(deep.matching.levels.back().start.size() == 2);
   for (int i = 0; i < 5; ++i) deep.matching.levels.push_back({{0}, {0, 1}});
@@ -191,7 +190,7 @@ TEST_CASE("checkpoints of other scenes and damaged ones are refused by name, and
   plain.step();
   CHECK(plain.report().residual < 1e-3);
   CHECK(plain.checkpoint().matching.levels.size() <= 3);
-  // A matching of other vertices than are free here is left out.
+  // A matching of vertices other than the free ones is ignored.
   Scene pinned = meshes::pile(8);
   Pin pin;
   pin.vertices = {0, 8};

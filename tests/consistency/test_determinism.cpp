@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The same bits for every number of threads and every run; and the lock-step comparator, first proven able to fail.
+// The same bits for every number of threads and every run; and the lock-step comparator, which is first shown to detect
+// errors.
 #include "../catch.hpp"
 
 #include <cmath>
@@ -156,7 +157,7 @@ TEST_CASE("lock step finds a wrong integer, a wrong size and a wrong count", "[l
 
 TEST_CASE("lock step counts padding and the payload of NaN as nothing, the sign of zero as something", "[lockstep]")
 {
-  kernels::stitch a, b;   // four bytes of padding behind node
+  kernels::stitch a, b;  // four bytes of padding behind node
   std::memset(&a, 0x00, sizeof a);
   std::memset(&b, 0xff, sizeof b);
   for (kernels::stitch *s : {&a, &b}) {

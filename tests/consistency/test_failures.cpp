@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// What fails, fails cleanly: memory of the device and of the host that runs out at any allocation, devices that are
-// lost, drivers and features that are not there. The linker puts __wrap_f in the place of f in this program alone
-// (--wrap).
+// Failures are clean: memory of the device and of the host that runs out at any allocation, devices that are lost,
+// drivers and features that are missing. The linker replaces f by __wrap_f in this program only (--wrap).
 #include <atomic>
 #include <cstddef>
 #include <cstdlib>
@@ -18,7 +17,7 @@
 
 namespace fault {
 
-/// The how-manieth call from now on fails; below 0: none.
+/// The number of calls before the one that fails; below 0: none fails.
 using Countdown = std::atomic<long>;
 Countdown device_memory{-1}, host_memory{-1};
 
@@ -56,10 +55,10 @@ int __wrap_cudaMallocAsync(void **memory, std::size_t bytes, void *queue)
 namespace fault {
 
 bool no_platform = false, no_double = false, as_gpu = false;
-std::size_t max_work_items = 0;       // of any kernel; 0: as they are
+std::size_t max_work_items = 0;       // of any kernel; 0: the driver's own
 std::string lost_call;                 // this call fails
 cl_int lost_code = CL_SUCCESS;
-long contexts = 0, buffers = 0;        // made; alive
+long contexts = 0, buffers = 0;        // contexts made; buffers alive
 
 bool lost(const char *call) { return lost_call == call; }
 
@@ -183,12 +182,13 @@ bool same(const Seen &a, const Seen &b)
          a.time == b.time && a.hash == b.hash && same(a.position, b.position) && same(a.velocity, b.velocity);
 }
 
+/// middle: the step at which a run is disturbed.
 struct Case {
   const char *name;
   Scene scene;
   Options options;
   int middle;
-};   ///< middle: the step from which a run is disturbed
+};
 
 /// A strip that sticks in a sheet and leaves it upwards within a few steps.
 Scene tangle()
@@ -204,7 +204,7 @@ Scene tangle()
   return s;
 }
 
-/// Two boxes that close on a sheet: it is let go of at step 39 or so.
+/// Two boxes that close on a sheet, which is released at about step 39.
 Scene pinched()
 {
   Scene s;
@@ -237,7 +237,7 @@ Scene released()
   return s;
 }
 
-/// The ways of computing that keep different things between steps.
+/// Cases that keep different data between steps.
 std::vector<Case> cases(const std::string &backend)
 {
   std::vector<Case> list;
@@ -262,8 +262,8 @@ std::vector<Case> cases(const std::string &backend)
   return list;
 }
 
-/// A step in which allocation 0 fails, then allocation 1, and so on until none does. After each failure the state is
-/// that of before, readable in every way. Returns how many failed.
+/// Takes a step in which allocation 0 fails, then allocation 1, and so on until none fails. After each failure the
+/// state is the previous one and can be read completely. Returns the number of failures.
 int step_through_failures(Simulation &s, fault::Countdown &countdown)
 {
   const Seen before = look(s);
@@ -457,11 +457,10 @@ TEST_CASE("a lost device is a BackendError with the driver's code; a new simulat
   const std::string text = thrown<BackendError>([&] { backend->synchronize(); });
   fault::lost_call.clear();
   CHECK(contains(text, "clFinish"));
-  CHECK(contains(text, "CL_DEVICE_NOT_AVAILABLE (-2); the device may be lost: make a new simulation"));
+  CHECK(contains(text, "CL_DEVICE_NOT_AVAILABLE (-2); the device may be lost; make a new simulation"));
 }
 
-TEST_CASE("no driver: the backend is listed as absent, and query_vertices for it says what to install",
-          "[failures][opencl]")
+TEST_CASE("no driver: the backend is listed as absent, and choosing it says what to install", "[failures][opencl]")
 {
   fault::no_platform = true;
   const std::string text = thrown<BackendError>([] { make_backend("opencl"); });
@@ -478,7 +477,7 @@ TEST_CASE("no driver: the backend is listed as absent, and query_vertices for it
   CHECK(contains(note, "pocl"));
 }
 
-TEST_CASE("a device without double precision is refused by name", "[failures][opencl]")
+TEST_CASE("a device without double precision is rejected with its name", "[failures][opencl]")
 {
   if (!backend_here("opencl")) return;
   const std::string name = opencl::choose_device(0).name;
@@ -496,7 +495,7 @@ TEST_CASE("a device without double precision is refused by name", "[failures][op
 
 namespace {
 
-/// A driver's limits of the work-group; 0: its own.
+/// limits: limits of the work-group; 0: the driver's own.
 void check_as_gpu(std::initializer_list<std::size_t> limits)
 {
   if (!lockstep::strict_build() || !backend_here("opencl")) return;
@@ -524,12 +523,11 @@ void check_as_gpu(std::initializer_list<std::size_t> limits)
 
 }  // namespace
 
-TEST_CASE("launched as on a graphics card with small work-groups, the bits are the same", "[failures][opencl]")
+TEST_CASE("launched as on a GPU with small work-groups, the bits are the same", "[failures][opencl]")
 {
   check_as_gpu({3});
 }
-TEST_CASE("launched as on a graphics card, at any limit of the work-group, the bits are the same",
-          "[failures][opencl][.][long]")
+TEST_CASE("launched as on a GPU, at any limit of the work-group, the bits are the same", "[failures][opencl][.][long]")
 {
   check_as_gpu({0, 1, 96});
 }

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The OpenCL backend: planted errors are found and named, build errors too, the cache is safe.
+// The OpenCL backend: planted errors and build errors are found and named, and the cache is safe.
 #include <unistd.h>
 
 #include <algorithm>
@@ -22,7 +22,7 @@ using namespace everything_scene;
 
 namespace {
 
-/// An environment variable for as long as this lives.
+/// Sets an environment variable while this object exists.
 class Environment {
 public:
   Environment(const char *name, const std::string &value) : name_(name)
@@ -43,7 +43,7 @@ private:
   std::optional<std::string> before_;
 };
 
-/// A folder of its own, gone at the end.
+/// A new folder, removed at the end.
 struct Folder {
   std::filesystem::path path = std::filesystem::temp_directory_path() / ("cama_opencl_" + std::to_string(getpid()));
   Folder()
@@ -60,7 +60,7 @@ std::string read(const std::filesystem::path &path)
   return {std::istreambuf_iterator<char>(file), {}};
 }
 
-/// The kernels with one text replaced in one file; more with every call.
+/// Replaces one text in one file of the kernels; further calls replace more.
 void plant(const std::filesystem::path &folder, const std::string &file, const std::string &before,
            const std::string &after)
 {
@@ -78,8 +78,8 @@ void plant(const std::filesystem::path &folder, const std::string &file, const s
 TEST_CASE("lock step finds and names an error of 1e-15 planted in a kernel's text", "[lockstep][opencl]")
 {
   if (!lockstep::strict_build() || !backend_here("opencl")) return;
-  // One in a kernel of every stage but the last, which computes nothing. Stages start from the reference's state: none
-  // hides another.
+  // One error in a kernel of every stage but the last, which computes nothing. Stages start from the reference's state,
+  // so that no error hides another.
   struct Plant {
     const char *file, *before, *after, *stage, *stream;
   };
@@ -244,7 +244,8 @@ TEST_CASE("devices are chosen by index or by part of a name", "[opencl]")
   CHECK(contains(text, devices[0]));
 }
 
-TEST_CASE("memory that cannot be had is named by the code, and what was there stays readable", "[opencl]")
+TEST_CASE("memory that cannot be allocated throws an error with the code, and earlier memory stays readable",
+          "[opencl]")
 {
   if (!backend_here("opencl")) return;
   const auto backend = make_backend("opencl");

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // The shipped scenes on every backend: stage by stage from the start and in contact, free runs by their hash, hashes
-// pinned in hashes.txt, and what must hold of any run whatever its bits.
+// pinned in hashes.txt, and what must hold for any run, whatever its bits.
 #include <cinttypes>
 #include <cmath>
 #include <cstdio>
@@ -27,8 +27,8 @@ std::vector<std::string> devices_here()
   return names;
 }
 
-/// Lock step of every scene, precision and accuracy on one backend: `steps` from the start and `steps` in contact.
-/// Returns how many scenes had contacts.
+/// Runs every scene, precision and accuracy level in lock step on one backend: `steps` from the start and `steps` in
+/// contact. Returns the number of scenes with contacts.
 int check_lock_step(const std::string &backend, int triangles, int steps, int most)
 {
   int in_contact = 0;
@@ -53,7 +53,7 @@ int check_lock_step(const std::string &backend, int triangles, int steps, int mo
   return in_contact;
 }
 
-/// What generated meshes, placements and motions take from the maths library.
+/// Hash of the functions of the maths library that generated meshes, placements and motions use.
 std::uint64_t maths_library()
 {
   std::uint64_t hash = fnv1a(nullptr, 0);
@@ -66,10 +66,11 @@ std::uint64_t maths_library()
   return hash;
 }
 
+/// start: hash of the scene before the first step, obstacles and masses included.
 struct Result {
   int triangles;
   std::uint64_t start, hash;
-};   ///< start: of the scene before the first step, obstacles and masses included
+};
 
 Result run(const std::string &name, int triangles, int steps, const Options &options)
 {
@@ -82,10 +83,10 @@ Result run(const std::string &name, int triangles, int steps, const Options &opt
   return {simulation.cloth_triangle_count(), start, simulation.state_hash()};
 }
 
-constexpr int pinned_steps = 50,
-              pinned_triangles = 1000;   // more than 512 vertices: smaller loops are not shared among threads
+// More than 512 vertices: smaller loops are not shared among threads.
+constexpr int pinned_steps = 50, pinned_triangles = 1000;
 
-/// On one thread; computed once.
+/// The result on one thread; computed once.
 const Result &serial(const std::string &name, const std::string &precision)
 {
   static std::map<std::pair<std::string, std::string>, Result> known;
@@ -105,7 +106,7 @@ std::string hex(std::uint64_t value)
   return text;
 }
 
-/// "drape double 50 1176" to "start hash"; "libm" to the maths library they were made with.
+/// Maps "drape double 50 1176" to "start hash", and "libm" to the maths library that the hashes were made with.
 std::map<std::string, std::string> read_pins()
 {
   std::map<std::string, std::string> pins;
@@ -263,7 +264,7 @@ TEST_CASE("state hashes after 200 steps at 5000 triangles, and in the paper's mo
 
 namespace {
 
-/// Of a sheet that stretches, bends and turns freely: what 60 steps change of its momentum, relative to the sum of all
+/// Change of momentum of a sheet that stretches, bends and turns freely, in 60 steps, relative to the sum of all
 /// vertices' momenta.
 double momentum_drift(const Scene &scene, const Options &options)
 {
@@ -282,7 +283,7 @@ double momentum_drift(const Scene &scene, const Options &options)
   double all = 0;
   for (std::size_t i = 0; i < mass.size(); ++i) all += mass[i] * kernels::dnorm(v[i]);
   for (int i = 0; i < 60; ++i) simulation.step();
-  CHECK(kernels::dnorm(kernels::dsub(simulation.velocities()[0], v[0])) > 0.01);   // it did move by its inner forces
+  CHECK(kernels::dnorm(kernels::dsub(simulation.velocities()[0], v[0])) > 0.01);   // its internal forces did move it
   return kernels::dnorm(kernels::dsub(momentum(simulation.velocities()), before)) / all;
 }
 
@@ -290,7 +291,7 @@ double momentum_drift(const Scene &scene, const Options &options)
 
 TEST_CASE("a free sheet keeps its momentum on every backend", "[scenes][invariants]")
 {
-  // Inner forces cancel in the sum; what is left is the residual of the solve and rounding. Rounded forces of single
+  // Internal forces cancel in the sum; the residual of the solve and rounding remain. Forces rounded to single
   // precision lose momentum with any solver: no more than with the direct one, which solves in double.
   double direct = 0;
   for (const std::string &backend : backends_here())
@@ -317,7 +318,7 @@ TEST_CASE("free runs: finite, without intersections, energy bounded by that of t
 {
   for (const std::string &backend : backends_here())
     for (const char *name :
-         {"drape", "funnel", "shapes"})   // nothing in them does work on the cloth in the first half second
+         {"drape", "funnel", "shapes"})   // no obstacle does work on the cloth in the first half second
       for (const std::string &precision : shipped::precisions) {
         if (precision != "mixed" && std::string(name) != "drape") continue;
         INFO(name << ", " << precision << ", " << backend);
@@ -333,7 +334,7 @@ TEST_CASE("free runs: finite, without intersections, energy bounded by that of t
         for (int i = 0; i < 80; ++i) {
           simulation.step();
           contacts = std::max(contacts, simulation.report().contacts);
-          // Implicit Euler loses energy; the penalty, not in the sum, gives back at most what it took: the sheets
+          // Implicit Euler loses energy; the penalty, which the sum leaves out, returns at most what it took: sheets
           // raised by a thickness.
           CHECK(total() < start + weight * 2e-3);
         }

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* build_program FILE: builds OpenCL C 1.2 on the first device there is and prints the log of a failure. */
+/* build_program FILE: builds OpenCL C 1.2 on the first device and prints the log if that fails. */
 #define CL_TARGET_OPENCL_VERSION 120
 #include <CL/cl.h>
 #include <stdio.h>

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Forces, masses and matrix products of two deformed meshes in a measured fabric, as ARCSim 0.2.1 printed them, against
-// the kernels with ARCSim's conventions chosen: bending sampled at the signed curvature, wind on the area at rest.
+// Forces, masses and matrix products of two deformed meshes in a measured fabric, as printed by ARCSim 0.2.1, against
+// the kernels with ARCSim's conventions: bending sampled at the signed curvature, wind on the area at rest.
 #include "../catch.hpp"
 
 #include <algorithm>
@@ -87,7 +87,7 @@ double median_difference(const Rows &a, const Rows &b)
   return off[off.size() / 2];
 }
 
-/// Elements of the oracle's mesh in one precision.
+/// Elements of the mesh of the reference data in one precision.
 template <class Real> struct Elements {
   using T = Types<Real>;
   using V = typename T::vec3;

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // Algorithm 1 (gathered and atomic filling), collect-sort-reduce, and the elastic pattern with terms as an operator,
-// all against a dense matrix that this file writes down from the elements with Eigen.
+// all against a dense matrix that this file computes from the elements with Eigen.
 #include "../catch.hpp"
 
 #include <algorithm>
@@ -26,12 +26,12 @@ namespace {
 /// Elements with random factors.
 template <class Real> struct Elements {
   using T = Types<Real>;
-  int rows = 0, outside = 0;                  // vertices of the matrix, further ones (obstacles)
+  int rows = 0, outside = 0;                  // rows: vertices of the matrix; outside: further ones (obstacles)
   std::vector<Real> mass;
   std::vector<kernels::element_nodes> triangle_nodes, hinge_nodes;
   std::vector<typename T::triangle_factor> triangle;
   std::vector<typename T::hinge_factor> hinge;
-  std::vector<kernels::contact> contact;      // one a contact term
+  std::vector<kernels::contact> contact;      // one for each contact term
   std::vector<typename T::term> term;         // contacts, then stitches
 };
 
@@ -133,7 +133,7 @@ private:
   {
     typename T::hinge_factor f;
     Real last[3] = {0, 0, 0};
-    for (int k = 0; k < 3; ++k) {   // gradients of what moving uniform leaves as it is add up to nothing
+    for (int k = 0; k < 3; ++k) {   // gradients of quantities that translation does not change add up to zero
       f.gradient[k] = vector();
       last[0] -= f.gradient[k].x;
       last[1] -= f.gradient[k].y;

@@ -63,7 +63,7 @@ template <class Real, class Plain> double worst_atan2(Plain plain)
   return worst;
 }
 
-/// The CPU with one thread and with three, then the others that are here.
+/// The CPU with one thread and with three, then the other available backends.
 std::vector<std::unique_ptr<Backend>> every_backend()
 {
   std::vector<std::unique_ptr<Backend>> backends;
@@ -102,10 +102,10 @@ TEST_CASE("scan refuses a list of 2^31 entries", "[backend]")
         to(*backend, 3);
     backend->scan(fits.buffer(), to.buffer(), 2);
     CHECK(to.at(2) == 0x7fffffff);
-    CHECK_THROWS_AS((backend->scan(beyond.buffer(), to.buffer(), 2), to.at(2)),
-                    MemoryError);   // when the total is read at the latest
+    // It throws at the latest when the total is read.
+    CHECK_THROWS_AS((backend->scan(beyond.buffer(), to.buffer(), 2), to.at(2)), MemoryError);
     CHECK_THROWS_AS((backend->scan(beyond.buffer(), to.buffer(), 2), backend->synchronize()), MemoryError);
-    backend->scan(fits.buffer(), to.buffer(), 2);   // and goes on
+    backend->scan(fits.buffer(), to.buffer(), 2);   // and the backend still works
     CHECK(to.at(2) == 0x7fffffff);
     std::vector<int> ones(300000, 1 << 13);   // 2.4e9: the sum of many
     Stream<int> many(*backend, ones), places(*backend, 300001);
@@ -205,7 +205,7 @@ TEST_CASE("memory is aligned to 64 bytes and accounted for", "[backend]")
         CHECK(backend->allocated_bytes() == bytes);
       }
       CHECK(backend->peak_bytes() == bytes);
-      streams.back().resize(2000);   // grows by half, the old memory goes back first
+      streams.back().resize(2000);   // grows by half, after the old memory is released
       CHECK(backend->allocated_bytes() == bytes - 1000 + 3000);
     }
     CHECK(backend->allocated_bytes() == 0);
@@ -213,7 +213,7 @@ TEST_CASE("memory is aligned to 64 bytes and accounted for", "[backend]")
   }
 }
 
-TEST_CASE("memory that cannot be had is an error that says how much", "[backend]")
+TEST_CASE("memory that cannot be allocated throws an error with the size", "[backend]")
 {
   for (const auto &backend : every_backend()) {
     INFO(backend->name());
@@ -226,7 +226,7 @@ TEST_CASE("memory that cannot be had is an error that says how much", "[backend]
 TEST_CASE("new streams hold NaN in debug builds of the library", "[backend]")
 {
   const auto backend = make_backend("cpu", 0, 1);
-  // Memory that was just zeroed and released comes back from the allocator; poisoned it is NaN again.
+  // The allocator returns memory that was just zeroed and released; a new stream fills it with NaN again.
   {
     Stream<double> zero(*backend, 32);
     zero.fill_zero();
@@ -352,7 +352,7 @@ TEST_CASE("float_below and float_above bracket every double closely", "[backend]
   };
   for (int e = -140; e <= 120; ++e)
     for (int i = 0; i < 1000; ++i) look(std::ldexp(mantissa(random), e));
-  for (int i = 0; i < 100000; ++i) {   // at and beside floats
+  for (int i = 0; i < 100000; ++i) {   // at floats and next to them
     const float f = static_cast<float>(std::ldexp(mantissa(random), static_cast<int>(random() % 60) - 30));
     for (double x : {static_cast<double>(f), std::nextafter(static_cast<double>(f), 1e9),
                      std::nextafter(static_cast<double>(f), -1e9)})
@@ -363,7 +363,8 @@ TEST_CASE("float_below and float_above bracket every double closely", "[backend]
   CHECK(widest <= 3);
 }
 
-// One ctest for each backend (backend.cpu, ...), so that an absent one is seen: other tests run on those that are here.
+// One ctest for each backend (backend.cpu, ...), so that an absent one is visible: other tests run on the available
+// ones.
 TEST_CASE("a backend runs a kernel", "[.][presence]")
 {
   const char *name = std::getenv("CAMA_TEST_BACKEND");

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Bending over hinges: the angle against std::atan2, forces against finite differences, the matrix factor, and the
-// energy of bent sheets.
+// Bending of hinges: the angle against std::atan2, forces against finite differences, the matrix factor, and the energy
+// of bent sheets.
 #include "../catch.hpp"
 
 #include <algorithm>
@@ -21,7 +21,7 @@ namespace {
 
 constexpr double pi = 3.14159265358979323846;
 using Vector = Eigen::Vector3d;
-using Corners = std::array<Vector, 4>;   // edge nodes 0 and 1, opposite nodes of face 0 and face 1
+using Corners = std::array<Vector, 4>;  // edge nodes 0 and 1, opposite nodes of face 0 and face 1
 
 class Random {
 public:
@@ -50,7 +50,7 @@ Corners folded(Random &random, double angle)
   return x;
 }
 
-/// Signed angle between the normals about the edge (ALGORITHMS A.4).
+/// Signed angle between the normals about the edge (docs/theory/elasticity.md).
 double reference_angle(const Corners &x)
 {
   const Vector e = x[1] - x[0], n0 = e.cross(x[2] - x[0]).normalized(), n1 = (x[3] - x[0]).cross(e).normalized();
@@ -93,7 +93,7 @@ template <class Real> struct Hinge {
   typename T::bending_stiffness table{};
   typename T::hinge_factor factor{};
   std::array<Vector, 4> force;
-  double stiffness = 0, energy = 0, coefficient = 0;   // energy = coefficient (angle - rest)^2 / 4
+  double stiffness = 0, energy = 0, coefficient = 0;  // energy = coefficient (angle - rest)^2 / 4
 
   Hinge(Random &random, bool constant)
   {
@@ -140,7 +140,7 @@ TEST_CASE("atan2 in plain arithmetic equals the library's to rounding", "[bendin
                  std::abs(wrapped(kernels::f32::atan2_plain(float(y), float(x)) - std::atan2(float(y), float(x)))));
   }
   CAPTURE(worst, worst_single);
-  CHECK(worst < 9e-16);   // two units in the last place of pi
+  CHECK(worst < 9e-16);  // two units in the last place of pi
   CHECK(worst_single < 5e-7);
   CHECK(kernels::f64::atan2_plain(0.0, 1.0) == 0.0);
   CHECK(kernels::f64::atan2_plain(0.0, -1.0) == Approx(pi).epsilon(1e-16));
@@ -198,7 +198,7 @@ TEMPLATE_TEST_CASE("hinge forces are the negative gradient of the energy, withou
     Hinge<TestType> hinge(random, i % 2 == 0);
     double fold = random(-pi, pi);
     while (std::abs(wrapped(fold - hinge.rest.rest_angle)) > pi - 1e-3)
-      fold = random(-pi, pi);   // the energy has a ridge at half a turn
+      fold = random(-pi, pi);  // the energy has a ridge at half a turn
     const Corners x = folded(random, fold);
     hinge.evaluate(x, i % 4 == 3);
     const auto expected = gradient([&](const Corners &y) { return -hinge.reference_energy(y); }, x, 2e-6);
@@ -214,8 +214,8 @@ TEMPLATE_TEST_CASE("hinge forces are the negative gradient of the energy, withou
       CHECK(off <= 0);
       continue;
     }
-    const double stiffest =
-        hinge.coefficient / 0.005;   // scale that does not vanish when the hinge is near its rest angle
+    // Scale that does not vanish when the hinge is near its rest angle.
+    const double stiffest = hinge.coefficient / 0.005;
     worst = std::max(worst, off / std::max(scale, 1e-3 * stiffest));
     worst_sum = std::max(worst_sum, sum.norm() / stiffest);
     worst_torque = std::max(worst_torque, torque.norm() / hinge.coefficient);
@@ -246,7 +246,7 @@ TEST_CASE("the hinge matrix is symmetric, positive semidefinite and the Gauss-Ne
     const Eigen::VectorXd eigenvalues =
         Eigen::SelfAdjointEigenSolver<Eigen::Matrix<double, 12, 12>>(m, Eigen::EigenvaluesOnly).eigenvalues();
     REQUIRE(eigenvalues[0] >= -1e-13 * scale);
-    // Where the hinge is at its rest angle the second derivative of the energy is this matrix.
+    // At the rest angle the second derivative of the energy is this matrix.
     hinge.rest.rest_angle = reference_angle(x);
     const double h = 2e-6;
     for (int c = 0; c < 12; c += 5) {
@@ -344,8 +344,8 @@ double cylinder_ratio(Diagonals kind, int cells, double turn, unsigned seed = 1)
 
 TEST_CASE("a sheet bent along its grid holds the cylinder's energy B / 2R^2", "[bending]")
 {
-  // B = k / 4 where every vertex is held on the cylinder. A strip in equilibrium is softer, k / 5: test_dynamics.cpp
-  // has the elastica.
+  // B = k / 4 if every vertex is held on the cylinder. A strip in equilibrium is softer, k / 5; see the elastica in
+  // test_dynamics.cpp.
   double before = 1;
   for (int cells : {16, 32, 64, 128}) {
     const double off = std::abs(cylinder_ratio(Diagonals::alternating, cells, 0) - 1);
@@ -360,8 +360,8 @@ TEST_CASE("what the hinge model gives across the grid", "[bending]")
 {
   // Summing k l^2 angle^2 / (8 A) over a grid of squares with the surface z = (x cos t + y sin t)^2 / (2 R) gives, as
   // cells shrink, B / 2 (zxx^2 + zyy^2 + 4 zxy^2) for diagonals that alternate, where a plate with Poisson ratio 0 has
-  // 2 zxy^2; with one direction of diagonals B / 2 ((zxx + zxy)^2 + (zyy + zxy)^2 + 4 zxy^2). The model knows the plate
-  // only up to the mesh.
+  // 2 zxy^2; with one direction of diagonals B / 2 ((zxx + zxy)^2 + (zyy + zxy)^2 + 4 zxy^2). So the model approximates
+  // the plate except for the influence of the mesh.
   CHECK(cylinder_ratio(Diagonals::alternating, 128, pi / 4) == Approx(1.5).epsilon(0.03));
   CHECK(cylinder_ratio(Diagonals::rising, 128, 0) == Approx(1).epsilon(0.03));
   CHECK(cylinder_ratio(Diagonals::rising, 128, pi / 4) == Approx(3).epsilon(0.03));

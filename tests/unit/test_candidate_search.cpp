@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Candidate lists that grow: the pairs after an update are those of brute force over the boxes, and earlier ones keep
-// what is known of them. Exempt pairs: seams, tangles, and cloth that pinching obstacles let go of.
+// Growing candidate lists: the pairs after an update are those of brute force over the boxes, and earlier ones keep
+// their direction and gap_bound. Exempt pairs: seams, tangles, and cloth released by pinching obstacles.
 #include "../catch.hpp"
 
 #include <algorithm>
@@ -117,7 +117,7 @@ Obstacle slab(double z, double height, double travel, const std::string &name)
   return meshes::obstacle(mesh, motion, name);
 }
 
-/// A sheet between two slabs that enter each other after 0.8 s and part again after 1.2 s.
+/// A sheet between two slabs that overlap from 0.8 s to 1.2 s.
 Scene pinched()
 {
   Scene s;
@@ -139,7 +139,7 @@ struct Variant {
   bool self, moving, still, exact;
 };
 
-/// The pile, with a ball that moves, one at rest below, an exact one at rest above.
+/// The pile, with a moving ball, a static one below and a static exact one above.
 Scene pile_of(const Variant &v)
 {
   Scene scene = meshes::pile(6);
@@ -215,7 +215,7 @@ TEST_CASE("an updated list holds the pairs of the grown boxes, each once", "[can
         const Lists expected = brute_force(s), found = sorted(s);
         CHECK(found.vertex_face == expected.vertex_face);
         CHECK(found.edge_edge == expected.edge_edge);
-        // The boxes that the pairs were found with hold every motion.
+        // The boxes of the search contain every motion.
         const auto boxes = s.bounds.vertex_box.download();
         const dvec3 origin = s.bounds.box_origin().download()[0];
         for (std::size_t v = 0; v < target.size(); ++v)
@@ -229,7 +229,7 @@ TEST_CASE("an updated list holds the pairs of the grown boxes, each once", "[can
       }
       CHECK(grown > (variant.exact && !variant.self ? 2 : 20));
       for (std::size_t v = 0; v < target.size(); ++v)
-        if (moves(v)) target[v].x += 0.1;   // everything leaves: all pairs anew
+        if (moves(v)) target[v].x += 0.1;   // everything leaves its box, so all pairs are found again
       to.assign(target);
       REQUIRE(search.update(s, from, to, 0) == CandidateSearch::Change::renewed);
       const Lists expected = brute_force(s), found = sorted(s);
@@ -238,10 +238,9 @@ TEST_CASE("an updated list holds the pairs of the grown boxes, each once", "[can
     }
 }
 
-TEST_CASE(
-    "rooms are no more than the distances until the prediction; pairs with gap_bound are no contacts, all others are "
-    "looked at",
-    "[candidates]")
+TEST_CASE("gap_bound is no more than the distance until the prediction; pairs with one are no contacts, all others are "
+          "tested",
+          "[candidates]")
 {
   for (const bool anticipate : {false, true}) {
     Options options = serial();
@@ -407,7 +406,7 @@ TEST_CASE("released cloth goes on, and is held again when it has come free", "[c
   CHECK(simulation.count_intersections() == 0);
 }
 
-TEST_CASE("exact obstacles that cannot let go are refused by name", "[candidates]")
+TEST_CASE("exact obstacles are rejected with pinch release", "[candidates]")
 {
   Scene scene = pinched();
   scene.obstacles.push_back(exact_sphere({0, 0, 1}, 0.1));

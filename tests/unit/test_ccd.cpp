@@ -67,7 +67,7 @@ private:
   std::normal_distribution<double> normal_;
 };
 
-/// Four points in touch: a vertex inside a face, or two edges crossing; `parallel` is the sine of the edges' angle or
+/// Four points that touch: a vertex inside a face, or two edges crossing; `parallel` is the sine of the edges' angle or
 /// the face's thinness.
 Quad touching(Random &random, bool edges, double parallel)
 {
@@ -264,7 +264,7 @@ TEST_CASE("random motions agree with FCL", "[ccd]")
         m.end[k] = random.vector(1);
       }
       double time = 1;
-      const bool truth = fcl_hit(m, time) && distance_at(m, time) < 1e-9;  // FCL's inside test is loose
+      const bool truth = fcl_hit(m, time) && distance_at(m, time) < 1e-9;  // FCL's inside test is inexact
       const Ccd a = additive(m), c = cubic(m);
       missed += truth && !a.hit;
       cubic_missed += truth && !c.hit;
@@ -341,8 +341,8 @@ TEST_CASE("hand-made degenerate queries: no false negative", "[ccd][data]")
     CHECK(n.late == 0);
     CHECK(n.extra < 0.005 * n.queries);
     CHECK(n.cubic_missed == 0);
-    CHECK(n.cubic_off <= (name == "erleben-cube-internal-edges" ||
-                          name == "all"));  // a vertex comes within 1e-16 of the face 0.78 before it touches
+    // A vertex comes within 1e-16 of the face 0.78 before it touches.
+    CHECK(n.cubic_off <= (name == "erleben-cube-internal-edges" || name == "all"));
   }
   CHECK(folders["all"].cubic_extra <= 42);  // which pass each other within 2e-16
 }
@@ -406,11 +406,13 @@ Mesh read_ply(const std::filesystem::path &path)
 
 using Pairs = std::set<std::pair<int, int>>;
 
+/// (vertex, face), or (edge, edge) with the lower index of unique_edges first.
 struct Listed {
   Pairs all, colliding;
-};  // (vertex, face), or (edge, edge) with the lower index of unique_edges first
+};
 
-/// boxes/*.json: ids of vertices 0.., edges V.. in order of (hi, lo), faces V + E..; mma_bool/*.json: do they collide.
+/// boxes/*.json: ids of vertices 0.., edges V.. in order of (hi, lo), faces V + E..; mma_bool/*.json: whether they
+/// collide.
 Listed read_listed(const std::filesystem::path &folder, const std::string &stem, bool edges, const Mesh &mesh)
 {
   std::vector<std::array<int, 2>> own = unique_edges(mesh.face);
@@ -457,7 +459,7 @@ FoundImpacts find_in(const Mesh &start, const Mesh &end, const std::string &prec
   cloth.name = "mesh";
   cloth.mesh = start;
   scene.cloths.push_back(cloth);
-  scene.contact.thickness = 1e-6;  // an impact is what comes nearer than 1e-8
+  scene.contact.thickness = 1e-6;  // an impact comes nearer than 1e-8
   Options options = serial();
   options.precision = precision_of(precision);
   options.paper.cubic_impacts = cubic;
@@ -492,7 +494,7 @@ TEST_CASE("whole meshes: every listed pair is a candidate, impacts are the colli
     const char *folder, *first, *second, *stem;
     double vertex_face, edge_edge;
   };
-  // First contacts: exact rational arithmetic, stated with the data; 0: not stated there.
+  // Times of first contacts, by exact rational arithmetic, as given with the data; 0: not given.
   for (const Case &c :
        {Case{"cloth-ball", "cloth_ball92.ply", "cloth_ball93.ply", "92", 1.4768157568140283e-04, 7.492069186824336e-06},
         Case{"cloth-funnel", "227.ply", "228.ply", "227", 0.0452323, 0}}) {
@@ -537,7 +539,7 @@ TEST_CASE("whole meshes: every listed pair is a candidate, impacts are the colli
       CHECK(far == 0);
       const double truth = kind == 0 ? c.vertex_face : c.edge_edge;
       if (truth > 0) {
-        CHECK(first <= truth * (1 + 1e-6));  // the funnel's is stated to six digits
+        CHECK(first <= truth * (1 + 1e-6));  // that of the funnel is given to six digits
         CHECK(first > truth - 1e-6);
         CHECK(first_cubic == Approx(truth).margin(1e-6 * truth));
       }
@@ -569,8 +571,8 @@ struct Planted {
   double time;
 };
 
-/// Contacts and near misses whose answer is plain from the numbers; lengths of order 1, all dyadic, so that they stay
-/// so scaled and moved.
+/// Contacts and near misses whose answer follows directly from the numbers; lengths of order 1, all dyadic, so that
+/// scaling and moving them is exact.
 std::vector<Planted> planted()
 {
   const auto v = dvec3_make;
@@ -643,18 +645,18 @@ TEST_CASE("planted contacts: corners, edges, parallels, grazing, first and last 
         }
 }
 
-TEST_CASE("what passes nearer than double can tell is told apart in double-double", "[ccd]")
+TEST_CASE("pairs that pass nearer than double can resolve are decided in double-double", "[ccd]")
 {
   const auto v = dvec3_make;
   const double third = 1.0 / 3, tenth = 0.1;
-  // The rounding of 1/3 and 0.1 to double leaves a vertex beside an edge's line by about 1e-17: its side by exact
-  // rational arithmetic.
+  // The rounding of 1/3 and 0.1 to double puts a vertex about 1e-17 beside the line of an edge; exact rational
+  // arithmetic gives the side.
   for (const int sign : {-1, 1}) {
     const Quad start{v(third, tenth, 1), v(0, 0, 0), v(1, 0.3 + sign * 0x1p-53, 0), v(0.5, -1, 0)};
     Quad end = start;
     end[0].z = -1;
-    const double side = std::fma(third, start[2].y,
-                                 -tenth);  // correctly rounded, so its sign is exact; negative: above the edge, outside
+    // Correctly rounded, so its sign is exact; negative: above the edge, outside.
+    const double side = std::fma(third, start[2].y, -tenth);
     CAPTURE(sign, side);
     REQUIRE(side != 0);
     REQUIRE(std::fabs(side) < 1e-16);
@@ -674,7 +676,7 @@ TEST_CASE("an impact of the cubic, at distance 0, has the normal of the features
       std::vector<dvec3> x(contact.begin(), contact.end()), y = x;
       for (int k = 0; k < (edges ? 2 : 1); ++k) {
         const dvec3 d = dadd(dscale(-side, n), dscale(0.1, random.vector(1)));
-        const dvec3 whole = k == 1 ? dsub(y[0], x[0]) : d;  // an edge moves as one
+        const dvec3 whole = k == 1 ? dsub(y[0], x[0]) : d;  // both vertices of an edge move alike
         x[k] = daxpy(contact[k], -time, whole);
         y[k] = daxpy(contact[k], 1 - time, whole);
       }
@@ -685,20 +687,20 @@ TEST_CASE("an impact of the cubic, at distance 0, has the normal of the features
       const kernels::fvec3 direction = kernels::fvec3_make(0, 0, 0);
       kernels::vertex_contact properties[4] = {};
       for (auto &p : properties) p.thickness = 1e-9;
-      float room = 0;
+      float gap_bound = 0;
       int found = 0, index = 0;
       kernels::impact impact;
-      int look[2] = {0, 0};
+      int detection[2] = {0, 0};
       kernels::select_ccd_pairs(1, edges ? 0 : 1, 0, &pair, &pair, &face, edge, mass, 1.0, 1e-9, nullptr, 0, 0, 0,
-                                &room, 0, &room, nullptr, &found);
+                                &gap_bound, 0, &gap_bound, nullptr, &found);
       REQUIRE(found == 1);
       kernels::find_impacts(1, 1, edges ? 0 : 1, 1, &pair, &pair, &face, edge, x.data(), y.data(), properties, 1.0,
-                            &direction, &direction, &found, look);
+                            &direction, &direction, &found, detection);
       REQUIRE(found == 1);
-      REQUIRE(look[1] == 1);
+      REQUIRE(detection[1] == 1);
       kernels::fill_impacts(1, edges ? 0 : 1, 1, &index, &pair, &pair, &face, edge, x.data(), y.data(), properties, 1.0,
-                            1.0, 0, &room, &room, &impact);
-      REQUIRE(room < 0);  // known from now on
+                            1.0, 0, &gap_bound, &gap_bound, &impact);
+      REQUIRE(gap_bound < 0);  // known from now on
       REQUIRE(kernels::ddot(impact.normal, n) * side > 1 - 1e-9);
     }
 }

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The certified commit: whatever motion is proposed, no pair crosses. Judged by an own distance in long double with a
-// Lipschitz certificate over the whole path, and by exact intersection tests on scenes.
+// The certified commit: whatever motion is proposed, no pair crosses. Checked by an independent distance in long double
+// with a Lipschitz certificate over the whole path, and by exact intersection tests on scenes.
 #include "../catch.hpp"
 #include "../judge.hpp"
 
@@ -28,8 +28,8 @@ Real distance(const Four &x, bool edges)
   return edges ? judge::segment_segment(x[0], x[1], x[2], x[3]) : judge::point_triangle(x[0], x[1], x[2], x[3]);
 }
 
-/// Is the distance above `least` for the whole linear motion a -> b? Halves until the midpoint's distance covers the
-/// half.
+/// Whether the distance is above `least` during the whole linear motion a -> b. Halves it until the midpoint's distance
+/// covers the half.
 bool stays_separated(const Four &a, const Four &b, bool edges, Real least, int depth = 0)
 {
   Four middle;
@@ -64,7 +64,7 @@ Result commit(const Trial &trial, double dmin, bool settle = false)
   const face_nodes face{{1, 2, 3}};
   const edge_nodes edge[2] = {{{0, 1}}, {{2, 3}}};
   vertex_contact properties[4] = {};
-  for (vertex_contact &p : properties) p.thickness = dmin;   // the whole of it is kept
+  for (vertex_contact &p : properties) p.thickness = dmin;  // the commit keeps all of it
   int fraction[4], sigma[1], counter[2], accepted[1];
   commit_begin(4, fraction, sigma, counter);
   for (const int pass : {0, settle ? -1 : 1})
@@ -106,7 +106,7 @@ private:
   std::normal_distribution<double> normal_;
 };
 
-constexpr double edge_length = 0.01, dmin = 1e-6;   // m; dmin a thousandth of a 1 mm thickness
+constexpr double edge_length = 0.01, dmin = 1e-6;  // m; dmin a thousandth of a 1 mm thickness
 
 /// A pair near touching, its features at random angles; `thin` the sine of the angle between edges, or of the face's
 /// corner.
@@ -154,7 +154,7 @@ Trial make_trial(Random &random, int kind, bool kinematic)
 
 namespace {
 
-/// Ten kinds of pairs, `count` of each, against motion of any size: judged in long double along the whole way.
+/// Ten kinds of pairs, `count` of each, with motions of any size, checked in long double along the whole path.
 void check_pairs(unsigned seed, int count)
 {
   Random random(seed);
@@ -202,7 +202,7 @@ TEST_CASE("common translation of touching pairs loses nothing", "[commit]")
 {
   Random random(12);
   for (const double far : {0.0, 1e3, 1e6})
-    for (const double nearness : {0.3, 1.0, 1.0001, 3.0}) {   // of dmin: pairs below it may travel too
+    for (const double nearness : {0.3, 1.0, 1.0001, 3.0}) {  // of dmin: pairs below it may move too
       int lost = 0;
       for (int i = 0; i < 5000; ++i) {
         Trial trial;
@@ -224,9 +224,9 @@ TEST_CASE("common translation of touching pairs loses nothing", "[commit]")
     }
 }
 
-TEST_CASE("an obstacle waits for what it would run over", "[commit]")
+TEST_CASE("an obstacle pauses before it would pass through cloth", "[commit]")
 {
-  Trial trial;   // a pinned vertex 1 mm above an obstacle that rises 4 mm
+  Trial trial;  // a pinned vertex 1 mm above an obstacle that rises 4 mm
   trial.x = {dvec3_make(0.2, 0.2, 1e-3), dvec3_make(0, 0, 0), dvec3_make(1, 0, 0), dvec3_make(0, 1, 0)};
   trial.y = trial.x;
   for (int k = 1; k < 4; ++k) trial.y[k].z = 4e-3;
@@ -234,17 +234,17 @@ TEST_CASE("an obstacle waits for what it would run over", "[commit]")
   const Result r = commit(trial, dmin);
   CHECK(r.sigma == Approx(0.9 * (1e-3 - dmin) / 4e-3).epsilon(1e-6));
   CHECK(path_is_safe(trial, r, dmin));
-  trial.y[0].z = 5e-3;   // it gets out of the way
+  trial.y[0].z = 5e-3;  // it moves out of the way
   const Result free = commit(trial, dmin);
   CHECK(free.sigma == 1);
   CHECK(free.fraction[0] == 1);
-  trial.y[0].z = -1e-3;   // it comes down on an obstacle at rest: only the vertex is stopped, short of it
+  trial.y[0].z = -1e-3;  // it comes down on a static obstacle: only the vertex is stopped, before it touches
   for (int k = 1; k < 4; ++k) trial.y[k].z = 0;
   const Result falling = commit(trial, dmin);
   CHECK(falling.sigma == 1);
   CHECK(falling.committed[0].z >= dmin);
   CHECK(falling.committed[0].z < 2e-4);
-  trial.inverse_mass[0] = 0;   // two obstacles: none of our business
+  trial.inverse_mass[0] = 0;  // two obstacles: the commit ignores them
   CHECK(commit(trial, dmin).fraction[0] == 1);
 }
 
@@ -266,7 +266,7 @@ TEST_CASE("pairs nearer than the minimum may leave, and approach by half; inters
 
 namespace {
 
-/// Triangles by the hundred, every vertex with its own motion; all pairs are candidates.
+/// Hundreds of triangles, every vertex with its own motion; all pairs are candidates.
 struct Soup {
   std::vector<dvec3> position;
   std::vector<Triangle> face;
@@ -290,7 +290,7 @@ struct Soup {
         if (a / 3 != b / 3) edge_edge.push_back({a, b});
   }
 
-  /// Runs the commit and returns the fractions' mean. cap < 0: until nothing changes.
+  /// Runs the commit and returns the mean of the fractions. cap < 0: until nothing changes.
   double commit(const std::vector<dvec3> &target, int cap)
   {
     const int n = int(position.size());
@@ -366,8 +366,8 @@ TEST_CASE("a soup of triangles in wild motion never intersects", "[commit]")
 
 namespace {
 
-/// Draped cloth, its vertices sent anywhere by several edge lengths, with nothing but the commit between: intersections
-/// by exact predicates.
+/// Draped cloth whose vertices are moved randomly by several edge lengths, protected by the commit alone; intersections
+/// are counted by exact predicates.
 void check_mesh(const char *scene_name, int triangles, int settle, int rounds)
 {
   Scene scene = Scene::load(std::string(CAMA_SOURCE_DIR) + "/scenes/" + scene_name, triangles);

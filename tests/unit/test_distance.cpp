@@ -24,9 +24,10 @@ Wide operator-(Wide a, Wide b) { return {a.x - b.x, a.y - b.y, a.z - b.z}; }
 Real dot(Wide a, Wide b) { return a.x * b.x + a.y * b.y + a.z * b.z; }
 Wide wide(dvec3 a) { return {a.x, a.y, a.z}; }
 
+/// above: length of sum w x; below: the largest lower bound along the reported normal.
 struct Gap {
   Real above, below;
-};   ///< length of sum w x, and the greatest lower bound along the reported normal
+};
 
 Gap bounds(const Quad &x, const proximity &p, bool edges)
 {

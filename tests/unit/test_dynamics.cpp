@@ -78,10 +78,11 @@ dvec3 mean(const std::vector<dvec3> &x, const std::vector<int> &vertices)
   return dscale(1.0 / static_cast<double>(vertices.size()), sum);
 }
 
+/// speed: sum of m |v|.
 struct Momentum {
   dvec3 linear{0, 0, 0}, angular{0, 0, 0};
   double speed = 0;
-};   // speed: sum of m |v|
+};
 
 Momentum momentum(const Simulation &sim)
 {
@@ -199,8 +200,8 @@ TEST_CASE("a free spinning cloth keeps its momentum, and its angular momentum as
     linear = dnorm(dsub(end.linear, start.linear)) / start.speed;
     return dnorm(dsub(end.angular, start.angular)) / dnorm(start.angular);
   };
-  // Backward Euler takes the centripetal force at the end of the step: L loses h^2 w^2 of itself a step, h w^2 t in
-  // all.
+  // Backward Euler takes the centripetal force at the end of the step: L decreases by the fraction h^2 w^2 in each
+  // step, h w^2 t in all.
   double linear = 0;
   for (double h : {1.0 / 500, 1.0 / 1000, 1.0 / 2000}) {
     const double lost = run(h, linear, exact());
@@ -251,10 +252,10 @@ TEST_CASE("a hanging strip stretches as the table of St. Venant-Kirchhoff", "[dy
 
 namespace {
 
-/// Sag of a strip of length 1 hung by its ends at distance `d`, over its length.
+/// Sag of a strip of length 1 that hangs by its ends at distance `d`, over its length.
 double catenary_sag(double d, int cells, double bending)
 {
-  // Starts as an arc of the strip's length: chord d = 2 r sin(a), length 1 = 2 r a.
+  // The start is an arc of the strip's length: chord d = 2 r sin(a), length 1 = 2 r a.
   double a = 1.5;
   for (int k = 0; k < 200; ++k) a -= (std::sin(a) - d * a) / (std::cos(a) - d);
   const double r = 0.5 / a;
@@ -307,7 +308,7 @@ struct Tip {
 };
 
 /// A strip of length 2 and `rows` cells' width held along its middle line, bent by its weight: by symmetry each half is
-/// a cantilever of length 1 with an exact clamp. mirror: the mesh's mirror image across the strip.
+/// a cantilever of length 1 with an exact clamp. mirror: the mirror image of the mesh across the strip.
 Tip cantilever(double gamma, int cells, int rows, bool mirror)
 {
   const double cell = 1.0 / cells, density = 0.2, width = rows * cell;
@@ -356,8 +357,8 @@ TEST_CASE("a wide cantilever bends as the elastica but for its anticlastic stiff
 {
   const auto file = test_data("analytic/elastica.csv");
   if (!file) return;
-  // The relaxed grid is a plate of Poisson ratio -0.2: where its width is held from curling it is stiffer, by 1 / (1 -
-  // 0.04) at most.
+  // The relaxed grid is a plate of Poisson ratio -0.2: where its width cannot curl it is stiffer, by at most 1 / (1 -
+  // 0.04).
   for (int cells : {16, 32, 64}) {
     const Tip tip = cantilever(5, cells, cells / 8, false);
     const double off = std::abs(tip.drop / tip.reach / table(*file).at(5).at("H_over_W") - 1);
@@ -375,14 +376,15 @@ TEST_CASE("a mirrored mesh bends the same", "[dynamics]")
 
 namespace {
 
+/// Along the slope, m and m/s^2, after settling.
 struct Slide {
   double moved, acceleration;
-};  // along the slope, m and m/s^2, after settling
+};
 
 enum class Ground { obstacle, cloth };
 
 /// A patch of 5 cm on a slope of 26.57 degrees with friction `factor` times its tangent, and static friction likewise.
-/// `cells`: of the slope's mesh, along each side. On a cloth: one that is held everywhere. loaded: starts where the
+/// `cells`: of the slope's mesh, along each side. On a cloth: one that is held everywhere. loaded: it starts where the
 /// penalty carries its weight; else just out of contact, so that its first step is without friction and it moves when
 /// the load sets in.
 Slide slide(double factor, double static_factor, int cells, double duration, Ground kind = Ground::obstacle,
@@ -473,7 +475,7 @@ TEST_CASE("a patch on a flat slope sticks just above, and slides just below, the
   CHECK(fast.acceleration == Approx(sliding_acceleration(0.5)).epsilon(0.02));
 }
 
-// Here a vertex takes part in several contacts (slope edges under the patch), which share its mass by their load.
+// Here a vertex is in several contacts (slope edges under the patch), which share its mass by their load.
 TEST_CASE("a patch on a slope of many triangles sticks and slides as on a flat one", "[dynamics][friction]")
 {
   const Slide stick = slide(1.02, 1.02, 10, 1), slip = slide(0.98, 0.98, 10, 0.5), fast = slide(0.5, 0.5, 10, 0.3);
@@ -490,8 +492,8 @@ TEST_CASE("with a static coefficient above the kinetic one a patch sticks up to 
   const double kinetic = 0.6;
   for (const Ground ground : {Ground::obstacle, Ground::cloth})
     for (const int cells : {1, 10}) {
-      // On many triangles the load is uneven, and from rest heavily loaded vertices hold their neighbours: there it
-      // starts moving.
+      // On many triangles the load is uneven, and at rest heavily loaded vertices hold their neighbours; so the patch
+      // starts in motion there.
       const Slide stick = slide(kinetic, 1.02, cells, 1, ground, true),
                   slip = slide(kinetic, 0.98, cells, 0.3, ground, cells == 1);
       const Slide low = slide(kinetic, kinetic, cells, 0.3, ground, cells == 1);
@@ -540,7 +542,7 @@ TEST_CASE("a cloth rests where the penalty of its pair carries its weight", "[dy
 
 TEST_CASE("two cloths that collide keep their momentum", "[dynamics]")
 {
-  // Slow: the penalty stops them. Fast: they would pass each other within a step, and impacts are projected.
+  // Slow sheets are stopped by the penalty. Fast ones would pass each other within a step, and impacts are projected.
   for (const auto &[speed, gap] : {std::pair{0.5, 0.004}, std::pair{10.0, 0.02}}) {
     Pattern a = make_grid_cells(0.1, 0.1, 6, 6), b = a;
     place(a.mesh, [](double u, double v) { return dvec3{u - 0.05, v - 0.05, 0.1 * (u - 0.05) * (v - 0.05)}; });
@@ -574,14 +576,14 @@ TEST_CASE("two cloths that collide keep their momentum", "[dynamics]")
     std::vector<int> lower, upper;
     for (int i = range[0].first; i < range[0].second; ++i) lower.push_back(i);
     for (int i = range[1].first; i < range[1].second; ++i) upper.push_back(i);
-    approach = mean(v, lower).z - mean(v, upper).z;  // positive while they still close in
+    approach = mean(v, lower).z - mean(v, upper).z;  // positive while they still approach
     CAPTURE(speed, contacts, impacts, truncated, linear, angular, approach);
     CHECK(contacts > 0);
     if (speed > 1) CHECK(impacts > 0);
     CHECK(sim.count_intersections() == 0);
     CHECK(linear < 1e-10);
-    CHECK(angular <
-          (speed < 1 ? 0.02 : 0.15));  // impulses act where the vertices were: off by what they move in a step
+    // Impulses act at the earlier positions, with an error of the motion in a step.
+    CHECK(angular < (speed < 1 ? 0.02 : 0.15));
     CHECK(approach < 0.05 * speed);
   }
 }

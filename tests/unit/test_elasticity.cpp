@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Planar elasticity: forces against finite differences of an energy written here, Hessian blocks, invariances, and the
+// Planar elasticity: forces against finite differences of an energy defined here, Hessian blocks, invariances, and the
 // stiffness table against ARCSim's printed samples.
 #include "../catch.hpp"
 
@@ -100,7 +100,7 @@ private:
   std::mt19937 random_;
 };
 
-/// What the kernels say of a sample.
+/// The results of the kernels for a sample.
 template <class Real> struct Element {
   using T = Types<Real>;
   typename T::triangle_rest rest{};
@@ -219,7 +219,7 @@ TEMPLATE_TEST_CASE("the triangle matrix is symmetric and positive semidefinite",
     lowest = std::min(
         lowest, Eigen::SelfAdjointEigenSolver<Matrix9>(symmetric, Eigen::EigenvaluesOnly).eigenvalues()[0] / scale);
     const Nodes shift = (Nodes() << 1, 2, 3, 1, 2, 3, 1, 2, 3).finished();
-    REQUIRE((m * shift).norm() <= 100 * bound * scale);   // moving along costs nothing
+    REQUIRE((m * shift).norm() <= 100 * bound * scale);   // translation costs nothing
   }
   CAPTURE(lowest);
   CHECK(lowest >= -bound);
@@ -267,14 +267,14 @@ TEST_CASE("sampling a stretching table hits its nodes and is linear between them
           for (int m = 0; m < 4; ++m)
             REQUIRE(std::abs(s.k[m] - at(i, j, k).k[m]) <= 1000 * (i == 29 || j == 29 || k == 29 ? 3.1e-5 : 1e-10));
         }
-  // Halfway between two nodes: their mean. Outside: held.
+  // Halfway between two nodes: their mean. Outside: constant.
   const S middle = sample_stretching(table.data(), -0.25 + 4.5 / n, -0.25 + 7.0 / n, 2.0 / n);
   CHECK(middle.k[2] == Approx(0.5 * (at(4, 7, 2).k[2] + at(5, 7, 2).k[2])).epsilon(1e-10));
   const S low = sample_stretching(table.data(), -0.49, -0.4, 0.0);
   CHECK(low.k[0] == Approx(at(0, 0, 0).k[0]).epsilon(1e-12));
   const S high = sample_stretching(table.data(), 5.0, 5.0, -5.0);
   CHECK(high.k[3] == Approx(at(29, 29, 29).k[3]).epsilon(1e-3));
-  // A table that is linear in the three coordinates comes back exactly.
+  // A table that is linear in the three coordinates is reproduced exactly.
   for (int i = 0; i < n * n * n; ++i) table[i].k[0] = 100 + 3.0 * (i / (n * n)) - 2.0 * (i / n % n) + 0.5 * (i % n);
   for (int k = 0; k < 1000; ++k) {
     const double a = random.uniform(0, 28.9), b = random.uniform(0, 28.9), c = random.uniform(0, 28.9);

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Exact obstacles: where cloth rests on them, friction on a plane, no cloth inside them whatever they do, what is
-// refused. Distances are measured by the code of tests/judge.hpp, in long double, or written here.
+// Exact obstacles: where cloth rests on them, friction on a plane, no cloth inside them whatever they do, and which are
+// rejected. Distances are measured by tests/judge.hpp, in long double, or by the code here.
 #include "../catch.hpp"
 
 #include <algorithm>
@@ -22,7 +22,7 @@ constexpr double pi = 3.14159265358979323846, gravity = 9.81;
 using judge::Vec;
 Vec wide(const dvec3 &x) { return {x.x, x.y, x.z}; }
 
-/// The least distance of the cloth from the segment a b (a = b: from a point).
+/// The smallest distance of the cloth from the segment a b (a = b: from a point).
 double cloth_to_segment(const Simulation &sim, const dvec3 &a, const dvec3 &b)
 {
   const auto x = sim.positions();
@@ -56,7 +56,7 @@ Scene with(Obstacle o, Mesh mesh, double time_step = 1.0 / 200)
   return s;
 }
 
-/// A sheet of 0.4 m in the xz plane, hung by its upper corners, centre at the origin.
+/// A sheet of 0.4 m in the xz plane that hangs by its upper corners, with its centre at the origin.
 Scene curtain(Obstacle o, int cells)
 {
   Mesh m = meshes::grid(cells, cells, 0.4, 0.4, -0.2, -0.2);
@@ -73,7 +73,7 @@ struct Course {
   int intersections = 0, truncated = 0;
 };
 
-/// Steps; `distance` is measured after each.
+/// Takes steps and measures `distance` after each.
 template <class Distance> Course follow(Simulation &sim, int steps, Distance distance)
 {
   Course c;
@@ -276,7 +276,7 @@ TEST_CASE("a plane that rises carries a sheet, and nothing falls through one", "
 
 namespace {
 
-/// All four forms and a mesh at once, in motion.
+/// All four exact shapes and a mesh at once, in motion.
 Scene everything_exact()
 {
   Scene s = with(exact_plane({0, 0, -0.06}, {0, 0.1, 1}), meshes::grid(12, 12, 0.3, 0.3, -0.15, -0.15, 0.004));
@@ -303,7 +303,7 @@ TEST_CASE("contacts of vertices with exact obstacles are those of points with sp
   Simulation sim(s, serial_options());
   int seen[5] = {0, 0, 0, 0, 0};
   for (int n = 0; n < 25; ++n) {
-    const auto x = sim.positions();  // where the contacts of the next step are found
+    const auto x = sim.positions();  // at which the contacts of the next step are found
     sim.step();
     const ContactArrays c = sim.contacts();
     const auto ranges = sim.obstacle_ranges();
@@ -373,8 +373,8 @@ TEST_CASE("exact obstacles give the same bits on every backend and number of thr
 
 TEST_CASE("the commit keeps each pair a hundredth of its own smallest thickness apart", "[surfaces][commit]")
 {
-  // A thick and a thin sheet are thrown at a plane with next to no penalty and no projection: they stop at what is
-  // certified. No weight presses them, which would stiffen the contacts.
+  // A thick and a thin sheet are thrown at a plane with almost no penalty and no projection: they stop at the certified
+  // distance. No weight presses them, since that would stiffen the contacts.
   Scene s = with(exact_plane({0, 0, 0}, {0, 0, 1}), meshes::grid(3, 3, 0.1, 0.1, 0, 0, 0.01));
   s.cloths.push_back(meshes::cloth(meshes::grid(3, 3, 0.1, 0.1, 0.3, 0, 0.01), meshes::cotton(), "thin"));
   s.contact.stiffness = 1e-3;
@@ -445,15 +445,15 @@ TEST_CASE("starts inside exact obstacles are refused and counted", "[surfaces]")
     return thrown<CollisionError>([&] { Simulation(s, serial_options()); });
   };
   CHECK(contains(refused(exact_sphere({0.01, 0.02, 0.04}, 0.05)), "triangle"));
-  CHECK(contains(refused(exact_capsule({0.01, 0.02, -0.3}, {0.02, 0.02, 0.3}, 0.001)),
-                 "reaches into obstacle 'body'"));  // through a triangle
+  // It passes through a triangle.
+  CHECK(contains(refused(exact_capsule({0.01, 0.02, -0.3}, {0.02, 0.02, 0.3}, 0.001)), "reaches into obstacle 'body'"));
   CHECK(contains(refused(exact_box({0, 0, 0}, {0.1, 0.1, 0.1})), "body"));
   CHECK(contains(refused(exact_plane({5, 5, 0.001}, {0, 0, 1})), "below obstacle 'body'"));
   CHECK_NOTHROW(Simulation(with(exact_plane({5, 5, -0.001}, {0, 0, 1}), sheet), serial_options()));
   CHECK_NOTHROW(Simulation(with(exact_sphere({0.01, 0.02, 0.051}, 0.05), sheet), serial_options()));
 }
 
-TEST_CASE("exact obstacles from a file: placed, scaled, saved, and refused by name", "[surfaces][scene]")
+TEST_CASE("exact obstacles from a file: placed, scaled, saved, and rejected with the field", "[surfaces][scene]")
 {
   const auto scene = [](const std::string &obstacle) {
     return R"({"cloth": [{"name": "c", "grid": {"size": [1, 1]}, "triangles": 8}], "obstacles": [{"name": "o", )" +
@@ -492,7 +492,7 @@ TEST_CASE("exact obstacles from a file: placed, scaled, saved, and refused by na
           R"("shape": {"plane": {}}, "motion": {"keys": [{"time": 0}, {"time": 1, "rotate": {"axis": [1, 0, 0], "angle_deg": 5}}]})"),
       "use a box"));
   CHECK(contains(error(R"("shape": {"sphere": {}}, "motion": {"keys": [{"time": 0}, {"time": 1, "scale": 2}]})"),
-                 "keeps its size"));
+                 "cannot be scaled"));
   CHECK(contains(thrown<SceneError>([&] {
                    Scene s = parse(R"("shape": {"sphere": {}})");
                    Pin pin;

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// Only what the scene requires: what a term brings, in streams, stages, kernels and matrix blocks, and that a scene
-// without it has none of that. What is expected is written from the table in docs/reference/features.md, not read off
-// the program.
+// A scene has only what it requires: what a feature adds in streams, stages, kernels and matrix blocks, and that a
+// scene without it has none of that. Expected values follow the table in docs/reference/features.md; they are not taken
+// from the program.
 #include "../catch.hpp"
 
 #include <algorithm>
@@ -20,7 +20,7 @@ using namespace cama;
 namespace {
 
 using Names = std::set<std::string>;
-using Kernels = std::map<std::string, int>;   // launches of one step
+using Kernels = std::map<std::string, int>;  // launches of one step
 
 Names operator+(Names a, const Names &b)
 {
@@ -33,8 +33,8 @@ Kernels operator+(Kernels a, const Kernels &b)
   return a;
 }
 
-constexpr int columns = 6, rows = 5, vertices = 42, edges = 101,
-              inner_edges = 79;   // 60 triangles: V - E + F = 1; 22 edges of the border
+// 60 triangles: V - E + F = 1; 22 edges are on the border.
+constexpr int columns = 6, rows = 5, vertices = 42, edges = 101, inner_edges = 79;
 
 /// A grid whose cells are all split along the same diagonal: six triangles around every inner vertex, and no two hinges
 /// with the same ends.
@@ -71,7 +71,7 @@ Material tabulated(bool bending)
 
 /// What a scene has after some steps, and what one more step launches.
 struct Inventory {
-  Names streams;  // of more than no bytes
+  Names streams;  // those that are not empty
   std::vector<std::string> stages;
   std::map<std::string, Kernels> kernels;  // by stage
   int blocks = 0, contacts = 0;
@@ -100,7 +100,7 @@ Inventory take(const Scene &scene, const Options &options, int steps = 3)
   return found;
 }
 
-/// Every kernel of the step but those of the linear solve, which test_features names only where they are a term's.
+/// Every kernel of the step except those of the linear solve, which the tests name only if they belong to a feature.
 Kernels outside_the_solve(const Inventory &i)
 {
   Kernels all;
@@ -165,7 +165,7 @@ std::vector<std::string> behind(const std::string &first, std::vector<std::strin
   return stages;
 }
 
-/// The bare sheet just above something: in contact from the first step on.
+/// The bare sheet just above an obstacle, in contact from the first step on.
 Scene on(Obstacle obstacle, const Motion &motion = {})
 {
   Scene s = bare();
@@ -183,7 +183,7 @@ Obstacle ball() { return exact_sphere({0.15, 0.125, -0.102}, 0.1); }
 Obstacle table()
 {
   return meshes::obstacle(meshes::grid(3, 3, 0.5, 0.5, -0.1, -0.1, -3e-3));
-}  // near enough to push, too little for anything to stray
+}  // near enough to push, too little for a vertex to leave its box
 Motion rising()
 {
   Motion m;
@@ -299,7 +299,7 @@ TEST_CASE("obstacles without contact bring nothing but their vertices; moving on
   CHECK(outside_the_solve(found) == elastic_kernels + Kernels{{"move_rigid", 1}, {"prescribe_velocities", 1}});
 }
 
-TEST_CASE("a plane: the cloth's vertices ask one face; no edges, no trees of the cloth", "[required]")
+TEST_CASE("a plane: the cloth's vertices query one face; no edges, no trees of the cloth", "[required]")
 {
   const Inventory found = take(on(plane()), serial());
   REQUIRE(found.contacts > 0);
@@ -316,7 +316,7 @@ TEST_CASE("a plane: the cloth's vertices ask one face; no edges, no trees of the
                                                         {"query_vertex_face_fill", 1}});
 }
 
-TEST_CASE("a ball's centre asks the faces of the cloth: no edges", "[required]")
+TEST_CASE("a ball's centre queries the faces of the cloth: no edges", "[required]")
 {
   const Inventory found = take(on(ball()), serial());
   REQUIRE(found.contacts > 0);
@@ -334,9 +334,10 @@ TEST_CASE("an obstacle at rest is neither boxed nor sorted again, and its tree s
   const Inventory still = take(on(table()), serial()), moving = take(on(table(), rising()), serial());
   REQUIRE(still.contacts > 0);
   REQUIRE(moving.contacts > 0);
-  const Names both = elastic_streams + term_streams + contact_streams + face_pair_streams + edge_pair_streams +
-                     Names{"edge", "trees.cloth.face_bvh", "trees.cloth.face_order", "trees.cloth.edge_order",
-                           "contact"};  // edges of the cloth ask; nothing asks them
+  // Edges of the cloth query; no edge queries them.
+  const Names both =
+      elastic_streams + term_streams + contact_streams + face_pair_streams + edge_pair_streams +
+      Names{"edge", "trees.cloth.face_bvh", "trees.cloth.face_order", "trees.cloth.edge_order", "contact"};
   CHECK(still.streams == both + Names{"origin", "trees.resting.face_bvh", "trees.resting.face_order",
                                       "trees.resting.edge_bvh", "trees.resting.edge_order"});
   CHECK(moving.streams == both + Names{"rest_position", "trees.moving.face_bvh", "trees.moving.face_order",
@@ -366,9 +367,9 @@ TEST_CASE("cloth meets cloth: trees of the cloth, none of obstacles", "[required
     CHECK(search.at(kernel) == 1);
 }
 
-TEST_CASE("without cloth on cloth none of its pairs are looked at", "[required]")
+TEST_CASE("without contact.self no pair of cloth with cloth is tested", "[required]")
 {
-  // Folded over: the layers are nearer than the thickness, and the table is near to both.
+  // A folded sheet: its layers are nearer than the thickness, and the table is near both.
   Scene scene = on(table());
   for (dvec3 &x : scene.cloths[0].mesh.position)
     if (x.x > 0.15) x = {0.3 - x.x, x.y, 3e-3};
@@ -391,7 +392,7 @@ TEST_CASE("contact without friction sums no loads and predicts no velocities", "
   const Inventory smooth = take(scene, serial());
   CHECK(smooth.kernels.at("contact terms") ==
         incidence_kernels + Kernels{{"contact_nodes", 1}, {"stiffen_contacts", 1}, {"make_frictionless_terms", 1}});
-  scene.cloths[0].material.friction = 0.5;  // cloth meets no cloth: it has nothing to rub
+  scene.cloths[0].material.friction = 0.5;  // no cloth touches cloth, so its coefficient is not used
   CHECK(take(scene, serial()).kernels.at("contact terms") == smooth.kernels.at("contact terms"));
   scene.obstacles[0].friction = 0.5;
   const Inventory rough = take(scene, serial());
@@ -438,7 +439,7 @@ TEST_CASE("no guarantee, no commit", "[required]")
     CHECK_FALSE(launched(found, kernel));
 }
 
-TEST_CASE("every stage that a term brings says so", "[required]")
+TEST_CASE("every stage names the feature that needs it", "[required]")
 {
   Scene scene = on(table(), rising());
   scene.stitches.push_back({0, 0, 0, columns, columns - 1, 0.5, 10});
@@ -450,7 +451,7 @@ TEST_CASE("every stage that a term brings says so", "[required]")
   }
   CHECK(reason.at("element forces") == "always");
   CHECK(reason.at("linear solve") == "always");
-  CHECK(reason.at("prescribed motion") == "pins, handles or moving obstacles");
+  CHECK(reason.at("prescribed motion") == "pins or moving obstacles");
   CHECK(reason.at("proximity checking") == "contact");
   CHECK(reason.at("candidate search") == "contact");
   CHECK(reason.at("contacts") == "contact");
@@ -458,9 +459,9 @@ TEST_CASE("every stage that a term brings says so", "[required]")
   CHECK(reason.at("penetration handling") == "contact");
 }
 
-// What is far away does not move the cloth by one bit. It may not be in the same contact, nor, as a free cloth, in the
-// same solve: the conjugate gradient's steps are ratios of sums over all free vertices, and those change with every
-// free vertex that has a residual.
+// Distant objects do not move the cloth by one bit. They may not be in the same contacts nor, as a free cloth, in the
+// same solve: the steps of the conjugate gradient method are ratios of sums over all free vertices, which change with
+// every free vertex that has a residual.
 namespace {
 
 /// Two sheets that fall on each other and on a ball that moves.
@@ -508,7 +509,7 @@ Motion drifting(const dvec3 &velocity)
   m.velocity = velocity;
   return m;
 }
-/// A cloth far away that is pinned whole.
+/// A distant cloth with all vertices pinned.
 std::size_t add_pinned(Scene &s, Material material, const Motion &motion = {})
 {
   s.cloths.push_back(meshes::cloth(meshes::grid(3, 3, 0.1, 0.1, 4, 5, -2), std::move(material), "far cloth"));
@@ -575,7 +576,7 @@ const Feature far_features[] = {
      }},
 };
 
-/// Features that every vertex sees, and that are nothing.
+/// Features that involve every vertex but have no effect.
 const Feature empty_features[] = {
     {"still air without density", [](Scene &s) { s.wind = Wind{{3, 0, 0}, 0, 0}; }},
     {"a cloth's friction where an obstacle's holds",

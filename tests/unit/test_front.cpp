@@ -126,7 +126,7 @@ Scene with(std::vector<Mesh> cloths, std::vector<Mesh> obstacles, bool self = tr
   s.contact.self = self;
   for (std::size_t i = 0; i < cloths.size(); ++i)
     s.cloths.push_back(meshes::cloth(std::move(cloths[i]), meshes::cotton(), "cloth" + std::to_string(i)));
-  Motion moving;   // the tests move everything themselves
+  Motion moving;   // the tests move everything
   moving.velocity = {1, 0, 0};
   for (std::size_t i = 0; i < obstacles.size(); ++i)
     s.obstacles.push_back(meshes::obstacle(std::move(obstacles[i]), moving, "obstacle" + std::to_string(i)));
@@ -160,7 +160,7 @@ std::vector<Case> cases(unsigned seed)
           {"fan", with({fan(40), meshes::grid(3, 3, 0.3, 0.3)}, {fan(31)})}};
 }
 
-/// Positions of search k: waves, a drift of each half, and now and then everything scattered or in one place.
+/// Positions of search k: waves, a drift of each half, and sometimes everything scattered or in one place.
 std::vector<dvec3> positions(const std::vector<dvec3> &rest, unsigned seed, int k)
 {
   std::mt19937 engine(seed * 977 + static_cast<unsigned>(k));
@@ -177,7 +177,7 @@ std::vector<dvec3> positions(const std::vector<dvec3> &rest, unsigned seed, int 
   return x;
 }
 
-/// An engine whose own pipeline does not matter, with a FrontSearch on its state.
+/// An engine, whose own pipeline is not used, with a FrontSearch on its state.
 struct Fronts {
   Fronts(const Scene &scene, const std::string &backend, int threads, bool localized = true)
       : engine(scene, options(backend, threads, localized)), search(engine.state), from(*engine.backend),
@@ -204,7 +204,7 @@ struct Fronts {
   Stream<dvec3> from, to;
 };
 
-/// How often the front covers each pair of leaves; adjacent pairs, which it leaves out, apart.
+/// Checks how often the front covers each pair of leaves; adjacent pairs, which it leaves out, are treated separately.
 void check_cut(State &s, const Topology &t)
 {
   const int n = s.mesh.triangles, root = kernels::tree_root_level(n);
@@ -270,7 +270,7 @@ TEST_CASE("fronts give every pair of features whose boxes overlap, once, and tho
           most = std::max(most, front);
           fewest = std::min(fewest, front);
         }
-        if (t.face.size() > 50) CHECK(most > fewest);   // pairs sprouted and were pruned
+        if (t.face.size() > 50) CHECK(most > fewest);   // pairs were opened and pruned
         CHECK(fronts.search.rebuilds() < 26);
       }
     }
@@ -303,7 +303,7 @@ TEST_CASE("fronts kept through a smooth motion sprout and prune without being bu
   }
   CHECK(fronts.search.rebuilds() == 1);
   CHECK(size[19] > 1.1 * size[0]);
-  CHECK(size[39] == size[0]);   // pruned to where it came from
+  CHECK(size[39] == size[0]);   // pruned to its original size
 }
 
 TEST_CASE("a localized update adds exactly the pairs that are new, and leaves the others as they are", "[front]")
@@ -333,7 +333,7 @@ TEST_CASE("a localized update adds exactly the pairs that are new, and leaves th
               p = {p.x + far(engine), p.y + far(engine), p.z + far(engine)};
             }
             fronts.to.assign(y);
-            for (PairList *list : {&s.contact.vertex_face, &s.contact.edge_edge}) {   // marks that must stay
+            for (PairList *list : {&s.contact.vertex_face, &s.contact.edge_edge}) {   // values that must be kept
               std::vector<float> gap_bound(static_cast<std::size_t>(list->pairs.size()), -1);
               std::vector<kernels::fvec3> direction(gap_bound.size());
               for (std::size_t i = 0; i < gap_bound.size(); ++i) {

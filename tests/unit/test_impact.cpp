@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // Inelastic projection of impacts against dense solutions: projected Gauss-Seidel run to convergence for impulses that
-// only push, Eigen with an active set for the linear system; and what mechanics says of one impact.
+// only push, Eigen with an active set for the linear system; and the mechanics of one impact.
 #include "../catch.hpp"
 
 #include <algorithm>
@@ -25,7 +25,7 @@ namespace {
 Vector3d eigen(const dvec3 &v) { return {v.x, v.y, v.z}; }
 
 struct Problem {
-  int cloth = 0;                       // vertices; those behind do not move
+  int cloth = 0;                       // cloth vertices; those behind them do not move
   std::vector<dvec3> position;
   std::vector<double> inverse_mass;
   std::vector<impact> impacts;
@@ -69,7 +69,7 @@ VectorXd project(const Problem &p, double target, bool linear, int threads = 1)
   Stream<dvec3> positions(*backend, p.position);
   const std::vector<dvec3> far(p.position.size(), dvec3{1e6, 0, 0});
   ImpactProjection stage(*backend);
-  stage.start(state, Stream<dvec3>(*backend, far), positions);   // motions so long that nothing is held back
+  stage.start(state, Stream<dvec3>(*backend, far), positions);   // motions so long that no push is limited
   stage.run(state, positions);
   VectorXd moved = -p.stacked();
   const std::vector<dvec3> after = positions.download();
@@ -93,7 +93,7 @@ VectorXd quadratic_program(const Problem &p, double target)
       lambda[i] = next;
     }
   }
-  // KKT: nothing pulls, nothing stays violated, what pushes is tight.
+  // KKT: no impulse pulls, no constraint is violated, and those that push are tight.
   const VectorXd slack = s * lambda - c;
   for (int i = 0; i < j.rows(); ++i) {
     if (s(i, i) == 0) continue;
@@ -103,7 +103,7 @@ VectorXd quadratic_program(const Problem &p, double target)
   return w * lambda;
 }
 
-/// The paper's: violated impacts as equations, those that would pull leave, four rounds.
+/// The paper's method: violated impacts as equations, without those that would pull, in four rounds.
 VectorXd active_set(const Problem &p, double target, double regularisation)
 {
   const MatrixXd j = p.jacobian(), w = p.mobility().asDiagonal() * j.transpose(), s = j * w;
@@ -136,7 +136,7 @@ VectorXd active_set(const Problem &p, double target, double regularisation)
   return w * lambda;
 }
 
-/// Displacement measured by what it costs, sum m |dx|^2.
+/// Cost of a displacement, sum m |dx|^2.
 double cost(const Problem &p, const VectorXd &dx)
 {
   double sum = 0;
@@ -163,7 +163,7 @@ public:
     }
     return p;
   }
-  /// `apart`: no vertex is in two impacts.
+  /// apart: no vertex is in two impacts.
   void add(Problem &p, int count, bool apart)
   {
     const int n = static_cast<int>(p.position.size());
@@ -376,7 +376,7 @@ TEST_CASE("angular momentum is conserved to rounding by an impact as detection f
     ++hits;
     for (int k = 0; k < 4; ++k) p.inverse_mass.push_back(std::exp(maker.normal()));
     const VectorXd dx = project(p, 0.01, seed % 4 < 2);
-    // Moments about where the vertices are at the time of impact: that is where the impulse acts.
+    // Moments are about the positions at the time of impact, where the impulse acts.
     const std::array<dvec3, 4> start{x[0], x[1], x[2], x[3]}, end{y[0], y[1], y[2], y[3]};
     const double time = kind == 0 ? vertex_face_ccd(start, end, 1e-3).time : edge_edge_ccd(start, end, 1e-3).time;
     Vector3d linear(0, 0, 0), angular(0, 0, 0);
@@ -413,7 +413,7 @@ TEST_CASE("duplicate and nearly duplicate impacts change nothing", "[impact]")
   for (bool linear : {false, true}) {
     const VectorXd dx = project(many, 0.05, linear);
     REQUIRE(dx.allFinite());
-    CHECK(cost(p, dx) < 2 * cost(p, alone));   // nothing blows up
+    CHECK(cost(p, dx) < 2 * cost(p, alone));   // nothing diverges
   }
 }
 

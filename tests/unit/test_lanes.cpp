@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Vectors of the cpu_count against plain loops over their numbers.
+// Vectors of CPUs against plain loops over their numbers.
 #include "../catch.hpp"
 
 #include <algorithm>
@@ -14,7 +14,7 @@ using namespace cama;
 
 namespace {
 
-/// These numbers, one a lane.
+/// These numbers, one in each lane.
 float_lanes lanes_of(const std::vector<float> &v) { return LANES_LOAD(float_lanes, v.data()); }
 
 template <class Real> std::vector<Real> random(std::size_t n, std::mt19937 &engine)
@@ -35,7 +35,7 @@ TEMPLATE_TEST_CASE("sums of columns come in the order of halves, bit by bit", "[
   for (int round = 0; round < 20; ++round) {
     const auto column = random<TestType>(3 * 256, engine), v = random<TestType>(3 * 16, engine);
     TestType sum[LANES];
-    const auto add_up = [&](auto c) {   // the functions of its precision's namespace
+    const auto add_up = [&](auto c) {   // the functions of the namespace of its precision
       clear_columns(&c);
       for (int k = 0; k < 3; ++k) add_columns(&c, column.data() + 256 * k, 16, v.data() + 16 * k);
       auto sums = c.at[0];
@@ -62,8 +62,8 @@ TEST_CASE("lanes choose, invert and take roots as one number does", "[lanes]")
   std::mt19937 engine(5);
   for (int round = 0; round < 50; ++round) {
     const auto a = random<float>(LANES, engine), b = random<float>(LANES, engine);
-    const auto most = kernels::lanes_most(lanes_of(a), lanes_of(b)),
-               least = kernels::lanes_least(lanes_of(a), lanes_of(b));
+    const auto most = kernels::lanes_max(lanes_of(a), lanes_of(b)),
+               least = kernels::lanes_min(lanes_of(a), lanes_of(b));
     const auto inverse = kernels::lanes_inverse(lanes_of(a)),
                root = kernels::lanes_inverse_root(lanes_of(a) * lanes_of(a));
     for (int q = 0; q < LANES; ++q) {
@@ -75,20 +75,21 @@ TEST_CASE("lanes choose, invert and take roots as one number does", "[lanes]")
   }
 }
 
-TEST_CASE("a pair of swept_vertices has the room of its lane", "[lanes]")
+TEST_CASE("a single pair of swept vertices has the gap_bound of its lane", "[lanes]")
 {
-  // A face in the plane z = 0 and a vertex above it: its height, less motion and radius, if that exceeds the thickness.
+  // A face in the plane z = 0 and a vertex above it: the result is the height minus motion and radius, if that exceeds
+  // the thickness.
   const auto swept_vertex = [](float x, float y, float z, float dz, float radius) {
     return kernels::swept_vertex{x, y, z, 0, 0, dz, 1e-3f, radius};
   };
-  const auto room = [&](float height, float falls, float radius) {
+  const auto gap_bound = [&](float height, float falls, float radius) {
     return kernels::gap_bound_along(0, swept_vertex(0.2f, 0.2f, height, -falls, radius), swept_vertex(0, 0, 0, 0, 0),
                                     swept_vertex(1, 0, 0, 0, 0), swept_vertex(0, 1, 0, 0, 0),
                                     kernels::fvec3_make(0, 0, 1), 0);
   };
-  CHECK(room(0.5f, 0, 0) == Approx(0.5));
-  CHECK(room(0.5f, 0.1f, 0) == Approx(0.4).epsilon(1e-5));
-  CHECK(room(0.5f, 0.1f, 0.2f) == Approx(0.2).epsilon(1e-5));
-  CHECK(room(0.9e-3f, 0, 0) == 0);  // not beyond the thickness
-  CHECK(room(-0.5f, 0, 0) == 0);
+  CHECK(gap_bound(0.5f, 0, 0) == Approx(0.5));
+  CHECK(gap_bound(0.5f, 0.1f, 0) == Approx(0.4).epsilon(1e-5));
+  CHECK(gap_bound(0.5f, 0.1f, 0.2f) == Approx(0.2).epsilon(1e-5));
+  CHECK(gap_bound(0.9e-3f, 0, 0) == 0);  // not beyond the thickness
+  CHECK(gap_bound(-0.5f, 0, 0) == 0);
 }

@@ -76,7 +76,7 @@ TEST_CASE(
     const double area = 0.5 * (kernels::dnorm(n) + kernels::dnorm(m)),
                  l = kernels::dnorm(kernels::dsub(tube.position[edge.first], tube.position[edge.second]));
     const double angle = std::atan2(kernels::dnorm(kernels::dcross(n, m)), kernels::ddot(n, m));
-    energy += k * l * l * angle * angle / (8 * area);   // as Material::bending says
+    energy += k * l * l * angle * angle / (8 * area);   // as defined for Material::bending
   }
   const double pi = 3.14159265358979323846;
   CHECK(energy == Approx(1.25 * 0.5 * B / (radius * radius) * 2 * pi * radius * length).epsilon(0.01));
@@ -129,8 +129,8 @@ TEST_CASE("fabrics ship inside the library with their sources", "[material]")
     const Material m = Material::fabric(n);
     return m.bending[2][0] / m.density;
   };
-  CHECK(stiffness("denim") >
-        stiffness("cotton"));   // published drape coefficients: denim 70-90 %, cotton 60-76 %, silk 20-40 %
+  // Published drape coefficients: denim 70-90 %, cotton 60-76 %, silk 20-40 %.
+  CHECK(stiffness("denim") > stiffness("cotton"));
   CHECK(stiffness("cotton") > stiffness("silk"));
   const std::string text = thrown<MaterialError>([] { Material::fabric("kevlar"); });
   CHECK(contains(text, "kevlar"));

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// Newton's method and the integrators against ordinary differential equations solved here, Richardson sequences, and
-// the equation of a step with forces by finite differences of the energy; accuracy levels; steps that fail.
+// Newton's method and the integrators against numerical solutions of ordinary differential equations, Richardson
+// sequences, and the equation of a step with forces by finite differences of the energy; accuracy levels; failing
+// steps.
 #include "../catch.hpp"
 
 #include <cmath>
@@ -73,8 +74,8 @@ double swing(double y, double v, double time)
 
 double spring_end(Integrator integrator, double step, double time, double y0, double v0)
 {
-  Options o =
-      newton(integrator, 60, 1e-10);   // the spring passes through rest, where there are no forces to be relative to
+  // The spring passes through rest, where there are no forces to be relative to.
+  Options o = newton(integrator, 60, 1e-10);
   o.time_step = step;
   Simulation s(spring(), o);
   std::vector<dvec3> x = s.positions(), v(3, dvec3{0, 0, 0});
@@ -88,10 +89,10 @@ double spring_end(Integrator integrator, double step, double time, double y0, do
   return s.positions()[2].y / height;
 }
 
-/// log2 of how much less the error is with half the step.
+/// log2 of the ratio of the errors with a step and with half of it.
 double order(double coarse, double fine) { return std::log2(std::abs(coarse) / std::abs(fine)); }
 
-/// A damped sheet in wind, off its rest state, hung by two corners.
+/// A damped sheet in wind, not at rest, that hangs by two corners.
 Scene blown()
 {
   Scene s = meshes::hanging(4);
@@ -156,7 +157,7 @@ TEST_CASE("a damped sheet in wind: the orders by a Richardson sequence", "[newto
 
 TEST_CASE("Newton's method converges quadratically near the solution", "[newton]")
 {
-  // Stretched, without shear, nothing is left out of the Hessian.
+  // Stretched and without shear the Hessian is complete.
   std::vector<double> residual;
   for (int iterations = 2; iterations <= 6; ++iterations) {
     Options o = newton(Integrator::backward_euler, iterations, 1e-15);
@@ -342,7 +343,7 @@ TEST_CASE("BDF2 starts anew after motion that was handled, after a state that wa
 
 TEST_CASE("BDF2 does not make cloth rebound from what stops it", "[newton]")
 {
-  // A sheet thrown on a plate: with no penalty to speak of, penetration handling stops it.
+  // A sheet thrown on a plate: with almost no penalty, penetration handling stops it.
   Scene s = fallen();
   s.gravity = {0, 0, 0};
   s.contact.stiffness = 1e-3;
@@ -368,7 +369,7 @@ namespace {
 
 enum class Plant { error, not_a_number };
 
-/// Spoils what the linear solve before it has done, as often as `failures` says.
+/// Spoils the result of the linear solve before it, `failures` times.
 class PlantedFailure final : public StageOn<const StepReport, MeshState> {
 public:
   std::string_view name() const override { return "planted failure"; }
@@ -436,7 +437,7 @@ TEST_CASE("a step that the solver cannot do is done in halves", "[newton][failur
     }
 }
 
-TEST_CASE("a step that nothing helps is named, and leaves the state of before", "[newton][failures]")
+TEST_CASE("a step that fails in all pieces is reported, and leaves the previous state", "[newton][failures]")
 {
   Options o = serial(Accuracy::accurate);
   Scene scene = meshes::pile(4);
@@ -481,7 +482,7 @@ TEST_CASE("how often a failing step is halved is an option", "[newton][failures]
 TEST_CASE("the time step of a level that the scene leaves to it goes with the edges", "[levels]")
 {
   const auto step = [](double side, const char *level, double frame_time = 0) {
-    const double z = side * 1.5;   // the material is the smaller: its edges count
+    const double z = side * 1.5;   // material space is smaller, and its edges count
     Scene s;
     s.frame_time = frame_time;
     s.cloths.push_back(meshes::cloth({{{0, 0, 0}, {z, 0, 0}, {z, z, 0}, {0, z, 0}},
@@ -490,8 +491,8 @@ TEST_CASE("the time step of a level that the scene leaves to it goes with the ed
                                       {{0, 1, 2}, {0, 2, 3}}}));
     return chosen_time_step(Options::at(accuracy_level(level)), s);
   };
-  const double side =
-      0.04 * 3 / (2 + std::sqrt(2.0));  // edges of 40 mm on average: sqrt(0.04 / 1.5e5) s is 32.3 steps in 1/60 s
+  // Edges of 40 mm on average: sqrt(0.04 / 1.5e5) s is 32.3 steps in 1/60 s.
+  const double side = 0.04 * 3 / (2 + std::sqrt(2.0));
   CHECK(step(side, "production") == Approx(1.0 / 60 / 33));
   CHECK(step(side, "accurate") == Approx(1.0 / 60 / 162));  // 161.4
   CHECK(step(side, "reference") == Approx(1.0 / 60 / 646));  // 645.5

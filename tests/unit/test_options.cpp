@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The table of options: levels, texts, ranges, and who is obeyed. Expected values are those of
+// The table of options: levels, texts, ranges, and whose values hold. Expected values are those of
 // docs/guide/accuracy-levels.md and of tests/shared_scenes/options.json, which the Python tests read too.
 #include <fstream>
 #include <set>
@@ -84,7 +84,7 @@ TEST_CASE("options by name and text", "[options]")
     CHECK(contains(thrown<SceneError>([&] { o.set_text(bad.name, bad.text); }), bad.said));
   }
   CHECK(contains(thrown<SceneError>([&] { o.set("max_iterations", true); }), "whole number"));
-  CHECK(o.values().size() == 6);  // nothing was half set
+  CHECK(o.values().size() == 6);  // no value was set partly
 }
 
 TEST_CASE("options that do not go together, and those of the user alone", "[options]")
@@ -99,7 +99,7 @@ TEST_CASE("options that do not go together, and those of the user alone", "[opti
   CHECK(contains(thrown<SceneError>([&] { resolve(o, scene); }), "paper.atomic_filling"));
   OptionOverrides pinch;
   pinch.pinch = Pinch::release;
-  CHECK(contains(thrown<SceneError>([&] { check_scene_options(pinch); }), "'pinch' belongs to the user"));
+  CHECK(contains(thrown<SceneError>([&] { check_scene_options(pinch); }), "'pinch' can only be set by the user"));
   CHECK_THROWS_AS(Scene::parse(R"({"options": {"backend": "cpu"}})", "."), SceneError);
 }
 
@@ -113,7 +113,7 @@ TEST_CASE("the table is whole", "[options]")
     CHECK(row.help.size() > 20);
     CHECK(row.help.back() == '.');
     CHECK((row.type == "choice") == !row.words.empty());
-    for (const auto &[level, value] : row.levels) {  // every value is one that the option takes
+    for (const auto &[level, value] : row.levels) {  // the option accepts every value
       OptionOverrides o;
       o.set(row.name, value);
       CHECK(o.values().size() == 1);

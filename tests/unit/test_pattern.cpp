@@ -36,9 +36,8 @@ TEST_CASE("rows of indices are sorted by a member or by a team as by std::sort, 
   std::vector<int> space{0};
   std::vector<key64> unsorted;
   for (int n : {0, 1, 2, 63, 64, 65, 0, SORT_ROOM - 1, SORT_ROOM, SORT_ROOM + 1, 5 * SORT_ROOM, 7}) {
-    for (int i = 0; i < n; ++i)
-      unsorted.push_back(
-          kernels::index_of(static_cast<int>(random() % 20) * 100000000, i));   // columns recur, sources do not
+    // Columns recur, sources do not.
+    for (int i = 0; i < n; ++i) unsorted.push_back(kernels::index_of(static_cast<int>(random() % 20) * 100000000, i));
     std::shuffle(unsorted.end() - n, unsorted.end(), random);
     space.push_back(static_cast<int>(unsorted.size()));
   }
@@ -66,7 +65,7 @@ TEST_CASE("an index gives back its column and its source", "[pattern]")
       const key64 index = kernels::index_of(column, source);
       CHECK(kernels::index_column(index) == column);
       CHECK(kernels::index_source(index) == source);
-      CHECK(kernels::index_of_mass(column) < index);   // the mass comes first of its block
+      CHECK(kernels::index_of_mass(column) < index);   // the mass comes first in its block
     }
   CHECK(kernels::index_source(kernels::index_of_mass(7)) == -1 - 7);
 }

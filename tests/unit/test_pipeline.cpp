@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The pipeline is built from the scene: what a scene does not have adds no stage and no stream, and does not move the
-// cloth.
+// The pipeline is built from the scene: features that a scene does not have add no stage and no stream, and do not move
+// the cloth.
 #include "../catch.hpp"
 
 #include <algorithm>
@@ -54,8 +54,8 @@ bool has_any(const std::set<std::string> &names, const std::vector<std::string> 
 const std::set<std::string> always = {"element forces", "matrix assembly", "linear solve", "advance positions",
                                       "finish step"};
 const std::set<std::string> contact_stages = {"candidate search", "contacts", "contact terms", "penetration handling"};
-const std::vector<std::string> contact_streams = {"tree",      "groups",    "box",     "order",  "pairs",
-                                                  "direction", "room",      "contact", "impact", "margin",
+const std::vector<std::string> contact_streams = {"tree",      "bvh",       "box",     "order",  "pairs",
+                                                  "direction", "gap_bound", "contact", "impact", "margin",
                                                   "bounds",    "predicted", "face",    "edge"};
 
 std::set<std::string> with(std::set<std::string> a, const std::set<std::string> &b)
@@ -64,7 +64,7 @@ std::set<std::string> with(std::set<std::string> a, const std::set<std::string> 
   return a;
 }
 
-/// Cloth 0 after some steps, bit for bit; reports say what else happened.
+/// Cloth 0 after some steps, bit for bit, with the reports.
 struct Run {
   std::vector<dvec3> position, velocity;
   int contacts = 0;
@@ -260,7 +260,7 @@ TEST_CASE("a distant obstacle moves the cloth by no more than rounding", "[pipel
 }
 
 // Candidate pairs come in the order of the trees, whose Morton codes are relative to the bounds of the whole scene;
-// contacts and impacts are sorted by their features (FlaggedPairs), so that sums over them do not see it.
+// contacts and impacts are sorted by their features (FlaggedPairs), so that sums over them do not depend on it.
 TEST_CASE("a distant obstacle does not move the cloth by one bit", "[pipeline]")
 {
   for (const Motion &motion : resting_and_moving()) {
@@ -293,7 +293,7 @@ TEST_CASE("contact that never touches does not move the cloth by one bit", "[pip
 
 TEST_CASE("a distant cloth that needs no solving does not move the first by one bit", "[pipeline]")
 {
-  // Both hang; the far one is pinned whole: it adds rows to the system but nothing to its dot products.
+  // Both hang; all vertices of the far one are pinned: it adds rows to the system but nothing to its dot products.
   Scene scene = meshes::hanging(8);
   const Run alone = follow(scene, 20, serial());
   scene.cloths.push_back(meshes::cloth(meshes::grid(3, 3, 0.1, 0.1, 10), meshes::cotton(), "far"));
@@ -308,8 +308,8 @@ TEST_CASE("a distant cloth that needs no solving does not move the first by one 
 
 TEST_CASE("a distant cloth moves the first by no more than the solver's tolerance", "[pipeline]")
 {
-  // One conjugate gradient solves for all cloths: its step lengths and its stop are common, so bits do change, and with
-  // them which pairs are contacts. With a direct solve, or as the tolerance goes down, they agree.
+  // One conjugate gradient solve serves all cloths: its step lengths and its end are common, so bits do change, and
+  // with them which pairs are contacts. With a direct solve, or as the tolerance decreases, the results agree.
   Scene scene = meshes::sheet_on_ball();
   for (dvec3 &x : scene.cloths[0].mesh.position)
     x = {x.x + 0.013, x.y + 0.007, x.z};  // off the ball's axes, where contacts would be ties

@@ -130,7 +130,7 @@ TEST_CASE("the garment is sewn from panels and sits around the body", "[scene]")
       lo = std::min(lo, ratio);
       hi = std::max(hi, ratio);
     }
-  CHECK(lo > 0.95);   // the gores fit the shape they are sewn to
+  CHECK(lo > 0.95);   // the gores fit the shape that they are sewn to
   CHECK(hi < 1.05);
   for (const dvec3 &x : m.position) top = std::max(top, x.z);
   for (int v : s.pins[0].vertices) CHECK(m.position[v].z == Approx(top));
@@ -217,7 +217,7 @@ TEST_CASE("errors name the field", "[scene]")
   CHECK(contains(parse_error("{"), "not JSON"));
   CHECK(contains(parse_error("{\"frames\": 1e400}"), "not JSON"));
   CHECK(contains(parse_error("{\"frames\": \"\xff\xfe\"}"), "UTF-8"));
-  CHECK(contains(parse_error("{\"frames\": 1, \"gravity\": [0, 0, 0], \"frames\": 2}"), "\"frames\" is there twice"));
+  CHECK(contains(parse_error("{\"frames\": 1, \"gravity\": [0, 0, 0], \"frames\": 2}"), "\"frames\" appears twice"));
   CHECK(contains(parse_error(with("\"obstacles\": [{\"name\": \"o\", \"sphere\": {\"radius\": 1}}], \"pins\": "
                                   "[{\"cloth\": \"c\", \"vertices\": [0], "
                                   "\"attach\": \"o\", \"motion\": {\"velocity\": [1, 0, 0]}}]")),
@@ -278,8 +278,8 @@ TEST_CASE("errors name the field", "[scene]")
 
 TEST_CASE("what a material or obstacle leaves out of contact comes from the scene", "[scene]")
 {
-  Scene s =
-      small_scene();   // cloth a and ball give all but a's thickness; cloth b is of a fabric, the key gives nothing
+  // Cloth a and ball give all but a's thickness; cloth b is of a fabric, the key gives nothing.
+  Scene s = small_scene();
   const ContactProperties a = s.contact_properties(0), ball = s.contact_properties(2), key = s.contact_properties(3);
   CHECK((a.thickness == 0.002 && a.stiffness == 3e5 && a.friction == 0.3 && a.static_friction == 0.35));
   CHECK((ball.thickness == 0.003 && ball.stiffness == 4e6 && ball.friction == 0.7 && ball.static_friction == 0.9));
@@ -316,9 +316,9 @@ TEST_CASE("scenes made by a program are checked too", "[scene]")
   CHECK(contains(broken([](Scene &s) { s.cloths[0].material.static_friction = 0.29; }), "static_friction"));
   CHECK(contains(broken([](Scene &s) {
                    s.cloths[0].material.friction = -1;
-                   s.cloths[0].material.static_friction = 0.32;
+                   s.cloths[0].material.static_friction = 0.32;  // below the scene's 0.33
                  }),
-                 "cloth \"a\": material.static_friction"));   // below the scene's 0.33
+                 "cloth \"a\": material.static_friction"));
   CHECK(contains(broken([](Scene &s) { s.obstacles[1].mesh.face[0][0] = 100000; }), "obstacle \"key\""));
   CHECK(contains(broken([](Scene &s) { s.pins[0].vertices[0] = -1; }), "pins[0].vertices[0]"));
   CHECK(contains(broken([](Scene &s) { s.pins[0].cloth = 9; }), "pins[0].cloth"));
@@ -345,7 +345,7 @@ TEST_CASE("sewing lines of a file become stitches of the scene", "[scene][data]"
   CHECK_NOTHROW(s.validate());
   REQUIRE(s.stitches.size() == 851);
   CHECK(s.stitches[0].stiffness == 700);
-  const auto &x = s.cloths[0].mesh.position;   // draped by another solver, which held the stitches together
+  const auto &x = s.cloths[0].mesh.position;   // draped by another solver, which kept the stitches closed
   double worst = 0;
   for (const Stitch &t : s.stitches)
     worst = std::max(worst, distance(x[t.vertex_a], kernels::dlerp(x[t.vertex_b], x[t.vertex_c], t.ratio)));
@@ -378,7 +378,7 @@ TEST_CASE("garments fit characters from files", "[scene][data]")
         gap = std::min(gap, distance(x, body.position[t[0]], body.position[t[1]], body.position[t[2]]));
     CHECK(gap > 0.005);
   }
-  // Arms that hang beside the hips are in the way of a wide skirt: said, not sewn in.
+  // Arms beside the hips are in the way of a wide skirt: an error reports that, and they are not sewn in.
   const std::string walking =
       scene(R"({"file": "ozz_arnaud.fbx", "animation_file": "ozz_pab_walk.fbx", "scale": 0.01})",
             R"("waist": 1.05, "length": 0.5, "flare": 0.3)");

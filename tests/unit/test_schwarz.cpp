@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The Schwarz preconditioner: blocks of neighbours, their inverses, the same on every backend.
+// The Schwarz preconditioner: blocks of neighbours and their inverses, which are the same on every backend.
 #include "../backends.hpp"
 
 #include <numeric>
@@ -42,7 +42,7 @@ Stream<kernels::f64::mat3> diagonal_of(StagedEngine &engine)
   return diagonal;
 }
 
-/// One block of `rows` vertices whose matrix is dense, and what the kernels make of it.
+/// One block of `rows` vertices with a dense matrix, and what the kernels compute from it.
 struct Block {
   Block(Backend &b, const MatrixXd &a) : rows(static_cast<int>(a.rows()) / 3), backend(b)
   {
@@ -66,8 +66,8 @@ struct Block {
   }
   VectorXd apply(const VectorXd &r)
   {
-    std::vector<kernels::f32::vec4> in(static_cast<std::size_t>(rows) + 1,
-                                       kernels::f32::vec4{-1, -1, -1, 0});   // and the block's node
+    // The last entry is the block's node.
+    std::vector<kernels::f32::vec4> in(static_cast<std::size_t>(rows) + 1, kernels::f32::vec4{-1, -1, -1, 0});
     for (int i = 0; i < rows; ++i)
       in[static_cast<std::size_t>(i)] = {static_cast<float>(r[3 * i]), static_cast<float>(r[3 * i + 1]),
                                          static_cast<float>(r[3 * i + 2]), 0};

@@ -35,8 +35,7 @@ template <class M> Matrix3d eigen_matrix(const M &m)
   return r;
 }
 
-/// The system of the step that the engine stands before solving, over all vertices: A (with terms), b, and what is
-/// prescribed.
+/// The system that the engine would solve next, over all vertices: A (with terms), b, and prescribed values.
 struct System64 {
   Eigen::SparseMatrix<double> matrix;
   VectorXd right, prescribed;
@@ -85,7 +84,7 @@ System64 download(StagedEngine &engine)
   return r;
 }
 
-/// Eigen's answer, over all vertices.
+/// Eigen's solution, over all vertices.
 VectorXd solve(const System64 &s)
 {
   std::vector<int> place(s.free.size(), -1);
@@ -153,7 +152,7 @@ Scene busy()
   return s;
 }
 
-/// Stiff and uneven: where preconditioning pays.
+/// Stiff and uneven, so that preconditioning helps.
 Scene uneven()
 {
   Scene s = meshes::hanging(12);
@@ -230,9 +229,9 @@ TEST_CASE("bcsr_multiply by differences: masses and springs, and what all share 
   in.assign(apart);
   CAMA_LAUNCH_REAL(float, *backend, bcsr_multiply, n, rows, columns, blocks, fixed, masses, in, out);
   const auto y = out.download();
+  // (i - 1)^2 - 2 i^2 + (i + 1)^2 = 2.
   for (int i = 1; i < n - 1; ++i)
-    REQUIRE(y[static_cast<std::size_t>(i)].x ==
-            Approx(mass * i * i - 2.0 * spring).epsilon(1e-6));   // (i - 1)^2 - 2 i^2 + (i + 1)^2 = 2
+    REQUIRE(y[static_cast<std::size_t>(i)].x == Approx(mass * i * i - 2.0 * spring).epsilon(1e-6));
 }
 
 namespace {
@@ -335,7 +334,7 @@ TEST_CASE("conjugate gradient with each preconditioner and the direct solve equa
   }
 }
 
-TEST_CASE("a moving obstacle pulls uniform on every way of assembly", "[solver]")
+TEST_CASE("a moving obstacle pulls equally with every kind of assembly", "[solver]")
 {
   std::vector<std::vector<dvec3>> velocity;
   for (Assembly assembly : {Assembly::gather, Assembly::algorithm1, Assembly::sorted}) {
@@ -428,7 +427,7 @@ TEST_CASE("Jacobi needs fewer iterations than no preconditioner, block Jacobi no
   CHECK(10 * iterations[3] < 7 * iterations[2]);
 }
 
-TEST_CASE("a solve that is cut off keeps what it has and says how far it came", "[solver]")
+TEST_CASE("a solve that reaches its limit keeps its result and reports its residual", "[solver]")
 {
   for (Preconditioner preconditioner : preconditioners) {
     INFO("preconditioner " << static_cast<int>(preconditioner));
@@ -462,7 +461,7 @@ TEST_CASE("prescribed degrees of freedom are eliminated exactly", "[solver]")
         for (int v : scene.pins[0].vertices) {
           const dvec3 expected = now.apply(scene.cloths[0].mesh.position[static_cast<std::size_t>(v)]),
                       got = engine.state.mesh.position.at(v);
-          CHECK(got.x == expected.x);   // to the bit: no solver, no precision in between
+          CHECK(got.x == expected.x);   // to the bit: independent of solver and precision
           CHECK(got.y == expected.y);
           CHECK(got.z == expected.z);
         }

@@ -83,7 +83,7 @@ void make_terms(int kind, const Corners &x, double friction, const std::array<Ve
   c.thickness = thickness;
   c.stiffness = stiffness;
   c.friction = c.static_friction = friction;
-  double load[4];   // the contact is its vertices' only one, so that each lends it the whole mass
+  double load[4];   // the only contact of its vertices, so that each gives it its whole mass
   for (int a = 0; a < 4; ++a) load[a] = std::abs(c.weight[a]) * stiffness * (thickness - p.distance);
   f64::make_contact_terms(1, &c, inverse_mass, free_velocity, load, time_step, &t);
 }
@@ -243,8 +243,8 @@ TEST_CASE("a stitch pulls with the gradient of its energy and its matrix is the 
     const double h = 1e-3, scale = s.stiffness * 0.1;
     for (int i = 0; i < 9; ++i) {
       const auto p = shifted(i, h), q = shifted(i, -h);
-      REQUIRE(std::abs(force(t, i) + (energy(p.data()) - energy(q.data())) / (2 * h)) <=
-              1e-9 * scale);   // quadratic: exact
+      // Quadratic: exact.
+      REQUIRE(std::abs(force(t, i) + (energy(p.data()) - energy(q.data())) / (2 * h)) <= 1e-9 * scale);
       for (int j = 0; j < 9; ++j)
         REQUIRE(std::abs(m(j, i) + (force(term_of(p.data()), j) - force(term_of(q.data()), j)) / (2 * h)) <=
                 1e-9 * s.stiffness);

@@ -107,7 +107,7 @@ Found query(const Scene &s, int self, int slots, int batch, bool both)
   std::partial_sum(count.begin(), count.end(), offset.begin() + 1);
   pair totals;
   scan_totals(1, vertices, items, offset.data(), &totals);
-  const int first = 3;   // behind what a list has
+  const int first = 3;   // behind the earlier entries of a list
   std::vector<pair> vf(totals.a + first), ee(totals.b + first);
   std::vector<float> vf_gap_bound(vf.size(), 7), ee_gap_bound(ee.size(), 7);
   query_vertex_face_fill(vertices, order.data(), vertex_box.data(), faces, face_tree.order.data(),
@@ -394,7 +394,7 @@ TEST_CASE("the trees' candidates are those of brute force", "[tree]")
               CHECK(std::adjacent_find(ee.begin(), ee.end()) == ee.end());
               CHECK(contains(vf, exact.vertex_face));                        // none missed
               CHECK(contains(ee, exact.edge_edge));
-              CHECK(contains(wide.vertex_face, vf));                         // none but for rounding
+              CHECK(contains(wide.vertex_face, vf));                         // none except by rounding
               CHECK(contains(wide.edge_edge, ee));
             }
             REQUIRE(found.vertex_face == reference.vertex_face);

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Starts that intersect: the report by objects, and untangling judged by the exact audit, displacements and bits.
+// Starts that intersect: the report by objects, and untangling checked by the exact audit, displacements and bits.
 #include "../catch.hpp"
 
 #include <cmath>
@@ -62,7 +62,7 @@ Scene tangled(const std::string &kind, unsigned seed)
   if (kind == "line") {   // b passes through the middle of a, one and a half edges deep
     const double tilt = random(0.3, 1.2), spin = random(-0.2, 0.2);
     b = moved(b, [&](dvec3 x) { return turned({x.x + size / 2 - 1.5 * edge, x.y, x.z}, tilt, spin); });
-  } else if (kind == "corner") {   // b stands on a corner, two edges deep
+  } else if (kind == "corner") {   // b stands on a corner of a, two edges deep
     const double tilt = random(0.8, 1.5);
     b = moved(b, [&](dvec3 x) {
       const double d = std::sqrt(0.5);

@@ -13,8 +13,7 @@
 #include "cama/mesh.hpp"
 #include "cama/untangle.hpp"
 
-/// The private module cama._core: what cama/*.py wraps. Arrays arrive here with shape, type and finiteness already
-/// checked.
+/// The private module cama._core, which cama/*.py wraps. Shape, type and finiteness of arrays are checked in Python.
 namespace cama::python {
 
 namespace py = pybind11;

@@ -20,18 +20,22 @@ py::object bind_error(py::module_ &module, const char *name, py::handle base, co
 /// Base classes first: translators are tried in reverse order of registration.
 void bind_errors(py::module_ &m)
 {
-  const py::object error = bind_error<Error>(m, "Error", PyExc_Exception, "Root of every exception that cama throws.");
+  const py::object error =
+      bind_error<Error>(m, "Error", PyExc_Exception, "Base class of all exceptions that cama raises.");
   bind_error<SceneError>(m, "SceneError", error,
-                         "A scene, option or parameter that cannot be simulated; the text names the field.");
-  bind_error<MeshError>(m, "MeshError", error, "A mesh with a bad element; the text names the object and the element.");
-  bind_error<MaterialError>(m, "MaterialError", error, "A material with a value outside its physical range.");
+                         "A scene, option or parameter that cannot be simulated; the message names the field.");
+  bind_error<MeshError>(m, "MeshError", error,
+                        "A mesh with an invalid element; the message names the object and the element.");
+  bind_error<MaterialError>(m, "MaterialError", error,
+                            "A material with a value outside its physical range; the message names the field.");
   bind_error<FileError>(m, "FileError", error, "A file that is missing, unreadable or not of the stated format.");
   const py::object backend = bind_error<BackendError>(
-      m, "BackendError", error, "A backend or device that is not there, or a call to it that failed.");
+      m, "BackendError", error, "A backend or device that is not available, or a call to it that failed.");
   bind_error<MemoryError>(m, "DeviceMemoryError", backend, "A device that ran out of memory.");
   bind_error<SolverError>(m, "SolverError", error,
                           "A step that could not be computed: the solver broke down or a value is not finite.");
-  bind_error<CollisionError>(m, "CollisionError", error, "An intersecting start, or a pinch without a way out.");
+  bind_error<CollisionError>(m, "CollisionError", error,
+                             "A start with intersections, or cloth that is pinched without a way out.");
 }
 
 }  // namespace cama::python

@@ -21,7 +21,7 @@ void transform(std::vector<dvec3> &points, const Matrix4 &m)
   for (dvec3 &x : points) x = transformed(m, x);
 }
 
-/// Moves every sample of a vertex animation; rigid motions are left as they are.
+/// Transforms every sample of a vertex animation; rigid motions are unchanged.
 void transform(Motion &motion, const Matrix4 &m)
 {
   if (!motion.sampled) return;
@@ -177,7 +177,8 @@ void bind_scene(py::module_ &m)
   bind_parts(m);
   py::class_<Scene> scene(m, "Scene");
   vector_property(scene, "gravity", &Scene::gravity);
-  // Elements are returned by reference into vectors that add_* may move: callers use them at once and keep none.
+  // Elements are returned as references into vectors that add_* may move: callers use them at once and do not keep
+  // them.
   const auto inside = py::return_value_policy::reference_internal;
   scene.def(py::init<>())
       .def(py::init<const Scene &>())

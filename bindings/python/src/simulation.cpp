@@ -9,8 +9,8 @@
 namespace cama::python {
 namespace {
 
-/// A simulation that several Python threads may ask: one at a time, and never while its lock is waited for with the GIL
-/// held.
+/// A simulation that several Python threads may use, one at a time; no thread waits for its lock while it holds the
+/// GIL.
 class Guarded {
 public:
   Guarded(const Scene &scene, const OptionOverrides &options) : simulation_(scene, options) {}
@@ -27,7 +27,7 @@ private:
   std::mutex mutex_;
 };
 
-/// n steps; between steps the GIL is taken and pending signals (Ctrl-C) raise.
+/// Takes n steps; between steps it takes the GIL and raises pending signals (Ctrl-C).
 void step(Guarded &g, int n)
 {
   for (int i = 0; i < n; ++i) {
@@ -150,7 +150,7 @@ py::dict to_dict(Checkpoint c)
   return d;
 }
 
-/// Of what the other direction made: shapes and types are checked in Python.
+/// The reverse conversion; shapes and types are checked in Python.
 Checkpoint to_checkpoint(const py::dict &d)
 {
   Checkpoint c;
@@ -176,7 +176,7 @@ Checkpoint to_checkpoint(const py::dict &d)
   return c;
 }
 
-/// Binds a member function that needs no lock beyond the call.
+/// Binds a member function that needs the lock only during the call.
 template <class Result> auto ask(Result (Simulation::*method)() const)
 {
   return

@@ -9,10 +9,10 @@
 
 namespace cama {
 
-/// Memory on a device; what it points to is the backend's business.
+/// Memory on a device; only its backend knows what the pointer means.
 using Buffer = void *;
 
-/// Which compilation of a kernel: kernels that use `real` exist once per precision, the others once.
+/// The compiled version of a kernel: kernels that use `real` exist once per precision, the others once.
 enum class KernelPrecision { none, f32, f64 };
 
 struct KernelKey {
@@ -22,7 +22,7 @@ struct KernelKey {
   int team = 0;         ///< members of a team; 0: the kernel has none
 };
 
-/// Most arguments of a kernel; checked at compile time.
+/// Largest number of arguments of a kernel; checked at compile time.
 inline constexpr int max_kernel_arguments = 40;
 
 /// One kernel argument: a scalar's address, or a buffer.
@@ -33,15 +33,15 @@ struct Argument {
   bool is_buffer = false;
 };
 
-/// Memory, launching, prefix sums and sorting on one device. Knows nothing about cloth.
-/// All calls enqueue in order; `download` and `synchronize` wait.
+/// Memory, launches, prefix sums and sorting on one device. A backend knows nothing about cloth. All calls enqueue in
+/// order; `download` and `synchronize` wait.
 class Backend {
 public:
   virtual ~Backend() = default;
   virtual std::string_view name() const = 0;     ///< "cpu", "opencl", "cuda"
-  virtual std::string device() const = 0;        ///< what a user calls the hardware
+  virtual std::string device() const = 0;        ///< name of the hardware, for users
 
-  virtual bool wide_workers() const = 0;  ///< work items are cores with vector registers, not thousands of threads
+  virtual bool wide_workers() const = 0;  ///< work items are CPU cores with vector registers, not thousands of threads
 
   virtual Buffer allocate(std::size_t bytes) = 0;  ///< throws MemoryError
   virtual void release(Buffer buffer) noexcept = 0;
@@ -50,20 +50,19 @@ public:
   virtual void copy(Buffer to, Buffer from, std::size_t bytes) = 0;
   virtual void fill(Buffer buffer, unsigned char byte, std::size_t bytes) = 0;
 
-  /// n work items, or n teams where the kernel has teams.
+  /// Launches n work items, or n teams if the kernel has teams.
   virtual void launch(const KernelKey &kernel, int n, const Argument *arguments, int count) = 0;
-  /// Runs `work`, which only launches, `times` times; a backend may record it once and replay it. again: it is the work
-  /// of the last call.
+  /// Runs `work`, which only launches kernels, `times` times; a backend may record it once and replay it. again: `work`
+  /// is that of the last call.
   virtual void repeat(int times, const std::function<void()> &work, bool again = false)
   {
     static_cast<void>(again);
     for (int i = 0; i < times; ++i) work();
   }
-  /// to[i] = sum of from[0..i), to[n] = total. `to` holds n + 1 ints and may not alias `from`.
-  /// A total beyond 2^31 - 1 is a MemoryError, here or, on backends that do not wait, at the next `download` or
-  /// `synchronize`.
+  /// to[i] = sum of from[0..i), to[n] = total. `to` holds n + 1 ints and may not alias `from`. A total beyond 2^31 - 1
+  /// throws MemoryError, here or, on backends that do not wait, at the next `download` or `synchronize`.
   virtual void scan(Buffer from, Buffer to, int n) = 0;
-  /// Stable radix sort of n 64-bit keys by their low `bits` bits, values moved along.
+  /// Stable radix sort of n 64-bit keys, with their values, by the low `bits` bits.
   virtual void sort(Buffer keys, Buffer values, int n, int bits) = 0;
   virtual void synchronize() = 0;
 
@@ -77,15 +76,15 @@ protected:
   long launches_ = 0, waits_ = 0;
 };
 
-/// Processors of this process, at most OMP_NUM_THREADS where that is set: what threads = 0 of the CPU backend means.
+/// Number of CPUs of this process, at most OMP_NUM_THREADS if that is set: what threads = 0 of the CPU backend means.
 int cpu_count();
 /// Threads that a scene of so many cloth triangles keeps busy: one for every 1,000, at least 1, at most cpu_count().
 /// Kernels are short; with more threads they wait for each other.
 int useful_threads(int triangles);
 
-/// name: "auto" (what the environment variable CAMA_BACKEND names, else cpu), "cpu", "opencl" or "cuda".
-/// device: index over the backend's usable devices. threads: of the CPU backend, 0 = cpu_count(). Throws BackendError
-/// listing what is there.
+/// name: "auto" (the backend named by the environment variable CAMA_BACKEND, else cpu), "cpu", "opencl" or "cuda".
+/// device: index among the backend's usable devices. threads: of the CPU backend, 0 = cpu_count(). Throws BackendError,
+/// which lists the available backends.
 std::unique_ptr<Backend> make_backend(const std::string &name, int device = 0, int threads = 0);
 
 struct BackendInfo {

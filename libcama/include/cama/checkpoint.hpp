@@ -11,28 +11,29 @@
 
 namespace cama {
 
-/// Rows of the linear system in blocks, blocks in blocks: what the Schwarz preconditioner keeps for several steps.
+/// Rows of the linear system in blocks, and blocks in blocks: what the Schwarz preconditioner keeps for several steps.
 struct Matching {
   struct Level {
     std::vector<int> parent;   ///< [nodes] block of each row, or of each block of the level below, ascending
     std::vector<int> start;    ///< [blocks + 1] first node
   };
-  int step = 0;                ///< when it was made
-  int terms = 0;               ///< contacts and stitches then
+  int step = 0;                ///< in which the matching was made
+  int terms = 0;               ///< contacts and stitches of that step
   int first_iterations = 0, last_iterations = 0;   ///< of the longest solve of that step, of the last step
   std::vector<int> order;      ///< [rows] free vertices; empty: no matching
   std::vector<Level> levels;
 };
 
-/// All that later steps depend on beside scene and options: a simulation that continues from it takes the same steps,
-/// bit by bit, on every backend, as the one it is of.
+/// All data that later steps depend on besides scene and options: a simulation that continues from it takes the same
+/// steps, bit by bit and on every backend, as the simulation that it was taken from.
 struct Checkpoint {
   std::uint64_t scene = 0;                                    ///< hash of its meshes and masses
-  int step = 0;                                               ///< steps done
+  int step = 0;                                               ///< number of steps taken
   double time_step = 0;                                       ///< s
-  std::map<std::string, double> numbers;  ///< carried from step to step: time and start_time, s, start_step, ...
-  std::map<std::string, std::vector<dvec3>> vectors;  ///< [all vertices] carried so: position, m, velocity, m/s, ...
-  double released = -std::numeric_limits<double>::infinity();  ///< s; pins whose end is not later have let go
+  std::map<std::string, double> numbers;  ///< numbers kept from step to step: time and start_time, s, start_step, ...
+  /// [all vertices] vectors kept likewise: position, m, velocity, m/s, ...
+  std::map<std::string, std::vector<dvec3>> vectors;
+  double released = -std::numeric_limits<double>::infinity();  ///< s; s; pins that end by then have been released
   std::vector<std::pair<int, int>> tangled;  ///< vertices that may pass each other until they separate
   std::vector<std::pair<int, int>> let_go;  ///< vertex, object that it may pass until it separates
   Matching matching;

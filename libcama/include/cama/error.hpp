@@ -5,21 +5,21 @@
 
 namespace cama {
 
-/// Root of every exception that this library throws.
+/// Base class of every exception of this library.
 class Error : public std::runtime_error {
 public:
   using std::runtime_error::runtime_error;
 };
 
-/// A scene, option or parameter that cannot be simulated; the text names the field.
+/// A scene, option or parameter that cannot be simulated; the message names the field.
 class SceneError : public Error {
   using Error::Error;
 };
-/// A mesh with a bad element; the text names the object and the element.
+/// A mesh with an invalid element; the message names the object and the element.
 class MeshError : public Error {
   using Error::Error;
 };
-/// A material with a value outside its physical range.
+/// A material with a value outside its physical range; the message names the field.
 class MaterialError : public Error {
   using Error::Error;
 };
@@ -27,7 +27,7 @@ class MaterialError : public Error {
 class FileError : public Error {
   using Error::Error;
 };
-/// A backend or device that is not there, or a call to it that failed.
+/// A backend or device that is not available, or a call to it that failed.
 class BackendError : public Error {
   using Error::Error;
 };
@@ -39,7 +39,7 @@ class MemoryError : public BackendError {
 class SolverError : public Error {
   using Error::Error;
 };
-/// A collision state that cannot be resolved: an intersecting start, or a pinch without a way out.
+/// A collision state that cannot be resolved: a start with intersections, or cloth that is pinched without a way out.
 class CollisionError : public Error {
   using Error::Error;
 };

@@ -7,7 +7,7 @@
 
 #include "cama/motion.hpp"
 
-/// Meshes that the shipped scenes are made of. Lengths in m; `triangles` is a count aimed at.
+/// Meshes that the shipped scenes are made of. Lengths are in m; `triangles` is an approximate number.
 namespace cama {
 
 /// A generated piece of cloth and its named vertex groups ("top", "top_left", "waist", ...).
@@ -16,23 +16,23 @@ struct Pattern {
   std::map<std::string, std::vector<int>> group;
 };
 
-/// Rectangle in the plane z = 0 around the origin; the diagonals alternate, so that no direction is preferred.
+/// Rectangle in the plane z = 0 around the origin; the diagonals alternate, so that the mesh prefers no direction.
 /// Groups: left, right, bottom, top, bottom_left, bottom_right, top_left, top_right.
 Pattern make_grid(double width, double height, int triangles);
 Pattern make_grid_cells(double width, double height, int columns, int rows);
-/// Open tube around the z axis, base at z = 0, sewn along `seams` lines: panels are separate in material space. Groups:
-/// bottom, top.
+/// Open tube around the z axis with its base at z = 0, sewn along `seams` lines: its panels are separate in material
+/// space. Groups: bottom, top.
 Pattern make_tube(double bottom_radius, double top_radius, double height, int triangles, int seams = 1);
 
 /// Geodesic sphere around the origin: 20 n^2 nearly equal triangles.
 Mesh make_sphere(double radius, int triangles = 6480);
 Mesh make_box(const dvec3 &size, int triangles = 12);
-/// Around the z axis; `length` between the centres of the two half spheres.
+/// Capsule around the z axis; `length` is the distance between the centres of the two half spheres.
 Mesh make_capsule(double radius, double length, int triangles = 6000);
 /// Revolves a closed profile of (radius > 0, z) points, counter-clockwise, around the z axis.
 Mesh make_revolution(const std::vector<std::pair<double, double>> &profile, int segments);
-/// Cone and tube of one smooth wall with rounded lips, a closed solid; the throat (where the cone meets the tube) is at
-/// z = 0.
+/// Cone and tube with one smooth wall and rounded lips, a closed solid; the throat (where the cone meets the tube) is
+/// at z = 0.
 struct Funnel {
   double top_radius = 0.55, throat_radius = 0.1, cone_height = 0.45, tube_length = 0.25, wall = 0.02;
 };
@@ -59,8 +59,8 @@ struct Garment {
   double clearance = 0.008;  ///< from the body, m
   double hip = 0;  ///< below this height the cloth never narrows, m; 0: from the top ring on (a skirt)
 };
-/// Rings follow the convex hull of the body's cross-sections (trunk and legs; what hangs beside them, like arms, is
-/// left out). Throws MeshError when there is no body at that height or when an arm is in the way.
+/// Rings follow the convex hull of the body's cross-sections (trunk and legs; parts beside them, like arms, are left
+/// out). Throws MeshError if there is no body at that height or if an arm is in the way.
 Pattern make_garment(const Mesh &body, const Garment &garment, int triangles);
 
 }  // namespace cama

@@ -19,8 +19,8 @@ struct Mesh {
   std::vector<MaterialPoint> material_position;   ///< [material vertices], m; empty: none
   std::vector<Triangle> material_face;            ///< [triangles] indices into material_position; empty: none
 
-  /// Throws MeshError naming `object` and the element: empty mesh, non-finite coordinate, index out of range, repeated
-  /// index, zero area (world, and material where present), duplicate face, vertex that no face uses.
+  /// Throws MeshError, which names `object` and the element: empty mesh, non-finite coordinate, index out of range,
+  /// repeated index, zero area (in world and, if present, material space), duplicate face, vertex that no face uses.
   void validate(const std::string &object) const;
 };
 
@@ -33,14 +33,14 @@ struct MeshStitch {
   double ratio = 0;
 };
 
-/// Reads OBJ (own reader: vertex order, separate texture indices and every bit kept) and PLY, glTF, FBX, DAE, STL
-/// through assimp; all meshes of the file become one, vertices at equal positions are welded, coordinates are file
-/// units times `scale`; the y-up formats (glTF, FBX, DAE) are turned to z-up. Texture coordinates become material
-/// space, times `material_scale` (m per unit). Throws FileError.
+/// Reads OBJ (with its own reader, which keeps vertex order, separate texture indices and every bit) and PLY, glTF,
+/// FBX, DAE and STL through assimp. All meshes of the file become one, vertices at equal positions are welded, and
+/// coordinates are file units times `scale`; the y-up formats (glTF, FBX, DAE) are turned to z-up. Texture coordinates
+/// times `material_scale` (m per unit) become material space. Throws FileError.
 Mesh load_mesh(const std::filesystem::path &file, double scale = 1.0, double material_scale = 1.0);
 /// The lines "stitch a b c ratio" of an OBJ file (vertices counted from 0); other formats have none. Throws FileError.
 std::vector<MeshStitch> load_stitches(const std::filesystem::path &file);
-/// Writes OBJ with material coordinates where present. Throws FileError.
+/// Writes OBJ, with material coordinates if there are any. Throws FileError.
 void save_obj(const std::filesystem::path &file, const Mesh &mesh);
 
 }  // namespace cama

@@ -25,15 +25,18 @@ struct Motion {
     double time = 0;
     RigidTransform transform;
   };
-  std::vector<Key> keys;  ///< linear in translation and scale, spherical in rotation; held outside
+  /// translation and scale are interpolated linearly, rotation spherically; constant before the first and after the
+  /// last
+  std::vector<Key> keys;
   dvec3 velocity{0, 0, 0};  ///< steady translation, m/s
   dvec3 rotation_rate{0, 0, 0};  ///< steady rotation about `center`, rad/s (axis times rate)
   dvec3 oscillation{0, 0, 0};  ///< amplitude of a sine translation, m
   double period = 1;  ///< of the oscillation, s
   dvec3 center{0, 0, 0};
-  double start = 0, stop = 1e300;  ///< the steady parts act between these times, s
+  double start = 0, stop = 1e300;  ///< velocity, rotation rate and oscillation act between these times, s
 
-  /// Vertex animation (skinned characters, sequences): positions at given times, linear between, held outside.
+  /// Vertex animation (skinned characters, sequences): positions at given times, interpolated linearly, constant before
+  /// the first and after the last.
   struct Sampled {
     std::vector<double> time;
     std::vector<std::vector<dvec3>> position;
@@ -53,14 +56,14 @@ struct Character {
   double duration = 0;
 };
 
-/// Loads a mesh with skeletal animation through assimp (glTF, FBX, DAE).
-/// @param clip name or index of the animation ("" or "0": the first). @param animation_file other file to take the clip
-/// from, nodes matched by name.
-/// @param scale m per file unit. @param samples_per_second density of the sampled vertex motion. @param y_up turn y-up
-/// files to z-up.
-/// @param lead_in seconds of easing from the bind pose into the clip before it starts (0: starts with the clip; clip
-/// "bind": no clip at all).
-/// @param loops how often the clip is played. Throws FileError.
+/// Loads a mesh with skeletal animation through assimp (glTF, FBX, DAE). Throws FileError.
+/// @param clip Name or index of the animation ("" or "0": the first; "bind": none).
+/// @param animation_file Another file to take the clip from; nodes are matched by name.
+/// @param scale Metres per file unit.
+/// @param samples_per_second Density of the sampled vertex motion.
+/// @param y_up Turn y-up files to z-up.
+/// @param lead_in Seconds in which the bind pose eases into the clip before it starts; 0: no lead-in.
+/// @param loops How often the clip is played.
 Character load_character(const std::filesystem::path &file, const std::string &clip = "",
                          const std::filesystem::path &animation_file = {}, double scale = 1.0,
                          double samples_per_second = 60, bool y_up = true, double lead_in = 0, int loops = 1);

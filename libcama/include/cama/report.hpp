@@ -5,12 +5,12 @@
 
 namespace cama {
 
-/// What the last step did: the rows of report.def.
+/// What the last step did. One member for every row of report.def.
 struct StepReport {
 #define CAMA_REPORT(type, name, value, ...) type name = value;
 #include "cama/report.def"
 
-  /// Adds what the next piece of a divided step did.
+  /// Adds the report of the next piece of a divided step.
   void add(const StepReport &piece);
 };
 

@@ -21,16 +21,16 @@ struct Cloth {
   Mesh mesh;  ///< mesh.material_position is the rest state; empty: the starting position is the rest state
   Material material;
   dvec3 velocity{0, 0, 0};  ///< starting velocity, m/s
-  std::string source;  ///< what it was made from ("grid", a file name), for `explain`
+  std::string source;  ///< what it was made from ("grid", a file name)
 };
 
-/// What an obstacle's surface is: a mesh, or exact. The defining points of an exact one are its mesh's vertices: the
-/// centre of a sphere, both ends of a capsule's axis, eight corners of a box (corner k at the low or high side along
-/// axis a by bit a of k; with 12 faces), and three points of a plane whose normal (b - a) x (c - a) points out of the
-/// solid half space.
+/// The shape of an obstacle: a mesh, or exact. An exact shape is defined by the vertices of its mesh: the centre of a
+/// sphere, both ends of a capsule's axis, eight corners of a box (corner k at the low or high side along axis a by bit
+/// a of k; with 12 faces), and three points of a plane whose normal (b - a) x (c - a) points out of the solid half
+/// space.
 enum class ObstacleShape { mesh, sphere, capsule, box, plane };
 
-/// A body that cloth collides with; it moves as told and feels nothing.
+/// What cloth collides with; its motion is prescribed and independent of the cloth.
 struct Obstacle {
   std::string name;
   Mesh mesh;  ///< position at rest of the motion
@@ -44,7 +44,7 @@ struct Obstacle {
   double radius = 0;  ///< of a sphere or capsule, m
 };
 
-/// Exact obstacles, without meshing. Lengths in m; normal need not be of length 1. Throw SceneError.
+/// Exact obstacles, without meshing. Lengths are in m; the normal need not have length 1. They throw SceneError.
 Obstacle exact_sphere(const dvec3 &center, double radius);
 Obstacle exact_capsule(const dvec3 &end_a, const dvec3 &end_b, double radius);
 Obstacle exact_box(const dvec3 &center, const dvec3 &size);
@@ -56,7 +56,7 @@ struct Pin {
   std::vector<int> vertices;  ///< indices into the cloth's mesh
   Motion motion;  ///< rigid motion of the starting position; ignored when `obstacle` is set
   std::optional<int> obstacle;  ///< attach: follow the nearest point of this obstacle's surface
-  double release = std::numeric_limits<double>::infinity();  ///< time at which the vertices are let go, s
+  double release = std::numeric_limits<double>::infinity();  ///< time at which the vertices are released, s
 };
 
 /// Zero-length spring between a vertex and a point on an edge: x_a = (1 - ratio) x_b + ratio x_c.
@@ -74,23 +74,23 @@ struct Wind {
 };
 
 struct Contact {
-  bool enabled = true;  ///< false: cloth passes through everything
+  bool enabled = true;  ///< false: cloth passes through everything, itself included
   bool self = true;  ///< cloth against cloth
   double thickness = 1e-3;  ///< distance below which the penalty acts, m
   double stiffness = 1e6;  ///< penalty stiffness k of Equation 2 per contact area, N/m^3
-  double friction = 0.2;  ///< Coulomb coefficient cloth against cloth, for materials that give none
-  double static_friction = -1;  ///< while it sticks, not below `friction`, for those materials; -1: equal to it
+  double friction = 0.2;  ///< Coulomb coefficient of cloth against cloth, for materials without their own
+  double static_friction = -1;  ///< while it sticks, not below `friction`, for the same materials; -1: equal to it
 };
 
-/// What holds for one cloth or obstacle once the scene's values stand in for what it leaves out.
+/// The contact properties of one cloth or obstacle, with the scene's values where it gives none.
 struct ContactProperties {
   double thickness, stiffness, friction, static_friction;
 };
 
-/// What the user describes: host data only. Lengths in m, masses in kg, times in s.
+/// What is simulated: host data only. Lengths in m, masses in kg, times in s.
 struct Scene {
   std::string name = "scene", description;
-  double time_step = 0;  ///< s, what the levels production and paper take as it is; 0: the level's own
+  double time_step = 0;  ///< s, taken unchanged by the levels production and paper; 0: the level's own
   double frame_time = 0;  ///< s between recorded frames; 0: time_step, and 1/60 s without one
   int frames = 100;
   dvec3 gravity{0, 0, -9.81};  ///< m/s^2
@@ -100,25 +100,26 @@ struct Scene {
   std::vector<Obstacle> obstacles;
   std::vector<Pin> pins;
   std::vector<Stitch> stitches;
-  OptionOverrides options;       ///< how to compute it where the user does not say
+  OptionOverrides options;       ///< how to compute it, unless the user overrides them
 
   /// Loads a folder with scene.json, or a JSON file.
-  /// @param resolution total number of cloth triangles aimed at by generated meshes; 0: the scene's own default.
-  /// Throws FileError, SceneError (naming the field), MeshError or MaterialError.
+  /// @param resolution Approximate total number of cloth triangles of generated meshes; 0: the scene's own default.
+  /// Throws FileError, SceneError (which names the field), MeshError or MaterialError.
   static Scene load(const std::filesystem::path &path, int resolution = 0);
-  /// The same from JSON text; `folder` is where relative file names start.
+  /// The same from JSON text; relative file names are relative to `folder`.
   static Scene parse(const std::string &json, const std::filesystem::path &folder, int resolution = 0);
-  /// JSON text of the whole scene with meshes inline; parse(save()) gives the same scene.
+  /// JSON text of the whole scene with its meshes; parse(save()) gives the same scene.
   std::string save() const;
 
-  /// Throws a named error for the first thing that cannot be simulated; called by Simulation before any kernel runs.
+  /// Throws SceneError, MeshError or MaterialError for the first value that cannot be simulated; Simulation calls it
+  /// before any kernel runs.
   void validate() const;
 
-  /// s from one recorded frame to the next.
+  /// Time from one recorded frame to the next, s.
   double seconds_per_frame() const { return frame_time > 0 ? frame_time : time_step > 0 ? time_step : 1.0 / 60; }
-  /// Can anything touch? Contact is enabled, and there is an obstacle or cloth meets cloth.
+  /// Whether anything can touch: contact is enabled, and there is an obstacle or cloth collides with cloth.
   bool has_contact() const { return contact.enabled && (contact.self || !obstacles.empty()); }
-  /// Of cloth `object`, or of obstacle `object` - number of cloths.
+  /// Contact properties of cloth `object`, or of obstacle `object` minus the number of cloths.
   ContactProperties contact_properties(std::size_t object) const;
   int cloth_vertex_count() const;
   int cloth_triangle_count() const;

@@ -34,8 +34,8 @@ public:
   Buffer buffer() const { return buffer_; }
   Backend *backend() const { return backend_; }
 
-  /// Contents are lost when the stream has to grow; it grows by half, large ones by a sixteenth, so that repeated
-  /// growth is rare.
+  /// Contents are lost if the stream has to grow; it grows by half, large ones by a sixteenth, so that repeated growth
+  /// is rare.
   void resize(long long size)
   {
     const int wanted = checked(size);
@@ -46,11 +46,11 @@ public:
   {
     if (capacity <= capacity_) return;
     if (buffer_) backend_->release(std::exchange(buffer_, nullptr));
-    capacity_ = size_ = 0;   // if allocation throws, the stream is empty
+    capacity_ = size_ = 0;  // if allocation throws, the stream is empty
     buffer_ = backend_->allocate(sizeof(T) * static_cast<std::size_t>(capacity));
     capacity_ = capacity;
   }
-  /// Like `resize`, but what was there stays.
+  /// Like `resize`, but keeps the contents.
   void grow(long long size)
   {
     const int wanted = checked(size);
@@ -98,9 +98,9 @@ public:
   }
 
 private:
-  static constexpr int most =
-      0x7fffffff - (1 << 22);   // kernels' loops count on behind the last by as many work items as there are
-  /// A size that was summed up as an int has overflowed to below 0.
+  // The loops of kernels count beyond the last element by up to the number of work items.
+  static constexpr int most = 0x7fffffff - (1 << 22);
+  /// A size that overflowed while it was summed as an int is negative.
   static int checked(long long size)
   {
     if (size < 0 || size > most)

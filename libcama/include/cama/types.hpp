@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
-// Two headers of the kernel dialect: they are installed beside this one.
+// Two headers of the kernel dialect, which are installed with this one.
 #include "kernels/dialect/lang.h"
 
 namespace cama::kernels {

@@ -17,8 +17,8 @@ typedef struct {
   int node[2];
 } edge_nodes;
 
-/* Floats <= x and >= x, at most three units in the last place away (1.2e-7 > 2^-23); never denormal, which devices may
-   flush. */
+/* Floats <= x and >= x, at most three units in the last place away (1.2e-7 > 2^-23); never denormal, since devices may
+   flush denormals to zero. */
 DEVICE float float_below(double x) { return fabs(x) < 1e-30 ? -1e-30f : (float)(x - 1.2e-7 * fabs(x)); }
 DEVICE float float_above(double x) { return -float_below(-x); }
 
@@ -26,7 +26,7 @@ DEVICE float float_above(double x) { return -float_below(-x); }
 DEVICE box box_union(box a, box b)
 {
   for (int k = 0; k < 3; ++k) {
-    a.lo[k] = b.lo[k] < a.lo[k] ? b.lo[k] : a.lo[k];   /* no branches: they would be guessed wrong */
+    a.lo[k] = b.lo[k] < a.lo[k] ? b.lo[k] : a.lo[k];   /* no branches: they would be mispredicted */
     a.hi[k] = b.hi[k] > a.hi[k] ? b.hi[k] : a.hi[k];
   }
   return a;
@@ -43,11 +43,11 @@ DEVICE int box_holds(box a, box b)
          a.hi[2] >= b.hi[2];
 }
 
-DEVICE dvec3 dvec3_least(dvec3 a, dvec3 b)
+DEVICE dvec3 dvec3_min(dvec3 a, dvec3 b)
 {
   return dvec3_make(min_double(a.x, b.x), min_double(a.y, b.y), min_double(a.z, b.z));
 }
-DEVICE dvec3 dvec3_most(dvec3 a, dvec3 b)
+DEVICE dvec3 dvec3_max(dvec3 a, dvec3 b)
 {
   return dvec3_make(max_double(a.x, b.x), max_double(a.y, b.y), max_double(a.z, b.z));
 }
@@ -58,10 +58,10 @@ KERNEL position_bounds(int n, int count, GLOBAL const dvec3 *position, GLOBAL co
                        GLOBAL dvec3 *corners)
 {
   FOR_EACH(i, n) {
-    dvec3 lo = dvec3_least(position[i], target[i]), hi = dvec3_most(position[i], target[i]);
+    dvec3 lo = dvec3_min(position[i], target[i]), hi = dvec3_max(position[i], target[i]);
     for (int k = i + n; k < count; k += n) {
-      lo = dvec3_least(lo, dvec3_least(position[k], target[k]));
-      hi = dvec3_most(hi, dvec3_most(position[k], target[k]));
+      lo = dvec3_min(lo, dvec3_min(position[k], target[k]));
+      hi = dvec3_max(hi, dvec3_max(position[k], target[k]));
     }
     corners[2 * i] = lo;
     corners[2 * i + 1] = hi;
@@ -75,19 +75,19 @@ KERNEL reduce_bounds(int n, int count, GLOBAL const dvec3 *corners, GLOBAL dvec3
   FOR_EACH(i, n) {
     dvec3 lo = corners[2 * i], hi = corners[2 * i + 1];
     for (int k = i + n; k < count; k += n) {
-      lo = dvec3_least(lo, corners[2 * k]);
-      hi = dvec3_most(hi, corners[2 * k + 1]);
+      lo = dvec3_min(lo, corners[2 * k]);
+      hi = dvec3_max(hi, corners[2 * k + 1]);
     }
     reduced[2 * i] = lo;
     reduced[2 * i + 1] = hi;
   }
 }
 
-/* Box of one vertex moving from x to y, inflated by margin. The relative 4e-16 covers the rounding of the two
+/* The box of one vertex that moves from x to y, inflated by margin. The relative 4e-16 covers the rounding of the two
    subtractions. */
 DEVICE box swept_box(dvec3 x, dvec3 y, double margin, dvec3 origin)
 {
-  dvec3 lo = dsub(dvec3_least(x, y), origin), hi = dsub(dvec3_most(x, y), origin);
+  dvec3 lo = dsub(dvec3_min(x, y), origin), hi = dsub(dvec3_max(x, y), origin);
   box b;
   for (int k = 0; k < 3; ++k) {
     double l = dcomponent(lo, k), h = dcomponent(hi, k);
@@ -97,7 +97,7 @@ DEVICE box swept_box(dvec3 x, dvec3 y, double margin, dvec3 origin)
   return b;
 }
 
-/* margin: m, per vertex; two features become candidates when their distance may be below the sum of their margins. */
+/* margin: per vertex, m; two features become candidates when their distance may be below the sum of their margins. */
 KERNEL vertex_boxes(int n, GLOBAL const dvec3 *position, GLOBAL const dvec3 *target, GLOBAL const double *margin,
                     GLOBAL const dvec3 *scene_bounds, GLOBAL box *vertex_box)
 {
@@ -129,7 +129,7 @@ DEVICE key64 spread_bits(int v)
   return x;
 }
 
-/* 63-bit Morton code of a box's centre on a cubic grid over the scene. origin: what boxes are relative to. */
+/* 63-bit Morton code of a box's centre on a cubic grid over the scene. origin: the point that boxes are relative to. */
 DEVICE key64 morton_code(box b, GLOBAL const dvec3 *scene_bounds, dvec3 origin)
 {
   dvec3 size = dsub(scene_bounds[1], scene_bounds[0]);
@@ -152,7 +152,8 @@ DEVICE box box_of_edge(edge_nodes e, GLOBAL const box *vertex_box)
   return box_union(vertex_box[e.node[0]], vertex_box[e.node[1]]);
 }
 
-/* The same of vertices, faces or edges item[i], with their numbers; origin: [1], what boxes are relative to. */
+/* The same for the vertices, faces or edges item[i], with their numbers; origin: [1], the point that boxes are relative
+   to. */
 KERNEL codes_of_vertices(int n, GLOBAL const int *item, GLOBAL const box *vertex_box, GLOBAL const dvec3 *scene_bounds,
                          GLOBAL const dvec3 *origin, GLOBAL key64 *key, GLOBAL int *index)
 {

@@ -5,11 +5,11 @@
    Additive method with a directional certificate. A and B are the convex hulls of the first `split` and the remaining
    of four vertices x_i + s d_i. For ANY unit vector n, g(s) = min_{i in A, j in B} n.(x_i - x_j) + s n.(d_i - d_j)
    bounds the distance from below at every s, and is concave and piecewise linear, so the first s at which it falls to
-   the wanted distance is known exactly: the pair cannot touch before. Advance there, take n anew from the closest
-   points, repeat. Where features turn about each other, a direction that turns too, (1 - s/h) n + (s/h) m with m the
-   closest direction at s = h, goes much further: each cross pair is then a quadratic, its first root exact, and the
-   direction is never longer than 1. n and m only decide how far a step goes, never whether it is right; no distance is
-   trusted. Only differences enter, so common motion costs nothing. */
+   the required distance is known exactly: the pair cannot touch before. The method advances there, takes a new n from
+   the closest points, and repeats. Where features turn about each other, a direction that turns too, (1 - s/h) n +
+   (s/h) m with m the closest direction at s = h, goes much further: each cross pair is then a quadratic with an exact
+   first root, and the direction is never longer than 1. n and m only decide how far a step goes, never whether it is
+   right: the method relies on no computed distance. Only differences enter, so common motion costs nothing. */
 #ifndef CAMA_KERNELS_COLLISION_CCD_H
 #define CAMA_KERNELS_COLLISION_CCD_H
 #include "../dialect/dvec3.h"
@@ -21,16 +21,16 @@ typedef struct {
   double time;
 } impact_time;
 
-#define CCD_ITERATIONS 64       /* more means "hit at the time reached", the safe answer */
-#define CCD_ROUNDING 4e-14      /* bound on the rounding error of g over the pair's extent */
+#define CCD_ITERATIONS 64       /* beyond these the pair counts as hit at the time reached, the safe answer */
+#define CCD_ROUNDING 4e-14      /* bound on the rounding error of g, relative to the pair's extent */
 /* Bound on the rounding error of a triple product, docs/theory/continuous-collision.md. */
 #define CCD_DETERMINANT 7e-15
-/* a pair nearer than this, over its extent, that is not certified to the end counts as hit */
+/* A pair nearer than this, relative to its extent, that is not certified to the end counts as hit. */
 #define CCD_TOLERANCE 1e-9
 
 DEVICE double largest_component(dvec3 a) { return max_double(fabs(a.x), max_double(fabs(a.y), fabs(a.z))); }
 
-/* Closest features of the pair: split 1 is vertex-face, split 2 is edge-edge. */
+/* Closest points of the pair: split 1 is vertex-face, split 2 is edge-edge. */
 DEVICE proximity hull_proximity(const dvec3 *x, int split)
 {
   return split == 1 ? vertex_face_proximity(x[0], x[1], x[2], x[3]) : edge_edge_proximity(x[0], x[1], x[2], x[3]);
@@ -90,9 +90,9 @@ DEVICE double hull_advance_turning(const dvec3 *x, const dvec3 *d, int split, dv
 }
 
 /* The same for the common normal N(s) = (u + s u') x (w + s w') of the edges u, w, or of the face with sides u, w:
-   along it every cross pair is as far apart as the planes, so contact needs a zero of the coplanarity cubic f(s) = N(s)
-   . p(s). First s in [0, left] up to which f > target |N| is certain, reached from the left by quadratics below what is
-   left of it; 2 if that is so up to `left`. */
+   along it every cross pair has the distance of the planes, so contact needs a zero of the coplanarity cubic f(s) =
+   N(s) . p(s). First s in [0, left] up to which f > target |N| is certain, reached from the left by quadratics that
+   bound the remaining cubic from below; 2 if it is certain up to `left`. */
 DEVICE double hull_advance_coplanar(const dvec3 *x, const dvec3 *d, int split, double target, double extent,
                                     double left)
 {
@@ -157,9 +157,9 @@ DEVICE int axis_separated(const dvec3 *x, const dvec3 *d, int split, double dist
   return 0;
 }
 
-/* The loop, from time `start` on, up to which the pair is known to keep minimum_distance. x and d are relative to one
-   vertex of the pair, `extent` the largest coordinate at both ends together, tolerance a part of it. No false negative;
-   the time is never after the first moment at which the distance is minimum_distance. */
+/* The iteration from time `start` on, up to which the pair is known to keep minimum_distance. x and d are relative to
+   one vertex of the pair, `extent` is the sum of the largest coordinates at both ends, tolerance a fraction of it.
+   There are no false negatives; the time is never after the first moment at which the distance is minimum_distance. */
 DEVICE impact_time hull_impact_after(const dvec3 *x, const dvec3 *d, int split, double minimum_distance, double extent,
                                      double tolerance, double start)
 {
@@ -209,7 +209,7 @@ DEVICE impact_time hull_impact_time(const dvec3 *x, const dvec3 *d, int split, d
   return hull_impact_after(x, d, split, minimum_distance, extent, tolerance, 0.0);
 }
 
-/* x, d relative to the first vertex; returns `extent`. */
+/* x and d relative to the first vertex; returns `extent`. */
 DEVICE double relative_motion(const dvec3 *from, const dvec3 *to, dvec3 *x, dvec3 *d)
 {
   double start = 0.0, end = 0.0;

@@ -1,21 +1,25 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Certified commit: how far each vertex may go along its straight motion so that no candidate pair crosses (ALGORITHMS
-   A.8; Divide and Truncate, arXiv 2604.15513). Given no intersection before, there is none after, whatever the solver
-   proposed.
+/* Certified commit: how far each vertex may go along its straight motion so that no candidate pair crosses
+   (docs/theory/penetration-handling.md; Divide and Truncate, arXiv 2604.15513). If there is no intersection before,
+   there is none after, whatever the solver proposed.
 
    Vertex v follows x_v + s t_v d_v for s from 0 to sigma, t_v its fraction (1 unless truncated), sigma the step's (1
-   unless an obstacle must wait). A pair with hulls A, B is safe in one of two ways.
+   unless an obstacle must pause). A pair with hulls A, B is safe in one of two ways.
+
    SETTLED: a fixed plane n.x = p keeps A above and B below: every vertex starts on its side by half of dmin and ends
    there, hence is there throughout, for ANY smaller t_v and sigma; so truncating others never harms it, and one pass
    over such pairs is final. Vertices of inverse mass 0 are never truncated: the plane stays ahead of them, and if it
-   would pass a vertex of the other side, sigma is cut. CONDITIONAL: for the fractions t as they are, the pair's actual
-   motion is certified: for one n, min over cross pairs of n.(x_i - x_j), concave in s, is at least dmin at both ends,
-   or the additive CCD certifies the distance. Only relative motion enters: common translation loses nothing. When a
-   vertex of it has been truncated the pair is looked at again, and settled with a plane if the new motion is not
-   certified. Each pair settles at most once and only settling lowers a t, so passes end; after one in which nothing
-   settled every pair is safe for the same t. Passes read a copy of t, so the result is the same everywhere. Positions
-   closer than dmin (a start that was so, or what a pinch left) may come nearer by half, so that they stay apart
-   whatever an obstacle does; intersecting ones cannot be certified: counted, frozen or let go. */
+   would pass a vertex of the other side, sigma is cut.
+
+   CONDITIONAL: for the fractions t as they are, the pair's actual motion is certified: for one n, min over cross pairs
+   of n.(x_i - x_j), concave in s, is at least dmin at both ends, or the additive CCD certifies the distance. Only
+   relative motion enters: common translation loses nothing. When one of its vertices has been truncated, the pair is
+   tested again, and settled with a plane if the new motion is not certified.
+
+   Each pair settles at most once and only settling lowers a t, so the passes end; after one in which nothing settled,
+   every pair is safe for the same t. Passes read a copy of t, so the result is the same everywhere. A pair closer than
+   dmin (from such a start, or left by a pinch) may halve its gap, so that its sides stay separated whatever an obstacle
+   does; intersecting pairs cannot be certified: they are counted, and frozen or let go. */
 #ifndef CAMA_KERNELS_COLLISION_COMMIT_H
 #define CAMA_KERNELS_COLLISION_COMMIT_H
 #include "../dialect/dvec3.h"
@@ -32,8 +36,8 @@
 #define COMMIT_CONDITIONAL 1
 #define COMMIT_INTERSECTING 2
 #define COMMIT_SCREENED 3         /* before pass 0: certified by commit_screen, conditional from then on */
-#define COMMIT_PAUSING 4          /* settled, and the step waits for it: sigma was cut */
-#define COMMIT_WHOLE 0x3f800000   /* bits of 1.0f: what fraction[] and sigma[0] start from */
+#define COMMIT_PAUSING 4          /* settled with sigma cut: the step's obstacles pause for it */
+#define COMMIT_WHOLE 0x3f800000   /* bits of 1.0f, the initial value of fraction[] and sigma[0] */
 
 typedef struct {
   int state;            /* one of the above */
@@ -41,7 +45,7 @@ typedef struct {
   double sigma;         /* upper bound for the step's fraction */
 } commit_bound;
 
-/* A float <= t, t in [0, 1]; 1 stays 1. Bits of such floats order like the numbers, so integer minima serve. */
+/* A float <= t, t in [0, 1]; 1 stays 1. The bits of such floats order like the numbers, so minima of integers serve. */
 DEVICE float fraction_below(double t) { return t >= 1.0 ? 1.0f : (t > 1e-30 ? (float)(t - 1.2e-7 * t) : 0.0f); }
 
 DEVICE commit_bound commit_free(int state)
@@ -52,9 +56,9 @@ DEVICE commit_bound commit_free(int state)
   return r;
 }
 
-/* SETTLED. Divides the gap along n between both hulls. radius: of them together, m, part of dmin. x relative to one
-   vertex, d absolute displacements, fixed[k]: vertex k cannot be truncated, rounding: m, covers what float arithmetic
-   loses in x and d. */
+/* SETTLED. Divides the gap along n between both hulls. radius: of both together, part of dmin, m. x: relative to one
+   vertex. d: absolute displacements. fixed[k]: vertex k cannot be truncated. rounding: covers the rounding of x and d,
+   m. */
 DEVICE commit_bound commit_plane(const dvec3 *x, const dvec3 *d, const int *fixed, int split, dvec3 n, double dmin,
                                  double radius, double rounding)
 {
@@ -79,7 +83,7 @@ DEVICE commit_bound commit_plane(const dvec3 *x, const dvec3 *d, const int *fixe
     return r;
   }
   if (most[0] + most[1] <= gap - floor_distance) return r;
-  if (gap <= floor_distance) { /* touching, but for rounding: nothing comes nearer, everything may leave */
+  if (gap <= floor_distance) { /* touching within rounding: no vertex comes nearer, every vertex may leave */
     for (int k = 0; k < 4; ++k)
       if (approach[k] > 0.0) {
         if (fixed[k])
@@ -94,8 +98,8 @@ DEVICE commit_bound commit_plane(const dvec3 *x, const dvec3 *d, const int *fixe
     max_fixed[0] *= r.sigma;
     max_fixed[1] *= r.sigma;
   }
-  /* Depth of the plane below the lowest vertex of A: by the ratio of approaches, but behind where fixed vertices will
-     be. */
+  /* Depth of the plane below the lowest vertex of A: by the ratio of approaches, but beyond the ends of fixed
+     vertices. */
   share = clamp_double(most[0] / (most[0] + most[1]), 0.05, 0.95) * gap;
   share = min_double(share, gap - max_fixed[1] - 0.5 * floor_distance);
   share = max_double(share, max_fixed[0] + 0.5 * floor_distance);
@@ -109,8 +113,8 @@ DEVICE commit_bound commit_plane(const dvec3 *x, const dvec3 *d, const int *fixe
   return r;
 }
 
-/* 1 if the boxes that the hulls sweep are apart by more than `distance` along an axis: a plane between them settles the
-   pair. */
+/* 1 if the boxes that the hulls sweep are separated by more than `distance` along an axis: a plane between them settles
+   the pair. */
 DEVICE int swept_separation(const dvec3 *x, const dvec3 *d, int split, double distance)
 {
   for (int axis = 0; axis < 3; ++axis) {
@@ -133,8 +137,8 @@ DEVICE int commit_certified(const dvec3 *x, const dvec3 *z, int split, dvec3 n, 
   return hull_separation(x, z, split, n, 0.0) >= least && hull_separation(z, x, split, n, 0.0) >= least;
 }
 
-/* One pair: x where its vertices are, y where the step wants them, t the fractions so far, fixed: cannot be truncated.
-   recheck: it is known not to be settled already. */
+/* Decides one pair. x: positions of its vertices; y: positions that the step proposes; t: fractions so far; fixed:
+   vertices that cannot be truncated. recheck: the pair is known not to be settled already. */
 DEVICE commit_bound commit_decide(dvec3 *x, dvec3 *y, const double *t, const int *fixed, int split, double dmin,
                                   double radius, int conditional, int recheck)
 {
@@ -156,7 +160,7 @@ DEVICE commit_bound commit_decide(dvec3 *x, dvec3 *y, const double *t, const int
   if (!conditional || r.state == COMMIT_INTERSECTING ||
       (r.fraction[0] >= 1.0 && r.fraction[1] >= 1.0 && r.fraction[2] >= 1.0 && r.fraction[3] >= 1.0 && r.sigma >= 1.0))
     return r;
-  /* Pairs nearer than dmin keep what they have, but for rounding. */
+  /* Pairs nearer than dmin keep their distance, but for rounding. */
   gap = hull_separation(x, d, split, n, 0.0);
   least = min_double(dmin, gap - (gap > 8.0 * rounding ? 2.0 * rounding : 0.0));
   for (int k = 0; k < 4; ++k) { /* where the vertices end, relative to vertex 0 */
@@ -169,7 +173,7 @@ DEVICE commit_bound commit_decide(dvec3 *x, dvec3 *y, const double *t, const int
   return r;
 }
 
-/* A vertex and a plane, which only translates: heights are linear in time and the plane's normal decides alone, for any
+/* A vertex and a plane, which only translates: heights are linear in time, and the plane's normal alone decides for any
    extent. */
 DEVICE commit_bound commit_half_space(dvec3 *x, const dvec3 *y, const int *fixed, double dmin, double radius)
 {
@@ -207,9 +211,9 @@ DEVICE int commit_due(int pass, const double *t, const int *fixed)
   return pass < 0 || t[0] < 1.0 || t[1] < 1.0 || t[2] < 1.0 || t[3] < 1.0;
 }
 
-/* Marks pairs that keep their clearance along the direction known from their search; for most this settles pass 0 at a
-   fifth of its cost. certified 1: find_impacts has certified every pair that is no impact for this very motion, so
-   nothing is left to be done for them; gap_bound: below 0 of an impact. accepted: states from `first` on. */
+/* Marks pairs that keep their clearance along the direction known from their search; for most pairs this decides pass 0
+   at a fifth of its cost. certified 1: find_impacts has certified, for this very motion, every pair that is no impact,
+   so these are marked without a test; gap_bound: below 0 for an impact. accepted: states from `first` on. */
 KERNEL commit_screen(int n, int kind, int first, int certified, GLOBAL const pair *candidate,
                      GLOBAL const face_nodes *face, GLOBAL const edge_nodes *edge, GLOBAL const dvec3 *position,
                      GLOBAL const dvec3 *target, GLOBAL const fvec3 *direction, GLOBAL const vertex_contact *properties,
@@ -226,12 +230,13 @@ KERNEL commit_screen(int n, int kind, int first, int certified, GLOBAL const pai
   }
 }
 
-/* Pass 0 sees every pair that is not screened. Pass k > 0 looks at conditional pairs with truncated vertices again;
-   repeat until counter[0] stays as it is. Pass -1 settles every conditional pair: final whatever came before, for a cap
-   on the number of passes. Both kinds go through each pass. `fraction_before` is a copy of `fraction` made before the
-   pass (not read in pass 0). accepted: [n] states from `first` on; fraction: [vertices] bits of floats; sigma: [1],
-   likewise; counter: [2] pairs settled after having been conditional, intersecting pairs; commit_begin sets them.
-   share: dmin is a pair's clearance at it. let_go 1: intersecting pairs are free, 0: their vertices stay. */
+/* Pass 0 decides every pair that is not screened. Pass k > 0 tests conditional pairs with truncated vertices again; it
+   is repeated until counter[0] no longer changes. Pass -1 settles every conditional pair and is final whatever came
+   before: it allows a limit on the number of passes. Both kinds go through each pass. `fraction_before` is a copy of
+   `fraction` made before the pass (not read in pass 0). accepted: [n] states from `first` on; fraction: [vertices] bits
+   of floats; sigma: [1], likewise; counter: [2] pairs settled after having been conditional, intersecting pairs;
+   commit_begin sets them. share: dmin is a pair's clearance at this share. let_go 1: intersecting pairs are free, 0:
+   their vertices stay. */
 KERNEL commit_pairs(int n, int kind, int first, int pass, GLOBAL const pair *candidate, GLOBAL const face_nodes *face,
                     GLOBAL const edge_nodes *edge, GLOBAL const dvec3 *position, GLOBAL const dvec3 *target,
                     GLOBAL const double *inverse_mass, GLOBAL const vertex_contact *properties, double share,
@@ -280,7 +285,7 @@ KERNEL commit_pairs(int n, int kind, int first, int pass, GLOBAL const pair *can
   }
 }
 
-/* Nothing truncated yet. */
+/* Sets every fraction to 1 and the counters to 0. */
 KERNEL commit_begin(int n, GLOBAL int *fraction, GLOBAL int *sigma, GLOBAL int *counter)
 {
   FOR_EACH(i, n) {
@@ -293,7 +298,7 @@ KERNEL commit_begin(int n, GLOBAL int *fraction, GLOBAL int *sigma, GLOBAL int *
   }
 }
 
-/* Moves vertices: to the target where nothing was in the way. */
+/* Moves each vertex by its fraction; a vertex that was not truncated reaches its target. */
 KERNEL commit_apply(int n, GLOBAL const dvec3 *position, GLOBAL const dvec3 *target, GLOBAL const int *fraction,
                     GLOBAL const int *sigma, GLOBAL dvec3 *committed)
 {

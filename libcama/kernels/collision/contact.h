@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Contacts of candidate pairs (paper, sections 3.3 and 4.1), their springs, and those that others hide. */
+/* Contacts of candidate pairs (paper, sections 3.3 and 4.1), their springs, and contacts hidden behind others. */
 #ifndef CAMA_KERNELS_COLLISION_CONTACT_H
 #define CAMA_KERNELS_COLLISION_CONTACT_H
 #include "../dialect/dvec3.h"
@@ -17,9 +17,9 @@ DEVICE pair listed_pair(int i, int first_size, GLOBAL const pair *vertex_face, G
   return i < first_size ? vertex_face[i] : edge_edge[i - first_size];
 }
 
-/* flag[i] = 1 where candidate i of both lists is a contact; direction: one that tells its sides apart, from side B to
-   side A; gap_bound: how far apart, m, they are along it at least until the prediction, 0 where that is not known to
-   exceed the thickness. Both come from cull_separated_pairs; here pairs without a bound are tested. */
+/* flag[i] = 1 where candidate i of both lists is a contact. direction: one that separates its sides, from side B to
+   side A; gap_bound: lower bound of their distance along it until the prediction, m, 0 where it is not known to exceed
+   the thickness. Both come from cull_separated_pairs; pairs without a bound are tested here. */
 KERNEL find_contacts(int n, int first_size, GLOBAL const pair *vertex_face, GLOBAL const pair *edge_edge,
                      GLOBAL const face_nodes *face, GLOBAL const edge_nodes *edge, GLOBAL const dvec3 *position,
                      GLOBAL const dvec3 *predicted, GLOBAL const swept_vertex *swept_vertices,
@@ -38,7 +38,7 @@ KERNEL find_contacts(int n, int first_size, GLOBAL const pair *vertex_face, GLOB
         vertex_face_direction[at] = to_direction(p.normal);
       else
         edge_edge_direction[at] = to_direction(p.normal);
-      if (!hit) {   /* the direction of the closest points may tell more */
+      if (!hit) {   /* the direction of the closest points may give a bound */
         fvec3 normal =
             fvec3_make(0.999999f * (float)p.normal.x, 0.999999f * (float)p.normal.y, 0.999999f * (float)p.normal.z);
         float gap_bound =
@@ -57,7 +57,7 @@ KERNEL find_contacts(int n, int first_size, GLOBAL const pair *vertex_face, GLOB
 }
 
 #define SIDES 6            /* +x, -x, +y, -y, +z, -z */
-/* a direction points to every side along which its component is larger than this, to one at least */
+/* A direction points to every side along which its component is larger than this, to one at least. */
 #define SIDE_COMPONENT 0.45
 
 DEVICE double side_component(dvec3 n, int side)
@@ -89,9 +89,8 @@ KERNEL nearest_contacts(int n, int first_size, GLOBAL const pair *vertex_face, G
   }
 }
 
-/* Takes back anticipated contacts through other cloth: one of their vertices has a contact on the same side that is
-   nearer by more than the thickness. The term of such a pair would pull its sides together through what lies between
-   them. */
+/* Drops anticipated contacts through other cloth: one of their vertices has a contact on the same side that is nearer
+   by more than the thickness. The term of such a pair would pull its sides together through the cloth between them. */
 KERNEL drop_hidden_contacts(int n, int first_size, GLOBAL const pair *vertex_face, GLOBAL const pair *edge_edge,
                             GLOBAL const face_nodes *face, GLOBAL const edge_nodes *edge, GLOBAL const dvec3 *position,
                             GLOBAL const vertex_contact *v, int cloth_vertex_count, GLOBAL const int *nearest,
@@ -118,7 +117,7 @@ KERNEL drop_hidden_contacts(int n, int first_size, GLOBAL const pair *vertex_fac
   }
 }
 
-/* The directions alone, from pair `first` on, for a search that contacts are not wanted from. */
+/* The directions alone, from pair `first` on, for a search whose contacts are not needed. */
 KERNEL find_directions(int n, int kind, int first, GLOBAL const pair *pairs, GLOBAL const face_nodes *face,
                        GLOBAL const edge_nodes *edge, GLOBAL const dvec3 *position, GLOBAL const vertex_contact *v,
                        GLOBAL fvec3 *direction)
@@ -129,8 +128,8 @@ KERNEL find_directions(int n, int kind, int first, GLOBAL const pair *pairs, GLO
   }
 }
 
-/* The flagged pairs of both lists with a key by their features, so that lists made from them have one order whatever
-   the search's was: vertex-face pairs first. */
+/* The flagged pairs of both lists with a key made of their features, so that lists made from them have one order,
+   vertex-face pairs first, whatever the order of the search. */
 KERNEL flagged_pairs(int n, int first_size, GLOBAL const pair *vertex_face, GLOBAL const pair *edge_edge,
                      GLOBAL const int *place, GLOBAL key64 *key, GLOBAL int *index)
 {
@@ -182,7 +181,7 @@ KERNEL contact_nodes(int n, GLOBAL const contact *contacts, GLOBAL element_nodes
   }
 }
 
-/* Nodes of stitches, behind `first`. */
+/* Nodes of stitches, from element `first` on. */
 KERNEL stitch_nodes(int n, GLOBAL const stitch *stitches, int first, GLOBAL element_nodes *nodes)
 {
   FOR_EACH(i, n) {
@@ -192,11 +191,11 @@ KERNEL stitch_nodes(int n, GLOBAL const stitch *stitches, int first, GLOBAL elem
   }
 }
 
-/* Force of the penalty, N; pairs that are only anticipated push nothing yet. */
+/* Penalty force, N; pairs that are only anticipated do not push yet. */
 DEVICE double contact_load(contact c) { return c.stiffness * max_double(c.thickness - c.distance, 0.0); }
 
-/* Normal load that its contacts lay on each cloth vertex, N. incidence: 4 * term + local index; terms from
-   `contact_count` on are stitches. */
+/* Normal load of each cloth vertex from its contacts, N. incidence: 4 * term + local index; terms from `contact_count`
+   on are stitches. */
 KERNEL vertex_loads(int n, int contact_count, GLOBAL const int *row, GLOBAL const int *incidence,
                     GLOBAL const contact *contacts, GLOBAL double *load)
 {

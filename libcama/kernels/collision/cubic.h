@@ -7,15 +7,16 @@
 #include "../dialect/lang.h"
 #include "ccd.h"
 
-/* 261 u: bound on the rounding error of the coplanarity cubic over the product of three extents */
+/* 261 u, with u = 2^-53: bound on the rounding error of the coplanarity cubic, relative to the product of three
+   extents. */
 #define CUBIC_ROUNDING 2.9e-14
-#define CUBIC_TOUCH 1e-13       /* as CCD_TOLERANCE, where the additive method decides for the cubic */
+#define CUBIC_TOUCH 1e-13       /* plays the part of CCD_TOLERANCE where the additive method decides for the cubic */
 
 /* Value of the cubic with coefficients c. */
 DEVICE double cubic_value(const double *c, double t) { return c[0] + t * (c[1] + t * (c[2] + t * c[3])); }
 
-/* The root of a cubic that changes sign over [lo, hi] and is monotone there: bisection, sped up by Newton while it
-   stays inside. */
+/* The root of a cubic that changes sign over [lo, hi] and is monotone there: bisection, sped up by Newton's method
+   while its iterate stays inside. */
 DEVICE double cubic_root(const double *c, double lo, double hi)
 {
   int rising = cubic_value(c, lo) < 0.0;
@@ -37,7 +38,8 @@ DEVICE double cubic_root(const double *c, double lo, double hi)
   return t;
 }
 
-/* 0, the turning points inside (0, 1) ascending, 1; returns how many. Between them the cubic is monotone. */
+/* end: 0, the turning points inside (0, 1) in ascending order, 1; returns their number. Between them the cubic is
+   monotone. */
 DEVICE int cubic_pieces(const double *c, double *end)
 {
   /* derivative a t^2 + 2 b t + e, roots without cancellation */
@@ -54,8 +56,8 @@ DEVICE int cubic_pieces(const double *c, double *end)
   return count;
 }
 
-/* Where |f| > bound on the way from `in`, with |f| <= bound, to `out`, with |f| > bound: where the tangent says, else
-   by bisection. */
+/* A time with |f| > bound on the way from `in`, with |f| <= bound, to `out`, with |f| > bound: from the tangent where
+   that holds, else by bisection. */
 DEVICE double cubic_leave(const double *c, double in, double out, double bound)
 {
   double slope = fabs(c[1] + in * (2.0 * c[2] + 3.0 * in * c[3])), lo = in, hi = out;
@@ -75,10 +77,10 @@ DEVICE double cubic_leave(const double *c, double in, double out, double bound)
 
 DEVICE double triple_product(dvec3 a, dvec3 b, dvec3 c) { return ddot(a, dcross(b, c)); }
 
-/* No false negative: contact needs |f| <= bound, f as computed. That holds in at most one interval a monotone piece.
-   Where it is short the pair hardly moves in it: what a direction separates by more at one moment does not touch. Where
-   it is long (coplanar, grazing motion) the additive method decides. Time: of the root where it is one.
-   docs/theory/continuous-collision.md derives the bound. */
+/* There are no false negatives: contact needs |f| <= bound for f as computed. That holds in at most one interval of
+   each monotone piece. Where the interval is short, the pair hardly moves in it: a pair that a direction separates by
+   more at one moment does not touch. Where it is long (coplanar, grazing motion), the additive method decides. The time
+   is that of the root where there is one. docs/theory/continuous-collision.md derives the bound. */
 DEVICE impact_time linear_impact_cubic(int split, dvec3 a0, dvec3 b0, dvec3 c0, dvec3 d0, dvec3 a1, dvec3 b1, dvec3 c1,
                                        dvec3 d1)
 {
@@ -98,7 +100,7 @@ DEVICE impact_time linear_impact_cubic(int split, dvec3 a0, dvec3 b0, dvec3 c0, 
   c[3] = triple_product(d[1], d[2], d[3]);
   for (int k = 1; k < 4; ++k) {
     bound *= largest_component(x[k]) + largest_component(d[k]);
-    /* of any two vertices apart: at most twice this a component */
+    /* the relative motion of any two vertices is at most twice this in each component */
     speed = max_double(speed, largest_component(d[k]));
   }
   count = cubic_pieces(c, end);

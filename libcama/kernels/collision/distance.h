@@ -1,8 +1,8 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* Closest points of a vertex and a face, and of two edges, with the features clamped (Ericson, Real-Time Collision
-   Detection, 5.1.5 and 5.1.9, in cross-product form). Coordinates are taken relative to one vertex of the pair, so
-   distance to the world's origin costs no digits. Every candidate is a real point of the face or edges: `distance` is
-   never below the true one by more than rounding, whatever the shape. */
+   Detection, 5.1.5 and 5.1.9, in cross-product form). Coordinates are taken relative to one vertex of the pair, so the
+   distance from the world's origin costs no digits. Every candidate is an actual point of the face or edges: `distance`
+   is never below the true one by more than rounding, whatever the shape. */
 #ifndef CAMA_KERNELS_COLLISION_DISTANCE_H
 #define CAMA_KERNELS_COLLISION_DISTANCE_H
 #include "../dialect/dvec3.h"
@@ -34,14 +34,15 @@ DEVICE double segment_parameter(dvec3 p, dvec3 u)
 /* The part of r perpendicular to u. */
 DEVICE dvec3 segment_rejection(dvec3 r, dvec3 u) { return daxpy(r, -ddot(r, u) / ddot(u, u), u); }
 
-/* Difference vector p - s u, with what rounding left along u taken out where the foot point is inside the segment. */
+/* Difference vector p - s u. Where the foot point is inside the segment, the part along u that rounding left is
+   removed. */
 DEVICE dvec3 segment_difference(dvec3 p, dvec3 u, double s)
 {
   dvec3 r = daxpy(p, -s, u);
   return s > 0.0 && s < 1.0 ? segment_rejection(r, u) : r;
 }
 
-/* Sets distance and normal from the difference vector; `fallback` is any normal for touching features. */
+/* Sets distance and normal from the difference vector; `fallback` is the normal of touching features. */
 DEVICE proximity finish_proximity(proximity p, dvec3 difference, dvec3 fallback, dvec3 along)
 {
   p.distance = dnorm(difference);
@@ -69,7 +70,8 @@ DEVICE proximity vertex_face_proximity(dvec3 v, dvec3 a, dvec3 b, dvec3 c)
   result.weight[3] = 0.0;
   if (nn > 0.0) {
     double wb = ddot(dcross(p, w), n) / nn, wc = ddot(dcross(u, p), n) / nn, wa;
-    if (!(nn > sliver)) { /* both are uncertain along the sliver: let the longer edge's follow the other's */
+    if (!(nn > sliver)) { /* both weights are uncertain along the sliver: that of the longer edge follows from the
+                             other */
       if (uu > ww)
         wb = ddot(daxpy(p, -wc, w), u) / uu;
       else
@@ -139,7 +141,8 @@ DEVICE proximity edge_edge_proximity(dvec3 a0, dvec3 a1, dvec3 b0, dvec3 b1)
   if (nn > 0.0) {
     s = ddot(dcross(q, v), n) / nn;
     t = ddot(dcross(q, u), n) / nn;
-    if (!(nn > parallel)) { /* both are uncertain along the edges: let the longer edge's follow the other's */
+    if (!(nn > parallel)) { /* both parameters are uncertain along the edges: that of the longer edge follows from the
+                               other */
       if (uu > vv)
         s = ddot(daxpy(q, t, v), u) / uu;
       else

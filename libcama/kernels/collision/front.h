@@ -1,10 +1,11 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* Fronts of the bounding volume traversal tree (paper, section 4.1; Tang, Manocha, Lin, Tong 2011). A pair of level L
    joins node a of one tree with node b of another, each at level L, or the root where its tree is lower; its children
-   join their children, all at level L - 1; the root pair has the level of the higher root. Of a tree with itself only a
-   <= b. So every pair but the root has one parent, (L + 1, a / 2, b / 2), and one first child, (L - 1, 2 a, 2 b).
-   A front is a cut of this tree of pairs: pairs that are apart, and pairs of leaves that overlap. It is left without
-   the pairs of adjacent triangles, whose ancestors all overlap, so no pruning ever reaches them. */
+   join their children, all at level L - 1; the root pair has the level of the higher root. For a tree with itself only
+   a <= b. So every pair but the root has one parent, (L + 1, a / 2, b / 2), and one first child, (L - 1, 2 a, 2 b).
+
+   A front is a cut of this tree of pairs: separated pairs, and pairs of leaves that overlap. It leaves out the pairs of
+   adjacent triangles: all their ancestors overlap, so no pruning ever reaches them. */
 #ifndef CAMA_KERNELS_COLLISION_FRONT_H
 #define CAMA_KERNELS_COLLISION_FRONT_H
 #include "../dialect/dvec3.h"
@@ -14,20 +15,20 @@
 #include "query.h"
 #include "tree.h"
 
-#define FRONT_BITS 26                           /* a stored pair is (level << FRONT_BITS | a, b) */
+#define FRONT_BITS 26                           /* a pair is stored as (level << FRONT_BITS | a, b) */
 #define FRONT_CHUNK 64                          /* pairs counted by one work item */
 
 #define FRONT_GONE 0
 #define FRONT_APART 1                           /* stays in the front */
-#define FRONT_TOUCHING 2                        /* leaves: stays, and is a triangle pair */
+#define FRONT_TOUCHING 2                        /* a pair of leaves: stays, and is a triangle pair */
 #define FRONT_OPEN 3                            /* is replaced by its children */
 
 typedef struct {
   int level, a, b;
 } node_pair;
 
-/* Edge k of a face joins its nodes k and k + 1. owned: bit k node k, bit 3 + k edge k, is tested by this face and no
-   other; bit 6 + k: node k has so many faces that sharing it does not make faces adjacent. */
+/* Edge k of a face joins its nodes k and k + 1. owned: with bit k, this face and no other tests node k; with bit 3 + k,
+   edge k; with bit 6 + k, node k has so many faces that sharing it does not make faces adjacent. */
 typedef struct {
   int edge[3];
   int owned;
@@ -49,7 +50,7 @@ DEVICE pair front_pack(node_pair q)
   return p;
 }
 
-/* Place of a pair's node among the nodes of its tree. */
+/* Index of a pair's node among the nodes of its tree. */
 DEVICE int front_place(int leaf_count, int root_level, int level, int index)
 {
   return tree_level_offset(leaf_count, min_int(level, root_level)) + index;
@@ -74,7 +75,7 @@ KERNEL face_codes(int n, int first, GLOBAL const box *face_box, GLOBAL const dve
   }
 }
 
-/* sum[i]: surface of the boxes of nodes in chunk i, m^2. */
+/* sum[i]: half the surface area of the boxes of the nodes in chunk i, m^2. */
 KERNEL tree_surface(int n, int first, int end, GLOBAL const box *node_box, GLOBAL double *sum)
 {
   FOR_EACH(i, n) {
@@ -100,8 +101,8 @@ KERNEL finish_surface(int n, int count, int at, GLOBAL const double *partial, GL
   }
 }
 
-/* Outcome of the pairs of a front. prune: a pair below ancestors that are apart too is replaced by the highest of them,
-   once: by the pair on the way of first children, as a cut has exactly one there; the others are gone. */
+/* Outcome of the pairs of a front. prune: pairs below a separated ancestor are replaced by the highest such ancestor,
+   once: by the pair on its path of first children, of which a cut has exactly one; the others leave the front. */
 KERNEL test_front(int n, int prune, int self, int leaves_a, int root_a, GLOBAL const box *tree_a,
                   GLOBAL const int *order_a, int leaves_b, int root_b, GLOBAL const box *tree_b,
                   GLOBAL const int *order_b, GLOBAL const face_nodes *face, GLOBAL const face_features *features,
@@ -147,8 +148,8 @@ KERNEL test_front(int n, int prune, int self, int leaves_a, int root_a, GLOBAL c
   }
 }
 
-/* The same while boxes only grow: of pairs with a dirty node. touching: 1 keeps pairs of leaves that are not
-   adjacent. */
+/* The same while boxes only grow: only pairs with a dirty node are tested. check 1: pairs of adjacent leaves are left
+   out. */
 KERNEL test_dirty_front(int n, int check, int self, int leaves_a, int root_a, GLOBAL const box *tree_a,
                         GLOBAL const int *dirty_a, GLOBAL const int *order_a, int leaves_b, int root_b,
                         GLOBAL const box *tree_b, GLOBAL const int *dirty_b, GLOBAL const int *order_b,
@@ -173,7 +174,7 @@ KERNEL test_dirty_front(int n, int check, int self, int leaves_a, int root_a, GL
   }
 }
 
-/* Children of open pairs, four places each; a = -1: none. n is 4 times the pairs. */
+/* Children of open pairs, four slots each; a = -1: no child. n is 4 times the pairs. */
 KERNEL open_pairs(int n, int self, int leaves_a, int root_a, int leaves_b, int root_b, GLOBAL const pair *open,
                   GLOBAL pair *child)
 {
@@ -194,7 +195,7 @@ KERNEL open_pairs(int n, int self, int leaves_a, int root_a, int leaves_b, int r
   }
 }
 
-/* count[c], count[n + c], count[2 n + c]: pairs of chunk c that stay, that are triangle pairs, that are opened. */
+/* count[c], count[n + c], count[2 n + c]: pairs of chunk c that stay, that are triangle pairs, and that are opened. */
 KERNEL count_front(int n, int size, GLOBAL const int *outcome, GLOBAL int *count)
 {
   FOR_EACH(i, n) {
@@ -210,7 +211,7 @@ KERNEL count_front(int n, int size, GLOBAL const int *outcome, GLOBAL int *count
   }
 }
 
-/* stays: 0 leaves `kept` alone. first_*: entries there already. offset: exclusive sum of count. */
+/* stays: 0 leaves `kept` unchanged. first_*: the number of entries already there. offset: exclusive sum of count. */
 KERNEL fill_front(int n, int size, int stays, GLOBAL const pair *front, GLOBAL const int *outcome,
                   GLOBAL const int *offset, int first_kept, int first_triangle, GLOBAL const int *order_a,
                   GLOBAL const int *order_b, GLOBAL pair *kept, GLOBAL pair *triangle_pair, GLOBAL pair *open)
@@ -237,8 +238,7 @@ KERNEL fill_front(int n, int size, int stays, GLOBAL const pair *front, GLOBAL c
   }
 }
 
-/* Boxes overlap, and, if only new pairs are asked for, did not before: `before` holds boxes of what is dirty as they
-   were. */
+/* 1 if boxes overlap and, with only_new, did not overlap before: `before` holds the earlier boxes of dirty features. */
 DEVICE int wanted_boxes(int only_new, int a, GLOBAL const box *box_a, GLOBAL const int *dirty_a,
                         GLOBAL const box *before_a, int b, GLOBAL const box *box_b, GLOBAL const int *dirty_b,
                         GLOBAL const box *before_b)
@@ -253,8 +253,9 @@ DEVICE int edges_meet(edge_nodes e, edge_nodes f)
   return e.node[0] == f.node[0] || e.node[0] == f.node[1] || e.node[1] == f.node[0] || e.node[1] == f.node[1];
 }
 
-/* Features that the faces of a triangle pair own: mask bit k vertex k of the first with the second face, 3 + k vertex k
-   of the second with the first, 6 + 3 k + l edge k of the first with edge l of the second. */
+/* Candidates among the features that the faces of a triangle pair own. Bits of mask: k is vertex k of the first face
+   with the second face, 3 + k vertex k of the second with the first, 6 + 3 k + l edge k of the first with edge l of the
+   second. */
 KERNEL test_features(int n, int only_new, GLOBAL const pair *triangle_pair, GLOBAL const face_nodes *face,
                      GLOBAL const edge_nodes *edge, GLOBAL const face_features *features, GLOBAL const box *vertex_box,
                      GLOBAL const int *vertex_dirty, GLOBAL const box *vertex_before, GLOBAL const box *face_box,
@@ -297,7 +298,7 @@ KERNEL test_features(int n, int only_new, GLOBAL const pair *triangle_pair, GLOB
   }
 }
 
-/* Behind first_*; offsets are the exclusive sums of what test_features counted. */
+/* Writes these pairs from first_* on; offsets are the exclusive sums of the counts of test_features. */
 KERNEL fill_features(int n, GLOBAL const pair *triangle_pair, GLOBAL const face_nodes *face,
                      GLOBAL const face_features *features, GLOBAL const int *mask, int first_vertex_face,
                      GLOBAL const int *vertex_face_offset, GLOBAL pair *vertex_face,
@@ -344,8 +345,8 @@ KERNEL fill_orphans(int n, GLOBAL const pair *orphan, int first, GLOBAL const in
   }
 }
 
-/* Vertices that leave their box on the way from x to y become dirty, and their box holds the old one and the motion.
-   `count`: of them. */
+/* Vertices that leave their box on the way from x to y become dirty, and their box grows to hold the motion as well.
+   `count`: their number. */
 KERNEL mark_escaped(int n, GLOBAL const dvec3 *x, GLOBAL const dvec3 *y, GLOBAL const box *boxes,
                     GLOBAL const dvec3 *bounds, double margin, GLOBAL int *dirty, GLOBAL int *count)
 {

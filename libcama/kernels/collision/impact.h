@@ -1,6 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Penetration handling (paper, section 4): which candidates touch on their way, and where. Their projection is in
-   impulses.h. */
+/* Penetration handling (paper, section 4): which candidates touch on their way, and where. impulses.h projects them. */
 #ifndef CAMA_KERNELS_COLLISION_IMPACT_H
 #define CAMA_KERNELS_COLLISION_IMPACT_H
 #include "../dialect/dvec3.h"
@@ -19,12 +18,12 @@ typedef struct {
   int node[4];
   int kind;
   int candidate;
-  double weight[4];   /* signed, at the time of impact */
-  dvec3 normal;       /* from side B to side A at the time of impact */
-  double target;      /* distance that it is put apart to, m */
+  double weight[4]; /* signed, at the time of impact */
+  dvec3 normal; /* from side B to side A at the time of impact */
+  double target; /* distance to which the projection separates the pair, m */
 } impact;
 
-/* cubic: the paper's test, at distance 0; else the additive one, at `minimum`. */
+/* cubic: the paper's test, at distance 0; else the additive method, at `minimum`. */
 DEVICE impact_time candidate_impact_time(int kind, int cubic, element_nodes e, GLOBAL const dvec3 *x,
                                          GLOBAL const dvec3 *y, double minimum)
 {
@@ -36,8 +35,8 @@ DEVICE impact_time candidate_impact_time(int kind, int cubic, element_nodes e, G
                    : edge_edge_impact_time(z, a0, b0, c0, o1, a1, b1, c1, minimum);
 }
 
-/* Normal of features that touch: of the face or common to the edges where that is well defined, against the weighted
-   relative motion. */
+/* Normal of touching features, opposite to their weighted relative motion: that of the face, or common to the edges,
+   where it is well defined, else that of the proximity. */
 DEVICE dvec3 touching_normal(int kind, const dvec3 *at, const dvec3 *motion, proximity p)
 {
   dvec3 u = kind == 0 ? dsub(at[2], at[1]) : dsub(at[1], at[0]),
@@ -49,8 +48,8 @@ DEVICE dvec3 touching_normal(int kind, const dvec3 *at, const dvec3 *motion, pro
   return approach > 0.0 ? dscale(-1.0, n) : n;
 }
 
-/* 1 if the pair keeps `least` between its sides along direction n at both ends of the motion x to y, hence all the way:
-   the separation along a fixed direction is concave in time. Only relative motion counts. */
+/* 1 if the separation of the pair along direction n is at least `least` at both ends of the motion x to y, hence
+   throughout: the separation along a fixed direction is concave in time. Only relative motion counts. */
 DEVICE int separated_along(int kind, element_nodes e, GLOBAL const dvec3 *x, GLOBAL const dvec3 *y, dvec3 n,
                            double least)
 {
@@ -70,9 +69,9 @@ DEVICE int separated_along(int kind, element_nodes e, GLOBAL const dvec3 *x, GLO
   return a0 - b0 >= least && a1 - b1 >= least;
 }
 
-/* The first time at which the hulls of a pair come closer than `minimum`. A plane is met where the height, linear in
-   time, falls below it; what starts lower is met at once. The cubic, which knows no distance, is for pairs without a
-   radius. */
+/* The first time at which the hulls of a pair come closer than `minimum`. A plane is hit when the height, linear in
+   time, falls below `minimum`, or at once by a vertex that starts below it. The cubic, which has no minimum distance,
+   is for pairs without a radius. */
 DEVICE int takes_cubic(int kind, int cubic, element_nodes e, GLOBAL const vertex_contact *v)
 {
   return cubic && !pair_has_plane(kind, e, v) && pair_radius(kind, e, v) == 0.0;
@@ -90,8 +89,8 @@ DEVICE impact_time surface_impact_time(int kind, int cubic, element_nodes e, GLO
   return r;
 }
 
-/* prediction_error[i]: how far vertex i ends from where it was predicted, m, not less. found[0]: adds the vertices
-   whose motion x to y comes nearer to the border of its box than `least`, m. */
+/* prediction_error[i]: upper bound of the distance between the end of vertex i and its prediction, m. found[0]:
+   incremented for each vertex whose motion x to y comes nearer to the border of its box than `least`, m. */
 KERNEL find_prediction_errors(int n, GLOBAL const dvec3 *x, GLOBAL const dvec3 *y, GLOBAL const dvec3 *predicted,
                               GLOBAL const box *vertex_box, GLOBAL const dvec3 *scene_bounds, double least,
                               GLOBAL float *prediction_error, GLOBAL int *found)
@@ -103,11 +102,12 @@ KERNEL find_prediction_errors(int n, GLOBAL const dvec3 *x, GLOBAL const dvec3 *
   }
 }
 
-/* flag[i] = 1 where candidate i of both lists is to be looked at. The first *_done pairs of each list have been looked
-   at for this very motion and are none. localized: only pairs with a vertex that the last projection moved are looked
-   at, the others were certified before it. Most pairs are decided by their gap_bound and the prediction errors of
-   their vertices; *_bounds: pairs whose gap_bound is of this motion's start; below 0 it is that of a known impact.
-   share: of the thickness, that pairs keep; largest: of all contact thicknesses, m. */
+/* flag[i] = 1 where continuous detection has to decide candidate i of both lists. The first *_done pairs of each list
+   have been decided for this very motion and are no impacts. localized: only pairs with a vertex that the last
+   projection moved are selected; the others were certified before it. The gap_bound of a pair and the prediction errors
+   of its vertices decide most pairs. *_bounds: number of pairs whose gap_bound holds from the start of this motion;
+   below 0 it marks a known impact. share: the share of the thickness that pairs keep; largest: the largest contact
+   thickness, m. */
 KERNEL select_ccd_pairs(int n, int first_size, int localized, GLOBAL const pair *vertex_face,
                         GLOBAL const pair *edge_edge, GLOBAL const face_nodes *face, GLOBAL const edge_nodes *edge,
                         GLOBAL const double *inverse_mass, double share, double largest,
@@ -136,13 +136,13 @@ KERNEL select_ccd_pairs(int n, int first_size, int localized, GLOBAL const pair 
   }
 }
 
-/* Candidates that a team takes at once. Few of them are in doubt: it lists these first, so that its members have one
-   each to work on. */
+/* Candidates that a team takes at once. Few of them are selected: the team lists these first, so that each member has
+   one to work on. */
 #define PAIR_TEAM 256
 #define TEAM_PAIRS 1024
 
 /* flag[i] stays 1 where candidate i of both lists comes closer than its clearance at `share`, or touches (cubic), on
-   its way from x to y; found[1]: adds them. n: teams; pairs: candidates. */
+   its way from x to y; found[1]: incremented for each. n: teams; pairs: number of candidates. */
 KERNEL find_impacts(int n, int pairs, int first_size, int cubic, GLOBAL const pair *vertex_face,
                     GLOBAL const pair *edge_edge, GLOBAL const face_nodes *face, GLOBAL const edge_nodes *edge,
                     GLOBAL const dvec3 *x, GLOBAL const dvec3 *y, GLOBAL const vertex_contact *v, double share,
@@ -174,7 +174,7 @@ KERNEL find_impacts(int n, int pairs, int first_size, int cubic, GLOBAL const pa
   }
 }
 
-/* Impacts of the pairs index[0 .. n), behind `first`; their gap_bound becomes -1: known. */
+/* Impacts of the pairs index[0 .. n), from `first` on; their gap_bound becomes -1, a known impact. */
 KERNEL fill_impacts(int n, int first_size, int cubic, GLOBAL const int *index, GLOBAL const pair *vertex_face,
                     GLOBAL const pair *edge_edge, GLOBAL const face_nodes *face, GLOBAL const edge_nodes *edge,
                     GLOBAL const dvec3 *x, GLOBAL const dvec3 *y, GLOBAL const vertex_contact *v, double share,
@@ -213,7 +213,7 @@ KERNEL fill_impacts(int n, int first_size, int cubic, GLOBAL const int *index, G
   }
 }
 
-/* No pair is a known impact. */
+/* Resets the gap_bound of known impacts. */
 KERNEL forget_impacts(int n, GLOBAL float *gap_bound)
 {
   FOR_EACH(i, n) {

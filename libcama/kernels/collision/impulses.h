@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* Penetration handling (paper, section 4; inelastic impact zones of Harmon et al. 2008 as one linear system): all
-   impacts are projected at once, S lambda = target - C(x) with S = J M^-1 J', C_i = n_i . sum_k w_ik x_k, then x +=
+   impacts are projected at once. S lambda = target - C(x) with S = J M^-1 J' and C_i = n_i . sum_k w_ik x_k; then x +=
    M^-1 J' lambda. */
 #ifndef CAMA_KERNELS_COLLISION_IMPULSES_H
 #define CAMA_KERNELS_COLLISION_IMPULSES_H
@@ -18,9 +18,9 @@ KERNEL impact_nodes(int n, GLOBAL const impact *impacts, GLOBAL element_nodes *n
   }
 }
 
-/* constraint = target - C(x); diagonal of S; majorant: sum_k count_k w_k^2 / m_k with count_k the impacts at node k, a
-   diagonal matrix that exceeds S (mass splitting), so that steps scaled by it never overshoot. active: violated and
-   movable. row: incidence. */
+/* constraint: target - C(x). diagonal: of S. majorant: sum_k count_k w_k^2 / m_k with count_k the number of impacts at
+   node k, a diagonal matrix that exceeds S (mass splitting), so that steps scaled by it never overshoot. active:
+   violated and movable. row: start of each vertex's row in the incidence. */
 KERNEL start_impacts(int n, int rows, GLOBAL const impact *impacts, GLOBAL const dvec3 *x,
                      GLOBAL const double *inverse_mass, GLOBAL const int *row, GLOBAL double *constraint,
                      GLOBAL double *diagonal, GLOBAL double *majorant, GLOBAL int *active)
@@ -47,7 +47,7 @@ KERNEL start_impacts(int n, int rows, GLOBAL const impact *impacts, GLOBAL const
 #define PUSH_IMPACTS 1024   /* of a team */
 #define PUSH_T 0            /* t of Nesterov's sequence */
 #define PUSH_MOVED 1        /* |change|^2 in the majorant's norm */
-#define PUSH_SIZE 2         /* |lambda|^2 in it */
+#define PUSH_SIZE 2         /* |lambda|^2 in the majorant's norm */
 #define PUSH_COUNT 4
 
 /* Row i of S p, S = C M^-1 C'; y: M^-1 C' p of cloth vertices. */
@@ -63,7 +63,7 @@ DEVICE double impulse_response(impact m, int rows, GLOBAL const dvec3 *y)
 /* Accelerated projected gradient on min lambda' S lambda / 2 - constraint' lambda, lambda >= 0: one step from the
    extrapolated point p, lambda = max(0, p + (constraint - S p) / majorant); y: M^-1 C' p. change: lambda_new -
    lambda_old. partial[3 t ...], over the PUSH_IMPACTS impacts of team t: gradient mapping times change, |change|^2,
-   |lambda|^2, these two in the majorant's norm. */
+   |lambda|^2, the latter two in the majorant's norm. */
 KERNEL push_impulses(int n, int count, int rows, GLOBAL const impact *impacts, GLOBAL const int *active,
                      GLOBAL const dvec3 *y, GLOBAL const double *constraint, GLOBAL const double *majorant,
                      GLOBAL const double *p, GLOBAL double *lambda, GLOBAL double *change, GLOBAL double *partial)
@@ -93,8 +93,8 @@ KERNEL push_impulses(int n, int count, int rows, GLOBAL const impact *impacts, G
   }
 }
 
-/* p = lambda + momentum change; Nesterov's sequence starts again when the step went against the momentum. The scalars
-   at `from` become those at `to`. */
+/* p = lambda + momentum change; Nesterov's sequence restarts when the step went against the momentum. The scalars at
+   `from` are updated to those at `to`. */
 KERNEL extrapolate_impulses(int n, int count, int teams, GLOBAL const double *partial, int from, int to,
                             GLOBAL double *scalar, GLOBAL const double *lambda, GLOBAL const double *change,
                             GLOBAL double *p)
@@ -131,7 +131,7 @@ KERNEL set_double(int n, double value, GLOBAL double *out)
   }
 }
 
-/* y_v = m_v^-1 sum over impacts at v of w n lambda, cloth vertices. incidence: 4 * impact + local index. */
+/* y_v = m_v^-1 sum over impacts at v of w n lambda, for cloth vertices. incidence: 4 * impact + local index. */
 KERNEL spread_impulses(int n, GLOBAL const int *row, GLOBAL const int *incidence, GLOBAL const impact *impacts,
                        GLOBAL const double *inverse_mass, GLOBAL const double *lambda, GLOBAL dvec3 *y)
 {
@@ -146,7 +146,7 @@ KERNEL spread_impulses(int n, GLOBAL const int *row, GLOBAL const int *incidence
   }
 }
 
-/* q = S p + regularisation diagonal p on active rows. */
+/* q = S p + regularisation * diagonal * p on active rows. */
 KERNEL gather_impulses(int n, int rows, double regularisation, GLOBAL const impact *impacts, GLOBAL const int *active,
                        GLOBAL const dvec3 *y, GLOBAL const double *diagonal, GLOBAL const double *p, GLOBAL double *q)
 {
@@ -196,15 +196,15 @@ KERNEL drop_pulling(int n, GLOBAL const double *lambda, GLOBAL int *active, GLOB
   }
 }
 
-/* length[i]: of the motion of vertex i from x to y, m. */
+/* length[i]: length of the motion of vertex i from x to y, m. */
 KERNEL motion_lengths(int n, GLOBAL const dvec3 *x, GLOBAL const dvec3 *y, GLOBAL double *length)
 {
   FOR_EACH(i, n) {
     length[i] = dnorm(dsub(y[i], x[i]));
   }
 }
-/* farthest[i]: how far impacts i, i + n, .. < count may move a vertex, m: twice the longest motion of one, and the
-   distance aimed at. */
+/* farthest[i]: how far impacts i, i + n, .. < count may move a vertex, m: twice the longest motion of their vertices
+   plus the target distance. */
 KERNEL farthest_pushes(int n, int count, GLOBAL const impact *impacts, GLOBAL const double *length,
                        GLOBAL double *farthest)
 {
@@ -226,9 +226,9 @@ KERNEL largest_of(int n, int count, GLOBAL const double *value, GLOBAL double *l
   }
 }
 
-/* x += y = M^-1 J' lambda, cloth vertices, but no further than farthest[0] from where the solve wanted the vertex:
-   impacts that cannot all be met, between obstacles that close, would throw it anywhere. moved[i] = 1 where x
-   changes. */
+/* x += y = M^-1 J' lambda for cloth vertices, but no further than farthest[0] from the position that the solve
+   proposed: impacts that cannot all be resolved, between closing obstacles, could move a vertex arbitrarily far.
+   moved[i] = 1 where x changes. */
 KERNEL apply_impulses(int n, GLOBAL const double *farthest, GLOBAL const dvec3 *wanted, GLOBAL const dvec3 *y,
                       GLOBAL dvec3 *x, GLOBAL int *moved)
 {
@@ -242,7 +242,7 @@ KERNEL apply_impulses(int n, GLOBAL const double *farthest, GLOBAL const dvec3 *
   }
 }
 
-/* What still pulls at the end counts as zero. */
+/* Impulses that still pull at the end become zero. */
 KERNEL clamp_impulses(int n, GLOBAL const int *active, GLOBAL double *lambda)
 {
   FOR_EACH(i, n) {

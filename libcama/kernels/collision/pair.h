@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Records of the contact system, and proximity checking: candidate pairs become contacts (paper, section 3.2). */
+/* Records of the contact system, and proximity tests that make contacts of candidate pairs (paper, section 3.2). */
 #ifndef CAMA_KERNELS_COLLISION_PAIR_H
 #define CAMA_KERNELS_COLLISION_PAIR_H
 #include "../dialect/dvec3.h"
@@ -27,19 +27,19 @@ typedef struct {
   double ratio, stiffness;
 } stitch;
 
-/* Per vertex: what contact needs to know. */
+/* Contact properties of a vertex. */
 typedef struct {
   double thickness, area;            /* m, m^2 */
-  double stiffness;                  /* penalty per area against its own like, N/m^3 */
+  double stiffness;                  /* penalty per area against the same material, N/m^3 */
   double friction, static_friction;
-  double radius; /* of the sphere around it that an analytic obstacle is made of; 0 elsewhere, m */
+  double radius; /* of the sphere around the vertex of an exact obstacle; 0 elsewhere, m */
   int obstacle, shape; /* shape: SHAPE_* */
 } vertex_contact;
 
 #define SHAPE_MESH 0
-/* A sphere is the face (c, c, c), a capsule the face (a, b, b): distances are those of the hulls less the radius. */
+/* A sphere is the face (c, c, c), a capsule the face (a, b, b); distances are those of the hulls minus the radius. */
 #define SHAPE_ROUND 1
-#define SHAPE_PLANE 2 /* the half space below the plane of the face, without end */
+#define SHAPE_PLANE 2 /* the unbounded half space below the plane of the face */
 
 DEVICE element_nodes pair_nodes(int kind, pair p, GLOBAL const face_nodes *face, GLOBAL const edge_nodes *edge)
 {
@@ -79,7 +79,7 @@ DEVICE double pair_min_thickness(element_nodes e, GLOBAL const vertex_contact *v
                     min_double(v[e.node[2]].thickness, v[e.node[3]].thickness));
 }
 
-/* Distance that a pair's hulls keep: a share of its least thickness, and the radii, m. */
+/* Distance that a pair's hulls keep: a share of its smallest thickness, plus the radii, m. */
 DEVICE double pair_clearance(int kind, element_nodes e, GLOBAL const vertex_contact *v, double share)
 {
   return share * pair_min_thickness(e, v) + pair_radius(kind, e, v);
@@ -90,8 +90,8 @@ DEVICE int pair_has_plane(int kind, element_nodes e, GLOBAL const vertex_contact
   return kind == 0 && v[e.node[1]].shape == SHAPE_PLANE;
 }
 
-/* A vertex over the half space below the plane of a, b, c; the distance is negative inside. A plane only translates, so
-   that each of its points moves as the closest one does: one stands for it. */
+/* A vertex over the half space below the plane of a, b, c; the distance is negative inside. A plane only translates:
+   all its points move as the closest one does, so one node represents it. */
 DEVICE proximity vertex_plane_proximity(dvec3 vertex, dvec3 a, dvec3 b, dvec3 c)
 {
   proximity p;
@@ -104,8 +104,8 @@ DEVICE proximity vertex_plane_proximity(dvec3 vertex, dvec3 a, dvec3 b, dvec3 c)
   return p;
 }
 
-/* The proximity of a pair as contact sees it: radii and planes heeded. A round obstacle has no border: all its points
-   are inside. */
+/* The proximity of a pair for contact, with radii and planes taken into account. A round obstacle has no border: all
+   its points are interior. */
 DEVICE proximity surface_proximity(int kind, element_nodes e, GLOBAL const dvec3 *x, GLOBAL const vertex_contact *v)
 {
   proximity p;
@@ -126,7 +126,7 @@ DEVICE double pair_thickness(int kind, element_nodes e, GLOBAL const vertex_cont
   return kind == 0 ? 0.5 * t0 + (t1 + t2 + t3) / 6.0 : mean4(t0, t1, t2, t3);
 }
 
-/* An obstacle's coefficient holds for all that touches it; two cloths meet at their mean. */
+/* An obstacle's coefficient holds for everything that touches it; two cloths take their mean. */
 DEVICE double pair_friction(vertex_contact a, vertex_contact b)
 {
   return a.obstacle ? a.friction : (b.obstacle ? b.friction : 0.5 * (a.friction + b.friction));
@@ -137,15 +137,14 @@ DEVICE double pair_static_friction(vertex_contact a, vertex_contact b)
                     : (b.obstacle ? b.static_friction : 0.5 * (a.static_friction + b.static_friction));
 }
 
-/* Penalty per area of two layers that yield one behind the other, N/m^3: the harmonic mean, so that like on like keeps
-   its own. */
+/* Penalty per area of two layers in series, N/m^3: their harmonic mean, so that two equal layers keep their own. */
 DEVICE double pair_stiffness(vertex_contact a, vertex_contact b)
 {
   return a.stiffness == b.stiffness ? a.stiffness : 2.0 * a.stiffness * b.stiffness / (a.stiffness + b.stiffness);
 }
 
-/* The contact of a candidate pair, if it is one: closest points inside the features, and closer than the thickness now
-   or (anticipate > 0) after moving with the predicted displacement. */
+/* Makes the contact of a candidate pair, if it is one: the closest points are interior, and nearer than the thickness
+   now or (anticipate > 0) after the predicted displacement. */
 DEVICE int make_contact(int kind, element_nodes e, GLOBAL const dvec3 *position, GLOBAL const dvec3 *predicted,
                         GLOBAL const vertex_contact *v, double anticipate, proximity p, contact *c)
 {

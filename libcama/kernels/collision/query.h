@@ -22,9 +22,9 @@ DEVICE int wanted_pair(int a, int b, int cloth_vertex_count, int self)
   return !(obstacle_a && obstacle_b) && (self || obstacle_a || obstacle_b);
 }
 
-/* A search that follows another one for motion that has changed: boxes of changed vertices have grown, box_before has
-   the earlier ones. A pair is fresh if it overlaps now and did not before; pairs of the earlier search stay as they
-   are. */
+/* A search that follows another one after the motion has changed: the boxes of changed vertices have grown, and
+   box_before has the earlier ones. A pair is fresh if it overlaps now and did not before; the pairs of the earlier
+   search are kept. */
 DEVICE int fresh_vertex_face(int v, face_nodes f, GLOBAL const box *box_before)
 {
   box b = box_union(box_union(box_before[f.node[0]], box_before[f.node[1]]), box_before[f.node[2]]);
@@ -38,7 +38,7 @@ DEVICE int fresh_edge_edge(edge_nodes e, edge_nodes f, GLOBAL const box *box_bef
 
 #define QUERY_ALL 0       /* every pair */
 #define QUERY_CHANGED 1   /* fresh pairs; items are the changed vertices, or edges */
-/* fresh pairs; items are all vertices, changed ones are passed over; the tree holds changed faces */
+/* Fresh pairs; items are all vertices, of which changed ones are skipped; the tree holds the changed faces. */
 #define QUERY_UNCHANGED 2
 
 /* 1 if face f is to be tested against vertex v; changed and box_before, per vertex, are read unless mode is
@@ -51,9 +51,9 @@ DEVICE int wanted_vertex_face(int v, face_nodes f, int cloth_vertex_count, int s
          (mode == QUERY_ALL || fresh_vertex_face(v, f, box_before));
 }
 
-/* Items that query: 8 i .. 8 i + 8, or one a work-item with batch = 1. A batch walks the tree once, for the box of all;
-   near the leaves each tests for itself: less work, for one thread. What an item finds, and in which order, does not
-   depend on the batch. */
+/* A work-item queries for `batch` items, batch i .. batch i + batch. With batch > 1 it walks the tree once, for the box
+   of all its items, and each item tests the leaves for itself, which is less work for one thread. What an item finds,
+   and in which order, does not depend on the batch. */
 
 /* Item k is vertex vertex_order[k]; count[first_slot + k]: its candidate faces. n = items / batch, rounded up. mode:
    QUERY_*. */
@@ -103,8 +103,8 @@ KERNEL query_vertex_face_count(int n, int items, int batch, GLOBAL const int *ve
   }
 }
 
-/* candidate[first + offset[first_slot + k] ..]: (vertex, face); offset is the exclusive sum of count. gap_bound: 0 for
-   them. */
+/* candidate[first + offset[first_slot + k] ..]: (vertex, face), with gap_bound 0; offset is the exclusive sum of
+   count. */
 KERNEL query_vertex_face_fill(int n, GLOBAL const int *vertex_order, GLOBAL const box *vertex_box, int leaf_count,
                               GLOBAL const int *face_order, GLOBAL const face_nodes *leaf_face,
                               GLOBAL const bvh8_node *tree, int cloth_vertex_count, int self, int mode,
@@ -141,8 +141,8 @@ DEVICE int edge_changed(edge_nodes e, GLOBAL const int *changed) { return change
 
 #define QUERY_OTHER 3 /* every pair; items are edges of another tree */
 
-/* 1 if edge j, f, is to be tested against edge i, e. Every pair once: QUERY_ALL queries leaves behind the item's only;
-   with QUERY_CHANGED unchanged edges do not query, and two changed ones meet from the first. */
+/* 1 if edge j with nodes f is to be tested against edge i with nodes e. Every pair once: QUERY_ALL tests only leaves
+   behind that of the item; with QUERY_CHANGED unchanged edges do not query, and of two changed edges the first does. */
 DEVICE int wanted_edge_edge(int i, edge_nodes e, int j, edge_nodes f, int cloth_vertex_count, int self, int mode,
                             GLOBAL const int *changed, GLOBAL const box *box_before)
 {
@@ -151,7 +151,8 @@ DEVICE int wanted_edge_edge(int i, edge_nodes e, int j, edge_nodes f, int cloth_
          (mode != QUERY_CHANGED || ((j > i || !edge_changed(f, changed)) && fresh_edge_edge(e, f, box_before)));
 }
 
-/* The leaves of group g that overlap item k, of box b: with QUERY_ALL, where the item is leaf k, those behind it. */
+/* The leaves of group g that overlap item k with box b; with QUERY_ALL, where the item is leaf k, only those behind
+   it. */
 DEVICE int edge_leaves(int g, int k, box b, GLOBAL const bvh8_node *tree, int mode)
 {
   int mask = group_overlap(tree + g, b);
@@ -226,7 +227,7 @@ DEVICE pair ordered_pair(int a, int b)
   return p;
 }
 
-/* candidate[first + offset[first_slot + k] ..]: (edge, edge). gap_bound: 0 for them. */
+/* candidate[first + offset[first_slot + k] ..]: (edge, edge), with gap_bound 0. */
 KERNEL query_edge_edge_fill(int n, GLOBAL const int *item, GLOBAL const edge_nodes *item_edge,
                             GLOBAL const box *vertex_box, int leaf_count, GLOBAL const int *edge_order,
                             GLOBAL const edge_nodes *leaf_edge, GLOBAL const bvh8_node *tree, int cloth_vertex_count,
@@ -265,8 +266,8 @@ KERNEL scan_totals(int n, int n_first, int n_all, GLOBAL const int *offset, GLOB
   }
 }
 
-/* changed[i] = 1 where the motion x to y of vertex i leaves its box, which then grows to hold it with its own margin;
-   before: a copy. `least`: what must be left between motion and box, m. */
+/* changed[i] = 1 where the motion x to y of vertex i leaves its box, which then grows to hold it with its own margin.
+   before: a copy of the earlier boxes. `least`: the distance to be left between motion and box, m. */
 KERNEL grow_boxes(int n, GLOBAL const dvec3 *x, GLOBAL const dvec3 *y, GLOBAL const double *margin,
                   GLOBAL const dvec3 *scene_bounds, double least, GLOBAL box *before, GLOBAL box *vertex_box,
                   GLOBAL int *changed)
@@ -296,8 +297,8 @@ KERNEL changed_edges(int n, int first, GLOBAL const int *edge_order, GLOBAL cons
   FOR_EACH(i, n) flag[first + i] = edge_changed(edge[edge_order[i]], changed);
 }
 
-/* The values whose flags, from `first` on, are 1, in order, behind those with flags from `start` on; place: exclusive
-   sum of all flags. */
+/* The values whose flags, from `first` on, are 1, in order; their places in `kept` are counted from the flag at
+   `start`. place: exclusive sum of all flags. */
 KERNEL keep_flagged(int n, int start, int first, GLOBAL const int *place, GLOBAL const int *value, GLOBAL int *kept)
 {
   FOR_EACH(i, n)
@@ -319,7 +320,8 @@ DEVICE int row_holds(GLOBAL const int *row, GLOBAL const int *entry, int v, int 
   return 0;
 }
 
-/* flag[i] = 1 if pair first + i is not exempt: no vertex of one side may pass a vertex, or the object, of the other. */
+/* flag[i] = 1 if pair first + i is not exempt: no vertex of one side is exempt from contact with a vertex, or with the
+   object, of the other. */
 KERNEL wanted_pairs(int n, int first, int kind, int vertex_count, GLOBAL const pair *pairs,
                     GLOBAL const face_nodes *face, GLOBAL const edge_nodes *edge, GLOBAL const int *row,
                     GLOBAL const int *entry, GLOBAL const int *object, GLOBAL int *flag)

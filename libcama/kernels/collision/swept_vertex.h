@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Swept vertices: positions and motions in floats, by which most candidate pairs are found to be no contact at a
-   fraction of the cost of their closest points. */
+/* Swept vertices: positions and motions in floats, which show most candidate pairs to be no contacts at a fraction of
+   the cost of their closest points. */
 #ifndef CAMA_KERNELS_COLLISION_SWEPT_VERTEX_H
 #define CAMA_KERNELS_COLLISION_SWEPT_VERTEX_H
 #include "../dialect/dvec3.h"
@@ -24,7 +24,7 @@ DEVICE fvec3 fvec3_make(float x, float y, float z)
   r.z = z;
   return r;
 }
-/* A unit vector as a direction that tells sides apart: not longer than 1. */
+/* A unit vector as a separating direction: not longer than 1. */
 DEVICE fvec3 to_direction(dvec3 n)
 {
   return fvec3_make((float)(0.9999999 * n.x), (float)(0.9999999 * n.y), (float)(0.9999999 * n.z));
@@ -32,15 +32,15 @@ DEVICE fvec3 to_direction(dvec3 n)
 DEVICE dvec3 from_direction(fvec3 n) { return dvec3_make((double)n.x, (double)n.y, (double)n.z); }
 
 /* Position and motion until the prediction relative to the scene's lower corner, contact thickness and radius of a
-   vertex, all m. Rounded: what is decided by it is decided with SWEPT_ROUNDING of the scene's extent to
-   rounding_margin, which covers the floats (6e-8 each, two to an offset) and the some thirty operations on them. */
+   vertex, all m. They are rounded to floats: decisions by them leave a rounding_margin of SWEPT_ROUNDING times the
+   scene's extent, which covers the floats (6e-8 each, two to an offset) and the about thirty operations on them. */
 typedef struct {
   float x, y, z, dx, dy, dz, thickness, radius;
 } swept_vertex;
 #define SWEPT_ROUNDING 6e-6
 
-/* A plane's radius is without end, so that swept vertices decide nothing about it. rounding_margin: [1] what rounding
-   may take, m. */
+/* A plane has a huge radius, so that swept vertices decide nothing about it. rounding_margin: [1], the most that
+   rounding may take from a gap, m. */
 KERNEL make_swept_vertices(int n, GLOBAL const dvec3 *position, GLOBAL const dvec3 *predicted,
                            GLOBAL const dvec3 *scene_bounds, GLOBAL const vertex_contact *v,
                            GLOBAL swept_vertex *swept_vertices, GLOBAL float *rounding_margin)
@@ -81,8 +81,8 @@ DEVICE INLINED fvec3_lanes lanes_minus(fvec3_lanes a, fvec3_lanes b)
   return r;
 }
 DEVICE INLINED float_lanes lanes_dot(fvec3_lanes a, fvec3_lanes b) { return a.x * b.x + a.y * b.y + a.z * b.z; }
-DEVICE INLINED float_lanes lanes_most(float_lanes a, float_lanes b) { return LANES_SELECT(float_lanes, a > b, a, b); }
-DEVICE INLINED float_lanes lanes_least(float_lanes a, float_lanes b) { return LANES_SELECT(float_lanes, a < b, a, b); }
+DEVICE INLINED float_lanes lanes_max(float_lanes a, float_lanes b) { return LANES_SELECT(float_lanes, a > b, a, b); }
+DEVICE INLINED float_lanes lanes_min(float_lanes a, float_lanes b) { return LANES_SELECT(float_lanes, a < b, a, b); }
 /* 1 / sqrt(a) to 3e-7 for a > 0, in plain arithmetic: the same bits everywhere. */
 DEVICE INLINED float_lanes lanes_inverse_root(float_lanes a)
 {
@@ -122,7 +122,7 @@ DEVICE INLINED fvec3_lanes swept_offset(swept_vertex_lanes a, swept_vertex_lanes
   return r;
 }
 
-/* Square of how far two vertices move against each other. */
+/* Square of the relative motion of two vertices. */
 DEVICE INLINED float_lanes swept_motion(swept_vertex_lanes a, swept_vertex_lanes b)
 {
   fvec3_lanes d;
@@ -132,7 +132,7 @@ DEVICE INLINED float_lanes swept_motion(swept_vertex_lanes a, swept_vertex_lanes
   return lanes_dot(d, d);
 }
 
-/* Not below a pair's thickness, m. */
+/* Upper bound of a pair's thickness, m. */
 DEVICE INLINED float_lanes swept_thickness(int kind, swept_vertex_lanes m0, swept_vertex_lanes m1,
                                            swept_vertex_lanes m2, swept_vertex_lanes m3)
 {
@@ -140,31 +140,31 @@ DEVICE INLINED float_lanes swept_thickness(int kind, swept_vertex_lanes m0, swep
   return 1.000001f * (0.25f * (m0.thickness + m1.thickness + m2.thickness + m3.thickness));
 }
 
-/* What of the distance of a pair's hulls along a direction is not the surfaces' until the prediction: motion of the
-   sides against each other, radii, rounding, m. */
+/* What the distance of the surfaces until the prediction falls short of that of the hulls along a direction: relative
+   motion of the sides, radii, rounding, m. */
 DEVICE INLINED float_lanes swept_motion_spent(int kind, swept_vertex_lanes m0, swept_vertex_lanes m1,
                                               swept_vertex_lanes m2, swept_vertex_lanes m3, float rounding)
 {
-  float_lanes most = lanes_most(swept_motion(m0, m2), swept_motion(m0, m3));
+  float_lanes most = lanes_max(swept_motion(m0, m2), swept_motion(m0, m3));
   if (kind == 0) {
-    most = lanes_most(most, swept_motion(m1, m0));
+    most = lanes_max(most, swept_motion(m1, m0));
     return 1.000001f * (most * lanes_inverse_root(most)) + m0.radius + m1.radius + rounding;
   }
-  most = lanes_most(lanes_most(most, swept_motion(m1, m2)), swept_motion(m1, m3));
+  most = lanes_max(lanes_max(most, swept_motion(m1, m2)), swept_motion(m1, m3));
   return 1.000001f * (most * lanes_inverse_root(most)) + m0.radius + m2.radius + rounding;
 }
 
-/* How far a pair's hulls are apart along n times the length of n, 0 at least; x: vertices 1 to 3 relative to 0. */
+/* Separation of a pair's hulls along n times the length of n, at least 0; x: vertices 1 to 3 relative to vertex 0. */
 DEVICE INLINED float_lanes swept_hull_separation(int kind, fvec3_lanes x1, fvec3_lanes x2, fvec3_lanes x3,
                                                  fvec3_lanes n)
 {
   const float_lanes none = LANES_ALL(float_lanes, 0.0f);
-  float_lanes a = lanes_dot(n, x1), high = lanes_most(lanes_dot(n, x2), lanes_dot(n, x3));
-  if (kind == 0) return lanes_most(none, -lanes_most(high, a));
-  return lanes_most(none, lanes_least(none, a) - high);
+  float_lanes a = lanes_dot(n, x1), high = lanes_max(lanes_dot(n, x2), lanes_dot(n, x3));
+  if (kind == 0) return lanes_max(none, -lanes_max(high, a));
+  return lanes_max(none, lanes_min(none, a) - high);
 }
 
-/* `a` less its part along b. */
+/* `a` minus its part along b. */
 DEVICE INLINED fvec3_lanes across(fvec3_lanes a, fvec3_lanes b)
 {
   const float_lanes along = lanes_dot(a, b) * lanes_inverse(lanes_dot(b, b));
@@ -174,13 +174,13 @@ DEVICE INLINED fvec3_lanes across(fvec3_lanes a, fvec3_lanes b)
   return a;
 }
 
-/* gap: of the hulls along the direction times its length, size: square of that. */
+/* gap: separation of the hulls along the direction times its length; size: the square of that length. */
 typedef struct {
   float_lanes gap, size;
   fvec3_lanes direction;
 } separation_bound;
 
-/* The wider of a and what direction d has. */
+/* The wider of the separations `a` and that along direction d. */
 DEVICE INLINED separation_bound wider_separation(int kind, fvec3_lanes x1, fvec3_lanes x2, fvec3_lanes x3,
                                                  fvec3_lanes d, separation_bound a)
 {
@@ -194,10 +194,10 @@ DEVICE INLINED separation_bound wider_separation(int kind, fvec3_lanes x1, fvec3
   return a;
 }
 
-/* The direction with the widest gap of three: between the middles of both sides, and that across two of the pair's
-   edges; about as long as 1. `gap` becomes the bound along it: the least distance of the surfaces until the
-   prediction, 0 if it does not exceed the thickness. No branches: they would be guessed wrong, and pairs could not be
-   decided side by side. */
+/* The direction with the widest gap of three: that between the centres of both sides, and its parts perpendicular to
+   two of the pair's edges; its length is about 1. `gap` becomes the bound along it: the smallest distance of the
+   surfaces until the prediction, 0 if it does not exceed the thickness. No branches: they would be mispredicted, and
+   pairs could not be decided in lanes. */
 DEVICE INLINED separation_bound separation_along(int kind, swept_vertex_lanes m0, swept_vertex_lanes m1,
                                                  swept_vertex_lanes m2, swept_vertex_lanes m3, float rounding)
 {
@@ -228,7 +228,7 @@ DEVICE INLINED separation_bound separation_along(int kind, swept_vertex_lanes m0
   return r;
 }
 
-/* Room of one pair along a direction, m; 0 if it does not exceed the thickness. */
+/* gap_bound of one pair along a direction, m; 0 if it does not exceed the thickness. */
 DEVICE float gap_bound_along(int kind, swept_vertex v0, swept_vertex v1, swept_vertex v2, swept_vertex v3,
                              fvec3 direction, float rounding)
 {
@@ -244,7 +244,7 @@ DEVICE float gap_bound_along(int kind, swept_vertex v0, swept_vertex v1, swept_v
   return LANE(gap_bound, 0) > LANE(swept_thickness(kind, m0, m1, m2, m3), 0) ? LANE(gap_bound, 0) : 0.0f;
 }
 
-/* Vertex k of pairs. */
+/* Vertex k of the pairs in the lanes. */
 DEVICE INLINED swept_vertex_lanes swept_vertices_of(GLOBAL const swept_vertex *swept_vertices, const element_nodes *e,
                                                     int k)
 {
@@ -272,8 +272,8 @@ DEVICE INLINED swept_vertex_lanes swept_vertices_of(GLOBAL const swept_vertex *s
   return m;
 }
 
-/* Pairs that swept vertices show to be no contact: gap_bound, how far apart they are along `direction`, from side B
-   to side A, at least until the prediction, m; 0 for the others. */
+/* Pairs that swept vertices show to be no contact get gap_bound, the smallest separation until the prediction along
+   `direction`, from side B to side A, m; the others get 0. */
 KERNEL cull_separated_pairs(int n, int kind, GLOBAL const pair *pairs, GLOBAL const face_nodes *face,
                             GLOBAL const edge_nodes *edge, GLOBAL const swept_vertex *swept_vertices,
                             GLOBAL const float *rounding_margin, GLOBAL fvec3 *direction, GLOBAL float *gap_bound)

@@ -1,6 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Touch, decided in double-double: what the loop above cannot tell from contact (nearer than its rounding, 4e-14 of
-   extent) is passed in numbers with twice the digits, then the loop goes on. Minimum distance 0. */
+/* Touch, decided in double-double: where the iteration of ccd.h cannot distinguish a pair from a contact (nearer than
+   its rounding, 4e-14 of the extent), the pair advances in numbers with twice the digits, then the iteration continues.
+   Minimum distance 0. */
 #ifndef CAMA_KERNELS_COLLISION_TOUCH_H
 #define CAMA_KERNELS_COLLISION_TOUCH_H
 #include "../dialect/double_double.h"
@@ -9,12 +10,14 @@
 #include "ccd.h"
 #include "distance.h"
 
-#define TOUCH_ROUNDING 1e-29 /* bound on the rounding error of a separation in double-double, over extent and |n| */
-#define TOUCH_CLEAR 1e-12 /* of the extent: so far apart, double goes on */
-#define TOUCH_INSIDE 1e-6 /* closest points so far inside face or edges: a contact, without a second look */
+#define TOUCH_ROUNDING                                                                              \
+  1e-29 /* bound on the rounding error of a separation in double-double, relative to the extent and \
+           |n| */
+#define TOUCH_CLEAR 1e-12 /* of the extent: from this separation on, double continues */
+#define TOUCH_INSIDE 1e-6 /* closest points so far inside the face or edges: a contact, not tested again */
 
-/* Advance along n, which need not be unit, from y: as hull_advance; sets *separation over |n|. 0 if n does not
-   separate. */
+/* Advances along n, which need not be a unit vector, from y as hull_advance does; sets *separation, divided by |n|.
+   Returns 0 if n does not separate. */
 DEVICE double touch_advance(const double_double3 *y, const double_double3 *d, int split, double_double3 n,
                             double extent, double *separation)
 {
@@ -73,7 +76,7 @@ DEVICE double_double3 touch_direction(const double_double3 *y, int split, int k)
   return dd3_cross(dd3_cross(u, p), u); /* the part of p perpendicular to u, times u.u */
 }
 
-/* From `time`, up to which the pair does not touch, to a time beyond which double can go on; 2 if it never touches, -1
+/* From `time`, up to which the pair does not touch, to a time from which double can continue; 2 if it never touches, -1
    if it may. */
 DEVICE double touch_pass(const dvec3 *from, const dvec3 *to, int split, double extent, double time)
 {
@@ -102,8 +105,8 @@ DEVICE double touch_pass(const dvec3 *from, const dvec3 *to, int split, double e
   return -1.0;
 }
 
-/* As linear_impact_time with minimum distance 0, with pairs that pass each other nearer than double can tell looked at
-   again. */
+/* As linear_impact_time with minimum distance 0; pairs that pass each other nearer than double can distinguish are
+   tested again in double-double. */
 DEVICE impact_time linear_touch_time(int split, dvec3 a0, dvec3 b0, dvec3 c0, dvec3 d0, dvec3 a1, dvec3 b1, dvec3 c1,
                                      dvec3 d1)
 {

@@ -1,9 +1,9 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* Implicit bounding volume hierarchy (after Chitalu, Dubach, Komura: Binary Ostensibly-Implicit Trees, 2020):
    primitives sorted by Morton code are the leaves, level 0; node i of level l covers the sorted leaves [i << l, (i + 1)
-   << l). No pointers, no atomics. Boxes of all levels lie one after the other in `node_box`; level l has
-   tree_level_size nodes, the first at tree_level_offset. The same with eight children to a node, further down, is what
-   candidates are searched with; the binary tree serves fronts and audits. */
+   << l). No pointers, no atomics. The boxes of all levels lie one after the other in `node_box`; level l has
+   tree_level_size nodes, the first at tree_level_offset. The variant with eight children to a node, further down,
+   serves the search for candidates; the binary tree serves fronts and audits. */
 #ifndef CAMA_KERNELS_COLLISION_TREE_H
 #define CAMA_KERNELS_COLLISION_TREE_H
 #include "../dialect/lang.h"
@@ -40,7 +40,7 @@ DEVICE int tree_root_level(int leaf_count)
   return level;
 }
 
-/* Boxes to allocate. */
+/* Number of boxes to allocate. */
 DEVICE int tree_size(int leaf_count) { return tree_level_offset(leaf_count, tree_root_level(leaf_count)) + 1; }
 
 /* First child; node.level must be > 0. */
@@ -101,9 +101,9 @@ KERNEL tree_leaves(int n, GLOBAL const int *order, GLOBAL const box *primitive_b
   FOR_EACH(i, n) node_box[i] = primitive_box[order[i]];
 }
 
-/* Item i builds what lies below and at node (level, i), `steps` levels of it: levels level - steps + 1 .. level, with
-   the levels below those present. n = tree_level_size(leaf_count, level). A few levels a launch, and the small top in
-   one, save launches. */
+/* Item i builds node (level, i) and the nodes below it, `steps` levels in all: level - steps + 1 .. level; the levels
+   below those are present. n = tree_level_size(leaf_count, level). Several levels a launch, and the small top in one,
+   save launches. */
 KERNEL tree_levels(int n, int leaf_count, int level, int steps, GLOBAL box *node_box)
 {
   FOR_EACH(i, n) {
@@ -122,7 +122,7 @@ KERNEL tree_levels(int n, int leaf_count, int level, int steps, GLOBAL box *node
 
 /* The tree with eight children to a node. The boxes of eight sorted leaves are a group of level 0; the boxes of eight
    groups of level l - 1 are a group of level l. All groups lie one after the other, lower levels first. Places without
-   a leaf have boxes that overlap nothing. The root level is 1 at least, and 7 at most: beyond 8^8 leaves it has several
+   a leaf have boxes that overlap nothing. The root level is at least 1 and at most 7: beyond 8^8 leaves it has several
    groups. */
 #define GROUP 8
 typedef struct ALIGNED(16) {
@@ -142,7 +142,7 @@ DEVICE int group_level_offset(int leaf_count, int level)
   for (int l = 0; l < level; ++l) offset += group_level_size(leaf_count, l);
   return offset;
 }
-/* Groups to allocate. */
+/* Number of groups to allocate. */
 DEVICE int group_tree_size(int leaf_count) { return group_level_offset(leaf_count, group_root_level(leaf_count) + 1); }
 
 /* Bit k is 1 where box k of the group overlaps b. */
@@ -190,8 +190,8 @@ DEVICE box group_union(GLOBAL const bvh8_node *g)
   return b;
 }
 
-/* A walk over the groups of level 0 whose box overlaps another, in order. Byte l of `open`: the children at level l
-   still to be gone into. */
+/* A walk, in order, over the groups of level 0 whose box overlaps a given one. Byte l of `open`: the children at level
+   l still to be visited. */
 typedef struct {
   key64 open;
   int level, root, group, offset;
@@ -225,7 +225,7 @@ DEVICE group_walk groups_overlapping_from(int first, int leaf_count, GLOBAL cons
   return w;
 }
 
-/* The next group, -1 after the last. b: as at the start. */
+/* The next group, -1 after the last. b: the box that the walk was started with. */
 DEVICE int next_group(group_walk *w, int leaf_count, GLOBAL const bvh8_node *tree, box b)
 {
   for (;;) {
@@ -249,9 +249,9 @@ DEVICE int next_group(group_walk *w, int leaf_count, GLOBAL const bvh8_node *tre
   }
 }
 
-/* The same walk a turn at a time, down to the leaves: byte 0 of `open` is of leaves. Turns are the same for all who
-   walk, so that those who do so side by side stay together. Returns a leaf that overlaps, in order, WALK_ON, or
-   WALK_END behind the last. */
+/* The same walk one iteration at a time, down to the leaves: byte 0 of `open` is that of leaves. Every iteration
+   executes the same operations, so that work-items that walk in lockstep stay together. Returns the next leaf that
+   overlaps, in order, WALK_ON if this iteration found none, or WALK_END after the last. */
 #define WALK_ON -1
 #define WALK_END -2
 DEVICE int walk_leaves(group_walk *w, int leaf_count, GLOBAL const bvh8_node *tree, box b)
@@ -306,7 +306,7 @@ KERNEL edge_groups(int n, int leaf_count, GLOBAL const edge_nodes *leaf_edge, GL
   }
 }
 
-/* Boxes of level `level`, and with both = 1 of the level below it, which is 1 at least, from the groups beneath. Item i
+/* Boxes of level `level`, and with both = 1 of the level below it, which is at least 1, from the groups beneath. Item i
    makes box i of the level, n = 8 group_level_size(leaf_count, level). */
 KERNEL group_levels(int n, int leaf_count, int level, int both, GLOBAL bvh8_node *tree)
 {
@@ -328,7 +328,7 @@ KERNEL group_levels(int n, int leaf_count, int level, int both, GLOBAL bvh8_node
   }
 }
 
-/* Nodes in the order of the leaves. */
+/* Nodes of the faces or edges in the order of the leaves. */
 KERNEL order_faces(int n, GLOBAL const int *order, GLOBAL const face_nodes *face, GLOBAL face_nodes *leaf_face)
 {
   FOR_EACH(i, n) leaf_face[i] = face[order[i]];

@@ -1,10 +1,8 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* What a loop streams through and what it comes back to, said to the cache. Part of the dialect: included by lang.h
-   alone.
-     LOAD_ONCE(p)                      *p, which is read once and makes room for the rest
-     LOAD_KEPT(p), STORE_KEPT(p, v)    *p of what the next kernels read again
-   A hint: the same values and bits everywhere, and nothing but the access itself where the language has no more to
-   say. */
+/* Hints for the cache: which data a loop only streams through, and which are read again. Part of the dialect.
+     LOAD_ONCE(p)                      *p, which is read once and may be evicted first
+     LOAD_KEPT(p), STORE_KEPT(p, v)    *p, which the next kernels read again
+   They change no value and no bit, and are plain accesses where the language has no such hints. */
 #ifndef CAMA_KERNELS_DIALECT_CACHING_H
 #define CAMA_KERNELS_DIALECT_CACHING_H
 #include "lang.h"

@@ -1,22 +1,22 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Lanes: numbers that a processor works on together as one vector; one number where a member of a team is a thread of
-   its own. Part of the dialect: included by lang.h alone.
+/* Lanes: numbers that a CPU computes with together as one vector; one number where a member of a team is a thread of
+   its own. Part of the dialect.
      LANES_TYPE(real, lanes)           a type of LANES numbers; + - * / with each other and with one number,
-   comparisons, int_lanes & | ^ >>
-     LANES_LOAD(lanes, p), LANES_STORE(lanes, p, v), LANES_ALL(lanes, number), LANE(v, q); p to GLOBAL or LOCAL numbers:
-   GLOBAL lanes, ...
+                                       comparisons; int_lanes also & | ^ >>
+     LANES_LOAD(lanes, p), LANES_STORE(lanes, p, v)
+                                       p points to GLOBAL or LOCAL numbers; `lanes` is then GLOBAL lanes or LOCAL lanes
+     LANES_ALL(lanes, number)          the number in every lane
+     LANE(v, q)                        the number in lane q
      LANES_LOAD_ONCE(lanes, p)         LANES_LOAD with the hint of LOAD_ONCE (caching.h)
      LANES_SELECT(lanes, c, a, b)      a where the comparison c holds, b elsewhere
      LANES_TO(type, lanes, v)          v converted to lanes, whose numbers are of that type
      FLOAT_LANES_BITS(v), BITS_FLOAT_LANES(v)
-     PREFETCH(p)                       of what will be read there soon, where the language has that
-     LANES_GATHER(real, lanes, vec4)   defines gather_lanes(v, at, &x, &y, &z): the x, y and z of v[at[0]], v[at[1]],
-   ...
-     LANES_COLUMNS(real, lanes)        defines lanes_columns: sums over 16 rows of LANES columns times a vector:
-   clear_columns(&c),
-                                       add_columns(&c, column, stride, v), sum_columns(&c, &sums); column: the first,
-   the next stride on.
-                                       With one lane c.at has the sums of the 16 rows, and there is no add_columns */
+     PREFETCH(p)                       prefetches what is read at p soon, where the language can
+     LANES_GATHER(real, lanes, vec4)   defines gather_lanes(v, at, &x, &y, &z): x, y and z of v[at[0]], v[at[1]], ...
+     LANES_COLUMNS(real, lanes)        defines lanes_columns, sums over 16 rows of LANES columns times a vector:
+                                       clear_columns(&c), add_columns(&c, column, stride, v), sum_columns(&c, &sums);
+                                       `column` is the first, the next is `stride` further. With one lane c.at holds
+                                       the sums of the 16 rows, and there is no add_columns */
 #ifndef CAMA_KERNELS_DIALECT_LANES_H
 #define CAMA_KERNELS_DIALECT_LANES_H
 #include "caching.h"
@@ -81,15 +81,15 @@
 #define LANES_GATHER(real, lanes, vec4)                                     \
   typedef real lanes_quad __attribute__((ext_vector_type(4), aligned(16))); \
   typedef lanes gathered;
-#define gather_lanes(v, at, x, y, z) /* no function: a call would keep every vector in memory */ \
-  do {                                                                                           \
-    GLOBAL const lanes_quad *gather_from = (GLOBAL const lanes_quad *)(v);                       \
-    GLOBAL const int *gather_at = (at);                                                          \
-    const gathered a = (gathered)(LANES_FOUR(0)), b = (gathered)(LANES_FOUR(4));                 \
-    const gathered c = (gathered)(LANES_FOUR(8)), d = (gathered)(LANES_FOUR(12));                \
-    *(x) = (gathered)(a.s048c, b.s048c, c.s048c, d.s048c);                                       \
-    *(y) = (gathered)(a.s159d, b.s159d, c.s159d, d.s159d);                                       \
-    *(z) = (gathered)(a.s26ae, b.s26ae, c.s26ae, d.s26ae);                                       \
+#define gather_lanes(v, at, x, y, z) /* a macro, since a call would keep every vector in memory */ \
+  do {                                                                                             \
+    GLOBAL const lanes_quad *gather_from = (GLOBAL const lanes_quad *)(v);                         \
+    GLOBAL const int *gather_at = (at);                                                            \
+    const gathered a = (gathered)(LANES_FOUR(0)), b = (gathered)(LANES_FOUR(4));                   \
+    const gathered c = (gathered)(LANES_FOUR(8)), d = (gathered)(LANES_FOUR(12));                  \
+    *(x) = (gathered)(a.s048c, b.s048c, c.s048c, d.s048c);                                         \
+    *(y) = (gathered)(a.s159d, b.s159d, c.s159d, d.s159d);                                         \
+    *(z) = (gathered)(a.s26ae, b.s26ae, c.s26ae, d.s26ae);                                         \
   } while (0)
 #define FOLD_8(lanes, a, b) ((lanes)((a).lo, (b).lo) + (lanes)((a).hi, (b).hi))
 #define FOLD_4(lanes, a, b) \
@@ -107,14 +107,14 @@
 #define LANE(v, q) (v)[q]
 #if defined(__cplusplus)
 #define LANES_SELECT(lanes, c, a, b) ((c) ? (a) : (b))
-#else   /* of float lanes; C has no choice by vectors */
+#else   /* for float lanes only: C cannot select by vectors */
 #define LANES_SELECT(lanes, c, a, b) ((lanes)(((int_lanes)(a) & (c)) | ((int_lanes)(b) & ~(c))))
 #endif
 #define LANES_TO(type, lanes, v) __builtin_convertvector(v, lanes)
 #define FLOAT_LANES_BITS(v) ((int_lanes)(v))
 #define BITS_FLOAT_LANES(v) ((float_lanes)(v))
 #if !defined(__clang__)
-#pragma GCC diagnostic ignored "-Wpsabi"   /* all that take or give lanes are inlined */
+#pragma GCC diagnostic ignored "-Wpsabi"   /* every function that takes or returns lanes is inlined */
 #endif
 #if defined(__has_builtin)
 #if __has_builtin(__builtin_shufflevector)
@@ -189,7 +189,7 @@
 #endif
 #endif
 
-/* FOLD_n: in each run of 2 n numbers of a, then of b, the first n plus the last n. Four folds of sixteen vectors are
+/* FOLD_n: in each run of 2 n numbers of a, then of b, the first n plus the last n. Four folds of sixteen vectors give
    their sums. */
 #define LANES_COLUMNS(real, lanes)                                                                             \
   typedef struct {                                                                                             \

@@ -1,6 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* The kernel dialect: one text, valid as C99, C++17, CUDA C++ and OpenCL C 1.2. The only place with #if on the
-   language. `real` is the working precision; it is defined by whoever includes the kernels (double or float). */
+/* The kernel dialect: one text, valid as C99, C++17, CUDA C++ and OpenCL C 1.2. Only the dialect (this file, lanes.h
+   and caching.h) has #if on the language. `real` is the working precision, double or float; it is defined by the file
+   that includes the kernels. */
 #ifndef CAMA_KERNELS_DIALECT_LANG_H
 #define CAMA_KERNELS_DIALECT_LANG_H
 
@@ -15,7 +16,7 @@
 #define DEVICE_TEAM DEVICE   /* functions that a whole team calls */
 #define GLOBAL __global
 #define RESTRICT restrict
-#if defined(CAMA_CHUNKED) /* CPUs: every work-item has a run of elements */
+#if defined(CAMA_CHUNKED) /* on CPUs: every work-item has a contiguous run of elements */
 #define CHUNK_BEGIN(n, item) ((int)((long)(n) * (long)(item) / (long)get_global_size(0)))
 #define FOR_EACH(i, n) \
   for (int i = CHUNK_BEGIN(n, get_global_id(0)), i##_end = CHUNK_BEGIN(n, get_global_id(0) + 1); i < i##_end; ++i)
@@ -152,7 +153,7 @@ static __device__ inline void atomic_add_float(float *p, float v) { atomicAdd(p,
 #endif
 #define TEAM_FOR(l, m) for (int l = 0; l < (m); ++l)
 #if defined(_OPENMP)
-#define SIMD CAMA_PRAGMA(omp simd)   /* before a loop whose turns are independent */
+#define SIMD CAMA_PRAGMA(omp simd)   /* before a loop whose iterations are independent */
 #else
 #define SIMD
 #endif
@@ -216,8 +217,8 @@ DEVICE void atomic_add_float(float *p, float v)
 #endif
 #endif
 
-/* WHILE_ANY(c) { if (c) ... }: a loop that work-items leave at different times. Where several run as one, they stay
-   together until the last has left, and do in every turn what is not theirs alone at the same time. lowest_bit(v):
+/* WHILE_ANY(c) { if (c) ... }: a loop that work-items leave at different times. Where work-items run in lockstep, they
+   stay together until the last has left, and execute the common part of each iteration at the same time. lowest_bit(v):
    number of the lowest bit of v that is 1; v != 0. */
 #if !defined(WHILE_ANY)
 #define WHILE_ANY(c) while (c)
@@ -235,10 +236,10 @@ DEVICE void atomic_add_float(float *p, float v)
        }
      }
 
-   KERNEL_OF(members, teams) k(int n, ...) has teams of that many members, and as many registers as leave space for that
-   many teams on a multiprocessor: fewer teams, each with more loads on their way, for kernels that wait for memory.
+   KERNEL_OF(members, teams) k(int n, ...) has teams of that many members, and so few registers that that many teams fit
+   on a multiprocessor. Kernels that wait for memory have few teams, each with more loads in flight.
    On a CPU a team is one thread: its loops run over all members, LANES of them together as one vector where the kernel
-   is written so (lanes.h):
+   is written for that (lanes.h):
 
      TEAM_FOR_LANES(j, m) { lanes sum = LANES_ALL(lanes, 0); sum += LANES_LOAD(lanes, p + j) * x; } */
 #if !defined(FOR_EACH_UNEVEN_TEAM)
@@ -250,12 +251,12 @@ DEVICE void atomic_add_float(float *p, float v)
 #define FOR_LANES(q) for (int q = 0; q < LANES; ++q)
 
 #if defined(__GNUC__) && !defined(__CUDACC__) && !(defined(__OPENCL_C_VERSION__) && !defined(CAMA_CHUNKED))
-#define INLINED __attribute__((always_inline)) /* called in a loop whose turns run side by side */
+#define INLINED __attribute__((always_inline)) /* called in a loop whose iterations run in lanes */
 #else
 #define INLINED
 #endif
 
-/* Total orders written out: fmin and fmax differ between languages on signed zeros. */
+/* Comparisons written out: fmin and fmax treat signed zeros differently in different languages. */
 DEVICE double min_double(double a, double b) { return a < b ? a : b; }
 DEVICE double max_double(double a, double b) { return a > b ? a : b; }
 DEVICE double clamp_double(double x, double lo, double hi) { return min_double(max_double(x, lo), hi); }

@@ -71,7 +71,7 @@ DEVICE mat3 mat3_add(mat3 a, mat3 b)
 }
 DEVICE vec3 mat3_multiply(mat3 m, vec3 a) { return vec3_make(dot(m.row[0], a), dot(m.row[1], a), dot(m.row[2], a)); }
 /* Inverse of a symmetric positive definite block: Cholesky of the diagonally scaled block, inverse as the Gram matrix
-   of L^-1, which stays positive definite where cofactors lose it. Pivots are held above rounding. */
+   of L^-1, which stays positive definite where cofactors would not. Pivots are kept above rounding. */
 DEVICE mat3 mat3_inverse_spd(mat3 m)
 {
   const real least = sizeof(real) == 8 ? (real)1e-14 : (real)1e-6;

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Bending over the edge that two triangles share, with stiffness sampled in direction and curvature (Wang et al.
+/* Bending across the edge that two triangles share, with stiffness sampled in direction and curvature (Wang et al.
    2011). */
 #ifndef CAMA_KERNELS_ELEMENTS_BENDING_H
 #define CAMA_KERNELS_ELEMENTS_BENDING_H
@@ -53,8 +53,8 @@ DEVICE hinge_angle measure_hinge(vec3 e1, vec3 e2, vec3 e3)
   return h;
 }
 
-/* Piecewise-linear sample at `direction` in [0, 2] and curvature (1/m); below the first column only when
-   extrapolating. */
+/* Piecewise-linear sample at `direction` in [0, 2] and curvature (1/m); below the first column it extrapolates only
+   with `extrapolate`. */
 DEVICE real sample_bending(GLOBAL const bending_stiffness *table, real direction, real curvature, int extrapolate)
 {
   real c = min_real(curvature * (real)0.2, (real)4), d = clamp_real(direction, (real)0, (real)2);
@@ -67,8 +67,8 @@ DEVICE real sample_bending(GLOBAL const bending_stiffness *table, real direction
                                d * (((real)1 - c) * table->k[5 * r + 5 + i] + c * table->k[5 * r + 6 + i]));
 }
 
-/* Bending stiffness of a hinge, N m: the lower one of its two faces. Convention 0 samples at |curvature|; convention 1
-   is ARCSim's, which samples at the signed curvature and extrapolates the table below zero. */
+/* Bending stiffness of a hinge, N m: the smaller one of its two faces. Convention 0 samples at |curvature|; convention
+   1 is ARCSim's, which samples at the signed curvature and extrapolates the table below zero. */
 DEVICE real hinge_stiffness(GLOBAL const bending_stiffness *table, hinge_rest rest, real angle, int convention)
 {
   real half_curvature =

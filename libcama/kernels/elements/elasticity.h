@@ -7,7 +7,7 @@
 #include "../dialect/lang.h"
 #include "../dialect/vec3.h"
 
-/* a table has this many samples along each of E11, E22, |E12|, 1/30 apart, from -1/4, -1/4, 0 */
+/* A table has this many samples along each of E11, E22, |E12|, at distances of 1/30 from -1/4, -1/4, 0. */
 #define STRETCHING_CELLS 30
 
 /* (k11, k12, k22, k33), N/m */
@@ -22,7 +22,7 @@ typedef struct {
   real area;   /* at rest, m^2 */
 } triangle_rest;
 
-/* What the matrix needs of one triangle: block (a, b) is a combination of uu', ww', uw', wu' and I. */
+/* The part of one triangle in the matrix: block (a, b) is a combination of uu', ww', uw', wu' and I. */
 typedef struct {
   vec3 u, w;   /* columns of the deformation gradient */
   real d[4];
@@ -78,8 +78,8 @@ DEVICE real stretching_energy(green_strain g, stretching_stiffness k)
          k.k[3] * g.e01 * g.e01;
 }
 
-/* Forces on nodes 1 and 2 (node 0 takes the negative sum): the negative gradient of area * energy with the stiffness
-   held. */
+/* Forces on nodes 1 and 2 (node 0 takes the negative sum): the negative gradient of area * energy with constant
+   stiffness. */
 DEVICE void triangle_forces(triangle_rest rest, green_strain g, stretching_stiffness k, vec3 *f1, vec3 *f2)
 {
   real s0 = -rest.area * (k.k[0] * g.e00 + k.k[1] * g.e11);
@@ -90,8 +90,8 @@ DEVICE void triangle_forces(triangle_rest rest, green_strain g, stretching_stiff
   *f2 = axpy(scale(rest.d[2], pu), rest.d[3], pw);
 }
 
-/* The positive semidefinite part of the Hessian: compression softens the geometric terms to zero, the shear one is left
-   out, and k12 is held to sqrt(k11 k22). `matrix_scale` is what multiplies the stiffness in the system, s^2. */
+/* The positive semidefinite part of the Hessian: compression reduces the geometric terms to zero, that of shear is left
+   out, and k12 is limited to sqrt(k11 k22). `matrix_scale` multiplies the stiffness in the system, s^2. */
 DEVICE triangle_factor make_triangle_factor(triangle_rest rest, green_strain g, stretching_stiffness k,
                                             real matrix_scale)
 {

@@ -7,12 +7,13 @@
 #include "../dialect/vec3.h"
 #include "elasticity.h"
 
-#define WIND_SHARE 0.5 /* of a triangle's speed through the air, the most that a step of drag may take */
+#define WIND_SHARE 0.5 /* largest share of a triangle's speed through the air that drag may take in a step */
 
 /* Force on each node of a triangle from air moving with `wind` (m/s) of density rho (kg/m^3): pressure rho A (v.n)|v.n|
-   along the normal and tangential drag A drag v_t, a third to each node. Velocity of the triangle is the mean of its
-   nodes. rest_area > 0: A is the area at rest, ARCSim's convention; else the area now. most: kg/s, of force over speed
-   at a node: drag is explicit, and beyond mass over time step it would turn the motion round and blow it up. */
+   along the normal and tangential drag A drag v_t, a third to each node. The velocity of the triangle is the mean of
+   its nodes. rest_area > 0: A is the area at rest, ARCSim's convention; otherwise the current area. most: limit of
+   force over speed at a node, kg/s: drag is explicit, and beyond mass over time step it would reverse the motion and be
+   unstable. */
 DEVICE vec3 wind_force(vec3 edge1, vec3 edge2, vec3 relative_velocity, real density, real drag, real rest_area,
                        real most)
 {
@@ -31,7 +32,7 @@ DEVICE vec3 wind_force(vec3 edge1, vec3 edge2, vec3 relative_velocity, real dens
 }
 
 /* Adds wind to the element forces [3 n] of all triangles. wind: [1], m/s. areal_density: by material, kg/m^2.
-   Convention 1 takes ARCSim's area. */
+   Convention 1 uses ARCSim's area. */
 KERNEL add_wind(int n, GLOBAL const triangle_rest *rest, GLOBAL const dvec3 *position, GLOBAL const dvec3 *velocity,
                 GLOBAL const dvec3 *wind, GLOBAL const double *areal_density, real density, real drag, int convention,
                 real time_step, GLOBAL vec3 *force)

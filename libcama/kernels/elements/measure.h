@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Diagnostics, run only when asked for. */
+/* Diagnostics, run on demand only. */
 #ifndef CAMA_KERNELS_ELEMENTS_MEASURE_H
 #define CAMA_KERNELS_ELEMENTS_MEASURE_H
 #include "../collision/bounds.h"
@@ -28,7 +28,7 @@ KERNEL measure_pairs(int n, int kind, GLOBAL const pair *pairs, GLOBAL const fac
   }
 }
 
-/* total[0 .. 3]: four numbers side by side; those that are not there are 0. */
+/* total[0 .. 3]: four numbers side by side; unused ones are 0. */
 KERNEL collect_totals(int n, int used, GLOBAL const double *a, GLOBAL const double *b, GLOBAL const double *c,
                       GLOBAL const double *d, GLOBAL double *total)
 {

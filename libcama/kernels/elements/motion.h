@@ -5,8 +5,8 @@
 #include "../dialect/dvec3.h"
 #include "../dialect/lang.h"
 
-/* x = rotation (rest - center) scale + center + translation, row-major rotation; transform: rotation rows, then
-   translation, center and (scale, 0, 0) as 6 vectors. Writes vertices first .. first + n. */
+/* x = rotation (rest - center) scale + center + translation, row-major rotation; transform: 6 vectors, the rows of the
+   rotation, then translation, center and (scale, 0, 0). Writes vertices first .. first + n. */
 KERNEL move_rigid(int n, GLOBAL const dvec3 *rest, GLOBAL const dvec3 *transform, int first, GLOBAL dvec3 *out)
 {
   FOR_EACH(i, n) {
@@ -17,7 +17,7 @@ KERNEL move_rigid(int n, GLOBAL const dvec3 *rest, GLOBAL const dvec3 *transform
   }
 }
 
-/* Linear between two sampled frames. */
+/* Linear interpolation between two sampled frames. */
 KERNEL move_sampled(int n, GLOBAL const dvec3 *frame_a, GLOBAL const dvec3 *frame_b, double t, int first,
                     GLOBAL dvec3 *out)
 {
@@ -58,7 +58,7 @@ KERNEL move_attached(int n, GLOBAL const attachment *attachments, GLOBAL dvec3 *
   }
 }
 
-/* base = (4 now - before) / 3, where the second-order backward differentiation formula (BDF2) starts from. */
+/* base = (4 now - before) / 3, from which the second-order backward differentiation formula (BDF2) starts. */
 KERNEL extrapolate_states(int n, GLOBAL const dvec3 *now, GLOBAL const dvec3 *before, GLOBAL dvec3 *base)
 {
   FOR_EACH(i, n) {
@@ -95,8 +95,8 @@ KERNEL advance(int n, double time_step, GLOBAL const int *fixed, GLOBAL const dv
   }
 }
 
-/* Where handling of penetrations moved a vertex from base + step v, its velocity is the mean one over the time step. n:
-   cloth vertices. */
+/* Where penetration handling moved a vertex away from base + step v, its velocity becomes the mean one over the time
+   step. n: cloth vertices. */
 KERNEL follow_positions(int n, double time_step, double step, GLOBAL const int *fixed, GLOBAL const dvec3 *position,
                         GLOBAL const dvec3 *base, GLOBAL const dvec3 *position_next, GLOBAL dvec3 *velocity_next)
 {
@@ -107,7 +107,7 @@ KERNEL follow_positions(int n, double time_step, double step, GLOBAL const int *
   }
 }
 
-/* bad[0]: 1 + the last vertex of which a value is not finite; 0 from the start: none. */
+/* bad[0]: 1 + the last vertex with a value that is not finite; it keeps its initial 0 if there is none. */
 KERNEL find_nonfinite(int n, GLOBAL const dvec3 *x, GLOBAL const dvec3 *v, GLOBAL int *bad)
 {
   FOR_EACH(i, n) {

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* The conjugate gradient in one reduction an iteration (Chronopoulos and Gear 1989) on a matrix in slices; its
+/* The conjugate gradient method with one reduction an iteration (Chronopoulos and Gear 1989) on a sliced matrix; its
    preconditioner is in schwarz.h. Rows are free vertices. */
 #ifndef CAMA_KERNELS_SOLVER_CONJUGATE_GRADIENT_H
 #define CAMA_KERNELS_SOLVER_CONJUGATE_GRADIENT_H
@@ -12,9 +12,9 @@
 #include "../system/term.h"
 #include "scalars.h"
 
-#define ROW_PARTS 2     /* members of a team that share a row, each with every second entry */
+#define ROW_PARTS 2     /* members of a team that share a row, each with every second entry of it */
 
-/* Vectors of the solve: three numbers and a zero, so that one load takes them. */
+/* Vectors of the solve: three numbers and a zero, so that one load reads them. */
 typedef struct ALIGNED(16) {
   real x, y, z, w;
 } vec4;
@@ -35,28 +35,28 @@ DEVICE vec4 vec4_make(real x, real y, real z)
 DEVICE vec4 vec4_axpy(vec4 v, real a, vec4 w) { return vec4_make(v.x + a * w.x, v.y + a * w.y, v.z + a * w.z); }
 DEVICE real vec4_dot(vec4 v, vec4 w) { return v.x * w.x + v.y * w.y + v.z * w.z; }
 
-/* Scalars of the conjugate gradient in one reduction. */
+/* Scalars of the conjugate gradient method with one reduction. */
 #define CG_GAMMA 0       /* r' z */
 #define CG_ALPHA 1
-#define CG_GOAL 2        /* of r' z */
-#define CG_DONE 3        /* 1: nothing more changes */
+#define CG_GOAL 2        /* at which r' z ends the solve */
+#define CG_DONE 3        /* 1: the solve has ended */
 #define CG_BROKEN 4      /* 1: not positive definite, or not finite */
 #define CG_ITERATIONS 5
 #define CG_START 6       /* r' z at the start */
 #define CG_FORCES 7      /* f' P f of the forces without penalties */
-#define CG_INNER 8       /* r' z that working precision can reach from this start */
+#define CG_INNER 8       /* r' z that the working precision can reach from this start */
 #define CG_COUNT 9
-#define CG_TEAM 128     /* members of a team: all teams have room at once */
+#define CG_TEAM 128     /* members of a team, so few that all teams run at once */
 #define CG_ROWS 256      /* rows of the vectors that a team advances */
 
 #define CG_MEASURE_FORCES 0
 #define CG_MEASURE_START 1  /* sets the goal */
-#define CG_MEASURE_CHECK 2  /* the goal stays: a residual computed afresh */
+#define CG_MEASURE_CHECK 2  /* keeps the goal: the residual was computed afresh */
 
-/* Starts from a residual whose products are in `partial`. goal: tolerance^2; slack: (of the forces) a tolerance
-   relative to huge penalties would leave gravity unsolved; rounding: (of slack times the forces) what is left of a
-   solution that was right from the start; inner: least r'z relative to this start that working precision can reach. One
-   team. */
+/* Starts from a residual whose products are in `partial`. goal: tolerance^2. slack: upper bound of the start that the
+   goal is relative to, over the forces: a tolerance relative to huge penalties would leave gravity unsolved. rounding:
+   lower bound of the goal, over slack times the forces, for a solution that is right from the start. inner: smallest
+   r'z, relative to this start, that the working precision can reach. One team. */
 KERNEL cg_start(int n, int mode, int partials, GLOBAL const double *partial, double goal, double slack, double rounding,
                 double inner, GLOBAL double *scalar)
 {
@@ -89,8 +89,8 @@ typedef struct {
   int done;
 } cg_step;
 
-/* alpha and beta of one iteration from the partial sums, by every team for itself; the scalars at `from` become those
-   at `to`. */
+/* alpha and beta of one iteration from the partial sums; every team computes them for itself. The scalars at `from` are
+   updated to those at `to`. */
 DEVICE_TEAM cg_step next_step(int t, int partials, GLOBAL const double *partial, int most, int from, int to,
                               GLOBAL double *scalar, LOCAL double *sums)
 {
@@ -135,8 +135,8 @@ DEVICE_TEAM cg_step next_step(int t, int partials, GLOBAL const double *partial,
   return step;
 }
 
-/* Vectors of a diagonal preconditioner's loop but z are in columns: all x, all y, all z, `component_stride` numbers
-   from each other, so that neighbours read neighbours. Those of the Schwarz preconditioner are rows of vec4
+/* With a diagonal preconditioner all vectors but z are stored in columns: all x, all y, all z, `component_stride`
+   numbers from each other, so that neighbours read neighbours. With the Schwarz preconditioner they are rows of vec4
    (component_stride = 0). */
 DEVICE vec4 load_row(GLOBAL const real *v, int component_stride, int i)
 {
@@ -154,7 +154,7 @@ DEVICE void store_row(GLOBAL real *v, int component_stride, int i, vec4 own)
   }
 }
 
-/* P of a row: its diagonal (block_rows = 1) in the first row, or a block (block_rows = 3); in columns. */
+/* P of a row: its diagonal (block_rows = 1) in the first row, or a block (block_rows = 3); stored in columns. */
 typedef struct {
   vec4 row[3];
 } row_inverse;
@@ -194,7 +194,7 @@ cg_advance(int n, int rows, int component_stride, int block_rows, GLOBAL const r
         const row_inverse own = load_inverse(i, block_rows, component_stride, inverse);
         vec4 ri = load_row(r, component_stride, i), si = load_row(w, component_stride, i),
              xi = vec4_make((real)0, (real)0, (real)0);
-        vec4 pi = apply_inverse(block_rows, own, ri);   /* z */
+        vec4 pi = apply_inverse(block_rows, own, ri); /* z */
         if (!first) {
           const vec4 p0 = load_row(p, component_stride, i), s0 = load_row(s, component_stride, i);
           xi = load_row(x, component_stride, i);
@@ -221,7 +221,7 @@ KERNEL apply_diagonal(int n, int component_stride, int block_rows, GLOBAL const 
                          load_row(r, component_stride, i));
 }
 
-/* The inverses of diagonal blocks as P of the rows: their diagonals (block_rows = 1), or whole; in columns. */
+/* The inverses of diagonal blocks as P of the rows: their diagonals (block_rows = 1), or whole; stored in columns. */
 KERNEL pack_diagonal(int n, GLOBAL const int *order, int component_stride, int block_rows, int is_double,
                      GLOBAL const double *from64, GLOBAL const float *from32, GLOBAL real *inverse)
 {
@@ -234,8 +234,7 @@ KERNEL pack_diagonal(int n, GLOBAL const int *order, int component_stride, int b
   }
 }
 
-/* Terms on rows: nodes as rows (-1: not free), and 4 weights, normal, along, around in double or single, whichever is
-   there. */
+/* Terms on rows: nodes as rows (-1: not free), and 4 weights, normal, along and around, in double or single. */
 KERNEL pack_terms(int n, GLOBAL const term *terms, int vertices, GLOBAL const int *place, int is_double,
                   GLOBAL element_nodes *nodes, GLOBAL double *to64, GLOBAL float *to32)
 {
@@ -260,7 +259,7 @@ KERNEL pack_terms(int n, GLOBAL const term *terms, int vertices, GLOBAL const in
   }
 }
 
-/* The weight of each entry of the terms' incidence. */
+/* The weight of each entry of the terms' incidence lists. */
 KERNEL pack_weights(int n, GLOBAL const int *entry, GLOBAL const real *coefficient, GLOBAL real *weight)
 {
   FOR_EACH(i, n) weight[i] = coefficient[9 * (entry[i] >> 2) + (entry[i] & 3)];
@@ -282,8 +281,8 @@ KERNEL fill_slice_values(int n, GLOBAL const int *source, int is_double, GLOBAL 
 
 #define CG_MULTIPLY_TEAM (ROW_PARTS * TEAM_ROWS)
 
-/* A team's blocks are read part by part, in steps that no processor foresees: those of the next team are called for
-   meanwhile. */
+/* A team's blocks are read part by part, at strides that no hardware prefetcher predicts: those of the next team are
+   prefetched meanwhile. */
 #define BLOCK_PREFETCH(v)                                                       \
   do {                                                                          \
     int number;                                                                 \
@@ -296,8 +295,9 @@ KERNEL fill_slice_values(int n, GLOBAL const int *source, int is_double, GLOBAL 
               q##6 = BLOCK_NUMBER(v, 6), q##7 = BLOCK_NUMBER(v, 7), q##8 = BLOCK_NUMBER(v, 8)
 
 /* w = A z with the terms; partial[2 t], partial[2 t + 1] = r'z and z'w over the TEAM_ROWS rows of team t. entry_weight:
-   of the terms' entries. Loads do not wait for each other: two entries at once, all their numbers before the first
-   product, and where a row is a thread, columns two entries early, since what they name is a load behind them. */
+   weights of the terms' entries. Loads do not wait for each other: two entries are read at once, all their numbers
+   before the first product; where a row is a thread, columns are read two entries early, since the vectors at these
+   columns are loaded after them. */
 KERNEL_OF(CG_MULTIPLY_TEAM, 3)
 cg_multiply(int n, int rows, GLOBAL const int *slice_start, GLOBAL const int *slice_row,
             GLOBAL const int *RESTRICT column, GLOBAL const real *RESTRICT value, int terms, GLOBAL const int *order,
@@ -403,7 +403,7 @@ cg_multiply(int n, int rows, GLOBAL const int *slice_start, GLOBAL const int *sl
   }
 }
 
-/* r of rows from vertices: r = b - q, or r = b where plain = 1; the conjugate gradient is no longer done. */
+/* r of rows from vertices: r = b - q, or r = b with plain = 1. Clears CG_DONE. */
 KERNEL gather_residual(int n, GLOBAL const int *order, int component_stride, int plain, int is_double,
                        GLOBAL const double *b64, GLOBAL const double *q64, GLOBAL const float *b32,
                        GLOBAL const float *q32, GLOBAL real *r, GLOBAL double *scalar)
@@ -418,7 +418,7 @@ KERNEL gather_residual(int n, GLOBAL const int *order, int component_stride, int
   }
 }
 
-/* The correction joins the solution of vertices. */
+/* Adds the correction to the solution of vertices. */
 KERNEL add_solution(int n, GLOBAL const int *order, int component_stride, GLOBAL const real *x, int is_double,
                     GLOBAL double *solution64, GLOBAL float *solution32)
 {

@@ -1,9 +1,9 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* The multilevel additive Schwarz preconditioner (Wu et al. 2022, "A GPU-based multilevel additive Schwarz
-   preconditioner for cloth and deformable body simulation"). Rows are free vertices, ordered so that each block's are
-   neighbours. A block B has at most BLOCK_ROWS rows; with S B S of unit diagonal = L D L', its inverse is applied as S
-   G' G S with G = D^-1/2 L^-1, which is positive definite however coarsely G is stored: 16 bits an entry, each column
-   in units of its largest. */
+   preconditioner for cloth and deformable body simulation"). Rows are free vertices, ordered so that those of each
+   block are neighbours. A block B has at most BLOCK_ROWS rows; with S B S = L D L' of unit diagonal, its inverse is
+   applied as S G' G S with G = D^-1/2 L^-1, which is positive definite however coarsely G is stored: 16 bits an entry,
+   each column in units of its largest. */
 #ifndef CAMA_KERNELS_SOLVER_FACTORS_H
 #define CAMA_KERNELS_SOLVER_FACTORS_H
 #include "../dialect/lanes.h"
@@ -17,10 +17,10 @@
 #define BLOCK_ROWS 16
 #define BLOCK_SIZE 48
 #define BLOCK_TEAM 64   /* members of a team that factors a block */
-#define APPLY_TEAM 32   /* and of one that applies it */
+#define APPLY_TEAM 32   /* members of a team that applies it */
 #define ROW_MEMBERS (LANES == 1 ? 3 : 1)   /* members that gather the entries of a row of vertices */
-/* Entries of G: 16 rows at a time, of these the columns up to the diagonal, of these 16 numbers. Word k holds entries k
-   and k + FACTOR_WORDS. */
+/* Words of G: for 16 rows at a time, the columns up to the diagonal, 16 numbers each. Word k holds entries k and k +
+   FACTOR_WORDS. */
 #define FACTOR_WORDS 768
 #define FACTOR_COLUMN(group, c) (8 * (group) * ((group) + 1) + (c))
 
@@ -34,7 +34,7 @@ KERNEL vertex_strengths(int n, GLOBAL const mat3 *diagonal, GLOBAL float *streng
 }
 
 /* Entries of the graph: |A_ij| / sqrt(tr A_ii tr A_jj) for free cloth vertices i and j. n: cloth vertices; entry k of
-   the graph is block k. number: of free vertices; -1: fixed. */
+   the graph is block k. number: index among free vertices; -1: fixed. */
 KERNEL matrix_entries(int n, GLOBAL const int *row, GLOBAL const int *column, GLOBAL const mat3 *block,
                       GLOBAL const int *number, int numbers, GLOBAL const float *strength, GLOBAL key64 *key,
                       GLOBAL int *entry, GLOBAL float *weight)
@@ -54,8 +54,8 @@ KERNEL matrix_entries(int n, GLOBAL const int *row, GLOBAL const int *column, GL
 
 #define TERM_ENTRIES 8
 
-/* The same for what each term couples across its sides, behind the `first` entries of the matrix: at most four pairs,
-   both ways. Vertices of one side are neighbours in the matrix as it is. */
+/* The same for the vertices that each term couples across its sides, behind the `first` entries of the matrix: at most
+   four pairs, in both directions. Vertices of one side are neighbours in the matrix already. */
 KERNEL term_entries(int n, int first, int vertices, GLOBAL const term *terms, GLOBAL const int *number, int numbers,
                     GLOBAL const float *strength, GLOBAL key64 *key, GLOBAL int *entry, GLOBAL float *weight)
 {
@@ -80,8 +80,8 @@ KERNEL term_entries(int n, int first, int vertices, GLOBAL const term *terms, GL
 }
 
 /* a: a symmetric positive definite matrix of m rows in BLOCK_SIZE columns, scaled to a unit diagonal by the outer
-   product of `scaling`; zero elsewhere. Leaves G in `factor`, its columns' units times the scaling in `weight`. Below
-   the diagonal of a, L^-1 grows as rows are eliminated; pivots are held above rounding. */
+   product of `scaling`; zero elsewhere. Writes G to `factor`, and its columns' units times the scaling to `weight`.
+   L^-1 builds up below the diagonal of a as rows are eliminated; pivots are kept above rounding. */
 DEVICE_TEAM void factor_block(int m, LOCAL real *a, LOCAL real *pivot_row, LOCAL real *root, LOCAL double *scaling,
                               GLOBAL int *factor, GLOBAL real *weight)
 {
@@ -95,7 +95,7 @@ DEVICE_TEAM void factor_block(int m, LOCAL real *a, LOCAL real *pivot_row, LOCAL
     TEAM_FOR_LANES(j, m) {
       lanes own = LANES_LOAD(LOCAL lanes, pivot_row + j);
       int i;
-      /* row k behind its diagonal is also column k: what is still to be eliminated is symmetric */
+      /* the part of row k behind its diagonal is also column k: the remaining matrix is symmetric */
       for (i = k + 1; i < m; ++i) {
         LOCAL real *at = a + i * BLOCK_SIZE + j;
         LANES_STORE(LOCAL lanes, at, LANES_LOAD(LOCAL lanes, at) - own * pivot_row[i] * p);
@@ -135,7 +135,7 @@ DEVICE_TEAM void factor_block(int m, LOCAL real *a, LOCAL real *pivot_row, LOCAL
   }
 }
 
-/* Factors of the finest blocks: the matrix's entries within a block, and the terms'. */
+/* Factors of the finest blocks, from the entries of matrix and terms within a block. */
 KERNEL factor_fine_blocks(int n, GLOBAL const int *block_start, GLOBAL const int *slice_start,
                           GLOBAL const int *slice_place, GLOBAL const int *column, GLOBAL const real *value, int terms,
                           GLOBAL const int *order, GLOBAL const int *term_row, GLOBAL const int *term_entry,
@@ -178,7 +178,7 @@ KERNEL factor_fine_blocks(int n, GLOBAL const int *block_start, GLOBAL const int
     }
     TEAM_BARRIER;
     TEAM_FOR(l, m) {
-      /* not a number where the matrix is not positive: the solve says so */
+      /* not a number where the matrix is not positive; the solve reports that */
       scaling[l] = 1.0 / sqrt((double)a[l * BLOCK_SIZE + l]);
     }
     TEAM_BARRIER;
@@ -195,8 +195,8 @@ KERNEL factor_fine_blocks(int n, GLOBAL const int *block_start, GLOBAL const int
   }
 }
 
-/* Factors of the blocks of one coarse level, whose nodes are coupled by row, column and value; terms = 1: with their
-   diagonals. Block t is at `at` + t of the factors. */
+/* Factors of the blocks of one coarse level, whose nodes are coupled by row, column and value; terms = 1: the diagonals
+   of the terms are added. Block t is factor `at` + t. */
 KERNEL factor_coarse_blocks(int n, int at, GLOBAL const int *block_start, GLOBAL const int *row,
                             GLOBAL const int *column, GLOBAL const double *value, int terms,
                             GLOBAL const double *diagonal, GLOBAL int *factor, GLOBAL real *weight)

@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* Strength-of-connection graphs and their coarsening by handshake matching, which makes the aggregates of the Schwarz
-   preconditioner (factors.h, schwarz.h). An entry is directed; its key is row << 31 | column. Entries that are none
-   have a row behind all nodes. */
+   preconditioner (factors.h, schwarz.h). An entry is directed; its key is row << 31 | column. Unused entries have a row
+   behind all nodes. */
 #ifndef CAMA_KERNELS_SOLVER_GRAPH_H
 #define CAMA_KERNELS_SOLVER_GRAPH_H
 #include "../dialect/lang.h"
@@ -47,7 +47,8 @@ KERNEL row_starts(int n, int count, GLOBAL const key64 *key, GLOBAL int *start)
   }
 }
 
-/* A number in [0, 1) from an unordered pair: breaks ties so that neighbours' proposals do not form chains. */
+/* A number in [0, 1) from an unordered pair, which breaks ties so that the proposals of neighbours do not form
+   chains. */
 DEVICE float pair_noise(int i, int j)
 {
   unsigned int a = (unsigned int)min_int(i, j), b = (unsigned int)max_int(i, j),
@@ -58,7 +59,7 @@ DEVICE float pair_noise(int i, int j)
   return (float)(h & 0xffffu) * (1.0f / 65536.0f);
 }
 
-/* proposal[i]: the strongest neighbour that is free too and small enough to join; -1: none. */
+/* proposal[i]: the strongest neighbour that is also unmatched and small enough to join; -1: none. */
 KERNEL propose_matches(int n, GLOBAL const int *row, GLOBAL const int *column, GLOBAL const float *weight,
                        GLOBAL const int *size, int most, GLOBAL const int *mate, GLOBAL int *proposal)
 {
@@ -95,7 +96,7 @@ KERNEL first_of_matches(int n, GLOBAL const int *mate, GLOBAL int *head)
   }
 }
 
-/* Matched nodes become one. place: numbers of the first of each match. */
+/* Matched nodes become one node. place: number of the first node of each match. */
 KERNEL join_matches(int n, GLOBAL const int *mate, GLOBAL const int *place, GLOBAL const int *size, GLOBAL int *parent,
                     GLOBAL int *joined_size)
 {
@@ -106,7 +107,8 @@ KERNEL join_matches(int n, GLOBAL const int *mate, GLOBAL const int *place, GLOB
   }
 }
 
-/* Entries of the graph of parents; inner = 1: those within a parent too. parent below 0: not in the graph. n: rows. */
+/* Entries of the graph of parents; inner = 1: also those within a parent. A negative parent is not in the graph. n:
+   rows. */
 KERNEL parent_keys(int n, GLOBAL const int *row, GLOBAL const int *column, GLOBAL const int *parent, int columns,
                    int nodes, int inner, GLOBAL key64 *key, GLOBAL int *entry)
 {
@@ -128,7 +130,7 @@ KERNEL follow_parents(int n, GLOBAL const int *parent, GLOBAL int *cluster)
   }
 }
 
-/* Sorting by these orders nodes by the place of their parent, then by number. */
+/* Keys that sort nodes by the place of their parent, then by number. */
 KERNEL order_keys(int n, GLOBAL const int *parent, GLOBAL const int *parent_place, GLOBAL key64 *key, GLOBAL int *node)
 {
   FOR_EACH(i, n) {
@@ -231,7 +233,7 @@ KERNEL coarse_values(int n, GLOBAL const int *source_start, GLOBAL const int *so
   }
 }
 
-/* What the terms at each row add to the diagonal block of its ancestor: w_a (sum of w over nodes of one ancestor)
+/* What the terms at each row add to the diagonal block of the row's ancestor: w_a (sum of w over nodes of one ancestor)
    (along n n' + around I), as xx xy xz yy yz zz. order: vertices of rows. */
 KERNEL term_diagonals(int n, GLOBAL const int *order, GLOBAL const int *term_row, GLOBAL const int *term_entry,
                       GLOBAL const element_nodes *nodes, GLOBAL const int *ancestor, int is_double,

@@ -1,20 +1,20 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Scalars of a conjugate gradient stay on the device, always in double. Dot products are summed over chunks of
-   neighbours, then over chunks of those: the order is the same on every backend, and entries that are zero do not
-   change it. */
+/* Scalars of the conjugate gradient method stay on the device, always in double. Dot products are summed over chunks of
+   neighbours, then over chunks of these sums: the order is the same on every backend, and zero entries do not change
+   it. */
 #ifndef CAMA_KERNELS_SOLVER_SCALARS_H
 #define CAMA_KERNELS_SOLVER_SCALARS_H
 #include "../dialect/lang.h"
 
-#define DOT_CHUNK 256     /* impulses */
-#define VECTOR_CHUNK 32   /* vectors of the linear solve */
+#define DOT_CHUNK 256 /* numbers in a chunk of impulses */
+#define VECTOR_CHUNK 32 /* vectors in a chunk of the linear solve */
 #define PARTIAL_CHUNK 64
 
-#define SCALAR_RZ 0        /* r' z of this iteration */
-#define SCALAR_PQ 1        /* p' A p */
+#define SCALAR_RZ 0 /* r' z of this iteration */
+#define SCALAR_PQ 1 /* p' A p */
 #define SCALAR_ALPHA 2
 #define SCALAR_BETA 3
-#define SCALAR_BROKEN 4    /* 1: p' A p <= 0 or not finite */
+#define SCALAR_BROKEN 4 /* 1: p' A p <= 0 or not finite */
 #define SCALAR_COUNT 8
 
 /* reduced[i] = sum over the i-th PARTIAL_CHUNK of `count` partials. */
@@ -28,7 +28,7 @@ KERNEL reduce_partials(int n, int count, GLOBAL const double *partial, GLOBAL do
   }
 }
 
-/* scalar[SCALAR_PQ] = sum of partials; alpha = rz / pq, or 0 and the broken mark. One work item. */
+/* scalar[SCALAR_PQ] = sum of partials; alpha = rz / pq, or 0 with SCALAR_BROKEN set. One work item. */
 KERNEL finish_alpha(int n, int chunks, GLOBAL const double *partial, GLOBAL double *scalar)
 {
   FOR_EACH(i, n) {
@@ -70,8 +70,8 @@ KERNEL dot_scalars(int n, int size, GLOBAL const double *a, GLOBAL const double 
   }
 }
 
-/* a[c size] = the sum of a[c size ...], size numbers, for each of `columns`: in halves, the same on every backend.
-   size: a power of two. */
+/* a[c size] = the sum of the `size` numbers from a[c size] on, for each of `columns` columns, by halving, in the same
+   order on every backend. size: a power of two. */
 DEVICE_TEAM void tree_sums(int size, int columns, LOCAL double *a)
 {
   int span, c;
@@ -83,13 +83,13 @@ DEVICE_TEAM void tree_sums(int size, int columns, LOCAL double *a)
   }
 }
 
-/* The same of the sums of teams, partial[columns k + c]: every team for itself, `size` members. */
+/* The same for the sums of teams, partial[columns k + c]; every team of `size` members computes it for itself. */
 DEVICE_TEAM void sum_of_teams(int size, int columns, int teams, GLOBAL const double *partial, LOCAL double *a)
 {
   TEAM_FOR(l, size) {
     int k, c;
     for (c = 0; c < columns; ++c) {
-      double sum = 0.0;   /* in a register: loads do not wait for each other */
+      double sum = 0.0; /* in a register, so that loads do not wait for each other */
       for (k = l; k < teams; k += size) sum += partial[columns * k + c];
       a[c * size + l] = sum;
     }

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* The multilevel additive Schwarz preconditioner applied: blocks of all levels, residuals of coarse nodes, corrections;
-   its factors are in factors.h. */
+/* Application of the multilevel additive Schwarz preconditioner: blocks of all levels, residuals of coarse nodes,
+   corrections; its factors are in factors.h. */
 #ifndef CAMA_KERNELS_SOLVER_SCHWARZ_H
 #define CAMA_KERNELS_SOLVER_SCHWARZ_H
 #include "../dialect/caching.h"
@@ -11,14 +11,14 @@
 #include "conjugate_gradient.h"
 #include "factors.h"
 
-/* Where a team works on the columns of a factor. Members with a lane each keep words as they are, half the memory, with
-   columns 17 words apart and those from 32 on another 16: no two members in one bank. */
+/* Local memory in which a team works on the columns of a factor. Members with one lane each keep packed words, half the
+   memory, with columns 17 words apart and those from 32 on another 16: no two members access the same bank. */
 #if LANES == 1
 typedef int staged_factor;
 #define FACTOR_STRIDE 17
 #define STAGED_SIZE (48 * 17 + 16)
 #define STAGED_COLUMN(column) ((column) % 48 * 17 + (column) % 48 / 32 * 16)
-/* A number of a column: of the upper half of the word if the column is one of the last group. */
+/* A number of a column: from the upper half of the word if the column is in the last group. */
 #define STAGED_LANES(p, upper) ((real)(short)(*(p) >> ((upper) ? 16 : 0)))
 #define ADD_STAGED_COLUMNS(columns, p, upper, v)                                                    \
   do {                                                                                              \
@@ -59,8 +59,8 @@ DEVICE_TEAM void stage_factor(GLOBAL const int *factor, LOCAL staged_factor *g)
 }
 #endif
 
-/* z = S G' G S r of each block, of all levels: the nodes of a coarse level are numbered behind those of the finer one.
-   at: of the scalars. */
+/* z = S G' G S r for each block of all levels; the nodes of a coarse level are numbered behind those of the finer one.
+   at: place of the scalars. */
 KERNEL apply_blocks(int n, GLOBAL const int *block_start, int at, GLOBAL const double *scalar,
                     GLOBAL const int *RESTRICT factor, GLOBAL const real *RESTRICT weight,
                     GLOBAL const vec4 *RESTRICT residual, GLOBAL vec4 *RESTRICT result)
@@ -81,8 +81,8 @@ KERNEL apply_blocks(int n, GLOBAL const int *block_start, int at, GLOBAL const d
       u[3 * l + 2] = w[3 * l + 2] * r.z;
     }
     TEAM_BARRIER;
-    /* y = G u. Rows in three groups of 16 have 16, 32 and 48 columns; a member has a row of the last group, or one of
-       each of the others: 48 columns in three turns. */
+    /* y = G u. Rows in three groups of 16 have 16, 32 and 48 columns; a member has a row of the last group, or one row
+       of each of the others: 48 columns in three turns. */
     TEAM_FOR_LANES(j, APPLY_TEAM) {
       const int last = j < 16, turns = groups == 1 ? 1 : 3;
       lanes even = LANES_ALL(lanes, (real)0), odd = even;
@@ -109,7 +109,7 @@ KERNEL apply_blocks(int n, GLOBAL const int *block_start, int at, GLOBAL const d
         }
     }
     TEAM_BARRIER;
-    /* z = S G' y. Columns in three groups have 48, 32 and 16 rows: shared out in the same way. */
+    /* z = S G' y. Columns in three groups have 48, 32 and 16 rows: divided in the same way. */
     TEAM_FOR_LANES(l, APPLY_TEAM) {
       lanes_columns columns;
       int turn;
@@ -131,8 +131,8 @@ KERNEL apply_blocks(int n, GLOBAL const int *block_start, int at, GLOBAL const d
   }
 }
 
-/* Where a team works on the rows of the blocks of one block of the next level: its residuals are in `own`. The sums of
-   r over each block, and over all of them, become the residuals of the nodes on coarse levels. */
+/* For a team that works on the rows of the blocks of one block of the next level; `own` holds their residuals. The sums
+   of r over each block, and over all of them, become the residuals of the nodes on coarse levels. */
 DEVICE_TEAM void sum_blocks(int t, int levels, int rows, int blocks, int first_block, int last_block,
                             GLOBAL const int *block_start, LOCAL const vec4 *own, LOCAL vec4 *sums, GLOBAL vec4 *r)
 {
@@ -172,8 +172,8 @@ KERNEL restrict_residual(int n, int levels, int rows, int blocks, GLOBAL const i
   }
 }
 
-/* Row i of p = z + beta p, s = w + beta s, x += alpha p, r -= alpha s; the first iteration has beta = 0 and nothing
-   before. Returns r. */
+/* Row i of p = z + beta p, s = w + beta s, x += alpha p, r -= alpha s; the first iteration has beta = 0 and reads no
+   previous p, s and x. Returns r. */
 DEVICE vec4 advance_row(int i, cg_step step, GLOBAL const vec4 *RESTRICT z, GLOBAL const vec4 *RESTRICT w,
                         GLOBAL vec4 *RESTRICT p, GLOBAL vec4 *RESTRICT s, GLOBAL vec4 *RESTRICT x,
                         GLOBAL vec4 *RESTRICT r)
@@ -217,7 +217,7 @@ KERNEL cg_advance_blocks(int n, int levels, int rows, int blocks, GLOBAL const i
   }
 }
 
-/* z of a row with the corrections of the coarse levels. block: of rows; parent: of blocks. */
+/* z of a row with the corrections of the coarse levels. block: block of each row; parent: parent of each block. */
 DEVICE vec4 corrected(int row, int levels, int rows, int blocks, GLOBAL const int *block, GLOBAL const int *parent,
                       GLOBAL const vec4 *z)
 {
@@ -230,7 +230,7 @@ DEVICE vec4 corrected(int row, int levels, int rows, int blocks, GLOBAL const in
   return sum;
 }
 
-/* total = z with the corrections, of rows; then product = (along n n' + around I) sum_k w_k total_k of each term. n:
+/* total = z with the corrections, for rows; then product = (along n n' + around I) sum_k w_k total_k of each term. n:
    rows_here and terms. */
 KERNEL combine_levels(int n, int rows_here, int levels, int rows, int blocks, GLOBAL const int *RESTRICT block,
                       GLOBAL const int *RESTRICT parent, int at, GLOBAL const double *scalar,

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* The values of the matrix in BCSR with 3x3 blocks (paper, section 3.2, Algorithm 1, lines 18-23), and the naive
-   assembly that it compares with. The pattern is pattern.h's. */
+   assembly that the paper compares with. pattern.h makes the pattern. */
 #ifndef CAMA_KERNELS_SYSTEM_ASSEMBLY_H
 #define CAMA_KERNELS_SYSTEM_ASSEMBLY_H
 #include "../dialect/dvec3.h"
@@ -26,7 +26,7 @@ DEVICE int locate(GLOBAL const int *row, GLOBAL const int *column, int s, int t)
   return lo;
 }
 
-/* The rows of M: zero but for the masses on the diagonal. */
+/* The rows of M: zero except for the masses on the diagonal. */
 KERNEL set_mass_rows(int n, GLOBAL const int *row, GLOBAL const int *column, GLOBAL const real *mass,
                      GLOBAL mat3 *block)
 {
@@ -36,7 +36,7 @@ KERNEL set_mass_rows(int n, GLOBAL const int *row, GLOBAL const int *column, GLO
   }
 }
 
-/* sum and a source of pattern.h. No terms: 0. */
+/* Returns sum plus the block of a source (pattern.h). terms: 0 if there are none. */
 DEVICE mat3 add_source(mat3 sum, int source, GLOBAL const real *mass, int triangles,
                        GLOBAL const triangle_factor *triangle, int hinges, GLOBAL const hinge_factor *hinge,
                        GLOBAL const term *terms, int form)
@@ -49,7 +49,7 @@ DEVICE mat3 add_source(mat3 sum, int source, GLOBAL const real *mass, int triang
   return mat3_add_outer(sum, hinge[e].coefficient, hinge[e].gradient[a], hinge[e].gradient[b]);
 }
 
-/* Data filling without atomics: each block adds up its own sources, in their order. */
+/* Data filling without atomics: each block adds up its own sources in order. */
 KERNEL gather_blocks(int n, GLOBAL const int *start, GLOBAL const int *source, GLOBAL const real *mass, int triangles,
                      GLOBAL const triangle_factor *triangle, GLOBAL const hinge_factor *hinge, GLOBAL mat3 *block)
 {

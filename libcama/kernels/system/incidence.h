@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Vertex-to-element lists in CSR form, by count, scan, fill; each row sorted, so that sums over it have one order
+/* Vertex-to-element lists in CSR form, by count, scan, fill; each row sorted, so that sums over it have the same order
    everywhere. An entry is 4 * element + local index of the vertex in the element. Only vertices below `vertex_count`
    have rows. */
 #ifndef CAMA_KERNELS_SYSTEM_INCIDENCE_H
@@ -45,7 +45,7 @@ DEVICE void sift_down(GLOBAL int *value, int root, int n)
   }
 }
 
-/* Ascending, in place: insertion for short runs, heap sort beyond, so that long rows cost n log n. */
+/* Ascending, in place: insertion for short runs, heap sort beyond, so that long rows take O(n log n). */
 DEVICE void sort_ints(GLOBAL int *value, int n)
 {
   int i;

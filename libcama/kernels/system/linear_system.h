@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Preconditioned conjugate gradient on BCSR with 3x3 blocks. Scalars stay on the device (scalars.h). */
+/* The linear system in BCSR with 3x3 blocks: products, diagonal preconditioners, right-hand side and vectors on
+   vertices. Scalars stay on the device (scalars.h). */
 #ifndef CAMA_KERNELS_SYSTEM_LINEAR_SYSTEM_H
 #define CAMA_KERNELS_SYSTEM_LINEAR_SYSTEM_H
 #include "../dialect/dvec3.h"
@@ -10,9 +11,9 @@
 #define PRECONDITIONER_JACOBI 1
 #define PRECONDITIONER_BLOCK_JACOBI 2
 
-/* y = A x for a matrix of 3x3 blocks in BCSR form; rows of fixed vertices give zero. mass: [n] where what is beside the
-   masses adds up to nothing in every row, which holds for elements: y = M x + sum A_ij (x_j - x_i) then, so that
-   rounding is of differences. Or none. */
+/* y = A x for a matrix of 3x3 blocks in BCSR form; rows of fixed vertices give zero. mass: [n] or none. With it, y = M
+   x + sum A_ij (x_j - x_i), so that rounding is relative to differences; this needs rows that add up to zero apart from
+   the masses, as those of elements do. */
 KERNEL bcsr_multiply(int n, GLOBAL const int *row, GLOBAL const int *column, GLOBAL const mat3 *block,
                      GLOBAL const int *fixed, GLOBAL const real *mass, GLOBAL const vec3 *x, GLOBAL vec3 *y)
 {
@@ -88,7 +89,7 @@ KERNEL dot_chunks(int n, int size, GLOBAL const vec3 *a, GLOBAL const vec3 *b, G
   }
 }
 
-/* The solved velocities become the next ones; fixed vertices keep what is prescribed. n: cloth vertices. */
+/* The solved velocities become the next ones; fixed vertices keep their prescribed ones. n: cloth vertices. */
 KERNEL store_velocity(int n, GLOBAL const int *fixed, GLOBAL const vec3 *x, GLOBAL dvec3 *velocity_next)
 {
   FOR_EACH(i, n) {
@@ -146,7 +147,7 @@ KERNEL uniform_direction(int n, int rows, double factor, GLOBAL const double *v,
   }
 }
 
-/* partial[0 ... 2] = the sum of all. One team. */
+/* partial[0 ... 2] = the sum over all teams. One team. */
 KERNEL sum_sums(int n, int partials, GLOBAL double *partial)
 {
   TEAM_LOCAL(double, sum, 3 * SUM_ROWS);
@@ -156,8 +157,8 @@ KERNEL sum_sums(int n, int partials, GLOBAL double *partial)
   }
 }
 
-/* x += alpha d, r -= alpha q; an alpha that is 1 but for the rounding of its sums is 1, whatever else is in the
-   scene. */
+/* x += alpha d, r -= alpha q; an alpha that differs from 1 only by the rounding of its sums is set to 1, whatever else
+   is in the scene. */
 KERNEL move_along(int n, GLOBAL const double *scalar, GLOBAL const vec3 *d, GLOBAL const vec3 *q, GLOBAL vec3 *x,
                   GLOBAL vec3 *r)
 {

@@ -1,6 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* Newton's method on the nonlinear equation of a step, R(v) = M (v - v*) - h f(x* + h v, v) = 0, and the incremental
-   potential that its line search lowers. v*, x*, h: base of the step (v, x and dt of its start by backward Euler). */
+   potential that its line search lowers. v*, x*, h: base of the step (with backward Euler v and x of its start, and
+   dt). */
 #ifndef CAMA_KERNELS_SYSTEM_NEWTON_H
 #define CAMA_KERNELS_SYSTEM_NEWTON_H
 #include "../collision/distance.h"
@@ -13,9 +14,8 @@
 #include "incidence.h"
 #include "term.h"
 
-/* Distance between the sides of a contact at x, negative once they have passed through each other, with the normal and
-   weights it is along. refresh: of the closest points at x; else along those of the contact, which it was found with at
-   `start`. */
+/* Distance between the sides of a contact at x, negative once they have passed through each other, with its normal and
+   weights. refresh: those of the closest points at x; otherwise those that the contact was found with at `start`. */
 DEVICE double contact_gap(contact c, int refresh, GLOBAL const dvec3 *start, GLOBAL const dvec3 *x,
                           GLOBAL const vertex_contact *v, dvec3 *normal, double *weight)
 {
@@ -39,7 +39,7 @@ DEVICE double contact_gap(contact c, int refresh, GLOBAL const dvec3 *start, GLO
   return gap;
 }
 
-/* What contacts push at the base of the step, where it is not its start. */
+/* Changes the push of contacts to that at the base of the step, where the base is not its start. */
 KERNEL shift_contact_terms(int n, GLOBAL const contact *contacts, GLOBAL const dvec3 *start, GLOBAL const dvec3 *base,
                            real step, GLOBAL term *terms)
 {
@@ -53,7 +53,7 @@ KERNEL shift_contact_terms(int n, GLOBAL const contact *contacts, GLOBAL const d
   }
 }
 
-/* Terms of contacts at the iterate x: a contact that is open there pushes nothing; friction stays that of the step's
+/* Terms of contacts at the iterate x: a contact that is open there does not push; friction remains that of the step's
    start. */
 KERNEL update_contact_terms(int n, int refresh, GLOBAL const contact *contacts, GLOBAL const dvec3 *start,
                             GLOBAL const dvec3 *x, GLOBAL const vertex_contact *v, real step, GLOBAL term *terms)
@@ -84,7 +84,7 @@ DEVICE vec3 sliding(term t, GLOBAL const dvec3 *velocity)
   return axpy(s, -dot(t.normal, s), t.normal);
 }
 
-/* What friction takes from the right-hand side, by term; nothing for terms from `contact_count` on. */
+/* What friction subtracts from the right-hand side, by term; zero for terms from `contact_count` on. */
 KERNEL friction_products(int n, int contact_count, GLOBAL const term *terms, GLOBAL const dvec3 *velocity,
                          GLOBAL vec3 *r)
 {
@@ -94,7 +94,7 @@ KERNEL friction_products(int n, int contact_count, GLOBAL const term *terms, GLO
   }
 }
 
-/* b = h f - M (v - v*) of free vertices, the negative residual but for terms. */
+/* b = h f - M (v - v*) of free vertices, the negative residual without terms. */
 KERNEL newton_right_side(int n, real step, GLOBAL const real *mass, GLOBAL const int *fixed,
                          GLOBAL const dvec3 *base_velocity, GLOBAL const dvec3 *velocity, GLOBAL const vec3 *force,
                          GLOBAL vec3 *b)
@@ -105,8 +105,8 @@ KERNEL newton_right_side(int n, real step, GLOBAL const real *mass, GLOBAL const
   }
 }
 
-/* residual[i] = |b|^2 / m; size[i] = the squares of all that is added up in it, before anything cancels, / m. J both,
-   of free vertices. pushing: whether there are terms. */
+/* residual[i] = |b|^2 / m; size[i] = the sum of the squares of all contributions to b, before any cancel, / m. Both in
+   J, of free vertices. pushing: whether there are terms. */
 KERNEL newton_norms(int n, real step, GLOBAL const real *mass, GLOBAL const int *fixed, GLOBAL const dvec3 *gravity,
                     GLOBAL const vec3 *b, GLOBAL const int *triangle_row, GLOBAL const int *triangle_incidence,
                     GLOBAL const vec3 *triangle_force, GLOBAL const int *hinge_row, GLOBAL const int *hinge_incidence,
@@ -186,7 +186,7 @@ KERNEL move_iterate(int n, double alpha, GLOBAL const int *fixed, GLOBAL const d
   }
 }
 
-/* Inertia, gravity and, where there is any, a force held through the line search, as parts of the incremental potential
+/* Inertia, gravity and, if any, a force that is constant through the line search, as parts of the incremental potential
    of each cloth vertex, J. */
 KERNEL measure_inertia(int n, double step, GLOBAL const real *mass, GLOBAL const int *fixed,
                        GLOBAL const dvec3 *base_velocity, GLOBAL const dvec3 *velocity, GLOBAL const dvec3 *start,
@@ -201,7 +201,7 @@ KERNEL measure_inertia(int n, double step, GLOBAL const real *mass, GLOBAL const
   }
 }
 
-/* Penalty and friction of each contact, stretch of each stitch behind them, J. */
+/* Energy of the penalty and friction of each contact, and then of the stretch of each stitch, J. */
 KERNEL measure_terms(int n, int contact_count, int refresh, GLOBAL const contact *contacts,
                      GLOBAL const stitch *stitches, GLOBAL const dvec3 *start, GLOBAL const dvec3 *x,
                      GLOBAL const dvec3 *velocity, GLOBAL const vertex_contact *v, GLOBAL const term *terms,

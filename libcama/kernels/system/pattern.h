@@ -1,15 +1,15 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* The pattern of the matrix (paper, section 3.2, Algorithm 1, lines 1-16). Rows are cloth vertices, [0, rows); columns
    are all vertices, obstacles' too, so that moving obstacles act on the cloth. Elements are element_nodes; FORM_STAR
-   leaves out pairs on the same side (weights of one sign). An index has, behind its column, what it adds there: a row's
-   sorted indices are the sources of its blocks as well. */
+   leaves out pairs on the same side (weights of one sign). An index holds its source in the bits below its column: a
+   row's sorted indices give the sources of its blocks as well. */
 #ifndef CAMA_KERNELS_SYSTEM_PATTERN_H
 #define CAMA_KERNELS_SYSTEM_PATTERN_H
 #include "../dialect/lang.h"
 #include "incidence.h"
 
-/* A source of a block: 16 * (first + element) + 4 a + b for nodes a and b, hinges being numbered behind triangles and
-   terms behind hinges; -1 - row: the mass on the diagonal, which comes first. */
+/* A source of a block: 16 * (first + element) + 4 a + b for nodes a and b, where hinges are numbered behind triangles
+   and terms behind hinges; -1 - row: the mass on the diagonal, which comes first. */
 DEVICE key64 index_of(int column, int source) { return ((key64)column << 32) | (key64)(source + 1); }
 DEVICE key64 index_of_mass(int row) { return (key64)row << 32; }
 DEVICE int index_column(key64 index) { return (int)(index >> 32); }
@@ -21,8 +21,8 @@ DEVICE int index_source(key64 index)
 
 DEVICE int in_matrix(int node, int rows) { return node >= 0 && node < rows; }
 
-/* Do nodes a and b of element i couple? split: [elements] nodes below it are side A, 0: every pair couples; none: so do
-   all elements'. */
+/* 1 if nodes a and b of element i couple. split: [elements] or none; nodes below it are side A, and only pairs across
+   the sides couple; 0, or no split: every pair couples. */
 DEVICE int couples(GLOBAL const int *split, int i, int a, int b)
 {
   return !split || split[i] == 0 || a == b || (a < split[i]) != (b < split[i]);
@@ -46,7 +46,7 @@ KERNEL count_entries(int n, GLOBAL const element_nodes *nodes, GLOBAL const int 
   }
 }
 
-/* Lines 7-9: indices into each row's space, in any order. */
+/* Lines 7-9: writes the indices to each row's space, in any order. */
 KERNEL fill_entries(int n, int first, GLOBAL const element_nodes *nodes, GLOBAL const int *split, int rows,
                     GLOBAL const int *space, GLOBAL int *cursor, GLOBAL key64 *index)
 {
@@ -63,7 +63,7 @@ KERNEL fill_entries(int n, int first, GLOBAL const element_nodes *nodes, GLOBAL 
   }
 }
 
-/* One entry per row: vertices that no element touches keep their diagonal. */
+/* One entry per row, so that vertices without elements keep their diagonal. */
 KERNEL fill_diagonal(int n, GLOBAL const int *space, GLOBAL int *cursor, GLOBAL key64 *index)
 {
   FOR_EACH(i, n) {
@@ -72,7 +72,7 @@ KERNEL fill_diagonal(int n, GLOBAL const int *space, GLOBAL int *cursor, GLOBAL 
   }
 }
 
-/* Ascending, in place, with gaps of 1, 4, 13, 40, ... (Shell; Knuth 1973): n^1.5 at the worst. */
+/* Ascending, in place, with gaps of 1, 4, 13, 40, ... (Shell; Knuth 1973): O(n^1.5) in the worst case. */
 DEVICE void sort_keys(GLOBAL key64 *value, int n)
 {
   int gap = 1, i;
@@ -86,7 +86,7 @@ DEVICE void sort_keys(GLOBAL key64 *value, int n)
     }
 }
 
-/* Lines 11-13: sorts each row's indices; a row by a member, or by a team. */
+/* Lines 11-13: sorts each row's indices, one row by a work-item here, by a team below. */
 KERNEL sort_indices(int n, GLOBAL const int *space, GLOBAL key64 *index)
 {
   FOR_EACH_UNEVEN(i, n) {
@@ -95,7 +95,8 @@ KERNEL sort_indices(int n, GLOBAL const int *space, GLOBAL key64 *index)
 }
 
 #define SORT_TEAM 64
-/* indices of a row that a team sorts at once: the place of each is the number of smaller ones, and no two are equal */
+/* Largest row that a team sorts by counting: the place of each index is the number of smaller ones, and no two are
+   equal. */
 #define SORT_ROOM 1024
 
 KERNEL sort_indices_by_teams(int n, GLOBAL const int *space, GLOBAL key64 *index)
@@ -130,7 +131,7 @@ KERNEL count_columns(int n, GLOBAL const int *space, GLOBAL const key64 *index, 
   }
 }
 
-/* Lines 15-16: the compact index, and of every block k of it the sources from start[k] to start[k + 1]. */
+/* Lines 15-16: the compact index, and the sources of every block k, from start[k] to start[k + 1]. */
 KERNEL list_columns(int n, GLOBAL const int *space, GLOBAL const key64 *index, GLOBAL const int *row,
                     GLOBAL int *column, GLOBAL int *start, GLOBAL int *source)
 {

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* The pattern of a matrix in slices of SLICE_ROWS rows that share a width (sliced ELLPACK), so that neighbours read
-   neighbours. The rows of a team have places in its slices by length, so that slices are full; slice_row: row of each
+   neighbours. The rows of a team are placed in its slices by length, which keeps slices full; slice_row: row of each
    place, slice_place: place of each row. */
 #ifndef CAMA_KERNELS_SYSTEM_SLICES_H
 #define CAMA_KERNELS_SYSTEM_SLICES_H
@@ -8,10 +8,10 @@
 
 #define SLICE_ROWS 32
 #define TEAM_ROWS 128   /* rows of a team in the matrix product */
-#define ROW_WINDOW 512  /* rows that are numbered by length among themselves where their order is free */
+#define ROW_WINDOW 512  /* rows that are sorted by length among themselves where their order is free */
 
-/* Keys of rows by windows of ROW_WINDOW, in a window the longest first: rows of a slice are then of similar length. n:
-   rows. */
+/* Keys of rows by windows of ROW_WINDOW, within a window the longest first, so that the rows of a slice have similar
+   lengths. n: rows. */
 KERNEL length_keys(int n, GLOBAL const int *vertex, GLOBAL const int *row, GLOBAL key64 *key)
 {
   FOR_EACH(i, n)
@@ -28,7 +28,7 @@ KERNEL place_keys(int n, GLOBAL const int *order, GLOBAL const int *row, GLOBAL 
   }
 }
 
-/* Widths of the slices: the longest row without columns that are not free. n: slices. */
+/* Widths of the slices: the length of the longest row, counting free columns only. n: slices. */
 KERNEL slice_widths(int n, int rows, GLOBAL const int *slice_row, GLOBAL const int *order, GLOBAL const int *row,
                     GLOBAL const int *column, int vertices, GLOBAL const int *place, GLOBAL int *width)
 {

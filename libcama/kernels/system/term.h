@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Terms: elements of the system that couple up to four nodes through weights, contacts (paper, Equation 2 and Algorithm
-   2), friction and stitches. Block (a, b) of a term is c_ab (along n n' + around I). */
+/* Terms: elements of the system that couple up to four nodes through weights. They are contacts (paper, Equation 2 and
+   Algorithm 2), friction and stitches. Block (a, b) of a term is c_ab (along n n' + around I). */
 #ifndef CAMA_KERNELS_SYSTEM_TERM_H
 #define CAMA_KERNELS_SYSTEM_TERM_H
 #include "../collision/contact.h"
@@ -9,7 +9,7 @@
 #include "../dialect/lang.h"
 #include "../dialect/vec3.h"
 
-#define FORM_RANK_ONE 0 /* c_ab = w_a w_b: the Jacobian of the penalty force with the normal held */
+#define FORM_RANK_ONE 0 /* c_ab = w_a w_b: the Jacobian of the penalty force with a constant normal */
 #define FORM_STAR 1 /* the paper's Algorithm 2: springs from every node of one side to every node of the other */
 
 typedef struct {
@@ -35,8 +35,8 @@ DEVICE mat3 term_block(term t, int form, int a, int b)
   return mat3_add_outer(mat3_diagonal(c * t.around), c * t.along, t.normal, t.normal);
 }
 
-/* Lagged Coulomb friction of one contact as a damping coefficient phi (N s/m) such that the step ends sticking while
-   the stopping force is within static_friction N, and else with the sliding force friction N; static_friction >=
+/* Lagged Coulomb friction of one contact as a damping coefficient phi (N s/m) such that the contact sticks if the
+   stopping force is within static_friction N, and otherwise slides with the force friction N; static_friction >=
    friction. `speed`: tangential speed that the contact would have after this step without friction, m/s;
    effective_mass: 1 / sum w^2/m, kg. */
 DEVICE real friction_damping(real static_friction, real friction, real normal_force, real speed, real effective_mass,
@@ -50,8 +50,8 @@ DEVICE real friction_damping(real static_friction, real friction, real normal_fo
   return min_real(most, cone / (speed * ((real)1 - cone / stopping)));
 }
 
-/* sum_k w_k^2 / m_k, 1/kg, where each vertex lends a contact the part of its mass that the contact has of the vertex's
-   whole load: so that all contacts of a vertex together stop it, and no one alone. load: [cloth vertices], N. */
+/* sum_k w_k^2 / m_k, 1/kg, where each vertex gives a contact the share of its mass that the contact has in the vertex's
+   total load, so that all contacts of a vertex together stop it. load: [cloth vertices], N. */
 DEVICE double shared_mobility(contact c, GLOBAL const double *inverse_mass, GLOBAL const double *load)
 {
   double sum = 0.0, own = contact_load(c);
@@ -64,9 +64,9 @@ DEVICE double shared_mobility(contact c, GLOBAL const double *inverse_mass, GLOB
   return sum;
 }
 
-/* Contacts that the forces of now press harder than their penalty holds at half the thickness are stiffer by as much:
-   stretched cloth would close them and be left to impacts, whose projection knows masses only. force: of elements,
-   weights, wind, N. */
+/* Stiffens contacts that the current forces press harder than their penalty balances at half the thickness: stretched
+   cloth would otherwise close them and leave them to impacts, whose projection considers masses only. force: of
+   elements, gravity and wind, N. */
 KERNEL stiffen_contacts(int n, int cloth_vertices, GLOBAL const double *inverse_mass, GLOBAL const vec3 *force,
                         GLOBAL contact *contacts)
 {
@@ -87,7 +87,7 @@ KERNEL stiffen_contacts(int n, int cloth_vertices, GLOBAL const double *inverse_
 }
 
 /* Terms from contacts. Penalty E = k (d - thickness)^2 / 2 while d < thickness, linearised: matrix dt^2 k, push dt k
-   (thickness - d). free_velocity: velocity after this step if no contact acted, m/s. */
+   (thickness - d). free_velocity: velocity after this step without contact, m/s. */
 KERNEL make_contact_terms(int n, GLOBAL const contact *contacts, GLOBAL const double *inverse_mass,
                           GLOBAL const dvec3 *free_velocity, GLOBAL const double *load, real time_step,
                           GLOBAL term *terms)
@@ -117,7 +117,7 @@ KERNEL make_contact_terms(int n, GLOBAL const contact *contacts, GLOBAL const do
   }
 }
 
-/* The same where nothing has friction: neither loads nor free velocities. */
+/* The same without friction, which needs neither loads nor free velocities. */
 KERNEL make_frictionless_terms(int n, GLOBAL const contact *contacts, real time_step, GLOBAL term *terms)
 {
   FOR_EACH(i, n) {

@@ -3,7 +3,7 @@
 
 namespace cama {
 
-/// How many chunks of `size` hold n things.
+/// The number of chunks of `size` that hold n elements.
 constexpr int ceil_divide(int n, int size) { return (n + size - 1) / size; }
 
 }  // namespace cama

@@ -3,7 +3,7 @@
 
 namespace cama {
 
-/// A text file that was turned into source at build time (cmake/EmbedText.cmake).
+/// A text file that is compiled into the library (cmake/EmbedText.cmake).
 struct EmbeddedText {
   const char *name;
   const char *text;

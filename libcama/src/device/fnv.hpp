@@ -5,7 +5,7 @@
 
 namespace cama {
 
-/// FNV-1a over bytes; `hash`: of what came before.
+/// FNV-1a over bytes; `hash`: that of the preceding bytes.
 inline std::uint64_t fnv1a(const void *bytes, std::size_t count, std::uint64_t hash = 14695981039346656037ull)
 {
   const auto *byte = static_cast<const unsigned char *>(bytes);

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// What backends take from the library beside its public headers, and all that they take.
+// Everything that backends include from the library besides its public headers.
 #pragma once
 #include "device/embedded_text.hpp"
 #include "device/fnv.hpp"

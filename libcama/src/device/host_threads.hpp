@@ -4,7 +4,7 @@
 
 namespace cama {
 
-/// OpenMP's threads in what the calling thread does while it lives; then as many as before.
+/// Sets the number of OpenMP threads of the calling thread while this object exists, and restores it afterwards.
 class HostThreads {
 public:
   explicit HostThreads(int threads) : before_(omp_get_max_threads()) { omp_set_num_threads(threads); }

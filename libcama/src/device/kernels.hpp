@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Every kernel as a C++ function: cama::kernels for those in double, cama::kernels::f64 and ::f32 for the two
-// precisions.
+// Every kernel as a C++ function: in cama::kernels those that are always double, in cama::kernels::f64 and ::f32 those
+// of the two precisions.
 #pragma once
 #include "cama/types.hpp"
 #include "kernels/dialect/caching.h"

@@ -28,7 +28,7 @@ template <KernelId id, class Real> struct Kernel;
 #define CAMA_REAL_KERNEL(name) CAMA_KERNEL_ENTRY(name, double, f64::, f64) CAMA_KERNEL_ENTRY(name, float, f32::, f32)
 #include "kernels/kernels.def"
 
-/// Value: const where the caller may only read it.
+/// Value is const where the kernel only reads it.
 template <class Parameter, class Value> void pack(Argument &argument, Parameter &scalar, Value &value)
 {
   if constexpr (std::is_pointer_v<Parameter>) {
@@ -48,7 +48,7 @@ template <class Parameter, class Value> void pack(Argument &argument, Parameter 
   }
 }
 
-/// A stream of values that are all numbers of one type, as a plain array of them.
+/// A stream whose values consist of numbers of one type, as an array of these numbers.
 template <class Number> struct Components {
   Buffer buffer;
 };
@@ -57,7 +57,7 @@ template <class Number, class T> Components<Number> components(const Stream<T> &
   static_assert(sizeof(T) % sizeof(Number) == 0 && std::is_trivially_copyable_v<T>, "not made of such numbers");
   return {stream.buffer()};
 }
-/// Where a kernel takes a buffer that this launch has not.
+/// An argument for a buffer that this launch does not have.
 template <class Number> Components<Number> nothing() { return {nullptr}; }
 template <class Parameter, class Number> void pack(Argument &argument, Parameter &, Components<Number> &value)
 {
@@ -97,6 +97,6 @@ template <class K, class... Values> void launch_teams(Backend &backend, int team
   ::cama::launch<::cama::Kernel<::cama::KernelId::name, void>>(backend, n, __VA_ARGS__)
 #define CAMA_LAUNCH_REAL(Real, backend, name, n, ...) \
   ::cama::launch<::cama::Kernel<::cama::KernelId::name, Real>>(backend, n, __VA_ARGS__)
-/// n teams of `team` members: kernels with FOR_EACH_TEAM.
+/// Launches n teams of `team` members, for kernels with FOR_EACH_TEAM.
 #define CAMA_LAUNCH_TEAMS(Real, backend, name, team, n, ...) \
   ::cama::launch_teams<::cama::Kernel<::cama::KernelId::name, Real>>(backend, team, n, __VA_ARGS__)

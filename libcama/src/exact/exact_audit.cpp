@@ -11,7 +11,7 @@ namespace {
 
 using namespace kernels;
 
-/// Distance of the segment a b, or the point a = b, from a triangle.
+/// Distance of the segment a b, or of the point a = b, from a triangle.
 double segment_triangle(const dvec3 &a, const dvec3 &b, const dvec3 *t, bool point)
 {
   double least = vertex_face_proximity(a, t[0], t[1], t[2]).distance;

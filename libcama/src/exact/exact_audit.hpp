@@ -8,9 +8,9 @@ namespace cama {
 
 /// A cloth face that reaches into a sphere or capsule, or a cloth vertex at or below a plane.
 struct Intrusion {
-  int feature;
-  int vertex;
-};   ///< face or vertex of the cloth; first vertex of the obstacle
+  int feature;   ///< face or vertex of the cloth
+  int vertex;    ///< first vertex of the obstacle
+};
 std::vector<Intrusion> intrusions(const std::vector<dvec3> &position, const Topology &topology);
 
 }  // namespace cama

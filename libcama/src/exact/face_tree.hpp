@@ -40,7 +40,7 @@ struct FaceTree {
     if (root > 0) tree_levels(1, leaves, root, root, node.data());
   }
 
-  /// The box of one point, larger by `radius` on every side.
+  /// The box of one point, inflated by `radius`.
   kernels::box around(const dvec3 &x, double radius) const { return kernels::swept_box(x, x, radius, bounds[0]); }
 
   template <class Visit> void visit(const kernels::box &b, Visit &&found) const

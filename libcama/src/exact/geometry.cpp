@@ -72,8 +72,8 @@ std::vector<Intersection> intersections(const std::vector<dvec3> &position, cons
   };
   std::atomic<bool> out_of_memory{false};   // exceptions may not leave a parallel loop
 #if defined(_OPENMP)
-  const int threads = useful_threads(
-      static_cast<int>(face.size()));   // one thread starts none, which a process that forks could not bear
+  // For small meshes this is 1, which starts no threads: a process that forks could not have them.
+  const int threads = useful_threads(static_cast<int>(face.size()));
 #pragma omp parallel for schedule(dynamic) num_threads(threads)
 #endif
   for (int c = 0; c < chunks; ++c) {

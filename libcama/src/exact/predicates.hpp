@@ -6,8 +6,8 @@
 #include "cama/types.hpp"
 
 /// Exact signs of orientation determinants: a filtered double evaluation, then expansions (Shewchuk 1997) over the
-/// coordinates themselves. Exact while products of three coordinates neither overflow nor go below 1e-290. Needs strict
-/// floating point.
+/// coordinates themselves. They are exact as long as products of three coordinates neither overflow nor fall below
+/// 1e-290. They need strict floating-point arithmetic.
 namespace cama::exact {
 
 /// A sum of doubles without rounding: components do not overlap and grow in size, so the last nonzero one has the sum's
@@ -40,7 +40,7 @@ public:
   int sign() const { return size_ == 0 ? 0 : (part_[size_ - 1] > 0 ? 1 : -1); }
 
 private:
-  std::array<double, 100> part_;  // 24 products of three coordinates have 96 parts at most
+  std::array<double, 100> part_;  // 24 products of three coordinates have at most 96 parts
   int size_ = 0;
 };
 
@@ -94,7 +94,7 @@ inline int orientation(dvec3 a, dvec3 b, dvec3 c, int axis)
   return sum.sign();
 }
 
-/// Do closed segments pq and ab meet, projected along `axis`?
+/// Whether the closed segments pq and ab meet, projected along `axis`.
 inline bool segments_meet(dvec3 p, dvec3 q, dvec3 a, dvec3 b, int axis)
 {
   const int pa = orientation(p, q, a, axis), pb = orientation(p, q, b, axis), ap = orientation(a, b, p, axis),
@@ -109,14 +109,14 @@ inline bool segments_meet(dvec3 p, dvec3 q, dvec3 a, dvec3 b, int axis)
   return true;
 }
 
-/// Do closed segments in one plane meet? Coplanar segments meet if and only if all three projections do.
+/// Whether closed segments in one plane meet. Coplanar segments meet if and only if all three projections do.
 inline bool coplanar_segments_meet(dvec3 p, dvec3 q, dvec3 a, dvec3 b)
 {
   return orientation(p, q, a, b) == 0 && segments_meet(p, q, a, b, 0) && segments_meet(p, q, a, b, 1) &&
          segments_meet(p, q, a, b, 2);
 }
 
-/// Do the closed segment pq and the closed triangle abc have a point in common?
+/// Whether the closed segment pq and the closed triangle abc have a point in common.
 inline bool segment_meets_triangle(dvec3 p, dvec3 q, dvec3 a, dvec3 b, dvec3 c)
 {
   const int side_p = orientation(a, b, c, p), side_q = orientation(a, b, c, q);

@@ -1,12 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
-// What a stage may touch, said by its type: class FindContacts : public StageOn<const MeshState, ContactState> gets
-// these two rooms of the state, the first to read only, under the names that they have in the state.
+// The rooms of the state that a stage may access, declared by its type: class FindContacts : public StageOn<const
+// MeshState, ContactState> gets these two rooms, the first read-only, under the names that they have in the state.
 #pragma once
 #include "model/state.hpp"
 
 namespace cama {
 
-/// A reference to a room of the state, as a member of the room's name.
+/// A reference to a room of the state, as a member with the room's name.
 template <class Room> struct RoomRef;
 #define CAMA_ROOM(Type, name)                          \
   template <> struct RoomRef<Type> {                   \
@@ -30,7 +30,7 @@ CAMA_ROOM(BoundsState, bounds)
 CAMA_ROOM(SystemState, system)
 #undef CAMA_ROOM
 
-/// Some rooms of a state. Made of the state, or of an access to more.
+/// Access to some rooms of a state; made from the state, or from an access to more rooms.
 template <class... Rooms> struct Access : RoomRef<Rooms>... {
   Access(State &state) : RoomRef<Rooms>{RoomRef<Rooms>::of(state)}..., backend(state.backend) {}
   template <class... More>
@@ -47,7 +47,7 @@ private:
       return static_cast<const RoomRef<Room> &>(other).room();
     } else {
       using Writable = RoomRef<std::remove_const_t<Room>>;
-      static_assert(std::is_base_of_v<Writable, Other>, "asks for a room that its caller has not");
+      static_assert(std::is_base_of_v<Writable, Other>, "needs a room that its caller does not have");
       return static_cast<const Writable &>(other).room();
     }
   }

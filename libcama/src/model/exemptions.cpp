@@ -13,8 +13,8 @@ namespace {
 
 std::pair<int, int> ordered(int a, int b) { return {std::min(a, b), std::max(a, b)}; }
 
-/// How often the faces of `object` wind around x: 1 inside a closed surface, 0 outside (van Oosterom and Strackee
-/// 1983).
+/// The winding number of the faces of `object` around x: 1 inside a closed surface, 0 outside (van Oosterom and
+/// Strackee 1983).
 double winding_number(const dvec3 &x, const std::vector<dvec3> &position, const std::vector<Triangle> &face,
                       const std::vector<int> &owner, int object)
 {
@@ -98,7 +98,7 @@ void Exemptions::add_tangle(const std::vector<Intersection> &found, const Topolo
 bool Exemptions::forget_separated(const std::vector<dvec3> &position, const std::vector<Triangle> &face,
                                   int cloth_vertices)
 {
-  Pairs tangled, caught;   // caught: cloth and object that are still in each other
+  Pairs tangled, caught;   // caught: pairs of cloth and object that still intersect
   const auto check = [&](int vertex, int other) {
     if (released_.count({vertex, object_[other]})) caught.insert({object_[vertex], object_[other]});
   };
@@ -151,7 +151,7 @@ void Exemptions::keep(Kept &kept) noexcept
 
 void Exemptions::upload()
 {
-  stale_ = true;   // stays so if anything below throws
+  stale_ = true;   // remains so if anything below throws
   const int vertices = static_cast<int>(object_.size());
   std::vector<std::vector<int>> of(object_.size());
   for (const Pairs *pairs : {&seam_, &tangled_})

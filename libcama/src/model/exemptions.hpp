@@ -11,8 +11,8 @@
 
 namespace cama {
 
-/// Pairs of features that contact passes over, named by their vertices: both sides of a seam; and, where the user's
-/// policy allows it, tangled cloth and cloth that an obstacle let go of, until they separate. Symmetric pairs (vertex,
+/// Pairs of features that are exempt from contact, given by their vertices: both sides of a seam; and, if the user's
+/// policy allows it, tangled cloth and cloth that an obstacle released, until they separate. Symmetric pairs (vertex,
 /// vertex), or (vertex, object).
 class Exemptions {
 public:
@@ -24,18 +24,18 @@ public:
   /// A cloth vertex may pass an object.
   void let_go(int vertex, int object) { released_.insert({vertex, object}); }
   void let_pass(int a, int b) { tangled_.insert({std::min(a, b), std::max(a, b)}); }
-  /// Forgets the pairs that have come apart: of tangled cloth each by itself, of released cloth all that one object let
-  /// go of together, so that none is held on the wrong side while its neighbours are caught. True if any did. `face`:
-  /// of the whole scene.
+  /// Removes the pairs that have separated: those of tangled cloth one by one, those of cloth released by one object
+  /// all together, so that no vertex is held on the wrong side while its neighbours are caught. Returns whether there
+  /// were any. `face`: of the whole scene.
   bool forget_separated(const std::vector<dvec3> &position, const std::vector<Triangle> &face, int cloth_vertices);
-  /// Brings the lists to the device.
+  /// Copies the lists to the device.
   void upload();
-  /// At the start of a step: what `restore` comes back to. Brings lists to the device that a failed step left behind.
+  /// Called at the start of a step, whose state `restore` returns to. Uploads lists that a failed step left outdated.
   void begin_step();
-  /// After a step that failed: the pairs are those of its start.
+  /// Called after a step that failed: the pairs are those of its start again.
   void restore() noexcept;
 
-  /// The temporary pairs, to come back to over more than one step.
+  /// The temporary pairs, for returning to them after several steps.
   using Kept = std::pair<Pairs, Pairs>;
   Kept kept() const { return {tangled_, released_}; }
   void keep(Kept &kept) noexcept;
@@ -46,7 +46,7 @@ public:
   Stream<int> row, entry;  // [vertices + 1], [sum] sorted: vertices, and vertices + object, that the vertex may pass
   Stream<int> object;  // [vertices] cloth index, or cloths + obstacle index
 
-  /// Calls f(name, life, stream) for every stream; Life::scene: a step that fails restores them itself.
+  /// Calls f(name, life, stream) for every stream. They are Life::scene, since restore() handles failing steps.
   template <class Life, class F> void visit(Life life, F &&f)
   {
     f("exemptions.row", life, row);

@@ -5,7 +5,7 @@
 
 namespace cama {
 namespace {
-// From here on a radix sort is faster than filling rows by atomics and sorting each.
+// From this number on, a radix sort is faster than filling rows by atomics and sorting each row.
 constexpr int many_elements = 1 << 16;
 }  // namespace
 

@@ -12,7 +12,7 @@ struct Incidence {
   void reset(Backend &backend, int vertex_count);
   /// Makes the lists on the device. `count` is scratch of at least vertex_count ints.
   void build(Backend &backend, const Stream<kernels::element_nodes> &nodes, int elements, Stream<int> &count);
-  /// The same lists; faster where they are long and made often, for scratch that stays.
+  /// Makes the same lists, faster where they are long and made often; keeps its scratch memory.
   void rebuild(Backend &backend, const Stream<kernels::element_nodes> &nodes, int elements, Stream<int> &count);
 
 private:

@@ -8,11 +8,11 @@ namespace cama {
 namespace {
 
 constexpr double without_end = 1e30;         // m; boxes of planes
-constexpr double contact_margin =
-    0.6;       // of the thickness: half for the contact distance, the rest for what the solve adds to the prediction
+// Of the thickness: half for the contact distance, the rest for what the solve adds to the prediction.
+constexpr double contact_margin = 0.6;
 
-/// Single precision loses a vertex's mass beside h^2 k, and with it the motion: from 2e10 times on cloth was seen to
-/// stretch. Throws MaterialError.
+/// In single precision a vertex's mass is lost beside h^2 k, and with it the motion: from a ratio of 2e10 on, cloth was
+/// seen to stretch. Throws MaterialError.
 void refuse_stiffness_beyond_single(const State &state, const Scene &scene, const Topology &t)
 {
   constexpr double largest = 8e9;
@@ -26,8 +26,8 @@ void refuse_stiffness_beyond_single(const State &state, const Scene &scene, cons
     if (state.time.step * (state.time.step + material.damping) * stiffness <= largest * *lightest) continue;
     char text[160];
     std::snprintf(text, sizeof text,
-                  "%.3g N/m with steps of %.3g s and vertex %d of %.3g kg is beyond single precision; use mixed or "
-                  "double, or shorter steps",
+                  "%.3g N/m with steps of %.3g s and vertex %d of %.3g kg is beyond single precision; use "
+                  "precision mixed or double, or shorter steps",
                   stiffness, state.time.step, static_cast<int>(lightest - first), *lightest);
     throw MaterialError("cloth '" + scene.cloths[c].name + "': stiffness of " + text);
   }
@@ -131,8 +131,8 @@ void set_up_contact(State &state, const Scene &scene, const Topology &t, const s
   for (const auto *list : {&t.face, &t.exact_face})
     for (const Triangle &f : *list) faces.push_back({{f[0], f[1], f[2]}});
   for (const auto &e : t.edge) {
-    if (t.shape[e[0]] ==
-        ObstacleShape::box) {   // without the diagonals of its sides: corners along an edge differ in one bit
+    // A box's edges without the diagonals of its sides: corners along an edge differ in one bit.
+    if (t.shape[e[0]] == ObstacleShape::box) {
       const int first = t.obstacle_range[static_cast<std::size_t>(t.object[e[0]]) - scene.cloths.size()].first,
                 bits = (e[0] - first) ^ (e[1] - first);
       if (bits & (bits - 1)) continue;
@@ -141,7 +141,7 @@ void set_up_contact(State &state, const Scene &scene, const Topology &t, const s
   }
   const auto of_obstacle = [&](const kernels::edge_nodes &e) { return e.node[0] >= t.cloth_vertices; };
   if (!scene.contact.self && std::none_of(edges.begin(), edges.end(), of_obstacle))
-    edges.clear();   // nothing for the cloth's to meet
+    edges.clear();  // the cloth's edges have none to collide with
   state.mesh.edges = static_cast<int>(edges.size());
   for (std::size_t v = 0; v < t.position.size(); ++v) {
     const std::size_t object = static_cast<std::size_t>(t.object[v]), cloths = scene.cloths.size();

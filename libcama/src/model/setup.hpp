@@ -5,12 +5,13 @@
 
 namespace cama {
 
-/// Air that moves the cloth.
+/// Whether air moves the cloth.
 bool has_wind(const Scene &scene);
-/// Anything that meets rubs: an obstacle's coefficient holds for all that touches it, cloths' for cloth on cloth.
+/// Whether any contact has friction: an obstacle's coefficient holds for everything that touches it, the cloths' for
+/// cloth against cloth.
 bool has_friction(const Scene &scene);
 
-/// Fills the state from a scene: allocates the streams this scene needs and no other.
+/// Fills the state from a scene; allocates only the streams that this scene needs.
 template <class Real> void set_up(State &state, const Scene &scene, const Topology &topology);
 
 extern template void set_up<double>(State &, const Scene &, const Topology &);

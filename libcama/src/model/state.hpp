@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// All that outlives a stage, in rooms. Names of streams follow the paper's Figure 4; docs/developer/architecture.md has
-// the table. A stage names the rooms that it gets (access.hpp) and can touch no other.
+// All data that lives longer than a stage, in rooms. Names of streams follow the paper's Figure 4;
+// docs/developer/architecture.md has the table. A stage declares the rooms that it accesses (access.hpp) and cannot
+// access others.
 #pragma once
 #include <memory>
 #include <string>
@@ -17,8 +18,9 @@
 
 namespace cama {
 
-/// How long a stream or a number lives: as the scene was set up; carried from step to step, so that a step that fails
-/// puts it back and a checkpoint holds it (vectors of all vertices, and numbers); made anew in every step.
+/// How long a stream or a number lives. scene: unchanged since the scene was set up; run: kept from step to step, so
+/// that a step that fails restores it and a checkpoint holds it (vectors of all vertices, and numbers); step: computed
+/// in every step.
 enum class Life { scene, run, step };
 
 template <class T> struct IsStream : std::false_type {};
@@ -31,8 +33,8 @@ struct Clock {
   double start = 0;  // now = start + (number of the step - start_step) step
   int start_step = 0;
   double implicit_step = 0;  // h of v = v* + h M^-1 f(x* + h v): step, or 2/3 of it with a history
-  bool multistep = false;  // BDF2: this step uses what was before
-  bool history = false;  // BDF2: the next one may
+  bool multistep = false;  // BDF2: this step uses the previous state
+  bool history = false;  // BDF2: the next step may use this one
 
   template <class F> void visit(F &&f)
   {
@@ -46,17 +48,17 @@ struct Clock {
   }
 };
 
-/// Vertices of cloth, then of obstacles; where they are, and what they are joined to.
+/// Vertices of cloth, then of obstacles, with their positions and connections.
 struct MeshState {
   int cloth_vertices = 0, vertices = 0;
   int triangles = 0, hinges = 0;  // of cloth
   int faces = 0, edges = 0;  // of cloth and obstacles
-  int releases = 0;  // times that pins let vertices go
+  int releases = 0;  // number of times that pins released vertices
   Stream<dvec3> position, velocity;  // [vertices] m, m/s at the start of the step
-  Stream<dvec3> position_next, velocity_next;  // [vertices] at its end
+  Stream<dvec3> position_next, velocity_next;  // [vertices] at the end of the step
   Stream<dvec3> position_before, velocity_before;  // [vertices] with BDF2: at the start of the previous step
   Stream<dvec3> position_base, velocity_base;  // [vertices] with BDF2: x*, v*
-  Stream<dvec3> rest_position;  // [vertices] obstacles at rest of their motion, where any moves rigidly
+  Stream<dvec3> rest_position;  // [vertices] obstacles before their motion, if any moves rigidly
   Stream<double> inverse_mass;  // [vertices] 1/kg; 0: prescribed; with contact
   Stream<int> fixed;  // [vertices] 1: prescribed
   Stream<kernels::face_nodes> face;  // cloth, then obstacles; with contact
@@ -91,7 +93,7 @@ struct MeshState {
   }
 };
 
-/// What acts on cloth of its own: elasticity, stitches, gravity, wind.
+/// What acts on cloth without contact: elasticity, stitches, gravity, wind.
 struct ElementState {
   Stream<kernels::element_nodes> triangle_nodes, hinge_nodes;
   Incidence triangle_incidence, hinge_incidence;
@@ -119,9 +121,10 @@ struct ElementState {
 /// Candidate pairs of one kind.
 struct PairList {
   Stream<kernels::pair> pairs;
-  Stream<kernels::fvec3> direction;  // [pairs] that separates the sides, from B to A
-  Stream<float> gap_bound;  // [pairs] distance along it until the prediction at least, m; 0: unknown; below: an
-                            // impact of this step
+  Stream<kernels::fvec3> direction;  // [pairs] a direction that separates the sides, from B to A
+  // [pairs] lower bound of the distance along `direction` until the prediction, m; 0: unknown; below 0: an impact of
+  // this step
+  Stream<float> gap_bound;
 
   template <class F> void visit(const char *const (&name)[3], F &&f)
   {
@@ -134,7 +137,7 @@ struct PairList {
 /// Pairs that may touch, contacts and impacts.
 struct ContactState {
   Contact settings;  // of the scene
-  bool friction = false;  // anything in contact has some
+  bool friction = false;  // some contact has friction
   double largest_thickness = 0;  // largest contact thickness of any vertex, m
   Stream<kernels::vertex_contact> vertex_contact;
   PairList vertex_face, edge_edge;
@@ -142,7 +145,7 @@ struct ContactState {
   Stream<kernels::contact> contact;
   Stream<kernels::impact> impact;
 
-  /// No contacts, no candidates.
+  /// Removes all contacts and candidates.
   void forget() noexcept;
 
   template <class F> void visit(F &&f)
@@ -156,14 +159,14 @@ struct ContactState {
   }
 };
 
-/// Where everything may be during the step: what candidate pairs are searched by.
+/// Where vertices may be during the step, by which candidate pairs are searched for.
 struct BoundsState {
   Stream<dvec3> predicted;  // [vertices] ballistic end of the step
-  Stream<int> query_vertices;  // those that are tested against faces: all but those that span planes
+  Stream<int> query_vertices;  // vertices that are tested against faces: all but those that define planes
   Stream<double> margin;  // [vertices] by which boxes are inflated, m
   Stream<dvec3> bounds;  // [2] of the scene
-  Stream<dvec3> origin;  // [2] what boxes are relative to where obstacles are at rest: the bounds when those
-                         // were boxed
+  // [2] if obstacles are at rest, the bounds when their boxes were made, which boxes are relative to
+  Stream<dvec3> origin;
   Stream<kernels::box> vertex_box;
   const Stream<dvec3> &box_origin() const { return origin.size() ? origin : bounds; }
 
@@ -192,9 +195,9 @@ struct FeatureTrees {
   }
 };
 
-/// Of TreeSearch alone.
+/// The room of TreeSearch.
 struct TreeState {
-  FeatureTrees cloth, moving, resting;  // of the cloth, of obstacles that move, of those that do not
+  FeatureTrees cloth, moving, resting;  // of the cloth, of moving obstacles, of static ones
 
   template <class F> void visit(F &&f)
   {
@@ -208,7 +211,7 @@ struct TreeState {
   }
 };
 
-/// Of FrontSearch alone.
+/// The room of FrontSearch.
 struct FrontState {
   Stream<kernels::box> face_box, edge_box;
   Stream<kernels::box> face_tree, obstacle_tree;  // binary trees of the cloth and of the obstacles
@@ -247,7 +250,7 @@ template <class Real> struct System {
   Stream<Real> mass;  // [cloth vertices], kg
   Stream<Real> material_scale;  // [materials] h (h + damping), s^2
   Stream<typename T::stretching_stiffness> stretching_table;
-  Stream<int> stretching_start;  // [materials] place in the table; below 0: constant
+  Stream<int> stretching_start;  // [materials] start in the table; below 0: constant stiffness
   Stream<typename T::bending_stiffness> bending_table;  // [materials]
   Stream<typename T::triangle_rest> triangle_rest;
   Stream<typename T::triangle_factor> triangle_factor;
@@ -287,11 +290,11 @@ template <class Real> struct System {
 struct SystemState {
   int terms = 0;
   Stream<kernels::element_nodes> term_nodes;
-  Stream<int> term_split;  // [terms] of the star: nodes on side A
+  Stream<int> term_split;  // [terms] with star: nodes on side A
   Incidence term_incidence;
   std::unique_ptr<System<double>> f64;
   std::unique_ptr<System<float>> f32;
-  double scaled_step = 0;  // h that material_scale is for
+  double scaled_step = 0;  // h of material_scale
 
   template <class Real> System<Real> &of()
   {
@@ -300,7 +303,7 @@ struct SystemState {
     else
       return *f32;
   }
-  /// Sets material_scale to h (h + damping), where it is for another h.
+  /// Sets material_scale to h (h + damping), if it is that of another h.
   void scale_materials(double h, const std::vector<double> &damping);
   std::vector<double> masses() const;  ///< [cloth vertices], kg
 
@@ -320,7 +323,7 @@ struct State {
   explicit State(Backend &device) : backend(&device) {}
 
   Backend *backend;
-  bool wait_for_stages = false;  // after every stage, so that their times are of work
+  bool wait_for_stages = false;  // wait after every stage, so that stage times measure work
   Options options;
   StepReport report;
   Clock time;
@@ -329,11 +332,11 @@ struct State {
   ContactState contact;
   Exemptions exemptions;
   BoundsState bounds;
-  TreeState *trees = nullptr;  // of the search by trees, which owns it; none with fronts
-  FrontState *fronts = nullptr;  // of the search by fronts, which owns it; none with trees
+  TreeState *trees = nullptr;  // owned by the search by trees; null with fronts
+  FrontState *fronts = nullptr;  // owned by the search by fronts; null with trees
   SystemState system;
 
-  /// Calls f(name, life, value) for every stream, and for every number that stages leave to each other.
+  /// Calls f(name, life, value) for every stream, and for every number that stages pass to each other.
   template <class F> void visit(F &&f)
   {
     time.visit(f);
@@ -346,7 +349,7 @@ struct State {
     if (fronts) fronts->visit(f);
     system.visit(f);
   }
-  /// The same for streams alone, as f(name, stream).
+  /// Calls f(name, stream) for every stream.
   template <class F> void visit_streams(F &&f)
   {
     visit([&](const char *name, Life, auto &value) {

@@ -48,8 +48,8 @@ Surface::Surface(const Topology &t)
     : topology(t), faces(incident(static_cast<int>(t.position.size()), t.face)),
       edges(incident(static_cast<int>(t.position.size()), t.edge)), outward(t.face.size(), 0)
 {
-  // A part of an obstacle is closed if every edge has two faces that run through it in opposite directions; its volume
-  // gives the side.
+  // A part of an obstacle is closed if every edge has two faces that run through it in opposite directions; the sign of
+  // its volume gives the outer side.
   Sets part(static_cast<int>(t.position.size()));
   std::map<int, double> volume;
   std::map<int, bool> closed;

@@ -28,16 +28,16 @@ struct Rows {
   Range operator[](int i) const { return {value.data() + start[i], value.data() + start[i + 1]}; }
 };
 
-/// What is beside what, in the numbering of all objects.
+/// Adjacency of vertices, edges and faces, numbered over all objects.
 struct Surface {
   explicit Surface(const Topology &topology);
-  int edge_of(int a, int b) const;                  ///< -1: there is none
+  int edge_of(int a, int b) const;                  ///< -1: no such edge
   std::vector<int> faces_of_edge(int edge) const;
   dvec3 normal(const std::vector<dvec3> &x, int face) const;   ///< not normalised
 
   const Topology &topology;
   Rows faces, edges;                                ///< of each vertex
-  std::vector<int> outward;  ///< [faces] 1, -1: the normal of a closed obstacle points out, in; 0: no such side
+  std::vector<int> outward;  ///< [faces] 1 or -1: the normal of a closed obstacle points out or in; 0: not closed
 };
 
 }  // namespace cama

@@ -13,7 +13,7 @@ namespace {
 
 using namespace kernels;
 
-/// Material coordinates of a face's corners; without material space the face is laid flat with the projected x axis as
+/// Material coordinates of a face's corners; without material space the face is laid flat, with the projected x axis as
 /// warp.
 std::array<MaterialPoint, 3> corners(const Mesh &mesh, std::size_t f)
 {
@@ -57,7 +57,8 @@ void add_hinges(const Mesh &mesh, int first_vertex, int material, const std::vec
   std::sort(half.begin(), half.end(),
             [](const HalfEdge &a, const HalfEdge &b) { return a.edge != b.edge ? a.edge < b.edge : a.face < b.face; });
   for (std::size_t k = 0; k + 1 < half.size(); ++k) {
-    if (half[k].edge != half[k + 1].edge) continue;   // of three or more faces each joins its neighbour in the list
+    // of three or more faces, each forms a hinge with the next in the list
+    if (half[k].edge != half[k + 1].edge) continue;
     const HalfEdge &p = half[k], &q = half[k + 1];
     const int a = mesh.face[p.face][p.corner], b = mesh.face[p.face][(p.corner + 1) % 3];
     const int c = mesh.face[p.face][(p.corner + 2) % 3], d = mesh.face[q.face][(q.corner + 2) % 3];
@@ -154,7 +155,7 @@ Topology build_topology(const Scene &scene)
     for (int v : f) t.area[v] += area / 3;
   }
   for (const Triangle &f : t.exact_face)
-    for (int v : f) t.area[v] = 1e300;   // as wide as what touches it
+    for (int v : f) t.area[v] = 1e300;  // the smaller area counts: that of the other side
   for (const auto &e : t.edge) {
     const double length = dnorm(dsub(t.position[e[0]], t.position[e[1]]));
     for (int v : e) t.shortest_edge[v] = std::min(t.shortest_edge[v], length);

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// What a scene's meshes become before they go to the device: elements with rest state, masses, contact properties.
+// What a scene's meshes become before they are copied to the device: elements with rest state, masses, contact
+// properties.
 #pragma once
 #include <array>
 #include <set>
@@ -29,10 +30,10 @@ struct RestHinge {
   std::array<double, 2> direction;   ///< of the rest edge in each face: 0, 1, 2 = 0, 45, 90 degrees
 };
 
-/// Everything in one numbering: vertices and faces of all cloths, then of all obstacles.
+/// The whole scene in one numbering: vertices and faces of all cloths, then of all obstacles.
 struct Topology {
   int cloth_vertices = 0;
-  std::vector<dvec3> position, rest_position;      ///< start; obstacles at rest of their motion
+  std::vector<dvec3> position, rest_position;      ///< at the start; obstacles before their motion
   std::vector<Triangle> face;                      ///< of meshes and boxes
   std::vector<Triangle> exact_face;                ///< of spheres (c, c, c), capsules (a, b, b) and planes
   std::vector<std::array<int, 2>> edge;
@@ -46,7 +47,7 @@ struct Topology {
   std::vector<int> object;                         ///< [vertices] cloth index, or cloths + obstacle index
   std::vector<std::pair<int, int>> cloth_range, obstacle_range;
   std::vector<std::string> object_name;            ///< "cloth 'shirt'": cloths, then obstacles
-  std::set<std::pair<int, int>> seam;  ///< vertices (a < b) on both sides of a seam: as near as they are made
+  std::set<std::pair<int, int>> seam;  ///< vertices (a < b) on both sides of a seam, which may be arbitrarily near
 
   /// The name of the object that a vertex belongs to.
   const std::string &owner(int vertex) const

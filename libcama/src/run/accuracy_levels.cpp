@@ -9,7 +9,7 @@
 namespace cama {
 namespace {
 
-/// Mean length of the edges of all cloth triangles, in the material where that is known, m.
+/// Mean length of the edges of all cloth triangles, in material space if there is one, m.
 double mean_edge(const Scene &scene)
 {
   double sum = 0, count = 0;
@@ -29,9 +29,9 @@ double mean_edge(const Scene &scene)
   return count > 0 ? sum / count : 0;
 }
 
-/// Ten steps h of backward Euler leave a motion of constant acceleration a off by 5 a h^2: by a hundredth of an edge
-/// where h^2 = edge / (500 a). a = 300 m/s^2 by measurement (docs/theory/accuracy.md); from 1/960 s down to a third of
-/// it.
+/// Ten steps h of backward Euler have an error of 5 a h^2 for a motion of constant acceleration a: a hundredth of an
+/// edge for h^2 = edge / (500 a). a = 300 m/s^2 by measurement (docs/theory/accuracy.md). The step is between 1/2880 s
+/// and 1/960 s.
 double step_for_edges(const Scene &scene)
 {
   constexpr double acceleration = 300, longest = 1.0 / 960;

@@ -10,7 +10,7 @@
 namespace cama {
 namespace {
 
-constexpr int max_terms = 1 << 29;   // what four entries each can be listed of
+constexpr int max_terms = 1 << 29;   // with four entries each, the largest list
 
 [[noreturn]] void refuse(const std::string &what) { throw SceneError("checkpoint: " + what); }
 
@@ -24,18 +24,18 @@ void check_vectors(const std::string &name, const std::vector<dvec3> &values, st
       refuse(name + "[" + std::to_string(i) + "] is not finite");
 }
 
-/// Each block has some neighbours, each level is of the blocks below.
+/// Checks that blocks are not empty and that each level consists of the blocks below.
 void check_matching(const Matching &m, int step, const State &state)
 {
   if (m.step < 0 || m.step > step || m.terms < 0 || m.terms > max_terms || m.first_iterations < 0 ||
       m.last_iterations < 0)
     refuse("matching: step " + std::to_string(m.step) + ", " + std::to_string(m.terms) + " terms, " +
            std::to_string(m.first_iterations) + " and " + std::to_string(m.last_iterations) +
-           " iterations are no counts of this run");
+           " iterations are not counts of this run");
   std::vector<char> seen(static_cast<std::size_t>(state.mesh.cloth_vertices), 0);
   for (int v : m.order)
     if (v < 0 || v >= state.mesh.cloth_vertices || seen[static_cast<std::size_t>(v)]++)
-      refuse("matching: vertex " + std::to_string(v) + " is not one of the cloth, or is there twice");
+      refuse("matching: vertex " + std::to_string(v) + " is not one of the cloth, or appears twice");
   if (m.order.empty() != m.levels.empty()) refuse("matching: has an order without levels, or levels without an order");
   std::size_t nodes = m.order.size();
   for (std::size_t l = 0; l < m.levels.size(); ++l) {
@@ -43,11 +43,11 @@ void check_matching(const Matching &m, int step, const State &state)
     const std::string name = "matching: level " + std::to_string(l);
     if (level.parent.size() != nodes || level.start.size() < 2 || level.start.front() != 0 ||
         level.start.back() != static_cast<int>(nodes))
-      refuse(name + " is not of " + std::to_string(nodes) + " nodes");
+      refuse(name + " does not have " + std::to_string(nodes) + " nodes");
     for (std::size_t b = 0; b + 1 < level.start.size(); ++b) {
       const int first = level.start[b], last = level.start[b + 1];
       if (first < 0 || last <= first || last > static_cast<int>(nodes) || last - first > BLOCK_ROWS)
-        refuse(name + ", block " + std::to_string(b) + " is no block");
+        refuse(name + ", block " + std::to_string(b) + " is not a block");
       for (int i = first; i < last; ++i)
         if (level.parent[static_cast<std::size_t>(i)] != static_cast<int>(b))
           refuse(name + ", node " + std::to_string(i) + " is not in its block");
@@ -94,9 +94,9 @@ void check_checkpoint(const Checkpoint &c, const State &s, const Topology &t)
     if (!c.vectors.count(name)) refuse(std::string("has no ") + name);
   const std::size_t found = c.vectors.at("position").size();
   if (found != vertices || c.scene != scene_key(t))
-    refuse("is of another scene or resolution: it has " + std::to_string(found) + " vertices, this simulation " +
+    refuse("is of another scene or resolution: it has " + std::to_string(found) + " vertices, this simulation has " +
            std::to_string(vertices) + (found == vertices ? ", and triangles or masses differ" : "") +
-           "; load the scene that it was taken of");
+           "; load the scene that it was taken from");
   const auto number = [&](const char *name) {
     const auto at = c.numbers.find(name);
     if (at == c.numbers.end()) refuse(std::string("has no ") + name);
@@ -104,7 +104,7 @@ void check_checkpoint(const Checkpoint &c, const State &s, const Topology &t)
   };
   const double start_step = number("start_step");
   if (c.step < 0 || !(start_step >= 0) || start_step > c.step)
-    refuse("step " + std::to_string(c.step) + " and start_step " + std::to_string(start_step) + " are no counts");
+    refuse("step " + std::to_string(c.step) + " and start_step " + std::to_string(start_step) + " are not counts");
   if (!std::isfinite(number("time")) || number("time") < 0 || !std::isfinite(number("start_time")) ||
       !std::isfinite(c.time_step) || c.time_step <= 0 || std::isnan(c.released))
     refuse("time, start_time, time_step or released is not a time in seconds");
@@ -119,7 +119,9 @@ void check_checkpoint(const Checkpoint &c, const State &s, const Topology &t)
     if (!in(a, vertices) || !in(object, s.mesh.object_name.size()))
       refuse("let_go: vertex or object of " + std::to_string(a) + ", " + std::to_string(object) + " is not there");
   if ((!c.tangled.empty() || !c.let_go.empty()) && !s.exemptions.row.backend())
-    refuse("lets vertices pass, which this simulation's options do not; give intersections or pinch as they were");
+    refuse(
+        "has pairs that are exempt from contact, which this simulation's options do not allow; set intersections and "
+        "pinch as in its run");
   check_matching(c.matching, c.step, s);
 }
 

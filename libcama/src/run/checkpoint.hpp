@@ -11,10 +11,10 @@ std::uint64_t scene_key(const Topology &topology);
 
 Checkpoint take_checkpoint(State &state, Pipeline &step, const Topology &topology);
 
-/// Throws SceneError where the checkpoint is of another scene or is damaged; nothing is changed then.
+/// Throws SceneError if the checkpoint is of another scene or damaged.
 void check_checkpoint(const Checkpoint &checkpoint, const State &state, const Topology &topology);
 
-/// checkpoint: checked. Throws SceneError where this simulation's pins have let go of what is held in it.
+/// checkpoint: must have been checked. Throws SceneError if pins that hold in it have been released in this simulation.
 void restore_checkpoint(const Checkpoint &checkpoint, State &state, Pipeline &step);
 
 }  // namespace cama

@@ -17,15 +17,15 @@ int chosen_threads(const Scene &scene, const Options &options)
   return options.threads ? options.threads : useful_threads(scene.cloth_triangle_count());
 }
 
-/// Of a scene and options that can be simulated. Throws SceneError, MeshError, MaterialError or BackendError.
+/// Checks scene and options and makes the backend. Throws SceneError, MeshError, MaterialError or BackendError.
 std::unique_ptr<Backend> checked_backend(const Scene &scene, const Options &options)
 {
   scene.validate();
-  if (options.pinch == Pinch::release)   // when cloth has come free is found by meshes
+  if (options.pinch == Pinch::release)   // only meshes tell when cloth has come free
     for (const Obstacle &o : scene.obstacles)
       if (o.shape != ObstacleShape::mesh && o.shape != ObstacleShape::box)
-        throw SceneError("pinch: release is for obstacles that are meshes or boxes, '" + o.name +
-                         "' is not; mesh it, or use stop");
+        throw SceneError("pinch: release needs obstacles that are meshes or boxes; mesh '" + o.name +
+                         "', or set pinch to stop");
   return make_backend(options.backend, options.device, chosen_threads(scene, options));
 }
 

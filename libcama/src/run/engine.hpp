@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Backend, state and stages of one scene, opened: what Simulation hides and what the tests look into.
+// Backend, state and stages of one scene, which Simulation hides and tests inspect.
 #pragma once
 #include <functional>
 #include <memory>
@@ -13,25 +13,25 @@ namespace cama {
 
 class Engine {
 public:
-  /// Validates; throws before any kernel runs.
+  /// Validates the scene; throws before any kernel runs.
   Engine(const Scene &scene, const ResolvedOptions &options);
-  /// What the constructor above makes: a backend, and where the scene starts.
+  /// What the constructor above makes besides the backend: topology and start of the scene.
   struct Start {
     Topology topology;
     UntangleReport untangled;
   };
   Engine(const Scene &scene, const ResolvedOptions &options, std::unique_ptr<Backend> device, Start start);
 
-  const int threads;                    // of the CPU: the CPU backend's and of audits
+  const int threads;                    // CPU threads, of the CPU backend and of audits
   std::unique_ptr<Backend> backend;
   State state;
   Topology topology;
   UntangleReport untangled;
   std::vector<ChosenOption> chosen;
-  bool guarded = false;                 // the state must not intersect
+  bool guarded = false;                 // the state must be free of intersections
   std::unique_ptr<Pipeline> pipeline;
 
-  /// One time step; see take_step. finished: called when it has been taken, before it counts.
+  /// Takes one time step; see take_step. finished: called when the step is complete, before it is accepted.
   void take(const std::function<void()> &finished);
 
 private:

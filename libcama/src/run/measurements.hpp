@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// What is measured of a state on request.
+// Measurements of a state, made on request.
 #pragma once
 #include "cama/simulation.hpp"
 #include "model/state.hpp"

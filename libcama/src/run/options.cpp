@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The table of options: texts, checks, levels, and what was chosen by whom.
+// The table of options: conversion to and from text, checks, levels, and who chose which value.
 #include "cama/options.hpp"
 
 #include <algorithm>
@@ -17,7 +17,7 @@ constexpr double unlimited = 1e300;
 
 struct Range {
   double low = -unlimited, high = unlimited;
-  bool open = false;   // without its ends
+  bool open = false;   // without its bounds
   bool holds(double x) const { return open ? x > low && x < high : x >= low && x <= high; }
 
   static Range at_least(double low) { return {low, unlimited, false}; }
@@ -46,7 +46,7 @@ template <class T> const std::vector<Word<T>> &words();
 #undef CAMA_WORD
 #undef CAMA_WORD_AS
 
-/// Values that levels have of their own.
+/// The values of levels that differ from the default.
 template <class T> struct Levels {
   std::vector<std::pair<Accuracy, T>> own;
   Levels &&at(Accuracy level, T value) &&
@@ -58,7 +58,7 @@ template <class T> struct Levels {
 
 template <class T> struct Row {
   const char *name;
-  T value;   // where no level has its own
+  T value;   // the default
   Levels<T> levels;
   Range range;
   const char *unit;
@@ -156,7 +156,7 @@ template <class T> const char *type_name()
   throw SceneError(name + ": " + (text ? "'" : "") + to_text(value) + (text ? "'" : "") + " is not " + wanted);
 }
 
-/// The value as the option has it. Throws SceneError.
+/// The value in the option's type. Throws SceneError.
 template <class T> T checked(const Row<T> &row, const OptionValue &value)
 {
   if constexpr (std::is_enum_v<T>) {
@@ -198,7 +198,7 @@ bool parse_number(const std::string &text, double &value)
   return true;
 }
 
-/// What a text says, in the type that the option has; the text itself where it cannot be read so.
+/// The value of a text in the option's type, or the text itself if it is not a value of that type.
 template <class T> OptionValue parsed(const std::string &text)
 {
   if constexpr (std::is_same_v<T, bool>) {
@@ -248,7 +248,7 @@ std::size_t distance(const std::string &a, const std::string &b)   // Levenshtei
                    (nearest.empty() ? "there are " + listed(names) : "did you mean '" + nearest + "'?"));
 }
 
-/// Calls f(row, member) for the option of this name. Throws SceneError.
+/// Calls f(row, member) for the option with this name. Throws SceneError.
 template <class F> void with_option(const std::string &name, F &&f)
 {
   bool found = false;
@@ -260,7 +260,7 @@ template <class F> void with_option(const std::string &name, F &&f)
   if (!found) refuse_name(name);
 }
 
-/// Options that do not go together.
+/// Throws SceneError for options that do not go together.
 void check_together(const Options &o)
 {
   if (o.paper.contact_form == ContactForm::star && o.paper.assembly == Assembly::gather)
@@ -268,12 +268,12 @@ void check_together(const Options &o)
         "paper.contact_form: star needs its entries in the matrix; set paper.assembly to algorithm1 or sorted");
   if (o.paper.atomic_filling && o.paper.assembly != Assembly::algorithm1)
     throw SceneError(
-        "paper.atomic_filling: it fills the matrix of paper.assembly algorithm1; set that too, or leave it out");
+        "paper.atomic_filling: needs paper.assembly algorithm1; set that too, or leave atomic_filling out");
 }
 
 bool names_level(const OptionOverrides &o) { return o.accuracy.has_value(); }
 
-/// Every option that trades accuracy for time, with what origin(name) says of it; the time step in force.
+/// Every option that trades accuracy for time, with its value and with origin(row, member).
 template <class Origin> std::vector<ChosenOption> chosen_options(const Options &options, Origin &&origin)
 {
   std::vector<ChosenOption> chosen;
@@ -285,7 +285,7 @@ template <class Origin> std::vector<ChosenOption> chosen_options(const Options &
   return chosen;
 }
 
-/// Who says the time step where nobody overrides it.
+/// Who chose the time step if no option sets it.
 const char *origin_of_step(const Options &options, const Scene &scene)
 {
   const bool own = options.accuracy == Accuracy::production || options.accuracy == Accuracy::paper;
@@ -332,7 +332,7 @@ ResolvedOptions resolve(const OptionOverrides &user, const Scene &scene)
   const auto chooses = [](const auto &row, auto member, const OptionOverrides &o) {
     if (!member(o)) return false;
     if constexpr (std::is_same_v<std::decay_t<decltype(row.value)>, double>)
-      if (std::string("time_step") == row.name) return *member(o) > 0;   // 0 leaves it to the level
+      if (std::string("time_step") == row.name) return *member(o) > 0;   // 0 leaves the choice to the level
     return true;
   };
   for_each_option([&](const auto &row, auto member) {
@@ -366,7 +366,7 @@ void check_scene_options(const OptionOverrides &options)
   for_each_option([&](const auto &row, auto member) {
     if (row.set_by == SetBy::user && member(options))
       throw SceneError(std::string("options: '") + row.name +
-                       "' belongs to the user who runs the scene; remove it from the scene");
+                       "' can only be set by the user who runs the scene; remove it from the scene");
   });
 }
 

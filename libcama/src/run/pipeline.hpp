@@ -11,19 +11,19 @@
 
 namespace cama {
 
-/// One box of the paper's Figure 3: enqueues work on the state's streams, owns only scratch.
+/// One box of the paper's Figure 3: enqueues work on the state's streams and owns only scratch memory.
 class Stage {
 public:
   virtual ~Stage() = default;
   virtual std::string_view name() const = 0;
-  virtual std::string reason() const { return "always"; }   ///< why this scene has it
+  virtual std::string reason() const { return "always"; }   ///< why the scene needs this stage
   virtual void run(State &state) = 0;
   virtual const std::vector<std::unique_ptr<Stage>> &children() const
   {
     static const std::vector<std::unique_ptr<Stage>> none;
     return none;
   }
-  /// What it carries from one step to the next.
+  /// Saves what the stage keeps from one step to the next.
   virtual void save(State &state, Checkpoint &checkpoint)
   {
     for (auto &stage : children()) stage->save(state, checkpoint);
@@ -32,9 +32,9 @@ public:
   {
     for (auto &stage : children()) stage->restore(state, checkpoint);
   }
-  double milliseconds() const { return milliseconds_; }     ///< of the last run
+  double milliseconds() const { return milliseconds_; }     ///< time of the last run
 
-  /// Where state.wait_for_stages is set, waits for the device, so that times are of work and not of enqueueing it.
+  /// With state.wait_for_stages it waits for the device, so that times measure work and not its enqueueing.
   void timed_run(State &state)
   {
     const auto start = std::chrono::steady_clock::now();
@@ -47,7 +47,7 @@ private:
   double milliseconds_ = 0;
 };
 
-/// A stage that touches these rooms of the state and no other; const ones it only reads.
+/// A stage that accesses only these rooms of the state, and only reads const ones.
 template <class... R> class StageOn : public Stage {
 public:
   using Rooms = Access<R...>;
@@ -55,7 +55,7 @@ public:
   virtual void run_on(const Rooms &state) = 0;
 };
 
-/// Stages in order; itself a stage, so pipelines nest.
+/// Stages in order; a pipeline is a stage itself, so pipelines nest.
 class Pipeline : public Stage {
 public:
   explicit Pipeline(std::string name, std::string reason = "always")
@@ -72,7 +72,7 @@ public:
     stages_.push_back(std::move(stage));
     return reference;
   }
-  /// Behind the stage of this name; where there is none, at the end.
+  /// Inserts a stage behind the one with this name, or at the end if there is none.
   void insert_after(std::string_view name, std::unique_ptr<Stage> stage)
   {
     auto at = stages_.begin();

@@ -22,7 +22,7 @@
 namespace cama {
 namespace {
 
-/// Fronts are of triangles: exact obstacles are searched by trees. A search owns its room of the state.
+/// Fronts hold triangles only: exact obstacles need trees. A search owns its room of the state.
 std::unique_ptr<CandidateSearch> make_search(const Scene &scene, State &state, FlaggedPairs &flagged)
 {
   const bool exact = std::any_of(scene.obstacles.begin(), scene.obstacles.end(),
@@ -37,7 +37,7 @@ std::unique_ptr<CandidateSearch> make_search(const Scene &scene, State &state, F
   return search;
 }
 
-/// Proximity checking owns the search and the flags that penetration handling uses again.
+/// Proximity checking owns the search and the flags, which penetration handling uses as well.
 class ProximityChecking final : public Pipeline {
 public:
   ProximityChecking(const Scene &scene, State &state)

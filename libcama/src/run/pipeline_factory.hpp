@@ -6,7 +6,7 @@
 
 namespace cama {
 
-/// The step of Figure 3 with the stages this scene needs, and nothing else.
+/// The step of Figure 3 with only the stages that this scene needs.
 template <class Real> std::unique_ptr<Pipeline> make_pipeline(const Scene &scene, State &state);
 
 extern template std::unique_ptr<Pipeline> make_pipeline<double>(const Scene &, State &);

@@ -26,7 +26,7 @@ struct Simulation::Implementation : Engine {
     state.wait_for_stages = std::getenv("CAMA_WAIT_FOR_STAGES") != nullptr;
   }
 
-  /// given: some options, or all of them.
+  /// given: OptionOverrides or Options.
   template <class Given> static std::unique_ptr<Implementation> make(const Scene &scene, const Given &given)
   {
     try {

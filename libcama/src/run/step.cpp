@@ -9,7 +9,7 @@
 namespace cama {
 namespace {
 
-/// The numbers that the state carries from step to step, in the order of State::visit.
+/// The numbers that the state keeps from step to step, in the order of State::visit.
 std::vector<double> carried(State &s)
 {
   std::vector<double> numbers;
@@ -30,7 +30,7 @@ void put_back(State &s, const std::vector<double> &numbers) noexcept
   });
 }
 
-/// What a step that threw comes back to.
+/// The state that a step which threw returns to.
 struct Start {
   explicit Start(State &s) : position(s.mesh.position.buffer()), numbers(carried(s)), report(s.report) {}
   Buffer position;
@@ -38,12 +38,12 @@ struct Start {
   StepReport report;
 };
 
-/// Back to the start of a step that threw: positions, velocities, what is carried and the report as they were, no
-/// contacts, no candidates.
+/// Returns to the start of a step that threw: restores positions, velocities, kept numbers and the report, and removes
+/// contacts and candidates.
 void undo_step(State &s, const Start &start) noexcept
 {
   MeshState &mesh = s.mesh;
-  if (mesh.position.buffer() != start.position) {   // the step had been taken
+  if (mesh.position.buffer() != start.position) {   // the step was complete: buffers had been swapped
     if (mesh.position_before.backend()) {
       mesh.position_next.swap(mesh.position_before);
       mesh.velocity_next.swap(mesh.velocity_before);
@@ -59,7 +59,7 @@ void undo_step(State &s, const Start &start) noexcept
 
 void run_pipeline(State &s, Pipeline &step, int number)
 {
-  if (s.options.integrator == Integrator::backward_euler) {   // else extrapolation does
+  if (s.options.integrator == Integrator::backward_euler) {   // with BDF2 extrapolation scales them
     s.time.implicit_step = s.time.step;
     s.system.scale_materials(s.time.step, s.elements.damping);
   }
@@ -69,7 +69,7 @@ void run_pipeline(State &s, Pipeline &step, int number)
   step.timed_run(s);
 }
 
-/// A step whose whole has failed, in pieces. Each begins without a history.
+/// A step that failed as a whole, taken in pieces. Each begins without a history.
 class DividedStep {
 public:
   DividedStep(State &state, Pipeline &step)
@@ -96,7 +96,7 @@ public:
     try {
       state_.mesh.position.copy_from(position_);
       state_.mesh.velocity.copy_from(velocity_);
-    } catch (const Error &) {  // a device that is lost
+    } catch (const Error &) {  // the device is lost
     }
     state_.exemptions.keep(exempt_);
     state_.time.history = false;
@@ -119,8 +119,8 @@ private:
     }
     ++sum_.retries;
     if (division == state_.options.max_divisions)
-      throw SolverError(problem + "; pieces of this step down to 1/2^" + std::to_string(division) +
-                        " of it failed too");
+      throw SolverError(problem + "; pieces of this step, down to 1/2^" + std::to_string(division) +
+                        " of it, failed as well");
     advance(division + 1, 2 * index, number, problem);
     advance(division + 1, 2 * index + 1, number, problem);
   }

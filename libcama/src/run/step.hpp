@@ -6,9 +6,10 @@
 
 namespace cama {
 
-/// One step of a pipeline: time, report and state are those after it. A SolverError takes the step back and does it in
-/// two halves, and halves of those that fail, down to 1/16; what helps not is thrown. After any exception the state is
-/// that of before. finish: called when the step has been taken; its exceptions are the step's.
+/// Takes one step of a pipeline; time, report and state are then those after it. After a SolverError the step is undone
+/// and taken in two halves, failing halves again in halves, at most Options::max_divisions times; if that fails too, it
+/// throws SolverError. After any exception the state is that before the step. finish: called when the step is complete;
+/// its exceptions count as exceptions of the step.
 void take_step(State &state, Pipeline &step, const std::function<void()> &finish);
 
 }  // namespace cama

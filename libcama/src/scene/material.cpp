@@ -13,15 +13,15 @@
 namespace cama {
 namespace {
 
-// ARCSim doubles the tabulated stretching stiffness before use; its tabulated bending stiffness is the hinge's, as
-// here.
+// ARCSim doubles the tabulated stretching stiffness before use; its tabulated bending stiffness is that of the hinge,
+// as here.
 constexpr double arcsim_stretching_scale = 2.0;
 
-// A sheet of curvature c on a grid of cells h x h has one hinge a cell: l = h, A = h^2, angle = c h, so that
-// k l^2 angle^2 / (8 A) = k c^2 h^2 / 8 must be the plate's B c^2 h^2 / 2.
-// So k = 4 B holds for a sheet that is held on a cylinder along the grid. A free strip on the alternating grid of our
-// generators relaxes, its vertices folding up and down a little, to four fifths of that energy: with k = 5 B it meets
-// the elastica (tests/unit/test_dynamics.cpp). Other meshes differ by tens of percent (docs/guide/materials.md).
+// A sheet of curvature c on a grid of cells h x h has one hinge a cell: l = h, A = h^2, angle = c h, so that k l^2
+// angle^2 / (8 A) = k c^2 h^2 / 8 must be the plate's B c^2 h^2 / 2. So k = 4 B holds for a sheet that is held on a
+// cylinder along the grid. A free strip on the alternating grid of cama's generators relaxes to four fifths of that
+// energy, as its vertices fold up and down a little: with k = 5 B it agrees with the elastica
+// (tests/unit/test_dynamics.cpp). Other meshes differ by tens of percent (docs/guide/materials.md).
 constexpr double hinge_per_plate = 5.0;
 
 std::array<std::array<double, 4>, 6> same_rows(const std::array<double, 4> &row)
@@ -209,7 +209,7 @@ Material Material::parse(const std::string &json, const std::string &name)
 {
   const Json value = parse_json(json, [&](const std::string &what) {
     throw MaterialError("material " + name + ": " + what);
-  });   // ARCSim's hold comments
+  });   // comments are allowed: ARCSim's files have some
   return parse_material(Field(value, "material " + name, raise_material_error), name);
 }
 

@@ -132,19 +132,18 @@ void save_obj(const std::filesystem::path &file, const Mesh &mesh)
   const std::unique_ptr<std::FILE, int (*)(std::FILE *)> out(std::fopen(file.string().c_str(), "wb"), &std::fclose);
   if (!out) throw FileError(file.string() + ": cannot be written");
   bool good = true;
-  const auto line =
-      [&](const char *key,
-          std::initializer_list<double> numbers) {   // the same in every locale, and read back to the last bit
-        char text[128], *end = text;
-        for (; *key; ++key) *end++ = *key;
-        for (double x : numbers) {
-          *end++ = ' ';
-          end = std::to_chars(end, text + sizeof text, x).ptr;
-        }
-        *end++ = '\n';
-        const std::size_t size = static_cast<std::size_t>(end - text);
-        good = std::fwrite(text, 1, size, out.get()) == size && good;
-      };
+  const auto line = [&](const char *key,
+                        std::initializer_list<double> numbers) {  // the same in every locale, and exact to the last bit
+    char text[128], *end = text;
+    for (; *key; ++key) *end++ = *key;
+    for (double x : numbers) {
+      *end++ = ' ';
+      end = std::to_chars(end, text + sizeof text, x).ptr;
+    }
+    *end++ = '\n';
+    const std::size_t size = static_cast<std::size_t>(end - text);
+    good = std::fwrite(text, 1, size, out.get()) == size && good;
+  };
   for (const dvec3 &x : mesh.position) line("v", {x.x, x.y, x.z});
   for (const MaterialPoint &u : mesh.material_position) line("vt", {u[0], u[1]});
   for (std::size_t f = 0; f < mesh.face.size(); ++f) {

@@ -22,7 +22,7 @@ RigidTransform between(const RigidTransform &a, const RigidTransform &b, double 
 
 bool zero(const dvec3 &v) { return v.x == 0 && v.y == 0 && v.z == 0; }
 
-/// Where `time` lies among sorted times: left index and fraction.
+/// The position of `time` among sorted times: left index and fraction.
 template <class Times> std::pair<std::size_t, double> locate(const Times &at, std::size_t count, double time)
 {
   if (count < 2 || time <= at(0)) return {0, 0.0};
@@ -73,7 +73,7 @@ RigidTransform Motion::at(double time) const
   if (rate > 0) steady.rotation = axis_angle(rotation_rate, rate * elapsed);
   if (keys.empty()) return steady;
 
-  // steady after keys, written about the origin: x -> steady(key(x))
+  // steady after keys, about the origin: x -> steady(key(x))
   RigidTransform both;
   both.rotation = normalized(multiply(steady.rotation, key.rotation));
   both.scale = key.scale;

@@ -5,11 +5,11 @@
 
 namespace cama {
 namespace {
-constexpr int max_rounds = 7;       // of joining two by two: 2, 4, 8, 16, then what is left over
-constexpr int proposals = 4;            // handshakes a round
-constexpr int max_levels =
-    3;         // more make the sum overshoot: 142 iterations became 160 on the drape of 200,000 triangles
-constexpr double min_progress = 0.6;   // of the nodes must go in a level, or it is the last
+constexpr int max_rounds = 7;       // of pairwise matching: blocks of 2, 4, 8, 16, then the remaining nodes
+constexpr int proposals = 4;            // proposals per round
+// More levels make the sum overshoot: 142 iterations became 160 on the drape of 200,000 triangles.
+constexpr int max_levels = 3;
+constexpr double min_progress = 0.6;   // share of the nodes that a level has to remove, or it is the last
 }  // namespace
 
 Aggregates::Aggregates(Backend &b)
@@ -75,7 +75,7 @@ void Aggregates::arrange(Backend &b, std::vector<Stream<int>> &parents, const st
   const int levels = static_cast<int>(count.size());
   level_.clear();
   for (int l = 0; l < levels; ++l) level_.emplace_back(b);
-  Stream<int> above(b, count.back()), here(b), sorted(b);   // places of blocks, of nodes; nodes in order
+  Stream<int> above(b, count.back()), here(b), sorted(b);   // places of blocks, places of nodes, nodes in order
   CAMA_LAUNCH(b, number_items, count.back(), above);
   for (int l = levels - 1; l >= 0; --l) {
     Level &level = level_[static_cast<std::size_t>(l)];
@@ -119,7 +119,7 @@ void Aggregates::build(const SolverRooms &state, const Stream<typename Types<Rea
   CAMA_LAUNCH_REAL(Real, b, term_entries, terms, blocks, vertices, s.term, rows.place, rows.size, strength_, key_,
                    entry_, weight_);
   merge(b, entries, rows.size, graph_);
-  // Each level's clusters are the nodes of the next, until one block holds them all or matching gets stuck.
+  // Each level's clusters are the nodes of the next, until one block holds them all or matching makes no progress.
   std::vector<Stream<int>> parents;
   std::vector<int> count;
   do {
@@ -130,7 +130,7 @@ void Aggregates::build(const SolverRooms &state, const Stream<typename Types<Rea
     count.push_back(now);
   } while (count.back() > 1 && static_cast<int>(count.size()) < max_levels);
   arrange(b, parents, count);
-  // What is left is for many steps.
+  // The result serves many steps; the scratch memory is freed.
   graph_ = Graph(b);
   merged_ = Graph(b);
   for (Stream<int> *s : {&entry_, &head_, &place_, &size_, &joined_size_, &mate_, &proposal_, &parent_, &cluster_})

@@ -7,7 +7,7 @@
 
 namespace cama {
 
-/// Rows of the linear system in blocks of strongly coupled neighbours, blocks in blocks: free vertices only, by
+/// Rows of the linear system in blocks of strongly coupled neighbours, and blocks in blocks, of free vertices only, by
 /// deterministic handshake matching on |A_ij| / sqrt(tr A_ii tr A_jj), terms included.
 class Aggregates {
 public:
@@ -16,7 +16,8 @@ public:
   /// diagonal: of the matrix, terms included.
   template <class Real> void build(const SolverRooms &state, const Stream<typename Types<Real>::mat3> &diagonal);
 
-  /// What a checkpoint has; false if it is not of the free vertices there are, or has more levels than are made.
+  /// Takes over the blocks of a checkpoint; false if they are not those of the present free vertices, or have too many
+  /// levels.
   bool adopt(const SolverRooms &state, const Matching &matching);
 
   int levels() const { return static_cast<int>(level_.size()); }
@@ -25,12 +26,12 @@ public:
   struct Level {
     explicit Level(Backend &b) : parent(b), start(b) {}
     int nodes = 0, blocks = 0;
-    Stream<int> parent;   // [nodes] its block
-    Stream<int> start;    // [blocks + 1] first node
+    Stream<int> parent;  // [nodes] its block
+    Stream<int> start;  // [blocks + 1] first node
   };
   const Level &level(int l) const { return level_[static_cast<std::size_t>(l)]; }
 
-  RowOrder rows;   // so ordered that each block's are neighbours
+  RowOrder rows;  // ordered so that the rows of each block are neighbours
 
 private:
   struct Graph {
@@ -39,12 +40,12 @@ private:
     Stream<int> row, column;
     Stream<float> weight;
   };
-  /// Sorts the n entries in key_, entry_ and weight_, and adds up equal ones.
+  /// Sorts the n entries in key_, entry_ and weight_, and adds up those with equal keys.
   void merge(Backend &b, int n, int nodes, Graph &graph);
   /// Joins neighbours until no two fit into BLOCK_ROWS; cluster_: [nodes] the cluster of each node of graph_. Returns
-  /// how many.
+  /// the number of clusters.
   int match(Backend &b);
-  /// Renumbers nodes so that each block's are neighbours. parents, count: clusters of each level's nodes.
+  /// Renumbers nodes so that those of each block are neighbours. parents, count: clusters of each level's nodes.
   void arrange(Backend &b, std::vector<Stream<int>> &parents, const std::vector<int> &count);
 
   std::vector<Level> level_;

@@ -9,13 +9,14 @@ namespace cama {
 static_assert(static_cast<int>(Preconditioner::jacobi) == PRECONDITIONER_JACOBI &&
               static_cast<int>(Preconditioner::block_jacobi) == PRECONDITIONER_BLOCK_JACOBI);
 namespace {
-constexpr double forces_slack = 10;         // of the tolerance, relative to the forces without penalties
-constexpr double accepted = 1.2;            // of the goal, for the residual computed afresh
+constexpr double forces_slack = 10;         // times the tolerance, relative to the forces without penalties
+constexpr double accepted = 1.2;            // times the goal, for the residual computed afresh
 constexpr int max_refinements = 6;
-/// Of r' P r relative to its start: where a recurrence in this precision would leave the true residual.
+/// r' P r, relative to its start, below which the recurrence in this precision departs from the true residual.
 template <class S> constexpr double reachable = sizeof(S) == 8 ? 1e-28 : 4e-8;
 
-/// Numbers from column to column of a vector in columns, and the vec4 that hold its three.
+/// column_length: numbers from column to column of a vector in columns; in_columns: number of vec4 that hold three
+/// columns.
 int column_length(int rows) { return ceil_divide(rows, SLICE_ROWS) * SLICE_ROWS; }
 int in_columns(int rows) { return column_length(rows) / 4 * 3; }
 }  // namespace
@@ -43,7 +44,7 @@ void ConjugateGradient<S>::prepare(const SolverRooms &state, Stream<typename Typ
   const BlockMatrix<Real> &matrix = state.system.template of<Real>().matrix;
   if (schwarz_ ? schwarz_->outdated(state)
                : releases_ != state.mesh.releases || state.options.paper.assembly != Assembly::gather) {
-    releases_ = -1;   // stays so if anything below throws
+    releases_ = -1;   // remains so if anything below throws
     if (schwarz_) {
       schwarz_->template match<Real>(state, diagonal);
     } else {
@@ -109,8 +110,8 @@ template <class S> void ConjugateGradient<S>::multiply(const SolverRooms &state,
   if (schwarz_) {
     CAMA_LAUNCH_TEAMS(S, b, apply_blocks, APPLY_TEAM, schwarz_->blocks(), schwarz_->block_start(), at, scalar_,
                       schwarz_->factors(), schwarz_->weights(), r_, z_);
-    const bool together =
-        !b.wide_workers() && 4 * terms < n;   // one launch less, but every term sums up its own rows; the same bits
+    // One launch less, but every term sums up its own rows; the bits are the same.
+    const bool together = !b.wide_workers() && 4 * terms < n;
     combine(n, together ? terms : 0, schwarz_->levels(), z_);
     if (!together) combine(0, terms, 1, total_);
   } else {
@@ -141,8 +142,8 @@ ConjugateGradient<S>::solve(const SolverRooms &state, const Stream<typename Type
   product_.resize(terms_beside(state));
   partial_.resize(2 * ceil_divide(n, TEAM_ROWS));
   const double tolerance = state.options.tolerance, dt = state.time.step;
-  const int most = state.options.max_iterations, partials = ceil_divide(n, TEAM_ROWS),
-            block = b.wide_workers() ? 4 : 8;   // iterations enqueued at once
+  // block: iterations enqueued at once.
+  const int most = state.options.max_iterations, partials = ceil_divide(n, TEAM_ROWS), block = b.wide_workers() ? 4 : 8;
   const auto start_from = [&](int mode, int plain, const Stream<typename Types<Real>::vec3> &b1,
                               const Stream<typename Types<Real>::vec3> &q1) {
     if (mode == CG_MEASURE_FORCES) scalar_.fill_zero();

@@ -11,19 +11,19 @@ namespace cama {
 template <class Real>
 using Product = std::function<void(const Stream<typename Types<Real>::vec3> &x, Stream<typename Types<Real>::vec3> &q)>;
 
-/// A v = b by the conjugate gradient in one reduction an iteration (Chronopoulos and Gear 1989), in precision S. The
-/// matrix and the residual come in the precision of the forces, so that a solve in single precision is refined to any
-/// tolerance.
+/// Solves A v = b by the conjugate gradient method with one reduction an iteration (Chronopoulos and Gear 1989), in
+/// precision S. The matrix and the residual have the precision of the forces, so that a solve in single precision is
+/// refined to any tolerance.
 template <class S> class ConjugateGradient {
 public:
   ConjugateGradient(Backend &backend, Preconditioner kind);
 
-  /// With Schwarz: the blocks of the last solve, or nothing where they are out of date.
+  /// With Schwarz: the blocks of the last solve, or nothing if they are outdated.
   Matching matching(const SolverRooms &state) const { return schwarz_ ? schwarz_->matching(state) : Matching{}; }
-  /// Takes over blocks, before the first solve. matching: empty, or checked.
+  /// Takes over blocks before the first solve. matching: empty, or checked.
   template <class Real> void start_from(const SolverRooms &state, const Matching &matching);
 
-  /// New values of the matrix. diagonal: of the matrix, terms included; is overwritten.
+  /// Sets new values of the matrix. diagonal: of the matrix, terms included; it is overwritten.
   template <class Real> void prepare(const SolverRooms &state, Stream<typename Types<Real>::mat3> &diagonal);
 
   /// start: r' P r at the start. broken: not positive definite, or not finite.
@@ -32,8 +32,8 @@ public:
     double residual = 0, start = 0;
     bool broken = false;
   };
-  /// Improves the solution until sqrt(r' P r) of the true residual has met the tolerance. residual: of the start, where
-  /// it is known. multiply(x, q): q = A x; q: scratch.
+  /// Improves the solution until sqrt(r' P r) of the true residual meets the tolerance. residual: that of the start, if
+  /// known. multiply(x, q): q = A x; q: scratch.
   template <class Real>
   Result solve(const SolverRooms &state, const Stream<typename Types<Real>::vec3> *residual,
                Stream<typename Types<Real>::vec3> &q, const Product<Real> &multiply);
@@ -42,24 +42,24 @@ private:
   using vec4 = typename Types<S>::vec4;
   const RowOrder &rows() const { return schwarz_ ? schwarz_->rows() : rows_; }
   const Stream<vec4> &preconditioned() const { return schwarz_ ? total_ : z_; }
-  /// Numbers from column to column of r, w, p, s, x and P; 0 with Schwarz, where they are rows.
+  /// Numbers from column to column of r, w, p, s, x and P; 0 with Schwarz, which stores rows.
   int component_stride() const;
   /// Rows of a block of P.
   int block_rows() const { return kind_ == Preconditioner::block_jacobi ? 3 : 1; }
-  /// z = P r where it was not made with r.
+  /// z = P r, if it was not computed together with r.
   void precondition(const SolverRooms &state);
   /// z = P r with the coarse corrections, w = A z, r'z and z'w. at: place of the scalars.
   void multiply(const SolverRooms &state, int at);
   void advance(const SolverRooms &state, int from, int to);
 
   const Preconditioner kind_;
-  std::unique_ptr<Schwarz<S>> schwarz_;  // of the Schwarz preconditioner
-  RowOrder rows_;  // of others
+  std::unique_ptr<Schwarz<S>> schwarz_;  // with the Schwarz preconditioner
+  RowOrder rows_;  // with other preconditioners
   SlicedMatrix<S> matrix_;
-  Stream<vec4> inverse_;  // others' P
-  int releases_ = -1;  // of pins, when the pattern was made; -1: it has to be
+  Stream<vec4> inverse_;  // P of other preconditioners
+  int releases_ = -1;  // mesh.releases when the pattern was made; -1: there is none
   int expected_ = 0;  // iterations
-  Stream<vec4> r_, z_, total_, w_, p_, s_, x_, product_;  // r_, z_: with the nodes of coarse levels behind
+  Stream<vec4> r_, z_, total_, w_, p_, s_, x_, product_;  // r_, z_: followed by the nodes of coarse levels
   Stream<double> partial_, scalar_;  // scalars twice: of the last iteration and of this one
 };
 

@@ -5,11 +5,11 @@
 
 namespace cama {
 namespace {
-// A matching is kept for some steps: contacts may have changed what is strongly coupled. Few do: 10 or 60 steps differ
-// by 0 to 6 % of iterations.
+// A matching is kept for some steps, although contacts may change the strong couplings. Few do: keeping it for 10 or 60
+// steps differs by 0 to 6 % of iterations.
 constexpr int min_steps = 10, max_steps = 60;
-constexpr double longer_solves = 1.1;       // than right after the matching
-constexpr double changed_terms = 0.2;       // or as many terms as this fraction came or went
+constexpr double longer_solves = 1.1;  // relative to the step of the matching
+constexpr double changed_terms = 0.2;  // fraction of terms that have appeared or disappeared
 }  // namespace
 
 template <class S>
@@ -75,12 +75,12 @@ template <class S>
 template <class Real>
 void Schwarz<S>::match(const SolverRooms &state, const Stream<typename Types<Real>::mat3> &diagonal)
 {
-  terms_ = -1;   // stays so if anything below throws
+  terms_ = -1;  // remains so if anything below throws
   aggregates_.build<Real>(state, diagonal);
   make_levels<Real>(state);
   terms_ = state.system.terms;
   releases_ = state.mesh.releases;
-  matched_ = state.report.step;   // by number: a step that fails and is taken again counts once
+  matched_ = state.report.step;  // the number of the step: one that fails and is taken again counts once
 }
 
 template <class S> template <class Real> void Schwarz<S>::make_levels(const SolverRooms &state)
@@ -143,14 +143,14 @@ template <class S> bool Schwarz<S>::outdated(const SolverRooms &state) const
 {
   if (terms_ < 0 || releases_ != state.mesh.releases || state.options.paper.assembly != Assembly::gather) return true;
   const int age = state.report.step - matched_;
-  const Solve &solve =
-      last_.step < state.report.step ? last_ : before_;   // a step that is taken again decides as it did
+  // A step that is taken again decides as before.
+  const Solve &solve = last_.step < state.report.step ? last_ : before_;
   if (state.system.terms > 0 && (age >= max_steps || (age >= min_steps && solve.iterations > longer_solves * first_)))
     return true;
   return std::abs(state.system.terms - terms_) > changed_terms * (state.system.terms + terms_) + 64;
 }
 
-/// The terms' part of the coarse diagonals: each level sums what rows add, child by child.
+/// The terms' part of the coarse diagonals: each level sums the parts of the rows, child by child.
 template <class S> void Schwarz<S>::weigh_terms(const SolverRooms &state, const SlicedMatrix<S> &matrix)
 {
   Backend &b = *state.backend;

@@ -8,16 +8,17 @@
 
 namespace cama {
 
-/// What the solvers of the linear system see of a state.
+/// The rooms of the state that the linear solvers access.
 using SolverRooms = Access<const Options, const StepReport, const Clock, const MeshState, SystemState>;
 
-/// Terms that act beside the matrix; other ways of assembly put them in, in a new pattern every step.
+/// Number of terms that act beside the matrix; other kinds of assembly add them to the matrix, with a new pattern every
+/// step.
 inline int terms_beside(const SolverRooms &state)
 {
   return state.options.paper.assembly == Assembly::gather ? state.system.terms : 0;
 }
 
-/// A stream of the precision of the forces as the two pointers of which kernels use one.
+/// A stream in the precision of the forces as an argument of type Number, or null if its numbers have the other type.
 template <class Number, class Real, class T> Components<Number> as(const Stream<T> &stream)
 {
   if constexpr (std::is_same_v<Number, Real>)
@@ -26,20 +27,20 @@ template <class Number, class Real, class T> Components<Number> as(const Stream<
     return nothing<Number>();
 }
 
-/// Bits of keys whose rows go up to `rows`.
+/// Bits of keys with rows up to `rows`.
 int key_bits(int rows);
 
 /// The rows of a linear system: free vertices, in some order.
 struct RowOrder {
   explicit RowOrder(Backend &b) : order(b), place(b) {}
-  /// Free vertices by number.
+  /// Orders free vertices by number.
   void number(const SolverRooms &state);
-  /// Rows of similar length beside each other, within windows: slices are then full. row: of the matrix.
+  /// Sorts rows by length within windows, which keeps slices full. row: of the matrix.
   void sort_by_length(Backend &backend, const Stream<int> &row);
 
   int size = 0;
-  Stream<int> order;      // [size] vertex
-  Stream<int> place;      // [cloth vertices] row; -1: fixed
+  Stream<int> order;  // [size] vertex
+  Stream<int> place;  // [cloth vertices] row; -1: fixed
 };
 
 /// The matrix on these rows, in slices of SLICE_ROWS so that neighbours read neighbours (sliced ELLPACK), and the terms
@@ -60,7 +61,7 @@ public:
   Stream<S> value;
   Stream<kernels::element_nodes> term_nodes;  // [terms] rows
   Stream<S> term_value;  // [9 terms]
-  Stream<S> entry_weight;  // of the terms' incidence
+  Stream<S> entry_weight;  // weights of the entries of the terms' incidence lists
 
 private:
   Stream<int> width_, source_;

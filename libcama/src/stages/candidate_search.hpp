@@ -4,34 +4,35 @@
 
 namespace cama {
 
-/// What a search sees of a state.
+/// The rooms of the state that a search accesses.
 using SearchRooms = Access<const Options, StepReport, const MeshState, ContactState, const Exemptions, BoundsState>;
 
 /// Candidate pairs of the step: features whose boxes over the motion from `position` to a target overlap. One search
 /// feeds proximity checking, continuous detection and the commit; it grows as vertices leave their boxes.
 class CandidateSearch {
 public:
-  enum class Change { none, grown, renewed };   ///< of the lists
+  enum class Change { none, grown, renewed };   ///< what happened to the lists
   explicit CandidateSearch(Backend &backend)
       : wanted_(backend), place_(backend), kept_(backend), corners_(backend), reduced_(backend)
   {}
   virtual ~CandidateSearch() = default;
   /// Fills state.contact.vertex_face and state.contact.edge_edge for motion from -> to.
   virtual void run(const SearchRooms &state, const Stream<dvec3> &from, const Stream<dvec3> &to) = 0;
-  /// Makes the lists hold every pair of the motion from -> to with `margin` to spare. Earlier pairs stay, with
-  /// `direction` and `gap_bound`; further ones come behind them, or, after large changes, all are made anew.
+  /// Makes the lists hold every pair of the motion from -> to, with at least `margin` around it. Earlier pairs stay,
+  /// with `direction` and `gap_bound`, and further ones are appended; after large changes, all pairs are searched for
+  /// again.
   virtual Change update(const SearchRooms &state, const Stream<dvec3> &from, const Stream<dvec3> &to,
                         double margin) = 0;
 
-  /// Directions between the closest points at `from`, for the pairs from `first_*` on and those without one.
+  /// Finds directions between the closest points at `from`, for the pairs from `first_*` on and for those without one.
   static void find_directions(const SearchRooms &state, const Stream<dvec3> &from, int first_vertex_face,
                               int first_edge_edge);
 
 protected:
-  /// Takes the pairs that are exempt out of those from `first` on.
+  /// Removes the exempt pairs among those from `first` on.
   void drop_exempt(const SearchRooms &state, int kind, int first);
 
-  /// Of all positions of the motion, into state.bounds.bounds.
+  /// Bounds of all positions of the motion, in state.bounds.bounds.
   void find_bounds(const SearchRooms &state, const Stream<dvec3> &from, const Stream<dvec3> &to);
 
 private:

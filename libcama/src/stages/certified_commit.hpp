@@ -8,24 +8,24 @@
 
 namespace cama {
 
-/// Shares of a pair's smallest contact thickness: the distance that a step keeps, and the one after an impact.
+/// Shares of a pair's smallest contact thickness: the distance that a step keeps, and the distance after an impact.
 inline constexpr double certified_distance = 1e-2, impact_distance = 0.1;
 
-/// The certified commit: as much of the motion from `from` to `position_next` as leaves every candidate pair its
-/// distance. A vertex goes a share of its way; moving obstacles pause where cloth has nowhere to go.
+/// The certified commit: as much of the motion from `from` to `position_next` as keeps the distance of every candidate
+/// pair. Each vertex goes a share of its way; moving obstacles pause where cloth has nowhere to go.
 class CertifiedCommit {
 public:
   using Rooms = Access<StepReport, const MeshState, const ContactState>;
   CertifiedCommit(Backend &backend, FlaggedPairs &flagged);
-  /// Fills committed(). Returns the share of their motion that obstacles went, 1: all of it. certified: every pair that
-  /// is no known impact has been certified for this motion.
+  /// Fills committed(). Returns the share of their motion that obstacles completed; 1: all of it. certified: every pair
+  /// except known impacts has been certified for this motion.
   double run(const Rooms &state, const Stream<dvec3> &from, bool certified);
   Stream<dvec3> &committed() { return committed_; }  ///< [vertices] m
   /// The pairs that made obstacles pause in the last run, with their kind, ordered.
   std::vector<std::pair<int, kernels::pair>> pausing_pairs(const Rooms &state);
 
 private:
-  FlaggedPairs &flagged_;  // its flags are what became of each pair
+  FlaggedPairs &flagged_;  // its flags hold the state of each pair
   Stream<dvec3> committed_;
   Stream<int> fraction_, fraction_before_, sigma_, counter_;
 };

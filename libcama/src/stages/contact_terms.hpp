@@ -4,7 +4,7 @@
 
 namespace cama {
 
-/// Contacts and stitches become terms of the system, with friction.
+/// Makes terms of the system from contacts, with friction, and from stitches.
 template <class Real>
 class EvaluateTerms final
     : public StageOn<const Options, const Clock, const MeshState, const ElementState, ContactState, SystemState> {

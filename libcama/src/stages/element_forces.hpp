@@ -4,7 +4,7 @@
 
 namespace cama {
 
-/// Forces and matrix factors of triangles and hinges, wind, gravity; gathered to vertices.
+/// Forces and matrix factors of triangles and hinges, wind and gravity, gathered to vertices.
 template <class Real>
 class EvaluateElements final
     : public StageOn<const Options, const Clock, const MeshState, const ElementState, SystemState> {
@@ -17,8 +17,8 @@ public:
   /// Forces and factors at these positions.
   void evaluate(const Rooms &state, const Stream<dvec3> &position, bool with_wind);
   bool windy() const { return windy_; }
-  void add_wind(const Rooms &state, const Stream<dvec3> &position, const Stream<dvec3> &velocity,
-                Stream<vec3> &force);   ///< [3 triangles]
+  /// force: [3 triangles].
+  void add_wind(const Rooms &state, const Stream<dvec3> &position, const Stream<dvec3> &velocity, Stream<vec3> &force);
 
 private:
   bool windy_;

@@ -5,8 +5,8 @@
 namespace cama {
 
 /// Base of a step by the second-order backward differentiation formula: x* = (4 x_n - x_{n-1}) / 3, v* likewise, h =
-/// 2/3 dt. Backward Euler, whose base is x_n, v_n, where there is no history: in the first step, and after one whose
-/// motion was handled, divided or replaced.
+/// 2/3 dt. Backward Euler, whose base is x_n, v_n, if there is no history: in the first step, and after a step whose
+/// motion penetration handling changed, or that was divided or replaced.
 class Extrapolate final : public StageOn<Clock, MeshState, const ElementState, SystemState> {
 public:
   std::string_view name() const override { return "extrapolation"; }

@@ -27,7 +27,7 @@ void FindContacts::run_on(const Rooms &state)
               edge_edge.direction, edge_edge.gap_bound);
   if (anticipate > 0) {
     nearest_.resize(SIDES * state.mesh.cloth_vertices);
-    b.fill(nearest_.buffer(), 0x7f, nearest_.bytes());  // a float of 3e38
+    b.fill(nearest_.buffer(), 0x7f, nearest_.bytes());  // each a float of 3e38
     CAMA_LAUNCH(b, nearest_contacts, n, first, vertex_face.pairs, edge_edge.pairs, state.mesh.face, state.mesh.edge,
                 state.mesh.position, state.contact.vertex_contact, state.mesh.cloth_vertices, flagged_.flag, nearest_);
     CAMA_LAUNCH(b, drop_hidden_contacts, n, first, vertex_face.pairs, edge_edge.pairs, state.mesh.face, state.mesh.edge,

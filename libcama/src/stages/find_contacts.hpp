@@ -5,7 +5,7 @@
 
 namespace cama {
 
-/// Candidate pairs that are closer than their thickness, or will be, become contacts (discrete detection, Figure 7).
+/// Makes contacts of candidate pairs that are closer than their thickness, or will be (discrete detection, Figure 7).
 class FindContacts final : public StageOn<const Options, StepReport, const MeshState, const BoundsState, ContactState> {
 public:
   FindContacts(Backend &backend, FlaggedPairs &flagged)

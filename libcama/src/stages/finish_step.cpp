@@ -22,7 +22,8 @@ void FinishStep::run_on(const Rooms &state)
   if (!state.mesh.position_before.backend()) return;
   state.mesh.position_next.swap(state.mesh.position_before);
   state.mesh.velocity_next.swap(state.mesh.velocity_before);
-  const StepReport &r = state.report;   // a velocity that jumped would be extrapolated to one that rebounds
+  // Extrapolation of a velocity that jumped would make it rebound.
+  const StepReport &r = state.report;
   state.time.history = r.impact_passes == 0 && r.truncated == 0 && r.substeps == 1;
 }
 

@@ -4,7 +4,7 @@
 
 namespace cama {
 
-/// Refuses non-finite results, then makes the updated streams the current ones.
+/// Rejects results that are not finite, then makes the updated streams the current ones.
 class FinishStep final : public StageOn<const StepReport, Clock, MeshState> {
 public:
   explicit FinishStep(Backend &backend) : bad_(backend, 1) {}

@@ -4,24 +4,24 @@
 
 namespace cama {
 
-/// Compacts the flagged pairs of both candidate lists, ordered by their features, vertex-face pairs first. One for all
-/// stages of a step: lists of candidates are the largest streams there are.
+/// Compacts the flagged pairs of both candidate lists, ordered by their features, vertex-face pairs first. All stages
+/// of a step share one, since lists of candidates are the largest streams.
 class FlaggedPairs {
 public:
   explicit FlaggedPairs(Backend &backend) : flag(backend), index(backend), place_(backend), key_(backend) {}
-  /// Makes room for a flag of every candidate.
+  /// Allocates a flag for every candidate.
   void resize(const Access<const ContactState> &state)
   {
     flag.resize(static_cast<long long>(state.contact.vertex_face.pairs.size()) + state.contact.edge_edge.pairs.size());
   }
-  /// Teams of kernels that take TEAM_PAIRS candidates each.
+  /// Number of teams in kernels whose teams take TEAM_PAIRS candidates each.
   int pair_teams() const { return (flag.size() + TEAM_PAIRS - 1) / TEAM_PAIRS; }
-  /// After the flags are written: fills `index` and returns how many there are. `flagged`: how many, where that is
-  /// known; else it waits.
+  /// Called after the flags are written: fills `index` and returns the number of flagged pairs. `flagged`: that number,
+  /// if known; otherwise it waits for the device.
   int compact(const Access<const ContactState> &state, int flagged = -1);
 
-  Stream<int> flag;    // [candidates] of vertex_face, then of edge_edge; between its uses, anyone's
-  Stream<int> index;   // [flagged] places in `flag`, by (kind, a, b)
+  Stream<int> flag;  // [candidates] of vertex_face, then of edge_edge; free for other uses in between
+  Stream<int> index;  // [flagged] places in `flag`, by (kind, a, b)
 
 private:
   Stream<int> place_;

@@ -6,7 +6,7 @@
 
 namespace cama {
 
-/// Exempt pairs that have come apart are contacts again. On the host, and only while there are any.
+/// Ends the exemption of pairs that have separated. On the host, and only while there are such pairs.
 class ForgetSeparated final : public StageOn<StepReport, const MeshState, Exemptions> {
 public:
   std::string_view name() const override { return "exemptions"; }

@@ -11,10 +11,12 @@
 namespace cama {
 namespace {
 constexpr int morton_bits = 63;
-constexpr double worst_growth = 1.5;  // of inner boxes' surface relative to the leaves', before trees are built anew
+// of the inner boxes' surface relative to that of the leaves, before trees are rebuilt
+constexpr double worst_growth = 1.5;
 constexpr double max_escaped = 0.3;  // of the vertices, for a localized update
-constexpr int max_adjacent = 24;  // faces around a vertex that make each other adjacent: bounds the orphans
-constexpr long long max_pairs = 1024;  // of triangles, for every face: cloth that has blown up is near everything
+// vertices with more faces do not make them adjacent, which bounds the number of orphans
+constexpr int max_adjacent = 24;
+constexpr long long max_pairs = 1024;  // pairs of triangles per face; more mean that the cloth has blown up
 using kernels::pair;
 
 }  // namespace
@@ -50,8 +52,8 @@ FrontSearch::FrontSearch(const SearchRooms &s)
   fronts_.edge_box = Stream<kernels::box>(b, s.mesh.edges);
   fronts_.face_tree = Stream<kernels::box>(b);
   fronts_.obstacle_tree = Stream<kernels::box>(b);
-  const int one =
-      s.options.paper.localized_search ? 0 : 1;  // kernels take them, and use them, in localized updates only
+  // Kernels have these arguments always, but use them in localized updates only.
+  const int one = s.options.paper.localized_search ? 0 : 1;
   vertex_dirty_ = Stream<int>(b, s.mesh.vertices);
   face_dirty_ = Stream<int>(b, one ? 1 : s.mesh.faces);
   edge_dirty_ = Stream<int>(b, one ? 1 : s.mesh.edges);
@@ -62,7 +64,7 @@ FrontSearch::FrontSearch(const SearchRooms &s)
   find_features(s);
 }
 
-/// Owners of vertices and edges, the face of lowest number each; and the orphans.
+/// Finds the owners of vertices and edges, in each case the face with the lowest number, and the orphans.
 void FrontSearch::find_features(const SearchRooms &s)
 {
   Backend &b = *s.backend;
@@ -135,7 +137,7 @@ void FrontSearch::sort_leaves(const SearchRooms &state, Tree &tree)
   b.sort(key_.buffer(), tree.order.buffer(), tree.leaves, morton_bits);
 }
 
-/// level(nodes, level, steps): a few levels a launch, the small top in one.
+/// Calls launch(nodes, level, steps) for a few levels at a time, and for the small top at once.
 template <class Level> void FrontSearch::for_each_level(const Tree &tree, Level &&launch)
 {
   for (int level = 0; level < tree.root;) {
@@ -154,7 +156,7 @@ void FrontSearch::refit(const SearchRooms &state, Tree &tree)
       tree, [&](int n, int level, int steps) { CAMA_LAUNCH(b, tree_levels, n, tree.leaves, level, steps, tree.node); });
 }
 
-/// Surface of the inner boxes relative to the leaves'.
+/// Surface of the inner boxes relative to that of the leaves.
 double FrontSearch::surface(const SearchRooms &state, const Tree &tree)
 {
   Backend &b = *state.backend;
@@ -170,8 +172,8 @@ double FrontSearch::surface(const SearchRooms &state, const Tree &tree)
   return leaves > 0 ? total_.at(1) / leaves : leaves;
 }
 
-/// After `outcome_` of `pairs` is known: appends to `kept` (unless there is none), to the triangle pairs, and fills
-/// open_; returns how many are open.
+/// Called when `outcome_` of `pairs` is known: appends to `kept` (if not null) and to the triangle pairs, and fills
+/// open_; returns the number of open pairs.
 int FrontSearch::partition(const SearchRooms &state, int size, const Stream<pair> &pairs, const Tree &a, const Tree &b,
                            Stream<pair> *kept)
 {
@@ -186,10 +188,10 @@ int FrontSearch::partition(const SearchRooms &state, int size, const Stream<pair
   if (kept) kept->grow(static_cast<long long>(first_kept) + stay);
   const long long pairs_now = static_cast<long long>(first_triangle) + touching;
   if (pairs_now > max_pairs * state.mesh.faces)
-    throw SolverError("step " + std::to_string(state.report.step) + ": the motion of this step brings " +
-                      std::to_string(pairs_now) +
-                      " pairs of triangles near each other: it has blown up; take a smaller time step, or the level "
-                      "production, which keeps cloth apart");
+    throw SolverError(
+        "step " + std::to_string(state.report.step) + ": the motion of this step brings " + std::to_string(pairs_now) +
+        " pairs of triangles near each other: the simulation is unstable; take a smaller time step, or the "
+        "level production, which keeps cloth free of intersections");
   fronts_.triangle_pairs.grow(pairs_now);
   open_.resize(open);
   CAMA_LAUNCH(device, fill_front, n, size, kept ? 1 : 0, pairs, outcome_, offset_, first_kept, first_triangle, a.order,
@@ -197,7 +199,7 @@ int FrontSearch::partition(const SearchRooms &state, int size, const Stream<pair
   return open;
 }
 
-/// Opens pairs, level by level, until all are apart, leaves, or, without `kept`, clean.
+/// Opens pairs, level by level, until all are separated, leaves or, without `kept`, clean.
 void FrontSearch::traverse(const SearchRooms &state, const Tree &a, const Tree &b, int open, Stream<pair> *kept)
 {
   Backend &device = *state.backend;
@@ -234,8 +236,8 @@ void FrontSearch::update_front(const SearchRooms &state, const Tree &a, const Tr
   front.swap(kept);
 }
 
-/// Triangle pairs below front pairs with a dirty node. The front stays: it is a cut, and the next full search opens
-/// what overlaps.
+/// Triangle pairs below front pairs with a dirty node. The front does not change: it remains a cut, and the next full
+/// search opens pairs that overlap.
 void FrontSearch::follow_dirty(const SearchRooms &state, const Tree &a, const Tree &b, const Stream<pair> &front)
 {
   const int size = front.size();
@@ -288,8 +290,8 @@ void FrontSearch::collect_features(const SearchRooms &s, bool only_new)
 void FrontSearch::run(const SearchRooms &s, const Stream<dvec3> &from, const Stream<dvec3> &to)
 {
   Backend &b = *s.backend;
-  const bool was_built = std::exchange(built_, false),
-             obstacles = obstacles_.leaves > 0;  // stays so if anything below throws
+  // built_ remains false if anything below throws.
+  const bool was_built = std::exchange(built_, false), obstacles = obstacles_.leaves > 0;
   find_bounds(s, from, to);
   CAMA_LAUNCH(b, vertex_boxes, s.mesh.vertices, from, to, s.bounds.margin, s.bounds.bounds, s.bounds.vertex_box);
   CAMA_LAUNCH(b, face_boxes, s.mesh.faces, s.mesh.face, s.bounds.vertex_box, fronts_.face_box);

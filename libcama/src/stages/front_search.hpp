@@ -4,19 +4,19 @@
 
 namespace cama {
 
-/// The paper's (section 4.1, Figures 7 and 8): fronts of the traversal of cloth with itself and of cloth with
+/// The paper's search (section 4.1, Figures 7 and 8): fronts of the traversal of cloth with itself and of cloth with
 /// obstacles, kept between searches; triangle pairs from them; feature pairs that the triangles own; and orphans,
-/// feature pairs whose owners are adjacent. Gives the pairs that TreeSearch gives, in another order.
+/// feature pairs whose owners are adjacent. It finds the same pairs as TreeSearch, in another order.
 class FrontSearch final : public CandidateSearch {
 public:
   explicit FrontSearch(const SearchRooms &state);
   void run(const SearchRooms &state, const Stream<dvec3> &from, const Stream<dvec3> &to) override;
-  /// With the option `localized_search` and few vertices out of their boxes, only pairs near those are looked for:
-  /// earlier pairs stay as they are, with `direction` and `gap_bound`, new ones are appended.
+  /// With the option `localized_search`, if few vertices left their boxes, it searches only for pairs near those:
+  /// earlier pairs stay unchanged, with `direction` and `gap_bound`, and new ones are appended.
   Change update(const SearchRooms &state, const Stream<dvec3> &from, const Stream<dvec3> &to, double margin) override;
 
-  int rebuilds() const { return rebuilds_; }     ///< of trees and fronts
-  int localized() const { return localized_; }   ///< updates that were
+  int rebuilds() const { return rebuilds_; }     ///< number of rebuilds of trees and fronts
+  int localized() const { return localized_; }   ///< number of localized updates
 
   FrontState &streams() { return fronts_; }   ///< for State::visit
 
@@ -43,12 +43,12 @@ private:
   Tree cloth_, obstacles_;
   Stream<key64> key_;
   Stream<double> partial_, total_;
-  Stream<int> outcome_, count_, offset_;                     // of a front
-  Stream<kernels::pair> kept_[2], open_, child_;         // kept_: of the self front, of the other
+  Stream<int> outcome_, count_, offset_;                     // of the pairs of a front
+  Stream<kernels::pair> kept_[2], open_, child_;         // kept_: of the self front and of the other
   Stream<int> mask_, found_[2], place_[2];                   // of triangle pairs, then of orphans
   Stream<int> vertex_dirty_, face_dirty_, edge_dirty_, cloth_dirty_, obstacle_dirty_, dirty_count_;
   Stream<kernels::box> vertex_before_, face_before_, edge_before_;
-  double built_cloth_ = 0, built_obstacles_ = 0;             // surface ratio when built
+  double built_cloth_ = 0, built_obstacles_ = 0;             // surface ratios when the trees were built
   bool built_ = false;
   int rebuilds_ = 0, localized_ = 0;
 };

@@ -9,10 +9,10 @@
 namespace cama {
 namespace {
 constexpr int active_set_rounds = 4, max_iterations = 200;
-constexpr int iterations_per_check = 8;      // even: scalars change places
+constexpr int iterations_per_check = 8;      // even, since two sets of scalars alternate
 constexpr double impulse_tolerance = 1e-4;   // relative residual of the linear system
-constexpr double regularisation = 1e-6;      // of its diagonal: duplicate impacts make it singular
-constexpr double pushing_tolerance = 1e-3;   // relative change of impulses: the result is certified afterwards
+constexpr double regularisation = 1e-6;      // relative to the diagonal: duplicate impacts make the system singular
+constexpr double pushing_tolerance = 1e-3;   // relative change of impulses; the result is certified afterwards
 
 int chunks(int n) { return ceil_divide(n, DOT_CHUNK); }
 }  // namespace
@@ -94,7 +94,7 @@ void ImpactProjection::solve_pushing(const Rooms &state)
 void ImpactProjection::start(const Rooms &state, const Stream<dvec3> &from, const Stream<dvec3> &wanted)
 {
   Backend &b = *state.backend;
-  if (largest_.size() == 0) {  // the last to be made
+  if (largest_.size() == 0) {  // allocated last
     moved_.resize(state.mesh.vertices);
     moved_.fill_zero();
     length_.resize(state.mesh.vertices);

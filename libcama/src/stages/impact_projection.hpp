@@ -4,17 +4,17 @@
 
 namespace cama {
 
-/// Inelastic projection of all impacts at once (section 4). As one linear system by conjugate gradient with an active
-/// set, as in the paper; or, the default, with the condition that impulses only push, by accelerated projected
-/// gradient. Matrix-free both.
+/// Inelastic projection of all impacts at once (section 4): by default with the condition that impulses only push, by
+/// an accelerated projected gradient method; or as one linear system by the conjugate gradient method with an active
+/// set, as in the paper. Both are matrix-free.
 class ImpactProjection {
 public:
   using Rooms = Access<const Options, const MeshState, const ContactState>;
   explicit ImpactProjection(Backend &backend);
-  /// Before the first run of a step: where the solve wants the vertices, and from where.
+  /// Called before the first run of a step. from: start of the motion; wanted: positions that the solve proposes.
   void start(const Rooms &state, const Stream<dvec3> &from, const Stream<dvec3> &wanted);
-  /// Moves `positions` so that every impact of the state ends apart by its target at least, but no vertex further than
-  /// any impact's motion and target need.
+  /// Moves `positions` so that every impact of the state ends separated by at least its target, but no vertex further
+  /// than the motion and target of some impact require.
   void run(const Rooms &state, Stream<dvec3> &positions);
   /// [vertices] 1: moved by the last run.
   const Stream<int> &moved() const { return moved_; }
@@ -30,7 +30,8 @@ private:
   Stream<int> count_, active_, dropped_, moved_;
   Stream<double> constraint_, diagonal_, majorant_, lambda_, r_, z_, p_, q_, partial_, scalar_;
   Stream<dvec3> y_, wanted_;
-  Stream<double> length_, longest_, longer_, largest_;  // of motions: by vertex; the longest of what is hit
+  // lengths of motions: of each vertex, and the longest of impacts
+  Stream<double> length_, longest_, longer_, largest_;
 };
 
 }  // namespace cama

@@ -11,7 +11,7 @@
 
 namespace cama {
 namespace {
-// A dot product in three levels: sums over chunks, sums of those, the rest by one work item.
+// A dot product has three levels: sums over chunks, sums of those, the rest by one work item.
 int first_parts(int n) { return ceil_divide(n, VECTOR_CHUNK); }
 int second_parts(int n) { return ceil_divide(first_parts(n), PARTIAL_CHUNK); }
 }  // namespace
@@ -25,7 +25,7 @@ template <class Real> void LinearSolve<Real>::multiply(const Rooms &state, const
 {
   Backend &b = *state.backend;
   System<Real> &s = state.system.template of<Real>();
-  // In single, what rounding leaves of stiffness times a motion that all share would be a force.
+  // In single precision the rounding of stiffness times a common motion would act as a force.
   const bool differences = sizeof(Real) == 4 && state.options.paper.assembly == Assembly::gather;
   CAMA_LAUNCH_REAL(Real, b, bcsr_multiply, state.mesh.cloth_vertices, s.matrix.row, s.matrix.column, s.matrix.block,
                    state.mesh.fixed, differences ? s.mass : no_mass_, x, q);
@@ -65,7 +65,7 @@ template <class Real> void LinearSolve<Real>::move_uniformly(const Rooms &state,
   r_.resize(rows);
   p_.resize(state.mesh.vertices);
   sum_.resize(3 * teams);
-  if (falling) multiply(state, s.solution, q_);   // else the solve has left it there
+  if (falling) multiply(state, s.solution, q_);   // else q_ is left from the solve
   CAMA_LAUNCH_REAL(Real, b, subtract_product, rows, state.mesh.fixed, s.right_side, q_, r_);
   if (falling) {
     CAMA_LAUNCH_REAL(Real, b, uniform_direction, state.mesh.vertices, rows, state.time.step,

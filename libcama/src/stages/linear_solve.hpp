@@ -7,10 +7,10 @@
 
 namespace cama {
 
-/// A v = b of Equation 1 by preconditioned conjugate gradient, or by a sparse direct factorisation (the reference).
-/// Where the preconditioner is not positive definite in its precision, the blocks of the diagonal take its place.
-/// Starts from the current velocities; prescribed degrees of freedom are eliminated; stops by sqrt(r' P r) relative to
-/// its start, or to that of the forces without penalties where it is smaller.
+/// Solves A v = b of Equation 1 by the preconditioned conjugate gradient method, or by a sparse direct factorisation
+/// (the reference). If the preconditioner is not positive definite in its precision, block Jacobi replaces it. The
+/// solve starts from the current velocities, with prescribed degrees of freedom eliminated, and stops by sqrt(r' P r)
+/// relative to its start, or to that of the forces without penalties if it is smaller.
 template <class Real>
 class LinearSolve final
     : public StageOn<const Options, StepReport, const Clock, MeshState, const ElementState, SystemState> {
@@ -20,7 +20,7 @@ public:
   void run_on(const Rooms &state) override;
   void save(State &state, Checkpoint &checkpoint) override;
   void restore(State &state, const Checkpoint &checkpoint) override;
-  /// Improves System::solution for System::right_side; report.iterations and residual are its own.
+  /// Improves System::solution for System::right_side; sets report.iterations and residual to those of this solve.
   void solve(const Rooms &state);
 
   /// q = A x on the free rows, terms included.
@@ -29,12 +29,12 @@ public:
 private:
   using vec3 = typename Types<Real>::vec3;
   void extract_diagonal(const Rooms &state);
-  /// Moves all free vertices by the one vector that lowers the energy of the error most: along gravity before the
-  /// solve, so that free fall is exact; along the net force that is left over after it, so that momentum is kept beyond
-  /// the tolerance. Leaves the residual in r_.
+  /// Adds one common vector to all free vertices, such that the energy of the error decreases most: along gravity
+  /// before the solve, so that free fall is exact; along the remaining net force after it, so that momentum is
+  /// conserved beyond the tolerance. Leaves the residual in r_.
   void move_uniformly(const Rooms &state, bool falling);
   void iterative(const Rooms &state);
-  /// False if it broke down. uniform: with `move_uniformly`.
+  /// Returns false if it broke down. uniform: with `move_uniformly`.
   template <class S>
   bool conjugate_gradient(const Rooms &state, std::unique_ptr<ConjugateGradient<S>> &solver,
                           Preconditioner preconditioner, bool uniform);
@@ -49,10 +49,10 @@ private:
   Stream<vec3> r_, p_, q_, product_;
   Stream<double> partial_, reduced_, sum_, scalar_;
   const Stream<Real> no_mass_;
-  bool finite_ = true;  // the last system
+  bool finite_ = true;  // whether the last system was finite
   std::unique_ptr<ConjugateGradient<float>> single_;  // made when first used
   std::unique_ptr<ConjugateGradient<Real>> own_, fallback_;
-  Matching matching_;  // of a checkpoint, for the next solver that is made
+  Matching matching_;  // of a checkpoint, for the next solver
 };
 
 extern template class LinearSolve<double>;

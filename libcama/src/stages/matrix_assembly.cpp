@@ -20,7 +20,7 @@ template <class Real> void AssembleMatrix<Real>::find_pattern(const Rooms &state
   BlockMatrix<Real> &m = state.system.template of<Real>().matrix;
   const int rows = state.mesh.cloth_vertices, terms = with_terms ? state.system.terms : 0;
   if (16 * (static_cast<long long>(state.mesh.triangles) + state.mesh.hinges + terms) >
-      0x7fffffff)  // sources are numbered by 16
+      0x7fffffff)  // each element has 16 numbers of sources
     throw MemoryError("the matrix: more than 2^27 triangles, hinges and contacts; lower the resolution");
   count_.resize(rows);
   space_.resize(rows + 1);

@@ -4,8 +4,8 @@
 
 namespace cama {
 
-/// The matrix of Equation 1 in BCSR: by gathering into the static elastic pattern (terms stay an operator of rank one
-/// each), by the paper's Algorithm 1, or by collecting, sorting and reducing all entries.
+/// The matrix of Equation 1 in BCSR: by gathering into the static elastic pattern (terms remain rank-one operators), by
+/// the paper's Algorithm 1, or by collecting, sorting and reducing all entries.
 template <class Real>
 class AssembleMatrix final
     : public StageOn<const Options, const MeshState, const ElementState, const ContactState, SystemState> {
@@ -15,15 +15,15 @@ public:
   void run_on(const Rooms &state) override;
 
 private:
-  void find_pattern(const Rooms &state, bool with_terms);   ///< and the sources of every block
+  void find_pattern(const Rooms &state, bool with_terms);  ///< finds also the sources of every block
   void scatter(const Rooms &state);
   void sorted(const Rooms &state);
 
   bool pattern_ready_ = false;
-  const Stream<int> all_couple_;        // none: all nodes of a triangle, or hinge, couple
+  const Stream<int> all_couple_;  // empty: all nodes of a triangle, or of a hinge, couple
   Stream<int> count_, space_, cursor_;
   Stream<key64> index_;
-  Stream<int> source_start_, source_;   // of every block what adds to it
+  Stream<int> source_start_, source_;  // sources of every block
   Stream<key64> key_;
   Stream<int> entry_, head_, place_;
 };

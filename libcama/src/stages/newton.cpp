@@ -9,10 +9,10 @@
 
 namespace cama {
 namespace {
-constexpr int max_halvings = 10,
-              patience = 3;  // iterations in a row that lower neither the potential beyond rounding nor the residual
-constexpr double sufficient = 1e-4;  // of the fall that the slope promises
-constexpr double rounding_units = 16;  // of the potential's parts together
+// patience: iterations in a row that lower neither the potential beyond rounding nor the residual.
+constexpr int max_halvings = 10, patience = 3;
+constexpr double sufficient = 1e-4;  // of the decrease that the slope predicts
+constexpr double rounding_units = 16;  // of the sum of the potential's parts
 }  // namespace
 
 template <class Real>
@@ -168,7 +168,8 @@ template <class Real> bool NewtonIterations<Real>::search_line(const Rooms &stat
       return true;
     }
     if (halving > 0) continue;
-    // Sampled stiffness is not quite the gradient of an energy: close to the solution the residual decides.
+    // Forces from sampled stiffness are not exactly the gradient of an energy: close to the solution the residual
+    // decides.
     searching_ = true;
     const Norms there = evaluate(state);
     searching_ = false;

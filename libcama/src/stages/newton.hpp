@@ -6,10 +6,10 @@
 
 namespace cama {
 
-/// Newton's method on the nonlinear equation of the step, from the linearised step that the stages before have done:
-/// elements and terms at the iterate, assembly, solve for the change of velocity, line search on the incremental
-/// potential (inertia, elasticity, gravity, penalty; friction with the normal forces of the step's start, wind and
-/// damping as they are at the iterate). Hessians are positive semidefinite.
+/// Newton's method on the nonlinear equation of the step, starting from the linearised step that the stages before have
+/// computed: elements and terms at the iterate, assembly, solve for the change of velocity, line search on the
+/// incremental potential (inertia, elasticity, gravity, penalty; friction with the normal forces of the step's start,
+/// wind and damping constant at their values of the iterate). Hessians are positive semidefinite.
 template <class Real>
 class NewtonIterations final : public StageOn<const Options, StepReport, const Clock, MeshState, const ElementState,
                                               const ContactState, SystemState> {
@@ -22,9 +22,10 @@ public:
 
 private:
   using vec3 = typename Types<Real>::vec3;
+  /// Squared norms.
   struct Norms {
     double residual = 0, size = 0;
-  };   // squares
+  };
   /// Elements, terms and right-hand side, which is the negative residual, at the iterate.
   Norms evaluate(const Rooms &state);
   /// Incremental potential at the iterate, J; size: of its parts together.
@@ -33,10 +34,10 @@ private:
   };
   Potential measure(const Rooms &state);
   void move(const Rooms &state, double alpha);
-  /// Goes along the solution as far as the potential falls; false: nowhere. norms: of where it came from, then of where
-  /// it is if `evaluated`.
+  /// Moves along the solution to a lower potential; returns false if it finds none. norms: those of the previous
+  /// iterate, then those of the new one if `evaluated`.
   bool search_line(const Rooms &state, Norms &norms, bool &evaluated);
-  /// One number per stream, at the same time; leaves the streams changed. Empty ones give 0.
+  /// Sums each stream, all at the same time; changes the streams. Empty streams give 0.
   std::vector<double> sum(const Rooms &state, const std::vector<Stream<double> *> &streams);
 
   EvaluateElements<Real> &elements_;

@@ -10,7 +10,8 @@
 namespace cama {
 namespace {
 constexpr int max_pauses = 64;   // of moving obstacles in a step
-// Passes that find no fewer impacts than one before: without a commit (paper mode), cloth that is tangled for good.
+// Passes that find no fewer impacts than an earlier one: without a commit (paper mode), the cloth is then tangled
+// permanently.
 constexpr int max_idle_passes = 10;
 }  // namespace
 
@@ -86,7 +87,7 @@ std::string PenetrationHandling::place(const Rooms &state, const std::vector<std
   };
   return " at (" + coordinate(x.x) + ", " + coordinate(x.y) + ", " + coordinate(x.z) + ") m, between " +
          state.mesh.describe(v[0]) + " and " + state.mesh.describe(v[static_cast<std::size_t>(kind + 1)]) +
-         (pausing.size() > 1 ? ", and at " + std::to_string(pausing.size() - 1) + " pairs more" : "");
+         (pausing.size() > 1 ? ", and at " + std::to_string(pausing.size() - 1) + " more pairs" : "");
 }
 
 bool PenetrationHandling::release(const Rooms &state, const std::vector<std::pair<int, kernels::pair>> &pausing)
@@ -124,7 +125,8 @@ void PenetrationHandling::run_on(const Rooms &state)
       for (PairList *list : {&state.contact.vertex_face, &state.contact.edge_edge})
         CAMA_LAUNCH(b, forget_impacts, list->gap_bound.size(), list->gap_bound);
     }
-    // certified: every pair but known impacts, for the motion as it is; localized: but for what moved since.
+    // certified: every pair except known impacts is certified for the current motion; localized: except those that
+    // moved since.
     bool certified = false, localized = false;
     int fewest = 0x7fffffff, idle_passes = 0;
     for (int pass = 0; pass < state.options.max_impact_passes; ++pass) {
@@ -138,7 +140,7 @@ void PenetrationHandling::run_on(const Rooms &state)
         now = detect(state, first_piece, localized, renewed ? 0 : faces, renewed ? 0 : edges);
       }
       if (pass == 0 && state.report.substeps == 1) state.report.impacts = now.found;
-      certified = now.found == 0 && !state.options.paper.cubic_impacts;  // the cubic knows no distances
+      certified = now.found == 0 && !state.options.paper.cubic_impacts;  // the cubic certifies no distances
       if (now.found == 0) break;
       idle_passes = now.found < fewest ? 0 : idle_passes + 1;
       fewest = std::min(fewest, now.found);
@@ -150,7 +152,7 @@ void PenetrationHandling::run_on(const Rooms &state)
       projection_.run(state, state.mesh.position_next);
     }
     if (!state.options.commit) break;
-    if (certified && state.contact.impact.size() == 0) break;  // every pair keeps its distance all the way
+    if (certified && state.contact.impact.size() == 0) break;  // every pair keeps its distance throughout
     if (!certified) {
       search_.update(state, from_, state.mesh.position_next, margin);
       CandidateSearch::find_directions(state, from_, 0x7fffffff, 0x7fffffff);
@@ -168,7 +170,7 @@ void PenetrationHandling::run_on(const Rooms &state)
             place(state, pausing) +
             "; slow the motion, lower the contact thickness, keep the obstacles apart, or set pinch to release");
     }
-    // The obstacles pause at sigma of their way; cloth goes on towards the same target from there.
+    // The obstacles pause at the share sigma of their way; cloth continues towards the same target from there.
     from_.swap(commit_.committed());
     if (pauses == max_pauses) {
       pauses = 0;

@@ -12,8 +12,8 @@
 
 namespace cama {
 
-/// Continuous detection, projection of impacts, repeated; then the certified commit. Moving obstacles that would run
-/// over cloth within the step divide it.
+/// Repeats continuous detection and projection of impacts; then the certified commit. Moving obstacles that would pass
+/// through cloth within the step divide the step.
 class PenetrationHandling final
     : public StageOn<const Options, StepReport, const Clock, MeshState, ContactState, Exemptions, BoundsState> {
 public:
@@ -25,10 +25,10 @@ public:
 private:
   struct Detection {
     int escaped;   // vertices that leave their boxes
-    int found;     // impacts not yet known, of the pairs in the lists
+    int found;     // new impacts among the pairs in the lists
   };
-  /// Continuous detection over the motion; waits once. first_piece: the motion starts where proximity checking saw the
-  /// pairs. *_done: pairs that an earlier detection over the same motion has found to be no impacts.
+  /// Continuous detection over the motion; waits for the device once. first_piece: the motion starts at the positions
+  /// of proximity checking. *_done: pairs that an earlier detection over the same motion has found to be no impacts.
   Detection detect(const Rooms &state, bool first_piece, bool localized, int vertex_face_done, int edge_edge_done);
   void add_impacts(const Rooms &state, int found);
   std::string place(const Rooms &state, const std::vector<std::pair<int, kernels::pair>> &pausing);

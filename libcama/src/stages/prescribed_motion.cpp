@@ -21,7 +21,7 @@ std::vector<dvec3> transform_rows(const RigidTransform &t)
           {t.scale, 0, 0}};
 }
 
-/// The foot point of x on a triangle soup and the offset in the triangle's frame.
+/// The foot point of x on the obstacle's triangles, and the offset in the triangle's frame.
 kernels::attachment attach(const dvec3 &x, int vertex, const Obstacle &obstacle, const std::vector<dvec3> &position,
                            int first)
 {
@@ -95,7 +95,7 @@ void PrescribedMotion::release_due(const Rooms &state, double time)
   if (std::none_of(handles_.begin(), handles_.end(), due) && std::none_of(attached_.begin(), attached_.end(), due))
     return;
   std::vector<int> fixed = state.mesh.fixed.download();
-  std::vector<double> inverse_mass = state.mesh.inverse_mass.download();   // empty without contact
+  std::vector<double> inverse_mass = state.mesh.inverse_mass.download();   // (empty without contact)
   const std::vector<double> mass = state.system.masses();
   const auto let_go = [&](const auto &list) {
     for (const auto &p : list)
@@ -113,7 +113,7 @@ void PrescribedMotion::release_due(const Rooms &state, double time)
   for (const Attached &a : attached_)
     for (std::size_t i = 0; i < a.vertices.size(); ++i, ++at)
       if (!due(a)) kept.push_back(all[at]);
-  // Nothing grows from here on: all of it is done, or, where memory ran out above, nothing.
+  // Nothing below allocates: either everything is done or, if memory ran out above, nothing.
   attachments_.assign(kept);
   state.mesh.fixed.assign(fixed);
   if (!inverse_mass.empty()) state.mesh.inverse_mass.assign(inverse_mass);
@@ -149,8 +149,9 @@ void PrescribedMotion::place(const Rooms &state, double time)
       o.frame_b = b;
     }
     CAMA_LAUNCH(*state.backend, move_sampled, o.count, o.a, o.b, t, o.first, state.mesh.position_next);
+    // Sampled frames first, then the rigid part, as in Motion::evaluate.
     CAMA_LAUNCH(*state.backend, move_rigid, o.count, state.mesh.position_next, transform_, o.first,
-                state.mesh.position_next);   // as Motion::evaluate
+                state.mesh.position_next);
   }
   std::vector<int> vertex;
   std::vector<dvec3> position;
@@ -177,8 +178,8 @@ void PrescribedMotion::save(State &, Checkpoint &checkpoint) { checkpoint.releas
 void PrescribedMotion::restore(State &state, const Checkpoint &checkpoint)
 {
   if (last_end_ > checkpoint.released)
-    throw SceneError("checkpoint: holds vertices that this simulation's pins have let go of; restore it into a new "
-                     "simulation of the scene");
+    throw SceneError("checkpoint: has pins that this simulation has released; restore it into a new simulation of the "
+                     "scene");
   release_due(state, checkpoint.released);
 }
 

@@ -6,17 +6,17 @@
 
 namespace cama {
 
-/// Moves obstacles, pins and attachments to where they are at the end of the step.
+/// Moves obstacles, pins and attachments to their positions at the end of the step.
 class PrescribedMotion final : public StageOn<const Clock, MeshState, const SystemState> {
 public:
   PrescribedMotion(const Scene &scene, Backend &backend);
   std::string_view name() const override { return "prescribed motion"; }
-  std::string reason() const override { return "pins, handles or moving obstacles"; }
+  std::string reason() const override { return "pins or moving obstacles"; }
   void run_on(const Rooms &state) override;
   void save(State &state, Checkpoint &checkpoint) override;
   void restore(State &state, const Checkpoint &checkpoint) override;
 
-  /// Positions at a time, written to state.mesh.position_next; used for the start of the simulation too.
+  /// Writes the positions at a time to state.mesh.position_next; also used for the start of the simulation.
   void place(const Rooms &state, double time);
 
 private:
@@ -44,8 +44,8 @@ private:
   std::vector<MovingObstacle> obstacles_;
   std::vector<Handle> handles_;
   std::vector<Attached> attached_;
-  double released_ = -std::numeric_limits<double>::infinity();   // s; pins whose end is not later have let go
-  double last_end_ = released_;                                  // s, of those that have
+  double released_ = -std::numeric_limits<double>::infinity();   // pins that end by this time have been released, s
+  double last_end_ = released_;                                  // latest end of the released pins, s
   Stream<dvec3> transform_, handle_position_;
   Stream<int> handle_vertex_;
   Stream<kernels::attachment> attachments_;

@@ -4,7 +4,7 @@
 
 namespace cama {
 
-/// The step's search, over the ballistic motion.
+/// The search of the step, for the ballistic motion.
 class ProximitySearch final : public StageOn<const Options, StepReport, const Clock, const MeshState,
                                              const ElementState, ContactState, const Exemptions, BoundsState> {
 public:

@@ -9,11 +9,11 @@
 
 namespace cama {
 namespace {
-constexpr int max_slots = 16;        // hits of an item kept by the count pass
-constexpr int searches_per_sort = 16; // leaf order is kept between sorts; boxes are always fresh
-constexpr int sorts_per_placing = 64; // what boxes are relative to is kept between placings of obstacles at rest
+constexpr int max_slots = 16;        // hits of an item that the count pass keeps
+constexpr int searches_per_sort = 16; // the order of leaves is kept between sorts; boxes are updated in every search
+constexpr int sorts_per_placing = 64; // the origin of boxes is kept between placings of static obstacles
 constexpr int morton_bits = 63;
-constexpr double max_changed = 0.3;  // of the vertices: beyond, a full search costs less
+constexpr double max_changed = 0.3;  // of the vertices: beyond it, a full search is cheaper
 }  // namespace
 
 TreeSearch::TreeSearch(Backend &b, FlaggedPairs &flagged)
@@ -27,7 +27,7 @@ void TreeSearch::build_levels(Backend &b, int leaves, Stream<kernels::bvh8_node>
 {
   const int root = kernels::group_root_level(leaves);
   for (int level = 0; level < root;) {
-    const int both = b.wide_workers() && level + 2 <= root ? 1 : 0;   // one launch less, but few work-items
+    const int both = b.wide_workers() && level + 2 <= root ? 1 : 0;   // saves a launch, but has few work-items
     level += 1 + both;
     CAMA_LAUNCH(b, group_levels, GROUP * kernels::group_level_size(leaves, level), leaves, level, both, tree);
   }
@@ -42,7 +42,7 @@ void TreeSearch::build_faces(const SearchRooms &state, int leaves, const Stream<
   build_levels(*state.backend, leaves, tree);
 }
 
-/// Which features are of which group. What only cloth meeting cloth needs is left out where nothing does.
+/// Assigns features to groups. Without contact.self it leaves out what only cloth against cloth needs.
 void TreeSearch::find_groups(const SearchRooms &state)
 {
   Backend &b = *state.backend;
@@ -136,10 +136,10 @@ void TreeSearch::sort_features(const SearchRooms &state, Group &g)
   });
 }
 
-/// Boxes and trees of obstacles at rest.
+/// Boxes and trees of static obstacles.
 void TreeSearch::place_static(const SearchRooms &state, const Stream<dvec3> &from, const Stream<dvec3> &to)
 {
-  sorts_since_placed_ = 0;   // stays so if anything below throws
+  sorts_since_placed_ = 0;   // remains so if anything below throws
   state.bounds.origin.copy_from(state.bounds.bounds);
   CAMA_LAUNCH(*state.backend, vertex_boxes, state.mesh.vertices, from, to, state.bounds.margin, state.bounds.origin,
               state.bounds.vertex_box);
@@ -147,8 +147,7 @@ void TreeSearch::place_static(const SearchRooms &state, const Stream<dvec3> &fro
   build_trees(state, static_, true, true);
 }
 
-/// Counts and then fills in the candidates of the querying vertices and edges, behind those that the lists have: one
-/// wait for all.
+/// Counts the candidates of the query vertices and edges and appends them to the lists, with one wait for all.
 void TreeSearch::query(const SearchRooms &state, const std::vector<FaceQuery> &faces,
                        const std::vector<EdgeQuery> &edges)
 {
@@ -216,7 +215,7 @@ void TreeSearch::run(const SearchRooms &state, const Stream<dvec3> &from, const 
 {
   Backend &b = *state.backend;
   const bool sort = searches_since_sort_ == 0 || searches_since_sort_ >= searches_per_sort;
-  if (sort) searches_since_sort_ = 0;   // stays so if anything below throws
+  if (sort) searches_since_sort_ = 0;   // remains so if anything below throws
   if (!found_) find_groups(state);
   find_bounds(state, from, to);
   const bool has_static = static_.face.size() > 0;
@@ -278,7 +277,7 @@ CandidateSearch::Change TreeSearch::update(const SearchRooms &state, const Strea
   changed_vertex_.resize(changed);
   CAMA_LAUNCH(b, keep_flagged, state.mesh.vertices, 0, 0, offsets_, identity_, changed_vertex_);
 
-  // Faces and edges with such vertices; obstacles at rest have none.
+  // Faces and edges with such vertices; static obstacles have none.
   const Group *const groups[3] = {&cloth_, &moving_, &static_};
   const int faces_of[2] = {cloth_.face.size(), moving_.face.size()},
             edges_of[2] = {cloth_.edge.size(), moving_.edge.size()};

@@ -7,26 +7,26 @@
 
 namespace cama {
 
-/// The default: vertices query trees of faces, edges query trees of edges, by count, scan and fill. The cloth,
-/// obstacles that move and those that do not have trees of their own, so that obstacles never meet obstacles, cloth
-/// meets cloth only where contact.self is on, and obstacles at rest are boxed and sorted once in a thousand searches.
+/// The default: vertices query trees of faces, edges query trees of edges, by count, scan and fill. The cloth, moving
+/// obstacles and static ones have separate trees, so that obstacles are never tested against obstacles, cloth is tested
+/// against cloth only if contact.self is on, and static obstacles are boxed and sorted once in a thousand searches.
 /// Localised updates (section 4.1 of the paper): only features with vertices that left their boxes query, and only for
 /// pairs that did not overlap before.
 class TreeSearch final : public CandidateSearch {
 public:
-  /// flagged: its flags are overwritten by every search.
+  /// flagged: every search overwrites its flags.
   TreeSearch(Backend &backend, FlaggedPairs &flagged);
   void run(const SearchRooms &state, const Stream<dvec3> &from, const Stream<dvec3> &to) override;
   Change update(const SearchRooms &state, const Stream<dvec3> &from, const Stream<dvec3> &to, double margin) override;
 
-  TreeState &streams() { return trees_; }   ///< for State::visit
+  TreeState &streams() { return trees_; }  ///< for State::visit
 
 private:
   /// Features of some objects, under trees of the state.
   struct Group {
     explicit Group(Backend &b) : face(b), edge(b), query_vertices(b), query_order(b), leaf_face(b), leaf_edge(b) {}
-    Stream<int> face, edge, query_vertices;          // by number; vertices that are tested against faces
-    Stream<int> query_order;                // along the curve
+    Stream<int> face, edge, query_vertices;  // by number; query_vertices: those that are tested against faces
+    Stream<int> query_order;  // query_vertices along the curve
     Stream<kernels::face_nodes> leaf_face;
     Stream<kernels::edge_nodes> leaf_edge;
     FeatureTrees *trees = nullptr;
@@ -56,13 +56,13 @@ private:
   static void build_levels(Backend &backend, int leaves, Stream<kernels::bvh8_node> &tree);
   void query(const SearchRooms &state, const std::vector<FaceQuery> &faces, const std::vector<EdgeQuery> &edges);
 
-  const int batch_;   // items that walk a tree together: a group on CPUs; on GPUs each item has its own thread
+  const int batch_;  // items that walk a tree together: 8 on CPUs; on GPUs each item has its own thread
   TreeState trees_;
-  Group cloth_, moving_, static_;   // static_: obstacles that never move
-  int boxed_ = 0;                  // vertices with fresh boxes in every search: the first ones
+  Group cloth_, moving_, static_;  // static_: obstacles that never move
+  int boxed_ = 0;  // number of vertices, the first ones, whose boxes are made in every search
   bool self_ = false, found_ = false;
   Stream<key64> key_;
-  Stream<int> &slot_;   // hits of items; the memory of flags, which are not needed during a search
+  Stream<int> &slot_;  // hits of items, in the memory of flags, which a search does not need
   Stream<int> count_, offset_;
   Stream<int> identity_;
   Stream<kernels::face_nodes> changed_leaf_face_;

@@ -39,7 +39,7 @@ Starts starts(const Scene &scene)
   return s;
 }
 
-/// Where the line through p and q meets the plane of a, b, c, kept between p and q.
+/// Where the line through p and q meets the plane of a, b, c, clamped to the segment p q.
 dvec3 meeting_point(dvec3 p, dvec3 q, dvec3 a, dvec3 b, dvec3 c)
 {
   const dvec3 n = dcross(dsub(b, a), dsub(c, a));
@@ -78,7 +78,7 @@ std::string group_name(const ObjectIntersections &pair)
   return name;
 }
 
-/// Vertices and faces of all groups, vertices numbered anew.
+/// Vertices and faces of all groups, with vertices renumbered.
 struct Groups {
   std::vector<dvec3> vertex;
   std::vector<std::vector<Triangle>> face;
@@ -173,8 +173,8 @@ std::vector<ObjectIntersections> by_objects(const Scene &scene, const Topology &
     dvec3 sum{0, 0, 0};
     for (const Piercing &p : pair.piercings) {
       sum = dadd(sum, p.place);
-      pair.lower = dvec3_least(pair.lower, p.place);
-      pair.upper = dvec3_most(pair.upper, p.place);
+      pair.lower = dvec3_min(pair.lower, p.place);
+      pair.upper = dvec3_max(pair.upper, p.place);
     }
     pair.mean = dscale(1.0 / static_cast<double>(pair.piercings.size()), sum);
     found.push_back(std::move(pair));
@@ -194,7 +194,7 @@ void save_intersections(const std::filesystem::path &file, const Scene &scene,
 {
   const std::string suffix = file.extension().string();
   if (suffix != ".obj" && suffix != ".ply")
-    throw FileError(file.string() + ": '" + suffix + "' is not a format for this; use .obj or .ply");
+    throw FileError(file.string() + ": '" + suffix + "' is not a supported format; use .obj or .ply");
   std::ofstream out(file);
   out.precision(17);
   const Groups groups = collect(scene, found);

@@ -9,7 +9,7 @@
 
 namespace cama {
 
-/// Intersections that contact is to prevent: cloth with obstacles, and cloth with cloth where the scene wants that.
+/// Intersections that contact has to prevent: cloth with obstacles, and cloth with cloth if contact.self is on.
 std::vector<Intersection> forbidden_intersections(const std::vector<dvec3> &position, const Topology &topology,
                                                   bool self);
 
@@ -17,7 +17,7 @@ std::vector<Intersection> forbidden_intersections(const std::vector<dvec3> &posi
 std::vector<ObjectIntersections> by_objects(const Scene &scene, const Topology &topology,
                                             const std::vector<dvec3> &position);
 
-/// Moves `topology.position`; rest state, masses and thicknesses stay.
+/// Moves `topology.position`; rest state, masses and thicknesses do not change.
 UntangleReport untangle(const Scene &scene, Topology &topology, const UntangleOptions &options = {});
 
 }  // namespace cama

@@ -23,7 +23,7 @@ std::string describe(const Intrusion &i, const Topology &t)
          (plane ? " is below " : " reaches into ") + t.owner(i.vertex);
 }
 
-/// Cloth in exact spheres and capsules or below planes, which nothing untangles.
+/// Throws CollisionError for cloth in exact spheres and capsules or below planes, which cannot be untangled.
 void check_exact_start(const Topology &t)
 {
   const std::vector<Intrusion> inside = intrusions(t.position, t);
@@ -81,8 +81,8 @@ void check_positions(const std::vector<dvec3> &position, const Topology &t, bool
             t.owner(t.face[static_cast<std::size_t>(face)][0]);
   }
   throw CollisionError("positions: have " + counted(found.size() + inside.size()) + "; the first: " + first +
-                       " (numbers over all objects); nothing was set. Give positions without, or make the simulation "
-                       "with the option intersections set to \"exempt\"");
+                       " (numbers over all objects); the state is unchanged. Give positions without intersections, "
+                       "or make the simulation with the option intersections set to \"exempt\"");
 }
 
 }  // namespace cama

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// What becomes of positions in which cloth intersects something: no step could promise anything from there.
+// What to do with positions in which cloth intersects something, from which no step could guarantee anything.
 #pragma once
 #include <vector>
 
@@ -9,11 +9,12 @@
 
 namespace cama {
 
-/// The start as the option `intersections` wants it; topology.position may move. Throws CollisionError where cloth
+/// Applies the option `intersections` to the start; may move topology.position. Throws CollisionError if cloth
 /// intersects itself, another cloth or an obstacle and the option does not allow that.
 UntangleReport treat_start(const Scene &scene, StartPolicy policy, Topology &topology);
 
-/// Throws CollisionError where cloth intersects anything at these positions, [all vertices]. self: also cloth.
+/// Throws CollisionError if cloth intersects an obstacle at these positions, [all vertices]; with self also if it
+/// intersects cloth.
 void check_positions(const std::vector<dvec3> &position, const Topology &topology, bool self);
 
 }  // namespace cama

@@ -15,10 +15,10 @@ using namespace kernels;
 
 namespace {
 
-constexpr int relaxed_rings = 3;             // around what is moved, where stretch is relaxed
-constexpr int patience = 12;                 // rounds without progress until the other way is tried
-constexpr double shortest_stretch = 0.6,
-                 longest_stretch = 1.25;   // of an edge's length at the start: held between these, and drawn to 1
+constexpr int relaxed_rings = 3;             // around moved vertices, in which stretch is relaxed
+constexpr int patience = 12;                 // rounds without progress until the other method is tried
+// Relative to an edge's length at the start: stretch is kept between these, and relaxes towards 1.
+constexpr double shortest_stretch = 0.6, longest_stretch = 1.25;
 
 double smallest_thickness(const Scene &scene, const Topology &t)
 {
@@ -57,8 +57,8 @@ Untangler::Untangler(const Scene &scene, const Topology &t, const UntangleOption
   if (!obstacle_face_.empty()) obstacle_tree_ = std::make_unique<FaceTree>(x_, obstacle_triangle_);
 }
 
-/// Features nearer than the gap, of which at least one vertex was moved; without intersections every direction is the
-/// right one.
+/// Features nearer than the gap, of which at least one vertex was moved; without intersections their directions are on
+/// the right side.
 std::vector<Untangler::Near> Untangler::near() const
 {
   std::vector<Near> found;
@@ -107,7 +107,7 @@ std::vector<Untangler::Near> Untangler::near() const
   return found;
 }
 
-/// What is pushed may move, and rings around it may give way.
+/// Pushed vertices may move, and so may the rings around them.
 void Untangler::touch(const std::vector<Push> &pushes)
 {
   for (const Push &p : pushes)
@@ -145,7 +145,7 @@ void Untangler::satisfy(const Push &p)
   }
 }
 
-/// Edges towards their length at the start, then the pushes; no vertex goes further than half an edge.
+/// Moves edges towards their length at the start, then applies the pushes; no vertex moves further than half an edge.
 void Untangler::apply(const std::vector<Push> &pushes, double stretch_stiffness)
 {
   touch(pushes);
@@ -183,7 +183,7 @@ UntangleReport Untangler::run()
   std::vector<dvec3> fewest_x = x_, clean_x;
   int fewest = -1, stalled = 0, parting = 0;
   bool sides_first = true;
-  double clean_gap = -1, stiffness = 0.1;   // falls, so that in the end the pushes win
+  double clean_gap = -1, stiffness = 0.1;   // decreases, so that the pushes prevail in the end
   for (;; ++report.rounds) {
     const std::vector<Hit> hits = audit();
     const int count = static_cast<int>(hits.size());

@@ -13,9 +13,9 @@ using namespace kernels;
 
 namespace {
 
-constexpr int reach_rings = 12;              // how far from a contour its smaller side is pushed in one round
-constexpr double clearly_smaller = 0.5;      // area of the side that is pushed back, of the other's
-constexpr double contour_step = 0.5;         // of the way that a vertex may go in a round
+constexpr int reach_rings = 12;              // from a contour on, its smaller side is pushed this far in one round
+constexpr double clearly_smaller = 0.5;      // largest area of the side that is pushed back, relative to the other's
+constexpr double contour_step = 0.5;         // share of the possible way that a vertex goes in a round
 
 }  // namespace
 
@@ -44,7 +44,7 @@ std::vector<Hit> Untangler::audit() const
   return hits;
 }
 
-/// Two hits are neighbours on a contour if they end the same segment, that in which two faces cross.
+/// Two hits are neighbours on a contour if they are ends of the same segment, in which two faces cross.
 std::vector<int> Untangler::contours(const std::vector<Hit> &hits) const
 {
   std::vector<std::pair<std::array<int, 2>, int>> ends;
@@ -60,7 +60,7 @@ std::vector<int> Untangler::contours(const std::vector<Hit> &hits) const
   return root;
 }
 
-/// Cloth vertices that are joined by edges which no contour crosses, or crosses an even number of times.
+/// Sets of cloth vertices joined by edges that contours cross an even number of times, or not at all.
 Sets Untangler::sides(const std::vector<Hit> &hits) const
 {
   std::vector<char> odd(t_.edge.size(), 0);
@@ -71,8 +71,8 @@ Sets Untangler::sides(const std::vector<Hit> &hits) const
   return side;
 }
 
-/// What lies inside a closed obstacle goes to the nearest point of its surface; cloth that an obstacle's edge pierces
-/// goes beyond the edge.
+/// Vertices inside a closed obstacle move to the nearest point of its surface; cloth that an obstacle's edge pierces
+/// moves beyond the edge.
 void Untangler::push_out_of_obstacles(const std::vector<Hit> &hits, const Sets &side, std::vector<char> &done,
                                       std::vector<Push> &pushes) const
 {
@@ -152,9 +152,9 @@ void Untangler::push_out_of_obstacles(const std::vector<Hit> &hits, const Sets &
   }
 }
 
-/// The vertices around one strand of a contour (the edges of one surface that pierce another), on either side of what
-/// they pierce, each with the side that is fewer edges away. So a contour divides its neighbourhood also where it ends
-/// inside the surface.
+/// The vertices around one strand of a contour (the edges of one surface that pierce another), on either side of the
+/// pierced surface; each vertex belongs to the side that is fewer edges away. So a contour divides its neighbourhood
+/// even if it ends inside the surface.
 std::array<Untangler::Side, 2> Untangler::sides_of_strand(const std::vector<Hit> &hits, const std::vector<int> &strand,
                                                           const std::vector<char> &cut) const
 {
@@ -196,7 +196,7 @@ std::array<Untangler::Side, 2> Untangler::sides_of_strand(const std::vector<Hit>
   return side;
 }
 
-/// Of every contour the smallest side goes back through the surface that cuts it off.
+/// Pushes the smallest side of every contour back through the surface that cuts it off.
 void Untangler::push_back(const std::vector<Hit> &hits, const std::vector<int> &contour, std::vector<char> &done,
                           std::vector<Push> &pushes) const
 {
@@ -244,7 +244,7 @@ void Untangler::push_side_back(const std::vector<Hit> &hits, const std::vector<i
   for (int i : strand)
     if (seen_face.insert(hits[i].face).second) wall.push_back(hits[i].face);
   std::size_t from = 0;
-  // The surface around the contour, as many rings; without the side itself.
+  // The surface around the contour, with as many rings, without the side itself.
   for (int ring = 0; ring <= side.rings + 1 && from < wall.size(); ++ring) {
     const std::size_t to = wall.size();
     for (; from < to; ++from)
@@ -282,7 +282,7 @@ void Untangler::push_side_back(const std::vector<Hit> &hits, const std::vector<i
     const dvec3 normal = dscale(-side.sign, dnormalize(surface_.normal(x_, nearest)));
     const double height = best.distance * ddot(best.normal, normal);
     if (height >= gap_ || (best.distance > gap_ && -height < 0.3 * best.distance))
-      continue;   // there already, or beside the surface's border
+      continue;   // already there, or beside the surface's border
     Push p;
     p.direction = normal;
     p.target = gap_;
@@ -292,7 +292,7 @@ void Untangler::push_side_back(const std::vector<Hit> &hits, const std::vector<i
     for (int i : members)
       if (t_.edge[hits[i].edge][0] == v || t_.edge[hits[i].edge][1] == v) done[i] = 1;
   }
-  // Edges that pierce the side itself are freed by its move.
+  // Moving the side frees the edges that pierce it.
   bool any = false;
   for (int i : members) any |= done[i] != 0;
   if (any)
@@ -302,8 +302,8 @@ void Untangler::push_side_back(const std::vector<Hit> &hits, const std::vector<i
 
 /// The relative motion of edge and face that shortens the contour fastest. The contour leaves the point where the edge
 /// pierces along r_i, in each face beside the edge. If the edge moves by d against the face, the point moves by d -
-/// (n.d / n.e) e, so the length changes by -sum_i r_i . (d - (n.d / n.e) e): fastest decrease along sum_i (r_i - (r_i.e
-/// / n.e) n).
+/// (n.d / n.e) e, so the length changes by -sum_i r_i . (d - (n.d / n.e) e); it decreases fastest along sum_i (r_i -
+/// (r_i.e / n.e) n).
 void Untangler::shorten(const Hit &h, std::vector<Push> &pushes) const
 {
   const auto &edge = t_.edge[h.edge];

@@ -38,7 +38,7 @@ public:
   const std::vector<dvec3> &positions() const { return x_; }
 
 private:
-  /// Vertices on one side of a contour, nearest first; sign: of the side of the faces that their edges pierce.
+  /// Vertices on one side of a contour, nearest first; sign: the side of the faces that their edges pierce.
   struct Side {
     std::vector<int> vertex;
     double area = 0;
@@ -75,7 +75,7 @@ private:
   std::vector<dvec3> x_;
   std::vector<double> inverse_mass_, start_length_, limit_;
   std::vector<double> area_;
-  std::vector<char> pushed_, active_, moved_;   // pushed at some time; these and rings around; moved at all
+  std::vector<char> pushed_, active_, moved_;   // ever pushed; pushed or in a ring around; ever moved
   std::vector<int> obstacle_face_;
   std::vector<Triangle> obstacle_triangle_;
   std::unique_ptr<FaceTree> obstacle_tree_;

@@ -10,7 +10,7 @@
 
 namespace cama {
 
-/// 3x4 affine map in double; assimp's own are single.
+/// 3x4 affine map in double; those of assimp are in single precision.
 struct Affine {
   double m[3][4] = {{1, 0, 0, 0}, {0, 1, 0, 0}, {0, 0, 1, 0}};
   static Affine from(const aiMatrix4x4 &a)
@@ -36,7 +36,7 @@ inline Affine multiply(const Affine &a, const Affine &b)
 
 inline dvec3 y_up_to_z_up(const dvec3 &x) { return {x.x, -x.z, x.y}; }
 
-/// Triangles only, pivots collapsed. Throws FileError.
+/// Opens a file with triangles only and pivots collapsed. Throws FileError.
 const aiScene *open_assimp(Assimp::Importer &importer, const std::filesystem::path &file, bool need_mesh);
 
 }  // namespace cama

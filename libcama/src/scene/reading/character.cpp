@@ -38,7 +38,7 @@ Affine to_affine(const Pose &p)
 
 dvec3 vector(const aiVector3D &v) { return {v.x, v.y, v.z}; }
 
-/// Value of a key list at a time (file ticks), held outside.
+/// Value of a key list at a time (file ticks), constant before the first and after the last key.
 template <class Key, class Value, class Mix>
 Value key_value(const Key *keys, unsigned count, double time, Value (*value)(const Key &), Mix mix)
 {
@@ -123,8 +123,8 @@ private:
     for (unsigned c = 0; c < n.mNumChildren; ++c) add_node(*n.mChildren[c], here);
   }
 
-  /// All meshes as one; vertices that the file splits at normals or texture seams are one again where position and
-  /// weights agree.
+  /// Joins all meshes; vertices that the file splits at normals or texture seams are merged if position and weights
+  /// agree.
   void collect_corners()
   {
     std::vector<Vertex> corner;
@@ -135,7 +135,7 @@ private:
       const int base = static_cast<int>(corner.size());
       for (unsigned v = 0; v < m.mNumVertices; ++v) corner.push_back({vector(m.mVertices[v]), {}});
       for (unsigned b = 0; b < m.mNumBones; ++b) add_bone(*m.mBones[b], base, corner);
-      bone_.push_back({node, Affine()});   // for vertices that no bone moves: they follow the mesh's node
+      bone_.push_back({node, Affine()});   // for vertices without bones, which follow the node of the mesh
       const int unmoved = static_cast<int>(bone_.size()) - 1;
       for (unsigned v = 0; v < m.mNumVertices; ++v) {
         Vertex &c = corner[base + v];
@@ -162,7 +162,7 @@ private:
     for (const Triangle &t : face) {
       Triangle w{weld.index[t[0]], weld.index[t[1]], weld.index[t[2]]};
       if (w[0] == w[1] || w[1] == w[2] || w[2] == w[0]) continue;
-      for (int &v : w) {   // vertices that no triangle uses are left out
+      for (int &v : w) {   // leaves out vertices that no triangle uses
         if (place[v] < 0) {
           place[v] = static_cast<int>(vertex_.size());
           vertex_.push_back(std::move(corner[weld.first[v]]));
@@ -190,7 +190,8 @@ private:
     const aiScene *source = animation_file.empty() ? scene_ : open_assimp(animation_importer_, animation_file, false);
     const std::string from = animation_file.empty() ? file_ : animation_file.string();
     if (source->mNumAnimations == 0)
-      throw FileError(from + ": holds no animation; give animation_file, or clip \"bind\" for a still body");
+      throw FileError(from +
+                      ": holds no animation; give animation_file, or clip \"bind\" for a mesh that does not move");
     std::string names;
     for (unsigned i = 0; i < source->mNumAnimations; ++i) {
       const aiAnimation *a = source->mAnimations[i];
@@ -247,7 +248,7 @@ private:
   std::vector<Triangle> face_;
 };
 
-/// Plays the samples from `first` on again, each time moved by what the clip travels.
+/// Repeats the samples from `first` on, each time displaced by the distance that the clip travels.
 void repeat(Motion::Sampled &s, std::size_t first, double length, int loops)
 {
   const std::size_t last = s.time.size() - 1;

@@ -16,7 +16,7 @@ namespace cama {
 
 using Json = nlohmann::json;
 
-/// A JSON value and its place in the document; every complaint names the place ("cloth[1].grid.size: ...").
+/// A JSON value and its place in the document; every error message names the place ("cloth[1].grid.size: ...").
 class Field {
 public:
   using Raise = void (*)(const std::string &);
@@ -46,8 +46,8 @@ public:
     return all;
   }
 
-  /// Throws for a value that is not an object and for a key that is not in `keys`. A key that starts with "$" or "_" is
-  /// a remark.
+  /// Throws for a value that is not an object and for a key that is not in `keys`. Keys that start with "$" or "_" are
+  /// ignored.
   void only(std::initializer_list<const char *> keys) const
   {
     if (!value_->is_object()) fail(std::string("expected an object, got ") + value_->type_name());
@@ -61,7 +61,7 @@ public:
     }
   }
 
-  /// A number; the strings "inf" and "-inf" stand for infinities, which JSON cannot write.
+  /// A number; the strings "inf" and "-inf" stand for infinities, which JSON does not have.
   double number() const
   {
     if (value_->is_number()) return value_->get<double>();
@@ -135,8 +135,8 @@ private:
   Raise raise_;
 };
 
-/// The value of a text; comments are allowed. complain: called with what is wrong: no JSON, numbers beyond a double, a
-/// key that is there twice.
+/// Parses a text, in which comments are allowed. complain: called with the problem: not JSON, a number beyond the range
+/// of double, a duplicate key.
 Json parse_json(const std::string &text, const std::function<void(const std::string &)> &complain);
 
 inline void raise_scene_error(const std::string &what) { throw SceneError(what); }

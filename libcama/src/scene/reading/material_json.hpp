@@ -7,9 +7,9 @@
 
 namespace cama {
 
-/// cama's own format, or ARCSim's where there is a stretching table without "format".
+/// Reads cama's own format, or ARCSim's if there is a stretching table but no "format".
 Material parse_material(const Field &field, const std::string &name);
-/// The whole table; parse_material gives it back bit for bit.
+/// All values; parse_material restores them bit for bit.
 Json material_json(const Material &material);
 
 }  // namespace cama

@@ -73,7 +73,7 @@ Mesh load_through_assimp(const std::filesystem::path &file, double scale, double
   std::map<std::array<double, 3>, int> material;   // world vertex, u, v
   for (const Triangle &t : corners.face) {
     const Triangle w{weld.index[t[0]], weld.index[t[1]], weld.index[t[2]]};
-    if (w[0] == w[1] || w[1] == w[2] || w[2] == w[0]) continue;   // collapsed by the weld: zero area
+    if (w[0] == w[1] || w[1] == w[2] || w[2] == w[0]) continue;   // collapsed by welding: zero area
     mesh.face.push_back(w);
     if (!textured) continue;
     Triangle u{};

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// Why not assimp: it stores floats, splits vertices at texture seams and orders them by first use. Users name vertices
-// by their place in the file, panels share world vertices that are separate in material space, and coordinates must
-// survive to the last bit.
+// OBJ files are not read with assimp, which stores floats, splits vertices at texture seams and orders them by first
+// use. Users refer to vertices by their place in the file, panels share world vertices that are separate in material
+// space, and coordinates must be kept to the last bit.
 #include "scene/reading/obj_reader.hpp"
 
 #include <charconv>
@@ -16,7 +16,7 @@
 namespace cama {
 namespace {
 
-/// Its triangles [first, end).
+/// A polygon is the triangles [first, end).
 struct Polygon {
   long line;
   std::size_t first, end;
@@ -88,7 +88,7 @@ private:
     out_.mesh.material_position.push_back({material_scale_ * u, material_scale_ * v});
   }
 
-  /// Index in the file (from 1, or from the end when negative) to an index from 0.
+  /// Converts an index of the file (from 1, or from the end if negative) to an index from 0.
   int resolve(long i, std::size_t count)
   {
     const long r = i > 0 ? i - 1 : static_cast<long>(count) + i;
@@ -117,7 +117,7 @@ private:
   void read_face(const char *s)
   {
     int v[3], t[3], count = 0, nv = 0, nt = 0;
-    while (next_corner(s, nv, nt)) {  // a polygon becomes a fan around its first corner
+    while (next_corner(s, nv, nt)) {  // a polygon becomes a fan of triangles around its first corner
       const int k = count < 2 ? count : 2;
       v[k] = nv;
       t[k] = nt;
@@ -134,7 +134,7 @@ private:
       polygons_.push_back({line_, out_.mesh.face.size() - static_cast<std::size_t>(count - 2), out_.mesh.face.size()});
   }
 
-  /// A fan covers a polygon once if all its triangles face the way that the polygon does.
+  /// A fan covers a polygon once if all its triangles have the orientation of the polygon.
   void check_convex(const Polygon &p)
   {
     const auto normal = [&](std::size_t f) {
@@ -148,7 +148,7 @@ private:
     for (std::size_t f = p.first; f < p.end; ++f) whole = kernels::dadd(whole, normal(f));
     line_ = p.line;
     for (std::size_t f = p.first; f < p.end; ++f) {
-      constexpr double flat = 1e-9;  // of the whole: corners in one line, to rounding
+      constexpr double flat = 1e-9;  // relative to the polygon: corners on a line, within rounding
       if (kernels::ddot(normal(f), whole) < -flat * kernels::ddot(whole, whole))
         fail("the face is a concave polygon, which a fan of triangles would fold over itself; split it into triangles");
     }
@@ -197,7 +197,7 @@ private:
   std::string file_, text_;
   double scale_, material_scale_;
   long line_ = 0;
-  std::vector<Polygon> polygons_;  // of more than three corners
+  std::vector<Polygon> polygons_;  // with more than three corners
   ObjFile out_;
 };
 

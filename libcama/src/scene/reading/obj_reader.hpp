@@ -7,7 +7,8 @@
 
 namespace cama {
 
-/// What cama uses of an OBJ file: vertices in file order, texture coordinates with their own indices, and sewing lines.
+/// The parts of an OBJ file that cama uses: vertices in file order, texture coordinates with their own indices, and
+/// sewing lines.
 struct ObjFile {
   Mesh mesh;
   std::vector<MeshStitch> stitches;

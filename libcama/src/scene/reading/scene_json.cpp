@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// A scene file as a whole: settings, materials, pins and stitches. The format is described in scenes/schema.json.
+// A scene file as a whole: its values, options, materials, pins and stitches. The format is described in
+// scenes/schema.json.
 #include <algorithm>
 #include <set>
 

@@ -14,7 +14,7 @@
 namespace cama {
 namespace {
 
-/// The one shape key that an object has.
+/// The single shape key that an object has.
 std::string one_of(const Field &f, std::initializer_list<const char *> keys)
 {
   std::string found, list;
@@ -42,7 +42,7 @@ std::pair<double, double> size2(const Field &f)
   return {s[0], s[1]};
 }
 
-/// Grids are made in the xy plane; "xz" stands them up, the second side along z.
+/// Grids are made in the xy plane; "xz" turns them upright, with the second side along z.
 void turn_to_plane(const Field &f, std::vector<dvec3> &position)
 {
   const std::string plane = f.text("plane", "xy");
@@ -133,7 +133,7 @@ Mesh SceneReader::obstacle_shape(const Field &f, Motion &motion, std::string &so
 {
   source = one_of(f, {"shape", "sphere", "box", "capsule", "plane", "funnel", "walker", "file", "character", "mesh"});
   const Field s = f.at(source);
-  if (source == "shape") return {};   // read_exact
+  if (source == "shape") return {};   // read_exact makes its mesh
   if (source == "sphere") {
     s.only({"radius", "triangles"});
     return make_sphere(s.positive("radius", 0.25), s.integer("triangles", 6480));
@@ -232,7 +232,7 @@ void SceneReader::read_obstacle(const Field &f, std::size_t index)
   scene_.obstacles.push_back(std::move(o));
 }
 
-/// Shares the triangle budget between generated cloths, by "share" or else by area.
+/// Divides the number of triangles among generated cloths, by "share" or else by area.
 void SceneReader::plan_cloths(const std::vector<Field> &all)
 {
   std::vector<double> weight;

@@ -11,8 +11,8 @@
 
 namespace cama {
 
-/// Reads the objects of a scene file, in the order obstacles, cloths, pins, stitches: garments need bodies, pins need
-/// both.
+/// Reads the objects of a scene file, in the order obstacles, cloths, pins, stitches: garments need obstacles, pins
+/// need both.
 class SceneReader {
 public:
   SceneReader(std::filesystem::path folder, int resolution) : folder_(std::move(folder)), resolution_(resolution) {}
@@ -42,7 +42,7 @@ private:
   int resolution_ = 0;
   Scene scene_;
   std::map<std::string, Material> materials_;
-  std::vector<int> triangles_;                                  // [cloths] aimed at; 0: not generated
+  std::vector<int> triangles_;                                  // [cloths] approximate number; 0: not generated
   std::vector<std::map<std::string, std::vector<int>>> group_;  // [cloths] named vertices
 };
 
@@ -50,6 +50,6 @@ RigidTransform read_transform(const Field &f);
 Motion read_motion(const Field &f);
 Mesh read_inline_mesh(const Field &f);
 void apply_transform(const RigidTransform &transform, std::vector<dvec3> &position);
-double cloth_area(const Field &cloth);   // of a generated cloth, m^2; 0: from a file or inline
+double cloth_area(const Field &cloth);   // area of a generated cloth, m^2; 0: from a file or inline
 
 }  // namespace cama

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Writes a scene as text, straight into one string: a scene of a million triangles never becomes a JSON tree.
+// Writes a scene as text, directly into one string: a scene of a million triangles would be too large a JSON tree.
 #include <charconv>
 #include <cmath>
 #include <cstdio>
@@ -41,7 +41,7 @@ public:
     number(c);
     text += ']';
   }
-  /// `, "key": ` with the comma where it is needed.
+  /// Writes `, "key": `, with the comma if it is needed.
   void key(const char *k)
   {
     if (!text.empty() && text.back() != '{') text += ',';
@@ -246,7 +246,7 @@ void write_stitch(Writer &w, const Stitch &s)
   w.text += '}';
 }
 
-/// Options by name, those of the paper in an object of their own.
+/// Options by name, those of the paper in an object.
 Json options_json(const OptionOverrides &options)
 {
   Json all = Json::object();

@@ -58,7 +58,7 @@ void check_motion(const std::string &field, const Motion &m, std::size_t vertice
   }
 }
 
-/// `friction`: the coefficient of sliding that it goes with.
+/// `friction`: the corresponding coefficient of sliding.
 void check_static_friction(const std::string &field, double value, double friction)
 {
   require(value == -1 || (std::isfinite(value) && value >= friction), field, value,
@@ -112,7 +112,7 @@ void check_pin(const Scene &s, std::size_t i)
   check_motion(field + ".motion", p.motion, 0);
 }
 
-/// A vertex follows one motion.
+/// Checks that each vertex belongs to one pin only.
 void check_pins_disjoint(const Scene &s)
 {
   std::vector<std::pair<std::array<int, 2>, std::size_t>> held;
@@ -145,9 +145,9 @@ void check_stitch(const Scene &s, std::size_t i)
           "a stitch of vertex " + std::to_string(t.vertex_a) + " to itself", "remove it");
 }
 
-/// Refuses a cloth whose rest shape is the start at another scale, as texture coordinates in other units or of an image
-/// make it: it would snap to that size. Cloth that starts crumpled, sheared or collapsed is not stretched uniformly
-/// everywhere, or by factors that units explain.
+/// Rejects a cloth whose rest shape is the start at another scale, as happens with texture coordinates in other units
+/// or of an image: it would snap to that size. Cloth that starts crumpled, sheared or collapsed is not stretched
+/// uniformly everywhere, nor by factors that units explain.
 void check_material_scale(const std::string &object, const Mesh &m)
 {
   constexpr double least = 3, most = 1e5, same = 0.1, share = 0.9;
@@ -160,7 +160,7 @@ void check_material_scale(const std::string &object, const Mesh &m)
     const MaterialPoint &o = m.material_position[u[0]], &q = m.material_position[u[1]], &r = m.material_position[u[2]];
     const double ax = q[0] - o[0], ay = q[1] - o[1], bx = r[0] - o[0], by = r[1] - o[1], area = ax * by - ay * bx;
     const double aa = kernels::ddot(a, a), ab = kernels::ddot(a, b), bb = kernels::ddot(b, b);
-    // Of C = F'F: its trace and, with the areas, its determinant.
+    // Trace of C = F'F and, from the areas, its determinant.
     const double trace =
         (aa * (bx * bx + by * by) - 2 * ab * (ax * bx + ay * by) + bb * (ax * ax + ay * ay)) / (area * area);
     const double determinant = (aa * bb - ab * ab) / (area * area);

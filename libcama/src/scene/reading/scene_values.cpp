@@ -37,7 +37,7 @@ RigidTransform transform_parts(const Field &f)
   return t;
 }
 
-/// A list of rows of `width` numbers, or the same numbers flat.
+/// A list of rows of `width` numbers, or one flat list of the same numbers.
 std::vector<double> rows(const Field &f, std::size_t width)
 {
   const Json &j = f.json();

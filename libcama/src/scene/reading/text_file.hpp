@@ -9,7 +9,7 @@
 
 namespace cama {
 
-/// The whole file; throws FileError naming it.
+/// Reads the whole file. Throws FileError, which names it.
 inline std::string read_text(const std::filesystem::path &file)
 {
   if (!std::filesystem::exists(file)) throw FileError(file.string() + ": no such file");

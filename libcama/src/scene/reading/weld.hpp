@@ -7,10 +7,11 @@
 
 namespace cama {
 
-/// Vertices with bitwise equal positions (and equal tags, where given) as one, in order of first appearance.
+/// Merges vertices with bitwise equal positions (and equal tags, if given), in order of first appearance.
 struct Weld {
+  /// index: [old vertices] new vertex; first: [new vertices] first old vertex.
   std::vector<int> index, first;
-};   ///< [old vertices] new index; [new vertices] an old vertex
+};
 Weld weld_equal(const std::vector<dvec3> &position, const std::vector<std::string> &tag);
 
 }  // namespace cama

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Spheres, capsules, boxes and planes that are not meshed: made, read from a scene file, checked.
+// Spheres, capsules, boxes and planes that are not meshed: making, reading from a scene file, checking.
 #include <algorithm>
 #include <cmath>
 
@@ -21,7 +21,7 @@ Obstacle made(ObstacleShape shape, std::vector<dvec3> points, double radius)
   o.radius = radius;
   o.mesh.position = std::move(points);
   o.source = std::string("exact ") + shape_name(shape);
-  if (shape == ObstacleShape::box)   // outward
+  if (shape == ObstacleShape::box)   // with outward normals
     o.mesh.face = {{0, 2, 3}, {0, 3, 1}, {4, 5, 7}, {4, 7, 6}, {0, 1, 5}, {0, 5, 4},
                    {2, 6, 7}, {2, 7, 3}, {0, 4, 6}, {0, 6, 2}, {1, 3, 7}, {1, 7, 5}};
   return o;
@@ -69,7 +69,7 @@ void check_motion(const std::string &object, const Obstacle &o)
   for (const Motion::Key &k : m.keys) {
     if (o.shape != ObstacleShape::box && k.transform.scale != 1)
       throw SceneError(object + ": motion.keys: scale is " + std::to_string(k.transform.scale) + "; an exact " +
-                       shape_name(o.shape) + " keeps its size");
+                       shape_name(o.shape) + " cannot be scaled; use a mesh");
     const auto &q = k.transform.rotation;
     if (o.shape == ObstacleShape::plane && (q[1] != 0 || q[2] != 0 || q[3] != 0))
       throw SceneError(object + ": motion.keys: turns a plane; a plane may only translate, use a box");

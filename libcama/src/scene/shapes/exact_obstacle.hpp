@@ -5,11 +5,10 @@
 
 namespace cama {
 
-/// Reads {"sphere": {..}}, {"capsule": {..}}, {"box": {..}} or {"plane": {..}} at the origin, or where its "points"
-/// say.
+/// Reads {"sphere": {..}}, {"capsule": {..}}, {"box": {..}} or {"plane": {..}} at the origin, or at its "points".
 Obstacle read_exact(const Field &field);
 void place_exact(const RigidTransform &transform, Obstacle &obstacle);
-/// Throws SceneError, for a box also MeshError.
+/// Throws SceneError; for a box also MeshError.
 void validate_exact(const std::string &object, const Obstacle &obstacle);
 const char *shape_name(ObstacleShape shape);
 

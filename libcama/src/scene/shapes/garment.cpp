@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Skirts and dresses around a body: rings that follow the convex hull of the body's cross-sections, cut into gores.
+// Skirts and dresses around a human body: rings that follow the convex hull of the body's cross-sections, cut into
+// gores.
 #include <algorithm>
 #include <cmath>
 #include <numeric>
@@ -11,7 +12,7 @@
 namespace cama {
 namespace {
 
-constexpr int directions = 360;   // of a ring's outline around the axis
+constexpr int directions = 360;   // in the outline of a ring around the axis
 
 struct Point2 {
   double x, y;
@@ -39,7 +40,7 @@ std::vector<Point2> convex_hull(std::vector<Point2> p)
   return h;
 }
 
-/// The part of a body below a height that the garment goes around: trunk and legs, not the arms that hang beside them.
+/// The part of a human body below a height that the garment surrounds: trunk and legs, without the arms beside them.
 class Trunk {
 public:
   Trunk(const Mesh &body, double top) : body_(body), parent_(body.position.size()), kept_(body.face.size(), 0)
@@ -49,7 +50,7 @@ public:
     for (const Triangle &t : body_.face)
       if (std::min({z(t[0]), z(t[1]), z(t[2])}) <= top)
         for (int k = 1; k < 3; ++k) parent_[root(t[k])] = root(t[0]);
-    std::vector<double> outline(parent_.size(), 0);   // length of each piece's cut at the top
+    std::vector<double> outline(parent_.size(), 0);   // length of each part's cut at the top
     for (const Triangle &t : body_.face) {
       std::vector<dvec3> cut;
       for (int k = 0; k < 3; ++k) add_cut(t[k], t[(k + 1) % 3], top, cut);
@@ -66,9 +67,9 @@ public:
     }
   }
 
-  const std::vector<int> &beside() const { return beside_; }   ///< vertices of what was left out
+  const std::vector<int> &beside() const { return beside_; }   ///< vertices of the parts left out
 
-  /// Points of the kept part between two heights, seen from above.
+  /// Points of the kept part between two heights, projected to the horizontal plane.
   std::vector<Point2> slab(double lo, double hi) const
   {
     std::vector<dvec3> p;
@@ -107,7 +108,7 @@ private:
 
 using Outline = std::vector<double>;   // [directions] radius
 
-/// Radius of the hull of `points` widened by `clearance`, as seen from the axis.
+/// Radius, from the axis, of the convex hull of `points` widened by `clearance`.
 Outline outline(std::vector<Point2> points, const Point2 &axis, double clearance)
 {
   std::vector<Point2> wide;
@@ -131,7 +132,7 @@ Outline outline(std::vector<Point2> points, const Point2 &axis, double clearance
   return out;
 }
 
-/// Rounds an outline off without going below it: largest in a window, then the mean over the same window.
+/// Smooths an outline without going below it: the maximum over a window, then the mean over the same window.
 Outline rounded(const Outline &r, int window)
 {
   Outline most(directions), mean(directions, 0);
@@ -160,23 +161,23 @@ double length_of(const Outline &r)
   return sum;
 }
 
-/// Height levels of the cloth, from the top down, straight between.
+/// Height levels of the cloth, from the top down, with straight lines between.
 constexpr int levels = 64;
 
 struct Shell {
   Point2 axis{0, 0};
   double top = 0, length = 0;
   std::vector<Outline> level;     // [levels + 1]
-  std::vector<double> turn;       // [directions + 1] share of the middle outline that lies before each direction
+  std::vector<double> turn;       // [directions + 1] share of the middle outline before each direction
 
-  double radius_at(double angle, double down) const   // down: 0 at the top, 1 at the hem
+  double radius_at(double angle, double down) const   // down is 0 at the top, 1 at the hem
   {
     const double s = std::clamp(down, 0.0, 1.0) * levels;
     const int i = std::min(static_cast<int>(s), levels - 1);
     const double a = radius(level[i], angle), b = radius(level[i + 1], angle);
     return a + (s - i) * (b - a);
   }
-  /// around: 0 to 1, even along the middle outline.
+  /// around: 0 to 1, proportional to length along the middle outline.
   dvec3 point(double around, double down) const
   {
     around -= std::floor(around);
@@ -188,7 +189,7 @@ struct Shell {
   }
 };
 
-/// Largest over a window of heights, then the mean over the same window: smooth, and nowhere inside.
+/// The maximum over a window of heights, then the mean over the same window: smooth, and nowhere inside the levels.
 void smooth_heights(std::vector<Outline> &level, int window)
 {
   const int n = static_cast<int>(level.size());
@@ -207,8 +208,8 @@ void smooth_heights(std::vector<Outline> &level, int window)
   }
 }
 
-/// From level `first` down, straight lines that stay outside of the levels and flare: close to a cone, which cloth can
-/// follow.
+/// From level `first` down, straight lines outside of the levels that flare: nearly a cone, which cloth can take
+/// without stretch.
 void straighten(std::vector<Outline> &level, int first, double flare)
 {
   const int n = static_cast<int>(level.size()) - 1, near = std::min(n, first + std::max(1, n / 16));
@@ -230,7 +231,7 @@ Shell make_shell(const Trunk &trunk, const Garment &g, const Point2 &axis)
   for (int i = 0; i <= levels; ++i) {
     const double z = g.top - i * step;
     std::vector<Point2> points = trunk.slab(z - reach, i == 0 ? z + 0.01 : z + reach);
-    points.push_back(axis);   // a bent leg may leave the axis outside
+    points.push_back(axis);   // with a bent leg the axis may lie outside
     shell.level.push_back(rounded(outline(std::move(points), axis, g.clearance), 6));
   }
   const int hip =
@@ -261,7 +262,7 @@ void check_beside(const Mesh &body, const Trunk &trunk, const Garment &g, const 
   }
 }
 
-/// A gore laid flat: a coarse net of springs, as long as on the shell, that comes to rest in the plane.
+/// A gore laid flat: a coarse net of springs, with their lengths on the shell, that comes to rest in the plane.
 class FlatGore {
 public:
   FlatGore(const Shell &shell, double first, double last) : x_((across + 1) * (along + 1)), u_(x_.size())
@@ -270,7 +271,7 @@ public:
       for (int i = 0; i <= across; ++i)
         x_[at(i, j)] = shell.point(first + (last - first) * i / across, 1 - static_cast<double>(j) / along);
     double v = 0;
-    for (int j = 0; j <= along; ++j) {   // straight rows to begin with
+    for (int j = 0; j <= along; ++j) {   // starts with straight rows
       if (j > 0) v += kernels::dnorm(kernels::dsub(x_[at(across / 2, j)], x_[at(across / 2, j - 1)]));
       double width = 0;
       for (int i = 0; i < across; ++i) width += kernels::dnorm(kernels::dsub(x_[at(i + 1, j)], x_[at(i, j)]));
@@ -289,7 +290,7 @@ public:
     upright();
   }
 
-  MaterialPoint point(double a, double b) const   // 0 to 1 across, and along from the hem up
+  MaterialPoint point(double a, double b) const   // a: 0 to 1 across; b: 0 to 1 along, from the hem up
   {
     const double s = a * across, t = b * along;
     const int i = std::min(static_cast<int>(s), across - 1), j = std::min(static_cast<int>(t), along - 1);
@@ -322,7 +323,7 @@ private:
     u_[b] = {u_[b][0] - s * dx, u_[b][1] - s * dy};
   }
 
-  /// The middle line along v, so that the warp runs down the gore; the lowest point at v = 0.
+  /// Turns the middle line along v, so that the warp runs down the gore, and puts the lowest point at v = 0.
   void upright()
   {
     const MaterialPoint lo = u_[at(across / 2, 0)], hi = u_[at(across / 2, along)];

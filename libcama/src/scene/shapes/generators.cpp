@@ -187,7 +187,7 @@ Mesh make_capsule(double radius, double length, int triangles)
   const int around = std::max(6, static_cast<int>(std::lround(2 * pi * radius / edge))),
             cap = std::max(2, static_cast<int>(std::lround(0.5 * pi * radius / edge)));
   const int straight = length > 0 ? std::max(1, static_cast<int>(std::lround(length / edge))) : 0;
-  std::vector<std::pair<double, double>> ring;   // radius, z; from below
+  std::vector<std::pair<double, double>> ring;   // radius and z, from below
   for (int i = 1; i <= cap; ++i)
     ring.emplace_back(radius * std::sin(0.5 * pi * i / cap), -0.5 * length - radius * std::cos(0.5 * pi * i / cap));
   for (int i = 1; i <= straight; ++i) ring.emplace_back(radius, length * i / straight - 0.5 * length);
@@ -242,8 +242,8 @@ Mesh make_funnel(const Funnel &f, int triangles)
                                0.4 * std::min(f.cone_height, f.tube_length) / std::tan(0.5 * slope));
   const double cut = bend * std::tan(0.5 * slope);   // where the arc starts, before and after the corner
   struct Point {
-    double r, z, nr, nz;
-  };             // and the normal towards the inside
+    double r, z, nr, nz;   // position and normal towards the inside
+  };
   std::vector<Point> line;
   const auto straight = [&](double ra, double za, double rb, double zb, int n) {
     const double l = std::hypot(rb - ra, zb - za), nr = -(zb - za) / l, nz = (rb - ra) / l;
@@ -268,15 +268,16 @@ Mesh make_funnel(const Funnel &f, int triangles)
 
   std::vector<std::pair<double, double>> profile;
   const double h = 0.5 * f.wall;
-  for (auto p = line.rbegin(); p != line.rend(); ++p)
-    profile.emplace_back(p->r + h * p->nr, p->z + h * p->nz);   // inner wall, downwards
-  // below the lower lip: from inner to outer, on the side away from the line
+  // The inner wall, downwards.
+  for (auto p = line.rbegin(); p != line.rend(); ++p) profile.emplace_back(p->r + h * p->nr, p->z + h * p->nz);
+  // The lower lip, from the inner to the outer wall, on the side away from the line.
   for (int i = 1; i < 6; ++i) {
     const Point &p = line.front();
     const double a = pi * i / 6;
     profile.emplace_back(p.r + h * std::cos(a) * p.nr, p.z - h * std::sin(a));
   }
-  for (const Point &p : line) profile.emplace_back(p.r - h * p.nr, p.z - h * p.nz);   // outer wall, upwards
+  // The outer wall, upwards.
+  for (const Point &p : line) profile.emplace_back(p.r - h * p.nr, p.z - h * p.nz);
   for (int i = 1; i < 6; ++i) {
     const Point &p = line.back();
     const double a = pi * i / 6, tr = p.nz, tz = -p.nr;

@@ -36,7 +36,7 @@ inline Quaternion axis_angle(const dvec3 &axis, double angle)
   return {std::cos(0.5 * angle), s * n.x, s * n.y, s * n.z};
 }
 
-/// The short way round.
+/// Spherical interpolation along the shorter arc.
 inline Quaternion slerp(const Quaternion &a, Quaternion b, double t)
 {
   double c = a[0] * b[0] + a[1] * b[1] + a[2] * b[2] + a[3] * b[3];

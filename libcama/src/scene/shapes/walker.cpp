@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// A human-like body from nothing: a smooth union of round cones, meshed by surface nets, skinned to thirteen bones,
-// walking in place.
+// A human-like body without data files: a smooth union of round cones, meshed by surface nets, skinned to thirteen
+// bones, walking in place.
 #include <algorithm>
 #include <array>
 #include <cmath>
@@ -33,7 +33,7 @@ enum Bone {
   bone_count
 };
 
-/// A segment with a radius at each end; flesh of one bone.
+/// The flesh of one bone: a segment with a radius at each end.
 struct Part {
   Bone bone;
   dvec3 a, b;
@@ -134,8 +134,8 @@ Mesh surface_net(const std::function<double(const dvec3 &)> &distance, const dve
           const int di = axis == 0, dj = axis == 1, dk = axis == 2;
           const double f = value[at(i, j, k)], g = value[at(i + di, j + dj, k + dk)];
           if ((f < 0) == (g < 0)) continue;
-          const int ui = axis == 2, uj = axis == 0, uk = axis == 1, vi = axis == 1, vj = axis == 2,
-                    vk = axis == 0;   // the two other axes, in order
+          // u and v: the two other axes, in order.
+          const int ui = axis == 2, uj = axis == 0, uk = axis == 1, vi = axis == 1, vj = axis == 2, vk = axis == 0;
           int q[4] = {vertex[at(i - ui - vi, j - uj - vj, k - uk - vk)], vertex[at(i - vi, j - vj, k - vk)],
                       vertex[at(i, j, k)], vertex[at(i - ui, j - uj, k - uk)]};
           if (f >= 0) std::swap(q[1], q[3]);   // outward
@@ -159,7 +159,7 @@ std::vector<std::vector<int>> neighbours(const Mesh &m)
   return near;
 }
 
-/// Evens out the triangles, then goes back to the surface.
+/// Evens out the triangles, then projects vertices back to the surface.
 void relax(Mesh &m, const std::vector<Part> &parts, const std::vector<std::vector<int>> &near)
 {
   for (int round = 0; round < 6; ++round) {
