@@ -93,7 +93,7 @@ template <class F> void each(const cama::kernels::contact &c, F &&f)
 }
 template <class F> void each(const cama::kernels::impact &m, F &&f)
 {
-  each_of(f, m.node, m.kind, m.candidate, m.weight, m.normal, m.target);
+  each_of(f, m.node, m.kind, m.candidate, m.repeated, m.weight, m.normal, m.target);
 }
 
 /// The numbers of a value as words: equal words are equal bits; every NaN is the same word, since its payload is not

@@ -691,15 +691,17 @@ TEST_CASE("an impact of the cubic, at distance 0, has the normal of the features
       int found = 0, index = 0;
       kernels::impact impact;
       int detection[2] = {0, 0};
-      kernels::select_ccd_pairs(1, edges ? 0 : 1, 0, &pair, &pair, &face, edge, mass, 1.0, 1e-9, nullptr, 0, 0, 0,
+      kernels::select_ccd_pairs(1, edges ? 0 : 1, 0, 0, &pair, &pair, &face, edge, mass, 1.0, 1e-9, nullptr, 0, 0, 0,
                                 &gap_bound, 0, &gap_bound, nullptr, &found);
       REQUIRE(found == 1);
       kernels::find_impacts(1, 1, edges ? 0 : 1, 1, &pair, &pair, &face, edge, x.data(), y.data(), properties, 1.0,
                             &direction, &direction, &found, detection);
       REQUIRE(found == 1);
       REQUIRE(detection[1] == 1);
-      kernels::fill_impacts(1, edges ? 0 : 1, 1, &index, &pair, &pair, &face, edge, x.data(), y.data(), properties, 1.0,
-                            1.0, 0, &gap_bound, &gap_bound, &impact);
+      int repeated = 0;
+      kernels::fill_impacts(1, edges ? 0 : 1, 1, 0, &index, &pair, &pair, &face, edge, x.data(), y.data(), properties,
+                            1.0, 1.0, 0, &gap_bound, &gap_bound, &impact, &repeated);
+      REQUIRE(repeated == 0);
       REQUIRE(gap_bound < 0);  // known from now on
       REQUIRE(kernels::ddot(impact.normal, n) * side > 1 - 1e-9);
     }

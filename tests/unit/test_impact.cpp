@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // Inelastic projection of impacts against dense solutions: projected Gauss-Seidel run to convergence for impulses that
-// only push, Eigen with an active set for the linear system; and the mechanics of one impact.
+// only push; rigid motions of Eigen for rigid zones; and the mechanics of one impact.
 #include "../catch.hpp"
 
 #include <algorithm>
@@ -13,6 +13,7 @@
 #include "cama/geometry.hpp"
 #include "device/launch.hpp"
 #include "stages/penetration_handling.hpp"
+#include "stages/rigid_zones.hpp"
 
 using namespace cama;
 using Eigen::MatrixXd;
@@ -55,13 +56,13 @@ struct Problem {
 };
 
 /// Displacements that the stage computes, all vertices.
-VectorXd project(const Problem &p, double target, bool linear, int threads = 1)
+VectorXd project(const Problem &p, double target, bool zones, int threads = 1)
 {
   const auto backend = make_backend("auto", 0, threads);
   State state(*backend);
   state.mesh.cloth_vertices = p.cloth;
   state.mesh.vertices = static_cast<int>(p.position.size());
-  state.options.paper.linear_impacts = linear;
+  state.options.paper.impact_zones = zones;
   state.mesh.inverse_mass = {*backend, p.inverse_mass};
   std::vector<impact> impacts = p.impacts;
   for (impact &m : impacts) m.target = target;
@@ -99,39 +100,6 @@ VectorXd quadratic_program(const Problem &p, double target)
     if (s(i, i) == 0) continue;
     REQUIRE(slack[i] > -1e-9);
     REQUIRE(std::abs(slack[i] * lambda[i]) < 1e-9);
-  }
-  return w * lambda;
-}
-
-/// The paper's method: violated impacts as equations, without those that would pull, in four rounds.
-VectorXd active_set(const Problem &p, double target, double regularisation)
-{
-  const MatrixXd j = p.jacobian(), w = p.mobility().asDiagonal() * j.transpose(), s = j * w;
-  const VectorXd c = VectorXd::Constant(j.rows(), target) - j * p.stacked();
-  std::vector<int> active;
-  for (int i = 0; i < j.rows(); ++i)
-    if (c[i] > 0 && s(i, i) > 0) active.push_back(i);
-  VectorXd lambda;
-  for (int round = 0; round < 4; ++round) {
-    const int n = static_cast<int>(active.size());
-    MatrixXd part(n, n);
-    VectorXd right(n);
-    for (int a = 0; a < n; ++a) {
-      right[a] = c[active[static_cast<std::size_t>(a)]];
-      for (int b = 0; b < n; ++b)
-        part(a, b) = s(active[static_cast<std::size_t>(a)], active[static_cast<std::size_t>(b)]) *
-                     (a == b ? 1 + regularisation : 1);
-    }
-    const VectorXd solution = part.ldlt().solve(right);
-    lambda = VectorXd::Zero(j.rows());
-    std::vector<int> kept;
-    for (int a = 0; a < n; ++a)
-      if (solution[a] >= 0) {
-        kept.push_back(active[static_cast<std::size_t>(a)]);
-        lambda[active[static_cast<std::size_t>(a)]] = solution[a];
-      }
-    if (kept.size() == active.size()) break;
-    active = kept;
   }
   return w * lambda;
 }
@@ -241,11 +209,13 @@ TEST_CASE("impulses that only push equal the quadratic program on small random s
     Maker maker(seed);
     Problem p = maker.vertices(10 + static_cast<int>(seed % 20));
     maker.add(p, 2 + static_cast<int>(seed % 9), false);
-    const VectorXd expected = quadratic_program(p, 0.05), got = project(p, 0.05, false);
-    const double error = cost(p, got - expected) / std::max(1e-12, cost(p, expected));
-    INFO("seed " << seed);
-    CHECK(error < 0.01);   // it stops at a relative change of 1e-3
-    worst = std::max(worst, error);
+    for (const bool zones : {false, true}) {   // zones: no approach over a motion, here that from a common point
+      const VectorXd expected = quadratic_program(p, zones ? 0 : 0.05), got = project(p, 0.05, zones);
+      const double error = cost(p, got - expected) / std::max(1e-12, cost(p, expected));
+      INFO("seed " << seed << (zones ? ", zones" : ""));
+      CHECK(error < 0.01);   // it stops at a relative change of 1e-3
+      worst = std::max(worst, error);
+    }
   }
   INFO("largest relative error " << worst);
   CHECK(worst > 0);
@@ -268,28 +238,13 @@ TEST_CASE("what pushes leaves no impact violated by more than the tolerance", "[
   }
 }
 
-TEST_CASE("the linear system equals Eigen on impacts apart from each other, and with its active set on others",
-          "[impact]")
-{
-  for (unsigned seed = 0; seed < 40; ++seed) {
-    Maker maker(seed);
-    const bool apart = seed % 2;
-    Problem p = maker.vertices(30);
-    maker.add(p, 7, apart);
-    const VectorXd expected = active_set(p, 0.05, 1e-6), got = project(p, 0.05, true);
-    INFO("seed " << seed);
-    CHECK(cost(p, got - expected) <= 2e-3 * cost(p, expected) + 1e-12);   // residual 1e-4
-    if (apart) CHECK(cost(p, got - quadratic_program(p, 0.05)) <= 1e-5 * cost(p, expected) + 1e-12);
-  }
-}
-
 TEST_CASE("an impact of two masses ends with the common velocity of the centre of mass", "[impact]")
 {
   const double dt = 0.01;
   const dvec3 n{0, 0, 1};
-  for (bool linear : {false, true})
+  for (bool zones : {false, true})
     for (double ratio : {1.0, 3.0, 100.0}) {
-      INFO((linear ? "linear, " : "pushing, ") << "mass ratio " << ratio);
+      INFO((zones ? "zones, " : "") << "mass ratio " << ratio);
       Problem p;
       p.cloth = 4;
       const Vector3d v1(0.3, 0, -2), v2(-0.1, 0.2, 1);
@@ -297,8 +252,8 @@ TEST_CASE("an impact of two masses ends with the common velocity of the centre o
           {v1.x() * dt, v1.y() * dt, v1.z() * dt}, {v2.x() * dt, v2.y() * dt, v2.z() * dt}, {1, 0, 0}, {0, 1, 0}};
       p.inverse_mass = {1.0, ratio, 1.0, 1.0};   // m1 = 1, m2 = 1 / ratio
       p.impacts = {between(0, 1, n)};
-      const VectorXd dx = project(p, 0, linear);
-      const double common = (v1.z() + v2.z() / ratio) / (1 + 1 / ratio), tolerance = linear ? 1e-5 : 3e-3;
+      const VectorXd dx = project(p, 0, zones);
+      const double common = (v1.z() + v2.z() / ratio) / (1 + 1 / ratio), tolerance = 3e-3;
       CHECK(std::abs(v1.z() + dx[2] / dt - common) < tolerance);
       CHECK(std::abs(v2.z() + dx[5] / dt - common) < tolerance);
       CHECK(dx[0] == 0);   // along the normal only
@@ -315,7 +270,7 @@ TEST_CASE("impacts that separate already are left alone", "[impact]")
   p.position = {{0, 0, 1}, {0, 0, 0}, {1, 0, 0}, {0, 1, 0}};
   p.inverse_mass.assign(4, 1.0);
   p.impacts = {between(0, 1, {0, 0, 1})};
-  for (bool linear : {false, true}) CHECK(project(p, 0.1, linear).norm() == 0);
+  for (bool zones : {false, true}) CHECK(project(p, 0.1, zones).norm() == 0);
 }
 
 TEST_CASE("impacts between what cannot move change nothing and break nothing", "[impact]")
@@ -325,7 +280,7 @@ TEST_CASE("impacts between what cannot move change nothing and break nothing", "
   p.position = {{0, 0, -1}, {0, 0, 0}, {1, 0, -3}, {0, 1, 0}};
   p.inverse_mass.assign(4, 0.0);
   p.impacts = {between(0, 1, {0, 0, 1}), between(2, 3, {0, 0, 1})};
-  for (bool linear : {false, true}) CHECK(project(p, 0, linear).norm() == 0);
+  for (bool zones : {false, true}) CHECK(project(p, 0, zones).norm() == 0);
 }
 
 TEST_CASE("momentum is conserved to rounding by any set of impacts of free vertices", "[impact]")
@@ -336,8 +291,8 @@ TEST_CASE("momentum is conserved to rounding by any set of impacts of free verti
     for (double &m : p.inverse_mass) m = std::exp(maker.normal());
     p.cloth = static_cast<int>(p.position.size());
     maker.add(p, 9, false);
-    for (bool linear : {false, true}) {
-      const VectorXd dx = project(p, 0.1, linear);
+    for (bool zones : {false, true}) {
+      const VectorXd dx = project(p, 0.1, zones);
       Vector3d momentum(0, 0, 0);
       double size = 0;
       for (std::size_t i = 0; i < p.position.size(); ++i) {
@@ -395,6 +350,60 @@ TEST_CASE("angular momentum is conserved to rounding by an impact as detection f
   CHECK(hits >= 30);
 }
 
+TEST_CASE("a rigid zone moves as its obstacle does, or by the mean of its masses", "[impact]")
+{
+  const Eigen::AngleAxisd turn(0.3, Vector3d(1, 2, -1).normalized());
+  const Vector3d shift(0.02, -0.01, 0.05);
+  Maker maker(11);
+  Problem p = maker.vertices(8);
+  for (std::size_t i = 0; i < p.position.size(); ++i) p.inverse_mass[i] = i < 8 ? std::exp(maker.normal()) : 0;
+  p.position.push_back(maker.vector());   // an obstacle of three vertices behind the cloth
+  p.inverse_mass.push_back(0);
+  impact of_cloth = between(0, 1, {0, 0, 1}), of_both = between(4, 5, {0, 0, 1}), once = between(6, 7, {0, 0, 1});
+  of_cloth.repeated = of_both.repeated = 1;
+  of_both.node[2] = 8;
+  of_both.node[3] = 9;
+  impact other = of_both;
+  other.node[0] = 5;
+  other.node[1] = 10;
+  std::vector<dvec3> wanted = p.position;
+  for (dvec3 &x : wanted) {
+    const Vector3d y = turn * eigen(x) + shift;
+    x = {y.x(), y.y(), y.z()};
+  }
+  for (std::size_t i = 0; i < 8; ++i) wanted[i] = kernels::daxpy(wanted[i], 0.01, maker.vector());
+
+  const auto backend = make_backend("auto", 0, 1);
+  State state(*backend);
+  state.mesh.cloth_vertices = 8;
+  state.mesh.vertices = static_cast<int>(p.position.size());
+  state.mesh.inverse_mass = {*backend, p.inverse_mass};
+  state.contact.impact = {*backend, std::vector<impact>{of_cloth, of_both, other, once}};
+  Stream<dvec3> from(*backend, p.position), end(*backend, wanted), positions(*backend, wanted);
+  Stream<int> moved(*backend, std::vector<int>(p.position.size(), 0));
+  move_rigid_zones(state, from, end, positions, moved);
+  const std::vector<dvec3> x = positions.download();
+  const std::vector<int> flag = moved.download();
+  for (std::size_t v : {4, 5}) {   // with the obstacle
+    const double error = (eigen(x[v]) - (turn * eigen(p.position[v]) + shift)).norm();
+    INFO(error * 1e12 << "e-12");
+    CHECK(error < 1e-12);
+    CHECK(flag[v] == 1);
+  }
+  Vector3d before(0, 0, 0), after(0, 0, 0);
+  for (std::size_t v : {0, 1, 2, 3}) {   // what the impact connects keeps its shape and the centre of what was wanted
+    before += eigen(wanted[v]) / p.inverse_mass[v];
+    after += eigen(x[v]) / p.inverse_mass[v];
+    for (std::size_t w : {0, 1, 2, 3})
+      CHECK(std::abs((eigen(x[v]) - eigen(x[w])).norm() - (eigen(p.position[v]) - eigen(p.position[w])).norm()) < 1e-13);
+  }
+  CHECK((before - after).norm() < 1e-13 * (1 + before.norm()));
+  for (std::size_t v : {6, 7}) {   // its impact was found once
+    CHECK((eigen(x[v]) - eigen(wanted[v])).norm() == 0);
+    CHECK(flag[v] == 0);
+  }
+}
+
 TEST_CASE("duplicate and nearly duplicate impacts change nothing", "[impact]")
 {
   Maker maker(3);
@@ -410,8 +419,8 @@ TEST_CASE("duplicate and nearly duplicate impacts change nothing", "[impact]")
     }
   const VectorXd pushed = project(many, 0.05, false);
   CHECK(cost(p, pushed - alone) < 0.05 * cost(p, alone));
-  for (bool linear : {false, true}) {
-    const VectorXd dx = project(many, 0.05, linear);
+  for (bool zones : {false, true}) {
+    const VectorXd dx = project(many, 0.05, zones);
     REQUIRE(dx.allFinite());
     CHECK(cost(p, dx) < 2 * cost(p, alone));   // nothing diverges
   }
@@ -422,8 +431,8 @@ TEST_CASE("the projection is the same for any number of threads", "[impact]")
   Maker maker(8);
   Problem p = maker.vertices(3000);
   maker.add(p, 2500, false);
-  for (bool linear : {false, true}) {
-    const VectorXd one = project(p, 0.01, linear, 1), seven = project(p, 0.01, linear, 7);
+  for (bool zones : {false, true}) {
+    const VectorXd one = project(p, 0.01, zones, 1), seven = project(p, 0.01, zones, 7);
     CHECK((one.array() == seven.array()).all());
   }
 }

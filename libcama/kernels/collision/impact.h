@@ -18,6 +18,7 @@ typedef struct {
   int node[4];
   int kind;
   int candidate;
+  int repeated; /* 1: found before in this step */
   double weight[4]; /* signed, at the time of impact */
   dvec3 normal; /* from side B to side A at the time of impact */
   double target; /* distance to which the projection separates the pair, m */
@@ -106,9 +107,9 @@ KERNEL find_prediction_errors(int n, GLOBAL const dvec3 *x, GLOBAL const dvec3 *
    have been decided for this very motion and are no impacts. localized: only pairs with a vertex that the last
    projection moved are selected; the others were certified before it. The gap_bound of a pair and the prediction errors
    of its vertices decide most pairs. *_bounds: number of pairs whose gap_bound holds from the start of this motion;
-   below 0 it marks a known impact. share: the share of the thickness that pairs keep; largest: the largest contact
+   below 0 it marks a known impact, which is tested `again` unless it was found twice. share: the share of the thickness that pairs keep; largest: the largest contact
    thickness, m. */
-KERNEL select_ccd_pairs(int n, int first_size, int localized, GLOBAL const pair *vertex_face,
+KERNEL select_ccd_pairs(int n, int first_size, int localized, int again, GLOBAL const pair *vertex_face,
                         GLOBAL const pair *edge_edge, GLOBAL const face_nodes *face, GLOBAL const edge_nodes *edge,
                         GLOBAL const double *inverse_mass, double share, double largest,
                         GLOBAL const float *prediction_error, int vertex_face_done, int edge_edge_done,
@@ -121,7 +122,7 @@ KERNEL select_ccd_pairs(int n, int first_size, int localized, GLOBAL const pair 
       const float gap_bound = kind == 0 ? vertex_face_gap_bound[at] : edge_edge_gap_bound[at];
       element_nodes e = pair_nodes(kind, listed_pair(i, first_size, vertex_face, edge_edge), face, edge);
       undecided =
-          !(gap_bound < 0.0f) &&
+          !(gap_bound < (again ? -1.0f : 0.0f)) &&
           (!localized || moved[e.node[0]] || moved[e.node[1]] || moved[e.node[2]] || moved[e.node[3]]) &&
           inverse_mass[e.node[0]] + inverse_mass[e.node[1]] + inverse_mass[e.node[2]] + inverse_mass[e.node[3]] > 0.0;
       if (undecided && gap_bound > 0.0f && at < (kind == 0 ? vertex_face_bounds : edge_edge_bounds)) {
@@ -174,12 +175,13 @@ KERNEL find_impacts(int n, int pairs, int first_size, int cubic, GLOBAL const pa
   }
 }
 
-/* Impacts of the pairs index[0 .. n), from `first` on; their gap_bound becomes -1, a known impact. */
-KERNEL fill_impacts(int n, int first_size, int cubic, GLOBAL const int *index, GLOBAL const pair *vertex_face,
+/* Impacts of the pairs index[0 .. n), from `first` on; their gap_bound becomes -1, a known impact, or -2, one
+   that was found before. repeat: counts all as found before. repeated[0]: incremented for each of those. */
+KERNEL fill_impacts(int n, int first_size, int cubic, int repeat, GLOBAL const int *index, GLOBAL const pair *vertex_face,
                     GLOBAL const pair *edge_edge, GLOBAL const face_nodes *face, GLOBAL const edge_nodes *edge,
                     GLOBAL const dvec3 *x, GLOBAL const dvec3 *y, GLOBAL const vertex_contact *v, double share,
                     double target_share, int first, GLOBAL float *vertex_face_gap_bound,
-                    GLOBAL float *edge_edge_gap_bound, GLOBAL impact *impacts)
+                    GLOBAL float *edge_edge_gap_bound, GLOBAL impact *impacts, GLOBAL int *repeated)
 {
   FOR_EACH(i, n) {
     int k, kind = index[i] >= first_size, candidate = kind == 0 ? index[i] : index[i] - first_size;
@@ -203,12 +205,14 @@ KERNEL fill_impacts(int n, int first_size, int cubic, GLOBAL const int *index, G
     }
     m.kind = kind;
     m.candidate = candidate;
+    m.repeated = repeat || (kind == 0 ? vertex_face_gap_bound[candidate] : edge_edge_gap_bound[candidate]) < 0.0f;
+    if (m.repeated) atomic_add_int(repeated, 1);
     m.normal = takes_cubic(kind, cubic, e, v) ? touching_normal(kind, at, motion, p) : p.normal;
     m.target = pair_clearance(kind, e, v, target_share);
     if (kind == 0)
-      vertex_face_gap_bound[candidate] = -1.0f;
+      vertex_face_gap_bound[candidate] = m.repeated ? -2.0f : -1.0f;
     else
-      edge_edge_gap_bound[candidate] = -1.0f;
+      edge_edge_gap_bound[candidate] = m.repeated ? -2.0f : -1.0f;
     impacts[first + i] = m;
   }
 }

@@ -1,7 +1,9 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Penetration handling (paper, section 4; inelastic impact zones of Harmon et al. 2008 as one linear system): all
-   impacts are projected at once. S lambda = target - C(x) with S = J M^-1 J' and C_i = n_i . sum_k w_ik x_k; then x +=
-   M^-1 J' lambda. */
+/* Penetration handling (paper, section 4; inelastic impact zones of Harmon et al. 2008 as one system): all impacts are
+   projected at once. With C_i(x) = n_i . sum_k w_ik x_k, J its gradient and S = J M^-1 J', lambda >= 0 minimises lambda'
+   S lambda / 2 - c' lambda; then x += M^-1 J' lambda. By default c = target - C(x): the features end apart by their
+   target. With the option paper.impact_zones c = -J d with d the motion of the step: no impact's features approach each
+   other. */
 #ifndef CAMA_KERNELS_COLLISION_IMPULSES_H
 #define CAMA_KERNELS_COLLISION_IMPULSES_H
 #include "../dialect/dvec3.h"
@@ -18,28 +20,31 @@ KERNEL impact_nodes(int n, GLOBAL const impact *impacts, GLOBAL element_nodes *n
   }
 }
 
-/* constraint: target - C(x). diagonal: of S. majorant: sum_k count_k w_k^2 / m_k with count_k the number of impacts at
-   node k, a diagonal matrix that exceeds S (mass splitting), so that steps scaled by it never overshoot. active:
-   violated and movable. row: start of each vertex's row in the incidence. */
-KERNEL start_impacts(int n, int rows, GLOBAL const impact *impacts, GLOBAL const dvec3 *x,
-                     GLOBAL const double *inverse_mass, GLOBAL const int *row, GLOBAL double *constraint,
-                     GLOBAL double *diagonal, GLOBAL double *majorant, GLOBAL int *active)
+/* constraint: c above, of the positions x, with impact zones for the motion from `from` to x. majorant: sum_k count_k
+   w_k^2 / m_k with count_k the number of impacts at node k, a diagonal matrix that exceeds S (mass splitting), so that
+   steps scaled by it never overshoot; 0 for what cannot move, and for repeated impacts, which rigid zones resolve. row:
+   start of each vertex's row in the incidence. */
+KERNEL start_impacts(int n, int rows, int zones, GLOBAL const impact *impacts, GLOBAL const dvec3 *from,
+                     GLOBAL const dvec3 *x, GLOBAL const double *inverse_mass, GLOBAL const int *row,
+                     GLOBAL double *constraint, GLOBAL double *majorant)
 {
   FOR_EACH(i, n) {
     impact m = impacts[i];
     dvec3 o = x[m.node[0]];
-    double c = 0.0, d = 0.0, split = 0.0;
+    double c = 0.0, split = 0.0;
     int k;
-    for (k = 1; k < 4; ++k) c += m.weight[k] * ddot(m.normal, dsub(x[m.node[k]], o));
+    if (zones) {
+      o = dsub(o, from[m.node[0]]);
+      for (k = 1; k < 4; ++k) c += m.weight[k] * ddot(m.normal, dsub(dsub(x[m.node[k]], from[m.node[k]]), o));
+    } else {
+      for (k = 1; k < 4; ++k) c += m.weight[k] * ddot(m.normal, dsub(x[m.node[k]], o));
+    }
     for (k = 0; k < 4; ++k) {
       double mobility = m.weight[k] * m.weight[k] * inverse_mass[m.node[k]];
-      d += mobility;
       if (m.node[k] < rows) split += mobility * (double)(row[m.node[k] + 1] - row[m.node[k]]);
     }
-    constraint[i] = m.target - c;
-    diagonal[i] = d;
-    majorant[i] = split;
-    active[i] = m.target - c > 0.0 && d > 0.0;
+    constraint[i] = (zones ? 0.0 : m.target) - c;
+    majorant[i] = m.repeated ? 0.0 : split;
   }
 }
 
@@ -64,7 +69,7 @@ DEVICE double impulse_response(impact m, int rows, GLOBAL const dvec3 *y)
    extrapolated point p, lambda = max(0, p + (constraint - S p) / majorant); y: M^-1 C' p. change: lambda_new -
    lambda_old. partial[3 t ...], over the PUSH_IMPACTS impacts of team t: gradient mapping times change, |change|^2,
    |lambda|^2, the latter two in the majorant's norm. */
-KERNEL push_impulses(int n, int count, int rows, GLOBAL const impact *impacts, GLOBAL const int *active,
+KERNEL push_impulses(int n, int count, int rows, GLOBAL const impact *impacts,
                      GLOBAL const dvec3 *y, GLOBAL const double *constraint, GLOBAL const double *majorant,
                      GLOBAL const double *p, GLOBAL double *lambda, GLOBAL double *change, GLOBAL double *partial)
 {
@@ -76,7 +81,7 @@ KERNEL push_impulses(int n, int count, int rows, GLOBAL const impact *impacts, G
       int i, end = min_int((t + 1) * PUSH_IMPACTS, count);
       for (i = t * PUSH_IMPACTS + l; i < end; i += PUSH_TEAM) {
         double weight = majorant[i],
-               gradient = constraint[i] - (active[i] ? impulse_response(impacts[i], rows, y) : 0.0);
+               gradient = constraint[i] - impulse_response(impacts[i], rows, y);
         double next = weight > 0.0 ? max_double(0.0, p[i] + gradient / weight) : 0.0, by = next - lambda[i];
         along += (next - p[i]) * weight * by;
         moved += weight * by * by;
@@ -146,56 +151,6 @@ KERNEL spread_impulses(int n, GLOBAL const int *row, GLOBAL const int *incidence
   }
 }
 
-/* q = S p + regularisation * diagonal * p on active rows. */
-KERNEL gather_impulses(int n, int rows, double regularisation, GLOBAL const impact *impacts, GLOBAL const int *active,
-                       GLOBAL const dvec3 *y, GLOBAL const double *diagonal, GLOBAL const double *p, GLOBAL double *q)
-{
-  FOR_EACH(i, n) {
-    q[i] = active[i] ? regularisation * diagonal[i] * p[i] + impulse_response(impacts[i], rows, y) : 0.0;
-  }
-}
-
-/* r = constraint on active rows, z = r / diagonal, p = z, lambda = 0. */
-KERNEL start_impulses(int n, GLOBAL const int *active, GLOBAL const double *constraint, GLOBAL const double *diagonal,
-                      GLOBAL double *lambda, GLOBAL double *r, GLOBAL double *z, GLOBAL double *p)
-{
-  FOR_EACH(i, n) {
-    lambda[i] = 0.0;
-    r[i] = active[i] ? constraint[i] : 0.0;
-    z[i] = active[i] ? r[i] / diagonal[i] : 0.0;
-    p[i] = z[i];
-  }
-}
-
-KERNEL update_impulses(int n, GLOBAL const double *scalar, GLOBAL const int *active, GLOBAL const double *diagonal,
-                       GLOBAL const double *p, GLOBAL const double *q, GLOBAL double *lambda, GLOBAL double *r,
-                       GLOBAL double *z)
-{
-  FOR_EACH(i, n) {
-    lambda[i] += scalar[SCALAR_ALPHA] * p[i];
-    r[i] -= scalar[SCALAR_ALPHA] * q[i];
-    z[i] = active[i] ? r[i] / diagonal[i] : 0.0;
-  }
-}
-
-KERNEL update_impulse_direction(int n, GLOBAL const double *scalar, GLOBAL const double *z, GLOBAL double *p)
-{
-  FOR_EACH(i, n) {
-    p[i] = z[i] + scalar[SCALAR_BETA] * p[i];
-  }
-}
-
-/* Impacts that would pull (lambda < 0) leave the active set. */
-KERNEL drop_pulling(int n, GLOBAL const double *lambda, GLOBAL int *active, GLOBAL int *dropped)
-{
-  FOR_EACH(i, n) {
-    if (active[i] && lambda[i] < 0.0) {
-      active[i] = 0;
-      atomic_add_int(dropped, 1);
-    }
-  }
-}
-
 /* length[i]: length of the motion of vertex i from x to y, m. */
 KERNEL motion_lengths(int n, GLOBAL const dvec3 *x, GLOBAL const dvec3 *y, GLOBAL double *length)
 {
@@ -226,27 +181,18 @@ KERNEL largest_of(int n, int count, GLOBAL const double *value, GLOBAL double *l
   }
 }
 
-/* x += y = M^-1 J' lambda for cloth vertices, but no further than farthest[0] from the position that the solve
-   proposed: impacts that cannot all be resolved, between closing obstacles, could move a vertex arbitrarily far.
-   moved[i] = 1 where x changes. */
-KERNEL apply_impulses(int n, GLOBAL const double *farthest, GLOBAL const dvec3 *wanted, GLOBAL const dvec3 *y,
-                      GLOBAL dvec3 *x, GLOBAL int *moved)
+/* x += y = M^-1 J' lambda for cloth vertices, with impact zones from the position that the solve proposed, but no
+   further than farthest[0] from that: impacts that cannot all be resolved, between closing obstacles, could move a
+   vertex arbitrarily far. moved[i] = 1 where x changes. */
+KERNEL apply_impulses(int n, int zones, GLOBAL const double *farthest, GLOBAL const dvec3 *wanted,
+                      GLOBAL const dvec3 *y, GLOBAL dvec3 *x, GLOBAL int *moved)
 {
   FOR_EACH(i, n) {
-    double most = farthest[0], length = dnorm(y[i]), away;
-    dvec3 from = wanted[i], d = dsub(dadd(x[i], y[i]), from);
-    moved[i] = length > 0.0;
-    if (!(length > 0.0)) continue;
-    away = dnorm(d);
-    x[i] = away > most ? daxpy(from, most / away, d) : dadd(x[i], y[i]);
-  }
-}
-
-/* Impulses that still pull at the end become zero. */
-KERNEL clamp_impulses(int n, GLOBAL const int *active, GLOBAL double *lambda)
-{
-  FOR_EACH(i, n) {
-    lambda[i] = active[i] ? max_double(lambda[i], 0.0) : 0.0;
+    const double most = farthest[0], length = dnorm(y[i]);
+    const dvec3 before = x[i], start = zones ? wanted[i] : before, d = dsub(dadd(start, y[i]), wanted[i]);
+    const double away = dnorm(d);
+    if (zones || length > 0.0) x[i] = away > most ? daxpy(wanted[i], most / away, d) : dadd(start, y[i]);
+    moved[i] = zones ? x[i].x != before.x || x[i].y != before.y || x[i].z != before.z : length > 0.0;
   }
 }
 

@@ -6,7 +6,7 @@
 #define CAMA_KERNELS_SOLVER_SCALARS_H
 #include "../dialect/lang.h"
 
-#define DOT_CHUNK 256 /* numbers in a chunk of impulses */
+#define DOT_CHUNK 256 /* of the union of boxes over a level of a tree */
 #define VECTOR_CHUNK 32 /* vectors in a chunk of the linear solve */
 #define PARTIAL_CHUNK 64
 
@@ -56,17 +56,6 @@ KERNEL finish_beta(int n, int chunks, int start, GLOBAL const double *partial, G
     scalar[SCALAR_RZ] = sum;
     if (!(sum >= 0.0)) scalar[SCALAR_BROKEN] = 1.0;
     if (start) scalar[SCALAR_BROKEN] = 0.0;
-  }
-}
-
-/* partial[i] = sum of a_j b_j over chunk i. */
-KERNEL dot_scalars(int n, int size, GLOBAL const double *a, GLOBAL const double *b, GLOBAL double *partial)
-{
-  FOR_EACH(i, n) {
-    int j, end = min_int((i + 1) * DOT_CHUNK, size);
-    double sum = 0.0;
-    for (j = i * DOT_CHUNK; j < end; ++j) sum += a[j] * b[j];
-    partial[i] = sum;
   }
 }
 

@@ -4,32 +4,32 @@
 
 namespace cama {
 
-/// Inelastic projection of all impacts at once (section 4): by default with the condition that impulses only push, by
-/// an accelerated projected gradient method; or as one linear system by the conjugate gradient method with an active
-/// set, as in the paper. Both are matrix-free.
+/// Inelastic projection of all impacts at once (section 4) with impulses that only push, by an accelerated projected
+/// gradient method, matrix-free: on positions, or with impact zones on the motion of the step.
 class ImpactProjection {
 public:
   using Rooms = Access<const Options, const MeshState, const ContactState>;
   explicit ImpactProjection(Backend &backend);
   /// Called before the first run of a step. from: start of the motion; wanted: positions that the solve proposes.
   void start(const Rooms &state, const Stream<dvec3> &from, const Stream<dvec3> &wanted);
-  /// Moves `positions` so that every impact of the state ends separated by at least its target, but no vertex further
-  /// than the motion and target of some impact require.
+  /// Moves `positions` so that every impact of the state ends separated by at least its target, with impact zones so
+  /// that its features do not approach each other, but no vertex further than the motion and target of some impact
+  /// require.
   void run(const Rooms &state, Stream<dvec3> &positions);
   /// [vertices] 1: moved by the last run.
-  const Stream<int> &moved() const { return moved_; }
+  Stream<int> &moved() { return moved_; }
+  /// [vertices] the positions that the solve proposes, m.
+  const Stream<dvec3> &wanted() const { return wanted_; }
 
 private:
-  void solve_linear_system(const Rooms &state);
-  void solve_pushing(const Rooms &state);
-  void multiply(const Rooms &state, double regularisation, const Stream<double> &x, Stream<double> &q);
+  void solve(const Rooms &state);
   void spread(const Rooms &state, const Stream<double> &lambda);
 
   Stream<kernels::element_nodes> nodes_;
   Incidence incidence_;
-  Stream<int> count_, active_, dropped_, moved_;
-  Stream<double> constraint_, diagonal_, majorant_, lambda_, r_, z_, p_, q_, partial_, scalar_;
-  Stream<dvec3> y_, wanted_;
+  Stream<int> count_, moved_;
+  Stream<double> constraint_, majorant_, lambda_, change_, p_, partial_, scalar_;
+  Stream<dvec3> y_, from_, wanted_;
   // lengths of motions: of each vertex, and the longest of impacts
   Stream<double> length_, longest_, longer_, largest_;
 };

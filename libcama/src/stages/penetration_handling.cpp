@@ -6,6 +6,7 @@
 #include <cstdio>
 
 #include "device/launch.hpp"
+#include "stages/rigid_zones.hpp"
 
 namespace cama {
 namespace {
@@ -13,11 +14,13 @@ constexpr int max_pauses = 64;   // of moving obstacles in a step
 // Passes that find no fewer impacts than an earlier one: without a commit (paper mode), the cloth is then tangled
 // permanently.
 constexpr int max_idle_passes = 10;
+// With impact zones: passes after which every impact that is found counts as found before.
+constexpr int passes_until_rigid = 20;
 }  // namespace
 
 PenetrationHandling::PenetrationHandling(Backend &b, CandidateSearch &search, FlaggedPairs &flagged)
     : search_(search), projection_(b), commit_(b, flagged), from_(b), flagged_(flagged), prediction_error_(b),
-      detection_(b, 2)
+      detection_(b, 2), repeated_(b, 1)
 {}
 
 PenetrationHandling::Detection PenetrationHandling::detect(const Rooms &state, bool first_piece, bool localized,
@@ -33,7 +36,8 @@ PenetrationHandling::Detection PenetrationHandling::detect(const Rooms &state, b
   CAMA_LAUNCH(b, find_prediction_errors, state.mesh.vertices, from_, state.mesh.position_next, state.bounds.predicted,
               state.bounds.vertex_box, state.bounds.box_origin(), certified_distance * state.contact.largest_thickness,
               prediction_error_, detection_);
-  CAMA_LAUNCH(b, select_ccd_pairs, flagged_.flag.size(), first, localized ? 1 : 0, vertex_face.pairs, edge_edge.pairs,
+  CAMA_LAUNCH(b, select_ccd_pairs, flagged_.flag.size(), first, localized ? 1 : 0,
+              state.options.paper.impact_zones ? 1 : 0, vertex_face.pairs, edge_edge.pairs,
               state.mesh.face, state.mesh.edge, state.mesh.inverse_mass, certified_distance,
               state.contact.largest_thickness, prediction_error_, vertex_face_done, edge_edge_done,
               first_piece ? vertex_face.gap_bound.size() : 0, vertex_face.gap_bound,
@@ -46,17 +50,17 @@ PenetrationHandling::Detection PenetrationHandling::detect(const Rooms &state, b
   return {counts[0], counts[1]};
 }
 
-void PenetrationHandling::add_impacts(const Rooms &state, int found)
+void PenetrationHandling::add_impacts(const Rooms &state, int found, bool repeat)
 {
   Backend &b = *state.backend;
-  const int known = state.contact.impact.size();
+  const int first = state.contact.impact.size();
   flagged_.compact(state, found);
-  state.contact.impact.grow(static_cast<long long>(known) + found);
+  state.contact.impact.grow(static_cast<long long>(first) + found);
   CAMA_LAUNCH(b, fill_impacts, found, state.contact.vertex_face.pairs.size(), state.options.paper.cubic_impacts ? 1 : 0,
-              flagged_.index, state.contact.vertex_face.pairs, state.contact.edge_edge.pairs, state.mesh.face,
+              repeat ? 1 : 0, flagged_.index, state.contact.vertex_face.pairs, state.contact.edge_edge.pairs, state.mesh.face,
               state.mesh.edge, from_, state.mesh.position_next, state.contact.vertex_contact, certified_distance,
-              impact_distance, known, state.contact.vertex_face.gap_bound, state.contact.edge_edge.gap_bound,
-              state.contact.impact);
+              impact_distance, first, state.contact.vertex_face.gap_bound, state.contact.edge_edge.gap_bound,
+              state.contact.impact, repeated_);
 }
 
 namespace {
@@ -128,6 +132,7 @@ void PenetrationHandling::run_on(const Rooms &state)
     // certified: every pair except known impacts is certified for the current motion; localized: except those that
     // moved since.
     bool certified = false, localized = false;
+    if (state.options.paper.impact_zones) repeated_.fill_zero();
     int fewest = 0x7fffffff, idle_passes = 0;
     for (int pass = 0; pass < state.options.max_impact_passes; ++pass) {
       Detection now = detect(state, first_piece, localized, 0, 0);
@@ -142,14 +147,17 @@ void PenetrationHandling::run_on(const Rooms &state)
       if (pass == 0 && state.report.substeps == 1) state.report.impacts = now.found;
       certified = now.found == 0 && !state.options.paper.cubic_impacts;  // the cubic certifies no distances
       if (now.found == 0) break;
+      const bool zones = state.options.paper.impact_zones;
       idle_passes = now.found < fewest ? 0 : idle_passes + 1;
       fewest = std::min(fewest, now.found);
-      if (idle_passes == max_idle_passes && !state.options.commit) break;
-      add_impacts(state, now.found);
+      if (idle_passes == max_idle_passes && !state.options.commit && !zones) break;
+      add_impacts(state, now.found, zones && pass >= passes_until_rigid);
       ++state.report.impact_passes;
       if (!projected) projection_.start(state, from_, state.mesh.position_next);
       projected = localized = true;
       projection_.run(state, state.mesh.position_next);
+      if (zones && repeated_.at(0) > 0)
+        move_rigid_zones(state, from_, projection_.wanted(), state.mesh.position_next, projection_.moved());
     }
     if (!state.options.commit) break;
     if (certified && state.contact.impact.size() == 0) break;  // every pair keeps its distance throughout

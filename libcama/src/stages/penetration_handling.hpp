@@ -30,7 +30,8 @@ private:
   /// Continuous detection over the motion; waits for the device once. first_piece: the motion starts at the positions
   /// of proximity checking. *_done: pairs that an earlier detection over the same motion has found to be no impacts.
   Detection detect(const Rooms &state, bool first_piece, bool localized, int vertex_face_done, int edge_edge_done);
-  void add_impacts(const Rooms &state, int found);
+  /// repeat: they count as found before in this step.
+  void add_impacts(const Rooms &state, int found, bool repeat);
   std::string place(const Rooms &state, const std::vector<std::pair<int, kernels::pair>> &pausing);
   bool release(const Rooms &state, const std::vector<std::pair<int, kernels::pair>> &pausing);
 
@@ -41,6 +42,7 @@ private:
   FlaggedPairs &flagged_;
   Stream<float> prediction_error_;
   Stream<int> detection_;
+  Stream<int> repeated_;  // [1] number of impacts that were found before in this step
 };
 
 }  // namespace cama
