@@ -33,7 +33,7 @@ struct Checkpoint {
   std::map<std::string, double> numbers;  ///< numbers kept from step to step: time and start_time, s, start_step, ...
   /// [all vertices] vectors kept likewise: position, m, velocity, m/s, ...
   std::map<std::string, std::vector<dvec3>> vectors;
-  double released = -std::numeric_limits<double>::infinity();  ///< s; s; pins that end by then have been released
+  double released = -std::numeric_limits<double>::infinity();  ///< s; pins that end by then have been released
   std::vector<std::pair<int, int>> tangled;  ///< vertices that may pass each other until they separate
   std::vector<std::pair<int, int>> let_go;  ///< vertex, object that it may pass until it separates
   Matching matching;
