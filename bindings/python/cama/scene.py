@@ -35,6 +35,16 @@ def _animated(file: PathLike) -> bool:
     return Path(file).suffix.lower() in ANIMATED
 
 
+def _character(file: PathLike, clip: str, animation: PathLike | None, *how: Any) -> _core.Character:
+    """Loads a character; a file without animation, of which no clip is asked for, stands still. Raises FileError."""
+    try:
+        return _core.load_character(Path(file), clip, "" if animation is None else Path(animation), 1.0, *how)
+    except FileError:
+        if clip or animation is not None:
+            raise
+    return _core.load_character(Path(file), "bind", "", 1.0, *how)
+
+
 class Scene:
     """A scene to simulate. Lengths are in m, masses in kg, times in s.
 
@@ -278,7 +288,8 @@ class Scene:
         """Adds an obstacle, which cloth collides with, and returns its handle.
 
         Args:
-            mesh: As for `add_cloth`. glTF, FBX and DAE files bring their skeletal animation.
+            mesh: As for `add_cloth`. glTF, FBX and DAE files bring their skeletal animation; without one they stand
+                still.
             faces: As for `add_cloth`.
             shape: A generated obstacle instead of `mesh`, as in scene.json, for example {"sphere": {"radius": 0.25}},
                 {"box": {"size": [1, 1, 0.1]}} or {"walker": {}}. {"shape": {"sphere": {"radius": 0.25}}} is an exact
@@ -288,8 +299,8 @@ class Scene:
             static_friction: The coefficient while cloth sticks; None: equal to `friction`.
             thickness: Contact thickness, m; None: the scene's.
             contact_stiffness: Stiffness of the contact penalty, N/m^3; None: the scene's.
-            clip: Name or index of the animation in the file; "bind": the bind pose, without motion.
-            animation: Another file to take the animation from.
+            clip: Name or index of the animation in the file; "": the first; "bind": the bind pose, without motion.
+            animation: Another file to take the animation from; None: the file of `mesh`.
             samples_per_second: Samples that are taken of the animation, 1/s.
             y_up: Whether to turn a file whose y axis is up, so that z is up.
             lead_in: Time in which the obstacle moves from the bind pose to the start of the clip, s.
@@ -313,15 +324,14 @@ class Scene:
         place = placement(transform, translate, rotate, scale)
         matrix = place.tolist()
         if motion is None and isinstance(mesh, (str, os.PathLike)) and (animation is not None or _animated(mesh)):
-            character = _core.load_character(
-                Path(mesh),
+            character = _character(
+                mesh,
                 str(clip),
-                Path(animation or ""),
-                1.0,
-                float(samples_per_second),
+                animation,
+                number(f"{name}: samples_per_second", samples_per_second),
                 bool(y_up),
                 number(f"{name}: lead_in", lead_in),
-                int(loops),
+                whole(f"{name}: loops", loops),
             )
             obstacle.source = str(mesh)
             body, moving = character.mesh, character.motion
