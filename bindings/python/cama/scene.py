@@ -13,8 +13,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from . import _core, collision, shipped
-from .arrays import count, integers, number, plain, reals, vector, whole
+from .arrays import count, indices, number, plain, reals, vector, whole
 from .errors import ArrayError, FileError, SceneError
+from .hints import counted, reading
 from .inputs import compiled_mesh, placement, shape_scene, uniform_scale
 from .material import Material
 from .motion import Motion
@@ -114,7 +115,8 @@ class Scene:
             FileError, SceneError, MeshError, MaterialError
         """
         path = shipped.resolve(scene)
-        return cls._of(_core.Scene.load(path, count("resolution", resolution)))
+        with reading(path):
+            return cls._of(_core.Scene.load(path, count("resolution", resolution)))
 
     @classmethod
     def parse(cls, text: str | Description, folder: PathLike = ".", resolution: int = 0) -> Self:
@@ -129,7 +131,8 @@ class Scene:
             text = text if isinstance(text, str) else json.dumps(text, default=plain)
         except (TypeError, ValueError) as problem:
             raise SceneError(f"not what JSON can hold: {problem}") from None
-        return cls._of(_core.Scene.parse(text, Path(folder), count("resolution", resolution)))
+        with reading():
+            return cls._of(_core.Scene.parse(text, Path(folder), count("resolution", resolution)))
 
     def to_json(self) -> str:
         """Returns the whole scene as JSON text that contains its meshes."""
@@ -377,7 +380,7 @@ class Scene:
 
         Args:
             cloth: A handle, index or name.
-            vertices: Vertex numbers [k].
+            vertices: Vertex numbers [k], one vertex number, or a mask [vertices of the cloth] of booleans.
             motion: A rigid `cama.Motion`, or a dict of its arguments, that moves their starting positions; None: fixed.
             release: Time at which the vertices become free, s.
 
@@ -450,7 +453,7 @@ class Scene:
     def _vertices(self, what: str, cloth: Part | int | str, vertices: ArrayLike) -> tuple[int, Integers]:
         index = self._index(what, cloth, self.cloths)
         name, count = self.cloths[index].name, len(self.cloths[index].vertices)
-        vertices = integers(f"{what}: {name}: vertices", vertices, (None,))
+        vertices = indices(f"{what}: {name}: vertices", vertices, count)
         for row in np.flatnonzero((vertices < 0) | (vertices >= count))[:1]:
             raise SceneError(f"{what}: {name}: vertex {vertices[row]} (row {row}) is outside 0 to {count - 1}")
         return index, vertices
@@ -616,6 +619,6 @@ class Scene:
 
     def __repr__(self) -> str:
         return (
-            f"<cama.Scene {self.name!r}: {self._core.cloth_count} cloths with {self.triangle_count} triangles, "
-            f"{self._core.obstacle_count} obstacles>"
+            f"<cama.Scene {self.name!r}: {counted(self._core.cloth_count, 'cloth')} with "
+            f"{counted(self.triangle_count, 'triangle')}, {counted(self._core.obstacle_count, 'obstacle')}>"
         )
