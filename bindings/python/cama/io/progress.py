@@ -21,9 +21,14 @@ class Bar(Progress):
     """
 
     def __init__(self, *columns: Any, console: Console | None = None) -> None:
-        super().__init__(*columns, console=console, disable=console is None, transient=True)
         self._plain = console is not None and not console.is_terminal
+        super().__init__(*columns, console=console, disable=console is None or self._plain, transient=True)
         self._said = time.monotonic()
+
+    def stop(self) -> None:
+        """As Progress.stop, which would print an empty line where there is no terminal."""
+        if not self._plain:
+            super().stop()
 
     def update(self, task_id: TaskID, **changes: Any) -> None:  # type: ignore[override]
         """As Progress.update."""
