@@ -158,6 +158,7 @@ def test_seconds_are_also_fractions(here):
         for option in ("--window", "--reference-step", "--limit"):
             result = call(command, "drape", option, "few")
             assert result.exit_code == 2 and "such as 0.005 or 1/200" in re.sub(r"[\s│]+", " ", result.output)
+            assert "is not above 0" in re.sub(r"[\s│]+", " ", call(command, "drape", option, "0").output)
 
 
 def test_tune_without_a_budget_names_the_options(here):

@@ -403,6 +403,9 @@ class Scene:
         Args:
             cloth, vertices, release: As for `pin`.
             obstacle: A handle, index or name.
+
+        Raises:
+            ArrayError, SceneError
         """
         index, vertices = self._vertices("attach", cloth, vertices)
         self._core.add_pin(index, vertices, Motion(), self._index("attach", obstacle, self.obstacles), float(release))

@@ -46,6 +46,13 @@ def seconds(text):
     return value
 
 
+def positive_seconds(text):
+    """As `seconds`, but 0 is refused too."""
+    if seconds(text) == 0:
+        raise typer.BadParameter(f"{text!r} is not above 0")
+    return seconds(text)
+
+
 SceneName = Annotated[
     str, typer.Argument(metavar="SCENE", help="A folder with scene.json, a JSON file, or a shipped scene's name.")
 ]

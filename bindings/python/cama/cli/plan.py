@@ -11,7 +11,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeElapsed
 from ..errors import SceneError
 from ..io.progress import Bar
 from ..measuring import grid
-from .common import console, seconds
+from .common import console, positive_seconds
 
 Vary = Annotated[
     Optional[list[str]],
@@ -33,12 +33,14 @@ Resolution = Annotated[
 ]
 Window = Annotated[
     float,
-    typer.Option(parser=seconds, metavar="SECONDS", help="Time from a state of the reference to the comparison, s."),
+    typer.Option(
+        parser=positive_seconds, metavar="SECONDS", help="Time from a state of the reference to the comparison, s."
+    ),
 ]
 ReferenceStep = Annotated[
     Optional[float],
     typer.Option(
-        parser=seconds, metavar="SECONDS", help="Time step of the reference, s. Default: 1/32 of the scene's."
+        parser=positive_seconds, metavar="SECONDS", help="Time step of the reference, s. Default: 1/32 of the scene's."
     ),
 ]
 Threads = Annotated[int, typer.Option(min=0, help="Threads of timed runs on the CPU backend; 0: as for run.")]
@@ -55,7 +57,9 @@ ClusterAddress = Annotated[
     Optional[str],
     typer.Option("--cluster", metavar="ADDRESS", help="Run on this Ray cluster, for example auto or HOST:6379."),
 ]
-Limit = Annotated[float, typer.Option(parser=seconds, metavar="SECONDS", help="Largest wall time of a run, s.")]
+Limit = Annotated[
+    float, typer.Option(parser=positive_seconds, metavar="SECONDS", help="Largest wall time of a run, s.")
+]
 WarmUp = Annotated[int, typer.Option(min=0, help="Number of first steps that are not timed.")]
 Debug = Annotated[bool, typer.Option("--debug", help="Show Python's traceback of an error.")]
 

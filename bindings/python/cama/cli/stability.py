@@ -13,7 +13,7 @@ from rich.table import Table
 from .. import _core
 from ..errors import BackendError, SceneError
 from ..io.progress import Bar
-from .common import Precision, clean, console, seconds
+from .common import Precision, clean, console, positive_seconds
 
 Cases = Annotated[
     Optional[list[str]], typer.Argument(metavar="[CASE...]", help="Numbers (1 to 45) or names. Default: all.")
@@ -73,7 +73,7 @@ def stability(
     precision: Annotated[Optional[list[Precision]], typer.Option(help="May be repeated. Default: all three.")] = None,
     accuracy: Annotated[str, typer.Option(metavar="LEVEL", help=f"One of {', '.join(LEVELS)}.")] = "production",
     limit: Annotated[
-        float, typer.Option(parser=seconds, metavar="SECONDS", help="Largest wall time of a run, s.")
+        float, typer.Option(parser=positive_seconds, metavar="SECONDS", help="Largest wall time of a run, s.")
     ] = 120.0,
     jobs: Annotated[int, typer.Option(min=0, help="Number of runs at once; 0: one for two cores.")] = 0,
     long: Annotated[bool, typer.Option("--long", help="Run the long cases too.")] = False,
