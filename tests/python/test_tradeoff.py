@@ -561,7 +561,7 @@ def test_the_command_writes_table_plots_and_page(fall, tmp_path):
         (["flag", "--vary", "time_step=1/7"], "whole number"),
         (["flag", "--also", "tolerance=1,2"], "one value"),
         (["flag", "--device", 9], "number 9"),
-        (["flag", "--cluster", "127.0.0.1:1"], "Ray"),
+        (["flag", "--cluster", "127.0.0.1:1"], "cluster"),
     ],
 )
 def test_the_command_names_bad_input(tmp_path, words, text):

@@ -160,7 +160,7 @@ class Cluster:
     """
 
     def __init__(self, address, jobs=0, gpu=False):
-        require("a cluster", "ray")
+        require("cluster: running on Ray", "ray")
         import ray
 
         self._ray, self._own = ray, not ray.is_initialized()
