@@ -13,8 +13,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from . import _core, collision, shipped
-from .arrays import count, integers, number, plain, reals, vector, whole
+from .arrays import count, indices, number, plain, reals, vector, whole
 from .errors import ArrayError, FileError, SceneError
+from .hints import counted, reading
 from .inputs import compiled_mesh, placement, shape_scene, uniform_scale
 from .material import Material
 from .motion import Motion
@@ -33,6 +34,16 @@ ANIMATED = {".glb", ".gltf", ".fbx", ".dae"}
 def _animated(file: PathLike) -> bool:
     """Whether a file has one of the formats that can hold skeletal animation."""
     return Path(file).suffix.lower() in ANIMATED
+
+
+def _character(file: PathLike, clip: str, animation: PathLike | None, *how: Any) -> _core.Character:
+    """Loads a character; a file without animation, of which no clip is asked for, stands still. Raises FileError."""
+    try:
+        return _core.load_character(Path(file), clip, "" if animation is None else Path(animation), 1.0, *how)
+    except FileError:
+        if clip or animation is not None:
+            raise
+    return _core.load_character(Path(file), "bind", "", 1.0, *how)
 
 
 class Scene:
@@ -104,7 +115,8 @@ class Scene:
             FileError, SceneError, MeshError, MaterialError
         """
         path = shipped.resolve(scene)
-        return cls._of(_core.Scene.load(path, count("resolution", resolution)))
+        with reading(path):
+            return cls._of(_core.Scene.load(path, count("resolution", resolution)))
 
     @classmethod
     def parse(cls, text: str | Description, folder: PathLike = ".", resolution: int = 0) -> Self:
@@ -119,7 +131,8 @@ class Scene:
             text = text if isinstance(text, str) else json.dumps(text, default=plain)
         except (TypeError, ValueError) as problem:
             raise SceneError(f"not what JSON can hold: {problem}") from None
-        return cls._of(_core.Scene.parse(text, Path(folder), count("resolution", resolution)))
+        with reading():
+            return cls._of(_core.Scene.parse(text, Path(folder), count("resolution", resolution)))
 
     def to_json(self) -> str:
         """Returns the whole scene as JSON text that contains its meshes."""
@@ -278,7 +291,8 @@ class Scene:
         """Adds an obstacle, which cloth collides with, and returns its handle.
 
         Args:
-            mesh: As for `add_cloth`. glTF, FBX and DAE files bring their skeletal animation.
+            mesh: As for `add_cloth`. glTF, FBX and DAE files bring their skeletal animation; without one they stand
+                still.
             faces: As for `add_cloth`.
             shape: A generated obstacle instead of `mesh`, as in scene.json, for example {"sphere": {"radius": 0.25}},
                 {"box": {"size": [1, 1, 0.1]}} or {"walker": {}}. {"shape": {"sphere": {"radius": 0.25}}} is an exact
@@ -288,8 +302,8 @@ class Scene:
             static_friction: The coefficient while cloth sticks; None: equal to `friction`.
             thickness: Contact thickness, m; None: the scene's.
             contact_stiffness: Stiffness of the contact penalty, N/m^3; None: the scene's.
-            clip: Name or index of the animation in the file; "bind": the bind pose, without motion.
-            animation: Another file to take the animation from.
+            clip: Name or index of the animation in the file; "": the first; "bind": the bind pose, without motion.
+            animation: Another file to take the animation from; None: the file of `mesh`.
             samples_per_second: Samples that are taken of the animation, 1/s.
             y_up: Whether to turn a file whose y axis is up, so that z is up.
             lead_in: Time in which the obstacle moves from the bind pose to the start of the clip, s.
@@ -313,15 +327,14 @@ class Scene:
         place = placement(transform, translate, rotate, scale)
         matrix = place.tolist()
         if motion is None and isinstance(mesh, (str, os.PathLike)) and (animation is not None or _animated(mesh)):
-            character = _core.load_character(
-                Path(mesh),
+            character = _character(
+                mesh,
                 str(clip),
-                Path(animation or ""),
-                1.0,
-                float(samples_per_second),
+                animation,
+                number(f"{name}: samples_per_second", samples_per_second),
                 bool(y_up),
                 number(f"{name}: lead_in", lead_in),
-                int(loops),
+                whole(f"{name}: loops", loops),
             )
             obstacle.source = str(mesh)
             body, moving = character.mesh, character.motion
@@ -367,7 +380,7 @@ class Scene:
 
         Args:
             cloth: A handle, index or name.
-            vertices: Vertex numbers [k].
+            vertices: Vertex numbers [k], one vertex number, or a mask [vertices of the cloth] of booleans.
             motion: A rigid `cama.Motion`, or a dict of its arguments, that moves their starting positions; None: fixed.
             release: Time at which the vertices become free, s.
 
@@ -390,6 +403,9 @@ class Scene:
         Args:
             cloth, vertices, release: As for `pin`.
             obstacle: A handle, index or name.
+
+        Raises:
+            ArrayError, SceneError
         """
         index, vertices = self._vertices("attach", cloth, vertices)
         self._core.add_pin(index, vertices, Motion(), self._index("attach", obstacle, self.obstacles), float(release))
@@ -440,7 +456,7 @@ class Scene:
     def _vertices(self, what: str, cloth: Part | int | str, vertices: ArrayLike) -> tuple[int, Integers]:
         index = self._index(what, cloth, self.cloths)
         name, count = self.cloths[index].name, len(self.cloths[index].vertices)
-        vertices = integers(f"{what}: {name}: vertices", vertices, (None,))
+        vertices = indices(f"{what}: {name}: vertices", vertices, count)
         for row in np.flatnonzero((vertices < 0) | (vertices >= count))[:1]:
             raise SceneError(f"{what}: {name}: vertex {vertices[row]} (row {row}) is outside 0 to {count - 1}")
         return index, vertices
@@ -606,6 +622,6 @@ class Scene:
 
     def __repr__(self) -> str:
         return (
-            f"<cama.Scene {self.name!r}: {self._core.cloth_count} cloths with {self.triangle_count} triangles, "
-            f"{self._core.obstacle_count} obstacles>"
+            f"<cama.Scene {self.name!r}: {counted(self._core.cloth_count, 'cloth')} with "
+            f"{counted(self.triangle_count, 'triangle')}, {counted(self._core.obstacle_count, 'obstacle')}>"
         )

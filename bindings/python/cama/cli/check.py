@@ -82,7 +82,8 @@ def check(
         loaded.save_intersections(mesh)
         out.print(f"intersecting faces written to {escape(str(mesh))}")
     if count:
-        out.print(intersection_table(found))
+        for line in intersection_lines(found):
+            out.print(line)
         out.print(
             "`cama run` refuses this start; its option --intersections untangle moves the cloth first, "
             "exempt starts as it is."
@@ -94,22 +95,13 @@ def place_text(place):
     return "(" + ", ".join(f"{x:.4g}" for x in place) + ")"
 
 
-def intersection_table(found):
-    """Returns a table with count, place and first primitives for each pair of objects."""
-    table = Table("objects", box=None, padding=(0, 2))
-    table.add_column("count", justify="right")
-    for title in ("around, m", "from, m", "to, m", "first edge", "first face"):
-        table.add_column(title)
+def intersection_lines(found):
+    """Yields lines with count, place and first primitives for each pair of objects; a table would cut them."""
     for pair in found:
         names = {pair.first: pair.first_name, pair.second: pair.second_name}
         who = pair.first_name + (" with itself" if pair.first == pair.second else " with " + pair.second_name)
         edge, face = (escape(names[int(owner[0])]) for owner in (pair.edge_object, pair.face_object))
-        table.add_row(
-            escape(who),
-            f"[bold red]{pair.count:,}[/]",
-            place_text(pair.mean),
-            *map(place_text, pair.bounds),
-            f"{pair.edge[0, 0]}-{pair.edge[0, 1]} of {edge}",
-            f"{pair.face[0]} of {face}",
-        )
-    return table
+        low, high = map(place_text, pair.bounds)
+        yield f"{escape(who)}: [bold red]{pair.count:,}[/]"
+        yield f"    around {place_text(pair.mean)} m, from {low} to {high}"
+        yield f"    first: edge {pair.edge[0, 0]}-{pair.edge[0, 1]} of {edge} through face {pair.face[0]} of {face}"

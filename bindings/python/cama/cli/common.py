@@ -2,7 +2,9 @@
 """Shared parts of the commands: types of options, the console, errors as one red line."""
 
 import functools
+import math
 from enum import Enum
+from fractions import Fraction
 from typing import Annotated, Optional
 
 import typer
@@ -33,6 +35,24 @@ def option_names(incomplete):
             yield row["name"] + "=", row["help"]
 
 
+def seconds(text):
+    """Returns a time, s, of a text such as 0.005 or 1/200. Raises typer.BadParameter."""
+    try:
+        value = float(text if isinstance(text, float) else Fraction(str(text).strip()))
+    except (ValueError, ZeroDivisionError, OverflowError):
+        value = math.nan
+    if not 0 <= value < math.inf:
+        raise typer.BadParameter(f"{text!r} is not a number of seconds such as 0.005 or 1/200")
+    return value
+
+
+def positive_seconds(text):
+    """As `seconds`, but 0 is refused too."""
+    if seconds(text) == 0:
+        raise typer.BadParameter(f"{text!r} is not above 0")
+    return seconds(text)
+
+
 SceneName = Annotated[
     str, typer.Argument(metavar="SCENE", help="A folder with scene.json, a JSON file, or a shipped scene's name.")
 ]
@@ -50,7 +70,7 @@ AccuracyOption = Annotated[
 ]
 TimeStep = Annotated[
     float,
-    typer.Option(min=0.0, help=options.help_of("time_step")),
+    typer.Option(parser=seconds, metavar="SECONDS", help=f"{options.help_of('time_step')} For example 1/200."),
 ]
 Set = Annotated[
     Optional[list[str]],
