@@ -22,6 +22,7 @@ from .motion import Motion
 from .options import nested, overrides_of
 from .parts import Cloth, Obstacle, Part
 from .types import ArrayLike, Description, Integers, MeshLike, PathLike, Vector, VectorLike
+from .welding import Weld, distance_of, welded
 
 if TYPE_CHECKING:
     from typing_extensions import Self
@@ -219,6 +220,7 @@ class Scene:
         rotate: VectorLike = (1, 0, 0, 0),
         scale: float = 1.0,
         velocity: VectorLike = (0, 0, 0),
+        weld: Weld = False,
         name: str | None = None,
     ) -> Cloth:
         """Adds a piece of cloth and returns its handle.
@@ -240,6 +242,10 @@ class Scene:
             rotate: Rotation of the start, a unit quaternion w, x, y, z.
             scale: Scale of the start and of the material space.
             velocity: Velocity at the start [3], m/s.
+            weld: Whether to join vertices of `mesh` that coincide, so that triangles which share a place share its
+                vertices. True: vertices within a millionth of the mesh's extent; a number: within this distance, m,
+                after `scale`. Each group keeps the position of its first vertex; vertices are then numbered in the
+                order of these, triangles that collapse are left out, and material coordinates stay.
             name: Name in error texts and results.
 
         Raises:
@@ -252,6 +258,7 @@ class Scene:
         cloth.name, cloth.source = name, cloth_source
         cloth.mesh.transform(placement(transform, translate, rotate, scale).tolist())
         cloth.mesh.scale_material(number(f"{name}: scale", scale))
+        renumbered = self._weld(name, cloth, weld, shape)
         cloth.mesh.validate(name)
         material = Material.of(material)
         if thickness is not None:
@@ -262,6 +269,10 @@ class Scene:
         handle = Cloth(self, self._core.add_cloth(cloth))
         if isinstance(mesh, (str, os.PathLike)) and Path(mesh).suffix.lower() == ".obj":
             for a, b, c, ratio in _core.load_stitches(Path(mesh)):
+                if renumbered is not None:
+                    a, b, c = (int(renumbered[vertex]) for vertex in (a, b, c))
+                    if a in (b, c) or min(a, b, c) < 0:
+                        continue  # welding has joined what the stitch would
                 self._core.add_stitch(handle.index, a, handle.index, b, c, ratio, 1e3)
         return handle
 
@@ -286,6 +297,7 @@ class Scene:
         translate: VectorLike = (0, 0, 0),
         rotate: VectorLike = (1, 0, 0, 0),
         scale: float = 1.0,
+        weld: Weld = False,
         name: str | None = None,
     ) -> Obstacle:
         """Adds an obstacle, which cloth collides with, and returns its handle.
@@ -309,6 +321,8 @@ class Scene:
             lead_in: Time in which the obstacle moves from the bind pose to the start of the clip, s.
             loops: How many times the clip is played.
             transform, translate, rotate, scale: Placement, as for `add_cloth`.
+            weld: As for `add_cloth`. Not for a motion that moves every vertex by itself; animated characters are
+                welded when they are read.
             name: Name in error texts and results.
 
         Raises:
@@ -348,9 +362,10 @@ class Scene:
             moving = _core.Motion(Motion.of(motion))
         body.transform(matrix)
         moving.transform(matrix)
-        if obstacle.shape == "mesh":
-            body.validate(name)
         obstacle.mesh, obstacle.motion = body, moving
+        self._weld(name, obstacle, weld, shape)
+        if obstacle.shape == "mesh":
+            obstacle.mesh.validate(name)
         for key, value in numbers.items():
             setattr(obstacle, key, value)
         return Obstacle(self, self._core.add_obstacle(obstacle))
@@ -368,6 +383,19 @@ class Scene:
         part = _core.Cloth() if kind == "cloth" else _core.Obstacle()
         part.mesh, source = compiled_mesh(name, mesh, faces, *(material or (None, None)))
         return part, source
+
+    @staticmethod
+    def _weld(name: str, part: Any, weld: Weld, shape: Description | None) -> Integers | None:
+        """Welds the mesh of a compiled Cloth or Obstacle; returns the new vertex [n] of each old one, None: the old."""
+        distance = distance_of(name, weld, part.mesh.vertices)
+        if distance is None:
+            return None
+        if shape is not None:
+            raise SceneError(f"{name}: weld: a generated shape has no vertices that coincide; leave it out")
+        if isinstance(part, _core.Obstacle) and not part.motion.is_rigid:
+            raise SceneError(f"{name}: weld: its motion gives positions of every vertex; weld the mesh and them before")
+        part.mesh, renumbered = welded(part.mesh, distance)
+        return renumbered
 
     def pin(
         self,

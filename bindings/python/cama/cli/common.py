@@ -1,8 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """Shared parts of the commands: types of options, the console, errors as one red line."""
 
+import contextlib
 import functools
 import math
+import warnings
 from enum import Enum
 from fractions import Fraction
 from typing import Annotated, Optional
@@ -13,6 +15,7 @@ from rich.markup import escape
 
 from .. import _core, options
 from ..errors import Error, SceneError
+from ..plausibility import PlausibilityWarning
 
 
 def choice(title, words):
@@ -108,7 +111,8 @@ def clean(command):
     @functools.wraps(command)
     def run_clean(*arguments, debug=False, **keywords):
         try:
-            return command(*arguments, debug=debug, **keywords)
+            with plain_warnings():
+                return command(*arguments, debug=debug, **keywords)
         except Error as problem:
             if debug:
                 raise
@@ -116,6 +120,30 @@ def clean(command):
             raise typer.Exit(2) from None
 
     return run_clean
+
+
+@contextlib.contextmanager
+def plain_warnings():
+    """Prints each PlausibilityWarning once, as a yellow line on standard error, without the place in the code."""
+    said = set()
+
+    with warnings.catch_warnings():
+        usual = warnings.showwarning
+
+        def show(message, category, *place):
+            if not issubclass(category, PlausibilityWarning):
+                usual(message, category, *place)
+            elif str(message) not in said:
+                said.add(str(message))
+                caution(message)
+
+        warnings.showwarning = show
+        yield
+
+
+def caution(text):
+    """Prints a warning as one yellow line on standard error."""
+    Console(stderr=True, soft_wrap=True).print(f"[yellow]{escape(str(text))}[/]", highlight=False)
 
 
 def fail(problem):
