@@ -11,4 +11,7 @@ if(CAMA_NATIVE)
 endif()
 if(CAMA_SANITIZE)
   target_compile_options(cama_flags INTERFACE -fsanitize=address,undefined -fno-omit-frame-pointer)
+  if(CMAKE_CXX_COMPILER_ID STREQUAL "GNU")   # GCC bug 110027: such frames are not aligned for vectors of 64 bytes
+    target_compile_options(cama_flags INTERFACE --param=asan-use-after-return=0)
+  endif()
 endif()

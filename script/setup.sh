@@ -7,15 +7,12 @@ PYTHON=$PWD/.venv/bin/python
 
 SYSTEM_PACKAGES=(
   ca-certificates cmake ninja-build g++ git ccache
-  libassimp-dev libfcl-dev libccd-dev nlohmann-json3-dev catch2 libeigen3-dev
+  libassimp-dev nlohmann-json3-dev libeigen3-dev
   python3 python3-venv python3-dev
   libgl1 libegl1 libgl1-mesa-dri
   ocl-icd-opencl-dev opencl-headers pocl-opencl-icd)
-PYTHON_PACKAGES=(
-  "scikit-build-core>=0.10" "pybind11>=2.12" "numpy>=1.22" "h5py>=3.6" "typer>=0.12" "rich>=13"
-  "pyvista>=0.43" "imageio>=2.30" "imageio-ffmpeg>=0.4")
-TEST_PACKAGES=("matplotlib>=3.6" "pytest>=7" "jsonschema>=4" "ipctk>=1.3" "scipy>=1.8" "trimesh>=4"
-  "mypy>=1.11" "typing_extensions>=4.5" "ruff==0.17.6" "clang-format==19.1.7")
+TEST_SYSTEM_PACKAGES=(catch2 libfcl-dev libccd-dev)
+PYTHON_LISTS=(requires dependencies render tradeoff)   # of pyproject.toml: to build, to run, and what all commands need
 
 # phase NAME COMMAND...: runs it and says how long it took.
 phase() {
@@ -42,11 +39,24 @@ system_packages() {
   fi
 }
 
-# python_packages NAME...: what .venv lacks; the network is asked only then.
+# requirements LIST...: the packages in lists of pyproject.toml, such as `dependencies` or the extra `test`, one a line.
+requirements() {
+  python3 - "$@" <<'READ'
+import re, sys
+text = open("pyproject.toml", encoding="utf-8").read()
+for name in sys.argv[1:]:
+    found = re.search(rf"^{name} = \[(.*?)\]", text, re.M | re.S)
+    print(*re.findall(r'"([^"]+)"', found[1] if found else sys.exit(f"pyproject.toml has no list {name}")), sep="\n")
+READ
+}
+
+# python_packages LIST...: what .venv lacks of these lists of pyproject.toml; the network is asked only then.
 python_packages() {
   [ -x "$PYTHON" ] || python3 -m venv .venv
-  local missing
-  missing=$("$PYTHON" - "$@" <<'CHECK'
+  local wanted missing
+  wanted=$(requirements "$@")
+  mapfile -t wanted <<< "$wanted"
+  missing=$("$PYTHON" - "${wanted[@]}" <<'CHECK'
 import importlib.metadata, re, sys
 def number(text):
     return [int(part) for part in re.findall(r"\d+", text)[:3]]

@@ -70,6 +70,25 @@ def test_frames_yields_what_it_says(falling):
     assert frames[0].report["step"] == 2
 
 
+def test_pins_take_numbers_one_number_and_masks(sheet):
+    scene = cama.Scene()
+    cloth = scene.add_cloth(*sheet)
+    ball = scene.add_obstacle(shape={"sphere": {"radius": 0.1}})
+    left = sheet[0][:, 0] == -0.5  # a sheet of 9 x 9 vertices, x first: its first nine
+    scene.pin(cloth, left)
+    scene.pin(cloth, 80)
+    scene.pin(cloth, np.int64(3))
+    scene.attach(cloth, list(left), ball)
+    scene.pin(cloth, np.zeros(81, bool))
+    assert [p["vertices"].tolist() for p in scene.pins] == [[*range(9)], [80], [3], [*range(9)], []]
+    with pytest.raises(cama.ArrayError, match=r"cloth 0: vertices: a mask of shape \[80\], expected \[81\]"):
+        scene.pin(cloth, left[:80])
+    with pytest.raises(cama.SceneError, match="vertex 81"):
+        scene.pin(cloth, 81)
+    with pytest.raises(cama.ArrayError, match="float64"):
+        scene.pin(cloth, 0.5)
+
+
 def test_pins_hold_and_move_and_let_go(sheet):
     scene = cama.Scene(time_step=0.01)
     cloth = scene.add_cloth(*sheet)

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Whatever cannot be simulated is refused before any kernel runs, by a named error that says where."""
 
+import inspect
 import subprocess
 import sys
 
@@ -8,6 +9,7 @@ import numpy as np
 import pytest
 
 import cama
+from cama import motion
 from conftest import grid
 
 
@@ -216,3 +218,32 @@ def test_every_error_is_one_family():
         assert issubclass(getattr(cama, name), cama.Error)
         assert getattr(cama, name).__module__ == "cama"
     assert issubclass(cama.DeviceMemoryError, cama.BackendError) and issubclass(cama.ArrayError, ValueError)
+
+
+@pytest.mark.parametrize(
+    ("make", "error", "text"),
+    [
+        (lambda: cama.Simulation(None), cama.SceneError, "scene: None is neither a cama.Scene, a file"),
+        (lambda: cama.Scene.load(3), cama.SceneError, "scene: 3 is neither"),
+        (lambda: cama.Motion(keys=[{"t": 1}]), cama.SceneError, "key 0: 't' is not known; there are time, translation"),
+        (lambda: cama.Motion(keys=[{"time": 0}, {"scale": 1}]), cama.SceneError, "key 1: has no time"),
+        (lambda: cama.Motion(keys=[{"tme": 1}]), cama.SceneError, "did you mean 'time'"),
+        (lambda: cama.Motion(keys=[1.0]), cama.SceneError, "key 0: 1.0 is not a dict with time"),
+        (lambda: cama.Motion(keys=2), cama.SceneError, "keys: 2 is not a list of dicts"),
+        (lambda: cama.Motion.of({"velocty": (1, 0, 0)}), cama.SceneError, "did you mean 'velocity'"),
+        (lambda: cama.Motion.of({"keys": [{"t": 1}]}), cama.SceneError, "key 0: 't' is not known"),
+        (lambda: cama.Material.fabric(3), cama.MaterialError, "3 is not the name of a fabric"),
+        (lambda: cama.Material.load(3), cama.MaterialError, "3 is not the name of a file"),
+    ],
+)
+def test_things_of_a_wrong_kind(make, error, text):
+    with pytest.raises(error, match=text) as seen:
+        make()
+    assert "argument" not in str(seen.value)
+
+
+def test_the_arguments_of_a_motion_are_all_known():
+    """The list in error texts is that of the constructor."""
+    names = tuple(inspect.signature(cama.Motion.__init__).parameters)[1:]
+    assert names == motion.ARGUMENTS
+    assert tuple(inspect.signature(cama.Motion._add_key).parameters)[2:] == motion.KEY

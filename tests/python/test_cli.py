@@ -122,7 +122,7 @@ def test_check_asks_about_centimetres(tmp_path):
         json.dumps({"cloth": [{"grid": {"size": [60, 90]}, "name": "skirt", "material": "cotton"}]})
     )
     said = " ".join(call("check", tmp_path, "--resolution", 100).output.split())
-    assert "skirt: more than 20 m across; lengths are metres" in said
+    assert "cloth 'skirt': vertices: 90 m across; lengths are metres" in said
 
 
 def test_check_shows_sizes_and_a_rest_shape_that_is_no_rest_shape(tmp_path):

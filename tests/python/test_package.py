@@ -239,3 +239,10 @@ def test_backends_take_one_inner_header():
             assert inner <= {"libcama/src/device/for_backends.hpp"}, name
         if name.startswith("libcama/"):
             assert not {i for i in included if i.startswith("backends/")}, name
+
+
+def test_the_package_says_who_made_it_and_for_what():
+    text = (ROOT / "pyproject.toml").read_text(encoding="utf-8")
+    project = text[text.index("[project]") : text.index("[project.optional")]
+    assert 'authors = [{ name = "cama developers" }]' in project
+    assert '"Topic :: Scientific/Engineering :: Physics"' in project and "License ::" not in project

@@ -35,6 +35,7 @@ from .errors import (
 from .material import Material, fabrics  # noqa: E402
 from .motion import Motion  # noqa: E402
 from .options import option_table  # noqa: E402
+from .plausibility import PlausibilityWarning  # noqa: E402
 from .scene import Cloth, Obstacle, Scene  # noqa: E402
 from .simulation import Frame, Simulation  # noqa: E402
 
@@ -69,6 +70,7 @@ __all__ = [
     "MeshError",
     "SceneError",
     "SolverError",
+    "PlausibilityWarning",
 ]
 
 if TYPE_CHECKING:

@@ -55,6 +55,16 @@ def integers(name: str, value: object, shape: _Shape) -> Integers:
     return np.ascontiguousarray(array, dtype=np.int32)
 
 
+def indices(name: str, value: object, count: int) -> Integers:
+    """Returns indices [k] below `count` from indices [k], one index, or a mask [count] of booleans."""
+    array = _as_array(name, value, (None,)) if isinstance(value, (list, tuple)) else np.asarray(value)
+    if array.dtype.kind == "b":
+        if array.shape != (count,):
+            raise ArrayError(f"{name}: a mask of shape {list(array.shape)}, expected [{count}], one for each vertex")
+        return np.flatnonzero(array).astype(np.int32)
+    return integers(name, array.reshape(1) if array.ndim == 0 else array, (None,))
+
+
 def vector(name: str, value: object) -> Vector:
     """Returns `value` as a tuple of three finite floats."""
     x, y, z = reals(name, value, (3,)).tolist()

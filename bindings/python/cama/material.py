@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 from . import _core
 from .arrays import number
 from .errors import MaterialError
+from .hints import reading
 from .types import Description, PathLike
 
 if TYPE_CHECKING:
@@ -85,11 +86,16 @@ class Material(_core.Material):
     @classmethod
     def fabric(cls, name: str) -> Self:
         """Returns a shipped fabric, see `cama.fabrics()`. Raises MaterialError."""
-        return cls(_core.Material.fabric(name))
+        if not isinstance(name, str):
+            raise MaterialError(f"material: {name!r} is not the name of a fabric")
+        with reading():
+            return cls(_core.Material.fabric(name))
 
     @classmethod
     def load(cls, file: PathLike) -> Self:
         """Reads a JSON file in the format of cama or of ARCSim. Raises FileError, MaterialError."""
+        if not isinstance(file, (str, os.PathLike)):
+            raise MaterialError(f"material: {file!r} is not the name of a file")
         return cls(_core.Material.load(Path(file)))
 
     @classmethod
@@ -98,7 +104,8 @@ class Material(_core.Material):
         if isinstance(value, _core.Material):
             return cls(value)
         if isinstance(value, dict):
-            return cls(_core.Material.parse(json.dumps(value), value.get("name", "material")))
+            with reading():
+                return cls(_core.Material.parse(json.dumps(value), value.get("name", "material")))
         if isinstance(value, str):
             return cls.load(value) if value.endswith(".json") else cls.fabric(value)
         if isinstance(value, os.PathLike):

@@ -9,9 +9,35 @@ from typing import Any
 from . import _core
 from .arrays import number, quaternion, reals, vector
 from .errors import ArrayError, SceneError
+from .hints import similar
 from .types import ArrayLike, VectorLike
 
 __all__ = ["Motion"]
+
+KEY = ("time", "translation", "rotation", "scale", "center")
+ARGUMENTS = (
+    "velocity",
+    "rotation_rate",
+    "oscillation",
+    "period",
+    "center",
+    "start",
+    "stop",
+    "keys",
+    "times",
+    "positions",
+)
+
+
+def _check_names(what: str, given: object, known: tuple[str, ...], needed: str | None = None) -> None:
+    """Raises SceneError if something is not a dict of these names."""
+    if not isinstance(given, Mapping):
+        raise SceneError(f"{what}: {given!r} is not a dict with {', '.join(known)}")
+    for name in given:
+        if name not in known:
+            raise SceneError(f"{what}: {name!r} is not known; there are {', '.join(known)}{similar(name, known)}")
+    if needed is not None and needed not in given:
+        raise SceneError(f"{what}: has no {needed}")
 
 
 class Motion(_core.Motion):
@@ -31,7 +57,8 @@ class Motion(_core.Motion):
         positions: Positions [k, vertices, 3] at these times, m.
 
     Raises:
-        ArrayError
+        ArrayError: An argument or a value of a key has a wrong type or shape.
+        SceneError: `keys` are not dicts of these names, or one has no time.
     """
 
     __slots__ = ()
@@ -57,7 +84,10 @@ class Motion(_core.Motion):
         self.period = number("motion: period", period)
         self.start = number("motion: start", start)
         self.stop = number("motion: stop", stop)
+        if not isinstance(keys, Iterable):
+            raise SceneError(f"motion: keys: {keys!r} is not a list of dicts")
         for index, key in enumerate(keys):
+            _check_names(f"motion: key {index}", key, KEY, "time")
             self._add_key(f"motion: key {index}", **key)
         if (times is None) != (positions is None):
             raise ArrayError("motion: times and positions come together")
@@ -68,10 +98,8 @@ class Motion(_core.Motion):
     def of(cls, value: _core.Motion | dict[str, Any] | None) -> _core.Motion:
         """Returns a motion made from a motion, a dict of arguments, or None (at rest)."""
         if isinstance(value, dict):
-            try:
-                return cls(**value)
-            except TypeError as problem:
-                raise SceneError(f"motion: {problem}") from None
+            _check_names("motion", value, ARGUMENTS)
+            return cls(**value)
         if value is not None and not isinstance(value, _core.Motion):
             raise SceneError(f"motion: {value!r} is neither a cama.Motion nor a dict of its arguments")
         return cls() if value is None else value

@@ -13,14 +13,16 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from . import _core, collision, shipped
-from .arrays import count, integers, number, plain, reals, vector, whole
+from .arrays import count, indices, number, plain, reals, vector, whole
 from .errors import ArrayError, FileError, SceneError
+from .hints import counted, reading
 from .inputs import compiled_mesh, placement, shape_scene, uniform_scale
 from .material import Material
 from .motion import Motion
 from .options import nested, overrides_of
 from .parts import Cloth, Obstacle, Part
 from .types import ArrayLike, Description, Integers, MeshLike, PathLike, Vector, VectorLike
+from .welding import Weld, distance_of, welded
 
 if TYPE_CHECKING:
     from typing_extensions import Self
@@ -33,6 +35,16 @@ ANIMATED = {".glb", ".gltf", ".fbx", ".dae"}
 def _animated(file: PathLike) -> bool:
     """Whether a file has one of the formats that can hold skeletal animation."""
     return Path(file).suffix.lower() in ANIMATED
+
+
+def _character(file: PathLike, clip: str, animation: PathLike | None, *how: Any) -> _core.Character:
+    """Loads a character; a file without animation, of which no clip is asked for, stands still. Raises FileError."""
+    try:
+        return _core.load_character(Path(file), clip, "" if animation is None else Path(animation), 1.0, *how)
+    except FileError:
+        if clip or animation is not None:
+            raise
+    return _core.load_character(Path(file), "bind", "", 1.0, *how)
 
 
 class Scene:
@@ -104,7 +116,8 @@ class Scene:
             FileError, SceneError, MeshError, MaterialError
         """
         path = shipped.resolve(scene)
-        return cls._of(_core.Scene.load(path, count("resolution", resolution)))
+        with reading(path):
+            return cls._of(_core.Scene.load(path, count("resolution", resolution)))
 
     @classmethod
     def parse(cls, text: str | Description, folder: PathLike = ".", resolution: int = 0) -> Self:
@@ -119,7 +132,8 @@ class Scene:
             text = text if isinstance(text, str) else json.dumps(text, default=plain)
         except (TypeError, ValueError) as problem:
             raise SceneError(f"not what JSON can hold: {problem}") from None
-        return cls._of(_core.Scene.parse(text, Path(folder), count("resolution", resolution)))
+        with reading():
+            return cls._of(_core.Scene.parse(text, Path(folder), count("resolution", resolution)))
 
     def to_json(self) -> str:
         """Returns the whole scene as JSON text that contains its meshes."""
@@ -206,6 +220,7 @@ class Scene:
         rotate: VectorLike = (1, 0, 0, 0),
         scale: float = 1.0,
         velocity: VectorLike = (0, 0, 0),
+        weld: Weld = False,
         name: str | None = None,
     ) -> Cloth:
         """Adds a piece of cloth and returns its handle.
@@ -227,6 +242,10 @@ class Scene:
             rotate: Rotation of the start, a unit quaternion w, x, y, z.
             scale: Scale of the start and of the material space.
             velocity: Velocity at the start [3], m/s.
+            weld: Whether to join vertices of `mesh` that coincide, so that triangles which share a place share its
+                vertices. True: vertices within a millionth of the mesh's extent; a number: within this distance, m,
+                after `scale`. Each group keeps the position of its first vertex; vertices are then numbered in the
+                order of these, triangles that collapse are left out, and material coordinates stay.
             name: Name in error texts and results.
 
         Raises:
@@ -239,6 +258,7 @@ class Scene:
         cloth.name, cloth.source = name, cloth_source
         cloth.mesh.transform(placement(transform, translate, rotate, scale).tolist())
         cloth.mesh.scale_material(number(f"{name}: scale", scale))
+        renumbered = self._weld(name, cloth, weld, shape)
         cloth.mesh.validate(name)
         material = Material.of(material)
         if thickness is not None:
@@ -249,6 +269,10 @@ class Scene:
         handle = Cloth(self, self._core.add_cloth(cloth))
         if isinstance(mesh, (str, os.PathLike)) and Path(mesh).suffix.lower() == ".obj":
             for a, b, c, ratio in _core.load_stitches(Path(mesh)):
+                if renumbered is not None:
+                    a, b, c = (int(renumbered[vertex]) for vertex in (a, b, c))
+                    if a in (b, c) or min(a, b, c) < 0:
+                        continue  # welding has joined what the stitch would
                 self._core.add_stitch(handle.index, a, handle.index, b, c, ratio, 1e3)
         return handle
 
@@ -273,12 +297,14 @@ class Scene:
         translate: VectorLike = (0, 0, 0),
         rotate: VectorLike = (1, 0, 0, 0),
         scale: float = 1.0,
+        weld: Weld = False,
         name: str | None = None,
     ) -> Obstacle:
         """Adds an obstacle, which cloth collides with, and returns its handle.
 
         Args:
-            mesh: As for `add_cloth`. glTF, FBX and DAE files bring their skeletal animation.
+            mesh: As for `add_cloth`. glTF, FBX and DAE files bring their skeletal animation; without one they stand
+                still.
             faces: As for `add_cloth`.
             shape: A generated obstacle instead of `mesh`, as in scene.json, for example {"sphere": {"radius": 0.25}},
                 {"box": {"size": [1, 1, 0.1]}} or {"walker": {}}. {"shape": {"sphere": {"radius": 0.25}}} is an exact
@@ -288,13 +314,15 @@ class Scene:
             static_friction: The coefficient while cloth sticks; None: equal to `friction`.
             thickness: Contact thickness, m; None: the scene's.
             contact_stiffness: Stiffness of the contact penalty, N/m^3; None: the scene's.
-            clip: Name or index of the animation in the file; "bind": the bind pose, without motion.
-            animation: Another file to take the animation from.
+            clip: Name or index of the animation in the file; "": the first; "bind": the bind pose, without motion.
+            animation: Another file to take the animation from; None: the file of `mesh`.
             samples_per_second: Samples that are taken of the animation, 1/s.
             y_up: Whether to turn a file whose y axis is up, so that z is up.
             lead_in: Time in which the obstacle moves from the bind pose to the start of the clip, s.
             loops: How many times the clip is played.
             transform, translate, rotate, scale: Placement, as for `add_cloth`.
+            weld: As for `add_cloth`. Not for a motion that moves every vertex by itself; animated characters are
+                welded when they are read.
             name: Name in error texts and results.
 
         Raises:
@@ -313,15 +341,14 @@ class Scene:
         place = placement(transform, translate, rotate, scale)
         matrix = place.tolist()
         if motion is None and isinstance(mesh, (str, os.PathLike)) and (animation is not None or _animated(mesh)):
-            character = _core.load_character(
-                Path(mesh),
+            character = _character(
+                mesh,
                 str(clip),
-                Path(animation or ""),
-                1.0,
-                float(samples_per_second),
+                animation,
+                number(f"{name}: samples_per_second", samples_per_second),
                 bool(y_up),
                 number(f"{name}: lead_in", lead_in),
-                int(loops),
+                whole(f"{name}: loops", loops),
             )
             obstacle.source = str(mesh)
             body, moving = character.mesh, character.motion
@@ -335,9 +362,10 @@ class Scene:
             moving = _core.Motion(Motion.of(motion))
         body.transform(matrix)
         moving.transform(matrix)
-        if obstacle.shape == "mesh":
-            body.validate(name)
         obstacle.mesh, obstacle.motion = body, moving
+        self._weld(name, obstacle, weld, shape)
+        if obstacle.shape == "mesh":
+            obstacle.mesh.validate(name)
         for key, value in numbers.items():
             setattr(obstacle, key, value)
         return Obstacle(self, self._core.add_obstacle(obstacle))
@@ -356,6 +384,19 @@ class Scene:
         part.mesh, source = compiled_mesh(name, mesh, faces, *(material or (None, None)))
         return part, source
 
+    @staticmethod
+    def _weld(name: str, part: Any, weld: Weld, shape: Description | None) -> Integers | None:
+        """Welds the mesh of a compiled Cloth or Obstacle; returns the new vertex [n] of each old one, None: the old."""
+        distance = distance_of(name, weld, part.mesh.vertices)
+        if distance is None:
+            return None
+        if shape is not None:
+            raise SceneError(f"{name}: weld: a generated shape has no vertices that coincide; leave it out")
+        if isinstance(part, _core.Obstacle) and not part.motion.is_rigid:
+            raise SceneError(f"{name}: weld: its motion gives positions of every vertex; weld the mesh and them before")
+        part.mesh, renumbered = welded(part.mesh, distance)
+        return renumbered
+
     def pin(
         self,
         cloth: Cloth | int | str,
@@ -367,7 +408,7 @@ class Scene:
 
         Args:
             cloth: A handle, index or name.
-            vertices: Vertex numbers [k].
+            vertices: Vertex numbers [k], one vertex number, or a mask [vertices of the cloth] of booleans.
             motion: A rigid `cama.Motion`, or a dict of its arguments, that moves their starting positions; None: fixed.
             release: Time at which the vertices become free, s.
 
@@ -390,6 +431,9 @@ class Scene:
         Args:
             cloth, vertices, release: As for `pin`.
             obstacle: A handle, index or name.
+
+        Raises:
+            ArrayError, SceneError
         """
         index, vertices = self._vertices("attach", cloth, vertices)
         self._core.add_pin(index, vertices, Motion(), self._index("attach", obstacle, self.obstacles), float(release))
@@ -440,7 +484,7 @@ class Scene:
     def _vertices(self, what: str, cloth: Part | int | str, vertices: ArrayLike) -> tuple[int, Integers]:
         index = self._index(what, cloth, self.cloths)
         name, count = self.cloths[index].name, len(self.cloths[index].vertices)
-        vertices = integers(f"{what}: {name}: vertices", vertices, (None,))
+        vertices = indices(f"{what}: {name}: vertices", vertices, count)
         for row in np.flatnonzero((vertices < 0) | (vertices >= count))[:1]:
             raise SceneError(f"{what}: {name}: vertex {vertices[row]} (row {row}) is outside 0 to {count - 1}")
         return index, vertices
@@ -606,6 +650,6 @@ class Scene:
 
     def __repr__(self) -> str:
         return (
-            f"<cama.Scene {self.name!r}: {self._core.cloth_count} cloths with {self.triangle_count} triangles, "
-            f"{self._core.obstacle_count} obstacles>"
+            f"<cama.Scene {self.name!r}: {counted(self._core.cloth_count, 'cloth')} with "
+            f"{counted(self.triangle_count, 'triangle')}, {counted(self._core.obstacle_count, 'obstacle')}>"
         )

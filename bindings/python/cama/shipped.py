@@ -3,9 +3,11 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 
-from .errors import FileError
+from .errors import FileError, SceneError
+from .hints import MESHES, mesh_is_no_scene, similar
 from .types import PathLike
 
 
@@ -21,8 +23,15 @@ def names() -> list[str]:
 
 
 def resolve(scene: PathLike) -> Path:
-    """Returns the path of a scene given as a folder, a JSON file or the name of a shipped scene. Raises FileError."""
+    """Returns the path of a scene given as a folder, a JSON file or the name of a shipped scene.
+
+    Raises FileError; SceneError if `scene` is none of these, or a mesh.
+    """
+    if not isinstance(scene, (str, os.PathLike)):
+        raise SceneError(f"scene: {scene!r} is neither a cama.Scene, a file, a folder nor the name of a shipped scene")
     path = Path(scene)
+    if path.suffix.lower() in MESHES and path.is_file():
+        raise SceneError(mesh_is_no_scene(path))
     if path.is_file() or (path / "scene.json").is_file():
         return path
     shipped = folder() / str(scene)
@@ -30,4 +39,7 @@ def resolve(scene: PathLike) -> Path:
         return shipped
     if path.is_dir():
         raise FileError(f"{path}: this folder has no scene.json")
-    raise FileError(f"{scene}: no such file, folder or shipped scene; shipped scenes: {', '.join(names())}")
+    known = ", ".join(names())
+    raise FileError(
+        f"{scene}: no such file, folder or shipped scene; shipped scenes: {known}{similar(str(scene), names())}"
+    )

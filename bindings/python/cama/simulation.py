@@ -10,9 +10,10 @@ from typing import TYPE_CHECKING, Any, NoReturn
 import numpy as np
 import numpy.typing as npt
 
-from . import _core
+from . import _core, plausibility
 from .arrays import count, reals
 from .collision import UntangleReport
+from .errors import CollisionError
 from .io import checkpoint
 from .options import overrides_of, signature
 from .scene import Scene
@@ -71,6 +72,9 @@ class Simulation:
     Raises:
         cama.Error: The scene cannot be simulated; a subclass says why, before any computation.
         CollisionError: The scene starts with intersections, and `intersections` is "reject", or "untangle" failed.
+
+    Warns:
+        cama.PlausibilityWarning: A value is hardly meant, for example a length in centimetres.
     """
 
     def __init__(
@@ -85,7 +89,12 @@ class Simulation:
     ) -> None:
         self.scene = scene.copy() if isinstance(scene, Scene) else Scene.load(scene)
         given = dict(backend=backend, precision=precision, accuracy=accuracy, device=device, threads=threads)
-        self._core = _core.Simulation(self.scene._core, overrides_of({**given, **overrides}))
+        try:
+            self._core = _core.Simulation(self.scene._core, overrides_of({**given, **overrides}))
+        except CollisionError as problem:
+            plausibility.explain_collision(problem, self.scene)
+            raise
+        plausibility.warn(plausibility.findings(self.scene, self._core.options()))
         self._frame = 0
         self._parts: dict[str, str] | None = None
 

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "cama/simulation.hpp"
 
+#include <array>
 #include <mutex>
 
 #include "bindings.hpp"
@@ -136,6 +137,9 @@ py::dict to_dict(Checkpoint c)
   d["released"] = c.released;
   d["numbers"] = numbers;
   d["vectors"] = vectors;
+  py::dict driving;
+  for (auto &[name, values] : c.driving) driving[py::str(name)] = to_array<double>(std::move(values));
+  d["driving"] = driving;
   d["tangled"] = to_array<int>(std::move(c.tangled));
   d["let_go"] = to_array<int>(std::move(c.let_go));
   d["matching_step"] = c.matching.step;
@@ -162,6 +166,8 @@ Checkpoint to_checkpoint(const py::dict &d)
     c.numbers[name.cast<std::string>()] = value.cast<double>();
   for (const auto &[name, values] : d["vectors"].cast<py::dict>())
     c.vectors[name.cast<std::string>()] = to_vector<dvec3>(values.cast<Doubles>());
+  for (const auto &[name, values] : d["driving"].cast<py::dict>())
+    c.driving[name.cast<std::string>()] = to_vector<double>(values.cast<Doubles>());
   const auto pairs = [&](const char *name) { return to_vector<std::pair<int, int>>(d[name].cast<Ints>()); };
   c.tangled = pairs("tangled");
   c.let_go = pairs("let_go");
@@ -214,6 +220,63 @@ void bind_simulation(py::module_ &m)
            [](Guarded &g, const Doubles &positions, const Doubles &velocities) {
              const auto x = to_vector<dvec3>(positions), v = to_vector<dvec3>(velocities);
              g.with([&](Simulation &s) { s.set_state(x, v); });
+           })
+      .def("pin",
+           [](Guarded &g, const Ints &vertices, const Doubles &targets, double duration) {
+             const auto v = to_vector<int>(vertices);
+             const auto x = to_vector<dvec3>(targets);
+             g.with([&](Simulation &s) { s.pin(v, x, duration); });
+           })
+      .def("set_targets",
+           [](Guarded &g, const Ints &vertices, const Doubles &positions, double duration) {
+             const auto v = to_vector<int>(vertices);
+             const auto x = to_vector<dvec3>(positions);
+             g.with([&](Simulation &s) { s.set_targets(v, x, duration); });
+           })
+      .def("release",
+           [](Guarded &g, const Ints &vertices) {
+             const auto v = to_vector<int>(vertices);
+             g.with([&](Simulation &s) { s.release(v); });
+           })
+      .def("attach",
+           [](Guarded &g, const Ints &vertices, int obstacle) {
+             const auto v = to_vector<int>(vertices);
+             g.with([&](Simulation &s) { s.attach(v, obstacle); });
+           })
+      .def("set_obstacle_pose",
+           [](Guarded &g, int obstacle, const std::array<double, 3> &translation,
+              const std::array<double, 4> &rotation, double duration) {
+             const dvec3 t{translation[0], translation[1], translation[2]};
+             g.with([&](Simulation &s) { s.set_obstacle_pose(obstacle, t, rotation, duration); });
+           })
+      .def("set_obstacle_vertices",
+           [](Guarded &g, int obstacle, const Doubles &positions, double duration) {
+             const auto x = to_vector<dvec3>(positions);
+             g.with([&](Simulation &s) { s.set_obstacle_vertices(obstacle, x, duration); });
+           })
+      .def("set_force",
+           [](Guarded &g, const Ints &vertices, const Doubles &forces) {
+             const auto v = to_vector<int>(vertices);
+             const auto f = to_vector<dvec3>(forces);
+             g.with([&](Simulation &s) { s.set_force(v, f); });
+           })
+      .def("gravity",
+           [](Guarded &g) {
+             const dvec3 v = g.with([](Simulation &s) { return s.gravity(); });
+             return std::array<double, 3>{v.x, v.y, v.z};
+           })
+      .def("set_gravity",
+           [](Guarded &g, const std::array<double, 3> &v) {
+             g.with([&](Simulation &s) { s.set_gravity({v[0], v[1], v[2]}); });
+           })
+      .def("wind",
+           [](Guarded &g) {
+             const dvec3 v = g.with([](Simulation &s) { return s.wind(); });
+             return std::array<double, 3>{v.x, v.y, v.z};
+           })
+      .def("set_wind",
+           [](Guarded &g, const std::array<double, 3> &v) {
+             g.with([&](Simulation &s) { s.set_wind({v[0], v[1], v[2]}); });
            })
       .def("checkpoint", [](Guarded &g) { return to_dict(g.with([](Simulation &s) { return s.checkpoint(); })); })
       .def("restore",

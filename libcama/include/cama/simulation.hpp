@@ -80,12 +80,38 @@ public:
   /// Sets positions, m, and velocities, m/s, [cloth vertices] each. Throws SceneError, or CollisionError if the
   /// positions intersect, unless the option intersections is exempt or nothing can touch; the state is then unchanged.
   void set_state(const std::vector<dvec3> &positions, const std::vector<dvec3> &velocities);
+  // Driving: what is set between steps holds from the next step on. Vertices are those of the cloths, numbered through
+  // all of them. Positions and poses are reached after `duration`, s (0: one time step), linearly in time, and held;
+  // motion on the way is swept and divided as prescribed motion is. All throw SceneError where the arguments do not
+  // fit; nothing has changed then.
+
+  /// Holds vertices, and moves them to targets, [vertices], m; none: holds them where they are. Takes them from pins and
+  /// attachments of the scene.
+  void pin(const std::vector<int> &vertices, const std::vector<dvec3> &targets = {}, double duration = 0);
+  /// Moves vertices that `pin` holds to positions, m.
+  void set_targets(const std::vector<int> &vertices, const std::vector<dvec3> &positions, double duration = 0);
+  /// Lets go of vertices that pins or attachments hold, also those of the scene. They keep their velocity.
+  void release(const std::vector<int> &vertices);
+  /// Fixes vertices to the nearest point of an obstacle's triangles, at their present offset.
+  void attach(const std::vector<int> &vertices, int obstacle);
+  /// Moves an obstacle to x -> rotation x + translation, m, of its vertices as the scene has them before any motion.
+  /// rotation: unit quaternion (w, x, y, z). Ends its prescribed rigid motion.
+  void set_obstacle_pose(int obstacle, const dvec3 &translation, const std::array<double, 4> &rotation = {1, 0, 0, 0},
+                         double duration = 0);
+  /// Moves the vertices of an obstacle that is a mesh to positions, m. Ends its prescribed motion.
+  void set_obstacle_vertices(int obstacle, const std::vector<dvec3> &positions, double duration = 0);
+  /// Forces on vertices, N, until they are set anew.
+  void set_force(const std::vector<int> &vertices, const std::vector<dvec3> &forces);
+  void set_gravity(const dvec3 &gravity);  ///< m/s^2
+  void set_wind(const dvec3 &velocity);  ///< m/s; the scene must have a wind
+  dvec3 gravity() const;  ///< m/s^2
+  dvec3 wind() const;  ///< m/s; zero if the scene has none
+
   /// All data that later steps depend on, which contacts and report of the last step are not.
   Checkpoint checkpoint() const;
   /// Continues from a checkpoint of the same scene: with the same options the steps are, bit by bit, those of the run
   /// that it was taken from, on any backend. Options may differ, also the time step. Throws SceneError if it is of
-  /// another scene or damaged, or if pins that hold in it have been released here; CollisionError as set_state. The
-  /// state is then unchanged.
+  /// another scene or damaged; CollisionError as set_state. The state is then unchanged.
   void restore(const Checkpoint &checkpoint);
   ContactArrays contacts() const;  ///< of the last step; empty after a step that failed
 

@@ -10,9 +10,8 @@
 #include "ccd.h"
 #include "distance.h"
 
-#define TOUCH_ROUNDING                                                                              \
-  1e-29 /* bound on the rounding error of a separation in double-double, relative to the extent and \
-           |n| */
+/* Bound on the rounding error of a separation in double-double, relative to the extent and |n|. */
+#define TOUCH_ROUNDING 1e-29
 #define TOUCH_CLEAR 1e-12 /* of the extent: from this separation on, double continues */
 #define TOUCH_INSIDE 1e-6 /* closest points so far inside the face or edges: a contact, not tested again */
 

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Wind and drag on triangles. */
+/* Wind and drag on triangles; forces that a driver sets. */
 #ifndef CAMA_KERNELS_ELEMENTS_EXTERNAL_H
 #define CAMA_KERNELS_ELEMENTS_EXTERNAL_H
 #include "../dialect/dvec3.h"
@@ -47,6 +47,14 @@ KERNEL add_wind(int n, GLOBAL const triangle_rest *rest, GLOBAL const dvec3 *pos
     force[3 * i] = add(force[3 * i], f);
     force[3 * i + 1] = add(force[3 * i + 1], f);
     force[3 * i + 2] = add(force[3 * i + 2], f);
+  }
+}
+
+/* Adds the forces that a driver holds on vertices, N. */
+KERNEL add_driven_forces(int n, GLOBAL const dvec3 *driven, GLOBAL vec3 *force)
+{
+  FOR_EACH(i, n) {
+    force[i] = add(force[i], to_vec3(driven[i]));
   }
 }
 

@@ -53,7 +53,8 @@ struct MeshState {
   int cloth_vertices = 0, vertices = 0;
   int triangles = 0, hinges = 0;  // of cloth
   int faces = 0, edges = 0;  // of cloth and obstacles
-  int releases = 0;  // number of times that pins released vertices
+  int pin_changes = 0;  // number of times that vertices were pinned or released
+  int motion_changes = 0;  // number of times that static obstacles began to move
   Stream<dvec3> position, velocity;  // [vertices] m, m/s at the start of the step
   Stream<dvec3> position_next, velocity_next;  // [vertices] at the end of the step
   Stream<dvec3> position_before, velocity_before;  // [vertices] with BDF2: at the start of the previous step
@@ -101,6 +102,7 @@ struct ElementState {
   Stream<kernels::stitch> stitch;
   Stream<dvec3> gravity, wind;  // [1] m/s^2, m/s
   Stream<double> areal_density;  // [cloths] kg/m^2, with wind
+  Stream<dvec3> driven_force;  // [cloth vertices] N, once a driver has set one
   std::vector<double> damping;  // [cloths], s
 
   template <class F> void visit(F &&f)
@@ -115,6 +117,7 @@ struct ElementState {
     f("gravity", Life::scene, gravity);
     f("wind", Life::scene, wind);
     f("areal_density", Life::scene, areal_density);
+    f("driven_force", Life::scene, driven_force);
   }
 };
 

@@ -62,6 +62,12 @@ Engine::Engine(const Scene &scene, const ResolvedOptions &resolved, std::unique_
     set_up<double>(state, scene, topology);
     pipeline = make_pipeline<double>(scene, state);
   }
+  for (const auto &stage : pipeline->children())
+    if (auto *motion = dynamic_cast<PrescribedMotion *>(stage.get())) motion_ = motion;
+  if (!motion_) idle_motion_ = std::make_unique<PrescribedMotion>(scene, *backend);
+  scene_gravity_ = scene.gravity;
+  if (scene.wind) scene_wind_ = scene.wind->velocity;
+  for (const Obstacle &o : scene.obstacles) shape_.push_back(o.shape);
   if (exempt && scene.has_contact()) {
     state.exemptions.add_tangle(forbidden_intersections(topology.position, topology, scene.contact.self), topology);
     state.exemptions.upload();

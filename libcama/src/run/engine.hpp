@@ -1,13 +1,16 @@
 // SPDX-License-Identifier: Apache-2.0
 // Backend, state and stages of one scene, which Simulation hides and tests inspect.
 #pragma once
+#include <array>
 #include <functional>
 #include <memory>
+#include <vector>
 
 #include "cama/backend.hpp"
 #include "cama/untangle.hpp"
 #include "model/topology.hpp"
 #include "run/pipeline.hpp"
+#include "stages/prescribed_motion.hpp"
 
 namespace cama {
 
@@ -34,7 +37,33 @@ public:
   /// Takes one time step; see take_step. finished: called when the step is complete, before it is accepted.
   void take(const std::function<void()> &finished);
 
+  // Driving, between steps; see Simulation. They throw SceneError and change nothing where the arguments do not fit.
+  void pin(const std::vector<int> &vertices, const std::vector<dvec3> &targets, double duration);
+  void set_targets(const std::vector<int> &vertices, const std::vector<dvec3> &targets, double duration);
+  void release(const std::vector<int> &vertices);
+  void attach(const std::vector<int> &vertices, int obstacle);
+  void set_obstacle_pose(int obstacle, const dvec3 &translation, const std::array<double, 4> &rotation,
+                         double duration);
+  void set_obstacle_vertices(int obstacle, const std::vector<dvec3> &positions, double duration);
+  void set_force(const std::vector<int> &vertices, const std::vector<dvec3> &forces);
+  void set_gravity(const dvec3 &gravity);
+  void set_wind(const dvec3 &velocity);
+  /// What has been driven, for a checkpoint, and back; check_driving throws SceneError and changes nothing.
+  void save_driving(Checkpoint &checkpoint);
+  void check_driving(const Checkpoint &checkpoint);
+  void restore_driving(const Checkpoint &checkpoint);
+
 private:
+  PrescribedMotion &driver();
+  void check_vertices(const char *what, const std::vector<int> &vertices) const;
+  double duration_of(const char *what, double duration) const;
+  void check_obstacle(const char *what, int obstacle) const;
+
+  std::unique_ptr<PrescribedMotion> idle_motion_;   // until something is driven in a scene without motion
+  PrescribedMotion *motion_ = nullptr;              // the stage of the pipeline
+  dvec3 scene_gravity_, scene_wind_{0, 0, 0};
+  std::vector<ObstacleShape> shape_;                // [obstacles]
+
   Engine(const Scene &scene, const ResolvedOptions &options, std::unique_ptr<Backend> device);
 };
 

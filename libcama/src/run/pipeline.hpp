@@ -79,6 +79,10 @@ public:
     while (at != stages_.end() && (*at)->name() != name) ++at;
     stages_.insert(at == stages_.end() ? at : at + 1, std::move(stage));
   }
+  void insert(std::size_t place, std::unique_ptr<Stage> stage)
+  {
+    stages_.insert(stages_.begin() + static_cast<std::ptrdiff_t>(place), std::move(stage));
+  }
   void run(State &state) override
   {
     for (auto &stage : stages_) stage->timed_run(state);

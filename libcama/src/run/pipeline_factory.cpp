@@ -50,13 +50,13 @@ public:
   std::unique_ptr<CandidateSearch> search;
 };
 
+}  // namespace
+
 bool needs_motion(const Scene &scene)
 {
   return !scene.pins.empty() || std::any_of(scene.obstacles.begin(), scene.obstacles.end(),
                                             [](const Obstacle &o) { return !o.motion.is_static(); });
 }
-
-}  // namespace
 
 template <class Real> std::unique_ptr<Pipeline> make_pipeline(const Scene &scene, State &state)
 {

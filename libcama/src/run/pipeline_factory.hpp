@@ -6,6 +6,9 @@
 
 namespace cama {
 
+/// Whether the scene has pins or moving obstacles.
+bool needs_motion(const Scene &scene);
+
 /// The step of Figure 3 with only the stages that this scene needs.
 template <class Real> std::unique_ptr<Pipeline> make_pipeline(const Scene &scene, State &state);
 

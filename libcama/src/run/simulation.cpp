@@ -124,17 +124,60 @@ void Simulation::set_state(const std::vector<dvec3> &positions, const std::vecto
   i.state.time.history = false;
 }
 
+void Simulation::pin(const std::vector<int> &vertices, const std::vector<dvec3> &targets, double duration)
+{
+  Implementation &i = *implementation_;
+  if (!targets.empty() || vertices.empty()) return i.pin(vertices, targets, duration);
+  const std::vector<dvec3> x = positions();
+  std::vector<dvec3> here;
+  for (int v : vertices)
+    here.push_back(v >= 0 && v < i.state.mesh.cloth_vertices ? x[static_cast<std::size_t>(v)] : dvec3{0, 0, 0});
+  i.pin(vertices, here, duration);
+}
+void Simulation::set_targets(const std::vector<int> &vertices, const std::vector<dvec3> &positions, double duration)
+{
+  implementation_->set_targets(vertices, positions, duration);
+}
+void Simulation::release(const std::vector<int> &vertices) { implementation_->release(vertices); }
+void Simulation::attach(const std::vector<int> &vertices, int obstacle) { implementation_->attach(vertices, obstacle); }
+void Simulation::set_obstacle_pose(int obstacle, const dvec3 &translation, const std::array<double, 4> &rotation,
+                                   double duration)
+{
+  implementation_->set_obstacle_pose(obstacle, translation, rotation, duration);
+}
+void Simulation::set_obstacle_vertices(int obstacle, const std::vector<dvec3> &positions, double duration)
+{
+  implementation_->set_obstacle_vertices(obstacle, positions, duration);
+}
+void Simulation::set_force(const std::vector<int> &vertices, const std::vector<dvec3> &forces)
+{
+  implementation_->set_force(vertices, forces);
+}
+void Simulation::set_gravity(const dvec3 &gravity) { implementation_->set_gravity(gravity); }
+void Simulation::set_wind(const dvec3 &velocity) { implementation_->set_wind(velocity); }
+dvec3 Simulation::gravity() const { return implementation_->state.elements.gravity.at(0); }
+dvec3 Simulation::wind() const
+{
+  const Stream<dvec3> &wind = implementation_->state.elements.wind;
+  return wind.size() ? wind.at(0) : dvec3{0, 0, 0};
+}
+
 Checkpoint Simulation::checkpoint() const
 {
-  return take_checkpoint(implementation_->state, *implementation_->pipeline, implementation_->topology);
+  Implementation &i = *implementation_;
+  Checkpoint c = take_checkpoint(i.state, *i.pipeline, i.topology);
+  i.save_driving(c);
+  return c;
 }
 
 void Simulation::restore(const Checkpoint &checkpoint)
 {
   Implementation &i = *implementation_;
   check_checkpoint(checkpoint, i.state, i.topology);
+  i.check_driving(checkpoint);
   if (i.guarded && i.state.options.commit)
     check_positions(checkpoint.vectors.at("position"), i.topology, i.state.contact.settings.self);
+  i.restore_driving(checkpoint);
   restore_checkpoint(checkpoint, i.state, *i.pipeline);
 }
 

@@ -43,8 +43,8 @@ void ConjugateGradient<S>::prepare(const SolverRooms &state, Stream<typename Typ
   Backend &b = *state.backend;
   const BlockMatrix<Real> &matrix = state.system.template of<Real>().matrix;
   if (schwarz_ ? schwarz_->outdated(state)
-               : releases_ != state.mesh.releases || state.options.paper.assembly != Assembly::gather) {
-    releases_ = -1;   // remains so if anything below throws
+               : pin_changes_ != state.mesh.pin_changes || state.options.paper.assembly != Assembly::gather) {
+    pin_changes_ = -1;   // remains so if anything below throws
     if (schwarz_) {
       schwarz_->template match<Real>(state, diagonal);
     } else {
@@ -52,9 +52,9 @@ void ConjugateGradient<S>::prepare(const SolverRooms &state, Stream<typename Typ
       rows_.sort_by_length(b, matrix.row);
     }
   }
-  if (releases_ < 0) {
+  if (pin_changes_ < 0) {
     if (rows().size) matrix_.template make_pattern<Real>(state, rows(), matrix);
-    releases_ = state.mesh.releases;
+    pin_changes_ = state.mesh.pin_changes;
   }
   if (rows().size == 0) return;
   matrix_.template fill<Real>(state, rows(), matrix);

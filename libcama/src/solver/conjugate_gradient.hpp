@@ -57,7 +57,7 @@ private:
   RowOrder rows_;  // with other preconditioners
   SlicedMatrix<S> matrix_;
   Stream<vec4> inverse_;  // P of other preconditioners
-  int releases_ = -1;  // mesh.releases when the pattern was made; -1: there is none
+  int pin_changes_ = -1;  // mesh.pin_changes when the pattern was made; -1: there is none
   int expected_ = 0;  // iterations
   Stream<vec4> r_, z_, total_, w_, p_, s_, x_, product_;  // r_, z_: followed by the nodes of coarse levels
   Stream<double> partial_, scalar_;  // scalars twice: of the last iteration and of this one

@@ -79,7 +79,7 @@ void Schwarz<S>::match(const SolverRooms &state, const Stream<typename Types<Rea
   aggregates_.build<Real>(state, diagonal);
   make_levels<Real>(state);
   terms_ = state.system.terms;
-  releases_ = state.mesh.releases;
+  pin_changes_ = state.mesh.pin_changes;
   matched_ = state.report.step;  // the number of the step: one that fails and is taken again counts once
 }
 
@@ -116,7 +116,7 @@ template <class S> void Schwarz<S>::note(int step, int iterations)
 template <class S> Matching Schwarz<S>::matching(const SolverRooms &state) const
 {
   Matching m;
-  if (terms_ < 0 || releases_ != state.mesh.releases || rows().size == 0) return m;
+  if (terms_ < 0 || pin_changes_ != state.mesh.pin_changes || rows().size == 0) return m;
   m.step = matched_;
   m.terms = terms_;
   m.first_iterations = first_;
@@ -132,7 +132,7 @@ template <class S> template <class Real> void Schwarz<S>::adopt(const SolverRoom
   if (m.order.empty() || !aggregates_.adopt(state, m)) return;
   make_levels<Real>(state);
   terms_ = m.terms;
-  releases_ = state.mesh.releases;
+  pin_changes_ = state.mesh.pin_changes;
   matched_ = m.step;
   first_ = m.first_iterations;
   before_ = {m.step, 0};
@@ -141,7 +141,7 @@ template <class S> template <class Real> void Schwarz<S>::adopt(const SolverRoom
 
 template <class S> bool Schwarz<S>::outdated(const SolverRooms &state) const
 {
-  if (terms_ < 0 || releases_ != state.mesh.releases || state.options.paper.assembly != Assembly::gather) return true;
+  if (terms_ < 0 || pin_changes_ != state.mesh.pin_changes || state.options.paper.assembly != Assembly::gather) return true;
   const int age = state.report.step - matched_;
   // A step that is taken again decides as before.
   const Solve &solve = last_.step < state.report.step ? last_ : before_;

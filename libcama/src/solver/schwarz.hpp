@@ -63,7 +63,7 @@ private:
   };
   Solve last_, before_;                 // of the last step and of the one before
   int first_ = 0;                       // iterations of the longest solve in the step of the matching
-  int terms_ = -1, matched_ = 0, releases_ = 0, blocks_ = 0, nodes_ = 0;
+  int terms_ = -1, matched_ = 0, pin_changes_ = 0, blocks_ = 0, nodes_ = 0;
   std::vector<Level> level_;            // 0 is unused: the finest matrix is a SlicedMatrix
   Stream<int> factor_, block_start_, group_start_, vertex_parent_;
   Stream<S> weight_;

@@ -41,6 +41,8 @@ void EvaluateElements<Real>::evaluate(const Rooms &state, const Stream<dvec3> &p
                    state.elements.triangle_incidence.entry, s.triangle_force, state.elements.hinge_incidence.row,
                    state.elements.hinge_incidence.entry, s.hinge_force, state.mesh.hinges, s.mass,
                    state.elements.gravity, s.force);
+  if (state.elements.driven_force.size())
+    CAMA_LAUNCH_REAL(Real, b, add_driven_forces, state.mesh.cloth_vertices, state.elements.driven_force, s.force);
 }
 
 template class EvaluateElements<double>;

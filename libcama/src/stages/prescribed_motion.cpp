@@ -4,11 +4,17 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
+#include <memory>
+#include <string>
 
+#include "cama/error.hpp"
 #include "device/launch.hpp"
 
 namespace cama {
 namespace {
+
+// numbers in a row of the tables of a checkpoint
+constexpr std::size_t pin_row = 9, attached_row = 10, pose_row = 10;
 
 std::vector<dvec3> transform_rows(const RigidTransform &t)
 {
@@ -22,8 +28,8 @@ std::vector<dvec3> transform_rows(const RigidTransform &t)
 }
 
 /// The foot point of x on the obstacle's triangles, and the offset in the triangle's frame.
-kernels::attachment attach(const dvec3 &x, int vertex, const Obstacle &obstacle, const std::vector<dvec3> &position,
-                           int first)
+kernels::attachment foot_on(const dvec3 &x, int vertex, const Obstacle &obstacle, const std::vector<dvec3> &position,
+                            int first)
 {
   using namespace kernels;
   kernels::attachment best{};
@@ -48,83 +54,258 @@ kernels::attachment attach(const dvec3 &x, int vertex, const Obstacle &obstacle,
   return best;
 }
 
+/// The same placement with its centre at the origin, as keys interpolate it.
+RigidTransform about_origin(const RigidTransform &t)
+{
+  RigidTransform r;
+  r.translation = t.apply({0, 0, 0});
+  r.rotation = t.rotation;
+  r.scale = t.scale;
+  return r;
+}
+
+void put(std::vector<double> &row, const dvec3 &v) { row.insert(row.end(), {v.x, v.y, v.z}); }
+dvec3 get(const double *row) { return {row[0], row[1], row[2]}; }
+
 }  // namespace
 
 PrescribedMotion::PrescribedMotion(const Scene &scene, Backend &backend)
-    : transform_(backend, 6), handle_position_(backend), handle_vertex_(backend), attachments_(backend)
+    : backend_(backend), scene_obstacles_(scene.obstacles), pins_(scene.pins), transform_(backend),
+      handle_position_(backend), handle_vertex_(backend), attachments_(backend)
 {
-  std::vector<int> cloth_first, obstacle_first;
-  std::vector<dvec3> start;
   for (const Cloth &cloth : scene.cloths) {
-    cloth_first.push_back(static_cast<int>(start.size()));
-    start.insert(start.end(), cloth.mesh.position.begin(), cloth.mesh.position.end());
+    cloth_first_.push_back(static_cast<int>(start_.size()));
+    start_.insert(start_.end(), cloth.mesh.position.begin(), cloth.mesh.position.end());
   }
+  cloth_vertices_ = static_cast<int>(start_.size());
+  rest_ = start_;
   for (const Obstacle &obstacle : scene.obstacles) {
-    const int first = static_cast<int>(start.size());
-    obstacle_first.push_back(first);
+    obstacle_first_.push_back(static_cast<int>(start_.size()));
     std::vector<dvec3> placed;
     obstacle.motion.evaluate(0, obstacle.mesh.position, placed);
-    start.insert(start.end(), placed.begin(), placed.end());
-    if (!obstacle.motion.is_static())
-      obstacles_.push_back({obstacle.motion, first, static_cast<int>(placed.size()), -1, -1, Stream<dvec3>(backend),
-                            Stream<dvec3>(backend)});
+    start_.insert(start_.end(), placed.begin(), placed.end());
+    rest_.insert(rest_.end(), obstacle.mesh.position.begin(), obstacle.mesh.position.end());
   }
-  std::vector<kernels::attachment> attachments;
-  for (const Pin &pin : scene.pins) {
+  for (std::size_t o = 0; o < scene.obstacles.size(); ++o)
+    if (!scene.obstacles[o].motion.is_static())
+      obstacles_.push_back({static_cast<int>(o), scene.obstacles[o].motion, obstacle_first_[o],
+                            static_cast<int>(scene.obstacles[o].mesh.position.size()), false, -1, -1,
+                            Stream<dvec3>(backend), Stream<dvec3>(backend)});
+  set_up();
+}
+
+/// Handles and attachments as the scene has them.
+void PrescribedMotion::set_up()
+{
+  handles_.clear();
+  attached_.clear();
+  driven_.clear();
+  freed_.clear();
+  for (const Pin &pin : pins_) {
     std::vector<int> vertices;
-    for (int v : pin.vertices) vertices.push_back(cloth_first[pin.cloth] + v);
+    for (int v : pin.vertices) vertices.push_back(cloth_first_[pin.cloth] + v);
     if (pin.obstacle) {
-      const Obstacle &obstacle = scene.obstacles[*pin.obstacle];
-      const int first = obstacle_first[*pin.obstacle];
-      const std::vector<dvec3> placed(start.begin() + first,
-                                      start.begin() + first + static_cast<long>(obstacle.mesh.position.size()));
-      for (int v : vertices) attachments.push_back(attach(start[v], v, obstacle, placed, first));
-      attached_.push_back({std::move(vertices), pin.release});
+      const auto first = start_.begin() + obstacle_first_[*pin.obstacle];
+      const std::vector<dvec3> placed(
+          first, first + static_cast<long>(scene_obstacles_[*pin.obstacle].mesh.position.size()));
+      for (int v : vertices)
+        attached_.push_back({attachment_of(v, start_[v], static_cast<int>(*pin.obstacle), placed), pin.release, false});
     } else {
       std::vector<dvec3> rest;
-      for (int v : vertices) rest.push_back(start[v]);
+      for (int v : vertices) rest.push_back(start_[v]);
       handles_.push_back({pin.motion, std::move(vertices), std::move(rest), pin.release});
     }
   }
-  if (!attachments.empty()) attachments_.assign(attachments);
+  upload_attachments();
+}
+
+kernels::attachment PrescribedMotion::attachment_of(int vertex, const dvec3 &x, int obstacle,
+                                                    const std::vector<dvec3> &placed) const
+{
+  return foot_on(x, vertex, scene_obstacles_[static_cast<std::size_t>(obstacle)], placed, obstacle_first_[obstacle]);
+}
+
+void PrescribedMotion::upload_attachments()
+{
+  std::vector<kernels::attachment> rows;
+  for (const Attached &a : attached_) rows.push_back(a.row);
+  if (!rows.empty() || attachments_.size()) attachments_.assign(rows);
+}
+
+dvec3 PrescribedMotion::Driven::at(double time) const
+{
+  if (time >= end) return to;
+  return time <= start ? from : kernels::dlerp(from, to, (time - start) / (end - start));
+}
+
+/// Makes free vertices prescribed, and prescribed ones free.
+void PrescribedMotion::hold(const Rooms &state, const std::vector<int> &fixed_now, const std::vector<int> &free_now)
+{
+  std::vector<int> fixed = state.mesh.fixed.download();
+  const auto none = [&](const std::vector<int> &vertices, int value) {
+    return std::all_of(vertices.begin(), vertices.end(), [&](int v) { return fixed[v] == value; });
+  };
+  if (none(fixed_now, 1) && none(free_now, 0)) return;
+  std::vector<double> inverse_mass = state.mesh.inverse_mass.download();   // (empty without contact)
+  const std::vector<double> mass = state.system.masses();
+  for (int v : fixed_now) {
+    if (fixed[v]) continue;
+    fixed[v] = 1;
+    if (inverse_mass.empty()) continue;
+    free_inverse_mass_[v] = inverse_mass[v];
+    inverse_mass[v] = 0;
+  }
+  for (int v : free_now) {
+    if (!fixed[v]) continue;
+    fixed[v] = 0;
+    if (inverse_mass.empty()) continue;
+    const auto known = free_inverse_mass_.find(v);
+    inverse_mass[v] = known != free_inverse_mass_.end() ? known->second : 1 / mass[v];
+  }
+  state.mesh.fixed.assign(fixed);
+  if (!inverse_mass.empty()) state.mesh.inverse_mass.assign(inverse_mass);
+  ++state.mesh.pin_changes;
+}
+
+/// Removes the vertices for which of(vertex) holds from handles, attachments and driven pins.
+template <class Of> void PrescribedMotion::forget(Of &&of)
+{
+  for (Handle &h : handles_) {
+    std::size_t kept = 0;
+    for (std::size_t i = 0; i < h.vertices.size(); ++i) {
+      if (of(h.vertices[i])) {
+        freed_.insert(h.vertices[i]);
+        continue;
+      }
+      h.vertices[kept] = h.vertices[i];
+      h.rest[kept++] = h.rest[i];
+    }
+    h.vertices.resize(kept);
+    h.rest.resize(kept);
+  }
+  const std::size_t before = attached_.size();
+  attached_.erase(std::remove_if(attached_.begin(), attached_.end(),
+                                 [&](const Attached &a) {
+                                   const bool gone = of(a.row.vertex);
+                                   if (gone && !a.driven) freed_.insert(a.row.vertex);
+                                   return gone;
+                                 }),
+                  attached_.end());
+  if (attached_.size() != before) upload_attachments();
+  driven_.erase(std::remove_if(driven_.begin(), driven_.end(), [&](const Driven &d) { return of(d.vertex); }),
+                driven_.end());
 }
 
 void PrescribedMotion::release_due(const Rooms &state, double time)
 {
-  const auto due = [time](const auto &p) { return !p.released && p.release <= time; };
+  const auto due = [time](const auto &p) { return p.release <= time; };
   if (std::none_of(handles_.begin(), handles_.end(), due) && std::none_of(attached_.begin(), attached_.end(), due))
     return;
-  std::vector<int> fixed = state.mesh.fixed.download();
-  std::vector<double> inverse_mass = state.mesh.inverse_mass.download();   // (empty without contact)
-  const std::vector<double> mass = state.system.masses();
-  const auto let_go = [&](const auto &list) {
-    for (const auto &p : list)
-      if (due(p))
-        for (int v : p.vertices) {
-          fixed[v] = 0;
-          if (!inverse_mass.empty()) inverse_mass[v] = 1 / mass[v];
-        }
-  };
-  let_go(handles_);
-  let_go(attached_);
-  const std::vector<kernels::attachment> all = attachments_.download();
-  std::vector<kernels::attachment> kept;
-  std::size_t at = 0;
-  for (const Attached &a : attached_)
-    for (std::size_t i = 0; i < a.vertices.size(); ++i, ++at)
-      if (!due(a)) kept.push_back(all[at]);
-  // Nothing below allocates: either everything is done or, if memory ran out above, nothing.
-  attachments_.assign(kept);
-  state.mesh.fixed.assign(fixed);
-  if (!inverse_mass.empty()) state.mesh.inverse_mass.assign(inverse_mass);
-  ++state.mesh.releases;
-  released_ = time;
+  std::vector<int> vertices;
   for (const Handle &h : handles_)
-    if (due(h)) last_end_ = std::max(last_end_, h.release);
+    if (due(h)) vertices.insert(vertices.end(), h.vertices.begin(), h.vertices.end());
   for (const Attached &a : attached_)
-    if (due(a)) last_end_ = std::max(last_end_, a.release);
-  for (Handle &h : handles_) h.released |= due(h);
+    if (due(a)) vertices.push_back(a.row.vertex);
+  hold(state, {}, vertices);
+  released_ = time;
+  handles_.erase(std::remove_if(handles_.begin(), handles_.end(), due), handles_.end());
   attached_.erase(std::remove_if(attached_.begin(), attached_.end(), due), attached_.end());
+  upload_attachments();
+}
+
+std::vector<char> PrescribedMotion::pinned() const
+{
+  std::vector<char> result(static_cast<std::size_t>(cloth_vertices_), 0);
+  for (const Driven &d : driven_) result[d.vertex] = 1;
+  return result;
+}
+
+void PrescribedMotion::pin(const Rooms &state, const std::vector<int> &vertices, const std::vector<dvec3> &targets,
+                           double duration)
+{
+  const double now = state.time.now, end = now + duration;
+  std::vector<int> place_of(static_cast<std::size_t>(cloth_vertices_), -1);
+  for (std::size_t i = 0; i < vertices.size(); ++i) place_of[vertices[i]] = static_cast<int>(i);
+  std::vector<char> done(vertices.size(), 0);
+  for (Driven &d : driven_)
+    if (const int i = place_of[d.vertex]; i >= 0) {
+      d = {d.vertex, d.at(now), targets[i], now, end};
+      done[i] = 1;
+    }
+  std::vector<int> others;
+  for (std::size_t i = 0; i < vertices.size(); ++i)
+    if (!done[i]) others.push_back(vertices[i]);
+  if (others.empty()) return;
+  forget([&](int v) { return place_of[v] >= 0 && !done[place_of[v]]; });
+  const std::vector<dvec3> x = state.mesh.position.download();
+  for (int v : others) driven_.push_back({v, x[v], targets[place_of[v]], now, end});
+  hold(state, others, {});
+}
+
+void PrescribedMotion::release(const Rooms &state, const std::vector<int> &vertices)
+{
+  std::vector<char> listed(static_cast<std::size_t>(cloth_vertices_), 0);
+  for (int v : vertices) listed[v] = 1;
+  forget([&](int v) { return listed[v] != 0; });
+  hold(state, {}, vertices);
+}
+
+void PrescribedMotion::attach(const Rooms &state, const std::vector<int> &vertices, int obstacle)
+{
+  std::vector<char> listed(static_cast<std::size_t>(cloth_vertices_), 0);
+  for (int v : vertices) listed[v] = 1;
+  forget([&](int v) { return listed[v] != 0; });
+  const std::vector<dvec3> x = state.mesh.position.download();
+  const auto first = x.begin() + obstacle_first_[obstacle];
+  const std::vector<dvec3> placed(first, first + static_cast<long>(scene_obstacles_[obstacle].mesh.position.size()));
+  for (int v : vertices)
+    attached_.push_back(
+        {attachment_of(v, x[v], obstacle, placed), std::numeric_limits<double>::infinity(), true});
+  upload_attachments();
+  hold(state, vertices, {});
+}
+
+PrescribedMotion::MovingObstacle &PrescribedMotion::moving(const Rooms &state, int obstacle)
+{
+  const auto at = std::find_if(obstacles_.begin(), obstacles_.end(),
+                               [obstacle](const MovingObstacle &o) { return o.index == obstacle; });
+  if (!state.mesh.rest_position.backend()) state.mesh.rest_position = Stream<dvec3>(backend_, rest_);
+  if (at != obstacles_.end()) return *at;
+  obstacles_.push_back({obstacle, scene_obstacles_[obstacle].motion, obstacle_first_[obstacle],
+                        static_cast<int>(scene_obstacles_[obstacle].mesh.position.size()), false, -1, -1,
+                        Stream<dvec3>(backend_), Stream<dvec3>(backend_)});
+  state.mesh.object_static[cloth_first_.size() + static_cast<std::size_t>(obstacle)] = 0;
+  ++state.mesh.motion_changes;
+  return obstacles_.back();
+}
+
+void PrescribedMotion::move_obstacle(const Rooms &state, int obstacle, const RigidTransform &target, double duration)
+{
+  MovingObstacle &o = moving(state, obstacle);
+  const double now = state.time.now;
+  const RigidTransform from = about_origin(o.motion.at(now));
+  RigidTransform to = target;
+  to.scale = from.scale;
+  Motion motion;
+  motion.sampled = o.motion.sampled;
+  motion.keys = {{now, from}, {now + duration, to}};
+  o.motion = motion;
+  o.driven = true;
+}
+
+void PrescribedMotion::move_obstacle(const Rooms &state, int obstacle, const std::vector<dvec3> &target,
+                                     double duration)
+{
+  MovingObstacle &o = moving(state, obstacle);
+  const double now = state.time.now;
+  const std::vector<dvec3> x = state.mesh.position.download();
+  auto sampled = std::make_shared<Motion::Sampled>();
+  sampled->time = {now, now + duration};
+  sampled->position = {std::vector<dvec3>(x.begin() + o.first, x.begin() + o.first + o.count), target};
+  o.motion = Motion{};
+  o.motion.sampled = sampled;
+  o.frame_a = o.frame_b = -1;
+  o.driven = true;
 }
 
 void PrescribedMotion::place(const Rooms &state, double time)
@@ -156,12 +337,15 @@ void PrescribedMotion::place(const Rooms &state, double time)
   std::vector<int> vertex;
   std::vector<dvec3> position;
   for (const Handle &h : handles_) {
-    if (h.released) continue;
     const RigidTransform t = h.motion.at(time);
     for (std::size_t i = 0; i < h.vertices.size(); ++i) {
       vertex.push_back(h.vertices[i]);
       position.push_back(t.apply(h.rest[i]));
     }
+  }
+  for (const Driven &d : driven_) {
+    vertex.push_back(d.vertex);
+    position.push_back(d.at(time));
   }
   if (!vertex.empty()) {
     handle_vertex_.assign(vertex);
@@ -173,14 +357,162 @@ void PrescribedMotion::place(const Rooms &state, double time)
     CAMA_LAUNCH(*state.backend, move_attached, attachments_.size(), attachments_, state.mesh.position_next);
 }
 
-void PrescribedMotion::save(State &, Checkpoint &checkpoint) { checkpoint.released = released_; }
-
-void PrescribedMotion::restore(State &state, const Checkpoint &checkpoint)
+void PrescribedMotion::save(State &, Checkpoint &checkpoint)
 {
-  if (last_end_ > checkpoint.released)
-    throw SceneError("checkpoint: has pins that this simulation has released; restore it into a new simulation of the "
-                     "scene");
+  checkpoint.released = released_;
+  const auto table = [&](const char *name, std::vector<double> values) {
+    if (!values.empty()) checkpoint.driving[name] = std::move(values);
+  };
+  std::vector<double> pins, attached, poses;
+  for (const Driven &d : driven_) {
+    pins.push_back(d.vertex);
+    put(pins, d.from);
+    put(pins, d.to);
+    pins.insert(pins.end(), {d.start, d.end});
+  }
+  for (const Attached &a : attached_) {
+    if (!a.driven) continue;
+    attached.push_back(a.row.vertex);
+    for (int k = 0; k < 3; ++k) attached.push_back(a.row.node[k]);
+    for (int k = 0; k < 3; ++k) attached.push_back(a.row.weight[k]);
+    for (int k = 0; k < 3; ++k) attached.push_back(a.row.offset[k]);
+  }
+  for (const MovingObstacle &o : obstacles_) {
+    if (!o.driven) continue;
+    for (const Motion::Key &key : o.motion.keys) {
+      poses.insert(poses.end(), {static_cast<double>(o.index), key.time});
+      put(poses, key.transform.translation);
+      poses.insert(poses.end(), key.transform.rotation.begin(), key.transform.rotation.end());
+      poses.push_back(key.transform.scale);
+    }
+    if (!o.motion.sampled || o.motion.sampled == scene_obstacles_[o.index].motion.sampled) continue;
+    std::vector<double> frames(o.motion.sampled->time);
+    for (const auto &frame : o.motion.sampled->position)
+      for (const dvec3 &x : frame) put(frames, x);
+    table(("vertices." + std::to_string(o.index)).c_str(), std::move(frames));
+  }
+  table("freed", std::vector<double>(freed_.begin(), freed_.end()));
+  table("pins", std::move(pins));
+  table("attached", std::move(attached));
+  table("poses", std::move(poses));
+}
+
+void PrescribedMotion::restore(State &s, const Checkpoint &checkpoint)
+{
+  const Rooms state(s);
+  const auto table = [&](const std::string &name) {
+    const auto at = checkpoint.driving.find(name);
+    return at == checkpoint.driving.end() ? std::vector<double>() : at->second;
+  };
+  std::vector<int> fixed_now, driven;
+  for (const Driven &d : driven_) driven.push_back(d.vertex);
+  for (const Attached &a : attached_)
+    if (a.driven) driven.push_back(a.row.vertex);
+  release(state, driven);
+  set_up();
+  released_ = -std::numeric_limits<double>::infinity();
+  for (const Handle &h : handles_) fixed_now.insert(fixed_now.end(), h.vertices.begin(), h.vertices.end());
+  for (const Attached &a : attached_) fixed_now.push_back(a.row.vertex);
+  hold(state, fixed_now, {});
   release_due(state, checkpoint.released);
+  std::vector<int> freed;
+  for (double v : table("freed")) freed.push_back(static_cast<int>(v));
+  release(state, freed);
+  freed_.insert(freed.begin(), freed.end());
+  fixed_now.clear();
+  const std::vector<double> pins = table("pins"), attached = table("attached"), poses = table("poses");
+  for (std::size_t i = 0; i + pin_row <= pins.size(); i += pin_row) {
+    const double *row = pins.data() + i;
+    driven_.push_back({static_cast<int>(row[0]), get(row + 1), get(row + 4), row[7], row[8]});
+    fixed_now.push_back(driven_.back().vertex);
+  }
+  for (std::size_t i = 0; i + attached_row <= attached.size(); i += attached_row) {
+    const double *row = attached.data() + i;
+    kernels::attachment a{};
+    a.vertex = static_cast<int>(row[0]);
+    for (int k = 0; k < 3; ++k) {
+      a.node[k] = static_cast<int>(row[1 + k]);
+      a.weight[k] = row[4 + k];
+      a.offset[k] = row[7 + k];
+    }
+    attached_.push_back({a, std::numeric_limits<double>::infinity(), true});
+    fixed_now.push_back(a.vertex);
+  }
+  upload_attachments();
+  hold(state, fixed_now, {});
+  for (MovingObstacle &o : obstacles_) {
+    o.motion = scene_obstacles_[o.index].motion;
+    o.driven = false;
+    o.frame_a = o.frame_b = -1;
+  }
+  for (std::size_t i = 0; i + pose_row <= poses.size(); i += pose_row) {
+    const double *row = poses.data() + i;
+    MovingObstacle &o = moving(state, static_cast<int>(row[0]));
+    if (!o.driven) {
+      Motion motion;
+      motion.sampled = o.motion.sampled;
+      o.motion = motion;
+      o.driven = true;
+    }
+    RigidTransform t;
+    t.translation = get(row + 2);
+    t.rotation = {row[5], row[6], row[7], row[8]};
+    t.scale = row[9];
+    o.motion.keys.push_back({row[1], t});
+  }
+  for (std::size_t i = 0; i < scene_obstacles_.size(); ++i) {
+    const std::vector<double> frames = table("vertices." + std::to_string(i));
+    if (frames.empty()) continue;
+    MovingObstacle &o = moving(state, static_cast<int>(i));
+    auto sampled = std::make_shared<Motion::Sampled>();
+    sampled->time = {frames[0], frames[1]};
+    for (int frame = 0; frame < 2; ++frame) {
+      std::vector<dvec3> x;
+      for (int v = 0; v < o.count; ++v)
+        x.push_back(get(frames.data() + 2 + 3 * (static_cast<std::size_t>(frame) * o.count + v)));
+      sampled->position.push_back(std::move(x));
+    }
+    if (!o.driven) o.motion = Motion{};
+    o.motion.sampled = sampled;
+    o.driven = true;
+  }
+}
+
+void PrescribedMotion::check(const Checkpoint &checkpoint) const
+{
+  const auto refuse = [](const std::string &name, const char *what) {
+    throw SceneError("checkpoint: driving: " + name + ": " + what);
+  };
+  const auto index = [](double value, std::size_t count) {
+    return value >= 0 && value < static_cast<double>(count) && value == std::floor(value);
+  };
+  const std::size_t cloth = static_cast<std::size_t>(cloth_vertices_);
+  for (const auto &[name, values] : checkpoint.driving) {
+    for (double value : values)
+      if (!std::isfinite(value)) refuse(name, "has a value that is not finite");
+    const std::size_t width = name == "pins"       ? pin_row
+                              : name == "attached" ? attached_row
+                              : name == "poses"    ? pose_row
+                                                   : 1;
+    if (values.size() % width) refuse(name, "ends within a row");
+    for (std::size_t i = 0; i < values.size(); i += width) {
+      if ((name == "pins" || name == "attached" || name == "freed") && !index(values[i], cloth))
+        refuse(name, "has a vertex that is not there");
+      if (name == "attached")
+        for (int k = 1; k < 4; ++k)
+          if (!index(values[i + k], start_.size()) || values[i + k] < cloth_vertices_)
+            refuse(name, "has a vertex that is not of an obstacle");
+      if (name == "poses" && !index(values[i], scene_obstacles_.size())) refuse(name, "has an obstacle that is not there");
+    }
+    if (name.rfind("vertices.", 0) == 0) {
+      const std::string number = name.substr(9);
+      std::size_t o = scene_obstacles_.size();
+      for (std::size_t k = 0; k < scene_obstacles_.size(); ++k)
+        if (std::to_string(k) == number) o = k;
+      if (o == scene_obstacles_.size() || values.size() != 2 + 6 * scene_obstacles_[o].mesh.position.size())
+        refuse(name, "does not fit an obstacle");
+    }
+  }
 }
 
 void PrescribedMotion::run_on(const Rooms &state)

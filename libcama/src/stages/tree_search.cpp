@@ -82,11 +82,13 @@ void TreeSearch::find_groups(const SearchRooms &state)
     }
   }
   if (static_.face.size() && !state.bounds.origin.backend()) state.bounds.origin = Stream<dvec3>(b);
+  if (!static_.face.size()) state.bounds.origin.resize(0);
   std::vector<int> identity(static_cast<std::size_t>(state.mesh.vertices));
   std::iota(identity.begin(), identity.end(), 0);
   identity_.assign(identity);
   changed_.resize(state.mesh.vertices);
   before_.resize(state.mesh.vertices);
+  motion_changes_ = state.mesh.motion_changes;
   found_ = true;
 }
 
@@ -214,6 +216,10 @@ void TreeSearch::query(const SearchRooms &state, const std::vector<FaceQuery> &f
 void TreeSearch::run(const SearchRooms &state, const Stream<dvec3> &from, const Stream<dvec3> &to)
 {
   Backend &b = *state.backend;
+  if (motion_changes_ != state.mesh.motion_changes) {
+    found_ = false;
+    searches_since_sort_ = sorts_since_placed_ = 0;
+  }
   const bool sort = searches_since_sort_ == 0 || searches_since_sort_ >= searches_per_sort;
   if (sort) searches_since_sort_ = 0;   // remains so if anything below throws
   if (!found_) find_groups(state);

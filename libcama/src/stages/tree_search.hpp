@@ -72,6 +72,7 @@ private:
   Stream<kernels::box> before_;
   Stream<kernels::bvh8_node> changed_groups_;
   int searches_since_sort_ = 0, sorts_since_placed_ = 0;
+  int motion_changes_ = 0;  // mesh.motion_changes when the groups were found
 };
 
 }  // namespace cama

@@ -9,11 +9,11 @@ import typer
 from rich.markup import escape
 from rich.table import Table
 
+from .. import plausibility
 from ..scene import Scene
 from .common import Debug, Resolution, SceneName, clean, console
 
 STRETCHED = 0.5  # start strain that `check` warns of, and to a stretch of 1 / 1.5
-LARGE = 20.0  # m, extent that `check` asks about: a garment in centimetres
 
 
 @clean
@@ -35,7 +35,9 @@ def check(
         table.add_column(title, justify="right")
     for title in ("extent, m", "rest area, m²", "mass, kg", "start strain, %"):
         sizes.add_column(title, justify="right", no_wrap=True)
-    stretched, large = [], []
+    unlikely = plausibility.findings(loaded)
+    named = {finding.object for finding in unlikely if finding.kind == "rest shape"}
+    stretched = []
     for kind, parts in (("cloth", loaded.cloths), ("obstacle", loaded.obstacles)):
         for part in parts:
             table.add_row(
@@ -44,8 +46,6 @@ def check(
             if kind == "obstacle":
                 continue
             least, most = part.start_strain
-            if np.ptp(part.vertices, axis=0).max() > LARGE:
-                large.append(part.name)
             strain = f"{100 * least:.3g} to {100 * most:.3g}" if max(most, -least) > 5e-5 else "0"
             sizes.add_row(
                 escape(part.name),
@@ -54,7 +54,7 @@ def check(
                 f"{part.mass:.3g}",
                 strain,
             )
-            if most > STRETCHED or least < 1 / (1 + STRETCHED) - 1:
+            if (most > STRETCHED or least < 1 / (1 + STRETCHED) - 1) and f"cloth '{part.name}'" not in named:
                 stretched.append(part.name)
     out = console()
     out.print(table)
@@ -66,12 +66,8 @@ def check(
         f"{loaded.triangle_count:,} cloth triangles, {pinned:,} pinned vertices, {loaded.stitch_count:,} stitches, "
         f"{loaded.frames} frames of {loaded.seconds_per_frame * 1e3:g} ms"
     )
-    if large:
-        out.print(
-            f"[yellow]{escape(', '.join(large))}: more than {LARGE:g} m across; lengths are metres, so what "
-            "was made in centimetres or millimetres needs "
-            "a file with `scale` 0.01 or 0.001[/]"
-        )
+    for line in plausibility.texts(unlikely):
+        out.print(f"[yellow]{escape(line)}[/]")
     if stretched:
         out.print(
             f"[yellow]{escape(', '.join(stretched))}: starts far from its rest shape, which its texture "
@@ -82,7 +78,8 @@ def check(
         loaded.save_intersections(mesh)
         out.print(f"intersecting faces written to {escape(str(mesh))}")
     if count:
-        out.print(intersection_table(found))
+        for line in intersection_lines(found):
+            out.print(line)
         out.print(
             "`cama run` refuses this start; its option --intersections untangle moves the cloth first, "
             "exempt starts as it is."
@@ -94,22 +91,13 @@ def place_text(place):
     return "(" + ", ".join(f"{x:.4g}" for x in place) + ")"
 
 
-def intersection_table(found):
-    """Returns a table with count, place and first primitives for each pair of objects."""
-    table = Table("objects", box=None, padding=(0, 2))
-    table.add_column("count", justify="right")
-    for title in ("around, m", "from, m", "to, m", "first edge", "first face"):
-        table.add_column(title)
+def intersection_lines(found):
+    """Yields lines with count, place and first primitives for each pair of objects; a table would cut them."""
     for pair in found:
         names = {pair.first: pair.first_name, pair.second: pair.second_name}
         who = pair.first_name + (" with itself" if pair.first == pair.second else " with " + pair.second_name)
         edge, face = (escape(names[int(owner[0])]) for owner in (pair.edge_object, pair.face_object))
-        table.add_row(
-            escape(who),
-            f"[bold red]{pair.count:,}[/]",
-            place_text(pair.mean),
-            *map(place_text, pair.bounds),
-            f"{pair.edge[0, 0]}-{pair.edge[0, 1]} of {edge}",
-            f"{pair.face[0]} of {face}",
-        )
-    return table
+        low, high = map(place_text, pair.bounds)
+        yield f"{escape(who)}: [bold red]{pair.count:,}[/]"
+        yield f"    around {place_text(pair.mean)} m, from {low} to {high}"
+        yield f"    first: edge {pair.edge[0, 0]}-{pair.edge[0, 1]} of {edge} through face {pair.face[0]} of {face}"

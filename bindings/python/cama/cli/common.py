@@ -1,8 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
 """Shared parts of the commands: types of options, the console, errors as one red line."""
 
+import contextlib
 import functools
+import math
+import warnings
 from enum import Enum
+from fractions import Fraction
 from typing import Annotated, Optional
 
 import typer
@@ -11,6 +15,7 @@ from rich.markup import escape
 
 from .. import _core, options
 from ..errors import Error, SceneError
+from ..plausibility import PlausibilityWarning
 
 
 def choice(title, words):
@@ -33,6 +38,24 @@ def option_names(incomplete):
             yield row["name"] + "=", row["help"]
 
 
+def seconds(text):
+    """Returns a time, s, of a text such as 0.005 or 1/200. Raises typer.BadParameter."""
+    try:
+        value = float(text if isinstance(text, float) else Fraction(str(text).strip()))
+    except (ValueError, ZeroDivisionError, OverflowError):
+        value = math.nan
+    if not 0 <= value < math.inf:
+        raise typer.BadParameter(f"{text!r} is not a number of seconds such as 0.005 or 1/200")
+    return value
+
+
+def positive_seconds(text):
+    """As `seconds`, but 0 is refused too."""
+    if seconds(text) == 0:
+        raise typer.BadParameter(f"{text!r} is not above 0")
+    return seconds(text)
+
+
 SceneName = Annotated[
     str, typer.Argument(metavar="SCENE", help="A folder with scene.json, a JSON file, or a shipped scene's name.")
 ]
@@ -50,7 +73,7 @@ AccuracyOption = Annotated[
 ]
 TimeStep = Annotated[
     float,
-    typer.Option(min=0.0, help=options.help_of("time_step")),
+    typer.Option(parser=seconds, metavar="SECONDS", help=f"{options.help_of('time_step')} For example 1/200."),
 ]
 Set = Annotated[
     Optional[list[str]],
@@ -88,7 +111,8 @@ def clean(command):
     @functools.wraps(command)
     def run_clean(*arguments, debug=False, **keywords):
         try:
-            return command(*arguments, debug=debug, **keywords)
+            with plain_warnings():
+                return command(*arguments, debug=debug, **keywords)
         except Error as problem:
             if debug:
                 raise
@@ -96,6 +120,30 @@ def clean(command):
             raise typer.Exit(2) from None
 
     return run_clean
+
+
+@contextlib.contextmanager
+def plain_warnings():
+    """Prints each PlausibilityWarning once, as a yellow line on standard error, without the place in the code."""
+    said = set()
+
+    with warnings.catch_warnings():
+        usual = warnings.showwarning
+
+        def show(message, category, *place):
+            if not issubclass(category, PlausibilityWarning):
+                usual(message, category, *place)
+            elif str(message) not in said:
+                said.add(str(message))
+                caution(message)
+
+        warnings.showwarning = show
+        yield
+
+
+def caution(text):
+    """Prints a warning as one yellow line on standard error."""
+    Console(stderr=True, soft_wrap=True).print(f"[yellow]{escape(str(text))}[/]", highlight=False)
 
 
 def fail(problem):

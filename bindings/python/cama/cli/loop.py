@@ -2,6 +2,7 @@
 """The main loop of `cama run`."""
 
 import contextlib
+import os
 import signal
 import threading
 import time
@@ -10,12 +11,13 @@ from pathlib import Path
 from typing import Optional
 
 import numpy as np
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeRemainingColumn
 
 from .._core import __version__
 from ..errors import Error, FileError
 from ..io.checkpoint import NAME as CHECKPOINT
-from ..io.recording import NAME, Recorder
+from ..io.progress import Bar
+from ..io.recording import NAME, Recorder, Recording
 from ..io.summary import Summary
 
 
@@ -54,7 +56,7 @@ def interruptible():
 
 def progress_bar(console):
     """Frame, ms per step, contacts, intersections, time left."""
-    return Progress(
+    return Bar(
         TextColumn("frame"),
         MofNCompleteColumn(),
         BarColumn(),
@@ -64,8 +66,6 @@ def progress_bar(console):
         TimeRemainingColumn(),
         TextColumn("left"),
         console=console,
-        disable=console is None,
-        transient=True,
     )
 
 
@@ -88,17 +88,48 @@ def attributes(simulation):
     }
 
 
-def prepare(folder):
-    """Makes the folder and removes the files of an earlier run. Raises FileError."""
+def frames_of(file):
+    """Returns the number of frames after the start that a file has recorded; 0 for what is no recording."""
+    try:
+        with Recording(file) as recording:
+            return len(recording) - 1
+    except FileError:
+        return 0
+
+
+def prepare(folder, keep=None):
+    """Makes the folder and takes away the files of an earlier run.
+
+    Args:
+        folder: The folder.
+        keep: Called with (frames, folder) after results of an earlier run were moved to FOLDER/previous, where they
+            replace those of the run before. None: they are deleted.
+
+    Raises:
+        FileError
+    """
+    files = [folder / name for name in (NAME, CHECKPOINT, "summary.json")]
+    frames, previous = 0, folder / "previous"
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        for name in (NAME, CHECKPOINT, "summary.json"):
-            (folder / name).unlink(missing_ok=True)
+        if keep is not None and files[0].exists():
+            frames = frames_of(files[0])
+        if frames:
+            previous.mkdir(exist_ok=True)
+        for file in files:
+            if frames and file.exists():
+                os.replace(file, previous / file.name)
+            else:
+                file.unlink(missing_ok=True)
+                if frames:
+                    (previous / file.name).unlink(missing_ok=True)
     except OSError as problem:
         raise FileError(f"{folder}: {problem.strerror}") from None
+    if frames:
+        keep(frames, previous)
 
 
-def run(simulation, folder, frames, store=None, progress=None, checkpoint_every=0, resume=False):
+def run(simulation, folder, frames, store=None, progress=None, checkpoint_every=0, resume=False, keep=None):
     """Computes and records frames; writes frames.h5, summary.json and, however the run ends, checkpoint.h5.
 
     Args:
@@ -109,13 +140,14 @@ def run(simulation, folder, frames, store=None, progress=None, checkpoint_every=
         progress: A rich Console for the progress bar, or None.
         checkpoint_every: Frames between checkpoints; 0: only one at the end.
         resume: Whether the simulation has loaded this folder's checkpoint and continues its frames.
+        keep: As for `prepare`.
 
     Returns:
         A Result. Errors of a step are in it, not raised.
     """
     folder = Path(folder)
     if not resume:
-        prepare(folder)
+        prepare(folder, keep)
     summary, problem, stopped = Summary(simulation), None, 0
     dtype = {None: None, "double": np.float64, "single": np.float32}[store]
     with (

@@ -1,8 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """The command `cama`; each of its commands has a module here."""
 
+from typing import Annotated
+
 import typer
 
+from .. import _core
 from .check import check
 from .explain import explain
 from .info import info
@@ -19,6 +22,24 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     rich_markup_mode="rich",
 )
+
+
+def say_version(wanted: bool) -> None:
+    """Prints the version and ends, if it is wanted."""
+    if wanted:
+        typer.echo(f"cama {_core.__version__}")
+        raise typer.Exit
+
+
+@app.callback()
+def options(
+    version: Annotated[
+        bool, typer.Option("--version", callback=say_version, is_eager=True, help="Print the version and exit.")
+    ] = False,
+):
+    pass
+
+
 for command in (run, info, explain, check, render, stability, tradeoff, tune):
     app.command()(command)
 

@@ -6,11 +6,12 @@ from typing import Annotated, Optional
 
 import typer
 from rich.markup import escape
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
 from ..errors import SceneError
+from ..io.progress import Bar
 from ..measuring import grid
-from .common import console
+from .common import console, positive_seconds
 
 Vary = Annotated[
     Optional[list[str]],
@@ -30,9 +31,17 @@ Backends = Annotated[list[str], typer.Option("--backend", help="Where to compute
 Resolution = Annotated[
     int, typer.Option(min=0, help="Approximate total number of cloth triangles; 0: the scene's own.")
 ]
-Window = Annotated[float, typer.Option(min=1e-6, help="Time from a state of the reference to the comparison, s.")]
+Window = Annotated[
+    float,
+    typer.Option(
+        parser=positive_seconds, metavar="SECONDS", help="Time from a state of the reference to the comparison, s."
+    ),
+]
 ReferenceStep = Annotated[
-    Optional[float], typer.Option(help="Time step of the reference, s. Default: 1/32 of the scene's.")
+    Optional[float],
+    typer.Option(
+        parser=positive_seconds, metavar="SECONDS", help="Time step of the reference, s. Default: 1/32 of the scene's."
+    ),
 ]
 Threads = Annotated[int, typer.Option(min=0, help="Threads of timed runs on the CPU backend; 0: as for run.")]
 Device = Annotated[int, typer.Option(min=0, help="Index of the backend's device.")]
@@ -48,7 +57,9 @@ ClusterAddress = Annotated[
     Optional[str],
     typer.Option("--cluster", metavar="ADDRESS", help="Run on this Ray cluster, for example auto or HOST:6379."),
 ]
-Limit = Annotated[float, typer.Option(min=1e-3, help="Largest wall time of a run, s.")]
+Limit = Annotated[
+    float, typer.Option(parser=positive_seconds, metavar="SECONDS", help="Largest wall time of a run, s.")
+]
 WarmUp = Annotated[int, typer.Option(min=0, help="Number of first steps that are not timed.")]
 Debug = Annotated[bool, typer.Option("--debug", help="Show Python's traceback of an error.")]
 
@@ -73,14 +84,13 @@ def backend_names(given):
 
 def bar(console):
     """Returns a progress bar with the last run, the number of results and the time left."""
-    return Progress(
+    return Bar(
         TextColumn("{task.description}"),
         BarColumn(),
         MofNCompleteColumn(),
         TimeElapsedColumn(),
         TimeRemainingColumn(),
         console=console,
-        transient=True,
     )
 
 

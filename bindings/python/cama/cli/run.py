@@ -9,6 +9,8 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
+from ..io.checkpoint import SceneChanged
+from ..io.lock import locked
 from ..options import help_of
 from ..scene import Scene
 from ..simulation import Simulation
@@ -78,6 +80,13 @@ def run(
             "--resume", help="Continue from OUT/checkpoint.h5 and OUT/frames.h5, as if the run had not stopped."
         ),
     ] = False,
+    changed_scene: Annotated[
+        bool, typer.Option("--changed-scene", help="With --resume: go on although SCENE was edited since.")
+    ] = False,
+    overwrite: Annotated[
+        bool,
+        typer.Option("--overwrite", help="Delete the results of an earlier run in OUT; else OUT/previous keeps them."),
+    ] = False,
     debug: Debug = False,
 ):
     """Simulates SCENE; writes OUT/frames.h5, OUT/summary.json and OUT/checkpoint.h5.
@@ -104,20 +113,19 @@ def run(
     folder = output or Path("out") / (
         Path(scene).stem if Path(scene).name != "scene.json" else Path(scene).resolve().parent.name
     )
-    if resume:
-        different = simulation.load_checkpoint(folder)
-        console().print(f"resumed at step {simulation.step_count:,}, {simulation.time:.4g} s")
-        if different:
-            console().print(f"[yellow]not bit by bit as before: {escape(', '.join(different))}[/]")
-    result = loop.run(
-        simulation,
-        folder,
-        loaded.frames if frames is None else frames,
-        store=store.value if store else None,
-        progress=Console(stderr=True, highlight=False),
-        checkpoint_every=checkpoint,
-        resume=resume,
-    )
+    with locked(folder):
+        if resume:
+            load_checkpoint(simulation, folder, changed_scene)
+        result = loop.run(
+            simulation,
+            folder,
+            loaded.frames if frames is None else frames,
+            store=store.value if store else None,
+            progress=Console(stderr=True, highlight=False),
+            checkpoint_every=checkpoint,
+            resume=resume,
+            keep=None if overwrite else say_kept,
+        )
     print_summary(result.fields, folder)
     if result.problem is not None:
         if debug:
@@ -130,6 +138,29 @@ def run(
             "on from it.[/]"
         )
         raise typer.Exit(128 + result.interrupted)
+
+
+def load_checkpoint(simulation, folder, changed_scene):
+    """Continues from the checkpoint of a folder and says where. Raises as Simulation.load_checkpoint."""
+    try:
+        different = simulation.load_checkpoint(folder, changed_scene=changed_scene)
+    except SceneChanged as problem:
+        raise SceneChanged(
+            problem.changed,
+            "run the scene that it was taken of, start anew without --resume, or go on with this one by "
+            "--changed-scene",
+        ) from None
+    console().print(f"resumed at step {simulation.step_count:,}, {simulation.time:.4g} s")
+    if different:
+        console().print(f"[yellow]not bit by bit as before: {escape(', '.join(different))}[/]")
+
+
+def say_kept(frames, folder):
+    """Says where the results of an earlier run are now."""
+    console().print(
+        f"the results of an earlier run, {frames:,} {'frame' if frames == 1 else 'frames'}, are now in "
+        f"{escape(str(folder))}, in place of what was there; --overwrite deletes them instead"
+    )
 
 
 def say_frame_time(scene, simulation):

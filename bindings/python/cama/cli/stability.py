@@ -7,12 +7,13 @@ from typing import Annotated, Optional
 import typer
 from rich.console import Console
 from rich.markup import escape
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
+from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeElapsedColumn
 from rich.table import Table
 
 from .. import _core
 from ..errors import BackendError, SceneError
-from .common import Precision, clean, console
+from ..io.progress import Bar
+from .common import Precision, clean, console, positive_seconds
 
 Cases = Annotated[
     Optional[list[str]], typer.Argument(metavar="[CASE...]", help="Numbers (1 to 45) or names. Default: all.")
@@ -71,7 +72,9 @@ def stability(
     backend: Backends = None,
     precision: Annotated[Optional[list[Precision]], typer.Option(help="May be repeated. Default: all three.")] = None,
     accuracy: Annotated[str, typer.Option(metavar="LEVEL", help=f"One of {', '.join(LEVELS)}.")] = "production",
-    limit: Annotated[float, typer.Option(min=1.0, help="Largest wall time of a run, s.")] = 120.0,
+    limit: Annotated[
+        float, typer.Option(parser=positive_seconds, metavar="SECONDS", help="Largest wall time of a run, s.")
+    ] = 120.0,
     jobs: Annotated[int, typer.Option(min=0, help="Number of runs at once; 0: one for two cores.")] = 0,
     long: Annotated[bool, typer.Option("--long", help="Run the long cases too.")] = False,
     show: Annotated[bool, typer.Option("--list", help="Print the table of cases and stop.")] = False,
@@ -108,13 +111,12 @@ def stability(
     # a case that is asked for by name or number is run however long it is
     long = long or bool(cases)
     total = sum(c.applies(b, p) and (long or not c.long) for c in checks for b in backends for p in precisions)
-    with Progress(
+    with Bar(
         TextColumn("{task.description}"),
         BarColumn(),
         MofNCompleteColumn(),
         TimeElapsedColumn(),
         console=Console(stderr=True, highlight=False),
-        transient=True,
     ) as progress:
         task, done = progress.add_task("", total=total), []
 

@@ -9,6 +9,7 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
+from ..hints import require
 from ..measuring import report
 from ..measuring.tradeoff import Setup
 from ..measuring.tradeoff import join as join_results
@@ -73,6 +74,7 @@ def tradeoff(
 
     The same command continues an interrupted run.
     """
+    require("cama tradeoff", "scipy", *(["matplotlib"] if plots else []))
     plan = plan_of(vary, also)
     setup = Setup(backend_names(backend), device, threads, jobs, error_jobs, cluster, limit, warm_up)
     results = []

@@ -9,6 +9,8 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
+from ..errors import ArrayError
+from ..hints import require
 from ..measuring import grid
 from ..measuring.tradeoff import Setup
 from ..measuring.tune import parse_error, parse_time
@@ -69,6 +71,9 @@ def tune(
     debug: Debug = False,
 ):
     """Picks the cheapest options for a budget of error or time, has them judged, and writes a scene file."""
+    require("cama tune", "scipy")
+    if not error and not time:
+        raise ArrayError("give --error, for example --error 1mm or --error 5%, or --time, for example --time 16ms")
     metric, limit_of_error = parse_error(error) if error else (None, None)
     setup = Setup(backend_names([backend]), device, threads, 1, error_jobs, cluster, limit, warm_up)
     with bar(Console(stderr=True, highlight=False)) as progress, stoppable(results):

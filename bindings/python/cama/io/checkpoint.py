@@ -76,6 +76,19 @@ def parts_of(scene: Any) -> dict[str, str]:
     return found
 
 
+class SceneChanged(SceneError):
+    """The scene differs from the checkpoint's in more than can be left to chance."""
+
+    __module__ = "cama"
+
+    def __init__(self, changed: list[str], remedy: str) -> None:
+        self.changed = changed  #: names of the parts that differ
+        super().__init__(
+            f"checkpoint: is of a scene that differs in {', '.join(changed[:8])}{' and more' * (len(changed) > 8)}; "
+            + remedy
+        )
+
+
 def check_scene(simulation: Any, parts: Optional[dict[str, str]]) -> None:
     """Raises SceneError that names the parts in which the scene differs from the checkpoint's (None: not known)."""
     own = simulation.scene_parts()
@@ -85,10 +98,10 @@ def check_scene(simulation: Any, parts: Optional[dict[str, str]]) -> None:
         else []
     )
     if changed:
-        raise SceneError(
-            "checkpoint: is of a scene that differs in "
-            f"{', '.join(changed[:8])}{' and more' * (len(changed) > 8)}; load the scene that it "
-            "was taken of, start anew, or let load_checkpoint(path, changed_scene=True) go on with this one"
+        raise SceneChanged(
+            changed,
+            "load the scene that it was taken of, start anew, or let load_checkpoint(path, changed_scene=True) go on "
+            "with this one",
         )
 
 

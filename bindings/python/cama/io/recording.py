@@ -14,6 +14,7 @@ from pathlib import Path
 import h5py
 import numpy as np
 
+from .. import shipped
 from ..errors import FileError
 
 NAME = "frames.h5"
@@ -200,6 +201,16 @@ class Part:
     radius: float = 0.0  #: of an exact sphere or capsule, m
 
 
+def _how_to_record(path):
+    """Returns what to do where a recording is missing."""
+    out = Path("out") / path.name
+    if path.name != NAME and (out / NAME).is_file():
+        return f"the recording is in another folder: `cama render {out}`"
+    if path.name in shipped.names():
+        return f"`cama run {path}` records the scene in {out}, then `cama render {out}` draws it"
+    return f"`cama run SCENE -o {path.parent if path.name == NAME else path}` writes one"
+
+
 class Recording:
     """Reads frames.h5, given the file or its folder. Raises FileError."""
 
@@ -207,7 +218,7 @@ class Recording:
         path = Path(path)
         path = path / NAME if path.is_dir() else path
         if not path.is_file():
-            raise FileError(f"{path}: no such file; `cama run ... -o {path.parent}` writes it")
+            raise FileError(f"{path}: no such file; {_how_to_record(path)}")
         try:
             self._file = h5py.File(path, "r")
             self.positions, self.times = self._file["positions"], self._file["times"][:]

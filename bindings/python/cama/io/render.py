@@ -3,13 +3,16 @@
 
 import contextlib
 import os
+import subprocess
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeRemainingColumn
 
-from ..errors import Error, FileError
+from ..errors import BackendError, FileError
+from ..hints import require
+from .progress import Bar
 from .recording import Recording
 
 CLOTHS = ["#3f74b5", "#e08a3c", "#4f9d69", "#b8485f", "#8366b0", "#c9a227", "#3a9aa3", "#8a6a52"]
@@ -47,14 +50,27 @@ def choose_speed(duration, interval, fps):
     return speed
 
 
-def choose_frames(times, fps, speed):
-    """Index of the recorded frame that each image of the video shows."""
+def moments_of(times, fps, speed):
+    """The moments of the images of a video, s: equally spaced from the first recorded frame on."""
     count = max(1, int(np.floor((times[-1] - times[0]) / speed * fps + 1e-9)) + 1)
-    wanted = times[0] + np.arange(count) * speed / fps
-    after = np.clip(np.searchsorted(times, wanted), 1, max(1, len(times) - 1))
+    return times[0] + np.arange(count) * speed / fps
+
+
+def place_of(times, moment):
+    """(index, part): a moment lies this part of the way from recorded frame `index` to the next; 0: on the frame."""
+    index = int(np.clip(np.searchsorted(times, moment, side="right") - 1, 0, max(0, len(times) - 2)))
     if len(times) == 1:
-        return np.zeros(count, int)
-    return np.where(wanted - times[after - 1] <= times[after] - wanted, after - 1, after)
+        return 0, 0.0
+    part = float(np.clip((moment - times[index]) / (times[index + 1] - times[index]), 0, 1))
+    return (index, 0.0) if part < 1e-6 else (index + 1, 0.0) if part > 1 - 1e-6 else (index, part)
+
+
+def positions_at(recording, moment):
+    """Positions [vertices, 3] at a moment, m: those of a recorded frame, or on the line between two."""
+    index, part = place_of(recording.times, moment)
+    if part == 0:
+        return recording.frame(index)
+    return (1 - part) * recording.frame(index) + part * recording.frame(index + 1)
 
 
 def smooth_normals(vertices, faces):
@@ -155,7 +171,7 @@ class Shade:
 class Stage:
     """Cloths, obstacles, floor, lights and camera in one off-screen window."""
 
-    def __init__(self, recording, frames, size, azimuth, elevation):
+    def __init__(self, recording, moments, size, azimuth, elevation):
         import pyvista
 
         self._pyvista, self._recording = pyvista, recording
@@ -163,7 +179,7 @@ class Stage:
         self._plotter.set_background(SKY)
         self._plotter.enable_anti_aliasing("msaa", multi_samples=8)
         self._parts = []
-        start, seen = recording.frame(int(frames[0])), self._sample(frames)
+        start, seen = positions_at(recording, moments[0]), self._sample(moments)
         low, high = seen.min(axis=0), seen.max(axis=0)
         self._seen = (low + high) / 2, np.linalg.norm(high - low)
         for index, part in enumerate(recording.cloths):
@@ -190,12 +206,12 @@ class Stage:
         )
         self._parts.append((part, surface, faces))
 
-    def _sample(self, frames):
+    def _sample(self, moments):
         """Points [n, 3] the picture is framed on: cloth over the whole clip, and the obstacle vertices near it."""
-        some = np.unique(frames[np.linspace(0, len(frames) - 1, min(len(frames), 24)).astype(int)])
+        some = moments[np.unique(np.linspace(0, len(moments) - 1, min(len(moments), 24)).astype(int))]
         cloth, body = [], []
-        for index in some:
-            positions = self._recording.frame(int(index))
+        for moment in some:
+            positions = positions_at(self._recording, moment)
             cloth += [
                 positions[p.vertices][:: max(1, (p.vertices.stop - p.vertices.start) // 2000)]
                 for p in self._recording.cloths
@@ -263,9 +279,9 @@ class Stage:
         camera.view_angle = VIEW_ANGLE
         self._plotter.reset_camera_clipping_range()
 
-    def draw(self, index, caption):
-        """[height, width, 3] uint8 picture of one recorded frame."""
-        positions = self._recording.frame(index)
+    def draw(self, moment, caption):
+        """[height, width, 3] uint8 picture of a moment, s."""
+        positions = positions_at(self._recording, moment)
         for part, surface, faces in self._parts:
             surface.points = drawn(part, positions, self._seen)[0]
             surface.point_data.active_normals = smooth_normals(np.asarray(surface.points), faces)
@@ -287,22 +303,34 @@ class Stage:
 
 
 def needs():
-    """Raises Error if the packages that draw are not installed; picks VTK's way to draw without a display."""
+    """Raises BackendError if what draws is not installed; picks VTK's way to draw without a display."""
     if not os.environ.get("DISPLAY"):
         os.environ.setdefault("VTK_DEFAULT_OPENGL_WINDOW", "vtkEGLRenderWindow")
+    require("drawing", "pyvista", "imageio", "imageio_ffmpeg")
+    import imageio_ffmpeg
+
+    own = os.environ.get("IMAGEIO_FFMPEG_EXE")
     try:
-        import imageio_ffmpeg  # noqa: F401
-        import pyvista  # noqa: F401
-    except ImportError as problem:
-        raise Error(
-            f"drawing needs pyvista, imageio and imageio-ffmpeg (pip install cama[render]): {problem}"
-        ) from None
+        said = subprocess.run([imageio_ffmpeg.get_ffmpeg_exe(), "-version"], capture_output=True, check=True).stdout
+    except (RuntimeError, OSError, subprocess.CalledProcessError) as problem:
+        said, reason = b"", str(problem)
+    else:
+        reason = "it does not answer as ffmpeg does"
+    if not said.startswith(b"ffmpeg version"):
+        raise BackendError(
+            f"drawing needs the program ffmpeg, and IMAGEIO_FFMPEG_EXE names {own!r}, which is not it; unset the "
+            "variable or let it name ffmpeg"
+            if own
+            else f"drawing needs the program ffmpeg: {reason}"
+        )
 
 
 def render(folder, fps=30, speed=None, size=(1280, 720), azimuth=-60.0, elevation=22.0, images=True, progress=None):
     """Draws a recording: OUT/images/frame_0000.png ... and OUT/video.mp4. Returns a Rendered.
 
-    speed: of playback, 1 is real time, None chooses. Raises FileError, Error.
+    Images are equally spaced in time; between recorded frames, positions are interpolated linearly.
+
+    speed: of playback, 1 is real time, None chooses. Raises FileError, BackendError.
     """
     needs()
     import imageio.v2 as imageio
@@ -312,28 +340,27 @@ def render(folder, fps=30, speed=None, size=(1280, 720), azimuth=-60.0, elevatio
         out = Path(folder) if Path(folder).is_dir() else Path(folder).parent
         interval = float(np.median(np.diff(recording.times))) if len(recording) > 1 else 1.0
         speed = speed or choose_speed(float(recording.times[-1] - recording.times[0]), interval, fps)
-        frames = choose_frames(recording.times, fps, speed)
+        moments = moments_of(recording.times, fps, speed)
         pictures = _clear(out / "images") if images else None
-        stage, video, last = Stage(recording, frames, size, azimuth, elevation), out / "video.mp4", -1
-        bar = Progress(
+        stage, video = Stage(recording, moments, size, azimuth, elevation), out / "video.mp4"
+        bar = Bar(
             TextColumn("image"),
             MofNCompleteColumn(),
             BarColumn(),
             TimeRemainingColumn(),
+            TextColumn("left"),
             console=progress,
-            disable=progress is None,
-            transient=True,
         )
         partial = out / "video.partial.mp4"
         try:
             with bar, imageio.get_writer(partial, fps=fps, codec="libx264", quality=8, macro_block_size=2) as movie:
-                for number in bar.track(range(len(frames))):
-                    if frames[number] != last:
-                        last = int(frames[number])
-                        picture = stage.draw(last, f"{recording.times[last]:.2f} s   {speed_text(speed)}")
+                task = bar.add_task("", total=len(moments))
+                for number, moment in enumerate(moments):
+                    picture = stage.draw(moment, f"{moment:.2f} s   {speed_text(speed)}")
                     movie.append_data(picture)
                     if pictures:
                         imageio.imwrite(pictures / f"frame_{number:04d}.png", picture)
+                    bar.update(task, advance=1)
             os.replace(partial, video)
         except OSError as problem:
             with contextlib.suppress(OSError):
@@ -342,7 +369,7 @@ def render(folder, fps=30, speed=None, size=(1280, 720), azimuth=-60.0, elevatio
             raise FileError(f"{out}: writing failed ({said}); is the disk full?") from problem
         finally:
             stage.close()
-    return Rendered(len(frames), len(frames) / fps, speed, video)
+    return Rendered(len(moments), len(moments) / fps, speed, video)
 
 
 def _clear(folder):

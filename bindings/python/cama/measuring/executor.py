@@ -14,6 +14,7 @@ from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass
 
 from ..errors import ArrayError, BackendError
+from ..hints import require
 
 _shared = None
 
@@ -150,7 +151,7 @@ class Cluster:
     """An existing Ray cluster.
 
     A task takes one CPU, and one GPU if the cluster has some and `gpu` is set. Raises BackendError if Ray is not
-    installed (`pip install cama[cluster]`) or there is no cluster.
+    installed (`pip install ray`) or there is no cluster.
 
     Args:
         address: "auto", "host:6379" or "ray://host:10001".
@@ -159,10 +160,9 @@ class Cluster:
     """
 
     def __init__(self, address, jobs=0, gpu=False):
-        try:
-            import ray
-        except ImportError:
-            raise BackendError("cluster: Ray is not installed; pip install cama[cluster]") from None
+        require("cluster: running on Ray", "ray")
+        import ray
+
         self._ray, self._own = ray, not ray.is_initialized()
         try:
             if self._own:

@@ -10,7 +10,8 @@ import re
 from collections.abc import Sequence
 from pathlib import Path
 
-from ..errors import BackendError, FileError
+from ..errors import FileError
+from ..hints import require
 from ..io.summary import finite
 from ..types import PathLike
 from .grid import label, step_text
@@ -103,10 +104,9 @@ def _plain(value):
 
 
 def _matplotlib():
-    try:
-        import matplotlib
-    except ImportError:
-        raise BackendError("plots: matplotlib is not installed; pip install cama[tradeoff]") from None
+    require("the plots", "matplotlib")
+    import matplotlib
+
     matplotlib.use("Agg")
     import matplotlib.pyplot as plt
 

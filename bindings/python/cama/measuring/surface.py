@@ -10,7 +10,8 @@ import numpy as np
 
 from .. import collision
 from ..arrays import integers, number, reals
-from ..errors import ArrayError, BackendError, MeshError
+from ..errors import ArrayError, MeshError
+from ..hints import require
 from ..scene import Scene
 from ..types import ArrayLike, Integers, Reals
 
@@ -81,10 +82,9 @@ def samples(vertices: Reals, faces: Integers, count: int) -> tuple[Reals, Reals]
 
 
 def _tree(points: Reals) -> Any:
-    try:
-        from scipy.spatial import cKDTree
-    except ImportError:
-        raise BackendError("accuracy: SciPy is not installed; pip install cama[tradeoff]") from None
+    require("the distance of surfaces", "scipy")
+    from scipy.spatial import cKDTree
+
     return cKDTree(points)
 
 

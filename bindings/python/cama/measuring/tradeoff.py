@@ -21,6 +21,7 @@ import numpy as np
 
 from .. import _core
 from ..errors import ArrayError, BackendError, Error, FileError
+from ..hints import require
 from ..scene import Scene
 from ..types import PathLike
 from . import executor
@@ -198,6 +199,7 @@ def tradeoff(
         cama.Error: The options are not possible; a subclass says why, before any run.
     """
     begin, setup = time.perf_counter(), setup or Setup()
+    require("measuring", "scipy")  # before anything is computed
     setup.check()
     base = scene if isinstance(scene, Scene) else Scene.load(scene, resolution)
     plan = unique([dict(s) for s in plan]) if plan is not None else default_plan(base, window)

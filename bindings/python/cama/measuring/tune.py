@@ -18,6 +18,7 @@ from typing import Any, Literal
 from .. import _core, shipped
 from ..arrays import number
 from ..errors import ArrayError, Error, FileError
+from ..hints import without_comments
 from ..options import nested, overrides_of
 from ..scene import Scene
 from ..types import PathLike
@@ -166,10 +167,6 @@ def applied(data: Mapping[str, Any], settings: OptionValues) -> dict[str, Any]:
     return data
 
 
-def _without_comments(text):
-    return re.sub(r'("(?:\\.|[^"\\])*")|//[^\n]*|/\*.*?\*/', lambda m: m[1] or " ", text, flags=re.S)
-
-
 def _anchored(value, folder):
     """Returns the value with absolute paths for texts that name files beside the scene."""
     if isinstance(value, dict):
@@ -200,7 +197,7 @@ def write_scene(source: Scene | PathLike, settings: OptionValues, path: PathLike
         file = shipped.resolve(source)
         file = file / "scene.json" if file.is_dir() else file
         try:
-            data = json.loads(_without_comments(file.read_text(encoding="utf-8")))
+            data = json.loads(without_comments(file.read_text(encoding="utf-8")))
         except (OSError, ValueError) as problem:
             raise FileError(f"{file}: {problem}") from None
         if file.parent.resolve() != path.parent.resolve():

@@ -37,8 +37,8 @@ def strip(run, path, count=4, azimuth=-60.0, elevation=22.0, hide=()):
     import imageio.v2 as imageio
 
     moments = Moments(run, hide)
-    shown = np.unique(np.linspace(0, len(moments) - 1, count).round().astype(int))
+    shown = np.array(moments.times)[np.unique(np.linspace(0, len(moments) - 1, count).round().astype(int))]
     stage = render.Stage(moments, shown, SIZE, azimuth, elevation)
-    images = [stage.draw(int(i), f"{run.scene.name}  {moments.times[i]:.3f} s") for i in shown]
+    images = [stage.draw(time, f"{run.scene.name}  {time:.3f} s") for time in shown]
     stage.close()
     imageio.imwrite(path, np.concatenate(images, axis=1))

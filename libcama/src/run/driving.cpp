@@ -1,0 +1,206 @@
+// SPDX-License-Identifier: Apache-2.0
+// What a driver sets between steps: checked here, carried out by the stage of prescribed motion.
+#include <algorithm>
+#include <cmath>
+#include <string>
+
+#include "cama/error.hpp"
+#include "run/engine.hpp"
+
+namespace cama {
+namespace {
+
+constexpr double unit_tolerance = 1e-6;  // of the length of a quaternion
+
+[[noreturn]] void refuse(const std::string &text) { throw SceneError(text); }
+
+void check_rows(const char *what, const char *name, const std::vector<dvec3> &rows, std::size_t count)
+{
+  if (rows.size() != count)
+    refuse(std::string(what) + ": " + name + " has " + std::to_string(rows.size()) + " rows; " + std::to_string(count) +
+           " are needed");
+  for (std::size_t i = 0; i < count; ++i)
+    if (!std::isfinite(rows[i].x + rows[i].y + rows[i].z))
+      refuse(std::string(what) + ": " + name + "[" + std::to_string(i) + "] is not finite");
+}
+
+void check_finite(const char *what, const dvec3 &v)
+{
+  if (!std::isfinite(v.x + v.y + v.z)) refuse(std::string(what) + " is not finite");
+}
+
+dvec3 first_of(const std::vector<double> &v) { return {v[0], v[1], v[2]}; }
+
+}  // namespace
+
+PrescribedMotion &Engine::driver()
+{
+  if (idle_motion_) {
+    motion_ = idle_motion_.get();
+    pipeline->insert(state.options.integrator == Integrator::bdf2 ? 1 : 0, std::move(idle_motion_));
+  }
+  return *motion_;
+}
+
+void Engine::check_vertices(const char *what, const std::vector<int> &vertices) const
+{
+  std::vector<char> seen(static_cast<std::size_t>(state.mesh.cloth_vertices), 0);
+  for (std::size_t i = 0; i < vertices.size(); ++i) {
+    const int v = vertices[i];
+    const std::string name = std::string(what) + ": vertices[" + std::to_string(i) + "] is " + std::to_string(v);
+    if (v < 0 || v >= state.mesh.cloth_vertices)
+      refuse(name + "; the cloth has " + std::to_string(state.mesh.cloth_vertices) + " vertices");
+    if (seen[static_cast<std::size_t>(v)]++) refuse(name + ", which appears twice");
+  }
+}
+
+void Engine::check_obstacle(const char *what, int obstacle) const
+{
+  if (obstacle < 0 || static_cast<std::size_t>(obstacle) >= shape_.size())
+    refuse(std::string(what) + ": obstacle " + std::to_string(obstacle) + " is not there; the scene has " +
+           std::to_string(shape_.size()));
+}
+
+double Engine::duration_of(const char *what, double duration) const
+{
+  if (!std::isfinite(duration) || duration < 0)
+    refuse(std::string(what) + ": duration is " + std::to_string(duration) + " s; it must not be negative");
+  return duration > 0 ? duration : state.time.step;
+}
+
+void Engine::pin(const std::vector<int> &vertices, const std::vector<dvec3> &targets, double duration)
+{
+  check_vertices("pin", vertices);
+  check_rows("pin", "targets", targets, vertices.size());
+  driver().pin(state, vertices, targets, duration_of("pin", duration));
+}
+
+void Engine::set_targets(const std::vector<int> &vertices, const std::vector<dvec3> &targets, double duration)
+{
+  check_vertices("set_targets", vertices);
+  check_rows("set_targets", "positions", targets, vertices.size());
+  std::vector<char> pinned = driver().pinned();
+  for (int v : vertices)
+    if (!pinned[static_cast<std::size_t>(v)])
+      refuse("set_targets: " + state.mesh.describe(v) + " is not held by pin(); call pin first");
+  driver().pin(state, vertices, targets, duration_of("set_targets", duration));
+}
+
+void Engine::release(const std::vector<int> &vertices)
+{
+  check_vertices("release", vertices);
+  driver().release(state, vertices);
+}
+
+void Engine::attach(const std::vector<int> &vertices, int obstacle)
+{
+  check_vertices("attach", vertices);
+  check_obstacle("attach", obstacle);
+  const ObstacleShape shape = shape_[static_cast<std::size_t>(obstacle)];
+  if (shape != ObstacleShape::mesh && shape != ObstacleShape::box)
+    refuse("attach: needs an obstacle with triangles, a mesh or a box; " +
+           state.mesh.object_name[topology.cloth_range.size() + static_cast<std::size_t>(obstacle)] +
+           " is an exact shape; mesh it, or pin the vertices");
+  driver().attach(state, vertices, obstacle);
+}
+
+void Engine::set_obstacle_pose(int obstacle, const dvec3 &translation, const std::array<double, 4> &rotation,
+                               double duration)
+{
+  const char *what = "set_obstacle_pose";
+  check_obstacle(what, obstacle);
+  check_finite("set_obstacle_pose: translation", translation);
+  RigidTransform target;
+  target.translation = translation;
+  double length = 0;
+  for (double q : rotation) length += q * q;
+  length = std::sqrt(length);
+  if (!(std::abs(length - 1) < unit_tolerance))
+    refuse("set_obstacle_pose: rotation is not a unit quaternion (w, x, y, z)");
+  for (int k = 0; k < 4; ++k) target.rotation[k] = rotation[k] / length;
+  driver().move_obstacle(state, obstacle, target, duration_of(what, duration));
+}
+
+void Engine::set_obstacle_vertices(int obstacle, const std::vector<dvec3> &positions, double duration)
+{
+  const char *what = "set_obstacle_vertices";
+  check_obstacle(what, obstacle);
+  const auto range = topology.obstacle_range[static_cast<std::size_t>(obstacle)];
+  check_rows(what, "positions", positions, static_cast<std::size_t>(range.second - range.first));
+  if (shape_[static_cast<std::size_t>(obstacle)] != ObstacleShape::mesh)
+    refuse("set_obstacle_vertices: needs a mesh; set_obstacle_pose moves exact shapes and boxes");
+  driver().move_obstacle(state, obstacle, positions, duration_of(what, duration));
+}
+
+void Engine::set_force(const std::vector<int> &vertices, const std::vector<dvec3> &forces)
+{
+  check_vertices("set_force", vertices);
+  check_rows("set_force", "forces", forces, vertices.size());
+  Stream<dvec3> &force = state.elements.driven_force;
+  std::vector<dvec3> all(static_cast<std::size_t>(state.mesh.cloth_vertices), dvec3{0, 0, 0});
+  if (force.size()) all = force.download();
+  for (std::size_t i = 0; i < vertices.size(); ++i) all[static_cast<std::size_t>(vertices[i])] = forces[i];
+  if (!force.backend()) force = Stream<dvec3>(*backend);
+  force.assign(all);
+}
+
+void Engine::set_gravity(const dvec3 &gravity)
+{
+  check_finite("gravity", gravity);
+  state.elements.gravity.assign({gravity});
+}
+
+void Engine::set_wind(const dvec3 &velocity)
+{
+  check_finite("wind", velocity);
+  if (!state.elements.wind.size())
+    refuse("wind: the scene has no air; give it a wind with a density or a drag, at rest if need be");
+  state.elements.wind.assign({velocity});
+}
+
+void Engine::save_driving(Checkpoint &c)
+{
+  const auto vector = [&](const char *name, const dvec3 &v) { c.driving[name] = {v.x, v.y, v.z}; };
+  const auto differs = [](const dvec3 &a, const dvec3 &b) { return a.x != b.x || a.y != b.y || a.z != b.z; };
+  if (const dvec3 g = state.elements.gravity.at(0); differs(g, scene_gravity_)) vector("gravity", g);
+  if (state.elements.wind.size())
+    if (const dvec3 w = state.elements.wind.at(0); differs(w, scene_wind_)) vector("wind", w);
+  if (state.elements.driven_force.size())
+    for (const dvec3 &f : state.elements.driven_force.download())
+      for (double x : {f.x, f.y, f.z}) c.driving["force"].push_back(x);
+}
+
+void Engine::check_driving(const Checkpoint &c)
+{
+  const PrescribedMotion &motion = idle_motion_ ? *idle_motion_ : *motion_;
+  motion.check(c);
+  for (const auto &[name, values] : c.driving) {
+    const std::size_t size = name == "gravity" || name == "wind"
+                                 ? 3
+                                 : (name == "force" ? 3 * static_cast<std::size_t>(state.mesh.cloth_vertices)
+                                                    : values.size());
+    if (values.size() != size || (name == "wind" && !state.elements.wind.size()))
+      refuse("checkpoint: driving: " + name + ": does not fit the scene");
+  }
+}
+
+void Engine::restore_driving(const Checkpoint &c)
+{
+  if (!c.driving.empty()) driver();
+  const auto found = [&](const char *name) {
+    const auto at = c.driving.find(name);
+    return at == c.driving.end() ? nullptr : &at->second;
+  };
+  const std::vector<double> *gravity = found("gravity"), *wind = found("wind"), *force = found("force");
+  state.elements.gravity.assign({gravity ? first_of(*gravity) : scene_gravity_});
+  if (state.elements.wind.size()) state.elements.wind.assign({wind ? first_of(*wind) : scene_wind_});
+  if (!force && !state.elements.driven_force.size()) return;
+  std::vector<dvec3> all(static_cast<std::size_t>(state.mesh.cloth_vertices), dvec3{0, 0, 0});
+  if (force)
+    for (std::size_t v = 0; v < all.size(); ++v)
+      all[v] = {(*force)[3 * v], (*force)[3 * v + 1], (*force)[3 * v + 2]};
+  if (!state.elements.driven_force.backend()) state.elements.driven_force = Stream<dvec3>(*backend);
+  state.elements.driven_force.assign(all);
+}
+
+}  // namespace cama
