@@ -108,7 +108,8 @@ TEST_CASE("a simulation goes back to a checkpoint of its own", "[checkpoint]")
   const Checkpoint pinned = held.checkpoint();
   for (int i = 0; i < 4; ++i) held.step();
   const std::uint64_t before = held.state_hash();
-  CHECK(contains(thrown<SceneError>([&] { held.restore(pinned); }), "has released"));
+  held.restore(pinned);   // the pins hold again
+  for (int i = 0; i < 4; ++i) held.step();
   CHECK(held.state_hash() == before);
 }
 

@@ -391,14 +391,15 @@ TEST_CASE("a rigid zone moves as its obstacle does, or by the mean of its masses
     CHECK(flag[v] == 1);
   }
   Vector3d before(0, 0, 0), after(0, 0, 0);
-  for (std::size_t v : {0, 1, 2, 3}) {   // what the impact connects keeps its shape and the centre of what was wanted
+  for (std::size_t v : {0, 1, 2, 3}) {  // what the impact connects keeps its shape and the centre of what was wanted
     before += eigen(wanted[v]) / p.inverse_mass[v];
     after += eigen(x[v]) / p.inverse_mass[v];
     for (std::size_t w : {0, 1, 2, 3})
-      CHECK(std::abs((eigen(x[v]) - eigen(x[w])).norm() - (eigen(p.position[v]) - eigen(p.position[w])).norm()) < 1e-13);
+      CHECK(std::abs((eigen(x[v]) - eigen(x[w])).norm() - (eigen(p.position[v]) - eigen(p.position[w])).norm()) <
+            1e-13);
   }
   CHECK((before - after).norm() < 1e-13 * (1 + before.norm()));
-  for (std::size_t v : {6, 7}) {   // its impact was found once
+  for (std::size_t v : {6, 7}) {  // its impact was found once
     CHECK((eigen(x[v]) - eigen(wanted[v])).norm() == 0);
     CHECK(flag[v] == 0);
   }
@@ -422,7 +423,7 @@ TEST_CASE("duplicate and nearly duplicate impacts change nothing", "[impact]")
   for (bool zones : {false, true}) {
     const VectorXd dx = project(many, 0.05, zones);
     REQUIRE(dx.allFinite());
-    CHECK(cost(p, dx) < 2 * cost(p, alone));   // nothing diverges
+    CHECK(cost(p, dx) < 2 * cost(p, alone));  // nothing diverges
   }
 }
 
@@ -449,11 +450,11 @@ TEST_CASE("no vertex goes further from where it was wanted than twice the longes
   state.mesh.inverse_mass = {*backend, p.inverse_mass};
   state.contact.impact = {*backend, p.impacts};
   std::vector<dvec3> from = p.position;
-  from[3].x += 0.02;   // the longest motion, 2 cm
+  from[3].x += 0.02;  // the longest motion, 2 cm
   Stream<dvec3> positions(*backend, p.position);
   ImpactProjection stage(*backend);
   stage.start(state, Stream<dvec3>(*backend, from), positions);
-  const double target = 10, most = 2 * 0.02 + target;   // a violation of metres
+  const double target = 10, most = 2 * 0.02 + target;  // a violation of metres
   bool held = false;
   for (int run = 0; run < 3; ++run) {
     const double apart = run == 0 ? target : 3 * target;

@@ -17,6 +17,8 @@ class _Owner(Protocol):
 
     _core: _core.Scene
 
+    def _allow_change(self, what: str) -> None: ...
+
 
 class Part:
     """A cloth or an obstacle of a scene, identified by its index."""
@@ -64,6 +66,7 @@ class Cloth(Part):
 
     @material.setter
     def material(self, value: _core.Material | Description | PathLike) -> None:
+        self._scene._allow_change(f"material of {self.name!r}")
         self._compiled().material = Material.of(value)
 
     @property

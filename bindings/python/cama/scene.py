@@ -8,7 +8,7 @@ import math
 import os
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NoReturn
 
 import numpy as np
 
@@ -145,6 +145,9 @@ class Scene:
             Path(path).write_text(self.to_json(), encoding="utf-8")
         except OSError as problem:
             raise FileError(f"{path}: {problem.strerror}") from None
+
+    def _allow_change(self, what: str) -> None:
+        """Raises SceneError if the scene is read-only."""
 
     def copy(self) -> Scene:
         """Returns an independent copy, as copy.copy and copy.deepcopy do."""
@@ -653,3 +656,46 @@ class Scene:
             f"<cama.Scene {self.name!r}: {counted(self._core.cloth_count, 'cloth')} with "
             f"{counted(self.triangle_count, 'triangle')}, {counted(self._core.obstacle_count, 'obstacle')}>"
         )
+
+
+class SimulatedScene(Scene):
+    """The scene of a simulation, which is read-only: the simulation would not see a change."""
+
+    __slots__ = ()
+
+    @classmethod
+    def of(cls, scene: Scene) -> SimulatedScene:
+        """Returns a read-only copy of a scene."""
+        return cls._of(_core.Scene(scene._core))
+
+    def _refuse(self, what: str) -> NoReturn:
+        raise SceneError(
+            f"{what}: the scene of a simulation is read-only; drive the simulation (pin, set_targets, "
+            "set_obstacle_pose, gravity, ...), or change the scene and make a new simulation"
+        )
+
+    def _allow_change(self, what: str) -> None:
+        self._refuse(what)
+
+    def __setattr__(self, name: str, value: object) -> None:
+        if name != "_core":
+            self._refuse(name)
+        object.__setattr__(self, name, value)
+
+    def add_cloth(self, *arguments: Any, **named: Any) -> NoReturn:  # type: ignore[override]
+        self._refuse("add_cloth")
+
+    def add_obstacle(self, *arguments: Any, **named: Any) -> NoReturn:  # type: ignore[override]
+        self._refuse("add_obstacle")
+
+    def pin(self, *arguments: Any, **named: Any) -> NoReturn:  # type: ignore[override]
+        self._refuse("pin")
+
+    def attach(self, *arguments: Any, **named: Any) -> NoReturn:  # type: ignore[override]
+        self._refuse("attach")
+
+    def stitch(self, *arguments: Any, **named: Any) -> NoReturn:  # type: ignore[override]
+        self._refuse("stitch")
+
+    def untangle(self, *arguments: Any, **named: Any) -> NoReturn:  # type: ignore[override]
+        self._refuse("untangle")

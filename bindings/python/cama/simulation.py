@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, NoReturn
 
@@ -11,13 +11,14 @@ import numpy as np
 import numpy.typing as npt
 
 from . import _core, plausibility
-from .arrays import count, reals
+from .arrays import count, indices, number, quaternion, reals, vector
 from .collision import UntangleReport
-from .errors import CollisionError
+from .errors import ArrayError, CollisionError
 from .io import checkpoint
 from .options import overrides_of, signature
-from .scene import Scene
-from .types import ArrayLike, Integers, PathLike, Reals
+from .parts import Obstacle
+from .scene import Scene, SimulatedScene
+from .types import ArrayLike, Integers, PathLike, Reals, Vector, VectorLike
 
 if TYPE_CHECKING:
     from typing_extensions import Unpack
@@ -77,6 +78,15 @@ class Simulation:
         cama.PlausibilityWarning: A value is hardly meant, for example a length in centimetres.
     """
 
+    __slots__ = (
+        "_core",
+        "_scene",
+        "_frame",
+        "_parts",
+        "_before_step",
+        "__weakref__",
+    )  # other fields are an AttributeError
+
     def __init__(
         self,
         scene: Scene | PathLike,
@@ -87,7 +97,8 @@ class Simulation:
         threads: int = 0,
         **overrides: Unpack[Overrides],
     ) -> None:
-        self.scene = scene.copy() if isinstance(scene, Scene) else Scene.load(scene)
+        given_scene = scene if isinstance(scene, Scene) else Scene.load(scene)
+        self._scene = SimulatedScene.of(given_scene)
         given = dict(backend=backend, precision=precision, accuracy=accuracy, device=device, threads=threads)
         try:
             self._core = _core.Simulation(self.scene._core, overrides_of({**given, **overrides}))
@@ -97,6 +108,7 @@ class Simulation:
         plausibility.warn(plausibility.findings(self.scene, self._core.options()))
         self._frame = 0
         self._parts: dict[str, str] | None = None
+        self._before_step: Callable[[Simulation], object] | None = None
 
     def __reduce__(self) -> NoReturn:
         raise TypeError(
@@ -113,7 +125,14 @@ class Simulation:
             SolverError: Shorter steps fail too. The state is that before the step.
             CollisionError: Obstacles pinch cloth with no way out. The state is that before the step.
         """
-        self._core.step(count("step: n", n))
+        steps = count("step: n", n)
+        if self._before_step is None:
+            self._core.step(steps)
+            return
+        for _ in range(steps):
+            if self._before_step is not None:
+                self._before_step(self)
+            self._core.step(1)
 
     def frames(self, n: int | None = None, audit: bool = True) -> Iterator[Frame]:
         """Iterates over frames, each `steps_per_frame` steps.
@@ -134,6 +153,171 @@ class Simulation:
                 self.count_intersections() if audit else -1,
                 report,
             )
+
+    @property
+    def scene(self) -> Scene:
+        """The scene that is simulated, read-only: an assignment, which could have no effect, raises SceneError."""
+        return self._scene
+
+    @property
+    def before_step(self) -> Callable[[Simulation], object] | None:
+        """A function that `step` calls with this simulation before every time step; None: none.
+
+        It may read the state and drive: set targets, poses, forces, gravity and wind, pin and release. An exception
+        from it ends `step`; what was computed stays.
+        """
+        return self._before_step
+
+    @before_step.setter
+    def before_step(self, value: Callable[[Simulation], object] | None) -> None:
+        if value is not None and not callable(value):
+            raise TypeError(f"before_step: {value!r} cannot be called")
+        self._before_step = value
+
+    def pin(self, vertices: ArrayLike, targets: ArrayLike | None = None, duration: float | None = None) -> None:
+        """Holds cloth vertices from the next step on, also ones that the scene pins or attaches.
+
+        Args:
+            vertices: Vertices, numbered through all cloths (`cloth_ranges`): indices [k], one index, or a mask
+                [cloth vertices].
+            targets: Positions [k, 3], m, that they reach; None: they stay where they are.
+            duration: Time in which they reach them, linearly, s; None: one time step.
+
+        Raises:
+            ArrayError, SceneError: An argument does not fit. Nothing has changed.
+        """
+        chosen = self._vertices("pin", vertices)
+        here = np.empty((0, 3)) if targets is None else reals("pin: targets", targets, (len(chosen), 3))
+        self._core.pin(chosen, here, _seconds("pin", duration))
+
+    def set_targets(self, vertices: ArrayLike, positions: ArrayLike, duration: float | None = None) -> None:
+        """Moves vertices that `pin` holds.
+
+        The way there is linear in time. Like prescribed motion it is swept against everything in its way, and divided
+        where cloth needs it.
+
+        Args:
+            vertices: As in `pin`.
+            positions: Positions [k, 3], m, reached at the end of the duration and held.
+            duration: Time in which they reach them, s, for example one control interval; None: one time step.
+
+        Raises:
+            ArrayError, SceneError: An argument does not fit, or `pin` does not hold a vertex. Nothing has changed.
+        """
+        chosen = self._vertices("set_targets", vertices)
+        targets = reals("set_targets: positions", positions, (len(chosen), 3))
+        self._core.set_targets(chosen, targets, _seconds("set_targets", duration))
+
+    def release(self, vertices: ArrayLike) -> None:
+        """Lets go of vertices that pins or attachments hold, also those of the scene. They keep their velocity.
+
+        Args:
+            vertices: As in `pin`.
+
+        Raises:
+            ArrayError, SceneError: An argument does not fit. Nothing has changed.
+        """
+        self._core.release(self._vertices("release", vertices))
+
+    def attach(self, vertices: ArrayLike, obstacle: Obstacle | int | str) -> None:
+        """Fixes cloth vertices to the nearest points of an obstacle's triangles, at their present offset.
+
+        Args:
+            vertices: As in `pin`.
+            obstacle: A mesh or a box of the scene: handle, index or name.
+
+        Raises:
+            ArrayError, SceneError: An argument does not fit. Nothing has changed.
+        """
+        self._core.attach(self._vertices("attach", vertices), self._obstacle("attach", obstacle))
+
+    def set_obstacle_pose(
+        self,
+        obstacle: Obstacle | int | str,
+        translation: VectorLike = (0, 0, 0),
+        rotation: ArrayLike = (1, 0, 0, 0),
+        duration: float | None = None,
+    ) -> None:
+        """Moves an obstacle to x -> rotation x + translation, of its vertices as the scene has them before any motion.
+
+        The way there is linear in time, rotation by the shorter arc, and swept as prescribed motion is. It ends the
+        obstacle's own rigid motion; a character's animation goes on.
+
+        Args:
+            obstacle: Handle, index or name.
+            translation: Vector [3], m.
+            rotation: Unit quaternion [4]: w, x, y, z.
+            duration: Time in which the pose is reached, s; None: one time step.
+
+        Raises:
+            ArrayError, SceneError: An argument does not fit. Nothing has changed.
+        """
+        self._core.set_obstacle_pose(
+            self._obstacle("set_obstacle_pose", obstacle),
+            vector("set_obstacle_pose: translation", translation),
+            quaternion("set_obstacle_pose: rotation", rotation),
+            _seconds("set_obstacle_pose", duration),
+        )
+
+    def set_obstacle_vertices(
+        self, obstacle: Obstacle | int | str, positions: ArrayLike, duration: float | None = None
+    ) -> None:
+        """Moves the vertices of an obstacle that is a mesh. It ends the obstacle's own motion.
+
+        Args:
+            obstacle: Handle, index or name.
+            positions: Positions [vertices of the obstacle, 3], m.
+            duration: Time in which they are reached, linearly, s; None: one time step.
+
+        Raises:
+            ArrayError, SceneError: An argument does not fit. Nothing has changed.
+        """
+        index = self._obstacle("set_obstacle_vertices", obstacle)
+        first, last = self.obstacle_ranges[index]
+        moved = reals("set_obstacle_vertices: positions", positions, (last - first, 3))
+        self._core.set_obstacle_vertices(index, moved, _seconds("set_obstacle_vertices", duration))
+
+    def set_force(self, vertices: ArrayLike, forces: ArrayLike) -> None:
+        """Applies forces to cloth vertices from the next step on, until they are set anew; zero ends them.
+
+        Args:
+            vertices: As in `pin`.
+            forces: Forces [k, 3], or one [3] for all of them, N.
+
+        Raises:
+            ArrayError, SceneError: An argument does not fit. Nothing has changed.
+        """
+        chosen = self._vertices("set_force", vertices)
+        given = np.asarray(forces)
+        if given.shape == (3,):
+            given = np.broadcast_to(given, (len(chosen), 3))
+        self._core.set_force(chosen, reals("set_force: forces", given, (len(chosen), 3)))
+
+    @property
+    def gravity(self) -> Vector:
+        """Gravity [3], m/s^2. An assignment holds from the next step on."""
+        x, y, z = self._core.gravity()
+        return x, y, z
+
+    @gravity.setter
+    def gravity(self, value: VectorLike) -> None:
+        self._core.set_gravity(vector("gravity", value))
+
+    @property
+    def wind(self) -> Vector:
+        """Velocity of the air [3], m/s. An assignment holds from the next step on; without wind it is a SceneError."""
+        x, y, z = self._core.wind()
+        return x, y, z
+
+    @wind.setter
+    def wind(self, value: VectorLike) -> None:
+        self._core.set_wind(vector("wind", value))
+
+    def _vertices(self, what: str, vertices: ArrayLike) -> Integers:
+        return indices(f"{what}: vertices", vertices, self.cloth_vertex_count)
+
+    def _obstacle(self, what: str, obstacle: Obstacle | int | str) -> int:
+        return self._scene._index(what, obstacle, self._scene.obstacles)
 
     @property
     def step_count(self) -> int:
@@ -241,6 +425,8 @@ class Simulation:
     def save_checkpoint(self, path: PathLike) -> None:
         """Writes all that later steps depend on to an HDF5 file, from which `load_checkpoint` continues.
 
+        What was driven is in it; `before_step` is not.
+
         The file is written completely or not at all. Raises FileError.
         """
         checkpoint.write(path, self)
@@ -266,7 +452,7 @@ class Simulation:
 
         Raises:
             FileError: The file is not a checkpoint.
-            SceneError: The checkpoint is of another scene, is damaged, or has vertices that pins have released here.
+            SceneError: The checkpoint is of another scene, or damaged.
             CollisionError: Cloth intersects.
         """
         fields, options, parts = checkpoint.read(path)
@@ -354,6 +540,14 @@ class Simulation:
 
 
 Simulation.__init__.__signature__ = signature(Simulation.__init__)  # type: ignore[attr-defined]
+
+
+def _seconds(what: str, duration: float | None) -> float:
+    """Returns a duration in s; 0 stands for one time step."""
+    seconds = 0.0 if duration is None else number(f"{what}: duration", duration)
+    if duration is not None and seconds <= 0:
+        raise ArrayError(f"{what}: duration is {seconds} s; it must be positive")
+    return seconds
 
 
 def stage_paths(rows: Iterable[tuple[str, int, float]]) -> dict[str, float]:

@@ -244,8 +244,8 @@ void bind_simulation(py::module_ &m)
              g.with([&](Simulation &s) { s.attach(v, obstacle); });
            })
       .def("set_obstacle_pose",
-           [](Guarded &g, int obstacle, const std::array<double, 3> &translation,
-              const std::array<double, 4> &rotation, double duration) {
+           [](Guarded &g, int obstacle, const std::array<double, 3> &translation, const std::array<double, 4> &rotation,
+              double duration) {
              const dvec3 t{translation[0], translation[1], translation[2]};
              g.with([&](Simulation &s) { s.set_obstacle_pose(obstacle, t, rotation, duration); });
            })

@@ -85,8 +85,8 @@ public:
   // motion on the way is swept and divided as prescribed motion is. All throw SceneError where the arguments do not
   // fit; nothing has changed then.
 
-  /// Holds vertices, and moves them to targets, [vertices], m; none: holds them where they are. Takes them from pins and
-  /// attachments of the scene.
+  /// Holds vertices, and moves them to targets, [vertices], m; none: holds them where they are. Takes them from pins
+  /// and attachments of the scene.
   void pin(const std::vector<int> &vertices, const std::vector<dvec3> &targets = {}, double duration = 0);
   /// Moves vertices that `pin` holds to positions, m.
   void set_targets(const std::vector<int> &vertices, const std::vector<dvec3> &positions, double duration = 0);

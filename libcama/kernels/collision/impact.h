@@ -107,8 +107,8 @@ KERNEL find_prediction_errors(int n, GLOBAL const dvec3 *x, GLOBAL const dvec3 *
    have been decided for this very motion and are no impacts. localized: only pairs with a vertex that the last
    projection moved are selected; the others were certified before it. The gap_bound of a pair and the prediction errors
    of its vertices decide most pairs. *_bounds: number of pairs whose gap_bound holds from the start of this motion;
-   below 0 it marks a known impact, which is tested `again` unless it was found twice. share: the share of the thickness that pairs keep; largest: the largest contact
-   thickness, m. */
+   below 0 it marks a known impact, which is tested `again` unless it was found twice. share: the share of the thickness
+   that pairs keep; largest: the largest contact thickness, m. */
 KERNEL select_ccd_pairs(int n, int first_size, int localized, int again, GLOBAL const pair *vertex_face,
                         GLOBAL const pair *edge_edge, GLOBAL const face_nodes *face, GLOBAL const edge_nodes *edge,
                         GLOBAL const double *inverse_mass, double share, double largest,
@@ -177,11 +177,12 @@ KERNEL find_impacts(int n, int pairs, int first_size, int cubic, GLOBAL const pa
 
 /* Impacts of the pairs index[0 .. n), from `first` on; their gap_bound becomes -1, a known impact, or -2, one
    that was found before. repeat: counts all as found before. repeated[0]: incremented for each of those. */
-KERNEL fill_impacts(int n, int first_size, int cubic, int repeat, GLOBAL const int *index, GLOBAL const pair *vertex_face,
-                    GLOBAL const pair *edge_edge, GLOBAL const face_nodes *face, GLOBAL const edge_nodes *edge,
-                    GLOBAL const dvec3 *x, GLOBAL const dvec3 *y, GLOBAL const vertex_contact *v, double share,
-                    double target_share, int first, GLOBAL float *vertex_face_gap_bound,
-                    GLOBAL float *edge_edge_gap_bound, GLOBAL impact *impacts, GLOBAL int *repeated)
+KERNEL fill_impacts(int n, int first_size, int cubic, int repeat, GLOBAL const int *index,
+                    GLOBAL const pair *vertex_face, GLOBAL const pair *edge_edge, GLOBAL const face_nodes *face,
+                    GLOBAL const edge_nodes *edge, GLOBAL const dvec3 *x, GLOBAL const dvec3 *y,
+                    GLOBAL const vertex_contact *v, double share, double target_share, int first,
+                    GLOBAL float *vertex_face_gap_bound, GLOBAL float *edge_edge_gap_bound, GLOBAL impact *impacts,
+                    GLOBAL int *repeated)
 {
   FOR_EACH(i, n) {
     int k, kind = index[i] >= first_size, candidate = kind == 0 ? index[i] : index[i] - first_size;

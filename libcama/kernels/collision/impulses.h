@@ -1,9 +1,9 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* Penetration handling (paper, section 4; inelastic impact zones of Harmon et al. 2008 as one system): all impacts are
-   projected at once. With C_i(x) = n_i . sum_k w_ik x_k, J its gradient and S = J M^-1 J', lambda >= 0 minimises lambda'
-   S lambda / 2 - c' lambda; then x += M^-1 J' lambda. By default c = target - C(x): the features end apart by their
-   target. With the option paper.impact_zones c = -J d with d the motion of the step: no impact's features approach each
-   other. */
+   projected at once. With C_i(x) = n_i . sum_k w_ik x_k, J its gradient and S = J M^-1 J', lambda >= 0 minimises
+   lambda' S lambda / 2 - c' lambda; then x += M^-1 J' lambda. By default c = target - C(x): the features end apart by
+   their target. With the option paper.impact_zones c = -J d with d the motion of the step: no impact's features
+   approach each other. */
 #ifndef CAMA_KERNELS_COLLISION_IMPULSES_H
 #define CAMA_KERNELS_COLLISION_IMPULSES_H
 #include "../dialect/dvec3.h"
@@ -69,9 +69,9 @@ DEVICE double impulse_response(impact m, int rows, GLOBAL const dvec3 *y)
    extrapolated point p, lambda = max(0, p + (constraint - S p) / majorant); y: M^-1 C' p. change: lambda_new -
    lambda_old. partial[3 t ...], over the PUSH_IMPACTS impacts of team t: gradient mapping times change, |change|^2,
    |lambda|^2, the latter two in the majorant's norm. */
-KERNEL push_impulses(int n, int count, int rows, GLOBAL const impact *impacts,
-                     GLOBAL const dvec3 *y, GLOBAL const double *constraint, GLOBAL const double *majorant,
-                     GLOBAL const double *p, GLOBAL double *lambda, GLOBAL double *change, GLOBAL double *partial)
+KERNEL push_impulses(int n, int count, int rows, GLOBAL const impact *impacts, GLOBAL const dvec3 *y,
+                     GLOBAL const double *constraint, GLOBAL const double *majorant, GLOBAL const double *p,
+                     GLOBAL double *lambda, GLOBAL double *change, GLOBAL double *partial)
 {
   TEAM_LOCAL(double, sums, 3 * PUSH_TEAM);
   FOR_EACH_TEAM(t, n) {
@@ -80,8 +80,7 @@ KERNEL push_impulses(int n, int count, int rows, GLOBAL const impact *impacts,
       double along = 0.0, moved = 0.0, size = 0.0;
       int i, end = min_int((t + 1) * PUSH_IMPACTS, count);
       for (i = t * PUSH_IMPACTS + l; i < end; i += PUSH_TEAM) {
-        double weight = majorant[i],
-               gradient = constraint[i] - impulse_response(impacts[i], rows, y);
+        double weight = majorant[i], gradient = constraint[i] - impulse_response(impacts[i], rows, y);
         double next = weight > 0.0 ? max_double(0.0, p[i] + gradient / weight) : 0.0, by = next - lambda[i];
         along += (next - p[i]) * weight * by;
         moved += weight * by * by;

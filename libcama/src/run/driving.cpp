@@ -175,10 +175,10 @@ void Engine::check_driving(const Checkpoint &c)
   const PrescribedMotion &motion = idle_motion_ ? *idle_motion_ : *motion_;
   motion.check(c);
   for (const auto &[name, values] : c.driving) {
-    const std::size_t size = name == "gravity" || name == "wind"
-                                 ? 3
-                                 : (name == "force" ? 3 * static_cast<std::size_t>(state.mesh.cloth_vertices)
-                                                    : values.size());
+    const std::size_t size =
+        name == "gravity" || name == "wind"
+            ? 3
+            : (name == "force" ? 3 * static_cast<std::size_t>(state.mesh.cloth_vertices) : values.size());
     if (values.size() != size || (name == "wind" && !state.elements.wind.size()))
       refuse("checkpoint: driving: " + name + ": does not fit the scene");
   }
@@ -197,8 +197,7 @@ void Engine::restore_driving(const Checkpoint &c)
   if (!force && !state.elements.driven_force.size()) return;
   std::vector<dvec3> all(static_cast<std::size_t>(state.mesh.cloth_vertices), dvec3{0, 0, 0});
   if (force)
-    for (std::size_t v = 0; v < all.size(); ++v)
-      all[v] = {(*force)[3 * v], (*force)[3 * v + 1], (*force)[3 * v + 2]};
+    for (std::size_t v = 0; v < all.size(); ++v) all[v] = {(*force)[3 * v], (*force)[3 * v + 1], (*force)[3 * v + 2]};
   if (!state.elements.driven_force.backend()) state.elements.driven_force = Stream<dvec3>(*backend);
   state.elements.driven_force.assign(all);
 }

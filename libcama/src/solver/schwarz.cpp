@@ -141,7 +141,8 @@ template <class S> template <class Real> void Schwarz<S>::adopt(const SolverRoom
 
 template <class S> bool Schwarz<S>::outdated(const SolverRooms &state) const
 {
-  if (terms_ < 0 || pin_changes_ != state.mesh.pin_changes || state.options.paper.assembly != Assembly::gather) return true;
+  if (terms_ < 0 || pin_changes_ != state.mesh.pin_changes || state.options.paper.assembly != Assembly::gather)
+    return true;
   const int age = state.report.step - matched_;
   // A step that is taken again decides as before.
   const Solve &solve = last_.step < state.report.step ? last_ : before_;

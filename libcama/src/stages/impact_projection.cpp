@@ -10,7 +10,7 @@ namespace cama {
 namespace {
 constexpr int max_iterations = 200, max_zone_iterations = 1000;
 constexpr int iterations_per_check = 8;      // even, since two sets of scalars alternate
-constexpr double pushing_tolerance = 1e-3;   // relative change of impulses; the result is tested or certified afterwards
+constexpr double pushing_tolerance = 1e-3;  // relative change of impulses; the result is tested or certified afterwards
 }  // namespace
 
 ImpactProjection::ImpactProjection(Backend &b)

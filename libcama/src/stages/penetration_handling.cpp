@@ -37,11 +37,11 @@ PenetrationHandling::Detection PenetrationHandling::detect(const Rooms &state, b
               state.bounds.vertex_box, state.bounds.box_origin(), certified_distance * state.contact.largest_thickness,
               prediction_error_, detection_);
   CAMA_LAUNCH(b, select_ccd_pairs, flagged_.flag.size(), first, localized ? 1 : 0,
-              state.options.paper.impact_zones ? 1 : 0, vertex_face.pairs, edge_edge.pairs,
-              state.mesh.face, state.mesh.edge, state.mesh.inverse_mass, certified_distance,
-              state.contact.largest_thickness, prediction_error_, vertex_face_done, edge_edge_done,
-              first_piece ? vertex_face.gap_bound.size() : 0, vertex_face.gap_bound,
-              first_piece ? edge_edge.gap_bound.size() : 0, edge_edge.gap_bound, projection_.moved(), flagged_.flag);
+              state.options.paper.impact_zones ? 1 : 0, vertex_face.pairs, edge_edge.pairs, state.mesh.face,
+              state.mesh.edge, state.mesh.inverse_mass, certified_distance, state.contact.largest_thickness,
+              prediction_error_, vertex_face_done, edge_edge_done, first_piece ? vertex_face.gap_bound.size() : 0,
+              vertex_face.gap_bound, first_piece ? edge_edge.gap_bound.size() : 0, edge_edge.gap_bound,
+              projection_.moved(), flagged_.flag);
   CAMA_LAUNCH_TEAMS(void, b, find_impacts, PAIR_TEAM, flagged_.pair_teams(), flagged_.flag.size(), first,
                     state.options.paper.cubic_impacts ? 1 : 0, vertex_face.pairs, edge_edge.pairs, state.mesh.face,
                     state.mesh.edge, from_, state.mesh.position_next, state.contact.vertex_contact, certified_distance,
@@ -57,10 +57,10 @@ void PenetrationHandling::add_impacts(const Rooms &state, int found, bool repeat
   flagged_.compact(state, found);
   state.contact.impact.grow(static_cast<long long>(first) + found);
   CAMA_LAUNCH(b, fill_impacts, found, state.contact.vertex_face.pairs.size(), state.options.paper.cubic_impacts ? 1 : 0,
-              repeat ? 1 : 0, flagged_.index, state.contact.vertex_face.pairs, state.contact.edge_edge.pairs, state.mesh.face,
-              state.mesh.edge, from_, state.mesh.position_next, state.contact.vertex_contact, certified_distance,
-              impact_distance, first, state.contact.vertex_face.gap_bound, state.contact.edge_edge.gap_bound,
-              state.contact.impact, repeated_);
+              repeat ? 1 : 0, flagged_.index, state.contact.vertex_face.pairs, state.contact.edge_edge.pairs,
+              state.mesh.face, state.mesh.edge, from_, state.mesh.position_next, state.contact.vertex_contact,
+              certified_distance, impact_distance, first, state.contact.vertex_face.gap_bound,
+              state.contact.edge_edge.gap_bound, state.contact.impact, repeated_);
 }
 
 namespace {

@@ -106,8 +106,8 @@ void PrescribedMotion::set_up()
     for (int v : pin.vertices) vertices.push_back(cloth_first_[pin.cloth] + v);
     if (pin.obstacle) {
       const auto first = start_.begin() + obstacle_first_[*pin.obstacle];
-      const std::vector<dvec3> placed(
-          first, first + static_cast<long>(scene_obstacles_[*pin.obstacle].mesh.position.size()));
+      const std::vector<dvec3> placed(first,
+                                      first + static_cast<long>(scene_obstacles_[*pin.obstacle].mesh.position.size()));
       for (int v : vertices)
         attached_.push_back({attachment_of(v, start_[v], static_cast<int>(*pin.obstacle), placed), pin.release, false});
     } else {
@@ -259,8 +259,7 @@ void PrescribedMotion::attach(const Rooms &state, const std::vector<int> &vertic
   const auto first = x.begin() + obstacle_first_[obstacle];
   const std::vector<dvec3> placed(first, first + static_cast<long>(scene_obstacles_[obstacle].mesh.position.size()));
   for (int v : vertices)
-    attached_.push_back(
-        {attachment_of(v, x[v], obstacle, placed), std::numeric_limits<double>::infinity(), true});
+    attached_.push_back({attachment_of(v, x[v], obstacle, placed), std::numeric_limits<double>::infinity(), true});
   upload_attachments();
   hold(state, vertices, {});
 }
@@ -502,7 +501,8 @@ void PrescribedMotion::check(const Checkpoint &checkpoint) const
         for (int k = 1; k < 4; ++k)
           if (!index(values[i + k], start_.size()) || values[i + k] < cloth_vertices_)
             refuse(name, "has a vertex that is not of an obstacle");
-      if (name == "poses" && !index(values[i], scene_obstacles_.size())) refuse(name, "has an obstacle that is not there");
+      if (name == "poses" && !index(values[i], scene_obstacles_.size()))
+        refuse(name, "has an obstacle that is not there");
     }
     if (name.rfind("vertices.", 0) == 0) {
       const std::string number = name.substr(9);

@@ -90,7 +90,8 @@ RigidMotion fitted(const std::vector<Sample> &samples)
   }
   m.from = dscale(1 / total, m.from);
   m.to = dscale(1 / total, m.to);
-  std::array<dvec3, 3> moments{kernels::dvec3_make(0, 0, 0), kernels::dvec3_make(0, 0, 0), kernels::dvec3_make(0, 0, 0)};
+  std::array<dvec3, 3> moments{kernels::dvec3_make(0, 0, 0), kernels::dvec3_make(0, 0, 0),
+                               kernels::dvec3_make(0, 0, 0)};
   for (const Sample &s : samples) {
     const dvec3 a = dsub(s.from, m.from), b = dscale(s.weight, dsub(s.to, m.to));
     moments[0] = dadd(moments[0], dscale(a.x, b));

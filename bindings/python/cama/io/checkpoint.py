@@ -2,7 +2,8 @@
 """checkpoint.h5: all that later steps of a run depend on, beside its scene and options.
 
 What the state carries from step to step: the group `vectors` [vertices, 3] (position, m, velocity, m/s, ...) and the
-attributes of the group `numbers` (time, s, ...). Datasets tangled [pairs, 2] vertices and let_go [pairs, 2] vertex and
+attributes of the group `numbers` (time, s, ...). The group `driving`: tables of numbers of what was set between
+steps (cama/checkpoint.hpp). Datasets tangled [pairs, 2] vertices and let_go [pairs, 2] vertex and
 object, that may pass each other; matching_order [rows] and, for every level, matching_parent_L [nodes] and
 matching_start_L [blocks + 1]: the preconditioner's blocks (docs/theory/linear-solve.md); scene_parts, JSON: digests of
 all that the scene says, part by part. Attributes: `format`; scene (of meshes and masses, 16 hexadecimal digits), step,
@@ -26,7 +27,8 @@ from ..errors import FileError, SceneError
 from ..types import PathLike
 
 NAME = "checkpoint.h5"
-FORMAT = "cama checkpoint 2"
+FORMAT = "cama checkpoint 3"
+EARLIER = ("cama checkpoint 2",)  # without `driving`
 PAIRS = ("tangled", "let_go")
 INTEGERS = (
     "step",
@@ -127,6 +129,9 @@ def write(path: PathLike, simulation: Any) -> None:
         vectors = file.create_group("vectors")
         for name, values in fields["vectors"].items():
             vectors[name] = values
+        driving = file.create_group("driving")
+        for name, values in fields["driving"].items():
+            driving[name] = values
         for name in (*PAIRS, "matching_order"):
             file[name] = fields[name]
         for number, (parent, start) in enumerate(fields["matching_levels"]):
@@ -156,7 +161,7 @@ def read(path: PathLike) -> tuple[dict[str, Any], dict[str, Any], Optional[dict[
         raise FileError(f"{path}: no such file; `cama run ... --checkpoint N` and Simulation.save_checkpoint write it")
     try:
         with h5py.File(path, "r") as file:
-            if file.attrs.get("format") != FORMAT:
+            if file.attrs.get("format") not in (FORMAT, *EARLIER):
                 raise ValueError(f"its format is {file.attrs.get('format')!r}, not {FORMAT!r}")
             fields: dict[str, Any] = {name: int(file.attrs[name]) for name in INTEGERS}
             if any(not -(2**31) <= value < 2**31 for value in fields.values()):
@@ -165,6 +170,10 @@ def read(path: PathLike) -> tuple[dict[str, Any], dict[str, Any], Optional[dict[
             fields["numbers"] = {name: float(value) for name, value in file["numbers"].attrs.items()}
             fields["vectors"] = {
                 name: reals(name, values[()], (None, 3), finite=False) for name, values in file["vectors"].items()
+            }
+            fields["driving"] = {
+                name: reals(f"driving: {name}", values[()], (None,))
+                for name, values in (file["driving"].items() if "driving" in file else ())
             }
             fields.update({name: integers(name, file[name][()], (None, 2)) for name in PAIRS})
             fields["matching_order"] = integers("matching_order", file["matching_order"][()], (None,))
