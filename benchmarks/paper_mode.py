@@ -1,0 +1,60 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Whether the level `paper` survives a scene: times of steps, passes, impacts, intersections and strain.
+
+    python benchmarks/paper_mode.py SCENE TRIANGLES [--backend cpu] [--steps 600] [--seconds 120] [--audit 10]
+
+Prints a row every `--audit` steps and a summary; the exit status is 1 where a bound of docs/reference/paper-to-code.md
+does not hold: intersections above 0.01 % of the triangles, a step beyond 20 times the median, strain of 100 %.
+"""
+
+import argparse
+import statistics
+import sys
+import time
+
+import cama
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("scene")
+    parser.add_argument("triangles", type=int)
+    parser.add_argument("--backend", default="auto")
+    parser.add_argument("--steps", type=int, default=600)
+    parser.add_argument("--seconds", type=float, default=1e9, help="wall time after which no step begins")
+    parser.add_argument("--audit", type=int, default=10, help="steps between exact counts of intersections")
+    given = parser.parse_args()
+
+    scene = cama.Scene.load(given.scene, resolution=given.triangles)
+    simulation = cama.Simulation(scene, accuracy="paper", time_step=1 / 200, backend=given.backend)
+    triangles, start, times = simulation.cloth_triangle_count, time.perf_counter(), []
+    worst = {"intersections": 0, "strain": 0.0, "passes": 0}
+    print("step,ms,median_ms,contacts,impacts,passes,intersections,strain_percent")
+    while len(times) < given.steps and time.perf_counter() - start < given.seconds:
+        before = time.perf_counter()
+        simulation.step()
+        times.append(1e3 * (time.perf_counter() - before))
+        report = simulation.report
+        worst["passes"] = max(worst["passes"], report["impact_passes"])
+        if len(times) % given.audit:
+            continue
+        intersections, strain = simulation.count_intersections(), 100 * simulation.max_strain
+        worst["intersections"] = max(worst["intersections"], intersections)
+        worst["strain"] = max(worst["strain"], strain)
+        print(
+            f"{len(times)},{times[-1]:.1f},{statistics.median(times):.1f},{report['contacts']},{report['impacts']},"
+            f"{report['impact_passes']},{intersections},{strain:.1f}",
+            flush=True,
+        )
+    median = statistics.median(times)
+    print(
+        f"# {given.scene}, {triangles:,} triangles, {simulation.device}: {len(times)} steps of 1/200 s, median "
+        f"{median:.1f} ms, longest {max(times) / median:.1f} times the median; at most {worst['passes']} passes, "
+        f"{worst['intersections']} intersections, strain {worst['strain']:.0f} %"
+    )
+    bad = worst["intersections"] > 1e-4 * triangles or max(times) > 20 * median or worst["strain"] >= 100
+    return int(bad)
+
+
+if __name__ == "__main__":
+    sys.exit(main())
