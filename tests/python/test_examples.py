@@ -130,3 +130,14 @@ def test_arrays_in_and_out(tmp_path):
         claims["intersections"] == "0" and end["positions"][: int(end["first_obstacle"]), 2].min() > 0
     )  # above the table
     assert claims["the same after the checkpoint"] == "True"
+
+
+def test_fold_a_towel(tmp_path):
+    claims, end, _ = run("06_fold_a_towel.py", tmp_path)
+    assert claims["intersections"] == "0" and seen_by_ipctk(end) == 0
+    assert numbers(claims["time"]) == [pytest.approx((90 + 60) / 60)]
+    assert numbers(claims["corners missed their targets by"])[0] < 1e-9
+    before, after = numbers(claims["folded from"])
+    assert before == 0.4 and 0.19 < after < 0.26  # in half, give or take what friction let slide
+    cloth = end["positions"][: int(end["first_obstacle"])]
+    assert cloth[:, 2].min() > 0 and cloth[:, 2].max() < 0.05, "it lies on the table"
