@@ -42,11 +42,28 @@ int useful_threads(int triangles)
   return std::clamp(triangles / triangles_per_thread, 1, cpu_count());
 }
 
+namespace {
+
+/// The fastest backend that works here: a GPU by CUDA, a GPU by OpenCL, else the CPU.
+std::string best_backend()
+{
+#if CAMA_HAS_CUDA
+  std::string note;
+  if (!cuda_devices(note).empty()) return "cuda";
+#endif
+#if CAMA_HAS_OPENCL
+  if (opencl_has_gpu()) return "opencl";
+#endif
+  return "cpu";
+}
+
+}  // namespace
+
 std::unique_ptr<Backend> make_backend(const std::string &name, int device, int threads)
 {
   if (name == "auto") {
     const char *chosen = std::getenv("CAMA_BACKEND");
-    return make_backend(chosen && *chosen && std::string(chosen) != "auto" ? chosen : "cpu", device, threads);
+    return make_backend(chosen && *chosen && std::string(chosen) != "auto" ? chosen : best_backend(), device, threads);
   }
   if (threads < 0)
     throw BackendError("threads: " + std::to_string(threads) + " is below 0; use 0 for an automatic number");

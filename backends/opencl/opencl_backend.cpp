@@ -369,6 +369,16 @@ std::unique_ptr<Backend> make_opencl_backend(int device)
   return std::make_unique<OpenclBackend>(opencl::choose_device(device));
 }
 
+bool opencl_has_gpu()
+{
+  try {
+    const opencl::Device device = opencl::choose_device(0);
+    return (opencl::number<cl_device_type>(device.id, CL_DEVICE_TYPE) & CL_DEVICE_TYPE_GPU) != 0;
+  } catch (const BackendError &) {
+    return false;
+  }
+}
+
 BackendInfo opencl_info()
 {
   BackendInfo info{"opencl", false, {}, ""};

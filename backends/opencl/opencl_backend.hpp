@@ -9,4 +9,6 @@ namespace cama {
 /// name) decides.
 std::unique_ptr<Backend> make_opencl_backend(int device);
 BackendInfo opencl_info();
+/// Whether device 0 is there and a GPU.
+bool opencl_has_gpu();
 }  // namespace cama

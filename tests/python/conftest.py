@@ -2,13 +2,16 @@
 """What the Python tests share: small scenes, and a judge of intersections that is not ours."""
 
 import json
+import os
 
-import ipctk
-import numpy as np
-import pytest
+os.environ.setdefault("CAMA_BACKEND", "cpu")  # what the tests call `auto`, also where there is a GPU
 
-import cama
-from cama.io.recording import Recording
+import ipctk  # noqa: E402
+import numpy as np  # noqa: E402
+import pytest  # noqa: E402
+
+import cama  # noqa: E402
+from cama.io.recording import Recording  # noqa: E402
 
 # Free fall: the error after a window w is g dt w / 2 exactly, whatever the mesh.
 FALL = {

@@ -266,3 +266,17 @@ def test_every_public_name_has_a_docstring():
 def test_backends_and_fabrics_are_listed():
     assert "cpu" in [b["name"] for b in cama.backends() if b["available"]]
     assert "cotton" in cama.fabrics()
+
+
+def test_auto_is_the_best_backend_that_works(monkeypatch):
+    scene = cama.Scene()
+    scene.add_cloth(shape={"grid": {"size": [0.1, 0.1], "cells": [1, 1]}})
+    monkeypatch.setenv("CAMA_BACKEND", "opencl")
+    assert cama.Simulation(scene).backend == "opencl"
+    monkeypatch.delenv("CAMA_BACKEND")
+    available = [backend["name"] for backend in cama.backends() if backend["available"]]
+    chosen = cama.Simulation(scene)
+    if "cuda" in available:
+        assert chosen.backend == "cuda"
+    else:  # pocl, an OpenCL device that is the CPU itself, gains nothing
+        assert chosen.backend == "cpu" or (chosen.backend == "opencl" and "Portable" not in chosen.device)

@@ -548,7 +548,9 @@ TEST_CASE("whole meshes: every listed pair is a candidate, impacts are the colli
     const auto same = [](const std::vector<kernels::impact> &a, const std::vector<kernels::impact> &b) {
       return a.size() == b.size() &&
              std::equal(a.begin(), a.end(), b.begin(), [](const kernels::impact &x, const kernels::impact &y) {
-               return std::memcmp(&x, &y, sizeof x) == 0;
+               return std::equal(x.node, x.node + 4, y.node) && std::equal(x.weight, x.weight + 4, y.weight) &&
+                      x.kind == y.kind && x.candidate == y.candidate && x.repeated == y.repeated &&
+                      std::memcmp(&x.normal, &y.normal, sizeof x.normal) == 0 && x.target == y.target;
              });
     };
     CHECK(same(found.list, single.list));

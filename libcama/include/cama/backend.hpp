@@ -82,9 +82,9 @@ int cpu_count();
 /// Kernels are short; with more threads they wait for each other.
 int useful_threads(int triangles);
 
-/// name: "auto" (the backend named by the environment variable CAMA_BACKEND, else cpu), "cpu", "opencl" or "cuda".
-/// device: index among the backend's usable devices. threads: of the CPU backend, 0 = cpu_count(). Throws BackendError,
-/// which lists the available backends.
+/// name: "auto" (the backend named by the environment variable CAMA_BACKEND, else cuda or opencl with a GPU, else cpu),
+/// "cpu", "opencl" or "cuda". device: index among the backend's usable devices. threads: of the CPU backend, 0 =
+/// cpu_count(). Throws BackendError, which lists the available backends.
 std::unique_ptr<Backend> make_backend(const std::string &name, int device = 0, int threads = 0);
 
 struct BackendInfo {
