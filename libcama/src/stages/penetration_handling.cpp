@@ -132,7 +132,10 @@ void PenetrationHandling::run_on(const Rooms &state)
     // certified: every pair except known impacts is certified for the current motion; localized: except those that
     // moved since.
     bool certified = false, localized = false;
-    if (state.options.paper.impact_zones) repeated_.fill_zero();
+    if (state.options.paper.impact_zones) {  // about the motion of this piece
+      repeated_.fill_zero();
+      projected = false;
+    }
     int fewest = 0x7fffffff, idle_passes = 0;
     for (int pass = 0; pass < state.options.max_impact_passes; ++pass) {
       Detection now = detect(state, first_piece, localized, 0, 0);
