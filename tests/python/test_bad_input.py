@@ -247,3 +247,14 @@ def test_the_arguments_of_a_motion_are_all_known():
     names = tuple(inspect.signature(cama.Motion.__init__).parameters)[1:]
     assert names == motion.ARGUMENTS
     assert tuple(inspect.signature(cama.Motion._add_key).parameters)[2:] == motion.KEY
+
+
+@pytest.mark.filterwarnings("ignore::cama.PlausibilityWarning")
+def test_cloth_that_goes_astray_is_an_error_and_not_infinity():
+    scene = cama.Scene(time_step=1 / 200)
+    scene.add_cloth(shape={"grid": {"size": [0.2, 0.2], "cells": [3, 3]}}, velocity=(0, 0, 3e5), name="rocket")
+    simulation = cama.Simulation(scene, accuracy="interactive", time_step=1 / 200)
+    before = simulation.state_hash
+    with pytest.raises(cama.SolverError, match=r"step 1: cloth 'rocket', vertex 15 moves at 3e\+05 m/s"):
+        simulation.step()
+    assert simulation.state_hash == before and simulation.step_count == 0

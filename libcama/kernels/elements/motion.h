@@ -107,13 +107,16 @@ KERNEL follow_positions(int n, double time_step, double step, GLOBAL const int *
   }
 }
 
-/* bad[0]: 1 + the last vertex with a value that is not finite; it keeps its initial 0 if there is none. */
+#define FASTEST 2e5 /* m/s, beyond what any cloth does: the numbers have gone astray */
+
+/* bad[0]: 1 + the last vertex with a value that is not finite, or faster than FASTEST; it keeps its initial 0 if there
+   is none. */
 KERNEL find_nonfinite(int n, GLOBAL const dvec3 *x, GLOBAL const dvec3 *v, GLOBAL int *bad)
 {
   FOR_EACH(i, n) {
     double s = (x[i].x - x[i].x) + (x[i].y - x[i].y) + (x[i].z - x[i].z) + (v[i].x - v[i].x) + (v[i].y - v[i].y) +
                (v[i].z - v[i].z);
-    if (!(s == 0.0)) atomic_max_int(bad, i + 1);
+    if (!(s == 0.0) || !(ddot(v[i], v[i]) <= FASTEST * FASTEST)) atomic_max_int(bad, i + 1);
   }
 }
 
