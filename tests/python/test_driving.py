@@ -211,3 +211,47 @@ def test_what_cannot_be_driven_is_named_and_changes_nothing(call, message):
     for s in (simulation, other):
         s.step(3)
     assert simulation.state_hash == other.state_hash
+
+
+def test_a_pose_moves_the_vertices_that_were_set(tmp_path):
+    scene = cama.Scene(time_step=STEP, gravity=(0, 0, 0))
+    add_towel(scene)
+    scene.add_obstacle(shape={"sphere": {"radius": 0.05}}, translate=(0, 0, 0.2), name="ball")
+    simulation = simulate(scene)
+    ball = slice(*simulation.obstacle_ranges[0])
+    flat = simulation.positions[ball] * [1, 1, 0.5]
+    simulation.set_obstacle_vertices("ball", flat)
+    simulation.step()
+    assert np.abs(simulation.positions[ball] - flat).max() < 1e-12
+    simulation.set_obstacle_pose("ball", (0.01, 0, 0), duration=4 * STEP)
+    simulation.save_checkpoint(tmp_path / "a.h5")
+    simulation.step(4)
+    assert np.abs(simulation.positions[ball] - flat - [0.01, 0, 0]).max() < 1e-12
+    again = simulate(scene)
+    again.load_checkpoint(tmp_path / "a.h5")
+    again.step(4)
+    assert np.abs(again.positions[ball] - flat - [0.01, 0, 0]).max() < 1e-12
+
+
+@pytest.mark.parametrize(
+    "table, values, message",
+    [
+        ("pins", [999.0] + [0.0] * 8, "vertex that is not there"),
+        ("pins", [0.0], "ends within a row"),
+        ("poses", [7.0] + [0.0] * 9, "obstacle that is not there"),
+        ("force", [1.0], "force does not fit the scene"),
+        ("wind", [1.0, 0.0, 0.0], "wind does not fit the scene"),
+        ("nonsense", [1.0], "nonsense: is not known"),
+    ],
+)
+def test_a_damaged_checkpoint_of_a_driven_run_is_refused_and_changes_nothing(tmp_path, table, values, message):
+    import h5py
+
+    simulation = simulate(ball_scene())
+    simulation.save_checkpoint(tmp_path / "a.h5")
+    with h5py.File(tmp_path / "a.h5", "a") as file:
+        file["driving"][table] = np.array(values)
+    before = simulation.state_hash
+    with pytest.raises(cama.SceneError, match=message):
+        simulation.load_checkpoint(tmp_path / "a.h5")
+    assert simulation.state_hash == before

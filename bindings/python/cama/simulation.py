@@ -238,8 +238,9 @@ class Simulation:
         rotation: ArrayLike = (1, 0, 0, 0),
         duration: float | None = None,
     ) -> None:
-        """Moves an obstacle to x -> rotation x + translation, of its vertices as the scene has them before any motion.
+        """Moves an obstacle to x -> rotation x + translation.
 
+        x are its vertices as the scene has them before any motion, or as `set_obstacle_vertices` left them.
         The way there is linear in time, rotation by the shorter arc, and swept as prescribed motion is. It ends the
         obstacle's own rigid motion; a character's animation goes on.
 

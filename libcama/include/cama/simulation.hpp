@@ -94,8 +94,8 @@ public:
   void release(const std::vector<int> &vertices);
   /// Fixes vertices to the nearest point of an obstacle's triangles, at their present offset.
   void attach(const std::vector<int> &vertices, int obstacle);
-  /// Moves an obstacle to x -> rotation x + translation, m, of its vertices as the scene has them before any motion.
-  /// rotation: unit quaternion (w, x, y, z). Ends its prescribed rigid motion.
+  /// Moves an obstacle to x -> rotation x + translation, m, of its vertices as the scene has them before any motion,
+  /// or as set_obstacle_vertices left them. rotation: unit quaternion (w, x, y, z). Ends its prescribed rigid motion.
   void set_obstacle_pose(int obstacle, const dvec3 &translation, const std::array<double, 4> &rotation = {1, 0, 0, 0},
                          double duration = 0);
   /// Moves the vertices of an obstacle that is a mesh to positions, m. Ends its prescribed motion.

@@ -79,7 +79,7 @@ void Engine::set_targets(const std::vector<int> &vertices, const std::vector<dve
 {
   check_vertices("set_targets", vertices);
   check_rows("set_targets", "positions", targets, vertices.size());
-  std::vector<char> pinned = driver().pinned();
+  const std::vector<char> pinned = motion().pinned();
   for (int v : vertices)
     if (!pinned[static_cast<std::size_t>(v)])
       refuse("set_targets: " + state.mesh.describe(v) + " is not held by pin(); call pin first");
@@ -172,16 +172,16 @@ void Engine::save_driving(Checkpoint &c)
 
 void Engine::check_driving(const Checkpoint &c)
 {
-  const PrescribedMotion &motion = idle_motion_ ? *idle_motion_ : *motion_;
-  motion.check(c);
-  for (const auto &[name, values] : c.driving) {
-    const std::size_t size =
-        name == "gravity" || name == "wind"
-            ? 3
-            : (name == "force" ? 3 * static_cast<std::size_t>(state.mesh.cloth_vertices) : values.size());
-    if (values.size() != size || (name == "wind" && !state.elements.wind.size()))
-      refuse("checkpoint: driving: " + name + ": does not fit the scene");
-  }
+  motion().check(c);
+  const auto check_size = [&](const char *name, std::size_t size) {
+    const auto at = c.driving.find(name);
+    if (at != c.driving.end() && at->second.size() != size)
+      refuse(std::string("checkpoint: driving: ") + name +
+             " does not fit the scene; load the scene that it was taken from");
+  };
+  check_size("gravity", 3);
+  check_size("wind", state.elements.wind.size() ? 3 : 0);
+  check_size("force", 3 * static_cast<std::size_t>(state.mesh.cloth_vertices));
 }
 
 void Engine::restore_driving(const Checkpoint &c)

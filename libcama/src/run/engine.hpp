@@ -54,7 +54,9 @@ public:
   void restore_driving(const Checkpoint &checkpoint);
 
 private:
+  /// The stage of prescribed motion, put into the pipeline if it is not there.
   PrescribedMotion &driver();
+  const PrescribedMotion &motion() const { return idle_motion_ ? *idle_motion_ : *motion_; }
   void check_vertices(const char *what, const std::vector<int> &vertices) const;
   double duration_of(const char *what, double duration) const;
   void check_obstacle(const char *what, int obstacle) const;

@@ -78,13 +78,11 @@ PrescribedMotion::PrescribedMotion(const Scene &scene, Backend &backend)
     start_.insert(start_.end(), cloth.mesh.position.begin(), cloth.mesh.position.end());
   }
   cloth_vertices_ = static_cast<int>(start_.size());
-  rest_ = start_;
   for (const Obstacle &obstacle : scene.obstacles) {
     obstacle_first_.push_back(static_cast<int>(start_.size()));
     std::vector<dvec3> placed;
     obstacle.motion.evaluate(0, obstacle.mesh.position, placed);
     start_.insert(start_.end(), placed.begin(), placed.end());
-    rest_.insert(rest_.end(), obstacle.mesh.position.begin(), obstacle.mesh.position.end());
   }
   for (std::size_t o = 0; o < scene.obstacles.size(); ++o)
     if (!scene.obstacles[o].motion.is_static())
@@ -204,13 +202,18 @@ void PrescribedMotion::release_due(const Rooms &state, double time)
   std::vector<int> vertices;
   for (const Handle &h : handles_)
     if (due(h)) vertices.insert(vertices.end(), h.vertices.begin(), h.vertices.end());
+  std::vector<kernels::attachment> kept;
   for (const Attached &a : attached_)
-    if (due(a)) vertices.push_back(a.row.vertex);
+    if (due(a))
+      vertices.push_back(a.row.vertex);
+    else
+      kept.push_back(a.row);
   hold(state, {}, vertices);
+  // Nothing below allocates: either everything is done or, if memory ran out above, nothing.
+  if (attachments_.size()) attachments_.assign(kept);
   released_ = time;
   handles_.erase(std::remove_if(handles_.begin(), handles_.end(), due), handles_.end());
   attached_.erase(std::remove_if(attached_.begin(), attached_.end(), due), attached_.end());
-  upload_attachments();
 }
 
 std::vector<char> PrescribedMotion::pinned() const
@@ -268,7 +271,11 @@ PrescribedMotion::MovingObstacle &PrescribedMotion::moving(const Rooms &state, i
 {
   const auto at = std::find_if(obstacles_.begin(), obstacles_.end(),
                                [obstacle](const MovingObstacle &o) { return o.index == obstacle; });
-  if (!state.mesh.rest_position.backend()) state.mesh.rest_position = Stream<dvec3>(backend_, rest_);
+  if (!state.mesh.rest_position.backend()) {
+    std::vector<dvec3> rest(static_cast<std::size_t>(cloth_vertices_), dvec3{0, 0, 0});  // cloth has no rigid motion
+    for (const Obstacle &o : scene_obstacles_) rest.insert(rest.end(), o.mesh.position.begin(), o.mesh.position.end());
+    state.mesh.rest_position = Stream<dvec3>(backend_, rest);
+  }
   if (at != obstacles_.end()) return *at;
   obstacles_.push_back({obstacle, scene_obstacles_[obstacle].motion, obstacle_first_[obstacle],
                         static_cast<int>(scene_obstacles_[obstacle].mesh.position.size()), false, -1, -1,
@@ -511,6 +518,8 @@ void PrescribedMotion::check(const Checkpoint &checkpoint) const
         if (std::to_string(k) == number) o = k;
       if (o == scene_obstacles_.size() || values.size() != 2 + 6 * scene_obstacles_[o].mesh.position.size())
         refuse(name, "does not fit an obstacle");
+    } else if (width == 1 && name != "freed" && name != "force" && name != "gravity" && name != "wind") {
+      refuse(name, "is not known");
     }
   }
 }

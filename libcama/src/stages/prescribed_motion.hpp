@@ -75,7 +75,6 @@ private:
   std::vector<Pin> pins_;
   std::vector<int> cloth_first_, obstacle_first_;
   std::vector<dvec3> start_;   // [vertices] of the cloths and of the obstacles at time 0
-  std::vector<dvec3> rest_;    // [vertices] before motion
   int cloth_vertices_ = 0;
 
   std::vector<MovingObstacle> obstacles_;
