@@ -8,6 +8,7 @@
 #include "collision/distance.h"
 #include "collision/front.h"
 #include "collision/impact.h"
+#include "collision/impact_reactions.h"
 #include "collision/impulses.h"
 #include "collision/pair.h"
 #include "collision/query.h"

@@ -10,6 +10,7 @@
 #include "system/assembly.h"
 #include "system/linear_system.h"
 #include "system/newton.h"
+#include "system/reactions.h"
 #include "system/term.h"
 
 /* The next precision includes the same headers again. */
@@ -24,3 +25,4 @@
 #undef CAMA_KERNELS_SOLVER_FACTORS_H
 #undef CAMA_KERNELS_SOLVER_SCHWARZ_H
 #undef CAMA_KERNELS_SYSTEM_NEWTON_H
+#undef CAMA_KERNELS_SYSTEM_REACTIONS_H

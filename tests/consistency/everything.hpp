@@ -18,6 +18,7 @@ inline cama::Options with(const std::string &precision, int threads, cama::Assem
   o.precision = precision_of(precision);
   o.threads = threads;
   o.paper.assembly = assembly;
+  o.forces = true;
   return o;
 }
 

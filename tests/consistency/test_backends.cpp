@@ -47,6 +47,7 @@ TEST_CASE("lock step: every backend agrees with cpu in the paper's mode, fronts 
     Options serial_cpu = Options::at(Accuracy::paper), other = serial_cpu;
     serial_cpu.backend = "cpu";
     serial_cpu.threads = 1;
+    serial_cpu.forces = other.forces = true;
     other.backend = backend;
     StagedEngine reference(everything(8), serial_cpu), candidate(everything(8), other);
     CHECK(lockstep::run(reference, candidate, 10) == "");

@@ -404,6 +404,24 @@ TEST_CASE("contact without friction sums no loads and predicts no velocities", "
                                                                          {"make_contact_terms", 1}});
 }
 
+TEST_CASE("forces are measured where they are asked for", "[required]")
+{
+  Options measuring = serial();
+  measuring.forces = true;
+  const Names streams = {"reactions.step",        "reactions.step_moment",     "reactions.pieces",
+                         "reactions.piece",       "reactions.pieces_moment",   "reactions.piece_moment",
+                         "reactions.interval",    "reactions.interval_moment", "reactions.push",
+                         "reactions.push_moment", "reactions.solved_velocity"};
+  const Inventory free = take(bare(), measuring), resting = take(on(plane()), measuring),
+                  without = take(on(plane()), serial());
+  CHECK(free.streams == elastic_streams + streams);
+  CHECK(resting.streams == without.streams + streams + Names{"reactions.contact"});
+  CHECK(free.kernels.at("forces of the solve").at("solve_reactions") == 1);
+  CHECK_FALSE(free.kernels.at("forces of the solve").count("contact_impulses"));
+  CHECK(resting.kernels.at("forces of the solve").at("contact_impulses") == 1);
+  CHECK(resting.kernels.at("forces of impacts") == Kernels{{"add_impulses", 2}});
+}
+
 TEST_CASE("contact terms without friction are those of friction zero, bit for bit", "[required]")
 {
   Scene scene = on(ball());

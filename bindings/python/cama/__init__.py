@@ -37,7 +37,7 @@ from .motion import Motion  # noqa: E402
 from .options import option_table  # noqa: E402
 from .plausibility import PlausibilityWarning  # noqa: E402
 from .scene import Cloth, Obstacle, Scene  # noqa: E402
-from .simulation import Frame, Simulation  # noqa: E402
+from .simulation import Frame, Simulation, Wrench  # noqa: E402
 
 scenes = shipped.names
 
@@ -49,6 +49,7 @@ __all__ = [
     "Motion",
     "Simulation",
     "Frame",
+    "Wrench",
     "accuracy",
     "accuracy_levels",
     "backends",

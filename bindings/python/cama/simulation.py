@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from ._core import Energy
     from ._options import AccuracyLevel, BackendName, Overrides, Precision, StepReport
 
-__all__ = ["Simulation", "Frame"]
+__all__ = ["Simulation", "Frame", "Wrench"]
 
 CONTACT = np.dtype(
     [
@@ -37,6 +37,17 @@ CONTACT = np.dtype(
         ("kind", np.int32),
     ]
 )
+FORCES = [("normal_force", np.float64), ("tangential_force", np.float64, 3)]  # with the option forces
+
+
+@dataclass(frozen=True)
+class Wrench:
+    """What cloth exerts, as `Simulation.force_on` returns it."""
+
+    force: Reals  #: [3] N, mean over the last step
+    torque: Reals  #: [3] N m, mean over the last step
+    impulse: Reals  #: [3] N s, over the last call of `step`
+    angular_impulse: Reals  #: [3] N m s, over the last call of `step`
 
 
 @dataclass
@@ -126,6 +137,7 @@ class Simulation:
             CollisionError: Obstacles pinch cloth with no way out. The state is that before the step.
         """
         steps = count("step: n", n)
+        self._core.begin_interval()
         if self._before_step is None:
             self._core.step(steps)
             return
@@ -398,13 +410,55 @@ class Simulation:
         """The contacts of the last step, a structured array with one row for each.
 
         Fields: vertices [4] (a vertex and a face, or two edges), weights [4] (signed barycentric), normal [3], distance
-        in m, kind (0: vertex and face, 1: two edges).
+        in m, kind (0: vertex and face, 1: two edges). With the option `forces` also normal_force, N, along the normal,
+        and tangential_force [3], N, the friction, both on the side with positive weights; impacts are not among them.
         """
         columns = self._core.contacts()
-        rows = np.empty(len(columns[0]), CONTACT)
-        for name, column in zip(CONTACT.names or (), columns):
+        rows = np.empty(len(columns[0]), CONTACT.descr + FORCES if self._core.options()["forces"] else CONTACT)
+        for name, column in zip(rows.dtype.names or (), columns):
             rows[name] = column
         return rows
+
+    @property
+    def forces(self) -> Reals:
+        """Forces [vertices, 3] of the cloth on what is prescribed, N, mean over the last step.
+
+        At an obstacle's vertex it is the force on the obstacle, at a pinned or attached vertex the force on what holds
+        it. At a free vertex it is zero, but for momentum that the certified commit took from it against other cloth
+        and that nothing received: over all vertices the forces are those that the cloth lost.
+
+        Raises:
+            SceneError: The option `forces` is not set.
+        """
+        return self._core.forces()
+
+    @property
+    def impulses(self) -> Reals:
+        """Impulses [vertices, 3] of the cloth on what is prescribed, N s, over the last call of `step`.
+
+        Raises:
+            SceneError: The option `forces` is not set.
+        """
+        return self._core.impulses()
+
+    def force_on(self, what: Obstacle | int | str | ArrayLike, about: VectorLike = (0, 0, 0)) -> Wrench:
+        """Returns what the cloth exerts on an obstacle, or on what holds vertices of it.
+
+        Args:
+            what: An obstacle (handle, index or name), or held cloth vertices: an array of indices or a mask, for
+                example those of a pin.
+            about: Point [3], m, about which torque and angular impulse are taken, for example where the obstacle is.
+
+        Raises:
+            ArrayError, SceneError: An argument does not fit, or the option `forces` is not set.
+        """
+        point = np.array(vector("force_on: about", about))
+        if isinstance(what, (Obstacle, str)) or np.ndim(what) == 0:
+            vectors = self._core.force_on_obstacle(self._obstacle("force_on", what))
+        else:
+            vectors = self._core.force_on_vertices(self._vertices("force_on", what))
+        force, torque, impulse, angular_impulse = (np.array(v) for v in vectors)
+        return Wrench(force, torque - np.cross(point, force), impulse, angular_impulse - np.cross(point, impulse))
 
     def set_state(self, positions: ArrayLike, velocities: ArrayLike) -> None:
         """Replaces the positions and velocities of all cloth vertices.

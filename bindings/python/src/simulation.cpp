@@ -123,7 +123,14 @@ py::tuple contact_arrays(ContactArrays c)
 {
   return py::make_tuple(to_array<int>(std::move(c.vertices)), to_array<double>(std::move(c.weights)),
                         to_array<double>(std::move(c.normal)), to_array<double>(std::move(c.distance)),
-                        to_array<int>(std::move(c.kind)));
+                        to_array<int>(std::move(c.kind)), to_array<double>(std::move(c.normal_force)),
+                        to_array<double>(std::move(c.tangential_force)));
+}
+
+py::tuple wrench_vectors(const Wrench &w)
+{
+  const auto vector = [](const dvec3 &v) { return std::array<double, 3>{v.x, v.y, v.z}; };
+  return py::make_tuple(vector(w.force), vector(w.torque), vector(w.impulse), vector(w.angular_impulse));
 }
 
 py::dict to_dict(Checkpoint c)
@@ -285,6 +292,18 @@ void bind_simulation(py::module_ &m)
              g.with([&](Simulation &s) { s.restore(c); });
            })
       .def("contacts", [](Guarded &g) { return contact_arrays(g.with([](Simulation &s) { return s.contacts(); })); })
+      .def("forces", [](Guarded &g) { return to_array<double>(g.with([](Simulation &s) { return s.forces(); })); })
+      .def("impulses", [](Guarded &g) { return to_array<double>(g.with([](Simulation &s) { return s.impulses(); })); })
+      .def("begin_interval", [](Guarded &g) { g.with([](Simulation &s) { s.begin_interval(); }); })
+      .def("force_on_obstacle",
+           [](Guarded &g, int obstacle) {
+             return wrench_vectors(g.with([&](Simulation &s) { return s.force_on_obstacle(obstacle); }));
+           })
+      .def("force_on_vertices",
+           [](Guarded &g, const Ints &vertices) {
+             const auto v = to_vector<int>(vertices);
+             return wrench_vectors(g.with([&](Simulation &s) { return s.force_on_vertices(v); }));
+           })
       .def("report", [](Guarded &g) { return to_dict(g.with([](Simulation &s) { return s.report(); })); })
       .def("timings",
            [](Guarded &g) {

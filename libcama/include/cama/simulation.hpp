@@ -32,6 +32,14 @@ struct Energy {
   double kinetic = 0, stretching = 0, bending = 0, gravity = 0;
 };
 
+/// What cloth exerts on an obstacle, or on what holds vertices.
+struct Wrench {
+  dvec3 force{0, 0, 0};            ///< N, mean over the last step
+  dvec3 torque{0, 0, 0};           ///< N m, about the origin of the scene
+  dvec3 impulse{0, 0, 0};          ///< N s, over the interval
+  dvec3 angular_impulse{0, 0, 0};  ///< N m s, about the origin of the scene
+};
+
 /// Contacts of the last step, ordered by their features; vertices are numbered over all objects.
 struct ContactArrays {
   std::vector<std::array<int, 4>> vertices;  ///< vertex then face, or two edges
@@ -39,6 +47,8 @@ struct ContactArrays {
   std::vector<dvec3> normal;
   std::vector<double> distance;  ///< m
   std::vector<int> kind;  ///< 0 vertex-face, 1 edge-edge
+  std::vector<double> normal_force;  ///< N, along the normal on the first side; with the option forces, else empty
+  std::vector<dvec3> tangential_force;  ///< N, friction on the first side
 };
 
 /// Names of all streams that a simulation can have; see Simulation::streams.
@@ -114,6 +124,17 @@ public:
   /// another scene or damaged; CollisionError as set_state. The state is then unchanged.
   void restore(const Checkpoint &checkpoint);
   ContactArrays contacts() const;  ///< of the last step; empty after a step that failed
+
+  // Forces, with the option forces; without it they throw SceneError. They act on what is prescribed: on a body, on
+  // what holds a pin. A free vertex has what the commit took from it against other cloth, which nothing received: over
+  // all vertices the impulses are the momentum that left the cloth.
+
+  std::vector<dvec3> forces() const;  ///< [all vertices], N, mean over the last step
+  std::vector<dvec3> impulses() const;  ///< [all vertices], N s, over the interval
+  double interval() const;  ///< s, from begin_interval to now
+  void begin_interval();  ///< the interval starts here, at first with the simulation
+  Wrench force_on_obstacle(int obstacle) const;
+  Wrench force_on_vertices(const std::vector<int> &vertices) const;  ///< cloth vertices that are held
 
   const StepReport &report() const;
   std::vector<StageTime> timings() const;  ///< of the last step, pipeline order

@@ -28,6 +28,7 @@ CAMA_ROOM(ContactState, contact)
 CAMA_ROOM(Exemptions, exemptions)
 CAMA_ROOM(BoundsState, bounds)
 CAMA_ROOM(SystemState, system)
+CAMA_ROOM(ReactionState, reactions)
 #undef CAMA_ROOM
 
 /// Access to some rooms of a state; made from the state, or from an access to more rooms.

@@ -269,6 +269,8 @@ template <class Real> void set_up(State &state, const Scene &scene, const Topolo
                   [](const Obstacle &o) { return !o.motion.is_static() && o.motion.is_rigid(); }))
     state.mesh.rest_position = Stream<dvec3>(b, t.rest_position);
 
+  if (state.options.forces) state.reactions.set_up(b, state.mesh.vertices, state.mesh.cloth_vertices);
+
   s->mass = Stream<Real>(b, mass);
   set_up_materials(state, *s, b, scene, state.mesh.hinges > 0);
   set_up_elements(state, *s, t);

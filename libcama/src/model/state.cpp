@@ -3,6 +3,8 @@
 
 #include <algorithm>
 
+#include "device/launch.hpp"
+
 namespace cama {
 
 int MeshState::object_of(int vertex) const
@@ -50,6 +52,60 @@ std::vector<double> SystemState::masses() const
   if (f64) return f64->mass.download();
   const std::vector<float> single = f32->mass.download();
   return {single.begin(), single.end()};
+}
+
+void Impulses::fill_zero()
+{
+  linear.fill_zero();
+  angular.fill_zero();
+}
+
+void Impulses::swap(Impulses &other) noexcept
+{
+  linear.swap(other.linear);
+  angular.swap(other.angular);
+}
+
+void Impulses::add(double kept, const Impulses &before, const Impulses &own)
+{
+  Backend &b = *linear.backend();
+  CAMA_LAUNCH(b, add_impulses, linear.size(), kept, before.linear, own.linear, linear);
+  CAMA_LAUNCH(b, add_impulses, angular.size(), kept, before.angular, own.angular, angular);
+}
+
+void ReactionState::set_up(Backend &b, int vertices, int cloth_vertices)
+{
+  measured = true;
+  for (Impulses *i : {&step, &pieces, &piece, &interval, &push}) {
+    i->linear = Stream<dvec3>(b, vertices);
+    i->angular = Stream<dvec3>(b, vertices);
+    i->fill_zero();
+  }
+  solved_velocity = Stream<dvec3>(b, cloth_vertices);
+  solved_velocity.fill_zero();
+  contact = Stream<dvec3>(b);
+}
+
+void ReactionState::begin_interval()
+{
+  if (!measured) return;
+  interval.fill_zero();
+  interval_time = 0;
+}
+
+void ReactionState::begin_step()
+{
+  if (measured) pieces.fill_zero();
+}
+
+void ReactionState::accept_piece(double kept) { pieces.add(kept, step, piece); }
+
+void ReactionState::accept_step(double time_step)
+{
+  if (!measured) return;
+  step.swap(pieces);
+  interval.add(0, step, step);
+  interval_time += time_step;
 }
 
 }  // namespace cama

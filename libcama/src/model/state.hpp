@@ -322,6 +322,54 @@ struct SystemState {
   }
 };
 
+/// Impulses, N s, and their moments about the origin, N m s, [vertices].
+struct Impulses {
+  Stream<dvec3> linear, angular;
+
+  void fill_zero();
+  void swap(Impulses &other) noexcept;
+  /// this += kept before + own
+  void add(double kept, const Impulses &before, const Impulses &own);
+};
+
+/// What the cloth gave to what is prescribed, with the option forces: each obstacle vertex, pinned and attached vertex.
+/// A free vertex has the momentum that the commit took from it against other cloth, which nothing else received.
+struct ReactionState {
+  bool measured = false;
+  Impulses step;  // of the last step
+  Impulses pieces;  // of the step that is computed: of its pieces up to now
+  Impulses piece;  // of the piece that is computed
+  Impulses interval;  // since the interval began
+  double interval_time = 0;  // s
+  Impulses push;  // of impacts, kg m, kg m^2
+  Stream<dvec3> solved_velocity;  // [cloth vertices] m/s
+  Stream<dvec3> contact;  // [contacts] on side A, N s
+  double contact_time = 0;  // s, over which `contact` acted
+
+  void set_up(Backend &backend, int vertices, int cloth_vertices);
+  void begin_interval();
+  void begin_step();
+  /// The piece is complete. kept: share of the last step's impulses that BDF2 carries into this one.
+  void accept_piece(double kept);
+  /// The step is complete. time_step: s.
+  void accept_step(double time_step);
+
+  template <class F> void visit(F &&f)
+  {
+    const auto both = [&](const char *linear, const char *angular, Impulses &i) {
+      f(linear, Life::step, i.linear);
+      f(angular, Life::step, i.angular);
+    };
+    both("reactions.step", "reactions.step_moment", step);
+    both("reactions.pieces", "reactions.pieces_moment", pieces);
+    both("reactions.piece", "reactions.piece_moment", piece);
+    both("reactions.interval", "reactions.interval_moment", interval);
+    both("reactions.push", "reactions.push_moment", push);
+    f("reactions.solved_velocity", Life::step, solved_velocity);
+    f("reactions.contact", Life::step, contact);
+  }
+};
+
 struct State {
   explicit State(Backend &device) : backend(&device) {}
 
@@ -338,6 +386,7 @@ struct State {
   TreeState *trees = nullptr;  // owned by the search by trees; null with fronts
   FrontState *fronts = nullptr;  // owned by the search by fronts; null with trees
   SystemState system;
+  ReactionState reactions;
 
   /// Calls f(name, life, value) for every stream, and for every number that stages pass to each other.
   template <class F> void visit(F &&f)
@@ -351,6 +400,7 @@ struct State {
     if (trees) trees->visit(f);
     if (fronts) fronts->visit(f);
     system.visit(f);
+    reactions.visit(f);
   }
   /// Calls f(name, stream) for every stream.
   template <class F> void visit_streams(F &&f)

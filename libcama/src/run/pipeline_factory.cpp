@@ -17,6 +17,7 @@
 #include "stages/penetration_handling.hpp"
 #include "stages/prescribed_motion.hpp"
 #include "stages/proximity_search.hpp"
+#include "stages/reactions.hpp"
 #include "stages/tree_search.hpp"
 
 namespace cama {
@@ -76,8 +77,10 @@ template <class Real> std::unique_ptr<Pipeline> make_pipeline(const Scene &scene
   LinearSolve<Real> &solve = step.add<LinearSolve<Real>>(b);
   step.add<AdvancePositions>();
   if (options.newton_iterations > 1) step.add<NewtonIterations<Real>>(scene, b, elements, matrix, solve);
+  if (options.forces) step.add<SolveReactions<Real>>(b);
   if (contact) step.add<PenetrationHandling>(b, *proximity->search, proximity->flagged);
   step.add<FinishStep>(b);
+  if (options.forces) step.add<ImpactReactions>(b);
   if (contact && (options.intersections == StartPolicy::exempt || options.pinch == Pinch::release))
     step.add<ForgetSeparated>();
   return result;

@@ -192,7 +192,78 @@ ContactArrays Simulation::contacts() const
     result.distance.push_back(c.distance);
     result.kind.push_back(c.kind);
   }
+  const ReactionState &reactions = implementation_->state.reactions;
+  if (!reactions.measured) return result;
+  const std::vector<dvec3> impulse = reactions.contact.download();
+  for (std::size_t k = 0; k < impulse.size(); ++k) {
+    const dvec3 force = kernels::dscale(1 / reactions.contact_time, impulse[k]);
+    result.normal_force.push_back(kernels::ddot(force, result.normal[k]));
+    result.tangential_force.push_back(kernels::daxpy(force, -result.normal_force[k], result.normal[k]));
+  }
   return result;
+}
+
+namespace {
+
+const ReactionState &measured(const State &state)
+{
+  if (!state.reactions.measured)
+    throw SceneError("forces: they are not measured; set the option forces when the simulation is made");
+  return state.reactions;
+}
+
+/// Sums over the vertices. step: s.
+template <class Vertices> Wrench wrench(const ReactionState &reactions, const Vertices &vertices, double step)
+{
+  const auto sum = [&](const Stream<dvec3> &stream, double scale) {
+    const std::vector<dvec3> values = stream.download();
+    dvec3 total{0, 0, 0};
+    for (int v : vertices) total = kernels::dadd(total, values[static_cast<std::size_t>(v)]);
+    return kernels::dscale(scale, total);
+  };
+  return {sum(reactions.step.linear, 1 / step), sum(reactions.step.angular, 1 / step),
+          sum(reactions.interval.linear, 1), sum(reactions.interval.angular, 1)};
+}
+
+}  // namespace
+
+std::vector<dvec3> Simulation::forces() const
+{
+  const State &state = implementation_->state;
+  std::vector<dvec3> result = measured(state).step.linear.download();
+  for (dvec3 &f : result) f = kernels::dscale(1 / state.time.step, f);
+  return result;
+}
+std::vector<dvec3> Simulation::impulses() const { return measured(implementation_->state).interval.linear.download(); }
+double Simulation::interval() const { return measured(implementation_->state).interval_time; }
+void Simulation::begin_interval() { implementation_->state.reactions.begin_interval(); }
+
+Wrench Simulation::force_on_obstacle(int obstacle) const
+{
+  const Implementation &i = *implementation_;
+  const ReactionState &reactions = measured(i.state);
+  if (obstacle < 0 || static_cast<std::size_t>(obstacle) >= i.topology.obstacle_range.size())
+    throw SceneError("force_on: obstacle " + std::to_string(obstacle) + " is not there; the scene has " +
+                     std::to_string(i.topology.obstacle_range.size()));
+  const auto [first, last] = i.topology.obstacle_range[static_cast<std::size_t>(obstacle)];
+  std::vector<int> vertices;
+  for (int v = first; v < last; ++v) vertices.push_back(v);
+  return wrench(reactions, vertices, i.state.time.step);
+}
+
+Wrench Simulation::force_on_vertices(const std::vector<int> &vertices) const
+{
+  const Implementation &i = *implementation_;
+  const ReactionState &reactions = measured(i.state);
+  const std::vector<int> fixed = i.state.mesh.fixed.download();
+  for (int v : vertices) {
+    if (v < 0 || v >= i.state.mesh.cloth_vertices)
+      throw SceneError("force_on: vertex " + std::to_string(v) + " is not there; the cloth has " +
+                       std::to_string(i.state.mesh.cloth_vertices) + " vertices");
+    if (!fixed[static_cast<std::size_t>(v)])
+      throw SceneError("force_on: " + i.state.mesh.describe(v) + " is held by no pin and no attachment");
+  }
+  return wrench(reactions, vertices, i.state.time.step);
 }
 
 namespace {

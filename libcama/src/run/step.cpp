@@ -139,6 +139,7 @@ void take_step(State &s, Pipeline &step, const std::function<void()> &finish)
 {
   const int number = s.report.step + 1;
   Start start(s);
+  s.reactions.begin_step();
   std::optional<DividedStep> divided;
   try {
     std::string problem;
@@ -156,6 +157,7 @@ void take_step(State &s, Pipeline &step, const std::function<void()> &finish)
     }
     s.time.now = s.time.start + (number - s.time.start_step) * s.time.step;
     s.report.time = s.time.now;
+    s.reactions.accept_step(s.time.step);
     finish();
   } catch (...) {
     if (divided) {

@@ -64,6 +64,19 @@ void ImpactProjection::start(const Rooms &state, const Stream<dvec3> &from, cons
   CAMA_LAUNCH(b, motion_lengths, state.mesh.vertices, from, wanted, length_);
 }
 
+void ImpactProjection::add_pushes(const Rooms &state, const Stream<dvec3> &positions)
+{
+  Backend &b = *state.backend;
+  const int n = state.contact.impact.size();
+  count_.resize(state.mesh.vertices);
+  all_incidence_.reset(b, state.mesh.vertices);
+  all_incidence_.build(b, nodes_, n, count_);
+  const double keep = state.options.paper.impact_zones ? 0 : 1;  // impact zones project anew about the solve
+  CAMA_LAUNCH(b, impact_reactions, state.mesh.vertices, keep, all_incidence_.row, all_incidence_.entry,
+              state.contact.impact, lambda_, positions, state.contact.vertex_contact, state.reactions.push.linear,
+              state.reactions.push.angular);
+}
+
 void ImpactProjection::run(const Rooms &state, Stream<dvec3> &positions)
 {
   Backend &b = *state.backend;
@@ -79,6 +92,7 @@ void ImpactProjection::run(const Rooms &state, Stream<dvec3> &positions)
   CAMA_LAUNCH(b, start_impacts, n, state.mesh.cloth_vertices, zones ? 1 : 0, state.contact.impact, from_,
               zones ? wanted_ : positions, state.mesh.inverse_mass, incidence_.row, constraint_, majorant_);
   solve(state);
+  if (state.reactions.measured) add_pushes(state, positions);
   spread(state, lambda_);
   const int first = std::clamp(n, 1, 4096), second = std::min(first, 64);
   longest_.resize(first);

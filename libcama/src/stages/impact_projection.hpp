@@ -8,7 +8,7 @@ namespace cama {
 /// gradient method, matrix-free: on positions, or with impact zones on the motion of the step.
 class ImpactProjection {
 public:
-  using Rooms = Access<const Options, const MeshState, const ContactState>;
+  using Rooms = Access<const Options, const MeshState, const ContactState, ReactionState>;
   explicit ImpactProjection(Backend &backend);
   /// Called before the first run of a step. from: start of the motion; wanted: positions that the solve proposes.
   void start(const Rooms &state, const Stream<dvec3> &from, const Stream<dvec3> &wanted);
@@ -24,9 +24,11 @@ public:
 private:
   void solve(const Rooms &state);
   void spread(const Rooms &state, const Stream<double> &lambda);
+  /// Adds the pushes of the impacts to those of the step.
+  void add_pushes(const Rooms &state, const Stream<dvec3> &positions);
 
   Stream<kernels::element_nodes> nodes_;
-  Incidence incidence_;
+  Incidence incidence_, all_incidence_;  // of cloth vertices; of all, where forces are measured
   Stream<int> count_, moved_;
   Stream<double> constraint_, majorant_, lambda_, change_, p_, partial_, scalar_;
   Stream<dvec3> y_, from_, wanted_;

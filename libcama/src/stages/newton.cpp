@@ -202,6 +202,7 @@ template <class Real> void NewtonIterations<Real>::run_on(const Rooms &state)
     idle = fell_ || norms.residual < 0.25 * best.residual ? 0 : idle + 1;
     if (norms.residual < best.residual) best = norms;
   }
+  if (state.options.forces) evaluate(state);  // the last iterate may have been one that the line search refused
   state.report.iterations = linear;
   state.report.newton_iterations = taken;
   state.report.newton_residual = relative(norms);

@@ -123,6 +123,7 @@ void PenetrationHandling::run_on(const Rooms &state)
   const double margin = certified_distance * state.contact.largest_thickness;
   bool projected = false, first_piece = true;
   state.contact.impact.resize(0);
+  if (state.reactions.measured) state.reactions.push.fill_zero();
   for (int pauses = 0;; ++state.report.substeps, first_piece = false) {
     if (state.contact.impact.size()) {
       state.contact.impact.resize(0);

@@ -14,8 +14,8 @@ namespace cama {
 
 /// Repeats continuous detection and projection of impacts; then the certified commit. Moving obstacles that would pass
 /// through cloth within the step divide the step.
-class PenetrationHandling final
-    : public StageOn<const Options, StepReport, const Clock, MeshState, ContactState, Exemptions, BoundsState> {
+class PenetrationHandling final : public StageOn<const Options, StepReport, const Clock, MeshState, ContactState,
+                                                 Exemptions, BoundsState, ReactionState> {
 public:
   PenetrationHandling(Backend &backend, CandidateSearch &search, FlaggedPairs &flagged);
   std::string_view name() const override { return "penetration handling"; }

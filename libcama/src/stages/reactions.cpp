@@ -1,0 +1,71 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "stages/reactions.hpp"
+
+#include "device/launch.hpp"
+
+namespace cama {
+
+template <class Real> void SolveReactions<Real>::run_on(const Rooms &state)
+{
+  Backend &b = *state.backend;
+  const System<Real> &s = state.system.template of<Real>();
+  ReactionState &r = state.reactions;
+  const int vertices = state.mesh.vertices, rows = state.mesh.cloth_vertices, terms = state.system.terms,
+            form = static_cast<int>(state.options.paper.contact_form),
+            solve = state.options.newton_iterations > 1                ? SOLVE_NEWTON
+                    : state.options.paper.assembly == Assembly::gather ? SOLVE_OPERATOR
+                                                                       : SOLVE_MATRIX;
+  count_.resize(vertices);
+  terms_.reset(b, vertices);
+  terms_.rebuild(b, state.system.term_nodes, terms, count_);
+  CAMA_LAUNCH_REAL(Real, b, solve_reactions, vertices, rows, solve, form, static_cast<Real>(state.time.implicit_step),
+                   terms_.row, terms_.entry, s.term, s.matrix.row, s.matrix.column, s.matrix.block, s.mass, s.force,
+                   state.mesh.fixed, state.mesh.base_velocity(state.time), state.mesh.velocity_next,
+                   state.mesh.position, state.contact.vertex_contact, r.piece.linear, r.piece.angular);
+  r.contact.resize(state.contact.contacts);
+  r.contact_time = state.time.implicit_step;
+  CAMA_LAUNCH_REAL(Real, b, contact_impulses, state.contact.contacts, solve, form, s.term, state.mesh.velocity_next,
+                   r.contact);
+  b.copy(r.solved_velocity.buffer(), state.mesh.velocity_next.buffer(), r.solved_velocity.bytes());
+}
+
+template class SolveReactions<double>;
+template class SolveReactions<float>;
+
+void ImpactReactions::add_remainders(const Rooms &state)
+{
+  Backend &b = *state.backend;
+  const MeshState &mesh = state.mesh;
+  Impulses &piece = state.reactions.piece;
+  const int rows = mesh.cloth_vertices;
+  const PairList *lists[2] = {&state.contact.vertex_face, &state.contact.edge_edge};
+  CAMA_LAUNCH(b, add_pushes, mesh.vertices, state.time.step, mesh.fixed, state.reactions.push.linear,
+              state.reactions.push.angular, piece.linear, piece.angular);
+  remainder_.resize(rows);
+  nearest_.resize(rows);
+  surface_.resize(rows);
+  nodes_.resize(rows);
+  count_.resize(mesh.vertices);
+  CAMA_LAUNCH(b, momentum_remainders, rows, state.time.step, mesh.fixed, mesh.inverse_mass,
+              state.reactions.solved_velocity, mesh.velocity, state.reactions.push.linear, remainder_, nearest_,
+              surface_);
+  for (int kind = 0; kind < 2; ++kind)
+    CAMA_LAUNCH(b, nearest_partners, lists[kind]->pairs.size(), kind, rows, lists[kind]->pairs, mesh.face, mesh.edge,
+                mesh.position, state.contact.vertex_contact, remainder_, nearest_);
+  for (int kind = 0; kind < 2; ++kind)
+    CAMA_LAUNCH(b, nearest_surfaces, lists[kind]->pairs.size(), kind, rows, lists[kind]->pairs, mesh.face, mesh.edge,
+                mesh.position, state.contact.vertex_contact, remainder_, nearest_, surface_);
+  CAMA_LAUNCH(b, remainder_nodes, rows, mesh.vertices, surface_, nodes_);
+  takers_.reset(b, mesh.vertices);
+  takers_.build(b, nodes_, rows, count_);
+  CAMA_LAUNCH(b, add_remainders, mesh.vertices, takers_.row, takers_.entry, remainder_, mesh.position, piece.linear,
+              piece.angular);
+}
+
+void ImpactReactions::run_on(const Rooms &state)
+{
+  if (state.report.impact_passes > 0 || state.report.truncated > 0) add_remainders(state);
+  state.reactions.accept_piece(state.time.multistep ? 1.0 / 3.0 : 0.0);
+}
+
+}  // namespace cama
