@@ -5,6 +5,8 @@
 #include <omp.h>
 
 #include <algorithm>
+#include <chrono>
+#include <cmath>
 #include <cstdlib>
 #include <cstring>
 #include <fstream>
@@ -13,6 +15,7 @@
 
 #include "cama/error.hpp"
 #include "device/for_backends.hpp"
+#include "thread_governor.hpp"
 
 namespace cama {
 namespace {
@@ -62,12 +65,12 @@ std::string cpu_name()
 
 class CpuBackend final : public Backend {
 public:
-  explicit CpuBackend(int threads) : threads_(threads > 0 ? threads : cpu_backend_count()) {}
+  explicit CpuBackend(int threads) : governor_(threads > 0 ? threads : cpu_backend_count()) {}
 
   std::string_view name() const override { return "cpu"; }
   std::string device() const override
   {
-    return cpu_name() + ", " + std::to_string(threads_) + (threads_ == 1 ? " thread" : " threads");
+    return cpu_name() + ", " + std::to_string(governor_.most()) + (governor_.most() == 1 ? " thread" : " threads");
   }
 
   bool wide_workers() const override { return true; }
@@ -107,7 +110,8 @@ public:
   void launch(const KernelKey &kernel, int n, const Argument *arguments, int) override
   {
     ++launches_;
-    const HostThreads host(threads_);
+    if (governor_.most() > 1 && launches_ % launches_per_look == 0) look_at_threads();
+    const HostThreads host(governor_.threads());
     const Entry &entry = entries[kernel.index];
     const Trampoline function = kernel.precision == KernelPrecision::none  ? entry.once
                                 : kernel.precision == KernelPrecision::f32 ? entry.f32
@@ -162,14 +166,41 @@ public:
   void synchronize() override {}
 
 private:
-  int threads_;
+  static constexpr int launches_per_look = 16;
+  static constexpr double look_every = 0.02;   // s
+
+  /// Tells the governor how long the threads waited for a CPU.
+  void look_at_threads()
+  {
+    const auto now = std::chrono::steady_clock::now();
+    const double elapsed = std::chrono::duration<double>(now - looked_).count();
+    if (elapsed < look_every) return;
+    looked_ = now;
+    double waited = 0;
+#pragma omp parallel num_threads(governor_.threads()) reduction(+ : waited)
+    {
+      static thread_local double before = waited_for_cpu();
+      const double total = waited_for_cpu();
+      waited += total - before;
+      before = total;
+    }
+    governor_.observe(elapsed, waited);
+  }
+
+  ThreadGovernor governor_;
+  std::chrono::steady_clock::time_point looked_ = std::chrono::steady_clock::now();
   std::vector<key64> keys_;   // scratch memory of sort
   std::vector<int> values_;
 };
 
 }  // namespace
 
-int cpu_backend_count() { return std::max(1, std::min(omp_get_num_procs(), omp_get_max_threads())); }
+int cpu_backend_count()
+{
+  static const double quota = std::ceil(cpu_quota());
+  const int processors = std::min(omp_get_num_procs(), omp_get_max_threads());
+  return std::max(1, quota < processors ? static_cast<int>(quota) : processors);
+}
 
 std::unique_ptr<Backend> make_cpu_backend(int threads) { return std::make_unique<CpuBackend>(threads); }
 

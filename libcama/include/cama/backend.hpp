@@ -76,7 +76,8 @@ protected:
   long launches_ = 0, waits_ = 0;
 };
 
-/// Number of CPUs of this process, at most OMP_NUM_THREADS if that is set: what threads = 0 of the CPU backend means.
+/// Number of CPUs of this process, at most the quota of its container and OMP_NUM_THREADS if that is set: what threads
+/// = 0 of the CPU backend means. While other programs use them too, fewer compute: results do not depend on it.
 int cpu_count();
 /// Threads that a scene of so many cloth triangles keeps busy: one for every 1,000, at least 1, at most cpu_count().
 /// Kernels are short; with more threads they wait for each other.
