@@ -3,6 +3,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <cstdio>
 #include <filesystem>
 #include <fstream>
 #include <limits>
@@ -11,8 +12,6 @@
 #if defined(__linux__)
 #include <fcntl.h>
 #include <unistd.h>
-
-#include <cstdio>
 #endif
 
 namespace cama {
@@ -78,19 +77,23 @@ namespace {
 
 constexpr double without_quota = std::numeric_limits<double>::infinity();
 
-/// Of one control group: cpu.max of version 2, cpu.cfs_* of version 1.
+std::string first_line(const std::filesystem::path &file)
+{
+  std::string line;
+  std::ifstream stream(file);
+  std::getline(stream, line);
+  return line;
+}
+
+/// Of one control group: cpu.max of version 2, cpu.cfs_* of version 1. The numbers are not read by streams: those fail
+/// where a static and a shared standard library meet in one process.
 double quota_of(const std::filesystem::path &group)
 {
-  std::string quota;
-  double period = 0;
-  if (!(std::ifstream(group / "cpu.max") >> quota >> period)) {
-    std::ifstream(group / "cpu.cfs_quota_us") >> quota;
-    std::ifstream(group / "cpu.cfs_period_us") >> period;
-  }
-  if (quota.empty() || quota == "max" || quota[0] == '-' || !(period > 0)) return without_quota;
-  char *end;
-  const double time = std::strtod(quota.c_str(), &end);
-  return *end == 0 && time > 0 ? time / period : without_quota;
+  std::string text = first_line(group / "cpu.max");
+  if (text.empty()) text = first_line(group / "cpu.cfs_quota_us") + " " + first_line(group / "cpu.cfs_period_us");
+  double quota = 0, period = 0;
+  if (std::sscanf(text.c_str(), "%lf %lf", &quota, &period) != 2) return without_quota;   // "max 100000"
+  return quota > 0 && period > 0 && quota < without_quota ? quota / period : without_quota;
 }
 
 }  // namespace
