@@ -2,7 +2,8 @@
 """A wool skirt on a walking body, both generated: `python examples/03_garment_on_body.py`.
 
 With a character of your own, replace "walker" by {"character": {"file": "walk.glb"}}; with a skirt of your own,
-"garment" by {"file": "skirt.obj"}.
+"garment" by {"file": "skirt.obj"}, or by {"file": {"path": "skirt.obj", "rest": "uv"}} if its texture coordinates are
+its pattern in metres.
 """
 
 import numpy as np

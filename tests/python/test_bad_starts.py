@@ -118,7 +118,8 @@ def garment(name):
         if not (folder / "dress_knife_stage.obj").exists():
             pytest.skip(f"no test data in {folder}")
         stage, drape = (
-            _core.load_mesh(folder / f"dress_knife_{part}.obj", 1.0, 1.0) for part in ("stage", "drape_with_body")
+            _core.load_mesh(folder / f"dress_knife_{part}.obj", 1.0, part == "stage", 1.0)
+            for part in ("stage", "drape_with_body")
         )
         scene.add_cloth(
             drape.vertices[: len(stage.vertices)],
@@ -131,7 +132,7 @@ def garment(name):
     folder = GARMENTS / "garmentcode"
     if not (folder / f"{name}_m.obj").exists():
         pytest.skip(f"no test data in {folder}")
-    scene.add_cloth(folder / f"{name}_m.obj", name="garment")
+    scene.add_cloth(folder / f"{name}_m.obj", rest="uv", name="garment")
     scene.add_obstacle(folder / "mean_all.obj", name="body")
     return scene
 

@@ -41,6 +41,7 @@ FIELDS = {
     "truncated",
     "lost_motion",
     "released",
+    "rest_shapes",
     "resumed_at",
     "retries",
     "state_hash",
@@ -136,7 +137,7 @@ def test_check_shows_sizes_and_a_rest_shape_that_is_no_rest_shape(tmp_path):
     ]
     (tmp_path / "sheet.obj").write_text("\n".join(lines))
     (tmp_path / "scene.json").write_text(
-        json.dumps({"cloth": [{"file": "sheet.obj", "name": "sheet", "material": "cotton"}]})
+        json.dumps({"cloth": [{"file": {"path": "sheet.obj", "rest": "uv"}, "name": "sheet", "material": "cotton"}]})
     )
     said = " ".join(call("check", tmp_path).output.split())
     assert "2 x 0.6 x 0 1 0.12 -40 to 100" in said and "sheet: starts far from its rest shape" in said

@@ -120,14 +120,14 @@ CASES = {
         ["303 of 384", "coincide", "weld"],
         lambda: scene(obstacle=dict(zip(("mesh", "faces"), apart(*grid(8))), translate=(0, 0, -1))),
     ),
-    "texture coordinates of twice the size": (  # edges twice as long, areas four times as large
+    "material vertices of twice the size": (  # edges twice as long, areas four times as large
         "sheet",
-        ["material_vertices", "2 times", "4 times", "`material_scale` by 0.5"],
+        ["material_vertices", "2 times", "4 times", "multiply them by 0.5"],
         lambda: scene(0.5, material_vertices=UV),
     ),
-    "texture coordinates of half the size": (
+    "material vertices of half the size": (
         "sheet",
-        ["0.5 times", "0.25 times", "`material_scale` by 2"],
+        ["0.5 times", "0.25 times", "multiply them by 2"],
         lambda: scene(material_vertices=0.5 * UV),
     ),
 }

@@ -109,15 +109,39 @@ TEST_CASE("OBJ keeps vertex order, separate texture indices and every bit", "[me
   m.material_face[1] = {0, 4, 3};
   const fs::path file = fs::temp_directory_path() / "cama_test_round.obj";
   save_obj(file, m);
-  const Mesh r = load_mesh(file);
+  const Mesh r = load_mesh(file, 1, RestShape::uv);
   REQUIRE(r.position.size() == m.position.size());
   CHECK(std::memcmp(r.position.data(), m.position.data(), sizeof(dvec3) * m.position.size()) == 0);
   CHECK(r.face == m.face);
   CHECK(r.material_position == m.material_position);
   CHECK(r.material_face == m.material_face);
-  const Mesh scaled = load_mesh(file, 0.01, 2.0);
+  const Mesh scaled = load_mesh(file, 0.01, RestShape::uv, 2.0);
   CHECK(scaled.position[3].y == 0.01);
   CHECK(scaled.material_position[2][0] == 2.0);
+}
+
+TEST_CASE("texture coordinates become material space where asked for", "[mesh][io]")
+{
+  const Mesh m = square();
+  const fs::path file = fs::temp_directory_path() / "cama_test_rest.obj";
+  save_obj(file, m);
+  const Mesh start = load_mesh(file);
+  CHECK(start.face == m.face);
+  CHECK(start.material_position.empty());
+  CHECK(start.material_face.empty());
+  CHECK(contains(thrown<MeshError>([&] { load_mesh(file, 1, RestShape::start, 2); }), "cama_test_rest.obj: material_"));
+  Mesh bare = m;
+  bare.material_position.clear();
+  bare.material_face.clear();
+  save_obj(file, bare);
+  CHECK(load_mesh(file).face == m.face);
+  CHECK(contains(thrown<MeshError>([&] { load_mesh(file, 1, RestShape::uv); }),
+                 "cama_test_rest.obj: has no texture coordinates"));
+  // Some faces with texture coordinates: no rest shape, but a mesh.
+  const fs::path mixed = write("mixed.obj", "v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nvt 0 0\nvt 1 0\nvt 1 1\n"
+                                            "f 1/1 2/2 3/3\nf 1 3 4\n");
+  CHECK(load_mesh(mixed).face == m.face);
+  CHECK(contains(thrown<FileError>([&] { load_mesh(mixed, 1, RestShape::uv); }), "some faces have texture"));
 }
 
 TEST_CASE("a concave polygon of an OBJ is refused, a convex one and one that is not flat are not", "[mesh][io]")
@@ -155,7 +179,7 @@ TEST_CASE("OBJ polygons, relative indices, stitches and bad lines", "[mesh][io]"
 TEST_CASE("garments with panels survive: counts as grep finds them in the file", "[mesh][data]")
 {
   if (const auto file = test_data("arcsim/meshes/tshirt.obj")) {
-    const Mesh m = load_mesh(*file);
+    const Mesh m = load_mesh(*file, 1, RestShape::uv);
     CHECK(m.position.size() == 330);
     CHECK(m.face.size() == 604);
     CHECK(m.material_position.size() == 426);
@@ -184,6 +208,19 @@ TEST_CASE("PLY and STL through assimp: order kept, facets welded", "[mesh][io]")
       "square.ply",
       "ply\nformat ascii 1.0\nelement vertex 4\nproperty float x\nproperty float y\nproperty float z\nelement face 2\n"
       "property list uchar int vertex_indices\nend_header\n0 0 0\n1 0 0\n1 1 0\n0 1 0\n3 0 1 2\n3 0 2 3\n"));
+  CHECK(contains(
+      thrown<MeshError>([] { load_mesh(fs::temp_directory_path() / "cama_test_square.ply", 1, RestShape::uv); }),
+      "square.ply: has no texture coordinates"));
+  const fs::path textured = write(
+      "textured.ply",
+      "ply\nformat ascii 1.0\nelement vertex 4\nproperty float x\nproperty float y\nproperty float z\nproperty float "
+      "s\n"
+      "property float t\nelement face 2\nproperty list uchar int vertex_indices\nend_header\n0 0 0 0 0\n1 0 0 0.5 0\n"
+      "1 1 0 0.5 0.25\n0 1 0 0 0.25\n3 0 1 2\n3 0 2 3\n");
+  CHECK(load_mesh(textured).material_face.empty());
+  const Mesh atlas = load_mesh(textured, 1, RestShape::uv, 2);
+  REQUIRE(atlas.material_face.size() == 2);
+  CHECK(atlas.material_position[atlas.material_face[0][2]] == MaterialPoint{1, 0.5});
   CHECK(ply.position.size() == 4);
   CHECK(ply.face == std::vector<Triangle>{{0, 1, 2}, {0, 2, 3}});
   CHECK(ply.position[2].y == 1);

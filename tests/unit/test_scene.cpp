@@ -335,14 +335,40 @@ TEST_CASE("scenes made by a program are checked too", "[scene]")
                  "1 vertices"));
 }
 
+TEST_CASE("cloth from a file starts at rest unless its texture coordinates are asked for", "[scene]")
+{
+  const fs::path folder = fs::temp_directory_path();
+  std::ofstream(folder / "cama_test_scene.obj")
+      << "v 0 0 0\nv 0.5 0 0\nv 0 0.5 0\nvt 0 0\nvt 1 0\nvt 0 1\nf 1/1 2/2 3/3\n";
+  const auto read = [&](const std::string &keys, const std::string &more = "") {
+    return Scene::parse(R"({"cloth": [{"file": {"path": "cama_test_scene.obj")" + keys + "}" + more + "}]}", folder);
+  };
+  const Scene start = read("");
+  CHECK(start.cloths[0].mesh.material_face.empty());
+  CHECK(start.cloths[0].material_scale == 0);
+  CHECK(read(R"(, "rest": "start")").cloths[0].mesh.material_face.empty());
+  CHECK(read("", R"(, "transform": {"scale": 2})").cloths[0].mesh.position[1].x == 1);
+  const Scene uv = read(R"(, "rest": "uv", "material_scale": 0.75)");
+  CHECK(uv.cloths[0].mesh.material_position == std::vector<MaterialPoint>{{0, 0}, {0.75, 0}, {0, 0.75}});
+  CHECK(uv.cloths[0].material_scale == 0.75);
+  const Scene again = Scene::parse(uv.save(), ".");
+  CHECK(again.cloths[0].mesh.material_position == uv.cloths[0].mesh.material_position);
+  CHECK(again.cloths[0].mesh.material_face == uv.cloths[0].mesh.material_face);
+  CHECK(Scene::parse(start.save(), ".").cloths[0].mesh.material_face.empty());
+  CHECK(contains(thrown<SceneError>([&] { read(R"(, "material_space": true)"); }), "write \"rest\": \"uv\""));
+  CHECK(contains(thrown<SceneError>([&] { read(R"(, "material_scale": 2)"); }), "cloth[0].file.material_scale"));
+}
+
 TEST_CASE("sewing lines of a file become stitches of the scene", "[scene][data]")
 {
   const auto folder = test_data("garments/codim");
   if (!folder) return;
   const Scene s = Scene::parse(R"({"cloth": [{"name": "dress", "stitch_stiffness": 700, "file":
-    {"path": "dress_knife_stage.obj", "positions": "dress_knife_drape_with_body.obj"}}]})",
+    {"path": "dress_knife_stage.obj", "rest": "uv", "positions": "dress_knife_drape_with_body.obj"}}]})",
                                *folder);
   CHECK_NOTHROW(s.validate());
+  CHECK(s.cloths[0].material_scale == 1);
+  CHECK(s.cloths[0].mesh.material_face.size() == 29456);
   REQUIRE(s.stitches.size() == 851);
   CHECK(s.stitches[0].stiffness == 700);
   const auto &x = s.cloths[0].mesh.position;   // draped by another solver, which kept the stitches closed
@@ -410,7 +436,9 @@ TEST_CASE("a material space that is the start in other units is refused", "[scen
     CHECK(contains(error, "cloth \"a\""));
     CHECK(contains(error, text));
   }
-  CHECK(contains((rest(100, 100, 0), thrown<MeshError>([&] { scene.validate(); })), "material_scale 0.01"));
+  CHECK(contains((rest(100, 100, 0), thrown<MeshError>([&] { scene.validate(); })), "coordinates times 0.01 would"));
+  scene.cloths[0].material_scale = 2;  // of texture coordinates: the unit that is right
+  CHECK(contains(thrown<MeshError>([&] { scene.validate(); }), "material_scale 0.02 would"));
   for (const auto &[along, across, shear] :
        {std::tuple(1.0, 1.0, 0.0), std::tuple(2.9, 2.9, 0.0), std::tuple(1e6, 1e6, 0.0), std::tuple(2.9, 0.4, 0.0),
         std::tuple(1.0, 1.0, 1.0)}) {

@@ -13,7 +13,7 @@ import numpy as np
 
 from . import _core
 from .arrays import integers, number, quaternion, reals, vector
-from .errors import ArrayError, SceneError
+from .errors import ArrayError, MeshError, SceneError
 from .types import ArrayLike, Reals, VectorLike
 
 
@@ -54,13 +54,30 @@ def compiled_mesh(
     faces: ArrayLike | None,
     material_vertices: ArrayLike | None,
     material_faces: ArrayLike | None,
+    uv: bool = False,
     material_scale: float = 1.0,
 ) -> tuple[_core.Mesh, str]:
-    """Returns the compiled Mesh of a file, of arrays or of an object with `vertices` and `faces`, and its source."""
+    """Returns the compiled Mesh of a file, of arrays or of an object with `vertices` and `faces`, and its source.
+
+    uv: whether the texture coordinates of a file are the rest shape, in units of `material_scale`, m.
+    """
     if isinstance(mesh, (str, os.PathLike)):
         if faces is not None:
             raise SceneError(f"{name}: faces are given beside the file {mesh}")
-        return _core.load_mesh(Path(mesh), 1.0, material_scale), str(mesh)
+        if material_vertices is not None or material_faces is not None:
+            raise SceneError(
+                f"{name}: material_vertices or material_faces are given beside the file {mesh}; pass its vertices and "
+                'faces as arrays, or give rest="uv" for its texture coordinates'
+            )
+        try:
+            return _core.load_mesh(Path(mesh), 1.0, uv, material_scale), str(mesh)
+        except MeshError as problem:
+            raise MeshError(f"{name}: {problem}") from None
+    if uv:
+        raise SceneError(
+            f'{name}: rest="uv" takes the texture coordinates of a mesh file, and this is an array or an object; give '
+            "the rest shape as material_vertices, in m"
+        )
     if faces is None:
         if not (hasattr(mesh, "vertices") and hasattr(mesh, "faces")):
             raise SceneError(f"{name}: neither a file, vertices with faces, nor an object that has both")
@@ -76,6 +93,25 @@ def compiled_mesh(
     material_vertices = reals(f"{name}: material_vertices", material_vertices, (None, 2), finite=False)
     material_faces = integers(f"{name}: material_faces", material_faces, (len(faces), 3))
     return _core.Mesh(vertices, faces, material_vertices, material_faces), "arrays"
+
+
+def texture_scale(name: str, rest: str, material_scale: float | None, shape: object) -> float:
+    """Returns the length of a texture unit, m, that `rest` and `material_scale` of `add_cloth` mean; 0: not used."""
+    if rest not in ("start", "uv"):
+        raise SceneError(f'{name}: rest: {rest!r} is neither "start" nor "uv"')
+    if rest == "start":
+        if material_scale is not None:
+            raise SceneError(
+                f"{name}: material_scale is the length of a texture unit, and texture coordinates are not the rest "
+                'shape; give rest="uv" too, or leave it out'
+            )
+        return 0.0
+    if shape is not None:
+        raise SceneError(f'{name}: rest="uv" is for mesh files; a generated shape has a rest shape of its own')
+    scale = 1.0 if material_scale is None else number(f"{name}: material_scale", material_scale)
+    if not scale > 0:
+        raise SceneError(f"{name}: material_scale: must be greater than 0, got {scale:g}; give m for a texture unit")
+    return scale
 
 
 def shape_scene(kind: str, name: str, shape: object) -> _core.Scene:

@@ -79,6 +79,17 @@ class Cloth(Part):
         """Triangles [m, 3] of `material_vertices`."""
         return self._compiled().mesh.material_faces
 
+    @property
+    def rest_shape(self) -> str:
+        """What the rest shape is, in words: "start", "uv, 0.5 m a unit" or "material coordinates".
+
+        "uv" is the texture coordinates of a file; grids and other generated shapes have material coordinates.
+        """
+        compiled = self._compiled()
+        if compiled.material_scale > 0:
+            return f"uv, {compiled.material_scale:g} m a unit"
+        return "material coordinates" if len(compiled.mesh.material_faces) else "start"
+
     def _edges(self) -> tuple[Reals, ...]:
         """Returns two edges of every triangle as columns: [m, 3, 2] at the start, [m, 2 or 3, 2] at rest."""
         start = self.vertices[self.faces]

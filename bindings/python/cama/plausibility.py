@@ -333,14 +333,21 @@ def _rest(name: str, cloth: Cloth, start: Reals, start_lengths: Reals) -> Iterat
     (length, length_off), (area, area_off) = _off(lengths), _off(areas)
     if max(length_off, area_off) <= REST:
         return
+    unit = cloth._compiled().material_scale
+    if unit > 0:  # of texture coordinates
+        element, given = 'rest "uv"', "texture coordinates"
+        remedy = f"set `material_scale` to {_number(unit / length)}"
+    else:
+        element = given = "material_vertices"
+        remedy = f"multiply them by {_number(1 / length)}"
     yield Finding(
         "rest shape",
         name,
-        "material_vertices",
-        f"the rest shape, which texture coordinates or material vertices give, has edges {_number(length)} times as "
-        f"long and triangles {_number(area)} times as large as the start (medians)",
-        "if they only place a picture, take the start as rest shape; if their unit is wrong, multiply "
-        f"`material_scale` by {_number(1 / length)}",
+        element,
+        f"the rest shape, which {given} give, has edges {_number(length)} times as long and triangles {_number(area)} "
+        "times as large as the start (medians)",
+        f"if they only place a picture, leave {element} out, and the start is the rest shape; if their unit is wrong, "
+        f"{remedy}",
     )
 
 

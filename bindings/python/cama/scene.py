@@ -8,7 +8,7 @@ import math
 import os
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NoReturn
+from typing import TYPE_CHECKING, Any, Literal, NoReturn
 
 import numpy as np
 
@@ -16,7 +16,7 @@ from . import _core, collision, shipped
 from .arrays import count, indices, number, plain, reals, vector, whole
 from .errors import ArrayError, FileError, SceneError
 from .hints import counted, reading
-from .inputs import compiled_mesh, placement, shape_scene, uniform_scale
+from .inputs import compiled_mesh, placement, shape_scene, texture_scale, uniform_scale
 from .material import Material
 from .motion import Motion
 from .options import nested, overrides_of
@@ -217,7 +217,8 @@ class Scene:
         thickness: float | None = None,
         material_vertices: ArrayLike | None = None,
         material_faces: ArrayLike | None = None,
-        material_scale: float = 1.0,
+        rest: Literal["start", "uv"] = "start",
+        material_scale: float | None = None,
         transform: ArrayLike | None = None,
         translate: VectorLike = (0, 0, 0),
         rotate: VectorLike = (1, 0, 0, 0),
@@ -237,13 +238,16 @@ class Scene:
                 {"grid": {"size": [1, 1]}, "triangles": 2000}.
             material: A fabric's name, a JSON file, a dict or a `cama.Material`.
             thickness: Contact thickness, m; None: the material's.
-            material_vertices: Rest positions in material space [k, 2], m. Files have them as texture coordinates.
+            material_vertices: Rest positions in material space [k, 2], m, of a mesh in arrays; None: the start, with
+                `scale`, is the rest shape. A `shape` has a rest shape of its own.
             material_faces: Triangles [m, 3] of `material_vertices`; None: `faces`.
-            material_scale: Length of a unit of a file's texture coordinates, m.
+            rest: The rest shape of a mesh file: "start", its vertices with `scale`, or "uv", its texture coordinates
+                times `material_scale`, as garment patterns have them.
+            material_scale: Length of a unit of the texture coordinates, m, with rest="uv"; None: 1.
             transform: Matrix [4, 4] that is applied to the start after `scale`, `rotate` and `translate`.
             translate: Translation of the start [3], m.
             rotate: Rotation of the start, a unit quaternion w, x, y, z.
-            scale: Scale of the start and of the material space.
+            scale: Scale of the start and of the rest shape.
             velocity: Velocity at the start [3], m/s.
             weld: Whether to join vertices of `mesh` that coincide, so that triangles which share a place share its
                 vertices. True: vertices within a millionth of the mesh's extent; a number: within this distance, m,
@@ -255,9 +259,11 @@ class Scene:
             ArrayError, MeshError, MaterialError, FileError, SceneError
         """
         name = str(name) if name is not None else f"cloth {self._core.cloth_count}"
+        unit = texture_scale(name, rest, material_scale, shape)
         cloth, cloth_source = self._part(
-            "cloth", name, mesh, faces, shape, material_vertices, material_faces, material_scale
+            "cloth", name, mesh, faces, shape, material_vertices, material_faces, unit > 0, unit or 1.0
         )
+        cloth.material_scale = unit or cloth.material_scale  # a shape may be a file with its own
         cloth.name, cloth.source = name, cloth_source
         cloth.mesh.transform(placement(transform, translate, rotate, scale).tolist())
         cloth.mesh.scale_material(number(f"{name}: scale", scale))
@@ -380,6 +386,8 @@ class Scene:
         if (mesh is None) == (shape is None):
             raise SceneError(f"{name}: exactly one of mesh and shape is needed")
         if shape is not None:
+            if any(given is not None for given in material[:2]):
+                raise SceneError(f"{name}: material_vertices: a generated shape has a rest shape of its own; leave out")
             made = shape_scene(kind, name, shape)
             part = _core.Cloth(made.cloth(0)) if kind == "cloth" else _core.Obstacle(made.obstacle(0))
             return part, part.source

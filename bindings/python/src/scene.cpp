@@ -60,7 +60,12 @@ void bind_mesh(py::module_ &m)
              for (MaterialPoint &u : mesh.material_position) u = {scale * u[0], scale * u[1]};
            })
       .def("validate", &Mesh::validate);
-  m.def("load_mesh", &load_mesh, py::call_guard<py::gil_scoped_release>());
+  m.def(
+      "load_mesh",
+      [](const std::filesystem::path &file, double scale, bool uv, double material_scale) {
+        return load_mesh(file, scale, uv ? RestShape::uv : RestShape::start, material_scale);
+      },
+      py::call_guard<py::gil_scoped_release>());
   m.def("save_obj", &save_obj);
   m.def("load_stitches", [](const std::filesystem::path &file) {
     py::list rows;
@@ -136,7 +141,8 @@ void bind_parts(py::module_ &m)
       .def_readwrite("name", &Cloth::name)
       .def_readwrite("mesh", &Cloth::mesh)
       .def_readwrite("material", &Cloth::material)
-      .def_readwrite("source", &Cloth::source);
+      .def_readwrite("source", &Cloth::source)
+      .def_readwrite("material_scale", &Cloth::material_scale);
   py::class_<Obstacle>(m, "Obstacle")
       .def(py::init<>())
       .def(py::init<const Obstacle &>())

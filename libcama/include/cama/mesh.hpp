@@ -33,11 +33,17 @@ struct MeshStitch {
   double ratio = 0;
 };
 
+/// The rest shape of cloth from a mesh file: its start, or its texture coordinates.
+enum class RestShape { start, uv };
+
 /// Reads OBJ (with its own reader, which keeps vertex order, separate texture indices and every bit) and PLY, glTF,
-/// FBX, DAE and STL through assimp. All meshes of the file become one, vertices at equal positions are welded, and
-/// coordinates are file units times `scale`; the y-up formats (glTF, FBX, DAE) are turned to z-up. Texture coordinates
-/// times `material_scale` (m per unit) become material space. Throws FileError.
-Mesh load_mesh(const std::filesystem::path &file, double scale = 1.0, double material_scale = 1.0);
+/// FBX, DAE and STL through assimp. All meshes of the file become one, vertices at equal positions are welded (not
+/// those of OBJ), and coordinates are file units times `scale`; the y-up formats (glTF, FBX, DAE) are turned to z-up.
+/// With RestShape::uv, texture coordinates times `material_scale` (m per unit) become material space; else the mesh has
+/// none. Throws FileError, and MeshError if texture coordinates are asked for and missing or `material_scale` is given
+/// without them.
+Mesh load_mesh(const std::filesystem::path &file, double scale = 1.0, RestShape rest = RestShape::start,
+               double material_scale = 1.0);
 /// The lines "stitch a b c ratio" of an OBJ file (vertices counted from 0); other formats have none. Throws FileError.
 std::vector<MeshStitch> load_stitches(const std::filesystem::path &file);
 /// Writes OBJ, with material coordinates if there are any. Throws FileError.

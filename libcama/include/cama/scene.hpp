@@ -22,6 +22,8 @@ struct Cloth {
   Material material;
   dvec3 velocity{0, 0, 0};  ///< starting velocity, m/s
   std::string source;  ///< what it was made from ("grid", a file name)
+  /// Length of a unit of the texture coordinates that are the rest state, m; 0: the rest state has another origin.
+  double material_scale = 0;
 };
 
 /// The shape of an obstacle: a mesh, or exact. An exact shape is defined by the vertices of its mesh: the centre of a

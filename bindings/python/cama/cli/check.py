@@ -11,7 +11,7 @@ from rich.table import Table
 
 from .. import plausibility
 from ..scene import Scene
-from .common import Debug, Resolution, SceneName, clean, console
+from .common import Debug, Resolution, SceneName, clean, console, rest_lines
 
 STRETCHED = 0.5  # start strain that `check` warns of, and to a stretch of 1 / 1.5
 
@@ -59,6 +59,8 @@ def check(
     out = console()
     out.print(table)
     out.print(sizes)
+    for line in rest_lines(loaded):
+        out.print(escape(line))
     pinned = sum(len(pin["vertices"]) for pin in loaded.pins)
     found = loaded.intersections()
     count = sum(pair.count for pair in found)

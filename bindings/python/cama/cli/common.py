@@ -171,5 +171,14 @@ def chosen(time_step, words):
     return result.values()
 
 
+def rest_lines(scene):
+    """Returns a line for each cloth from a mesh, which says what its rest shape is."""
+    return [
+        f"{cloth.name}: the rest shape is {'the start' if cloth.rest_shape == 'start' else cloth.rest_shape}"
+        for cloth in scene.cloths
+        if cloth.rest_shape != "material coordinates"
+    ]
+
+
 def console():
     return Console(soft_wrap=True, highlight=False)

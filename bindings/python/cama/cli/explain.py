@@ -21,6 +21,7 @@ from .common import (
     chosen,
     clean,
     console,
+    rest_lines,
 )
 
 
@@ -56,6 +57,8 @@ def explain(
         f"accuracy {level}"
     )
     chosen_by = {"level": f"level {level}", "scene": "scene", "user": "[bold]user[/]"}
+    for line in rest_lines(simulation.scene):
+        out.print(escape(line))
     options = Table("option", "value", "set by", "trades time for", box=None, padding=(0, 2))
     for s in simulation.chosen_options:
         options.add_row(s["name"], escape(s["value"]), chosen_by[s["origin"]], s["trades"])

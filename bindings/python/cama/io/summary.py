@@ -58,6 +58,7 @@ class Summary:
                 "accuracy": s.options["accuracy"],
                 "triangles": s.cloth_triangle_count,
                 "vertices": s.cloth_vertex_count,
+                "rest_shapes": {cloth.name: cloth.rest_shape for cloth in s.scene.cloths},
                 "steps": s.step_count,
                 "resumed_at": self._resumed_at,
                 "dt": s.time_step,

@@ -56,13 +56,15 @@ void collect(const aiScene &scene, const aiNode &node, const Affine &parent, Cor
   for (unsigned c = 0; c < node.mNumChildren; ++c) collect(scene, *node.mChildren[c], here, out, textured);
 }
 
-Mesh load_through_assimp(const std::filesystem::path &file, double scale, double material_scale)
+Mesh load_through_assimp(const std::filesystem::path &file, double scale, RestShape rest, double material_scale)
 {
   Assimp::Importer importer;
   const aiScene *scene = open_assimp(importer, file, true);
   Corners corners;
-  bool textured = true;
+  bool textured = true, some = false;
   collect(*scene, *scene->mRootNode, Affine(), corners, textured);
+  for (unsigned i = 0; i < scene->mNumMeshes; ++i) some = some || scene->mMeshes[i]->HasTextureCoords(0);
+  if (rest == RestShape::uv && !textured && !corners.face.empty()) fail_without_texture(file.string(), some);
   const std::string e = extension(file);
   const bool y_up = e == ".glb" || e == ".gltf" || e == ".fbx" || e == ".dae";
 
@@ -75,7 +77,7 @@ Mesh load_through_assimp(const std::filesystem::path &file, double scale, double
     const Triangle w{weld.index[t[0]], weld.index[t[1]], weld.index[t[2]]};
     if (w[0] == w[1] || w[1] == w[2] || w[2] == w[0]) continue;   // collapsed by welding: zero area
     mesh.face.push_back(w);
-    if (!textured) continue;
+    if (rest != RestShape::uv) continue;
     Triangle u{};
     for (int k = 0; k < 3; ++k) {
       const MaterialPoint &p = corners.texture[t[k]];
@@ -133,13 +135,16 @@ Weld weld_equal(const std::vector<dvec3> &position, const std::vector<std::strin
   return weld;
 }
 
-Mesh load_mesh(const std::filesystem::path &file, double scale, double material_scale)
+Mesh load_mesh(const std::filesystem::path &file, double scale, RestShape rest, double material_scale)
 {
-  if (extension(file) == ".obj") return read_obj(file, scale, material_scale).mesh;
+  if (rest != RestShape::uv && material_scale != 1)
+    throw MeshError(file.string() + ": material_scale is given, which only RestShape::uv uses; ask for that, or leave "
+                                    "it out");
+  if (extension(file) == ".obj") return read_obj(file, scale, rest, material_scale).mesh;
 #if CAMA_HAS_ASSIMP
-  return load_through_assimp(file, scale, material_scale);
+  return load_through_assimp(file, scale, rest, material_scale);
 #else
-  (void)scale, (void)material_scale;
+  (void)scale;
   throw FileError(
       file.string() +
       ": this build of cama reads OBJ only; install assimp (Debian: libassimp-dev) and configure again to read "
@@ -149,7 +154,7 @@ Mesh load_mesh(const std::filesystem::path &file, double scale, double material_
 
 std::vector<MeshStitch> load_stitches(const std::filesystem::path &file)
 {
-  return extension(file) == ".obj" ? read_obj(file, 1, 1).stitches : std::vector<MeshStitch>();
+  return extension(file) == ".obj" ? read_obj(file, 1, RestShape::start, 1).stitches : std::vector<MeshStitch>();
 }
 
 }  // namespace cama

@@ -24,8 +24,9 @@ struct Polygon {
 
 class ObjReader {
 public:
-  ObjReader(const std::filesystem::path &file, double scale, double material_scale)
-      : file_(file.string()), text_(read_text(file)), scale_(scale), material_scale_(material_scale)
+  ObjReader(const std::filesystem::path &file, double scale, RestShape rest, double material_scale)
+      : file_(file.string()), text_(read_text(file)), scale_(scale), material_scale_(material_scale),
+        textured_(rest == RestShape::uv)
   {}
 
   ObjFile read()
@@ -54,7 +55,7 @@ private:
     while (*s == ' ' || *s == '\t') ++s;
     if (s[0] == 'v' && is_space(s[1]))
       read_vertex(s + 1);
-    else if (s[0] == 'v' && s[1] == 't' && is_space(s[2]))
+    else if (textured_ && s[0] == 'v' && s[1] == 't' && is_space(s[2]))
       read_texture(s + 2);
     else if (s[0] == 'f' && is_space(s[1]))
       read_face(s + 1);
@@ -105,7 +106,7 @@ private:
     if (end == s) fail("expected a vertex index, got \"" + std::string(s, std::strcspn(s, " \t\r")) + "\"");
     v = resolve(iv, out_.mesh.position.size());
     t = -1;
-    if (*end == '/' && end[1] != '/') {
+    if (textured_ && *end == '/' && end[1] != '/') {
       const char *p = end + 1;
       t = resolve(std::strtol(p, &end, 10), out_.mesh.material_position.size());
       if (end == p) fail("expected a texture index");
@@ -185,7 +186,7 @@ private:
     const long last = line_;
     for (const Polygon &p : polygons_) check_convex(p);
     line_ = last;
-    if (m.material_face.empty()) m.material_position.clear();
+    if (textured_ && m.material_face.empty()) fail_without_texture(file_, false);
     const auto count = static_cast<int>(m.position.size());
     for (const MeshStitch &s : out_.stitches)
       for (int v : {s.a, s.b, s.c})
@@ -196,6 +197,7 @@ private:
 
   std::string file_, text_;
   double scale_, material_scale_;
+  bool textured_;  // texture coordinates are read
   long line_ = 0;
   std::vector<Polygon> polygons_;  // with more than three corners
   ObjFile out_;
@@ -203,9 +205,16 @@ private:
 
 }  // namespace
 
-ObjFile read_obj(const std::filesystem::path &file, double scale, double material_scale)
+ObjFile read_obj(const std::filesystem::path &file, double scale, RestShape rest, double material_scale)
 {
-  return ObjReader(file, scale, material_scale).read();
+  return ObjReader(file, scale, rest, material_scale).read();
+}
+
+void fail_without_texture(const std::string &file, bool some)
+{
+  throw MeshError(file + ": has no texture coordinates" + (some ? " in some of its meshes" : "") +
+                  ", which rest \"uv\" takes as the rest shape; unwrap it in the program that made it, or leave rest "
+                  "out, and the start is the rest shape");
 }
 
 }  // namespace cama

@@ -65,6 +65,25 @@ void ripple(const Field &f, std::vector<dvec3> &position)
   for (dvec3 &x : position) x.z += a * std::sin(k * x.x) * std::sin(0.7 * k * x.y + 1);
 }
 
+/// Rest shape of a mesh file and, if it is uv, the length of a texture unit in `material_scale`, m.
+RestShape read_rest(const Field &f, double &material_scale)
+{
+  if (f.has("material_space"))
+    f.at("material_space")
+        .fail(f.at("material_space").json() == false
+                  ? "is \"rest\" now; leave it out, for the start is the rest shape unless texture coordinates are "
+                    "asked for"
+                  : "is \"rest\" now; write \"rest\": \"uv\" in its place");
+  const std::string rest = f.text("rest", "start");
+  if (rest != "start" && rest != "uv") f.at("rest").fail("must be \"start\" or \"uv\", got " + f.at("rest").brief());
+  if (rest == "start" && f.has("material_scale"))
+    f.at("material_scale")
+        .fail("is the length of a texture unit, and texture coordinates are not the rest shape; write \"rest\": "
+              "\"uv\" beside it, or leave it out");
+  material_scale = f.positive("material_scale", 1);
+  return rest == "uv" ? RestShape::uv : RestShape::start;
+}
+
 }  // namespace
 
 double cloth_area(const Field &f)
@@ -91,22 +110,30 @@ std::filesystem::path SceneReader::file_path(const Field &f) const
   return p.is_absolute() ? p : folder_ / p;
 }
 
-Mesh SceneReader::read_mesh_file(const Field &f, bool keep_material, std::vector<MeshStitch> *stitches) const
+/// The mesh of a file; for cloth with its rest shape, which is noted there, and its stitches.
+Mesh SceneReader::read_mesh_file(const Field &f, Cloth *cloth, std::vector<MeshStitch> *stitches) const
 {
   const bool plain = f.json().is_string();
-  if (!plain) f.only({"path", "scale", "material_scale", "material_space", "positions", "stitches"});
+  double material_scale = 1;
+  RestShape rest = RestShape::start;
+  if (!plain && cloth) {
+    rest = read_rest(f, material_scale);
+    f.only({"path", "scale", "rest", "material_scale", "positions", "stitches"});
+    if (rest == RestShape::uv) cloth->material_scale = material_scale;
+  } else if (!plain)
+    f.only({"path", "scale", "positions"});
   const std::filesystem::path path = file_path(plain ? f : f.at("path"));
-  const double scale = plain ? 1 : f.positive("scale", 1), material_scale = plain ? 1 : f.positive("material_scale", 1);
+  const double scale = plain ? 1 : f.positive("scale", 1);
   Mesh m;
-  if (is_obj(path)) {
-    ObjFile file = read_obj(path, scale, material_scale);
-    m = std::move(file.mesh);
-    if (stitches && (plain || f.boolean("stitches", true))) *stitches = std::move(file.stitches);
-  } else
-    m = load_mesh(path, scale, material_scale);
-  if (!keep_material || (!plain && !f.boolean("material_space", true))) {
-    m.material_position.clear();
-    m.material_face.clear();
+  try {
+    if (is_obj(path)) {
+      ObjFile file = read_obj(path, scale, rest, material_scale);
+      m = std::move(file.mesh);
+      if (stitches && (plain || f.boolean("stitches", true))) *stitches = std::move(file.stitches);
+    } else
+      m = load_mesh(path, scale, rest, material_scale);
+  } catch (const MeshError &e) {
+    f.fail(e.what());
   }
   if (!plain && f.has("positions")) {
     const Mesh other = load_mesh(file_path(f.at("positions")), scale);
@@ -186,7 +213,7 @@ Mesh SceneReader::obstacle_shape(const Field &f, Motion &motion, std::string &so
     return c.mesh;
   }
   if (source == "mesh") return read_inline_mesh(s);
-  Mesh m = read_mesh_file(s, false, nullptr);
+  Mesh m = read_mesh_file(s, nullptr, nullptr);
   source = s.json().is_string() ? s.text() : s.at("path").text();
   return m;
 }
@@ -281,9 +308,9 @@ Pattern SceneReader::read_garment(const Field &f, int triangles) const
   }
 }
 
-Pattern SceneReader::cloth_shape(const Field &f, int triangles, std::string &source,
-                                 std::vector<MeshStitch> &stitches) const
+Pattern SceneReader::cloth_shape(const Field &f, int triangles, Cloth &cloth, std::vector<MeshStitch> &stitches) const
 {
+  std::string &source = cloth.source;
   source = one_of(f, {"grid", "tube", "garment", "file", "mesh"});
   const Field s = f.at(source);
   Pattern p;
@@ -308,7 +335,7 @@ Pattern SceneReader::cloth_shape(const Field &f, int triangles, std::string &sou
   else if (source == "mesh")
     p.mesh = read_inline_mesh(s);
   else {
-    p.mesh = read_mesh_file(s, true, &stitches);
+    p.mesh = read_mesh_file(s, &cloth, &stitches);
     source = s.json().is_string() ? s.text() : s.at("path").text();
   }
   return p;
@@ -321,13 +348,11 @@ void SceneReader::read_cloth(const Field &f, std::size_t index)
   Cloth c;
   c.name = f.text("name", "cloth " + std::to_string(index));
   std::vector<MeshStitch> stitches;
-  Pattern p = cloth_shape(f, triangles_[index], c.source, stitches);
+  Pattern p = cloth_shape(f, triangles_[index], c, stitches);
   c.source = f.text("source", c.source);
   c.mesh = std::move(p.mesh);
   if (f.has("transform")) {
     const RigidTransform t = read_transform(f.at("transform"));
-    if (c.mesh.material_face.empty() && t.scale != 1)
-      f.at("transform").fail("a cloth without material space cannot be scaled after it is made; scale its file");
     apply_transform(t, c.mesh.position);
     for (MaterialPoint &u : c.mesh.material_position) u = {t.scale * u[0], t.scale * u[1]};
   }

@@ -21,7 +21,7 @@ public:
 private:
   void read_settings(const Field &f);
   Material read_material(const Field &f, const std::string &name) const;
-  Mesh read_mesh_file(const Field &f, bool keep_material, std::vector<MeshStitch> *stitches) const;
+  Mesh read_mesh_file(const Field &f, Cloth *cloth, std::vector<MeshStitch> *stitches) const;
   std::filesystem::path file_path(const Field &f) const;
 
   void read_obstacle(const Field &f, std::size_t index);
@@ -30,7 +30,7 @@ private:
 
   void plan_cloths(const std::vector<Field> &all);
   void read_cloth(const Field &f, std::size_t index);
-  Pattern cloth_shape(const Field &f, int triangles, std::string &source, std::vector<MeshStitch> &stitches) const;
+  Pattern cloth_shape(const Field &f, int triangles, Cloth &cloth, std::vector<MeshStitch> &stitches) const;
   Pattern read_garment(const Field &f, int triangles) const;
 
   void read_pin(const Field &f);

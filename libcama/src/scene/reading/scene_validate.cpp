@@ -148,8 +148,9 @@ void check_stitch(const Scene &s, std::size_t i)
 /// Rejects a cloth whose rest shape is the start at another scale, as happens with texture coordinates in other units
 /// or of an image: it would snap to that size. Cloth that starts crumpled, sheared or collapsed is not stretched
 /// uniformly everywhere, nor by factors that units explain.
-void check_material_scale(const std::string &object, const Mesh &m)
+void check_material_scale(const std::string &object, const Cloth &cloth)
 {
+  const Mesh &m = cloth.mesh;
   constexpr double least = 3, most = 1e5, same = 0.1, share = 0.9;
   if (m.material_face.empty()) return;
   std::vector<double> large, small;  // principal stretches of each face, from the rest shape to the start
@@ -179,17 +180,20 @@ void check_material_scale(const std::string &object, const Mesh &m)
     uniform += std::abs(large[f] - factor[0]) <= same * factor[0] && std::abs(small[f] - factor[1]) <= same * factor[1];
   if (!(away > least && away < most) || static_cast<double>(uniform) < share * static_cast<double>(large.size()))
     return;
-  char what[160];
+  char what[240];
   if (factor[0] <= (1 + same) * factor[1]) {
     const double times = std::sqrt(factor[0] * factor[1]);
+    const bool texture = cloth.material_scale > 0;
     std::snprintf(what, sizeof what,
-                  "%.4g times as %s as its start, in every direction; check the units (material_scale %.4g would make "
-                  "them equal)",
-                  std::max(times, 1 / times), times < 1 ? "large" : "small", times);
+                  "%.4g times as %s as its start, in every direction; check the units (%s %.4g would make them equal), "
+                  "or take the start as rest shape",
+                  std::max(times, 1 / times), times < 1 ? "large" : "small",
+                  texture ? "material_scale" : "material coordinates times",
+                  texture ? times * cloth.material_scale : times);
   } else {
     std::snprintf(what, sizeof what,
                   "not its start's: that is %.4g times as long one way and %.4g times the other; texture coordinates "
-                  "of an image are no rest shape",
+                  "of an image are no rest shape: take the start as rest shape",
                   factor[0], factor[1]);
   }
   throw MeshError("mesh of " + object + ": its material space is " + what);
@@ -207,7 +211,7 @@ void Scene::validate() const
     if (!names.insert(c.name).second)
       throw SceneError("cloth: two cloths are named \"" + c.name + "\"; give each its own name");
     c.mesh.validate(object);
-    check_material_scale(object, c.mesh);
+    check_material_scale(object, c);
     c.material.validate(object);
     if (c.material.static_friction != -1 && c.material.friction == -1)
       check_static_friction(object + ": material.static_friction", c.material.static_friction, contact.friction);
