@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Meshes whose triangles share no vertices are welded; judged by trimesh and by counting."""
 
+import json
+
 import numpy as np
 import pytest
 import trimesh
@@ -8,6 +10,7 @@ import trimesh
 import cama
 from conftest import grid
 from test_plausibility import apart
+from test_rest_shape import from_json, from_python, obj
 
 
 def add(vertices, faces, weld=True, **more):
@@ -105,9 +108,14 @@ def test_a_wrong_distance_is_refused(weld, word):
 
 def test_groups_are_those_of_all_pairs():
     """Random points at four distances, against every pair and a flood fill."""
-    from cama.welding import groups
-
     points = np.random.default_rng(5).uniform(size=(300, 3))
+    far = np.array([[9.0, 9, 9], [10, 9, 9], [9, 10, 9]])  # of a triangle that makes it a mesh
+    mesh = cama._core.Mesh(
+        np.concatenate([points, far]),
+        np.array([[300, 301, 302]], np.int32),
+        np.zeros((0, 2)),
+        np.zeros((0, 3), np.int32),
+    )
     for distance in (0.01, 0.05, 0.08, 0.2):
         near = np.linalg.norm(points[:, None] - points[None], axis=2) <= distance
         label = -np.ones(len(points), int)
@@ -118,5 +126,73 @@ def test_groups_are_those_of_all_pairs():
                     new = np.flatnonzero(near[front].any(axis=0) & (label < 0))
                     label[new] = seed
                     front = list(new)
-        index, first = groups(points, distance)
-        assert (first[index] == label).all()
+        welded, index = cama._core.weld(mesh, distance)
+        first, expected = np.unique(label, return_inverse=True)
+        assert (index[:300] == expected).all() and len(welded.vertices) == len(first) + 3
+        assert (welded.vertices[index[:300]] == points[label]).all()
+
+
+def seamed(path):
+    """Two squares of 4 x 4 cells with a vertex of their own at each corner of a triangle, texture coordinates that are
+    apart, two stitches of which one sews what welding joins, and a vertex that is off by 0.4 mm.
+    """
+    vertices, faces = grid(4)
+    twice = np.concatenate([vertices, vertices + [1, 0, 0]])
+    soup, own = apart(twice, np.concatenate([faces, faces + len(vertices)]))
+    soup[7] += [0, 0, 4e-4]
+    texture = soup[:, :2] + np.where(np.arange(len(soup)) < len(soup) // 2, 0, 3)[:, None] * [1, 0]
+
+    def at(place):
+        return np.flatnonzero((soup == place).all(axis=1))
+
+    left, right, border = at(vertices[0]), at(vertices[-1] + [1, 0, 0]), at(vertices[-1])
+    stitches = [f"stitch {left[0]} {right[0]} {border[-1]} 0.25", f"stitch {border[0]} {border[1]} {left[0]} 0"]
+    return obj(path, soup, own, texture, stitches)
+
+
+@pytest.mark.parametrize(
+    ("weld", "vertices", "stitches"), [(True, 46, 1), (1e-3, 45, 1), (0.0, 46, 1), (False, 192, 2)]
+)
+@pytest.mark.parametrize("rest", ["start", "uv"])
+def test_weld_of_a_scene_file_is_that_of_python(tmp_path, weld, vertices, stitches, rest):
+    """There are 5 x 9 places, and the vertex that is off."""
+    path = seamed(tmp_path / "soup.obj")
+    place = {"translate": [0.25, 0, 2]}
+    there = from_json(tmp_path, {"path": path.name, "rest": rest, "weld": weld}, transform=place)
+    here = from_python(path, rest=rest, weld=weld, translate=place["translate"])
+    one, other = here.cloths[0], there.cloths[0]
+    for part in ("vertices", "faces", "material_vertices", "material_faces"):
+        np.testing.assert_array_equal(getattr(one, part), getattr(other, part))
+    assert json.loads(here.to_json()).get("stitches") == json.loads(there.to_json()).get("stitches")
+    assert (len(one.vertices), here.stitch_count) == (vertices, stitches)
+
+
+def test_obstacles_and_written_out_meshes_of_a_scene_file_are_welded(tmp_path):
+    soup, own = apart(*grid(4))
+    obj(tmp_path / "soup.obj", soup, own)
+    mesh = {"position": soup.tolist(), "face": own.tolist(), "weld": True}
+    sampled = {"time": [0, 1], "position": [soup.tolist(), (soup + 1).tolist()]}
+    scene = cama.Scene.parse(
+        {
+            "obstacles": [{"file": {"path": "soup.obj", "weld": True}}, {"mesh": mesh}, {"file": "soup.obj"}],
+            "cloth": [{"mesh": mesh}],
+        },
+        tmp_path,
+    )
+    assert [len(part.vertices) for part in (*scene.obstacles, *scene.cloths)] == [25, 25, 96, 25]
+    with pytest.raises(cama.SceneError, match=r"obstacles\[0\].mesh.weld: its motion gives positions of every vertex"):
+        cama.Scene.parse({"obstacles": [{"mesh": mesh, "motion": {"sampled": sampled}}]})
+
+
+@pytest.mark.parametrize(
+    ("weld", "text"),
+    [
+        (0.2, "0.2 is not a distance from 0 to 0.1 m"),
+        (-1, "-1 is not a distance"),
+        ("all", 'expected true, false or a distance in m, got "all"'),
+    ],
+)
+def test_a_scene_file_names_a_wrong_distance(tmp_path, weld, text):
+    obj(tmp_path / "sheet.obj", *grid(2))
+    with pytest.raises(cama.SceneError, match=rf"cloth\[0\].file.weld: {text}"):
+        from_json(tmp_path, {"path": "sheet.obj", "weld": weld})

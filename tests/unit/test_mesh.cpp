@@ -144,6 +144,40 @@ TEST_CASE("texture coordinates become material space where asked for", "[mesh][i
   CHECK(contains(thrown<FileError>([&] { load_mesh(mixed, 1, RestShape::uv); }), "some faces have texture"));
 }
 
+TEST_CASE("two squares that share no vertex are welded along their border", "[mesh]")
+{
+  Mesh m = square();  // and its neighbour, whose texture is elsewhere
+  for (const dvec3 &x : square().position) m.position.push_back({x.x + 1, x.y, x.z + 1e-4});
+  for (const Triangle &t : square().face) {
+    m.face.push_back({t[0] + 4, t[1] + 4, t[2] + 4});
+    m.material_face.push_back(m.face.back());
+  }
+  for (const MaterialPoint &u : square().material_position) m.material_position.push_back({u[0] + 5, u[1]});
+  const WeldDistances range = weld_distances(m);
+  CHECK(range.coincident == 2e-6);
+  CHECK(range.largest == Approx(0.2));
+  CHECK(weld(m, range.coincident).mesh.face == m.face);  // 0.1 mm apart
+  const WeldedMesh welded = weld(m, 2e-4);
+  CHECK(welded.vertex == std::vector<int>{0, 1, 2, 3, 1, 4, 5, 2});
+  REQUIRE(welded.mesh.position.size() == 6);
+  CHECK(welded.mesh.position[1].z == 0);  // of the first
+  CHECK(welded.mesh.face == std::vector<Triangle>{{0, 1, 2}, {0, 2, 3}, {1, 4, 5}, {1, 5, 2}});
+  CHECK(welded.mesh.material_face == m.material_face);
+  CHECK(welded.mesh.material_position == m.material_position);
+  const std::vector<MeshStitch> left = renumber({{1, 4, 5, 0.0}, {0, 5, 7, 0.5}, {6, 5, 6, 1.0}}, welded.vertex);
+  REQUIRE(left.size() == 1);  // the first sewed what is one vertex now, the last a vertex to an edge of its own
+  CHECK((left[0].a == 0 && left[0].b == 4 && left[0].c == 2 && left[0].ratio == 0.5));
+  // A sliver that collapses goes, and so does its vertex.
+  m.position.push_back({0, -1e-5, 0});
+  m.face.push_back({0, 8, 3});
+  m.material_face.push_back({0, 1, 3});
+  const WeldedMesh whole = weld(m, 2e-4);
+  CHECK(whole.mesh.face == welded.mesh.face);
+  CHECK(whole.vertex.back() == 0);
+  m.face.back()[1] = 99;
+  CHECK(weld(m, 2e-4).mesh.position.size() == m.position.size());  // left to validate
+}
+
 TEST_CASE("a concave polygon of an OBJ is refused, a convex one and one that is not flat are not", "[mesh][io]")
 {
   const auto quad = [](const std::string &corner) {

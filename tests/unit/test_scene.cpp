@@ -357,6 +357,7 @@ TEST_CASE("cloth from a file starts at rest unless its texture coordinates are a
   CHECK(Scene::parse(start.save(), ".").cloths[0].mesh.material_face.empty());
   CHECK(contains(thrown<SceneError>([&] { read(R"(, "material_space": true)"); }), "write \"rest\": \"uv\""));
   CHECK(contains(thrown<SceneError>([&] { read(R"(, "material_scale": 2)"); }), "cloth[0].file.material_scale"));
+  CHECK(contains(thrown<SceneError>([&] { read(R"(, "weld": 0.06)"); }), "from 0 to 0.05 m"));
 }
 
 TEST_CASE("sewing lines of a file become stitches of the scene", "[scene][data]")

@@ -134,8 +134,8 @@ def _unwelded(name: str, count: int, of: int, kind: str) -> Finding:
         name,
         "vertices",
         f"{count:,} of {of:,} vertices coincide with another one",
-        f"weld them, for triangles are joined by the vertices they share: weld=True of Scene.add_{kind}, or merge them "
-        "in the program that made the mesh",
+        f"weld them, for triangles are joined by the vertices they share: weld=True of Scene.add_{kind}, "
+        '"weld": true beside the path in scene.json, or merge them in the program that made the mesh',
     )
 
 

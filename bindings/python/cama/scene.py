@@ -22,7 +22,7 @@ from .motion import Motion
 from .options import nested, overrides_of
 from .parts import Cloth, Obstacle, Part
 from .types import ArrayLike, Description, Integers, MeshLike, PathLike, Vector, VectorLike
-from .welding import Weld, distance_of, welded
+from .welding import Weld, distance_of
 
 if TYPE_CHECKING:
     from typing_extensions import Self
@@ -252,7 +252,8 @@ class Scene:
             weld: Whether to join vertices of `mesh` that coincide, so that triangles which share a place share its
                 vertices. True: vertices within a millionth of the mesh's extent; a number: within this distance, m,
                 after `scale`. Each group keeps the position of its first vertex; vertices are then numbered in the
-                order of these, triangles that collapse are left out, and material coordinates stay.
+                order of these, triangles that collapse are left out, and material coordinates stay. Stitches of a
+                file are renumbered; one whose vertex has become one of the edge it is drawn to is left out.
             name: Name in error texts and results.
 
         Raises:
@@ -277,11 +278,7 @@ class Scene:
         cloth.velocity = vector(f"{name}: velocity", velocity)
         handle = Cloth(self, self._core.add_cloth(cloth))
         if isinstance(mesh, (str, os.PathLike)) and Path(mesh).suffix.lower() == ".obj":
-            for a, b, c, ratio in _core.load_stitches(Path(mesh)):
-                if renumbered is not None:
-                    a, b, c = (int(renumbered[vertex]) for vertex in (a, b, c))
-                    if a in (b, c) or min(a, b, c) < 0:
-                        continue  # welding has joined what the stitch would
+            for a, b, c, ratio in _core.load_stitches(Path(mesh), renumbered):
                 self._core.add_stitch(handle.index, a, handle.index, b, c, ratio, 1e3)
         return handle
 
@@ -398,14 +395,14 @@ class Scene:
     @staticmethod
     def _weld(name: str, part: Any, weld: Weld, shape: Description | None) -> Integers | None:
         """Welds the mesh of a compiled Cloth or Obstacle; returns the new vertex [n] of each old one, None: the old."""
-        distance = distance_of(name, weld, part.mesh.vertices)
+        distance = distance_of(name, weld, part.mesh)
         if distance is None:
             return None
         if shape is not None:
             raise SceneError(f"{name}: weld: a generated shape has no vertices that coincide; leave it out")
         if isinstance(part, _core.Obstacle) and not part.motion.is_rigid:
             raise SceneError(f"{name}: weld: its motion gives positions of every vertex; weld the mesh and them before")
-        part.mesh, renumbered = welded(part.mesh, distance)
+        part.mesh, renumbered = _core.weld(part.mesh, distance)
         return renumbered
 
     def pin(

@@ -66,10 +66,20 @@ void bind_mesh(py::module_ &m)
         return load_mesh(file, scale, uv ? RestShape::uv : RestShape::start, material_scale);
       },
       py::call_guard<py::gil_scoped_release>());
+  m.def("weld_distances", [](const Mesh &mesh) {
+    const WeldDistances d = weld_distances(mesh);
+    return std::pair(d.coincident, d.largest);
+  });
+  m.def("weld", [](const Mesh &mesh, double distance) {
+    WeldedMesh welded = weld(mesh, distance);
+    return std::pair(std::move(welded.mesh), to_array<int>(welded.vertex));
+  });
   m.def("save_obj", &save_obj);
-  m.def("load_stitches", [](const std::filesystem::path &file) {
+  m.def("load_stitches", [](const std::filesystem::path &file, const std::optional<Ints> &vertex) {
     py::list rows;
-    for (const MeshStitch &s : load_stitches(file)) rows.append(py::make_tuple(s.a, s.b, s.c, s.ratio));
+    std::vector<MeshStitch> stitches = load_stitches(file);
+    if (vertex) stitches = renumber(stitches, to_vector<int>(*vertex));
+    for (const MeshStitch &s : stitches) rows.append(py::make_tuple(s.a, s.b, s.c, s.ratio));
     return rows;
   });
 }

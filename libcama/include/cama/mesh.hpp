@@ -46,6 +46,27 @@ Mesh load_mesh(const std::filesystem::path &file, double scale = 1.0, RestShape 
                double material_scale = 1.0);
 /// The lines "stitch a b c ratio" of an OBJ file (vertices counted from 0); other formats have none. Throws FileError.
 std::vector<MeshStitch> load_stitches(const std::filesystem::path &file);
+
+/// Distances to weld at, m: `coincident` joins vertices that differ by rounding, a millionth of the longest side of the
+/// mesh's bounding box; more than `largest`, a tenth of it, is not meant.
+struct WeldDistances {
+  double coincident = 0, largest = 0;
+};
+WeldDistances weld_distances(const Mesh &mesh);
+
+struct WeldedMesh {
+  Mesh mesh;
+  std::vector<int> vertex;  ///< [old vertices] new vertex; -1: none
+};
+/// Joins vertices that are no more than `distance` (m) apart, and what is joined to the same vertex. Each group keeps
+/// the position of its first vertex, and vertices are numbered in the order of these. Triangles that collapse are left
+/// out, and so are vertices that no other triangle uses. Material coordinates stay: seams remain open in material
+/// space. A mesh with an index out of range or a coordinate that is not finite is returned as it is.
+WeldedMesh weld(const Mesh &mesh, double distance);
+/// Renumbers stitches after welding; a stitch whose vertex has become one of the edge it is drawn to, or has gone, is
+/// left out.
+std::vector<MeshStitch> renumber(const std::vector<MeshStitch> &stitches, const std::vector<int> &vertex);
+
 /// Writes OBJ, with material coordinates if there are any. Throws FileError.
 void save_obj(const std::filesystem::path &file, const Mesh &mesh);
 

@@ -3,6 +3,8 @@
 #include <algorithm>
 #include <cctype>
 #include <cmath>
+#include <cstdio>
+#include <optional>
 #include <utility>
 
 #include "scene/constants.hpp"
@@ -84,6 +86,36 @@ RestShape read_rest(const Field &f, double &material_scale)
   return rest == "uv" ? RestShape::uv : RestShape::start;
 }
 
+/// Welds a mesh if its source in the file says so; returns the new vertex of each old one, or nothing.
+std::optional<std::vector<int>> weld_if_asked(const Field &source, Mesh &mesh)
+{
+  if (!source.has("weld")) return {};
+  const Field f = source.at("weld");
+  const WeldDistances range = weld_distances(mesh);
+  double distance = range.coincident;
+  if (!f.json().is_boolean()) {
+    if (!f.json().is_number()) f.fail("expected true, false or a distance in m, got " + f.brief());
+    distance = f.finite();
+    char largest[32];
+    std::snprintf(largest, sizeof largest, "%.4g", range.largest);
+    if (distance < 0 || distance > range.largest)
+      f.fail(f.brief() + " is not a distance from 0 to " + largest +
+             " m, a tenth of the mesh's extent; give true, or a distance in m");
+  } else if (!f.boolean())
+    return {};
+  WeldedMesh welded = weld(mesh, distance);
+  mesh = std::move(welded.mesh);
+  return std::move(welded.vertex);
+}
+
+/// The part of an object of a scene file that describes its mesh, if it is one that can be welded.
+std::optional<Field> mesh_source(const Field &f)
+{
+  for (const char *key : {"file", "mesh"})
+    if (f.has(key)) return f.at(key);
+  return {};
+}
+
 }  // namespace
 
 double cloth_area(const Field &f)
@@ -118,10 +150,10 @@ Mesh SceneReader::read_mesh_file(const Field &f, Cloth *cloth, std::vector<MeshS
   RestShape rest = RestShape::start;
   if (!plain && cloth) {
     rest = read_rest(f, material_scale);
-    f.only({"path", "scale", "rest", "material_scale", "positions", "stitches"});
+    f.only({"path", "scale", "rest", "material_scale", "positions", "stitches", "weld"});
     if (rest == RestShape::uv) cloth->material_scale = material_scale;
   } else if (!plain)
-    f.only({"path", "scale", "positions"});
+    f.only({"path", "scale", "positions", "weld"});
   const std::filesystem::path path = file_path(plain ? f : f.at("path"));
   const double scale = plain ? 1 : f.positive("scale", 1);
   Mesh m;
@@ -256,6 +288,8 @@ void SceneReader::read_obstacle(const Field &f, std::size_t index)
       o.motion.sampled = std::move(moved);
     }
   }
+  if (const auto from = mesh_source(f); from && weld_if_asked(*from, o.mesh) && o.motion.sampled)
+    from->at("weld").fail("its motion gives positions of every vertex; weld the mesh and them before");
   scene_.obstacles.push_back(std::move(o));
 }
 
@@ -356,6 +390,8 @@ void SceneReader::read_cloth(const Field &f, std::size_t index)
     apply_transform(t, c.mesh.position);
     for (MaterialPoint &u : c.mesh.material_position) u = {t.scale * u[0], t.scale * u[1]};
   }
+  if (const auto from = mesh_source(f))
+    if (const auto vertex = weld_if_asked(*from, c.mesh)) stitches = renumber(stitches, *vertex);
   c.velocity = f.vector("velocity", c.velocity);
   if (!f.has("material"))
     c.material = Material::fabric("cotton");

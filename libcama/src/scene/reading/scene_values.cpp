@@ -130,7 +130,7 @@ Motion read_motion(const Field &f)
 
 Mesh read_inline_mesh(const Field &f)
 {
-  f.only({"position", "face", "material_position", "material_face"});
+  f.only({"position", "face", "material_position", "material_face", "weld"});
   Mesh m;
   m.position = points(f.at("position"));
   m.face = triangles(f.at("face"));
