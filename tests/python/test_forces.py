@@ -36,7 +36,7 @@ def busy_scene():
         motion=cama.Motion(velocity=(0, 0, 1.5), stop=0.08),
         name="ball",
     )
-    scene.add_obstacle(shape={"box": {"size": [0.2, 0.2, 0.1]}}, translate=(0.05, 0, 0.3), name="box")
+    scene.add_obstacle(shape={"box": {"size": [0.2, 0.2, 0.1]}}, translate=(0.05, 0, 0.3), name="box", friction=0.5)
     scene.attach("patch", [0], "box")
     return scene
 

@@ -412,6 +412,12 @@ struct Failing : StagedEngine {
   PlantedFailure *planted;
 };
 
+std::vector<dvec3> cloth_of(const Simulation &simulation, std::vector<dvec3> values)
+{
+  values.resize(static_cast<std::size_t>(simulation.cloth_vertex_count()));
+  return values;
+}
+
 }  // namespace
 
 TEST_CASE("a step that the solver cannot do is done in halves", "[newton][failures]")
@@ -419,7 +425,7 @@ TEST_CASE("a step that the solver cannot do is done in halves", "[newton][failur
   for (Integrator integrator : {Integrator::backward_euler, Integrator::bdf2})
     for (Plant how : {Plant::error, Plant::not_a_number}) {
       Options o = serial(), half = serial();
-      o.integrator = integrator;
+      o.integrator = half.integrator = integrator;
       Scene scene = meshes::pile(4), finer = scene;
       finer.time_step /= 2;
       Failing s(scene, o);
@@ -430,7 +436,8 @@ TEST_CASE("a step that the solver cannot do is done in halves", "[newton][failur
       CHECK(s.report().step == 1);
       CHECK(s.state.time.now == scene.time_step);
       expected.step();
-      expected.step();
+      expected.set_state(cloth_of(expected, expected.positions()), cloth_of(expected, expected.velocities()));
+      expected.step();   // without a history, as every piece
       CHECK(s.hash() == expected.state_hash());
       s.step();
       CHECK(s.report().retries == 0);

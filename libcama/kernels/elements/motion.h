@@ -66,6 +66,19 @@ KERNEL extrapolate_states(int n, GLOBAL const dvec3 *now, GLOBAL const dvec3 *be
   }
 }
 
+/* Prediction of the end of the step by a multistep integrator: v = v_n + (v_n - v_(n-1)) `extrapolate`, x = x* + step
+   v, of free vertices. n: cloth vertices. */
+KERNEL predict_states(int n, double extrapolate, double time_step, GLOBAL const int *fixed,
+                      GLOBAL const dvec3 *velocity, GLOBAL const dvec3 *before, GLOBAL const dvec3 *base,
+                      GLOBAL dvec3 *velocity_next, GLOBAL dvec3 *position_next)
+{
+  FOR_EACH(i, n) {
+    if (fixed[i]) continue;
+    velocity_next[i] = daxpy(velocity[i], extrapolate, dsub(velocity[i], before[i]));
+    position_next[i] = daxpy(base[i], time_step, velocity_next[i]);
+  }
+}
+
 /* Velocity of prescribed vertices over the step; zero elsewhere. */
 KERNEL prescribe_velocities(int n, GLOBAL const int *fixed, GLOBAL const dvec3 *position, GLOBAL const dvec3 *target,
                             double time_step, GLOBAL dvec3 *velocity_next)

@@ -97,6 +97,14 @@ KERNEL store_velocity(int n, GLOBAL const int *fixed, GLOBAL const vec3 *x, GLOB
   }
 }
 
+/* The solved changes of velocity are added; fixed vertices keep their prescribed velocity. n: cloth vertices. */
+KERNEL add_velocity(int n, GLOBAL const int *fixed, GLOBAL const vec3 *x, GLOBAL dvec3 *velocity_next)
+{
+  FOR_EACH(i, n) {
+    if (!fixed[i]) velocity_next[i] = dadd(velocity_next[i], to_dvec3(x[i]));
+  }
+}
+
 /* Velocity after this step from forces other than contact, with the elastic response left out: v + dt f / m. n: all
    vertices. */
 KERNEL free_velocities(int n, int rows, real time_step, GLOBAL const real *mass, GLOBAL const int *fixed,

@@ -39,20 +39,6 @@ DEVICE double contact_gap(contact c, int refresh, GLOBAL const dvec3 *start, GLO
   return gap;
 }
 
-/* Changes the push of contacts to that at the base of the step, where the base is not its start. */
-KERNEL shift_contact_terms(int n, GLOBAL const contact *contacts, GLOBAL const dvec3 *start, GLOBAL const dvec3 *base,
-                           real step, GLOBAL term *terms)
-{
-  FOR_EACH(i, n) {
-    double moved = 0.0;
-    int a;
-    for (a = 0; a < 4; ++a)
-      moved +=
-          contacts[i].weight[a] * ddot(contacts[i].normal, dsub(base[contacts[i].node[a]], start[contacts[i].node[a]]));
-    terms[i].push -= step * (real)(contacts[i].stiffness * moved);
-  }
-}
-
 /* Terms of contacts at the iterate x: a contact that is open there does not push; friction remains that of the step's
    start. */
 KERNEL update_contact_terms(int n, int refresh, GLOBAL const contact *contacts, GLOBAL const dvec3 *start,

@@ -10,31 +10,36 @@
 #include "linear_system.h"
 #include "term.h"
 
-/* How the solve took its forces. */
-#define SOLVE_OPERATOR 0 /* linearised, terms apart from the matrix */
-#define SOLVE_MATRIX 1 /* linearised, the matrix includes the terms of cloth vertices */
-#define SOLVE_NEWTON 2 /* forces at the solution */
-
-/* The impulse of a term on its node a, N s, at the velocities of the solve. */
-DEVICE vec3 term_impulse(term t, int form, int newton, int a, GLOBAL const dvec3 *velocity)
+/* The impulse of a term on its node a, N s: with the forces where they were linearised, and the matrix times `change`,
+   by which the solve moved the velocities from there. contact: 1, or 0 for a stitch. newton: the forces are those of
+   the solution itself. in_matrix: leaves out what the matrix of the elements has. */
+DEVICE vec3 term_impulse(term t, int contact, int form, int newton, int in_matrix, int a, GLOBAL const dvec3 *velocity,
+                         GLOBAL const vec3 *change)
 {
-  vec3 sum = scale(t.weight[a] * t.push, t.normal), across = vec3_make((real)0, (real)0, (real)0);
+  vec3 sum = scale(t.weight[a] * t.push, t.normal), before = vec3_make((real)0, (real)0, (real)0), by = before;
   int b;
   for (b = 0; b < 4; ++b)
-    if (t.node[b] >= 0) across = axpy(across, term_coupling(t, form, a, b), to_vec3(velocity[t.node[b]]));
-  if (newton) return axpy(sum, -t.around, axpy(across, -dot(t.normal, across), t.normal));
-  return axpy(axpy(sum, -t.along * dot(t.normal, across), t.normal), -t.around, across);
+    if (t.node[b] >= 0) {
+      real c = term_coupling(t, form, a, b);
+      vec3 v = to_vec3(velocity[t.node[b]]);
+      if (!newton) by = axpy(by, c, change[t.node[b]]);
+      before = axpy(before, c, newton ? v : sub(v, change[t.node[b]]));
+    }
+  if (!newton && !in_matrix) sum = axpy(axpy(sum, -t.along * dot(t.normal, by), t.normal), -t.around, by);
+  return contact ? axpy(sum, -t.around, axpy(before, -dot(t.normal, before), t.normal)) : sum;
 }
 
 /* linear[i]: impulse of the cloth on vertex i, N s, angular[i]: its moment about the origin, N m s; zero for free
-   vertices. n: all vertices. row, incidence: of terms at all vertices. position: at the start of the step, where
-   contacts were found. properties: none without contact. */
-KERNEL solve_reactions(int n, int rows, int solve, int form, real time_step, GLOBAL const int *row,
-                       GLOBAL const int *incidence, GLOBAL const term *terms, GLOBAL const int *matrix_row,
-                       GLOBAL const int *matrix_column, GLOBAL const mat3 *block, GLOBAL const real *mass,
-                       GLOBAL const vec3 *force, GLOBAL const int *fixed, GLOBAL const dvec3 *base_velocity,
-                       GLOBAL const dvec3 *velocity, GLOBAL const dvec3 *position,
-                       GLOBAL const vertex_contact *properties, GLOBAL dvec3 *linear, GLOBAL dvec3 *angular)
+   vertices. n: all vertices. row, incidence: of terms at all vertices, the first `contacts` of which are contacts.
+   newton: the forces are those of the solution; in_matrix: the matrix has the terms of cloth vertices. position: at the
+   start of the step, where contacts were found. properties: none without contact. */
+KERNEL solve_reactions(int n, int rows, int contacts, int newton, int in_matrix, int form, real time_step,
+                       GLOBAL const int *row, GLOBAL const int *incidence, GLOBAL const term *terms,
+                       GLOBAL const int *matrix_row, GLOBAL const int *matrix_column, GLOBAL const mat3 *block,
+                       GLOBAL const real *mass, GLOBAL const vec3 *force, GLOBAL const int *fixed,
+                       GLOBAL const dvec3 *base_velocity, GLOBAL const dvec3 *velocity, GLOBAL const vec3 *change,
+                       GLOBAL const dvec3 *position, GLOBAL const vertex_contact *properties, GLOBAL dvec3 *linear,
+                       GLOBAL dvec3 *angular)
 {
   FOR_EACH(i, n) {
     dvec3 sum = dvec3_make(0.0, 0.0, 0.0), moment = sum;
@@ -42,21 +47,19 @@ KERNEL solve_reactions(int n, int rows, int solve, int form, real time_step, GLO
     if (fixed[i]) {
       for (k = row[i]; k < row[i + 1]; ++k) {
         term t = terms[incidence[k] >> 2];
-        int a = incidence[k] & 3;
+        int a = incidence[k] & 3, contact = (incidence[k] >> 2) < contacts;
         /* towards the other side, by the radius of an exact obstacle */
         double reach = properties && i >= rows ? (t.weight[a] < (real)0 ? 1.0 : -1.0) * properties[i].radius : 0.0;
-        dvec3 own =
-            to_dvec3(i < rows && solve == SOLVE_MATRIX ? scale(t.weight[a] * t.push, t.normal)
-                                                       : term_impulse(t, form, solve == SOLVE_NEWTON, a, velocity));
+        dvec3 own = to_dvec3(term_impulse(t, contact, form, newton, in_matrix && i < rows, a, velocity, change));
         sum = dadd(sum, own);
         moment = dadd(moment, dcross(daxpy(position[i], reach, to_dvec3(t.normal)), own));
       }
       if (i < rows) {
         dvec3 own =
             daxpy(dscale((double)time_step, to_dvec3(force[i])), -(double)mass[i], dsub(velocity[i], base_velocity[i]));
-        if (solve != SOLVE_NEWTON)
+        if (!newton)
           for (k = matrix_row[i]; k < matrix_row[i + 1]; ++k)
-            own = dsub(own, to_dvec3(mat3_multiply(block[k], to_vec3(dsub(velocity[matrix_column[k]], velocity[i])))));
+            own = dsub(own, to_dvec3(mat3_multiply(block[k], sub(change[matrix_column[k]], change[i]))));
         sum = dadd(sum, own);
         moment = dadd(moment, dcross(position[i], own));
       }
@@ -67,15 +70,15 @@ KERNEL solve_reactions(int n, int rows, int solve, int form, real time_step, GLO
 }
 
 /* impulse[i]: of contact i on its side A, N s. */
-KERNEL contact_impulses(int n, int solve, int form, GLOBAL const term *terms, GLOBAL const dvec3 *velocity,
-                        GLOBAL dvec3 *impulse)
+KERNEL contact_impulses(int n, int newton, int form, GLOBAL const term *terms, GLOBAL const dvec3 *velocity,
+                        GLOBAL const vec3 *change, GLOBAL dvec3 *impulse)
 {
   FOR_EACH(i, n) {
     term t = terms[i];
     vec3 sum = vec3_make((real)0, (real)0, (real)0);
     int a;
     for (a = 0; a < 4; ++a)
-      if (t.weight[a] > (real)0) sum = add(sum, term_impulse(t, form, solve == SOLVE_NEWTON, a, velocity));
+      if (t.weight[a] > (real)0) sum = add(sum, term_impulse(t, 1, form, newton, 0, a, velocity, change));
     impulse[i] = to_dvec3(sum);
   }
 }

@@ -252,6 +252,7 @@ template <class Real> void set_up(State &state, const Scene &scene, const Topolo
   state.mesh.position_next = Stream<dvec3>(b, t.position);
   state.mesh.velocity_next = Stream<dvec3>(b, velocity);
   if (state.options.integrator == Integrator::bdf2) {
+    state.time.predicted = true;
     state.mesh.position_before = Stream<dvec3>(b, t.position);
     state.mesh.velocity_before = Stream<dvec3>(b, velocity);
     state.mesh.position_base = Stream<dvec3>(b, t.position);

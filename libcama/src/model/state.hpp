@@ -33,6 +33,7 @@ struct Clock {
   double start = 0;  // now = start + (number of the step - start_step) step
   int start_step = 0;
   double implicit_step = 0;  // h of v = v* + h M^-1 f(x* + h v): step, or 2/3 of it with a history
+  bool predicted = false;  // the step is linearised at a predicted state, otherwise at its base
   bool multistep = false;  // BDF2: this step uses the previous state
   bool history = false;  // BDF2: the next step may use this one
 
@@ -43,6 +44,7 @@ struct Clock {
     f("start_time", Life::run, start);
     f("start_step", Life::run, start_step);
     f("implicit_step", Life::step, implicit_step);
+    f("predicted", Life::scene, predicted);
     f("multistep", Life::step, multistep);
     f("history", Life::run, history);
   }
@@ -72,6 +74,11 @@ struct MeshState {
   int object_of(int vertex) const;
   /// "cloth 'shirt', vertex 12": a vertex in the numbering of its own object.
   std::string describe(int vertex) const;
+  /// The positions at which the first solve of the step is linearised.
+  const Stream<dvec3> &linearised_position(const Clock &time) const
+  {
+    return time.predicted ? position_next : base_position(time);
+  }
   /// x*, v* of this step.
   const Stream<dvec3> &base_position(const Clock &time) const { return time.multistep ? position_base : position; }
   const Stream<dvec3> &base_velocity(const Clock &time) const { return time.multistep ? velocity_base : velocity; }

@@ -70,6 +70,7 @@ template <class Real> std::unique_ptr<Pipeline> make_pipeline(const Scene &scene
   if (options.integrator == Integrator::bdf2) step.add<Extrapolate>();
   if (needs_motion(scene)) step.add<PrescribedMotion>(scene, b);
   if (contact) proximity = &step.add<ProximityChecking>(scene, state);
+  if (options.integrator == Integrator::bdf2) step.add<PredictState>();
   Pipeline &assembly = step.add<Pipeline>("matrix assembly");
   EvaluateElements<Real> &elements = assembly.add<EvaluateElements<Real>>(scene);
   if (contact || state.elements.stitches) assembly.add<EvaluateTerms<Real>>(b);

@@ -33,12 +33,13 @@ template <class Real> void EvaluateTerms<Real>::run_on(const Rooms &state)
                      free_velocity_);
     CAMA_LAUNCH_REAL(Real, b, make_contact_terms, state.contact.contacts, state.contact.contact,
                      state.mesh.inverse_mass, free_velocity_, load_, dt, s.term);
-    if (state.time.multistep)
-      CAMA_LAUNCH_REAL(Real, b, shift_contact_terms, state.contact.contacts, state.contact.contact, state.mesh.position,
-                       state.mesh.position_base, dt, s.term);
   }
-  CAMA_LAUNCH_REAL(Real, b, make_stitch_terms, state.elements.stitches, state.elements.stitch,
-                   state.mesh.base_position(state.time), dt, state.contact.contacts, s.term);
+  const Stream<dvec3> &at = state.mesh.linearised_position(state.time);
+  if (state.time.predicted)
+    CAMA_LAUNCH_REAL(Real, b, update_contact_terms, state.contact.contacts, 0, state.contact.contact,
+                     state.mesh.position, at, state.contact.vertex_contact, dt, s.term);
+  CAMA_LAUNCH_REAL(Real, b, make_stitch_terms, state.elements.stitches, state.elements.stitch, at, dt,
+                   state.contact.contacts, s.term);
 }
 
 template class EvaluateTerms<double>;

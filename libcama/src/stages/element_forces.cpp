@@ -1,19 +1,22 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "stages/element_forces.hpp"
 
+#include <algorithm>
+
 #include "device/launch.hpp"
 #include "model/setup.hpp"
 
 namespace cama {
 template <class Real>
 EvaluateElements<Real>::EvaluateElements(const Scene &scene)
-    : windy_(has_wind(scene)), air_density_(scene.wind ? scene.wind->density : 0),
-      drag_(scene.wind ? scene.wind->drag : 0)
+    : windy_(has_wind(scene)), damped_(std::any_of(scene.cloths.begin(), scene.cloths.end(),
+                                                   [](const Cloth &c) { return c.material.damping != 0; })),
+      air_density_(scene.wind ? scene.wind->density : 0), drag_(scene.wind ? scene.wind->drag : 0)
 {}
 
 template <class Real> void EvaluateElements<Real>::run_on(const Rooms &state)
 {
-  evaluate(state, state.mesh.base_position(state.time), true);
+  evaluate(state, state.mesh.linearised_position(state.time), true);
 }
 
 template <class Real>
@@ -27,16 +30,32 @@ void EvaluateElements<Real>::add_wind(const Rooms &state, const Stream<dvec3> &p
 }
 
 template <class Real>
-void EvaluateElements<Real>::evaluate(const Rooms &state, const Stream<dvec3> &position, bool with_wind)
+void EvaluateElements<Real>::add_damping(const Rooms &state, const Stream<dvec3> &velocity,
+                                         Stream<vec3> &triangle_force, Stream<vec3> &hinge_force)
+{
+  Backend &b = *state.backend;
+  System<Real> &s = state.system.template of<Real>();
+  const Real h = static_cast<Real>(state.time.implicit_step);
+  CAMA_LAUNCH_REAL(Real, b, damp_triangles, state.mesh.triangles, s.triangle_rest, s.triangle_factor, s.material_scale,
+                   h, velocity, triangle_force);
+  CAMA_LAUNCH_REAL(Real, b, damp_hinges, state.mesh.hinges, s.hinge_rest, s.hinge_factor, s.material_scale, h, velocity,
+                   hinge_force);
+}
+
+template <class Real>
+void EvaluateElements<Real>::evaluate(const Rooms &state, const Stream<dvec3> &position, bool linearised)
 {
   Backend &b = *state.backend;
   System<Real> &s = state.system.template of<Real>();
   CAMA_LAUNCH_REAL(Real, b, evaluate_triangles, state.mesh.triangles, s.triangle_rest, s.stretching_table,
                    s.stretching_start, s.material_scale, position, s.triangle_factor, s.triangle_force);
-  if (windy_ && with_wind) add_wind(state, position, state.mesh.base_velocity(state.time), s.triangle_force);
+  const Stream<dvec3> &velocity =
+      state.time.predicted ? state.mesh.velocity_next : state.mesh.base_velocity(state.time);
+  if (windy_ && linearised) add_wind(state, position, velocity, s.triangle_force);
   if (state.mesh.hinges)
     CAMA_LAUNCH_REAL(Real, b, evaluate_hinges, state.mesh.hinges, s.hinge_rest, s.bending_table, s.material_scale,
                      state.options.arcsim_conventions ? 1 : 0, position, s.hinge_factor, s.hinge_force);
+  if (damped_ && linearised && state.time.predicted) add_damping(state, velocity, s.triangle_force, s.hinge_force);
   CAMA_LAUNCH_REAL(Real, b, gather_forces, state.mesh.cloth_vertices, state.elements.triangle_incidence.row,
                    state.elements.triangle_incidence.entry, s.triangle_force, state.elements.hinge_incidence.row,
                    state.elements.hinge_incidence.entry, s.hinge_force, state.mesh.hinges, s.mass,

@@ -14,14 +14,18 @@ public:
   void run_on(const Rooms &state) override;
 
   using vec3 = typename Types<Real>::vec3;
-  /// Forces and factors at these positions.
-  void evaluate(const Rooms &state, const Stream<dvec3> &position, bool with_wind);
+  /// Forces and factors at these positions, with the wind and damping of the linearised step or without.
+  void evaluate(const Rooms &state, const Stream<dvec3> &position, bool linearised);
   bool windy() const { return windy_; }
+  bool damped() const { return damped_; }
   /// force: [3 triangles].
   void add_wind(const Rooms &state, const Stream<dvec3> &position, const Stream<dvec3> &velocity, Stream<vec3> &force);
+  /// Adds the damping of the elements at these velocities, with the factors of the last evaluation.
+  void add_damping(const Rooms &state, const Stream<dvec3> &velocity, Stream<vec3> &triangle_force,
+                   Stream<vec3> &hinge_force);
 
 private:
-  bool windy_;
+  bool windy_, damped_;
   double air_density_ = 0, drag_ = 0;
 };
 

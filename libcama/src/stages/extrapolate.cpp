@@ -16,4 +16,12 @@ void Extrapolate::run_on(const Rooms &state)
               state.mesh.velocity_base);
 }
 
+void PredictState::run_on(const Rooms &state)
+{
+  const MeshState &mesh = state.mesh;
+  CAMA_LAUNCH(*state.backend, predict_states, mesh.cloth_vertices, state.time.multistep ? 1.0 : 0.0,
+              state.time.implicit_step, mesh.fixed, mesh.velocity, mesh.velocity_before, mesh.base_position(state.time),
+              state.mesh.velocity_next, state.mesh.position_next);
+}
+
 }  // namespace cama

@@ -14,4 +14,13 @@ public:
   void run_on(const Rooms &state) override;
 };
 
+/// State at which a step of BDF2 is linearised: the velocity extrapolated to the end of the step, and the position that
+/// it leads to.
+class PredictState final : public StageOn<const Clock, MeshState> {
+public:
+  std::string_view name() const override { return "prediction"; }
+  std::string reason() const override { return "integrator bdf2"; }
+  void run_on(const Rooms &state) override;
+};
+
 }  // namespace cama

@@ -202,6 +202,7 @@ template <class Real> void LinearSolve<Real>::run_on(const Rooms &state)
   System<Real> &s = state.system.template of<Real>();
   s.right_side.resize(state.mesh.cloth_vertices);
   s.solution.resize(state.mesh.vertices);
+  if (state.time.predicted) return solve_change(state);
   CAMA_LAUNCH_REAL(Real, b, start_solution, state.mesh.vertices, state.mesh.base_velocity(state.time),
                    state.mesh.velocity_next, state.mesh.fixed, s.solution);
   CAMA_LAUNCH_REAL(Real, b, make_right_side, state.mesh.cloth_vertices, static_cast<Real>(state.time.implicit_step),
@@ -213,6 +214,28 @@ template <class Real> void LinearSolve<Real>::run_on(const Rooms &state)
   solve(state);
   CAMA_LAUNCH_REAL(Real, b, store_velocity, state.mesh.cloth_vertices, state.mesh.fixed, s.solution,
                    state.mesh.velocity_next);
+}
+
+template <class Real> void LinearSolve<Real>::solve_change(const Rooms &state)
+{
+  Backend &b = *state.backend;
+  System<Real> &s = state.system.template of<Real>();
+  const int rows = state.mesh.cloth_vertices;
+  CAMA_LAUNCH_REAL(Real, b, newton_right_side, rows, static_cast<Real>(state.time.implicit_step), s.mass,
+                   state.mesh.fixed, state.mesh.base_velocity(state.time), state.mesh.velocity_next, s.force,
+                   s.right_side);
+  if (state.system.terms) {
+    product_.resize(state.system.terms);
+    CAMA_LAUNCH_REAL(Real, b, add_term_forces, rows, state.system.term_incidence.row, state.system.term_incidence.entry,
+                     s.term, s.right_side);
+    CAMA_LAUNCH_REAL(Real, b, friction_products, state.system.terms, state.system.terms - state.elements.stitches,
+                     s.term, state.mesh.velocity_next, product_);
+    CAMA_LAUNCH_REAL(Real, b, add_term_products, rows, state.system.term_incidence.row,
+                     state.system.term_incidence.entry, s.term, product_, state.mesh.fixed, s.right_side);
+  }
+  s.solution.fill_zero();
+  solve(state);
+  CAMA_LAUNCH_REAL(Real, b, add_velocity, rows, state.mesh.fixed, s.solution, state.mesh.velocity_next);
 }
 
 template <class Real> void LinearSolve<Real>::solve(const Rooms &state)

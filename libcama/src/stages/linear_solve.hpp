@@ -28,6 +28,8 @@ public:
 
 private:
   using vec3 = typename Types<Real>::vec3;
+  /// Solves for the change of the predicted velocities.
+  void solve_change(const Rooms &state);
   void extract_diagonal(const Rooms &state);
   /// Adds one common vector to all free vertices, such that the energy of the error decreases most: along gravity
   /// before the solve, so that free fall is exact; along the remaining net force after it, so that momentum is

@@ -18,12 +18,9 @@ constexpr double rounding_units = 16;  // of the sum of the potential's parts
 template <class Real>
 NewtonIterations<Real>::NewtonIterations(const Scene &scene, Backend &b, EvaluateElements<Real> &elements,
                                          AssembleMatrix<Real> &assembly, LinearSolve<Real> &solve)
-    : elements_(elements), assembly_(assembly), solve_(solve),
-      damped_(std::any_of(scene.cloths.begin(), scene.cloths.end(),
-                          [](const Cloth &c) { return c.material.damping != 0; })),
-      product_(b), outer_(b), outer_triangle_(b), outer_hinge_(b), start_(b), zero_gravity_(b),
-      vertex_{Stream<double>(b), Stream<double>(b)}, triangle_{Stream<double>(b), Stream<double>(b)}, hinge_(b),
-      term_(b), total_(b), part_(b)
+    : elements_(elements), assembly_(assembly), solve_(solve), product_(b), outer_(b), outer_triangle_(b),
+      outer_hinge_(b), start_(b), zero_gravity_(b), vertex_{Stream<double>(b), Stream<double>(b)},
+      triangle_{Stream<double>(b), Stream<double>(b)}, hinge_(b), term_(b), total_(b), part_(b)
 {}
 
 template <class Real>
@@ -58,7 +55,7 @@ template <class Real> typename NewtonIterations<Real>::Norms NewtonIterations<Re
   const Real h = static_cast<Real>(state.time.implicit_step);
   const Stream<dvec3> &x = state.mesh.position_next, &v = state.mesh.velocity_next;
   elements_.evaluate(state, x, false);
-  if (elements_.windy() || damped_) {
+  if (elements_.windy() || elements_.damped()) {
     outer_triangle_.resize(3 * state.mesh.triangles);
     outer_hinge_.resize(4 * state.mesh.hinges);
     outer_.resize(rows);
@@ -66,12 +63,7 @@ template <class Real> typename NewtonIterations<Real>::Norms NewtonIterations<Re
     outer_triangle_.fill_zero();
     outer_hinge_.fill_zero();
     if (elements_.windy()) elements_.add_wind(state, x, v, outer_triangle_);
-    if (damped_) {
-      CAMA_LAUNCH_REAL(Real, b, damp_triangles, state.mesh.triangles, s.triangle_rest, s.triangle_factor,
-                       s.material_scale, h, v, outer_triangle_);
-      CAMA_LAUNCH_REAL(Real, b, damp_hinges, state.mesh.hinges, s.hinge_rest, s.hinge_factor, s.material_scale, h, v,
-                       outer_hinge_);
-    }
+    if (elements_.damped()) elements_.add_damping(state, v, outer_triangle_, outer_hinge_);
     CAMA_LAUNCH_REAL(Real, b, gather_forces, rows, state.elements.triangle_incidence.row,
                      state.elements.triangle_incidence.entry, outer_triangle_, state.elements.hinge_incidence.row,
                      state.elements.hinge_incidence.entry, outer_hinge_, state.mesh.hinges, s.mass, zero_gravity_,
@@ -112,7 +104,7 @@ template <class Real> typename NewtonIterations<Real>::Potential NewtonIteration
   Backend &b = *state.backend;
   System<Real> &s = state.system.template of<Real>();
   const Stream<dvec3> &x = state.mesh.position_next, &v = state.mesh.velocity_next;
-  const bool held = elements_.windy() || damped_;
+  const bool held = elements_.windy() || elements_.damped();
   vertex_[0].resize(state.mesh.cloth_vertices);
   CAMA_LAUNCH_REAL(Real, b, measure_inertia, state.mesh.cloth_vertices, state.time.implicit_step, s.mass,
                    state.mesh.fixed, state.mesh.base_velocity(state.time), v, state.mesh.position, x,

@@ -43,7 +43,7 @@ private:
   EvaluateElements<Real> &elements_;
   AssembleMatrix<Real> &assembly_;
   LinearSolve<Real> &solve_;
-  bool damped_, searching_ = false, fell_ = false;  // fell_: the last search lowered the potential beyond rounding
+  bool searching_ = false, fell_ = false;  // fell_: the last search lowered the potential beyond rounding
   Stream<vec3> product_, outer_, outer_triangle_, outer_hinge_;  // outer: wind and damping
   Stream<dvec3> start_, zero_gravity_;
   Stream<double> vertex_[2], triangle_[2], hinge_, term_, total_, part_;

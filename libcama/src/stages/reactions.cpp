@@ -12,20 +12,20 @@ template <class Real> void SolveReactions<Real>::run_on(const Rooms &state)
   ReactionState &r = state.reactions;
   const int vertices = state.mesh.vertices, rows = state.mesh.cloth_vertices, terms = state.system.terms,
             form = static_cast<int>(state.options.paper.contact_form),
-            solve = state.options.newton_iterations > 1                ? SOLVE_NEWTON
-                    : state.options.paper.assembly == Assembly::gather ? SOLVE_OPERATOR
-                                                                       : SOLVE_MATRIX;
+            newton = state.options.newton_iterations > 1 ? 1 : 0,
+            in_matrix = state.options.paper.assembly == Assembly::gather ? 0 : 1;
   count_.resize(vertices);
   terms_.reset(b, vertices);
   terms_.rebuild(b, state.system.term_nodes, terms, count_);
-  CAMA_LAUNCH_REAL(Real, b, solve_reactions, vertices, rows, solve, form, static_cast<Real>(state.time.implicit_step),
-                   terms_.row, terms_.entry, s.term, s.matrix.row, s.matrix.column, s.matrix.block, s.mass, s.force,
-                   state.mesh.fixed, state.mesh.base_velocity(state.time), state.mesh.velocity_next,
-                   state.mesh.position, state.contact.vertex_contact, r.piece.linear, r.piece.angular);
+  CAMA_LAUNCH_REAL(Real, b, solve_reactions, vertices, rows, state.contact.contacts, newton, in_matrix, form,
+                   static_cast<Real>(state.time.implicit_step), terms_.row, terms_.entry, s.term, s.matrix.row,
+                   s.matrix.column, s.matrix.block, s.mass, s.force, state.mesh.fixed,
+                   state.mesh.base_velocity(state.time), state.mesh.velocity_next, s.solution, state.mesh.position,
+                   state.contact.vertex_contact, r.piece.linear, r.piece.angular);
   r.contact.resize(state.contact.contacts);
   r.contact_time = state.time.implicit_step;
-  CAMA_LAUNCH_REAL(Real, b, contact_impulses, state.contact.contacts, solve, form, s.term, state.mesh.velocity_next,
-                   r.contact);
+  CAMA_LAUNCH_REAL(Real, b, contact_impulses, state.contact.contacts, newton, form, s.term, state.mesh.velocity_next,
+                   s.solution, r.contact);
   b.copy(r.solved_velocity.buffer(), state.mesh.velocity_next.buffer(), r.solved_velocity.bytes());
 }
 
