@@ -5,10 +5,8 @@ import fnmatch
 import functools
 import importlib
 import json
-import os
 import re
 import shlex
-import subprocess
 import sys
 import unicodedata
 from pathlib import Path
@@ -18,20 +16,11 @@ import typer.main
 
 import cama
 from cama.cli.main import app
+from pages import PAGES, ROOT, commands, name_of, python_blocks, without_blocks
 
-ROOT = Path(__file__).resolve().parents[2]
 Refused = next(
     c for c in typer.BadParameter.__mro__ if c.__name__ == "ClickException"
 )  # what Typer's parser raises, its own Click's or Click's
-PAGES = sorted(
-    [
-        ROOT / "README.md",
-        ROOT / "CHANGELOG.md",
-        ROOT / "CONTRIBUTING.md",
-        *ROOT.glob("docs/**/*.md"),
-        *ROOT.glob("scenes/*/README.md"),
-    ]
-)
 GENERATED = {
     "options.md",
     "report.md",
@@ -79,10 +68,6 @@ FOREIGN_PATHS = (
 WORD = re.compile(r"[A-Za-z_][A-Za-z0-9_]*")
 
 
-def name_of(page):
-    return str(page.relative_to(ROOT))
-
-
 def files():
     for folder in SOURCES:
         for path in sorted((ROOT / folder).rglob("*")):
@@ -126,13 +111,6 @@ def paths():
 
 def foreign():
     return {word for words in FOREIGN.values() for word in words.split()}
-
-
-def without_blocks(text):
-    """Markdown without fenced blocks, indented blocks and HTML comments."""
-    text = re.sub(r"(?ms)^( *)```.*?^\1```", "", text)
-    text = re.sub(r"(?m)(?<=\n\n)(?: {4}[^\n]*\n)+", "", text)
-    return re.sub(r"(?s)<!--.*?-->", "", text)
 
 
 def spans(page):
@@ -422,67 +400,12 @@ def test_the_list_of_scenes_agrees():
 
 # --- Code and commands ------------------------------------------------------------------------------------------------
 
-RUN = (ROOT.name, "start", "guide")  # folders whose programs are short; those of other pages may compute for minutes
 
-
-def blocks(page):
-    return re.findall(r"(?ms)^```python\n(.*?)^```", page.read_text(encoding="utf-8"))
-
-
-def program(page):
-    """The Python blocks of a page as one program. `expression   # -> value` is checked."""
-    lines = []
-    for block in blocks(page):
-        for line in block.splitlines():
-            said = re.fullmatch(r"(\S.*?)\s*# -> (.*)", line)
-            lines.append(f"_same({said[1]}, {said[2]!r}, {line!r})" if said else line)
-    return "\n".join(
-        [
-            "def _same(value, text, line):",
-            "    assert ' '.join(repr(value).split()) == text, f'{line!r} is {value!r}'",
-            *lines,
-        ]
-    )
-
-
-@pytest.mark.parametrize("page", [page for page in PAGES if blocks(page)], ids=name_of)
+@pytest.mark.parametrize("page", [page for page in PAGES if python_blocks(page)], ids=name_of)
 def test_python_blocks_name_what_is_there(page):
-    source = "\n".join(blocks(page))
+    source = "\n".join(block.text for block in python_blocks(page))
     compile(source, str(page), "exec")
     assert not [dotted for dotted in re.findall(r"\bcama(?:\.\w+)+", source) if not attribute_is_there(dotted)]
-
-
-@pytest.mark.parametrize("page", [page for page in PAGES if blocks(page) and page.parent.name in RUN], ids=name_of)
-def test_python_blocks_run(page, tmp_path):
-    if "out/drape" in program(page):
-        command(
-            ["run", "drape", "--resolution", "96", "--frames", "1", "--accuracy", "preview", "-o", "out/drape"],
-            tmp_path,
-        )
-    done = subprocess.run(
-        [sys.executable, "-c", program(page)], cwd=tmp_path, capture_output=True, text=True, timeout=300
-    )
-    assert done.returncode == 0, done.stderr
-
-
-def test_a_false_value_in_a_block_is_seen(tmp_path):
-    page = tmp_path / "page.md"
-    page.write_text("```python\nx = 2\nx + 2      # -> 5\n```\n")
-    done = subprocess.run([sys.executable, "-c", program(page)], capture_output=True, text=True)
-    assert done.returncode and "x + 2" in done.stderr
-
-
-def without_remark(words):
-    return re.sub(r"\s+#.*", "", words).strip()
-
-
-def commands(page):
-    """Every command line of `cama` in the blocks of a page, without remarks and variables in front."""
-    lines = re.findall(
-        r"(?m)^(?:    |\t)?(?:[A-Z_]+=\S+ )*(?:\S*/)?cama ([a-z][^\n]*)$",
-        page.read_text(encoding="utf-8").replace("\\\n", " "),
-    )
-    return [words for words in dict.fromkeys(map(without_remark, lines)) if not re.search(r"[\[…]", words)]
 
 
 def named_commands(page):
@@ -515,17 +438,6 @@ def unknown_options(words):
     return [word for word in arguments if word.startswith("-") and word not in own]
 
 
-def command(arguments, folder):
-    return subprocess.run(
-        [sys.executable, "-m", "cama", *arguments],
-        cwd=folder,
-        capture_output=True,
-        text=True,
-        timeout=300,
-        env={**os.environ, "COLUMNS": "200"},
-    )
-
-
 @pytest.mark.parametrize("page", [page for page in PAGES if commands(page) or named_commands(page)], ids=name_of)
 def test_commands_are_accepted(page):
     wrong = {words: unknown_options(words) for words in named_commands(page) if unknown_options(words)}
@@ -551,45 +463,6 @@ def test_commands_are_accepted(page):
 def test_a_false_command_is_seen(words):
     with pytest.raises(Refused):
         parse(words)
-
-
-SMALL = {
-    "run": ["--resolution", "96", "--frames", "1", "--accuracy", "preview", "-o", "small"],
-    "explain": ["--resolution", "96"],
-    "check": ["--resolution", "96"],
-    "info": [],
-}
-
-
-def shown(
-    folder_pages=(
-        "README.md",
-        "docs/start/first-steps.md",
-        "docs/guide/command-line.md",
-        "docs/guide/choosing-a-backend.md",
-    ),
-):
-    """Commands of the guide that need no file of the reader's and no absent device, and are quick at small size."""
-    there = {backend["name"] for backend in cama.backends() if backend["available"]}
-    for page in folder_pages:
-        for words in commands(ROOT / page):
-            name, *arguments = shlex.split(words)
-            if (
-                name not in SMALL
-                or "--resume" in arguments
-                or (name != "info" and not set(arguments) & set(cama.scenes()))
-            ):
-                continue
-            if "--backend" in arguments and arguments[arguments.index("--backend") + 1] not in there:
-                continue
-            yield words
-
-
-@pytest.mark.parametrize("words", list(dict.fromkeys(shown())))
-def test_commands_run(words, tmp_path):
-    name, *arguments = shlex.split(words)
-    done = command([name, *arguments, *SMALL[name]], tmp_path)
-    assert done.returncode == 0, done.stdout + done.stderr
 
 
 # --- Generated pages --------------------------------------------------------------------------------------------------
