@@ -50,7 +50,7 @@ FOREIGN = {
     "Python and its packages": "multiprocessing get_context spawn fork",
     "build tools": "CMAKE_CUDA_ARCHITECTURES CMAKE_PREFIX_PATH CMAKE_ARGS all-major find_package",
     "options of drivers and loaders": "CUDA_VISIBLE_DEVICES OCL_ICD_VENDORS OCL_ICD_FILENAMES libnvidia-opencl.so.1",
-    "names of devices and drivers": "NVIDIA pocl gfx",
+    "names of devices and drivers": "NVIDIA Portable gfx",
     "the licence, which is named in comments": "SPDX-License-Identifier Apache-2.0",
     "words that stand for others": "NAME VALUE SCENE SCENE.png OUT FILE CASE outer/inner stage/part",
 }

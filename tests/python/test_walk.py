@@ -21,6 +21,7 @@ import sys
 import traceback
 import warnings
 
+import h5py
 import numpy as np
 import pytest
 
@@ -35,6 +36,7 @@ def walked():
 
 
 PAGES = walked()
+FIRST_STEPS = ROOT / "docs/start/first-steps.md"
 for needed in ("pyvista", "imageio", "scipy", "matplotlib"):  # by `cama render`, `cama tradeoff` and `cama tune`
     pytest.importorskip(needed)
 
@@ -246,6 +248,18 @@ def test_walk(page, there):
 @pytest.mark.parametrize("page", PAGES, ids=name_of)
 def test_walk_as_typed(page, there):
     walk(page, there, {})
+
+
+def test_first_steps_lists_what_a_run_writes(there):
+    """Every dataset of frames.h5 and every field of summary.json has a row, and every row one of these."""
+    furnish(there)
+    run_command(FIRST_STEPS, 1, "cama run drape", there, SMALL)
+    _, frames, summary, _ = re.split("(?m)^##+ (?:frames.h5|summary.json|The same)", FIRST_STEPS.read_text("utf-8"))
+    rows = {name for row in re.findall(r"(?m)^\| (`.*?) \|", frames) for name in re.findall(r"`(\w+)`", row)}
+    with h5py.File("out/drape/frames.h5") as recording:
+        assert rows == set(recording)
+    rows = {name for row in re.findall(r"(?m)^\| (`.*?) \|", summary) for name in re.findall(r"`(\w+)[`.]", row)}
+    assert rows == set(json.loads((there / "out/drape/summary.json").read_text(encoding="utf-8")))
 
 
 # --- The walk itself --------------------------------------------------------------------------------------------------
