@@ -180,6 +180,7 @@ def load_character(
     y_up: bool,
     lead_in: float,
     loops: int,
+    leave_out: list[str],
     /,
 ) -> Character: ...
 

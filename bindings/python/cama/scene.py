@@ -47,6 +47,13 @@ def _character(file: PathLike, clip: str, animation: PathLike | None, *how: Any)
     return _core.load_character(Path(file), "bind", "", 1.0, *how)
 
 
+def _joint_names(what: str, names: Sequence[str]) -> list[str]:
+    """The names as a list. Raises SceneError if they are one text or hold something else."""
+    if isinstance(names, str) or not all(isinstance(n, str) for n in names):
+        raise SceneError(f"{what}: a list of names of joints is needed")
+    return list(names)
+
+
 class Scene:
     """A scene to simulate. Lengths are in m, masses in kg, times in s.
 
@@ -299,6 +306,7 @@ class Scene:
         y_up: bool = True,
         lead_in: float = 0.0,
         loops: int = 1,
+        leave_out: Sequence[str] = (),
         transform: ArrayLike | None = None,
         translate: VectorLike = (0, 0, 0),
         rotate: VectorLike = (1, 0, 0, 0),
@@ -326,6 +334,8 @@ class Scene:
             y_up: Whether to turn a file whose y axis is up, so that z is up.
             lead_in: Time in which the obstacle moves from the bind pose to the start of the clip, s.
             loops: How many times the clip is played.
+            leave_out: Names of joints of a character. What follows them, or joints below them, more than any other
+                joint is not part of the obstacle: the arms, say, where they would press a skirt into the hips.
             transform, translate, rotate, scale: Placement, as for `add_cloth`.
             weld: As for `add_cloth`. Not for a motion that moves every vertex by itself; animated characters are
                 welded when they are read.
@@ -346,6 +356,8 @@ class Scene:
         numbers = {key: number(f"{name}: {key}", value) for key, value in given.items() if value is not None}
         place = placement(transform, translate, rotate, scale)
         matrix = place.tolist()
+        if len(leave_out) and (motion is not None or not isinstance(mesh, (str, os.PathLike)) or not _animated(mesh)):
+            raise SceneError(f"{name}: leave_out: needs a character, a glTF, FBX or DAE file without another motion")
         if motion is None and isinstance(mesh, (str, os.PathLike)) and (animation is not None or _animated(mesh)):
             character = _character(
                 mesh,
@@ -355,6 +367,7 @@ class Scene:
                 bool(y_up),
                 number(f"{name}: lead_in", lead_in),
                 whole(f"{name}: loops", loops),
+                _joint_names(f"{name}: leave_out", leave_out),
             )
             obstacle.source = str(mesh)
             body, moving = character.mesh, character.motion

@@ -64,8 +64,11 @@ struct Character {
 /// @param y_up Turn y-up files to z-up.
 /// @param lead_in Seconds in which the bind pose eases into the clip before it starts; 0: no lead-in.
 /// @param loops How often the clip is played.
+/// @param leave_out Names of joints: triangles with a vertex that follows one of them, or a joint below, more than any
+///   other joint are left out.
 Character load_character(const std::filesystem::path &file, const std::string &clip = "",
                          const std::filesystem::path &animation_file = {}, double scale = 1.0,
-                         double samples_per_second = 60, bool y_up = true, double lead_in = 0, int loops = 1);
+                         double samples_per_second = 60, bool y_up = true, double lead_in = 0, int loops = 1,
+                         const std::vector<std::string> &leave_out = {});
 
 }  // namespace cama

@@ -180,7 +180,8 @@ void PenetrationHandling::run_on(const Rooms &state)
         throw CollisionError(
             "step " + std::to_string(state.report.step) + ": a moving obstacle or pin pinches cloth without a way out" +
             place(state, pausing) +
-            "; slow the motion, lower the contact thickness, keep the obstacles apart, or set pinch to release");
+            "; slow the motion, lower the contact thickness, keep the obstacles apart, leave limbs of a character that "
+            "pass through it out (leave_out), or set pinch to release");
     }
     // The obstacles pause at the share sigma of their way; cloth continues towards the same target from there.
     from_.swap(commit_.committed());

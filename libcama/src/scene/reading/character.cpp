@@ -2,6 +2,7 @@
 #include <algorithm>
 #include <cmath>
 #include <map>
+#include <set>
 #include <string>
 
 #include "cama/error.hpp"
@@ -59,12 +60,13 @@ struct Node {
 
 class Skinner {
 public:
-  Skinner(const std::filesystem::path &file, const std::string &clip, const std::filesystem::path &animation_file)
+  Skinner(const std::filesystem::path &file, const std::string &clip, const std::filesystem::path &animation_file,
+          const std::vector<std::string> &leave_out)
       : file_(file.string())
   {
     scene_ = open_assimp(importer_, file, true);
     add_node(*scene_->mRootNode, -1);
-    collect_corners();
+    collect_corners(leave_out);
     if (clip != "bind") choose_clip(clip, animation_file);
   }
 
@@ -125,7 +127,7 @@ private:
 
   /// Joins all meshes; vertices that the file splits at normals or texture seams are merged if position and weights
   /// agree.
-  void collect_corners()
+  void collect_corners(const std::vector<std::string> &leave_out)
   {
     std::vector<Vertex> corner;
     std::vector<std::string> tag;
@@ -155,6 +157,7 @@ private:
                           base + static_cast<int>(m.mFaces[f].mIndices[1]),
                           base + static_cast<int>(m.mFaces[f].mIndices[2])});
     }
+    leave_out_limbs(leave_out, corner, face);
     std::vector<dvec3> position;
     for (const Vertex &c : corner) position.push_back(c.position);
     const Weld weld = weld_equal(position, tag);
@@ -172,6 +175,37 @@ private:
       face_.push_back(w);
     }
     if (face_.empty()) throw FileError(file_ + ": holds no triangles");
+  }
+
+  /// Removes the triangles with a vertex whose heaviest bone is one of the joints, or below one.
+  void leave_out_limbs(const std::vector<std::string> &joints, const std::vector<Vertex> &corner,
+                       std::vector<Triangle> &face) const
+  {
+    if (joints.empty()) return;
+    std::set<int> bones;
+    for (const Bone &b : bone_) bones.insert(b.node);
+    std::vector<char> out(node_.size(), 0);
+    for (const std::string &joint : joints) {
+      const auto n = index_.find(joint);
+      if (n == index_.end()) {
+        std::string names;
+        for (int b : bones) names += (names.empty() ? "\"" : ", \"") + node_[b].name + "\"";
+        throw FileError(file_ + ": leave_out: there is no joint \"" + joint + "\"; there are: " + names);
+      }
+      out[n->second] = 1;
+    }
+    for (std::size_t n = 0; n < node_.size(); ++n)
+      if (node_[n].parent >= 0 && out[node_[n].parent]) out[n] = 1;
+    const auto follows = [&](int v) {
+      const std::vector<Influence> &all = corner[v].influence;
+      const auto heaviest = std::max_element(
+          all.begin(), all.end(), [](const Influence &a, const Influence &b) { return a.weight < b.weight; });
+      return out[bone_[heaviest->bone].node] != 0;
+    };
+    face.erase(std::remove_if(face.begin(), face.end(),
+                              [&](const Triangle &t) { return follows(t[0]) || follows(t[1]) || follows(t[2]); }),
+               face.end());
+    if (face.empty()) throw FileError(file_ + ": leave_out leaves no triangles");
   }
 
   void add_bone(const aiBone &b, int base, std::vector<Vertex> &corner)
@@ -268,10 +302,10 @@ void repeat(Motion::Sampled &s, std::size_t first, double length, int loops)
 
 Character load_character(const std::filesystem::path &file, const std::string &clip,
                          const std::filesystem::path &animation_file, double scale, double samples_per_second,
-                         bool y_up, double lead_in, int loops)
+                         bool y_up, double lead_in, int loops, const std::vector<std::string> &leave_out)
 {
   if (!(samples_per_second > 0)) throw FileError(file.string() + ": samples_per_second must be greater than 0");
-  const Skinner skinner(file, clip, animation_file);
+  const Skinner skinner(file, clip, animation_file, leave_out);
   auto sampled = std::make_shared<Motion::Sampled>();
   const auto add = [&](double time, double clip_time, double blend) {
     sampled->time.push_back(time);
@@ -302,7 +336,7 @@ Character load_character(const std::filesystem::path &file, const std::string &c
 #else
 
 Character load_character(const std::filesystem::path &file, const std::string &, const std::filesystem::path &, double,
-                         double, bool, double, int)
+                         double, bool, double, int, const std::vector<std::string> &)
 {
   throw FileError(
       file.string() +

@@ -180,12 +180,15 @@ Mesh SceneReader::read_mesh_file(const Field &f, Cloth *cloth, std::vector<MeshS
 
 Character SceneReader::read_character(const Field &f) const
 {
-  f.only({"file", "clip", "animation_file", "scale", "samples_per_second", "y_up", "lead_in", "loops"});
+  f.only({"file", "clip", "animation_file", "scale", "samples_per_second", "y_up", "lead_in", "loops", "leave_out"});
   const std::filesystem::path animation =
       f.has("animation_file") ? file_path(f.at("animation_file")) : std::filesystem::path();
+  std::vector<std::string> leave_out;
+  if (f.has("leave_out"))
+    for (const Field &joint : f.at("leave_out").items()) leave_out.push_back(joint.text());
   return load_character(file_path(f.at("file")), f.text("clip", ""), animation, f.positive("scale", 1),
                         f.positive("samples_per_second", 60), f.boolean("y_up", true), f.finite("lead_in", 0),
-                        f.integer("loops", 1));
+                        f.integer("loops", 1), leave_out);
 }
 
 Mesh SceneReader::obstacle_shape(const Field &f, Motion &motion, std::string &source) const
