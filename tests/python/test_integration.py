@@ -25,3 +25,72 @@ def test_the_order_of_one_solve_a_step(integrator, least, most):
     errors = [np.abs(end_of_swing(steps, integrator=integrator) - exact).max() for steps in (100, 200, 400)]
     orders = np.log2(np.array(errors[:-1]) / errors[1:])
     assert least < orders[-1] < most, (errors, orders)
+
+
+G = 9.81
+
+
+def falling_sheet(scene, height=1.0, name="falling"):
+    scene.add_cloth(
+        shape={"grid": {"size": [0.2, 0.2], "cells": [2, 2]}}, material="cotton", translate=(1, 0, height), name=name
+    )
+
+
+def by_bdf2(scene, time_step=0.002, **more):
+    return cama.Simulation(
+        scene,
+        accuracy="interactive",
+        precision="double",
+        integrator="bdf2",
+        newton_iterations=2,
+        tolerance=1e-10,
+        max_iterations=500,
+        time_step=time_step,
+        **more,
+    )
+
+
+@pytest.mark.parametrize("ratio, multistep", [(2, True), (1.3, True), (0.3, True), (2.5, False)])
+def test_bdf2_goes_on_with_another_time_step(ratio, multistep, tmp_path):
+    """Its formula is exact for a free fall at any ratio of steps; backward Euler falls g h^2 / 2 too far in a step."""
+    scene = cama.Scene()
+    falling_sheet(scene)
+    simulation = by_bdf2(scene)
+    simulation.step(40)  # what the first step, one of backward Euler, was wrong by is carried on by 3^-39
+    simulation.save_checkpoint(tmp_path / "state.h5")
+    step = 0.002 * ratio
+    other = by_bdf2(scene, step)
+    other.load_checkpoint(tmp_path / "state.h5")
+    before, velocity = other.positions, other.velocities
+    other.step()
+    np.testing.assert_allclose(other.velocities[:, 2] - velocity[:, 2], -G * step, rtol=1e-9)
+    fallen = -(other.positions - before - step * velocity)[:, 2] / (G * step**2)
+    np.testing.assert_allclose(fallen, 0.5 if multistep else 1.0, rtol=1e-6)
+
+
+def test_bdf2_loses_its_history_only_where_cloth_is_struck():
+    """A sheet falls freely while another is thrown on a plate: it falls as if it were alone."""
+    scene = cama.Scene(contact={"stiffness": 1e-3})
+    scene.add_obstacle([[-1, -1, 0], [0.8, -1, 0], [0.8, 1, 0], [-1, 1, 0]], [[0, 1, 2], [0, 2, 3]], name="plate")
+    scene.add_cloth(
+        shape={"grid": {"size": [0.2, 0.2], "cells": [4, 4]}},
+        material="cotton",
+        translate=(0.1, 0.1, 0.02),
+        velocity=(0, 0, -3),
+        name="near",
+    )
+    falling_sheet(scene, 2.0)
+    alone = cama.Scene()
+    falling_sheet(alone, 2.0)
+    by_distance = {"anticipate_contacts": False}  # so that impacts are left to penetration handling
+    simulation, expected = by_bdf2(scene, paper=by_distance), by_bdf2(alone, paper=by_distance)
+    free = slice(*simulation.cloth_ranges[1])
+    struck = 0
+    for _ in range(100):
+        simulation.step()
+        expected.step()
+        struck += simulation.report["impact_passes"] > 0
+    assert struck > 0
+    lost = G * 0.002**2 / 2  # by each step of backward Euler
+    difference = np.abs(simulation.positions[free] - expected.positions[: expected.cloth_vertex_count]).max()
+    assert difference < 0.01 * lost, (difference, lost)

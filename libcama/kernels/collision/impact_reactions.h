@@ -136,10 +136,10 @@ KERNEL add_remainders(int n, GLOBAL const int *row, GLOBAL const int *incidence,
 }
 
 /* total += kept before + own. */
-KERNEL add_impulses(int n, double kept, GLOBAL const dvec3 *before, GLOBAL const dvec3 *own, GLOBAL dvec3 *total)
+KERNEL add_impulses(int n, double share, GLOBAL const dvec3 *impulse, GLOBAL dvec3 *total)
 {
   FOR_EACH(i, n) {
-    total[i] = dadd(daxpy(total[i], kept, before[i]), own[i]);
+    total[i] = daxpy(total[i], share, impulse[i]);
   }
 }
 

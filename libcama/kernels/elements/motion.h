@@ -58,24 +58,23 @@ KERNEL move_attached(int n, GLOBAL const attachment *attachments, GLOBAL dvec3 *
   }
 }
 
-/* base = (4 now - before) / 3, from which the second-order backward differentiation formula (BDF2) starts. */
-KERNEL extrapolate_states(int n, GLOBAL const dvec3 *now, GLOBAL const dvec3 *before, GLOBAL dvec3 *base)
+/* base = now + memory (now - before), from which the second-order backward differentiation formula (BDF2) starts. */
+KERNEL extrapolate_states(int n, double memory, GLOBAL const dvec3 *now, GLOBAL const dvec3 *before, GLOBAL dvec3 *base)
 {
   FOR_EACH(i, n) {
-    base[i] = daxpy(now[i], 1.0 / 3.0, dsub(now[i], before[i]));
+    base[i] = daxpy(now[i], memory, dsub(now[i], before[i]));
   }
 }
 
-/* Prediction of the end of the step by a multistep integrator: v = v_n + (v_n - v_(n-1)) `extrapolate`, x = x* + step
-   v, of free vertices. n: cloth vertices. */
-KERNEL predict_states(int n, double extrapolate, double time_step, GLOBAL const int *fixed,
-                      GLOBAL const dvec3 *velocity, GLOBAL const dvec3 *before, GLOBAL const dvec3 *base,
-                      GLOBAL dvec3 *velocity_next, GLOBAL dvec3 *position_next)
+/* Prediction of the end of the step by a multistep integrator: v = v_n, x = x* + time_step v, of free vertices. n:
+   cloth vertices. */
+KERNEL predict_states(int n, double time_step, GLOBAL const int *fixed, GLOBAL const dvec3 *velocity,
+                      GLOBAL const dvec3 *base, GLOBAL dvec3 *velocity_next, GLOBAL dvec3 *position_next)
 {
   FOR_EACH(i, n) {
     if (fixed[i]) continue;
-    velocity_next[i] = daxpy(velocity[i], extrapolate, dsub(velocity[i], before[i]));
-    position_next[i] = daxpy(base[i], time_step, velocity_next[i]);
+    velocity_next[i] = velocity[i];
+    position_next[i] = daxpy(base[i], time_step, velocity[i]);
   }
 }
 
@@ -117,6 +116,34 @@ KERNEL follow_positions(int n, double time_step, double step, GLOBAL const int *
     dvec3 free_end = daxpy(base[i], step, velocity_next[i]), x = position_next[i];
     if (!fixed[i] && (x.x != free_end.x || x.y != free_end.y || x.z != free_end.z))
       velocity_next[i] = dscale(1.0 / time_step, dsub(x, position[i]));
+  }
+}
+
+/* What BDF2 keeps of a step, of all vertices: the state at its start. Where penetration handling moved a vertex away
+   from base + step v, its motion was not smooth: its velocity becomes the mean one over the time step plus `share` of
+   the change dv by which the solve changed it, except for what pressed it against the obstacle; and what is kept is the
+   state from which dv leads to the new one. cloth: number of cloth vertices, of which others have none. history_*: may
+   be base. */
+KERNEL keep_history(int n, int cloth, double time_step, double step, double share, GLOBAL const int *fixed,
+                    GLOBAL const dvec3 *position, GLOBAL const dvec3 *velocity, GLOBAL const dvec3 *base,
+                    GLOBAL const dvec3 *position_next, GLOBAL dvec3 *velocity_next, GLOBAL dvec3 *position_history,
+                    GLOBAL dvec3 *velocity_history)
+{
+  FOR_EACH(i, n) {
+    dvec3 x = position[i], v = velocity[i];
+    if (i < cloth && !fixed[i]) {
+      dvec3 off = dsub(position_next[i], daxpy(base[i], step, velocity_next[i]));
+      if (off.x != 0.0 || off.y != 0.0 || off.z != 0.0) {
+        dvec3 dv = dsub(velocity_next[i], v), mean = dscale(1.0 / time_step, dsub(position_next[i], x)), end;
+        double pressed = min_double(ddot(dv, off), 0.0) / ddot(off, off);
+        end = daxpy(mean, share, daxpy(dv, -pressed, off));
+        velocity_next[i] = end;
+        v = dsub(end, dv);
+        x = daxpy(position_next[i], -time_step, daxpy(end, -0.5, dv));
+      }
+    }
+    position_history[i] = x;
+    velocity_history[i] = v;
   }
 }
 

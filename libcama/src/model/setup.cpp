@@ -270,7 +270,8 @@ template <class Real> void set_up(State &state, const Scene &scene, const Topolo
                   [](const Obstacle &o) { return !o.motion.is_static() && o.motion.is_rigid(); }))
     state.mesh.rest_position = Stream<dvec3>(b, t.rest_position);
 
-  if (state.options.forces) state.reactions.set_up(b, state.mesh.vertices, state.mesh.cloth_vertices);
+  if (state.options.forces)
+    state.reactions.set_up(b, state.mesh.vertices, state.mesh.cloth_vertices, state.time.predicted);
 
   s->mass = Stream<Real>(b, mass);
   set_up_materials(state, *s, b, scene, state.mesh.hinges > 0);
@@ -286,6 +287,7 @@ template <class Real> void set_up(State &state, const Scene &scene, const Topolo
   if (state.elements.stitches) state.elements.stitch = Stream<kernels::stitch>(b, stitches);
   if (scene.has_contact() || state.elements.stitches) {
     s->term = Stream<typename Types<Real>::term>(b);
+    if (state.time.predicted) s->start_force = Stream<typename Types<Real>::vec3>(b, t.cloth_vertices);
     state.system.term_nodes = Stream<kernels::element_nodes>(b);
     if (state.options.paper.contact_form == ContactForm::star) state.system.term_split = Stream<int>(b);
     state.system.term_incidence.reset(b, t.cloth_vertices);

@@ -66,17 +66,20 @@ void Impulses::swap(Impulses &other) noexcept
   angular.swap(other.angular);
 }
 
-void Impulses::add(double kept, const Impulses &before, const Impulses &own)
+void Impulses::add(double share, const Impulses &other)
 {
   Backend &b = *linear.backend();
-  CAMA_LAUNCH(b, add_impulses, linear.size(), kept, before.linear, own.linear, linear);
-  CAMA_LAUNCH(b, add_impulses, angular.size(), kept, before.angular, own.angular, angular);
+  CAMA_LAUNCH(b, add_impulses, linear.size(), share, other.linear, linear);
+  CAMA_LAUNCH(b, add_impulses, angular.size(), share, other.angular, angular);
 }
 
-void ReactionState::set_up(Backend &b, int vertices, int cloth_vertices)
+void ReactionState::set_up(Backend &b, int vertices, int cloth_vertices, bool carried)
 {
   measured = true;
-  for (Impulses *i : {&step, &pieces, &piece, &interval, &push}) {
+  carries = carried;
+  std::vector<Impulses *> all = {&step, &pieces, &piece, &interval, &push};
+  if (carried) all.insert(all.end(), {&smooth, &smooth_next});
+  for (Impulses *i : all) {
     i->linear = Stream<dvec3>(b, vertices);
     i->angular = Stream<dvec3>(b, vertices);
     i->fill_zero();
@@ -98,13 +101,21 @@ void ReactionState::begin_step()
   if (measured) pieces.fill_zero();
 }
 
-void ReactionState::accept_piece(double kept) { pieces.add(kept, step, piece); }
+void ReactionState::carry_on(double memory)
+{
+  if (!carries) return;
+  if (memory > 0) piece.add(memory, smooth);
+  for (auto part : {&Impulses::linear, &Impulses::angular}) (smooth_next.*part).copy_from(piece.*part);
+}
+
+void ReactionState::accept_piece() { pieces.add(1, piece); }
 
 void ReactionState::accept_step(double time_step)
 {
   if (!measured) return;
   step.swap(pieces);
-  interval.add(0, step, step);
+  if (carries) smooth.swap(smooth_next);
+  interval.add(1, step);
   interval_time += time_step;
 }
 

@@ -32,10 +32,12 @@ struct Clock {
   double step = 0;  // the time step
   double start = 0;  // now = start + (number of the step - start_step) step
   int start_step = 0;
-  double implicit_step = 0;  // h of v = v* + h M^-1 f(x* + h v): step, or 2/3 of it with a history
-  bool predicted = false;  // the step is linearised at a predicted state, otherwise at its base
+  double implicit_step = 0;  // h of v = v* + h M^-1 f(x* + h v): step, or a share of it with a history
+  bool predicted = false;  // BDF2: the step is linearised at a predicted state, otherwise at its base
   bool multistep = false;  // BDF2: this step uses the previous state
   bool history = false;  // BDF2: the next step may use this one
+  double step_before = 0;  // BDF2: time step of the last step
+  double memory = 0;  // BDF2: share of the last change of the state that the base of this step carries on
 
   template <class F> void visit(F &&f)
   {
@@ -47,6 +49,8 @@ struct Clock {
     f("predicted", Life::scene, predicted);
     f("multistep", Life::step, multistep);
     f("history", Life::run, history);
+    f("step_before", Life::run, step_before);
+    f("memory", Life::step, memory);
   }
 };
 
@@ -59,7 +63,9 @@ struct MeshState {
   int motion_changes = 0;  // number of times that static obstacles began to move
   Stream<dvec3> position, velocity;  // [vertices] m, m/s at the start of the step
   Stream<dvec3> position_next, velocity_next;  // [vertices] at the end of the step
-  Stream<dvec3> position_before, velocity_before;  // [vertices] with BDF2: at the start of the previous step
+  // [vertices] with BDF2: at the start of the previous step; of a vertex that penetration handling moved since, the
+  // state from which it would have come to the present one
+  Stream<dvec3> position_before, velocity_before;
   Stream<dvec3> position_base, velocity_base;  // [vertices] with BDF2: x*, v*
   Stream<dvec3> rest_position;  // [vertices] obstacles before their motion, if any moves rigidly
   Stream<double> inverse_mass;  // [vertices] 1/kg; 0: prescribed; with contact
@@ -270,6 +276,7 @@ template <class Real> struct System {
   Stream<typename T::vec3> hinge_force;  // [4 hinges], N
   Stream<typename T::term> term;  // contacts, then stitches
   Stream<typename T::vec3> force;  // [cloth vertices], N
+  Stream<typename T::vec3> start_force;  // [cloth vertices] N, with BDF2 and contact: at the start of the step
   BlockMatrix<Real> matrix;
   Stream<typename T::vec3> right_side, solution;  // [cloth vertices], [vertices]
 
@@ -288,6 +295,7 @@ template <class Real> struct System {
     f("hinge_force", Life::step, hinge_force);
     f("term", Life::step, term);
     f("force", Life::step, force);
+    f("start_force", Life::step, start_force);
     f("row", Life::step, matrix.row);
     f("column", Life::step, matrix.column);
     f("block", Life::step, matrix.block);
@@ -335,17 +343,18 @@ struct Impulses {
 
   void fill_zero();
   void swap(Impulses &other) noexcept;
-  /// this += kept before + own
-  void add(double kept, const Impulses &before, const Impulses &own);
+  /// this += share other
+  void add(double share, const Impulses &other);
 };
 
 /// What the cloth gave to what is prescribed, with the option forces: each obstacle vertex, pinned and attached vertex.
 /// A free vertex has the momentum that the commit took from it against other cloth, which nothing else received.
 struct ReactionState {
-  bool measured = false;
+  bool measured = false, carries = false;
   Impulses step;  // of the last step
   Impulses pieces;  // of the step that is computed: of its pieces up to now
   Impulses piece;  // of the piece that is computed
+  Impulses smooth, smooth_next;  // with BDF2: of the solve alone, which it carries on, of the last step and of this
   Impulses interval;  // since the interval began
   double interval_time = 0;  // s
   Impulses push;  // of impacts, kg m, kg m^2
@@ -353,11 +362,14 @@ struct ReactionState {
   Stream<dvec3> contact;  // [contacts] on side A, N s
   double contact_time = 0;  // s, over which `contact` acted
 
-  void set_up(Backend &backend, int vertices, int cloth_vertices);
+  /// carried: by BDF2.
+  void set_up(Backend &backend, int vertices, int cloth_vertices, bool carried);
   void begin_interval();
   void begin_step();
-  /// The piece is complete. kept: share of the last step's impulses that BDF2 carries into this one.
-  void accept_piece(double kept);
+  /// `piece` has the impulses of the solve. memory: Clock::memory.
+  void carry_on(double memory);
+  /// The piece is complete.
+  void accept_piece();
   /// The step is complete. time_step: s.
   void accept_step(double time_step);
 
@@ -370,6 +382,8 @@ struct ReactionState {
     both("reactions.step", "reactions.step_moment", step);
     both("reactions.pieces", "reactions.pieces_moment", pieces);
     both("reactions.piece", "reactions.piece_moment", piece);
+    both("reactions.smooth", "reactions.smooth_moment", smooth);
+    both("reactions.smooth_next", "reactions.smooth_next_moment", smooth_next);
     both("reactions.interval", "reactions.interval_moment", interval);
     both("reactions.push", "reactions.push_moment", push);
     f("reactions.solved_velocity", Life::step, solved_velocity);

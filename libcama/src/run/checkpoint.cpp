@@ -140,7 +140,7 @@ void restore_checkpoint(const Checkpoint &c, State &s, Pipeline &step)
   });
   s.mesh.position_next.assign(c.vectors.at("position"));
   const bool same = c.time_step == s.time.step;
-  s.time.history = s.time.history && same && s.mesh.position_before.backend() && c.vectors.count("position_before");
+  s.time.history = s.time.history && s.mesh.position_before.backend() && c.vectors.count("position_before");
   if (!same) {
     s.time.start_step = c.step;
     s.time.start = s.time.now;

@@ -45,8 +45,8 @@ void undo_step(State &s, const Start &start) noexcept
   MeshState &mesh = s.mesh;
   if (mesh.position.buffer() != start.position) {   // the step was complete: buffers had been swapped
     if (mesh.position_before.backend()) {
-      mesh.position_next.swap(mesh.position_before);
-      mesh.velocity_next.swap(mesh.velocity_before);
+      mesh.position_before.swap(mesh.position_base);
+      mesh.velocity_before.swap(mesh.velocity_base);
     }
     mesh.position.swap(mesh.position_next);
     mesh.velocity.swap(mesh.velocity_next);

@@ -13,6 +13,8 @@ template <class Real> void EvaluateTerms<Real>::run_on(const Rooms &state)
   s.term.resize(state.system.terms);
   state.system.term_nodes.resize(state.system.terms);
   if (state.system.terms == 0) return;
+  // Of the predicted state the forces between stiff neighbours would tell what presses and what slides.
+  const auto &force = state.time.predicted ? s.start_force : s.force;
   CAMA_LAUNCH(b, contact_nodes, state.contact.contacts, state.contact.contact, state.system.term_nodes);
   CAMA_LAUNCH(b, stitch_nodes, state.elements.stitches, state.elements.stitch, state.contact.contacts,
               state.system.term_nodes);
@@ -20,7 +22,7 @@ template <class Real> void EvaluateTerms<Real>::run_on(const Rooms &state)
   state.system.term_incidence.rebuild(b, state.system.term_nodes, state.system.terms, count_);
   if (state.options.paper.contact_form == ContactForm::rank_one)
     CAMA_LAUNCH_REAL(Real, b, stiffen_contacts, state.contact.contacts, state.mesh.cloth_vertices,
-                     state.mesh.inverse_mass, s.force, state.contact.contact);
+                     state.mesh.inverse_mass, force, state.contact.contact);
   if (!state.contact.friction) {
     CAMA_LAUNCH_REAL(Real, b, make_frictionless_terms, state.contact.contacts, state.contact.contact, dt, s.term);
   } else if (state.contact.contacts) {
@@ -29,7 +31,7 @@ template <class Real> void EvaluateTerms<Real>::run_on(const Rooms &state)
                 state.system.term_incidence.entry, state.contact.contact, load_);
     free_velocity_.resize(state.mesh.vertices);
     CAMA_LAUNCH_REAL(Real, b, free_velocities, state.mesh.vertices, state.mesh.cloth_vertices, dt, s.mass,
-                     state.mesh.fixed, state.mesh.base_velocity(state.time), state.mesh.velocity_next, s.force,
+                     state.mesh.fixed, state.mesh.base_velocity(state.time), state.mesh.velocity_next, force,
                      free_velocity_);
     CAMA_LAUNCH_REAL(Real, b, make_contact_terms, state.contact.contacts, state.contact.contact,
                      state.mesh.inverse_mass, free_velocity_, load_, dt, s.term);

@@ -25,7 +25,7 @@ public:
                    Stream<vec3> &hinge_force);
 
 private:
-  bool windy_, damped_;
+  bool contact_, windy_, damped_;
   double air_density_ = 0, drag_ = 0;
 };
 

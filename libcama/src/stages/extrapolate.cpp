@@ -4,24 +4,30 @@
 #include "device/launch.hpp"
 
 namespace cama {
+namespace {
+constexpr double longest_ratio = 2;  // of one step to the one before; the formula is stable below 1 + sqrt(2)
+}
+
 void Extrapolate::run_on(const Rooms &state)
 {
-  state.time.multistep = state.time.history;
-  state.time.implicit_step = state.time.multistep ? 2.0 / 3.0 * state.time.step : state.time.step;
-  state.system.scale_materials(state.time.implicit_step, state.elements.damping);
-  if (!state.time.multistep) return;
-  CAMA_LAUNCH(*state.backend, extrapolate_states, state.mesh.vertices, state.mesh.position, state.mesh.position_before,
-              state.mesh.position_base);
-  CAMA_LAUNCH(*state.backend, extrapolate_states, state.mesh.vertices, state.mesh.velocity, state.mesh.velocity_before,
-              state.mesh.velocity_base);
+  Clock &time = state.time;
+  const double ratio = time.step / time.step_before;
+  time.multistep = time.history && ratio <= longest_ratio;
+  time.memory = time.multistep ? ratio * ratio / (1 + 2 * ratio) : 0;
+  time.implicit_step = time.multistep ? (1 + ratio) / (1 + 2 * ratio) * time.step : time.step;
+  state.system.scale_materials(time.implicit_step, state.elements.damping);
+  if (!time.multistep) return;
+  CAMA_LAUNCH(*state.backend, extrapolate_states, state.mesh.vertices, time.memory, state.mesh.position,
+              state.mesh.position_before, state.mesh.position_base);
+  CAMA_LAUNCH(*state.backend, extrapolate_states, state.mesh.vertices, time.memory, state.mesh.velocity,
+              state.mesh.velocity_before, state.mesh.velocity_base);
 }
 
 void PredictState::run_on(const Rooms &state)
 {
   const MeshState &mesh = state.mesh;
-  CAMA_LAUNCH(*state.backend, predict_states, mesh.cloth_vertices, state.time.multistep ? 1.0 : 0.0,
-              state.time.implicit_step, mesh.fixed, mesh.velocity, mesh.velocity_before, mesh.base_position(state.time),
-              state.mesh.velocity_next, state.mesh.position_next);
+  CAMA_LAUNCH(*state.backend, predict_states, mesh.cloth_vertices, state.time.implicit_step, mesh.fixed, mesh.velocity,
+              mesh.base_position(state.time), state.mesh.velocity_next, state.mesh.position_next);
 }
 
 }  // namespace cama

@@ -4,9 +4,10 @@
 
 namespace cama {
 
-/// Base of a step by the second-order backward differentiation formula: x* = (4 x_n - x_{n-1}) / 3, v* likewise, h =
-/// 2/3 dt. Backward Euler, whose base is x_n, v_n, if there is no history: in the first step, and after a step whose
-/// motion penetration handling changed, or that was divided or replaced.
+/// Base of a step by the second-order backward differentiation formula with variable steps: with the ratio r of this
+/// step to the one before, x* = x_n + m (x_n - x_{n-1}), v* likewise, m = r^2 / (1 + 2 r), h = (1 + r) / (1 + 2 r) dt.
+/// Backward Euler, whose base is x_n, v_n, if there is no history: in the first step, after a step that was divided,
+/// after a state was set, and where the step is more than twice the one before.
 class Extrapolate final : public StageOn<Clock, MeshState, const ElementState, SystemState> {
 public:
   std::string_view name() const override { return "extrapolation"; }
@@ -14,8 +15,8 @@ public:
   void run_on(const Rooms &state) override;
 };
 
-/// State at which a step of BDF2 is linearised: the velocity extrapolated to the end of the step, and the position that
-/// it leads to.
+/// State at which a step of BDF2 is linearised: the velocity at the start of the step, and the position that it leads
+/// to. An extrapolated velocity would carry on what stiff modes do from step to step: fine meshes became unstable.
 class PredictState final : public StageOn<const Clock, MeshState> {
 public:
   std::string_view name() const override { return "prediction"; }

@@ -11,12 +11,17 @@
 namespace cama {
 void FinishStep::run_on(const Rooms &state)
 {
+  MeshState &mesh = state.mesh;
+  const Clock &time = state.time;
+  if (time.predicted)
+    CAMA_LAUNCH(*state.backend, keep_history, mesh.vertices, mesh.cloth_vertices, time.step, time.implicit_step,
+                time.multistep ? 0.5 : 0.0, mesh.fixed, mesh.position, mesh.velocity, mesh.base_position(time),
+                mesh.position_next, mesh.velocity_next, mesh.position_base, mesh.velocity_base);
   bad_.fill_zero();
-  CAMA_LAUNCH(*state.backend, find_nonfinite, state.mesh.vertices, state.mesh.position_next, state.mesh.velocity_next,
-              bad_);
+  CAMA_LAUNCH(*state.backend, find_nonfinite, mesh.vertices, mesh.position_next, mesh.velocity_next, bad_);
   if (const int bad = bad_.at(0)) {
-    const double speed = kernels::dnorm(state.mesh.velocity_next.at(bad - 1));
-    const std::string vertex = "step " + std::to_string(state.report.step) + ": " + state.mesh.describe(bad - 1);
+    const double speed = kernels::dnorm(mesh.velocity_next.at(bad - 1));
+    const std::string vertex = "step " + std::to_string(state.report.step) + ": " + mesh.describe(bad - 1);
     if (std::isfinite(speed) && speed > FASTEST) {
       char text[32];
       std::snprintf(text, sizeof text, "%.3g", speed);
@@ -28,14 +33,13 @@ void FinishStep::run_on(const Rooms &state)
                       ": its position or velocity is not finite; the state before this step is kept. Take a smaller "
                       "time step or softer material");
   }
-  state.mesh.position.swap(state.mesh.position_next);
-  state.mesh.velocity.swap(state.mesh.velocity_next);
-  if (!state.mesh.position_before.backend()) return;
-  state.mesh.position_next.swap(state.mesh.position_before);
-  state.mesh.velocity_next.swap(state.mesh.velocity_before);
-  // Extrapolation of a velocity that jumped would make it rebound.
-  const StepReport &r = state.report;
-  state.time.history = r.impact_passes == 0 && r.truncated == 0 && r.substeps == 1;
+  mesh.position.swap(mesh.position_next);
+  mesh.velocity.swap(mesh.velocity_next);
+  if (!time.predicted) return;
+  mesh.position_before.swap(mesh.position_base);
+  mesh.velocity_before.swap(mesh.velocity_base);
+  state.time.step_before = time.step;
+  state.time.history = true;
 }
 
 }  // namespace cama

@@ -4,7 +4,8 @@
 
 namespace cama {
 
-/// Rejects results that are not finite, then makes the updated streams the current ones.
+/// Keeps what BDF2 needs of this step, rejects results that are not finite, then makes the updated streams the current
+/// ones.
 class FinishStep final : public StageOn<const StepReport, Clock, MeshState> {
 public:
   explicit FinishStep(Backend &backend) : bad_(backend, 1) {}

@@ -190,6 +190,7 @@ void PenetrationHandling::run_on(const Rooms &state)
       search_.run(state, from_, state.mesh.position_next);
     }
   }
+  if (state.time.predicted) return;  // FinishStep keeps what led to the positions
   CAMA_LAUNCH(*state.backend, follow_positions, state.mesh.cloth_vertices, state.time.step, state.time.implicit_step,
               state.mesh.fixed, state.mesh.position, state.mesh.base_position(state.time), state.mesh.position_next,
               state.mesh.velocity_next);

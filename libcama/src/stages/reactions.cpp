@@ -26,6 +26,7 @@ template <class Real> void SolveReactions<Real>::run_on(const Rooms &state)
   r.contact_time = state.time.implicit_step;
   CAMA_LAUNCH_REAL(Real, b, contact_impulses, state.contact.contacts, newton, form, s.term, state.mesh.velocity_next,
                    s.solution, r.contact);
+  r.carry_on(state.time.memory);
   b.copy(r.solved_velocity.buffer(), state.mesh.velocity_next.buffer(), r.solved_velocity.bytes());
 }
 
@@ -65,7 +66,7 @@ void ImpactReactions::add_remainders(const Rooms &state)
 void ImpactReactions::run_on(const Rooms &state)
 {
   if (state.report.impact_passes > 0 || state.report.truncated > 0) add_remainders(state);
-  state.reactions.accept_piece(state.time.multistep ? 1.0 / 3.0 : 0.0);
+  state.reactions.accept_piece();
 }
 
 }  // namespace cama
