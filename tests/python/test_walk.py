@@ -42,6 +42,7 @@ for needed in ("pyvista", "imageio", "scipy", "matplotlib"):  # by `cama render`
 
 # What is not run: a command, or the first line of a block, and why.
 BUILDS = "installs system packages and builds; script/test and tests/install do it"
+CHARACTER = "needs the file of a character; test_characters.py does it"
 NOT_RUN = {
     "script/demo": BUILDS,
     "script/test": BUILDS + ", and this test is part of it",
@@ -54,6 +55,11 @@ NOT_RUN = {
     "cmake --preset release -DCAMA_CUDA=ON": "needs nvcc, and builds",
     'CMAKE_ARGS="-DCAMA_CUDA=ON" pip install .': "needs nvcc, and builds",
     "@article{tang2016cama,": "an entry for BibTeX",
+    '{ "frame_time": 0.02, "frames": 150, "resolution": 2000,': CHARACTER,
+    'scene = cama.Scene.load("walk.json")': CHARACTER,
+    "step 359: a moving obstacle or pin pinches cloth without a way out at (0.093, 0.015, 0.6165) m, between": (
+        CHARACTER
+    ),
     "E = k l² (θ - θ₀)² / (8 A)": "a formula",
     "MeshError: mesh of cloth 2: face 0 (0 1 9) uses vertex 9, but there are 4; indices count from 0": (
         "messages that no block of the page provokes; test_errors_shown does"
