@@ -258,3 +258,11 @@ def test_cloth_that_goes_astray_is_an_error_and_not_infinity():
     with pytest.raises(cama.SolverError, match=r"step 1: cloth 'rocket', vertex 15 moves at 3e\+05 m/s"):
         simulation.step()
     assert simulation.state_hash == before and simulation.step_count == 0
+
+
+@pytest.mark.parametrize("name", ["contact", "self_contact"])
+@pytest.mark.parametrize("value", [{"stiffness": 1e3}, {}, None, "off", 0])
+def test_switches_of_a_scene_are_true_or_false(name, value):
+    """Not the object that scene.json has at this key: it would be taken for True, and what it says ignored."""
+    with pytest.raises(cama.SceneError, match=f"{name}: .* is not True or False; thickness, stiffness"):
+        cama.Scene(**{name: value})

@@ -152,6 +152,8 @@ def test_limbs_are_left_out_by_the_names_of_joints(tmp_path):
         cama.Scene().add_obstacle(file, leave_out=["bone"])
     with pytest.raises(cama.SceneError, match="list of names"):
         cama.Scene().add_obstacle(file, leave_out="bone")
+    with pytest.raises(cama.SceneError, match="None is not a list of names of joints"):
+        cama.Scene().add_obstacle(file, leave_out=None)
     with pytest.raises(cama.SceneError, match="needs a character"):
         cama.Scene().add_obstacle(shape={"sphere": {"radius": 1}}, leave_out=["bone"])
     assert len(cama.Scene().add_obstacle(file, leave_out=[]).faces) == 4

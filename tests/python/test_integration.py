@@ -70,7 +70,7 @@ def test_bdf2_goes_on_with_another_time_step(ratio, multistep, tmp_path):
 
 def test_bdf2_loses_its_history_only_where_cloth_is_struck():
     """A sheet falls freely while another is thrown on a plate: it falls as if it were alone."""
-    scene = cama.Scene(contact={"stiffness": 1e-3})
+    scene = cama.Scene()
     scene.add_obstacle([[-1, -1, 0], [0.8, -1, 0], [0.8, 1, 0], [-1, 1, 0]], [[0, 1, 2], [0, 2, 3]], name="plate")
     scene.add_cloth(
         shape={"grid": {"size": [0.2, 0.2], "cells": [4, 4]}},

@@ -6,7 +6,7 @@ from __future__ import annotations
 import json
 import math
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, NoReturn
 
@@ -49,9 +49,19 @@ def _character(file: PathLike, clip: str, animation: PathLike | None, *how: Any)
 
 def _joint_names(what: str, names: Sequence[str]) -> list[str]:
     """The names as a list. Raises SceneError if they are one text or hold something else."""
-    if isinstance(names, str) or not all(isinstance(n, str) for n in names):
-        raise SceneError(f"{what}: a list of names of joints is needed")
+    if isinstance(names, str) or not isinstance(names, Iterable) or not all(isinstance(n, str) for n in names):
+        raise SceneError(f"{what}: {names!r} is not a list of names of joints, such as ['left_arm', 'right_arm']")
     return list(names)
+
+
+def _switch(name: str, value: bool) -> bool:
+    """Raises SceneError if the value is neither true nor false, such as the object that scene.json has at this key."""
+    if not isinstance(value, (bool, np.bool_)):
+        raise SceneError(
+            f"{name}: {value!r} is not True or False; thickness, stiffness, friction and static_friction are arguments "
+            "of their own"
+        )
+    return bool(value)
 
 
 class Scene:
@@ -95,7 +105,7 @@ class Scene:
         self.gravity, self.time_step, self.frames, self.frame_time = gravity, time_step, frames, frame_time
         self._core.name, self._core.description = str(name), str(description)
         own = self._core.contact
-        own.enabled, own.self = bool(contact), bool(self_contact)
+        own.enabled, own.self = _switch("contact", contact), _switch("self_contact", self_contact)
         own.thickness = number("thickness", thickness)
         if stiffness is not None:
             own.stiffness = number("stiffness", stiffness)
@@ -356,7 +366,8 @@ class Scene:
         numbers = {key: number(f"{name}: {key}", value) for key, value in given.items() if value is not None}
         place = placement(transform, translate, rotate, scale)
         matrix = place.tolist()
-        if len(leave_out) and (motion is not None or not isinstance(mesh, (str, os.PathLike)) or not _animated(mesh)):
+        joints = _joint_names(f"{name}: leave_out", leave_out)
+        if joints and (motion is not None or not isinstance(mesh, (str, os.PathLike)) or not _animated(mesh)):
             raise SceneError(f"{name}: leave_out: needs a character, a glTF, FBX or DAE file without another motion")
         if motion is None and isinstance(mesh, (str, os.PathLike)) and (animation is not None or _animated(mesh)):
             character = _character(
@@ -367,7 +378,7 @@ class Scene:
                 bool(y_up),
                 number(f"{name}: lead_in", lead_in),
                 whole(f"{name}: loops", loops),
-                _joint_names(f"{name}: leave_out", leave_out),
+                joints,
             )
             obstacle.source = str(mesh)
             body, moving = character.mesh, character.motion

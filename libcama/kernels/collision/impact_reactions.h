@@ -135,7 +135,7 @@ KERNEL add_remainders(int n, GLOBAL const int *row, GLOBAL const int *incidence,
   }
 }
 
-/* total += kept before + own. */
+/* total += share impulse. */
 KERNEL add_impulses(int n, double share, GLOBAL const dvec3 *impulse, GLOBAL dvec3 *total)
 {
   FOR_EACH(i, n) {

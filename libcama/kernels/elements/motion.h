@@ -135,8 +135,8 @@ KERNEL keep_history(int n, int cloth, double time_step, double step, double shar
       dvec3 off = dsub(position_next[i], daxpy(base[i], step, velocity_next[i]));
       if (off.x != 0.0 || off.y != 0.0 || off.z != 0.0) {
         dvec3 dv = dsub(velocity_next[i], v), mean = dscale(1.0 / time_step, dsub(position_next[i], x)), end;
-        double pressed = min_double(ddot(dv, off), 0.0) / ddot(off, off);
-        end = daxpy(mean, share, daxpy(dv, -pressed, off));
+        dvec3 away = dnormalize(off);
+        end = daxpy(mean, share, daxpy(dv, -min_double(ddot(dv, away), 0.0), away));
         velocity_next[i] = end;
         v = dsub(end, dv);
         x = daxpy(position_next[i], -time_step, daxpy(end, -0.5, dv));

@@ -283,11 +283,13 @@ template <class Real> void set_up(State &state, const Scene &scene, const Topolo
 
   const std::vector<kernels::stitch> stitches = stitches_of(scene, t);
   state.elements.stitches = static_cast<int>(stitches.size());
-  if (scene.has_contact()) set_up_contact(state, scene, t, inverse_mass);
+  if (scene.has_contact()) {
+    set_up_contact(state, scene, t, inverse_mass);
+    if (state.time.predicted) s->start_force = Stream<typename Types<Real>::vec3>(b, t.cloth_vertices);
+  }
   if (state.elements.stitches) state.elements.stitch = Stream<kernels::stitch>(b, stitches);
   if (scene.has_contact() || state.elements.stitches) {
     s->term = Stream<typename Types<Real>::term>(b);
-    if (state.time.predicted) s->start_force = Stream<typename Types<Real>::vec3>(b, t.cloth_vertices);
     state.system.term_nodes = Stream<kernels::element_nodes>(b);
     if (state.options.paper.contact_form == ContactForm::star) state.system.term_split = Stream<int>(b);
     state.system.term_incidence.reset(b, t.cloth_vertices);

@@ -276,7 +276,7 @@ template <class Real> struct System {
   Stream<typename T::vec3> hinge_force;  // [4 hinges], N
   Stream<typename T::term> term;  // contacts, then stitches
   Stream<typename T::vec3> force;  // [cloth vertices], N
-  Stream<typename T::vec3> start_force;  // [cloth vertices] N, with BDF2 and contact: at the start of the step
+  Stream<typename T::vec3> start_force;  // [cloth vertices] N, with BDF2, in a step with contacts: at its start
   BlockMatrix<Real> matrix;
   Stream<typename T::vec3> right_side, solution;  // [cloth vertices], [vertices]
 

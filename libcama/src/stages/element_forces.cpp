@@ -9,18 +9,16 @@
 namespace cama {
 template <class Real>
 EvaluateElements<Real>::EvaluateElements(const Scene &scene)
-    : contact_(scene.has_contact()), windy_(has_wind(scene)),
-      damped_(std::any_of(scene.cloths.begin(), scene.cloths.end(),
-                          [](const Cloth &c) { return c.material.damping != 0; })),
+    : windy_(has_wind(scene)), damped_(std::any_of(scene.cloths.begin(), scene.cloths.end(),
+                                                   [](const Cloth &c) { return c.material.damping != 0; })),
       air_density_(scene.wind ? scene.wind->density : 0), drag_(scene.wind ? scene.wind->drag : 0)
 {}
 
 template <class Real> void EvaluateElements<Real>::run_on(const Rooms &state)
 {
-  if (contact_ && state.time.predicted) {
+  if (state.contact.contacts && state.time.predicted) {
     System<Real> &s = state.system.template of<Real>();
     evaluate(state, state.mesh.position, true);
-    s.start_force.resize(state.mesh.cloth_vertices);
     s.start_force.copy_from(s.force);
   }
   evaluate(state, state.mesh.linearised_position(state.time), true);

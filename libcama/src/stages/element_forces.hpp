@@ -7,7 +7,7 @@ namespace cama {
 /// Forces and matrix factors of triangles and hinges, wind and gravity, gathered to vertices.
 template <class Real>
 class EvaluateElements final
-    : public StageOn<const Options, const Clock, const MeshState, const ElementState, SystemState> {
+    : public StageOn<const Options, const Clock, const MeshState, const ElementState, const ContactState, SystemState> {
 public:
   explicit EvaluateElements(const Scene &scene);
   std::string_view name() const override { return "element forces"; }
@@ -25,7 +25,7 @@ public:
                    Stream<vec3> &hinge_force);
 
 private:
-  bool contact_, windy_, damped_;
+  bool windy_, damped_;
   double air_density_ = 0, drag_ = 0;
 };
 
