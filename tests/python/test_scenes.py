@@ -4,6 +4,7 @@
 import json
 
 import jsonschema
+import numpy as np
 import pytest
 from typer.testing import CliRunner
 
@@ -59,3 +60,72 @@ def test_keeps_free_of_intersections_for_its_whole_length(name, resolution, tmp_
     summary = run(name, resolution, 0, tmp_path)
     assert judge(tmp_path, every=5) == 0
     assert summary["intersections"] == 0
+
+
+def azimuths(simulation):
+    x = simulation.positions
+    return np.arctan2(x[:, 1], x[:, 0])
+
+
+def winding(simulation, turned):
+    """Degrees by which the ring around a layer's middle has turned against its rim, for each layer.
+
+    turned: of every vertex about the z axis, rad. Means over the vertices of ring and rim; the rim of a strip is its
+    two ends.
+    """
+    degrees = []
+    for cloth, (first, end) in zip(simulation.scene.cloths, simulation.cloth_ranges):
+        rest = cloth.material_vertices - cloth.material_vertices.mean(axis=0)
+        from_middle, far = np.hypot(*rest.T), np.abs(rest).max(axis=1)
+        ring = (from_middle > 0.01) & (from_middle < 0.12)
+        rim = far > far.max() - 1e-6
+        part = turned[first:end]
+        degrees.append(np.degrees(part[ring].mean() - part[rim].mean()))
+    return degrees
+
+
+@pytest.mark.parametrize(
+    "resolution, level, strain",
+    [
+        (1500, "interactive", 0.35),
+        pytest.param(1500, "production", 0.35, marks=pytest.mark.long),
+        pytest.param(1500, "paper", 1, marks=pytest.mark.long),
+        pytest.param(5000, "interactive", 0.3, marks=pytest.mark.long),
+        pytest.param(5000, "production", 0.3, marks=pytest.mark.long),
+        pytest.param(5000, "paper", 1, marks=pytest.mark.long),
+        pytest.param(20000, "interactive", 0.3, marks=pytest.mark.long),
+    ],
+)
+def test_twisting_winds_every_layer_by_more_than_two_turns(resolution, level, strain):
+    scene = cama.Scene.load("twisting", resolution)
+    simulation = cama.Simulation(scene, accuracy=level, threads=1)
+    turned, before, most = 0, azimuths(simulation), 0
+    for frame in simulation.frames(scene.frames, audit=False):
+        now = azimuths(simulation)
+        turned = turned + (now - before + np.pi) % (2 * np.pi) - np.pi
+        before = now
+        most = max(most, simulation.max_strain)
+        assert simulation.count_intersections() == 0, f"frame {frame.index}"
+    assert simulation.time == pytest.approx(3)
+    assert min(winding(simulation, turned)) > 720, winding(simulation, turned)
+    assert most < strain
+    middles = [
+        simulation.positions[np.asarray(pin["vertices"]) + simulation.cloth_ranges[pin["cloth"]][0]]
+        for pin in scene.pins[:3]
+    ]
+    assert middles[0][:, 2].max() < middles[1][:, 2].min() < middles[1][:, 2].max() < middles[2][:, 2].min()
+
+
+@pytest.mark.parametrize("resolution", [2052, *(pytest.param(n, marks=pytest.mark.long) for n in (5000, 20000))])
+def test_funnel_lets_the_cloth_through(resolution):
+    scene = cama.Scene.load("funnel", resolution)
+    simulation = cama.Simulation(scene, accuracy="interactive", threads=1)
+    end_of_tube = scene.obstacles[0].vertices[:, 2].min()
+    assert end_of_tube < -0.3
+    cloth = slice(0, simulation.cloth_vertex_count)
+    assert simulation.positions[cloth, 2].min() > 0.6, "it starts above the funnel"
+    for _ in simulation.frames(scene.frames, audit=False):
+        if simulation.positions[cloth, 2].max() < end_of_tube:
+            break
+    assert simulation.positions[cloth, 2].max() < end_of_tube, "it all comes out below"
+    assert simulation.count_intersections() == 0

@@ -67,10 +67,8 @@ def drape(resolution=1500, seed=0):
 
 
 def twisting(resolution=1500, seed=0):
-    """The paper's Figure 11 (c), for ten full turns of the ball, one a second: friction of 0.5 holds what is up to 124
-    mm off the axis (31 mm at two turns a second, where sheets leave the ball however fine the steps).
-    """
-    return _shipped("twisting", resolution, seed, 4000, time_step=1 / 400)
+    """The paper's Figure 11 (c), to its end: the ball has wound three crossed strips up by two turns."""
+    return _shipped("twisting", resolution, seed, 1200, time_step=1 / 400)
 
 
 def rope(resolution=1000, seed=0, turns=10, seconds=4.0):
