@@ -7,6 +7,7 @@
 #include "solver/conjugate_gradient.h"
 #include "solver/factors.h"
 #include "solver/schwarz.h"
+#include "system/abrupt.h"
 #include "system/assembly.h"
 #include "system/linear_system.h"
 #include "system/newton.h"
@@ -19,6 +20,7 @@
 #undef CAMA_KERNELS_ELEMENTS_BENDING_H
 #undef CAMA_KERNELS_ELEMENTS_EXTERNAL_H
 #undef CAMA_KERNELS_SYSTEM_TERM_H
+#undef CAMA_KERNELS_SYSTEM_ABRUPT_H
 #undef CAMA_KERNELS_SYSTEM_ASSEMBLY_H
 #undef CAMA_KERNELS_SYSTEM_LINEAR_SYSTEM_H
 #undef CAMA_KERNELS_SOLVER_CONJUGATE_GRADIENT_H

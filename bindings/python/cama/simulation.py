@@ -424,8 +424,9 @@ class Simulation:
         """Forces [vertices, 3] of the cloth on what is prescribed, N, mean over the last step.
 
         At an obstacle's vertex it is the force on the obstacle, at a pinned or attached vertex the force on what holds
-        it. At a free vertex it is zero, but for momentum that the certified commit took from it against other cloth
-        and that nothing received: over all vertices the forces are those that the cloth lost.
+        it. At a free vertex it is zero, but for momentum that nothing received: what the certified commit took from it
+        against other cloth, and what BDF2 does not carry on after a blow. Over all vertices the forces are those that
+        the cloth lost.
 
         Raises:
             SceneError: The option `forces` is not set.

@@ -126,8 +126,8 @@ public:
   ContactArrays contacts() const;  ///< of the last step; empty after a step that failed
 
   // Forces, with the option forces; without it they throw SceneError. They act on what is prescribed: on a body, on
-  // what holds a pin. A free vertex has what the commit took from it against other cloth, which nothing received: over
-  // all vertices the impulses are the momentum that left the cloth.
+  // what holds a pin. A free vertex has what nothing received, which the commit took from it against other cloth or
+  // BDF2 did not carry on after a blow: over all vertices the impulses are the momentum that left the cloth.
 
   std::vector<dvec3> forces() const;  ///< [all vertices], N, mean over the last step
   std::vector<dvec3> impulses() const;  ///< [all vertices], N s, over the interval

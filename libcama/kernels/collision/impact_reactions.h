@@ -135,6 +135,26 @@ KERNEL add_remainders(int n, GLOBAL const int *row, GLOBAL const int *incidence,
   }
 }
 
+#define FORGOTTEN 1e-9 /* of the change of velocity: less is rounding */
+
+/* What BDF2 will not carry on of the change of velocity of a blow (keep_history), which is missing in the momentum of
+   the next step: the vertex itself receives it. previous, solved, velocity: at the start of the step, after the solve,
+   at the end; before: what was kept. share: h / dt. */
+KERNEL add_forgotten(int n, double share, GLOBAL const int *fixed, GLOBAL const double *inverse_mass,
+                     GLOBAL const dvec3 *position, GLOBAL const dvec3 *previous, GLOBAL const dvec3 *solved,
+                     GLOBAL const dvec3 *velocity, GLOBAL const dvec3 *before, GLOBAL const dvec3 *abrupt,
+                     GLOBAL dvec3 *linear, GLOBAL dvec3 *angular)
+{
+  FOR_EACH(i, n) {
+    dvec3 whole = dsub(daxpy(solved[i], -share, abrupt[i]), previous[i]);
+    dvec3 lost = dsub(whole, dsub(velocity[i], before[i]));
+    if (fixed[i] || dnorm(lost) <= FORGOTTEN * (dnorm(whole) + dnorm(velocity[i]))) continue;
+    lost = dscale(1.0 / inverse_mass[i], lost);
+    linear[i] = dadd(linear[i], lost);
+    angular[i] = dadd(angular[i], dcross(position[i], lost));
+  }
+}
+
 /* total += share impulse. */
 KERNEL add_impulses(int n, double share, GLOBAL const dvec3 *impulse, GLOBAL dvec3 *total)
 {

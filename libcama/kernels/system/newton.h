@@ -39,25 +39,75 @@ DEVICE double contact_gap(contact c, int refresh, GLOBAL const dvec3 *start, GLO
   return gap;
 }
 
-/* Terms of contacts at the iterate x: a contact that is open there does not push; friction remains that of the step's
-   start. */
-KERNEL update_contact_terms(int n, int refresh, GLOBAL const contact *contacts, GLOBAL const dvec3 *start,
-                            GLOBAL const dvec3 *x, GLOBAL const vertex_contact *v, real step, GLOBAL term *terms)
+/* What a contact does at the iterate. */
+typedef struct {
+  double depth; /* m: its force over its stiffness, never negative */
+  double rate; /* s: how fast that grows with the speed at which its sides approach */
+  double energy; /* J: of penalty and damping, as far as the step goes */
+  dvec3 normal;
+  double weight[4];
+} contact_state;
+
+/* Penalty and damping of a contact. The damping is critical for the masses of the contact's own vertices, so that soft
+   contacts do not throw cloth back; it is never larger than the penalty, so that the force is continuous and never
+   pulls. The depth without damping is c + step s, s being the speed of approach; with it, at least 0 and at most twice
+   as much, c + (step + damping) s. The energy is its integral over s, times stiffness and step. damped: whether there
+   is damping. step: h. */
+DEVICE contact_state contact_at(contact c, int damped, int refresh, double step, GLOBAL const dvec3 *start,
+                                GLOBAL const dvec3 *x, GLOBAL const dvec3 *velocity, GLOBAL const double *inverse_mass,
+                                GLOBAL const vertex_contact *v)
+{
+  contact_state r;
+  double depth, mobility = 0.0, approach = 0.0, damping, base, share, turn;
+  int a;
+  depth = max_double(c.thickness - contact_gap(c, refresh, start, x, v, &r.normal, r.weight), 0.0);
+  r.depth = depth;
+  r.rate = depth > 0.0 ? step : 0.0;
+  r.energy = 0.5 * c.stiffness * depth * depth;
+  if (!(depth > 0.0) || !damped) return r;
+  for (a = 0; a < 4; ++a) {
+    mobility += r.weight[a] * r.weight[a] * inverse_mass[c.node[a]];
+    approach -= r.weight[a] * ddot(r.normal, velocity[c.node[a]]);
+  }
+  if (!(mobility > 0.0)) return r;
+  damping = 2.0 / sqrt(mobility * c.stiffness);
+  base = depth - step * approach;
+  share = 0.5 * c.stiffness * step / (step + damping);
+  if (damping * approach < -depth) {
+    r.depth = r.rate = r.energy = 0.0;
+  } else if (damping * approach > depth) {
+    r.depth = 2.0 * depth;
+    r.rate = 2.0 * step;
+    turn = base > 0.0 ? damping * base / (damping - step) : 0.0; /* depth where this begins */
+    r.energy = 4.0 * share * turn * turn + c.stiffness * (depth * depth - turn * turn);
+  } else {
+    r.depth = depth + damping * approach;
+    r.rate = step + damping;
+    turn = base < 0.0 ? damping * base / (damping - step) : 0.0; /* depth where this begins */
+    r.energy = share * (r.depth * r.depth - 4.0 * turn * turn) + c.stiffness * turn * turn;
+  }
+  return r;
+}
+
+/* Terms of contacts at the iterate x, v: a contact that is open there does not push; friction remains that of the
+   step's start. */
+KERNEL update_contact_terms(int n, int damped, int refresh, GLOBAL const contact *contacts, GLOBAL const dvec3 *start,
+                            GLOBAL const dvec3 *x, GLOBAL const dvec3 *velocity, GLOBAL const double *inverse_mass,
+                            GLOBAL const vertex_contact *v, real step, GLOBAL term *terms)
 {
   FOR_EACH(i, n) {
     contact c = contacts[i];
-    dvec3 normal;
-    double weight[4], depth = c.thickness - contact_gap(c, refresh, start, x, v, &normal, weight);
+    contact_state s = contact_at(c, damped, refresh, (double)step, start, x, velocity, inverse_mass, v);
     int a;
-    if (depth > 0.0) {
-      terms[i].along = step * step * (real)c.stiffness - terms[i].around;
-      terms[i].push = step * (real)(c.stiffness * depth);
+    if (s.depth > 0.0) {
+      terms[i].along = step * (real)s.rate * (real)c.stiffness - terms[i].around;
+      terms[i].push = step * (real)(c.stiffness * s.depth);
     } else {
       terms[i].along = -terms[i].around;
       terms[i].push = (real)0;
     }
-    terms[i].normal = to_vec3(normal);
-    for (a = 0; a < 4; ++a) terms[i].weight[a] = (real)weight[a];
+    terms[i].normal = to_vec3(s.normal);
+    for (a = 0; a < 4; ++a) terms[i].weight[a] = (real)s.weight[a];
   }
 }
 
@@ -187,19 +237,17 @@ KERNEL measure_inertia(int n, double step, GLOBAL const real *mass, GLOBAL const
   }
 }
 
-/* Energy of the penalty and friction of each contact, and then of the stretch of each stitch, J. */
-KERNEL measure_terms(int n, int contact_count, int refresh, GLOBAL const contact *contacts,
+/* Energy of the penalty, damping and friction of each contact, and then of the stretch of each stitch, J. step: h. */
+KERNEL measure_terms(int n, int contact_count, int damped, int refresh, double step, GLOBAL const contact *contacts,
                      GLOBAL const stitch *stitches, GLOBAL const dvec3 *start, GLOBAL const dvec3 *x,
-                     GLOBAL const dvec3 *velocity, GLOBAL const vertex_contact *v, GLOBAL const term *terms,
-                     GLOBAL double *energy)
+                     GLOBAL const dvec3 *velocity, GLOBAL const double *inverse_mass, GLOBAL const vertex_contact *v,
+                     GLOBAL const term *terms, GLOBAL double *energy)
 {
   FOR_EACH(i, n) {
     if (i < contact_count) {
-      contact c = contacts[i];
-      dvec3 normal;
-      double weight[4], depth = max_double(c.thickness - contact_gap(c, refresh, start, x, v, &normal, weight), 0.0);
       vec3 s = sliding(terms[i], velocity);
-      energy[i] = 0.5 * (c.stiffness * depth * depth + (double)(terms[i].around * dot(s, s)));
+      energy[i] = contact_at(contacts[i], damped, refresh, step, start, x, velocity, inverse_mass, v).energy +
+                  0.5 * (double)(terms[i].around * dot(s, s));
     } else {
       stitch s = stitches[i - contact_count];
       dvec3 gap = daxpy(dsub(x[s.node[0]], x[s.node[1]]), -s.ratio, dsub(x[s.node[2]], x[s.node[1]]));

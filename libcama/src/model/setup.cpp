@@ -285,7 +285,11 @@ template <class Real> void set_up(State &state, const Scene &scene, const Topolo
   state.elements.stitches = static_cast<int>(stitches.size());
   if (scene.has_contact()) {
     set_up_contact(state, scene, t, inverse_mass);
-    if (state.time.predicted) s->start_force = Stream<typename Types<Real>::vec3>(b, t.cloth_vertices);
+    if (state.time.predicted) {
+      s->start_force = Stream<typename Types<Real>::vec3>(b, t.cloth_vertices);
+      state.mesh.abrupt_change = Stream<dvec3>(b);
+      state.contact.abrupt = Stream<double>(b);
+    }
   }
   if (state.elements.stitches) state.elements.stitch = Stream<kernels::stitch>(b, stitches);
   if (scene.has_contact() || state.elements.stitches) {

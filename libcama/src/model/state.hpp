@@ -67,6 +67,8 @@ struct MeshState {
   // state from which it would have come to the present one
   Stream<dvec3> position_before, velocity_before;
   Stream<dvec3> position_base, velocity_base;  // [vertices] with BDF2: x*, v*
+  // [cloth vertices] m/s, with BDF2 in a step with contacts, else empty: by what contact stopped abruptly
+  Stream<dvec3> abrupt_change;
   Stream<dvec3> rest_position;  // [vertices] obstacles before their motion, if any moves rigidly
   Stream<double> inverse_mass;  // [vertices] 1/kg; 0: prescribed; with contact
   Stream<int> fixed;  // [vertices] 1: prescribed
@@ -99,6 +101,7 @@ struct MeshState {
     f("velocity_before", Life::run, velocity_before);
     f("position_base", Life::step, position_base);
     f("velocity_base", Life::step, velocity_base);
+    f("abrupt_change", Life::step, abrupt_change);
     f("rest_position", Life::scene, rest_position);
     f("inverse_mass", Life::scene, inverse_mass);
     f("fixed", Life::scene, fixed);
@@ -159,6 +162,7 @@ struct ContactState {
   PairList vertex_face, edge_edge;
   int contacts = 0;
   Stream<kernels::contact> contact;
+  Stream<double> abrupt;  // [contacts] N s, with BDF2: the part of the impulse that stopped motion abruptly
   Stream<kernels::impact> impact;
 
   /// Removes all contacts and candidates.
@@ -171,6 +175,7 @@ struct ContactState {
     edge_edge.visit({"edge_edge.pairs", "edge_edge.direction", "edge_edge.gap_bound"}, f);
     f("contacts", Life::step, contacts);
     f("contact", Life::step, contact);
+    f("abrupt", Life::step, abrupt);
     f("impact", Life::step, impact);
   }
 };
@@ -348,7 +353,8 @@ struct Impulses {
 };
 
 /// What the cloth gave to what is prescribed, with the option forces: each obstacle vertex, pinned and attached vertex.
-/// A free vertex has the momentum that the commit took from it against other cloth, which nothing else received.
+/// A free vertex has the momentum that nothing else received: what the commit took from it against other cloth, and
+/// what BDF2 does not carry on after a blow.
 struct ReactionState {
   bool measured = false, carries = false;
   Impulses step;  // of the last step

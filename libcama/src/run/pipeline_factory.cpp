@@ -3,6 +3,7 @@
 
 #include <algorithm>
 
+#include "stages/abrupt_contact.hpp"
 #include "stages/advance_positions.hpp"
 #include "stages/contact_terms.hpp"
 #include "stages/element_forces.hpp"
@@ -78,6 +79,7 @@ template <class Real> std::unique_ptr<Pipeline> make_pipeline(const Scene &scene
   LinearSolve<Real> &solve = step.add<LinearSolve<Real>>(b);
   step.add<AdvancePositions>();
   if (options.newton_iterations > 1) step.add<NewtonIterations<Real>>(scene, b, elements, matrix, solve);
+  if (contact && options.integrator == Integrator::bdf2) step.add<SplitContact<Real>>(b);
   if (options.forces) step.add<SolveReactions<Real>>(b);
   if (contact) step.add<PenetrationHandling>(b, *proximity->search, proximity->flagged);
   step.add<FinishStep>(b);

@@ -38,8 +38,9 @@ template <class Real> void EvaluateTerms<Real>::run_on(const Rooms &state)
   }
   const Stream<dvec3> &at = state.mesh.linearised_position(state.time);
   if (state.time.predicted)
-    CAMA_LAUNCH_REAL(Real, b, update_contact_terms, state.contact.contacts, 0, state.contact.contact,
-                     state.mesh.position, at, state.contact.vertex_contact, dt, s.term);
+    CAMA_LAUNCH_REAL(Real, b, update_contact_terms, state.contact.contacts, 1, 0, state.contact.contact,
+                     state.mesh.position, at, state.mesh.velocity_next, state.mesh.inverse_mass,
+                     state.contact.vertex_contact, dt, s.term);
   CAMA_LAUNCH_REAL(Real, b, make_stitch_terms, state.elements.stitches, state.elements.stitch, at, dt,
                    state.contact.contacts, s.term);
 }

@@ -75,8 +75,9 @@ template <class Real> typename NewtonIterations<Real>::Norms NewtonIterations<Re
   if (state.system.terms) {
     const int refresh = state.options.contact_refresh == ContactRefresh::iteration;
     product_.resize(state.system.terms);
-    CAMA_LAUNCH_REAL(Real, b, update_contact_terms, state.contact.contacts, refresh, state.contact.contact,
-                     state.mesh.position, x, state.contact.vertex_contact, h, s.term);
+    CAMA_LAUNCH_REAL(Real, b, update_contact_terms, state.contact.contacts, state.time.predicted ? 1 : 0, refresh,
+                     state.contact.contact, state.mesh.position, x, v, state.mesh.inverse_mass,
+                     state.contact.vertex_contact, h, s.term);
     CAMA_LAUNCH_REAL(Real, b, make_stitch_terms, state.elements.stitches, state.elements.stitch, x, h,
                      state.contact.contacts, s.term);
     CAMA_LAUNCH_REAL(Real, b, add_term_forces, rows, state.system.term_incidence.row, state.system.term_incidence.entry,
@@ -117,9 +118,10 @@ template <class Real> typename NewtonIterations<Real>::Potential NewtonIteration
     CAMA_LAUNCH_REAL(Real, b, measure_hinges, state.mesh.hinges, s.hinge_rest, s.bending_table,
                      state.options.arcsim_conventions ? 1 : 0, x, hinge_);
   term_.resize(state.system.terms);
-  CAMA_LAUNCH_REAL(Real, b, measure_terms, state.system.terms, state.contact.contacts,
-                   state.options.contact_refresh == ContactRefresh::iteration ? 1 : 0, state.contact.contact,
-                   state.elements.stitch, state.mesh.position, x, v, state.contact.vertex_contact, s.term, term_);
+  CAMA_LAUNCH_REAL(Real, b, measure_terms, state.system.terms, state.contact.contacts, state.time.predicted ? 1 : 0,
+                   state.options.contact_refresh == ContactRefresh::iteration ? 1 : 0, state.time.implicit_step,
+                   state.contact.contact, state.elements.stitch, state.mesh.position, x, v, state.mesh.inverse_mass,
+                   state.contact.vertex_contact, s.term, term_);
   const std::vector<double> parts = sum(state, {&vertex_[0], &triangle_[0], &hinge_, &term_});
   Potential result{0, 0};
   for (double part : parts) {
@@ -189,12 +191,15 @@ template <class Real> void NewtonIterations<Real>::run_on(const Rooms &state)
     linear += state.report.iterations;
     ++taken;
     bool evaluated = false;
-    if (!search_line(state, norms, evaluated)) break;
+    if (!search_line(state, norms, evaluated)) {
+      if (state.options.forces || (state.time.multistep && state.contact.contacts))
+        evaluate(state);  // the terms are those of an iterate that was refused
+      break;
+    }
     if (!evaluated) norms = evaluate(state);
     idle = fell_ || norms.residual < 0.25 * best.residual ? 0 : idle + 1;
     if (norms.residual < best.residual) best = norms;
   }
-  if (state.options.forces) evaluate(state);  // the last iterate may have been one that the line search refused
   state.report.iterations = linear;
   state.report.newton_iterations = taken;
   state.report.newton_residual = relative(norms);

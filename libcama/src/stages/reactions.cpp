@@ -24,10 +24,18 @@ template <class Real> void SolveReactions<Real>::run_on(const Rooms &state)
                    state.contact.vertex_contact, r.piece.linear, r.piece.angular);
   r.contact.resize(state.contact.contacts);
   r.contact_time = state.time.implicit_step;
-  CAMA_LAUNCH_REAL(Real, b, contact_impulses, state.contact.contacts, newton, form, s.term, state.mesh.velocity_next,
-                   s.solution, r.contact);
+  // The contact's impulses are those of a force over the implicit step, in which the time step is longer.
+  const int stopped = state.mesh.abrupt_change.size() > 0 ? 1 : 0;
+  const double share = state.time.implicit_step / state.time.step;
+  CAMA_LAUNCH_REAL(Real, b, contact_impulses, state.contact.contacts, newton, form, stopped, share * share, s.term,
+                   state.contact.abrupt, state.mesh.velocity_next, s.solution, r.contact);
   r.carry_on(state.time.memory);
   b.copy(r.solved_velocity.buffer(), state.mesh.velocity_next.buffer(), r.solved_velocity.bytes());
+  if (!stopped) return;
+  CAMA_LAUNCH_REAL(Real, b, add_abrupt_reactions, vertices, rows, state.contact.contacts, share, terms_.row,
+                   terms_.entry, s.term, state.contact.abrupt, state.mesh.fixed, state.mesh.position,
+                   state.contact.vertex_contact, r.piece.linear, r.piece.angular);
+  CAMA_LAUNCH(b, add_impulses, rows, share - 1, state.mesh.abrupt_change, r.solved_velocity);
 }
 
 template class SolveReactions<double>;
@@ -66,6 +74,12 @@ void ImpactReactions::add_remainders(const Rooms &state)
 void ImpactReactions::run_on(const Rooms &state)
 {
   if (state.report.impact_passes > 0 || state.report.truncated > 0) add_remainders(state);
+  const MeshState &mesh = state.mesh;
+  if (mesh.abrupt_change.size() > 0)  // FinishStep has swapped velocity and velocity_next
+    CAMA_LAUNCH(*state.backend, add_forgotten, mesh.cloth_vertices, state.time.implicit_step / state.time.step,
+                mesh.fixed, mesh.inverse_mass, mesh.position, mesh.velocity_next, state.reactions.solved_velocity,
+                mesh.velocity, mesh.velocity_before, mesh.abrupt_change, state.reactions.smooth_next.linear,
+                state.reactions.smooth_next.angular);
   state.reactions.accept_piece();
 }
 
