@@ -3,6 +3,7 @@
 
 import json
 import os
+import signal
 
 os.environ.setdefault("CAMA_BACKEND", "cpu")  # what the tests call `auto`, also where there is a GPU
 
@@ -12,6 +13,9 @@ import pytest  # noqa: E402
 
 import cama  # noqa: E402
 from cama.io.recording import Recording  # noqa: E402
+
+if signal.getsignal(signal.SIGINT) == signal.SIG_IGN:  # in a background job; programs that tests interrupt inherit it
+    signal.signal(signal.SIGINT, signal.default_int_handler)
 
 # Free fall: the error after a window w is g dt w / 2 exactly, whatever the mesh.
 FALL = {
