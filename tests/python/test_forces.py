@@ -78,6 +78,19 @@ def test_the_impulses_are_the_momentum_that_changed(options, bound):
         assert (np.delete(simulation.forces[:n], [0, 1, 121], axis=0) == 0).all()
 
 
+def test_bdf2_forgets_nothing_where_there_is_no_blow():
+    scene = cama.Scene(self_contact=False)
+    sheet(scene, 1.02e-3, cells=6)
+    scene.add_obstacle(shape={"plane": {"size": [2, 2]}}, name="floor", friction=0.5)
+    simulation = simulate(scene, **EXACT, integrator="bdf2", newton_iterations=2)
+    touched = 0
+    for _ in range(60):
+        simulation.step()
+        touched += simulation.report["contacts"] > 0
+        assert (simulation.forces[: simulation.cloth_vertex_count] == 0).all(), "free vertices are held by nothing"
+    assert touched > 30 and simulation.force_on("floor").force[2] < 0
+
+
 def test_what_the_commit_cuts_pushes_the_obstacle():
     scene = cama.Scene(self_contact=False, gravity=(0, 0, 0))
     sheet(scene, 0.5, cells=4, velocity=(0, 0, -5))

@@ -50,9 +50,9 @@ typedef struct {
 
 /* Penalty and damping of a contact. The damping is critical for the masses of the contact's own vertices, so that soft
    contacts do not throw cloth back; it is never larger than the penalty, so that the force is continuous and never
-   pulls. The depth without damping is c + step s, s being the speed of approach; with it, at least 0 and at most twice
-   as much, c + (step + damping) s. The energy is its integral over s, times stiffness and step. damped: whether there
-   is damping. step: h. */
+   pulls. The depth without damping is base + step s, s being the speed of approach; with it, at least 0 and at most
+   twice as much, base + (step + damping) s. The energy is its integral over s, times stiffness and step. damped:
+   whether there is damping. step: h. */
 DEVICE contact_state contact_at(contact c, int damped, int refresh, double step, GLOBAL const dvec3 *start,
                                 GLOBAL const dvec3 *x, GLOBAL const dvec3 *velocity, GLOBAL const double *inverse_mass,
                                 GLOBAL const vertex_contact *v)
