@@ -98,7 +98,7 @@ TEST_CASE("lock step finds and names an error of 1e-15 planted in a kernel's tex
        "element forces", "hinge_factor"},
       {"system/newton.h", ".push = step * (real)(c.stiffness * s.depth);",
        ".push = (real)(1.0 + 1e-15) * step * (real)(c.stiffness * s.depth);", "contact terms", "term"},
-      {"system/abrupt.h", "t.push - (real)abrupt;", "(real)(1.0 + 1e-15) * t.push - (real)abrupt;", "abrupt contact",
+      {"system/abrupt.h", "t.push - (real)part;", "(real)(1.0 + 1e-15) * t.push - (real)part;", "abrupt contact",
        "term"},
       {"system/assembly.h", "mat3_diagonal(mass[-1 - source])",
        "mat3_diagonal((real)(1.0 + 1e-15) * mass[-1 - source])", "matrix assembly", "block"},

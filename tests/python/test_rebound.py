@@ -1,10 +1,13 @@
 # SPDX-License-Identifier: Apache-2.0
 """Contact without restitution under BDF2: cloth that is thrown stays, and wins no energy."""
 
+import math
+
 import numpy as np
 import pytest
 
 import cama
+from cama.torture import meshes
 from conftest import grid
 
 SPEED = 3.0
@@ -66,3 +69,35 @@ def test_heavy_cloth_on_soft_contacts_comes_to_rest(density):
     n = simulation.cloth_vertex_count
     assert simulation.positions[:n, 2].min() == pytest.approx(1e-3, rel=0.01)
     assert np.abs(simulation.velocities[:n]).max() < 1e-3
+
+
+@pytest.mark.parametrize("scale", [1e-3, 1e3])
+def test_the_size_of_a_scene_does_not_matter(scale):
+    """Lengths, stiffnesses and gravity scaled together: the same motion, times the scale."""
+    ends = []
+    for s in (1.0, scale):
+        simulation = cama.Simulation(
+            meshes.draped_patch(scale=s), time_step=0.005, backend="cpu", **{**BDF2, "tolerance": 1e-12}
+        )
+        simulation.step(30)
+        assert simulation.report["contacts"] > 0
+        ends.append(simulation.positions[: simulation.cloth_vertex_count] / s)
+    np.testing.assert_allclose(ends[1], ends[0], atol=1e-7)
+
+
+def test_friction_of_a_landing_is_abrupt_too():
+    """A patch that is pressed 10 micrometres into a slope, on which it slides at 0.3 m/s, is pushed out within a step.
+
+    A block keeps 0.302 m/s in a tenth of a second. Friction as a smooth force took 0.1 m/s of it within 20 ms.
+    """
+    angle = math.atan(0.1 / 0.98)
+    down, normal = np.array([math.cos(angle), 0, -math.sin(angle)]), np.array([math.sin(angle), 0, math.cos(angle)])
+    frame = np.stack([down, [0, 1, 0], normal])
+    scene = cama.Scene()
+    vertices, faces = grid(4, 0.05)
+    scene.add_cloth((vertices + [0, 0, 0.99e-3]) @ frame, faces, material="cotton", velocity=tuple(0.3 * down))
+    slope = np.array([[-1, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]]) @ frame
+    scene.add_obstacle(slope, [[0, 1, 2], [0, 2, 3]], friction=0.1, name="slope")
+    simulation = cama.Simulation(scene, accuracy="accurate", backend="cpu", threads=1)
+    simulation.step(round(0.1 / simulation.time_step))
+    assert (simulation.velocities[: simulation.cloth_vertex_count] @ down).mean() > 0.25

@@ -121,7 +121,8 @@ KERNEL follow_positions(int n, double time_step, double step, GLOBAL const int *
 
 /* A change of velocity that is larger than both was a blow that contact passed on. */
 #define BLOW_GROWTH 2.0 /* times the change in the last step */
-#define BLOW 100.0 /* m/s^2 */
+#define BLOW 10.0 /* times what gravity adds */
+#define STANDARD_GRAVITY 9.81 /* m/s^2, where there is none */
 
 /* What BDF2 keeps of a step, of all vertices: the state at its start, or, where the motion was not smooth, the state
    from which the change dv of the velocity leads to the new one. dv: by which the solve changed the velocity, without
@@ -129,12 +130,13 @@ KERNEL follow_positions(int n, double time_step, double step, GLOBAL const int *
    (abrupt.h). touching: whether there are contacts. With them, of a blow no more is kept than would not have been one.
    Where penetration handling moved a vertex away from base + step v, its velocity becomes the mean one over the time
    step plus `share` of dv, except for what pressed it against the obstacle. memory: of base = now + memory (now -
-   before). cloth: number of cloth vertices, of which others have none. history_*: may be base_*. */
+   before). cloth: number of cloth vertices, of which others have none. gravity: of the scene. history_*: may be
+   base_*. */
 KERNEL keep_history(int n, int cloth, double time_step, double step, double share, double memory,
-                    GLOBAL const int *fixed, GLOBAL const dvec3 *position, GLOBAL const dvec3 *velocity,
-                    GLOBAL const dvec3 *base_position, GLOBAL const dvec3 *base_velocity, int touching,
-                    GLOBAL const dvec3 *abrupt, GLOBAL const dvec3 *position_next, GLOBAL dvec3 *velocity_next,
-                    GLOBAL dvec3 *position_history, GLOBAL dvec3 *velocity_history)
+                    GLOBAL const int *fixed, GLOBAL const dvec3 *gravity, GLOBAL const dvec3 *position,
+                    GLOBAL const dvec3 *velocity, GLOBAL const dvec3 *base_position, GLOBAL const dvec3 *base_velocity,
+                    int touching, GLOBAL const dvec3 *abrupt, GLOBAL const dvec3 *position_next,
+                    GLOBAL dvec3 *velocity_next, GLOBAL dvec3 *position_history, GLOBAL dvec3 *velocity_history)
 {
   FOR_EACH(i, n) {
     dvec3 x = position[i], v = velocity[i];
@@ -143,7 +145,11 @@ KERNEL keep_history(int n, int cloth, double time_step, double step, double shar
       dvec3 stopped = touching ? abrupt[i] : dvec3_make(0.0, 0.0, 0.0), dv = dsub(dsub(velocity_next[i], v), stopped);
       double size = dnorm(dv), most = size;
       int struck = off.x != 0.0 || off.y != 0.0 || off.z != 0.0;
-      if (touching) most = max_double(BLOW * time_step, BLOW_GROWTH / memory * dnorm(dsub(base_velocity[i], v)));
+      if (touching) {
+        double g = dnorm(gravity[0]);
+        most = max_double(BLOW * time_step * (g > 0.0 ? g : STANDARD_GRAVITY),
+                          BLOW_GROWTH / memory * dnorm(dsub(base_velocity[i], v)));
+      }
       if (struck || size > most || stopped.x != 0.0 || stopped.y != 0.0 || stopped.z != 0.0) {
         dvec3 end = daxpy(velocity_next[i], step / time_step - 1.0, stopped);
         if (struck) {

@@ -39,39 +39,65 @@ KERNEL push_loads(int n, int contacts, GLOBAL const int *row, GLOBAL const int *
   }
 }
 
-/* Replaces each push by its abrupt part, and takes that from the term: as much as stops the approach that the sides of
-   the contact had at the start of the step. share: h / dt. Each vertex gives a contact the share of its mass that the
-   contact has in the vertex's load. n: contacts. */
-KERNEL abrupt_pushes(int n, double share, int cloth_vertices, GLOBAL const double *inverse_mass,
-                     GLOBAL const double *load, GLOBAL const dvec3 *velocity, GLOBAL term *terms, GLOBAL double *push)
+/* Sum of w^2 / m of a contact, 1/kg, where each cloth vertex gives it the share of its mass that the contact has in the
+   vertex's load. push: N s. */
+DEVICE double pushed_mobility(term t, double push, int cloth_vertices, GLOBAL const double *inverse_mass,
+                              GLOBAL const double *load)
+{
+  double sum = 0.0;
+  int a;
+  for (a = 0; a < 4; ++a) {
+    int v = t.node[a];
+    double w = (double)t.weight[a], own = fabs(w) * push;
+    if (v < cloth_vertices && own > 0.0) sum += w * w * inverse_mass[v] * (load[v] / own);
+  }
+  return sum;
+}
+
+/* Sum of w v of a contact along its tangent plane, m/s. */
+DEVICE dvec3 tangential(term t, GLOBAL const dvec3 *velocity)
+{
+  dvec3 s = dvec3_make(0.0, 0.0, 0.0), normal = to_dvec3(t.normal);
+  int a;
+  for (a = 0; a < 4; ++a) s = daxpy(s, (double)t.weight[a], velocity[t.node[a]]);
+  return daxpy(s, -ddot(normal, s), normal);
+}
+
+/* abrupt[i]: the part of the impulse of contact i that stopped motion abruptly, on its side A, N s: of the push as much
+   as stops the approach that the sides of the contact had at the start of the step, of the friction the same share, if
+   `rough`. The term loses it. share: h / dt. start, velocity: before and after the solve, m/s. n: contacts. */
+KERNEL abrupt_impulses(int n, double share, int cloth_vertices, int rough, GLOBAL const double *inverse_mass,
+                       GLOBAL const double *push, GLOBAL const double *load, GLOBAL const dvec3 *start,
+                       GLOBAL const dvec3 *velocity, GLOBAL term *terms, GLOBAL dvec3 *abrupt)
 {
   FOR_EACH(i, n) {
     term t = terms[i];
-    double separation = 0.0, mobility = 0.0, abrupt = 0.0, p = push[i];
+    dvec3 normal = to_dvec3(t.normal);
+    double separation = 0.0, mobility = pushed_mobility(t, push[i], cloth_vertices, inverse_mass, load), part = 0.0;
     int a;
-    for (a = 0; a < 4; ++a) {
-      int v = t.node[a];
-      double w = (double)t.weight[a], own = fabs(w) * p;
-      separation += w * ddot(to_dvec3(t.normal), velocity[v]);
-      if (v < cloth_vertices && own > 0.0) mobility += w * w * inverse_mass[v] * (load[v] / own);
+    for (a = 0; a < 4; ++a) separation += (double)t.weight[a] * ddot(normal, start[t.node[a]]);
+    if (separation < 0.0 && mobility > 0.0) part = min_double(push[i], -separation / (share * mobility));
+    terms[i].push = t.push - (real)part;
+    abrupt[i] = dscale(part, normal);
+    if (rough && part > 0.0) {
+      real around = (real)(part / push[i]) * t.around;
+      terms[i].around = t.around - around;
+      terms[i].along = t.along + around;
+      abrupt[i] = daxpy(abrupt[i], -(double)around, tangential(t, velocity));
     }
-    if (separation < 0.0 && mobility > 0.0) abrupt = min_double(p, -separation / (share * mobility));
-    push[i] = abrupt;
-    terms[i].push = t.push - (real)abrupt;
   }
 }
 
-/* change[i]: of the velocity of cloth vertex i by abrupt pushes, m/s; zero if it is prescribed. */
+/* change[i]: of the velocity of cloth vertex i by abrupt impulses, m/s; zero if it is prescribed. */
 KERNEL abrupt_changes(int n, int contacts, GLOBAL const int *row, GLOBAL const int *incidence, GLOBAL const term *terms,
-                      GLOBAL const double *inverse_mass, GLOBAL const double *abrupt, GLOBAL dvec3 *change)
+                      GLOBAL const double *inverse_mass, GLOBAL const dvec3 *abrupt, GLOBAL dvec3 *change)
 {
   FOR_EACH(i, n) {
     dvec3 sum = dvec3_make(0.0, 0.0, 0.0);
     int k;
     for (k = row[i]; k < row[i + 1]; ++k) {
       int e = incidence[k] >> 2;
-      if (e < contacts)
-        sum = daxpy(sum, (double)terms[e].weight[incidence[k] & 3] * abrupt[e], to_dvec3(terms[e].normal));
+      if (e < contacts) sum = daxpy(sum, (double)terms[e].weight[incidence[k] & 3], abrupt[e]);
     }
     change[i] = dscale(inverse_mass[i], sum);
   }

@@ -72,7 +72,7 @@ KERNEL solve_reactions(int n, int rows, int contacts, int newton, int in_matrix,
 /* Adds `share` of what contact stopped abruptly (abrupt.h) to impulses and moments of prescribed vertices. n,
    incidence, position, properties: as above. */
 KERNEL add_abrupt_reactions(int n, int rows, int contacts, double share, GLOBAL const int *row,
-                            GLOBAL const int *incidence, GLOBAL const term *terms, GLOBAL const double *abrupt,
+                            GLOBAL const int *incidence, GLOBAL const term *terms, GLOBAL const dvec3 *abrupt,
                             GLOBAL const int *fixed, GLOBAL const dvec3 *position,
                             GLOBAL const vertex_contact *properties, GLOBAL dvec3 *linear, GLOBAL dvec3 *angular)
 {
@@ -85,9 +85,9 @@ KERNEL add_abrupt_reactions(int n, int rows, int contacts, double share, GLOBAL 
       if (e < contacts) {
         double weight = (double)terms[e].weight[incidence[k] & 3];
         double reach = i >= rows ? (weight < 0.0 ? 1.0 : -1.0) * properties[i].radius : 0.0;
-        dvec3 normal = to_dvec3(terms[e].normal), own = dscale(share * weight * abrupt[e], normal);
+        dvec3 own = dscale(share * weight, abrupt[e]);
         sum = dadd(sum, own);
-        moment = dadd(moment, dcross(daxpy(position[i], reach, normal), own));
+        moment = dadd(moment, dcross(daxpy(position[i], reach, to_dvec3(terms[e].normal)), own));
       }
     }
     linear[i] = sum;
@@ -98,7 +98,7 @@ KERNEL add_abrupt_reactions(int n, int rows, int contacts, double share, GLOBAL 
 /* impulse[i]: of contact i on its side A, N s, with `share` of what it stopped abruptly (abrupt.h; any: whether there
    is such). */
 KERNEL contact_impulses(int n, int newton, int form, int any, double share, GLOBAL const term *terms,
-                        GLOBAL const double *abrupt, GLOBAL const dvec3 *velocity, GLOBAL const vec3 *change,
+                        GLOBAL const dvec3 *abrupt, GLOBAL const dvec3 *velocity, GLOBAL const vec3 *change,
                         GLOBAL dvec3 *impulse)
 {
   FOR_EACH(i, n) {
@@ -107,7 +107,7 @@ KERNEL contact_impulses(int n, int newton, int form, int any, double share, GLOB
     int a;
     for (a = 0; a < 4; ++a)
       if (t.weight[a] > (real)0) sum = add(sum, term_impulse(t, 1, form, newton, 0, a, velocity, change));
-    impulse[i] = any ? daxpy(to_dvec3(sum), share * abrupt[i], to_dvec3(t.normal)) : to_dvec3(sum);
+    impulse[i] = any ? daxpy(to_dvec3(sum), share, abrupt[i]) : to_dvec3(sum);
   }
 }
 

@@ -288,7 +288,7 @@ template <class Real> void set_up(State &state, const Scene &scene, const Topolo
     if (state.time.predicted) {
       s->start_force = Stream<typename Types<Real>::vec3>(b, t.cloth_vertices);
       state.mesh.abrupt_change = Stream<dvec3>(b);
-      state.contact.abrupt = Stream<double>(b);
+      state.contact.abrupt = Stream<dvec3>(b);
     }
   }
   if (state.elements.stitches) state.elements.stitch = Stream<kernels::stitch>(b, stitches);

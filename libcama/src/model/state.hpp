@@ -162,7 +162,7 @@ struct ContactState {
   PairList vertex_face, edge_edge;
   int contacts = 0;
   Stream<kernels::contact> contact;
-  Stream<double> abrupt;  // [contacts] N s, with BDF2: the part of the impulse that stopped motion abruptly
+  Stream<dvec3> abrupt;  // [contacts] N s on side A, with BDF2: the part of the impulse that stopped motion abruptly
   Stream<kernels::impact> impact;
 
   /// Removes all contacts and candidates.

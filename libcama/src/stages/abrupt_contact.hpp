@@ -8,13 +8,13 @@ namespace cama {
 template <class Real>
 class SplitContact final : public StageOn<const Options, const Clock, MeshState, ContactState, SystemState> {
 public:
-  explicit SplitContact(Backend &backend) : load_(backend) {}
+  explicit SplitContact(Backend &backend) : push_(backend), load_(backend) {}
   std::string_view name() const override { return "abrupt contact"; }
   std::string reason() const override { return "bdf2 with contact"; }
   void run_on(const Rooms &state) override;
 
 private:
-  Stream<double> load_;  // [cloth vertices] N s
+  Stream<double> push_, load_;  // [contacts], [cloth vertices] N s
 };
 
 extern template class SplitContact<double>;

@@ -15,9 +15,10 @@ void FinishStep::run_on(const Rooms &state)
   const Clock &time = state.time;
   if (time.predicted)
     CAMA_LAUNCH(*state.backend, keep_history, mesh.vertices, mesh.cloth_vertices, time.step, time.implicit_step,
-                time.multistep ? 0.5 : 0.0, time.memory, mesh.fixed, mesh.position, mesh.velocity,
-                mesh.base_position(time), mesh.base_velocity(time), mesh.abrupt_change.size() > 0 ? 1 : 0,
-                mesh.abrupt_change, mesh.position_next, mesh.velocity_next, mesh.position_base, mesh.velocity_base);
+                time.multistep ? 0.5 : 0.0, time.memory, mesh.fixed, state.elements.gravity, mesh.position,
+                mesh.velocity, mesh.base_position(time), mesh.base_velocity(time),
+                mesh.abrupt_change.size() > 0 ? 1 : 0, mesh.abrupt_change, mesh.position_next, mesh.velocity_next,
+                mesh.position_base, mesh.velocity_base);
   bad_.fill_zero();
   CAMA_LAUNCH(*state.backend, find_nonfinite, mesh.vertices, mesh.position_next, mesh.velocity_next, bad_);
   if (const int bad = bad_.at(0)) {

@@ -42,7 +42,7 @@ class Probe:
 
     @property
     def plain(self):
-        """Whether the level takes the scene's time step by backward Euler."""
+        """Whether the level takes the scene's time step."""
         return self.accuracy in ("production", "paper")
 
     @property
