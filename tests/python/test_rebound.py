@@ -86,9 +86,9 @@ def test_the_size_of_a_scene_does_not_matter(scale):
 
 
 def test_friction_of_a_landing_is_abrupt_too():
-    """A patch that is pressed 10 micrometres into a slope, on which it slides at 0.3 m/s, is pushed out within a step.
+    """A patch that is pressed 10 micrometres into a slope with 0.3 m/s down it goes on sliding.
 
-    A block keeps 0.302 m/s in a tenth of a second. Friction as a smooth force took 0.1 m/s of it within 20 ms.
+    A block has 0.310 m/s after half a second; with all friction as a smooth force the patch had 0.117 m/s.
     """
     angle = math.atan(0.1 / 0.98)
     down, normal = np.array([math.cos(angle), 0, -math.sin(angle)]), np.array([math.sin(angle), 0, math.cos(angle)])
@@ -99,5 +99,5 @@ def test_friction_of_a_landing_is_abrupt_too():
     slope = np.array([[-1, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]]) @ frame
     scene.add_obstacle(slope, [[0, 1, 2], [0, 2, 3]], friction=0.1, name="slope")
     simulation = cama.Simulation(scene, accuracy="accurate", backend="cpu", threads=1)
-    simulation.step(round(0.1 / simulation.time_step))
-    assert (simulation.velocities[: simulation.cloth_vertex_count] @ down).mean() > 0.25
+    simulation.step(round(0.5 / simulation.time_step))
+    assert 0.25 < (simulation.velocities[: simulation.cloth_vertex_count] @ down).mean() < 0.311
