@@ -85,7 +85,7 @@ void make_terms(int kind, const Corners &x, double friction, const std::array<Ve
   c.friction = c.static_friction = friction;
   double load[4];   // the only contact of its vertices, so that each gives it its whole mass
   for (int a = 0; a < 4; ++a) load[a] = std::abs(c.weight[a]) * stiffness * (thickness - p.distance);
-  f64::make_contact_terms(1, &c, inverse_mass, free_velocity, load, time_step, &t);
+  f64::make_contact_terms(1, 0, &c, inverse_mass, free_velocity, free_velocity, load, time_step, &t);
 }
 
 Matrix12 matrix(const Term &t, int form)
@@ -185,7 +185,7 @@ TEST_CASE("friction of one contact obeys Coulomb's law over a backward Euler ste
   for (int n = 0; n < 2000; ++n) {
     const double mass = std::pow(10, random(-6, -3)), normal = mass * random(0, 100), mu = random(0, 1),
                  speed = std::pow(10, random(-6, 1));
-    const double phi = f64::friction_damping(mu, mu, normal, speed, mass, time_step);
+    const double phi = f64::friction_alone(mu, mu, normal, speed, mass, time_step);
     const double after = speed / (1 + phi * time_step / mass), force = phi * after, stopping = speed * mass / time_step;
     REQUIRE(phi >= 0);
     REQUIRE(force <= mu * normal * (1 + 1e-9) + 1e-300);
@@ -198,7 +198,7 @@ TEST_CASE("friction of one contact obeys Coulomb's law over a backward Euler ste
   const double mass = 2e-4, normal = 3e-3;
   const auto force = [&](double stopping, double &after) {
     const double speed = stopping * time_step / mass,
-                 phi = f64::friction_damping(0.5, 0.3, normal, speed, mass, time_step);
+                 phi = f64::friction_alone(0.5, 0.3, normal, speed, mass, time_step);
     after = speed / (1 + phi * time_step / mass);
     return phi * after;
   };
@@ -207,8 +207,32 @@ TEST_CASE("friction of one contact obeys Coulomb's law over a backward Euler ste
   CHECK(after <= 0.499 * normal * time_step / mass / 1000);
   CHECK(force(0.501 * normal, after) == Approx(0.3 * normal).epsilon(1e-9));
   CHECK(after == Approx(0.201 * normal * time_step / mass).epsilon(1e-9));
-  CHECK(f64::friction_damping(0.0, 0.0, 1.0, 1.0, 1.0, time_step) == 0.0);
-  CHECK(f64::friction_damping(1.0, 1.0, 0.0, 1.0, 1.0, time_step) == 0.0);
+  CHECK(f64::friction_alone(0.0, 0.0, 1.0, 1.0, 1.0, time_step) == 0.0);
+  CHECK(f64::friction_alone(1.0, 1.0, 0.0, 1.0, 1.0, time_step) == 0.0);
+}
+
+TEST_CASE("friction at a speed is Coulomb's where the speed stays, and static while it is slow", "[term]")
+{
+  Random random(4);
+  const double change = time_step / 2e-4;  // m/s a newton
+  for (int n = 0; n < 1000; ++n) {
+    const double mass = 2e-4, normal = random(0.01, 1), mu = random(0.1, 1), mu_s = mu * random(1, 2),
+                 could = mu_s * normal * change,  // what friction can change in the step
+        fast = could * random(1, 3), slow = could * random(0.002, 0.02);
+    REQUIRE(fast * f64::friction_at_speed(mu_s, mu, normal, fast, fast, 1, mass, time_step) ==
+            Approx(mu * normal).epsilon(1e-12));
+    REQUIRE(slow * f64::friction_at_speed(mu_s, mu, normal, could, slow, 1, mass, time_step) ==
+            Approx(mu_s * normal).epsilon(1e-12));
+    // At rest it sticks: no contact keeps more than a thousandth of what friction could stop.
+    REQUIRE(f64::friction_at_speed(mu_s, mu, normal, could, 0, 1, mass, time_step) ==
+            Approx(1000 * mass / time_step).epsilon(1e-12));
+    // What friction cannot slow slides with mu N although it was at rest: a vertex torn away from a wall.
+    const double torn = 1e4 * could;
+    REQUIRE(torn * f64::friction_at_speed(mu_s, mu, normal, torn, 0, 1, mass, time_step) ==
+            Approx(mu * normal).epsilon(1e-3));
+  }
+  CHECK(f64::friction_at_speed(0, 0, 1, 1, 1, 1, 1, time_step) == 0.0);
+  CHECK(f64::friction_at_speed(1, 1, 0, 1, 1, 1, 1, time_step) == 0.0);
 }
 
 TEST_CASE("a stitch pulls with the gradient of its energy and its matrix is the exact Hessian", "[term]")

@@ -11,6 +11,7 @@
 #include "../dialect/vec3.h"
 #include "../elements/bending.h"
 #include "../elements/elasticity.h"
+#include "abrupt.h"
 #include "incidence.h"
 #include "term.h"
 
@@ -90,16 +91,22 @@ DEVICE contact_state contact_at(contact c, int damped, int refresh, double step,
 }
 
 /* Terms of contacts at the iterate x, v: a contact that is open there does not push; friction remains that of the
-   step's start. */
-KERNEL update_contact_terms(int n, int damped, int refresh, GLOBAL const contact *contacts, GLOBAL const dvec3 *start,
-                            GLOBAL const dvec3 *x, GLOBAL const dvec3 *velocity, GLOBAL const double *inverse_mass,
-                            GLOBAL const vertex_contact *v, real step, GLOBAL term *terms)
+   step's start. holding: contacts that were closed at the start and do not push at x, v act as springs that may pull,
+   since what presses them together is not in the prediction. */
+KERNEL update_contact_terms(int n, int damped, int refresh, int holding, GLOBAL const contact *contacts,
+                            GLOBAL const dvec3 *start, GLOBAL const dvec3 *x, GLOBAL const dvec3 *velocity,
+                            GLOBAL const double *inverse_mass, GLOBAL const vertex_contact *v, real step,
+                            GLOBAL term *terms)
 {
   FOR_EACH(i, n) {
     contact c = contacts[i];
     contact_state s = contact_at(c, damped, refresh, (double)step, start, x, velocity, inverse_mass, v);
     int a;
-    if (s.depth > 0.0) {
+    if (holding && !(s.depth > 0.0) && c.distance < c.thickness) {
+      s.depth = c.thickness - contact_gap(c, refresh, start, x, v, &s.normal, s.weight);
+      s.rate = (double)step;
+    }
+    if (s.rate > 0.0) {
       terms[i].along = step * (real)s.rate * (real)c.stiffness - terms[i].around;
       terms[i].push = step * (real)(c.stiffness * s.depth);
     } else {
@@ -127,6 +134,25 @@ KERNEL friction_products(int n, int contact_count, GLOBAL const term *terms, GLO
   FOR_EACH(i, n) {
     r[i] =
         i < contact_count ? scale(-terms[i].around, sliding(terms[i], velocity)) : vec3_make((real)0, (real)0, (real)0);
+  }
+}
+
+/* Friction by the normal forces and speeds at the iterate: push[i] is the impulse of contact i along its normal, N s,
+   load that of each cloth vertex. n: contacts. */
+KERNEL iterate_friction(int n, int cloth_vertices, GLOBAL const contact *contacts, GLOBAL const double *inverse_mass,
+                        GLOBAL const double *push, GLOBAL const double *load, GLOBAL const dvec3 *free_velocity,
+                        GLOBAL const dvec3 *velocity, real step, GLOBAL term *terms)
+{
+  FOR_EACH(i, n) {
+    term t = terms[i];
+    double mobility = pushed_mobility(t, push[i], cloth_vertices, inverse_mass, load);
+    real damping = (real)0;
+    if (mobility > 0.0)
+      damping = step * friction_at_speed((real)contacts[i].static_friction, (real)contacts[i].friction,
+                                         (real)(push[i] / (double)step), (real)dnorm(tangential(t, free_velocity)),
+                                         (real)dnorm(tangential(t, velocity)), (real)1, (real)(1.0 / mobility), step);
+    terms[i].along = t.along + (t.around - damping);
+    terms[i].around = damping;
   }
 }
 

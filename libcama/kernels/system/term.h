@@ -35,19 +35,41 @@ DEVICE mat3 term_block(term t, int form, int a, int b)
   return mat3_add_outer(mat3_diagonal(c * t.around), c * t.along, t.normal, t.normal);
 }
 
-/* Lagged Coulomb friction of one contact as a damping coefficient phi (N s/m) such that the contact sticks if the
-   stopping force is within static_friction N, and otherwise slides with the force friction N; static_friction >=
-   friction. `speed`: tangential speed that the contact would have after this step without friction, m/s;
-   effective_mass: 1 / sum w^2/m, kg. */
-DEVICE real friction_damping(real static_friction, real friction, real normal_force, real speed, real effective_mass,
-                             real time_step)
+/* Friction is a damping coefficient phi (N s/m) on the tangential velocity of a contact. free_speed: the tangential
+   speed that it would have after the step without friction and without its neighbours, m/s; effective_mass:
+   1 / sum w^2/m, kg; static_friction >= friction. A contact that sticks keeps 1/STICKING of what a step adds. */
+#define STICKING ((real)1000)
+
+/* phi for a step of one solve: the contact sticks if static_friction N can stop it within the step, and otherwise
+   slides with the force friction N. */
+DEVICE real friction_alone(real static_friction, real friction, real normal_force, real free_speed, real effective_mass,
+                           real time_step)
 {
-  const real stick = (real)1000; /* a sticking contact keeps 1/1000 of the speed that a step would add */
-  real stopping = speed * effective_mass / time_step, cone = friction * normal_force,
-       most = stick * effective_mass / time_step;
+  real stopping = free_speed * effective_mass / time_step, cone = friction * normal_force,
+       most = STICKING * effective_mass / time_step;
   if (!(static_friction * normal_force > (real)0)) return (real)0;
   if (stopping <= static_friction * normal_force) return most;
-  return min_real(most, cone / (speed * ((real)1 - cone / stopping)));
+  return min_real(most, cone / (free_speed * ((real)1 - cone / stopping)));
+}
+
+/* phi for a step of several solves: friction N over the speed that the contact is expected to have after the step. That
+   is its `speed` of before, which free_speed and friction may change by the factor `grow` or its inverse, since the
+   neighbours may hold or pull it; a contact that friction can hardly slow is expected to keep free_speed. Friction is
+   static up to SLOW of the change of speed that it can make in the step. */
+#define SLOW ((real)0.03)
+#define OVERPOWERED ((real)4)
+DEVICE real friction_at_speed(real static_friction, real friction, real normal_force, real free_speed, real speed,
+                              real grow, real effective_mass, real time_step)
+{
+  real cone = static_friction * normal_force, change = cone * time_step / effective_mass,
+       torn = free_speed - OVERPOWERED * change, expected;
+  if (!(cone > (real)0)) return (real)0;
+  if (max_real(speed, torn) > SLOW * change) {
+    cone = friction * normal_force;
+    change = cone * time_step / effective_mass;
+  }
+  expected = min_real(max_real(free_speed - change, speed / grow), speed * grow);
+  return cone / max_real(max_real(expected, torn), change / STICKING);
 }
 
 /* sum_k w_k^2 / m_k, 1/kg, where each vertex gives a contact the share of its mass that the contact has in the vertex's
@@ -86,29 +108,47 @@ KERNEL stiffen_contacts(int n, int cloth_vertices, GLOBAL const double *inverse_
   }
 }
 
+/* Limits of what a step of several solves expects of friction before the first: the load of a contact, times what
+   presses it alone (an impact can leave a contact deeper than any force has pressed it), and the change of its speed.
+ */
+#define LAYERS 30.0
+#define SPEEDING_UP ((real)1.25)
+
 /* Terms from contacts. Penalty E = k (d - thickness)^2 / 2 while d < thickness, linearised: matrix dt^2 k, push dt k
-   (thickness - d). free_velocity: velocity after this step without contact, m/s. */
-KERNEL make_contact_terms(int n, GLOBAL const contact *contacts, GLOBAL const double *inverse_mass,
-                          GLOBAL const dvec3 *free_velocity, GLOBAL const double *load, real time_step,
-                          GLOBAL term *terms)
+   (thickness - d). velocity, free_velocity: at the start, and after this step without contact, m/s. iterated: whether
+   friction is taken again after the solve. */
+KERNEL make_contact_terms(int n, int iterated, GLOBAL const contact *contacts, GLOBAL const double *inverse_mass,
+                          GLOBAL const dvec3 *velocity, GLOBAL const dvec3 *free_velocity, GLOBAL const double *load,
+                          real time_step, GLOBAL term *terms)
 {
   FOR_EACH(i, n) {
     contact c = contacts[i];
     term t;
-    double mobility = shared_mobility(c, inverse_mass, load);
-    dvec3 relative = dvec3_make(0.0, 0.0, 0.0), tangential;
-    real k = (real)c.stiffness, depth = (real)(c.thickness - c.distance), damping;
+    double mobility = shared_mobility(c, inverse_mass, load), press = contact_load(c), rise;
+    dvec3 start = dvec3_make(0.0, 0.0, 0.0), end = start;
+    real k = (real)c.stiffness, depth = (real)(c.thickness - c.distance), damping = (real)0;
     int a;
     for (a = 0; a < 4; ++a) {
       t.node[a] = c.node[a];
       t.weight[a] = (real)c.weight[a];
-      relative = daxpy(relative, c.weight[a], free_velocity[c.node[a]]);
+      start = daxpy(start, c.weight[a], velocity[c.node[a]]);
+      end = daxpy(end, c.weight[a], free_velocity[c.node[a]]);
     }
-    tangential = daxpy(relative, -ddot(relative, c.normal), c.normal);
-    damping = mobility > 0.0
-                  ? time_step * friction_damping((real)c.static_friction, (real)c.friction, (real)contact_load(c),
-                                                 (real)dnorm(tangential), (real)(1.0 / mobility), time_step)
-                  : (real)0;
+    rise = ddot(end, c.normal);
+    if (mobility > 0.0) {
+      const double h = (double)time_step;
+      const real mass = (real)(1.0 / mobility), free_speed = (real)dnorm(daxpy(end, -rise, c.normal));
+      if (iterated) {
+        press = min_double(press, LAYERS * c.stiffness * max_double(c.thickness - c.distance - h * rise, 0.0) /
+                                      (1.0 + c.stiffness * h * h * mobility));
+        damping = friction_at_speed((real)c.static_friction, (real)c.friction, (real)press, free_speed,
+                                    (real)dnorm(daxpy(start, -ddot(start, c.normal), c.normal)), SPEEDING_UP, mass,
+                                    time_step);
+      } else {
+        damping = friction_alone((real)c.static_friction, (real)c.friction, (real)press, free_speed, mass, time_step);
+      }
+      damping = time_step * damping;
+    }
     t.normal = to_vec3(c.normal);
     t.along = time_step * time_step * k - damping;
     t.around = damping;

@@ -74,11 +74,12 @@ template <class Real> std::unique_ptr<Pipeline> make_pipeline(const Scene &scene
   if (options.integrator == Integrator::bdf2) step.add<PredictState>();
   Pipeline &assembly = step.add<Pipeline>("matrix assembly");
   EvaluateElements<Real> &elements = assembly.add<EvaluateElements<Real>>(scene);
-  if (contact || state.elements.stitches) assembly.add<EvaluateTerms<Real>>(b);
+  const EvaluateTerms<Real> *terms =
+      contact || state.elements.stitches ? &assembly.add<EvaluateTerms<Real>>(b) : nullptr;
   AssembleMatrix<Real> &matrix = assembly.add<AssembleMatrix<Real>>(b);
   LinearSolve<Real> &solve = step.add<LinearSolve<Real>>(b);
   step.add<AdvancePositions>();
-  if (options.newton_iterations > 1) step.add<NewtonIterations<Real>>(scene, b, elements, matrix, solve);
+  if (options.newton_iterations > 1) step.add<NewtonIterations<Real>>(b, elements, terms, matrix, solve);
   if (contact && options.integrator == Integrator::bdf2) step.add<SplitContact<Real>>(b);
   if (options.forces) step.add<SolveReactions<Real>>(b);
   if (contact) step.add<PenetrationHandling>(b, *proximity->search, proximity->flagged);

@@ -33,12 +33,13 @@ template <class Real> void EvaluateTerms<Real>::run_on(const Rooms &state)
     CAMA_LAUNCH_REAL(Real, b, free_velocities, state.mesh.vertices, state.mesh.cloth_vertices, dt, s.mass,
                      state.mesh.fixed, state.mesh.base_velocity(state.time), state.mesh.velocity_next, force,
                      free_velocity_);
-    CAMA_LAUNCH_REAL(Real, b, make_contact_terms, state.contact.contacts, state.contact.contact,
-                     state.mesh.inverse_mass, free_velocity_, load_, dt, s.term);
+    CAMA_LAUNCH_REAL(Real, b, make_contact_terms, state.contact.contacts, state.options.newton_iterations > 1 ? 1 : 0,
+                     state.contact.contact, state.mesh.inverse_mass, state.mesh.velocity, free_velocity_, load_, dt,
+                     s.term);
   }
   const Stream<dvec3> &at = state.mesh.linearised_position(state.time);
   if (state.time.predicted)
-    CAMA_LAUNCH_REAL(Real, b, update_contact_terms, state.contact.contacts, 1, 0, state.contact.contact,
+    CAMA_LAUNCH_REAL(Real, b, update_contact_terms, state.contact.contacts, 1, 0, 1, state.contact.contact,
                      state.mesh.position, at, state.mesh.velocity_next, state.mesh.inverse_mass,
                      state.contact.vertex_contact, dt, s.term);
   CAMA_LAUNCH_REAL(Real, b, make_stitch_terms, state.elements.stitches, state.elements.stitch, at, dt,

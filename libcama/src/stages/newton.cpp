@@ -16,11 +16,11 @@ constexpr double rounding_units = 16;  // of the sum of the potential's parts
 }  // namespace
 
 template <class Real>
-NewtonIterations<Real>::NewtonIterations(const Scene &scene, Backend &b, EvaluateElements<Real> &elements,
+NewtonIterations<Real>::NewtonIterations(Backend &b, EvaluateElements<Real> &elements, const EvaluateTerms<Real> *terms,
                                          AssembleMatrix<Real> &assembly, LinearSolve<Real> &solve)
-    : elements_(elements), assembly_(assembly), solve_(solve), product_(b), outer_(b), outer_triangle_(b),
-      outer_hinge_(b), start_(b), zero_gravity_(b), vertex_{Stream<double>(b), Stream<double>(b)},
-      triangle_{Stream<double>(b), Stream<double>(b)}, hinge_(b), term_(b), total_(b), part_(b)
+    : elements_(elements), terms_(terms), assembly_(assembly), solve_(solve), product_(b), outer_(b),
+      outer_triangle_(b), outer_hinge_(b), start_(b), zero_gravity_(b), vertex_{Stream<double>(b), Stream<double>(b)},
+      triangle_{Stream<double>(b), Stream<double>(b)}, hinge_(b), term_(b), total_(b), part_(b), push_(b), load_(b)
 {}
 
 template <class Real>
@@ -45,6 +45,21 @@ std::vector<double> NewtonIterations<Real>::sum(const Rooms &state, const std::v
   total_.resize(4);
   CAMA_LAUNCH(b, collect_totals, 1, used, *slot[0], *slot[1], *slot[2], *slot[3], total_);
   return total_.download();
+}
+
+template <class Real> void NewtonIterations<Real>::iterate_friction(const Rooms &state)
+{
+  Backend &b = *state.backend;
+  System<Real> &s = state.system.template of<Real>();
+  const Incidence &incidence = state.system.term_incidence;
+  const int rows = state.mesh.cloth_vertices, contacts = state.contact.contacts;
+  push_.resize(contacts);
+  load_.resize(rows);
+  CAMA_LAUNCH_REAL(Real, b, contact_pushes, contacts, 1, s.term, s.solution, push_);
+  CAMA_LAUNCH_REAL(Real, b, push_loads, rows, contacts, incidence.row, incidence.entry, s.term, push_, load_);
+  CAMA_LAUNCH_REAL(Real, b, iterate_friction, contacts, rows, state.contact.contact, state.mesh.inverse_mass, push_,
+                   load_, terms_->free_velocity(), state.mesh.velocity_next,
+                   static_cast<Real>(state.time.implicit_step), s.term);
 }
 
 template <class Real> typename NewtonIterations<Real>::Norms NewtonIterations<Real>::evaluate(const Rooms &state)
@@ -75,9 +90,10 @@ template <class Real> typename NewtonIterations<Real>::Norms NewtonIterations<Re
   if (state.system.terms) {
     const int refresh = state.options.contact_refresh == ContactRefresh::iteration;
     product_.resize(state.system.terms);
-    CAMA_LAUNCH_REAL(Real, b, update_contact_terms, state.contact.contacts, state.time.predicted ? 1 : 0, refresh,
+    CAMA_LAUNCH_REAL(Real, b, update_contact_terms, state.contact.contacts, state.time.predicted ? 1 : 0, refresh, 0,
                      state.contact.contact, state.mesh.position, x, v, state.mesh.inverse_mass,
                      state.contact.vertex_contact, h, s.term);
+    if (first_ && state.contact.friction && state.contact.contacts) iterate_friction(state);
     CAMA_LAUNCH_REAL(Real, b, make_stitch_terms, state.elements.stitches, state.elements.stitch, x, h,
                      state.contact.contacts, s.term);
     CAMA_LAUNCH_REAL(Real, b, add_term_forces, rows, state.system.term_incidence.row, state.system.term_incidence.entry,
@@ -182,7 +198,9 @@ template <class Real> void NewtonIterations<Real>::run_on(const Rooms &state)
   const double goal = state.options.newton_tolerance * state.options.newton_tolerance;
   int linear = state.report.iterations, taken = 1, idle = 0;
   searching_ = false;
+  first_ = true;
   Norms norms = evaluate(state), best = norms;
+  first_ = false;
   const auto relative = [](const Norms &n) { return n.size > 0 ? std::sqrt(n.residual / n.size) : 0; };
   while (norms.residual > goal * norms.size && taken < state.options.newton_iterations && idle < patience) {
     assembly_.run_on(state);

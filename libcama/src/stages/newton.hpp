@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
+#include "stages/contact_terms.hpp"
 #include "stages/element_forces.hpp"
 #include "stages/linear_solve.hpp"
 #include "stages/matrix_assembly.hpp"
@@ -8,13 +9,13 @@ namespace cama {
 
 /// Newton's method on the nonlinear equation of the step, starting from the linearised step that the stages before have
 /// computed: elements and terms at the iterate, assembly, solve for the change of velocity, line search on the
-/// incremental potential (inertia, elasticity, gravity, penalty; friction with the normal forces of the step's start,
-/// wind and damping constant at their values of the iterate). Hessians are positive semidefinite.
+/// incremental potential (inertia, elasticity, gravity, penalty; friction by the normal forces and speeds of the
+/// linearised step, wind and damping constant at their values of the iterate). Hessians are positive semidefinite.
 template <class Real>
 class NewtonIterations final : public StageOn<const Options, StepReport, const Clock, MeshState, const ElementState,
                                               const ContactState, SystemState> {
 public:
-  NewtonIterations(const Scene &scene, Backend &backend, EvaluateElements<Real> &elements,
+  NewtonIterations(Backend &backend, EvaluateElements<Real> &elements, const EvaluateTerms<Real> *terms,
                    AssembleMatrix<Real> &assembly, LinearSolve<Real> &solve);
   std::string_view name() const override { return "newton iterations"; }
   std::string reason() const override { return "newton_iterations above 1"; }
@@ -40,13 +41,18 @@ private:
   /// Sums each stream, all at the same time; changes the streams. Empty streams give 0.
   std::vector<double> sum(const Rooms &state, const std::vector<Stream<double> *> &streams);
 
+  /// Friction by the normal forces and speeds at the iterate.
+  void iterate_friction(const Rooms &state);
+
   EvaluateElements<Real> &elements_;
+  const EvaluateTerms<Real> *terms_;  // nullptr: neither contact nor stitches
   AssembleMatrix<Real> &assembly_;
   LinearSolve<Real> &solve_;
-  bool searching_ = false, fell_ = false;  // fell_: the last search lowered the potential beyond rounding
+  bool first_ = false, searching_ = false,
+       fell_ = false;  // fell_: the last search lowered the potential beyond rounding
   Stream<vec3> product_, outer_, outer_triangle_, outer_hinge_;  // outer: wind and damping
   Stream<dvec3> start_, zero_gravity_;
-  Stream<double> vertex_[2], triangle_[2], hinge_, term_, total_, part_;
+  Stream<double> vertex_[2], triangle_[2], hinge_, term_, total_, part_, push_, load_;
 };
 
 extern template class NewtonIterations<double>;
