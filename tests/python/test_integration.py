@@ -94,3 +94,24 @@ def test_bdf2_loses_its_history_only_where_cloth_is_struck():
     lost = G * 0.002**2 / 2  # by each step of backward Euler
     difference = np.abs(simulation.positions[free] - expected.positions[: expected.cloth_vertex_count]).max()
     assert difference < 0.01 * lost, (difference, lost)
+
+
+def test_a_sheet_that_spins_freely_keeps_its_angular_momentum():
+    """1 m of cotton at 3 rad/s in its plane, by BDF2 with two solves at 1/200 s: less than 0.05 % lost in a second.
+
+    Damping that acts on rotations takes c omega^2 of it, 0.45 %; backward Euler 30 %.
+    """
+    scene = cama.Scene(gravity=(0, 0, 0))
+    scene.add_cloth(shape={"grid": {"size": [1, 1], "cells": [20, 20]}}, material="cotton", name="sheet")
+    assert scene.cloths[0].material.damping > 0
+    simulation = cama.Simulation(scene, integrator="bdf2", newton_iterations=2, tolerance=1e-3, time_step=1 / 200)
+    start, masses = simulation.positions, simulation.masses[:, None]
+    start = start - (masses * start).sum(0) / masses.sum()
+    simulation.set_state(start, np.cross([0, 0, 3.0], start))
+
+    def momentum():
+        return (masses * np.cross(simulation.positions, simulation.velocities)).sum(0)
+
+    before = momentum()
+    simulation.step(200)
+    np.testing.assert_allclose(momentum(), before, atol=5e-4 * before[2])

@@ -131,8 +131,8 @@ template <class Real> struct Elements {
   {
     const int start = 0;
     const Real matrix_scale = static_cast<Real>(scale);
-    evaluate_triangles(int(triangle.size()), triangle.data(), table.data(), &start, &matrix_scale, x.data(),
-                       triangle_factor.data(), triangle_force.data());
+    evaluate_triangles(int(triangle.size()), triangle.data(), table.data(), &start, &matrix_scale,
+                       std::sqrt(matrix_scale), x.data(), triangle_factor.data(), triangle_force.data());
     evaluate_hinges(int(hinge.size()), hinge.data(), &bending, &matrix_scale, arcsim_convention, x.data(),
                     hinge_factor.data(), hinge_force.data());
   }

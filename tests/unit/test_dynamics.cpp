@@ -28,6 +28,8 @@ Options exact()
   o.backend = "cpu";
   o.threads = 1;
   o.solver = LinearSolver::direct;
+  o.integrator = Integrator::backward_euler;
+  o.newton_iterations = 1;
   return o;
 }
 

@@ -126,7 +126,7 @@ template <class Real> struct Element {
     triangle_forces(rest, g, k, &f1, &f2);
     force << -(double(f1.x) + f2.x), -(double(f1.y) + f2.y), -(double(f1.z) + f2.z), f1.x, f1.y, f1.z, f2.x, f2.y, f2.z;
     energy = rest.area * stretching_energy(g, k);
-    factor = make_triangle_factor(rest, g, k, Real(1));
+    factor = make_triangle_factor(rest, g, k, Real(1), Real(1));
   }
   Matrix9 matrix() const
   {

@@ -28,6 +28,8 @@ std::set<std::string> stages(const Scene &scene, const char *precision = "double
 {
   Options o = serial();
   o.precision = precision_of(precision);
+  o.integrator = Integrator::backward_euler;
+  o.newton_iterations = 1;
   StagedEngine engine(scene, o);
   std::set<std::string> names;
   for (Stage *stage : engine.leaves()) names.insert(std::string(stage->name()));

@@ -134,6 +134,8 @@ Options options(Preconditioner preconditioner, LinearSolver solver = LinearSolve
   o.solver = solver;
   o.paper.assembly = assembly;
   o.tolerance = 1e-11;
+  o.integrator = Integrator::backward_euler;
+  o.newton_iterations = 1;
   return o;
 }
 

@@ -91,12 +91,14 @@ DEVICE void triangle_forces(triangle_rest rest, green_strain g, stretching_stiff
 }
 
 /* The positive semidefinite part of the Hessian: compression reduces the geometric terms to zero, that of shear is left
-   out, and k12 is limited to sqrt(k11 k22). `matrix_scale` multiplies the stiffness in the system, s^2. */
+   out, and k12 is limited to sqrt(k11 k22). matrix_scale, geometric_scale: what multiplies the stiffness and its
+   geometric terms in the system, s^2. */
 DEVICE triangle_factor make_triangle_factor(triangle_rest rest, green_strain g, stretching_stiffness k,
-                                            real matrix_scale)
+                                            real matrix_scale, real geometric_scale)
 {
   triangle_factor t;
-  real s0 = max_real(g.e00, (real)0), s1 = max_real(g.e11, (real)0), scaled = rest.area * matrix_scale;
+  real s0 = max_real(g.e00, (real)0), s1 = max_real(g.e11, (real)0), scaled = rest.area * matrix_scale,
+       geometric = geometric_scale / matrix_scale;
   real bound = (real)sqrt(max_real(k.k[0] * k.k[2], (real)0));
   int m;
   t.u = g.u;
@@ -106,8 +108,8 @@ DEVICE triangle_factor make_triangle_factor(triangle_rest rest, green_strain g, 
   t.k[1] = scaled * clamp_real(k.k[1], -bound, bound);
   t.k[2] = scaled * k.k[2];
   t.k[3] = scaled * k.k[3];
-  t.e0 = max_real(t.k[0] * s0 + t.k[1] * s1, (real)0);
-  t.e1 = max_real(t.k[2] * s1 + t.k[1] * s0, (real)0);
+  t.e0 = geometric * max_real(t.k[0] * s0 + t.k[1] * s1, (real)0);
+  t.e1 = geometric * max_real(t.k[2] * s1 + t.k[1] * s0, (real)0);
   return t;
 }
 
@@ -139,9 +141,10 @@ DEVICE stretching_stiffness material_stretching(GLOBAL const stretching_stiffnes
   return sample_stretching(table + start, g.e00, g.e11, g.e01);
 }
 
-/* Forces [3 n] and matrix factors [n] of all triangles. material_scale [materials] = dt (dt + damping), s^2. */
+/* Forces [3 n] and matrix factors [n] of all triangles. material_scale [materials] = step (step + damping), s^2.
+   Geometric terms are not damped: they turn forces with the cloth, and their damping would brake its rotation. */
 KERNEL evaluate_triangles(int n, GLOBAL const triangle_rest *rest, GLOBAL const stretching_stiffness *table,
-                          GLOBAL const int *table_start, GLOBAL const real *material_scale,
+                          GLOBAL const int *table_start, GLOBAL const real *material_scale, real step,
                           GLOBAL const dvec3 *position, GLOBAL triangle_factor *factor, GLOBAL vec3 *force)
 {
   FOR_EACH(i, n) {
@@ -151,7 +154,7 @@ KERNEL evaluate_triangles(int n, GLOBAL const triangle_rest *rest, GLOBAL const 
     stretching_stiffness k = material_stretching(table, table_start, r, g);
     vec3 f1, f2;
     triangle_forces(r, g, k, &f1, &f2);
-    factor[i] = make_triangle_factor(r, g, k, material_scale[r.material]);
+    factor[i] = make_triangle_factor(r, g, k, material_scale[r.material], step * step);
     force[3 * i] = scale((real)-1, add(f1, f2));
     force[3 * i + 1] = f1;
     force[3 * i + 2] = f2;

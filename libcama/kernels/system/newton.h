@@ -201,19 +201,22 @@ KERNEL newton_norms(int n, real step, GLOBAL const real *mass, GLOBAL const int 
   }
 }
 
-/* Adds damping to the element forces of triangles [3 n] and hinges [4 n]: -c K v, with the K of the matrix;
-   material_scale = h (h + c). */
+/* Adds damping to the element forces of triangles [3 n] and hinges [4 n]: -c K v, with the K of the matrix without its
+   geometric terms; material_scale = h (h + c). A common velocity does nothing, rounded or not. */
 KERNEL damp_triangles(int n, GLOBAL const triangle_rest *rest, GLOBAL const triangle_factor *factor,
                       GLOBAL const real *material_scale, real step, GLOBAL const dvec3 *velocity, GLOBAL vec3 *force)
 {
   FOR_EACH(i, n) {
     triangle_rest r = rest[i];
+    triangle_factor strained = factor[i];
     real whole = material_scale[r.material], ratio = (whole / step - step) / whole;
     int a, b;
+    strained.e0 = strained.e1 = (real)0;
     for (a = 0; a < 3; ++a) {
       vec3 sum = vec3_make((real)0, (real)0, (real)0);
-      for (b = 0; b < 3; ++b)
-        sum = add(sum, mat3_multiply(triangle_block(factor[i], a, b), to_vec3(velocity[r.node[b]])));
+      for (b = 1; b < 3; ++b)
+        sum = add(sum, mat3_multiply(triangle_block(strained, a, b),
+                                     to_vec3(dsub(velocity[r.node[b]], velocity[r.node[0]]))));
       force[3 * i + a] = axpy(force[3 * i + a], -ratio, sum);
     }
   }
@@ -225,7 +228,7 @@ KERNEL damp_hinges(int n, GLOBAL const hinge_rest *rest, GLOBAL const hinge_fact
     hinge_rest r = rest[i];
     real whole = material_scale[r.material], ratio = (whole / step - step) / whole, rate = (real)0;
     int a;
-    for (a = 0; a < 4; ++a) rate += dot(factor[i].gradient[a], to_vec3(velocity[r.node[a]]));
+    for (a = 1; a < 4; ++a) rate += dot(factor[i].gradient[a], to_vec3(dsub(velocity[r.node[a]], velocity[r.node[0]])));
     for (a = 0; a < 4; ++a)
       force[4 * i + a] = axpy(force[4 * i + a], -ratio * factor[i].coefficient * rate, factor[i].gradient[a]);
   }
