@@ -16,6 +16,7 @@ from cama.measuring.reference import Reference, richardson
 from conftest import grid
 
 G = 9.81
+EULER = {"integrator": "backward_euler", "newton_iterations": 1}
 
 
 def sheet_in_the_air(time_step=0.005, cells=3):
@@ -194,7 +195,7 @@ def test_free_fall_is_off_by_half_a_step_of_gravity():
     )
     assert r.edge == pytest.approx((24 * 0.1 + 9 * 0.1 * math.sqrt(2)) / 33, rel=1e-9)
     for dt in (0.05, 0.02, 0.005):
-        e = accuracy.restart_error(r, scene, time_step=dt)
+        e = accuracy.restart_error(r, scene, time_step=dt, **EULER)
         assert e.steps == round(window / dt) and not e.at_floor
         np.testing.assert_allclose(e.rms, G * dt * window / 2, rtol=1e-6)
         np.testing.assert_allclose(e.largest, G * dt * window / 2, rtol=1e-6)
@@ -209,7 +210,7 @@ def test_free_fall_is_off_by_half_a_step_of_gravity():
 
 def test_energy_and_momentum_drift_of_a_free_fall():
     dt, scene = 0.01, sheet_in_the_air(0.01)
-    d = accuracy.drift(scene, 0.3)
+    d = accuracy.drift(scene, 0.3, **EULER)
     mass = cama.Simulation(scene).masses.sum()
     assert d.energy == pytest.approx(-0.5 * mass * G**2 * dt, rel=1e-6)  # E_n = m g^2 dt^2 (n^2 - n (n + 1)) / 2
     assert d.momentum < 1e-9 and d.angular_momentum < 1e-12
@@ -247,7 +248,7 @@ def test_the_reference_is_a_pendulum():
         assert np.linalg.norm(r.targets[i][2] - exact) < 2e-4  # it is stretched by a hundred thousandth
         assert np.linalg.norm(r.ends[i][2] - exact) < 1e-3
     e = [
-        accuracy.restart_error(r, scene, time_step=dt, precision="double", tolerance=1e-8).rms_all
+        accuracy.restart_error(r, scene, time_step=dt, precision="double", tolerance=1e-8, **EULER).rms_all
         for dt in (0.00125, 0.000625, 0.0003125)
     ]
     assert e[0] / e[1] == pytest.approx(2, rel=0.1) and e[1] / e[2] == pytest.approx(2, rel=0.1)  # first order
@@ -267,7 +268,7 @@ def test_a_hanging_strip_is_a_catenary():
         vertices, faces, material=material, material_vertices=rest, material_faces=faces, name="strip"
     )
     scene.pin(strip, [0, cells, cells + 1, 2 * cells + 1])
-    simulation = cama.Simulation(scene, precision="double", tolerance=1e-8)
+    simulation = cama.Simulation(scene, precision="double", tolerance=1e-8, **EULER)
     simulation.step(1500)
     found = simulation.positions[: cells + 1]
     a = brentq(lambda a: 2 * a * math.sinh(span / (2 * a)) - length, 0.05, 5)
