@@ -90,8 +90,8 @@ DEVICE contact_state contact_at(contact c, int damped, int refresh, double step,
   return r;
 }
 
-/* Terms of contacts at the iterate x, v: a contact that is open there does not push; friction remains that of the
-   step's start. holding: contacts that were closed at the start and do not push at x, v act as springs that may pull,
+/* Terms of contacts at the iterate x, v: a contact that is open there does not push; friction is left as it is.
+   holding: contacts that were closed at the start and do not push at x, v act as springs that may pull,
    since what presses them together is not in the prediction. */
 KERNEL update_contact_terms(int n, int damped, int refresh, int holding, GLOBAL const contact *contacts,
                             GLOBAL const dvec3 *start, GLOBAL const dvec3 *x, GLOBAL const dvec3 *velocity,

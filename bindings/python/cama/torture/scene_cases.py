@@ -33,13 +33,6 @@ def _quiet(run, ratio):
     return left < ratio, f"kinetic energy at the end is {left:.2g} of its peak"
 
 
-def _lies_still(run, inside, ratio):
-    """inside: of its vertices, as a mask of positions [n, 3]."""
-    speeds, count = np.square(run.simulation.velocities).sum(1), len(run.simulation.masses)
-    moving = 0.5 * (run.simulation.masses * speeds[:count])[inside(run.positions[:count])].sum() / max(run.kinetic)
-    return moving < ratio, f"what lies keeps {moving:.2g} of the peak of kinetic energy"
-
-
 def order_along(run, center, directions):
     """Complaints about rays from `center` that meet the cloths in another order than theirs, from the first outward."""
     complaints, met = [], 0
@@ -151,11 +144,8 @@ def _tips(run):
 def expect_needle_bed(run):
     inner = [p for p in _tips(run) if np.abs(p[:2]).max() < 0.15]
     under = [len(h) > 0 for h in shapes.heights(*run.cloth(0), np.array(inner)[:, :2])]
-    # The border hangs free and swings for seconds.
     return _needles(run, _tips(run)) + _complain(
-        _quiet(run, 0.05),
-        _lies_still(run, lambda x: np.abs(x[:, :2]).max(1) < 0.15, 1e-4),
-        (all(under), "an inner needle is not under the cloth"),
+        _quiet(run, 1e-3), (all(under), "an inner needle is not under the cloth")
     )
 
 
