@@ -185,7 +185,7 @@ def test_a_known_fault_excuses_only_its_own_outcome():
     def broken(p):
         raise Wrong("step 3: intersections: 1 by audit")
 
-    for name in ("teleport", "friction_angle_at_rest", "scale_error"):
+    for name in ("teleport", "swinging_slivers", "scale_error"):
         outcome = stability.perform(check_of(name, body=broken))
         assert not outcome.good and outcome.known == "" and not outcome.excused
 

@@ -124,7 +124,7 @@ def test_arrays_in_and_out(tmp_path):
     claims, end, text = run("04_arrays_in_out.py", tmp_path, "checkpoint.h5")
     fallen, formula = numbers(text.splitlines()[0])
     assert fallen == pytest.approx(formula, abs=1e-9)
-    assert formula == pytest.approx(9.81 / 400**2 * 50 * 51 / 2, abs=1e-9)
+    assert formula == pytest.approx(9.81 / 400**2 * (50**2 / 2 + 0.75), abs=1e-9)
     assert numbers(claims["weight"])[0] == pytest.approx(0.15 * 0.4**2 * 9.81, abs=1e-6)  # density x area x gravity
     assert (
         claims["intersections"] == "0" and end["positions"][: int(end["first_obstacle"]), 2].min() > 0

@@ -127,7 +127,7 @@ def test_a_hanging_sheet_pulls_its_pins_by_its_weight():
     corners = [0, 6, 42, 48]
     scene.pin("sheet", corners)
     simulation = simulate(scene, "production")
-    simulation.step(400)
+    simulation.step(1600)
     simulation.step(200)
     pull = simulation.force_on(corners)
     weight = simulation.masses.sum() * GRAVITY

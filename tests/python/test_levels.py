@@ -13,13 +13,12 @@ import cama
 from cama.cli import app
 
 sys.path.insert(0, str(Path(__file__).parents[2] / "benchmarks"))
-import restarted_steps  # noqa: E402
+import frame_error  # noqa: E402
 
 RUNNER = CliRunner()
 
 
 def falling(time_step=0.005, **more):
-    """Edges of 45.5 mm on average."""
     scene = cama.Scene(time_step=time_step, frames=3, contact=False, **more)
     scene.add_cloth(shape={"grid": {"size": [0.2, 0.2]}, "triangles": 50}, material="cotton")
     return scene
@@ -32,9 +31,7 @@ def test_levels_set_the_time_step_and_frames_stay_the_same_in_time():
     }
     assert steps["production"] == steps["paper"] == 0.005
     assert steps["preview"] == pytest.approx(0.02 / 3) and steps["interactive"] == pytest.approx(0.004)
-    assert steps["accurate"] == pytest.approx(0.02 / 182) and steps["reference"] == pytest.approx(
-        0.02 / 727
-    )  # of sqrt(0.0455 / 1.5e5) s a fifth and a twentieth
+    assert steps["accurate"] == pytest.approx(1 / 1200) and steps["reference"] == pytest.approx(1 / 4800)
     for level, own in (("preview", 0.005), ("production", 0.005), ("accurate", 0.005), ("production", 0)):
         simulation = cama.Simulation(falling(own, frame_time=0.02), accuracy=level)
         times = [frame.time for frame in simulation.frames(audit=False)]
@@ -45,7 +42,7 @@ def test_what_neither_scene_nor_user_says_the_level_does():
     scene = falling(0)
     assert (scene.time_step, scene.frame_time, scene.seconds_per_frame) == (0, 0, 1 / 60)
     simulation = cama.Simulation(scene)
-    assert simulation.time_step == pytest.approx(1 / 60 / 31) and simulation.steps_per_frame == 31  # 30.3
+    assert simulation.time_step == pytest.approx(1 / 240) and simulation.steps_per_frame == 4
     assert {s["name"]: s["origin"] for s in simulation.chosen_options}["time_step"] == "level"
     assert cama.Simulation(scene, accuracy="paper").time_step == pytest.approx(1 / 240)  # 1/200 s is 3.3 in a frame
     assert "time_step" not in json.loads(scene.to_json()) and cama.Scene.parse(scene.to_json()).time_step == 0
@@ -55,13 +52,14 @@ def test_free_fall_follows_the_closed_form_of_each_integrator():
     """Below g t^2 / 2: g dt t / 2 by backward Euler; by BDF2, whose first step is one of backward Euler, 3/4 g dt^2 (1
     - 3^-n).
     """
-    for level in ("production", "accurate"):
-        simulation = cama.Simulation(falling(), accuracy=level)
+    euler = {"integrator": "backward_euler", "newton_iterations": 1}
+    for level, more in (("production", euler), ("production", {}), ("accurate", {})):
+        simulation = cama.Simulation(falling(), accuracy=level, **more)
         start, dt = simulation.positions, simulation.time_step
         while simulation.time < 0.1 - 1e-9:
             simulation.step()
         n = simulation.step_count
-        error = 9.81 * dt * 0.1 / 2 if level == "production" else 0.75 * 9.81 * dt**2 * (1 - 3.0**-n)
+        error = 9.81 * dt * 0.1 / 2 if more else 0.75 * 9.81 * dt**2 * (1 - 3.0**-n)
         np.testing.assert_allclose(start[:, 2] - 9.81 * 0.1**2 / 2 - simulation.positions[:, 2], error, rtol=1e-6)
 
 
@@ -113,7 +111,7 @@ def test_command_line(tmp_path):
     )
     assert result.exit_code == 0, result.output
     summary = json.loads((tmp_path / "out" / "summary.json").read_text())
-    assert summary["steps"] == 2 * 91 and summary["dt"] == pytest.approx(0.01 / 91) and summary["retries"] == 0
+    assert summary["steps"] == 2 * 12 and summary["dt"] == pytest.approx(1 / 1200) and summary["retries"] == 0
     shown = RUNNER.invoke(
         app,
         ["explain", str(path), "--accuracy", "accurate", "--time-step", "0.001", "--set", "commit=false"],
@@ -132,8 +130,9 @@ def test_command_line(tmp_path):
         assert failed.exit_code == 2 and expected in failed.output
 
 
-@pytest.mark.parametrize("name", ["drape", "sphere", "flag", "funnel", "twisting"])
-def test_ten_restarted_steps_of_production_are_within_a_hundredth_of_an_edge(name):
-    """Of the converged motion: of the level `reference`, its own error added. With the paper's step they are not."""
-    triangles, edge, (own, coarse) = restarted_steps.measure(name, 200, [1 / 200], times=(0.25, 0.55))
-    assert own[1] + own[2] < 0.01 < coarse[1] - coarse[2], (triangles, edge, own, coarse)
+@pytest.mark.parametrize("name", ["drape", "flag", "shapes"])
+def test_a_frame_of_production_is_within_a_thousandth_of_the_size(name):
+    """Of the converged motion: of the level `reference`, its own error added. One of `interactive` is not."""
+    levels = {level: {"accuracy": level} for level in ("interactive", "production")}
+    triangles, size, errors, uncertainty = frame_error.measure(name, 200, levels, times=(0.25, 0.55))
+    assert errors["production"] + uncertainty < 1e-3 < errors["interactive"] - uncertainty, (triangles, size, errors)

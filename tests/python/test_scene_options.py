@@ -37,13 +37,13 @@ def test_options_are_used_and_survive_saving(tmp_path):
 
 
 def test_the_caller_overrides():
-    scene = cama.Scene.parse(dict(SHEET, options={"tolerance": 1e-2, "precision": "single"}))
+    scene = cama.Scene.parse(dict(SHEET, options={"tolerance": 1e-1, "precision": "single"}))
     one = cama.Simulation(scene, tolerance=1e-5).options
     assert one["tolerance"] == 1e-5 and one["precision"] == "single"
     assert cama.Simulation(scene, precision="double").options["precision"] == "double"
     preset = cama.Simulation(scene, accuracy="paper").options
     assert preset["tolerance"] == 1e-6 and preset["precision"] == "double"
-    assert cama.Simulation(scene, accuracy="production").options["tolerance"] == 1e-3
+    assert cama.Simulation(scene, accuracy="production").options["tolerance"] == 1e-2
 
 
 @pytest.mark.parametrize(

@@ -27,7 +27,7 @@ from cama.cli import app
 from cama.cli.tradeoff import front_table
 from cama.measuring import executor, report, tradeoff
 from cama.measuring import grid as plans
-from conftest import FALL
+from conftest import EULER, FALL
 
 G, ROOT = 9.81, Path(__file__).parents[2]
 ONE = ["--threads", 1, "--error-jobs", 1]
@@ -288,7 +288,7 @@ def test_no_cluster_is_a_named_error(monkeypatch):
 
 
 def test_the_error_of_a_free_fall_is_the_known_one(tmp_path):
-    plan = tradeoff.product({"time_step": [0.025, 0.01, 0.005], "precision": ["double", "mixed", "single"]})
+    plan = tradeoff.product({"time_step": [0.025, 0.01, 0.005], "precision": ["double", "mixed", "single"], **EULER})
     result = tradeoff.tradeoff(
         cama.Scene.parse(FALL),
         tmp_path,
@@ -404,6 +404,10 @@ def test_a_killed_run_goes_on_where_it_was(fall, tmp_path):
         fall,
         "--vary",
         "time_step=1/20,1/40,1/60,1/80,1/100,1/120,1/140,1/160",
+        "--vary",
+        "integrator=backward_euler",
+        "--vary",
+        "newton_iterations=1",
         "--window",
         "0.05",
         "--windows",

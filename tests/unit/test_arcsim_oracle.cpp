@@ -138,11 +138,12 @@ template <class Real> struct Elements {
   }
   void evaluate_wind(const Rows &v, const dvec3 &wind, double density, double drag, int convention)
   {
-    const std::vector<double> areal_density(1, 1.0);  // steps so short that drag is not limited
+    const std::vector<double> areal_density(1, 1.0);
+    const int limited = 0;
     std::fill(triangle_force.begin(), triangle_force.end(), V{0, 0, 0});
     std::fill(hinge_force.begin(), hinge_force.end(), V{0, 0, 0});
     add_wind(int(triangle.size()), triangle.data(), x.data(), v.data(), &wind, areal_density.data(), Real(density),
-             Real(drag), convention, Real(1e-6), triangle_force.data());
+             Real(drag), convention, limited, Real(1e-6), triangle_force.data());
   }
   /// Through gather_forces.
   Rows forces(const dvec3 &gravity) const

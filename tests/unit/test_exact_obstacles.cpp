@@ -296,13 +296,43 @@ Scene everything_exact()
 
 }  // namespace
 
+// A roof with its ridge along y; what is above it is closest to the ridge, between whose ends no vertex is near.
+TEST_CASE("a sphere and the end of a capsule touch the ridge of a fold", "[surfaces]")
+{
+  const double radius = 0.05, gap = 1e-3;
+  for (const bool capsule : {false, true}) {
+    INFO((capsule ? "capsule" : "sphere"));
+    const dvec3 center = {0.002, 0.03, radius + gap};
+    Mesh roof;
+    roof.position = {{0, -0.1, 0}, {0, 0.1, 0}, {-0.1, 0, -0.1}, {0.1, 0, -0.1}};
+    roof.face = {{0, 1, 2}, {1, 0, 3}};
+    Scene s = with(capsule ? exact_capsule(center, {0.002, 0.03, 0.3}, radius) : exact_sphere(center, radius), roof);
+    s.contact.thickness = 4e-3;
+    s.time_step = 1e-5;
+    Simulation sim(s, serial_options());
+    sim.step();
+    const ContactArrays c = sim.contacts();
+    REQUIRE(c.kind.size() == 2);  // one for each side of the ridge
+    const double height = std::hypot(0.002, radius + gap);
+    for (std::size_t i = 0; i < 2; ++i) {
+      CHECK(c.kind[i] == 0);
+      CHECK(c.distance[i] == Approx(height - radius).epsilon(1e-9));
+      CHECK(dnorm(dsub(c.normal[i], dvec3{0.002 / height, 0, (radius + gap) / height})) < 1e-9);
+      for (int k = 1; k < 4; ++k) {
+        const int v = c.vertices[i][static_cast<std::size_t>(k)];  // at y = 0.03 of -0.1 to 0.1
+        CHECK(c.weights[i][static_cast<std::size_t>(k)] == Approx(v == 0 ? -0.35 : v == 1 ? -0.65 : 0).margin(1e-9));
+      }
+    }
+  }
+}
+
 TEST_CASE("contacts of vertices with exact obstacles are those of points with spheres, capsules and planes",
           "[surfaces]")
 {
   const Scene s = everything_exact();
   Simulation sim(s, serial_options());
   int seen[5] = {0, 0, 0, 0, 0};
-  for (int n = 0; n < 25; ++n) {
+  for (int n = 0; n < 120; ++n) {
     const auto x = sim.positions();  // at which the contacts of the next step are found
     sim.step();
     const ContactArrays c = sim.contacts();

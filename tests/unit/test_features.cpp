@@ -115,6 +115,15 @@ bool launched(const Inventory &i, const std::string &kernel)
                      [&](const auto &stage) { return stage.second.count(kernel) > 0; });
 }
 
+/// Backward Euler, one solve a step: the least that a step does.
+Options one_solve()
+{
+  Options o = serial();
+  o.integrator = Integrator::backward_euler;
+  o.newton_iterations = 1;
+  return o;
+}
+
 const Names elastic_streams = {"position",
                                "velocity",
                                "position_next",
@@ -147,6 +156,8 @@ const Names edge_pair_streams = {"edge_edge.pairs", "edge_edge.direction", "edge
 
 const Kernels elastic_kernels = {
     {"evaluate_triangles", 1}, {"gather_forces", 1}, {"gather_blocks", 1}, {"advance", 1}, {"find_nonfinite", 1}};
+const Names bdf2_streams = {"position_before", "velocity_before", "position_base", "velocity_base"};
+const Kernels bdf2_kernels = {{"extrapolate_states", 2}, {"predict_states", 1}, {"keep_history", 1}};
 /// A list of elements, vertex by vertex: count, scan, fill, sort.
 const Kernels incidence_kernels = {
     {"set_int", 2}, {"count_incidence", 1}, {"scan", 1}, {"fill_incidence", 1}, {"sort_rows", 1}};
@@ -196,7 +207,7 @@ Motion rising()
 TEST_CASE("a sheet that falls has elasticity and nothing else", "[required]")
 {
   for (const char *precision : {"double", "mixed", "single"}) {
-    Options o = serial();
+    Options o = one_solve();
     o.precision = precision_of(precision);
     const Inventory found = take(bare(), o);
     CHECK(found.streams == elastic_streams);
@@ -209,9 +220,9 @@ TEST_CASE("a sheet that falls has elasticity and nothing else", "[required]")
 TEST_CASE("bending brings hinges and the second ring: 13 blocks a row instead of 7", "[required]")
 {
   Scene scene = bare();
-  const Inventory without = take(scene, serial());
+  const Inventory without = take(scene, one_solve());
   scene.cloths[0].material = Material::isotropic(100, 0.3, 1e-5, 0.1);
-  const Inventory with = take(scene, serial());
+  const Inventory with = take(scene, one_solve());
   CHECK(with.streams == elastic_streams + hinge_streams);
   CHECK(with.stages == elastic_stages);
   CHECK(outside_the_solve(with) == elastic_kernels + Kernels{{"evaluate_hinges", 1}});
@@ -220,9 +231,18 @@ TEST_CASE("bending brings hinges and the second ring: 13 blocks a row instead of
   // n x n cells have (n + 1)^2 vertices, 3 n^2 + 2 n edges, 3 n^2 - 2 n of them inside: away from the border 7 and 13.
   Scene large = bare();
   large.cloths[0].mesh = grid(100, 100, 1, 1);
-  CHECK(take(large, serial(), 1).blocks == 10201 + 2 * 30200);
+  CHECK(take(large, one_solve(), 1).blocks == 10201 + 2 * 30200);
   large.cloths[0].material = scene.cloths[0].material;
-  CHECK(take(large, serial(), 1).blocks == 10201 + 2 * 30200 + 2 * 29800);
+  CHECK(take(large, one_solve(), 1).blocks == 10201 + 2 * 30200 + 2 * 29800);
+}
+
+TEST_CASE("BDF2 brings the state before, and kernels that extrapolate from it", "[required]")
+{
+  Options bdf2 = one_solve();
+  bdf2.integrator = Integrator::bdf2;
+  const Inventory found = take(bare(), bdf2);
+  CHECK(found.streams == elastic_streams + bdf2_streams);
+  CHECK(outside_the_solve(found) == elastic_kernels + bdf2_kernels);
 }
 
 TEST_CASE("bending of one cloth gives the other no hinges", "[required]")
@@ -230,32 +250,38 @@ TEST_CASE("bending of one cloth gives the other no hinges", "[required]")
   Scene scene = bare();
   scene.cloths.push_back(
       meshes::cloth(grid(columns, rows, 0.3, 0.25, 2), Material::isotropic(100, 0.3, 1e-5, 0.1), "second"));
-  CHECK(take(scene, serial()).blocks == 2 * (vertices + 2 * edges) + 2 * inner_edges);
+  CHECK(take(scene, one_solve()).blocks == 2 * (vertices + 2 * edges) + 2 * inner_edges);
 }
 
 TEST_CASE("wind brings its velocity and a kernel; air without density and drag is none", "[required]")
 {
   Scene scene = bare();
   scene.wind = Wind{{3, 0, 0}, 0, 0};
-  Inventory found = take(scene, serial());
+  Inventory found = take(scene, one_solve());
   CHECK(found.streams == elastic_streams);
   CHECK(outside_the_solve(found) == elastic_kernels);
   scene.wind = Wind{{3, 0, 0}, 1.2, 0};
-  found = take(scene, serial());
+  found = take(scene, one_solve());
   CHECK(found.streams == elastic_streams + Names{"areal_density", "wind"});
   CHECK(found.stages == elastic_stages);
   CHECK(outside_the_solve(found) == elastic_kernels + Kernels{{"add_wind", 1}});
+  Options bdf2 = one_solve();
+  bdf2.integrator = Integrator::bdf2;
+  found = take(scene, bdf2);
+  CHECK(found.streams == elastic_streams + bdf2_streams + Names{"areal_density", "drag", "wind"});
+  CHECK(outside_the_solve(found) ==
+        elastic_kernels + bdf2_kernels + Kernels{{"add_wind", 1}, {"wind_drag", 1}, {"add_to_diagonal", 1}});
 }
 
 TEST_CASE("damping and tables bring neither streams nor kernels; a table brings its samples", "[required]")
 {
   Scene scene = bare();
   scene.cloths[0].material.damping = 0.01;
-  const Inventory damped = take(scene, serial());
+  const Inventory damped = take(scene, one_solve());
   CHECK(damped.streams == elastic_streams);
   CHECK(outside_the_solve(damped) == elastic_kernels);
   scene.cloths[0].material = tabulated(false);
-  const Inventory sampled = take(scene, serial());
+  const Inventory sampled = take(scene, one_solve());
   CHECK(sampled.streams == elastic_streams);
   CHECK(outside_the_solve(sampled) == elastic_kernels);
 }
@@ -266,7 +292,7 @@ TEST_CASE("pins bring a stage, and no stream of the state", "[required]")
   Pin pin;
   pin.vertices = {0, columns};
   scene.pins.push_back(pin);
-  const Inventory found = take(scene, serial());
+  const Inventory found = take(scene, one_solve());
   CHECK(found.streams == elastic_streams);
   CHECK(found.stages == behind("prescribed motion", elastic_stages));
   CHECK(outside_the_solve(found) == elastic_kernels + Kernels{{"scatter_positions", 1}, {"prescribe_velocities", 1}});
@@ -276,7 +302,7 @@ TEST_CASE("stitches bring their terms alone", "[required]")
 {
   Scene scene = bare();
   scene.stitches.push_back({0, 0, 0, columns, columns - 1, 0.5, 10});
-  const Inventory found = take(scene, serial());
+  const Inventory found = take(scene, one_solve());
   CHECK(found.streams == elastic_streams + term_streams + Names{"stitch"});
   std::vector<std::string> stages = elastic_stages;
   stages.insert(stages.begin() + 1, "contact terms");
@@ -289,11 +315,11 @@ TEST_CASE("obstacles without contact bring nothing but their vertices; moving on
 {
   Scene scene = on(table());
   scene.contact.enabled = false;
-  Inventory found = take(scene, serial());
+  Inventory found = take(scene, one_solve());
   CHECK(found.streams == elastic_streams);
   CHECK(outside_the_solve(found) == elastic_kernels);
   scene.obstacles[0].motion = rising();
-  found = take(scene, serial());
+  found = take(scene, one_solve());
   CHECK(found.streams == elastic_streams + Names{"rest_position"});
   CHECK(found.stages == behind("prescribed motion", elastic_stages));
   CHECK(outside_the_solve(found) == elastic_kernels + Kernels{{"move_rigid", 1}, {"prescribe_velocities", 1}});
@@ -301,7 +327,7 @@ TEST_CASE("obstacles without contact bring nothing but their vertices; moving on
 
 TEST_CASE("a plane: the cloth's vertices query one face; no edges, no trees of the cloth", "[required]")
 {
-  const Inventory found = take(on(plane()), serial());
+  const Inventory found = take(on(plane()), one_solve());
   REQUIRE(found.contacts > 0);
   CHECK(found.stages == contact_stages);
   CHECK(found.streams == elastic_streams + term_streams + contact_streams + face_pair_streams +
@@ -318,7 +344,7 @@ TEST_CASE("a plane: the cloth's vertices query one face; no edges, no trees of t
 
 TEST_CASE("a ball's centre queries the faces of the cloth: no edges", "[required]")
 {
-  const Inventory found = take(on(ball()), serial());
+  const Inventory found = take(on(ball()), one_solve());
   REQUIRE(found.contacts > 0);
   CHECK(found.streams == elastic_streams + term_streams + contact_streams + face_pair_streams +
                              Names{"origin", "trees.resting.face_bvh", "trees.resting.face_order",
@@ -331,7 +357,7 @@ TEST_CASE("a ball's centre queries the faces of the cloth: no edges", "[required
 
 TEST_CASE("an obstacle at rest is neither boxed nor sorted again, and its tree stands", "[required]")
 {
-  const Inventory still = take(on(table()), serial()), moving = take(on(table(), rising()), serial());
+  const Inventory still = take(on(table()), one_solve()), moving = take(on(table(), rising()), one_solve());
   REQUIRE(still.contacts > 0);
   REQUIRE(moving.contacts > 0);
   // Edges of the cloth query; no edge queries them.
@@ -357,7 +383,7 @@ TEST_CASE("cloth meets cloth: trees of the cloth, none of obstacles", "[required
   scene.contact.thickness = 4e-3;
   scene.cloths.push_back(
       meshes::cloth(grid(columns, rows, 0.3, 0.25, 0.01, 0.007, 3e-3), scene.cloths[0].material, "second"));
-  const Inventory found = take(scene, serial());
+  const Inventory found = take(scene, one_solve());
   REQUIRE(found.contacts > 0);
   CHECK(found.streams == elastic_streams + term_streams + contact_streams + face_pair_streams + edge_pair_streams +
                              Names{"edge", "trees.cloth.face_bvh", "trees.cloth.face_order", "trees.cloth.edge_bvh",
@@ -389,13 +415,13 @@ TEST_CASE("without contact.self no pair of cloth with cloth is tested", "[requir
 TEST_CASE("contact without friction sums no loads and predicts no velocities", "[required]")
 {
   Scene scene = on(plane());
-  const Inventory smooth = take(scene, serial());
+  const Inventory smooth = take(scene, one_solve());
   CHECK(smooth.kernels.at("contact terms") ==
         incidence_kernels + Kernels{{"contact_nodes", 1}, {"stiffen_contacts", 1}, {"make_frictionless_terms", 1}});
   scene.cloths[0].material.friction = 0.5;  // no cloth touches cloth, so its coefficient is not used
-  CHECK(take(scene, serial()).kernels.at("contact terms") == smooth.kernels.at("contact terms"));
+  CHECK(take(scene, one_solve()).kernels.at("contact terms") == smooth.kernels.at("contact terms"));
   scene.obstacles[0].friction = 0.5;
-  const Inventory rough = take(scene, serial());
+  const Inventory rough = take(scene, one_solve());
   CHECK(rough.streams == smooth.streams);
   CHECK(rough.kernels.at("contact terms") == incidence_kernels + Kernels{{"contact_nodes", 1},
                                                                          {"stiffen_contacts", 1},
@@ -406,14 +432,14 @@ TEST_CASE("contact without friction sums no loads and predicts no velocities", "
 
 TEST_CASE("forces are measured where they are asked for", "[required]")
 {
-  Options measuring = serial();
+  Options measuring = one_solve();
   measuring.forces = true;
   const Names streams = {"reactions.step",        "reactions.step_moment",     "reactions.pieces",
                          "reactions.piece",       "reactions.pieces_moment",   "reactions.piece_moment",
                          "reactions.interval",    "reactions.interval_moment", "reactions.push",
                          "reactions.push_moment", "reactions.solved_velocity"};
   const Inventory free = take(bare(), measuring), resting = take(on(plane()), measuring),
-                  without = take(on(plane()), serial());
+                  without = take(on(plane()), one_solve());
   CHECK(free.streams == elastic_streams + streams);
   CHECK(resting.streams == without.streams + streams + Names{"reactions.contact"});
   CHECK(free.kernels.at("forces of the solve").at("solve_reactions") == 1);
@@ -440,7 +466,7 @@ TEST_CASE("contact that touches nothing has no terms", "[required]")
 {
   Scene scene = on(plane());
   for (dvec3 &x : scene.cloths[0].mesh.position) x.z += 1;
-  const Inventory found = take(scene, serial());
+  const Inventory found = take(scene, one_solve());
   REQUIRE(found.contacts == 0);
   CHECK(found.kernels.at("contact terms").empty());
   for (const std::string &kernel : solve_kernels_of_terms) CHECK_FALSE(launched(found, kernel));
@@ -450,7 +476,7 @@ TEST_CASE("contact that touches nothing has no terms", "[required]")
 
 TEST_CASE("no guarantee, no commit", "[required]")
 {
-  Options o = serial();
+  Options o = one_solve();
   o.commit = false;
   const Inventory found = take(on(table(), rising()), o, 8);
   for (const char *kernel : {"commit_begin", "commit_screen", "commit_pairs", "commit_apply"})
@@ -461,7 +487,7 @@ TEST_CASE("every stage names the feature that needs it", "[required]")
 {
   Scene scene = on(table(), rising());
   scene.stitches.push_back({0, 0, 0, columns, columns - 1, 0.5, 10});
-  Simulation simulation(scene, serial());
+  Simulation simulation(scene, one_solve());
   std::map<std::string, std::string> reason;
   for (auto [name, why] : simulation.explain()) {
     name.erase(0, name.find_first_not_of(' '));
@@ -611,7 +637,7 @@ TEST_CASE("what is far away does not move the cloth by one bit", "[required][dis
   for (const std::string &backend : backends_here())
     for (const auto &[start, scene] :
          {std::pair<const char *, Scene>{"draped", meshes::sheet_on_ball()}, {"pile", pile()}}) {
-      Options o = serial();
+      Options o = one_solve();
       o.backend = backend;
       const int steps = backend == "cpu" ? 30 : 6, cloths = static_cast<int>(scene.cloths.size());
       const Trace alone = follow_first(scene, cloths, steps, o);
@@ -645,6 +671,6 @@ TEST_CASE("features that amount to nothing do not move the cloth by one bit", "[
     plain.contact.self = false;
     Scene with = plain;
     feature.add(with);
-    CHECK(same_bits(follow_first(plain, 1, 20, serial()), follow_first(with, 1, 20, serial())));
+    CHECK(same_bits(follow_first(plain, 1, 20, one_solve()), follow_first(with, 1, 20, one_solve())));
   }
 }

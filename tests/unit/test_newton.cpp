@@ -491,29 +491,25 @@ TEST_CASE("how often a failing step is halved is an option", "[newton][failures]
   }
 }
 
-TEST_CASE("the time step of a level that the scene leaves to it goes with the edges", "[levels]")
+TEST_CASE("the time step of a level that the scene leaves to it is the same for every mesh", "[levels]")
 {
-  const auto step = [](double side, const char *level, double frame_time = 0) {
-    const double z = side * 1.5;   // material space is smaller, and its edges count
-    Scene s;
-    s.frame_time = frame_time;
-    s.cloths.push_back(meshes::cloth({{{0, 0, 0}, {z, 0, 0}, {z, z, 0}, {0, z, 0}},
-                                      {{0, 1, 2}, {0, 2, 3}},
-                                      {{0, 0}, {side, 0}, {side, side}, {0, side}},
-                                      {{0, 1, 2}, {0, 2, 3}}}));
-    return chosen_time_step(Options::at(accuracy_level(level)), s);
-  };
-  // Edges of 40 mm on average: sqrt(0.04 / 1.5e5) s is 32.3 steps in 1/60 s.
-  const double side = 0.04 * 3 / (2 + std::sqrt(2.0));
-  CHECK(step(side, "production") == Approx(1.0 / 60 / 33));
-  CHECK(step(side, "accurate") == Approx(1.0 / 60 / 162));  // 161.4
-  CHECK(step(side, "reference") == Approx(1.0 / 60 / 646));  // 645.5
-  CHECK(step(side, "paper") == Approx(1.0 / 60 / 4));
-  CHECK(step(1.0, "production") == Approx(1.0 / 960));
-  CHECK(step(1e-4, "production") == Approx(1.0 / 2880));
-  CHECK(step(1.0, "production", 0.005) == Approx(1e-3));  // five fill a frame
-  CHECK(step(1.0, "paper", 1.0 / 300) == Approx(1.0 / 300));
-  CHECK(chosen_time_step(Options(), Scene()) == Approx(1.0 / 2880));
+  for (int cells : {2, 40}) {
+    const auto step = [&](const char *level, double frame_time = 0) {
+      Scene s;
+      s.frame_time = frame_time;
+      s.cloths.push_back(meshes::cloth(meshes::grid(cells, cells, 0.4, 0.4)));
+      return chosen_time_step(Options::at(accuracy_level(level)), s);
+    };
+    CHECK(step("preview") == Approx(1.0 / 120));
+    CHECK(step("interactive") == Approx(1.0 / 240));
+    CHECK(step("production") == Approx(1.0 / 240));
+    CHECK(step("accurate") == Approx(1.0 / 1200));
+    CHECK(step("reference") == Approx(1.0 / 4800));
+    CHECK(step("paper") == Approx(1.0 / 60 / 4));
+    CHECK(step("production", 0.005) == Approx(2.5e-3));  // two fill a frame
+    CHECK(step("paper", 1.0 / 300) == Approx(1.0 / 300));
+  }
+  CHECK(chosen_time_step(Options(), Scene()) == Approx(1.0 / 240));
 }
 
 TEST_CASE("levels: names, time steps that fill frames, and who chose what", "[levels]")
@@ -528,7 +524,7 @@ TEST_CASE("levels: names, time steps that fill frames, and who chose what", "[le
   CHECK(step("production") == 0.005);
   CHECK(step("paper") == 0.005);
   CHECK(step("preview") == Approx(1.0 / 120));
-  CHECK(step("accurate") == Approx(0.005 / 25));  // edges of 152 mm: 24.9
+  CHECK(step("accurate") == Approx(0.005 / 6));
   s.frame_time = 0.04;
   CHECK(step("preview") == Approx(0.008));  // five fill a frame
   CHECK(step("interactive") == Approx(0.004));

@@ -104,14 +104,22 @@ DEVICE proximity vertex_plane_proximity(dvec3 vertex, dvec3 a, dvec3 b, dvec3 c)
   return p;
 }
 
+/* 1 if the closest point of a vertex to its face lies inside an edge of it. */
+DEVICE int within_edge(proximity p)
+{
+  return (p.weight[1] == 0.0) + (p.weight[2] == 0.0) + (p.weight[3] == 0.0) == 1;
+}
+
 /* The proximity of a pair for contact, with radii and planes taken into account. A round obstacle has no border: all
-   its points are interior. */
+   its points are interior, and so are the points inside an edge that its centre or end is closest to, for it has no
+   edge of its own that would touch there. */
 DEVICE proximity surface_proximity(int kind, element_nodes e, GLOBAL const dvec3 *x, GLOBAL const vertex_contact *v)
 {
   proximity p;
   if (pair_has_plane(kind, e, v)) return vertex_plane_proximity(x[e.node[0]], x[e.node[1]], x[e.node[2]], x[e.node[3]]);
   p = pair_proximity(kind, e, x);
-  if (kind == 0 && v[e.node[1]].shape == SHAPE_ROUND) p.interior = p.distance > 0.0;
+  if (kind == 0 && (v[e.node[1]].shape == SHAPE_ROUND || (v[e.node[0]].shape == SHAPE_ROUND && within_edge(p))))
+    p.interior = p.distance > 0.0;
   p.distance -= pair_radius(kind, e, v);
   return p;
 }

@@ -31,22 +31,55 @@ DEVICE vec3 wind_force(vec3 edge1, vec3 edge2, vec3 relative_velocity, real dens
   return scale(area / (real)3, axpy(scale(density * speed * vn, normal), drag, tangential));
 }
 
+/* Velocity of the wind relative to that of a triangle, m/s. */
+DEVICE vec3 relative_wind(triangle_rest r, GLOBAL const dvec3 *velocity, dvec3 wind)
+{
+  dvec3 sum = dadd(dadd(velocity[r.node[0]], velocity[r.node[1]]), velocity[r.node[2]]);
+  return to_vec3(dsub(wind, dscale(1.0 / 3.0, sum)));
+}
+
 /* Adds wind to the element forces [3 n] of all triangles. wind: [1], m/s. areal_density: by material, kg/m^2.
-   Convention 1 uses ARCSim's area. */
+   Convention 1 uses ARCSim's area. limited: the force is explicit, and limited as above. */
 KERNEL add_wind(int n, GLOBAL const triangle_rest *rest, GLOBAL const dvec3 *position, GLOBAL const dvec3 *velocity,
                 GLOBAL const dvec3 *wind, GLOBAL const double *areal_density, real density, real drag, int convention,
-                real time_step, GLOBAL vec3 *force)
+                int limited, real time_step, GLOBAL vec3 *force)
 {
   FOR_EACH(i, n) {
     triangle_rest r = rest[i];
     dvec3 x0 = position[r.node[0]];
-    dvec3 sum = dadd(dadd(velocity[r.node[0]], velocity[r.node[1]]), velocity[r.node[2]]);
+    real most = limited ? (real)(WIND_SHARE / 3.0 * areal_density[r.material]) * r.area / time_step : (real)1e30;
     vec3 f = wind_force(to_vec3(dsub(position[r.node[1]], x0)), to_vec3(dsub(position[r.node[2]], x0)),
-                        to_vec3(dsub(wind[0], dscale(1.0 / 3.0, sum))), density, drag, convention ? r.area : (real)0,
-                        (real)(WIND_SHARE / 3.0 * areal_density[r.material]) * r.area / time_step);
+                        relative_wind(r, velocity, wind[0]), density, drag, convention ? r.area : (real)0, most);
     force[3 * i] = add(force[3 * i], f);
     force[3 * i + 1] = add(force[3 * i + 1], f);
     force[3 * i + 2] = add(force[3 * i + 2], f);
+  }
+}
+
+/* The derivative of wind by velocity, negative, times the time step, kg: block [n] of each vertex for itself, of its
+   triangles' third of 2 A rho |v.n| along the normal and A drag across. Each vertex counts as if it alone moved the
+   triangle: the sum over a common motion is exact, and no motion has less. row, incidence: of triangles at vertices. */
+KERNEL wind_drag(int n, GLOBAL const int *row, GLOBAL const int *incidence, GLOBAL const triangle_rest *rest,
+                 GLOBAL const dvec3 *position, GLOBAL const dvec3 *velocity, GLOBAL const dvec3 *wind, real density,
+                 real drag, int convention, real time_step, GLOBAL mat3 *block)
+{
+  FOR_EACH(i, n) {
+    mat3 sum = mat3_zero();
+    int k;
+    for (k = row[i]; k < row[i + 1]; ++k) {
+      triangle_rest r = rest[incidence[k] >> 2];
+      dvec3 x0 = position[r.node[0]];
+      vec3 normal = cross(to_vec3(dsub(position[r.node[1]], x0)), to_vec3(dsub(position[r.node[2]], x0)));
+      real length = norm(normal), vn, along, across;
+      if (!(length > (real)0)) continue;
+      normal = scale((real)1 / length, normal);
+      vn = dot(normal, relative_wind(r, velocity, wind[0]));
+      across = time_step / (real)3 * (convention ? r.area : (real)0.5 * length);
+      along = (real)2 * density * (vn < (real)0 ? -vn : vn) * across;
+      across *= drag;
+      sum = mat3_add_outer(mat3_add(sum, mat3_diagonal(across)), along - across, normal, normal);
+    }
+    block[i] = sum;
   }
 }
 

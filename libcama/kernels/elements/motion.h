@@ -143,20 +143,21 @@ KERNEL keep_history(int n, int cloth, double time_step, double step, double shar
     if (i < cloth && !fixed[i]) {
       dvec3 off = dsub(position_next[i], daxpy(base_position[i], step, velocity_next[i]));
       dvec3 stopped = touching ? abrupt[i] : dvec3_make(0.0, 0.0, 0.0), dv = dsub(dsub(velocity_next[i], v), stopped);
-      double size = dnorm(dv), most = size;
+      dvec3 fall = dscale(time_step, gravity[0]), blow = dsub(dv, fall);
+      double size = dnorm(blow), most = size;
       int struck = off.x != 0.0 || off.y != 0.0 || off.z != 0.0;
       if (touching) {
         double g = dnorm(gravity[0]);
         most = max_double(BLOW * time_step * (g > 0.0 ? g : STANDARD_GRAVITY),
-                          BLOW_GROWTH / memory * dnorm(dsub(base_velocity[i], v)));
+                          BLOW_GROWTH / memory * dnorm(daxpy(dsub(base_velocity[i], v), -memory, fall)));
       }
       if (struck || size > most || stopped.x != 0.0 || stopped.y != 0.0 || stopped.z != 0.0) {
         dvec3 end = daxpy(velocity_next[i], step / time_step - 1.0, stopped);
         if (struck) {
           dvec3 mean = dscale(1.0 / time_step, dsub(position_next[i], x)), away = dnormalize(off);
-          end = daxpy(mean, share, daxpy(dv, -min_double(ddot(dv, away), 0.0), away));
+          end = daxpy(mean, share, daxpy(dv, -min_double(ddot(blow, away), 0.0), away));
         }
-        if (size > most) dv = dscale(most / size, dv);
+        if (size > most) dv = daxpy(fall, most / size, blow);
         velocity_next[i] = end;
         v = dsub(end, dv);
         x = daxpy(position_next[i], -time_step, daxpy(end, -0.5, dv));

@@ -5,10 +5,13 @@
    Without this correction contact would be elastic. */
 #ifndef CAMA_KERNELS_SYSTEM_ABRUPT_H
 #define CAMA_KERNELS_SYSTEM_ABRUPT_H
+#include "../collision/pair.h"
 #include "../dialect/dvec3.h"
 #include "../dialect/lang.h"
 #include "../dialect/vec3.h"
 #include "term.h"
+
+#define ROUGH_MOST 2.0 /* sliding friction has the push after the first solve, which later ones change */
 
 /* push[i]: the impulse of contact i along its normal at the end of the solve, N s; 0 where it pulls. newton: the terms
    are those of the solution; otherwise the solve changed the velocities by `change` since. */
@@ -65,9 +68,10 @@ DEVICE dvec3 tangential(term t, GLOBAL const dvec3 *velocity)
 
 /* abrupt[i]: the part of the impulse of contact i that stopped motion abruptly, on its side A, N s: of the push as much
    as stops the approach that the sides of the contact had at the start of the step, of the friction the same share, if
-   `rough`. The term loses it. share: h / dt. start, velocity: before and after the solve, m/s. n: contacts. */
-KERNEL abrupt_impulses(int n, double share, int cloth_vertices, int rough, GLOBAL const double *inverse_mass,
-                       GLOBAL const double *push, GLOBAL const double *load, GLOBAL const dvec3 *start,
+   `rough`, but no more than ROUGH_MOST times what the coefficient allows: the tangential speed that sticking friction
+   leaves is an error of the solve and tells nothing of the force. The term loses it. share: h / dt. start, velocity: before and after the solve, m/s. n: contacts. */
+KERNEL abrupt_impulses(int n, double share, int cloth_vertices, int rough, GLOBAL const contact *contacts,
+                       GLOBAL const double *inverse_mass, GLOBAL const double *push, GLOBAL const double *load, GLOBAL const dvec3 *start,
                        GLOBAL const dvec3 *velocity, GLOBAL term *terms, GLOBAL dvec3 *abrupt)
 {
   FOR_EACH(i, n) {
@@ -80,10 +84,13 @@ KERNEL abrupt_impulses(int n, double share, int cloth_vertices, int rough, GLOBA
     terms[i].push = t.push - (real)part;
     abrupt[i] = dscale(part, normal);
     if (rough && part > 0.0) {
-      real around = (real)(part / push[i]) * t.around;
+      dvec3 speed = tangential(t, velocity);
+      double own = part / push[i] * (double)t.around, size = own * dnorm(speed),
+             most = ROUGH_MOST * contacts[i].static_friction * part;
+      real around = (real)(size > most ? most / size * own : own);
       terms[i].around = t.around - around;
       terms[i].along = t.along + around;
-      abrupt[i] = daxpy(abrupt[i], -(double)around, tangential(t, velocity));
+      abrupt[i] = daxpy(abrupt[i], -(double)around, speed);
     }
   }
 }

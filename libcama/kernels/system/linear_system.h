@@ -26,19 +26,43 @@ KERNEL bcsr_multiply(int n, GLOBAL const int *row, GLOBAL const int *column, GLO
   }
 }
 
+/* y += D x with the blocks D of rows that are not fixed. */
+KERNEL add_diagonal_product(int n, GLOBAL const mat3 *diagonal, GLOBAL const int *fixed, GLOBAL const vec3 *x,
+                            GLOBAL vec3 *y)
+{
+  FOR_EACH(i, n) {
+    if (!fixed[i]) y[i] = add(y[i], mat3_multiply(diagonal[i], x[i]));
+  }
+}
+
+/* Where row i has its diagonal. */
+DEVICE int diagonal_place(GLOBAL const int *row, GLOBAL const int *column, int i)
+{
+  int lo = row[i], hi = row[i + 1] - 1;
+  while (lo < hi) {
+    int middle = (lo + hi) / 2;
+    if (column[middle] < i)
+      lo = middle + 1;
+    else
+      hi = middle;
+  }
+  return lo;
+}
+
 KERNEL extract_diagonal(int n, GLOBAL const int *row, GLOBAL const int *column, GLOBAL const mat3 *block,
                         GLOBAL mat3 *diagonal)
 {
   FOR_EACH(i, n) {
-    int lo = row[i], hi = row[i + 1] - 1;
-    while (lo < hi) {
-      int middle = (lo + hi) / 2;
-      if (column[middle] < i)
-        lo = middle + 1;
-      else
-        hi = middle;
-    }
-    diagonal[i] = block[lo];
+    diagonal[i] = block[diagonal_place(row, column, i)];
+  }
+}
+
+KERNEL add_to_diagonal(int n, GLOBAL const int *row, GLOBAL const int *column, GLOBAL const mat3 *diagonal,
+                       GLOBAL mat3 *block)
+{
+  FOR_EACH(i, n) {
+    int at = diagonal_place(row, column, i);
+    block[at] = mat3_add(block[at], diagonal[i]);
   }
 }
 

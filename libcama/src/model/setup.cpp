@@ -265,6 +265,8 @@ template <class Real> void set_up(State &state, const Scene &scene, const Topolo
     for (const Cloth &c : scene.cloths) density.push_back(c.material.density);
     state.elements.wind = Stream<dvec3>(b, std::vector<dvec3>{scene.wind->velocity});
     state.elements.areal_density = Stream<double>(b, density);
+    if (state.time.predicted || state.options.newton_iterations > 1)
+      s->drag = Stream<typename Types<Real>::mat3>(b, t.cloth_vertices);
   }
   if (std::any_of(scene.obstacles.begin(), scene.obstacles.end(),
                   [](const Obstacle &o) { return !o.motion.is_static() && o.motion.is_rigid(); }))

@@ -281,6 +281,7 @@ template <class Real> struct System {
   Stream<typename T::vec3> hinge_force;  // [4 hinges], N
   Stream<typename T::term> term;  // contacts, then stitches
   Stream<typename T::vec3> force;  // [cloth vertices], N
+  Stream<typename T::mat3> drag;  // [cloth vertices] kg, with wind: what it adds to the matrix; else empty
   Stream<typename T::vec3> start_force;  // [cloth vertices] N, with BDF2, in a step with contacts: at its start
   BlockMatrix<Real> matrix;
   Stream<typename T::vec3> right_side, solution;  // [cloth vertices], [vertices]
@@ -300,6 +301,7 @@ template <class Real> struct System {
     f("hinge_force", Life::step, hinge_force);
     f("term", Life::step, term);
     f("force", Life::step, force);
+    f("drag", Life::step, drag);
     f("start_force", Life::step, start_force);
     f("row", Life::step, matrix.row);
     f("column", Life::step, matrix.column);

@@ -26,12 +26,23 @@ template <class Real> void EvaluateElements<Real>::run_on(const Rooms &state)
 
 template <class Real>
 void EvaluateElements<Real>::add_wind(const Rooms &state, const Stream<dvec3> &position, const Stream<dvec3> &velocity,
-                                      Stream<vec3> &force)
+                                      bool limited, Stream<vec3> &force)
 {
   CAMA_LAUNCH_REAL(Real, *state.backend, add_wind, state.mesh.triangles, state.system.template of<Real>().triangle_rest,
                    position, velocity, state.elements.wind, state.elements.areal_density,
                    static_cast<Real>(air_density_), static_cast<Real>(drag_), state.options.arcsim_conventions ? 1 : 0,
-                   static_cast<Real>(state.time.implicit_step), force);
+                   limited ? 1 : 0, static_cast<Real>(state.time.implicit_step), force);
+}
+
+template <class Real>
+void EvaluateElements<Real>::find_drag(const Rooms &state, const Stream<dvec3> &position, const Stream<dvec3> &velocity)
+{
+  System<Real> &s = state.system.template of<Real>();
+  s.drag.resize(state.mesh.cloth_vertices);
+  CAMA_LAUNCH_REAL(Real, *state.backend, wind_drag, state.mesh.cloth_vertices, state.elements.triangle_incidence.row,
+                   state.elements.triangle_incidence.entry, s.triangle_rest, position, velocity, state.elements.wind,
+                   static_cast<Real>(air_density_), static_cast<Real>(drag_), state.options.arcsim_conventions ? 1 : 0,
+                   static_cast<Real>(state.time.implicit_step), s.drag);
 }
 
 template <class Real>
@@ -57,7 +68,13 @@ void EvaluateElements<Real>::evaluate(const Rooms &state, const Stream<dvec3> &p
                    s.triangle_factor, s.triangle_force);
   const Stream<dvec3> &velocity =
       state.time.predicted ? state.mesh.velocity_next : state.mesh.base_velocity(state.time);
-  if (windy_ && linearised) add_wind(state, position, velocity, s.triangle_force);
+  if (windy_ && linearised) {
+    add_wind(state, position, velocity, !state.time.predicted, s.triangle_force);
+    if (state.time.predicted)
+      find_drag(state, position, velocity);
+    else
+      s.drag.resize(0);
+  }
   if (state.mesh.hinges)
     CAMA_LAUNCH_REAL(Real, b, evaluate_hinges, state.mesh.hinges, s.hinge_rest, s.bending_table, s.material_scale,
                      state.options.arcsim_conventions ? 1 : 0, position, s.hinge_factor, s.hinge_force);

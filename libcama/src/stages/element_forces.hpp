@@ -18,8 +18,11 @@ public:
   void evaluate(const Rooms &state, const Stream<dvec3> &position, bool linearised);
   bool windy() const { return windy_; }
   bool damped() const { return damped_; }
-  /// force: [3 triangles].
-  void add_wind(const Rooms &state, const Stream<dvec3> &position, const Stream<dvec3> &velocity, Stream<vec3> &force);
+  /// Adds the wind to `force` [3 triangles], limited or not as in kernels/elements/external.h.
+  void add_wind(const Rooms &state, const Stream<dvec3> &position, const Stream<dvec3> &velocity, bool limited,
+                Stream<vec3> &force);
+  /// What the wind at these positions and velocities adds to the matrix.
+  void find_drag(const Rooms &state, const Stream<dvec3> &position, const Stream<dvec3> &velocity);
   /// Adds the damping of the elements at these velocities, with the factors of the last evaluation.
   void add_damping(const Rooms &state, const Stream<dvec3> &velocity, Stream<vec3> &triangle_force,
                    Stream<vec3> &hinge_force);

@@ -29,6 +29,8 @@ template <class Real> void LinearSolve<Real>::multiply(const Rooms &state, const
   const bool differences = sizeof(Real) == 4 && state.options.paper.assembly == Assembly::gather;
   CAMA_LAUNCH_REAL(Real, b, bcsr_multiply, state.mesh.cloth_vertices, s.matrix.row, s.matrix.column, s.matrix.block,
                    state.mesh.fixed, differences ? s.mass : no_mass_, x, q);
+  if (differences && s.drag.size())
+    CAMA_LAUNCH_REAL(Real, b, add_diagonal_product, state.mesh.cloth_vertices, s.drag, state.mesh.fixed, x, q);
   if (!terms_as_operator(state)) return;
   product_.resize(state.system.terms);
   CAMA_LAUNCH_REAL(Real, b, term_products, state.system.terms, s.term, x, product_);

@@ -105,7 +105,7 @@ template <class Real> void AssembleMatrix<Real>::sorted(const Rooms &state)
                    static_cast<int>(state.options.paper.contact_form), m.row, m.column, m.block);
 }
 
-template <class Real> void AssembleMatrix<Real>::run_on(const Rooms &state)
+template <class Real> void AssembleMatrix<Real>::fill(const Rooms &state)
 {
   const Options &options = state.options;
   if (options.paper.contact_form == ContactForm::star && state.system.terms) {
@@ -135,6 +135,15 @@ template <class Real> void AssembleMatrix<Real>::run_on(const Rooms &state)
     CAMA_LAUNCH_REAL(Real, *state.backend, gather_blocks, s.matrix.block.size(), source_start_, source_, s.mass,
                      state.mesh.triangles, s.triangle_factor, s.hinge_factor, s.matrix.block);
   }
+}
+
+template <class Real> void AssembleMatrix<Real>::run_on(const Rooms &state)
+{
+  fill(state);
+  System<Real> &s = state.system.template of<Real>();
+  if (s.drag.size())
+    CAMA_LAUNCH_REAL(Real, *state.backend, add_to_diagonal, state.mesh.cloth_vertices, s.matrix.row, s.matrix.column,
+                     s.drag, s.matrix.block);
 }
 
 template class AssembleMatrix<double>;

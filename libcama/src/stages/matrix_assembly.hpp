@@ -15,6 +15,7 @@ public:
   void run_on(const Rooms &state) override;
 
 private:
+  void fill(const Rooms &state);
   void find_pattern(const Rooms &state, bool with_terms);  ///< finds also the sources of every block
   void scatter(const Rooms &state);
   void sorted(const Rooms &state);

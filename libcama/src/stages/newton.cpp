@@ -77,7 +77,10 @@ template <class Real> typename NewtonIterations<Real>::Norms NewtonIterations<Re
     if (zero_gravity_.size() == 0) zero_gravity_.assign({dvec3{0, 0, 0}});
     outer_triangle_.fill_zero();
     outer_hinge_.fill_zero();
-    if (elements_.windy()) elements_.add_wind(state, x, v, outer_triangle_);
+    if (elements_.windy()) {
+      elements_.add_wind(state, x, v, false, outer_triangle_);
+      elements_.find_drag(state, x, v);
+    }
     if (elements_.damped()) elements_.add_damping(state, v, outer_triangle_, outer_hinge_);
     CAMA_LAUNCH_REAL(Real, b, gather_forces, rows, state.elements.triangle_incidence.row,
                      state.elements.triangle_incidence.entry, outer_triangle_, state.elements.hinge_incidence.row,

@@ -120,7 +120,7 @@ def folded_crease(p):
 
 
 def paper_crease(p):
-    """A sheet folded to half a thickness between its halves opens; the crease never crosses itself."""
+    """A sheet folded to half a thickness between its halves opens flat, and may swing on; it never crosses itself."""
     vertices, faces = shapes.lattice(0.2, 0.1, 12, 6)
     x = vertices[:, 0]
     gap = 5e-4
@@ -134,10 +134,12 @@ def paper_crease(p):
         thickness=1e-3,
         material=cama.Material.isotropic(1000, 0.3, 1e-4, 0.2),
     )
-    simulation = p.run(scene, 60, bound=1)
-    opened = np.linalg.norm(simulation.positions[0] - simulation.positions[12])
+    simulation, opened = p.simulation(scene), 0.0
+    for _ in range(60):
+        p.run(simulation, 1, bound=1)
+        opened = max(opened, np.linalg.norm(simulation.positions[0] - simulation.positions[12]))
     p.seen.note = f"ends {opened * 1e3:.3g} mm apart"
-    p.require(opened > 0.01, f"the ends are {opened:.3g} m apart: it does not open")
+    p.require(opened > 0.18, f"the ends of the sheet of 0.2 m were at most {opened:.3g} m apart: it does not open")
 
 
 def _on_ball(p, density, steps=30):

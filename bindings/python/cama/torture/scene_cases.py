@@ -144,8 +144,14 @@ def _tips(run):
 def expect_needle_bed(run):
     inner = [p for p in _tips(run) if np.abs(p[:2]).max() < 0.15]
     under = [len(h) > 0 for h in shapes.heights(*run.cloth(0), np.array(inner)[:, :2])]
+    # The border hangs free around the needles and swings for a while; what they carry moves little with it.
+    count, speed = run.simulation.cloth_vertex_count, np.linalg.norm(run.simulation.velocities, axis=1)
+    carried = np.abs(run.positions[:count, :2]).max(axis=1) < 0.15
+    moving = (run.simulation.masses * np.square(speed[:count]))[carried].sum() / 2 / max(run.kinetic)
     return _needles(run, _tips(run)) + _complain(
-        _quiet(run, 1e-3), (all(under), "an inner needle is not under the cloth")
+        _quiet(run, 0.05),
+        (moving < 5e-3, f"what the needles carry has {moving:.2g} of the peak of kinetic energy at the end"),
+        (all(under), "an inner needle is not under the cloth"),
     )
 
 
