@@ -10,7 +10,7 @@ import pytest
 
 import cama
 from cama.torture import judge, scenes, shapes
-from cama.torture.meshes import fallen
+from cama.torture.meshes import GRAVITY, fallen
 from cama.torture.scene_cases import CASES
 from cama.torture.seeds import perform
 
