@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Error of the accuracy levels over one frame of 1/60 s that starts from checkpoints of one run of `production`.
 
-As a fraction of the cloth's size, its largest side at the start. The rows of the tables in results/accuracy-levels-*.md:
+As a fraction of the cloth's size, its largest side at the start. The rows of the table in results/default-level-*.md:
 
-python benchmarks/frame_error.py drape sphere flag funnel twisting pile shapes --resolution 400
+python benchmarks/frame_error.py drape sphere flag funnel twisting pile shapes --resolution 200
 python benchmarks/frame_error.py drape sphere flag funnel twisting pile shapes --resolution 2000
 """
 

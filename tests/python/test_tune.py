@@ -76,9 +76,8 @@ def test_tune_finds_the_cheapest_time_step_and_run_uses_it(fall, tmp_path):
     )
     assert result.exit_code == 0, result.output
     data = json.loads(scene.read_text())
-    assert (
-        data["time_step"] in (1 / 160, 1 / 320) and set(data["options"]) <= {"time_step", "integrator", "newton_iterations"} and "judge" in data["$tuned"]
-    )
+    assert data["time_step"] in (1 / 160, 1 / 320) and "judge" in data["$tuned"]
+    assert set(data["options"]) <= {"time_step", "integrator", "newton_iterations"}
     tuned = cama.Scene.load(scene)
     assert tuned.frames * tuned.frame_time == pytest.approx(40 * 0.005, rel=0.05)
     assert call("run", scene, "--frames", 2, "-o", tmp_path / "run").exit_code == 0
@@ -109,7 +108,10 @@ def test_the_judge_has_other_states_and_a_finer_reference(tmp_path):
 
 def test_budgets_that_cannot_be_kept_say_what_can(tmp_path, falling):
     arguments = dict(
-        plan=tradeoff.product({"time_step": [1 / 80], **EULER}), windows=1, reference_step=0.05 / 64, setup=tradeoff.Setup(threads=1, jobs=0)
+        plan=tradeoff.product({"time_step": [1 / 80], **EULER}),
+        windows=1,
+        reference_step=0.05 / 64,
+        setup=tradeoff.Setup(threads=1, jobs=0),
     )
     with pytest.raises(tune.BudgetError, match=r"most accurate: dt 1/80 s, .*\(3.07 mm rms"):
         tune.tune(cama.Scene.parse(FALL), tmp_path, error=1e-6, **arguments)

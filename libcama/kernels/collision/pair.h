@@ -105,10 +105,7 @@ DEVICE proximity vertex_plane_proximity(dvec3 vertex, dvec3 a, dvec3 b, dvec3 c)
 }
 
 /* 1 if the closest point of a vertex to its face lies inside an edge of it. */
-DEVICE int within_edge(proximity p)
-{
-  return (p.weight[1] == 0.0) + (p.weight[2] == 0.0) + (p.weight[3] == 0.0) == 1;
-}
+DEVICE int within_edge(proximity p) { return (p.weight[1] == 0.0) + (p.weight[2] == 0.0) + (p.weight[3] == 0.0) == 1; }
 
 /* The proximity of a pair for contact, with radii and planes taken into account. A round obstacle has no border: all
    its points are interior, and so are the points inside an edge that its centre or end is closest to, for it has no

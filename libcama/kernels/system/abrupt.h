@@ -69,10 +69,12 @@ DEVICE dvec3 tangential(term t, GLOBAL const dvec3 *velocity)
 /* abrupt[i]: the part of the impulse of contact i that stopped motion abruptly, on its side A, N s: of the push as much
    as stops the approach that the sides of the contact had at the start of the step, of the friction the same share, if
    `rough`, but no more than ROUGH_MOST times what the coefficient allows: the tangential speed that sticking friction
-   leaves is an error of the solve and tells nothing of the force. The term loses it. share: h / dt. start, velocity: before and after the solve, m/s. n: contacts. */
+   leaves is an error of the solve and tells nothing of the force. The term loses it. share: h / dt. start, velocity:
+   before and after the solve, m/s. n: contacts. */
 KERNEL abrupt_impulses(int n, double share, int cloth_vertices, int rough, GLOBAL const contact *contacts,
-                       GLOBAL const double *inverse_mass, GLOBAL const double *push, GLOBAL const double *load, GLOBAL const dvec3 *start,
-                       GLOBAL const dvec3 *velocity, GLOBAL term *terms, GLOBAL dvec3 *abrupt)
+                       GLOBAL const double *inverse_mass, GLOBAL const double *push, GLOBAL const double *load,
+                       GLOBAL const dvec3 *start, GLOBAL const dvec3 *velocity, GLOBAL term *terms,
+                       GLOBAL dvec3 *abrupt)
 {
   FOR_EACH(i, n) {
     term t = terms[i];
