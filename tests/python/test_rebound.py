@@ -101,3 +101,18 @@ def test_friction_of_a_landing_is_abrupt_too():
     simulation = cama.Simulation(scene, accuracy="accurate", backend="cpu", threads=1)
     simulation.step(round(0.5 / simulation.time_step))
     assert 0.25 < (simulation.velocities[: simulation.cloth_vertex_count] @ down).mean() < 0.311
+
+
+def test_energy_does_not_rise_in_bursts():
+    """Kinetic, elastic and potential energy of a sheet that falls on spheres, a capsule and a box, all at rest.
+
+    It rises by what the penalty returns. It rose by 0.04 J where friction that sticks counted as abrupt with the error
+    of the solve, and by 0.13 J where folds did not touch the capsule.
+    """
+    simulation = cama.Simulation(cama.Scene.load("shapes", 400), time_step=1 / 240, backend="cpu", threads=1)
+    lowest, rise = np.inf, 0.0
+    for _ in range(240):
+        simulation.step()
+        energy = sum(simulation.energy().values())
+        lowest, rise = min(lowest, energy), max(rise, energy - lowest)
+    assert rise < 0.005
