@@ -277,9 +277,9 @@ TEST_CASE("a plane that rises carries a sheet, and nothing falls through one", "
 namespace {
 
 /// All four exact shapes and a mesh at once, in motion.
-Scene everything_exact()
+Scene everything_exact(int cells = 12)
 {
-  Scene s = with(exact_plane({0, 0, -0.06}, {0, 0.1, 1}), meshes::grid(12, 12, 0.3, 0.3, -0.15, -0.15, 0.004));
+  Scene s = with(exact_plane({0, 0, -0.06}, {0, 0.1, 1}), meshes::grid(cells, cells, 0.3, 0.3, -0.15, -0.15, 0.004));
   s.cloths[0].velocity = {0.1, 0, -1};
   const auto add = [&](Obstacle o, const char *name, const dvec3 &velocity) {
     o.name = name;
@@ -329,10 +329,10 @@ TEST_CASE("a sphere and the end of a capsule touch the ridge of a fold", "[surfa
 TEST_CASE("contacts of vertices with exact obstacles are those of points with spheres, capsules and planes",
           "[surfaces]")
 {
-  const Scene s = everything_exact();
+  const Scene s = everything_exact(24);
   Simulation sim(s, serial_options());
   int seen[5] = {0, 0, 0, 0, 0};
-  for (int n = 0; n < 120; ++n) {
+  for (int n = 0; n < 60; ++n) {
     const auto x = sim.positions();  // at which the contacts of the next step are found
     sim.step();
     const ContactArrays c = sim.contacts();
