@@ -122,7 +122,7 @@ CHECKS = (
         "swinging_slivers",
         "no end farther away than the strip is long; single: that or SolverError",
         seen_as="from where it is held",
-        fault_in=("mixed", "single"),
+        fault_in=("mixed",),
         fault="two solves of BDF2 leave errors in triangles twenty thousand times as long as wide, which grow as the "
         "strip swings; backward Euler with one solve holds it",
     ),
