@@ -84,6 +84,7 @@ const std::vector<Feature> features = {
     {"nothing", hanging, [](Scene &) {}, {}},
     {"bending", hanging, [](Scene &s) { s.cloths[0].material = fabric(1e-5); }, {}},
     {"damping", hanging, [](Scene &s) { s.cloths[0].material.damping = 0.01; }, {}},
+    {"mass damping", hanging, [](Scene &s) { s.cloths[0].material.mass_damping = 1; }, {}},
     {"table of stiffness",
      hanging,
      [](Scene &s) {

@@ -28,6 +28,7 @@ inline cama::Scene everything(int cells)
   cama::Scene s = meshes::pile(cells);
   s.cloths[0].material.stretching[3][0] *= 1.5;   // a measured table
   s.cloths[0].material.damping = 0.002;
+  s.cloths[0].material.mass_damping = 0.5;
   s.wind = cama::Wind{{1, 0.5, 0}, 1.2, 0.1};
   cama::Pin pin;
   pin.vertices = {0};

@@ -66,6 +66,11 @@ CASES = {
     "stiffness in kN/mm": ("sheet", ["stretching", "MPa"], lambda: scene(material=material(youngs_modulus=0.001))),
     "bending in gf cm^2/cm": ("sheet", ["bending", "gf"], lambda: scene(material=material(bending=0.05))),
     "damping in ms": ("sheet", ["damping", "0.5 s"], lambda: scene(material=with_fields(material(), damping=0.5))),
+    "mass damping in 1/minute": (
+        "sheet",
+        ["mass_damping", "60 1/s"],
+        lambda: scene(material=with_fields(material(), mass_damping=60.0)),
+    ),
     "a thickness of 1 m": ("sheet", ["thickness", "1 m"], lambda: scene(thickness=1.0)),
     "a thickness of 1 m of the scene": ("sheet", ["thickness", "scene"], lambda: with_fields(scene(), thickness=1.0)),
     "a thickness of 1 m of an obstacle": ("ball", ["thickness", "1 m"], lambda: scene(obstacle=ball(thickness=1.0))),

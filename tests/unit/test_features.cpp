@@ -273,6 +273,23 @@ TEST_CASE("wind brings its velocity and a kernel; air without density and drag i
         elastic_kernels + bdf2_kernels + Kernels{{"add_wind", 1}, {"wind_drag", 1}, {"add_to_diagonal", 1}});
 }
 
+TEST_CASE("mass damping brings its rates, the air's velocity, what it adds to the diagonal, and kernels for both",
+          "[required]")
+{
+  Scene scene = bare();
+  scene.cloths[0].material.mass_damping = 1;
+  const Names streams{"drag", "mass_damping", "wind"};
+  const Kernels kernels{{"damp_vertices", 1}, {"mass_damping_drag", 1}, {"add_to_diagonal", 1}};
+  Inventory found = take(scene, one_solve());
+  CHECK(found.streams == elastic_streams + streams);
+  CHECK(outside_the_solve(found) == elastic_kernels + kernels);
+  Options bdf2 = one_solve();
+  bdf2.integrator = Integrator::bdf2;
+  found = take(scene, bdf2);
+  CHECK(found.streams == elastic_streams + bdf2_streams + streams);
+  CHECK(outside_the_solve(found) == elastic_kernels + bdf2_kernels + kernels);
+}
+
 TEST_CASE("damping and tables bring neither streams nor kernels; a table brings its samples", "[required]")
 {
   Scene scene = bare();
@@ -606,6 +623,12 @@ const Feature far_features[] = {
      [](Scene &s) {
        Material m = meshes::cotton();
        m.damping = 0.02;
+       add_pinned(s, m);
+     }},
+    {"a pinned cloth with mass damping",
+     [](Scene &s) {
+       Material m = meshes::cotton();
+       m.mass_damping = 2;
        add_pinned(s, m);
      }},
     {"a pinned cloth with a seam",

@@ -175,6 +175,7 @@ TEST_CASE("bad materials are named", "[material]")
   CHECK(contains(broken([](Material &m) { m.density = 0; }), "density"));
   CHECK(contains(broken([](Material &m) { m.density = std::nan(""); }), "density"));
   CHECK(contains(broken([](Material &m) { m.damping = -1; }), "damping"));
+  CHECK(contains(broken([](Material &m) { m.mass_damping = -1; }), "mass_damping"));
   CHECK(contains(broken([](Material &m) { m.friction = -0.5; }), "friction"));
   CHECK(contains(broken([](Material &m) { m.thickness = -1; }), "thickness"));
   CHECK(contains(broken([](Material &m) {

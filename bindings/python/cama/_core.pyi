@@ -117,6 +117,7 @@ class Material:
     stretching: list[list[float]]
     bending: list[list[float]]
     damping: float
+    mass_damping: float
     friction: float
     static_friction: float
     thickness: float

@@ -34,7 +34,9 @@ class Material(_core.Material):
         density: Mass per area, kg/m^2.
         stretching: Stretching stiffness [6, 4], N/m.
         bending: Bending stiffness [3, 5], N m.
-        damping: Damping time, s.
+        damping: Stiffness damping c of D = -c K, s.
+        mass_damping: Mass damping a of D = -a M, 1/s, on the velocity relative to the air (`Wind`; at rest without).
+            A swing loses half its amplitude in 1.39 / a; free fall ends at the speed g / a.
         friction: Coulomb coefficient of cloth against cloth; -1: the scene's.
         static_friction: The coefficient while cloth sticks; -1: equal to `friction`.
         thickness: Contact thickness, m; 0: the scene's.

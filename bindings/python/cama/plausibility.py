@@ -34,6 +34,7 @@ DENSITY = (0.005, 5.0)  # kg/m^2; fabrics have 0.02 to 2
 STRETCHING = (1.0, 1e6)  # N/m; fabrics have 100 to 40,000
 BENDING = 0.05  # N m, of a hinge; fabrics have 5e-6 to 1e-3
 DAMPING = 0.1  # s; fabrics have about 0.001
+MASS_DAMPING = 20.0  # 1/s; cloth in air has 0.1 to 3
 THICK = 0.1  # of the extent of the cloth
 THICK_EDGES = 5.0  # median edges of the cloth
 SPEED = 100.0  # m/s
@@ -274,6 +275,14 @@ def _material(name: str, material: _core.Material) -> Iterator[Finding]:
             "material.damping",
             f"{_number(material.damping)} s",
             "fabrics have about 0.001 s; give seconds",
+        )
+    if material.mass_damping > MASS_DAMPING:
+        yield Finding(
+            "mass damping",
+            name,
+            "material.mass_damping",
+            f"{_number(material.mass_damping)} 1/s",
+            "cloth in air has 0.1 to 3 1/s, and falls at 9.81 m/s^2 over that; give 1/s",
         )
 
 

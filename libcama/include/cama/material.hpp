@@ -21,6 +21,9 @@ struct Material {
   /// stiffness and set five times that
   std::array<std::array<double, 5>, 3> bending{};
   double damping = 0;  ///< stiffness damping c, s: D = -c K
+  /// Mass damping a, 1/s: D = -a M on the velocity relative to the air, which is at rest without a wind. Free fall ends
+  /// at the speed g / a; a swing loses half its amplitude in 1.39 / a.
+  double mass_damping = 0;
   double friction = -1;  ///< Coulomb coefficient of cloth against cloth while it slides; -1: the scene's
   /// While it sticks, not below `friction`; -1: equal to `friction`, or the scene's if `friction` is the scene's.
   double static_friction = -1;

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Wind and drag on triangles; forces that a driver sets. */
+/* Wind and drag on triangles; mass damping and forces that a driver sets, on vertices. */
 #ifndef CAMA_KERNELS_ELEMENTS_EXTERNAL_H
 #define CAMA_KERNELS_ELEMENTS_EXTERNAL_H
 #include "../dialect/dvec3.h"
@@ -80,6 +80,26 @@ KERNEL wind_drag(int n, GLOBAL const int *row, GLOBAL const int *incidence, GLOB
       sum = mat3_add_outer(mat3_add(sum, mat3_diagonal(across)), along - across, normal, normal);
     }
     block[i] = sum;
+  }
+}
+
+/* Adds mass damping at these velocities, or the part of it that does not depend on them. rate: a m of each vertex,
+   kg/s. wind: [1], m/s, the velocity of the air. */
+KERNEL damp_vertices(int n, int moving, GLOBAL const real *rate, GLOBAL const dvec3 *velocity, GLOBAL const dvec3 *wind,
+                     GLOBAL vec3 *force)
+{
+  FOR_EACH(i, n) {
+    vec3 v = to_vec3(moving ? dsub(wind[0], velocity[i]) : wind[0]);
+    force[i] = axpy(force[i], rate[i], v);
+  }
+}
+
+/* Its derivative by velocity, negative, times the time step, kg: block [n] is set to it, or has it added. */
+KERNEL mass_damping_drag(int n, int adding, real time_step, GLOBAL const real *rate, GLOBAL mat3 *block)
+{
+  FOR_EACH(i, n) {
+    mat3 own = mat3_diagonal(time_step * rate[i]);
+    block[i] = adding ? mat3_add(block[i], own) : own;
   }
 }
 

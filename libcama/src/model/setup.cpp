@@ -196,6 +196,12 @@ std::vector<kernels::stitch> stitches_of(const Scene &scene, const Topology &t)
 
 bool has_wind(const Scene &scene) { return scene.wind && (scene.wind->density != 0 || scene.wind->drag != 0); }
 
+bool has_mass_damping(const Scene &scene)
+{
+  return std::any_of(scene.cloths.begin(), scene.cloths.end(),
+                     [](const Cloth &c) { return c.material.mass_damping != 0; });
+}
+
 bool has_friction(const Scene &scene)
 {
   const std::size_t cloths = scene.cloths.size();
@@ -263,11 +269,19 @@ template <class Real> void set_up(State &state, const Scene &scene, const Topolo
   if (has_wind(scene)) {
     std::vector<double> density;
     for (const Cloth &c : scene.cloths) density.push_back(c.material.density);
-    state.elements.wind = Stream<dvec3>(b, std::vector<dvec3>{scene.wind->velocity});
     state.elements.areal_density = Stream<double>(b, density);
     if (state.time.predicted || state.options.newton_iterations > 1)
       s->drag = Stream<typename Types<Real>::mat3>(b, t.cloth_vertices);
   }
+  if (has_mass_damping(scene)) {
+    std::vector<Real> rate;
+    for (int v = 0; v < t.cloth_vertices; ++v)
+      rate.push_back(static_cast<Real>(scene.cloths[t.object[v]].material.mass_damping * t.mass[v]));
+    s->mass_damping = Stream<Real>(b, rate);
+    s->drag = Stream<typename Types<Real>::mat3>(b, t.cloth_vertices);
+  }
+  if (has_wind(scene) || has_mass_damping(scene))
+    state.elements.wind = Stream<dvec3>(b, std::vector<dvec3>{scene.wind ? scene.wind->velocity : dvec3{0, 0, 0}});
   if (std::any_of(scene.obstacles.begin(), scene.obstacles.end(),
                   [](const Obstacle &o) { return !o.motion.is_static() && o.motion.is_rigid(); }))
     state.mesh.rest_position = Stream<dvec3>(b, t.rest_position);

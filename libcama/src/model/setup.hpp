@@ -7,6 +7,8 @@ namespace cama {
 
 /// Whether air moves the cloth.
 bool has_wind(const Scene &scene);
+/// Whether any cloth has mass damping.
+bool has_mass_damping(const Scene &scene);
 /// Whether any contact has friction: an obstacle's coefficient holds for everything that touches it, the cloths' for
 /// cloth against cloth.
 bool has_friction(const Scene &scene);

@@ -116,7 +116,7 @@ struct ElementState {
   Incidence triangle_incidence, hinge_incidence;
   int stitches = 0;
   Stream<kernels::stitch> stitch;
-  Stream<dvec3> gravity, wind;  // [1] m/s^2, m/s
+  Stream<dvec3> gravity, wind;  // [1] m/s^2, m/s; wind: with wind or mass damping, the velocity of the air
   Stream<double> areal_density;  // [cloths] kg/m^2, with wind
   Stream<dvec3> driven_force;  // [cloth vertices] N, once a driver has set one
   std::vector<double> damping;  // [cloths], s
@@ -269,6 +269,7 @@ template <class Real> struct BlockMatrix {
 template <class Real> struct System {
   using T = Types<Real>;
   Stream<Real> mass;  // [cloth vertices], kg
+  Stream<Real> mass_damping;  // [cloth vertices] kg/s, with mass damping: times velocity a force; else empty
   Stream<Real> material_scale;  // [materials] h (h + damping), s^2
   Stream<typename T::stretching_stiffness> stretching_table;
   Stream<int> stretching_start;  // [materials] start in the table; below 0: constant stiffness
@@ -281,7 +282,7 @@ template <class Real> struct System {
   Stream<typename T::vec3> hinge_force;  // [4 hinges], N
   Stream<typename T::term> term;  // contacts, then stitches
   Stream<typename T::vec3> force;  // [cloth vertices], N
-  Stream<typename T::mat3> drag;  // [cloth vertices] kg, with wind: what it adds to the matrix; else empty
+  Stream<typename T::mat3> drag;  // [cloth vertices] kg: what wind and mass damping add to the matrix; else empty
   Stream<typename T::vec3> start_force;  // [cloth vertices] N, with BDF2, in a step with contacts: at its start
   BlockMatrix<Real> matrix;
   Stream<typename T::vec3> right_side, solution;  // [cloth vertices], [vertices]
@@ -289,6 +290,7 @@ template <class Real> struct System {
   template <class F> void visit(F &&f)
   {
     f("mass", Life::scene, mass);
+    f("mass_damping", Life::scene, mass_damping);
     f("material_scale", Life::step, material_scale);
     f("stretching_table", Life::scene, stretching_table);
     f("stretching_start", Life::scene, stretching_start);

@@ -154,7 +154,8 @@ void Engine::set_wind(const dvec3 &velocity)
 {
   check_finite("wind", velocity);
   if (!state.elements.wind.size())
-    refuse("wind: the scene has no air; give it a wind with a density or a drag, at rest if need be");
+    refuse("wind: the scene has no air; give it a wind with a density or a drag, at rest if need be, or "
+           "a material with mass_damping");
   state.elements.wind.assign({velocity});
 }
 

@@ -11,7 +11,8 @@ template <class Real>
 EvaluateElements<Real>::EvaluateElements(const Scene &scene)
     : windy_(has_wind(scene)), damped_(std::any_of(scene.cloths.begin(), scene.cloths.end(),
                                                    [](const Cloth &c) { return c.material.damping != 0; })),
-      air_density_(scene.wind ? scene.wind->density : 0), drag_(scene.wind ? scene.wind->drag : 0)
+      mass_damped_(has_mass_damping(scene)), air_density_(scene.wind ? scene.wind->density : 0),
+      drag_(scene.wind ? scene.wind->drag : 0)
 {}
 
 template <class Real> void EvaluateElements<Real>::run_on(const Rooms &state)
@@ -35,14 +36,28 @@ void EvaluateElements<Real>::add_wind(const Rooms &state, const Stream<dvec3> &p
 }
 
 template <class Real>
-void EvaluateElements<Real>::find_drag(const Rooms &state, const Stream<dvec3> &position, const Stream<dvec3> &velocity)
+void EvaluateElements<Real>::add_mass_damping(const Rooms &state, const Stream<dvec3> &velocity, bool solved,
+                                              Stream<vec3> &force)
+{
+  CAMA_LAUNCH_REAL(Real, *state.backend, damp_vertices, state.mesh.cloth_vertices, solved ? 0 : 1,
+                   state.system.template of<Real>().mass_damping, velocity, state.elements.wind, force);
+}
+
+template <class Real>
+void EvaluateElements<Real>::find_drag(const Rooms &state, const Stream<dvec3> &position, const Stream<dvec3> &velocity,
+                                       bool wind)
 {
   System<Real> &s = state.system.template of<Real>();
-  s.drag.resize(state.mesh.cloth_vertices);
-  CAMA_LAUNCH_REAL(Real, *state.backend, wind_drag, state.mesh.cloth_vertices, state.elements.triangle_incidence.row,
-                   state.elements.triangle_incidence.entry, s.triangle_rest, position, velocity, state.elements.wind,
-                   static_cast<Real>(air_density_), static_cast<Real>(drag_), state.options.arcsim_conventions ? 1 : 0,
-                   static_cast<Real>(state.time.implicit_step), s.drag);
+  const Real h = static_cast<Real>(state.time.implicit_step);
+  s.drag.resize(wind || mass_damped_ ? state.mesh.cloth_vertices : 0);
+  if (wind)
+    CAMA_LAUNCH_REAL(Real, *state.backend, wind_drag, state.mesh.cloth_vertices, state.elements.triangle_incidence.row,
+                     state.elements.triangle_incidence.entry, s.triangle_rest, position, velocity, state.elements.wind,
+                     static_cast<Real>(air_density_), static_cast<Real>(drag_),
+                     state.options.arcsim_conventions ? 1 : 0, h, s.drag);
+  if (mass_damped_)
+    CAMA_LAUNCH_REAL(Real, *state.backend, mass_damping_drag, state.mesh.cloth_vertices, wind ? 1 : 0, h,
+                     s.mass_damping, s.drag);
 }
 
 template <class Real>
@@ -68,13 +83,8 @@ void EvaluateElements<Real>::evaluate(const Rooms &state, const Stream<dvec3> &p
                    s.triangle_factor, s.triangle_force);
   const Stream<dvec3> &velocity =
       state.time.predicted ? state.mesh.velocity_next : state.mesh.base_velocity(state.time);
-  if (windy_ && linearised) {
-    add_wind(state, position, velocity, !state.time.predicted, s.triangle_force);
-    if (state.time.predicted)
-      find_drag(state, position, velocity);
-    else
-      s.drag.resize(0);
-  }
+  if (windy_ && linearised) add_wind(state, position, velocity, !state.time.predicted, s.triangle_force);
+  if ((windy_ || mass_damped_) && linearised) find_drag(state, position, velocity, windy_ && state.time.predicted);
   if (state.mesh.hinges)
     CAMA_LAUNCH_REAL(Real, b, evaluate_hinges, state.mesh.hinges, s.hinge_rest, s.bending_table, s.material_scale,
                      state.options.arcsim_conventions ? 1 : 0, position, s.hinge_factor, s.hinge_force);
@@ -83,6 +93,7 @@ void EvaluateElements<Real>::evaluate(const Rooms &state, const Stream<dvec3> &p
                    state.elements.triangle_incidence.entry, s.triangle_force, state.elements.hinge_incidence.row,
                    state.elements.hinge_incidence.entry, s.hinge_force, state.mesh.hinges, s.mass,
                    state.elements.gravity, s.force);
+  if (mass_damped_ && linearised) add_mass_damping(state, velocity, !state.time.predicted, s.force);
   if (state.elements.driven_force.size())
     CAMA_LAUNCH_REAL(Real, b, add_driven_forces, state.mesh.cloth_vertices, state.elements.driven_force, s.force);
 }

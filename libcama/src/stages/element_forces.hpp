@@ -18,17 +18,23 @@ public:
   void evaluate(const Rooms &state, const Stream<dvec3> &position, bool linearised);
   bool windy() const { return windy_; }
   bool damped() const { return damped_; }
+  bool mass_damped() const { return mass_damped_; }
+  /// Whether forces depend on velocities.
+  bool resisted() const { return windy_ || damped_ || mass_damped_; }
   /// Adds the wind to `force` [3 triangles], limited or not as in kernels/elements/external.h.
   void add_wind(const Rooms &state, const Stream<dvec3> &position, const Stream<dvec3> &velocity, bool limited,
                 Stream<vec3> &force);
-  /// What the wind at these positions and velocities adds to the matrix.
-  void find_drag(const Rooms &state, const Stream<dvec3> &position, const Stream<dvec3> &velocity);
+  /// Adds the mass damping at these velocities to `force` [cloth vertices], or, if they are those that are solved for,
+  /// what the matrix does not have of it.
+  void add_mass_damping(const Rooms &state, const Stream<dvec3> &velocity, bool solved, Stream<vec3> &force);
+  /// What wind at these positions and velocities, or none, and mass damping add to the matrix.
+  void find_drag(const Rooms &state, const Stream<dvec3> &position, const Stream<dvec3> &velocity, bool wind);
   /// Adds the damping of the elements at these velocities, with the factors of the last evaluation.
   void add_damping(const Rooms &state, const Stream<dvec3> &velocity, Stream<vec3> &triangle_force,
                    Stream<vec3> &hinge_force);
 
 private:
-  bool windy_, damped_;
+  bool windy_, damped_, mass_damped_;
   double air_density_ = 0, drag_ = 0;
 };
 

@@ -70,22 +70,21 @@ template <class Real> typename NewtonIterations<Real>::Norms NewtonIterations<Re
   const Real h = static_cast<Real>(state.time.implicit_step);
   const Stream<dvec3> &x = state.mesh.position_next, &v = state.mesh.velocity_next;
   elements_.evaluate(state, x, false);
-  if (elements_.windy() || elements_.damped()) {
+  if (elements_.resisted()) {
     outer_triangle_.resize(3 * state.mesh.triangles);
     outer_hinge_.resize(4 * state.mesh.hinges);
     outer_.resize(rows);
     if (zero_gravity_.size() == 0) zero_gravity_.assign({dvec3{0, 0, 0}});
     outer_triangle_.fill_zero();
     outer_hinge_.fill_zero();
-    if (elements_.windy()) {
-      elements_.add_wind(state, x, v, false, outer_triangle_);
-      elements_.find_drag(state, x, v);
-    }
+    if (elements_.windy()) elements_.add_wind(state, x, v, false, outer_triangle_);
+    if (elements_.windy() || elements_.mass_damped()) elements_.find_drag(state, x, v, elements_.windy());
     if (elements_.damped()) elements_.add_damping(state, v, outer_triangle_, outer_hinge_);
     CAMA_LAUNCH_REAL(Real, b, gather_forces, rows, state.elements.triangle_incidence.row,
                      state.elements.triangle_incidence.entry, outer_triangle_, state.elements.hinge_incidence.row,
                      state.elements.hinge_incidence.entry, outer_hinge_, state.mesh.hinges, s.mass, zero_gravity_,
                      outer_);
+    if (elements_.mass_damped()) elements_.add_mass_damping(state, v, false, outer_);
     CAMA_LAUNCH_REAL(Real, b, add_forces, rows, outer_, s.force);
   }
   CAMA_LAUNCH_REAL(Real, b, newton_right_side, rows, h, s.mass, state.mesh.fixed, state.mesh.base_velocity(state.time),
@@ -124,7 +123,7 @@ template <class Real> typename NewtonIterations<Real>::Potential NewtonIteration
   Backend &b = *state.backend;
   System<Real> &s = state.system.template of<Real>();
   const Stream<dvec3> &x = state.mesh.position_next, &v = state.mesh.velocity_next;
-  const bool held = elements_.windy() || elements_.damped();
+  const bool held = elements_.resisted();
   vertex_[0].resize(state.mesh.cloth_vertices);
   CAMA_LAUNCH_REAL(Real, b, measure_inertia, state.mesh.cloth_vertices, state.time.implicit_step, s.mass,
                    state.mesh.fixed, state.mesh.base_velocity(state.time), v, state.mesh.position, x,

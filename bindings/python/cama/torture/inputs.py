@@ -189,6 +189,7 @@ def _attempts(p, bad):
     for name, value in (
         ("density", bad),
         ("damping", bad),
+        ("mass_damping", bad),
         ("friction", bad),
         ("static_friction", bad),
         ("thickness", bad),
