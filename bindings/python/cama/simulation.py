@@ -78,7 +78,7 @@ class Simulation:
         device: Index of the backend's device.
         threads: Threads of the CPU backend; 0: one for every 1,000 triangles, at most one for every core.
         overrides: Any option of `cama.option_table()` in place of the level's and the scene's, for example
-            time_step=1/400 (s), tolerance=1e-6, preconditioner="jacobi", intersections="untangle" or
+            error="0.1 %", time_step=1/400 (s), tolerance=1e-6, preconditioner="jacobi", intersections="untangle" or
             paper={"search": "fronts"}.
 
     Raises:
@@ -146,15 +146,29 @@ class Simulation:
                 self._before_step(self)
             self._core.step(1)
 
+    def step_frame(self) -> int:
+        """Computes the steps of a frame, with `error` up to its end, as `step` does; returns their number."""
+        if not self.error:
+            self.step(self.steps_per_frame)
+            return self.steps_per_frame
+        before = self.step_count
+        self._core.begin_interval()
+        while True:
+            if self._before_step is not None:
+                self._before_step(self)
+            self._core.step(1)
+            if self._core.frame_ended():
+                return self.step_count - before
+
     def frames(self, n: int | None = None, audit: bool = True) -> Iterator[Frame]:
-        """Iterates over frames, each `steps_per_frame` steps.
+        """Iterates over frames, each `steps_per_frame` steps, or as many as `error` asks for.
 
         Args:
             n: Number of frames; None: the scene's.
             audit: Whether to count intersections in every frame, with exact predicates.
         """
         for _ in range(self.scene.frames if n is None else count("frames: n", n)):
-            self.step(self.steps_per_frame)
+            self.step_frame()
             self._frame += 1
             report = self.report
             yield Frame(
@@ -344,13 +358,18 @@ class Simulation:
 
     @property
     def time_step(self) -> float:
-        """Time step, s: the caller's, the scene's or the accuracy level's."""
+        """Time step, s: the caller's, the scene's or the accuracy level's; with `error` that of the last step."""
         return self._core.time_step()
 
     @property
+    def error(self) -> float:
+        """Error of the motion in a frame of 1/60 s that time steps are chosen by, m; 0: all have one length."""
+        return self._core.error()
+
+    @property
     def steps_per_frame(self) -> int:
-        """Number of steps between two recorded frames, which fill the scene's `seconds_per_frame`."""
-        return max(1, round(self.scene.seconds_per_frame / self.time_step))
+        """Number of steps between two recorded frames, which fill the scene's `seconds_per_frame`; 0: it varies."""
+        return 0 if self.error else max(1, round(self.scene.seconds_per_frame / self.time_step))
 
     @property
     def chosen_options(self) -> list[dict[str, str]]:
@@ -515,7 +534,11 @@ class Simulation:
         if not changed_scene:
             checkpoint.check_scene(self, parts)
         self._core.restore(fields)
-        self._frame = self.step_count // self.steps_per_frame
+        self._frame = (
+            self.step_count // self.steps_per_frame
+            if self.steps_per_frame
+            else round(self.time / self.scene.seconds_per_frame)
+        )
         return checkpoint.differences(self, options)
 
     @property

@@ -66,6 +66,7 @@ struct ChosenOption {
 struct ResolvedOptions {
   Options options;  ///< time_step is the one that the simulation takes
   std::vector<ChosenOption> chosen;
+  double error = 0;  ///< m in a frame of 1/60 s that time steps are chosen by; 0: they are Options::time_step
 };
 
 /// Options of the user override those of the scene, which override those of the accuracy level. The level is the

@@ -73,7 +73,12 @@ public:
   /// Whether to wait for the device after every stage, so that stage times measure work and not its enqueueing.
   /// Initially true if the environment variable CAMA_WAIT_FOR_STAGES is set.
   void wait_for_stages(bool wait);
-  double time_step() const;  ///< s
+  /// s; with error control (Options::error) that of the last step, and before the first an initial guess.
+  double time_step() const;
+  /// Error in a frame of 1/60 s that time steps are chosen by, m; 0: all have one length.
+  double error() const;
+  /// With error control, whether the last step ended a frame of the scene (Scene::seconds_per_frame); else false.
+  bool frame_ended() const;
   int step_count() const;
   double time() const;
 

@@ -38,6 +38,14 @@ struct Clock {
   bool history = false;  // BDF2: the next step may use this one
   double step_before = 0;  // BDF2: time step of the last step
   double memory = 0;  // BDF2: share of the last change of the state that the base of this step carries on
+  double ratio = 0;  // BDF2: of the step to the last one
+  // Error control; 0 without it.
+  double error = 0;  // m in a frame of 1/60 s
+  double frame = 0;  // s, which whole steps fill
+  double end = 0;  // s, of the step
+  double step_error = 0;  // m, of the step: an estimate
+  double wanted = 0;  // s, longest next step
+  double last_share = 0;  // of the error that was allowed in the last step
 
   template <class F> void visit(F &&f)
   {
@@ -51,6 +59,13 @@ struct Clock {
     f("history", Life::run, history);
     f("step_before", Life::run, step_before);
     f("memory", Life::step, memory);
+    f("ratio", Life::step, ratio);
+    f("error", Life::scene, error);
+    f("frame", Life::scene, frame);
+    f("step_end", Life::step, end);
+    f("step_error", Life::step, step_error);
+    f("wanted_step", Life::run, wanted);
+    f("last_share", Life::run, last_share);
   }
 };
 

@@ -53,6 +53,10 @@ Engine::Engine(const Scene &scene, const ResolvedOptions &resolved, std::unique_
 {
   const HostThreads host(threads);
   const Options &options = state.options = resolved.options;
+  if (resolved.error > 0) {
+    state.time.error = resolved.error;
+    state.time.frame = scene.seconds_per_frame();
+  }
   const bool exempt = options.intersections == StartPolicy::exempt;
   guarded = !exempt && scene.has_contact();
   if (options.precision == Precision::single) {

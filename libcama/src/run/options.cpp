@@ -9,6 +9,7 @@
 
 #include "cama/error.hpp"
 #include "cama/scene.hpp"
+#include "run/step_control.hpp"
 
 namespace cama {
 namespace {
@@ -271,6 +272,20 @@ void check_together(const Options &o)
         "paper.atomic_filling: needs paper.assembly algorithm1; set that too, or leave atomic_filling out");
 }
 
+bool sets_step(const OptionOverrides &o) { return o.time_step.value_or(0) > 0; }
+bool sets_error(const OptionOverrides &o) { return o.error && !o.error->empty(); }
+
+/// Whether time steps are chosen by an error. What the user sets goes before what the scene sets. Throws SceneError.
+bool controls_error(const OptionOverrides &user, const OptionOverrides &of_scene, const Options &options)
+{
+  for (const OptionOverrides *o : {&user, &of_scene}) {
+    if (sets_step(*o) && sets_error(*o)) throw SceneError("options: give error or time_step, not both");
+    if (sets_step(*o)) return false;
+    if (sets_error(*o)) return true;
+  }
+  return !options.error.empty();
+}
+
 bool names_level(const OptionOverrides &o) { return o.accuracy.has_value(); }
 
 /// Every option that trades accuracy for time, with its value and with origin(row, member).
@@ -340,6 +355,12 @@ ResolvedOptions resolve(const OptionOverrides &user, const Scene &scene)
       if (chooses(row, member, *o)) member(r.options) = *member(*o);
   });
   check_together(r.options);
+  if (controls_error(user, of_scene, r.options)) {
+    r.error = allowed_error(r.options.error, cloth_size(scene));
+    r.options.time_step = 0;
+  } else {
+    r.options.error.clear();
+  }
   const char *origin_of_default_step = origin_of_step(r.options, scene);
   r.options.time_step = chosen_time_step(r.options, scene);
   r.chosen = chosen_options(r.options, [&](const auto &row, auto member) -> std::string {
@@ -347,6 +368,10 @@ ResolvedOptions resolve(const OptionOverrides &user, const Scene &scene)
     if (chooses(row, member, of_scene)) return "scene";
     return std::string("time_step") == row.name ? origin_of_default_step : "level";
   });
+  for (ChosenOption &c : r.chosen)
+    if (c.name == "error" && r.error > 0) c.value += ": " + number(1e3 * r.error) + " mm a frame of 1/60 s";
+  const std::string unused = r.error > 0 ? "time_step" : "error";
+  r.chosen.erase(std::find_if(r.chosen.begin(), r.chosen.end(), [&](const ChosenOption &c) { return c.name == unused; }));
   return r;
 }
 

@@ -7,6 +7,7 @@
 #include "stages/advance_positions.hpp"
 #include "stages/contact_terms.hpp"
 #include "stages/element_forces.hpp"
+#include "stages/estimate_error.hpp"
 #include "stages/extrapolate.hpp"
 #include "stages/find_contacts.hpp"
 #include "stages/finish_step.hpp"
@@ -84,6 +85,7 @@ template <class Real> std::unique_ptr<Pipeline> make_pipeline(const Scene &scene
   if (options.forces) step.add<SolveReactions<Real>>(b);
   if (contact) step.add<PenetrationHandling>(b, *proximity->search, proximity->flagged);
   step.add<FinishStep>(b);
+  if (state.time.error > 0) step.add<EstimateError>(b, state.system.masses());
   if (options.forces) step.add<ImpactReactions>(b);
   if (contact && (options.intersections == StartPolicy::exempt || options.pinch == Pinch::release))
     step.add<ForgetSeparated>();

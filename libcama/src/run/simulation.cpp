@@ -15,6 +15,7 @@
 #include "run/checkpoint.hpp"
 #include "run/engine.hpp"
 #include "run/measurements.hpp"
+#include "run/step_control.hpp"
 #include "start/start_check.hpp"
 #include "start/start_policy.hpp"
 
@@ -71,6 +72,8 @@ void Simulation::wait_for_stages(bool wait) { implementation_->state.wait_for_st
 
 int Simulation::step_count() const { return implementation_->state.report.step; }
 double Simulation::time_step() const { return implementation_->state.time.step; }
+double Simulation::error() const { return implementation_->state.time.error; }
+bool Simulation::frame_ended() const { return ends_frame(implementation_->state.time); }
 double Simulation::time() const { return implementation_->state.time.now; }
 int Simulation::vertex_count() const { return implementation_->state.mesh.vertices; }
 int Simulation::cloth_vertex_count() const { return implementation_->state.mesh.cloth_vertices; }

@@ -5,6 +5,7 @@
 #include <optional>
 
 #include "cama/error.hpp"
+#include "run/step_control.hpp"
 
 namespace cama {
 namespace {
@@ -139,15 +140,26 @@ void take_step(State &s, Pipeline &step, const std::function<void()> &finish)
 {
   const int number = s.report.step + 1;
   Start start(s);
-  s.reactions.begin_step();
   std::optional<DividedStep> divided;
+  int rejected = 0;
   try {
     std::string problem;
-    try {
-      run_pipeline(s, step, number);
-    } catch (const SolverError &e) {
-      problem = e.what();
+    for (bool again = true; again;) {
+      again = false;
+      s.reactions.begin_step();
+      choose_step(s.time);
+      try {
+        run_pipeline(s, step, number);
+        again = !judge_step(s.time);
+      } catch (const SolverError &e) {
+        problem = e.what();
+        undo_step(s, start);
+      }
+      if (!again) continue;
+      const double wanted = s.time.wanted;
       undo_step(s, start);
+      s.time.wanted = wanted;
+      ++rejected;
     }
     if (!problem.empty()) {
       if (s.options.max_divisions == 0) throw SolverError(problem);
@@ -155,8 +167,15 @@ void take_step(State &s, Pipeline &step, const std::function<void()> &finish)
       divided->run(number, problem);
       s.time.step = divided->whole();
     }
-    s.time.now = s.time.start + (number - s.time.start_step) * s.time.step;
+    if (s.time.error > 0) {
+      s.time.now = s.time.start = s.time.end;
+      s.time.start_step = number;
+    } else {
+      s.time.now = s.time.start + (number - s.time.start_step) * s.time.step;
+    }
     s.report.time = s.time.now;
+    s.report.time_step = s.time.step;
+    s.report.rejected = rejected;
     s.reactions.accept_step(s.time.step);
     finish();
   } catch (...) {

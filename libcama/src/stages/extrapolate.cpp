@@ -11,7 +11,7 @@ constexpr double longest_ratio = 2;  // of one step to the one before; the formu
 void Extrapolate::run_on(const Rooms &state)
 {
   Clock &time = state.time;
-  const double ratio = time.step / time.step_before;
+  const double ratio = time.ratio = time.step / time.step_before;
   time.multistep = time.history && ratio <= longest_ratio;
   time.memory = time.multistep ? ratio * ratio / (1 + 2 * ratio) : 0;
   time.implicit_step = time.multistep ? (1 + ratio) / (1 + 2 * ratio) * time.step : time.step;

@@ -75,6 +75,7 @@ TimeStep = Annotated[
     float,
     typer.Option(parser=seconds, metavar="SECONDS", help=f"{options.help_of('time_step')} For example 1/200."),
 ]
+ErrorOption = Annotated[str, typer.Option(metavar="LENGTH", help=options.help_of("error"))]
 Set = Annotated[
     Optional[list[str]],
     typer.Option(
@@ -153,9 +154,11 @@ def fail(problem):
     )
 
 
-def chosen(time_step, words):
-    """Returns the options of `--time-step` and `--set NAME=VALUE`, {name: value}. Raises SceneError."""
+def chosen(time_step, words, error=""):
+    """Returns the options of `--time-step`, `--error` and `--set NAME=VALUE`, {name: value}. Raises SceneError."""
     result = _core.OptionOverrides()
+    if error:
+        result.set("error", error)
     if time_step:
         result.set("time_step", time_step)
     for word in words or ():

@@ -12,6 +12,7 @@ from .common import (
     BackendOption,
     Debug,
     Device,
+    ErrorOption,
     PrecisionOption,
     Resolution,
     SceneName,
@@ -32,6 +33,7 @@ def explain(
     precision: PrecisionOption = None,
     accuracy: AccuracyOption = None,
     time_step: TimeStep = 0.0,
+    error: ErrorOption = "",
     set_: Set = None,
     resolution: Resolution = 0,
     threads: Threads = 0,
@@ -47,7 +49,7 @@ def explain(
         accuracy=accuracy.value if accuracy else None,
         device=device,
         threads=threads,
-        **chosen(time_step, set_),
+        **chosen(time_step, set_, error),
     )
     level = accuracy.value if accuracy else loaded.options.get("accuracy", "production")
     simulation.step()

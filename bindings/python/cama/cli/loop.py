@@ -55,11 +55,12 @@ def interruptible():
 
 
 def progress_bar(console):
-    """Frame, ms per step, contacts, intersections, time left."""
+    """Frame, length of the steps, ms per step, contacts, intersections, time left."""
     return Bar(
         TextColumn("frame"),
         MofNCompleteColumn(),
         BarColumn(),
+        TextColumn("steps of {task.fields[step]} ms"),
         TextColumn("{task.fields[ms]} ms/step"),
         TextColumn("{task.fields[contacts]} contacts"),
         TextColumn("{task.fields[found]} intersections"),
@@ -79,9 +80,12 @@ def attributes(simulation):
         "device": simulation.device,
         "precision": options["precision"],
         "accuracy": options["accuracy"],
-        "time_step": simulation.time_step,
+        "error": simulation.error,
+        "time_step": 0.0 if simulation.error else simulation.time_step,
         "steps_per_frame": simulation.steps_per_frame,
-        "frame_time": simulation.time_step * simulation.steps_per_frame,
+        "frame_time": (
+            scene.seconds_per_frame if simulation.error else simulation.time_step * simulation.steps_per_frame
+        ),
         "thickness": scene.thickness,
         "cama_version": __version__,
         "created": time.strftime("%Y-%m-%dT%H:%M:%S%z"),
@@ -157,7 +161,7 @@ def run(simulation, folder, frames, store=None, progress=None, checkpoint_every=
         progress_bar(progress) as bar,
         interruptible() as pressed,
     ):
-        steps = simulation.steps_per_frame
+        steps = simulation.steps_per_frame or None
         if resume:
             done, found = len(recorder.times) - 1, recorder.intersections
             if done >= frames:
@@ -165,10 +169,10 @@ def run(simulation, folder, frames, store=None, progress=None, checkpoint_every=
                     f"{folder / NAME}: has {done} frames after the start already; ask for more than that with --frames"
                 )
             summary.resume(found)
-            left = steps - round((simulation.time - recorder.times[-1]) / simulation.time_step)
+            left = steps and steps - round((simulation.time - recorder.times[-1]) / simulation.time_step)
         else:
             done, found, left = 0, record(simulation, recorder, summary), steps
-        task = bar.add_task("", total=frames, completed=done, ms="-", contacts="-", found=found)
+        task = bar.add_task("", total=frames, completed=done, step="-", ms="-", contacts="-", found=found)
         try:
             for frame in range(done + 1, frames + 1):
                 stopped = compute(simulation, summary, pressed, left)
@@ -179,6 +183,7 @@ def run(simulation, folder, frames, store=None, progress=None, checkpoint_every=
                 bar.update(
                     task,
                     advance=1,
+                    step=f"{simulation.time_step * 1e3:.2g}",
                     ms=f"{summary.milliseconds():.1f}",
                     contacts=simulation.report["contacts"],
                     found=found,
@@ -196,12 +201,21 @@ def run(simulation, folder, frames, store=None, progress=None, checkpoint_every=
 
 
 def compute(simulation, summary, pressed, steps):
-    """Computes the steps up to the next frame; returns the number of the signal that stopped them, or 0."""
-    for _ in range(steps):
+    """Computes steps up to the next frame; returns the number of the signal that stopped them, or 0.
+
+    steps: their number; None: until one ends a frame.
+    """
+    left = steps
+    while left is None or left > 0:
         if pressed():
             return pressed()
         simulation.step()
         summary.add_step()
+        if left is None:
+            if simulation._core.frame_ended():
+                break
+        else:
+            left -= 1
     return 0
 
 

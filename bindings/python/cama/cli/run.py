@@ -21,6 +21,7 @@ from .common import (
     BackendOption,
     Debug,
     Device,
+    ErrorOption,
     Pinch,
     Policy,
     PrecisionOption,
@@ -46,6 +47,7 @@ def run(
     precision: PrecisionOption = None,
     accuracy: AccuracyOption = None,
     time_step: TimeStep = 0.0,
+    error: ErrorOption = "",
     set_: Set = None,
     resolution: Resolution = 0,
     frames: Annotated[
@@ -101,7 +103,7 @@ def run(
         accuracy=accuracy.value if accuracy else None,
         device=device,
         threads=threads,
-        **{"intersections": intersections.value, "pinch": pinch.value, **chosen(time_step, set_)},
+        **{"intersections": intersections.value, "pinch": pinch.value, **chosen(time_step, set_, error)},
     )
     if simulation.untangled.rounds:
         moved = simulation.untangled
@@ -165,6 +167,8 @@ def say_kept(frames, folder):
 
 def say_frame_time(scene, simulation):
     """Warns if steps do not fill frames, so that frames come at other times than the scene says."""
+    if simulation.error:
+        return
     steps, wanted = simulation.steps_per_frame, scene.seconds_per_frame
     apart = steps * simulation.time_step
     if abs(apart - wanted) > 1e-6 * wanted:
@@ -189,6 +193,17 @@ def strained(strain):
     )
 
 
+def steps_text(s):
+    if not s["error"]:
+        return f"{s['steps']} of {number(s['dt'] * 1e3)} ms"
+    lengths = s["time_steps"]
+    return (
+        f"{s['steps']} of {number(lengths['min'] and lengths['min'] * 1e3)} to "
+        f"{number(lengths['max'] and lengths['max'] * 1e3)} ms, for an error of {s['error'] * 1e3:.3g} mm a frame of "
+        f"1/60 s; {s['rejected']:,} taken again"
+    )
+
+
 def print_summary(s, folder):
     """Prints a short table of summary.json."""
     ms, iterations = s["ms_per_step"], s["pcg"]["iterations"]
@@ -196,7 +211,7 @@ def print_summary(s, folder):
     rows = [
         ("scene", f"{s['scene']}, {s['triangles']:,} triangles, {s['vertices']:,} vertices"),
         ("computed on", f"{s['backend']} ({s['device']}), {s['precision']} precision, accuracy {s['accuracy']}"),
-        ("steps", f"{s['steps']} of {number(s['dt'] * 1e3)} ms"),
+        ("steps", steps_text(s)),
         ("time per step", f"{number(ms['mean'])} ms mean, {number(ms['median'])} median, {number(ms['max'])} max"),
         ("solver iterations", f"{number(iterations['mean'])} mean, {number(iterations['max'], '{:d}')} max"),
         ("contacts, impacts", f"at most {s['contacts']['max']:,} and {s['impacts']['max']:,} in a step"),

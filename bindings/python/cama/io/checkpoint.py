@@ -52,10 +52,8 @@ MOST_PARTS = 100  # of one kind that are told apart
 
 def options_of(simulation: Any) -> dict[str, Any]:
     """Returns the options that the bits of later steps depend on: all but those of where it is computed."""
-    return {
-        **{k: v for k, v in simulation.options.items() if k not in ("backend", "device", "threads", "audit")},
-        "time_step": simulation.time_step,
-    }
+    options = {k: v for k, v in simulation.options.items() if k not in ("backend", "device", "threads", "audit")}
+    return {**options, "frame_time": simulation.scene.seconds_per_frame} if simulation.error else options
 
 
 def parts_of(scene: Any) -> dict[str, str]:

@@ -48,6 +48,7 @@ class Summary:
     def fields(self):
         """Returns the fields of summary.json; numbers that are not finite are None."""
         s, energy = self._simulation, self._simulation.energy()
+        lengths = self._column("time_step")
         times, iterations = self._column("milliseconds"), self._column("iterations")
         return finite(
             {
@@ -61,7 +62,10 @@ class Summary:
                 "rest_shapes": {cloth.name: cloth.rest_shape for cloth in s.scene.cloths},
                 "steps": s.step_count,
                 "resumed_at": self._resumed_at,
-                "dt": s.time_step,
+                "error": s.error,
+                "dt": mean(lengths) if s.error else s.time_step,
+                "time_steps": {"min": min(lengths, default=None), "max": max(lengths, default=None)},
+                "rejected": sum(self._column("rejected")),
                 "ms_per_step": {
                     "mean": mean(times),
                     "median": statistics.median(times) if times else None,

@@ -1,0 +1,99 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "run/step_control.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <cstdlib>
+
+#include "cama/error.hpp"
+#include "stages/estimate_error.hpp"
+
+namespace cama {
+namespace {
+
+constexpr double shortest = 1.0 / 61440;  // s
+constexpr double longest_ratio = 2;  // of a step to the one before
+constexpr double safety = 2;  // by which errors in contact exceed the estimate
+constexpr double rejected = 3;  // share of the allowed error from which a step is taken again
+constexpr double smallest_share = 1e-2;  // that the next step is chosen by
+
+struct Unit {
+  const char *name;
+  double metres;
+};
+constexpr Unit units[] = {{"m", 1}, {"cm", 1e-2}, {"mm", 1e-3}, {"um", 1e-6}, {"µm", 1e-6}};
+
+/// x^(1/8), by operations that round alike everywhere.
+double eighth_root(double x) { return std::sqrt(std::sqrt(std::sqrt(x))); }
+
+/// Number of frames that are complete.
+double frames_of(const Clock &time) { return std::floor(time.now / time.frame + 1e-6); }
+
+/// Of the error allowed in this step, the share that it has.
+double share_of(const Clock &time) { return safety * time.step_error / (time.error * ERROR_FRAMES * time.step); }
+
+}  // namespace
+
+double allowed_error(const std::string &text, double size)
+{
+  char *end = nullptr;
+  const double value = std::strtod(text.c_str(), &end);
+  const std::string unit = text.substr(std::min(text.find_first_not_of(' ', end - text.c_str()), text.size()));
+  if (end != text.c_str() && std::isfinite(value) && value > 0) {
+    if (unit == "%") return 0.01 * value * size;
+    for (const Unit &u : units)
+      if (unit == u.name) return value * u.metres;
+  }
+  throw SceneError("error: '" + text + "' is not a length above 0 or a share of the cloth's size; give \"1 mm\" or "
+                   "\"0.1 %\"");
+}
+
+double cloth_size(const Scene &scene)
+{
+  double size = 0;
+  for (const Cloth &cloth : scene.cloths) {
+    if (cloth.mesh.position.empty()) continue;
+    dvec3 low = cloth.mesh.position.front(), high = low;
+    for (const dvec3 &x : cloth.mesh.position) {
+      low = {std::min(low.x, x.x), std::min(low.y, x.y), std::min(low.z, x.z)};
+      high = {std::max(high.x, x.x), std::max(high.y, x.y), std::max(high.z, x.z)};
+    }
+    size = std::max({size, high.x - low.x, high.y - low.y, high.z - low.z});
+  }
+  return size;
+}
+
+void choose_step(Clock &time)
+{
+  if (!(time.error > 0)) return;
+  const double end = (frames_of(time) + 1) * time.frame, left = end - time.now;
+  double wanted = time.wanted > 0 ? time.wanted : time.step;
+  if (time.history) wanted = std::min(wanted, longest_ratio * time.step_before);
+  const double parts = std::max(std::ceil(left / std::max(wanted, shortest) * (1 - 1e-9)), 1.0);
+  time.step = left / parts;
+  time.end = parts > 1 ? time.now + time.step : end;
+}
+
+bool ends_frame(const Clock &time)
+{
+  return time.error > 0 && time.now > 0 && std::abs(time.now - frames_of(time) * time.frame) < 1e-6 * time.frame;
+}
+
+bool judge_step(Clock &time)
+{
+  if (!(time.error > 0)) return true;
+  const double share = share_of(time);
+  if (share > rejected && time.step > shortest) {
+    const double factor = time.multistep ? 1 / std::sqrt(share) : 1 / share;
+    time.wanted = std::max(0.9 * time.step * std::max(factor, 0.2), shortest);
+    return false;
+  }
+  // A proportional and integral controller (Gustafsson 1991); backward Euler's error is of one order less.
+  const double now = std::max(share, smallest_share), before = time.last_share > 0 ? time.last_share : now;
+  const double root = eighth_root(now), steps = 1 / (root * root * root) * eighth_root(before);
+  time.wanted = time.step * std::clamp(0.9 * (time.multistep ? steps : steps * steps), 0.2, longest_ratio);
+  time.last_share = now;
+  return true;
+}
+
+}  // namespace cama

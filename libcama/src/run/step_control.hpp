@@ -1,0 +1,25 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+#include <string>
+
+#include "model/state.hpp"
+
+namespace cama {
+
+/// The error that a text allows in a frame of 1/60 s, m: "1 mm", "0.002 m", or a share of the cloth's size, "0.1 %".
+/// size: m. Throws SceneError.
+double allowed_error(const std::string &text, double size);
+
+/// The largest side of the bounding box of any cloth at the start, m.
+double cloth_size(const Scene &scene);
+
+// Error control: time steps from an estimate of each step's error. Nothing of it where Clock::error is 0.
+
+/// Sets the length and the end of the next step: at most Clock::wanted, whole steps filling the frame.
+void choose_step(Clock &time);
+/// Whether the step that was taken may stay, by Clock::step_error; sets Clock::wanted for the next one.
+bool judge_step(Clock &time);
+/// Whether the present is the end of a frame.
+bool ends_frame(const Clock &time);
+
+}  // namespace cama
