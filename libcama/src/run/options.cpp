@@ -369,7 +369,7 @@ ResolvedOptions resolve(const OptionOverrides &user, const Scene &scene)
     return std::string("time_step") == row.name ? origin_of_default_step : "level";
   });
   for (ChosenOption &c : r.chosen)
-    if (c.name == "error" && r.error > 0) c.value += ": " + number(1e3 * r.error) + " mm a frame of 1/60 s";
+    if (c.name == "error" && r.error > 0) c.value += ", " + number(1e3 * r.error) + " mm in 1/60 s";
   const std::string unused = r.error > 0 ? "time_step" : "error";
   r.chosen.erase(std::find_if(r.chosen.begin(), r.chosen.end(), [&](const ChosenOption &c) { return c.name == unused; }));
   return r;

@@ -2,8 +2,10 @@
 #include "run/step_control.hpp"
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <cstdlib>
+#include <limits>
 
 #include "cama/error.hpp"
 #include "stages/estimate_error.hpp"
@@ -22,6 +24,21 @@ struct Unit {
   double metres;
 };
 constexpr Unit units[] = {{"m", 1}, {"cm", 1e-2}, {"mm", 1e-3}, {"um", 1e-6}, {"µm", 1e-6}};
+
+/// The largest side of the bounding box of points; coordinates(point): [Dimensions].
+template <int Dimensions, class Points, class F> double largest_side(const Points &points, F &&coordinates)
+{
+  double side = 0;
+  for (std::size_t k = 0; k < Dimensions; ++k) {
+    double low = std::numeric_limits<double>::infinity(), high = -low;
+    for (const auto &point : points) {
+      low = std::min(low, coordinates(point)[k]);
+      high = std::max(high, coordinates(point)[k]);
+    }
+    if (!points.empty()) side = std::max(side, high - low);
+  }
+  return side;
+}
 
 /// x^(1/8), by operations that round alike everywhere.
 double eighth_root(double x) { return std::sqrt(std::sqrt(std::sqrt(x))); }
@@ -52,13 +69,9 @@ double cloth_size(const Scene &scene)
 {
   double size = 0;
   for (const Cloth &cloth : scene.cloths) {
-    if (cloth.mesh.position.empty()) continue;
-    dvec3 low = cloth.mesh.position.front(), high = low;
-    for (const dvec3 &x : cloth.mesh.position) {
-      low = {std::min(low.x, x.x), std::min(low.y, x.y), std::min(low.z, x.z)};
-      high = {std::max(high.x, x.x), std::max(high.y, x.y), std::max(high.z, x.z)};
-    }
-    size = std::max({size, high.x - low.x, high.y - low.y, high.z - low.z});
+    const double start = largest_side<3>(cloth.mesh.position, [](const dvec3 &x) { return std::array{x.x, x.y, x.z}; });
+    const double flat = largest_side<2>(cloth.mesh.material_position, [](const MaterialPoint &u) { return u; });
+    size = std::max(size, cloth.mesh.material_position.empty() ? start : std::min(start, flat));
   }
   return size;
 }

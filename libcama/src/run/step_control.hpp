@@ -10,7 +10,7 @@ namespace cama {
 /// size: m. Throws SceneError.
 double allowed_error(const std::string &text, double size);
 
-/// The largest side of the bounding box of any cloth at the start, m.
+/// The largest side of any cloth, m: of its bounding box at the start or in material space, whichever is smaller.
 double cloth_size(const Scene &scene);
 
 // Error control: time steps from an estimate of each step's error. Nothing of it where Clock::error is 0.
