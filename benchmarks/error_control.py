@@ -91,8 +91,12 @@ def variation(number):
     return f"{number}: {fabric}, {side:g} m, {2 * cells * cells:,} triangles, {kind}, {speed:g} m/s", scene
 
 
-def report(name, scene, asked, frames, backend):
+def report(name, scene, asked, fixed, frames, backend):
     ratios = []
+    for rate in fixed:
+        errors, lengths, _, seconds = measure(scene, {"time_step": 1 / rate}, frames, backend)
+        cells = [name, f"1/{rate} s", len(lengths), 0, f"{1e3 / rate:.2g}", f"{seconds:.2g}"]
+        print("| " + " | ".join(map(str, cells)) + f" | {' '.join(f'{100 * e:.2g} %' for e in errors)} |", flush=True)
     for share in asked:
         errors, lengths, rejected, seconds = measure(scene, {"error": f"{share} %"}, frames, backend)
         ratios.extend(100 * errors / share)
@@ -115,15 +119,18 @@ def main():
     parser.add_argument("--resolution", type=int, default=0, help="cloth triangles, 0: the scene's own")
     parser.add_argument("--variations", type=int, default=0, help="number of random scenes")
     parser.add_argument("--first", type=int, default=0, help="number of the first of them")
-    parser.add_argument("--asked", type=float, nargs="+", default=ASKED, help="errors, %% of the cloth's size")
+    parser.add_argument("--asked", type=float, nargs="*", default=ASKED, help="errors, %% of the cloth's size")
+    parser.add_argument("--fixed", type=int, nargs="*", default=(), help="steps a second of runs without `error` beside it")
     parser.add_argument("--frames", type=int, nargs="+", default=FRAMES, help="whose errors are measured")
     parser.add_argument("--backend", default="cpu")
     given = parser.parse_args()
-    heads = ["scene", "asked", "steps", "taken back", "length, ms", "s a second", "error / asked, by frame"]
+    heads = ["scene", "asked", "steps", "taken back", "length, ms", "s a second", "error / asked (of fixed steps: error), by frame"]
     print("| " + " | ".join(heads) + " |\n" + "|---" * len(heads) + "|")
     scenes = [(f"{name}, {given.resolution}", cama.Scene.load(name, given.resolution)) for name in given.scenes]
     scenes += [variation(n) for n in range(given.first, given.first + given.variations)]
-    ratios = np.array([r for name, scene in scenes for r in report(name, scene, given.asked, given.frames, given.backend)])
+    ratios = np.array([r for name, scene in scenes for r in report(name, scene, given.asked, given.fixed, given.frames, given.backend)])
+    if not len(ratios):
+        return
     print(
         f"\n{len(ratios)} frames: median {np.median(ratios):.2g}, 90 % below {np.quantile(ratios, 0.9):.2g}, largest "
         f"{ratios.max():.2g}, {100 * np.mean(ratios <= 3):.3g} % at most 3, {100 * np.mean(ratios <= 1):.3g} % at most 1"

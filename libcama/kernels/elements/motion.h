@@ -168,12 +168,12 @@ KERNEL keep_history(int n, int cloth, double time_step, double step, double shar
   }
 }
 
-/* The local error of a step's positions, squared, times the mass, kg m^2, of free vertices. The smooth part is scale |dv -
-   ratio dv'|, from the changes dv and dv' of the velocity in this step and the one before: dv from `start` to `end`, dv'
-   from `start_before` to `end_before`. BDF2 at the ratio w of its step to the last has the error dt^3 x''' (1 + w)^2 /
-   (6 w (1 + 2 w)), and x''' = 2 w (dv - w dv') / (dt^2 (1 + w)): with its implicit step h that is h/3 |dv - w dv'|. A
-   step of backward Euler has dt/2 |dv|. By what else the velocity changed, from `end_before` to `start`, contact stopped
-   the vertex at a moment that the step does not resolve: `jump` times as much. n: cloth vertices. */
+/* The local error of a step's positions, squared, times the mass, kg m^2, of free vertices. The smooth part is scale
+   |dv - ratio dv'|, from the changes dv and dv' of the velocity in this step and the one before: dv from `start` to
+   `end`, dv' from `start_before` to `end_before`. BDF2 at the ratio w of its step to the last has the error dt^3 x'''
+   (1 + w)^2 / (6 w (1 + 2 w)), and x''' = 2 w (dv - w dv') / (dt^2 (1 + w)): with its implicit step h that is h/3 |dv -
+   w dv'|. A step of backward Euler has dt/2 |dv|. By what else the velocity changed, from `end_before` to `start`,
+   contact stopped the vertex at a moment that the step does not resolve: `jump` times as much. n: cloth vertices. */
 KERNEL local_errors(int n, double scale, double ratio, double jump, GLOBAL const int *fixed, GLOBAL const double *mass,
                     GLOBAL const dvec3 *end, GLOBAL const dvec3 *start, GLOBAL const dvec3 *end_before,
                     GLOBAL const dvec3 *start_before, GLOBAL double *square)

@@ -371,7 +371,8 @@ ResolvedOptions resolve(const OptionOverrides &user, const Scene &scene)
   for (ChosenOption &c : r.chosen)
     if (c.name == "error" && r.error > 0) c.value += ", " + number(1e3 * r.error) + " mm in 1/60 s";
   const std::string unused = r.error > 0 ? "time_step" : "error";
-  r.chosen.erase(std::find_if(r.chosen.begin(), r.chosen.end(), [&](const ChosenOption &c) { return c.name == unused; }));
+  r.chosen.erase(
+      std::find_if(r.chosen.begin(), r.chosen.end(), [&](const ChosenOption &c) { return c.name == unused; }));
   return r;
 }
 

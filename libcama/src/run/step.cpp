@@ -166,6 +166,7 @@ void take_step(State &s, Pipeline &step, const std::function<void()> &finish)
       divided.emplace(s, step);
       divided->run(number, problem);
       s.time.step = divided->whole();
+      s.time.wanted = s.time.step / 2;
     }
     if (s.time.error > 0) {
       s.time.now = s.time.start = s.time.end;

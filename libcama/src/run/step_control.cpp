@@ -61,7 +61,8 @@ double allowed_error(const std::string &text, double size)
     for (const Unit &u : units)
       if (unit == u.name) return value * u.metres;
   }
-  throw SceneError("error: '" + text + "' is not a length above 0 or a share of the cloth's size; give \"1 mm\" or "
+  throw SceneError("error: '" + text +
+                   "' is not a length above 0 or a share of the cloth's size; give \"1 mm\" or "
                    "\"0.1 %\"");
 }
 

@@ -9,8 +9,8 @@ namespace cama {
 constexpr double ERROR_FRAMES = 60;  // 1/s, rate of the frames that an error is asked for
 
 /// With error control: estimates the local error of the step after it is finished, from the change of acceleration and,
-/// where contact stopped motion abruptly, from the change of velocity. The first is per step what it is per time; of the
-/// second a frame has few, so that a step's share of a frame's error is not asked of it.
+/// where contact stopped motion abruptly, from the change of velocity. The first is per step what it is per time; of
+/// the second a frame has few, so that a step's share of a frame's error is not asked of it.
 class EstimateError final : public StageOn<const MeshState, Clock> {
 public:
   /// masses: [cloth vertices], kg
