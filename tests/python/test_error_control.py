@@ -169,3 +169,13 @@ def test_the_command_records_frames_at_the_scene_s_times_and_goes_on(tmp_path):
 def test_explain_shows_the_error(tmp_path):
     said = " ".join(command("explain", "drape", "--resolution", 200, "--error", "1 mm", "--backend", "cpu").split())
     assert "1 mm, 1 mm in 1/60 s" in said and "error estimate" in said
+
+
+@pytest.mark.parametrize("asked, most", [(1e-2, 80), (1e-3, 253)])
+def test_steps_are_never_shorter_than_the_error_can_use(asked, most):
+    """A state that is set before every step leaves the error of first order, so no step would be short enough."""
+    simulation = hanging(error=f"{100 * asked} %")
+    simulation.set_state(1.05 * simulation.positions, simulation.velocities)
+    simulation.before_step = lambda running: running.set_state(running.positions, 0 * running.velocities)
+    counts = [simulation.step_frame() for _ in range(3)]
+    assert most / 4 < max(counts) <= most, counts

@@ -6,6 +6,7 @@
 #include "model/setup.hpp"
 #include "run/pipeline_factory.hpp"
 #include "run/step.hpp"
+#include "run/step_control.hpp"
 #include "start/start_check.hpp"
 #include "start/start_policy.hpp"
 
@@ -56,6 +57,7 @@ Engine::Engine(const Scene &scene, const ResolvedOptions &resolved, std::unique_
   if (resolved.error > 0) {
     state.time.error = resolved.error;
     state.time.frame = scene.seconds_per_frame();
+    state.time.shortest = shortest_step(resolved.error, cloth_size(scene));
   }
   const bool exempt = options.intersections == StartPolicy::exempt;
   guarded = !exempt && scene.has_contact();

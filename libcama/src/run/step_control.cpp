@@ -13,7 +13,7 @@
 namespace cama {
 namespace {
 
-constexpr double shortest = 1.0 / 61440;  // s
+constexpr double most_steps = 8;  // in a frame of 1/60 s, times the root of size over error
 constexpr double longest_ratio = 2;  // of a step to the one before
 constexpr double safety = 2;  // by which errors in contact exceed the estimate
 constexpr double rejected = 3;  // share of the allowed error from which a step is taken again
@@ -77,13 +77,18 @@ double cloth_size(const Scene &scene)
   return size;
 }
 
+double shortest_step(double error, double size)
+{
+  return 1 / (ERROR_FRAMES * most_steps * std::sqrt(std::max(size / error, 1.0)));
+}
+
 void choose_step(Clock &time)
 {
   if (!(time.error > 0)) return;
   const double end = (frames_of(time) + 1) * time.frame, left = end - time.now;
   double wanted = time.wanted > 0 ? time.wanted : time.step;
   if (time.history) wanted = std::min(wanted, longest_ratio * time.step_before);
-  const double parts = std::max(std::ceil(left / std::max(wanted, shortest) * (1 - 1e-9)), 1.0);
+  const double parts = std::max(std::ceil(left / std::max(wanted, time.shortest) * (1 - 1e-9)), 1.0);
   time.step = left / parts;
   time.end = parts > 1 ? time.now + time.step : end;
 }
@@ -97,9 +102,9 @@ bool judge_step(Clock &time)
 {
   if (!(time.error > 0)) return true;
   const double share = share_of(time);
-  if (share > rejected && time.step > shortest) {
+  if (share > rejected && time.step > time.shortest) {
     const double factor = time.multistep ? 1 / std::sqrt(share) : 1 / share;
-    time.wanted = std::max(0.9 * time.step * std::max(factor, 0.2), shortest);
+    time.wanted = std::max(0.9 * time.step * std::max(factor, 0.2), time.shortest);
     return false;
   }
   // A proportional and integral controller (Gustafsson 1991); backward Euler's error is of one order less.

@@ -13,6 +13,11 @@ double allowed_error(const std::string &text, double size);
 /// The largest side of any cloth, m: of its bounding box at the start or in material space, whichever is smaller.
 double cloth_size(const Scene &scene);
 
+/// The shortest step that error control takes, s, for an error in metres and a cloth of this size. An error of second
+/// order asks for steps in proportion to its root; where contact or a force that begins does not let it fall with them,
+/// this ends the search. 1 %: 80 steps in 1/60 s, 0.01 %: 800.
+double shortest_step(double error, double size);
+
 // Error control: time steps from an estimate of each step's error. Nothing of it where Clock::error is 0.
 
 /// Sets the length and the end of the next step: at most Clock::wanted, whole steps filling the frame.
