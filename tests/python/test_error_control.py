@@ -32,7 +32,9 @@ def test_an_error_is_a_length_or_a_share_of_the_size(text, metres):
         assert hanging(cells, error=text).error == pytest.approx(metres)
 
 
-@pytest.mark.parametrize("text", ["1", "mm", "-1 mm", "0 %", "nan mm", "inf m", "1 inch", "1 mm 2", "1e999 m", " "])
+@pytest.mark.parametrize(
+    "text", ["1", "mm", "-1 mm", "0 %", "nan mm", "inf m", "1 inch", "1 mm 2", "1e999 m", " ", "1e-9 mm"]
+)
 def test_what_is_no_error_is_told(text):
     with pytest.raises(cama.SceneError, match="error"):
         hanging(error=text)

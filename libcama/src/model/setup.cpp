@@ -16,6 +16,7 @@ constexpr double contact_margin = 0.6;
 void refuse_stiffness_beyond_single(const State &state, const Scene &scene, const Topology &t)
 {
   constexpr double largest = 8e9;
+  const double step = std::max(state.time.step, state.time.longest);
   for (std::size_t c = 0; c < scene.cloths.size(); ++c) {
     const Material &material = scene.cloths[c].material;
     double stiffness = 0;
@@ -23,12 +24,12 @@ void refuse_stiffness_beyond_single(const State &state, const Scene &scene, cons
       stiffness = std::max(stiffness, *std::max_element(row.begin(), row.end()));
     const auto first = t.mass.begin() + t.cloth_range[c].first,
                lightest = std::min_element(first, t.mass.begin() + t.cloth_range[c].second);
-    if (state.time.step * (state.time.step + material.damping) * stiffness <= largest * *lightest) continue;
+    if (step * (step + material.damping) * stiffness <= largest * *lightest) continue;
     char text[160];
     std::snprintf(text, sizeof text,
                   "%.3g N/m with steps of %.3g s and vertex %d of %.3g kg is beyond single precision; use "
                   "precision mixed or double, or shorter steps",
-                  stiffness, state.time.step, static_cast<int>(lightest - first), *lightest);
+                  stiffness, step, static_cast<int>(lightest - first), *lightest);
     throw MaterialError("cloth '" + scene.cloths[c].name + "': stiffness of " + text);
   }
 }

@@ -42,7 +42,7 @@ struct Clock {
   // Error control; 0 without it.
   double error = 0;  // m in a frame of 1/60 s
   double frame = 0;  // s, which whole steps fill
-  double shortest = 0;  // s, of a step
+  double shortest = 0, longest = 0;  // s, of a step
   double end = 0;  // s, of the step
   double step_error = 0;  // m, of the step: an estimate
   double wanted = 0;  // s, longest next step
@@ -64,6 +64,7 @@ struct Clock {
     f("error", Life::scene, error);
     f("frame", Life::scene, frame);
     f("shortest_step", Life::scene, shortest);
+    f("longest_step", Life::scene, longest);
     f("step_end", Life::step, end);
     f("step_error", Life::step, step_error);
     f("wanted_step", Life::run, wanted);

@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "run/engine.hpp"
 
+#include <algorithm>
+
 #include "cama/error.hpp"
 #include "device/host_threads.hpp"
 #include "model/setup.hpp"
@@ -12,6 +14,8 @@
 
 namespace cama {
 namespace {
+
+constexpr double longest_step = 0.1;  // s, that error control takes
 
 int chosen_threads(const Scene &scene, const Options &options)
 {
@@ -57,6 +61,7 @@ Engine::Engine(const Scene &scene, const ResolvedOptions &resolved, std::unique_
   if (resolved.error > 0) {
     state.time.error = resolved.error;
     state.time.frame = scene.seconds_per_frame();
+    state.time.longest = std::min(state.time.frame, longest_step);
     state.time.shortest = shortest_step(resolved.error, cloth_size(scene));
   }
   const bool exempt = options.intersections == StartPolicy::exempt;

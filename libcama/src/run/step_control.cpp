@@ -14,6 +14,7 @@ namespace cama {
 namespace {
 
 constexpr double most_steps = 8;  // in a frame of 1/60 s, times the root of size over error
+constexpr double least_error = 1e-6;  // of the size
 constexpr double longest_ratio = 2;  // of a step to the one before
 constexpr double safety = 2;  // by which errors in contact exceed the estimate
 constexpr double rejected = 3;  // share of the allowed error from which a step is taken again
@@ -57,13 +58,15 @@ double allowed_error(const std::string &text, double size)
   const double value = std::strtod(text.c_str(), &end);
   const std::string unit = text.substr(std::min(text.find_first_not_of(' ', end - text.c_str()), text.size()));
   if (end != text.c_str() && std::isfinite(value) && value > 0) {
-    if (unit == "%") return 0.01 * value * size;
+    double error = unit == "%" ? 0.01 * value * size : 0;
     for (const Unit &u : units)
-      if (unit == u.name) return value * u.metres;
+      if (unit == u.name) error = value * u.metres;
+    if (error > 0 && error < least_error * size)
+      throw SceneError("error: '" + text + "' is less than a millionth of the cloth's size; no step is short enough");
+    if (error > 0 || size == 0) return error;
   }
   throw SceneError("error: '" + text +
-                   "' is not a length above 0 or a share of the cloth's size; give \"1 mm\" or "
-                   "\"0.1 %\"");
+                   "' is not a length above 0 or a share of the cloth's size; give \"1 mm\" or \"0.1 %\"");
 }
 
 double cloth_size(const Scene &scene)
@@ -87,6 +90,7 @@ void choose_step(Clock &time)
   if (!(time.error > 0)) return;
   const double end = (frames_of(time) + 1) * time.frame, left = end - time.now;
   double wanted = time.wanted > 0 ? time.wanted : time.step;
+  wanted = std::min(wanted, time.longest);
   if (time.history) wanted = std::min(wanted, longest_ratio * time.step_before);
   const double parts = std::max(std::ceil(left / std::max(wanted, time.shortest) * (1 - 1e-9)), 1.0);
   time.step = left / parts;
