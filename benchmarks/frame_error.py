@@ -32,7 +32,7 @@ def measure(name, resolution, levels, times=TIMES, backend="cpu"):
     levels: options by label. A level has its own time step, not the scene's.
     """
     scene = cama.Scene.load(name, resolution)
-    scene.time_step = 0
+    scene.time_step, scene.frame_time = 0, FRAME
     where = {"backend": backend, "threads": 1}
     path = cama.Simulation(scene, **where)
     count, masses = path.cloth_vertex_count, path.masses
@@ -40,7 +40,8 @@ def measure(name, resolution, levels, times=TIMES, backend="cpu"):
     with tempfile.TemporaryDirectory() as folder:
         starts = [Path(folder) / f"{i}.h5" for i in range(len(times))]
         for start, time in zip(starts, times):
-            path.step(round((time - path.time) / path.time_step))
+            while path.time < time - FRAME / 2:
+                path.step_frame()
             path.save_checkpoint(start)
 
         def ends(options):
@@ -48,7 +49,7 @@ def measure(name, resolution, levels, times=TIMES, backend="cpu"):
             for start in starts:
                 simulation = cama.Simulation(scene, **where, **options)
                 simulation.load_checkpoint(start)
-                simulation.step(round(FRAME / simulation.time_step))
+                simulation.step_frame()
                 found.append(simulation.positions[:count])
             return found
 

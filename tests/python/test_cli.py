@@ -71,7 +71,9 @@ def no_constant(word):
 def test_summary_has_exactly_its_fields(drape):
     s = json.loads((drape / "summary.json").read_text(), parse_constant=no_constant)
     assert set(s) == FIELDS
-    assert s["scene"] == "drape" and s["steps"] == 12 * 6 and s["dt"] == 0.025 / 6
+    assert s["scene"] == "drape" and s["error"] == pytest.approx(0.002)  # 0.2 % of 1 m
+    assert s["steps"] >= 12 and s["dt"] == pytest.approx(12 * 0.025 / s["steps"])
+    assert 0 < s["time_steps"]["min"] <= s["dt"] <= s["time_steps"]["max"] <= 0.025 * (1 + 1e-9)
     assert (
         set(s["ms_per_step"]) == {"mean", "median", "max"} and 0 < s["ms_per_step"]["median"] <= s["ms_per_step"]["max"]
     )
@@ -90,8 +92,8 @@ def test_frames_hold_the_clip(drape):
         assert (
             f["faces"].shape[1] == 3
             and f.attrs["scene"] == "drape"
-            and f.attrs["time_step"] == 0.025 / 6
-            and f.attrs["steps_per_frame"] == 6
+            and f.attrs["error"] == pytest.approx(0.002)
+            and f.attrs["time_step"] == f.attrs["steps_per_frame"] == 0  # chosen by the error
         )
         assert f["positions"].chunks[0] == 1 and f["positions"].maxshape[0] is None
     assert judge(drape) == 0
@@ -200,6 +202,8 @@ def test_interrupt_keeps_what_was_computed(tmp_path):
             "600",
             "--frames",
             "100000",
+            "--time-step",
+            str(0.025 / 6),
             "-o",
             str(tmp_path),
         ],

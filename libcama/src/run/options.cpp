@@ -275,15 +275,17 @@ void check_together(const Options &o)
 bool sets_step(const OptionOverrides &o) { return o.time_step.value_or(0) > 0; }
 bool sets_error(const OptionOverrides &o) { return o.error && !o.error->empty(); }
 
-/// Whether time steps are chosen by an error. What the user sets goes before what the scene sets. Throws SceneError.
-bool controls_error(const OptionOverrides &user, const OptionOverrides &of_scene, const Options &options)
+/// Whether time steps are chosen by an error. What the user sets goes before what the scene sets, that before the
+/// level. Throws SceneError.
+bool controls_error(const OptionOverrides &user, const OptionOverrides &of_scene, const Options &options,
+                    const Scene &scene)
 {
   for (const OptionOverrides *o : {&user, &of_scene}) {
     if (sets_step(*o) && sets_error(*o)) throw SceneError("options: give error or time_step, not both");
     if (sets_step(*o)) return false;
     if (sets_error(*o)) return true;
   }
-  return !options.error.empty();
+  return scene.time_step <= 0 && !options.error.empty();
 }
 
 bool names_level(const OptionOverrides &o) { return o.accuracy.has_value(); }
@@ -355,7 +357,7 @@ ResolvedOptions resolve(const OptionOverrides &user, const Scene &scene)
       if (chooses(row, member, *o)) member(r.options) = *member(*o);
   });
   check_together(r.options);
-  if (controls_error(user, of_scene, r.options)) {
+  if (controls_error(user, of_scene, r.options, scene)) {
     r.error = allowed_error(r.options.error, cloth_size(scene));
     r.options.time_step = 0;
   } else {

@@ -127,7 +127,7 @@ template <class S>
 template <class Real>
 typename ConjugateGradient<S>::Result
 ConjugateGradient<S>::solve(const SolverRooms &state, const Stream<typename Types<Real>::vec3> *residual,
-                            Stream<typename Types<Real>::vec3> &q, const Product<Real> &product)
+                            Stream<typename Types<Real>::vec3> &q, const Product<Real> &product, double slack)
 {
   Backend &b = *state.backend;
   System<Real> &s = state.system.template of<Real>();
@@ -141,7 +141,7 @@ ConjugateGradient<S>::solve(const SolverRooms &state, const Stream<typename Type
   if (schwarz_) total_.resize(n);
   product_.resize(terms_beside(state));
   partial_.resize(2 * ceil_divide(n, TEAM_ROWS));
-  const double tolerance = state.options.tolerance, dt = state.time.step;
+  const double tolerance = state.options.tolerance * slack, dt = state.time.step;
   // block: iterations enqueued at once.
   const int most = state.options.max_iterations, partials = ceil_divide(n, TEAM_ROWS), block = b.wide_workers() ? 4 : 8;
   const auto start_from = [&](int mode, int plain, const Stream<typename Types<Real>::vec3> &b1,
@@ -210,7 +210,7 @@ template class ConjugateGradient<float>;
   template void ConjugateGradient<S>::prepare<Real>(const SolverRooms &, Stream<typename Types<Real>::mat3> &); \
   template ConjugateGradient<S>::Result ConjugateGradient<S>::solve<Real>(                                      \
       const SolverRooms &, const Stream<typename Types<Real>::vec3> *, Stream<typename Types<Real>::vec3> &,    \
-      const Product<Real> &);
+      const Product<Real> &, double);
 CAMA_SOLVER(double, double)
 CAMA_SOLVER(float, double)
 CAMA_SOLVER(float, float)

@@ -32,11 +32,11 @@ public:
     double residual = 0, start = 0;
     bool broken = false;
   };
-  /// Improves the solution until sqrt(r' P r) of the true residual meets the tolerance. residual: that of the start, if
-  /// known. multiply(x, q): q = A x; q: scratch.
+  /// Improves the solution until sqrt(r' P r) of the true residual meets the tolerance times `slack`. residual: that of
+  /// the start, if known. multiply(x, q): q = A x; q: scratch.
   template <class Real>
   Result solve(const SolverRooms &state, const Stream<typename Types<Real>::vec3> *residual,
-               Stream<typename Types<Real>::vec3> &q, const Product<Real> &multiply);
+               Stream<typename Types<Real>::vec3> &q, const Product<Real> &multiply, double slack);
 
 private:
   using vec4 = typename Types<S>::vec4;

@@ -89,7 +89,7 @@ template <class Real> void LinearSolve<Real>::move_uniformly(const Rooms &state,
 template <class Real>
 template <class S>
 bool LinearSolve<Real>::conjugate_gradient(const Rooms &state, std::unique_ptr<ConjugateGradient<S>> &solver,
-                                           Preconditioner preconditioner, bool uniform)
+                                           Preconditioner preconditioner, bool uniform, double slack)
 {
   if (!solver) {
     solver = std::make_unique<ConjugateGradient<S>>(*state.backend, preconditioner);
@@ -100,7 +100,8 @@ bool LinearSolve<Real>::conjugate_gradient(const Rooms &state, std::unique_ptr<C
   extract_diagonal(state);
   solver->template prepare<Real>(state, diagonal_);
   const auto result = solver->template solve<Real>(
-      state, uniform ? &r_ : nullptr, q_, [&](const Stream<vec3> &x, Stream<vec3> &q) { multiply(state, x, q); });
+      state, uniform ? &r_ : nullptr, q_, [&](const Stream<vec3> &x, Stream<vec3> &q) { multiply(state, x, q); },
+      slack);
   state.report.iterations = result.iterations;
   state.report.residual = result.residual;
   finite_ = std::isfinite(result.start);
@@ -121,16 +122,16 @@ template <class Real> void LinearSolve<Real>::restore(State &, const Checkpoint 
   fallback_.reset();
 }
 
-template <class Real> void LinearSolve<Real>::iterative(const Rooms &state)
+template <class Real> void LinearSolve<Real>::iterative(const Rooms &state, double slack)
 {
   const Preconditioner wanted = state.options.preconditioner;
   const bool single = sizeof(Real) == 4 || state.options.precision == Precision::mixed,
              uniform = wanted == Preconditioner::schwarz;
-  if (single ? conjugate_gradient(state, single_, wanted, uniform)
-             : conjugate_gradient<Real>(state, own_, wanted, uniform))
+  if (single ? conjugate_gradient(state, single_, wanted, uniform, slack)
+             : conjugate_gradient<Real>(state, own_, wanted, uniform, slack))
     return;
   if (wanted != Preconditioner::block_jacobi &&
-      conjugate_gradient<Real>(state, fallback_, Preconditioner::block_jacobi, false))
+      conjugate_gradient<Real>(state, fallback_, Preconditioner::block_jacobi, false, slack))
     return;
   const std::string step = "step " + std::to_string(state.report.step);
   if (!finite_)
@@ -240,12 +241,12 @@ template <class Real> void LinearSolve<Real>::solve_change(const Rooms &state)
   CAMA_LAUNCH_REAL(Real, b, add_velocity, rows, state.mesh.fixed, s.solution, state.mesh.velocity_next);
 }
 
-template <class Real> void LinearSolve<Real>::solve(const Rooms &state)
+template <class Real> void LinearSolve<Real>::solve(const Rooms &state, double slack)
 {
   if (state.options.solver == LinearSolver::direct) {
     direct(state);
   } else {
-    iterative(state);
+    iterative(state, slack);
   }
 }
 

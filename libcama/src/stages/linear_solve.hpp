@@ -20,8 +20,9 @@ public:
   void run_on(const Rooms &state) override;
   void save(State &state, Checkpoint &checkpoint) override;
   void restore(State &state, const Checkpoint &checkpoint) override;
-  /// Improves System::solution for System::right_side; sets report.iterations and residual to those of this solve.
-  void solve(const Rooms &state);
+  /// Improves System::solution for System::right_side, to the tolerance times `slack`; sets report.iterations and
+  /// residual to those of this solve.
+  void solve(const Rooms &state, double slack = 1);
 
   /// q = A x on the free rows, terms included.
   void multiply(const Rooms &state, const Stream<typename Types<Real>::vec3> &x, Stream<typename Types<Real>::vec3> &q);
@@ -35,11 +36,11 @@ private:
   /// before the solve, so that free fall is exact; along the remaining net force after it, so that momentum is
   /// conserved beyond the tolerance. Leaves the residual in r_.
   void move_uniformly(const Rooms &state, bool falling);
-  void iterative(const Rooms &state);
+  void iterative(const Rooms &state, double slack);
   /// Returns false if it broke down. uniform: with `move_uniformly`.
   template <class S>
   bool conjugate_gradient(const Rooms &state, std::unique_ptr<ConjugateGradient<S>> &solver,
-                          Preconditioner preconditioner, bool uniform);
+                          Preconditioner preconditioner, bool uniform, double slack);
   void direct(const Rooms &state);
   bool terms_as_operator(const Rooms &state) const
   {

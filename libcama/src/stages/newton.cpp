@@ -11,6 +11,7 @@ namespace cama {
 namespace {
 // patience: iterations in a row that lower neither the potential beyond rounding nor the residual.
 constexpr int max_halvings = 10, patience = 3;
+constexpr double further_slack = 3;  // of the tolerance: a further solve begins with a small residual
 constexpr double sufficient = 1e-4;  // of the decrease that the slope predicts
 constexpr double rounding_units = 16;  // of the sum of the potential's parts
 }  // namespace
@@ -207,7 +208,7 @@ template <class Real> void NewtonIterations<Real>::run_on(const Rooms &state)
   while (norms.residual > goal * norms.size && taken < state.options.newton_iterations && idle < patience) {
     assembly_.run_on(state);
     s.solution.fill_zero();
-    solve_.solve(state);
+    solve_.solve(state, further_slack);
     linear += state.report.iterations;
     ++taken;
     bool evaluated = false;
