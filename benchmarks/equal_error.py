@@ -62,9 +62,7 @@ def main():
         begin = starts(scene, given.output / f"{label}.npz")
         known = given.output / f"{label}_{given.version}.npy"
         if not known.exists():
-            np.save(
-                known, [window(scene, s, t, 240, accuracy="reference")[0] for s, t in zip(begin, TIMES)], False
-            )
+            np.save(known, [window(scene, s, t, 240, accuracy="reference")[0] for s, t in zip(begin, TIMES)], False)
         exact = np.load(known)
         for steps in given.steps:
             steps = steps or round(WINDOW / cama.Simulation(scene, **WHERE).time_step)
