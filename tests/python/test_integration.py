@@ -40,7 +40,7 @@ def swing_of(pinned, shape, steps, **options):
 @pytest.mark.parametrize(
     "pinned, shape, tolerance",
     [
-        ([0, 1, 2], {"size": [0.05, 0.3], "cells": [2, 12]}, 1e-2),
+        ([0, 1, 2], {"size": [0.05, 0.3], "cells": [2, 12]}, 3e-3),
         ([0, 6], {"size": [0.4, 0.4], "cells": [6, 6]}, 1e-4),
     ],
     ids=["pendulum", "sheet"],
@@ -48,7 +48,8 @@ def swing_of(pinned, shape, steps, **options):
 def test_production_is_of_second_order(pinned, shape, tolerance):
     """With its inexact matrix, against steps of 1/32000 s solved to rounding.
 
-    A sheet on two corners needs a tighter solve for that: at 1e-2 its error ends at 2e-5 m.
+    It needs a tighter solve than the default's: at 1e-2 the pendulum's error ends at 1e-6 m, that of a sheet on two
+    corners at 2e-5 m.
     """
     exact = swing_of(pinned, shape, 3200, accuracy="accurate", precision="double", tolerance=1e-8, newton_iterations=20)
     errors = [
