@@ -186,18 +186,20 @@ TEST_CASE("checkpoints of other scenes and damaged ones are rejected with the fi
   Checkpoint deep = good;
   REQUIRE(deep.matching.levels.back().start.size() == 2);
   for (int i = 0; i < 5; ++i) deep.matching.levels.push_back({{0}, {0, 1}});
-  Simulation plain(meshes::pile(8), options);
+  Options once = options;   // a further solve would end at three times the tolerance
+  once.newton_iterations = 1;
+  Simulation plain(meshes::pile(8), once);
   plain.restore(deep);
   plain.step();
-  CHECK(plain.report().residual < 3 * options.tolerance);  // where a further solve ends
+  CHECK(plain.report().residual < options.tolerance);
   CHECK(plain.checkpoint().matching.levels.size() <= 3);
   // A matching of vertices other than the free ones is ignored.
   Scene pinned = meshes::pile(8);
   Pin pin;
   pin.vertices = {0, 8};
   pinned.pins.push_back(pin);
-  Simulation other(pinned, options);
+  Simulation other(pinned, once);
   other.restore(good);
   other.step();
-  CHECK(other.report().residual < 3 * options.tolerance);
+  CHECK(other.report().residual < options.tolerance);
 }
