@@ -218,7 +218,7 @@ def test_progress_is_said_where_there_is_no_terminal(monkeypatch):
 def test_a_run_in_a_pipe_says_its_last_frame(here):
     words = [sys.executable, "-m", "cama", "run", "drape", *map(str, QUICK), "--frames", "2", "-o", "a"]
     done = subprocess.run(words, capture_output=True, text=True)
-    assert done.returncode == 0 and re.search(r"frame\s+2/2 .* contacts 0 intersections", done.stderr), done.stderr
+    assert done.returncode == 0 and re.search(r"frame\s+2/2 96 triangles .* contacts gap \S+ mm 0 intersections", done.stderr), done.stderr
 
 
 # --- Folders of results -----------------------------------------------------------------------------------------------

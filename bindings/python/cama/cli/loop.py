@@ -27,7 +27,7 @@ from ..io.summary import Summary
 STOPPING = [getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name)]
 EVERY = 60.0  # s of wall time between checkpoints
 WIDE = 130  # columns of a terminal that all of the progress fits in
-FIRST = "first step, with the first search for contacts"
+FIRST = "first step"  # which searches for contacts among all pairs
 
 
 @dataclass
@@ -66,15 +66,15 @@ def interruptible():
 
 
 def progress_bar(console):
-    """Frame, triangles, length of the steps, ms per step, contacts, smallest gap, intersections, time left."""
+    """Frame, contacts, smallest gap, intersections, time left; where there is room triangles and times of steps too."""
     wide = console is None or not console.is_terminal or console.width >= WIDE
+    sizes = ("{task.fields[triangles]} triangles", "steps of {task.fields[step]} ms", "{task.fields[ms]} ms/step")
     return Bar(
         TextColumn("frame"),
         MofNCompleteColumn(),
-        BarColumn(),
+        BarColumn(bar_width=40 if wide else 10),
         TextColumn("{task.description}"),
-        *((TextColumn("{task.fields[triangles]} triangles"), TextColumn("steps of {task.fields[step]} ms")) * wide),
-        TextColumn("{task.fields[ms]} ms/step"),
+        *(TextColumn(text) for text in sizes if wide),
         TextColumn("{task.fields[contacts]} contacts"),
         TextColumn("gap {task.fields[gap]} mm"),
         TextColumn("{task.fields[found]} intersections"),
@@ -218,10 +218,7 @@ class Run:
         while self._left != 0:
             if pressed():
                 return pressed()
-            with self._bar.during(FIRST) if not self.summary.stepped else contextlib.nullcontext():
-                simulation.step()
-            self.summary.add_step()
-            self._show(description="")
+            self._step()
             if self._left is not None:
                 self._left -= 1
             elif simulation._core.frame_ended():
@@ -229,6 +226,13 @@ class Run:
             if self._left != 0 and self._due():
                 self._save()
         return 0
+
+    def _step(self):
+        first = not self.summary.stepped
+        with self._bar.during(f"{FIRST}, with the search among all pairs") if first else contextlib.nullcontext():
+            self._simulation.step()
+        self.summary.add_step()
+        self._show(description="")
 
     def _record(self):
         """Records and audits the state."""

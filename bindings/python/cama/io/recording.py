@@ -7,6 +7,7 @@ with `shapes` and `radii` (of exact ones, whose vertices are their defining poin
 file. Frame 0 is the start.
 """
 
+import errno
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -19,6 +20,7 @@ from ..errors import FileError
 from .journal import JournaledFile, readable, recover
 
 NAME = "frames.h5"
+FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
 
 
 class Recorder:
@@ -62,7 +64,8 @@ class Recorder:
         except OSError as error:
             problem = error
         if problem and not before:
-            raise FileError(f"{self._path}: writing failed ({problem}); is the disk full?") from problem
+            full = "; is the disk full?" if problem.errno in FULL else ""
+            raise FileError(f"{self._path}: writing failed ({problem}){full}") from problem
 
     def _start(self, simulation, attributes, dtype, count):
         self._file.attrs.update(dict(attributes))
@@ -130,6 +133,8 @@ class Recorder:
     def add(self, time, positions, contacts, intersections):
         """Appends one frame: after a return it is in the file, after a FileError the file is as it was before."""
         values = {"positions": positions, "contacts": contacts, "intersections": intersections, "times": time}
+        if self._partial is None and not self._output.is_at(self._path):
+            raise FileError(f"{self._path}: was moved, deleted or replaced while the run wrote to it")
         with self._writing():
             for name, rows in self._rows.items():
                 rows.resize(len(rows) + 1, axis=0)
@@ -138,8 +143,6 @@ class Recorder:
             if self._partial is not None and not self._output.problem:
                 self._output.rename(self._path)
                 self._partial = None
-            if not self._output.problem and not self._output.is_at(self._path):
-                raise FileError(f"{self._path}: was deleted or replaced while it was written")
 
     def sync(self):
         """Makes the frames so far last through a power cut."""
