@@ -72,7 +72,7 @@ def progress_bar(console):
     return Bar(
         TextColumn("frame"),
         MofNCompleteColumn(),
-        BarColumn(bar_width=40 if wide else 10),
+        BarColumn(bar_width=40 if wide else 6),
         TextColumn("{task.description}"),
         *(TextColumn(text) for text in sizes if wide),
         TextColumn("{task.fields[contacts]} contacts"),

@@ -215,7 +215,7 @@ class JournaledFile:
         """Whether a path leads to this file."""
         try:
             return os.path.samestat(os.stat(path), os.fstat(self._file.fileno()))
-        except OSError:
+        except (OSError, ValueError):  # not there, closed
             return False
 
     def close(self) -> None:

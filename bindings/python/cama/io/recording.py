@@ -48,11 +48,18 @@ class Recorder:
             raise FileError(f"{path}: is not there, or no HDF5 file; there is nothing to go on with")
         with self._writing():
             self._output = JournaledFile(self._partial or self._path, "w+b" if until is None else "r+b")
-            self._file = h5py.File(self._output, "w" if until is None else "r+")
-            if until is None:
-                self._start(simulation, attributes, dtype or np.float64, count)
-            else:
-                self._go_on(count, until, dict(attributes), dtype)
+        try:
+            with self._writing():
+                self._file = h5py.File(self._output, "w" if until is None else "r+")
+                if until is None:
+                    self._start(simulation, attributes, dtype or np.float64, count)
+                else:
+                    self._go_on(count, until, dict(attributes), dtype)
+        except FileError:
+            self._output.close()
+            if self._partial is not None:
+                self._partial.unlink(missing_ok=True)
+            raise
 
     @contextmanager
     def _writing(self):
@@ -64,8 +71,13 @@ class Recorder:
         except OSError as error:
             problem = error
         if problem and not before:
+            self._check_place()
             full = "; is the disk full?" if problem.errno in FULL else ""
             raise FileError(f"{self._path}: writing failed ({problem}){full}") from problem
+
+    def _check_place(self):
+        if self._output is not None and not self._output.is_at(self._partial or self._path):
+            raise FileError(f"{self._path}: was moved, deleted or replaced while the run wrote to it")
 
     def _start(self, simulation, attributes, dtype, count):
         self._file.attrs.update(dict(attributes))
@@ -133,8 +145,7 @@ class Recorder:
     def add(self, time, positions, contacts, intersections):
         """Appends one frame: after a return it is in the file, after a FileError the file is as it was before."""
         values = {"positions": positions, "contacts": contacts, "intersections": intersections, "times": time}
-        if self._partial is None and not self._output.is_at(self._path):
-            raise FileError(f"{self._path}: was moved, deleted or replaced while the run wrote to it")
+        self._check_place()
         with self._writing():
             for name, rows in self._rows.items():
                 rows.resize(len(rows) + 1, axis=0)
