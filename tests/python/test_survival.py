@@ -28,6 +28,7 @@ import cama
 from cama.cli import app
 from cama.io import checkpoint, journal
 from cama.io.recording import NAME, Recorder, Recording
+from cama.io.summary import Summary
 from conftest import grid
 
 POINTS = 5
@@ -329,6 +330,30 @@ def test_what_the_checkpoint_counted_goes_on_and_what_it_did_not_is_said(whole, 
     last = summary_of(tmp_path)
     assert last["counted_from"] == last["resumed_at"] == after["steps"]
     assert f"counted from step {after['steps']} on" in said
+
+
+def test_the_gap_of_a_frame_that_could_not_be_recorded_is_that_of_its_step(tmp_path):
+    simulation, again = sheet_on_ball(), sheet_on_ball()
+    counted = Summary(simulation)
+    for _ in range(6):
+        simulation.step()
+        counted.add_step()
+    assert simulation.min_gap < 4e-3
+    simulation.save_checkpoint(tmp_path / checkpoint.NAME)
+    again.load_checkpoint(tmp_path)
+    summary = Summary(again)
+    summary.resume(counted.state(), frames=1, intersections=0)
+    summary.add_frame(0)
+    assert summary.min_gap == simulation.min_gap and summary.contacts == simulation.report["contacts"] > 0
+
+
+def test_the_time_between_checkpoints_is_said(tmp_path):
+    run(tmp_path, "--frames", 2, "--checkpoint-every", 0)
+    assert (tmp_path / checkpoint.NAME).exists() and not (tmp_path / checkpoint.BEFORE).exists()
+    run(tmp_path, "--frames", 2, "--checkpoint-every", "1/1000", "--overwrite")
+    assert (tmp_path / checkpoint.BEFORE).exists()
+    run(tmp_path, "--frames", 2, "--overwrite")  # a minute
+    assert not (tmp_path / checkpoint.BEFORE).exists()
 
 
 def test_the_checkpoint_before_is_taken_where_the_newest_cannot_be_read(whole, tmp_path):
