@@ -347,6 +347,21 @@ def test_the_gap_of_a_frame_that_could_not_be_recorded_is_that_of_its_step(tmp_p
     assert summary.min_gap == simulation.min_gap and summary.contacts == simulation.report["contacts"] > 0
 
 
+@pytest.mark.parametrize("name, value", [("frames", np.nan), ("frames", 0.0), ("wall_time", np.inf), ("frames", None)])
+def test_damaged_counts_are_refused(tmp_path, name, value):
+    simulation, path = sheet_on_ball(), tmp_path / checkpoint.NAME
+    summary = Summary(simulation)
+    summary.add_frame(0)
+    checkpoint.write(path, simulation, summary.state())
+    assert checkpoint.read_run(path)["numbers"]["frames"] == 1
+    with h5py.File(path, "r+") as file:
+        del file["run"].attrs[name]
+        if value is not None:
+            file["run"].attrs[name] = value
+    with pytest.raises(cama.FileError, match=name):
+        checkpoint.read_run(path)
+
+
 def test_the_time_between_checkpoints_is_said(tmp_path):
     run(tmp_path, "--frames", 2, "--checkpoint-every", 0)
     assert (tmp_path / checkpoint.NAME).exists() and not (tmp_path / checkpoint.BEFORE).exists()

@@ -149,10 +149,9 @@ def prepare(folder, keep=None):
 
 @dataclass
 class Resumed:
-    """What a run goes on from."""
+    """What a run goes on from, beside the checkpoint that its simulation has loaded."""
 
-    path: Path  #: of the checkpoint that the simulation has loaded
-    counted: Optional[dict]  #: what the summary had counted; None: the checkpoint is of another program
+    counted: Optional[dict]  #: what the summary had counted; None: the checkpoint does not say
 
 
 class Run:

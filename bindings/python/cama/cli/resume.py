@@ -54,7 +54,7 @@ def load(simulation, path, changed_scene):
     if not frames.is_file():
         raise FileError(f"{path}: is of a run that recorded to {frames}, which is not there")
     counted = checkpoint.read_run(path)
-    needed = int(counted["numbers"].get("frames", 0)) if counted else 0
+    needed = int(counted["numbers"]["frames"]) if counted else 0
     with Recording(frames) as recording:
         if len(recording) < needed:
             raise FileError(
@@ -71,7 +71,7 @@ def load(simulation, path, changed_scene):
     console().print(f"resumed at step {simulation.step_count:,}, {simulation.time:.4g} s, from {escape(str(path))}")
     if different:
         console().print(f"[yellow]not bit by bit as before: {escape(', '.join(different))}[/]")
-    return Resumed(path, counted)
+    return Resumed(counted)
 
 
 def keep_as_newest(path):

@@ -18,6 +18,7 @@ import contextlib
 import hashlib
 import io
 import json
+import math
 import os
 from collections.abc import Mapping
 from pathlib import Path
@@ -42,6 +43,7 @@ INTEGERS = (
     "matching_last_iterations",
 )
 TIMES = ("time_step", "released")
+EXTREMES = ("largest ", "smallest ", "min_", "max_", "last gap")  # of `run`: infinite where there was nothing yet
 MOST_LEVELS = 16
 NOT_OF_STEPS = (
     "name",
@@ -229,11 +231,15 @@ def read_run(path: Path) -> Optional[dict[str, Any]]:
             if "run" not in file:
                 return None
             group = file["run"]
-            return {
-                "numbers": {name: float(value) for name, value in group.attrs.items()},
-                "stages": {name: float(value) for name, value in group["stages"].attrs.items()},
-                "milliseconds": reals("milliseconds", group["milliseconds"][()], (None,)),
-            }
+            numbers = {name: float(value) for name, value in group.attrs.items()}
+            stages = {name: float(value) for name, value in group["stages"].attrs.items()}
+            milliseconds = reals("milliseconds", group["milliseconds"][()], (None,))
+            for name, value in {**numbers, **stages}.items():
+                if math.isnan(value) or (math.isinf(value) and not name.startswith(EXTREMES)):
+                    raise ValueError(f"{name} is {value}")
+            if not numbers["frames"] >= 1:
+                raise ValueError(f"frames is {numbers['frames']}")
+            return {"numbers": numbers, "stages": stages, "milliseconds": milliseconds}
     except (OSError, KeyError, ValueError, TypeError, AttributeError, MemoryError) as problem:
         raise FileError(f"{path}: not a checkpoint of cama: {problem}") from None
 

@@ -40,7 +40,7 @@ class Recorder:
     """
 
     def __init__(self, path, simulation, attributes=(), dtype=None, until=None):
-        self._path, self._output, count = Path(path), None, simulation.vertex_count
+        self._path, self._output, self._file, count = Path(path), None, None, simulation.vertex_count
         self._partial = self._path.with_name(self._path.name + ".partial") if until is None else None
         with self._writing():
             recover(self._path)
@@ -56,6 +56,8 @@ class Recorder:
                 else:
                     self._go_on(count, until, dict(attributes), dtype)
         except FileError:
+            if self._file:
+                self._file.close()
             self._output.close()
             if self._partial is not None:
                 self._partial.unlink(missing_ok=True)
