@@ -9,6 +9,7 @@ import re
 import signal
 import subprocess
 import sys
+import time
 from pathlib import Path
 
 import h5py
@@ -213,6 +214,19 @@ def test_progress_is_said_where_there_is_no_terminal(monkeypatch):
             bar.update(task, advance=1)
     lines = out.getvalue().split("\n")
     assert [line.split() for line in lines if line] == [["frame", "4/10"], ["frame", "8/10"], ["frame", "10/10"]]
+
+
+def test_what_takes_long_is_said_where_there_is_no_terminal(monkeypatch):
+    monkeypatch.setattr(progress, "SOON", 0.05)
+    out = io.StringIO()
+    with progress.during("loading", Console(file=out)):
+        pass
+    with progress.during("untangling", Console(file=out)):
+        for _ in range(200):
+            if out.getvalue():
+                break
+            time.sleep(0.05)
+    assert out.getvalue() == "untangling ...\n"
 
 
 def test_a_run_in_a_pipe_says_its_last_frame(here):

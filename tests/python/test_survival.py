@@ -424,6 +424,13 @@ def test_a_run_goes_on_after_a_disk_was_full(whole, tmp_path):
     assert_same(whole, tmp_path)
 
 
+@pytest.mark.skipif(not sys.platform.startswith("linux"), reason="limits files by RLIMIT_FSIZE")
+def test_a_disk_that_is_full_from_the_start_gets_nothing_half_written(tmp_path):
+    limit = functools.partial(resource.setrlimit, resource.RLIMIT_FSIZE, (1000, 1000))
+    said = finish(start(tmp_path, "--frames", 2, preexec_fn=limit), code=2)
+    assert "FileError" in said and "frames.h5: writing failed" in said and not list(tmp_path.iterdir())
+
+
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="writes to /dev/full, which Linux has")
 def test_a_checkpoint_that_finds_no_space_leaves_the_last_ones(whole, tmp_path):
     run(tmp_path, "--frames", 6, "--checkpoint", 2)

@@ -25,7 +25,7 @@ from ..io.recording import NAME, Recorder, Recording
 from ..io.summary import Summary
 
 STOPPING = [getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name)]
-EVERY = 60.0  # s of wall time between checkpoints
+EVERY = 60  # s of wall time between checkpoints
 WIDE = 130  # columns of a terminal that all of the progress fits in
 FIRST = "first step"  # which searches for contacts among all pairs
 

@@ -105,8 +105,7 @@ def run(
 ):
     """Simulates SCENE; writes OUT/frames.h5, OUT/summary.json and OUT/checkpoint.h5.
 
-    Ctrl-C, SIGTERM and SIGHUP stop between steps and keep what was computed. Of a run that was killed, all recorded
-    frames and the last checkpoint are there.
+    Ctrl-C, SIGTERM and SIGHUP stop it between steps; --resume goes on, after kill -9 too.
     """
     overrides = {"intersections": intersections.value, "pinch": pinch.value, **chosen(time_step, set_, error)}
     progress = Console(stderr=True, highlight=False)
