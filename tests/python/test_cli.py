@@ -46,6 +46,8 @@ FIELDS = {
     "released",
     "rest_shapes",
     "resumed_at",
+    "counted_from",
+    "wall_time",
     "retries",
     "state_hash",
 }

@@ -9,6 +9,7 @@ import re
 import signal
 import subprocess
 import sys
+import time
 from pathlib import Path
 
 import h5py
@@ -215,10 +216,26 @@ def test_progress_is_said_where_there_is_no_terminal(monkeypatch):
     assert [line.split() for line in lines if line] == [["frame", "4/10"], ["frame", "8/10"], ["frame", "10/10"]]
 
 
+def test_what_takes_long_is_said_where_there_is_no_terminal(monkeypatch):
+    monkeypatch.setattr(progress, "SOON", 0.05)
+    out = io.StringIO()
+    with progress.during("loading", Console(file=out)):
+        pass
+    with progress.during("untangling", Console(file=out)):
+        for _ in range(200):
+            if out.getvalue():
+                break
+            time.sleep(0.05)
+    assert out.getvalue() == "untangling ...\n"
+
+
 def test_a_run_in_a_pipe_says_its_last_frame(here):
     words = [sys.executable, "-m", "cama", "run", "drape", *map(str, QUICK), "--frames", "2", "-o", "a"]
     done = subprocess.run(words, capture_output=True, text=True)
-    assert done.returncode == 0 and re.search(r"frame\s+2/2 .* contacts 0 intersections", done.stderr), done.stderr
+    assert done.returncode == 0 and "drape: 96 triangles, 75 vertices; accuracy preview, single" in done.stdout
+    assert "2 frames of 25 ms, 0.05 s, to a" in done.stdout
+    last = r"frame\s+2/2 96 triangles .* contacts gap \S+ mm 0 intersections"
+    assert re.search(last, done.stderr), done.stderr
 
 
 # --- Folders of results -----------------------------------------------------------------------------------------------

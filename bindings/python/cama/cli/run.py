@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """The command `cama run`."""
 
+from contextlib import nullcontext, suppress
+from datetime import timedelta
 from pathlib import Path
 from typing import Annotated, Optional
 
@@ -9,8 +11,9 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
-from ..io.checkpoint import SceneChanged
+from ..hints import counted
 from ..io.lock import locked
+from ..io.progress import during
 from ..options import help_of
 from ..scene import Scene
 from ..simulation import Simulation
@@ -35,7 +38,9 @@ from .common import (
     clean,
     console,
     fail,
+    seconds,
 )
+from .resume import resume as resumed_from
 
 OVERSTRETCHED = 1.0  # strain that the summary warns of: no fabric is measured there
 
@@ -70,16 +75,23 @@ def run(
     output: Annotated[
         Optional[Path], typer.Option("--output", "-o", metavar="OUT", help="Folder of the results. Default: out/SCENE.")
     ] = None,
-    checkpoint: Annotated[
-        int,
+    checkpoint_every: Annotated[
+        float,
         typer.Option(
-            min=0, metavar="N", help="Write OUT/checkpoint.h5 every N frames too; it is always written at the end."
+            parser=seconds,
+            metavar="SECONDS",
+            help="Wall time between checkpoints; 0: only the one that is written however the run ends.",
         ),
+    ] = loop.EVERY,
+    checkpoint: Annotated[
+        int, typer.Option(min=0, metavar="N", help="Write a checkpoint every N frames too; 0: not by frames.")
     ] = 0,
     resume: Annotated[
         bool,
         typer.Option(
-            "--resume", help="Continue from OUT/checkpoint.h5 and OUT/frames.h5, as if the run had not stopped."
+            "--resume",
+            help="Continue from the last checkpoint and OUT/frames.h5, as if the run had not stopped; "
+            "without a checkpoint, start anew.",
         ),
     ] = False,
     changed_scene: Annotated[
@@ -93,18 +105,22 @@ def run(
 ):
     """Simulates SCENE; writes OUT/frames.h5, OUT/summary.json and OUT/checkpoint.h5.
 
-    Ctrl-C or SIGTERM stops between steps and keeps what was computed.
+    Ctrl-C, SIGTERM and SIGHUP stop it between steps; --resume goes on, after kill -9 too.
     """
-    loaded = Scene.load(scene, resolution)
-    simulation = Simulation(
-        loaded,
-        backend=backend.value,
-        precision=precision.value if precision else None,
-        accuracy=accuracy.value if accuracy else None,
-        device=device,
-        threads=threads,
-        **{"intersections": intersections.value, "pinch": pinch.value, **chosen(time_step, set_, error)},
-    )
+    overrides = {"intersections": intersections.value, "pinch": pinch.value, **chosen(time_step, set_, error)}
+    progress = Console(stderr=True, highlight=False)
+    with during("loading the scene", progress):
+        loaded = Scene.load(scene, resolution)
+    with during("untangling the start" if intersections == Policy.untangle else "checking the start", progress):
+        simulation = Simulation(
+            loaded,
+            backend=backend.value,
+            precision=precision.value if precision else None,
+            accuracy=accuracy.value if accuracy else None,
+            device=device,
+            threads=threads,
+            **overrides,
+        )
     if simulation.untangled.rounds:
         moved = simulation.untangled
         console().print(
@@ -116,45 +132,48 @@ def run(
         Path(scene).stem if Path(scene).name != "scene.json" else Path(scene).resolve().parent.name
     )
     with locked(folder):
-        if resume:
-            load_checkpoint(simulation, folder, changed_scene)
+        wanted = loaded.frames if frames is None else frames
+        resumed = resumed_from(simulation, folder, changed_scene) if resume else None
+        say_what_runs(simulation, wanted, folder)
         result = loop.run(
             simulation,
             folder,
-            loaded.frames if frames is None else frames,
+            wanted,
             store=store.value if store else None,
-            progress=Console(stderr=True, highlight=False),
-            checkpoint_every=checkpoint,
-            resume=resume,
+            progress=progress,
+            every=checkpoint_every,
+            every_frames=checkpoint,
+            resumed=resumed,
             keep=None if overwrite else say_kept,
         )
-    print_summary(result.fields, folder)
+    with suppress(OSError) if result.interrupted else nullcontext():  # SIGHUP: nobody listens any more
+        print_summary(result.fields, folder)
     if result.problem is not None:
         if debug:
             raise result.problem
         fail(result.problem)
         raise typer.Exit(1)
     if result.interrupted:
-        console().print(
-            f"[yellow]Stopped after {result.fields['steps']} steps; what was computed is kept, --resume goes "
-            "on from it.[/]"
-        )
+        with suppress(OSError):
+            console().print(
+                f"[yellow]Stopped after {result.fields['steps']} steps; what was computed is kept, --resume goes "
+                "on from it.[/]"
+            )
         raise typer.Exit(128 + result.interrupted)
 
 
-def load_checkpoint(simulation, folder, changed_scene):
-    """Continues from the checkpoint of a folder and says where. Raises as Simulation.load_checkpoint."""
-    try:
-        different = simulation.load_checkpoint(folder, changed_scene=changed_scene)
-    except SceneChanged as problem:
-        raise SceneChanged(
-            problem.changed,
-            "run the scene that it was taken of, start anew without --resume, or go on with this one by "
-            "--changed-scene",
-        ) from None
-    console().print(f"resumed at step {simulation.step_count:,}, {simulation.time:.4g} s")
-    if different:
-        console().print(f"[yellow]not bit by bit as before: {escape(', '.join(different))}[/]")
+def say_what_runs(simulation, frames, folder):
+    """Says scene, size, level, backend, frames and folder before the run begins."""
+    scene, options = simulation.scene, simulation.options
+    counts = f"{simulation.cloth_triangle_count:,} triangles, {simulation.cloth_vertex_count:,} vertices"
+    console().print(
+        f"{escape(scene.name)}: {counts}; accuracy {options['accuracy']}, {options['precision']} precision, on "
+        f"{simulation.backend} ({escape(simulation.device)})"
+    )
+    apart = scene.seconds_per_frame if simulation.error else simulation.time_step * simulation.steps_per_frame
+    console().print(
+        f"{counted(frames, 'frame')} of {apart * 1e3:.4g} ms, {frames * apart:.4g} s, to {escape(str(folder))}"
+    )
 
 
 def say_kept(frames, folder):
@@ -204,6 +223,15 @@ def steps_text(s):
     )
 
 
+def wall_text(s):
+    whole = timedelta(seconds=round(s["wall_time"])) if s["wall_time"] >= 60 else f"{s['wall_time']:.3g} s"
+    if s["resumed_at"] is None:
+        return str(whole)
+    if s["counted_from"]:
+        return f"{whole}; this and what steps did are counted from step {s['counted_from']:,} on"
+    return f"{whole}, with the parts before step {s['resumed_at']:,}"
+
+
 def print_summary(s, folder):
     """Prints a short table of summary.json."""
     ms, iterations = s["ms_per_step"], s["pcg"]["iterations"]
@@ -212,6 +240,7 @@ def print_summary(s, folder):
         ("scene", f"{s['scene']}, {s['triangles']:,} triangles, {s['vertices']:,} vertices"),
         ("computed on", f"{s['backend']} ({s['device']}), {s['precision']} precision, accuracy {s['accuracy']}"),
         ("steps", steps_text(s)),
+        ("wall time", wall_text(s)),
         ("time per step", f"{number(ms['mean'])} ms mean, {number(ms['median'])} median, {number(ms['max'])} max"),
         ("solver iterations", f"{number(iterations['mean'])} mean, {number(iterations['max'], '{:d}')} max"),
         ("contacts, impacts", f"at most {s['contacts']['max']:,} and {s['impacts']['max']:,} in a step"),

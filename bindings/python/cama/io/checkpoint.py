@@ -8,14 +8,17 @@ object, that may pass each other; matching_order [rows] and, for every level, ma
 matching_start_L [blocks + 1]: the preconditioner's blocks (docs/theory/linear-solve.md); scene_parts, JSON: digests of
 all that the scene says, part by part. Attributes: `format`; scene (of meshes and masses, 16 hexadecimal digits), step,
 time_step, released, matching_step, matching_terms, matching_first_iterations, matching_last_iterations; for people and
-for `cama run --resume`: scene_name, options (JSON), cama_version. Nothing in it is executed; every value is checked
-before it is used.
+for `cama run --resume`: scene_name, options (JSON), cama_version. Checkpoints of `cama run` also have the group `run`:
+what its summary has counted so far. Nothing in it is executed; every value is checked before it is used.
+
+A run keeps two of them, so that one is there whatever happens while the next is written.
 """
 
 import contextlib
 import hashlib
 import io
 import json
+import math
 import os
 from collections.abc import Mapping
 from pathlib import Path
@@ -25,8 +28,10 @@ from .._core import __version__
 from ..arrays import integers, reals
 from ..errors import FileError, SceneError
 from ..types import PathLike
+from .journal import sync_folder
 
 NAME = "checkpoint.h5"
+BEFORE = "checkpoint-before.h5"  # the one before
 FORMAT = "cama checkpoint 3"
 EARLIER = ("cama checkpoint 2",)  # without `driving`
 PAIRS = ("tangled", "let_go")
@@ -38,6 +43,7 @@ INTEGERS = (
     "matching_last_iterations",
 )
 TIMES = ("time_step", "released")
+EXTREMES = ("largest ", "smallest ", "min_", "max_", "last gap")  # of `run`: infinite where there was nothing yet
 MOST_LEVELS = 16
 NOT_OF_STEPS = (
     "name",
@@ -105,8 +111,18 @@ def check_scene(simulation: Any, parts: Optional[dict[str, str]]) -> None:
         )
 
 
-def write(path: PathLike, simulation: Any) -> None:
-    """Writes the file completely or not at all. Raises FileError."""
+def write(path: PathLike, simulation: Any, run: Optional[Mapping[str, Any]] = None, before: str = "") -> None:
+    """Writes the file completely or not at all.
+
+    Args:
+        path: The file.
+        simulation: The Simulation.
+        run: What the summary of a run has counted (`Summary.state`), to be read by `read_run`.
+        before: Name that a file of this path is kept by, in place of the one of that name.
+
+    Raises:
+        FileError
+    """
     import h5py  # on first use: `import cama` comes without it
 
     path, fields = Path(path), simulation._core.checkpoint()
@@ -134,12 +150,20 @@ def write(path: PathLike, simulation: Any) -> None:
             file[name] = fields[name]
         for number, (parent, start) in enumerate(fields["matching_levels"]):
             file[f"matching_parent_{number}"], file[f"matching_start_{number}"] = parent, start
+        if run is not None:
+            group = file.create_group("run")
+            group.attrs.update(run["numbers"])
+            group.create_group("stages").attrs.update(run["stages"])
+            group["milliseconds"] = run["milliseconds"]
     try:
         with open(partial, "wb") as file:
             file.write(whole.getbuffer())
             file.flush()
             os.fsync(file.fileno())
+        if before and path.exists():
+            os.replace(path, path.with_name(before))
         os.replace(partial, path)
+        sync_folder(path.parent)
     except OSError as problem:
         with contextlib.suppress(OSError):
             partial.unlink()
@@ -156,7 +180,7 @@ def read(path: PathLike) -> tuple[dict[str, Any], dict[str, Any], Optional[dict[
     path = Path(path)
     path = path / NAME if path.is_dir() else path
     if not path.is_file():
-        raise FileError(f"{path}: no such file; `cama run ... --checkpoint N` and Simulation.save_checkpoint write it")
+        raise FileError(f"{path}: no such file; `cama run` and Simulation.save_checkpoint write it")
     try:
         with h5py.File(path, "r") as file:
             if file.attrs.get("format") not in (FORMAT, *EARLIER):
@@ -196,6 +220,28 @@ def read(path: PathLike) -> tuple[dict[str, Any], dict[str, Any], Optional[dict[
     ) as problem:  # ArrayError is a ValueError
         raise FileError(f"{path}: not a checkpoint of cama: {problem}") from None
     return fields, options, parts
+
+
+def read_run(path: Path) -> Optional[dict[str, Any]]:
+    """Returns the `run` of `write`, or None where the file has none. Raises FileError."""
+    import h5py
+
+    try:
+        with h5py.File(path, "r") as file:
+            if "run" not in file:
+                return None
+            group = file["run"]
+            numbers = {name: float(value) for name, value in group.attrs.items()}
+            stages = {name: float(value) for name, value in group["stages"].attrs.items()}
+            milliseconds = reals("milliseconds", group["milliseconds"][()], (None,))
+            for name, value in {**numbers, **stages}.items():
+                if math.isnan(value) or (math.isinf(value) and not name.startswith(EXTREMES)):
+                    raise ValueError(f"{name} is {value}")
+            if not numbers["frames"] >= 1:
+                raise ValueError(f"frames is {numbers['frames']}")
+            return {"numbers": numbers, "stages": stages, "milliseconds": milliseconds}
+    except (OSError, KeyError, ValueError, TypeError, AttributeError, MemoryError) as problem:
+        raise FileError(f"{path}: not a checkpoint of cama: {problem}") from None
 
 
 def differences(simulation: Any, options: Mapping[str, Any]) -> list[str]:

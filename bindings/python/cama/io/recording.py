@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""frames.h5: every recorded moment of a run, written as it is computed.
+"""frames.h5: every recorded moment of a run, written as it is computed, whole frames only (`journal`).
 
 positions [frames, vertices, 3] m; times [frames] s; contacts, intersections [frames]; faces [triangles, 3];
 cloth_ranges and obstacle_ranges [objects, 2], first vertex and last excluded, with attribute `names`, obstacles also
@@ -7,6 +7,7 @@ with `shapes` and `radii` (of exact ones, whose vertices are their defining poin
 file. Frame 0 is the start.
 """
 
+import errno
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -16,62 +17,16 @@ import numpy as np
 
 from .. import shipped
 from ..errors import FileError
+from .journal import JournaledFile, readable, recover
 
 NAME = "frames.h5"
-
-
-class Output:
-    """The file that h5py writes to.
-
-    The first failure is kept in `problem`, and nothing is written from then on, so that what was flushed stays intact.
-    HDF5 must not see the failure: it could not close its file then, and would crash at the end of the process.
-    """
-
-    def __init__(self, path, mode):
-        self.problem = None
-        self._file = open(path, mode, buffering=0)  # noqa: SIM115
-
-    def _do(self, work, otherwise):
-        if self.problem is None:
-            try:
-                return work()
-            except OSError as problem:
-                self.problem = problem
-        return otherwise
-
-    def write(self, data):
-        def whole():
-            rest = memoryview(data)
-            while rest:
-                rest = rest[self._file.write(rest) :]
-            return len(data)
-
-        return self._do(whole, len(data))
-
-    def read(self, size=-1):
-        return self._do(lambda: self._file.read(size), b"")
-
-    def readinto(self, buffer):
-        return self._do(lambda: self._file.readinto(buffer), len(buffer))
-
-    def seek(self, offset, whence=0):
-        return self._file.seek(offset, whence)
-
-    def tell(self):
-        return self._file.tell()
-
-    def truncate(self, size=None):
-        return self._do(lambda: self._file.truncate(size), size)
-
-    def flush(self):
-        self._do(self._file.flush, None)
-
-    def close(self):
-        self._do(self._file.close, None)
+FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
 
 
 class Recorder:
-    """Writes frames.h5 and flushes it after every frame, so that a stop at any time keeps what was computed.
+    """Writes frames.h5 frame by frame, so that a stop at any time, `kill -9` too, keeps all frames that were added.
+
+    A new file has its name from the first frame on.
 
     Args:
         path: The file.
@@ -85,16 +40,28 @@ class Recorder:
     """
 
     def __init__(self, path, simulation, attributes=(), dtype=None, until=None):
-        self._path, self._output, count = path, None, simulation.vertex_count
+        self._path, self._output, self._file, count = Path(path), None, None, simulation.vertex_count
+        self._partial = self._path.with_name(self._path.name + ".partial") if until is None else None
+        with self._writing():
+            recover(self._path)
         if until is not None and not h5py.is_hdf5(path):
             raise FileError(f"{path}: is not there, or no HDF5 file; there is nothing to go on with")
         with self._writing():
-            self._output = Output(path, "w+b" if until is None else "r+b")
-            self._file = h5py.File(self._output, "w" if until is None else "r+")
-            if until is None:
-                self._start(simulation, attributes, dtype or np.float64, count)
-            else:
-                self._go_on(count, until, dict(attributes), dtype)
+            self._output = JournaledFile(self._partial or self._path, "w+b" if until is None else "r+b")
+        try:
+            with self._writing():
+                self._file = h5py.File(self._output, "w" if until is None else "r+")
+                if until is None:
+                    self._start(simulation, attributes, dtype or np.float64, count)
+                else:
+                    self._go_on(count, until, dict(attributes), dtype)
+        except FileError:
+            if self._file:
+                self._file.close()
+            self._output.close()
+            if self._partial is not None:
+                self._partial.unlink(missing_ok=True)
+            raise
 
     @contextmanager
     def _writing(self):
@@ -102,11 +69,17 @@ class Recorder:
         before = self._output and self._output.problem
         try:
             yield
-            problem = self._output.problem
+            problem = self._output and self._output.problem
         except OSError as error:
             problem = error
         if problem and not before:
-            raise FileError(f"{self._path}: writing failed ({problem}); is the disk full?") from problem
+            self._check_place()
+            full = "; is the disk full?" if problem.errno in FULL else ""
+            raise FileError(f"{self._path}: writing failed ({problem}){full}") from problem
+
+    def _check_place(self):
+        if self._output is not None and not self._output.is_at(self._partial or self._path):
+            raise FileError(f"{self._path}: was moved, deleted or replaced while the run wrote to it")
 
     def _start(self, simulation, attributes, dtype, count):
         self._file.attrs.update(dict(attributes))
@@ -124,9 +97,8 @@ class Recorder:
             "positions": self._growing("positions", (count, 3), dtype),
             "contacts": self._growing("contacts", (), np.int64),
             "intersections": self._growing("intersections", (), np.int64),
-            "times": self._growing("times", (), np.float64),  # last: a frame is there once its time is
+            "times": self._growing("times", (), np.float64),
         }
-        self._file.flush()
 
     def _go_on(self, count, until, attributes, dtype):
         try:
@@ -162,26 +134,44 @@ class Recorder:
             times[:kept],
             int(self._rows["intersections"][:].sum()),
         )  #: of the frames that are kept
-        self._file.flush()
+        self._commit()
 
     def _growing(self, name, shape, dtype):
         chunk = (1 if shape else 1024,) + tuple(max(1, s) for s in shape)
         return self._file.create_dataset(name, (0,) + shape, dtype, maxshape=(None,) + shape, chunks=chunk)
 
+    def _commit(self):
+        self._file.flush()
+        self._output.commit()
+
     def add(self, time, positions, contacts, intersections):
-        """Appends one frame and flushes."""
+        """Appends one frame: after a return it is in the file, after a FileError the file is as it was before."""
         values = {"positions": positions, "contacts": contacts, "intersections": intersections, "times": time}
+        self._check_place()
         with self._writing():
             for name, rows in self._rows.items():
                 rows.resize(len(rows) + 1, axis=0)
                 rows[-1] = values[name]
-            self._file.flush()
+            self._commit()
+            if self._partial is not None and not self._output.problem:
+                self._output.rename(self._path)
+                self._partial = None
+
+    def sync(self):
+        """Makes the frames so far last through a power cut."""
+        with self._writing():
+            self._output.sync()
 
     def close(self):
-        """Closes the file; more calls do nothing."""
+        """Closes the file; more calls do nothing. A new one without a frame is taken away."""
         with self._writing():
-            self._file.close()
-            self._output.close()
+            if self._file:
+                self._file.close()
+                self._output.commit()
+                self._output.sync()
+                self._output.close()
+            if self._partial is not None:
+                self._partial.unlink(missing_ok=True)
 
     def __enter__(self):
         return self
@@ -220,7 +210,7 @@ class Recording:
         if not path.is_file():
             raise FileError(f"{path}: no such file; {_how_to_record(path)}")
         try:
-            self._file = h5py.File(path, "r")
+            self._file = h5py.File(readable(path), "r")
             self.positions, self.times = self._file["positions"], self._file["times"][:]
             self.faces = self._file["faces"][:].astype(np.int64)
             self.cloths, self.obstacles = self._parts("cloth"), self._parts("obstacle")
