@@ -17,7 +17,7 @@ from .errors import BackendError, FileError, MaterialError
 
 MESHES = (".obj", ".ply", ".stl", ".glb", ".gltf", ".fbx", ".dae")
 # Modules and how pip calls them, where that is not the same.
-PIP_NAMES = {"imageio_ffmpeg": "imageio-ffmpeg"}
+PIP_NAMES = {"imageio_ffmpeg": "imageio-ffmpeg", "pxr": "usd-core", "vtkmodules": "vtk"}
 
 
 def counted(number: int, noun: str) -> str:

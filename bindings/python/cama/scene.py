@@ -83,7 +83,7 @@ class Scene:
         wind: A dict with `velocity` [3] m/s, `density` kg/m^3 and `drag` kg/(m^2 s), or None.
     """
 
-    __slots__ = ("_core",)  # a field that is not there is an AttributeError
+    __slots__ = ("_core", "_folder")  # a field that is not there is an AttributeError
 
     def __init__(
         self,
@@ -101,7 +101,7 @@ class Scene:
         self_contact: bool = True,
         wind: Mapping[str, Any] | None = None,
     ) -> None:
-        self._core = _core.Scene()
+        self._core, self._folder = _core.Scene(), Path()
         self.gravity, self.time_step, self.frames, self.frame_time = gravity, time_step, frames, frame_time
         self._core.name, self._core.description = str(name), str(description)
         own = self._core.contact
@@ -116,9 +116,9 @@ class Scene:
         self.wind = wind
 
     @classmethod
-    def _of(cls, core: _core.Scene) -> Self:
+    def _of(cls, core: _core.Scene, folder: Path) -> Self:
         scene = cls.__new__(cls)
-        scene._core = core
+        scene._core, scene._folder = core, folder
         return scene
 
     @classmethod
@@ -133,8 +133,9 @@ class Scene:
             FileError, SceneError, MeshError, MaterialError
         """
         path = shipped.resolve(scene)
+        folder = path if path.is_dir() else path.parent
         with reading(path):
-            return cls._of(_core.Scene.load(path, count("resolution", resolution)))
+            return cls._of(_core.Scene.load(path, count("resolution", resolution)), folder)
 
     @classmethod
     def parse(cls, text: str | Description, folder: PathLike = ".", resolution: int = 0) -> Self:
@@ -150,7 +151,7 @@ class Scene:
         except (TypeError, ValueError) as problem:
             raise SceneError(f"not what JSON can hold: {problem}") from None
         with reading():
-            return cls._of(_core.Scene.parse(text, Path(folder), count("resolution", resolution)))
+            return cls._of(_core.Scene.parse(text, Path(folder), count("resolution", resolution)), Path(folder))
 
     def to_json(self) -> str:
         """Returns the whole scene as JSON text that contains its meshes."""
@@ -168,7 +169,7 @@ class Scene:
 
     def copy(self) -> Scene:
         """Returns an independent copy, as copy.copy and copy.deepcopy do."""
-        return Scene._of(_core.Scene(self._core))
+        return Scene._of(_core.Scene(self._core), self._folder)
 
     __copy__ = copy
 
@@ -532,6 +533,11 @@ class Scene:
         return [Obstacle(self, i) for i in range(self._core.obstacle_count)]
 
     @property
+    def folder(self) -> Path:
+        """Folder that relative file names of its scene file start at."""
+        return self._folder
+
+    @property
     def pins(self) -> list[dict[str, Any]]:
         """A list of dicts with cloth (index), vertices [k], obstacle (index or None) and release (s)."""
         return [dict(zip(("cloth", "vertices", "obstacle", "release"), row)) for row in self._core.pins()]
@@ -695,7 +701,7 @@ class SimulatedScene(Scene):
     @classmethod
     def of(cls, scene: Scene) -> SimulatedScene:
         """Returns a read-only copy of a scene."""
-        return cls._of(_core.Scene(scene._core))
+        return cls._of(_core.Scene(scene._core), scene._folder)
 
     def _refuse(self, what: str) -> NoReturn:
         raise SceneError(
@@ -707,7 +713,7 @@ class SimulatedScene(Scene):
         self._refuse(what)
 
     def __setattr__(self, name: str, value: object) -> None:
-        if name != "_core":
+        if name not in ("_core", "_folder"):
             self._refuse(name)
         object.__setattr__(self, name, value)
 
