@@ -17,6 +17,8 @@ from .arrays import count, indices, number, plain, reals, vector, whole
 from .errors import ArrayError, FileError, SceneError
 from .hints import counted, reading
 from .inputs import compiled_mesh, placement, shape_scene, texture_scale, uniform_scale
+from .io import usd_scene
+from .io.usd_reader import is_usd, read_usd
 from .material import Material
 from .motion import Motion
 from .options import nested, overrides_of
@@ -135,7 +137,7 @@ class Scene:
         path = shipped.resolve(scene)
         folder = path if path.is_dir() else path.parent
         with reading(path):
-            return cls._of(_core.Scene.load(path, count("resolution", resolution)), folder)
+            return cls._of(usd_scene.load(path, count("resolution", resolution)), folder)
 
     @classmethod
     def parse(cls, text: str | Description, folder: PathLike = ".", resolution: int = 0) -> Self:
@@ -151,7 +153,7 @@ class Scene:
         except (TypeError, ValueError) as problem:
             raise SceneError(f"not what JSON can hold: {problem}") from None
         with reading():
-            return cls._of(_core.Scene.parse(text, Path(folder), count("resolution", resolution)), Path(folder))
+            return cls._of(usd_scene.parse(text, Path(folder), count("resolution", resolution)), Path(folder))
 
     def to_json(self) -> str:
         """Returns the whole scene as JSON text that contains its meshes."""
@@ -248,7 +250,7 @@ class Scene:
         """Adds a piece of cloth and returns its handle.
 
         Args:
-            mesh: A file (OBJ, PLY, glTF, FBX, DAE, STL), vertices [n, 3] in m, or an object with `vertices` and
+            mesh: A file (OBJ, PLY, glTF, FBX, DAE, STL, USD), vertices [n, 3] in m, or an object with `vertices` and
                 `faces`.
                 Stitch lines of an OBJ file become stitches.
             faces: Triangles [m, 3], if `mesh` is an array of vertices.
@@ -328,8 +330,8 @@ class Scene:
         """Adds an obstacle, which cloth collides with, and returns its handle.
 
         Args:
-            mesh: As for `add_cloth`. glTF, FBX and DAE files bring their skeletal animation; without one they stand
-                still.
+            mesh: As for `add_cloth`. glTF, FBX and DAE files bring their skeletal animation, USD files the time samples
+                of their points and transforms; without one they stand still.
             faces: As for `add_cloth`.
             shape: A generated obstacle instead of `mesh`, as in scene.json, for example {"sphere": {"radius": 0.25}},
                 {"box": {"size": [1, 1, 0.1]}} or {"walker": {}}. {"shape": {"sphere": {"radius": 0.25}}} is an exact
@@ -383,6 +385,17 @@ class Scene:
             )
             obstacle.source = str(mesh)
             body, moving = character.mesh, character.motion
+        elif motion is None and is_usd(mesh):
+            if clip not in ("", "bind") or lead_in or loops != 1:
+                raise SceneError(
+                    f"{name}: clip, lead_in and loops are for glTF, FBX and DAE; a USD file has one animation"
+                )
+            read = read_usd(mesh, animated=clip != "bind")
+            obstacle.source = str(mesh)
+            body = _core.Mesh(read.vertices, read.faces, np.zeros((0, 2)), np.zeros((0, 3), np.int32))
+            moving = _core.Motion()
+            if len(read.times) > 1:
+                moving.set_samples(read.times, read.positions)
         else:
             part, obstacle.source = self._part("obstacle", name, mesh, faces, shape)
             body, moving = part.mesh, part.motion
