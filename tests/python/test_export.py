@@ -109,10 +109,12 @@ def same_up_to_a_shift(a, b):
     return np.allclose(difference, difference[0], atol=1e-6)
 
 
-def test_usd_is_what_was_recorded(folder, recorded, tmp_path):
+@pytest.mark.parametrize("save_after", [1 << 28, 1])  # bytes; 1: after every frame
+def test_usd_is_what_was_recorded(folder, recorded, tmp_path, monkeypatch, save_after):
     pytest.importorskip("pxr")
     from pxr import Usd, UsdGeom, UsdShade
 
+    monkeypatch.setattr("cama.io.exporting.usd.SAVE_AFTER", save_after)
     result = export(folder, "usd", tmp_path)
     assert [f.name for f in result.files] == ["out.usdc"] and result.frames == 5 and result.fps == 50
     stage = Usd.Stage.Open(str(result.files[0]))
@@ -408,18 +410,23 @@ def test_the_command_writes_and_says_what(folder, tmp_path):
     assert wrong.returncode == 2 and wrong.stderr.startswith("SceneError: export: frames 7 to 4")
 
 
+def write_by_hand(file, positions, times, faces):
+    """Writes the frames of one sheet as a recording of an early version: without texture coordinates and materials."""
+    file["positions"], file["times"], file["faces"] = positions, times, faces.astype(np.int32)
+    for kind, ranges, names in (
+        ("cloth", [[0, positions.shape[1]]], ["sheet"]),
+        ("obstacle", np.zeros((0, 2), int), []),
+    ):
+        file[f"{kind}_ranges"] = np.asarray(ranges)
+        file[f"{kind}_ranges"].attrs["names"] = np.array(names, dtype=h5py.string_dtype())
+
+
 def test_ctrl_c_ends_the_command_without_a_trace(tmp_path):
     """A recording long enough that the export is still at work."""
     vertices, faces = grid(60)
     with h5py.File(tmp_path / "frames.h5", "w") as file:
-        file["positions"] = np.broadcast_to(vertices, (4000, *vertices.shape)).astype(np.float32)
-        file["times"], file["faces"] = np.arange(4000) / 100, faces.astype(np.int32)
-        for kind, ranges, names in (
-            ("cloth", [[0, len(vertices)]], ["sheet"]),
-            ("obstacle", np.zeros((0, 2), int), []),
-        ):
-            file[f"{kind}_ranges"] = np.asarray(ranges)
-            file[f"{kind}_ranges"].attrs["names"] = np.array(names, dtype=h5py.string_dtype())
+        positions = np.broadcast_to(vertices.astype(np.float32), (4000, *vertices.shape))
+        write_by_hand(file, positions, np.arange(4000) / 100, faces)
     out = tmp_path / "files"
     command = [sys.executable, "-m", "cama", "export", str(tmp_path), "--to", "obj", "-o", str(out)]
     with subprocess.Popen(command, stderr=subprocess.PIPE, text=True) as process:
@@ -429,3 +436,49 @@ def test_ctrl_c_ends_the_command_without_a_trace(tmp_path):
         said = process.communicate(timeout=60)[1]
     assert process.returncode == 130 and "Traceback" not in said
     assert not list(out.iterdir())
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("to", ["usd", "gltf", "obj", "ply", "pc2", "mdd", "vtk"])
+def test_twenty_thousand_triangles_in_every_format(tmp_path, to):
+    """A wave of closed form, z = sin(8 x + t) / 10 on a square of 1 m, over 60 frames."""
+    vertices, faces = grid(100)
+    assert len(faces) == 20000
+    times = np.arange(60) / 30
+    with h5py.File(tmp_path / "frames.h5", "w") as file:
+        write_by_hand(file, np.array([wave(vertices, t) for t in times]), times, faces)
+    files = export(tmp_path, to, tmp_path / "files").files
+    for frame in (0, 1, 37, 59):
+        assert np.allclose(read_back(to, files, frame), wave(vertices, times[frame])[faces], rtol=0, atol=2e-7)
+
+
+def wave(vertices, t):
+    return np.column_stack([vertices[:, :2], np.sin(8 * vertices[:, 0] + t) / 10])
+
+
+def read_back(to, files, frame):
+    """Corners [faces, 3, 3] of the only mesh in a frame."""
+    if to == "usd":
+        from pxr import Usd, UsdGeom
+
+        stage = Usd.Stage.Open(str(files[0]))
+        mesh = next(UsdGeom.Mesh(p) for p in stage.Traverse() if p.IsA(UsdGeom.Mesh))
+        faces = np.reshape(mesh.GetFaceVertexIndicesAttr().Get(), (-1, 3))
+        return np.array(mesh.GetPointsAttr().Get(frame))[faces]
+    if to == "gltf":
+        return glb_frames(files[0])[0]["sheet"][0][frame]
+    if to in ("pc2", "mdd"):
+        start, kind = (32, "<f4") if to == "pc2" else (8 + 4 * 60, ">f4")
+        cache = next(f for f in files if f.suffix == f".{to}").read_bytes()
+        mesh = cama.Scene().add_cloth(next(f for f in files if f.suffix == ".obj"))
+        return np.frombuffer(cache[start:], kind).reshape(60, -1, 3)[frame][mesh.faces]
+    numbered = [f for f in files if f"_{frame:04d}." in f.name]
+    if to == "vtk":
+        import pyvista
+
+        mesh = pyvista.read(numbered[0])
+        return np.asarray(mesh.points)[mesh.regular_faces]
+    import trimesh
+
+    mesh = trimesh.load(numbered[0], **AS_IT_IS)
+    return mesh.vertices[mesh.faces]

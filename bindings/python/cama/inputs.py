@@ -98,7 +98,7 @@ def compiled_mesh(
 
 def usd_mesh(file: Path, scale: float, uv: bool, material_scale: float) -> _core.Mesh:
     """Returns the compiled Mesh of a USD file, as `_core.load_mesh` does of other files."""
-    read = read_usd(file)
+    read = read_usd(file, textured=uv)
     texture, texture_faces = read.rest_texture(str(file)) if uv else (np.zeros((0, 2)), np.zeros((0, 3), np.int32))
     return _core.Mesh(scale * read.vertices, read.faces, material_scale * texture, texture_faces)
 

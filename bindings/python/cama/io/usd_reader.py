@@ -34,7 +34,7 @@ class UsdMesh:
 
     vertices: Reals  #: [n, 3], at the first time
     faces: Integers  #: [m, 3]
-    texture: Reals | None  #: texture coordinates [k, 2], None: not all meshes have them
+    texture: Reals | None  #: texture coordinates [k, 2]; None: not read, or not on all meshes
     texture_faces: Integers | None  #: [m, 3], into `texture`
     times: Reals  #: [t] s from the first time sample; [0] of a file without animation
     positions: Reals  #: [t, n, 3]
@@ -49,7 +49,7 @@ class UsdMesh:
         return self.texture, self.texture_faces
 
 
-def read_usd(file: PathLike, animated: bool = False) -> UsdMesh:
+def read_usd(file: PathLike, animated: bool = False, textured: bool = False) -> UsdMesh:
     """Reads the visible meshes of a USD file; polygons become fans of triangles around their first corner.
 
     Unit and up axis of the stage, and the transforms of prims, are applied. Subdivision surfaces are their control
@@ -58,6 +58,7 @@ def read_usd(file: PathLike, animated: bool = False) -> UsdMesh:
     Args:
         file: The file.
         animated: Whether to read all time samples; False: the first.
+        textured: Whether to read texture coordinates: the primvar st, or the first that has two numbers.
 
     Raises:
         FileError: The file cannot be opened, or holds no mesh.
@@ -87,7 +88,7 @@ def read_usd(file: PathLike, animated: bool = False) -> UsdMesh:
         positions = positions @ Y_UP_TO_Z_UP.T
     firsts = np.cumsum([0] + [piece.count for piece in pieces])
     faces = np.concatenate([piece.faces + first for piece, first in zip(pieces, firsts)]).astype(np.int32)
-    texture, texture_faces = _texture(pieces)
+    texture, texture_faces = _texture(pieces) if textured else (None, None)
     times = np.array([0.0 if code is None else code - codes[0] for code in codes]) / stage.GetTimeCodesPerSecond()
     return UsdMesh(positions[0], faces, texture, texture_faces, times, positions)
 

@@ -80,7 +80,7 @@ def _write_out(where: str, entry: dict[str, Any], folder: Path, is_cloth: bool) 
         return 0.0
     keys = {"path", "scale", "weld"} | ({"rest", "material_scale"} if is_cloth else set())
     _only(f"{where}.file", source, keys, "other keys are not for USD files")
-    mesh = read_usd(folder / source["path"])
+    mesh = read_usd(folder / source["path"], textured=is_cloth and source.get("rest") == "uv")
     entry["mesh"] = {
         "position": _flat(_scale(f"{where}.file", source, "scale") * mesh.vertices),
         "face": _flat(mesh.faces),
