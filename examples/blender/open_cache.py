@@ -62,17 +62,19 @@ def render(objects, file):
     low, high = (Vector(f(p[k] for p in points) for k in range(3)) for f in (min, max))
     center, size = (low + high) / 2, (high - low).length
     camera = bpy.data.objects.new("camera", bpy.data.cameras.new("camera"))
-    camera.location = center + size * Vector((0.8, -1.5, 0.7))
+    camera.location = center + size * Vector((0.6, -1.1, 0.5))
     camera.rotation_euler = (center - camera.location).to_track_quat("-Z", "Y").to_euler()
     lamp = bpy.data.objects.new("lamp", bpy.data.lights.new("lamp", "SUN"))
-    lamp.data.energy, lamp.rotation_euler = 3, (0.9, 0.2, 0.4)
+    lamp.data.energy, lamp.rotation_euler = 2, (0.8, 0.1, 0.6)
     for new in (camera, lamp):
         scene.collection.objects.link(new)
     scene.camera = camera
     scene.world = bpy.data.worlds.new("world")
-    scene.world.color = (0.7, 0.7, 0.7)
+    if scene.world.node_tree is None:  # before Blender 5
+        scene.world.use_nodes = True
+    scene.world.node_tree.nodes["Background"].inputs["Color"].default_value = (0.8, 0.8, 0.8, 1)
     scene.render.engine, scene.cycles.samples, scene.cycles.use_denoising = "CYCLES", 16, False
-    scene.render.resolution_x, scene.render.resolution_y = 320, 240
+    scene.render.resolution_x, scene.render.resolution_y = 640, 480
     scene.render.filepath = str(Path(file).resolve())
     bpy.ops.render.render(write_still=True)
 

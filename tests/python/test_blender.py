@@ -61,7 +61,7 @@ np.savez(target, **kept)
 
 @pytest.fixture(scope="module")
 def recorded(tmp_path_factory):
-    """A sheet that falls on a moving box, 5 frames at 25 per second; its folder and its positions [frames, vertices, 3]."""
+    """A sheet that falls on a moving box, 5 frames at 25 per second: folder, positions [frames, vertices, 3], cloth."""
     folder = tmp_path_factory.mktemp("blender")
     scene = cama.Scene(frame_time=0.04, frames=4)
     scene.add_cloth(shape={"grid": {"size": [0.4, 0.3], "cells": [6, 5]}}, translate=(0, 0, 0.02), name="sheet")
@@ -95,7 +95,7 @@ def test_a_mesh_cache_plays_what_was_recorded(recorded, tmp_path):
     check(played, positions, cloth)
     assert played["rate"] == pytest.approx(25)
     pixels = pytest.importorskip("imageio.v3").imread(picture)[..., :3].astype(int)
-    assert pixels.shape == (240, 320, 3) and (tmp_path / "it.blend").stat().st_size > 10000
+    assert pixels.shape == (480, 640, 3) and (tmp_path / "it.blend").stat().st_size > 10000
     blue = (pixels[..., 2] > pixels[..., 0] + 30).mean()
     assert 0.02 < blue < 0.6  # the cloth is in the picture, and not all of it
 
