@@ -43,7 +43,7 @@ def folder(tmp_path_factory):
         "frames": 4,
         "cloth": [
             {"name": "sheet", "grid": {"size": [0.4, 0.3], "cells": [6, 5]}, "material": "silk"},
-            {"name": "my patch", "file": str(textured_obj(path / "patch.obj")), "material": "cotton"},
+            {"name": "my patch", "file": "patch.obj", "material": "cotton"},
         ],
         "obstacles": [
             {"name": "floor", "plane": {"size": [1, 1], "triangles": 8}, "transform": {"translate": [0, 0, -0.3]}},
@@ -56,6 +56,7 @@ def folder(tmp_path_factory):
         ],
     }
     (path / "scene.json").write_text(json.dumps(scene))
+    textured_obj(path / "patch.obj")
     command = [sys.executable, "-m", "cama", "run", str(path), "--accuracy", "preview", "-o", str(path / "out")]
     subprocess.run(command, check=True, capture_output=True)
     return path / "out"
@@ -217,6 +218,13 @@ def test_gltf_is_what_was_recorded(folder, recorded, tmp_path):
     assert np.allclose(
         sorted(map(tuple, np.round(sheet.vertices, 5))), sorted(map(tuple, np.round(turned, 5))), atol=2e-5
     )
+
+
+def test_morph_targets_do_not_stand_still_unnoticed(folder, tmp_path):
+    file = export(folder, "gltf", tmp_path).files[0]
+    with pytest.raises(cama.MeshError, match="out.glb: is animated by morph targets, which are not read from glTF"):
+        cama.Scene().add_obstacle(file)
+    assert len(cama.Scene().add_obstacle(file, clip="bind").faces) > 73
 
 
 def test_gltf_says_how_much_it_holds(tmp_path):
@@ -399,6 +407,64 @@ def test_an_old_recording_without_texture_coordinates_is_exported(folder, tmp_pa
 def file_positions(folder):
     with h5py.File(folder / "frames.h5") as file:
         return file["positions"][:]
+
+
+@pytest.mark.parametrize("to", ["usd", "gltf", "obj", "ply", "pc2", "mdd", "vtk"])
+def test_one_frame_and_any_names(tmp_path, to):
+    """Two cloths of one name, and names that are no names in any format."""
+    vertices, faces = grid(2)
+    names = ["cloth", "cloth", "Cloth", "1/ä:\n", ""]
+    with h5py.File(tmp_path / "frames.h5", "w") as file:
+        file["positions"] = np.concatenate([vertices + [0, 0, k] for k in range(5)])[None]
+        file["times"], file["faces"] = [0.0], np.concatenate([faces + 9 * k for k in range(5)]).astype(np.int32)
+        for kind, ranges, own in (
+            ("cloth", [[9 * k, 9 * k + 9] for k in range(5)], names),
+            ("obstacle", np.zeros((0, 2), int), []),
+        ):
+            file[f"{kind}_ranges"] = np.asarray(ranges)
+            file[f"{kind}_ranges"].attrs["names"] = np.array(own, dtype=h5py.string_dtype())
+        file["cloth_ranges"].attrs["materials"] = np.array(["a b", "a b", "", "ä", "/"], dtype=h5py.string_dtype())
+    result = export(tmp_path, to, tmp_path / "files")
+    assert result.frames == 1
+    if to == "usd":
+        from pxr import Usd, UsdGeom
+
+        stage = Usd.Stage.Open(str(result.files[0]))
+        meshes = [p for p in stage.Traverse() if p.IsA(UsdGeom.Mesh)]
+        assert [p.GetName() for p in meshes] == ["cloth", "cloth_2", "Cloth_3", "_1", "object"]
+        assert [p.GetDisplayName() for p in meshes][:4] == names[:4]
+        heights = [UsdGeom.Mesh(p).GetPointsAttr().Get()[0][2] for p in meshes]
+    elif to == "gltf":
+        meshes = glb_meshes(result.files[0])
+        assert [name for name, _ in meshes] == names
+        heights = [corners[0, 0, 2] for _, corners in meshes]
+    elif to in ("pc2", "mdd"):
+        assert sorted({f.stem for f in result.files if f.suffix != ".mtl"}) == [
+            "Cloth_3",
+            "_1",
+            "cloth",
+            "cloth_2",
+            "object",
+        ]
+        stems = ["cloth", "cloth_2", "Cloth_3", "_1", "object"]
+        heights = [obj_points(tmp_path / "files" / f"{stem}.obj")[0, 2] for stem in stems]
+    elif to == "obj":
+        heights = obj_points(result.files[1])[::9, 2]
+    elif to == "ply":
+        heights = pytest.importorskip("trimesh").load(result.files[0], **AS_IT_IS).vertices[::9, 2]
+    else:
+        heights = pytest.importorskip("pyvista").read(result.files[1]).points[::9, 2]
+    assert np.allclose(heights, [0, 1, 2, 3, 4])
+
+
+def glb_meshes(file):
+    """(name, corners [faces, 3, 3]) of each mesh of a GLB as trimesh reads it, at the start, with z up again."""
+    trimesh = pytest.importorskip("trimesh")
+    pygltflib = pytest.importorskip("pygltflib")
+    names = [node.name for node in pygltflib.GLTF2().load(str(file)).nodes[1:]]
+    scene = trimesh.load(file, **AS_IT_IS)
+    turned = sorted((m.triangles[..., [0, 2, 1]] * [1, -1, 1] for m in scene.dump()), key=lambda t: t[0, 0, 2])
+    return list(zip(names, turned))
 
 
 def test_the_command_writes_and_says_what(folder, tmp_path):

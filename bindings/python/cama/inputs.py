@@ -96,6 +96,18 @@ def compiled_mesh(
     return _core.Mesh(vertices, faces, material_vertices, material_faces), "arrays"
 
 
+def has_morph_animation(file: Path) -> bool:
+    """Whether a glTF file has an animation that blends morph targets."""
+    try:
+        content = file.read_bytes()
+        if content[:4] == b"glTF":  # a binary file: a header of 12 bytes, then JSON behind its length and its type
+            content = content[20 : 20 + int.from_bytes(content[12:16], "little")]
+        animations = json.loads(content).get("animations", [])
+        return any(channel["target"]["path"] == "weights" for clip in animations for channel in clip["channels"])
+    except (OSError, ValueError, KeyError, TypeError, AttributeError):
+        return False  # not glTF
+
+
 def usd_mesh(file: Path, scale: float, uv: bool, material_scale: float) -> _core.Mesh:
     """Returns the compiled Mesh of a USD file, as `_core.load_mesh` does of other files."""
     read = read_usd(file, textured=uv)

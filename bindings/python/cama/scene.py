@@ -14,9 +14,9 @@ import numpy as np
 
 from . import _core, collision, shipped
 from .arrays import count, indices, number, plain, reals, vector, whole
-from .errors import ArrayError, FileError, SceneError
+from .errors import ArrayError, FileError, MeshError, SceneError
 from .hints import counted, reading
-from .inputs import compiled_mesh, placement, shape_scene, texture_scale, uniform_scale
+from .inputs import compiled_mesh, has_morph_animation, placement, shape_scene, texture_scale, uniform_scale
 from .io import usd_scene
 from .io.usd_reader import is_usd, read_usd
 from .material import Material
@@ -46,6 +46,11 @@ def _character(file: PathLike, clip: str, animation: PathLike | None, *how: Any)
     except FileError:
         if clip or animation is not None:
             raise
+    if has_morph_animation(Path(file)):
+        raise MeshError(
+            f"{file}: is animated by morph targets, which are not read from glTF; export it as USD, whose points may "
+            'be animated, or give clip="bind" to leave the motion out'
+        )
     return _core.load_character(Path(file), "bind", "", 1.0, *how)
 
 

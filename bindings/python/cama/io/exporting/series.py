@@ -22,7 +22,7 @@ UNITS = {"m": 1.0, "cm": 0.01, "mm": 0.001, "in": 0.0254, "ft": 0.3048}  # m
 class Piece:
     """A cloth or an obstacle as a mesh of triangles whose vertices move."""
 
-    name: str  #: as in the recording, numbered where several have the same
+    name: str  #: as in the recording
     identifier: str  #: the name in letters, digits and underscores, unlike all others in any case of letters
     is_cloth: bool
     faces: Integers  #: [triangles, 3]
