@@ -380,6 +380,26 @@ def test_what_stops_leaves_nothing_half_written(folder, tmp_path, to):
         export(folder, to, tmp_path / "file" / "below")
 
 
+def test_a_full_disk_leaves_nothing_half_written(folder, tmp_path):
+    """Files may have 500 bytes, as if the disk were full then."""
+    program = """
+import resource, sys
+import cama, pxr.Usd, vtkmodules.vtkIOXML
+from cama.io.exporting import FORMATS, export
+resource.setrlimit(resource.RLIMIT_FSIZE, (500, 500))
+for to in FORMATS:
+    try:
+        export(sys.argv[1], to, f"{sys.argv[2]}/{to}")
+    except cama.FileError as problem:
+        print(to, problem)
+"""
+    command = [sys.executable, "-c", program, str(folder), str(tmp_path)]
+    said = subprocess.run(command, check=True, capture_output=True, text=True).stdout.splitlines()
+    assert [line.split()[0] for line in said] == ["usd", "gltf", "obj", "ply", "pc2", "mdd", "vtk"]
+    assert all("writing failed (" in line and line.endswith("is the disk full?") for line in said)
+    assert len(list(tmp_path.iterdir())) == 7 and not list(tmp_path.glob("*/*"))
+
+
 def test_a_library_that_is_missing_is_named(folder, tmp_path, monkeypatch):
     monkeypatch.setitem(sys.modules, "pxr", None)
     with pytest.raises(cama.BackendError, match="exporting USD needs usd-core, not installed here; install with"):

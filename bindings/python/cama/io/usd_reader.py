@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import os
+import re
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -21,6 +22,13 @@ if TYPE_CHECKING:
 EXTENSIONS = {".usd", ".usda", ".usdc", ".usdz"}
 LARGEST = 4 << 30  # bytes of an animation
 Y_UP_TO_Z_UP = np.array([[1, 0, 0], [0, 0, -1], [0, 1, 0]], float)
+
+
+def usd_error(problem: Exception) -> str:
+    """Returns what the first error of USD says, without the place in its sources."""
+    lines = str(problem).strip().splitlines() or [type(problem).__name__]
+    said = re.search(r" : '(.*)'$", lines[0])
+    return said[1] if said else lines[0].strip()
 
 
 def is_usd(file: object) -> bool:
@@ -73,7 +81,7 @@ def read_usd(file: PathLike, animated: bool = False, textured: bool = False) -> 
     try:
         stage = Usd.Stage.Open(str(file))
     except Tf.ErrorException as problem:
-        raise FileError(f"{file}: cannot be read: {str(problem).strip().splitlines()[-1].strip()}") from None
+        raise FileError(f"{file}: cannot be read: {usd_error(problem)}") from None
     meshes = list(_meshes(stage))
     if not meshes:
         raise FileError(f"{file}: no visible mesh in the file")

@@ -11,6 +11,7 @@ import numpy as np
 
 from ..._core import __version__
 from ...types import Reals
+from ..usd_reader import usd_error
 from .series import Piece, Series, identifier_of
 
 if TYPE_CHECKING:
@@ -26,7 +27,7 @@ def write(series: Series, folder: Path, tick: Callable[[], None]) -> None:
     try:
         _write(series, folder / f"{series.name}.usdc", tick)
     except Tf.ErrorException as problem:
-        raise OSError(str(problem).strip().splitlines()[-1]) from None
+        raise OSError(usd_error(problem)) from None
 
 
 def _write(series: Series, file: Path, tick: Callable[[], None]) -> None:
