@@ -336,7 +336,7 @@ class Scene:
 
         Args:
             mesh: As for `add_cloth`. glTF, FBX and DAE files bring their skeletal animation, USD files the time samples
-                of their points and transforms; without one they stand still.
+                of points, transforms and skeletons; without one they stand still.
             faces: As for `add_cloth`.
             shape: A generated obstacle instead of `mesh`, as in scene.json, for example {"sphere": {"radius": 0.25}},
                 {"box": {"size": [1, 1, 0.1]}} or {"walker": {}}. {"shape": {"sphere": {"radius": 0.25}}} is an exact

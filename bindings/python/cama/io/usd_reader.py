@@ -65,12 +65,12 @@ def read_usd(file: PathLike, animated: bool = False, textured: bool = False) -> 
 
     Args:
         file: The file.
-        animated: Whether to read all time samples; False: the first.
+        animated: Whether to read all time samples, with skeletons; False: the first, in the bind pose.
         textured: Whether to read texture coordinates: the primvar st, or the first that has two numbers.
 
     Raises:
         FileError: The file cannot be opened, or holds no mesh.
-        MeshError: A mesh is broken, changes its triangles, or is moved by a skeleton; the text names its prim.
+        MeshError: A mesh is broken, or moves in a way that is not read; the text names its prim.
         BackendError: usd-core is not installed.
     """
     require(f"reading {file}", "pxr")
@@ -82,6 +82,8 @@ def read_usd(file: PathLike, animated: bool = False, textured: bool = False) -> 
         stage = Usd.Stage.Open(str(file))
     except Tf.ErrorException as problem:
         raise FileError(f"{file}: cannot be read: {usd_error(problem)}") from None
+    if animated:
+        _pose(stage, str(file))
     meshes = list(_meshes(stage))
     if not meshes:
         raise FileError(f"{file}: no visible mesh in the file")
@@ -111,6 +113,30 @@ def _meshes(stage: Usd.Stage) -> Iterator[Any]:
             continue
         if mesh.ComputeVisibility(Usd.TimeCode.EarliestTime()) != UsdGeom.Tokens.invisible:
             yield mesh
+
+
+def _pose(stage: Usd.Stage, file: str) -> None:
+    """Gives meshes that skeletons move time samples of their points, at those of the skeletons; files stay as they are.
+
+    Raises:
+        MeshError: A skeleton's mesh is part of an instance, which cannot have samples of its own.
+    """
+    from pxr import Usd, UsdSkel
+
+    skinned = [
+        prim
+        for prim in stage.Traverse(Usd.TraverseInstanceProxies())
+        if prim.HasAPI(UsdSkel.BindingAPI) and UsdSkel.BindingAPI(prim).GetInheritedSkeleton()
+    ]
+    for prim in skinned:
+        if prim.IsInstanceProxy():
+            raise MeshError(
+                f"{file}: {prim.GetPath()}: is moved by a skeleton and part of an instance, which is not read; make "
+                'the instance a prim of its own, or give clip="bind" to leave the motion out'
+            )
+    stage.SetEditTarget(stage.GetSessionLayer())
+    if skinned and not UsdSkel.BakeSkinning(stage.Traverse()):
+        raise MeshError(f"{file}: the motion of its skeletons cannot be computed; bake it to points")
 
 
 def _metres(stage: Usd.Stage) -> float:
@@ -164,14 +190,7 @@ class _Prim:
         self._refuse_concave(counts)
 
     def _refuse_what_is_not_read(self) -> None:
-        """Raises MeshError if the mesh moves in a way that its points do not say."""
-        from pxr import UsdSkel
-
-        if self._mesh.GetPrim().HasAPI(UsdSkel.BindingAPI) and UsdSkel.BindingAPI(self._mesh).GetInheritedSkeleton():
-            raise MeshError(
-                f"{self._what}: is moved by a skeleton, which is not read from USD; bake the animation to points, or "
-                "export the character as glTF or FBX"
-            )
+        """Raises MeshError if the mesh changes in a way that its points do not say."""
         if self._mesh.GetFaceVertexIndicesAttr().GetNumTimeSamples() > 1:
             raise MeshError(f"{self._what}: its faces change in time; a mesh of a scene keeps its triangles")
 
