@@ -10,13 +10,15 @@ from rich.markup import escape
 from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeRemainingColumn
 
 from ..hints import counted
+from ..io.exporting import FORMATS, UNITS
+from ..io.exporting import export as write
 from ..io.progress import Bar
 from .common import Debug, choice, clean, console
 from .loop import interruptible
 
-Target = choice("Target", ["usd", "gltf", "obj", "ply", "pc2", "mdd", "vtk"])
+Target = choice("Target", FORMATS)
 Up = choice("Up", ["y", "z"])
-Units = choice("Units", ["m", "cm", "mm", "in", "ft"])
+Units = choice("Units", UNITS)
 
 
 @clean
@@ -51,8 +53,6 @@ def export(
 
     Files appear under their names once all of them are complete; Ctrl-C leaves none half written.
     """
-    from ..io.exporting import export as write
-
     bar = Bar(
         TextColumn("frame"),
         MofNCompleteColumn(),

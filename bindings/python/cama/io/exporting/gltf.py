@@ -78,7 +78,7 @@ def write(series: Series, folder: Path, tick: Callable[[], None]) -> None:
 
 def _check_size(series: Series, vertices: list[int], moves: list[bool]) -> None:
     moving = sum(count for count, moving in zip(vertices, moves) if moving)
-    size = 12 * len(series) * moving + 4 * len(series) ** 2 + 40 * sum(vertices)
+    size = 12 * len(series) * moving + 4 * len(series) ** 2 + 40 * sum(vertices) + 400 * len(series) * len(vertices)
     if size > LARGEST:
         raise SceneError(
             f"export: {len(series)} frames of {moving} moving vertices take {size / 2**30:.1f} GiB, and a GLB file "

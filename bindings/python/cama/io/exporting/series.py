@@ -66,7 +66,7 @@ def linear_color(text: str) -> tuple[float, float, float]:
 
 
 class Series:
-    """The frames that are exported: `pieces`, `times` [frames] s from the first one, `fps` and `name`.
+    """The frames that are exported: `pieces`, `times` [frames] s from the first one, `fps`, `name`, `up`.
 
     Args:
         recording: The Recording.
@@ -90,8 +90,8 @@ class Series:
         up: str,
         unit: float,
     ) -> None:
-        self._recording, self._up, self.unit = recording, up, unit
-        self.scene = str(recording.attributes.get("scene", name))
+        self._recording, self.up, self.unit = recording, up, unit
+        self.scene = " ".join(str(recording.attributes.get("scene", name)).split())
         self.name = identifier_of(name, set())
         self._moments = self._choose(fps, first, last, every)
         self.times = self._moments - self._moments[0]
@@ -174,11 +174,6 @@ class Series:
         return {piece.material: piece.color for piece in self.pieces if piece.material}
 
     @property
-    def up(self) -> str:
-        """The axis that points up, "y" or "z"."""
-        return self._up
-
-    @property
     def textured(self) -> bool:
         """Whether a piece has texture coordinates."""
         return any(piece.uv is not None for piece in self.pieces)
@@ -227,4 +222,4 @@ class Series:
 
     def _turned(self, positions: Reals) -> Reals:
         scaled = positions / self.unit
-        return scaled if self._up == "z" else np.stack([scaled[:, 0], scaled[:, 2], -scaled[:, 1]], 1)
+        return scaled if self.up == "z" else np.stack([scaled[:, 0], scaled[:, 2], -scaled[:, 1]], 1)
