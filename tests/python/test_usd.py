@@ -58,6 +58,8 @@ def test_unit_axis_and_polygons_are_read(tmp_path, extension):
     assert np.allclose(cloth.vertices, in_metres(POINTS), atol=1e-12)
     assert cloth.faces.tolist() == [[0, 1, 2], [0, 2, 3], [1, 4, 2]]
     assert cloth.rest_shape == "start" and cloth.source == str(file)
+    again = cama.Scene().add_cloth(shape={"file": {"path": str(file), "rest": "uv"}})
+    assert np.array_equal(again.vertices, cloth.vertices) and again.rest_shape == "uv, 1 m a unit"
 
 
 def test_z_up_is_not_turned(tmp_path):

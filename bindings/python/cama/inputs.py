@@ -14,6 +14,7 @@ import numpy as np
 from . import _core
 from .arrays import integers, number, quaternion, reals, vector
 from .errors import ArrayError, MeshError, SceneError
+from .io import usd_scene
 from .io.usd_reader import is_usd, read_usd
 from .types import ArrayLike, Reals, VectorLike
 
@@ -141,4 +142,4 @@ def shape_scene(kind: str, name: str, shape: object) -> _core.Scene:
             f"{name}: shape: {shape!r} is not a dict as in scene.json, for example {{'sphere': {{'radius': 0.25}}}}"
         )
     key = "cloth" if kind == "cloth" else "obstacles"
-    return _core.Scene.parse(json.dumps({key: [dict(shape, name=name)]}), Path("."), 0)
+    return usd_scene.parse(json.dumps({key: [dict(shape, name=name)]}), Path("."), 0)
