@@ -213,6 +213,8 @@ def test_gltf_is_what_was_recorded(folder, recorded, tmp_path):
     assert np.allclose(meshes["my patch"][1], PATCH, atol=1e-6)
     assert [meshes[name][2] for name in ("sheet", "my patch", "wall")] == ["silk", "cotton", None]
     scene = trimesh.load(result.files[0])  # y is up for its reader
+    ball = scene.geometry["ball"]
+    assert ball.is_watertight and 0.98 < ball.volume / (4 / 3 * np.pi * 0.1**3) < 1  # within the sphere
     turned = recorded[0, :42][:, [0, 2, 1]] * [1, 1, -1]
     sheet = [m for m in scene.dump() if len(m.faces) == 60][0]
     assert np.allclose(

@@ -31,7 +31,12 @@ class Piece:
     uv_faces: Integers | None  #: [triangles, 3], into `uv`
     color: tuple[float, float, float]  #: linear RGB
     part: Part
-    vertex_count: int
+    kept: Integers  #: [vertices] of those that `drawn` gives
+
+    @property
+    def vertex_count(self) -> int:
+        """Number of vertices."""
+        return len(self.kept)
 
     def split(self) -> tuple[Integers, Integers, Reals | None]:
         """Returns vertices that have one texture coordinate each, as most formats need them.
@@ -63,6 +68,20 @@ def linear_color(text: str) -> tuple[float, float, float]:
     value = np.array([int(text[k : k + 2], 16) / 255 for k in (1, 3, 5)])
     red, green, blue = np.where(value <= 0.04045, value / 12.92, ((value + 0.055) / 1.055) ** 2.4).tolist()
     return red, green, blue
+
+
+def _closed(vertices: Reals, faces: Integers) -> tuple[Integers, Integers]:
+    """Joins vertices of a sphere or capsule that coincide, as those of a ring at a pole do, so that it is closed.
+
+    Returns:
+        The vertices [k] that are kept, and triangles [m, 3] of these, without those that collapse.
+    """
+    low, high = vertices.min(axis=0), vertices.max(axis=0)
+    places = np.round((vertices - (low + high) / 2) / (1e-6 * (high - low).max()))
+    _, kept, index = np.unique(places, axis=0, return_index=True, return_inverse=True)
+    faces = index.reshape(-1)[faces]
+    a, b, c = faces.T
+    return kept, faces[(a != b) & (b != c) & (c != a)]
 
 
 class Series:
@@ -141,10 +160,9 @@ class Series:
         for number, part in enumerate(parts):
             is_cloth = number < len(self._recording.cloths)
             vertices, faces = drawn(part, start, self._seen)
-            if part.shape not in ("mesh", "box"):  # rings that are a point have triangles without area
-                edges = vertices[faces[:, 1:]] - vertices[faces[:, :1]]
-                area = np.linalg.norm(np.cross(edges[:, 0], edges[:, 1]), axis=1)
-                faces = faces[area > 1e-9 * area.max()]
+            kept = np.arange(len(vertices))
+            if part.shape in ("sphere", "capsule"):
+                kept, faces = _closed(vertices, faces)
             color = linear_color(CLOTHS[materials.index(part.material) % len(CLOTHS)] if is_cloth else BODY)
             identifier = identifier_of(part.name, taken)
             pieces.append(
@@ -158,7 +176,7 @@ class Series:
                     part.uv_faces,
                     color,
                     part,
-                    len(vertices),
+                    kept,
                 )
             )
         if not pieces:
@@ -208,7 +226,7 @@ class Series:
     def frame(self, index: int) -> list[Reals]:
         """Returns the positions [vertices, 3] of each piece, in units of the file."""
         positions = positions_at(self._recording, self._moments[index])
-        return [self._turned(drawn(piece.part, positions, self._seen)[0]) for piece in self.pieces]
+        return [self._turned(drawn(piece.part, positions, self._seen)[0][piece.kept]) for piece in self.pieces]
 
     def frames(self) -> Iterator[tuple[int, list[Reals]]]:
         """Iterates over (index, positions of each piece)."""
