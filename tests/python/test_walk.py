@@ -37,7 +37,7 @@ def walked():
 
 PAGES = walked()
 FIRST_STEPS = ROOT / "docs/start/first-steps.md"
-for needed in ("pyvista", "imageio", "scipy", "matplotlib"):  # by `cama render`, `cama tradeoff` and `cama tune`
+for needed in ("pyvista", "imageio", "scipy", "matplotlib", "pxr"):  # by `cama render`, `export`, `tradeoff`, `tune`
     pytest.importorskip(needed)
 
 # What is not run: a command, or the first line of a block, and why.
@@ -48,7 +48,9 @@ NOT_RUN = {
     "script/test": BUILDS + ", and this test is part of it",
     "pip install .": BUILDS,
     "pip install '.[render]'": BUILDS,
+    "pip install '.[export]'": BUILDS,
     "pip install '.[render,tradeoff]'": BUILDS,
+    "blender --python examples/blender/open_cache.py -- out/drape/export/mdd": "needs Blender; test_blender.py does it",
     "cmake --preset release && cmake --build --preset release": BUILDS,
     "cmake --install build-release --prefix ~/cama --component library": BUILDS,
     "find_package(cama 0.1 REQUIRED)": "a part of the reader's CMake project; tests/install builds one",

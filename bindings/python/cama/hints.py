@@ -15,9 +15,9 @@ from typing import Any
 
 from .errors import BackendError, FileError, MaterialError
 
-MESHES = (".obj", ".ply", ".stl", ".glb", ".gltf", ".fbx", ".dae")
+MESHES = (".obj", ".ply", ".stl", ".glb", ".gltf", ".fbx", ".dae", ".usd", ".usda", ".usdc", ".usdz")
 # Modules and how pip calls them, where that is not the same.
-PIP_NAMES = {"imageio_ffmpeg": "imageio-ffmpeg"}
+PIP_NAMES = {"imageio_ffmpeg": "imageio-ffmpeg", "pxr": "usd-core", "vtkmodules": "vtk"}
 
 
 def counted(number: int, noun: str) -> str:

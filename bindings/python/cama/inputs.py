@@ -14,6 +14,8 @@ import numpy as np
 from . import _core
 from .arrays import integers, number, quaternion, reals, vector
 from .errors import ArrayError, MeshError, SceneError
+from .io import usd_scene
+from .io.usd_reader import is_usd, read_usd
 from .types import ArrayLike, Reals, VectorLike
 
 
@@ -70,7 +72,7 @@ def compiled_mesh(
                 'faces as arrays, or give rest="uv" for its texture coordinates'
             )
         try:
-            return _core.load_mesh(Path(mesh), 1.0, uv, material_scale), str(mesh)
+            return (usd_mesh if is_usd(mesh) else _core.load_mesh)(Path(mesh), 1.0, uv, material_scale), str(mesh)
         except MeshError as problem:
             raise MeshError(f"{name}: {problem}") from None
     if uv:
@@ -93,6 +95,25 @@ def compiled_mesh(
     material_vertices = reals(f"{name}: material_vertices", material_vertices, (None, 2), finite=False)
     material_faces = integers(f"{name}: material_faces", material_faces, (len(faces), 3))
     return _core.Mesh(vertices, faces, material_vertices, material_faces), "arrays"
+
+
+def has_morph_animation(file: Path) -> bool:
+    """Whether a glTF file has an animation that blends morph targets."""
+    try:
+        content = file.read_bytes()
+        if content[:4] == b"glTF":  # a binary file: a header of 12 bytes, then JSON behind its length and its type
+            content = content[20 : 20 + int.from_bytes(content[12:16], "little")]
+        animations = json.loads(content).get("animations", [])
+        return any(channel["target"]["path"] == "weights" for clip in animations for channel in clip["channels"])
+    except (OSError, ValueError, KeyError, TypeError, AttributeError):
+        return False  # not glTF
+
+
+def usd_mesh(file: Path, scale: float, uv: bool, material_scale: float) -> _core.Mesh:
+    """Returns the compiled Mesh of a USD file, as `_core.load_mesh` does of other files."""
+    read = read_usd(file, textured=uv)
+    texture, texture_faces = read.rest_texture(str(file)) if uv else (np.zeros((0, 2)), np.zeros((0, 3), np.int32))
+    return _core.Mesh(scale * read.vertices, read.faces, material_scale * texture, texture_faces)
 
 
 def texture_scale(name: str, rest: str, material_scale: float | None, shape: object) -> float:
@@ -121,4 +142,4 @@ def shape_scene(kind: str, name: str, shape: object) -> _core.Scene:
             f"{name}: shape: {shape!r} is not a dict as in scene.json, for example {{'sphere': {{'radius': 0.25}}}}"
         )
     key = "cloth" if kind == "cloth" else "obstacles"
-    return _core.Scene.parse(json.dumps({key: [dict(shape, name=name)]}), Path("."), 0)
+    return usd_scene.parse(json.dumps({key: [dict(shape, name=name)]}), Path("."), 0)

@@ -14,9 +14,11 @@ import numpy as np
 
 from . import _core, collision, shipped
 from .arrays import count, indices, number, plain, reals, vector, whole
-from .errors import ArrayError, FileError, SceneError
+from .errors import ArrayError, FileError, MeshError, SceneError
 from .hints import counted, reading
-from .inputs import compiled_mesh, placement, shape_scene, texture_scale, uniform_scale
+from .inputs import compiled_mesh, has_morph_animation, placement, shape_scene, texture_scale, uniform_scale
+from .io import usd_scene
+from .io.usd_reader import is_usd, read_usd
 from .material import Material
 from .motion import Motion
 from .options import nested, overrides_of
@@ -44,6 +46,11 @@ def _character(file: PathLike, clip: str, animation: PathLike | None, *how: Any)
     except FileError:
         if clip or animation is not None:
             raise
+    if has_morph_animation(Path(file)):
+        raise MeshError(
+            f"{file}: is animated by morph targets, which are not read from glTF; export it as USD, whose points may "
+            'be animated, or give clip="bind" to leave the motion out'
+        )
     return _core.load_character(Path(file), "bind", "", 1.0, *how)
 
 
@@ -83,7 +90,7 @@ class Scene:
         wind: A dict with `velocity` [3] m/s, `density` kg/m^3 and `drag` kg/(m^2 s), or None.
     """
 
-    __slots__ = ("_core",)  # a field that is not there is an AttributeError
+    __slots__ = ("_core", "_folder")  # a field that is not there is an AttributeError
 
     def __init__(
         self,
@@ -101,7 +108,7 @@ class Scene:
         self_contact: bool = True,
         wind: Mapping[str, Any] | None = None,
     ) -> None:
-        self._core = _core.Scene()
+        self._core, self._folder = _core.Scene(), Path()
         self.gravity, self.time_step, self.frames, self.frame_time = gravity, time_step, frames, frame_time
         self._core.name, self._core.description = str(name), str(description)
         own = self._core.contact
@@ -116,9 +123,9 @@ class Scene:
         self.wind = wind
 
     @classmethod
-    def _of(cls, core: _core.Scene) -> Self:
+    def _of(cls, core: _core.Scene, folder: Path) -> Self:
         scene = cls.__new__(cls)
-        scene._core = core
+        scene._core, scene._folder = core, folder
         return scene
 
     @classmethod
@@ -133,8 +140,9 @@ class Scene:
             FileError, SceneError, MeshError, MaterialError
         """
         path = shipped.resolve(scene)
+        folder = path if path.is_dir() else path.parent
         with reading(path):
-            return cls._of(_core.Scene.load(path, count("resolution", resolution)))
+            return cls._of(usd_scene.load(path, count("resolution", resolution)), folder)
 
     @classmethod
     def parse(cls, text: str | Description, folder: PathLike = ".", resolution: int = 0) -> Self:
@@ -150,7 +158,7 @@ class Scene:
         except (TypeError, ValueError) as problem:
             raise SceneError(f"not what JSON can hold: {problem}") from None
         with reading():
-            return cls._of(_core.Scene.parse(text, Path(folder), count("resolution", resolution)))
+            return cls._of(usd_scene.parse(text, Path(folder), count("resolution", resolution)), Path(folder))
 
     def to_json(self) -> str:
         """Returns the whole scene as JSON text that contains its meshes."""
@@ -168,7 +176,7 @@ class Scene:
 
     def copy(self) -> Scene:
         """Returns an independent copy, as copy.copy and copy.deepcopy do."""
-        return Scene._of(_core.Scene(self._core))
+        return Scene._of(_core.Scene(self._core), self._folder)
 
     __copy__ = copy
 
@@ -247,7 +255,7 @@ class Scene:
         """Adds a piece of cloth and returns its handle.
 
         Args:
-            mesh: A file (OBJ, PLY, glTF, FBX, DAE, STL), vertices [n, 3] in m, or an object with `vertices` and
+            mesh: A file (OBJ, PLY, glTF, FBX, DAE, STL, USD), vertices [n, 3] in m, or an object with `vertices` and
                 `faces`.
                 Stitch lines of an OBJ file become stitches.
             faces: Triangles [m, 3], if `mesh` is an array of vertices.
@@ -327,8 +335,8 @@ class Scene:
         """Adds an obstacle, which cloth collides with, and returns its handle.
 
         Args:
-            mesh: As for `add_cloth`. glTF, FBX and DAE files bring their skeletal animation; without one they stand
-                still.
+            mesh: As for `add_cloth`. glTF, FBX and DAE files bring their skeletal animation, USD files the time samples
+                of points, transforms and skeletons; without one they stand still.
             faces: As for `add_cloth`.
             shape: A generated obstacle instead of `mesh`, as in scene.json, for example {"sphere": {"radius": 0.25}},
                 {"box": {"size": [1, 1, 0.1]}} or {"walker": {}}. {"shape": {"sphere": {"radius": 0.25}}} is an exact
@@ -382,6 +390,17 @@ class Scene:
             )
             obstacle.source = str(mesh)
             body, moving = character.mesh, character.motion
+        elif motion is None and is_usd(mesh):
+            if clip not in ("", "bind") or lead_in or loops != 1:
+                raise SceneError(
+                    f"{name}: clip, lead_in and loops are for glTF, FBX and DAE; a USD file has one animation"
+                )
+            read = read_usd(mesh, animated=clip != "bind")
+            obstacle.source = str(mesh)
+            body = _core.Mesh(read.vertices, read.faces, np.zeros((0, 2)), np.zeros((0, 3), np.int32))
+            moving = _core.Motion()
+            if len(read.times) > 1:
+                moving.set_samples(read.times, read.positions)
         else:
             part, obstacle.source = self._part("obstacle", name, mesh, faces, shape)
             body, moving = part.mesh, part.motion
@@ -530,6 +549,11 @@ class Scene:
     def obstacles(self) -> list[Obstacle]:
         """Handles of all obstacles."""
         return [Obstacle(self, i) for i in range(self._core.obstacle_count)]
+
+    @property
+    def folder(self) -> Path:
+        """Folder that relative file names of its scene file start at."""
+        return self._folder
 
     @property
     def pins(self) -> list[dict[str, Any]]:
@@ -695,7 +719,7 @@ class SimulatedScene(Scene):
     @classmethod
     def of(cls, scene: Scene) -> SimulatedScene:
         """Returns a read-only copy of a scene."""
-        return cls._of(_core.Scene(scene._core))
+        return cls._of(_core.Scene(scene._core), scene._folder)
 
     def _refuse(self, what: str) -> NoReturn:
         raise SceneError(
@@ -707,7 +731,7 @@ class SimulatedScene(Scene):
         self._refuse(what)
 
     def __setattr__(self, name: str, value: object) -> None:
-        if name != "_core":
+        if name not in ("_core", "_folder"):
             self._refuse(name)
         object.__setattr__(self, name, value)
 

@@ -8,6 +8,7 @@ import typer
 from .. import _core
 from .check import check
 from .explain import explain
+from .export import export
 from .info import info
 from .render import render
 from .run import run
@@ -40,7 +41,7 @@ def options(
     pass
 
 
-for command in (run, info, explain, check, render, stability, tradeoff, tune):
+for command in (run, info, explain, check, render, export, stability, tradeoff, tune):
     app.command()(command)
 
 

@@ -2,15 +2,17 @@
 """frames.h5: every recorded moment of a run, written as it is computed, whole frames only (`journal`).
 
 positions [frames, vertices, 3] m; times [frames] s; contacts, intersections [frames]; faces [triangles, 3];
-cloth_ranges and obstacle_ranges [objects, 2], first vertex and last excluded, with attribute `names`, obstacles also
-with `shapes` and `radii` (of exact ones, whose vertices are their defining points); what was run as attributes of the
-file. Frame 0 is the start.
+cloth_ranges and obstacle_ranges [objects, 2], first vertex and last excluded, with attribute `names`, cloths also
+with `materials`, obstacles with `shapes` and `radii` (of exact ones, whose vertices are their defining points); of a
+cloth with texture coordinates the group texture/INDEX: vertices [k, 2], faces [its triangles, 3], attribute `unit` ("1"
+in its mesh file, "m" in material space); what was run as attributes of the file. Frame 0 is the start.
 """
 
 import errno
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Optional
 
 import h5py
 import numpy as np
@@ -18,6 +20,7 @@ import numpy as np
 from .. import shipped
 from ..errors import FileError
 from .journal import JournaledFile, readable, recover
+from .texture import texture_of
 
 NAME = "frames.h5"
 FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
@@ -88,7 +91,9 @@ class Recorder:
             ranges = np.array(getattr(simulation, f"{kind}_ranges"), np.int64).reshape(-1, 2)
             self._file[f"{kind}_ranges"] = ranges
             self._file[f"{kind}_ranges"].attrs["names"] = np.array([p.name for p in parts], dtype=h5py.string_dtype())
-            if kind == "obstacle":
+            if kind == "cloth":
+                self._start_texture(simulation.scene)
+            else:
                 self._file["obstacle_ranges"].attrs["shapes"] = np.array(
                     [p.shape for p in parts], dtype=h5py.string_dtype()
                 )
@@ -99,6 +104,15 @@ class Recorder:
             "intersections": self._growing("intersections", (), np.int64),
             "times": self._growing("times", (), np.float64),
         }
+
+    def _start_texture(self, scene):
+        materials = np.array([cloth.material.name for cloth in scene.cloths], dtype=h5py.string_dtype())
+        self._file["cloth_ranges"].attrs["materials"] = materials
+        for index, cloth in enumerate(scene.cloths):
+            texture = texture_of(cloth, scene.folder)
+            if texture is not None:
+                group = self._file.create_group(f"texture/{index}")
+                group["vertices"], group["faces"], group.attrs["unit"] = texture.vertices, texture.faces, texture.unit
 
     def _go_on(self, count, until, attributes, dtype):
         try:
@@ -189,6 +203,9 @@ class Part:
     faces: np.ndarray  #: [triangles, 3] int64, counted from the part's first vertex
     shape: str = "mesh"  #: or that of an exact obstacle, whose vertices are its defining points
     radius: float = 0.0  #: of an exact sphere or capsule, m
+    material: str = ""  #: name of the material of a cloth; "" if the recording does not say
+    uv: Optional[np.ndarray] = None  #: texture coordinates [k, 2] of a cloth, None: none
+    uv_faces: Optional[np.ndarray] = None  #: [triangles, 3] int64, into `uv`
 
 
 def _how_to_record(path):
@@ -223,13 +240,19 @@ class Recording:
     def _parts(self, kind):
         ranges = self._file[f"{kind}_ranges"]
 
-        def texts(key):
-            return [t if isinstance(t, str) else t.decode() for t in ranges.attrs.get(key, ["mesh"] * len(ranges))]
+        def texts(key, otherwise="mesh"):
+            return [t if isinstance(t, str) else t.decode() for t in ranges.attrs.get(key, [otherwise] * len(ranges))]
+
+        def texture(index):
+            group = self._file.get(f"texture/{index}") if kind == "cloth" else None
+            return (None, None) if group is None else (group["vertices"][:], group["faces"][:].astype(np.int64))
 
         radii = ranges.attrs.get("radii", [0.0] * len(ranges))
         return [
-            Part(name, slice(first, last), self._faces_of(first, last), shape, float(radius))
-            for name, (first, last), shape, radius in zip(texts("names"), ranges[:].tolist(), texts("shapes"), radii)
+            Part(name, slice(first, last), self._faces_of(first, last), shape, float(radius), material, *texture(index))
+            for index, (name, (first, last), shape, radius, material) in enumerate(
+                zip(texts("names"), ranges[:].tolist(), texts("shapes"), radii, texts("materials", ""))
+            )
         ]
 
     def _faces_of(self, first, last):
@@ -242,6 +265,10 @@ class Recording:
     def frame(self, index):
         """[vertices, 3] float64, m."""
         return self.positions[index].astype(np.float64)
+
+    def counts(self, index):
+        """Contacts and intersections of a frame, {name: number}; of an older recording those that it has."""
+        return {name: int(self._file[name][index]) for name in ("contacts", "intersections") if name in self._file}
 
     def close(self):
         """Closes the file."""
