@@ -11,9 +11,10 @@ from typing import Any
 
 import numpy as np
 
-from . import _core
+from . import _core, hints
 from .arrays import integers, number, quaternion, reals, vector
 from .errors import ArrayError, MeshError, SceneError
+from .io import reading
 from .types import ArrayLike, Reals, VectorLike
 
 
@@ -69,6 +70,7 @@ def compiled_mesh(
                 f"{name}: material_vertices or material_faces are given beside the file {mesh}; pass its vertices and "
                 'faces as arrays, or give rest="uv" for its texture coordinates'
             )
+        reading.check([reading.mesh(mesh)])
         try:
             return _core.load_mesh(Path(mesh), 1.0, uv, material_scale), str(mesh)
         except MeshError as problem:
@@ -121,4 +123,7 @@ def shape_scene(kind: str, name: str, shape: object) -> _core.Scene:
             f"{name}: shape: {shape!r} is not a dict as in scene.json, for example {{'sphere': {{'radius': 0.25}}}}"
         )
     key = "cloth" if kind == "cloth" else "obstacles"
-    return _core.Scene.parse(json.dumps({key: [dict(shape, name=name)]}), Path("."), 0)
+    text = json.dumps({key: [dict(shape, name=name)]})
+    reading.check(reading.of_scene(text, Path(".")))
+    with hints.reading():
+        return _core.Scene.parse(text, Path("."), 0)

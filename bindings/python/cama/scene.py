@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 import math
 import os
@@ -17,6 +18,7 @@ from .arrays import count, indices, number, plain, reals, vector, whole
 from .errors import ArrayError, FileError, SceneError
 from .hints import counted, reading
 from .inputs import compiled_mesh, placement, shape_scene, texture_scale, uniform_scale
+from .io import reading as guard
 from .material import Material
 from .motion import Motion
 from .options import nested, overrides_of
@@ -40,11 +42,16 @@ def _animated(file: PathLike) -> bool:
 def _character(file: PathLike, clip: str, animation: PathLike | None, *how: Any) -> _core.Character:
     """Loads a character; a file without animation, of which no clip is asked for, stands still. Raises FileError."""
     try:
-        return _core.load_character(Path(file), clip, "" if animation is None else Path(animation), 1.0, *how)
+        return _guarded_character(file, clip, "" if animation is None else animation, 1.0, *how)
     except FileError:
         if clip or animation is not None:
             raise
-    return _core.load_character(Path(file), "bind", "", 1.0, *how)
+    return _guarded_character(file, "bind", "", 1.0, *how)
+
+
+def _guarded_character(file: PathLike, clip: str, animation: PathLike, *how: Any) -> _core.Character:
+    guard.check([guard.character(file, clip, animation, *how)])
+    return _core.load_character(Path(file), clip, Path(animation) if animation else "", *how)
 
 
 def _joint_names(what: str, names: Sequence[str]) -> list[str]:
@@ -133,7 +140,10 @@ class Scene:
             FileError, SceneError, MeshError, MaterialError
         """
         path = shipped.resolve(scene)
+        file = path / "scene.json" if path.is_dir() else path
         with reading(path):
+            with contextlib.suppress(OSError):
+                guard.check(guard.of_scene(file.read_text(encoding="utf-8", errors="replace"), file.parent))
             return cls._of(_core.Scene.load(path, count("resolution", resolution)))
 
     @classmethod
@@ -150,6 +160,7 @@ class Scene:
         except (TypeError, ValueError) as problem:
             raise SceneError(f"not what JSON can hold: {problem}") from None
         with reading():
+            guard.check(guard.of_scene(text, Path(folder)))
             return cls._of(_core.Scene.parse(text, Path(folder), count("resolution", resolution)))
 
     def to_json(self) -> str:

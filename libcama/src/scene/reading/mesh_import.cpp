@@ -48,7 +48,7 @@ void collect(const aiScene &scene, const aiNode &node, const Affine &parent, Cor
                                                   : MaterialPoint{0, 0});
     }
     for (unsigned f = 0; f < m.mNumFaces; ++f)
-      if (m.mFaces[f].mNumIndices == 3)
+      if (is_triangle(m, f))
         out.face.push_back({base + static_cast<int>(m.mFaces[f].mIndices[0]),
                             base + static_cast<int>(m.mFaces[f].mIndices[1]),
                             base + static_cast<int>(m.mFaces[f].mIndices[2])});
@@ -96,6 +96,13 @@ Mesh load_through_assimp(const std::filesystem::path &file, double scale, RestSh
 }  // namespace
 
 #if CAMA_HAS_ASSIMP
+bool is_triangle(const aiMesh &mesh, unsigned f)
+{
+  const aiFace &face = mesh.mFaces[f];
+  return face.mNumIndices == 3 &&
+         std::all_of(face.mIndices, face.mIndices + 3, [&](unsigned v) { return v < mesh.mNumVertices; });
+}
+
 const aiScene *open_assimp(Assimp::Importer &importer, const std::filesystem::path &file, bool need_mesh)
 {
   if (!std::filesystem::exists(file)) throw FileError(file.string() + ": no such file");

@@ -396,6 +396,8 @@ Pattern make_garment(const Mesh &body, const Garment &g, int triangles)
                down = std::hypot(g.length, g.flare);
   const double cells = std::max(triangles, 64) / 2.0;
   const int unit = g.panels % 2 ? 2 * g.panels : g.panels;
+  if (!(std::sqrt(cells * around / down) < most_triangles) || !(cells < most_triangles))
+    throw MeshError("garment: would have more than 20,000,000 triangles; give fewer, or a length that fits the body");
   const int columns = std::max(1, static_cast<int>(std::lround(std::sqrt(cells * around / down) / unit))) * unit,
             rows = std::max(2, static_cast<int>(std::lround(cells / columns)));
 
