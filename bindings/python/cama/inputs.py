@@ -39,6 +39,32 @@ def placement(transform: ArrayLike | None, translate: VectorLike, rotate: Vector
     return own
 
 
+UNITS = {"m": 1.0, "cm": 0.01, "mm": 0.001, "inch": 0.0254}  # m
+
+
+def file_frame(name: str, mesh: object, units: str, up: str | None) -> tuple[Reals, float]:
+    """Returns the matrix [4, 4] from a mesh's own units and axes to metres with z up, and the length of its unit, m.
+
+    mesh: as given to `add_cloth`; None: a generated shape, which is in metres with z up. Raises SceneError.
+    """
+    if units not in UNITS:
+        raise SceneError(f'{name}: units: {units!r} is none of "m", "cm", "mm" and "inch"')
+    if up not in (None, "y", "z"):
+        raise SceneError(f'{name}: up: {up!r} is neither "y" nor "z"')
+    if mesh is None and (units != "m" or up is not None):
+        raise SceneError(f"{name}: units and up are for meshes; a generated shape is in metres, with z up")
+    ending = Path(mesh).suffix.lower() if isinstance(mesh, (str, os.PathLike)) else ""
+    if up is not None and ending in (".glb", ".gltf", ".fbx", ".dae"):
+        raise SceneError(
+            f"{name}: up: is for OBJ, PLY, STL and arrays; in {ending} y is up, and it is turned already; leave it out"
+        )
+    frame = np.eye(4)
+    if up == "y":
+        frame[:3, :3] = [[1, 0, 0], [0, 0, -1], [0, 1, 0]]
+    frame[:3, :3] *= UNITS[units]
+    return frame, UNITS[units]
+
+
 def uniform_scale(name: str, surface: str, matrix: Reals) -> float:
     """Returns the scale of a matrix [3, 3] that is a rotation times a scale; an exact obstacle allows no other."""
     scale = np.cbrt(np.linalg.det(matrix))

@@ -6,6 +6,8 @@
 namespace cama::python {
 namespace {
 
+constexpr std::size_t longest = 4000;  // bytes of a text: it may quote a line of a damaged file
+
 /// Binds an exception. Its text may quote a file in any encoding: bytes that are not UTF-8 are replaced.
 template <class Exception>
 py::object bind_error(py::module_ &module, const char *name, py::handle base, const char *text)
@@ -19,7 +21,8 @@ py::object bind_error(py::module_ &module, const char *name, py::handle base, co
     try {
       if (thrown) std::rethrow_exception(thrown);
     } catch (const Exception &problem) {
-      const std::string what = problem.what();
+      std::string what = problem.what();
+      if (what.size() > longest) what.replace(longest / 2, what.size() - longest, " ... ");
       PyObject *decoded = PyUnicode_DecodeUTF8(what.data(), static_cast<py::ssize_t>(what.size()), "replace");
       if (!decoded) return;  // Python's own error is set
       PyErr_SetObject(type, decoded);

@@ -7,8 +7,10 @@ import typer
 
 from .. import _core
 from .check import check
+from .doctor import doctor
 from .explain import explain
 from .info import info
+from .new import new
 from .render import render
 from .run import run
 from .stability import stability
@@ -40,7 +42,7 @@ def options(
     pass
 
 
-for command in (run, info, explain, check, render, stability, tradeoff, tune):
+for command in (run, new, check, render, explain, info, doctor, stability, tradeoff, tune):
     app.command()(command)
 
 

@@ -118,6 +118,11 @@ def check(requests: Sequence[Request]) -> None:
                 raise FileError(_known[key])
 
 
+def works() -> bool:
+    """Whether a process can be started that reads files."""
+    return bool(_talk("", 30.0)[0])
+
+
 def _read(requests: list[Request]) -> Iterator[str]:
     """Yields what is wrong with each file, "" for nothing; ends after the first with which something is.
 

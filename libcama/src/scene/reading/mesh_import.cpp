@@ -28,6 +28,14 @@ std::string extension(const std::filesystem::path &file)
 }
 
 #if CAMA_HAS_ASSIMP
+/// A text of assimp, which may quote the file, with a few hundred printable characters at most.
+std::string one_line(std::string text)
+{
+  if (text.size() > 300) text = text.substr(0, 300) + "...";
+  std::replace_if(text.begin(), text.end(), [](unsigned char c) { return c < 0x20; }, ' ');
+  return text;
+}
+
 struct Corners {
   std::vector<dvec3> position;
   std::vector<Triangle> face;
@@ -108,7 +116,8 @@ const aiScene *open_assimp(Assimp::Importer &importer, const std::filesystem::pa
   if (!std::filesystem::exists(file)) throw FileError(file.string() + ": no such file");
   importer.SetPropertyBool(AI_CONFIG_IMPORT_FBX_PRESERVE_PIVOTS, false);
   const aiScene *scene = importer.ReadFile(file.string(), aiProcess_Triangulate);
-  if (!scene || !scene->mRootNode) throw FileError(file.string() + ": cannot be read: " + importer.GetErrorString());
+  if (!scene || !scene->mRootNode)
+    throw FileError(file.string() + ": cannot be read: " + one_line(importer.GetErrorString()));
   if (need_mesh && scene->mNumMeshes == 0) throw FileError(file.string() + ": holds no mesh");
   return scene;
 }
