@@ -95,7 +95,7 @@ def command(path, random):
     if result.exit_code not in (0, 1, 2):
         raise Wrong(f"cama {words[0]}: exit code {result.exit_code}")
     last = result.stderr.strip().splitlines()[-1:]
-    if result.exit_code == 2 and not any(line.split(":")[0].endswith("Error") for line in last):
+    if result.exit_code == 2 and not any("Error: " in line for line in last):
         raise Wrong(f"cama {words[0]}: exit code 2 without an error: {last}")
 
 

@@ -441,11 +441,15 @@ def _turned(name: str, surface: Reals, obstacle: Obstacle, cloths: list[tuple[st
 
 
 def _edges_of_surface(faces: Integers, count: int) -> tuple[int, int]:
-    """Returns how many edges have one face, and how many are taken in the same direction by two."""
-    forward = np.sort((faces * np.int64(count) + np.roll(faces, -1, axis=1)).ravel())
-    back = np.sort((np.roll(faces, -1, axis=1) * np.int64(count) + faces).ravel())
-    against = int(np.count_nonzero(forward[1:] == forward[:-1]))
-    return int(np.count_nonzero(~np.isin(forward, back, assume_unique=not against))), against
+    """Returns how many edges have one face, and how many have two that take them in the same direction."""
+    first, second = faces.ravel().astype(np.int64), np.roll(faces, -1, axis=1).ravel()
+    keys = np.minimum(first, second) * count + np.maximum(first, second)
+    order = np.argsort(keys, kind="stable")
+    starts = np.flatnonzero(np.diff(keys[order], prepend=-1))
+    numbers = np.diff(starts, append=len(keys))
+    pairs = starts[numbers == 2]
+    along = (first < second)[order]
+    return int(np.count_nonzero(numbers == 1)), int(np.count_nonzero(along[pairs] == along[pairs + 1]))
 
 
 def remarks(scene: Scene) -> list[str]:

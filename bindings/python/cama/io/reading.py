@@ -186,7 +186,7 @@ def _talk(text: str, wall: float | None) -> tuple[list[str], str, int | None]:
 
 def _end(code: int | None, complaint: str, seconds: float) -> str:
     """Returns in words how the process ended."""
-    too_long = f"takes longer than {seconds:.0f} s to read"
+    too_long = f"takes longer than {seconds:.2g} s to read"
     if code is None:
         return too_long
     try:
@@ -212,7 +212,7 @@ def _explained(request: Request, problem: str) -> str:
     if problem.startswith("takes longer"):
         return (
             f"{problem}, so it is probably damaged; if it is large, raise the limit with "
-            f"{SECONDS}={10 * seconds:.0f} in the environment"
+            f"{SECONDS}={10 * seconds:.2g} in the environment"
         )
     skin = any(_lacks_bind_matrices(file) for file in request.files)
     why = (

@@ -18,6 +18,8 @@ from .. import shipped
 from ..errors import FileError
 
 NAME = "frames.h5"
+# What h5py raises for a file that is damaged or of another program.
+DAMAGED = (OSError, KeyError, ValueError, TypeError, AttributeError, IndexError, RuntimeError, MemoryError)
 
 
 class Output:
@@ -219,16 +221,33 @@ class Recording:
         path = path / NAME if path.is_dir() else path
         if not path.is_file():
             raise FileError(f"{path}: no such file; {_how_to_record(path)}")
+        self._path = path
         try:
             self._file = h5py.File(path, "r")
-            self.positions, self.times = self._file["positions"], self._file["times"][:]
+            self.positions, self.times = self._file["positions"], np.asarray(self._file["times"][:], np.float64)
             self.faces = self._file["faces"][:].astype(np.int64)
             self.cloths, self.obstacles = self._parts("cloth"), self._parts("obstacle")
-        except (OSError, KeyError) as problem:
+            self.attributes = dict(self._file.attrs)
+            self._check()
+        except DAMAGED as problem:
             raise FileError(f"{path}: not a recording of cama: {problem}") from None
-        self.attributes = dict(self._file.attrs)
         if not len(self.times):
             raise FileError(f"{path}: no frame was recorded")
+
+    def _check(self):
+        """Raises ValueError for shapes and numbers that a recording does not have."""
+        shape, count = self.positions.shape, self.positions.shape[1]
+        if shape[2:] != (3,) or self.positions.dtype.kind != "f" or shape[0] < len(self.times):
+            raise ValueError(f"its positions are {self.positions.dtype} of shape {shape}")
+        if self.times.ndim != 1 or not np.isfinite(self.times).all() or (np.diff(self.times) < 0).any():
+            raise ValueError("its times are no rising numbers")
+        if self.faces.ndim != 2 or self.faces.shape[1] != 3 or (self.faces < 0).any() or (self.faces >= count).any():
+            raise ValueError("its faces name vertices that are not there")
+        for part in (*self.cloths, *self.obstacles):
+            if not 0 <= part.vertices.start <= part.vertices.stop <= count or not np.isfinite(part.radius):
+                raise ValueError(f"{part.name!r} has vertices that are not there, or no radius")
+            if (part.faces >= part.vertices.stop - part.vertices.start).any():
+                raise ValueError(f"faces of {part.name!r} name vertices of another object")
 
     def _parts(self, kind):
         ranges = self._file[f"{kind}_ranges"]
@@ -250,8 +269,14 @@ class Recording:
         return len(self.times)
 
     def frame(self, index):
-        """[vertices, 3] float64, m."""
-        return self.positions[index].astype(np.float64)
+        """[vertices, 3] float64, m. Raises FileError for a frame that is damaged."""
+        try:
+            positions = self.positions[index].astype(np.float64)
+        except DAMAGED as problem:
+            raise FileError(f"{self._path}: frame {index} cannot be read: {problem}") from None
+        if not np.isfinite(positions).all():
+            raise FileError(f"{self._path}: frame {index} is damaged: a position is not a finite number")
+        return positions
 
     def close(self):
         """Closes the file."""
