@@ -331,6 +331,12 @@ def _off(ratio: Reals) -> tuple[float, float]:
     return _median(ratio), _median(np.maximum(ratio, 1 / ratio))
 
 
+def _ratios(values: Reals, to: Reals) -> Reals:
+    """Returns values over others [n], without those of slivers, whose areas round to 0."""
+    good = (values > 0) & (to > 0)
+    return np.asarray(values[good] / to[good])
+
+
 def _median(values: Reals) -> float:
     return float(np.sort(values, axis=None)[values.size // 2])
 
@@ -340,7 +346,9 @@ def _rest(name: str, cloth: Cloth, start: Reals, start_lengths: Reals) -> Iterat
     if not len(material_faces):
         return
     rest = _edges(cloth.material_vertices[_sample(material_faces)])
-    lengths, areas = _lengths(rest) / start_lengths, _areas(rest) / _areas(start)
+    lengths, areas = _ratios(_lengths(rest), start_lengths), _ratios(_areas(rest), _areas(start))
+    if not (lengths.size and areas.size):
+        return
     if all(ratio.min() >= 1 / REST and ratio.max() <= REST for ratio in (lengths, areas)):
         return  # so are the medians, which take longer
     (length, length_off), (area, area_off) = _off(lengths), _off(areas)

@@ -192,6 +192,9 @@ def read(path: PathLike) -> tuple[dict[str, Any], dict[str, Any], Optional[dict[
         ValueError,
         TypeError,
         AttributeError,
+        IndexError,
+        OverflowError,
+        RuntimeError,
         MemoryError,
     ) as problem:  # ArrayError is a ValueError
         raise FileError(f"{path}: not a checkpoint of cama: {problem}") from None

@@ -19,7 +19,17 @@ from ..errors import FileError
 
 NAME = "frames.h5"
 # What h5py raises for a file that is damaged or of another program.
-DAMAGED = (OSError, KeyError, ValueError, TypeError, AttributeError, IndexError, RuntimeError, MemoryError)
+DAMAGED = (
+    OSError,
+    KeyError,
+    ValueError,
+    TypeError,
+    AttributeError,
+    IndexError,
+    OverflowError,
+    RuntimeError,
+    MemoryError,
+)
 
 
 class Output:
