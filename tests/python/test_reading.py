@@ -5,6 +5,7 @@ import json
 import os
 import time
 
+import h5py
 import numpy as np
 import pytest
 from typer.testing import CliRunner
@@ -12,6 +13,7 @@ from typer.testing import CliRunner
 import cama
 from cama.cli import app
 from cama.io import reading
+from cama.io.recording import NAME, Recorder, Recording
 from conftest import grid
 from test_characters import write_gltf
 
@@ -188,3 +190,43 @@ def test_a_scene_cannot_ask_for_too_much(scene, word):
     text = scene if isinstance(scene, str) else json.dumps(scene)
     with pytest.raises(cama.Error, match=word):
         cama.Scene.parse(text)
+
+
+@pytest.fixture
+def recorded(tmp_path, falling):
+    simulation = cama.Simulation(falling, backend="cpu", threads=1, accuracy="preview")
+    with Recorder(tmp_path / NAME, simulation) as recorder:
+        for _ in range(2):
+            recorder.add(simulation.time, simulation.positions, 0, 0)
+            simulation.step()
+    return tmp_path / NAME
+
+
+@pytest.mark.parametrize(
+    "name, row, value, words",
+    [
+        ("positions", (1, 3, 2), np.nan, "frame 1 is damaged"),
+        ("times", 1, np.inf, "times"),
+        ("faces", (0, 0), 10**6, "faces name vertices"),
+        ("cloth_ranges", (0, 1), -5, "vertices that are not there"),
+    ],
+)
+def test_a_recording_with_impossible_numbers(recorded, name, row, value, words):
+    with Recording(recorded) as whole:
+        assert len(whole) == 2 and np.isfinite(whole.frame(1)).all()
+    with h5py.File(recorded, "r+") as file:
+        file[name][row] = value
+
+    def read():
+        with Recording(recorded) as recording:
+            recording.frame(1)
+
+    refused(read, words)
+
+
+def test_a_garment_may_reach_below_the_feet():
+    """There the body has no outline; that was a crash."""
+    body = {"name": "body", "walker": {"cell": 0.06, "duration": 0.1}}
+    skirt = {"garment": {"skirt": {"body": "body", "waist": 0.96, "length": 1.0, "panels": 4}}, "triangles": 100}
+    cloth = cama.Scene.parse({"obstacles": [body], "cloth": [skirt]}).cloths[0]
+    assert cloth.vertices[:, 2].min() == pytest.approx(-0.04) and np.isfinite(cloth.vertices).all()
