@@ -15,6 +15,7 @@ from typer.testing import CliRunner
 import cama
 from cama import plausibility
 from cama.cli import app
+from cama.io.reading import check_hdf5
 from cama.io.recording import Recording
 
 KINDS = {"scene": 45, "mesh": 35, "material": 8, "checkpoint": 6, "recording": 6}  # weights
@@ -76,6 +77,7 @@ def use_checkpoint(path, random):
 
 
 def use_recording(path, _):
+    check_hdf5(path)  # as `cama render` does
     with Recording(path) as recording:
         for part in (*recording.cloths, *recording.obstacles):
             finite("radius", part.radius)

@@ -75,6 +75,14 @@ def test_a_mesh_that_is_whole_is_read(tmp_path):
     np.testing.assert_array_equal(cama.Scene().add_obstacle(path).vertices, [[0, 0, 0], [1, 0, 0], [0, 1, 0]])
 
 
+@pytest.mark.parametrize("file", [5, [], None, {"path": 5}, {"path": ""}])
+def test_a_file_that_is_no_name(file):
+    with pytest.raises(cama.Error):
+        cama.Scene.parse({"cloth": [{"file": file}]})
+    with pytest.raises(cama.Error):
+        cama.Scene.parse({"obstacles": [{"character": {"file": file}}]})
+
+
 @pytest.mark.parametrize("vertices, faces", [(4_000_000_000, 1), (3, 800_000_000)])
 def test_counts_beyond_all_memory(tmp_path, vertices, faces):
     path = tmp_path / "huge.ply"
@@ -102,7 +110,7 @@ def test_a_crash_within_a_scene_names_its_part(tmp_path, monkeypatch):
     pretend(monkeypatch, tmp_path, CRASH)
     without_bind_matrices(tmp_path / "body.gltf")
     scene = {"cloth": [{"grid": {"size": [1, 1]}}], "obstacles": [{"name": "Ann", "character": {"file": "body.gltf"}}]}
-    text = "// with a comment\n" + json.dumps(scene)
+    text = "\ufeff// with a byte order mark and a comment\n" + json.dumps(scene)
     (tmp_path / "scene.json").write_text(text)
     refused(lambda: cama.Scene.load(tmp_path), "scene.json: obstacles 'Ann': ", "body.gltf: its reader")
     refused(lambda: cama.Scene.parse(text, tmp_path), "body.gltf: its reader")
@@ -230,3 +238,31 @@ def test_a_garment_may_reach_below_the_feet():
     skirt = {"garment": {"skirt": {"body": "body", "waist": 0.96, "length": 1.0, "panels": 4}}, "triangles": 100}
     cloth = cama.Scene.parse({"obstacles": [body], "cloth": [skirt]}).cloths[0]
     assert cloth.vertices[:, 2].min() == pytest.approx(-0.04) and np.isfinite(cloth.vertices).all()
+
+
+def test_a_checkpoint_that_crashes_hdf5_is_refused(tmp_path, falling, monkeypatch):
+    """One with its digest needs no process; any change makes one look first."""
+    simulation = cama.Simulation(falling, backend="cpu", threads=1, accuracy="preview")
+    path = tmp_path / "checkpoint.h5"
+    simulation.save_checkpoint(path)
+    asked = []
+    monkeypatch.setattr(reading.subprocess, "run", lambda words, **_: asked.append(words) or Ended())
+    simulation.load_checkpoint(path)
+    assert not asked
+    content = bytearray(path.read_bytes())
+    content[len(content) // 2] ^= 1
+    path.write_bytes(content)
+    refused(lambda: simulation.load_checkpoint(path), "checkpoint.h5: is damaged: HDF5 crashes")
+    assert len(asked) == 1
+
+
+class Ended:
+    """A process that ended by a signal."""
+
+    returncode = -11
+
+
+def test_the_process_for_hdf5_reads_what_is_whole(recorded):
+    reading.check_hdf5(recorded)
+    assert list(reading._known.values()) == [""]
+    reading.check_hdf5(recorded.with_name("missing.h5"))

@@ -64,7 +64,7 @@ def _named_by(scene: Path, text: str) -> str:
     """Returns for example "scene.json: cloth 'skirt'": the part whose file an error text begins with, or ""."""
     file = scene / "scene.json" if scene.is_dir() else scene
     try:
-        data = json.loads(without_comments(file.read_text(encoding="utf-8")))
+        data = json.loads(without_comments(file.read_text(encoding="utf-8-sig")))
     except (OSError, ValueError):
         return ""
 

@@ -17,6 +17,7 @@ from .._core import __version__
 from ..errors import Error, FileError
 from ..io.checkpoint import NAME as CHECKPOINT
 from ..io.progress import Bar
+from ..io.reading import check_hdf5
 from ..io.recording import NAME, Recorder, Recording
 from ..io.summary import Summary
 
@@ -95,6 +96,7 @@ def attributes(simulation):
 def frames_of(file):
     """Returns the number of frames after the start that a file has recorded; 0 for what is no recording."""
     try:
+        check_hdf5(file)
         with Recording(file) as recording:
             return len(recording) - 1
     except FileError:

@@ -1,9 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Reads foreign mesh and character files in a process of its own first: what crashes or hangs there is a FileError.
+"""Reads doubtful files in a process of its own first: what crashes or hangs there is a FileError here.
 
 assimp, which reads all formats but OBJ, stops the process at some damaged files, and takes minutes over others. `check`
 lets a short-lived process read a file under limits of memory and time (reader_process.py); only what ended well there
-is read again here. Answers are kept for as long as path, time of change and size stay.
+is read again here. HDF5 crashes on some damaged files too: `check_hdf5` does the same for recordings, and for
+checkpoints whose digest is not right. Answers are kept for as long as path, time of change and size stay.
 """
 
 from __future__ import annotations
@@ -121,6 +122,37 @@ def check(requests: Sequence[Request]) -> None:
 def works() -> bool:
     """Whether a process can be started that reads files."""
     return bool(_talk("", 30.0)[0])
+
+
+def check_hdf5(path: PathLike) -> None:
+    """Raises FileError for an HDF5 file on which HDF5 crashes or hangs. Nothing is found out of one that is missing."""
+    try:
+        stat = os.stat(path)
+    except (OSError, ValueError):
+        return
+    key = ("hdf5", os.path.abspath(path), stat.st_mtime_ns, stat.st_size)
+    if key not in _known:
+        program = str(Path(__file__).with_name("hdf5_process.py"))
+        words = [sys.executable or "python3", "-I", program, os.fspath(path), *filter(None, sys.path)]
+        _, seconds = limits_of(stat.st_size)
+        try:
+            done = subprocess.run(
+                words,
+                stdin=subprocess.DEVNULL,
+                stdout=subprocess.DEVNULL,
+                stderr=subprocess.DEVNULL,
+                timeout=10 + 1.5 * seconds if math.isfinite(seconds) else None,
+            )
+            crashed = done.returncode < 0
+        except subprocess.TimeoutExpired:
+            crashed = True
+        except OSError:
+            return
+        _known[key] = (
+            "is damaged: HDF5 crashes or hangs on it; take another one, or compute it again" if crashed else ""
+        )
+    if _known[key]:
+        raise FileError(f"{path}: {_known[key]}")
 
 
 def _read(requests: list[Request]) -> Iterator[str]:
@@ -245,7 +277,7 @@ def of_scene(text: str, folder: Path) -> list[Request]:
     if not FOREIGN.search(text):
         return []
     try:
-        data = json.loads(without_comments(text))
+        data = json.loads(without_comments(text.lstrip("\ufeff")))
     except (ValueError, RecursionError):
         return []  # the scene's own reader says what is wrong
     found: list[Request] = []
@@ -260,7 +292,8 @@ def of_scene(text: str, folder: Path) -> list[Request]:
 def _of_part(entry: dict[str, Any], folder: Path) -> Iterator[Request]:
     """Yields the requests for the files of a cloth or an obstacle of a scene."""
     file = entry.get("file")
-    for name in [file] if isinstance(file, str) else [file.get("path"), file.get("positions")] if file else ():
+    named = [file.get("path"), file.get("positions")] if isinstance(file, dict) else [file]
+    for name in named:
         if isinstance(name, str) and name:
             yield mesh(folder / name)
     body = entry.get("character")

@@ -16,6 +16,7 @@ import numpy as np
 
 from .. import shipped
 from ..errors import FileError
+from .reading import check_hdf5
 
 NAME = "frames.h5"
 # What h5py raises for a file that is damaged or of another program.
@@ -100,6 +101,8 @@ class Recorder:
         self._path, self._output, count = path, None, simulation.vertex_count
         if until is not None and not h5py.is_hdf5(path):
             raise FileError(f"{path}: is not there, or no HDF5 file; there is nothing to go on with")
+        if until is not None:
+            check_hdf5(path)
         with self._writing():
             self._output = Output(path, "w+b" if until is None else "r+b")
             self._file = h5py.File(self._output, "w" if until is None else "r+")
