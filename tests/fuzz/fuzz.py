@@ -123,6 +123,7 @@ class Supervisor:
             self.outcomes[row["kind"], row["outcome"]] += 1
             if row["problem"]:
                 self.problems.append(row)
+                print(f"case {row['case']}, {row['kind']}: {row['problem']}", flush=True)
 
     def _write(self, seed_folder):
         """Writes the files of the cases with a problem."""
@@ -151,8 +152,6 @@ def main():
     supervisor.run()
     for (kind, outcome), count in sorted(supervisor.outcomes.items()):
         print(f"{kind:12s} {outcome:16s} {count:6d}")
-    for row in supervisor.problems:
-        print(f"case {row['case']}, {row['kind']}: {row['problem']}")
     total = sum(supervisor.outcomes.values())
     print(f"{total} cases of seed {given.seed} in {time.time() - began:.0f} s, {len(supervisor.problems)} problems")
     return 1 if supervisor.problems else 0
