@@ -13,7 +13,7 @@ from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Any
 
-from .errors import BackendError, FileError, MaterialError
+from .errors import BackendError, FileError, MaterialError, SceneError
 
 MESHES = (".obj", ".ply", ".stl", ".glb", ".gltf", ".fbx", ".dae", ".usd", ".usda", ".usdc", ".usdz")
 # Modules and how pip calls them, where that is not the same.
@@ -48,9 +48,14 @@ def reading(scene: Path | None = None) -> Iterator[None]:
         if not hint:
             raise
         raise MaterialError(f"{problem}{hint}") from None
+    except MemoryError:
+        raise SceneError(
+            f"{'' if scene is None else f'{scene}: '}needs more memory than there is; look for a number that is too "
+            "large, of triangles, cells, loops or samples"
+        ) from None
     except FileError as problem:
         where = _named_by(scene, str(problem)) if scene is not None else ""
-        if not where or str(problem).startswith(str(scene)):
+        if not where or str(problem).startswith((f"{scene}:", f"{scene / 'scene.json'}:")):
             raise
         raise FileError(f"{where}: {problem}") from None
 
@@ -59,7 +64,7 @@ def _named_by(scene: Path, text: str) -> str:
     """Returns for example "scene.json: cloth 'skirt'": the part whose file an error text begins with, or ""."""
     file = scene / "scene.json" if scene.is_dir() else scene
     try:
-        data = json.loads(without_comments(file.read_text(encoding="utf-8")))
+        data = json.loads(without_comments(file.read_text(encoding="utf-8-sig")))
     except (OSError, ValueError):
         return ""
 

@@ -11,10 +11,10 @@ from typing import Any
 
 import numpy as np
 
-from . import _core
+from . import _core, hints
 from .arrays import integers, number, quaternion, reals, vector
 from .errors import ArrayError, MeshError, SceneError
-from .io import usd_scene
+from .io import reading, usd_scene
 from .io.usd_reader import is_usd, read_usd
 from .types import ArrayLike, Reals, VectorLike
 
@@ -38,6 +38,32 @@ def placement(transform: ArrayLike | None, translate: VectorLike, rotate: Vector
     if transform is not None:
         own = reals("transform", transform, (4, 4)) @ own
     return own
+
+
+UNITS = {"m": 1.0, "cm": 0.01, "mm": 0.001, "inch": 0.0254}  # m
+
+
+def file_frame(name: str, mesh: object, units: str, up: str | None) -> tuple[Reals, float]:
+    """Returns the matrix [4, 4] from a mesh's own units and axes to metres with z up, and the length of its unit, m.
+
+    mesh: as given to `add_cloth`; None: a generated shape, which is in metres with z up. Raises SceneError.
+    """
+    if units not in UNITS:
+        raise SceneError(f'{name}: units: {units!r} is none of "m", "cm", "mm" and "inch"')
+    if up not in (None, "y", "z"):
+        raise SceneError(f'{name}: up: {up!r} is neither "y" nor "z"')
+    if mesh is None and (units != "m" or up is not None):
+        raise SceneError(f"{name}: units and up are for meshes; a generated shape is in metres, with z up")
+    ending = Path(mesh).suffix.lower() if isinstance(mesh, (str, os.PathLike)) else ""
+    if up is not None and ending in (".glb", ".gltf", ".fbx", ".dae"):
+        raise SceneError(
+            f"{name}: up: is for OBJ, PLY, STL and arrays; in {ending} y is up, and it is turned already; leave it out"
+        )
+    frame = np.eye(4)
+    if up == "y":
+        frame[:3, :3] = [[1, 0, 0], [0, 0, -1], [0, 1, 0]]
+    frame[:3, :3] *= UNITS[units]
+    return frame, UNITS[units]
 
 
 def uniform_scale(name: str, surface: str, matrix: Reals) -> float:
@@ -71,6 +97,7 @@ def compiled_mesh(
                 f"{name}: material_vertices or material_faces are given beside the file {mesh}; pass its vertices and "
                 'faces as arrays, or give rest="uv" for its texture coordinates'
             )
+        reading.check([reading.mesh(mesh)])
         try:
             return (usd_mesh if is_usd(mesh) else _core.load_mesh)(Path(mesh), 1.0, uv, material_scale), str(mesh)
         except MeshError as problem:
@@ -142,4 +169,7 @@ def shape_scene(kind: str, name: str, shape: object) -> _core.Scene:
             f"{name}: shape: {shape!r} is not a dict as in scene.json, for example {{'sphere': {{'radius': 0.25}}}}"
         )
     key = "cloth" if kind == "cloth" else "obstacles"
-    return usd_scene.parse(json.dumps({key: [dict(shape, name=name)]}), Path("."), 0)
+    text = json.dumps({key: [dict(shape, name=name)]})
+    reading.check(reading.of_scene(text, Path(".")))
+    with hints.reading():
+        return usd_scene.parse(text, Path("."), 0)

@@ -44,6 +44,8 @@ GRAVITY = 50.0  # m/s^2
 AIR = 50.0  # kg/m^3
 REST = 2.0  # factor between rest shape and start, median over triangles or edges
 UNWELDED_OBSTACLE = 0.25  # of its vertices
+FAR = 3.0  # of the extent of the largest object, from cloth to the nearest obstacle
+MANY = 200_000  # vertices of an obstacle whose faces are not looked at
 SAMPLES = 200  # triangles that medians are taken over
 INSTANTS = 16  # at which a rigid motion is looked at
 INSIDE = 0.99  # winding number around a vertex inside a closed obstacle is 1
@@ -208,6 +210,7 @@ def _of_objects(scene: Scene, time_step: float) -> Iterator[Finding]:
         if speed > SPEED:
             yield Finding("velocity", name, "velocity", f"{_number(speed)} m/s at the start", "give metres per second")
     yield from unwelded(scene)
+    yield from _far(scene, boxes)
     for obstacle in scene.obstacles:
         yield from _of_obstacle(scene, obstacle, boxes, largest, thickness, time_step)
 
@@ -219,8 +222,9 @@ def _size(name: str, across: float, flat: bool = False) -> Iterator[Finding]:
             name,
             "vertices",
             f"{_number(across)} m across",
-            "lengths are metres: place what was made in centimetres with `scale` 0.01, what was made in millimetres "
-            "with `scale` 0.001",
+            f"lengths are metres: if it was made in centimetres ({_number(0.01 * across)} m across), give "
+            f'units="cm" or `scale` 0.01, if in millimetres ({_number(0.001 * across)} m across) units="mm" or `scale` '
+            "0.001",
         )
     elif across < SIZE[0]:
         yield Finding(
@@ -327,6 +331,12 @@ def _off(ratio: Reals) -> tuple[float, float]:
     return _median(ratio), _median(np.maximum(ratio, 1 / ratio))
 
 
+def _ratios(values: Reals, to: Reals) -> Reals:
+    """Returns values over others [n], without those of slivers, whose areas round to 0."""
+    good = (values > 0) & (to > 0)
+    return np.asarray(values[good] / to[good])
+
+
 def _median(values: Reals) -> float:
     return float(np.sort(values, axis=None)[values.size // 2])
 
@@ -336,7 +346,9 @@ def _rest(name: str, cloth: Cloth, start: Reals, start_lengths: Reals) -> Iterat
     if not len(material_faces):
         return
     rest = _edges(cloth.material_vertices[_sample(material_faces)])
-    lengths, areas = _lengths(rest) / start_lengths, _areas(rest) / _areas(start)
+    lengths, areas = _ratios(_lengths(rest), start_lengths), _ratios(_areas(rest), _areas(start))
+    if not (lengths.size and areas.size):
+        return
     if all(ratio.min() >= 1 / REST and ratio.max() <= REST for ratio in (lengths, areas)):
         return  # so are the medians, which take longer
     (length, length_off), (area, area_off) = _off(lengths), _off(areas)
@@ -389,8 +401,10 @@ def _of_obstacle(
     coincident = count_coincident(vertices)
     if coincident > UNWELDED_OBSTACLE * len(vertices):
         yield _unwelded(name, coincident, len(vertices), "obstacle")
+    there = vertices if motion.is_static else motion.evaluate(0.0, vertices)
     if scene._core.contact.enabled:
-        yield from _inside(name, vertices if motion.is_static else motion.evaluate(0.0, vertices), obstacle, cloths)
+        yield from _inside(name, there, obstacle, cloths)
+        yield from _turned(name, there, obstacle, cloths)
 
 
 def _motion(scene: Scene, name: str, motion: _core.Motion, vertices: Reals, time_step: float) -> Iterator[Finding]:
@@ -412,6 +426,80 @@ def _motion(scene: Scene, name: str, motion: _core.Motion, vertices: Reals, time
             f"{_number(fastest)} m/s",
             "give metres and seconds, and rotations in radians per second",
         )
+
+
+def _turned(name: str, surface: Reals, obstacle: Obstacle, cloths: list[tuple[str, Reals]]) -> Iterator[Finding]:
+    """Looks whether the faces of a closed obstacle point inward, and some against others."""
+    if len(surface) > MANY:
+        return
+    rims, against = _edges_of_surface(obstacle.faces, len(surface))
+    remedy = "recalculate its normals outward in the program that made it, or turn the order of its faces' vertices"
+    if against:
+        seen = f"{against:,} edges join faces that are turned against each other"
+        yield Finding("turned", name, "faces", seen, remedy)
+        return
+    if rims:
+        return
+    corners = surface[obstacle.faces] - surface[0]
+    if np.einsum("ij,ij->", corners[:, 0], np.cross(corners[:, 1], corners[:, 2])) >= 0:
+        return
+    low, high = box(surface)
+    if not any(((vertices > low).all() and (vertices < high).all()) for _, vertices in cloths):  # no container
+        yield Finding("turned", name, "faces", "it is closed, and its faces are turned inward", remedy)
+
+
+def _edges_of_surface(faces: Integers, count: int) -> tuple[int, int]:
+    """Returns how many edges have one face, and how many have two that take them in the same direction."""
+    first, second = faces.ravel().astype(np.int64), np.roll(faces, -1, axis=1).ravel()
+    keys = np.minimum(first, second) * count + np.maximum(first, second)
+    order = np.argsort(keys, kind="stable")
+    starts = np.flatnonzero(np.diff(keys[order], prepend=-1))
+    numbers = np.diff(starts, append=len(keys))
+    pairs = starts[numbers == 2]
+    along = (first < second)[order]
+    return int(np.count_nonzero(numbers == 1)), int(np.count_nonzero(along[pairs] == along[pairs + 1]))
+
+
+def remarks(scene: Scene) -> list[str]:
+    """Returns what is worth knowing of a scene and may well be meant: obstacles that are not closed."""
+    lines = []
+    for obstacle in scene.obstacles:
+        if obstacle.shape != "mesh":
+            continue
+        sides = np.subtract(*box(obstacle.vertices)[::-1])
+        rims, against = _edges_of_surface(obstacle.faces, len(obstacle.vertices))
+        if rims and not against and sides.min() >= FLAT * sides.max():
+            lines.append(
+                f"obstacle '{obstacle.name}': is open, with {rims:,} edges of one face only: cloth can get inside; "
+                "fill the holes if it is meant to be a closed body"
+            )
+    return lines
+
+
+def _far(scene: Scene, cloths: list[tuple[str, Reals]]) -> Iterator[Finding]:
+    """Looks for cloth that nothing holds, and that starts far from every obstacle."""
+    boxes = []
+    for obstacle in scene.obstacles:
+        if obstacle.shape == "plane":
+            return
+        compiled = obstacle._compiled()
+        vertices = compiled.mesh.vertices
+        low, high = box(vertices if compiled.motion.is_static else compiled.motion.evaluate(0.0, vertices))
+        boxes.append((low - obstacle.radius, high + obstacle.radius))
+    held = {pin["cloth"] for pin in scene.pins}
+    for index, (name, vertices) in enumerate(cloths if boxes and not scene.stitch_count else ()):
+        low, high = box(vertices)
+        gaps = [float(np.maximum(np.maximum(a - high, low - b), 0).max()) for a, b in boxes]
+        largest = max([float((high - low).max())] + [float((b - a).max()) for a, b in boxes])
+        if index not in held and min(gaps) > FAR * largest:
+            yield Finding(
+                "far",
+                name,
+                "vertices",
+                f"{_number(min(gaps))} m from the nearest obstacle, and no object is more than {_number(largest)} m "
+                "across",
+                "move it to where it touches; if one of them is in other units, give `units` or `scale`",
+            )
 
 
 def _inside(name: str, surface: Reals, obstacle: Obstacle, cloths: list[tuple[str, Reals]]) -> Iterator[Finding]:

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 import math
 import os
@@ -16,7 +17,8 @@ from . import _core, collision, shipped
 from .arrays import count, indices, number, plain, reals, vector, whole
 from .errors import ArrayError, FileError, MeshError, SceneError
 from .hints import counted, reading
-from .inputs import compiled_mesh, has_morph_animation, placement, shape_scene, texture_scale, uniform_scale
+from .inputs import compiled_mesh, file_frame, has_morph_animation, placement, shape_scene, texture_scale, uniform_scale
+from .io import reading as guard
 from .io import usd_scene
 from .io.usd_reader import is_usd, read_usd
 from .material import Material
@@ -42,7 +44,7 @@ def _animated(file: PathLike) -> bool:
 def _character(file: PathLike, clip: str, animation: PathLike | None, *how: Any) -> _core.Character:
     """Loads a character; a file without animation, of which no clip is asked for, stands still. Raises FileError."""
     try:
-        return _core.load_character(Path(file), clip, "" if animation is None else Path(animation), 1.0, *how)
+        return _guarded_character(file, clip, "" if animation is None else animation, 1.0, *how)
     except FileError:
         if clip or animation is not None:
             raise
@@ -51,7 +53,12 @@ def _character(file: PathLike, clip: str, animation: PathLike | None, *how: Any)
             f"{file}: is animated by morph targets, which are not read from glTF; export it as USD, whose points may "
             'be animated, or give clip="bind" to leave the motion out'
         )
-    return _core.load_character(Path(file), "bind", "", 1.0, *how)
+    return _guarded_character(file, "bind", "", 1.0, *how)
+
+
+def _guarded_character(file: PathLike, clip: str, animation: PathLike, *how: Any) -> _core.Character:
+    guard.check([guard.character(file, clip, animation, *how)])
+    return _core.load_character(Path(file), clip, Path(animation) if animation else "", *how)
 
 
 def _joint_names(what: str, names: Sequence[str]) -> list[str]:
@@ -140,9 +147,11 @@ class Scene:
             FileError, SceneError, MeshError, MaterialError
         """
         path = shipped.resolve(scene)
-        folder = path if path.is_dir() else path.parent
+        file = path / "scene.json" if path.is_dir() else path
         with reading(path):
-            return cls._of(usd_scene.load(path, count("resolution", resolution)), folder)
+            with contextlib.suppress(OSError):
+                guard.check(guard.of_scene(file.read_text(encoding="utf-8", errors="replace"), file.parent))
+            return cls._of(usd_scene.load(path, count("resolution", resolution)), file.parent)
 
     @classmethod
     def parse(cls, text: str | Description, folder: PathLike = ".", resolution: int = 0) -> Self:
@@ -158,6 +167,7 @@ class Scene:
         except (TypeError, ValueError) as problem:
             raise SceneError(f"not what JSON can hold: {problem}") from None
         with reading():
+            guard.check(guard.of_scene(text, Path(folder)))
             return cls._of(usd_scene.parse(text, Path(folder), count("resolution", resolution)), Path(folder))
 
     def to_json(self) -> str:
@@ -244,6 +254,8 @@ class Scene:
         material_faces: ArrayLike | None = None,
         rest: Literal["start", "uv"] = "start",
         material_scale: float | None = None,
+        units: Literal["m", "cm", "mm", "inch"] = "m",
+        up: Literal["y", "z"] | None = None,
         transform: ArrayLike | None = None,
         translate: VectorLike = (0, 0, 0),
         rotate: VectorLike = (1, 0, 0, 0),
@@ -269,6 +281,9 @@ class Scene:
             rest: The rest shape of a mesh file: "start", its vertices with `scale`, or "uv", its texture coordinates
                 times `material_scale`, as garment patterns have them.
             material_scale: Length of a unit of the texture coordinates, m, with rest="uv"; None: 1.
+            units: Unit of the lengths of `mesh`: "m", "cm", "mm" or "inch". Texture coordinates have `material_scale`.
+            up: The axis of `mesh` that points up, "y" or "z", for files without one of their own (OBJ, PLY, STL) and
+                for arrays; None: "z".
             transform: Matrix [4, 4] that is applied to the start after `scale`, `rotate` and `translate`.
             translate: Translation of the start [3], m.
             rotate: Rotation of the start, a unit quaternion w, x, y, z.
@@ -286,13 +301,14 @@ class Scene:
         """
         name = str(name) if name is not None else f"cloth {self._core.cloth_count}"
         unit = texture_scale(name, rest, material_scale, shape)
+        frame, length = file_frame(name, mesh, units, up)
         cloth, cloth_source = self._part(
             "cloth", name, mesh, faces, shape, material_vertices, material_faces, unit > 0, unit or 1.0
         )
         cloth.material_scale = unit or cloth.material_scale  # a shape may be a file with its own
         cloth.name, cloth.source = name, cloth_source
-        cloth.mesh.transform(placement(transform, translate, rotate, scale).tolist())
-        cloth.mesh.scale_material(number(f"{name}: scale", scale))
+        cloth.mesh.transform((placement(transform, translate, rotate, scale) @ frame).tolist())
+        cloth.mesh.scale_material(number(f"{name}: scale", scale) * (1.0 if unit else length))
         renumbered = self._weld(name, cloth, weld, shape)
         cloth.mesh.validate(name)
         material = Material.of(material)
@@ -325,6 +341,8 @@ class Scene:
         lead_in: float = 0.0,
         loops: int = 1,
         leave_out: Sequence[str] = (),
+        units: Literal["m", "cm", "mm", "inch"] = "m",
+        up: Literal["y", "z"] | None = None,
         transform: ArrayLike | None = None,
         translate: VectorLike = (0, 0, 0),
         rotate: VectorLike = (1, 0, 0, 0),
@@ -354,6 +372,7 @@ class Scene:
             loops: How many times the clip is played.
             leave_out: Names of joints of a character. What follows them, or joints below them, more than any other
                 joint is not part of the obstacle: the arms, say, where they would press a skirt into the hips.
+            units, up: As for `add_cloth`.
             transform, translate, rotate, scale: Placement, as for `add_cloth`.
             weld: As for `add_cloth`. Not for a motion that moves every vertex by itself; animated characters are
                 welded when they are read.
@@ -372,7 +391,8 @@ class Scene:
             "contact_stiffness": contact_stiffness,
         }
         numbers = {key: number(f"{name}: {key}", value) for key, value in given.items() if value is not None}
-        place = placement(transform, translate, rotate, scale)
+        frame, _ = file_frame(name, mesh, units, up)
+        place = placement(transform, translate, rotate, scale) @ frame
         matrix = place.tolist()
         joints = _joint_names(f"{name}: leave_out", leave_out)
         if joints and (motion is not None or not isinstance(mesh, (str, os.PathLike)) or not _animated(mesh)):

@@ -6,13 +6,30 @@
 namespace cama::python {
 namespace {
 
+constexpr std::size_t longest = 4000;  // bytes of a text: it may quote a line of a damaged file
+
+/// Binds an exception. Its text may quote a file in any encoding: bytes that are not UTF-8 are replaced.
 template <class Exception>
 py::object bind_error(py::module_ &module, const char *name, py::handle base, const char *text)
 {
-  py::object type = py::register_exception<Exception>(module, name, base);
-  type.attr("__module__") = "cama";
-  type.attr("__doc__") = text;
-  return type;
+  static PyObject *type = nullptr;  // one for each class
+  py::exception<Exception> made(module, name, base);
+  made.attr("__module__") = "cama";
+  made.attr("__doc__") = text;
+  type = made.inc_ref().ptr();
+  py::register_exception_translator([](std::exception_ptr thrown) {
+    try {
+      if (thrown) std::rethrow_exception(thrown);
+    } catch (const Exception &problem) {
+      std::string what = problem.what();
+      if (what.size() > longest) what.replace(longest / 2, what.size() - longest, " ... ");
+      PyObject *decoded = PyUnicode_DecodeUTF8(what.data(), static_cast<py::ssize_t>(what.size()), "replace");
+      if (!decoded) return;  // Python's own error is set
+      PyErr_SetObject(type, decoded);
+      Py_DECREF(decoded);
+    }
+  });
+  return std::move(made);
 }
 
 }  // namespace

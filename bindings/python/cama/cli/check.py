@@ -10,8 +10,10 @@ from rich.markup import escape
 from rich.table import Table
 
 from .. import plausibility
+from ..errors import Error
+from ..hints import counted
 from ..scene import Scene
-from .common import Debug, Resolution, SceneName, clean, console, rest_lines
+from .common import Debug, Resolution, SceneName, clean, console, fail, rest_lines
 
 STRETCHED = 0.5  # start strain that `check` warns of, and to a stretch of 1 / 1.5
 
@@ -26,19 +28,55 @@ def check(
     ] = None,
     debug: Debug = False,
 ):
-    """Validates SCENE and reports its parts and all intersections at the start. Exit code 1 if there are any."""
-    loaded = Scene.load(scene, resolution)
-    loaded.validate()
+    """Validates SCENE, reports its parts and all intersections at the start, and says whether it will run.
+
+    Exit code 0: it will run. 1: it has intersections at the start. 2: it is refused.
+    """
+    try:
+        loaded = Scene.load(scene, resolution)
+        loaded.validate()
+    except Error as problem:
+        if debug:
+            raise
+        fail(problem, "will not run: ")
+        raise typer.Exit(2) from None
+    out = console()
+    stretched = show_parts(out, loaded)
+    unlikely = plausibility.findings(loaded)
+    named = {finding.object for finding in unlikely if finding.kind == "rest shape"}
+    doubts = plausibility.texts(unlikely)
+    far = [name for name in stretched if f"cloth '{name}'" not in named]
+    if far:
+        doubts.append(
+            f"{', '.join(far)}: starts far from its rest shape, which its texture coordinates or material vertices say"
+        )
+    found = loaded.intersections()
+    count = sum(pair.count for pair in found)
+    for line in doubts:
+        out.print(f"[yellow]{escape(line)}[/]")
+    for line in plausibility.remarks(loaded):
+        out.print(escape(line))
+    out.print(f"intersections at the start: [{'bold red' if count else 'green'}]{count}[/]")
+    if mesh:
+        loaded.save_intersections(mesh)
+        out.print(f"intersecting faces written to {escape(str(mesh))}")
+    for line in intersection_lines(found):
+        out.print(line)
+    out.print(verdict(str(scene), count, unlikely, far))
+    if count:
+        raise typer.Exit(1)
+
+
+def show_parts(out, scene):
+    """Prints all parts of a scene and the sizes of its cloth; returns the names of cloth that starts stretched."""
     table = Table("part", "name", "from", box=None, padding=(0, 2))
     sizes = Table("cloth", box=None, padding=(0, 1))
     for title in ("triangles", "vertices"):
         table.add_column(title, justify="right")
     for title in ("extent, m", "rest area, m²", "mass, kg", "start strain, %"):
         sizes.add_column(title, justify="right", no_wrap=True)
-    unlikely = plausibility.findings(loaded)
-    named = {finding.object for finding in unlikely if finding.kind == "rest shape"}
     stretched = []
-    for kind, parts in (("cloth", loaded.cloths), ("obstacle", loaded.obstacles)):
+    for kind, parts in (("cloth", scene.cloths), ("obstacle", scene.obstacles)):
         for part in parts:
             table.add_row(
                 kind, escape(part.name), escape(part.source), f"{len(part.faces):,}", f"{len(part.vertices):,}"
@@ -54,39 +92,33 @@ def check(
                 f"{part.mass:.3g}",
                 strain,
             )
-            if (most > STRETCHED or least < 1 / (1 + STRETCHED) - 1) and f"cloth '{part.name}'" not in named:
+            if most > STRETCHED or least < 1 / (1 + STRETCHED) - 1:
                 stretched.append(part.name)
-    out = console()
     out.print(table)
     out.print(sizes)
-    for line in rest_lines(loaded):
+    for line in rest_lines(scene):
         out.print(escape(line))
-    pinned = sum(len(pin["vertices"]) for pin in loaded.pins)
-    found = loaded.intersections()
-    count = sum(pair.count for pair in found)
+    pinned = sum(len(pin["vertices"]) for pin in scene.pins)
     out.print(
-        f"{loaded.triangle_count:,} cloth triangles, {pinned:,} pinned vertices, {loaded.stitch_count:,} stitches, "
-        f"{loaded.frames} frames of {loaded.seconds_per_frame * 1e3:g} ms"
+        f"{scene.triangle_count:,} cloth triangles, {pinned:,} pinned vertices, {scene.stitch_count:,} stitches, "
+        f"{scene.frames} frames of {scene.seconds_per_frame * 1e3:g} ms"
     )
-    for line in plausibility.texts(unlikely):
-        out.print(f"[yellow]{escape(line)}[/]")
-    if stretched:
-        out.print(
-            f"[yellow]{escape(', '.join(stretched))}: starts far from its rest shape, which its texture "
-            "coordinates or material vertices say[/]"
+    return stretched
+
+
+def verdict(scene, intersections, unlikely, stretched):
+    """Returns the last line of `cama check`: whether the scene runs, and what to do about it if not."""
+    if intersections:
+        return (
+            f"[bold red]will not run[/]: {counted(intersections, 'intersection')} at the start. Move the objects "
+            "apart, or add to `cama run`: --intersections untangle moves the cloth first, exempt starts as it is"
         )
-    out.print(f"intersections at the start: [{'bold red' if count else 'green'}]{count}[/]")
-    if mesh:
-        loaded.save_intersections(mesh)
-        out.print(f"intersecting faces written to {escape(str(mesh))}")
-    if count:
-        for line in intersection_lines(found):
-            out.print(line)
-        out.print(
-            "`cama run` refuses this start; its option --intersections untangle moves the cloth first, "
-            "exempt starts as it is."
-        )
-        raise typer.Exit(1)
+    places = dict.fromkeys([f"{finding.object} ({finding.kind})" for finding in unlikely])
+    places.update(dict.fromkeys(f"cloth '{name}' (start)" for name in stretched))
+    if places:
+        first = ", ".join(list(places)[:4]) + (f" and {len(places) - 4} more" if len(places) > 4 else "")
+        return f"[bold yellow]will run, but look at[/] {escape(first)}: the yellow lines above say why"
+    return f"[bold green]ready[/]: `cama run {escape(scene)}` simulates it"
 
 
 def place_text(place):

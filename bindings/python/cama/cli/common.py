@@ -147,10 +147,10 @@ def caution(text):
     Console(stderr=True, soft_wrap=True).print(f"[yellow]{escape(str(text))}[/]", highlight=False)
 
 
-def fail(problem):
-    """Prints an error as one red line on standard error."""
+def fail(problem, verdict=""):
+    """Prints an error as one red line on standard error, after words that say what it means."""
     Console(stderr=True, soft_wrap=True).print(
-        f"[bold red]{type(problem).__name__}:[/] [red]{escape(str(problem))}[/]", highlight=False
+        f"[bold red]{verdict}{type(problem).__name__}:[/] [red]{escape(str(problem))}[/]", highlight=False
     )
 
 

@@ -7,9 +7,11 @@ import typer
 
 from .. import _core
 from .check import check
+from .doctor import doctor
 from .explain import explain
 from .export import export
 from .info import info
+from .new import new
 from .render import render
 from .run import run
 from .stability import stability
@@ -41,7 +43,7 @@ def options(
     pass
 
 
-for command in (run, info, explain, check, render, export, stability, tradeoff, tune):
+for command in (run, new, check, render, export, explain, info, doctor, stability, tradeoff, tune):
     app.command()(command)
 
 

@@ -9,7 +9,8 @@ matching_start_L [blocks + 1]: the preconditioner's blocks (docs/theory/linear-s
 all that the scene says, part by part. Attributes: `format`; scene (of meshes and masses, 16 hexadecimal digits), step,
 time_step, released, matching_step, matching_terms, matching_first_iterations, matching_last_iterations; for people and
 for `cama run --resume`: scene_name, options (JSON), cama_version. Checkpoints of `cama run` also have the group `run`:
-what its summary has counted so far. Nothing in it is executed; every value is checked before it is used.
+what its summary has counted so far. Behind the HDF5 file the digest of all before it follows. Nothing in it is
+executed; every value is checked before it is used.
 
 A run keeps two of them, so that one is there whatever happens while the next is written.
 """
@@ -28,11 +29,13 @@ from .._core import __version__
 from ..arrays import integers, reals
 from ..errors import FileError, SceneError
 from ..types import PathLike
+from . import reading
 from .journal import sync_folder
 
 NAME = "checkpoint.h5"
 BEFORE = "checkpoint-before.h5"  # the one before
 FORMAT = "cama checkpoint 3"
+SEAL = b"cama sha256:"  # before the digest, behind what HDF5 reads
 EARLIER = ("cama checkpoint 2",)  # without `driving`
 PAIRS = ("tangled", "let_go")
 INTEGERS = (
@@ -158,6 +161,7 @@ def write(path: PathLike, simulation: Any, run: Optional[Mapping[str, Any]] = No
     try:
         with open(partial, "wb") as file:
             file.write(whole.getbuffer())
+            file.write(SEAL + hashlib.sha256(whole.getbuffer()).digest())
             file.flush()
             os.fsync(file.fileno())
         if before and path.exists():
@@ -168,6 +172,16 @@ def write(path: PathLike, simulation: Any, run: Optional[Mapping[str, Any]] = No
         with contextlib.suppress(OSError):
             partial.unlink()
         raise FileError(f"{path}: writing failed ({problem})") from None
+
+
+def _is_sealed(path: Path) -> bool:
+    """Whether a file ends with the digest of all before it, so that no bit has changed since it was written."""
+    try:
+        content = path.read_bytes()
+    except OSError:
+        return False
+    body, seal = content[: -len(SEAL) - 32], content[-len(SEAL) - 32 :]
+    return seal == SEAL + hashlib.sha256(body).digest()
 
 
 def read(path: PathLike) -> tuple[dict[str, Any], dict[str, Any], Optional[dict[str, str]]]:
@@ -181,6 +195,8 @@ def read(path: PathLike) -> tuple[dict[str, Any], dict[str, Any], Optional[dict[
     path = path / NAME if path.is_dir() else path
     if not path.is_file():
         raise FileError(f"{path}: no such file; `cama run` and Simulation.save_checkpoint write it")
+    if not _is_sealed(path):
+        reading.check_hdf5(path)
     try:
         with h5py.File(path, "r") as file:
             if file.attrs.get("format") not in (FORMAT, *EARLIER):
@@ -216,6 +232,9 @@ def read(path: PathLike) -> tuple[dict[str, Any], dict[str, Any], Optional[dict[
         ValueError,
         TypeError,
         AttributeError,
+        IndexError,
+        OverflowError,
+        RuntimeError,
         MemoryError,
     ) as problem:  # ArrayError is a ValueError
         raise FileError(f"{path}: not a checkpoint of cama: {problem}") from None

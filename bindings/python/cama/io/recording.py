@@ -20,10 +20,23 @@ import numpy as np
 from .. import shipped
 from ..errors import FileError
 from .journal import JournaledFile, readable, recover
+from .reading import check_hdf5
 from .texture import texture_of
 
 NAME = "frames.h5"
 FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
+# What h5py raises for a file that is damaged or of another program.
+DAMAGED = (
+    OSError,
+    KeyError,
+    ValueError,
+    TypeError,
+    AttributeError,
+    IndexError,
+    OverflowError,
+    RuntimeError,
+    MemoryError,
+)
 
 
 class Recorder:
@@ -49,6 +62,8 @@ class Recorder:
             recover(self._path)
         if until is not None and not h5py.is_hdf5(path):
             raise FileError(f"{path}: is not there, or no HDF5 file; there is nothing to go on with")
+        if until is not None:
+            check_hdf5(path)
         with self._writing():
             self._output = JournaledFile(self._partial or self._path, "w+b" if until is None else "r+b")
         try:
@@ -226,16 +241,33 @@ class Recording:
         path = path / NAME if path.is_dir() else path
         if not path.is_file():
             raise FileError(f"{path}: no such file; {_how_to_record(path)}")
+        self._path = path
         try:
             self._file = h5py.File(readable(path), "r")
-            self.positions, self.times = self._file["positions"], self._file["times"][:]
+            self.positions, self.times = self._file["positions"], np.asarray(self._file["times"][:], np.float64)
             self.faces = self._file["faces"][:].astype(np.int64)
             self.cloths, self.obstacles = self._parts("cloth"), self._parts("obstacle")
-        except (OSError, KeyError) as problem:
+            self.attributes = dict(self._file.attrs)
+            self._check()
+        except DAMAGED as problem:
             raise FileError(f"{path}: not a recording of cama: {problem}") from None
-        self.attributes = dict(self._file.attrs)
         if not len(self.times):
             raise FileError(f"{path}: no frame was recorded")
+
+    def _check(self):
+        """Raises ValueError for shapes and numbers that a recording does not have."""
+        shape, count = self.positions.shape, self.positions.shape[1]
+        if shape[2:] != (3,) or self.positions.dtype.kind != "f" or shape[0] < len(self.times):
+            raise ValueError(f"its positions are {self.positions.dtype} of shape {shape}")
+        if self.times.ndim != 1 or not np.isfinite(self.times).all() or (np.diff(self.times) < 0).any():
+            raise ValueError("its times are no rising numbers")
+        if self.faces.ndim != 2 or self.faces.shape[1] != 3 or (self.faces < 0).any() or (self.faces >= count).any():
+            raise ValueError("its faces name vertices that are not there")
+        for part in (*self.cloths, *self.obstacles):
+            if not 0 <= part.vertices.start <= part.vertices.stop <= count or not np.isfinite(part.radius):
+                raise ValueError(f"{part.name!r} has vertices that are not there, or no radius")
+            if (part.faces >= part.vertices.stop - part.vertices.start).any():
+                raise ValueError(f"faces of {part.name!r} name vertices of another object")
 
     def _parts(self, kind):
         ranges = self._file[f"{kind}_ranges"]
@@ -263,8 +295,14 @@ class Recording:
         return len(self.times)
 
     def frame(self, index):
-        """[vertices, 3] float64, m."""
-        return self.positions[index].astype(np.float64)
+        """[vertices, 3] float64, m. Raises FileError for a frame that is damaged."""
+        try:
+            positions = self.positions[index].astype(np.float64)
+        except DAMAGED as problem:
+            raise FileError(f"{self._path}: frame {index} cannot be read: {problem}") from None
+        if not np.isfinite(positions).all():
+            raise FileError(f"{self._path}: frame {index} is damaged: a position is not a finite number")
+        return positions
 
     def counts(self, index):
         """Contacts and intersections of a frame, {name: number}; of an older recording those that it has."""

@@ -13,7 +13,8 @@ from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeRemaini
 from ..errors import BackendError, FileError
 from ..hints import require
 from .progress import Bar
-from .recording import Recording
+from .reading import check_hdf5
+from .recording import NAME, Recording
 
 CLOTHS = ["#3f74b5", "#e08a3c", "#4f9d69", "#b8485f", "#8366b0", "#c9a227", "#3a9aa3", "#8a6a52"]
 BODY, FLOOR, SKY = "#cfc8bf", "#e9e9ec", "#f6f7f9"
@@ -336,6 +337,7 @@ def render(folder, fps=30, speed=None, size=(1280, 720), azimuth=-60.0, elevatio
     import imageio.v2 as imageio
 
     size = tuple(s - s % 2 for s in size)  # what the video codec takes
+    check_hdf5(Path(folder) / NAME if Path(folder).is_dir() else folder)
     with Recording(folder) as recording:
         out = Path(folder) if Path(folder).is_dir() else Path(folder).parent
         interval = float(np.median(np.diff(recording.times))) if len(recording) > 1 else 1.0

@@ -39,5 +39,8 @@ inline dvec3 y_up_to_z_up(const dvec3 &x) { return {x.x, -x.z, x.y}; }
 /// Opens a file with triangles only and pivots collapsed. Throws FileError.
 const aiScene *open_assimp(Assimp::Importer &importer, const std::filesystem::path &file, bool need_mesh);
 
+/// Whether a face has three corners, all of them vertices of the mesh: damaged files name others.
+bool is_triangle(const aiMesh &mesh, unsigned face);
+
 }  // namespace cama
 #endif

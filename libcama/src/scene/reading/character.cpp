@@ -7,6 +7,7 @@
 
 #include "cama/error.hpp"
 #include "cama/motion.hpp"
+#include "scene/constants.hpp"
 #include "scene/reading/assimp_file.hpp"
 #include "scene/reading/weld.hpp"
 #include "scene/shapes/quaternion.hpp"
@@ -74,6 +75,7 @@ public:
   double clip_length() const { return last_ - first_; }
   bool has_clip() const { return animation_ != nullptr; }
   const std::vector<Triangle> &face() const { return face_; }
+  std::size_t vertex_count() const { return vertex_.size(); }
 
   /// Vertices at `time` of the clip (s); `blend` 0: bind pose, 1: clip.
   std::vector<dvec3> positions(double time, double blend) const
@@ -152,7 +154,7 @@ private:
         tag.push_back(std::move(key));
       }
       for (unsigned f = 0; f < m.mNumFaces; ++f)
-        if (m.mFaces[f].mNumIndices == 3)
+        if (is_triangle(m, f))
           face.push_back({base + static_cast<int>(m.mFaces[f].mIndices[0]),
                           base + static_cast<int>(m.mFaces[f].mIndices[1]),
                           base + static_cast<int>(m.mFaces[f].mIndices[2])});
@@ -214,7 +216,7 @@ private:
     if (n == index_.end()) throw FileError(file_ + ": bone \"" + b.mName.C_Str() + "\" has no node of that name");
     bone_.push_back({n->second, Affine::from(b.mOffsetMatrix)});
     for (unsigned w = 0; w < b.mNumWeights; ++w)
-      if (b.mWeights[w].mWeight > 0)
+      if (b.mWeights[w].mWeight > 0 && b.mWeights[w].mVertexId < corner.size() - static_cast<std::size_t>(base))
         corner[base + b.mWeights[w].mVertexId].influence.push_back(
             {static_cast<int>(bone_.size()) - 1, b.mWeights[w].mWeight});
   }
@@ -317,6 +319,10 @@ Character load_character(const std::filesystem::path &file, const std::string &c
     add(0, 0, 0);
   else {
     const double start = skinner.clip_start(), length = skinner.clip_length();
+    const double samples = (length * std::max(1, loops) + std::max(0.0, lead_in)) * samples_per_second;
+    if (!(length >= 0) || !(samples * static_cast<double>(skinner.vertex_count()) < most_sampled_positions))
+      throw FileError(file.string() + ": the clip of " + std::to_string(length) + " s, " + std::to_string(loops) +
+                      " times, would have too many samples; give a clip, fewer loops or lower samples_per_second");
     const int lead = lead_in > 0 ? std::max(1, static_cast<int>(std::ceil(lead_in * samples_per_second))) : 0;
     for (int i = 0; i < lead; ++i) {
       const double t = static_cast<double>(i) / lead, eased = t * t * t * (10 + t * (6 * t - 15));

@@ -8,8 +8,11 @@ namespace cama {
 
 Json parse_json(const std::string &text, const std::function<void(const std::string &)> &complain)
 {
+  constexpr int deepest = 64;   // lists and objects within each other; a scene has 10
   std::vector<std::set<std::string>> keys;   // keys of the objects that are open
-  const auto watch = [&](int, Json::parse_event_t event, Json &value) {
+  const auto watch = [&](int depth, Json::parse_event_t event, Json &value) {
+    if (depth > deepest)
+      complain("lists or objects are nested more than " + std::to_string(deepest) + " deep; is a bracket missing?");
     if (event == Json::parse_event_t::object_start)
       keys.emplace_back();
     else if (event == Json::parse_event_t::object_end)

@@ -28,6 +28,14 @@ std::string extension(const std::filesystem::path &file)
 }
 
 #if CAMA_HAS_ASSIMP
+/// A text of assimp, which may quote the file, with a few hundred printable characters at most.
+std::string one_line(std::string text)
+{
+  if (text.size() > 300) text = text.substr(0, 300) + "...";
+  std::replace_if(text.begin(), text.end(), [](unsigned char c) { return c < 0x20; }, ' ');
+  return text;
+}
+
 struct Corners {
   std::vector<dvec3> position;
   std::vector<Triangle> face;
@@ -48,7 +56,7 @@ void collect(const aiScene &scene, const aiNode &node, const Affine &parent, Cor
                                                   : MaterialPoint{0, 0});
     }
     for (unsigned f = 0; f < m.mNumFaces; ++f)
-      if (m.mFaces[f].mNumIndices == 3)
+      if (is_triangle(m, f))
         out.face.push_back({base + static_cast<int>(m.mFaces[f].mIndices[0]),
                             base + static_cast<int>(m.mFaces[f].mIndices[1]),
                             base + static_cast<int>(m.mFaces[f].mIndices[2])});
@@ -96,12 +104,20 @@ Mesh load_through_assimp(const std::filesystem::path &file, double scale, RestSh
 }  // namespace
 
 #if CAMA_HAS_ASSIMP
+bool is_triangle(const aiMesh &mesh, unsigned f)
+{
+  const aiFace &face = mesh.mFaces[f];
+  return face.mNumIndices == 3 &&
+         std::all_of(face.mIndices, face.mIndices + 3, [&](unsigned v) { return v < mesh.mNumVertices; });
+}
+
 const aiScene *open_assimp(Assimp::Importer &importer, const std::filesystem::path &file, bool need_mesh)
 {
   if (!std::filesystem::exists(file)) throw FileError(file.string() + ": no such file");
   importer.SetPropertyBool(AI_CONFIG_IMPORT_FBX_PRESERVE_PIVOTS, false);
   const aiScene *scene = importer.ReadFile(file.string(), aiProcess_Triangulate);
-  if (!scene || !scene->mRootNode) throw FileError(file.string() + ": cannot be read: " + importer.GetErrorString());
+  if (!scene || !scene->mRootNode)
+    throw FileError(file.string() + ": cannot be read: " + one_line(importer.GetErrorString()));
   if (need_mesh && scene->mNumMeshes == 0) throw FileError(file.string() + ": holds no mesh");
   return scene;
 }

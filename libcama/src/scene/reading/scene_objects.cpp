@@ -30,11 +30,12 @@ std::string one_of(const Field &f, std::initializer_list<const char *> keys)
   return found;
 }
 
-bool is_obj(const std::filesystem::path &p)
+/// The ending of a file in lower case, with its dot.
+std::string ending_of(const std::filesystem::path &p)
 {
   std::string ending = p.extension().string();
   for (char &c : ending) c = static_cast<char>(std::tolower(static_cast<unsigned char>(c)));
-  return ending == ".obj";
+  return ending;
 }
 
 std::pair<double, double> size2(const Field &f)
@@ -84,6 +85,25 @@ RestShape read_rest(const Field &f, double &material_scale)
               "\"uv\" beside it, or leave it out");
   material_scale = f.positive("material_scale", 1);
   return rest == "uv" ? RestShape::uv : RestShape::start;
+}
+
+/// Length, m, of the unit that a mesh file is in.
+double read_units(const Field &f)
+{
+  const std::string unit = f.text("units", "m");
+  for (const auto &[name, length] : {std::pair("m", 1.0), {"cm", 0.01}, {"mm", 0.001}, {"inch", 0.0254}})
+    if (unit == name) return length;
+  f.at("units").fail("must be \"m\", \"cm\", \"mm\" or \"inch\", got " + f.at("units").brief());
+}
+
+/// Whether a mesh file is to be turned so that its y axis is up.
+bool read_y_up(const Field &f, const std::filesystem::path &path)
+{
+  const std::string up = f.text("up", "z"), ending = ending_of(path);
+  if (up != "y" && up != "z") f.at("up").fail("must be \"y\" or \"z\", got " + f.at("up").brief());
+  if (f.has("up") && (ending == ".glb" || ending == ".gltf" || ending == ".fbx" || ending == ".dae"))
+    f.at("up").fail("is for OBJ, PLY and STL files; in " + ending + " y is up, and it is turned already; leave it out");
+  return up == "y";
 }
 
 /// Welds a mesh if its source in the file says so; returns the new vertex of each old one, or nothing.
@@ -150,15 +170,16 @@ Mesh SceneReader::read_mesh_file(const Field &f, Cloth *cloth, std::vector<MeshS
   RestShape rest = RestShape::start;
   if (!plain && cloth) {
     rest = read_rest(f, material_scale);
-    f.only({"path", "scale", "rest", "material_scale", "positions", "stitches", "weld"});
+    f.only({"path", "units", "up", "scale", "rest", "material_scale", "positions", "stitches", "weld"});
     if (rest == RestShape::uv) cloth->material_scale = material_scale;
   } else if (!plain)
-    f.only({"path", "scale", "positions", "weld"});
+    f.only({"path", "units", "up", "scale", "positions", "weld"});
   const std::filesystem::path path = file_path(plain ? f : f.at("path"));
-  const double scale = plain ? 1 : f.positive("scale", 1);
+  const double scale = plain ? 1 : f.positive("scale", 1) * read_units(f);
+  const bool y_up = !plain && read_y_up(f, path);
   Mesh m;
   try {
-    if (is_obj(path)) {
+    if (ending_of(path) == ".obj") {
       ObjFile file = read_obj(path, scale, rest, material_scale);
       m = std::move(file.mesh);
       if (stitches && (plain || f.boolean("stitches", true))) *stitches = std::move(file.stitches);
@@ -175,18 +196,21 @@ Mesh SceneReader::read_mesh_file(const Field &f, Cloth *cloth, std::vector<MeshS
                 std::to_string(m.position.size()));
     std::copy_n(other.position.begin(), m.position.size(), m.position.begin());
   }
+  if (y_up)
+    for (dvec3 &x : m.position) x = {x.x, -x.z, x.y};
   return m;
 }
 
 Character SceneReader::read_character(const Field &f) const
 {
-  f.only({"file", "clip", "animation_file", "scale", "samples_per_second", "y_up", "lead_in", "loops", "leave_out"});
+  f.only({"file", "clip", "animation_file", "units", "scale", "samples_per_second", "y_up", "lead_in", "loops",
+          "leave_out"});
   const std::filesystem::path animation =
       f.has("animation_file") ? file_path(f.at("animation_file")) : std::filesystem::path();
   std::vector<std::string> leave_out;
   if (f.has("leave_out"))
     for (const Field &joint : f.at("leave_out").items()) leave_out.push_back(joint.text());
-  return load_character(file_path(f.at("file")), f.text("clip", ""), animation, f.positive("scale", 1),
+  return load_character(file_path(f.at("file")), f.text("clip", ""), animation, f.positive("scale", 1) * read_units(f),
                         f.positive("samples_per_second", 60), f.boolean("y_up", true), f.finite("lead_in", 0),
                         f.integer("loops", 1), leave_out);
 }

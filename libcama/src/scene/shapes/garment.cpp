@@ -25,6 +25,7 @@ double cross(const Point2 &o, const Point2 &a, const Point2 &b)
 
 std::vector<Point2> convex_hull(std::vector<Point2> p)
 {
+  if (p.size() < 2) return p;
   std::sort(p.begin(), p.end(),
             [](const Point2 &a, const Point2 &b) { return a.x < b.x || (a.x == b.x && a.y < b.y); });
   std::vector<Point2> h;
@@ -245,7 +246,9 @@ Shell make_shell(const Trunk &trunk, const Garment &g, const Point2 &axis)
     const double p = middle[d], q = middle[(d + 1) % directions];
     shell.turn.push_back(shell.turn.back() + std::sqrt(p * p + q * q - 2 * p * q * std::cos(2 * pi / directions)));
   }
-  for (double &t : shell.turn) t /= shell.turn.back();
+  const double around = shell.turn.back();
+  if (!(around > 0 && std::isfinite(around))) throw MeshError("the garment has no width; check length, flare and body");
+  for (double &t : shell.turn) t /= around;
   return shell;
 }
 
@@ -396,6 +399,8 @@ Pattern make_garment(const Mesh &body, const Garment &g, int triangles)
                down = std::hypot(g.length, g.flare);
   const double cells = std::max(triangles, 64) / 2.0;
   const int unit = g.panels % 2 ? 2 * g.panels : g.panels;
+  if (!(std::sqrt(cells * around / down) < most_triangles) || !(cells < most_triangles))
+    throw MeshError("garment: would have more than 20,000,000 triangles; give fewer, or a length that fits the body");
   const int columns = std::max(1, static_cast<int>(std::lround(std::sqrt(cells * around / down) / unit))) * unit,
             rows = std::max(2, static_cast<int>(std::lround(cells / columns)));
 

@@ -24,19 +24,33 @@ void add_cell(std::vector<Triangle> &face, int a, int b, int c, int d, bool risi
   }
 }
 
+/// Rounds a number of cells along a side, at least 1. Throws MeshError for a mesh of more than most_triangles.
+int cells_along(double number)
+{
+  if (!(number < 0.5 * most_triangles))
+    throw MeshError("a generated mesh would have more than 20,000,000 triangles; give fewer triangles or cells, or "
+                    "sides whose lengths differ less");
+  return std::max(1, static_cast<int>(std::lround(number)));
+}
+
+/// Throws MeshError for more cells, of two triangles each, than most_triangles has.
+void check_cells(double columns, double rows) { cells_along(columns * rows); }
+
 }  // namespace
 
 Pattern make_grid(double width, double height, int triangles)
 {
   const double cells = std::max(1, triangles) / 2.0;
-  const int columns = std::max(1, static_cast<int>(std::lround(std::sqrt(cells * width / height))));
-  return make_grid_cells(width, height, columns, std::max(1, static_cast<int>(std::lround(cells / columns))));
+  if (!(width > 0) || !(height > 0)) throw MeshError("grid: width and height must be greater than 0");
+  const int columns = cells_along(std::sqrt(cells * width / height));
+  return make_grid_cells(width, height, columns, cells_along(cells / columns));
 }
 
 Pattern make_grid_cells(double width, double height, int columns, int rows)
 {
   if (!(width > 0) || !(height > 0) || columns < 1 || rows < 1)
     throw MeshError("grid: width, height, columns and rows must be greater than 0");
+  check_cells(columns, rows);
   Pattern p;
   const int stride = columns + 1;
   const auto at = [&](int i, int j) { return j * stride + i; };
@@ -70,10 +84,12 @@ Pattern make_tube(double bottom_radius, double top_radius, double height, int tr
   if (!(bottom_radius > 0) || !(top_radius > 0) || !(height > 0) || seams < 1)
     throw MeshError("tube: radii, height and seams must be greater than 0");
   const double around = pi * (bottom_radius + top_radius), cells = std::max(8, triangles) / 2.0;
-  int columns = static_cast<int>(std::lround(std::sqrt(cells * around / height) / (2 * seams))) * 2 * seams;
+  check_cells(2.0 * seams, 1);
+  int columns = (cells_along(1 + std::sqrt(cells * around / height) / (2 * seams)) - 1) * 2 * seams;
   columns = std::max(columns, std::max(2 * seams, 4));
   columns = (columns + 2 * seams - 1) / (2 * seams) * 2 * seams;
-  const int rows = std::max(1, static_cast<int>(std::lround(cells / columns))), per_panel = columns / seams;
+  const int rows = cells_along(cells / columns), per_panel = columns / seams;
+  check_cells(columns, rows);
   Pattern p;
   for (int j = 0; j <= rows; ++j)
     for (int i = 0; i < columns; ++i) {
@@ -107,7 +123,8 @@ Pattern make_tube(double bottom_radius, double top_radius, double height, int tr
 Mesh make_sphere(double radius, int triangles)
 {
   if (!(radius > 0)) throw MeshError("sphere: radius must be greater than 0");
-  const int n = std::max(1, static_cast<int>(std::lround(std::sqrt(std::max(20, triangles) / 20.0))));
+  check_cells(0.5 * triangles, 1);
+  const int n = cells_along(std::sqrt(std::max(20, triangles) / 20.0));
   const double g = 0.5 * (1 + std::sqrt(5.0));
   const std::vector<dvec3> corner{{-1, g, 0},  {1, g, 0},  {-1, -g, 0}, {1, -g, 0}, {0, -1, g},  {0, 1, g},
                                   {0, -1, -g}, {0, 1, -g}, {g, 0, -1},  {g, 0, 1},  {-g, 0, -1}, {-g, 0, 1}};
@@ -149,9 +166,8 @@ Mesh make_box(const dvec3 &size, int triangles)
     throw MeshError("box: size must be greater than 0 in all directions");
   const double area = 2 * (size.x * size.y + size.y * size.z + size.z * size.x),
                edge = std::sqrt(2 * area / std::max(12, triangles));
-  const int n[3] = {std::max(1, static_cast<int>(std::lround(size.x / edge))),
-                    std::max(1, static_cast<int>(std::lround(size.y / edge))),
-                    std::max(1, static_cast<int>(std::lround(size.z / edge)))};
+  const int n[3] = {cells_along(size.x / edge), cells_along(size.y / edge), cells_along(size.z / edge)};
+  for (int axis = 0; axis < 3; ++axis) check_cells(2.0 * n[axis], n[(axis + 1) % 3]);
   const double s[3] = {size.x, size.y, size.z};
   Mesh m;
   std::map<std::array<int, 3>, int> known;
@@ -184,9 +200,10 @@ Mesh make_capsule(double radius, double length, int triangles)
 {
   if (!(radius > 0) || !(length >= 0)) throw MeshError("capsule: radius must be greater than 0 and length 0 or more");
   const double area = 2 * pi * radius * (length + 2 * radius), edge = std::sqrt(2 * area / std::max(40, triangles));
-  const int around = std::max(6, static_cast<int>(std::lround(2 * pi * radius / edge))),
-            cap = std::max(2, static_cast<int>(std::lround(0.5 * pi * radius / edge)));
-  const int straight = length > 0 ? std::max(1, static_cast<int>(std::lround(length / edge))) : 0;
+  const int around = std::max(6, cells_along(2 * pi * radius / edge)),
+            cap = std::max(2, cells_along(0.5 * pi * radius / edge));
+  const int straight = length > 0 ? cells_along(length / edge) : 0;
+  check_cells(around, 2.0 * cap + straight);
   std::vector<std::pair<double, double>> ring;   // radius and z, from below
   for (int i = 1; i <= cap; ++i)
     ring.emplace_back(radius * std::sin(0.5 * pi * i / cap), -0.5 * length - radius * std::cos(0.5 * pi * i / cap));
@@ -216,6 +233,7 @@ Mesh make_revolution(const std::vector<std::pair<double, double>> &profile, int 
 {
   const int n = static_cast<int>(profile.size());
   if (n < 3 || segments < 3) throw MeshError("revolution: needs at least 3 profile points and 3 segments");
+  check_cells(n, segments);
   Mesh m;
   for (const auto &[r, z] : profile) {
     if (!(r > 0)) throw MeshError("revolution: profile radii must be greater than 0");
@@ -252,10 +270,10 @@ Mesh make_funnel(const Funnel &f, int triangles)
   const double slant = std::hypot(f.cone_height, f.top_radius - f.throat_radius),
                outline = 2 * (f.tube_length + slant) + pi * f.wall;
   const double mean_radius = 0.5 * (f.top_radius + f.throat_radius);
-  const int segments = std::max(
-      12, static_cast<int>(std::lround(std::sqrt(std::max(200, triangles) / 2.0 * 2 * pi * mean_radius / outline))));
+  const int segments =
+      std::max(12, cells_along(std::sqrt(std::max(200, triangles) / 2.0 * 2 * pi * mean_radius / outline)));
   const double edge = 2 * pi * mean_radius / segments;
-  const auto count = [&](double l) { return std::max(1, static_cast<int>(std::lround(l / edge))); };
+  const auto count = [&](double l) { return cells_along(l / edge); };
   straight(r0, -f.tube_length, r0, -cut, count(f.tube_length - cut));
   const int arc = std::max(6, count(bend * slope));
   for (int i = 0; i < arc; ++i) {

@@ -253,9 +253,10 @@ double eased(double t)
 
 Character make_walker(const Walker &w)
 {
-  if (!(w.height > 0) || !(w.cell > 0.004) || !(w.period > 0) || !(w.duration > 0) || !(w.samples_per_second > 0))
+  if (!(w.height > 0) || !(w.cell > 0.004) || !(w.cell < 0.5) || !(w.period > 0) || !(w.duration > 0) ||
+      !(w.samples_per_second > 0))
     throw MeshError(
-        "walker: height, period, duration and samples_per_second must be greater than 0 and cell above 0.004 m");
+        "walker: height, period, duration and samples_per_second must be greater than 0 and cell from 0.004 to 0.5 m");
   const std::vector<Part> parts = body_parts();
   Character c;
   c.mesh = surface_net([&](const dvec3 &x) { return body_distance(parts, x); }, {-0.75, -0.3, -0.06}, {0.75, 0.3, 1.8},
@@ -264,6 +265,8 @@ Character make_walker(const Walker &w)
   relax(c.mesh, parts, near);
   const std::vector<Weights> weight = skin(c.mesh, parts, near);
   const double scale = w.height / 1.7;
+  if (!(w.duration * w.samples_per_second * static_cast<double>(c.mesh.position.size()) < most_sampled_positions))
+    throw MeshError("walker: duration times samples_per_second is too much; give fewer of either, or a larger cell");
   const int count = std::max(1, static_cast<int>(std::ceil(w.duration * w.samples_per_second)));
   auto sampled = std::make_shared<Motion::Sampled>();
   for (int i = 0; i <= count; ++i) {
