@@ -14,6 +14,7 @@ from .run import run
 from .stability import stability
 from .tradeoff import tradeoff
 from .tune import tune
+from .view import view
 
 app = typer.Typer(
     help="Cloth simulation on CPUs and GPUs.",
@@ -40,7 +41,7 @@ def options(
     pass
 
 
-for command in (run, info, explain, check, render, stability, tradeoff, tune):
+for command in (run, info, explain, check, render, view, stability, tradeoff, tune):
     app.command()(command)
 
 

@@ -3,8 +3,8 @@
 
 positions [frames, vertices, 3] m; times [frames] s; contacts, intersections [frames]; faces [triangles, 3];
 cloth_ranges and obstacle_ranges [objects, 2], first vertex and last excluded, with attribute `names`, obstacles also
-with `shapes` and `radii` (of exact ones, whose vertices are their defining points); what was run as attributes of the
-file. Frame 0 is the start.
+with `shapes` and `radii` (of exact ones, whose vertices are their defining points); rest_corners [cloth triangles, 3,
+2] m, every triangle at rest, in a plane; what was run as attributes of the file. Frame 0 is the start.
 """
 
 from contextlib import contextmanager
@@ -120,6 +120,8 @@ class Recorder:
                     [p.shape for p in parts], dtype=h5py.string_dtype()
                 )
                 self._file["obstacle_ranges"].attrs["radii"] = np.array([p.radius for p in parts], np.float64)
+        rest = [cloth.rest_corners for cloth in simulation.scene.cloths]
+        self._file["rest_corners"] = np.concatenate([np.zeros((0, 3, 2)), *rest]).astype(np.float32)
         self._rows = {
             "positions": self._growing("positions", (count, 3), dtype),
             "contacts": self._growing("contacts", (), np.int64),
@@ -227,6 +229,10 @@ class Recording:
         except (OSError, KeyError) as problem:
             raise FileError(f"{path}: not a recording of cama: {problem}") from None
         self.attributes = dict(self._file.attrs)
+        self.contacts, self.intersections, self.rest_corners = (
+            self._file[name][:] if name in self._file else None
+            for name in ("contacts", "intersections", "rest_corners")
+        )  #: [frames], [frames], [cloth triangles, 3, 2] m; None: not in the file
         if not len(self.times):
             raise FileError(f"{path}: no frame was recorded")
 

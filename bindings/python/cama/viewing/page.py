@@ -1,0 +1,187 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The meshes of the page: one for each part in plain colours; for values, one for each band of the scale.
+
+viser's meshes have one colour each. Cloth that is coloured by values is therefore split by the band of every triangle.
+The arrays of a band have spare places, so that the browser keeps its buffers as bands grow and shrink.
+"""
+
+import numpy as np
+
+from ..io import render
+from . import colors
+
+LINES, SHADE = (205, 206, 212), 0.25
+SHADOWED = 50_000  # cloth triangles up to which shadows are drawn unless the user says otherwise
+NO_TRIANGLE = np.zeros((1, 3), np.uint32)
+BANDED = "/cloth"
+
+
+def rgb(text):
+    """Returns (red, green, blue) of "#rrggbb"."""
+    return tuple(int(text[k : k + 2], 16) for k in (1, 3, 5))
+
+
+class Band:
+    """Triangles of one colour."""
+
+    def __init__(self, scene, index, color):
+        self._scene, self._name, self._color, self._handle, self._room = (
+            scene,
+            f"{BANDED}/band {index}",
+            color,
+            None,
+            (0, 0),
+        )
+
+    def show(self, positions, faces, wireframe):
+        """Shows triangles [m, 3] of the positions [n, 3]; none: hides the mesh."""
+        if not len(faces):
+            self.hide()
+            return
+        used = np.zeros(len(positions), bool)
+        used[faces.ravel()] = True
+        kept = np.flatnonzero(used)
+        number = np.empty(len(positions), np.uint32)
+        number[kept] = np.arange(len(kept))
+        room = tuple(
+            have if have >= need else need + need // 2 for have, need in zip(self._room, (len(kept), len(faces)))
+        )
+        vertices, triangles = np.empty((room[0], 3), np.float32), np.zeros((room[1], 3), np.uint32)
+        vertices[: len(kept)], vertices[len(kept) :] = positions[kept], positions[kept[0]]
+        triangles[: len(faces)] = number[faces]
+        if self._handle is None:
+            self._handle = self._scene.add_mesh_simple(
+                self._name, vertices, triangles, color=self._color, side="double", wireframe=wireframe
+            )
+        elif room != self._room:  # no moment with the triangles of one and the vertices of the other
+            self._handle.faces, self._handle.vertices = NO_TRIANGLE, vertices
+            self._handle.faces = triangles
+        else:
+            self._handle.vertices, self._handle.faces = vertices, triangles
+        self._room = room
+        self._handle.wireframe, self._handle.visible = wireframe, True
+
+    def hide(self):
+        """Hides the mesh."""
+        if self._handle is not None:
+            self._handle.visible = False
+
+
+class Page:
+    """What is seen of a Surface.
+
+    Args:
+        server: The viser.ViserServer.
+        surface: The Surface.
+        seen: Positions [n, 3] that the camera frames at first.
+    """
+
+    def __init__(self, server, surface, seen):
+        self._server, self._scene, self._surface = server, server.scene, surface
+        low, high = seen.min(axis=0), seen.max(axis=0)
+        self.size = max(float(np.linalg.norm(high - low)), 1e-3)  #: of what is shown, m
+        self._seen = (low + high) / 2, self.size
+        self._handles, self._bands = {}, None
+        self.hidden, self.wireframe = set(), False  #: names of parts; whether edges alone are drawn
+        self._scene.set_up_direction("+z")
+        self.set_shadows(len(surface.faces) <= SHADOWED)
+        self._place_camera(seen)
+        self._add_floor(low, high)
+
+    def set_shadows(self, shadows):
+        """Draws shadows, or none."""
+        self.shadows = shadows
+        self._scene.configure_default_lights(cast_shadow=shadows)
+
+    def _place_camera(self, seen):
+        position, focus, up = render.frame_camera(seen, -60.0, 22.0, 1.2)  # the panel covers a part of the width
+        camera = self._server.initial_camera
+        camera.position, camera.look_at, camera.up = position, focus, up
+        camera.fov, camera.near, camera.far = np.radians(render.VIEW_ANGLE), self.size / 500, 100 * self.size
+
+    def _add_floor(self, low, high):
+        cell = colors.round_up(self.size / 12)
+        width = cell * 2 * np.ceil(1.6 * self.size / cell)
+        center = np.round((low + high) / 2 / cell) * cell
+        self._scene.add_grid(
+            "/floor",
+            width,
+            width,
+            cell_size=cell,
+            section_size=5 * cell,
+            cell_color=LINES,
+            section_color=LINES,
+            shadow_opacity=SHADE,
+            fade_distance=5 * self.size,
+            fade_strength=1.5,
+            position=(center[0], center[1], low[2] - 0.004 * self.size),
+        )
+
+    def show(self, moment, values=None, low=0.0, high=1.0):
+        """Shows a Moment; values [cloth triangles] colour the cloth by a scale from low to high."""
+        surface, x = self._surface, moment.positions.astype(np.float32)
+        with self._server.atomic():
+            for index, part in enumerate(surface.cloths):
+                self._show_part(part, x, rgb(render.CLOTHS[index % len(render.CLOTHS)]), values is None)
+            for part in surface.obstacles:
+                self._show_part(part, x, rgb(render.BODY), True)
+            if values is not None:
+                self._show_bands(x[: surface.cloth_count], colors.bands_of(values, low, high))
+            elif self._bands:
+                for band in self._bands:
+                    band.hide()
+
+    def _show_part(self, part, x, color, plain):
+        """A part in one colour, unless it is hidden or coloured by values."""
+        handle, visible = self._handles.get(part.name), plain and part.name not in self.hidden
+        if not visible:
+            if handle is not None:
+                handle.visible = False
+            return
+        vertices, faces = render.drawn(part, x, self._seen)
+        if handle is None:
+            self._handles[part.name] = self._scene.add_mesh_simple(
+                f"/parts/{len(self._handles)} {part.name.replace('/', ' ')}",
+                vertices,
+                faces,
+                color=color,
+                side="double",
+                wireframe=self.wireframe,
+                cast_shadow=part.shape != "plane",
+            )
+            return
+        handle.vertices, handle.wireframe, handle.visible = vertices, self.wireframe, True
+
+    def _show_bands(self, x, bands):
+        surface = self._surface
+        if self._bands is None:
+            self._bands = [Band(self._scene, k, color) for k, color in enumerate(colors.band_colors())]
+        shown = np.array([part.name not in self.hidden for part in surface.cloths], bool)[surface.cloth_of_face]
+        order = np.argsort(bands, kind="stable")
+        order = order[shown[order]]
+        ends = np.searchsorted(bands[order], np.arange(len(self._bands) + 1))
+        for k, band in enumerate(self._bands):
+            band.show(x, surface.faces[order[ends[k] : ends[k + 1]]], self.wireframe)
+
+    def pick(self, moment, origin, direction):
+        """Returns the vertex of visible cloth nearest to where a ray first meets it; None: it meets none.
+
+        The ray is an origin [3] and a direction [3].
+        """
+        surface, x = self._surface, moment.positions
+        shown = np.array([part.name not in self.hidden for part in surface.cloths], bool)[surface.cloth_of_face]
+        faces, origin, direction = surface.faces[shown], np.asarray(origin), np.asarray(direction)
+        a, b, c = (x[faces[:, k]] for k in range(3))
+        first, second = b - a, c - a
+        across = np.cross(direction, second)
+        volume = (first * across).sum(1)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            u = ((origin - a) * across).sum(1) / volume
+            turned = np.cross(origin - a, first)
+            v, along = turned @ direction / volume, (turned * second).sum(1) / volume
+            met = (u >= 0) & (v >= 0) & (u + v <= 1) & (along > 0)
+        if not met.any():
+            return None
+        at = np.flatnonzero(met)[along[met].argmin()]
+        point = origin + along[at] * direction
+        return int(faces[at][np.linalg.norm(x[faces[at]] - point, axis=1).argmin()])
