@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """The page of a simulation: run, pause, step, restart, change the level, drag the cloth."""
 
+from __future__ import annotations
+
 import time
 
 import numpy as np
@@ -58,7 +60,7 @@ class Live(Viewer):
         BackendError: viser is not installed, or the address cannot be served.
     """
 
-    def __init__(self, simulation, host="127.0.0.1", port=None):
+    def __init__(self, simulation: Simulation, host: str = "127.0.0.1", port: int | None = None) -> None:
         self.simulation, self.surface = simulation, Surface.of_simulation(simulation)
         super().__init__(host, port, f"cama: {simulation.scene.name or 'scene'}")
         self._start = simulation._core.checkpoint()
@@ -104,16 +106,16 @@ class Live(Viewer):
         with self._server.gui.add_folder("Timings", expand_by_default=False):
             self._timings = self._server.gui.add_markdown("")
 
-    def run(self):
+    def run(self) -> None:
         """Computes frames until `pause`, at most in real time, as the button does."""
         self._post(self._run_or_pause, True)
 
-    def pause(self):
+    def pause(self) -> None:
         """Stops after the step that is computed now, as the button does."""
         self._running = False
         self._post(self._run_or_pause, False)
 
-    def update(self):
+    def update(self) -> None:
         """Shows the present state, after steps of your own."""
         self._post(self._show)
 

@@ -13,9 +13,13 @@ import socket
 import threading
 import time
 import traceback
+from typing import TYPE_CHECKING
 
 from ..errors import BackendError, Error
 from ..hints import require
+
+if TYPE_CHECKING:
+    from typing_extensions import Self
 
 PORT, PORTS = 8080, 100  # the first that is tried, and how many
 LOOPBACK = ("127.0.0.1", "::1", "localhost")
@@ -79,8 +83,10 @@ class Viewer:
         tunnel: Command that makes the page reachable from another machine; None: it is reachable without.
     """
 
-    def __init__(self, host, port, label):
+    def __init__(self, host: str, port: int | None, label: str) -> None:
         self._server = open_server(host, port, label)
+        self.url: str
+        self.tunnel: str | None
         self.url, self.tunnel = addresses(host, self._server.get_port())
         self._posted, self._closed = queue.SimpleQueue(), False
         self._thread = threading.Thread(target=self._run, name="cama viewer", daemon=True)
@@ -117,12 +123,12 @@ class Viewer:
             self._say(problem)
             return None
 
-    def wait(self):
+    def wait(self) -> None:
         """Waits until the viewer is closed; Ctrl-C raises KeyboardInterrupt."""
         while not self._closed:
             time.sleep(0.1)
 
-    def close(self):
+    def close(self) -> None:
         """Ends the server; the page stays as it is, without connection. More calls do nothing."""
         if self._closed:
             return
@@ -133,20 +139,15 @@ class Viewer:
         with contextlib.redirect_stdout(io.StringIO()):
             self._server.stop()
 
-    def __enter__(self):
+    def __enter__(self) -> Self:
         return self
 
-    def __exit__(self, *_):
+    def __exit__(self, *_: object) -> None:
         self.close()
 
-    def _repr_html_(self):
+    def _repr_html_(self) -> str:
         """The page in a notebook's cell."""
         return f'<iframe src="{html.escape(self.url)}" width="100%" height="640" style="border:0"></iframe>'
 
-    def __repr__(self):
+    def __repr__(self) -> str:
         return f"<cama viewer at {self.url}{', closed' if self._closed else ''}>"
-
-
-def over_ssh():
-    """Whether this process was started over ssh."""
-    return "SSH_CONNECTION" in os.environ
