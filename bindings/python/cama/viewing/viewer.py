@@ -7,7 +7,6 @@ import contextlib
 import getpass
 import html
 import io
-import os
 import queue
 import socket
 import threading
