@@ -12,6 +12,7 @@ SYSTEM_PACKAGES=(
   libgl1 libegl1 libgl1-mesa-dri
   ocl-icd-opencl-dev opencl-headers pocl-opencl-icd)
 TEST_SYSTEM_PACKAGES=(catch2 libfcl-dev libccd-dev)
+LONG_TEST_SYSTEM_PACKAGES=(chromium)
 PYTHON_LISTS=(requires dependencies render view tradeoff)   # of pyproject.toml: to build, to run, and what all commands need
 
 # phase NAME COMMAND...: runs it and says how long it took.

@@ -8,10 +8,10 @@ import time
 import numpy as np
 
 from .. import _core
-from ..options import option_table
+from ..options import nested, option_table
 from ..simulation import Simulation
 from .page import Page
-from .panel import Panel, facts_of, table_of
+from .panel import Panel, facts_of, table_of, text_of
 from .quantities import contact_counts
 from .surface import Moment, Surface
 from .viewer import Viewer
@@ -69,7 +69,7 @@ class Live(Viewer):
         }
         self._running, self._frames, self._left = False, 0, 0
         self._next, self._milliseconds, self._grips = 0.0, [], []
-        self._page = Page(self._server, self.surface, simulation.positions)
+        self._page = Page(self._server, self.surface, self.surface.seen(simulation.positions))
         self._add_controls()
         self._panel = Panel(self._server, self.surface, self._page, lambda: self._post(self._show))
         self._add_timings()
@@ -94,7 +94,7 @@ class Live(Viewer):
                 "radius, m", float(f"{0.02 * self._page.size:.2g}"), min=0.0, step=0.001, hint="of what a click holds"
             )
             release = gui.add_button("Let go of all")
-        self._button.on_click(lambda _: self._post(self._run_or_pause, not self._running))
+        self._button.on_click(lambda _: self.pause() if self._running else self.run())
         step.on_click(lambda _: self._post(self._step_once))
         restart.on_click(lambda _: self._post(self._restart))
         release.on_click(lambda _: self._post(self._let_go))
@@ -108,18 +108,19 @@ class Live(Viewer):
 
     def run(self) -> None:
         """Computes frames until `pause`, at most in real time, as the button does."""
-        self._post(self._run_or_pause, True)
+        self._post(self._set_running, True)
 
     def pause(self) -> None:
         """Stops after the step that is computed now, as the button does."""
         self._running = False
-        self._post(self._run_or_pause, False)
+        self._post(self._set_running, False)
+        self._post(self._show)
 
     def update(self) -> None:
         """Shows the present state, after steps of your own."""
         self._post(self._show)
 
-    def _run_or_pause(self, running):
+    def _set_running(self, running):
         self._running, self._button.label = running, "Pause" if running else "Run"
         self._next = time.monotonic()
         if running:
@@ -137,7 +138,7 @@ class Live(Viewer):
         return 0.0
 
     def _step_once(self):
-        self._run_or_pause(False)
+        self._set_running(False)
         self._compute(lambda: not self._closed)
         self._show()
 
@@ -170,12 +171,11 @@ class Live(Viewer):
     def _set_level(self, level):
         """Goes on with another level, from the present state."""
         before = self.simulation
-        own = {row["name"] for row in option_table() if row["set_by"] == "user"}
-        kept = {name: before.options[name] for name in own if name in ("device", "threads", "intersections", "pinch")}
+        kept = {row["name"] for row in option_table() if not row["trades"] and len({*row["levels"].values()}) == 1}
+        kept -= {"accuracy", "backend"}
+        given = nested({**{name: before.options[name] for name in kept}, **self._given})
         try:
-            simulation = Simulation(
-                before.scene, backend=before.backend, accuracy=level, **{**kept, **_nested(self._given, level)}
-            )
+            simulation = Simulation(before.scene, backend=before.backend, accuracy=level, **given)
             simulation._core.restore(before._core.checkpoint())
         except BaseException:
             self._level.value = before.options["accuracy"]
@@ -238,7 +238,7 @@ class Live(Viewer):
     def _more(self):
         simulation, times = self.simulation, self._milliseconds
         rows = [
-            ("scene", simulation.scene.name or "scene"),
+            ("scene", text_of(simulation.scene.name or "scene")),
             ("computed on", f"{simulation.backend}, {simulation.options['accuracy']}"),
             ("triangles", f"{simulation.cloth_triangle_count:,}"),
             ("frame", f"{self._frames:,}"),
@@ -248,13 +248,5 @@ class Live(Viewer):
         return rows
 
     def _say(self, problem):
-        self._run_or_pause(False)
-        self._problem.content, self._problem.visible = f"**{type(problem).__name__}:** {problem}", True
-        self._show()
-
-
-def _nested(options, level):
-    """Options as keywords of Simulation, without the level and what it is made of."""
-    from ..options import nested
-
-    return nested({name: value for name, value in options.items() if name != "accuracy"})
+        self._set_running(False)
+        self._problem.content, self._problem.visible = f"**{type(problem).__name__}:** {text_of(problem)}", True

@@ -74,7 +74,7 @@ class Page:
         self.size = max(float(np.linalg.norm(high - low)), 1e-3)  #: of what is shown, m
         self._seen = (low + high) / 2, self.size
         self._handles, self._bands = {}, None
-        self.hidden, self.wireframe = set(), False  #: names of parts; whether edges alone are drawn
+        self.hidden, self.wireframe = set(), False  #: numbers of parts; whether edges alone are drawn
         self._scene.set_up_direction("+z")
         self.set_shadows(len(surface.faces) <= SHADOWED)
         self._place_camera(seen)
@@ -113,27 +113,28 @@ class Page:
         """Shows a Moment; values [cloth triangles] colour the cloth by a scale from low to high."""
         surface, x = self._surface, moment.positions.astype(np.float32)
         with self._server.atomic():
-            for index, part in enumerate(surface.cloths):
-                self._show_part(part, x, rgb(render.CLOTHS[index % len(render.CLOTHS)]), values is None)
-            for part in surface.obstacles:
-                self._show_part(part, x, rgb(render.BODY), True)
+            for index, part in enumerate(surface.parts):
+                cloth = index < len(surface.cloths)
+                color = render.CLOTHS[index % len(render.CLOTHS)] if cloth else render.BODY
+                visible = index not in self.hidden and not (cloth and values is not None)
+                self._show_part(index, part, x, rgb(color), visible)
             if values is not None:
                 self._show_bands(x[: surface.cloth_count], colors.bands_of(values, low, high))
             elif self._bands:
                 for band in self._bands:
                     band.hide()
 
-    def _show_part(self, part, x, color, plain):
-        """A part in one colour, unless it is hidden or coloured by values."""
-        handle, visible = self._handles.get(part.name), plain and part.name not in self.hidden
+    def _show_part(self, index, part, x, color, visible):
+        """Shows a part in one colour, or hides it."""
+        handle = self._handles.get(index)
         if not visible:
             if handle is not None:
                 handle.visible = False
             return
         vertices, faces = render.drawn(part, x, self._seen)
         if handle is None:
-            self._handles[part.name] = self._scene.add_mesh_simple(
-                f"/parts/{len(self._handles)} {part.name.replace('/', ' ')}",
+            self._handles[index] = self._scene.add_mesh_simple(
+                f"/parts/{index} {part.name.replace('/', ' ')}",
                 vertices,
                 faces,
                 color=color,
@@ -148,12 +149,17 @@ class Page:
         surface = self._surface
         if self._bands is None:
             self._bands = [Band(self._scene, k, color) for k, color in enumerate(colors.band_colors())]
-        shown = np.array([part.name not in self.hidden for part in surface.cloths], bool)[surface.cloth_of_face]
+        shown = self._visible_faces()
         order = np.argsort(bands, kind="stable")
         order = order[shown[order]]
         ends = np.searchsorted(bands[order], np.arange(len(self._bands) + 1))
         for k, band in enumerate(self._bands):
             band.show(x, surface.faces[order[ends[k] : ends[k + 1]]], self.wireframe)
+
+    def _visible_faces(self):
+        """Whether each cloth triangle is visible."""
+        surface = self._surface
+        return np.array([k not in self.hidden for k in range(len(surface.cloths))], bool)[surface.cloth_of_face]
 
     def pick(self, moment, origin, direction):
         """Returns the vertex of visible cloth nearest to where a ray first meets it; None: it meets none.
@@ -161,8 +167,7 @@ class Page:
         The ray is an origin [3] and a direction [3].
         """
         surface, x = self._surface, moment.positions
-        shown = np.array([part.name not in self.hidden for part in surface.cloths], bool)[surface.cloth_of_face]
-        faces, origin, direction = surface.faces[shown], np.asarray(origin), np.asarray(direction)
+        faces, origin, direction = surface.faces[self._visible_faces()], np.asarray(origin), np.asarray(direction)
         a, b, c = (x[faces[:, k]] for k in range(3))
         first, second = b - a, c - a
         across = np.cross(direction, second)

@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """The parts of the control panel that recordings and simulations share: colours, legend, layers, facts."""
 
+import html
+
 import numpy as np
 
 from . import colors
@@ -51,16 +53,16 @@ class Panel:
             self._changed()
 
     def _add_layers(self):
-        self._layers = {}
+        self._layers = []
         with self._gui.add_folder("Layers"):
-            for part in (*self._surface.cloths, *self._surface.obstacles):
-                box = self._layers[part.name] = self._gui.add_checkbox(part.name, True)
-                box.on_update(lambda _: self._changed())
+            for part in self._surface.parts:
+                self._layers.append(self._gui.add_checkbox(part.name or "unnamed", True))
+                self._layers[-1].on_update(lambda _: self._changed())
 
     def show(self, moment):
         """Shows a Moment with the colours and layers that are chosen."""
         quantity, page = self._quantity.value, self._page
-        page.hidden = {name for name, box in self._layers.items() if not box.value}
+        page.hidden = {index for index, box in enumerate(self._layers) if not box.value}
         page.wireframe = self._wireframe.value
         valued = quantity != PLAIN
         values = self._surface.values(quantity, moment) if valued else None
@@ -98,6 +100,11 @@ def facts_of(moment, more=()):
     if moment.intersections is not None:
         rows.append(("intersections", f"**{moment.intersections:,}**" if moment.intersections else "0"))
     return table_of([*more, *rows])
+
+
+def text_of(text):
+    """Returns Markdown that shows a text as it is, also in a table."""
+    return html.escape(str(text)).replace("|", "\\|")
 
 
 def table_of(rows, title=("", "")):

@@ -7,7 +7,7 @@ import numpy as np
 
 from ..io.recording import Recording
 from .page import Page
-from .panel import Panel, facts_of
+from .panel import Panel, facts_of, text_of
 from .quantities import velocities_between
 from .surface import Moment, Surface
 from .viewer import Viewer
@@ -46,10 +46,9 @@ class Player(Viewer):
         self._thread.start()
 
     def _seen(self):
-        """Cloth positions over the recording."""
+        """What the camera should see over the recording."""
         some = np.unique(np.linspace(0, len(self._recording) - 1, 8).astype(int))
-        every = max(1, self.surface.cloth_count // 5000)
-        return np.concatenate([self._recording.frame(i)[: self.surface.cloth_count or None : every] for i in some])
+        return np.concatenate([self.surface.seen(self._recording.frame(i)) for i in some])
 
     def _add_playback(self):
         gui, last = self._server.gui, len(self._recording) - 1
@@ -134,7 +133,7 @@ class Player(Viewer):
         self._shown = self._frame
 
     def _say(self, problem):
-        self._panel.facts.content = f"**{type(problem).__name__}:** {problem}"
+        self._panel.facts.content = f"**{type(problem).__name__}:** {text_of(problem)}"
 
     def close(self):
         """As Viewer.close; closes the file too."""

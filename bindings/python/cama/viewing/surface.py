@@ -8,11 +8,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ..hints import require
 from ..io.recording import Part
 from ..parts import flat_corners
 from . import quantities
 
 PLAIN = "plain"
+NEAR = 1.5  # thicknesses within which a recording is taken to have contact: cloth comes to rest near one
 # {quantity: (words, unit, factor from SI to the unit)}
 QUANTITIES = {
     PLAIN: ("cloth", "", 1.0),
@@ -48,6 +50,7 @@ class Surface:
 
     def __init__(self, cloths, obstacles, start, rest=None, thickness=0.0):
         self.cloths, self.obstacles, self.start, self.thickness = cloths, obstacles, start, float(thickness)
+        self.parts = [*cloths, *obstacles]
         self.cloth_count = max((part.vertices.stop for part in cloths), default=0)
         faces = [part.faces + part.vertices.start for part in cloths]
         self.faces = np.concatenate(faces) if faces else np.zeros((0, 3), np.int64)  #: of cloth
@@ -85,6 +88,16 @@ class Surface:
             scene.thickness,
         )
 
+    def seen(self, positions):
+        """Returns what a camera should see of positions [n, 3]: some of the cloth, and the obstacles near it."""
+        cloth = positions[: self.cloth_count or None]
+        low, high = cloth.min(axis=0), cloth.max(axis=0)
+        wide = float(np.linalg.norm(high - low)) / 2
+        near = [positions[part.vertices] for part in self.obstacles if part.shape in ("mesh", "box")]
+        near = np.concatenate([np.zeros((0, 3)), *near])
+        near = near[((near > low - wide) & (near < high + wide)).all(axis=1)]
+        return np.concatenate([points[:: max(1, len(points) // 5000)] for points in (cloth, near)])
+
     @property
     def reach(self):
         """How far gaps are looked for, m."""
@@ -106,9 +119,10 @@ class Surface:
                 of_vertices = moment.contact_counts()
             else:
                 if self._gaps is None:
+                    require("the distance to other surfaces", "scipy")
                     self._gaps = quantities.Gaps(self.start, self.cloths, self.obstacles)
-                if quantity == "contacts":  # that a recording does not have: where two surfaces are within thickness
-                    of_vertices = (self._gaps(x, self.thickness) < self.thickness).astype(float)
+                if quantity == "contacts":  # which a recording does not have
+                    of_vertices = (self._gaps(x, NEAR * self.thickness) < NEAR * self.thickness).astype(float)
                 else:
                     of_vertices = self._gaps(x, self.reach)
             of_faces = of_vertices[self.faces].mean(axis=1)

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import atexit
 import contextlib
 import getpass
 import html
@@ -88,6 +89,7 @@ class Viewer:
         self.tunnel: str | None
         self.url, self.tunnel = addresses(host, self._server.get_port())
         self._posted, self._closed = queue.SimpleQueue(), False
+        atexit.register(self.close)  # else the thread would step while Python ends
         self._thread = threading.Thread(target=self._run, name="cama viewer", daemon=True)
 
     def _tick(self):
@@ -132,6 +134,7 @@ class Viewer:
         if self._closed:
             return
         self._closed = True
+        atexit.unregister(self.close)
         self._post(lambda: None)
         if threading.current_thread() is not self._thread:
             self._thread.join(timeout=10)
