@@ -10,6 +10,7 @@ from rich.markup import escape
 
 from .. import shipped
 from ..errors import FileError
+from ..hints import require
 from .common import (
     AccuracyOption,
     Backend,
@@ -60,6 +61,7 @@ def view(
 
     The options from --backend on are those of a simulation.
     """
+    require("the viewer", "viser")
     if is_recording(what):
         from ..viewing.player import Player
 

@@ -54,7 +54,7 @@ def open_server(host, port, label):
     require("the viewer", "viser")
     import viser
 
-    with contextlib.redirect_stdout(io.StringIO()):  # viser prints a box, and that it stopped
+    with contextlib.redirect_stdout(io.StringIO()):  # viser prints a box
         server = viser.ViserServer(host=host, port=free_port(host, port), label=label, verbose=False)
     server.gui.configure_theme(show_logo=False, show_share_button=False, control_width="medium")
     return server
@@ -70,7 +70,11 @@ def addresses(host, port):
     if host not in LOOPBACK:
         return url, None
     to = f"[{host}]" if ":" in host else host
-    return url, f"ssh -L {port}:{to}:{port} {getpass.getuser()}@{socket.gethostname()}"
+    try:
+        user = getpass.getuser()
+    except (ImportError, KeyError, OSError):  # a user without a name, as in a container
+        user = "user"
+    return url, f"ssh -L {port}:{to}:{port} {user}@{socket.gethostname()}"
 
 
 class Viewer:
@@ -138,7 +142,7 @@ class Viewer:
         self._post(lambda: None)
         if threading.current_thread() is not self._thread:
             self._thread.join(timeout=10)
-        with contextlib.redirect_stdout(io.StringIO()):
+        with contextlib.redirect_stdout(io.StringIO()):  # viser prints that it stopped
             self._server.stop()
 
     def __enter__(self) -> Self:
