@@ -12,7 +12,8 @@ SYSTEM_PACKAGES=(
   libgl1 libegl1 libgl1-mesa-dri
   ocl-icd-opencl-dev opencl-headers pocl-opencl-icd)
 TEST_SYSTEM_PACKAGES=(catch2 libfcl-dev libccd-dev)
-PYTHON_LISTS=(requires dependencies render export tradeoff)   # of pyproject.toml: to build, to run, and what all commands need
+LONG_TEST_SYSTEM_PACKAGES=(chromium)
+PYTHON_LISTS=(requires dependencies render view export tradeoff)   # of pyproject.toml: to build, to run, and what all commands need
 
 # phase NAME COMMAND...: runs it and says how long it took.
 phase() {

@@ -196,7 +196,8 @@ def test_the_demo_installs_what_all_commands_need():
         check=True,
     ).stdout.split()
     listed = {re.match(r"[\w-]+", name)[0] for name in names}
-    assert {"numpy", "h5py", "typer", "rich", "pyvista", "imageio", "imageio-ffmpeg", "scipy", "matplotlib"} <= listed
+    needed = {"numpy", "h5py", "typer", "rich", "pyvista", "imageio", "imageio-ffmpeg", "viser", "scipy", "matplotlib"}
+    assert needed <= listed
     demo = (ROOT / "script" / "demo").read_text(encoding="utf-8")
     assert 'python_packages "${PYTHON_LISTS[@]}"' in demo and "--accuracy interactive" in demo
 

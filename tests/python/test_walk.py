@@ -37,11 +37,13 @@ def walked():
 
 PAGES = walked()
 FIRST_STEPS = ROOT / "docs/start/first-steps.md"
-for needed in ("pyvista", "imageio", "scipy", "matplotlib", "pxr"):  # by `cama render`, `export`, `tradeoff`, `tune`
+# By `cama render`, `cama view`, `cama export`, `cama tradeoff` and `cama tune`.
+for needed in ("pyvista", "imageio", "viser", "pxr", "scipy", "matplotlib"):
     pytest.importorskip(needed)
 
 # What is not run: a command, or the first line of a block, and why.
 BUILDS = "installs system packages and builds; script/test and tests/install do it"
+SERVES = "serves until Ctrl-C; test_viewer.py does it"
 CHARACTER = "needs the file of a character; test_characters.py does it"
 NOT_RUN = {
     "script/demo": BUILDS,
@@ -56,6 +58,11 @@ NOT_RUN = {
     "find_package(cama 0.1 REQUIRED)": "a part of the reader's CMake project; tests/install builds one",
     "cmake --preset release -DCAMA_CUDA=ON": "needs nvcc, and builds",
     'CMAKE_ARGS="-DCAMA_CUDA=ON" pip install .': "needs nvcc, and builds",
+    "pip install '.[view]'": BUILDS,
+    ".venv/bin/cama view out/drape": SERVES,
+    "cama view out/drape": SERVES,
+    "ssh -L 8080:127.0.0.1:8080 user@machine": "needs another machine",
+    "cama view drape --accuracy interactive": SERVES,
     "@article{tang2016cama,": "an entry for BibTeX",
     '{ "frame_time": 0.02, "frames": 150, "resolution": 2000,': CHARACTER,
     "# Belt loops: eight vertices of the ring.": CHARACTER,

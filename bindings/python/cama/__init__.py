@@ -56,6 +56,7 @@ __all__ = [
     "collision",
     "fabrics",
     "option_table",
+    "record",
     "scenes",
     "shipped",
     "tradeoff",
@@ -76,15 +77,21 @@ __all__ = [
 
 if TYPE_CHECKING:
     from .measuring import accuracy, tradeoff, tune
+    from .recording import record
 else:
     _ON_FIRST_USE = {"accuracy": "measuring.accuracy", "tradeoff": "measuring.tradeoff", "tune": "measuring.tune"}
+    _FUNCTIONS_ON_FIRST_USE = {"record": "recording"}
 
     def __getattr__(name):
-        """Tools for measurements are loaded when they are first asked for."""
-        if name not in _ON_FIRST_USE:
+        """Tools for measurements and recordings are loaded when they are first asked for."""
+        if name in _ON_FIRST_USE:
+            found = importlib.import_module(f"{__name__}.{_ON_FIRST_USE[name]}")
+        elif name in _FUNCTIONS_ON_FIRST_USE:
+            found = getattr(importlib.import_module(f"{__name__}.{_FUNCTIONS_ON_FIRST_USE[name]}"), name)
+        else:
             raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-        globals()[name] = module = importlib.import_module(f"{__name__}.{_ON_FIRST_USE[name]}")
-        return module
+        globals()[name] = found
+        return found
 
 
 def __dir__() -> list[str]:

@@ -59,6 +59,8 @@ def file_frame(name: str, mesh: object, units: str, up: str | None) -> tuple[Rea
         raise SceneError(
             f"{name}: up: is for OBJ, PLY, STL and arrays; in {ending} y is up, and it is turned already; leave it out"
         )
+    if is_usd(mesh) and (units != "m" or up is not None):
+        raise SceneError(f"{name}: units and up: a USD file says its own, and they are honoured; leave them out")
     frame = np.eye(4)
     if up == "y":
         frame[:3, :3] = [[1, 0, 0], [0, 0, -1], [0, 1, 0]]

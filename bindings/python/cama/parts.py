@@ -53,6 +53,19 @@ class Part:
         return self._compiled().source
 
 
+def flat_corners(vertices: Reals, faces: Integers) -> Reals:
+    """Returns the corners [m, 3, 2] of triangles, m, each laid flat by itself: its first edge along u."""
+    a, b, c = (vertices[faces[:, k]] for k in range(3))
+    first, second = b - a, c - a
+    length = np.linalg.norm(first, axis=1)
+    along = first / np.where(length > 0, length, 1)[:, None]
+    flat = np.zeros((len(faces), 3, 2))
+    flat[:, 1, 0] = length
+    flat[:, 2, 0] = (along * second).sum(axis=1)
+    flat[:, 2, 1] = np.linalg.norm(np.cross(along, second), axis=1)
+    return flat
+
+
 class Cloth(Part):
     """A piece of cloth of a scene, as `Scene.add_cloth` returns it."""
 
@@ -78,6 +91,13 @@ class Cloth(Part):
     def material_faces(self) -> Integers:
         """Triangles [m, 3] of `material_vertices`."""
         return self._compiled().mesh.material_faces
+
+    @property
+    def rest_corners(self) -> Reals:
+        """Corners [m, 3, 2] of the triangles at rest, m: in material space, or each laid flat by itself."""
+        if len(self.material_faces):
+            return self.material_vertices[self.material_faces]
+        return flat_corners(self.vertices, self.faces)
 
     @property
     def rest_shape(self) -> str:

@@ -25,6 +25,7 @@ if TYPE_CHECKING:
 
     from ._core import Energy
     from ._options import AccuracyLevel, BackendName, Overrides, Precision, StepReport
+    from .viewing.live import Live
 
 __all__ = ["Simulation", "Frame", "Wrench"]
 
@@ -540,6 +541,27 @@ class Simulation:
             else round(self.time / self.scene.seconds_per_frame)
         )
         return checkpoint.differences(self, options)
+
+    def show(self, host: str = "127.0.0.1", port: int | None = None) -> Live:
+        """Opens a page in which this simulation is run, looked at and dragged, until it is closed.
+
+        The page's own thread computes while it runs; the simulation may be read at any time, and stepped while the
+        page is paused. In a notebook the page is the value of the cell.
+
+        Args:
+            host: Address to serve at; "0.0.0.0": reachable by everyone in the network.
+            port: Port to serve at; None: the first free one from 8080 on.
+
+        Returns:
+            A viewer: its `url` is the page's address, `run()`, `pause()` and `update()` do what they say, and `close()`
+            or the end of a `with` block ends it.
+
+        Raises:
+            BackendError: viser is not installed, or the address cannot be served.
+        """
+        from .viewing.live import Live
+
+        return Live(self, host, port)
 
     @property
     def report(self) -> StepReport:

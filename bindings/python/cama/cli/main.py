@@ -17,6 +17,7 @@ from .run import run
 from .stability import stability
 from .tradeoff import tradeoff
 from .tune import tune
+from .view import view
 
 app = typer.Typer(
     help="Cloth simulation on CPUs and GPUs.",
@@ -43,7 +44,7 @@ def options(
     pass
 
 
-for command in (run, new, check, render, export, explain, info, doctor, stability, tradeoff, tune):
+for command in (run, new, check, render, view, export, explain, info, doctor, stability, tradeoff, tune):
     app.command()(command)
 
 

@@ -5,7 +5,8 @@ positions [frames, vertices, 3] m; times [frames] s; contacts, intersections [fr
 cloth_ranges and obstacle_ranges [objects, 2], first vertex and last excluded, with attribute `names`, cloths also
 with `materials`, obstacles with `shapes` and `radii` (of exact ones, whose vertices are their defining points); of a
 cloth with texture coordinates the group texture/INDEX: vertices [k, 2], faces [its triangles, 3], attribute `unit` ("1"
-in its mesh file, "m" in material space); what was run as attributes of the file. Frame 0 is the start.
+in its mesh file, "m" in material space); rest_corners [cloth triangles, 3, 2] m, every triangle at rest, in a plane;
+what was run as attributes of the file. Frame 0 is the start.
 """
 
 import errno
@@ -113,6 +114,8 @@ class Recorder:
                     [p.shape for p in parts], dtype=h5py.string_dtype()
                 )
                 self._file["obstacle_ranges"].attrs["radii"] = np.array([p.radius for p in parts], np.float64)
+        rest = [cloth.rest_corners for cloth in simulation.scene.cloths]
+        self._file["rest_corners"] = np.concatenate([np.zeros((0, 3, 2)), *rest]).astype(np.float32)
         self._rows = {
             "positions": self._growing("positions", (count, 3), dtype),
             "contacts": self._growing("contacts", (), np.int64),
@@ -248,6 +251,10 @@ class Recording:
             self.faces = self._file["faces"][:].astype(np.int64)
             self.cloths, self.obstacles = self._parts("cloth"), self._parts("obstacle")
             self.attributes = dict(self._file.attrs)
+            self.contacts, self.intersections, self.rest_corners = (
+                self._file[name][:] if name in self._file else None
+                for name in ("contacts", "intersections", "rest_corners")
+            )  #: [frames], [frames], [cloth triangles, 3, 2] m; None: not in the file
             self._check()
         except DAMAGED as problem:
             raise FileError(f"{path}: not a recording of cama: {problem}") from None

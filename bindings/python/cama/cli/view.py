@@ -1,0 +1,115 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The command `cama view`."""
+
+import signal
+from pathlib import Path
+from typing import Annotated, Optional
+
+import typer
+from rich.markup import escape
+
+from .. import shipped
+from ..errors import FileError
+from ..hints import require
+from .common import (
+    AccuracyOption,
+    Backend,
+    BackendOption,
+    Debug,
+    Device,
+    ErrorOption,
+    PrecisionOption,
+    Resolution,
+    Set,
+    Threads,
+    TimeStep,
+    chosen,
+    clean,
+    console,
+)
+
+
+@clean
+def view(
+    what: Annotated[
+        str,
+        typer.Argument(
+            metavar="SCENE|OUT",
+            help="A folder that `cama run` wrote; or a scene: a folder with scene.json, a JSON file, or a shipped "
+            "scene's name.",
+        ),
+    ],
+    host: Annotated[
+        str, typer.Option(help="Address to serve at; 0.0.0.0: reachable by everyone in the network.")
+    ] = "127.0.0.1",
+    port: Annotated[
+        Optional[int],
+        typer.Option(min=1, max=65535, help="Port to serve at. Default: the first free from 8080 on."),
+    ] = None,
+    backend: BackendOption = Backend.auto,
+    precision: PrecisionOption = None,
+    accuracy: AccuracyOption = None,
+    time_step: TimeStep = 0.0,
+    error: ErrorOption = "",
+    set_: Set = None,
+    resolution: Resolution = 0,
+    threads: Threads = 0,
+    device: Device = 0,
+    debug: Debug = False,
+):
+    """Serves a page in which a recording is played, or a scene simulated live, until Ctrl-C.
+
+    The options from --backend on are those of a simulation.
+    """
+    require("the viewer", "viser")
+    if is_recording(what):
+        from ..viewing.player import Player
+
+        viewer = Player(what, host, port)
+    else:
+        from ..scene import Scene
+        from ..simulation import Simulation
+        from ..viewing.live import Live
+
+        simulation = Simulation(
+            Scene.load(what, resolution),
+            backend=backend.value,
+            precision=precision.value if precision else None,
+            accuracy=accuracy.value if accuracy else None,
+            device=device,
+            threads=threads,
+            **chosen(time_step, set_, error),
+        )
+        viewer = Live(simulation, host, port)
+    with viewer:
+        say_where(viewer)
+        before = signal.signal(signal.SIGTERM, signal.default_int_handler)
+        try:
+            viewer.wait()
+        except KeyboardInterrupt:
+            pass
+        finally:
+            signal.signal(signal.SIGTERM, before)
+
+
+def is_recording(what):
+    """Whether a folder or file holds frames; a folder that also has scene.json is a scene, as for other commands."""
+    path = Path(what)
+    if path.is_file():
+        return path.suffix == ".h5"
+    if (path / "scene.json").is_file():
+        return False
+    if (path / "frames.h5").is_file():
+        return True
+    if path.is_dir() and what not in shipped.names():
+        raise FileError(
+            f"{what}: this folder has neither scene.json nor frames.h5; `cama run SCENE -o {what}` writes a recording"
+        )
+    return False
+
+
+def say_where(viewer):
+    """Prints the page's address, and how it is reached from elsewhere."""
+    console().print(f"open [bold]{escape(viewer.url)}[/] in a browser; Ctrl-C ends")
+    if viewer.tunnel:
+        console().print(f"from another machine, first run there: {escape(viewer.tunnel)}")
