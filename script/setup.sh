@@ -11,7 +11,7 @@ SYSTEM_PACKAGES=(
   python3 python3-venv python3-dev
   libgl1 libegl1 libgl1-mesa-dri
   opencl-c-headers ocl-icd-libopencl1 pocl-opencl-icd)
-TEST_SYSTEM_PACKAGES=(catch2 libfcl-dev libccd-dev ocl-icd-opencl-dev patchelf)
+TEST_SYSTEM_PACKAGES=(catch2 libfcl-dev libccd-dev ocl-icd-opencl-dev)
 PYTHON_LISTS=(requires dependencies render tradeoff)   # of pyproject.toml: to build, to run, and what all commands need
 
 # phase NAME COMMAND...: runs it and says how long it took.

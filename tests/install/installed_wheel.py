@@ -5,6 +5,7 @@ Each LIBRARY, such as libOpenCL.so.1, must be absent here. Ends with 1 and the r
 """
 
 import ctypes
+import hashlib  # noqa: F401  (loads a library of the system, which is Python's and not the wheel's)
 import re
 import shutil
 import sys
