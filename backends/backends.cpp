@@ -21,7 +21,7 @@ std::vector<BackendInfo> list_backends()
 #if CAMA_HAS_OPENCL
   list.push_back(opencl_info());
 #else
-  list.push_back({"opencl", false, {}, "not in this build: OpenCL's headers or library were not found"});
+  list.push_back({"opencl", false, {}, "not in this build: OpenCL's headers were not found"});
 #endif
 #if CAMA_HAS_CUDA
   BackendInfo cuda{"cuda", false, {}, ""};

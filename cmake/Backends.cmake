@@ -2,11 +2,11 @@
 # What the OpenCL and CUDA backends need, and whether it is here: CAMA_HAS_OPENCL, CAMA_HAS_CUDA.
 set(CAMA_HAS_OPENCL FALSE)
 if(CAMA_OPENCL)
-  find_package(OpenCL QUIET)
-  set(absent "OpenCL's headers or library were not found (Debian: opencl-headers, ocl-icd-opencl-dev)")
-  if(OpenCL_FOUND)
+  find_path(OpenCL_INCLUDE_DIR CL/cl.h)   # the loader, libOpenCL.so.1, is opened at run time
+  set(absent "OpenCL's headers were not found (Debian: opencl-c-headers)")
+  if(OpenCL_INCLUDE_DIR)
     set(CAMA_HAS_OPENCL TRUE)
-    message(STATUS "OpenCL backend: yes, ${OpenCL_LIBRARIES}")
+    message(STATUS "OpenCL backend: yes, headers in ${OpenCL_INCLUDE_DIR}")
   elseif(CAMA_OPENCL STREQUAL "AUTO")
     message(STATUS "OpenCL backend: no, ${absent}")
   else()

@@ -10,8 +10,8 @@ SYSTEM_PACKAGES=(
   libassimp-dev nlohmann-json3-dev libeigen3-dev
   python3 python3-venv python3-dev
   libgl1 libegl1 libgl1-mesa-dri
-  ocl-icd-opencl-dev opencl-headers pocl-opencl-icd)
-TEST_SYSTEM_PACKAGES=(catch2 libfcl-dev libccd-dev)
+  opencl-c-headers ocl-icd-libopencl1 pocl-opencl-icd)
+TEST_SYSTEM_PACKAGES=(catch2 libfcl-dev libccd-dev ocl-icd-opencl-dev)
 LONG_TEST_SYSTEM_PACKAGES=(chromium)
 PYTHON_LISTS=(requires dependencies render view export tradeoff)   # of pyproject.toml: to build, to run, and what all commands need
 

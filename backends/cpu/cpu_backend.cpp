@@ -55,6 +55,14 @@ const Entry entries[] = {
 
 constexpr std::size_t header = 64;   // holds the size in front of every allocation, and keeps 64-byte alignment
 
+#if defined(_WIN32)
+void *aligned(std::size_t bytes) { return _aligned_malloc(bytes, header); }
+void free_aligned(void *memory) { _aligned_free(memory); }
+#else
+void *aligned(std::size_t bytes) { return std::aligned_alloc(header, bytes); }
+void free_aligned(void *memory) { std::free(memory); }
+#endif
+
 std::string cpu_name()
 {
   std::ifstream file("/proc/cpuinfo");
@@ -78,7 +86,7 @@ public:
   Buffer allocate(std::size_t bytes) override
   {
     const std::size_t whole = (bytes + header + 63) / 64 * 64;
-    auto *memory = static_cast<unsigned char *>(std::aligned_alloc(64, whole));
+    auto *memory = static_cast<unsigned char *>(aligned(whole));
     if (!memory)
       throw MemoryError("out of memory: " + std::to_string(bytes) + " bytes requested in addition to " +
                         std::to_string(allocated_) + "; lower the resolution");
@@ -96,7 +104,7 @@ public:
     std::size_t bytes;
     std::memcpy(&bytes, memory, sizeof bytes);
     allocated_ -= bytes;
-    std::free(memory);
+    free_aligned(memory);
   }
   void upload(Buffer to, const void *from, std::size_t bytes) override { std::memcpy(to, from, bytes); }
   void download(void *to, Buffer from, std::size_t bytes, std::size_t offset) override

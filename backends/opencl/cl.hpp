@@ -1,10 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
 // The OpenCL 1.2 interface, with error codes as exceptions.
 #pragma once
-#define CL_TARGET_OPENCL_VERSION 120
-#include <CL/cl.h>
-
 #include <string>
+
+#include "loader.hpp"
 
 namespace cama::opencl {
 
@@ -33,7 +32,7 @@ template <class Get, class Object> std::string text(Get get, Object object, cl_u
 template <class T> T number(cl_device_id device, cl_device_info property)
 {
   T value{};
-  clGetDeviceInfo(device, property, sizeof value, &value, nullptr);
+  api().clGetDeviceInfo(device, property, sizeof value, &value, nullptr);
   return value;
 }
 

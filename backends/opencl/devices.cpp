@@ -23,8 +23,8 @@ std::string lower_case(std::string s)
 
 std::string missing_features(cl_device_id id)
 {
-  const std::string extensions = text(clGetDeviceInfo, id, CL_DEVICE_EXTENSIONS),
-                    version = text(clGetDeviceInfo, id, CL_DEVICE_VERSION);
+  const std::string extensions = text(api().clGetDeviceInfo, id, CL_DEVICE_EXTENSIONS),
+                    version = text(api().clGetDeviceInfo, id, CL_DEVICE_VERSION);
   std::string lacks;
   const auto need = [&](bool there, const char *what) {
     if (!there) lacks += std::string(lacks.empty() ? "" : ", ") + what;
@@ -44,21 +44,21 @@ std::vector<Device> find_devices()
 {
   std::vector<Device> devices;
   cl_uint platforms = 0;
-  const cl_int status = clGetPlatformIDs(0, nullptr, &platforms);
+  const cl_int status = api().clGetPlatformIDs(0, nullptr, &platforms);
   if (status == -1001 || platforms == 0) return devices;   // the loader's code for: no driver is installed
   check(status, "clGetPlatformIDs", "listing the drivers");
   std::vector<cl_platform_id> platform(platforms);
-  check(clGetPlatformIDs(platforms, platform.data(), nullptr), "clGetPlatformIDs", "listing the drivers");
+  check(api().clGetPlatformIDs(platforms, platform.data(), nullptr), "clGetPlatformIDs", "listing the drivers");
   for (cl_platform_id p : platform) {
     cl_uint count = 0;
-    if (clGetDeviceIDs(p, CL_DEVICE_TYPE_ALL, 0, nullptr, &count) != CL_SUCCESS || count == 0) continue;
+    if (api().clGetDeviceIDs(p, CL_DEVICE_TYPE_ALL, 0, nullptr, &count) != CL_SUCCESS || count == 0) continue;
     std::vector<cl_device_id> ids(count);
-    if (clGetDeviceIDs(p, CL_DEVICE_TYPE_ALL, count, ids.data(), nullptr) != CL_SUCCESS) continue;
+    if (api().clGetDeviceIDs(p, CL_DEVICE_TYPE_ALL, count, ids.data(), nullptr) != CL_SUCCESS) continue;
     for (cl_device_id id : ids)
-      devices.push_back(
-          {p, id, text(clGetDeviceInfo, id, CL_DEVICE_NAME),
-           text(clGetPlatformInfo, p, CL_PLATFORM_NAME) + " " + text(clGetDeviceInfo, id, CL_DRIVER_VERSION),
-           text(clGetPlatformInfo, p, CL_PLATFORM_VERSION), missing_features(id)});
+      devices.push_back({p, id, text(api().clGetDeviceInfo, id, CL_DEVICE_NAME),
+                         text(api().clGetPlatformInfo, p, CL_PLATFORM_NAME) + " " +
+                             text(api().clGetDeviceInfo, id, CL_DRIVER_VERSION),
+                         text(api().clGetPlatformInfo, p, CL_PLATFORM_VERSION), missing_features(id)});
   }
   return devices;
 }
@@ -66,7 +66,7 @@ std::vector<Device> find_devices()
 size_t max_work_items(cl_device_id id)
 {
   std::vector<size_t> sizes(std::max<cl_uint>(1, number<cl_uint>(id, CL_DEVICE_MAX_WORK_ITEM_DIMENSIONS)), 1);
-  clGetDeviceInfo(id, CL_DEVICE_MAX_WORK_ITEM_SIZES, sizes.size() * sizeof(size_t), sizes.data(), nullptr);
+  api().clGetDeviceInfo(id, CL_DEVICE_MAX_WORK_ITEM_SIZES, sizes.size() * sizeof(size_t), sizes.data(), nullptr);
   return std::max<size_t>(1, std::min(sizes[0], number<size_t>(id, CL_DEVICE_MAX_WORK_GROUP_SIZE)));
 }
 

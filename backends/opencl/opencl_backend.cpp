@@ -15,6 +15,7 @@
 namespace cama {
 namespace {
 
+using opencl::api;
 using opencl::Library;
 using opencl::Text;
 
@@ -58,7 +59,7 @@ public:
   explicit OpenclBackend(const opencl::Device &device) : library_(Library::of(device))
   {
     cl_int code = CL_SUCCESS;
-    queue_ = clCreateCommandQueue(library_.context, device.id, 0, &code);
+    queue_ = api().clCreateCommandQueue(library_.context, device.id, 0, &code);
     check(code, "clCreateCommandQueue", "device '" + device.name + "'");
     units_ = static_cast<int>(std::max<cl_uint>(1, opencl::number<cl_uint>(device.id, CL_DEVICE_MAX_COMPUTE_UNITS)));
     max_bytes_ = opencl::number<cl_ulong>(device.id, CL_DEVICE_MAX_MEM_ALLOC_SIZE);
@@ -67,10 +68,10 @@ public:
   }
   ~OpenclBackend() override
   {
-    if (queue_) clFinish(queue_);
+    if (queue_) api().clFinish(queue_);
     for (auto &entry : kernels_)
-      if (entry.second.kernel) clReleaseKernel(entry.second.kernel);
-    if (queue_) clReleaseCommandQueue(queue_);
+      if (entry.second.kernel) api().clReleaseKernel(entry.second.kernel);
+    if (queue_) api().clReleaseCommandQueue(queue_);
   }
 
   std::string_view name() const override { return "opencl"; }
@@ -87,7 +88,7 @@ public:
     if (bytes > all_bytes_ - std::min<std::size_t>(allocated_, all_bytes_))
       opencl::fail(CL_MEM_OBJECT_ALLOCATION_FAILURE, "clCreateBuffer", what);
     cl_int code = CL_SUCCESS;
-    cl_mem buffer = clCreateBuffer(library_.context, CL_MEM_READ_WRITE, bytes, nullptr, &code);
+    cl_mem buffer = api().clCreateBuffer(library_.context, CL_MEM_READ_WRITE, bytes, nullptr, &code);
     if (code == CL_OUT_OF_RESOURCES) code = CL_MEM_OBJECT_ALLOCATION_FAILURE;
     check(code, "clCreateBuffer", what);
     allocated_ += bytes;
@@ -105,14 +106,14 @@ public:
   void release(Buffer buffer) noexcept override
   {
     size_t bytes = 0;
-    clGetMemObjectInfo(memory(buffer), CL_MEM_SIZE, sizeof bytes, &bytes, nullptr);
+    api().clGetMemObjectInfo(memory(buffer), CL_MEM_SIZE, sizeof bytes, &bytes, nullptr);
     allocated_ -= bytes;
-    clReleaseMemObject(memory(buffer));
+    api().clReleaseMemObject(memory(buffer));
   }
   void upload(Buffer to, const void *from, std::size_t bytes) override
   {
     if (bytes == 0) return;
-    check(clEnqueueWriteBuffer(queue_, memory(to), CL_TRUE, 0, bytes, from, 0, nullptr, nullptr),
+    check(api().clEnqueueWriteBuffer(queue_, memory(to), CL_TRUE, 0, bytes, from, 0, nullptr, nullptr),
           "clEnqueueWriteBuffer", size_of(bytes));
   }
   void download(void *to, Buffer from, std::size_t bytes, std::size_t offset) override
@@ -121,12 +122,13 @@ public:
     ++waits_;
     cl_int overflow = 0;
     if (scans_)
-      check(clEnqueueReadBuffer(queue_, memory(overflow_.get(sizeof overflow)), CL_FALSE, 0, sizeof overflow, &overflow,
-                                0, nullptr, nullptr),
+      check(api().clEnqueueReadBuffer(queue_, memory(overflow_.get(sizeof overflow)), CL_FALSE, 0, sizeof overflow,
+                                      &overflow, 0, nullptr, nullptr),
             "clEnqueueReadBuffer", "the scans' overflow");
-    const cl_int code = clEnqueueReadBuffer(queue_, memory(from), CL_TRUE, offset, bytes, to, 0, nullptr, nullptr);
+    const cl_int code =
+        api().clEnqueueReadBuffer(queue_, memory(from), CL_TRUE, offset, bytes, to, 0, nullptr, nullptr);
     if (code != CL_SUCCESS) {
-      clFinish(queue_);   // `overflow` is still being read
+      api().clFinish(queue_);   // `overflow` is still being read
       fail(code, "clEnqueueReadBuffer", size_of(bytes));
     }
     report_overflow(overflow);
@@ -134,7 +136,7 @@ public:
   void copy(Buffer to, Buffer from, std::size_t bytes) override
   {
     if (bytes == 0 || to == from) return;
-    check(clEnqueueCopyBuffer(queue_, memory(from), memory(to), 0, 0, bytes, 0, nullptr, nullptr),
+    check(api().clEnqueueCopyBuffer(queue_, memory(from), memory(to), 0, 0, bytes, 0, nullptr, nullptr),
           "clEnqueueCopyBuffer", size_of(bytes));
   }
   void fill(Buffer buffer, unsigned char byte, std::size_t bytes) override
@@ -143,7 +145,7 @@ public:
     std::array<unsigned char, 16> pattern;
     pattern.fill(byte);
     const size_t width = bytes % 16 == 0 ? 16 : bytes % 4 == 0 ? 4 : 1;
-    check(clEnqueueFillBuffer(queue_, memory(buffer), pattern.data(), width, 0, bytes, 0, nullptr, nullptr),
+    check(api().clEnqueueFillBuffer(queue_, memory(buffer), pattern.data(), width, 0, bytes, 0, nullptr, nullptr),
           "clEnqueueFillBuffer", size_of(bytes));
   }
 
@@ -219,11 +221,11 @@ public:
   void synchronize() override
   {
     ++waits_;
-    check(clFinish(queue_), "clFinish", "pausing for device '" + library_.device.name + "'");
+    check(api().clFinish(queue_), "clFinish", "pausing for device '" + library_.device.name + "'");
     if (!scans_) return;
     cl_int overflow = 0;
     Buffer flag = overflow_.get(sizeof overflow);
-    check(clEnqueueReadBuffer(queue_, memory(flag), CL_TRUE, 0, sizeof overflow, &overflow, 0, nullptr, nullptr),
+    check(api().clEnqueueReadBuffer(queue_, memory(flag), CL_TRUE, 0, sizeof overflow, &overflow, 0, nullptr, nullptr),
           "clEnqueueReadBuffer", "the scans' overflow");
     report_overflow(overflow);
   }
@@ -265,16 +267,17 @@ private:
     OwnKernel &own = kernels_[static_cast<int>(text) * 1024 + index];
     if (own.kernel) return own;
     cl_int code = CL_SUCCESS;
-    own.kernel = clCreateKernel(library_.program(text), kernel_name, &code);
+    own.kernel = api().clCreateKernel(library_.program(text), kernel_name, &code);
     check(code, "clCreateKernel", kernel_name);
     size_t multiple = 0;
     const cl_device_id id = library_.device.id;
-    check(clGetKernelWorkGroupInfo(own.kernel, id, CL_KERNEL_WORK_GROUP_SIZE, sizeof own.most, &own.most, nullptr),
-          "clGetKernelWorkGroupInfo", kernel_name);
+    check(
+        api().clGetKernelWorkGroupInfo(own.kernel, id, CL_KERNEL_WORK_GROUP_SIZE, sizeof own.most, &own.most, nullptr),
+        "clGetKernelWorkGroupInfo", kernel_name);
     own.most = std::clamp<size_t>(own.most, 1, max_items_);
     if (library_.is_cpu) return own;
-    clGetKernelWorkGroupInfo(own.kernel, id, CL_KERNEL_PREFERRED_WORK_GROUP_SIZE_MULTIPLE, sizeof multiple, &multiple,
-                             nullptr);
+    api().clGetKernelWorkGroupInfo(own.kernel, id, CL_KERNEL_PREFERRED_WORK_GROUP_SIZE_MULTIPLE, sizeof multiple,
+                                   &multiple, nullptr);
     multiple = std::max<size_t>(multiple, 1);
     own.group = std::min<size_t>(own.most, 128);
     if (own.group > multiple) own.group -= own.group % multiple;
@@ -283,7 +286,7 @@ private:
 
   void set(const OwnKernel &kernel, const char *kernel_name, int index, size_t size, const void *value)
   {
-    const cl_int code = clSetKernelArg(kernel.kernel, static_cast<cl_uint>(index), size, value);
+    const cl_int code = api().clSetKernelArg(kernel.kernel, static_cast<cl_uint>(index), size, value);
     if (code != CL_SUCCESS)
       fail(code, "clSetKernelArg", "argument " + std::to_string(index) + " of kernel " + kernel_name);
   }
@@ -319,7 +322,8 @@ private:
   void enqueue(const OwnKernel &kernel, const char *kernel_name, size_t global, size_t local)
   {
     ++launches_;
-    const cl_int code = clEnqueueNDRangeKernel(queue_, kernel.kernel, 1, nullptr, &global, &local, 0, nullptr, nullptr);
+    const cl_int code =
+        api().clEnqueueNDRangeKernel(queue_, kernel.kernel, 1, nullptr, &global, &local, 0, nullptr, nullptr);
     if (code != CL_SUCCESS)
       fail(code, "clEnqueueNDRangeKernel",
            "kernel " + std::string(kernel_name) + " on device '" + library_.device.name + "'");

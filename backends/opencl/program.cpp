@@ -177,7 +177,7 @@ Library::Library(const Device &d) : device(d), is_cpu(number<cl_device_type>(d.i
   const cl_context_properties properties[] = {CL_CONTEXT_PLATFORM, reinterpret_cast<cl_context_properties>(d.platform),
                                               0};
   cl_int code = CL_SUCCESS;
-  context = clCreateContext(properties, 1, &d.id, nullptr, nullptr, &code);
+  context = api().clCreateContext(properties, 1, &d.id, nullptr, nullptr, &code);
   check(code, "clCreateContext", "opening device '" + d.name + "'");
   options_ = "-cl-std=CL1.2";
   if (number<cl_device_fp_config>(d.id, CL_DEVICE_SINGLE_FP_CONFIG) & CL_FP_CORRECTLY_ROUNDED_DIVIDE_SQRT)
@@ -212,15 +212,15 @@ cl_program Library::build(const std::string &whole, const std::string &name)
   const char *text = whole.c_str();
   const size_t length = whole.size();
   cl_int code = CL_SUCCESS;
-  cl_program program = clCreateProgramWithSource(context, 1, &text, &length, &code);
+  cl_program program = api().clCreateProgramWithSource(context, 1, &text, &length, &code);
   check(code, "clCreateProgramWithSource", "kernels of " + name);
-  code = clBuildProgram(program, 1, &device.id, options_.c_str(), nullptr, nullptr);
+  code = api().clBuildProgram(program, 1, &device.id, options_.c_str(), nullptr, nullptr);
   if (code == CL_SUCCESS) return program;
   size_t size = 0;
-  clGetProgramBuildInfo(program, device.id, CL_PROGRAM_BUILD_LOG, 0, nullptr, &size);
+  api().clGetProgramBuildInfo(program, device.id, CL_PROGRAM_BUILD_LOG, 0, nullptr, &size);
   std::string log(size, '\0');
-  if (size) clGetProgramBuildInfo(program, device.id, CL_PROGRAM_BUILD_LOG, size, log.data(), nullptr);
-  clReleaseProgram(program);
+  if (size) api().clGetProgramBuildInfo(program, device.id, CL_PROGRAM_BUILD_LOG, size, log.data(), nullptr);
+  api().clReleaseProgram(program);
   throw BackendError("OpenCL: the kernels of " + name + " do not compile on device '" + device.name + "' (" +
                      device.driver + "): " + code_name(code) + first_errors(log.c_str(), whole));
 }
@@ -238,11 +238,11 @@ cl_program Library::load(const std::string &file)
   const auto *bytes = reinterpret_cast<const unsigned char *>(binary.data());
   const size_t size = binary.size();
   cl_int status = CL_SUCCESS, code = CL_SUCCESS;
-  cl_program program = clCreateProgramWithBinary(context, 1, &device.id, &size, &bytes, &status, &code);
+  cl_program program = api().clCreateProgramWithBinary(context, 1, &device.id, &size, &bytes, &status, &code);
   if (code == CL_SUCCESS && status == CL_SUCCESS &&
-      clBuildProgram(program, 1, &device.id, options_.c_str(), nullptr, nullptr) == CL_SUCCESS)
+      api().clBuildProgram(program, 1, &device.id, options_.c_str(), nullptr, nullptr) == CL_SUCCESS)
     return program;
-  if (program) clReleaseProgram(program);
+  if (program) api().clReleaseProgram(program);
   return nullptr;
 }
 
@@ -250,11 +250,11 @@ cl_program Library::load(const std::string &file)
 void Library::store(cl_program program, const std::string &file) const
 {
   size_t size = 0;
-  if (clGetProgramInfo(program, CL_PROGRAM_BINARY_SIZES, sizeof size, &size, nullptr) != CL_SUCCESS || size == 0)
+  if (api().clGetProgramInfo(program, CL_PROGRAM_BINARY_SIZES, sizeof size, &size, nullptr) != CL_SUCCESS || size == 0)
     return;
   std::string binary(size, '\0');
   auto *bytes = reinterpret_cast<unsigned char *>(binary.data());
-  if (clGetProgramInfo(program, CL_PROGRAM_BINARIES, sizeof bytes, &bytes, nullptr) != CL_SUCCESS) return;
+  if (api().clGetProgramInfo(program, CL_PROGRAM_BINARIES, sizeof bytes, &bytes, nullptr) != CL_SUCCESS) return;
   std::error_code error;
   fs::create_directories(fs::path(file).parent_path(), error);
   // A unique name for every writer, also in other containers with the same process ids.

@@ -1,9 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
 // Failures are clean: memory of the device and of the host that runs out at any allocation, devices that are lost,
-// drivers and features that are missing. The linker replaces f by __wrap_f in this program only (--wrap).
+// drivers and features that are missing. The linker replaces f by __wrap_f in this program only (--wrap); OpenCL's
+// functions are replaced where the backend looks them up, by dlsym.
 #include <atomic>
 #include <cstddef>
 #include <cstdlib>
+#include <cstring>
 #include <functional>
 #include <new>
 
@@ -64,88 +66,101 @@ bool lost(const char *call) { return lost_call == call; }
 
 }  // namespace fault
 
-extern "C" {
-#define CAMA_REAL(result, name, ...) result __real_##name(__VA_ARGS__)
-CAMA_REAL(cl_int, clGetPlatformIDs, cl_uint, cl_platform_id *, cl_uint *);
-CAMA_REAL(cl_int, clGetDeviceInfo, cl_device_id, cl_device_info, size_t, void *, size_t *);
-CAMA_REAL(cl_int, clGetKernelWorkGroupInfo, cl_kernel, cl_device_id, cl_kernel_work_group_info, size_t, void *,
-          size_t *);
-CAMA_REAL(cl_context, clCreateContext, const cl_context_properties *, cl_uint, const cl_device_id *,
-          void (*)(const char *, const void *, size_t, void *), void *, cl_int *);
-CAMA_REAL(cl_mem, clCreateBuffer, cl_context, cl_mem_flags, size_t, void *, cl_int *);
-CAMA_REAL(cl_int, clReleaseMemObject, cl_mem);
-CAMA_REAL(cl_int, clEnqueueNDRangeKernel, cl_command_queue, cl_kernel, cl_uint, const size_t *, const size_t *,
-          const size_t *, cl_uint, const cl_event *, cl_event *);
-CAMA_REAL(cl_int, clEnqueueReadBuffer, cl_command_queue, cl_mem, cl_bool, size_t, size_t, void *, cl_uint,
-          const cl_event *, cl_event *);
-CAMA_REAL(cl_int, clEnqueueWriteBuffer, cl_command_queue, cl_mem, cl_bool, size_t, size_t, const void *, cl_uint,
-          const cl_event *, cl_event *);
-CAMA_REAL(cl_int, clFinish, cl_command_queue);
+/// What stands between the backend and the loader's functions, `real`.
+namespace faulty {
 
-cl_int __wrap_clGetPlatformIDs(cl_uint n, cl_platform_id *ids, cl_uint *count)
+cama::opencl::Api real;
+
+cl_int clGetPlatformIDs(cl_uint n, cl_platform_id *ids, cl_uint *count)
 {
-  return fault::no_platform ? -1001 : __real_clGetPlatformIDs(n, ids, count);
+  return fault::no_platform ? -1001 : real.clGetPlatformIDs(n, ids, count);
 }
-cl_int __wrap_clGetDeviceInfo(cl_device_id id, cl_device_info what, size_t size, void *value, size_t *needed)
+cl_int clGetDeviceInfo(cl_device_id id, cl_device_info what, size_t size, void *value, size_t *needed)
 {
-  const cl_int code = __real_clGetDeviceInfo(id, what, size, value, needed);
+  const cl_int code = real.clGetDeviceInfo(id, what, size, value, needed);
   if (value && what == CL_DEVICE_DOUBLE_FP_CONFIG && fault::no_double) *static_cast<cl_device_fp_config *>(value) = 0;
   if (value && what == CL_DEVICE_TYPE && fault::as_gpu) *static_cast<cl_device_type *>(value) = CL_DEVICE_TYPE_GPU;
   return code;
 }
-cl_int __wrap_clGetKernelWorkGroupInfo(cl_kernel kernel, cl_device_id id, cl_kernel_work_group_info what, size_t size,
-                                       void *value, size_t *needed)
+cl_int clGetKernelWorkGroupInfo(cl_kernel kernel, cl_device_id id, cl_kernel_work_group_info what, size_t size,
+                                void *value, size_t *needed)
 {
-  const cl_int code = __real_clGetKernelWorkGroupInfo(kernel, id, what, size, value, needed);
+  const cl_int code = real.clGetKernelWorkGroupInfo(kernel, id, what, size, value, needed);
   if (value && what == CL_KERNEL_WORK_GROUP_SIZE && fault::max_work_items)
     *static_cast<size_t *>(value) = fault::max_work_items;
   return code;
 }
-cl_context __wrap_clCreateContext(const cl_context_properties *properties, cl_uint n, const cl_device_id *ids,
-                                  void (*notify)(const char *, const void *, size_t, void *), void *user, cl_int *code)
+cl_context clCreateContext(const cl_context_properties *properties, cl_uint n, const cl_device_id *ids,
+                           void (*notify)(const char *, const void *, size_t, void *), void *user, cl_int *code)
 {
   ++fault::contexts;
-  return __real_clCreateContext(properties, n, ids, notify, user, code);
+  return real.clCreateContext(properties, n, ids, notify, user, code);
 }
-cl_mem __wrap_clCreateBuffer(cl_context context, cl_mem_flags flags, size_t bytes, void *host, cl_int *code)
+cl_mem clCreateBuffer(cl_context context, cl_mem_flags flags, size_t bytes, void *host, cl_int *code)
 {
   if (fault::due(fault::device_memory)) {
     *code = CL_MEM_OBJECT_ALLOCATION_FAILURE;
     return nullptr;
   }
-  cl_mem buffer = __real_clCreateBuffer(context, flags, bytes, host, code);
+  cl_mem buffer = real.clCreateBuffer(context, flags, bytes, host, code);
   fault::buffers += buffer != nullptr;
   return buffer;
 }
-cl_int __wrap_clReleaseMemObject(cl_mem buffer)
+cl_int clReleaseMemObject(cl_mem buffer)
 {
   --fault::buffers;
-  return __real_clReleaseMemObject(buffer);
+  return real.clReleaseMemObject(buffer);
 }
-cl_int __wrap_clEnqueueNDRangeKernel(cl_command_queue queue, cl_kernel kernel, cl_uint dimensions, const size_t *offset,
-                                     const size_t *global, const size_t *local, cl_uint n, const cl_event *wait,
-                                     cl_event *event)
+cl_int clEnqueueNDRangeKernel(cl_command_queue queue, cl_kernel kernel, cl_uint dimensions, const size_t *offset,
+                              const size_t *global, const size_t *local, cl_uint n, const cl_event *wait,
+                              cl_event *event)
 {
   if (fault::lost("clEnqueueNDRangeKernel")) return fault::lost_code;
   if (fault::max_work_items && local && *local > fault::max_work_items) return CL_INVALID_WORK_GROUP_SIZE;
-  return __real_clEnqueueNDRangeKernel(queue, kernel, dimensions, offset, global, local, n, wait, event);
+  return real.clEnqueueNDRangeKernel(queue, kernel, dimensions, offset, global, local, n, wait, event);
 }
-cl_int __wrap_clEnqueueReadBuffer(cl_command_queue queue, cl_mem buffer, cl_bool block, size_t offset, size_t bytes,
-                                  void *to, cl_uint n, const cl_event *wait, cl_event *event)
+cl_int clEnqueueReadBuffer(cl_command_queue queue, cl_mem buffer, cl_bool block, size_t offset, size_t bytes, void *to,
+                           cl_uint n, const cl_event *wait, cl_event *event)
 {
   if (fault::lost("clEnqueueReadBuffer")) return fault::lost_code;
-  return __real_clEnqueueReadBuffer(queue, buffer, block, offset, bytes, to, n, wait, event);
+  return real.clEnqueueReadBuffer(queue, buffer, block, offset, bytes, to, n, wait, event);
 }
-cl_int __wrap_clEnqueueWriteBuffer(cl_command_queue queue, cl_mem buffer, cl_bool block, size_t offset, size_t bytes,
-                                   const void *from, cl_uint n, const cl_event *wait, cl_event *event)
+cl_int clEnqueueWriteBuffer(cl_command_queue queue, cl_mem buffer, cl_bool block, size_t offset, size_t bytes,
+                            const void *from, cl_uint n, const cl_event *wait, cl_event *event)
 {
   if (fault::lost("clEnqueueWriteBuffer")) return fault::lost_code;
-  return __real_clEnqueueWriteBuffer(queue, buffer, block, offset, bytes, from, n, wait, event);
+  return real.clEnqueueWriteBuffer(queue, buffer, block, offset, bytes, from, n, wait, event);
 }
-cl_int __wrap_clFinish(cl_command_queue queue)
+cl_int clFinish(cl_command_queue queue)
 {
   if (fault::lost("clFinish")) return fault::lost_code;
-  return __real_clFinish(queue);
+  return real.clFinish(queue);
+}
+}  // namespace faulty
+
+extern "C" {
+void *__real_dlsym(void *, const char *);
+void *__wrap_dlsym(void *library, const char *name)
+{
+  void *found = __real_dlsym(library, name);
+  const auto replaced = [&](const char *function, auto &real, auto *replacement) {
+    if (!found || std::strcmp(name, function) != 0) return;
+    real = reinterpret_cast<decltype(replacement)>(found);
+    found = reinterpret_cast<void *>(replacement);
+  };
+#define CAMA_FAULTY(name) replaced(#name, faulty::real.name, &faulty::name)
+  CAMA_FAULTY(clGetPlatformIDs);
+  CAMA_FAULTY(clGetDeviceInfo);
+  CAMA_FAULTY(clGetKernelWorkGroupInfo);
+  CAMA_FAULTY(clCreateContext);
+  CAMA_FAULTY(clCreateBuffer);
+  CAMA_FAULTY(clReleaseMemObject);
+  CAMA_FAULTY(clEnqueueNDRangeKernel);
+  CAMA_FAULTY(clEnqueueReadBuffer);
+  CAMA_FAULTY(clEnqueueWriteBuffer);
+  CAMA_FAULTY(clFinish);
+#undef CAMA_FAULTY
+  return found;
 }
 }
 #endif

@@ -163,7 +163,8 @@ TEST_CASE("programs are kept on disk, and a bad file is ignored and replaced", "
   const auto build = [] {  // as a new process would
     opencl::Library library(opencl::choose_device(0));
     cl_int code;
-    clReleaseKernel(clCreateKernel(library.program(opencl::Text::primitives), "scan_small", &code));
+    opencl::api().clReleaseKernel(
+        opencl::api().clCreateKernel(library.program(opencl::Text::primitives), "scan_small", &code));
     REQUIRE(code == CL_SUCCESS);
   };
   const auto files = [&] {
@@ -207,7 +208,8 @@ TEST_CASE("builds the primitives into CAMA_CACHE", "[.][cache-writer]")  // for 
         if (entry.path().extension() == ".bin") std::filesystem::remove(entry.path(), gone);
     opencl::Library again(opencl::choose_device(0));
     cl_int code;
-    clReleaseKernel(clCreateKernel(again.program(opencl::Text::primitives), "scan_small", &code));
+    opencl::api().clReleaseKernel(
+        opencl::api().clCreateKernel(again.program(opencl::Text::primitives), "scan_small", &code));
     REQUIRE(code == CL_SUCCESS);
   }
 }

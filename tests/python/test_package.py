@@ -246,3 +246,63 @@ def test_the_package_says_who_made_it_and_for_what():
     project = text[text.index("[project]") : text.index("[project.optional")]
     assert 'authors = [{ name = "cama developers" }]' in project
     assert '"Topic :: Scientific/Engineering :: Physics"' in project and "License ::" not in project
+
+
+def test_all_and_dev_name_the_other_extras():
+    """`all` is what users may want; `dev` is what contributors need besides Ray, which its test does without."""
+    text = (ROOT / "pyproject.toml").read_text(encoding="utf-8")
+    table = text[text.index("[project.optional-dependencies]\n") : text.index("[project.scripts]")]
+    extras = {name: re.findall(r'"([^"]+)"', line) for name, line in re.findall(r"^(\w+) = (.*)$", table, re.M)}
+    named = {
+        extra: set(re.fullmatch(r"cama\[(.*)\]", next(w for w in words if w.startswith("cama[")))[1].split(","))
+        for extra, words in extras.items()
+        if extra in ("all", "dev")
+    }
+    assert named["all"] == set(extras) - {"test", "docs", "wheel", "all", "dev"}
+    assert named["dev"] >= {"test", "docs", "wheel", "render", "tradeoff"} and named["dev"] <= set(extras)
+
+
+@pytest.mark.skipif(sys.platform != "linux" or not shutil.which("readelf"), reason="reads an ELF file with readelf")
+def test_the_compiled_module_links_no_driver():
+    """OpenCL's loader and CUDA's driver are opened when they are used, so the package loads where they are absent."""
+    said = subprocess.run(["readelf", "-d", cama._core.__file__], capture_output=True, text=True, check=True).stdout
+    needed = re.findall(r"\(NEEDED\).*\[(.+)\]", said)
+    assert any(name.startswith("libc.so") for name in needed)
+    assert not [name for name in needed if name.startswith(("libOpenCL", "libcuda", "libnvidia"))]
+
+
+def opencl_with(library, *lines):
+    """What lines of Python print in a new process where CAMA_OPENCL_LIBRARY names a file."""
+    code = "\n".join(["import cama", "opencl, = [b for b in cama.backends() if b['name'] == 'opencl']", *lines])
+    environment = {**os.environ, "CAMA_OPENCL_LIBRARY": str(library)}
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, env=environment)
+    assert done.returncode == 0, done.stderr
+    return done.stdout
+
+
+IN_BUILD = "not in this build" not in next(b for b in cama.backends() if b["name"] == "opencl")["note"]
+
+
+@pytest.mark.skipif(not IN_BUILD, reason="the OpenCL backend is not in this build")
+def test_an_absent_opencl_loader_is_said_with_what_to_do(tmp_path):
+    said = opencl_with(
+        tmp_path / "absent.so",
+        "print(opencl['available'], opencl['devices'], opencl['note'])",
+        "scene = cama.Scene(thickness=1e-3)",
+        "scene.add_cloth([[0, 0, 0], [1, 0, 0], [0, 1, 0]], [[0, 1, 2]])",
+        "cama.Simulation(scene, backend='cpu').step()",
+        "cama.Simulation(scene, backend='auto').step()",
+        "try:",
+        "    cama.Simulation(scene, backend='opencl')",
+        "except cama.BackendError as error:",
+        "    print(error)",
+    )
+    listed, raised = said.splitlines()
+    assert listed.startswith("False [] OpenCL loader not found: CAMA_OPENCL_LIBRARY is '")
+    assert raised.startswith("OpenCL loader not found: ") and "absent.so" in raised and "unset it" in raised
+
+
+@pytest.mark.skipif(not IN_BUILD or sys.platform != "linux", reason="needs the OpenCL backend on Linux")
+def test_a_library_that_is_not_opencl_is_refused():
+    said = opencl_with("libm.so.6", "print(opencl['available'], opencl['note'])")
+    assert said.startswith("False OpenCL loader without clBuildProgram: it is older than OpenCL 1.2; install")

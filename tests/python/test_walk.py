@@ -44,6 +44,7 @@ for needed in ("pyvista", "imageio", "viser", "pxr", "scipy", "matplotlib"):
 # What is not run: a command, or the first line of a block, and why.
 BUILDS = "installs system packages and builds; script/test and tests/install do it"
 SERVES = "serves until Ctrl-C; test_viewer.py does it"
+WHEEL = "builds a wheel, or needs one; script/test makes and tries one with script/wheel"
 CHARACTER = "needs the file of a character; test_characters.py does it"
 NOT_RUN = {
     "script/demo": BUILDS,
@@ -53,6 +54,11 @@ NOT_RUN = {
     "pip install '.[export]'": BUILDS,
     "pip install '.[render,tradeoff]'": BUILDS,
     "blender --python examples/blender/open_cache.py -- out/drape/export/mdd": "needs Blender; test_blender.py does it",
+    "pip install cama-0.1.0-cp311-cp311-manylinux_2_35_x86_64.whl": WHEEL,
+    "pip install 'cama-0.1.0-cp311-cp311-manylinux_2_35_x86_64.whl[render]'": WHEEL,
+    "script/wheel": WHEEL,
+    "script/wheel python3.10 python3.12": WHEEL,
+    "script/wheel --cuda": WHEEL,
     "cmake --preset release && cmake --build --preset release": BUILDS,
     "cmake --install build-release --prefix ~/cama --component library": BUILDS,
     "find_package(cama 0.1 REQUIRED)": "a part of the reader's CMake project; tests/install builds one",
