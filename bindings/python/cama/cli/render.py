@@ -30,7 +30,9 @@ def render(
     output: Annotated[Path, typer.Argument(metavar="OUT", help="Folder that `cama run` wrote.")],
     to: Annotated[
         Optional[list[Format]],
-        typer.Option(help="Format: png for a picture of each moment, mp4, webp; may be repeated. Default: png and mp4."),
+        typer.Option(
+            help="Format: png for a picture of each moment, mp4, webp; may be repeated. Default: png and mp4."
+        ),
     ] = None,
     frame: Annotated[
         Optional[int],
@@ -67,7 +69,9 @@ def render(
     texture: Annotated[
         Optional[Path], typer.Option(metavar="FILE", help="Image on cloths that have texture coordinates.")
     ] = None,
-    show: Annotated[Shown, typer.Option(help="strain: colours for the largest strain since the first frame.")] = "cloth",
+    show: Annotated[
+        Shown, typer.Option(help="strain: colours for the largest strain since the first frame.")
+    ] = "cloth",
     wireframe: Annotated[bool, typer.Option("--wireframe", help="Draw the edges of the triangles.")] = False,
     smooth: Annotated[
         bool, typer.Option("--smooth", help="Round the outlines of coarse cloth; layers may show through each other.")

@@ -28,9 +28,7 @@ class Rendered:
     files: list  #: a file of each video, the folder of the images, or the one picture
 
 
-def render(
-    folder, look=None, fps=30, speed=None, formats=("png", "mp4"), frame=None, caption=False, progress=None
-):
+def render(folder, look=None, fps=30, speed=None, formats=("png", "mp4"), frame=None, caption=False, progress=None):
     """Draws a recording: OUT/images/frame_0000.png ..., OUT/video.mp4, OUT/video.webp. Returns a Rendered.
 
     Images are equally spaced in time; between recorded frames, positions are interpolated linearly.
@@ -67,7 +65,7 @@ def render(
         moments = moments_of(recording.times, fps, speed)
         if frame is not None:
             turn = max(2, round(360 / abs(look.turntable) * fps))
-            moments = np.full(turn, recording.times[_frame(recording, frame)])
+            speed, moments = 1.0, np.full(turn, recording.times[_frame(recording, frame)])
         bar = Bar(
             TextColumn("image"),
             MofNCompleteColumn(),
@@ -76,7 +74,7 @@ def render(
             TextColumn("left"),
             console=progress,
         )
-        with Film(out, formats, fps) as film, bar:
+        with Film(out, formats, look.size, fps) as film, bar:
             stage = Stage(recording, moments, look)
             try:
                 task = bar.add_task("", total=len(moments))

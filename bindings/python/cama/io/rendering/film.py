@@ -9,9 +9,11 @@ from concurrent.futures import ThreadPoolExecutor
 from ...errors import BackendError, FileError
 from ...hints import require
 
-VIDEO = {
+VIDEO = {  # how imageio_ffmpeg.write_frames makes them
     "mp4": dict(codec="libx264", quality=8, macro_block_size=2),
-    "webp": dict(codec="libwebp_anim", quality=None, macro_block_size=1, output_params=["-loop", "0", "-quality", "80"]),
+    "webp": dict(
+        codec="libwebp_anim", quality=None, macro_block_size=1, output_params=["-loop", "0", "-quality", "80"]
+    ),
 }
 WAITING = 8  # pictures that may wait for being compressed
 
@@ -58,19 +60,20 @@ class Film:
     Args:
         out: The folder.
         formats: Of "mp4", "webp" and "png".
+        size: Of the pictures, width and height.
         fps: Images per second.
 
     Raises:
         FileError
     """
 
-    def __init__(self, out, formats, fps):
-        self._out, self._formats, self._fps, self._count = out, formats, fps, 0
+    def __init__(self, out, formats, size, fps):
+        self._out, self._formats, self._size, self._fps, self._count = out, formats, size, fps, 0
         self.files = [out / f"video.{kind}" for kind in formats if kind in VIDEO]
         self._partial = [file.with_suffix(f".partial{file.suffix}") for file in self.files]
 
     def __enter__(self):
-        import imageio.v2 as imageio
+        import imageio_ffmpeg
 
         self._left = contextlib.ExitStack()
         self._left.callback(self._drop)
@@ -83,9 +86,9 @@ class Film:
                 if file.is_dir():
                     raise IsADirectoryError(f"{file} is a folder")
                 how = VIDEO[file.suffix[1:]]
-                self._movies.append(
-                    self._left.enter_context(imageio.get_writer(partial, format="FFMPEG", fps=self._fps, **how))
-                )
+                movie = imageio_ffmpeg.write_frames(str(partial), self._size, fps=self._fps, **how)
+                self._movies.append(self._left.enter_context(contextlib.closing(movie)))
+                movie.send(None)
         return self
 
     def add(self, picture):
@@ -97,7 +100,7 @@ class Film:
                 while len(self._waiting) > WAITING:
                     self._waiting.pop(0).result()
             for movie in self._movies:
-                movie.append_data(picture)
+                movie.send(picture)
         self._count += 1
 
     def __exit__(self, kind, problem, trace):

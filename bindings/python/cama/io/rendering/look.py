@@ -101,7 +101,7 @@ def color(text):
     try:
         return np.array(pyvista.Color(text).float_rgb)
     except (ValueError, TypeError):
-        known = getattr(pyvista, "hexcolors", {})
+        known = vars(pyvista.plotting.colors).get("hex_colors", ())
         raise SceneError(
             f"color {text!r}: is no colour; give a name such as steelblue, or #rrggbb{similar(str(text), known)}"
         ) from None

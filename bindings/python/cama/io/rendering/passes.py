@@ -31,7 +31,9 @@ def soft_shadow(width):
         "e *= e; e *= e; e *= e; lit += e * e;"
         for x, y in spiral(SAMPLES)
     )
-    return "expFactor = depthCExpBlured * depthCExpActual;", f"""
+    return (
+        "expFactor = depthCExpBlured * depthCExpActual;",
+        f"""
         float stored, e, found = 0.0, blockers = 0.0, near = 0.96 / depthCExpActual;
         float angle = 6.2832 * fract(52.9829 * fract(dot(gl_FragCoord.xy, vec2(0.06711, 0.00584))));
         mat2 turn = mat2(cos(angle), sin(angle), -sin(angle), cos(angle));
@@ -43,7 +45,8 @@ def soft_shadow(width):
           {shares}
           expFactor = lit / {SAMPLES}.0;
         }}
-    """
+    """,
+    )
 
 
 def soften(actor, width):

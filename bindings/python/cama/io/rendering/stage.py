@@ -88,9 +88,11 @@ class Stage:
         size = np.linalg.norm(high - low)
         shown = [cloth]
         for points in map(np.concatenate, others):
-            near = ((points > low - 0.4 * size) & (points < high + 0.4 * size)).all(axis=1)
-            whole = np.linalg.norm(np.ptp(points, axis=0)) <= 2.5 * size
-            shown.append(points if whole and near.any() else points[near])
+            least, most = points.min(axis=0), points.max(axis=0)
+            if np.linalg.norm(most - least) > 2.5 * size:
+                shown.append(points[((points > low - 0.4 * size) & (points < high + 0.4 * size)).all(axis=1)])
+            elif (most > low - 0.4 * size).all() and (least < high + 0.4 * size).all():
+                shown.append(points)
         return np.concatenate(shown)
 
     def _add_lights(self):
@@ -123,7 +125,9 @@ class Stage:
         cloth = surfaces.Cloth(part, positions, not look.wireframe, look.smooth, look.texture is not None)
         how = dict(
             color=tuple(color),
-            backface_params=dict(color=tuple(0.66 * color + 0.34 * np.array([0.95, 0.93, 0.90])), ambient=AMBIENT, diffuse=DIFFUSE),
+            backface_params=dict(
+                color=tuple(0.66 * color + 0.34 * np.array([0.95, 0.93, 0.90])), ambient=AMBIENT, diffuse=DIFFUSE
+            ),
         )
         if look.show == "strain":
             cloth.surface.point_data["strain"] = np.zeros(cloth.surface.n_points)
@@ -186,24 +190,27 @@ class Stage:
     def _add_legend(self, moments):
         """Colours from no strain to the largest of the film but for one vertex in a hundred."""
         self._rest = self._recording.frame(0)
-        values = [self._strain(part, positions_at(self._recording, m)) for m in sample(moments) for part, *_ in self._cloths]
+        values = [
+            self._strain(part, positions_at(self._recording, m)) for m in sample(moments) for part, *_ in self._cloths
+        ]
         most = max(float(np.percentile(np.concatenate(values), 99)), 1e-4)
         step = 10 ** np.floor(np.log10(most))
-        most = step * np.ceil(most / step)
+        most = step * np.ceil(most / step - 1e-6)
         for _, _, actor in self._cloths:
             actor.mapper.scalar_range = 0, 100 * most
+        letters = self._look.size[1] * self._scale / 720
         self._plotter.add_scalar_bar(
-            title="largest strain since the first frame, %",
+            title="largest strain, %",
             mapper=self._cloths[0][2].mapper,
             n_labels=5,
             fmt="%.3g",
             color="#3a3d42",
-            title_font_size=round(15 * self._scale),
-            label_font_size=round(13 * self._scale),
-            width=0.32,
-            height=0.07,
-            position_x=0.04,
-            position_y=0.04,
+            title_font_size=round(16 * letters),
+            label_font_size=round(14 * letters),
+            width=0.3,
+            height=0.1,
+            position_x=0.03,
+            position_y=0.03,
         )
 
     def _strain(self, part, positions):
@@ -232,7 +239,7 @@ class Stage:
         self._move(moment)
         self._aim(self._plotter, seconds)
         if caption:
-            size = round(10 * self._scale)
+            size = max(6, round(10 * self._scale * self._look.size[1] / 720))
             self._plotter.add_text(caption, position=(16, 12), font_size=size, color="#6d7076", name="caption")
         self._plotter.render()
         picture = np.ascontiguousarray(self._plotter.screenshot(return_img=True)[..., :3])
