@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Pictures and video of a recording, drawn by VTK without a display."""
 
-import os
 from dataclasses import dataclass, replace
 from pathlib import Path
 
