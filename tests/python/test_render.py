@@ -104,6 +104,16 @@ def test_other_programs_read_what_is_written(recording):
         assert picture.size == (320, 180)
 
 
+def test_processes_draw_the_same_film(recording, monkeypatch):
+    monkeypatch.setattr(render, "MANY", 2)
+    films = []
+    for processes in (1, 2):
+        render.render(recording, render.Look(**SMALL), fps=10, speed=1, formats=["png"], processes=processes)
+        films.append([imageio.imread(p) for p in sorted((recording / "images").glob("*.png"))])
+    assert len(films[0]) == 6
+    np.testing.assert_array_equal(*films)
+
+
 def test_a_turntable_goes_once_around_a_frame(recording):
     look = render.Look(size=(64, 48), quality="draft", turntable=60)
     result = render.render(recording, look, fps=2, formats=["png"], frame=3)

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The command `cama render`."""
 
+import os
 from pathlib import Path
 from typing import Annotated, Optional
 
@@ -111,6 +112,7 @@ def render(
         frame=frame,
         caption=caption,
         progress=Console(stderr=True, highlight=False),
+        processes=max(1, min(2, len(os.sched_getaffinity(0)))),
     )
     files = ", ".join(f"[bold]{escape(str(file))}[/]" for file in result.files)
     film = f"{result.images} images, {result.seconds:.1f} s at {draw.speed_text(result.speed)}: "

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Pictures and video of a recording, drawn by VTK without a display."""
 
+import contextlib
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -14,7 +15,9 @@ from .recording import Recording
 from .rendering.film import VIDEO, Film, needs, needs_ffmpeg, write_png
 from .rendering.look import FORMATS, Look, check
 from .rendering.moments import choose_speed, moments_of, speed_text
-from .rendering.stage import Stage
+from .rendering.stage import Stage, pictures
+
+MANY = 40  # images, beyond which it is worth while to start processes
 
 
 @dataclass
@@ -27,7 +30,9 @@ class Rendered:
     files: list  #: a file of each video, the folder of the images, or the one picture
 
 
-def render(folder, look=None, fps=30, speed=None, formats=("png", "mp4"), frame=None, caption=False, progress=None):
+def render(
+    folder, look=None, fps=30, speed=None, formats=("png", "mp4"), frame=None, caption=False, progress=None, processes=1
+):
     """Draws a recording: OUT/images/frame_0000.png ..., OUT/video.mp4, OUT/video.webp. Returns a Rendered.
 
     Images are equally spaced in time; between recorded frames, positions are interpolated linearly.
@@ -42,6 +47,8 @@ def render(folder, look=None, fps=30, speed=None, formats=("png", "mp4"), frame=
             OUT/frame_0012.png for number 12. With a turntable, a film of one turn around it.
         caption: Write time and speed into the pictures.
         progress: A rich Console for the progress; None: say nothing.
+        processes: How many draw at once. A program that asks for more than one must start from below
+            `if __name__ == "__main__":`.
 
     Raises:
         FileError, BackendError, SceneError
@@ -73,16 +80,16 @@ def render(folder, look=None, fps=30, speed=None, formats=("png", "mp4"), frame=
             TextColumn("left"),
             console=progress,
         )
+        texts = [f"{moment:.2f} s   {speed_text(speed)}" if caption else None for moment in moments]
+        shots = [(moment, text, number / fps) for number, (moment, text) in enumerate(zip(moments, texts))]
         with Film(out, formats, look.size, fps) as film, bar:
-            stage = Stage(recording, moments, look)
-            try:
-                task = bar.add_task("", total=len(moments))
-                for number, moment in enumerate(moments):
-                    text = f"{moment:.2f} s   {speed_text(speed)}" if caption else None
-                    film.add(stage.draw(moment, text, number / fps))
+            task = bar.add_task("", total=len(shots))
+            with contextlib.closing(
+                pictures(folder, recording, look, shots, processes if len(shots) > MANY else 1)
+            ) as drawn:
+                for picture in drawn:
+                    film.add(picture)
                     bar.update(task, advance=1)
-            finally:
-                stage.close()
     files = film.files + ([out / "images"] if "png" in formats else [])
     return Rendered(len(moments), len(moments) / fps, speed, files)
 

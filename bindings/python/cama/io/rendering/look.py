@@ -15,7 +15,7 @@ OBSTACLE, BACKGROUND = "#cdc6bc", "#eceaea"
 SHOWN = ("cloth", "strain")
 FORMATS = ("mp4", "webp", "png")
 #: Words for --quality: pixels drawn for each one of the picture in each direction, samples of ambient occlusion.
-QUALITIES = {"draft": (1.0, 0), "good": (1.5, 16)}
+QUALITIES = {"draft": (1.0, 0), "good": (1.25, 8)}
 
 
 @dataclass

@@ -22,12 +22,15 @@ def soft_shadow(width):
     share of the light's disc the place is lit. Where a version of VTK has no such line its own shadow stays.
     """
 
+    def stored(x, y, scale):
+        return f"stored = texture2D(shadowMap, projected + turn * ({scale} * vec2({x:.4f}, {y:.4f}))).r;"
+
     search = "\n".join(
-        f"stored = texture2D(shadowMap, projected + turn * vec2({0.03 * x:.5f}, {0.03 * y:.5f})).r; if (stored > 1.0 && stored < near) {{ found += 1.0; blockers += stored; }}"
+        f"{stored(x, y, 0.03)} if (stored > 1.0 && stored < near) {{ found += 1.0; blockers += stored; }}"
         for x, y in spiral(SEARCH)
     )
     shares = "\n".join(
-        f"stored = texture2D(shadowMap, projected + turn * (spread * vec2({x:.4f}, {y:.4f}))).r; e = stored < 1.0 ? 1.0 : min(1.03 * stored * depthCExpActual, 1.0);"
+        f"{stored(x, y, 'spread')} e = stored < 1.0 ? 1.0 : min(1.03 * stored * depthCExpActual, 1.0); "
         "e *= e; e *= e; e *= e; lit += e * e;"
         for x, y in spiral(SAMPLES)
     )

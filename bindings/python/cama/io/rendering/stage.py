@@ -1,8 +1,13 @@
 # SPDX-License-Identifier: Apache-2.0
 """Cloths, obstacles, ground, lights and camera in one window that is not on a screen."""
 
+import functools
+import multiprocessing
+import signal
+
 import numpy as np
 
+from ..recording import Recording
 from . import look as looks
 from . import passes, surfaces
 from .camera import VIEW_ANGLE, Orbit, directions
@@ -252,3 +257,30 @@ class Stage:
         for one in self._passes:
             one.ReleaseGraphicsResources(self._plotter.render_window)
         self._plotter.close()
+
+
+def pictures(path, recording, look, shots, processes=1):
+    """Yields the pictures of shots (moment, caption, seconds), as for Stage.draw, drawn by several processes."""
+    moments = [shot[0] for shot in shots]
+    if processes > 1:
+        with multiprocessing.get_context("spawn").Pool(processes) as pool:
+            yield from pool.imap(functools.partial(_draw, (path, look, tuple(moments))), shots)
+        return
+    stage = Stage(recording, moments, look)
+    try:
+        for shot in shots:
+            yield stage.draw(*shot)
+    finally:
+        stage.close()
+
+
+_stages = {}  #: of this process, by job
+
+
+def _draw(job, shot):
+    """Draws a shot in a process of its own, which keeps its stage for the next."""
+    path, look, moments = job
+    if path not in _stages:
+        signal.signal(signal.SIGINT, signal.SIG_IGN)  # the process that writes the film ends this one
+        _stages[path] = Stage(Recording(path), moments, look)
+    return _stages[path].draw(*shot)
