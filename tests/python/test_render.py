@@ -267,7 +267,7 @@ def test_wireframe_shows_edges(recording):
         (dict(colors=("shet=red",)), "no cloth 'shet'; there are: sheet.*did you mean 'sheet'"),
         (dict(background="#12"), "color '#12'"),
         (dict(show="stran"), "did you mean 'strain'"),
-        (dict(quality="best"), "draft, good"),
+        (dict(quality="finest"), "draft, good, best"),
         (dict(distance=-1.0), "distance -1"),
         (dict(target=(0, float("nan"), 0)), "target"),
         (dict(elevation=90.0), "elevation 90"),

@@ -46,7 +46,9 @@ def render(
     ] = None,
     width: Annotated[int, typer.Option(min=16)] = 1280,
     height: Annotated[int, typer.Option(min=16)] = 720,
-    quality: Annotated[Quality, typer.Option(help="draft: twice as fast, without soft contact shadows.")] = "good",
+    quality: Annotated[
+        Quality, typer.Option(help="draft: twice as fast as good; best: for single pictures, twice as slow.")
+    ] = "good",
     azimuth: Annotated[float, typer.Option(help="Direction of the camera, degrees from the x axis.")] = -60.0,
     elevation: Annotated[float, typer.Option(help="Elevation of the camera, degrees.")] = 22.0,
     target: Annotated[

@@ -15,7 +15,7 @@ OBSTACLE, BACKGROUND = "#cdc6bc", "#eceaea"
 SHOWN = ("cloth", "strain")
 FORMATS = ("mp4", "webp", "png")
 #: Words for --quality: pixels drawn for each one of the picture in each direction, samples of ambient occlusion.
-QUALITIES = {"draft": (1.0, 0), "good": (1.25, 8)}
+QUALITIES = {"draft": (1.0, 0), "good": (1.25, 8), "best": (2.0, 32)}
 
 
 @dataclass
@@ -38,7 +38,7 @@ class Look:
         show: "cloth", or "strain": colours for the largest strain since the first frame.
         smooth: Draw coarse cloth as a smooth surface through its vertices; layers that touch may then show through each
             other.
-        quality: "draft" or "good".
+        quality: "draft", "good" or "best".
     """
 
     size: tuple = (1280, 720)

@@ -96,6 +96,8 @@ def set_passes(renderer, occlusion, reach):
         last.SetRadius(0.08 * reach)
         last.SetBias(0.004 * reach)
         last.SetKernelSize(occlusion)
+        if hasattr(last, "SetIntensityShift"):  # VTK from 9.2 on: without it the rim of the ground shows a little
+            last.SetIntensityShift(0.1)
         last.BlurOn()
         last.SetDelegatePass(surfaces)
     whole = _sequence(last, gl.vtkOverlayPass())
