@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Pictures and video of a recording, without a display."""
 
+import colorsys
 import re
 import sys
 
@@ -8,83 +9,310 @@ import h5py
 import numpy as np
 import pytest
 
-from conftest import grid
+import conftest
 
 pytest.importorskip("pyvista")
 imageio = pytest.importorskip("imageio.v3")
 
+from PIL import Image  # noqa: E402
+
 import cama  # noqa: E402
 from cama.io import render  # noqa: E402
+from cama.io.recording import Part, Recording  # noqa: E402
+from cama.io.rendering import camera, moments, surfaces  # noqa: E402
+from cama.io.rendering.stage import Stage  # noqa: E402
+from test_surfaces import point_triangles  # noqa: E402
+
+SMALL = dict(size=(320, 180), quality="draft")
+ABOVE = dict(azimuth=-90.0, elevation=89.0)
+
+
+def grid(cells):
+    """A sheet [0, 1] x [0, 1] at height 0."""
+    vertices, faces = conftest.grid(cells)
+    return vertices + [0.5, 0.5, 0], faces
+
+
+def record(folder, times, cloths, obstacles=()):
+    """Writes frames.h5 by hand: parts are (name, positions [frames, n, 3], faces)."""
+    folder.mkdir(exist_ok=True)
+    with h5py.File(folder / "frames.h5", "w") as f:
+        parts = [*cloths, *obstacles]
+        counts = [p.shape[1] for _, p, _ in parts]
+        first = np.concatenate([[0], np.cumsum(counts)])
+        f["positions"] = np.concatenate([p for _, p, _ in parts], axis=1)
+        f["times"] = times
+        f["faces"] = np.concatenate([faces + start for (_, _, faces), start in zip(parts, first)]).astype(np.int32)
+        ranges = np.stack([first[:-1], first[1:]], axis=1)
+        for kind, own in (("cloth", range(len(cloths))), ("obstacle", range(len(cloths), len(parts)))):
+            f[f"{kind}_ranges"] = ranges[list(own)].reshape(-1, 2)
+            f[f"{kind}_ranges"].attrs["names"] = np.array([parts[k][0] for k in own], dtype=h5py.string_dtype())
+    return folder
 
 
 @pytest.fixture
 def recording(tmp_path):
-    """A sheet that waves for half a second, written by hand."""
+    """A sheet that waves for half a second."""
     vertices, faces = grid(20)
     times = np.arange(26) / 50
-    with h5py.File(tmp_path / "frames.h5", "w") as f:
-        f["positions"] = np.stack(
-            [vertices + np.outer(0.1 * np.sin(8 * vertices[:, 0] + 9 * t), [0, 0, 1]) for t in times]
-        )
-        f["times"], f["faces"] = times, faces.astype(np.int32)
-        for kind, ranges, names in (
-            ("cloth", [[0, len(vertices)]], ["sheet"]),
-            ("obstacle", np.zeros((0, 2), int), []),
-        ):
-            f[f"{kind}_ranges"] = np.asarray(ranges)
-            f[f"{kind}_ranges"].attrs["names"] = np.array(names, dtype=h5py.string_dtype())
-    return tmp_path
+    waves = np.stack([vertices + np.outer(0.1 * np.sin(8 * vertices[:, 0] + 9 * t), [0, 0, 1]) for t in times])
+    return record(tmp_path, times, [("sheet", waves, faces)])
+
+
+def still(folder, positions, faces, **others):
+    """A recording of one frame of a cloth, and of obstacles, name=(positions, faces)."""
+    return record(
+        folder, [0.0], [("sheet", positions[None], faces)], [(name, p[None], f) for name, (p, f) in others.items()]
+    )
+
+
+def draw(folder, moment=0.0, **look):
+    """A picture, [height, width, 3] int."""
+    render.needs()
+    with Recording(folder) as recording:
+        stage = Stage(recording, recording.times, render.Look(**{**SMALL, **look}))
+        picture = stage.draw(moment).astype(int)
+        stage.close()
+    return picture
+
+
+def blue(picture):
+    """Whether pixels are those of a blue cloth."""
+    return picture[..., 2] > picture[..., 0] + 30
 
 
 def test_draws_images_and_video(recording, monkeypatch):
     monkeypatch.delenv("DISPLAY", raising=False)
-    result = render.render(recording, fps=10, speed=0.5, size=(320, 180))
+    result = render.render(recording, render.Look(size=(320, 180)), fps=10, speed=0.5)
     assert result.images == 11 and result.speed == 0.5
     pictures = [imageio.imread(p) for p in sorted((recording / "images").glob("*.png"))]
     assert len(pictures) == 11 and pictures[0].shape == (180, 320, 3)
     assert (pictures[0] != pictures[5]).mean() > 0.02
-    blue = pictures[0].astype(int)
-    assert 0.05 < (blue[..., 2] > blue[..., 0] + 40).mean() < 0.7  # the sheet is in the picture, and not all of it
+    assert 0.05 < blue(pictures[0].astype(int)).mean() < 0.7  # the sheet is in the picture, and not all of it
     assert imageio.imread(recording / "video.mp4").shape == (11, 180, 320, 3)
-    assert not list(recording.glob("*.partial*"))
+    assert not list(recording.rglob("*.partial*"))
+
+
+def test_other_programs_read_what_is_written(recording):
+    result = render.render(recording, render.Look(**SMALL), fps=10, speed=1, formats=["webp"])
+    with Image.open(recording / "video.webp") as film:
+        assert (film.n_frames, film.size, film.info["loop"]) == (result.images, (320, 180), 0)
+    assert result.files == [recording / "video.webp"] and not (recording / "images").exists()
+    one = render.render(recording, render.Look(**SMALL), frame=-1)
+    assert one.files == [recording / "frame_0025.png"]
+    with Image.open(one.files[0]) as picture:
+        assert picture.size == (320, 180)
+
+
+def test_processes_draw_the_same_film(recording, monkeypatch):
+    monkeypatch.setattr(render, "MANY", 2)
+    films = []
+    for processes in (1, 2):
+        render.render(recording, render.Look(**SMALL), fps=10, speed=1, formats=["png"], processes=processes)
+        films.append([imageio.imread(p) for p in sorted((recording / "images").glob("*.png"))])
+    assert len(films[0]) == 6
+    np.testing.assert_array_equal(*films)
+
+
+def test_a_turntable_goes_once_around_a_frame(recording):
+    look = render.Look(size=(64, 48), quality="draft", turntable=60)
+    result = render.render(recording, look, fps=2, formats=["png"], frame=3)
+    assert result.images == 12 and result.seconds == 6  # 360 degrees at 60 degrees per second
+    pictures = [imageio.imread(p).astype(int) for p in sorted((recording / "images").glob("*.png"))]
+    assert all(np.abs(a - b).mean() > 0.5 for a, b in zip(pictures, pictures[1:]))
 
 
 def test_what_cannot_be_written_is_a_named_error_and_nothing_half_written_stays(recording):
     (recording / "video.mp4").mkdir()
     with pytest.raises(cama.FileError, match="writing failed"):
-        render.render(recording, fps=10, speed=1, size=(64, 48), images=False)
+        render.render(recording, render.Look(size=(64, 48)), fps=10, speed=1, formats=["mp4"])
     assert not list(recording.glob("*.partial*"))
 
 
+def test_an_interrupt_leaves_no_half_film(recording, monkeypatch):
+    drawn = Stage.draw
+
+    def stop(stage, moment, *more):
+        if moment > 0.15:
+            raise KeyboardInterrupt
+        return drawn(stage, moment, *more)
+
+    monkeypatch.setattr(Stage, "draw", stop)
+    with pytest.raises(KeyboardInterrupt):
+        render.render(recording, render.Look(**SMALL), fps=10, speed=1, formats=["mp4", "png"])
+    assert not list(recording.rglob("*.partial*")) and not (recording / "video.mp4").exists()
+
+
+def test_the_shadow_lies_on_the_ground_away_from_the_light(tmp_path):
+    """A level sheet above the ground, seen from above; the key light comes from the left of the picture."""
+    vertices, faces = grid(4)
+    floor = np.array([[-9, -9, -1], [11, -9, -1], [11, 11, -1], [-9, 11, -1]], float)
+    look = dict(size=(400, 400), distance=9.0, **ABOVE)
+    picture = draw(still(tmp_path, vertices, faces, floor=(floor, np.array([[0, 1, 2], [0, 2, 3]]))), **look)
+    sheet = blue(picture)
+    rows, columns = np.nonzero(sheet)
+    dark = ~sheet & (picture.sum(axis=2) < picture[0, 0].sum() - 60)
+    assert dark.sum() > 0.2 * sheet.sum()
+    assert np.nonzero(dark)[1].mean() > columns.max() - 0.1 * np.ptp(columns)
+    assert not dark[:, : columns.min()].any()
+    lit = ~sheet & (picture.sum(axis=2) > picture[0, 0].sum() - 9)
+    assert (lit | dark | sheet).mean() > 0.8 and lit[:, : columns.min() - 3].mean() > 0.99  # no rim of the ground
+
+
+def test_bodies_stand_whole_in_the_picture(tmp_path):
+    """A skirt on a body twice as tall: every vertex of both, projected by hand, lies within the picture."""
+    skirt, faces = grid(10)
+    body = np.array([[x, y, z] for x in (0.3, 0.7) for y in (0.3, 0.7) for z in (-1.0, 1.2)])
+    folder = still(tmp_path, skirt, faces, body=(body, np.array([[0, 1, 2], [1, 3, 2], [4, 6, 5], [5, 6, 7]])))
+    with Recording(folder) as recording:
+        stage = Stage(recording, [0.0], render.Look(size=(320, 180), quality="draft"))
+        eye, focus, up = stage._orbit.at(0)
+        stage.close()
+    forward = (focus - eye) / np.linalg.norm(focus - eye)
+    for point in np.concatenate([skirt, body]) - eye:
+        half = np.tan(np.radians(15)) * (point @ forward)
+        assert half > 0 and abs(point @ up) < half and abs(point @ np.cross(forward, up)) < half * 320 / 180
+
+
+def test_back_faces_are_paler_than_front_faces(tmp_path):
+    vertices, faces = grid(4)
+    upright = vertices[:, [0, 2, 1]]
+    colors = []
+    for number, side in enumerate((faces, faces[:, ::-1])):
+        picture = draw(still(tmp_path / str(number), upright, side), elevation=0.0, azimuth=-90.0)
+        assert blue(picture).mean() > 0.1
+        colors.append(np.median(picture[blue(picture)], axis=0) / 255)
+    saturation = [colorsys.rgb_to_hsv(*color)[1] for color in colors]
+    assert abs(saturation[0] - saturation[1]) > 0.1
+
+
+def test_colors_and_opacity_are_the_users(tmp_path):
+    vertices, faces = grid(4)
+    wall = vertices[:, [0, 2, 1]] - [0, 0.5, 0.5]
+    folder = still(tmp_path, vertices, faces, wall=(wall, faces))
+    front = dict(azimuth=-90.0, elevation=20.0, background="white")
+
+    def red(**look):
+        picture = draw(folder, **front, **look)
+        return ((picture[..., 0] > 1.5 * picture[..., 1]) & (picture[..., 0] > 60)).sum()
+
+    solid, unseen = red(colors=("sheet=red",), obstacle_opacity=1.0), red(colors=("#ff0000",), obstacle_opacity=0.0)
+    assert 0 <= solid < 0.5 * unseen and red(obstacle_opacity=0.0) == 0
+    assert red(colors=("red",)) > 0.9 * unseen  # what hides more than half of the cloth is drawn clear by itself
+    assert (draw(folder, **front)[2, 2] >= 254).all()
+
+
+def test_finer_shading_leaves_the_surface_where_it_is():
+    """Points between the vertices lie on the triangles unless a smooth surface is asked for."""
+    vertices, faces = grid(6)
+    vertices[:, 2] = np.random.default_rng(1).normal(scale=0.05, size=len(vertices))
+    part = Part("sheet", slice(0, len(vertices)), faces)
+    for smooth in (False, True):
+        shape = surfaces.Cloth(part, vertices, smooth=smooth).surface
+        assert shape.n_cells == 16 * len(faces)
+        np.testing.assert_allclose(shape.points[: len(vertices)], vertices, atol=1e-6)
+        away = max(point_triangles(point, vertices[faces]).min() for point in shape.points)
+        assert away > 0.005 if smooth else away < 1e-6
+
+
+def test_strain_is_that_of_the_deformation():
+    """Stretched by 10 % one way and 3 % the other, and sheared: against the singular values of the deformation."""
+    vertices, faces = grid(6)
+    for gradient in (np.diag([1.1, 1.03, 1]), np.array([[1.0, 0.4, 0], [0, 1.0, 0], [0.2, 0, 1]])):
+        most = np.linalg.svd(gradient[:, :2])[1][0] - 1
+        np.testing.assert_allclose(surfaces.strain(vertices, vertices @ gradient.T, faces), most, rtol=1e-9)
+
+
+def test_strain_has_the_colors_of_the_map(tmp_path):
+    """Half of a sheet is stretched by 20 %, half not at all: the two ends of viridis, but for the light."""
+    pyplot = pytest.importorskip("matplotlib.pyplot")
+    vertices, faces = grid(30)
+    stretched = vertices + np.outer(0.2 * np.maximum(vertices[:, 0] - 0.5, 0), [1, 0, 0])
+    folder = record(tmp_path, [0.0, 1.0], [("sheet", np.stack([vertices, stretched]), faces)])
+    picture = draw(folder, moment=1.0, show="strain", **ABOVE)
+    for column, value in ((120, 0.0), (210, 1.0)):
+        seen, map_ = picture[80, column], 255 * np.array(pyplot.get_cmap("viridis")(value)[:3])
+        np.testing.assert_allclose(seen / np.linalg.norm(seen), map_ / np.linalg.norm(map_), atol=0.06)
+
+
+def test_a_texture_lies_by_its_coordinates(tmp_path):
+    """An image whose left half is red and right half green, u along x, with a seam in the middle."""
+    vertices, faces = grid(8)
+    folder = still(tmp_path, vertices, faces)
+    Image.fromarray(np.repeat([[[255, 0, 0]] * 8 + [[0, 160, 0]] * 8], 16, axis=0).astype(np.uint8)).save(
+        tmp_path / "halves.png"
+    )
+    look = render.Look(**SMALL, **ABOVE, texture=tmp_path / "halves.png")
+    with pytest.raises(cama.SceneError, match="no cloth of the recording has texture coordinates"):
+        render.render(folder, look)
+    with Recording(folder) as recording:
+        part = recording.cloths[0]
+        part.uv, part.uv_faces = np.tile(vertices[:, :2], (2, 1)), faces + len(vertices) * (faces[:, :1] % 2)
+        stage = Stage(recording, [0.0], look)
+        picture = stage.draw(0.0).astype(int)
+        stage.close()
+    red, green = (np.nonzero(picture[..., k] > 2 * picture[..., 1 - k])[1] for k in (0, 1))
+    assert len(red) > 1000 and len(green) > 1000 and np.percentile(red, 98) <= np.percentile(green, 2)
+
+
+def test_wireframe_shows_edges(recording):
+    plain, edges = (draw(recording, wireframe=on, size=(640, 360)) for on in (False, True))
+    assert (edges.sum(axis=2) < 150).sum() > (plain.sum(axis=2) < 150).sum() + 1000
+
+
+@pytest.mark.parametrize(
+    "look, text",
+    [
+        (dict(colors=("blu",)), "color 'blu'.*did you mean 'blue'"),
+        (dict(colors=("shet=red",)), "no cloth 'shet'; there are: sheet.*did you mean 'sheet'"),
+        (dict(background="#12"), "color '#12'"),
+        (dict(show="stran"), "did you mean 'strain'"),
+        (dict(quality="finest"), "draft, good, best"),
+        (dict(distance=-1.0), "distance -1"),
+        (dict(target=(0, float("nan"), 0)), "target"),
+        (dict(elevation=90.0), "elevation 90"),
+        (dict(texture="nowhere.png"), "nowhere.png: no such file"),
+    ],
+)
+def test_what_cannot_be_drawn_is_said_before_any_work(recording, look, text):
+    with pytest.raises(cama.Error, match=text):
+        render.render(recording, render.Look(**look))
+    assert [p.name for p in recording.iterdir()] == ["frames.h5"]
+
+
+def test_a_frame_or_format_that_is_not_there_is_said(recording):
+    with pytest.raises(cama.SceneError, match="frames 0 to 25"):
+        render.render(recording, frame=26)
+    with pytest.raises(cama.SceneError, match="did you mean 'mp4'"):
+        render.render(recording, formats=["mp3"])
+
+
 def test_speed_slows_down_short_clips():
-    assert render.choose_speed(10.0, 0.005, 30) == 1
-    assert render.choose_speed(0.5, 0.001, 30) == 0.125
-    assert render.choose_speed(0.5, 0.02, 30) == 0.5  # there is nothing more to see
+    assert moments.choose_speed(10.0, 0.005, 30) == 1
+    assert moments.choose_speed(0.5, 0.001, 30) == 0.125
+    assert moments.choose_speed(0.5, 0.02, 30) == 0.5  # there is nothing more to see
 
 
 def test_images_are_equally_spaced_moments():
     times = np.arange(101) * 0.01
-    np.testing.assert_allclose(render.moments_of(times, 25, 1.0), np.arange(26) * 0.04, atol=1e-12)
-    assert [render.place_of(times, m) for m in (0.0, 0.04, 1.0)] == [(0, 0), (4, 0), (100, 0)]
-    assert render.place_of(times, 0.123) == (12, pytest.approx(0.3))
-    assert render.place_of(np.array([0.5]), 0.5) == (0, 0)
-    assert render.place_of(np.array([0, 0.1, 0.4]), 0.3) == (1, pytest.approx(2 / 3))
+    np.testing.assert_allclose(moments.moments_of(times, 25, 1.0), np.arange(26) * 0.04, atol=1e-12)
+    assert [moments.place_of(times, m) for m in (0.0, 0.04, 1.0)] == [(0, 0), (4, 0), (100, 0)]
+    assert moments.place_of(times, 0.123) == (12, pytest.approx(0.3))
+    assert moments.place_of(np.array([0.5]), 0.5) == (0, 0)
+    assert moments.place_of(np.array([0, 0.1, 0.4]), 0.3) == (1, pytest.approx(2 / 3))
 
 
-def test_the_film_moves_evenly(recording):
+def test_the_film_moves_evenly(tmp_path):
     """A sheet that moves at 1 m/s, recorded every 25 ms, at 30 images a second and half speed: 1/60 s an image."""
-    vertices, _ = grid(20)
+    vertices, faces = grid(20)
     times = np.arange(25) * 0.025
-    with h5py.File(recording / "frames.h5", "r+") as f:
-        del f["positions"], f["times"]
-        f["times"] = times
-        f["positions"] = np.stack([vertices + [t, 0, 0] for t in times])
-    result = render.render(recording, fps=30, speed=0.5, size=(480, 270), azimuth=-90, elevation=60)
+    folder = record(tmp_path, times, [("sheet", np.stack([vertices + [t, 0, 0] for t in times]), faces)])
+    look = render.Look(size=(480, 270), azimuth=-90, elevation=60, quality="draft")
+    result = render.render(folder, look, fps=30, speed=0.5, formats=["png"])
     assert result.images == 37
     middles = []
-    for path in sorted((recording / "images").glob("*.png")):
-        picture = imageio.imread(path).astype(int)
-        middles.append(np.nonzero(picture[..., 2] > picture[..., 0] + 40)[1].mean())
+    for path in sorted((folder / "images").glob("*.png")):
+        middles.append(np.nonzero(blue(imageio.imread(path).astype(int)))[1].mean())
     steps = np.diff(middles)
     assert steps.mean() > 1  # pixels
     assert np.abs(steps - steps.mean()).max() < 0.4 * steps.mean()
@@ -94,7 +322,7 @@ def test_the_film_moves_evenly(recording):
 def test_a_wrong_ffmpeg_is_said_before_anything_is_drawn(recording, monkeypatch, program):
     monkeypatch.setenv("IMAGEIO_FFMPEG_EXE", program)
     with pytest.raises(cama.BackendError, match="IMAGEIO_FFMPEG_EXE names") as seen:
-        render.render(recording, fps=10, speed=1, size=(64, 48))
+        render.render(recording, fps=10, speed=1)
     assert "disk" not in str(seen.value) and not (recording / "images").exists()
 
 
@@ -124,11 +352,13 @@ def test_names_what_it_cannot_read(tmp_path):
 
 def test_camera_sees_all_points():
     points = np.random.default_rng(0).normal(size=(500, 3)) * [3, 1, 0.5]
-    eye, focus, up = render.frame_camera(points, -60, 22, 16 / 9)
+    eye, focus, up = camera.frame_camera(points, -60, 22, 16 / 9)
     forward = (focus - eye) / np.linalg.norm(focus - eye)
     right = np.cross(forward, up)
     depth = (points - eye) @ forward
-    half = np.tan(np.radians(render.VIEW_ANGLE / 2))
+    half = np.tan(np.radians(camera.VIEW_ANGLE / 2))
     assert (depth > 0).all()
     assert (np.abs((points - eye) @ up) <= half * depth).all()
     assert (np.abs((points - eye) @ right) <= half * 16 / 9 * depth).all()
+    near, focus, _ = camera.frame_camera(points, -60, 22, 16 / 9, target=(1, 2, 3), distance=0.5)
+    assert np.linalg.norm(near - [1, 2, 3]) == pytest.approx(0.5) and tuple(focus) == (1, 2, 3)

@@ -38,7 +38,7 @@ def strip(run, path, count=4, azimuth=-60.0, elevation=22.0, hide=()):
 
     moments = Moments(run, hide)
     shown = np.array(moments.times)[np.unique(np.linspace(0, len(moments) - 1, count).round().astype(int))]
-    stage = render.Stage(moments, shown, SIZE, azimuth, elevation)
+    stage = render.Stage(moments, shown, render.Look(size=SIZE, azimuth=azimuth, elevation=elevation))
     images = [stage.draw(time, f"{run.scene.name}  {time:.3f} s") for time in shown]
     stage.close()
     imageio.imwrite(path, np.concatenate(images, axis=1))

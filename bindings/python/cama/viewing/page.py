@@ -7,7 +7,9 @@ The arrays of a band have spare places, so that the browser keeps its buffers as
 
 import numpy as np
 
-from ..io import render
+from ..io.rendering.camera import VIEW_ANGLE, frame_camera
+from ..io.rendering.look import CLOTHS, OBSTACLE
+from ..io.tessellation import drawn
 from . import colors
 
 LINES, SHADE = (205, 206, 212), 0.25
@@ -86,10 +88,10 @@ class Page:
         self._scene.configure_default_lights(cast_shadow=shadows)
 
     def _place_camera(self, seen):
-        position, focus, up = render.frame_camera(seen, -60.0, 22.0, 1.2)  # the panel covers a part of the width
+        position, focus, up = frame_camera(seen, -60.0, 22.0, 1.2)  # the panel covers a part of the width
         camera = self._server.initial_camera
         camera.position, camera.look_at, camera.up = position, focus, up
-        camera.fov, camera.near, camera.far = np.radians(render.VIEW_ANGLE), self.size / 500, 100 * self.size
+        camera.fov, camera.near, camera.far = np.radians(VIEW_ANGLE), self.size / 500, 100 * self.size
 
     def _add_floor(self, low, high):
         cell = colors.round_up(self.size / 12)
@@ -115,7 +117,7 @@ class Page:
         with self._server.atomic():
             for index, part in enumerate(surface.parts):
                 cloth = index < len(surface.cloths)
-                color = render.CLOTHS[index % len(render.CLOTHS)] if cloth else render.BODY
+                color = CLOTHS[index % len(CLOTHS)] if cloth else OBSTACLE
                 visible = index not in self.hidden and not (cloth and values is not None)
                 self._show_part(index, part, x, rgb(color), visible)
             if values is not None:
@@ -131,7 +133,7 @@ class Page:
             if handle is not None:
                 handle.visible = False
             return
-        vertices, faces = render.drawn(part, x, self._seen)
+        vertices, faces = drawn(part, x, self._seen)
         if handle is None:
             self._handles[index] = self._scene.add_mesh_simple(
                 f"/parts/{index} {part.name.replace('/', ' ')}",

@@ -13,7 +13,9 @@ import numpy as np
 from ...errors import SceneError
 from ...types import Integers, Reals
 from ..recording import Part, Recording
-from ..render import BODY, CLOTHS, drawn, moments_of, place_of, positions_at
+from ..rendering.look import CLOTHS, OBSTACLE
+from ..rendering.moments import moments_of, place_of, positions_at
+from ..tessellation import drawn
 
 UNITS = {"m": 1.0, "cm": 0.01, "mm": 0.001, "in": 0.0254, "ft": 0.3048}  # m
 
@@ -163,7 +165,7 @@ class Series:
             kept = np.arange(len(vertices))
             if part.shape in ("sphere", "capsule"):
                 kept, faces = _closed(vertices, faces)
-            color = linear_color(CLOTHS[materials.index(part.material) % len(CLOTHS)] if is_cloth else BODY)
+            color = linear_color(CLOTHS[materials.index(part.material) % len(CLOTHS)] if is_cloth else OBSTACLE)
             identifier = identifier_of(part.name, taken)
             pieces.append(
                 Piece(
