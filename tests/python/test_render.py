@@ -126,6 +126,9 @@ def test_what_cannot_be_written_is_a_named_error_and_nothing_half_written_stays(
     (recording / "video.mp4").mkdir()
     with pytest.raises(cama.FileError, match="writing failed"):
         render.render(recording, render.Look(size=(64, 48)), fps=10, speed=1, formats=["mp4"])
+    (recording / "frame_0003.png").mkdir()
+    with pytest.raises(cama.FileError, match="writing failed"):
+        render.render(recording, render.Look(size=(64, 48), quality="draft"), frame=3)
     assert not list(recording.glob("*.partial*"))
 
 

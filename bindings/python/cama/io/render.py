@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeRemainingColumn
 
-from ..errors import SceneError
+from ..errors import FileError, SceneError
 from ..hints import similar
 from .progress import Bar
 from .reading import check_hdf5
@@ -110,5 +110,8 @@ def _draw_one(recording, out, look, number, caption):
     finally:
         stage.close()
     file = out / f"frame_{number:04d}.png"
-    write_png(file, picture)
+    try:
+        write_png(file, picture)
+    except OSError as problem:
+        raise FileError(f"{file}: writing failed ({problem})") from problem
     return Rendered(1, 0.0, 1.0, [file])

@@ -50,8 +50,12 @@ def write_png(path, picture):
     from PIL import Image
 
     partial = path.with_name(f"{path.stem}.partial.png")
-    Image.fromarray(picture).save(partial, compress_level=3)
-    os.replace(partial, path)
+    try:
+        Image.fromarray(picture).save(partial, compress_level=3)
+        os.replace(partial, path)
+    except BaseException:
+        partial.unlink(missing_ok=True)
+        raise
 
 
 class Film:

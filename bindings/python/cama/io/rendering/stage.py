@@ -274,7 +274,7 @@ def pictures(path, recording, look, shots, processes=1):
         stage.close()
 
 
-_stages = {}  #: of this process, by job
+_stages = {}  #: of this process, by the path of the recording
 
 
 def _draw(job, shot):
