@@ -417,7 +417,8 @@ def _motion(scene: Scene, name: str, motion: _core.Motion, vertices: Reals, time
     moves = [(a, b, time_step) for a, b in zip(there, soon)] + [
         (a, b, instants[1] - instants[0]) for a, b in zip(there, there[1:])
     ]
-    fastest = max(float(np.sqrt(((b - a) ** 2).sum(axis=1).max())) / time for a, b, time in moves if time > 0)
+    with np.errstate(over="ignore"):  # infinity is too fast as well
+        fastest = max(float(np.sqrt(((b - a) ** 2).sum(axis=1).max())) / time for a, b, time in moves if time > 0)
     if fastest > SPEED:
         yield Finding(
             "motion",

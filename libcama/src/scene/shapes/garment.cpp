@@ -380,6 +380,8 @@ Pattern make_garment(const Mesh &body, const Garment &g, int triangles)
 {
   if (!(g.length > 0) || !(g.clearance > 0) || g.panels < 1 || g.panels > 64 || !(g.flare >= 0))
     throw MeshError("garment: length and clearance must be greater than 0, flare 0 or more, panels from 1 to 64");
+  for (const dvec3 &x : body.position)
+    if (!std::isfinite(x.x + x.y + x.z)) throw MeshError("a vertex of the body is not finite");
   const Trunk trunk(body, g.top);
   Point2 axis{0, 0};
   const std::vector<Point2> top = convex_hull(trunk.slab(g.top - 0.01, g.top));

@@ -253,10 +253,10 @@ double eased(double t)
 
 Character make_walker(const Walker &w)
 {
-  if (!(w.height > 0) || !(w.cell > 0.004) || !(w.cell < 0.5) || !(w.period > 0) || !(w.duration > 0) ||
+  if (!(w.height > 0) || !(w.cell > 0.004) || !(w.cell <= 0.1) || !(w.period > 0) || !(w.duration > 0) ||
       !(w.samples_per_second > 0))
     throw MeshError(
-        "walker: height, period, duration and samples_per_second must be greater than 0 and cell from 0.004 to 0.5 m");
+        "walker: height, period, duration and samples_per_second must be greater than 0 and cell from 0.004 to 0.1 m");
   const std::vector<Part> parts = body_parts();
   Character c;
   c.mesh = surface_net([&](const dvec3 &x) { return body_distance(parts, x); }, {-0.75, -0.3, -0.06}, {0.75, 0.3, 1.8},
