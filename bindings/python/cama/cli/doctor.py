@@ -19,6 +19,8 @@ from .info import note_of
 
 EXTRAS = {  # modules of the extras of pyproject.toml, and what needs them
     "render": (("pyvista", "imageio", "imageio_ffmpeg"), "cama render"),
+    "view": (("viser", "scipy"), "cama view"),
+    "export": (("pxr", "vtkmodules"), "cama export to USD and VTK, USD files in scenes"),
     "tradeoff": (("scipy", "matplotlib"), "cama tradeoff, cama tune"),
     "cluster": (("ray",), "cama tradeoff on several machines"),
 }
