@@ -258,7 +258,7 @@ def test_all_and_dev_name_the_other_extras():
         for extra, words in extras.items()
         if extra in ("all", "dev")
     }
-    assert named["all"] == set(extras) - {"test", "docs", "wheel", "all", "dev"}
+    assert named["all"] == set(extras) - {"test", "browser", "docs", "wheel", "all", "dev"}
     assert named["dev"] >= {"test", "docs", "wheel", "render", "tradeoff"} and named["dev"] <= set(extras)
 
 

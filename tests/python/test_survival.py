@@ -65,7 +65,16 @@ def moment(number, again=False):
 
 def record(path, numbers, until=None, said=lambda: None):
     """Records frames of a simulation that is only sizes and names."""
-    scene = SimpleNamespace(cloths=[SimpleNamespace(name="sheet")], obstacles=[])
+    sheet = SimpleNamespace(
+        name="sheet",
+        material=SimpleNamespace(name="cotton"),
+        source="arrays",
+        rest_shape="start",
+        material_vertices=np.zeros((0, 2)),
+        material_faces=np.zeros((0, 3), int),
+        rest_corners=np.zeros((1, 3, 2)),
+    )
+    scene = SimpleNamespace(cloths=[sheet], obstacles=[], folder=Path())
     simulation = SimpleNamespace(
         vertex_count=POINTS, faces=np.array([[0, 1, 2]]), scene=scene, cloth_ranges=[(0, POINTS)], obstacle_ranges=[]
     )
@@ -182,7 +191,7 @@ def test_a_checkpoint_that_is_killed_while_it_is_written_leaves_one_that_loads(t
                 loads.append(again.step_count)
         newest.append(loads[0])
         assert loads in ([3, 2], [3], [4, 3])
-    assert newest == [3, 3, 3, 3, 4, 4]  # write, two times two changes of names, the end
+    assert newest == [3, 3, 3, 3, 3, 4, 4]  # write, its digest, two times two changes of names, the end
 
 
 # --- The command ------------------------------------------------------------------------------------------------------
