@@ -21,3 +21,17 @@ def test_paper_mode_ends_its_scenes_without_a_tangle(name):
     assert max(passes) > 0, "the projection had something to do"
     assert max(passes) < 30, "and it is bounded in time"
     assert strain < 1
+
+
+def test_an_impact_that_a_step_is_too_long_for_divides_it():
+    """Three layers land in a funnel at 2.4 m/s: an edge of 30 mm in a step of 1/80 s, undivided strained by 125 %."""
+    scene = cama.Scene.load("funnel", resolution=2000)
+    simulation = cama.Simulation(scene, accuracy="paper", time_step=1 / 80)
+    divided, strain = 0, 0.0
+    for _ in range(60):
+        simulation.step()
+        divided += simulation.report["retries"] > 0
+        strain = max(strain, simulation.max_strain)
+    assert simulation.count_intersections() == 0
+    assert 0 < divided < 30
+    assert strain < 1

@@ -32,6 +32,7 @@ struct Clock {
   double step = 0;  // the time step
   double start = 0;  // now = start + (number of the step - start_step) step
   int start_step = 0;
+  int division = 0;  // a failed step is done in pieces; this one is 1/2^division of it
   double implicit_step = 0;  // h of v = v* + h M^-1 f(x* + h v): step, or a share of it with a history
   bool predicted = false;  // BDF2: the step is linearised at a predicted state, otherwise at its base
   bool multistep = false;  // BDF2: this step uses the previous state
@@ -54,6 +55,7 @@ struct Clock {
     f("time_step", Life::scene, step);
     f("start_time", Life::run, start);
     f("start_step", Life::run, start_step);
+    f("division", Life::step, division);
     f("implicit_step", Life::step, implicit_step);
     f("predicted", Life::scene, predicted);
     f("multistep", Life::step, multistep);

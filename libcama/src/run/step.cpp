@@ -80,7 +80,11 @@ public:
     position_.copy_from(state.mesh.position);
     velocity_.copy_from(state.mesh.velocity);
   }
-  ~DividedStep() { state_.time.step = whole_; }
+  ~DividedStep()
+  {
+    state_.time.step = whole_;
+    state_.time.division = 0;
+  }
   double whole() const { return whole_; }
 
   void run(int number, const std::string &problem)
@@ -110,6 +114,7 @@ private:
     const double step = std::ldexp(whole_, -division);
     state_.time.now = start_ + index * step;
     state_.time.step = step;
+    state_.time.division = division;
     state_.time.history = false;
     const Start start(state_);
     try {

@@ -14,6 +14,10 @@ constexpr int max_pauses = 64;   // of moving obstacles in a step
 // Passes that find no fewer impacts than an earlier one: without a commit (paper mode), the cloth is then tangled
 // permanently.
 constexpr int max_idle_passes = 10;
+// With impact zones: the step is divided, at most this often, where impacts are left after so many passes or where
+// their projection makes an edge longer by this factor.
+constexpr int max_divisions_of_impacts = 2, passes_until_divided = 10;
+constexpr double largest_stretch = 1.5;
 // With impact zones: passes after which every impact that is found counts as found before.
 constexpr int passes_until_rigid = 20;
 }  // namespace
@@ -116,11 +120,23 @@ bool PenetrationHandling::release(const Rooms &state, const std::vector<std::pai
   return added > 0;
 }
 
+void PenetrationHandling::check_stretch(const Rooms &state)
+{
+  repeated_.fill_zero();
+  CAMA_LAUNCH(*state.backend, count_stretched, state.mesh.edges, state.mesh.cloth_vertices, state.mesh.edge, from_,
+              state.mesh.position_next, largest_stretch, repeated_);
+  if (const int edges = repeated_.at(0))
+    throw SolverError("step " + std::to_string(state.report.step) + ": impacts stretch " + std::to_string(edges) +
+                      " edges by half of their length");
+}
+
 void PenetrationHandling::run_on(const Rooms &state)
 {
   Backend &b = *state.backend;
   from_.copy_from(state.mesh.position);
   const double margin = certified_distance * state.contact.largest_thickness;
+  const bool zones = state.options.paper.impact_zones,
+             divisible = zones && state.time.division < std::min(state.options.max_divisions, max_divisions_of_impacts);
   bool projected = false, first_piece = true;
   state.contact.impact.resize(0);
   if (state.reactions.measured) state.reactions.push.fill_zero();
@@ -133,7 +149,7 @@ void PenetrationHandling::run_on(const Rooms &state)
     // certified: every pair except known impacts is certified for the current motion; localized: except those that
     // moved since.
     bool certified = false, localized = false;
-    if (state.options.paper.impact_zones) {  // about the motion of this piece
+    if (zones) {  // about the motion of this piece
       repeated_.fill_zero();
       projected = false;
     }
@@ -151,9 +167,11 @@ void PenetrationHandling::run_on(const Rooms &state)
       if (pass == 0 && state.report.substeps == 1) state.report.impacts = now.found;
       certified = now.found == 0 && !state.options.paper.cubic_impacts;  // the cubic certifies no distances
       if (now.found == 0) break;
-      const bool zones = state.options.paper.impact_zones;
       idle_passes = now.found < fewest ? 0 : idle_passes + 1;
       fewest = std::min(fewest, now.found);
+      if (divisible && pass == passes_until_divided)
+        throw SolverError("step " + std::to_string(state.report.step) + ": " + std::to_string(now.found) +
+                          " impacts are found after " + std::to_string(pass) + " projections");
       if (idle_passes == max_idle_passes && !state.options.commit && !zones) break;
       add_impacts(state, now.found, zones && pass >= passes_until_rigid);
       ++state.report.impact_passes;
@@ -163,6 +181,7 @@ void PenetrationHandling::run_on(const Rooms &state)
       if (zones && repeated_.at(0) > 0)
         move_rigid_zones(state, from_, projection_.wanted(), state.mesh.position_next, projection_.moved());
     }
+    if (divisible && projected) check_stretch(state);
     if (!state.options.commit) break;
     if (certified && state.contact.impact.size() == 0) break;  // every pair keeps its distance throughout
     if (!certified) {

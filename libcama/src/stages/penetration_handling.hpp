@@ -33,6 +33,8 @@ private:
   /// repeat: they count as found before in this step.
   void add_impacts(const Rooms &state, int found, bool repeat);
   std::string place(const Rooms &state, const std::vector<std::pair<int, kernels::pair>> &pausing);
+  /// Throws SolverError where the motion makes edges of the cloth much longer.
+  void check_stretch(const Rooms &state);
   bool release(const Rooms &state, const std::vector<std::pair<int, kernels::pair>> &pausing);
 
   CandidateSearch &search_;
@@ -42,7 +44,7 @@ private:
   FlaggedPairs &flagged_;
   Stream<float> prediction_error_;
   Stream<int> detection_;
-  Stream<int> repeated_;  // [1] number of impacts that were found before in this step
+  Stream<int> repeated_;  // [1] number of impacts that were found before in this step; then of stretched edges
 };
 
 }  // namespace cama
