@@ -273,6 +273,16 @@ TEST_CASE("wind brings its velocity and a kernel; air without density and drag i
         elastic_kernels + bdf2_kernels + Kernels{{"add_wind", 1}, {"wind_drag", 1}, {"add_to_diagonal", 1}});
 }
 
+TEST_CASE("pressure brings its values and a kernel", "[required]")
+{
+  Scene scene = bare();
+  scene.cloths[0].pressure = 10;
+  Inventory found = take(scene, one_solve());
+  CHECK(found.streams == elastic_streams + Names{"pressure"});
+  CHECK(found.stages == elastic_stages);
+  CHECK(outside_the_solve(found) == elastic_kernels + Kernels{{"add_pressure", 1}});
+}
+
 TEST_CASE("mass damping brings its rates, the air's velocity, what it adds to the diagonal, and kernels for both",
           "[required]")
 {

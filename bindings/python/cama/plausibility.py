@@ -209,10 +209,39 @@ def _of_objects(scene: Scene, time_step: float) -> Iterator[Finding]:
         speed = math.hypot(*cloth._compiled().velocity)
         if speed > SPEED:
             yield Finding("velocity", name, "velocity", f"{_number(speed)} m/s at the start", "give metres per second")
+        yield from _pressure(name, cloth)
     yield from unwelded(scene)
     yield from _far(scene, boxes)
     for obstacle in scene.obstacles:
         yield from _of_obstacle(scene, obstacle, boxes, largest, thickness, time_step)
+
+
+def _pressure(name: str, cloth: Cloth) -> Iterator[Finding]:
+    pressure = cloth._compiled().pressure
+    if pressure == 0:
+        return
+    faces, corners = cloth.faces, cloth.vertices[cloth.faces]
+    edges, uses = np.unique(
+        np.sort(faces[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1), axis=0, return_counts=True
+    )
+    seen = f"{_number(pressure)} Pa"
+    if (uses == 1).any():
+        yield Finding(
+            "open cloth",
+            name,
+            "pressure",
+            f"{seen}, and the cloth is open at {int((uses == 1).sum()):,} of {len(edges):,} edges",
+            "pressure is for closed cloth, an open one is blown away along its normals; close it, or weld vertices "
+            "that coincide (`weld`)",
+        )
+    elif np.einsum("ij,ij", corners[:, 0], np.cross(corners[:, 1], corners[:, 2])) < 0:
+        yield Finding(
+            "inverted cloth",
+            name,
+            "pressure",
+            f"{seen}, and the normals of the faces point inwards",
+            "pressure pushes along the normals; reverse the faces, or change the sign",
+        )
 
 
 def _size(name: str, across: float, flat: bool = False) -> Iterator[Finding]:

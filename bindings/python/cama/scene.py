@@ -261,6 +261,7 @@ class Scene:
         rotate: VectorLike = (1, 0, 0, 0),
         scale: float = 1.0,
         velocity: VectorLike = (0, 0, 0),
+        pressure: float = 0.0,
         weld: Weld = False,
         name: str | None = None,
     ) -> Cloth:
@@ -289,6 +290,7 @@ class Scene:
             rotate: Rotation of the start, a unit quaternion w, x, y, z.
             scale: Scale of the start and of the rest shape.
             velocity: Velocity at the start [3], m/s.
+            pressure: Pressure inside a closed cloth above that outside, Pa. It pushes along the normals of the faces.
             weld: Whether to join vertices of `mesh` that coincide, so that triangles which share a place share its
                 vertices. True: vertices within a millionth of the mesh's extent; a number: within this distance, m,
                 after `scale`. Each group keeps the position of its first vertex; vertices are then numbered in the
@@ -317,6 +319,7 @@ class Scene:
         material.validate(name)
         cloth.material = material
         cloth.velocity = vector(f"{name}: velocity", velocity)
+        cloth.pressure = number(f"{name}: pressure", pressure)
         handle = Cloth(self, self._core.add_cloth(cloth))
         if isinstance(mesh, (str, os.PathLike)) and Path(mesh).suffix.lower() == ".obj":
             for a, b, c, ratio in _core.load_stitches(Path(mesh), renumbered):

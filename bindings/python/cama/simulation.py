@@ -16,7 +16,7 @@ from .collision import UntangleReport
 from .errors import ArrayError, CollisionError
 from .io import checkpoint
 from .options import overrides_of, signature
-from .parts import Obstacle
+from .parts import Cloth, Obstacle
 from .scene import Scene, SimulatedScene
 from .types import ArrayLike, Integers, PathLike, Reals, Vector, VectorLike
 
@@ -340,6 +340,25 @@ class Simulation:
     @wind.setter
     def wind(self, value: VectorLike) -> None:
         self._core.set_wind(vector("wind", value))
+
+    @property
+    def pressures(self) -> Reals:
+        """Pressure inside each cloth above that outside [cloths], Pa."""
+        return np.array(self._core.pressures())
+
+    def set_pressure(self, cloth: Cloth | int | str, pressure: float) -> None:
+        """Sets the pressure inside a closed cloth from the next step on.
+
+        Args:
+            cloth: Handle, number or name of the cloth.
+            pressure: Above that outside, Pa; it pushes along the normals of the faces.
+
+        Raises:
+            ArrayError, SceneError: An argument does not fit. Nothing has changed.
+        """
+        self._core.set_pressure(
+            self._scene._index("set_pressure", cloth, self._scene.cloths), number("set_pressure: pressure", pressure)
+        )
 
     def _vertices(self, what: str, vertices: ArrayLike) -> Integers:
         return indices(f"{what}: vertices", vertices, self.cloth_vertex_count)

@@ -153,6 +153,7 @@ void bind_parts(py::module_ &m)
       .def_readwrite("mesh", &Cloth::mesh)
       .def_readwrite("material", &Cloth::material)
       .def_readwrite("source", &Cloth::source)
+      .def_readwrite("pressure", &Cloth::pressure)
       .def_readwrite("material_scale", &Cloth::material_scale);
   py::class_<Obstacle>(m, "Obstacle")
       .def(py::init<>())

@@ -119,7 +119,9 @@ public:
   void set_force(const std::vector<int> &vertices, const std::vector<dvec3> &forces);
   void set_gravity(const dvec3 &gravity);  ///< m/s^2
   void set_wind(const dvec3 &velocity);  ///< m/s; the scene must have a wind
+  void set_pressure(int cloth, double pressure);  ///< Pa, as Cloth::pressure
   dvec3 gravity() const;  ///< m/s^2
+  std::vector<double> pressures() const;  ///< [cloths] Pa
   dvec3 wind() const;  ///< m/s; zero if the scene has none
 
   /// All data that later steps depend on, which contacts and report of the last step are not.

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Wind and drag on triangles; mass damping and forces that a driver sets, on vertices. */
+/* Wind, drag and pressure on triangles; mass damping and forces that a driver sets, on vertices. */
 #ifndef CAMA_KERNELS_ELEMENTS_EXTERNAL_H
 #define CAMA_KERNELS_ELEMENTS_EXTERNAL_H
 #include "../dialect/dvec3.h"
@@ -29,6 +29,22 @@ DEVICE vec3 wind_force(vec3 edge1, vec3 edge2, vec3 relative_velocity, real dens
     return axpy(scale(min_real(area / (real)3 * density * speed, most) * vn, normal),
                 min_real(area / (real)3 * drag, most), tangential);
   return scale(area / (real)3, axpy(scale(density * speed * vn, normal), drag, tangential));
+}
+
+/* Adds the pressure of each cloth, Pa, to the element forces [3 n]: p times the area along the normal, a third to each
+   node. On a closed surface this is p times the derivative of the volume. */
+KERNEL add_pressure(int n, GLOBAL const triangle_rest *rest, GLOBAL const dvec3 *position,
+                    GLOBAL const double *pressure, GLOBAL vec3 *force)
+{
+  FOR_EACH(i, n) {
+    triangle_rest r = rest[i];
+    dvec3 x0 = position[r.node[0]];
+    vec3 f = scale((real)(pressure[r.material] / 6.0), cross(to_vec3(dsub(position[r.node[1]], x0)),
+                                                             to_vec3(dsub(position[r.node[2]], x0))));
+    force[3 * i] = add(force[3 * i], f);
+    force[3 * i + 1] = add(force[3 * i + 1], f);
+    force[3 * i + 2] = add(force[3 * i + 2], f);
+  }
 }
 
 /* Velocity of the wind relative to that of a triangle, m/s. */

@@ -283,6 +283,11 @@ template <class Real> void set_up(State &state, const Scene &scene, const Topolo
   }
   if (has_wind(scene) || has_mass_damping(scene))
     state.elements.wind = Stream<dvec3>(b, std::vector<dvec3>{scene.wind ? scene.wind->velocity : dvec3{0, 0, 0}});
+  if (std::any_of(scene.cloths.begin(), scene.cloths.end(), [](const Cloth &c) { return c.pressure != 0; })) {
+    std::vector<double> pressure;
+    for (const Cloth &c : scene.cloths) pressure.push_back(c.pressure);
+    state.elements.pressure = Stream<double>(b, pressure);
+  }
   if (std::any_of(scene.obstacles.begin(), scene.obstacles.end(),
                   [](const Obstacle &o) { return !o.motion.is_static() && o.motion.is_rigid(); }))
     state.mesh.rest_position = Stream<dvec3>(b, t.rest_position);

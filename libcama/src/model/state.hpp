@@ -138,6 +138,7 @@ struct ElementState {
   Stream<kernels::stitch> stitch;
   Stream<dvec3> gravity, wind;  // [1] m/s^2, m/s; wind: with wind or mass damping, the velocity of the air
   Stream<double> areal_density;  // [cloths] kg/m^2, with wind
+  Stream<double> pressure;  // [cloths] Pa, where the scene or a driver gives one
   Stream<dvec3> driven_force;  // [cloth vertices] N, once a driver has set one
   std::vector<double> damping;  // [cloths], s
 
@@ -153,6 +154,7 @@ struct ElementState {
     f("gravity", Life::scene, gravity);
     f("wind", Life::scene, wind);
     f("areal_density", Life::scene, areal_density);
+    f("pressure", Life::scene, pressure);
     f("driven_force", Life::scene, driven_force);
   }
 };

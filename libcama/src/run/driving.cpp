@@ -159,6 +159,29 @@ void Engine::set_wind(const dvec3 &velocity)
   state.elements.wind.assign({velocity});
 }
 
+void Engine::set_pressure(int cloth, double pressure)
+{
+  if (cloth < 0 || static_cast<std::size_t>(cloth) >= topology.cloth_range.size())
+    refuse("set_pressure: cloth " + std::to_string(cloth) + " is not there; the scene has " +
+           std::to_string(topology.cloth_range.size()));
+  if (!std::isfinite(pressure)) refuse("set_pressure: the pressure is not finite");
+  std::vector<double> all = pressures();
+  all[static_cast<std::size_t>(cloth)] = pressure;
+  assign_pressures(all);
+}
+
+std::vector<double> Engine::pressures() const
+{
+  const Stream<double> &pressure = state.elements.pressure;
+  return pressure.size() ? pressure.download() : std::vector<double>(topology.cloth_range.size(), 0.0);
+}
+
+void Engine::assign_pressures(const std::vector<double> &pressures)
+{
+  if (!state.elements.pressure.backend()) state.elements.pressure = Stream<double>(*backend);
+  state.elements.pressure.assign(pressures);
+}
+
 void Engine::save_driving(Checkpoint &c)
 {
   const auto vector = [&](const char *name, const dvec3 &v) { c.driving[name] = {v.x, v.y, v.z}; };
@@ -166,6 +189,7 @@ void Engine::save_driving(Checkpoint &c)
   if (const dvec3 g = state.elements.gravity.at(0); differs(g, scene_gravity_)) vector("gravity", g);
   if (state.elements.wind.size())
     if (const dvec3 w = state.elements.wind.at(0); differs(w, scene_wind_)) vector("wind", w);
+  if (const std::vector<double> now = pressures(); now != scene_pressure_) c.driving["pressure"] = now;
   if (state.elements.driven_force.size())
     for (const dvec3 &f : state.elements.driven_force.download())
       for (double x : {f.x, f.y, f.z}) c.driving["force"].push_back(x);
@@ -182,6 +206,7 @@ void Engine::check_driving(const Checkpoint &c)
   };
   check_size("gravity", 3);
   check_size("wind", state.elements.wind.size() ? 3 : 0);
+  check_size("pressure", topology.cloth_range.size());
   check_size("force", 3 * static_cast<std::size_t>(state.mesh.cloth_vertices));
 }
 
@@ -195,6 +220,8 @@ void Engine::restore_driving(const Checkpoint &c)
   const std::vector<double> *gravity = found("gravity"), *wind = found("wind"), *force = found("force");
   state.elements.gravity.assign({gravity ? first_of(*gravity) : scene_gravity_});
   if (state.elements.wind.size()) state.elements.wind.assign({wind ? first_of(*wind) : scene_wind_});
+  const std::vector<double> *pressure = found("pressure");
+  if (pressure || state.elements.pressure.size()) assign_pressures(pressure ? *pressure : scene_pressure_);
   if (!force && !state.elements.driven_force.size()) return;
   std::vector<dvec3> all(static_cast<std::size_t>(state.mesh.cloth_vertices), dvec3{0, 0, 0});
   if (force)

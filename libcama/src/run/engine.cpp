@@ -77,6 +77,7 @@ Engine::Engine(const Scene &scene, const ResolvedOptions &resolved, std::unique_
     if (auto *motion = dynamic_cast<PrescribedMotion *>(stage.get())) motion_ = motion;
   if (!motion_) idle_motion_ = std::make_unique<PrescribedMotion>(scene, *backend);
   scene_gravity_ = scene.gravity;
+  for (const Cloth &c : scene.cloths) scene_pressure_.push_back(c.pressure);
   if (scene.wind) scene_wind_ = scene.wind->velocity;
   for (const Obstacle &o : scene.obstacles) shape_.push_back(o.shape);
   if (exempt && scene.has_contact()) {

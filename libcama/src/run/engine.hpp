@@ -48,6 +48,8 @@ public:
   void set_force(const std::vector<int> &vertices, const std::vector<dvec3> &forces);
   void set_gravity(const dvec3 &gravity);
   void set_wind(const dvec3 &velocity);
+  void set_pressure(int cloth, double pressure);
+  std::vector<double> pressures() const;
   /// What has been driven, for a checkpoint, and back; check_driving throws SceneError and changes nothing.
   void save_driving(Checkpoint &checkpoint);
   void check_driving(const Checkpoint &checkpoint);
@@ -63,7 +65,9 @@ private:
 
   std::unique_ptr<PrescribedMotion> idle_motion_;   // until something is driven in a scene without motion
   PrescribedMotion *motion_ = nullptr;              // the stage of the pipeline
+  void assign_pressures(const std::vector<double> &pressures);
   dvec3 scene_gravity_, scene_wind_{0, 0, 0};
+  std::vector<double> scene_pressure_;  // [cloths]
   std::vector<ObstacleShape> shape_;                // [obstacles]
 
   Engine(const Scene &scene, const ResolvedOptions &options, std::unique_ptr<Backend> device);

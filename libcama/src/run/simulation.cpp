@@ -158,6 +158,8 @@ void Simulation::set_force(const std::vector<int> &vertices, const std::vector<d
 }
 void Simulation::set_gravity(const dvec3 &gravity) { implementation_->set_gravity(gravity); }
 void Simulation::set_wind(const dvec3 &velocity) { implementation_->set_wind(velocity); }
+void Simulation::set_pressure(int cloth, double pressure) { implementation_->set_pressure(cloth, pressure); }
+std::vector<double> Simulation::pressures() const { return implementation_->pressures(); }
 dvec3 Simulation::gravity() const { return implementation_->state.elements.gravity.at(0); }
 dvec3 Simulation::wind() const
 {

@@ -36,6 +36,13 @@ void EvaluateElements<Real>::add_wind(const Rooms &state, const Stream<dvec3> &p
 }
 
 template <class Real>
+void EvaluateElements<Real>::add_pressure(const Rooms &state, const Stream<dvec3> &position, Stream<vec3> &force)
+{
+  CAMA_LAUNCH_REAL(Real, *state.backend, add_pressure, state.mesh.triangles,
+                   state.system.template of<Real>().triangle_rest, position, state.elements.pressure, force);
+}
+
+template <class Real>
 void EvaluateElements<Real>::add_mass_damping(const Rooms &state, const Stream<dvec3> &velocity, bool solved,
                                               Stream<vec3> &force)
 {
@@ -84,6 +91,7 @@ void EvaluateElements<Real>::evaluate(const Rooms &state, const Stream<dvec3> &p
   const Stream<dvec3> &velocity =
       state.time.predicted ? state.mesh.velocity_next : state.mesh.base_velocity(state.time);
   if (windy_ && linearised) add_wind(state, position, velocity, !state.time.predicted, s.triangle_force);
+  if (pressed(state) && linearised) add_pressure(state, position, s.triangle_force);
   if ((windy_ || mass_damped_) && linearised) find_drag(state, position, velocity, windy_ && state.time.predicted);
   if (state.mesh.hinges)
     CAMA_LAUNCH_REAL(Real, b, evaluate_hinges, state.mesh.hinges, s.hinge_rest, s.bending_table, s.material_scale,

@@ -19,11 +19,14 @@ public:
   bool windy() const { return windy_; }
   bool damped() const { return damped_; }
   bool mass_damped() const { return mass_damped_; }
-  /// Whether forces depend on velocities.
-  bool resisted() const { return windy_ || damped_ || mass_damped_; }
+  static bool pressed(const Rooms &state) { return state.elements.pressure.size() > 0; }
+  /// Whether there are forces that no potential has here: of velocities, or of pressure.
+  bool pushed(const Rooms &state) const { return windy_ || damped_ || mass_damped_ || pressed(state); }
   /// Adds the wind to `force` [3 triangles], limited or not as in kernels/elements/external.h.
   void add_wind(const Rooms &state, const Stream<dvec3> &position, const Stream<dvec3> &velocity, bool limited,
                 Stream<vec3> &force);
+  /// Adds the pressure to `force` [3 triangles].
+  static void add_pressure(const Rooms &state, const Stream<dvec3> &position, Stream<vec3> &force);
   /// Adds the mass damping at these velocities to `force` [cloth vertices], or, if they are those that are solved for,
   /// what the matrix does not have of it.
   void add_mass_damping(const Rooms &state, const Stream<dvec3> &velocity, bool solved, Stream<vec3> &force);

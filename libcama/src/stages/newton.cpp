@@ -71,7 +71,7 @@ template <class Real> typename NewtonIterations<Real>::Norms NewtonIterations<Re
   const Real h = static_cast<Real>(state.time.implicit_step);
   const Stream<dvec3> &x = state.mesh.position_next, &v = state.mesh.velocity_next;
   elements_.evaluate(state, x, false);
-  if (elements_.resisted()) {
+  if (elements_.pushed(state)) {
     outer_triangle_.resize(3 * state.mesh.triangles);
     outer_hinge_.resize(4 * state.mesh.hinges);
     outer_.resize(rows);
@@ -79,6 +79,7 @@ template <class Real> typename NewtonIterations<Real>::Norms NewtonIterations<Re
     outer_triangle_.fill_zero();
     outer_hinge_.fill_zero();
     if (elements_.windy()) elements_.add_wind(state, x, v, false, outer_triangle_);
+    if (elements_.pressed(state)) elements_.add_pressure(state, x, outer_triangle_);
     if (elements_.windy() || elements_.mass_damped()) elements_.find_drag(state, x, v, elements_.windy());
     if (elements_.damped()) elements_.add_damping(state, v, outer_triangle_, outer_hinge_);
     CAMA_LAUNCH_REAL(Real, b, gather_forces, rows, state.elements.triangle_incidence.row,
@@ -124,7 +125,7 @@ template <class Real> typename NewtonIterations<Real>::Potential NewtonIteration
   Backend &b = *state.backend;
   System<Real> &s = state.system.template of<Real>();
   const Stream<dvec3> &x = state.mesh.position_next, &v = state.mesh.velocity_next;
-  const bool held = elements_.resisted();
+  const bool held = elements_.pushed(state);
   vertex_[0].resize(state.mesh.cloth_vertices);
   CAMA_LAUNCH_REAL(Real, b, measure_inertia, state.mesh.cloth_vertices, state.time.implicit_step, s.mass,
                    state.mesh.fixed, state.mesh.base_velocity(state.time), v, state.mesh.position, x,

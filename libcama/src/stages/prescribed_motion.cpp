@@ -518,7 +518,8 @@ void PrescribedMotion::check(const Checkpoint &checkpoint) const
         if (std::to_string(k) == number) o = k;
       if (o == scene_obstacles_.size() || values.size() != 2 + 6 * scene_obstacles_[o].mesh.position.size())
         refuse(name, "does not fit an obstacle");
-    } else if (width == 1 && name != "freed" && name != "force" && name != "gravity" && name != "wind") {
+    } else if (width == 1 && name != "freed" && name != "force" && name != "gravity" && name != "wind" &&
+               name != "pressure") {
       refuse(name, "is not known");
     }
   }

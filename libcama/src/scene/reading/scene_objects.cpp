@@ -405,7 +405,7 @@ Pattern SceneReader::cloth_shape(const Field &f, int triangles, Cloth &cloth, st
 void SceneReader::read_cloth(const Field &f, std::size_t index)
 {
   f.only({"name", "source", "grid", "tube", "garment", "file", "mesh", "material", "thickness", "transform", "velocity",
-          "share", "triangles", "stitch_stiffness"});
+          "pressure", "share", "triangles", "stitch_stiffness"});
   Cloth c;
   c.name = f.text("name", "cloth " + std::to_string(index));
   std::vector<MeshStitch> stitches;
@@ -420,6 +420,7 @@ void SceneReader::read_cloth(const Field &f, std::size_t index)
   if (const auto from = mesh_source(f))
     if (const auto vertex = weld_if_asked(*from, c.mesh)) stitches = renumber(stitches, *vertex);
   c.velocity = f.vector("velocity", c.velocity);
+  c.pressure = f.finite("pressure", c.pressure);
   if (!f.has("material"))
     c.material = Material::fabric("cotton");
   else {

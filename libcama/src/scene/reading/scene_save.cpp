@@ -166,6 +166,10 @@ void write_cloth(Writer &w, const Cloth &c)
   w.quoted(c.source);
   w.key("velocity");
   w.vector(c.velocity);
+  if (c.pressure != 0) {
+    w.key("pressure");
+    w.number(c.pressure);
+  }
   w.key("material");
   w.text += material_json(c.material).dump();
   w.key("mesh");

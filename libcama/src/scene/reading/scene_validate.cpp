@@ -216,6 +216,7 @@ void Scene::validate() const
     if (c.material.static_friction != -1 && c.material.friction == -1)
       check_static_friction(object + ": material.static_friction", c.material.static_friction, contact.friction);
     require(finite(c.velocity), object + ": velocity", "not finite", "give three finite numbers, m/s");
+    require(std::isfinite(c.pressure), object + ": pressure", c.pressure, "give a finite number, Pa");
   }
   names.clear();
   for (const Obstacle &o : obstacles) {
