@@ -288,10 +288,8 @@ void bind_simulation(py::module_ &m)
              g.with([&](Simulation &s) { s.set_wind({v[0], v[1], v[2]}); });
            })
       .def("pressures", [](Guarded &g) { return g.with([](Simulation &s) { return s.pressures(); }); })
-      .def("set_pressure",
-           [](Guarded &g, int cloth, double pressure) {
-             g.with([&](Simulation &s) { s.set_pressure(cloth, pressure); });
-           })
+      .def("set_pressure", [](Guarded &g, int cloth,
+                              double pressure) { g.with([&](Simulation &s) { s.set_pressure(cloth, pressure); }); })
       .def("checkpoint", [](Guarded &g) { return to_dict(g.with([](Simulation &s) { return s.checkpoint(); })); })
       .def("restore",
            [](Guarded &g, const py::dict &fields) {

@@ -39,8 +39,8 @@ KERNEL add_pressure(int n, GLOBAL const triangle_rest *rest, GLOBAL const dvec3 
   FOR_EACH(i, n) {
     triangle_rest r = rest[i];
     dvec3 x0 = position[r.node[0]];
-    vec3 f = scale((real)(pressure[r.material] / 6.0), cross(to_vec3(dsub(position[r.node[1]], x0)),
-                                                             to_vec3(dsub(position[r.node[2]], x0))));
+    vec3 f = scale((real)(pressure[r.material] / 6.0),
+                   cross(to_vec3(dsub(position[r.node[1]], x0)), to_vec3(dsub(position[r.node[2]], x0))));
     force[3 * i] = add(force[3 * i], f);
     force[3 * i + 1] = add(force[3 * i + 1], f);
     force[3 * i + 2] = add(force[3 * i + 2], f);

@@ -10,7 +10,8 @@ namespace cama {
 /// Newton's method on the nonlinear equation of the step, starting from the linearised step that the stages before have
 /// computed: elements and terms at the iterate, assembly, solve for the change of velocity, line search on the
 /// incremental potential (inertia, elasticity, gravity, penalty; friction by the normal forces and speeds of the
-/// linearised step, wind, pressure and damping constant at their values of the iterate). Hessians are positive semidefinite.
+/// linearised step, wind, pressure and damping constant at their values of the iterate). Hessians are positive
+/// semidefinite.
 template <class Real>
 class NewtonIterations final : public StageOn<const Options, StepReport, const Clock, MeshState, const ElementState,
                                               const ContactState, SystemState> {
