@@ -273,6 +273,16 @@ TEST_CASE("wind brings its velocity and a kernel; air without density and drag i
         elastic_kernels + bdf2_kernels + Kernels{{"add_wind", 1}, {"wind_drag", 1}, {"add_to_diagonal", 1}});
 }
 
+TEST_CASE("a strain limit brings its values and a kernel", "[required]")
+{
+  Scene scene = bare();
+  scene.cloths[0].material.strain_limit = 0.05;
+  Inventory found = take(scene, one_solve());
+  CHECK(found.streams == elastic_streams + Names{"strain_limit"});
+  CHECK(found.stages == elastic_stages);
+  CHECK(outside_the_solve(found) == elastic_kernels + Kernels{{"limit_strain", 1}});
+}
+
 TEST_CASE("pressure brings its values and a kernel", "[required]")
 {
   Scene scene = bare();

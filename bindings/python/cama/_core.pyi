@@ -118,6 +118,8 @@ class Material:
     bending: list[list[float]]
     damping: float
     mass_damping: float
+    strain_limit: float
+    limit_stiffening: float
     friction: float
     static_friction: float
     thickness: float

@@ -37,6 +37,8 @@ class Material(_core.Material):
         damping: Stiffness damping c of D = -c K, s.
         mass_damping: Mass damping a of D = -a M, 1/s, on the velocity relative to the air (`Wind`; at rest without).
             A swing loses half its amplitude in 1.39 / a; free fall ends at the speed g / a.
+        strain_limit: Strain of warp, weft and shear from which stress grows `limit_stiffening` times as fast; 0: none.
+        limit_stiffening: That factor, 1 or more.
         friction: Coulomb coefficient of cloth against cloth; -1: the scene's.
         static_friction: The coefficient while cloth sticks; -1: equal to `friction`.
         thickness: Contact thickness, m; 0: the scene's.

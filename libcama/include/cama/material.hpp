@@ -24,6 +24,9 @@ struct Material {
   /// Mass damping a, 1/s: D = -a M on the velocity relative to the air, which is at rest without a wind. Free fall ends
   /// at the speed g / a; a swing loses half its amplitude in 1.39 / a.
   double mass_damping = 0;
+  /// Strain of warp, weft and shear from which stress grows `limit_stiffening` times as fast; 0: none. Weave locks so.
+  double strain_limit = 0;
+  double limit_stiffening = 50;  ///< 1 or more
   double friction = -1;  ///< Coulomb coefficient of cloth against cloth while it slides; -1: the scene's
   /// While it sticks, not below `friction`; -1: equal to `friction`, or the scene's if `friction` is the scene's.
   double static_friction = -1;

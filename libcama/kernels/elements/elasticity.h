@@ -15,18 +15,25 @@ typedef struct {
   real k[4];
 } stretching_stiffness;
 
+/* Biphasic stiffness: beyond the Green strain `strain` along warp and weft, and in shear, stress grows up to `factor` +
+   1 times as fast; up to LIMIT_RISE of the strain beyond it this rises. strain 0: none. */
+#define LIMIT_RISE ((real)0.5)
+typedef struct {
+  real strain, factor;
+} strain_limit;
+
 typedef struct {
   int node[3];
   int material;
-  real d[4];   /* inverse of the 2x2 matrix of rest edges, rows belong to nodes 1 and 2, 1/m */
-  real area;   /* at rest, m^2 */
+  real d[4]; /* inverse of the 2x2 matrix of rest edges, rows belong to nodes 1 and 2, 1/m */
+  real area; /* at rest, m^2 */
 } triangle_rest;
 
 /* The part of one triangle in the matrix: block (a, b) is a combination of uu', ww', uw', wu' and I. */
 typedef struct {
-  vec3 u, w;   /* columns of the deformation gradient */
+  vec3 u, w; /* columns of the deformation gradient */
   real d[4];
-  real k[4];   /* area * scale * stiffness */
+  real k[4]; /* area * scale * stiffness */
   real e0, e1; /* geometric terms: k0 s0 + k1 s1, k2 s1 + k1 s0 */
 } triangle_factor;
 
@@ -158,6 +165,90 @@ KERNEL evaluate_triangles(int n, GLOBAL const triangle_rest *rest, GLOBAL const 
     force[3 * i] = scale((real)-1, add(f1, f2));
     force[3 * i + 1] = f1;
     force[3 * i + 2] = f2;
+  }
+}
+
+/* What the strain x beyond a limit adds, in parts of its stiffness: the slope rises from 0 at 0 to 1 at w, so that it
+   has no jump. */
+DEVICE real limit_slope(real x, real w) { return clamp_real(x / w, (real)0, (real)1); }
+DEVICE real limit_stress(real x, real w)
+{
+  return x <= (real)0 ? (real)0 : x < w ? (real)0.5 * x * x / w : x - (real)0.5 * w;
+}
+DEVICE real limit_energy(real x, real w)
+{
+  const real y = x - (real)0.5 * w;
+  return x <= (real)0 ? (real)0 : x < w ? x * x * x / ((real)6 * w) : (real)0.5 * y * y + w * w / (real)24;
+}
+
+/* Adds what triangles near or beyond the strain limit [materials] of their material have more of force [3 n] and of the
+   matrix. The slope in the matrix is that of the strain plus the width of its rise: a step that ends beyond the limit
+   must not be computed with the stiffness below it, or it swings across the limit for ever. Warp and weft have a limit
+   where they are longer; the coupling of both has none. */
+KERNEL limit_strain(int n, GLOBAL const triangle_rest *rest, GLOBAL const stretching_stiffness *table,
+                    GLOBAL const int *table_start, GLOBAL const strain_limit *limit, GLOBAL const real *material_scale,
+                    real step, GLOBAL const dvec3 *position, GLOBAL triangle_factor *factor, GLOBAL vec3 *force)
+{
+  FOR_EACH(i, n) {
+    triangle_rest r = rest[i];
+    strain_limit most = limit[r.material];
+    dvec3 x0 = position[r.node[0]];
+    green_strain g, more;
+    stretching_stiffness k;
+    triangle_factor t;
+    real w, x[3], scaled, geometric;
+    vec3 f1, f2;
+    if (!(most.strain > (real)0)) continue;
+    g = triangle_strain(r, to_vec3(dsub(position[r.node[1]], x0)), to_vec3(dsub(position[r.node[2]], x0)));
+    w = LIMIT_RISE * most.strain;
+    x[0] = g.e00 - most.strain;
+    x[1] = g.e11 - most.strain;
+    x[2] = (g.e01 < (real)0 ? -g.e01 : g.e01) - most.strain;
+    if (x[0] <= -w && x[1] <= -w && x[2] <= -w) continue;
+    k = material_stretching(table, table_start, r, g);
+    k.k[0] *= most.factor;
+    k.k[1] = (real)0;
+    k.k[2] *= most.factor;
+    k.k[3] *= most.factor;
+    more = g;
+    more.e00 = limit_stress(x[0], w);
+    more.e11 = limit_stress(x[1], w);
+    more.e01 = limit_stress(x[2], w) * (g.e01 < (real)0 ? (real)-1 : (real)1);
+    triangle_forces(r, more, k, &f1, &f2);
+    t = factor[i];
+    scaled = r.area * material_scale[r.material];
+    geometric = r.area * step * step;
+    t.k[0] += scaled * k.k[0] * limit_slope(x[0] + w, w);
+    t.k[2] += scaled * k.k[2] * limit_slope(x[1] + w, w);
+    t.k[3] += scaled * k.k[3] * limit_slope(x[2] + w, w);
+    t.e0 += geometric * k.k[0] * more.e00;
+    t.e1 += geometric * k.k[2] * more.e11;
+    factor[i] = t;
+    force[3 * i] = axpy(force[3 * i], (real)-1, add(f1, f2));
+    force[3 * i + 1] = add(force[3 * i + 1], f1);
+    force[3 * i + 2] = add(force[3 * i + 2], f2);
+  }
+}
+
+/* Adds the energy beyond the limits to that of all triangles [n], J. */
+KERNEL measure_limits(int n, GLOBAL const triangle_rest *rest, GLOBAL const stretching_stiffness *table,
+                      GLOBAL const int *table_start, GLOBAL const strain_limit *limit, GLOBAL const dvec3 *position,
+                      GLOBAL double *energy)
+{
+  FOR_EACH(i, n) {
+    triangle_rest r = rest[i];
+    strain_limit most = limit[r.material];
+    dvec3 x0 = position[r.node[0]];
+    green_strain g;
+    stretching_stiffness k;
+    real w = LIMIT_RISE * most.strain;
+    if (!(most.strain > (real)0)) continue;
+    g = triangle_strain(r, to_vec3(dsub(position[r.node[1]], x0)), to_vec3(dsub(position[r.node[2]], x0)));
+    k = material_stretching(table, table_start, r, g);
+    energy[i] +=
+        (double)(r.area * most.factor *
+                 (k.k[0] * limit_energy(g.e00 - most.strain, w) + k.k[2] * limit_energy(g.e11 - most.strain, w) +
+                  (real)2 * k.k[3] * limit_energy((g.e01 < (real)0 ? -g.e01 : g.e01) - most.strain, w)));
   }
 }
 

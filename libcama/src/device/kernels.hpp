@@ -33,6 +33,7 @@ template <class Real> struct Types;
     using vec4 = kernels::space::vec4;                                 \
     using mat3 = kernels::space::mat3;                                 \
     using stretching_stiffness = kernels::space::stretching_stiffness; \
+    using strain_limit = kernels::space::strain_limit;                 \
     using bending_stiffness = kernels::space::bending_stiffness;       \
     using triangle_rest = kernels::space::triangle_rest;               \
     using triangle_factor = kernels::space::triangle_factor;           \

@@ -67,6 +67,15 @@ template <class Real> void set_up_materials(State &state, System<Real> &s, Backe
   }
   state.time.implicit_step = state.system.scaled_step = state.time.step;
   s.stretching_table = Stream<typename T::stretching_stiffness>(b, table);
+  if (has_strain_limit(scene)) {
+    std::vector<typename T::strain_limit> limit;
+    for (const Cloth &c : scene.cloths) {
+      const double stretch = 1 + c.material.strain_limit;
+      limit.push_back(
+          {static_cast<Real>((stretch * stretch - 1) / 2), static_cast<Real>(c.material.limit_stiffening - 1)});
+    }
+    s.strain_limit = Stream<typename T::strain_limit>(b, limit);
+  }
   s.stretching_start = Stream<int>(b, start);
   if (hinges) s.bending_table = Stream<typename T::bending_stiffness>(b, bending);
   s.material_scale = Stream<Real>(b, scale);
@@ -201,6 +210,12 @@ bool has_mass_damping(const Scene &scene)
 {
   return std::any_of(scene.cloths.begin(), scene.cloths.end(),
                      [](const Cloth &c) { return c.material.mass_damping != 0; });
+}
+
+bool has_strain_limit(const Scene &scene)
+{
+  return std::any_of(scene.cloths.begin(), scene.cloths.end(),
+                     [](const Cloth &c) { return c.material.strain_limit > 0; });
 }
 
 bool has_friction(const Scene &scene)

@@ -9,6 +9,7 @@ namespace cama {
 bool has_wind(const Scene &scene);
 /// Whether any cloth has mass damping.
 bool has_mass_damping(const Scene &scene);
+bool has_strain_limit(const Scene &scene);
 /// Whether any contact has friction: an obstacle's coefficient holds for everything that touches it, the cloths' for
 /// cloth against cloth.
 bool has_friction(const Scene &scene);

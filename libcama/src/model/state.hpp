@@ -294,6 +294,7 @@ template <class Real> struct System {
   Stream<Real> mass_damping;  // [cloth vertices] kg/s, with mass damping: times velocity a force; else empty
   Stream<Real> material_scale;  // [materials] h (h + damping), s^2
   Stream<typename T::stretching_stiffness> stretching_table;
+  Stream<typename T::strain_limit> strain_limit;  // [materials], where one has a limit
   Stream<int> stretching_start;  // [materials] start in the table; below 0: constant stiffness
   Stream<typename T::bending_stiffness> bending_table;  // [materials]
   Stream<typename T::triangle_rest> triangle_rest;
@@ -315,6 +316,7 @@ template <class Real> struct System {
     f("mass_damping", Life::scene, mass_damping);
     f("material_scale", Life::step, material_scale);
     f("stretching_table", Life::scene, stretching_table);
+    f("strain_limit", Life::scene, strain_limit);
     f("stretching_start", Life::scene, stretching_start);
     f("bending_table", Life::scene, bending_table);
     f("triangle_rest", Life::scene, triangle_rest);

@@ -26,6 +26,9 @@ template <class Real> TriangleMeasure measure_triangles(State &s)
   System<Real> &y = s.system.of<Real>();
   CAMA_LAUNCH_REAL(Real, *s.backend, measure_triangles, s.mesh.triangles, y.triangle_rest, y.stretching_table,
                    y.stretching_start, s.mesh.position, energy, strain);
+  if (y.strain_limit.size())
+    CAMA_LAUNCH_REAL(Real, *s.backend, measure_limits, s.mesh.triangles, y.triangle_rest, y.stretching_table,
+                     y.stretching_start, y.strain_limit, s.mesh.position, energy);
   const std::vector<double> strains = strain.download();
   return {sum(energy.download()), *std::max_element(strains.begin(), strains.end())};
 }

@@ -84,8 +84,8 @@ Material from_arcsim(const Field &f)
 Material from_cama(const Field &f)
 {
   f.only({"format", "name", "description", "source", "units", "evidence", "density", "isotropic", "orthotropic",
-          "stretching", "bending", "damping", "mass_damping", "friction", "static_friction", "thickness",
-          "contact_stiffness"});
+          "stretching", "bending", "damping", "mass_damping", "strain_limit", "limit_stiffening", "friction",
+          "static_friction", "thickness", "contact_stiffness"});
   const double density = f.finite("density", 0.2);
   const int forms = f.has("isotropic") + f.has("orthotropic") + f.has("stretching");
   if (forms != 1) f.fail("give exactly one of \"isotropic\", \"orthotropic\", \"stretching\" (with \"bending\")");
@@ -104,6 +104,8 @@ Material from_cama(const Field &f)
   m.source = f.text("source", m.source);
   m.damping = f.finite("damping", 0);
   m.mass_damping = f.finite("mass_damping", 0);
+  m.strain_limit = f.finite("strain_limit", 0);
+  m.limit_stiffening = f.finite("limit_stiffening", m.limit_stiffening);
   m.friction = f.finite("friction", m.friction);
   m.static_friction = f.finite("static_friction", m.static_friction);
   m.thickness = f.finite("thickness", 0);
@@ -139,6 +141,10 @@ void Material::validate(const std::string &object) const
   require(std::isfinite(damping) && damping >= 0, object, "damping", damping, "give seconds, 0 or more");
   require(std::isfinite(mass_damping) && mass_damping >= 0, object, "mass_damping", mass_damping,
           "give 1/s, 0 or more");
+  require(std::isfinite(strain_limit) && strain_limit >= 0, object, "strain_limit", strain_limit,
+          "give a strain such as 0.05, or 0 for none");
+  require(std::isfinite(limit_stiffening) && limit_stiffening >= 1, object, "limit_stiffening", limit_stiffening,
+          "give a factor of 1 or more");
   require(friction == -1 || (std::isfinite(friction) && friction >= 0), object, "friction", friction,
           "give a Coulomb coefficient, 0 or more, or leave it out for the scene's");
   require(static_friction == -1 || (std::isfinite(static_friction) && static_friction >= std::max(friction, 0.0)),
@@ -233,6 +239,10 @@ Json material_json(const Material &m)
       {"format", "cama"},           {"name", m.name},       {"source", m.source},   {"density", m.density},
       {"stretching", m.stretching}, {"bending", m.bending}, {"damping", m.damping}, {"thickness", m.thickness}};
   if (m.mass_damping > 0) json["mass_damping"] = m.mass_damping;
+  if (m.strain_limit > 0) {
+    json["strain_limit"] = m.strain_limit;
+    json["limit_stiffening"] = m.limit_stiffening;
+  }
   if (m.friction >= 0) json["friction"] = m.friction;
   if (m.static_friction >= 0) json["static_friction"] = m.static_friction;
   if (m.contact_stiffness >= 0) json["contact_stiffness"] = m.contact_stiffness;

@@ -88,6 +88,10 @@ void EvaluateElements<Real>::evaluate(const Rooms &state, const Stream<dvec3> &p
   CAMA_LAUNCH_REAL(Real, b, evaluate_triangles, state.mesh.triangles, s.triangle_rest, s.stretching_table,
                    s.stretching_start, s.material_scale, static_cast<Real>(state.time.implicit_step), position,
                    s.triangle_factor, s.triangle_force);
+  if (s.strain_limit.size())
+    CAMA_LAUNCH_REAL(Real, b, limit_strain, state.mesh.triangles, s.triangle_rest, s.stretching_table,
+                     s.stretching_start, s.strain_limit, s.material_scale, static_cast<Real>(state.time.implicit_step),
+                     position, s.triangle_factor, s.triangle_force);
   const Stream<dvec3> &velocity =
       state.time.predicted ? state.mesh.velocity_next : state.mesh.base_velocity(state.time);
   if (windy_ && linearised) add_wind(state, position, velocity, !state.time.predicted, s.triangle_force);

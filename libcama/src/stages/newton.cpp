@@ -133,6 +133,9 @@ template <class Real> typename NewtonIterations<Real>::Potential NewtonIteration
   for (Stream<double> &values : triangle_) values.resize(state.mesh.triangles);
   CAMA_LAUNCH_REAL(Real, b, measure_triangles, state.mesh.triangles, s.triangle_rest, s.stretching_table,
                    s.stretching_start, x, triangle_[0], triangle_[1]);
+  if (s.strain_limit.size())
+    CAMA_LAUNCH_REAL(Real, b, measure_limits, state.mesh.triangles, s.triangle_rest, s.stretching_table,
+                     s.stretching_start, s.strain_limit, x, triangle_[0]);
   hinge_.resize(state.mesh.hinges);
   if (state.mesh.hinges)
     CAMA_LAUNCH_REAL(Real, b, measure_hinges, state.mesh.hinges, s.hinge_rest, s.bending_table,

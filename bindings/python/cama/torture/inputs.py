@@ -190,6 +190,8 @@ def _attempts(p, bad):
         ("density", bad),
         ("damping", bad),
         ("mass_damping", bad),
+        ("strain_limit", bad),
+        ("limit_stiffening", bad),
         ("friction", bad),
         ("static_friction", bad),
         ("thickness", bad),

@@ -114,12 +114,14 @@ Material SceneReader::read_material(const Field &f, const std::string &name) con
       return Material::load(file_path(f.at("file")));
     }
     if (!f.has("fabric")) return parse_material(f, name);
-    f.only({"fabric", "density", "damping", "mass_damping", "friction", "static_friction", "thickness",
-            "contact_stiffness"});
+    f.only({"fabric", "density", "damping", "mass_damping", "strain_limit", "limit_stiffening", "friction",
+            "static_friction", "thickness", "contact_stiffness"});
     Material m = Material::fabric(f.at("fabric").text());
     m.density = f.finite("density", m.density);
     m.damping = f.finite("damping", m.damping);
     m.mass_damping = f.finite("mass_damping", m.mass_damping);
+    m.strain_limit = f.finite("strain_limit", m.strain_limit);
+    m.limit_stiffening = f.finite("limit_stiffening", m.limit_stiffening);
     m.friction = f.finite("friction", m.friction);
     m.static_friction = f.finite("static_friction", m.static_friction);
     m.thickness = f.finite("thickness", m.thickness);
