@@ -11,7 +11,7 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
-from ..errors import FileError, SceneError
+from ..errors import SceneError
 from ..material import Material, fabrics
 from .common import Debug, choice, clean, console
 
@@ -27,28 +27,33 @@ Json = Annotated[bool, typer.Option("--json", help="Print JSON in SI units inste
 SHOWN = {"m": (1e3, "mm"), "N m": (1e6, "µN m"), "N/m": (1, "N/m"), "N": (1, "N"), "1": (100, "%"), "": (1, "")}
 
 
+def digits(value):
+    """Returns four digits of a number, without an exponent."""
+    return np.format_float_positional(float(f"{value:.4g}"), trim="-")
+
+
 def texts_of(fabric):
-    """Returns (what, value) of a material's numbers, for people."""
+    """Returns (what, unit, value) of a material's numbers, for people."""
     from ..fabric import bending, stretching
 
     def bent(direction):
         value = bending.bending_stiffness(fabric, direction)
-        return "varies with curvature" if value is None else f"{1e6 * value:.3g} µN m"
+        return "by curvature" if value is None else digits(1e6 * value)
 
     if stretching.is_constant(fabric):
-        stiff = {d: f"{stretching.modulus(fabric, d):.4g} N/m" for d in ("warp", "weft")}
-        shear = f"{fabric.stretching[0][3] / 2:.4g} N/m"
+        stiff = {d: digits(stretching.modulus(fabric, d)) for d in ("warp", "weft")}
+        shear = digits(fabric.stretching[0][3] / 2)
     else:
-        stiff = dict.fromkeys(("warp", "weft"), "varies with strain")
-        shear = "varies with strain"
+        stiff = dict.fromkeys(("warp", "weft"), "by strain")
+        shear = "by strain"
     return [
-        ("mass per area", f"{1e3 * fabric.density:.4g} g/m²"),
-        ("tensile stiffness, warp", stiff["warp"]),
-        ("tensile stiffness, weft", stiff["weft"]),
-        ("shear stiffness", shear),
-        ("bending stiffness, warp", bent("warp")),
-        ("bending stiffness, weft", bent("weft")),
-        ("friction, cloth on cloth", "the scene's" if fabric.friction < 0 else f"{fabric.friction:g}"),
+        ("mass per area", "g/m²", digits(1e3 * fabric.density)),
+        ("tensile warp", "N/m", stiff["warp"]),
+        ("tensile weft", "N/m", stiff["weft"]),
+        ("shear", "N/m", shear),
+        ("bending warp", "µN m", bent("warp")),
+        ("bending weft", "µN m", bent("weft")),
+        ("friction", "", "the scene's" if fabric.friction < 0 else digits(fabric.friction)),
     ]
 
 
@@ -58,14 +63,20 @@ def list_(json_: Json = False, debug: Debug = False):
     """Lists the shipped fabrics with their main numbers."""
     loaded = [Material.fabric(name) for name in fabrics()]
     if json_:
-        print(json.dumps([{"name": f.name, **dict(texts_of(f))} for f in loaded], indent=2, ensure_ascii=False))
+        print(json.dumps([fields_of(f) for f in loaded], indent=2))
         return
-    table = Table("fabric", box=None, padding=(0, 2))
-    for title, _ in texts_of(loaded[0])[:-1]:
-        table.add_column(title, justify="right", max_width=18)
+    table = Table("fabric", box=None, padding=(0, 1))
+    for title, unit, _ in texts_of(loaded[0]):
+        table.add_column(f"{title}\n{unit}", justify="right")
     for fabric in loaded:
-        table.add_row(fabric.name, *(text for _, text in texts_of(fabric)[:-1]))
+        table.add_row(fabric.name, *(text for *_, text in texts_of(fabric)))
     console().print(table)
+
+
+def fields_of(fabric):
+    """Returns a material as what JSON can hold, in SI units."""
+    fields = {name: getattr(fabric, name) for name in ("name", "source", "density")}
+    return {**fields, **{name: np.asarray(getattr(fabric, name)).tolist() for name in ("stretching", "bending")}}
 
 
 @app.command()
@@ -81,18 +92,13 @@ def show(name: FabricName, json_: Json = False, debug: Debug = False):
             {"quantity": q, "direction": d, "low": p.low, "high": p.high, "source": p.source}
             for (q, d), p in found.items()
         ]
-        fields = {
-            "density": fabric.density,
-            "stretching": np.asarray(fabric.stretching).tolist(),
-            "bending": np.asarray(fabric.bending).tolist(),
-        }
-        print(json.dumps({"name": fabric.name, "source": fabric.source, **fields, "published": ranges}, indent=2))
+        print(json.dumps({**fields_of(fabric), "published": ranges}, indent=2))
         return
     out = console()
     out.print(f"[bold]{escape(fabric.name)}[/]")
     numbers = Table(box=None, padding=(0, 2), show_header=False)
-    for row in texts_of(fabric):
-        numbers.add_row(*row)
+    for title, unit, text in texts_of(fabric):
+        numbers.add_row(title, f"{text} {unit}")
     out.print(numbers)
     if fabric.source:
         out.print(f"source: {escape(fabric.source)}")
@@ -113,11 +119,9 @@ def titled(quantity, direction):
 
 
 def range_text(published, unit):
-    """Returns a published range with its unit, or ""."""
-    if published is None:
-        return ""
+    """Returns a published range with its unit."""
     factor, shown = SHOWN[unit]
-    return f"{factor * published.low:.4g} to {factor * published.high:.4g} {shown}"
+    return f"{digits(factor * published.low)} to {digits(factor * published.high)} {shown}"
 
 
 def report_tables(report):
@@ -128,19 +132,20 @@ def report_tables(report):
         rows = [row for row in report.rows if row.test == name]
         if not rows:
             continue
-        table = Table("", box=None, padding=(0, 2))
-        for heading in ("simulated", "closed form", "published"):
+        table = Table("", "", box=None, padding=(0, 1))
+        for heading in ("simulated", "closed form"):
             table.add_column(heading, justify="right")
-        table.add_column("")
+        table.add_column("published")
         for row in rows:
             factor, unit = SHOWN[row.unit]
-            spread = "" if row.scatter is None else f" ± {factor * row.scatter:.2g}"
+            spread = "" if row.scatter is None else f" ± {factor * row.scatter:.1f}"
+            colour = "green" if row.verdict == "within" else "yellow"
             table.add_row(
-                titled(row.quantity, row.direction),
-                f"{factor * row.value:.4g}{spread} {unit}".rstrip(),
-                "" if row.expected is None else f"{factor * row.expected:.4g} {unit}",
-                range_text(row.published, row.unit),
-                {"within": "[green]within[/]"}.get(row.verdict, f"[yellow]{row.verdict}[/]") if row.verdict else "",
+                row.quantity,
+                row.direction,
+                f"{digits(factor * row.value)}{spread} {unit}".rstrip(),
+                "" if row.expected is None else digits(factor * row.expected),
+                "" if row.published is None else f"{range_text(row.published, row.unit)} [{colour}]{row.verdict}[/]",
             )
         yield title, table
 
@@ -194,14 +199,65 @@ def test(
         out.print(f"\npicture: [bold]{escape(str(picture))}[/]")
 
 
-def write(path, text):
-    """Writes a file whole or not at all. Raises FileError."""
-    import os
 
-    new = path.with_name(path.name + ".new")
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        new.write_text(text, encoding="utf-8")
-        os.replace(new, path)
-    except OSError as problem:
-        raise FileError(f"{path}: {problem.strerror}") from None
+@app.command()
+@clean
+def fit(
+    measured: Annotated[
+        Optional[Path], typer.Argument(metavar="MEASURED.json", help="Measured values; see --example.")
+    ] = None,
+    output: Annotated[
+        Path, typer.Option("--output", "-o", metavar="FILE", help="The material file to write.")
+    ] = Path("fabric.json"),
+    drapes: Annotated[
+        int, typer.Option(min=1, help="Drapes that are simulated for each of four bending stiffnesses.")
+    ] = 2,
+    sectors: Annotated[int, typer.Option(min=24, help="Cells around the specimen of the drape test.")] = 144,
+    json_: Annotated[bool, typer.Option("--json", help="Print JSON with the covariance instead of tables.")] = False,
+    example: Annotated[bool, typer.Option("--example", help="Print an example of measured values and stop.")] = False,
+    debug: Debug = False,
+):
+    """Finds the numbers of a fabric from measured ones and writes a material file."""
+    from ..fabric import fitting
+
+    if example:
+        print(json.dumps(fitting.EXAMPLE, indent=2))
+        return
+    if measured is None:
+        raise SceneError("give a file with measured values; cama fabric fit --example prints one to begin with")
+    with Console(stderr=True, highlight=False).status("") as line:
+        found = fitting.fit(measured, drapes, sectors, lambda words: line.update(escape(words)))
+    found.write(output)
+    if json_:
+        print(json.dumps(found.to_dict(), indent=2))
+        return
+    out = console()
+    numbers = Table("", box=None, padding=(0, 1))
+    for heading in ("value", "uncertainty"):
+        numbers.add_column(heading, justify="right")
+    numbers.add_column("unit")
+    for name, unit in fitting.PARAMETERS.items():
+        value, spread = found.values[name], found.uncertainties[name]
+        numbers.add_row(name, fitting.digits(value, 4), f"± {fitting.digits(spread, 2)}", unit)
+    out.print(numbers)
+    table = Table("", box=None, padding=(0, 1))
+    for heading in ("measured", "fitted", "off by"):
+        table.add_column(heading, justify="right")
+    table.add_column("found by")
+    for row in found.measured:
+        colour = "yellow" if abs(row.residual) > 2 else "default"
+        table.add_row(
+            row.quantity,
+            f"{fitting.digits(row.value, 4)} ± {fitting.digits(row.scatter, 2)}{' *' if row.assumed else ''}",
+            fitting.digits(row.fitted, 4),
+            f"[{colour}]{row.residual:+.1f} s[/]",
+            row.method,
+        )
+    out.print()
+    out.print(table)
+    out.print("[dim]SI units; s: standard deviations of the measured value[/]")
+    if any(row.assumed for row in found.measured):
+        out.print("[dim]* no scatter was given; 5 % of the value is taken[/]")
+    if any(abs(row.residual) > 2 for row in found.measured):
+        out.print("[yellow]a value is off by more than 2 s: the measured values contradict each other, or the model[/]")
+    out.print(f"\nwritten to [bold]{escape(str(output))}[/]; a scene uses it as a material with its name as file")

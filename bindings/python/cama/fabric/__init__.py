@@ -7,6 +7,7 @@ closed forms and published values; `fit` finds a material from measured values.
 
 from .bending import Cantilever, cantilever
 from .draping import Drape, drape
+from .fitting import Fit, Measured, fit
 from .published import Published, published
 from .report import TESTS, Report, Row, test
 from .shear import PictureFrame, picture_frame
@@ -16,6 +17,8 @@ __all__ = [
     "TESTS",
     "Cantilever",
     "Drape",
+    "Fit",
+    "Measured",
     "PictureFrame",
     "Published",
     "Report",
@@ -23,6 +26,7 @@ __all__ = [
     "Tensile",
     "cantilever",
     "drape",
+    "fit",
     "picture_frame",
     "published",
     "tensile",

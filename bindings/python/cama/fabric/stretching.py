@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..arrays import reals
+from ..arrays import count, reals
 from ..errors import ArrayError
 from ..material import Material
 from ..simulation import Simulation
@@ -70,23 +70,25 @@ def tensile(
         stretches: Increases of the jaws' distance over their distance, rising from above 0.
         length: Distance of the jaws at the start, m.
         width: m; rounded to an even number of cells.
-        cells: Number of cells along the strip.
+        cells: Number of cells along the strip, at least 4.
 
     Raises:
-        ArrayError: The direction is unknown, or the stretches do not rise.
+        ArrayError: The direction is unknown, the stretches do not rise, or there are too few cells.
         SolverError: The strip did not come to rest.
     """
     fabric = Material.of(material)
     wanted = reals("tensile: stretches", list(stretches), (None,))
     if not (np.diff(wanted, prepend=0) > 0).all():
         raise ArrayError(f"tensile: stretches {wanted.tolist()} do not rise from above 0")
+    if count("tensile: cells", cells) < 4:
+        raise ArrayError(f"tensile: cells is {cells}; give at least 4")
     vertices, faces = strip_mesh(length, width, cells)
     low, high = (np.flatnonzero(np.abs(vertices[:, 0] - x) < 1e-9) for x in (0.0, length))
     scene = specimen(fabric, vertices, faces, low, angle_of(direction), gravity=0.0)
     simulation = Simulation(scene, backend="cpu", threads=1, forces=True, **STATIC)
     simulation.pin(high)
-    band = length / 20  # half the length of the middle tenth
-    ends = [np.abs(vertices[:, 0] - x) < length / cells / 2 for x in (length / 2 - band, length / 2 + band)]
+    cell, half = length / cells, max(1, round(cells / 20))
+    ends = [np.abs(vertices[:, 0] / cell - k) < 0.1 for k in (cells // 2 - half, cells // 2 + half)]
     force, middle = [], []
     at_jaw = np.pad(vertices[high], ((0, 0), (0, 1)))
     for stretch in wanted:
@@ -94,7 +96,7 @@ def tensile(
         settle(simulation, 1e-8 * length, what=f"strip along the {direction}")
         force.append(-float(simulation.force_on(high).force[0]) / float(np.ptp(vertices[:, 1])))
         x = simulation.positions[:, 0]
-        middle.append(float(x[ends[1]].mean() - x[ends[0]].mean()) / (2 * band) - 1)
+        middle.append(float(x[ends[1]].mean() - x[ends[0]].mean()) / (2 * half * cell) - 1)
     expected = None
     if is_constant(fabric):
         expected = tuple(uniaxial_force(modulus(fabric, direction), e) for e in middle)
