@@ -60,9 +60,7 @@ def test_a_strip_hangs_as_the_elastica(gamma):
     """Hinges of a grid bend a wide strip up to 4 % more stiffly (docs/guide/materials.md)."""
     overhang = 0.04
     stiffness = 0.12 * G * overhang**3 / gamma
-    errors = [
-        abs(bending.slope(isotropic(stiffness), overhang, cells=cells) / chord(gamma) - 1) for cells in (8, 24)
-    ]
+    errors = [abs(bending.slope(isotropic(stiffness), overhang, cells=cells) / chord(gamma) - 1) for cells in (8, 24)]
     assert errors[1] < errors[0] and errors[1] < 0.04
 
 

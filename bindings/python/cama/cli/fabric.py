@@ -199,16 +199,15 @@ def test(
         out.print(f"\npicture: [bold]{escape(str(picture))}[/]")
 
 
-
 @app.command()
 @clean
 def fit(
     measured: Annotated[
         Optional[Path], typer.Argument(metavar="MEASURED.json", help="Measured values; see --example.")
     ] = None,
-    output: Annotated[
-        Path, typer.Option("--output", "-o", metavar="FILE", help="The material file to write.")
-    ] = Path("fabric.json"),
+    output: Annotated[Path, typer.Option("--output", "-o", metavar="FILE", help="The material file to write.")] = Path(
+        "fabric.json"
+    ),
     drapes: Annotated[
         int, typer.Option(min=1, help="Drapes that are simulated for each of four bending stiffnesses.")
     ] = 2,

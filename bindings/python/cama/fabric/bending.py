@@ -10,8 +10,7 @@ import numpy as np
 
 from ..errors import MaterialError, SolverError
 from ..material import Material
-from ..simulation import Simulation
-from .specimens import GRAVITY, STATIC, angle_of, settle, specimen, strip_mesh
+from .specimens import GRAVITY, angle_of, equilibrium, settle, specimen, strip_mesh
 
 SLOPE = 41.5  # degrees below the horizontal, of the line from the platform's edge to the tip
 # Weight per area times length^3 over flexural rigidity of an inextensible heavy strip whose chord has that slope: the
@@ -59,9 +58,7 @@ def slope(material: Material, overhang: float, direction: str = "warp", cells: i
     vertices, faces = strip_mesh(2 * overhang, min(WIDTH, overhang), 2 * cells)
     vertices[:, 0] -= overhang
     held = np.abs(vertices[:, 0]) < 0.1 * overhang / cells
-    simulation = Simulation(
-        specimen(material, vertices, faces, held, angle_of(direction)), backend="cpu", threads=1, **STATIC
-    )
+    simulation = equilibrium(specimen(material, vertices, faces, held, angle_of(direction)))
     settle(simulation, 1e-6 * overhang, what=f"strip of {1e3 * overhang:.1f} mm")
     tip = simulation.positions[vertices[:, 0] > overhang * (1 - 1e-9)].mean(axis=0)
     return math.degrees(math.atan2(-tip[2], tip[0]))

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import functools
 import json
 import math
 from collections.abc import Callable, Mapping, Sequence
@@ -73,7 +74,7 @@ class Measured:
     scatter: float  #: standard deviation
     assumed: bool  #: whether the scatter was not given, and 5 % of the value was taken
     fitted: float
-    method: str  #: "closed form", "closed form and jaws" or "simulation"
+    method: str  #: "closed form", "closed form, jaws" or "simulation"
 
     @property
     def residual(self) -> float:
@@ -108,13 +109,16 @@ class Fit:
         write(Path(path), (json.dumps(self.description, indent=2) + "\n").encode())
 
 
+_Model = Callable[[Reals], float]  # of the parameters
+
+
 @dataclass(frozen=True)
 class _Observation:
     quantity: str
     value: float
     scatter: float
     assumed: bool
-    model: Callable[[Reals], float]  # of the parameters
+    model: _Model
     method: str = "closed form"
 
 
@@ -150,8 +154,8 @@ def _directions(where: str, given: Any, allowed: Sequence[str]) -> Mapping[str, 
     return given
 
 
-def _pairs(where: str, given: Any) -> list[tuple[float, float, float, bool]]:
-    """Returns (abscissa, value, scatter, assumed) of rows [abscissa, value] or [abscissa, value, scatter]."""
+def _pairs(where: str, given: Any) -> list[tuple[float, tuple[float, float, bool]]]:
+    """Returns (abscissa, (value, scatter, assumed)) of rows [abscissa, value] or [abscissa, value, scatter]."""
     if not isinstance(given, (list, tuple, np.ndarray)) or not len(given):
         raise MaterialError(f"{where}: {given!r} is not a list of pairs")
     rows = []
@@ -159,7 +163,8 @@ def _pairs(where: str, given: Any) -> list[tuple[float, float, float, bool]]:
         if not isinstance(row, (list, tuple, np.ndarray)) or len(row) not in (2, 3):
             raise MaterialError(f"{where}[{k}]: {row!r} is not a pair of numbers, or three with the scatter")
         numbers = [_positive(f"{where}[{k}]", x) for x in row]
-        rows.append((numbers[0], numbers[1], numbers[2] if len(row) == 3 else SCATTER * numbers[1], len(row) == 2))
+        scatter = numbers[2] if len(row) == 3 else SCATTER * numbers[1]
+        rows.append((numbers[0], (numbers[1], scatter, len(row) == 2)))
     return rows
 
 
@@ -178,7 +183,8 @@ class _Jaws:
     """Force of a strip between jaws, which hold its width, over that of a strip that is free to narrow."""
 
     def __init__(self, length: float, width: float) -> None:
-        self._gauge, self._factors = (length, width), {}  # type: ignore[var-annotated]
+        self._gauge = length, width
+        self._factors: dict[tuple[str, float], float] = {}
 
     def update(self, material: Material, rows: Mapping[str, Sequence[float]]) -> None:
         for direction, stretches in rows.items():
@@ -190,57 +196,49 @@ class _Jaws:
             for stretch, force in zip(wanted, found.force):
                 self._factors[direction, stretch] = force / stretching.uniaxial_force(free, stretch)
 
-    def force(self, material: Material, direction: str, stretch: float) -> float:
-        free = stretching.uniaxial_force(stretching.modulus(material, direction), stretch)
+    def force(self, direction: str, stretch: float, values: Reals) -> float:
+        free = stretching.uniaxial_force(stretching.modulus(_material(values), direction), stretch)
         return self._factors.get((direction, stretch), 1.0) * free
 
 
 def _observations(given: Mapping[str, Any], jaws: _Jaws) -> list[_Observation]:
     """Returns everything measured but the drape coefficient."""
-    rows = [_Observation("density", *_value("density", given["density"]), lambda p: float(p[0]))]
+    rows: list[_Observation] = []
 
-    def add(quantity: str, value: tuple[float, float, bool], model: Callable[[Reals], float], method: str) -> None:
+    def add(quantity: str, value: tuple[float, float, bool], model: _Model, method: str = "closed form") -> None:
         rows.append(_Observation(quantity, *value, model, method))
 
-    closed = "closed form"
+    add("density", _value("density", given["density"]), _parameter("density"))
     for direction, pairs in _directions("tensile", given.get("tensile", {}), ("warp", "weft", "bias")).items():
-        for stretch, *value in _pairs(f"tensile: {direction}", pairs):
-            add(
-                f"force at {100 * stretch:g} % stretch, {direction}",
-                (value[0], value[1], value[2]),  # type: ignore[arg-type]
-                lambda p, d=direction, e=stretch: jaws.force(_material(p), d, e),  # type: ignore[misc]
-                "closed form and jaws",
-            )
+        for stretch, value in _pairs(f"tensile: {direction}", pairs):
+            model = functools.partial(jaws.force, direction, stretch)
+            add(f"force at {100 * stretch:g} % stretch, {direction}", value, model, "closed form, jaws")
     if "shear_rigidity" in given:
-        add("shear rigidity", _value("shear_rigidity", given["shear_rigidity"]), lambda p: float(p[4]), closed)
+        add("shear rigidity", _value("shear_rigidity", given["shear_rigidity"]), _parameter("shear"))
     side = _positive("frame_side", given.get("frame_side", shear.SIDE))
-    for angle, *value in _pairs("picture_frame", given["picture_frame"]) if "picture_frame" in given else ():
+    for angle, value in _pairs("picture_frame", given["picture_frame"]) if "picture_frame" in given else ():
         if angle >= 90:
             raise MaterialError(f"picture_frame: {angle:g} is not below 90 degrees")
-        add(
-            f"picture frame at {angle:g} degrees",
-            (value[0], value[1], value[2]),  # type: ignore[arg-type]
-            lambda p, a=math.radians(angle): shear.corner_force(float(p[4]), a, side),  # type: ignore[misc]
-            closed,
-        )
-    for direction, value in _directions("bending_length", given.get("bending_length", {}), ("warp", "weft")).items():
-        add(
-            f"bending length, {direction}",
-            _value(f"bending_length: {direction}", value),
-            lambda p, i=5 + (direction == "weft"): bending.bending_length_of(float(p[i]), float(p[0])),  # type: ignore
-            closed,
-        )
-    rigid = _directions("flexural_rigidity", given.get("flexural_rigidity", {}), ("warp", "weft"))
-    for direction, value in rigid.items():
-        add(
-            f"flexural rigidity, {direction}",
-            _value(f"flexural_rigidity: {direction}", value),
-            lambda p, i=5 + (direction == "weft"): float(p[i]),  # type: ignore[misc]
-            closed,
-        )
+        unit = shear.corner_force(1.0, math.radians(angle), side)
+        add(f"picture frame at {angle:g} degrees", value, _parameter("shear", unit))
+    for key, title in (("bending_length", "bending length"), ("flexural_rigidity", "flexural rigidity")):
+        for direction, measured in _directions(key, given.get(key, {}), ("warp", "weft")).items():
+            stiffness = _parameter(f"bending_{direction}")
+            model = functools.partial(_length, stiffness) if key == "bending_length" else stiffness
+            add(f"{title}, {direction}", _value(f"{key}: {direction}", measured), model)
     if "poisson_ratio" in given:
-        add("Poisson ratio", _value("poisson_ratio", given["poisson_ratio"]), lambda p: float(p[3]), closed)
+        add("Poisson ratio", _value("poisson_ratio", given["poisson_ratio"]), _parameter("poisson_ratio"))
     return rows
+
+
+def _parameter(name: str, factor: float = 1.0) -> _Model:
+    """Returns the model of a value that is a parameter times a factor."""
+    index = list(PARAMETERS).index(name)
+    return lambda values: factor * float(values[index])
+
+
+def _length(stiffness: _Model, values: Reals) -> float:
+    return bending.bending_length_of(stiffness(values), float(values[0]))
 
 
 def _complete(given: Mapping[str, Any]) -> None:
@@ -313,13 +311,13 @@ def _start(given: Mapping[str, Any]) -> Reals:
     """Returns parameters to begin with, from the first values of each kind."""
     density = _value("density", given["density"])[0]
     first = {d: _pairs(f"tensile: {d}", rows)[0] for d, rows in given["tensile"].items()}
-    young = {d: row[1] / stretching.uniaxial_force(1.0, row[0]) for d, row in first.items()}
+    young = {d: value[0] / stretching.uniaxial_force(1.0, stretch) for d, (stretch, value) in first.items()}
     if "shear_rigidity" in given:
         stiffness = _value("shear_rigidity", given["shear_rigidity"])[0]
     elif "picture_frame" in given:
-        angle, force, *_ = _pairs("picture_frame", given["picture_frame"])[0]
+        angle, value = _pairs("picture_frame", given["picture_frame"])[0]
         side = _positive("frame_side", given.get("frame_side", shear.SIDE))
-        stiffness = force / shear.corner_force(1.0, math.radians(angle), side)
+        stiffness = value[0] / shear.corner_force(1.0, math.radians(angle), side)
     else:
         stiffness = young["bias"] / 4
     bent = {}

@@ -13,7 +13,7 @@ from ..hints import require
 from .draping import DISC, SPECIMEN, Drape
 from .writing import write
 
-SIZE = (1400, 700)  # of both views together
+SIZE = [1400, 700]  # of both views together
 CLOTH, SHADOW, STAND = "#4f7cac", "#31475e", "#b9b4ac"
 
 
@@ -35,7 +35,7 @@ def draw(drape: Drape, path: Path) -> None:
     faces = np.column_stack([np.full(len(drape.faces), 3), drape.faces]).ravel()
     cloth = pyvista.PolyData(drape.vertices, faces).compute_normals(consistent_normals=False, split_vertices=False)
     plotter.subplot(0, 0)
-    plotter.set_background("white")
+    plotter.background_color = "white"
     stand = pyvista.Cylinder(center=(0, 0, -0.003), direction=(0, 0, 1), radius=DISC - 0.003, height=0.004)
     foot = pyvista.Cylinder(center=(0, 0, -0.045), direction=(0, 0, 1), radius=0.012, height=0.085)
     for part in (stand, foot):
@@ -43,7 +43,7 @@ def draw(drape: Drape, path: Path) -> None:
     plotter.add_mesh(cloth, color=CLOTH, smooth_shading=True, specular=0.1)
     plotter.camera_position = [(0.0, -0.55, 0.22), (0, 0, -0.025), (0, 0, 1)]
     plotter.subplot(0, 1)
-    plotter.set_background("white")
+    plotter.background_color = "white"
     shadow = drape.vertices * [1, 1, 0]
     plotter.add_mesh(pyvista.PolyData(shadow, faces), color=SHADOW, lighting=False)
     for radius in (DISC, SPECIMEN):

@@ -43,13 +43,9 @@ class Row:
         """ "within", "below" or "above" the published range, or ""."""
         if self.published is None:
             return ""
-        return (
-            "below"
-            if self.value < self.published.low
-            else "above"
-            if self.value > self.published.high
-            else "within"
-        )
+        if self.value < self.published.low:
+            return "below"
+        return "above" if self.value > self.published.high else "within"
 
 
 @dataclass(frozen=True)

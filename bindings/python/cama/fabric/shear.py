@@ -12,8 +12,7 @@ import numpy as np
 from ..arrays import reals
 from ..errors import ArrayError
 from ..material import Material
-from ..simulation import Simulation
-from .specimens import STATIC, settle, specimen, strip_mesh
+from .specimens import equilibrium, settle, specimen, strip_mesh
 from .stretching import is_constant
 
 SIDE = 0.2  # m
@@ -61,7 +60,7 @@ def picture_frame(material: Material | str, angles: Sequence[float] = ANGLES, ce
     vertices[:, 1] += SIDE / 2
     bars = np.flatnonzero((vertices < 1e-9).any(axis=1) | (vertices > SIDE - 1e-9).any(axis=1))
     scene = specimen(fabric, vertices, faces, bars, gravity=0.0)
-    simulation = Simulation(scene, backend="cpu", threads=1, forces=True, **STATIC)
+    simulation = equilibrium(scene, forces=True)
     simulation.pin(bars)
 
     u, v = vertices[bars, :1], vertices[bars, 1:]

@@ -14,9 +14,7 @@ from ..types import ArrayLike, Integers, Reals
 
 GRAVITY = 9.81  # m/s^2
 DIRECTIONS = {"warp": 0.0, "weft": 90.0, "bias": 45.0}  # degrees from the warp
-# Static equilibria: steps of backward Euler, long against every vibration of a specimen, with an exact solve.
-STEP = 0.1  # s
-STATIC = dict(integrator="backward_euler", newton_iterations=1, solver="direct", precision="double", time_step=STEP)
+STEP = 0.1  # s, long against every vibration of a specimen
 
 
 def angle_of(direction: str) -> float:
@@ -105,6 +103,21 @@ def specimen(
     )
     scene.pin("specimen", held)
     return scene
+
+
+def equilibrium(scene: Scene, forces: bool = False) -> Simulation:
+    """Returns a simulation whose steps lead to a static equilibrium: long ones of backward Euler, solved exactly."""
+    return Simulation(
+        scene,
+        backend="cpu",
+        threads=1,
+        integrator="backward_euler",
+        newton_iterations=1,
+        solver="direct",
+        precision="double",
+        time_step=STEP,
+        forces=forces,
+    )
 
 
 def settle(simulation: Simulation, still: float, steps: int = 400, what: str = "specimen") -> None:

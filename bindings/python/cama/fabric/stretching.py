@@ -11,8 +11,7 @@ import numpy as np
 from ..arrays import count, reals
 from ..errors import ArrayError
 from ..material import Material
-from ..simulation import Simulation
-from .specimens import STATIC, angle_of, settle, specimen, strip_mesh
+from .specimens import angle_of, equilibrium, settle, specimen, strip_mesh
 
 LENGTH, WIDTH = 0.2, 0.05  # m
 STRETCHES = (0.01, 0.02, 0.05)
@@ -85,7 +84,7 @@ def tensile(
     vertices, faces = strip_mesh(length, width, cells)
     low, high = (np.flatnonzero(np.abs(vertices[:, 0] - x) < 1e-9) for x in (0.0, length))
     scene = specimen(fabric, vertices, faces, low, angle_of(direction), gravity=0.0)
-    simulation = Simulation(scene, backend="cpu", threads=1, forces=True, **STATIC)
+    simulation = equilibrium(scene, forces=True)
     simulation.pin(high)
     cell, half = length / cells, max(1, round(cells / 20))
     ends = [np.abs(vertices[:, 0] / cell - k) < 0.1 for k in (cells // 2 - half, cells // 2 + half)]
