@@ -13,7 +13,7 @@ from typer.testing import CliRunner
 
 import cama
 from cama import fabric
-from cama.cli import app
+from cama.cli import app, common
 from cama.fabric import bending, draping, shear
 
 RUNNER = CliRunner()
@@ -391,6 +391,30 @@ def test_a_fit_on_the_command_line(tmp_path):
     assert call("fabric", "fit", tmp_path / "bad.json", "-o", tmp_path / "no.json").exit_code == 2
     assert call("fabric", "fit", "-o", tmp_path / "no.json").exit_code == 2
     assert not (tmp_path / "no.json").exists()
+
+
+def test_a_run_takes_a_material(tmp_path):
+    """As the scene would with that material; each cloth keeps its contact thickness."""
+    scene = {
+        "cloth": [
+            {"name": n, "grid": {"size": [0.1, 0.1], "cells": [2, 2]}, "material": "denim", "thickness": 0.002,
+             "transform": {"translate": [0, 0, z]}}
+            for n, z in (("low", 0.0), ("high", 0.1))
+        ]
+    }  # fmt: skip
+    (tmp_path / "scene.json").write_text(json.dumps(scene))
+    loaded = cama.Scene.load(tmp_path)
+    common.put_materials(loaded, ["high=silk"])
+    low, high = (cloth.material for cloth in loaded.cloths)
+    assert low.density == 0.4 and high.density == 0.052 and high.thickness == 0.002
+    common.put_materials(loaded, ["wool", "low=cotton"])
+    assert [cloth.material.density for cloth in loaded.cloths] == [0.12, 0.2]
+    with pytest.raises(cama.SceneError, match=r"no cloth 'lwo'; there are \['low', 'high'\]"):
+        common.put_materials(loaded, ["lwo=silk"])
+    out = tmp_path / "out"
+    assert call("run", tmp_path, "--material", "high=silk", "--frames", 1, "-o", out).exit_code == 0
+    assert call("run", tmp_path, "--material", "kevlar", "--frames", 1, "-o", tmp_path / "no").exit_code == 2
+    assert not (tmp_path / "no").exists()
 
 
 def test_a_picture_of_the_drape(tmp_path):
