@@ -59,7 +59,7 @@ def slope(material: Material, overhang: float, direction: str = "warp", cells: i
     vertices[:, 0] -= overhang
     held = np.abs(vertices[:, 0]) < 0.1 * overhang / cells
     simulation = equilibrium(specimen(material, vertices, faces, held, angle_of(direction)))
-    settle(simulation, 1e-6 * overhang, what=f"strip of {1e3 * overhang:.1f} mm")
+    settle(simulation, 1e-5 * overhang, what=f"strip of {1e3 * overhang:.1f} mm")
     tip = simulation.positions[vertices[:, 0] > overhang * (1 - 1e-9)].mean(axis=0)
     return math.degrees(math.atan2(-tip[2], tip[0]))
 

@@ -94,7 +94,7 @@ def _picture_frame(fabric: Material, add: Callable[..., None]) -> None:
     found = shear.picture_frame(fabric)
     for k, angle in enumerate(found.angle):
         expected = None if found.expected is None else found.expected[k]
-        add(f"force at {angle:g} degrees", "", "N", found.force[k], expected=expected)
+        add(f"force at {angle:g}°", "", "N", found.force[k], expected=expected)
     expected = fabric.stretching[0][3] / 2 if stretching.is_constant(fabric) else None
     add("shear rigidity", "", "N/m", found.shear_rigidity, expected=expected)
 
