@@ -380,6 +380,8 @@ def test_the_table_and_the_json_of_a_test(tmp_path):
 
 def test_a_fit_on_the_command_line(tmp_path):
     example = json.loads(call("fabric", "fit", "--example").output)
+    assert call("fabric", "fit", "--example", "-o", tmp_path / "example.json").exit_code == 0
+    assert json.loads((tmp_path / "example.json").read_text()) == example
     del example["drape_coefficient"]
     (tmp_path / "measured.json").write_text("// a comment\n" + json.dumps(example))
     out = tmp_path / "made" / "twill.json"

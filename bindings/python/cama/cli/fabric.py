@@ -205,27 +205,36 @@ def fit(
     measured: Annotated[
         Optional[Path], typer.Argument(metavar="MEASURED.json", help="Measured values; see --example.")
     ] = None,
-    output: Annotated[Path, typer.Option("--output", "-o", metavar="FILE", help="The material file to write.")] = Path(
-        "fabric.json"
-    ),
+    output: Annotated[
+        Optional[Path],
+        typer.Option("--output", "-o", metavar="FILE", help="The material file to write. Default: fabric.json."),
+    ] = None,
     drapes: Annotated[
         int, typer.Option(min=1, help="Drapes that are simulated for each of four bending stiffnesses.")
     ] = 2,
     sectors: Annotated[int, typer.Option(min=24, help="Cells around the specimen of the drape test.")] = 144,
     json_: Annotated[bool, typer.Option("--json", help="Print JSON with the covariance instead of tables.")] = False,
-    example: Annotated[bool, typer.Option("--example", help="Print an example of measured values and stop.")] = False,
+    example: Annotated[
+        bool, typer.Option("--example", help="Print measured values to begin with, or write them to FILE, and stop.")
+    ] = False,
     debug: Debug = False,
 ):
     """Finds the numbers of a fabric from measured ones and writes a material file."""
     from ..fabric import fitting
+    from ..fabric.writing import write
 
     if example:
-        print(json.dumps(fitting.EXAMPLE, indent=2))
+        text = json.dumps(fitting.EXAMPLE, indent=2)
+        if output is None:
+            print(text)
+        else:
+            write(output, (text + "\n").encode())
         return
     if measured is None:
         raise SceneError("give a file with measured values; cama fabric fit --example prints one to begin with")
     with Console(stderr=True, highlight=False).status("") as line:
         found = fitting.fit(measured, drapes, sectors, lambda words: line.update(escape(words)))
+    output = output or Path("fabric.json")
     found.write(output)
     if json_:
         print(json.dumps(found.to_dict(), indent=2))
