@@ -12,6 +12,7 @@ from rich.markup import escape
 from rich.table import Table
 
 from ..errors import SceneError
+from ..hints import digits
 from ..material import Material, fabrics
 from .common import Debug, choice, clean, console
 
@@ -25,11 +26,6 @@ Json = Annotated[bool, typer.Option("--json", help="Print JSON in SI units inste
 
 # How quantities are shown: factor and unit, by SI unit.
 SHOWN = {"m": (1e3, "mm"), "N m": (1e6, "µN m"), "N/m": (1, "N/m"), "N": (1, "N"), "1": (100, "%"), "": (1, "")}
-
-
-def digits(value):
-    """Returns four digits of a number, without an exponent."""
-    return np.format_float_positional(float(f"{value:.4g}"), trim="-")
 
 
 def texts_of(fabric):
@@ -246,7 +242,7 @@ def fit(
     numbers.add_column("unit")
     for name, unit in fitting.PARAMETERS.items():
         value, spread = found.values[name], found.uncertainties[name]
-        numbers.add_row(name, fitting.digits(value, 4), f"± {fitting.digits(spread, 2)}", unit)
+        numbers.add_row(name, digits(value, 4), f"± {digits(spread, 2)}", unit)
     out.print(numbers)
     table = Table("", box=None, padding=(0, 1))
     for heading in ("measured", "fitted", "off by"):
@@ -256,8 +252,8 @@ def fit(
         colour = "yellow" if abs(row.residual) > 2 else "default"
         table.add_row(
             row.quantity,
-            f"{fitting.digits(row.value, 4)} ± {fitting.digits(row.scatter, 2)}{' *' if row.assumed else ''}",
-            fitting.digits(row.fitted, 4),
+            f"{digits(row.value, 4)} ± {digits(row.scatter, 2)}{' *' if row.assumed else ''}",
+            digits(row.fitted, 4),
             f"[{colour}]{row.residual:+.1f} s[/]",
             row.method,
         )

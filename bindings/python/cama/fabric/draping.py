@@ -85,7 +85,13 @@ def drape(material: Material | str, seed: int = 0, sectors: int = SECTORS, secon
     scene = specimen(fabric, vertices, faces, held, start=start, contact=True)
     step = 1 / 60
     simulation = Simulation(
-        scene, integrator="backward_euler", newton_iterations=1, precision="mixed", tolerance=1e-2, time_step=step
+        scene,
+        backend="cpu",
+        integrator="backward_euler",
+        newton_iterations=1,
+        precision="mixed",
+        tolerance=1e-2,
+        time_step=step,
     )
     at_rest = False
     for _ in range(round(number("drape: seconds", seconds) / step)):

@@ -6,7 +6,7 @@ from __future__ import annotations
 import functools
 import json
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -15,11 +15,11 @@ import numpy as np
 
 from ..arrays import count, number
 from ..errors import FileError, MaterialError
-from ..hints import require, similar, without_comments
+from ..hints import digits, require, similar, without_comments
 from ..material import Material
 from ..types import PathLike, Reals
 from . import bending, draping, shear, stretching
-from .specimens import GRAVITY
+from .specimens import DIRECTIONS, GRAVITY
 from .writing import write
 
 PARAMETERS = {  # name in the material file: unit
@@ -47,6 +47,7 @@ KEYS = (
     "damping",
     "friction",
 )
+PLANE = ("warp", "weft")
 SCATTER = 0.05  # relative standard deviation of a value that is given without one
 POISSON = (0.25, 0.1)  # of woven cloth, where it is not measured: published values lie from 0.1 to 0.5
 LIKE = 0.5  # standard deviation of log(warp/weft) of bending, where only the drape coefficient is measured
@@ -145,7 +146,7 @@ def _value(where: str, given: Any) -> tuple[float, float, bool]:
     return value, SCATTER * value, True
 
 
-def _directions(where: str, given: Any, allowed: Sequence[str]) -> Mapping[str, Any]:
+def _directions(where: str, given: Any, allowed: Iterable[str]) -> Mapping[str, Any]:
     if not isinstance(given, Mapping):
         raise MaterialError(f"{where}: {given!r} is not an object with {', '.join(allowed)}")
     for key in given:
@@ -171,12 +172,6 @@ def _pairs(where: str, given: Any) -> list[tuple[float, tuple[float, float, bool
 def _material(values: Reals) -> Material:
     density, warp, weft, poisson, stiffness, bending_warp, bending_weft = (float(v) for v in values)
     return Material.orthotropic(warp, weft, poisson, stiffness, bending_warp, bending_weft, density)
-
-
-def digits(value: float, count: int) -> str:
-    """Returns a number of so many digits, without an exponent from 1e-4 to 1e6."""
-    rounded = float(f"{value:.{count}g}")
-    return np.format_float_positional(rounded, trim="-") if 1e-4 <= abs(rounded) < 1e6 else f"{rounded:g}"
 
 
 class _Jaws:
@@ -209,7 +204,7 @@ def _observations(given: Mapping[str, Any], jaws: _Jaws) -> list[_Observation]:
         rows.append(_Observation(quantity, *value, model, method))
 
     add("density", _value("density", given["density"]), _parameter("density"))
-    for direction, pairs in _directions("tensile", given.get("tensile", {}), ("warp", "weft", "bias")).items():
+    for direction, pairs in _directions("tensile", given.get("tensile", {}), DIRECTIONS).items():
         for stretch, value in _pairs(f"tensile: {direction}", pairs):
             model = functools.partial(jaws.force, direction, stretch)
             add(f"force at {100 * stretch:g} % stretch, {direction}", value, model, "closed form, jaws")
@@ -222,7 +217,7 @@ def _observations(given: Mapping[str, Any], jaws: _Jaws) -> list[_Observation]:
         unit = shear.corner_force(1.0, math.radians(angle), side)
         add(f"picture frame at {angle:g} degrees", value, _parameter("shear", unit))
     for key, title in (("bending_length", "bending length"), ("flexural_rigidity", "flexural rigidity")):
-        for direction, measured in _directions(key, given.get(key, {}), ("warp", "weft")).items():
+        for direction, measured in _directions(key, given.get(key, {}), PLANE).items():
             stiffness = _parameter(f"bending_{direction}")
             model = functools.partial(_length, stiffness) if key == "bending_length" else stiffness
             add(f"{title}, {direction}", _value(f"{key}: {direction}", measured), model)
@@ -249,14 +244,13 @@ def _complete(given: Mapping[str, Any]) -> None:
     missing = []
     if "density" not in given:
         missing.append("density")
-    tensile = _directions("tensile", given.get("tensile", {}), ("warp", "weft", "bias"))
-    missing += [f"tensile: {d}" for d in ("warp", "weft") if d not in tensile]
+    tensile = _directions("tensile", given.get("tensile", {}), DIRECTIONS)
+    bent = {d for key in ("bending_length", "flexural_rigidity") for d in _directions(key, given.get(key, {}), PLANE)}
+    missing += [f"tensile: {d}" for d in PLANE if d not in tensile]
     if not ("shear_rigidity" in given or "picture_frame" in given or "bias" in tensile):
         missing.append("shear_rigidity, picture_frame or tensile: bias")
     if "drape_coefficient" not in given:
-        for d in ("warp", "weft"):
-            if not any(d in given.get(key, {}) for key in ("bending_length", "flexural_rigidity")):
-                missing.append(f"bending_length: {d} (or flexural_rigidity, or drape_coefficient)")
+        missing += [f"bending_length: {d} (or flexural_rigidity, or drape_coefficient)" for d in PLANE if d not in bent]
     if missing:
         raise MaterialError(f"measured: lacks {'; '.join(missing)}")
 
@@ -321,7 +315,7 @@ def _start(given: Mapping[str, Any]) -> Reals:
     else:
         stiffness = young["bias"] / 4
     bent = {}
-    for d in ("warp", "weft"):
+    for d in PLANE:
         if d in given.get("flexural_rigidity", {}):
             bent[d] = _value("flexural_rigidity", given["flexural_rigidity"][d])[0]
         elif d in given.get("bending_length", {}):
@@ -396,7 +390,8 @@ def fit(
             - shear_rigidity: N/m for each radian; or picture_frame: [[angle in degrees, force in N], ...] with
               frame_side, m; or tensile: bias.
             - bending_length: {"warp": m, "weft": m}; or flexural_rigidity, N m.
-            - drape_coefficient: 1; beside the bending lengths or instead of them.
+            - drape_coefficient: 1; beside the bending lengths or instead of them. Of directions whose bending is not
+              measured the logarithms differ by 0 with a standard deviation of 0.5.
             - poisson_ratio: 1; without it 0.25 with a standard deviation of 0.1.
             - name, description, damping (s), friction: for the material file.
         drapes: How many drapes are simulated for each of four bending stiffnesses.
@@ -450,7 +445,7 @@ def _result(given: Mapping[str, Any], problem: _Problem, covariance: Reals) -> F
         Measured(o.quantity, o.value, o.scatter, o.assumed, o.model(values), o.method) for o in problem.observations
     ]
     evidence = {
-        name: f"fitted: {digits(named[name], 4)} ± {digits(spread[name], 2)} {PARAMETERS[name]} (standard deviation)"
+        name: f"fitted: {digits(named[name])} ± {digits(spread[name], 2)} {PARAMETERS[name]} (standard deviation)"
         for name in PARAMETERS
     }
     if "poisson_ratio" not in given:
