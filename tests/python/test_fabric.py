@@ -330,9 +330,18 @@ def test_a_fit_by_the_drape_coefficient(cotton_again):
     assert found.uncertainties["bending_warp"] > 0.2 * found.values["bending_warp"]
 
 
+def test_a_drape_that_no_stiffness_gives(cotton_again):
+    """Coarse cloth whose yarns hardly stretch does not hang straight down, however limp it is."""
+    given = {key: value for key, value in cotton_again.items() if key != "bending_length"}
+    given["drape_coefficient"] = {"value": 0.05, "scatter": 0.01}
+    with pytest.raises(cama.MaterialError, match="drape_coefficient: 0.05 is out of reach"):
+        fabric.fit(given, drapes=1, sectors=24)
+
+
 @pytest.mark.parametrize(
     "change, text",
     [
+        ({"bending_length": 0.02}, "bending_length: 0.02 is not an object with warp, weft"),
         ({"density": None}, "lacks density"),
         ({"tensile": {"warp": [[0.02, 100]]}}, "lacks tensile: weft"),
         ({"bending_length": {"warp": 0.02}}, r"lacks bending_length: weft \(or flexural_rigidity"),

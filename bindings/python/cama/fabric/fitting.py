@@ -51,6 +51,7 @@ PLANE = ("warp", "weft")
 SCATTER = 0.05  # relative standard deviation of a value that is given without one
 POISSON = (0.25, 0.1)  # of woven cloth, where it is not measured: published values lie from 0.1 to 0.5
 LIKE = 0.5  # standard deviation of log(warp/weft) of bending, where only the drape coefficient is measured
+REACH = 0.5  # of log(stiffness) beyond the simulated drapes, in which a drape coefficient is still extrapolated
 DRAPE_SLOPE = 0.12  # change of the drape coefficient with the logarithm of bending stiffness, to begin with
 EXAMPLE = {
     "name": "my-twill",
@@ -336,8 +337,11 @@ def _start(given: Mapping[str, Any]) -> Reals:
 
 def _drape_observation(
     given: Any, problem: _Problem, drapes: int, sectors: int, progress: Callable[[str], object]
-) -> _Observation:
-    """Simulates drapes of stiffer and softer cloth and returns the drape coefficient as a line over log(bending)."""
+) -> tuple[_Observation, tuple[float, float]]:
+    """Simulates drapes of stiffer and softer cloth.
+
+    Returns the drape coefficient as a line over `_log_stiffness`, and the range of this in which the line is good.
+    """
     value, scatter, assumed = _value("drape_coefficient", given)
     if value >= 1:
         raise MaterialError(f"drape_coefficient: {value:g} is not below 1; give a share, such as 0.62")
@@ -360,12 +364,18 @@ def _drape_observation(
         wanted = float(np.clip((value - level) / slope, -3, 3))
         shift = wanted if abs(wanted - shift) > 0.15 else wanted + (0.3 if round_ % 2 == 0 else -0.3)
     total = math.hypot(scatter, spread / math.sqrt(len(found)))
-    middle = float(at[5] + at[6]) / 2 - float(at[0])
+    middle = _log_stiffness(_Problem.outward(at))
 
-    def line(values: Reals) -> float:  # what hangs is decided by the stiffness over the weight
-        return level + slope * (float(np.log(values[5]) + np.log(values[6])) / 2 - float(np.log(values[0])) - middle)
+    def line(values: Reals) -> float:
+        return level + slope * (_log_stiffness(values) - middle)
 
-    return _Observation("drape coefficient", value, total, assumed, line, "simulation")
+    reach = middle + float(shifts.min()) - REACH, middle + float(shifts.max()) + REACH
+    return _Observation("drape coefficient", value, total, assumed, line, "simulation"), reach
+
+
+def _log_stiffness(values: Reals) -> float:
+    """Returns the logarithm of bending stiffness, the geometric mean of warp and weft, over mass: what drapes."""
+    return float(np.log(values[5]) + np.log(values[6])) / 2 - float(np.log(values[0]))
 
 
 def fit(
@@ -400,7 +410,7 @@ def fit(
 
     Raises:
         FileError: The file cannot be read.
-        MaterialError: A value is missing, unknown or out of its range.
+        MaterialError: A value is missing, unknown or out of its range, or no bending stiffness gives the drape.
         BackendError: SciPy is not installed.
     """
     require("cama fabric fit", "scipy")
@@ -417,11 +427,16 @@ def fit(
         jaws.update(_material(problem.outward(problem.at)), strips)
         covariance = problem.solve()
     if "drape_coefficient" in given:
-        hanging = _drape_observation(
+        hanging, (low, high) = _drape_observation(
             given["drape_coefficient"], problem, count("fit: drapes", drapes), sectors, progress or (lambda words: None)
         )
         problem.observations.append(hanging)
         covariance = problem.solve()
+        if not low < _log_stiffness(problem.outward(problem.at)) < high:
+            raise MaterialError(
+                f"drape_coefficient: {hanging.value:g} is out of reach of bending stiffness in cloth of this weight, "
+                "tensile and shear stiffness; check these, and give bending lengths instead"
+            )
     return _result(given, problem, covariance)
 
 
