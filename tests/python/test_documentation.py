@@ -129,10 +129,12 @@ def application():
 
 @functools.lru_cache(None)
 def flags():
-    """Options of all commands."""
+    """Options of all commands, those of groups too."""
+    commands = list(application().commands.values())
+    commands += [inner for group in commands for inner in getattr(group, "commands", {}).values()]
     return {
         flag
-        for command in application().commands.values()
+        for command in commands
         for parameter in command.params
         for flag in (*parameter.opts, *parameter.secondary_opts)
     }
@@ -413,13 +415,23 @@ def named_commands(page):
     return [span[5:] for span in dict.fromkeys(spans(page)) if re.match(r"cama [a-z]", span)]
 
 
+def command_of(words):
+    """(command, its name, its arguments) of a command line; the command of a group where there is one."""
+    name, *arguments = shlex.split(words)
+    command = application().commands.get(name)
+    if arguments and hasattr(command, "commands"):
+        name, *arguments = arguments
+        command = command.commands.get(name)
+    return command, name, arguments
+
+
 def parse(words):
     """Lets the application take a command line apart; raises `Refused` for what it does not accept."""
-    name, *arguments = shlex.split(words)
-    if name not in application().commands:
+    command, name, arguments = command_of(words)
+    if command is None:
         raise typer.BadParameter(f"no command {name}")
     if "--help" not in arguments and (arguments or name == "info"):
-        given = application().commands[name].make_context(name, list(arguments)).params
+        given = command.make_context(name, list(arguments)).params
         for scene in given.get("scenes") or filter(None, [given.get("scene")]):
             if re.fullmatch(r"[a-z]+", scene) and scene not in cama.scenes():
                 raise typer.BadParameter(f"no scene {scene}")
@@ -427,14 +439,10 @@ def parse(words):
 
 def unknown_options(words):
     """The options of a named command that it does not have."""
-    name, *arguments = shlex.split(words)
-    if name not in application().commands:
+    command, name, arguments = command_of(words)
+    if command is None:
         return [name]
-    own = {
-        flag
-        for parameter in application().commands[name].params
-        for flag in (*parameter.opts, *parameter.secondary_opts)
-    } | {"--help"}
+    own = {flag for parameter in command.params for flag in (*parameter.opts, *parameter.secondary_opts)} | {"--help"}
     return [word for word in arguments if word.startswith("-") and word not in own]
 
 
@@ -458,6 +466,8 @@ def test_commands_are_accepted(page):
         "run --frames 3",
         "run drape --frames few",
         "check drapes",
+        "fabric weave cotton",
+        "fabric test cotton --no-such-option 3",
     ],
 )
 def test_a_false_command_is_seen(words):

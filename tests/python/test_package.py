@@ -149,7 +149,7 @@ def run(*words):
 
 
 def test_user_programs_have_the_types_that_mypy_expects(tmp_path):
-    assert len(PROGRAMS) == 6
+    assert len(PROGRAMS) == 7
     done = run(
         "mypy", "--strict", "--follow-imports=silent", "--cache-dir", tmp_path, *(TYPED / name for name in PROGRAMS)
     )

@@ -105,6 +105,12 @@ SMALLER = {
     "cama run my-skirt --frames 5": "--resolution 300 --frames 1 --accuracy preview",  # coarser ones touch the body
     "cama tradeoff drape --resolution 400": f"{PLAN} --vary time_step=1/200,1/400",
     "cama tradeoff flag --resolution 400 --vary time_step=1/200,1/800 --vary integrator=backward_euler,bdf2": PLAN,
+    "cama fabric test cotton": "--only tensile --only drape --sectors 24 --drapes 1",
+    "cama fabric test my-fabric.json --only cantilever --only drape --json": "--sectors 24 --drapes 1",
+    "cama fabric test wool --only drape --picture drape.png": "--sectors 24 --drapes 1",
+    "cama fabric fit measured.json -o twill.json": "--sectors 24 --drapes 1",
+    "cama fabric test twill.json --only drape": "--sectors 24 --drapes 1",
+    "cama run drape --material twill.json": SMALL,
     "cama tune drape --resolution 400 --error 8%": f"{PLAN} --vary time_step=1/200,1/400",
 }
 

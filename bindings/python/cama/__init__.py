@@ -54,6 +54,7 @@ __all__ = [
     "accuracy_levels",
     "backends",
     "collision",
+    "fabric",
     "fabrics",
     "option_table",
     "record",
@@ -76,10 +77,16 @@ __all__ = [
 ]
 
 if TYPE_CHECKING:
+    from . import fabric
     from .measuring import accuracy, tradeoff, tune
     from .recording import record
 else:
-    _ON_FIRST_USE = {"accuracy": "measuring.accuracy", "tradeoff": "measuring.tradeoff", "tune": "measuring.tune"}
+    _ON_FIRST_USE = {
+        "accuracy": "measuring.accuracy",
+        "fabric": "fabric",
+        "tradeoff": "measuring.tradeoff",
+        "tune": "measuring.tune",
+    }
     _FUNCTIONS_ON_FIRST_USE = {"record": "recording"}
 
     def __getattr__(name):

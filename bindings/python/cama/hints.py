@@ -25,6 +25,14 @@ def counted(number: int, noun: str) -> str:
     return f"{number} {noun}{'' if number == 1 else 's'}"
 
 
+def digits(value: float, count: int = 4) -> str:
+    """Returns a number of so many significant digits, without an exponent from 1e-4 to 1e6."""
+    rounded = float(f"{value:.{count}g}")
+    if rounded != 0 and not 1e-4 <= abs(rounded) < 1e6:
+        return f"{rounded:g}"
+    return f"{rounded:.10f}".rstrip("0").rstrip(".")
+
+
 def similar(word: str, known: Iterable[str]) -> str:
     """Returns "; did you mean 'cotton'?" for "Cotton", or "" where no known word is like it."""
     names = {name.lower(): name for name in known}

@@ -15,6 +15,7 @@ from rich.markup import escape
 
 from .. import _core, options
 from ..errors import Error, SceneError
+from ..material import Material
 from ..plausibility import PlausibilityWarning
 
 
@@ -172,6 +173,24 @@ def chosen(time_step, words, error=""):
         except SceneError as problem:
             raise SceneError(f"--set {word}: {problem}") from None
     return result.values()
+
+
+def put_materials(scene, words):
+    """Gives cloths the materials of `--material [CLOTH=]MATERIAL`; each keeps its contact thickness.
+
+    Raises SceneError, MaterialError, FileError.
+    """
+    for word in words or ():
+        name, mark, text = word.rpartition("=")
+        cloths = [cloth for cloth in scene.cloths if not mark or cloth.name == name]
+        if not cloths:
+            raise SceneError(
+                f"--material {word}: there is no cloth {name!r}; there are {[c.name for c in scene.cloths]}"
+            )
+        material = Material.of(text)
+        for cloth in cloths:
+            thickness = material.thickness or cloth.material.thickness
+            cloth.material = material.with_thickness(thickness)
 
 
 def rest_lines(scene):

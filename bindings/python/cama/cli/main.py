@@ -10,6 +10,7 @@ from .check import check
 from .doctor import doctor
 from .explain import explain
 from .export import export
+from .fabric import app as fabric
 from .info import info
 from .new import new
 from .render import render
@@ -46,6 +47,7 @@ def options(
 
 for command in (run, new, check, render, view, export, explain, info, doctor, stability, tradeoff, tune):
     app.command()(command)
+app.add_typer(fabric, name="fabric")
 
 
 def main():

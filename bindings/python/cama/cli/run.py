@@ -38,6 +38,7 @@ from .common import (
     clean,
     console,
     fail,
+    put_materials,
     seconds,
 )
 from .resume import resume as resumed_from
@@ -55,6 +56,13 @@ def run(
     error: ErrorOption = "",
     set_: Set = None,
     resolution: Resolution = 0,
+    material: Annotated[
+        Optional[list[str]],
+        typer.Option(
+            metavar="[CLOTH=]MATERIAL",
+            help="A fabric's name or a material file, for the named cloth or for all; may be repeated.",
+        ),
+    ] = None,
     frames: Annotated[
         Optional[int], typer.Option(min=0, help="Number of frames to record. Default: the scene's.")
     ] = None,
@@ -111,6 +119,7 @@ def run(
     progress = Console(stderr=True, highlight=False)
     with during("loading the scene", progress):
         loaded = Scene.load(scene, resolution)
+        put_materials(loaded, material)
     with during("untangling the start" if intersections == Policy.untangle else "checking the start", progress):
         simulation = Simulation(
             loaded,
