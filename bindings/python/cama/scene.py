@@ -20,6 +20,7 @@ from .hints import counted, reading
 from .inputs import compiled_mesh, file_frame, has_morph_animation, placement, shape_scene, texture_scale, uniform_scale
 from .io import reading as guard
 from .io import usd_scene
+from .io.characters import keep_limbs_apart
 from .io.usd_reader import is_usd, read_usd
 from .material import Material
 from .motion import Motion
@@ -341,6 +342,7 @@ class Scene:
         lead_in: float = 0.0,
         loops: int = 1,
         leave_out: Sequence[str] = (),
+        clearance: float | None = None,
         units: Literal["m", "cm", "mm", "inch"] = "m",
         up: Literal["y", "z"] | None = None,
         transform: ArrayLike | None = None,
@@ -372,6 +374,9 @@ class Scene:
             loops: How many times the clip is played.
             leave_out: Names of joints of a character. What follows them, or joints below them, more than any other
                 joint is not part of the obstacle: the arms, say, where they would press a skirt into the hips.
+            clearance: Distance that the limbs of a character keep from each other and from the trunk, m. Where they come
+                closer, or pass through each other, they are bent aside when the file is read; `source` of the obstacle
+                says how far. None: 0.01; 0: the motion stays as it is.
             units, up: As for `add_cloth`.
             transform, translate, rotate, scale: Placement, as for `add_cloth`.
             weld: As for `add_cloth`. Not for a motion that moves every vertex by itself; animated characters are
@@ -397,19 +402,23 @@ class Scene:
         joints = _joint_names(f"{name}: leave_out", leave_out)
         if joints and (motion is not None or not isinstance(mesh, (str, os.PathLike)) or not _animated(mesh)):
             raise SceneError(f"{name}: leave_out: needs a character, a glTF, FBX or DAE file without another motion")
+        gap = None if clearance is None else number(f"{name}: clearance", clearance)
+        if gap is not None and gap < 0:
+            raise SceneError(f"{name}: clearance: must be a distance in m, 0 to leave the motion as it is, got {gap:g}")
+        how: tuple[Any, ...] = ()
         if motion is None and isinstance(mesh, (str, os.PathLike)) and (animation is not None or _animated(mesh)):
-            character = _character(
-                mesh,
-                str(clip),
-                animation,
+            how = (
                 number(f"{name}: samples_per_second", samples_per_second),
                 bool(y_up),
                 number(f"{name}: lead_in", lead_in),
                 whole(f"{name}: loops", loops),
                 joints,
             )
+            character = _character(mesh, str(clip), animation, *how)
             obstacle.source = str(mesh)
             body, moving = character.mesh, character.motion
+        elif gap:
+            raise SceneError(f"{name}: clearance: needs a character, a glTF, FBX or DAE file without another motion")
         elif motion is None and is_usd(mesh):
             if clip not in ("", "bind") or lead_in or loops != 1:
                 raise SceneError(
@@ -435,6 +444,9 @@ class Scene:
         self._weld(name, obstacle, weld, shape)
         if obstacle.shape == "mesh":
             obstacle.mesh.validate(name)
+        if how:
+            arguments = (Path(str(mesh)), str(clip), "" if animation is None else Path(animation), 1.0, *how)
+            keep_limbs_apart(obstacle, arguments, abs(float(np.linalg.det(place[:3, :3]))) ** (1 / 3), gap)
         for key, value in numbers.items():
             setattr(obstacle, key, value)
         return Obstacle(self, self._core.add_obstacle(obstacle))
