@@ -20,7 +20,6 @@ __all__ = ["Body"]
 HEIGHT = 1.7  # m, of the body that is described below
 FINEST = 16_000  # triangles; a coarser grid would lose the thumbs, so that smaller meshes are decimated ones
 SMOOTH = 0.04  # m, width of a joint's skin
-ARM = math.radians(48)  # of the arms in the bind pose, from the vertical
 
 
 @dataclass(frozen=True)
@@ -48,8 +47,8 @@ class _Shape:
 def _trunk() -> list[_Shape]:
     shapes = [
         _Shape((0, 0.005, 1.275), (0.135, 0.098, 0.165)),  # rib cage
-        _Shape((0, 0.0, 1.09), (0.112, 0.082, 0.15)),  # waist
-        _Shape((0, 0.002, 0.945), (0.158, 0.102, 0.12)),  # pelvis
+        _Shape((0, 0.0, 1.09), (0.116, 0.084, 0.16)),  # waist
+        _Shape((0, 0.002, 0.935), (0.146, 0.1, 0.14)),  # pelvis
         _Shape((0, 0.012, 1.40), (0.052, 0.049), (0, -0.004, 1.53)),  # neck
         _Shape((0, 0.008, 1.605), (0.074, 0.093, 0.096)),  # skull
         _Shape((0, -0.028, 1.553), (0.055, 0.062, 0.072)),  # face
@@ -59,8 +58,8 @@ def _trunk() -> list[_Shape]:
         shapes += [
             _Shape((side * 0.05, 0.008, 1.39), (0.058, 0.052), (side * 0.15, 0.008, 1.392)),  # shoulder girdle
             _Shape((side * 0.03, 0.014, 1.46), (0.042, 0.034), (side * 0.12, 0.012, 1.415)),  # trapezius
-            _Shape((side * 0.068, -0.072, 1.252), (0.060, 0.055, 0.060)),  # breast
-            _Shape((side * 0.072, 0.045, 0.895), (0.082, 0.078, 0.088)),  # buttock
+            _Shape((side * 0.068, -0.066, 1.25), (0.057, 0.053, 0.058)),  # breast
+            _Shape((side * 0.074, 0.042, 0.895), (0.078, 0.074, 0.086)),  # buttock
         ]
     return shapes
 
@@ -73,7 +72,7 @@ def _arm(side: float) -> list[_Shape]:
     axes = np.stack([along, across, thin])
 
     def at(point: Reals, *offset: float) -> tuple[float, float, float]:
-        x = point + np.array(offset) @ axes
+        x = point + np.array(offset or (0.0, 0.0, 0.0)) @ axes
         return float(x[0]), float(x[1]), float(x[2])
 
     return [
@@ -95,9 +94,9 @@ def _leg(side: float) -> list[_Shape]:
         return float(point[0] + side * x), float(point[1] + y), float(point[2] + z)
 
     return [
-        _Shape(at(hip, 0, 0, 0), (0.088, 0.053), at(knee, 0, 0, 0)),
-        _Shape(at(hip, 0.006, -0.008, -0.17), (0.080, 0.083, 0.19)),
-        _Shape(at(knee, 0, -0.006, 0), (0.050, 0.053, 0.06)),
+        _Shape(at(hip, 0, 0, 0), (0.080, 0.050), at(knee, 0, 0, 0)),
+        _Shape(at(hip, 0.006, -0.006, -0.15), (0.072, 0.079, 0.19)),
+        _Shape(at(knee, 0, -0.006, 0), (0.048, 0.051, 0.06)),
         _Shape(at(knee, 0, 0, 0), (0.049, 0.034), at(ankle, 0, 0, 0)),
         _Shape(at(knee, 0.002, 0.022, -0.125), (0.048, 0.047, 0.125)),  # calf
         _Shape(at(ankle, 0, 0.022, -0.046), (0.034, 0.040, 0.036)),  # heel
@@ -123,7 +122,7 @@ class _Surface:
     """The signed distance of the body and of its parts."""
 
     def __init__(self) -> None:
-        self.parts = [(_trunk(), 0.045), (_arm(1), 0.025), (_arm(-1), 0.025), (_leg(1), 0.03), (_leg(-1), 0.03)]
+        self.parts = [(_trunk(), 0.055), (_arm(1), 0.025), (_arm(-1), 0.025), (_leg(1), 0.03), (_leg(-1), 0.03)]
 
     def part_distances(self, x: Reals) -> Reals:
         """Returns the distances [5, n] of trunk, left and right arm, left and right leg, m."""
@@ -132,9 +131,10 @@ class _Surface:
     def distance(self, x: Reals) -> Reals:
         """Returns the signed distances [n], m; the soles are flat."""
         trunk, *limbs = self.part_distances(x)
+        joined = trunk
         for limb, width in zip(limbs, (0.04, 0.04, 0.05, 0.05)):
-            trunk = _blend(trunk, limb, width)
-        return -_blend(-trunk, x[:, 2] - 0.002, 0.01)
+            joined = _blend(joined, _blend(trunk, limb, width), 0.01)  # limbs do not melt into each other
+        return -_blend(-joined, x[:, 2] - 0.002, 0.01)
 
     def gradient(self, x: Reals) -> Reals:
         """Returns central differences [n, 3]."""
@@ -230,10 +230,8 @@ def _skin(surface: _Surface, vertices: Reals, faces: Integers) -> Reals:
     """Returns the weights [vertices, bones]: 1 for the bone of a vertex's part, smoothed over the surface."""
     part = surface.part_distances(vertices).argmin(axis=0)
     bone = np.zeros(len(vertices), int)
-    for index, (name, level) in enumerate((("spine", 1.03), ("chest", 1.18), ("neck", 1.435), ("head", 1.515))):
-        above = (part == 0) & (vertices[:, 2] > level)
-        bone[above] = BONES.index(name)
-        del index
+    for name in ("spine", "chest", "neck", "head"):
+        bone[(part == 0) & (vertices[:, 2] > JOINTS[name][2])] = BONES.index(name)
     chains = (("arm", "forearm", "hand"), ("thigh", "shin", "foot"))
     for limb in range(1, 5):
         end = "_left" if limb % 2 else "_right"

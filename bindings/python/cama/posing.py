@@ -17,7 +17,7 @@ from .types import Reals
 __all__ = ["BONES", "JOINTS", "MOTIONS", "PARENTS", "pose"]
 
 ARM = math.radians(48)  # from the vertical, in the bind pose
-SOLES = 0.006  # m, over which the lowest point of the feet is smoothed in time
+SOLES = 0.003  # m, over which the lowest point of the feet is smoothed in time
 
 Angles = dict[str, Reals]  # bone -> angles [t, 3] about x, then y, then z, degrees
 
@@ -37,9 +37,9 @@ def _skeleton() -> tuple[dict[str, Reals], dict[str, str]]:
         "arm": shoulder,
         "forearm": shoulder + 0.275 * way,
         "hand": shoulder + 0.515 * way + [0, -0.02, 0],
-        "thigh": (0.088, 0.002, 0.9),
-        "shin": (0.094, -0.004, 0.485),
-        "foot": (0.098, 0.014, 0.085),
+        "thigh": (0.092, 0.002, 0.9),
+        "shin": (0.1, -0.004, 0.485),
+        "foot": (0.106, 0.014, 0.085),
     }
     for end, side in (("_left", 1.0), ("_right", -1.0)):
         for name, joint in own.items():
@@ -225,4 +225,5 @@ def _lowest(rotations: Reals, translations: Reals) -> Reals:
             heights.append((rotations[:, bone] @ point + translations[:, bone])[:, 2])
     stacked = np.stack(heights)
     least = stacked.min(axis=0)
-    return least - SOLES * (np.log(np.exp(-(stacked - least) / SOLES).sum(axis=0)) - math.log(len(heights)) * 0 )
+    share = np.exp(-(stacked - least) / SOLES).sum(axis=0) / (len(heights) // 2)  # 1 on one flat foot
+    return least - SOLES * np.log(share)

@@ -15,6 +15,7 @@ import numpy as np
 
 from . import _core, collision, shipped
 from .arrays import count, indices, number, plain, reals, vector, whole
+from .body import Body
 from .errors import ArrayError, FileError, MeshError, SceneError
 from .hints import counted, reading
 from .inputs import compiled_mesh, file_frame, has_morph_animation, placement, shape_scene, texture_scale, uniform_scale
@@ -326,7 +327,7 @@ class Scene:
 
     def add_obstacle(
         self,
-        mesh: PathLike | ArrayLike | MeshLike | None = None,
+        mesh: PathLike | ArrayLike | MeshLike | Body | None = None,
         faces: ArrayLike | None = None,
         *,
         shape: Description | None = None,
@@ -355,7 +356,7 @@ class Scene:
         """Adds an obstacle, which cloth collides with, and returns its handle.
 
         Args:
-            mesh: As for `add_cloth`. glTF, FBX and DAE files bring their skeletal animation, USD files the time samples
+            mesh: As for `add_cloth`, or a `cama.Body` with its motion. glTF, FBX and DAE files bring their skeletal animation, USD files the time samples
                 of points, transforms and skeletons; without one they stand still.
             faces: As for `add_cloth`.
             shape: A generated obstacle instead of `mesh`, as in scene.json, for example {"sphere": {"radius": 0.25}},
@@ -430,6 +431,9 @@ class Scene:
             moving = _core.Motion()
             if len(read.times) > 1:
                 moving.set_samples(read.times, read.positions)
+        elif isinstance(mesh, Body) and motion is None:
+            body, obstacle.source = compiled_mesh(name, mesh, None, None, None)[0], f"generated body, {mesh.motion}"
+            moving = _core.Motion(mesh.animation())
         else:
             part, obstacle.source = self._part("obstacle", name, mesh, faces, shape)
             body, moving = part.mesh, part.motion

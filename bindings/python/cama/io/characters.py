@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Characters whose limbs are kept apart when they are read: what `clearance` of a character means."""
+"""Obstacles of scene files that are bodies: characters, whose limbs are kept apart, and generated ones."""
 
 from __future__ import annotations
 
@@ -10,9 +10,10 @@ from typing import Any
 import numpy as np
 
 from .. import _core
+from ..body import Body
 from ..clearance import GAP, clear
-from ..errors import FileError, SceneError
-from ..hints import counted, without_comments
+from ..errors import ArrayError, FileError, MeshError, SceneError
+from ..hints import counted, similar, without_comments
 from ..types import Reals
 from . import reading
 from .usd_reader import is_usd
@@ -29,14 +30,12 @@ def parsed(text: str) -> dict[str, Any]:
     return scene if isinstance(scene, dict) else {}
 
 
-def take_clearances(scene: dict[str, Any]) -> tuple[dict[int, float | None], bool]:
+def take_clearances(scene: dict[str, Any]) -> dict[int, float | None]:
     """Removes `clearance` from the characters of a scene, which the compiled reader does not know.
 
-    Returns the clearance of each obstacle that is a character, m, None: the default; and whether one was there. Raises
-    SceneError.
+    Returns the clearance of each obstacle that is a character, m; None: the default. Raises SceneError.
     """
     found: dict[int, float | None] = {}
-    removed = False
     entries = scene.get("obstacles")
     for number, entry in enumerate(entries if isinstance(entries, list) else []):
         character = entry.get("character") if isinstance(entry, dict) else None
@@ -50,13 +49,13 @@ def take_clearances(scene: dict[str, Any]) -> tuple[dict[int, float | None], boo
                     f"obstacles[{number}].character.clearance: must be a distance in m, 0 to leave the motion as it "
                     f"is, got {value!r}"
                 )
-            found[number], removed = float(value), True
+            found[number] = float(value)
         if is_usd(character["file"]) or "motion" in entry:
             if found.pop(number):
                 raise SceneError(
                     f"obstacles[{number}].character.clearance: is for glTF, FBX and DAE files without another motion"
                 )
-    return found, removed
+    return found
 
 
 def keep_apart(core: _core.Scene, scene: dict[str, Any], folder: Path, clearances: dict[int, float | None]) -> None:
@@ -117,3 +116,52 @@ def _sample_times(duration: float, rate: float, lead_in: float, loops: int) -> R
     starts = np.linspace(0, max(lead_in, 0.0), lead + 1)[:-1] if lead else np.zeros(0)
     clip = np.arange(count * max(loops, 1) + 1) * (length / count)
     return np.concatenate([starts, max(lead_in, 0.0) + clip])
+
+
+BODY_KEYS = ("motion", "height", "triangles", "duration", "lead_in", "start", "period", "samples_per_second")
+
+
+def write_bodies(scene: dict[str, Any]) -> dict[int, Body]:
+    """Replaces the generated bodies of a scene by their meshes; returns the body of each such obstacle.
+
+    Raises SceneError, ArrayError, BackendError
+    """
+    bodies: dict[int, Body] = {}
+    entries = scene.get("obstacles")
+    for number, entry in enumerate(entries if isinstance(entries, list) else []):
+        if not isinstance(entry, dict) or not isinstance(entry.get("body"), dict):
+            continue
+        given = {key: value for key, value in entry["body"].items() if not key.startswith(("$", "_"))}
+        for key in given:
+            if key not in BODY_KEYS:
+                raise SceneError(
+                    f"obstacles[{number}].body.{key}: not known; there are {', '.join(BODY_KEYS)}"
+                    f"{similar(key, BODY_KEYS)}"
+                )
+        given.setdefault("duration", _duration(scene))
+        try:
+            body = Body(**given)
+        except (SceneError, ArrayError, MeshError) as problem:
+            raise type(problem)(f"obstacles[{number}].{problem}".replace(".body: ", ".body.", 1)) from None
+        bodies[number] = body
+        entry["mesh"] = {"position": body.vertices.ravel().tolist(), "face": body.faces.ravel().tolist()}
+        entry.setdefault("source", f"generated body, {body.motion}")
+        del entry["body"]
+    return bodies
+
+
+def _duration(scene: dict[str, Any]) -> float:
+    """Returns the length of a scene, s, or that of one second where it has none yet."""
+    frames, frame_time = scene.get("frames", 100), scene.get("frame_time", 0) or scene.get("time_step", 0) or 1 / 60
+    if not isinstance(frames, (int, float)) or not isinstance(frame_time, (int, float)):
+        return 1.0  # the compiled reader says what is wrong
+    return float(frames * frame_time) if 0 < frames * frame_time < 1e4 else 1.0
+
+
+def animate(obstacle: _core.Obstacle, body: Body) -> None:
+    """Gives an obstacle of a scene, which has the mesh of a body, the body's animation."""
+    at_start = np.column_stack([body.vertices, np.ones(len(body.vertices))])
+    place = np.linalg.lstsq(at_start, obstacle.mesh.vertices, rcond=None)[0]  # [4, 3], where the scene puts it
+    motion = obstacle.motion
+    motion.set_samples(body.times, body.positions @ place[:3] + place[3])
+    obstacle.motion = motion

@@ -1,5 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Scene files that name USD files: the meshes are read here and handed to the compiled reader written out."""
+"""Scene files that name USD files, characters and generated bodies, of which the compiled reader knows less.
+
+Meshes of USD files and bodies are handed to the compiled reader written out.
+"""
 
 from __future__ import annotations
 
@@ -15,7 +18,7 @@ from ..errors import MaterialError, MeshError, SceneError
 from . import characters
 from .usd_reader import is_usd, read_usd
 
-WRITTEN_OUT = re.compile(r'"character"')
+WRITTEN_OUT = re.compile(r'"character"|"body"\s*:\s*\{')
 NAMED = re.compile(r'\.usd[acz]?"', re.IGNORECASE)
 
 
@@ -41,7 +44,8 @@ def parse(text: str, folder: Path, resolution: int) -> _core.Scene:
     scene = characters.parsed(text)
     if not scene:
         return _core.Scene.parse(text, folder, resolution)
-    clearances, _ = characters.take_clearances(scene)
+    clearances = characters.take_clearances(scene)
+    bodies = characters.write_bodies(scene)
     scales: dict[int, float] = {}
     for key in ("cloth", "obstacles"):
         entries = scene.get(key)
@@ -53,6 +57,8 @@ def parse(text: str, folder: Path, resolution: int) -> _core.Scene:
     for number, scale in scales.items():
         core.cloth(number).material_scale = scale
     characters.keep_apart(core, scene, folder, clearances)
+    for number, body in bodies.items():
+        characters.animate(core.obstacle(number), body)
     return core
 
 
