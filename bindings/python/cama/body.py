@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import functools
 import math
 from dataclasses import dataclass, field
 
@@ -41,7 +42,9 @@ class _Shape:
             return first * (first - 1) / np.maximum(second, 1e-9)
         along = np.array(self.b) - np.array(self.a)
         t = np.clip(offset @ along / (along @ along), 0, 1)
-        return np.linalg.norm(offset - t[:, None] * along, axis=1) - (self.radii[0] + t * (self.radii[1] - self.radii[0]))
+        return np.linalg.norm(offset - t[:, None] * along, axis=1) - (
+            self.radii[0] + t * (self.radii[1] - self.radii[0])
+        )
 
 
 def _trunk() -> list[_Shape]:
@@ -49,10 +52,7 @@ def _trunk() -> list[_Shape]:
         _Shape((0, 0.005, 1.275), (0.135, 0.098, 0.165)),  # rib cage
         _Shape((0, 0.0, 1.09), (0.116, 0.084, 0.16)),  # waist
         _Shape((0, 0.002, 0.935), (0.146, 0.1, 0.14)),  # pelvis
-        _Shape((0, 0.012, 1.40), (0.052, 0.049), (0, -0.004, 1.53)),  # neck
-        _Shape((0, 0.008, 1.605), (0.074, 0.093, 0.096)),  # skull
-        _Shape((0, -0.028, 1.553), (0.055, 0.062, 0.072)),  # face
-        _Shape((0, -0.09, 1.57), (0.014, 0.020, 0.024)),  # nose
+        _Shape((0, 0.014, 1.40), (0.051, 0.046), (0, 0.002, 1.53)),  # neck
     ]
     for side in (1.0, -1.0):
         shapes += [
@@ -62,6 +62,15 @@ def _trunk() -> list[_Shape]:
             _Shape((side * 0.074, 0.042, 0.895), (0.078, 0.074, 0.086)),  # buttock
         ]
     return shapes
+
+
+def _head() -> list[_Shape]:
+    return [
+        _Shape((0, 0.008, 1.605), (0.074, 0.092, 0.094)),  # skull
+        _Shape((0, -0.032, 1.556), (0.056, 0.058, 0.068)),  # face
+        _Shape((0, -0.062, 1.506), (0.030, 0.026, 0.024)),  # chin
+        _Shape((0, -0.098, 1.568), (0.013, 0.020, 0.024)),  # nose
+    ]
 
 
 def _arm(side: float) -> list[_Shape]:
@@ -122,11 +131,13 @@ class _Surface:
     """The signed distance of the body and of its parts."""
 
     def __init__(self) -> None:
+        self.head = _head()
         self.parts = [(_trunk(), 0.055), (_arm(1), 0.025), (_arm(-1), 0.025), (_leg(1), 0.03), (_leg(-1), 0.03)]
 
     def part_distances(self, x: Reals) -> Reals:
         """Returns the distances [5, n] of trunk, left and right arm, left and right leg, m."""
-        return np.stack([_union(shapes, x, width) for shapes, width in self.parts])
+        trunk, *limbs = (_union(shapes, x, width) for shapes, width in self.parts)
+        return np.stack([_blend(trunk, _union(self.head, x, 0.02), 0.03), *limbs])
 
     def distance(self, x: Reals) -> Reals:
         """Returns the signed distances [n], m; the soles are flat."""
@@ -253,6 +264,17 @@ def _skin(surface: _Surface, vertices: Reals, faces: Integers) -> Reals:
     return weights
 
 
+@functools.lru_cache(maxsize=2)
+def _made(triangles: int) -> tuple[Reals, Integers, Reals]:
+    """Returns vertices in the bind pose, faces and weights; they are kept for the next body of this process."""
+    surface = _Surface()
+    bind, faces = _polygonise(surface, triangles)
+    made = bind, faces, _skin(surface, bind, faces)
+    for array in made:
+        array.flags.writeable = False
+    return made
+
+
 def _rotated(rotations: Reals) -> Reals:
     """Returns the unit quaternions [..., 4] (w, x, y, z) of rotation matrices [..., 3, 3]."""
     m = rotations
@@ -275,7 +297,9 @@ def _rotated(rotations: Reals) -> Reals:
 def _product(a: Reals, b: Reals) -> Reals:
     """Returns the products [..., 4] of quaternions."""
     scalar = a[..., :1] * b[..., :1] - (a[..., 1:] * b[..., 1:]).sum(axis=-1, keepdims=True)
-    return np.concatenate([scalar, a[..., :1] * b[..., 1:] + b[..., :1] * a[..., 1:] + np.cross(a[..., 1:], b[..., 1:])], -1)
+    return np.concatenate(
+        [scalar, a[..., :1] * b[..., 1:] + b[..., :1] * a[..., 1:] + np.cross(a[..., 1:], b[..., 1:])], -1
+    )
 
 
 def skinned(vertices: Reals, weights: Reals, rotations: Reals, translations: Reals) -> Reals:
@@ -339,16 +363,20 @@ class Body:
 
     def __post_init__(self) -> None:
         self._check()
-        surface = _Surface()
-        bind, faces = _polygonise(surface, self.triangles)
-        weights = _skin(surface, bind, faces)
+        bind, faces, weights = _made(int(self.triangles))
         count = max(1, math.ceil(self.duration * self.samples_per_second - 1e-9))
         times = np.linspace(0, self.duration, count + 1)
-        rotations, translations = pose(self.motion, times, self.lead_in, self.start, self.period or periods[self.motion])
+        rotations, translations = pose(
+            self.motion, times, self.lead_in, self.start, self.period or periods[self.motion]
+        )
         scale = self.height / HEIGHT
         positions = np.stack([scale * skinned(bind, weights, r, t) for r, t in zip(rotations, translations)])
         for name, value in (
-            ("faces", faces), ("weights", weights), ("times", times), ("positions", positions), ("vertices", positions[0])
+            ("faces", faces),
+            ("weights", weights),
+            ("times", times),
+            ("positions", positions),
+            ("vertices", positions[0]),
         ):
             object.__setattr__(self, name, value)
 

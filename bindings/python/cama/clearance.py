@@ -17,7 +17,7 @@ __all__ = ["Cleared", "clear"]
 
 GAP = 0.01  # m, the default distance between limbs
 ROUNDS = 6  # of search and correction in a frame
-PASSES = 3  # over all frames; motion is smoothed in time between them
+COARSE = 0.05  # s, between the frames that are looked at first; then all frames around those that were changed
 SETTLE = 0.12  # s, over which displacements are smoothed in time
 # Lengths below are fractions of the body's extent in the bind pose.
 LIMB = 0.15  # what sticks out by less is no limb
@@ -157,7 +157,11 @@ class _Surface:
     def points(self, values: Reals) -> Reals:
         """Returns values [points, k] at the points from those at the vertices."""
         corner, weight = self.corner, self.weight
-        return values[corner[:, 0]] * weight[:, 0] + values[corner[:, 1]] * weight[:, 1] + values[corner[:, 2]] * weight[:, 2]
+        return (
+            values[corner[:, 0]] * weight[:, 0]
+            + values[corner[:, 1]] * weight[:, 1]
+            + values[corner[:, 2]] * weight[:, 2]
+        )
 
     def normals(self, vertices: Reals) -> Reals:
         """Returns the unit normals [points, 3]."""
@@ -249,18 +253,27 @@ def _clear_frame(surface: _Surface, vertices: Reals, moved: Reals, gap: float) -
             depth = np.linalg.norm(ways[own], axis=1)
             direction = (ways[own] * depth[:, None]).sum(axis=0)
             direction /= max(float(np.linalg.norm(direction)), 1e-30)
-            along = np.maximum((ways[own] @ direction) / depth, 0.3) * surface.bend[found[own]]
-            step[limb] = direction * (depth / np.maximum(along, 0.2)).max()
+            along = np.maximum((ways[own] @ direction) / depth, 0.5) * surface.bend[found[own]]
+            step[limb] = direction * (depth / np.maximum(along, 0.5)).max()
         if np.linalg.norm(step, axis=1).max() < 0.1 * gap:
             break
         moved = moved + step
     return moved
 
 
+def _between(moved: Reals, known: Reals, times: Reals) -> Reals:
+    """Returns displacements [frames, limbs, 3] at the times from those at some of them."""
+    flat = moved.reshape(len(known), -1)
+    return np.stack([np.interp(times, known, column) for column in flat.T], axis=1).reshape(
+        len(times), *moved.shape[1:]
+    )
+
+
 def _smoothed(moved: Reals, times: Reals) -> Reals:
     """Returns displacements [frames, limbs, 3] averaged over time with a Gaussian of `SETTLE`."""
     apart = (times[:, None] - times[None]) / (0.5 * SETTLE)
     weight = np.exp(-0.5 * apart**2)
+    weight[np.abs(apart) > 4] = 0
     return np.tensordot(weight / weight.sum(axis=1, keepdims=True), moved, axes=1)
 
 
@@ -285,12 +298,15 @@ def clear(
     limbs = _Limbs(np.asarray(bind, float), np.asarray(faces))
     surface = _Surface(np.asarray(bind, float), np.asarray(faces), limbs)
     moved = np.zeros((len(times), limbs.count, 3))
-    for number in range(PASSES):
-        if number:
-            moved = _smoothed(moved, times)
-        moved = np.stack([_clear_frame(surface, x, u, gap) for x, u in zip(positions, moved)])
-        if number == 0 and not moved.any():
-            return Cleared(positions, 0, 0, 0.0)
+    stride = max(1, round(COARSE * (len(times) - 1) / max(times[-1] - times[0], 1e-9)))
+    looked = np.unique(np.append(np.arange(0, len(times), stride), len(times) - 1))
+    for frame in looked:
+        moved[frame] = _clear_frame(surface, positions[frame], moved[frame], gap)
+    if not moved.any():
+        return Cleared(positions, 0, 0, 0.0)
+    moved = _smoothed(_between(moved[looked], times[looked], times), times)
+    for frame in np.flatnonzero((np.linalg.norm(moved, axis=2) > 1e-3 * gap).any(axis=1)):
+        moved[frame] = _clear_frame(surface, positions[frame], moved[frame], gap)
     moved = _smoothed(moved, times)
     if still:
         moved = moved - moved[0] * np.exp(-0.5 * ((times - times[0]) / (0.5 * SETTLE)) ** 2)[:, None, None]

@@ -58,7 +58,11 @@ class _Pose:
     """Angles of all bones at the times of an animation."""
 
     def __init__(self, count: int) -> None:
-        self.count, self.angles, self.shift = count, {name: np.zeros((count, 3)) for name in BONES}, np.zeros((count, 3))
+        self.count, self.angles, self.shift = (
+            count,
+            {name: np.zeros((count, 3)) for name in BONES},
+            np.zeros((count, 3)),
+        )
 
     def turn(self, bone: str, x: object = 0.0, y: object = 0.0, z: object = 0.0) -> None:
         """Adds angles to a bone, degrees."""
@@ -159,7 +163,11 @@ def _turn(p: _Pose, x: Reals) -> None:
 
 
 MOTIONS: dict[str, Callable[[_Pose, Reals], None]] = {
-    "stand": _stand, "walk": _walk, "dance": _dance, "kick": _kick, "turn": _turn
+    "stand": _stand,
+    "walk": _walk,
+    "dance": _dance,
+    "kick": _kick,
+    "turn": _turn,
 }
 periods = {"stand": 4.0, "walk": 1.15, "dance": 1.6, "kick": 2.4, "turn": 4.0}  #: s, of one round
 

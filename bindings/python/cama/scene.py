@@ -356,8 +356,9 @@ class Scene:
         """Adds an obstacle, which cloth collides with, and returns its handle.
 
         Args:
-            mesh: As for `add_cloth`, or a `cama.Body` with its motion. glTF, FBX and DAE files bring their skeletal animation, USD files the time samples
-                of points, transforms and skeletons; without one they stand still.
+            mesh: As for `add_cloth`, or a `cama.Body`, which brings its motion. glTF, FBX and DAE files bring their
+                skeletal animation, USD files the time samples of points, transforms and skeletons; without one they
+                stand still.
             faces: As for `add_cloth`.
             shape: A generated obstacle instead of `mesh`, as in scene.json, for example {"sphere": {"radius": 0.25}},
                 {"box": {"size": [1, 1, 0.1]}} or {"walker": {}}. {"shape": {"sphere": {"radius": 0.25}}} is an exact
@@ -375,9 +376,9 @@ class Scene:
             loops: How many times the clip is played.
             leave_out: Names of joints of a character. What follows them, or joints below them, more than any other
                 joint is not part of the obstacle: the arms, say, where they would press a skirt into the hips.
-            clearance: Distance that the limbs of a character keep from each other and from the trunk, m. Where they come
-                closer, or pass through each other, they are bent aside when the file is read; `source` of the obstacle
-                says how far. None: 0.01; 0: the motion stays as it is.
+            clearance: Distance that the limbs of a character keep from each other and from the trunk, m. Where they
+                come closer, or pass through each other, they are bent aside when the file is read; `source` of the
+                obstacle says how far. None: 0.01; 0: the motion stays as it is.
             units, up: As for `add_cloth`.
             transform, translate, rotate, scale: Placement, as for `add_cloth`.
             weld: As for `add_cloth`. Not for a motion that moves every vertex by itself; animated characters are

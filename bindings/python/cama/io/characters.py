@@ -13,7 +13,8 @@ from .. import _core
 from ..body import Body
 from ..clearance import GAP, clear
 from ..errors import ArrayError, FileError, MeshError, SceneError
-from ..hints import counted, similar, without_comments
+from ..hints import similar, without_comments
+from ..plausibility import KEPT_APART
 from ..types import Reals
 from . import reading
 from .usd_reader import is_usd
@@ -50,11 +51,10 @@ def take_clearances(scene: dict[str, Any]) -> dict[int, float | None]:
                     f"is, got {value!r}"
                 )
             found[number] = float(value)
-        if is_usd(character["file"]) or "motion" in entry:
-            if found.pop(number):
-                raise SceneError(
-                    f"obstacles[{number}].character.clearance: is for glTF, FBX and DAE files without another motion"
-                )
+        if (is_usd(character["file"]) or "motion" in entry) and found.pop(number):
+            raise SceneError(
+                f"obstacles[{number}].character.clearance: is for glTF, FBX and DAE files without another motion"
+            )
     return found
 
 
@@ -103,8 +103,8 @@ def keep_limbs_apart(obstacle: _core.Obstacle, arguments: tuple[Any, ...], scale
     obstacle.motion = motion
     obstacle.mesh = _core.Mesh(cleared.positions[0], mesh.faces, mesh.material_vertices, mesh.material_faces)
     obstacle.source += (
-        f"; {counted(cleared.vertices, 'vertex').replace('vertexs', 'vertices')} moved by up to "
-        f"{1e3 * cleared.largest:.0f} mm in {counted(cleared.frames, 'sample')}, so that its limbs keep apart"
+        f"; {cleared.vertices:,} of {len(mesh.vertices):,} vertices are moved by up to "
+        f"{1e3 * cleared.largest:.0f} mm in {cleared.frames} of {len(times)} samples, {KEPT_APART}"
     )
 
 
