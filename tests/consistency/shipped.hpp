@@ -5,6 +5,8 @@
 #include <algorithm>
 #include <cmath>
 #include <filesystem>
+#include <fstream>
+#include <iterator>
 #include <map>
 #include <string>
 #include <tuple>
@@ -20,12 +22,21 @@ namespace shipped {
 /// Every value of Options::precision.
 inline const std::vector<std::string> precisions = {"double", "mixed", "single"};
 
-/// Sorted names of the scenes.
+/// Whether a scene has a generated body, which the Python package makes.
+inline bool needs_python(const std::filesystem::path &file)
+{
+  std::ifstream stream(file);
+  const std::string text{std::istreambuf_iterator<char>(stream), {}};
+  return text.find("\"body\": {") != std::string::npos;
+}
+
+/// Sorted names of the scenes that the library reads by itself.
 inline std::vector<std::string> scenes()
 {
   std::vector<std::string> names;
   for (const auto &entry : std::filesystem::directory_iterator(std::filesystem::path(CAMA_SOURCE_DIR) / "scenes"))
-    if (std::filesystem::exists(entry.path() / "scene.json")) names.push_back(entry.path().filename().string());
+    if (std::filesystem::exists(entry.path() / "scene.json") && !needs_python(entry.path() / "scene.json"))
+      names.push_back(entry.path().filename().string());
   std::sort(names.begin(), names.end());
   return names;
 }

@@ -13,7 +13,7 @@ from cama import shipped
 from cama.cli import app
 from conftest import judge
 
-SCENES = ["drape", "flag", "funnel", "garment", "pile", "sphere", "twisting"]
+SCENES = ["dance", "drape", "flag", "funnel", "garment", "pile", "sphere", "twisting"]
 
 
 def test_all_are_there():

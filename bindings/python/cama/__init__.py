@@ -20,6 +20,7 @@ os.environ.setdefault("GOMP_SPINCOUNT", "20000")  # before the compiled module s
 from . import collision, shipped  # noqa: E402
 from ._core import __version__, accuracy_levels  # noqa: E402
 from ._core import list_backends as backends  # noqa: E402
+from .body import Body  # noqa: E402
 from .errors import (
     ArrayError,
     BackendError,
@@ -45,6 +46,7 @@ __all__ = [
     "Scene",
     "Cloth",
     "Obstacle",
+    "Body",
     "Material",
     "Motion",
     "Simulation",

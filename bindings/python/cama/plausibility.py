@@ -50,6 +50,8 @@ SAMPLES = 200  # triangles that medians are taken over
 INSTANTS = 16  # at which a rigid motion is looked at
 INSIDE = 0.99  # winding number around a vertex inside a closed obstacle is 1
 
+KEPT_APART = "so that its limbs keep apart"  #: how the remark in the source of such an obstacle ends
+
 PACKAGE = os.path.dirname(os.path.abspath(__file__)) + os.sep
 
 
@@ -490,9 +492,15 @@ def _edges_of_surface(faces: Integers, count: int) -> tuple[int, int]:
     return int(np.count_nonzero(numbers == 1)), int(np.count_nonzero(along[pairs] == along[pairs + 1]))
 
 
+def kept_apart(scene: Scene) -> list[str]:
+    """Returns a line for each character whose limbs were moved when it was read (`clearance`)."""
+    moved = [(obstacle.name, obstacle.source.partition("; ")) for obstacle in scene.obstacles]
+    return [f"obstacle '{name}': {what}" for name, (_, _, what) in moved if what.endswith(KEPT_APART)]
+
+
 def remarks(scene: Scene) -> list[str]:
-    """Returns what is worth knowing of a scene and may well be meant: obstacles that are not closed."""
-    lines = []
+    """Returns what is worth knowing of a scene and may well be meant: obstacles that were changed or are not closed."""
+    lines = kept_apart(scene)
     for obstacle in scene.obstacles:
         if obstacle.shape != "mesh":
             continue

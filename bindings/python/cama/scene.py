@@ -15,11 +15,13 @@ import numpy as np
 
 from . import _core, collision, shipped
 from .arrays import count, indices, number, plain, reals, vector, whole
+from .body import Body
 from .errors import ArrayError, FileError, MeshError, SceneError
 from .hints import counted, reading
 from .inputs import compiled_mesh, file_frame, has_morph_animation, placement, shape_scene, texture_scale, uniform_scale
 from .io import reading as guard
 from .io import usd_scene
+from .io.characters import keep_limbs_apart
 from .io.usd_reader import is_usd, read_usd
 from .material import Material
 from .motion import Motion
@@ -328,7 +330,7 @@ class Scene:
 
     def add_obstacle(
         self,
-        mesh: PathLike | ArrayLike | MeshLike | None = None,
+        mesh: PathLike | ArrayLike | MeshLike | Body | None = None,
         faces: ArrayLike | None = None,
         *,
         shape: Description | None = None,
@@ -344,6 +346,7 @@ class Scene:
         lead_in: float = 0.0,
         loops: int = 1,
         leave_out: Sequence[str] = (),
+        clearance: float | None = None,
         units: Literal["m", "cm", "mm", "inch"] = "m",
         up: Literal["y", "z"] | None = None,
         transform: ArrayLike | None = None,
@@ -356,8 +359,9 @@ class Scene:
         """Adds an obstacle, which cloth collides with, and returns its handle.
 
         Args:
-            mesh: As for `add_cloth`. glTF, FBX and DAE files bring their skeletal animation, USD files the time samples
-                of points, transforms and skeletons; without one they stand still.
+            mesh: As for `add_cloth`, or a `cama.Body`, which brings its motion. glTF, FBX and DAE files bring their
+                skeletal animation, USD files the time samples of points, transforms and skeletons; without one they
+                stand still.
             faces: As for `add_cloth`.
             shape: A generated obstacle instead of `mesh`, as in scene.json, for example {"sphere": {"radius": 0.25}},
                 {"box": {"size": [1, 1, 0.1]}} or {"walker": {}}. {"shape": {"sphere": {"radius": 0.25}}} is an exact
@@ -375,6 +379,9 @@ class Scene:
             loops: How many times the clip is played.
             leave_out: Names of joints of a character. What follows them, or joints below them, more than any other
                 joint is not part of the obstacle: the arms, say, where they would press a skirt into the hips.
+            clearance: Distance that the limbs of a character keep from each other and from the trunk, m. Where they
+                come closer, or pass through each other, they are bent aside when the file is read; `source` of the
+                obstacle says how far. None: 0.01; 0: the motion stays as it is.
             units, up: As for `add_cloth`.
             transform, translate, rotate, scale: Placement, as for `add_cloth`.
             weld: As for `add_cloth`. Not for a motion that moves every vertex by itself; animated characters are
@@ -400,19 +407,23 @@ class Scene:
         joints = _joint_names(f"{name}: leave_out", leave_out)
         if joints and (motion is not None or not isinstance(mesh, (str, os.PathLike)) or not _animated(mesh)):
             raise SceneError(f"{name}: leave_out: needs a character, a glTF, FBX or DAE file without another motion")
+        gap = None if clearance is None else number(f"{name}: clearance", clearance)
+        if gap is not None and gap < 0:
+            raise SceneError(f"{name}: clearance: must be a distance in m, 0 to leave the motion as it is, got {gap:g}")
+        how: tuple[Any, ...] = ()
         if motion is None and isinstance(mesh, (str, os.PathLike)) and (animation is not None or _animated(mesh)):
-            character = _character(
-                mesh,
-                str(clip),
-                animation,
+            how = (
                 number(f"{name}: samples_per_second", samples_per_second),
                 bool(y_up),
                 number(f"{name}: lead_in", lead_in),
                 whole(f"{name}: loops", loops),
                 joints,
             )
+            character = _character(mesh, str(clip), animation, *how)
             obstacle.source = str(mesh)
             body, moving = character.mesh, character.motion
+        elif gap:
+            raise SceneError(f"{name}: clearance: needs a character, a glTF, FBX or DAE file without another motion")
         elif motion is None and is_usd(mesh):
             if clip not in ("", "bind") or lead_in or loops != 1:
                 raise SceneError(
@@ -424,6 +435,9 @@ class Scene:
             moving = _core.Motion()
             if len(read.times) > 1:
                 moving.set_samples(read.times, read.positions)
+        elif isinstance(mesh, Body) and motion is None:
+            body, obstacle.source = compiled_mesh(name, mesh, None, None, None)[0], f"generated body, {mesh.motion}"
+            moving = _core.Motion(mesh.animation())
         else:
             part, obstacle.source = self._part("obstacle", name, mesh, faces, shape)
             body, moving = part.mesh, part.motion
@@ -438,6 +452,9 @@ class Scene:
         self._weld(name, obstacle, weld, shape)
         if obstacle.shape == "mesh":
             obstacle.mesh.validate(name)
+        if how:
+            arguments = (Path(str(mesh)), str(clip), "" if animation is None else Path(animation), 1.0, *how)
+            keep_limbs_apart(obstacle, arguments, abs(float(np.linalg.det(place[:3, :3]))) ** (1 / 3), gap)
         for key, value in numbers.items():
             setattr(obstacle, key, value)
         return Obstacle(self, self._core.add_obstacle(obstacle))

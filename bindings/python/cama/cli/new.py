@@ -24,7 +24,8 @@ def new(
         "my-scene"
     ),
     template: Annotated[
-        Template, typer.Option(help="What to begin with: a sheet on a sphere, a flag, a garment on a walking body.")
+        Template,
+        typer.Option(help="A sheet on a sphere, a flag, a garment on a walking body, an outfit on a dancing one."),
     ] = Template.sheet,
     debug: Debug = False,
 ):

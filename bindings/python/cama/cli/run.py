@@ -11,6 +11,7 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
+from .. import plausibility
 from ..hints import counted
 from ..io.lock import locked
 from ..io.progress import during
@@ -120,6 +121,8 @@ def run(
     with during("loading the scene", progress):
         loaded = Scene.load(scene, resolution)
         put_materials(loaded, material)
+    for line in plausibility.kept_apart(loaded):
+        console().print(escape(line))
     with during("untangling the start" if intersections == Policy.untangle else "checking the start", progress):
         simulation = Simulation(
             loaded,

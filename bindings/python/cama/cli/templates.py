@@ -100,4 +100,42 @@ GARMENT = """\
 }
 """
 
-TEMPLATES = {"sheet": SHEET, "flag": FLAG, "garment": GARMENT}
+OUTFIT = """\
+// A skirt, and a top over it, on a body that dances. Lengths are in metres, masses in kilograms, times in seconds.
+{
+  "$schema": "schema.json",  // editors complete and check keys with it
+  "name": NAME,
+  "frame_time": 0.02,  // between recorded frames
+  "frames": 150,
+  "resolution": 3000,  // triangles of all generated cloth together; more are finer and slower
+  "contact": {"thickness": 0.0015},  // cloth stays this far from the body
+
+  // A generated body: "stand", "walk", "dance", "kick" or "turn". It begins with its arms away from the trunk, and
+  // moves into the dance within "lead_in". For one of your own: "character": {"file": "body.glb", "lead_in": 1}.
+  "obstacles": [
+    {"name": "body", "body": {"motion": "dance", "height": 1.7, "lead_in": 1}, "friction": 0.3}
+  ],
+
+  // Garments are fitted around the body; "clearance" is their distance from it: the outer layer has the larger one.
+  "cloth": [
+    {
+      "name": "skirt",
+      "garment": {"skirt": {"body": "body", "waist": 1.06, "hip": 0.95, "length": 0.5, "clearance": 0.006}},
+      "material": "wool"  // `cama info` lists the fabrics
+    },
+    {
+      "name": "top",
+      "garment": {"dress": {"body": "body", "chest": 1.28, "hip": 0.98, "length": 0.32, "flare": 0, "clearance": 0.02}},
+      "material": "cotton"
+    }
+  ],
+
+  // The upper rings follow the body's surface.
+  "pins": [
+    {"cloth": "skirt", "edge": "waist", "attach": "body"},
+    {"cloth": "top", "edge": "waist", "attach": "body"}
+  ]
+}
+"""
+
+TEMPLATES = {"sheet": SHEET, "flag": FLAG, "garment": GARMENT, "outfit": OUTFIT}

@@ -287,11 +287,11 @@ def of_scene(text: str, folder: Path) -> list[Request]:
         entries = data.get(kind) if isinstance(data, dict) else None
         for entry in entries if isinstance(entries, list) else ():
             if isinstance(entry, dict):
-                found.extend(_of_part(entry, folder))
+                found.extend(of_part(entry, folder))
     return found
 
 
-def _of_part(entry: dict[str, Any], folder: Path) -> Iterator[Request]:
+def of_part(entry: dict[str, Any], folder: Path) -> Iterator[Request]:
     """Yields the requests for the files of a cloth or an obstacle of a scene."""
     file = entry.get("file")
     named = [file.get("path"), file.get("positions")] if isinstance(file, dict) else [file]

@@ -149,6 +149,7 @@ class Summary:
                 "triangles": s.cloth_triangle_count,
                 "vertices": s.cloth_vertex_count,
                 "rest_shapes": {cloth.name: cloth.rest_shape for cloth in s.scene.cloths},
+                "obstacles": {obstacle.name: obstacle.source for obstacle in s.scene.obstacles},
                 "steps": s.step_count,
                 "resumed_at": self._resumed_at,
                 "counted_from": int(numbers["counted_from"]),

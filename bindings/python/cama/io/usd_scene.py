@@ -1,5 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Scene files that name USD files: the meshes are read here and handed to the compiled reader written out."""
+"""Scene files that name USD files, characters and generated bodies, of which the compiled reader knows less.
+
+Meshes of USD files and bodies are handed to the compiled reader written out.
+"""
 
 from __future__ import annotations
 
@@ -12,9 +15,10 @@ import numpy as np
 
 from .. import _core
 from ..errors import MaterialError, MeshError, SceneError
-from ..hints import without_comments
+from . import characters
 from .usd_reader import is_usd, read_usd
 
+WRITTEN_OUT = re.compile(r'"character"|"body"\s*:\s*\{')
 NAMED = re.compile(r'\.usd[acz]?"', re.IGNORECASE)
 
 
@@ -25,7 +29,7 @@ def load(path: Path, resolution: int) -> _core.Scene:
         text = file.read_text(encoding="utf-8")
     except (OSError, UnicodeDecodeError):
         text = ""  # the compiled reader says what is wrong
-    if not NAMED.search(text):
+    if not NAMED.search(text) and not WRITTEN_OUT.search(text):
         return _core.Scene.load(path, resolution)
     try:
         return parse(text, file.parent, resolution)
@@ -35,14 +39,13 @@ def load(path: Path, resolution: int) -> _core.Scene:
 
 def parse(text: str, folder: Path, resolution: int) -> _core.Scene:
     """Makes a scene of JSON text as the compiled `Scene.parse` does, with USD files."""
-    if not NAMED.search(text):
+    if not NAMED.search(text) and not WRITTEN_OUT.search(text):
         return _core.Scene.parse(text, folder, resolution)
-    try:
-        scene = json.loads(without_comments(text))
-    except ValueError:
-        scene = None
-    if not isinstance(scene, dict):
+    scene = characters.parsed(text)
+    if not scene:
         return _core.Scene.parse(text, folder, resolution)
+    clearances = characters.take_clearances(scene)
+    bodies = characters.write_bodies(scene)
     scales: dict[int, float] = {}
     for key in ("cloth", "obstacles"):
         entries = scene.get(key)
@@ -53,6 +56,9 @@ def parse(text: str, folder: Path, resolution: int) -> _core.Scene:
     core = _core.Scene.parse(json.dumps(scene), folder, resolution)
     for number, scale in scales.items():
         core.cloth(number).material_scale = scale
+    characters.keep_apart(core, scene, folder, clearances)
+    for number, body in bodies.items():
+        characters.animate(core.obstacle(number), body)
     return core
 
 

@@ -1,0 +1,404 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A generated human body that moves: `Body`."""
+
+from __future__ import annotations
+
+import functools
+import math
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from .arrays import number, whole
+from .errors import MeshError, SceneError
+from .hints import require, similar
+from .motion import Motion
+from .posing import BONES, JOINTS, MOTIONS, PARENTS, periods, pose
+from .types import Integers, Reals
+
+__all__ = ["Body"]
+
+HEIGHT = 1.7  # m, of the body that is described below
+FINEST = 16_000  # triangles; a coarser grid would lose the thumbs, so that smaller meshes are decimated ones
+SMOOTH = 0.04  # m, width of a joint's skin
+
+
+@dataclass(frozen=True)
+class _Shape:
+    """A round cone from a to b with the radii at its ends, or an ellipsoid at a if there is no b."""
+
+    a: tuple[float, float, float]
+    radii: tuple[float, ...]
+    b: tuple[float, float, float] | None = None
+    axes: Reals | None = None  # [3, 3] rows, of an ellipsoid; None: x, y, z
+
+    def distance(self, x: Reals) -> Reals:
+        """Returns the signed distances [n], m; of an ellipsoid the first-order one."""
+        offset = x - np.array(self.a)
+        if self.b is None:
+            offset = offset if self.axes is None else offset @ self.axes.T
+            radii = np.array(self.radii)
+            first, second = np.linalg.norm(offset / radii, axis=1), np.linalg.norm(offset / radii**2, axis=1)
+            return first * (first - 1) / np.maximum(second, 1e-9)
+        along = np.array(self.b) - np.array(self.a)
+        t = np.clip(offset @ along / (along @ along), 0, 1)
+        return np.linalg.norm(offset - t[:, None] * along, axis=1) - (
+            self.radii[0] + t * (self.radii[1] - self.radii[0])
+        )
+
+
+def _trunk() -> list[_Shape]:
+    shapes = [
+        _Shape((0, 0.005, 1.275), (0.135, 0.098, 0.165)),  # rib cage
+        _Shape((0, 0.0, 1.09), (0.116, 0.084, 0.16)),  # waist
+        _Shape((0, 0.002, 0.935), (0.146, 0.1, 0.14)),  # pelvis
+        _Shape((0, 0.014, 1.40), (0.051, 0.046), (0, 0.002, 1.53)),  # neck
+    ]
+    for side in (1.0, -1.0):
+        shapes += [
+            _Shape((side * 0.05, 0.008, 1.39), (0.058, 0.052), (side * 0.15, 0.008, 1.392)),  # shoulder girdle
+            _Shape((side * 0.03, 0.014, 1.46), (0.042, 0.034), (side * 0.12, 0.012, 1.415)),  # trapezius
+            _Shape((side * 0.068, -0.066, 1.25), (0.057, 0.053, 0.058)),  # breast
+            _Shape((side * 0.074, 0.042, 0.895), (0.078, 0.074, 0.086)),  # buttock
+        ]
+    return shapes
+
+
+def _head() -> list[_Shape]:
+    return [
+        _Shape((0, 0.008, 1.605), (0.074, 0.092, 0.094)),  # skull
+        _Shape((0, -0.032, 1.556), (0.056, 0.058, 0.068)),  # face
+        _Shape((0, -0.062, 1.506), (0.030, 0.026, 0.024)),  # chin
+        _Shape((0, -0.098, 1.568), (0.013, 0.020, 0.024)),  # nose
+    ]
+
+
+def _arm(side: float) -> list[_Shape]:
+    shoulder, elbow, wrist = (JOINTS[name + ("_left" if side > 0 else "_right")] for name in ("arm", "forearm", "hand"))
+    along = (wrist - elbow) / np.linalg.norm(wrist - elbow)
+    across = np.array([0.0, 1.0, 0.0])
+    thin = np.cross(along, across)
+    axes = np.stack([along, across, thin])
+
+    def at(point: Reals, *offset: float) -> tuple[float, float, float]:
+        x = point + np.array(offset or (0.0, 0.0, 0.0)) @ axes
+        return float(x[0]), float(x[1]), float(x[2])
+
+    return [
+        _Shape(at(shoulder), (0.049, 0.036), at(elbow)),
+        _Shape(at(shoulder, 0.05, 0, 0), (0.085, 0.050, 0.050), axes=axes),  # deltoid
+        _Shape(at(elbow), (0.036, 0.025), at(wrist)),
+        _Shape(at(elbow, 0.07, 0, 0), (0.09, 0.041, 0.038), axes=axes),  # forearm
+        _Shape(at(wrist, 0.055, 0, 0), (0.060, 0.040, 0.0165), axes=axes),  # palm
+        _Shape(at(wrist, 0.115, 0.002, 0), (0.062, 0.034, 0.0135), axes=axes),  # fingers
+        _Shape(at(wrist, 0.03, -0.028, 0), (0.0135, 0.011), at(wrist, 0.085, -0.056, 0)),  # thumb
+    ]
+
+
+def _leg(side: float) -> list[_Shape]:
+    end = "_left" if side > 0 else "_right"
+    hip, knee, ankle = (JOINTS[name + end] for name in ("thigh", "shin", "foot"))
+
+    def at(point: Reals, x: float, y: float, z: float) -> tuple[float, float, float]:
+        return float(point[0] + side * x), float(point[1] + y), float(point[2] + z)
+
+    return [
+        _Shape(at(hip, 0, 0, 0), (0.080, 0.050), at(knee, 0, 0, 0)),
+        _Shape(at(hip, 0.006, -0.006, -0.15), (0.072, 0.079, 0.19)),
+        _Shape(at(knee, 0, -0.006, 0), (0.048, 0.051, 0.06)),
+        _Shape(at(knee, 0, 0, 0), (0.049, 0.034), at(ankle, 0, 0, 0)),
+        _Shape(at(knee, 0.002, 0.022, -0.125), (0.048, 0.047, 0.125)),  # calf
+        _Shape(at(ankle, 0, 0.022, -0.046), (0.034, 0.040, 0.036)),  # heel
+        _Shape(at(ankle, 0, -0.008, -0.03), (0.038, 0.025), at(ankle, 0.008, -0.115, -0.058)),
+        _Shape(at(ankle, 0.010, -0.105, -0.058), (0.042, 0.085, 0.026)),  # ball and toes
+    ]
+
+
+def _blend(first: Reals, second: Reals, width: float) -> Reals:
+    """Returns the smooth minimum of two distances (Quilez's polynomial, quadratic)."""
+    part = np.maximum(width - np.abs(first - second), 0) / width
+    return np.minimum(first, second) - 0.25 * width * part**2
+
+
+def _union(shapes: list[_Shape], x: Reals, width: float) -> Reals:
+    distance = shapes[0].distance(x)
+    for shape in shapes[1:]:
+        distance = _blend(distance, shape.distance(x), width)
+    return distance
+
+
+class _Surface:
+    """The signed distance of the body and of its parts."""
+
+    def __init__(self) -> None:
+        self.head = _head()
+        self.parts = [(_trunk(), 0.055), (_arm(1), 0.025), (_arm(-1), 0.025), (_leg(1), 0.03), (_leg(-1), 0.03)]
+
+    def part_distances(self, x: Reals) -> Reals:
+        """Returns the distances [5, n] of trunk, left and right arm, left and right leg, m."""
+        trunk, *limbs = (_union(shapes, x, width) for shapes, width in self.parts)
+        return np.stack([_blend(trunk, _union(self.head, x, 0.02), 0.03), *limbs])
+
+    def distance(self, x: Reals) -> Reals:
+        """Returns the signed distances [n], m; the soles are flat."""
+        trunk, *limbs = self.part_distances(x)
+        joined = trunk
+        for limb, width in zip(limbs, (0.04, 0.04, 0.05, 0.05)):
+            joined = _blend(joined, _blend(trunk, limb, width), 0.01)  # limbs do not melt into each other
+        return -_blend(-joined, x[:, 2] - 0.002, 0.01)
+
+    def gradient(self, x: Reals) -> Reals:
+        """Returns central differences [n, 3]."""
+        step = 1e-4
+        shifts = np.concatenate([x + step * axis for axis in (*np.eye(3), *-np.eye(3))])
+        up, down = self.distance(shifts).reshape(2, 3, len(x))
+        return ((up - down) / (2 * step)).T
+
+
+class _Ring:
+    """The vertices beside every vertex of a mesh."""
+
+    def __init__(self, faces: Integers, count: int) -> None:
+        edges = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]])  # closed: each in both ways
+        order = np.argsort(edges[:, 0], kind="stable")
+        self.near, degree = edges[order, 1], np.bincount(edges[:, 0], minlength=count)
+        self.start, self.degree = np.concatenate([[0], np.cumsum(degree)[:-1]]), degree[:, None]
+
+    def mean(self, values: Reals) -> Reals:
+        """Returns the mean [n, k] over the vertices beside each vertex."""
+        return np.add.reduceat(values[self.near], self.start) / self.degree
+
+
+def _polygonise(surface: _Surface, triangles: int) -> tuple[Reals, Integers]:
+    require("a generated body", "vtkmodules")
+    from vtkmodules.util.numpy_support import numpy_to_vtk, vtk_to_numpy
+    from vtkmodules.vtkCommonDataModel import vtkImageData
+    from vtkmodules.vtkFiltersCore import vtkFlyingEdges3D, vtkQuadricDecimation
+
+    cell = math.sqrt(3.5 / max(triangles, FINEST))  # the body has an area of about 1.6 m^2
+    low, high = np.array([-0.82, -0.24, -0.05]), np.array([0.82, 0.19, 1.78])
+    size = np.ceil((high - low) / cell).astype(int) + 1
+    axes = [low[k] + cell * np.arange(size[k]) + 0.37 * cell for k in range(3)]
+    values = np.full(size, 1.0)
+    coarse = 6  # cells of a block; blocks far from the surface are not evaluated
+    x, y, z = (axis[coarse // 2 :: coarse] for axis in axes)
+    centres = np.stack(np.meshgrid(x, y, z, indexing="ij"), axis=-1)
+    near = np.abs(surface.distance(centres.reshape(-1, 3))).reshape(centres.shape[:3]) < 1.6 * coarse * cell
+    inside = surface.distance(centres.reshape(-1, 3)).reshape(centres.shape[:3]) < 0
+    fine = near.repeat(coarse, 0).repeat(coarse, 1).repeat(coarse, 2)
+    full = np.zeros(size, bool)
+    deep = np.zeros(size, bool)
+    part = tuple(slice(0, min(a, b)) for a, b in zip(size, fine.shape))
+    full[part] = fine[part]
+    deep[part] = inside.repeat(coarse, 0).repeat(coarse, 1).repeat(coarse, 2)[part]
+    values[deep] = -1.0
+    index = np.argwhere(full)
+    values[full] = surface.distance(np.stack([axes[k][index[:, k]] for k in range(3)], axis=1))
+
+    image = vtkImageData()
+    image.SetDimensions(*(int(s) for s in size))
+    image.SetOrigin(*(float(axis[0]) for axis in axes))
+    image.SetSpacing(cell, cell, cell)
+    image.GetPointData().SetScalars(numpy_to_vtk(values.ravel(order="F"), deep=True))
+    contour = vtkFlyingEdges3D()
+    contour.SetInputData(image)
+    contour.SetValue(0, 0.0)
+    contour.ComputeNormalsOff()
+    contour.Update()
+    made = contour.GetOutput()
+    vertices, faces = vtk_to_numpy(made.GetPoints().GetData()).astype(float), _faces(made, vtk_to_numpy)
+    vertices, faces = _relaxed(surface, vertices, faces)
+    if len(faces) > 1.05 * triangles:
+        made.GetPoints().SetData(numpy_to_vtk(vertices, deep=True))
+        fewer = vtkQuadricDecimation()
+        fewer.SetInputData(made)
+        fewer.SetTargetReduction(1 - triangles / len(faces))
+        fewer.Update()
+        made = fewer.GetOutput()
+        vertices, faces = vtk_to_numpy(made.GetPoints().GetData()).astype(float), _faces(made, vtk_to_numpy)
+    a, b, c = (vertices[faces[:, k]] for k in range(3))
+    if np.einsum("ij,ij->i", np.cross(a, b), c).sum() < 0:
+        faces = faces[:, ::-1]
+    return vertices, np.ascontiguousarray(faces, np.int32)
+
+
+def _faces(made: object, array: object) -> Integers:
+    return array(made.GetPolys().GetConnectivityArray()).reshape(-1, 3).astype(np.int32)  # type: ignore[operator,attr-defined]
+
+
+def _relaxed(surface: _Surface, vertices: Reals, faces: Integers) -> tuple[Reals, Integers]:
+    """Evens out the triangles and puts the vertices back on the surface."""
+    ring = _Ring(faces, len(vertices))
+    for _ in range(5):
+        vertices = 0.5 * (vertices + ring.mean(vertices))
+        gradient = surface.gradient(vertices)
+        square = np.maximum((gradient**2).sum(axis=1), 0.25)
+        vertices = vertices - (surface.distance(vertices) / square)[:, None] * gradient
+    return vertices, faces
+
+
+def _skin(surface: _Surface, vertices: Reals, faces: Integers) -> Reals:
+    """Returns the weights [vertices, bones]: 1 for the bone of a vertex's part, smoothed over the surface."""
+    part = surface.part_distances(vertices).argmin(axis=0)
+    bone = np.zeros(len(vertices), int)
+    for name in ("spine", "chest", "neck", "head"):
+        bone[(part == 0) & (vertices[:, 2] > JOINTS[name][2])] = BONES.index(name)
+    chains = (("arm", "forearm", "hand"), ("thigh", "shin", "foot"))
+    for limb in range(1, 5):
+        end = "_left" if limb % 2 else "_right"
+        names = [name + end for name in chains[limb > 2]]
+        own = part == limb
+        bone[own] = BONES.index(names[0])
+        for before, name in zip(names, names[1:]):
+            way = JOINTS[name] - JOINTS[before]
+            past = own & ((vertices - JOINTS[name]) @ way > 0)
+            bone[past] = BONES.index(name)
+        if limb > 2:  # the foot begins at the ankle, whatever the direction of the shin
+            low = own & (vertices[:, 2] < JOINTS[names[2]][2])
+            bone[low] = BONES.index(names[2])
+    weights = np.eye(len(BONES))[bone]
+    ring = _Ring(faces, len(vertices))
+    edge = np.median(np.linalg.norm(vertices[faces[:, 0]] - vertices[faces[:, 1]], axis=1))
+    for _ in range(int(np.clip(round(4 * (SMOOTH / edge) ** 2), 6, 400))):
+        weights = 0.5 * (weights + ring.mean(weights))
+    return weights
+
+
+@functools.lru_cache(maxsize=2)
+def _made(triangles: int) -> tuple[Reals, Integers, Reals]:
+    """Returns vertices in the bind pose, faces and weights; they are kept for the next body of this process."""
+    surface = _Surface()
+    bind, faces = _polygonise(surface, triangles)
+    made = bind, faces, _skin(surface, bind, faces)
+    for array in made:
+        array.flags.writeable = False
+    return made
+
+
+def _rotated(rotations: Reals) -> Reals:
+    """Returns the unit quaternions [..., 4] (w, x, y, z) of rotation matrices [..., 3, 3]."""
+    m = rotations
+    w = np.sqrt(np.maximum(0, 1 + m[..., 0, 0] + m[..., 1, 1] + m[..., 2, 2])) / 2
+    x = np.sqrt(np.maximum(0, 1 + m[..., 0, 0] - m[..., 1, 1] - m[..., 2, 2])) / 2
+    y = np.sqrt(np.maximum(0, 1 - m[..., 0, 0] + m[..., 1, 1] - m[..., 2, 2])) / 2
+    z = np.sqrt(np.maximum(0, 1 - m[..., 0, 0] - m[..., 1, 1] + m[..., 2, 2])) / 2
+    q = np.stack(
+        [
+            w,
+            np.copysign(x, m[..., 2, 1] - m[..., 1, 2]),
+            np.copysign(y, m[..., 0, 2] - m[..., 2, 0]),
+            np.copysign(z, m[..., 1, 0] - m[..., 0, 1]),
+        ],
+        axis=-1,
+    )
+    return q / np.linalg.norm(q, axis=-1, keepdims=True)
+
+
+def _product(a: Reals, b: Reals) -> Reals:
+    """Returns the products [..., 4] of quaternions."""
+    scalar = a[..., :1] * b[..., :1] - (a[..., 1:] * b[..., 1:]).sum(axis=-1, keepdims=True)
+    return np.concatenate(
+        [scalar, a[..., :1] * b[..., 1:] + b[..., :1] * a[..., 1:] + np.cross(a[..., 1:], b[..., 1:])], -1
+    )
+
+
+def skinned(vertices: Reals, weights: Reals, rotations: Reals, translations: Reals) -> Reals:
+    """Returns vertices [n, 3] that follow bones, by dual quaternions (Kavan, Collins, Zara and O'Sullivan 2008).
+
+    Args:
+        vertices: Vertices in the bind pose [n, 3], m.
+        weights: Weights of the bones [n, bones].
+        rotations: Rotation matrices of the bones [bones, 3, 3], from the bind pose.
+        translations: Translations [bones, 3], m: a bone moves x to R x + t.
+    """
+    real = _rotated(rotations)
+    for bone, parent in enumerate(PARENTS):  # of the two quaternions of a rotation the one on the parent's side
+        if parent >= 0 and real[bone] @ real[parent] < 0:
+            real[bone] = -real[bone]
+    dual = 0.5 * _product(np.concatenate([np.zeros((len(real), 1)), translations], axis=1), real)
+    blended, moved = weights @ real, weights @ dual
+    length = np.linalg.norm(blended, axis=1, keepdims=True)
+    blended, moved = blended / length, moved / length
+    w, v = blended[:, :1], blended[:, 1:]
+    turned = vertices + 2 * np.cross(v, np.cross(v, vertices) + w * vertices)
+    return turned + 2 * (w * moved[:, 1:] - moved[:, :1] * v + np.cross(v, moved[:, 1:]))
+
+
+@dataclass(frozen=True)
+class Body:
+    """A generated body of an adult that stands at the origin, looks along -y and moves.
+
+    It has no file and no licence but that of cama: the surface is a smooth union of round cones and ellipsoids, which
+    VTK polygonises; its vertices follow seventeen bones by dual quaternions. `Scene.add_obstacle` takes it in place of
+    a mesh.
+
+    Args:
+        motion: "stand", "walk", "dance", "kick" or "turn". Walking and turning are on the spot.
+        height: Height, m.
+        triangles: Approximate number of triangles, from 5,000 to 50,000.
+        duration: How long it moves, s; the motion repeats.
+        lead_in: Time in which it moves from the starting pose into the motion, s; part of the duration.
+        start: The starting pose, "A" with lowered or "T" with level arms.
+        period: Duration of one round of the motion, s; None: its own.
+        samples_per_second: Frames that are computed, 1/s.
+
+    Raises:
+        SceneError, ArrayError: An argument is not one of these.
+        BackendError: VTK is not installed.
+    """
+
+    motion: str = "stand"
+    height: float = HEIGHT
+    triangles: int = 12_000
+    duration: float = 5.0
+    lead_in: float = 1.0
+    start: str = "A"
+    period: float | None = None
+    samples_per_second: float = 60.0
+    vertices: Reals = field(init=False, repr=False, compare=False)  #: [n, 3] m, at time 0
+    faces: Integers = field(init=False, repr=False, compare=False)  #: [m, 3]
+    weights: Reals = field(init=False, repr=False, compare=False)  #: [n, 17], of the bones `cama.posing.BONES`
+    times: Reals = field(init=False, repr=False, compare=False)  #: [t] s
+    positions: Reals = field(init=False, repr=False, compare=False)  #: [t, n, 3] m
+
+    def __post_init__(self) -> None:
+        self._check()
+        bind, faces, weights = _made(int(self.triangles))
+        count = max(1, math.ceil(self.duration * self.samples_per_second - 1e-9))
+        times = np.linspace(0, self.duration, count + 1)
+        rotations, translations = pose(
+            self.motion, times, self.lead_in, self.start, self.period or periods[self.motion]
+        )
+        scale = self.height / HEIGHT
+        positions = np.stack([scale * skinned(bind, weights, r, t) for r, t in zip(rotations, translations)])
+        for name, value in (
+            ("faces", faces),
+            ("weights", weights),
+            ("times", times),
+            ("positions", positions),
+            ("vertices", positions[0]),
+        ):
+            object.__setattr__(self, name, value)
+
+    def _check(self) -> None:
+        if self.motion not in MOTIONS:
+            raise SceneError(
+                f"body: motion: no {self.motion!r}; there are {', '.join(MOTIONS)}{similar(self.motion, MOTIONS)}"
+            )
+        if self.start not in ("A", "T"):
+            raise SceneError(f'body: start: {self.start!r} is neither "A" nor "T"')
+        whole("body: triangles", self.triangles)
+        if not 5000 <= self.triangles <= 50_000:
+            raise SceneError(f"body: triangles: must be from 5,000 to 50,000, got {self.triangles:,}")
+        for name in ("height", "duration", "samples_per_second", "period"):
+            value = getattr(self, name)
+            if value is not None and not number(f"body: {name}", value) > 0:
+                raise SceneError(f"body: {name}: must be greater than 0, got {value:g}")
+        if number("body: lead_in", self.lead_in) < 0:
+            raise SceneError(f"body: lead_in: must not be negative, got {self.lead_in:g}")
+        if self.duration * self.samples_per_second * self.triangles > 1e8:
+            raise MeshError("body: duration times samples_per_second is too much; give less of either, or of triangles")
+
+    def animation(self) -> Motion:
+        """Returns the motion of its vertices."""
+        return Motion(times=self.times, positions=self.positions)

@@ -1,0 +1,167 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Obstacles of scene files that are bodies: characters, whose limbs are kept apart, and generated ones."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from .. import _core
+from ..body import Body
+from ..clearance import GAP, clear
+from ..errors import ArrayError, FileError, MeshError, SceneError
+from ..hints import similar, without_comments
+from ..plausibility import KEPT_APART
+from ..types import Reals
+from . import reading
+from .usd_reader import is_usd
+
+LARGEST = 200_000_000  # numbers of an animation; longer ones stay as they are unless a clearance is given
+
+
+def parsed(text: str) -> dict[str, Any]:
+    """Returns the dict of a scene's JSON text; empty if it is none: the compiled reader says what is wrong."""
+    try:
+        scene = json.loads(without_comments(text.lstrip("\ufeff")))
+    except (ValueError, RecursionError):
+        return {}
+    return scene if isinstance(scene, dict) else {}
+
+
+def take_clearances(scene: dict[str, Any]) -> dict[int, float | None]:
+    """Removes `clearance` from the characters of a scene, which the compiled reader does not know.
+
+    Returns the clearance of each obstacle that is a character, m; None: the default. Raises SceneError.
+    """
+    found: dict[int, float | None] = {}
+    entries = scene.get("obstacles")
+    for number, entry in enumerate(entries if isinstance(entries, list) else []):
+        character = entry.get("character") if isinstance(entry, dict) else None
+        if not isinstance(character, dict) or not isinstance(character.get("file"), str):
+            continue
+        found[number] = None
+        if "clearance" in character:
+            value = character.pop("clearance")
+            if isinstance(value, bool) or not isinstance(value, (int, float)) or not 0 <= value < np.inf:
+                raise SceneError(
+                    f"obstacles[{number}].character.clearance: must be a distance in m, 0 to leave the motion as it "
+                    f"is, got {value!r}"
+                )
+            found[number] = float(value)
+        if (is_usd(character["file"]) or "motion" in entry) and found.pop(number):
+            raise SceneError(
+                f"obstacles[{number}].character.clearance: is for glTF, FBX and DAE files without another motion"
+            )
+    return found
+
+
+def keep_apart(core: _core.Scene, scene: dict[str, Any], folder: Path, clearances: dict[int, float | None]) -> None:
+    """Keeps the limbs of the characters of a compiled scene apart."""
+    for number, gap in clearances.items():
+        entry = scene["obstacles"][number]
+        request = next((r for r in reading.of_part(entry, folder) if r.function == "load_character"), None)
+        if request is None:
+            continue
+        file, clip, animation, *how = request.arguments
+        scale = entry["transform"].get("scale", 1.0) if isinstance(entry.get("transform"), dict) else 1.0
+        obstacle = core.obstacle(number)
+        keep_limbs_apart(obstacle, (Path(file), clip, Path(animation) if animation else "", *how), scale, gap)
+
+
+def keep_limbs_apart(obstacle: _core.Obstacle, arguments: tuple[Any, ...], scale: float, gap: float | None) -> None:
+    """Keeps the limbs of an obstacle apart, in place, and says so in its `source`.
+
+    Args:
+        obstacle: The obstacle, placed in the scene.
+        arguments: Those of `_core.load_character` that it was read with.
+        scale: Of the placement in the scene.
+        gap: Distance, m; None: the default, 0: nothing is moved.
+    """
+    file, clip, _, unit, rate, y_up, lead_in, loops, leave_out = arguments
+    if clip == "bind" or gap == 0:
+        return
+    try:
+        duration = _core.load_character(*arguments).duration
+        bind = _core.load_character(file, "bind", Path(), unit, rate, y_up, 0.0, 1, leave_out).mesh
+    except FileError:
+        return  # it stands still
+    mesh = obstacle.mesh
+    times = _sample_times(duration, rate, lead_in, loops)
+    if len(bind.vertices) != len(mesh.vertices) or len(times) < 2:
+        return
+    if gap is None and mesh.vertices.size * len(times) > LARGEST:
+        return
+    positions = np.stack([obstacle.motion.evaluate(time, mesh.vertices) for time in times])
+    cleared = clear(scale * bind.vertices, mesh.faces, times, positions, GAP if gap is None else gap, lead_in > 0)
+    if not cleared.vertices:
+        return
+    motion = _core.Motion()
+    motion.set_samples(times, cleared.positions)
+    obstacle.motion = motion
+    obstacle.mesh = _core.Mesh(cleared.positions[0], mesh.faces, mesh.material_vertices, mesh.material_faces)
+    obstacle.source += (
+        f"; {cleared.vertices:,} of {len(mesh.vertices):,} vertices are moved by up to "
+        f"{1e3 * cleared.largest:.0f} mm in {cleared.frames} of {len(times)} samples, {KEPT_APART}"
+    )
+
+
+def _sample_times(duration: float, rate: float, lead_in: float, loops: int) -> Reals:
+    """Returns the times at which the compiled reader samples a clip, s."""
+    lead = max(1, int(np.ceil(lead_in * rate))) if lead_in > 0 else 0
+    length = (duration - max(lead_in, 0.0)) / max(loops, 1)
+    count = max(1, int(np.ceil(length * rate - 1e-9)))
+    starts = np.linspace(0, max(lead_in, 0.0), lead + 1)[:-1] if lead else np.zeros(0)
+    clip = np.arange(count * max(loops, 1) + 1) * (length / count)
+    return np.concatenate([starts, max(lead_in, 0.0) + clip])
+
+
+BODY_KEYS = ("motion", "height", "triangles", "duration", "lead_in", "start", "period", "samples_per_second")
+
+
+def write_bodies(scene: dict[str, Any]) -> dict[int, Body]:
+    """Replaces the generated bodies of a scene by their meshes; returns the body of each such obstacle.
+
+    Raises SceneError, ArrayError, BackendError
+    """
+    bodies: dict[int, Body] = {}
+    entries = scene.get("obstacles")
+    for number, entry in enumerate(entries if isinstance(entries, list) else []):
+        if not isinstance(entry, dict) or not isinstance(entry.get("body"), dict):
+            continue
+        given = {key: value for key, value in entry["body"].items() if not key.startswith(("$", "_"))}
+        for key in given:
+            if key not in BODY_KEYS:
+                raise SceneError(
+                    f"obstacles[{number}].body.{key}: not known; there are {', '.join(BODY_KEYS)}"
+                    f"{similar(key, BODY_KEYS)}"
+                )
+        given.setdefault("duration", _duration(scene))
+        try:
+            body = Body(**given)
+        except (SceneError, ArrayError, MeshError) as problem:
+            raise type(problem)(f"obstacles[{number}].{problem}".replace(".body: ", ".body.", 1)) from None
+        bodies[number] = body
+        entry["mesh"] = {"position": body.vertices.ravel().tolist(), "face": body.faces.ravel().tolist()}
+        entry.setdefault("source", f"generated body, {body.motion}")
+        del entry["body"]
+    return bodies
+
+
+def _duration(scene: dict[str, Any]) -> float:
+    """Returns the length of a scene, s, or that of one second where it has none yet."""
+    frames, frame_time = scene.get("frames", 100), scene.get("frame_time", 0) or scene.get("time_step", 0) or 1 / 60
+    if not isinstance(frames, (int, float)) or not isinstance(frame_time, (int, float)):
+        return 1.0  # the compiled reader says what is wrong
+    return float(frames * frame_time) if 0 < frames * frame_time < 1e4 else 1.0
+
+
+def animate(obstacle: _core.Obstacle, body: Body) -> None:
+    """Gives an obstacle of a scene, which has the mesh of a body, the body's animation."""
+    at_start = np.column_stack([body.vertices, np.ones(len(body.vertices))])
+    place = np.linalg.lstsq(at_start, obstacle.mesh.vertices, rcond=None)[0]  # [4, 3], where the scene puts it
+    motion = obstacle.motion
+    motion.set_samples(body.times, body.positions @ place[:3] + place[3])
+    obstacle.motion = motion

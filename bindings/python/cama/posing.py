@@ -1,0 +1,237 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The skeleton of the generated body, and the motions that were made for it.
+
+The body looks along -y, with z up and its left at +x. Angles are about the axes of the world in the bind pose, in which
+the arms are lowered by 42 degrees from level.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Callable
+
+import numpy as np
+
+from .types import Reals
+
+__all__ = ["BONES", "JOINTS", "MOTIONS", "PARENTS", "pose"]
+
+ARM = math.radians(48)  # from the vertical, in the bind pose
+SOLES = 0.003  # m, over which the lowest point of the feet is smoothed in time
+
+Angles = dict[str, Reals]  # bone -> angles [t, 3] about x, then y, then z, degrees
+
+
+def _skeleton() -> tuple[dict[str, Reals], dict[str, str]]:
+    joints = {
+        "pelvis": (0, 0, 0.95),
+        "spine": (0, 0.005, 1.03),
+        "chest": (0, 0.01, 1.17),
+        "neck": (0, 0.012, 1.43),
+        "head": (0, 0.0, 1.515),
+    }
+    parents = {"pelvis": "", "spine": "pelvis", "chest": "spine", "neck": "chest", "head": "neck"}
+    way = np.array([math.sin(ARM), 0.0, -math.cos(ARM)])
+    shoulder = np.array([0.172, 0.008, 1.388])
+    own = {
+        "arm": shoulder,
+        "forearm": shoulder + 0.275 * way,
+        "hand": shoulder + 0.515 * way + [0, -0.02, 0],
+        "thigh": (0.092, 0.002, 0.9),
+        "shin": (0.1, -0.004, 0.485),
+        "foot": (0.106, 0.014, 0.085),
+    }
+    for end, side in (("_left", 1.0), ("_right", -1.0)):
+        for name, joint in own.items():
+            joints[name + end] = tuple(np.array(joint) * [side, 1, 1])
+        for first, second, third, trunk in (("arm", "forearm", "hand", "chest"), ("thigh", "shin", "foot", "pelvis")):
+            parents.update({first + end: trunk, second + end: first + end, third + end: second + end})
+    return {name: np.array(joint, float) for name, joint in joints.items()}, parents
+
+
+JOINTS, _parent = _skeleton()
+BONES = list(JOINTS)
+PARENTS = [BONES.index(_parent[name]) if _parent[name] else -1 for name in BONES]  #: index of a bone's parent, -1: none
+
+
+class _Pose:
+    """Angles of all bones at the times of an animation."""
+
+    def __init__(self, count: int) -> None:
+        self.count, self.angles, self.shift = (
+            count,
+            {name: np.zeros((count, 3)) for name in BONES},
+            np.zeros((count, 3)),
+        )
+
+    def turn(self, bone: str, x: object = 0.0, y: object = 0.0, z: object = 0.0) -> None:
+        """Adds angles to a bone, degrees."""
+        self.angles[bone] += np.stack([np.broadcast_to(np.asarray(a, float), self.count) for a in (x, y, z)], axis=1)
+
+    def both(self, bone: str, x: object = 0.0, y: object = 0.0, z: object = 0.0) -> None:
+        """Adds angles to the left bone, and their mirror image to the right one, degrees."""
+        self.turn(bone + "_left", x, y, z)
+        self.turn(bone + "_right", x, -np.asarray(y, float), -np.asarray(z, float))
+
+    def sway(self, side: Reals) -> None:
+        """Shifts the pelvis to its left [t], m, over feet that stay where they are."""
+        self.shift[:, 0] += side
+        lean = np.degrees(np.arcsin(np.clip(side / 0.82, -0.5, 0.5)))
+        for end in ("_left", "_right"):
+            self.turn("thigh" + end, y=lean)
+            self.turn("foot" + end, y=-lean)
+
+
+def _bump(x: Reals) -> Reals:
+    """Returns a smooth bump over the first half of each round of x [t], 1 at its middle; three times differentiable."""
+    return np.maximum(np.sin(2 * np.pi * x), 0) ** 4
+
+
+def _stand(p: _Pose, x: Reals) -> None:
+    breath, slow = np.sin(4 * np.pi * x), np.sin(2 * np.pi * x)
+    p.both("arm", y=28 + 0.8 * breath)
+    p.both("forearm", x=-9 - breath)
+    p.turn("chest", x=-1.2 * breath)
+    p.turn("spine", y=1.0 * slow)
+    p.turn("head", x=1.0 * breath, z=5 * slow)
+    p.sway(0.012 * slow)
+
+
+def _walk(p: _Pose, x: Reals) -> None:
+    s, c = np.sin(2 * np.pi * x), np.cos(2 * np.pi * x)
+    p.turn("pelvis", y=2 * c, z=5 * s)
+    p.turn("spine", x=1.5, y=-1.5 * c, z=-6 * s)
+    p.turn("chest", z=-5 * s)
+    p.turn("head", z=5 * s)
+    for end, side in (("_left", 1.0), ("_right", -1.0)):
+        ahead, lifted = side * s, np.maximum(side * c, 0) ** 2
+        p.turn("thigh" + end, x=-24 * ahead - 10 * lifted, y=-2 * c, z=-4 * s)
+        p.turn("shin" + end, x=44 * lifted + 5)
+        p.turn("foot" + end, x=-16 * lifted + 5 + 6 * ahead)
+        p.turn("arm" + end, x=20 * ahead, y=side * 24)
+        p.turn("forearm" + end, x=-20 + 10 * ahead)
+
+
+def _dance(p: _Pose, x: Reals) -> None:
+    s, c, fast = np.sin(2 * np.pi * x), np.cos(2 * np.pi * x), np.sin(4 * np.pi * x)
+    p.sway(0.07 * s)
+    p.turn("pelvis", y=5 * s, z=14 * c)
+    p.turn("spine", y=-6 * s, z=-10 * c)
+    p.turn("chest", x=2 * fast, y=-5 * s, z=-12 * c)
+    p.turn("neck", y=4 * s)
+    p.turn("head", y=4 * s, z=10 * c)
+    for end, side in (("_left", 1.0), ("_right", -1.0)):
+        lifted = _bump(x if side < 0 else x + 0.5)  # the foot that carries no weight
+        p.turn("thigh" + end, x=-30 * lifted - 5 + 3 * fast, y=side * -6 - 5 * s, z=-14 * c * 0.8)
+        p.turn("shin" + end, x=52 * lifted + 10 - 6 * fast)
+        p.turn("foot" + end, x=-18 * lifted - 5 + 3 * fast, y=side * 6)
+        p.turn("arm" + end, x=-12 + 10 * side * c, y=-side * 14 + 16 * s, z=-side * 4)
+        p.turn("forearm" + end, x=-40 + 12 * fast, y=-side * 22 - 8 * s)
+        p.turn("hand" + end, y=side * 10 * fast)
+
+
+def _kick(p: _Pose, x: Reals) -> None:
+    lift, strike, breath = _bump(x), np.maximum(np.sin(2 * np.pi * (x - 0.04)), 0) ** 10, np.sin(2 * np.pi * x)
+    p.sway(0.045 * lift)
+    p.turn("pelvis", x=6 * lift, z=8 * lift)
+    p.turn("spine", x=8 * lift, y=1 * breath)
+    p.turn("chest", x=-6 * lift, z=-10 * lift)
+    p.turn("head", x=-6 * lift)
+    p.turn("thigh_left", x=-6 * lift - 4, z=-8 * lift)
+    p.turn("shin_left", x=8 + 4 * lift)
+    p.turn("foot_left", x=-4 - 4 * lift)
+    p.turn("thigh_right", x=-72 * lift - 4)
+    p.turn("shin_right", x=8 + 75 * lift - 78 * strike)
+    p.turn("foot_right", x=-4 + 25 * lift)
+    p.both("arm", x=-12 - 14 * lift, y=18 - 10 * lift)
+    p.both("forearm", x=-48 - 10 * lift)
+
+
+def _turn(p: _Pose, x: Reals) -> None:
+    p.turn("pelvis", z=360 * x)
+    steps = 8 * np.pi * x  # four steps of each foot in a round
+    s, c = np.sin(steps), np.cos(steps)
+    p.turn("pelvis", y=1.5 * c)
+    p.turn("spine", z=6 * np.sin(2 * np.pi * x), y=-1.5 * c)
+    for end, side in (("_left", 1.0), ("_right", -1.0)):
+        lifted = np.maximum(side * c, 0) ** 2
+        p.turn("thigh" + end, x=-14 * lifted - 3, y=-side * 3, z=8 * side * s)
+        p.turn("shin" + end, x=28 * lifted + 6)
+        p.turn("foot" + end, x=-14 * lifted - 3, y=side * 3)
+        p.turn("arm" + end, x=6 * side * s, y=side * 12)
+        p.turn("forearm" + end, x=-18)
+
+
+MOTIONS: dict[str, Callable[[_Pose, Reals], None]] = {
+    "stand": _stand,
+    "walk": _walk,
+    "dance": _dance,
+    "kick": _kick,
+    "turn": _turn,
+}
+periods = {"stand": 4.0, "walk": 1.15, "dance": 1.6, "kick": 2.4, "turn": 4.0}  #: s, of one round
+
+
+def _eased(t: Reals) -> Reals:
+    """Returns 0 to 1 with two vanishing derivatives at both ends."""
+    t = np.clip(t, 0, 1)
+    return t**3 * (10 + t * (6 * t - 15))
+
+
+def _matrices(angles: Reals) -> Reals:
+    """Returns the rotation matrices [t, 3, 3] about x, then y, then z of angles [t, 3], degrees."""
+    (cx, cy, cz), (sx, sy, sz) = np.cos(np.radians(angles)).T, np.sin(np.radians(angles)).T
+    rows = [
+        [cy * cz, sx * sy * cz - cx * sz, cx * sy * cz + sx * sz],
+        [cy * sz, sx * sy * sz + cx * cz, cx * sy * sz - sx * cz],
+        [-sy, sx * cy, cx * cy],
+    ]
+    return np.stack([np.stack(row, axis=-1) for row in rows], axis=-2)
+
+
+def pose(motion: str, times: Reals, lead_in: float, start: str, period: float) -> tuple[Reals, Reals]:
+    """Returns the rotations [t, bones, 3, 3] and translations [t, bones, 3] of the bones: x becomes R x + t.
+
+    Args:
+        motion: A name in `MOTIONS`.
+        times: Times [t], s.
+        lead_in: Time in which the motion grows out of the starting pose, s.
+        start: "A" or "T", the starting pose.
+        period: Duration of one round of the motion, s.
+    """
+    moving = _Pose(len(times))
+    share = times / lead_in if lead_in > 0 else np.full(len(times), 1.0)
+    amount = _eased(share)
+    begun = np.clip(share, 0, 1)  # the motion starts slowly: its phase is the integral of `amount`
+    phase = np.maximum(times - lead_in, 0) + (lead_in * begun**4 * (2.5 + begun * (begun - 3)) if lead_in > 0 else 0)
+    MOTIONS[motion](moving, phase / period)
+    for name in BONES:
+        moving.angles[name] *= amount[:, None]
+    if start == "T":
+        moving.both("arm", y=-42 * (1 - amount))
+    moving.shift *= amount[:, None]
+    rotations = np.empty((len(times), len(BONES), 3, 3))
+    translations = np.empty((len(times), len(BONES), 3))
+    for bone, (name, parent) in enumerate(zip(BONES, PARENTS)):
+        own = _matrices(moving.angles[name])
+        before = np.broadcast_to(np.eye(3), own.shape) if parent < 0 else rotations[:, parent]
+        at = moving.shift if parent < 0 else translations[:, parent]
+        rotations[:, bone] = before @ own
+        translations[:, bone] = at + before @ JOINTS[name] - rotations[:, bone] @ JOINTS[name]
+    translations[:, :, 2] -= _lowest(rotations, translations)[:, None]
+    return rotations, translations
+
+
+def _lowest(rotations: Reals, translations: Reals) -> Reals:
+    """Returns the height [t] of the lowest point of the soles, smoothed where one foot takes over from the other, m."""
+    heights = []
+    for end, side in (("_left", 1.0), ("_right", -1.0)):
+        bone = BONES.index("foot" + end)
+        x, y, _ = JOINTS["foot" + end]
+        for along, across in ((0.052, 0.0), (0.04, 0.022), (0.04, -0.022), (-0.1, -0.025), (-0.1, 0.04), (-0.17, 0.01)):
+            point = np.array([x + side * across, y + along, 0.0])
+            heights.append((rotations[:, bone] @ point + translations[:, bone])[:, 2])
+    stacked = np.stack(heights)
+    least = stacked.min(axis=0)
+    share = np.exp(-(stacked - least) / SOLES).sum(axis=0) / (len(heights) // 2)  # 1 on one flat foot
+    return least - SOLES * np.log(share)
