@@ -106,3 +106,21 @@ def test_pictures_of_the_gallery_are_small_and_there_is_one_of_every_scene():
     sizes = [(ROOT / "docs" / name).stat().st_size for name in re.findall(r"\]\((images/\S+)\)", text)]
     assert max(sizes) < 200_000 and sum(sizes) < 1_500_000
     assert set(re.findall(r"cama run (\w+)", text)) == set(cama.scenes())
+
+
+def test_sections_of_docstrings_become_lists(monkeypatch):
+    pytest.importorskip("griffe")
+    monkeypatch.syspath_prepend(str(ROOT / "docs"))
+    markdown = importlib.import_module("docstrings").markdown
+    said = markdown(
+        "Adds.\n\nArgs:\n    a, b: Two numbers,\n        in m.\n    c: One.\n\n"
+        "Raises:\n    FileError, MeshError\n\nEnd."
+    )
+    assert said == (
+        "Adds.\n\n**Arguments**\n\n- `a`, `b`: Two numbers, in m.\n- `c`: One.\n\n"
+        "**Raises**\n\n- FileError, MeshError\n\n"
+        "End."
+    )
+    assert markdown("Nothing here.\n\nArguments are numbers:\n\n    x = 2") == (
+        "Nothing here.\n\nArguments are numbers:\n\n    x = 2"
+    )
