@@ -14,6 +14,7 @@ They need the package `cama` in the environment (all but scene-file.md and cpp-a
 """
 
 import json
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -280,6 +281,18 @@ def pages():
         ),
         "reference/cpp-api.md": cpp_reference.page(ROOT / "libcama/include"),
     }
+
+
+def version():
+    """The project's version, as CMakeLists.txt has it."""
+    text = (ROOT / "CMakeLists.txt").read_text(encoding="utf-8")
+    return re.search(r"project\(cama VERSION ([0-9.]+)", text)[1]
+
+
+def on_config(config):
+    """mkdocs: every page says of which version it is."""
+    config.site_name = f"cama {version()}"
+    return config
 
 
 def on_files(files, config):

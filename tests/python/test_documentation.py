@@ -341,6 +341,10 @@ def test_links_lead_somewhere(page):
         path, _, anchor = target.partition("#")
         other = (page.parent / path).resolve() if path else page
         generated = other.parent == ROOT / "docs" / "reference" and other.name in GENERATED
+        generated |= (
+            other.parent == ROOT / "docs" / "notebooks"
+            and (ROOT / "examples" / "notebooks" / f"{other.stem}.ipynb").exists()
+        )
         if generated and page.parent != ROOT:
             continue  # mkdocs checks them when it builds the site; a page outside docs/ is read without it
         if not other.exists() or (anchor and other.suffix == ".md" and anchor not in anchors(other)):

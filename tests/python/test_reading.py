@@ -13,7 +13,9 @@ from typer.testing import CliRunner
 import cama
 from cama.cli import app
 from cama.io import reading
+from cama.io.exporting import export
 from cama.io.recording import NAME, Recorder, Recording
+from cama.viewing.player import Player
 from conftest import grid
 from test_characters import write_gltf
 
@@ -260,6 +262,16 @@ class Ended:
     """A process that ended by a signal."""
 
     returncode = -11
+
+
+def test_a_recording_that_crashes_hdf5_is_refused(recorded, monkeypatch):
+    """In Python as by the commands: whatever reads a recording has it read in another process first, once."""
+    monkeypatch.setattr(reading.subprocess, "run", lambda *_, **__: Ended())
+    for _ in range(2):
+        refused(lambda: Recording(recorded), "is damaged: HDF5 crashes")
+    refused(lambda: export(recorded, "obj"), "is damaged: HDF5 crashes")
+    refused(lambda: Player(recorded), "is damaged: HDF5 crashes")
+    Recording(recorded, checked=True).close()
 
 
 def test_the_process_for_hdf5_reads_what_is_whole(recorded):

@@ -2,8 +2,11 @@
 """Pictures and video of a recording, without a display."""
 
 import colorsys
+import os
 import re
+import signal
 import sys
+from concurrent.futures import ProcessPoolExecutor
 
 import h5py
 import numpy as np
@@ -112,6 +115,23 @@ def test_processes_draw_the_same_film(recording, monkeypatch):
         films.append([imageio.imread(p) for p in sorted((recording / "images").glob("*.png"))])
     assert len(films[0]) == 6
     np.testing.assert_array_equal(*films)
+
+
+def test_a_process_that_is_stopped_is_an_error_and_no_half_of_a_film_stays(recording, monkeypatch):
+    """As the system stops processes for lack of memory."""
+    monkeypatch.setattr(render, "MANY", 2)
+    started = ProcessPoolExecutor.submit
+
+    def submit(pool, *task):
+        future = started(pool, *task)
+        for process in pool._processes.values():
+            os.kill(process.pid, signal.SIGKILL)
+        return future
+
+    monkeypatch.setattr(ProcessPoolExecutor, "submit", submit)
+    with pytest.raises(cama.BackendError, match="a process that draws images was stopped"):
+        render.render(recording, render.Look(**SMALL), fps=10, speed=1, processes=2)
+    assert [file.name for file in recording.rglob("*") if file.is_file()] == ["frames.h5"]
 
 
 def test_a_turntable_goes_once_around_a_frame(recording):

@@ -116,7 +116,7 @@ def test_a_recording_that_is_killed_at_any_write_holds_whole_frames(tmp_path):
             assert added == 0
             continue
         interrupted += not done
-        with Recording(path) as recording:  # as it was left
+        with Recording(path, checked=True) as recording:  # as it was left
             frames = len(recording)
             assert added <= frames <= added + 1
             assert np.array_equal(recording.positions[:], [moment(k) for k in range(frames)])
@@ -137,7 +137,7 @@ def test_a_recording_that_goes_on_and_is_killed_at_any_write_holds_whole_frames(
         path.write_bytes(begun)
         done, added = killed(after, lambda said: record(path, range(2, 5), until=1.0, said=said))
         after += 1
-        with Recording(path) as recording:
+        with Recording(path, checked=True) as recording:
             found = [int(frame[0, 0]) for frame in recording.positions[:]]
         outcomes.add(tuple(found))
         assert found in ([[0, 1, 2, 3]] * (added == 0)) + [[0, 1, 102, 103, 104][:n] for n in (added + 2, added + 3)]

@@ -10,6 +10,7 @@ from typer.testing import CliRunner
 import cama
 from cama import plausibility
 from cama.cli import app
+from cama.io.exporting import UNITS
 from conftest import grid
 from test_characters import CORNERS, write_gltf
 
@@ -22,6 +23,14 @@ def triangle(tmp_path):
     path = tmp_path / "one.obj"
     path.write_text("v 0 0 0\nv 3 0 0\nv 0 5 7\nvt 0 0\nvt 2 0\nvt 0 2\nf 1/1 2/2 3/3\n")
     return path
+
+
+def test_an_inch_has_one_name_and_a_short_one(triangle):
+    """In Python and on the command line, for what is read as for what is written."""
+    assert {"inch", "in"} <= set(UNITS) and UNITS["inch"] == UNITS["in"] == METRES["inch"]
+    scene = cama.Scene()
+    long, short = (scene.add_cloth(triangle, units=unit).vertices for unit in ("inch", "in"))
+    np.testing.assert_array_equal(long, short)
 
 
 @pytest.mark.parametrize("unit", METRES)

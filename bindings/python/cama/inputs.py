@@ -40,7 +40,7 @@ def placement(transform: ArrayLike | None, translate: VectorLike, rotate: Vector
     return own
 
 
-UNITS = {"m": 1.0, "cm": 0.01, "mm": 0.001, "inch": 0.0254}  # m
+UNITS = {"m": 1.0, "cm": 0.01, "mm": 0.001, "inch": 0.0254, "in": 0.0254}  # m
 
 
 def file_frame(name: str, mesh: object, units: str, up: str | None) -> tuple[Reals, float]:

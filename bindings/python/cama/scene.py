@@ -256,7 +256,7 @@ class Scene:
         material_faces: ArrayLike | None = None,
         rest: Literal["start", "uv"] = "start",
         material_scale: float | None = None,
-        units: Literal["m", "cm", "mm", "inch"] = "m",
+        units: Literal["m", "cm", "mm", "inch", "in"] = "m",
         up: Literal["y", "z"] | None = None,
         transform: ArrayLike | None = None,
         translate: VectorLike = (0, 0, 0),
@@ -284,7 +284,8 @@ class Scene:
             rest: The rest shape of a mesh file: "start", its vertices with `scale`, or "uv", its texture coordinates
                 times `material_scale`, as garment patterns have them.
             material_scale: Length of a unit of the texture coordinates, m, with rest="uv"; None: 1.
-            units: Unit of the lengths of `mesh`: "m", "cm", "mm" or "inch". Texture coordinates have `material_scale`.
+            units: Unit of the lengths of `mesh`: "m", "cm", "mm" or "inch" (or "in"). Texture coordinates have
+                `material_scale`.
             up: The axis of `mesh` that points up, "y" or "z", for files without one of their own (OBJ, PLY, STL) and
                 for arrays; None: "z".
             transform: Matrix [4, 4] that is applied to the start after `scale`, `rotate` and `translate`.
@@ -347,7 +348,7 @@ class Scene:
         loops: int = 1,
         leave_out: Sequence[str] = (),
         clearance: float | None = None,
-        units: Literal["m", "cm", "mm", "inch"] = "m",
+        units: Literal["m", "cm", "mm", "inch", "in"] = "m",
         up: Literal["y", "z"] | None = None,
         transform: ArrayLike | None = None,
         translate: VectorLike = (0, 0, 0),

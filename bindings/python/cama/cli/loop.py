@@ -21,7 +21,6 @@ from ..io.checkpoint import BEFORE
 from ..io.checkpoint import NAME as CHECKPOINT
 from ..io.journal import recover
 from ..io.progress import Bar
-from ..io.reading import check_hdf5
 from ..io.recording import NAME, Recorder, Recording
 from ..io.summary import Summary
 
@@ -110,7 +109,6 @@ def attributes(simulation):
 def frames_of(file):
     """Returns the number of frames after the start that a file has recorded; 0 for what is no recording."""
     try:
-        check_hdf5(file)
         with Recording(file) as recording:
             return len(recording) - 1
     except FileError:

@@ -226,17 +226,7 @@ def read(path: PathLike) -> tuple[dict[str, Any], dict[str, Any], Optional[dict[
             parts = json.loads(file["scene_parts"][()]) if "scene_parts" in file else None
             if not isinstance(options, dict) or not isinstance(parts, (dict, type(None))):
                 raise ValueError("its options or parts of the scene are not a table")
-    except (
-        OSError,
-        KeyError,
-        ValueError,
-        TypeError,
-        AttributeError,
-        IndexError,
-        OverflowError,
-        RuntimeError,
-        MemoryError,
-    ) as problem:  # ArrayError is a ValueError
+    except reading.DAMAGED as problem:  # ArrayError is a ValueError
         raise FileError(f"{path}: not a checkpoint of cama: {problem}") from None
     return fields, options, parts
 
@@ -259,7 +249,7 @@ def read_run(path: Path) -> Optional[dict[str, Any]]:
             if not numbers["frames"] >= 1:
                 raise ValueError(f"frames is {numbers['frames']}")
             return {"numbers": numbers, "stages": stages, "milliseconds": milliseconds}
-    except (OSError, KeyError, ValueError, TypeError, AttributeError, MemoryError) as problem:
+    except reading.DAMAGED as problem:
         raise FileError(f"{path}: not a checkpoint of cama: {problem}") from None
 
 

@@ -34,6 +34,18 @@ BASE_MEMORY, MEMORY_PER_BYTE = 2 * GIB, 100
 BASE_SECONDS, SECONDS_PER_BYTE = 5.0, 1.0 / 2**20
 FOREIGN = re.compile(r'"(?:file|path|positions|animation_file)"')  # keys of a scene that name mesh files
 
+# What h5py raises for a file that is damaged or of another program.
+DAMAGED = (
+    OSError,
+    KeyError,
+    ValueError,
+    TypeError,
+    AttributeError,
+    IndexError,
+    OverflowError,
+    RuntimeError,
+    MemoryError,
+)
 OWN = (".obj", ".usd", ".usda", ".usdc", ".usdz")  # that assimp does not read
 
 _known: dict[tuple[Any, ...], str] = {}  # what was found out about a file: "" for one that can be read

@@ -21,23 +21,11 @@ import numpy as np
 from .. import shipped
 from ..errors import FileError
 from .journal import JournaledFile, readable, recover
-from .reading import check_hdf5
+from .reading import DAMAGED, check_hdf5
 from .texture import texture_of
 
 NAME = "frames.h5"
 FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
-# What h5py raises for a file that is damaged or of another program.
-DAMAGED = (
-    OSError,
-    KeyError,
-    ValueError,
-    TypeError,
-    AttributeError,
-    IndexError,
-    OverflowError,
-    RuntimeError,
-    MemoryError,
-)
 
 
 class Recorder:
@@ -237,13 +225,24 @@ def _how_to_record(path):
 
 
 class Recording:
-    """Reads frames.h5, given the file or its folder. Raises FileError."""
+    """Reads frames.h5.
 
-    def __init__(self, path):
+    Args:
+        path: The file or its folder.
+        checked: It is known that HDF5 does not crash on the file; otherwise a process of its own reads it first, which
+            takes some tenths of a second and is done once for a file that stays as it is.
+
+    Raises:
+        FileError
+    """
+
+    def __init__(self, path, checked=False):
         path = Path(path)
         path = path / NAME if path.is_dir() else path
         if not path.is_file():
             raise FileError(f"{path}: no such file; {_how_to_record(path)}")
+        if not checked:
+            check_hdf5(path)
         self._path = path
         try:
             self._file = h5py.File(readable(path), "r")

@@ -11,8 +11,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeRemaini
 from ..errors import FileError, SceneError
 from ..hints import similar
 from .progress import Bar
-from .reading import check_hdf5
-from .recording import NAME, Recording
+from .recording import Recording
 from .rendering.film import VIDEO, Film, needs, needs_ffmpeg, write_png
 from .rendering.look import FORMATS, Look, check
 from .rendering.moments import choose_speed, moments_of, speed_text
@@ -62,7 +61,6 @@ def render(
     if any(kind in VIDEO for kind in formats) and (frame is None or look.turntable):
         needs_ffmpeg()
         look = replace(look, size=tuple(s - s % 2 for s in look.size))  # what the video codec takes
-    check_hdf5(Path(folder) / NAME if Path(folder).is_dir() else folder)
     with Recording(folder) as recording:
         check(look, recording)
         out = Path(folder) if Path(folder).is_dir() else Path(folder).parent

@@ -1,20 +1,17 @@
 # SPDX-License-Identifier: Apache-2.0
 """Runs independent tasks in a pool of processes on this machine, or on an existing Ray cluster."""
 
-import contextlib
 import itertools
 import multiprocessing
 import multiprocessing.connection
-import os
-import signal
 import socket
-import threading
 from concurrent.futures import FIRST_COMPLETED, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass
 
 from ..errors import ArrayError, BackendError
 from ..hints import require
+from ..processes import follow_parent, interrupts_held, terminate
 
 _shared = None
 
@@ -26,37 +23,11 @@ class Failure:
     text: str  #: "CollisionError: ..."
 
 
-@contextlib.contextmanager
-def _interrupts_held():
-    """Holds Ctrl-C back. Processes that start meanwhile have SIGINT blocked, even during their imports."""
-    handler, masks, came = signal.getsignal(signal.SIGINT), hasattr(signal, "pthread_sigmask"), []
-    ours = handler is not None and threading.current_thread() is threading.main_thread()
-    if ours:  # other threads of this process may take the signal
-        signal.signal(signal.SIGINT, lambda *_: came.append(True))
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT}) if masks else ()
-    try:
-        yield
-    finally:
-        if masks:
-            signal.pthread_sigmask(signal.SIG_SETMASK, before)
-        if ours:
-            signal.signal(signal.SIGINT, handler)
-            if came:
-                signal.raise_signal(signal.SIGINT)
-
-
 def _receive(shared):
     """Starts a new process: it ignores Ctrl-C, which is for the parent, and ends with its parent."""
     global _shared
     _shared = shared
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
-    parent = multiprocessing.parent_process()
-
-    def follow():
-        multiprocessing.connection.wait([parent.sentinel])
-        os._exit(1)
-
-    threading.Thread(target=follow, daemon=True).start()
+    follow_parent()
 
 
 def _call(function, task):
@@ -109,7 +80,7 @@ class Local:
             while left or running:
                 while left and len(running) < jobs and not dead:
                     index, task = left.pop(0)
-                    with _interrupts_held():  # processes start here
+                    with interrupts_held():  # processes start here
                         future = pool.submit(_call, function, task)
                     running[future] = (index, task)
                 done, _ = wait(running, return_when=FIRST_COMPLETED)
@@ -126,8 +97,7 @@ class Local:
                     running.clear()
                     break
         except BaseException:  # Ctrl-C, or a caller that wants no more results: what runs is ended
-            for process in list((getattr(pool, "_processes", None) or {}).values()):
-                process.terminate()
+            terminate(pool)
             raise
         finally:
             pool.shutdown(wait=True, cancel_futures=True)

@@ -82,7 +82,7 @@ def export(
         last: Last recorded frame; None: that of the recording.
         every: 2 takes every second frame from `first` on; only without `fps`.
         up: The axis that points up, "y" or "z"; None: z. USD and glTF say theirs: z in USD, y in glTF.
-        units: Unit of length of the file: "m", "cm", "mm", "in" or "ft". Not for glTF, which has metres.
+        units: Unit of length of the file: "m", "cm", "mm", "inch" (or "in") or "ft". Not for glTF, which has metres.
         progress: Is called with the number of frames that are written and that of all; an exception ends the export.
 
     Raises:

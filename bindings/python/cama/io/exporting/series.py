@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from ... import inputs
 from ...errors import SceneError
 from ...types import Integers, Reals
 from ..recording import Part, Recording
@@ -17,7 +18,7 @@ from ..rendering.look import CLOTHS, OBSTACLE
 from ..rendering.moments import moments_of, place_of, positions_at
 from ..tessellation import drawn
 
-UNITS = {"m": 1.0, "cm": 0.01, "mm": 0.001, "in": 0.0254, "ft": 0.3048}  # m
+UNITS = {**inputs.UNITS, "ft": 0.3048}  # m
 
 
 @dataclass

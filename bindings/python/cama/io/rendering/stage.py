@@ -1,12 +1,15 @@
 # SPDX-License-Identifier: Apache-2.0
 """Cloths, obstacles, ground, lights and camera in one window that is not on a screen."""
 
-import functools
 import multiprocessing
-import signal
+from collections import deque
+from concurrent.futures import ProcessPoolExecutor
+from concurrent.futures.process import BrokenProcessPool
 
 import numpy as np
 
+from ...errors import BackendError
+from ...processes import follow_parent, interrupts_held, terminate
 from ..recording import Recording
 from . import look as looks
 from . import passes, surfaces
@@ -17,6 +20,7 @@ AMBIENT, DIFFUSE = 0.42, 0.70  # of cloths and obstacles
 GROUND_DIFFUSE = 0.45
 KEY, FILL = 0.84, 0.30  # intensities of the lights
 CLEAR = 0.3  # opacity of obstacles that would hide the cloth
+AHEAD = 4  # pictures of a process that may wait to be written
 HIDDEN = 0.5  # share of the visible cloth that obstacles hide at some moment, from which on they are drawn clear
 
 
@@ -263,8 +267,7 @@ def pictures(path, recording, look, shots, processes=1):
     """Yields the pictures of shots (moment, caption, seconds), as for Stage.draw, drawn by several processes."""
     moments = [shot[0] for shot in shots]
     if processes > 1:
-        with multiprocessing.get_context("spawn").Pool(processes) as pool:
-            yield from pool.imap(functools.partial(_draw, (path, look, tuple(moments))), shots)
+        yield from _drawn_by(processes, (path, look, tuple(moments)), shots)
         return
     stage = Stage(recording, moments, look)
     try:
@@ -274,6 +277,30 @@ def pictures(path, recording, look, shots, processes=1):
         stage.close()
 
 
+def _drawn_by(processes, job, shots):
+    """Yields the pictures of shots, drawn by processes. Raises BackendError where one of them is stopped."""
+    pool = ProcessPoolExecutor(processes, multiprocessing.get_context("spawn"), follow_parent)
+    ahead = deque()
+    try:
+        for shot in shots:
+            with interrupts_held():  # processes start here
+                ahead.append(pool.submit(_draw, job, shot))
+            if len(ahead) > AHEAD * processes:
+                yield ahead.popleft().result()
+        while ahead:
+            yield ahead.popleft().result()
+    except BrokenProcessPool:
+        raise BackendError(
+            "render: a process that draws images was stopped, most often by the system for lack of memory; draw "
+            "smaller images (--width, --height, --quality draft), or end other programs"
+        ) from None
+    except BaseException:  # Ctrl-C, or a film that cannot be written: what is drawn is not needed
+        terminate(pool)
+        raise
+    finally:
+        pool.shutdown(wait=True, cancel_futures=True)
+
+
 _stages = {}  #: of this process, by the path of the recording
 
 
@@ -281,6 +308,5 @@ def _draw(job, shot):
     """Draws a shot in a process of its own, which keeps its stage for the next."""
     path, look, moments = job
     if path not in _stages:
-        signal.signal(signal.SIGINT, signal.SIG_IGN)  # the process that writes the film ends this one
-        _stages[path] = Stage(Recording(path), moments, look)
+        _stages[path] = Stage(Recording(path, checked=True), moments, look)
     return _stages[path].draw(*shot)
