@@ -50,10 +50,12 @@ __all__ = [
     "Simulation",
     "Frame",
     "Wrench",
+    "SewingPattern",
     "accuracy",
     "accuracy_levels",
     "backends",
     "collision",
+    "dress",
     "fabrics",
     "option_table",
     "record",
@@ -78,9 +80,10 @@ __all__ = [
 if TYPE_CHECKING:
     from .measuring import accuracy, tradeoff, tune
     from .recording import record
+    from .sewing import SewingPattern, dress
 else:
     _ON_FIRST_USE = {"accuracy": "measuring.accuracy", "tradeoff": "measuring.tradeoff", "tune": "measuring.tune"}
-    _FUNCTIONS_ON_FIRST_USE = {"record": "recording"}
+    _FUNCTIONS_ON_FIRST_USE = {"record": "recording", "SewingPattern": "sewing", "dress": "sewing"}
 
     def __getattr__(name):
         """Tools for measurements and recordings are loaded when they are first asked for."""

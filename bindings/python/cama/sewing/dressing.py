@@ -28,6 +28,8 @@ if TYPE_CHECKING:
 __all__ = ["Dressed", "Verdict", "dress"]
 
 TOLERANCE = 1e-3  # m: seams that are closed to this are joined
+NEAR = 4e-3  # m: pairs that are joined when a seam closes no further, so that the rest of it can
+PATIENCE = 4  # phases without progress after which a seam closes no further
 REST_SPEED = 2e-3  # m/s, root mean square over the cloth, below which it is at rest
 STEP = 0.01  # s, time step
 STEPS = 10  # in a phase, after which stitches become stiffer and a frame is recorded
@@ -36,7 +38,7 @@ LAG = 6  # doublings of stiffness by which the lowest seam is behind the highest
 SEWING_SPEED = 0.6  # m/s, mean: above it stitches stay as they are
 MAX_PHASES = 70  # of sewing
 SEWING_DAMPING = 10.0  # 1/s, mass damping while sewing
-DRAPING_DAMPING = 4.0  # 1/s, mass damping while draping
+DRAPING_DAMPING = 6.0  # 1/s, mass damping while draping
 SEWING_FRICTION = 0.05
 BODY_FRICTION = 0.4
 BODY_SIZES = {"m": (0.4, 3.0), "cm": (40.0, 300.0), "mm": (400.0, 3000.0)}  # heights of a body, to tell its unit
@@ -47,8 +49,9 @@ class Verdict:
     """What became of a pattern: closed seams, no intersections, cloth at rest, or what failed and where."""
 
     problems: list[str]  #: what failed, with the place; empty if the garment is good
-    seam_gap: float  #: largest distance of two vertices that are sewn together, m, when the seams were joined
-    widest_seam: str  #: the seam with that distance, or ""
+    seam_gap: float  #: largest distance of two vertices that belong together, m, at the end; 0 where they are joined
+    joined_gap: float  #: largest distance of two vertices when they were joined, m
+    widest_seam: str  #: the seam that is open furthest, or ""
     intersections: int  #: edges through faces at the end
     speed: float  #: root mean square of the cloth's speed at the end, m/s
     max_strain: float  #: largest principal stretch at the end, minus one
@@ -61,7 +64,7 @@ class Verdict:
 
     def __str__(self) -> str:
         if self.good:
-            return f"good: seams closed to {self.seam_gap * 1e3:.2g} mm, no intersections, at rest"
+            return f"good: seams closed, from {self.joined_gap * 1e3:.2g} mm, no intersections, at rest"
         return "; ".join(self.problems)
 
 
@@ -177,7 +180,9 @@ class _Dressing:
         trial = Scene().add_obstacle(**body, name="body")
         self.body = trial.vertices, trial.faces
         self.pairs = mesh.pairs
-        self.positions = mesh.positions
+        self.positions = mesh.positions  # of the panels' vertices; those that are joined have one place
+        self.vertex_of = np.arange(len(mesh.points))  # the garment's vertex that each has become
+        self.gaps = np.zeros(len(self.pairs))  # of each pair when it was joined
         self.time = 0.0
         self.writer: Output | None = None
 
@@ -188,26 +193,17 @@ class _Dressing:
         self._clear_start()
         problems: list[str] = []
         sewing = draping = 0
+        last = None
         try:
             sewing = self._sew()
+            draping, last = self._drape(seconds)
         except Error as problem:
-            problems.append(f"sewing ended early, at {self.time:.1f} s: {problem}")
-        gaps = self._gaps()
-        joined, positions = self._join(gaps)
-        scene = self._scene(joined, positions, self._material(DRAPING_DAMPING, None), gaps)
-        last = None
-        if not problems:
-            try:
-                self._untangle_joints(scene)
-                draping, last = self._drape(scene, joined, seconds)
-            except Error as problem:
-                problems.append(f"draping ended early, at {self.time:.1f} s: {problem}")
-        final = last.positions[: len(positions)] if last is not None else scene.cloths[0].vertices
-        result = self._scene(joined, final, self.fabric, gaps)
-        verdict = self._verdict(result, last, gaps, joined, problems)
-        dressed = Dressed(
-            verdict, result, self.mesh, joined, final, time.monotonic() - started, sewing, draping
-        )
+            problems.append(f"ended early, at {self.time:.1f} s: {problem}")
+        result = self._scene(self.fabric)
+        verdict = self._verdict(result, last, problems)
+        final = result.cloths[0].vertices
+        elapsed = time.monotonic() - started
+        dressed = Dressed(verdict, result, self.mesh, self.vertex_of, final, elapsed, sewing, draping)
         if writer is not None:
             writer.finish(dressed)
         return dressed
@@ -219,21 +215,30 @@ class _Dressing:
             material.friction, material.static_friction = friction, -1
         return material
 
-    def _scene(self, vertex_of: Integers, positions: Reals, material: Material, gaps: Reals) -> Scene:
-        """Returns a scene of the garment whose seams of width above TOLERANCE are stitched, the others joined."""
+    def _scene(self, material: Material) -> Scene:
+        """Returns a scene of the garment under gravity; seams that are open are stitched."""
         scene = Scene(name=self.mesh.pattern.name, frame_time=STEP * STEPS)
-        self._add(scene, vertex_of, positions, material, BODY_FRICTION)
-        open_ = vertex_of[self.pairs[gaps > TOLERANCE]]
-        if len(open_):
-            scene.stitch(0, open_[:, 0], 0, open_[:, 1], stiffness=STIFFEST)
+        self._add(scene, material, BODY_FRICTION)
+        open_ = self._open()
+        if open_.any():
+            first, second = self.vertex_of[self.pairs[open_]].T
+            scene.stitch(0, first, 0, second, stiffness=STIFFEST)
         return scene
 
-    def _add(
-        self, scene: Scene, vertex_of: Integers, positions: Reals, material: Material, friction: float
-    ) -> None:
+    def _sewing_scene(self, stiffness: Reals) -> Scene:
+        """Returns a scene without gravity, with a stitch of its own stiffness for each open pair [pairs]."""
+        scene = Scene(gravity=(0, 0, 0), name=self.mesh.pattern.name, frame_time=STEP * STEPS)
+        self._add(scene, self._material(SEWING_DAMPING, SEWING_FRICTION), SEWING_FRICTION)
+        open_ = self._open()
+        for value in np.unique(stiffness[open_]):
+            first, second = self.vertex_of[self.pairs[open_ & (stiffness == value)]].T
+            scene.stitch(0, first, 0, second, stiffness=float(value))
+        return scene
+
+    def _add(self, scene: Scene, material: Material, friction: float) -> None:
         scene.add_cloth(
-            positions,
-            vertex_of[self.mesh.faces],
+            self._joined_positions(),
+            self.vertex_of[self.mesh.faces],
             material_vertices=self.mesh.material,
             material_faces=self.mesh.faces,
             material=material,
@@ -241,129 +246,135 @@ class _Dressing:
         )
         scene.add_obstacle(*self.body, friction=friction, name="body")
 
-    def _sewing_scene(self, stiffness: Reals) -> Scene:
-        scene = Scene(gravity=(0, 0, 0), name=self.mesh.pattern.name, frame_time=STEP * STEPS)
-        apart = np.arange(len(self.mesh.points))
-        self._add(scene, apart, self.positions, self._material(SEWING_DAMPING, SEWING_FRICTION), SEWING_FRICTION)
-        for value in np.unique(stiffness):
-            first, second = self.pairs[stiffness == value].T
-            scene.stitch(0, first, 0, second, stiffness=float(value))
-        return scene
+    def _joined_positions(self) -> Reals:
+        """Returns the positions [vertices of the garment, 3]: the means of what is joined."""
+        counts = np.bincount(self.vertex_of)
+        sums = np.stack([np.bincount(self.vertex_of, self.positions[:, axis]) for axis in range(3)], axis=1)
+        return sums / counts[:, None]
+
+    def _open(self) -> np.ndarray:
+        """Whether each pair [pairs] is still two vertices."""
+        return self.vertex_of[self.pairs[:, 0]] != self.vertex_of[self.pairs[:, 1]]
+
+    def _gaps(self) -> Reals:
+        """Returns the distance [pairs] of each pair, m."""
+        return np.linalg.norm(self.positions[self.pairs[:, 0]] - self.positions[self.pairs[:, 1]], axis=1)
 
     def _clear_start(self) -> None:
         """Moves the placed panels until nothing intersects. Raises CollisionError."""
         scene = self._sewing_scene(np.full(len(self.pairs), WEAKEST))
-        report = scene.untangle()
-        if report.before:
-            self.say(f"placed: {report.before:,} intersections, moved by up to {report.largest_move * 1e3:.3g} mm")
-        if report.after:
-            where = "; ".join(str(pair) for pair in scene.intersections()[:3])
-            raise CollisionError(
-                f"{self.mesh.pattern.name}: {report.after:,} of {report.before:,} intersections of the placed panels "
-                f"remain: {where}; move the panels out, away from the body"
-            )
-        self.positions = scene.cloths[0].vertices
+        self._untangle(scene, "the placed panels", "move the panels out, away from the body")
         if self.writer is not None:
             self.writer.start(Simulation(scene, accuracy="preview", time_step=STEP, **self.how))
 
-    def _gaps(self) -> Reals:
-        first, second = self.positions[self.pairs[:, 0]], self.positions[self.pairs[:, 1]]
-        return np.linalg.norm(first - second, axis=1)
+    def _untangle(self, scene: Scene, what: str, remedy: str) -> None:
+        """Removes the intersections at the start of a scene and takes over its positions. Raises CollisionError."""
+        report = scene.untangle()
+        if report.before:
+            self.say(
+                f"{what}: {counted(report.before, 'intersection')} undone, by moves of up to "
+                f"{report.largest_move * 1e3:.3g} mm"
+            )
+        if report.after:
+            where = "; ".join(f"{p.count} of {p.first_name} with {p.second_name}" for p in scene.intersections())
+            raise CollisionError(
+                f"{self.mesh.pattern.name}: {report.after:,} of {report.before:,} intersections of {what} remain: "
+                f"{where}; {remedy}"
+            )
+        self.positions = scene.cloths[0].vertices[self.vertex_of]
 
     def _sew(self) -> int:
-        """Draws the seams together; returns the number of phases."""
-        height = self.mesh.positions[self.pairs].mean(axis=1)[:, 2] if len(self.pairs) else np.zeros(0)
-        depth = (height.max(initial=0) - height) / max(float(np.ptp(height)) if len(height) else 0.0, 1e-9)
-        lag = np.round(LAG * depth * 2) / 2
-        level, last = 0.0, np.log2(STIFFEST / WEAKEST)
-        for phase in range(MAX_PHASES):
-            gaps = self._gaps()
-            if not len(gaps) or (gaps.max() <= TOLERANCE and level >= LAG):
-                return phase
-            stiffness = WEAKEST * 2.0 ** np.clip(level - lag, 0, last)
+        """Draws the seams together and joins them; returns the number of phases."""
+        height = self.mesh.positions[self.pairs].mean(axis=1)[:, 2]
+        depth = height.max(initial=-np.inf) - height
+        lag = np.round(2 * LAG * depth / max(depth.max(initial=0), 1e-9)) / 2
+        level, full = 0.0, np.log2(STIFFEST / WEAKEST)
+        phase, stuck, narrowest = 0, 0, np.inf
+        while self._open().any() and phase < MAX_PHASES:
             simulation = Simulation(
-                self._sewing_scene(stiffness), accuracy="preview", time_step=STEP, **self.how
+                self._sewing_scene(WEAKEST * 2.0 ** np.clip(level - lag, 0, full)),
+                accuracy="preview",
+                time_step=STEP,
+                **self.how,
             )
             simulation.step(STEPS)
-            speed = self._take(simulation, np.arange(len(self.positions)))
+            speed, phase = self._take(simulation), phase + 1
+            gaps = self._gaps()
             self.say(
-                f"sewing {self.time:.1f} s: seams {self._gaps().max() * 1e3:.3g} mm apart at most, mean "
-                f"{self._gaps().mean() * 1e3:.2g}, {speed:.2g} m/s"
+                f"sewing {self.time:.1f} s: seams at most {gaps.max() * 1e3:.3g} mm apart, {gaps.mean() * 1e3:.2g} mm "
+                f"in the mean; {speed:.2g} m/s"
             )
-            if speed < SEWING_SPEED:
-                level += 1
-        return MAX_PHASES
+            level += speed < SEWING_SPEED
+            stuck = 0 if gaps.max() < 0.9 * narrowest else stuck + 1
+            narrowest = min(narrowest, gaps.max())
+            if gaps.max() <= TOLERANCE and level > LAG:
+                self._join(TOLERANCE)
+            elif level > full + LAG and stuck >= PATIENCE:
+                if not (self._open() & (gaps <= NEAR)).any():
+                    break
+                self._join(NEAR)
+                stuck, narrowest = 0, np.inf
+        return phase
 
-    def _take(self, simulation: Simulation, vertex_of: Integers) -> float:
+    def _join(self, distance: float) -> None:
+        """Joins the pairs of vertices that are within a distance, m. Raises CollisionError."""
+        gaps = self._gaps()
+        self.gaps = np.where(self._open(), gaps, self.gaps)
+        self.vertex_of = merge_map(len(self.positions), self.pairs[~self._open() | (gaps <= distance)])
+        scene = self._sewing_scene(np.full(len(self.pairs), WEAKEST))
+        self._untangle(scene, "the joined seams", "take a shorter edge length, or look at the panels there")
+
+    def _take(self, simulation: Simulation) -> float:
         """Takes over positions of a simulation, records a frame; returns the root mean square speed, m/s."""
-        count = int(vertex_of.max()) + 1
+        count = simulation.cloth_vertex_count
         self.time += STEP * STEPS
-        self.positions = simulation.positions[:count][vertex_of]
+        self.positions = simulation.positions[:count][self.vertex_of]
         if self.writer is not None:
             self.writer.add(self.time, self.positions, simulation)
         return float(np.sqrt((simulation.velocities[:count] ** 2).sum(axis=1).mean()))
 
-    def _join(self, gaps: Reals) -> tuple[Integers, Reals]:
-        """Returns the joined vertex of each vertex, and the positions of these: the means of what is joined."""
-        vertex_of = merge_map(len(self.positions), self.pairs[gaps <= TOLERANCE])
-        sums = np.zeros((int(vertex_of.max()) + 1, 3))
-        np.add.at(sums, vertex_of, self.positions)
-        return vertex_of, sums / np.bincount(vertex_of)[:, None]
-
-    def _untangle_joints(self, scene: Scene) -> None:
-        report = scene.untangle()
-        if report.before:
-            self.say(f"joined: {report.before:,} intersections, moved by up to {report.largest_move * 1e3:.3g} mm")
-        if report.after:
-            pairs = scene.intersections()
-            raise CollisionError(f"{report.after:,} intersections where seams were joined remain: {pairs[0]}")
-
-    def _drape(self, scene: Scene, vertex_of: Integers, seconds: float) -> tuple[int, Simulation]:
-        simulation = Simulation(scene, accuracy="preview", time_step=STEP, **self.how)
-        phase, speed = 0, float("inf")
+    def _drape(self, seconds: float) -> tuple[int, Simulation]:
+        scene = self._scene(self._material(DRAPING_DAMPING, None))
+        simulation = Simulation(scene, accuracy="interactive", time_step=STEP, **self.how)
+        phase, speed = 0, np.inf
         while phase < 5 or (speed > REST_SPEED and phase < seconds / (STEP * STEPS)):
             simulation.step(STEPS)
-            speed, phase = self._take(simulation, vertex_of), phase + 1
+            speed, phase = self._take(simulation), phase + 1
             self.say(f"draping {self.time:.1f} s: {speed * 1e3:.2g} mm/s")
         return phase, simulation
 
-    def _verdict(
-        self, scene: Scene, last: Simulation | None, gaps: Reals, vertex_of: Integers, problems: list[str]
-    ) -> Verdict:
+    def _verdict(self, scene: Scene, last: Simulation | None, problems: list[str]) -> Verdict:
         pattern, cloth = self.mesh.pattern, scene.cloths[0]
-        widest = int(np.argmax(gaps)) if len(gaps) else -1
-        seam = pattern.seam_name(self._seam_of(widest)) if widest >= 0 else ""
-        if len(gaps) and gaps[widest] > TOLERANCE:
-            at = self.positions[self.pairs[widest, 0]]
+        gaps, open_ = self._gaps(), self._open()
+        gap, seam = float(gaps.max(initial=0)), ""
+        if gap > TOLERANCE:
+            widest = int(np.argmax(gaps))
+            seam = pattern.seam_name(self._seam_of(widest))
             problems.append(
-                f"{counted(int((gaps > TOLERANCE).sum()), 'pair')} of vertices did not close; {seam} is "
-                f"{gaps[widest] * 1e3:.3g} mm apart at {place(at)}"
+                f"{counted(int((open_ & (gaps > TOLERANCE)).sum()), 'pair')} of vertices did not close; {seam} is "
+                f"{gap * 1e3:.3g} mm apart at {place(self.positions[self.pairs[widest, 0]])}"
             )
         found = scene.intersections()
-        count = sum(pair.count for pair in found)
         problems += [f"{pair.count} intersections of {pair.first_name} with {pair.second_name}" for pair in found]
-        speeds = np.linalg.norm(last.velocities[: len(cloth.vertices)], axis=1) if last is not None else np.zeros(1)
-        speed = float(np.sqrt((speeds**2).mean())) if last is not None else float("nan")
+        speeds = np.zeros(1)
+        if last is not None:
+            speeds = np.linalg.norm(last.velocities[: len(cloth.vertices)], axis=1)
+        speed = float(np.sqrt((speeds**2).mean()))
         if speed > REST_SPEED:
             fastest = int(np.argmax(speeds))
             problems.append(
                 f"not at rest: {speed * 1e3:.2g} mm/s, fastest {speeds[fastest] * 1e3:.2g} mm/s in "
-                f"{self._panel_of(vertex_of, fastest)} at {place(cloth.vertices[fastest])}"
+                f"{self._panel_of(fastest)} at {place(cloth.vertices[fastest])}"
             )
         dropped = float(self.mesh.positions[:, 2].max() - cloth.vertices[:, 2].max())
-        if dropped > SLIPPED * max(float(np.ptp(self.body[0][:, 2])), 1e-9):
+        if dropped > SLIPPED * float(np.ptp(self.body[0][:, 2])):
             problems.append(f"the garment slid down by {dropped:.2f} m: nothing holds it on this body")
         strains = principal_strains(cloth.vertices[cloth.faces], self.mesh.material[self.mesh.faces])
         most = int(np.argmax(strains))
-        return Verdict(
-            problems,
-            float(gaps.max(initial=0)),
-            seam,
-            count,
-            speed,
-            float(strains[most]),
-            pattern.panels[self.mesh.panel_of_face[most]].name,
-        )
+        panel = pattern.panels[self.mesh.panel_of_face[most]].name
+        count = sum(pair.count for pair in found)
+        joined = float(self.gaps.max(initial=0))
+        return Verdict(problems, gap, joined, seam, count, speed, float(strains[most]), panel)
 
     def _seam_of(self, pair: int) -> int:
         wanted = self.pairs[pair]
@@ -372,8 +383,8 @@ class _Dressing:
                 return index
         raise MeshError(f"pair {pair} is of no seam")
 
-    def _panel_of(self, vertex_of: Integers, vertex: int) -> str:
-        return self.mesh.pattern.panels[self.mesh.panel_of_vertex[np.flatnonzero(vertex_of == vertex)[0]]].name
+    def _panel_of(self, vertex: int) -> str:
+        return self.mesh.pattern.panels[self.mesh.panel_of_vertex[np.flatnonzero(self.vertex_of == vertex)[0]]].name
 
 
 SLIPPED = 0.15  # of the body's height: a garment that sinks further has slid down

@@ -70,6 +70,7 @@ class Output:
             "good": verdict.good,
             "problems": verdict.problems,
             "seam_gap": verdict.seam_gap,
+            "joined_gap": verdict.joined_gap,
             "widest_seam": verdict.widest_seam,
             "intersections": verdict.intersections,
             "speed": verdict.speed,
