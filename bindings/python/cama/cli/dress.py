@@ -34,7 +34,7 @@ def dress(
     up: Annotated[
         Optional[Up], typer.Option(help="Axis of the body's file that points up. Default: the pattern's.")
     ] = None,
-    seconds: Annotated[float, typer.Option(min=0.5, help="Longest time of draping, s.")] = 4.0,
+    seconds: Annotated[float, typer.Option(min=0.5, help="Longest time of draping, s.")] = 8.0,
     backend: BackendOption = Backend.auto,
     threads: Threads = 0,
     output: Annotated[

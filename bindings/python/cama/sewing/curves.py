@@ -16,14 +16,43 @@ def relative_point(start: Reals, end: Reals, point: Reals) -> Reals:
     return start + point[0] * along + point[1] * np.array([-along[1], along[0]])
 
 
-class Bezier:
+class Sampled:
+    """A curve whose length is measured on samples of its parameter from 0 to 1."""
+
+    def __init__(self, samples: int) -> None:
+        self._t = np.linspace(0, 1, samples + 1)
+        steps = np.linalg.norm(np.diff(self._at(self._t), axis=0), axis=1)
+        self._lengths = np.concatenate([[0.0], np.cumsum(steps)])
+
+    def _at(self, t: Reals) -> Reals:
+        """Returns the points [n, 2] at parameters [n]."""
+        raise NotImplementedError
+
+    @property
+    def length(self) -> float:
+        """Length of the curve."""
+        return float(self._lengths[-1])
+
+    @property
+    def straight(self) -> bool:
+        """Whether it is a line."""
+        return len(self._t) == 2
+
+    def at(self, fractions: Reals) -> Reals:
+        """Returns the points [n, 2] at fractions [n] of the length."""
+        return self._at(np.interp(np.asarray(fractions, float) * self.length, self._lengths, self._t))
+
+    def scaled(self, factors: Reals) -> Sampled:
+        """Returns the curve with its coordinates multiplied by factors [2]."""
+        return Stretched(self, factors)
+
+
+class Bezier(Sampled):
     """A Bézier curve with control points [degree + 1, 2]; of degree 1 a line."""
 
     def __init__(self, control: Reals) -> None:
         self.control = np.asarray(control, float)
-        t = np.linspace(0, 1, SAMPLES + 1 if len(self.control) > 2 else 2)
-        steps = np.linalg.norm(np.diff(self._at(t), axis=0), axis=1)
-        self._t, self._lengths = t, np.concatenate([[0.0], np.cumsum(steps)])
+        super().__init__(SAMPLES if len(self.control) > 2 else 1)
 
     def _at(self, t: Reals) -> Reals:
         points = np.repeat(self.control[None], len(t), axis=0)  # de Casteljau
@@ -31,14 +60,19 @@ class Bezier:
             points = points[:, :-1] * (1 - t)[:, None, None] + points[:, 1:] * t[:, None, None]
         return points[:, 0]
 
-    @property
-    def length(self) -> float:
-        """Length of the curve."""
-        return float(self._lengths[-1])
+    def scaled(self, factors: Reals) -> Sampled:
+        return Bezier(self.control * factors)
 
-    def at(self, fractions: Reals) -> Reals:
-        """Returns the points [n, 2] at fractions [n] of the length."""
-        return self._at(np.interp(np.asarray(fractions, float) * self.length, self._lengths, self._t))
+
+class Stretched(Sampled):
+    """A curve whose coordinates are multiplied by factors [2]."""
+
+    def __init__(self, curve: Sampled | Arc, factors: Reals) -> None:
+        self._curve, self._factors = curve, np.asarray(factors, float)
+        super().__init__(SAMPLES)
+
+    def _at(self, t: Reals) -> Reals:
+        return self._curve.at(t) * self._factors
 
 
 class Arc:
@@ -64,6 +98,8 @@ class Arc:
         self._first = np.arctan2(*(start - self.center)[::-1])
         self._ends = start, end
 
+    straight = False
+
     @property
     def length(self) -> float:
         """Length of the arc."""
@@ -76,3 +112,7 @@ class Arc:
         points = self.center + self.radius * np.stack([np.cos(angle), np.sin(angle)], axis=1)
         points[fractions == 0], points[fractions == 1] = self._ends
         return points
+
+    def scaled(self, factors: Reals) -> Sampled:
+        """Returns the curve with its coordinates multiplied by factors [2]: an arc of an ellipse."""
+        return Stretched(self, factors)

@@ -30,7 +30,7 @@ __all__ = ["Dressed", "Verdict", "dress"]
 TOLERANCE = 1e-3  # m: seams that are closed to this are joined
 NEAR = 4e-3  # m: pairs that are joined when a seam closes no further, so that the rest of it can
 PATIENCE = 4  # phases without progress after which a seam closes no further
-REST_SPEED = 2e-3  # m/s, root mean square over the cloth, below which it is at rest
+REST_SPEED = 3e-3  # m/s, root mean square over the cloth, below which it is at rest
 STEP = 0.01  # s, time step
 STEPS = 10  # in a phase, after which stitches become stiffer and a frame is recorded
 WEAKEST, STIFFEST = 0.005, 2e4  # N/m, of the stitch of a pair of vertices
@@ -97,7 +97,7 @@ def dress(
     output: PathLike | None = None,
     units: Literal["m", "cm", "mm", "inch"] | None = None,
     up: Literal["y", "z"] | None = None,
-    seconds: float = 4.0,
+    seconds: float = 8.0,
     backend: str = "auto",
     threads: int = 0,
     say: Callable[[str], object] | None = None,

@@ -15,7 +15,7 @@ import numpy as np
 from ..errors import FileError, SceneError
 from ..hints import counted, similar, without_comments
 from ..types import PathLike, Reals
-from .curves import Arc, Bezier, relative_point
+from .curves import Arc, Bezier, Sampled, relative_point
 
 __all__ = ["Edge", "Panel", "Seam", "SewingPattern"]
 
@@ -28,7 +28,7 @@ PANEL_KEYS = ("corners", "curves", "edges", "translate", "rotate")
 class Edge:
     """An edge of a panel, from one corner to the next."""
 
-    curve: Union[Bezier, Arc] = field(repr=False)  #: in the panel's plane, m
+    curve: Union[Sampled, Arc] = field(repr=False)  #: in the panel's plane, m
     label: str = ""  #: name, or ""
 
     @property
@@ -53,8 +53,7 @@ class Panel:
         """Returns points [n, 2] of the boundary, m, `samples` on each curved edge and one on each straight one."""
         parts = []
         for edge in self.edges:
-            straight = isinstance(edge.curve, Bezier) and len(edge.curve.control) == 2
-            parts.append(edge.curve.at(np.linspace(0, 1, (1 if straight else samples) + 1)[:-1]))
+            parts.append(edge.curve.at(np.linspace(0, 1, (1 if edge.curve.straight else samples) + 1)[:-1]))
         return np.concatenate(parts)
 
     @property
@@ -132,17 +131,14 @@ class SewingPattern:
             raise SceneError(f"{self.name}: scaled: {width} and {height} must be positive")
         space = np.array([factors[0], factors[0], factors[1]])
 
-        def edge(old: Edge) -> Edge:
-            if isinstance(old.curve, Bezier):
-                return Edge(Bezier(old.curve.control * factors), old.label)
-            if factors[0] != factors[1]:  # an arc of an ellipse, as a Bézier curve for each eighth of a turn
-                raise SceneError(f"{self.name}: scaled: arcs of circles need the same factor for width and height")
-            ends = old.curve.at(np.array([0.0, 1.0])) * factors
-            large, turn = abs(old.curve.sweep) > np.pi, old.curve.sweep > 0
-            return Edge(Arc(ends[0], ends[1], old.curve.radius * factors[0], large, turn), old.label)
-
         panels = tuple(
-            Panel(p.name, tuple(edge(e) for e in p.edges), p.rotation, p.translation * space) for p in self.panels
+            Panel(
+                panel.name,
+                tuple(Edge(edge.curve.scaled(factors), edge.label) for edge in panel.edges),
+                panel.rotation,
+                panel.translation * space,
+            )
+            for panel in self.panels
         )
         return SewingPattern(self.name, panels, self.seams, self.up)
 
@@ -286,6 +282,8 @@ def _own_panel(where: str, name: str, panel: Any, unit: float, frame: Reals) -> 
             raise SceneError(f"{where}: curves: there is no edge {key!r}{similar(key, keys)}")
     edges = []
     for number, (start, end) in enumerate(zip(corners, np.roll(corners, -1, axis=0))):
+        if np.array_equal(start, end):
+            raise SceneError(f"{where}: corners {number} and {(number + 1) % len(corners)} are the same point")
         label = by_number.get(number, "")
         given = curves.get(label) if label in curves else curves.get(str(number))
         edges.append(Edge(_own_curve(f"{where}: curve of edge {number}", start, end, given, unit), label))
@@ -304,8 +302,9 @@ def _own_curve(where: str, start: Reals, end: Reals, given: Any, unit: float) ->
         if len(control) not in (1, 2):
             raise SceneError(f"{where}: control: {len(control)} points; a Bézier curve here has one or two")
         return Bezier(np.vstack([start, control, end]))
-    bulge, half = float(_numbers(f"{where}: bulge", given["bulge"], ())) * unit, 0.5 * float(np.linalg.norm(end - start))
-    if bulge == 0 or half == 0:
+    bulge = float(_numbers(f"{where}: bulge", given["bulge"], ())) * unit
+    half = 0.5 * float(np.linalg.norm(end - start))
+    if abs(bulge) < 1e-6 * half:
         return Bezier(np.stack([start, end]))
     radius = (half**2 + bulge**2) / (2 * abs(bulge))
     return Arc(start, end, radius, abs(bulge) > half, bulge > 0)
@@ -374,6 +373,8 @@ def _garmentcode_panel(where: str, name: str, panel: Any, unit: float, relative:
         if last is not None and ends[0] != last:
             raise SceneError(f"{here}: starts at vertex {ends[0]}, but the edge before ends at {last}")
         last = ends[1]
+        if np.array_equal(vertices[ends[0]], vertices[ends[1]]):
+            raise SceneError(f"{here}: begins and ends at the same point")
         curve = _garmentcode_curve(here, vertices[ends[0]], vertices[ends[1]], edge.get("curvature"), unit, relative)
         edges.append(Edge(curve, str(edge.get("label", ""))))
     if not edges or last != panel["edges"][0]["endpoints"][0]:
