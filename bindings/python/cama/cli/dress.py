@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The command `cama dress`."""
 
+import math
 from pathlib import Path
 from typing import Annotated, Optional
 
@@ -23,7 +24,9 @@ def dress(
     ],
     body: Annotated[
         str,
-        typer.Option(metavar="FILE", help="Mesh file of the body, or walker: the generated body of `cama run garment`."),
+        typer.Option(
+            metavar="FILE", help="Mesh file of the body, or walker: the generated body of `cama run garment`."
+        ),
     ],
     fabric: Annotated[str, typer.Option(metavar="NAME", help="A fabric's name, or a JSON file.")] = "cotton",
     resolution: Annotated[int, typer.Option(min=16, help="About how many triangles the garment has.")] = 8000,
@@ -84,7 +87,7 @@ def print_verdict(dressed, folder):
         ("garment", f"{len(mesh.faces):,} triangles, {len(dressed.positions):,} vertices"),
         ("seams", f"{verdict.seam_gap * 1e3:.2g} mm open at most; {verdict.joined_gap * 1e3:.2g} mm when joined"),
         ("intersections", f"{verdict.intersections:,}"),
-        ("speed at the end", f"{verdict.speed * 1e3:.2g} mm/s"),
+        ("speed at the end", "-" if math.isnan(verdict.speed) else f"{verdict.speed * 1e3:.2g} mm/s"),
         ("largest strain", f"{verdict.max_strain * 100:.3g} %, in {verdict.strained_at}"),
         ("wall time", f"{dressed.seconds:.3g} s"),
         ("written to", str(folder)),

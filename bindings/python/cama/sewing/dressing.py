@@ -40,6 +40,8 @@ MAX_PHASES = 70  # of sewing
 SEWING_DAMPING = 10.0  # 1/s, mass damping while sewing
 DRAPING_DAMPING = 6.0  # 1/s, mass damping while draping
 SEWING_FRICTION = 0.05
+RISE = 0.1  # m, of a panel above the seam that it hangs by, above which it falls before it is sewn
+HANGING_DAMPING, HANGING_PHASES = 3.0, 15  # 1/s; phases of the fall
 BODY_FRICTION = 0.4
 BODY_SIZES = {"m": (0.4, 3.0), "cm": (40.0, 300.0), "mm": (400.0, 3000.0)}  # heights of a body, to tell its unit
 
@@ -53,7 +55,7 @@ class Verdict:
     joined_gap: float  #: largest distance of two vertices when they were joined, m
     widest_seam: str  #: the seam that is open furthest, or ""
     intersections: int  #: edges through faces at the end
-    speed: float  #: root mean square of the cloth's speed at the end, m/s
+    speed: float  #: root mean square of the cloth's speed at the end, m/s; NaN if it was not draped
     max_strain: float  #: largest principal stretch at the end, minus one
     strained_at: str  #: the panel with it
 
@@ -195,8 +197,10 @@ class _Dressing:
         sewing = draping = 0
         last = None
         try:
+            self._hang()
             sewing = self._sew()
-            draping, last = self._drape(seconds)
+            if not self._open().any():  # what is not sewn would fall apart
+                draping, last = self._drape(seconds)
         except Error as problem:
             problems.append(f"ended early, at {self.time:.1f} s: {problem}")
         result = self._scene(self.fabric)
@@ -283,9 +287,39 @@ class _Dressing:
             )
         self.positions = scene.cloths[0].vertices[self.vertex_of]
 
+    def _hang(self) -> None:
+        """Lets panels that rise above the seam by which they hang, such as half circles of a skirt, fall below it."""
+        held = self._held_vertices()
+        hanging = np.zeros(len(self.positions), bool)
+        for index, panel in enumerate(self.mesh.pattern.panels):
+            own = self.mesh.panel_of_vertex == index
+            heights = self.positions[own & held, 2]
+            if len(heights) and self.positions[own, 2].max() - heights.max() > RISE:
+                hanging |= own
+                self.say(f"{panel.name} rises above the seam that it hangs by: it falls first")
+        if not hanging.any():
+            return
+        scene = Scene(name=self.mesh.pattern.name, frame_time=STEP * STEPS)
+        self._add(scene, self._material(HANGING_DAMPING, SEWING_FRICTION), SEWING_FRICTION)
+        scene.stitch(0, self.pairs[:, 0], 0, self.pairs[:, 1], stiffness=WEAKEST / 2**LAG)  # so as not to collide
+        scene.pin(0, ~hanging | held)
+        simulation = Simulation(scene, accuracy="preview", time_step=STEP, **self.how)
+        for _ in range(HANGING_PHASES):
+            simulation.step(STEPS)
+            self.say(f"hanging {self.time + STEP * STEPS:.1f} s: {self._take(simulation):.2g} m/s")
+
+    def _held_vertices(self) -> np.ndarray:
+        """Whether each vertex is sewn to a panel whose middle is higher than that of its own."""
+        panels = self.mesh.panel_of_vertex
+        middle = np.bincount(panels, self.mesh.positions[:, 2]) / np.bincount(panels)
+        held = np.zeros(len(panels), bool)
+        for first, second in (self.pairs.T, self.pairs.T[::-1]):
+            held[first[middle[panels[second]] > middle[panels[first]] + RISE]] = True
+        return held
+
     def _sew(self) -> int:
         """Draws the seams together and joins them; returns the number of phases."""
-        height = self.mesh.positions[self.pairs].mean(axis=1)[:, 2]
+        height = self.positions[self.pairs].mean(axis=1)[:, 2]
         depth = height.max(initial=-np.inf) - height
         lag = np.round(2 * LAG * depth / max(depth.max(initial=0), 1e-9)) / 2
         level, full = 0.0, np.log2(STIFFEST / WEAKEST)
@@ -356,7 +390,7 @@ class _Dressing:
             )
         found = scene.intersections()
         problems += [f"{pair.count} intersections of {pair.first_name} with {pair.second_name}" for pair in found]
-        speeds = np.zeros(1)
+        speeds = np.full(1, np.nan)
         if last is not None:
             speeds = np.linalg.norm(last.velocities[: len(cloth.vertices)], axis=1)
         speed = float(np.sqrt((speeds**2).mean()))

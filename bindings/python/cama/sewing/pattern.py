@@ -384,9 +384,7 @@ def _garmentcode_panel(where: str, name: str, panel: Any, unit: float, relative:
     return Panel(name, tuple(edges), Y_UP @ _rotation(turn), Y_UP @ move)
 
 
-def _garmentcode_curve(
-    where: str, start: Reals, end: Reals, given: Any, unit: float, relative: bool
-) -> Bezier | Arc:
+def _garmentcode_curve(where: str, start: Reals, end: Reals, given: Any, unit: float, relative: bool) -> Bezier | Arc:
     if given is None:
         return Bezier(np.stack([start, end]))
     if isinstance(given, list):  # as older files have it
