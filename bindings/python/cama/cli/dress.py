@@ -24,9 +24,7 @@ def dress(
     ],
     body: Annotated[
         str,
-        typer.Option(
-            metavar="FILE", help="Mesh file of the body, or walker: the generated body of `cama run garment`."
-        ),
+        typer.Option(metavar="FILE", help="Mesh file of the body, or walker: a generated body."),
     ],
     fabric: Annotated[str, typer.Option(metavar="NAME", help="A fabric's name, or a JSON file.")] = "cotton",
     resolution: Annotated[int, typer.Option(min=16, help="About how many triangles the garment has.")] = 8000,

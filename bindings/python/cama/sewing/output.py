@@ -123,12 +123,16 @@ def obj_text(
     groups: Any = (),
 ) -> str:
     """Returns an OBJ file, z up and in m: texture coordinates are the material space, in m."""
-    lines = ["v %.9g %.9g %.9g" % tuple(row) for row in vertices.tolist()]
+    lines = _rows("v {:.9g} {:.9g} {:.9g}", vertices)
     if material is None or material_faces is None:
-        return "\n".join(lines + ["f %d %d %d" % tuple(row) for row in (faces + 1).tolist()]) + "\n"
-    lines += ["vt %.9g %.9g" % tuple(row) for row in material.tolist()]
+        return "\n".join(lines + _rows("f {} {} {}", faces + 1)) + "\n"
+    lines += _rows("vt {:.9g} {:.9g}", material)
     corners = np.stack([faces + 1, material_faces + 1], axis=2).reshape(-1, 6)
     for name, chosen in groups:
         lines.append("g " + "_".join(name.split()))
-        lines += ["f %d/%d %d/%d %d/%d" % tuple(row) for row in corners[chosen].tolist()]
+        lines += _rows("f {}/{} {}/{} {}/{}", corners[chosen])
     return "\n".join(lines) + "\n"
+
+
+def _rows(pattern: str, rows: Reals | Integers) -> list[str]:
+    return [pattern.format(*row) for row in rows.tolist()]

@@ -8,7 +8,7 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Union
+from typing import Any
 
 import numpy as np
 
@@ -28,7 +28,7 @@ PANEL_KEYS = ("corners", "curves", "edges", "translate", "rotate")
 class Edge:
     """An edge of a panel, from one corner to the next."""
 
-    curve: Union[Sampled, Arc] = field(repr=False)  #: in the panel's plane, m
+    curve: Sampled | Arc = field(repr=False)  #: in the panel's plane, m
     label: str = ""  #: name, or ""
 
     @property
