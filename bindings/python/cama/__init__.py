@@ -52,10 +52,12 @@ __all__ = [
     "Simulation",
     "Frame",
     "Wrench",
+    "SewingPattern",
     "accuracy",
     "accuracy_levels",
     "backends",
     "collision",
+    "dress",
     "fabric",
     "fabrics",
     "option_table",
@@ -82,6 +84,7 @@ if TYPE_CHECKING:
     from . import fabric
     from .measuring import accuracy, tradeoff, tune
     from .recording import record
+    from .sewing import SewingPattern, dress
 else:
     _ON_FIRST_USE = {
         "accuracy": "measuring.accuracy",
@@ -89,7 +92,7 @@ else:
         "tradeoff": "measuring.tradeoff",
         "tune": "measuring.tune",
     }
-    _FUNCTIONS_ON_FIRST_USE = {"record": "recording"}
+    _FUNCTIONS_ON_FIRST_USE = {"record": "recording", "SewingPattern": "sewing", "dress": "sewing"}
 
     def __getattr__(name):
         """Tools for measurements and recordings are loaded when they are first asked for."""

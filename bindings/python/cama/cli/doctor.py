@@ -23,6 +23,7 @@ EXTRAS = {  # modules of the extras of pyproject.toml, and what needs them
     "export": (("pxr", "vtkmodules"), "cama export to USD and VTK, USD files in scenes"),
     "tradeoff": (("scipy", "matplotlib"), "cama tradeoff, cama tune"),
     "fabric": (("scipy",), "cama fabric fit"),
+    "dress": (("scipy",), "cama dress"),
     "cluster": (("ray",), "cama tradeoff on several machines"),
 }
 MARKS = {"found": "[green]found[/]", "missing": "[yellow]missing[/]", "limited": "[yellow]limited[/]"}

@@ -8,6 +8,7 @@ import typer
 from .. import _core
 from .check import check
 from .doctor import doctor
+from .dress import dress
 from .explain import explain
 from .export import export
 from .fabric import app as fabric
@@ -45,7 +46,7 @@ def options(
     pass
 
 
-for command in (run, new, check, render, view, export, explain, info, doctor, stability, tradeoff, tune):
+for command in (run, new, dress, check, render, view, export, explain, info, doctor, stability, tradeoff, tune):
     app.command()(command)
 app.add_typer(fabric, name="fabric")
 

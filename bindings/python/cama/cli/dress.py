@@ -1,0 +1,98 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The command `cama dress`."""
+
+import math
+from pathlib import Path
+from typing import Annotated, Optional
+
+import typer
+from rich.console import Console
+from rich.markup import escape
+from rich.table import Table
+
+from ..errors import FileError, SceneError
+from .common import Backend, BackendOption, Debug, Threads, choice, clean, console
+
+Units = choice("Units", ["m", "cm", "mm", "inch"])
+Up = choice("Up", ["y", "z"])
+
+
+@clean
+def dress(
+    pattern: Annotated[
+        Path, typer.Argument(metavar="PATTERN", help="A sewing pattern: JSON of cama, or GarmentCode's specification.")
+    ],
+    body: Annotated[
+        str,
+        typer.Option(metavar="FILE", help="Mesh file of the body, or walker: a generated body."),
+    ],
+    fabric: Annotated[str, typer.Option(metavar="NAME", help="A fabric's name, or a JSON file.")] = "cotton",
+    resolution: Annotated[int, typer.Option(min=16, help="About how many triangles the garment has.")] = 8000,
+    edge_length: Annotated[
+        Optional[float], typer.Option(metavar="METRES", help="Length of their edges, in place of --resolution.")
+    ] = None,
+    units: Annotated[Optional[Units], typer.Option(help="Unit of the body's file. Default: by its height.")] = None,
+    up: Annotated[
+        Optional[Up], typer.Option(help="Axis of the body's file that points up. Default: the pattern's.")
+    ] = None,
+    seconds: Annotated[float, typer.Option(min=0.5, help="Longest time of draping, s.")] = 8.0,
+    backend: BackendOption = Backend.auto,
+    threads: Threads = 0,
+    output: Annotated[
+        Optional[Path], typer.Option("--output", "-o", metavar="OUT", help="Folder of the results. Default: out/NAME.")
+    ] = None,
+    debug: Debug = False,
+):
+    """Sews the pattern PATTERN around a body and drapes it; writes OUT/garment.obj, OUT/scene.json and the frames.
+
+    Ends with exit code 1 if a seam stays open, something intersects or the cloth does not come to rest.
+    """
+    from ..sewing import SewingPattern
+    from ..sewing import dress as sew
+
+    if not body:
+        raise SceneError("--body: give the mesh file of a body")
+    if body != "walker" and not Path(body).is_file():
+        raise FileError(f"{body}: there is no such file; --body is a mesh file, or walker")
+    made = SewingPattern.load(pattern)
+    folder = output or Path("out") / made.name
+    status = Console(stderr=True, highlight=False)
+    dressed = sew(
+        made,
+        {"walker": {}} if body == "walker" else body,
+        fabric=fabric,
+        triangles=resolution,
+        edge_length=edge_length,
+        output=folder,
+        units=units.value if units else None,
+        up=up.value if up else None,
+        seconds=seconds,
+        backend=backend.value,
+        threads=threads,
+        say=lambda text: status.print(escape(text)),
+    )
+    print_verdict(dressed, folder)
+    if not dressed.verdict.good:
+        raise typer.Exit(1)
+
+
+def print_verdict(dressed, folder):
+    """Prints what was made, and the verdict."""
+    verdict, mesh = dressed.verdict, dressed.mesh
+    table = Table(show_header=False, box=None, padding=(0, 2))
+    rows = [
+        ("pattern", f"{mesh.pattern.name}, {len(mesh.pattern.panels)} panels, {len(mesh.pattern.seams)} seams"),
+        ("garment", f"{len(mesh.faces):,} triangles, {len(dressed.positions):,} vertices"),
+        ("seams", f"{verdict.seam_gap * 1e3:.2g} mm open at most; {verdict.joined_gap * 1e3:.2g} mm when joined"),
+        ("intersections", f"{verdict.intersections:,}"),
+        ("speed at the end", "-" if math.isnan(verdict.speed) else f"{verdict.speed * 1e3:.2g} mm/s"),
+        ("largest strain", f"{verdict.max_strain * 100:.3g} %, in {verdict.strained_at}"),
+        ("wall time", f"{dressed.seconds:.3g} s"),
+        ("written to", str(folder)),
+        ("verdict", "[bold green]good[/]" if verdict.good else "[bold red]failed[/]"),
+    ]
+    for name, text in rows:
+        table.add_row(f"[bold]{name}[/]", text if name == "verdict" else escape(text))
+    console().print(table)
+    for problem in verdict.problems:
+        console().print(f"[red]{escape(problem)}[/]")

@@ -1,0 +1,7 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Sewing patterns: read, meshed, placed around a body, sewn and draped."""
+
+from .dressing import Dressed, Verdict, dress
+from .pattern import Edge, Panel, Seam, SewingPattern
+
+__all__ = ["Dressed", "Edge", "Panel", "Seam", "SewingPattern", "Verdict", "dress"]

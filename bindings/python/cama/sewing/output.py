@@ -1,0 +1,138 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The folder that `dress` writes: garment, body, scene, frames and summary."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import os
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from ..cli.loop import attributes, prepare
+from ..errors import FileError
+from ..io.lock import locked
+from ..io.recording import NAME as FRAMES
+from ..io.recording import Recorder
+from ..io.summary import finite
+from ..types import Integers, PathLike, Reals
+
+if TYPE_CHECKING:
+    from typing_extensions import Self
+
+    from ..simulation import Simulation
+    from .dressing import Dressed
+
+GARMENT, BODY, SCENE, SUMMARY = "garment.obj", "body.obj", "scene.json", "summary.json"
+
+
+class Output:
+    """Writes the results of `dress` to a folder; a context that keeps other runs out of it."""
+
+    def __init__(self, folder: PathLike) -> None:
+        self.folder = Path(folder)
+        self._stack = contextlib.ExitStack()
+        self._recorder: Any = None
+
+    def __enter__(self) -> Self:
+        self._stack.enter_context(locked(self.folder))
+        prepare(self.folder, lambda frames, folder: None)
+        return self
+
+    def __exit__(self, *problem: object) -> None:
+        if self._recorder is not None:
+            self._recorder.close()
+        self._stack.close()
+
+    def start(self, simulation: Simulation) -> None:
+        """Begins the recording with the placed panels."""
+        self._recorder = Recorder(self.folder / FRAMES, simulation, attributes(simulation), np.float32)
+        self._body = simulation.positions[simulation.cloth_vertex_count :]
+        self._recorder.add(0.0, simulation.positions, 0, 0)
+
+    def add(self, time: float, positions: Reals, simulation: Simulation) -> None:
+        """Records the panels' vertices, those of a seam at one place once they are joined."""
+        every = np.concatenate([positions, self._body])
+        self._recorder.add(time, every, simulation.report["contacts"], simulation.count_intersections())
+
+    def finish(self, dressed: Dressed) -> None:
+        """Writes garment, body, scene and summary, each completely or not at all."""
+        pattern, mesh, verdict = dressed.mesh.pattern, dressed.mesh, dressed.verdict
+        groups = [(panel.name, mesh.panel_of_face == index) for index, panel in enumerate(pattern.panels)]
+        body = dressed.scene.obstacles[0]
+        self._write(GARMENT, obj_text(dressed.positions, dressed.faces, mesh.material, mesh.faces, groups))
+        self._write(BODY, obj_text(body.vertices, body.faces))
+        self._write(SCENE, json.dumps(scene_of(dressed), indent=2) + "\n")
+        fields = {
+            "pattern": pattern.name,
+            "good": verdict.good,
+            "problems": verdict.problems,
+            "seam_gap": verdict.seam_gap,
+            "joined_gap": verdict.joined_gap,
+            "widest_seam": verdict.widest_seam,
+            "intersections": verdict.intersections,
+            "speed": verdict.speed,
+            "max_strain": verdict.max_strain,
+            "strained_at": verdict.strained_at,
+            "panels": len(pattern.panels),
+            "seams": len(pattern.seams),
+            "triangles": len(mesh.faces),
+            "vertices": len(dressed.positions),
+            "edge_length": mesh.edge_length,
+            "min_angle": mesh.min_angle(),
+            "wall_time": dressed.seconds,
+            "sewing_phases": dressed.sewing_phases,
+            "draping_phases": dressed.draping_phases,
+        }
+        self._write(SUMMARY, json.dumps(finite(fields), indent=2, allow_nan=False) + "\n")
+
+    def _write(self, name: str, text: str) -> None:
+        path = self.folder / name
+        partial = path.with_name(name + ".partial")
+        try:
+            partial.write_text(text, encoding="utf-8")
+            os.replace(partial, path)
+        except OSError as problem:
+            with contextlib.suppress(OSError):
+                partial.unlink()
+            raise FileError(f"{path}: writing failed ({problem})") from None
+
+
+def scene_of(dressed: Dressed) -> dict[str, Any]:
+    """Returns what scene.json says: the garment at rest on the body, in the fabric that it was draped in."""
+    saved = json.loads(dressed.scene.to_json())
+    return {
+        "name": dressed.mesh.pattern.name,
+        "description": f"The pattern {dressed.mesh.pattern.name}, sewn and draped on a body.",
+        "frame_time": 0.02,
+        "frames": 50,
+        "materials": {"fabric": saved["cloth"][0]["material"]},
+        "obstacles": [{"name": "body", "file": BODY, "friction": dressed.scene.obstacles[0].friction}],
+        "cloth": [{"name": "garment", "file": {"path": GARMENT, "rest": "uv"}, "material": "fabric"}],
+        "stitches": saved["stitches"],
+    }
+
+
+def obj_text(
+    vertices: Reals,
+    faces: Integers,
+    material: Reals | None = None,
+    material_faces: Integers | None = None,
+    groups: Any = (),
+) -> str:
+    """Returns an OBJ file, z up and in m: texture coordinates are the material space, in m."""
+    lines = _rows("v {:.9g} {:.9g} {:.9g}", vertices)
+    if material is None or material_faces is None:
+        return "\n".join(lines + _rows("f {} {} {}", faces + 1)) + "\n"
+    lines += _rows("vt {:.9g} {:.9g}", material)
+    corners = np.stack([faces + 1, material_faces + 1], axis=2).reshape(-1, 6)
+    for name, chosen in groups:
+        lines.append("g " + "_".join(name.split()))
+        lines += _rows("f {}/{} {}/{} {}/{}", corners[chosen])
+    return "\n".join(lines) + "\n"
+
+
+def _rows(pattern: str, rows: Reals | Integers) -> list[str]:
+    return [pattern.format(*row) for row in rows.tolist()]
