@@ -36,9 +36,9 @@ private:
   };
   Potential measure(const Rooms &state);
   void move(const Rooms &state, double alpha);
-  /// Moves along the solution to a lower potential; returns false if it finds none. norms: those of the previous
-  /// iterate, then those of the new one if `evaluated`.
-  bool search_line(const Rooms &state, Norms &norms, bool &evaluated);
+  /// Moves along the solution to a lower potential or residual; returns false if it finds none. last: no solve follows.
+  /// norms: those of the previous iterate, then those of the new one if `evaluated`.
+  bool search_line(const Rooms &state, bool last, Norms &norms, bool &evaluated);
   /// Sums each stream, all at the same time; changes the streams. Empty streams give 0.
   std::vector<double> sum(const Rooms &state, const std::vector<Stream<double> *> &streams);
 
