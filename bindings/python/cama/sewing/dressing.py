@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 __all__ = ["Dressed", "Verdict", "dress"]
 
 TOLERANCE = 1e-3  # m: seams that are closed to this are joined
-NEAR = 4e-3  # m: pairs that are joined when a seam closes no further, so that the rest of it can
+NEAR = 1e-2  # m: pairs that are joined when a seam closes no further, so that the rest of it can
 PATIENCE = 4  # phases without progress after which a seam closes no further
 REST_SPEED = 3e-3  # m/s, root mean square over the cloth, below which it is at rest
 STEP = 0.01  # s, time step
