@@ -125,7 +125,7 @@ OUTFIT = """\
     },
     {
       "name": "top",
-      "garment": {"dress": {"body": "body", "chest": 1.28, "hip": 0.98, "length": 0.32, "flare": 0, "clearance": 0.02}},
+      "garment": {"dress": {"body": "body", "chest": 1.28, "hip": 0.98, "length": 0.32, "flare": 0, "clearance": 0.03}},
       "material": "cotton"
     }
   ],
