@@ -4,6 +4,7 @@
 import json
 import os
 import time
+from pathlib import Path
 
 import h5py
 import numpy as np
@@ -272,6 +273,26 @@ def test_a_recording_that_crashes_hdf5_is_refused(recorded, monkeypatch):
     refused(lambda: export(recorded, "obj"), "is damaged: HDF5 crashes")
     refused(lambda: Player(recorded), "is damaged: HDF5 crashes")
     Recording(recorded, checked=True).close()
+
+
+def test_a_busy_machine_does_not_make_a_recording_a_damaged_one(recorded, monkeypatch):
+    def late(words, **_):
+        raise reading.subprocess.TimeoutExpired(words, 1)
+
+    monkeypatch.setattr(reading.subprocess, "run", late)
+    Recording(recorded).close()
+
+
+def test_a_file_that_keeps_hdf5_busy_is_refused(recorded, monkeypatch):
+    """The system ends its process by the limit of processor time."""
+    busy = recorded.with_name("busy.py")
+    program = Path(reading.__file__).with_name("hdf5_process.py").read_text("utf-8")
+    busy.write_text(program.replace("read(file)", "while True: pass"))
+    run = reading.subprocess.run
+    monkeypatch.setattr(
+        reading.subprocess, "run", lambda words, **how: run([*words[:2], str(busy), words[3], "1", *words[5:]], **how)
+    )
+    refused(lambda: Recording(recorded), "is damaged: HDF5 crashes or hangs")
 
 
 def test_the_process_for_hdf5_reads_what_is_whole(recorded):

@@ -32,6 +32,7 @@ SECONDS = "CAMA_READ_SECONDS"  # s, of the environment
 GIB = 2**30
 BASE_MEMORY, MEMORY_PER_BYTE = 2 * GIB, 100
 BASE_SECONDS, SECONDS_PER_BYTE = 5.0, 1.0 / 2**20
+WAIT = 120.0  # s of wall time for a process on a busy machine
 FOREIGN = re.compile(r'"(?:file|path|positions|animation_file)"')  # keys of a scene that name mesh files
 
 # What h5py raises for a file that is damaged or of another program.
@@ -147,20 +148,19 @@ def check_hdf5(path: PathLike) -> None:
     key = ("hdf5", os.path.abspath(path), stat.st_mtime_ns, stat.st_size)
     if key not in _known:
         program = str(Path(__file__).with_name("hdf5_process.py"))
-        words = [sys.executable or "python3", "-I", program, os.fspath(path), *filter(None, sys.path)]
         _, seconds = limits_of(stat.st_size)
+        limit = f"{1.5 * seconds:.0f}" if math.isfinite(seconds) else "0"
+        words = [sys.executable or "python3", "-I", program, os.fspath(path), limit, *filter(None, sys.path)]
         try:
             done = subprocess.run(
                 words,
                 stdin=subprocess.DEVNULL,
                 stdout=subprocess.DEVNULL,
                 stderr=subprocess.DEVNULL,
-                timeout=10 + 1.5 * seconds if math.isfinite(seconds) else None,
+                timeout=WAIT + 1.5 * seconds if math.isfinite(seconds) else None,
             )
             crashed = done.returncode < 0
-        except subprocess.TimeoutExpired:
-            crashed = True
-        except OSError:
+        except (OSError, subprocess.TimeoutExpired):  # a machine that is too busy says nothing of the file
             return
         _known[key] = (
             "is damaged: HDF5 crashes or hangs on it; take another one, or compute it again" if crashed else ""
