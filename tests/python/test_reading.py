@@ -9,6 +9,7 @@ from pathlib import Path
 import h5py
 import numpy as np
 import pytest
+import trimesh
 from typer.testing import CliRunner
 
 import cama
@@ -273,6 +274,17 @@ def test_a_recording_that_crashes_hdf5_is_refused(recorded, monkeypatch):
     refused(lambda: export(recorded, "obj"), "is damaged: HDF5 crashes")
     refused(lambda: Player(recorded), "is damaged: HDF5 crashes")
     Recording(recorded, checked=True).close()
+
+
+def test_a_mesh_that_nobody_read_first_is_not_read_here(tmp_path, monkeypatch):
+    """On a busy machine the process may give no answer in time; a second attempt asks it again."""
+    path = tmp_path / "sheet.ply"
+    trimesh.Trimesh(*grid(2)).export(path)
+    monkeypatch.setattr(reading, "_talk", lambda *_: ([], "", None))
+    for _ in range(2):
+        refused(lambda: cama.Scene().add_cloth(path), "gave no answer within", "try again")
+    monkeypatch.undo()
+    assert len(cama.Scene().add_cloth(path).faces) == 8
 
 
 def test_a_busy_machine_does_not_make_a_recording_a_damaged_one(recorded, monkeypatch):

@@ -174,7 +174,7 @@ def _read(requests: list[Request]) -> Iterator[str]:
 
     Where no process can be started, nothing is found out: then a program that has this one embedded is in charge.
     """
-    lines, wall = [], 5.0
+    lines, wall = [], WAIT
     for request in requests:
         memory, seconds = limits_of(request.size())
         wall += 1.0 + 1.5 * seconds
@@ -188,6 +188,11 @@ def _read(requests: list[Request]) -> Iterator[str]:
             )
         )
     said, complaint, code = _talk("\n".join(lines) + "\n", wall if math.isfinite(wall) else None)
+    if not said and code is None:
+        raise FileError(
+            f"{requests[0].files[0]}: the process that reads it first gave no answer within {wall:.0f} s; the machine "
+            "may be too busy, so try again"
+        )
     if not said:
         return
     for request, line in zip(requests, said[1:]):
@@ -214,7 +219,7 @@ def _talk(text: str, wall: float | None) -> tuple[list[str], str, int | None]:
             env=environment,
         )
     except OSError:
-        return [], "", None
+        return [], "", 127  # as a shell says it of a command that cannot be run
     code = None
     try:
         said, complaint = process.communicate(text.encode(), timeout=wall)
