@@ -22,7 +22,7 @@ from pathlib import Path
 
 HERE = Path(__file__).resolve().parent
 SLOW = 10.0  # s of processor time
-HANG = 60.0  # s of wall time, after which a process is stopped
+HANG = 300.0  # s of wall time, after which a process is stopped; a busy machine may take long over a case
 MEMORY = 6 * 2**30  # bytes of address space of a process
 CHUNK = 250  # cases of a process
 

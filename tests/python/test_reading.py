@@ -4,10 +4,12 @@
 import json
 import os
 import time
+from pathlib import Path
 
 import h5py
 import numpy as np
 import pytest
+import trimesh
 from typer.testing import CliRunner
 
 import cama
@@ -272,6 +274,37 @@ def test_a_recording_that_crashes_hdf5_is_refused(recorded, monkeypatch):
     refused(lambda: export(recorded, "obj"), "is damaged: HDF5 crashes")
     refused(lambda: Player(recorded), "is damaged: HDF5 crashes")
     Recording(recorded, checked=True).close()
+
+
+def test_a_mesh_that_nobody_read_first_is_not_read_here(tmp_path, monkeypatch):
+    """On a busy machine the process may give no answer in time; a second attempt asks it again."""
+    path = tmp_path / "sheet.ply"
+    trimesh.Trimesh(*grid(2)).export(path)
+    monkeypatch.setattr(reading, "_talk", lambda *_: ([], "", None))
+    for _ in range(2):
+        refused(lambda: cama.Scene().add_cloth(path), "gave no answer within", "try again")
+    monkeypatch.undo()
+    assert len(cama.Scene().add_cloth(path).faces) == 8
+
+
+def test_a_busy_machine_does_not_make_a_recording_a_damaged_one(recorded, monkeypatch):
+    def late(words, **_):
+        raise reading.subprocess.TimeoutExpired(words, 1)
+
+    monkeypatch.setattr(reading.subprocess, "run", late)
+    Recording(recorded).close()
+
+
+def test_a_file_that_keeps_hdf5_busy_is_refused(recorded, monkeypatch):
+    """The system ends its process by the limit of processor time."""
+    busy = recorded.with_name("busy.py")
+    program = Path(reading.__file__).with_name("hdf5_process.py").read_text("utf-8")
+    busy.write_text(program.replace("read(file)", "while True: pass"))
+    run = reading.subprocess.run
+    monkeypatch.setattr(
+        reading.subprocess, "run", lambda words, **how: run([*words[:2], str(busy), words[3], "1", *words[5:]], **how)
+    )
+    refused(lambda: Recording(recorded), "is damaged: HDF5 crashes or hangs")
 
 
 def test_the_process_for_hdf5_reads_what_is_whole(recorded):

@@ -3,8 +3,10 @@
 
 import contextlib
 import functools
+import inspect
 import math
 import warnings
+from dataclasses import dataclass, fields
 from enum import Enum
 from fractions import Fraction
 from typing import Annotated, Optional
@@ -105,6 +107,61 @@ WHERE = (
     "intersections",
     "pinch",
 )  # options of the command's own
+
+
+@dataclass
+class Computing:
+    """How to compute a scene: the options that `cama run`, `cama explain` and `cama view` have in common."""
+
+    backend: BackendOption = Backend.auto
+    precision: PrecisionOption = None
+    accuracy: AccuracyOption = None
+    time_step: TimeStep = 0.0
+    error: ErrorOption = ""
+    set_: Set = None
+    resolution: Resolution = 0
+    threads: Threads = 0
+    device: Device = 0
+
+    def load(self, scene):
+        """Returns the Scene of a name or file."""
+        from ..scene import Scene
+
+        return Scene.load(scene, self.resolution)
+
+    def simulation(self, scene, **overrides):
+        """Returns the Simulation of a Scene; overrides: options of the command's own."""
+        from ..simulation import Simulation
+
+        return Simulation(
+            scene,
+            backend=self.backend.value,
+            precision=self.precision.value if self.precision else None,
+            accuracy=self.accuracy.value if self.accuracy else None,
+            device=self.device,
+            threads=self.threads,
+            **chosen(self.time_step, self.set_, self.error),
+            **overrides,
+        )
+
+
+def computing(command):
+    """Decorates a command that takes `how`, a Computing: on the command line its options stand there."""
+    shared = [
+        inspect.Parameter(f.name, inspect.Parameter.KEYWORD_ONLY, default=f.default, annotation=f.type)
+        for f in fields(Computing)
+    ]
+
+    @functools.wraps(command)
+    def run(**keywords):
+        return command(how=Computing(**{row.name: keywords.pop(row.name) for row in shared}), **keywords)
+
+    own = [row.replace(kind=inspect.Parameter.KEYWORD_ONLY) for row in inspect.signature(command).parameters.values()]
+    at = [row.name for row in own].index("how")
+    rows = [*own[:at], *shared, *own[at + 1 :]]
+    run.__signature__ = inspect.Signature(rows)
+    run.__annotations__ = {row.name: row.annotation for row in rows}
+    return run
 
 
 def clean(command):

@@ -4,54 +4,20 @@
 from rich.markup import escape
 from rich.table import Table
 
-from ..scene import Scene
-from ..simulation import Simulation
-from .common import (
-    AccuracyOption,
-    Backend,
-    BackendOption,
-    Debug,
-    Device,
-    ErrorOption,
-    PrecisionOption,
-    Resolution,
-    SceneName,
-    Set,
-    Threads,
-    TimeStep,
-    chosen,
-    clean,
-    console,
-    rest_lines,
-)
+from .common import Computing, Debug, SceneName, clean, computing, console, rest_lines
 
 
 @clean
+@computing
 def explain(
     scene: SceneName,
-    backend: BackendOption = Backend.auto,
-    precision: PrecisionOption = None,
-    accuracy: AccuracyOption = None,
-    time_step: TimeStep = 0.0,
-    error: ErrorOption = "",
-    set_: Set = None,
-    resolution: Resolution = 0,
-    threads: Threads = 0,
-    device: Device = 0,
+    how: Computing,
     debug: Debug = False,
 ):
     """Shows the options that are used, the stages and streams of SCENE with reasons, and memory after one step."""
-    loaded = Scene.load(scene, resolution)
-    simulation = Simulation(
-        loaded,
-        backend=backend.value,
-        precision=precision.value if precision else None,
-        accuracy=accuracy.value if accuracy else None,
-        device=device,
-        threads=threads,
-        **chosen(time_step, set_, error),
-    )
-    level = accuracy.value if accuracy else loaded.options.get("accuracy", "production")
+    loaded = how.load(scene)
+    simulation = how.simulation(loaded)
+    level = how.accuracy.value if how.accuracy else loaded.options.get("accuracy", "production")
     simulation.step()
     out = console()
     out.print(

@@ -16,27 +16,16 @@ from ..hints import counted
 from ..io.lock import locked
 from ..io.progress import during
 from ..options import help_of
-from ..scene import Scene
-from ..simulation import Simulation
 from . import loop
 from .common import (
-    AccuracyOption,
-    Backend,
-    BackendOption,
+    Computing,
     Debug,
-    Device,
-    ErrorOption,
     Pinch,
     Policy,
-    PrecisionOption,
-    Resolution,
     SceneName,
-    Set,
     Store,
-    Threads,
-    TimeStep,
-    chosen,
     clean,
+    computing,
     console,
     fail,
     put_materials,
@@ -48,15 +37,10 @@ OVERSTRETCHED = 1.0  # strain that the summary warns of: no fabric is measured t
 
 
 @clean
+@computing
 def run(
     scene: SceneName,
-    backend: BackendOption = Backend.auto,
-    precision: PrecisionOption = None,
-    accuracy: AccuracyOption = None,
-    time_step: TimeStep = 0.0,
-    error: ErrorOption = "",
-    set_: Set = None,
-    resolution: Resolution = 0,
+    how: Computing,
     material: Annotated[
         Optional[list[str]],
         typer.Option(
@@ -67,8 +51,6 @@ def run(
     frames: Annotated[
         Optional[int], typer.Option(min=0, help="Number of frames to record. Default: the scene's.")
     ] = None,
-    threads: Threads = 0,
-    device: Device = 0,
     intersections: Annotated[
         Policy,
         typer.Option(help=help_of("intersections")),
@@ -116,23 +98,14 @@ def run(
 
     Ctrl-C, SIGTERM and SIGHUP stop it between steps; --resume goes on, after kill -9 too.
     """
-    overrides = {"intersections": intersections.value, "pinch": pinch.value, **chosen(time_step, set_, error)}
     progress = Console(stderr=True, highlight=False)
     with during("loading the scene", progress):
-        loaded = Scene.load(scene, resolution)
+        loaded = how.load(scene)
         put_materials(loaded, material)
     for line in plausibility.kept_apart(loaded):
         console().print(escape(line))
     with during("untangling the start" if intersections == Policy.untangle else "checking the start", progress):
-        simulation = Simulation(
-            loaded,
-            backend=backend.value,
-            precision=precision.value if precision else None,
-            accuracy=accuracy.value if accuracy else None,
-            device=device,
-            threads=threads,
-            **overrides,
-        )
+        simulation = how.simulation(loaded, intersections=intersections.value, pinch=pinch.value)
     if simulation.untangled.rounds:
         moved = simulation.untangled
         console().print(

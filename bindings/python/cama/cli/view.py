@@ -11,25 +11,11 @@ from rich.markup import escape
 from .. import shipped
 from ..errors import FileError
 from ..hints import require
-from .common import (
-    AccuracyOption,
-    Backend,
-    BackendOption,
-    Debug,
-    Device,
-    ErrorOption,
-    PrecisionOption,
-    Resolution,
-    Set,
-    Threads,
-    TimeStep,
-    chosen,
-    clean,
-    console,
-)
+from .common import Computing, Debug, clean, computing, console
 
 
 @clean
+@computing
 def view(
     what: Annotated[
         str,
@@ -39,6 +25,7 @@ def view(
             "scene's name.",
         ),
     ],
+    *,
     host: Annotated[
         str, typer.Option(help="Address to serve at; 0.0.0.0: reachable by everyone in the network.")
     ] = "127.0.0.1",
@@ -46,15 +33,7 @@ def view(
         Optional[int],
         typer.Option(min=1, max=65535, help="Port to serve at. Default: the first free from 8080 on."),
     ] = None,
-    backend: BackendOption = Backend.auto,
-    precision: PrecisionOption = None,
-    accuracy: AccuracyOption = None,
-    time_step: TimeStep = 0.0,
-    error: ErrorOption = "",
-    set_: Set = None,
-    resolution: Resolution = 0,
-    threads: Threads = 0,
-    device: Device = 0,
+    how: Computing,
     debug: Debug = False,
 ):
     """Serves a page in which a recording is played, or a scene simulated live, until Ctrl-C.
@@ -67,20 +46,9 @@ def view(
 
         viewer = Player(what, host, port)
     else:
-        from ..scene import Scene
-        from ..simulation import Simulation
         from ..viewing.live import Live
 
-        simulation = Simulation(
-            Scene.load(what, resolution),
-            backend=backend.value,
-            precision=precision.value if precision else None,
-            accuracy=accuracy.value if accuracy else None,
-            device=device,
-            threads=threads,
-            **chosen(time_step, set_, error),
-        )
-        viewer = Live(simulation, host, port)
+        viewer = Live(how.simulation(how.load(what)), host, port)
     with viewer:
         say_where(viewer)
         before = signal.signal(signal.SIGTERM, signal.default_int_handler)

@@ -32,6 +32,7 @@ SECONDS = "CAMA_READ_SECONDS"  # s, of the environment
 GIB = 2**30
 BASE_MEMORY, MEMORY_PER_BYTE = 2 * GIB, 100
 BASE_SECONDS, SECONDS_PER_BYTE = 5.0, 1.0 / 2**20
+WAIT = 120.0  # s of wall time for a process on a busy machine
 FOREIGN = re.compile(r'"(?:file|path|positions|animation_file)"')  # keys of a scene that name mesh files
 
 # What h5py raises for a file that is damaged or of another program.
@@ -147,20 +148,19 @@ def check_hdf5(path: PathLike) -> None:
     key = ("hdf5", os.path.abspath(path), stat.st_mtime_ns, stat.st_size)
     if key not in _known:
         program = str(Path(__file__).with_name("hdf5_process.py"))
-        words = [sys.executable or "python3", "-I", program, os.fspath(path), *filter(None, sys.path)]
         _, seconds = limits_of(stat.st_size)
+        limit = f"{1.5 * seconds:.0f}" if math.isfinite(seconds) else "0"
+        words = [sys.executable or "python3", "-I", program, os.fspath(path), limit, *filter(None, sys.path)]
         try:
             done = subprocess.run(
                 words,
                 stdin=subprocess.DEVNULL,
                 stdout=subprocess.DEVNULL,
                 stderr=subprocess.DEVNULL,
-                timeout=10 + 1.5 * seconds if math.isfinite(seconds) else None,
+                timeout=WAIT + 1.5 * seconds if math.isfinite(seconds) else None,
             )
             crashed = done.returncode < 0
-        except subprocess.TimeoutExpired:
-            crashed = True
-        except OSError:
+        except (OSError, subprocess.TimeoutExpired):  # a machine that is too busy says nothing of the file
             return
         _known[key] = (
             "is damaged: HDF5 crashes or hangs on it; take another one, or compute it again" if crashed else ""
@@ -174,7 +174,7 @@ def _read(requests: list[Request]) -> Iterator[str]:
 
     Where no process can be started, nothing is found out: then a program that has this one embedded is in charge.
     """
-    lines, wall = [], 5.0
+    lines, wall = [], WAIT
     for request in requests:
         memory, seconds = limits_of(request.size())
         wall += 1.0 + 1.5 * seconds
@@ -188,6 +188,11 @@ def _read(requests: list[Request]) -> Iterator[str]:
             )
         )
     said, complaint, code = _talk("\n".join(lines) + "\n", wall if math.isfinite(wall) else None)
+    if not said and code is None:
+        raise FileError(
+            f"{requests[0].files[0]}: the process that reads it first gave no answer within {wall:.0f} s; the machine "
+            "may be too busy, so try again"
+        )
     if not said:
         return
     for request, line in zip(requests, said[1:]):
@@ -214,7 +219,7 @@ def _talk(text: str, wall: float | None) -> tuple[list[str], str, int | None]:
             env=environment,
         )
     except OSError:
-        return [], "", None
+        return [], "", 127  # as a shell says it of a command that cannot be run
     code = None
     try:
         said, complaint = process.communicate(text.encode(), timeout=wall)
