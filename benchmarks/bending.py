@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Bending on five kinds of meshes: energy of forced shapes over the plate's, and cantilevers against the elastica.
 
-    python benchmarks/bending.py [plate|hinge] [ELASTICA_CSV]
+python benchmarks/bending.py [plate|hinge] [ELASTICA_CSV]
 """
 
 import math

@@ -92,8 +92,7 @@ KERNEL bend_hinges(int n, GLOBAL const hinge_factor *factor, GLOBAL const real *
     real m = -scales[i] * moment[i];
     int a;
     for (a = 0; a < 4; ++a)
-      force[4 * i + a] =
-          onto ? axpy(force[4 * i + a], m, factor[i].gradient[a]) : scale(m, factor[i].gradient[a]);
+      force[4 * i + a] = onto ? axpy(force[4 * i + a], m, factor[i].gradient[a]) : scale(m, factor[i].gradient[a]);
   }
 }
 

@@ -51,8 +51,8 @@ double reference_of(const Material &m, const std::array<double, 3> &k, const Res
   return std::min(sample(h.direction[0]), sample(h.direction[1]));
 }
 
-/// Area times compliance between the moments on the three edges of a triangle, 1/N: row k is the edge opposite corner k.
-/// The moments are constant, with the normal component 1 on one edge and 0 on the others.
+/// Area times compliance between the moments on the three edges of a triangle, 1/N: row k is the edge opposite corner
+/// k. The moments are constant, with the normal component 1 on one edge and 0 on the others.
 Eigen::Matrix3d triangle_compliance(const RestTriangle &r, const Eigen::Matrix3d &compliance)
 {
   Eigen::Matrix2d inverse;
@@ -81,7 +81,8 @@ LocalCompliance local_compliance(const RestTriangle &r, const Eigen::Matrix3d &c
   c.value = triangle_compliance(r, compliance);
   const Eigen::Vector3d scale = c.value.diagonal().cwiseSqrt().cwiseInverse();
   const Eigen::Matrix3d scaled = scale.asDiagonal() * c.value * scale.asDiagonal();
-  const Eigen::Vector3d values = Eigen::SelfAdjointEigenSolver<Eigen::Matrix3d>(scaled, Eigen::EigenvaluesOnly).eigenvalues();
+  const Eigen::Vector3d values =
+      Eigen::SelfAdjointEigenSolver<Eigen::Matrix3d>(scaled, Eigen::EigenvaluesOnly).eigenvalues();
   c.least = std::max(values[0], 0.0);
   return c;
 }
@@ -203,7 +204,8 @@ Plate couple_hinges(const Scene &scene, const Topology &t)
   // What the iteration makes of the softest moment there can be.
   const double stiffest = (plate.iteration.count + 1) / std::sqrt(plate.iteration.least * plate.iteration.largest);
   for (std::size_t i = 0; i < t.hinge.size(); ++i)
-    plate.hinge[i].bound = static_cast<float>(bound_share * std::min(diagonal[i] / std::max(least[i], 1e-9 * diagonal[i]), stiffest));
+    plate.hinge[i].bound =
+        static_cast<float>(bound_share * std::min(diagonal[i] / std::max(least[i], 1e-9 * diagonal[i]), stiffest));
   return plate;
 }
 

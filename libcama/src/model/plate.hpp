@@ -15,7 +15,8 @@ struct HingeCoupling {
   double scale = 0, bound = 0, reference = 0;
 };
 
-/// Chebyshev's iteration for moments: the eigenvalues of the scaled compliance between which it is made, and its length.
+/// Chebyshev's iteration for moments: the eigenvalues of the scaled compliance between which it is made, and its
+/// length.
 struct MomentIteration {
   double least = 0.3, largest = 2;
   int count = 6;

@@ -13,9 +13,9 @@
 #include "cama/scene.hpp"
 #include "cama/stream.hpp"
 #include "device/kernels.hpp"
-#include "model/plate.hpp"
 #include "model/exemptions.hpp"
 #include "model/incidence.hpp"
+#include "model/plate.hpp"
 
 namespace cama {
 

@@ -51,8 +51,8 @@ void damp_bending(Backend &b, System<Real> &s, int hinges, Real step, const Stre
                      force);
     return;
   }
-  CAMA_LAUNCH_REAL(Real, b, measure_rates, hinges, s.hinge_rest, s.hinge_factor, s.material_scale, step,
-                   first_share(s), velocity, s.angle_scale, s.scaled_angle, s.moment);
+  CAMA_LAUNCH_REAL(Real, b, measure_rates, hinges, s.hinge_rest, s.hinge_factor, s.material_scale, step, first_share(s),
+                   velocity, s.angle_scale, s.scaled_angle, s.moment);
   find_moments(b, s, hinges);
   CAMA_LAUNCH_REAL(Real, b, bend_hinges, hinges, s.hinge_factor, s.angle_scale, s.moment, 1, force);
 }
@@ -72,11 +72,12 @@ void measure_bending(Backend &b, const Options &options, System<Real> &s, int hi
   CAMA_LAUNCH_REAL(Real, b, measure_bending, hinges, s.scaled_angle, s.moment, energy);
 }
 
-#define CAMA_BENDING(Real)                                                                                           \
-  template void evaluate_bending(Backend &, const Options &, System<Real> &, int, const Stream<dvec3> &);            \
-  template void damp_bending(Backend &, System<Real> &, int, Real, const Stream<dvec3> &,                            \
-                             Stream<Types<Real>::vec3> &);                                                           \
-  template void measure_bending(Backend &, const Options &, System<Real> &, int, const Stream<dvec3> &, Stream<double> &);
+#define CAMA_BENDING(Real)                                                                                \
+  template void evaluate_bending(Backend &, const Options &, System<Real> &, int, const Stream<dvec3> &); \
+  template void damp_bending(Backend &, System<Real> &, int, Real, const Stream<dvec3> &,                 \
+                             Stream<Types<Real>::vec3> &);                                                \
+  template void measure_bending(Backend &, const Options &, System<Real> &, int, const Stream<dvec3> &,   \
+                                Stream<double> &);
 CAMA_BENDING(double)
 CAMA_BENDING(float)
 #undef CAMA_BENDING
