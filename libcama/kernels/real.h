@@ -4,6 +4,7 @@
 #include "elements/bending.h"
 #include "elements/elasticity.h"
 #include "elements/external.h"
+#include "elements/plate.h"
 #include "solver/conjugate_gradient.h"
 #include "solver/factors.h"
 #include "solver/schwarz.h"
@@ -19,6 +20,7 @@
 #undef CAMA_KERNELS_ELEMENTS_ELASTICITY_H
 #undef CAMA_KERNELS_ELEMENTS_BENDING_H
 #undef CAMA_KERNELS_ELEMENTS_EXTERNAL_H
+#undef CAMA_KERNELS_ELEMENTS_PLATE_H
 #undef CAMA_KERNELS_SYSTEM_TERM_H
 #undef CAMA_KERNELS_SYSTEM_ABRUPT_H
 #undef CAMA_KERNELS_SYSTEM_ASSEMBLY_H

@@ -62,6 +62,10 @@ template <class F> void each(const cama::dvec3 &v, F &&f) { each_of(f, v.x, v.y,
   {                                                                                                          \
     each_of(f, r.node, r.material, r.rest_angle, r.length, r.area, r.direction);                             \
   }                                                                                                          \
+  template <class F> void each(const cama::kernels::space::hinge_coupling &c, F &&f)                         \
+  {                                                                                                          \
+    each_of(f, c.neighbour, c.coupling, c.scale, c.bound, c.reference);                                      \
+  }                                                                                                          \
   template <class F> void each(const cama::kernels::space::hinge_factor &h, F &&f)                           \
   {                                                                                                          \
     each_of(f, h.gradient[0], h.gradient[1], h.gradient[2], h.gradient[3], h.coefficient);                   \

@@ -334,7 +334,7 @@ Tip cantilever(double gamma, int cells, int rows, bool mirror)
 
 }  // namespace
 
-// The hinges of a grid whose diagonals alternate can fold up and down from vertex to vertex on top of the strip's
+// With bending=hinge, a grid whose diagonals alternate can fold up and down from vertex to vertex on top of the strip's
 // curvature, which lowers the stiffness of a free strip from k / 4 to k / 5: per cell, the energy is k / 8 [(c + d)^2 +
 // d^2 + 4 d^2], least over d.
 TEST_CASE("a cantilever under its weight bends as the elastica", "[dynamics][data]")

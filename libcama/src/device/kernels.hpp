@@ -39,6 +39,7 @@ template <class Real> struct Types;
     using triangle_factor = kernels::space::triangle_factor;           \
     using hinge_rest = kernels::space::hinge_rest;                     \
     using hinge_factor = kernels::space::hinge_factor;                 \
+    using hinge_coupling = kernels::space::hinge_coupling;             \
     using term = kernels::space::term;                                 \
   };
 CAMA_TYPES(double, f64)

@@ -4,6 +4,8 @@
 #include <algorithm>
 #include <cstdio>
 
+#include "model/plate.hpp"
+
 namespace cama {
 namespace {
 
@@ -81,7 +83,30 @@ template <class Real> void set_up_materials(State &state, System<Real> &s, Backe
   s.material_scale = Stream<Real>(b, scale);
 }
 
-template <class Real> void set_up_elements(State &state, System<Real> &s, const Topology &t)
+template <class Real> void set_up_plate(State &state, System<Real> &s, const Scene &scene, const Topology &t)
+{
+  using coupling = typename Types<Real>::hinge_coupling;
+  Backend &b = *state.backend;
+  const Plate plate = couple_hinges(scene, t);
+  std::vector<coupling> couplings;
+  for (const HingeCoupling &h : plate.hinge) {
+    coupling c;
+    for (int k = 0; k < 4; ++k) {
+      c.neighbour[k] = h.neighbour[k];
+      c.coupling[k] = static_cast<Real>(h.coupling[k]);
+    }
+    c.scale = static_cast<Real>(h.scale);
+    c.bound = static_cast<Real>(h.bound);
+    c.reference = static_cast<Real>(h.reference);
+    couplings.push_back(c);
+  }
+  s.moment_iteration = plate.iteration;
+  s.hinge_coupling = Stream<coupling>(b, couplings);
+  for (Stream<Real> *values : {&s.angle_scale, &s.scaled_angle, &s.moment, &s.moment_before})
+    *values = Stream<Real>(b, state.mesh.hinges);
+}
+
+template <class Real> void set_up_elements(State &state, System<Real> &s, const Scene &scene, const Topology &t)
 {
   using T = Types<Real>;
   Backend &b = *state.backend;
@@ -122,6 +147,7 @@ template <class Real> void set_up_elements(State &state, System<Real> &s, const 
   s.hinge_rest = Stream<typename T::hinge_rest>(b, hinges);
   s.hinge_factor = Stream<typename T::hinge_factor>(b, state.mesh.hinges);
   s.hinge_force = Stream<typename T::vec3>(b, 4 * state.mesh.hinges);
+  if (state.options.bending == Bending::plate && !state.options.arcsim_conventions) set_up_plate(state, s, scene, t);
   state.elements.hinge_nodes = Stream<kernels::element_nodes>(b, hinge_nodes);
   incidence(state.elements.hinge_incidence, state.elements.hinge_nodes, state.mesh.hinges);
 }
@@ -312,7 +338,7 @@ template <class Real> void set_up(State &state, const Scene &scene, const Topolo
 
   s->mass = Stream<Real>(b, mass);
   set_up_materials(state, *s, b, scene, state.mesh.hinges > 0);
-  set_up_elements(state, *s, t);
+  set_up_elements(state, *s, scene, t);
   s->force = Stream<typename Types<Real>::vec3>(b, t.cloth_vertices);
   s->matrix = {Stream<int>(b), Stream<int>(b), Stream<typename Types<Real>::mat3>(b)};
   s->right_side = Stream<typename Types<Real>::vec3>(b, t.cloth_vertices);

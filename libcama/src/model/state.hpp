@@ -15,6 +15,7 @@
 #include "device/kernels.hpp"
 #include "model/exemptions.hpp"
 #include "model/incidence.hpp"
+#include "model/plate.hpp"
 
 namespace cama {
 
@@ -303,6 +304,9 @@ template <class Real> struct System {
   Stream<typename T::hinge_rest> hinge_rest;
   Stream<typename T::hinge_factor> hinge_factor;
   Stream<typename T::vec3> hinge_force;  // [4 hinges], N
+  Stream<typename T::hinge_coupling> hinge_coupling;  // with bending=plate, as all of these; else empty
+  MomentIteration moment_iteration;
+  Stream<Real> angle_scale, scaled_angle, moment, moment_before;  // [hinges], sqrt(J)
   Stream<typename T::term> term;  // contacts, then stitches
   Stream<typename T::vec3> force;  // [cloth vertices], N
   Stream<typename T::mat3> drag;  // [cloth vertices] kg: what wind and mass damping add to the matrix; else empty
@@ -325,6 +329,11 @@ template <class Real> struct System {
     f("hinge_rest", Life::scene, hinge_rest);
     f("hinge_factor", Life::step, hinge_factor);
     f("hinge_force", Life::step, hinge_force);
+    f("hinge_coupling", Life::scene, hinge_coupling);
+    f("angle_scale", Life::step, angle_scale);
+    f("scaled_angle", Life::step, scaled_angle);
+    f("moment", Life::step, moment);
+    f("moment_before", Life::step, moment_before);
     f("term", Life::step, term);
     f("force", Life::step, force);
     f("drag", Life::step, drag);

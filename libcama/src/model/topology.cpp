@@ -65,6 +65,7 @@ void add_hinges(const Mesh &mesh, int first_vertex, int material, const std::vec
     RestHinge h{};
     h.node = {first_vertex + a, first_vertex + b, first_vertex + c, first_vertex + d};
     h.material = material;
+    h.triangle = {static_cast<int>(first_triangle) + p.face, static_cast<int>(first_triangle) + q.face};
     double length[2];
     const HalfEdge *side[2] = {&p, &q};
     for (int s = 0; s < 2; ++s) {

@@ -28,6 +28,7 @@ struct RestHinge {
   int material;
   double rest_angle, length, area;
   std::array<double, 2> direction;   ///< of the rest edge in each face: 0, 1, 2 = 0, 45, 90 degrees
+  std::array<int, 2> triangle;       ///< of node 2 and of node 3
 };
 
 /// The whole scene in one numbering: vertices and faces of all cloths, then of all obstacles.

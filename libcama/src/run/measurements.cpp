@@ -5,6 +5,7 @@
 #include <limits>
 
 #include "device/launch.hpp"
+#include "stages/bending.hpp"
 
 namespace cama {
 namespace {
@@ -37,9 +38,7 @@ template <class Real> double measure_hinges(State &s)
 {
   if (s.mesh.hinges == 0) return 0;
   Stream<double> energy(*s.backend, s.mesh.hinges);
-  System<Real> &y = s.system.of<Real>();
-  CAMA_LAUNCH_REAL(Real, *s.backend, measure_hinges, s.mesh.hinges, y.hinge_rest, y.bending_table,
-                   s.options.arcsim_conventions ? 1 : 0, s.mesh.position, energy);
+  measure_bending(*s.backend, s.options, s.system.of<Real>(), s.mesh.hinges, s.mesh.position, energy);
   return sum(energy.download());
 }
 

@@ -6,6 +6,7 @@
 
 #include "cama/error.hpp"
 #include "device/embedded_text.hpp"
+#include "scene/constants.hpp"
 #include "scene/reading/json_reader.hpp"
 #include "scene/reading/material_json.hpp"
 #include "scene/reading/text_file.hpp"
@@ -16,13 +17,6 @@ namespace {
 // ARCSim doubles the tabulated stretching stiffness before use; its tabulated bending stiffness is that of the hinge,
 // as here.
 constexpr double arcsim_stretching_scale = 2.0;
-
-// A sheet of curvature c on a grid of cells h x h has one hinge a cell: l = h, A = h^2, angle = c h, so that k l^2
-// angle^2 / (8 A) = k c^2 h^2 / 8 must be the plate's B c^2 h^2 / 2. So k = 4 B holds for a sheet that is held on a
-// cylinder along the grid. A free strip on the alternating grid of cama's generators relaxes to four fifths of that
-// energy, as its vertices fold up and down a little: with k = 5 B it agrees with the elastica
-// (tests/unit/test_dynamics.cpp). Other meshes differ by tens of percent (docs/guide/materials.md).
-constexpr double hinge_per_plate = 5.0;
 
 std::array<std::array<double, 4>, 6> same_rows(const std::array<double, 4> &row)
 {

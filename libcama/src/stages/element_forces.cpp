@@ -5,6 +5,7 @@
 
 #include "device/launch.hpp"
 #include "model/setup.hpp"
+#include "stages/bending.hpp"
 
 namespace cama {
 template <class Real>
@@ -76,8 +77,7 @@ void EvaluateElements<Real>::add_damping(const Rooms &state, const Stream<dvec3>
   const Real h = static_cast<Real>(state.time.implicit_step);
   CAMA_LAUNCH_REAL(Real, b, damp_triangles, state.mesh.triangles, s.triangle_rest, s.triangle_factor, s.material_scale,
                    h, velocity, triangle_force);
-  CAMA_LAUNCH_REAL(Real, b, damp_hinges, state.mesh.hinges, s.hinge_rest, s.hinge_factor, s.material_scale, h, velocity,
-                   hinge_force);
+  if (state.mesh.hinges) damp_bending(b, s, state.mesh.hinges, h, velocity, hinge_force);
 }
 
 template <class Real>
@@ -97,9 +97,7 @@ void EvaluateElements<Real>::evaluate(const Rooms &state, const Stream<dvec3> &p
   if (windy_ && linearised) add_wind(state, position, velocity, !state.time.predicted, s.triangle_force);
   if (pressed(state) && linearised) add_pressure(state, position, s.triangle_force);
   if ((windy_ || mass_damped_) && linearised) find_drag(state, position, velocity, windy_ && state.time.predicted);
-  if (state.mesh.hinges)
-    CAMA_LAUNCH_REAL(Real, b, evaluate_hinges, state.mesh.hinges, s.hinge_rest, s.bending_table, s.material_scale,
-                     state.options.arcsim_conventions ? 1 : 0, position, s.hinge_factor, s.hinge_force);
+  if (state.mesh.hinges) evaluate_bending(b, state.options, s, state.mesh.hinges, position);
   if (damped_ && linearised && state.time.predicted) add_damping(state, velocity, s.triangle_force, s.hinge_force);
   CAMA_LAUNCH_REAL(Real, b, gather_forces, state.mesh.cloth_vertices, state.elements.triangle_incidence.row,
                    state.elements.triangle_incidence.entry, s.triangle_force, state.elements.hinge_incidence.row,

@@ -6,6 +6,7 @@
 #include <limits>
 
 #include "device/launch.hpp"
+#include "stages/bending.hpp"
 
 namespace cama {
 namespace {
@@ -137,9 +138,7 @@ template <class Real> typename NewtonIterations<Real>::Potential NewtonIteration
     CAMA_LAUNCH_REAL(Real, b, measure_limits, state.mesh.triangles, s.triangle_rest, s.stretching_table,
                      s.stretching_start, s.strain_limit, x, triangle_[0]);
   hinge_.resize(state.mesh.hinges);
-  if (state.mesh.hinges)
-    CAMA_LAUNCH_REAL(Real, b, measure_hinges, state.mesh.hinges, s.hinge_rest, s.bending_table,
-                     state.options.arcsim_conventions ? 1 : 0, x, hinge_);
+  if (state.mesh.hinges) measure_bending(b, state.options, s, state.mesh.hinges, x, hinge_);
   term_.resize(state.system.terms);
   CAMA_LAUNCH_REAL(Real, b, measure_terms, state.system.terms, state.contact.contacts, state.time.predicted ? 1 : 0,
                    state.options.contact_refresh == ContactRefresh::iteration ? 1 : 0, state.time.implicit_step,

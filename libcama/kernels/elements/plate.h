@@ -1,0 +1,107 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* Bending of a plate whose energy does not depend on the mesh: the moments of the lowest Hellan-Herrmann-Johnson
+   element, one at each hinge, are those that fit the angles of all hinges (docs/theory/elasticity.md). */
+#ifndef CAMA_KERNELS_ELEMENTS_PLATE_H
+#define CAMA_KERNELS_ELEMENTS_PLATE_H
+#include "bending.h"
+
+typedef struct {
+  int neighbour[4];   /* hinges with which it shares a triangle; itself where there is none */
+  real coupling[4];   /* of the compliance with each of them, scaled to a diagonal of ones */
+  real scale;         /* scaled angle for an angle, sqrt(J) */
+  real bound;         /* the matrix's stiffness for scaled angles, at least half of the true one */
+  real reference;     /* hinge stiffness at no curvature, N m; 0: stiffness does not vary */
+} hinge_coupling;
+
+/* Scaled angle for the difference of an angle from its rest, sqrt(J). */
+DEVICE real angle_scale(hinge_coupling c, GLOBAL const bending_stiffness *table, hinge_rest rest, real angle)
+{
+  if (c.reference > (real)0)
+    return c.scale * (real)sqrt(hinge_stiffness(table + rest.material, rest, angle, 0) / c.reference);
+  return c.scale;
+}
+
+/* Scaled angles, their scales and first moments [n], and matrix factors [n] of all hinges. */
+KERNEL scale_angles(int n, GLOBAL const hinge_rest *rest, GLOBAL const hinge_coupling *coupling,
+                    GLOBAL const bending_stiffness *table, GLOBAL const real *material_scale, real start,
+                    GLOBAL const dvec3 *position, GLOBAL hinge_factor *factor, GLOBAL real *scales, GLOBAL real *angle,
+                    GLOBAL real *moment)
+{
+  FOR_EACH(i, n) {
+    hinge_rest r = rest[i];
+    hinge_angle h = load_hinge(r, position);
+    real s = angle_scale(coupling[i], table, r, h.angle), y = s * angle_difference(h.angle, r.rest_angle);
+    hinge_factor f;
+    int a;
+    for (a = 0; a < 4; ++a) f.gradient[a] = h.gradient[a];
+    f.coefficient = coupling[i].bound * s * s * material_scale[r.material];
+    factor[i] = f;
+    scales[i] = s;
+    angle[i] = y;
+    moment[i] = start * y;
+  }
+}
+
+/* Scaled angles and first moments [n] alone. */
+KERNEL measure_angles(int n, GLOBAL const hinge_rest *rest, GLOBAL const hinge_coupling *coupling,
+                      GLOBAL const bending_stiffness *table, real start, GLOBAL const dvec3 *position,
+                      GLOBAL real *angle, GLOBAL real *moment)
+{
+  FOR_EACH(i, n) {
+    hinge_rest r = rest[i];
+    real a = load_hinge(r, position).angle;
+    real y = angle_scale(coupling[i], table, r, a) * angle_difference(a, r.rest_angle);
+    angle[i] = y;
+    moment[i] = start * y;
+  }
+}
+
+/* Scaled rates of the angles times the damping, and first moments [n]; material_scale = h (h + damping). */
+KERNEL measure_rates(int n, GLOBAL const hinge_rest *rest, GLOBAL const hinge_factor *factor,
+                     GLOBAL const real *material_scale, real step, real start, GLOBAL const dvec3 *velocity,
+                     GLOBAL const real *scales, GLOBAL real *angle, GLOBAL real *moment)
+{
+  FOR_EACH(i, n) {
+    hinge_rest r = rest[i];
+    real rate = (real)0;
+    int a;
+    for (a = 1; a < 4; ++a) rate += dot(factor[i].gradient[a], to_vec3(dsub(velocity[r.node[a]], velocity[r.node[0]])));
+    angle[i] = scales[i] * (material_scale[r.material] / step - step) * rate;
+    moment[i] = start * angle[i];
+  }
+}
+
+/* A step of Chebyshev's iteration for the moments: previous = moment + a (moment - previous) + b (angle - compliance
+   moment); where `first`, previous is read as zero. */
+KERNEL improve_moments(int n, GLOBAL const hinge_coupling *coupling, GLOBAL const real *angle, real a, real b,
+                       int first, GLOBAL const real *moment, GLOBAL real *previous)
+{
+  FOR_EACH(i, n) {
+    real m = moment[i], left = angle[i] - m;
+    int k;
+    for (k = 0; k < 4; ++k) left -= coupling[i].coupling[k] * moment[coupling[i].neighbour[k]];
+    previous[i] = m + a * (first ? m : m - previous[i]) + b * left;
+  }
+}
+
+/* force [4 n] = -moment gradient; `onto`: added to what is there. */
+KERNEL bend_hinges(int n, GLOBAL const hinge_factor *factor, GLOBAL const real *scales, GLOBAL const real *moment,
+                   int onto, GLOBAL vec3 *force)
+{
+  FOR_EACH(i, n) {
+    real m = -scales[i] * moment[i];
+    int a;
+    for (a = 0; a < 4; ++a)
+      force[4 * i + a] = onto ? axpy(force[4 * i + a], m, factor[i].gradient[a]) : scale(m, factor[i].gradient[a]);
+  }
+}
+
+/* Energy [n], J, whose sum is that of all hinges. */
+KERNEL measure_bending(int n, GLOBAL const real *angle, GLOBAL const real *moment, GLOBAL double *energy)
+{
+  FOR_EACH(i, n) {
+    energy[i] = (double)((real)0.5 * angle[i] * moment[i]);
+  }
+}
+
+#endif

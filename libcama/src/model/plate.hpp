@@ -1,0 +1,41 @@
+// SPDX-License-Identifier: Apache-2.0
+// The compliance of a cloth in bending: moments at hinges against the angles of hinges.
+#pragma once
+#include <array>
+#include <vector>
+
+#include "model/topology.hpp"
+
+namespace cama {
+
+/// The hinge's row of the compliance, scaled to a diagonal of ones; hinge_coupling of kernels/elements/plate.h.
+struct HingeCoupling {
+  std::array<int, 4> neighbour;
+  std::array<double, 4> coupling{};
+  double scale = 0, bound = 0, reference = 0;
+};
+
+/// Chebyshev's iteration for moments: the eigenvalues of the scaled compliance between which it is made, and its
+/// length.
+struct MomentIteration {
+  double least = 0.3, largest = 2;
+  int count = 6;
+};
+
+struct Plate {
+  std::vector<HingeCoupling> hinge;
+  MomentIteration iteration;
+};
+
+/// The bending stiffness of a plate, N m: moments are D11 c11 + D12 c22, D12 c11 + D22 c22 and D33 c12 for the
+/// curvatures c along the warp, along the weft and of the twist.
+struct PlateStiffness {
+  double d11, d12, d22, d33;
+};
+
+/// From the hinge stiffnesses of the unstrained material, at a fifth each, and its Poisson ratio.
+PlateStiffness plate_stiffness(const Material &material);
+
+Plate couple_hinges(const Scene &scene, const Topology &t);
+
+}  // namespace cama

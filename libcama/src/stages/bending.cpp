@@ -1,0 +1,85 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "stages/bending.hpp"
+
+#include "device/launch.hpp"
+
+namespace cama {
+namespace {
+
+template <class Real> Real first_share(const System<Real> &s)
+{
+  return static_cast<Real>(2 / (s.moment_iteration.least + s.moment_iteration.largest));
+}
+
+/// Moments for the scaled angles; they begin with first_share of them in s.moment, and end there.
+template <class Real> void find_moments(Backend &b, System<Real> &s, int hinges)
+{
+  const MomentIteration &m = s.moment_iteration;
+  const double middle = 0.5 * (m.largest + m.least), half = 0.5 * (m.largest - m.least);
+  double rho = half / middle;
+  for (int k = 0; k < m.count; ++k) {
+    const double next = 1 / (2 * middle / half - rho);
+    CAMA_LAUNCH_REAL(Real, b, improve_moments, hinges, s.hinge_coupling, s.scaled_angle, static_cast<Real>(next * rho),
+                     static_cast<Real>(2 * next / half), k == 0 ? 1 : 0, s.moment, s.moment_before);
+    s.moment.swap(s.moment_before);
+    rho = next;
+  }
+}
+
+}  // namespace
+
+template <class Real>
+void evaluate_bending(Backend &b, const Options &options, System<Real> &s, int hinges, const Stream<dvec3> &position)
+{
+  if (s.hinge_coupling.size() == 0) {
+    CAMA_LAUNCH_REAL(Real, b, evaluate_hinges, hinges, s.hinge_rest, s.bending_table, s.material_scale,
+                     options.arcsim_conventions ? 1 : 0, position, s.hinge_factor, s.hinge_force);
+    return;
+  }
+  CAMA_LAUNCH_REAL(Real, b, scale_angles, hinges, s.hinge_rest, s.hinge_coupling, s.bending_table, s.material_scale,
+                   first_share(s), position, s.hinge_factor, s.angle_scale, s.scaled_angle, s.moment);
+  find_moments(b, s, hinges);
+  CAMA_LAUNCH_REAL(Real, b, bend_hinges, hinges, s.hinge_factor, s.angle_scale, s.moment, 0, s.hinge_force);
+}
+
+template <class Real>
+void damp_bending(Backend &b, System<Real> &s, int hinges, Real step, const Stream<dvec3> &velocity,
+                  Stream<typename Types<Real>::vec3> &force)
+{
+  if (s.hinge_coupling.size() == 0) {
+    CAMA_LAUNCH_REAL(Real, b, damp_hinges, hinges, s.hinge_rest, s.hinge_factor, s.material_scale, step, velocity,
+                     force);
+    return;
+  }
+  CAMA_LAUNCH_REAL(Real, b, measure_rates, hinges, s.hinge_rest, s.hinge_factor, s.material_scale, step, first_share(s),
+                   velocity, s.angle_scale, s.scaled_angle, s.moment);
+  find_moments(b, s, hinges);
+  CAMA_LAUNCH_REAL(Real, b, bend_hinges, hinges, s.hinge_factor, s.angle_scale, s.moment, 1, force);
+}
+
+template <class Real>
+void measure_bending(Backend &b, const Options &options, System<Real> &s, int hinges, const Stream<dvec3> &position,
+                     Stream<double> &energy)
+{
+  if (s.hinge_coupling.size() == 0) {
+    CAMA_LAUNCH_REAL(Real, b, measure_hinges, hinges, s.hinge_rest, s.bending_table, options.arcsim_conventions ? 1 : 0,
+                     position, energy);
+    return;
+  }
+  CAMA_LAUNCH_REAL(Real, b, measure_angles, hinges, s.hinge_rest, s.hinge_coupling, s.bending_table, first_share(s),
+                   position, s.scaled_angle, s.moment);
+  find_moments(b, s, hinges);
+  CAMA_LAUNCH_REAL(Real, b, measure_bending, hinges, s.scaled_angle, s.moment, energy);
+}
+
+#define CAMA_BENDING(Real)                                                                                \
+  template void evaluate_bending(Backend &, const Options &, System<Real> &, int, const Stream<dvec3> &); \
+  template void damp_bending(Backend &, System<Real> &, int, Real, const Stream<dvec3> &,                 \
+                             Stream<Types<Real>::vec3> &);                                                \
+  template void measure_bending(Backend &, const Options &, System<Real> &, int, const Stream<dvec3> &,   \
+                                Stream<double> &);
+CAMA_BENDING(double)
+CAMA_BENDING(float)
+#undef CAMA_BENDING
+
+}  // namespace cama

@@ -1,0 +1,22 @@
+// SPDX-License-Identifier: Apache-2.0
+// Forces and energy of all hinges, by themselves or as a plate's.
+#pragma once
+#include "model/state.hpp"
+
+namespace cama {
+
+/// Forces and matrix factors of the hinges at these positions.
+template <class Real>
+void evaluate_bending(Backend &b, const Options &options, System<Real> &s, int hinges, const Stream<dvec3> &position);
+
+/// Adds to `force` [4 hinges] the stiffness damping at these velocities, with the factors of the last evaluation.
+template <class Real>
+void damp_bending(Backend &b, System<Real> &s, int hinges, Real step, const Stream<dvec3> &velocity,
+                  Stream<typename Types<Real>::vec3> &force);
+
+/// Energy [hinges] at these positions, J.
+template <class Real>
+void measure_bending(Backend &b, const Options &options, System<Real> &s, int hinges, const Stream<dvec3> &position,
+                     Stream<double> &energy);
+
+}  // namespace cama
