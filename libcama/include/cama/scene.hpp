@@ -21,10 +21,10 @@ struct Cloth {
   Mesh mesh;  ///< mesh.material_position is the rest state; empty: the starting position is the rest state
   Material material;
   dvec3 velocity{0, 0, 0};  ///< starting velocity, m/s
-  double pressure = 0;  ///< inside a closed cloth, above that outside, Pa: along the normals of the faces
   std::string source;  ///< what it was made from ("grid", a file name)
   /// Length of a unit of the texture coordinates that are the rest state, m; 0: the rest state has another origin.
   double material_scale = 0;
+  double pressure = 0;  ///< inside a closed cloth, above that outside, Pa: along the normals of the faces
 };
 
 /// The shape of an obstacle: a mesh, or exact. An exact shape is defined by the vertices of its mesh: the centre of a
