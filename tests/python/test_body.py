@@ -141,6 +141,7 @@ def test_wrong_arguments_are_named():
         ({"height": 0}, "height"),
         ({"lead_in": -1}, "lead_in"),
         ({"period": -1}, "period"),
+        ({"motion": ["walk"]}, "motion"),
     ):
         with pytest.raises(cama.SceneError, match=said):
             cama.Body(**wrong)

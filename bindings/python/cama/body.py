@@ -381,7 +381,7 @@ class Body:
             object.__setattr__(self, name, value)
 
     def _check(self) -> None:
-        if self.motion not in MOTIONS:
+        if not isinstance(self.motion, str) or self.motion not in MOTIONS:
             raise SceneError(
                 f"body: motion: no {self.motion!r}; there are {', '.join(MOTIONS)}{similar(self.motion, MOTIONS)}"
             )
@@ -392,7 +392,7 @@ class Body:
             raise SceneError(f"body: triangles: must be from 5,000 to 50,000, got {self.triangles:,}")
         for name in ("height", "duration", "samples_per_second", "period"):
             value = getattr(self, name)
-            if value is not None and not number(f"body: {name}", value) > 0:
+            if not (name == "period" and value is None) and not number(f"body: {name}", value) > 0:
                 raise SceneError(f"body: {name}: must be greater than 0, got {value:g}")
         if number("body: lead_in", self.lead_in) < 0:
             raise SceneError(f"body: lead_in: must not be negative, got {self.lead_in:g}")

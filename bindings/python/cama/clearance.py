@@ -254,7 +254,7 @@ def _clear_frame(surface: _Surface, vertices: Reals, moved: Reals, gap: float) -
             direction = (ways[own] * depth[:, None]).sum(axis=0)
             direction /= max(float(np.linalg.norm(direction)), 1e-30)
             along = np.maximum((ways[own] @ direction) / depth, 0.5) * surface.bend[found[own]]
-            step[limb] = direction * (depth / np.maximum(along, 0.5)).max()
+            step[limb] = direction * np.quantile(depth / np.maximum(along, 0.5), 0.8)  # the rest in the next rounds
         if np.linalg.norm(step, axis=1).max() < 0.1 * gap:
             break
         moved = moved + step

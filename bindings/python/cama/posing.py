@@ -19,8 +19,6 @@ __all__ = ["BONES", "JOINTS", "MOTIONS", "PARENTS", "pose"]
 ARM = math.radians(48)  # from the vertical, in the bind pose
 SOLES = 0.003  # m, over which the lowest point of the feet is smoothed in time
 
-Angles = dict[str, Reals]  # bone -> angles [t, 3] about x, then y, then z, degrees
-
 
 def _skeleton() -> tuple[dict[str, Reals], dict[str, str]]:
     joints = {

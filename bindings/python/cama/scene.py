@@ -455,7 +455,7 @@ class Scene:
             obstacle.mesh.validate(name)
         if how:
             arguments = (Path(str(mesh)), str(clip), "" if animation is None else Path(animation), 1.0, *how)
-            keep_limbs_apart(obstacle, arguments, abs(float(np.linalg.det(place[:3, :3]))) ** (1 / 3), gap)
+            keep_limbs_apart(obstacle, arguments, gap)
         for key, value in numbers.items():
             setattr(obstacle, key, value)
         return Obstacle(self, self._core.add_obstacle(obstacle))

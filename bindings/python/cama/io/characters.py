@@ -66,35 +66,33 @@ def keep_apart(core: _core.Scene, scene: dict[str, Any], folder: Path, clearance
         if request is None:
             continue
         file, clip, animation, *how = request.arguments
-        scale = entry["transform"].get("scale", 1.0) if isinstance(entry.get("transform"), dict) else 1.0
-        obstacle = core.obstacle(number)
-        keep_limbs_apart(obstacle, (Path(file), clip, Path(animation) if animation else "", *how), scale, gap)
+        keep_limbs_apart(core.obstacle(number), (Path(file), clip, Path(animation) if animation else "", *how), gap)
 
 
-def keep_limbs_apart(obstacle: _core.Obstacle, arguments: tuple[Any, ...], scale: float, gap: float | None) -> None:
+def keep_limbs_apart(obstacle: _core.Obstacle, arguments: tuple[Any, ...], gap: float | None) -> None:
     """Keeps the limbs of an obstacle apart, in place, and says so in its `source`.
 
     Args:
         obstacle: The obstacle, placed in the scene.
         arguments: Those of `_core.load_character` that it was read with.
-        scale: Of the placement in the scene.
         gap: Distance, m; None: the default, 0: nothing is moved.
     """
     file, clip, _, unit, rate, y_up, lead_in, loops, leave_out = arguments
     if clip == "bind" or gap == 0:
         return
     try:
-        duration = _core.load_character(*arguments).duration
+        character = _core.load_character(*arguments)
         bind = _core.load_character(file, "bind", Path(), unit, rate, y_up, 0.0, 1, leave_out).mesh
     except FileError:
         return  # it stands still
     mesh = obstacle.mesh
-    times = _sample_times(duration, rate, lead_in, loops)
+    times = _sample_times(character.duration, rate, lead_in, loops)
     if len(bind.vertices) != len(mesh.vertices) or len(times) < 2:
         return
     if gap is None and mesh.vertices.size * len(times) > LARGEST:
         return
     positions = np.stack([obstacle.motion.evaluate(time, mesh.vertices) for time in times])
+    scale = _size(mesh.vertices) / max(_size(character.mesh.vertices), 1e-30)  # of its units and its placement
     cleared = clear(scale * bind.vertices, mesh.faces, times, positions, GAP if gap is None else gap, lead_in > 0)
     if not cleared.vertices:
         return
@@ -106,6 +104,11 @@ def keep_limbs_apart(obstacle: _core.Obstacle, arguments: tuple[Any, ...], scale
         f"; {cleared.vertices:,} of {len(mesh.vertices):,} vertices are moved by up to "
         f"{1e3 * cleared.largest:.0f} mm in {cleared.frames} of {len(times)} samples, {KEPT_APART}"
     )
+
+
+def _size(vertices: Reals) -> float:
+    """Returns the root mean square distance of vertices from their mean."""
+    return float(np.sqrt(((vertices - vertices.mean(axis=0)) ** 2).sum(axis=1).mean()))
 
 
 def _sample_times(duration: float, rate: float, lead_in: float, loops: int) -> Reals:
