@@ -59,7 +59,7 @@ def merge_map(count: int, pairs: Integers) -> Integers:
     from scipy.sparse.csgraph import connected_components
 
     graph = coo_matrix((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(count, count))
-    return connected_components(graph, directed=False)[1].astype(np.int64)
+    return connected_components(graph, directed=False)[1].astype(np.int32)
 
 
 def mesh_pattern(pattern: SewingPattern, edge_length: float) -> PatternMesh:
@@ -279,7 +279,7 @@ def _collapsing(mesh: PatternMesh) -> Integers:
     edges = np.sort(np.stack([joined, np.roll(joined, -1, axis=1)], axis=2).reshape(-1, 2), axis=1)
     _, inverse, counts = np.unique(edges, axis=0, return_inverse=True, return_counts=True)
     crowded = (counts[inverse.ravel()] > 2).reshape(-1, 3).any(axis=1)
-    return np.flatnonzero(flat | crowded)
+    return np.flatnonzero(flat | crowded).astype(np.int32)
 
 
 def edge_length_of(pattern: SewingPattern, triangles: int) -> float:

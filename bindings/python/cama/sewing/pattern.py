@@ -207,7 +207,7 @@ def _entry(where: str, value: Any, key: str, kind: type, default: Any = None) ->
     """Returns an entry of an object of JSON. Raises SceneError if it is missing or of another kind."""
     found = value.get(key, default) if isinstance(value, dict) else None
     if not isinstance(found, kind):
-        words = {dict: "an object", list: "a list", str: "a text"}[kind]
+        words = "an object" if kind is dict else "a list" if kind is list else "a text"
         raise SceneError(f"{where}: {key!r} must be {words}")
     return found
 
