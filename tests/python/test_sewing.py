@@ -162,6 +162,11 @@ def test_mistakes_in_garmentcode_are_named():
         cama.SewingPattern.parse(garmentcode({"a": spline}))
 
 
+def test_shipped_patterns_have_names():
+    for file in PATTERNS.glob("*.json"):
+        assert cama.SewingPattern.load(file.stem).area == cama.SewingPattern.load(file).area > 0
+
+
 def test_files_that_are_no_patterns(tmp_path):
     with pytest.raises(cama.FileError, match="nowhere"):
         cama.SewingPattern.load(tmp_path / "nowhere.json")

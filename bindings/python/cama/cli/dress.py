@@ -20,7 +20,7 @@ Up = choice("Up", ["y", "z"])
 @clean
 def dress(
     pattern: Annotated[
-        Path, typer.Argument(metavar="PATTERN", help="A sewing pattern: JSON of cama, or GarmentCode's specification.")
+        Path, typer.Argument(metavar="PATTERN", help="A sewing pattern: JSON of cama, GarmentCode's, or skirt or top.")
     ],
     body: Annotated[
         str,
