@@ -162,6 +162,11 @@ def test_mistakes_in_garmentcode_are_named():
         cama.SewingPattern.parse(garmentcode({"a": spline}))
 
 
+def test_shipped_patterns_have_names():
+    for file in PATTERNS.glob("*.json"):
+        assert cama.SewingPattern.load(file.stem).area == cama.SewingPattern.load(file).area > 0
+
+
 def test_files_that_are_no_patterns(tmp_path):
     with pytest.raises(cama.FileError, match="nowhere"):
         cama.SewingPattern.load(tmp_path / "nowhere.json")
@@ -188,6 +193,8 @@ def check_mesh(mesh):
     uv = mesh.material[mesh.faces]
     first, second = uv[:, 1] - uv[:, 0], uv[:, 2] - uv[:, 0]
     assert np.all(first[:, 0] * second[:, 1] > first[:, 1] * second[:, 0])  # seen from the right side
+    ranges = [mesh.material[mesh.panel_of_vertex == k, 0] for k in range(len(mesh.pattern.panels))]
+    assert all(left.max() < right.min() for left, right in zip(ranges, ranges[1:]))  # side by side
     for seam, pairs in zip(mesh.pattern.seams, mesh.seam_pairs):
         assert len(set(pairs[:, 0])) == len(set(pairs[:, 1])) == len(pairs)
         for side, column in ((seam.first, 0), (seam.second, 1)):

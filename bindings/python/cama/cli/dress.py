@@ -10,7 +10,7 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
-from ..errors import FileError, SceneError
+from ..errors import FileError
 from .common import Backend, BackendOption, Debug, Threads, choice, clean, console
 
 Units = choice("Units", ["m", "cm", "mm", "inch"])
@@ -20,7 +20,7 @@ Up = choice("Up", ["y", "z"])
 @clean
 def dress(
     pattern: Annotated[
-        Path, typer.Argument(metavar="PATTERN", help="A sewing pattern: JSON of cama, or GarmentCode's specification.")
+        Path, typer.Argument(metavar="PATTERN", help="A sewing pattern: JSON of cama, GarmentCode's, or skirt or top.")
     ],
     body: Annotated[
         str,
@@ -50,8 +50,6 @@ def dress(
     from ..sewing import SewingPattern
     from ..sewing import dress as sew
 
-    if not body:
-        raise SceneError("--body: give the mesh file of a body")
     if body != "walker" and not Path(body).is_file():
         raise FileError(f"{body}: there is no such file; --body is a mesh file, or walker")
     made = SewingPattern.load(pattern)

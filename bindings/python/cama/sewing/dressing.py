@@ -155,7 +155,7 @@ def _body(body: Any, units: str | None, up: str) -> dict[str, Any]:
         return {"shape": body}
     if isinstance(body, tuple):
         return {"mesh": body[0], "faces": body[1]}
-    frame = {"up": up} if str(body).lower().endswith((".obj", ".ply", ".stl")) else {}
+    frame: dict[str, Any] = {"up": up} if str(body).lower().endswith((".obj", ".ply", ".stl")) else {}
     if units is not None:
         return {"mesh": body, "units": units, **frame}
     trial = Scene().add_obstacle(body, name="body", **frame)
@@ -183,7 +183,7 @@ class _Dressing:
         self.body = trial.vertices, trial.faces
         self.pairs = mesh.pairs
         self.positions = mesh.positions  # of the panels' vertices; those that are joined have one place
-        self.vertex_of = np.arange(len(mesh.points))  # the garment's vertex that each has become
+        self.vertex_of: Integers = np.arange(len(mesh.points), dtype=np.int32)  # garment's vertex of each
         self.gaps = np.zeros(len(self.pairs))  # of each pair when it was joined
         self.time = 0.0
         self.writer: Output | None = None

@@ -15,6 +15,7 @@ from .pattern import Panel, SewingPattern
 
 SMOOTHING = 8  # rounds in which interior vertices go to the middle of their neighbours
 CLEARANCE = 0.7  # of interior points from the boundary, in edge lengths
+MARGIN = 0.02  # m, between panels in material space, where they lie side by side
 ROUNDS = 12  # of dividing boundary edges that a Delaunay triangulation leaves out
 
 
@@ -25,7 +26,7 @@ class PatternMesh:
     pattern: SewingPattern  #: what it was made from
     edge_length: float  #: edge length aimed at, m
     points: Reals = field(repr=False)  #: [vertices, 2] m, in the planes of the panels
-    material: Reals = field(repr=False)  #: [vertices, 2] m, seen from the right side: mirrored where needed
+    material: Reals = field(repr=False)  #: [vertices, 2] m, the panels side by side, seen from their right sides
     positions: Reals = field(repr=False)  #: [vertices, 3] m, placed around the body
     faces: Integers = field(repr=False)  #: [triangles, 3], counterclockwise on the right side
     panel_of_face: Integers = field(repr=False)  #: [triangles]
@@ -58,7 +59,7 @@ def merge_map(count: int, pairs: Integers) -> Integers:
     from scipy.sparse.csgraph import connected_components
 
     graph = coo_matrix((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(count, count))
-    return connected_components(graph, directed=False)[1].astype(np.int64)
+    return connected_components(graph, directed=False)[1].astype(np.int32)
 
 
 def mesh_pattern(pattern: SewingPattern, edge_length: float) -> PatternMesh:
@@ -233,12 +234,14 @@ def _assemble(
     pattern: SewingPattern, edge_length: float, fractions: _Fractions, parts: list[tuple[Reals, Integers]]
 ) -> PatternMesh:
     first = np.cumsum([0] + [len(points) for points, _ in parts])
-    faces, material, positions = [], [], []
+    faces, material, positions, right = [], [], [], 0.0
     for index, (points, triangles) in enumerate(parts):
         panel = pattern.panels[index]
         clockwise = panel.area < 0
         faces.append((triangles[:, ::-1] if clockwise else triangles) + first[index])
-        material.append(points * [-1, 1] if clockwise else points)
+        flat = points * [-1, 1] if clockwise else points
+        material.append(flat - flat.min(axis=0) + [right, 0])
+        right = material[-1][:, 0].max() + MARGIN
         positions.append(panel.place(points))
     of_edge = _edge_vertices(pattern, fractions, first)
     pairs = []
@@ -276,7 +279,7 @@ def _collapsing(mesh: PatternMesh) -> Integers:
     edges = np.sort(np.stack([joined, np.roll(joined, -1, axis=1)], axis=2).reshape(-1, 2), axis=1)
     _, inverse, counts = np.unique(edges, axis=0, return_inverse=True, return_counts=True)
     crowded = (counts[inverse.ravel()] > 2).reshape(-1, 3).any(axis=1)
-    return np.flatnonzero(flat | crowded)
+    return np.flatnonzero(flat | crowded).astype(np.int32)
 
 
 def edge_length_of(pattern: SewingPattern, triangles: int) -> float:

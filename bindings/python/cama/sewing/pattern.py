@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from .. import shipped
 from ..errors import FileError, SceneError
 from ..hints import counted, similar, without_comments
 from ..types import PathLike, Reals
@@ -90,13 +91,16 @@ class SewingPattern:
 
     @classmethod
     def load(cls, file: PathLike) -> SewingPattern:
-        """Reads a pattern: a JSON file in the format of cama, or a specification of GarmentCode.
+        """Reads a pattern: a JSON file in the format of cama, a specification of GarmentCode, or a shipped one by name.
 
         Raises:
             FileError: The file cannot be read, or is not JSON.
             SceneError: A panel, edge or seam is not as the format says; the text names it.
         """
         path = Path(file)
+        own = shipped.folder() / "patterns" / f"{path.name}.json"
+        if len(path.parts) == 1 and not path.exists() and own.is_file():
+            path = own
         try:
             data = json.loads(without_comments(path.read_text(encoding="utf-8-sig")))
         except OSError as problem:
@@ -207,7 +211,7 @@ def _entry(where: str, value: Any, key: str, kind: type, default: Any = None) ->
     """Returns an entry of an object of JSON. Raises SceneError if it is missing or of another kind."""
     found = value.get(key, default) if isinstance(value, dict) else None
     if not isinstance(found, kind):
-        words = {dict: "an object", list: "a list", str: "a text"}[kind]
+        words = "an object" if kind is dict else "a list" if kind is list else "a text"
         raise SceneError(f"{where}: {key!r} must be {words}")
     return found
 
