@@ -49,6 +49,10 @@ template <class F> void each(const cama::dvec3 &v, F &&f) { each_of(f, v.x, v.y,
     each_of(f, m.row[0], m.row[1], m.row[2]);                                                                \
   }                                                                                                          \
   template <class F> void each(const cama::kernels::space::stretching_stiffness &k, F &&f) { each(k.k, f); } \
+  template <class F> void each(const cama::kernels::space::strain_limit &l, F &&f)                           \
+  {                                                                                                          \
+    each_of(f, l.strain, l.factor);                                                                          \
+  }                                                                                                          \
   template <class F> void each(const cama::kernels::space::bending_stiffness &k, F &&f) { each(k.k, f); }    \
   template <class F> void each(const cama::kernels::space::triangle_rest &r, F &&f)                          \
   {                                                                                                          \
