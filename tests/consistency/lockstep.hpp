@@ -42,41 +42,38 @@ template <class F, class T, std::size_t n> void each(const T (&array)[n], F &&f)
 template <class F, class... T> void each_of(F &&f, const T &...member) { (each(member, f), ...); }
 
 template <class F> void each(const cama::dvec3 &v, F &&f) { each_of(f, v.x, v.y, v.z); }
-#define LOCKSTEP_REAL(space)                                                                                 \
-  template <class F> void each(const cama::kernels::space::vec3 &v, F &&f) { each_of(f, v.x, v.y, v.z); }    \
-  template <class F> void each(const cama::kernels::space::mat3 &m, F &&f)                                   \
-  {                                                                                                          \
-    each_of(f, m.row[0], m.row[1], m.row[2]);                                                                \
-  }                                                                                                          \
-  template <class F> void each(const cama::kernels::space::stretching_stiffness &k, F &&f) { each(k.k, f); } \
-  template <class F> void each(const cama::kernels::space::strain_limit &l, F &&f)                           \
-  {                                                                                                          \
-    each_of(f, l.strain, l.factor);                                                                          \
-  }                                                                                                          \
-  template <class F> void each(const cama::kernels::space::bending_stiffness &k, F &&f) { each(k.k, f); }    \
-  template <class F> void each(const cama::kernels::space::triangle_rest &r, F &&f)                          \
-  {                                                                                                          \
-    each_of(f, r.node, r.material, r.d, r.area);                                                             \
-  }                                                                                                          \
-  template <class F> void each(const cama::kernels::space::triangle_factor &t, F &&f)                        \
-  {                                                                                                          \
-    each_of(f, t.u, t.w, t.d, t.k, t.e0, t.e1);                                                              \
-  }                                                                                                          \
-  template <class F> void each(const cama::kernels::space::hinge_rest &r, F &&f)                             \
-  {                                                                                                          \
-    each_of(f, r.node, r.material, r.rest_angle, r.length, r.area, r.direction);                             \
-  }                                                                                                          \
-  template <class F> void each(const cama::kernels::space::hinge_coupling &c, F &&f)                         \
-  {                                                                                                          \
-    each_of(f, c.neighbour, c.coupling, c.scale, c.bound, c.reference);                                      \
-  }                                                                                                          \
-  template <class F> void each(const cama::kernels::space::hinge_factor &h, F &&f)                           \
-  {                                                                                                          \
-    each_of(f, h.gradient[0], h.gradient[1], h.gradient[2], h.gradient[3], h.coefficient);                   \
-  }                                                                                                          \
-  template <class F> void each(const cama::kernels::space::term &t, F &&f)                                   \
-  {                                                                                                          \
-    each_of(f, t.node, t.weight, t.normal, t.along, t.around, t.push);                                       \
+#define LOCKSTEP_REAL(space)                                                                                           \
+  template <class F> void each(const cama::kernels::space::vec3 &v, F &&f) { each_of(f, v.x, v.y, v.z); }              \
+  template <class F> void each(const cama::kernels::space::mat3 &m, F &&f)                                             \
+  {                                                                                                                    \
+    each_of(f, m.row[0], m.row[1], m.row[2]);                                                                          \
+  }                                                                                                                    \
+  template <class F> void each(const cama::kernels::space::stretching_stiffness &k, F &&f) { each(k.k, f); }           \
+  template <class F> void each(const cama::kernels::space::strain_limit &l, F &&f) { each_of(f, l.strain, l.factor); } \
+  template <class F> void each(const cama::kernels::space::bending_stiffness &k, F &&f) { each(k.k, f); }              \
+  template <class F> void each(const cama::kernels::space::triangle_rest &r, F &&f)                                    \
+  {                                                                                                                    \
+    each_of(f, r.node, r.material, r.d, r.area);                                                                       \
+  }                                                                                                                    \
+  template <class F> void each(const cama::kernels::space::triangle_factor &t, F &&f)                                  \
+  {                                                                                                                    \
+    each_of(f, t.u, t.w, t.d, t.k, t.e0, t.e1);                                                                        \
+  }                                                                                                                    \
+  template <class F> void each(const cama::kernels::space::hinge_rest &r, F &&f)                                       \
+  {                                                                                                                    \
+    each_of(f, r.node, r.material, r.rest_angle, r.length, r.area, r.direction);                                       \
+  }                                                                                                                    \
+  template <class F> void each(const cama::kernels::space::hinge_coupling &c, F &&f)                                   \
+  {                                                                                                                    \
+    each_of(f, c.neighbour, c.coupling, c.scale, c.bound, c.reference);                                                \
+  }                                                                                                                    \
+  template <class F> void each(const cama::kernels::space::hinge_factor &h, F &&f)                                     \
+  {                                                                                                                    \
+    each_of(f, h.gradient[0], h.gradient[1], h.gradient[2], h.gradient[3], h.coefficient);                             \
+  }                                                                                                                    \
+  template <class F> void each(const cama::kernels::space::term &t, F &&f)                                             \
+  {                                                                                                                    \
+    each_of(f, t.node, t.weight, t.normal, t.along, t.around, t.push);                                                 \
   }
 LOCKSTEP_REAL(f64)
 LOCKSTEP_REAL(f32)
