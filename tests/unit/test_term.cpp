@@ -219,27 +219,17 @@ TEST_CASE("friction at a speed is Coulomb's where the speed stays, and static wh
     const double mass = 2e-4, normal = random(0.01, 1), mu = random(0.1, 1), mu_s = mu * random(1, 2),
                  could = mu_s * normal * change,  // what friction can change in the step
         fast = could * random(1, 3), slow = could * random(0.002, 0.02);
-    REQUIRE(fast * f64::friction_at_speed(mu_s, mu, normal, fast, fast, 0, mass, time_step) ==
+    REQUIRE(fast * f64::friction_at_speed(mu_s, mu, normal, fast, fast, 1, mass, time_step) ==
             Approx(mu * normal).epsilon(1e-12));
-    REQUIRE(slow * f64::friction_at_speed(mu_s, mu, normal, could, slow, 0, mass, time_step) ==
+    REQUIRE(slow * f64::friction_at_speed(mu_s, mu, normal, could, slow, 1, mass, time_step) ==
             Approx(mu_s * normal).epsilon(1e-12));
     // At rest it sticks: no contact keeps more than a thousandth of what friction could stop.
-    REQUIRE(f64::friction_at_speed(mu_s, mu, normal, could, 0, 0, mass, time_step) ==
+    REQUIRE(f64::friction_at_speed(mu_s, mu, normal, could, 0, 1, mass, time_step) ==
             Approx(1000 * mass / time_step).epsilon(1e-12));
     // What friction cannot slow slides with mu N although it was at rest: a vertex torn away from a wall.
     const double torn = 1e4 * could;
     REQUIRE(torn * f64::friction_at_speed(mu_s, mu, normal, torn, 0, 1, mass, time_step) ==
             Approx(mu * normal).epsilon(1e-3));
-    // Before the solve: mu N where free speed and friction leave the speed as it is, and where one contact expects to
-    // be slower and another faster by as much, the two together have no more than 2.5 % above that.
-    const double kinetic = mu * normal * change, by = random(0, 0.5) * fast;
-    const auto force = [&](double free_speed) {
-      return fast * f64::friction_at_speed(mu_s, mu, normal, free_speed, fast, 1, mass, time_step);
-    };
-    REQUIRE(force(fast + kinetic) == Approx(mu * normal).epsilon(1e-12));
-    const double both = force(fast + kinetic + by) + force(fast + kinetic - by);
-    REQUIRE(both >= 2 * mu * normal * (1 - 1e-12));
-    REQUIRE(both <= 2.05 * mu * normal * (1 + 1e-12));
   }
   CHECK(f64::friction_at_speed(0, 0, 1, 1, 1, 1, 1, time_step) == 0.0);
   CHECK(f64::friction_at_speed(1, 1, 0, 1, 1, 1, 1, time_step) == 0.0);

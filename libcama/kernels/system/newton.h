@@ -150,7 +150,7 @@ KERNEL iterate_friction(int n, int cloth_vertices, GLOBAL const contact *contact
     if (mobility > 0.0)
       damping = step * friction_at_speed((real)contacts[i].static_friction, (real)contacts[i].friction,
                                          (real)(push[i] / (double)step), (real)dnorm(tangential(t, free_velocity)),
-                                         (real)dnorm(tangential(t, velocity)), 0, (real)(1.0 / mobility), step);
+                                         (real)dnorm(tangential(t, velocity)), (real)1, (real)(1.0 / mobility), step);
     terms[i].along = t.along + (t.around - damping);
     terms[i].around = damping;
   }

@@ -53,30 +53,23 @@ DEVICE real friction_alone(real static_friction, real friction, real normal_forc
 }
 
 /* phi for a step of several solves: friction N over the speed that the contact is expected to have after the step. That
-   is its `speed` of before where `before` is 0. Else free_speed and friction may change 1/speed by MOST_CHANGE, in
-   proportion to what they do to the speed: neighbours hold or pull the contact, and only a change that is as large up
-   as down leaves the friction of all together as it was. A contact that friction can hardly slow is expected to keep
-   free_speed. Friction is static up to SLOW of the change of speed that it can make in the step. */
+   is its `speed` of before, which free_speed and friction may change by the factor `grow` or its inverse, since the
+   neighbours may hold or pull it; a contact that friction can hardly slow is expected to keep free_speed. Friction is
+   static up to SLOW of the change of speed that it can make in the step. */
 #define SLOW ((real)0.03)
 #define OVERPOWERED ((real)4)
-#define BARELY ((real)(1.0 / 6.0)) /* of the change of speed: below it, changes are measured by it */
-#define MOST_CHANGE ((real)0.25)
 DEVICE real friction_at_speed(real static_friction, real friction, real normal_force, real free_speed, real speed,
-                              int before, real effective_mass, real time_step)
+                              real grow, real effective_mass, real time_step)
 {
-  real cone = static_friction * normal_force, change = cone * time_step / effective_mass, least = change / STICKING,
-       torn = free_speed - OVERPOWERED * change, expected = max_real(speed, least);
+  real cone = static_friction * normal_force, change = cone * time_step / effective_mass,
+       torn = free_speed - OVERPOWERED * change, expected;
   if (!(cone > (real)0)) return (real)0;
   if (max_real(speed, torn) > SLOW * change) {
     cone = friction * normal_force;
     change = cone * time_step / effective_mass;
   }
-  if (before) {
-    real x = (free_speed - change - speed) / max_real(speed, BARELY * change);
-    x = min_real(max_real(x, -MOST_CHANGE), MOST_CHANGE);
-    expected = expected / ((real)1 - x + (real)0.4 * x * x);
-  }
-  return cone / max_real(max_real(expected, torn), least);
+  expected = min_real(max_real(free_speed - change, speed / grow), speed * grow);
+  return cone / max_real(max_real(expected, torn), change / STICKING);
 }
 
 /* sum_k w_k^2 / m_k, 1/kg, where each vertex gives a contact the share of its mass that the contact has in the vertex's
@@ -115,9 +108,11 @@ KERNEL stiffen_contacts(int n, int cloth_vertices, GLOBAL const double *inverse_
   }
 }
 
-/* What limits the load of a contact before the first of several solves, times what presses it alone (an impact can
-   leave a contact deeper than any force has pressed it). */
+/* Limits of what a step of several solves expects of friction before the first: the load of a contact, times what
+   presses it alone (an impact can leave a contact deeper than any force has pressed it), and the change of its speed.
+ */
 #define LAYERS 30.0
+#define SPEEDING_UP ((real)1.25)
 
 /* Terms from contacts. Penalty E = k (d - thickness)^2 / 2 while d < thickness, linearised: matrix dt^2 k, push dt k
    (thickness - d). velocity, free_velocity: at the start, and after this step without contact, m/s. iterated: whether
@@ -147,7 +142,8 @@ KERNEL make_contact_terms(int n, int iterated, GLOBAL const contact *contacts, G
         press = min_double(press, LAYERS * c.stiffness * max_double(c.thickness - c.distance - h * rise, 0.0) /
                                       (1.0 + c.stiffness * h * h * mobility));
         damping = friction_at_speed((real)c.static_friction, (real)c.friction, (real)press, free_speed,
-                                    (real)dnorm(daxpy(start, -ddot(start, c.normal), c.normal)), 1, mass, time_step);
+                                    (real)dnorm(daxpy(start, -ddot(start, c.normal), c.normal)), SPEEDING_UP, mass,
+                                    time_step);
       } else {
         damping = friction_alone((real)c.static_friction, (real)c.friction, (real)press, free_speed, mass, time_step);
       }
