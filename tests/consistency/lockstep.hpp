@@ -49,6 +49,7 @@ template <class F> void each(const cama::dvec3 &v, F &&f) { each_of(f, v.x, v.y,
     each_of(f, m.row[0], m.row[1], m.row[2]);                                                                          \
   }                                                                                                                    \
   template <class F> void each(const cama::kernels::space::stretching_stiffness &k, F &&f) { each(k.k, f); }           \
+  template <class F> void each(const cama::kernels::space::moment_step &s, F &&f) { each_of(f, s.momentum, s.share); } \
   template <class F> void each(const cama::kernels::space::strain_limit &l, F &&f) { each_of(f, l.strain, l.factor); } \
   template <class F> void each(const cama::kernels::space::bending_stiffness &k, F &&f) { each(k.k, f); }              \
   template <class F> void each(const cama::kernels::space::triangle_rest &r, F &&f)                                    \
@@ -65,7 +66,7 @@ template <class F> void each(const cama::dvec3 &v, F &&f) { each_of(f, v.x, v.y,
   }                                                                                                                    \
   template <class F> void each(const cama::kernels::space::hinge_coupling &c, F &&f)                                   \
   {                                                                                                                    \
-    each_of(f, c.neighbour, c.coupling, c.scale, c.bound, c.reference);                                                \
+    each_of(f, c.neighbour, c.cloth, c.coupling, c.scale, c.bound, c.reference);                                       \
   }                                                                                                                    \
   template <class F> void each(const cama::kernels::space::hinge_factor &h, F &&f)                                     \
   {                                                                                                                    \

@@ -148,7 +148,7 @@ const Names elastic_streams = {"position",
                                "solution"};
 const Names hinge_streams = {"hinge_nodes",  "hinge_incidence.row", "hinge_incidence.entry", "hinge_rest",
                              "hinge_factor", "hinge_force",         "bending_table"};
-const Names plate_streams = {"hinge_coupling", "angle_scale", "scaled_angle", "moment", "moment_before"};
+const Names plate_streams = {"hinge_coupling", "moment_step", "angle_scale", "scaled_angle", "moment", "moment_before"};
 const Names term_streams = {"term", "term_nodes", "term_incidence.row", "term_incidence.entry"};
 const Names contact_streams = {"predicted",      "inverse_mass", "face",   "query_vertices",
                                "vertex_contact", "margin",       "bounds", "vertex_box"};

@@ -7,11 +7,18 @@
 
 typedef struct {
   int neighbour[4];   /* hinges with which it shares a triangle; itself where there is none */
+  int cloth;
   real coupling[4];   /* of the compliance with each of them, scaled to a diagonal of ones */
   real scale;         /* scaled angle for an angle, sqrt(J) */
   real bound;         /* the matrix's stiffness for scaled angles, at least half of the true one */
   real reference;     /* hinge stiffness at no curvature, N m; 0: stiffness does not vary */
 } hinge_coupling;
+
+/* A step of Chebyshev's iteration for the moments of a cloth; both 0 once it has had its steps. The first of all has
+   the share of the scaled angles that the moments begin with. */
+typedef struct {
+  real momentum, share;
+} moment_step;
 
 /* Scaled angle for the difference of an angle from its rest, sqrt(J). */
 DEVICE real angle_scale(hinge_coupling c, GLOBAL const bending_stiffness *table, hinge_rest rest, real angle)
@@ -23,9 +30,9 @@ DEVICE real angle_scale(hinge_coupling c, GLOBAL const bending_stiffness *table,
 
 /* Scaled angles, their scales and first moments [n], and matrix factors [n] of all hinges. */
 KERNEL scale_angles(int n, GLOBAL const hinge_rest *rest, GLOBAL const hinge_coupling *coupling,
-                    GLOBAL const bending_stiffness *table, GLOBAL const real *material_scale, real start,
-                    GLOBAL const dvec3 *position, GLOBAL hinge_factor *factor, GLOBAL real *scales, GLOBAL real *angle,
-                    GLOBAL real *moment)
+                    GLOBAL const bending_stiffness *table, GLOBAL const real *material_scale,
+                    GLOBAL const moment_step *start, GLOBAL const dvec3 *position, GLOBAL hinge_factor *factor,
+                    GLOBAL real *scales, GLOBAL real *angle, GLOBAL real *moment)
 {
   FOR_EACH(i, n) {
     hinge_rest r = rest[i];
@@ -38,28 +45,28 @@ KERNEL scale_angles(int n, GLOBAL const hinge_rest *rest, GLOBAL const hinge_cou
     factor[i] = f;
     scales[i] = s;
     angle[i] = y;
-    moment[i] = start * y;
+    moment[i] = start[r.material].share * y;
   }
 }
 
 /* Scaled angles and first moments [n] alone. */
 KERNEL measure_angles(int n, GLOBAL const hinge_rest *rest, GLOBAL const hinge_coupling *coupling,
-                      GLOBAL const bending_stiffness *table, real start, GLOBAL const dvec3 *position,
-                      GLOBAL real *angle, GLOBAL real *moment)
+                      GLOBAL const bending_stiffness *table, GLOBAL const moment_step *start,
+                      GLOBAL const dvec3 *position, GLOBAL real *angle, GLOBAL real *moment)
 {
   FOR_EACH(i, n) {
     hinge_rest r = rest[i];
     real a = load_hinge(r, position).angle;
     real y = angle_scale(coupling[i], table, r, a) * angle_difference(a, r.rest_angle);
     angle[i] = y;
-    moment[i] = start * y;
+    moment[i] = start[r.material].share * y;
   }
 }
 
 /* Scaled rates of the angles times the damping, and first moments [n]; material_scale = h (h + damping). */
 KERNEL measure_rates(int n, GLOBAL const hinge_rest *rest, GLOBAL const hinge_factor *factor,
-                     GLOBAL const real *material_scale, real step, real start, GLOBAL const dvec3 *velocity,
-                     GLOBAL const real *scales, GLOBAL real *angle, GLOBAL real *moment)
+                     GLOBAL const real *material_scale, real step, GLOBAL const moment_step *start,
+                     GLOBAL const dvec3 *velocity, GLOBAL const real *scales, GLOBAL real *angle, GLOBAL real *moment)
 {
   FOR_EACH(i, n) {
     hinge_rest r = rest[i];
@@ -67,20 +74,22 @@ KERNEL measure_rates(int n, GLOBAL const hinge_rest *rest, GLOBAL const hinge_fa
     int a;
     for (a = 1; a < 4; ++a) rate += dot(factor[i].gradient[a], to_vec3(dsub(velocity[r.node[a]], velocity[r.node[0]])));
     angle[i] = scales[i] * (material_scale[r.material] / step - step) * rate;
-    moment[i] = start * angle[i];
+    moment[i] = start[r.material].share * angle[i];
   }
 }
 
-/* A step of Chebyshev's iteration for the moments: previous = moment + a (moment - previous) + b (angle - compliance
-   moment); where `first`, previous is read as zero. */
-KERNEL improve_moments(int n, GLOBAL const hinge_coupling *coupling, GLOBAL const real *angle, real a, real b,
-                       int first, GLOBAL const real *moment, GLOBAL real *previous)
+/* A step of Chebyshev's iteration for the moments, that of each cloth in `step` from `row` on: previous = moment +
+   momentum (moment - previous) + share (angle - compliance moment); where `first`, previous is read as zero. */
+KERNEL improve_moments(int n, GLOBAL const hinge_coupling *coupling, GLOBAL const real *angle,
+                       GLOBAL const moment_step *step, int row, int first, GLOBAL const real *moment,
+                       GLOBAL real *previous)
 {
   FOR_EACH(i, n) {
     real m = moment[i], left = angle[i] - m;
+    moment_step s = step[row + coupling[i].cloth];
     int k;
     for (k = 0; k < 4; ++k) left -= coupling[i].coupling[k] * moment[coupling[i].neighbour[k]];
-    previous[i] = m + a * (first ? m : m - previous[i]) + b * left;
+    previous[i] = m + s.momentum * (first ? m : m - previous[i]) + s.share * left;
   }
 }
 

@@ -40,6 +40,7 @@ template <class Real> struct Types;
     using hinge_rest = kernels::space::hinge_rest;                     \
     using hinge_factor = kernels::space::hinge_factor;                 \
     using hinge_coupling = kernels::space::hinge_coupling;             \
+    using moment_step = kernels::space::moment_step;                   \
     using term = kernels::space::term;                                 \
   };
 CAMA_TYPES(double, f64)

@@ -87,8 +87,13 @@ LocalCompliance local_compliance(const RestTriangle &r, const Eigen::Matrix3d &c
   return c;
 }
 
+/// The hinges of a cloth, which couple among themselves alone.
+struct HingeRange {
+  std::size_t first, end;
+};
+
 /// Eigenvalues of the scaled compliance as Lanczos' method sees them from a start vector, in rising order.
-Eigen::VectorXd ritz_values(const std::vector<HingeCoupling> &hinge, Eigen::VectorXd v, int steps)
+Eigen::VectorXd ritz_values(const std::vector<HingeCoupling> &hinge, HingeRange range, Eigen::VectorXd v, int steps)
 {
   Eigen::VectorXd before = Eigen::VectorXd::Zero(v.size()), diagonal(steps), beside(steps);
   v.normalize();
@@ -96,8 +101,8 @@ Eigen::VectorXd ritz_values(const std::vector<HingeCoupling> &hinge, Eigen::Vect
   int n = 0;
   while (n < steps) {
     Eigen::VectorXd w = v - link * before;
-    for (std::size_t i = 0; i < hinge.size(); ++i)
-      for (int k = 0; k < 4; ++k) w[i] += hinge[i].coupling[k] * v[hinge[i].neighbour[k]];
+    for (std::size_t i = range.first; i < range.end; ++i)
+      for (int k = 0; k < 4; ++k) w[i - range.first] += hinge[i].coupling[k] * v[hinge[i].neighbour[k] - range.first];
     diagonal[n] = w.dot(v);
     w -= diagonal[n] * v;
     beside[n] = link = w.norm();
@@ -112,19 +117,60 @@ Eigen::VectorXd ritz_values(const std::vector<HingeCoupling> &hinge, Eigen::Vect
 }
 
 /// The interval reaches from what a uniformly bent sheet has (`smooth`: its scaled angles) to the largest eigenvalue.
-MomentIteration moment_iteration(const std::vector<HingeCoupling> &hinge, const Eigen::VectorXd &smooth)
+MomentIteration moment_iteration(const std::vector<HingeCoupling> &hinge, HingeRange range,
+                                 const Eigen::VectorXd &smooth)
 {
   std::mt19937 random(1);
   Eigen::VectorXd rough(smooth.size());
   for (double &value : rough) value = random() / 4294967296.0 - 0.5;
   const auto rounded = [](double value) { return std::round(value * 128) / 128; };   // the same on all machines
   MomentIteration m;
-  m.largest = rounded(1.05 * ritz_values(hinge, rough, 16).tail(1)[0]);
-  m.least = std::clamp(rounded(ritz_values(hinge, smooth, 8)[0]), m.largest / 64, m.largest / 2);
+  m.largest = rounded(1.05 * ritz_values(hinge, range, rough, 16).tail(1)[0]);
+  m.least = std::clamp(rounded(ritz_values(hinge, range, smooth, 8)[0]), m.largest / 64, m.largest / 2);
   const double root = std::sqrt(m.largest / m.least), rate = (root - 1) / (root + 1);
   m.count = std::clamp(static_cast<int>(std::ceil(std::log(moment_error) / std::log(rate))) - 1, fewest_iterations,
                        most_iterations);
   return m;
+}
+
+/// Whether the edge of a hinge runs from its node 0 to its node 1 in the winding of a triangle.
+bool runs_along(const RestTriangle &t, const RestHinge &h)
+{
+  for (int k = 0; k < 3; ++k)
+    if (t.node[k] == h.node[0]) return t.node[(k + 1) % 3] == h.node[1];
+  return true;
+}
+
+/// 1 or -1 for each hinge: what makes the signs of its angle and of its neighbours' those of one side of the cloth,
+/// whichever way the triangles wind.
+std::vector<int> sides(const Topology &t)
+{
+  std::vector<std::vector<int>> hinges(t.triangle.size());
+  for (std::size_t i = 0; i < t.hinge.size(); ++i)
+    for (int f : t.hinge[i].triangle) hinges[f].push_back(static_cast<int>(i));
+  std::vector<int> side(t.triangle.size(), 0), of_hinge(t.hinge.size());
+  std::vector<int> queue;
+  for (std::size_t start = 0; start < t.triangle.size(); ++start) {
+    if (side[start]) continue;
+    side[start] = 1;
+    queue.assign(1, static_cast<int>(start));
+    while (!queue.empty()) {
+      const int f = queue.back();
+      queue.pop_back();
+      for (int i : hinges[f]) {
+        const RestHinge &h = t.hinge[i];
+        const int other = h.triangle[h.triangle[0] == f];
+        if (side[other]) continue;
+        side[other] = runs_along(t.triangle[f], h) == runs_along(t.triangle[other], h) ? -side[f] : side[f];
+        queue.push_back(other);
+      }
+    }
+  }
+  for (std::size_t i = 0; i < t.hinge.size(); ++i) {
+    const int f = t.hinge[i].triangle[0];
+    of_hinge[i] = runs_along(t.triangle[f], t.hinge[i]) ? side[f] : -side[f];
+  }
+  return of_hinge;
 }
 
 }  // namespace
@@ -140,6 +186,25 @@ PlateStiffness plate_stiffness(const Material &m)
   // At 45 degrees a cylinder has the curvatures 1/2, 1/2 and a twist of 1/2: (D11 + D22 + 2 D12 + 2 D33) / 4.
   const double d33 = std::max(0.5 * (4 * bias - d11 - d22 - 2 * d12), 0.1 * std::sqrt(d11 * d22));
   return {d11, d12, d22, d33};
+}
+
+std::vector<std::vector<MomentStep>> moment_steps(const std::vector<MomentIteration> &iteration)
+{
+  int longest = 0;
+  for (const MomentIteration &m : iteration) longest = std::max(longest, m.count);
+  std::vector<std::vector<MomentStep>> steps(longest + 1, std::vector<MomentStep>(iteration.size()));
+  for (std::size_t c = 0; c < iteration.size(); ++c) {
+    const MomentIteration &m = iteration[c];
+    const double middle = 0.5 * (m.largest + m.least), half = 0.5 * (m.largest - m.least);
+    double rho = half / middle;
+    steps[0][c].share = 2 / (m.least + m.largest);
+    for (int k = 0; k < m.count; ++k) {
+      const double next = 1 / (2 * middle / half - rho);
+      steps[k + 1][c] = {next * rho, 2 * next / half};
+      rho = next;
+    }
+  }
+  return steps;
 }
 
 Plate couple_hinges(const Scene &scene, const Topology &t)
@@ -174,6 +239,7 @@ Plate couple_hinges(const Scene &scene, const Topology &t)
     const RestHinge &h = t.hinge[i];
     HingeCoupling c;
     c.neighbour.fill(static_cast<int>(i));
+    c.cloth = h.material;
     for (int side = 0; side < 2; ++side) {
       const int f = h.triangle[side], corner = corner_of(h, side);
       const LocalCompliance local = local_compliance(t.triangle[f], compliance[h.material]);
@@ -191,21 +257,28 @@ Plate couple_hinges(const Scene &scene, const Topology &t)
     c.reference = reference_of(scene.cloths[h.material].material, rows[h.material], h);
     plate.hinge.push_back(c);
   }
+  const std::vector<int> side = sides(t);
   for (std::size_t i = 0; i < t.hinge.size(); ++i) {
     HingeCoupling &c = plate.hinge[i];
     // Rounded to single precision, so that set-up on another machine gives the same bits.
     for (int k = 0; k < 4; ++k)
-      c.coupling[k] = static_cast<float>(c.coupling[k] / std::sqrt(diagonal[i] * diagonal[c.neighbour[k]]));
+      c.coupling[k] = static_cast<float>(side[i] * side[c.neighbour[k]] * c.coupling[k] /
+                                         std::sqrt(diagonal[i] * diagonal[c.neighbour[k]]));
     c.scale = static_cast<float>(t.hinge[i].length / std::sqrt(diagonal[i]));
-    smooth[static_cast<Eigen::Index>(i)] /= std::sqrt(diagonal[i]);
+    smooth[static_cast<Eigen::Index>(i)] *= side[i] / std::sqrt(diagonal[i]);
   }
-  if (plate.hinge.empty()) return plate;
-  plate.iteration = moment_iteration(plate.hinge, smooth);
-  // What the iteration makes of the softest moment there can be.
-  const double stiffest = (plate.iteration.count + 1) / std::sqrt(plate.iteration.least * plate.iteration.largest);
-  for (std::size_t i = 0; i < t.hinge.size(); ++i)
-    plate.hinge[i].bound =
-        static_cast<float>(bound_share * std::min(diagonal[i] / std::max(least[i], 1e-9 * diagonal[i]), stiffest));
+  plate.iteration.resize(scene.cloths.size());
+  for (HingeRange range{0, 0}; range.first < t.hinge.size(); range.first = range.end) {
+    const int cloth = t.hinge[range.first].material;
+    while (range.end < t.hinge.size() && t.hinge[range.end].material == cloth) ++range.end;
+    MomentIteration &iteration = plate.iteration[static_cast<std::size_t>(cloth)];
+    iteration = moment_iteration(plate.hinge, range, smooth.segment(range.first, range.end - range.first));
+    // What the iteration makes of the softest moment there can be.
+    const double stiffest = (iteration.count + 1) / std::sqrt(iteration.least * iteration.largest);
+    for (std::size_t i = range.first; i < range.end; ++i)
+      plate.hinge[i].bound =
+          static_cast<float>(bound_share * std::min(diagonal[i] / std::max(least[i], 1e-9 * diagonal[i]), stiffest));
+  }
   return plate;
 }
 

@@ -11,21 +11,30 @@ namespace cama {
 /// The hinge's row of the compliance, scaled to a diagonal of ones; hinge_coupling of kernels/elements/plate.h.
 struct HingeCoupling {
   std::array<int, 4> neighbour;
+  int cloth = 0;
   std::array<double, 4> coupling{};
   double scale = 0, bound = 0, reference = 0;
 };
 
-/// Chebyshev's iteration for moments: the eigenvalues of the scaled compliance between which it is made, and its
-/// length.
+/// Chebyshev's iteration for the moments of a cloth: the eigenvalues of the scaled compliance between which it is made,
+/// and its length.
 struct MomentIteration {
   double least = 0.3, largest = 2;
-  int count = 6;
+  int count = 0;
 };
 
 struct Plate {
   std::vector<HingeCoupling> hinge;
-  MomentIteration iteration;
+  std::vector<MomentIteration> iteration;  // [cloths]; of length 0 without hinges
 };
+
+/// A step of it, moment_step of kernels/elements/plate.h.
+struct MomentStep {
+  double momentum = 0, share = 0;
+};
+
+/// [longest iteration + 1][cloths]: the share that the moments begin with, then the steps.
+std::vector<std::vector<MomentStep>> moment_steps(const std::vector<MomentIteration> &iteration);
 
 /// The bending stiffness of a plate, N m: moments are D11 c11 + D12 c22, D12 c11 + D22 c22 and D33 c12 for the
 /// curvatures c along the warp, along the weft and of the twist.

@@ -95,12 +95,20 @@ template <class Real> void set_up_plate(State &state, System<Real> &s, const Sce
       c.neighbour[k] = h.neighbour[k];
       c.coupling[k] = static_cast<Real>(h.coupling[k]);
     }
+    c.cloth = h.cloth;
     c.scale = static_cast<Real>(h.scale);
     c.bound = static_cast<Real>(h.bound);
     c.reference = static_cast<Real>(h.reference);
     couplings.push_back(c);
   }
-  s.moment_iteration = plate.iteration;
+  std::vector<typename Types<Real>::moment_step> steps;
+  for (const auto &row : moment_steps(plate.iteration)) {
+    for (const MomentStep &step : row)
+      steps.push_back({static_cast<Real>(step.momentum), static_cast<Real>(step.share)});
+    ++s.moment_iterations;
+  }
+  --s.moment_iterations;
+  s.moment_step = Stream<typename Types<Real>::moment_step>(b, steps);
   s.hinge_coupling = Stream<coupling>(b, couplings);
   for (Stream<Real> *values : {&s.angle_scale, &s.scaled_angle, &s.moment, &s.moment_before})
     *values = Stream<Real>(b, state.mesh.hinges);

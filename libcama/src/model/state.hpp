@@ -15,7 +15,6 @@
 #include "device/kernels.hpp"
 #include "model/exemptions.hpp"
 #include "model/incidence.hpp"
-#include "model/plate.hpp"
 
 namespace cama {
 
@@ -305,7 +304,8 @@ template <class Real> struct System {
   Stream<typename T::hinge_factor> hinge_factor;
   Stream<typename T::vec3> hinge_force;  // [4 hinges], N
   Stream<typename T::hinge_coupling> hinge_coupling;  // with bending=plate, as all of these; else empty
-  MomentIteration moment_iteration;
+  Stream<typename T::moment_step> moment_step;  // [moment_iterations + 1][cloths]
+  int moment_iterations = 0;
   Stream<Real> angle_scale, scaled_angle, moment, moment_before;  // [hinges], sqrt(J)
   Stream<typename T::term> term;  // contacts, then stitches
   Stream<typename T::vec3> force;  // [cloth vertices], N
@@ -330,6 +330,7 @@ template <class Real> struct System {
     f("hinge_factor", Life::step, hinge_factor);
     f("hinge_force", Life::step, hinge_force);
     f("hinge_coupling", Life::scene, hinge_coupling);
+    f("moment_step", Life::scene, moment_step);
     f("angle_scale", Life::step, angle_scale);
     f("scaled_angle", Life::step, scaled_angle);
     f("moment", Life::step, moment);

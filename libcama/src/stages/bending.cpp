@@ -6,23 +6,14 @@
 namespace cama {
 namespace {
 
-template <class Real> Real first_share(const System<Real> &s)
-{
-  return static_cast<Real>(2 / (s.moment_iteration.least + s.moment_iteration.largest));
-}
-
-/// Moments for the scaled angles; they begin with first_share of them in s.moment, and end there.
+/// Moments for the scaled angles; they begin with the first share of them in s.moment, and end there.
 template <class Real> void find_moments(Backend &b, System<Real> &s, int hinges)
 {
-  const MomentIteration &m = s.moment_iteration;
-  const double middle = 0.5 * (m.largest + m.least), half = 0.5 * (m.largest - m.least);
-  double rho = half / middle;
-  for (int k = 0; k < m.count; ++k) {
-    const double next = 1 / (2 * middle / half - rho);
-    CAMA_LAUNCH_REAL(Real, b, improve_moments, hinges, s.hinge_coupling, s.scaled_angle, static_cast<Real>(next * rho),
-                     static_cast<Real>(2 * next / half), k == 0 ? 1 : 0, s.moment, s.moment_before);
+  const int cloths = s.moment_step.size() / (s.moment_iterations + 1);
+  for (int k = 0; k < s.moment_iterations; ++k) {
+    CAMA_LAUNCH_REAL(Real, b, improve_moments, hinges, s.hinge_coupling, s.scaled_angle, s.moment_step,
+                     (k + 1) * cloths, k == 0 ? 1 : 0, s.moment, s.moment_before);
     s.moment.swap(s.moment_before);
-    rho = next;
   }
 }
 
@@ -37,7 +28,7 @@ void evaluate_bending(Backend &b, const Options &options, System<Real> &s, int h
     return;
   }
   CAMA_LAUNCH_REAL(Real, b, scale_angles, hinges, s.hinge_rest, s.hinge_coupling, s.bending_table, s.material_scale,
-                   first_share(s), position, s.hinge_factor, s.angle_scale, s.scaled_angle, s.moment);
+                   s.moment_step, position, s.hinge_factor, s.angle_scale, s.scaled_angle, s.moment);
   find_moments(b, s, hinges);
   CAMA_LAUNCH_REAL(Real, b, bend_hinges, hinges, s.hinge_factor, s.angle_scale, s.moment, 0, s.hinge_force);
 }
@@ -51,7 +42,7 @@ void damp_bending(Backend &b, System<Real> &s, int hinges, Real step, const Stre
                      force);
     return;
   }
-  CAMA_LAUNCH_REAL(Real, b, measure_rates, hinges, s.hinge_rest, s.hinge_factor, s.material_scale, step, first_share(s),
+  CAMA_LAUNCH_REAL(Real, b, measure_rates, hinges, s.hinge_rest, s.hinge_factor, s.material_scale, step, s.moment_step,
                    velocity, s.angle_scale, s.scaled_angle, s.moment);
   find_moments(b, s, hinges);
   CAMA_LAUNCH_REAL(Real, b, bend_hinges, hinges, s.hinge_factor, s.angle_scale, s.moment, 1, force);
@@ -66,7 +57,7 @@ void measure_bending(Backend &b, const Options &options, System<Real> &s, int hi
                      position, energy);
     return;
   }
-  CAMA_LAUNCH_REAL(Real, b, measure_angles, hinges, s.hinge_rest, s.hinge_coupling, s.bending_table, first_share(s),
+  CAMA_LAUNCH_REAL(Real, b, measure_angles, hinges, s.hinge_rest, s.hinge_coupling, s.bending_table, s.moment_step,
                    position, s.scaled_angle, s.moment);
   find_moments(b, s, hinges);
   CAMA_LAUNCH_REAL(Real, b, measure_bending, hinges, s.scaled_angle, s.moment, energy);
