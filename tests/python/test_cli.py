@@ -19,6 +19,7 @@ from conftest import judge
 
 RUNNER = CliRunner()
 FIELDS = {
+    "obstacles",
     "scene",
     "backend",
     "device",

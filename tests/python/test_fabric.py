@@ -154,17 +154,18 @@ def droop(stiffness, load, poisson, inner=0.09, outer=0.15):
 
 
 def test_a_board_has_a_drape_coefficient_of_one():
-    """And its rim sinks as that of a plate, whose Poisson ratio the hinges leave open."""
-    sectors = 72
-    found = fabric.drape(isotropic(1e-2, density=0.1, youngs=1e5), sectors=sectors)
-    assert found.coefficient == pytest.approx(1, abs=1e-3) and found.nodes == 0 and found.at_rest
-    sunk = -found.vertices[-sectors - 1 : -1, 2].mean()
-    assert droop(1e-2, 0.1 * G, 0.3) * 0.9 < sunk < droop(1e-2, 0.1 * G, -0.2) * 1.1
+    """And its rim sinks as that of a plate: on two meshes with an error of first order, which they share."""
+    sunk = []
+    for sectors in (36, 72):
+        found = fabric.drape(isotropic(1e-2, density=0.1, youngs=1e5), sectors=sectors)
+        assert found.coefficient == pytest.approx(1, abs=1e-3) and found.nodes == 0 and found.at_rest
+        sunk.append(-found.vertices[-sectors - 1 : -1, 2].mean())
+    assert 2 * sunk[1] - sunk[0] == pytest.approx(droop(1e-2, 0.1 * G, 0.0), rel=0.02)
 
 
 def test_limp_cloth_drapes_more():
     found = [
-        fabric.drape(isotropic(b, density=0.15, youngs=500.0, poisson=0.2), sectors=60) for b in (1e-4, 1e-5, 1e-7)
+        fabric.drape(isotropic(b, density=0.15, youngs=500.0, poisson=0.2), sectors=60) for b in (1e-4, 2e-5, 1e-7)
     ]
     stiff, medium, limp = (d.coefficient for d in found)
     assert 1 > stiff > medium + 0.1 and medium > limp + 0.2

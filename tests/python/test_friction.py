@@ -35,7 +35,9 @@ def patch_on_slope(friction, cells, turn, *, angle=STEEP, static=None, speed=0.0
     plane, triangles = grid(cells, 2)
     coefficients = {"friction": friction} if static is None else {"friction": friction, "static_friction": static}
     scene.add_obstacle(plane @ frame, triangles, name="slope", **coefficients)
+    # With bending=plate patches that are turned on 80 x 80 cells scatter by up to 3.2 % instead of 2.5 % (contact.md).
     options = {"integrator": "bdf2", "newton_iterations": 2, "tolerance": 1e-3, "backend": "cpu", "threads": 1}
+    options["bending"] = "hinge"
     return cama.Simulation(scene, time_step=1 / STEPS, **options), down
 
 

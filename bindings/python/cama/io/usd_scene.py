@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from .. import _core
-from ..errors import MaterialError, MeshError, SceneError
+from ..errors import FileError, MaterialError, MeshError, SceneError
 from . import characters
 from .usd_reader import is_usd, read_usd
 
@@ -35,6 +35,10 @@ def load(path: Path, resolution: int) -> _core.Scene:
         return parse(text, file.parent, resolution)
     except (SceneError, MaterialError, MeshError) as problem:
         raise type(problem)(f"{file}: {problem}") from None
+    except FileError as problem:
+        if not str(problem).startswith(("cloth", "obstacles", str(file))):
+            _core.Scene.load(path, resolution)  # raises an error that names the part
+        raise
 
 
 def parse(text: str, folder: Path, resolution: int) -> _core.Scene:
