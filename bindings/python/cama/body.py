@@ -223,7 +223,8 @@ def _polygonise(surface: _Surface, triangles: int) -> tuple[Reals, Integers]:
 
 
 def _faces(made: object, array: object) -> Integers:
-    return array(made.GetPolys().GetConnectivityArray()).reshape(-1, 3).astype(np.int32)  # type: ignore[operator,attr-defined]
+    corners = array(made.GetPolys().GetConnectivityArray())  # type: ignore[operator,attr-defined]
+    return corners.reshape(-1, 3).astype(np.int32)
 
 
 def _relaxed(surface: _Surface, vertices: Reals, faces: Integers) -> tuple[Reals, Integers]:
