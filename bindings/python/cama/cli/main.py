@@ -6,6 +6,7 @@ from typing import Annotated
 import typer
 
 from .. import _core
+from .blender import blender
 from .check import check
 from .doctor import doctor
 from .dress import dress
@@ -46,7 +47,7 @@ def options(
     pass
 
 
-for command in (run, new, dress, check, render, view, export, explain, info, doctor, stability, tradeoff, tune):
+for command in (run, new, dress, check, render, view, export, blender, explain, info, doctor, stability, tradeoff, tune):
     app.command()(command)
 app.add_typer(fabric, name="fabric")
 
