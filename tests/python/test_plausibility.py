@@ -294,3 +294,14 @@ def test_costs_little():
             times.append(time.perf_counter() - begin)
         best[name] = min(times)
     assert best["findings"] < 0.1 * best["simulation"], best
+
+
+@pytest.mark.parametrize("options", [{"time_step": 0.005}, {"error": "1 mm"}])
+@pytest.mark.filterwarnings("ignore::cama.PlausibilityWarning")
+def test_a_frame_that_would_not_end_is_refused(options, tmp_path):
+    """Steps alone are computed all the same."""
+    simulation = cama.Simulation(with_fields(scene(), frame_time=1e9), accuracy="preview", **options)
+    simulation.step()
+    for begin in (simulation.step_frame, lambda: cama.record(simulation, tmp_path / "out")):
+        with pytest.raises(cama.SceneError, match="frame_time: a frame of 1e.09 s takes"):
+            begin()

@@ -13,7 +13,7 @@ import numpy.typing as npt
 from . import _core, plausibility
 from .arrays import count, indices, number, quaternion, reals, vector
 from .collision import UntangleReport
-from .errors import ArrayError, CollisionError
+from .errors import ArrayError, CollisionError, SceneError
 from .io import checkpoint
 from .options import overrides_of, signature
 from .parts import Cloth, Obstacle
@@ -38,6 +38,8 @@ CONTACT = np.dtype(
         ("kind", np.int32),
     ]
 )
+LONGEST_STEP = 0.1  # s that an error may choose
+MOST_STEPS = 1e7  # of a frame
 FORCES = [("normal_force", np.float64), ("tangential_force", np.float64, 3)]  # with the option forces
 
 
@@ -148,7 +150,11 @@ class Simulation:
             self._core.step(1)
 
     def step_frame(self) -> int:
-        """Computes the steps of a frame, with `error` up to its end, as `step` does; returns their number."""
+        """Computes the steps of a frame, with `error` up to its end, as `step` does; returns their number.
+
+        SceneError for a frame time in which no simulation would come to the end of a frame.
+        """
+        self._check_frame()
         if not self.error:
             self.step(self.steps_per_frame)
             return self.steps_per_frame
@@ -160,6 +166,16 @@ class Simulation:
             self._core.step(1)
             if self._core.frame_ended():
                 return self.step_count - before
+
+    def _check_frame(self) -> None:
+        """Raises SceneError if a frame takes more than MOST_STEPS."""
+        step = LONGEST_STEP if self.error else self.time_step
+        steps = self.scene.seconds_per_frame / step
+        if steps > MOST_STEPS:
+            raise SceneError(
+                f"frame_time: a frame of {self.scene.seconds_per_frame:.4g} s takes {steps:.2g} steps of {step:.4g} s; "
+                "give the time between two frames in seconds, such as 1/60, or longer steps"
+            )
 
     def frames(self, n: int | None = None, audit: bool = True) -> Iterator[Frame]:
         """Iterates over frames, each `steps_per_frame` steps, or as many as `error` asks for.

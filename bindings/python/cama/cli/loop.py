@@ -293,6 +293,7 @@ def run(
         A Result. Errors of a step are in it, not raised.
     """
     folder = Path(folder)
+    simulation._check_frame()
     if resumed is None:
         prepare(folder, keep)
     problem, stopped = None, 0

@@ -47,7 +47,8 @@ def options(
     pass
 
 
-for command in (run, new, dress, check, render, view, export, blender, explain, info, doctor, stability, tradeoff, tune):
+commands = (run, new, dress, check, render, view, export, blender, explain, info, doctor, stability, tradeoff, tune)
+for command in commands:
     app.command()(command)
 app.add_typer(fabric, name="fabric")
 

@@ -60,8 +60,8 @@ class Run:
 
     def _sample(self):
         until = time.monotonic() + SLICE
-        for self.part in self._samples:
-            self.text = f"Sampling, {self.part:.0%}"
+        for part in self._samples:
+            self.part, self.text = part, f"Sampling, {part:.0%}"
             if time.monotonic() > until:
                 return True
         return False
