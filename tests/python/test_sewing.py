@@ -129,7 +129,7 @@ def test_garmentcode_is_read_with_y_up_in_centimetres():
     [
         (lambda d: d.pop("panels"), "is not a sewing pattern"),
         (lambda d: d.update(seam=[]), "unknown key 'seam'; did you mean 'seams'"),
-        (lambda d: d.update(units="yard"), "units 'yard' must be one of"),
+        (lambda d: d.update(units="yard"), "units: 'yard' is none of"),
         (lambda d: d["seams"].append(["front.9", "back.0"]), "seam 3: panel 'front' has no edge '9'"),
         (lambda d: d["seams"].append(["fron.left", "back.0"]), "no panel 'fron'; did you mean 'front'"),
         (lambda d: d["seams"].append(["front.left", "back.waist", "flipped"]), "'flipped' must be"),

@@ -2,19 +2,22 @@
 """Units and axes of meshes, and what is said of obstacles and of starts that are hardly meant."""
 
 import json
+from typing import get_args
 
 import numpy as np
 import pytest
 from typer.testing import CliRunner
 
 import cama
-from cama import plausibility
+from cama import plausibility, shipped, types, units
 from cama.cli import app
-from cama.io.exporting import UNITS
+from cama.io.exporting import export
 from conftest import grid
 from test_characters import CORNERS, write_gltf
 
-METRES = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "inch": 2.54e-2}  # of NIST SP 811
+SYMBOLS = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "in": 2.54e-2, "ft": 0.3048}  # of NIST SP 811
+NAMES = {"metre": 1.0, "centimetre": 1e-2, "millimetre": 1e-3, "inch": 2.54e-2, "foot": 0.3048}
+METRES = {**SYMBOLS, **NAMES}
 
 
 @pytest.fixture
@@ -25,12 +28,39 @@ def triangle(tmp_path):
     return path
 
 
-def test_an_inch_has_one_name_and_a_short_one(triangle):
-    """In Python and on the command line, for what is read as for what is written."""
-    assert {"inch", "in"} <= set(UNITS) and UNITS["inch"] == UNITS["in"] == METRES["inch"]
+def test_units_have_the_same_names_everywhere(tmp_path):
+    """In scene files (their schema), patterns, `cama export`, `cama dress` and the types of Python."""
+    assert set(units.UNITS) == set(METRES) == set(get_args(types.Unit))
+
+    def of(node):
+        if isinstance(node, dict):
+            if "m" in node.get("enum", []):
+                yield node["enum"]
+            for value in node.values():
+                yield from of(value)
+        elif isinstance(node, list):
+            for value in node:
+                yield from of(value)
+
+    found = list(of(json.loads((shipped.folder() / "schema.json").read_text())))
+    assert len(found) == 3 and all(set(enum) == set(METRES) for enum in found)
+    for command in ("export", "dress"):
+        said = CliRunner().invoke(app, [command, "none", "none", "--units", "furlong"]).output
+        assert all(f"'{unit}'" in said.replace("\n", " ") for unit in ("metre", "ft")), said
+    panel = {"corners": [[0, 0], [8, 0], [0, 8]]}
+    for unit, length in METRES.items():
+        pattern = cama.SewingPattern.parse({"units": unit, "panels": {"front": panel}})
+        assert pattern.panels[0].area == pytest.approx(8**2 * length**2 / 2)
+
+
+@pytest.mark.parametrize("unit", METRES)
+def test_units_of_exports(tmp_path, unit):
     scene = cama.Scene()
-    long, short = (scene.add_cloth(triangle, units=unit).vertices for unit in ("inch", "in"))
-    np.testing.assert_array_equal(long, short)
+    scene.add_cloth([[0, 0, 0], [3, 0, 0], [0, 5, 7]], [[0, 1, 2]])
+    cama.record(cama.Simulation(scene, accuracy="preview"), tmp_path / "out", frames=0)
+    lines = export(tmp_path / "out", "obj", tmp_path, units=unit).files[1].read_text().splitlines()
+    points = [[float(x) for x in line.split()[1:]] for line in lines if line.startswith("v ")]
+    np.testing.assert_allclose(points, np.array([[0, 0, 0], [3, 0, 0], [0, 5, 7]]) / METRES[unit], rtol=1e-8)
 
 
 @pytest.mark.parametrize("unit", METRES)
@@ -79,7 +109,8 @@ def test_characters_have_units_too(tmp_path):
 @pytest.mark.parametrize(
     "given, words",
     [
-        ({"units": "km"}, ["sheet", "units", '"inch"']),
+        ({"units": "km"}, ["sheet", "units", "inch"]),
+        ({"units": "meter"}, ["sheet", "units", "metre"]),
         ({"up": "x"}, ["sheet", "up"]),
     ],
 )

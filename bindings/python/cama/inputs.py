@@ -16,7 +16,8 @@ from .arrays import integers, number, quaternion, reals, vector
 from .errors import ArrayError, MeshError, SceneError
 from .io import reading, usd_scene
 from .io.usd_reader import is_usd, read_usd
-from .types import ArrayLike, Reals, VectorLike
+from .types import ArrayLike, Integers, Reals, VectorLike
+from .units import METRES, unknown
 
 
 def placement(transform: ArrayLike | None, translate: VectorLike, rotate: VectorLike, scale: float) -> Reals:
@@ -40,32 +41,29 @@ def placement(transform: ArrayLike | None, translate: VectorLike, rotate: Vector
     return own
 
 
-UNITS = {"m": 1.0, "cm": 0.01, "mm": 0.001, "inch": 0.0254, "in": 0.0254}  # m
-
-
 def file_frame(name: str, mesh: object, units: str, up: str | None) -> tuple[Reals, float]:
     """Returns the matrix [4, 4] from a mesh's own units and axes to metres with z up, and the length of its unit, m.
 
     mesh: as given to `add_cloth`; None: a generated shape, which is in metres with z up. Raises SceneError.
     """
-    if units not in UNITS:
-        raise SceneError(f'{name}: units: {units!r} is none of "m", "cm", "mm" and "inch"')
+    if units not in METRES:
+        raise SceneError(f"{name}: units: {unknown(units)}")
     if up not in (None, "y", "z"):
         raise SceneError(f'{name}: up: {up!r} is neither "y" nor "z"')
-    if mesh is None and (units != "m" or up is not None):
+    if mesh is None and (METRES[units] != 1 or up is not None):
         raise SceneError(f"{name}: units and up are for meshes; a generated shape is in metres, with z up")
     ending = Path(mesh).suffix.lower() if isinstance(mesh, (str, os.PathLike)) else ""
     if up is not None and ending in (".glb", ".gltf", ".fbx", ".dae"):
         raise SceneError(
             f"{name}: up: is for OBJ, PLY, STL and arrays; in {ending} y is up, and it is turned already; leave it out"
         )
-    if is_usd(mesh) and (units != "m" or up is not None):
+    if is_usd(mesh) and (METRES[units] != 1 or up is not None):
         raise SceneError(f"{name}: units and up: a USD file says its own, and they are honoured; leave them out")
     frame = np.eye(4)
     if up == "y":
         frame[:3, :3] = [[1, 0, 0], [0, 0, -1], [0, 1, 0]]
-    frame[:3, :3] *= UNITS[units]
-    return frame, UNITS[units]
+    frame[:3, :3] *= METRES[units]
+    return frame, METRES[units]
 
 
 def uniform_scale(name: str, surface: str, matrix: Reals) -> float:
@@ -126,16 +124,12 @@ def compiled_mesh(
     return _core.Mesh(vertices, faces, material_vertices, material_faces), "arrays"
 
 
-def has_morph_animation(file: Path) -> bool:
-    """Whether a glTF file has an animation that blends morph targets."""
-    try:
-        content = file.read_bytes()
-        if content[:4] == b"glTF":  # a binary file: a header of 12 bytes, then JSON behind its length and its type
-            content = content[20 : 20 + int.from_bytes(content[12:16], "little")]
-        animations = json.loads(content).get("animations", [])
-        return any(channel["target"]["path"] == "weights" for clip in animations for channel in clip["channels"])
-    except (OSError, ValueError, KeyError, TypeError, AttributeError):
-        return False  # not glTF
+def sampled(faces: Integers, times: Reals, positions: Reals) -> tuple[_core.Mesh, _core.Motion]:
+    """Returns the compiled mesh and motion of positions [times, vertices, 3], m, at times, s; one time: at rest."""
+    motion = _core.Motion()
+    if len(times) > 1:
+        motion.set_samples(times, positions)
+    return _core.Mesh(positions[0], faces, np.zeros((0, 2)), np.zeros((0, 3), np.int32)), motion
 
 
 def usd_mesh(file: Path, scale: float, uv: bool, material_scale: float) -> _core.Mesh:

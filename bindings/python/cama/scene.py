@@ -16,18 +16,18 @@ import numpy as np
 from . import _core, collision, shipped
 from .arrays import count, indices, number, plain, reals, vector, whole
 from .body import Body
-from .errors import ArrayError, FileError, MeshError, SceneError
+from .errors import ArrayError, FileError, SceneError
 from .hints import counted, reading
-from .inputs import compiled_mesh, file_frame, has_morph_animation, placement, shape_scene, texture_scale, uniform_scale
+from .inputs import compiled_mesh, file_frame, placement, sampled, shape_scene, texture_scale, uniform_scale
+from .io import morph, usd_scene
 from .io import reading as guard
-from .io import usd_scene
 from .io.characters import keep_limbs_apart
 from .io.usd_reader import is_usd, read_usd
 from .material import Material
 from .motion import Motion
 from .options import nested, overrides_of
 from .parts import Cloth, Obstacle, Part
-from .types import ArrayLike, Description, Integers, MeshLike, PathLike, Vector, VectorLike
+from .types import ArrayLike, Description, Integers, MeshLike, PathLike, Unit, Vector, VectorLike
 from .welding import Weld, distance_of
 
 if TYPE_CHECKING:
@@ -50,11 +50,6 @@ def _character(file: PathLike, clip: str, animation: PathLike | None, *how: Any)
     except FileError:
         if clip or animation is not None:
             raise
-    if has_morph_animation(Path(file)):
-        raise MeshError(
-            f"{file}: is animated by morph targets, which are not read from glTF; export it as USD, whose points may "
-            'be animated, or give clip="bind" to leave the motion out'
-        )
     return _guarded_character(file, "bind", "", 1.0, *how)
 
 
@@ -256,7 +251,7 @@ class Scene:
         material_faces: ArrayLike | None = None,
         rest: Literal["start", "uv"] = "start",
         material_scale: float | None = None,
-        units: Literal["m", "cm", "mm", "inch", "in"] = "m",
+        units: Unit = "m",
         up: Literal["y", "z"] | None = None,
         transform: ArrayLike | None = None,
         translate: VectorLike = (0, 0, 0),
@@ -284,8 +279,8 @@ class Scene:
             rest: The rest shape of a mesh file: "start", its vertices with `scale`, or "uv", its texture coordinates
                 times `material_scale`, as garment patterns have them.
             material_scale: Length of a unit of the texture coordinates, m, with rest="uv"; None: 1.
-            units: Unit of the lengths of `mesh`: "m", "cm", "mm" or "inch" (or "in"). Texture coordinates have
-                `material_scale`.
+            units: Unit of the lengths of `mesh`: "m", "cm", "mm", "in" or "ft", or "metre", "centimetre",
+                "millimetre", "inch" or "foot". Texture coordinates have `material_scale`.
             up: The axis of `mesh` that points up, "y" or "z", for files without one of their own (OBJ, PLY, STL) and
                 for arrays; None: "z".
             transform: Matrix [4, 4] that is applied to the start after `scale`, `rotate` and `translate`.
@@ -348,7 +343,7 @@ class Scene:
         loops: int = 1,
         leave_out: Sequence[str] = (),
         clearance: float | None = None,
-        units: Literal["m", "cm", "mm", "inch", "in"] = "m",
+        units: Unit = "m",
         up: Literal["y", "z"] | None = None,
         transform: ArrayLike | None = None,
         translate: VectorLike = (0, 0, 0),
@@ -361,8 +356,8 @@ class Scene:
 
         Args:
             mesh: As for `add_cloth`, or a `cama.Body`, which brings its motion. glTF, FBX and DAE files bring their
-                skeletal animation, USD files the time samples of points, transforms and skeletons; without one they
-                stand still.
+                skeletal animation, glTF files without a skeleton that of their morph targets, USD files the time
+                samples of points, transforms and skeletons; without one they stand still.
             faces: As for `add_cloth`.
             shape: A generated obstacle instead of `mesh`, as in scene.json, for example {"sphere": {"radius": 0.25}},
                 {"box": {"size": [1, 1, 0.1]}} or {"walker": {}}. {"shape": {"sphere": {"radius": 0.25}}} is an exact
@@ -412,7 +407,15 @@ class Scene:
         if gap is not None and gap < 0:
             raise SceneError(f"{name}: clearance: must be a distance in m, 0 to leave the motion as it is, got {gap:g}")
         how: tuple[Any, ...] = ()
-        if motion is None and isinstance(mesh, (str, os.PathLike)) and (animation is not None or _animated(mesh)):
+        from_file = motion is None and isinstance(mesh, (str, os.PathLike))
+        if from_file and animation is None and morph.is_animated(mesh, str(clip)):
+            if joints or gap:
+                raise SceneError(f"{name}: leave_out and clearance need a skeleton, and {mesh} has morph targets alone")
+            rate, lead = number(f"{name}: samples_per_second", samples_per_second), number(f"{name}: lead_in", lead_in)
+            blended = morph.read(Path(mesh), str(clip), rate, bool(y_up), lead, whole(f"{name}: loops", loops))
+            body, moving = sampled(blended.faces, blended.times, blended.positions)
+            obstacle.source = str(mesh)
+        elif from_file and (animation is not None or _animated(mesh)):
             how = (
                 number(f"{name}: samples_per_second", samples_per_second),
                 bool(y_up),
@@ -421,7 +424,7 @@ class Scene:
                 joints,
             )
             character = _character(mesh, str(clip), animation, *how)
-            obstacle.source = str(mesh)
+            obstacle.source = str(mesh) + (morph.REMARK if morph.stay_at_rest(mesh, str(clip)) else "")
             body, moving = character.mesh, character.motion
         elif gap:
             raise SceneError(f"{name}: clearance: needs a character, a glTF, FBX or DAE file without another motion")
@@ -432,10 +435,7 @@ class Scene:
                 )
             read = read_usd(mesh, animated=clip != "bind")
             obstacle.source = str(mesh)
-            body = _core.Mesh(read.vertices, read.faces, np.zeros((0, 2)), np.zeros((0, 3), np.int32))
-            moving = _core.Motion()
-            if len(read.times) > 1:
-                moving.set_samples(read.times, read.positions)
+            body, moving = sampled(read.faces, read.times, read.positions)
         elif isinstance(mesh, Body) and motion is None:
             body, obstacle.source = compiled_mesh(name, mesh, None, None, None)[0], f"generated body, {mesh.motion}"
             moving = _core.Motion(mesh.animation())

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Sequence
-from typing import Any, Protocol, Union
+from typing import Any, Literal, Protocol, Union
 
 import numpy as np
 import numpy.typing as npt
@@ -21,6 +21,8 @@ Vector = tuple[float, float, float]
 #: w, x, y, z.
 Quaternion = tuple[float, float, float, float]
 PathLike = Union[str, "os.PathLike[str]"]
+#: A unit of length.
+Unit = Literal["m", "metre", "cm", "centimetre", "mm", "millimetre", "in", "inch", "ft", "foot"]
 #: A dict as in scene.json.
 Description = dict[str, Any]
 

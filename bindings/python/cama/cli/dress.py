@@ -11,9 +11,10 @@ from rich.markup import escape
 from rich.table import Table
 
 from ..errors import FileError
+from ..units import UNITS
 from .common import Backend, BackendOption, Debug, Threads, choice, clean, console
 
-Units = choice("Units", ["m", "cm", "mm", "inch"])
+Units = choice("Units", UNITS)
 Up = choice("Up", ["y", "z"])
 
 

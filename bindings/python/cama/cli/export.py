@@ -10,9 +10,10 @@ from rich.markup import escape
 from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeRemainingColumn
 
 from ..hints import counted
-from ..io.exporting import FORMATS, UNITS
+from ..io.exporting import FORMATS
 from ..io.exporting import export as write
 from ..io.progress import Bar
+from ..units import UNITS
 from .common import Debug, choice, clean, console
 from .loop import interruptible
 

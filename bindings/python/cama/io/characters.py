@@ -16,9 +16,12 @@ from ..errors import ArrayError, FileError, MeshError, SceneError
 from ..hints import similar, without_comments
 from ..plausibility import KEPT_APART
 from ..types import Reals
-from . import reading
+from ..units import METRES, unknown
+from . import morph, reading
 from .usd_reader import is_usd
 
+BLENDED_NUMBERS = {"scale": 1, "samples_per_second": 60, "lead_in": 0, "loops": 1}
+BLENDED_KEYS = ("file", "clip", "units", "y_up", *BLENDED_NUMBERS)
 LARGEST = 200_000_000  # numbers of an animation; longer ones stay as they are unless a clearance is given
 
 
@@ -31,7 +34,54 @@ def parsed(text: str) -> dict[str, Any]:
     return scene if isinstance(scene, dict) else {}
 
 
-def take_clearances(scene: dict[str, Any]) -> dict[int, float | None]:
+def is_blended(character: dict[str, Any], folder: Path) -> bool:
+    """Whether the character of a scene is a file that is animated by morph targets alone."""
+    file = character.get("file")
+    if not isinstance(file, str) or "animation_file" in character:
+        return False
+    return morph.is_animated(folder / file, str(character.get("clip", "")))
+
+
+def write_blended(where: str, entry: dict[str, Any], folder: Path) -> None:
+    """Replaces the character of an obstacle, which `is_blended`, by its mesh and the samples of its motion.
+
+    Raises SceneError, FileError
+    """
+    given = entry["character"]
+    for key in given:
+        if key not in BLENDED_KEYS and not key.startswith(("$", "_")):
+            why = "needs a skeleton, and the file has morph targets alone" if key == "leave_out" else "not known"
+            raise SceneError(f"{where}.character.{key}: {why}; there are {', '.join(BLENDED_KEYS)}")
+    units, y_up = given.get("units", "m"), given.get("y_up", True)
+    if units not in METRES:
+        raise SceneError(f"{where}.character.units: {unknown(units)}")
+    if not isinstance(y_up, bool):
+        raise SceneError(f"{where}.character.y_up: {y_up!r} is neither true nor false")
+    numbers = {key: given.get(key, otherwise) for key, otherwise in BLENDED_NUMBERS.items()}
+    for key, value in numbers.items():
+        fits = isinstance(value, (int, float)) and not isinstance(value, bool) and abs(value) < np.inf
+        if not fits or (key == "loops" and not isinstance(value, int)) or (key == "scale" and not value > 0):
+            raise SceneError(f"{where}.character.{key}: {value!r} does not fit; give a number such as {numbers[key]}")
+    motion = entry.setdefault("motion", {})
+    if not isinstance(motion, dict) or "sampled" in motion:
+        raise SceneError(f'{where}.motion: has "sampled", but the file brings its own animation')
+    read = morph.read(
+        folder / given["file"],
+        str(given.get("clip", "")),
+        float(numbers["samples_per_second"]),
+        y_up,
+        float(numbers["lead_in"]),
+        numbers["loops"],
+    )
+    positions = float(numbers["scale"]) * METRES[units] * read.positions
+    if len(positions) > 1:
+        motion["sampled"] = {"time": read.times.tolist(), "position": [rows.ravel().tolist() for rows in positions]}
+    entry["mesh"] = {"position": positions[0].ravel().tolist(), "face": read.faces.ravel().tolist()}
+    entry.setdefault("source", f"character {given['file']}")
+    del entry["character"]
+
+
+def take_clearances(scene: dict[str, Any], folder: Path) -> dict[int, float | None]:
     """Removes `clearance` from the characters of a scene, which the compiled reader does not know.
 
     Returns the clearance of each obstacle that is a character, m; None: the default. Raises SceneError.
@@ -51,9 +101,11 @@ def take_clearances(scene: dict[str, Any]) -> dict[int, float | None]:
                     f"is, got {value!r}"
                 )
             found[number] = float(value)
-        if (is_usd(character["file"]) or "motion" in entry) and found.pop(number):
+        still = is_usd(character["file"]) or "motion" in entry or is_blended(character, folder)
+        if still and found.pop(number):
             raise SceneError(
-                f"obstacles[{number}].character.clearance: is for glTF, FBX and DAE files without another motion"
+                f"obstacles[{number}].character.clearance: is for skeletons of glTF, FBX and DAE files without "
+                "another motion"
             )
     return found
 

@@ -25,6 +25,7 @@ from typing import Any
 from .. import _core
 from ..errors import FileError, SceneError
 from ..types import PathLike
+from . import morph
 from .reader_process import NO_MEMORY
 
 MEMORY = "CAMA_READ_MEMORY"  # GiB, of the environment
@@ -320,6 +321,8 @@ def of_part(entry: dict[str, Any], folder: Path) -> Iterator[Request]:
         return
     with contextlib.suppress(TypeError, ValueError, OverflowError):  # the scene's own reader says what is wrong
         animation = body.get("animation_file")
+        if animation is None and morph.is_animated(folder / body["file"], str(body.get("clip", ""))):
+            return  # which assimp does not read
         yield character(
             folder / body["file"],
             str(body.get("clip", "")),

@@ -48,7 +48,7 @@ def parse(text: str, folder: Path, resolution: int) -> _core.Scene:
     scene = characters.parsed(text)
     if not scene:
         return _core.Scene.parse(text, folder, resolution)
-    clearances = characters.take_clearances(scene)
+    clearances = characters.take_clearances(scene, folder)
     bodies = characters.write_bodies(scene)
     scales: dict[int, float] = {}
     for key in ("cloth", "obstacles"):
@@ -85,6 +85,9 @@ def _write_out(where: str, entry: dict[str, Any], folder: Path, is_cloth: bool) 
         entry["mesh"] = {"position": _flat(positions[0]), "face": _flat(mesh.faces)}
         entry.setdefault("source", f"character {character['file']}")
         del entry["character"]
+        return 0.0
+    if isinstance(character, dict) and characters.is_blended(character, folder):
+        characters.write_blended(where, entry, folder)
         return 0.0
     if not is_usd(source.get("path")):
         return 0.0

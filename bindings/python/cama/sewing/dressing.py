@@ -18,9 +18,9 @@ from ..material import Material
 from ..plausibility import PlausibilityWarning
 from ..scene import Scene
 from ..simulation import Simulation
-from ..types import Description, Integers, PathLike, Reals
+from ..types import Description, Integers, PathLike, Reals, Unit
 from .meshing import PatternMesh, edge_length_of, merge_map, mesh_pattern
-from .pattern import UNITS, SewingPattern
+from .pattern import SewingPattern
 
 if TYPE_CHECKING:
     from .output import Output
@@ -97,7 +97,7 @@ def dress(
     triangles: int = 8000,
     edge_length: float | None = None,
     output: PathLike | None = None,
-    units: Literal["m", "cm", "mm", "inch"] | None = None,
+    units: Unit | None = None,
     up: Literal["y", "z"] | None = None,
     seconds: float = 8.0,
     backend: str = "auto",
@@ -163,7 +163,9 @@ def _body(body: Any, units: str | None, up: str) -> dict[str, Any]:
     for unit, (low, high) in BODY_SIZES.items():
         if low <= height <= high:
             return {"mesh": body, "units": unit, **frame}
-    raise SceneError(f"{body}: is {height:g} units high, and no body has that height in {', '.join(UNITS)}; give units")
+    raise SceneError(
+        f"{body}: is {height:g} units high, and no body has that height in {', '.join(BODY_SIZES)}; give units"
+    )
 
 
 class _Dressing:

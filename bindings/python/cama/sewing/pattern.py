@@ -16,11 +16,11 @@ from .. import shipped
 from ..errors import FileError, SceneError
 from ..hints import counted, similar, without_comments
 from ..types import PathLike, Reals
+from ..units import METRES, unknown
 from .curves import Arc, Bezier, Sampled, relative_point
 
 __all__ = ["Edge", "Panel", "Seam", "SewingPattern"]
 
-UNITS = {"m": 1.0, "cm": 0.01, "mm": 0.001, "inch": 0.0254}
 PATTERN_KEYS = ("name", "description", "units", "up", "panels", "seams")
 PANEL_KEYS = ("corners", "curves", "edges", "translate", "rotate")
 
@@ -248,13 +248,13 @@ def _own(data: Mapping[str, Any], name: str) -> SewingPattern:
     _known(name, data, PATTERN_KEYS)
     name = _entry(name, data, "name", str, name)
     units, up = data.get("units", "m"), data.get("up", "z")
-    if units not in UNITS:
-        raise SceneError(f"{name}: units {units!r} must be one of {', '.join(UNITS)}")
+    if units not in METRES:
+        raise SceneError(f"{name}: units: {unknown(units)}")
     if up not in ("y", "z"):
         raise SceneError(f'{name}: up {up!r} must be "y" or "z"')
     panels, names = [], []
     for panel_name, panel in _entry(name, data, "panels", dict).items():
-        panels.append(_own_panel(f"{name}: panel {panel_name!r}", panel_name, panel, UNITS[units], _frame(up)))
+        panels.append(_own_panel(f"{name}: panel {panel_name!r}", panel_name, panel, METRES[units], _frame(up)))
         names.append(panel_name)
     seams = []
     for number, seam in enumerate(_entry(name, data, "seams", list, [])):

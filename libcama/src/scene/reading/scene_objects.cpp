@@ -91,9 +91,19 @@ RestShape read_rest(const Field &f, double &material_scale)
 double read_units(const Field &f)
 {
   const std::string unit = f.text("units", "m");
-  for (const auto &[name, length] : {std::pair("m", 1.0), {"cm", 0.01}, {"mm", 0.001}, {"inch", 0.0254}})
+  for (const auto &[name, length] : {std::pair("m", 1.0),
+                                     {"metre", 1.0},
+                                     {"cm", 0.01},
+                                     {"centimetre", 0.01},
+                                     {"mm", 0.001},
+                                     {"millimetre", 0.001},
+                                     {"in", 0.0254},
+                                     {"inch", 0.0254},
+                                     {"ft", 0.3048},
+                                     {"foot", 0.3048}})
     if (unit == name) return length;
-  f.at("units").fail("must be \"m\", \"cm\", \"mm\" or \"inch\", got " + f.at("units").brief());
+  f.at("units").fail("must be \"m\", \"cm\", \"mm\", \"in\" or \"ft\", or metre, centimetre, millimetre, inch or foot, got " +
+                     f.at("units").brief());
 }
 
 /// Whether a mesh file is to be turned so that its y axis is up.

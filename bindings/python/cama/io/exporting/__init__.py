@@ -15,11 +15,12 @@ from pathlib import Path
 from ...errors import FileError, SceneError
 from ...hints import require, similar
 from ...types import PathLike
+from ...units import METRES, unknown
 from ..recording import Recording
 from . import cache, gltf, sequence, usd, vtk
-from .series import UNITS, Series
+from .series import Series
 
-__all__ = ["FORMATS", "UNITS", "Exported", "export"]
+__all__ = ["FORMATS", "Exported", "export"]
 
 
 @dataclass(frozen=True)
@@ -82,7 +83,8 @@ def export(
         last: Last recorded frame; None: that of the recording.
         every: 2 takes every second frame from `first` on; only without `fps`.
         up: The axis that points up, "y" or "z"; None: z. USD and glTF say theirs: z in USD, y in glTF.
-        units: Unit of length of the file: "m", "cm", "mm", "inch" (or "in") or "ft". Not for glTF, which has metres.
+        units: Unit of length of the file: "m", "cm", "mm", "inch" or "foot", or as `add_cloth` takes them. Not for
+            glTF, which has metres.
         progress: Is called with the number of frames that are written and that of all; an exception ends the export.
 
     Raises:
@@ -94,7 +96,7 @@ def export(
     require(f"exporting {chosen.title}", *chosen.needs)
     with Recording(recording) as source:
         own = Path(recording) if Path(recording).is_dir() else Path(recording).parent
-        series = Series(source, own.resolve().name, cloth_only, fps, first, last, every, up or "z", UNITS[units])
+        series = Series(source, own.resolve().name, cloth_only, fps, first, last, every, up or "z", METRES[units])
         folder = Path(output) if output is not None else own / "export" / (to if chosen.folder else "")
         done = 0
 
@@ -117,12 +119,12 @@ def _format(to: str, up: str | None, units: str) -> Format:
         raise SceneError(f"export: there is no format {to!r}; there are {', '.join(FORMATS)}{similar(to, FORMATS)}")
     if up not in (None, "y", "z"):
         raise SceneError(f"export: up: {up!r} is neither 'y' nor 'z'")
-    if units not in UNITS:
-        raise SceneError(f"export: units: {units!r} is none of {', '.join(UNITS)}")
+    if units not in METRES:
+        raise SceneError(f"export: units: {unknown(units)}")
     chosen = FORMATS[to]
     if up and chosen.says_up:
         raise SceneError(f"export: up: a {chosen.title} file says which axis is up, and programs turn it; leave it out")
-    if units != "m" and chosen.only_metres:
+    if METRES[units] != 1 and chosen.only_metres:
         raise SceneError(f"export: units: lengths in {chosen.title} are metres; leave it out")
     return chosen
 

@@ -10,15 +10,12 @@ from typing import Any
 
 import numpy as np
 
-from ... import inputs
 from ...errors import SceneError
 from ...types import Integers, Reals
 from ..recording import Part, Recording
 from ..rendering.look import CLOTHS, OBSTACLE
 from ..rendering.moments import moments_of, place_of, positions_at
 from ..tessellation import drawn
-
-UNITS = {**inputs.UNITS, "ft": 0.3048}  # m
 
 
 @dataclass
