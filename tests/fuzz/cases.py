@@ -122,7 +122,7 @@ def make(seed, number, files, folder):
         for other in files["mesh"]:
             shutil.copy(other, folder)
         if chance.random() < 0.7:  # a damaged file of a whole scene
-            victim = folder / chance.choice(("sheet.obj", "ball.ply", "body.gltf"))
+            victim = folder / chance.choice(("sheet.obj", "ball.ply", "body.gltf", "morph.gltf"))
             victim.write_bytes(mutate.mutated(chance, victim.read_bytes()))
             shutil.copy(source, path)
             return kind, path, chance

@@ -77,6 +77,11 @@ def scenes():
                     "name": "body",
                     "character": {"file": "body.gltf", "clip": "rise", "samples_per_second": 5, "loops": 2},
                 },
+                {
+                    "name": "blended",
+                    "character": {"file": "morph.gltf", "samples_per_second": 5, "lead_in": 0.5, "units": "cm"},
+                    "transform": {"translate": [0, 0, -5]},
+                },
             ],
         },
     }
@@ -160,14 +165,46 @@ def gltf_parts():
     return file, data
 
 
-def gltf():
+def morph_parts():
+    """As gltf_parts, but two morph targets, one of them sparse, and a node that turns by a cubic spline move it."""
     file, data = gltf_parts()
+    file["skins"], file["nodes"] = [], [{"name": "body", "mesh": 0}]
+    file["scenes"] = [{"nodes": [0]}]
+    arrays = [
+        (np.array([[0, 0, 0], [0.5, 0, 0], [0, 0, 0], [0, 0, 0.5]], np.float32), "VEC3", 5126),
+        (np.array([3], np.uint16), "SCALAR", 5123),
+        (np.array([[0, 1, 0]], np.float32), "VEC3", 5126),
+        (np.array([0, 255, 128, 0], np.uint8), "SCALAR", 5121),
+        (np.array([[0, 0, 0, 0], [0, 0, 0, 1], [0, 0.1, 0, 0]] * 2, np.float32), "VEC4", 5126),
+    ]
+    for array, kind, component in arrays:
+        view = len(file["bufferViews"])
+        file["bufferViews"].append({"buffer": 0, "byteOffset": len(data), "byteLength": array.nbytes})
+        data += array.tobytes() + b"\0" * (-array.nbytes % 4)
+        row = {"bufferView": view, "componentType": component, "count": len(array), "type": kind}
+        file["accessors"].append({**row, "normalized": True} if component == 5121 else row)
+    where = {"bufferView": 8, "componentType": 5123}
+    sparse = {"count": 1, "indices": where, "values": {"bufferView": 9}}
+    file["accessors"].append({"componentType": 5126, "count": 4, "type": "VEC3", "sparse": sparse})
+    primitive = {"attributes": {"POSITION": 0}, "indices": 1, "targets": [{"POSITION": 7}, {"POSITION": 12}]}
+    file["meshes"] = [{"primitives": [primitive], "weights": [0, 0]}]
+    file["buffers"] = [{"byteLength": len(data)}]
+    spline = {"input": 4, "output": 11, "interpolation": "CUBICSPLINE"}
+    file["animations"][0]["samplers"] = [{"input": 4, "output": 10}, spline]
+    file["animations"][0]["channels"] = [
+        {"sampler": number, "target": {"node": 0, "path": path}} for number, path in enumerate(("weights", "rotation"))
+    ]
+    return file, data
+
+
+def gltf(parts):
+    file, data = parts
     file["buffers"][0]["uri"] = "data:application/octet-stream;base64," + base64.b64encode(data).decode()
     return json.dumps(file, indent=1).encode()
 
 
-def glb():
-    file, data = gltf_parts()
+def glb(parts):
+    file, data = parts
     text = json.dumps(file).encode()
     text += b" " * (-len(text) % 4)
     chunks = struct.pack("<II", len(text), 0x4E4F534A) + text + struct.pack("<II", len(data), 0x004E4942) + data
@@ -233,8 +270,10 @@ def meshes():
         "binary.ply": ply(*body, binary=True),
         "ball.stl": stl(*body, binary=False),
         "binary.stl": stl(*body, binary=True),
-        "body.gltf": gltf(),
-        "body.glb": glb(),
+        "body.gltf": gltf(gltf_parts()),
+        "body.glb": glb(gltf_parts()),
+        "morph.gltf": gltf(morph_parts()),
+        "morph.glb": glb(morph_parts()),
         "ball.dae": dae(*body),
         "ball.fbx": fbx(*body),
     }
