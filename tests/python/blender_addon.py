@@ -65,6 +65,12 @@ def plays():
     item.keyframe_insert("location", frame=1)
     item.location.z += 0.2
     item.keyframe_insert("location", frame=9)
+    item.shape_key_add(name="Basis")
+    bent = item.shape_key_add(name="bent")
+    bent.data[0].co.z += 0.1
+    for frame, value in ((1, 0.0), (9, 1.0)):
+        bent.value = value
+        bent.keyframe_insert("value", frame=frame)
     first = item.modifiers.new("first", "SUBSURF")
     first.levels = first.render_levels = 1
     group = item.vertex_groups.new(name="held")

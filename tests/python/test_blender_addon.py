@@ -186,7 +186,7 @@ def seen(tmp_path_factory):
 @pytest.mark.long
 @needs_blender
 def test_the_modifier_plays_the_frames(seen):
-    """In a rotated and scaled object, below a subdivision and above one more, its pins carried by an animation."""
+    """In a rotated and scaled object, below a subdivision and above one more, its pins carried by animations."""
     found, folder = seen[0]["plays"], seen[1]
     cache, matrices = cache_of(folder / "plays"), np.array(found["matrices"])
     assert found["result"] == ["FINISHED"] and len(cache) == 9 and found["modifiers"] == ["first", "cama", "after"]
