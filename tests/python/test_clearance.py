@@ -129,3 +129,9 @@ def test_clearance_is_checked(tmp_path):
     for given in ({}, {"clearance": 0}, {"clearance": 0.02}):
         scene = cama.Scene.parse({"obstacles": [{"character": {"file": str(file), **given}}]})
         assert scene.obstacles[0].source == f"character {file}"
+
+
+@pytest.mark.filterwarnings("error::RuntimeWarning")
+def test_a_body_that_is_a_point_has_no_limbs():
+    positions = np.zeros((2, 4, 3))
+    assert clearance.clear(positions[0], np.array([[0, 1, 2], [1, 3, 2]]), np.arange(2.0), positions).vertices == 0

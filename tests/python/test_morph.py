@@ -217,6 +217,8 @@ def test_lead_in_loops_units_and_seams(tmp_path):
         ({"loops": 1.5}, "loops: 1.5 does not fit"),
         ({"y_up": 1}, "y_up: 1 is neither true nor false"),
         ({"nothing": 1}, "nothing: not known"),
+        ({"[" * 100_000: 1}, r"character.\[{57}\.\.\.: not known"),
+        ({"scale": [0] * 100_000}, r"scale: \[0, 0.*\.\.\. does not fit"),
     ],
 )
 def test_what_a_scene_file_must_not_say(tmp_path, change, words):

@@ -305,3 +305,12 @@ def test_a_frame_that_would_not_end_is_refused(options, tmp_path):
     for begin in (simulation.step_frame, lambda: cama.record(simulation, tmp_path / "out")):
         with pytest.raises(cama.SceneError, match="frame_time: a frame of 1e.09 s takes"):
             begin()
+
+
+def test_a_start_whose_energy_is_no_number_is_refused():
+    """In single precision the stretching energy of this one was infinite."""
+    corners = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [1, 1, 1.2e8]])
+    scene = cama.Scene()
+    scene.add_cloth(corners, [[0, 1, 2], [1, 3, 2]], material_vertices=corners[:, :2], name="sail")
+    with pytest.raises(cama.MeshError, match="cloth 'sail': vertex 3 starts 1.2e.08 m from the others"):
+        cama.Simulation(scene, accuracy="preview")

@@ -296,6 +296,8 @@ def clear(
         still: True: the first frame is not changed.
     """
     limbs = _Limbs(np.asarray(bind, float), np.asarray(faces))
+    if not 0 < limbs.extent < np.inf:  # nothing to keep apart
+        return Cleared(positions, 0, 0, 0.0)
     surface = _Surface(np.asarray(bind, float), np.asarray(faces), limbs)
     moved = np.zeros((len(times), limbs.count, 3))
     stride = max(1, round(COARSE * (len(times) - 1) / max(times[-1] - times[0], 1e-9)))

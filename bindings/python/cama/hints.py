@@ -25,6 +25,12 @@ def counted(number: int, noun: str) -> str:
     return f"{number} {noun}{'' if number == 1 else 's'}"
 
 
+def brief(value: object) -> str:
+    """Returns a text as it is, or what Python shows of something else, of at most 60 characters."""
+    text = value if isinstance(value, str) else repr(value)
+    return text if len(text) <= 60 else f"{text[:57]}..."
+
+
 def digits(value: float, count: int = 4) -> str:
     """Returns a number of so many significant digits, without an exponent from 1e-4 to 1e6."""
     rounded = float(f"{value:.{count}g}")

@@ -13,7 +13,7 @@ import numpy.typing as npt
 from . import _core, plausibility
 from .arrays import count, indices, number, quaternion, reals, vector
 from .collision import UntangleReport
-from .errors import ArrayError, CollisionError, SceneError
+from .errors import ArrayError, CollisionError, MeshError, SceneError
 from .io import checkpoint
 from .options import overrides_of, signature
 from .parts import Cloth, Obstacle
@@ -40,7 +40,24 @@ CONTACT = np.dtype(
 )
 LONGEST_STEP = 0.1  # s that an error may choose
 MOST_STEPS = 1e7  # of a frame
+MOST_STRETCHED = 1e6  # sizes of its rest shape that a vertex may start away; more overflow single precision
 FORCES = [("normal_force", np.float64), ("tangential_force", np.float64, 3)]  # with the option forces
+
+
+def _check_extents(scene: Scene) -> None:
+    """Raises MeshError for cloth that starts so far from its rest shape that its energy is no number."""
+    for cloth in scene.cloths:
+        if cloth.rest_shape == "start" or not len(cloth.material_vertices):
+            continue
+        vertices = cloth.vertices
+        middle = np.median(vertices, axis=0)
+        away = np.abs(vertices - middle).max(axis=1)
+        if away.max() > MOST_STRETCHED * np.ptp(cloth.material_vertices, axis=0).max():
+            raise MeshError(
+                f"cloth {cloth.name!r}: vertex {away.argmax()} starts {away.max():.3g} m from the others, more than "
+                f"{MOST_STRETCHED:,.0f} times the size of the rest shape; move it to where it belongs, or mend the unit "
+                "of the mesh or of its rest shape"
+            )
 
 
 @dataclass(frozen=True)
@@ -112,6 +129,7 @@ class Simulation:
         **overrides: Unpack[Overrides],
     ) -> None:
         given_scene = scene if isinstance(scene, Scene) else Scene.load(scene)
+        _check_extents(given_scene)
         self._scene = SimulatedScene.of(given_scene)
         given = dict(backend=backend, precision=precision, accuracy=accuracy, device=device, threads=threads)
         try:

@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from .hints import similar
+from .hints import brief, similar
 
 METRES = {
     "m": 1.0,
@@ -23,4 +23,4 @@ UNITS = tuple(METRES)
 def unknown(units: object) -> str:
     """Returns what an error says of a unit that is not one."""
     meant = similar(str(units), UNITS) if len(str(units)) > 3 else ""
-    return f"{units!r} is none of {', '.join(UNITS)}{meant}"
+    return f"{brief(repr(units))} is none of {', '.join(UNITS)}{meant}"

@@ -13,7 +13,7 @@ from .. import _core
 from ..body import Body
 from ..clearance import GAP, clear
 from ..errors import ArrayError, FileError, MeshError, SceneError
-from ..hints import similar, without_comments
+from ..hints import brief, similar, without_comments
 from ..plausibility import KEPT_APART
 from ..types import Reals
 from ..units import METRES, unknown
@@ -51,17 +51,19 @@ def write_blended(where: str, entry: dict[str, Any], folder: Path) -> None:
     for key in given:
         if key not in BLENDED_KEYS and not key.startswith(("$", "_")):
             why = "needs a skeleton, and the file has morph targets alone" if key == "leave_out" else "not known"
-            raise SceneError(f"{where}.character.{key}: {why}; there are {', '.join(BLENDED_KEYS)}")
+            raise SceneError(f"{where}.character.{brief(key)}: {why}; there are {', '.join(BLENDED_KEYS)}")
     units, y_up = given.get("units", "m"), given.get("y_up", True)
     if units not in METRES:
         raise SceneError(f"{where}.character.units: {unknown(units)}")
     if not isinstance(y_up, bool):
-        raise SceneError(f"{where}.character.y_up: {y_up!r} is neither true nor false")
+        raise SceneError(f"{where}.character.y_up: {brief(repr(y_up))} is neither true nor false")
     numbers = {key: given.get(key, otherwise) for key, otherwise in BLENDED_NUMBERS.items()}
     for key, value in numbers.items():
         fits = isinstance(value, (int, float)) and not isinstance(value, bool) and abs(value) < np.inf
         if not fits or (key == "loops" and not isinstance(value, int)) or (key == "scale" and not value > 0):
-            raise SceneError(f"{where}.character.{key}: {value!r} does not fit; give a number such as {numbers[key]}")
+            raise SceneError(
+                f"{where}.character.{key}: {brief(repr(value))} does not fit; give a number such as {numbers[key]}"
+            )
     motion = entry.setdefault("motion", {})
     if not isinstance(motion, dict) or "sampled" in motion:
         raise SceneError(f'{where}.motion: has "sampled", but the file brings its own animation')
@@ -98,7 +100,7 @@ def take_clearances(scene: dict[str, Any], folder: Path) -> dict[int, float | No
             if isinstance(value, bool) or not isinstance(value, (int, float)) or not 0 <= value < np.inf:
                 raise SceneError(
                     f"obstacles[{number}].character.clearance: must be a distance in m, 0 to leave the motion as it "
-                    f"is, got {value!r}"
+                    f"is, got {brief(repr(value))}"
                 )
             found[number] = float(value)
         still = is_usd(character["file"]) or "motion" in entry or is_blended(character, folder)
@@ -190,7 +192,7 @@ def write_bodies(scene: dict[str, Any]) -> dict[int, Body]:
         for key in given:
             if key not in BODY_KEYS:
                 raise SceneError(
-                    f"obstacles[{number}].body.{key}: not known; there are {', '.join(BODY_KEYS)}"
+                    f"obstacles[{number}].body.{brief(key)}: not known; there are {', '.join(BODY_KEYS)}"
                     f"{similar(key, BODY_KEYS)}"
                 )
         given.setdefault("duration", _duration(scene))

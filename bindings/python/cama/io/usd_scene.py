@@ -15,6 +15,7 @@ import numpy as np
 
 from .. import _core
 from ..errors import FileError, MaterialError, MeshError, SceneError
+from ..hints import brief
 from . import characters
 from .usd_reader import is_usd, read_usd
 
@@ -107,7 +108,7 @@ def _write_out(where: str, entry: dict[str, Any], folder: Path, is_cloth: bool) 
 def _write_out_rest(where: str, source: dict[str, Any], mesh: Any, written: dict[str, Any]) -> float:
     rest = source.get("rest", "start")
     if rest not in ("start", "uv"):
-        raise SceneError(f'{where}.rest: {rest!r} is neither "start" nor "uv"')
+        raise SceneError(f'{where}.rest: {brief(repr(rest))} is neither "start" nor "uv"')
     if rest == "start":
         if "material_scale" in source:
             raise SceneError(f'{where}.material_scale: goes with "rest": "uv" alone')
@@ -122,13 +123,13 @@ def _only(where: str, given: dict[str, Any], keys: set[str], reason: str) -> Non
     """Raises SceneError for a key that does not go with USD; remarks, which start with $ or _, do."""
     for key in given:
         if key not in keys and not key.startswith(("$", "_")):
-            raise SceneError(f"{where}.{key}: {reason}; there are {', '.join(sorted(keys))}")
+            raise SceneError(f"{where}.{brief(key)}: {reason}; there are {', '.join(sorted(keys))}")
 
 
 def _scale(where: str, given: dict[str, Any], key: str) -> float:
     value = given.get(key, 1)
     if isinstance(value, bool) or not isinstance(value, (int, float)) or not 0 < value < np.inf:
-        raise SceneError(f"{where}.{key}: must be a number greater than 0, got {value!r}")
+        raise SceneError(f"{where}.{key}: must be a number greater than 0, got {brief(repr(value))}")
     return float(value)
 
 
