@@ -11,7 +11,7 @@ import numpy as np
 
 from .arrays import number, whole
 from .errors import MeshError, SceneError
-from .hints import require, similar
+from .hints import brief, require, similar
 from .motion import Motion
 from .posing import BONES, JOINTS, MOTIONS, PARENTS, periods, pose
 from .types import Integers, Reals
@@ -384,10 +384,11 @@ class Body:
     def _check(self) -> None:
         if not isinstance(self.motion, str) or self.motion not in MOTIONS:
             raise SceneError(
-                f"body: motion: no {self.motion!r}; there are {', '.join(MOTIONS)}{similar(self.motion, MOTIONS)}"
+                f"body: motion: no {brief(repr(self.motion))}; there are {', '.join(MOTIONS)}"
+                f"{similar(self.motion, MOTIONS)}"
             )
         if self.start not in ("A", "T"):
-            raise SceneError(f'body: start: {self.start!r} is neither "A" nor "T"')
+            raise SceneError(f'body: start: {brief(repr(self.start))} is neither "A" nor "T"')
         whole("body: triangles", self.triangles)
         if not 5000 <= self.triangles <= 50_000:
             raise SceneError(f"body: triangles: must be from 5,000 to 50,000, got {self.triangles:,}")

@@ -52,6 +52,22 @@ def without_comments(text: str) -> str:
 
 
 @contextlib.contextmanager
+def naming_files() -> Iterator[None]:
+    """Makes a FileError of what the system says of a name that no file can have, such as one that is too long."""
+    try:
+        yield
+    except OSError as problem:
+        if problem.filename is None:  # a pipe, say
+            raise
+        raise FileError(f"{brief(str(problem.filename))}: {problem.strerror}") from None
+    except RuntimeError as problem:  # of the compiled module: "filesystem error: status: REASON [FILE]"
+        found = re.match(r"filesystem error: [\w ]+: ([^\[]*) \[(.*)\]", str(problem), re.S)
+        if found is None:
+            raise
+        raise FileError(f"{brief(found[2])}: {found[1]}") from None
+
+
+@contextlib.contextmanager
 def reading(scene: Path | None = None) -> Iterator[None]:
     """Adds to errors of reading a scene: the fabric that was meant, and who names a file that is not there."""
     try:

@@ -17,7 +17,7 @@ from . import _core, collision, shipped
 from .arrays import count, indices, number, plain, reals, vector, whole
 from .body import Body
 from .errors import ArrayError, FileError, SceneError
-from .hints import counted, reading
+from .hints import counted, naming_files, reading
 from .inputs import compiled_mesh, file_frame, placement, sampled, shape_scene, texture_scale, uniform_scale
 from .io import morph, usd_scene
 from .io import reading as guard
@@ -133,6 +133,7 @@ class Scene:
         return scene
 
     @classmethod
+    @naming_files()
     def load(cls, scene: PathLike, resolution: int = 0) -> Self:
         """Loads a scene.
 
@@ -151,6 +152,7 @@ class Scene:
             return cls._of(usd_scene.load(path, count("resolution", resolution)), file.parent)
 
     @classmethod
+    @naming_files()
     def parse(cls, text: str | Description, folder: PathLike = ".", resolution: int = 0) -> Self:
         """Makes a scene from JSON text or a dict, as in scene.json.
 
@@ -239,6 +241,7 @@ class Scene:
             raise ArrayError(f"untangle: max_rounds {rounds} and gap {gap} must not be negative")
         return collision.UntangleReport(**_core.untangle(self._core, rounds, gap))
 
+    @naming_files()
     def add_cloth(
         self,
         mesh: PathLike | ArrayLike | MeshLike | None = None,
@@ -324,6 +327,7 @@ class Scene:
                 self._core.add_stitch(handle.index, a, handle.index, b, c, ratio, 1e3)
         return handle
 
+    @naming_files()
     def add_obstacle(
         self,
         mesh: PathLike | ArrayLike | MeshLike | Body | None = None,

@@ -55,7 +55,7 @@ def _check_extents(scene: Scene) -> None:
         if away.max() > MOST_STRETCHED * np.ptp(cloth.material_vertices, axis=0).max():
             raise MeshError(
                 f"cloth {cloth.name!r}: vertex {away.argmax()} starts {away.max():.3g} m from the others, more than "
-                f"{MOST_STRETCHED:,.0f} times the size of the rest shape; move it to where it belongs, or mend the unit "
+                f"{MOST_STRETCHED:,.0f} times the size of the rest shape; move it to its place, or mend the unit "
                 "of the mesh or of its rest shape"
             )
 

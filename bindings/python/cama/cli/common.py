@@ -17,6 +17,7 @@ from rich.markup import escape
 
 from .. import _core, options
 from ..errors import Error, SceneError
+from ..hints import naming_files
 from ..material import Material
 from ..plausibility import PlausibilityWarning
 
@@ -170,7 +171,7 @@ def clean(command):
     @functools.wraps(command)
     def run_clean(*arguments, debug=False, **keywords):
         try:
-            with plain_warnings():
+            with plain_warnings(), naming_files():
                 return command(*arguments, debug=debug, **keywords)
         except Error as problem:
             if debug:

@@ -20,6 +20,7 @@ import numpy as np
 
 from .. import shipped
 from ..errors import FileError
+from ..hints import naming_files
 from .journal import JournaledFile, readable, recover
 from .reading import DAMAGED, check_hdf5
 from .texture import texture_of
@@ -236,6 +237,7 @@ class Recording:
         FileError
     """
 
+    @naming_files()
     def __init__(self, path, checked=False):
         path = Path(path)
         path = path / NAME if path.is_dir() else path

@@ -14,7 +14,7 @@ import numpy as np
 
 from .. import shipped
 from ..errors import FileError, SceneError
-from ..hints import counted, similar, without_comments
+from ..hints import counted, naming_files, similar, without_comments
 from ..types import PathLike, Reals
 from ..units import METRES, unknown
 from .curves import Arc, Bezier, Sampled, relative_point
@@ -90,6 +90,7 @@ class SewingPattern:
     up: str = "z"  #: the axis that was up in the file, "y" or "z"
 
     @classmethod
+    @naming_files()
     def load(cls, file: PathLike) -> SewingPattern:
         """Reads a pattern: a JSON file in the format of cama, a specification of GarmentCode, or a shipped one by name.
 

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from ...errors import FileError, SceneError
-from ...hints import require, similar
+from ...hints import naming_files, require, similar
 from ...types import PathLike
 from ...units import METRES, unknown
 from ..recording import Recording
@@ -55,6 +55,7 @@ class Exported:
     fps: float  #: frames per second
 
 
+@naming_files()
 def export(
     recording: PathLike,
     to: str,
