@@ -166,3 +166,14 @@ def test_commands_say_the_rest_shape(plane, monkeypatch):
         for text in (check, " ".join(run.output.split())):
             assert ("2 times as long" in text) == far, text
         assert json.loads((folder / f"out_{far}" / "summary.json").read_text())["rest_shapes"] == {"sheet": rest}
+
+
+def test_strain_and_area_of_slivers():
+    """A rest triangle 1 m long and 1 nm high: its start, of 1 m, is stretched by as much; NumPy called it singular."""
+    start, height = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0]], float), 1e-9
+    cloth = cama.Scene().add_cloth(start, [[0, 1, 2]], material_vertices=[[0, 0], [1, 0], [0.3, height]])
+    inverse = np.linalg.inv(np.array([[1, 0.3], [0, height]]))
+    assert cloth.rest_area == pytest.approx(height / 2, rel=1e-12)
+    expected = np.linalg.svd(inverse, compute_uv=False)
+    assert cloth.start_strain[1] == pytest.approx(expected[0] - 1, rel=1e-9)
+    assert cloth.start_strain[0] == pytest.approx(1 / (height * expected[0]) - 1, rel=1e-6)  # det is 1 / height

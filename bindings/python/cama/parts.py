@@ -122,7 +122,8 @@ class Cloth(Part):
     def rest_area(self) -> float:
         """Area at rest, m^2."""
         _, rest = self._edges()
-        return 0.5 * float(np.sqrt(np.linalg.det(np.swapaxes(rest, 1, 2) @ rest)).sum())
+        triangular = np.linalg.qr(rest)[1]  # [m, 2, 2]
+        return 0.5 * float(np.abs(triangular[:, 0, 0] * triangular[:, 1, 1]).sum())
 
     @property
     def mass(self) -> float:
@@ -133,10 +134,13 @@ class Cloth(Part):
     def start_strain(self) -> tuple[float, float]:
         """Smallest and largest principal stretch at the start, minus one; (0, 0) at rest."""
         start, rest = self._edges()
-        squared = np.linalg.eigvals(
-            np.linalg.solve(np.swapaxes(rest, 1, 2) @ rest, np.swapaxes(start, 1, 2) @ start)
-        ).real  # of C in edges
-        stretch = np.sqrt(np.maximum(squared, 0.0))
+        # The deformation gradient is start R^-1 for rest = Q R; products of rest by itself would lose half of the digits.
+        triangular = np.linalg.qr(rest)[1]  # [m, 2, 2]
+        (a, b), d = triangular[:, 0].T, triangular[:, 1, 1]
+        a, d = np.where(a == 0, np.inf, a), np.where(d == 0, np.inf, d)
+        first = start[:, :, 0] / a[:, None]
+        second = (start[:, :, 1] - first * b[:, None]) / d[:, None]
+        stretch = np.linalg.svd(np.stack([first, second], 2), compute_uv=False)
         return float(stretch.min()) - 1, float(stretch.max()) - 1
 
 
