@@ -134,7 +134,7 @@ class Cloth(Part):
     def start_strain(self) -> tuple[float, float]:
         """Smallest and largest principal stretch at the start, minus one; (0, 0) at rest."""
         start, rest = self._edges()
-        # The deformation gradient is start R^-1 for rest = Q R; products of rest by itself would lose half of the digits.
+        # The deformation gradient is start R^-1, rest = Q R; products of rest by itself would lose half of the digits.
         triangular = np.linalg.qr(rest)[1]  # [m, 2, 2]
         (a, b), d = triangular[:, 0].T, triangular[:, 1, 1]
         a, d = np.where(a == 0, np.inf, a), np.where(d == 0, np.inf, d)
