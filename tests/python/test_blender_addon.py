@@ -34,7 +34,7 @@ G = 9.81
 
 def constant(name):
     """The value of a name in the add-on, which can be imported in Blender alone."""
-    for line in ast.parse((ADDON / "__init__.py").read_text(encoding="utf-8")).body:
+    for line in ast.parse((ADDON / blender.MAIN).read_text(encoding="utf-8")).body:
         if isinstance(line, ast.Assign) and line.targets[0].id == name:
             return ast.literal_eval(line.value)
     raise AssertionError(name)

@@ -17,6 +17,7 @@ from ..errors import FileError
 from ..types import PathLike
 
 DEFAULT = 'PYTHON = "python3"'  # a line of addon/running.py
+MAIN = "panel.py"  # which Blender loads; under its own name, since it can be imported there alone
 NAME = "cama_cloth"  #: of the add-on in Blender
 
 
@@ -36,7 +37,8 @@ def write_addon(file: PathLike, python: PathLike | None = None) -> Path:
         with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive:
             for source in sorted((Path(__file__).parent / "addon").glob("*.py")):
                 text = source.read_text(encoding="utf-8").replace(DEFAULT, own)
-                archive.writestr(f"{NAME}/{source.name}", text)
+                name = "__init__.py" if source.name == MAIN else source.name
+                archive.writestr(f"{NAME}/{name}", text)
     except OSError as problem:
         raise FileError(f"{problem.filename or path}: {problem.strerror}") from None
     return path
