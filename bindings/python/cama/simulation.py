@@ -52,7 +52,7 @@ def _check_extents(scene: Scene) -> None:
         vertices = cloth.vertices
         middle = np.median(vertices, axis=0)
         away = np.abs(vertices - middle).max(axis=1)
-        if away.max() > MOST_STRETCHED * np.ptp(cloth.material_vertices, axis=0).max():
+        if away.max() / MOST_STRETCHED > np.ptp(cloth.material_vertices, axis=0).max():
             raise MeshError(
                 f"cloth {cloth.name!r}: vertex {away.argmax()} starts {away.max():.3g} m from the others, more than "
                 f"{MOST_STRETCHED:,.0f} times the size of the rest shape; move it to its place, or mend the unit "
