@@ -220,8 +220,8 @@ def _fall(p: _Pose, x: Reals) -> None:
     for end, side in (("_left", 1.0), ("_right", -1.0)):
         p.turn("thigh" + end, x=-52 * sat - (8 if side > 0 else 4) * sat, y=-side * (5 * lying + 4 * sat))
         p.turn("shin" + end, x=64 * sat + side * 6 * sat)
-        p.turn("foot" + end, x=-8 * sat)
-        p.turn("arm" + end, x=-34 * flung, y=-side * (20 * flung + 4 * lying - 30 * close))
+        p.turn("foot" + end, x=-8 * sat + 45 * rolled)
+        p.turn("arm" + end, x=-34 * flung, y=-side * (20 * flung + 4 * lying - 40 * close))
         p.turn("forearm" + end, x=-30 * flung)
 
 

@@ -14,6 +14,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
+from . import collision
 from .arrays import number
 from .body import HEIGHT, body_field
 from .errors import MeshError, SceneError
@@ -28,6 +29,7 @@ ARM = 0.515  # m, from the shoulder to the wrist
 LEAST = 900  # triangles; with fewer a sleeve would not be round
 ROUNDS = 5  # of evening out the triangles and the rims after the cut
 OUTSIDE = 1e9
+TRIAL = 0.025  # m, grid of the garment whose triangles are counted first
 CORNERS = np.array([[1.0, 1, 1], [1, -1, -1], [-1, 1, -1], [-1, -1, 1]])
 
 
@@ -261,12 +263,20 @@ def _cut(shape: _Garment, vertices: Reals, faces: Integers) -> tuple[Reals, Inte
 
 @functools.lru_cache(maxsize=32)
 def _standard(shape: _Garment, triangles: int) -> Garment:
-    """Makes a garment for a body of 1.7 m."""
-    low, high = shape.box
+    """Makes a garment for a body of 1.7 m, with more triangles than asked for where fewer would cross each other."""
     wanted = max(triangles, LEAST)
-    closed, kept = _area(shape)
-    cell = math.sqrt(2.75 * kept / max(wanted, shape.finest))
-    whole, all_faces = polygonise(shape, low, high, cell)
+    for _ in range(8):
+        made = _made(shape, wanted)
+        if not len(collision.intersections(made.vertices, made.faces)):
+            return made
+        wanted = round(1.2 * wanted)
+    raise MeshError(f"the garment crosses itself with {triangles:,} to {wanted:,} triangles; change its lengths")
+
+
+def _made(shape: _Garment, wanted: int) -> Garment:
+    closed, kept, count = _area(shape)
+    cell = TRIAL * math.sqrt(count / max(wanted, shape.finest))
+    whole, all_faces = polygonise(shape, *shape.box, cell)
     all_faces = outward(whole, all_faces)
     vertices, faces = _cut(shape, whole, all_faces)
     target = wanted * closed / kept
@@ -289,15 +299,16 @@ def _standard(shape: _Garment, triangles: int) -> Garment:
 
 
 @functools.lru_cache(maxsize=32)
-def _area(shape: _Garment) -> tuple[float, float]:
-    """Returns the areas of the closed surface and of the garment, m^2."""
+def _area(shape: _Garment) -> tuple[float, float, int]:
+    """Returns the areas of the closed surface and of the garment, m^2, and the triangles of the latter by `TRIAL`."""
 
     def area(x: Reals, f: Integers) -> float:
         a, b, c = (x[f[:, k]] for k in range(3))
         return 0.5 * float(np.linalg.norm(np.cross(b - a, c - a), axis=1).sum())
 
-    vertices, faces = polygonise(shape, *shape.box, 0.03)
-    return area(vertices, faces), area(*_cut(shape, vertices, faces))
+    vertices, faces = polygonise(shape, *shape.box, TRIAL)
+    cut = _cut(shape, vertices, faces)
+    return area(vertices, faces), area(*cut), len(cut[1])
 
 
 def _flat(vertices: Reals, faces: Integers) -> tuple[Reals, Integers]:
