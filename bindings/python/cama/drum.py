@@ -50,8 +50,8 @@ class Drum:
 
     def mesh(self) -> tuple[Reals, Integers]:
         """Returns vertices [n, 3], m, and triangles [m, 3] whose normals point inward, to the cloth."""
-        area = 2 * math.pi * self.radius * (self.depth + self.radius)
-        edge = math.sqrt(2.2 * area / self.triangles)
+        strip = 2 * math.pi * self.radius * (self.depth + 2 * self.radius)  # with ends of equally many columns
+        edge = math.sqrt(2 * strip / self.triangles)
         around = max(24, round(2 * math.pi * self.radius / edge))
         along, rings = max(2, round(self.depth / edge)), max(2, round(self.radius / edge))
         angle = 2 * math.pi * np.arange(around) / around
@@ -75,7 +75,7 @@ class Drum:
             faces.append(np.where(even, np.stack([a, c, b], axis=1), np.stack([b, d, c], axis=1)))
         end = (len(rows) - 1) * around
         faces.append(np.stack([np.full(around, last), end + k, end + j], axis=1))
-        return vertices, np.concatenate(faces).astype(np.int32)
+        return vertices, np.ascontiguousarray(np.concatenate(faces)[:, ::-1], np.int32)
 
     def angle(self, time: Reals) -> Reals:
         """Returns the angle [n] about y at times [n], rad: it starts from rest with two vanishing derivatives."""

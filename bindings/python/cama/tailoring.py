@@ -255,7 +255,7 @@ def _cut(shape: _Garment, vertices: Reals, faces: Integers) -> tuple[Reals, Inte
     centre = vertices[faces].mean(axis=1)
     faces = faces[shape.openings(centre).min(axis=0) > 0]
     if len(faces) < 20:
-        raise MeshError("the openings leave nothing of the garment")
+        raise MeshError("hem: the openings leave nothing of the garment")
     faces = _without_ears(_largest(faces, len(vertices)))
     used, faces = np.unique(faces, return_inverse=True)
     return vertices[used], faces.reshape(-1, 3).astype(np.int32)
@@ -270,7 +270,7 @@ def _standard(shape: _Garment, triangles: int) -> Garment:
         if not len(collision.intersections(made.vertices, made.faces)):
             return made
         wanted = round(1.2 * wanted)
-    raise MeshError(f"the garment crosses itself with {triangles:,} to {wanted:,} triangles; change its lengths")
+    raise MeshError(f"clearance: the garment crosses itself with {triangles:,} to {wanted:,} triangles; change its lengths")
 
 
 def _made(shape: _Garment, wanted: int) -> Garment:

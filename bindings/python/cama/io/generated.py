@@ -3,7 +3,9 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
+from collections.abc import Iterator
 from dataclasses import fields
 from pathlib import Path
 from typing import Any
@@ -64,8 +66,20 @@ def _garments(scene: dict[str, Any]) -> dict[int, tuple[str, dict[str, Any]]]:
             raise SceneError(f"cloth[{number}].garment: more than one of skirt, dress, {', '.join(tailoring.GARMENTS)}")
         kind = kinds[0]
         known = tuple(field.name for field in fields(tailoring.GARMENTS[kind]))
-        found[number] = kind, _given(f"cloth[{number}].garment.{kind}", garment[kind], known)
+        given = _given(f"cloth[{number}].garment.{kind}", garment[kind], known)
+        with _naming(number, kind):
+            tailoring.area(kind, given)
+        found[number] = kind, given
     return found
+
+
+@contextlib.contextmanager
+def _naming(number: int, kind: str) -> Iterator[None]:
+    """Errors of a garment name the cloth."""
+    try:
+        yield
+    except (SceneError, ArrayError, MeshError) as problem:
+        raise type(problem)(f"cloth[{number}].garment.{kind}.{problem}") from None
 
 
 def write_garments(scene: dict[str, Any], folder: Path, resolution: int) -> int:
@@ -85,10 +99,8 @@ def write_garments(scene: dict[str, Any], folder: Path, resolution: int) -> int:
         entry = cloths[number]
         share = weights[number] / (sum(weights.values()) + sum(others.values()))
         wanted = round(total * share) if total else entry.get("triangles", 2000)
-        try:
+        with _naming(number, kind):
             made = tailoring.make(kind, given, wanted)
-        except (SceneError, ArrayError, MeshError) as problem:
-            raise type(problem)(f"cloth[{number}].garment.{kind}.{problem}") from None
         entry["mesh"] = {
             "position": made.vertices.ravel().tolist(),
             "face": made.faces.ravel().tolist(),

@@ -18,7 +18,7 @@ from ..errors import FileError, MaterialError, MeshError, SceneError
 from . import characters, generated
 from .usd_reader import is_usd, read_usd
 
-WRITTEN_OUT = re.compile(r'"character"|"(?:body|drum|coat|trousers)"\s*:\s*\{')
+WRITTEN_OUT = re.compile(r'"character"|"body"\s*:\s*\{|"(?:drum|coat|trousers)"\s*:')
 NAMED = re.compile(r'\.usd[acz]?"', re.IGNORECASE)
 
 
