@@ -27,7 +27,7 @@ __all__ = ["Coat", "Trousers", "Garment", "GARMENTS"]
 
 ARM = 0.515  # m, from the shoulder to the wrist
 LEAST = 900  # triangles; with fewer a sleeve would not be round
-ROUNDS = 5  # of evening out the triangles and the rims after the cut
+ROUNDS, FEW_ROUNDS = 5, 2  # of evening out the triangles and the rims after the cut; few where they are decimated
 OUTSIDE = 1e9
 TRIAL = 0.025  # m, grid of the garment whose triangles are counted first
 CORNERS = np.array([[1.0, 1, 1], [1, -1, -1], [-1, 1, -1], [-1, -1, 1]])
@@ -153,7 +153,7 @@ class Trousers(_Garment):
             [self.waist - x[:, 2], np.where(x[:, 0] > 0, ends, OUTSIDE), np.where(x[:, 0] > 0, OUTSIDE, ends)]
         )
 
-    finest = 6_000  # triangles; a coarser grid would lose the gap between the legs: such meshes are decimated ones
+    finest = 16_000  # triangles; a coarser grid would lose the gap between the legs: such meshes are decimated ones
     names = ("waist", "left cuff", "right cuff")
     box = (np.array([-0.35, -0.35, -0.15]), np.array([0.35, 0.35, 1.75]))
 
@@ -288,7 +288,7 @@ def _made(shape: _Garment, wanted: int) -> Garment:
     near = _Neighbours(faces, len(vertices))
     rim = np.flatnonzero(near.on_rim)
     opening = np.abs(shape.openings(vertices[rim])).argmin(axis=0)
-    for _ in range(ROUNDS):
+    for _ in range(ROUNDS if wanted >= shape.finest else FEW_ROUNDS):
         _onto_rims(shape, vertices, rim, opening)
         for _ in range(2):
             vertices = 0.4 * vertices + 0.6 * near.mean(vertices)
