@@ -11,8 +11,8 @@ ladder   Figures 15 and 16: a step of sphere with 16K, 64K, 256K and 1M triangle
 frames   Figure 17: contacts and impacts in every step of sphere, at the level paper and without contacts in the matrix
 memory   section 5.3: bytes on the device, and those of the fronts
 
-Steps are 1/200 s. Figure 13 is benchmarks/paper_scenes.py. On a GPU `worth` needs benchmarks/step_times, which waits for
-the device after every stage; Python cannot. What does not fit into --budget seconds is left out and said so.
+Steps are 1/200 s. Figure 13 is benchmarks/paper_scenes.py. On a GPU `worth` needs benchmarks/step_times, which waits
+for the device after every stage; Python cannot. What does not fit into --budget seconds is left out and said so.
 """
 
 import argparse
@@ -24,11 +24,10 @@ import sys
 import time
 from pathlib import Path
 
+import cama
 import paper_tables
 import result_page
 import times
-
-import cama
 
 SIZES = {  # triangles of a scene, of the ladder, steps from rest that are not measured, measured steps
     "small": (3000, (1000, 4000, 16000), 60, 10),
@@ -169,7 +168,16 @@ def part_ladder(given, clock, out):
             else:
                 print(f"ladder: {level}, {triangles:,} triangles: not run, the time is spent", file=sys.stderr)
     write_csv(out / "ladder.csv", rows)
-    columns = ["level", "triangles", "ms per step", "paper, K40c, ms", "iterations", "intersections", "peak MiB", "steps"]
+    columns = [
+        "level",
+        "triangles",
+        "ms per step",
+        "paper, K40c, ms",
+        "iterations",
+        "intersections",
+        "peak MiB",
+        "steps",
+    ]
     keys = ["level", "triangles", "median_ms", "published_ms", "iterations", "intersections", "peak_mib"]
     table = [[show(row[key]) for key in keys] + [f"{row['steps']} after {row['skipped']}"] for row in rows]
     growth = [
@@ -191,7 +199,11 @@ def part_frames(given, clock, out):
         simulation = cama.Simulation(
             scene, accuracy="paper", time_step=STEP, backend=given.backend, threads=given.threads, **options_of(changed)
         )
-        own, end, total = [], time.monotonic() + 0.48 * clock.left(), round(scene.frames * scene.seconds_per_frame / STEP)
+        own, end, total = (
+            [],
+            time.monotonic() + 0.48 * clock.left(),
+            round(scene.frames * scene.seconds_per_frame / STEP),
+        )
         while len(own) < total and time.monotonic() < end:
             simulation.step()
             report = simulation.report
@@ -208,7 +220,9 @@ def part_frames(given, clock, out):
         csv.writer(file).writerows([["variant", "step", "contacts", "impacts", "passes"], *rows])
     columns = ["variant", "triangles", "steps", "contacts a step in contact", "most", "impacts a step", "most"]
     columns += ["steps with impacts", "intersections at the end"]
-    return [("Figure 17: proximities and penetrations in sphere (the paper: below 1 penetration a step)", columns, tables)]
+    return [
+        ("Figure 17: proximities and penetrations in sphere (the paper: below 1 penetration a step)", columns, tables)
+    ]
 
 
 def part_memory(given, clock, out):

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The paper's seven scenes, whole, at the default level or another: one row a scene, figures of each frame, some frames.
+"""The paper's seven scenes, whole, at the default level or another: a row a scene, figures of each frame, some frames.
 
     python benchmarks/paper_scenes.py run andy --triangles 5000 --out OUT  # here, small
-    python benchmarks/paper_scenes.py pack --out PACKS  # andy, bishop, falling and dryer at the paper's sizes; needs VTK
+    python benchmarks/paper_scenes.py pack --out PACKS  # andy, bishop, falling and dryer at their sizes; needs VTK
     python benchmarks/paper_scenes.py run PACKS/andy.npz --backend cuda --seconds 520 --out OUT  # on a GPU, without VTK
     python benchmarks/paper_scenes.py film OUT/andy --scene PACKS/andy.npz --out FILM && cama render FILM
 
@@ -22,10 +22,10 @@ import time
 from pathlib import Path
 
 import numpy as np
-import result_page
-import scene_pack
 
 import cama
+import result_page
+import scene_pack
 
 SIZES = {  # triangles of the paper
     "funnel": 200_000,
@@ -84,7 +84,18 @@ class Kept:
         )
 
 
-COLUMNS = ["frame", "time_s", "steps", "ms", "contacts", "impacts", "intersections", "ipctk", "strain_percent", "gap_mm"]
+COLUMNS = [
+    "frame",
+    "time_s",
+    "steps",
+    "ms",
+    "contacts",
+    "impacts",
+    "intersections",
+    "ipctk",
+    "strain_percent",
+    "gap_mm",
+]
 
 
 def run_frames(simulation, frames, seconds, kept, file):

@@ -18,7 +18,7 @@ import numpy as np
 SETTINGS = {
     "cama": ["default", "interactive", "accurate"],
     "newton": ["default", "5 substeps x 5", "20 substeps x 20"],
-    "libuipc": ["default", "dt 1/200 s, d_hat 1.5 mm", "dt 1/800 s, d_hat 1.5 mm"],
+    "libuipc": ["default, d_hat 2 mm", "dt 1/200 s, d_hat 1.5 mm", "dt 1/800 s, d_hat 1.5 mm"],
 }
 
 
@@ -37,7 +37,9 @@ def timed_frames(count, advance, positions):
 def cama(case, settings, device):
     import cama as c
 
-    scene = c.Scene(frames=int(case["frames"]), frame_time=float(case["frame_time"]), thickness=float(case["thickness"]))
+    scene = c.Scene(
+        frames=int(case["frames"]), frame_time=float(case["frame_time"]), thickness=float(case["thickness"])
+    )
     material = {
         "density": float(case["density"]),
         "friction": float(case["friction"]),
@@ -48,9 +50,7 @@ def cama(case, settings, device):
         },
     }
     layers, rest = int(case["layers"]), case["rest"]
-    for layer, (x, faces) in enumerate(
-        zip(np.split(case["vertices"], layers), np.split(case["faces"], layers))
-    ):
+    for layer, (x, faces) in enumerate(zip(np.split(case["vertices"], layers), np.split(case["faces"], layers))):
         own = faces - layer * len(x)
         scene.add_cloth(x, own, material=material, material_vertices=rest, material_faces=own, name=f"sheet {layer}")
     sphere = {"shape": {"sphere": {"radius": float(case["radius"])}}}
@@ -58,19 +58,21 @@ def cama(case, settings, device):
     levels = {"default": {}, "interactive": {"accuracy": "interactive"}, "accurate": {"accuracy": "accurate"}}
     simulation = c.Simulation(scene, backend=device, **levels[settings])
     count = simulation.cloth_vertex_count
-    frames, seconds = timed_frames(
-        int(case["frames"]), simulation.step_frame, lambda: simulation.positions[:count]
-    )
+    frames, seconds = timed_frames(int(case["frames"]), simulation.step_frame, lambda: simulation.positions[:count])
     chosen = {row["name"]: row["value"] for row in simulation.chosen_options}
     step = f"error {chosen['error']}" if chosen.get("error") else f"{simulation.time_step:.6g}"
-    return frames, seconds, {
-        "version": c.__version__,
-        "device": simulation.device,
-        "precision": chosen.get("precision", ""),
-        "dt_s": step,
-        "tolerance": chosen.get("tolerance", ""),
-        "guarantee": "no intersections" if chosen.get("commit") == "true" else "none",
-    }
+    return (
+        frames,
+        seconds,
+        {
+            "version": c.__version__,
+            "device": simulation.device,
+            "precision": chosen.get("precision", ""),
+            "dt_s": step,
+            "tolerance": chosen.get("tolerance", ""),
+            "guarantee": "no intersections" if chosen.get("commit") == "true" else "none",
+        },
+    )
 
 
 def newton(case, settings, device):
@@ -128,14 +130,18 @@ def newton(case, settings, device):
             wp.capture_launch(capture.graph)
 
     frames, seconds = timed_frames(int(case["frames"]), advance, lambda: states[0].particle_q.numpy())
-    return frames, seconds, {
-        "version": version("newton") + ", warp " + version("warp-lang"),
-        "device": wp.get_device().name + ("" if device == "cuda" else ", 1 thread"),
-        "precision": "single",
-        "dt_s": f"{step:.6g}",
-        "tolerance": f"{iterations} iterations of VBD",
-        "guarantee": "displacement bound, while buffers suffice",
-    }
+    return (
+        frames,
+        seconds,
+        {
+            "version": version("newton") + ", warp " + version("warp-lang"),
+            "device": wp.get_device().name + ("" if device == "cuda" else ", 1 thread"),
+            "precision": "single",
+            "dt_s": f"{step:.6g}",
+            "tolerance": f"{iterations} iterations of VBD",
+            "guarantee": "displacement bound, while buffers suffice",
+        },
+    )
 
 
 def libuipc(case, settings, device):
@@ -151,14 +157,13 @@ def libuipc(case, settings, device):
 
     Logger.set_level(Logger.Level.Warn)
     config = Scene.default_config()
-    rate, near = {"default": (0, 0.0), SETTINGS["libuipc"][1]: (200, 1.5e-3), SETTINGS["libuipc"][2]: (800, 1.5e-3)}[
-        settings
-    ]
+    # the default d_hat of 10 mm is above the 6 mm between the sheets
+    rate, near = dict(zip(SETTINGS["libuipc"], [(0, 2e-3), (200, 1.5e-3), (800, 1.5e-3)]))[settings]
     frame = float(case["frame_time"])
     substeps = max(1, round(frame * rate)) if rate else max(1, round(frame / config["dt"]))
     config["dt"] = frame / substeps
     config["gravity"] = [[0.0], [0.0], [-9.81]]
-    config["contact"]["d_hat"] = near or 2e-3  # its default of 10 mm is above the 6 mm between the sheets
+    config["contact"]["d_hat"] = near
     scene = Scene(config)
     scene.contact_tabular().default_model(float(case["friction"]), 1e9)
     half = 0.5 * float(case["thickness"])
@@ -177,7 +182,8 @@ def libuipc(case, settings, device):
     view(ball.instances().find("is_fixed"))[:] = 1
     scene.objects().create("sphere").geometries().create(ball)
     with tempfile.TemporaryDirectory() as folder:
-        world = World(Engine("cuda", folder))
+        engine = Engine("cuda", folder)  # has to outlive the world
+        world = World(engine)
         world.init(scene)
 
         def advance():
@@ -188,14 +194,18 @@ def libuipc(case, settings, device):
         frames, seconds = timed_frames(
             int(case["frames"]), advance, lambda: slot.geometry().positions().view().reshape(-1, 3)
         )
-    return frames, seconds, {
-        "version": version("pyuipc"),
-        "device": "cuda",
-        "precision": "double",
-        "dt_s": f"{config['dt']:.6g}",
-        "tolerance": f"velocity {config['newton']['velocity_tol']} m/s",
-        "guarantee": "no intersections",
-    }
+    return (
+        frames,
+        seconds,
+        {
+            "version": version("pyuipc"),
+            "device": "cuda",
+            "precision": "double",
+            "dt_s": f"{config['dt']:.6g}",
+            "tolerance": f"velocity {config['newton']['velocity_tol']} m/s",
+            "guarantee": "no intersections",
+        },
+    )
 
 
 def sphere_mesh(radius, rings=32):

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""cama beside other cloth simulators in one run: the same mesh, material as far as the models agree, output times, judge.
+"""cama beside other cloth simulators in one run: the same mesh, output times and judge and, as models agree, material.
 
     python benchmarks/peers.py OUT --triangles 2000 --python newton=PEERS/bin/python
     python benchmarks/peers.py OUT --triangles 20000 --device cuda --systems cama newton libuipc --python ...
@@ -10,8 +10,8 @@ at its defaults and at two other settings (peer_systems.py says which), each in 
 --python names for it, by default this one. A system that is not installed or has no such device is a row that says so.
 
 OUT/peers.csv and OUT/peers.md: wall seconds a simulated second (steps alone, after one frame that compiles and warms
-up), ipctk's count of edges through faces over all frames, depth below the sphere, strain of edges, and the error against
-the system's own refined run: root mean square distance of vertices, at 0.1 s, before the sheets buckle, and
+up), ipctk's count of edges through faces over all frames, depth below the sphere, strain of edges, and the error
+against the system's own refined run: root mean square distance of vertices, at 0.1 s, before the sheets buckle, and
 at the end.
 """
 
@@ -24,6 +24,7 @@ import sys
 from pathlib import Path
 
 import numpy as np
+
 import result_page
 import times
 from peer_systems import SETTINGS

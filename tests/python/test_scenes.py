@@ -72,7 +72,15 @@ def test_outfits_start_without_intersections_and_keep_so(name, backend):
 @pytest.mark.long
 @pytest.mark.parametrize(
     "name, resolution",
-    [*OUTFITS.items(), ("sphere", 20000), ("drape", 20000), ("funnel", 5000), ("twisting", 5000), ("garment", 8000), ("flag", 4000)],
+    [
+        *OUTFITS.items(),
+        ("sphere", 20000),
+        ("drape", 20000),
+        ("funnel", 5000),
+        ("twisting", 5000),
+        ("garment", 8000),
+        ("flag", 4000),
+    ],
 )
 def test_keeps_free_of_intersections_for_its_whole_length(name, resolution, tmp_path):
     summary = run(name, resolution, 0, tmp_path)

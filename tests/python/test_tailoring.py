@@ -39,7 +39,9 @@ def test_rims_are_where_they_were_asked_for():
     heights = {name: made.vertices[rim, 2] for name, rim in made.rims.items()}
     np.testing.assert_allclose(heights["waist"], 1.02, atol=2e-3)
     np.testing.assert_allclose(heights["left cuff"], 0.2, atol=2e-3)
-    assert (made.vertices[made.rims["left cuff"], 0] > 0).all() and (made.vertices[made.rims["right cuff"], 0] < 0).all()
+    assert (made.vertices[made.rims["left cuff"], 0] > 0).all() and (
+        made.vertices[made.rims["right cuff"], 0] < 0
+    ).all()
     coat = tailoring.make("coat", {"hem": 0.7, "slit": 0.9}, 2500)
     np.testing.assert_allclose(coat.vertices[coat.rims["hem"], 2], 0.7, atol=2e-3)
     front = coat.vertices[coat.rims["front"]]

@@ -313,4 +313,3 @@ def _lowest(rotations: Reals, translations: Reals) -> Reals:
     least = stacked.min(axis=0)
     share = np.exp(-(stacked - least) / SOLES).sum(axis=0) / (len(heights) // 2)  # 1 on one flat foot
     return least - SOLES * np.log(share)
-

@@ -270,7 +270,9 @@ def _standard(shape: _Garment, triangles: int) -> Garment:
         if not len(collision.intersections(made.vertices, made.faces)):
             return made
         wanted = round(1.2 * wanted)
-    raise MeshError(f"clearance: the garment crosses itself with {triangles:,} to {wanted:,} triangles; change its lengths")
+    raise MeshError(
+        f"clearance: the garment crosses itself with {triangles:,} to {wanted:,} triangles; change its lengths"
+    )
 
 
 def _made(shape: _Garment, wanted: int) -> Garment:
