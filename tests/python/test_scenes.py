@@ -11,9 +11,10 @@ from typer.testing import CliRunner
 import cama
 from cama import shipped
 from cama.cli import app
-from conftest import judge
+from conftest import count_intersections, judge
 
-SCENES = ["dance", "drape", "flag", "funnel", "garment", "pile", "sphere", "twisting"]
+OUTFITS = {"andy": 3000, "bishop": 2500, "falling": 1500, "dryer": 4500}  # whose garments have a least size: triangles
+SCENES = [*OUTFITS, "dance", "drape", "flag", "funnel", "garment", "pile", "sphere", "twisting"]
 
 
 def test_all_are_there():
@@ -29,10 +30,11 @@ def test_agrees_with_the_schema(name):
 
 @pytest.mark.parametrize("name", SCENES)
 def test_has_the_size_asked_for(name):
-    scene = cama.Scene.load(name, 1500)
+    asked = OUTFITS.get(name, 1500)
+    scene = cama.Scene.load(name, asked)
     scene.validate()
     assert scene.name == name and scene.description
-    assert 0.6 * 1500 < scene.triangle_count < 1.6 * 1500
+    assert 0.6 * asked < scene.triangle_count < 1.6 * asked
 
 
 def run(name, resolution, frames, folder):
@@ -44,17 +46,41 @@ def run(name, resolution, frames, folder):
     return json.loads((folder / "summary.json").read_text())
 
 
-@pytest.mark.parametrize("name", SCENES)
+@pytest.mark.parametrize("name", [name for name in SCENES if name not in OUTFITS])
 def test_starts_without_intersections_and_keeps_so(name, tmp_path):
     summary = run(name, 800, 40, tmp_path)
     assert judge(tmp_path, every=4) == 0
     assert summary["intersections"] == 0
 
 
+BACKENDS = [row["name"] for row in cama.backends() if row["available"] and row["name"] != "cuda"]
+
+
+@pytest.mark.parametrize("backend", BACKENDS)
+@pytest.mark.parametrize("name", OUTFITS)
+def test_outfits_start_without_intersections_and_keep_so(name, backend):
+    """The paper's scenes with garments, at the default level, judged in every frame by the audit and by ipctk."""
+    scene = cama.Scene.load(name, OUTFITS[name])
+    simulation = cama.Simulation(scene, backend=backend)
+    start = simulation.positions
+    for frame in simulation.frames(5):
+        assert frame.intersections == 0, frame.index
+        assert count_intersections(frame.positions, simulation.faces, simulation.cloth_vertex_count) == 0, frame.index
+    assert np.abs(simulation.positions - start)[: simulation.cloth_vertex_count].max() > 5e-3, "it moves"
+
+
 @pytest.mark.long
 @pytest.mark.parametrize(
     "name, resolution",
-    [("sphere", 20000), ("drape", 20000), ("funnel", 5000), ("twisting", 5000), ("garment", 8000), ("flag", 4000)],
+    [
+        *OUTFITS.items(),
+        ("sphere", 20000),
+        ("drape", 20000),
+        ("funnel", 5000),
+        ("twisting", 5000),
+        ("garment", 8000),
+        ("flag", 4000),
+    ],
 )
 def test_keeps_free_of_intersections_for_its_whole_length(name, resolution, tmp_path):
     summary = run(name, resolution, 0, tmp_path)

@@ -12,8 +12,9 @@ import numpy as np
 from .arrays import number, whole
 from .errors import MeshError, SceneError
 from .hints import brief, require, similar
+from .isosurface import Ring, central_differences, decimated, outward, polygonise
 from .motion import Motion
-from .posing import BONES, JOINTS, MOTIONS, PARENTS, periods, pose
+from .posing import BONES, JOINTS, LYING, MOTIONS, PARENTS, on_ground, periods, pose
 from .types import Integers, Reals
 
 __all__ = ["Body"]
@@ -134,6 +135,21 @@ class _Surface:
         self.head = _head()
         self.parts = [(_trunk(), 0.055), (_arm(1), 0.025), (_arm(-1), 0.025), (_leg(1), 0.03), (_leg(-1), 0.03)]
 
+    def trunk(self, x: Reals) -> Reals:
+        """Returns the distances [n] of trunk and neck, m."""
+        shapes, width = self.parts[0]
+        return _union(shapes, x, width)
+
+    def arm(self, x: Reals, side: float) -> Reals:
+        """Returns the distances [n] of the left arm, side 1, or the right one, -1, m."""
+        shapes, width = self.parts[1 if side > 0 else 2]
+        return _union(shapes, x, width)
+
+    def leg(self, x: Reals, side: float) -> Reals:
+        """Returns the distances [n] of the left leg, side 1, or the right one, -1, m."""
+        shapes, width = self.parts[3 if side > 0 else 4]
+        return _union(shapes, x, width)
+
     def part_distances(self, x: Reals) -> Reals:
         """Returns the distances [5, n] of trunk, left and right arm, left and right leg, m."""
         trunk, *limbs = (_union(shapes, x, width) for shapes, width in self.parts)
@@ -149,93 +165,21 @@ class _Surface:
 
     def gradient(self, x: Reals) -> Reals:
         """Returns central differences [n, 3]."""
-        step = 1e-4
-        shifts = np.concatenate([x + step * axis for axis in (*np.eye(3), *-np.eye(3))])
-        up, down = self.distance(shifts).reshape(2, 3, len(x))
-        return ((up - down) / (2 * step)).T
-
-
-class _Ring:
-    """The vertices beside every vertex of a mesh."""
-
-    def __init__(self, faces: Integers, count: int) -> None:
-        edges = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]])  # closed: each in both ways
-        order = np.argsort(edges[:, 0], kind="stable")
-        self.near, degree = edges[order, 1], np.bincount(edges[:, 0], minlength=count)
-        self.start, self.degree = np.concatenate([[0], np.cumsum(degree)[:-1]]), degree[:, None]
-
-    def mean(self, values: Reals) -> Reals:
-        """Returns the mean [n, k] over the vertices beside each vertex."""
-        return np.add.reduceat(values[self.near], self.start) / self.degree
+        return central_differences(self, x)
 
 
 def _polygonise(surface: _Surface, triangles: int) -> tuple[Reals, Integers]:
-    require("a generated body", "vtkmodules")
-    from vtkmodules.util.numpy_support import numpy_to_vtk, vtk_to_numpy
-    from vtkmodules.vtkCommonDataModel import vtkImageData
-    from vtkmodules.vtkFiltersCore import vtkFlyingEdges3D, vtkQuadricDecimation
-
     cell = math.sqrt(3.5 / max(triangles, FINEST))  # the body has an area of about 1.6 m^2
-    low, high = np.array([-0.82, -0.24, -0.05]), np.array([0.82, 0.19, 1.78])
-    size = np.ceil((high - low) / cell).astype(int) + 1
-    axes = [low[k] + cell * np.arange(size[k]) + 0.37 * cell for k in range(3)]
-    values = np.full(size, 1.0)
-    coarse = 6  # cells of a block; blocks far from the surface are not evaluated
-    x, y, z = (axis[coarse // 2 :: coarse] for axis in axes)
-    centres = np.stack(np.meshgrid(x, y, z, indexing="ij"), axis=-1)
-    near = np.abs(surface.distance(centres.reshape(-1, 3))).reshape(centres.shape[:3]) < 1.6 * coarse * cell
-    inside = surface.distance(centres.reshape(-1, 3)).reshape(centres.shape[:3]) < 0
-    fine = near.repeat(coarse, 0).repeat(coarse, 1).repeat(coarse, 2)
-    full = np.zeros(size, bool)
-    deep = np.zeros(size, bool)
-    part = tuple(slice(0, min(a, b)) for a, b in zip(size, fine.shape))
-    full[part] = fine[part]
-    deep[part] = inside.repeat(coarse, 0).repeat(coarse, 1).repeat(coarse, 2)[part]
-    values[deep] = -1.0
-    index = np.argwhere(full)
-    values[full] = surface.distance(np.stack([axes[k][index[:, k]] for k in range(3)], axis=1))
-
-    image = vtkImageData()
-    image.SetDimensions(*(int(s) for s in size))
-    image.SetOrigin(*(float(axis[0]) for axis in axes))
-    image.SetSpacing(cell, cell, cell)
-    image.GetPointData().SetScalars(numpy_to_vtk(values.ravel(order="F"), deep=True))
-    contour = vtkFlyingEdges3D()
-    contour.SetInputData(image)
-    contour.SetValue(0, 0.0)
-    contour.ComputeNormalsOff()
-    contour.Update()
-    made = contour.GetOutput()
-    vertices, faces = vtk_to_numpy(made.GetPoints().GetData()).astype(float), _faces(made, vtk_to_numpy)
-    vertices, faces = _relaxed(surface, vertices, faces)
+    vertices, faces = polygonise(surface, np.array([-0.82, -0.24, -0.05]), np.array([0.82, 0.19, 1.78]), cell)
     if len(faces) > 1.05 * triangles:
-        made.GetPoints().SetData(numpy_to_vtk(vertices, deep=True))
-        fewer = vtkQuadricDecimation()
-        fewer.SetInputData(made)
-        fewer.SetTargetReduction(1 - triangles / len(faces))
-        fewer.Update()
-        made = fewer.GetOutput()
-        vertices, faces = vtk_to_numpy(made.GetPoints().GetData()).astype(float), _faces(made, vtk_to_numpy)
-    a, b, c = (vertices[faces[:, k]] for k in range(3))
-    if np.einsum("ij,ij->i", np.cross(a, b), c).sum() < 0:
-        faces = faces[:, ::-1]
-    return vertices, np.ascontiguousarray(faces, np.int32)
+        vertices, faces = decimated(vertices, faces, triangles)
+    return vertices, outward(vertices, faces)
 
 
-def _faces(made: object, array: object) -> Integers:
-    corners = array(made.GetPolys().GetConnectivityArray())  # type: ignore[operator,attr-defined]
-    return corners.reshape(-1, 3).astype(np.int32)
-
-
-def _relaxed(surface: _Surface, vertices: Reals, faces: Integers) -> tuple[Reals, Integers]:
-    """Evens out the triangles and puts the vertices back on the surface."""
-    ring = _Ring(faces, len(vertices))
-    for _ in range(5):
-        vertices = 0.5 * (vertices + ring.mean(vertices))
-        gradient = surface.gradient(vertices)
-        square = np.maximum((gradient**2).sum(axis=1), 0.25)
-        vertices = vertices - (surface.distance(vertices) / square)[:, None] * gradient
-    return vertices, faces
+@functools.lru_cache(maxsize=1)
+def body_field() -> _Surface:
+    """Returns the signed distance of a body of `HEIGHT` in the bind pose."""
+    return _Surface()
 
 
 def _skin(surface: _Surface, vertices: Reals, faces: Integers) -> Reals:
@@ -258,7 +202,7 @@ def _skin(surface: _Surface, vertices: Reals, faces: Integers) -> Reals:
             low = own & (vertices[:, 2] < JOINTS[names[2]][2])
             bone[low] = BONES.index(names[2])
     weights = np.eye(len(BONES))[bone]
-    ring = _Ring(faces, len(vertices))
+    ring = Ring(faces, len(vertices))
     edge = np.median(np.linalg.norm(vertices[faces[:, 0]] - vertices[faces[:, 1]], axis=1))
     for _ in range(int(np.clip(round(4 * (SMOOTH / edge) ** 2), 6, 400))):
         weights = 0.5 * (weights + ring.mean(weights))
@@ -268,7 +212,7 @@ def _skin(surface: _Surface, vertices: Reals, faces: Integers) -> Reals:
 @functools.lru_cache(maxsize=2)
 def _made(triangles: int) -> tuple[Reals, Integers, Reals]:
     """Returns vertices in the bind pose, faces and weights; they are kept for the next body of this process."""
-    surface = _Surface()
+    surface = body_field()
     bind, faces = _polygonise(surface, triangles)
     made = bind, faces, _skin(surface, bind, faces)
     for array in made:
@@ -334,7 +278,8 @@ class Body:
     a mesh.
 
     Args:
-        motion: "stand", "walk", "dance", "kick" or "turn". Walking and turning are on the spot.
+        motion: "stand", "walk", "dance", "kick", "turn", "swing", "kungfu" or "fall". All are on the spot; "fall" ends
+            lying, after one round.
         height: Height, m.
         triangles: Approximate number of triangles, from 5,000 to 50,000.
         duration: How long it moves, s; the motion repeats.
@@ -372,6 +317,8 @@ class Body:
         )
         scale = self.height / HEIGHT
         positions = np.stack([scale * skinned(bind, weights, r, t) for r, t in zip(rotations, translations)])
+        if self.motion in LYING:
+            positions = on_ground(times, positions)
         for name, value in (
             ("faces", faces),
             ("weights", weights),

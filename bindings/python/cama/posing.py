@@ -160,14 +160,85 @@ def _turn(p: _Pose, x: Reals) -> None:
         p.turn("forearm" + end, x=-18)
 
 
+def _window(x: Reals, centre: float, width: float) -> Reals:
+    """Returns a bump of x [t] around a part of each round, 1 at its centre, 0 from half the width on."""
+    away = np.abs((x - centre + 0.5) % 1 - 0.5) / width
+    return np.where(away < 0.5, np.cos(np.pi * np.minimum(away, 0.5)) ** 4, 0)
+
+
+def _swing(p: _Pose, x: Reals) -> None:
+    beat = 12 * np.pi * x  # six steps in a round
+    spin, rocking = _eased((x % 1 - 0.55) / 0.3), 1 - _window(x, 0.7, 0.5)
+    s, c, bounce = np.sin(beat / 2), np.cos(beat / 2), np.sin(beat)
+    p.sway(0.05 * s * rocking)
+    p.turn("pelvis", y=4 * s * rocking, z=360 * (np.floor(x) + spin) + 18 * c * rocking - 18)
+    p.turn("spine", x=3 + 2 * bounce, y=-5 * s * rocking, z=-10 * c * rocking)
+    p.turn("chest", x=2, z=-10 * c * rocking)
+    p.turn("head", z=8 * c * rocking)
+    turning = _window(x, 0.7, 0.5)
+    for end, side in (("_left", 1.0), ("_right", -1.0)):
+        lifted = np.maximum(side * s, 0) ** 4 * (1 - 0.6 * turning)
+        p.turn("thigh" + end, x=-34 * lifted - 8 + 4 * bounce, y=-side * 5, z=-8 * c * rocking)
+        p.turn("shin" + end, x=58 * lifted + 15 - 8 * bounce)
+        p.turn("foot" + end, x=-20 * lifted - 7 + 4 * bounce, y=side * 5)
+        p.turn("arm" + end, x=-16 + 12 * side * c * rocking, y=-side * (14 + 16 * turning) + 8 * s * rocking)
+        p.turn("forearm" + end, x=-36 * (1 - 0.7 * turning) + 8 * bounce, y=-side * 14)
+
+
+def _kungfu(p: _Pose, x: Reals) -> None:
+    front, side_kick = _window(x, 0.16, 0.3), _window(x, 0.46, 0.3)
+    front_strike, side_strike = _window(x, 0.175, 0.14), _window(x, 0.475, 0.14)
+    right, left = _window(x, 0.32, 0.16), _window(x, 0.62, 0.16)  # punches
+    spin, turning = _eased((x % 1 - 0.7) / 0.24), _window(x, 0.82, 0.26)
+    p.sway(0.05 * front - 0.05 * side_kick)
+    p.turn("pelvis", x=8 * front, y=-16 * side_kick, z=360 * (np.floor(x) + spin) + 14 * right - 14 * left)
+    p.turn("spine", x=8 * front + 4, y=6 * side_kick, z=8 * right - 8 * left)
+    p.turn("chest", x=-4 * front, y=6 * side_kick, z=14 * right - 14 * left)
+    p.turn("head", x=-6 * front, z=-22 * right + 22 * left)
+    kicks = {"_right": (front, front_strike, 0.0, 0.0), "_left": (0.0, 0.0, side_kick, side_strike)}
+    for end, side in (("_left", 1.0), ("_right", -1.0)):
+        ahead, ahead_strike, aside, aside_strike = kicks[end]
+        lifted = 0.35 * turning * (side > 0)
+        p.turn("thigh" + end, x=-80 * ahead - 20 * aside - 12 - 60 * lifted, y=-side * (6 + 58 * aside))
+        p.turn("shin" + end, x=22 + 70 * ahead - 88 * ahead_strike + 66 * aside - 84 * aside_strike + 90 * lifted)
+        p.turn("foot" + end, x=-10 + 20 * ahead, y=side * 6 * (1 - aside))
+        punch = right if side < 0 else left
+        p.turn("arm" + end, x=-22 - 50 * punch, y=side * (10 - 12 * punch - 22 * turning - 10 * aside - 8 * front))
+        p.turn("forearm" + end, x=-62 + 44 * punch + 40 * turning, y=-side * 6 * (1 - punch))
+
+
+def _fall(p: _Pose, x: Reals) -> None:
+    x = np.clip(x, 0, 1)  # it ends on the ground
+    tipped = _eased((x - 0.02) / 0.42) ** 1.5
+    rolled, sat = _eased((x - 0.52) / 0.4), _window(np.minimum(x, 0.6), 0.26, 0.44)
+    flung, lying = _window(np.minimum(x, 0.6), 0.24, 0.46), _eased((x - 0.3) / 0.2)
+    close = _eased((x - 0.42) / 0.14) * _eased((1 - x) / 0.2)  # arms along the body while it rolls
+    p.turn("pelvis", x=-90 * tipped, y=180 * rolled)
+    p.turn("spine", x=14 * sat)
+    p.turn("chest", x=10 * sat)
+    p.turn("head", x=16 * sat)
+    for end, side in (("_left", 1.0), ("_right", -1.0)):
+        p.turn("thigh" + end, x=-52 * sat - (8 if side > 0 else 4) * sat, y=-side * (5 * lying + 4 * sat))
+        p.turn("shin" + end, x=64 * sat + side * 6 * sat)
+        p.turn("foot" + end, x=-8 * sat + 45 * rolled)
+        p.turn("arm" + end, x=-34 * flung, y=-side * (20 * flung + 4 * lying - 40 * close))
+        p.turn("forearm" + end, x=-30 * flung)
+
+
 MOTIONS: dict[str, Callable[[_Pose, Reals], None]] = {
     "stand": _stand,
     "walk": _walk,
     "dance": _dance,
     "kick": _kick,
     "turn": _turn,
+    "swing": _swing,
+    "kungfu": _kungfu,
+    "fall": _fall,
 }
 periods = {"stand": 4.0, "walk": 1.15, "dance": 1.6, "kick": 2.4, "turn": 4.0}  #: s, of one round
+periods.update(swing=3.6, kungfu=4.8, fall=3.2)
+LYING = ("fall",)  #: motions that leave the feet, whose height the lowest vertex of the body gives
+SETTLING = 0.025  # s, over which that height is smoothed
 
 
 def _eased(t: Reals) -> Reals:
@@ -216,8 +287,17 @@ def pose(motion: str, times: Reals, lead_in: float, start: str, period: float) -
         at = moving.shift if parent < 0 else translations[:, parent]
         rotations[:, bone] = before @ own
         translations[:, bone] = at + before @ JOINTS[name] - rotations[:, bone] @ JOINTS[name]
-    translations[:, :, 2] -= _lowest(rotations, translations)[:, None]
+    if motion not in LYING:
+        translations[:, :, 2] -= _lowest(rotations, translations)[:, None]
     return rotations, translations
+
+
+def on_ground(times: Reals, positions: Reals) -> Reals:
+    """Returns positions [t, n, 3] at the times [t], s, lowered so that their lowest point stays on the ground."""
+    lowest = positions[:, :, 2].min(axis=1)
+    weight = np.exp(-0.5 * ((times[:, None] - times[None]) / SETTLING) ** 2)
+    lowest = weight @ lowest / weight.sum(axis=1)
+    return positions - lowest[:, None, None] * np.array([0.0, 0.0, 1.0])
 
 
 def _lowest(rotations: Reals, translations: Reals) -> Reals:

@@ -195,7 +195,7 @@ def write_bodies(scene: dict[str, Any]) -> dict[int, Body]:
                     f"obstacles[{number}].body.{brief(key)}: not known; there are {', '.join(BODY_KEYS)}"
                     f"{similar(key, BODY_KEYS)}"
                 )
-        given.setdefault("duration", _duration(scene))
+        given.setdefault("duration", duration(scene))
         try:
             body = Body(**given)
         except (SceneError, ArrayError, MeshError) as problem:
@@ -207,7 +207,7 @@ def write_bodies(scene: dict[str, Any]) -> dict[int, Body]:
     return bodies
 
 
-def _duration(scene: dict[str, Any]) -> float:
+def duration(scene: dict[str, Any]) -> float:
     """Returns the length of a scene, s, or that of one second where it has none yet."""
     frames, frame_time = scene.get("frames", 100), scene.get("frame_time", 0) or scene.get("time_step", 0) or 1 / 60
     if not isinstance(frames, (int, float)) or not isinstance(frame_time, (int, float)):

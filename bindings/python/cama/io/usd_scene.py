@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Scene files that name USD files, characters and generated bodies, of which the compiled reader knows less.
+"""Scene files that name USD files, characters, generated bodies and garments, of which the compiled reader knows less.
 
-Meshes of USD files and bodies are handed to the compiled reader written out.
+Meshes of USD files, bodies and garments are handed to the compiled reader written out.
 """
 
 from __future__ import annotations
@@ -16,10 +16,10 @@ import numpy as np
 from .. import _core
 from ..errors import FileError, MaterialError, MeshError, SceneError
 from ..hints import brief
-from . import characters
+from . import characters, generated
 from .usd_reader import is_usd, read_usd
 
-WRITTEN_OUT = re.compile(r'"character"|"body"\s*:\s*\{')
+WRITTEN_OUT = re.compile(r'"character"|"body"\s*:\s*\{|"(?:drum|coat|trousers)"\s*:')
 NAMED = re.compile(r'\.usd[acz]?"', re.IGNORECASE)
 
 
@@ -51,6 +51,7 @@ def parse(text: str, folder: Path, resolution: int) -> _core.Scene:
         return _core.Scene.parse(text, folder, resolution)
     clearances = characters.take_clearances(scene, folder)
     bodies = characters.write_bodies(scene)
+    generated.write_drums(scene, characters.duration(scene))
     scales: dict[int, float] = {}
     for key in ("cloth", "obstacles"):
         entries = scene.get(key)
@@ -58,6 +59,7 @@ def parse(text: str, folder: Path, resolution: int) -> _core.Scene:
             if isinstance(entry, dict):
                 scale = _write_out(f"{key}[{number}]", entry, folder, key == "cloth")
                 scales.update({number: scale} if scale else {})
+    resolution = generated.write_garments(scene, folder, resolution)
     core = _core.Scene.parse(json.dumps(scene), folder, resolution)
     for number, scale in scales.items():
         core.cloth(number).material_scale = scale
