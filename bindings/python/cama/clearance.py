@@ -13,7 +13,7 @@ import numpy as np
 
 from .types import Integers, Reals
 
-__all__ = ["Cleared", "clear"]
+__all__ = ["Cleared", "clear", "limbs"]
 
 GAP = 0.01  # m, the default distance between limbs
 ROUNDS = 6  # of search and correction in a frame
@@ -99,6 +99,15 @@ class _Limbs:
             else:
                 members[keep] = members[drop] + members[keep]
             members.pop(drop)
+
+
+def limbs(bind: Reals, faces: Integers) -> tuple[Integers, Reals]:
+    """Returns the limb [vertices] of each vertex, 0: the trunk, and its distance [vertices] from the middle, m.
+
+    The distance is that over the edges of the triangles [m, 3] of the mesh with the vertices `bind` [n, 3], m.
+    """
+    found = _Limbs(bind, faces)
+    return found.label, found.outwards
 
 
 def _distance_from_middle(bind: Reals, faces: Integers, edges: Integers) -> tuple[Reals, Reals]:

@@ -49,7 +49,7 @@ def parse(text: str, folder: Path, resolution: int) -> _core.Scene:
     if not scene:
         return _core.Scene.parse(text, folder, resolution)
     clearances = characters.take_clearances(scene)
-    bodies = characters.write_bodies(scene)
+    bodies = characters.write_bodies(scene, folder)
     scales: dict[int, float] = {}
     for key in ("cloth", "obstacles"):
         entries = scene.get(key)
