@@ -47,8 +47,8 @@ class _Limbs:
     Edelsbrunner and Harer 2010, chapter VII).
     """
 
-    def __init__(self, bind: Reals, faces: Integers) -> None:
-        self.extent = float(np.ptp(bind, axis=0).max())
+    def __init__(self, bind: Reals, faces: Integers, least: float = LIMB) -> None:
+        self.extent, self.least = float(np.ptp(bind, axis=0).max()), least
         edges = np.unique(
             np.sort(np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]]), axis=1), axis=0
         )
@@ -82,7 +82,7 @@ class _Limbs:
             if a == b or a not in members or b not in members:
                 continue
             here = float(outwards[lower[edge]])
-            long = [part for part in (a, b) if part in ended or tip[part] - here > LIMB * self.extent]
+            long = [part for part in (a, b) if part in ended or tip[part] - here > self.least * self.extent]
             if len(long) == 2:
                 for part in (a, b):
                     if part not in ended:
@@ -101,12 +101,13 @@ class _Limbs:
             members.pop(drop)
 
 
-def limbs(bind: Reals, faces: Integers) -> tuple[Integers, Reals]:
+def limbs(bind: Reals, faces: Integers, least: float = LIMB) -> tuple[Integers, Reals]:
     """Returns the limb [vertices] of each vertex, 0: the trunk, and its distance [vertices] from the middle, m.
 
-    The distance is that over the edges of the triangles [m, 3] of the mesh with the vertices `bind` [n, 3], m.
+    The distance is that over the edges of the triangles [m, 3] of the mesh with the vertices `bind` [n, 3], m. What
+    sticks out by less than `least` times the extent is no limb.
     """
-    found = _Limbs(bind, faces)
+    found = _Limbs(bind, faces, least)
     return found.label, found.outwards
 
 

@@ -21,12 +21,14 @@ __all__ = ["Rig", "rig"]
 
 SIDES = "_left", "_right"
 HEIGHT = 1.7  # m, of the generated body, to which a mesh is scaled
+LEAST = 0.15, 0.12, 0.1, 0.08  # of the extent, by which arms, legs and head stick out; the first that does
+LIFTED = 0.1  # of the height, by which one foot may be higher than the other
 RINGS = 24  # of a limb
 HIP = (0.95, 0.08)  # the hip joint: part of a thigh's distance from the middle; m above the crotch
 SHOULDER = 0.155  # m, from the ring at the armpit back to the shoulder joint
 ELBOW, WRIST = 0.275 / 0.692, 0.515 / 0.692  # parts of the way from shoulder to fingertips, as of the generated body
 CREASE = (0.17, 0.1)  # m, a point of the fold between leg and trunk: to the side; above the crotch
-SOLE = 0.02  # m, above the ground, below which a foot is sole
+SOLE = 0.02  # m, above the lowest point of a foot, below which it is sole
 
 
 @dataclass(frozen=True)
@@ -84,8 +86,16 @@ def rig(vertices: Reals, faces: Integers, name: str = "body") -> Rig:
     ways = np.sort(np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]]), axis=1)
     if (np.unique(ways, axis=0, return_counts=True)[1] != 2).any():
         raise MeshError(f"{name}: is not a closed surface, which a body that is to be moved must be")
-    label, outwards = limbs(vertices, faces)
-    head, arms, legs = _parts(vertices, label, name)
+    for least in LEAST:
+        label, outwards = limbs(vertices, faces, least)
+        arms, legs = _parts(vertices, label)
+        if arms:
+            break
+    else:
+        raise MeshError(
+            f"{name}: a head, two arms and two legs are not what sticks out from the middle of the mesh: a body that is "
+            "to be moved stands upright along z, its arms away from its sides and its legs apart"
+        )
     turn = _facing(vertices, label, legs, height)
     scale = height / HEIGHT
     feet = vertices[np.isin(label, legs)]
@@ -109,22 +119,16 @@ def _middle(points: Reals) -> Reals:
     return 0.5 * (points[:, :2].min(axis=0) + points[:, :2].max(axis=0))
 
 
-def _parts(vertices: Reals, label: Integers, name: str) -> tuple[int, list[int], list[int]]:
-    """Returns the labels of the head, the arms and the legs. Raises MeshError."""
-    count = int(label.max())
-    if count == 5:
-        low = np.array([vertices[label == part, 2].min() for part in range(1, 6)])
-        high = np.array([vertices[label == part, 2].max() for part in range(1, 6)])
-        legs = [int(part) + 1 for part in np.argsort(low)[:2]]
-        head = int(np.argmax(high)) + 1
-        arms = [part for part in range(1, 6) if part != head and part not in legs]
-        extent = float(np.ptp(vertices[:, 2]))
-        if len(arms) == 2 and low.min() + 0.05 * extent > np.sort(low)[1]:
-            return head, arms, legs
-    raise MeshError(
-        f"{name}: {count} parts stick out from the middle of the mesh, not a head, two arms and two legs: a body that "
-        "is to be moved stands upright along z, its arms away from its sides and its legs apart"
-    )
+def _parts(vertices: Reals, label: Integers) -> tuple[list[int], list[int]]:
+    """Returns the labels of the arms and the legs; none if they are not those of a body that stands."""
+    if label.max() != 5:
+        return [], []
+    low, high = (np.array([end(vertices[label == part, 2]) for part in range(1, 6)]) for end in (np.min, np.max))
+    legs = [int(part) + 1 for part in np.argsort(low)[:2]]
+    head = int(np.argmax(high)) + 1
+    arms = [part for part in range(1, 6) if part != head and part not in legs]
+    lifted = np.sort(low)[1] - low.min()
+    return (arms, legs) if len(arms) == 2 and lifted < LIFTED * float(np.ptp(vertices[:, 2])) else ([], [])
 
 
 def _facing(vertices: Reals, label: Integers, legs: list[int], height: float) -> Reals:
@@ -244,7 +248,7 @@ def _assign(bone: Integers, x: Reals, joints: dict[str, Reals], end: str, chain:
 
 def _sole(leg: Reals) -> Reals:
     """Returns points [k, 3] of a sole, on the ground: the outermost ones in eight directions."""
-    sole = leg[leg[:, 2] < SOLE]
+    sole = leg[leg[:, 2] < leg[:, 2].min() + SOLE]
     angles = np.arange(8) * (np.pi / 4)
     chosen = np.argmax(sole[:, :2] @ np.stack([np.cos(angles), np.sin(angles)]), axis=0)
     return np.unique(sole[chosen], axis=0) * [1, 1, 0]

@@ -3,18 +3,21 @@
 
 import math
 from pathlib import Path
-from typing import Annotated, Optional
+from typing import Annotated, Any, Optional
 
 import typer
 from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
+from ..body import Body
 from ..errors import FileError
+from ..posing import MOTIONS
 from .common import Backend, BackendOption, Debug, Threads, choice, clean, console
 
 Units = choice("Units", ["m", "cm", "mm", "inch"])
 Up = choice("Up", ["y", "z"])
+Motions = choice("Motions", list(MOTIONS))
 
 
 @clean
@@ -24,8 +27,18 @@ def dress(
     ],
     body: Annotated[
         str,
-        typer.Option(metavar="FILE", help="Mesh file of the body, or walker: a generated body."),
+        typer.Option(
+            metavar="FILE",
+            help="The body: a mesh file, a character with its animation, walker (a generated body that stands still), "
+            f"or a motion of the generated body: {', '.join(MOTIONS)}.",
+        ),
     ],
+    motion: Annotated[
+        Optional[Motions], typer.Option(help="What a body of a mesh file does in the scene that is written.")
+    ] = None,
+    lead_in: Annotated[
+        float, typer.Option(min=0, help="Time in which a body moves from its starting pose into its motion, s.")
+    ] = 1.0,
     fabric: Annotated[str, typer.Option(metavar="NAME", help="A fabric's name, or a JSON file.")] = "cotton",
     resolution: Annotated[int, typer.Option(min=16, help="About how many triangles the garment has.")] = 8000,
     edge_length: Annotated[
@@ -50,14 +63,19 @@ def dress(
     from ..sewing import SewingPattern
     from ..sewing import dress as sew
 
-    if body != "walker" and not Path(body).is_file():
-        raise FileError(f"{body}: there is no such file; --body is a mesh file, or walker")
+    chosen: Any = body
+    if not Path(body).is_file():
+        if body not in ("walker", *MOTIONS):
+            raise FileError(f"{body}: there is no such file; --body is a mesh file, walker, {', '.join(MOTIONS)}")
+        chosen = {"walker": {}} if body == "walker" else Body(body, lead_in=lead_in)
     made = SewingPattern.load(pattern)
     folder = output or Path("out") / made.name
     status = Console(stderr=True, highlight=False)
     dressed = sew(
         made,
-        {"walker": {}} if body == "walker" else body,
+        chosen,
+        motion=motion.value if motion else None,
+        lead_in=lead_in,
         fabric=fabric,
         triangles=resolution,
         edge_length=edge_length,

@@ -12,7 +12,8 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 
 from ..arrays import number
-from ..errors import CollisionError, Error, MeshError, SceneError
+from ..body import Body
+from ..errors import CollisionError, Error, MeshError
 from ..hints import counted
 from ..material import Material
 from ..plausibility import PlausibilityWarning
@@ -20,7 +21,8 @@ from ..scene import Scene
 from ..simulation import Simulation
 from ..types import Description, Integers, PathLike, Reals
 from .meshing import PatternMesh, edge_length_of, merge_map, mesh_pattern
-from .pattern import UNITS, SewingPattern
+from .pattern import SewingPattern
+from .wearer import Wearer, wearer_of
 
 if TYPE_CHECKING:
     from .output import Output
@@ -31,10 +33,11 @@ TOLERANCE = 1e-3  # m: seams that are closed to this are joined
 NEAR = 1e-2  # m: pairs that are joined when a seam closes no further, so that the rest of it can
 PATIENCE = 4  # phases without progress after which a seam closes no further
 REST_SPEED = 3e-3  # m/s, root mean square over the cloth, below which it is at rest
-STEP = 0.01  # s, time step
+LEVEL, STEP = "interactive", 0.01  # accuracy; s, time step. At "preview" small triangles of a cuff burst
 STEPS = 10  # in a phase, after which stitches become stiffer and a frame is recorded
 WEAKEST, STIFFEST = 0.005, 2e4  # N/m, of the stitch of a pair of vertices
 LAG = 6  # doublings of stiffness by which the lowest seam is behind the highest
+BAND_LAG, BAND = 4, 3.0  # doublings by which the ends of a band, such as a cuff, are behind; area of what holds one
 SEWING_SPEED = 0.6  # m/s, mean: above it stitches stay as they are
 MAX_PHASES = 70  # of sewing
 SEWING_DAMPING = 10.0  # 1/s, mass damping while sewing
@@ -43,7 +46,7 @@ SEWING_FRICTION = 0.05
 RISE = 0.1  # m, of a panel above the seam that it hangs by, above which it falls before it is sewn
 HANGING_DAMPING, HANGING_PHASES = 3.0, 15  # 1/s; phases of the fall
 BODY_FRICTION = 0.4
-BODY_SIZES = {"m": (0.4, 3.0), "cm": (40.0, 300.0), "mm": (400.0, 3000.0)}  # heights of a body, to tell its unit
+FRAME_TIME, MOTION = 0.02, 5.0  # s, between the frames of the scene of a body that moves; its length
 
 
 @dataclass
@@ -76,6 +79,7 @@ class Dressed:
 
     verdict: Verdict  #: whether the garment is good
     scene: Scene = field(repr=False)  #: the garment at the end, on the body: a scene to start from
+    wearer: Wearer = field(repr=False)  #: the body
     mesh: PatternMesh = field(repr=False)  #: the flat panels
     vertex_of: Integers = field(repr=False)  #: [vertices of `mesh`], the garment's vertex that each became
     positions: Reals = field(repr=False)  #: [vertices of the garment, 3] m
@@ -88,11 +92,19 @@ class Dressed:
         """Triangles [m, 3] of the garment; `mesh.faces` are the same in material space."""
         return self.vertex_of[self.mesh.faces]
 
+    @property
+    def open_pairs(self) -> Integers:
+        """Vertices [k, 2] of the garment that belong together, but did not close."""
+        pairs = self.vertex_of[self.mesh.pairs]
+        return pairs[pairs[:, 0] != pairs[:, 1]]
+
 
 def dress(
     pattern: SewingPattern | PathLike,
-    body: PathLike | Description | tuple[Any, Any],
+    body: PathLike | Description | Body | tuple[Any, Any],
     *,
+    motion: str | None = None,
+    lead_in: float = 1.0,
     fabric: PathLike | Description | Material = "cotton",
     triangles: int = 8000,
     edge_length: float | None = None,
@@ -112,8 +124,12 @@ def dress(
 
     Args:
         pattern: A `SewingPattern`, or a file that `SewingPattern.load` reads.
-        body: A mesh file of the body, (vertices [n, 3] in m, faces [m, 3]), or an obstacle as in scene.json, for
-            example {"walker": {}}. It stands still, as at time 0.
+        body: A `cama.Body`, a character with its animation, a mesh file, (vertices [n, 3] in m, faces [m, 3]), or an
+            obstacle as in scene.json, for example {"walker": {}}. It stands still as it is dressed, as at time 0.
+        motion: What a body of a mesh does once it is dressed: "stand", "walk", "dance", "kick" or "turn", as
+            `cama.Body(motion, mesh=...)`; None: nothing, or its own animation.
+        lead_in: Time in which a body with an animation or a `motion` moves from the pose that it is dressed in into the
+            motion, s. A character is dressed in its bind pose.
         fabric: A fabric's name, a file, a dict or a `cama.Material`.
         triangles: About how many triangles the garment has.
         edge_length: Length of their edges, m, in place of `triangles`; None: by `triangles`.
@@ -125,7 +141,8 @@ def dress(
         say: Called with a line of text when a stage begins and after each phase; None: nothing is said.
 
     Returns:
-        The garment and a verdict. A garment whose verdict is not good is returned and written too.
+        The garment and a verdict. A garment whose verdict is not good is returned and written too. In its scene the
+        body moves, if it can, for 5 s.
 
     Raises:
         FileError, SceneError, MeshError, MaterialError: Pattern, body or fabric cannot be used.
@@ -136,9 +153,8 @@ def dress(
     made = pattern if isinstance(pattern, SewingPattern) else SewingPattern.load(pattern)
     length = number("dress: edge_length", edge_length) if edge_length is not None else edge_length_of(made, triangles)
     mesh = mesh_pattern(made, length)
-    work = _Dressing(
-        mesh, _body(body, units, up or made.up), Material.of(fabric), {"backend": backend, "threads": threads}, say
-    )
+    wearer = wearer_of(body, motion, number("dress: lead_in", lead_in), units, up or made.up)
+    work = _Dressing(mesh, wearer, Material.of(fabric), {"backend": backend, "threads": threads}, say)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", PlausibilityWarning)  # of panels that are far from each other
         if output is None:
@@ -149,38 +165,20 @@ def dress(
             return work.run(writer, number("dress: seconds", seconds), started)
 
 
-def _body(body: Any, units: str | None, up: str) -> dict[str, Any]:
-    """Returns the arguments of `add_obstacle` for the body. Raises SceneError where its size is not that of a body."""
-    if isinstance(body, dict):
-        return {"shape": body}
-    if isinstance(body, tuple):
-        return {"mesh": body[0], "faces": body[1]}
-    frame: dict[str, Any] = {"up": up} if str(body).lower().endswith((".obj", ".ply", ".stl")) else {}
-    if units is not None:
-        return {"mesh": body, "units": units, **frame}
-    trial = Scene().add_obstacle(body, name="body", **frame)
-    height = float(np.ptp(trial.vertices[:, 2]))
-    for unit, (low, high) in BODY_SIZES.items():
-        if low <= height <= high:
-            return {"mesh": body, "units": unit, **frame}
-    raise SceneError(f"{body}: is {height:g} units high, and no body has that height in {', '.join(UNITS)}; give units")
-
-
 class _Dressing:
     """The work of `dress`: the state of the cloth between its simulations."""
 
     def __init__(
         self,
         mesh: PatternMesh,
-        body: dict[str, Any],
+        wearer: Wearer,
         fabric: Material,
         how: dict[str, Any],
         say: Callable[[str], object] | None,
     ) -> None:
         self.mesh, self.fabric, self.how = mesh, fabric, how
         self.say = say or (lambda text: None)
-        trial = Scene().add_obstacle(**body, name="body")
-        self.body = trial.vertices, trial.faces
+        self.wearer = wearer
         self.pairs = mesh.pairs
         self.positions = mesh.positions  # of the panels' vertices; those that are joined have one place
         self.vertex_of: Integers = np.arange(len(mesh.points), dtype=np.int32)  # garment's vertex of each
@@ -203,11 +201,11 @@ class _Dressing:
                 draping, last = self._drape(seconds)
         except Error as problem:
             problems.append(f"ended early, at {self.time:.1f} s: {problem}")
-        result = self._scene(self.fabric)
+        result = self._scene(self.fabric, self.wearer.moving)
         verdict = self._verdict(result, last, problems)
         final = result.cloths[0].vertices
         elapsed = time.monotonic() - started
-        dressed = Dressed(verdict, result, self.mesh, self.vertex_of, final, elapsed, sewing, draping)
+        dressed = Dressed(verdict, result, self.wearer, self.mesh, self.vertex_of, final, elapsed, sewing, draping)
         if writer is not None:
             writer.finish(dressed)
         return dressed
@@ -219,10 +217,15 @@ class _Dressing:
             material.friction, material.static_friction = friction, -1
         return material
 
-    def _scene(self, material: Material) -> Scene:
-        """Returns a scene of the garment under gravity; seams that are open are stitched."""
+    def _scene(self, material: Material, moving: dict[str, Any] | None = None) -> Scene:
+        """Returns a scene of the garment under gravity; seams that are open are stitched.
+
+        moving: Arguments of `add_obstacle` for the body as it moves; None: it stands still.
+        """
         scene = Scene(name=self.mesh.pattern.name, frame_time=STEP * STEPS)
-        self._add(scene, material, BODY_FRICTION)
+        if moving:
+            scene.frame_time, scene.frames = FRAME_TIME, round(MOTION / FRAME_TIME)
+        self._add(scene, material, BODY_FRICTION, moving)
         open_ = self._open()
         if open_.any():
             first, second = self.vertex_of[self.pairs[open_]].T
@@ -239,7 +242,9 @@ class _Dressing:
             scene.stitch(0, first, 0, second, stiffness=float(value))
         return scene
 
-    def _add(self, scene: Scene, material: Material, friction: float) -> None:
+    def _add(
+        self, scene: Scene, material: Material, friction: float, moving: dict[str, Any] | None = None
+    ) -> None:
         scene.add_cloth(
             self._joined_positions(),
             self.vertex_of[self.mesh.faces],
@@ -248,7 +253,8 @@ class _Dressing:
             material=material,
             name="garment",
         )
-        scene.add_obstacle(*self.body, friction=friction, name="body")
+        body = {"mesh": self.wearer.vertices, "faces": self.wearer.faces}
+        scene.add_obstacle(**(moving or body), friction=friction, name="body")
 
     def _joined_positions(self) -> Reals:
         """Returns the positions [vertices of the garment, 3]: the means of what is joined."""
@@ -269,7 +275,7 @@ class _Dressing:
         scene = self._sewing_scene(np.full(len(self.pairs), WEAKEST))
         self._untangle(scene, "the placed panels", "move the panels out, away from the body")
         if self.writer is not None:
-            self.writer.start(Simulation(scene, accuracy="preview", time_step=STEP, **self.how))
+            self.writer.start(Simulation(scene, accuracy=LEVEL, time_step=STEP, **self.how))
 
     def _untangle(self, scene: Scene, what: str, remedy: str) -> None:
         """Removes the intersections at the start of a scene and takes over its positions. Raises CollisionError."""
@@ -303,7 +309,7 @@ class _Dressing:
         self._add(scene, self._material(HANGING_DAMPING, SEWING_FRICTION), SEWING_FRICTION)
         scene.stitch(0, self.pairs[:, 0], 0, self.pairs[:, 1], stiffness=WEAKEST / 2**LAG)  # so as not to collide
         scene.pin(0, ~hanging | held)
-        simulation = Simulation(scene, accuracy="preview", time_step=STEP, **self.how)
+        simulation = Simulation(scene, accuracy=LEVEL, time_step=STEP, **self.how)
         for _ in range(HANGING_PHASES):
             simulation.step(STEPS)
             self.say(f"hanging {self.time + STEP * STEPS:.1f} s: {self._take(simulation):.2g} m/s")
@@ -321,13 +327,13 @@ class _Dressing:
         """Draws the seams together and joins them; returns the number of phases."""
         height = self.positions[self.pairs].mean(axis=1)[:, 2]
         depth = height.max(initial=-np.inf) - height
-        lag = np.round(2 * LAG * depth / max(depth.max(initial=0), 1e-9)) / 2
-        level, full = 0.0, np.log2(STIFFEST / WEAKEST)
+        lag = np.round(2 * LAG * depth / max(depth.max(initial=0), 1e-9)) / 2 + BAND_LAG * self._ends_of_bands()
+        level, full, last = 0.0, np.log2(STIFFEST / WEAKEST), lag.max(initial=0)
         phase, stuck, narrowest = 0, 0, np.inf
         while self._open().any() and phase < MAX_PHASES:
             simulation = Simulation(
                 self._sewing_scene(WEAKEST * 2.0 ** np.clip(level - lag, 0, full)),
-                accuracy="preview",
+                accuracy=LEVEL,
                 time_step=STEP,
                 **self.how,
             )
@@ -341,14 +347,27 @@ class _Dressing:
             level += speed < SEWING_SPEED
             stuck = 0 if gaps.max() < 0.9 * narrowest else stuck + 1
             narrowest = min(narrowest, gaps.max())
-            if gaps.max() <= TOLERANCE and level > LAG:
+            if gaps.max() <= TOLERANCE and level > last:
                 self._join(TOLERANCE)
-            elif level > full + LAG and stuck >= PATIENCE:
+            elif level > full + last and stuck >= PATIENCE:
                 if not (self._open() & (gaps <= NEAR)).any():
                     break
                 self._join(NEAR)
                 stuck, narrowest = 0, np.inf
         return phase
+
+    def _ends_of_bands(self) -> np.ndarray:
+        """Whether each pair [pairs] closes a band around a limb: of two panels that hang by much larger ones.
+
+        Such a band is sewn to the sleeve before its ends meet, or it closes beside the arm.
+        """
+        pattern, panels = self.mesh.pattern, self.mesh.panel_of_vertex
+        area = np.array([abs(panel.area) for panel in pattern.panels])
+        band = np.zeros(len(area), bool)
+        for first, second in ((seam.first[0], seam.second[0]) for seam in pattern.seams):
+            band[first] |= area[second] > BAND * area[first]
+            band[second] |= area[first] > BAND * area[second]
+        return band[panels[self.pairs]].all(axis=1)
 
     def _join(self, distance: float) -> None:
         """Joins the pairs of vertices that are within a distance, m. Raises CollisionError."""
@@ -369,7 +388,7 @@ class _Dressing:
 
     def _drape(self, seconds: float) -> tuple[int, Simulation]:
         scene = self._scene(self._material(DRAPING_DAMPING, None))
-        simulation = Simulation(scene, accuracy="interactive", time_step=STEP, **self.how)
+        simulation = Simulation(scene, accuracy=LEVEL, time_step=STEP, **self.how)
         phase, speed = 0, np.inf
         while phase < 5 or (speed > REST_SPEED and phase < seconds / (STEP * STEPS)):
             simulation.step(STEPS)
@@ -401,7 +420,7 @@ class _Dressing:
                 f"{self._panel_of(fastest)} at {place(cloth.vertices[fastest])}"
             )
         dropped = float(self.mesh.positions[:, 2].max() - cloth.vertices[:, 2].max())
-        if dropped > SLIPPED * float(np.ptp(self.body[0][:, 2])):
+        if dropped > SLIPPED * float(np.ptp(self.wearer.vertices[:, 2])):
             problems.append(f"the garment slid down by {dropped:.2f} m: nothing holds it on this body")
         strains = principal_strains(cloth.vertices[cloth.faces], self.mesh.material[self.mesh.faces])
         most = int(np.argmax(strains))

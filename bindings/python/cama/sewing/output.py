@@ -17,7 +17,10 @@ from ..io.lock import locked
 from ..io.recording import NAME as FRAMES
 from ..io.recording import Recorder
 from ..io.summary import finite
+from ..scene import Scene
 from ..types import Integers, PathLike, Reals
+from .dressing import STIFFEST
+from .wearer import MESH, entry_in
 
 if TYPE_CHECKING:
     from typing_extensions import Self
@@ -25,7 +28,7 @@ if TYPE_CHECKING:
     from ..simulation import Simulation
     from .dressing import Dressed
 
-GARMENT, BODY, SCENE, SUMMARY = "garment.obj", "body.obj", "scene.json", "summary.json"
+GARMENT, SCENE, SUMMARY = "garment.obj", "scene.json", "summary.json"
 
 
 class Output:
@@ -61,10 +64,10 @@ class Output:
         """Writes garment, body, scene and summary, each completely or not at all."""
         pattern, mesh, verdict = dressed.mesh.pattern, dressed.mesh, dressed.verdict
         groups = [(panel.name, mesh.panel_of_face == index) for index, panel in enumerate(pattern.panels)]
-        body = dressed.scene.obstacles[0]
+        body = dressed.wearer
         self._write(GARMENT, obj_text(dressed.positions, dressed.faces, mesh.material, mesh.faces, groups))
-        self._write(BODY, obj_text(body.vertices, body.faces))
-        self._write(SCENE, json.dumps(scene_of(dressed), indent=2) + "\n")
+        self._write(MESH, obj_text(body.vertices, body.faces))
+        self._write(SCENE, json.dumps(scene_of(dressed, self.folder), indent=2) + "\n")
         fields = {
             "pattern": pattern.name,
             "good": verdict.good,
@@ -100,18 +103,24 @@ class Output:
             raise FileError(f"{path}: writing failed ({problem})") from None
 
 
-def scene_of(dressed: Dressed) -> dict[str, Any]:
-    """Returns what scene.json says: the garment at rest on the body, in the fabric that it was draped in."""
-    saved = json.loads(dressed.scene.to_json())
+def scene_of(dressed: Dressed, folder: Path) -> dict[str, Any]:
+    """Returns what scene.json of a folder says: the garment on the body, in the fabric that it was draped in."""
+    scene, cloth, body = dressed.scene, dressed.scene.cloths[0], dressed.scene.obstacles[0]
+    alone = Scene()
+    alone.add_cloth(cloth.vertices, cloth.faces, material=cloth.material)
+    first, second = dressed.open_pairs.T
+    alone.stitch(0, first, 0, second, stiffness=STIFFEST)
+    saved = json.loads(alone.to_json())
+    moves = bool(dressed.wearer.moving)
     return {
         "name": dressed.mesh.pattern.name,
         "description": f"The pattern {dressed.mesh.pattern.name}, sewn and draped on a body.",
-        "frame_time": 0.02,
-        "frames": 50,
+        "frame_time": scene.frame_time if moves else 0.02,
+        "frames": scene.frames if moves else 50,
         "materials": {"fabric": saved["cloth"][0]["material"]},
-        "obstacles": [{"name": "body", "file": BODY, "friction": dressed.scene.obstacles[0].friction}],
+        "obstacles": [{"name": "body", **entry_in(dressed.wearer, folder), "friction": body.friction}],
         "cloth": [{"name": "garment", "file": {"path": GARMENT, "rest": "uv"}, "material": "fabric"}],
-        "stitches": saved["stitches"],
+        "stitches": saved.get("stitches", []),
     }
 
 
