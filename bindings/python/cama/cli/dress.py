@@ -23,7 +23,12 @@ Motions = choice("Motions", list(MOTIONS))
 @clean
 def dress(
     pattern: Annotated[
-        Path, typer.Argument(metavar="PATTERN", help="A sewing pattern: JSON of cama, GarmentCode's, or skirt or top.")
+        list[Path],
+        typer.Argument(
+            metavar="PATTERN...",
+            help="A sewing pattern: JSON of cama, GarmentCode's, or skirt or top. Several are put on one after the "
+            "other, the first next to the skin.",
+        ),
     ],
     body: Annotated[
         str,
@@ -39,8 +44,18 @@ def dress(
     lead_in: Annotated[
         float, typer.Option(min=0, help="Time in which a body moves from its starting pose into its motion, s.")
     ] = 1.0,
-    fabric: Annotated[str, typer.Option(metavar="NAME", help="A fabric's name, or a JSON file.")] = "cotton",
-    resolution: Annotated[int, typer.Option(min=16, help="About how many triangles the garment has.")] = 8000,
+    fabric: Annotated[
+        Optional[list[str]],
+        typer.Option(
+            metavar="NAME",
+            help="A fabric's name, or a JSON file; given once, or once for each pattern. Default: cotton.",
+        ),
+    ] = None,
+    scale: Annotated[
+        Optional[tuple[float, float]],
+        typer.Option(metavar="WIDTH HEIGHT", help="Factors of the patterns' horizontal and vertical measurements."),
+    ] = None,
+    resolution: Annotated[int, typer.Option(min=16, help="About how many triangles each garment has.")] = 8000,
     edge_length: Annotated[
         Optional[float], typer.Option(metavar="METRES", help="Length of their edges, in place of --resolution.")
     ] = None,
@@ -56,7 +71,9 @@ def dress(
     ] = None,
     debug: Debug = False,
 ):
-    """Sews the pattern PATTERN around a body and drapes it; writes OUT/garment.obj, OUT/scene.json and the frames.
+    """Sews patterns around a body and drapes them; writes OUT/garment.obj, OUT/scene.json and the frames.
+
+    In OUT/scene.json the body moves, if it can: cama run OUT/scene.json simulates the dressed body.
 
     Ends with exit code 1 if a seam stays open, something intersects or the cloth does not come to rest.
     """
@@ -68,15 +85,17 @@ def dress(
         if body not in ("walker", *MOTIONS):
             raise FileError(f"{body}: there is no such file; --body is a mesh file, walker, {', '.join(MOTIONS)}")
         chosen = {"walker": {}} if body == "walker" else Body(body, lead_in=lead_in)
-    made = SewingPattern.load(pattern)
-    folder = output or Path("out") / made.name
+    made = [SewingPattern.load(file) for file in pattern]
+    if scale is not None:
+        made = [each.scaled(*scale) for each in made]
+    folder = output or Path("out") / "-".join(each.name for each in made)
     status = Console(stderr=True, highlight=False)
     dressed = sew(
         made,
         chosen,
         motion=motion.value if motion else None,
         lead_in=lead_in,
-        fabric=fabric,
+        fabric=fabric if fabric and len(fabric) > 1 else (fabric or ["cotton"])[0],
         triangles=resolution,
         edge_length=edge_length,
         output=folder,
@@ -94,11 +113,16 @@ def dress(
 
 def print_verdict(dressed, folder):
     """Prints what was made, and the verdict."""
-    verdict, mesh = dressed.verdict, dressed.mesh
+    verdict = dressed.verdict
     table = Table(show_header=False, box=None, padding=(0, 2))
-    rows = [
-        ("pattern", f"{mesh.pattern.name}, {len(mesh.pattern.panels)} panels, {len(mesh.pattern.seams)} seams"),
-        ("garment", f"{len(mesh.faces):,} triangles, {len(dressed.positions):,} vertices"),
+    rows = []
+    for each in (*dressed.under, dressed):
+        own = each.mesh
+        rows += [
+            ("pattern", f"{own.pattern.name}, {len(own.pattern.panels)} panels, {len(own.pattern.seams)} seams"),
+            ("garment", f"{len(own.faces):,} triangles, {len(each.positions):,} vertices"),
+        ]
+    rows += [
         ("seams", f"{verdict.seam_gap * 1e3:.2g} mm open at most; {verdict.joined_gap * 1e3:.2g} mm when joined"),
         ("intersections", f"{verdict.intersections:,}"),
         ("speed at the end", "-" if math.isnan(verdict.speed) else f"{verdict.speed * 1e3:.2g} mm/s"),

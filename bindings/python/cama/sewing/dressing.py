@@ -3,17 +3,18 @@
 
 from __future__ import annotations
 
+import contextlib
 import time
 import warnings
-from collections.abc import Callable
-from dataclasses import dataclass, field
+from collections.abc import Callable, Sequence
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
 from ..arrays import number
 from ..body import Body
-from ..errors import CollisionError, Error, MeshError
+from ..errors import CollisionError, Error, MeshError, SceneError
 from ..hints import counted
 from ..material import Material
 from ..plausibility import PlausibilityWarning
@@ -22,6 +23,7 @@ from ..simulation import Simulation
 from ..types import Description, Integers, PathLike, Reals
 from .meshing import PatternMesh, edge_length_of, merge_map, mesh_pattern
 from .pattern import SewingPattern
+from .result import Dressed, Verdict, place, principal_strains
 from .wearer import Wearer, wearer_of
 
 if TYPE_CHECKING:
@@ -46,66 +48,17 @@ SEWING_FRICTION = 0.05
 RISE = 0.1  # m, of a panel above the seam that it hangs by, above which it falls before it is sewn
 HANGING_DAMPING, HANGING_PHASES = 3.0, 15  # 1/s; phases of the fall
 BODY_FRICTION = 0.4
+SLIPPED = 0.15  # of the body's height: a garment that sinks further has slid down
 FRAME_TIME, MOTION = 0.02, 5.0  # s, between the frames of the scene of a body that moves; its length
 
 
-@dataclass
-class Verdict:
-    """What became of a pattern: closed seams, no intersections, cloth at rest, or what failed and where."""
-
-    problems: list[str]  #: what failed, with the place; empty if the garment is good
-    seam_gap: float  #: largest distance of two vertices that belong together, m, at the end; 0 where they are joined
-    joined_gap: float  #: largest distance of two vertices when they were joined, m
-    widest_seam: str  #: the seam that is open furthest, or ""
-    intersections: int  #: edges through faces at the end
-    speed: float  #: root mean square of the cloth's speed at the end, m/s; NaN if it was not draped
-    max_strain: float  #: largest principal stretch at the end, minus one
-    strained_at: str  #: the panel with it
-
-    @property
-    def good(self) -> bool:
-        """Whether nothing failed."""
-        return not self.problems
-
-    def __str__(self) -> str:
-        if self.good:
-            return f"good: seams closed, from {self.joined_gap * 1e3:.2g} mm, no intersections, at rest"
-        return "; ".join(self.problems)
-
-
-@dataclass
-class Dressed:
-    """A sewn garment on a body, as `dress` returns it."""
-
-    verdict: Verdict  #: whether the garment is good
-    scene: Scene = field(repr=False)  #: the garment at the end, on the body: a scene to start from
-    wearer: Wearer = field(repr=False)  #: the body
-    mesh: PatternMesh = field(repr=False)  #: the flat panels
-    vertex_of: Integers = field(repr=False)  #: [vertices of `mesh`], the garment's vertex that each became
-    positions: Reals = field(repr=False)  #: [vertices of the garment, 3] m
-    seconds: float  #: wall time
-    sewing_phases: int  #: phases of 0.1 s until the seams were joined
-    draping_phases: int  #: phases of 0.1 s from there to rest
-
-    @property
-    def faces(self) -> Integers:
-        """Triangles [m, 3] of the garment; `mesh.faces` are the same in material space."""
-        return self.vertex_of[self.mesh.faces]
-
-    @property
-    def open_pairs(self) -> Integers:
-        """Vertices [k, 2] of the garment that belong together, but did not close."""
-        pairs = self.vertex_of[self.mesh.pairs]
-        return pairs[pairs[:, 0] != pairs[:, 1]]
-
-
 def dress(
-    pattern: SewingPattern | PathLike,
+    pattern: SewingPattern | PathLike | Sequence[SewingPattern | PathLike],
     body: PathLike | Description | Body | tuple[Any, Any],
     *,
     motion: str | None = None,
     lead_in: float = 1.0,
-    fabric: PathLike | Description | Material = "cotton",
+    fabric: PathLike | Description | Material | Sequence[PathLike | Description | Material] = "cotton",
     triangles: int = 8000,
     edge_length: float | None = None,
     output: PathLike | None = None,
@@ -123,15 +76,16 @@ def dress(
     tenth of a second; vertices closer than 1 mm are joined, and the garment drapes under gravity until it rests.
 
     Args:
-        pattern: A `SewingPattern`, or a file that `SewingPattern.load` reads.
+        pattern: A `SewingPattern`, or a file that `SewingPattern.load` reads; or several, which are put on one after
+            the other, the first next to the skin.
         body: A `cama.Body`, a character with its animation, a mesh file, (vertices [n, 3] in m, faces [m, 3]), or an
             obstacle as in scene.json, for example {"walker": {}}. It stands still as it is dressed, as at time 0.
         motion: What a body of a mesh does once it is dressed: "stand", "walk", "dance", "kick" or "turn", as
             `cama.Body(motion, mesh=...)`; None: nothing, or its own animation.
         lead_in: Time in which a body with an animation or a `motion` moves from the pose that it is dressed in into the
             motion, s. A character is dressed in its bind pose.
-        fabric: A fabric's name, a file, a dict or a `cama.Material`.
-        triangles: About how many triangles the garment has.
+        fabric: A fabric's name, a file, a dict or a `cama.Material`; or as many of them as there are patterns.
+        triangles: About how many triangles each garment has.
         edge_length: Length of their edges, m, in place of `triangles`; None: by `triangles`.
         output: A folder for the garment, a scene, the frames and a summary; None: nothing is written.
         units: Unit of the body's file; None: by its height, which is 0.4 to 3 m.
@@ -150,19 +104,49 @@ def dress(
         BackendError: SciPy is not installed.
     """
     started = time.monotonic()
-    made = pattern if isinstance(pattern, SewingPattern) else SewingPattern.load(pattern)
-    length = number("dress: edge_length", edge_length) if edge_length is not None else edge_length_of(made, triangles)
-    mesh = mesh_pattern(made, length)
-    wearer = wearer_of(body, motion, number("dress: lead_in", lead_in), units, up or made.up)
-    work = _Dressing(mesh, wearer, Material.of(fabric), {"backend": backend, "threads": threads}, say)
-    with warnings.catch_warnings():
+    patterns = list(pattern) if isinstance(pattern, (list, tuple)) else [pattern]
+    fabrics = list(fabric) if isinstance(fabric, (list, tuple)) else [fabric] * len(patterns)
+    if not patterns or len(fabrics) != len(patterns):
+        raise SceneError(
+            f"dress: {counted(len(patterns), 'pattern')} and {counted(len(fabrics), 'fabric')}; give one fabric, or one "
+            "for each pattern"
+        )
+    made = [given if isinstance(given, SewingPattern) else SewingPattern.load(given) for given in patterns]
+    meshes = []
+    for each in made:
+        length = number("dress: edge_length", edge_length) if edge_length is not None else edge_length_of(each, triangles)
+        meshes.append(mesh_pattern(each, length))
+    wearer = wearer_of(body, motion, number("dress: lead_in", lead_in), units, up or made[0].up)
+    names = _names([each.name for each in made])
+    dressed: list[Dressed] = []
+    with contextlib.ExitStack() as stack:
+        stack.enter_context(warnings.catch_warnings())
         warnings.simplefilter("ignore", PlausibilityWarning)  # of panels that are far from each other
-        if output is None:
-            return work.run(None, number("dress: seconds", seconds), started)
-        from .output import Output
+        writer: Output | None = None
+        if output is not None:
+            from .output import Output
 
-        with Output(output) as writer:
-            return work.run(writer, number("dress: seconds", seconds), started)
+            writer = stack.enter_context(Output(output))
+        for name, mesh, cloth in zip(names, meshes, fabrics):
+            how = {"backend": backend, "threads": threads}
+            work = _Dressing(name, mesh, wearer, Material.of(cloth), dressed, how, say)
+            last = len(dressed) == len(meshes) - 1
+            dressed.append(work.run(writer if last else None, number("dress: seconds", seconds), started))
+            if len(dressed[-1].open_pairs) or not np.isfinite(dressed[-1].verdict.speed):
+                break  # it would not stay on
+        if writer is not None:
+            writer.finish(dressed[-1])
+    return dressed[-1]
+
+
+def _names(patterns: list[str]) -> list[str]:
+    """Returns the names of the cloths: those of the patterns, with a number where they are the same."""
+    if len(patterns) == 1:
+        return ["garment"]
+    return [
+        f"{name} {patterns[:index].count(name) + 1}" if patterns.count(name) > 1 else name
+        for index, name in enumerate(patterns)
+    ]
 
 
 class _Dressing:
@@ -170,13 +154,19 @@ class _Dressing:
 
     def __init__(
         self,
+        name: str,
         mesh: PatternMesh,
         wearer: Wearer,
         fabric: Material,
+        under: Sequence[Dressed],
         how: dict[str, Any],
         say: Callable[[str], object] | None,
     ) -> None:
-        self.mesh, self.fabric, self.how = mesh, fabric, how
+        self.name, self.mesh, self.fabric, self.how = name, mesh, fabric, how
+        self.under = tuple(under)  # garments below this one
+        self.under_positions = [garment.positions for garment in under]
+        self.own = len(self.under)  # number of this cloth in a scene
+        self.first = sum(len(garment.positions) for garment in under)  # its first vertex
         self.say = say or (lambda text: None)
         self.wearer = wearer
         self.pairs = mesh.pairs
@@ -201,60 +191,83 @@ class _Dressing:
                 draping, last = self._drape(seconds)
         except Error as problem:
             problems.append(f"ended early, at {self.time:.1f} s: {problem}")
-        result = self._scene(self.fabric, self.wearer.moving)
+        result = self._scene(0.0, self.wearer.moving)
         verdict = self._verdict(result, last, problems)
-        final = result.cloths[0].vertices
+        final = result.cloths[self.own].vertices
         elapsed = time.monotonic() - started
-        dressed = Dressed(verdict, result, self.wearer, self.mesh, self.vertex_of, final, elapsed, sewing, draping)
-        if writer is not None:
-            writer.finish(dressed)
-        return dressed
+        under = tuple(replace(garment, positions=x) for garment, x in zip(self.under, self.under_positions))
+        return Dressed(
+            self.name,
+            verdict,
+            result,
+            self.wearer,
+            self.mesh,
+            self.vertex_of,
+            final,
+            elapsed,
+            sewing,
+            draping,
+            self.fabric,
+            under,
+        )
 
-    def _material(self, damping: float, friction: float | None) -> Material:
-        material = Material(self.fabric)
+    @staticmethod
+    def _material(fabric: Material, damping: float, friction: float | None) -> Material:
+        material = Material(fabric)
         material.mass_damping = max(damping, material.mass_damping)
         if friction is not None:
             material.friction, material.static_friction = friction, -1
         return material
 
-    def _scene(self, material: Material, moving: dict[str, Any] | None = None) -> Scene:
-        """Returns a scene of the garment under gravity; seams that are open are stitched.
+    def _scene(self, damping: float = 0.0, moving: dict[str, Any] | None = None) -> Scene:
+        """Returns a scene of the garments under gravity; seams that are open are stitched.
 
+        damping: Least mass damping of the fabrics, 1/s.
         moving: Arguments of `add_obstacle` for the body as it moves; None: it stands still.
         """
         scene = Scene(name=self.mesh.pattern.name, frame_time=STEP * STEPS)
         if moving:
             scene.frame_time, scene.frames = FRAME_TIME, round(MOTION / FRAME_TIME)
-        self._add(scene, material, BODY_FRICTION, moving)
+        self._add(scene, damping, None, moving)
         open_ = self._open()
         if open_.any():
             first, second = self.vertex_of[self.pairs[open_]].T
-            scene.stitch(0, first, 0, second, stiffness=STIFFEST)
+            scene.stitch(self.own, first, self.own, second, stiffness=STIFFEST)
         return scene
 
     def _sewing_scene(self, stiffness: Reals) -> Scene:
         """Returns a scene without gravity, with a stitch of its own stiffness for each open pair [pairs]."""
         scene = Scene(gravity=(0, 0, 0), name=self.mesh.pattern.name, frame_time=STEP * STEPS)
-        self._add(scene, self._material(SEWING_DAMPING, SEWING_FRICTION), SEWING_FRICTION)
+        self._add(scene, SEWING_DAMPING, SEWING_FRICTION)
         open_ = self._open()
         for value in np.unique(stiffness[open_]):
             first, second = self.vertex_of[self.pairs[open_ & (stiffness == value)]].T
-            scene.stitch(0, first, 0, second, stiffness=float(value))
+            scene.stitch(self.own, first, self.own, second, stiffness=float(value))
         return scene
 
     def _add(
-        self, scene: Scene, material: Material, friction: float, moving: dict[str, Any] | None = None
+        self, scene: Scene, damping: float, friction: float | None, moving: dict[str, Any] | None = None
     ) -> None:
+        """Adds the garments and the body to a scene; friction None: that of the fabrics and of a body."""
+        for garment, positions in zip(self.under, self.under_positions):
+            scene.add_cloth(
+                positions,
+                garment.faces,
+                material_vertices=garment.mesh.material,
+                material_faces=garment.mesh.faces,
+                material=self._material(garment.fabric, damping, friction),
+                name=garment.name,
+            )
         scene.add_cloth(
             self._joined_positions(),
             self.vertex_of[self.mesh.faces],
             material_vertices=self.mesh.material,
             material_faces=self.mesh.faces,
-            material=material,
-            name="garment",
+            material=self._material(self.fabric, damping, friction),
+            name=self.name,
         )
         body = {"mesh": self.wearer.vertices, "faces": self.wearer.faces}
-        scene.add_obstacle(**(moving or body), friction=friction, name="body")
+        scene.add_obstacle(**(moving or body), friction=BODY_FRICTION if friction is None else friction, name="body")
 
     def _joined_positions(self) -> Reals:
         """Returns the positions [vertices of the garment, 3]: the means of what is joined."""
@@ -291,7 +304,15 @@ class _Dressing:
                 f"{self.mesh.pattern.name}: {report.after:,} of {report.before:,} intersections of {what} remain: "
                 f"{where}; {remedy}"
             )
-        self.positions = scene.cloths[0].vertices[self.vertex_of]
+        self._take_over(np.concatenate([cloth.vertices for cloth in scene.cloths]))
+
+    def _take_over(self, vertices: Reals) -> None:
+        """Takes over the vertices of all garments."""
+        first = 0
+        for index, garment in enumerate(self.under):
+            self.under_positions[index] = vertices[first : first + len(garment.positions)]
+            first += len(garment.positions)
+        self.positions = vertices[first:][self.vertex_of]
 
     def _hang(self) -> None:
         """Lets panels that rise above the seam by which they hang, such as half circles of a skirt, fall below it."""
@@ -306,9 +327,10 @@ class _Dressing:
         if not hanging.any():
             return
         scene = Scene(name=self.mesh.pattern.name, frame_time=STEP * STEPS)
-        self._add(scene, self._material(HANGING_DAMPING, SEWING_FRICTION), SEWING_FRICTION)
-        scene.stitch(0, self.pairs[:, 0], 0, self.pairs[:, 1], stiffness=WEAKEST / 2**LAG)  # so as not to collide
-        scene.pin(0, ~hanging | held)
+        self._add(scene, HANGING_DAMPING, SEWING_FRICTION)
+        pairs = self.pairs.T
+        scene.stitch(self.own, pairs[0], self.own, pairs[1], stiffness=WEAKEST / 2**LAG)  # so as not to collide
+        scene.pin(self.own, ~hanging | held)
         simulation = Simulation(scene, accuracy=LEVEL, time_step=STEP, **self.how)
         for _ in range(HANGING_PHASES):
             simulation.step(STEPS)
@@ -381,13 +403,13 @@ class _Dressing:
         """Takes over positions of a simulation, records a frame; returns the root mean square speed, m/s."""
         count = simulation.cloth_vertex_count
         self.time += STEP * STEPS
-        self.positions = simulation.positions[:count][self.vertex_of]
+        self._take_over(simulation.positions[:count])
         if self.writer is not None:
-            self.writer.add(self.time, self.positions, simulation)
+            self.writer.add(self.time, np.concatenate([*self.under_positions, self.positions]), simulation)
         return float(np.sqrt((simulation.velocities[:count] ** 2).sum(axis=1).mean()))
 
     def _drape(self, seconds: float) -> tuple[int, Simulation]:
-        scene = self._scene(self._material(DRAPING_DAMPING, None))
+        scene = self._scene(DRAPING_DAMPING)
         simulation = Simulation(scene, accuracy=LEVEL, time_step=STEP, **self.how)
         phase, speed = 0, np.inf
         while phase < 5 or (speed > REST_SPEED and phase < seconds / (STEP * STEPS)):
@@ -397,7 +419,7 @@ class _Dressing:
         return phase, simulation
 
     def _verdict(self, scene: Scene, last: Simulation | None, problems: list[str]) -> Verdict:
-        pattern, cloth = self.mesh.pattern, scene.cloths[0]
+        pattern, cloth = self.mesh.pattern, scene.cloths[self.own]
         gaps, open_ = self._gaps(), self._open()
         gap, seam = float(gaps.max(initial=0)), ""
         if gap > TOLERANCE:
@@ -411,22 +433,23 @@ class _Dressing:
         problems += [f"{pair.count} intersections of {pair.first_name} with {pair.second_name}" for pair in found]
         speeds = np.full(1, np.nan)
         if last is not None:
-            speeds = np.linalg.norm(last.velocities[: len(cloth.vertices)], axis=1)
+            speeds = np.linalg.norm(last.velocities[: last.cloth_vertex_count], axis=1)
         speed = float(np.sqrt((speeds**2).mean()))
         if speed > REST_SPEED:
             fastest = int(np.argmax(speeds))
             problems.append(
                 f"not at rest: {speed * 1e3:.2g} mm/s, fastest {speeds[fastest] * 1e3:.2g} mm/s in "
-                f"{self._panel_of(fastest)} at {place(cloth.vertices[fastest])}"
+                f"{self._panel_of(fastest)} at {place(np.concatenate([c.vertices for c in scene.cloths])[fastest])}"
             )
-        dropped = float(self.mesh.positions[:, 2].max() - cloth.vertices[:, 2].max())
-        if dropped > SLIPPED * float(np.ptp(self.wearer.vertices[:, 2])):
-            problems.append(f"the garment slid down by {dropped:.2f} m: nothing holds it on this body")
+        for each, mesh in zip(scene.cloths, [*(garment.mesh for garment in self.under), self.mesh]):
+            dropped = float(mesh.positions[:, 2].max() - each.vertices[:, 2].max())
+            if dropped > SLIPPED * float(np.ptp(self.wearer.vertices[:, 2])):
+                problems.append(f"the {each.name} slid down by {dropped:.2f} m: nothing holds it on this body")
         strains = principal_strains(cloth.vertices[cloth.faces], self.mesh.material[self.mesh.faces])
         most = int(np.argmax(strains))
         panel = pattern.panels[self.mesh.panel_of_face[most]].name
         count = sum(pair.count for pair in found)
-        joined = float(self.gaps.max(initial=0))
+        joined = max([float(self.gaps.max(initial=0)), *(garment.verdict.joined_gap for garment in self.under)])
         return Verdict(problems, gap, joined, seam, count, speed, float(strains[most]), panel)
 
     def _seam_of(self, pair: int) -> int:
@@ -437,20 +460,9 @@ class _Dressing:
         raise MeshError(f"pair {pair} is of no seam")
 
     def _panel_of(self, vertex: int) -> str:
-        return self.mesh.pattern.panels[self.mesh.panel_of_vertex[np.flatnonzero(self.vertex_of == vertex)[0]]].name
-
-
-SLIPPED = 0.15  # of the body's height: a garment that sinks further has slid down
-
-
-def place(point: Reals) -> str:
-    """Returns "(0.1, 0.2, 1.3) m"."""
-    return f"({', '.join(f'{value:.2f}' for value in point)}) m"
-
-
-def principal_strains(corners: Reals, rest: Reals) -> Reals:
-    """Returns the larger principal stretch minus one [m] of triangles [m, 3, 3] with rest corners [m, 3, 2]."""
-    now = np.stack([corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]], axis=2)
-    flat = np.stack([rest[:, 1] - rest[:, 0], rest[:, 2] - rest[:, 0]], axis=2)
-    gradient = now @ np.linalg.inv(flat)
-    return np.linalg.svd(gradient, compute_uv=False)[:, 0] - 1
+        """Returns the name of the panel of a vertex of this garment, or that of a garment below it."""
+        names = [garment.name for garment in self.under for _ in range(len(garment.positions))]
+        if vertex < self.first:
+            return names[vertex]
+        own = np.flatnonzero(self.vertex_of == vertex - self.first)[0]
+        return self.mesh.pattern.panels[self.mesh.panel_of_vertex[own]].name
