@@ -25,7 +25,7 @@ LEAST = 0.15, 0.12, 0.1, 0.08  # of the extent, by which arms, legs and head sti
 LIFTED = 0.1  # of the height, by which one foot may be higher than the other
 RINGS = 24  # of a limb
 HIP = (0.95, 0.08)  # the hip joint: part of a thigh's distance from the middle; m above the crotch
-SHOULDER = 0.155  # m, from the ring at the armpit back to the shoulder joint
+SHOULDER = 0.172, 0.052  # m: the shoulder joint is so far from the middle, and so far below the skin
 ELBOW, WRIST = 0.275 / 0.692, 0.515 / 0.692  # parts of the way from shoulder to fingertips, as of the generated body
 CREASE = (0.17, 0.1)  # m, a point of the fold between leg and trunk: to the side; above the crotch
 SOLE = 0.02  # m, above the lowest point of a foot, below which it is sole
@@ -185,8 +185,13 @@ def _joints(x: Reals, crotch: Reals, parts: dict[str, _Limb]) -> dict[str, Reals
         joints["shin" + end] = leg.at_height(JOINTS["shin_left"][2] / JOINTS["thigh_left"][2] * hip)
         joints["foot" + end] = leg.at_height(JOINTS["foot_left"][2])
         joints["foot" + end][:2] = leg.at_height(1.5 * JOINTS["foot_left"][2])[:2]  # rings further down are the foot's
-        way = arm.centres[6] - arm.centres[0]
-        shoulder = arm.centres[0] - SHOULDER * way / np.linalg.norm(way)
+        upper = arm.centres[2:9]  # on the upper arm; the first rings are cut off at a slant
+        middle = upper.mean(axis=0)
+        way = np.linalg.svd(upper - middle)[2][0]
+        shoulder = middle + (np.sign(middle[0]) * SHOULDER[0] - middle[0]) / way[0] * way
+        above = (np.abs(x[:, :2] - shoulder[:2]) < [0.015, 0.08]).all(axis=1)
+        height = x[above, 2].max(initial=shoulder[2]) - SHOULDER[1]
+        shoulder[2] = np.clip(height, shoulder[2] - SHOULDER[1], shoulder[2] + SHOULDER[1])
         joints["arm" + end] = shoulder
         joints["forearm" + end] = arm.at(shoulder, ELBOW)
         joints["hand" + end] = arm.at(shoulder, WRIST)

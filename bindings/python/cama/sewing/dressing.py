@@ -111,6 +111,7 @@ def dress(
             f"dress: {counted(len(patterns), 'pattern')} and {counted(len(fabrics), 'fabric')}; give one fabric, or one "
             "for each pattern"
         )
+    materials = [Material.of(each) for each in fabrics]
     made = [given if isinstance(given, SewingPattern) else SewingPattern.load(given) for given in patterns]
     meshes = []
     for each in made:
@@ -127,9 +128,9 @@ def dress(
             from .output import Output
 
             writer = stack.enter_context(Output(output))
-        for name, mesh, cloth in zip(names, meshes, fabrics):
+        for name, mesh, material in zip(names, meshes, materials):
             how = {"backend": backend, "threads": threads}
-            work = _Dressing(name, mesh, wearer, Material.of(cloth), dressed, how, say)
+            work = _Dressing(name, mesh, wearer, material, dressed, how, say)
             last = len(dressed) == len(meshes) - 1
             dressed.append(work.run(writer if last else None, number("dress: seconds", seconds), started))
             if len(dressed[-1].open_pairs) or not np.isfinite(dressed[-1].verdict.speed):
@@ -349,7 +350,7 @@ class _Dressing:
         """Draws the seams together and joins them; returns the number of phases."""
         height = self.positions[self.pairs].mean(axis=1)[:, 2]
         depth = height.max(initial=-np.inf) - height
-        lag = np.round(2 * LAG * depth / max(depth.max(initial=0), 1e-9)) / 2 + BAND_LAG * self._ends_of_bands()
+        lag = np.round(2 * LAG * depth / max(depth.max(initial=0), 1e-9)) / 2 + BAND_LAG * ends_of_bands(self.mesh)
         level, full, last = 0.0, np.log2(STIFFEST / WEAKEST), lag.max(initial=0)
         phase, stuck, narrowest = 0, 0, np.inf
         while self._open().any() and phase < MAX_PHASES:
@@ -377,19 +378,6 @@ class _Dressing:
                 self._join(NEAR)
                 stuck, narrowest = 0, np.inf
         return phase
-
-    def _ends_of_bands(self) -> np.ndarray:
-        """Whether each pair [pairs] closes a band around a limb: of two panels that hang by much larger ones.
-
-        Such a band is sewn to the sleeve before its ends meet, or it closes beside the arm.
-        """
-        pattern, panels = self.mesh.pattern, self.mesh.panel_of_vertex
-        area = np.array([abs(panel.area) for panel in pattern.panels])
-        band = np.zeros(len(area), bool)
-        for first, second in ((seam.first[0], seam.second[0]) for seam in pattern.seams):
-            band[first] |= area[second] > BAND * area[first]
-            band[second] |= area[first] > BAND * area[second]
-        return band[panels[self.pairs]].all(axis=1)
 
     def _join(self, distance: float) -> None:
         """Joins the pairs of vertices that are within a distance, m. Raises CollisionError."""
@@ -466,3 +454,16 @@ class _Dressing:
             return names[vertex]
         own = np.flatnonzero(self.vertex_of == vertex - self.first)[0]
         return self.mesh.pattern.panels[self.mesh.panel_of_vertex[own]].name
+
+
+def ends_of_bands(mesh: PatternMesh) -> np.ndarray:
+    """Whether each pair [pairs] closes a band around a limb, such as a cuff: of two panels that much larger ones hold.
+
+    Such a band is sewn to the sleeve before its ends meet, or it closes beside the arm.
+    """
+    area = np.array([abs(panel.area) for panel in mesh.pattern.panels])
+    band = np.zeros(len(area), bool)
+    for first, second in ((seam.first[0], seam.second[0]) for seam in mesh.pattern.seams):
+        band[first] |= area[second] > BAND * area[first]
+        band[second] |= area[first] > BAND * area[second]
+    return band[mesh.panel_of_vertex[mesh.pairs]].all(axis=1)
