@@ -91,6 +91,16 @@ def test_areas_of_panels_are_those_of_closed_forms():
     assert disc.scaled(2, 3).area == pytest.approx(6 * math.pi, rel=1e-4)
 
 
+def test_another_size_hangs_at_the_same_height():
+    skirt = cama.SewingPattern.load("skirt")
+    assert skirt.top == pytest.approx(1.06)  # the waist, in the file 106 cm
+    assert skirt.scaled(1.1, 1.2).top == pytest.approx(1.2 * 1.06)
+    larger = skirt.scaled(1.1, 1.2, top=skirt.top)
+    assert larger.top == pytest.approx(1.06) and larger.area == pytest.approx(1.1 * 1.2 * skirt.area)
+    with pytest.raises(cama.SceneError, match="top nan must be a height"):
+        skirt.scaled(1.1, 1, top=float("nan"))
+
+
 # Formats.
 
 
@@ -421,12 +431,40 @@ def test_outfits_that_cannot_be_made():
         cama.dress("skirt", {"walker": {}}, motion="danse")
 
 
+def test_pairs_that_cannot_be_joined_stay_open_and_the_rest_is_joined(monkeypatch):
+    """Untangling is made to fail while a middle pair is joined, as where an arm is in the seam."""
+    from cama.sewing.dressing import _Dressing
+    from cama.sewing.wearer import Wearer
+
+    strip = {"corners": [[0, 0], [0.5, 0], [0.5, 0.1], [0, 0.1]]}
+    panels = {"low": strip, "high": {**strip, "translate": [0, 0.104, 0]}}
+    pattern = cama.SewingPattern.parse({"panels": panels, "seams": [["low.2", "high.0"]]})
+    wearer = Wearer(np.array([[0, 0, -9.0], [1, 0, -9], [0, 1, -9]]), np.array([[0, 1, 2]]), {}, {}, None)
+    work = _Dressing("garment", mesh_pattern(pattern, 0.025), wearer, cama.Material.fabric("cotton"), [], {}, None)
+    along = work.positions[work.pairs[:, 0], 0]
+    caught = work.pairs[np.argmin(np.abs(along - 0.25))]
+    untangle = work._untangle
+
+    def refuse(scene, *words):
+        if work.vertex_of[caught[0]] == work.vertex_of[caught[1]]:
+            raise cama.CollisionError("an arm is in the way")
+        untangle(scene, *words)
+
+    monkeypatch.setattr(work, "_untangle", refuse)
+    monkeypatch.setattr(work, "_tangled", lambda scene: work.vertex_of[caught])
+    assert work._join(1e-3) == 0 and work._open().all()  # they are 4 mm apart
+    assert work._join(0.01) == len(work.pairs) - 1
+    assert work.pairs[work._open()].tolist() == [caught.tolist()]
+    assert work.gaps[~work._open()] == pytest.approx(0.004) and work.gaps[work._open()] == 0
+
+
 def test_bands_close_after_they_are_sewn_to_what_holds_them():
     """Two cuffs of a sleeve: the ends of the cuffs, and no other seam."""
     from cama.sewing.dressing import ends_of_bands
 
-    panels = {name: {"corners": [[0, 0], [0.4, 0], [0.4, 0.5], [0, 0.5]]} for name in ("front", "back")}
-    panels.update({name: {"corners": [[0, 0], [0.2, 0], [0.2, 0.05], [0, 0.05]]} for name in ("cuff", "cuff back")})
+    sleeve, cuff = [[0, 0.5], [0.4, 0.5], [0.4, 1], [0, 1]], [[0, 0], [0.2, 0], [0.2, 0.05], [0, 0.05]]
+    panels = {name: {"corners": sleeve, "rotate": [90, 0, 0]} for name in ("front", "back")}
+    panels.update({name: {"corners": cuff, "rotate": [90, 0, 0]} for name in ("cuff", "cuff back")})
     seams = [["front.1", "back.3"], ["front.0", "cuff.2"], ["back.0", "cuff back.2"], ["cuff.1", "cuff back.3"]]
     pattern = cama.SewingPattern.parse({"panels": panels, "seams": seams})
     mesh = mesh_pattern(pattern, 0.05)

@@ -55,6 +55,12 @@ def dress(
         Optional[tuple[float, float]],
         typer.Option(metavar="WIDTH HEIGHT", help="Factors of the patterns' horizontal and vertical measurements."),
     ] = None,
+    same_body: Annotated[
+        bool,
+        typer.Option(
+            "--same-body", help="With --scale: the panels' highest point stays where it is, as for another size."
+        ),
+    ] = False,
     resolution: Annotated[int, typer.Option(min=16, help="About how many triangles each garment has.")] = 8000,
     edge_length: Annotated[
         Optional[float], typer.Option(metavar="METRES", help="Length of their edges, in place of --resolution.")
@@ -63,7 +69,7 @@ def dress(
     up: Annotated[
         Optional[Up], typer.Option(help="Axis of the body's file that points up. Default: the pattern's.")
     ] = None,
-    seconds: Annotated[float, typer.Option(min=0.5, help="Longest time of draping, s.")] = 8.0,
+    seconds: Annotated[float, typer.Option(min=0.5, help="Longest time of draping, s.")] = 12.0,
     backend: BackendOption = Backend.auto,
     threads: Threads = 0,
     output: Annotated[
@@ -87,7 +93,7 @@ def dress(
         chosen = {"walker": {}} if body == "walker" else Body(body, lead_in=lead_in)
     made = [SewingPattern.load(file) for file in pattern]
     if scale is not None:
-        made = [each.scaled(*scale) for each in made]
+        made = [each.scaled(*scale, top=each.top if same_body else None) for each in made]
     folder = output or Path("out") / "-".join(each.name for each in made)
     status = Console(stderr=True, highlight=False)
     dressed = sew(

@@ -34,6 +34,7 @@ __all__ = ["Dressed", "Verdict", "dress"]
 TOLERANCE = 1e-3  # m: seams that are closed to this are joined
 NEAR = 1e-2  # m: pairs that are joined when a seam closes no further, so that the rest of it can
 PATIENCE = 4  # phases without progress after which a seam closes no further
+TRIES = 5  # of joining pairs, each without those at which the one before made cloth intersect
 REST_SPEED = 3e-3  # m/s, root mean square over the cloth, below which it is at rest
 LEVEL, STEP = "interactive", 0.01  # accuracy; s, time step. At "preview" small triangles of a cuff burst
 STEPS = 10  # in a phase, after which stitches become stiffer and a frame is recorded
@@ -43,10 +44,11 @@ BAND_LAG, BAND = 4, 3.0  # doublings by which the ends of a band, such as a cuff
 SEWING_SPEED = 0.6  # m/s, mean: above it stitches stay as they are
 MAX_PHASES = 70  # of sewing
 SEWING_DAMPING = 10.0  # 1/s, mass damping while sewing
-DRAPING_DAMPING = 6.0  # 1/s, mass damping while draping
+DRAPING_DAMPING = 3.0  # 1/s, mass damping while draping
+INNER_DAMPING = 0.05  # s, least damping of stretch and bending while draping: tight cloth between contacts trembles
 SEWING_FRICTION = 0.05
 RISE = 0.1  # m, of a panel above the seam that it hangs by, above which it falls before it is sewn
-HANGING_DAMPING, HANGING_PHASES = 3.0, 15  # 1/s; phases of the fall
+HANGING_DAMPING, HANGING_PHASES = 3.0, 25  # 1/s; phases of the fall
 BODY_FRICTION = 0.4
 SLIPPED = 0.15  # of the body's height: a garment that sinks further has slid down
 FRAME_TIME, MOTION = 0.02, 5.0  # s, between the frames of the scene of a body that moves; its length
@@ -64,7 +66,7 @@ def dress(
     output: PathLike | None = None,
     units: Literal["m", "cm", "mm", "inch"] | None = None,
     up: Literal["y", "z"] | None = None,
-    seconds: float = 8.0,
+    seconds: float = 12.0,
     backend: str = "auto",
     threads: int = 0,
     say: Callable[[str], object] | None = None,
@@ -133,7 +135,7 @@ def dress(
             work = _Dressing(name, mesh, wearer, material, dressed, how, say)
             last = len(dressed) == len(meshes) - 1
             dressed.append(work.run(writer if last else None, number("dress: seconds", seconds), started))
-            if len(dressed[-1].open_pairs) or not np.isfinite(dressed[-1].verdict.speed):
+            if not np.isfinite(dressed[-1].verdict.speed):
                 break  # it would not stay on
         if writer is not None:
             writer.finish(dressed[-1])
@@ -188,7 +190,7 @@ class _Dressing:
         try:
             self._hang()
             sewing = self._sew()
-            if not self._open().any():  # what is not sewn would fall apart
+            if self._gaps().max(initial=0) <= NEAR:  # what is not sewn would fall apart
                 draping, last = self._drape(seconds)
         except Error as problem:
             problems.append(f"ended early, at {self.time:.1f} s: {problem}")
@@ -216,6 +218,8 @@ class _Dressing:
     def _material(fabric: Material, damping: float, friction: float | None) -> Material:
         material = Material(fabric)
         material.mass_damping = max(damping, material.mass_damping)
+        if damping == DRAPING_DAMPING:
+            material.damping = max(INNER_DAMPING, material.damping)
         if friction is not None:
             material.friction, material.static_friction = friction, -1
         return material
@@ -352,7 +356,7 @@ class _Dressing:
         depth = height.max(initial=-np.inf) - height
         lag = np.round(2 * LAG * depth / max(depth.max(initial=0), 1e-9)) / 2 + BAND_LAG * ends_of_bands(self.mesh)
         level, full, last = 0.0, np.log2(STIFFEST / WEAKEST), lag.max(initial=0)
-        phase, stuck, narrowest = 0, 0, np.inf
+        phase, stuck, waiting, narrowest = 0, 0, 0, np.inf
         while self._open().any() and phase < MAX_PHASES:
             simulation = Simulation(
                 self._sewing_scene(WEAKEST * 2.0 ** np.clip(level - lag, 0, full)),
@@ -371,21 +375,45 @@ class _Dressing:
             stuck = 0 if gaps.max() < 0.9 * narrowest else stuck + 1
             narrowest = min(narrowest, gaps.max())
             if gaps.max() <= TOLERANCE and level > last:
-                self._join(TOLERANCE)
-            elif level > full + last and stuck >= PATIENCE:
-                if not (self._open() & (gaps <= NEAR)).any():
+                waiting = 0 if self._join(TOLERANCE) else waiting + 1
+                if waiting >= PATIENCE:
                     break
-                self._join(NEAR)
+            elif level > full + last and stuck >= PATIENCE:
+                if not self._join(NEAR):
+                    break
                 stuck, narrowest = 0, np.inf
         return phase
 
-    def _join(self, distance: float) -> None:
-        """Joins the pairs of vertices that are within a distance, m. Raises CollisionError."""
-        gaps = self._gaps()
-        self.gaps = np.where(self._open(), gaps, self.gaps)
-        self.vertex_of = merge_map(len(self.positions), self.pairs[~self._open() | (gaps <= distance)])
-        scene = self._sewing_scene(np.full(len(self.pairs), WEAKEST))
-        self._untangle(scene, "the joined seams", "take a shorter edge length, or look at the panels there")
+    def _join(self, distance: float) -> int:
+        """Joins the pairs of vertices that are within a distance, m; returns how many.
+
+        Pairs whose joining makes cloth intersect so that it cannot be untangled stay open for now.
+        """
+        gaps, open_, before = self._gaps(), self._open(), self.vertex_of
+        close = open_ & (gaps <= distance)
+        for _ in range(TRIES):
+            if not close.any():
+                break
+            self.vertex_of = merge_map(len(self.positions), self.pairs[~open_ | close])
+            scene = self._sewing_scene(np.full(len(self.pairs), WEAKEST))
+            try:
+                self._untangle(scene, "the joined seams", "look at the panels there")
+            except CollisionError:
+                close &= ~np.isin(self.vertex_of[self.pairs], self._tangled(scene)).any(axis=1)
+                self.vertex_of = before
+                continue
+            self.gaps[close] = gaps[close]
+            return int(close.sum())
+        return 0
+
+    def _tangled(self, scene: Scene) -> Integers:
+        """Returns the vertices of this garment that intersect, and those of the triangles beside them."""
+        faces = self.vertex_of[self.mesh.faces]
+        found = [np.zeros(0, int)]
+        for pair in scene.intersections():
+            found.append(pair.edge[pair.edge_object == self.own].ravel())
+            found.append(faces[pair.face[pair.face_object == self.own]].ravel())
+        return np.unique(faces[np.isin(faces, np.concatenate(found)).any(axis=1)])
 
     def _take(self, simulation: Simulation) -> float:
         """Takes over positions of a simulation, records a frame; returns the root mean square speed, m/s."""
@@ -457,13 +485,14 @@ class _Dressing:
 
 
 def ends_of_bands(mesh: PatternMesh) -> np.ndarray:
-    """Whether each pair [pairs] closes a band around a limb, such as a cuff: of two panels that much larger ones hold.
+    """Whether each pair [pairs] closes a band around a limb, such as a cuff: of two panels that hang by larger ones.
 
     Such a band is sewn to the sleeve before its ends meet, or it closes beside the arm.
     """
     area = np.array([abs(panel.area) for panel in mesh.pattern.panels])
+    height = np.bincount(mesh.panel_of_vertex, mesh.positions[:, 2]) / np.bincount(mesh.panel_of_vertex)
     band = np.zeros(len(area), bool)
-    for first, second in ((seam.first[0], seam.second[0]) for seam in mesh.pattern.seams):
-        band[first] |= area[second] > BAND * area[first]
-        band[second] |= area[first] > BAND * area[second]
+    for seam in mesh.pattern.seams:
+        for own, other in ((seam.first[0], seam.second[0]), (seam.second[0], seam.first[0])):
+            band[own] |= area[other] > BAND * area[own] and height[other] > height[own]
     return band[mesh.panel_of_vertex[mesh.pairs]].all(axis=1)
