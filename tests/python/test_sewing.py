@@ -433,14 +433,14 @@ def test_outfits_that_cannot_be_made():
 
 def test_pairs_that_cannot_be_joined_stay_open_and_the_rest_is_joined(monkeypatch):
     """Untangling is made to fail while a middle pair is joined, as where an arm is in the seam."""
-    from cama.sewing.dressing import _Dressing
     from cama.sewing.wearer import Wearer
+    from cama.sewing.work import Dressing
 
     strip = {"corners": [[0, 0], [0.5, 0], [0.5, 0.1], [0, 0.1]]}
     panels = {"low": strip, "high": {**strip, "translate": [0, 0.104, 0]}}
     pattern = cama.SewingPattern.parse({"panels": panels, "seams": [["low.2", "high.0"]]})
     wearer = Wearer(np.array([[0, 0, -9.0], [1, 0, -9], [0, 1, -9]]), np.array([[0, 1, 2]]), {}, {}, None)
-    work = _Dressing("garment", mesh_pattern(pattern, 0.025), wearer, cama.Material.fabric("cotton"), [], {}, None)
+    work = Dressing("garment", mesh_pattern(pattern, 0.025), wearer, cama.Material.fabric("cotton"), [], {}, None)
     along = work.positions[work.pairs[:, 0], 0]
     caught = work.pairs[np.argmin(np.abs(along - 0.25))]
     untangle = work._untangle
@@ -452,15 +452,15 @@ def test_pairs_that_cannot_be_joined_stay_open_and_the_rest_is_joined(monkeypatc
 
     monkeypatch.setattr(work, "_untangle", refuse)
     monkeypatch.setattr(work, "_tangled", lambda scene: work.vertex_of[caught])
-    assert work._join(1e-3) == 0 and work._open().all()  # they are 4 mm apart
+    assert work._join(1e-3) == 0 and work.open().all()  # they are 4 mm apart
     assert work._join(0.01) == len(work.pairs) - 1
-    assert work.pairs[work._open()].tolist() == [caught.tolist()]
-    assert work.gaps[~work._open()] == pytest.approx(0.004) and work.gaps[work._open()] == 0
+    assert work.pairs[work.open()].tolist() == [caught.tolist()]
+    assert work.gaps[~work.open()] == pytest.approx(0.004) and work.gaps[work.open()] == 0
 
 
 def test_bands_close_after_they_are_sewn_to_what_holds_them():
     """Two cuffs of a sleeve: the ends of the cuffs, and no other seam."""
-    from cama.sewing.dressing import ends_of_bands
+    from cama.sewing.order import ends_of_bands
 
     sleeve, cuff = [[0, 0.5], [0.4, 0.5], [0.4, 1], [0, 1]], [[0, 0], [0.2, 0], [0.2, 0.05], [0, 0.05]]
     panels = {name: {"corners": sleeve, "rotate": [90, 0, 0]} for name in ("front", "back")}

@@ -365,9 +365,7 @@ class Body:
 
     def _check_size(self, triangles: int) -> None:
         if self.duration * self.samples_per_second * triangles > 1e8:
-            raise MeshError(
-                "body: duration times samples_per_second is too much; give less of either, or of triangles"
-            )
+            raise MeshError("body: duration times samples_per_second is too much; give less of either, or of triangles")
 
     def animation(self) -> Motion:
         """Returns the motion of its vertices."""

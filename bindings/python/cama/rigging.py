@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Bones and skin for the mesh of a body that stands still, so that it can move as the generated body does.
 
-Arms, legs and head are the parts that stick out from the middle of the surface (clearance.py). A limb's bones lie on the
-line through the centres of its rings, at the same parts of its length as those of the generated body.
+Arms, legs and head are the parts that stick out from the middle of the surface (clearance.py). A limb's bones lie on
+the line through the centres of its rings, at the same parts of its length as those of the generated body.
 """
 
 from __future__ import annotations
@@ -93,8 +93,8 @@ def rig(vertices: Reals, faces: Integers, name: str = "body") -> Rig:
             break
     else:
         raise MeshError(
-            f"{name}: a head, two arms and two legs are not what sticks out from the middle of the mesh: a body that is "
-            "to be moved stands upright along z, its arms away from its sides and its legs apart"
+            f"{name}: a head, two arms and two legs are not what sticks out from the middle of the mesh: a body that "
+            "is to be moved stands upright along z, its arms away from its sides and its legs apart"
         )
     turn = _facing(vertices, label, legs, height)
     scale = height / HEIGHT

@@ -19,8 +19,8 @@ from ..io.recording import Recorder
 from ..io.summary import finite
 from ..scene import Scene
 from ..types import Integers, PathLike, Reals
-from .dressing import STIFFEST
 from .wearer import MESH, entry_in
+from .work import STIFFEST
 
 if TYPE_CHECKING:
     from typing_extensions import Self

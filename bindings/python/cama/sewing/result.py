@@ -4,14 +4,25 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ..errors import MeshError
+from ..hints import counted
 from ..material import Material
 from ..scene import Scene
 from ..types import Integers, Reals
 from .meshing import PatternMesh
 from .wearer import Wearer
+
+if TYPE_CHECKING:
+    from ..simulation import Simulation
+    from .work import Dressing
+
+TOLERANCE = 1e-3  # m: seams that are closed to this are joined
+REST_SPEED = 3e-3  # m/s, root mean square over the cloth, below which it is at rest
+SLIPPED = 0.15  # of the body's height: a garment that sinks further has slid down
 
 
 @dataclass
@@ -78,3 +89,63 @@ def principal_strains(corners: Reals, rest: Reals) -> Reals:
     flat = np.stack([rest[:, 1] - rest[:, 0], rest[:, 2] - rest[:, 0]], axis=2)
     gradient = now @ np.linalg.inv(flat)
     return np.linalg.svd(gradient, compute_uv=False)[:, 0] - 1
+
+
+def judge(work: Dressing, scene: Scene, last: Simulation | None, problems: list[str]) -> Verdict:
+    """Returns the verdict on a garment.
+
+    Args:
+        work: What was done.
+        scene: The garments at the end.
+        last: The simulation that draped them; None: there was none.
+        problems: What failed before.
+    """
+    pattern, cloth = work.mesh.pattern, scene.cloths[work.own]
+    gaps, open_ = work.gaps_now(), work.open()
+    gap, seam = float(gaps.max(initial=0)), ""
+    if gap > TOLERANCE:
+        widest = int(np.argmax(gaps))
+        seam = pattern.seam_name(_seam_of(work, widest))
+        problems.append(
+            f"{counted(int((open_ & (gaps > TOLERANCE)).sum()), 'pair')} of vertices did not close; {seam} is "
+            f"{gap * 1e3:.3g} mm apart at {place(work.positions[work.pairs[widest, 0]])}"
+        )
+    found = scene.intersections()
+    problems += [f"{pair.count} intersections of {pair.first_name} with {pair.second_name}" for pair in found]
+    speeds = np.full(1, np.nan)
+    if last is not None:
+        speeds = np.linalg.norm(last.velocities[: last.cloth_vertex_count], axis=1)
+    speed = float(np.sqrt((speeds**2).mean()))
+    if speed > REST_SPEED:
+        fastest = int(np.argmax(speeds))
+        problems.append(
+            f"not at rest: {speed * 1e3:.2g} mm/s, fastest {speeds[fastest] * 1e3:.2g} mm/s in "
+            f"{_panel_of(work, fastest)} at {place(np.concatenate([c.vertices for c in scene.cloths])[fastest])}"
+        )
+    for each, mesh in zip(scene.cloths, [*(garment.mesh for garment in work.under), work.mesh]):
+        dropped = float(mesh.positions[:, 2].max() - each.vertices[:, 2].max())
+        if dropped > SLIPPED * float(np.ptp(work.wearer.vertices[:, 2])):
+            problems.append(f"the {each.name} slid down by {dropped:.2f} m: nothing holds it on this body")
+    strains = principal_strains(cloth.vertices[cloth.faces], work.mesh.material[work.mesh.faces])
+    most = int(np.argmax(strains))
+    panel = pattern.panels[work.mesh.panel_of_face[most]].name
+    count = sum(pair.count for pair in found)
+    joined = max([float(work.gaps.max(initial=0)), *(garment.verdict.joined_gap for garment in work.under)])
+    return Verdict(problems, gap, joined, seam, count, speed, float(strains[most]), panel)
+
+
+def _seam_of(work: Dressing, pair: int) -> int:
+    wanted = work.pairs[pair]
+    for index, rows in enumerate(work.mesh.seam_pairs):
+        if (np.sort(rows, axis=1) == wanted).all(axis=1).any():
+            return index
+    raise MeshError(f"pair {pair} is of no seam")
+
+
+def _panel_of(work: Dressing, vertex: int) -> str:
+    """Returns the name of the panel of a vertex of this garment, or that of a garment below it."""
+    names = [garment.name for garment in work.under for _ in range(len(garment.positions))]
+    if vertex < work.first:
+        return names[vertex]
+    own = np.flatnonzero(work.vertex_of == vertex - work.first)[0]
+    return work.mesh.pattern.panels[work.mesh.panel_of_vertex[own]].name

@@ -59,7 +59,9 @@ def wearer_of(body: Any, motion: str | None, lead_in: float, units: str | None, 
     character = "mesh" in arguments and not isinstance(body, tuple) and Path(body).suffix.lower() in CHARACTERS
     if character and motion is None:
         return _character(Path(body), {**arguments, "lead_in": lead_in})
-    still = Scene().add_obstacle(**arguments, **({"clip": "bind"} if character else {}), name="body")
+    if character:
+        arguments["clip"] = "bind"
+    still = Scene().add_obstacle(**arguments, name="body")
     vertices, faces = np.array(still.vertices), np.array(still.faces)
     if motion is None:
         return Wearer(vertices, faces, {}, {}, None)
