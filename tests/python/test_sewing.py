@@ -91,6 +91,16 @@ def test_areas_of_panels_are_those_of_closed_forms():
     assert disc.scaled(2, 3).area == pytest.approx(6 * math.pi, rel=1e-4)
 
 
+def test_another_size_hangs_at_the_same_height():
+    skirt = cama.SewingPattern.load("skirt")
+    assert skirt.top == pytest.approx(1.06)  # the waist, in the file 106 cm
+    assert skirt.scaled(1.1, 1.2).top == pytest.approx(1.2 * 1.06)
+    larger = skirt.scaled(1.1, 1.2, top=skirt.top)
+    assert larger.top == pytest.approx(1.06) and larger.area == pytest.approx(1.1 * 1.2 * skirt.area)
+    with pytest.raises(cama.SceneError, match="top nan must be a height"):
+        skirt.scaled(1.1, 1, top=float("nan"))
+
+
 # Formats.
 
 
@@ -312,16 +322,154 @@ def test_a_skirt_that_is_too_small_is_a_failed_verdict_that_names_the_seam():
 
 
 def test_bodies_of_other_units_and_without_a_body_size(tmp_path):
-    from cama.sewing.dressing import _body
+    from cama.sewing.wearer import _of_file
 
     vertices = [[0.0, 0, 0], [50, 0, 0], [0, 170, 0]]
     text = "".join("v {} {} {}\n".format(*v) for v in vertices) + "f 1 2 3\n"
     (tmp_path / "body.obj").write_text(text)
-    assert _body(tmp_path / "body.obj", None, "y")["units"] == "cm"
-    assert _body(tmp_path / "body.obj", "mm", "y")["units"] == "mm"
+    assert _of_file(tmp_path / "body.obj", None, "y")["units"] == "cm"
+    assert _of_file(tmp_path / "body.obj", "mm", "y")["units"] == "mm"
     (tmp_path / "body.obj").write_text(text.replace("170", "7"))
     with pytest.raises(cama.SceneError, match="7 units high"):
-        _body(tmp_path / "body.obj", None, "y")
+        _of_file(tmp_path / "body.obj", None, "y")
+
+
+# Bodies that move once they are dressed.
+
+
+@pytest.fixture(scope="module")
+def figure():
+    """The generated body as a mesh: vertices and faces."""
+    body = cama.Body(triangles=6000, duration=0.1, samples_per_second=10)
+    return body.vertices, body.faces
+
+
+def moves_dressed(scene, frames):
+    """Simulates a dressed body; returns how far the cloth came from the body's middle, m, and its largest strain."""
+    simulation = cama.Simulation(scene, accuracy="interactive", threads=1)
+    cloth, start = simulation.cloth_vertex_count, simulation.positions.copy()
+    for frame in simulation.frames(frames):
+        assert frame.intersections == 0
+    x = simulation.positions
+    assert count_intersections(x, simulation.faces, cloth) == 0
+    assert np.linalg.norm(x[cloth:] - start[cloth:], axis=1).max() > 0.1  # the body has moved
+    return x[:cloth], simulation.max_strain
+
+
+def test_a_skirt_dances(tmp_path):
+    body = cama.Body("dance", triangles=6000, lead_in=0.3)
+    made = cama.dress("skirt", body, triangles=200, output=tmp_path, threads=1)
+    assert made.verdict.good, str(made.verdict)
+    scene = cama.Scene.load(tmp_path / "scene.json")
+    assert scene.frames * scene.frame_time == made.scene.frames * made.scene.frame_time == pytest.approx(5)
+    for each in (scene, made.scene):
+        obstacle = each.obstacles[0]
+        assert obstacle.vertices == pytest.approx(body.vertices, abs=1e-6)
+        assert np.asarray(obstacle.motion.evaluate(1.0, obstacle.vertices)) == pytest.approx(
+            cama.Body("dance", triangles=6000, lead_in=0.3, duration=1).positions[-1], abs=1e-3
+        )
+    cloth, strain = moves_dressed(scene, 40)
+    assert 0.9 < cloth[:, 2].max() < 1.15 and strain < 0.3  # it stays on the hips, and is not torn
+
+
+def test_a_mesh_that_is_dressed_walks(figure, tmp_path):
+    made = cama.dress("top", figure, motion="walk", lead_in=0.3, triangles=200, output=tmp_path, threads=1)
+    assert made.verdict.good, str(made.verdict)
+    entry = json.loads((tmp_path / "scene.json").read_text())["obstacles"][0]
+    assert entry["body"] == {"motion": "walk", "lead_in": 0.3, "file": "body.obj"}
+    scene = cama.Scene.load(tmp_path / "scene.json")
+    assert scene.obstacles[0].vertices == pytest.approx(figure[0], abs=1e-6)
+    cloth, strain = moves_dressed(scene, 25)
+    assert cloth[:, 2].max() > 1.3 and strain < 0.5  # it hangs from the shoulders
+
+
+def meets(points, ways, corners):
+    """Whether rays from points [n, 3] meet a triangle of corners [m, 3, 3] (Möller and Trumbore 1997)."""
+    a, u, v = corners[:, 0], corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
+    across = np.cross(ways[:, None], v)
+    size = (across * u).sum(axis=2)
+    from_a = points[:, None] - a
+    first = (from_a * across).sum(axis=2) / size
+    other = np.cross(from_a, u)
+    second = (other * ways[:, None]).sum(axis=2) / size
+    return ((first >= 0) & (second >= 0) & (first + second <= 1) & ((other * v).sum(axis=2) / size > 0)).any(axis=1)
+
+
+def test_an_outfit_has_its_layers_in_order(tmp_path):
+    """A wider skirt over a skirt: the wider one is outside."""
+    under = cama.SewingPattern.load("skirt")
+    made = cama.dress(
+        [under, under.scaled(1.1, 1)], {"walker": {}}, fabric=["wool", "silk"], triangles=200, output=tmp_path
+    )
+    assert made.verdict.good, str(made.verdict)
+    assert [cloth.name for cloth in made.scene.cloths] == ["skirt 1", "skirt 2"]
+    assert [garment.name for garment in made.under] == ["skirt 1"] and made.name == "skirt 2"
+    scene = cama.Scene.load(tmp_path / "scene.json")
+    densities = [cloth.material.density for cloth in scene.cloths]
+    assert densities == [cama.Material.fabric(name).density for name in ("wool", "silk")]
+    inner, outer = scene.cloths
+    assert inner.vertices == pytest.approx(made.under[0].positions, abs=1e-6)
+    assert outer.vertices == pytest.approx(made.positions, abs=1e-6)
+    low, high = outer.vertices[:, 2].min() + 0.1, outer.vertices[:, 2].max() - 0.1
+    share = []
+    for cloth, other in ((inner, outer), (outer, inner)):
+        x = cloth.vertices[(cloth.vertices[:, 2] > low) & (cloth.vertices[:, 2] < high)]
+        assert len(x) > 30
+        outwards = x * [1, 1, 0] / np.linalg.norm(x[:, :2], axis=1)[:, None]
+        share.append(meets(x, outwards, other.vertices[other.faces]).mean())
+    assert share[0] > 0.98 and share[1] < 0.1  # the outer one is on the way out of the body, but for folds
+
+
+def test_outfits_that_cannot_be_made():
+    with pytest.raises(cama.SceneError, match="2 patterns and 3 fabrics"):
+        cama.dress(["skirt", "top"], {"walker": {}}, fabric=["wool"] * 3)
+    with pytest.raises(cama.SceneError, match="0 patterns"):
+        cama.dress([], {"walker": {}})
+    with pytest.raises(cama.SceneError, match="the body has its own"):
+        cama.dress("skirt", cama.Body(triangles=6000, duration=0.1, samples_per_second=10), motion="walk")
+    with pytest.raises(cama.SceneError, match="did you mean 'dance'"):
+        cama.dress("skirt", {"walker": {}}, motion="danse")
+
+
+def test_pairs_that_cannot_be_joined_stay_open_and_the_rest_is_joined(monkeypatch):
+    """Untangling is made to fail while a middle pair is joined, as where an arm is in the seam."""
+    from cama.sewing.wearer import Wearer
+    from cama.sewing.work import Dressing
+
+    strip = {"corners": [[0, 0], [0.5, 0], [0.5, 0.1], [0, 0.1]]}
+    panels = {"low": strip, "high": {**strip, "translate": [0, 0.104, 0]}}
+    pattern = cama.SewingPattern.parse({"panels": panels, "seams": [["low.2", "high.0"]]})
+    wearer = Wearer(np.array([[0, 0, -9.0], [1, 0, -9], [0, 1, -9]]), np.array([[0, 1, 2]]), {}, {}, None)
+    work = Dressing("garment", mesh_pattern(pattern, 0.025), wearer, cama.Material.fabric("cotton"), [], {}, None)
+    along = work.positions[work.pairs[:, 0], 0]
+    caught = work.pairs[np.argmin(np.abs(along - 0.25))]
+    untangle = work._untangle
+
+    def refuse(scene, *words):
+        if work.vertex_of[caught[0]] == work.vertex_of[caught[1]]:
+            raise cama.CollisionError("an arm is in the way")
+        untangle(scene, *words)
+
+    monkeypatch.setattr(work, "_untangle", refuse)
+    monkeypatch.setattr(work, "_tangled", lambda scene: work.vertex_of[caught])
+    assert work._join(1e-3) == 0 and work.open().all()  # they are 4 mm apart
+    assert work._join(0.01) == len(work.pairs) - 1
+    assert work.pairs[work.open()].tolist() == [caught.tolist()]
+    assert work.gaps[~work.open()] == pytest.approx(0.004) and work.gaps[work.open()] == 0
+
+
+def test_bands_close_after_they_are_sewn_to_what_holds_them():
+    """Two cuffs of a sleeve: the ends of the cuffs, and no other seam."""
+    from cama.sewing.order import ends_of_bands
+
+    sleeve, cuff = [[0, 0.5], [0.4, 0.5], [0.4, 1], [0, 1]], [[0, 0], [0.2, 0], [0.2, 0.05], [0, 0.05]]
+    panels = {name: {"corners": sleeve, "rotate": [90, 0, 0]} for name in ("front", "back")}
+    panels.update({name: {"corners": cuff, "rotate": [90, 0, 0]} for name in ("cuff", "cuff back")})
+    seams = [["front.1", "back.3"], ["front.0", "cuff.2"], ["back.0", "cuff back.2"], ["cuff.1", "cuff back.3"]]
+    pattern = cama.SewingPattern.parse({"panels": panels, "seams": seams})
+    mesh = mesh_pattern(pattern, 0.05)
+    ends = {tuple(pair) for pair in np.sort(mesh.seam_pairs[3], axis=1)}
+    assert {tuple(pair) for pair in mesh.pairs[ends_of_bands(mesh)]} == ends
 
 
 def test_command(tmp_path, monkeypatch):
@@ -330,6 +478,8 @@ def test_command(tmp_path, monkeypatch):
     pattern = str(PATTERNS / "skirt.json")
     result = CliRunner().invoke(app, ["dress", pattern, "--body", "nobody.obj"])
     assert result.exit_code == 2 and "nobody.obj: there is no such file" in result.output
+    result = CliRunner().invoke(app, ["dress", pattern, "--body", "walker", "--fabric", "silk", "--fabric", "wool"])
+    assert result.exit_code == 2 and "1 pattern and 2 fabrics" in result.output
     result = CliRunner().invoke(app, ["dress", pattern, "--body", "walker", "--fabric", "coton"])
     assert result.exit_code == 2 and "did you mean 'cotton'" in result.output
     assert not Path("out").exists()

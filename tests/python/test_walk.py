@@ -107,6 +107,9 @@ SMALLER = {
     "cama dress skirt --body walker": "--resolution 300",
     "cama render out/skirt": PICTURES,
     "cama run out/skirt/scene.json -o out/skirt-run --frames 10": "--frames 1 --accuracy preview",
+    "cama dress skirt --body dance -o out/dancer": "--resolution 200",
+    "cama run out/dancer/scene.json": "--frames 1 --accuracy preview",
+    "cama dress skirt top --body walk --fabric wool --fabric cotton -o out/outfit": "--resolution 200",
     "cama run my-skirt --frames 5": "--resolution 300 --frames 1 --accuracy preview",  # coarser ones touch the body
     "cama tradeoff drape --resolution 400": f"{PLAN} --vary time_step=1/200,1/400",
     "cama tradeoff flag --resolution 400 --vary time_step=1/200,1/800 --vary integrator=backward_euler,bdf2": PLAN,

@@ -10,18 +10,19 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from .arrays import number, whole
+from .clearance import clear
 from .errors import MeshError, SceneError
 from .hints import brief, require, similar
-from .isosurface import Ring, central_differences, decimated, outward, polygonise
+from .isosurface import central_differences, decimated, outward, polygonise
 from .motion import Motion
-from .posing import BONES, JOINTS, LYING, MOTIONS, PARENTS, on_ground, periods, pose
-from .types import Integers, Reals
+from .posing import BONES, GENERATED, JOINTS, LYING, MOTIONS, on_ground, periods, pose
+from .rigging import HEIGHT, Rig, rig
+from .skinning import skinned, smoothed
+from .types import ArrayLike, Integers, PathLike, Reals
 
 __all__ = ["Body"]
 
-HEIGHT = 1.7  # m, of the body that is described below
 FINEST = 16_000  # triangles; a coarser grid would lose the thumbs, so that smaller meshes are decimated ones
-SMOOTH = 0.04  # m, width of a joint's skin
 
 
 @dataclass(frozen=True)
@@ -201,12 +202,7 @@ def _skin(surface: _Surface, vertices: Reals, faces: Integers) -> Reals:
         if limb > 2:  # the foot begins at the ankle, whatever the direction of the shin
             low = own & (vertices[:, 2] < JOINTS[names[2]][2])
             bone[low] = BONES.index(names[2])
-    weights = np.eye(len(BONES))[bone]
-    ring = Ring(faces, len(vertices))
-    edge = np.median(np.linalg.norm(vertices[faces[:, 0]] - vertices[faces[:, 1]], axis=1))
-    for _ in range(int(np.clip(round(4 * (SMOOTH / edge) ** 2), 6, 400))):
-        weights = 0.5 * (weights + ring.mean(weights))
-    return weights
+    return smoothed(np.eye(len(BONES))[bone], vertices, faces)
 
 
 @functools.lru_cache(maxsize=2)
@@ -220,55 +216,6 @@ def _made(triangles: int) -> tuple[Reals, Integers, Reals]:
     return made
 
 
-def _rotated(rotations: Reals) -> Reals:
-    """Returns the unit quaternions [..., 4] (w, x, y, z) of rotation matrices [..., 3, 3]."""
-    m = rotations
-    w = np.sqrt(np.maximum(0, 1 + m[..., 0, 0] + m[..., 1, 1] + m[..., 2, 2])) / 2
-    x = np.sqrt(np.maximum(0, 1 + m[..., 0, 0] - m[..., 1, 1] - m[..., 2, 2])) / 2
-    y = np.sqrt(np.maximum(0, 1 - m[..., 0, 0] + m[..., 1, 1] - m[..., 2, 2])) / 2
-    z = np.sqrt(np.maximum(0, 1 - m[..., 0, 0] - m[..., 1, 1] + m[..., 2, 2])) / 2
-    q = np.stack(
-        [
-            w,
-            np.copysign(x, m[..., 2, 1] - m[..., 1, 2]),
-            np.copysign(y, m[..., 0, 2] - m[..., 2, 0]),
-            np.copysign(z, m[..., 1, 0] - m[..., 0, 1]),
-        ],
-        axis=-1,
-    )
-    return q / np.linalg.norm(q, axis=-1, keepdims=True)
-
-
-def _product(a: Reals, b: Reals) -> Reals:
-    """Returns the products [..., 4] of quaternions."""
-    scalar = a[..., :1] * b[..., :1] - (a[..., 1:] * b[..., 1:]).sum(axis=-1, keepdims=True)
-    return np.concatenate(
-        [scalar, a[..., :1] * b[..., 1:] + b[..., :1] * a[..., 1:] + np.cross(a[..., 1:], b[..., 1:])], -1
-    )
-
-
-def skinned(vertices: Reals, weights: Reals, rotations: Reals, translations: Reals) -> Reals:
-    """Returns vertices [n, 3] that follow bones, by dual quaternions (Kavan, Collins, Zara and O'Sullivan 2008).
-
-    Args:
-        vertices: Vertices in the bind pose [n, 3], m.
-        weights: Weights of the bones [n, bones].
-        rotations: Rotation matrices of the bones [bones, 3, 3], from the bind pose.
-        translations: Translations [bones, 3], m: a bone moves x to R x + t.
-    """
-    real = _rotated(rotations)
-    for bone, parent in enumerate(PARENTS):  # of the two quaternions of a rotation the one on the parent's side
-        if parent >= 0 and real[bone] @ real[parent] < 0:
-            real[bone] = -real[bone]
-    dual = 0.5 * _product(np.concatenate([np.zeros((len(real), 1)), translations], axis=1), real)
-    blended, moved = weights @ real, weights @ dual
-    length = np.linalg.norm(blended, axis=1, keepdims=True)
-    blended, moved = blended / length, moved / length
-    w, v = blended[:, :1], blended[:, 1:]
-    turned = vertices + 2 * np.cross(v, np.cross(v, vertices) + w * vertices)
-    return turned + 2 * (w * moved[:, 1:] - moved[:, :1] * v + np.cross(v, moved[:, 1:]))
-
-
 @dataclass(frozen=True)
 class Body:
     """A generated body of an adult that stands at the origin, looks along -y and moves.
@@ -280,27 +227,35 @@ class Body:
     Args:
         motion: "stand", "walk", "dance", "kick", "turn", "swing", "kungfu" or "fall". All are on the spot; "fall" ends
             lying, after one round.
-        height: Height, m.
-        triangles: Approximate number of triangles, from 5,000 to 50,000.
+        height: Height, m; None: 1.7, or that of `mesh`.
+        triangles: Approximate number of triangles, from 5,000 to 50,000; not of a `mesh`.
         duration: How long it moves, s; the motion repeats.
         lead_in: Time in which it moves from the starting pose into the motion, s; part of the duration.
-        start: The starting pose, "A" with lowered or "T" with level arms.
+        start: The starting pose, "A" with lowered or "T" with level arms; of a `mesh` its own.
         period: Duration of one round of the motion, s; None: its own.
         samples_per_second: Frames that are computed, 1/s.
+        mesh: Another body in place of the generated one, to which the motion is given: a mesh file, or (vertices
+            [n, 3] in m, faces [m, 3]), closed and z up. It stands upright, with its arms away from its sides and its
+            legs apart, and stays where it is; it may look along any axis.
+        clearance: Distance that the limbs of a `mesh` keep from each other and from the trunk as it moves, m; 0: the
+            motion stays as it is.
 
     Raises:
         SceneError, ArrayError: An argument is not one of these.
-        BackendError: VTK is not installed.
+        FileError, MeshError: `mesh` cannot be read, or has not a head, two arms and two legs.
+        BackendError: VTK is not installed, which the generated body needs.
     """
 
     motion: str = "stand"
-    height: float = HEIGHT
+    height: float | None = None
     triangles: int = 12_000
     duration: float = 5.0
     lead_in: float = 1.0
     start: str = "A"
     period: float | None = None
     samples_per_second: float = 60.0
+    mesh: PathLike | tuple[ArrayLike, ArrayLike] | None = field(default=None, repr=False, compare=False)
+    clearance: float = 0.0
     vertices: Reals = field(init=False, repr=False, compare=False)  #: [n, 3] m, at time 0
     faces: Integers = field(init=False, repr=False, compare=False)  #: [m, 3]
     weights: Reals = field(init=False, repr=False, compare=False)  #: [n, 17], of the bones `cama.posing.BONES`
@@ -309,16 +264,31 @@ class Body:
 
     def __post_init__(self) -> None:
         self._check()
-        bind, faces, weights = _made(int(self.triangles))
+        rigged = None if self.mesh is None else self._rigged()
+        if rigged is None:
+            bind, faces, weights = _made(int(self.triangles))
+            skeleton, own_height = GENERATED, HEIGHT
+        else:
+            (bind, faces), weights, skeleton = (rigged[0].vertices, rigged[1]), rigged[0].weights, rigged[0].skeleton
+            own_height = rigged[0].scale * HEIGHT
+        self._check_size(len(faces))
         count = max(1, math.ceil(self.duration * self.samples_per_second - 1e-9))
         times = np.linspace(0, self.duration, count + 1)
-        rotations, translations = pose(
-            self.motion, times, self.lead_in, self.start, self.period or periods[self.motion]
-        )
-        scale = self.height / HEIGHT
-        positions = np.stack([scale * skinned(bind, weights, r, t) for r, t in zip(rotations, translations)])
+        how = self.start, self.period or periods[self.motion], skeleton
+        rotations, translations = pose(self.motion, times, self.lead_in, *how)
+        positions = np.stack([skinned(bind, weights, r, t) for r, t in zip(rotations, translations)])
         if self.motion in LYING:
             positions = on_ground(times, positions)
+        if rigged is not None:
+            if self.motion not in LYING:
+                positions[..., 2] -= pose(self.motion, np.zeros(1), 1.0, *how)[1][0, 0, 2]  # it starts where its mesh is
+            if self.clearance > 0:
+                positions = clear(bind, faces, times, positions, self.clearance, self.lead_in > 0).positions
+            positions = rigged[0].placed(positions)
+            scale = (self.height or own_height) / own_height
+        else:
+            scale = (self.height or HEIGHT) / HEIGHT
+        positions = scale * positions
         for name, value in (
             ("faces", faces),
             ("weights", weights),
@@ -328,6 +298,13 @@ class Body:
         ):
             object.__setattr__(self, name, value)
 
+    def _rigged(self) -> tuple[Rig, Integers]:
+        from .inputs import compiled_mesh  # which reads scenes, and with them this module
+
+        mesh, faces = self.mesh if isinstance(self.mesh, tuple) else (self.mesh, None)
+        read = compiled_mesh("body: mesh", mesh, faces, None, None)[0]
+        return rig(read.vertices, read.faces, str(mesh) if faces is None else "body: mesh"), read.faces
+
     def _check(self) -> None:
         if not isinstance(self.motion, str) or self.motion not in MOTIONS:
             raise SceneError(
@@ -336,16 +313,21 @@ class Body:
             )
         if self.start not in ("A", "T"):
             raise SceneError(f'body: start: {brief(repr(self.start))} is neither "A" nor "T"')
+        if self.mesh is not None and self.start != "A":
+            raise SceneError("body: start: is for the generated body; a mesh starts in its own pose")
         whole("body: triangles", self.triangles)
         if not 5000 <= self.triangles <= 50_000:
             raise SceneError(f"body: triangles: must be from 5,000 to 50,000, got {self.triangles:,}")
         for name in ("height", "duration", "samples_per_second", "period"):
             value = getattr(self, name)
-            if not (name == "period" and value is None) and not number(f"body: {name}", value) > 0:
+            if not (name in ("height", "period") and value is None) and not number(f"body: {name}", value) > 0:
                 raise SceneError(f"body: {name}: must be greater than 0, got {value:g}")
-        if number("body: lead_in", self.lead_in) < 0:
-            raise SceneError(f"body: lead_in: must not be negative, got {self.lead_in:g}")
-        if self.duration * self.samples_per_second * self.triangles > 1e8:
+        for name in ("lead_in", "clearance"):
+            if number(f"body: {name}", getattr(self, name)) < 0:
+                raise SceneError(f"body: {name}: must not be negative, got {getattr(self, name):g}")
+
+    def _check_size(self, triangles: int) -> None:
+        if self.duration * self.samples_per_second * triangles > 1e8:
             raise MeshError("body: duration times samples_per_second is too much; give less of either, or of triangles")
 
     def animation(self) -> Motion:

@@ -13,7 +13,7 @@ import numpy as np
 
 from .types import Integers, Reals
 
-__all__ = ["Cleared", "clear"]
+__all__ = ["Cleared", "clear", "limbs"]
 
 GAP = 0.01  # m, the default distance between limbs
 ROUNDS = 6  # of search and correction in a frame
@@ -47,8 +47,8 @@ class _Limbs:
     Edelsbrunner and Harer 2010, chapter VII).
     """
 
-    def __init__(self, bind: Reals, faces: Integers) -> None:
-        self.extent = float(np.ptp(bind, axis=0).max())
+    def __init__(self, bind: Reals, faces: Integers, least: float = LIMB) -> None:
+        self.extent, self.least = float(np.ptp(bind, axis=0).max()), least
         edges = np.unique(
             np.sort(np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]]), axis=1), axis=0
         )
@@ -82,7 +82,7 @@ class _Limbs:
             if a == b or a not in members or b not in members:
                 continue
             here = float(outwards[lower[edge]])
-            long = [part for part in (a, b) if part in ended or tip[part] - here > LIMB * self.extent]
+            long = [part for part in (a, b) if part in ended or tip[part] - here > self.least * self.extent]
             if len(long) == 2:
                 for part in (a, b):
                     if part not in ended:
@@ -99,6 +99,16 @@ class _Limbs:
             else:
                 members[keep] = members[drop] + members[keep]
             members.pop(drop)
+
+
+def limbs(bind: Reals, faces: Integers, least: float = LIMB) -> tuple[Integers, Reals]:
+    """Returns the limb [vertices] of each vertex, 0: the trunk, and its distance [vertices] from the middle, m.
+
+    The distance is that over the edges of the triangles [m, 3] of the mesh with the vertices `bind` [n, 3], m. What
+    sticks out by less than `least` times the extent is no limb.
+    """
+    found = _Limbs(bind, faces, least)
+    return found.label, found.outwards
 
 
 def _distance_from_middle(bind: Reals, faces: Integers, edges: Integers) -> tuple[Reals, Reals]:

@@ -8,13 +8,15 @@ the arms are lowered by 42 degrees from level.
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from typing import Callable
 
 import numpy as np
 
 from .types import Reals
 
-__all__ = ["BONES", "JOINTS", "MOTIONS", "PARENTS", "pose"]
+__all__ = ["BONES", "JOINTS", "MOTIONS", "PARENTS", "Skeleton", "pose"]
 
 ARM = math.radians(48)  # from the vertical, in the bind pose
 SOLES = 0.003  # m, over which the lowest point of the feet is smoothed in time
@@ -50,6 +52,28 @@ def _skeleton() -> tuple[dict[str, Reals], dict[str, str]]:
 JOINTS, _parent = _skeleton()
 BONES = list(JOINTS)
 PARENTS = [BONES.index(_parent[name]) if _parent[name] else -1 for name in BONES]  #: index of a bone's parent, -1: none
+SOLE = ((0.052, 0.0), (0.04, 0.022), (0.04, -0.022), (-0.1, -0.025), (-0.1, 0.04), (-0.17, 0.01))  # m, from the ankle
+
+
+def _soles() -> tuple[Reals, Reals]:
+    made = []
+    for end, side in (("_left", 1.0), ("_right", -1.0)):
+        x, y, _ = JOINTS["foot" + end]
+        made.append(np.array([[x + side * across, y + along, 0.0] for along, across in SOLE]))
+    return made[0], made[1]
+
+
+@dataclass(frozen=True)
+class Skeleton:
+    """Bones of a body of 1.7 m, in the pose that it starts from."""
+
+    joints: Mapping[str, Reals]  #: [3] m, of each bone where it begins
+    soles: tuple[Reals, Reals]  #: points [k, 3] under the left and the right foot, m
+    turns: Mapping[str, Reals] = field(default_factory=dict)  #: axis times angle, rad, [3], that brings a bone from the
+    #: starting pose to that of the generated body, to which the angles of the motions belong
+
+
+GENERATED = Skeleton(JOINTS, _soles())  #: of the generated body
 
 
 class _Pose:
@@ -258,7 +282,18 @@ def _matrices(angles: Reals) -> Reals:
     return np.stack([np.stack(row, axis=-1) for row in rows], axis=-2)
 
 
-def pose(motion: str, times: Reals, lead_in: float, start: str, period: float) -> tuple[Reals, Reals]:
+def _turned(turn: Reals, amount: Reals) -> Reals:
+    """Returns the rotation matrices [t, 3, 3] of parts [t] of a turn, axis times angle [3] in rad (Rodrigues)."""
+    angle = float(np.linalg.norm(turn))
+    axis = turn / max(angle, 1e-12)
+    cross = np.array([[0, -axis[2], axis[1]], [axis[2], 0, -axis[0]], [-axis[1], axis[0], 0]])
+    part = (amount * angle)[:, None, None]
+    return np.eye(3) + np.sin(part) * cross + (1 - np.cos(part)) * (cross @ cross)
+
+
+def pose(
+    motion: str, times: Reals, lead_in: float, start: str, period: float, skeleton: Skeleton = GENERATED
+) -> tuple[Reals, Reals]:
     """Returns the rotations [t, bones, 3, 3] and translations [t, bones, 3] of the bones: x becomes R x + t.
 
     Args:
@@ -267,6 +302,7 @@ def pose(motion: str, times: Reals, lead_in: float, start: str, period: float) -
         lead_in: Time in which the motion grows out of the starting pose, s.
         start: "A" or "T", the starting pose.
         period: Duration of one round of the motion, s.
+        skeleton: The bones.
     """
     moving = _Pose(len(times))
     share = times / lead_in if lead_in > 0 else np.full(len(times), 1.0)
@@ -279,16 +315,19 @@ def pose(motion: str, times: Reals, lead_in: float, start: str, period: float) -
     if start == "T":
         moving.both("arm", y=-42 * (1 - amount))
     moving.shift *= amount[:, None]
+    turned = np.empty((len(times), len(BONES), 3, 3))  # from the bind pose of the generated body
     rotations = np.empty((len(times), len(BONES), 3, 3))
     translations = np.empty((len(times), len(BONES), 3))
     for bone, (name, parent) in enumerate(zip(BONES, PARENTS)):
-        own = _matrices(moving.angles[name])
-        before = np.broadcast_to(np.eye(3), own.shape) if parent < 0 else rotations[:, parent]
-        at = moving.shift if parent < 0 else translations[:, parent]
-        rotations[:, bone] = before @ own
-        translations[:, bone] = at + before @ JOINTS[name] - rotations[:, bone] @ JOINTS[name]
+        own, joint = _matrices(moving.angles[name]), skeleton.joints[name]
+        turned[:, bone] = own if parent < 0 else turned[:, parent] @ own
+        rotations[:, bone] = turned[:, bone]
+        if name in skeleton.turns:
+            rotations[:, bone] = turned[:, bone] @ _turned(skeleton.turns[name], amount)
+        at = moving.shift + joint if parent < 0 else translations[:, parent] + rotations[:, parent] @ joint
+        translations[:, bone] = at - rotations[:, bone] @ joint
     if motion not in LYING:
-        translations[:, :, 2] -= _lowest(rotations, translations)[:, None]
+        translations[:, :, 2] -= _lowest(rotations, translations, skeleton.soles)[:, None]
     return rotations, translations
 
 
@@ -300,14 +339,12 @@ def on_ground(times: Reals, positions: Reals) -> Reals:
     return positions - lowest[:, None, None] * np.array([0.0, 0.0, 1.0])
 
 
-def _lowest(rotations: Reals, translations: Reals) -> Reals:
+def _lowest(rotations: Reals, translations: Reals, soles: tuple[Reals, Reals]) -> Reals:
     """Returns the height [t] of the lowest point of the soles, smoothed where one foot takes over from the other, m."""
     heights = []
-    for end, side in (("_left", 1.0), ("_right", -1.0)):
+    for end, points in zip(("_left", "_right"), soles):
         bone = BONES.index("foot" + end)
-        x, y, _ = JOINTS["foot" + end]
-        for along, across in ((0.052, 0.0), (0.04, 0.022), (0.04, -0.022), (-0.1, -0.025), (-0.1, 0.04), (-0.17, 0.01)):
-            point = np.array([x + side * across, y + along, 0.0])
+        for point in points:
             heights.append((rotations[:, bone] @ point + translations[:, bone])[:, 2])
     stacked = np.stack(heights)
     least = stacked.min(axis=0)

@@ -3,32 +3,66 @@
 
 import math
 from pathlib import Path
-from typing import Annotated, Optional
+from typing import Annotated, Any, Optional
 
 import typer
 from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
+from ..body import Body
 from ..errors import FileError
+from ..posing import MOTIONS
 from ..units import UNITS
 from .common import Backend, BackendOption, Debug, Threads, choice, clean, console
 
 Units = choice("Units", UNITS)
 Up = choice("Up", ["y", "z"])
+Motions = choice("Motions", list(MOTIONS))
 
 
 @clean
 def dress(
     pattern: Annotated[
-        Path, typer.Argument(metavar="PATTERN", help="A sewing pattern: JSON of cama, GarmentCode's, or skirt or top.")
+        list[Path],
+        typer.Argument(
+            metavar="PATTERN...",
+            help="A sewing pattern: JSON of cama, GarmentCode's, or skirt or top. Several are put on one after the "
+            "other, the first next to the skin.",
+        ),
     ],
     body: Annotated[
         str,
-        typer.Option(metavar="FILE", help="Mesh file of the body, or walker: a generated body."),
+        typer.Option(
+            metavar="FILE",
+            help="The body: a mesh file, a character with its animation, walker (a generated body that stands still), "
+            f"or a motion of the generated body: {', '.join(MOTIONS)}.",
+        ),
     ],
-    fabric: Annotated[str, typer.Option(metavar="NAME", help="A fabric's name, or a JSON file.")] = "cotton",
-    resolution: Annotated[int, typer.Option(min=16, help="About how many triangles the garment has.")] = 8000,
+    motion: Annotated[
+        Optional[Motions], typer.Option(help="What a body of a mesh file does in the scene that is written.")
+    ] = None,
+    lead_in: Annotated[
+        float, typer.Option(min=0, help="Time in which a body moves from its starting pose into its motion, s.")
+    ] = 1.0,
+    fabric: Annotated[
+        Optional[list[str]],
+        typer.Option(
+            metavar="NAME",
+            help="A fabric's name, or a JSON file; given once, or once for each pattern. Default: cotton.",
+        ),
+    ] = None,
+    scale: Annotated[
+        Optional[tuple[float, float]],
+        typer.Option(metavar="WIDTH HEIGHT", help="Factors of the patterns' horizontal and vertical measurements."),
+    ] = None,
+    same_body: Annotated[
+        bool,
+        typer.Option(
+            "--same-body", help="With --scale: the panels' highest point stays where it is, as for another size."
+        ),
+    ] = False,
+    resolution: Annotated[int, typer.Option(min=16, help="About how many triangles each garment has.")] = 8000,
     edge_length: Annotated[
         Optional[float], typer.Option(metavar="METRES", help="Length of their edges, in place of --resolution.")
     ] = None,
@@ -36,7 +70,7 @@ def dress(
     up: Annotated[
         Optional[Up], typer.Option(help="Axis of the body's file that points up. Default: the pattern's.")
     ] = None,
-    seconds: Annotated[float, typer.Option(min=0.5, help="Longest time of draping, s.")] = 8.0,
+    seconds: Annotated[float, typer.Option(min=0.5, help="Longest time of draping, s.")] = 12.0,
     backend: BackendOption = Backend.auto,
     threads: Threads = 0,
     output: Annotated[
@@ -44,22 +78,31 @@ def dress(
     ] = None,
     debug: Debug = False,
 ):
-    """Sews the pattern PATTERN around a body and drapes it; writes OUT/garment.obj, OUT/scene.json and the frames.
+    """Sews patterns around a body and drapes them; writes OUT/garment.obj, OUT/scene.json and the frames.
+
+    In OUT/scene.json the body moves, if it can: cama run OUT/scene.json simulates the dressed body.
 
     Ends with exit code 1 if a seam stays open, something intersects or the cloth does not come to rest.
     """
     from ..sewing import SewingPattern
     from ..sewing import dress as sew
 
-    if body != "walker" and not Path(body).is_file():
-        raise FileError(f"{body}: there is no such file; --body is a mesh file, or walker")
-    made = SewingPattern.load(pattern)
-    folder = output or Path("out") / made.name
+    chosen: Any = body
+    if not Path(body).is_file():
+        if body not in ("walker", *MOTIONS):
+            raise FileError(f"{body}: there is no such file; --body is a mesh file, walker, {', '.join(MOTIONS)}")
+        chosen = {"walker": {}} if body == "walker" else Body(body, lead_in=lead_in)
+    made = [SewingPattern.load(file) for file in pattern]
+    if scale is not None:
+        made = [each.scaled(*scale, top=each.top if same_body else None) for each in made]
+    folder = output or Path("out") / "-".join(each.name for each in made)
     status = Console(stderr=True, highlight=False)
     dressed = sew(
         made,
-        {"walker": {}} if body == "walker" else body,
-        fabric=fabric,
+        chosen,
+        motion=motion.value if motion else None,
+        lead_in=lead_in,
+        fabric=fabric if fabric and len(fabric) > 1 else (fabric or ["cotton"])[0],
         triangles=resolution,
         edge_length=edge_length,
         output=folder,
@@ -77,11 +120,16 @@ def dress(
 
 def print_verdict(dressed, folder):
     """Prints what was made, and the verdict."""
-    verdict, mesh = dressed.verdict, dressed.mesh
+    verdict = dressed.verdict
     table = Table(show_header=False, box=None, padding=(0, 2))
-    rows = [
-        ("pattern", f"{mesh.pattern.name}, {len(mesh.pattern.panels)} panels, {len(mesh.pattern.seams)} seams"),
-        ("garment", f"{len(mesh.faces):,} triangles, {len(dressed.positions):,} vertices"),
+    rows = []
+    for each in (*dressed.under, dressed):
+        own = each.mesh
+        rows += [
+            ("pattern", f"{own.pattern.name}, {len(own.pattern.panels)} panels, {len(own.pattern.seams)} seams"),
+            ("garment", f"{len(own.faces):,} triangles, {len(each.positions):,} vertices"),
+        ]
+    rows += [
         ("seams", f"{verdict.seam_gap * 1e3:.2g} mm open at most; {verdict.joined_gap * 1e3:.2g} mm when joined"),
         ("intersections", f"{verdict.intersections:,}"),
         ("speed at the end", "-" if math.isnan(verdict.speed) else f"{verdict.speed * 1e3:.2g} mm/s"),

@@ -175,13 +175,24 @@ def _sample_times(duration: float, rate: float, lead_in: float, loops: int) -> R
     return np.concatenate([starts, max(lead_in, 0.0) + clip])
 
 
-BODY_KEYS = ("motion", "height", "triangles", "duration", "lead_in", "start", "period", "samples_per_second")
+BODY_KEYS = (
+    "motion",
+    "height",
+    "triangles",
+    "duration",
+    "lead_in",
+    "start",
+    "period",
+    "samples_per_second",
+    "file",
+    "clearance",
+)
 
 
-def write_bodies(scene: dict[str, Any]) -> dict[int, Body]:
-    """Replaces the generated bodies of a scene by their meshes; returns the body of each such obstacle.
+def write_bodies(scene: dict[str, Any], folder: Path) -> dict[int, Body]:
+    """Replaces the bodies that `Body` makes by their meshes; returns the body of each such obstacle.
 
-    Raises SceneError, ArrayError, BackendError
+    Files of meshes are relative to the folder. Raises SceneError, ArrayError, FileError, MeshError, BackendError.
     """
     bodies: dict[int, Body] = {}
     entries = scene.get("obstacles")
@@ -196,13 +207,18 @@ def write_bodies(scene: dict[str, Any]) -> dict[int, Body]:
                     f"{similar(key, BODY_KEYS)}"
                 )
         given.setdefault("duration", duration(scene))
+        file = given.pop("file", None)
+        if file is not None:
+            if not isinstance(file, str):
+                raise SceneError(f"obstacles[{number}].body.file: {brief(repr(file))} is not the name of a mesh file")
+            given["mesh"] = folder / file
         try:
             body = Body(**given)
         except (SceneError, ArrayError, MeshError) as problem:
             raise type(problem)(f"obstacles[{number}].{problem}".replace(".body: ", ".body.", 1)) from None
         bodies[number] = body
         entry["mesh"] = {"position": body.vertices.ravel().tolist(), "face": body.faces.ravel().tolist()}
-        entry.setdefault("source", f"generated body, {body.motion}")
+        entry.setdefault("source", f"generated body, {body.motion}" if file is None else f"{file}, {body.motion}")
         del entry["body"]
     return bodies
 

@@ -50,7 +50,7 @@ def parse(text: str, folder: Path, resolution: int) -> _core.Scene:
     if not scene:
         return _core.Scene.parse(text, folder, resolution)
     clearances = characters.take_clearances(scene, folder)
-    bodies = characters.write_bodies(scene)
+    bodies = characters.write_bodies(scene, folder)
     generated.write_drums(scene, characters.duration(scene))
     scales: dict[int, float] = {}
     for key in ("cloth", "obstacles"):

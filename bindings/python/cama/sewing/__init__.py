@@ -1,7 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Sewing patterns: read, meshed, placed around a body, sewn and draped."""
 
-from .dressing import Dressed, Verdict, dress
+from .dressing import dress
 from .pattern import Edge, Panel, Seam, SewingPattern
+from .result import Dressed, Verdict
 
 __all__ = ["Dressed", "Edge", "Panel", "Seam", "SewingPattern", "Verdict", "dress"]

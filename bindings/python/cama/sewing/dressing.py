@@ -1,105 +1,48 @@
 # SPDX-License-Identifier: Apache-2.0
-"""`cama.dress`: a sewing pattern is placed around a body, sewn, and draped to rest."""
+"""`cama.dress`: sewing patterns are placed around a body, sewn, and draped to rest."""
 
 from __future__ import annotations
 
+import contextlib
 import time
 import warnings
-from collections.abc import Callable
-from dataclasses import dataclass, field
+from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
 from ..arrays import number
-from ..errors import CollisionError, Error, MeshError, SceneError
+from ..body import Body
+from ..errors import SceneError
 from ..hints import counted
 from ..material import Material
 from ..plausibility import PlausibilityWarning
-from ..scene import Scene
-from ..simulation import Simulation
-from ..types import Description, Integers, PathLike, Reals, Unit
-from .meshing import PatternMesh, edge_length_of, merge_map, mesh_pattern
+from ..types import Description, PathLike, Unit
+from .meshing import edge_length_of, mesh_pattern
 from .pattern import SewingPattern
+from .result import Dressed
+from .wearer import wearer_of
+from .work import Dressing
 
 if TYPE_CHECKING:
     from .output import Output
 
-__all__ = ["Dressed", "Verdict", "dress"]
-
-TOLERANCE = 1e-3  # m: seams that are closed to this are joined
-NEAR = 1e-2  # m: pairs that are joined when a seam closes no further, so that the rest of it can
-PATIENCE = 4  # phases without progress after which a seam closes no further
-REST_SPEED = 3e-3  # m/s, root mean square over the cloth, below which it is at rest
-STEP = 0.01  # s, time step
-STEPS = 10  # in a phase, after which stitches become stiffer and a frame is recorded
-WEAKEST, STIFFEST = 0.005, 2e4  # N/m, of the stitch of a pair of vertices
-LAG = 6  # doublings of stiffness by which the lowest seam is behind the highest
-SEWING_SPEED = 0.6  # m/s, mean: above it stitches stay as they are
-MAX_PHASES = 70  # of sewing
-SEWING_DAMPING = 10.0  # 1/s, mass damping while sewing
-DRAPING_DAMPING = 6.0  # 1/s, mass damping while draping
-SEWING_FRICTION = 0.05
-RISE = 0.1  # m, of a panel above the seam that it hangs by, above which it falls before it is sewn
-HANGING_DAMPING, HANGING_PHASES = 3.0, 15  # 1/s; phases of the fall
-BODY_FRICTION = 0.4
-BODY_SIZES = {"m": (0.4, 3.0), "cm": (40.0, 300.0), "mm": (400.0, 3000.0)}  # heights of a body, to tell its unit
-
-
-@dataclass
-class Verdict:
-    """What became of a pattern: closed seams, no intersections, cloth at rest, or what failed and where."""
-
-    problems: list[str]  #: what failed, with the place; empty if the garment is good
-    seam_gap: float  #: largest distance of two vertices that belong together, m, at the end; 0 where they are joined
-    joined_gap: float  #: largest distance of two vertices when they were joined, m
-    widest_seam: str  #: the seam that is open furthest, or ""
-    intersections: int  #: edges through faces at the end
-    speed: float  #: root mean square of the cloth's speed at the end, m/s; NaN if it was not draped
-    max_strain: float  #: largest principal stretch at the end, minus one
-    strained_at: str  #: the panel with it
-
-    @property
-    def good(self) -> bool:
-        """Whether nothing failed."""
-        return not self.problems
-
-    def __str__(self) -> str:
-        if self.good:
-            return f"good: seams closed, from {self.joined_gap * 1e3:.2g} mm, no intersections, at rest"
-        return "; ".join(self.problems)
-
-
-@dataclass
-class Dressed:
-    """A sewn garment on a body, as `dress` returns it."""
-
-    verdict: Verdict  #: whether the garment is good
-    scene: Scene = field(repr=False)  #: the garment at the end, on the body: a scene to start from
-    mesh: PatternMesh = field(repr=False)  #: the flat panels
-    vertex_of: Integers = field(repr=False)  #: [vertices of `mesh`], the garment's vertex that each became
-    positions: Reals = field(repr=False)  #: [vertices of the garment, 3] m
-    seconds: float  #: wall time
-    sewing_phases: int  #: phases of 0.1 s until the seams were joined
-    draping_phases: int  #: phases of 0.1 s from there to rest
-
-    @property
-    def faces(self) -> Integers:
-        """Triangles [m, 3] of the garment; `mesh.faces` are the same in material space."""
-        return self.vertex_of[self.mesh.faces]
+__all__ = ["dress"]
 
 
 def dress(
-    pattern: SewingPattern | PathLike,
-    body: PathLike | Description | tuple[Any, Any],
+    pattern: SewingPattern | PathLike | Sequence[SewingPattern | PathLike],
+    body: PathLike | Description | Body | tuple[Any, Any],
     *,
-    fabric: PathLike | Description | Material = "cotton",
+    motion: str | None = None,
+    lead_in: float = 1.0,
+    fabric: PathLike | Description | Material | Sequence[PathLike | Description | Material] = "cotton",
     triangles: int = 8000,
     edge_length: float | None = None,
     output: PathLike | None = None,
     units: Unit | None = None,
     up: Literal["y", "z"] | None = None,
-    seconds: float = 8.0,
+    seconds: float = 12.0,
     backend: str = "auto",
     threads: int = 0,
     say: Callable[[str], object] | None = None,
@@ -111,11 +54,16 @@ def dress(
     tenth of a second; vertices closer than 1 mm are joined, and the garment drapes under gravity until it rests.
 
     Args:
-        pattern: A `SewingPattern`, or a file that `SewingPattern.load` reads.
-        body: A mesh file of the body, (vertices [n, 3] in m, faces [m, 3]), or an obstacle as in scene.json, for
-            example {"walker": {}}. It stands still, as at time 0.
-        fabric: A fabric's name, a file, a dict or a `cama.Material`.
-        triangles: About how many triangles the garment has.
+        pattern: A `SewingPattern`, or a file that `SewingPattern.load` reads; or several, which are put on one after
+            the other, the first next to the skin.
+        body: A `cama.Body`, a character with its animation, a mesh file, (vertices [n, 3] in m, faces [m, 3]), or an
+            obstacle as in scene.json, for example {"walker": {}}. It stands still as it is dressed, as at time 0.
+        motion: What a body of a mesh does once it is dressed: "stand", "walk", "dance", "kick" or "turn", as
+            `cama.Body(motion, mesh=...)`; None: nothing, or its own animation.
+        lead_in: Time in which a body with an animation or a `motion` moves from the pose that it is dressed in into the
+            motion, s. A character is dressed in its bind pose.
+        fabric: A fabric's name, a file, a dict or a `cama.Material`; or as many of them as there are patterns.
+        triangles: About how many triangles each garment has.
         edge_length: Length of their edges, m, in place of `triangles`; None: by `triangles`.
         output: A folder for the garment, a scene, the frames and a summary; None: nothing is written.
         units: Unit of the body's file; None: by its height, which is 0.4 to 3 m.
@@ -125,7 +73,8 @@ def dress(
         say: Called with a line of text when a stage begins and after each phase; None: nothing is said.
 
     Returns:
-        The garment and a verdict. A garment whose verdict is not good is returned and written too.
+        The garment and a verdict. A garment whose verdict is not good is returned and written too. In its scene the
+        body moves, if it can, for 5 s.
 
     Raises:
         FileError, SceneError, MeshError, MaterialError: Pattern, body or fabric cannot be used.
@@ -133,307 +82,49 @@ def dress(
         BackendError: SciPy is not installed.
     """
     started = time.monotonic()
-    made = pattern if isinstance(pattern, SewingPattern) else SewingPattern.load(pattern)
-    length = number("dress: edge_length", edge_length) if edge_length is not None else edge_length_of(made, triangles)
-    mesh = mesh_pattern(made, length)
-    work = _Dressing(
-        mesh, _body(body, units, up or made.up), Material.of(fabric), {"backend": backend, "threads": threads}, say
-    )
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", PlausibilityWarning)  # of panels that are far from each other
-        if output is None:
-            return work.run(None, number("dress: seconds", seconds), started)
-        from .output import Output
-
-        with Output(output) as writer:
-            return work.run(writer, number("dress: seconds", seconds), started)
-
-
-def _body(body: Any, units: str | None, up: str) -> dict[str, Any]:
-    """Returns the arguments of `add_obstacle` for the body. Raises SceneError where its size is not that of a body."""
-    if isinstance(body, dict):
-        return {"shape": body}
-    if isinstance(body, tuple):
-        return {"mesh": body[0], "faces": body[1]}
-    frame: dict[str, Any] = {"up": up} if str(body).lower().endswith((".obj", ".ply", ".stl")) else {}
-    if units is not None:
-        return {"mesh": body, "units": units, **frame}
-    trial = Scene().add_obstacle(body, name="body", **frame)
-    height = float(np.ptp(trial.vertices[:, 2]))
-    for unit, (low, high) in BODY_SIZES.items():
-        if low <= height <= high:
-            return {"mesh": body, "units": unit, **frame}
-    raise SceneError(
-        f"{body}: is {height:g} units high, and no body has that height in {', '.join(BODY_SIZES)}; give units"
-    )
-
-
-class _Dressing:
-    """The work of `dress`: the state of the cloth between its simulations."""
-
-    def __init__(
-        self,
-        mesh: PatternMesh,
-        body: dict[str, Any],
-        fabric: Material,
-        how: dict[str, Any],
-        say: Callable[[str], object] | None,
-    ) -> None:
-        self.mesh, self.fabric, self.how = mesh, fabric, how
-        self.say = say or (lambda text: None)
-        trial = Scene().add_obstacle(**body, name="body")
-        self.body = trial.vertices, trial.faces
-        self.pairs = mesh.pairs
-        self.positions = mesh.positions  # of the panels' vertices; those that are joined have one place
-        self.vertex_of: Integers = np.arange(len(mesh.points), dtype=np.int32)  # garment's vertex of each
-        self.gaps = np.zeros(len(self.pairs))  # of each pair when it was joined
-        self.time = 0.0
-        self.writer: Output | None = None
-
-    def run(self, writer: Output | None, seconds: float, started: float) -> Dressed:
-        self.writer = writer
-        pattern = self.mesh.pattern
-        self.say(f"{pattern.name}: {len(self.mesh.faces):,} triangles, {counted(len(pattern.seams), 'seam')}")
-        self._clear_start()
-        problems: list[str] = []
-        sewing = draping = 0
-        last = None
-        try:
-            self._hang()
-            sewing = self._sew()
-            if not self._open().any():  # what is not sewn would fall apart
-                draping, last = self._drape(seconds)
-        except Error as problem:
-            problems.append(f"ended early, at {self.time:.1f} s: {problem}")
-        result = self._scene(self.fabric)
-        verdict = self._verdict(result, last, problems)
-        final = result.cloths[0].vertices
-        elapsed = time.monotonic() - started
-        dressed = Dressed(verdict, result, self.mesh, self.vertex_of, final, elapsed, sewing, draping)
-        if writer is not None:
-            writer.finish(dressed)
-        return dressed
-
-    def _material(self, damping: float, friction: float | None) -> Material:
-        material = Material(self.fabric)
-        material.mass_damping = max(damping, material.mass_damping)
-        if friction is not None:
-            material.friction, material.static_friction = friction, -1
-        return material
-
-    def _scene(self, material: Material) -> Scene:
-        """Returns a scene of the garment under gravity; seams that are open are stitched."""
-        scene = Scene(name=self.mesh.pattern.name, frame_time=STEP * STEPS)
-        self._add(scene, material, BODY_FRICTION)
-        open_ = self._open()
-        if open_.any():
-            first, second = self.vertex_of[self.pairs[open_]].T
-            scene.stitch(0, first, 0, second, stiffness=STIFFEST)
-        return scene
-
-    def _sewing_scene(self, stiffness: Reals) -> Scene:
-        """Returns a scene without gravity, with a stitch of its own stiffness for each open pair [pairs]."""
-        scene = Scene(gravity=(0, 0, 0), name=self.mesh.pattern.name, frame_time=STEP * STEPS)
-        self._add(scene, self._material(SEWING_DAMPING, SEWING_FRICTION), SEWING_FRICTION)
-        open_ = self._open()
-        for value in np.unique(stiffness[open_]):
-            first, second = self.vertex_of[self.pairs[open_ & (stiffness == value)]].T
-            scene.stitch(0, first, 0, second, stiffness=float(value))
-        return scene
-
-    def _add(self, scene: Scene, material: Material, friction: float) -> None:
-        scene.add_cloth(
-            self._joined_positions(),
-            self.vertex_of[self.mesh.faces],
-            material_vertices=self.mesh.material,
-            material_faces=self.mesh.faces,
-            material=material,
-            name="garment",
+    patterns: list[Any] = list(pattern) if isinstance(pattern, (list, tuple)) else [pattern]
+    fabrics: list[Any] = list(fabric) if isinstance(fabric, (list, tuple)) else [fabric] * len(patterns)
+    if not patterns or len(fabrics) != len(patterns):
+        raise SceneError(
+            f"dress: {counted(len(patterns), 'pattern')} and {counted(len(fabrics), 'fabric')}; give one fabric, or "
+            "one for each pattern"
         )
-        scene.add_obstacle(*self.body, friction=friction, name="body")
+    materials = [Material.of(each) for each in fabrics]
+    made = [given if isinstance(given, SewingPattern) else SewingPattern.load(given) for given in patterns]
+    meshes = []
+    for each in made:
+        length = (
+            number("dress: edge_length", edge_length) if edge_length is not None else edge_length_of(each, triangles)
+        )
+        meshes.append(mesh_pattern(each, length))
+    wearer = wearer_of(body, motion, number("dress: lead_in", lead_in), units, up or made[0].up)
+    names = _names([each.name for each in made])
+    dressed: list[Dressed] = []
+    with contextlib.ExitStack() as stack:
+        stack.enter_context(warnings.catch_warnings())
+        warnings.simplefilter("ignore", PlausibilityWarning)  # of panels that are far from each other
+        writer: Output | None = None
+        if output is not None:
+            from .output import Output
 
-    def _joined_positions(self) -> Reals:
-        """Returns the positions [vertices of the garment, 3]: the means of what is joined."""
-        counts = np.bincount(self.vertex_of)
-        sums = np.stack([np.bincount(self.vertex_of, self.positions[:, axis]) for axis in range(3)], axis=1)
-        return sums / counts[:, None]
-
-    def _open(self) -> np.ndarray:
-        """Whether each pair [pairs] is still two vertices."""
-        return self.vertex_of[self.pairs[:, 0]] != self.vertex_of[self.pairs[:, 1]]
-
-    def _gaps(self) -> Reals:
-        """Returns the distance [pairs] of each pair, m."""
-        return np.linalg.norm(self.positions[self.pairs[:, 0]] - self.positions[self.pairs[:, 1]], axis=1)
-
-    def _clear_start(self) -> None:
-        """Moves the placed panels until nothing intersects. Raises CollisionError."""
-        scene = self._sewing_scene(np.full(len(self.pairs), WEAKEST))
-        self._untangle(scene, "the placed panels", "move the panels out, away from the body")
-        if self.writer is not None:
-            self.writer.start(Simulation(scene, accuracy="preview", time_step=STEP, **self.how))
-
-    def _untangle(self, scene: Scene, what: str, remedy: str) -> None:
-        """Removes the intersections at the start of a scene and takes over its positions. Raises CollisionError."""
-        report = scene.untangle()
-        if report.before:
-            self.say(
-                f"{what}: {counted(report.before, 'intersection')} undone, by moves of up to "
-                f"{report.largest_move * 1e3:.3g} mm"
-            )
-        if report.after:
-            where = "; ".join(f"{p.count} of {p.first_name} with {p.second_name}" for p in scene.intersections())
-            raise CollisionError(
-                f"{self.mesh.pattern.name}: {report.after:,} of {report.before:,} intersections of {what} remain: "
-                f"{where}; {remedy}"
-            )
-        self.positions = scene.cloths[0].vertices[self.vertex_of]
-
-    def _hang(self) -> None:
-        """Lets panels that rise above the seam by which they hang, such as half circles of a skirt, fall below it."""
-        held = self._held_vertices()
-        hanging = np.zeros(len(self.positions), bool)
-        for index, panel in enumerate(self.mesh.pattern.panels):
-            own = self.mesh.panel_of_vertex == index
-            heights = self.positions[own & held, 2]
-            if len(heights) and self.positions[own, 2].max() - heights.max() > RISE:
-                hanging |= own
-                self.say(f"{panel.name} rises above the seam that it hangs by: it falls first")
-        if not hanging.any():
-            return
-        scene = Scene(name=self.mesh.pattern.name, frame_time=STEP * STEPS)
-        self._add(scene, self._material(HANGING_DAMPING, SEWING_FRICTION), SEWING_FRICTION)
-        scene.stitch(0, self.pairs[:, 0], 0, self.pairs[:, 1], stiffness=WEAKEST / 2**LAG)  # so as not to collide
-        scene.pin(0, ~hanging | held)
-        simulation = Simulation(scene, accuracy="preview", time_step=STEP, **self.how)
-        for _ in range(HANGING_PHASES):
-            simulation.step(STEPS)
-            self.say(f"hanging {self.time + STEP * STEPS:.1f} s: {self._take(simulation):.2g} m/s")
-
-    def _held_vertices(self) -> np.ndarray:
-        """Whether each vertex is sewn to a panel whose middle is higher than that of its own."""
-        panels = self.mesh.panel_of_vertex
-        middle = np.bincount(panels, self.mesh.positions[:, 2]) / np.bincount(panels)
-        held = np.zeros(len(panels), bool)
-        for first, second in (self.pairs.T, self.pairs.T[::-1]):
-            held[first[middle[panels[second]] > middle[panels[first]] + RISE]] = True
-        return held
-
-    def _sew(self) -> int:
-        """Draws the seams together and joins them; returns the number of phases."""
-        height = self.positions[self.pairs].mean(axis=1)[:, 2]
-        depth = height.max(initial=-np.inf) - height
-        lag = np.round(2 * LAG * depth / max(depth.max(initial=0), 1e-9)) / 2
-        level, full = 0.0, np.log2(STIFFEST / WEAKEST)
-        phase, stuck, narrowest = 0, 0, np.inf
-        while self._open().any() and phase < MAX_PHASES:
-            simulation = Simulation(
-                self._sewing_scene(WEAKEST * 2.0 ** np.clip(level - lag, 0, full)),
-                accuracy="preview",
-                time_step=STEP,
-                **self.how,
-            )
-            simulation.step(STEPS)
-            speed, phase = self._take(simulation), phase + 1
-            gaps = self._gaps()
-            self.say(
-                f"sewing {self.time:.1f} s: seams at most {gaps.max() * 1e3:.3g} mm apart, {gaps.mean() * 1e3:.2g} mm "
-                f"in the mean; {speed:.2g} m/s"
-            )
-            level += speed < SEWING_SPEED
-            stuck = 0 if gaps.max() < 0.9 * narrowest else stuck + 1
-            narrowest = min(narrowest, gaps.max())
-            if gaps.max() <= TOLERANCE and level > LAG:
-                self._join(TOLERANCE)
-            elif level > full + LAG and stuck >= PATIENCE:
-                if not (self._open() & (gaps <= NEAR)).any():
-                    break
-                self._join(NEAR)
-                stuck, narrowest = 0, np.inf
-        return phase
-
-    def _join(self, distance: float) -> None:
-        """Joins the pairs of vertices that are within a distance, m. Raises CollisionError."""
-        gaps = self._gaps()
-        self.gaps = np.where(self._open(), gaps, self.gaps)
-        self.vertex_of = merge_map(len(self.positions), self.pairs[~self._open() | (gaps <= distance)])
-        scene = self._sewing_scene(np.full(len(self.pairs), WEAKEST))
-        self._untangle(scene, "the joined seams", "take a shorter edge length, or look at the panels there")
-
-    def _take(self, simulation: Simulation) -> float:
-        """Takes over positions of a simulation, records a frame; returns the root mean square speed, m/s."""
-        count = simulation.cloth_vertex_count
-        self.time += STEP * STEPS
-        self.positions = simulation.positions[:count][self.vertex_of]
-        if self.writer is not None:
-            self.writer.add(self.time, self.positions, simulation)
-        return float(np.sqrt((simulation.velocities[:count] ** 2).sum(axis=1).mean()))
-
-    def _drape(self, seconds: float) -> tuple[int, Simulation]:
-        scene = self._scene(self._material(DRAPING_DAMPING, None))
-        simulation = Simulation(scene, accuracy="interactive", time_step=STEP, **self.how)
-        phase, speed = 0, np.inf
-        while phase < 5 or (speed > REST_SPEED and phase < seconds / (STEP * STEPS)):
-            simulation.step(STEPS)
-            speed, phase = self._take(simulation), phase + 1
-            self.say(f"draping {self.time:.1f} s: {speed * 1e3:.2g} mm/s")
-        return phase, simulation
-
-    def _verdict(self, scene: Scene, last: Simulation | None, problems: list[str]) -> Verdict:
-        pattern, cloth = self.mesh.pattern, scene.cloths[0]
-        gaps, open_ = self._gaps(), self._open()
-        gap, seam = float(gaps.max(initial=0)), ""
-        if gap > TOLERANCE:
-            widest = int(np.argmax(gaps))
-            seam = pattern.seam_name(self._seam_of(widest))
-            problems.append(
-                f"{counted(int((open_ & (gaps > TOLERANCE)).sum()), 'pair')} of vertices did not close; {seam} is "
-                f"{gap * 1e3:.3g} mm apart at {place(self.positions[self.pairs[widest, 0]])}"
-            )
-        found = scene.intersections()
-        problems += [f"{pair.count} intersections of {pair.first_name} with {pair.second_name}" for pair in found]
-        speeds = np.full(1, np.nan)
-        if last is not None:
-            speeds = np.linalg.norm(last.velocities[: len(cloth.vertices)], axis=1)
-        speed = float(np.sqrt((speeds**2).mean()))
-        if speed > REST_SPEED:
-            fastest = int(np.argmax(speeds))
-            problems.append(
-                f"not at rest: {speed * 1e3:.2g} mm/s, fastest {speeds[fastest] * 1e3:.2g} mm/s in "
-                f"{self._panel_of(fastest)} at {place(cloth.vertices[fastest])}"
-            )
-        dropped = float(self.mesh.positions[:, 2].max() - cloth.vertices[:, 2].max())
-        if dropped > SLIPPED * float(np.ptp(self.body[0][:, 2])):
-            problems.append(f"the garment slid down by {dropped:.2f} m: nothing holds it on this body")
-        strains = principal_strains(cloth.vertices[cloth.faces], self.mesh.material[self.mesh.faces])
-        most = int(np.argmax(strains))
-        panel = pattern.panels[self.mesh.panel_of_face[most]].name
-        count = sum(pair.count for pair in found)
-        joined = float(self.gaps.max(initial=0))
-        return Verdict(problems, gap, joined, seam, count, speed, float(strains[most]), panel)
-
-    def _seam_of(self, pair: int) -> int:
-        wanted = self.pairs[pair]
-        for index, rows in enumerate(self.mesh.seam_pairs):
-            if (np.sort(rows, axis=1) == wanted).all(axis=1).any():
-                return index
-        raise MeshError(f"pair {pair} is of no seam")
-
-    def _panel_of(self, vertex: int) -> str:
-        return self.mesh.pattern.panels[self.mesh.panel_of_vertex[np.flatnonzero(self.vertex_of == vertex)[0]]].name
+            writer = stack.enter_context(Output(output))
+        for name, mesh, material in zip(names, meshes, materials):
+            how = {"backend": backend, "threads": threads}
+            work = Dressing(name, mesh, wearer, material, dressed, how, say)
+            last = len(dressed) == len(meshes) - 1
+            dressed.append(work.run(writer if last else None, number("dress: seconds", seconds), started))
+            if not np.isfinite(dressed[-1].verdict.speed):
+                break  # it would not stay on
+        if writer is not None:
+            writer.finish(dressed[-1])
+    return dressed[-1]
 
 
-SLIPPED = 0.15  # of the body's height: a garment that sinks further has slid down
-
-
-def place(point: Reals) -> str:
-    """Returns "(0.1, 0.2, 1.3) m"."""
-    return f"({', '.join(f'{value:.2f}' for value in point)}) m"
-
-
-def principal_strains(corners: Reals, rest: Reals) -> Reals:
-    """Returns the larger principal stretch minus one [m] of triangles [m, 3, 3] with rest corners [m, 3, 2]."""
-    now = np.stack([corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]], axis=2)
-    flat = np.stack([rest[:, 1] - rest[:, 0], rest[:, 2] - rest[:, 0]], axis=2)
-    gradient = now @ np.linalg.inv(flat)
-    return np.linalg.svd(gradient, compute_uv=False)[:, 0] - 1
+def _names(patterns: list[str]) -> list[str]:
+    """Returns the names of the cloths: those of the patterns, with a number where they are the same."""
+    if len(patterns) == 1:
+        return ["garment"]
+    return [
+        f"{name} {patterns[:index].count(name) + 1}" if patterns.count(name) > 1 else name
+        for index, name in enumerate(patterns)
+    ]

@@ -17,15 +17,18 @@ from ..io.lock import locked
 from ..io.recording import NAME as FRAMES
 from ..io.recording import Recorder
 from ..io.summary import finite
+from ..scene import Scene
 from ..types import Integers, PathLike, Reals
+from .wearer import MESH, entry_in
+from .work import STIFFEST
 
 if TYPE_CHECKING:
     from typing_extensions import Self
 
     from ..simulation import Simulation
-    from .dressing import Dressed
+    from .result import Dressed
 
-GARMENT, BODY, SCENE, SUMMARY = "garment.obj", "body.obj", "scene.json", "summary.json"
+SCENE, SUMMARY = "scene.json", "summary.json"
 
 
 class Output:
@@ -60,11 +63,11 @@ class Output:
     def finish(self, dressed: Dressed) -> None:
         """Writes garment, body, scene and summary, each completely or not at all."""
         pattern, mesh, verdict = dressed.mesh.pattern, dressed.mesh, dressed.verdict
-        groups = [(panel.name, mesh.panel_of_face == index) for index, panel in enumerate(pattern.panels)]
-        body = dressed.scene.obstacles[0]
-        self._write(GARMENT, obj_text(dressed.positions, dressed.faces, mesh.material, mesh.faces, groups))
-        self._write(BODY, obj_text(body.vertices, body.faces))
-        self._write(SCENE, json.dumps(scene_of(dressed), indent=2) + "\n")
+        body = dressed.wearer
+        for garment in (*dressed.under, dressed):
+            self._write(_file(garment), _garment_text(garment))
+        self._write(MESH, obj_text(body.vertices, body.faces))
+        self._write(SCENE, json.dumps(scene_of(dressed, self.folder), indent=2) + "\n")
         fields = {
             "pattern": pattern.name,
             "good": verdict.good,
@@ -100,19 +103,43 @@ class Output:
             raise FileError(f"{path}: writing failed ({problem})") from None
 
 
-def scene_of(dressed: Dressed) -> dict[str, Any]:
-    """Returns what scene.json says: the garment at rest on the body, in the fabric that it was draped in."""
-    saved = json.loads(dressed.scene.to_json())
+def scene_of(dressed: Dressed, folder: Path) -> dict[str, Any]:
+    """Returns what scene.json of a folder says: the garment on the body, in the fabric that it was draped in."""
+    scene, body = dressed.scene, dressed.scene.obstacles[0]
+    alone = Scene()  # without the body, whose motion would be written out
+    cloths = scene.cloths
+    for cloth in cloths:
+        alone.add_cloth(cloth.vertices, cloth.faces, material=cloth.material)
+    first, second = dressed.open_pairs.T
+    alone.stitch(len(cloths) - 1, first, len(cloths) - 1, second, stiffness=STIFFEST)
+    saved = json.loads(alone.to_json())
+    names = ["fabric"] if len(cloths) == 1 else [f"fabric of {cloth.name}" for cloth in cloths]
+    moves = bool(dressed.wearer.moving)
+    outfit = [garment.mesh.pattern.name for garment in (*dressed.under, dressed)]
     return {
-        "name": dressed.mesh.pattern.name,
-        "description": f"The pattern {dressed.mesh.pattern.name}, sewn and draped on a body.",
-        "frame_time": 0.02,
-        "frames": 50,
-        "materials": {"fabric": saved["cloth"][0]["material"]},
-        "obstacles": [{"name": "body", "file": BODY, "friction": dressed.scene.obstacles[0].friction}],
-        "cloth": [{"name": "garment", "file": {"path": GARMENT, "rest": "uv"}, "material": "fabric"}],
-        "stitches": saved["stitches"],
+        "name": " and ".join(outfit),
+        "description": f"The pattern{'s' * (len(outfit) > 1)} {', '.join(outfit)}, sewn and draped on a body.",
+        "frame_time": scene.frame_time if moves else 0.02,
+        "frames": scene.frames if moves else 50,
+        "materials": {name: entry["material"] for name, entry in zip(names, saved["cloth"])},
+        "obstacles": [{"name": "body", **entry_in(dressed.wearer, folder), "friction": body.friction}],
+        "cloth": [
+            {"name": garment.name, "file": {"path": _file(garment), "rest": "uv"}, "material": name}
+            for garment, name in zip((*dressed.under, dressed), names)
+        ],
+        "stitches": saved.get("stitches", []),
     }
+
+
+def _file(garment: Dressed) -> str:
+    """Returns the name of a garment's file."""
+    return "".join(c if c.isalnum() or c in "-_" else "_" for c in garment.name) + ".obj"
+
+
+def _garment_text(garment: Dressed) -> str:
+    mesh = garment.mesh
+    groups = [(panel.name, mesh.panel_of_face == index) for index, panel in enumerate(mesh.pattern.panels)]
+    return obj_text(garment.positions, garment.faces, mesh.material, mesh.faces, groups)
 
 
 def obj_text(

@@ -6,7 +6,7 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -122,12 +122,14 @@ class SewingPattern:
         made._check()
         return made
 
-    def scaled(self, width: float, height: float | None = None) -> SewingPattern:
+    def scaled(self, width: float, height: float | None = None, top: float | None = None) -> SewingPattern:
         """Returns a copy whose measurements, and places around the body, are multiplied.
 
         Args:
             width: Factor of horizontal measurements.
             height: Factor of vertical ones; None: `width`.
+            top: Height of the highest point of the placed panels, m; None: it is multiplied too, as for a taller body.
+                `self.top` is for another size on the same body.
 
         Panels are scaled in their planes: x by `width`, y by `height`, which fits panels that hang upright.
         """
@@ -145,7 +147,19 @@ class SewingPattern:
             )
             for panel in self.panels
         )
-        return SewingPattern(self.name, panels, self.seams, self.up)
+        made = SewingPattern(self.name, panels, self.seams, self.up)
+        if top is None:
+            return made
+        if not math.isfinite(top):
+            raise SceneError(f"{self.name}: scaled: top {top} must be a height in m")
+        up = np.array([0.0, 0.0, top - made.top])
+        lifted = tuple(replace(panel, translation=panel.translation + up) for panel in panels)
+        return SewingPattern(self.name, lifted, self.seams, self.up)
+
+    @property
+    def top(self) -> float:
+        """Height of the highest point of the placed panels, m."""
+        return max(float(panel.place(panel.outline())[:, 2].max()) for panel in self.panels)
 
     @property
     def area(self) -> float:
