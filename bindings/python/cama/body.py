@@ -12,7 +12,7 @@ import numpy as np
 from .arrays import number, whole
 from .clearance import clear
 from .errors import MeshError, SceneError
-from .hints import brief, require, similar
+from .hints import brief, similar
 from .isosurface import central_differences, decimated, outward, polygonise
 from .motion import Motion
 from .posing import BONES, GENERATED, JOINTS, LYING, MOTIONS, on_ground, periods, pose
@@ -281,7 +281,8 @@ class Body:
             positions = on_ground(times, positions)
         if rigged is not None:
             if self.motion not in LYING:
-                positions[..., 2] -= pose(self.motion, np.zeros(1), 1.0, *how)[1][0, 0, 2]  # it starts where its mesh is
+                # it starts where its mesh is
+                positions[..., 2] -= pose(self.motion, np.zeros(1), 1.0, *how)[1][0, 0, 2]
             if self.clearance > 0:
                 positions = clear(bind, faces, times, positions, self.clearance, self.lead_in > 0).positions
             positions = rigged[0].placed(positions)

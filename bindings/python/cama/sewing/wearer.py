@@ -104,7 +104,9 @@ def _of_file(file: Any, units: str | None, up: str) -> dict[str, Any]:
     for unit, (low, high) in BODY_SIZES.items():
         if low <= height <= high:
             return {"mesh": file, "units": unit, **frame}
-    raise SceneError(f"{file}: is {height:g} units high, and no body has that height in {', '.join(BODY_SIZES)}; give units")
+    raise SceneError(
+        f"{file}: is {height:g} units high, and no body has that height in {', '.join(BODY_SIZES)}; give units"
+    )
 
 
 def entry_in(wearer: Wearer, folder: Path) -> dict[str, Any]:
