@@ -205,5 +205,5 @@ def test_options_of_the_figures_are_those_of_a_simulation():
     options = paper_figures.options_of(changed)
     assert options == {"tolerance": 1e-11, "paper": {"assembly": "sorted", "localized_search": False}}
     simulation = cama.Simulation(cama.Scene.load("sphere", 100), accuracy="paper", **options)
-    chosen = {row["name"]: row["value"] for row in simulation.chosen_options}
-    assert chosen["paper.assembly"] == "sorted" and float(chosen["tolerance"]) == 1e-11
+    assert simulation.options["paper.assembly"] == "sorted" and simulation.options["tolerance"] == 1e-11
+    assert simulation.options["paper.localized_search"] is False
