@@ -13,8 +13,11 @@ import cama
 
 ROOT = Path(__file__).parents[2]
 sys.path.insert(0, str(ROOT / "benchmarks"))
+import paper_figures  # noqa: E402
+import paper_scenes  # noqa: E402
 import paper_tables  # noqa: E402
 import performance_page  # noqa: E402
+import scene_pack  # noqa: E402
 import times  # noqa: E402
 
 HEADER = (
@@ -166,3 +169,41 @@ def test_an_unknown_name_or_value_is_refused():
     ):
         text, said = times.run(program, str(ROOT / "scenes" / "drape"), 20, **settings)
         assert text == "" and words in said
+
+
+def test_a_packed_scene_is_the_scene(tmp_path):
+    """Positions to single precision, animations to 2^-17 m, and all else as it was."""
+    scene = cama.Scene.load("garment", 500)
+    scene.frames = 20
+    scene_pack.write(scene, tmp_path / "garment.npz")
+    packed = scene_pack.read(tmp_path / "garment.npz")
+    (skirt, body), (own, same) = ((of.cloths[0], of.obstacles[0]) for of in (scene, packed))
+    np.testing.assert_allclose(own.vertices, skirt.vertices, atol=2e-7)
+    np.testing.assert_allclose(own.material_vertices, skirt.material_vertices, atol=2e-7)
+    assert (own.faces == skirt.faces).all() and (same.faces == body.faces).all()
+    for time in (0.0, 0.2, 0.39):
+        moved = body.motion.evaluate(time, body.vertices)
+        np.testing.assert_allclose(same.motion.evaluate(time, same.vertices), moved, atol=2.0**-17)
+    assert (packed.pins[0]["vertices"] == scene.pins[0]["vertices"]).all() and packed.pins[0]["obstacle"] == 0
+    assert packed.frames == 20 and packed.thickness == scene.thickness and same.friction == body.friction
+
+
+def test_frames_are_kept_evenly_and_in_small_steps(tmp_path):
+    kept = paper_scenes.Kept(8)
+    positions = np.linspace(-1, 1, 300).reshape(100, 3)
+    for number in range(101):
+        kept.add(number, 0.02 * number, positions + 0.001 * number)
+    kept.write(tmp_path / "frames.npz")
+    with np.load(tmp_path / "frames.npz") as file:
+        assert 4 <= len(file["number"]) <= 8 and (np.diff(file["number"]) == file["number"][1]).all()
+        found = 2.0**-13 * (file["positions"][2].astype(int) + file["low"])
+        np.testing.assert_allclose(found, positions + 0.001 * file["number"][2], atol=2.0**-14 + 1e-12)
+
+
+def test_options_of_the_figures_are_those_of_a_simulation():
+    changed = {"paper.assembly": "sorted", "paper.localized_search": "false", "tolerance": "1e-11"}
+    options = paper_figures.options_of(changed)
+    assert options == {"tolerance": 1e-11, "paper": {"assembly": "sorted", "localized_search": False}}
+    simulation = cama.Simulation(cama.Scene.load("sphere", 100), accuracy="paper", **options)
+    assert simulation.options["paper.assembly"] == "sorted" and simulation.options["tolerance"] == 1e-11
+    assert simulation.options["paper.localized_search"] is False

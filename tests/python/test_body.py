@@ -63,7 +63,19 @@ def test_arms_stay_clear_of_the_trunk(bodies):
                 assert apart.min() > 0.04, motion
 
 
-@pytest.mark.parametrize("motion", posing.MOTIONS)
+def test_a_fall_ends_lying_without_a_jump():
+    """From standing, 1.7 m high, to lying flat; the joints accelerate less than a muscle's 150 m/s^2."""
+    body = cama.Body("fall", duration=1 + posing.periods["fall"], triangles=5000, samples_per_second=120)
+    height = np.ptp(body.positions[:, :, 2], axis=1)
+    assert height[0] == pytest.approx(1.7, abs=0.02) and height[-1] < 0.4
+    assert np.ptp(body.positions[-1, :, 1]) > 1.5  # along the ground
+    late = body.positions[body.times > 0.99 * body.times[-1]]
+    assert np.abs(late - late[-1]).max() < 1e-3  # at rest
+    acceleration = np.linalg.norm(np.diff(body.positions, n=2, axis=0), axis=2) * 120**2
+    assert np.quantile(acceleration, 0.999) < 150
+
+
+@pytest.mark.parametrize("motion", [motion for motion in posing.MOTIONS if motion not in posing.LYING])
 def test_rounds_repeat_without_a_jump(motion):
     """Positions and velocities of the bones are the same one round later, and nothing accelerates beyond a muscle."""
     period = posing.periods[motion]
