@@ -102,8 +102,9 @@ double read_units(const Field &f)
                                      {"ft", 0.3048},
                                      {"foot", 0.3048}})
     if (unit == name) return length;
-  f.at("units").fail("must be \"m\", \"cm\", \"mm\", \"in\" or \"ft\", or metre, centimetre, millimetre, inch or foot, got " +
-                     f.at("units").brief());
+  f.at("units").fail(
+      "must be \"m\", \"cm\", \"mm\", \"in\" or \"ft\", or metre, centimetre, millimetre, inch or foot, got " +
+      f.at("units").brief());
 }
 
 /// Whether a mesh file is to be turned so that its y axis is up.
