@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Bones for the mesh of a body: those of the generated body are found again from its surface alone."""
 
+import json
+
 import numpy as np
 import pytest
 import trimesh
@@ -77,8 +79,11 @@ def test_scenes_take_the_file_of_a_body(generated, tmp_path):
     assert obstacle.vertices == pytest.approx(body.vertices)
     assert np.asarray(obstacle.motion.evaluate(0.5, obstacle.vertices)) == pytest.approx(body.positions[-1])
     entry["file"] = "nobody.obj"
-    with pytest.raises(cama.FileError, match="nobody.obj"):
+    with pytest.raises(cama.FileError, match=r"obstacles\[0\].body.file: .*nobody.obj: no such file"):
         cama.Scene.parse(scene, folder=tmp_path)
+    (tmp_path / "scene.json").write_text(json.dumps(scene))
+    with pytest.raises(cama.FileError, match=r"obstacles\[0\].body.file: .*nobody.obj: no such file"):
+        cama.Scene.load(tmp_path)
     entry["file"] = 3
     with pytest.raises(cama.SceneError, match=r"obstacles\[0\].body.file: 3 is not the name"):
         cama.Scene.parse(scene, folder=tmp_path)

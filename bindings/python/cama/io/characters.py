@@ -214,8 +214,11 @@ def write_bodies(scene: dict[str, Any], folder: Path) -> dict[int, Body]:
             given["mesh"] = folder / file
         try:
             body = Body(**given)
-        except (SceneError, ArrayError, MeshError) as problem:
-            raise type(problem)(f"obstacles[{number}].{problem}".replace(".body: ", ".body.", 1)) from None
+        except (SceneError, ArrayError, MeshError, FileError) as problem:
+            text = str(problem)
+            if not text.startswith("body: "):  # of the mesh
+                text = f"body: file: {text}"
+            raise type(problem)(f"obstacles[{number}].{text}".replace(".body: ", ".body.", 1)) from None
         bodies[number] = body
         entry["mesh"] = {"position": body.vertices.ravel().tolist(), "face": body.faces.ravel().tolist()}
         entry.setdefault("source", f"generated body, {body.motion}" if file is None else f"{file}, {body.motion}")
