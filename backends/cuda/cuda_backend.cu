@@ -7,11 +7,14 @@
 
 #include <algorithm>
 #include <cstdint>
+#include <memory>
 #include <unordered_map>
 #include <utility>
 
 #include "cama/error.hpp"
+#include "check.hpp"
 #include "device/for_backends.hpp"
+#include "plan_runner.hpp"
 
 namespace cama {
 namespace {
@@ -54,6 +57,8 @@ const char *advice(cudaError_t status)
   }
 }
 
+}  // namespace
+
 void check(cudaError_t status, const char *call)
 {
   if (status == cudaSuccess) return;
@@ -63,6 +68,8 @@ void check(cudaError_t status, const char *call)
   if (status == cudaErrorMemoryAllocation) throw MemoryError(text);
   throw BackendError(text);
 }
+
+namespace {
 
 struct AddLong {
   __host__ __device__ long long operator()(long long a, long long b) const { return a + b; }
@@ -91,10 +98,12 @@ public:
     check(cudaMemPoolSetAttribute(pool, cudaMemPoolAttrReleaseThreshold, &kept), "cudaMemPoolSetAttribute");
     check(cudaMalloc(&flags_, 64), "cudaMalloc");
     check(cudaMemset(flags_, 0, 64), "cudaMemset");
+    plans_ = std::make_unique<PlanRunner>(queue_, blocks_, flag());
   }
   ~CudaBackend() override
   {
     cudaStreamSynchronize(queue_);
+    plans_.reset();
     if (replay_) cudaGraphExecDestroy(replay_);
     for (void *scratch : {scratch_, other_keys_, other_values_, flags_}) cudaFree(scratch);
     cudaStreamDestroy(queue_);
@@ -220,13 +229,15 @@ public:
   void synchronize() override
   {
     ++waits_;
-    int overflow = 0;
-    check(cudaMemcpyAsync(&overflow, flag(), sizeof overflow, cudaMemcpyDeviceToHost, queue_),
-          "cudaMemcpy to the host");
-    check(cudaStreamSynchronize(queue_), "synchronize");
-    if (!overflow) return;
-    check(cudaMemset(flags_, 0, 64), "cudaMemset");
-    throw MemoryError("a list of this scene exceeds 2^31 entries; lower the resolution or the contact thickness");
+    report_overflow();
+  }
+
+  void run(const Plan &plan) override
+  {
+    if (plans_->run(plan, launches_, [this](Buffer buffer) { release(buffer); })) {
+      ++waits_;
+      report_overflow();
+    }
   }
 
 private:
@@ -256,6 +267,16 @@ private:
     check(status, "cudaGraphInstantiate");
   }
 
+  void report_overflow()
+  {
+    int overflow = 0;
+    check(cudaMemcpyAsync(&overflow, flag(), sizeof overflow, cudaMemcpyDeviceToHost, queue_),
+          "cudaMemcpy to the host");
+    check(cudaStreamSynchronize(queue_), "synchronize");
+    if (!overflow) return;
+    check(cudaMemset(flags_, 0, 64), "cudaMemset");
+    throw MemoryError("a list of this scene exceeds 2^31 entries; lower the resolution or the contact thickness");
+  }
   int *flag() const { return reinterpret_cast<int *>(static_cast<char *>(flags_) + 8); }
 
   /// Calls CUB twice: for the size of its scratch memory, then for the work.
@@ -276,6 +297,7 @@ private:
   std::string device_;
   int blocks_ = 1;
   cudaStream_t queue_ = nullptr;
+  std::unique_ptr<PlanRunner> plans_;
   cudaGraphExec_t replay_ = nullptr;  // of the last `repeat`
   long recorded_ = 0;  // launches in it
   std::unordered_map<Buffer, std::size_t> sizes_;

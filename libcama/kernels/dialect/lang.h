@@ -80,8 +80,13 @@ DEVICE void atomic_add_float(volatile GLOBAL float *p, float v)
 typedef unsigned long long key64;
 
 #if defined(__CUDACC__)
+#if defined(CAMA_BATCHED) /* kernels for many worlds call them */
+#define KERNEL static __device__ inline void
+#define KERNEL_OF(members, teams) KERNEL
+#else
 #define KERNEL static __global__ void
 #define KERNEL_OF(members, teams) static __global__ void __launch_bounds__(members, teams)
+#endif
 #define DEVICE static __host__ __device__ inline
 #define DEVICE_ATOMIC static __device__ inline
 #define DEVICE_TEAM static __device__ inline
