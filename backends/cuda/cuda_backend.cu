@@ -14,7 +14,7 @@
 #include "cama/error.hpp"
 #include "check.hpp"
 #include "device/for_backends.hpp"
-#include "plan_runner.hpp"
+#include "interpreter.hpp"
 
 namespace cama {
 namespace {
@@ -96,16 +96,20 @@ public:
     check(cudaDeviceGetDefaultMemPool(&pool, device), "cudaDeviceGetDefaultMemPool");
     std::uint64_t kept = std::uint64_t(1) << 30;   // bytes that are not returned to the driver at a wait
     check(cudaMemPoolSetAttribute(pool, cudaMemPoolAttrReleaseThreshold, &kept), "cudaMemPoolSetAttribute");
-    check(cudaMalloc(&flags_, 64), "cudaMalloc");
-    check(cudaMemset(flags_, 0, 64), "cudaMemset");
-    plans_ = std::make_unique<PlanRunner>(queue_, blocks_, flag());
+    check(cudaMalloc(&total_, sizeof(long long)), "cudaMalloc");
+    void *overflow = nullptr;
+    check(cudaHostAlloc(&overflow, sizeof(int), cudaHostAllocMapped), "cudaHostAlloc");
+    overflow_ = static_cast<volatile int *>(overflow);
+    *overflow_ = 0;
+    interpreter_ = std::make_unique<Interpreter>(device, queue_, flag());
   }
   ~CudaBackend() override
   {
     cudaStreamSynchronize(queue_);
-    plans_.reset();
+    interpreter_.reset();
     if (replay_) cudaGraphExecDestroy(replay_);
-    for (void *scratch : {scratch_, other_keys_, other_values_, flags_}) cudaFree(scratch);
+    for (void *scratch : {scratch_, other_keys_, other_values_, total_}) cudaFree(scratch);
+    cudaFreeHost(flag());
     cudaStreamDestroy(queue_);
   }
 
@@ -186,7 +190,7 @@ public:
   {
     const int *in = static_cast<const int *>(from);
     int *out = static_cast<int *>(to);
-    auto *total = static_cast<long long *>(flags_);
+    auto *total = static_cast<long long *>(total_);
     if (n > 0) {
       with_scratch(
           [&](void *scratch, std::size_t &bytes) {
@@ -229,15 +233,30 @@ public:
   void synchronize() override
   {
     ++waits_;
+    check(cudaStreamSynchronize(queue_), "synchronize");
     report_overflow();
   }
 
-  void run(const Plan &plan) override
+  void run(const std::vector<OperationQueue *> &queues) override
   {
-    if (plans_->run(plan, launches_, [this](Buffer buffer) { release(buffer); })) {
-      ++waits_;
-      report_overflow();
+    if (!interpreter_->suits(queues)) {
+      for (const OperationQueue *queue : queues) run_in_order(*this, *queue, 0, queue->size(), &repeated_);
+      return;
     }
+    launches_ += interpreter_->run(queues, [&](int operation) {
+      const Slot *slots = queues.front()->slots(operation);
+      sort(from_slot<Buffer>(slots[1]), from_slot<Buffer>(slots[2]), from_slot<int>(slots[0]),
+           queues.front()->operation(operation).extra);
+    });
+    bool waited = false;
+    for (const OperationQueue *queue : queues) {
+      waited = waited || queue->downloaded_bytes() > 0;
+      for (int i = 0; i < queue->size(); ++i)
+        if (queue->operation(i).kind == OperationKind::release) release(from_slot<Buffer>(*queue->slots(i)));
+    }
+    if (!waited) return;
+    ++waits_;
+    report_overflow();
   }
 
 private:
@@ -267,17 +286,14 @@ private:
     check(status, "cudaGraphInstantiate");
   }
 
+  /// After a wait.
   void report_overflow()
   {
-    int overflow = 0;
-    check(cudaMemcpyAsync(&overflow, flag(), sizeof overflow, cudaMemcpyDeviceToHost, queue_),
-          "cudaMemcpy to the host");
-    check(cudaStreamSynchronize(queue_), "synchronize");
-    if (!overflow) return;
-    check(cudaMemset(flags_, 0, 64), "cudaMemset");
+    if (!*overflow_) return;
+    *overflow_ = 0;
     throw MemoryError("a list of this scene exceeds 2^31 entries; lower the resolution or the contact thickness");
   }
-  int *flag() const { return reinterpret_cast<int *>(static_cast<char *>(flags_) + 8); }
+  int *flag() const { return const_cast<int *>(overflow_); }
 
   /// Calls CUB twice: for the size of its scratch memory, then for the work.
   template <class F> void with_scratch(F &&call, const char *what)
@@ -297,12 +313,14 @@ private:
   std::string device_;
   int blocks_ = 1;
   cudaStream_t queue_ = nullptr;
-  std::unique_ptr<PlanRunner> plans_;
+  std::unique_ptr<Interpreter> interpreter_;
   cudaGraphExec_t replay_ = nullptr;  // of the last `repeat`
+  std::vector<Slot> repeated_;        // what it repeated
   long recorded_ = 0;  // launches in it
   std::unordered_map<Buffer, std::size_t> sizes_;
   void *scratch_ = nullptr, *other_keys_ = nullptr, *other_values_ = nullptr;
-  void *flags_ = nullptr;  // a 64-bit total, then the overflow flag
+  void *total_ = nullptr;  // of a scan, 64 bits
+  volatile int *overflow_ = nullptr;  // of a scan; on the host, where the device reaches it
   std::size_t scratch_size_ = 0;
   long long other_size_ = 0;
 };

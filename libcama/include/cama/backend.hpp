@@ -25,7 +25,7 @@ struct KernelKey {
 /// Largest number of arguments of a kernel; checked at compile time.
 inline constexpr int max_kernel_arguments = 40;
 
-struct Plan;
+class OperationQueue;
 
 /// One kernel argument: a scalar's address, or a buffer.
 struct Argument {
@@ -68,8 +68,8 @@ public:
   virtual void sort(Buffer keys, Buffer values, int n, int bits) = 0;
   virtual void synchronize() = 0;
 
-  /// Runs operations that are merged from several worlds; waits if there is a download among them.
-  virtual void run(const Plan &plan);
+  /// Does what was recorded, each queue in its order; waits if there is a download among it.
+  virtual void run(const std::vector<OperationQueue *> &queues);
   /// The simulation begins a stage of its step, numbered in their order. Worlds wait here for each other.
   virtual void begin_stage(int number) { static_cast<void>(number); }
 
@@ -94,6 +94,9 @@ int useful_threads(int triangles);
 /// "cpu", "opencl" or "cuda". device: index among the backend's usable devices. threads: of the CPU backend, 0 =
 /// cpu_count(). Throws BackendError, which lists the available backends.
 std::unique_ptr<Backend> make_backend(const std::string &name, int device = 0, int threads = 0);
+
+/// The same, but what it is asked is not recorded to run together, where make_backend records: on a GPU with CUDA.
+std::unique_ptr<Backend> make_device(const std::string &name, int device = 0, int threads = 0);
 
 struct BackendInfo {
   std::string name;

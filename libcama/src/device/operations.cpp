@@ -1,6 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "device/operations.hpp"
 
+#include <algorithm>
+#include <utility>
+
 namespace cama {
 namespace {
 
@@ -43,14 +46,84 @@ void run_one(Backend &backend, const Operation &what, const Slot *slots)
   }
 }
 
+std::size_t whole(std::size_t bytes) { return (bytes + 15) / 16 * 16; }
+
 }  // namespace
 
-void Backend::run(const Plan &plan)
+void OperationQueue::add(const Operation &operation, std::initializer_list<Slot> slots)
 {
-  for (const Plan::Run &run : plan.order) {
-    const Plan::Batch &batch = plan.batches[static_cast<std::size_t>(run.batch)];
-    for (int w = 0; w < run.worlds; ++w) run_one(*this, batch.what, plan.slots(batch, w));
+  first_.push_back(slots_.size());
+  slots_.insert(slots_.end(), slots);
+  operations_.push_back(operation);
+  const Slot size = *slots.begin();
+  switch (operation.kind) {
+  case OperationKind::launch:
+    largest_ = std::max(largest_, static_cast<int>(size) * std::max(1, operation.kernel.team));
+    break;
+  case OperationKind::sort: largest_sort_ = std::max(largest_sort_, static_cast<int>(size)); break;
+  case OperationKind::download: downloaded_bytes_ += whole(size); break;
+  default: break;
   }
+}
+
+const unsigned char *OperationQueue::keep(const unsigned char *bytes, std::size_t count)
+{
+  kept_bytes_ += whole(count);
+  return kept_.emplace_back(bytes, bytes + count).data();
+}
+
+void OperationQueue::clear()
+{
+  operations_.clear();
+  first_.clear();
+  slots_.clear();
+  kept_.clear();
+  kept_bytes_ = downloaded_bytes_ = 0;
+  largest_sort_ = largest_ = 0;
+}
+
+namespace {
+
+/// All of operations [begin, end), for a comparison.
+std::vector<Slot> body_of(const OperationQueue &queue, int begin, int end)
+{
+  std::vector<Slot> body;
+  for (int i = begin; i < end; ++i) {
+    const Operation &o = queue.operation(i);
+    for (const int number : {static_cast<int>(o.kind), o.kernel.index, static_cast<int>(o.kernel.precision),
+                             o.kernel.team, o.slots, o.extra})
+      body.push_back(to_slot(number));
+    body.insert(body.end(), queue.slots(i), queue.slots(i) + o.slots);
+  }
+  return body;
+}
+
+}  // namespace
+
+void run_in_order(Backend &backend, const OperationQueue &queue, int begin, int end, std::vector<Slot> *repeated)
+{
+  for (int i = begin; i < end; ++i) {
+    const Operation &what = queue.operation(i);
+    if (what.kind != OperationKind::repeat) {
+      run_one(backend, what, queue.slots(i));
+      continue;
+    }
+    const int first = i + 1;
+    i += what.extra;
+    bool again = false;
+    if (repeated) {
+      std::vector<Slot> body = body_of(queue, first, i + 1);
+      again = body == *repeated;
+      *repeated = std::move(body);
+    }
+    backend.repeat(
+        from_slot<int>(*queue.slots(first - 1)), [&] { run_in_order(backend, queue, first, i + 1); }, again);
+  }
+}
+
+void Backend::run(const std::vector<OperationQueue *> &queues)
+{
+  for (const OperationQueue *queue : queues) run_in_order(*this, *queue, 0, queue->size());
 }
 
 }  // namespace cama

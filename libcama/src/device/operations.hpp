@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// What several worlds ask of one device, merged: the same operation of many worlds is one batch.
+// What is asked of a device, recorded: to run later, together with what others ask.
 #pragma once
 #include <cstdint>
 #include <cstring>
@@ -30,7 +30,7 @@ template <class T> T from_slot(Slot slot)
 enum class OperationKind : std::uint8_t {
   launch,    ///< n, then the arguments
   scan,      ///< n, from, to
-  sort,      ///< n, keys, values; `extra` is the number of bits
+  sort,      ///< n, keys, values, room for the backend; `extra` is the number of bits
   copy,      ///< bytes, to, from
   fill,      ///< bytes, buffer, byte
   upload,    ///< bytes, to, address on the host
@@ -39,7 +39,7 @@ enum class OperationKind : std::uint8_t {
   repeat     ///< times; the next `extra` operations are what is repeated
 };
 
-/// One operation without its slots: operations that are equal can be one batch.
+/// One operation without its slots.
 struct Operation {
   OperationKind kind = OperationKind::launch;
   KernelKey kernel{0, KernelPrecision::none, ""};
@@ -47,21 +47,6 @@ struct Operation {
   int extra = 0;
   std::uint64_t buffers = 0;  ///< bit i: argument i of a launch is a buffer
   std::uint64_t wide = 0;     ///< bit i: argument i is a number of 8 bytes, not 4
-
-  /// Of what must be equal in a batch; `before`: the hash of what precedes it.
-  std::uint64_t hash(std::uint64_t before) const
-  {
-    const auto mix = [](std::uint64_t h, std::uint64_t word) {
-      h = (h ^ word) * 0x9e3779b97f4a7c15ull;
-      return h ^ h >> 29;
-    };
-    const std::uint64_t kernel_word = static_cast<std::uint64_t>(kernel.index) << 32 |
-                                      static_cast<std::uint64_t>(kernel.precision) << 24 |
-                                      static_cast<std::uint64_t>(kernel.team);
-    const std::uint64_t kind_word = static_cast<std::uint64_t>(kind) << 56 |
-                                    static_cast<std::uint64_t>(static_cast<unsigned int>(extra));
-    return mix(mix(before + 1, kernel_word), kind_word);
-  }
 };
 
 /// What one world has asked of its device and what has not run yet.
@@ -69,80 +54,34 @@ class OperationQueue {
 public:
   bool empty() const { return operations_.empty(); }
   int size() const { return static_cast<int>(operations_.size()); }
-  /// Equal for queues whose operations are equal but for their slots, and, but for chance, for those only.
-  std::uint64_t hash() const { return hash_; }
   const Operation &operation(int i) const { return operations_[static_cast<std::size_t>(i)]; }
   const Slot *slots(int i) const { return slots_.data() + first_[static_cast<std::size_t>(i)]; }
+  std::size_t slot_count() const { return slots_.size(); }
+  std::size_t kept_bytes() const { return kept_bytes_; }  ///< each copy filled up to whole 16 bytes
+  std::size_t downloaded_bytes() const { return downloaded_bytes_; }  ///< likewise
+  int largest_sort() const { return largest_sort_; }  ///< number of keys
+  int largest() const { return largest_; }            ///< number of work items or members of teams of a launch
 
-  /// Adds an operation; its other slots are added by `add`.
-  void add(const Operation &operation, std::initializer_list<Slot> slots)
-  {
-    first_.push_back(slots_.size());
-    slots_.insert(slots_.end(), slots);
-    operations_.push_back(operation);
-    hash_ = operation.hash(hash_);
-  }
+  void add(const Operation &operation, std::initializer_list<Slot> slots);
   void add(Slot slot) { slots_.push_back(slot); }
   /// A copy that lives until `clear`.
-  const unsigned char *keep(const unsigned char *bytes, std::size_t count)
-  {
-    return kept_.emplace_back(bytes, bytes + count).data();
-  }
+  const unsigned char *keep(const unsigned char *bytes, std::size_t count);
   /// Makes everything from operation i on the body of the repetition i - 1.
-  void end_repetition(int i)
-  {
-    Operation &repeat = operations_[static_cast<std::size_t>(i - 1)];
-    repeat.extra = size() - i;
-    hash_ = repeat.hash(hash_);
-  }
-  void clear()
-  {
-    operations_.clear();
-    first_.clear();
-    slots_.clear();
-    kept_.clear();
-    hash_ = 0;
-  }
+  void end_repetition(int i) { operations_[static_cast<std::size_t>(i - 1)].extra = size() - i; }
+  void clear();
 
 private:
   std::vector<Operation> operations_;
   std::vector<std::size_t> first_;  // [operations] slot
   std::vector<Slot> slots_;
   std::vector<std::vector<unsigned char>> kept_;
-  std::uint64_t hash_ = 0;
+  std::size_t kept_bytes_ = 0, downloaded_bytes_ = 0;
+  int largest_sort_ = 0, largest_ = 0;
 };
 
-/// Operations of several worlds, merged. Refers to their queues.
-struct Plan {
-  /// Worlds that do the same; those that repeat it most often come first.
-  struct Group {
-    std::vector<const OperationQueue *> worlds;
-    std::vector<int> sequence;  ///< [worlds] to which of the group's sequences the world belongs
-  };
-  /// The same operation of the worlds of a group.
-  struct Batch {
-    Operation what;
-    int group;
-    std::vector<int> at;  ///< [sequences of the group] place of the operation in the queues
-  };
-  struct Run {
-    int batch;
-    int worlds;  ///< the first so many of its group
-  };
-  std::vector<Group> groups;
-  std::vector<Batch> batches;
-  std::vector<Run> order;
-
-  int worlds(const Batch &batch) const
-  {
-    return static_cast<int>(groups[static_cast<std::size_t>(batch.group)].worlds.size());
-  }
-  const Slot *slots(const Batch &batch, int world) const
-  {
-    const Group &group = groups[static_cast<std::size_t>(batch.group)];
-    const auto w = static_cast<std::size_t>(world);
-    return group.worlds[w]->slots(batch.at[static_cast<std::size_t>(group.sequence[w])]);
-  }
-};
+/// Does operations [begin, end) of a queue, one after the other. repeated: what the backend's last repetition was, so
+/// that it is told of the same again; null: not known.
+void run_in_order(Backend &backend, const OperationQueue &queue, int begin, int end,
+                  std::vector<Slot> *repeated = nullptr);
 
 }  // namespace cama

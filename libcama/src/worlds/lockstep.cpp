@@ -4,8 +4,6 @@
 #include <algorithm>
 #include <climits>
 
-#include "worlds/merge.hpp"
-
 namespace cama {
 
 void Lockstep::run(Crew &crew, std::vector<Task> &tasks)
@@ -28,11 +26,11 @@ void Lockstep::run(Crew &crew, std::vector<Task> &tasks)
     for (auto t = static_cast<int>(static_cast<long>(count) * member / members); t < end; ++t)
       work(*tasks[static_cast<std::size_t>(t)].world);
   };
-  std::vector<const OperationQueue *> queues;
-  std::vector<WorldBackend *> flushed;
+  std::vector<OperationQueue *> queues;
+  std::vector<RecordingBackend *> flushed;
   for (bool all = false; !all;) {
     crew.run([&](int member) {
-      each(member, [](WorldBackend &w) {
+      each(member, [](RecordingBackend &w) {
         if (!w.fiber->finished() && (w.waiting ? w.queue.empty() : w.stage <= w.last_stage)) w.fiber->resume();
       });
     });
@@ -46,7 +44,7 @@ void Lockstep::run(Crew &crew, std::vector<Task> &tasks)
     queues.clear();
     flushed.clear();
     for (const Task &task : tasks) {
-      WorldBackend &w = *task.world;
+      RecordingBackend &w = *task.world;
       w.last_stage = stage;
       if ((!w.waiting && !all) || w.queue.empty()) continue;
       queues.push_back(&w.queue);
@@ -55,12 +53,12 @@ void Lockstep::run(Crew &crew, std::vector<Task> &tasks)
     if (queues.empty()) continue;
     if (!failure) {
       try {
-        device_->backend->run(merge(queues));
+        device_->backend->run(queues);
       } catch (...) {
         failure = std::current_exception();
       }
     }
-    for (WorldBackend *w : flushed) w->queue.clear();
+    for (RecordingBackend *w : flushed) w->queue.clear();
   }
   for (Task &task : tasks) {
     task.world->fiber = nullptr;

@@ -6,7 +6,7 @@
 #include <vector>
 
 #include "worlds/crew.hpp"
-#include "worlds/world_backend.hpp"
+#include "device/recording_backend.hpp"
 
 namespace cama {
 
@@ -16,11 +16,11 @@ class Lockstep {
 public:
   explicit Lockstep(std::unique_ptr<Backend> device) : device_(std::make_shared<SharedDevice>(std::move(device))) {}
 
-  std::unique_ptr<WorldBackend> make_world() { return std::make_unique<WorldBackend>(device_); }
+  std::unique_ptr<RecordingBackend> make_world() { return std::make_unique<RecordingBackend>(device_); }
   Backend &device() { return *device_->backend; }
 
   struct Task {
-    WorldBackend *world;
+    RecordingBackend *world;
     std::function<void()> work;  ///< may not throw
   };
   /// Does all tasks. Throws what the device throws; the worlds' works have then met that exception where they waited.

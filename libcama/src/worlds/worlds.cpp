@@ -68,7 +68,7 @@ int steps_per_frame(const Simulation &s, double seconds_per_frame)
 struct Worlds::Implementation {
   struct World {
     std::unique_ptr<Simulation> simulation;
-    WorldBackend *backend = nullptr;  // null where worlds do not share a device
+    RecordingBackend *backend = nullptr;  // null where worlds do not share a device
     Checkpoint start;
     double seconds_per_frame = 0;
     std::exception_ptr failure;
@@ -108,7 +108,7 @@ Worlds::Implementation::Implementation(const std::vector<Scene> &scenes, const s
     rethrow_of(0, std::current_exception());
   }
   std::unique_ptr<Backend> device =
-      make_backend(first.options.backend, first.options.device, first.options.backend == "cpu" ? 1 : 0);
+      make_device(first.options.backend, first.options.device, first.options.backend == "cpu" ? 1 : 0);
   const int threads = first.options.threads > 0 ? first.options.threads : cpu_count();
   const std::string name(device->name());
   if (name != "cpu" && Fiber::supported()) lockstep = std::make_unique<Lockstep>(std::move(device));
@@ -130,7 +130,7 @@ Worlds::Implementation::Implementation(const std::vector<Scene> &scenes, const s
         resolved.options.threads = 1;
         std::unique_ptr<Backend> own;
         if (lockstep) {
-          std::unique_ptr<WorldBackend> recorder = lockstep->make_world();
+          std::unique_ptr<RecordingBackend> recorder = lockstep->make_world();
           world.backend = recorder.get();
           own = std::move(recorder);
         } else {

@@ -8,23 +8,24 @@
 #include <vector>
 
 #include "device/operations.hpp"
-#include "worlds/fiber.hpp"
+#include "device/fiber.hpp"
 
 namespace cama {
 
-/// A device that several worlds share. Worlds allocate from several threads.
+/// A device that several recordings share. They allocate from several threads.
 struct SharedDevice {
   explicit SharedDevice(std::unique_ptr<Backend> device) : backend(std::move(device)) {}
   std::unique_ptr<Backend> backend;
   std::mutex mutex;
 };
 
-/// The backend of one world: it records what the world asks of the shared device. Where the world needs an answer, it
-/// pauses its fiber, so that the operations of all worlds run together; outside of a fiber it runs its own at once.
-class WorldBackend final : public Backend {
+/// The backend of a simulation that records what it asks of a device. Where the simulation needs an answer, the device
+/// gets all that was recorded at once. One of several worlds pauses its fiber there, so that the operations of all
+/// worlds run together.
+class RecordingBackend final : public Backend {
 public:
-  explicit WorldBackend(std::shared_ptr<SharedDevice> device) : device_(std::move(device)) {}
-  ~WorldBackend() override;
+  explicit RecordingBackend(std::shared_ptr<SharedDevice> device) : device_(std::move(device)) {}
+  ~RecordingBackend() override;
 
   std::string_view name() const override { return device_->backend->name(); }
   std::string device() const override { return device_->backend->device(); }
@@ -43,7 +44,7 @@ public:
   void synchronize() override;
   void begin_stage(int number) override;
 
-  // For who runs the worlds together.
+  // For who runs worlds together.
 
   OperationQueue queue;
   Fiber *fiber = nullptr;      ///< in which the world runs; null: alone
@@ -56,6 +57,7 @@ public:
 private:
   void record(OperationKind kind, std::initializer_list<Slot> slots, int extra = 0);
   void wait();
+  void run_alone();
 
   std::shared_ptr<SharedDevice> device_;
   std::vector<std::pair<Buffer, std::size_t>> sizes_;  // sorted by buffer

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "worlds/fiber.hpp"
+#include "device/fiber.hpp"
 
 #include <utility>
 

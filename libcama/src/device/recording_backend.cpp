@@ -1,10 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "worlds/world_backend.hpp"
+#include "device/recording_backend.hpp"
 
 #include <algorithm>
 #include <cstring>
-
-#include "worlds/merge.hpp"
 
 namespace cama {
 namespace {
@@ -18,16 +16,15 @@ bool before(const std::pair<Buffer, std::size_t> &entry, Buffer buffer)
 
 }  // namespace
 
-WorldBackend::~WorldBackend()
+RecordingBackend::~RecordingBackend()
 {
   try {
-    fiber = nullptr;
-    wait();
+    run_alone();
   } catch (...) {  // the device is lost
   }
 }
 
-Buffer WorldBackend::allocate(std::size_t bytes)
+Buffer RecordingBackend::allocate(std::size_t bytes)
 {
   Buffer buffer;
   {
@@ -40,7 +37,7 @@ Buffer WorldBackend::allocate(std::size_t bytes)
   return buffer;
 }
 
-void WorldBackend::release(Buffer buffer) noexcept
+void RecordingBackend::release(Buffer buffer) noexcept
 {
   const auto found = std::lower_bound(sizes_.begin(), sizes_.end(), buffer, before);
   if (found != sizes_.end() && found->first == buffer) {
@@ -50,7 +47,7 @@ void WorldBackend::release(Buffer buffer) noexcept
   record(OperationKind::release, {to_slot(buffer)});  // after the work that uses it
 }
 
-void WorldBackend::record(OperationKind kind, std::initializer_list<Slot> slots, int extra)
+void RecordingBackend::record(OperationKind kind, std::initializer_list<Slot> slots, int extra)
 {
   Operation operation;
   operation.kind = kind;
@@ -59,14 +56,14 @@ void WorldBackend::record(OperationKind kind, std::initializer_list<Slot> slots,
   queue.add(operation, slots);
 }
 
-void WorldBackend::upload(Buffer to, const void *from, std::size_t bytes)
+void RecordingBackend::upload(Buffer to, const void *from, std::size_t bytes)
 {
   if (bytes == 0) return;
   const unsigned char *copy = queue.keep(static_cast<const unsigned char *>(from), bytes);
   record(OperationKind::upload, {bytes, to_slot(to), to_slot(copy)});
 }
 
-void WorldBackend::download(void *to, Buffer from, std::size_t bytes, std::size_t offset)
+void RecordingBackend::download(void *to, Buffer from, std::size_t bytes, std::size_t offset)
 {
   if (bytes == 0) return;
   ++waits_;
@@ -74,19 +71,19 @@ void WorldBackend::download(void *to, Buffer from, std::size_t bytes, std::size_
   wait();
 }
 
-void WorldBackend::copy(Buffer to, Buffer from, std::size_t bytes)
+void RecordingBackend::copy(Buffer to, Buffer from, std::size_t bytes)
 {
   if (bytes > 0 && to != from) record(OperationKind::copy, {bytes, to_slot(to), to_slot(from)});
 }
 
-void WorldBackend::fill(Buffer buffer, unsigned char byte, std::size_t bytes)
+void RecordingBackend::fill(Buffer buffer, unsigned char byte, std::size_t bytes)
 {
   if (bytes > 0) record(OperationKind::fill, {bytes, to_slot(buffer), to_slot(byte)});
 }
 
-void WorldBackend::launch(const KernelKey &kernel, int n, const Argument *arguments, int count)
+void RecordingBackend::launch(const KernelKey &kernel, int n, const Argument *arguments, int count)
 {
-  ++launches_;
+  if (fiber) ++launches_;   // else those of the device count
   Operation operation;
   operation.kernel = kernel;
   operation.slots = 1 + count;
@@ -105,7 +102,7 @@ void WorldBackend::launch(const KernelKey &kernel, int n, const Argument *argume
   }
 }
 
-void WorldBackend::repeat(int times, const std::function<void()> &work, bool)
+void RecordingBackend::repeat(int times, const std::function<void()> &work, bool)
 {
   if (times < 1) return;
   record(OperationKind::repeat, {to_slot(times)});
@@ -116,30 +113,31 @@ void WorldBackend::repeat(int times, const std::function<void()> &work, bool)
   launches_ += (launches_ - launches) * (times - 1);
 }
 
-void WorldBackend::scan(Buffer from, Buffer to, int n)
+void RecordingBackend::scan(Buffer from, Buffer to, int n)
 {
   record(OperationKind::scan, {to_slot(n), to_slot(from), to_slot(to)});
 }
 
-void WorldBackend::sort(Buffer keys, Buffer values, int n, int bits)
+void RecordingBackend::sort(Buffer keys, Buffer values, int n, int bits)
 {
-  if (n > 1) record(OperationKind::sort, {to_slot(n), to_slot(keys), to_slot(values)}, bits);
+  if (n > 1) record(OperationKind::sort, {to_slot(n), to_slot(keys), to_slot(values), 0}, bits);
 }
 
-void WorldBackend::synchronize()
+void RecordingBackend::synchronize()
 {
   ++waits_;
   wait();
+  if (!fiber) device_->backend->synchronize();
 }
 
-void WorldBackend::begin_stage(int number)
+void RecordingBackend::begin_stage(int number)
 {
   if (number == 0) step += stages_of_a_step;
   stage = step + number;
   if (fiber && stage > last_stage) fiber->pause();
 }
 
-void WorldBackend::wait()
+void RecordingBackend::wait()
 {
   if (fiber) {
     waiting = true;
@@ -148,15 +146,22 @@ void WorldBackend::wait()
     if (failure && *failure) std::rethrow_exception(*failure);
     return;
   }
+  run_alone();
+}
+
+void RecordingBackend::run_alone()
+{
   if (queue.empty()) return;
   const std::lock_guard<std::mutex> lock(device_->mutex);
+  const long before = device_->backend->launches();
   try {
-    device_->backend->run(merge({&queue}));
+    device_->backend->run({&queue});
   } catch (...) {
     queue.clear();
     throw;
   }
   queue.clear();
+  launches_ += device_->backend->launches() - before;
 }
 
 }  // namespace cama
