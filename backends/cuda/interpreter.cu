@@ -7,6 +7,8 @@
 #include <cub/cub.cuh>
 
 #include <algorithm>
+#include <chrono>
+#include <cstdio>
 #include <cstdlib>
 #include <utility>
 
@@ -15,6 +17,9 @@
 #include "device/for_backends.hpp"
 
 namespace cama {
+double prof[8];
+struct Prof { ~Prof() { if (std::getenv("CAMA_PROF")) std::fprintf(stderr, "PROF plan %.1f write %.1f copy+launch %.1f wait %.1f deliver %.1f record %.1f loop %.1f flushes %.0f\n", prof[0], prof[1], prof[2], prof[3], prof[4], prof[5], prof[6], prof[7]); } } prof_printer;
+static double now_ms() { return std::chrono::duration<double, std::milli>(std::chrono::steady_clock::now().time_since_epoch()).count(); }
 namespace {
 
 constexpr int most_slots = max_kernel_arguments + 8, blocks_per_processor = 2;
@@ -379,10 +384,13 @@ bool Interpreter::suits(const std::vector<OperationQueue *> &queues) const
 
 int Interpreter::run(const std::vector<OperationQueue *> &queues, const std::function<void(int)> &sort)
 {
+  double t0 = now_ms();
   const Programs programs(queues, function_of);
+  double t1 = now_ms();
   check(cudaEventSynchronize(copied_), "cudaEventSynchronize");
   unsigned char *block = block_.get(programs.bytes()), *device = device_.get(programs.bytes());
   programs.write(block, device, downloads_.get(programs.downloaded_bytes()), scratch_.get(programs.scratch_bytes()));
+  double t2 = now_ms();
   check(cudaMemcpyAsync(device, block, programs.bytes(), cudaMemcpyHostToDevice, queue_), "cudaMemcpy to the device");
   check(cudaEventRecord(copied_, queue_), "cudaEventRecord");
   const int worlds = static_cast<int>(queues.size()), blocks = blocks_for(queues);
@@ -404,10 +412,13 @@ int Interpreter::run(const std::vector<OperationQueue *> &queues, const std::fun
     launch(worlds, blocks, begin, 0x7fffffff);
     ++launches;
   }
+  double t3 = now_ms(), t4 = t3;
   if (programs.waits()) {
     check(cudaStreamSynchronize(queue_), "synchronize");
+    t4 = now_ms();
     programs.deliver(downloads_.get(0));
   }
+  prof[0] += t1 - t0; prof[1] += t2 - t1; prof[2] += t3 - t2; prof[3] += t4 - t3; prof[4] += now_ms() - t4; ++prof[7];
   return launches;
 }
 

@@ -8,7 +8,7 @@ namespace cama {
 namespace {
 
 /// Calls follow each other within microseconds: a thread that sleeps comes too late.
-constexpr std::chrono::microseconds patience{50};
+constexpr std::chrono::microseconds patience{2000};
 
 template <class Condition> bool soon(Condition &&condition)
 {
