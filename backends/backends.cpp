@@ -3,11 +3,9 @@
 
 #include <algorithm>
 #include <cstdlib>
-#include <utility>
 
 #include "cama/error.hpp"
 #include "cpu/cpu_backend.hpp"
-#include "device/recording_backend.hpp"
 #if CAMA_HAS_OPENCL
 #include "opencl/opencl_backend.hpp"
 #endif
@@ -63,16 +61,9 @@ std::string best_backend()
 
 std::unique_ptr<Backend> make_backend(const std::string &name, int device, int threads)
 {
-  std::unique_ptr<Backend> backend = make_device(name, device, threads);
-  if (backend->name() != "cuda") return backend;
-  return std::make_unique<RecordingBackend>(std::make_shared<SharedDevice>(std::move(backend)));
-}
-
-std::unique_ptr<Backend> make_device(const std::string &name, int device, int threads)
-{
   if (name == "auto") {
     const char *chosen = std::getenv("CAMA_BACKEND");
-    return make_device(chosen && *chosen && std::string(chosen) != "auto" ? chosen : best_backend(), device, threads);
+    return make_backend(chosen && *chosen && std::string(chosen) != "auto" ? chosen : best_backend(), device, threads);
   }
   if (threads < 0)
     throw BackendError("threads: " + std::to_string(threads) + " is below 0; use 0 for an automatic number");

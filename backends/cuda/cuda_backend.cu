@@ -237,13 +237,10 @@ public:
     report_overflow();
   }
 
-  void run(const std::vector<OperationQueue *> &queues) override
+  void run(const std::vector<OperationQueue *> &queues, Crew &crew) override
   {
-    if (!interpreter_->suits(queues)) {
-      for (const OperationQueue *queue : queues) run_in_order(*this, *queue, 0, queue->size(), &repeated_);
-      return;
-    }
-    launches_ += interpreter_->run(queues, [&](int operation) {
+    if (!interpreter_->suits(queues)) return Backend::run(queues, crew);
+    launches_ += interpreter_->run(queues, crew, [&](int operation) {
       const Slot *slots = queues.front()->slots(operation);
       sort(from_slot<Buffer>(slots[1]), from_slot<Buffer>(slots[2]), from_slot<int>(slots[0]),
            queues.front()->operation(operation).extra);
@@ -315,7 +312,6 @@ private:
   cudaStream_t queue_ = nullptr;
   std::unique_ptr<Interpreter> interpreter_;
   cudaGraphExec_t replay_ = nullptr;  // of the last `repeat`
-  std::vector<Slot> repeated_;        // what it repeated
   long recorded_ = 0;  // launches in it
   std::unordered_map<Buffer, std::size_t> sizes_;
   void *scratch_ = nullptr, *other_keys_ = nullptr, *other_values_ = nullptr;

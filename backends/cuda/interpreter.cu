@@ -22,7 +22,7 @@ struct Prof { ~Prof() { if (std::getenv("CAMA_PROF")) std::fprintf(stderr, "PROF
 static double now_ms() { return std::chrono::duration<double, std::milli>(std::chrono::steady_clock::now().time_since_epoch()).count(); }
 namespace {
 
-constexpr int most_slots = max_kernel_arguments + 8, blocks_per_processor = 2;
+constexpr int most_slots = max_kernel_arguments + 8, blocks_per_processor = 4;
 constexpr int rank_sort_room = 2048, digit_bits = 4, digits = 1 << digit_bits;
 /// Elements that a thread may handle in one operation, beyond which launches with more threads are faster.
 constexpr int most_per_thread = 8, most_per_thread_of_worlds = 64;
@@ -382,14 +382,14 @@ bool Interpreter::suits(const std::vector<OperationQueue *> &queues) const
                      [&](const OperationQueue *queue) { return queue->largest() <= most * threads; });
 }
 
-int Interpreter::run(const std::vector<OperationQueue *> &queues, const std::function<void(int)> &sort)
+int Interpreter::run(const std::vector<OperationQueue *> &queues, Crew &crew, const std::function<void(int)> &sort)
 {
   double t0 = now_ms();
   const Programs programs(queues, function_of);
   double t1 = now_ms();
   check(cudaEventSynchronize(copied_), "cudaEventSynchronize");
   unsigned char *block = block_.get(programs.bytes()), *device = device_.get(programs.bytes());
-  programs.write(block, device, downloads_.get(programs.downloaded_bytes()), scratch_.get(programs.scratch_bytes()));
+  programs.write(crew, block, device, downloads_.get(programs.downloaded_bytes()), scratch_.get(programs.scratch_bytes()));
   double t2 = now_ms();
   check(cudaMemcpyAsync(device, block, programs.bytes(), cudaMemcpyHostToDevice, queue_), "cudaMemcpy to the device");
   check(cudaEventRecord(copied_, queue_), "cudaEventRecord");
@@ -416,7 +416,7 @@ int Interpreter::run(const std::vector<OperationQueue *> &queues, const std::fun
   if (programs.waits()) {
     check(cudaStreamSynchronize(queue_), "synchronize");
     t4 = now_ms();
-    programs.deliver(downloads_.get(0));
+    programs.deliver(crew, downloads_.get(0));
   }
   prof[0] += t1 - t0; prof[1] += t2 - t1; prof[2] += t3 - t2; prof[3] += t4 - t3; prof[4] += now_ms() - t4; ++prof[7];
   return launches;

@@ -41,7 +41,7 @@ public:
   bool suits(const std::vector<OperationQueue *> &queues) const;
   /// Runs all but the releases, and for one world the sorts: sort(operation) is called in their place. Returns the
   /// number of launches.
-  int run(const std::vector<OperationQueue *> &queues, const std::function<void(int)> &sort);
+  int run(const std::vector<OperationQueue *> &queues, Crew &crew, const std::function<void(int)> &sort);
 
 private:
   int blocks_for(const std::vector<OperationQueue *> &queues) const;

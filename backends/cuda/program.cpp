@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "program.hpp"
 
-#include <omp.h>
 
 #include <algorithm>
 #include <cstring>
@@ -9,15 +8,15 @@
 namespace cama {
 namespace {
 
-constexpr std::size_t alignment = 16, worlds_per_thread = 16, scratch_per_key = 12;
-constexpr int most_threads = 16;
+constexpr int largest_team_shift = 7;   // members of a team that the interpreter has at most: 128
+constexpr std::size_t alignment = 16, scratch_per_key = 12;
 
 std::size_t aligned(std::size_t bytes) { return (bytes + alignment - 1) / alignment * alignment; }
 
 std::uint8_t shift_of(int team)
 {
   std::uint8_t shift = 0;
-  while (1 << shift < team) ++shift;
+  while (1 << shift < team && shift < largest_team_shift) ++shift;
   return shift;
 }
 
@@ -45,14 +44,24 @@ Programs::Programs(const std::vector<OperationQueue *> &queues, int (*function_o
   }
 }
 
-void Programs::write(unsigned char *block, unsigned char *device, unsigned char *downloads,
+template <class Work> void Programs::each(Crew &crew, const Work &work) const
+{
+  crew.run([&](int member) {
+    const std::size_t worlds = queues_.size(), members = static_cast<std::size_t>(crew.size());
+    const auto m = static_cast<std::size_t>(member);
+    for (std::size_t w = worlds * m / members; w < worlds * (m + 1) / members; ++w) work(w);
+  });
+}
+
+void Programs::write(Crew &crew, unsigned char *block, unsigned char *device, unsigned char *downloads,
                      unsigned char *scratch) const
 {
-  const int worlds = static_cast<int>(queues_.size());
-  const int threads = std::min({most_threads, omp_get_num_procs(),
-                                static_cast<int>(queues_.size() / worlds_per_thread) + 1});
-#pragma omp parallel for schedule(static) num_threads(threads)
-  for (int w = 0; w < worlds; ++w) write(static_cast<std::size_t>(w), block, device, downloads, scratch);
+  each(crew, [&](std::size_t w) { write(w, block, device, downloads, scratch); });
+}
+
+void Programs::deliver(Crew &crew, const unsigned char *downloads) const
+{
+  each(crew, [&](std::size_t w) { deliver(w, downloads); });
 }
 
 void Programs::write(std::size_t world, unsigned char *block, unsigned char *device, unsigned char *downloads,
@@ -100,18 +109,16 @@ void Programs::write(std::size_t world, unsigned char *block, unsigned char *dev
   }
 }
 
-void Programs::deliver(const unsigned char *downloads) const
+void Programs::deliver(std::size_t world, const unsigned char *downloads) const
 {
-  for (std::size_t w = 0; w < queues_.size(); ++w) {
-    const OperationQueue &queue = *queues_[w];
-    std::size_t down = places_[w].downloads;
-    if (queue.downloaded_bytes() == 0) continue;
-    for (int i = 0; i < queue.size(); ++i) {
-      if (queue.operation(i).kind != OperationKind::download) continue;
-      const Slot *slots = queue.slots(i);
-      std::memcpy(from_slot<void *>(slots[1]), downloads + down, slots[0]);
-      down += aligned(slots[0]);
-    }
+  const OperationQueue &queue = *queues_[world];
+  if (queue.downloaded_bytes() == 0) return;
+  std::size_t down = places_[world].downloads;
+  for (int i = 0; i < queue.size(); ++i) {
+    if (queue.operation(i).kind != OperationKind::download) continue;
+    const Slot *slots = queue.slots(i);
+    std::memcpy(from_slot<void *>(slots[1]), downloads + down, slots[0]);
+    down += aligned(slots[0]);
   }
 }
 

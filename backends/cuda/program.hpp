@@ -4,6 +4,7 @@
 #include <cstdint>
 #include <vector>
 
+#include "device/crew.hpp"
 #include "device/operations.hpp"
 
 namespace cama {
@@ -38,9 +39,10 @@ public:
   std::size_t scratch_bytes() const { return scratch_; }  ///< of sorts
   bool waits() const { return waits_; }                   ///< whether there is a download
   /// Writes the block. device: where it will be; downloads, scratch: of the device.
-  void write(unsigned char *block, unsigned char *device, unsigned char *downloads, unsigned char *scratch) const;
+  void write(Crew &crew, unsigned char *block, unsigned char *device, unsigned char *downloads,
+             unsigned char *scratch) const;
   /// Hands what was downloaded to the worlds.
-  void deliver(const unsigned char *downloads) const;
+  void deliver(Crew &crew, const unsigned char *downloads) const;
 
 private:
   struct Place {
@@ -48,6 +50,8 @@ private:
   };
   void write(std::size_t world, unsigned char *block, unsigned char *device, unsigned char *downloads,
              unsigned char *scratch) const;
+  void deliver(std::size_t world, const unsigned char *downloads) const;
+  template <class Work> void each(Crew &crew, const Work &work) const;
 
   const std::vector<OperationQueue *> &queues_;
   int (*function_of_)(const KernelKey &);

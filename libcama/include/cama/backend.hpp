@@ -26,6 +26,7 @@ struct KernelKey {
 inline constexpr int max_kernel_arguments = 40;
 
 class OperationQueue;
+class Crew;
 
 /// One kernel argument: a scalar's address, or a buffer.
 struct Argument {
@@ -69,7 +70,8 @@ public:
   virtual void synchronize() = 0;
 
   /// Does what was recorded, each queue in its order; waits if there is a download among it.
-  virtual void run(const std::vector<OperationQueue *> &queues);
+  /// crew: threads that may help.
+  virtual void run(const std::vector<OperationQueue *> &queues, Crew &crew);
   /// The simulation begins a stage of its step, numbered in their order. Worlds wait here for each other.
   virtual void begin_stage(int number) { static_cast<void>(number); }
 
@@ -94,9 +96,6 @@ int useful_threads(int triangles);
 /// "cpu", "opencl" or "cuda". device: index among the backend's usable devices. threads: of the CPU backend, 0 =
 /// cpu_count(). Throws BackendError, which lists the available backends.
 std::unique_ptr<Backend> make_backend(const std::string &name, int device = 0, int threads = 0);
-
-/// The same, but what it is asked is not recorded to run together, where make_backend records: on a GPU with CUDA.
-std::unique_ptr<Backend> make_device(const std::string &name, int device = 0, int threads = 0);
 
 struct BackendInfo {
   std::string name;

@@ -1,4 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
+#undef _FORTIFY_SOURCE   // its check of longjmp allows jumps within one stack only
 #include "device/fiber.hpp"
 
 #include <utility>
@@ -27,6 +28,7 @@ bool Fiber::finished() const { return true; }
 #include <ucontext.h>
 #include <unistd.h>
 
+#include <csetjmp>
 #include <cstdint>
 #include <cstring>
 
@@ -53,23 +55,38 @@ void swap_exceptions(Exceptions &other)
 
 }  // namespace
 
+/// The first switch to a fiber is one of contexts, which calls the system twice; all others are jumps.
 struct Fiber::Implementation {
   std::function<void()> work;
-  ucontext_t own{}, resumer{};
+  ucontext_t start{}, starter{};
+  jmp_buf own{}, resumer{};
   void *stack = nullptr;  // a page that traps, then stack_bytes
   std::size_t page = static_cast<std::size_t>(sysconf(_SC_PAGESIZE));
   Exceptions exceptions;
-  bool finished = true;
+  bool finished = true, started = false;
 
+  void enter_first()
+  {
+    getcontext(&start);
+    start.uc_stack.ss_sp = static_cast<char *>(stack) + page;
+    start.uc_stack.ss_size = stack_bytes;
+    start.uc_link = nullptr;
+    const auto address = static_cast<std::uint64_t>(reinterpret_cast<std::uintptr_t>(this));
+    makecontext(&start, reinterpret_cast<void (*)()>(&Implementation::enter), 2,
+                static_cast<unsigned int>(address >> 32), static_cast<unsigned int>(address));
+    swapcontext(&starter, &start);
+  }
   /// Parameters of makecontext are ints.
   static void enter(unsigned int high, unsigned int low)
   {
     auto *self =
         reinterpret_cast<Implementation *>(static_cast<std::uintptr_t>((static_cast<std::uint64_t>(high) << 32) | low));
-    self->work();
-    self->work = nullptr;
-    self->finished = true;
-    swapcontext(&self->own, &self->resumer);
+    while (true) {
+      self->work();
+      self->work = nullptr;
+      self->finished = true;
+      if (_setjmp(self->own) == 0) _longjmp(self->resumer, 1);   // until the next work begins
+    }
   }
 };
 
@@ -92,28 +109,27 @@ Fiber::~Fiber()
 
 void Fiber::begin(std::function<void()> work)
 {
-  Implementation &i = *implementation_;
-  i.work = std::move(work);
-  i.finished = false;
-  i.exceptions = {};
-  getcontext(&i.own);
-  i.own.uc_stack.ss_sp = static_cast<char *>(i.stack) + i.page;
-  i.own.uc_stack.ss_size = stack_bytes;
-  i.own.uc_link = nullptr;
-  const auto address = static_cast<std::uint64_t>(reinterpret_cast<std::uintptr_t>(&i));
-  makecontext(&i.own, reinterpret_cast<void (*)()>(&Implementation::enter), 2, static_cast<unsigned int>(address >> 32),
-              static_cast<unsigned int>(address));
+  implementation_->work = std::move(work);
+  implementation_->finished = false;
 }
 
 void Fiber::resume()
 {
   Implementation &i = *implementation_;
   swap_exceptions(i.exceptions);
-  swapcontext(&i.resumer, &i.own);
+  if (_setjmp(i.resumer) == 0) {
+    if (i.started) _longjmp(i.own, 1);
+    i.started = true;
+    i.enter_first();
+  }
   swap_exceptions(i.exceptions);
 }
 
-void Fiber::pause() { swapcontext(&implementation_->own, &implementation_->resumer); }
+void Fiber::pause()
+{
+  Implementation &i = *implementation_;
+  if (_setjmp(i.own) == 0) _longjmp(i.resumer, 1);
+}
 
 bool Fiber::finished() const { return implementation_->finished; }
 

@@ -2,7 +2,6 @@
 #include "device/operations.hpp"
 
 #include <algorithm>
-#include <utility>
 
 namespace cama {
 namespace {
@@ -82,25 +81,7 @@ void OperationQueue::clear()
   largest_sort_ = largest_ = 0;
 }
 
-namespace {
-
-/// All of operations [begin, end), for a comparison.
-std::vector<Slot> body_of(const OperationQueue &queue, int begin, int end)
-{
-  std::vector<Slot> body;
-  for (int i = begin; i < end; ++i) {
-    const Operation &o = queue.operation(i);
-    for (const int number : {static_cast<int>(o.kind), o.kernel.index, static_cast<int>(o.kernel.precision),
-                             o.kernel.team, o.slots, o.extra})
-      body.push_back(to_slot(number));
-    body.insert(body.end(), queue.slots(i), queue.slots(i) + o.slots);
-  }
-  return body;
-}
-
-}  // namespace
-
-void run_in_order(Backend &backend, const OperationQueue &queue, int begin, int end, std::vector<Slot> *repeated)
+void run_in_order(Backend &backend, const OperationQueue &queue, int begin, int end)
 {
   for (int i = begin; i < end; ++i) {
     const Operation &what = queue.operation(i);
@@ -108,20 +89,13 @@ void run_in_order(Backend &backend, const OperationQueue &queue, int begin, int 
       run_one(backend, what, queue.slots(i));
       continue;
     }
-    const int first = i + 1;
+    const int body = i + 1;
     i += what.extra;
-    bool again = false;
-    if (repeated) {
-      std::vector<Slot> body = body_of(queue, first, i + 1);
-      again = body == *repeated;
-      *repeated = std::move(body);
-    }
-    backend.repeat(
-        from_slot<int>(*queue.slots(first - 1)), [&] { run_in_order(backend, queue, first, i + 1); }, again);
+    backend.repeat(from_slot<int>(*queue.slots(body - 1)), [&] { run_in_order(backend, queue, body, i + 1); });
   }
 }
 
-void Backend::run(const std::vector<OperationQueue *> &queues)
+void Backend::run(const std::vector<OperationQueue *> &queues, Crew &)
 {
   for (const OperationQueue *queue : queues) run_in_order(*this, *queue, 0, queue->size());
 }

@@ -79,9 +79,7 @@ private:
   int largest_sort_ = 0, largest_ = 0;
 };
 
-/// Does operations [begin, end) of a queue, one after the other. repeated: what the backend's last repetition was, so
-/// that it is told of the same again; null: not known.
-void run_in_order(Backend &backend, const OperationQueue &queue, int begin, int end,
-                  std::vector<Slot> *repeated = nullptr);
+/// Does operations [begin, end) of a queue, one after the other.
+void run_in_order(Backend &backend, const OperationQueue &queue, int begin, int end);
 
 }  // namespace cama

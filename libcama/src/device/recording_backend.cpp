@@ -4,6 +4,8 @@
 #include <algorithm>
 #include <cstring>
 
+#include "device/crew.hpp"
+
 namespace cama {
 namespace {
 
@@ -155,7 +157,8 @@ void RecordingBackend::run_alone()
   const std::lock_guard<std::mutex> lock(device_->mutex);
   const long before = device_->backend->launches();
   try {
-    device_->backend->run({&queue});
+      Crew alone(1);
+    device_->backend->run({&queue}, alone);
   } catch (...) {
     queue.clear();
     throw;

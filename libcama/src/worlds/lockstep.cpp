@@ -59,7 +59,7 @@ void Lockstep::run(Crew &crew, std::vector<Task> &tasks)
     if (queues.empty()) continue;
     if (!failure) {
       try {
-        device_->backend->run(queues);
+        device_->backend->run(queues, crew);
       } catch (...) {
         failure = std::current_exception();
       }

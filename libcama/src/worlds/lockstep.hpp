@@ -5,7 +5,7 @@
 #include <memory>
 #include <vector>
 
-#include "worlds/crew.hpp"
+#include "device/crew.hpp"
 #include "device/recording_backend.hpp"
 
 namespace cama {

@@ -108,7 +108,7 @@ Worlds::Implementation::Implementation(const std::vector<Scene> &scenes, const s
     rethrow_of(0, std::current_exception());
   }
   std::unique_ptr<Backend> device =
-      make_device(first.options.backend, first.options.device, first.options.backend == "cpu" ? 1 : 0);
+      make_backend(first.options.backend, first.options.device, first.options.backend == "cpu" ? 1 : 0);
   const int threads = first.options.threads > 0 ? first.options.threads : cpu_count();
   const std::string name(device->name());
   if (name != "cpu" && Fiber::supported()) lockstep = std::make_unique<Lockstep>(std::move(device));

@@ -1,23 +1,37 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "worlds/crew.hpp"
+#include "device/crew.hpp"
 
 #include <algorithm>
 #include <chrono>
+#if defined(__x86_64__)
+#include <immintrin.h>
+#endif
 
 namespace cama {
 namespace {
 
 /// Calls follow each other within microseconds: a thread that sleeps comes too late.
-constexpr std::chrono::microseconds patience{2000};
+constexpr std::chrono::microseconds patience{300};
+
+/// Lets the other thread of the core work, without a call of the system.
+void rest()
+{
+#if defined(__x86_64__)
+  _mm_pause();
+#endif
+}
 
 template <class Condition> bool soon(Condition &&condition)
 {
+  constexpr int looks_between_times = 64;
   const auto end = std::chrono::steady_clock::now() + patience;
-  while (!condition()) {
-    if (std::chrono::steady_clock::now() > end) return false;
-    std::this_thread::yield();
-  }
-  return true;
+  do {
+    for (int i = 0; i < looks_between_times; ++i) {
+      if (condition()) return true;
+      rest();
+    }
+  } while (std::chrono::steady_clock::now() < end);
+  return false;
 }
 
 }  // namespace
