@@ -7,9 +7,6 @@
 #include <cub/cub.cuh>
 
 #include <algorithm>
-#include <chrono>
-#include <cstdio>
-#include <cstdlib>
 #include <utility>
 
 #include "cama/error.hpp"
@@ -17,9 +14,6 @@
 #include "device/for_backends.hpp"
 
 namespace cama {
-double prof[8];
-struct Prof { ~Prof() { if (std::getenv("CAMA_PROF")) std::fprintf(stderr, "PROF plan %.1f write %.1f copy+launch %.1f wait %.1f deliver %.1f record %.1f loop %.1f flushes %.0f\n", prof[0], prof[1], prof[2], prof[3], prof[4], prof[5], prof[6], prof[7]); } } prof_printer;
-static double now_ms() { return std::chrono::duration<double, std::milli>(std::chrono::steady_clock::now().time_since_epoch()).count(); }
 namespace {
 
 constexpr int most_slots = max_kernel_arguments + 8, blocks_per_processor = 4;
@@ -287,7 +281,8 @@ __device__ void execute(const Instruction &instruction, const Slot *slots, Meeti
 /// Instructions [begin, end) of each world, in blocks (x, world). While one runs, the slots of the next and the
 /// instruction after it are on their way.
 __global__ void __launch_bounds__(interpreter_threads, blocks_per_processor)
-    interpret(const WorldProgram *programs, int begin, int end, unsigned int *arrived, long long *partials, int *overflow)
+    interpret(const WorldProgram *programs, int begin, int end, unsigned int *arrived, long long *partials,
+              int *overflow)
 {
   __shared__ Slot slots[2][most_slots];
   const WorldProgram program = programs[blockIdx.y];
@@ -356,9 +351,9 @@ Interpreter::Interpreter(int device, cudaStream_t queue, int *overflow) : queue_
   if (!cooperative || memory < static_cast<int>(team_memory_bytes) + 4096) return;
   check(cudaFuncSetAttribute(interpret, cudaFuncAttributeMaxDynamicSharedMemorySize, team_memory_bytes),
         "cudaFuncSetAttribute");
-  check(cudaOccupancyMaxActiveBlocksPerMultiprocessor(&per_processor, interpret, interpreter_threads,
-                                                      team_memory_bytes),
-        "cudaOccupancy");
+  check(
+      cudaOccupancyMaxActiveBlocksPerMultiprocessor(&per_processor, interpret, interpreter_threads, team_memory_bytes),
+      "cudaOccupancy");
   together_ = processors * per_processor;
 }
 
@@ -374,23 +369,20 @@ int Interpreter::blocks_for(const std::vector<OperationQueue *> &queues) const
 
 bool Interpreter::suits(const std::vector<OperationQueue *> &queues) const
 {
-  if (together_ == 0 || std::getenv("CAMA_NO_INTERPRETER")) return false;
+  if (together_ == 0) return false;
   const long long threads = static_cast<long long>(blocks_for(queues)) * interpreter_threads;
-  const char *given = std::getenv("CAMA_MOST");
-  const int most = given ? std::atoi(given) : queues.size() == 1 ? most_per_thread : most_per_thread_of_worlds;
+  const int most = queues.size() == 1 ? most_per_thread : most_per_thread_of_worlds;
   return std::all_of(queues.begin(), queues.end(),
                      [&](const OperationQueue *queue) { return queue->largest() <= most * threads; });
 }
 
 int Interpreter::run(const std::vector<OperationQueue *> &queues, Crew &crew, const std::function<void(int)> &sort)
 {
-  double t0 = now_ms();
   const Programs programs(queues, function_of);
-  double t1 = now_ms();
   check(cudaEventSynchronize(copied_), "cudaEventSynchronize");
   unsigned char *block = block_.get(programs.bytes()), *device = device_.get(programs.bytes());
-  programs.write(crew, block, device, downloads_.get(programs.downloaded_bytes()), scratch_.get(programs.scratch_bytes()));
-  double t2 = now_ms();
+  programs.write(crew, block, device, downloads_.get(programs.downloaded_bytes()),
+                 scratch_.get(programs.scratch_bytes()));
   check(cudaMemcpyAsync(device, block, programs.bytes(), cudaMemcpyHostToDevice, queue_), "cudaMemcpy to the device");
   check(cudaEventRecord(copied_, queue_), "cudaEventRecord");
   const int worlds = static_cast<int>(queues.size()), blocks = blocks_for(queues);
@@ -412,13 +404,10 @@ int Interpreter::run(const std::vector<OperationQueue *> &queues, Crew &crew, co
     launch(worlds, blocks, begin, 0x7fffffff);
     ++launches;
   }
-  double t3 = now_ms(), t4 = t3;
   if (programs.waits()) {
     check(cudaStreamSynchronize(queue_), "synchronize");
-    t4 = now_ms();
     programs.deliver(crew, downloads_.get(0));
   }
-  prof[0] += t1 - t0; prof[1] += t2 - t1; prof[2] += t3 - t2; prof[3] += t4 - t3; prof[4] += now_ms() - t4; ++prof[7];
   return launches;
 }
 

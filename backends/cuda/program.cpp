@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "program.hpp"
 
-
 #include <algorithm>
 #include <cstring>
 
@@ -70,8 +69,7 @@ void Programs::write(std::size_t world, unsigned char *block, unsigned char *dev
   const OperationQueue &queue = *queues_[world];
   const Place &place = places_[world];
   const int count = queue.size();
-  const std::size_t slots_at =
-      place.instructions + aligned(sizeof(Instruction) * static_cast<std::size_t>(count));
+  const std::size_t slots_at = place.instructions + aligned(sizeof(Instruction) * static_cast<std::size_t>(count));
   WorldProgram &program = reinterpret_cast<WorldProgram *>(block)[world];
   program.instructions = reinterpret_cast<const Instruction *>(device + place.instructions);
   program.slots = reinterpret_cast<const Slot *>(device + slots_at);
@@ -85,8 +83,12 @@ void Programs::write(std::size_t world, unsigned char *block, unsigned char *dev
     const Operation &o = queue.operation(i);
     const auto first = static_cast<int>(queue.slots(i) - queue.slots(0));
     const bool launch = o.kind == OperationKind::launch;
-    *instruction = {static_cast<std::uint8_t>(o.kind), shift_of(o.kernel.team),
-                    static_cast<std::uint16_t>(launch ? function_of_(o.kernel) : 0), first, o.slots, o.extra};
+    *instruction = {static_cast<std::uint8_t>(o.kind),
+                    shift_of(o.kernel.team),
+                    static_cast<std::uint16_t>(launch ? function_of_(o.kernel) : 0),
+                    first,
+                    o.slots,
+                    o.extra};
     Slot *own = slots + first;
     switch (o.kind) {
     case OperationKind::repeat:

@@ -126,8 +126,7 @@ TEST_CASE("a world that fails is frozen, and no other notices", "[worlds]")
     for (int i = 0; i < 6; ++i) worlds.step();
     for (int w = 0; w < count; ++w) {
       INFO("world " << w);
-      CHECK(worlds[w].state_hash() ==
-            hash_alone(scenes[static_cast<std::size_t>(w)], options, w == bad ? 6 : 12));
+      CHECK(worlds[w].state_hash() == hash_alone(scenes[static_cast<std::size_t>(w)], options, w == bad ? 6 : 12));
     }
   }
 }

@@ -47,7 +47,7 @@ public:
 
   /// Vertices of world w are [first_vertex(w), first_vertex(w + 1)) in the arrays of all worlds.
   int first_vertex(int world) const;
-  std::vector<dvec3> positions() const;   ///< [vertices of all worlds], m
+  std::vector<dvec3> positions() const;  ///< [vertices of all worlds], m
   std::vector<dvec3> velocities() const;  ///< [vertices of all worlds], m/s
   long launches() const;  ///< on the device since the start, of all worlds
 

@@ -95,8 +95,8 @@ bool Fiber::supported() { return true; }
 Fiber::Fiber() : implementation_(std::make_unique<Implementation>())
 {
   Implementation &i = *implementation_;
-  void *memory = mmap(nullptr, i.page + stack_bytes, PROT_READ | PROT_WRITE,
-                      MAP_PRIVATE | MAP_ANONYMOUS | MAP_NORESERVE, -1, 0);
+  void *memory =
+      mmap(nullptr, i.page + stack_bytes, PROT_READ | PROT_WRITE, MAP_PRIVATE | MAP_ANONYMOUS | MAP_NORESERVE, -1, 0);
   if (memory == MAP_FAILED) throw MemoryError("worlds: out of memory for the stack of a world; use fewer worlds");
   mprotect(memory, i.page, PROT_NONE);
   i.stack = memory;

@@ -34,8 +34,7 @@ void run_one(Backend &backend, const Operation &what, const Slot *slots)
   case OperationKind::sort:
     return backend.sort(from_slot<Buffer>(slots[1]), from_slot<Buffer>(slots[2]), from_slot<int>(slots[0]), what.extra);
   case OperationKind::copy: return backend.copy(from_slot<Buffer>(slots[1]), from_slot<Buffer>(slots[2]), bytes);
-  case OperationKind::fill:
-    return backend.fill(from_slot<Buffer>(slots[1]), from_slot<unsigned char>(slots[2]), bytes);
+  case OperationKind::fill: return backend.fill(from_slot<Buffer>(slots[1]), from_slot<unsigned char>(slots[2]), bytes);
   case OperationKind::upload:
     return backend.upload(from_slot<Buffer>(slots[1]), from_slot<const void *>(slots[2]), bytes);
   case OperationKind::download:

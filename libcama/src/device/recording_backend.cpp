@@ -157,7 +157,7 @@ void RecordingBackend::run_alone()
   const std::lock_guard<std::mutex> lock(device_->mutex);
   const long before = device_->backend->launches();
   try {
-      Crew alone(1);
+    Crew alone(1);
     device_->backend->run({&queue}, alone);
   } catch (...) {
     queue.clear();

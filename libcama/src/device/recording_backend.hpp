@@ -7,8 +7,8 @@
 #include <mutex>
 #include <vector>
 
-#include "device/operations.hpp"
 #include "device/fiber.hpp"
+#include "device/operations.hpp"
 
 namespace cama {
 

@@ -51,9 +51,7 @@ Engine::Start treated_start(const Scene &scene, const Options &options)
 
 }  // namespace
 
-Engine::Engine(const Scene &scene, const ResolvedOptions &options)
-    : Engine(scene, options, nullptr)
-{}
+Engine::Engine(const Scene &scene, const ResolvedOptions &options) : Engine(scene, options, nullptr) {}
 
 Engine::Engine(const Scene &scene, const ResolvedOptions &options, std::unique_ptr<Backend> device)
     : Engine(scene, options, checked_backend(scene, options.options, std::move(device)),

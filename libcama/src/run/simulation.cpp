@@ -23,8 +23,8 @@
 namespace cama {
 
 struct Simulation::Implementation : Engine {
-  template <class... Arguments> explicit Implementation(Arguments &&...arguments)
-      : Engine(std::forward<Arguments>(arguments)...)
+  template <class... Arguments>
+  explicit Implementation(Arguments &&...arguments) : Engine(std::forward<Arguments>(arguments)...)
   {
     state.wait_for_stages = std::getenv("CAMA_WAIT_FOR_STAGES") != nullptr;
   }

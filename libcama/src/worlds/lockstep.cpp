@@ -4,10 +4,7 @@
 #include <algorithm>
 #include <climits>
 
-#include <chrono>
 namespace cama {
-extern double prof[8];
-static double now_ms() { return std::chrono::duration<double, std::milli>(std::chrono::steady_clock::now().time_since_epoch()).count(); }
 
 void Lockstep::run(Crew &crew, std::vector<Task> &tasks)
 {
@@ -32,13 +29,11 @@ void Lockstep::run(Crew &crew, std::vector<Task> &tasks)
   std::vector<OperationQueue *> queues;
   std::vector<RecordingBackend *> flushed;
   for (bool all = false; !all;) {
-    const double t0 = now_ms();
     crew.run([&](int member) {
       each(member, [](RecordingBackend &w) {
         if (!w.fiber->finished() && (w.waiting ? w.queue.empty() : w.stage <= w.last_stage)) w.fiber->resume();
       });
     });
-    const double t1 = now_ms();
     int stage = INT_MAX;   // the first that a world is at
     all = true;
     for (const Task &task : tasks) {
@@ -55,7 +50,6 @@ void Lockstep::run(Crew &crew, std::vector<Task> &tasks)
       queues.push_back(&w.queue);
       flushed.push_back(&w);
     }
-    prof[5] += t1 - t0; prof[6] += now_ms() - t1;
     if (queues.empty()) continue;
     if (!failure) {
       try {

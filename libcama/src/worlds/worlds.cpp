@@ -198,7 +198,7 @@ void Worlds::Implementation::advance(const std::function<void(const World &)> &s
 }
 
 void Worlds::Implementation::attempt(const std::vector<int> &chosen,
-                                      const std::function<void(World &, std::size_t)> &work)
+                                     const std::function<void(World &, std::size_t)> &work)
 {
   std::vector<std::exception_ptr> thrown(chosen.size());
   run(chosen, [&](World &w, std::size_t i) {
@@ -276,9 +276,8 @@ void Worlds::set_state(const std::vector<int> &worlds, const std::vector<std::ve
   if (positions.size() != worlds.size() || velocities.size() != worlds.size())
     throw SceneError("worlds: set_state has positions of " + std::to_string(positions.size()) + " and velocities of " +
                      std::to_string(velocities.size()) + " worlds, and " + std::to_string(worlds.size()) + " worlds");
-  implementation_->attempt(worlds, [&](Implementation::World &w, std::size_t i) {
-    w.simulation->set_state(positions[i], velocities[i]);
-  });
+  implementation_->attempt(
+      worlds, [&](Implementation::World &w, std::size_t i) { w.simulation->set_state(positions[i], velocities[i]); });
 }
 
 int Worlds::first_vertex(int world) const
@@ -289,9 +288,6 @@ int Worlds::first_vertex(int world) const
 std::vector<dvec3> Worlds::positions() const { return implementation_->gather(&Simulation::positions); }
 std::vector<dvec3> Worlds::velocities() const { return implementation_->gather(&Simulation::velocities); }
 
-long Worlds::launches() const
-{
-  return implementation_->lockstep ? implementation_->lockstep->device().launches() : 0;
-}
+long Worlds::launches() const { return implementation_->lockstep ? implementation_->lockstep->device().launches() : 0; }
 
 }  // namespace cama
