@@ -7,11 +7,14 @@
 
 #include <algorithm>
 #include <cstdint>
+#include <memory>
 #include <unordered_map>
 #include <utility>
 
 #include "cama/error.hpp"
+#include "check.hpp"
 #include "device/for_backends.hpp"
+#include "interpreter.hpp"
 
 namespace cama {
 namespace {
@@ -54,6 +57,8 @@ const char *advice(cudaError_t status)
   }
 }
 
+}  // namespace
+
 void check(cudaError_t status, const char *call)
 {
   if (status == cudaSuccess) return;
@@ -63,6 +68,8 @@ void check(cudaError_t status, const char *call)
   if (status == cudaErrorMemoryAllocation) throw MemoryError(text);
   throw BackendError(text);
 }
+
+namespace {
 
 struct AddLong {
   __host__ __device__ long long operator()(long long a, long long b) const { return a + b; }
@@ -89,14 +96,20 @@ public:
     check(cudaDeviceGetDefaultMemPool(&pool, device), "cudaDeviceGetDefaultMemPool");
     std::uint64_t kept = std::uint64_t(1) << 30;   // bytes that are not returned to the driver at a wait
     check(cudaMemPoolSetAttribute(pool, cudaMemPoolAttrReleaseThreshold, &kept), "cudaMemPoolSetAttribute");
-    check(cudaMalloc(&flags_, 64), "cudaMalloc");
-    check(cudaMemset(flags_, 0, 64), "cudaMemset");
+    check(cudaMalloc(&total_, sizeof(long long)), "cudaMalloc");
+    void *overflow = nullptr;
+    check(cudaHostAlloc(&overflow, sizeof(int), cudaHostAllocMapped), "cudaHostAlloc");
+    overflow_ = static_cast<volatile int *>(overflow);
+    *overflow_ = 0;
+    interpreter_ = std::make_unique<Interpreter>(device, queue_, flag());
   }
   ~CudaBackend() override
   {
     cudaStreamSynchronize(queue_);
+    interpreter_.reset();
     if (replay_) cudaGraphExecDestroy(replay_);
-    for (void *scratch : {scratch_, other_keys_, other_values_, flags_}) cudaFree(scratch);
+    for (void *scratch : {scratch_, other_keys_, other_values_, total_}) cudaFree(scratch);
+    cudaFreeHost(flag());
     cudaStreamDestroy(queue_);
   }
 
@@ -177,7 +190,7 @@ public:
   {
     const int *in = static_cast<const int *>(from);
     int *out = static_cast<int *>(to);
-    auto *total = static_cast<long long *>(flags_);
+    auto *total = static_cast<long long *>(total_);
     if (n > 0) {
       with_scratch(
           [&](void *scratch, std::size_t &bytes) {
@@ -220,13 +233,27 @@ public:
   void synchronize() override
   {
     ++waits_;
-    int overflow = 0;
-    check(cudaMemcpyAsync(&overflow, flag(), sizeof overflow, cudaMemcpyDeviceToHost, queue_),
-          "cudaMemcpy to the host");
     check(cudaStreamSynchronize(queue_), "synchronize");
-    if (!overflow) return;
-    check(cudaMemset(flags_, 0, 64), "cudaMemset");
-    throw MemoryError("a list of this scene exceeds 2^31 entries; lower the resolution or the contact thickness");
+    report_overflow();
+  }
+
+  void run(const std::vector<OperationQueue *> &queues, Crew &crew) override
+  {
+    if (!interpreter_->suits(queues)) return Backend::run(queues, crew);
+    launches_ += interpreter_->run(queues, crew, [&](int operation) {
+      const Slot *slots = queues.front()->slots(operation);
+      sort(from_slot<Buffer>(slots[1]), from_slot<Buffer>(slots[2]), from_slot<int>(slots[0]),
+           queues.front()->operation(operation).extra);
+    });
+    bool waited = false;
+    for (const OperationQueue *queue : queues) {
+      waited = waited || queue->downloaded_bytes() > 0;
+      for (int i = 0; i < queue->size(); ++i)
+        if (queue->operation(i).kind == OperationKind::release) release(from_slot<Buffer>(*queue->slots(i)));
+    }
+    if (!waited) return;
+    ++waits_;
+    report_overflow();
   }
 
 private:
@@ -256,7 +283,14 @@ private:
     check(status, "cudaGraphInstantiate");
   }
 
-  int *flag() const { return reinterpret_cast<int *>(static_cast<char *>(flags_) + 8); }
+  /// After a wait.
+  void report_overflow()
+  {
+    if (!*overflow_) return;
+    *overflow_ = 0;
+    throw MemoryError("a list of this scene exceeds 2^31 entries; lower the resolution or the contact thickness");
+  }
+  int *flag() const { return const_cast<int *>(overflow_); }
 
   /// Calls CUB twice: for the size of its scratch memory, then for the work.
   template <class F> void with_scratch(F &&call, const char *what)
@@ -276,11 +310,13 @@ private:
   std::string device_;
   int blocks_ = 1;
   cudaStream_t queue_ = nullptr;
+  std::unique_ptr<Interpreter> interpreter_;
   cudaGraphExec_t replay_ = nullptr;  // of the last `repeat`
   long recorded_ = 0;  // launches in it
   std::unordered_map<Buffer, std::size_t> sizes_;
   void *scratch_ = nullptr, *other_keys_ = nullptr, *other_values_ = nullptr;
-  void *flags_ = nullptr;  // a 64-bit total, then the overflow flag
+  void *total_ = nullptr;  // of a scan, 64 bits
+  volatile int *overflow_ = nullptr;  // of a scan; on the host, where the device reaches it
   std::size_t scratch_size_ = 0;
   long long other_size_ = 0;
 };

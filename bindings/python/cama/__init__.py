@@ -39,6 +39,7 @@ from .options import option_table  # noqa: E402
 from .plausibility import PlausibilityWarning  # noqa: E402
 from .scene import Cloth, Obstacle, Scene  # noqa: E402
 from .simulation import Frame, Simulation, Wrench  # noqa: E402
+from .worlds import Worlds  # noqa: E402
 
 scenes = shipped.names
 
@@ -52,6 +53,7 @@ __all__ = [
     "Simulation",
     "Frame",
     "Wrench",
+    "Worlds",
     "SewingPattern",
     "accuracy",
     "accuracy_levels",

@@ -131,6 +131,7 @@ class Simulation:
         given_scene = scene if isinstance(scene, Scene) else Scene.load(scene)
         _check_extents(given_scene)
         self._scene = SimulatedScene.of(given_scene)
+        self._begin()
         given = dict(backend=backend, precision=precision, accuracy=accuracy, device=device, threads=threads)
         try:
             self._core = _core.Simulation(self.scene._core, overrides_of({**given, **overrides}))
@@ -138,9 +139,20 @@ class Simulation:
             plausibility.explain_collision(problem, self.scene)
             raise
         plausibility.warn(plausibility.findings(self.scene, self._core.options()))
+
+    def _begin(self) -> None:
         self._frame = 0
         self._parts: dict[str, str] | None = None
         self._before_step: Callable[[Simulation], object] | None = None
+
+    @classmethod
+    def _of(cls, core: _core.Simulation, scene: SimulatedScene) -> Simulation:
+        """Wraps a simulation that exists, such as a world of `cama.Worlds`."""
+        made = cls.__new__(cls)
+        made._core = core
+        made._scene = scene
+        made._begin()
+        return made
 
     def __reduce__(self) -> NoReturn:
         raise TypeError(

@@ -9,6 +9,7 @@ PYBIND11_MODULE(_core, m)
   cama::python::bind_errors(m);
   cama::python::bind_scene(m);
   cama::python::bind_simulation(m);
+  cama::python::bind_worlds(m);
   cama::python::bind_geometry(m);
 
   m.attr("__version__") = CAMA_VERSION;

@@ -2,31 +2,12 @@
 #include "cama/simulation.hpp"
 
 #include <array>
-#include <mutex>
 
-#include "bindings.hpp"
 #include "cama/error.hpp"
+#include "guarded.hpp"
 
 namespace cama::python {
 namespace {
-
-/// A simulation that several Python threads may use, one at a time; no thread waits for its lock while it holds the
-/// GIL.
-class Guarded {
-public:
-  Guarded(const Scene &scene, const OptionOverrides &options) : simulation_(scene, options) {}
-
-  template <class Ask> auto with(Ask &&ask)
-  {
-    py::gil_scoped_release release;
-    std::lock_guard<std::mutex> lock(mutex_);
-    return ask(simulation_);
-  }
-
-private:
-  Simulation simulation_;
-  std::mutex mutex_;
-};
 
 /// Takes n steps; between steps it takes the GIL and raises pending signals (Ctrl-C).
 void step(Guarded &g, int n)

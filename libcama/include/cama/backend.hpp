@@ -25,6 +25,9 @@ struct KernelKey {
 /// Largest number of arguments of a kernel; checked at compile time.
 inline constexpr int max_kernel_arguments = 40;
 
+class OperationQueue;
+class Crew;
+
 /// One kernel argument: a scalar's address, or a buffer.
 struct Argument {
   const void *scalar = nullptr;
@@ -65,6 +68,12 @@ public:
   /// Stable radix sort of n 64-bit keys, with their values, by the low `bits` bits.
   virtual void sort(Buffer keys, Buffer values, int n, int bits) = 0;
   virtual void synchronize() = 0;
+
+  /// Does what was recorded, each queue in its order; waits if there is a download among it.
+  /// crew: threads that may help.
+  virtual void run(const std::vector<OperationQueue *> &queues, Crew &crew);
+  /// The simulation begins a stage of its step, numbered in their order. Worlds wait here for each other.
+  virtual void begin_stage(int number) { static_cast<void>(number); }
 
   std::size_t allocated_bytes() const { return allocated_; }
   std::size_t peak_bytes() const { return peak_; }

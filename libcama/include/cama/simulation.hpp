@@ -163,7 +163,10 @@ public:
   const Backend &backend() const;
 
 private:
+  friend class Worlds;
   struct Implementation;
+  /// On a device that others use too.
+  Simulation(const Scene &scene, const ResolvedOptions &options, std::unique_ptr<Backend> device);
   std::unique_ptr<Implementation> implementation_;
 };
 

@@ -7,7 +7,7 @@
 #define CAMA_KERNELS_DIALECT_CACHING_H
 #include "lang.h"
 
-#if defined(__CUDA_ARCH__) && __CUDA_ARCH__ >= 800
+#if defined(__CUDA_ARCH__) && __CUDA_ARCH__ >= 800 && !defined(CAMA_INTERPRETED) /* which writes what it loads */
 typedef unsigned long long cache_policy;
 static __device__ __forceinline__ cache_policy once_policy()
 {

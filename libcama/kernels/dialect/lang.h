@@ -80,8 +80,13 @@ DEVICE void atomic_add_float(volatile GLOBAL float *p, float v)
 typedef unsigned long long key64;
 
 #if defined(__CUDACC__)
+#if defined(CAMA_INTERPRETED) /* the functions of interpreted_teams.h; KERNEL is called by the interpreter */
+#define KERNEL static __device__ inline void
+#define KERNEL_OF(members, teams) KERNEL
+#else
 #define KERNEL static __global__ void
 #define KERNEL_OF(members, teams) static __global__ void __launch_bounds__(members, teams)
+#endif
 #define DEVICE static __host__ __device__ inline
 #define DEVICE_ATOMIC static __device__ inline
 #define DEVICE_TEAM static __device__ inline
@@ -90,11 +95,18 @@ typedef unsigned long long key64;
   for (int i = (int)(blockIdx.x * blockDim.x + threadIdx.x); i < (n); i += (int)(gridDim.x * blockDim.x))
 #define FOR_EACH_UNEVEN(i, n) FOR_EACH(i, n)
 #define ALIGNED(n) __align__(n)
+#define SIMD
+#if defined(CAMA_INTERPRETED)
+#define TEAM_LOCAL(type, name, count) type *const name = team_memory<type>(count)
+#define FOR_EACH_TEAM(t, n) for (int t = first_team(); t < (n); t += teams_at_once())
+#define TEAM_FOR(l, m) for (int l = team_member(); l < (m); l += team_size())
+#define TEAM_BARRIER team_barrier()
+#else
 #define TEAM_LOCAL(type, name, count) __shared__ ALIGNED(16) type name[count]
 #define FOR_EACH_TEAM(t, n) for (int t = (int)blockIdx.x; t < (n); t += (int)gridDim.x)
 #define TEAM_FOR(l, m) for (int l = (int)threadIdx.x; l < (m); l += (int)blockDim.x)
-#define SIMD
 #define TEAM_BARRIER __syncthreads()
+#endif
 #define WHILE_ANY(c) for (unsigned int side_by_side = __activemask(); __any_sync(side_by_side, c);)
 #if defined(__CUDA_ARCH__)
 DEVICE int lowest_bit(key64 v) { return __ffsll((long long)v) - 1; }

@@ -22,8 +22,8 @@ int chosen_threads(const Scene &scene, const Options &options)
   return options.threads ? options.threads : useful_threads(scene.cloth_triangle_count());
 }
 
-/// Checks scene and options and makes the backend. Throws SceneError, MeshError, MaterialError or BackendError.
-std::unique_ptr<Backend> checked_backend(const Scene &scene, const Options &options)
+/// Throws SceneError, MeshError or MaterialError.
+void check(const Scene &scene, const Options &options)
 {
   scene.validate();
   if (options.pinch == Pinch::release)   // only meshes tell when cloth has come free
@@ -31,7 +31,14 @@ std::unique_ptr<Backend> checked_backend(const Scene &scene, const Options &opti
       if (o.shape != ObstacleShape::mesh && o.shape != ObstacleShape::box)
         throw SceneError("pinch: release needs obstacles that are meshes or boxes; mesh '" + o.name +
                          "', or set pinch to stop");
-  return make_backend(options.backend, options.device, chosen_threads(scene, options));
+}
+
+/// Checks before it makes the backend, or takes the given one.
+std::unique_ptr<Backend> checked_backend(const Scene &scene, const Options &options,
+                                         std::unique_ptr<Backend> given = nullptr)
+{
+  check(scene, options);
+  return given ? std::move(given) : make_backend(options.backend, options.device, chosen_threads(scene, options));
 }
 
 Engine::Start treated_start(const Scene &scene, const Options &options)
@@ -44,12 +51,11 @@ Engine::Start treated_start(const Scene &scene, const Options &options)
 
 }  // namespace
 
-Engine::Engine(const Scene &scene, const ResolvedOptions &options)
-    : Engine(scene, options, checked_backend(scene, options.options))
-{}
+Engine::Engine(const Scene &scene, const ResolvedOptions &options) : Engine(scene, options, nullptr) {}
 
 Engine::Engine(const Scene &scene, const ResolvedOptions &options, std::unique_ptr<Backend> device)
-    : Engine(scene, options, std::move(device), treated_start(scene, options.options))
+    : Engine(scene, options, checked_backend(scene, options.options, std::move(device)),
+             treated_start(scene, options.options))
 {}
 
 Engine::Engine(const Scene &scene, const ResolvedOptions &resolved, std::unique_ptr<Backend> device, Start start)

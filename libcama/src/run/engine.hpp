@@ -18,7 +18,9 @@ class Engine {
 public:
   /// Validates the scene; throws before any kernel runs.
   Engine(const Scene &scene, const ResolvedOptions &options);
-  /// What the constructor above makes besides the backend: topology and start of the scene.
+  /// On this device; null: that of the options.
+  Engine(const Scene &scene, const ResolvedOptions &options, std::unique_ptr<Backend> device);
+  /// What the constructors above make besides the backend: topology and start of the scene.
   struct Start {
     Topology topology;
     UntangleReport untangled;
@@ -69,8 +71,6 @@ private:
   dvec3 scene_gravity_, scene_wind_{0, 0, 0};
   std::vector<double> scene_pressure_;  // [cloths]
   std::vector<ObstacleShape> shape_;                // [obstacles]
-
-  Engine(const Scene &scene, const ResolvedOptions &options, std::unique_ptr<Backend> device);
 };
 
 }  // namespace cama

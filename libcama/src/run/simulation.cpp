@@ -8,6 +8,7 @@
 #include <cstring>
 #include <functional>
 #include <new>
+#include <utility>
 
 #include "device/fnv.hpp"
 #include "device/host_threads.hpp"
@@ -22,16 +23,16 @@
 namespace cama {
 
 struct Simulation::Implementation : Engine {
-  Implementation(const Scene &scene, const ResolvedOptions &options) : Engine(scene, options)
+  template <class... Arguments>
+  explicit Implementation(Arguments &&...arguments) : Engine(std::forward<Arguments>(arguments)...)
   {
     state.wait_for_stages = std::getenv("CAMA_WAIT_FOR_STAGES") != nullptr;
   }
 
-  /// given: OptionOverrides or Options.
-  template <class Given> static std::unique_ptr<Implementation> make(const Scene &scene, const Given &given)
+  template <class... Arguments> static std::unique_ptr<Implementation> make(Arguments &&...arguments)
   {
     try {
-      return std::make_unique<Implementation>(scene, resolve(given, scene));
+      return std::make_unique<Implementation>(std::forward<Arguments>(arguments)...);
     } catch (const std::bad_alloc &) {
       throw MemoryError("out of memory on the host while the simulation is set up; lower the resolution");
     }
@@ -39,10 +40,13 @@ struct Simulation::Implementation : Engine {
 };
 
 Simulation::Simulation(const Scene &scene, const OptionOverrides &options)
-    : implementation_(Implementation::make(scene, options))
+    : implementation_(Implementation::make(scene, resolve(options, scene)))
 {}
 Simulation::Simulation(const Scene &scene, const Options &options)
-    : implementation_(Implementation::make(scene, options))
+    : implementation_(Implementation::make(scene, resolve(options, scene)))
+{}
+Simulation::Simulation(const Scene &scene, const ResolvedOptions &options, std::unique_ptr<Backend> device)
+    : implementation_(Implementation::make(scene, options, std::move(device)))
 {}
 Simulation::~Simulation() = default;
 Simulation::Simulation(Simulation &&) noexcept = default;

@@ -1,0 +1,44 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* Teams of kernels that the interpreter calls. Its blocks have more members than most teams: as many teams as fit work
+   in a block at once, each with its share of the block's memory. */
+#ifndef CAMA_CUDA_INTERPRETED_TEAMS_H
+#define CAMA_CUDA_INTERPRETED_TEAMS_H
+
+constexpr int interpreter_threads = 128;
+
+/* Of the kernel that is called; set by the interpreter before each call. Sizes of teams are powers of two. */
+__shared__ int current_team_shift;
+__shared__ unsigned int used_memory[interpreter_threads / 32]; /* [warps] bytes that its team has taken */
+extern __shared__ __align__(16) unsigned char all_team_memory[];
+
+/* Bytes of all_team_memory; what the largest kernel takes in double precision, with as many teams as fit. */
+constexpr unsigned int team_memory_bytes = 42 * 1024;
+
+static __device__ inline int team_size() { return 1 << current_team_shift; }
+static __device__ inline int team_member() { return (int)threadIdx.x & (team_size() - 1); }
+static __device__ inline int team_of_block() { return (int)threadIdx.x >> current_team_shift; }
+static __device__ inline int teams_of_block() { return interpreter_threads >> current_team_shift; }
+static __device__ inline int first_team() { return (int)blockIdx.x * teams_of_block() + team_of_block(); }
+static __device__ inline int teams_at_once() { return (int)gridDim.x * teams_of_block(); }
+
+static __device__ inline void team_barrier()
+{
+  if (current_team_shift == 5)
+    __syncwarp();
+  else /* barrier 0 is that of the block */
+    asm volatile("bar.sync %0, %1;" ::"r"(1 + team_of_block()), "r"(team_size()) : "memory");
+}
+
+template <class T> static __device__ inline T *team_memory(int count)
+{
+  const unsigned int warp = threadIdx.x / 32, at = *(volatile unsigned int *)&used_memory[warp];
+  __syncwarp();
+  if (threadIdx.x % 32 == 0)
+    *(volatile unsigned int *)&used_memory[warp] = at + ((unsigned int)(count * sizeof(T)) + 15) / 16 * 16;
+  __syncwarp();
+  const unsigned int share = team_memory_bytes / teams_of_block() / 16 * 16;
+  if (at + count * sizeof(T) > share) __trap();
+  return (T *)(all_team_memory + team_of_block() * share + at);
+}
+
+#endif

@@ -1,0 +1,440 @@
+// SPDX-License-Identifier: Apache-2.0
+#define CAMA_INTERPRETED 1
+#include "interpreted_teams.h"
+
+#include "interpreter.hpp"
+
+#include <cub/cub.cuh>
+
+#include <algorithm>
+#include <utility>
+
+#include "cama/error.hpp"
+#include "check.hpp"
+#include "device/for_backends.hpp"
+
+namespace cama {
+namespace {
+
+constexpr int most_slots = max_kernel_arguments + 8, blocks_per_processor = 4;
+constexpr int rank_sort_room = 2048, digit_bits = 4, digits = 1 << digit_bits;
+/// Elements that a thread may handle in one operation, beyond which launches with more threads are faster.
+constexpr int most_per_thread = 8, most_per_thread_of_worlds = 64;
+
+// Functions.
+
+template <class P> __device__ P argument(const Slot &slot) { return *reinterpret_cast<const P *>(&slot); }
+
+template <auto function, class... P, std::size_t... I>
+__device__ void call(const Slot *slots, void (*)(int, P...), std::index_sequence<I...>)
+{
+  function(argument<int>(slots[0]), argument<P>(slots[I + 1])...);
+}
+
+template <class... P> __host__ __device__ constexpr std::size_t parameter_count(void (*)(int, P...))
+{
+  return sizeof...(P);
+}
+
+template <auto function> __device__ __noinline__ void call_kernel(const Slot *slots)
+{
+  call<function>(slots, function, std::make_index_sequence<parameter_count(decltype(function)(nullptr))>{});
+}
+
+enum Function : int {   // two for each kernel: that of floats, or the only one, and that of doubles
+#define CAMA_DOUBLE_KERNEL(name) name##_f32, name##_f64,
+#define CAMA_REAL_KERNEL(name) name##_f32, name##_f64,
+#include "kernels/kernels.def"
+};
+
+int function_of(const KernelKey &kernel) { return 2 * kernel.index + (kernel.precision == KernelPrecision::f64); }
+
+__device__ void call_function(int function, const Slot *slots)
+{
+  switch (function) {
+#define CAMA_DOUBLE_KERNEL(name) \
+  case name##_f32: return call_kernel<&kernels::name>(slots);
+#define CAMA_REAL_KERNEL(name)                                     \
+  case name##_f32: return call_kernel<&kernels::f32::name>(slots); \
+  case name##_f64: return call_kernel<&kernels::f64::name>(slots);
+#include "kernels/kernels.def"
+  default: return;
+  }
+}
+
+// The other operations, by all blocks of a world.
+
+__device__ Slot first_item() { return blockIdx.x * blockDim.x + threadIdx.x; }
+__device__ Slot items_at_once() { return gridDim.x * blockDim.x; }
+
+/// bytes, to, from
+__device__ __noinline__ void move_bytes(const Slot *slots)
+{
+  if ((slots[0] | slots[1] | slots[2]) % sizeof(Slot) == 0) {
+    const auto *from = reinterpret_cast<const Slot *>(slots[2]);
+    auto *to = reinterpret_cast<Slot *>(slots[1]);
+    for (Slot i = first_item(); i < slots[0] / sizeof(Slot); i += items_at_once()) to[i] = from[i];
+  } else if ((slots[0] | slots[1] | slots[2]) % sizeof(int) == 0) {
+    const auto *from = reinterpret_cast<const int *>(slots[2]);
+    auto *to = reinterpret_cast<int *>(slots[1]);
+    for (Slot i = first_item(); i < slots[0] / sizeof(int); i += items_at_once()) to[i] = from[i];
+  } else {
+    const auto *from = reinterpret_cast<const unsigned char *>(slots[2]);
+    auto *to = reinterpret_cast<unsigned char *>(slots[1]);
+    for (Slot i = first_item(); i < slots[0]; i += items_at_once()) to[i] = from[i];
+  }
+}
+
+/// bytes, buffer, byte; buffers begin at multiples of 8 bytes
+__device__ __noinline__ void fill_bytes(const Slot *slots)
+{
+  const Slot words = slots[0] / sizeof(Slot), byte = slots[2] & 0xff;
+  for (Slot i = first_item(); i < words; i += items_at_once())
+    reinterpret_cast<Slot *>(slots[1])[i] = byte * 0x0101010101010101ull;
+  for (Slot i = words * sizeof(Slot) + first_item(); i < slots[0]; i += items_at_once())
+    reinterpret_cast<unsigned char *>(slots[1])[i] = static_cast<unsigned char>(byte);
+}
+
+/// Where the blocks of a world wait for each other.
+struct Meeting {
+  unsigned int *arrived;
+  unsigned int expected;
+  __device__ void wait()
+  {
+    __syncthreads();
+    if (gridDim.x == 1) return;
+    expected += gridDim.x;
+    if (threadIdx.x == 0) {
+      __threadfence();
+      atomicAdd(arrived, 1);
+      while (*reinterpret_cast<volatile unsigned int *>(arrived) < expected) {
+      }
+      __threadfence();
+    }
+    __syncthreads();
+  }
+};
+
+/// n, from, to. partial: [blocks of the world]
+__device__ __noinline__ void scan_ints(const Slot *slots, Meeting &meeting, long long *partial, int *overflow)
+{
+  using Reduce = cub::BlockReduce<long long, interpreter_threads>;
+  using Scan = cub::BlockScan<long long, interpreter_threads>;
+  constexpr int items = 4, tile = items * interpreter_threads;
+  __shared__ union {
+    typename Reduce::TempStorage reduce;
+    typename Scan::TempStorage scan;
+  } storage;
+  __shared__ long long before_all;
+  const int n = static_cast<int>(slots[0]), blocks = static_cast<int>(gridDim.x), block = static_cast<int>(blockIdx.x);
+  const auto *from = reinterpret_cast<const int *>(slots[1]);
+  auto *to = reinterpret_cast<int *>(slots[2]);
+  const int chunk = ((n - 1) / blocks / tile + 1) * tile;
+  const int begin = static_cast<int>(min(static_cast<long long>(block) * chunk, static_cast<long long>(n)));
+  const int end = min(begin + chunk, n);
+  if (threadIdx.x == 0) before_all = 0;
+  if (blocks > 1) {
+    long long sum = 0;
+    for (int i = begin + static_cast<int>(threadIdx.x); i < end; i += interpreter_threads) sum += from[i];
+    sum = Reduce(storage.reduce).Sum(sum);
+    if (threadIdx.x == 0) partial[block] = sum;
+    meeting.wait();
+    sum = 0;
+    for (int b = static_cast<int>(threadIdx.x); b < block; b += interpreter_threads) sum += partial[b];
+    sum = Reduce(storage.reduce).Sum(sum);
+    if (threadIdx.x == 0) before_all = sum;
+  }
+  __syncthreads();
+  long long before = before_all;
+  for (int tile_begin = begin; tile_begin < end; tile_begin += tile) {
+    long long value[items], total;
+    const int first = tile_begin + static_cast<int>(threadIdx.x) * items;
+    for (int k = 0; k < items; ++k) value[k] = first + k < end ? from[first + k] : 0;
+    Scan(storage.scan).ExclusiveSum(value, value, total);
+    for (int k = 0; k < items; ++k)
+      if (first + k < end) to[first + k] = static_cast<int>(before + value[k]);
+    before += total;
+    __syncthreads();
+  }
+  if (threadIdx.x > 0 || (end < n || (begin == n && block > 0))) return;
+  to[n] = static_cast<int>(before);
+  if (before > 0x7fffffffll) *overflow = 1;
+}
+
+/// Up to rank_sort_room keys: the place of each is the number of those before it.
+__device__ void sort_by_rank(int n, key64 *key, int *value, key64 mask)
+{
+  auto *keys = reinterpret_cast<key64 *>(all_team_memory);
+  auto *values = reinterpret_cast<int *>(keys + rank_sort_room);
+  for (int i = static_cast<int>(threadIdx.x); i < n; i += interpreter_threads) {
+    keys[i] = key[i];
+    values[i] = value[i];
+  }
+  __syncthreads();
+  for (int i = static_cast<int>(threadIdx.x); i < n; i += interpreter_threads) {
+    const key64 own = keys[i] & mask;
+    int place = 0;
+    for (int j = 0; j < n; ++j) {
+      const key64 other = keys[j] & mask;
+      place += other < own || (other == own && j < i);
+    }
+    key[place] = keys[i];
+    value[place] = values[i];
+  }
+}
+
+/// Digit by digit: each thread counts and moves a run of keys.
+__device__ void sort_by_digits(int n, key64 *key, int *value, key64 *other_key, int *other_value, int bits)
+{
+  using Scan = cub::BlockScan<int, interpreter_threads>;
+  __shared__ typename Scan::TempStorage storage;
+  auto *counts = reinterpret_cast<int *>(all_team_memory);   // [digits][threads]
+  const int thread = static_cast<int>(threadIdx.x), run = (n - 1) / interpreter_threads + 1;
+  const int begin = min(thread * run, n), end = min(begin + run, n);
+  key64 *const result = key;
+  int *const result_value = value;
+  for (int shift = 0; shift < bits; shift += digit_bits) {
+    const key64 mask = (key64(1) << min(digit_bits, bits - shift)) - 1;
+    for (int d = 0; d < digits; ++d) counts[d * interpreter_threads + thread] = 0;
+    for (int i = begin; i < end; ++i) ++counts[static_cast<int>(key[i] >> shift & mask) * interpreter_threads + thread];
+    __syncthreads();
+    int own[digits];
+    for (int k = 0; k < digits; ++k) own[k] = counts[thread * digits + k];
+    Scan(storage).ExclusiveSum(own, own);
+    for (int k = 0; k < digits; ++k) counts[thread * digits + k] = own[k];
+    __syncthreads();
+    for (int i = begin; i < end; ++i) {
+      const int place = counts[static_cast<int>(key[i] >> shift & mask) * interpreter_threads + thread]++;
+      other_key[place] = key[i];
+      other_value[place] = value[i];
+    }
+    __syncthreads();
+    key64 *const keys = key;
+    int *const values = value;
+    key = other_key;
+    value = other_value;
+    other_key = keys;
+    other_value = values;
+  }
+  if (key == result) return;
+  for (int i = thread; i < n; i += interpreter_threads) {
+    result[i] = key[i];
+    result_value[i] = value[i];
+  }
+}
+
+/// n, keys, values, room for as many of both. By one block.
+__device__ __noinline__ void sort_pairs(const Slot *slots, int bits)
+{
+  const int n = static_cast<int>(slots[0]);
+  auto *key = reinterpret_cast<key64 *>(slots[1]);
+  auto *value = reinterpret_cast<int *>(slots[2]);
+  if (n <= rank_sort_room) return sort_by_rank(n, key, value, bits >= 64 ? ~key64(0) : (key64(1) << bits) - 1);
+  auto *room = reinterpret_cast<key64 *>(slots[3]);
+  sort_by_digits(n, key, value, room, reinterpret_cast<int *>(room + n), bits);
+}
+
+/// Walks through the instructions of a world, and through those of a repetition as often as it says.
+struct Walk {
+  const Instruction *instructions;
+  int end;
+  int left = 0, body = 0, body_end = -1;
+  __device__ Instruction at(int place) const { return instructions[place < end ? place : end - 1]; }
+  __device__ int after(int place, const Instruction &instruction)
+  {
+    ++place;
+    if (instruction.kind == static_cast<int>(OperationKind::repeat)) {
+      left = instruction.first;
+      body = place;
+      body_end = place + instruction.extra;
+    } else if (place == body_end) {
+      if (--left > 0) return body;
+      body_end = -1;
+    }
+    return place;
+  }
+};
+
+__device__ void set_team(const Instruction &instruction)
+{
+  if (threadIdx.x == 0) current_team_shift = instruction.team_shift;
+  if (threadIdx.x % 32 == 0) used_memory[threadIdx.x / 32] = 0;
+}
+
+__device__ void execute(const Instruction &instruction, const Slot *slots, Meeting &meeting, long long *partial,
+                        int *overflow)
+{
+  switch (static_cast<OperationKind>(instruction.kind)) {
+  case OperationKind::launch: return call_function(instruction.function, slots);
+  case OperationKind::scan: return scan_ints(slots, meeting, partial, overflow);
+  case OperationKind::sort:
+    if (blockIdx.x == 0) sort_pairs(slots, instruction.extra);
+    return;
+  case OperationKind::copy:
+  case OperationKind::upload:
+  case OperationKind::download: return move_bytes(slots);
+  case OperationKind::fill: return fill_bytes(slots);
+  default: return;   // what the host does, and repetitions
+  }
+}
+
+/// Instructions [begin, end) of each world, in blocks (x, world). While one runs, the slots of the next and the
+/// instruction after it are on their way.
+__global__ void __launch_bounds__(interpreter_threads, blocks_per_processor)
+    interpret(const WorldProgram *programs, int begin, int end, unsigned int *arrived, long long *partials,
+              int *overflow)
+{
+  __shared__ Slot slots[2][most_slots];
+  const WorldProgram program = programs[blockIdx.y];
+  const int thread = static_cast<int>(threadIdx.x);
+  Walk walk{program.instructions, min(end, program.count)};
+  Meeting meeting{arrived + blockIdx.y, 0};
+  long long *partial = partials + static_cast<std::size_t>(blockIdx.y) * gridDim.x;
+  if (begin >= walk.end) return;
+  int place = begin, buffer = 0;
+  Instruction now = walk.at(place);
+  if (thread < now.slots) slots[0][thread] = program.slots[now.first + thread];
+  set_team(now);
+  __syncthreads();
+  int next_place = walk.after(place, now);
+  Instruction next = walk.at(next_place);
+  while (true) {
+    const bool more = next_place < walk.end;
+    Slot arriving = 0;
+    if (more && thread < next.slots) arriving = program.slots[next.first + thread];
+    const int later_place = more ? walk.after(next_place, next) : walk.end;
+    const Instruction later = walk.at(later_place);
+    execute(now, slots[buffer], meeting, partial, overflow);
+    if (!more) break;
+    buffer = 1 - buffer;
+    if (thread < next.slots) slots[buffer][thread] = arriving;
+    if (now.kind == static_cast<int>(OperationKind::repeat))
+      __syncthreads();
+    else
+      meeting.wait();
+    if (next.team_shift > 0) {
+      set_team(next);
+      __syncthreads();
+    }
+    now = next;
+    next = later;
+    next_place = later_place;
+  }
+}
+
+}  // namespace
+
+GrowingMemory::~GrowingMemory() { on_host_ ? cudaFreeHost(memory_) : cudaFree(memory_); }
+
+unsigned char *GrowingMemory::get(std::size_t bytes)
+{
+  if (bytes <= bytes_) return memory_;
+  on_host_ ? cudaFreeHost(memory_) : cudaFree(memory_);   // both wait for the device
+  memory_ = nullptr;
+  bytes_ = 0;
+  void *memory = nullptr;
+  const std::size_t room = std::max<std::size_t>(bytes + bytes / 2, 4096);
+  check(on_host_ ? cudaHostAlloc(&memory, room, cudaHostAllocMapped) : cudaMalloc(&memory, room),
+        "memory for recorded operations");
+  memory_ = static_cast<unsigned char *>(memory);
+  bytes_ = room;
+  return memory_;
+}
+
+Interpreter::Interpreter(int device, cudaStream_t queue, int *overflow) : queue_(queue), overflow_(overflow)
+{
+  check(cudaEventCreateWithFlags(&copied_, cudaEventDisableTiming), "cudaEventCreate");
+  int processors = 0, cooperative = 0, memory = 0, per_processor = 0;
+  check(cudaDeviceGetAttribute(&processors, cudaDevAttrMultiProcessorCount, device), "cudaDeviceGetAttribute");
+  check(cudaDeviceGetAttribute(&cooperative, cudaDevAttrCooperativeLaunch, device), "cudaDeviceGetAttribute");
+  check(cudaDeviceGetAttribute(&memory, cudaDevAttrMaxSharedMemoryPerBlockOptin, device), "cudaDeviceGetAttribute");
+  if (!cooperative || memory < static_cast<int>(team_memory_bytes) + 4096) return;
+  check(cudaFuncSetAttribute(interpret, cudaFuncAttributeMaxDynamicSharedMemorySize, team_memory_bytes),
+        "cudaFuncSetAttribute");
+  check(
+      cudaOccupancyMaxActiveBlocksPerMultiprocessor(&per_processor, interpret, interpreter_threads, team_memory_bytes),
+      "cudaOccupancy");
+  together_ = processors * per_processor;
+}
+
+Interpreter::~Interpreter() { cudaEventDestroy(copied_); }
+
+int Interpreter::blocks_for(const std::vector<OperationQueue *> &queues) const
+{
+  int largest = 1;
+  for (const OperationQueue *queue : queues) largest = std::max(largest, queue->largest());
+  const int most = std::max(1, together_ / static_cast<int>(queues.size()));
+  return std::clamp((largest - 1) / interpreter_threads + 1, 1, most);
+}
+
+bool Interpreter::suits(const std::vector<OperationQueue *> &queues) const
+{
+  if (together_ == 0) return false;
+  const long long threads = static_cast<long long>(blocks_for(queues)) * interpreter_threads;
+  const int most = queues.size() == 1 ? most_per_thread : most_per_thread_of_worlds;
+  return std::all_of(queues.begin(), queues.end(),
+                     [&](const OperationQueue *queue) { return queue->largest() <= most * threads; });
+}
+
+int Interpreter::run(const std::vector<OperationQueue *> &queues, Crew &crew, const std::function<void(int)> &sort)
+{
+  const Programs programs(queues, function_of);
+  check(cudaEventSynchronize(copied_), "cudaEventSynchronize");
+  unsigned char *block = block_.get(programs.bytes()), *device = device_.get(programs.bytes());
+  programs.write(crew, block, device, downloads_.get(programs.downloaded_bytes()),
+                 scratch_.get(programs.scratch_bytes()));
+  check(cudaMemcpyAsync(device, block, programs.bytes(), cudaMemcpyHostToDevice, queue_), "cudaMemcpy to the device");
+  check(cudaEventRecord(copied_, queue_), "cudaEventRecord");
+  const int worlds = static_cast<int>(queues.size()), blocks = blocks_for(queues);
+  int begin = 0, launches = 0;
+  if (worlds == 1) {
+    const OperationQueue &queue = *queues.front();
+    for (int i = 0; i < queue.size(); ++i) {
+      if (queue.operation(i).kind != OperationKind::sort) continue;
+      if (i > begin) {
+        launch(1, blocks, begin, i);
+        ++launches;
+      }
+      sort(i);
+      begin = i + 1;
+    }
+    if (begin == queue.size()) begin = -1;
+  }
+  if (begin >= 0) {
+    launch(worlds, blocks, begin, 0x7fffffff);
+    ++launches;
+  }
+  if (programs.waits()) {
+    check(cudaStreamSynchronize(queue_), "synchronize");
+    programs.deliver(crew, downloads_.get(0));
+  }
+  return launches;
+}
+
+void Interpreter::launch(int worlds, int blocks, int begin, int end)
+{
+  const auto *programs = reinterpret_cast<const WorldProgram *>(device_.get(0));
+  const std::size_t counters = sizeof(unsigned int) * static_cast<std::size_t>(worlds);
+  auto *arrived = reinterpret_cast<unsigned int *>(meetings_.get(counters));
+  auto *partials = reinterpret_cast<long long *>(
+      partials_.get(sizeof(long long) * static_cast<std::size_t>(worlds) * static_cast<std::size_t>(blocks)));
+  constexpr int most_rows = 65535;
+  for (int first = 0; first < worlds; first += most_rows) {
+    const dim3 grid(static_cast<unsigned int>(blocks), static_cast<unsigned int>(std::min(worlds - first, most_rows)));
+    const WorldProgram *own = programs + first;
+    unsigned int *own_arrived = arrived + first;
+    void *arguments[] = {&own, &begin, &end, &own_arrived, &partials, &overflow_};
+    if (blocks > 1) {
+      check(cudaMemsetAsync(arrived, 0, counters, queue_), "cudaMemset");
+      check(cudaLaunchCooperativeKernel(reinterpret_cast<const void *>(&interpret), grid, dim3(interpreter_threads),
+                                        arguments, team_memory_bytes, queue_),
+            "recorded operations");
+    } else {
+      check(cudaLaunchKernel(reinterpret_cast<const void *>(&interpret), grid, dim3(interpreter_threads), arguments,
+                             team_memory_bytes, queue_),
+            "recorded operations");
+    }
+  }
+}
+
+}  // namespace cama

@@ -1,0 +1,66 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+#include <exception>
+#include <functional>
+#include <initializer_list>
+#include <memory>
+#include <mutex>
+#include <vector>
+
+#include "device/fiber.hpp"
+#include "device/operations.hpp"
+
+namespace cama {
+
+/// A device that several recordings share. They allocate from several threads.
+struct SharedDevice {
+  explicit SharedDevice(std::unique_ptr<Backend> device) : backend(std::move(device)) {}
+  std::unique_ptr<Backend> backend;
+  std::mutex mutex;
+};
+
+/// The backend of a simulation that records what it asks of a device. Where the simulation needs an answer, the device
+/// gets all that was recorded at once. One of several worlds pauses its fiber there, so that the operations of all
+/// worlds run together.
+class RecordingBackend final : public Backend {
+public:
+  explicit RecordingBackend(std::shared_ptr<SharedDevice> device) : device_(std::move(device)) {}
+  ~RecordingBackend() override;
+
+  std::string_view name() const override { return device_->backend->name(); }
+  std::string device() const override { return device_->backend->device(); }
+  bool wide_workers() const override { return device_->backend->wide_workers(); }
+
+  Buffer allocate(std::size_t bytes) override;
+  void release(Buffer buffer) noexcept override;
+  void upload(Buffer to, const void *from, std::size_t bytes) override;
+  void download(void *to, Buffer from, std::size_t bytes, std::size_t offset) override;
+  void copy(Buffer to, Buffer from, std::size_t bytes) override;
+  void fill(Buffer buffer, unsigned char byte, std::size_t bytes) override;
+  void launch(const KernelKey &kernel, int n, const Argument *arguments, int count) override;
+  void repeat(int times, const std::function<void()> &work, bool again) override;
+  void scan(Buffer from, Buffer to, int n) override;
+  void sort(Buffer keys, Buffer values, int n, int bits) override;
+  void synchronize() override;
+  void begin_stage(int number) override;
+
+  // For who runs worlds together.
+
+  OperationQueue queue;
+  Fiber *fiber = nullptr;      ///< in which the world runs; null: alone
+  bool waiting = false;        ///< the world needs its queue to have run
+  int stage = 0;               ///< that the world is at, or before, numbered through its steps
+  int step = 0;                ///< number of its step's first stage
+  int last_stage = 0;          ///< that worlds may begin now
+  const std::exception_ptr *failure = nullptr;  ///< of the device, when it is not null
+
+private:
+  void record(OperationKind kind, std::initializer_list<Slot> slots, int extra = 0);
+  void wait();
+  void run_alone();
+
+  std::shared_ptr<SharedDevice> device_;
+  std::vector<std::pair<Buffer, std::size_t>> sizes_;  // sorted by buffer
+};
+
+}  // namespace cama
