@@ -3,9 +3,9 @@
 
 import numpy as np
 import pytest
-from conftest import count_intersections, grid
 
 import cama
+from conftest import count_intersections, grid
 
 BALL = {"shape": {"sphere": {"radius": 0.1}}}
 

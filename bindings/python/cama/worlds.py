@@ -223,7 +223,9 @@ Worlds.__init__.__signature__ = signature(Worlds.__init__)  # type: ignore[attr-
 def _listed(scenes: Scene | PathLike | Sequence[Scene | PathLike], number: int | None) -> list[Scene]:
     if isinstance(scenes, Sequence) and not isinstance(scenes, str):
         if number is not None:
-            raise SceneError("worlds: number is for copies of one scene; give a list of scenes, or one scene and a number")
+            raise SceneError(
+                "worlds: number is for copies of one scene; give a list of scenes, or one scene and a number"
+            )
         return [scene if isinstance(scene, Scene) else Scene.load(scene) for scene in scenes]
     scene = scenes if isinstance(scenes, Scene) else Scene.load(scenes)
     copies = count("worlds: number", 1 if number is None else number)
