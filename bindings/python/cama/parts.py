@@ -8,8 +8,9 @@ from typing import Protocol
 import numpy as np
 
 from . import _core
+from .arrays import vector
 from .material import Material
-from .types import Description, Integers, PathLike, Reals
+from .types import Description, Integers, PathLike, Reals, Vector, VectorLike
 
 
 class _Owner(Protocol):
@@ -22,6 +23,8 @@ class _Owner(Protocol):
 
 class Part:
     """A cloth or an obstacle of a scene, identified by its index."""
+
+    __slots__ = ("_scene", "index")  # an assignment to any other name is an AttributeError
 
     def __init__(self, scene: _Owner, index: int) -> None:
         self._scene, self.index = scene, index
@@ -69,6 +72,8 @@ def flat_corners(vertices: Reals, faces: Integers) -> Reals:
 class Cloth(Part):
     """A piece of cloth of a scene, as `Scene.add_cloth` returns it."""
 
+    __slots__ = ()
+
     def _compiled(self) -> _core.Cloth:
         return self._scene._core.cloth(self.index)
 
@@ -81,6 +86,16 @@ class Cloth(Part):
     def material(self, value: _core.Material | Description | PathLike) -> None:
         self._scene._allow_change(f"material of {self.name!r}")
         self._compiled().material = Material.of(value)
+
+    @property
+    def velocity(self) -> Vector:
+        """Velocity at the start [3], m/s; assign to change it."""
+        return self._compiled().velocity
+
+    @velocity.setter
+    def velocity(self, value: VectorLike) -> None:
+        self._scene._allow_change(f"velocity of {self.name!r}")
+        self._compiled().velocity = vector(f"{self.name}: velocity", value)
 
     @property
     def material_vertices(self) -> Reals:
@@ -146,6 +161,8 @@ class Cloth(Part):
 
 class Obstacle(Part):
     """An obstacle of a scene, as `Scene.add_obstacle` returns it."""
+
+    __slots__ = ()
 
     def _compiled(self) -> _core.Obstacle:
         return self._scene._core.obstacle(self.index)
