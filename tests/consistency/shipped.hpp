@@ -22,12 +22,14 @@ namespace shipped {
 /// Every value of Options::precision.
 inline const std::vector<std::string> precisions = {"double", "mixed", "single"};
 
-/// Whether a scene has a generated body, which the Python package makes.
+/// Whether a scene has a generated body, drum, coat or trousers, which the Python package makes.
 inline bool needs_python(const std::filesystem::path &file)
 {
   std::ifstream stream(file);
   const std::string text{std::istreambuf_iterator<char>(stream), {}};
-  return text.find("\"body\": {") != std::string::npos;
+  const std::vector<std::string> made{"body", "drum", "coat", "trousers"};
+  return std::any_of(made.begin(), made.end(),
+                     [&](const std::string &key) { return text.find('"' + key + "\": {") != std::string::npos; });
 }
 
 /// Sorted names of the scenes that the library reads by itself.

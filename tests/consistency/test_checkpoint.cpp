@@ -203,3 +203,21 @@ TEST_CASE("checkpoints of other scenes and damaged ones are rejected with the fi
   other.step();
   CHECK(other.report().residual < options.tolerance);
 }
+
+TEST_CASE("the checkpoint of a start repeats the run, also in a simulation that has gone on", "[checkpoint]")
+{
+  OptionOverrides options;
+  options.set("backend", std::string("cpu"));
+  for (const char *error : {"", "0.2 %"}) {
+    INFO("error " << error);
+    options.set("error", std::string(error));
+    Simulation run(meshes::pile(6), options);
+    const Checkpoint start = run.checkpoint();
+    for (int i = 0; i < 3; ++i) run.step();
+    const std::uint64_t first = run.state_hash();
+    for (int i = 0; i < 2; ++i) run.step();
+    run.restore(start);
+    for (int i = 0; i < 3; ++i) run.step();
+    CHECK(run.state_hash() == first);
+  }
+}

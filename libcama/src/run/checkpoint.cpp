@@ -139,6 +139,7 @@ void restore_checkpoint(const Checkpoint &c, State &s, Pipeline &step)
     }
   });
   s.mesh.position_next.assign(c.vectors.at("position"));
+  if (s.time.error > 0) s.time.step = c.time_step;   // the first step of a run begins with a guess
   const bool same = c.time_step == s.time.step;
   s.time.history = s.time.history && s.mesh.position_before.backend() && c.vectors.count("position_before");
   if (!same) {
