@@ -4,8 +4,7 @@
 #include <cstdint>
 #include <vector>
 
-#include "device/crew.hpp"
-#include "device/operations.hpp"
+#include "device/for_backends.hpp"
 
 namespace cama {
 
