@@ -29,10 +29,13 @@ struct Simulation::Implementation : Engine {
     state.wait_for_stages = std::getenv("CAMA_WAIT_FOR_STAGES") != nullptr;
   }
 
-  template <class... Arguments> static std::unique_ptr<Implementation> make(Arguments &&...arguments)
+  /// options: a function that returns them.
+  template <class Resolved>
+  static std::unique_ptr<Implementation> make(const Scene &scene, const Resolved &options,
+                                              std::unique_ptr<Backend> device = nullptr)
   {
     try {
-      return std::make_unique<Implementation>(std::forward<Arguments>(arguments)...);
+      return std::make_unique<Implementation>(scene, options(), std::move(device));
     } catch (const std::bad_alloc &) {
       throw MemoryError("out of memory on the host while the simulation is set up; lower the resolution");
     }
@@ -40,13 +43,13 @@ struct Simulation::Implementation : Engine {
 };
 
 Simulation::Simulation(const Scene &scene, const OptionOverrides &options)
-    : implementation_(Implementation::make(scene, resolve(options, scene)))
+    : implementation_(Implementation::make(scene, [&] { return resolve(options, scene); }))
 {}
 Simulation::Simulation(const Scene &scene, const Options &options)
-    : implementation_(Implementation::make(scene, resolve(options, scene)))
+    : implementation_(Implementation::make(scene, [&] { return resolve(options, scene); }))
 {}
 Simulation::Simulation(const Scene &scene, const ResolvedOptions &options, std::unique_ptr<Backend> device)
-    : implementation_(Implementation::make(scene, options, std::move(device)))
+    : implementation_(Implementation::make(scene, [&] { return options; }, std::move(device)))
 {}
 Simulation::~Simulation() = default;
 Simulation::Simulation(Simulation &&) noexcept = default;
