@@ -32,6 +32,7 @@ inline bool strict_build()
 }
 
 /// Calls f on every number of a value, so that padding between members does not count.
+template <class F> void each(key64 v, F &&f) { f(v); }
 template <class F> void each(int v, F &&f) { f(v); }
 template <class F> void each(float v, F &&f) { f(v); }
 template <class F> void each(double v, F &&f) { f(v); }

@@ -110,6 +110,8 @@ def damage(path, name, value=None, attribute=False):
         ("vectors/velocity", np.zeros((3, 3)), False, cama.SceneError, "velocity has 3 rows"),
         ("tangled", np.zeros((1, 2)), False, cama.FileError, "integers"),
         ("let_go", np.array([[0, 7]]), False, cama.SceneError, "let_go"),
+        ("friction_pair", np.zeros((1, 2), int), False, cama.FileError, "shape"),
+        ("friction_pair", np.full((1, 3), 7), False, cama.SceneError, "friction_pair has 1 rows"),
         ("matching_order", np.zeros(162, int), False, cama.SceneError, "twice"),
         ("matching_parent_0", np.zeros(3, int), False, cama.SceneError, "level 0"),
         ("matching_start_0", None, False, cama.FileError, "matching_start_0"),

@@ -32,6 +32,7 @@ FIELDS = {
     "dt",
     "time_steps",
     "rejected",
+    "over_error",
     "ms_per_step",
     "stages",
     "pcg",

@@ -157,7 +157,7 @@ def test_contacts_on_a_slope_have_the_forces_of_a_block():
     scene = cama.Scene(self_contact=False, gravity=9.81 * np.array([np.sin(angle), 0, -np.cos(angle)]))
     sheet(scene, 1.02e-3, cells=6)
     scene.add_obstacle(shape={"plane": {"size": [2, 2]}}, name="floor", friction=0.5)
-    simulation = simulate(scene, "production", tolerance=1e-8)
+    simulation = simulate(scene, "production", tolerance=1e-11)
     simulation.step(400)
     weight = 9.81 * simulation.masses.sum()
     rows = simulation.contacts

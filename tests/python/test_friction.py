@@ -17,9 +17,7 @@ THICKNESS, WEIGHT_DEPTH = 1e-3, 0.9e-6  # m; by the second the patch presses the
 SLOPES = [(1, 0), (80, 0), (80, 17)]
 
 
-def tolerance(cells):
-    """Of accelerations, in parts of the slope's pull: contacts that come and go with the triangles disturb the load."""
-    return 0.005 if cells == 1 else 0.025
+TOLERANCE = 0.003  # of accelerations, in parts of the slope's pull; also how near the angle of friction is resolved
 
 
 def patch_on_slope(friction, cells, turn, *, angle=STEEP, static=None, speed=0.0, lift=0.0):
@@ -35,9 +33,7 @@ def patch_on_slope(friction, cells, turn, *, angle=STEEP, static=None, speed=0.0
     plane, triangles = grid(cells, 2)
     coefficients = {"friction": friction} if static is None else {"friction": friction, "static_friction": static}
     scene.add_obstacle(plane @ frame, triangles, name="slope", **coefficients)
-    # With bending=plate patches that are turned on 80 x 80 cells scatter by up to 3.2 % instead of 2.5 % (contact.md).
     options = {"integrator": "bdf2", "newton_iterations": 2, "tolerance": 1e-3, "backend": "cpu", "threads": 1}
-    options["bending"] = "hinge"
     return cama.Simulation(scene, time_step=1 / STEPS, **options), down
 
 
@@ -60,14 +56,14 @@ def test_a_patch_in_motion_accelerates_as_a_block(share, cells, turn):
     simulation.step(round(0.2 * STEPS))
     acceleration = (mean_speed(simulation, down) - before) / 0.2
     pull = GRAVITY * math.sin(STEEP)
-    assert acceleration == pytest.approx((1 - share) * pull, abs=tolerance(cells) * pull)
+    assert acceleration == pytest.approx((1 - share) * pull, abs=TOLERANCE * pull)
 
 
 @pytest.mark.parametrize("cells, turn", SLOPES)
 def test_a_patch_at_rest_holds_above_the_angle_of_friction_and_slides_below(cells, turn):
-    holds, down = patch_on_slope(1.01 * math.tan(STEEP), cells, turn)
-    assert abs(travel(holds, down, 1.0)) < 5e-5
-    for share in (0.9, 0.98):
+    holds, down = patch_on_slope((1 + TOLERANCE) * math.tan(STEEP), cells, turn)
+    assert abs(travel(holds, down, 3.0)) < 3e-5  # in ten seconds less than a tenth of the thickness
+    for share in (0.9, 1 - TOLERANCE):
         slides, down = patch_on_slope(share * math.tan(STEEP), cells, turn)
         simulated, start = 0.6, 0.35  # s; it takes some time to tear loose
         slides.step(round(start * STEPS))
@@ -75,7 +71,7 @@ def test_a_patch_at_rest_holds_above_the_angle_of_friction_and_slides_below(cell
         slides.step(round((simulated - start) * STEPS))
         gained = mean_speed(slides, down) - before
         pull = GRAVITY * math.sin(STEEP) * (simulated - start)
-        assert gained == pytest.approx((1 - share) * pull, abs=tolerance(cells) * pull)
+        assert gained == pytest.approx((1 - share) * pull, abs=TOLERANCE * pull)
 
 
 @pytest.mark.parametrize("cells, turn", SLOPES)
@@ -88,7 +84,7 @@ def test_static_friction_holds_and_kinetic_friction_brakes(cells, turn):
     before = mean_speed(slides, down)
     slides.step(round(0.1 * STEPS))
     pull = GRAVITY * math.sin(STEEP)
-    assert (mean_speed(slides, down) - before) / 0.1 == pytest.approx(0.5 * pull, abs=tolerance(cells) * pull)
+    assert (mean_speed(slides, down) - before) / 0.1 == pytest.approx(0.5 * pull, abs=TOLERANCE * pull)
 
 
 @pytest.mark.parametrize("cells, turn", SLOPES)

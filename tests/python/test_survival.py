@@ -203,6 +203,7 @@ COUNTED = (  # fields of summary.json that do not depend on the clock, and so ar
     "dt",
     "time_steps",
     "rejected",
+    "over_error",
     "pcg",
     "contacts",
     "impacts",

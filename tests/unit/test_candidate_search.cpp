@@ -257,6 +257,7 @@ TEST_CASE("gap_bound is no more than the distance until the prediction; pairs wi
       const auto x = s.mesh.position.download(), y = s.bounds.predicted.download();
       const auto face = s.mesh.face.download();
       const auto edge = s.mesh.edge.download();
+      const auto wing = s.mesh.edge_wing.download();
       const auto v = s.contact.vertex_contact.download();
       std::set<std::array<int, 3>> found;
       for (int i = 0; i < s.contact.contacts; ++i) {
@@ -285,7 +286,7 @@ TEST_CASE("gap_bound is no more than the distance until the prediction; pairs wi
             REQUIRE(double(gap_bound[i]) > kernels::pair_thickness(kind, e, v.data()));
           }
           kernels::contact c;
-          const bool full = kernels::make_contact(kind, e, x.data(), y.data(), v.data(),
+          const bool full = kernels::make_contact(kind, pairs[i], e, wing.data(), x.data(), y.data(), v.data(),
                                                   anticipate ? 20 * scene.contact.thickness : 0.0,
                                                   kernels::surface_proximity(kind, e, x.data(), v.data()), &c);
           if (anticipate)

@@ -409,7 +409,7 @@ TEST_CASE("an obstacle at rest is neither boxed nor sorted again, and its tree s
   // Edges of the cloth query; no edge queries them.
   const Names both =
       elastic_streams + term_streams + contact_streams + face_pair_streams + edge_pair_streams +
-      Names{"edge", "trees.cloth.face_bvh", "trees.cloth.face_order", "trees.cloth.edge_order", "contact"};
+      Names{"edge", "edge_wing", "trees.cloth.face_bvh", "trees.cloth.face_order", "trees.cloth.edge_order", "contact"};
   CHECK(still.streams == both + Names{"origin", "trees.resting.face_bvh", "trees.resting.face_order",
                                       "trees.resting.edge_bvh", "trees.resting.edge_order"});
   CHECK(moving.streams == both + Names{"rest_position", "trees.moving.face_bvh", "trees.moving.face_order",
@@ -432,8 +432,8 @@ TEST_CASE("cloth meets cloth: trees of the cloth, none of obstacles", "[required
   const Inventory found = take(scene, one_solve());
   REQUIRE(found.contacts > 0);
   CHECK(found.streams == elastic_streams + term_streams + contact_streams + face_pair_streams + edge_pair_streams +
-                             Names{"edge", "trees.cloth.face_bvh", "trees.cloth.face_order", "trees.cloth.edge_bvh",
-                                   "trees.cloth.edge_order", "contact"});
+                             Names{"edge", "edge_wing", "trees.cloth.face_bvh", "trees.cloth.face_order",
+                                   "trees.cloth.edge_bvh", "trees.cloth.edge_order", "contact"});
   const Kernels &search = found.kernels.at("candidate search");
   for (const char *kernel : {"face_groups", "edge_groups", "query_vertex_face_count", "query_edge_edge_count"})
     CHECK(search.at(kernel) == 1);
@@ -497,8 +497,13 @@ TEST_CASE("forces are measured where they are asked for", "[required]")
 TEST_CASE("contact terms without friction are those of friction zero, bit for bit", "[required]")
 {
   Scene scene = on(ball());
-  StagedEngine smooth(scene), rubbing(scene);
-  rubbing.state.contact.friction = true;  // all coefficients stay zero
+  StagedEngine smooth(scene);
+  scene.obstacles[0].friction = 0.5;
+  StagedEngine rubbing(scene);
+  REQUIRE(rubbing.state.contact.friction);
+  auto properties = rubbing.state.contact.vertex_contact.download();
+  for (kernels::vertex_contact &v : properties) v.friction = v.static_friction = 0;
+  rubbing.state.contact.vertex_contact.assign(properties);
   for (int i = 0; i < 10; ++i) {
     smooth.step();
     rubbing.step();

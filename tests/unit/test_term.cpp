@@ -85,7 +85,7 @@ void make_terms(int kind, const Corners &x, double friction, const std::array<Ve
   c.friction = c.static_friction = friction;
   double load[4];   // the only contact of its vertices, so that each gives it its whole mass
   for (int a = 0; a < 4; ++a) load[a] = std::abs(c.weight[a]) * stiffness * (thickness - p.distance);
-  f64::make_contact_terms(1, 0, &c, inverse_mass, free_velocity, free_velocity, load, time_step, &t);
+  f64::make_contact_terms(1, &c, inverse_mass, free_velocity, load, time_step, &t);
 }
 
 Matrix12 matrix(const Term &t, int form)
@@ -211,28 +211,69 @@ TEST_CASE("friction of one contact obeys Coulomb's law over a backward Euler ste
   CHECK(f64::friction_alone(1.0, 1.0, 0.0, 1.0, 1.0, time_step) == 0.0);
 }
 
-TEST_CASE("friction at a speed is Coulomb's where the speed stays, and static while it is slow", "[term]")
+TEST_CASE("friction around an iterate is Coulomb's: at the cone where it slides, as it was where it sticks", "[term]")
 {
   Random random(4);
-  const double change = time_step / 2e-4;  // m/s a newton
+  const double mass = 2e-4, change = time_step / mass;  // m/s a newton
+  const auto at = [](const f64::friction_law &law, const dvec3 &v) { return daxpy(law.force, -law.damping, v); };
   for (int n = 0; n < 1000; ++n) {
-    const double mass = 2e-4, normal = random(0.01, 1), mu = random(0.1, 1), mu_s = mu * random(1, 2),
-                 could = mu_s * normal * change,  // what friction can change in the step
-        fast = could * random(1, 3), slow = could * random(0.002, 0.02);
-    REQUIRE(fast * f64::friction_at_speed(mu_s, mu, normal, fast, fast, 1, mass, time_step) ==
-            Approx(mu * normal).epsilon(1e-12));
-    REQUIRE(slow * f64::friction_at_speed(mu_s, mu, normal, could, slow, 1, mass, time_step) ==
-            Approx(mu_s * normal).epsilon(1e-12));
-    // At rest it sticks: no contact keeps more than a thousandth of what friction could stop.
-    REQUIRE(f64::friction_at_speed(mu_s, mu, normal, could, 0, 1, mass, time_step) ==
-            Approx(1000 * mass / time_step).epsilon(1e-12));
-    // What friction cannot slow slides with mu N although it was at rest: a vertex torn away from a wall.
-    const double torn = 1e4 * could;
-    REQUIRE(torn * f64::friction_at_speed(mu_s, mu, normal, torn, 0, 1, mass, time_step) ==
-            Approx(mu * normal).epsilon(1e-3));
+    const double normal = random(0.01, 1), mu = random(0.1, 1), mu_s = mu * random(1, 2), cone = mu * normal,
+                 could = mu_s * normal * change,
+                 angle = random(0, 6.28);  // could: what friction can change in the step
+    const dvec3 none = {0, 0, 0}, along = {std::cos(angle), std::sin(angle), 0},
+                fast = dscale(could * random(1, 3), along);
+    const auto around = [&](const dvec3 &force, const dvec3 &v, const dvec3 &expected) {
+      return f64::friction_around(mu_s, mu, normal, force, v, expected, mass, time_step);
+    };
+    // Sliding: mu N against the velocity, whether or not there was friction before, at the velocity that is expected.
+    for (const dvec3 &before : {none, dscale(-cone, along)})
+      for (const double faster : {1.0, 1.1}) {
+        const dvec3 expected = dscale(faster, fast), f = at(around(before, fast, expected), expected);
+        REQUIRE(dnorm(daxpy(f, cone, along)) <= 1e-12 * cone);
+      }
+    // It never pushes: the more it slides, the more friction.
+    REQUIRE(around(none, fast, fast).damping >= 0);
+    // At rest within the static cone it has the force that it had, and hardly moves.
+    const dvec3 held = dscale(random(0, 0.999) * mu_s * normal, along);
+    REQUIRE(dnorm(dsub(at(around(held, none, none), none), held)) == 0);
+    REQUIRE(around(held, none, none).damping * change >= 99);
+    // More than that tears it loose, with static friction while it is slow.
+    const dvec3 torn = at(around(dscale(1.3 * mu_s * normal, along), none, none), none);
+    REQUIRE(dnorm(daxpy(torn, -mu_s * normal, along)) <= 1e-12 * mu_s * normal);
+    const dvec3 slow = dscale(0.05 * could, along),
+                slowed = at(around(dscale(-mu_s * normal, along), slow, slow), slow);
+    REQUIRE(dnorm(daxpy(slowed, mu_s * normal, along)) <= 1e-12 * mu_s * normal);
+    // What moved backwards under friction that was too large stops, and is not pushed the other way.
+    const dvec3 back = dscale(-0.05 * could, along);
+    REQUIRE(around(dscale(-0.99 * mu_s * normal, along), back, back).damping * change >= 50);
+    // One that is stopped has a few times its cone at most if others go on pulling it.
+    const dvec3 stopping = dscale(0.5 * cone * change, along);
+    REQUIRE(dnorm(at(around(none, stopping, stopping), stopping)) <= 4.001 * cone);
+    // What holds with a force far beyond the cone lets go, as fast as that force would have it: a vertex torn from a
+    // wall.
+    const double beyond = 1e4 * mu_s * normal;
+    const f64::friction_law lost = around(dscale(beyond, along), none, none);
+    REQUIRE(dnorm(at(lost, dscale(-beyond * change, along))) <= 2.001 * cone);
   }
-  CHECK(f64::friction_at_speed(0, 0, 1, 1, 1, 1, 1, time_step) == 0.0);
-  CHECK(f64::friction_at_speed(1, 1, 0, 1, 1, 1, 1, time_step) == 0.0);
+  const dvec3 v = {1, 0, 0};
+  for (const f64::friction_law &law :
+       {f64::friction_around(0, 0, 1, v, v, v, 1, time_step), f64::friction_around(1, 1, 0, v, v, v, 1, time_step)}) {
+    CHECK(dnorm(law.force) == 0.0);
+    CHECK(law.damping == 0.0);
+  }
+}
+
+TEST_CASE("contacts find the friction that they had by their features", "[term]")
+{
+  const std::vector<key64> before = {3, 8, 9, 40, key64(1) << 62}, now = {1, 3, 9, 10, 40, 41, key64(1) << 62};
+  std::vector<dvec3> force, kept(now.size());
+  for (std::size_t i = 0; i < before.size(); ++i) force.push_back({1.0 + static_cast<double>(i), 2, 3});
+  f64::recall_friction(static_cast<int>(now.size()), static_cast<int>(before.size()), now.data(), before.data(),
+                       force.data(), kept.data());
+  const std::vector<double> expected = {0, 1, 3, 0, 4, 0, 5};
+  for (std::size_t i = 0; i < now.size(); ++i) CHECK(kept[i].x == expected[i]);
+  f64::recall_friction(1, 0, now.data(), nullptr, nullptr, kept.data());
+  CHECK(kept[0].x == 0.0);
 }
 
 TEST_CASE("a stitch pulls with the gradient of its energy and its matrix is the exact Hessian", "[term]")

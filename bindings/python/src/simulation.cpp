@@ -130,6 +130,8 @@ py::dict to_dict(Checkpoint c)
   d["driving"] = driving;
   d["tangled"] = to_array<int>(std::move(c.tangled));
   d["let_go"] = to_array<int>(std::move(c.let_go));
+  d["friction_pair"] = to_array<int>(std::move(c.friction_pair));
+  d["friction_force"] = to_array<double>(std::move(c.friction_force));
   d["matching_step"] = c.matching.step;
   d["matching_terms"] = c.matching.terms;
   d["matching_first_iterations"] = c.matching.first_iterations;
@@ -159,6 +161,8 @@ Checkpoint to_checkpoint(const py::dict &d)
   const auto pairs = [&](const char *name) { return to_vector<std::pair<int, int>>(d[name].cast<Ints>()); };
   c.tangled = pairs("tangled");
   c.let_go = pairs("let_go");
+  c.friction_pair = to_vector<std::array<int, 3>>(d["friction_pair"].cast<Ints>());
+  c.friction_force = to_vector<dvec3>(d["friction_force"].cast<Doubles>());
   c.matching.step = d["matching_step"].cast<int>();
   c.matching.terms = d["matching_terms"].cast<int>();
   c.matching.first_iterations = d["matching_first_iterations"].cast<int>();

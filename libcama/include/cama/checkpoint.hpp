@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
+#include <array>
 #include <cstdint>
 #include <limits>
 #include <map>
@@ -41,6 +42,10 @@ struct Checkpoint {
   std::map<std::string, std::vector<double>> driving;
   std::vector<std::pair<int, int>> tangled;  ///< vertices that may pass each other until they separate
   std::vector<std::pair<int, int>> let_go;  ///< vertex, object that it may pass until it separates
+  /// Friction of the contacts of the last step, by kind (0: vertex and face, 1: two edges) and the numbers of the two,
+  /// ascending: N on the side of the first.
+  std::vector<std::array<int, 3>> friction_pair;
+  std::vector<dvec3> friction_force;
   Matching matching;
 };
 

@@ -21,19 +21,21 @@ DEVICE pair listed_pair(int i, int first_size, GLOBAL const pair *vertex_face, G
    side A; gap_bound: lower bound of their distance along it until the prediction, m, 0 where it is not known to exceed
    the thickness. Both come from cull_separated_pairs; pairs without a bound are tested here. */
 KERNEL find_contacts(int n, int first_size, GLOBAL const pair *vertex_face, GLOBAL const pair *edge_edge,
-                     GLOBAL const face_nodes *face, GLOBAL const edge_nodes *edge, GLOBAL const dvec3 *position,
-                     GLOBAL const dvec3 *predicted, GLOBAL const swept_vertex *swept_vertices,
-                     GLOBAL const float *rounding_margin, GLOBAL const vertex_contact *v, double anticipate,
-                     GLOBAL int *flag, GLOBAL fvec3 *vertex_face_direction, GLOBAL float *vertex_face_gap_bound,
+                     GLOBAL const face_nodes *face, GLOBAL const edge_nodes *edge, GLOBAL const edge_nodes *wing,
+                     GLOBAL const dvec3 *position, GLOBAL const dvec3 *predicted,
+                     GLOBAL const swept_vertex *swept_vertices, GLOBAL const float *rounding_margin,
+                     GLOBAL const vertex_contact *v, double anticipate, GLOBAL int *flag,
+                     GLOBAL fvec3 *vertex_face_direction, GLOBAL float *vertex_face_gap_bound,
                      GLOBAL fvec3 *edge_edge_direction, GLOBAL float *edge_edge_gap_bound)
 {
   FOR_EACH_UNEVEN(i, n) {
     contact c;
     int kind = i >= first_size, at = kind == 0 ? i : i - first_size, hit = 0;
     if (!((kind == 0 ? vertex_face_gap_bound[at] : edge_edge_gap_bound[at]) > 0.0f)) {
-      element_nodes e = pair_nodes(kind, listed_pair(i, first_size, vertex_face, edge_edge), face, edge);
+      pair q = listed_pair(i, first_size, vertex_face, edge_edge);
+      element_nodes e = pair_nodes(kind, q, face, edge);
       proximity p = surface_proximity(kind, e, position, v);
-      hit = make_contact(kind, e, position, predicted, v, anticipate, p, &c);
+      hit = make_contact(kind, q, e, wing, position, predicted, v, anticipate, p, &c);
       if (kind == 0)
         vertex_face_direction[at] = to_direction(p.normal);
       else
@@ -145,13 +147,14 @@ KERNEL flagged_pairs(int n, int first_size, GLOBAL const pair *vertex_face, GLOB
 /* Contacts of the pairs index[0 .. n). */
 KERNEL fill_contacts(int n, int first_size, GLOBAL const int *index, GLOBAL const pair *vertex_face,
                      GLOBAL const pair *edge_edge, GLOBAL const face_nodes *face, GLOBAL const edge_nodes *edge,
-                     GLOBAL const dvec3 *position, GLOBAL const dvec3 *predicted, GLOBAL const vertex_contact *v,
-                     double anticipate, GLOBAL contact *contacts)
+                     GLOBAL const edge_nodes *wing, GLOBAL const dvec3 *position, GLOBAL const dvec3 *predicted,
+                     GLOBAL const vertex_contact *v, double anticipate, GLOBAL contact *contacts)
 {
   FOR_EACH(i, n) {
     contact c;
     int k, kind = index[i] >= first_size;
-    element_nodes e = pair_nodes(kind, listed_pair(index[i], first_size, vertex_face, edge_edge), face, edge);
+    pair q = listed_pair(index[i], first_size, vertex_face, edge_edge);
+    element_nodes e = pair_nodes(kind, q, face, edge);
     c.kind = kind;
     c.candidate = kind == 0 ? index[i] : index[i] - first_size;
     c.normal = dvec3_make(0.0, 0.0, 1.0);
@@ -160,7 +163,7 @@ KERNEL fill_contacts(int n, int first_size, GLOBAL const int *index, GLOBAL cons
       c.node[k] = e.node[k];
       c.weight[k] = 0.0;
     }
-    make_contact(kind, e, position, predicted, v, anticipate, surface_proximity(kind, e, position, v), &c);
+    make_contact(kind, q, e, wing, position, predicted, v, anticipate, surface_proximity(kind, e, position, v), &c);
     contacts[i] = c;
   }
 }

@@ -70,10 +70,10 @@ DEVICE dvec3 tangential(term t, GLOBAL const dvec3 *velocity)
    as stops the approach that the sides of the contact had at the start of the step, of the friction the same share, if
    `rough`, but no more than ROUGH_MOST times what the coefficient allows: the tangential speed that sticking friction
    leaves is an error of the solve and tells nothing of the force. The term loses it. share: h / dt. start, velocity:
-   before and after the solve, m/s. n: contacts. */
+   before and after the solve, m/s. hold: of friction_impulse, or none. n: contacts. */
 KERNEL abrupt_impulses(int n, double share, int cloth_vertices, int rough, GLOBAL const contact *contacts,
                        GLOBAL const double *inverse_mass, GLOBAL const double *push, GLOBAL const double *load,
-                       GLOBAL const dvec3 *start, GLOBAL const dvec3 *velocity, GLOBAL term *terms,
+                       GLOBAL const dvec3 *start, GLOBAL const dvec3 *velocity, GLOBAL term *terms, GLOBAL vec3 *hold,
                        GLOBAL dvec3 *abrupt)
 {
   FOR_EACH(i, n) {
@@ -86,13 +86,17 @@ KERNEL abrupt_impulses(int n, double share, int cloth_vertices, int rough, GLOBA
     terms[i].push = t.push - (real)part;
     abrupt[i] = dscale(part, normal);
     if (rough && part > 0.0) {
-      dvec3 speed = tangential(t, velocity);
-      double own = part / push[i] * (double)t.around, size = own * dnorm(speed),
-             most = ROUGH_MOST * contacts[i].static_friction * part;
-      real around = (real)(size > most ? most / size * own : own);
+      dvec3 rough_part = dscale(-(double)t.around, tangential(t, velocity));
+      double own = part / push[i], size, most = ROUGH_MOST * contacts[i].static_friction * part;
+      real around;
+      if (hold) rough_part = dadd(rough_part, to_dvec3(hold[i]));
+      size = own * dnorm(rough_part);
+      if (size > most) own *= most / size;
+      around = (real)(own * (double)t.around);
       terms[i].around = t.around - around;
       terms[i].along = t.along + around;
-      abrupt[i] = daxpy(abrupt[i], -(double)around, speed);
+      if (hold) hold[i] = axpy(hold[i], -(real)own, hold[i]);
+      abrupt[i] = daxpy(abrupt[i], own, rough_part);
     }
   }
 }

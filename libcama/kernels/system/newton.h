@@ -127,32 +127,122 @@ DEVICE vec3 sliding(term t, GLOBAL const dvec3 *velocity)
   return axpy(s, -dot(t.normal, s), t.normal);
 }
 
-/* What friction subtracts from the right-hand side, by term; zero for terms from `contact_count` on. */
-KERNEL friction_products(int n, int contact_count, GLOBAL const term *terms, GLOBAL const dvec3 *velocity,
-                         GLOBAL vec3 *r)
+/* Impulse of the friction of contact i at `velocity`, N s on side A. hold: at rest, or none. */
+DEVICE vec3 friction_impulse(int i, GLOBAL const term *terms, GLOBAL const vec3 *hold, GLOBAL const dvec3 *velocity)
+{
+  vec3 f = scale(-terms[i].around, sliding(terms[i], velocity));
+  return hold ? add(hold[i], f) : f;
+}
+
+/* What friction adds to the right-hand side, by term; zero for terms from `contact_count` on. */
+KERNEL friction_products(int n, int contact_count, GLOBAL const term *terms, GLOBAL const vec3 *hold,
+                         GLOBAL const dvec3 *velocity, GLOBAL vec3 *r)
 {
   FOR_EACH(i, n) {
-    r[i] =
-        i < contact_count ? scale(-terms[i].around, sliding(terms[i], velocity)) : vec3_make((real)0, (real)0, (real)0);
+    r[i] = i < contact_count ? friction_impulse(i, terms, hold, velocity) : vec3_make((real)0, (real)0, (real)0);
   }
 }
 
-/* Friction by the normal forces and speeds at the iterate: push[i] is the impulse of contact i along its normal, N s,
-   load that of each cloth vertex. n: contacts. */
-KERNEL iterate_friction(int n, int cloth_vertices, GLOBAL const contact *contacts, GLOBAL const double *inverse_mass,
-                        GLOBAL const double *push, GLOBAL const double *load, GLOBAL const dvec3 *free_velocity,
-                        GLOBAL const dvec3 *velocity, real step, GLOBAL term *terms)
+/* force[i]: friction of contact i at the end of the step, N on side A; twice as much where it slides, so that it is
+   beyond the cone in the next step as well, whatever the load is then. It slides if it has this part of the cone and
+   its damping more than that. */
+#define SLIDES 0.99
+#define MOVES 0.01
+KERNEL keep_friction(int n, GLOBAL const contact *contacts, GLOBAL const term *terms, GLOBAL const vec3 *hold,
+                     GLOBAL const dvec3 *velocity, double step, GLOBAL dvec3 *force)
+{
+  FOR_EACH(i, n) {
+    dvec3 impulse = to_dvec3(friction_impulse(i, terms, hold, velocity));
+    double cone = contacts[i].friction * (double)terms[i].push,
+           damped = (double)terms[i].around * dnorm(tangential(terms[i], velocity));
+    int slides = dnorm(impulse) >= SLIDES * cone && damped > MOVES * cone;
+    force[i] = dscale((slides ? 2.0 : 1.0) / step, impulse);
+  }
+}
+
+/* push[i]: the impulse of contact i along its normal at the end of the first solve, N s, below 0 where it pulls.
+   change: by which the solve changed the velocities. */
+KERNEL solved_pushes(int n, GLOBAL const term *terms, GLOBAL const vec3 *change, GLOBAL double *push)
 {
   FOR_EACH(i, n) {
     term t = terms[i];
-    double mobility = pushed_mobility(t, push[i], cloth_vertices, inverse_mass, load);
-    real damping = (real)0;
-    if (mobility > 0.0)
-      damping = step * friction_at_speed((real)contacts[i].static_friction, (real)contacts[i].friction,
-                                         (real)(push[i] / (double)step), (real)dnorm(tangential(t, free_velocity)),
-                                         (real)dnorm(tangential(t, velocity)), (real)1, (real)(1.0 / mobility), step);
-    terms[i].along = t.along + (t.around - damping);
-    terms[i].around = damping;
+    real p = t.push;
+    int a;
+    for (a = 0; a < 4; ++a) p -= (t.along + t.around) * t.weight[a] * dot(t.normal, change[t.node[a]]);
+    push[i] = (double)p;
+  }
+}
+
+/* load[i]: what presses on cloth vertex i in all, N s; pull[i]: what pulls at it. */
+KERNEL solved_loads(int n, int contacts, GLOBAL const int *row, GLOBAL const int *incidence, GLOBAL const term *terms,
+                    GLOBAL const double *push, GLOBAL double *load, GLOBAL double *pull)
+{
+  FOR_EACH(i, n) {
+    double pressing = 0.0, pulling = 0.0;
+    int k;
+    for (k = row[i]; k < row[i + 1]; ++k) {
+      int e = incidence[k] >> 2;
+      if (e < contacts) {
+        double own = fabs((double)terms[e].weight[incidence[k] & 3]) * push[e];
+        pressing += max_double(own, 0.0);
+        pulling -= min_double(own, 0.0);
+      }
+    }
+    load[i] = pressing;
+    pull[i] = pulling;
+  }
+}
+
+/* share[i]: what is left of the load around cloth vertex i, itself and those that elements couple it with, once the
+   contacts that pull have let go. row, column: of the matrix. */
+KERNEL remaining_loads(int n, GLOBAL const int *row, GLOBAL const int *column, GLOBAL const double *load,
+                       GLOBAL const double *pull, GLOBAL double *share)
+{
+  FOR_EACH(i, n) {
+    double pressing = 0.0, pulling = 0.0;
+    int k;
+    if (load[i] > 0.0)
+      for (k = row[i]; k < row[i + 1]; ++k)
+        if (column[k] < n) {
+          pressing += load[column[k]];
+          pulling += pull[column[k]];
+        }
+    share[i] = pressing > pulling ? (pressing - pulling) / pressing : 0.0;
+  }
+}
+
+/* Friction by the normal forces, velocities and friction after the first solve. push, load, share: as above; contacts
+   that pull let go in the next solve, and what they took from the others goes with them. No contact presses more than
+   its term does at the iterate. n: contacts. */
+KERNEL iterate_friction(int n, int cloth_vertices, GLOBAL const contact *contacts, GLOBAL const double *inverse_mass,
+                        GLOBAL const double *push, GLOBAL const double *load, GLOBAL const double *share,
+                        GLOBAL const dvec3 *velocity, real step, GLOBAL term *terms, GLOBAL vec3 *hold)
+{
+  FOR_EACH(i, n) {
+    term t = terms[i];
+    const double h = (double)step, press = max_double(push[i], 0.0),
+                 mobility = pushed_mobility(t, press, cloth_vertices, inverse_mass, load);
+    friction_law law;
+    law.force = dvec3_make(0.0, 0.0, 0.0);
+    law.damping = 0.0;
+    if (mobility > 0.0) {
+      dvec3 speed = tangential(t, velocity), normal = to_dvec3(t.normal),
+            force = dscale(1.0 / h, daxpy(to_dvec3(hold[i]), -(double)t.around, speed));
+      double left = 0.0, whole = 0.0, normal_force;
+      int a;
+      for (a = 0; a < 4; ++a)
+        if (t.node[a] < cloth_vertices) {
+          left += fabs((double)t.weight[a]) * share[t.node[a]];
+          whole += fabs((double)t.weight[a]);
+        }
+      force = daxpy(force, -ddot(force, normal), normal);
+      normal_force = min_double(press * left / whole, max_double((double)t.push, 0.0)) / h;
+      law = friction_around(contacts[i].static_friction, contacts[i].friction, normal_force, force, speed, speed,
+                            1.0 / mobility, h);
+    }
+    terms[i].around = step * (real)law.damping;
+    terms[i].along = t.along + (t.around - terms[i].around);
+    hold[i] = scale(step, to_vec3(law.force));
   }
 }
 
@@ -270,13 +360,14 @@ KERNEL measure_inertia(int n, double step, GLOBAL const real *mass, GLOBAL const
 KERNEL measure_terms(int n, int contact_count, int damped, int refresh, double step, GLOBAL const contact *contacts,
                      GLOBAL const stitch *stitches, GLOBAL const dvec3 *start, GLOBAL const dvec3 *x,
                      GLOBAL const dvec3 *velocity, GLOBAL const double *inverse_mass, GLOBAL const vertex_contact *v,
-                     GLOBAL const term *terms, GLOBAL double *energy)
+                     GLOBAL const term *terms, GLOBAL const vec3 *hold, GLOBAL double *energy)
 {
   FOR_EACH(i, n) {
     if (i < contact_count) {
       vec3 s = sliding(terms[i], velocity);
-      energy[i] = contact_at(contacts[i], damped, refresh, step, start, x, velocity, inverse_mass, v).energy +
-                  0.5 * (double)(terms[i].around * dot(s, s));
+      double friction = 0.5 * (double)(terms[i].around * dot(s, s));
+      if (hold) friction -= (double)dot(hold[i], s);
+      energy[i] = contact_at(contacts[i], damped, refresh, step, start, x, velocity, inverse_mass, v).energy + friction;
     } else {
       stitch s = stitches[i - contact_count];
       dvec3 gap = daxpy(dsub(x[s.node[0]], x[s.node[1]]), -s.ratio, dsub(x[s.node[2]], x[s.node[1]]));

@@ -12,11 +12,12 @@
 
 /* The impulse of a term on its node a, N s: with the forces where they were linearised, and the matrix times `change`,
    by which the solve moved the velocities from there. contact: 1, or 0 for a stitch. newton: the forces are those of
-   the solution itself. in_matrix: leaves out what the matrix of the elements has. */
-DEVICE vec3 term_impulse(term t, int contact, int form, int newton, int in_matrix, int a, GLOBAL const dvec3 *velocity,
-                         GLOBAL const vec3 *change)
+   the solution itself. in_matrix: leaves out what the matrix of the elements has. hold: of its friction. */
+DEVICE vec3 term_impulse(term t, vec3 hold, int contact, int form, int newton, int in_matrix, int a,
+                         GLOBAL const dvec3 *velocity, GLOBAL const vec3 *change)
 {
-  vec3 sum = scale(t.weight[a] * t.push, t.normal), before = vec3_make((real)0, (real)0, (real)0), by = before;
+  vec3 sum = axpy(scale(t.weight[a] * t.push, t.normal), t.weight[a], hold),
+       before = vec3_make((real)0, (real)0, (real)0), by = before;
   int b;
   for (b = 0; b < 4; ++b)
     if (t.node[b] >= 0) {
@@ -35,11 +36,11 @@ DEVICE vec3 term_impulse(term t, int contact, int form, int newton, int in_matri
    start of the step, where contacts were found. properties: none without contact. */
 KERNEL solve_reactions(int n, int rows, int contacts, int newton, int in_matrix, int form, real time_step,
                        GLOBAL const int *row, GLOBAL const int *incidence, GLOBAL const term *terms,
-                       GLOBAL const int *matrix_row, GLOBAL const int *matrix_column, GLOBAL const mat3 *block,
-                       GLOBAL const real *mass, GLOBAL const vec3 *force, GLOBAL const int *fixed,
-                       GLOBAL const dvec3 *base_velocity, GLOBAL const dvec3 *velocity, GLOBAL const vec3 *change,
-                       GLOBAL const dvec3 *position, GLOBAL const vertex_contact *properties, GLOBAL dvec3 *linear,
-                       GLOBAL dvec3 *angular)
+                       GLOBAL const vec3 *hold, GLOBAL const int *matrix_row, GLOBAL const int *matrix_column,
+                       GLOBAL const mat3 *block, GLOBAL const real *mass, GLOBAL const vec3 *force,
+                       GLOBAL const int *fixed, GLOBAL const dvec3 *base_velocity, GLOBAL const dvec3 *velocity,
+                       GLOBAL const vec3 *change, GLOBAL const dvec3 *position, GLOBAL const vertex_contact *properties,
+                       GLOBAL dvec3 *linear, GLOBAL dvec3 *angular)
 {
   FOR_EACH(i, n) {
     dvec3 sum = dvec3_make(0.0, 0.0, 0.0), moment = sum;
@@ -50,7 +51,8 @@ KERNEL solve_reactions(int n, int rows, int contacts, int newton, int in_matrix,
         int a = incidence[k] & 3, contact = (incidence[k] >> 2) < contacts;
         /* towards the other side, by the radius of an exact obstacle */
         double reach = properties && i >= rows ? (t.weight[a] < (real)0 ? 1.0 : -1.0) * properties[i].radius : 0.0;
-        dvec3 own = to_dvec3(term_impulse(t, contact, form, newton, in_matrix && i < rows, a, velocity, change));
+        vec3 held = hold ? hold[incidence[k] >> 2] : vec3_make((real)0, (real)0, (real)0);
+        dvec3 own = to_dvec3(term_impulse(t, held, contact, form, newton, in_matrix && i < rows, a, velocity, change));
         sum = dadd(sum, own);
         moment = dadd(moment, dcross(daxpy(position[i], reach, to_dvec3(t.normal)), own));
       }
@@ -98,15 +100,15 @@ KERNEL add_abrupt_reactions(int n, int rows, int contacts, double share, GLOBAL 
 /* impulse[i]: of contact i on its side A, N s, with `share` of what it stopped abruptly (abrupt.h; any: whether there
    is such). */
 KERNEL contact_impulses(int n, int newton, int form, int any, double share, GLOBAL const term *terms,
-                        GLOBAL const dvec3 *abrupt, GLOBAL const dvec3 *velocity, GLOBAL const vec3 *change,
-                        GLOBAL dvec3 *impulse)
+                        GLOBAL const vec3 *hold, GLOBAL const dvec3 *abrupt, GLOBAL const dvec3 *velocity,
+                        GLOBAL const vec3 *change, GLOBAL dvec3 *impulse)
 {
   FOR_EACH(i, n) {
     term t = terms[i];
-    vec3 sum = vec3_make((real)0, (real)0, (real)0);
+    vec3 sum = vec3_make((real)0, (real)0, (real)0), held = hold ? hold[i] : sum;
     int a;
     for (a = 0; a < 4; ++a)
-      if (t.weight[a] > (real)0) sum = add(sum, term_impulse(t, 1, form, newton, 0, a, velocity, change));
+      if (t.weight[a] > (real)0) sum = add(sum, term_impulse(t, held, 1, form, newton, 0, a, velocity, change));
     impulse[i] = any ? daxpy(to_dvec3(sum), share, abrupt[i]) : to_dvec3(sum);
   }
 }

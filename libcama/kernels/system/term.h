@@ -52,24 +52,43 @@ DEVICE real friction_alone(real static_friction, real friction, real normal_forc
   return min_real(most, cone / (free_speed * ((real)1 - cone / stopping)));
 }
 
-/* phi for a step of several solves: friction N over the speed that the contact is expected to have after the step. That
-   is its `speed` of before, which free_speed and friction may change by the factor `grow` or its inverse, since the
-   neighbours may hold or pull it; a contact that friction can hardly slow is expected to keep free_speed. Friction is
-   static up to SLOW of the change of speed that it can make in the step. */
-#define SLOW ((real)0.03)
-#define OVERPOWERED ((real)4)
-DEVICE real friction_at_speed(real static_friction, real friction, real normal_force, real free_speed, real speed,
-                              real grow, real effective_mass, real time_step)
+/* Friction of a contact in a step of several solves: force - damping v, with v its tangential velocity, N and N s/m. */
+typedef struct {
+  dvec3 force;
+  double damping;
+} friction_law;
+
+/* Coulomb's law around an iterate at which the contact has the tangential velocity `velocity` and the friction `force`,
+   N on side A. It sticks if the force that stops it within the step, with its neighbours as they are, is within the
+   cone; then the force stays as it is and the damping takes what is left of the velocity. Otherwise it slides with
+   friction N where it has the velocity `expected`; damping keeps it from reversing, the less the faster it is, or would
+   be if the force that holds it were gone. Friction is static up to SLOW of the change of speed that it can make in the
+   step. */
+#define SLOW 0.1
+#define HELD 100.0 /* like STICKING; the force of one solve is that from which the next starts */
+#define OVERPOWERED 4.0
+DEVICE friction_law friction_around(double static_friction, double friction, double normal_force, dvec3 force,
+                                    dvec3 velocity, dvec3 expected, double effective_mass, double time_step)
 {
-  real cone = static_friction * normal_force, change = cone * time_step / effective_mass,
-       torn = free_speed - OVERPOWERED * change, expected;
-  if (!(cone > (real)0)) return (real)0;
-  if (max_real(speed, torn) > SLOW * change) {
-    cone = friction * normal_force;
-    change = cone * time_step / effective_mass;
+  friction_law law;
+  const double mobility = time_step / effective_mass;
+  const dvec3 trial = daxpy(force, -1.0 / mobility, velocity);
+  const double size = dnorm(trial), speed = dnorm(velocity);
+  double cone = static_friction * normal_force;
+  const double fastest = max_double(speed, (size - OVERPOWERED * cone) * mobility);
+  law.force = dvec3_make(0.0, 0.0, 0.0);
+  law.damping = 0.0;
+  if (!(cone > 0.0)) return law;
+  if (fastest > SLOW * cone * mobility) cone = friction * normal_force;
+  if (size <= cone) {
+    law.force = force;
+    law.damping = HELD / mobility;
+    if (law.damping * speed > OVERPOWERED * cone) law.damping = OVERPOWERED * cone / speed;
+  } else {
+    law.damping = cone / max_double(fastest, cone * mobility);
+    law.force = daxpy(dscale(cone / size, trial), law.damping, expected);
   }
-  expected = min_real(max_real(free_speed - change, speed / grow), speed * grow);
-  return cone / max_real(max_real(expected, torn), change / STICKING);
+  return law;
 }
 
 /* sum_k w_k^2 / m_k, 1/kg, where each vertex gives a contact the share of its mass that the contact has in the vertex's
@@ -108,52 +127,103 @@ KERNEL stiffen_contacts(int n, int cloth_vertices, GLOBAL const double *inverse_
   }
 }
 
-/* Limits of what a step of several solves expects of friction before the first: the load of a contact, times what
-   presses it alone (an impact can leave a contact deeper than any force has pressed it), and the change of its speed.
- */
-#define LAYERS 30.0
-#define SPEEDING_UP ((real)1.25)
-
 /* Terms from contacts. Penalty E = k (d - thickness)^2 / 2 while d < thickness, linearised: matrix dt^2 k, push dt k
-   (thickness - d). velocity, free_velocity: at the start, and after this step without contact, m/s. iterated: whether
-   friction is taken again after the solve. */
-KERNEL make_contact_terms(int n, int iterated, GLOBAL const contact *contacts, GLOBAL const double *inverse_mass,
-                          GLOBAL const dvec3 *velocity, GLOBAL const dvec3 *free_velocity, GLOBAL const double *load,
-                          real time_step, GLOBAL term *terms)
+   (thickness - d). Friction is that of a step of one solve. free_velocity: after this step without contact, m/s. */
+KERNEL make_contact_terms(int n, GLOBAL const contact *contacts, GLOBAL const double *inverse_mass,
+                          GLOBAL const dvec3 *free_velocity, GLOBAL const double *load, real time_step,
+                          GLOBAL term *terms)
 {
   FOR_EACH(i, n) {
     contact c = contacts[i];
     term t;
-    double mobility = shared_mobility(c, inverse_mass, load), press = contact_load(c), rise;
-    dvec3 start = dvec3_make(0.0, 0.0, 0.0), end = start;
+    double mobility = shared_mobility(c, inverse_mass, load);
+    dvec3 end = dvec3_make(0.0, 0.0, 0.0);
     real k = (real)c.stiffness, depth = (real)(c.thickness - c.distance), damping = (real)0;
     int a;
     for (a = 0; a < 4; ++a) {
       t.node[a] = c.node[a];
       t.weight[a] = (real)c.weight[a];
-      start = daxpy(start, c.weight[a], velocity[c.node[a]]);
       end = daxpy(end, c.weight[a], free_velocity[c.node[a]]);
     }
-    rise = ddot(end, c.normal);
-    if (mobility > 0.0) {
-      const double h = (double)time_step;
-      const real mass = (real)(1.0 / mobility), free_speed = (real)dnorm(daxpy(end, -rise, c.normal));
-      if (iterated) {
-        press = min_double(press, LAYERS * c.stiffness * max_double(c.thickness - c.distance - h * rise, 0.0) /
-                                      (1.0 + c.stiffness * h * h * mobility));
-        damping = friction_at_speed((real)c.static_friction, (real)c.friction, (real)press, free_speed,
-                                    (real)dnorm(daxpy(start, -ddot(start, c.normal), c.normal)), SPEEDING_UP, mass,
-                                    time_step);
-      } else {
-        damping = friction_alone((real)c.static_friction, (real)c.friction, (real)press, free_speed, mass, time_step);
-      }
-      damping = time_step * damping;
-    }
+    end = daxpy(end, -ddot(end, c.normal), c.normal);
+    if (mobility > 0.0)
+      damping = time_step * friction_alone((real)c.static_friction, (real)c.friction, (real)contact_load(c),
+                                           (real)dnorm(end), (real)(1.0 / mobility), time_step);
     t.normal = to_vec3(c.normal);
     t.along = time_step * time_step * k - damping;
     t.around = damping;
     t.push = time_step * k * depth;
     terms[i] = t;
+  }
+}
+
+/* The load of a contact before the first of several solves is at most this times what presses it alone: an impact can
+   leave a contact deeper than any force has pressed it. */
+#define LAYERS 30.0
+
+/* Adds friction to terms without it before the first of several solves. velocity, free_velocity: at the start, and
+   after this step without contact, m/s. kept: friction of each contact at the end of the last step, N on side A; zero
+   if it is new: then it slides if it is not slow. hold: impulse that friction would have at rest, N s on side A. */
+KERNEL expect_friction(int n, GLOBAL const contact *contacts, GLOBAL const double *inverse_mass,
+                       GLOBAL const dvec3 *velocity, GLOBAL const dvec3 *base_velocity, double carry,
+                       GLOBAL const dvec3 *free_velocity, GLOBAL const double *load, GLOBAL const dvec3 *kept,
+                       real time_step, GLOBAL term *terms, GLOBAL vec3 *hold)
+{
+  FOR_EACH(i, n) {
+    contact c = contacts[i];
+    const double h = (double)time_step, mobility = shared_mobility(c, inverse_mass, load);
+    friction_law law;
+    law.force = dvec3_make(0.0, 0.0, 0.0);
+    law.damping = 0.0;
+    if (mobility > 0.0) {
+      dvec3 start = dvec3_make(0.0, 0.0, 0.0), end = start, change = start, force = kept[i];
+      double rise, press, alone, speed, before;
+      int a;
+      for (a = 0; a < 4; ++a) {
+        start = daxpy(start, c.weight[a], velocity[c.node[a]]);
+        end = daxpy(end, c.weight[a], free_velocity[c.node[a]]);
+        change = daxpy(change, carry * c.weight[a], dsub(base_velocity[c.node[a]], velocity[c.node[a]]));
+      }
+      rise = ddot(end, c.normal);
+      start = daxpy(start, -ddot(start, c.normal), c.normal);
+      change = daxpy(change, -ddot(change, c.normal), c.normal);
+      force = daxpy(force, -ddot(force, c.normal), c.normal);
+      alone =
+          c.stiffness * max_double(c.thickness - c.distance - h * rise, 0.0) / (1.0 + c.stiffness * h * h * mobility);
+      press = min_double(contact_load(c), LAYERS * alone);
+      speed = dnorm(start);
+      before = dnorm(force);
+      if (speed > SLOW * c.static_friction * press * h * mobility) {
+        if (before > 0.0) {
+          press = min_double(press, before / c.friction);
+        } else {
+          press = min_double(press, alone);
+          force = dscale(-c.friction * press / speed, start);
+        }
+      }
+      law = friction_around(c.static_friction, c.friction, press, force, start, dadd(start, change), 1.0 / mobility, h);
+    }
+    terms[i].around = time_step * (real)law.damping;
+    terms[i].along -= terms[i].around;
+    hold[i] = scale(time_step, to_vec3(law.force));
+  }
+}
+
+/* kept[i]: the friction that contact i had at the end of the last step, N on side A; zero if it was none. key: features
+   of the contacts, before_key: of those of the last step, ascending, and their friction. */
+KERNEL recall_friction(int n, int before, GLOBAL const key64 *key, GLOBAL const key64 *before_key,
+                       GLOBAL const dvec3 *before_force, GLOBAL dvec3 *kept)
+{
+  FOR_EACH(i, n) {
+    int lo = 0, hi = before;
+    while (lo < hi) {
+      int middle = (lo + hi) / 2;
+      if (before_key[middle] < key[i])
+        lo = middle + 1;
+      else
+        hi = middle;
+    }
+    kept[i] = lo < before && before_key[lo] == key[i] ? before_force[lo] : dvec3_make(0.0, 0.0, 0.0);
   }
 }
 

@@ -94,6 +94,7 @@ struct MeshState {
   Stream<int> fixed;  // [vertices] 1: prescribed
   Stream<kernels::face_nodes> face;  // cloth, then obstacles; with contact
   Stream<kernels::edge_nodes> edge;
+  Stream<kernels::edge_nodes> edge_wing;  // [edges] the vertices beside the edge in its faces, -1 where it has none
   std::vector<std::string> object_name;  // "cloth 'shirt'": cloths, then obstacles
   std::vector<int> object_first;  // their first vertices
   std::vector<char> object_static;  // 1: an obstacle that never moves
@@ -127,6 +128,7 @@ struct MeshState {
     f("fixed", Life::scene, fixed);
     f("face", Life::scene, face);
     f("edge", Life::scene, edge);
+    f("edge_wing", Life::scene, edge_wing);
   }
 };
 
@@ -175,6 +177,39 @@ struct PairList {
   }
 };
 
+/// Friction of contacts at the end of a step, with friction and several solves a step; else without a backend.
+struct KeptFriction {
+  Stream<key64> key;  // [contacts] features of each contact, ascending
+  Stream<dvec3> force;  // [contacts] N on side A
+
+  void set_up(Backend &backend)
+  {
+    key = Stream<key64>(backend);
+    force = Stream<dvec3>(backend);
+  }
+  void resize(int size)
+  {
+    key.resize(size);
+    force.resize(size);
+  }
+  void swap(KeptFriction &other) noexcept
+  {
+    key.swap(other.key);
+    force.swap(other.force);
+  }
+  void copy_from(const KeptFriction &other)
+  {
+    if (!other.key.backend()) return;
+    if (!key.backend()) set_up(*other.key.backend());
+    key.copy_from(other.key);
+    force.copy_from(other.force);
+  }
+  void forget() noexcept
+  {
+    if (key.backend()) resize(0);
+  }
+};
+
 /// Pairs that may touch, contacts and impacts.
 struct ContactState {
   Contact settings;  // of the scene
@@ -186,6 +221,7 @@ struct ContactState {
   Stream<kernels::contact> contact;
   Stream<dvec3> abrupt;  // [contacts] N s on side A, with BDF2: the part of the impulse that stopped motion abruptly
   Stream<kernels::impact> impact;
+  KeptFriction kept, kept_next;  // of the last step, of this one
 
   /// Removes all contacts and candidates.
   void forget() noexcept;
@@ -199,6 +235,10 @@ struct ContactState {
     f("contact", Life::step, contact);
     f("abrupt", Life::step, abrupt);
     f("impact", Life::step, impact);
+    f("kept.key", Life::step, kept.key);  // a checkpoint holds it by pairs
+    f("kept.force", Life::step, kept.force);
+    f("kept_next.key", Life::step, kept_next.key);
+    f("kept_next.force", Life::step, kept_next.force);
   }
 };
 
@@ -308,6 +348,8 @@ template <class Real> struct System {
   int moment_iterations = 0;
   Stream<Real> angle_scale, scaled_angle, moment, moment_before;  // [hinges], sqrt(J)
   Stream<typename T::term> term;  // contacts, then stitches
+  // [terms] N s on side A, with friction and several solves: of the friction of a contact without its damping
+  Stream<typename T::vec3> hold;
   Stream<typename T::vec3> force;  // [cloth vertices], N
   Stream<typename T::mat3> drag;  // [cloth vertices] kg: what wind and mass damping add to the matrix; else empty
   Stream<typename T::vec3> start_force;  // [cloth vertices] N, with BDF2, in a step with contacts: at its start
@@ -336,6 +378,7 @@ template <class Real> struct System {
     f("moment", Life::step, moment);
     f("moment_before", Life::step, moment_before);
     f("term", Life::step, term);
+    f("hold", Life::step, hold);
     f("force", Life::step, force);
     f("drag", Life::step, drag);
     f("start_force", Life::step, start_force);

@@ -24,6 +24,27 @@ void check_vectors(const std::string &name, const std::vector<dvec3> &values, st
       refuse(name + "[" + std::to_string(i) + "] is not finite");
 }
 
+constexpr int most_features = 0x7fffffff;
+
+key64 key_of(const std::array<int, 3> &pair)
+{
+  const auto wide = [&](std::size_t k) { return static_cast<key64>(pair[k]); };
+  return wide(0) << 62 | wide(1) << 31 | wide(2);  // as flagged_pairs
+}
+
+void check_friction(const Checkpoint &c)
+{
+  if (c.friction_pair.size() != c.friction_force.size())
+    refuse("friction_pair has " + std::to_string(c.friction_pair.size()) + " rows, friction_force " +
+           std::to_string(c.friction_force.size()));
+  for (std::size_t i = 0; i < c.friction_pair.size(); ++i) {
+    const auto &[kind, a, b] = c.friction_pair[i];
+    if (kind < 0 || kind > 1 || a < 0 || b < 0 || (i > 0 && key_of(c.friction_pair[i - 1]) >= key_of({kind, a, b})))
+      refuse("friction_pair[" + std::to_string(i) + "] is not a pair, or not in order");
+  }
+  check_vectors("friction_force", c.friction_force, c.friction_pair.size());
+}
+
 /// Checks that blocks are not empty and that each level consists of the blocks below.
 void check_matching(const Matching &m, int step, const State &state)
 {
@@ -83,6 +104,12 @@ Checkpoint take_checkpoint(State &s, Pipeline &step, const Topology &topology)
   const Exemptions::Kept kept = s.exemptions.kept();
   c.tangled.assign(kept.first.begin(), kept.first.end());
   c.let_go.assign(kept.second.begin(), kept.second.end());
+  if (s.contact.kept.key.backend()) {
+    for (const key64 key : s.contact.kept.key.download())
+      c.friction_pair.push_back({static_cast<int>(key >> 62), static_cast<int>(key >> 31 & most_features),
+                                 static_cast<int>(key & most_features)});
+    c.friction_force = s.contact.kept.force.download();
+  }
   step.save(s, c);
   return c;
 }
@@ -122,6 +149,7 @@ void check_checkpoint(const Checkpoint &c, const State &s, const Topology &t)
     refuse(
         "has pairs that are exempt from contact, which this simulation's options do not allow; set intersections and "
         "pinch as in its run");
+  check_friction(c);
   check_matching(c.matching, c.step, s);
 }
 
@@ -149,6 +177,12 @@ void restore_checkpoint(const Checkpoint &c, State &s, Pipeline &step)
   Exemptions::Kept kept{{c.tangled.begin(), c.tangled.end()}, {c.let_go.begin(), c.let_go.end()}};
   s.exemptions.keep(kept);
   s.contact.forget();
+  if (s.contact.kept.key.backend()) {
+    std::vector<key64> keys;
+    for (const auto &pair : c.friction_pair) keys.push_back(key_of(pair));
+    s.contact.kept.key.assign(keys);
+    s.contact.kept.force.assign(c.friction_force);
+  }
   s.report = StepReport{};
   s.report.step = c.step;
   s.report.time = s.time.now;

@@ -13,6 +13,7 @@
 #include "stages/finish_step.hpp"
 #include "stages/forget_separated.hpp"
 #include "stages/front_search.hpp"
+#include "stages/keep_friction.hpp"
 #include "stages/linear_solve.hpp"
 #include "stages/matrix_assembly.hpp"
 #include "stages/newton.hpp"
@@ -76,13 +77,13 @@ template <class Real> std::unique_ptr<Pipeline> make_pipeline(const Scene &scene
   if (options.integrator == Integrator::bdf2) step.add<PredictState>();
   Pipeline &assembly = step.add<Pipeline>("matrix assembly");
   EvaluateElements<Real> &elements = assembly.add<EvaluateElements<Real>>(scene);
-  const EvaluateTerms<Real> *terms =
-      contact || state.elements.stitches ? &assembly.add<EvaluateTerms<Real>>(b) : nullptr;
+  if (contact || state.elements.stitches) assembly.add<EvaluateTerms<Real>>(b);
   AssembleMatrix<Real> &matrix = assembly.add<AssembleMatrix<Real>>(b);
   LinearSolve<Real> &solve = step.add<LinearSolve<Real>>(b);
   step.add<AdvancePositions>();
-  if (options.newton_iterations > 1) step.add<NewtonIterations<Real>>(b, elements, terms, matrix, solve);
+  if (options.newton_iterations > 1) step.add<NewtonIterations<Real>>(b, elements, matrix, solve);
   if (contact && options.integrator == Integrator::bdf2) step.add<SplitContact<Real>>(b);
+  if (state.contact.kept.key.backend()) step.add<KeepFriction<Real>>();
   if (options.forces) step.add<SolveReactions<Real>>(b);
   if (contact) step.add<PenetrationHandling>(b, *proximity->search, proximity->flagged);
   step.add<FinishStep>(b);

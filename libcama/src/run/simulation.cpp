@@ -132,6 +132,7 @@ void Simulation::set_state(const std::vector<dvec3> &positions, const std::vecto
   mesh.position_next.assign(next);
   mesh.velocity.assign(v);
   i.state.time.history = false;
+  i.state.contact.kept.forget();
 }
 
 void Simulation::pin(const std::vector<int> &vertices, const std::vector<dvec3> &targets, double duration)

@@ -51,6 +51,7 @@ void undo_step(State &s, const Start &start) noexcept
     }
     mesh.position.swap(mesh.position_next);
     mesh.velocity.swap(mesh.velocity_next);
+    s.contact.kept.swap(s.contact.kept_next);
   }
   s.exemptions.restore();
   s.contact.forget();
@@ -79,6 +80,7 @@ public:
   {
     position_.copy_from(state.mesh.position);
     velocity_.copy_from(state.mesh.velocity);
+    kept_.copy_from(state.contact.kept);
   }
   ~DividedStep()
   {
@@ -101,6 +103,7 @@ public:
     try {
       state_.mesh.position.copy_from(position_);
       state_.mesh.velocity.copy_from(velocity_);
+      state_.contact.kept.copy_from(kept_);
     } catch (const Error &) {  // the device is lost
     }
     state_.exemptions.keep(exempt_);
@@ -136,6 +139,7 @@ private:
   double whole_, start_;
   Exemptions::Kept exempt_;
   Stream<dvec3> position_, velocity_;
+  KeptFriction kept_;
   StepReport sum_;
 };
 
@@ -182,6 +186,7 @@ void take_step(State &s, Pipeline &step, const std::function<void()> &finish)
     s.report.time = s.time.now;
     s.report.time_step = s.time.step;
     s.report.rejected = rejected;
+    s.report.over_error = problem.empty() && over_error(s.time);
     s.reactions.accept_step(s.time.step);
     finish();
   } catch (...) {

@@ -13,7 +13,7 @@
 namespace cama {
 namespace {
 
-constexpr double most_steps = 8;  // in a frame of 1/60 s, times the root of size over error
+constexpr double linear_steps = 20;  // size over error, over this: so many steps in a frame of 1/60 s at most
 constexpr double least_error = 1e-6;  // of the size
 constexpr double longest_ratio = 2;  // of a step to the one before
 constexpr double safety = 2;  // by which errors in contact exceed the estimate
@@ -82,7 +82,8 @@ double cloth_size(const Scene &scene)
 
 double shortest_step(double error, double size)
 {
-  return 1 / (ERROR_FRAMES * most_steps * std::sqrt(std::max(size / error, 1.0)));
+  const double ratio = std::max(size / error, 1.0);
+  return 1 / (ERROR_FRAMES * std::max(std::sqrt(ratio), ratio / linear_steps));
 }
 
 void choose_step(Clock &time)
@@ -102,11 +103,13 @@ bool ends_frame(const Clock &time)
   return time.error > 0 && time.now > 0 && std::abs(time.now - frames_of(time) * time.frame) < 1e-6 * time.frame;
 }
 
+bool over_error(const Clock &time) { return time.error > 0 && share_of(time) > rejected; }
+
 bool judge_step(Clock &time)
 {
   if (!(time.error > 0)) return true;
   const double share = share_of(time);
-  if (share > rejected && time.step > time.shortest) {
+  if (over_error(time) && time.step > time.shortest) {
     const double factor = time.multistep ? 1 / std::sqrt(share) : 1 / share;
     time.wanted = std::max(0.9 * time.step * std::max(factor, 0.2), time.shortest);
     return false;

@@ -4,6 +4,21 @@
 #include "device/launch.hpp"
 
 namespace cama {
+template <class Real> void EvaluateTerms<Real>::expect_friction(const Rooms &state)
+{
+  Backend &b = *state.backend;
+  System<Real> &s = state.system.template of<Real>();
+  const int contacts = state.contact.contacts;
+  const double carry = state.time.multistep ? state.time.ratio / state.time.memory : 0;  // v* - v to the next change
+  KeptFriction &kept = state.contact.kept, &next = state.contact.kept_next;
+  next.force.resize(contacts);
+  if (state.elements.stitches) s.hold.fill_zero();
+  CAMA_LAUNCH_REAL(Real, b, recall_friction, contacts, kept.key.size(), next.key, kept.key, kept.force, next.force);
+  CAMA_LAUNCH_REAL(Real, b, expect_friction, contacts, state.contact.contact, state.mesh.inverse_mass,
+                   state.mesh.velocity, state.mesh.base_velocity(state.time), carry, free_velocity_, load_, next.force,
+                   static_cast<Real>(state.time.implicit_step), s.term, s.hold);
+}
+
 template <class Real> void EvaluateTerms<Real>::run_on(const Rooms &state)
 {
   Backend &b = *state.backend;
@@ -11,6 +26,7 @@ template <class Real> void EvaluateTerms<Real>::run_on(const Rooms &state)
   const Real dt = static_cast<Real>(state.time.implicit_step);
   state.system.terms = state.contact.contacts + state.elements.stitches;
   s.term.resize(state.system.terms);
+  if (s.hold.backend()) s.hold.resize(state.contact.contacts ? state.system.terms : 0);
   state.system.term_nodes.resize(state.system.terms);
   if (state.system.terms == 0) return;
   // Of the predicted state the forces between stiff neighbours would tell what presses and what slides.
@@ -23,9 +39,10 @@ template <class Real> void EvaluateTerms<Real>::run_on(const Rooms &state)
   if (state.options.paper.contact_form == ContactForm::rank_one)
     CAMA_LAUNCH_REAL(Real, b, stiffen_contacts, state.contact.contacts, state.mesh.cloth_vertices,
                      state.mesh.inverse_mass, force, state.contact.contact);
-  if (!state.contact.friction) {
+  const bool iterated = state.options.newton_iterations > 1;
+  if (!state.contact.friction || iterated)
     CAMA_LAUNCH_REAL(Real, b, make_frictionless_terms, state.contact.contacts, state.contact.contact, dt, s.term);
-  } else if (state.contact.contacts) {
+  if (state.contact.friction && state.contact.contacts) {
     load_.resize(state.mesh.cloth_vertices);
     CAMA_LAUNCH(b, vertex_loads, state.mesh.cloth_vertices, state.contact.contacts, state.system.term_incidence.row,
                 state.system.term_incidence.entry, state.contact.contact, load_);
@@ -33,9 +50,11 @@ template <class Real> void EvaluateTerms<Real>::run_on(const Rooms &state)
     CAMA_LAUNCH_REAL(Real, b, free_velocities, state.mesh.vertices, state.mesh.cloth_vertices, dt, s.mass,
                      state.mesh.fixed, state.mesh.base_velocity(state.time), state.mesh.velocity_next, force,
                      free_velocity_);
-    CAMA_LAUNCH_REAL(Real, b, make_contact_terms, state.contact.contacts, state.options.newton_iterations > 1 ? 1 : 0,
-                     state.contact.contact, state.mesh.inverse_mass, state.mesh.velocity, free_velocity_, load_, dt,
-                     s.term);
+    if (iterated)
+      expect_friction(state);
+    else
+      CAMA_LAUNCH_REAL(Real, b, make_contact_terms, state.contact.contacts, state.contact.contact,
+                       state.mesh.inverse_mass, free_velocity_, load_, dt, s.term);
   }
   const Stream<dvec3> &at = state.mesh.linearised_position(state.time);
   if (state.time.predicted)

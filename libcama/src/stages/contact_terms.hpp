@@ -13,11 +13,11 @@ public:
   std::string_view name() const override { return "contact terms"; }
   std::string reason() const override { return "contact or stitches"; }
   void run_on(const Rooms &state) override;
-  /// [vertices] m/s, with friction: after the step without contact.
-  const Stream<dvec3> &free_velocity() const { return free_velocity_; }
 
 private:
-  Stream<dvec3> free_velocity_;         // with friction
+  void expect_friction(const Rooms &state);
+
+  Stream<dvec3> free_velocity_;  // [vertices] m/s, with friction: after the step without contact
   Stream<double> load_;
   Stream<int> count_;
 };

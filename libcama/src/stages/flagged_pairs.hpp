@@ -19,6 +19,8 @@ public:
   /// Called after the flags are written: fills `index` and returns the number of flagged pairs. `flagged`: that number,
   /// if known; otherwise it waits for the device.
   int compact(const Access<const ContactState> &state, int flagged = -1);
+  /// [flagged] of the last `compact`: kind and features of the pairs, ascending.
+  const Stream<key64> &key() const { return key_; }
 
   Stream<int> flag;  // [candidates] of vertex_face, then of edge_edge; free for other uses in between
   Stream<int> index;  // [flagged] places in `flag`, by (kind, a, b)

@@ -214,6 +214,9 @@ template <class Real> void LinearSolve<Real>::run_on(const Rooms &state)
   if (state.system.terms)
     CAMA_LAUNCH_REAL(Real, b, add_term_forces, state.mesh.cloth_vertices, state.system.term_incidence.row,
                      state.system.term_incidence.entry, s.term, s.right_side);
+  if (s.hold.size() > 0)
+    CAMA_LAUNCH_REAL(Real, b, add_term_products, state.mesh.cloth_vertices, state.system.term_incidence.row,
+                     state.system.term_incidence.entry, s.term, s.hold, state.mesh.fixed, s.right_side);
   solve(state);
   CAMA_LAUNCH_REAL(Real, b, store_velocity, state.mesh.cloth_vertices, state.mesh.fixed, s.solution,
                    state.mesh.velocity_next);
@@ -232,7 +235,7 @@ template <class Real> void LinearSolve<Real>::solve_change(const Rooms &state)
     CAMA_LAUNCH_REAL(Real, b, add_term_forces, rows, state.system.term_incidence.row, state.system.term_incidence.entry,
                      s.term, s.right_side);
     CAMA_LAUNCH_REAL(Real, b, friction_products, state.system.terms, state.system.terms - state.elements.stitches,
-                     s.term, state.mesh.velocity_next, product_);
+                     s.term, s.hold, state.mesh.velocity_next, product_);
     CAMA_LAUNCH_REAL(Real, b, add_term_products, rows, state.system.term_incidence.row,
                      state.system.term_incidence.entry, s.term, product_, state.mesh.fixed, s.right_side);
   }

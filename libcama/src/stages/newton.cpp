@@ -18,11 +18,12 @@ constexpr double rounding_units = 16;  // of the sum of the potential's parts
 }  // namespace
 
 template <class Real>
-NewtonIterations<Real>::NewtonIterations(Backend &b, EvaluateElements<Real> &elements, const EvaluateTerms<Real> *terms,
-                                         AssembleMatrix<Real> &assembly, LinearSolve<Real> &solve)
-    : elements_(elements), terms_(terms), assembly_(assembly), solve_(solve), product_(b), outer_(b),
-      outer_triangle_(b), outer_hinge_(b), start_(b), zero_gravity_(b), vertex_{Stream<double>(b), Stream<double>(b)},
-      triangle_{Stream<double>(b), Stream<double>(b)}, hinge_(b), term_(b), total_(b), part_(b), push_(b), load_(b)
+NewtonIterations<Real>::NewtonIterations(Backend &b, EvaluateElements<Real> &elements, AssembleMatrix<Real> &assembly,
+                                         LinearSolve<Real> &solve)
+    : elements_(elements), assembly_(assembly), solve_(solve), product_(b), outer_(b), outer_triangle_(b),
+      outer_hinge_(b), start_(b), zero_gravity_(b), vertex_{Stream<double>(b), Stream<double>(b)},
+      triangle_{Stream<double>(b), Stream<double>(b)}, hinge_(b), term_(b), total_(b), part_(b), push_(b), load_(b),
+      pull_(b), share_(b)
 {}
 
 template <class Real>
@@ -49,7 +50,7 @@ std::vector<double> NewtonIterations<Real>::sum(const Rooms &state, const std::v
   return total_.download();
 }
 
-template <class Real> void NewtonIterations<Real>::iterate_friction(const Rooms &state)
+template <class Real> void NewtonIterations<Real>::find_pushes(const Rooms &state)
 {
   Backend &b = *state.backend;
   System<Real> &s = state.system.template of<Real>();
@@ -57,11 +58,20 @@ template <class Real> void NewtonIterations<Real>::iterate_friction(const Rooms 
   const int rows = state.mesh.cloth_vertices, contacts = state.contact.contacts;
   push_.resize(contacts);
   load_.resize(rows);
-  CAMA_LAUNCH_REAL(Real, b, contact_pushes, contacts, 1, s.term, s.solution, push_);
-  CAMA_LAUNCH_REAL(Real, b, push_loads, rows, contacts, incidence.row, incidence.entry, s.term, push_, load_);
-  CAMA_LAUNCH_REAL(Real, b, iterate_friction, contacts, rows, state.contact.contact, state.mesh.inverse_mass, push_,
-                   load_, terms_->free_velocity(), state.mesh.velocity_next,
-                   static_cast<Real>(state.time.implicit_step), s.term);
+  pull_.resize(rows);
+  share_.resize(rows);
+  CAMA_LAUNCH_REAL(Real, b, solved_pushes, contacts, s.term, s.solution, push_);
+  CAMA_LAUNCH_REAL(Real, b, solved_loads, rows, contacts, incidence.row, incidence.entry, s.term, push_, load_, pull_);
+  CAMA_LAUNCH_REAL(Real, b, remaining_loads, rows, s.matrix.row, s.matrix.column, load_, pull_, share_);
+}
+
+template <class Real> void NewtonIterations<Real>::iterate_friction(const Rooms &state)
+{
+  Backend &b = *state.backend;
+  System<Real> &s = state.system.template of<Real>();
+  CAMA_LAUNCH_REAL(Real, b, iterate_friction, state.contact.contacts, state.mesh.cloth_vertices, state.contact.contact,
+                   state.mesh.inverse_mass, push_, load_, share_, state.mesh.velocity_next,
+                   static_cast<Real>(state.time.implicit_step), s.term, s.hold);
 }
 
 template <class Real> typename NewtonIterations<Real>::Norms NewtonIterations<Real>::evaluate(const Rooms &state)
@@ -95,15 +105,18 @@ template <class Real> typename NewtonIterations<Real>::Norms NewtonIterations<Re
   if (state.system.terms) {
     const int refresh = state.options.contact_refresh == ContactRefresh::iteration;
     product_.resize(state.system.terms);
+    const bool iterated = first_ && state.contact.friction && state.contact.contacts;
+    if (iterated) find_pushes(state);
     CAMA_LAUNCH_REAL(Real, b, update_contact_terms, state.contact.contacts, state.time.predicted ? 1 : 0, refresh, 0,
                      state.contact.contact, state.mesh.position, x, v, state.mesh.inverse_mass,
                      state.contact.vertex_contact, h, s.term);
-    if (first_ && state.contact.friction && state.contact.contacts) iterate_friction(state);
+    if (iterated) iterate_friction(state);
     CAMA_LAUNCH_REAL(Real, b, make_stitch_terms, state.elements.stitches, state.elements.stitch, x, h,
                      state.contact.contacts, s.term);
     CAMA_LAUNCH_REAL(Real, b, add_term_forces, rows, state.system.term_incidence.row, state.system.term_incidence.entry,
                      s.term, s.right_side);
-    CAMA_LAUNCH_REAL(Real, b, friction_products, state.system.terms, state.contact.contacts, s.term, v, product_);
+    CAMA_LAUNCH_REAL(Real, b, friction_products, state.system.terms, state.contact.contacts, s.term, s.hold, v,
+                     product_);
     CAMA_LAUNCH_REAL(Real, b, add_term_products, rows, state.system.term_incidence.row,
                      state.system.term_incidence.entry, s.term, product_, state.mesh.fixed, s.right_side);
   }
@@ -143,7 +156,7 @@ template <class Real> typename NewtonIterations<Real>::Potential NewtonIteration
   CAMA_LAUNCH_REAL(Real, b, measure_terms, state.system.terms, state.contact.contacts, state.time.predicted ? 1 : 0,
                    state.options.contact_refresh == ContactRefresh::iteration ? 1 : 0, state.time.implicit_step,
                    state.contact.contact, state.elements.stitch, state.mesh.position, x, v, state.mesh.inverse_mass,
-                   state.contact.vertex_contact, s.term, term_);
+                   state.contact.vertex_contact, s.term, s.hold, term_);
   const std::vector<double> parts = sum(state, {&vertex_[0], &triangle_[0], &hinge_, &term_});
   Potential result{0, 0};
   for (double part : parts) {

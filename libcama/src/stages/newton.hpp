@@ -16,8 +16,8 @@ template <class Real>
 class NewtonIterations final : public StageOn<const Options, StepReport, const Clock, MeshState, const ElementState,
                                               const ContactState, SystemState> {
 public:
-  NewtonIterations(Backend &backend, EvaluateElements<Real> &elements, const EvaluateTerms<Real> *terms,
-                   AssembleMatrix<Real> &assembly, LinearSolve<Real> &solve);
+  NewtonIterations(Backend &backend, EvaluateElements<Real> &elements, AssembleMatrix<Real> &assembly,
+                   LinearSolve<Real> &solve);
   std::string_view name() const override { return "newton iterations"; }
   std::string reason() const override { return "newton_iterations above 1"; }
   void run_on(const Rooms &state) override;
@@ -42,18 +42,19 @@ private:
   /// Sums each stream, all at the same time; changes the streams. Empty streams give 0.
   std::vector<double> sum(const Rooms &state, const std::vector<Stream<double> *> &streams);
 
-  /// Friction by the normal forces and speeds at the iterate.
+  /// What contacts push with after the first solve.
+  void find_pushes(const Rooms &state);
+  /// Friction by these normal forces and the speeds at the iterate.
   void iterate_friction(const Rooms &state);
 
   EvaluateElements<Real> &elements_;
-  const EvaluateTerms<Real> *terms_;  // nullptr: neither contact nor stitches
   AssembleMatrix<Real> &assembly_;
   LinearSolve<Real> &solve_;
   bool first_ = false, searching_ = false,
        fell_ = false;  // fell_: the last search lowered the potential beyond rounding
   Stream<vec3> product_, outer_, outer_triangle_, outer_hinge_;  // outer: wind, pressure and damping
   Stream<dvec3> start_, zero_gravity_;
-  Stream<double> vertex_[2], triangle_[2], hinge_, term_, total_, part_, push_, load_;
+  Stream<double> vertex_[2], triangle_[2], hinge_, term_, total_, part_, push_, load_, pull_, share_;
 };
 
 extern template class NewtonIterations<double>;

@@ -18,7 +18,7 @@ template <class Real> void SolveReactions<Real>::run_on(const Rooms &state)
   terms_.reset(b, vertices);
   terms_.rebuild(b, state.system.term_nodes, terms, count_);
   CAMA_LAUNCH_REAL(Real, b, solve_reactions, vertices, rows, state.contact.contacts, newton, in_matrix, form,
-                   static_cast<Real>(state.time.implicit_step), terms_.row, terms_.entry, s.term, s.matrix.row,
+                   static_cast<Real>(state.time.implicit_step), terms_.row, terms_.entry, s.term, s.hold, s.matrix.row,
                    s.matrix.column, s.matrix.block, s.mass, s.force, state.mesh.fixed,
                    state.mesh.base_velocity(state.time), state.mesh.velocity_next, s.solution, state.mesh.position,
                    state.contact.vertex_contact, r.piece.linear, r.piece.angular);
@@ -28,7 +28,7 @@ template <class Real> void SolveReactions<Real>::run_on(const Rooms &state)
   const int stopped = state.mesh.abrupt_change.size() > 0 ? 1 : 0;
   const double share = state.time.implicit_step / state.time.step;
   CAMA_LAUNCH_REAL(Real, b, contact_impulses, state.contact.contacts, newton, form, stopped, share * share, s.term,
-                   state.contact.abrupt, state.mesh.velocity_next, s.solution, r.contact);
+                   s.hold, state.contact.abrupt, state.mesh.velocity_next, s.solution, r.contact);
   r.carry_on(state.time.memory);
   b.copy(r.solved_velocity.buffer(), state.mesh.velocity_next.buffer(), r.solved_velocity.bytes());
   if (!stopped) return;

@@ -2,15 +2,16 @@
 """checkpoint.h5: all that later steps of a run depend on, beside its scene and options.
 
 What the state carries from step to step: the group `vectors` [vertices, 3] (position, m, velocity, m/s, ...) and the
-attributes of the group `numbers` (time, s, ...). The group `driving`: tables of numbers of what was set between
-steps (cama/checkpoint.hpp). Datasets tangled [pairs, 2] vertices and let_go [pairs, 2] vertex and
-object, that may pass each other; matching_order [rows] and, for every level, matching_parent_L [nodes] and
-matching_start_L [blocks + 1]: the preconditioner's blocks (docs/theory/linear-solve.md); scene_parts, JSON: digests of
-all that the scene says, part by part. Attributes: `format`; scene (of meshes and masses, 16 hexadecimal digits), step,
-time_step, released, matching_step, matching_terms, matching_first_iterations, matching_last_iterations; for people and
-for `cama run --resume`: scene_name, options (JSON), cama_version. Checkpoints of `cama run` also have the group `run`:
-what its summary has counted so far. Behind the HDF5 file the digest of all before it follows. Nothing in it is
-executed; every value is checked before it is used.
+attributes of the group `numbers` (time, s, ...). The group `driving`: tables of numbers of what was set between steps
+(cama/checkpoint.hpp). Datasets tangled [pairs, 2] vertices and let_go [pairs, 2] vertex and object, that may pass
+each other; friction_pair [contacts, 3] (0, vertex, face or 1, edge, edge) and friction_force [contacts, 3], N: the
+friction that each contact had; matching_order [rows] and, for every level, matching_parent_L [nodes] and
+matching_start_L [blocks + 1]: the preconditioner's blocks (docs/theory/linear-solve.md); scene_parts, JSON: digests
+of all that the scene says, part by part. Attributes: `format`; scene (of meshes and masses, 16 hexadecimal digits),
+step, time_step, released, matching_step, matching_terms, matching_first_iterations, matching_last_iterations; for
+people and for `cama run --resume`: scene_name, options (JSON), cama_version. Checkpoints of `cama run` also have the
+group `run`: what its summary has counted so far. Behind the HDF5 file the digest of all before it follows. Nothing in
+it is executed; every value is checked before it is used.
 
 A run keeps two of them, so that one is there whatever happens while the next is written.
 """
@@ -34,10 +35,11 @@ from .journal import sync_folder
 
 NAME = "checkpoint.h5"
 BEFORE = "checkpoint-before.h5"  # the one before
-FORMAT = "cama checkpoint 3"
+FORMAT = "cama checkpoint 4"
 SEAL = b"cama sha256:"  # before the digest, behind what HDF5 reads
-EARLIER = ("cama checkpoint 2",)  # without `driving`
+EARLIER = ("cama checkpoint 3", "cama checkpoint 2")  # without friction; without `driving`
 PAIRS = ("tangled", "let_go")
+FRICTION = ("friction_pair", "friction_force")
 INTEGERS = (
     "step",
     "matching_step",
@@ -149,7 +151,7 @@ def write(path: PathLike, simulation: Any, run: Optional[Mapping[str, Any]] = No
         driving = file.create_group("driving")
         for name, values in fields["driving"].items():
             driving[name] = values
-        for name in (*PAIRS, "matching_order"):
+        for name in (*PAIRS, *FRICTION, "matching_order"):
             file[name] = fields[name]
         for number, (parent, start) in enumerate(fields["matching_levels"]):
             file[f"matching_parent_{number}"], file[f"matching_start_{number}"] = parent, start
@@ -214,6 +216,10 @@ def read(path: PathLike) -> tuple[dict[str, Any], dict[str, Any], Optional[dict[
                 for name, values in (file["driving"].items() if "driving" in file else ())
             }
             fields.update({name: integers(name, file[name][()], (None, 2)) for name in PAIRS})
+            earlier: list[tuple[int, int, int]] = []
+            contacts, forces = (file[name][()] if name in file else earlier for name in FRICTION)
+            fields["friction_pair"] = integers("friction_pair", contacts, (None, 3))
+            fields["friction_force"] = reals("friction_force", forces, (None, 3), finite=False)
             fields["matching_order"] = integers("matching_order", file["matching_order"][()], (None,))
             count = sum(f"matching_parent_{number}" in file for number in range(MOST_LEVELS))
             fields["matching_levels"] = [

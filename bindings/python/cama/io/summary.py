@@ -23,6 +23,7 @@ SUMS = (
     "released",
     "retries",
     "rejected",
+    "over_error",
 )  # of the reports of steps
 LARGEST = ("iterations", "time_step", "contacts", "impacts", "lost_motion")
 
@@ -158,6 +159,7 @@ class Summary:
                 "dt": self._mean("time_step") if s.error else s.time_step,
                 "time_steps": {"min": numbers["smallest time_step"], "max": numbers["largest time_step"]},
                 "rejected": int(numbers["sum rejected"]),
+                "over_error": int(numbers["sum over_error"]),
                 "ms_per_step": {
                     "mean": self._mean("milliseconds"),
                     "median": statistics.median(times) if times else None,
