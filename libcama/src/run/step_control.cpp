@@ -18,6 +18,7 @@ constexpr double least_error = 1e-6;  // of the size
 constexpr double longest_ratio = 2;  // of a step to the one before
 constexpr double safety = 2;  // by which errors in contact exceed the estimate
 constexpr double rejected = 3;  // share of the allowed error from which a step is taken again
+constexpr double rounding = 1e-6;  // of a step: a whole number of the shortest ones may fill a frame
 constexpr double smallest_share = 1e-2;  // that the next step is chosen by
 
 struct Unit {
@@ -109,7 +110,7 @@ bool judge_step(Clock &time)
 {
   if (!(time.error > 0)) return true;
   const double share = share_of(time);
-  if (over_error(time) && time.step > time.shortest) {
+  if (over_error(time) && time.step > (1 + rounding) * time.shortest) {
     const double factor = time.multistep ? 1 / std::sqrt(share) : 1 / share;
     time.wanted = std::max(0.9 * time.step * std::max(factor, 0.2), time.shortest);
     return false;
