@@ -303,6 +303,30 @@ TEST_CASE("gap_bound is no more than the distance until the prediction; pairs wi
   }
 }
 
+TEST_CASE("a contact of edges has its whole stiffness on a ridge and on a border, none where it leans over a face",
+          "[candidates]")
+{
+  // Edge 2-3 along y, its faces' vertices 4 and 5 at `slope` below the horizontal; edge 0-1 above it, across or along.
+  const auto share = [](double slope, double lean, bool border) {
+    const double c = std::cos(slope), s = std::sin(slope);
+    const dvec3 n = {std::sin(lean), 0, std::cos(lean)}, u = {std::cos(lean), 0, -std::sin(lean)};
+    const std::vector<dvec3> x = {
+        kernels::daxpy(n, -1, u), kernels::dadd(n, u), {0, -1, 0}, {0, 1, 0}, {c, 0, -s}, {-c, 0.3, -s}};
+    return kernels::edge_contact_share(
+        {{0, 1, 2, 3}}, {{-1, -1}}, border ? kernels::edge_nodes{{4, -1}} : kernels::edge_nodes{{4, 5}}, n, x.data());
+  };
+  for (const double lean : {0.0, 0.02, 0.049}) CHECK(share(0, lean, false) == 1);
+  for (const double lean : {0.1, 0.2, 0.3}) {
+    CHECK(share(0, lean, false) == Approx((0.3 - std::sin(lean)) / 0.25));
+    CHECK(share(0, -lean, false) == Approx((0.3 - std::sin(lean)) / 0.25));
+    CHECK(share(0.3, lean, false) == 1);  // a ridge that falls off faster than the normal leans
+    CHECK(share(-0.3 - lean, 0, false) == 0);  // the bottom of a valley
+    CHECK(share(0, -lean, true) == 1);  // beyond a border there is no face
+  }
+  CHECK(share(0, 0.7, false) == 0);
+  CHECK(share(0, 0.7, true) == 0);
+}
+
 TEST_CASE("contacts do not depend on searches before: a state that is set has those of one that was stepped to",
           "[candidates]")
 {
@@ -325,7 +349,7 @@ TEST_CASE("contacts do not depend on searches before: a state that is set has th
     REQUIRE(a[i].distance == b[i].distance);
     reordered |= a[i].candidate != b[i].candidate;
   }
-  CHECK(reordered);   // the lists themselves differ
+  CHECK(reordered);  // the lists themselves differ
 }
 
 TEST_CASE("both sides of a seam are no candidates; the rest of the two pieces is", "[candidates]")
@@ -335,7 +359,7 @@ TEST_CASE("both sides of a seam are no candidates; the rest of the two pieces is
   scene.contact.thickness = 4e-3;
   scene.cloths.push_back(meshes::cloth(meshes::grid(6, 3, 0.2, 0.1)));
   scene.cloths.push_back(meshes::cloth(meshes::grid(6, 3, 0.2, 0.1, 0, 0, 0.003), meshes::cotton(), "upper"));
-  for (int i = 0; i < 7; ++i) {   // the edge y = 0 of both
+  for (int i = 0; i < 7; ++i) {  // the edge y = 0 of both
     Stitch s;
     s.cloth_a = 0;
     s.vertex_a = i;
@@ -354,7 +378,7 @@ TEST_CASE("both sides of a seam are no candidates; the rest of the two pieces is
     const int v = p.first, *n = faces[p.second].node;
     const bool across = (v < upper) != (n[0] < upper);
     if (across &&
-        v % upper < 7) {   // a seam vertex: not against faces with the seam vertices across from it and beside it
+        v % upper < 7) {  // a seam vertex: not against faces with the seam vertices across from it and beside it
       for (int k = 0; k < 3; ++k)
         if (n[k] % upper < 7) CHECK(std::abs(n[k] % upper - v % upper) > 3);
     } else if (across)
@@ -375,7 +399,7 @@ TEST_CASE("a pinch stops with the place, and the state before stays", "[candidat
     }
   });
   CAPTURE(text, step);
-  CHECK(step >= 38);   // the slabs meet after 0.8 s
+  CHECK(step >= 38);  // the slabs meet after 0.8 s
   CHECK(step <= 40);
   CHECK(contains(text, "cloth 'cloth', vertex "));
   CHECK((contains(text, "obstacle 'lower', vertex ") || contains(text, "obstacle 'upper', vertex ")));
@@ -421,7 +445,7 @@ TEST_CASE("exact obstacles are rejected with pinch release", "[candidates]")
 
 TEST_CASE("tangled cloth is simulated, its pairs are contacts again once apart", "[candidates]")
 {
-  Scene scene;   // a small sheet sinks through the middle of a large one, edge on, and is pulled out
+  Scene scene;  // a small sheet sinks through the middle of a large one, edge on, and is pulled out
   scene.time_step = 1.0 / 200;
   scene.gravity = {0, 0, 0};
   scene.contact.thickness = 2e-3;

@@ -312,8 +312,7 @@ TEST_CASE("a distant cloth moves the first by no more than the solver's toleranc
 {
   // One conjugate gradient solve serves all cloths: its step lengths and its end are common, so bits do change, and
   // with them which pairs are contacts. With a direct solve, or as the tolerance decreases, the results agree. A sheet
-  // that crashes on a ball makes differences larger by a third in every step and more: 1e-6 may become a tenth of a
-  // millimetre.
+  // that crashes on a ball makes differences larger, from 6 times the tolerance after 8 steps to 50 after 20.
   Scene scene = meshes::sheet_on_ball();
   for (dvec3 &x : scene.cloths[0].mesh.position)
     x = {x.x + 0.013, x.y + 0.007, x.z};  // off the ball's axes, where contacts would be ties
@@ -323,13 +322,14 @@ TEST_CASE("a distant cloth moves the first by no more than the solver's toleranc
   Options o = serial();
   double moved[2];
   for (int k = 0; k < 2; ++k) {
-    o.tolerance = k ? 1e-10 : 1e-6;
+    o.tolerance = k ? 1e-10 : 1e-7;
     moved[k] = apart(follow(scene, 20, o).position, follow(both, 20, o).position);
   }
   o.solver = LinearSolver::direct;
   const double direct = apart(follow(scene, 20, o).position, follow(both, 20, o).position);
-  INFO("moved by " << moved[0] << " m at 1e-6, " << moved[1] << " m at 1e-10, " << direct << " m direct");
-  CHECK(moved[0] < 3e-4);
+  INFO("moved by " << moved[0] << " m at 1e-7, " << moved[1] << " m at 1e-10, " << direct << " m direct");
+  CHECK(moved[0] < 1e-5);
   CHECK(moved[1] < 1e-7);
+  CHECK(moved[1] < 1e-2 * moved[0]);
   CHECK(direct < 1e-9);
 }

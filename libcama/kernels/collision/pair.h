@@ -165,7 +165,7 @@ DEVICE double rise_along(int a, int b, int w, dvec3 n, GLOBAL const dvec3 *posit
 /* Share of its stiffness that a contact of two edges has. Where points of a face beside one of them are nearer to the
    other side, the pair is no closest one of the surfaces: its normal leans over the face, and an edge in the middle of
    a flat surface would be a ledge that stops what slides across. Such contacts fade out as the sine of the angle grows;
-   they are not anticipated. wing: the vertices beside each edge. */
+   they are not anticipated. wing: the vertices beside each edge, -1 where there is none. */
 #define LEANS_LEAST 0.05
 #define LEANS_MOST 0.3
 DEVICE double edge_contact_share(element_nodes e, edge_nodes wing_a, edge_nodes wing_b, dvec3 normal,
@@ -181,7 +181,8 @@ DEVICE double edge_contact_share(element_nodes e, edge_nodes wing_a, edge_nodes 
 }
 
 /* Makes the contact of a candidate pair, if it is one: the closest points are interior, and nearer than the thickness
-   now or (anticipate > 0) after the predicted displacement. */
+   now or (anticipate > 0) after the predicted displacement. By distance alone (anticipate 0), as in the paper, contacts
+   of edges have their whole stiffness. wing: [edges] the vertices beside each. */
 DEVICE int make_contact(int kind, pair q, element_nodes e, GLOBAL const edge_nodes *wing, GLOBAL const dvec3 *position,
                         GLOBAL const dvec3 *predicted, GLOBAL const vertex_contact *v, double anticipate, proximity p,
                         contact *c)

@@ -195,13 +195,13 @@ def far_away(p):
     p.near(second, first, p.per_precision(1e-5, 1e-5, 1e-3), "shape far from the origin")
 
 
-def millimetre(p):  # by 30 steps the sheet that lands has made a difference of 1e-9 thirty times as large
-    first, second = _patches(p, 20, scale=1e-3)
+def millimetre(p):
+    first, second = _patches(p, 30, scale=1e-3)
     p.near(second, first, p.per_precision(1e-7, 1e-5, 1e-3), "shape at a thousandth of the size")
 
 
 def kilometre(p):
-    first, second = _patches(p, 20, scale=1e3)
+    first, second = _patches(p, 30, scale=1e3)
     p.near(second, first, p.per_precision(1e-7, 1e-5, 1e-3), "shape at a thousand times the size")
 
 
