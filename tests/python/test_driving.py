@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 
 import cama
+from conftest import grid
 
 STEP = 1 / 200
 
@@ -255,3 +256,24 @@ def test_a_damaged_checkpoint_of_a_driven_run_is_refused_and_changes_nothing(tmp
     with pytest.raises(cama.SceneError, match=message):
         simulation.load_checkpoint(tmp_path / "a.h5")
     assert simulation.state_hash == before
+
+
+def test_attached_vertices_stay_neighbours_where_the_surface_bends():
+    """A plate that becomes part of a cylinder of radius R stretches what is attached d above it by d / R, evenly."""
+    radius, height, cell, spacing = 0.3, 0.02, 0.06, 0.006
+    plate, faces = grid(10, 10 * cell)
+    vertices, triangles = grid(20, 20 * spacing)
+    scene = cama.Scene(contact=False)
+    scene.add_cloth(vertices + [0, 0, height], triangles, name="band")
+    scene.add_obstacle(plate, faces, name="plate")
+    scene.attach("band", np.arange(len(vertices)), "plate")
+    simulation = cama.Simulation(scene, backend="cpu", time_step=0.01)
+    angle = plate[:, 0] / radius
+    bent = np.stack([radius * np.sin(angle), plate[:, 1], radius * (np.cos(angle) - 1)], axis=1)
+    simulation.set_obstacle_vertices("plate", bent)
+    simulation.step(1)
+    x = simulation.positions[: len(vertices)].reshape(21, 21, 3)
+    along = 0 if abs(vertices[21, 0] - vertices[0, 0]) > 1e-9 else 1
+    stretched = np.linalg.norm(np.diff(x, axis=along), axis=-1) / spacing - 1
+    assert stretched == pytest.approx(height / radius, abs=0.25 * height / radius)
+    assert np.hypot(x[..., 0], x[..., 2] + radius) == pytest.approx(radius + height, abs=cell**2 / (8 * radius) + 1e-4)

@@ -30,3 +30,34 @@ TEST_CASE("steps that always err too much fill the frame with the shortest ones"
         CHECK(steps <= 2 * (frame / time.shortest + 1));
       }
 }
+
+TEST_CASE("a step that stretches edges is halved, and the next ones grow slowly", "[step_control]")
+{
+  Clock time;
+  time.error = 2e-3;
+  time.frame = time.longest = time.step = 0.025;
+  time.shortest = 0.001;
+  time.step_error = 0;
+  const auto step_that = [&](double least) {   // stretches edges from a length on
+    for (int tries = 1;; ++tries) {
+      REQUIRE(tries < 10);
+      choose_step(time);
+      time.stretched = time.step >= least ? 3 : 0;
+      if (judge_step(time)) break;
+    }
+    time.now = time.end;
+    return time.step;
+  };
+  CHECK(step_that(0.008) == 0.00625);   // 25, 12.5, 6.25 ms
+  double before = 0.00625;
+  int steps = 0;
+  for (; before < 0.025; ++steps) {
+    REQUIRE(steps < 100);
+    const double now = step_that(1);
+    CHECK((now <= 1.1 * before * (1 + 1e-12) || time.bearable == 0));
+    before = now;
+  }
+  CHECK(steps > 5);
+  CHECK(step_that(0) >= 0.00099);   // what no step mends is accepted at the shortest
+  CHECK(step_that(0) <= 0.0011);
+}

@@ -195,14 +195,16 @@ KERNEL apply_impulses(int n, int zones, GLOBAL const double *farthest, GLOBAL co
   }
 }
 
-/* count[0]: incremented for each edge of the cloth that the motion x to y makes longer than `most` times its length. */
+#define LARGEST_STRETCH 1.5 /* of an edge in one step, beyond which the step is too long */
+
+/* count[0]: incremented for each edge of the cloth that the motion x to y makes LARGEST_STRETCH times as long. */
 KERNEL count_stretched(int n, int cloth_vertices, GLOBAL const edge_nodes *edge, GLOBAL const dvec3 *x,
-                       GLOBAL const dvec3 *y, double most, GLOBAL int *count)
+                       GLOBAL const dvec3 *y, GLOBAL int *count)
 {
   FOR_EACH(i, n) {
     const edge_nodes e = edge[i];
     if (e.node[0] < cloth_vertices &&
-        dnorm(dsub(y[e.node[1]], y[e.node[0]])) > most * dnorm(dsub(x[e.node[1]], x[e.node[0]])))
+        dnorm(dsub(y[e.node[1]], y[e.node[0]])) > LARGEST_STRETCH * dnorm(dsub(x[e.node[1]], x[e.node[0]])))
       atomic_add_int(count, 1);
   }
 }

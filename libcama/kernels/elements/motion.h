@@ -34,27 +34,49 @@ KERNEL scatter_positions(int n, GLOBAL const int *vertex, GLOBAL const dvec3 *po
   }
 }
 
-/* A vertex attached to a triangle: barycentric foot point and an offset in the triangle's own frame. */
+/* A vertex attached to a triangle: its foot point there, and for each of the triangle's vertices its offset from the
+   foot point in the frame of that vertex. */
 typedef struct {
   int vertex;
   int node[3];
   double weight[3];
-  double offset[3];
+  double offset[9];
 } attachment;
 
-DEVICE dvec3 attachment_position(attachment a, dvec3 x0, dvec3 x1, dvec3 x2)
+/* The frame of vertex v of an obstacle: third axis along the mean normal of the faces around it, first as near as can
+   be to the edge to the first of their other vertices. faces_of: of the vertices from `first` on, the faces around
+   each, as the two vertices that follow it there; faces_row: where those of each begin. */
+DEVICE void surface_frame(int v, int first, GLOBAL const int *faces_row, GLOBAL const int *faces_of,
+                          GLOBAL const dvec3 *position, dvec3 axis[3])
 {
-  dvec3 t = dnormalize(dsub(x1, x0)), n = dnormalize(dcross(dsub(x1, x0), dsub(x2, x0))), s = dcross(n, t);
-  dvec3 foot = dadd(dadd(dscale(a.weight[0], x0), dscale(a.weight[1], x1)), dscale(a.weight[2], x2));
-  return daxpy(daxpy(daxpy(foot, a.offset[0], t), a.offset[1], s), a.offset[2], n);
+  dvec3 x = position[v], normal = dvec3_make(0.0, 0.0, 0.0), edge = normal;
+  int k, begin = faces_row[v - first], end = faces_row[v - first + 1];
+  for (k = begin; k < end; ++k) {
+    dvec3 side = dsub(position[faces_of[2 * k]], x);
+    if (k == begin) edge = side;
+    normal = dadd(normal, dcross(side, dsub(position[faces_of[2 * k + 1]], x)));
+  }
+  axis[2] = dnormalize(normal);
+  axis[0] = dnormalize(daxpy(edge, -ddot(edge, axis[2]), axis[2]));
+  axis[1] = dcross(axis[2], axis[0]);
 }
 
-/* position: of the obstacles at the end of the step. */
-KERNEL move_attached(int n, GLOBAL const attachment *attachments, GLOBAL dvec3 *position)
+/* Where an attached vertex is: the mean, weighted as the foot point is, of what the three vertices say by their frames.
+   Neighbours stay neighbours where the surface bends from one triangle to the next. */
+KERNEL move_attached(int n, int first, GLOBAL const attachment *attachments, GLOBAL const int *faces_row,
+                     GLOBAL const int *faces_of, GLOBAL dvec3 *position)
 {
   FOR_EACH(i, n) {
     attachment a = attachments[i];
-    position[a.vertex] = attachment_position(a, position[a.node[0]], position[a.node[1]], position[a.node[2]]);
+    dvec3 x = dvec3_make(0.0, 0.0, 0.0), axis[3];
+    int j, k;
+    for (j = 0; j < 3; ++j) {
+      dvec3 corner = position[a.node[j]];
+      surface_frame(a.node[j], first, faces_row, faces_of, position, axis);
+      for (k = 0; k < 3; ++k) corner = daxpy(corner, a.offset[3 * j + k], axis[k]);
+      x = daxpy(x, a.weight[j], corner);
+    }
+    position[a.vertex] = x;
   }
 }
 

@@ -48,6 +48,8 @@ struct Clock {
   double step_error = 0;  // m, of the step: an estimate
   double wanted = 0;  // s, longest next step
   double last_share = 0;  // of the error that was allowed in the last step
+  int stretched = 0;  // edges of cloth that the step makes much longer
+  double bearable = 0;  // s, longest next step after one was too long for edges; 0: none was
 
   template <class F> void visit(F &&f)
   {
@@ -71,6 +73,8 @@ struct Clock {
     f("step_error", Life::step, step_error);
     f("wanted_step", Life::run, wanted);
     f("last_share", Life::run, last_share);
+    f("stretched", Life::step, stretched);
+    f("bearable_step", Life::run, bearable);
   }
 };
 

@@ -165,9 +165,10 @@ void take_step(State &s, Pipeline &step, const std::function<void()> &finish)
         undo_step(s, start);
       }
       if (!again) continue;
-      const double wanted = s.time.wanted;
+      const double wanted = s.time.wanted, bearable = s.time.bearable;
       undo_step(s, start);
       s.time.wanted = wanted;
+      s.time.bearable = bearable;
       ++rejected;
     }
     if (!problem.empty()) {

@@ -18,6 +18,7 @@ constexpr double least_error = 1e-6;  // of the size
 constexpr double longest_ratio = 2;  // of a step to the one before
 constexpr double safety = 2;  // by which errors in contact exceed the estimate
 constexpr double rejected = 3;  // share of the allowed error from which a step is taken again
+constexpr double recovery = 1.1;  // by which steps grow after one was too long for edges
 constexpr double rounding = 1e-6;  // of a step: a whole number of the shortest ones may fill a frame
 constexpr double smallest_share = 1e-2;  // that the next step is chosen by
 
@@ -93,6 +94,7 @@ void choose_step(Clock &time)
   const double end = (frames_of(time) + 1) * time.frame, left = end - time.now;
   double wanted = time.wanted > 0 ? time.wanted : time.step;
   wanted = std::min(wanted, time.longest);
+  if (time.bearable > 0) wanted = std::min(wanted, time.bearable);
   if (time.history) wanted = std::min(wanted, longest_ratio * time.step_before);
   const double parts = std::max(std::ceil(left / std::max(wanted, time.shortest) * (1 - 1e-9)), 1.0);
   time.step = left / parts;
@@ -110,11 +112,15 @@ bool judge_step(Clock &time)
 {
   if (!(time.error > 0)) return true;
   const double share = share_of(time);
-  if (over_error(time) && time.step > (1 + rounding) * time.shortest) {
-    const double factor = time.multistep ? 1 / std::sqrt(share) : 1 / share;
-    time.wanted = std::max(0.9 * time.step * std::max(factor, 0.2), time.shortest);
+  if ((over_error(time) || time.stretched) && time.step > (1 + rounding) * time.shortest) {
+    if (time.stretched) time.bearable = std::max(time.step / 2, time.shortest);
+    if (over_error(time)) {
+      const double factor = time.multistep ? 1 / std::sqrt(share) : 1 / share;
+      time.wanted = std::max(0.9 * time.step * std::max(factor, 0.2), time.shortest);
+    }
     return false;
   }
+  if (time.bearable > 0) time.bearable = time.bearable < time.longest ? recovery * time.bearable : 0;
   // A proportional and integral controller (Gustafsson 1991); backward Euler's error is of one order less.
   const double now = std::max(share, smallest_share), before = time.last_share > 0 ? time.last_share : now;
   const double root = eighth_root(now), steps = 1 / (root * root * root) * eighth_root(before);

@@ -10,7 +10,7 @@
 namespace cama {
 
 EstimateError::EstimateError(Backend &backend, const std::vector<double> &masses)
-    : mass_(backend, masses), square_(backend), part_(backend)
+    : mass_(backend, masses), square_(backend), part_(backend), stretched_(backend, 1)
 {
   for (double m : masses) total_ += m;
 }
@@ -23,7 +23,8 @@ void EstimateError::run_on(const Rooms &state)
   const double ratio = time.multistep ? time.ratio : 0, scale = time.implicit_step / (time.multistep ? 3 : 2),
                jump = time.implicit_step / 3 * std::min(time.step * ERROR_FRAMES, 1.0);
   square_.resize(mesh.cloth_vertices);
-  // Finishing the step has left the velocities at its start in velocity_next, and those before it in velocity_base.
+  // Finishing the step has left its start in position_next and velocity_next, and the velocities before in
+  // velocity_base.
   CAMA_LAUNCH(b, local_errors, mesh.cloth_vertices, scale, ratio, jump, mesh.fixed, mass_, mesh.velocity,
               time.predicted ? mesh.velocity_before : mesh.velocity_next, mesh.velocity_next,
               time.predicted ? mesh.velocity_base : mesh.velocity_next, square_);
@@ -34,6 +35,10 @@ void EstimateError::run_on(const Rooms &state)
     square_.swap(part_);
     n = parts;
   }
+  stretched_.fill_zero();
+  CAMA_LAUNCH(b, count_stretched, mesh.edges, mesh.cloth_vertices, mesh.edge, mesh.position_next, mesh.position,
+              stretched_);
+  time.stretched = stretched_.at(0);
   time.step_error = mesh.cloth_vertices ? std::sqrt(square_.at(0) / total_) : 0;
 }
 

@@ -10,7 +10,9 @@ constexpr double ERROR_FRAMES = 60;  // 1/s, rate of the frames that an error is
 
 /// With error control: estimates the local error of the step after it is finished, from the change of acceleration and,
 /// where contact stopped motion abruptly, from the change of velocity. The first is per step what it is per time; of
-/// the second a frame has few, so that a step's share of a frame's error is not asked of it.
+/// the second a frame has few, so that a step's share of a frame's error is not asked of it. Counts the edges that the
+/// step stretches too much as well: a step that is short enough for the motion as a whole may be too long for a fine
+/// mesh in contact.
 class EstimateError final : public StageOn<const MeshState, Clock> {
 public:
   /// masses: [cloth vertices], kg
@@ -22,6 +24,7 @@ public:
 private:
   double total_ = 0;  // kg
   Stream<double> mass_, square_, part_;
+  Stream<int> stretched_;  // [1] number of edges
 };
 
 }  // namespace cama

@@ -12,6 +12,8 @@ namespace cama {
 namespace {
 // patience: iterations in a row that lower neither the potential beyond rounding nor the residual.
 constexpr int max_halvings = 10, patience = 3;
+constexpr double unsettled = 1;  // residual, relative to all forces, above which a step has further solves
+constexpr int further_solves = 3;
 constexpr double further_slack = 3;  // of the tolerance: a further solve begins with a small residual
 constexpr double sufficient = 1e-4;  // of the decrease that the slope predicts
 constexpr double rounding_units = 16;  // of the sum of the potential's parts
@@ -50,7 +52,7 @@ std::vector<double> NewtonIterations<Real>::sum(const Rooms &state, const std::v
   return total_.download();
 }
 
-template <class Real> void NewtonIterations<Real>::find_pushes(const Rooms &state)
+template <class Real> void NewtonIterations<Real>::find_pushes(const Rooms &state, Friction friction)
 {
   Backend &b = *state.backend;
   System<Real> &s = state.system.template of<Real>();
@@ -60,7 +62,10 @@ template <class Real> void NewtonIterations<Real>::find_pushes(const Rooms &stat
   load_.resize(rows);
   pull_.resize(rows);
   share_.resize(rows);
-  CAMA_LAUNCH_REAL(Real, b, solved_pushes, contacts, s.term, s.solution, push_);
+  if (friction == Friction::of_first_solve)
+    CAMA_LAUNCH_REAL(Real, b, solved_pushes, contacts, s.term, s.solution, push_);
+  else
+    CAMA_LAUNCH_REAL(Real, b, contact_pushes, contacts, 1, s.term, s.solution, push_);
   CAMA_LAUNCH_REAL(Real, b, solved_loads, rows, contacts, incidence.row, incidence.entry, s.term, push_, load_, pull_);
   CAMA_LAUNCH_REAL(Real, b, remaining_loads, rows, s.matrix.row, s.matrix.column, load_, pull_, share_);
 }
@@ -74,7 +79,8 @@ template <class Real> void NewtonIterations<Real>::iterate_friction(const Rooms 
                    static_cast<Real>(state.time.implicit_step), s.term, s.hold);
 }
 
-template <class Real> typename NewtonIterations<Real>::Norms NewtonIterations<Real>::evaluate(const Rooms &state)
+template <class Real>
+typename NewtonIterations<Real>::Norms NewtonIterations<Real>::evaluate(const Rooms &state, Friction friction)
 {
   Backend &b = *state.backend;
   System<Real> &s = state.system.template of<Real>();
@@ -105,12 +111,13 @@ template <class Real> typename NewtonIterations<Real>::Norms NewtonIterations<Re
   if (state.system.terms) {
     const int refresh = state.options.contact_refresh == ContactRefresh::iteration;
     product_.resize(state.system.terms);
-    const bool iterated = first_ && state.contact.friction && state.contact.contacts;
-    if (iterated) find_pushes(state);
+    const bool rough = state.contact.friction && state.contact.contacts;
+    if (rough && friction == Friction::of_first_solve) find_pushes(state, friction);
     CAMA_LAUNCH_REAL(Real, b, update_contact_terms, state.contact.contacts, state.time.predicted ? 1 : 0, refresh, 0,
                      state.contact.contact, state.mesh.position, x, v, state.mesh.inverse_mass,
                      state.contact.vertex_contact, h, s.term);
-    if (iterated) iterate_friction(state);
+    if (rough && friction == Friction::of_iterate) find_pushes(state, friction);
+    if (rough && friction != Friction::as_it_is) iterate_friction(state);
     CAMA_LAUNCH_REAL(Real, b, make_stitch_terms, state.elements.stitches, state.elements.stitch, x, h,
                      state.contact.contacts, s.term);
     CAMA_LAUNCH_REAL(Real, b, add_term_forces, rows, state.system.term_incidence.row, state.system.term_incidence.entry,
@@ -226,11 +233,14 @@ template <class Real> void NewtonIterations<Real>::run_on(const Rooms &state)
   const double goal = state.options.newton_tolerance * state.options.newton_tolerance;
   int linear = state.report.iterations, taken = 1, idle = 0;
   searching_ = false;
-  first_ = true;
-  Norms norms = evaluate(state), best = norms;
-  first_ = false;
+  const bool rough = state.contact.friction && state.contact.contacts;
+  Norms norms = evaluate(state, Friction::of_first_solve), best = norms;
   const auto relative = [](const Norms &n) { return n.size > 0 ? std::sqrt(n.residual / n.size) : 0; };
-  while (norms.residual > goal * norms.size && taken < state.options.newton_iterations && idle < patience) {
+  const auto most = [&] {
+    return state.options.newton_iterations + (norms.residual > unsettled * unsettled * norms.size ? further_solves : 0);
+  };
+  while (norms.residual > goal * norms.size && taken < most() && idle < patience) {
+    if (taken >= state.options.newton_iterations && rough) norms = evaluate(state, Friction::of_iterate);
     assembly_.run_on(state);
     s.solution.fill_zero();
     solve_.solve(state, further_slack);

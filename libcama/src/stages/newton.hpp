@@ -10,8 +10,8 @@ namespace cama {
 /// Newton's method on the nonlinear equation of the step, starting from the linearised step that the stages before have
 /// computed: elements and terms at the iterate, assembly, solve for the change of velocity, line search on the
 /// incremental potential (inertia, elasticity, gravity, penalty; friction by the normal forces and speeds of the
-/// linearised step, wind, pressure and damping constant at their values of the iterate). Hessians are positive
-/// semidefinite.
+/// linearised step, of the iterate in further solves, wind, pressure and damping constant at their values of the
+/// iterate). Hessians are positive semidefinite.
 template <class Real>
 class NewtonIterations final : public StageOn<const Options, StepReport, const Clock, MeshState, const ElementState,
                                               const ContactState, SystemState> {
@@ -28,8 +28,10 @@ private:
   struct Norms {
     double residual = 0, size = 0;
   };
+  /// Which normal forces friction follows from: those of the first solve, or those at the iterate.
+  enum class Friction { as_it_is, of_first_solve, of_iterate };
   /// Elements, terms and right-hand side, which is the negative residual, at the iterate.
-  Norms evaluate(const Rooms &state);
+  Norms evaluate(const Rooms &state, Friction friction = Friction::as_it_is);
   /// Incremental potential at the iterate, J; size: of its parts together.
   struct Potential {
     double value, size;
@@ -42,15 +44,15 @@ private:
   /// Sums each stream, all at the same time; changes the streams. Empty streams give 0.
   std::vector<double> sum(const Rooms &state, const std::vector<Stream<double> *> &streams);
 
-  /// What contacts push with after the first solve.
-  void find_pushes(const Rooms &state);
+  /// What contacts push with.
+  void find_pushes(const Rooms &state, Friction friction);
   /// Friction by these normal forces and the speeds at the iterate.
   void iterate_friction(const Rooms &state);
 
   EvaluateElements<Real> &elements_;
   AssembleMatrix<Real> &assembly_;
   LinearSolve<Real> &solve_;
-  bool first_ = false, searching_ = false,
+  bool searching_ = false,
        fell_ = false;  // fell_: the last search lowered the potential beyond rounding
   Stream<vec3> product_, outer_, outer_triangle_, outer_hinge_;  // outer: wind, pressure and damping
   Stream<dvec3> start_, zero_gravity_;

@@ -15,9 +15,8 @@ constexpr int max_pauses = 64;   // of moving obstacles in a step
 // permanently.
 constexpr int max_idle_passes = 10;
 // With impact zones: the step is divided, at most this often, where impacts are left after so many passes or where
-// their projection makes an edge longer by this factor.
+// their projection stretches an edge too much.
 constexpr int max_divisions_of_impacts = 2, passes_until_divided = 10;
-constexpr double largest_stretch = 1.5;
 // With impact zones: passes after which every impact that is found counts as found before.
 constexpr int passes_until_rigid = 20;
 }  // namespace
@@ -124,7 +123,7 @@ void PenetrationHandling::check_stretch(const Rooms &state)
 {
   repeated_.fill_zero();
   CAMA_LAUNCH(*state.backend, count_stretched, state.mesh.edges, state.mesh.cloth_vertices, state.mesh.edge, from_,
-              state.mesh.position_next, largest_stretch, repeated_);
+              state.mesh.position_next, repeated_);
   if (const int edges = repeated_.at(0))
     throw SolverError("step " + std::to_string(state.report.step) + ": impacts stretch " + std::to_string(edges) +
                       " edges by half of their length");

@@ -14,7 +14,7 @@ namespace cama {
 namespace {
 
 // numbers in a row of the tables of a checkpoint
-constexpr std::size_t pin_row = 9, attached_row = 10, pose_row = 10;
+constexpr std::size_t pin_row = 9, attachment_row = 16, earlier_attachment_row = 10, pose_row = 10;
 
 std::vector<dvec3> transform_rows(const RigidTransform &t)
 {
@@ -25,33 +25,6 @@ std::vector<dvec3> transform_rows(const RigidTransform &t)
           t.translation,
           t.center,
           {t.scale, 0, 0}};
-}
-
-/// The foot point of x on the obstacle's triangles, and the offset in the triangle's frame.
-kernels::attachment foot_on(const dvec3 &x, int vertex, const Obstacle &obstacle, const std::vector<dvec3> &position,
-                            int first)
-{
-  using namespace kernels;
-  kernels::attachment best{};
-  double smallest = std::numeric_limits<double>::infinity();
-  for (const Triangle &f : obstacle.mesh.face) {
-    const dvec3 a = position[f[0]], b = position[f[1]], c = position[f[2]];
-    const proximity p = vertex_face_proximity(x, a, b, c);
-    if (p.distance >= smallest) continue;
-    smallest = p.distance;
-    best.vertex = vertex;
-    const dvec3 foot = dadd(dadd(dscale(-p.weight[1], a), dscale(-p.weight[2], b)), dscale(-p.weight[3], c));
-    const dvec3 t = dnormalize(dsub(b, a)), n = dnormalize(dcross(dsub(b, a), dsub(c, a))), s = dcross(n, t),
-                off = dsub(x, foot);
-    for (int k = 0; k < 3; ++k) {
-      best.node[k] = first + f[k];
-      best.weight[k] = -p.weight[k + 1];
-    }
-    best.offset[0] = ddot(off, t);
-    best.offset[1] = ddot(off, s);
-    best.offset[2] = ddot(off, n);
-  }
-  return best;
 }
 
 /// The same placement with its centre at the origin, as keys interpolate it.
@@ -71,7 +44,8 @@ dvec3 get(const double *row) { return {row[0], row[1], row[2]}; }
 
 PrescribedMotion::PrescribedMotion(const Scene &scene, Backend &backend)
     : backend_(backend), scene_obstacles_(scene.obstacles), pins_(scene.pins), transform_(backend),
-      handle_position_(backend), handle_vertex_(backend), attachments_(backend)
+      handle_position_(backend), handle_vertex_(backend), faces_row_stream_(backend), faces_of_stream_(backend),
+      attachments_(backend)
 {
   for (const Cloth &cloth : scene.cloths) {
     cloth_first_.push_back(static_cast<int>(start_.size()));
@@ -103,11 +77,8 @@ void PrescribedMotion::set_up()
     std::vector<int> vertices;
     for (int v : pin.vertices) vertices.push_back(cloth_first_[pin.cloth] + v);
     if (pin.obstacle) {
-      const auto first = start_.begin() + obstacle_first_[*pin.obstacle];
-      const std::vector<dvec3> placed(first,
-                                      first + static_cast<long>(scene_obstacles_[*pin.obstacle].mesh.position.size()));
       for (int v : vertices)
-        attached_.push_back({attachment_of(v, start_[v], static_cast<int>(*pin.obstacle), placed), pin.release, false});
+        attached_.push_back(attached_to(v, static_cast<int>(*pin.obstacle), start_, pin.release, false));
     } else {
       std::vector<dvec3> rest;
       for (int v : vertices) rest.push_back(start_[v]);
@@ -117,16 +88,66 @@ void PrescribedMotion::set_up()
   upload_attachments();
 }
 
-kernels::attachment PrescribedMotion::attachment_of(int vertex, const dvec3 &x, int obstacle,
-                                                    const std::vector<dvec3> &placed) const
+void PrescribedMotion::find_faces()
 {
-  return foot_on(x, vertex, scene_obstacles_[static_cast<std::size_t>(obstacle)], placed, obstacle_first_[obstacle]);
+  if (!faces_row_.empty()) return;
+  std::vector<std::vector<int>> around(start_.size() - static_cast<std::size_t>(cloth_vertices_));
+  for (std::size_t o = 0; o < scene_obstacles_.size(); ++o)
+    for (const Triangle &f : scene_obstacles_[o].mesh.face)
+      for (int k = 0; k < 3; ++k)
+        for (int next : {f[(k + 1) % 3], f[(k + 2) % 3]})
+          around[static_cast<std::size_t>(obstacle_first_[o] - cloth_vertices_ + f[k])].push_back(obstacle_first_[o] +
+                                                                                                  next);
+  faces_row_ = {0};
+  for (const std::vector<int> &faces : around) {
+    faces_of_.insert(faces_of_.end(), faces.begin(), faces.end());
+    faces_row_.push_back(static_cast<int>(faces_of_.size() / 2));
+  }
+}
+
+PrescribedMotion::Attached PrescribedMotion::attached_at(kernels::attachment foot, const std::vector<dvec3> &position,
+                                                         double release, bool driven)
+{
+  using namespace kernels;
+  find_faces();
+  dvec3 off = position[foot.vertex];
+  for (int j = 0; j < 3; ++j) off = daxpy(off, -foot.weight[j], position[foot.node[j]]);
+  for (int j = 0; j < 3; ++j) {
+    dvec3 axis[3];
+    surface_frame(foot.node[j], cloth_vertices_, faces_row_.data(), faces_of_.data(), position.data(), axis);
+    for (int k = 0; k < 3; ++k) foot.offset[3 * j + k] = ddot(off, axis[k]);
+  }
+  return {foot, release, driven};
+}
+
+PrescribedMotion::Attached PrescribedMotion::attached_to(int vertex, int obstacle, const std::vector<dvec3> &position,
+                                                         double release, bool driven)
+{
+  kernels::attachment best{};
+  best.vertex = vertex;
+  double smallest = std::numeric_limits<double>::infinity();
+  const int first = obstacle_first_[obstacle];
+  for (const Triangle &f : scene_obstacles_[static_cast<std::size_t>(obstacle)].mesh.face) {
+    const kernels::proximity p = kernels::vertex_face_proximity(position[vertex], position[first + f[0]],
+                                                                position[first + f[1]], position[first + f[2]]);
+    if (p.distance >= smallest) continue;
+    smallest = p.distance;
+    for (int k = 0; k < 3; ++k) {
+      best.node[k] = first + f[k];
+      best.weight[k] = -p.weight[k + 1];
+    }
+  }
+  return attached_at(best, position, release, driven);
 }
 
 void PrescribedMotion::upload_attachments()
 {
   std::vector<kernels::attachment> rows;
   for (const Attached &a : attached_) rows.push_back(a.row);
+  if (!rows.empty() && faces_row_stream_.size() == 0) {
+    faces_row_stream_.assign(faces_row_);
+    faces_of_stream_.assign(faces_of_);
+  }
   if (!rows.empty() || attachments_.size()) attachments_.assign(rows);
 }
 
@@ -259,10 +280,8 @@ void PrescribedMotion::attach(const Rooms &state, const std::vector<int> &vertic
   for (int v : vertices) listed[v] = 1;
   forget([&](int v) { return listed[v] != 0; });
   const std::vector<dvec3> x = state.mesh.position.download();
-  const auto first = x.begin() + obstacle_first_[obstacle];
-  const std::vector<dvec3> placed(first, first + static_cast<long>(scene_obstacles_[obstacle].mesh.position.size()));
   for (int v : vertices)
-    attached_.push_back({attachment_of(v, x[v], obstacle, placed), std::numeric_limits<double>::infinity(), true});
+    attached_.push_back(attached_to(v, obstacle, x, std::numeric_limits<double>::infinity(), true));
   upload_attachments();
   hold(state, vertices, {});
 }
@@ -360,7 +379,8 @@ void PrescribedMotion::place(const Rooms &state, double time)
                 state.mesh.position_next);
   }
   if (attachments_.size())
-    CAMA_LAUNCH(*state.backend, move_attached, attachments_.size(), attachments_, state.mesh.position_next);
+    CAMA_LAUNCH(*state.backend, move_attached, attachments_.size(), cloth_vertices_, attachments_, faces_row_stream_,
+                faces_of_stream_, state.mesh.position_next);
 }
 
 void PrescribedMotion::save(State &, Checkpoint &checkpoint)
@@ -381,7 +401,7 @@ void PrescribedMotion::save(State &, Checkpoint &checkpoint)
     attached.push_back(a.row.vertex);
     for (int k = 0; k < 3; ++k) attached.push_back(a.row.node[k]);
     for (int k = 0; k < 3; ++k) attached.push_back(a.row.weight[k]);
-    for (int k = 0; k < 3; ++k) attached.push_back(a.row.offset[k]);
+    for (double offset : a.row.offset) attached.push_back(offset);
   }
   for (const MovingObstacle &o : obstacles_) {
     if (!o.driven) continue;
@@ -399,7 +419,7 @@ void PrescribedMotion::save(State &, Checkpoint &checkpoint)
   }
   table("freed", std::vector<double>(freed_.begin(), freed_.end()));
   table("pins", std::move(pins));
-  table("attached", std::move(attached));
+  table("attachments", std::move(attached));
   table("poses", std::move(poses));
 }
 
@@ -426,24 +446,29 @@ void PrescribedMotion::restore(State &s, const Checkpoint &checkpoint)
   release(state, freed);
   freed_.insert(freed.begin(), freed.end());
   fixed_now.clear();
-  const std::vector<double> pins = table("pins"), attached = table("attached"), poses = table("poses");
+  const std::vector<double> pins = table("pins"), poses = table("poses");
   for (std::size_t i = 0; i + pin_row <= pins.size(); i += pin_row) {
     const double *row = pins.data() + i;
     driven_.push_back({static_cast<int>(row[0]), get(row + 1), get(row + 4), row[7], row[8]});
     fixed_now.push_back(driven_.back().vertex);
   }
-  for (std::size_t i = 0; i + attached_row <= attached.size(); i += attached_row) {
-    const double *row = attached.data() + i;
-    kernels::attachment a{};
-    a.vertex = static_cast<int>(row[0]);
-    for (int k = 0; k < 3; ++k) {
-      a.node[k] = static_cast<int>(row[1 + k]);
-      a.weight[k] = row[4 + k];
-      a.offset[k] = row[7 + k];
+  const auto attach_again = [&](const std::string &name, std::size_t width) {
+    const std::vector<double> rows = table(name);
+    for (const double *row = rows.data(), *end = row + rows.size(); row != end; row += width) {
+      kernels::attachment a{};
+      a.vertex = static_cast<int>(row[0]);
+      for (int k = 0; k < 3; ++k) {
+        a.node[k] = static_cast<int>(row[1 + k]);
+        a.weight[k] = row[4 + k];
+      }
+      attached_.push_back(
+          attached_at(a, checkpoint.vectors.at("position"), std::numeric_limits<double>::infinity(), true));
+      if (width == attachment_row) std::copy(row + 7, row + width, attached_.back().row.offset);
+      fixed_now.push_back(a.vertex);
     }
-    attached_.push_back({a, std::numeric_limits<double>::infinity(), true});
-    fixed_now.push_back(a.vertex);
-  }
+  };
+  attach_again("attachments", attachment_row);
+  attach_again("attached", earlier_attachment_row);  // whose offsets are in the frame of the triangle
   upload_attachments();
   hold(state, fixed_now, {});
   for (MovingObstacle &o : obstacles_) {
@@ -496,15 +521,17 @@ void PrescribedMotion::check(const Checkpoint &checkpoint) const
   for (const auto &[name, values] : checkpoint.driving) {
     for (double value : values)
       if (!std::isfinite(value)) refuse(name, "has a value that is not finite");
-    const std::size_t width = name == "pins"       ? pin_row
-                              : name == "attached" ? attached_row
-                              : name == "poses"    ? pose_row
-                                                   : 1;
+    const std::size_t width = name == "pins"          ? pin_row
+                              : name == "attachments" ? attachment_row
+                              : name == "attached"    ? earlier_attachment_row
+                              : name == "poses"       ? pose_row
+                                                      : 1;
     if (values.size() % width) refuse(name, "ends within a row");
     for (std::size_t i = 0; i < values.size(); i += width) {
-      if ((name == "pins" || name == "attached" || name == "freed") && !index(values[i], cloth))
+      const bool attachment = name == "attachments" || name == "attached";
+      if ((name == "pins" || attachment || name == "freed") && !index(values[i], cloth))
         refuse(name, "has a vertex that is not there");
-      if (name == "attached")
+      if (attachment)
         for (int k = 1; k < 4; ++k)
           if (!index(values[i + k], start_.size()) || values[i + k] < cloth_vertices_)
             refuse(name, "has a vertex that is not of an obstacle");

@@ -67,25 +67,31 @@ private:
   void hold(const Rooms &state, const std::vector<int> &fixed_now, const std::vector<int> &free_now);
   void release_due(const Rooms &state, double time);
   MovingObstacle &moving(const Rooms &state, int obstacle);
-  kernels::attachment attachment_of(int vertex, const dvec3 &x, int obstacle, const std::vector<dvec3> &placed) const;
+  /// The faces around the vertices of obstacles, as surface_frame takes them.
+  void find_faces();
+  /// Attaches a cloth vertex to where it is beside an obstacle, or beside a triangle that is given with its foot point.
+  /// position: of all vertices.
+  Attached attached_to(int vertex, int obstacle, const std::vector<dvec3> &position, double release, bool driven);
+  Attached attached_at(kernels::attachment foot, const std::vector<dvec3> &position, double release, bool driven);
   void upload_attachments();
 
   Backend &backend_;
   std::vector<Obstacle> scene_obstacles_;
   std::vector<Pin> pins_;
   std::vector<int> cloth_first_, obstacle_first_;
-  std::vector<dvec3> start_;   // [vertices] of the cloths and of the obstacles at time 0
+  std::vector<dvec3> start_;  // [vertices] of the cloths and of the obstacles at time 0
   int cloth_vertices_ = 0;
 
   std::vector<MovingObstacle> obstacles_;
   std::vector<Handle> handles_;
   std::vector<Attached> attached_;
+  std::vector<int> faces_row_, faces_of_;  // empty until something is attached
   std::vector<Driven> driven_;
-  std::set<int> freed_;        // vertices that the scene pins and a driver has taken or released
-  std::map<int, double> free_inverse_mass_;   // of vertices that are prescribed now, 1/kg
-  double released_ = -std::numeric_limits<double>::infinity();   // pins that end by this time have been released, s
+  std::set<int> freed_;  // vertices that the scene pins and a driver has taken or released
+  std::map<int, double> free_inverse_mass_;  // of vertices that are prescribed now, 1/kg
+  double released_ = -std::numeric_limits<double>::infinity();  // pins that end by this time have been released, s
   Stream<dvec3> transform_, handle_position_;
-  Stream<int> handle_vertex_;
+  Stream<int> handle_vertex_, faces_row_stream_, faces_of_stream_;
   Stream<kernels::attachment> attachments_;
 };
 
