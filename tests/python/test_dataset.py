@@ -124,6 +124,18 @@ def test_a_sample_that_fails_says_so_and_stops_no_other(tmp_path):
     np.testing.assert_array_equal(found["positions"][~failed], good["positions"][~failed])
 
 
+def test_the_example_writes_cloths_that_lie_on_a_ball(tmp_path):
+    example = os.path.join(os.path.dirname(__file__), "..", "..", "examples", "08_dataset.py")
+    subprocess.run([sys.executable, example, str(tmp_path / "a.h5"), "--samples", "4"], check=True, timeout=120)
+    found = contents(tmp_path / "a.h5")
+    cloth = found["positions"][:, 1, : 17 * 17].astype(float)
+    assert (found["times"] == [0, 1]).all() and (found["intersections"] == 0).all()
+    assert (np.linalg.norm(cloth, axis=2).min(axis=1) > 0.12).all(), "no vertex is in the ball"
+    start = found["positions"][:, 0, : 17 * 17].astype(float).mean(axis=1)
+    np.testing.assert_allclose(start[:, 0], found["parameters/x"], atol=1e-6)
+    np.testing.assert_allclose(start[:, 1], found["parameters/y"], atol=1e-6)
+
+
 def test_what_does_not_fit_is_an_error(tmp_path):
     def sizes(random):
         scene = cama.Scene()
