@@ -78,6 +78,11 @@ NOT_RUN = {
         CHARACTER
     ),
     "E = k l² (θ - θ₀)² / (8 A)": "a formula",
+    "N = stiffness (thickness - g/2) area": "a formula",
+    "pip install gymnasium": "in the list `test` of pyproject.toml; the program below it is run",
+    "pip install mujoco": "installs a package; test_mujoco.py runs the program where it is there",
+    "python examples/10_mujoco.py": "needs MuJoCo; test_mujoco.py runs it",
+    "@ray.remote(num_cpus=2)": "needs a cluster",
     "MeshError: mesh of cloth 2: face 0 (0 1 9) uses vertex 9, but there are 4; indices count from 0": (
         "messages that no block of the page provokes; test_errors_shown does"
     ),
@@ -102,6 +107,9 @@ SMALLER = {
     "cama run drape --frames 100 --resume": SMALL.replace("2", "4"),
     "cama render out/drape --fps 60 --speed 1 --azimuth 30 --elevation 10 --width 1920 --height 1080": PICTURES,
     "cama run drape --backend cuda": SMALL,
+    "cama render out/gripper --frame 190": PICTURES,
+    "python examples/08_dataset.py draped.h5": "--samples 4",
+    "python examples/09_gymnasium.py": "--worlds 1",
     "CAMA_BACKEND=cuda cama run drape": SMALL,
     "cama run napkin.json": SMALL,
     "cama dress skirt --body walker": "--resolution 300",

@@ -59,6 +59,7 @@ __all__ = [
     "accuracy_levels",
     "backends",
     "collision",
+    "dataset",
     "dress",
     "fabric",
     "fabrics",
@@ -83,13 +84,14 @@ __all__ = [
 ]
 
 if TYPE_CHECKING:
-    from . import fabric
+    from . import dataset, fabric
     from .measuring import accuracy, tradeoff, tune
     from .recording import record
     from .sewing import SewingPattern, dress
 else:
     _ON_FIRST_USE = {
         "accuracy": "measuring.accuracy",
+        "dataset": "dataset",
         "fabric": "fabric",
         "tradeoff": "measuring.tradeoff",
         "tune": "measuring.tune",

@@ -212,4 +212,20 @@ KERNEL vertex_loads(int n, int contact_count, GLOBAL const int *row, GLOBAL cons
   }
 }
 
+/* Sum of the penalty forces on each cloth vertex from its contacts, N; arguments as of vertex_loads. */
+KERNEL vertex_pushes(int n, int contact_count, GLOBAL const int *row, GLOBAL const int *incidence,
+                     GLOBAL const contact *contacts, GLOBAL dvec3 *push)
+{
+  FOR_EACH(i, n) {
+    dvec3 sum = dvec3_make(0.0, 0.0, 0.0);
+    int k;
+    for (k = row[i]; k < row[i + 1]; ++k)
+      if ((incidence[k] >> 2) < contact_count) {
+        contact c = contacts[incidence[k] >> 2];
+        sum = daxpy(sum, c.weight[incidence[k] & 3] * contact_load(c), c.normal);
+      }
+    push[i] = sum;
+  }
+}
+
 #endif

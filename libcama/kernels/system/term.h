@@ -157,17 +157,34 @@ KERNEL make_contact_terms(int n, GLOBAL const contact *contacts, GLOBAL const do
   }
 }
 
-/* The load of a contact before the first of several solves is at most this times what presses it alone: an impact can
-   leave a contact deeper than any force has pressed it. */
+/* N with which the other contacts of its vertices press contact c, below 0 where they pull its sides apart. push: sum
+   of the penalty forces on each cloth vertex, N. */
+DEVICE double pinching_load(contact c, GLOBAL const double *inverse_mass, GLOBAL const dvec3 *push)
+{
+  double pull = 0.0, mobility = 0.0;
+  int a;
+  for (a = 0; a < 4; ++a) {
+    double share = c.weight[a] * inverse_mass[c.node[a]];
+    if (share == 0.0) continue;
+    pull += share * ddot(c.normal, push[c.node[a]]);
+    mobility += share * c.weight[a];
+  }
+  return mobility > 0.0 ? contact_load(c) - pull / mobility : 0.0;
+}
+
+/* The load of a contact before the first of several solves is at most this times what presses it alone, or what other
+   contacts press it with, as the pads of a gripper do: an impact can leave a contact deeper than any force has pressed
+   it. */
 #define LAYERS 30.0
 
 /* Adds friction to terms without it before the first of several solves. velocity, free_velocity: at the start, and
-   after this step without contact, m/s. kept: friction of each contact at the end of the last step, N on side A; zero
-   if it is new: then it slides if it is not slow. hold: impulse that friction would have at rest, N s on side A. */
+   after this step without contact, m/s. push: of vertex_pushes, N. kept: friction of each contact at the end of the
+   last step, N on side A; zero if it is new: then it slides if it is not slow. hold: impulse that friction would have
+   at rest, N s on side A. */
 KERNEL expect_friction(int n, GLOBAL const contact *contacts, GLOBAL const double *inverse_mass,
                        GLOBAL const dvec3 *velocity, GLOBAL const dvec3 *base_velocity, double carry,
-                       GLOBAL const dvec3 *free_velocity, GLOBAL const double *load, GLOBAL const dvec3 *kept,
-                       real time_step, GLOBAL term *terms, GLOBAL vec3 *hold)
+                       GLOBAL const dvec3 *free_velocity, GLOBAL const double *load, GLOBAL const dvec3 *push,
+                       GLOBAL const dvec3 *kept, real time_step, GLOBAL term *terms, GLOBAL vec3 *hold)
 {
   FOR_EACH(i, n) {
     contact c = contacts[i];
@@ -190,7 +207,7 @@ KERNEL expect_friction(int n, GLOBAL const contact *contacts, GLOBAL const doubl
       force = daxpy(force, -ddot(force, c.normal), c.normal);
       alone =
           c.stiffness * max_double(c.thickness - c.distance - h * rise, 0.0) / (1.0 + c.stiffness * h * h * mobility);
-      press = min_double(contact_load(c), LAYERS * alone);
+      press = min_double(contact_load(c), max_double(LAYERS * alone, pinching_load(c, inverse_mass, push)));
       speed = dnorm(start);
       before = dnorm(force);
       if (speed > SLOW * c.static_friction * press * h * mobility) {

@@ -12,11 +12,14 @@ template <class Real> void EvaluateTerms<Real>::expect_friction(const Rooms &sta
   const double carry = state.time.multistep ? state.time.ratio / state.time.memory : 0;  // v* - v to the next change
   KeptFriction &kept = state.contact.kept, &next = state.contact.kept_next;
   next.force.resize(contacts);
+  push_.resize(state.mesh.cloth_vertices);
+  CAMA_LAUNCH(b, vertex_pushes, state.mesh.cloth_vertices, contacts, state.system.term_incidence.row,
+              state.system.term_incidence.entry, state.contact.contact, push_);
   if (state.elements.stitches) s.hold.fill_zero();
   CAMA_LAUNCH_REAL(Real, b, recall_friction, contacts, kept.key.size(), next.key, kept.key, kept.force, next.force);
   CAMA_LAUNCH_REAL(Real, b, expect_friction, contacts, state.contact.contact, state.mesh.inverse_mass,
-                   state.mesh.velocity, state.mesh.base_velocity(state.time), carry, free_velocity_, load_, next.force,
-                   static_cast<Real>(state.time.implicit_step), s.term, s.hold);
+                   state.mesh.velocity, state.mesh.base_velocity(state.time), carry, free_velocity_, load_, push_,
+                   next.force, static_cast<Real>(state.time.implicit_step), s.term, s.hold);
 }
 
 template <class Real> void EvaluateTerms<Real>::run_on(const Rooms &state)
