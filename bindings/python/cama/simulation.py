@@ -11,8 +11,10 @@ import numpy as np
 import numpy.typing as npt
 
 from . import _core, plausibility
-from .arrays import count, indices, number, quaternion, reals, vector
+from .arrays import count, indices, number, quaternion, vector
 from .collision import UntangleReport
+from .device_arrays import DeviceArray, on_host, spread
+from .device_arrays import vectors as device_vectors
 from .errors import ArrayError, CollisionError, MeshError, SceneError
 from .io import checkpoint
 from .options import overrides_of, signature
@@ -260,7 +262,7 @@ class Simulation:
             ArrayError, SceneError: An argument does not fit. Nothing has changed.
         """
         chosen = self._vertices("pin", vertices)
-        here = np.empty((0, 3)) if targets is None else reals("pin: targets", targets, (len(chosen), 3))
+        here = np.empty((0, 3)) if targets is None else on_host("pin: targets", targets, len(chosen), self._core)
         self._core.pin(chosen, here, _seconds("pin", duration))
 
     def set_targets(self, vertices: ArrayLike, positions: ArrayLike, duration: float | None = None) -> None:
@@ -278,7 +280,7 @@ class Simulation:
             ArrayError, SceneError: An argument does not fit, or `pin` does not hold a vertex. Nothing has changed.
         """
         chosen = self._vertices("set_targets", vertices)
-        targets = reals("set_targets: positions", positions, (len(chosen), 3))
+        targets = on_host("set_targets: positions", positions, len(chosen), self._core)
         self._core.set_targets(chosen, targets, _seconds("set_targets", duration))
 
     def release(self, vertices: ArrayLike) -> None:
@@ -348,7 +350,7 @@ class Simulation:
         """
         index = self._obstacle("set_obstacle_vertices", obstacle)
         first, last = self.obstacle_ranges[index]
-        moved = reals("set_obstacle_vertices: positions", positions, (last - first, 3))
+        moved = on_host("set_obstacle_vertices: positions", positions, last - first, self._core)
         self._core.set_obstacle_vertices(index, moved, _seconds("set_obstacle_vertices", duration))
 
     def set_force(self, vertices: ArrayLike, forces: ArrayLike) -> None:
@@ -362,10 +364,8 @@ class Simulation:
             ArrayError, SceneError: An argument does not fit. Nothing has changed.
         """
         chosen = self._vertices("set_force", vertices)
-        given = np.asarray(forces)
-        if given.shape == (3,):
-            given = np.broadcast_to(given, (len(chosen), 3))
-        self._core.set_force(chosen, reals("set_force: forces", given, (len(chosen), 3)))
+        given = device_vectors("set_force: forces", spread(forces, len(chosen)), len(chosen), self._core)
+        self._core.set_force(chosen, given)
 
     @property
     def gravity(self) -> Vector:
@@ -481,6 +481,30 @@ class Simulation:
         return self._core.velocities()
 
     @property
+    def device_positions(self) -> DeviceArray:
+        """Positions [vertices, 3], m, on the device, as they are now; see `DeviceArray`.
+
+        Raises:
+            BackendError: The backend is "opencl", whose memory other libraries cannot read; use `positions`.
+        """
+        return DeviceArray._of(self._core.device_positions())
+
+    @property
+    def device_velocities(self) -> DeviceArray:
+        """Velocities [vertices, 3], m/s, on the device, as `device_positions`."""
+        return DeviceArray._of(self._core.device_velocities())
+
+    @property
+    def device_forces(self) -> DeviceArray:
+        """`forces` [vertices, 3], N, on the device, as `device_positions`.
+
+        Raises:
+            SceneError: The option `forces` is not set.
+            BackendError: The backend is "opencl".
+        """
+        return DeviceArray._of(self._core.device_forces())
+
+    @property
     def faces(self) -> Integers:
         """Triangles [triangles, 3], those of cloth first."""
         return self._core.faces()
@@ -558,10 +582,13 @@ class Simulation:
             CollisionError: The positions intersect, the option `intersections` is not "exempt", and something in the
                 scene can touch. The state is unchanged.
         """
-        shape = (self.cloth_vertex_count, 3)
-        self._core.set_state(
-            reals("set_state: positions", positions, shape), reals("set_state: velocities", velocities, shape)
-        )
+        count = self.cloth_vertex_count
+        x = device_vectors("set_state: positions", positions, count, self._core)
+        v = device_vectors("set_state: velocities", velocities, count, self._core)
+        if isinstance(x, np.ndarray) != isinstance(v, np.ndarray):  # one on the host, one on the device
+            x = on_host("set_state: positions", positions, count, self._core)
+            v = on_host("set_state: velocities", velocities, count, self._core)
+        self._core.set_state(x, v)
 
     def save_checkpoint(self, path: PathLike) -> None:
         """Writes all that later steps depend on to an HDF5 file, from which `load_checkpoint` continues.

@@ -10,25 +10,28 @@ namespace {
 class GuardedWorlds {
 public:
   GuardedWorlds(const std::vector<Scene> &scenes, const std::vector<OptionOverrides> &options)
-      : worlds_(std::make_shared<Worlds>(scenes, options)), mutex_(std::make_shared<std::mutex>())
+      : worlds_(std::make_shared<Worlds>(scenes, options)), turns_(std::make_shared<Turns>())
   {}
 
   template <class Ask> auto with(Ask &&ask)
   {
+    turns_->await_background();
     py::gil_scoped_release release;
-    std::lock_guard<std::mutex> lock(*mutex_);
+    std::lock_guard<std::mutex> lock(turns_->mutex);
+    (*worlds_)[0].backend().make_current();
     return ask(*worlds_);
   }
   /// A world, which keeps all of them alive.
   std::unique_ptr<Guarded> world(int w)
   {
     Simulation *simulation = with([w](Worlds &worlds) { return &worlds[w]; });
-    return std::make_unique<Guarded>(std::shared_ptr<Simulation>(worlds_, simulation), mutex_);
+    return std::make_unique<Guarded>(std::shared_ptr<Simulation>(worlds_, simulation), turns_);
   }
+  Turns &turns() { return *turns_; }
 
 private:
   std::shared_ptr<Worlds> worlds_;
-  std::shared_ptr<std::mutex> mutex_;
+  std::shared_ptr<Turns> turns_;
 };
 
 /// Calls n times, and between takes the GIL and raises pending signals (Ctrl-C).
@@ -55,7 +58,9 @@ std::vector<int> first_vertices(Worlds &worlds)
 
 void bind_worlds(py::module_ &m)
 {
-  py::class_<GuardedWorlds>(m, "Worlds")
+  py::class_<GuardedWorlds> bound(m, "Worlds");
+  bind_turns(bound);
+  bound
       .def(py::init([](const std::vector<const Scene *> &scenes, const std::vector<OptionOverrides> &options) {
         std::vector<Scene> own;
         own.reserve(scenes.size());

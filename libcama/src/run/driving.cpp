@@ -5,6 +5,7 @@
 #include <string>
 
 #include "cama/error.hpp"
+#include "device/launch.hpp"
 #include "run/engine.hpp"
 
 namespace cama {
@@ -142,6 +143,41 @@ void Engine::set_force(const std::vector<int> &vertices, const std::vector<dvec3
   for (std::size_t i = 0; i < vertices.size(); ++i) all[static_cast<std::size_t>(vertices[i])] = forces[i];
   if (!force.backend()) force = Stream<dvec3>(*backend);
   force.assign(all);
+}
+
+Stream<dvec3> Engine::received(const char *what, const DeviceVectors &vectors, int count)
+{
+  if (vectors.size != count)
+    refuse(std::string(what) + ": has " + std::to_string(vectors.size) + " rows; " + std::to_string(count) +
+           " are needed");
+  Stream<dvec3> own(*backend, count);
+  if (count == 0) return own;
+  if (!backend->reaches(vectors.data))
+    refuse(std::string(what) + ": is not in memory of " + backend->device() + ", on which the simulation computes");
+  Components<float> given{const_cast<void *>(vectors.data)};
+  if (vectors.single)
+    CAMA_LAUNCH(*backend, widen_vectors, count, given, own);
+  else
+    backend->copy(own.buffer(), given.buffer, sizeof(dvec3) * static_cast<std::size_t>(count));
+  Stream<int> bad(*backend, 1);
+  bad.fill_zero();
+  CAMA_LAUNCH(*backend, find_nonfinite_vector, count, own, bad);
+  if (const int row = bad.at(0)) refuse(std::string(what) + "[" + std::to_string(count - row) + "] is not finite");
+  return own;
+}
+
+void Engine::set_force(const std::vector<int> &vertices, const DeviceVectors &forces)
+{
+  check_vertices("set_force", vertices);
+  const Stream<dvec3> given = received("set_force: forces", forces, static_cast<int>(vertices.size()));
+  const Stream<int> vertex(*backend, vertices);
+  Stream<dvec3> &force = state.elements.driven_force;
+  if (!force.backend()) force = Stream<dvec3>(*backend);
+  if (!force.size()) {
+    force.resize(state.mesh.cloth_vertices);
+    force.fill_zero();
+  }
+  CAMA_LAUNCH(*backend, scatter_positions, given.size(), vertex, given, force);
 }
 
 void Engine::set_gravity(const dvec3 &gravity)
