@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 import cama
+import test_worlds_driving
 from conftest import grid
 
 STEP = 1 / 200
@@ -219,3 +220,25 @@ def test_worlds_lend_their_arrays():
     gc.collect()
     for array, expected in zip(arrays, moment):
         np.testing.assert_array_equal(array.get(), expected)
+
+
+def test_driving_all_worlds_at_once_gives_the_bits_of_driving_each():
+    test_worlds_driving.test_driving_all_worlds_at_once_gives_the_bits_of_driving_each("cuda")
+
+
+def test_arrays_of_all_worlds_on_the_device(library):
+    scene = test_worlds_driving.scene()
+    worlds = cama.Worlds(scene, 4, backend="cuda", accuracy="interactive", time_step=STEP, forces=True)
+    worlds.step(20)
+    given = [worlds.device_positions, worlds.device_velocities, worlds.device_forces]
+    expected = [worlds.positions, worlds.velocities, worlds.forces]
+    arrays = [library.read(array) for array in given]
+    assert given[0].device == "cuda:0" and tuple(arrays[0].shape) == worlds.positions.shape
+    worlds.step(2)
+    for array, lent, moment in zip(arrays, given, expected):
+        np.testing.assert_array_equal(library.host(array), moment)
+        np.testing.assert_array_equal(lent.numpy(), moment)
+    cloth = worlds[0].cloth_vertex_count
+    worlds.set_force(range(cloth), library.make(np.full((4, cloth, 3), 1e-4)))
+    worlds.set_state(library.make(expected[0][:, :cloth]), library.make(expected[1][:, :cloth]))
+    np.testing.assert_array_equal(worlds.positions[:, :cloth], expected[0][:, :cloth])

@@ -20,13 +20,13 @@ _READ_ONLY, _IS_COPY = 1, 2  # flags of DLPack
 
 
 class DeviceArray:
-    """Vectors [n, 3] of float64 on the device of a simulation, as they were when they were asked for.
+    """Vectors [n, 3], or [worlds, n, 3], of float64 on the device of a simulation, as they were when they were taken.
 
     Other libraries read the memory in place: `numpy.asarray` and `numpy.from_dlpack` with the backend "cpu",
     `torch.from_dlpack`, `cupy.from_dlpack`, `cupy.asarray` and `jax.dlpack.from_dlpack` with "cuda". All work of the
     simulation on it is done. The simulation never writes to an array that it has lent: as long as somebody holds the
-    array, or what was made of it, later steps use other memory, to which they copy it once. The memory lives as long
-    as its last user, also when the simulation is gone.
+    array, or what was made of it, later steps use other memory, to which they copy it once. The memory lives as long as
+    its last user, also when the simulation is gone.
 
     The array is read-only. A library that does not know DLPack 1.0, which can say so, gets a copy of its own on the
     device, to which it may write.
@@ -47,9 +47,9 @@ class DeviceArray:
         return made
 
     @property
-    def shape(self) -> tuple[int, int]:
-        """Number of vectors, and 3."""
-        return self._core.size(), 3
+    def shape(self) -> tuple[int, ...]:
+        """Number of vectors, and 3; of `Worlds` the number of worlds before them."""
+        return tuple(self._core.shape())
 
     @property
     def device(self) -> str:
@@ -59,14 +59,14 @@ class DeviceArray:
 
     def numpy(self) -> Reals:
         """Returns the array on the host: with the backend "cpu" the same memory, read-only, else a copy."""
-        return self._core.host_view() if self._on_host else self._core.download()
+        return self._core.host_view() if self._on_host else self._core.download().reshape(self.shape)
 
     @property
     def _on_host(self) -> bool:
         return self._core.device()[0] == _HOST
 
     def __len__(self) -> int:
-        return self._core.size()
+        return self.shape[0]
 
     def __repr__(self) -> str:
         return f"<cama.DeviceArray {list(self.shape)} float64 on {self.device}>"
@@ -152,21 +152,7 @@ def vectors(name: str, value: Any, rows: int, core: _core.Simulation) -> Reals |
     kind, index = _device_of(name, value)
     if kind in (_HOST, _PINNED):
         return reals(name, value if hasattr(value, "__array__") else _imported(name, value), (rows, 3))
-    if kind not in (_CUDA, _MANAGED):
-        raise ArrayError(f"{name}: is on a device of kind {kind} of DLPack; copy it to the host")
-    on_cuda, own_index, queue = core.memory()
-    if not on_cuda or (index is not None and index != own_index):
-        where = f"cuda:{own_index}" if on_cuda else "the host" if core.backend()[0] == "cpu" else core.backend()[0]
-        there = "a CUDA device" if index is None else f"cuda:{index}"
-        raise ArrayError(f"{name}: is on {there}, and the simulation computes on {where}; copy it there")
-    received = _received(name, value, queue)
-    if received.type() not in ("float64", "float32"):
-        raise ArrayError(f"{name}: type {received.type()}, expected float64 or float32")
-    if received.shape() != [rows, 3]:
-        raise ArrayError(f"{name}: shape {received.shape()}, expected [{rows}, 3]")
-    if not received.dense():
-        raise ArrayError(f"{name}: its rows are not one after the other in memory; make a contiguous copy")
-    return received
+    return _on_device(name, value, (rows, 3), core)
 
 
 def spread(value: Any, rows: int) -> Any:
@@ -184,6 +170,43 @@ def on_host(name: str, value: Any, rows: int, core: _core.Simulation) -> Reals:
     if isinstance(given, np.ndarray):
         return given
     return core.download(name, given, rows)
+
+
+def brought(name: str, value: Any, core: _core.Simulation) -> Any:
+    """Returns an array [..., 3] of any library on the host, of whatever shape; what is no array as it is.
+
+    Raises ArrayError.
+    """
+    if isinstance(value, (np.ndarray, list, tuple)):
+        return value
+    kind, _ = _device_of(name, value)
+    if kind in (_HOST, _PINNED):
+        return value if hasattr(value, "__array__") else _imported(name, value)
+    shape = tuple(int(n) for n in getattr(value, "shape", ()))
+    if len(shape) < 2 or shape[-1] != 3:
+        raise ArrayError(f"{name}: shape {list(shape)}, expected [worlds, n, 3]")
+    rows = int(np.prod(shape[:-1]))
+    return core.download(name, _on_device(name, value, shape, core), rows).reshape(shape)
+
+
+def _on_device(name: str, value: Any, shape: tuple[int, ...], core: _core.Simulation) -> _core.Received:
+    """Takes an array of this shape on the CUDA device of the simulation."""
+    kind, index = _device_of(name, value)
+    if kind not in (_CUDA, _MANAGED):
+        raise ArrayError(f"{name}: is on a device of kind {kind} of DLPack; copy it to the host")
+    on_cuda, own_index, queue = core.memory()
+    if not on_cuda or (index is not None and index != own_index):
+        where = f"cuda:{own_index}" if on_cuda else "the host" if core.backend()[0] == "cpu" else core.backend()[0]
+        there = "a CUDA device" if index is None else f"cuda:{index}"
+        raise ArrayError(f"{name}: is on {there}, and the simulation computes on {where}; copy it there")
+    received = _received(name, value, queue)
+    if received.type() not in ("float64", "float32"):
+        raise ArrayError(f"{name}: type {received.type()}, expected float64 or float32")
+    if received.shape() != list(shape):
+        raise ArrayError(f"{name}: shape {received.shape()}, expected {list(shape)}")
+    if not received.dense():
+        raise ArrayError(f"{name}: its rows are not one after the other in memory; make a contiguous copy")
+    return received
 
 
 def _device_of(name: str, value: Any) -> tuple[int, int | None]:

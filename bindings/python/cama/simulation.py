@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, NoReturn
 
@@ -64,7 +64,7 @@ def _check_extents(scene: Scene) -> None:
 
 @dataclass(frozen=True)
 class Wrench:
-    """What cloth exerts, as `Simulation.force_on` returns it."""
+    """What cloth exerts, as `Simulation.force_on` returns it; of `Worlds.force_on` each is [worlds, 3]."""
 
     force: Reals  #: [3] N, mean over the last step
     torque: Reals  #: [3] N m, mean over the last step
@@ -263,7 +263,7 @@ class Simulation:
         """
         chosen = self._vertices("pin", vertices)
         here = np.empty((0, 3)) if targets is None else on_host("pin: targets", targets, len(chosen), self._core)
-        self._core.pin(chosen, here, _seconds("pin", duration))
+        self._core.pin(chosen, here, seconds("pin", duration))
 
     def set_targets(self, vertices: ArrayLike, positions: ArrayLike, duration: float | None = None) -> None:
         """Moves vertices that `pin` holds.
@@ -281,7 +281,7 @@ class Simulation:
         """
         chosen = self._vertices("set_targets", vertices)
         targets = on_host("set_targets: positions", positions, len(chosen), self._core)
-        self._core.set_targets(chosen, targets, _seconds("set_targets", duration))
+        self._core.set_targets(chosen, targets, seconds("set_targets", duration))
 
     def release(self, vertices: ArrayLike) -> None:
         """Lets go of vertices that pins or attachments hold, also those of the scene. They keep their velocity.
@@ -332,7 +332,7 @@ class Simulation:
             self._obstacle("set_obstacle_pose", obstacle),
             vector("set_obstacle_pose: translation", translation),
             quaternion("set_obstacle_pose: rotation", rotation),
-            _seconds("set_obstacle_pose", duration),
+            seconds("set_obstacle_pose", duration),
         )
 
     def set_obstacle_vertices(
@@ -351,7 +351,7 @@ class Simulation:
         index = self._obstacle("set_obstacle_vertices", obstacle)
         first, last = self.obstacle_ranges[index]
         moved = on_host("set_obstacle_vertices: positions", positions, last - first, self._core)
-        self._core.set_obstacle_vertices(index, moved, _seconds("set_obstacle_vertices", duration))
+        self._core.set_obstacle_vertices(index, moved, seconds("set_obstacle_vertices", duration))
 
     def set_force(self, vertices: ArrayLike, forces: ArrayLike) -> None:
         """Applies forces to cloth vertices from the next step on, until they are set anew; zero ends them.
@@ -522,11 +522,7 @@ class Simulation:
         in m, kind (0: vertex and face, 1: two edges). With the option `forces` also normal_force, N, along the normal,
         and tangential_force [3], N, the friction, both on the side with positive weights; impacts are not among them.
         """
-        columns = self._core.contacts()
-        rows = np.empty(len(columns[0]), CONTACT.descr + FORCES if self._core.options()["forces"] else CONTACT)
-        for name, column in zip(rows.dtype.names or (), columns):
-            rows[name] = column
-        return rows
+        return contact_rows(self._core.contacts(), bool(self._core.options()["forces"]))
 
     @property
     def forces(self) -> Reals:
@@ -735,12 +731,20 @@ class Simulation:
 Simulation.__init__.__signature__ = signature(Simulation.__init__)  # type: ignore[attr-defined]
 
 
-def _seconds(what: str, duration: float | None) -> float:
+def seconds(what: str, duration: float | None) -> float:
     """Returns a duration in s; 0 stands for one time step."""
-    seconds = 0.0 if duration is None else number(f"{what}: duration", duration)
-    if duration is not None and seconds <= 0:
-        raise ArrayError(f"{what}: duration is {seconds} s; it must be positive")
-    return seconds
+    given = 0.0 if duration is None else number(f"{what}: duration", duration)
+    if duration is not None and given <= 0:
+        raise ArrayError(f"{what}: duration is {given} s; it must be positive")
+    return given
+
+
+def contact_rows(columns: Sequence[npt.NDArray[Any]], forces: bool) -> npt.NDArray[np.void]:
+    """Returns contacts as a structured array, as `Simulation.contacts`."""
+    rows = np.empty(len(columns[0]), CONTACT.descr + FORCES if forces else CONTACT)
+    for name, column in zip(rows.dtype.names or (), columns):
+        rows[name] = column
+    return rows
 
 
 def stage_paths(rows: Iterable[tuple[str, int, float]]) -> dict[str, float]:

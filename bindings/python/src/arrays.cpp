@@ -12,19 +12,20 @@ namespace {
 template <class Tensor> struct Export {
   Tensor managed{};
   DeviceArray array;
-  std::int64_t shape[2], strides[2] = {3, 1};
+  std::vector<std::int64_t> shape, strides;
 
-  explicit Export(const DeviceArray &lent) : array(lent), shape{lent.size(), 3}
+  explicit Export(const LentArray &lent) : array(lent.array), shape(lent.shape()), strides(shape.size(), 1)
   {
+    for (std::size_t d = shape.size() - 1; d > 0; --d) strides[d - 1] = strides[d] * shape[d];
     const DeviceMemory memory = array.memory();
     const bool on_host = memory.kind == DeviceMemory::Kind::host;
     dlpack::Tensor &t = managed.tensor;
     t.data = array.data();
     t.device = {on_host ? dlpack::host : dlpack::cuda, on_host ? 0 : memory.device};
-    t.dimensions = 2;
+    t.dimensions = static_cast<std::int32_t>(shape.size());
     t.type = {dlpack::floating, 64, 1};
-    t.shape = shape;
-    t.strides = strides;
+    t.shape = shape.data();
+    t.strides = strides.data();
     managed.context = this;
     managed.deleter = [](Tensor *m) { delete static_cast<Export *>(m->context); };
   }
@@ -52,8 +53,8 @@ template <class Tensor> py::object capsule_of(Export<Tensor> *given, const char 
 
 py::object to_dlpack(const LentArray &lent, bool versioned, std::uint64_t flags)
 {
-  if (!versioned) return capsule_of(new Export<dlpack::Managed>(lent.array), dlpack::name, drop_unversioned);
-  auto *given = new Export<dlpack::ManagedVersioned>(lent.array);
+  if (!versioned) return capsule_of(new Export<dlpack::Managed>(lent), dlpack::name, drop_unversioned);
+  auto *given = new Export<dlpack::ManagedVersioned>(lent);
   given->managed.major = dlpack::major_version;
   given->managed.minor = dlpack::minor_version;
   given->managed.flags = flags;
@@ -72,8 +73,7 @@ template <class Ask> auto alone(const LentArray &lent, Ask &&ask)
 py::array_t<double> host_view(const LentArray &lent)
 {
   py::capsule owner(new DeviceArray(lent.array), [](void *p) { delete static_cast<DeviceArray *>(p); });
-  py::array_t<double> view({static_cast<py::ssize_t>(lent.array.size()), static_cast<py::ssize_t>(3)},
-                           static_cast<const double *>(lent.array.data()), owner);
+  py::array_t<double> view(lent.shape(), static_cast<const double *>(lent.array.data()), owner);
   view.attr("setflags")(false);
   return view;
 }
@@ -127,14 +127,15 @@ Received::~Received()
 
 DeviceVectors Received::vectors() const
 {
-  const std::int64_t rows = shape_.size() == 2 && shape_[1] == 3 && dense_ ? shape_[0] : -1;
+  std::int64_t rows = shape_.size() >= 2 && shape_.back() == 3 && dense_ ? 1 : -1;
+  for (std::size_t d = 0; d + 1 < shape_.size(); ++d) rows *= shape_[d];
   return {data_, rows < 0 || rows > 0x7fffffff ? -1 : static_cast<int>(rows), type_ == "float32"};
 }
 
 void bind_arrays(py::module_ &m)
 {
   py::class_<LentArray>(m, "LentArray")
-      .def("size", [](const LentArray &l) { return l.array.size(); })
+      .def("shape", &LentArray::shape)
       .def("address", [](const LentArray &l) { return reinterpret_cast<std::uintptr_t>(l.array.data()); })
       .def("device",
            [](const LentArray &l) {
@@ -144,7 +145,7 @@ void bind_arrays(py::module_ &m)
            })
       .def("copy",
            [](const LentArray &l) {
-             return LentArray{alone(l, [](const DeviceArray &a) { return a.copy(); }), l.turns};
+             return LentArray{alone(l, [](const DeviceArray &a) { return a.copy(); }), l.turns, l.worlds};
            })
       .def("download",
            [](const LentArray &l) {

@@ -11,6 +11,13 @@ namespace cama::python {
 struct LentArray {
   DeviceArray array;
   std::shared_ptr<Turns> turns;
+  int worlds = 0;  ///< that the vectors are of, as many of each; 0: of one simulation
+
+  std::vector<std::int64_t> shape() const
+  {
+    if (worlds == 0) return {array.size(), 3};
+    return {worlds, array.size() / worlds, 3};
+  }
 };
 
 /// An array of another library, which is kept until this object is gone.
@@ -27,7 +34,7 @@ public:
   const std::vector<std::int64_t> &shape() const { return shape_; }
   const std::string &type() const { return type_; }
   bool dense() const { return dense_; }  ///< rows without gaps
-  DeviceVectors vectors() const;  ///< of an array [n, 3]
+  DeviceVectors vectors() const;  ///< of an array [..., 3]
 
 private:
   py::object owner_;

@@ -35,4 +35,7 @@ private:
   std::shared_ptr<Turns> turns_;
 };
 
+/// vertices, weights, normal, distance, kind, normal_force, tangential_force
+py::tuple contact_arrays(ContactArrays contacts);
+
 }  // namespace cama::python

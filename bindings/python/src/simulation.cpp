@@ -101,14 +101,6 @@ py::dict to_dict(const StepReport &report)
   return d;
 }
 
-py::tuple contact_arrays(ContactArrays c)
-{
-  return py::make_tuple(to_array<int>(std::move(c.vertices)), to_array<double>(std::move(c.weights)),
-                        to_array<double>(std::move(c.normal)), to_array<double>(std::move(c.distance)),
-                        to_array<int>(std::move(c.kind)), to_array<double>(std::move(c.normal_force)),
-                        to_array<double>(std::move(c.tangential_force)));
-}
-
 py::tuple wrench_vectors(const Wrench &w)
 {
   const auto vector = [](const dvec3 &v) { return std::array<double, 3>{v.x, v.y, v.z}; };
@@ -191,6 +183,14 @@ auto lend(DeviceArray (Simulation::*method)())
 }
 
 }  // namespace
+
+py::tuple contact_arrays(ContactArrays c)
+{
+  return py::make_tuple(to_array<int>(std::move(c.vertices)), to_array<double>(std::move(c.weights)),
+                        to_array<double>(std::move(c.normal)), to_array<double>(std::move(c.distance)),
+                        to_array<int>(std::move(c.kind)), to_array<double>(std::move(c.normal_force)),
+                        to_array<double>(std::move(c.tangential_force)));
+}
 
 void bind_simulation(py::module_ &m)
 {

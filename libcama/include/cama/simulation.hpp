@@ -179,6 +179,20 @@ private:
   struct Implementation;
   /// On a device that others use too.
   Simulation(const Scene &scene, const ResolvedOptions &options, std::unique_ptr<Backend> device);
+
+  // For Worlds: what driving checks first, and arrays of all worlds.
+
+  void check_pin(const std::vector<int> &vertices, const std::vector<dvec3> &targets, double duration) const;
+  void check_targets(const std::vector<int> &vertices, const std::vector<dvec3> &positions, double duration) const;
+  void check_release(const std::vector<int> &vertices) const;
+  void check_pose(int obstacle, const dvec3 &translation, const std::array<double, 4> &rotation, double duration) const;
+  void check_force(const std::vector<int> &vertices, const std::vector<dvec3> &forces) const;
+  void check_gravity(const dvec3 &gravity) const;
+  void check_wind(const dvec3 &velocity) const;
+  enum class Field { positions, velocities, forces };
+  DeviceArray device_memory(int size);
+  void copy_to(void *address, Field field);  ///< [all vertices], on the device
+
   std::unique_ptr<Implementation> implementation_;
 };
 

@@ -56,6 +56,14 @@ public:
   void set_gravity(const dvec3 &gravity);
   void set_wind(const dvec3 &velocity);
   void set_pressure(int cloth, double pressure);
+  // What they check first. No targets: vertices are held where they are.
+  void check_pin(const std::vector<int> &vertices, const std::vector<dvec3> &targets, double duration) const;
+  void check_targets(const std::vector<int> &vertices, const std::vector<dvec3> &targets, double duration) const;
+  void check_vertices(const char *what, const std::vector<int> &vertices) const;
+  void check_pose(int obstacle, const dvec3 &translation, const std::array<double, 4> &rotation, double duration) const;
+  void check_force(const std::vector<int> &vertices, const std::vector<dvec3> &forces) const;
+  void check_gravity(const dvec3 &gravity) const;
+  void check_wind(const dvec3 &velocity) const;
   std::vector<double> pressures() const;
   /// What has been driven, for a checkpoint, and back; check_driving throws SceneError and changes nothing.
   void save_driving(Checkpoint &checkpoint);
@@ -71,7 +79,6 @@ private:
   /// The stage of prescribed motion, put into the pipeline if it is not there.
   PrescribedMotion &driver();
   const PrescribedMotion &motion() const { return idle_motion_ ? *idle_motion_ : *motion_; }
-  void check_vertices(const char *what, const std::vector<int> &vertices) const;
   double duration_of(const char *what, double duration) const;
   void check_obstacle(const char *what, int obstacle) const;
 

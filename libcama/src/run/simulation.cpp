@@ -204,6 +204,31 @@ dvec3 Simulation::wind() const
   return wind.size() ? wind.at(0) : dvec3{0, 0, 0};
 }
 
+void Simulation::check_pin(const std::vector<int> &vertices, const std::vector<dvec3> &targets, double duration) const
+{
+  implementation_->check_pin(vertices, targets, duration);
+}
+void Simulation::check_targets(const std::vector<int> &vertices, const std::vector<dvec3> &positions,
+                               double duration) const
+{
+  implementation_->check_targets(vertices, positions, duration);
+}
+void Simulation::check_release(const std::vector<int> &vertices) const
+{
+  implementation_->check_vertices("release", vertices);
+}
+void Simulation::check_pose(int obstacle, const dvec3 &translation, const std::array<double, 4> &rotation,
+                            double duration) const
+{
+  implementation_->check_pose(obstacle, translation, rotation, duration);
+}
+void Simulation::check_force(const std::vector<int> &vertices, const std::vector<dvec3> &forces) const
+{
+  implementation_->check_force(vertices, forces);
+}
+void Simulation::check_gravity(const dvec3 &gravity) const { implementation_->check_gravity(gravity); }
+void Simulation::check_wind(const dvec3 &velocity) const { implementation_->check_wind(velocity); }
+
 Checkpoint Simulation::checkpoint() const
 {
   Implementation &i = *implementation_;
@@ -285,13 +310,36 @@ DeviceArray Simulation::device_velocities()
 {
   return implementation_->loans->lend(implementation_->state.mesh.velocity);
 }
-DeviceArray Simulation::device_forces()
+namespace {
+
+/// [all vertices] N
+Stream<dvec3> force_stream(const State &state)
 {
-  Implementation &i = *implementation_;
-  Stream<dvec3> result(*i.backend);
-  result.copy_from(measured(i.state).step.linear);
-  CAMA_LAUNCH(*i.backend, scale_vectors, result.size(), 1 / i.state.time.step, result);
-  return i.loans->give(std::move(result));
+  Stream<dvec3> result(*state.backend);
+  result.copy_from(measured(state).step.linear);
+  CAMA_LAUNCH(*state.backend, scale_vectors, result.size(), 1 / state.time.step, result);
+  return result;
+}
+
+}  // namespace
+
+DeviceArray Simulation::device_forces() { return implementation_->loans->give(force_stream(implementation_->state)); }
+DeviceArray Simulation::device_memory(int size)
+{
+  return implementation_->loans->give(Stream<dvec3>(*implementation_->backend, size));
+}
+void Simulation::copy_to(void *address, Field field)
+{
+  const Implementation &i = *implementation_;
+  const auto copy = [&](const Stream<dvec3> &from) {
+    i.backend->copy(address, from.buffer(), sizeof(dvec3) * static_cast<std::size_t>(from.size()));
+    i.backend->synchronize();
+  };
+  switch (field) {
+  case Field::positions: return copy(i.state.mesh.position);
+  case Field::velocities: return copy(i.state.mesh.velocity);
+  case Field::forces: return copy(force_stream(i.state));
+  }
 }
 std::vector<dvec3> Simulation::download(const char *what, const DeviceVectors &vectors, int count)
 {
