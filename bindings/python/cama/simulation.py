@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
+from concurrent.futures import Future
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, NoReturn
 
@@ -12,6 +13,7 @@ import numpy.typing as npt
 
 from . import _core, plausibility
 from .arrays import count, indices, number, quaternion, vector
+from .background import Background
 from .collision import UntangleReport
 from .device_arrays import DeviceArray, on_host, spread
 from .device_arrays import vectors as device_vectors
@@ -117,6 +119,7 @@ class Simulation:
         "_frame",
         "_parts",
         "_before_step",
+        "_background",
         "__weakref__",
     )  # other fields are an AttributeError
 
@@ -146,14 +149,16 @@ class Simulation:
         self._frame = 0
         self._parts: dict[str, str] | None = None
         self._before_step: Callable[[Simulation], object] | None = None
+        self._background = Background()
 
     @classmethod
-    def _of(cls, core: _core.Simulation, scene: SimulatedScene) -> Simulation:
+    def _of(cls, core: _core.Simulation, scene: SimulatedScene, background: Background) -> Simulation:
         """Wraps a simulation that exists, such as a world of `cama.Worlds`."""
         made = cls.__new__(cls)
         made._core = core
         made._scene = scene
         made._begin()
+        made._background = background
         return made
 
     def __reduce__(self) -> NoReturn:
@@ -180,6 +185,23 @@ class Simulation:
             if self._before_step is not None:
                 self._before_step(self)
             self._core.step(1)
+
+    def step_async(self, n: int = 1) -> Future[None]:
+        """Computes n time steps in the background, while Python goes on; returns at once.
+
+        Whatever asks this simulation meanwhile, in any thread, waits for the steps: what it reads is the state after
+        them. Several calls are done in order. `before_step` is called in the background.
+
+        Returns:
+            A future: `result()` waits and raises what `step` raises, `done()` says whether the steps are computed,
+            `cancel()` gives up steps that have not begun.
+
+        Raises:
+            ArrayError: n is not a count.
+            SceneError: `before_step` calls it, in steps in the background.
+        """
+        steps = count("step_async: n", n)
+        return self._background.submit(self._core, lambda: self.step(steps))
 
     def step_frame(self) -> int:
         """Computes the steps of a frame, with `error` up to its end, as `step` does; returns their number.

@@ -4,12 +4,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import Future
 from typing import TYPE_CHECKING, Any, NoReturn
 
 import numpy as np
 
 from . import _core, plausibility
 from .arrays import count, indices, integers, reals
+from .background import Background
 from .device_arrays import DeviceArray, brought
 from .errors import ArrayError, CollisionError, Error, SceneError
 from .options import overrides_of, signature
@@ -57,7 +59,7 @@ class Worlds:
         cama.PlausibilityWarning: A value of the first world is hardly meant.
     """
 
-    __slots__ = ("_core", "_worlds", "_first", "__weakref__")
+    __slots__ = ("_core", "_worlds", "_first", "_background", "__weakref__")
 
     def __init__(
         self,
@@ -81,7 +83,8 @@ class Worlds:
                     plausibility.explain_collision(problem, scene)
                     break
             raise
-        self._worlds = [Simulation._of(self._core.world(w), scene) for w, scene in enumerate(own)]
+        self._background = Background()
+        self._worlds = [Simulation._of(self._core.world(w), scene, self._background) for w, scene in enumerate(own)]
         self._first = self._core.first_vertices()
         plausibility.warn(plausibility.findings(own[0], self._worlds[0].options))
 
@@ -107,6 +110,17 @@ class Worlds:
             BackendError: The device is lost. What a single world meets freezes it instead.
         """
         self._core.step(count("step: n", n))
+
+    def step_async(self, n: int = 1) -> Future[None]:
+        """Computes n time steps as `step` does, in the background; returns at once.
+
+        Whatever asks these worlds meanwhile, in any thread, waits for the steps: what it reads is the state after them.
+
+        Returns:
+            A future, as of `Simulation.step_async`.
+        """
+        steps = count("step_async: n", n)
+        return self._background.submit(self._core, lambda: self.step(steps))
 
     def step_frame(self) -> None:
         """Computes the steps up to the end of a frame in every world that is not frozen, as `step` does."""
