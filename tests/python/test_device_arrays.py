@@ -3,6 +3,7 @@
 
 import gc
 import threading
+import time
 
 import numpy as np
 import pytest
@@ -156,6 +157,21 @@ class Unversioned:
 
     def __dlpack__(self, **_):
         return self.array.__dlpack__()
+
+
+def test_taking_arrays_again_and_again_costs_no_more():
+    simulation = simulate()
+
+    def cost():
+        start = time.perf_counter()
+        for _ in range(500):
+            np.asarray(simulation.device_positions)
+        return time.perf_counter() - start
+
+    first = min(cost() for _ in range(3))
+    for _ in range(20):
+        last = cost()
+    assert last < 10 * first
 
 
 def test_capsules_that_nobody_takes_give_the_memory_back():

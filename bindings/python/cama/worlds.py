@@ -59,7 +59,7 @@ class Worlds:
         cama.PlausibilityWarning: A value of the first world is hardly meant.
     """
 
-    __slots__ = ("_core", "_worlds", "_first", "_background", "__weakref__")
+    __slots__ = ("_core", "_worlds", "_first", "_cloth", "_background", "__weakref__")
 
     def __init__(
         self,
@@ -86,6 +86,7 @@ class Worlds:
         self._background = Background()
         self._worlds = [Simulation._of(self._core.world(w), scene, self._background) for w, scene in enumerate(own)]
         self._first = self._core.first_vertices()
+        self._cloth = [world.cloth_vertex_count for world in self._worlds]
         plausibility.warn(plausibility.findings(own[0], self._worlds[0].options))
 
     def __reduce__(self) -> NoReturn:
@@ -431,7 +432,7 @@ class Worlds:
         return chosen
 
     def _rows(self, what: str, values: Any, chosen: Integers) -> list[Reals]:
-        return self._vectors(what, values, chosen, [self._worlds[w].cloth_vertex_count for w in chosen], same=False)
+        return self._vectors(what, values, chosen, [self._cloth[w] for w in chosen], same=False)
 
     def _vectors(
         self, what: str, values: Any, chosen: Integers, rows: list[int], same: bool = True, one: bool = False
@@ -442,6 +443,9 @@ class Worlds:
         if one and dimensions == 1 and len(given) == 3:
             vector = reals(what, given, (3,))
             return [np.ascontiguousarray(np.broadcast_to(vector, (n, 3))) for n in rows]
+        whole = _checked(given, rows)
+        if whole is not None:
+            return list(whole)
         if same and dimensions == 2:
             given = [given] * len(chosen)
         elif dimensions < 1 or len(given) != len(chosen):
@@ -452,11 +456,14 @@ class Worlds:
     def _vertices(self, what: str, vertices: Any, chosen: Integers) -> list[Integers]:
         """Returns the indices of each world's vertices."""
         if _dimensions(vertices) < 2:
+            if len(chosen) and len({self._cloth[world] for world in chosen}) == 1:
+                name = f"{what}: vertices of world {chosen[0]}"
+                return [indices(name, vertices, self._cloth[chosen[0]])] * len(chosen)
             vertices = [vertices] * len(chosen)
         elif len(vertices) != len(chosen):
             raise ArrayError(f"{what}: vertices: of {len(vertices)} worlds, expected {len(chosen)}")
         return [
-            indices(f"{what}: vertices of world {world}", row, self._worlds[world].cloth_vertex_count)
+            indices(f"{what}: vertices of world {world}", row, self._cloth[world])
             for world, row in zip(chosen, vertices)
         ]
 
@@ -490,6 +497,16 @@ class Worlds:
 
 
 Worlds.__init__.__signature__ = signature(Worlds.__init__)  # type: ignore[attr-defined]
+
+
+def _checked(values: Any, rows: list[int]) -> Reals | None:
+    """Returns an array [worlds, n, 3] in which nothing is wrong; None: the worlds have to be looked at one by one."""
+    if not (isinstance(values, np.ndarray) and rows and values.shape == (len(rows), rows[0], 3)):
+        return None
+    if values.dtype.kind not in "fiu" or len(set(rows)) > 1:
+        return None
+    whole = np.ascontiguousarray(values, dtype=np.float64)
+    return whole if np.isfinite(whole).all() else None
 
 
 def _dimensions(values: Any) -> int:

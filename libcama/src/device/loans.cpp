@@ -44,12 +44,14 @@ DeviceArray Loans::lend(const Stream<dvec3> &stream)
   check_memory();
   backend_->synchronize();
   const std::lock_guard<std::mutex> lock(mutex_);
-  for (auto &[buffer, loan] : lent_)
-    if (buffer == stream.buffer())
-      if (std::shared_ptr<Loan> living = loan.lock()) return {std::move(living), stream.size()};
-  lent_.reserve(lent_.size() + 1);
+  const auto same = [&](const auto &lent) { return lent.first == stream.buffer(); };
+  auto lent = std::find_if(lent_.begin(), lent_.end(), same);
+  const bool first = lent == lent_.end();
+  if (first) lent = lent_.emplace(lent, stream.buffer(), std::weak_ptr<Loan>());
+  if (std::shared_ptr<Loan> living = lent->second.lock()) return {std::move(living), stream.size()};
   std::shared_ptr<Loan> loan = make(stream.buffer(), false);
-  lent_.emplace_back(stream.buffer(), loan);
+  lent->second = loan;
+  if (!first) ended_ = true;  // of the loan before this one the device may still read
   return {std::move(loan), stream.size()};
 }
 
