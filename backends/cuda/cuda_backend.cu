@@ -84,7 +84,7 @@ __global__ void finish_scan(int n, const int *from, int *to, const long long *to
 
 class CudaBackend final : public Backend {
 public:
-  explicit CudaBackend(int device)
+  explicit CudaBackend(int device) : index_(device)
   {
     check(cudaSetDevice(device), "cudaSetDevice");
     cudaDeviceProp properties;
@@ -237,6 +237,31 @@ public:
     report_overflow();
   }
 
+  DeviceMemory memory() const override
+  {
+    return {DeviceMemory::Kind::cuda, index_, reinterpret_cast<std::uintptr_t>(queue_)};
+  }
+  bool reaches(const void *address) const override
+  {
+    cudaPointerAttributes attributes{};
+    if (cudaPointerGetAttributes(&attributes, address) != cudaSuccess) {
+      cudaGetLastError();
+      return false;
+    }
+    return attributes.type == cudaMemoryTypeManaged ||
+           (attributes.type == cudaMemoryTypeDevice && attributes.device == index_);
+  }
+  void synchronize_device() override
+  {
+    make_current();
+    check(cudaDeviceSynchronize(), "cudaDeviceSynchronize");
+  }
+  void make_current() const override
+  {
+    int now = -1;
+    if (cudaGetDevice(&now) != cudaSuccess || now != index_) check(cudaSetDevice(index_), "cudaSetDevice");
+  }
+
   void run(const std::vector<OperationQueue *> &queues, Crew &crew) override
   {
     if (!interpreter_->suits(queues)) return Backend::run(queues, crew);
@@ -307,6 +332,7 @@ private:
     check(call(scratch_, bytes), what);
   }
 
+  int index_;  // of the device
   std::string device_;
   int blocks_ = 1;
   cudaStream_t queue_ = nullptr;

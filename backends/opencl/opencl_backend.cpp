@@ -26,7 +26,7 @@ struct OwnKernel {
   size_t most = 1;    ///< largest group of this kernel
 };
 
-cl_mem memory(Buffer buffer) { return static_cast<cl_mem>(buffer); }
+cl_mem as_memory(Buffer buffer) { return static_cast<cl_mem>(buffer); }
 
 /// Device memory that only grows.
 class Scratch {
@@ -106,14 +106,14 @@ public:
   void release(Buffer buffer) noexcept override
   {
     size_t bytes = 0;
-    api().clGetMemObjectInfo(memory(buffer), CL_MEM_SIZE, sizeof bytes, &bytes, nullptr);
+    api().clGetMemObjectInfo(as_memory(buffer), CL_MEM_SIZE, sizeof bytes, &bytes, nullptr);
     allocated_ -= bytes;
-    api().clReleaseMemObject(memory(buffer));
+    api().clReleaseMemObject(as_memory(buffer));
   }
   void upload(Buffer to, const void *from, std::size_t bytes) override
   {
     if (bytes == 0) return;
-    check(api().clEnqueueWriteBuffer(queue_, memory(to), CL_TRUE, 0, bytes, from, 0, nullptr, nullptr),
+    check(api().clEnqueueWriteBuffer(queue_, as_memory(to), CL_TRUE, 0, bytes, from, 0, nullptr, nullptr),
           "clEnqueueWriteBuffer", size_of(bytes));
   }
   void download(void *to, Buffer from, std::size_t bytes, std::size_t offset) override
@@ -122,11 +122,11 @@ public:
     ++waits_;
     cl_int overflow = 0;
     if (scans_)
-      check(api().clEnqueueReadBuffer(queue_, memory(overflow_.get(sizeof overflow)), CL_FALSE, 0, sizeof overflow,
+      check(api().clEnqueueReadBuffer(queue_, as_memory(overflow_.get(sizeof overflow)), CL_FALSE, 0, sizeof overflow,
                                       &overflow, 0, nullptr, nullptr),
             "clEnqueueReadBuffer", "the scans' overflow");
     const cl_int code =
-        api().clEnqueueReadBuffer(queue_, memory(from), CL_TRUE, offset, bytes, to, 0, nullptr, nullptr);
+        api().clEnqueueReadBuffer(queue_, as_memory(from), CL_TRUE, offset, bytes, to, 0, nullptr, nullptr);
     if (code != CL_SUCCESS) {
       api().clFinish(queue_);   // `overflow` is still being read
       fail(code, "clEnqueueReadBuffer", size_of(bytes));
@@ -136,7 +136,7 @@ public:
   void copy(Buffer to, Buffer from, std::size_t bytes) override
   {
     if (bytes == 0 || to == from) return;
-    check(api().clEnqueueCopyBuffer(queue_, memory(from), memory(to), 0, 0, bytes, 0, nullptr, nullptr),
+    check(api().clEnqueueCopyBuffer(queue_, as_memory(from), as_memory(to), 0, 0, bytes, 0, nullptr, nullptr),
           "clEnqueueCopyBuffer", size_of(bytes));
   }
   void fill(Buffer buffer, unsigned char byte, std::size_t bytes) override
@@ -145,7 +145,7 @@ public:
     std::array<unsigned char, 16> pattern;
     pattern.fill(byte);
     const size_t width = bytes % 16 == 0 ? 16 : bytes % 4 == 0 ? 4 : 1;
-    check(api().clEnqueueFillBuffer(queue_, memory(buffer), pattern.data(), width, 0, bytes, 0, nullptr, nullptr),
+    check(api().clEnqueueFillBuffer(queue_, as_memory(buffer), pattern.data(), width, 0, bytes, 0, nullptr, nullptr),
           "clEnqueueFillBuffer", size_of(bytes));
   }
 
@@ -225,8 +225,9 @@ public:
     if (!scans_) return;
     cl_int overflow = 0;
     Buffer flag = overflow_.get(sizeof overflow);
-    check(api().clEnqueueReadBuffer(queue_, memory(flag), CL_TRUE, 0, sizeof overflow, &overflow, 0, nullptr, nullptr),
-          "clEnqueueReadBuffer", "the scans' overflow");
+    check(
+        api().clEnqueueReadBuffer(queue_, as_memory(flag), CL_TRUE, 0, sizeof overflow, &overflow, 0, nullptr, nullptr),
+        "clEnqueueReadBuffer", "the scans' overflow");
     report_overflow(overflow);
   }
 
@@ -292,7 +293,7 @@ private:
   }
   void set_buffer(const OwnKernel &kernel, const char *kernel_name, int index, Buffer buffer)
   {
-    const cl_mem handle = memory(buffer);
+    const cl_mem handle = as_memory(buffer);
     set(kernel, kernel_name, index, sizeof handle, handle ? &handle : nullptr);
   }
 

@@ -181,7 +181,10 @@ def test_the_stub_is_of_the_compiled_module(tmp_path):
     """Every name of `_core` is in the stub and the other way. Left out: pybind11's metaclass and constructors that only
     raise, and names of types that annotations alone use.
     """
-    classes = "Character|Cloth|Contact|Material|Mesh|Motion|Obstacle|OptionOverrides|Scene|Simulation|Wind|Worlds"
+    classes = (
+        "Character|Cloth|Contact|LentArray|Material|Mesh|Motion|Obstacle|OptionOverrides|Received|Scene|Simulation|"
+        "Wind|Worlds"
+    )
     allowed = tmp_path / "allowed"
     allowed.write_text(
         rf"cama\._core\.({classes})(\.__init__)?" + "\n" + r"cama\._core\.(AccuracyLevel|StepReport)" + "\n"

@@ -21,10 +21,12 @@ from . import collision, shipped  # noqa: E402
 from ._core import __version__, accuracy_levels  # noqa: E402
 from ._core import list_backends as backends  # noqa: E402
 from .body import Body  # noqa: E402
+from .device_arrays import DeviceArray  # noqa: E402
 from .errors import (
     ArrayError,
     BackendError,
     CollisionError,
+    DeviceArrayError,
     DeviceMemoryError,
     Error,
     FileError,
@@ -54,6 +56,7 @@ __all__ = [
     "Frame",
     "Wrench",
     "Worlds",
+    "DeviceArray",
     "SewingPattern",
     "accuracy",
     "accuracy_levels",
@@ -74,6 +77,7 @@ __all__ = [
     "ArrayError",
     "BackendError",
     "CollisionError",
+    "DeviceArrayError",
     "DeviceMemoryError",
     "FileError",
     "MaterialError",

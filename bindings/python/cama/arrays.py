@@ -21,7 +21,7 @@ def _shape_text(shape: _Shape) -> str:
 def _as_array(name: str, value: object, shape: _Shape) -> Any:
     try:
         array = np.asarray(value)
-    except (TypeError, ValueError) as problem:
+    except (TypeError, ValueError, RuntimeError, BufferError) as problem:
         raise ArrayError(f"{name}: not an array of shape {_shape_text(shape)}: {problem}") from None
     if array.size == 0 and array.ndim == 1 and len(shape) > 1:
         array = array.reshape([0 if s is None else s for s in shape])
@@ -57,7 +57,12 @@ def integers(name: str, value: object, shape: _Shape) -> Integers:
 
 def indices(name: str, value: object, count: int) -> Integers:
     """Returns indices [k] below `count` from indices [k], one index, or a mask [count] of booleans."""
-    array = _as_array(name, value, (None,)) if isinstance(value, (list, tuple)) else np.asarray(value)
+    try:
+        array = _as_array(name, value, (None,)) if isinstance(value, (list, tuple)) else np.asarray(value)
+    except (TypeError, ValueError, RuntimeError, BufferError) as problem:
+        if isinstance(problem, ArrayError):
+            raise
+        raise ArrayError(f"{name}: not indices on the host: {problem}") from None
     if array.dtype.kind == "b":
         if array.shape != (count,):
             raise ArrayError(f"{name}: a mask of shape {list(array.shape)}, expected [{count}], one for each vertex")

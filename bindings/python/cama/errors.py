@@ -20,11 +20,18 @@ class ArrayError(Error, ValueError):
     __module__ = "cama"
 
 
+class DeviceArrayError(BackendError, BufferError):
+    """A `DeviceArray` that cannot be handed to another library as it asks for it."""
+
+    __module__ = "cama"
+
+
 __all__ = [
     "Error",
     "ArrayError",
     "BackendError",
     "CollisionError",
+    "DeviceArrayError",
     "DeviceMemoryError",
     "FileError",
     "MaterialError",

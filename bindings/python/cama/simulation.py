@@ -3,7 +3,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from concurrent.futures import Future
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, NoReturn
 
@@ -11,8 +12,11 @@ import numpy as np
 import numpy.typing as npt
 
 from . import _core, plausibility
-from .arrays import count, indices, number, quaternion, reals, vector
+from .arrays import count, indices, number, quaternion, vector
+from .background import Background
 from .collision import UntangleReport
+from .device_arrays import DeviceArray, on_host, spread
+from .device_arrays import vectors as device_vectors
 from .errors import ArrayError, CollisionError, MeshError, SceneError
 from .io import checkpoint
 from .options import overrides_of, signature
@@ -62,7 +66,7 @@ def _check_extents(scene: Scene) -> None:
 
 @dataclass(frozen=True)
 class Wrench:
-    """What cloth exerts, as `Simulation.force_on` returns it."""
+    """What cloth exerts, as `Simulation.force_on` returns it; of `Worlds.force_on` each is [worlds, 3]."""
 
     force: Reals  #: [3] N, mean over the last step
     torque: Reals  #: [3] N m, mean over the last step
@@ -115,6 +119,7 @@ class Simulation:
         "_frame",
         "_parts",
         "_before_step",
+        "_background",
         "__weakref__",
     )  # other fields are an AttributeError
 
@@ -144,14 +149,16 @@ class Simulation:
         self._frame = 0
         self._parts: dict[str, str] | None = None
         self._before_step: Callable[[Simulation], object] | None = None
+        self._background = Background()
 
     @classmethod
-    def _of(cls, core: _core.Simulation, scene: SimulatedScene) -> Simulation:
+    def _of(cls, core: _core.Simulation, scene: SimulatedScene, background: Background) -> Simulation:
         """Wraps a simulation that exists, such as a world of `cama.Worlds`."""
         made = cls.__new__(cls)
         made._core = core
         made._scene = scene
         made._begin()
+        made._background = background
         return made
 
     def __reduce__(self) -> NoReturn:
@@ -178,6 +185,23 @@ class Simulation:
             if self._before_step is not None:
                 self._before_step(self)
             self._core.step(1)
+
+    def step_async(self, n: int = 1) -> Future[None]:
+        """Computes n time steps in the background, while Python goes on; returns at once.
+
+        Whatever asks this simulation meanwhile, in any thread, waits for the steps: what it reads is the state after
+        them. Several calls are done in order. `before_step` is called in the background.
+
+        Returns:
+            A future: `result()` waits and raises what `step` raises, `done()` says whether the steps are computed,
+            `cancel()` gives up steps that have not begun.
+
+        Raises:
+            ArrayError: n is not a count.
+            SceneError: `before_step` calls it, in steps in the background.
+        """
+        steps = count("step_async: n", n)
+        return self._background.submit(self._core, lambda: self.step(steps))
 
     def step_frame(self) -> int:
         """Computes the steps of a frame, with `error` up to its end, as `step` does; returns their number.
@@ -260,8 +284,8 @@ class Simulation:
             ArrayError, SceneError: An argument does not fit. Nothing has changed.
         """
         chosen = self._vertices("pin", vertices)
-        here = np.empty((0, 3)) if targets is None else reals("pin: targets", targets, (len(chosen), 3))
-        self._core.pin(chosen, here, _seconds("pin", duration))
+        here = np.empty((0, 3)) if targets is None else on_host("pin: targets", targets, len(chosen), self._core)
+        self._core.pin(chosen, here, seconds("pin", duration))
 
     def set_targets(self, vertices: ArrayLike, positions: ArrayLike, duration: float | None = None) -> None:
         """Moves vertices that `pin` holds.
@@ -278,8 +302,8 @@ class Simulation:
             ArrayError, SceneError: An argument does not fit, or `pin` does not hold a vertex. Nothing has changed.
         """
         chosen = self._vertices("set_targets", vertices)
-        targets = reals("set_targets: positions", positions, (len(chosen), 3))
-        self._core.set_targets(chosen, targets, _seconds("set_targets", duration))
+        targets = on_host("set_targets: positions", positions, len(chosen), self._core)
+        self._core.set_targets(chosen, targets, seconds("set_targets", duration))
 
     def release(self, vertices: ArrayLike) -> None:
         """Lets go of vertices that pins or attachments hold, also those of the scene. They keep their velocity.
@@ -330,7 +354,7 @@ class Simulation:
             self._obstacle("set_obstacle_pose", obstacle),
             vector("set_obstacle_pose: translation", translation),
             quaternion("set_obstacle_pose: rotation", rotation),
-            _seconds("set_obstacle_pose", duration),
+            seconds("set_obstacle_pose", duration),
         )
 
     def set_obstacle_vertices(
@@ -348,8 +372,8 @@ class Simulation:
         """
         index = self._obstacle("set_obstacle_vertices", obstacle)
         first, last = self.obstacle_ranges[index]
-        moved = reals("set_obstacle_vertices: positions", positions, (last - first, 3))
-        self._core.set_obstacle_vertices(index, moved, _seconds("set_obstacle_vertices", duration))
+        moved = on_host("set_obstacle_vertices: positions", positions, last - first, self._core)
+        self._core.set_obstacle_vertices(index, moved, seconds("set_obstacle_vertices", duration))
 
     def set_force(self, vertices: ArrayLike, forces: ArrayLike) -> None:
         """Applies forces to cloth vertices from the next step on, until they are set anew; zero ends them.
@@ -362,10 +386,8 @@ class Simulation:
             ArrayError, SceneError: An argument does not fit. Nothing has changed.
         """
         chosen = self._vertices("set_force", vertices)
-        given = np.asarray(forces)
-        if given.shape == (3,):
-            given = np.broadcast_to(given, (len(chosen), 3))
-        self._core.set_force(chosen, reals("set_force: forces", given, (len(chosen), 3)))
+        given = device_vectors("set_force: forces", spread(forces, len(chosen)), len(chosen), self._core)
+        self._core.set_force(chosen, given)
 
     @property
     def gravity(self) -> Vector:
@@ -481,6 +503,30 @@ class Simulation:
         return self._core.velocities()
 
     @property
+    def device_positions(self) -> DeviceArray:
+        """Positions [vertices, 3], m, on the device, as they are now; see `DeviceArray`.
+
+        Raises:
+            BackendError: The backend is "opencl", whose memory other libraries cannot read; use `positions`.
+        """
+        return DeviceArray._of(self._core.device_positions())
+
+    @property
+    def device_velocities(self) -> DeviceArray:
+        """Velocities [vertices, 3], m/s, on the device, as `device_positions`."""
+        return DeviceArray._of(self._core.device_velocities())
+
+    @property
+    def device_forces(self) -> DeviceArray:
+        """`forces` [vertices, 3], N, on the device, as `device_positions`.
+
+        Raises:
+            SceneError: The option `forces` is not set.
+            BackendError: The backend is "opencl".
+        """
+        return DeviceArray._of(self._core.device_forces())
+
+    @property
     def faces(self) -> Integers:
         """Triangles [triangles, 3], those of cloth first."""
         return self._core.faces()
@@ -498,11 +544,7 @@ class Simulation:
         in m, kind (0: vertex and face, 1: two edges). With the option `forces` also normal_force, N, along the normal,
         and tangential_force [3], N, the friction, both on the side with positive weights; impacts are not among them.
         """
-        columns = self._core.contacts()
-        rows = np.empty(len(columns[0]), CONTACT.descr + FORCES if self._core.options()["forces"] else CONTACT)
-        for name, column in zip(rows.dtype.names or (), columns):
-            rows[name] = column
-        return rows
+        return contact_rows(self._core.contacts(), bool(self._core.options()["forces"]))
 
     @property
     def forces(self) -> Reals:
@@ -558,10 +600,13 @@ class Simulation:
             CollisionError: The positions intersect, the option `intersections` is not "exempt", and something in the
                 scene can touch. The state is unchanged.
         """
-        shape = (self.cloth_vertex_count, 3)
-        self._core.set_state(
-            reals("set_state: positions", positions, shape), reals("set_state: velocities", velocities, shape)
-        )
+        count = self.cloth_vertex_count
+        x = device_vectors("set_state: positions", positions, count, self._core)
+        v = device_vectors("set_state: velocities", velocities, count, self._core)
+        if isinstance(x, np.ndarray) != isinstance(v, np.ndarray):  # one on the host, one on the device
+            x = on_host("set_state: positions", positions, count, self._core)
+            v = on_host("set_state: velocities", velocities, count, self._core)
+        self._core.set_state(x, v)
 
     def save_checkpoint(self, path: PathLike) -> None:
         """Writes all that later steps depend on to an HDF5 file, from which `load_checkpoint` continues.
@@ -708,12 +753,20 @@ class Simulation:
 Simulation.__init__.__signature__ = signature(Simulation.__init__)  # type: ignore[attr-defined]
 
 
-def _seconds(what: str, duration: float | None) -> float:
+def seconds(what: str, duration: float | None) -> float:
     """Returns a duration in s; 0 stands for one time step."""
-    seconds = 0.0 if duration is None else number(f"{what}: duration", duration)
-    if duration is not None and seconds <= 0:
-        raise ArrayError(f"{what}: duration is {seconds} s; it must be positive")
-    return seconds
+    given = 0.0 if duration is None else number(f"{what}: duration", duration)
+    if duration is not None and given <= 0:
+        raise ArrayError(f"{what}: duration is {given} s; it must be positive")
+    return given
+
+
+def contact_rows(columns: Sequence[npt.NDArray[Any]], forces: bool) -> npt.NDArray[np.void]:
+    """Returns contacts as a structured array, as `Simulation.contacts`."""
+    rows = np.empty(len(columns[0]), CONTACT.descr + FORCES if forces else CONTACT)
+    for name, column in zip(rows.dtype.names or (), columns):
+        rows[name] = column
+    return rows
 
 
 def stage_paths(rows: Iterable[tuple[str, int, float]]) -> dict[str, float]:

@@ -22,6 +22,7 @@ using Ints = py::array_t<int, py::array::c_style>;
 
 void bind_errors(py::module_ &module);
 void bind_scene(py::module_ &module);
+void bind_arrays(py::module_ &module);
 void bind_simulation(py::module_ &module);
 void bind_worlds(py::module_ &module);
 void bind_geometry(py::module_ &module);

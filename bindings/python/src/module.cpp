@@ -8,6 +8,7 @@ PYBIND11_MODULE(_core, m)
   m.doc() = "Compiled part of cama; use the package, not this module.";
   cama::python::bind_errors(m);
   cama::python::bind_scene(m);
+  cama::python::bind_arrays(m);
   cama::python::bind_simulation(m);
   cama::python::bind_worlds(m);
   cama::python::bind_geometry(m);

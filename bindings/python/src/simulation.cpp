@@ -3,6 +3,7 @@
 
 #include <array>
 
+#include "arrays.hpp"
 #include "cama/error.hpp"
 #include "guarded.hpp"
 
@@ -100,14 +101,6 @@ py::dict to_dict(const StepReport &report)
   return d;
 }
 
-py::tuple contact_arrays(ContactArrays c)
-{
-  return py::make_tuple(to_array<int>(std::move(c.vertices)), to_array<double>(std::move(c.weights)),
-                        to_array<double>(std::move(c.normal)), to_array<double>(std::move(c.distance)),
-                        to_array<int>(std::move(c.kind)), to_array<double>(std::move(c.normal_force)),
-                        to_array<double>(std::move(c.tangential_force)));
-}
-
 py::tuple wrench_vectors(const Wrench &w)
 {
   const auto vector = [](const dvec3 &v) { return std::array<double, 3>{v.x, v.y, v.z}; };
@@ -181,12 +174,30 @@ template <class Result> auto ask(Result (Simulation::*method)() const)
       [method](Guarded &g) { return g.with([method](Simulation &s) { return std::decay_t<Result>((s.*method)()); }); };
 }
 
+/// Binds a member function that lends memory of the device.
+auto lend(DeviceArray (Simulation::*method)())
+{
+  return [method](Guarded &g) {
+    return LentArray{g.with([method](Simulation &s) { return (s.*method)(); }), g.shared_turns()};
+  };
+}
+
 }  // namespace
+
+py::tuple contact_arrays(ContactArrays c)
+{
+  return py::make_tuple(to_array<int>(std::move(c.vertices)), to_array<double>(std::move(c.weights)),
+                        to_array<double>(std::move(c.normal)), to_array<double>(std::move(c.distance)),
+                        to_array<int>(std::move(c.kind)), to_array<double>(std::move(c.normal_force)),
+                        to_array<double>(std::move(c.tangential_force)));
+}
 
 void bind_simulation(py::module_ &m)
 {
   bind_options(m);
-  py::class_<Guarded>(m, "Simulation")
+  py::class_<Guarded> bound(m, "Simulation");
+  bind_turns(bound);
+  bound
       .def(py::init([](const Scene &scene, const OptionOverrides &options) {
         const Scene own(scene);
         const OptionOverrides chosen(options);
@@ -214,6 +225,28 @@ void bind_simulation(py::module_ &m)
            [](Guarded &g, const Doubles &positions, const Doubles &velocities) {
              const auto x = to_vector<dvec3>(positions), v = to_vector<dvec3>(velocities);
              g.with([&](Simulation &s) { s.set_state(x, v); });
+           })
+      .def("set_state",
+           [](Guarded &g, const Received &positions, const Received &velocities) {
+             g.with([&](Simulation &s) { s.set_state(positions.vectors(), velocities.vectors()); });
+           })
+      .def("set_force",
+           [](Guarded &g, const Ints &vertices, const Received &forces) {
+             const auto v = to_vector<int>(vertices);
+             g.with([&](Simulation &s) { s.set_force(v, forces.vectors()); });
+           })
+      .def("download",
+           [](Guarded &g, const std::string &what, const Received &vectors, int count) {
+             return to_array<double>(
+                 g.with([&](Simulation &s) { return s.download(what.c_str(), vectors.vectors(), count); }));
+           })
+      .def("device_positions", lend(&Simulation::device_positions))
+      .def("device_velocities", lend(&Simulation::device_velocities))
+      .def("device_forces", lend(&Simulation::device_forces))
+      .def("memory",
+           [](Guarded &g) {
+             const DeviceMemory memory = g.with([](Simulation &s) { return s.backend().memory(); });
+             return py::make_tuple(memory.kind == DeviceMemory::Kind::cuda, memory.device, memory.queue);
            })
       .def("pin",
            [](Guarded &g, const Ints &vertices, const Doubles &targets, double duration) {

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "cama/worlds.hpp"
 
+#include "arrays.hpp"
 #include "guarded.hpp"
 
 namespace cama::python {
@@ -10,25 +11,29 @@ namespace {
 class GuardedWorlds {
 public:
   GuardedWorlds(const std::vector<Scene> &scenes, const std::vector<OptionOverrides> &options)
-      : worlds_(std::make_shared<Worlds>(scenes, options)), mutex_(std::make_shared<std::mutex>())
+      : worlds_(std::make_shared<Worlds>(scenes, options)), turns_(std::make_shared<Turns>())
   {}
 
   template <class Ask> auto with(Ask &&ask)
   {
+    turns_->await_background();
     py::gil_scoped_release release;
-    std::lock_guard<std::mutex> lock(*mutex_);
+    std::lock_guard<std::mutex> lock(turns_->mutex);
+    (*worlds_)[0].backend().make_current();
     return ask(*worlds_);
   }
   /// A world, which keeps all of them alive.
   std::unique_ptr<Guarded> world(int w)
   {
     Simulation *simulation = with([w](Worlds &worlds) { return &worlds[w]; });
-    return std::make_unique<Guarded>(std::shared_ptr<Simulation>(worlds_, simulation), mutex_);
+    return std::make_unique<Guarded>(std::shared_ptr<Simulation>(worlds_, simulation), turns_);
   }
+  Turns &turns() { return *turns_; }
+  const std::shared_ptr<Turns> &shared_turns() const { return turns_; }
 
 private:
   std::shared_ptr<Worlds> worlds_;
-  std::shared_ptr<std::mutex> mutex_;
+  std::shared_ptr<Turns> turns_;
 };
 
 /// Calls n times, and between takes the GIL and raises pending signals (Ctrl-C).
@@ -51,11 +56,67 @@ std::vector<int> first_vertices(Worlds &worlds)
   return first;
 }
 
+template <class T, class Array> std::vector<std::vector<T>> to_vectors(const std::vector<Array> &arrays)
+{
+  std::vector<std::vector<T>> result;
+  for (const Array &array : arrays) result.push_back(to_vector<T>(array));
+  return result;
+}
+
+/// Vectors of the wrenches of worlds, [worlds, 3] each: force, torque, impulse, angular impulse.
+py::tuple wrench_arrays(const std::vector<Wrench> &wrenches)
+{
+  const auto column = [&](dvec3 Wrench::*part) {
+    std::vector<dvec3> values;
+    for (const Wrench &w : wrenches) values.push_back(w.*part);
+    return to_array<double>(std::move(values));
+  };
+  return py::make_tuple(column(&Wrench::force), column(&Wrench::torque), column(&Wrench::impulse),
+                        column(&Wrench::angular_impulse));
+}
+
+/// Binds a member function that returns vectors of all worlds.
+auto gather(std::vector<dvec3> (Worlds::*method)() const)
+{
+  return [method](GuardedWorlds &g) { return to_array<double>(g.with([method](Worlds &w) { return (w.*method)(); })); };
+}
+/// Binds a member function that returns them on the device.
+auto gather_on_device(DeviceArray (Worlds::*method)())
+{
+  return [method](GuardedWorlds &g) {
+    const auto [array, worlds] = g.with([method](Worlds &w) { return std::pair((w.*method)(), w.size()); });
+    return LentArray{array, g.shared_turns(), worlds};
+  };
+}
+/// Binds pin, set_targets.
+auto targets(void (Worlds::*method)(const std::vector<int> &, const Worlds::Vertices &, const Worlds::Vectors &,
+                                    double))
+{
+  return [method](GuardedWorlds &g, const Ints &worlds, const std::vector<Ints> &vertices,
+                  const std::vector<Doubles> &positions, double duration) {
+    const auto chosen = to_vector<int>(worlds);
+    const auto v = to_vectors<int>(vertices);
+    const auto x = to_vectors<dvec3>(positions);
+    g.with([&](Worlds &w) { (w.*method)(chosen, v, x, duration); });
+  };
+}
+/// Binds set_gravity, set_wind.
+auto vector_of_each(void (Worlds::*method)(const std::vector<int> &, const std::vector<dvec3> &))
+{
+  return [method](GuardedWorlds &g, const Ints &worlds, const Doubles &values) {
+    const auto chosen = to_vector<int>(worlds);
+    const auto v = to_vector<dvec3>(values);
+    g.with([&](Worlds &w) { (w.*method)(chosen, v); });
+  };
+}
+
 }  // namespace
 
 void bind_worlds(py::module_ &m)
 {
-  py::class_<GuardedWorlds>(m, "Worlds")
+  py::class_<GuardedWorlds> bound(m, "Worlds");
+  bind_turns(bound);
+  bound
       .def(py::init([](const std::vector<const Scene *> &scenes, const std::vector<OptionOverrides> &options) {
         std::vector<Scene> own;
         own.reserve(scenes.size());
@@ -86,19 +147,64 @@ void bind_worlds(py::module_ &m)
            [](GuardedWorlds &g, const Ints &worlds, const std::vector<Doubles> &positions,
               const std::vector<Doubles> &velocities) {
              const auto chosen = to_vector<int>(worlds);
-             const auto vectors = [](const std::vector<Doubles> &arrays) {
-               std::vector<std::vector<dvec3>> result;
-               for (const Doubles &array : arrays) result.push_back(to_vector<dvec3>(array));
-               return result;
-             };
-             const auto x = vectors(positions), v = vectors(velocities);
+             const auto x = to_vectors<dvec3>(positions), v = to_vectors<dvec3>(velocities);
              g.with([&](Worlds &w) { w.set_state(chosen, x, v); });
            })
       .def("first_vertices", [](GuardedWorlds &g) { return g.with(first_vertices); })
-      .def("positions",
-           [](GuardedWorlds &g) { return to_array<double>(g.with([](Worlds &w) { return w.positions(); })); })
-      .def("velocities",
-           [](GuardedWorlds &g) { return to_array<double>(g.with([](Worlds &w) { return w.velocities(); })); })
+      .def("pin", targets(&Worlds::pin))
+      .def("set_targets", targets(&Worlds::set_targets))
+      .def("release",
+           [](GuardedWorlds &g, const Ints &worlds, const std::vector<Ints> &vertices) {
+             const auto chosen = to_vector<int>(worlds);
+             const auto v = to_vectors<int>(vertices);
+             g.with([&](Worlds &w) { w.release(chosen, v); });
+           })
+      .def("set_force",
+           [](GuardedWorlds &g, const Ints &worlds, const std::vector<Ints> &vertices,
+              const std::vector<Doubles> &forces) {
+             const auto chosen = to_vector<int>(worlds);
+             const auto v = to_vectors<int>(vertices);
+             const auto f = to_vectors<dvec3>(forces);
+             g.with([&](Worlds &w) { w.set_force(chosen, v, f); });
+           })
+      .def("set_obstacle_pose",
+           [](GuardedWorlds &g, const Ints &worlds, const Ints &obstacles, const Doubles &translations,
+              const Doubles &rotations, double duration) {
+             const auto chosen = to_vector<int>(worlds), o = to_vector<int>(obstacles);
+             const auto t = to_vector<dvec3>(translations);
+             const auto r = to_vector<std::array<double, 4>>(rotations);
+             g.with([&](Worlds &w) { w.set_obstacle_pose(chosen, o, t, r, duration); });
+           })
+      .def("set_gravity", vector_of_each(&Worlds::set_gravity))
+      .def("set_wind", vector_of_each(&Worlds::set_wind))
+      .def("gravity", gather(&Worlds::gravity))
+      .def("wind", gather(&Worlds::wind))
+      .def("force_on_obstacle",
+           [](GuardedWorlds &g, const Ints &worlds, const Ints &obstacles) {
+             const auto chosen = to_vector<int>(worlds), o = to_vector<int>(obstacles);
+             return wrench_arrays(g.with([&](Worlds &w) { return w.force_on_obstacle(chosen, o); }));
+           })
+      .def("force_on_vertices",
+           [](GuardedWorlds &g, const Ints &worlds, const std::vector<Ints> &vertices) {
+             const auto chosen = to_vector<int>(worlds);
+             const auto v = to_vectors<int>(vertices);
+             return wrench_arrays(g.with([&](Worlds &w) { return w.force_on_vertices(chosen, v); }));
+           })
+      .def("contacts",
+           [](GuardedWorlds &g, const Ints &worlds) {
+             const auto chosen = to_vector<int>(worlds);
+             py::list rows;
+             for (ContactArrays &c : g.with([&](Worlds &w) { return w.contacts(chosen); }))
+               rows.append(contact_arrays(std::move(c)));
+             return rows;
+           })
+      .def("positions", gather(&Worlds::positions))
+      .def("velocities", gather(&Worlds::velocities))
+      .def("forces", gather(&Worlds::forces))
+      .def("impulses", gather(&Worlds::impulses))
+      .def("device_positions", gather_on_device(&Worlds::device_positions))
+      .def("device_velocities", gather_on_device(&Worlds::device_velocities))
+      .def("device_forces", gather_on_device(&Worlds::device_forces))
       .def("launches", [](GuardedWorlds &g) { return g.with([](Worlds &w) { return w.launches(); }); });
 }
 

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 #include <cstddef>
+#include <cstdint>
 #include <functional>
 #include <memory>
 #include <string>
@@ -24,6 +25,18 @@ struct KernelKey {
 
 /// Largest number of arguments of a kernel; checked at compile time.
 inline constexpr int max_kernel_arguments = 40;
+
+/// Where the memory of a backend is, for other libraries on the same device.
+struct DeviceMemory {
+  enum class Kind {
+    host,   ///< a Buffer is an address of the host
+    cuda,   ///< a Buffer is an address of a CUDA device
+    opaque  ///< a Buffer is a handle that only the backend understands
+  };
+  Kind kind = Kind::opaque;
+  int device = 0;             ///< index of the CUDA device
+  std::uintptr_t queue = 0;   ///< with CUDA: the cudaStream_t of the backend's work
+};
 
 class OperationQueue;
 class Crew;
@@ -68,6 +81,14 @@ public:
   /// Stable radix sort of n 64-bit keys, with their values, by the low `bits` bits.
   virtual void sort(Buffer keys, Buffer values, int n, int bits) = 0;
   virtual void synchronize() = 0;
+
+  // For other libraries that use the same device.
+
+  virtual DeviceMemory memory() const { return {}; }
+  /// Whether kernels of this backend can read at an address that another library has given.
+  virtual bool reaches(const void *address) const { return address != nullptr; }
+  virtual void synchronize_device() {}  ///< waits for all work on the device, also of other libraries
+  virtual void make_current() const {}  ///< makes the device that of the calling thread
 
   /// Does what was recorded, each queue in its order; waits if there is a download among it.
   /// crew: threads that may help.

@@ -9,6 +9,7 @@
 
 #include "cama/backend.hpp"
 #include "cama/checkpoint.hpp"
+#include "cama/device_array.hpp"
 #include "cama/options.hpp"
 #include "cama/report.hpp"
 #include "cama/scene.hpp"
@@ -95,6 +96,7 @@ public:
   /// Sets positions, m, and velocities, m/s, [cloth vertices] each. Throws SceneError, or CollisionError if the
   /// positions intersect, unless the option intersections is exempt or nothing can touch; the state is then unchanged.
   void set_state(const std::vector<dvec3> &positions, const std::vector<dvec3> &velocities);
+  void set_state(const DeviceVectors &positions, const DeviceVectors &velocities);
   // Driving: what is set between steps holds from the next step on. Vertices are those of the cloths, numbered through
   // all of them. Positions and poses are reached after `duration`, s (0: one time step), linearly in time, and held;
   // motion on the way is swept and divided as prescribed motion is. All throw SceneError where the arguments do not
@@ -117,6 +119,7 @@ public:
   void set_obstacle_vertices(int obstacle, const std::vector<dvec3> &positions, double duration = 0);
   /// Forces on vertices, N, until they are set anew.
   void set_force(const std::vector<int> &vertices, const std::vector<dvec3> &forces);
+  void set_force(const std::vector<int> &vertices, const DeviceVectors &forces);
   void set_gravity(const dvec3 &gravity);  ///< m/s^2
   void set_wind(const dvec3 &velocity);  ///< m/s; the scene must have a wind
   void set_pressure(int cloth, double pressure);  ///< Pa, as Cloth::pressure
@@ -143,6 +146,15 @@ public:
   Wrench force_on_obstacle(int obstacle) const;
   Wrench force_on_vertices(const std::vector<int> &vertices) const;  ///< cloth vertices that are held
 
+  // Arrays on the device, for other libraries there; nothing is copied while the simulation does not write to what is
+  // lent. With OpenCL, whose memory has no address, they throw BackendError.
+
+  DeviceArray device_positions();  ///< [all vertices], m
+  DeviceArray device_velocities();  ///< [all vertices], m/s
+  DeviceArray device_forces();  ///< as `forces`
+  /// Vectors of another library on the device, in double precision; count: their number. Throws SceneError.
+  std::vector<dvec3> download(const char *what, const DeviceVectors &vectors, int count);
+
   const StepReport &report() const;
   std::vector<StageTime> timings() const;  ///< of the last step, pipeline order
   std::vector<StreamInfo> streams() const;  ///< every stream that lives longer than a stage
@@ -167,6 +179,20 @@ private:
   struct Implementation;
   /// On a device that others use too.
   Simulation(const Scene &scene, const ResolvedOptions &options, std::unique_ptr<Backend> device);
+
+  // For Worlds: what driving checks first, and arrays of all worlds.
+
+  void check_pin(const std::vector<int> &vertices, const std::vector<dvec3> &targets, double duration) const;
+  void check_targets(const std::vector<int> &vertices, const std::vector<dvec3> &positions, double duration) const;
+  void check_release(const std::vector<int> &vertices) const;
+  void check_pose(int obstacle, const dvec3 &translation, const std::array<double, 4> &rotation, double duration) const;
+  void check_force(const std::vector<int> &vertices, const std::vector<dvec3> &forces) const;
+  void check_gravity(const dvec3 &gravity) const;
+  void check_wind(const dvec3 &velocity) const;
+  enum class Field { positions, velocities, forces };
+  DeviceArray device_memory(int size);
+  void copy_to(void *address, Field field);  ///< [all vertices], on the device
+
   std::unique_ptr<Implementation> implementation_;
 };
 

@@ -89,6 +89,12 @@ public:
   {
     if (size_) backend_->fill(buffer_, 0, sizeof(T) * static_cast<std::size_t>(size_));
   }
+  /// Gives the memory away, which the caller has to release; the stream is empty then.
+  Buffer give_up() noexcept
+  {
+    capacity_ = size_ = 0;
+    return std::exchange(buffer_, nullptr);
+  }
   void swap(Stream &other) noexcept
   {
     std::swap(backend_, other.backend_);

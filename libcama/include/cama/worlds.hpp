@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
+#include <array>
 #include <functional>
 #include <memory>
 #include <string>
@@ -45,10 +46,40 @@ public:
   void set_state(const std::vector<int> &worlds, const std::vector<std::vector<dvec3>> &positions,
                  const std::vector<std::vector<dvec3>> &velocities);
 
+  // Driving, as the functions of Simulation that have these names: one row of each argument for each of the worlds.
+  // They throw SceneError with the world in front where an argument does not fit; no world has changed then.
+
+  using Vertices = std::vector<std::vector<int>>;
+  using Vectors = std::vector<std::vector<dvec3>>;
+  void pin(const std::vector<int> &worlds, const Vertices &vertices, const Vectors &targets, double duration = 0);
+  void set_targets(const std::vector<int> &worlds, const Vertices &vertices, const Vectors &positions,
+                   double duration = 0);
+  void release(const std::vector<int> &worlds, const Vertices &vertices);
+  void set_force(const std::vector<int> &worlds, const Vertices &vertices, const Vectors &forces);
+  void set_obstacle_pose(const std::vector<int> &worlds, const std::vector<int> &obstacle,
+                         const std::vector<dvec3> &translation, const std::vector<std::array<double, 4>> &rotation,
+                         double duration = 0);
+  void set_gravity(const std::vector<int> &worlds, const std::vector<dvec3> &gravity);
+  void set_wind(const std::vector<int> &worlds, const std::vector<dvec3> &velocity);
+
+  // Measurements, as of Simulation: one for each of the worlds.
+
+  std::vector<dvec3> gravity() const;  ///< [all worlds]
+  std::vector<dvec3> wind() const;  ///< [all worlds]
+  std::vector<Wrench> force_on_obstacle(const std::vector<int> &worlds, const std::vector<int> &obstacle) const;
+  std::vector<Wrench> force_on_vertices(const std::vector<int> &worlds, const Vertices &vertices) const;
+  std::vector<ContactArrays> contacts(const std::vector<int> &worlds) const;
+
   /// Vertices of world w are [first_vertex(w), first_vertex(w + 1)) in the arrays of all worlds.
   int first_vertex(int world) const;
   std::vector<dvec3> positions() const;  ///< [vertices of all worlds], m
   std::vector<dvec3> velocities() const;  ///< [vertices of all worlds], m/s
+  std::vector<dvec3> forces() const;  ///< [vertices of all worlds], N; see Simulation::forces
+  std::vector<dvec3> impulses() const;  ///< [vertices of all worlds], N s
+  // The same on the device, in memory of their own.
+  DeviceArray device_positions();
+  DeviceArray device_velocities();
+  DeviceArray device_forces();
   long launches() const;  ///< on the device since the start, of all worlds
 
 private:

@@ -220,4 +220,28 @@ KERNEL find_nonfinite(int n, GLOBAL const dvec3 *x, GLOBAL const dvec3 *v, GLOBA
   }
 }
 
+/* Single-precision vectors [n] of another library in double precision. */
+KERNEL widen_vectors(int n, GLOBAL const float *from, GLOBAL dvec3 *to)
+{
+  FOR_EACH(i, n) {
+    to[i] = dvec3_make(from[3 * i], from[3 * i + 1], from[3 * i + 2]);
+  }
+}
+
+/* bad[0]: n minus the first vector with a value that is not finite; it keeps its initial 0 if there is none. */
+KERNEL find_nonfinite_vector(int n, GLOBAL const dvec3 *x, GLOBAL int *bad)
+{
+  FOR_EACH(i, n) {
+    double s = (x[i].x - x[i].x) + (x[i].y - x[i].y) + (x[i].z - x[i].z);
+    if (!(s == 0.0)) atomic_max_int(bad, n - i);
+  }
+}
+
+KERNEL scale_vectors(int n, double scale, GLOBAL dvec3 *x)
+{
+  FOR_EACH(i, n) {
+    x[i] = dscale(scale, x[i]);
+  }
+}
+
 #endif

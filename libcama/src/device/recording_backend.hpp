@@ -42,6 +42,10 @@ public:
   void scan(Buffer from, Buffer to, int n) override;
   void sort(Buffer keys, Buffer values, int n, int bits) override;
   void synchronize() override;
+  DeviceMemory memory() const override { return device_->backend->memory(); }
+  bool reaches(const void *address) const override { return device_->backend->reaches(address); }
+  void synchronize_device() override { device_->backend->synchronize_device(); }
+  void make_current() const override { device_->backend->make_current(); }
   void begin_stage(int number) override;
 
   // For who runs worlds together.

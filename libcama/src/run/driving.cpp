@@ -5,6 +5,7 @@
 #include <string>
 
 #include "cama/error.hpp"
+#include "device/launch.hpp"
 #include "run/engine.hpp"
 
 namespace cama {
@@ -27,6 +28,11 @@ void check_rows(const char *what, const char *name, const std::vector<dvec3> &ro
 void check_finite(const char *what, const dvec3 &v)
 {
   if (!std::isfinite(v.x + v.y + v.z)) refuse(std::string(what) + " is not finite");
+}
+
+double length_of(const std::array<double, 4> &q)
+{
+  return std::sqrt(q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3]);
 }
 
 dvec3 first_of(const std::vector<double> &v) { return {v[0], v[1], v[2]}; }
@@ -68,14 +74,21 @@ double Engine::duration_of(const char *what, double duration) const
   return duration > 0 ? duration : state.time.step;
 }
 
-void Engine::pin(const std::vector<int> &vertices, const std::vector<dvec3> &targets, double duration)
+void Engine::check_pin(const std::vector<int> &vertices, const std::vector<dvec3> &targets, double duration) const
 {
   check_vertices("pin", vertices);
+  if (!targets.empty()) check_rows("pin", "targets", targets, vertices.size());
+  duration_of("pin", duration);
+}
+
+void Engine::pin(const std::vector<int> &vertices, const std::vector<dvec3> &targets, double duration)
+{
+  check_pin(vertices, targets, duration);
   check_rows("pin", "targets", targets, vertices.size());
   driver().pin(state, vertices, targets, duration_of("pin", duration));
 }
 
-void Engine::set_targets(const std::vector<int> &vertices, const std::vector<dvec3> &targets, double duration)
+void Engine::check_targets(const std::vector<int> &vertices, const std::vector<dvec3> &targets, double duration) const
 {
   check_vertices("set_targets", vertices);
   check_rows("set_targets", "positions", targets, vertices.size());
@@ -83,6 +96,12 @@ void Engine::set_targets(const std::vector<int> &vertices, const std::vector<dve
   for (int v : vertices)
     if (!pinned[static_cast<std::size_t>(v)])
       refuse("set_targets: " + state.mesh.describe(v) + " is not held by pin(); call pin first");
+  duration_of("set_targets", duration);
+}
+
+void Engine::set_targets(const std::vector<int> &vertices, const std::vector<dvec3> &targets, double duration)
+{
+  check_targets(vertices, targets, duration);
   driver().pin(state, vertices, targets, duration_of("set_targets", duration));
 }
 
@@ -104,21 +123,25 @@ void Engine::attach(const std::vector<int> &vertices, int obstacle)
   driver().attach(state, vertices, obstacle);
 }
 
+void Engine::check_pose(int obstacle, const dvec3 &translation, const std::array<double, 4> &rotation,
+                        double duration) const
+{
+  check_obstacle("set_obstacle_pose", obstacle);
+  check_finite("set_obstacle_pose: translation", translation);
+  if (!(std::abs(length_of(rotation) - 1) < unit_tolerance))
+    refuse("set_obstacle_pose: rotation is not a unit quaternion (w, x, y, z)");
+  duration_of("set_obstacle_pose", duration);
+}
+
 void Engine::set_obstacle_pose(int obstacle, const dvec3 &translation, const std::array<double, 4> &rotation,
                                double duration)
 {
-  const char *what = "set_obstacle_pose";
-  check_obstacle(what, obstacle);
-  check_finite("set_obstacle_pose: translation", translation);
+  check_pose(obstacle, translation, rotation, duration);
   RigidTransform target;
   target.translation = translation;
-  double length = 0;
-  for (double q : rotation) length += q * q;
-  length = std::sqrt(length);
-  if (!(std::abs(length - 1) < unit_tolerance))
-    refuse("set_obstacle_pose: rotation is not a unit quaternion (w, x, y, z)");
+  const double length = length_of(rotation);
   for (int k = 0; k < 4; ++k) target.rotation[k] = rotation[k] / length;
-  driver().move_obstacle(state, obstacle, target, duration_of(what, duration));
+  driver().move_obstacle(state, obstacle, target, duration_of("set_obstacle_pose", duration));
 }
 
 void Engine::set_obstacle_vertices(int obstacle, const std::vector<dvec3> &positions, double duration)
@@ -132,10 +155,15 @@ void Engine::set_obstacle_vertices(int obstacle, const std::vector<dvec3> &posit
   driver().move_obstacle(state, obstacle, positions, duration_of(what, duration));
 }
 
-void Engine::set_force(const std::vector<int> &vertices, const std::vector<dvec3> &forces)
+void Engine::check_force(const std::vector<int> &vertices, const std::vector<dvec3> &forces) const
 {
   check_vertices("set_force", vertices);
   check_rows("set_force", "forces", forces, vertices.size());
+}
+
+void Engine::set_force(const std::vector<int> &vertices, const std::vector<dvec3> &forces)
+{
+  check_force(vertices, forces);
   Stream<dvec3> &force = state.elements.driven_force;
   std::vector<dvec3> all(static_cast<std::size_t>(state.mesh.cloth_vertices), dvec3{0, 0, 0});
   if (force.size()) all = force.download();
@@ -144,18 +172,60 @@ void Engine::set_force(const std::vector<int> &vertices, const std::vector<dvec3
   force.assign(all);
 }
 
+Stream<dvec3> Engine::received(const char *what, const DeviceVectors &vectors, int count)
+{
+  if (vectors.size != count)
+    refuse(std::string(what) + ": has " + std::to_string(vectors.size) + " rows; " + std::to_string(count) +
+           " are needed");
+  Stream<dvec3> own(*backend, count);
+  if (count == 0) return own;
+  if (!backend->reaches(vectors.data))
+    refuse(std::string(what) + ": is not in memory of " + backend->device() + ", on which the simulation computes");
+  Components<float> given{const_cast<void *>(vectors.data)};
+  if (vectors.single)
+    CAMA_LAUNCH(*backend, widen_vectors, count, given, own);
+  else
+    backend->copy(own.buffer(), given.buffer, sizeof(dvec3) * static_cast<std::size_t>(count));
+  Stream<int> bad(*backend, 1);
+  bad.fill_zero();
+  CAMA_LAUNCH(*backend, find_nonfinite_vector, count, own, bad);
+  if (const int row = bad.at(0)) refuse(std::string(what) + "[" + std::to_string(count - row) + "] is not finite");
+  return own;
+}
+
+void Engine::set_force(const std::vector<int> &vertices, const DeviceVectors &forces)
+{
+  check_vertices("set_force", vertices);
+  const Stream<dvec3> given = received("set_force: forces", forces, static_cast<int>(vertices.size()));
+  const Stream<int> vertex(*backend, vertices);
+  Stream<dvec3> &force = state.elements.driven_force;
+  if (!force.backend()) force = Stream<dvec3>(*backend);
+  if (!force.size()) {
+    force.resize(state.mesh.cloth_vertices);
+    force.fill_zero();
+  }
+  CAMA_LAUNCH(*backend, scatter_positions, given.size(), vertex, given, force);
+}
+
+void Engine::check_gravity(const dvec3 &gravity) const { check_finite("gravity", gravity); }
+
 void Engine::set_gravity(const dvec3 &gravity)
 {
-  check_finite("gravity", gravity);
+  check_gravity(gravity);
   state.elements.gravity.assign({gravity});
 }
 
-void Engine::set_wind(const dvec3 &velocity)
+void Engine::check_wind(const dvec3 &velocity) const
 {
   check_finite("wind", velocity);
   if (!state.elements.wind.size())
     refuse("wind: the scene has no air; give it a wind with a density or a drag, at rest if need be, or "
            "a material with mass_damping");
+}
+
+void Engine::set_wind(const dvec3 &velocity)
+{
+  check_wind(velocity);
   state.elements.wind.assign({velocity});
 }
 

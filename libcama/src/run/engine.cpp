@@ -59,7 +59,7 @@ Engine::Engine(const Scene &scene, const ResolvedOptions &options, std::unique_p
 {}
 
 Engine::Engine(const Scene &scene, const ResolvedOptions &resolved, std::unique_ptr<Backend> device, Start start)
-    : threads(chosen_threads(scene, resolved.options)), backend(std::move(device)), state(*backend),
+    : threads(chosen_threads(scene, resolved.options)), backend(std::move(device)), loans(backend), state(*backend),
       topology(std::move(start.topology)), untangled(start.untangled), chosen(resolved.chosen)
 {
   const HostThreads host(threads);
@@ -92,9 +92,15 @@ Engine::Engine(const Scene &scene, const ResolvedOptions &resolved, std::unique_
   }
 }
 
+Engine::~Engine()
+{
+  if (loans) loans->leave({&state.mesh.position, &state.mesh.velocity});
+}
+
 void Engine::take(const std::function<void()> &finished)
 {
   const HostThreads host(threads);
+  before_writing();
   take_step(state, *pipeline, finished);
 }
 

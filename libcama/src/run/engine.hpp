@@ -8,6 +8,7 @@
 
 #include "cama/backend.hpp"
 #include "cama/untangle.hpp"
+#include "device/loans.hpp"
 #include "model/topology.hpp"
 #include "run/pipeline.hpp"
 #include "stages/prescribed_motion.hpp"
@@ -26,9 +27,12 @@ public:
     UntangleReport untangled;
   };
   Engine(const Scene &scene, const ResolvedOptions &options, std::unique_ptr<Backend> device, Start start);
+  Engine(Engine &&) = default;
+  ~Engine();
 
   const int threads;                    // CPU threads, of the CPU backend and of audits
-  std::unique_ptr<Backend> backend;
+  std::shared_ptr<Backend> backend;     // shared with borrowers of memory
+  OpenLoans loans;
   State state;
   Topology topology;
   UntangleReport untangled;
@@ -48,20 +52,33 @@ public:
                          double duration);
   void set_obstacle_vertices(int obstacle, const std::vector<dvec3> &positions, double duration);
   void set_force(const std::vector<int> &vertices, const std::vector<dvec3> &forces);
+  void set_force(const std::vector<int> &vertices, const DeviceVectors &forces);
   void set_gravity(const dvec3 &gravity);
   void set_wind(const dvec3 &velocity);
   void set_pressure(int cloth, double pressure);
+  // What they check first. No targets: vertices are held where they are.
+  void check_pin(const std::vector<int> &vertices, const std::vector<dvec3> &targets, double duration) const;
+  void check_targets(const std::vector<int> &vertices, const std::vector<dvec3> &targets, double duration) const;
+  void check_vertices(const char *what, const std::vector<int> &vertices) const;
+  void check_pose(int obstacle, const dvec3 &translation, const std::array<double, 4> &rotation, double duration) const;
+  void check_force(const std::vector<int> &vertices, const std::vector<dvec3> &forces) const;
+  void check_gravity(const dvec3 &gravity) const;
+  void check_wind(const dvec3 &velocity) const;
   std::vector<double> pressures() const;
   /// What has been driven, for a checkpoint, and back; check_driving throws SceneError and changes nothing.
   void save_driving(Checkpoint &checkpoint);
   void check_driving(const Checkpoint &checkpoint);
   void restore_driving(const Checkpoint &checkpoint);
 
+  /// Before positions or velocities change: who has borrowed them keeps them as they are.
+  void before_writing() { loans->before_writing({&state.mesh.position, &state.mesh.velocity}); }
+  /// The vectors in double precision; count: their number. Throws SceneError.
+  Stream<dvec3> received(const char *what, const DeviceVectors &vectors, int count);
+
 private:
   /// The stage of prescribed motion, put into the pipeline if it is not there.
   PrescribedMotion &driver();
   const PrescribedMotion &motion() const { return idle_motion_ ? *idle_motion_ : *motion_; }
-  void check_vertices(const char *what, const std::vector<int> &vertices) const;
   double duration_of(const char *what, double duration) const;
   void check_obstacle(const char *what, int obstacle) const;
 

@@ -12,6 +12,7 @@
 
 #include "device/fnv.hpp"
 #include "device/host_threads.hpp"
+#include "device/launch.hpp"
 #include "exact/exact_audit.hpp"
 #include "run/checkpoint.hpp"
 #include "run/engine.hpp"
@@ -101,11 +102,40 @@ const Options &Simulation::options() const { return implementation_->state.optio
 const Backend &Simulation::backend() const { return *implementation_->backend; }
 std::size_t Simulation::peak_memory_bytes() const { return implementation_->backend->peak_bytes(); }
 
+namespace {
+
+/// Throws CollisionError if the positions of the cloth, [cloth vertices], are others than now and intersect.
+void check_state(Engine &engine, const std::vector<dvec3> &positions)
+{
+  if (!engine.guarded || positions.empty()) return;
+  std::vector<dvec3> all = engine.state.mesh.position.download();
+  if (std::memcmp(all.data(), positions.data(), positions.size() * sizeof(dvec3)) == 0) return;
+  std::copy(positions.begin(), positions.end(), all.begin());
+  check_positions(all, engine.topology, engine.state.contact.settings.self);
+}
+
+/// Sets the state of the cloth. [cloth vertices] m, m/s
+void put_state(Engine &engine, const Stream<dvec3> &positions, const Stream<dvec3> &velocities)
+{
+  engine.before_writing();
+  MeshState &mesh = engine.state.mesh;
+  const auto put = [&](Stream<dvec3> &to, const Stream<dvec3> &from) {
+    if (from.size())
+      engine.backend->copy(to.buffer(), from.buffer(), sizeof(dvec3) * static_cast<std::size_t>(from.size()));
+  };
+  put(mesh.position, positions);
+  put(mesh.position_next, positions);
+  put(mesh.velocity, velocities);
+  engine.state.time.history = false;
+  engine.state.contact.kept.forget();
+}
+
+}  // namespace
+
 void Simulation::set_state(const std::vector<dvec3> &positions, const std::vector<dvec3> &velocities)
 {
   Implementation &i = *implementation_;
-  MeshState &mesh = i.state.mesh;
-  const std::size_t n = static_cast<std::size_t>(mesh.cloth_vertices);
+  const std::size_t n = static_cast<std::size_t>(i.state.mesh.cloth_vertices);
   const auto check = [n](const char *name, const std::vector<dvec3> &values) {
     if (values.size() != n)
       throw SceneError(std::string(name) + ": has " + std::to_string(values.size()) + " rows, the cloth has " +
@@ -116,23 +146,18 @@ void Simulation::set_state(const std::vector<dvec3> &positions, const std::vecto
   };
   check("positions", positions);
   check("velocities", velocities);
-  const auto replaced = [n](const Stream<dvec3> &stream, const std::vector<dvec3> &values) {
-    std::vector<dvec3> all = stream.download();
-    std::copy_n(values.begin(), n, all.begin());
-    return all;
-  };
-  const auto moved = [&](const std::vector<dvec3> &now) {
-    return std::memcmp(now.data(), positions.data(), n * sizeof(dvec3)) != 0;
-  };
-  if (i.guarded && n > 0 && moved(mesh.position.download()))
-    check_positions(replaced(mesh.position, positions), i.topology, i.state.contact.settings.self);
-  const std::vector<dvec3> x = replaced(mesh.position, positions), next = replaced(mesh.position_next, positions),
-                           v = replaced(mesh.velocity, velocities);
-  mesh.position.assign(x);
-  mesh.position_next.assign(next);
-  mesh.velocity.assign(v);
-  i.state.time.history = false;
-  i.state.contact.kept.forget();
+  check_state(i, positions);
+  put_state(i, Stream<dvec3>(*i.backend, positions), Stream<dvec3>(*i.backend, velocities));
+}
+
+void Simulation::set_state(const DeviceVectors &positions, const DeviceVectors &velocities)
+{
+  Implementation &i = *implementation_;
+  const int n = i.state.mesh.cloth_vertices;
+  const Stream<dvec3> x = i.received("set_state: positions", positions, n),
+                      v = i.received("set_state: velocities", velocities, n);
+  if (i.guarded) check_state(i, x.download());
+  put_state(i, x, v);
 }
 
 void Simulation::pin(const std::vector<int> &vertices, const std::vector<dvec3> &targets, double duration)
@@ -164,6 +189,10 @@ void Simulation::set_force(const std::vector<int> &vertices, const std::vector<d
 {
   implementation_->set_force(vertices, forces);
 }
+void Simulation::set_force(const std::vector<int> &vertices, const DeviceVectors &forces)
+{
+  implementation_->set_force(vertices, forces);
+}
 void Simulation::set_gravity(const dvec3 &gravity) { implementation_->set_gravity(gravity); }
 void Simulation::set_wind(const dvec3 &velocity) { implementation_->set_wind(velocity); }
 void Simulation::set_pressure(int cloth, double pressure) { implementation_->set_pressure(cloth, pressure); }
@@ -174,6 +203,31 @@ dvec3 Simulation::wind() const
   const Stream<dvec3> &wind = implementation_->state.elements.wind;
   return wind.size() ? wind.at(0) : dvec3{0, 0, 0};
 }
+
+void Simulation::check_pin(const std::vector<int> &vertices, const std::vector<dvec3> &targets, double duration) const
+{
+  implementation_->check_pin(vertices, targets, duration);
+}
+void Simulation::check_targets(const std::vector<int> &vertices, const std::vector<dvec3> &positions,
+                               double duration) const
+{
+  implementation_->check_targets(vertices, positions, duration);
+}
+void Simulation::check_release(const std::vector<int> &vertices) const
+{
+  implementation_->check_vertices("release", vertices);
+}
+void Simulation::check_pose(int obstacle, const dvec3 &translation, const std::array<double, 4> &rotation,
+                            double duration) const
+{
+  implementation_->check_pose(obstacle, translation, rotation, duration);
+}
+void Simulation::check_force(const std::vector<int> &vertices, const std::vector<dvec3> &forces) const
+{
+  implementation_->check_force(vertices, forces);
+}
+void Simulation::check_gravity(const dvec3 &gravity) const { implementation_->check_gravity(gravity); }
+void Simulation::check_wind(const dvec3 &velocity) const { implementation_->check_wind(velocity); }
 
 Checkpoint Simulation::checkpoint() const
 {
@@ -190,6 +244,7 @@ void Simulation::restore(const Checkpoint &checkpoint)
   i.check_driving(checkpoint);
   if (i.guarded && i.state.options.commit)
     check_positions(checkpoint.vectors.at("position"), i.topology, i.state.contact.settings.self);
+  i.before_writing();
   i.restore_driving(checkpoint);
   restore_checkpoint(checkpoint, i.state, *i.pipeline);
 }
@@ -246,6 +301,49 @@ std::vector<dvec3> Simulation::forces() const
   std::vector<dvec3> result = measured(state).step.linear.download();
   for (dvec3 &f : result) f = kernels::dscale(1 / state.time.step, f);
   return result;
+}
+DeviceArray Simulation::device_positions()
+{
+  return implementation_->loans->lend(implementation_->state.mesh.position);
+}
+DeviceArray Simulation::device_velocities()
+{
+  return implementation_->loans->lend(implementation_->state.mesh.velocity);
+}
+namespace {
+
+/// [all vertices] N
+Stream<dvec3> force_stream(const State &state)
+{
+  Stream<dvec3> result(*state.backend);
+  result.copy_from(measured(state).step.linear);
+  CAMA_LAUNCH(*state.backend, scale_vectors, result.size(), 1 / state.time.step, result);
+  return result;
+}
+
+}  // namespace
+
+DeviceArray Simulation::device_forces() { return implementation_->loans->give(force_stream(implementation_->state)); }
+DeviceArray Simulation::device_memory(int size)
+{
+  return implementation_->loans->give(Stream<dvec3>(*implementation_->backend, size));
+}
+void Simulation::copy_to(void *address, Field field)
+{
+  const Implementation &i = *implementation_;
+  const auto copy = [&](const Stream<dvec3> &from) {
+    i.backend->copy(address, from.buffer(), sizeof(dvec3) * static_cast<std::size_t>(from.size()));
+    i.backend->synchronize();
+  };
+  switch (field) {
+  case Field::positions: return copy(i.state.mesh.position);
+  case Field::velocities: return copy(i.state.mesh.velocity);
+  case Field::forces: return copy(force_stream(i.state));
+  }
+}
+std::vector<dvec3> Simulation::download(const char *what, const DeviceVectors &vectors, int count)
+{
+  return implementation_->received(what, vectors, count).download();
 }
 std::vector<dvec3> Simulation::impulses() const { return measured(implementation_->state).interval.linear.download(); }
 double Simulation::interval() const { return measured(implementation_->state).interval_time; }

@@ -5,8 +5,10 @@
 #include <atomic>
 #include <cmath>
 #include <exception>
+#include <initializer_list>
 #include <new>
 #include <numeric>
+#include <string>
 #include <utility>
 
 #include "cama/error.hpp"
@@ -81,10 +83,17 @@ struct Worlds::Implementation {
   void run(const std::vector<int> &chosen, const std::function<void(World &, std::size_t)> &work);
   /// The same with work that may throw; afterwards throws the first of its errors.
   void attempt(const std::vector<int> &chosen, const std::function<void(World &, std::size_t)> &work);
+  /// The same where `check` passes for all of them; else throws the first of its errors, and nothing has changed.
+  template <class Check, class Act> void drive(const std::vector<int> &chosen, const Check &check, const Act &act);
+  /// One answer of each.
+  template <class Ask> auto ask(const std::vector<int> &chosen, const Ask &question);
+  std::vector<int> all() const;
   /// Does steps(world) for all worlds that are not frozen; one whose steps throw is frozen.
   void advance(const std::function<void(const World &)> &steps);
   /// A field of all worlds, one after the other.
   std::vector<dvec3> gather(std::vector<dvec3> (Simulation::*field)() const);
+  /// The same on the device, in memory of its own. copy: to an address.
+  DeviceArray gather_on_device(const std::function<void(Simulation &, void *)> &copy);
   const World &world(int index) const;
 
   std::unique_ptr<Lockstep> lockstep;  // of a device with one queue for all
@@ -212,17 +221,59 @@ void Worlds::Implementation::attempt(const std::vector<int> &chosen,
     if (thrown[i]) rethrow_of(chosen[i], thrown[i]);
 }
 
+template <class Check, class Act>
+void Worlds::Implementation::drive(const std::vector<int> &chosen, const Check &check, const Act &act)
+{
+  for (const int w : chosen) world(w);
+  attempt(chosen, [&](World &w, std::size_t i) { check(*w.simulation, i); });
+  attempt(chosen, [&](World &w, std::size_t i) { act(*w.simulation, i); });
+}
+
+template <class Ask> auto Worlds::Implementation::ask(const std::vector<int> &chosen, const Ask &question)
+{
+  for (const int w : chosen) world(w);
+  std::vector<decltype(question(*worlds.front().simulation, std::size_t(0)))> answers(chosen.size());
+  attempt(chosen, [&](World &w, std::size_t i) { answers[i] = question(*w.simulation, i); });
+  return answers;
+}
+
+std::vector<int> Worlds::Implementation::all() const
+{
+  std::vector<int> every(worlds.size());
+  std::iota(every.begin(), every.end(), 0);
+  return every;
+}
+
 std::vector<dvec3> Worlds::Implementation::gather(std::vector<dvec3> (Simulation::*field)() const)
 {
-  std::vector<int> all(worlds.size());
-  std::iota(all.begin(), all.end(), 0);
   std::vector<dvec3> values(static_cast<std::size_t>(vertices));
-  attempt(all, [&](World &w, std::size_t) {
+  attempt(all(), [&](World &w, std::size_t) {
     const std::vector<dvec3> own = (*w.simulation.*field)();
     std::copy(own.begin(), own.end(), values.begin() + w.first_vertex);
   });
   return values;
 }
+
+DeviceArray Worlds::Implementation::gather_on_device(const std::function<void(Simulation &, void *)> &copy)
+{
+  DeviceArray values = worlds.front().simulation->device_memory(vertices);
+  auto *first = static_cast<dvec3 *>(values.data());
+  attempt(all(), [&](World &w, std::size_t) { copy(*w.simulation, first + w.first_vertex); });
+  return values;
+}
+
+namespace {
+
+/// Each argument has a row for each of the worlds.
+void check_rows(const char *what, const std::vector<int> &worlds, std::initializer_list<std::size_t> rows)
+{
+  for (const std::size_t count : rows)
+    if (count != worlds.size())
+      throw SceneError("worlds: " + std::string(what) + ": an argument is of " + std::to_string(count) +
+                       " worlds, and there are " + std::to_string(worlds.size()) + " worlds");
+}
+
+}  // namespace
 
 Worlds::Worlds(const std::vector<Scene> &scenes, const std::vector<OptionOverrides> &options)
     : implementation_(std::make_unique<Implementation>(scenes, options))
@@ -280,6 +331,94 @@ void Worlds::set_state(const std::vector<int> &worlds, const std::vector<std::ve
       worlds, [&](Implementation::World &w, std::size_t i) { w.simulation->set_state(positions[i], velocities[i]); });
 }
 
+void Worlds::pin(const std::vector<int> &worlds, const Vertices &vertices, const Vectors &targets, double duration)
+{
+  check_rows("pin", worlds, {vertices.size(), targets.size()});
+  implementation_->drive(
+      worlds, [&](const Simulation &s, std::size_t i) { s.check_pin(vertices[i], targets[i], duration); },
+      [&](Simulation &s, std::size_t i) { s.pin(vertices[i], targets[i], duration); });
+}
+
+void Worlds::set_targets(const std::vector<int> &worlds, const Vertices &vertices, const Vectors &positions,
+                         double duration)
+{
+  check_rows("set_targets", worlds, {vertices.size(), positions.size()});
+  implementation_->drive(
+      worlds, [&](const Simulation &s, std::size_t i) { s.check_targets(vertices[i], positions[i], duration); },
+      [&](Simulation &s, std::size_t i) { s.set_targets(vertices[i], positions[i], duration); });
+}
+
+void Worlds::release(const std::vector<int> &worlds, const Vertices &vertices)
+{
+  check_rows("release", worlds, {vertices.size()});
+  implementation_->drive(
+      worlds, [&](const Simulation &s, std::size_t i) { s.check_release(vertices[i]); },
+      [&](Simulation &s, std::size_t i) { s.release(vertices[i]); });
+}
+
+void Worlds::set_force(const std::vector<int> &worlds, const Vertices &vertices, const Vectors &forces)
+{
+  check_rows("set_force", worlds, {vertices.size(), forces.size()});
+  implementation_->drive(
+      worlds, [&](const Simulation &s, std::size_t i) { s.check_force(vertices[i], forces[i]); },
+      [&](Simulation &s, std::size_t i) { s.set_force(vertices[i], forces[i]); });
+}
+
+void Worlds::set_obstacle_pose(const std::vector<int> &worlds, const std::vector<int> &obstacle,
+                               const std::vector<dvec3> &translation,
+                               const std::vector<std::array<double, 4>> &rotation, double duration)
+{
+  check_rows("set_obstacle_pose", worlds, {obstacle.size(), translation.size(), rotation.size()});
+  implementation_->drive(
+      worlds,
+      [&](const Simulation &s, std::size_t i) { s.check_pose(obstacle[i], translation[i], rotation[i], duration); },
+      [&](Simulation &s, std::size_t i) { s.set_obstacle_pose(obstacle[i], translation[i], rotation[i], duration); });
+}
+
+void Worlds::set_gravity(const std::vector<int> &worlds, const std::vector<dvec3> &gravity)
+{
+  check_rows("set_gravity", worlds, {gravity.size()});
+  implementation_->drive(
+      worlds, [&](const Simulation &s, std::size_t i) { s.check_gravity(gravity[i]); },
+      [&](Simulation &s, std::size_t i) { s.set_gravity(gravity[i]); });
+}
+
+void Worlds::set_wind(const std::vector<int> &worlds, const std::vector<dvec3> &velocity)
+{
+  check_rows("set_wind", worlds, {velocity.size()});
+  implementation_->drive(
+      worlds, [&](const Simulation &s, std::size_t i) { s.check_wind(velocity[i]); },
+      [&](Simulation &s, std::size_t i) { s.set_wind(velocity[i]); });
+}
+
+std::vector<dvec3> Worlds::gravity() const
+{
+  return implementation_->ask(implementation_->all(), [](const Simulation &s, std::size_t) { return s.gravity(); });
+}
+std::vector<dvec3> Worlds::wind() const
+{
+  return implementation_->ask(implementation_->all(), [](const Simulation &s, std::size_t) { return s.wind(); });
+}
+
+std::vector<Wrench> Worlds::force_on_obstacle(const std::vector<int> &worlds, const std::vector<int> &obstacle) const
+{
+  check_rows("force_on", worlds, {obstacle.size()});
+  return implementation_->ask(worlds,
+                              [&](const Simulation &s, std::size_t i) { return s.force_on_obstacle(obstacle[i]); });
+}
+
+std::vector<Wrench> Worlds::force_on_vertices(const std::vector<int> &worlds, const Vertices &vertices) const
+{
+  check_rows("force_on", worlds, {vertices.size()});
+  return implementation_->ask(worlds,
+                              [&](const Simulation &s, std::size_t i) { return s.force_on_vertices(vertices[i]); });
+}
+
+std::vector<ContactArrays> Worlds::contacts(const std::vector<int> &worlds) const
+{
+  return implementation_->ask(worlds, [](const Simulation &s, std::size_t) { return s.contacts(); });
+}
+
 int Worlds::first_vertex(int world) const
 {
   return world == size() ? implementation_->vertices : implementation_->world(world).first_vertex;
@@ -287,6 +426,24 @@ int Worlds::first_vertex(int world) const
 
 std::vector<dvec3> Worlds::positions() const { return implementation_->gather(&Simulation::positions); }
 std::vector<dvec3> Worlds::velocities() const { return implementation_->gather(&Simulation::velocities); }
+
+std::vector<dvec3> Worlds::forces() const { return implementation_->gather(&Simulation::forces); }
+std::vector<dvec3> Worlds::impulses() const { return implementation_->gather(&Simulation::impulses); }
+
+DeviceArray Worlds::device_positions()
+{
+  return implementation_->gather_on_device(
+      [](Simulation &s, void *to) { s.copy_to(to, Simulation::Field::positions); });
+}
+DeviceArray Worlds::device_velocities()
+{
+  return implementation_->gather_on_device(
+      [](Simulation &s, void *to) { s.copy_to(to, Simulation::Field::velocities); });
+}
+DeviceArray Worlds::device_forces()
+{
+  return implementation_->gather_on_device([](Simulation &s, void *to) { s.copy_to(to, Simulation::Field::forces); });
+}
 
 long Worlds::launches() const { return implementation_->lockstep ? implementation_->lockstep->device().launches() : 0; }
 
