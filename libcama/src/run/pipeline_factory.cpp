@@ -81,7 +81,8 @@ template <class Real> std::unique_ptr<Pipeline> make_pipeline(const Scene &scene
   AssembleMatrix<Real> &matrix = assembly.add<AssembleMatrix<Real>>(b);
   LinearSolve<Real> &solve = step.add<LinearSolve<Real>>(b);
   step.add<AdvancePositions>();
-  if (options.newton_iterations > 1) step.add<NewtonIterations<Real>>(b, elements, matrix, solve);
+  if (options.newton_iterations > 1)
+    step.add<NewtonIterations<Real>>(b, elements, matrix, solve, state.system.masses());
   if (contact && options.integrator == Integrator::bdf2) step.add<SplitContact<Real>>(b);
   if (state.contact.kept.key.backend()) step.add<KeepFriction<Real>>();
   if (options.forces) step.add<SolveReactions<Real>>(b);

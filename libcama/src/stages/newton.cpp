@@ -21,12 +21,14 @@ constexpr double rounding_units = 16;  // of the sum of the potential's parts
 
 template <class Real>
 NewtonIterations<Real>::NewtonIterations(Backend &b, EvaluateElements<Real> &elements, AssembleMatrix<Real> &assembly,
-                                         LinearSolve<Real> &solve)
+                                         LinearSolve<Real> &solve, const std::vector<double> &masses)
     : elements_(elements), assembly_(assembly), solve_(solve), product_(b), outer_(b), outer_triangle_(b),
       outer_hinge_(b), start_(b), zero_gravity_(b), vertex_{Stream<double>(b), Stream<double>(b)},
       triangle_{Stream<double>(b), Stream<double>(b)}, hinge_(b), term_(b), total_(b), part_(b), push_(b), load_(b),
       pull_(b), share_(b)
-{}
+{
+  for (double m : masses) fastest_ += m * FASTEST * FASTEST;
+}
 
 template <class Real>
 std::vector<double> NewtonIterations<Real>::sum(const Rooms &state, const std::vector<Stream<double> *> &streams)
@@ -237,7 +239,8 @@ template <class Real> void NewtonIterations<Real>::run_on(const Rooms &state)
   Norms norms = evaluate(state, Friction::of_first_solve), best = norms;
   const auto relative = [](const Norms &n) { return n.size > 0 ? std::sqrt(n.residual / n.size) : 0; };
   const auto most = [&] {
-    return state.options.newton_iterations + (norms.residual > unsettled * unsettled * norms.size ? further_solves : 0);
+    const bool further = norms.residual > unsettled * unsettled * norms.size && norms.residual < fastest_;
+    return state.options.newton_iterations + (further ? further_solves : 0);
   };
   while (norms.residual > goal * norms.size && taken < most() && idle < patience) {
     if (taken >= state.options.newton_iterations && rough) norms = evaluate(state, Friction::of_iterate);

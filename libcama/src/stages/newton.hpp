@@ -17,7 +17,7 @@ class NewtonIterations final : public StageOn<const Options, StepReport, const C
                                               const ContactState, SystemState> {
 public:
   NewtonIterations(Backend &backend, EvaluateElements<Real> &elements, AssembleMatrix<Real> &assembly,
-                   LinearSolve<Real> &solve);
+                   LinearSolve<Real> &solve, const std::vector<double> &masses);  // masses: [cloth vertices], kg
   std::string_view name() const override { return "newton iterations"; }
   std::string reason() const override { return "newton_iterations above 1"; }
   void run_on(const Rooms &state) override;
@@ -52,6 +52,7 @@ private:
   EvaluateElements<Real> &elements_;
   AssembleMatrix<Real> &assembly_;
   LinearSolve<Real> &solve_;
+  double fastest_ = 0;  // J: beyond this residual the cloth is faster than cloth can be, and solves mend nothing
   bool searching_ = false,
        fell_ = false;  // fell_: the last search lowered the potential beyond rounding
   Stream<vec3> product_, outer_, outer_triangle_, outer_hinge_;  // outer: wind, pressure and damping
