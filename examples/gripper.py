@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """A towel that hangs a little over the edge of a table, and a hand of two pads in front of it.
 
-The examples 07 to 09 import this file. All motion of the towel comes from contact and friction.
+The examples 07, 09 and 10 import this file. All motion of the towel comes from contact and friction.
 """
 
 import numpy as np

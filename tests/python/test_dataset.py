@@ -162,3 +162,21 @@ def test_what_does_not_fit_is_an_error(tmp_path):
     with pytest.raises(cama.FileError, match=r"e\.h5: is there already"):
         cama.dataset.generate(tmp_path / "e.h5", draped, 1)
     assert (tmp_path / "e.h5").read_text() == "mine"
+
+
+def test_a_sample_that_starts_with_intersections_is_named_and_leaves_the_others(tmp_path):
+    def make(random):
+        fabric = int(random.integers(2))
+        scene = cama.Scene(thickness=1.5e-3, time_step=1 / 200, frame_time=0.05)
+        height = (0.105, 0.06)[fabric]  # the second through the ball
+        scene.add_cloth(shape={"grid": {"size": [0.3, 0.3], "cells": [6, 6]}}, translate=(0, 0, height))
+        scene.add_obstacle(shape={"shape": {"sphere": {"radius": 0.1}}})
+        return scene, {"fabric": fabric}
+
+    cama.dataset.generate(tmp_path / "a.h5", make, 8, seed=5, batch=8, backend="cpu")
+    found = contents(tmp_path / "a.h5")
+    crossing = np.array([int(cama.dataset.random(5, k).integers(2)) for k in range(8)], bool)
+    assert 0 < crossing.sum() < 8
+    assert [bool(text) for text in found["error"]] == crossing.tolist()
+    assert (np.isnan(found["positions"]).any(axis=(1, 2, 3)) == crossing).all()
+    assert ((found["intersections"] == -1) == crossing).all()

@@ -239,6 +239,10 @@ def test_a_pose_moves_the_vertices_that_were_set(tmp_path):
     [
         ("pins", [999.0] + [0.0] * 8, "vertex that is not there"),
         ("pins", [0.0], "ends within a row"),
+        ("attachments", [0.0, 5.0, 6.0, 7.0] + [0.0] * 12, "vertex that is not of an obstacle"),
+        ("attachments", [0.0] * 10, "ends within a row"),
+        ("attached", [999.0] + [0.0] * 9, "vertex that is not there"),
+        ("attached", [0.0, 1e6, 60.0, 61.0] + [0.0] * 6, "vertex that is not of an obstacle"),
         ("poses", [7.0] + [0.0] * 9, "obstacle that is not there"),
         ("force", [1.0], "force does not fit the scene"),
         ("wind", [1.0, 0.0, 0.0], "wind does not fit the scene"),
@@ -256,6 +260,29 @@ def test_a_damaged_checkpoint_of_a_driven_run_is_refused_and_changes_nothing(tmp
     with pytest.raises(cama.SceneError, match=message):
         simulation.load_checkpoint(tmp_path / "a.h5")
     assert simulation.state_hash == before
+
+
+def test_attachments_of_an_earlier_checkpoint_are_where_they_were(tmp_path):
+    """Its rows end with an offset in the frame of the triangle; the positions say the same."""
+    import h5py
+
+    scene = cama.Scene(contact=False)
+    add_towel(scene)
+    scene.add_obstacle(shape={"box": {"size": [0.1, 0.1, 0.1]}}, translate=(0, 0, 0.3), name="box")
+    simulation = simulate(scene)
+    simulation.attach([24], "box")
+    simulation.step(2)
+    simulation.save_checkpoint(tmp_path / "a.h5")
+    with h5py.File(tmp_path / "a.h5", "a") as file:
+        row = file["driving"]["attachments"][:]
+        del file["driving"]["attachments"]
+        file["driving"]["attached"] = np.concatenate([row[:7], [0.0, 0.0, 0.0]])
+    other = simulate(scene)
+    other.load_checkpoint(tmp_path / "a.h5")
+    start = other.positions[24]
+    other.set_obstacle_pose("box", (0.01, 0, 0.02))
+    other.step(1)
+    np.testing.assert_allclose(other.positions[24] - start, [0.01, 0, 0.02], atol=1e-12)
 
 
 def test_attached_vertices_stay_neighbours_where_the_surface_bends():

@@ -38,8 +38,9 @@ TEST_CASE("a step that stretches edges is halved, and the next ones grow slowly"
   time.frame = time.longest = time.step = 0.025;
   time.shortest = 0.001;
   time.step_error = 0;
+  int tries = 0;
   const auto step_that = [&](double least) {   // stretches edges from a length on
-    for (int tries = 1;; ++tries) {
+    for (tries = 1;; ++tries) {
       REQUIRE(tries < 10);
       choose_step(time);
       time.stretched = time.step >= least ? 3 : 0;
@@ -57,4 +58,5 @@ TEST_CASE("a step that stretches edges is halved, and the next ones grow slowly"
   CHECK(steps > 5);
   CHECK(step_that(0) >= 0.00099);   // what no step mends is accepted at the shortest
   CHECK(step_that(0) <= 0.0011);
+  CHECK(tries == 1);   // and is not tried longer while it stretches edges
 }

@@ -20,7 +20,7 @@ import numpy as np
 
 from ._core import __version__
 from .arrays import count, number
-from .errors import ArrayError, Error, FileError, SceneError
+from .errors import ArrayError, CollisionError, Error, FileError, SceneError
 from .io import checkpoint
 from .io.journal import sync_folder
 from .io.lock import locked
@@ -68,7 +68,8 @@ def generate(
     backend are. Samples of a batch are `cama.Worlds`. The same call after a kill computes what is missing.
 
     The file has the datasets positions [samples, frames + 1, vertices, 3], m, those of the start first; times [frames +
-    1], s; faces [triangles, 3]; sample [samples], its number; intersections [samples], edges through faces at the end;
+    1], s; faces [triangles, 3]; sample [samples], its number; intersections [samples], edges through faces at the end,
+    -1 where the start has some already, and nothing is simulated;
     error [samples], text, empty where the simulation did not fail: where it did, positions are NaN from there on; and
     for every parameter a dataset [samples] in the group `parameters`. Attributes: format, seed, cloth_vertices,
     cloth_triangles, options (JSON), cama_version.
@@ -209,33 +210,51 @@ def _simulate(
     for k, (_, parameters) in zip(part, made):
         if list(parameters) != names:
             raise ArrayError(f"sample {k}: has parameters {list(parameters)}, but sample {part[0]} {names}")
-    try:
-        worlds = Worlds([scene for scene, _ in made], **runs)
-    except Error as problem:
-        raise type(problem)(f"samples {part[0]} to {part[-1]}: {problem}") from problem
+    worlds, failed = _worlds_of([scene for scene, _ in made], part, runs)
+    begun = [row for row in range(len(part)) if row not in failed]  # of each world
     faces = worlds[0].faces
-    for k, world in zip(part, worlds):
+    for k, world in zip([part[row] for row in begun], worlds):
         if not np.array_equal(world.faces, faces):
             raise ArrayError(f"sample {k}: has other triangles than sample {part[0]}; all samples have the same")
         if world.scene.seconds_per_frame != worlds[0].scene.seconds_per_frame:
             raise ArrayError(f"sample {k}: has another frame_time than sample {part[0]}; all samples have the same")
     positions = np.full((len(part), frames + 1, worlds[0].vertex_count, 3), np.nan, STORES[store])
-    positions[:, 0] = worlds.positions
+    positions[begun, 0] = worlds.positions
     for frame in range(frames):
         worlds.step_frame()
-        alive = np.setdiff1d(np.arange(len(part)), worlds.frozen)
-        positions[alive, frame + 1] = worlds.positions[alive]
-    errors = [worlds.error(w) for w in range(len(part))]
+        alive = np.setdiff1d(np.arange(len(begun)), worlds.frozen)
+        positions[np.array(begun)[alive], frame + 1] = worlds.positions[alive]
+    errors, intersections = [failed.get(row) for row in range(len(part))], np.full(len(part), -1, np.int64)
+    for world, row in enumerate(begun):
+        errors[row], intersections[row] = worlds.error(world), worlds[world].count_intersections()
     return {
         "sample": np.array(part, np.int64),
         "positions": positions,
-        "intersections": np.array([world.count_intersections() for world in worlds], np.int64),
+        "intersections": intersections,
         "error": np.array(["" if e is None else str(e) for e in errors], dtype=object),
         "times": worlds[0].scene.seconds_per_frame * np.arange(frames + 1),
         "faces": faces,
         "cloth": np.array([worlds[0].cloth_vertex_count, worlds[0].cloth_triangle_count]),
         **{f"parameters/{name}": np.array([parameters[name] for _, parameters in made]) for name in names},
     }
+
+
+def _worlds_of(scenes: list[Any], part: list[int], runs: dict[str, Any]) -> tuple[Worlds, dict[int, Error]]:
+    """Returns worlds of the scenes that can begin, and {row: error} of the others, which start with intersections."""
+    try:
+        return Worlds(scenes, **runs), {}
+    except CollisionError:
+        failed: dict[int, Error] = {}
+    except Error as problem:
+        raise type(problem)(f"samples {part[0]} to {part[-1]}: {problem}") from problem
+    for row, scene in enumerate(scenes):
+        try:
+            Worlds([scene], **runs)
+        except CollisionError as problem:
+            failed[row] = CollisionError(str(problem).removeprefix("world 0: "))
+    if len(failed) == len(scenes):
+        raise CollisionError(f"sample {part[0]}, and all others of its batch: {failed[0]}")
+    return Worlds([scene for row, scene in enumerate(scenes) if row not in failed], **runs), failed
 
 
 def _write(path: Path, values: dict[str, Any]) -> None:

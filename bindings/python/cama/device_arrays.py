@@ -228,7 +228,7 @@ def _imported(name: str, value: Any) -> Any:
 
 
 def _received(name: str, value: Any, queue: int) -> _core.Received:
-    """Takes an array on a CUDA device, whose work comes first in the queue or is done."""
+    """Takes an array on a CUDA device: its work comes first in the queue or, by the interface alone, is waited for."""
     if hasattr(value, "__dlpack__"):
         return _asked(name, lambda: _core.Received(value.__dlpack__(stream=queue)))
     return _asked(name, lambda: _of_interface(value, value.__cuda_array_interface__))
@@ -237,9 +237,10 @@ def _received(name: str, value: Any, queue: int) -> _core.Received:
 def _of_interface(value: Any, interface: dict[str, Any]) -> _core.Received:
     shape, typestr = [int(n) for n in interface["shape"]], interface["typestr"]
     names = {"<f8": "float64", "<f4": "float32"}
-    strides = interface.get("strides")
-    size = int(typestr[2:])
-    if strides is not None and tuple(strides) != (3 * size, size):
+    strides, dense = interface.get("strides"), [int(typestr[2:])]
+    for n in shape[:0:-1]:
+        dense.insert(0, dense[0] * n)
+    if strides is not None and list(strides) != dense:
         raise ValueError("its rows are not one after the other in memory; make a contiguous copy")
     return _core.Received(interface["data"][0], shape, names.get(typestr, typestr), value)
 

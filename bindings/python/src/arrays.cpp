@@ -111,7 +111,7 @@ Received::Received(py::object capsule) : owner_(std::move(capsule))
 
 Received::Received(std::uintptr_t address, std::vector<std::int64_t> shape, std::string type, py::object owner)
     : owner_(std::move(owner)), data_(reinterpret_cast<const void *>(address)), shape_(std::move(shape)),
-      type_(std::move(type))
+      type_(std::move(type)), in_order_(false)
 {}
 
 Received::~Received()
@@ -129,7 +129,7 @@ DeviceVectors Received::vectors() const
 {
   std::int64_t rows = shape_.size() >= 2 && shape_.back() == 3 && dense_ ? 1 : -1;
   for (std::size_t d = 0; d + 1 < shape_.size(); ++d) rows *= shape_[d];
-  return {data_, rows < 0 || rows > 0x7fffffff ? -1 : static_cast<int>(rows), type_ == "float32"};
+  return {data_, rows < 0 || rows > 0x7fffffff ? -1 : static_cast<int>(rows), type_ == "float32", in_order_};
 }
 
 void bind_arrays(py::module_ &m)

@@ -43,7 +43,7 @@ private:
   const void *data_ = nullptr;
   std::vector<std::int64_t> shape_;
   std::string type_;
-  bool dense_ = true;
+  bool dense_ = true, in_order_ = true;
 };
 
 }  // namespace cama::python

@@ -34,6 +34,8 @@ struct DeviceVectors {
   const void *data = nullptr;
   int size = 0;
   bool single = false;  ///< of floats, not doubles
+  bool in_order =
+      true;  ///< what writes them is done, or comes first in the backend's queue; else the device is waited for
 };
 
 }  // namespace cama

@@ -69,6 +69,7 @@ DeviceArray Loans::give(Stream<dvec3> stream)
 
 DeviceArray Loans::copy(const DeviceArray &array)
 {
+  if (ended_.exchange(false)) wait_and_take_back();
   const std::lock_guard<std::mutex> lock(mutex_);  // borrowers may give memory back meanwhile
   Stream<dvec3> own(*backend_, array.size());
   if (array.size()) backend_->copy(own.buffer(), array.data(), sizeof(dvec3) * static_cast<std::size_t>(array.size()));

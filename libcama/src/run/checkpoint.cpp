@@ -160,7 +160,8 @@ void restore_checkpoint(const Checkpoint &c, State &s, Pipeline &step)
     using T = std::decay_t<decltype(value)>;
     if (life != Life::run) return;
     if constexpr (!IsStream<T>::value) {
-      if (const auto at = c.numbers.find(name); at != c.numbers.end()) value = static_cast<T>(at->second);
+      const auto at = c.numbers.find(name);   // an earlier version did not know all
+      value = at != c.numbers.end() ? static_cast<T>(at->second) : T{};
     } else if constexpr (std::is_same_v<T, Stream<dvec3>>) {
       const auto at = c.vectors.find(name);
       if (value.backend() && at != c.vectors.end()) value.assign(at->second);

@@ -181,6 +181,7 @@ Stream<dvec3> Engine::received(const char *what, const DeviceVectors &vectors, i
   if (count == 0) return own;
   if (!backend->reaches(vectors.data))
     refuse(std::string(what) + ": is not in memory of " + backend->device() + ", on which the simulation computes");
+  if (!vectors.in_order) backend->synchronize_device();
   Components<float> given{const_cast<void *>(vectors.data)};
   if (vectors.single)
     CAMA_LAUNCH(*backend, widen_vectors, count, given, own);

@@ -165,10 +165,10 @@ void take_step(State &s, Pipeline &step, const std::function<void()> &finish)
         undo_step(s, start);
       }
       if (!again) continue;
-      const double wanted = s.time.wanted, bearable = s.time.bearable;
+      const double wanted = s.time.wanted, max_by_stretch = s.time.max_by_stretch;
       undo_step(s, start);
       s.time.wanted = wanted;
-      s.time.bearable = bearable;
+      s.time.max_by_stretch = max_by_stretch;
       ++rejected;
     }
     if (!problem.empty()) {

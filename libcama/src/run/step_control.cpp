@@ -94,7 +94,7 @@ void choose_step(Clock &time)
   const double end = (frames_of(time) + 1) * time.frame, left = end - time.now;
   double wanted = time.wanted > 0 ? time.wanted : time.step;
   wanted = std::min(wanted, time.longest);
-  if (time.bearable > 0) wanted = std::min(wanted, time.bearable);
+  if (time.max_by_stretch > 0) wanted = std::min(wanted, time.max_by_stretch);
   if (time.history) wanted = std::min(wanted, longest_ratio * time.step_before);
   const double parts = std::max(std::ceil(left / std::max(wanted, time.shortest) * (1 - 1e-9)), 1.0);
   time.step = left / parts;
@@ -113,14 +113,15 @@ bool judge_step(Clock &time)
   if (!(time.error > 0)) return true;
   const double share = share_of(time);
   if ((over_error(time) || time.stretched) && time.step > (1 + rounding) * time.shortest) {
-    if (time.stretched) time.bearable = std::max(time.step / 2, time.shortest);
+    if (time.stretched) time.max_by_stretch = std::max(time.step / 2, time.shortest);
     if (over_error(time)) {
       const double factor = time.multistep ? 1 / std::sqrt(share) : 1 / share;
       time.wanted = std::max(0.9 * time.step * std::max(factor, 0.2), time.shortest);
     }
     return false;
   }
-  if (time.bearable > 0) time.bearable = time.bearable < time.longest ? recovery * time.bearable : 0;
+  if (time.max_by_stretch > 0 && !time.stretched)
+    time.max_by_stretch = time.max_by_stretch < time.longest ? recovery * time.max_by_stretch : 0;
   // A proportional and integral controller (Gustafsson 1991); backward Euler's error is of one order less.
   const double now = std::max(share, smallest_share), before = time.last_share > 0 ? time.last_share : now;
   const double root = eighth_root(now), steps = 1 / (root * root * root) * eighth_root(before);

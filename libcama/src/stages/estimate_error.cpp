@@ -35,10 +35,13 @@ void EstimateError::run_on(const Rooms &state)
     square_.swap(part_);
     n = parts;
   }
-  stretched_.fill_zero();
-  CAMA_LAUNCH(b, count_stretched, mesh.edges, mesh.cloth_vertices, mesh.edge, mesh.position_next, mesh.position,
-              stretched_);
-  time.stretched = stretched_.at(0);
+  time.stretched = 0;
+  if (const int edges = mesh.edge.size()) {   // which contact knows
+    stretched_.fill_zero();
+    CAMA_LAUNCH(b, count_stretched, edges, mesh.cloth_vertices, mesh.edge, mesh.position_next, mesh.position,
+                stretched_);
+    time.stretched = stretched_.at(0);
+  }
   time.step_error = mesh.cloth_vertices ? std::sqrt(square_.at(0) / total_) : 0;
 }
 

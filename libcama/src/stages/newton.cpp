@@ -12,7 +12,7 @@ namespace cama {
 namespace {
 // patience: iterations in a row that lower neither the potential beyond rounding nor the residual.
 constexpr int max_halvings = 10, patience = 3;
-constexpr double unsettled = 1;  // residual, relative to all forces, above which a step has further solves
+constexpr double further_residual = 1;  // residual, relative to all forces, above which a step has further solves
 constexpr int further_solves = 3;
 constexpr double further_slack = 3;  // of the tolerance: a further solve begins with a small residual
 constexpr double sufficient = 1e-4;  // of the decrease that the slope predicts
@@ -238,12 +238,12 @@ template <class Real> void NewtonIterations<Real>::run_on(const Rooms &state)
   const bool rough = state.contact.friction && state.contact.contacts;
   Norms norms = evaluate(state, Friction::of_first_solve), best = norms;
   const auto relative = [](const Norms &n) { return n.size > 0 ? std::sqrt(n.residual / n.size) : 0; };
-  const auto most = [&] {
-    const bool further = norms.residual > unsettled * unsettled * norms.size && norms.residual < fastest_;
+  const auto max_solves = [&] {
+    const bool further = norms.residual > further_residual * further_residual * norms.size && norms.residual < fastest_;
     return state.options.newton_iterations + (further ? further_solves : 0);
   };
-  while (norms.residual > goal * norms.size && taken < most() && idle < patience) {
-    if (taken >= state.options.newton_iterations && rough) norms = evaluate(state, Friction::of_iterate);
+  while (norms.residual > goal * norms.size && taken < max_solves() && idle < patience) {
+    if (taken >= state.options.newton_iterations && rough) best = norms = evaluate(state, Friction::of_iterate);
     assembly_.run_on(state);
     s.solution.fill_zero();
     solve_.solve(state, further_slack);

@@ -52,7 +52,7 @@ private:
   EvaluateElements<Real> &elements_;
   AssembleMatrix<Real> &assembly_;
   LinearSolve<Real> &solve_;
-  double fastest_ = 0;  // J: beyond this residual the cloth is faster than cloth can be, and solves mend nothing
+  double fastest_ = 0;  // J: all cloth at the highest speed; solves do not mend a larger residual
   bool searching_ = false,
        fell_ = false;  // fell_: the last search lowered the potential beyond rounding
   Stream<vec3> product_, outer_, outer_triangle_, outer_hinge_;  // outer: wind, pressure and damping

@@ -98,11 +98,13 @@ void PrescribedMotion::find_faces()
         for (int next : {f[(k + 1) % 3], f[(k + 2) % 3]})
           around[static_cast<std::size_t>(obstacle_first_[o] - cloth_vertices_ + f[k])].push_back(obstacle_first_[o] +
                                                                                                   next);
-  faces_row_ = {0};
+  std::vector<int> row{0}, of;
   for (const std::vector<int> &faces : around) {
-    faces_of_.insert(faces_of_.end(), faces.begin(), faces.end());
-    faces_row_.push_back(static_cast<int>(faces_of_.size() / 2));
+    of.insert(of.end(), faces.begin(), faces.end());
+    row.push_back(static_cast<int>(of.size() / 2));
   }
+  faces_row_.swap(row);
+  faces_of_.swap(of);
 }
 
 PrescribedMotion::Attached PrescribedMotion::attached_at(kernels::attachment foot, const std::vector<dvec3> &position,
@@ -145,8 +147,8 @@ void PrescribedMotion::upload_attachments()
   std::vector<kernels::attachment> rows;
   for (const Attached &a : attached_) rows.push_back(a.row);
   if (!rows.empty() && faces_row_stream_.size() == 0) {
-    faces_row_stream_.assign(faces_row_);
     faces_of_stream_.assign(faces_of_);
+    faces_row_stream_.assign(faces_row_);   // last: it says that both are there
   }
   if (!rows.empty() || attachments_.size()) attachments_.assign(rows);
 }

@@ -95,6 +95,8 @@ struct Worlds::Implementation {
   /// The same on the device, in memory of its own. copy: to an address.
   DeviceArray gather_on_device(const std::function<void(Simulation &, void *)> &copy);
   const World &world(int index) const;
+  /// Throws SceneError for a world that is not there or is named twice.
+  void check_chosen(const std::vector<int> &chosen) const;
 
   std::unique_ptr<Lockstep> lockstep;  // of a device with one queue for all
   std::unique_ptr<Crew> crew;
@@ -221,17 +223,26 @@ void Worlds::Implementation::attempt(const std::vector<int> &chosen,
     if (thrown[i]) rethrow_of(chosen[i], thrown[i]);
 }
 
+void Worlds::Implementation::check_chosen(const std::vector<int> &chosen) const
+{
+  std::vector<char> seen(worlds.size(), 0);
+  for (const int w : chosen) {
+    world(w);
+    if (seen[static_cast<std::size_t>(w)]++) throw SceneError("worlds: world " + std::to_string(w) + " is named twice");
+  }
+}
+
 template <class Check, class Act>
 void Worlds::Implementation::drive(const std::vector<int> &chosen, const Check &check, const Act &act)
 {
-  for (const int w : chosen) world(w);
+  check_chosen(chosen);
   attempt(chosen, [&](World &w, std::size_t i) { check(*w.simulation, i); });
   attempt(chosen, [&](World &w, std::size_t i) { act(*w.simulation, i); });
 }
 
 template <class Ask> auto Worlds::Implementation::ask(const std::vector<int> &chosen, const Ask &question)
 {
-  for (const int w : chosen) world(w);
+  check_chosen(chosen);
   std::vector<decltype(question(*worlds.front().simulation, std::size_t(0)))> answers(chosen.size());
   attempt(chosen, [&](World &w, std::size_t i) { answers[i] = question(*w.simulation, i); });
   return answers;
@@ -259,6 +270,7 @@ DeviceArray Worlds::Implementation::gather_on_device(const std::function<void(Si
   DeviceArray values = worlds.front().simulation->device_memory(vertices);
   auto *first = static_cast<dvec3 *>(values.data());
   attempt(all(), [&](World &w, std::size_t) { copy(*w.simulation, first + w.first_vertex); });
+  if (lockstep) lockstep->device().synchronize();  // a world's own backend records, and does not wait
   return values;
 }
 
@@ -313,7 +325,7 @@ void Worlds::rethrow(int world) const
 
 void Worlds::reset(const std::vector<int> &worlds)
 {
-  for (const int w : worlds) implementation_->world(w);
+  implementation_->check_chosen(worlds);
   implementation_->attempt(worlds, [](Implementation::World &w, std::size_t) {
     w.simulation->restore(w.start);
     w.failure = nullptr;
@@ -323,7 +335,7 @@ void Worlds::reset(const std::vector<int> &worlds)
 void Worlds::set_state(const std::vector<int> &worlds, const std::vector<std::vector<dvec3>> &positions,
                        const std::vector<std::vector<dvec3>> &velocities)
 {
-  for (const int w : worlds) implementation_->world(w);
+  implementation_->check_chosen(worlds);
   if (positions.size() != worlds.size() || velocities.size() != worlds.size())
     throw SceneError("worlds: set_state has positions of " + std::to_string(positions.size()) + " and velocities of " +
                      std::to_string(velocities.size()) + " worlds, and " + std::to_string(worlds.size()) + " worlds");
