@@ -36,7 +36,7 @@ void EstimateError::run_on(const Rooms &state)
     n = parts;
   }
   stretched_.fill_zero();
-  CAMA_LAUNCH(b, count_stretched, mesh.edges, mesh.cloth_vertices, mesh.edge, mesh.position_next, mesh.position,
+  CAMA_LAUNCH(b, count_stretched, mesh.edge.size(), mesh.cloth_vertices, mesh.edge, mesh.position_next, mesh.position,
               stretched_);
   time.stretched = stretched_.at(0);
   time.step_error = mesh.cloth_vertices ? std::sqrt(square_.at(0) / total_) : 0;
