@@ -194,6 +194,12 @@ class Cloth:
     material: Material
     source: str
     pressure: float
+    @property
+    def shrinkage(self) -> Reals: ...
+    @shrinkage.setter
+    def shrinkage(self, shrinkage: Reals, /) -> None: ...
+    @property
+    def rest_corners(self) -> Reals: ...
     material_scale: float
     velocity: Vector
 

@@ -15,6 +15,9 @@
 
 namespace cama {
 
+/// Shares by which cloth shrinks along warp and weft; below 0 it grows.
+using Shrinkage = std::array<double, 2>;
+
 /// One piece of cloth: a mesh in its starting position, with a rest state in material space.
 struct Cloth {
   std::string name;
@@ -25,6 +28,15 @@ struct Cloth {
   /// Length of a unit of the texture coordinates that are the rest state, m; 0: the rest state has another origin.
   double material_scale = 0;
   double pressure = 0;  ///< inside a closed cloth, above that outside, Pa: along the normals of the faces
+  /// The rest state is 1 - shrinkage times that of the mesh; mass stays. Empty: none; one for all triangles; or
+  /// [triangles].
+  std::vector<Shrinkage> shrinkage;
+
+  /// Of a triangle; {0, 0} without any.
+  Shrinkage shrinkage_of(std::size_t triangle) const;
+  /// Corners of a triangle in its rest state, shrunk, m. Without material space the triangle is laid flat, with the
+  /// projected x axis as warp.
+  std::array<MaterialPoint, 3> rest_corners(std::size_t triangle) const;
 };
 
 /// The shape of an obstacle: a mesh, or exact. An exact shape is defined by the vertices of its mesh: the centre of a

@@ -34,6 +34,12 @@ class PatternMesh:
     seam_pairs: list[Integers] = field(repr=False)  #: for each seam its pairs of vertices [k, 2]
 
     @property
+    def shrinkage(self) -> Reals:
+        """Shrinkage of the triangles [m, 2]; [0, 2] where no panel has any."""
+        shares = np.array([panel.shrinkage for panel in self.pattern.panels])
+        return shares[self.panel_of_face] if shares.any() else np.zeros((0, 2))
+
+    @property
     def pairs(self) -> Integers:
         """All different pairs of vertices [k, 2] that are sewn together."""
         rows = np.concatenate([np.zeros((0, 2), int), *self.seam_pairs])

@@ -22,7 +22,7 @@ from .curves import Arc, Bezier, Sampled, relative_point
 __all__ = ["Edge", "Panel", "Seam", "SewingPattern"]
 
 PATTERN_KEYS = ("name", "description", "units", "up", "panels", "seams")
-PANEL_KEYS = ("corners", "curves", "edges", "translate", "rotate")
+PANEL_KEYS = ("corners", "curves", "edges", "translate", "rotate", "shrinkage")
 
 
 @dataclass(frozen=True)
@@ -49,6 +49,7 @@ class Panel:
     edges: tuple[Edge, ...] = field(repr=False)  #: edges in order; each begins where the one before ends
     rotation: Reals = field(repr=False)  #: [3, 3], from the panel's plane (x, y, 0) to space, z up
     translation: Reals = field(repr=False)  #: [3] m, of the plane's origin
+    shrinkage: tuple[float, float] = (0.0, 0.0)  #: shares by which its cloth shrinks along x and y of the plane
 
     def outline(self, samples: int = 64) -> Reals:
         """Returns points [n, 2] of the boundary, m, `samples` on each curved edge and one on each straight one."""
@@ -144,6 +145,7 @@ class SewingPattern:
                 tuple(Edge(edge.curve.scaled(factors), edge.label) for edge in panel.edges),
                 panel.rotation,
                 panel.translation * space,
+                panel.shrinkage,
             )
             for panel in self.panels
         )
@@ -155,6 +157,28 @@ class SewingPattern:
         up = np.array([0.0, 0.0, top - made.top])
         lifted = tuple(replace(panel, translation=panel.translation + up) for panel in panels)
         return SewingPattern(self.name, lifted, self.seams, self.up)
+
+    def shrunk(self, shrinkage: Mapping[str, float | tuple[float, float]]) -> SewingPattern:
+        """Returns a copy in which panels shrink.
+
+        Args:
+            shrinkage: By the panel's name, the share by which its cloth is shorter at rest than it was cut, from -1
+                (twice as long) to 0.9: a number, or two for the x and the y direction of its plane.
+
+        Raises:
+            SceneError: There is no such panel, or a share is out of range.
+        """
+        names = [panel.name for panel in self.panels]
+        for name in shrinkage:
+            if name not in names:
+                raise SceneError(f"{self.name}: shrinkage: there is no panel {name!r}{similar(name, names)}")
+        panels = tuple(
+            replace(panel, shrinkage=_shrinkage(f"{self.name}: panel {panel.name!r}: shrinkage", shrinkage[panel.name]))
+            if panel.name in shrinkage
+            else panel
+            for panel in self.panels
+        )
+        return replace(self, panels=panels)
 
     @property
     def top(self) -> float:
@@ -214,12 +238,20 @@ def _numbers(where: str, value: Any, shape: tuple[int, ...]) -> Reals:
     try:
         array = np.array(value, float)
     except (TypeError, ValueError):
-        array = np.zeros(())
+        array = np.full((), np.nan)
     fits = array.ndim == len(shape) and all(n in (-1, m) for n, m in zip(shape, array.shape))
     if not fits or not np.all(np.isfinite(array)):
         words = " x ".join("n" if n < 0 else str(n) for n in shape)
         raise SceneError(f"{where}: {str(value)[:60]} is not {words or 'a'} finite number{'s' if shape else ''}")
     return array
+
+
+def _shrinkage(where: str, value: Any) -> tuple[float, float]:
+    """Returns the shares of a number, or of two. Raises SceneError."""
+    shares = np.broadcast_to(_numbers(where, value, (2,) if isinstance(value, (list, tuple)) else ()), 2)
+    if not np.all((shares >= -1) & (shares <= 0.9)):
+        raise SceneError(f"{where}: {value} is out of range; give shares from -1 (twice as long) to 0.9")
+    return float(shares[0]), float(shares[1])
 
 
 def _entry(where: str, value: Any, key: str, kind: type, default: Any = None) -> Any:
@@ -308,7 +340,8 @@ def _own_panel(where: str, name: str, panel: Any, unit: float, frame: Reals) -> 
         edges.append(Edge(_own_curve(f"{where}: curve of edge {number}", start, end, given, unit), label))
     turn = _numbers(f"{where}: rotate", panel.get("rotate", [0, 0, 0]), (3,))
     move = _numbers(f"{where}: translate", panel.get("translate", [0, 0, 0]), (3,)) * unit
-    return Panel(name, tuple(edges), frame @ _rotation(turn), frame @ move)
+    shrinkage = _shrinkage(f"{where}: shrinkage", panel.get("shrinkage", 0.0))
+    return Panel(name, tuple(edges), frame @ _rotation(turn), frame @ move, shrinkage)
 
 
 def _own_curve(where: str, start: Reals, end: Reals, given: Any, unit: float) -> Bezier | Arc:

@@ -150,6 +150,7 @@ class Dressing:
                 garment.faces,
                 material_vertices=garment.mesh.material,
                 material_faces=garment.mesh.faces,
+                shrinkage=garment.mesh.shrinkage,
                 material=self._material(garment.fabric, damping, friction),
                 name=garment.name,
             )
@@ -158,6 +159,7 @@ class Dressing:
             self.vertex_of[self.mesh.faces],
             material_vertices=self.mesh.material,
             material_faces=self.mesh.faces,
+            shrinkage=self.mesh.shrinkage,
             material=self._material(self.fabric, damping, friction),
             name=self.name,
         )

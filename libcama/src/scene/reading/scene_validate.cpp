@@ -145,6 +145,18 @@ void check_stitch(const Scene &s, std::size_t i)
           "a stitch of vertex " + std::to_string(t.vertex_a) + " to itself", "remove it");
 }
 
+void check_shrinkage(const std::string &object, const Cloth &c)
+{
+  const std::size_t triangles = c.mesh.face.size();
+  require(c.shrinkage.size() <= 1 || c.shrinkage.size() == triangles, object + ": shrinkage",
+          std::to_string(c.shrinkage.size()) + " pairs",
+          "give one for warp and weft, or one for each of the " + std::to_string(triangles) + " triangles");
+  for (std::size_t i = 0; i < c.shrinkage.size(); ++i)
+    for (const double share : c.shrinkage[i])
+      require(share >= -1 && share <= 0.9, object + ": shrinkage[" + std::to_string(i) + "]", share,
+              "give a share from -1 (twice as long) to 0.9");
+}
+
 /// Rejects a cloth whose rest shape is the start at another scale, as happens with texture coordinates in other units
 /// or of an image: it would snap to that size. Cloth that starts crumpled, sheared or collapsed is not stretched
 /// uniformly everywhere, nor by factors that units explain.
@@ -216,6 +228,7 @@ void Scene::validate() const
     if (c.material.static_friction != -1 && c.material.friction == -1)
       check_static_friction(object + ": material.static_friction", c.material.static_friction, contact.friction);
     require(finite(c.velocity), object + ": velocity", "not finite", "give three finite numbers, m/s");
+    check_shrinkage(object, c);
     require(std::isfinite(c.pressure), object + ": pressure", c.pressure, "give a finite number, Pa");
   }
   names.clear();
