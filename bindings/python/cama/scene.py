@@ -581,6 +581,22 @@ class Scene:
         for i, j, k, r in zip(first, second, third, ratio):
             self._core.add_stitch(a, int(i), b, int(j), int(k), float(r), number("stitch: stiffness", stiffness))
 
+    def elastic(self, cloth: Cloth | int | str, vertices: ArrayLike, *, length: float, stiffness: float) -> None:
+        """Sews an elastic to a line of cloth: springs that only pull, one along each edge of the line.
+
+        Args:
+            cloth: A handle, index or name.
+            vertices: Vertex numbers [k] in order, with an edge from each to the next; a closed line repeats the first
+                at the end.
+            length: Length of the elastic at rest over that of the line in the rest shape of the cloth, such as 0.8.
+            stiffness: Force over strain of the elastic, EA, N.
+
+        Raises:
+            ArrayError, SceneError
+        """
+        index, line = self._vertices("elastic", cloth, vertices)
+        self._core.add_elastic(index, line, number("elastic: length", length), number("elastic: stiffness", stiffness))
+
     def _index(self, what: str, part: Part | int | str, parts: Sequence[Part]) -> int:
         if isinstance(part, Part):
             if part._scene is not self:
@@ -808,6 +824,9 @@ class SimulatedScene(Scene):
 
     def stitch(self, *arguments: Any, **named: Any) -> NoReturn:  # type: ignore[override]
         self._refuse("stitch")
+
+    def elastic(self, *arguments: Any, **named: Any) -> NoReturn:  # type: ignore[override]
+        self._refuse("elastic")
 
     def untangle(self, *arguments: Any, **named: Any) -> NoReturn:  # type: ignore[override]
         self._refuse("untangle")

@@ -257,9 +257,13 @@ void bind_scene(py::module_ &m)
       .def("add_pin",
            [](Scene &s, int cloth, const Ints &vertices, const Motion &motion, std::optional<int> obstacle,
               double release) { s.pins.push_back({cloth, to_vector<int>(vertices), motion, obstacle, release}); })
-      .def("add_stitch", [](Scene &s, int cloth_a, int vertex_a, int cloth_b, int vertex_b, int vertex_c, double ratio,
-                            double stiffness) {
-        s.stitches.push_back({cloth_a, vertex_a, cloth_b, vertex_b, vertex_c, ratio, stiffness});
+      .def("add_stitch",
+           [](Scene &s, int cloth_a, int vertex_a, int cloth_b, int vertex_b, int vertex_c, double ratio,
+              double stiffness) {
+             s.stitches.push_back({cloth_a, vertex_a, cloth_b, vertex_b, vertex_c, ratio, stiffness});
+           })
+      .def("add_elastic", [](Scene &s, int cloth, const Ints &vertices, double share, double stiffness) {
+        s.add_elastic(cloth, to_vector<int>(vertices), share, stiffness);
       });
 }
 

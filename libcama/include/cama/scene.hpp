@@ -74,12 +74,13 @@ struct Pin {
   double release = std::numeric_limits<double>::infinity();  ///< time at which the vertices are released, s
 };
 
-/// Zero-length spring between a vertex and a point on an edge: x_a = (1 - ratio) x_b + ratio x_c.
+/// Spring between a vertex and a point on an edge, (1 - ratio) x_b + ratio x_c.
 struct Stitch {
   int cloth_a = 0, vertex_a = 0;
   int cloth_b = 0, vertex_b = 0, vertex_c = 0;
   double ratio = 0;
   double stiffness = 1e3;  ///< N/m
+  double length = 0;  ///< at rest, m; one above 0 makes it an elastic, which is slack when it is shorter
 };
 
 struct Wind {
@@ -125,6 +126,13 @@ struct Scene {
   static Scene parse(const std::string &json, const std::filesystem::path &folder, int resolution = 0);
   /// JSON text of the whole scene with its meshes; parse(save()) gives the same scene.
   std::string save() const;
+
+  /// Sews an elastic to a line of cloth: a spring that only pulls along each edge between `vertices` in order; repeat
+  /// the first at the end for a closed line.
+  /// @param share Length of the elastic at rest over that of the line in the rest state of the cloth.
+  /// @param stiffness Force over strain, EA, N.
+  /// Throws SceneError, which names the vertex.
+  void add_elastic(int cloth, const std::vector<int> &vertices, double share, double stiffness);
 
   /// Throws SceneError, MeshError or MaterialError for the first value that cannot be simulated; Simulation calls it
   /// before any kernel runs.

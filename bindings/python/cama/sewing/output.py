@@ -133,6 +133,11 @@ def scene_of(dressed: Dressed, folder: Path) -> dict[str, Any]:
             for garment, name in zip((*dressed.under, dressed), names)
         ],
         "stitches": saved.get("stitches", []),
+        "elastics": [
+            {"cloth": garment.name, **elastic, "vertices": elastic["vertices"].tolist()}
+            for garment in (*dressed.under, dressed)
+            for elastic in garment.mesh.elastics(garment.vertex_of)
+        ],
     }
 
 

@@ -19,9 +19,9 @@ from ..types import PathLike, Reals
 from ..units import METRES, unknown
 from .curves import Arc, Bezier, Sampled, relative_point
 
-__all__ = ["Edge", "Panel", "Seam", "SewingPattern"]
+__all__ = ["Edge", "Elastic", "Panel", "Seam", "SewingPattern"]
 
-PATTERN_KEYS = ("name", "description", "units", "up", "panels", "seams")
+PATTERN_KEYS = ("name", "description", "units", "up", "panels", "seams", "elastics")
 PANEL_KEYS = ("corners", "curves", "edges", "translate", "rotate", "shrinkage")
 
 
@@ -82,6 +82,15 @@ class Seam:
 
 
 @dataclass(frozen=True)
+class Elastic:
+    """An elastic that is sewn to an edge of a panel; it only pulls."""
+
+    edge: tuple[int, int]  #: panel, edge
+    length: float  #: at rest, over the length of the edge
+    stiffness: float  #: force over strain, EA, N
+
+
+@dataclass(frozen=True)
 class SewingPattern:
     """Panels and the seams between them. Lengths are in m, z is up. `SewingPattern.load` reads one."""
 
@@ -89,6 +98,7 @@ class SewingPattern:
     panels: tuple[Panel, ...]  #: panels
     seams: tuple[Seam, ...] = field(repr=False)  #: seams
     up: str = "z"  #: the axis that was up in the file, "y" or "z"
+    elastics: tuple[Elastic, ...] = field(default=(), repr=False)  #: elastics
 
     @classmethod
     @naming_files()
@@ -149,14 +159,14 @@ class SewingPattern:
             )
             for panel in self.panels
         )
-        made = SewingPattern(self.name, panels, self.seams, self.up)
+        made = replace(self, panels=panels)
         if top is None:
             return made
         if not math.isfinite(top):
             raise SceneError(f"{self.name}: scaled: top {top} must be a height in m")
         up = np.array([0.0, 0.0, top - made.top])
         lifted = tuple(replace(panel, translation=panel.translation + up) for panel in panels)
-        return SewingPattern(self.name, lifted, self.seams, self.up)
+        return replace(self, panels=lifted)
 
     def shrunk(self, shrinkage: Mapping[str, float | tuple[float, float]]) -> SewingPattern:
         """Returns a copy in which panels shrink.
@@ -263,6 +273,14 @@ def _entry(where: str, value: Any, key: str, kind: type, default: Any = None) ->
     return found
 
 
+def _positive(where: str, value: Mapping[str, Any], key: str) -> float:
+    """Returns an entry that is a number greater than 0. Raises SceneError."""
+    found = float(_numbers(f"{where}: {key}", value.get(key), ()))
+    if not found > 0:
+        raise SceneError(f"{where}: {key}: {found:g} must be greater than 0")
+    return found
+
+
 def _known(where: str, value: Mapping[str, Any], keys: tuple[str, ...]) -> None:
     for key in value:
         if key not in keys and not key.startswith(("$", "_")):
@@ -312,7 +330,13 @@ def _own(data: Mapping[str, Any], name: str) -> SewingPattern:
             raise SceneError(f'{where}: {seam[2]!r} must be "opposite" (the default) or "parallel"')
         sides = [_own_edge(where, side, panels) for side in seam[:2]]
         seams.append(Seam(sides[0], sides[1], len(seam) == 2 or seam[2] == "opposite"))
-    return SewingPattern(name, tuple(panels), tuple(seams), up)
+    elastics = []
+    for number, elastic in enumerate(_entry(name, data, "elastics", list, [])):
+        where = f"{name}: elastic {number}"
+        edge = _own_edge(where, _entry(where, elastic, "edge", str), panels)
+        _known(where, elastic, ("edge", "length", "stiffness"))
+        elastics.append(Elastic(edge, _positive(where, elastic, "length"), _positive(where, elastic, "stiffness")))
+    return SewingPattern(name, tuple(panels), tuple(seams), up, tuple(elastics))
 
 
 def _own_panel(where: str, name: str, panel: Any, unit: float, frame: Reals) -> Panel:

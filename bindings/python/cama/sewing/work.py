@@ -163,6 +163,10 @@ class Dressing:
             material=self._material(self.fabric, damping, friction),
             name=self.name,
         )
+        worn = [(garment.mesh, garment.vertex_of) for garment in self.under]
+        for index, (mesh, vertex_of) in enumerate([*worn, (self.mesh, self.vertex_of)]):
+            for elastic in mesh.elastics(vertex_of):
+                scene.elastic(index, **elastic)
         body = {"mesh": self.wearer.vertices, "faces": self.wearer.faces}
         scene.add_obstacle(**(moving or body), friction=BODY_FRICTION if friction is None else friction, name="body")
 

@@ -251,6 +251,10 @@ void write_stitch(Writer &w, const Stitch &s)
   w.text += '}';
   w.key("stiffness");
   w.number(s.stiffness);
+  if (s.length != 0) {
+    w.key("length");
+    w.number(s.length);
+  }
   w.text += '}';
 }
 

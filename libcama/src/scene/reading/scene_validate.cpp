@@ -141,6 +141,7 @@ void check_stitch(const Scene &s, std::size_t i)
   vertex(t.cloth_b, t.vertex_c, "b");
   require(t.ratio >= 0 && t.ratio <= 1, field + ".b.ratio", t.ratio, "give a number from 0 to 1");
   require(std::isfinite(t.stiffness) && t.stiffness > 0, field + ".stiffness", t.stiffness, "give N/m, greater than 0");
+  require(std::isfinite(t.length) && t.length >= 0, field + ".length", t.length, "give metres, 0 or more");
   require(!(t.cloth_a == t.cloth_b && (t.vertex_a == t.vertex_b || t.vertex_a == t.vertex_c)), field,
           "a stitch of vertex " + std::to_string(t.vertex_a) + " to itself", "remove it");
 }
