@@ -181,3 +181,14 @@ def test_steps_are_never_shorter_than_the_error_can_use(asked, most):
     simulation.before_step = lambda running: running.set_state(running.positions, 0 * running.velocities)
     counts = [simulation.step_frame() for _ in range(3)]
     assert most / 4 < max(counts) <= most, counts
+
+
+def test_a_scene_without_contact_has_no_edges_to_look_at():
+    """Whether a step stretches edges was asked of edges that only scenes with contact have: a crash."""
+    scene = cama.Scene(contact=False)
+    scene.add_cloth(shape={"grid": {"size": [0.2, 0.1], "cells": [8, 4]}})
+    simulation = cama.Simulation(scene, backend="cpu", threads=1)
+    assert simulation.options["error"]
+    simulation.step(5)
+    fallen = simulation.positions[:, 2]
+    assert np.ptp(fallen) < 1e-9 and fallen.mean() == pytest.approx(-9.81 * simulation.time**2 / 2, rel=0.3)

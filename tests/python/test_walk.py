@@ -113,6 +113,7 @@ SMALLER = {
     "CAMA_BACKEND=cuda cama run drape": SMALL,
     "cama run napkin.json": SMALL,
     "cama dress skirt --body walker": "--resolution 300",
+    "cama dress skirt --body walker --shrinkage front=0.03 --shrinkage back=0.03,0.01": "--resolution 300",
     "cama render out/skirt": PICTURES,
     "cama run out/skirt/scene.json -o out/skirt-run --frames 10": "--frames 1 --accuracy preview",
     "cama dress skirt --body dance -o out/dancer": "--resolution 200",

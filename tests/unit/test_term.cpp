@@ -282,7 +282,7 @@ TEST_CASE("a stitch pulls with the gradient of its energy and its matrix is the 
   for (int n = 0; n < 200; ++n) {
     dvec3 x[3];
     for (dvec3 &p : x) p = to_dvec3(random.vector(0.1));
-    const stitch s{{0, 1, 2}, random(0, 1), random(1, 2000)};
+    const stitch s{{0, 1, 2}, random(0, 1), random(1, 2000), 0};
     const auto term_of = [&](const dvec3 *y) {
       Term t;
       f64::make_stitch_terms(1, &s, y, time_step, 0, &t);
@@ -315,4 +315,55 @@ TEST_CASE("a stitch pulls with the gradient of its energy and its matrix is the 
                 1e-9 * s.stiffness);
     }
   }
+}
+
+TEST_CASE("an elastic pulls with the gradient of its energy, its matrix is the Hessian, and it is slack when short",
+          "[term]")
+{
+  Random random(5);
+  int pulling = 0, slack = 0;
+  for (int n = 0; n < 200; ++n) {
+    const double size = 0.1, h = 1e-6;
+    std::array<dvec3, 2> x{to_dvec3(random.vector(size)), to_dvec3(random.vector(size))};
+    const auto distance = [](const std::array<dvec3, 2> &y) {
+      return Vector(y[0].x - y[1].x, y[0].y - y[1].y, y[0].z - y[1].z).norm();
+    };
+    const stitch s{{0, 1, 1}, 0, random(1, 2000), random(0.3, 1.5) * distance(x)};
+    if (std::abs(distance(x) - s.length) < 1e-3 * size) continue;  // beside the kink of its force
+    const auto energy = [&](const std::array<dvec3, 2> &y) {
+      const double stretch = std::max(distance(y) - s.length, 0.0);
+      return 0.5 * s.stiffness * stretch * stretch;
+    };
+    const auto term_of = [&](const std::array<dvec3, 2> &y) {
+      Term t;
+      f64::make_stitch_terms(1, &s, y.data(), time_step, 0, &t);
+      return t;
+    };
+    const auto shifted = [&](int i, double by) {
+      std::array<dvec3, 2> y = x;
+      (&y[static_cast<std::size_t>(i / 3)].x)[i % 3] += by;
+      return y;
+    };
+    const auto force = [&](const Term &of, int i) {
+      const double normal[3] = {of.normal.x, of.normal.y, of.normal.z};
+      return of.weight[i / 3] * of.push / time_step * normal[i % 3];
+    };
+    const Term t = term_of(x);
+    double measured = -1;
+    const double step = time_step, inverse_mass[2] = {1, 1};
+    f64::measure_terms(1, 0, 0, 0, step, nullptr, &s, x.data(), x.data(), x.data(), inverse_mass, nullptr, &t, nullptr,
+                       &measured);
+    REQUIRE(measured == Approx(energy(x)).margin(1e-15));
+    const Matrix12 m = matrix(t, FORM_RANK_ONE) / (time_step * time_step);
+    for (int i = 0; i < 6; ++i) {
+      const auto p = shifted(i, h), q = shifted(i, -h);
+      REQUIRE(std::abs(force(t, i) + (energy(p) - energy(q)) / (2 * h)) <= 1e-6 * s.stiffness * size);
+      for (int j = 0; j < 6; ++j)
+        REQUIRE(std::abs(m(j, i) + (force(term_of(p), j) - force(term_of(q), j)) / (2 * h)) <= 1e-6 * s.stiffness);
+    }
+    REQUIRE(Eigen::SelfAdjointEigenSolver<Matrix12>(m).eigenvalues().minCoeff() >= -1e-9 * s.stiffness);
+    ++(distance(x) > s.length ? pulling : slack);
+  }
+  CHECK(pulling > 50);
+  CHECK(slack > 50);
 }

@@ -194,6 +194,12 @@ class Cloth:
     material: Material
     source: str
     pressure: float
+    @property
+    def shrinkage(self) -> Reals: ...
+    @shrinkage.setter
+    def shrinkage(self, shrinkage: Reals, /) -> None: ...
+    @property
+    def rest_corners(self) -> Reals: ...
     material_scale: float
     velocity: Vector
 
@@ -273,6 +279,7 @@ class Scene:
         stiffness: float,
         /,
     ) -> None: ...
+    def add_elastic(self, cloth: int, vertices: Integers, share: float, stiffness: float, /) -> None: ...
 
 class Worlds(_Turns):
     def __init__(self, scenes: list[Scene], options: list[OptionOverrides], /) -> None: ...

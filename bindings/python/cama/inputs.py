@@ -124,6 +124,18 @@ def compiled_mesh(
     return _core.Mesh(vertices, faces, material_vertices, material_faces), "arrays"
 
 
+def shrinkage_rows(name: str, shrinkage: float | ArrayLike) -> Reals:
+    """Returns shrinkage as the compiled module has it: [0, 2] for none, [1, 2] for all triangles, or [m, 2].
+
+    Raises ArrayError.
+    """
+    where = f"{name}: shrinkage"
+    if np.ndim(shrinkage) == 0:
+        share = number(where, shrinkage)
+        return np.full((1 if share else 0, 2), share)
+    return np.atleast_2d(reals(where, shrinkage, (2,) if np.ndim(shrinkage) == 1 else (None, 2)))
+
+
 def sampled(faces: Integers, times: Reals, positions: Reals) -> tuple[_core.Mesh, _core.Motion]:
     """Returns the compiled mesh and motion of positions [times, vertices, 3], m, at times, s; one time: at rest."""
     motion = _core.Motion()

@@ -109,10 +109,17 @@ class Cloth(Part):
 
     @property
     def rest_corners(self) -> Reals:
-        """Corners [m, 3, 2] of the triangles at rest, m: in material space, or each laid flat by itself."""
+        """Corners [m, 3, 2] of the triangles at rest, m: in material space, shrunk, or each laid flat by itself."""
+        if len(self.shrinkage):
+            return self._compiled().rest_corners.reshape(-1, 3, 2)
         if len(self.material_faces):
             return self.material_vertices[self.material_faces]
         return flat_corners(self.vertices, self.faces)
+
+    @property
+    def shrinkage(self) -> Reals:
+        """Shares by which the rest shape is shrunk along warp and weft: [1, 2] of all triangles, [m, 2], or [0, 2]."""
+        return self._compiled().shrinkage.reshape(-1, 2)
 
     @property
     def rest_shape(self) -> str:
@@ -128,22 +135,30 @@ class Cloth(Part):
     def _edges(self) -> tuple[Reals, ...]:
         """Returns two edges of every triangle as columns: [m, 3, 2] at the start, [m, 2 or 3, 2] at rest."""
         start = self.vertices[self.faces]
-        rest = self.material_vertices[self.material_faces] if len(self.material_faces) else start
+        flat = len(self.material_faces) or len(self.shrinkage)
+        rest = self.rest_corners if flat else start
         return tuple(
             np.stack([corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]], 2) for corners in (start, rest)
         )
 
+    def _rest_areas(self) -> Reals:
+        """Returns the areas [m] of the triangles at rest, m^2."""
+        _, rest = self._edges()
+        triangular = np.linalg.qr(rest)[1]  # [m, 2, 2]
+        return 0.5 * np.abs(triangular[:, 0, 0] * triangular[:, 1, 1])
+
     @property
     def rest_area(self) -> float:
         """Area at rest, m^2."""
-        _, rest = self._edges()
-        triangular = np.linalg.qr(rest)[1]  # [m, 2, 2]
-        return 0.5 * float(np.abs(triangular[:, 0, 0] * triangular[:, 1, 1]).sum())
+        return float(self._rest_areas().sum())
 
     @property
     def mass(self) -> float:
-        """Mass, kg."""
-        return self.rest_area * self._compiled().material.density
+        """Mass, kg; shrinkage does not change it."""
+        area = self.rest_area
+        if len(self.shrinkage):
+            area = float((self._rest_areas() / (1 - self.shrinkage).prod(axis=1)).sum())
+        return area * self._compiled().material.density
 
     @property
     def start_strain(self) -> tuple[float, float]:

@@ -18,7 +18,16 @@ from .arrays import count, indices, number, plain, reals, vector, whole
 from .body import Body
 from .errors import ArrayError, FileError, SceneError
 from .hints import counted, naming_files, reading
-from .inputs import compiled_mesh, file_frame, placement, sampled, shape_scene, texture_scale, uniform_scale
+from .inputs import (
+    compiled_mesh,
+    file_frame,
+    placement,
+    sampled,
+    shape_scene,
+    shrinkage_rows,
+    texture_scale,
+    uniform_scale,
+)
 from .io import morph, usd_scene
 from .io import reading as guard
 from .io.characters import keep_limbs_apart
@@ -262,6 +271,7 @@ class Scene:
         scale: float = 1.0,
         velocity: VectorLike = (0, 0, 0),
         pressure: float = 0.0,
+        shrinkage: float | ArrayLike = 0.0,
         weld: Weld = False,
         name: str | None = None,
     ) -> Cloth:
@@ -292,6 +302,8 @@ class Scene:
             scale: Scale of the start and of the rest shape.
             velocity: Velocity at the start [3], m/s.
             pressure: Pressure inside a closed cloth above that outside, Pa. It pushes along the normals of the faces.
+            shrinkage: Share by which the rest shape shrinks, from -1 (it grows to twice its length) to 0.9: one number,
+                [2] for warp and weft, or [m, 2] for the triangles. The start and the mass stay as they are.
             weld: Whether to join vertices of `mesh` that coincide, so that triangles which share a place share its
                 vertices. True: vertices within a millionth of the mesh's extent; a number: within this distance, m,
                 after `scale`. Each group keeps the position of its first vertex; vertices are then numbered in the
@@ -321,6 +333,8 @@ class Scene:
         cloth.material = material
         cloth.velocity = vector(f"{name}: velocity", velocity)
         cloth.pressure = number(f"{name}: pressure", pressure)
+        if shape is None or np.ndim(shrinkage) or shrinkage:  # a shape may have its own
+            cloth.shrinkage = shrinkage_rows(name, shrinkage)
         handle = Cloth(self, self._core.add_cloth(cloth))
         if isinstance(mesh, (str, os.PathLike)) and Path(mesh).suffix.lower() == ".obj":
             for a, b, c, ratio in _core.load_stitches(Path(mesh), renumbered):
@@ -567,6 +581,22 @@ class Scene:
         for i, j, k, r in zip(first, second, third, ratio):
             self._core.add_stitch(a, int(i), b, int(j), int(k), float(r), number("stitch: stiffness", stiffness))
 
+    def elastic(self, cloth: Cloth | int | str, vertices: ArrayLike, *, length: float, stiffness: float) -> None:
+        """Sews an elastic to a line of cloth: springs that only pull, one along each edge of the line.
+
+        Args:
+            cloth: A handle, index or name.
+            vertices: Vertex numbers [k] in order, with an edge from each to the next; a closed line repeats the first
+                at the end.
+            length: Length of the elastic at rest over that of the line in the rest shape of the cloth, such as 0.8.
+            stiffness: Force over strain of the elastic, EA, N.
+
+        Raises:
+            ArrayError, SceneError
+        """
+        index, line = self._vertices("elastic", cloth, vertices)
+        self._core.add_elastic(index, line, number("elastic: length", length), number("elastic: stiffness", stiffness))
+
     def _index(self, what: str, part: Part | int | str, parts: Sequence[Part]) -> int:
         if isinstance(part, Part):
             if part._scene is not self:
@@ -794,6 +824,9 @@ class SimulatedScene(Scene):
 
     def stitch(self, *arguments: Any, **named: Any) -> NoReturn:  # type: ignore[override]
         self._refuse("stitch")
+
+    def elastic(self, *arguments: Any, **named: Any) -> NoReturn:  # type: ignore[override]
+        self._refuse("elastic")
 
     def untangle(self, *arguments: Any, **named: Any) -> NoReturn:  # type: ignore[override]
         self._refuse("untangle")

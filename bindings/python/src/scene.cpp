@@ -156,6 +156,18 @@ void bind_parts(py::module_ &m)
       .def_readwrite("material", &Cloth::material)
       .def_readwrite("source", &Cloth::source)
       .def_readwrite("pressure", &Cloth::pressure)
+      .def_property(
+          "shrinkage", [](const Cloth &c) { return to_array<double>(c.shrinkage); },
+          [](Cloth &c, const Doubles &shrinkage) { c.shrinkage = to_vector<Shrinkage>(shrinkage); })
+      .def_property_readonly("rest_corners",
+                             [](const Cloth &c) {
+                               std::vector<std::array<double, 6>> corners;
+                               for (std::size_t f = 0; f < c.mesh.face.size(); ++f) {
+                                 const auto u = c.rest_corners(f);
+                                 corners.push_back({u[0][0], u[0][1], u[1][0], u[1][1], u[2][0], u[2][1]});
+                               }
+                               return to_array<double>(std::move(corners));
+                             })
       .def_readwrite("material_scale", &Cloth::material_scale);
   py::class_<Obstacle>(m, "Obstacle")
       .def(py::init<>())
@@ -245,9 +257,13 @@ void bind_scene(py::module_ &m)
       .def("add_pin",
            [](Scene &s, int cloth, const Ints &vertices, const Motion &motion, std::optional<int> obstacle,
               double release) { s.pins.push_back({cloth, to_vector<int>(vertices), motion, obstacle, release}); })
-      .def("add_stitch", [](Scene &s, int cloth_a, int vertex_a, int cloth_b, int vertex_b, int vertex_c, double ratio,
-                            double stiffness) {
-        s.stitches.push_back({cloth_a, vertex_a, cloth_b, vertex_b, vertex_c, ratio, stiffness});
+      .def("add_stitch",
+           [](Scene &s, int cloth_a, int vertex_a, int cloth_b, int vertex_b, int vertex_c, double ratio,
+              double stiffness) {
+             s.stitches.push_back({cloth_a, vertex_a, cloth_b, vertex_b, vertex_c, ratio, stiffness});
+           })
+      .def("add_elastic", [](Scene &s, int cloth, const Ints &vertices, double share, double stiffness) {
+        s.add_elastic(cloth, to_vector<int>(vertices), share, stiffness);
       });
 }
 

@@ -15,6 +15,9 @@
 
 namespace cama {
 
+/// Shares by which cloth shrinks along warp and weft; below 0 it grows.
+using Shrinkage = std::array<double, 2>;
+
 /// One piece of cloth: a mesh in its starting position, with a rest state in material space.
 struct Cloth {
   std::string name;
@@ -25,6 +28,15 @@ struct Cloth {
   /// Length of a unit of the texture coordinates that are the rest state, m; 0: the rest state has another origin.
   double material_scale = 0;
   double pressure = 0;  ///< inside a closed cloth, above that outside, Pa: along the normals of the faces
+  /// The rest state is 1 - shrinkage times that of the mesh; mass stays. Empty: none; one for all triangles; or
+  /// [triangles].
+  std::vector<Shrinkage> shrinkage;
+
+  /// Of a triangle; {0, 0} without any.
+  Shrinkage shrinkage_of(std::size_t triangle) const;
+  /// Corners of a triangle in its rest state, shrunk, m. Without material space the triangle is laid flat, with the
+  /// projected x axis as warp.
+  std::array<MaterialPoint, 3> rest_corners(std::size_t triangle) const;
 };
 
 /// The shape of an obstacle: a mesh, or exact. An exact shape is defined by the vertices of its mesh: the centre of a
@@ -62,12 +74,13 @@ struct Pin {
   double release = std::numeric_limits<double>::infinity();  ///< time at which the vertices are released, s
 };
 
-/// Zero-length spring between a vertex and a point on an edge: x_a = (1 - ratio) x_b + ratio x_c.
+/// Spring between a vertex and a point on an edge, (1 - ratio) x_b + ratio x_c.
 struct Stitch {
   int cloth_a = 0, vertex_a = 0;
   int cloth_b = 0, vertex_b = 0, vertex_c = 0;
   double ratio = 0;
   double stiffness = 1e3;  ///< N/m
+  double length = 0;  ///< at rest, m; one above 0 makes it an elastic, which is slack when it is shorter
 };
 
 struct Wind {
@@ -113,6 +126,13 @@ struct Scene {
   static Scene parse(const std::string &json, const std::filesystem::path &folder, int resolution = 0);
   /// JSON text of the whole scene with its meshes; parse(save()) gives the same scene.
   std::string save() const;
+
+  /// Sews an elastic to a line of cloth: a spring that only pulls along each edge between `vertices` in order; repeat
+  /// the first at the end for a closed line.
+  /// @param share Length of the elastic at rest over that of the line in the rest state of the cloth.
+  /// @param stiffness Force over strain, EA, N.
+  /// Throws SceneError, which names the vertex.
+  void add_elastic(int cloth, const std::vector<int> &vertices, double share, double stiffness);
 
   /// Throws SceneError, MeshError or MaterialError for the first value that cannot be simulated; Simulation calls it
   /// before any kernel runs.

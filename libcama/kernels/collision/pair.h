@@ -24,8 +24,15 @@ typedef struct {
 
 typedef struct {
   int node[3];
-  double ratio, stiffness;
+  double ratio, stiffness; /* 1, N/m */
+  double length;           /* at rest, m; above 0 it only pulls */
 } stitch;
+
+/* By how much a stitch is longer than at rest, m, where its ends are `distance` apart. */
+DEVICE double stitch_stretch(stitch s, double distance)
+{
+  return s.length > 0.0 ? max_double(distance - s.length, 0.0) : distance;
+}
 
 /* Contact properties of a vertex. */
 typedef struct {

@@ -371,7 +371,8 @@ KERNEL measure_terms(int n, int contact_count, int damped, int refresh, double s
     } else {
       stitch s = stitches[i - contact_count];
       dvec3 gap = daxpy(dsub(x[s.node[0]], x[s.node[1]]), -s.ratio, dsub(x[s.node[2]], x[s.node[1]]));
-      energy[i] = 0.5 * s.stiffness * ddot(gap, gap);
+      double stretch = s.length > 0.0 ? stitch_stretch(s, dnorm(gap)) : 0.0;
+      energy[i] = 0.5 * s.stiffness * (s.length > 0.0 ? stretch * stretch : ddot(gap, gap));
     }
   }
 }

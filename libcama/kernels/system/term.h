@@ -264,7 +264,8 @@ KERNEL make_frictionless_terms(int n, GLOBAL const contact *contacts, real time_
   }
 }
 
-/* Appends zero-length springs (stitches) to the terms, starting at `first`. */
+/* Appends stitches to the terms, starting at `first`. The matrix of a spring of rest length L that is l long is
+   k (n n' + (1 - L/l) (I - n n')) while it pulls, and zero while it is slack. */
 KERNEL make_stitch_terms(int n, GLOBAL const stitch *stitches, GLOBAL const dvec3 *position, real time_step, int first,
                          GLOBAL term *terms)
 {
@@ -273,7 +274,7 @@ KERNEL make_stitch_terms(int n, GLOBAL const stitch *stitches, GLOBAL const dvec
     term t;
     dvec3 gap =
         daxpy(dsub(position[s.node[0]], position[s.node[1]]), -s.ratio, dsub(position[s.node[2]], position[s.node[1]]));
-    double length = dnorm(gap);
+    double distance = dnorm(gap), stretch = stitch_stretch(s, distance);
     real k = (real)s.stiffness;
     t.node[0] = s.node[0];
     t.node[1] = s.node[1];
@@ -286,7 +287,12 @@ KERNEL make_stitch_terms(int n, GLOBAL const stitch *stitches, GLOBAL const dvec
     t.normal = to_vec3(dnormalize(gap));
     t.along = (real)0;
     t.around = time_step * time_step * k;
-    t.push = -time_step * k * (real)length;
+    t.push = -time_step * k * (real)stretch;
+    if (s.length > 0.0) {
+      real whole = stretch > 0.0 ? t.around : (real)0;
+      t.around = stretch > 0.0 ? whole * (real)(stretch / distance) : (real)0;
+      t.along = whole - t.around;
+    }
     terms[first + i] = t;
   }
 }

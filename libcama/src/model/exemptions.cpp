@@ -52,6 +52,7 @@ std::set<std::pair<int, int>> seam_pairs(const Scene &scene, const Topology &t)
     return vertices;
   };
   for (const Stitch &s : scene.stitches) {
+    if (s.length > 0) continue;  // an elastic, along an edge of the cloth
     const int a = t.cloth_range[s.cloth_a].first, b = t.cloth_range[s.cloth_b].first;
     for (int p : widened({a + s.vertex_a}))
       for (int q : widened({b + s.vertex_b, b + s.vertex_c}))

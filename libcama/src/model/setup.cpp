@@ -259,7 +259,7 @@ std::vector<kernels::stitch> stitches_of(const Scene &scene, const Topology &t)
   std::vector<kernels::stitch> stitches;
   for (const Stitch &s : scene.stitches) {
     const int a = t.cloth_range[s.cloth_a].first, b = t.cloth_range[s.cloth_b].first;
-    stitches.push_back({{a + s.vertex_a, b + s.vertex_b, b + s.vertex_c}, s.ratio, s.stiffness});
+    stitches.push_back({{a + s.vertex_a, b + s.vertex_b, b + s.vertex_c}, s.ratio, s.stiffness, s.length});
   }
   return stitches;
 }

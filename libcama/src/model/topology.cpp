@@ -44,9 +44,10 @@ struct HalfEdge {
   int face, corner;
 };
 
-void add_hinges(const Mesh &mesh, int first_vertex, int material, const std::vector<RestTriangle> &triangles,
+void add_hinges(const Cloth &cloth, int first_vertex, int material, const std::vector<RestTriangle> &triangles,
                 std::size_t first_triangle, std::vector<RestHinge> &hinges)
 {
+  const Mesh &mesh = cloth.mesh;
   std::vector<HalfEdge> half;
   half.reserve(3 * mesh.face.size());
   for (std::size_t f = 0; f < mesh.face.size(); ++f)
@@ -69,7 +70,7 @@ void add_hinges(const Mesh &mesh, int first_vertex, int material, const std::vec
     double length[2];
     const HalfEdge *side[2] = {&p, &q};
     for (int s = 0; s < 2; ++s) {
-      const auto u = corners(mesh, side[s]->face);
+      const auto u = cloth.rest_corners(static_cast<std::size_t>(side[s]->face));
       const MaterialPoint &m0 = u[side[s]->corner], &m1 = u[(side[s]->corner + 1) % 3];
       length[s] = std::hypot(m1[0] - m0[0], m1[1] - m0[1]);
       h.direction[s] = direction_of(m1[0] - m0[0], m1[1] - m0[1]);
@@ -86,6 +87,20 @@ void add_hinges(const Mesh &mesh, int first_vertex, int material, const std::vec
 }
 
 }  // namespace
+
+Shrinkage Cloth::shrinkage_of(std::size_t triangle) const
+{
+  if (shrinkage.empty()) return {0, 0};
+  return shrinkage.size() == 1 ? shrinkage[0] : shrinkage[triangle];
+}
+
+std::array<MaterialPoint, 3> Cloth::rest_corners(std::size_t triangle) const
+{
+  std::array<MaterialPoint, 3> u = corners(mesh, triangle);
+  const Shrinkage s = shrinkage_of(triangle);
+  for (MaterialPoint &corner : u) corner = {(1 - s[0]) * corner[0], (1 - s[1]) * corner[1]};
+  return u;
+}
 
 Topology build_topology(const Scene &scene)
 {
@@ -110,21 +125,23 @@ Topology build_topology(const Scene &scene)
     const std::size_t first_triangle = t.triangle.size();
     t.mass.resize(t.position.size(), 0.0);
     for (std::size_t f = 0; f < cloth.mesh.face.size(); ++f) {
-      const auto u = corners(cloth.mesh, f);
+      const auto u = cloth.rest_corners(f);
       const double a = u[1][0] - u[0][0], b = u[2][0] - u[0][0], p = u[1][1] - u[0][1], q = u[2][1] - u[0][1],
                    det = a * q - b * p;
       RestTriangle r;
       r.area = 0.5 * std::abs(det);
       r.d = {q / det, -b / det, -p / det, a / det};
       r.material = static_cast<int>(c);
+      const Shrinkage shrinkage = cloth.shrinkage_of(f);
+      const double unshrunk = r.area / ((1 - shrinkage[0]) * (1 - shrinkage[1]));
       for (int k = 0; k < 3; ++k) {
         r.node[k] = first + cloth.mesh.face[f][k];
-        t.mass[r.node[k]] += cloth.material.density * r.area / 3;
+        t.mass[r.node[k]] += cloth.material.density * unshrunk / 3;
       }
       t.triangle.push_back(r);
     }
     if (cloth.material.has_bending())
-      add_hinges(cloth.mesh, first, static_cast<int>(c), t.triangle, first_triangle, t.hinge);
+      add_hinges(cloth, first, static_cast<int>(c), t.triangle, first_triangle, t.hinge);
     t.cloth_range.emplace_back(first, static_cast<int>(t.position.size()));
   }
   t.cloth_vertices = static_cast<int>(t.position.size());

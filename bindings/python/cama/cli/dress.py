@@ -11,7 +11,8 @@ from rich.markup import escape
 from rich.table import Table
 
 from ..body import Body
-from ..errors import FileError
+from ..errors import FileError, SceneError
+from ..hints import similar
 from ..posing import MOTIONS
 from ..units import UNITS
 from .common import Backend, BackendOption, Debug, Threads, choice, clean, console
@@ -62,6 +63,14 @@ def dress(
             "--same-body", help="With --scale: the panels' highest point stays where it is, as for another size."
         ),
     ] = False,
+    shrinkage: Annotated[
+        Optional[list[str]],
+        typer.Option(
+            metavar="PANEL=SHARE",
+            help="A panel's cloth shrinks by this share, 0.05 for 5 %, or by PANEL=WIDTH,HEIGHT across and along it; "
+            "once for each panel.",
+        ),
+    ] = None,
     resolution: Annotated[int, typer.Option(min=16, help="About how many triangles each garment has.")] = 8000,
     edge_length: Annotated[
         Optional[float], typer.Option(metavar="METRES", help="Length of their edges, in place of --resolution.")
@@ -95,6 +104,7 @@ def dress(
     made = [SewingPattern.load(file) for file in pattern]
     if scale is not None:
         made = [each.scaled(*scale, top=each.top if same_body else None) for each in made]
+    made = _shrunk(made, shrinkage or [])
     folder = output or Path("out") / "-".join(each.name for each in made)
     status = Console(stderr=True, highlight=False)
     dressed = sew(
@@ -116,6 +126,31 @@ def dress(
     print_verdict(dressed, folder)
     if not dressed.verdict.good:
         raise typer.Exit(1)
+
+
+def _shrunk(patterns: list[Any], given: list[str]) -> list[Any]:
+    """Returns the patterns with the shrinkage of panels given as PANEL=SHARE or PANEL=WIDTH,HEIGHT.
+
+    A panel's name counts in every pattern that has such a panel. Raises SceneError.
+    """
+    shares: dict[str, Any] = {}
+    for text in given:
+        name, equals, numbers = text.rpartition("=")
+        try:
+            values = [float(value) for value in numbers.split(",")]
+        except ValueError:
+            values = []
+        if not (name and equals and len(values) in (1, 2)):
+            raise SceneError(f"--shrinkage {text}: is not PANEL=SHARE or PANEL=WIDTH,HEIGHT, such as front=0.05")
+        shares[name] = values[0] if len(values) == 1 else tuple(values)
+    names = [panel.name for pattern in patterns for panel in pattern.panels]
+    for name in shares:
+        if name not in names:
+            raise SceneError(f"--shrinkage {name}: no pattern has this panel{similar(name, names)}")
+    return [
+        pattern.shrunk({panel.name: shares[panel.name] for panel in pattern.panels if panel.name in shares})
+        for pattern in patterns
+    ]
 
 
 def print_verdict(dressed, folder):

@@ -194,12 +194,12 @@ def _flat(corners: Reals) -> Reals:
 
 def rest_shapes(scene: Scene) -> Reals:
     """Corners at rest of all cloth triangles of a Scene, [triangles, 3, 2] m: material space where a cloth has one,
-    else its start.
+    else its start; shrunk where it is.
     """
     parts = []
     for cloth in scene.cloths:
-        plane = cloth.material_vertices
-        parts.append(plane[cloth.material_faces] if len(plane) else _flat(cloth.vertices[cloth.faces]))
+        flat = len(cloth.material_faces) or len(cloth.shrinkage)
+        parts.append(cloth.rest_corners if flat else _flat(cloth.vertices[cloth.faces]))
     return np.concatenate(parts) if parts else np.zeros((0, 3, 2))
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 
@@ -32,6 +33,13 @@ class PatternMesh:
     panel_of_face: Integers = field(repr=False)  #: [triangles]
     panel_of_vertex: Integers = field(repr=False)  #: [vertices]
     seam_pairs: list[Integers] = field(repr=False)  #: for each seam its pairs of vertices [k, 2]
+    elastic_lines: list[Integers] = field(default_factory=list, repr=False)  #: for each elastic its vertices [k]
+
+    @property
+    def shrinkage(self) -> Reals:
+        """Shrinkage of the triangles [m, 2]; [0, 2] where no panel has any."""
+        shares = np.array([panel.shrinkage for panel in self.pattern.panels])
+        return shares[self.panel_of_face] if shares.any() else np.zeros((0, 2))
 
     @property
     def pairs(self) -> Integers:
@@ -39,6 +47,18 @@ class PatternMesh:
         rows = np.concatenate([np.zeros((0, 2), int), *self.seam_pairs])
         rows = np.sort(rows[rows[:, 0] != rows[:, 1]], axis=1)
         return np.unique(rows, axis=0)
+
+    def elastics(self, vertex_of: Integers) -> list[dict[str, Any]]:
+        """Returns `vertices`, `length` and `stiffness` of each elastic, as `Scene.elastic` takes them.
+
+        vertex_of: [vertices], the garment's vertex that each vertex became.
+        """
+        found = []
+        for line, elastic in zip(self.elastic_lines, self.pattern.elastics):
+            vertices = vertex_of[line]
+            vertices = vertices[np.r_[True, vertices[1:] != vertices[:-1]]]
+            found.append({"vertices": vertices, "length": elastic.length, "stiffness": elastic.stiffness})
+        return found
 
     def merged(self) -> Integers:
         """Returns the number [vertices] of the vertex of the sewn garment that each vertex becomes."""
@@ -258,6 +278,7 @@ def _assemble(
         np.repeat(np.arange(len(parts)), [len(triangles) for _, triangles in parts]),
         np.repeat(np.arange(len(parts)), [len(points) for points, _ in parts]),
         pairs,
+        [of_edge[elastic.edge] for elastic in pattern.elastics],
     )
 
 

@@ -124,11 +124,29 @@ def scene_of(dressed: Dressed, folder: Path) -> dict[str, Any]:
         "materials": {name: entry["material"] for name, entry in zip(names, saved["cloth"])},
         "obstacles": [{"name": "body", **entry_in(dressed.wearer, folder), "friction": body.friction}],
         "cloth": [
-            {"name": garment.name, "file": {"path": _file(garment), "rest": "uv"}, "material": name}
+            {
+                "name": garment.name,
+                "file": {"path": _file(garment), "rest": "uv"},
+                "material": name,
+                **_shrinkage(garment),
+            }
             for garment, name in zip((*dressed.under, dressed), names)
         ],
         "stitches": saved.get("stitches", []),
+        "elastics": [
+            {"cloth": garment.name, **elastic, "vertices": elastic["vertices"].tolist()}
+            for garment in (*dressed.under, dressed)
+            for elastic in garment.mesh.elastics(garment.vertex_of)
+        ],
     }
+
+
+def _shrinkage(garment: Dressed) -> dict[str, Any]:
+    """Returns the key `shrinkage` of a garment's cloth, for its triangles in the order of its file, or nothing."""
+    shares = garment.mesh.shrinkage
+    if not len(shares):
+        return {}
+    return {"shrinkage": shares[np.argsort(garment.mesh.panel_of_face, kind="stable")].tolist()}
 
 
 def _file(garment: Dressed) -> str:

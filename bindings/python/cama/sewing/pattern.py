@@ -19,10 +19,10 @@ from ..types import PathLike, Reals
 from ..units import METRES, unknown
 from .curves import Arc, Bezier, Sampled, relative_point
 
-__all__ = ["Edge", "Panel", "Seam", "SewingPattern"]
+__all__ = ["Edge", "Elastic", "Panel", "Seam", "SewingPattern"]
 
-PATTERN_KEYS = ("name", "description", "units", "up", "panels", "seams")
-PANEL_KEYS = ("corners", "curves", "edges", "translate", "rotate")
+PATTERN_KEYS = ("name", "description", "units", "up", "panels", "seams", "elastics")
+PANEL_KEYS = ("corners", "curves", "edges", "translate", "rotate", "shrinkage")
 
 
 @dataclass(frozen=True)
@@ -49,6 +49,7 @@ class Panel:
     edges: tuple[Edge, ...] = field(repr=False)  #: edges in order; each begins where the one before ends
     rotation: Reals = field(repr=False)  #: [3, 3], from the panel's plane (x, y, 0) to space, z up
     translation: Reals = field(repr=False)  #: [3] m, of the plane's origin
+    shrinkage: tuple[float, float] = (0.0, 0.0)  #: shares by which its cloth shrinks along x and y of the plane
 
     def outline(self, samples: int = 64) -> Reals:
         """Returns points [n, 2] of the boundary, m, `samples` on each curved edge and one on each straight one."""
@@ -81,6 +82,15 @@ class Seam:
 
 
 @dataclass(frozen=True)
+class Elastic:
+    """An elastic that is sewn to an edge of a panel; it only pulls."""
+
+    edge: tuple[int, int]  #: panel, edge
+    length: float  #: at rest, over the length of the edge
+    stiffness: float  #: force over strain, EA, N
+
+
+@dataclass(frozen=True)
 class SewingPattern:
     """Panels and the seams between them. Lengths are in m, z is up. `SewingPattern.load` reads one."""
 
@@ -88,6 +98,7 @@ class SewingPattern:
     panels: tuple[Panel, ...]  #: panels
     seams: tuple[Seam, ...] = field(repr=False)  #: seams
     up: str = "z"  #: the axis that was up in the file, "y" or "z"
+    elastics: tuple[Elastic, ...] = field(default=(), repr=False)  #: elastics
 
     @classmethod
     @naming_files()
@@ -144,17 +155,40 @@ class SewingPattern:
                 tuple(Edge(edge.curve.scaled(factors), edge.label) for edge in panel.edges),
                 panel.rotation,
                 panel.translation * space,
+                panel.shrinkage,
             )
             for panel in self.panels
         )
-        made = SewingPattern(self.name, panels, self.seams, self.up)
+        made = replace(self, panels=panels)
         if top is None:
             return made
         if not math.isfinite(top):
             raise SceneError(f"{self.name}: scaled: top {top} must be a height in m")
         up = np.array([0.0, 0.0, top - made.top])
         lifted = tuple(replace(panel, translation=panel.translation + up) for panel in panels)
-        return SewingPattern(self.name, lifted, self.seams, self.up)
+        return replace(self, panels=lifted)
+
+    def shrunk(self, shrinkage: Mapping[str, float | tuple[float, float]]) -> SewingPattern:
+        """Returns a copy in which panels shrink.
+
+        Args:
+            shrinkage: By the panel's name, the share by which its cloth is shorter at rest than it was cut, from -1
+                (twice as long) to 0.9: a number, or two for the x and the y direction of its plane.
+
+        Raises:
+            SceneError: There is no such panel, or a share is out of range.
+        """
+        names = [panel.name for panel in self.panels]
+        for name in shrinkage:
+            if name not in names:
+                raise SceneError(f"{self.name}: shrinkage: there is no panel {name!r}{similar(name, names)}")
+        panels = tuple(
+            replace(panel, shrinkage=_shrinkage(f"{self.name}: panel {panel.name!r}: shrinkage", shrinkage[panel.name]))
+            if panel.name in shrinkage
+            else panel
+            for panel in self.panels
+        )
+        return replace(self, panels=panels)
 
     @property
     def top(self) -> float:
@@ -214,12 +248,20 @@ def _numbers(where: str, value: Any, shape: tuple[int, ...]) -> Reals:
     try:
         array = np.array(value, float)
     except (TypeError, ValueError):
-        array = np.zeros(())
+        array = np.full((), np.nan)
     fits = array.ndim == len(shape) and all(n in (-1, m) for n, m in zip(shape, array.shape))
     if not fits or not np.all(np.isfinite(array)):
         words = " x ".join("n" if n < 0 else str(n) for n in shape)
         raise SceneError(f"{where}: {str(value)[:60]} is not {words or 'a'} finite number{'s' if shape else ''}")
     return array
+
+
+def _shrinkage(where: str, value: Any) -> tuple[float, float]:
+    """Returns the shares of a number, or of two. Raises SceneError."""
+    shares = np.broadcast_to(_numbers(where, value, (2,) if isinstance(value, (list, tuple)) else ()), 2)
+    if not np.all((shares >= -1) & (shares <= 0.9)):
+        raise SceneError(f"{where}: {value} is out of range; give shares from -1 (twice as long) to 0.9")
+    return float(shares[0]), float(shares[1])
 
 
 def _entry(where: str, value: Any, key: str, kind: type, default: Any = None) -> Any:
@@ -228,6 +270,14 @@ def _entry(where: str, value: Any, key: str, kind: type, default: Any = None) ->
     if not isinstance(found, kind):
         words = "an object" if kind is dict else "a list" if kind is list else "a text"
         raise SceneError(f"{where}: {key!r} must be {words}")
+    return found
+
+
+def _positive(where: str, value: Mapping[str, Any], key: str) -> float:
+    """Returns an entry that is a number greater than 0. Raises SceneError."""
+    found = float(_numbers(f"{where}: {key}", value.get(key), ()))
+    if not found > 0:
+        raise SceneError(f"{where}: {key}: {found:g} must be greater than 0")
     return found
 
 
@@ -280,7 +330,13 @@ def _own(data: Mapping[str, Any], name: str) -> SewingPattern:
             raise SceneError(f'{where}: {seam[2]!r} must be "opposite" (the default) or "parallel"')
         sides = [_own_edge(where, side, panels) for side in seam[:2]]
         seams.append(Seam(sides[0], sides[1], len(seam) == 2 or seam[2] == "opposite"))
-    return SewingPattern(name, tuple(panels), tuple(seams), up)
+    elastics = []
+    for number, elastic in enumerate(_entry(name, data, "elastics", list, [])):
+        where = f"{name}: elastic {number}"
+        edge = _own_edge(where, _entry(where, elastic, "edge", str), panels)
+        _known(where, elastic, ("edge", "length", "stiffness"))
+        elastics.append(Elastic(edge, _positive(where, elastic, "length"), _positive(where, elastic, "stiffness")))
+    return SewingPattern(name, tuple(panels), tuple(seams), up, tuple(elastics))
 
 
 def _own_panel(where: str, name: str, panel: Any, unit: float, frame: Reals) -> Panel:
@@ -308,7 +364,8 @@ def _own_panel(where: str, name: str, panel: Any, unit: float, frame: Reals) -> 
         edges.append(Edge(_own_curve(f"{where}: curve of edge {number}", start, end, given, unit), label))
     turn = _numbers(f"{where}: rotate", panel.get("rotate", [0, 0, 0]), (3,))
     move = _numbers(f"{where}: translate", panel.get("translate", [0, 0, 0]), (3,)) * unit
-    return Panel(name, tuple(edges), frame @ _rotation(turn), frame @ move)
+    shrinkage = _shrinkage(f"{where}: shrinkage", panel.get("shrinkage", 0.0))
+    return Panel(name, tuple(edges), frame @ _rotation(turn), frame @ move, shrinkage)
 
 
 def _own_curve(where: str, start: Reals, end: Reals, given: Any, unit: float) -> Bezier | Arc:

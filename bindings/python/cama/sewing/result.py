@@ -126,7 +126,7 @@ def judge(work: Dressing, scene: Scene, last: Simulation | None, problems: list[
         dropped = float(mesh.positions[:, 2].max() - each.vertices[:, 2].max())
         if dropped > SLIPPED * float(np.ptp(work.wearer.vertices[:, 2])):
             problems.append(f"the {each.name} slid down by {dropped:.2f} m: nothing holds it on this body")
-    strains = principal_strains(cloth.vertices[cloth.faces], work.mesh.material[work.mesh.faces])
+    strains = principal_strains(cloth.vertices[cloth.faces], cloth.rest_corners)
     most = int(np.argmax(strains))
     panel = pattern.panels[work.mesh.panel_of_face[most]].name
     count = sum(pair.count for pair in found)

@@ -150,6 +150,7 @@ class Dressing:
                 garment.faces,
                 material_vertices=garment.mesh.material,
                 material_faces=garment.mesh.faces,
+                shrinkage=garment.mesh.shrinkage,
                 material=self._material(garment.fabric, damping, friction),
                 name=garment.name,
             )
@@ -158,9 +159,14 @@ class Dressing:
             self.vertex_of[self.mesh.faces],
             material_vertices=self.mesh.material,
             material_faces=self.mesh.faces,
+            shrinkage=self.mesh.shrinkage,
             material=self._material(self.fabric, damping, friction),
             name=self.name,
         )
+        worn = [(garment.mesh, garment.vertex_of) for garment in self.under]
+        for index, (mesh, vertex_of) in enumerate([*worn, (self.mesh, self.vertex_of)]):
+            for elastic in mesh.elastics(vertex_of):
+                scene.elastic(index, **elastic)
         body = {"mesh": self.wearer.vertices, "faces": self.wearer.faces}
         scene.add_obstacle(**(moving or body), friction=BODY_FRICTION if friction is None else friction, name="body")
 

@@ -46,7 +46,7 @@ void read_options(const Field &f, const std::string &group, OptionOverrides &opt
 Scene SceneReader::read(const Field &top)
 {
   top.only({"name", "description", "time_step", "frame_time", "frames", "gravity", "wind", "contact", "resolution",
-            "materials", "cloth", "obstacles", "pins", "stitches", "options"});
+            "materials", "cloth", "obstacles", "pins", "stitches", "elastics", "options"});
   read_settings(top);
   if (top.has("materials")) {
     const Field all = top.at("materials");
@@ -67,6 +67,8 @@ Scene SceneReader::read(const Field &top)
     for (const Field &f : top.at("pins").items()) read_pin(f);
   if (top.has("stitches"))
     for (const Field &f : top.at("stitches").items()) read_stitch(f);
+  if (top.has("elastics"))
+    for (const Field &f : top.at("elastics").items()) read_elastic(f);
   return std::move(scene_);
 }
 
@@ -150,6 +152,18 @@ template <class Objects> int find_named(const Field &f, const Objects &all, cons
 int SceneReader::find_cloth(const Field &f) const { return find_named(f, scene_.cloths, "cloth"); }
 int SceneReader::find_obstacle(const Field &f) const { return find_named(f, scene_.obstacles, "obstacle"); }
 
+const std::vector<int> &SceneReader::named_vertices(const Field &name, int cloth) const
+{
+  const auto &groups = group_[cloth];
+  const auto g = groups.find(name.text());
+  std::string names;
+  for (const auto &[n, vertices] : groups) names += (names.empty() ? "" : ", ") + n;
+  if (g == groups.end())
+    name.fail("cloth \"" + scene_.cloths[cloth].name +
+              "\" has no vertices of that name; it has: " + (names.empty() ? "none (not generated)" : names));
+  return g->second;
+}
+
 void SceneReader::read_pin(const Field &f)
 {
   f.only({"cloth", "vertices", "box", "corners", "edge", "all", "motion", "attach", "release"});
@@ -176,14 +190,8 @@ void SceneReader::read_pin(const Field &f)
     }
   }
   const auto add_group = [&](const Field &name) {
-    const auto &groups = group_[p.cloth];
-    const auto g = groups.find(name.text());
-    std::string names;
-    for (const auto &[n, vertices] : groups) names += (names.empty() ? "" : ", ") + n;
-    if (g == groups.end())
-      name.fail("cloth \"" + scene_.cloths[p.cloth].name +
-                "\" has no vertices of that name; it has: " + (names.empty() ? "none (not generated)" : names));
-    chosen.insert(g->second.begin(), g->second.end());
+    const std::vector<int> &group = named_vertices(name, p.cloth);
+    chosen.insert(group.begin(), group.end());
   };
   if (f.has("edge")) add_group(f.at("edge"));
   if (f.has("corners"))
@@ -217,7 +225,7 @@ void SceneReader::read_pin(const Field &f)
 
 void SceneReader::read_stitch(const Field &f)
 {
-  f.only({"a", "b", "stiffness"});
+  f.only({"a", "b", "stiffness", "length"});
   const Field a = f.at("a"), b = f.at("b");
   a.only({"cloth", "vertex"});
   b.only({"cloth", "vertex", "other", "ratio"});
@@ -229,7 +237,29 @@ void SceneReader::read_stitch(const Field &f)
   s.vertex_c = b.integer("other", s.vertex_b);
   s.ratio = b.finite("ratio", 0);
   s.stiffness = f.positive("stiffness", s.stiffness);
+  s.length = f.finite("length", s.length);
   scene_.stitches.push_back(s);
+}
+
+void SceneReader::read_elastic(const Field &f)
+{
+  f.only({"cloth", "vertices", "edge", "length", "stiffness"});
+  const int cloth = find_cloth(f.at("cloth"));
+  if (f.has("vertices") == f.has("edge")) f.fail("needs one of edge and vertices");
+  std::vector<int> line;
+  if (f.has("edge")) {
+    line = named_vertices(f.at("edge"), cloth);
+    const auto edges = unique_edges(scene_.cloths[cloth].mesh.face);
+    const int low = std::min(line.front(), line.back()), high = std::max(line.front(), line.back());
+    const bool closed = std::find(edges.begin(), edges.end(), std::array<int, 2>{low, high}) != edges.end();
+    if (line.size() > 2 && closed) line.push_back(line.front());
+  } else
+    for (const Field &v : f.at("vertices").items()) line.push_back(v.integer());
+  try {
+    scene_.add_elastic(cloth, line, f.at("length").finite(), f.at("stiffness").finite());
+  } catch (const SceneError &e) {
+    f.fail(e.what());
+  }
 }
 
 Scene Scene::load(const std::filesystem::path &path, int resolution)

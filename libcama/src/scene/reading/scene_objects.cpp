@@ -147,6 +147,22 @@ std::optional<Field> mesh_source(const Field &f)
   return {};
 }
 
+/// Shrinkage of a cloth: a number, one for warp and one for weft, or such a pair for each triangle.
+std::vector<Shrinkage> read_shrinkage(const Field &f)
+{
+  if (f.json().is_number()) return {{f.finite(), f.finite()}};
+  if (!f.json().is_array() || f.json().empty())
+    f.fail("expected a number, a list of two (warp and weft), or such a list for each triangle, got " + f.brief());
+  const auto pair = [](const Field &p) {
+    const auto values = p.numbers(2);
+    return Shrinkage{values[0], values[1]};
+  };
+  if (!f.json()[0].is_array()) return {pair(f)};
+  std::vector<Shrinkage> all;
+  for (const Field &p : f.items()) all.push_back(pair(p));
+  return all;
+}
+
 }  // namespace
 
 double cloth_area(const Field &f)
@@ -416,7 +432,7 @@ Pattern SceneReader::cloth_shape(const Field &f, int triangles, Cloth &cloth, st
 void SceneReader::read_cloth(const Field &f, std::size_t index)
 {
   f.only({"name", "source", "grid", "tube", "garment", "file", "mesh", "material", "thickness", "transform", "velocity",
-          "pressure", "share", "triangles", "stitch_stiffness"});
+          "pressure", "shrinkage", "share", "triangles", "stitch_stiffness"});
   Cloth c;
   c.name = f.text("name", "cloth " + std::to_string(index));
   std::vector<MeshStitch> stitches;
@@ -432,6 +448,7 @@ void SceneReader::read_cloth(const Field &f, std::size_t index)
     if (const auto vertex = weld_if_asked(*from, c.mesh)) stitches = renumber(stitches, *vertex);
   c.velocity = f.vector("velocity", c.velocity);
   c.pressure = f.finite("pressure", c.pressure);
+  if (f.has("shrinkage")) c.shrinkage = read_shrinkage(f.at("shrinkage"));
   if (!f.has("material"))
     c.material = Material::fabric("cotton");
   else {

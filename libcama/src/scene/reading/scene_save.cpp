@@ -170,6 +170,10 @@ void write_cloth(Writer &w, const Cloth &c)
     w.key("pressure");
     w.number(c.pressure);
   }
+  if (!c.shrinkage.empty()) {
+    w.key("shrinkage");
+    w.list(c.shrinkage, [&](const Shrinkage &s) { w.list(s, [&](double x) { w.number(x); }); });
+  }
   w.key("material");
   w.text += material_json(c.material).dump();
   w.key("mesh");
@@ -247,6 +251,10 @@ void write_stitch(Writer &w, const Stitch &s)
   w.text += '}';
   w.key("stiffness");
   w.number(s.stiffness);
+  if (s.length != 0) {
+    w.key("length");
+    w.number(s.length);
+  }
   w.text += '}';
 }
 

@@ -141,8 +141,21 @@ void check_stitch(const Scene &s, std::size_t i)
   vertex(t.cloth_b, t.vertex_c, "b");
   require(t.ratio >= 0 && t.ratio <= 1, field + ".b.ratio", t.ratio, "give a number from 0 to 1");
   require(std::isfinite(t.stiffness) && t.stiffness > 0, field + ".stiffness", t.stiffness, "give N/m, greater than 0");
+  require(std::isfinite(t.length) && t.length >= 0, field + ".length", t.length, "give metres, 0 or more");
   require(!(t.cloth_a == t.cloth_b && (t.vertex_a == t.vertex_b || t.vertex_a == t.vertex_c)), field,
           "a stitch of vertex " + std::to_string(t.vertex_a) + " to itself", "remove it");
+}
+
+void check_shrinkage(const std::string &object, const Cloth &c)
+{
+  const std::size_t triangles = c.mesh.face.size();
+  require(c.shrinkage.size() <= 1 || c.shrinkage.size() == triangles, object + ": shrinkage",
+          std::to_string(c.shrinkage.size()) + " pairs",
+          "give one for warp and weft, or one for each of the " + std::to_string(triangles) + " triangles");
+  for (std::size_t i = 0; i < c.shrinkage.size(); ++i)
+    for (const double share : c.shrinkage[i])
+      require(share >= -1 && share <= 0.9, object + ": shrinkage[" + std::to_string(i) + "]", share,
+              "give a share from -1 (twice as long) to 0.9");
 }
 
 /// Rejects a cloth whose rest shape is the start at another scale, as happens with texture coordinates in other units
@@ -216,6 +229,7 @@ void Scene::validate() const
     if (c.material.static_friction != -1 && c.material.friction == -1)
       check_static_friction(object + ": material.static_friction", c.material.static_friction, contact.friction);
     require(finite(c.velocity), object + ": velocity", "not finite", "give three finite numbers, m/s");
+    check_shrinkage(object, c);
     require(std::isfinite(c.pressure), object + ": pressure", c.pressure, "give a finite number, Pa");
   }
   names.clear();
