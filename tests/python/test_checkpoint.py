@@ -225,3 +225,27 @@ def test_resuming_otherwise_than_the_frames_are_is_refused_and_loses_nothing(tmp
     assert command("-o", tmp_path, "--resume", "--frames", 6).returncode == 0
     with Recording(tmp_path) as done:
         assert len(done) == 7 and done.positions.dtype == np.float32
+
+
+def test_what_an_earlier_checkpoint_does_not_say_is_not_left_from_the_run_before(tmp_path):
+    """The limit of the next step that stretched edges have left: 1 ms, where the run takes more."""
+    scene = cama.Scene.load("drape", 300)
+    whole = cama.Simulation(scene, backend="cpu")
+    whole.step(3)
+    whole.save_checkpoint(tmp_path / "a.h5")
+    for name, limit in (("short", 1e-3), ("earlier", None)):
+        (tmp_path / f"{name}.h5").write_bytes((tmp_path / "a.h5").read_bytes())
+        with h5py.File(tmp_path / f"{name}.h5", "a") as file:
+            numbers = file["numbers"].attrs
+            if limit is None:
+                del numbers["max_step_by_stretch"]
+            else:
+                numbers["max_step_by_stretch"] = limit
+    whole.step()
+    used = cama.Simulation(scene, backend="cpu")
+    used.load_checkpoint(tmp_path / "short.h5")
+    used.step()
+    assert used.report["time_step"] <= 1e-3 < whole.report["time_step"]
+    used.load_checkpoint(tmp_path / "earlier.h5")
+    used.step()
+    assert used.state_hash == whole.state_hash

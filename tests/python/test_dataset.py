@@ -164,6 +164,13 @@ def test_what_does_not_fit_is_an_error(tmp_path):
     assert (tmp_path / "e.h5").read_text() == "mine"
 
 
+class Always:
+    """Random numbers that are all 1."""
+
+    def integers(self, end):
+        return 1
+
+
 def test_a_sample_that_starts_with_intersections_is_named_and_leaves_the_others(tmp_path):
     def make(random):
         fabric = int(random.integers(2))
@@ -180,3 +187,6 @@ def test_a_sample_that_starts_with_intersections_is_named_and_leaves_the_others(
     assert [bool(text) for text in found["error"]] == crossing.tolist()
     assert (np.isnan(found["positions"]).any(axis=(1, 2, 3)) == crossing).all()
     assert ((found["intersections"] == -1) == crossing).all()
+    with pytest.raises(cama.CollisionError, match="sample 0, and every other of its batch of 2: .*`make`"):
+        cama.dataset.generate(tmp_path / "b.h5", lambda random: make(Always()), 2, backend="cpu")
+    assert not (tmp_path / "b.h5").exists()

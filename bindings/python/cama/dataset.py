@@ -253,7 +253,10 @@ def _worlds_of(scenes: list[Any], part: list[int], runs: dict[str, Any]) -> tupl
         except CollisionError as problem:
             failed[row] = CollisionError(str(problem).removeprefix("world 0: "))
     if len(failed) == len(scenes):
-        raise CollisionError(f"sample {part[0]}, and all others of its batch: {failed[0]}")
+        raise CollisionError(
+            f"sample {part[0]}, and every other of its batch of {len(part)}: {failed[0]}; let `make` place cloth "
+            "without intersections"
+        )
     return Worlds([scene for row, scene in enumerate(scenes) if row not in failed], **runs), failed
 
 

@@ -197,8 +197,7 @@ KERNEL apply_impulses(int n, int zones, GLOBAL const double *farthest, GLOBAL co
 
 #define LARGEST_STRETCH 1.5 /* of an edge in one step, beyond which the step is too long */
 
-/* count[0]: incremented for each edge of the cloth that the motion x to y makes more than LARGEST_STRETCH times as
- * long. */
+/* count[0]: incremented for each edge of cloth that the motion x to y makes over LARGEST_STRETCH times as long. */
 KERNEL count_stretched(int n, int cloth_vertices, GLOBAL const edge_nodes *edge, GLOBAL const dvec3 *x,
                        GLOBAL const dvec3 *y, GLOBAL int *count)
 {
