@@ -13,7 +13,9 @@
 namespace cama {
 namespace {
 
-constexpr double linear_steps = 20;  // size over error, over this: so many steps in a frame of 1/60 s at most
+// Steps in a frame of 1/60 s at most: the root of r = size over error over the first, or r over the second.
+constexpr double root_steps = 2, linear_steps = 40;
+constexpr double stretch_pieces = 4;  // into which edges that stretch too far divide the shortest step at most
 constexpr double least_error = 1e-6;  // of the size
 constexpr double longest_ratio = 2;  // of a step to the one before
 constexpr double safety = 2;  // by which errors in contact exceed the estimate
@@ -48,6 +50,9 @@ double eighth_root(double x) { return std::sqrt(std::sqrt(std::sqrt(x))); }
 
 /// Number of frames that are complete.
 double frames_of(const Clock &time) { return std::floor(time.now / time.frame + 1e-6); }
+
+/// The shortest step for edges that stretch too far, s.
+double shortest_by_stretch(const Clock &time) { return time.shortest / stretch_pieces; }
 
 /// Of the error allowed in this step, the share that it has.
 double share_of(const Clock &time) { return safety * time.step_error / (time.error * ERROR_FRAMES * time.step); }
@@ -85,7 +90,7 @@ double cloth_size(const Scene &scene)
 double shortest_step(double error, double size)
 {
   const double ratio = std::max(size / error, 1.0);
-  return 1 / (ERROR_FRAMES * std::max(std::sqrt(ratio), ratio / linear_steps));
+  return 1 / (ERROR_FRAMES * std::max({std::sqrt(ratio) / root_steps, ratio / linear_steps, 1.0}));
 }
 
 void choose_step(Clock &time)
@@ -94,9 +99,10 @@ void choose_step(Clock &time)
   const double end = (frames_of(time) + 1) * time.frame, left = end - time.now;
   double wanted = time.wanted > 0 ? time.wanted : time.step;
   wanted = std::min(wanted, time.longest);
-  if (time.max_by_stretch > 0) wanted = std::min(wanted, time.max_by_stretch);
+  wanted = std::max(wanted, time.shortest);
+  if (time.max_by_stretch > 0) wanted = std::max(std::min(wanted, time.max_by_stretch), shortest_by_stretch(time));
   if (time.history) wanted = std::min(wanted, longest_ratio * time.step_before);
-  const double parts = std::max(std::ceil(left / std::max(wanted, time.shortest) * (1 - 1e-9)), 1.0);
+  const double parts = std::max(std::ceil(left / wanted * (1 - 1e-9)), 1.0);
   time.step = left / parts;
   time.end = parts > 1 ? time.now + time.step : end;
 }
@@ -112,9 +118,11 @@ bool judge_step(Clock &time)
 {
   if (!(time.error > 0)) return true;
   const double share = share_of(time);
-  if ((over_error(time) || time.stretched) && time.step > (1 + rounding) * time.shortest) {
-    if (time.stretched) time.max_by_stretch = std::max(time.step / 2, time.shortest);
-    if (over_error(time)) {
+  const bool over = over_error(time) && time.step > (1 + rounding) * time.shortest,
+             torn = time.stretched && time.step > (1 + rounding) * shortest_by_stretch(time);
+  if (over || torn) {
+    if (torn) time.max_by_stretch = std::max(time.step / 2, shortest_by_stretch(time));
+    if (over) {
       const double factor = time.multistep ? 1 / std::sqrt(share) : 1 / share;
       time.wanted = std::max(0.9 * time.step * std::max(factor, 0.2), time.shortest);
     }
