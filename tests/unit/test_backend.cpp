@@ -81,7 +81,7 @@ TEST_CASE("scan equals the running sum", "[backend]")
   std::mt19937 random(3);
   for (const auto &backend : every_backend()) {
     INFO(backend->name());
-    for (int n : {0, 1, 2, 255, 256, 257, 32768, 32769, 100000}) {
+    for (int n : {0, 1, 2, 255, 256, 257, 4096, 4097, 16384, 16385, 32768, 32769, 100000}) {
       std::vector<int> values(static_cast<std::size_t>(n));
       for (int &v : values) v = static_cast<int>(random() % 7);
       Stream<int> from(*backend, values), to(*backend, n + 1);

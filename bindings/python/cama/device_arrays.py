@@ -230,8 +230,15 @@ def _imported(name: str, value: Any) -> Any:
 def _received(name: str, value: Any, queue: int) -> _core.Received:
     """Takes an array on a CUDA device: its work comes first in the queue or, by the interface alone, is waited for."""
     if hasattr(value, "__dlpack__"):
-        return _asked(name, lambda: _core.Received(value.__dlpack__(stream=queue)))
+        return _asked(name, lambda: _core.Received(_capsule(value, queue)))
     return _asked(name, lambda: _of_interface(value, value.__cuda_array_interface__))
+
+
+def _capsule(value: Any, queue: int) -> Any:
+    try:
+        return value.__dlpack__(stream=queue, max_version=(1, 0))
+    except TypeError:  # of a library from before DLPack 1
+        return value.__dlpack__(stream=queue)
 
 
 def _of_interface(value: Any, interface: dict[str, Any]) -> _core.Received:

@@ -14,7 +14,9 @@ class Guarded {
 public:
   Guarded(const Scene &scene, const OptionOverrides &options)
       : simulation_(std::make_shared<Simulation>(scene, options)), turns_(std::make_shared<Turns>())
-  {}
+  {
+    simulation_->backend().leave_to(simulation_->backend().device_before());
+  }
   Guarded(std::shared_ptr<Simulation> simulation, std::shared_ptr<Turns> turns)
       : simulation_(std::move(simulation)), turns_(std::move(turns))
   {}
@@ -24,7 +26,7 @@ public:
     turns_->await_background();
     py::gil_scoped_release release;
     std::lock_guard<std::mutex> lock(turns_->mutex);
-    simulation_->backend().make_current();
+    const OnDevice device(simulation_->backend());
     return ask(*simulation_);
   }
   Turns &turns() { return *turns_; }

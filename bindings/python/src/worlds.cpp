@@ -12,14 +12,18 @@ class GuardedWorlds {
 public:
   GuardedWorlds(const std::vector<Scene> &scenes, const std::vector<OptionOverrides> &options)
       : worlds_(std::make_shared<Worlds>(scenes, options)), turns_(std::make_shared<Turns>())
-  {}
+  {
+    if (worlds_->size() == 0) return;
+    const Backend &backend = (*worlds_)[0].backend();
+    backend.leave_to(backend.device_before());
+  }
 
   template <class Ask> auto with(Ask &&ask)
   {
     turns_->await_background();
     py::gil_scoped_release release;
     std::lock_guard<std::mutex> lock(turns_->mutex);
-    (*worlds_)[0].backend().make_current();
+    const OnDevice device((*worlds_)[0].backend());
     return ask(*worlds_);
   }
   /// A world, which keeps all of them alive.

@@ -88,7 +88,11 @@ public:
   /// Whether kernels of this backend can read at an address that another library has given.
   virtual bool reaches(const void *address) const { return address != nullptr; }
   virtual void synchronize_device() {}  ///< waits for all work on the device, also of other libraries
-  virtual void make_current() const {}  ///< makes the device that of the calling thread
+  /// Makes the device that of the calling thread; returns the index of the one before, or -1 if there is nothing to
+  /// change back.
+  virtual int make_current() const { return -1; }
+  virtual void leave_to(int device) const { static_cast<void>(device); }  ///< with what one of these has returned
+  virtual int device_before() const { return -1; }  ///< that of the thread which made this backend, before that
 
   /// Does what was recorded, each queue in its order; waits if there is a download among it.
   /// crew: threads that may help.
@@ -104,6 +108,19 @@ public:
 protected:
   std::size_t allocated_ = 0, peak_ = 0;
   long launches_ = 0, waits_ = 0;
+};
+
+/// The device of a backend is that of the calling thread as long as this lives; then the one before is again.
+class OnDevice {
+public:
+  explicit OnDevice(const Backend &backend) : backend_(backend), before_(backend.make_current()) {}
+  ~OnDevice() { backend_.leave_to(before_); }
+  OnDevice(const OnDevice &) = delete;
+  OnDevice &operator=(const OnDevice &) = delete;
+
+private:
+  const Backend &backend_;
+  int before_;
 };
 
 /// Number of CPUs of this process, at most the quota of its container and OMP_NUM_THREADS if that is set: what threads

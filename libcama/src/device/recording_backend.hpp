@@ -45,7 +45,9 @@ public:
   DeviceMemory memory() const override { return device_->backend->memory(); }
   bool reaches(const void *address) const override { return device_->backend->reaches(address); }
   void synchronize_device() override { device_->backend->synchronize_device(); }
-  void make_current() const override { device_->backend->make_current(); }
+  int make_current() const override { return device_->backend->make_current(); }
+  void leave_to(int device) const override { device_->backend->leave_to(device); }
+  int device_before() const override { return device_->backend->device_before(); }
   void begin_stage(int number) override;
 
   // For who runs worlds together.
