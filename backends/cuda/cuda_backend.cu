@@ -220,11 +220,9 @@ public:
       check(cudaGetLastError(), "scan_by_block");
       return;
     }
-    with_scratch(
-        [&](void *scratch, std::size_t &bytes) {
-          return cub::DeviceScan::ExclusiveSum(scratch, bytes, in, out, n, queue_);
-        },
-        "scan");
+    with_scratch([&](void *scratch,
+                     std::size_t &bytes) { return cub::DeviceScan::ExclusiveSum(scratch, bytes, in, out, n, queue_); },
+                 "scan");
     with_scratch(
         [&](void *scratch, std::size_t &bytes) {
           return cub::DeviceReduce::Reduce(scratch, bytes, in, total, n, AddLong{}, 0ll, queue_);
@@ -307,8 +305,7 @@ public:
     bool waited = false;
     for (const OperationQueue *queue : queues) {
       waited = waited || queue->downloaded_bytes() > 0;
-      for (int i = 0; i < queue->size(); ++i)
-        if (queue->operation(i).kind == OperationKind::release) release(from_slot<Buffer>(*queue->slots(i)));
+      for (const int i : queue->releases()) release(from_slot<Buffer>(*queue->slots(i)));
     }
     if (!waited) return;
     ++waits_;

@@ -406,7 +406,7 @@ int Interpreter::run(const std::vector<OperationQueue *> &queues, Crew &crew, co
   }
   if (programs.waits()) {
     check(cudaStreamSynchronize(queue_), "synchronize");
-    programs.deliver(crew, downloads_.get(0));
+    programs.answer(downloads_.get(0));
   }
   return launches;
 }

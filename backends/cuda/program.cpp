@@ -43,24 +43,20 @@ Programs::Programs(const std::vector<OperationQueue *> &queues, int (*function_o
   }
 }
 
-template <class Work> void Programs::each(Crew &crew, const Work &work) const
+void Programs::write(Crew &crew, unsigned char *block, unsigned char *device, unsigned char *downloads,
+                     unsigned char *scratch) const
 {
   crew.run([&](int member) {
     const std::size_t worlds = queues_.size(), members = static_cast<std::size_t>(crew.size());
     const auto m = static_cast<std::size_t>(member);
-    for (std::size_t w = worlds * m / members; w < worlds * (m + 1) / members; ++w) work(w);
+    for (std::size_t w = worlds * m / members; w < worlds * (m + 1) / members; ++w)
+      write(w, block, device, downloads, scratch);
   });
 }
 
-void Programs::write(Crew &crew, unsigned char *block, unsigned char *device, unsigned char *downloads,
-                     unsigned char *scratch) const
+void Programs::answer(const unsigned char *downloads) const
 {
-  each(crew, [&](std::size_t w) { write(w, block, device, downloads, scratch); });
-}
-
-void Programs::deliver(Crew &crew, const unsigned char *downloads) const
-{
-  each(crew, [&](std::size_t w) { deliver(w, downloads); });
+  for (std::size_t w = 0; w < queues_.size(); ++w) queues_[w]->downloaded = downloads + places_[w].downloads;
 }
 
 void Programs::write(std::size_t world, unsigned char *block, unsigned char *device, unsigned char *downloads,
@@ -108,19 +104,6 @@ void Programs::write(std::size_t world, unsigned char *block, unsigned char *dev
     case OperationKind::sort: own[3] = to_slot(scratch + place.scratch); break;
     default: break;
     }
-  }
-}
-
-void Programs::deliver(std::size_t world, const unsigned char *downloads) const
-{
-  const OperationQueue &queue = *queues_[world];
-  if (queue.downloaded_bytes() == 0) return;
-  std::size_t down = places_[world].downloads;
-  for (int i = 0; i < queue.size(); ++i) {
-    if (queue.operation(i).kind != OperationKind::download) continue;
-    const Slot *slots = queue.slots(i);
-    std::memcpy(from_slot<void *>(slots[1]), downloads + down, slots[0]);
-    down += aligned(slots[0]);
   }
 }
 

@@ -40,8 +40,8 @@ public:
   /// Writes the block. device: where it will be; downloads, scratch: of the device.
   void write(Crew &crew, unsigned char *block, unsigned char *device, unsigned char *downloads,
              unsigned char *scratch) const;
-  /// Hands what was downloaded to the worlds.
-  void deliver(Crew &crew, const unsigned char *downloads) const;
+  /// Tells the worlds where what they have downloaded is.
+  void answer(const unsigned char *downloads) const;
 
 private:
   struct Place {
@@ -49,8 +49,6 @@ private:
   };
   void write(std::size_t world, unsigned char *block, unsigned char *device, unsigned char *downloads,
              unsigned char *scratch) const;
-  void deliver(std::size_t world, const unsigned char *downloads) const;
-  template <class Work> void each(Crew &crew, const Work &work) const;
 
   const std::vector<OperationQueue *> &queues_;
   int (*function_of_)(const KernelKey &);

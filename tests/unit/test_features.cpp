@@ -161,10 +161,9 @@ const Names bdf2_streams = {"position_before", "velocity_before", "position_base
 const Kernels bdf2_kernels = {{"extrapolate_states", 2}, {"predict_states", 1}, {"keep_history", 1}};
 /// A list of elements, vertex by vertex: count, scan, fill, sort.
 const Kernels incidence_kernels = {
-    {"set_int", 2}, {"count_incidence", 1}, {"scan", 1}, {"fill_incidence", 1}, {"sort_rows", 1}};
+    {"set_int", 1}, {"count_incidence", 1}, {"scan", 1}, {"fill_incidence", 1}, {"sort_rows", 1}};
 const Names friction_kernels = {"vertex_loads", "free_velocities", "make_contact_terms"};
-const Names solve_kernels_of_terms = {"pack_terms",      "term_products",     "add_term_products",
-                                      "add_term_forces", "add_term_diagonal", "term_diagonals"};
+const Names solve_kernels_of_terms = {"pack_terms", "add_term_diagonal", "term_diagonals"};
 
 const std::vector<std::string> elastic_stages = {"element forces", "matrix assembly", "linear solve",
                                                  "advance positions", "finish step"};

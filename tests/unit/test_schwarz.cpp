@@ -66,15 +66,19 @@ struct Block {
   }
   VectorXd apply(const VectorXd &r)
   {
-    // The last entry is the block's node.
-    std::vector<kernels::f32::vec4> in(static_cast<std::size_t>(rows) + 1, kernels::f32::vec4{-1, -1, -1, 0});
-    for (int i = 0; i < rows; ++i)
-      in[static_cast<std::size_t>(i)] = {static_cast<float>(r[3 * i]), static_cast<float>(r[3 * i + 1]),
-                                         static_cast<float>(r[3 * i + 2]), 0};
-    Stream<kernels::f32::vec4> right(backend, in), z(backend, rows);
-    Stream<double> scalar(backend, std::vector<double>(CG_COUNT, 0.0));
-    const Stream<int> groups(backend, std::vector<int>{0, 1});
-    CAMA_LAUNCH_TEAMS(float, backend, restrict_residual, CG_TEAM, 1, 2, rows, 1, groups, block_start, right);
+    // Vertices are numbered backwards; the last entry is the block's node.
+    std::vector<int> order;
+    for (int i = rows - 1; i >= 0; --i) order.push_back(i);
+    std::vector<float> in(static_cast<std::size_t>(3 * rows));
+    for (int i = 0; i < 3 * rows; ++i)
+      in[static_cast<std::size_t>(3 * order[i / 3] + i % 3)] = static_cast<float>(r[i]);
+    const Stream<float> vertices(backend, in);
+    Stream<kernels::f32::vec4> right(backend, rows + 1), z(backend, rows);
+    Stream<double> scalar(backend, std::vector<double>(CG_COUNT, 1.0));
+    const Stream<int> groups(backend, std::vector<int>{0, 1}), places(backend, order);
+    CAMA_LAUNCH_TEAMS(float, backend, gather_block_residuals, CG_TEAM, 1, 2, rows, 1, groups, block_start, places, 1, 0,
+                      nothing<double>(), nothing<double>(), vertices, nothing<float>(), right, scalar);
+    REQUIRE(scalar.at(CG_DONE) == 0);
     CAMA_LAUNCH_TEAMS(float, backend, apply_blocks, APPLY_TEAM, 1, block_start, 0, scalar, factor, weight, right, z);
     const auto out = z.download(), all = right.download();
     coarse = {all.back().x, all.back().y, all.back().z};

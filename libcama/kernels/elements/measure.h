@@ -28,16 +28,4 @@ KERNEL measure_pairs(int n, int kind, GLOBAL const pair *pairs, GLOBAL const fac
   }
 }
 
-/* total[0 .. 3]: four numbers side by side; unused ones are 0. */
-KERNEL collect_totals(int n, int used, GLOBAL const double *a, GLOBAL const double *b, GLOBAL const double *c,
-                      GLOBAL const double *d, GLOBAL double *total)
-{
-  FOR_EACH(i, n) {
-    total[0] = used & 1 ? a[0] : 0.0;
-    total[1] = used & 2 ? b[0] : 0.0;
-    total[2] = used & 4 ? c[0] : 0.0;
-    total[3] = used & 8 ? d[0] : 0.0;
-  }
-}
-
 #endif

@@ -259,10 +259,14 @@ KERNEL pack_terms(int n, GLOBAL const term *terms, int vertices, GLOBAL const in
   }
 }
 
-/* The weight of each entry of the terms' incidence lists. */
-KERNEL pack_weights(int n, GLOBAL const int *entry, GLOBAL const real *coefficient, GLOBAL real *weight)
+/* The weight of each entry of the terms' incidence lists. n: vertices. */
+KERNEL pack_weights(int n, GLOBAL const int *row, GLOBAL const int *entry, GLOBAL const real *coefficient,
+                    GLOBAL real *weight)
 {
-  FOR_EACH(i, n) weight[i] = coefficient[9 * (entry[i] >> 2) + (entry[i] & 3)];
+  FOR_EACH(i, n) {
+    int k;
+    for (k = row[i]; k < row[i + 1]; ++k) weight[k] = coefficient[9 * (entry[k] >> 2) + (entry[k] & 3)];
+  }
 }
 
 /* Blocks into slices: number c of entry e of lane l is at SLICE_ROWS (9 e + c) + l. n: entries of all lanes. */
@@ -403,18 +407,25 @@ cg_multiply(int n, int rows, GLOBAL const int *slice_start, GLOBAL const int *sl
   }
 }
 
-/* r of rows from vertices: r = b - q, or r = b with plain = 1. Clears CG_DONE. */
+/* b - q of vertex v, or b with plain = 1. */
+DEVICE vec4 residual_of(int v, int plain, int is_double, GLOBAL const double *b64, GLOBAL const double *q64,
+                        GLOBAL const float *b32, GLOBAL const float *q32)
+{
+  real r[3];
+  int c, at = 3 * v;
+  for (c = 0; c < 3; ++c, ++at)
+    r[c] = is_double ? (real)(plain ? b64[at] : b64[at] - q64[at]) : (real)(plain ? b32[at] : b32[at] - q32[at]);
+  return vec4_make(r[0], r[1], r[2]);
+}
+
+/* r of rows from vertices. Clears CG_DONE. */
 KERNEL gather_residual(int n, GLOBAL const int *order, int component_stride, int plain, int is_double,
                        GLOBAL const double *b64, GLOBAL const double *q64, GLOBAL const float *b32,
                        GLOBAL const float *q32, GLOBAL real *r, GLOBAL double *scalar)
 {
   FOR_EACH(i, n) {
-    int c, at = 3 * order[i];
-    real v[3];
     if (i == 0) scalar[CG_DONE] = 0.0;
-    for (c = 0; c < 3; ++c, ++at)
-      v[c] = is_double ? (real)(plain ? b64[at] : b64[at] - q64[at]) : (real)(plain ? b32[at] : b32[at] - q32[at]);
-    store_row(r, component_stride, i, vec4_make(v[0], v[1], v[2]));
+    store_row(r, component_stride, i, residual_of(order[i], plain, is_double, b64, q64, b32, q32));
   }
 }
 

@@ -7,15 +7,7 @@
 #include "../dialect/lang.h"
 
 #define DOT_CHUNK 256 /* of the union of boxes over a level of a tree */
-#define VECTOR_CHUNK 32 /* vectors in a chunk of the linear solve */
 #define PARTIAL_CHUNK 64
-
-#define SCALAR_RZ 0 /* r' z of this iteration */
-#define SCALAR_PQ 1 /* p' A p */
-#define SCALAR_ALPHA 2
-#define SCALAR_BETA 3
-#define SCALAR_BROKEN 4 /* 1: p' A p <= 0 or not finite */
-#define SCALAR_COUNT 8
 
 /* reduced[i] = sum over the i-th PARTIAL_CHUNK of `count` partials. */
 KERNEL reduce_partials(int n, int count, GLOBAL const double *partial, GLOBAL double *reduced)
@@ -28,34 +20,23 @@ KERNEL reduce_partials(int n, int count, GLOBAL const double *partial, GLOBAL do
   }
 }
 
-/* scalar[SCALAR_PQ] = sum of partials; alpha = rz / pq, or 0 with SCALAR_BROKEN set. One work item. */
-KERNEL finish_alpha(int n, int chunks, GLOBAL const double *partial, GLOBAL double *scalar)
+/* The same for up to four lists at once, the sums of one behind those of the other. List k: count_k numbers of a_k,
+   from first_k on. */
+KERNEL reduce_lists(int n, int count0, int count1, int count2, int count3, int first0, int first1, int first2,
+                    int first3, GLOBAL const double *a0, GLOBAL const double *a1, GLOBAL const double *a2,
+                    GLOBAL const double *a3, GLOBAL double *reduced)
 {
+  const int count[4] = {count0, count1, count2, count3}, first[4] = {first0, first1, first2, first3};
   FOR_EACH(i, n) {
+    int chunk = i, k = 0, j, end;
+    GLOBAL const double *a;
     double sum = 0.0;
-    int j;
-    for (j = 0; j < chunks; ++j) sum += partial[j];
-    scalar[SCALAR_PQ] = sum;
-    if (sum > 0.0) {
-      scalar[SCALAR_ALPHA] = scalar[SCALAR_RZ] / sum;
-    } else {
-      scalar[SCALAR_ALPHA] = 0.0;
-      if (scalar[SCALAR_RZ] != 0.0) scalar[SCALAR_BROKEN] = 1.0;
-    }
-  }
-}
-
-/* beta = rz_new / rz, rz = rz_new (start: only rz). One work item. */
-KERNEL finish_beta(int n, int chunks, int start, GLOBAL const double *partial, GLOBAL double *scalar)
-{
-  FOR_EACH(i, n) {
-    double sum = 0.0;
-    int j;
-    for (j = 0; j < chunks; ++j) sum += partial[j];
-    scalar[SCALAR_BETA] = !start && scalar[SCALAR_RZ] > 0.0 ? sum / scalar[SCALAR_RZ] : 0.0;
-    scalar[SCALAR_RZ] = sum;
-    if (!(sum >= 0.0)) scalar[SCALAR_BROKEN] = 1.0;
-    if (start) scalar[SCALAR_BROKEN] = 0.0;
+    for (; k < 3 && chunk >= (count[k] + PARTIAL_CHUNK - 1) / PARTIAL_CHUNK; ++k)
+      chunk -= (count[k] + PARTIAL_CHUNK - 1) / PARTIAL_CHUNK;
+    a = k == 0 ? a0 : k == 1 ? a1 : k == 2 ? a2 : a3;
+    end = first[k] + min_int((chunk + 1) * PARTIAL_CHUNK, count[k]);
+    for (j = first[k] + chunk * PARTIAL_CHUNK; j < end; ++j) sum += a[j];
+    reduced[i] = sum;
   }
 }
 

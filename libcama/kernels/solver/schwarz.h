@@ -156,17 +156,23 @@ DEVICE_TEAM void sum_blocks(int t, int levels, int rows, int blocks, int first_b
   }
 }
 
-/* The residuals of coarse nodes. Team t: the blocks [group_start[t], group_start[t + 1]) of the finest level, at most
-   BLOCK_ROWS. */
-KERNEL restrict_residual(int n, int levels, int rows, int blocks, GLOBAL const int *group_start,
-                         GLOBAL const int *block_start, GLOBAL vec4 *r)
+/* r of rows from vertices, and of coarse nodes. Clears CG_DONE. Team t: the blocks [group_start[t], group_start[t + 1])
+   of the finest level, at most BLOCK_ROWS. */
+KERNEL gather_block_residuals(int n, int levels, int rows, int blocks, GLOBAL const int *group_start,
+                              GLOBAL const int *block_start, GLOBAL const int *order, int plain, int is_double,
+                              GLOBAL const double *b64, GLOBAL const double *q64, GLOBAL const float *b32,
+                              GLOBAL const float *q32, GLOBAL vec4 *r, GLOBAL double *scalar)
 {
   TEAM_LOCAL(vec4, own, BLOCK_ROWS * BLOCK_ROWS);
   TEAM_LOCAL(vec4, sums, BLOCK_ROWS);
   FOR_EACH_TEAM(t, n) {
     const int first_block = group_start[t], last_block = group_start[t + 1], first = block_start[first_block];
     TEAM_BARRIER;
-    TEAM_FOR(l, block_start[last_block] - first) own[l] = r[first + l];
+    TEAM_FOR(l, block_start[last_block] - first) {
+      own[l] = residual_of(order[first + l], plain, is_double, b64, q64, b32, q32);
+      r[first + l] = own[l];
+      if (first + l == 0) scalar[CG_DONE] = 0.0;
+    }
     TEAM_BARRIER;
     sum_blocks(t, levels, rows, blocks, first_block, last_block, block_start, own, sums, r);
   }
@@ -196,7 +202,8 @@ DEVICE vec4 advance_row(int i, cg_step step, GLOBAL const vec4 *RESTRICT z, GLOB
   return ri;
 }
 
-/* One iteration's scalars and vectors, and the residuals of coarse nodes. Teams as in restrict_residual. */
+/* One iteration's scalars and vectors, and the residuals of coarse nodes. Teams as in
+   gather_block_residuals. */
 KERNEL cg_advance_blocks(int n, int levels, int rows, int blocks, GLOBAL const int *group_start,
                          GLOBAL const int *block_start, int partials, GLOBAL const double *partial, int most, int from,
                          int to, GLOBAL double *scalar, GLOBAL const vec4 *RESTRICT z, GLOBAL const vec4 *RESTRICT w,

@@ -19,14 +19,15 @@ KERNEL count_incidence(int n, GLOBAL const element_nodes *nodes, int vertex_coun
   }
 }
 
+/* left: the numbers of count_incidence; zero at the end. */
 KERNEL fill_incidence(int n, GLOBAL const element_nodes *nodes, int vertex_count, GLOBAL const int *row,
-                      GLOBAL int *cursor, GLOBAL int *incidence)
+                      GLOBAL int *left, GLOBAL int *incidence)
 {
   FOR_EACH(i, n) {
     int a;
     for (a = 0; a < 4; ++a) {
       int v = nodes[i].node[a];
-      if (v >= 0 && v < vertex_count) incidence[row[v] + atomic_add_int(&cursor[v], 1)] = 4 * i + a;
+      if (v >= 0 && v < vertex_count) incidence[row[v] + atomic_add_int(&left[v], -1) - 1] = 4 * i + a;
     }
   }
 }

@@ -7,31 +7,28 @@
 #include "../dialect/lang.h"
 #include "../dialect/vec3.h"
 #include "../solver/scalars.h"
+#include "term.h"
 
 #define PRECONDITIONER_JACOBI 1
 #define PRECONDITIONER_BLOCK_JACOBI 2
 
-/* y = A x for a matrix of 3x3 blocks in BCSR form; rows of fixed vertices give zero. mass: [n] or none. With it, y = M
-   x + sum A_ij (x_j - x_i), so that rounding is relative to differences; this needs rows that add up to zero apart from
-   the masses, as those of elements do. */
+/* y = A x for a matrix of 3x3 blocks in BCSR form and what is kept beside it; rows of fixed vertices give zero. mass:
+   [n] or none. With it, y = M x + sum A_ij (x_j - x_i), so that rounding is relative to differences; this needs rows
+   that add up to zero apart from the masses, as those of elements do. drag: [n] diagonal blocks that do not, or none.
+   with_terms: whether the terms are not in the matrix. */
 KERNEL bcsr_multiply(int n, GLOBAL const int *row, GLOBAL const int *column, GLOBAL const mat3 *block,
-                     GLOBAL const int *fixed, GLOBAL const real *mass, GLOBAL const vec3 *x, GLOBAL vec3 *y)
+                     GLOBAL const int *fixed, GLOBAL const real *mass, GLOBAL const mat3 *drag, int with_terms,
+                     GLOBAL const int *term_row, GLOBAL const int *term_incidence, GLOBAL const term *terms,
+                     GLOBAL const vec3 *x, GLOBAL vec3 *y)
 {
   FOR_EACH(i, n) {
     const vec3 none = vec3_make((real)0, (real)0, (real)0), own = mass ? x[i] : none;
     vec3 sum = mass && !fixed[i] ? scale(mass[i], own) : none;
     int k, end = fixed[i] ? row[i] : row[i + 1];
     for (k = row[i]; k < end; ++k) sum = add(sum, mat3_multiply(block[k], sub(x[column[k]], own)));
+    if (drag && !fixed[i]) sum = add(sum, mat3_multiply(drag[i], x[i]));
+    if (with_terms && !fixed[i]) sum = add_term_products(i, term_row, term_incidence, terms, x, sum);
     y[i] = sum;
-  }
-}
-
-/* y += D x with the blocks D of rows that are not fixed. */
-KERNEL add_diagonal_product(int n, GLOBAL const mat3 *diagonal, GLOBAL const int *fixed, GLOBAL const vec3 *x,
-                            GLOBAL vec3 *y)
-{
-  FOR_EACH(i, n) {
-    if (!fixed[i]) y[i] = add(y[i], mat3_multiply(diagonal[i], x[i]));
   }
 }
 
@@ -82,13 +79,20 @@ KERNEL invert_diagonal(int n, int kind, GLOBAL mat3 *diagonal)
   }
 }
 
-/* b = dt f + M v. */
+/* b = dt f + M v, and of the terms, if any, the pushes and friction that holds (hold: one vector a term, or none). */
 KERNEL make_right_side(int n, real time_step, GLOBAL const real *mass, GLOBAL const dvec3 *velocity,
                        GLOBAL const dvec3 *prescribed, GLOBAL const int *fixed, GLOBAL const vec3 *force,
-                       GLOBAL vec3 *b)
+                       int with_terms, GLOBAL const int *term_row, GLOBAL const int *term_incidence,
+                       GLOBAL const term *terms, GLOBAL const vec3 *hold, GLOBAL vec3 *b)
 {
   FOR_EACH(i, n) {
-    b[i] = axpy(scale(mass[i], to_vec3(fixed[i] ? prescribed[i] : velocity[i])), time_step, force[i]);
+    vec3 sum = axpy(scale(mass[i], to_vec3(fixed[i] ? prescribed[i] : velocity[i])), time_step, force[i]);
+    int k;
+    if (with_terms) sum = add_term_pushes(i, term_row, term_incidence, terms, sum);
+    if (with_terms && hold && !fixed[i])
+      for (k = term_row[i]; k < term_row[i + 1]; ++k)
+        sum = axpy(sum, terms[term_incidence[k] >> 2].weight[term_incidence[k] & 3], hold[term_incidence[k] >> 2]);
+    b[i] = sum;
   }
 }
 
@@ -98,18 +102,6 @@ KERNEL start_solution(int n, GLOBAL const dvec3 *velocity, GLOBAL const dvec3 *p
 {
   FOR_EACH(i, n) {
     x[i] = to_vec3(fixed[i] ? prescribed[i] : velocity[i]);
-  }
-}
-
-/* partial[i] = sum of a_j . b_j over the i-th VECTOR_CHUNK of `size` vectors. */
-KERNEL dot_chunks(int n, int size, GLOBAL const vec3 *a, GLOBAL const vec3 *b, GLOBAL double *partial)
-{
-  FOR_EACH(i, n) {
-    int j, end = min_int((i + 1) * VECTOR_CHUNK, size);
-    double sum = 0.0;
-    for (j = i * VECTOR_CHUNK; j < end; ++j)
-      sum += (double)a[j].x * (double)b[j].x + (double)a[j].y * (double)b[j].y + (double)a[j].z * (double)b[j].z;
-    partial[i] = sum;
   }
 }
 
@@ -141,64 +133,96 @@ KERNEL free_velocities(int n, int rows, real time_step, GLOBAL const real *mass,
   }
 }
 
-/* r = b - q on free rows. */
-KERNEL subtract_product(int n, GLOBAL const int *fixed, GLOBAL const vec3 *b, GLOBAL const vec3 *q, GLOBAL vec3 *r)
+#define SUM_ROWS 128
+
+/* r = b - q on free rows, or b without q; d = what gravity does in a step on free rows, zero elsewhere. n: vertices. */
+KERNEL falling_direction(int n, int rows, double time_step, GLOBAL const dvec3 *gravity, GLOBAL const int *fixed,
+                         GLOBAL const vec3 *b, GLOBAL const vec3 *q, GLOBAL vec3 *r, GLOBAL vec3 *d)
 {
   FOR_EACH(i, n) {
-    r[i] = fixed[i] ? vec3_make((real)0, (real)0, (real)0) : sub(b[i], q[i]);
+    const vec3 none = vec3_make((real)0, (real)0, (real)0);
+    const int free = i < rows && !fixed[i];
+    if (i < rows) r[i] = !free ? none : q ? sub(b[i], q[i]) : b[i];
+    d[i] = free ? to_vec3(dscale(time_step, gravity[0])) : none;
   }
 }
 
-#define SUM_ROWS 128
-
-/* partial[3 t ...] = the sum of r over the SUM_ROWS rows of team t. */
-KERNEL sum_vectors(int n, int rows, GLOBAL const vec3 *r, GLOBAL double *partial)
+/* r = b - q on free rows; partial[3 t ...] = the sum of r over the SUM_ROWS rows of team t. */
+KERNEL sum_residuals(int n, int rows, GLOBAL const int *fixed, GLOBAL const vec3 *b, GLOBAL const vec3 *q,
+                     GLOBAL vec3 *r, GLOBAL double *partial)
 {
   TEAM_LOCAL(double, sum, 3 * SUM_ROWS);
   FOR_EACH_TEAM(t, n) {
     TEAM_BARRIER;
     TEAM_FOR(l, SUM_ROWS) {
-      int i = t * SUM_ROWS + l;
-      sum[l] = i < rows ? (double)r[i].x : 0.0;
-      sum[SUM_ROWS + l] = i < rows ? (double)r[i].y : 0.0;
-      sum[2 * SUM_ROWS + l] = i < rows ? (double)r[i].z : 0.0;
+      const int i = t * SUM_ROWS + l;
+      vec3 own = vec3_make((real)0, (real)0, (real)0);
+      if (i < rows) {
+        if (!fixed[i]) own = sub(b[i], q[i]);
+        r[i] = own;
+      }
+      sum[l] = (double)own.x;
+      sum[SUM_ROWS + l] = (double)own.y;
+      sum[2 * SUM_ROWS + l] = (double)own.z;
     }
     tree_sums(SUM_ROWS, 3, sum);
     TEAM_FOR(c, 3) partial[3 * t + c] = sum[c * SUM_ROWS];
   }
 }
 
-/* d = factor times the vector v[0 ... 2] on every free row, zero elsewhere. n: vertices. */
-KERNEL uniform_direction(int n, int rows, double factor, GLOBAL const double *v, GLOBAL const int *fixed,
-                         GLOBAL vec3 *d)
-{
-  FOR_EACH(i, n) {
-    vec3 own = vec3_make((real)0, (real)0, (real)0);
-    if (i < rows && !fixed[i]) own = vec3_make((real)(factor * v[0]), (real)(factor * v[1]), (real)(factor * v[2]));
-    d[i] = own;
-  }
-}
-
-/* partial[0 ... 2] = the sum over all teams. One team. */
-KERNEL sum_sums(int n, int partials, GLOBAL double *partial)
+/* d = the sum of the `partials` vectors in `partial` on every free row, zero elsewhere. Teams of SUM_ROWS of the
+   `vertices`. */
+KERNEL uniform_direction(int n, int vertices, int rows, int partials, GLOBAL const double *partial,
+                         GLOBAL const int *fixed, GLOBAL vec3 *d)
 {
   TEAM_LOCAL(double, sum, 3 * SUM_ROWS);
   FOR_EACH_TEAM(t, n) {
+    TEAM_BARRIER;
     sum_of_teams(SUM_ROWS, 3, partials, partial, sum);
-    TEAM_FOR(c, 3) partial[c] = sum[c * SUM_ROWS];
+    TEAM_FOR(l, SUM_ROWS) {
+      const int i = t * SUM_ROWS + l;
+      vec3 own = vec3_make((real)0, (real)0, (real)0);
+      if (i < rows && !fixed[i]) own = vec3_make((real)sum[0], (real)sum[SUM_ROWS], (real)sum[2 * SUM_ROWS]);
+      if (i < vertices) d[i] = own;
+    }
   }
 }
 
-/* x += alpha d, r -= alpha q; an alpha that differs from 1 only by the rounding of its sums is set to 1, whatever else
-   is in the scene. */
-KERNEL move_along(int n, GLOBAL const double *scalar, GLOBAL const vec3 *d, GLOBAL const vec3 *q, GLOBAL vec3 *x,
-                  GLOBAL vec3 *r)
+/* partial[2 t], partial[2 t + 1] = r'd and d'q over the SUM_ROWS rows of team t. */
+KERNEL direction_products(int n, int rows, GLOBAL const vec3 *r, GLOBAL const vec3 *d, GLOBAL const vec3 *q,
+                          GLOBAL double *partial)
 {
-  FOR_EACH(i, n) {
-    double alpha = scalar[SCALAR_ALPHA];
-    if (fabs(alpha - 1.0) < 1e-12) alpha = 1.0;
-    x[i] = axpy(x[i], (real)alpha, d[i]);
-    r[i] = axpy(r[i], -(real)alpha, q[i]);
+  TEAM_LOCAL(double, sum, 2 * SUM_ROWS);
+  FOR_EACH_TEAM(t, n) {
+    TEAM_BARRIER;
+    TEAM_FOR(l, SUM_ROWS) {
+      const int i = t * SUM_ROWS + l;
+      sum[l] = i < rows ? ddot(to_dvec3(r[i]), to_dvec3(d[i])) : 0.0;
+      sum[SUM_ROWS + l] = i < rows ? ddot(to_dvec3(d[i]), to_dvec3(q[i])) : 0.0;
+    }
+    tree_sums(SUM_ROWS, 2, sum);
+    TEAM_FOR(c, 2) partial[2 * t + c] = sum[c * SUM_ROWS];
+  }
+}
+
+/* x += alpha d, r -= alpha q with alpha = r'd / d'q, or 0 where d'q is not positive; an alpha that differs from 1 only
+   by the rounding of its sums is set to 1, whatever else is in the scene. q = A d. Teams of SUM_ROWS rows. */
+KERNEL move_along(int n, int rows, int partials, GLOBAL const double *partial, GLOBAL const vec3 *d,
+                  GLOBAL const vec3 *q, GLOBAL vec3 *x, GLOBAL vec3 *r)
+{
+  TEAM_LOCAL(double, sum, 2 * SUM_ROWS);
+  FOR_EACH_TEAM(t, n) {
+    TEAM_BARRIER;
+    sum_of_teams(SUM_ROWS, 2, partials, partial, sum);
+    TEAM_FOR(l, SUM_ROWS) {
+      const int i = t * SUM_ROWS + l;
+      double alpha = sum[SUM_ROWS] > 0.0 ? sum[0] / sum[SUM_ROWS] : 0.0;
+      if (fabs(alpha - 1.0) < 1e-12) alpha = 1.0;
+      if (i < rows) {
+        x[i] = axpy(x[i], (real)alpha, d[i]);
+        r[i] = axpy(r[i], -(real)alpha, q[i]);
+      }
+    }
   }
 }
 

@@ -134,15 +134,6 @@ DEVICE vec3 friction_impulse(int i, GLOBAL const term *terms, GLOBAL const vec3 
   return hold ? add(hold[i], f) : f;
 }
 
-/* What friction adds to the right-hand side, by term; zero for terms from `contact_count` on. */
-KERNEL friction_products(int n, int contact_count, GLOBAL const term *terms, GLOBAL const vec3 *hold,
-                         GLOBAL const dvec3 *velocity, GLOBAL vec3 *r)
-{
-  FOR_EACH(i, n) {
-    r[i] = i < contact_count ? friction_impulse(i, terms, hold, velocity) : vec3_make((real)0, (real)0, (real)0);
-  }
-}
-
 /* force[i]: friction of contact i at the end of the step, N on side A; twice as much where it slides, so that it is
    beyond the cone in the next step as well, whatever the load is then. It slides if it has this part of the cone and
    its damping more than that. */
@@ -246,14 +237,28 @@ KERNEL iterate_friction(int n, int cloth_vertices, GLOBAL const contact *contact
   }
 }
 
-/* b = h f - M (v - v*) of free vertices, the negative residual without terms. */
+/* b = h f - M (v - v*) of free vertices with what terms, if any, push, and with the friction of the first `contacts` of
+   them: the negative residual. */
 KERNEL newton_right_side(int n, real step, GLOBAL const real *mass, GLOBAL const int *fixed,
                          GLOBAL const dvec3 *base_velocity, GLOBAL const dvec3 *velocity, GLOBAL const vec3 *force,
-                         GLOBAL vec3 *b)
+                         int with_terms, int contacts, GLOBAL const int *term_row, GLOBAL const int *term_incidence,
+                         GLOBAL const term *terms, GLOBAL const vec3 *hold, GLOBAL vec3 *b)
 {
   FOR_EACH(i, n) {
-    b[i] = fixed[i] ? vec3_make((real)0, (real)0, (real)0)
-                    : axpy(scale(step, force[i]), -mass[i], to_vec3(dsub(velocity[i], base_velocity[i])));
+    vec3 sum = vec3_make((real)0, (real)0, (real)0);
+    int k;
+    if (!fixed[i]) {
+      sum = axpy(scale(step, force[i]), -mass[i], to_vec3(dsub(velocity[i], base_velocity[i])));
+      if (with_terms) {
+        sum = add_term_pushes(i, term_row, term_incidence, terms, sum);
+        for (k = term_row[i]; k < term_row[i + 1]; ++k) {
+          int e = term_incidence[k] >> 2;
+          if (e < contacts)
+            sum = axpy(sum, terms[e].weight[term_incidence[k] & 3], friction_impulse(e, terms, hold, velocity));
+        }
+      }
+    }
+    b[i] = sum;
   }
 }
 
@@ -291,10 +296,11 @@ KERNEL newton_norms(int n, real step, GLOBAL const real *mass, GLOBAL const int 
   }
 }
 
-/* Adds damping to the element forces of triangles [3 n] and hinges [4 n]: -c K v, with the K of the matrix without its
-   geometric terms; material_scale = h (h + c). A common velocity does nothing, rounded or not. */
+/* Damping of triangles [3 n] and hinges [4 n]: -c K v, with the K of the matrix without its geometric terms;
+   material_scale = h (h + c). A common velocity does nothing, rounded or not. onto: added to what is there. */
 KERNEL damp_triangles(int n, GLOBAL const triangle_rest *rest, GLOBAL const triangle_factor *factor,
-                      GLOBAL const real *material_scale, real step, GLOBAL const dvec3 *velocity, GLOBAL vec3 *force)
+                      GLOBAL const real *material_scale, real step, GLOBAL const dvec3 *velocity, int onto,
+                      GLOBAL vec3 *force)
 {
   FOR_EACH(i, n) {
     triangle_rest r = rest[i];
@@ -307,20 +313,23 @@ KERNEL damp_triangles(int n, GLOBAL const triangle_rest *rest, GLOBAL const tria
       for (b = 1; b < 3; ++b)
         sum = add(sum, mat3_multiply(triangle_block(strained, a, b),
                                      to_vec3(dsub(velocity[r.node[b]], velocity[r.node[0]]))));
-      force[3 * i + a] = axpy(force[3 * i + a], -ratio, sum);
+      force[3 * i + a] = onto ? axpy(force[3 * i + a], -ratio, sum) : scale(-ratio, sum);
     }
   }
 }
 KERNEL damp_hinges(int n, GLOBAL const hinge_rest *rest, GLOBAL const hinge_factor *factor,
-                   GLOBAL const real *material_scale, real step, GLOBAL const dvec3 *velocity, GLOBAL vec3 *force)
+                   GLOBAL const real *material_scale, real step, GLOBAL const dvec3 *velocity, int onto,
+                   GLOBAL vec3 *force)
 {
   FOR_EACH(i, n) {
     hinge_rest r = rest[i];
     real whole = material_scale[r.material], ratio = (whole / step - step) / whole, rate = (real)0;
     int a;
     for (a = 1; a < 4; ++a) rate += dot(factor[i].gradient[a], to_vec3(dsub(velocity[r.node[a]], velocity[r.node[0]])));
+    rate *= -ratio * factor[i].coefficient;
     for (a = 0; a < 4; ++a)
-      force[4 * i + a] = axpy(force[4 * i + a], -ratio * factor[i].coefficient * rate, factor[i].gradient[a]);
+      force[4 * i + a] =
+          onto ? axpy(force[4 * i + a], rate, factor[i].gradient[a]) : scale(rate, factor[i].gradient[a]);
   }
 }
 

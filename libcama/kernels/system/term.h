@@ -297,45 +297,38 @@ KERNEL make_stitch_terms(int n, GLOBAL const stitch *stitches, GLOBAL const dvec
   }
 }
 
-/* b_i += sum over terms of w push n, rows of free vertices. incidence: 4 * term + local index, sorted within a row. */
-KERNEL add_term_forces(int n, GLOBAL const int *row, GLOBAL const int *incidence, GLOBAL const term *terms,
-                       GLOBAL vec3 *b)
+/* (along n n' + around I) sum_k w_k x_k of a term (rank-one form). */
+DEVICE vec3 term_product(term t, GLOBAL const vec3 *x)
 {
-  FOR_EACH(i, n) {
-    vec3 sum = b[i];
-    int k;
-    for (k = row[i]; k < row[i + 1]; ++k) {
-      int e = incidence[k] >> 2, a = incidence[k] & 3;
-      sum = axpy(sum, terms[e].weight[a] * terms[e].push, terms[e].normal);
-    }
-    b[i] = sum;
-  }
+  vec3 s = scale(t.weight[0], x[t.node[0]]);
+  int a;
+  for (a = 1; a < 4; ++a)
+    if (t.node[a] >= 0) s = axpy(s, t.weight[a], x[t.node[a]]);
+  return axpy(scale(t.around, s), t.along * dot(t.normal, s), t.normal);
 }
 
-/* r = (along n n' + around I) sum_k w_k x_k of each term (rank-one form). */
-KERNEL term_products(int n, GLOBAL const term *terms, GLOBAL const vec3 *x, GLOBAL vec3 *r)
+/* y + the sum over the terms at vertex i of w times their products with x. row, incidence: 4 * term + local index,
+   sorted within a row. */
+DEVICE vec3 add_term_products(int i, GLOBAL const int *row, GLOBAL const int *incidence, GLOBAL const term *terms,
+                              GLOBAL const vec3 *x, vec3 y)
 {
-  FOR_EACH(i, n) {
-    vec3 s = scale(terms[i].weight[0], x[terms[i].node[0]]), normal = terms[i].normal;
-    int a;
-    for (a = 1; a < 4; ++a)
-      if (terms[i].node[a] >= 0) s = axpy(s, terms[i].weight[a], x[terms[i].node[a]]);
-    r[i] = axpy(scale(terms[i].around, s), terms[i].along * dot(normal, s), normal);
+  int k;
+  for (k = row[i]; k < row[i + 1]; ++k) {
+    term t = terms[incidence[k] >> 2];
+    y = axpy(y, t.weight[incidence[k] & 3], term_product(t, x));
   }
+  return y;
 }
 
-/* y_i += sum over the terms at vertex i of w r. */
-KERNEL add_term_products(int n, GLOBAL const int *row, GLOBAL const int *incidence, GLOBAL const term *terms,
-                         GLOBAL const vec3 *r, GLOBAL const int *fixed, GLOBAL vec3 *y)
+/* b + the sum over the terms at vertex i of w push n. */
+DEVICE vec3 add_term_pushes(int i, GLOBAL const int *row, GLOBAL const int *incidence, GLOBAL const term *terms, vec3 b)
 {
-  FOR_EACH(i, n) {
-    vec3 sum = y[i];
-    int k;
-    if (fixed[i]) continue;
-    for (k = row[i]; k < row[i + 1]; ++k)
-      sum = axpy(sum, terms[incidence[k] >> 2].weight[incidence[k] & 3], r[incidence[k] >> 2]);
-    y[i] = sum;
+  int k;
+  for (k = row[i]; k < row[i + 1]; ++k) {
+    int e = incidence[k] >> 2, a = incidence[k] & 3;
+    b = axpy(b, terms[e].weight[a] * terms[e].push, terms[e].normal);
   }
+  return b;
 }
 
 /* Diagonal blocks: matrix (and, in rank-one operator form, the terms). */

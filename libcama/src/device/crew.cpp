@@ -10,8 +10,9 @@
 namespace cama {
 namespace {
 
-/// Calls follow each other within microseconds: a thread that sleeps comes too late.
-constexpr std::chrono::microseconds patience{300};
+/// Calls follow each other as soon as the device has done its part, within a millisecond: a thread that sleeps comes
+/// too late.
+constexpr std::chrono::microseconds patience{2000};
 
 /// Lets the other thread of the core work, without a call of the system.
 void rest()

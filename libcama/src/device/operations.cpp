@@ -59,7 +59,11 @@ void OperationQueue::add(const Operation &operation, std::initializer_list<Slot>
     largest_ = std::max(largest_, static_cast<int>(size) * std::max(1, operation.kernel.team));
     break;
   case OperationKind::sort: largest_sort_ = std::max(largest_sort_, static_cast<int>(size)); break;
-  case OperationKind::download: downloaded_bytes_ += whole(size); break;
+  case OperationKind::download:
+    downloaded_bytes_ += whole(size);
+    downloads_.push_back(this->size() - 1);
+    break;
+  case OperationKind::release: releases_.push_back(this->size() - 1); break;
   default: break;
   }
 }
@@ -70,8 +74,22 @@ const unsigned char *OperationQueue::keep(const unsigned char *bytes, std::size_
   return kept_.emplace_back(bytes, bytes + count).data();
 }
 
+void OperationQueue::deliver()
+{
+  if (!downloaded) return;
+  for (const int i : downloads_) {
+    const Slot *own = slots(i);
+    std::memcpy(from_slot<void *>(own[1]), downloaded, own[0]);
+    downloaded += whole(own[0]);
+  }
+  downloaded = nullptr;
+}
+
 void OperationQueue::clear()
 {
+  downloaded = nullptr;
+  downloads_.clear();
+  releases_.clear();
   operations_.clear();
   first_.clear();
   slots_.clear();

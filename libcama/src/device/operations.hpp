@@ -61,6 +61,7 @@ public:
   std::size_t downloaded_bytes() const { return downloaded_bytes_; }  ///< likewise
   int largest_sort() const { return largest_sort_; }  ///< number of keys
   int largest() const { return largest_; }            ///< number of work items or members of teams of a launch
+  const std::vector<int> &releases() const { return releases_; }  ///< the operations that are releases
 
   void add(const Operation &operation, std::initializer_list<Slot> slots);
   void add(Slot slot) { slots_.push_back(slot); }
@@ -70,11 +71,18 @@ public:
   void end_repetition(int i) { operations_[static_cast<std::size_t>(i - 1)].extra = size() - i; }
   void clear();
 
+  /// Where a backend has left what was downloaded, one behind the other, each filled up to whole 16 bytes; null if it
+  /// is where it was asked for.
+  const unsigned char *downloaded = nullptr;
+  /// Copies it to where it was asked for.
+  void deliver();
+
 private:
   std::vector<Operation> operations_;
   std::vector<std::size_t> first_;  // [operations] slot
   std::vector<Slot> slots_;
   std::vector<std::vector<unsigned char>> kept_;
+  std::vector<int> downloads_, releases_;  // operations
   std::size_t kept_bytes_ = 0, downloaded_bytes_ = 0;
   int largest_sort_ = 0, largest_ = 0;
 };

@@ -10,6 +10,17 @@ namespace cama {
 namespace {
 
 constexpr int stages_of_a_step = 64;  // no step has more
+// Buffers that a world keeps for its next allocations, since the device serves all worlds one after the other: their
+// number, and which part of its memory they may take.
+constexpr std::size_t most_spare = 64, spare_part = 8;
+
+/// Few sizes, so that buffers fit again: a multiple of an eighth of the largest power of two below.
+std::size_t room_for(std::size_t bytes)
+{
+  std::size_t unit = 64;
+  while (16 * unit <= bytes) unit *= 2;
+  return std::max<std::size_t>((bytes + unit - 1) / unit, 1) * unit;
+}
 
 bool before(const std::pair<Buffer, std::size_t> &entry, Buffer buffer)
 {
@@ -21,6 +32,7 @@ bool before(const std::pair<Buffer, std::size_t> &entry, Buffer buffer)
 RecordingBackend::~RecordingBackend()
 {
   try {
+    for (const auto &spare : spare_) record(OperationKind::release, {to_slot(spare.second)});
     run_alone();
   } catch (...) {  // the device is lost
   }
@@ -28,24 +40,36 @@ RecordingBackend::~RecordingBackend()
 
 Buffer RecordingBackend::allocate(std::size_t bytes)
 {
-  Buffer buffer;
-  {
+  const std::size_t room = room_for(bytes);
+  Buffer buffer = nullptr;
+  const auto spare = std::find_if(spare_.rbegin(), spare_.rend(), [&](const auto &s) { return s.first == room; });
+  if (spare != spare_.rend()) {
+    buffer = spare->second;
+    *spare = spare_.back();
+    spare_.pop_back();
+    spare_bytes_ -= room;
+  } else {
     const std::lock_guard<std::mutex> lock(device_->mutex);
-    buffer = device_->backend->allocate(bytes);
+    buffer = device_->backend->allocate(room);
+    allocated_ += room;
+    peak_ = std::max(peak_, allocated_);
   }
-  allocated_ += bytes;
-  peak_ = std::max(peak_, allocated_);
-  sizes_.insert(std::lower_bound(sizes_.begin(), sizes_.end(), buffer, before), {buffer, bytes});
+  sizes_.insert(std::lower_bound(sizes_.begin(), sizes_.end(), buffer, before), {buffer, room});
   return buffer;
 }
 
 void RecordingBackend::release(Buffer buffer) noexcept
 {
   const auto found = std::lower_bound(sizes_.begin(), sizes_.end(), buffer, before);
-  if (found != sizes_.end() && found->first == buffer) {
-    allocated_ -= found->second;
-    sizes_.erase(found);
+  if (found == sizes_.end() || found->first != buffer) return;
+  const std::size_t room = found->second;
+  sizes_.erase(found);
+  if (spare_.size() < most_spare && spare_bytes_ + room <= allocated_ / spare_part) {
+    spare_.emplace_back(room, buffer);
+    spare_bytes_ += room;
+    return;
   }
+  allocated_ -= room;
   record(OperationKind::release, {to_slot(buffer)});  // after the work that uses it
 }
 
@@ -151,6 +175,13 @@ void RecordingBackend::wait()
   run_alone();
 }
 
+void RecordingBackend::end_run()
+{
+  queue.deliver();
+  queue.clear();
+  ran = false;
+}
+
 void RecordingBackend::run_alone()
 {
   if (queue.empty()) return;
@@ -163,6 +194,7 @@ void RecordingBackend::run_alone()
     queue.clear();
     throw;
   }
+  queue.deliver();
   queue.clear();
   launches_ += device_->backend->launches() - before;
 }

@@ -52,9 +52,13 @@ public:
 
   // For who runs worlds together.
 
+  /// Hands the world what its queue has downloaded, and empties the queue.
+  void end_run();
+
   OperationQueue queue;
   Fiber *fiber = nullptr;      ///< in which the world runs; null: alone
   bool waiting = false;        ///< the world needs its queue to have run
+  bool ran = false;            ///< it has, and the world has not got what it downloaded
   int stage = 0;               ///< that the world is at, or before, numbered through its steps
   int step = 0;                ///< number of its step's first stage
   int last_stage = 0;          ///< that worlds may begin now
@@ -67,6 +71,8 @@ private:
 
   std::shared_ptr<SharedDevice> device_;
   std::vector<std::pair<Buffer, std::size_t>> sizes_;  // sorted by buffer
+  std::vector<std::pair<std::size_t, Buffer>> spare_;  // released, for the next of this size
+  std::size_t spare_bytes_ = 0;
 };
 
 }  // namespace cama

@@ -11,17 +11,17 @@ constexpr int many_elements = 1 << 16;
 
 void Incidence::rebuild(Backend &b, const Stream<kernels::element_nodes> &nodes, int elements, Stream<int> &count)
 {
-  if (b.wide_workers() || elements < many_elements) return build(b, nodes, elements, count);
+  entry.resize(4ll * elements);
+  if (b.wide_workers() || elements < many_elements) {
+    find_rows(b, nodes, elements, count);
+    return fill(b, nodes, elements, count);
+  }
   int bits = 0;
   for (int v = vertices; v > 0; v >>= 1) ++bits;
-  key_.resize(4ll * elements);
-  const int n = key_.size();
-  sorted_.resize(n);
-  CAMA_LAUNCH(b, incidence_keys, elements, nodes, vertices, key_, sorted_);
-  b.sort(key_.buffer(), sorted_.buffer(), n, bits);
-  CAMA_LAUNCH(b, incidence_rows, vertices + 1, n, key_, row);
-  entry.resize(row.at(vertices));
-  if (entry.size()) b.copy(entry.buffer(), sorted_.buffer(), sizeof(int) * static_cast<std::size_t>(entry.size()));
+  key_.resize(entry.size());
+  CAMA_LAUNCH(b, incidence_keys, elements, nodes, vertices, key_, entry);
+  b.sort(key_.buffer(), entry.buffer(), entry.size(), bits);
+  CAMA_LAUNCH(b, incidence_rows, vertices + 1, entry.size(), key_, row);
 }
 
 void Incidence::reset(Backend &backend, int vertex_count)
@@ -30,17 +30,25 @@ void Incidence::reset(Backend &backend, int vertex_count)
   row = Stream<int>(backend, vertex_count + 1);
   entry = Stream<int>(backend);
   key_ = Stream<key64>(backend);
-  sorted_ = Stream<int>(backend);
   vertices = vertex_count;
 }
 
 void Incidence::build(Backend &b, const Stream<kernels::element_nodes> &nodes, int elements, Stream<int> &count)
 {
+  find_rows(b, nodes, elements, count);
+  entry.resize(row.at(vertices));
+  fill(b, nodes, elements, count);
+}
+
+void Incidence::find_rows(Backend &b, const Stream<kernels::element_nodes> &nodes, int elements, Stream<int> &count)
+{
   CAMA_LAUNCH(b, set_int, vertices, 0, 0, count);
   CAMA_LAUNCH(b, count_incidence, elements, nodes, vertices, count);
   b.scan(count.buffer(), row.buffer(), vertices);
-  entry.resize(row.at(vertices));
-  CAMA_LAUNCH(b, set_int, vertices, 0, 0, count);
+}
+
+void Incidence::fill(Backend &b, const Stream<kernels::element_nodes> &nodes, int elements, Stream<int> &count)
+{
   CAMA_LAUNCH(b, fill_incidence, elements, nodes, vertices, row, count, entry);
   CAMA_LAUNCH(b, sort_rows, vertices, row, entry);
 }

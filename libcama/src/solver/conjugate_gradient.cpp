@@ -12,6 +12,7 @@ namespace {
 constexpr double forces_slack = 10;         // times the tolerance, relative to the forces without penalties
 constexpr double accepted = 1.2;            // times the goal, for the residual computed afresh
 constexpr int max_refinements = 6;
+constexpr int few_rows = 65536;             // for which a launch costs more than terms that sum up their rows
 /// r' P r, relative to its start, below which the recurrence in this precision departs from the true residual.
 template <class S> constexpr double reachable = sizeof(S) == 8 ? 1e-28 : 4e-8;
 
@@ -26,6 +27,7 @@ ConjugateGradient<S>::ConjugateGradient(Backend &b, Preconditioner kind)
     : kind_(kind), rows_(b), matrix_(b), inverse_(b), r_(b), z_(b), total_(b), w_(b), p_(b), s_(b), x_(b), product_(b),
       partial_(b), scalar_(b, 2 * CG_COUNT)
 {
+  scalar_.fill_zero();
   if (kind == Preconditioner::schwarz) schwarz_ = std::make_unique<Schwarz<S>>(b);
 }
 
@@ -36,14 +38,19 @@ void ConjugateGradient<S>::start_from(const SolverRooms &state, const Matching &
   if (schwarz_) schwarz_->template adopt<Real>(state, matching);
 }
 
+template <class S> bool ConjugateGradient<S>::outdated(const SolverRooms &state) const
+{
+  if (schwarz_) return schwarz_->outdated(state);
+  return pin_changes_ != state.mesh.pin_changes || state.options.paper.assembly != Assembly::gather;
+}
+
 template <class S>
 template <class Real>
 void ConjugateGradient<S>::prepare(const SolverRooms &state, Stream<typename Types<Real>::mat3> &diagonal)
 {
   Backend &b = *state.backend;
   const BlockMatrix<Real> &matrix = state.system.template of<Real>().matrix;
-  if (schwarz_ ? schwarz_->outdated(state)
-               : pin_changes_ != state.mesh.pin_changes || state.options.paper.assembly != Assembly::gather) {
+  if (outdated(state)) {
     pin_changes_ = -1;   // remains so if anything below throws
     if (schwarz_) {
       schwarz_->template match<Real>(state, diagonal);
@@ -71,15 +78,25 @@ template <class S> int ConjugateGradient<S>::component_stride() const
   return schwarz_ ? 0 : column_length(rows_.size);
 }
 
-template <class S> void ConjugateGradient<S>::precondition(const SolverRooms &state)
+template <class S>
+template <class Real>
+void ConjugateGradient<S>::gather(const SolverRooms &state, int plain, const Stream<typename Types<Real>::vec3> &right,
+                                  const Stream<typename Types<Real>::vec3> &q)
 {
   Backend &b = *state.backend;
-  if (schwarz_)
-    CAMA_LAUNCH_TEAMS(S, b, restrict_residual, CG_TEAM, schwarz_->group_start().size() - 1, schwarz_->levels(),
-                      rows().size, schwarz_->fine_blocks(), schwarz_->group_start(), schwarz_->block_start(), r_);
-  else
-    CAMA_LAUNCH_REAL(S, b, apply_diagonal, rows().size, component_stride(), block_rows(), components<S>(inverse_),
-                     components<S>(r_), z_);
+  const int n = rows().size, is_double = sizeof(Real) == 8;
+  if (schwarz_) {
+    CAMA_LAUNCH_TEAMS(S, b, gather_block_residuals, CG_TEAM, schwarz_->group_start().size() - 1, schwarz_->levels(), n,
+                      schwarz_->fine_blocks(), schwarz_->group_start(), schwarz_->block_start(), rows().order, plain,
+                      is_double, as<double, Real>(right), as<double, Real>(q), as<float, Real>(right),
+                      as<float, Real>(q), r_, scalar_);
+    return;
+  }
+  CAMA_LAUNCH_REAL(S, b, gather_residual, n, rows().order, component_stride(), plain, is_double,
+                   as<double, Real>(right), as<double, Real>(q), as<float, Real>(right), as<float, Real>(q),
+                   components<S>(r_), scalar_);
+  CAMA_LAUNCH_REAL(S, b, apply_diagonal, n, component_stride(), block_rows(), components<S>(inverse_),
+                   components<S>(r_), z_);
 }
 
 template <class S> void ConjugateGradient<S>::advance(const SolverRooms &state, int from, int to)
@@ -111,7 +128,7 @@ template <class S> void ConjugateGradient<S>::multiply(const SolverRooms &state,
     CAMA_LAUNCH_TEAMS(S, b, apply_blocks, APPLY_TEAM, schwarz_->blocks(), schwarz_->block_start(), at, scalar_,
                       schwarz_->factors(), schwarz_->weights(), r_, z_);
     // One launch less, but every term sums up its own rows; the bits are the same.
-    const bool together = !b.wide_workers() && 4 * terms < n;
+    const bool together = !b.wide_workers() && (4 * terms < n || n < few_rows);
     combine(n, together ? terms : 0, schwarz_->levels(), z_);
     if (!together) combine(0, terms, 1, total_);
   } else {
@@ -131,7 +148,7 @@ ConjugateGradient<S>::solve(const SolverRooms &state, const Stream<typename Type
 {
   Backend &b = *state.backend;
   System<Real> &s = state.system.template of<Real>();
-  const int n = rows().size, is_double = sizeof(Real) == 8, nodes = schwarz_ && n ? schwarz_->nodes() : n;
+  const int n = rows().size, nodes = schwarz_ && n ? schwarz_->nodes() : n;
   Result result;
   if (n == 0) return result;
   const int length = schwarz_ ? n : in_columns(n);
@@ -146,10 +163,7 @@ ConjugateGradient<S>::solve(const SolverRooms &state, const Stream<typename Type
   const int most = state.options.max_iterations, partials = ceil_divide(n, TEAM_ROWS), block = b.wide_workers() ? 4 : 8;
   const auto start_from = [&](int mode, int plain, const Stream<typename Types<Real>::vec3> &b1,
                               const Stream<typename Types<Real>::vec3> &q1) {
-    if (mode == CG_MEASURE_FORCES) scalar_.fill_zero();
-    CAMA_LAUNCH_REAL(S, b, gather_residual, n, rows().order, component_stride(), plain, is_double, as<double, Real>(b1),
-                     as<double, Real>(q1), as<float, Real>(b1), as<float, Real>(q1), components<S>(r_), scalar_);
-    precondition(state);
+    gather<Real>(state, plain, b1, q1);
     multiply(state, 0);
     CAMA_LAUNCH_TEAMS(S, b, cg_start, CG_TEAM, 1, mode, partials, partial_, tolerance * tolerance,
                       forces_slack * forces_slack * dt * dt, std::min(1e-20, 1e-6 * tolerance * tolerance),
@@ -195,8 +209,8 @@ ConjugateGradient<S>::solve(const SolverRooms &state, const Stream<typename Type
     }
     if (scalar[CG_ITERATIONS] == 0) break;   // nothing to do
     before = start;
-    CAMA_LAUNCH_REAL(S, b, add_solution, n, rows().order, component_stride(), components<S>(x_), is_double,
-                     as<double, Real>(s.solution), as<float, Real>(s.solution));
+    CAMA_LAUNCH_REAL(S, b, add_solution, n, rows().order, component_stride(), components<S>(x_),
+                     static_cast<int>(sizeof(Real) == 8), as<double, Real>(s.solution), as<float, Real>(s.solution));
   }
   result.iterations = expected_ = static_cast<int>(scalar[CG_ITERATIONS]);
   if (schwarz_) schwarz_->note(state.report.step, result.iterations);

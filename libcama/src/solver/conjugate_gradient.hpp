@@ -23,6 +23,8 @@ public:
   /// Takes over blocks before the first solve. matching: empty, or checked.
   template <class Real> void start_from(const SolverRooms &state, const Matching &matching);
 
+  /// Whether the next `prepare` reads the diagonal.
+  bool needs_diagonal(const SolverRooms &state) const { return !schwarz_ || outdated(state); }
   /// Sets new values of the matrix. diagonal: of the matrix, terms included; it is overwritten.
   template <class Real> void prepare(const SolverRooms &state, Stream<typename Types<Real>::mat3> &diagonal);
 
@@ -46,8 +48,12 @@ private:
   int component_stride() const;
   /// Rows of a block of P.
   int block_rows() const { return kind_ == Preconditioner::block_jacobi ? 3 : 1; }
-  /// z = P r, if it was not computed together with r.
-  void precondition(const SolverRooms &state);
+  /// Whether the rows, or the blocks, are to be found anew.
+  bool outdated(const SolverRooms &state) const;
+  /// r = right - q, or r = right if `plain`, and what `multiply` needs of it: residuals of coarse nodes, or z = P r.
+  template <class Real>
+  void gather(const SolverRooms &state, int plain, const Stream<typename Types<Real>::vec3> &right,
+              const Stream<typename Types<Real>::vec3> &q);
   /// z = P r with the coarse corrections, w = A z, r'z and z'w. at: place of the scalars.
   void multiply(const SolverRooms &state, int at);
   void advance(const SolverRooms &state, int from, int to);

@@ -70,8 +70,8 @@ void SlicedMatrix<S>::fill(const SolverRooms &state, const RowOrder &rows, const
   entry_weight.resize(state.system.term_incidence.entry.size());
   CAMA_LAUNCH_REAL(Real, b, pack_terms, terms, state.system.template of<Real>().term, state.mesh.cloth_vertices,
                    rows.place, sizeof(S) == 8 ? 1 : 0, term_nodes, as<double, S>(term_value), as<float, S>(term_value));
-  CAMA_LAUNCH_REAL(S, b, pack_weights, entry_weight.size(), state.system.term_incidence.entry, term_value,
-                   entry_weight);
+  CAMA_LAUNCH_REAL(S, b, pack_weights, state.mesh.cloth_vertices, state.system.term_incidence.row,
+                   state.system.term_incidence.entry, term_value, entry_weight);
 }
 
 template class SlicedMatrix<double>;

@@ -34,18 +34,18 @@ void evaluate_bending(Backend &b, const Options &options, System<Real> &s, int h
 }
 
 template <class Real>
-void damp_bending(Backend &b, System<Real> &s, int hinges, Real step, const Stream<dvec3> &velocity,
+void damp_bending(Backend &b, System<Real> &s, int hinges, Real step, const Stream<dvec3> &velocity, bool onto,
                   Stream<typename Types<Real>::vec3> &force)
 {
   if (s.hinge_coupling.size() == 0) {
     CAMA_LAUNCH_REAL(Real, b, damp_hinges, hinges, s.hinge_rest, s.hinge_factor, s.material_scale, step, velocity,
-                     force);
+                     onto ? 1 : 0, force);
     return;
   }
   CAMA_LAUNCH_REAL(Real, b, measure_rates, hinges, s.hinge_rest, s.hinge_factor, s.material_scale, step, s.moment_step,
                    velocity, s.angle_scale, s.scaled_angle, s.moment);
   find_moments(b, s, hinges);
-  CAMA_LAUNCH_REAL(Real, b, bend_hinges, hinges, s.hinge_factor, s.angle_scale, s.moment, 1, force);
+  CAMA_LAUNCH_REAL(Real, b, bend_hinges, hinges, s.hinge_factor, s.angle_scale, s.moment, onto ? 1 : 0, force);
 }
 
 template <class Real>
@@ -65,7 +65,7 @@ void measure_bending(Backend &b, const Options &options, System<Real> &s, int hi
 
 #define CAMA_BENDING(Real)                                                                                \
   template void evaluate_bending(Backend &, const Options &, System<Real> &, int, const Stream<dvec3> &); \
-  template void damp_bending(Backend &, System<Real> &, int, Real, const Stream<dvec3> &,                 \
+  template void damp_bending(Backend &, System<Real> &, int, Real, const Stream<dvec3> &, bool,           \
                              Stream<Types<Real>::vec3> &);                                                \
   template void measure_bending(Backend &, const Options &, System<Real> &, int, const Stream<dvec3> &,   \
                                 Stream<double> &);

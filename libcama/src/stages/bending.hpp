@@ -9,9 +9,10 @@ namespace cama {
 template <class Real>
 void evaluate_bending(Backend &b, const Options &options, System<Real> &s, int hinges, const Stream<dvec3> &position);
 
-/// Adds to `force` [4 hinges] the stiffness damping at these velocities, with the factors of the last evaluation.
+/// The stiffness damping [4 hinges] at these velocities, with the factors of the last evaluation. onto: added to what
+/// `force` is.
 template <class Real>
-void damp_bending(Backend &b, System<Real> &s, int hinges, Real step, const Stream<dvec3> &velocity,
+void damp_bending(Backend &b, System<Real> &s, int hinges, Real step, const Stream<dvec3> &velocity, bool onto,
                   Stream<typename Types<Real>::vec3> &force);
 
 /// Energy [hinges] at these positions, J.

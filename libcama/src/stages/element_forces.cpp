@@ -69,15 +69,15 @@ void EvaluateElements<Real>::find_drag(const Rooms &state, const Stream<dvec3> &
 }
 
 template <class Real>
-void EvaluateElements<Real>::add_damping(const Rooms &state, const Stream<dvec3> &velocity,
+void EvaluateElements<Real>::add_damping(const Rooms &state, const Stream<dvec3> &velocity, Onto onto,
                                          Stream<vec3> &triangle_force, Stream<vec3> &hinge_force)
 {
   Backend &b = *state.backend;
   System<Real> &s = state.system.template of<Real>();
   const Real h = static_cast<Real>(state.time.implicit_step);
   CAMA_LAUNCH_REAL(Real, b, damp_triangles, state.mesh.triangles, s.triangle_rest, s.triangle_factor, s.material_scale,
-                   h, velocity, triangle_force);
-  if (state.mesh.hinges) damp_bending(b, s, state.mesh.hinges, h, velocity, hinge_force);
+                   h, velocity, onto.triangles ? 1 : 0, triangle_force);
+  if (state.mesh.hinges) damp_bending(b, s, state.mesh.hinges, h, velocity, onto.hinges, hinge_force);
 }
 
 template <class Real>
@@ -98,7 +98,8 @@ void EvaluateElements<Real>::evaluate(const Rooms &state, const Stream<dvec3> &p
   if (pressed(state) && linearised) add_pressure(state, position, s.triangle_force);
   if ((windy_ || mass_damped_) && linearised) find_drag(state, position, velocity, windy_ && state.time.predicted);
   if (state.mesh.hinges) evaluate_bending(b, state.options, s, state.mesh.hinges, position);
-  if (damped_ && linearised && state.time.predicted) add_damping(state, velocity, s.triangle_force, s.hinge_force);
+  if (damped_ && linearised && state.time.predicted)
+    add_damping(state, velocity, {true, true}, s.triangle_force, s.hinge_force);
   CAMA_LAUNCH_REAL(Real, b, gather_forces, state.mesh.cloth_vertices, state.elements.triangle_incidence.row,
                    state.elements.triangle_incidence.entry, s.triangle_force, state.elements.hinge_incidence.row,
                    state.elements.hinge_incidence.entry, s.hinge_force, state.mesh.hinges, s.mass,

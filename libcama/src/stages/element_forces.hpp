@@ -32,8 +32,12 @@ public:
   void add_mass_damping(const Rooms &state, const Stream<dvec3> &velocity, bool solved, Stream<vec3> &force);
   /// What wind at these positions and velocities, or none, and mass damping add to the matrix.
   void find_drag(const Rooms &state, const Stream<dvec3> &position, const Stream<dvec3> &velocity, bool wind);
-  /// Adds the damping of the elements at these velocities, with the factors of the last evaluation.
-  void add_damping(const Rooms &state, const Stream<dvec3> &velocity, Stream<vec3> &triangle_force,
+  /// Which forces damping is added to; the others it replaces.
+  struct Onto {
+    bool triangles, hinges;
+  };
+  /// The damping of the elements at these velocities, with the factors of the last evaluation.
+  void add_damping(const Rooms &state, const Stream<dvec3> &velocity, Onto onto, Stream<vec3> &triangle_force,
                    Stream<vec3> &hinge_force);
 
 private:

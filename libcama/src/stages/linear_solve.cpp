@@ -10,32 +10,19 @@
 #include "device/launch.hpp"
 
 namespace cama {
-namespace {
-// A dot product has three levels: sums over chunks, sums of those, the rest by one work item.
-int first_parts(int n) { return ceil_divide(n, VECTOR_CHUNK); }
-int second_parts(int n) { return ceil_divide(first_parts(n), PARTIAL_CHUNK); }
-}  // namespace
-
 template <class Real>
-LinearSolve<Real>::LinearSolve(Backend &b)
-    : diagonal_(b), r_(b), p_(b), q_(b), product_(b), partial_(b), reduced_(b), sum_(b), scalar_(b, SCALAR_COUNT)
+LinearSolve<Real>::LinearSolve(Backend &b) : diagonal_(b), r_(b), p_(b), q_(b), partial_(b), sum_(b)
 {}
 
 template <class Real> void LinearSolve<Real>::multiply(const Rooms &state, const Stream<vec3> &x, Stream<vec3> &q)
 {
-  Backend &b = *state.backend;
   System<Real> &s = state.system.template of<Real>();
   // In single precision the rounding of stiffness times a common motion would act as a force.
   const bool differences = sizeof(Real) == 4 && state.options.paper.assembly == Assembly::gather;
-  CAMA_LAUNCH_REAL(Real, b, bcsr_multiply, state.mesh.cloth_vertices, s.matrix.row, s.matrix.column, s.matrix.block,
-                   state.mesh.fixed, differences ? s.mass : no_mass_, x, q);
-  if (differences && s.drag.size())
-    CAMA_LAUNCH_REAL(Real, b, add_diagonal_product, state.mesh.cloth_vertices, s.drag, state.mesh.fixed, x, q);
-  if (!terms_as_operator(state)) return;
-  product_.resize(state.system.terms);
-  CAMA_LAUNCH_REAL(Real, b, term_products, state.system.terms, s.term, x, product_);
-  CAMA_LAUNCH_REAL(Real, b, add_term_products, state.mesh.cloth_vertices, state.system.term_incidence.row,
-                   state.system.term_incidence.entry, s.term, product_, state.mesh.fixed, q);
+  CAMA_LAUNCH_REAL(Real, *state.backend, bcsr_multiply, state.mesh.cloth_vertices, s.matrix.row, s.matrix.column,
+                   s.matrix.block, state.mesh.fixed, differences ? s.mass : no_mass_,
+                   differences && s.drag.size() ? s.drag : no_drag_, terms_as_operator(state) ? 1 : 0,
+                   state.system.term_incidence.row, state.system.term_incidence.entry, s.term, x, q);
 }
 
 template <class Real> void LinearSolve<Real>::extract_diagonal(const Rooms &state)
@@ -50,54 +37,53 @@ template <class Real> void LinearSolve<Real>::extract_diagonal(const Rooms &stat
                      state.system.term_incidence.entry, s.term, diagonal_);
 }
 
-template <class Real> void LinearSolve<Real>::dot(const Rooms &state, const Stream<vec3> &a, const Stream<vec3> &b)
-{
-  const int n = state.mesh.cloth_vertices;
-  partial_.resize(first_parts(n));
-  reduced_.resize(second_parts(n));
-  CAMA_LAUNCH_REAL(Real, *state.backend, dot_chunks, first_parts(n), n, a, b, partial_);
-  CAMA_LAUNCH(*state.backend, reduce_partials, second_parts(n), first_parts(n), partial_, reduced_);
-}
-
-template <class Real> void LinearSolve<Real>::move_uniformly(const Rooms &state, bool falling)
+template <class Real> void LinearSolve<Real>::move_by_gravity(const Rooms &state, bool from_zero)
 {
   Backend &b = *state.backend;
   System<Real> &s = state.system.template of<Real>();
-  const int rows = state.mesh.cloth_vertices, teams = ceil_divide(rows, SUM_ROWS), parts = second_parts(rows);
-  r_.resize(rows);
+  r_.resize(state.mesh.cloth_vertices);
   p_.resize(state.mesh.vertices);
+  if (!from_zero) multiply(state, s.solution, q_);
+  CAMA_LAUNCH_REAL(Real, b, falling_direction, state.mesh.vertices, state.mesh.cloth_vertices, state.time.step,
+                   state.elements.gravity, state.mesh.fixed, s.right_side, from_zero ? no_product_ : q_, r_, p_);
+  move_along(state);
+}
+
+template <class Real> void LinearSolve<Real>::move_by_net_force(const Rooms &state)
+{
+  Backend &b = *state.backend;
+  System<Real> &s = state.system.template of<Real>();
+  const int rows = state.mesh.cloth_vertices, vertices = state.mesh.vertices, teams = ceil_divide(rows, SUM_ROWS);
   sum_.resize(3 * teams);
-  if (falling) multiply(state, s.solution, q_);   // else q_ is left from the solve
-  CAMA_LAUNCH_REAL(Real, b, subtract_product, rows, state.mesh.fixed, s.right_side, q_, r_);
-  if (falling) {
-    CAMA_LAUNCH_REAL(Real, b, uniform_direction, state.mesh.vertices, rows, state.time.step,
-                     components<double>(state.elements.gravity), state.mesh.fixed, p_);
-  } else {
-    CAMA_LAUNCH_TEAMS(Real, b, sum_vectors, SUM_ROWS, teams, rows, r_, sum_);
-    CAMA_LAUNCH_TEAMS(Real, b, sum_sums, SUM_ROWS, 1, teams, sum_);
-    CAMA_LAUNCH_REAL(Real, b, uniform_direction, state.mesh.vertices, rows, 1.0, components<double>(sum_),
-                     state.mesh.fixed, p_);
-  }
+  CAMA_LAUNCH_TEAMS(Real, b, sum_residuals, SUM_ROWS, teams, rows, state.mesh.fixed, s.right_side, q_, r_, sum_);
+  CAMA_LAUNCH_TEAMS(Real, b, uniform_direction, SUM_ROWS, ceil_divide(vertices, SUM_ROWS), vertices, rows, teams, sum_,
+                    state.mesh.fixed, p_);
+  move_along(state);
+}
+
+template <class Real> void LinearSolve<Real>::move_along(const Rooms &state)
+{
+  Backend &b = *state.backend;
+  const int rows = state.mesh.cloth_vertices, teams = ceil_divide(rows, SUM_ROWS);
   multiply(state, p_, q_);
-  dot(state, r_, p_);
-  CAMA_LAUNCH(b, finish_beta, 1, parts, 1, reduced_, scalar_);
-  dot(state, p_, q_);
-  CAMA_LAUNCH(b, finish_alpha, 1, parts, reduced_, scalar_);
-  CAMA_LAUNCH_REAL(Real, b, move_along, rows, scalar_, p_, q_, s.solution, r_);
+  partial_.resize(2 * teams);
+  CAMA_LAUNCH_TEAMS(Real, b, direction_products, SUM_ROWS, teams, rows, r_, p_, q_, partial_);
+  CAMA_LAUNCH_TEAMS(Real, b, move_along, SUM_ROWS, teams, rows, teams, partial_, p_, q_,
+                    state.system.template of<Real>().solution, r_);
 }
 
 template <class Real>
 template <class S>
 bool LinearSolve<Real>::conjugate_gradient(const Rooms &state, std::unique_ptr<ConjugateGradient<S>> &solver,
-                                           Preconditioner preconditioner, bool uniform, double slack)
+                                           Preconditioner preconditioner, bool uniform, bool from_zero, double slack)
 {
   if (!solver) {
     solver = std::make_unique<ConjugateGradient<S>>(*state.backend, preconditioner);
     if (uniform) solver->template start_from<Real>(state, std::exchange(matching_, {}));
   }
   q_.resize(state.mesh.cloth_vertices);
-  if (uniform) move_uniformly(state, true);
-  extract_diagonal(state);
+  if (uniform) move_by_gravity(state, from_zero);
+  if (solver->needs_diagonal(state)) extract_diagonal(state);
   solver->template prepare<Real>(state, diagonal_);
   const auto result = solver->template solve<Real>(
       state, uniform ? &r_ : nullptr, q_, [&](const Stream<vec3> &x, Stream<vec3> &q) { multiply(state, x, q); },
@@ -105,7 +91,7 @@ bool LinearSolve<Real>::conjugate_gradient(const Rooms &state, std::unique_ptr<C
   state.report.iterations = result.iterations;
   state.report.residual = result.residual;
   finite_ = std::isfinite(result.start);
-  if (uniform && !result.broken && result.iterations > 0) move_uniformly(state, false);
+  if (uniform && !result.broken && result.iterations > 0) move_by_net_force(state);
   return !result.broken;
 }
 
@@ -122,16 +108,16 @@ template <class Real> void LinearSolve<Real>::restore(State &, const Checkpoint 
   fallback_.reset();
 }
 
-template <class Real> void LinearSolve<Real>::iterative(const Rooms &state, double slack)
+template <class Real> void LinearSolve<Real>::iterative(const Rooms &state, bool from_zero, double slack)
 {
   const Preconditioner wanted = state.options.preconditioner;
   const bool single = sizeof(Real) == 4 || state.options.precision == Precision::mixed,
              uniform = wanted == Preconditioner::schwarz;
-  if (single ? conjugate_gradient(state, single_, wanted, uniform, slack)
-             : conjugate_gradient<Real>(state, own_, wanted, uniform, slack))
+  if (single ? conjugate_gradient(state, single_, wanted, uniform, from_zero, slack)
+             : conjugate_gradient<Real>(state, own_, wanted, uniform, from_zero, slack))
     return;
   if (wanted != Preconditioner::block_jacobi &&
-      conjugate_gradient<Real>(state, fallback_, Preconditioner::block_jacobi, false, slack))
+      conjugate_gradient<Real>(state, fallback_, Preconditioner::block_jacobi, false, false, slack))
     return;
   const std::string step = "step " + std::to_string(state.report.step);
   if (!finite_)
@@ -210,13 +196,8 @@ template <class Real> void LinearSolve<Real>::run_on(const Rooms &state)
                    state.mesh.velocity_next, state.mesh.fixed, s.solution);
   CAMA_LAUNCH_REAL(Real, b, make_right_side, state.mesh.cloth_vertices, static_cast<Real>(state.time.implicit_step),
                    s.mass, state.mesh.base_velocity(state.time), state.mesh.velocity_next, state.mesh.fixed, s.force,
-                   s.right_side);
-  if (state.system.terms)
-    CAMA_LAUNCH_REAL(Real, b, add_term_forces, state.mesh.cloth_vertices, state.system.term_incidence.row,
-                     state.system.term_incidence.entry, s.term, s.right_side);
-  if (s.hold.size() > 0)
-    CAMA_LAUNCH_REAL(Real, b, add_term_products, state.mesh.cloth_vertices, state.system.term_incidence.row,
-                     state.system.term_incidence.entry, s.term, s.hold, state.mesh.fixed, s.right_side);
+                   state.system.terms ? 1 : 0, state.system.term_incidence.row, state.system.term_incidence.entry,
+                   s.term, s.hold.size() > 0 ? s.hold : no_product_, s.right_side);
   solve(state);
   CAMA_LAUNCH_REAL(Real, b, store_velocity, state.mesh.cloth_vertices, state.mesh.fixed, s.solution,
                    state.mesh.velocity_next);
@@ -229,28 +210,27 @@ template <class Real> void LinearSolve<Real>::solve_change(const Rooms &state)
   const int rows = state.mesh.cloth_vertices;
   CAMA_LAUNCH_REAL(Real, b, newton_right_side, rows, static_cast<Real>(state.time.implicit_step), s.mass,
                    state.mesh.fixed, state.mesh.base_velocity(state.time), state.mesh.velocity_next, s.force,
-                   s.right_side);
-  if (state.system.terms) {
-    product_.resize(state.system.terms);
-    CAMA_LAUNCH_REAL(Real, b, add_term_forces, rows, state.system.term_incidence.row, state.system.term_incidence.entry,
-                     s.term, s.right_side);
-    CAMA_LAUNCH_REAL(Real, b, friction_products, state.system.terms, state.system.terms - state.elements.stitches,
-                     s.term, s.hold, state.mesh.velocity_next, product_);
-    CAMA_LAUNCH_REAL(Real, b, add_term_products, rows, state.system.term_incidence.row,
-                     state.system.term_incidence.entry, s.term, product_, state.mesh.fixed, s.right_side);
-  }
-  s.solution.fill_zero();
-  solve(state);
+                   state.system.terms ? 1 : 0, state.system.terms - state.elements.stitches,
+                   state.system.term_incidence.row, state.system.term_incidence.entry, s.term, s.hold, s.right_side);
+  solve_from_zero(state);
   CAMA_LAUNCH_REAL(Real, b, add_velocity, rows, state.mesh.fixed, s.solution, state.mesh.velocity_next);
 }
 
-template <class Real> void LinearSolve<Real>::solve(const Rooms &state, double slack)
+template <class Real> void LinearSolve<Real>::solve(const Rooms &state)
 {
-  if (state.options.solver == LinearSolver::direct) {
+  if (state.options.solver == LinearSolver::direct)
     direct(state);
-  } else {
-    iterative(state, slack);
-  }
+  else
+    iterative(state, false, 1);
+}
+
+template <class Real> void LinearSolve<Real>::solve_from_zero(const Rooms &state, double slack)
+{
+  state.system.template of<Real>().solution.fill_zero();
+  if (state.options.solver == LinearSolver::direct)
+    direct(state);
+  else
+    iterative(state, true, slack);
 }
 
 template class LinearSolve<double>;

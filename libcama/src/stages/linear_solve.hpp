@@ -20,9 +20,9 @@ public:
   void run_on(const Rooms &state) override;
   void save(State &state, Checkpoint &checkpoint) override;
   void restore(State &state, const Checkpoint &checkpoint) override;
-  /// Improves System::solution for System::right_side, to the tolerance times `slack`; sets report.iterations and
-  /// residual to those of this solve.
-  void solve(const Rooms &state, double slack = 1);
+  /// Sets System::solution, beginning with zero, for System::right_side, to the tolerance times `slack`; sets
+  /// report.iterations and residual to those of this solve.
+  void solve_from_zero(const Rooms &state, double slack = 1);
 
   /// q = A x on the free rows, terms included.
   void multiply(const Rooms &state, const Stream<typename Types<Real>::vec3> &x, Stream<typename Types<Real>::vec3> &q);
@@ -31,27 +31,34 @@ private:
   using vec3 = typename Types<Real>::vec3;
   /// Solves for the change of the predicted velocities.
   void solve_change(const Rooms &state);
+  /// The same, beginning with what System::solution is, to the tolerance.
+  void solve(const Rooms &state);
   void extract_diagonal(const Rooms &state);
-  /// Adds one common vector to all free vertices, such that the energy of the error decreases most: along gravity
-  /// before the solve, so that free fall is exact; along the remaining net force after it, so that momentum is
-  /// conserved beyond the tolerance. Leaves the residual in r_.
-  void move_uniformly(const Rooms &state, bool falling);
-  void iterative(const Rooms &state, double slack);
-  /// Returns false if it broke down. uniform: with `move_uniformly`.
+  /// These add one common vector to all free vertices, such that the energy of the error decreases most, and leave the
+  /// residual in r_. Before the solve it is along gravity, so that free fall is exact. from_zero: the solution is zero.
+  void move_by_gravity(const Rooms &state, bool from_zero);
+  /// After the solve it is along the remaining net force, so that momentum is conserved beyond the tolerance. q_: the
+  /// product with the solution.
+  void move_by_net_force(const Rooms &state);
+  /// Adds the multiple of p_.
+  void move_along(const Rooms &state);
+  void iterative(const Rooms &state, bool from_zero, double slack);
+  /// Returns false if it broke down. uniform: with common vectors before and after it.
   template <class S>
   bool conjugate_gradient(const Rooms &state, std::unique_ptr<ConjugateGradient<S>> &solver,
-                          Preconditioner preconditioner, bool uniform, double slack);
+                          Preconditioner preconditioner, bool uniform, bool from_zero, double slack);
   void direct(const Rooms &state);
   bool terms_as_operator(const Rooms &state) const
   {
     return state.options.paper.assembly == Assembly::gather && state.system.terms > 0;
   }
-  void dot(const Rooms &state, const Stream<vec3> &a, const Stream<vec3> &b);
 
   Stream<typename Types<Real>::mat3> diagonal_;
-  Stream<vec3> r_, p_, q_, product_;
-  Stream<double> partial_, reduced_, sum_, scalar_;
+  Stream<vec3> r_, p_, q_;
+  Stream<double> partial_, sum_;
   const Stream<Real> no_mass_;
+  const Stream<typename Types<Real>::mat3> no_drag_;
+  const Stream<vec3> no_product_;
   bool finite_ = true;  // whether the last system was finite
   std::unique_ptr<ConjugateGradient<float>> single_;  // made when first used
   std::unique_ptr<ConjugateGradient<Real>> own_, fallback_;

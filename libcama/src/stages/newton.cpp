@@ -5,6 +5,7 @@
 #include <cmath>
 #include <limits>
 
+#include "device/ceil_divide.hpp"
 #include "device/launch.hpp"
 #include "stages/bending.hpp"
 
@@ -22,36 +23,44 @@ constexpr double rounding_units = 16;  // of the sum of the potential's parts
 template <class Real>
 NewtonIterations<Real>::NewtonIterations(Backend &b, EvaluateElements<Real> &elements, AssembleMatrix<Real> &assembly,
                                          LinearSolve<Real> &solve, const std::vector<double> &masses)
-    : elements_(elements), assembly_(assembly), solve_(solve), product_(b), outer_(b), outer_triangle_(b),
-      outer_hinge_(b), start_(b), zero_gravity_(b), vertex_{Stream<double>(b), Stream<double>(b)},
-      triangle_{Stream<double>(b), Stream<double>(b)}, hinge_(b), term_(b), total_(b), part_(b), push_(b), load_(b),
-      pull_(b), share_(b)
+    : elements_(elements), assembly_(assembly), solve_(solve), outer_(b), outer_triangle_(b), outer_hinge_(b),
+      start_(b), zero_gravity_(b), vertex_{Stream<double>(b), Stream<double>(b)},
+      triangle_{Stream<double>(b), Stream<double>(b)}, hinge_(b), term_(b), slope_(b), total_(b), part_(b), push_(b),
+      load_(b), pull_(b), share_(b)
 {
   for (double m : masses) fastest_ += m * FASTEST * FASTEST;
 }
 
 template <class Real>
-std::vector<double> NewtonIterations<Real>::sum(const Rooms &state, const std::vector<Stream<double> *> &streams)
+std::vector<double> NewtonIterations<Real>::sum(const Rooms &state, const std::vector<const Stream<double> *> &streams)
 {
-  Backend &b = *state.backend;
-  Stream<double> *slot[4] = {&vertex_[0], &vertex_[0], &vertex_[0], &vertex_[0]};
-  int used = 0;
+  const Stream<double> *list[4] = {&part_, &part_, &part_, &part_};
+  int count[4] = {}, first[4] = {};
   for (std::size_t k = 0; k < streams.size(); ++k) {
-    Stream<double> &values = *streams[k];
-    if (values.size() == 0) continue;
-    for (int n = values.size(); n > 1;) {
-      const int parts = (n + PARTIAL_CHUNK - 1) / PARTIAL_CHUNK;
-      part_.resize(parts);
-      CAMA_LAUNCH(b, reduce_partials, parts, n, values, part_);
-      values.swap(part_);
-      n = parts;
-    }
-    slot[k] = &values;
-    used |= 1 << k;
+    list[k] = streams[k];
+    count[k] = streams[k]->size();
   }
-  total_.resize(4);
-  CAMA_LAUNCH(b, collect_totals, 1, used, *slot[0], *slot[1], *slot[2], *slot[3], total_);
-  return total_.download();
+  do {
+    int parts = 0, part[4];
+    for (int k = 0; k < 4; ++k) {
+      part[k] = parts;
+      parts += ceil_divide(count[k], PARTIAL_CHUNK);
+    }
+    part_.resize(parts);
+    CAMA_LAUNCH(*state.backend, reduce_lists, parts, count[0], count[1], count[2], count[3], first[0], first[1],
+                first[2], first[3], *list[0], *list[1], *list[2], *list[3], part_);
+    part_.swap(total_);
+    for (int k = 0; k < 4; ++k) {
+      list[k] = &total_;
+      count[k] = ceil_divide(count[k], PARTIAL_CHUNK);
+      first[k] = part[k];
+    }
+  } while (*std::max_element(count, count + 4) > 1);
+  const std::vector<double> totals = total_.download();
+  std::vector<double> sums(streams.size(), 0);
+  for (std::size_t k = 0; k < streams.size(); ++k)
+    if (count[k] > 0) sums[k] = totals[static_cast<std::size_t>(first[k])];
+  return sums;
 }
 
 template <class Real> void NewtonIterations<Real>::find_pushes(const Rooms &state, Friction friction)
@@ -82,7 +91,8 @@ template <class Real> void NewtonIterations<Real>::iterate_friction(const Rooms 
 }
 
 template <class Real>
-typename NewtonIterations<Real>::Norms NewtonIterations<Real>::evaluate(const Rooms &state, Friction friction)
+typename NewtonIterations<Real>::Norms NewtonIterations<Real>::evaluate(const Rooms &state, Friction friction,
+                                                                        double *slope)
 {
   Backend &b = *state.backend;
   System<Real> &s = state.system.template of<Real>();
@@ -95,12 +105,13 @@ typename NewtonIterations<Real>::Norms NewtonIterations<Real>::evaluate(const Ro
     outer_hinge_.resize(4 * state.mesh.hinges);
     outer_.resize(rows);
     if (zero_gravity_.size() == 0) zero_gravity_.assign({dvec3{0, 0, 0}});
-    outer_triangle_.fill_zero();
-    outer_hinge_.fill_zero();
+    const bool blown = elements_.windy() || elements_.pressed(state);
+    if (blown || !elements_.damped()) outer_triangle_.fill_zero();
+    if (!elements_.damped()) outer_hinge_.fill_zero();
     if (elements_.windy()) elements_.add_wind(state, x, v, false, outer_triangle_);
     if (elements_.pressed(state)) elements_.add_pressure(state, x, outer_triangle_);
     if (elements_.windy() || elements_.mass_damped()) elements_.find_drag(state, x, v, elements_.windy());
-    if (elements_.damped()) elements_.add_damping(state, v, outer_triangle_, outer_hinge_);
+    if (elements_.damped()) elements_.add_damping(state, v, {blown, false}, outer_triangle_, outer_hinge_);
     CAMA_LAUNCH_REAL(Real, b, gather_forces, rows, state.elements.triangle_incidence.row,
                      state.elements.triangle_incidence.entry, outer_triangle_, state.elements.hinge_incidence.row,
                      state.elements.hinge_incidence.entry, outer_hinge_, state.mesh.hinges, s.mass, zero_gravity_,
@@ -108,11 +119,8 @@ typename NewtonIterations<Real>::Norms NewtonIterations<Real>::evaluate(const Ro
     if (elements_.mass_damped()) elements_.add_mass_damping(state, v, false, outer_);
     CAMA_LAUNCH_REAL(Real, b, add_forces, rows, outer_, s.force);
   }
-  CAMA_LAUNCH_REAL(Real, b, newton_right_side, rows, h, s.mass, state.mesh.fixed, state.mesh.base_velocity(state.time),
-                   v, s.force, s.right_side);
   if (state.system.terms) {
     const int refresh = state.options.contact_refresh == ContactRefresh::iteration;
-    product_.resize(state.system.terms);
     const bool rough = state.contact.friction && state.contact.contacts;
     if (rough && friction == Friction::of_first_solve) find_pushes(state, friction);
     CAMA_LAUNCH_REAL(Real, b, update_contact_terms, state.contact.contacts, state.time.predicted ? 1 : 0, refresh, 0,
@@ -122,20 +130,20 @@ typename NewtonIterations<Real>::Norms NewtonIterations<Real>::evaluate(const Ro
     if (rough && friction != Friction::as_it_is) iterate_friction(state);
     CAMA_LAUNCH_REAL(Real, b, make_stitch_terms, state.elements.stitches, state.elements.stitch, x, h,
                      state.contact.contacts, s.term);
-    CAMA_LAUNCH_REAL(Real, b, add_term_forces, rows, state.system.term_incidence.row, state.system.term_incidence.entry,
-                     s.term, s.right_side);
-    CAMA_LAUNCH_REAL(Real, b, friction_products, state.system.terms, state.contact.contacts, s.term, s.hold, v,
-                     product_);
-    CAMA_LAUNCH_REAL(Real, b, add_term_products, rows, state.system.term_incidence.row,
-                     state.system.term_incidence.entry, s.term, product_, state.mesh.fixed, s.right_side);
   }
+  CAMA_LAUNCH_REAL(Real, b, newton_right_side, rows, h, s.mass, state.mesh.fixed, state.mesh.base_velocity(state.time),
+                   v, s.force, state.system.terms ? 1 : 0, state.contact.contacts, state.system.term_incidence.row,
+                   state.system.term_incidence.entry, s.term, s.hold, s.right_side);
   for (Stream<double> &values : vertex_) values.resize(rows);
   CAMA_LAUNCH_REAL(Real, b, newton_norms, rows, h, s.mass, state.mesh.fixed, state.elements.gravity, s.right_side,
                    state.elements.triangle_incidence.row, state.elements.triangle_incidence.entry, s.triangle_force,
                    state.elements.hinge_incidence.row, state.elements.hinge_incidence.entry, s.hinge_force,
                    state.mesh.hinges, state.system.terms > 0 ? 1 : 0, state.system.term_incidence.row,
                    state.system.term_incidence.entry, s.term, vertex_[0], vertex_[1]);
-  const std::vector<double> totals = sum(state, {&vertex_[0], &vertex_[1]});
+  std::vector<const Stream<double> *> lists = {&vertex_[0], &vertex_[1]};
+  if (slope) lists.push_back(&slope_);
+  const std::vector<double> totals = sum(state, lists);
+  if (slope) *slope = totals[2];
   if (!std::isfinite(totals[0]) && !searching_)
     throw SolverError("step " + std::to_string(state.report.step) +
                       ": Newton's method met forces that are not finite; check the material's stiffness and density "
@@ -190,27 +198,30 @@ bool NewtonIterations<Real>::search_line(const Rooms &state, bool last, Norms &n
   Backend &b = *state.backend;
   System<Real> &s = state.system.template of<Real>();
   evaluated = fell_ = false;
-  vertex_[0].resize(state.mesh.cloth_vertices);
-  CAMA_LAUNCH_REAL(Real, b, descent, state.mesh.cloth_vertices, state.mesh.fixed, s.right_side, s.solution, vertex_[0]);
-  const double slope = sum(state, {&vertex_[0]})[0];
-  if (!(slope < 0)) return false;
+  slope_.resize(state.mesh.cloth_vertices);
+  CAMA_LAUNCH_REAL(Real, b, descent, state.mesh.cloth_vertices, state.mesh.fixed, s.right_side, s.solution, slope_);
   start_.copy_from(state.mesh.velocity_next);
   // Forces from sampled stiffness are not exactly the gradient of an energy: close to the solution the residual
   // decides. After the last solve it is asked first, since it is reported anyway and spares both potentials.
   bool asked = false;
-  const auto residual_falls = [&] {
+  double slope = 0;
+  const auto residual_falls = [&](double *with_slope) {
     asked = searching_ = true;
-    const Norms there = evaluate(state);
+    const Norms there = evaluate(state, Friction::as_it_is, with_slope);
     searching_ = false;
-    if (!(there.residual < norms.residual)) return false;
+    if ((with_slope && !(slope < 0)) || !(there.residual < norms.residual)) return false;
     norms = there;
     return evaluated = true;
   };
-  if (last) {
+  if (last) {   // the slope is read together with the residual
     move(state, 1);
-    if (residual_falls()) return true;
+    if (residual_falls(&slope)) return true;
     move(state, 0);
+    if (!(slope < 0)) return false;
     evaluate(state);
+  } else {
+    slope = sum(state, {&slope_})[0];
+    if (!(slope < 0)) return false;
   }
   const Potential before = measure(state);
   const double rounding = rounding_units * std::numeric_limits<Real>::epsilon();
@@ -223,7 +234,7 @@ bool NewtonIterations<Real>::search_line(const Rooms &state, bool last, Norms &n
       fell_ = now.value < before.value - slack;
       return true;
     }
-    if (!asked && residual_falls()) return true;
+    if (!asked && residual_falls(nullptr)) return true;
   }
   move(state, 0);
   return false;
@@ -231,7 +242,6 @@ bool NewtonIterations<Real>::search_line(const Rooms &state, bool last, Norms &n
 
 template <class Real> void NewtonIterations<Real>::run_on(const Rooms &state)
 {
-  System<Real> &s = state.system.template of<Real>();
   const double goal = state.options.newton_tolerance * state.options.newton_tolerance;
   int linear = state.report.iterations, taken = 1, idle = 0;
   searching_ = false;
@@ -246,8 +256,7 @@ template <class Real> void NewtonIterations<Real>::run_on(const Rooms &state)
   while (norms.residual > goal * norms.size && taken < max_solves() && idle < patience) {
     if (taken >= state.options.newton_iterations && rough) best = norms = evaluate(state, Friction::of_iterate);
     assembly_.run_on(state);
-    s.solution.fill_zero();
-    solve_.solve(state, further_slack);
+    solve_.solve_from_zero(state, further_slack);
     linear += state.report.iterations;
     ++taken;
     bool evaluated = false;

@@ -30,8 +30,9 @@ private:
   };
   /// Which normal forces friction follows from: those of the first solve, or those at the iterate.
   enum class Friction { as_it_is, of_first_solve, of_iterate };
-  /// Elements, terms and right-hand side, which is the negative residual, at the iterate.
-  Norms evaluate(const Rooms &state, Friction friction = Friction::as_it_is);
+  /// Elements, terms and right-hand side, which is the negative residual, at the iterate. slope: set to the sum of
+  /// slope_, if asked for.
+  Norms evaluate(const Rooms &state, Friction friction = Friction::as_it_is, double *slope = nullptr);
   /// Incremental potential at the iterate, J; size: of its parts together.
   struct Potential {
     double value, size;
@@ -41,8 +42,8 @@ private:
   /// Moves along the solution to a lower potential or residual; returns false if it finds none. last: no solve follows.
   /// norms: those of the previous iterate, then those of the new one if `evaluated`.
   bool search_line(const Rooms &state, bool last, Norms &norms, bool &evaluated);
-  /// Sums each stream, all at the same time; changes the streams. Empty streams give 0.
-  std::vector<double> sum(const Rooms &state, const std::vector<Stream<double> *> &streams);
+  /// Sums each of at most four streams, all at the same time. Empty streams give 0.
+  std::vector<double> sum(const Rooms &state, const std::vector<const Stream<double> *> &streams);
 
   /// What contacts push with.
   void find_pushes(const Rooms &state, Friction friction);
@@ -55,9 +56,9 @@ private:
   double fastest_ = 0;  // J: all cloth at the highest speed; solves do not mend a larger residual
   bool searching_ = false,
        fell_ = false;  // fell_: the last search lowered the potential beyond rounding
-  Stream<vec3> product_, outer_, outer_triangle_, outer_hinge_;  // outer: wind, pressure and damping
+  Stream<vec3> outer_, outer_triangle_, outer_hinge_;  // outer: wind, pressure and damping
   Stream<dvec3> start_, zero_gravity_;
-  Stream<double> vertex_[2], triangle_[2], hinge_, term_, total_, part_, push_, load_, pull_, share_;
+  Stream<double> vertex_[2], triangle_[2], hinge_, term_, slope_, total_, part_, push_, load_, pull_, share_;
 };
 
 extern template class NewtonIterations<double>;

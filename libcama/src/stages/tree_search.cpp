@@ -13,6 +13,7 @@ constexpr int max_slots = 16;        // hits of an item that the count pass keep
 constexpr int searches_per_sort = 16; // the order of leaves is kept between sorts; boxes are updated in every search
 constexpr int sorts_per_placing = 64; // the origin of boxes is kept between placings of static obstacles
 constexpr int morton_bits = 63;
+constexpr int few_leaves = 65536;    // two levels in a launch: it has few work items, but a launch costs more
 constexpr double max_changed = 0.3;  // of the vertices: beyond it, a full search is cheaper
 }  // namespace
 
@@ -27,7 +28,7 @@ void TreeSearch::build_levels(Backend &b, int leaves, Stream<kernels::bvh8_node>
 {
   const int root = kernels::group_root_level(leaves);
   for (int level = 0; level < root;) {
-    const int both = b.wide_workers() && level + 2 <= root ? 1 : 0;   // saves a launch, but has few work-items
+    const int both = (b.wide_workers() || leaves < few_leaves) && level + 2 <= root ? 1 : 0;
     level += 1 + both;
     CAMA_LAUNCH(b, group_levels, GROUP * kernels::group_level_size(leaves, level), leaves, level, both, tree);
   }

@@ -17,7 +17,7 @@ void Lockstep::run(Crew &crew, std::vector<Task> &tasks)
     fiber.begin(task.work);
     task.world->fiber = &fiber;
     task.world->failure = &failure;
-    task.world->waiting = false;
+    task.world->waiting = task.world->ran = false;
     task.world->stage = task.world->step = 0;
     task.world->last_stage = 0;
   }
@@ -27,11 +27,12 @@ void Lockstep::run(Crew &crew, std::vector<Task> &tasks)
       work(*tasks[static_cast<std::size_t>(t)].world);
   };
   std::vector<OperationQueue *> queues;
-  std::vector<RecordingBackend *> flushed;
   for (bool all = false; !all;) {
     crew.run([&](int member) {
       each(member, [](RecordingBackend &w) {
-        if (!w.fiber->finished() && (w.waiting ? w.queue.empty() : w.stage <= w.last_stage)) w.fiber->resume();
+        const bool ready = w.waiting ? w.ran || w.queue.empty() : w.stage <= w.last_stage;
+        if (w.ran) w.end_run();
+        if (ready && !w.fiber->finished()) w.fiber->resume();
       });
     });
     int stage = INT_MAX;   // the first that a world is at
@@ -42,13 +43,12 @@ void Lockstep::run(Crew &crew, std::vector<Task> &tasks)
       stage = std::min(stage, task.world->stage);
     }
     queues.clear();
-    flushed.clear();
     for (const Task &task : tasks) {
       RecordingBackend &w = *task.world;
       w.last_stage = stage;
       if ((!w.waiting && !all) || w.queue.empty()) continue;
       queues.push_back(&w.queue);
-      flushed.push_back(&w);
+      w.ran = true;
     }
     if (queues.empty()) continue;
     if (!failure) {
@@ -58,9 +58,9 @@ void Lockstep::run(Crew &crew, std::vector<Task> &tasks)
         failure = std::current_exception();
       }
     }
-    for (RecordingBackend *w : flushed) w->queue.clear();
   }
   for (Task &task : tasks) {
+    if (task.world->ran) task.world->end_run();
     task.world->fiber = nullptr;
     task.world->failure = nullptr;
   }
