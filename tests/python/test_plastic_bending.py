@@ -258,7 +258,8 @@ def test_yield_and_creases_are_in_scene_files(tmp_path):
 
 
 def test_bad_yield_and_creases_are_named():
-    for field, value in (("yield_curvature", -1.0), ("yield_curvature", np.inf), ("hardening", 1.0), ("hardening", -0.1)):
+    bad = (("yield_curvature", -1.0), ("yield_curvature", np.inf), ("hardening", 1.0), ("hardening", -0.1))
+    for field, value in bad:
         material = fabric()
         setattr(material, field, value)
         with pytest.raises(cama.MaterialError, match=field):

@@ -386,7 +386,8 @@ TEST_CASE("on an irregular mesh the cylinder's energy settles at a level of its 
 
 TEST_CASE("plastic curvature is projected onto the nearest point of the yield surface", "[bending]")
 {
-  // Bent by 24 1/m with a yield curvature of 8 1/m, in any direction: the shares along warp, along weft and of the twist.
+  // Bent by 24 1/m with a yield curvature of 8 1/m, in any direction: the shares along warp, along weft and of the
+  // twist.
   const dvec3 directions[] = {{1, 0, 0}, {0, 1, 0}, {0.5, 0.5, 1}};
   for (double hardening : {0.0, 0.4})
     for (const dvec3 &d : directions)

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Enclosed gas: pressure by volume, volumes of solids in closed form, the derivative of the volume, and its stiffness in
-// products with the matrix.
+// Enclosed gas: pressure by volume, volumes of solids in closed form, the derivative of the volume, and its stiffness
+// in products with the matrix.
 #include "../catch.hpp"
 
 #include <cmath>

@@ -444,9 +444,7 @@ class Simulation:
         cloths = self._scene.cloths
         return {cloths[row[0]].name: GasState(*row[1:]) for row in self._core.gas()}
 
-    def set_gas(
-        self, cloth: Cloth | int | str, *, amount: float | None = None, ambient: float | None = None
-    ) -> None:
+    def set_gas(self, cloth: Cloth | int | str, *, amount: float | None = None, ambient: float | None = None) -> None:
         """Sets the gas that a cloth encloses, or the pressure outside, from the next step on.
 
         Args:

@@ -271,16 +271,14 @@ void bind_scene(py::module_ &m)
               double stiffness) {
              s.stitches.push_back({cloth_a, vertex_a, cloth_b, vertex_b, vertex_c, ratio, stiffness});
            })
-      .def("add_elastic", [](Scene &s, int cloth, const Ints &vertices, double share, double stiffness) {
-        s.add_elastic(cloth, to_vector<int>(vertices), share, stiffness);
-      })
-      .def("add_crease", [](Scene &s, int cloth, const Ints &vertices, double angle) {
-        s.creases.push_back({cloth, to_vector<int>(vertices), angle});
-      })
-      .def("vertices_along", [](const Scene &s, int cloth, const std::array<double, 3> &from,
-                                const std::array<double, 3> &to) {
-        return to_array<int>(s.vertices_along(cloth, to_vec(from), to_vec(to)));
-      });
+      .def("add_elastic", [](Scene &s, int cloth, const Ints &vertices, double share,
+                             double stiffness) { s.add_elastic(cloth, to_vector<int>(vertices), share, stiffness); })
+      .def("add_crease", [](Scene &s, int cloth, const Ints &vertices,
+                            double angle) { s.creases.push_back({cloth, to_vector<int>(vertices), angle}); })
+      .def("vertices_along",
+           [](const Scene &s, int cloth, const std::array<double, 3> &from, const std::array<double, 3> &to) {
+             return to_array<int>(s.vertices_along(cloth, to_vec(from), to_vec(to)));
+           });
 }
 
 }  // namespace cama::python

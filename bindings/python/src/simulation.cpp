@@ -318,9 +318,7 @@ void bind_simulation(py::module_ &m)
              return rows;
            })
       .def("plastic_curvature",
-           [](Guarded &g) {
-             return to_array<double>(g.with([](Simulation &s) { return s.plastic_curvature(); }));
-           })
+           [](Guarded &g) { return to_array<double>(g.with([](Simulation &s) { return s.plastic_curvature(); })); })
       .def("checkpoint", [](Guarded &g) { return to_dict(g.with([](Simulation &s) { return s.checkpoint(); })); })
       .def("restore",
            [](Guarded &g, const py::dict &fields) {

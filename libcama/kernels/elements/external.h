@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Wind, drag and pressure on triangles; pressure of enclosed gas, mass damping and forces that a driver sets, on vertices. */
+/* Wind, drag and pressure on triangles; enclosed gas, mass damping and forces that a driver sets, on vertices. */
 #ifndef CAMA_KERNELS_ELEMENTS_EXTERNAL_H
 #define CAMA_KERNELS_ELEMENTS_EXTERNAL_H
 #include "../dialect/dvec3.h"

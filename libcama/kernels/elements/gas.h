@@ -42,8 +42,8 @@ DEVICE gas_state gas_in_volume(gas g, double volume, double time_step)
 }
 
 /* volume[i] of the tetrahedra between the triangles of part i and the first vertex of the cloth, with their sign. */
-KERNEL measure_volumes(int n, GLOBAL const gas_part *part, GLOBAL const gas *gases, GLOBAL const element_nodes *triangle,
-                       GLOBAL const dvec3 *position, GLOBAL double *volume)
+KERNEL measure_volumes(int n, GLOBAL const gas_part *part, GLOBAL const gas *gases,
+                       GLOBAL const element_nodes *triangle, GLOBAL const dvec3 *position, GLOBAL double *volume)
 {
   TEAM_LOCAL(double, sum, GAS_TEAM);
   FOR_EACH_TEAM(t, n) {

@@ -50,6 +50,8 @@ KERNEL yield_triangles(int n, GLOBAL const plastic_triangle *triangle, GLOBAL co
   }
 }
 
+#define FOLDED 3.1 /* largest angle at rest: beyond a half turn the hinge would turn to the other side */
+
 /* The angles at rest of all hinges for the plastic curvature of their triangles. */
 KERNEL set_rest_angles(int n, GLOBAL const plastic_hinge *hinge, GLOBAL const dvec3 *plastic, GLOBAL hinge_rest *rest)
 {
@@ -61,7 +63,7 @@ KERNEL set_rest_angles(int n, GLOBAL const plastic_hinge *hinge, GLOBAL const dv
       dvec3 c = plastic[h.triangle[k]];
       angle += h.angle[k][0] * c.x + h.angle[k][1] * c.y + h.angle[k][2] * c.z;
     }
-    rest[i].rest_angle = (real)angle;
+    rest[i].rest_angle = (real)max_double(-FOLDED, min_double(angle, FOLDED));
   }
 }
 

@@ -51,8 +51,8 @@ double reference_of(const Material &m, const std::array<double, 3> &k, const Res
   return std::min(sample(h.direction[0]), sample(h.direction[1]));
 }
 
-/// Row k is the constant moment (11, 22, 12) of a triangle with the normal component 1 on the edge opposite corner k and
-/// 0 on the others.
+/// Row k is the constant moment (11, 22, 12) of a triangle with the normal component 1 on the edge opposite corner k
+/// and 0 on the others.
 Eigen::Matrix3d triangle_moments(const RestTriangle &r)
 {
   Eigen::Matrix2d inverse;

@@ -19,8 +19,8 @@
 namespace cama {
 
 /// How long a stream or a number lives. scene: unchanged since the scene was set up; run: kept from step to step, so
-/// that a step that fails restores it and a checkpoint holds it (vectors of all vertices, and numbers); step: computed
-/// in every step.
+/// that a step that fails restores it and a checkpoint holds it (vectors of all vertices or triangles, and numbers);
+/// step: computed in every step.
 enum class Life { scene, run, step };
 
 template <class T> struct IsStream : std::false_type {};

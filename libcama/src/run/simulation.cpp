@@ -202,8 +202,9 @@ std::vector<GasState> Simulation::gas() const { return measure_gas(implementatio
 std::vector<dvec3> Simulation::plastic_curvature() const
 {
   const State &s = implementation_->state;
-  return s.elements.plastic_curvature.size() ? s.elements.plastic_curvature.download()
-                                             : std::vector<dvec3>(static_cast<std::size_t>(s.mesh.triangles), {0, 0, 0});
+  return s.elements.plastic_curvature.size()
+             ? s.elements.plastic_curvature.download()
+             : std::vector<dvec3>(static_cast<std::size_t>(s.mesh.triangles), {0, 0, 0});
 }
 dvec3 Simulation::gravity() const { return implementation_->state.elements.gravity.at(0); }
 dvec3 Simulation::wind() const

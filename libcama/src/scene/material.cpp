@@ -77,9 +77,10 @@ Material from_arcsim(const Field &f)
 
 Material from_cama(const Field &f)
 {
-  f.only({"format", "name", "description", "source", "units", "evidence", "density", "isotropic", "orthotropic",
-          "stretching", "bending", "damping", "mass_damping", "strain_limit", "limit_stiffening", "yield_curvature",
-          "hardening", "friction", "static_friction", "thickness", "contact_stiffness"});
+  f.only({"format",          "name",         "description",      "source",          "units",     "evidence",
+          "density",         "isotropic",    "orthotropic",      "stretching",      "bending",   "damping",
+          "mass_damping",    "strain_limit", "limit_stiffening", "yield_curvature", "hardening", "friction",
+          "static_friction", "thickness",    "contact_stiffness"});
   const double density = f.finite("density", 0.2);
   const int forms = f.has("isotropic") + f.has("orthotropic") + f.has("stretching");
   if (forms != 1) f.fail("give exactly one of \"isotropic\", \"orthotropic\", \"stretching\" (with \"bending\")");

@@ -46,8 +46,7 @@ void read_options(const Field &f, const std::string &group, OptionOverrides &opt
 Scene SceneReader::read(const Field &top)
 {
   top.only({"name", "description", "time_step", "frame_time", "frames", "gravity", "wind", "contact", "resolution",
-            "materials", "cloth", "obstacles", "pins", "stitches", "elastics", "creases",
-            "options"});
+            "materials", "cloth", "obstacles", "pins", "stitches", "elastics", "creases", "options"});
   read_settings(top);
   if (top.has("materials")) {
     const Field all = top.at("materials");

@@ -162,12 +162,12 @@ void check_closed(const std::string &object, const Cloth &c)
     int turn = 0;
     for (; end < sides.size() && sides[end][0] == sides[i][0] && sides[end][1] == sides[i][1]; ++end)
       turn += sides[end][2] ? 1 : -1;
-    const std::string edge = "edge between vertices " + std::to_string(sides[i][0]) + " and " +
-                             std::to_string(sides[i][1]);
+    const std::string edge =
+        "edge between vertices " + std::to_string(sides[i][0]) + " and " + std::to_string(sides[i][1]);
     require(end - i != 1, object + ": gas", "in an open mesh, with a border at the " + edge,
             "close the mesh, or weld vertices that coincide");
-    require(end - i == 2, object + ": gas",
-            "in a mesh with " + std::to_string(end - i) + " faces at the " + edge, "leave two faces there");
+    require(end - i == 2, object + ": gas", "in a mesh with " + std::to_string(end - i) + " faces at the " + edge,
+            "leave two faces there");
     require(turn == 0, object + ": gas", "in a mesh whose faces at the " + edge + " have opposite sides outside",
             "turn one of them");
     i = end;
