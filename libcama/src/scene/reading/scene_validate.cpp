@@ -184,8 +184,8 @@ void check_gas(const std::string &object, const Cloth &c)
   require(std::isfinite(g.volume) && g.volume >= 0, object + ": gas.volume", g.volume,
           "give m^3, or 0 for what the mesh encloses");
   check_closed(object, c);
-  const double volume = c.enclosed_volume();
-  require(volume >= 0, object + ": gas", "in a mesh whose faces point inwards", "reverse the faces");
+  const double volume = c.enclosed_volume(), flat = 1e-9 * g.volume;  // what rounding leaves of a flat mesh
+  require(volume >= -flat, object + ": gas", "in a mesh whose faces point inwards", "reverse the faces");
   require(volume > 0 || g.volume > 0, object + ": gas", "in a mesh that encloses no volume",
           "give gas.volume, at which the gas has its pressure, m^3");
 }
