@@ -16,6 +16,7 @@
 #include "collision/touch.h"
 #include "collision/tree.h"
 #include "dialect/double_double.h"
+#include "elements/gas.h"
 #include "elements/measure.h"
 #include "elements/motion.h"
 #include "solver/graph.h"

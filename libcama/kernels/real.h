@@ -4,9 +4,11 @@
 #include "elements/bending.h"
 #include "elements/elasticity.h"
 #include "elements/external.h"
+#include "elements/plasticity.h"
 #include "elements/plate.h"
 #include "solver/conjugate_gradient.h"
 #include "solver/factors.h"
+#include "solver/gas_operator.h"
 #include "solver/schwarz.h"
 #include "system/abrupt.h"
 #include "system/assembly.h"
@@ -21,12 +23,14 @@
 #undef CAMA_KERNELS_ELEMENTS_BENDING_H
 #undef CAMA_KERNELS_ELEMENTS_EXTERNAL_H
 #undef CAMA_KERNELS_ELEMENTS_PLATE_H
+#undef CAMA_KERNELS_ELEMENTS_PLASTICITY_H
 #undef CAMA_KERNELS_SYSTEM_TERM_H
 #undef CAMA_KERNELS_SYSTEM_ABRUPT_H
 #undef CAMA_KERNELS_SYSTEM_ASSEMBLY_H
 #undef CAMA_KERNELS_SYSTEM_LINEAR_SYSTEM_H
 #undef CAMA_KERNELS_SOLVER_CONJUGATE_GRADIENT_H
 #undef CAMA_KERNELS_SOLVER_FACTORS_H
+#undef CAMA_KERNELS_SOLVER_GAS_OPERATOR_H
 #undef CAMA_KERNELS_SOLVER_SCHWARZ_H
 #undef CAMA_KERNELS_SYSTEM_NEWTON_H
 #undef CAMA_KERNELS_SYSTEM_REACTIONS_H

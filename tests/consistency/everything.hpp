@@ -22,13 +22,18 @@ inline cama::Options with(const std::string &precision, int threads, cama::Assem
   return o;
 }
 
-/// Sheets on a moving ball with a moving pin, a stitch, wind and a measured fabric: every stage and stream.
+/// Sheets on a moving ball with a moving pin, a stitch, wind, a measured fabric that yields, and a balloon: every stage
+/// and stream.
 inline cama::Scene everything(int cells)
 {
   cama::Scene s = meshes::pile(cells);
-  s.cloths[0].material.stretching[3][0] *= 1.5;   // a measured table
+  s.cloths[0].material.stretching[3][0] *= 1.5;  // a measured table
   s.cloths[0].material.damping = 0.002;
   s.cloths[0].material.mass_damping = 0.5;
+  s.cloths[0].material.yield_curvature = 5;
+  s.cloths[0].material.hardening = 0.1;
+  s.cloths.push_back(meshes::cloth(meshes::sphere(8, 6, 0.05, {0.4, 0, 0}), meshes::cotton(), "balloon"));
+  s.cloths[2].gas = cama::Gas{2000, 0, 1e5};
   s.wind = cama::Wind{{1, 0.5, 0}, 1.2, 0.1};
   cama::Pin pin;
   pin.vertices = {0};

@@ -69,6 +69,18 @@ template <class F> void each(const cama::dvec3 &v, F &&f) { each_of(f, v.x, v.y,
   {                                                                                                                    \
     each_of(f, c.neighbour, c.cloth, c.coupling, c.scale, c.bound, c.reference);                                       \
   }                                                                                                                    \
+  template <class F> void each(const cama::kernels::space::plastic_material &m, F &&f)                                 \
+  {                                                                                                                    \
+    each_of(f, m.yield_curvature, m.hardening);                                                                        \
+  }                                                                                                                    \
+  template <class F> void each(const cama::kernels::space::plastic_triangle &t, F &&f)                                 \
+  {                                                                                                                    \
+    each_of(f, t.material, t.hinge, t.curvature);                                                                      \
+  }                                                                                                                    \
+  template <class F> void each(const cama::kernels::space::plastic_hinge &h, F &&f)                                    \
+  {                                                                                                                    \
+    each_of(f, h.triangle, h.rest_angle, h.angle);                                                                     \
+  }                                                                                                                    \
   template <class F> void each(const cama::kernels::space::hinge_factor &h, F &&f)                                     \
   {                                                                                                                    \
     each_of(f, h.gradient[0], h.gradient[1], h.gradient[2], h.gradient[3], h.coefficient);                             \
@@ -81,6 +93,16 @@ LOCKSTEP_REAL(f64)
 LOCKSTEP_REAL(f32)
 #undef LOCKSTEP_REAL
 template <class F> void each(const cama::kernels::element_nodes &e, F &&f) { each(e.node, f); }
+template <class F> void each(const cama::kernels::gas_part &p, F &&f) { each_of(f, p.gas, p.first, p.end); }
+template <class F> void each(const cama::kernels::gas_state &s, F &&f)
+{
+  each_of(f, s.volume, s.pressure, s.stiffness);
+}
+template <class F> void each(const cama::kernels::gas &g, F &&f)
+{
+  each_of(f, g.cloth, g.first_vertex, g.triangle_part, g.triangle_parts, g.vertex_part, g.vertex_parts, g.amount,
+          g.ambient, g.least_volume);
+}
 template <class F> void each(const cama::kernels::face_nodes &e, F &&f) { each(e.node, f); }
 template <class F> void each(const cama::kernels::edge_nodes &e, F &&f) { each(e.node, f); }
 template <class F> void each(const cama::kernels::fvec3 &v, F &&f) { each_of(f, v.x, v.y, v.z); }

@@ -383,3 +383,29 @@ TEST_CASE("on an irregular mesh the cylinder's energy settles at a level of its 
   CHECK(across > 0.9);
   CHECK(across < 2.5);
 }
+
+TEST_CASE("plastic curvature is projected onto the nearest point of the yield surface", "[bending]")
+{
+  // Bent by 24 1/m with a yield curvature of 8 1/m, in any direction: the shares along warp, along weft and of the
+  // twist.
+  const dvec3 directions[] = {{1, 0, 0}, {0, 1, 0}, {0.5, 0.5, 1}};
+  for (double hardening : {0.0, 0.4})
+    for (const dvec3 &d : directions)
+      for (double sign : {1.0, -1.0}) {
+        const kernels::f64::plastic_material m{8, hardening};
+        const auto at = [&](double k) { return dvec3{sign * k * d.x, sign * k * d.y, sign * k * d.z}; };
+        const dvec3 none{0, 0, 0};
+        const dvec3 below = kernels::f64::return_curvature(at(7.99), none, m);
+        CHECK(kernels::dnorm(below) == 0);
+        const dvec3 bent = kernels::f64::return_curvature(at(24), none, m);
+        CHECK(kernels::dnorm(kernels::dsub(bent, at((1 - hardening) * 16))) < 1e-12);
+        // What is elastic then is on the surface: nothing more yields.
+        const dvec3 again = kernels::f64::return_curvature(kernels::dsub(at(24), bent), bent, m);
+        CHECK(kernels::dnorm(kernels::dsub(again, bent)) < 1e-12);
+        // Bent back to 0, it yields from an elastic range of 16 on.
+        const dvec3 back = kernels::f64::return_curvature(kernels::dsub(none, bent), bent, m);
+        CHECK(kernels::dnorm(kernels::dsub(back, at((1 - hardening) * 8))) < 1e-12);
+      }
+  const kernels::f64::plastic_material elastic{0, 0};
+  CHECK(kernels::dnorm(kernels::f64::return_curvature({100, 0, 0}, {1, 2, 3}, elastic)) == Approx(std::sqrt(14.0)));
+}

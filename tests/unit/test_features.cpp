@@ -301,6 +301,53 @@ TEST_CASE("pressure brings its values and a kernel", "[required]")
   CHECK(outside_the_solve(found) == elastic_kernels + Kernels{{"add_pressure", 1}});
 }
 
+TEST_CASE("gas brings its parts and states, the derivative of the volume, and kernels for them", "[required]")
+{
+  Scene scene = bare();
+  Mesh &mesh = scene.cloths[0].mesh;
+  mesh = {};
+  mesh.position = {{0, 0, 0}, {0.1, 0, 0}, {0, 0.1, 0}, {0, 0, 0.1}};
+  mesh.face = {{0, 2, 1}, {0, 1, 3}, {1, 2, 3}, {0, 3, 2}};
+  CHECK(take(scene, one_solve()).streams == elastic_streams);
+  scene.cloths[0].gas = Gas{100, 0, 101325};
+  Inventory found = take(scene, one_solve());
+  CHECK(found.streams == elastic_streams + Names{"gas", "gas.triangle_part", "gas.vertex_part", "gas.volume",
+                                                 "gas.product", "gas.state", "gas.gas_of", "gas_gradient"});
+  CHECK(found.stages == elastic_stages);
+  CHECK(outside_the_solve(found) ==
+        elastic_kernels + Kernels{{"measure_volumes", 1}, {"gas_pressures", 1}, {"add_gas_pressure", 1}});
+  CHECK(launched(found, "add_gas_products"));
+}
+
+TEST_CASE("a yield curvature brings plastic curvatures, angles that follow them, and two stages", "[required]")
+{
+  Scene scene = bare();
+  scene.cloths[0].material = Material::isotropic(100, 0.3, 1e-5, 0.1);
+  const Inventory elastic = take(scene, one_solve());
+  scene.cloths[0].material.yield_curvature = 10;
+  Inventory found = take(scene, one_solve());
+  CHECK(found.streams == elastic.streams + Names{"plastic_curvature", "plastic_curvature_next", "plastic_material",
+                                                 "plastic_triangle", "plastic_hinge"});
+  std::vector<std::string> stages = behind("angles at rest", elastic_stages);
+  stages.insert(stages.end() - 1, "plastic bending");
+  CHECK(found.stages == stages);
+  Kernels moments = elastic.kernels.at("element forces");
+  moments = {{"scale_angles", 1}, {"improve_moments", moments["improve_moments"]}};
+  CHECK(outside_the_solve(found) ==
+        outside_the_solve(elastic) + moments + Kernels{{"set_rest_angles", 1}, {"yield_triangles", 1}});
+}
+
+TEST_CASE("a crease is a rest angle alone", "[required]")
+{
+  Scene scene = bare();
+  scene.cloths[0].material = Material::isotropic(100, 0.3, 1e-5, 0.1);
+  const Inventory flat = take(scene, one_solve());
+  scene.creases.push_back({0, {9, 10, 11}, 90});
+  const Inventory folded = take(scene, one_solve());
+  CHECK(folded.streams == flat.streams);
+  CHECK(outside_the_solve(folded) == outside_the_solve(flat));
+}
+
 TEST_CASE("mass damping brings its rates, the air's velocity, what it adds to the diagonal, and kernels for both",
           "[required]")
 {

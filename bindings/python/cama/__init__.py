@@ -40,7 +40,7 @@ from .motion import Motion  # noqa: E402
 from .options import option_table  # noqa: E402
 from .plausibility import PlausibilityWarning  # noqa: E402
 from .scene import Cloth, Obstacle, Scene  # noqa: E402
-from .simulation import Frame, Simulation, Wrench  # noqa: E402
+from .simulation import Frame, GasState, Simulation, Wrench  # noqa: E402
 from .worlds import Worlds  # noqa: E402
 
 scenes = shipped.names
@@ -54,6 +54,7 @@ __all__ = [
     "Motion",
     "Simulation",
     "Frame",
+    "GasState",
     "Wrench",
     "Worlds",
     "DeviceArray",

@@ -6,6 +6,7 @@ from __future__ import annotations
 import json
 import math
 import os
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -134,6 +135,16 @@ def shrinkage_rows(name: str, shrinkage: float | ArrayLike) -> Reals:
         share = number(where, shrinkage)
         return np.full((1 if share else 0, 2), share)
     return np.atleast_2d(reals(where, shrinkage, (2,) if np.ndim(shrinkage) == 1 else (None, 2)))
+
+
+def compiled_gas(name: str, gas: float | Mapping[str, float]) -> _core.Gas:
+    """Returns the compiled Gas of a pressure, Pa, or of a dict. Raises ArrayError, SceneError."""
+    made = _core.Gas()
+    for key, value in (gas if isinstance(gas, Mapping) else {"pressure": gas}).items():
+        if key not in ("pressure", "volume", "ambient"):
+            raise SceneError(f"{name}: gas: unknown key {key!r}; there are pressure, volume, ambient")
+        setattr(made, key, number(f"{name}: gas: {key}", value))
+    return made
 
 
 def sampled(faces: Integers, times: Reals, positions: Reals) -> tuple[_core.Mesh, _core.Motion]:

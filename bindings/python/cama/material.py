@@ -39,6 +39,9 @@ class Material(_core.Material):
             A swing loses half its amplitude in 1.39 / a; free fall ends at the speed g / a.
         strain_limit: Strain of warp, weft and shear from which stress grows `limit_stiffening` times as fast; 0: none.
         limit_stiffening: That factor, 1 or more.
+        yield_curvature: Elastic curvature at which bending becomes plastic, 1/m: what the cloth is bent beyond it
+            stays. 0: never.
+        hardening: Share of the bending stiffness that is left beyond the yield curvature, 0 or more, below 1.
         friction: Coulomb coefficient of cloth against cloth; -1: the scene's.
         static_friction: The coefficient while cloth sticks; -1: equal to `friction`.
         thickness: Contact thickness, m; 0: the scene's.

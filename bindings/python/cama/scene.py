@@ -19,6 +19,7 @@ from .body import Body
 from .errors import ArrayError, FileError, SceneError
 from .hints import counted, naming_files, reading
 from .inputs import (
+    compiled_gas,
     compiled_mesh,
     file_frame,
     placement,
@@ -271,6 +272,7 @@ class Scene:
         scale: float = 1.0,
         velocity: VectorLike = (0, 0, 0),
         pressure: float = 0.0,
+        gas: float | Mapping[str, float] | None = None,
         shrinkage: float | ArrayLike = 0.0,
         weld: Weld = False,
         name: str | None = None,
@@ -302,6 +304,10 @@ class Scene:
             scale: Scale of the start and of the rest shape.
             velocity: Velocity at the start [3], m/s.
             pressure: Pressure inside a closed cloth above that outside, Pa. It pushes along the normals of the faces.
+            gas: Gas enclosed by a closed cloth, at constant temperature, whose pressure falls as its volume grows: its
+                pressure above that outside, Pa, at the volume of the start, or a dict with pressure, volume (at which
+                the gas has this pressure, m^3; 0: that of the start) and ambient (absolute pressure outside, Pa;
+                without it 101325). Not together with `pressure`.
             shrinkage: Share by which the rest shape shrinks, from -1 (it grows to twice its length) to 0.9: one number,
                 [2] for warp and weft, or [m, 2] for the triangles. The start and the mass stay as they are.
             weld: Whether to join vertices of `mesh` that coincide, so that triangles which share a place share its
@@ -333,6 +339,7 @@ class Scene:
         cloth.material = material
         cloth.velocity = vector(f"{name}: velocity", velocity)
         cloth.pressure = number(f"{name}: pressure", pressure)
+        cloth.gas = None if gas is None else compiled_gas(name, gas)
         if shape is None or np.ndim(shrinkage) or shrinkage:  # a shape may have its own
             cloth.shrinkage = shrinkage_rows(name, shrinkage)
         handle = Cloth(self, self._core.add_cloth(cloth))
@@ -597,6 +604,37 @@ class Scene:
         index, line = self._vertices("elastic", cloth, vertices)
         self._core.add_elastic(index, line, number("elastic: length", length), number("elastic: stiffness", stiffness))
 
+    def crease(
+        self,
+        cloth: Cloth | int | str,
+        vertices: ArrayLike | None = None,
+        *,
+        line: ArrayLike | None = None,
+        angle: float,
+    ) -> None:
+        """Folds a cloth along a line of edges in its rest shape, as pressed pleats are.
+
+        Args:
+            cloth: A handle, index or name.
+            vertices: Vertex numbers [k] in order, with an edge between two faces from each to the next.
+            line: Two points [2, 3], m, in place of `vertices`: the vertices of the start on the straight line between
+                them.
+            angle: Angle between the normals of the faces on both sides, degrees, from -180 to 180; 0: flat. Above 0
+                the crease is a ridge on the side that the normals point to.
+
+        Raises:
+            ArrayError, SceneError
+        """
+        if (vertices is None) == (line is None):
+            raise SceneError("crease: exactly one of vertices and line is needed")
+        if line is None:
+            index, along = self._vertices("crease", cloth, np.asarray(vertices))
+        else:
+            index = self._index("crease", cloth, self.cloths)
+            start, end = reals("crease: line", line, (2, 3)).tolist()
+            along = self._core.vertices_along(index, start, end)
+        self._core.add_crease(index, along, number("crease: angle", angle))
+
     def _index(self, what: str, part: Part | int | str, parts: Sequence[Part]) -> int:
         if isinstance(part, Part):
             if part._scene is not self:
@@ -827,6 +865,9 @@ class SimulatedScene(Scene):
 
     def elastic(self, *arguments: Any, **named: Any) -> NoReturn:  # type: ignore[override]
         self._refuse("elastic")
+
+    def crease(self, *arguments: Any, **named: Any) -> NoReturn:  # type: ignore[override]
+        self._refuse("crease")
 
     def untangle(self, *arguments: Any, **named: Any) -> NoReturn:  # type: ignore[override]
         self._refuse("untangle")

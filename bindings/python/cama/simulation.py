@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     from ._options import AccuracyLevel, BackendName, Overrides, Precision, StepReport
     from .viewing.live import Live
 
-__all__ = ["Simulation", "Frame", "Wrench"]
+__all__ = ["Simulation", "Frame", "GasState", "Wrench"]
 
 CONTACT = np.dtype(
     [
@@ -62,6 +62,16 @@ def _check_extents(scene: Scene) -> None:
                 f"{MOST_STRETCHED:,.0f} times the size of the rest shape; move it to its place, or mend the unit "
                 "of the mesh or of its rest shape"
             )
+
+
+@dataclass(frozen=True)
+class GasState:
+    """The gas that a cloth encloses, as `Simulation.gas` has it."""
+
+    volume: float  #: m^3
+    pressure: float  #: above that outside, Pa
+    amount: float  #: absolute pressure times volume, J
+    ambient: float  #: absolute pressure outside, Pa
 
 
 @dataclass(frozen=True)
@@ -427,6 +437,41 @@ class Simulation:
         self._core.set_pressure(
             self._scene._index("set_pressure", cloth, self._scene.cloths), number("set_pressure: pressure", pressure)
         )
+
+    @property
+    def gas(self) -> dict[str, GasState]:
+        """State of the gas in each cloth that encloses some, by the name of the cloth: {"balloon": GasState}."""
+        cloths = self._scene.cloths
+        return {cloths[row[0]].name: GasState(*row[1:]) for row in self._core.gas()}
+
+    def set_gas(self, cloth: Cloth | int | str, *, amount: float | None = None, ambient: float | None = None) -> None:
+        """Sets the gas that a cloth encloses, or the pressure outside, from the next step on.
+
+        Args:
+            cloth: Handle, number or name of a cloth with gas.
+            amount: Absolute pressure times volume, J; None: it stays.
+            ambient: Absolute pressure outside, Pa; None: it stays.
+
+        Raises:
+            ArrayError, SceneError: An argument does not fit. Nothing has changed.
+        """
+        index = self._scene._index("set_gas", cloth, self._scene.cloths)
+        now = self.gas.get(self._scene.cloths[index].name)
+        if now is None:
+            raise SceneError(f"set_gas: {self._scene.cloths[index].name} has no gas; give it some in the scene")
+        self._core.set_gas(
+            index,
+            now.amount if amount is None else number("set_gas: amount", amount),
+            now.ambient if ambient is None else number("set_gas: ambient", ambient),
+        )
+
+    @property
+    def plastic_curvature(self) -> Reals:
+        """Curvature that each triangle of cloth keeps [triangles, 3], 1/m: along warp, along weft and twice the twist.
+
+        The triangles are those of all cloths in order. Zero where the material has no yield curvature.
+        """
+        return self._core.plastic_curvature()
 
     def _vertices(self, what: str, vertices: ArrayLike) -> Integers:
         return indices(f"{what}: vertices", vertices, self.cloth_vertex_count)

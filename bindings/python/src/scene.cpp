@@ -98,6 +98,8 @@ void bind_material(py::module_ &m)
       .def_readwrite("mass_damping", &Material::mass_damping)
       .def_readwrite("strain_limit", &Material::strain_limit)
       .def_readwrite("limit_stiffening", &Material::limit_stiffening)
+      .def_readwrite("yield_curvature", &Material::yield_curvature)
+      .def_readwrite("hardening", &Material::hardening)
       .def_readwrite("friction", &Material::friction)
       .def_readwrite("static_friction", &Material::static_friction)
       .def_readwrite("thickness", &Material::thickness)
@@ -147,6 +149,11 @@ void bind_motion(py::module_ &m)
 
 void bind_parts(py::module_ &m)
 {
+  py::class_<Gas>(m, "Gas")
+      .def(py::init<>())
+      .def_readwrite("pressure", &Gas::pressure)
+      .def_readwrite("volume", &Gas::volume)
+      .def_readwrite("ambient", &Gas::ambient);
   py::class_<Cloth> cloth(m, "Cloth");
   vector_property(cloth, "velocity", &Cloth::velocity);
   cloth.def(py::init<>())
@@ -156,6 +163,8 @@ void bind_parts(py::module_ &m)
       .def_readwrite("material", &Cloth::material)
       .def_readwrite("source", &Cloth::source)
       .def_readwrite("pressure", &Cloth::pressure)
+      .def_readwrite("gas", &Cloth::gas)
+      .def_property_readonly("enclosed_volume", &Cloth::enclosed_volume)
       .def_property(
           "shrinkage", [](const Cloth &c) { return to_array<double>(c.shrinkage); },
           [](Cloth &c, const Doubles &shrinkage) { c.shrinkage = to_vector<Shrinkage>(shrinkage); })
@@ -262,9 +271,14 @@ void bind_scene(py::module_ &m)
               double stiffness) {
              s.stitches.push_back({cloth_a, vertex_a, cloth_b, vertex_b, vertex_c, ratio, stiffness});
            })
-      .def("add_elastic", [](Scene &s, int cloth, const Ints &vertices, double share, double stiffness) {
-        s.add_elastic(cloth, to_vector<int>(vertices), share, stiffness);
-      });
+      .def("add_elastic", [](Scene &s, int cloth, const Ints &vertices, double share,
+                             double stiffness) { s.add_elastic(cloth, to_vector<int>(vertices), share, stiffness); })
+      .def("add_crease", [](Scene &s, int cloth, const Ints &vertices,
+                            double angle) { s.creases.push_back({cloth, to_vector<int>(vertices), angle}); })
+      .def("vertices_along",
+           [](const Scene &s, int cloth, const std::array<double, 3> &from, const std::array<double, 3> &to) {
+             return to_array<int>(s.vertices_along(cloth, to_vec(from), to_vec(to)));
+           });
 }
 
 }  // namespace cama::python

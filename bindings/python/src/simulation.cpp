@@ -308,6 +308,17 @@ void bind_simulation(py::module_ &m)
       .def("pressures", [](Guarded &g) { return g.with([](Simulation &s) { return s.pressures(); }); })
       .def("set_pressure", [](Guarded &g, int cloth,
                               double pressure) { g.with([&](Simulation &s) { s.set_pressure(cloth, pressure); }); })
+      .def("set_gas", [](Guarded &g, int cloth, double amount,
+                         double ambient) { g.with([&](Simulation &s) { s.set_gas(cloth, amount, ambient); }); })
+      .def("gas",
+           [](Guarded &g) {
+             py::list rows;
+             for (const GasState &gas : g.with([](Simulation &s) { return s.gas(); }))
+               rows.append(py::make_tuple(gas.cloth, gas.volume, gas.pressure, gas.amount, gas.ambient));
+             return rows;
+           })
+      .def("plastic_curvature",
+           [](Guarded &g) { return to_array<double>(g.with([](Simulation &s) { return s.plastic_curvature(); })); })
       .def("checkpoint", [](Guarded &g) { return to_dict(g.with([](Simulation &s) { return s.checkpoint(); })); })
       .def("restore",
            [](Guarded &g, const py::dict &fields) {

@@ -32,13 +32,14 @@ struct Checkpoint {
   int step = 0;                                               ///< number of steps taken
   double time_step = 0;                                       ///< s
   std::map<std::string, double> numbers;  ///< numbers kept from step to step: time and start_time, s, start_step, ...
-  /// [all vertices] vectors kept likewise: position, m, velocity, m/s, ...
+  /// [all vertices] vectors kept likewise: position, m, velocity, m/s, ...; plastic_curvature, 1/m, of the triangles of
+  /// cloth
   std::map<std::string, std::vector<dvec3>> vectors;
   double released = -std::numeric_limits<double>::infinity();  ///< s; pins that end by then have been released
   /// What a driver has set, by name; empty: nothing. Rows of numbers: pins (vertex, from, to, start and end, s), freed
   /// (vertex that the scene pins), attached (vertex, three vertices of an obstacle, weights, offset), poses (obstacle,
   /// time, translation, quaternion, scale), vertices.N (start, end, positions of obstacle N at both), force (N, of
-  /// cloth vertices), gravity, m/s^2, wind, m/s.
+  /// cloth vertices), gravity, m/s^2, wind, m/s, pressure, Pa, of cloths, gas (amount, J, and ambient pressure, Pa).
   std::map<std::string, std::vector<double>> driving;
   std::vector<std::pair<int, int>> tangled;  ///< vertices that may pass each other until they separate
   std::vector<std::pair<int, int>> let_go;  ///< vertex, object that it may pass until it separates

@@ -27,6 +27,9 @@ struct Material {
   /// Strain of warp, weft and shear from which stress grows `limit_stiffening` times as fast; 0: none. Weave locks so.
   double strain_limit = 0;
   double limit_stiffening = 50;  ///< 1 or more
+  /// Elastic curvature at which bending becomes plastic, 1/m: the cloth keeps what it is bent beyond it. 0: never.
+  double yield_curvature = 0;
+  double hardening = 0;  ///< share of the bending stiffness that is left beyond the yield curvature, 0 or more, below 1
   double friction = -1;  ///< Coulomb coefficient of cloth against cloth while it slides; -1: the scene's
   /// While it sticks, not below `friction`; -1: equal to `friction`, or the scene's if `friction` is the scene's.
   double static_friction = -1;

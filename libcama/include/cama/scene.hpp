@@ -18,6 +18,13 @@ namespace cama {
 /// Shares by which cloth shrinks along warp and weft; below 0 it grows.
 using Shrinkage = std::array<double, 2>;
 
+/// Gas enclosed by a closed cloth, at constant temperature: absolute pressure times volume is constant.
+struct Gas {
+  double pressure = 0;  ///< above `ambient` where the gas has the volume `volume`, Pa
+  double volume = 0;  ///< m^3; 0: that which the cloth's mesh encloses
+  double ambient = 101325;  ///< absolute pressure outside, Pa
+};
+
 /// One piece of cloth: a mesh in its starting position, with a rest state in material space.
 struct Cloth {
   std::string name;
@@ -28,10 +35,12 @@ struct Cloth {
   /// Length of a unit of the texture coordinates that are the rest state, m; 0: the rest state has another origin.
   double material_scale = 0;
   double pressure = 0;  ///< inside a closed cloth, above that outside, Pa: along the normals of the faces
+  std::optional<Gas> gas;  ///< inside a closed cloth whose faces point outwards; not together with `pressure`
   /// The rest state is 1 - shrinkage times that of the mesh; mass stays. Empty: none; one for all triangles; or
   /// [triangles].
   std::vector<Shrinkage> shrinkage;
 
+  double enclosed_volume() const;  ///< of a closed mesh, m^3; below 0: its faces point inwards
   /// Of a triangle; {0, 0} without any.
   Shrinkage shrinkage_of(std::size_t triangle) const;
   /// Corners of a triangle in its rest state, shrunk, m. Without material space the triangle is laid flat, with the
@@ -83,6 +92,13 @@ struct Stitch {
   double length = 0;  ///< at rest, m; one above 0 makes it an elastic, which is slack when it is shorter
 };
 
+/// A line of edges that is folded at rest, as pressed pleats are.
+struct Crease {
+  int cloth = 0;
+  std::vector<int> vertices;  ///< in order along the line; an edge between two faces joins each to the next
+  double angle = 0;  ///< between the normals of the faces, degrees; above 0: a ridge on the side of the normals
+};
+
 struct Wind {
   dvec3 velocity{0, 0, 0};  ///< m/s
   double density = 1.2;  ///< of air, kg/m^3
@@ -116,6 +132,7 @@ struct Scene {
   std::vector<Obstacle> obstacles;
   std::vector<Pin> pins;
   std::vector<Stitch> stitches;
+  std::vector<Crease> creases;
   OptionOverrides options;       ///< how to compute it, unless the user overrides them
 
   /// Loads a folder with scene.json, or a JSON file.
@@ -133,6 +150,10 @@ struct Scene {
   /// @param stiffness Force over strain, EA, N.
   /// Throws SceneError, which names the vertex.
   void add_elastic(int cloth, const std::vector<int> &vertices, double share, double stiffness);
+
+  /// Vertices of a cloth on the straight line between two points, m, in order. Throws SceneError if there are fewer
+  /// than two.
+  std::vector<int> vertices_along(int cloth, const dvec3 &from, const dvec3 &to) const;
 
   /// Throws SceneError, MeshError or MaterialError for the first value that cannot be simulated; Simulation calls it
   /// before any kernel runs.

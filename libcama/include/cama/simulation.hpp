@@ -33,6 +33,15 @@ struct Energy {
   double kinetic = 0, stretching = 0, bending = 0, gravity = 0;
 };
 
+/// Gas in a closed cloth.
+struct GasState {
+  int cloth;
+  double volume;    ///< m^3
+  double pressure;  ///< above that outside, Pa
+  double amount;    ///< absolute pressure times volume, J
+  double ambient;   ///< absolute pressure outside, Pa
+};
+
 /// What cloth exerts on an obstacle, or on what holds vertices.
 struct Wrench {
   dvec3 force{0, 0, 0};            ///< N, mean over the last step
@@ -123,9 +132,14 @@ public:
   void set_gravity(const dvec3 &gravity);  ///< m/s^2
   void set_wind(const dvec3 &velocity);  ///< m/s; the scene must have a wind
   void set_pressure(int cloth, double pressure);  ///< Pa, as Cloth::pressure
+  /// amount: absolute pressure times volume, J. ambient: absolute pressure outside, Pa. The cloth must have gas.
+  void set_gas(int cloth, double amount, double ambient);
   dvec3 gravity() const;  ///< m/s^2
   std::vector<double> pressures() const;  ///< [cloths] Pa
   dvec3 wind() const;  ///< m/s; zero if the scene has none
+  std::vector<GasState> gas() const;  ///< of all cloths that have gas
+  /// [cloth triangles] along warp and weft and twice the twist, 1/m; zero where the material has no yield curvature.
+  std::vector<dvec3> plastic_curvature() const;
 
   /// All data that later steps depend on, which contacts and report of the last step are not.
   Checkpoint checkpoint() const;

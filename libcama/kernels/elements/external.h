@@ -1,11 +1,12 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Wind, drag and pressure on triangles; mass damping and forces that a driver sets, on vertices. */
+/* Wind, drag and pressure on triangles; enclosed gas, mass damping and forces that a driver sets, on vertices. */
 #ifndef CAMA_KERNELS_ELEMENTS_EXTERNAL_H
 #define CAMA_KERNELS_ELEMENTS_EXTERNAL_H
 #include "../dialect/dvec3.h"
 #include "../dialect/lang.h"
 #include "../dialect/vec3.h"
 #include "elasticity.h"
+#include "gas.h"
 
 #define WIND_SHARE 0.5 /* largest share of a triangle's speed through the air that drag may take in a step */
 
@@ -44,6 +45,28 @@ KERNEL add_pressure(int n, GLOBAL const triangle_rest *rest, GLOBAL const dvec3 
     force[3 * i] = add(force[3 * i], f);
     force[3 * i + 1] = add(force[3 * i + 1], f);
     force[3 * i + 2] = add(force[3 * i + 2], f);
+  }
+}
+
+/* The derivative of the volume of each gas by the vertices of its cloth, gradient [n], m^2, and its pressure times that
+   added to the forces [n]. row, incidence: of triangles at vertices. gas_of: of each vertex, -1: none. */
+KERNEL add_gas_pressure(int n, GLOBAL const int *row, GLOBAL const int *incidence, GLOBAL const triangle_rest *rest,
+                        GLOBAL const int *gas_of, GLOBAL const gas_state *state, GLOBAL const dvec3 *position,
+                        GLOBAL vec3 *gradient, GLOBAL vec3 *force)
+{
+  FOR_EACH(i, n) {
+    vec3 sum = vec3_make((real)0, (real)0, (real)0);
+    int k;
+    if (gas_of[i] >= 0) {
+      for (k = row[i]; k < row[i + 1]; ++k) {
+        triangle_rest r = rest[incidence[k] >> 2];
+        dvec3 x0 = position[r.node[0]];
+        sum = add(sum, cross(to_vec3(dsub(position[r.node[1]], x0)), to_vec3(dsub(position[r.node[2]], x0))));
+      }
+      sum = scale((real)(1.0 / 6.0), sum);
+      force[i] = axpy(force[i], (real)state[gas_of[i]].pressure, sum);
+    }
+    gradient[i] = sum;
   }
 }
 

@@ -41,6 +41,9 @@ template <class Real> struct Types;
     using hinge_factor = kernels::space::hinge_factor;                 \
     using hinge_coupling = kernels::space::hinge_coupling;             \
     using moment_step = kernels::space::moment_step;                   \
+    using plastic_material = kernels::space::plastic_material;         \
+    using plastic_triangle = kernels::space::plastic_triangle;         \
+    using plastic_hinge = kernels::space::plastic_hinge;               \
     using term = kernels::space::term;                                 \
   };
 CAMA_TYPES(double, f64)

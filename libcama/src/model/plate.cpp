@@ -51,9 +51,9 @@ double reference_of(const Material &m, const std::array<double, 3> &k, const Res
   return std::min(sample(h.direction[0]), sample(h.direction[1]));
 }
 
-/// Area times compliance between the moments on the three edges of a triangle, 1/N: row k is the edge opposite corner
-/// k. The moments are constant, with the normal component 1 on one edge and 0 on the others.
-Eigen::Matrix3d triangle_compliance(const RestTriangle &r, const Eigen::Matrix3d &compliance)
+/// Row k is the constant moment (11, 22, 12) of a triangle with the normal component 1 on the edge opposite corner k
+/// and 0 on the others.
+Eigen::Matrix3d triangle_moments(const RestTriangle &r)
 {
   Eigen::Matrix2d inverse;
   inverse << r.d[0], r.d[1], r.d[2], r.d[3];
@@ -67,7 +67,25 @@ Eigen::Matrix3d triangle_compliance(const RestTriangle &r, const Eigen::Matrix3d
     moment.row(k) = Eigen::RowVector3d(p[0] * q[0], p[1] * q[1], 0.5 * (p[0] * q[1] + p[1] * q[0])) /
                     (normal.dot(p) * normal.dot(q));
   }
+  return moment;
+}
+
+/// Area times compliance between the moments on the three edges of a triangle, 1/N.
+Eigen::Matrix3d triangle_compliance(const RestTriangle &r, const Eigen::Matrix3d &compliance)
+{
+  const Eigen::Matrix3d moment = triangle_moments(r);
   return r.area * moment * compliance * moment.transpose();
+}
+
+/// Curvatures (11, 22, 2 12) for moments (11, 22, 12), 1/(N m); zero without bending.
+Eigen::Matrix3d bending_compliance(const Material &m)
+{
+  Eigen::Matrix3d c = Eigen::Matrix3d::Zero();
+  if (!m.has_bending()) return c;
+  const PlateStiffness d = plate_stiffness(m);
+  const double det = d.d11 * d.d22 - d.d12 * d.d12;
+  c << d.d22 / det, -d.d12 / det, 0, -d.d12 / det, d.d11 / det, 0, 0, 0, 2 / d.d33;
+  return c;
 }
 
 struct LocalCompliance {
@@ -212,14 +230,8 @@ Plate couple_hinges(const Scene &scene, const Topology &t)
   std::vector<Eigen::Matrix3d> compliance;
   std::vector<std::array<double, 3>> rows;
   for (const Cloth &cloth : scene.cloths) {
-    Eigen::Matrix3d c = Eigen::Matrix3d::Zero();
     rows.push_back(unbent_rows(cloth.material));
-    if (cloth.material.has_bending()) {
-      const PlateStiffness d = plate_stiffness(cloth.material);
-      const double det = d.d11 * d.d22 - d.d12 * d.d12;
-      c << d.d22 / det, -d.d12 / det, 0, -d.d12 / det, d.d11 / det, 0, 0, 0, 2 / d.d33;
-    }
-    compliance.push_back(c);
+    compliance.push_back(bending_compliance(cloth.material));
   }
   // What meets at each triangle: the first hinge on each edge. More than one of an edge of three faces do not couple.
   std::vector<std::array<int, 3>> first(t.triangle.size(), {-1, -1, -1});
@@ -279,7 +291,35 @@ Plate couple_hinges(const Scene &scene, const Topology &t)
       plate.hinge[i].bound =
           static_cast<float>(bound_share * std::min(diagonal[i] / std::max(least[i], 1e-9 * diagonal[i]), stiffest));
   }
+  plate.side = side;
+  plate.opposite = std::move(first);
   return plate;
+}
+
+PlasticPlate plastic_plate(const Scene &scene, const Topology &t, const Plate &plate)
+{
+  PlasticPlate result;
+  result.hinge.resize(t.hinge.size());
+  for (std::size_t f = 0; f < t.triangle.size(); ++f) {
+    const RestTriangle &r = t.triangle[f];
+    const Eigen::Matrix3d moment = triangle_moments(r),
+                          curvature = moment * bending_compliance(scene.cloths[r.material].material);
+    PlasticTriangle triangle{plate.opposite[f], {}};
+    for (int k = 0; k < 3; ++k) {
+      const int i = plate.opposite[f][k];
+      if (i < 0) continue;
+      const RestHinge &h = t.hinge[i];
+      const double scale = plate.hinge[i].scale;
+      auto &angle = result.hinge[i].angle[h.triangle[1] == static_cast<int>(f)];
+      for (int c = 0; c < 3; ++c) {
+        triangle.curvature[k][c] =
+            static_cast<float>(plate.side[i] * scale * scale / h.length * curvature(k, c));  // as in couple_hinges
+        angle[c] = static_cast<float>(plate.side[i] * r.area / h.length * moment(k, c));
+      }
+    }
+    result.triangle.push_back(triangle);
+  }
+  return result;
 }
 
 }  // namespace cama

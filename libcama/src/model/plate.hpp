@@ -25,6 +25,8 @@ struct MomentIteration {
 
 struct Plate {
   std::vector<HingeCoupling> hinge;
+  std::vector<int> side;  // [hinges] 1 or -1: the angle's sign on one side of the cloth
+  std::vector<std::array<int, 3>> opposite;  // [triangles] the hinge opposite each corner; -1: none
   std::vector<MomentIteration> iteration;  // [cloths]; of length 0 without hinges
 };
 
@@ -44,6 +46,21 @@ struct PlateStiffness {
 
 /// From the hinge stiffnesses of the unstrained material, at a fifth each, and its Poisson ratio.
 PlateStiffness plate_stiffness(const Material &material);
+
+/// What plastic bending needs of the plate: plastic_triangle and plastic_hinge of kernels/elements/plasticity.h.
+struct PlasticTriangle {
+  std::array<int, 3> hinge;
+  std::array<std::array<double, 3>, 3> curvature;
+};
+struct PlasticHinge {
+  std::array<std::array<double, 3>, 2> angle;
+};
+struct PlasticPlate {
+  std::vector<PlasticTriangle> triangle;
+  std::vector<PlasticHinge> hinge;
+};
+
+PlasticPlate plastic_plate(const Scene &scene, const Topology &t, const Plate &plate);
 
 Plate couple_hinges(const Scene &scene, const Topology &t);
 

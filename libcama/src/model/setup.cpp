@@ -83,6 +83,87 @@ template <class Real> void set_up_materials(State &state, System<Real> &s, Backe
   s.material_scale = Stream<Real>(b, scale);
 }
 
+template <class Real>
+void set_up_plasticity(State &state, System<Real> &s, const Scene &scene, const Topology &t, const Plate &plate)
+{
+  using T = Types<Real>;
+  Backend &b = *state.backend;
+  std::vector<typename T::plastic_material> materials;
+  for (const Cloth &c : scene.cloths) materials.push_back({c.material.yield_curvature, c.material.hardening});
+  const PlasticPlate plastic = plastic_plate(scene, t, plate);
+  std::vector<typename T::plastic_triangle> triangles;
+  for (std::size_t f = 0; f < t.triangle.size(); ++f) {
+    typename T::plastic_triangle e{};
+    e.material = t.triangle[f].material;
+    for (int k = 0; k < 3; ++k) {
+      e.hinge[k] = plastic.triangle[f].hinge[k];
+      for (int c = 0; c < 3; ++c) e.curvature[k][c] = plastic.triangle[f].curvature[k][c];
+    }
+    triangles.push_back(e);
+  }
+  std::vector<typename T::plastic_hinge> hinges;
+  for (std::size_t i = 0; i < t.hinge.size(); ++i) {
+    typename T::plastic_hinge e{};
+    e.rest_angle = t.hinge[i].rest_angle;
+    for (int k = 0; k < 2; ++k) {
+      e.triangle[k] = t.hinge[i].triangle[k];
+      for (int c = 0; c < 3; ++c) e.angle[k][c] = plastic.hinge[i].angle[k][c];
+    }
+    hinges.push_back(e);
+  }
+  s.plastic_material = Stream<typename T::plastic_material>(b, materials);
+  s.plastic_triangle = Stream<typename T::plastic_triangle>(b, triangles);
+  s.plastic_hinge = Stream<typename T::plastic_hinge>(b, hinges);
+  for (Stream<dvec3> *curvature : {&state.elements.plastic_curvature, &state.elements.plastic_curvature_next}) {
+    *curvature = Stream<dvec3>(b, state.mesh.triangles);
+    curvature->fill_zero();
+  }
+}
+
+template <class Real> void set_up_gas(State &state, System<Real> &s, const Scene &scene, const Topology &t)
+{
+  constexpr int part_size = 8 * GAS_TEAM;
+  constexpr double least_share = 1e-3;  // of the volume that the pressure is given at
+  Backend &b = *state.backend;
+  EnclosedGas &room = state.system.gas;
+  std::vector<kernels::gas> gases;
+  std::vector<kernels::gas_part> triangle_part, vertex_part;
+  std::vector<int> gas_of(static_cast<std::size_t>(t.cloth_vertices), -1);
+  const auto divide = [&](int first, int end, std::vector<kernels::gas_part> &parts, int &at, int &count) {
+    at = static_cast<int>(parts.size());
+    for (; first < end; first += part_size)
+      parts.push_back({static_cast<int>(gases.size()), first, std::min(end, first + part_size)});
+    count = static_cast<int>(parts.size()) - at;
+  };
+  int triangle = 0;
+  for (std::size_t c = 0; c < scene.cloths.size(); ++c) {
+    const Cloth &cloth = scene.cloths[c];
+    const int first_triangle = triangle;
+    triangle += static_cast<int>(cloth.mesh.face.size());
+    if (!cloth.gas) continue;
+    const auto [first, end] = t.cloth_range[c];
+    const double volume = cloth.gas->volume > 0 ? cloth.gas->volume : cloth.enclosed_volume();
+    kernels::gas g{};
+    g.cloth = static_cast<int>(c);
+    g.first_vertex = first;
+    divide(first_triangle, triangle, triangle_part, g.triangle_part, g.triangle_parts);
+    divide(first, end, vertex_part, g.vertex_part, g.vertex_parts);
+    g.amount = (cloth.gas->ambient + cloth.gas->pressure) * volume;
+    g.ambient = cloth.gas->ambient;
+    g.least_volume = least_share * volume;
+    std::fill(gas_of.begin() + first, gas_of.begin() + end, static_cast<int>(gases.size()));
+    gases.push_back(g);
+  }
+  room.gas = Stream<kernels::gas>(b, gases);
+  room.triangle_part = Stream<kernels::gas_part>(b, triangle_part);
+  room.vertex_part = Stream<kernels::gas_part>(b, vertex_part);
+  room.volume = Stream<double>(b, static_cast<int>(triangle_part.size()));
+  room.product = Stream<double>(b, static_cast<int>(vertex_part.size()));
+  room.state = Stream<kernels::gas_state>(b, static_cast<int>(gases.size()));
+  room.gas_of = Stream<int>(b, gas_of);
+  s.gas_gradient = Stream<typename Types<Real>::vec3>(b, t.cloth_vertices);
+}
+
 template <class Real> void set_up_plate(State &state, System<Real> &s, const Scene &scene, const Topology &t)
 {
   using coupling = typename Types<Real>::hinge_coupling;
@@ -112,6 +193,7 @@ template <class Real> void set_up_plate(State &state, System<Real> &s, const Sce
   s.hinge_coupling = Stream<coupling>(b, couplings);
   for (Stream<Real> *values : {&s.angle_scale, &s.scaled_angle, &s.moment, &s.moment_before})
     *values = Stream<Real>(b, state.mesh.hinges);
+  if (has_yield(scene)) set_up_plasticity(state, s, scene, t, plate);
 }
 
 template <class Real> void set_up_elements(State &state, System<Real> &s, const Scene &scene, const Topology &t)
@@ -274,6 +356,17 @@ bool has_mass_damping(const Scene &scene)
                      [](const Cloth &c) { return c.material.mass_damping != 0; });
 }
 
+bool has_yield(const Scene &scene)
+{
+  return std::any_of(scene.cloths.begin(), scene.cloths.end(),
+                     [](const Cloth &c) { return c.material.yield_curvature > 0; });
+}
+
+bool has_gas(const Scene &scene)
+{
+  return std::any_of(scene.cloths.begin(), scene.cloths.end(), [](const Cloth &c) { return c.gas.has_value(); });
+}
+
 bool has_strain_limit(const Scene &scene)
 {
   return std::any_of(scene.cloths.begin(), scene.cloths.end(),
@@ -375,6 +468,7 @@ template <class Real> void set_up(State &state, const Scene &scene, const Topolo
   s->mass = Stream<Real>(b, mass);
   set_up_materials(state, *s, b, scene, state.mesh.hinges > 0);
   set_up_elements(state, *s, scene, t);
+  if (has_gas(scene)) set_up_gas(state, *s, scene, t);
   s->force = Stream<typename Types<Real>::vec3>(b, t.cloth_vertices);
   s->matrix = {Stream<int>(b), Stream<int>(b), Stream<typename Types<Real>::mat3>(b)};
   s->right_side = Stream<typename Types<Real>::vec3>(b, t.cloth_vertices);

@@ -9,6 +9,10 @@ namespace cama {
 bool has_wind(const Scene &scene);
 /// Whether any cloth has mass damping.
 bool has_mass_damping(const Scene &scene);
+/// Whether any cloth encloses gas.
+bool has_gas(const Scene &scene);
+/// Whether bending of any cloth becomes plastic.
+bool has_yield(const Scene &scene);
 bool has_strain_limit(const Scene &scene);
 /// Whether any contact has friction: an obstacle's coefficient holds for everything that touches it, the cloths' for
 /// cloth against cloth.

@@ -19,8 +19,8 @@
 namespace cama {
 
 /// How long a stream or a number lives. scene: unchanged since the scene was set up; run: kept from step to step, so
-/// that a step that fails restores it and a checkpoint holds it (vectors of all vertices, and numbers); step: computed
-/// in every step.
+/// that a step that fails restores it and a checkpoint holds it (vectors of all vertices or triangles, and numbers);
+/// step: computed in every step.
 enum class Life { scene, run, step };
 
 template <class T> struct IsStream : std::false_type {};
@@ -147,6 +147,8 @@ struct ElementState {
   Stream<double> pressure;  // [cloths] Pa, where the scene or a driver gives one
   Stream<dvec3> driven_force;  // [cloth vertices] N, once a driver has set one
   std::vector<double> damping;  // [cloths], s
+  // [triangles] (11, 22, 2 12) 1/m, with a yield curvature: at the start of the step and at its end
+  Stream<dvec3> plastic_curvature, plastic_curvature_next;
 
   template <class F> void visit(F &&f)
   {
@@ -162,6 +164,8 @@ struct ElementState {
     f("areal_density", Life::scene, areal_density);
     f("pressure", Life::scene, pressure);
     f("driven_force", Life::scene, driven_force);
+    f("plastic_curvature", Life::run, plastic_curvature);
+    f("plastic_curvature_next", Life::step, plastic_curvature_next);
   }
 };
 
@@ -351,6 +355,11 @@ template <class Real> struct System {
   Stream<typename T::moment_step> moment_step;  // [moment_iterations + 1][cloths]
   int moment_iterations = 0;
   Stream<Real> angle_scale, scaled_angle, moment, moment_before;  // [hinges], sqrt(J)
+  // [triangles], [hinges], [cloths] with a yield curvature; else empty
+  Stream<typename T::plastic_triangle> plastic_triangle;
+  Stream<typename T::plastic_hinge> plastic_hinge;
+  Stream<typename T::plastic_material> plastic_material;
+  Stream<typename T::vec3> gas_gradient;  // [cloth vertices] m^2, with gas: derivative of the volume; else empty
   Stream<typename T::term> term;  // contacts, then stitches
   // [terms] N s on side A, with friction and several solves: of the friction of a contact without its damping
   Stream<typename T::vec3> hold;
@@ -381,6 +390,10 @@ template <class Real> struct System {
     f("scaled_angle", Life::step, scaled_angle);
     f("moment", Life::step, moment);
     f("moment_before", Life::step, moment_before);
+    f("plastic_triangle", Life::scene, plastic_triangle);
+    f("plastic_hinge", Life::scene, plastic_hinge);
+    f("plastic_material", Life::scene, plastic_material);
+    f("gas_gradient", Life::step, gas_gradient);
     f("term", Life::step, term);
     f("hold", Life::step, hold);
     f("force", Life::step, force);
@@ -394,6 +407,26 @@ template <class Real> struct System {
   }
 };
 
+/// Gas in closed cloths; without any, all streams are empty.
+struct EnclosedGas {
+  Stream<kernels::gas> gas;
+  Stream<kernels::gas_part> triangle_part, vertex_part;  // that teams sum over
+  Stream<double> volume, product;  // m^3 of the triangle parts; sums of the vertex parts
+  Stream<kernels::gas_state> state;  // where the step is linearised
+  Stream<int> gas_of;  // [cloth vertices] -1: none
+
+  template <class F> void visit(F &&f)
+  {
+    f("gas", Life::scene, gas);
+    f("gas.triangle_part", Life::scene, triangle_part);
+    f("gas.vertex_part", Life::scene, vertex_part);
+    f("gas.volume", Life::step, volume);
+    f("gas.product", Life::step, product);
+    f("gas.state", Life::step, state);
+    f("gas.gas_of", Life::scene, gas_of);
+  }
+};
+
 /// The linear system in the precision of the run, and its terms of rank one: contacts, then stitches.
 struct SystemState {
   int terms = 0;
@@ -403,6 +436,7 @@ struct SystemState {
   std::unique_ptr<System<double>> f64;
   std::unique_ptr<System<float>> f32;
   double scaled_step = 0;  // h of material_scale
+  EnclosedGas gas;
 
   template <class Real> System<Real> &of()
   {
@@ -422,6 +456,7 @@ struct SystemState {
     f("term_split", Life::step, term_split);
     f("term_incidence.row", Life::step, term_incidence.row);
     f("term_incidence.entry", Life::step, term_incidence.entry);
+    gas.visit(f);
     if (f64) f64->visit(f);
     if (f32) f32->visit(f);
   }

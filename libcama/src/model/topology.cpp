@@ -3,6 +3,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <map>
 
 #include "device/kernels.hpp"
 #include "model/exemptions.hpp"
@@ -86,7 +87,37 @@ void add_hinges(const Cloth &cloth, int first_vertex, int material, const std::v
   }
 }
 
+/// Sets the rest angles of the hinges along creases.
+void fold(const Scene &scene, Topology &t)
+{
+  std::map<std::array<int, 2>, double> angle;  // by the lower and the higher vertex of the edge
+  for (const Crease &crease : scene.creases) {
+    const int first = t.cloth_range[crease.cloth].first;
+    for (std::size_t k = 1; k < crease.vertices.size(); ++k) {
+      const int a = first + crease.vertices[k - 1], b = first + crease.vertices[k];
+      angle[{std::min(a, b), std::max(a, b)}] = crease.angle * pi / 180;
+    }
+  }
+  if (angle.empty()) return;
+  for (RestHinge &h : t.hinge) {
+    const auto at = angle.find({std::min(h.node[0], h.node[1]), std::max(h.node[0], h.node[1])});
+    if (at != angle.end()) h.rest_angle = at->second;
+  }
+}
+
 }  // namespace
+
+double Cloth::enclosed_volume() const
+{
+  double volume = 0;
+  if (mesh.position.empty()) return volume;
+  const dvec3 &origin = mesh.position.front();
+  for (const Triangle &f : mesh.face)
+    volume += ddot(dsub(mesh.position[f[0]], origin),
+                   dcross(dsub(mesh.position[f[1]], origin), dsub(mesh.position[f[2]], origin))) /
+              6;
+  return volume;
+}
 
 Shrinkage Cloth::shrinkage_of(std::size_t triangle) const
 {
@@ -145,6 +176,7 @@ Topology build_topology(const Scene &scene)
     t.cloth_range.emplace_back(first, static_cast<int>(t.position.size()));
   }
   t.cloth_vertices = static_cast<int>(t.position.size());
+  fold(scene, t);
   t.radius.assign(t.position.size(), 0.0);
   t.shape.assign(t.position.size(), ObstacleShape::mesh);
   for (std::size_t o = 0; o < scene.obstacles.size(); ++o) {

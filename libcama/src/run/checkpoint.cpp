@@ -14,11 +14,11 @@ constexpr int max_terms = 1 << 29;   // with four entries each, the largest list
 
 [[noreturn]] void refuse(const std::string &what) { throw SceneError("checkpoint: " + what); }
 
-void check_vectors(const std::string &name, const std::vector<dvec3> &values, std::size_t count)
+void check_vectors(const std::string &name, const std::vector<dvec3> &values, std::size_t count,
+                   const char *of = " vertices")
 {
   if (values.size() != count)
-    refuse(name + " has " + std::to_string(values.size()) + " rows, the scene has " + std::to_string(count) +
-           " vertices");
+    refuse(name + " has " + std::to_string(values.size()) + " rows, the scene has " + std::to_string(count) + of);
   for (std::size_t i = 0; i < count; ++i)
     if (!std::isfinite(values[i].x + values[i].y + values[i].z))
       refuse(name + "[" + std::to_string(i) + "] is not finite");
@@ -137,7 +137,11 @@ void check_checkpoint(const Checkpoint &c, const State &s, const Topology &t)
     refuse("time, start_time, time_step or released is not a time in seconds");
   for (const auto &[name, value] : c.numbers)
     if (!std::isfinite(value)) refuse(name + " is not finite");
-  for (const auto &[name, values] : c.vectors) check_vectors(name, values, vertices);
+  for (const auto &[name, values] : c.vectors)
+    if (name == "plastic_curvature")
+      check_vectors(name, values, t.triangle.size(), " triangles of cloth");
+    else
+      check_vectors(name, values, vertices);
   const auto in = [](int i, std::size_t count) { return i >= 0 && static_cast<std::size_t>(i) < count; };
   for (const auto &[a, b] : c.tangled)
     if (!in(a, vertices) || !in(b, vertices))
@@ -165,6 +169,7 @@ void restore_checkpoint(const Checkpoint &c, State &s, Pipeline &step)
     } else if constexpr (std::is_same_v<T, Stream<dvec3>>) {
       const auto at = c.vectors.find(name);
       if (value.backend() && at != c.vectors.end()) value.assign(at->second);
+      if (value.backend() && at == c.vectors.end() && &value == &s.elements.plastic_curvature) value.fill_zero();
     }
   });
   s.mesh.position_next.assign(c.vectors.at("position"));

@@ -236,9 +236,31 @@ void Engine::set_pressure(int cloth, double pressure)
     refuse("set_pressure: cloth " + std::to_string(cloth) + " is not there; the scene has " +
            std::to_string(topology.cloth_range.size()));
   if (!std::isfinite(pressure)) refuse("set_pressure: the pressure is not finite");
+  if (gas_index(cloth) >= 0)
+    refuse("set_pressure: " + topology.object_name[static_cast<std::size_t>(cloth)] +
+           " encloses gas, whose pressure follows from its volume; use set_gas");
   std::vector<double> all = pressures();
   all[static_cast<std::size_t>(cloth)] = pressure;
   assign_pressures(all);
+}
+
+int Engine::gas_index(int cloth) const
+{
+  const auto at = std::find_if(gas_.begin(), gas_.end(), [&](const kernels::gas &g) { return g.cloth == cloth; });
+  return at == gas_.end() ? -1 : static_cast<int>(at - gas_.begin());
+}
+
+void Engine::set_gas(int cloth, double amount, double ambient)
+{
+  const int index = gas_index(cloth);
+  if (index < 0) refuse("set_gas: cloth " + std::to_string(cloth) + " has no gas; give it some in the scene");
+  if (!std::isfinite(amount) || amount <= 0) refuse("set_gas: the amount must be joules above 0");
+  if (!std::isfinite(ambient) || ambient < 0) refuse("set_gas: the ambient pressure must be Pa, 0 or more");
+  std::vector<kernels::gas> gases = gas_;
+  gases[static_cast<std::size_t>(index)].amount = amount;
+  gases[static_cast<std::size_t>(index)].ambient = ambient;
+  state.system.gas.gas.assign(gases);
+  gas_ = gases;
 }
 
 std::vector<double> Engine::pressures() const
@@ -261,6 +283,11 @@ void Engine::save_driving(Checkpoint &c)
   if (state.elements.wind.size())
     if (const dvec3 w = state.elements.wind.at(0); differs(w, scene_wind_)) vector("wind", w);
   if (const std::vector<double> now = pressures(); now != scene_pressure_) c.driving["pressure"] = now;
+  for (std::size_t i = 0; i < gas_.size(); ++i)
+    if (gas_[i].amount != scene_gas_[i].amount || gas_[i].ambient != scene_gas_[i].ambient) {
+      for (const kernels::gas &g : gas_) c.driving["gas"].insert(c.driving["gas"].end(), {g.amount, g.ambient});
+      break;
+    }
   if (state.elements.driven_force.size())
     for (const dvec3 &f : state.elements.driven_force.download())
       for (double x : {f.x, f.y, f.z}) c.driving["force"].push_back(x);
@@ -278,6 +305,11 @@ void Engine::check_driving(const Checkpoint &c)
   check_size("gravity", 3);
   check_size("wind", state.elements.wind.size() ? 3 : 0);
   check_size("pressure", topology.cloth_range.size());
+  check_size("gas", 2 * gas_.size());
+  if (const auto gas = c.driving.find("gas"); gas != c.driving.end())
+    for (std::size_t i = 0; i < gas->second.size(); ++i)
+      if (!std::isfinite(gas->second[i]) || gas->second[i] < 0 || (i % 2 == 0 && gas->second[i] == 0))
+        refuse("checkpoint: driving: gas[" + std::to_string(i) + "] is no amount or pressure");
   check_size("force", 3 * static_cast<std::size_t>(state.mesh.cloth_vertices));
 }
 
@@ -293,6 +325,16 @@ void Engine::restore_driving(const Checkpoint &c)
   if (state.elements.wind.size()) state.elements.wind.assign({wind ? first_of(*wind) : scene_wind_});
   const std::vector<double> *pressure = found("pressure");
   if (pressure || state.elements.pressure.size()) assign_pressures(pressure ? *pressure : scene_pressure_);
+  if (!gas_.empty()) {
+    std::vector<kernels::gas> gases = scene_gas_;
+    if (const std::vector<double> *driven = found("gas"))
+      for (std::size_t i = 0; i < gases.size(); ++i) {
+        gases[i].amount = (*driven)[2 * i];
+        gases[i].ambient = (*driven)[2 * i + 1];
+      }
+    state.system.gas.gas.assign(gases);
+    gas_ = gases;
+  }
   if (!force && !state.elements.driven_force.size()) return;
   std::vector<dvec3> all(static_cast<std::size_t>(state.mesh.cloth_vertices), dvec3{0, 0, 0});
   if (force)

@@ -26,6 +26,12 @@ int chosen_threads(const Scene &scene, const Options &options)
 void check(const Scene &scene, const Options &options)
 {
   scene.validate();
+  if (has_yield(scene) && (options.bending == Bending::hinge || options.arcsim_conventions))
+    for (const Cloth &c : scene.cloths)
+      if (c.material.yield_curvature > 0)
+        throw MaterialError("material of cloth \"" + c.name +
+                            "\": yield_curvature needs the option bending = plate, which has curvatures of triangles; "
+                            "set bending to plate, or leave yield_curvature out");
   if (options.pinch == Pinch::release)   // only meshes tell when cloth has come free
     for (const Obstacle &o : scene.obstacles)
       if (o.shape != ObstacleShape::mesh && o.shape != ObstacleShape::box)
@@ -84,6 +90,7 @@ Engine::Engine(const Scene &scene, const ResolvedOptions &resolved, std::unique_
   if (!motion_) idle_motion_ = std::make_unique<PrescribedMotion>(scene, *backend);
   scene_gravity_ = scene.gravity;
   for (const Cloth &c : scene.cloths) scene_pressure_.push_back(c.pressure);
+  if (has_gas(scene)) gas_ = scene_gas_ = state.system.gas.gas.download();
   if (scene.wind) scene_wind_ = scene.wind->velocity;
   for (const Obstacle &o : scene.obstacles) shape_.push_back(o.shape);
   if (exempt && scene.has_contact()) {

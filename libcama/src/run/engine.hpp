@@ -56,6 +56,7 @@ public:
   void set_gravity(const dvec3 &gravity);
   void set_wind(const dvec3 &velocity);
   void set_pressure(int cloth, double pressure);
+  void set_gas(int cloth, double amount, double ambient);
   // What they check first. No targets: vertices are held where they are.
   void check_pin(const std::vector<int> &vertices, const std::vector<dvec3> &targets, double duration) const;
   void check_targets(const std::vector<int> &vertices, const std::vector<dvec3> &targets, double duration) const;
@@ -84,9 +85,11 @@ private:
 
   std::unique_ptr<PrescribedMotion> idle_motion_;   // until something is driven in a scene without motion
   PrescribedMotion *motion_ = nullptr;              // the stage of the pipeline
+  int gas_index(int cloth) const;  // -1: it has none
   void assign_pressures(const std::vector<double> &pressures);
   dvec3 scene_gravity_, scene_wind_{0, 0, 0};
   std::vector<double> scene_pressure_;  // [cloths]
+  std::vector<kernels::gas> gas_, scene_gas_;  // as now, and as the scene has them
   std::vector<ObstacleShape> shape_;                // [obstacles]
 };
 

@@ -6,6 +6,8 @@
 
 #include "device/launch.hpp"
 #include "stages/bending.hpp"
+#include "stages/element_forces.hpp"
+#include "stages/plastic_bending.hpp"
 
 namespace cama {
 namespace {
@@ -38,6 +40,8 @@ template <class Real> double measure_hinges(State &s)
 {
   if (s.mesh.hinges == 0) return 0;
   Stream<double> energy(*s.backend, s.mesh.hinges);
+  if (s.elements.plastic_curvature.size() > 0)
+    set_rest_angles(*s.backend, s.system.of<Real>(), s.elements.plastic_curvature);
   measure_bending(*s.backend, s.options, s.system.of<Real>(), s.mesh.hinges, s.mesh.position, energy);
   return sum(energy.download());
 }
@@ -61,6 +65,19 @@ bool is_single(const State &s) { return s.system.f32 != nullptr; }
 }  // namespace
 
 Energy measure_energy(State &s) { return is_single(s) ? measure<float>(s) : measure<double>(s); }
+
+std::vector<GasState> measure_gas(State &s)
+{
+  std::vector<GasState> result;
+  EnclosedGas &gas = s.system.gas;
+  if (gas.gas.size() == 0) return result;
+  find_gas(*s.backend, gas, s.elements.triangle_nodes, s.mesh.position, s.time.step);
+  const auto gases = gas.gas.download();
+  const auto state = gas.state.download();
+  for (std::size_t i = 0; i < gases.size(); ++i)
+    result.push_back({gases[i].cloth, state[i].volume, state[i].pressure, gases[i].amount, gases[i].ambient});
+  return result;
+}
 
 double measure_strain(State &s)
 {

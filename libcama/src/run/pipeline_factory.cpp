@@ -18,6 +18,7 @@
 #include "stages/matrix_assembly.hpp"
 #include "stages/newton.hpp"
 #include "stages/penetration_handling.hpp"
+#include "stages/plastic_bending.hpp"
 #include "stages/prescribed_motion.hpp"
 #include "stages/proximity_search.hpp"
 #include "stages/reactions.hpp"
@@ -75,6 +76,8 @@ template <class Real> std::unique_ptr<Pipeline> make_pipeline(const Scene &scene
   if (needs_motion(scene)) step.add<PrescribedMotion>(scene, b);
   if (contact) proximity = &step.add<ProximityChecking>(scene, state);
   if (options.integrator == Integrator::bdf2) step.add<PredictState>();
+  const bool plastic = state.elements.plastic_curvature.size() > 0;
+  if (plastic) step.add<FollowCurvature<Real>>();
   Pipeline &assembly = step.add<Pipeline>("matrix assembly");
   EvaluateElements<Real> &elements = assembly.add<EvaluateElements<Real>>(scene);
   if (contact || state.elements.stitches) assembly.add<EvaluateTerms<Real>>(b);
@@ -87,6 +90,7 @@ template <class Real> std::unique_ptr<Pipeline> make_pipeline(const Scene &scene
   if (state.contact.kept.key.backend()) step.add<KeepFriction<Real>>();
   if (options.forces) step.add<SolveReactions<Real>>(b);
   if (contact) step.add<PenetrationHandling>(b, *proximity->search, proximity->flagged);
+  if (plastic) step.add<YieldCurvature<Real>>();
   step.add<FinishStep>(b);
   if (state.time.error > 0) step.add<EstimateError>(b, state.system.masses());
   if (options.forces) step.add<ImpactReactions>(b);

@@ -196,7 +196,16 @@ void Simulation::set_force(const std::vector<int> &vertices, const DeviceVectors
 void Simulation::set_gravity(const dvec3 &gravity) { implementation_->set_gravity(gravity); }
 void Simulation::set_wind(const dvec3 &velocity) { implementation_->set_wind(velocity); }
 void Simulation::set_pressure(int cloth, double pressure) { implementation_->set_pressure(cloth, pressure); }
+void Simulation::set_gas(int cloth, double amount, double ambient) { implementation_->set_gas(cloth, amount, ambient); }
 std::vector<double> Simulation::pressures() const { return implementation_->pressures(); }
+std::vector<GasState> Simulation::gas() const { return measure_gas(implementation_->state); }
+std::vector<dvec3> Simulation::plastic_curvature() const
+{
+  const State &s = implementation_->state;
+  return s.elements.plastic_curvature.size()
+             ? s.elements.plastic_curvature.download()
+             : std::vector<dvec3>(static_cast<std::size_t>(s.mesh.triangles), {0, 0, 0});
+}
 dvec3 Simulation::gravity() const { return implementation_->state.elements.gravity.at(0); }
 dvec3 Simulation::wind() const
 {

@@ -52,6 +52,7 @@ void undo_step(State &s, const Start &start) noexcept
     mesh.position.swap(mesh.position_next);
     mesh.velocity.swap(mesh.velocity_next);
     s.contact.kept.swap(s.contact.kept_next);
+    s.elements.plastic_curvature.swap(s.elements.plastic_curvature_next);
   }
   s.exemptions.restore();
   s.contact.forget();
@@ -76,11 +77,12 @@ class DividedStep {
 public:
   DividedStep(State &state, Pipeline &step)
       : state_(state), step_(step), whole_(state.time.step), start_(state.time.now), exempt_(state.exemptions.kept()),
-        position_(*state.backend), velocity_(*state.backend)
+        position_(*state.backend), velocity_(*state.backend), plastic_(*state.backend)
   {
     position_.copy_from(state.mesh.position);
     velocity_.copy_from(state.mesh.velocity);
     kept_.copy_from(state.contact.kept);
+    if (state.elements.plastic_curvature.backend()) plastic_.copy_from(state.elements.plastic_curvature);
   }
   ~DividedStep()
   {
@@ -104,6 +106,7 @@ public:
       state_.mesh.position.copy_from(position_);
       state_.mesh.velocity.copy_from(velocity_);
       state_.contact.kept.copy_from(kept_);
+      if (state_.elements.plastic_curvature.backend()) state_.elements.plastic_curvature.copy_from(plastic_);
     } catch (const Error &) {  // the device is lost
     }
     state_.exemptions.keep(exempt_);
@@ -138,7 +141,7 @@ private:
   Pipeline &step_;
   double whole_, start_;
   Exemptions::Kept exempt_;
-  Stream<dvec3> position_, velocity_;
+  Stream<dvec3> position_, velocity_, plastic_;
   KeptFriction kept_;
   StepReport sum_;
 };

@@ -77,9 +77,10 @@ Material from_arcsim(const Field &f)
 
 Material from_cama(const Field &f)
 {
-  f.only({"format", "name", "description", "source", "units", "evidence", "density", "isotropic", "orthotropic",
-          "stretching", "bending", "damping", "mass_damping", "strain_limit", "limit_stiffening", "friction",
-          "static_friction", "thickness", "contact_stiffness"});
+  f.only({"format",          "name",         "description",      "source",          "units",     "evidence",
+          "density",         "isotropic",    "orthotropic",      "stretching",      "bending",   "damping",
+          "mass_damping",    "strain_limit", "limit_stiffening", "yield_curvature", "hardening", "friction",
+          "static_friction", "thickness",    "contact_stiffness"});
   const double density = f.finite("density", 0.2);
   const int forms = f.has("isotropic") + f.has("orthotropic") + f.has("stretching");
   if (forms != 1) f.fail("give exactly one of \"isotropic\", \"orthotropic\", \"stretching\" (with \"bending\")");
@@ -100,6 +101,8 @@ Material from_cama(const Field &f)
   m.mass_damping = f.finite("mass_damping", 0);
   m.strain_limit = f.finite("strain_limit", 0);
   m.limit_stiffening = f.finite("limit_stiffening", m.limit_stiffening);
+  m.yield_curvature = f.finite("yield_curvature", 0);
+  m.hardening = f.finite("hardening", 0);
   m.friction = f.finite("friction", m.friction);
   m.static_friction = f.finite("static_friction", m.static_friction);
   m.thickness = f.finite("thickness", 0);
@@ -139,6 +142,9 @@ void Material::validate(const std::string &object) const
           "give a strain such as 0.05, or 0 for none");
   require(std::isfinite(limit_stiffening) && limit_stiffening >= 1, object, "limit_stiffening", limit_stiffening,
           "give a factor of 1 or more");
+  require(std::isfinite(yield_curvature) && yield_curvature >= 0, object, "yield_curvature", yield_curvature,
+          "give 1/m, such as 100, or 0 for cloth that never creases");
+  require(hardening >= 0 && hardening < 1, object, "hardening", hardening, "give a share from 0 to below 1");
   require(friction == -1 || (std::isfinite(friction) && friction >= 0), object, "friction", friction,
           "give a Coulomb coefficient, 0 or more, or leave it out for the scene's");
   require(static_friction == -1 || (std::isfinite(static_friction) && static_friction >= std::max(friction, 0.0)),
@@ -236,6 +242,10 @@ Json material_json(const Material &m)
   if (m.strain_limit > 0) {
     json["strain_limit"] = m.strain_limit;
     json["limit_stiffening"] = m.limit_stiffening;
+  }
+  if (m.yield_curvature > 0) {
+    json["yield_curvature"] = m.yield_curvature;
+    json["hardening"] = m.hardening;
   }
   if (m.friction >= 0) json["friction"] = m.friction;
   if (m.static_friction >= 0) json["static_friction"] = m.static_friction;

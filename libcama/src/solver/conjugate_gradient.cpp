@@ -25,7 +25,7 @@ int in_columns(int rows) { return column_length(rows) / 4 * 3; }
 template <class S>
 ConjugateGradient<S>::ConjugateGradient(Backend &b, Preconditioner kind)
     : kind_(kind), rows_(b), matrix_(b), inverse_(b), r_(b), z_(b), total_(b), w_(b), p_(b), s_(b), x_(b), product_(b),
-      partial_(b), scalar_(b, 2 * CG_COUNT)
+      gradient_(b), partial_(b), scalar_(b, 2 * CG_COUNT)
 {
   scalar_.fill_zero();
   if (kind == Preconditioner::schwarz) schwarz_ = std::make_unique<Schwarz<S>>(b);
@@ -64,6 +64,13 @@ void ConjugateGradient<S>::prepare(const SolverRooms &state, Stream<typename Typ
     pin_changes_ = state.mesh.pin_changes;
   }
   if (rows().size == 0) return;
+  if constexpr (sizeof(S) != sizeof(Real))
+    if (gas_parts(state) > 0) {
+      const auto &gradient = state.system.template of<Real>().gas_gradient;
+      gradient_.resize(gradient.size());
+      CAMA_LAUNCH_REAL(S, b, convert_gradient, 3 * gradient.size(), components<double>(gradient),
+                       components<S>(gradient_));
+    }
   matrix_.template fill<Real>(state, rows(), matrix);
   if (schwarz_) return schwarz_->template factor<Real>(state, matrix_);
   inverse_.resize(block_rows() * in_columns(rows_.size));
@@ -99,10 +106,31 @@ void ConjugateGradient<S>::gather(const SolverRooms &state, int plain, const Str
                    components<S>(r_), z_);
 }
 
+template <class S>
+const Stream<typename Types<S>::vec3> &ConjugateGradient<S>::gas_gradient(const SolverRooms &state) const
+{
+  if constexpr (sizeof(S) == 8)
+    return state.system.f64->gas_gradient;
+  else
+    return state.system.f32 ? state.system.f32->gas_gradient : gradient_;
+}
+
+template <class S> void ConjugateGradient<S>::multiply_gas(const SolverRooms &state, int at)
+{
+  EnclosedGas &gas = state.system.gas;
+  const int parts = gas_parts(state), stride = component_stride();
+  if (parts == 0) return;
+  CAMA_LAUNCH_TEAMS(S, *state.backend, gas_products, GAS_TEAM, parts, gas.vertex_part, rows().place,
+                    gas_gradient(state), 4, components<S>(preconditioned()), at, scalar_, gas.product);
+  CAMA_LAUNCH_TEAMS(S, *state.backend, add_gas_products, GAS_TEAM, parts, gas.vertex_part, gas.gas, gas.state,
+                    rows().place, nothing<int>(), gas_gradient(state), gas.product, 1.0, stride ? 1 : 4,
+                    stride ? stride : 1, at, scalar_, components<S>(w_), ceil_divide(rows().size, TEAM_ROWS), partial_);
+}
+
 template <class S> void ConjugateGradient<S>::advance(const SolverRooms &state, int from, int to)
 {
   Backend &b = *state.backend;
-  const int n = rows().size, partials = ceil_divide(n, TEAM_ROWS), most = state.options.max_iterations;
+  const int n = rows().size, partials = this->partials(state), most = state.options.max_iterations;
   if (schwarz_)
     CAMA_LAUNCH_TEAMS(S, b, cg_advance_blocks, CG_TEAM, schwarz_->group_start().size() - 1, schwarz_->levels(), n,
                       schwarz_->fine_blocks(), schwarz_->group_start(), schwarz_->block_start(), partials, partial_,
@@ -138,6 +166,7 @@ template <class S> void ConjugateGradient<S>::multiply(const SolverRooms &state,
                     matrix_.column, matrix_.value, terms > 0 ? 1 : 0, rows().order, state.system.term_incidence.row,
                     state.system.term_incidence.entry, matrix_.entry_weight, product_, at, scalar_, preconditioned(),
                     component_stride(), components<S>(r_), components<S>(w_), partial_);
+  multiply_gas(state, at);
 }
 
 template <class S>
@@ -157,10 +186,10 @@ ConjugateGradient<S>::solve(const SolverRooms &state, const Stream<typename Type
   z_.resize(nodes);
   if (schwarz_) total_.resize(n);
   product_.resize(terms_beside(state));
-  partial_.resize(2 * ceil_divide(n, TEAM_ROWS));
+  partial_.resize(2 * partials(state));
   const double tolerance = state.options.tolerance * slack, dt = state.time.step;
   // block: iterations enqueued at once.
-  const int most = state.options.max_iterations, partials = ceil_divide(n, TEAM_ROWS), block = b.wide_workers() ? 4 : 8;
+  const int most = state.options.max_iterations, partials = this->partials(state), block = b.wide_workers() ? 4 : 8;
   const auto start_from = [&](int mode, int plain, const Stream<typename Types<Real>::vec3> &b1,
                               const Stream<typename Types<Real>::vec3> &q1) {
     gather<Real>(state, plain, b1, q1);

@@ -41,6 +41,7 @@ public:
                Stream<typename Types<Real>::vec3> &q, const Product<Real> &multiply, double slack);
 
 private:
+  using vec3 = typename Types<S>::vec3;
   using vec4 = typename Types<S>::vec4;
   const RowOrder &rows() const { return schwarz_ ? schwarz_->rows() : rows_; }
   const Stream<vec4> &preconditioned() const { return schwarz_ ? total_ : z_; }
@@ -57,6 +58,12 @@ private:
   /// z = P r with the coarse corrections, w = A z, r'z and z'w. at: place of the scalars.
   void multiply(const SolverRooms &state, int at);
   void advance(const SolverRooms &state, int from, int to);
+  /// Adds the stiffness of enclosed gas to w = A z and to z'w.
+  void multiply_gas(const SolverRooms &state, int at);
+  /// Partial sums of r'z and z'w.
+  int partials(const SolverRooms &state) const { return ceil_divide(rows().size, TEAM_ROWS) + gas_parts(state); }
+  /// The derivative of the volumes in this precision.
+  const Stream<vec3> &gas_gradient(const SolverRooms &state) const;
 
   const Preconditioner kind_;
   std::unique_ptr<Schwarz<S>> schwarz_;  // with the Schwarz preconditioner
@@ -66,6 +73,7 @@ private:
   int pin_changes_ = -1;  // mesh.pin_changes when the pattern was made; -1: there is none
   int expected_ = 0;  // iterations
   Stream<vec4> r_, z_, total_, w_, p_, s_, x_, product_;  // r_, z_: followed by the nodes of coarse levels
+  Stream<vec3> gradient_;  // of volumes, where the forces have another precision
   Stream<double> partial_, scalar_;  // scalars twice: of the last iteration and of this one
 };
 

@@ -18,6 +18,9 @@ inline int terms_beside(const SolverRooms &state)
   return state.options.paper.assembly == Assembly::gather ? state.system.terms : 0;
 }
 
+/// Parts of vertices that enclosed gas adds to the product with the matrix.
+inline int gas_parts(const SolverRooms &state) { return state.system.gas.vertex_part.size(); }
+
 /// A stream in the precision of the forces as an argument of type Number, or null if its numbers have the other type.
 template <class Number, class Real, class T> Components<Number> as(const Stream<T> &stream)
 {

@@ -19,6 +19,13 @@ template <class Real> void find_moments(Backend &b, System<Real> &s, int hinges)
 
 }  // namespace
 
+template <class Real> void find_plate_moments(Backend &b, System<Real> &s, int hinges, const Stream<dvec3> &position)
+{
+  CAMA_LAUNCH_REAL(Real, b, scale_angles, hinges, s.hinge_rest, s.hinge_coupling, s.bending_table, s.material_scale,
+                   s.moment_step, position, s.hinge_factor, s.angle_scale, s.scaled_angle, s.moment);
+  find_moments(b, s, hinges);
+}
+
 template <class Real>
 void evaluate_bending(Backend &b, const Options &options, System<Real> &s, int hinges, const Stream<dvec3> &position)
 {
@@ -27,9 +34,7 @@ void evaluate_bending(Backend &b, const Options &options, System<Real> &s, int h
                      options.arcsim_conventions ? 1 : 0, position, s.hinge_factor, s.hinge_force);
     return;
   }
-  CAMA_LAUNCH_REAL(Real, b, scale_angles, hinges, s.hinge_rest, s.hinge_coupling, s.bending_table, s.material_scale,
-                   s.moment_step, position, s.hinge_factor, s.angle_scale, s.scaled_angle, s.moment);
-  find_moments(b, s, hinges);
+  find_plate_moments(b, s, hinges, position);
   CAMA_LAUNCH_REAL(Real, b, bend_hinges, hinges, s.hinge_factor, s.angle_scale, s.moment, 0, s.hinge_force);
 }
 
@@ -64,6 +69,7 @@ void measure_bending(Backend &b, const Options &options, System<Real> &s, int hi
 }
 
 #define CAMA_BENDING(Real)                                                                                \
+  template void find_plate_moments(Backend &, System<Real> &, int, const Stream<dvec3> &);                \
   template void evaluate_bending(Backend &, const Options &, System<Real> &, int, const Stream<dvec3> &); \
   template void damp_bending(Backend &, System<Real> &, int, Real, const Stream<dvec3> &, bool,           \
                              Stream<Types<Real>::vec3> &);                                                \

@@ -9,6 +9,9 @@ namespace cama {
 template <class Real>
 void evaluate_bending(Backend &b, const Options &options, System<Real> &s, int hinges, const Stream<dvec3> &position);
 
+/// Scaled angles, their scales and the moments of the plate at these positions; overwrites the matrix factors.
+template <class Real> void find_plate_moments(Backend &b, System<Real> &s, int hinges, const Stream<dvec3> &position);
+
 /// The stiffness damping [4 hinges] at these velocities, with the factors of the last evaluation. onto: added to what
 /// `force` is.
 template <class Real>

@@ -8,6 +8,15 @@
 #include "stages/bending.hpp"
 
 namespace cama {
+
+void find_gas(Backend &b, EnclosedGas &gas, const Stream<kernels::element_nodes> &triangles,
+              const Stream<dvec3> &position, double time_step)
+{
+  CAMA_LAUNCH_TEAMS(void, b, measure_volumes, GAS_TEAM, gas.triangle_part.size(), gas.triangle_part, gas.gas, triangles,
+                    position, gas.volume);
+  CAMA_LAUNCH_TEAMS(void, b, gas_pressures, GAS_TEAM, gas.gas.size(), gas.gas, gas.volume, time_step, gas.state);
+}
+
 template <class Real>
 EvaluateElements<Real>::EvaluateElements(const Scene &scene)
     : windy_(has_wind(scene)), damped_(std::any_of(scene.cloths.begin(), scene.cloths.end(),
@@ -41,6 +50,16 @@ void EvaluateElements<Real>::add_pressure(const Rooms &state, const Stream<dvec3
 {
   CAMA_LAUNCH_REAL(Real, *state.backend, add_pressure, state.mesh.triangles,
                    state.system.template of<Real>().triangle_rest, position, state.elements.pressure, force);
+}
+
+template <class Real>
+void EvaluateElements<Real>::add_gas(const Rooms &state, const Stream<dvec3> &position, Stream<vec3> &force)
+{
+  System<Real> &s = state.system.template of<Real>();
+  find_gas(*state.backend, state.system.gas, state.elements.triangle_nodes, position, state.time.implicit_step);
+  CAMA_LAUNCH_REAL(Real, *state.backend, add_gas_pressure, state.mesh.cloth_vertices,
+                   state.elements.triangle_incidence.row, state.elements.triangle_incidence.entry, s.triangle_rest,
+                   state.system.gas.gas_of, state.system.gas.state, position, s.gas_gradient, force);
 }
 
 template <class Real>
@@ -104,6 +123,7 @@ void EvaluateElements<Real>::evaluate(const Rooms &state, const Stream<dvec3> &p
                    state.elements.triangle_incidence.entry, s.triangle_force, state.elements.hinge_incidence.row,
                    state.elements.hinge_incidence.entry, s.hinge_force, state.mesh.hinges, s.mass,
                    state.elements.gravity, s.force);
+  if (inflated(state) && linearised) add_gas(state, position, s.force);
   if (mass_damped_ && linearised) add_mass_damping(state, velocity, !state.time.predicted, s.force);
   if (state.elements.driven_force.size())
     CAMA_LAUNCH_REAL(Real, b, add_driven_forces, state.mesh.cloth_vertices, state.elements.driven_force, s.force);

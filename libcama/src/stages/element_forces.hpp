@@ -4,6 +4,10 @@
 
 namespace cama {
 
+/// Volume, pressure and stiffness of the gases at these positions. triangles: nodes of all triangles of cloth.
+void find_gas(Backend &backend, EnclosedGas &gas, const Stream<kernels::element_nodes> &triangles,
+              const Stream<dvec3> &position, double time_step);
+
 /// Forces and matrix factors of triangles and hinges, wind and gravity, gathered to vertices.
 template <class Real>
 class EvaluateElements final
@@ -20,13 +24,20 @@ public:
   bool damped() const { return damped_; }
   bool mass_damped() const { return mass_damped_; }
   static bool pressed(const Rooms &state) { return state.elements.pressure.size() > 0; }
-  /// Whether there are forces that no potential has here: of velocities, or of pressure.
-  bool pushed(const Rooms &state) const { return windy_ || damped_ || mass_damped_ || pressed(state); }
+  static bool inflated(const Rooms &state) { return state.system.gas.gas.size() > 0; }
+  /// Whether there are forces that no potential has here: of velocities, of pressure, or of gas.
+  bool pushed(const Rooms &state) const
+  {
+    return windy_ || damped_ || mass_damped_ || pressed(state) || inflated(state);
+  }
   /// Adds the wind to `force` [3 triangles], limited or not as in kernels/elements/external.h.
   void add_wind(const Rooms &state, const Stream<dvec3> &position, const Stream<dvec3> &velocity, bool limited,
                 Stream<vec3> &force);
   /// Adds the pressure to `force` [3 triangles].
   static void add_pressure(const Rooms &state, const Stream<dvec3> &position, Stream<vec3> &force);
+  /// Finds volume, pressure and stiffness of the gases at these positions and adds the pressure to `force` [cloth
+  /// vertices].
+  static void add_gas(const Rooms &state, const Stream<dvec3> &position, Stream<vec3> &force);
   /// Adds the mass damping at these velocities to `force` [cloth vertices], or, if they are those that are solved for,
   /// what the matrix does not have of it.
   void add_mass_damping(const Rooms &state, const Stream<dvec3> &velocity, bool solved, Stream<vec3> &force);

@@ -38,6 +38,7 @@ void FinishStep::run_on(const Rooms &state)
   mesh.position.swap(mesh.position_next);
   mesh.velocity.swap(mesh.velocity_next);
   state.contact.kept.swap(state.contact.kept_next);
+  state.elements.plastic_curvature.swap(state.elements.plastic_curvature_next);
   if (!time.predicted) return;
   mesh.position_before.swap(mesh.position_base);
   mesh.velocity_before.swap(mesh.velocity_base);

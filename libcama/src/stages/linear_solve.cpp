@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <cmath>
 
+#include <Eigen/LU>
 #include <Eigen/SparseCholesky>
 
 #include "device/ceil_divide.hpp"
@@ -14,6 +15,63 @@ template <class Real>
 LinearSolve<Real>::LinearSolve(Backend &b) : diagonal_(b), r_(b), p_(b), q_(b), partial_(b), sum_(b)
 {}
 
+template <class Real>
+void multiply_gas(Backend &b, SystemState &system, const Stream<typename Types<Real>::vec3> &x, double factor,
+                  const Stream<int> &fixed, Stream<typename Types<Real>::vec3> &q)
+{
+  EnclosedGas &gas = system.gas;
+  const Stream<typename Types<Real>::vec3> &gradient = system.of<Real>().gas_gradient;
+  const int parts = gas.vertex_part.size();
+  CAMA_LAUNCH_TEAMS(Real, b, gas_products, GAS_TEAM, parts, gas.vertex_part, nothing<int>(), gradient, 3,
+                    components<Real>(x), 0, nothing<double>(), gas.product);
+  CAMA_LAUNCH_TEAMS(Real, b, add_gas_products, GAS_TEAM, parts, gas.vertex_part, gas.gas, gas.state, nothing<int>(),
+                    fixed, gradient, gas.product, factor, 3, 1, 0, nothing<double>(), components<Real>(q), 0,
+                    nothing<double>());
+}
+
+template void multiply_gas<double>(Backend &, SystemState &, const Stream<Types<double>::vec3> &, double,
+                                   const Stream<int> &, Stream<Types<double>::vec3> &);
+template void multiply_gas<float>(Backend &, SystemState &, const Stream<Types<float>::vec3> &, double,
+                                  const Stream<int> &, Stream<Types<float>::vec3> &);
+
+namespace {
+
+/// Solves the equation with the stiffness of enclosed gas from a factorisation without it (Woodbury's formula), and
+/// moves the forces of that stiffness to the right-hand side. x: velocities of fixed
+/// vertices.
+template <class Real, class Factor>
+Eigen::VectorXd solve_with_gas(SystemState &system, const Factor &factor, const std::vector<int> &fixed,
+                               const std::vector<typename Types<Real>::vec3> &x, Eigen::VectorXd &right)
+{
+  Eigen::VectorXd v = factor.solve(right);
+  const std::vector<kernels::gas> gases = system.gas.gas.download();
+  if (gases.empty()) return v;
+  const auto state = system.gas.state.download();
+  const auto gradient = system.of<Real>().gas_gradient.download();
+  const auto gas_of = system.gas.gas_of.download();
+  const Eigen::Index count = static_cast<Eigen::Index>(gases.size());
+  Eigen::MatrixXd a = Eigen::MatrixXd::Zero(right.size(), count), small = Eigen::MatrixXd::Identity(count, count);
+  Eigen::VectorXd stiffness(count), rate = Eigen::VectorXd::Zero(count);
+  for (Eigen::Index g = 0; g < count; ++g) stiffness[g] = state[static_cast<std::size_t>(g)].stiffness;
+  for (std::size_t i = 0; i < gas_of.size(); ++i) {
+    if (gas_of[i] < 0) continue;
+    const Eigen::Vector3d own(gradient[i].x, gradient[i].y, gradient[i].z);
+    if (fixed[i])
+      rate[gas_of[i]] += own.dot(Eigen::Vector3d(x[i].x, x[i].y, x[i].z));
+    else
+      a.col(gas_of[i]).segment<3>(3 * static_cast<Eigen::Index>(i)) = own;
+  }
+  const Eigen::MatrixXd response = factor.solve(a);
+  const Eigen::VectorXd before = rate + a.transpose() * v;
+  small += a.transpose() * response * stiffness.asDiagonal();
+  const Eigen::VectorXd push = stiffness.cwiseProduct(small.partialPivLu().solve(before));
+  v -= response * push;
+  right -= a * push;
+  return v;
+}
+
+}  // namespace
+
 template <class Real> void LinearSolve<Real>::multiply(const Rooms &state, const Stream<vec3> &x, Stream<vec3> &q)
 {
   System<Real> &s = state.system.template of<Real>();
@@ -23,6 +81,7 @@ template <class Real> void LinearSolve<Real>::multiply(const Rooms &state, const
                    s.matrix.block, state.mesh.fixed, differences ? s.mass : no_mass_,
                    differences && s.drag.size() ? s.drag : no_drag_, terms_as_operator(state) ? 1 : 0,
                    state.system.term_incidence.row, state.system.term_incidence.entry, s.term, x, q);
+  multiply_gas<Real>(*state.backend, state.system, x, 1, state.mesh.fixed, q);
 }
 
 template <class Real> void LinearSolve<Real>::extract_diagonal(const Rooms &state)
@@ -176,7 +235,7 @@ template <class Real> void LinearSolve<Real>::direct(const Rooms &state)
     throw SolverError(
         "step " + std::to_string(state.report.step) +
         ": the sparse factorisation failed (the matrix is not positive definite); check stiffness and density");
-  const Eigen::VectorXd v = factor.solve(rhs);
+  const Eigen::VectorXd v = solve_with_gas<Real>(state.system, factor, fixed, x, rhs);
   for (int i = 0; i < rows; ++i)
     if (!fixed[i])
       x[i] = {static_cast<Real>(v[3 * i]), static_cast<Real>(v[3 * i + 1]), static_cast<Real>(v[3 * i + 2])};

@@ -7,6 +7,11 @@
 
 namespace cama {
 
+/// q += factor k a (a . x) for each enclosed gas, where vertices are not fixed; an empty `fixed`: on all.
+template <class Real>
+void multiply_gas(Backend &backend, SystemState &system, const Stream<typename Types<Real>::vec3> &x, double factor,
+                  const Stream<int> &fixed, Stream<typename Types<Real>::vec3> &q);
+
 /// Solves A v = b of Equation 1 by the preconditioned conjugate gradient method, or by a sparse direct factorisation
 /// (the reference). If the preconditioner is not positive definite in its precision, block Jacobi replaces it. The
 /// solve starts from the current velocities, with prescribed degrees of freedom eliminated, and stops by sqrt(r' P r)

@@ -116,6 +116,7 @@ typename NewtonIterations<Real>::Norms NewtonIterations<Real>::evaluate(const Ro
                      state.elements.triangle_incidence.entry, outer_triangle_, state.elements.hinge_incidence.row,
                      state.elements.hinge_incidence.entry, outer_hinge_, state.mesh.hinges, s.mass, zero_gravity_,
                      outer_);
+    if (elements_.inflated(state)) elements_.add_gas(state, x, outer_);
     if (elements_.mass_damped()) elements_.add_mass_damping(state, v, false, outer_);
     CAMA_LAUNCH_REAL(Real, b, add_forces, rows, outer_, s.force);
   }

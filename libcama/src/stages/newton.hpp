@@ -10,8 +10,8 @@ namespace cama {
 /// Newton's method on the nonlinear equation of the step, starting from the linearised step that the stages before have
 /// computed: elements and terms at the iterate, assembly, solve for the change of velocity, line search on the
 /// incremental potential (inertia, elasticity, gravity, penalty; friction by the normal forces and speeds of the
-/// linearised step, of the iterate in further solves, wind, pressure and damping constant at their values of the
-/// iterate). Hessians are positive semidefinite.
+/// linearised step, of the iterate in further solves, wind, pressure, gas and damping constant at their values of
+/// the iterate). Hessians are positive semidefinite.
 template <class Real>
 class NewtonIterations final : public StageOn<const Options, StepReport, const Clock, MeshState, const ElementState,
                                               const ContactState, SystemState> {
@@ -56,7 +56,7 @@ private:
   double fastest_ = 0;  // J: all cloth at the highest speed; solves do not mend a larger residual
   bool searching_ = false,
        fell_ = false;  // fell_: the last search lowered the potential beyond rounding
-  Stream<vec3> outer_, outer_triangle_, outer_hinge_;  // outer: wind, pressure and damping
+  Stream<vec3> outer_, outer_triangle_, outer_hinge_;  // outer: wind, pressure, gas and damping
   Stream<dvec3> start_, zero_gravity_;
   Stream<double> vertex_[2], triangle_[2], hinge_, term_, slope_, total_, part_, push_, load_, pull_, share_;
 };

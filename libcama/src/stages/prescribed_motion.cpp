@@ -548,7 +548,7 @@ void PrescribedMotion::check(const Checkpoint &checkpoint) const
       if (o == scene_obstacles_.size() || values.size() != 2 + 6 * scene_obstacles_[o].mesh.position.size())
         refuse(name, "does not fit an obstacle");
     } else if (width == 1 && name != "freed" && name != "force" && name != "gravity" && name != "wind" &&
-               name != "pressure") {
+               name != "pressure" && name != "gas") {
       refuse(name, "is not known");
     }
   }

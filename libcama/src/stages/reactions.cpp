@@ -2,13 +2,14 @@
 #include "stages/reactions.hpp"
 
 #include "device/launch.hpp"
+#include "stages/linear_solve.hpp"
 
 namespace cama {
 
 template <class Real> void SolveReactions<Real>::run_on(const Rooms &state)
 {
   Backend &b = *state.backend;
-  const System<Real> &s = state.system.template of<Real>();
+  System<Real> &s = state.system.template of<Real>();
   ReactionState &r = state.reactions;
   const int vertices = state.mesh.vertices, rows = state.mesh.cloth_vertices, terms = state.system.terms,
             form = static_cast<int>(state.options.paper.contact_form),
@@ -17,6 +18,8 @@ template <class Real> void SolveReactions<Real>::run_on(const Rooms &state)
   count_.resize(vertices);
   terms_.reset(b, vertices);
   terms_.rebuild(b, state.system.term_nodes, terms, count_);
+  if (!newton && state.system.gas.gas.size() > 0)  // the force after the solve, as the matrix has that of the elements
+    multiply_gas<Real>(b, state.system, s.solution, -1 / state.time.implicit_step, Stream<int>(), s.force);
   CAMA_LAUNCH_REAL(Real, b, solve_reactions, vertices, rows, state.contact.contacts, newton, in_matrix, form,
                    static_cast<Real>(state.time.implicit_step), terms_.row, terms_.entry, s.term, s.hold, s.matrix.row,
                    s.matrix.column, s.matrix.block, s.mass, s.force, state.mesh.fixed,

@@ -192,6 +192,8 @@ def _attempts(p, bad):
         ("mass_damping", bad),
         ("strain_limit", bad),
         ("limit_stiffening", bad),
+        ("yield_curvature", bad),
+        ("hardening", bad),
         ("friction", bad),
         ("static_friction", bad),
         ("thickness", bad),

@@ -46,7 +46,7 @@ void read_options(const Field &f, const std::string &group, OptionOverrides &opt
 Scene SceneReader::read(const Field &top)
 {
   top.only({"name", "description", "time_step", "frame_time", "frames", "gravity", "wind", "contact", "resolution",
-            "materials", "cloth", "obstacles", "pins", "stitches", "elastics", "options"});
+            "materials", "cloth", "obstacles", "pins", "stitches", "elastics", "creases", "options"});
   read_settings(top);
   if (top.has("materials")) {
     const Field all = top.at("materials");
@@ -69,6 +69,8 @@ Scene SceneReader::read(const Field &top)
     for (const Field &f : top.at("stitches").items()) read_stitch(f);
   if (top.has("elastics"))
     for (const Field &f : top.at("elastics").items()) read_elastic(f);
+  if (top.has("creases"))
+    for (const Field &f : top.at("creases").items()) read_crease(f);
   return std::move(scene_);
 }
 
@@ -116,14 +118,16 @@ Material SceneReader::read_material(const Field &f, const std::string &name) con
       return Material::load(file_path(f.at("file")));
     }
     if (!f.has("fabric")) return parse_material(f, name);
-    f.only({"fabric", "density", "damping", "mass_damping", "strain_limit", "limit_stiffening", "friction",
-            "static_friction", "thickness", "contact_stiffness"});
+    f.only({"fabric", "density", "damping", "mass_damping", "strain_limit", "limit_stiffening", "yield_curvature",
+            "hardening", "friction", "static_friction", "thickness", "contact_stiffness"});
     Material m = Material::fabric(f.at("fabric").text());
     m.density = f.finite("density", m.density);
     m.damping = f.finite("damping", m.damping);
     m.mass_damping = f.finite("mass_damping", m.mass_damping);
     m.strain_limit = f.finite("strain_limit", m.strain_limit);
     m.limit_stiffening = f.finite("limit_stiffening", m.limit_stiffening);
+    m.yield_curvature = f.finite("yield_curvature", m.yield_curvature);
+    m.hardening = f.finite("hardening", m.hardening);
     m.friction = f.finite("friction", m.friction);
     m.static_friction = f.finite("static_friction", m.static_friction);
     m.thickness = f.finite("thickness", m.thickness);
@@ -260,6 +264,29 @@ void SceneReader::read_elastic(const Field &f)
   } catch (const SceneError &e) {
     f.fail(e.what());
   }
+}
+
+void SceneReader::read_crease(const Field &f)
+{
+  f.only({"cloth", "vertices", "edge", "line", "angle"});
+  Crease c;
+  c.cloth = find_cloth(f.at("cloth"));
+  if (f.has("vertices") + f.has("edge") + f.has("line") != 1) f.fail("needs one of vertices, edge and line");
+  try {
+    if (f.has("edge")) {
+      c.vertices = named_vertices(f.at("edge"), c.cloth);
+    } else if (f.has("line")) {
+      const auto ends = f.at("line").items();
+      if (ends.size() != 2) f.at("line").fail("expected two points");
+      c.vertices = scene_.vertices_along(c.cloth, ends[0].vector(), ends[1].vector());
+    } else {
+      for (const Field &v : f.at("vertices").items()) c.vertices.push_back(v.integer());
+    }
+  } catch (const SceneError &e) {
+    f.fail(e.what());
+  }
+  c.angle = f.at("angle").finite();
+  scene_.creases.push_back(std::move(c));
 }
 
 Scene Scene::load(const std::filesystem::path &path, int resolution)

@@ -432,7 +432,7 @@ Pattern SceneReader::cloth_shape(const Field &f, int triangles, Cloth &cloth, st
 void SceneReader::read_cloth(const Field &f, std::size_t index)
 {
   f.only({"name", "source", "grid", "tube", "garment", "file", "mesh", "material", "thickness", "transform", "velocity",
-          "pressure", "shrinkage", "share", "triangles", "stitch_stiffness"});
+          "pressure", "gas", "shrinkage", "share", "triangles", "stitch_stiffness"});
   Cloth c;
   c.name = f.text("name", "cloth " + std::to_string(index));
   std::vector<MeshStitch> stitches;
@@ -448,6 +448,14 @@ void SceneReader::read_cloth(const Field &f, std::size_t index)
     if (const auto vertex = weld_if_asked(*from, c.mesh)) stitches = renumber(stitches, *vertex);
   c.velocity = f.vector("velocity", c.velocity);
   c.pressure = f.finite("pressure", c.pressure);
+  if (f.has("gas")) {
+    const Field g = f.at("gas");
+    g.only({"pressure", "volume", "ambient"});
+    c.gas = Gas();
+    c.gas->pressure = g.finite("pressure", c.gas->pressure);
+    c.gas->volume = g.finite("volume", c.gas->volume);
+    c.gas->ambient = g.finite("ambient", c.gas->ambient);
+  }
   if (f.has("shrinkage")) c.shrinkage = read_shrinkage(f.at("shrinkage"));
   if (!f.has("material"))
     c.material = Material::fabric("cotton");

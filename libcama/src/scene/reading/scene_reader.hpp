@@ -36,6 +36,7 @@ private:
   void read_pin(const Field &f);
   void read_stitch(const Field &f);
   void read_elastic(const Field &f);
+  void read_crease(const Field &f);
   /// The vertices of a generated cloth that have a name, such as an edge's, in order.
   const std::vector<int> &named_vertices(const Field &name, int cloth) const;
   int find_cloth(const Field &f) const;

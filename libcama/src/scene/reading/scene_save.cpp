@@ -170,6 +170,17 @@ void write_cloth(Writer &w, const Cloth &c)
     w.key("pressure");
     w.number(c.pressure);
   }
+  if (c.gas) {
+    w.key("gas");
+    w.text += '{';
+    w.key("pressure");
+    w.number(c.gas->pressure);
+    w.key("volume");
+    w.number(c.gas->volume);
+    w.key("ambient");
+    w.number(c.gas->ambient);
+    w.text += '}';
+  }
   if (!c.shrinkage.empty()) {
     w.key("shrinkage");
     w.list(c.shrinkage, [&](const Shrinkage &s) { w.list(s, [&](double x) { w.number(x); }); });
@@ -258,6 +269,18 @@ void write_stitch(Writer &w, const Stitch &s)
   w.text += '}';
 }
 
+void write_crease(Writer &w, const Crease &c)
+{
+  w.text += "\n{";
+  w.key("cloth");
+  w.text += std::to_string(c.cloth);
+  w.key("vertices");
+  w.list(c.vertices, [&](int v) { w.text += std::to_string(v); });
+  w.key("angle");
+  w.number(c.angle);
+  w.text += '}';
+}
+
 /// Options by name, those of the paper in an object.
 Json options_json(const OptionOverrides &options)
 {
@@ -330,6 +353,10 @@ std::string Scene::save() const
   w.list(pins, [&](const Pin &p) { write_pin(w, p); });
   w.key("stitches");
   w.list(stitches, [&](const Stitch &s) { write_stitch(w, s); });
+  if (!creases.empty()) {
+    w.key("creases");
+    w.list(creases, [&](const Crease &c) { write_crease(w, c); });
+  }
   w.text += "}\n";
   return std::move(w.text);
 }

@@ -2,6 +2,7 @@
 #include <algorithm>
 #include <cmath>
 #include <cstdio>
+#include <map>
 #include <set>
 #include <vector>
 
@@ -146,6 +147,96 @@ void check_stitch(const Scene &s, std::size_t i)
           "a stitch of vertex " + std::to_string(t.vertex_a) + " to itself", "remove it");
 }
 
+/// Each edge of a closed cloth is between two faces, which pass along it in opposite directions.
+void check_closed(const std::string &object, const Cloth &c)
+{
+  std::vector<std::array<int, 3>> sides;  // lower and higher vertex, 1: the face passes from the lower to the higher
+  for (const Triangle &f : c.mesh.face)
+    for (int k = 0; k < 3; ++k) {
+      const int a = f[k], b = f[(k + 1) % 3];
+      sides.push_back({std::min(a, b), std::max(a, b), a < b});
+    }
+  std::sort(sides.begin(), sides.end());
+  for (std::size_t i = 0; i < sides.size();) {
+    std::size_t end = i;
+    int turn = 0;
+    for (; end < sides.size() && sides[end][0] == sides[i][0] && sides[end][1] == sides[i][1]; ++end)
+      turn += sides[end][2] ? 1 : -1;
+    const std::string edge =
+        "edge between vertices " + std::to_string(sides[i][0]) + " and " + std::to_string(sides[i][1]);
+    require(end - i != 1, object + ": gas", "in an open mesh, with a border at the " + edge,
+            "close the mesh, or weld vertices that coincide");
+    require(end - i == 2, object + ": gas", "in a mesh with " + std::to_string(end - i) + " faces at the " + edge,
+            "leave two faces there");
+    require(turn == 0, object + ": gas", "in a mesh whose faces at the " + edge + " have opposite sides outside",
+            "turn one of them");
+    i = end;
+  }
+}
+
+void check_gas(const std::string &object, const Cloth &c)
+{
+  const Gas &g = *c.gas;
+  require(c.pressure == 0, object + ": pressure", c.pressure, "the gas has its own; leave one of the two out");
+  require(std::isfinite(g.ambient) && g.ambient >= 0, object + ": gas.ambient", g.ambient, "give Pa, 0 or more");
+  require(std::isfinite(g.pressure) && g.ambient + g.pressure > 0, object + ": gas.pressure", g.pressure,
+          "give Pa above the ambient pressure of " + std::to_string(g.ambient) + "; the sum must be above 0");
+  require(std::isfinite(g.volume) && g.volume >= 0, object + ": gas.volume", g.volume,
+          "give m^3, or 0 for what the mesh encloses");
+  check_closed(object, c);
+  const double volume = c.enclosed_volume(), flat = 1e-9 * g.volume;  // what rounding leaves of a flat mesh
+  require(volume >= -flat, object + ": gas", "in a mesh whose faces point inwards", "reverse the faces");
+  require(volume > 0 || g.volume > 0, object + ": gas", "in a mesh that encloses no volume",
+          "give gas.volume, at which the gas has its pressure, m^3");
+}
+
+/// Number of faces at each edge of a cloth, by its lower and its higher vertex.
+using EdgeFaces = std::map<std::array<int, 2>, int>;
+
+EdgeFaces edge_faces(const Mesh &mesh)
+{
+  EdgeFaces faces;
+  for (const Triangle &f : mesh.face)
+    for (int k = 0; k < 3; ++k) ++faces[{std::min(f[k], f[(k + 1) % 3]), std::max(f[k], f[(k + 1) % 3])}];
+  return faces;
+}
+
+void check_crease(const std::string &field, const Crease &crease, const Cloth &c, const EdgeFaces &faces)
+{
+  require(std::abs(crease.angle) < 180, field + ".angle", crease.angle, "give degrees between -180 and 180");
+  require(crease.vertices.size() >= 2, field + ".vertices", std::to_string(crease.vertices.size()) + " vertices",
+          "give two or more in order along the line");
+  require(c.material.has_bending(), field, "on a cloth without bending stiffness",
+          "give the material of cloth \"" + c.name + "\" one");
+  for (std::size_t k = 0; k < crease.vertices.size(); ++k)
+    require(crease.vertices[k] >= 0 && crease.vertices[k] < static_cast<int>(c.mesh.position.size()),
+            field + ".vertices[" + std::to_string(k) + "]", std::to_string(crease.vertices[k]),
+            "cloth \"" + c.name + "\" has " + std::to_string(c.mesh.position.size()) + " vertices, counted from 0");
+  for (std::size_t k = 1; k < crease.vertices.size(); ++k) {
+    const int a = crease.vertices[k - 1], b = crease.vertices[k];
+    const auto edge = faces.find({std::min(a, b), std::max(a, b)});
+    const std::string place = field + ": the pair of vertices " + std::to_string(a) + " and " + std::to_string(b);
+    require(edge != faces.end(), place, "not joined by an edge",
+            "name all vertices along edges of cloth \"" + c.name + "\", in order");
+    require(edge->second >= 2, place, "at the border of cloth \"" + c.name + "\"",
+            "a crease needs a face on both sides");
+  }
+}
+
+void check_creases(const Scene &s)
+{
+  std::map<int, EdgeFaces> faces;  // of cloths with creases
+  for (std::size_t i = 0; i < s.creases.size(); ++i) {
+    const int cloth = s.creases[i].cloth;
+    const std::string field = "creases[" + std::to_string(i) + "]";
+    require(cloth >= 0 && cloth < static_cast<int>(s.cloths.size()), field + ".cloth", std::to_string(cloth),
+            "there are " + std::to_string(s.cloths.size()) + " cloths, counted from 0");
+    const Cloth &c = s.cloths[static_cast<std::size_t>(cloth)];
+    if (!faces.count(cloth)) faces[cloth] = edge_faces(c.mesh);
+    check_crease(field, s.creases[i], c, faces[cloth]);
+  }
+}
+
 void check_shrinkage(const std::string &object, const Cloth &c)
 {
   const std::size_t triangles = c.mesh.face.size();
@@ -231,6 +322,7 @@ void Scene::validate() const
     require(finite(c.velocity), object + ": velocity", "not finite", "give three finite numbers, m/s");
     check_shrinkage(object, c);
     require(std::isfinite(c.pressure), object + ": pressure", c.pressure, "give a finite number, Pa");
+    if (c.gas) check_gas(object, c);
   }
   names.clear();
   for (const Obstacle &o : obstacles) {
@@ -254,6 +346,7 @@ void Scene::validate() const
   for (std::size_t i = 0; i < pins.size(); ++i) check_pin(*this, i);
   check_pins_disjoint(*this);
   for (std::size_t i = 0; i < stitches.size(); ++i) check_stitch(*this, i);
+  check_creases(*this);
 }
 
 ContactProperties Scene::contact_properties(std::size_t object) const
