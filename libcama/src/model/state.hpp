@@ -15,13 +15,10 @@
 #include "device/kernels.hpp"
 #include "model/exemptions.hpp"
 #include "model/incidence.hpp"
+#include "model/life.hpp"
+#include "model/rigid_body.hpp"
 
 namespace cama {
-
-/// How long a stream or a number lives. scene: unchanged since the scene was set up; run: kept from step to step, so
-/// that a step that fails restores it and a checkpoint holds it (vectors of all vertices, and numbers); step: computed
-/// in every step.
-enum class Life { scene, run, step };
 
 template <class T> struct IsStream : std::false_type {};
 template <class T> struct IsStream<Stream<T>> : std::true_type {};
@@ -466,14 +463,14 @@ struct ReactionState {
 
   template <class F> void visit(F &&f)
   {
-    const auto both = [&](const char *linear, const char *angular, Impulses &i) {
-      f(linear, Life::step, i.linear);
-      f(angular, Life::step, i.angular);
+    const auto both = [&](const char *linear, const char *angular, Impulses &i, Life life = Life::step) {
+      f(linear, life, i.linear);
+      f(angular, life, i.angular);
     };
     both("reactions.step", "reactions.step_moment", step);
     both("reactions.pieces", "reactions.pieces_moment", pieces);
     both("reactions.piece", "reactions.piece_moment", piece);
-    both("reactions.smooth", "reactions.smooth_moment", smooth);
+    both("reactions.smooth", "reactions.smooth_moment", smooth, Life::run);
     both("reactions.smooth_next", "reactions.smooth_next_moment", smooth_next);
     both("reactions.interval", "reactions.interval_moment", interval);
     both("reactions.push", "reactions.push_moment", push);
@@ -499,6 +496,7 @@ struct State {
   FrontState *fronts = nullptr;  // owned by the search by fronts; null with trees
   SystemState system;
   ReactionState reactions;
+  RigidState rigid;
 
   /// Calls f(name, life, value) for every stream, and for every number that stages pass to each other.
   template <class F> void visit(F &&f)
@@ -513,6 +511,7 @@ struct State {
     if (fronts) fronts->visit(f);
     system.visit(f);
     reactions.visit(f);
+    rigid.visit(f);
   }
   /// Calls f(name, stream) for every stream.
   template <class F> void visit_streams(F &&f)
