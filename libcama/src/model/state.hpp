@@ -221,6 +221,9 @@ struct ContactState {
   int contacts = 0;
   Stream<kernels::contact> contact;
   Stream<dvec3> abrupt;  // [contacts] N s on side A, with BDF2: the part of the impulse that stopped motion abruptly
+  // [contacts] N s on side A, with rigid bodies and several solves: by which the equation that the last solve has solved
+  // differs from the forces of contacts at its solution; else empty
+  Stream<dvec3> remainder;
   Stream<kernels::impact> impact;
   KeptFriction kept, kept_next;  // of the last step, of this one
 
@@ -235,6 +238,7 @@ struct ContactState {
     f("contacts", Life::step, contacts);
     f("contact", Life::step, contact);
     f("abrupt", Life::step, abrupt);
+    f("remainder", Life::step, remainder);
     f("impact", Life::step, impact);
     f("kept.key", Life::step, kept.key);  // a checkpoint holds it by pairs
     f("kept.force", Life::step, kept.force);

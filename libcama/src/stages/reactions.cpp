@@ -21,6 +21,10 @@ template <class Real> void SolveReactions<Real>::measure(const Rooms &state, Imp
                    s.matrix.column, s.matrix.block, s.mass, s.force, state.mesh.fixed,
                    state.mesh.base_velocity(state.time), state.mesh.velocity_next, s.solution, state.mesh.position,
                    state.contact.vertex_contact, impulses.linear, impulses.angular);
+  if (state.contact.contacts && state.contact.remainder.size())
+    CAMA_LAUNCH_REAL(Real, b, add_abrupt_reactions, vertices, rows, state.contact.contacts, 1.0, terms_.row,
+                     terms_.entry, s.term, state.contact.remainder, state.mesh.fixed, state.mesh.position,
+                     state.contact.vertex_contact, impulses.linear, impulses.angular);
 }
 
 template <class Real> void SolveReactions<Real>::run_on(const Rooms &state)
