@@ -11,6 +11,7 @@ namespace cama {
 namespace {
 
 constexpr int run_length = 32;  // vertices that one sum is over
+constexpr int long_run = 256;  // likewise, of all vertices
 constexpr int max_solves = 12;  // of cloth in a step
 constexpr double tolerance = 3e-4;  // of the impulse, in the norm of the kinetic energy that it gives
 constexpr double least_share = 1e-6;  // of the momentum: smaller impulses do not matter
@@ -119,6 +120,37 @@ void PredictBodies::run_on(const Rooms &state)
     body.impulse = {dscale(state.time.step, body.load.force), dscale(state.time.step, body.load.torque)};
     move_body(state, body);
   }
+}
+
+WholeSums::Sums WholeSums::sum(const State &state, const Impulses &impulses)
+{
+  const MeshState &mesh = state.mesh;
+  const int runs = (mesh.vertices + long_run - 1) / long_run;
+  if (row_.size() == 0) {
+    std::vector<int> row{0}, member(static_cast<std::size_t>(mesh.vertices));
+    for (int v = 0; v < mesh.vertices; ++v) member[static_cast<std::size_t>(v)] = v;
+    for (int r = 0; r < runs; ++r) row.push_back(std::min((r + 1) * long_run, mesh.vertices));
+    member_.assign(member);
+    row_.assign(row);
+  }
+  if (known_changes_ != mesh.pin_changes) {
+    std::vector<int> free = mesh.fixed.download();
+    for (int &value : free) value = 1 - value;
+    free_.assign(free);
+    known_changes_ = mesh.pin_changes;
+  }
+  wrench_.resize(4 * runs);
+  CAMA_LAUNCH(*state.backend, sum_wrenches, runs, 0, row_, member_, free_, impulses.linear, impulses.angular, wrench_);
+  CAMA_LAUNCH(*state.backend, sum_wrenches, runs, 2 * runs, row_, member_, mesh.fixed, impulses.linear,
+              impulses.angular, wrench_);
+  const std::vector<dvec3> parts = wrench_.download();
+  Sums sums;
+  for (std::size_t r = 0; r < static_cast<std::size_t>(runs); ++r) {
+    sums.free = sum_of(sums.free, {parts[2 * r], parts[2 * r + 1]});
+    const std::size_t at = 2 * (static_cast<std::size_t>(runs) + r);
+    sums.prescribed = sum_of(sums.prescribed, {parts[at], parts[at + 1]});
+  }
+  return sums;
 }
 
 void BodySums::prepare(const State &state)
@@ -313,8 +345,7 @@ template <class Real> void CoupleBodies<Real>::run(State &state)
     for (std::size_t i = 0; i < x.size(); ++i) residual[i] -= x[i];
     size = norm(residual);
     whole = norm(found) + weight;
-    state.report.rigid_residual = whole > 0 ? size / whole : 0;
-    if (getenv("CAMA_TRACE")) fprintf(stderr, "step %d solve %d residual %g whole %g contacts %d\n", state.report.step, solves, size/std::max(whole,1e-300), whole, state.contact.contacts);
+    state.report.rigid_residual = size > 0 ? size / (whole + least / tolerance) : 0;
     if (!(size > tolerance * whole + least) || solves == max_solves) break;
     if (solves == 1) find_factors(state);
     relax(residual);
@@ -339,16 +370,29 @@ void FinishBodies::run(State &state)
   const Clock &time = state.time;
   ReactionState &r = state.reactions;
   const auto found = r.carries ? sums_.sum(state, {&r.piece, &r.smooth_next}) : sums_.sum(state, {&r.piece});
+  const WholeSums::Sums sums = whole_.sum(state, r.piece);
+  dvec3 others = sums.prescribed.force;
+  double received = 0;
+  for (const BodyWrench &own : found[0]) {
+    others = dsub(others, own.force);
+    received += kernels::dnorm(own.force);
+  }
+  received += kernels::dnorm(others);
   for (std::size_t b = 0; b < state.rigid.body.size(); ++b) {
     RigidBody &body = state.rigid.body[b];
     // What the step carried on acted about the centre of mass as it was in the step before.
     const BodyWrench before = about_center(body, {body.smooth.force, body.smooth_moment});
     const BodyWrench moved{{0, 0, 0}, dscale(time.memory, dsub(body.smooth.torque, before.torque))};
-    const BodyWrench whole = sum_of(about_center(body, found[0][b]), moved);
-    BodyWrench smooth = whole;
+    BodyWrench whole = sum_of(about_center(body, found[0][b]), moved), smooth = whole;
     if (r.carries) {
       smooth = sum_of(about_center(body, found[1][b]), moved);
       body.smooth_moment = found[1][b].torque;
+    }
+    const bool stopped = vector_of(whole) != vector_of(smooth);
+    if (received > 0) {
+      const double share = kernels::dnorm(found[0][b].force) / received;
+      const BodyWrench lost = about_center(body, sums.free);
+      whole = sum_of(whole, {dscale(share, lost.force), dscale(share, lost.torque)});
     }
     const dvec3 fall = dscale(time.step, state.rigid.gravity);
     body.velocity = daxpy(dadd(body.velocity, fall), 1 / body.mass, whole.force);
@@ -356,8 +400,7 @@ void FinishBodies::run(State &state)
     const dvec3 spin = body.angular_velocity(body.rotation_next, body.angular_momentum);
     body.shift = dsub(body.center_next, body.center);
     body.turn = body.turn_next;
-    const Vector6 all = vector_of(whole);
-    if (all != vector_of(smooth)) {
+    if (stopped) {
       // Stopped abruptly: the motion that would have led here smoothly (keep_history).
       const dvec3 change = daxpy(fall, 1 / body.mass, smooth.force);
       body.shift = dscale(time.step, daxpy(body.velocity, -0.5, change));

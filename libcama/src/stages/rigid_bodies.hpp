@@ -18,6 +18,21 @@ public:
   void run_on(const Rooms &state) override;
 };
 
+/// Sums of impulses over all cloth that is free, and over everything that is prescribed.
+class WholeSums {
+public:
+  explicit WholeSums(Backend &backend) : row_(backend), member_(backend), free_(backend), wrench_(backend) {}
+  struct Sums {
+    BodyWrench free, prescribed;  // moments about the origin
+  };
+  Sums sum(const State &state, const Impulses &impulses);
+
+private:
+  int known_changes_ = -1;  // MeshState::pin_changes
+  Stream<int> row_, member_, free_;
+  Stream<dvec3> wrench_;
+};
+
 /// Sums over the vertices of each rigid body and over the cloth vertices that are attached to it.
 class BodySums {
 public:
@@ -73,16 +88,19 @@ private:
   std::vector<Matrix6> factor_;  // [bodies] lower triangular, of 1 + L^-1 (resistance) L^-T
 };
 
-/// Gives every rigid body the impulses of the step, once it is complete.
+/// Gives every rigid body the impulses of the step, once it is complete. What the cloth has lost to nothing that is
+/// prescribed, such as the history of a blow, goes to them and to the rest of what is prescribed in proportion to the
+/// impulses of the step.
 class FinishBodies final : public Stage {
 public:
-  FinishBodies(Backend &backend, BodySums &sums) : sums_(sums), motion_(backend) {}
+  FinishBodies(Backend &backend, BodySums &sums) : sums_(sums), whole_(backend), motion_(backend) {}
   std::string_view name() const override { return "rigid bodies"; }
   std::string reason() const override { return "rigid bodies"; }
   void run(State &state) override;
 
 private:
   BodySums &sums_;
+  WholeSums whole_;
   Stream<dvec3> motion_;
 };
 
