@@ -39,6 +39,7 @@ from .material import Material, fabrics  # noqa: E402
 from .motion import Motion  # noqa: E402
 from .options import option_table  # noqa: E402
 from .plausibility import PlausibilityWarning  # noqa: E402
+from .rigid import Rigid, RigidPose  # noqa: E402
 from .scene import Cloth, Obstacle, Scene  # noqa: E402
 from .simulation import Frame, GasState, Simulation, Wrench  # noqa: E402
 from .worlds import Worlds  # noqa: E402
@@ -52,6 +53,8 @@ __all__ = [
     "Body",
     "Material",
     "Motion",
+    "Rigid",
+    "RigidPose",
     "Simulation",
     "Frame",
     "GasState",

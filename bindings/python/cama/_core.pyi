@@ -214,11 +214,21 @@ class Cloth:
     material_scale: float
     velocity: Vector
 
+class Rigid:
+    def __init__(self, other: Rigid = ..., /) -> None: ...
+    mass: float
+    density: float
+    center: Vector | None
+    inertia: list[float] | None
+    velocity: Vector
+    angular_velocity: Vector
+
 class Obstacle:
     def __init__(self, other: Obstacle = ..., /) -> None: ...
     name: str
     mesh: Mesh
     motion: Motion
+    rigid: Rigid | None
     friction: float
     static_friction: float
     shape: str
@@ -388,6 +398,7 @@ class Simulation(_Turns):
         self, obstacle: int, translation: Vector, rotation: Quaternion, duration: float, /
     ) -> None: ...
     def set_obstacle_vertices(self, obstacle: int, positions: Reals, duration: float, /) -> None: ...
+    def rigid_pose(self, obstacle: int, /) -> tuple[Vector, Quaternion, Vector, Vector, Vector]: ...
     def set_force(self, vertices: Integers, forces: Reals | Received, /) -> None: ...
     def gravity(self) -> Vector: ...
     def set_gravity(self, gravity: Vector, /) -> None: ...

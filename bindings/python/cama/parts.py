@@ -206,6 +206,12 @@ class Obstacle(Part):
         return self._compiled().radius
 
     @property
+    def rigid(self) -> _core.Rigid | None:
+        """A copy of what makes it a rigid body; None: it is none."""
+        rigid = self._compiled().rigid
+        return None if rigid is None else _core.Rigid(rigid)
+
+    @property
     def motion(self) -> _core.Motion:
         """A copy of the motion; its `evaluate(time, vertices)` returns positions."""
         return _core.Motion(self._compiled().motion)

@@ -37,6 +37,7 @@ from .material import Material
 from .motion import Motion
 from .options import nested, overrides_of
 from .parts import Cloth, Obstacle, Part
+from .rigid import Rigid
 from .types import ArrayLike, Description, Integers, MeshLike, PathLike, Unit, Vector, VectorLike
 from .welding import Weld, distance_of
 
@@ -356,6 +357,7 @@ class Scene:
         *,
         shape: Description | None = None,
         motion: _core.Motion | dict[str, Any] | None = None,
+        rigid: _core.Rigid | dict[str, Any] | None = None,
         friction: float = 0.3,
         static_friction: float | None = None,
         thickness: float | None = None,
@@ -388,6 +390,8 @@ class Scene:
                 {"box": {"size": [1, 1, 0.1]}} or {"walker": {}}. {"shape": {"sphere": {"radius": 0.25}}} is an exact
                 sphere instead of a mesh; capsule, box and plane can be exact too.
             motion: A `cama.Motion` or a dict of its arguments, in place of a file's own animation.
+            rigid: A `cama.Rigid` or a dict of its arguments, which makes a mesh or a box a body that cloth and gravity
+                move.
             friction: Coulomb coefficient against cloth.
             static_friction: The coefficient while cloth sticks; None: equal to `friction`.
             thickness: Contact thickness, m; None: the scene's.
@@ -483,6 +487,8 @@ class Scene:
             keep_limbs_apart(obstacle, arguments, gap)
         for key, value in numbers.items():
             setattr(obstacle, key, value)
+        if rigid is not None:
+            obstacle.rigid = Rigid.of(name, rigid)
         return Obstacle(self, self._core.add_obstacle(obstacle))
 
     def _part(

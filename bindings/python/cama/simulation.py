@@ -21,6 +21,7 @@ from .errors import ArrayError, CollisionError, MeshError, SceneError
 from .io import checkpoint
 from .options import overrides_of, signature
 from .parts import Cloth, Obstacle
+from .rigid import RigidPose
 from .scene import Scene, SimulatedScene
 from .types import ArrayLike, Integers, PathLike, Reals, Vector, VectorLike
 
@@ -366,6 +367,17 @@ class Simulation:
             quaternion("set_obstacle_pose: rotation", rotation),
             seconds("set_obstacle_pose", duration),
         )
+
+    def rigid_pose(self, obstacle: Obstacle | int | str) -> RigidPose:
+        """Returns where a rigid obstacle is, and how it moves.
+
+        Args:
+            obstacle: Handle, index or name.
+
+        Raises:
+            SceneError: The obstacle is not there, or not rigid.
+        """
+        return RigidPose(*(np.array(v) for v in self._core.rigid_pose(self._obstacle("rigid_pose", obstacle))))
 
     def set_obstacle_vertices(
         self, obstacle: Obstacle | int | str, positions: ArrayLike, duration: float | None = None

@@ -178,12 +178,30 @@ void bind_parts(py::module_ &m)
                                return to_array<double>(std::move(corners));
                              })
       .def_readwrite("material_scale", &Cloth::material_scale);
+  auto rigid = py::class_<Rigid>(m, "Rigid")
+                   .def(py::init<>())
+                   .def(py::init<const Rigid &>())
+                   .def_readwrite("mass", &Rigid::mass)
+                   .def_readwrite("density", &Rigid::density)
+                   .def_property(
+                       "center",
+                       [](const Rigid &r) {
+                         return r.center ? py::object(py::tuple(py::cast(to_tuple(*r.center)))) : py::none();
+                       },
+                       [](Rigid &r, const std::optional<std::array<double, 3>> &v) {
+                         r.center.reset();
+                         if (v) r.center = to_vec(*v);
+                       })
+                   .def_readwrite("inertia", &Rigid::inertia);
+  vector_property(rigid, "velocity", &Rigid::velocity);
+  vector_property(rigid, "angular_velocity", &Rigid::angular_velocity);
   py::class_<Obstacle>(m, "Obstacle")
       .def(py::init<>())
       .def(py::init<const Obstacle &>())
       .def_readwrite("name", &Obstacle::name)
       .def_readwrite("mesh", &Obstacle::mesh)
       .def_readwrite("motion", &Obstacle::motion)
+      .def_readwrite("rigid", &Obstacle::rigid)
       .def_readwrite("friction", &Obstacle::friction)
       .def_readwrite("static_friction", &Obstacle::static_friction)
       .def_property(

@@ -281,6 +281,13 @@ void bind_simulation(py::module_ &m)
              const auto x = to_vector<dvec3>(positions);
              g.with([&](Simulation &s) { s.set_obstacle_vertices(obstacle, x, duration); });
            })
+      .def("rigid_pose",
+           [](Guarded &g, int obstacle) {
+             const RigidPose p = g.with([&](Simulation &s) { return s.rigid_pose(obstacle); });
+             const auto row = [](const dvec3 &v) { return std::array<double, 3>{v.x, v.y, v.z}; };
+             return std::make_tuple(row(p.center), p.rotation, row(p.velocity), row(p.angular_velocity),
+                                    row(p.angular_momentum));
+           })
       .def("set_force",
            [](Guarded &g, const Ints &vertices, const Doubles &forces) {
              const auto v = to_vector<int>(vertices);

@@ -12,6 +12,7 @@
 #include "cama/mesh.hpp"
 #include "cama/motion.hpp"
 #include "cama/options.hpp"
+#include "cama/rigid.hpp"
 
 namespace cama {
 
@@ -54,7 +55,7 @@ struct Cloth {
 /// space.
 enum class ObstacleShape { mesh, sphere, capsule, box, plane };
 
-/// What cloth collides with; its motion is prescribed and independent of the cloth.
+/// What cloth collides with; its motion is prescribed and independent of the cloth, unless it is rigid.
 struct Obstacle {
   std::string name;
   Mesh mesh;  ///< position at rest of the motion
@@ -66,6 +67,9 @@ struct Obstacle {
   std::string source;
   ObstacleShape shape = ObstacleShape::mesh;
   double radius = 0;  ///< of a sphere or capsule, m
+  std::optional<Rigid> rigid;  ///< a body that cloth and gravity move, instead of `motion`; with a mesh or a box
+
+  bool is_static() const { return !rigid && motion.is_static(); }  ///< whether it never moves
 };
 
 /// Exact obstacles, without meshing. Lengths are in m; the normal need not have length 1. They throw SceneError.

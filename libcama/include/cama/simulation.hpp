@@ -126,6 +126,8 @@ public:
                          double duration = 0);
   /// Moves the vertices of an obstacle that is a mesh to positions, m. Ends its prescribed motion.
   void set_obstacle_vertices(int obstacle, const std::vector<dvec3> &positions, double duration = 0);
+  /// Where a rigid obstacle (Obstacle::rigid) is. Throws SceneError for another.
+  RigidPose rigid_pose(int obstacle) const;
   /// Forces on vertices, N, until they are set anew.
   void set_force(const std::vector<int> &vertices, const std::vector<dvec3> &forces);
   void set_force(const std::vector<int> &vertices, const DeviceVectors &forces);

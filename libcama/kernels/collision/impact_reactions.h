@@ -163,4 +163,22 @@ KERNEL add_impulses(int n, double share, GLOBAL const dvec3 *impulse, GLOBAL dve
   }
 }
 
+/* wrench[first + 2 i], wrench[first + 2 i + 1]: sums of the impulses, N s, and of their moments, N m s, over the
+   vertices member[row[i]] to member[row[i + 1] - 1] that are prescribed. */
+KERNEL sum_wrenches(int n, int first, GLOBAL const int *row, GLOBAL const int *member, GLOBAL const int *fixed,
+                    GLOBAL const dvec3 *linear, GLOBAL const dvec3 *angular, GLOBAL dvec3 *wrench)
+{
+  FOR_EACH(i, n) {
+    dvec3 sum = dvec3_make(0.0, 0.0, 0.0), moment = sum;
+    int k;
+    for (k = row[i]; k < row[i + 1]; ++k)
+      if (fixed[member[k]]) {
+        sum = dadd(sum, linear[member[k]]);
+        moment = dadd(moment, angular[member[k]]);
+      }
+    wrench[first + 2 * i] = sum;
+    wrench[first + 2 * i + 1] = moment;
+  }
+}
+
 #endif

@@ -17,6 +17,16 @@ KERNEL move_rigid(int n, GLOBAL const dvec3 *rest, GLOBAL const dvec3 *transform
   }
 }
 
+/* Velocities of a body that turns about its centre of mass; motion: its centre, velocity and angular velocity. Writes
+   vertices first .. first + n. */
+KERNEL rigid_velocities(int n, GLOBAL const dvec3 *position, GLOBAL const dvec3 *motion, int first,
+                        GLOBAL dvec3 *velocity)
+{
+  FOR_EACH(i, n) {
+    velocity[first + i] = dadd(motion[1], dcross(motion[2], dsub(position[first + i], motion[0])));
+  }
+}
+
 /* Linear interpolation between two sampled frames. */
 KERNEL move_sampled(int n, GLOBAL const dvec3 *frame_a, GLOBAL const dvec3 *frame_b, double t, int first,
                     GLOBAL dvec3 *out)

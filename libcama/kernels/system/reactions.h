@@ -113,4 +113,65 @@ KERNEL contact_impulses(int n, int newton, int form, int any, double share, GLOB
   }
 }
 
+#define RESISTANCE 21 /* upper triangle of a symmetric 6 x 6 matrix, row by row */
+
+/* sum += weight [D; x cross D] [own I; arm cross]', upper triangle: the impulse at x by the symmetric matrix D, and its
+   moment, when a rigid body moves what D acts on, which has the weight `own` and the lever `arm`. */
+DEVICE void add_resistance(double weight, mat3 block, dvec3 x, double own, dvec3 arm, double *sum)
+{
+  double left[6][3], right[6][3];
+  int i, j, k, at = 0;
+  for (k = 0; k < 3; ++k) {
+    dvec3 axis = dvec3_make(k == 0 ? 1.0 : 0.0, k == 1 ? 1.0 : 0.0, k == 2 ? 1.0 : 0.0), turn = dcross(arm, axis);
+    dvec3 column = to_dvec3(block.row[k]), moment = dcross(x, column);
+    for (i = 0; i < 3; ++i) {
+      left[i][k] = weight * dcomponent(column, i);
+      left[3 + i][k] = weight * dcomponent(moment, i);
+      right[i][k] = own * dcomponent(axis, i);
+      right[3 + i][k] = dcomponent(turn, i);
+    }
+  }
+  for (i = 0; i < 6; ++i)
+    for (j = i; j < 6; ++j, ++at)
+      for (k = 0; k < 3; ++k) sum[at] += left[i][k] * right[j][k];
+}
+
+/* resistance[RESISTANCE i ...]: by which the terms at the vertices member[row[i]] to member[row[i + 1] - 1] of a rigid
+   obstacle, and the matrix at cloth vertices that are attached to it, push back when it moves: impulse over velocity
+   and about the origin, kg, kg m, kg m^2; the sum over the obstacle is symmetric. An upper bound, in which the cloth
+   does not give way. range: first and last + 1 vertex of the obstacle of each i. rows: cloth vertices. term_row,
+   incidence: of terms at all vertices. */
+KERNEL motion_resistance(int n, int rows, GLOBAL const int *row, GLOBAL const int *member, GLOBAL const int *range,
+                         GLOBAL const int *fixed, GLOBAL const int *term_row, GLOBAL const int *incidence,
+                         GLOBAL const term *terms, GLOBAL const int *matrix_row, GLOBAL const int *matrix_column,
+                         GLOBAL const mat3 *block, GLOBAL const dvec3 *position, GLOBAL double *resistance)
+{
+  FOR_EACH(i, n) {
+    double sum[RESISTANCE];
+    int j, k, a;
+    for (j = 0; j < RESISTANCE; ++j) sum[j] = 0.0;
+    for (j = row[i]; j < row[i + 1]; ++j) {
+      int v = member[j];
+      if (!fixed[v]) continue;
+      if (v < rows)
+        add_resistance(1.0, block[diagonal_place(matrix_row, matrix_column, v)], position[v], 1.0, position[v], sum);
+      else
+        for (k = term_row[v]; k < term_row[v + 1]; ++k) {
+          term t = terms[incidence[k] >> 2];
+          double own = 0.0;
+          dvec3 arm = dvec3_make(0.0, 0.0, 0.0);
+          for (a = 0; a < 4; ++a)
+            if (t.node[a] >= range[2 * i] && t.node[a] < range[2 * i + 1]) {
+              own += (double)t.weight[a];
+              arm = daxpy(arm, (double)t.weight[a], position[t.node[a]]);
+            }
+          add_resistance((double)t.weight[incidence[k] & 3],
+                         mat3_add_outer(mat3_diagonal(t.around), t.along, t.normal, t.normal), position[v], own, arm,
+                         sum);
+        }
+    }
+    for (j = 0; j < RESISTANCE; ++j) resistance[RESISTANCE * i + j] = sum[j];
+  }
+}
+
 #endif

@@ -29,6 +29,7 @@ CAMA_ROOM(Exemptions, exemptions)
 CAMA_ROOM(BoundsState, bounds)
 CAMA_ROOM(SystemState, system)
 CAMA_ROOM(ReactionState, reactions)
+CAMA_ROOM(RigidState, rigid)
 #undef CAMA_ROOM
 
 /// Access to some rooms of a state; made from the state, or from an access to more rooms.

@@ -409,7 +409,10 @@ template <class Real> void set_up(State &state, const Scene &scene, const Topolo
   }
   for (std::size_t o = 0; o < scene.obstacles.size(); ++o) {
     state.mesh.object_first.push_back(t.obstacle_range[o].first);
-    state.mesh.object_static.push_back(scene.obstacles[o].motion.is_static());
+    state.mesh.object_static.push_back(scene.obstacles[o].is_static());
+    if (scene.obstacles[o].rigid)
+      state.rigid.body.emplace_back(static_cast<int>(state.rigid.body.size()), static_cast<int>(o),
+                                    t.obstacle_range[o].first, scene.obstacles[o]);
   }
   std::vector<int> fixed(t.position.size(), 0);
   std::fill(fixed.begin() + t.cloth_vertices, fixed.end(), 1);
@@ -423,6 +426,11 @@ template <class Real> void set_up(State &state, const Scene &scene, const Topolo
     if (fixed[v]) continue;
     inverse_mass[v] = 1 / t.mass[v];
     velocity[v] = scene.cloths[t.object[v]].velocity;
+  }
+  for (const RigidBody &body : state.rigid.body) {
+    const dvec3 spin = body.angular_velocity(body.rotation, body.angular_momentum);
+    for (int v = body.first; v < body.last; ++v)
+      velocity[v] = kernels::dadd(body.velocity, kernels::dcross(spin, kernels::dsub(t.position[v], body.center)));
   }
   state.mesh.position = Stream<dvec3>(b, t.position);
   state.mesh.velocity = Stream<dvec3>(b, velocity);
@@ -459,7 +467,7 @@ template <class Real> void set_up(State &state, const Scene &scene, const Topolo
     state.elements.pressure = Stream<double>(b, pressure);
   }
   if (std::any_of(scene.obstacles.begin(), scene.obstacles.end(),
-                  [](const Obstacle &o) { return !o.motion.is_static() && o.motion.is_rigid(); }))
+                  [](const Obstacle &o) { return !o.is_static() && o.motion.is_rigid(); }))
     state.mesh.rest_position = Stream<dvec3>(b, t.rest_position);
 
   if (state.options.forces)
@@ -483,6 +491,7 @@ template <class Real> void set_up(State &state, const Scene &scene, const Topolo
       state.mesh.abrupt_change = Stream<dvec3>(b);
       state.contact.abrupt = Stream<dvec3>(b);
     }
+    if (!state.rigid.body.empty() && state.options.newton_iterations > 1) state.contact.remainder = Stream<dvec3>(b);
     if (state.contact.friction && state.options.newton_iterations > 1) {
       s->hold = Stream<typename Types<Real>::vec3>(b);
       state.contact.kept.set_up(b);

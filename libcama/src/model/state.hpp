@@ -15,13 +15,10 @@
 #include "device/kernels.hpp"
 #include "model/exemptions.hpp"
 #include "model/incidence.hpp"
+#include "model/life.hpp"
+#include "model/rigid_body.hpp"
 
 namespace cama {
-
-/// How long a stream or a number lives. scene: unchanged since the scene was set up; run: kept from step to step, so
-/// that a step that fails restores it and a checkpoint holds it (vectors of all vertices or triangles, and numbers);
-/// step: computed in every step.
-enum class Life { scene, run, step };
 
 template <class T> struct IsStream : std::false_type {};
 template <class T> struct IsStream<Stream<T>> : std::true_type {};
@@ -228,6 +225,9 @@ struct ContactState {
   int contacts = 0;
   Stream<kernels::contact> contact;
   Stream<dvec3> abrupt;  // [contacts] N s on side A, with BDF2: the part of the impulse that stopped motion abruptly
+  // [contacts] N s on side A, with rigid bodies and several solves: by which the equation that the last solve has
+  // solved differs from the forces of contacts at its solution; else empty
+  Stream<dvec3> remainder;
   Stream<kernels::impact> impact;
   KeptFriction kept, kept_next;  // of the last step, of this one
 
@@ -242,6 +242,7 @@ struct ContactState {
     f("contacts", Life::step, contacts);
     f("contact", Life::step, contact);
     f("abrupt", Life::step, abrupt);
+    f("remainder", Life::step, remainder);
     f("impact", Life::step, impact);
     f("kept.key", Life::step, kept.key);  // a checkpoint holds it by pairs
     f("kept.force", Life::step, kept.force);
@@ -501,14 +502,14 @@ struct ReactionState {
 
   template <class F> void visit(F &&f)
   {
-    const auto both = [&](const char *linear, const char *angular, Impulses &i) {
-      f(linear, Life::step, i.linear);
-      f(angular, Life::step, i.angular);
+    const auto both = [&](const char *linear, const char *angular, Impulses &i, Life life = Life::step) {
+      f(linear, life, i.linear);
+      f(angular, life, i.angular);
     };
     both("reactions.step", "reactions.step_moment", step);
     both("reactions.pieces", "reactions.pieces_moment", pieces);
     both("reactions.piece", "reactions.piece_moment", piece);
-    both("reactions.smooth", "reactions.smooth_moment", smooth);
+    both("reactions.smooth", "reactions.smooth_moment", smooth, Life::run);
     both("reactions.smooth_next", "reactions.smooth_next_moment", smooth_next);
     both("reactions.interval", "reactions.interval_moment", interval);
     both("reactions.push", "reactions.push_moment", push);
@@ -534,6 +535,7 @@ struct State {
   FrontState *fronts = nullptr;  // owned by the search by fronts; null with trees
   SystemState system;
   ReactionState reactions;
+  RigidState rigid;
 
   /// Calls f(name, life, value) for every stream, and for every number that stages pass to each other.
   template <class F> void visit(F &&f)
@@ -548,6 +550,7 @@ struct State {
     if (fronts) fronts->visit(f);
     system.visit(f);
     reactions.visit(f);
+    rigid.visit(f);
   }
   /// Calls f(name, stream) for every stream.
   template <class F> void visit_streams(F &&f)

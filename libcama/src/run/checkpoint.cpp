@@ -114,7 +114,7 @@ Checkpoint take_checkpoint(State &s, Pipeline &step, const Topology &topology)
   return c;
 }
 
-void check_checkpoint(const Checkpoint &c, const State &s, const Topology &t)
+void check_checkpoint(const Checkpoint &c, State &s, const Topology &t)
 {
   const std::size_t vertices = static_cast<std::size_t>(s.mesh.vertices);
   for (const char *name : {"position", "velocity"})
@@ -129,6 +129,10 @@ void check_checkpoint(const Checkpoint &c, const State &s, const Topology &t)
     if (at == c.numbers.end()) refuse(std::string("has no ") + name);
     return at->second;
   };
+  s.rigid.visit([&](const char *name, Life life, double &) {
+    if (life == Life::run && !c.numbers.count(name))
+      refuse(std::string("has no ") + name + ": an obstacle that is rigid here was not in its run");
+  });
   const double start_step = number("start_step");
   if (c.step < 0 || !(start_step >= 0) || start_step > c.step)
     refuse("step " + std::to_string(c.step) + " and start_step " + std::to_string(start_step) + " are not counts");
@@ -168,8 +172,11 @@ void restore_checkpoint(const Checkpoint &c, State &s, Pipeline &step)
       value = at != c.numbers.end() ? static_cast<T>(at->second) : T{};
     } else if constexpr (std::is_same_v<T, Stream<dvec3>>) {
       const auto at = c.vectors.find(name);
-      if (value.backend() && at != c.vectors.end()) value.assign(at->second);
-      if (value.backend() && at == c.vectors.end() && &value == &s.elements.plastic_curvature) value.fill_zero();
+      if (!value.backend()) return;
+      if (at != c.vectors.end())
+        value.assign(at->second);
+      else
+        value.fill_zero();
     }
   });
   s.mesh.position_next.assign(c.vectors.at("position"));

@@ -67,6 +67,25 @@ void Engine::check_obstacle(const char *what, int obstacle) const
            std::to_string(shape_.size()));
 }
 
+void Engine::check_driven(const char *what, int obstacle) const
+{
+  for (const RigidBody &body : state.rigid.body)
+    if (body.obstacle == obstacle)
+      refuse(std::string(what) + ": " +
+             state.mesh.object_name[static_cast<std::size_t>(state.mesh.object_of(body.first))] +
+             " is rigid: forces move it; leave rigid out to drive it");
+}
+
+const RigidBody &Engine::rigid_body(const char *what, int obstacle) const
+{
+  check_obstacle(what, obstacle);
+  for (const RigidBody &body : state.rigid.body)
+    if (body.obstacle == obstacle) return body;
+  refuse(std::string(what) + ": " +
+         state.mesh.object_name[topology.cloth_range.size() + static_cast<std::size_t>(obstacle)] +
+         " is not rigid; give it rigid in the scene");
+}
+
 double Engine::duration_of(const char *what, double duration) const
 {
   if (!std::isfinite(duration) || duration < 0)
@@ -127,6 +146,7 @@ void Engine::check_pose(int obstacle, const dvec3 &translation, const std::array
                         double duration) const
 {
   check_obstacle("set_obstacle_pose", obstacle);
+  check_driven("set_obstacle_pose", obstacle);
   check_finite("set_obstacle_pose: translation", translation);
   if (!(std::abs(length_of(rotation) - 1) < unit_tolerance))
     refuse("set_obstacle_pose: rotation is not a unit quaternion (w, x, y, z)");
@@ -148,6 +168,7 @@ void Engine::set_obstacle_vertices(int obstacle, const std::vector<dvec3> &posit
 {
   const char *what = "set_obstacle_vertices";
   check_obstacle(what, obstacle);
+  check_driven(what, obstacle);
   const auto range = topology.obstacle_range[static_cast<std::size_t>(obstacle)];
   check_rows(what, "positions", positions, static_cast<std::size_t>(range.second - range.first));
   if (shape_[static_cast<std::size_t>(obstacle)] != ObstacleShape::mesh)

@@ -70,6 +70,7 @@ Engine::Engine(const Scene &scene, const ResolvedOptions &resolved, std::unique_
 {
   const HostThreads host(threads);
   const Options &options = state.options = resolved.options;
+  for (const Obstacle &o : scene.obstacles) state.options.forces |= o.rigid.has_value();  // which move them
   if (resolved.error > 0) {
     state.time.error = resolved.error;
     state.time.frame = scene.seconds_per_frame();

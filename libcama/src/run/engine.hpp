@@ -66,6 +66,8 @@ public:
   void check_gravity(const dvec3 &gravity) const;
   void check_wind(const dvec3 &velocity) const;
   std::vector<double> pressures() const;
+  /// Throws SceneError if the obstacle is not rigid.
+  const RigidBody &rigid_body(const char *what, int obstacle) const;
   /// What has been driven, for a checkpoint, and back; check_driving throws SceneError and changes nothing.
   void save_driving(Checkpoint &checkpoint);
   void check_driving(const Checkpoint &checkpoint);
@@ -82,6 +84,8 @@ private:
   const PrescribedMotion &motion() const { return idle_motion_ ? *idle_motion_ : *motion_; }
   double duration_of(const char *what, double duration) const;
   void check_obstacle(const char *what, int obstacle) const;
+  /// Throws SceneError for an obstacle that is rigid, which nothing but forces moves.
+  void check_driven(const char *what, int obstacle) const;
 
   std::unique_ptr<PrescribedMotion> idle_motion_;   // until something is driven in a scene without motion
   PrescribedMotion *motion_ = nullptr;              // the stage of the pipeline

@@ -22,6 +22,7 @@
 #include "stages/prescribed_motion.hpp"
 #include "stages/proximity_search.hpp"
 #include "stages/reactions.hpp"
+#include "stages/rigid_bodies.hpp"
 #include "stages/tree_search.hpp"
 
 namespace cama {
@@ -59,8 +60,8 @@ public:
 
 bool needs_motion(const Scene &scene)
 {
-  return !scene.pins.empty() || std::any_of(scene.obstacles.begin(), scene.obstacles.end(),
-                                            [](const Obstacle &o) { return !o.motion.is_static(); });
+  return !scene.pins.empty() ||
+         std::any_of(scene.obstacles.begin(), scene.obstacles.end(), [](const Obstacle &o) { return !o.is_static(); });
 }
 
 template <class Real> std::unique_ptr<Pipeline> make_pipeline(const Scene &scene, State &state)
@@ -73,20 +74,25 @@ template <class Real> std::unique_ptr<Pipeline> make_pipeline(const Scene &scene
   const bool contact = scene.has_contact();
   ProximityChecking *proximity = nullptr;
   if (options.integrator == Integrator::bdf2) step.add<Extrapolate>();
-  if (needs_motion(scene)) step.add<PrescribedMotion>(scene, b);
+  const bool rigid = !state.rigid.body.empty();
+  if (rigid) step.add<PredictBodies>();
+  PrescribedMotion *motion = needs_motion(scene) ? &step.add<PrescribedMotion>(scene, b) : nullptr;
   if (contact) proximity = &step.add<ProximityChecking>(scene, state);
-  if (options.integrator == Integrator::bdf2) step.add<PredictState>();
+  CoupleBodies<Real> *coupling = rigid ? &step.add<CoupleBodies<Real>>(b, *motion) : nullptr;
+  Pipeline &solving = coupling ? *coupling : step;
+  if (options.integrator == Integrator::bdf2) solving.add<PredictState>();
   const bool plastic = state.elements.plastic_curvature.size() > 0;
-  if (plastic) step.add<FollowCurvature<Real>>();
-  Pipeline &assembly = step.add<Pipeline>("matrix assembly");
+  if (plastic) solving.add<FollowCurvature<Real>>();
+  Pipeline &assembly = solving.add<Pipeline>("matrix assembly");
   EvaluateElements<Real> &elements = assembly.add<EvaluateElements<Real>>(scene);
   if (contact || state.elements.stitches) assembly.add<EvaluateTerms<Real>>(b);
   AssembleMatrix<Real> &matrix = assembly.add<AssembleMatrix<Real>>(b);
-  LinearSolve<Real> &solve = step.add<LinearSolve<Real>>(b);
-  step.add<AdvancePositions>();
+  LinearSolve<Real> &solve = solving.add<LinearSolve<Real>>(b);
+  solving.add<AdvancePositions>();
   if (options.newton_iterations > 1)
-    step.add<NewtonIterations<Real>>(b, elements, matrix, solve, state.system.masses());
-  if (contact && options.integrator == Integrator::bdf2) step.add<SplitContact<Real>>(b);
+    solving.add<NewtonIterations<Real>>(b, elements, matrix, solve, state.system.masses());
+  // With rigid bodies all of contact is smooth: their mass would vibrate on what the split makes of resting contacts.
+  if (contact && options.integrator == Integrator::bdf2 && !rigid) step.add<SplitContact<Real>>(b);
   if (state.contact.kept.key.backend()) step.add<KeepFriction<Real>>();
   if (options.forces) step.add<SolveReactions<Real>>(b);
   if (contact) step.add<PenetrationHandling>(b, *proximity->search, proximity->flagged);
@@ -94,6 +100,7 @@ template <class Real> std::unique_ptr<Pipeline> make_pipeline(const Scene &scene
   step.add<FinishStep>(b);
   if (state.time.error > 0) step.add<EstimateError>(b, state.system.masses());
   if (options.forces) step.add<ImpactReactions>(b);
+  if (coupling) step.add<FinishBodies>(b, coupling->sums);
   if (contact && (options.intersections == StartPolicy::exempt || options.pinch == Pinch::release))
     step.add<ForgetSeparated>();
   return result;

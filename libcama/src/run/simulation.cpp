@@ -185,6 +185,12 @@ void Simulation::set_obstacle_vertices(int obstacle, const std::vector<dvec3> &p
 {
   implementation_->set_obstacle_vertices(obstacle, positions, duration);
 }
+RigidPose Simulation::rigid_pose(int obstacle) const
+{
+  const RigidBody &body = implementation_->rigid_body("rigid_pose", obstacle);
+  return {body.center, body.rotation, body.velocity, body.angular_velocity(body.rotation, body.angular_momentum),
+          body.angular_momentum};
+}
 void Simulation::set_force(const std::vector<int> &vertices, const std::vector<dvec3> &forces)
 {
   implementation_->set_force(vertices, forces);

@@ -24,7 +24,7 @@ template <class Real>
 NewtonIterations<Real>::NewtonIterations(Backend &b, EvaluateElements<Real> &elements, AssembleMatrix<Real> &assembly,
                                          LinearSolve<Real> &solve, const std::vector<double> &masses)
     : elements_(elements), assembly_(assembly), solve_(solve), outer_(b), outer_triangle_(b), outer_hinge_(b),
-      start_(b), zero_gravity_(b), vertex_{Stream<double>(b), Stream<double>(b)},
+      start_(b), zero_gravity_(b), given_(b), solved_(b), moved_(b), vertex_{Stream<double>(b), Stream<double>(b)},
       triangle_{Stream<double>(b), Stream<double>(b)}, hinge_(b), term_(b), slope_(b), total_(b), part_(b), push_(b),
       load_(b), pull_(b), share_(b)
 {
@@ -199,6 +199,7 @@ bool NewtonIterations<Real>::search_line(const Rooms &state, bool last, Norms &n
   Backend &b = *state.backend;
   System<Real> &s = state.system.template of<Real>();
   evaluated = fell_ = false;
+  alpha_ = 0;
   slope_.resize(state.mesh.cloth_vertices);
   CAMA_LAUNCH_REAL(Real, b, descent, state.mesh.cloth_vertices, state.mesh.fixed, s.right_side, s.solution, slope_);
   start_.copy_from(state.mesh.velocity_next);
@@ -216,7 +217,9 @@ bool NewtonIterations<Real>::search_line(const Rooms &state, bool last, Norms &n
   };
   if (last) {   // the slope is read together with the residual
     move(state, 1);
+    alpha_ = 1;
     if (residual_falls(&slope)) return true;
+    alpha_ = 0;
     move(state, 0);
     if (!(slope < 0)) return false;
     evaluate(state);
@@ -229,6 +232,7 @@ bool NewtonIterations<Real>::search_line(const Rooms &state, bool last, Norms &n
   double alpha = 1;
   for (int halving = 0; halving <= max_halvings; ++halving, alpha /= 2) {
     move(state, alpha);
+    alpha_ = alpha;
     const Potential now = measure(state);
     const double slack = rounding * (before.size + now.size);
     if (now.value <= before.value + sufficient * alpha * slope + slack) {
@@ -238,7 +242,34 @@ bool NewtonIterations<Real>::search_line(const Rooms &state, bool last, Norms &n
     if (!asked && residual_falls(nullptr)) return true;
   }
   move(state, 0);
+  alpha_ = 0;
   return false;
+}
+
+template <class Real>
+void NewtonIterations<Real>::find_solved_impulses(const Rooms &state, bool done, Stream<dvec3> &impulses)
+{
+  System<Real> &s = state.system.template of<Real>();
+  const int contacts = state.contact.contacts, form = static_cast<int>(state.options.paper.contact_form);
+  if (!done) {
+    moved_.copy_from(state.mesh.velocity_next);
+    CAMA_LAUNCH_REAL(Real, *state.backend, move_iterate, state.mesh.cloth_vertices, 1.0, state.mesh.fixed,
+                     state.mesh.velocity_next, s.solution, moved_);
+  }
+  impulses.resize(contacts);
+  CAMA_LAUNCH_REAL(Real, *state.backend, contact_impulses, contacts, 0, form, 0, 0.0, s.term, s.hold,
+                   state.contact.abrupt, done ? state.mesh.velocity_next : moved_, s.solution, impulses);
+}
+
+template <class Real> void NewtonIterations<Real>::find_remainders(const Rooms &state)
+{
+  System<Real> &s = state.system.template of<Real>();
+  const int contacts = state.contact.contacts, form = static_cast<int>(state.options.paper.contact_form);
+  solved_.resize(contacts);
+  CAMA_LAUNCH_REAL(Real, *state.backend, contact_impulses, contacts, 1, form, 0, 0.0, s.term, s.hold,
+                   state.contact.abrupt, state.mesh.velocity_next, s.solution, solved_);
+  CAMA_LAUNCH(*state.backend, add_impulses, contacts, -1.0, solved_, given_);
+  state.contact.remainder.copy_from(given_);
 }
 
 template <class Real> void NewtonIterations<Real>::run_on(const Rooms &state)
@@ -247,6 +278,8 @@ template <class Real> void NewtonIterations<Real>::run_on(const Rooms &state)
   int linear = state.report.iterations, taken = 1, idle = 0;
   searching_ = false;
   const bool rough = state.contact.friction && state.contact.contacts;
+  const bool received = state.contact.remainder.backend();
+  if (received) find_solved_impulses(state, true, given_);
   Norms norms = evaluate(state, Friction::of_first_solve), best = norms;
   const auto relative = [](const Norms &n) { return n.size > 0 ? std::sqrt(n.residual / n.size) : 0; };
   const auto max_solves = [&] {
@@ -261,7 +294,13 @@ template <class Real> void NewtonIterations<Real>::run_on(const Rooms &state)
     linear += state.report.iterations;
     ++taken;
     bool evaluated = false;
-    if (!search_line(state, taken >= state.options.newton_iterations, norms, evaluated)) {
+    if (received) find_solved_impulses(state, false, solved_);
+    const bool found = search_line(state, taken >= state.options.newton_iterations, norms, evaluated);
+    if (received) {
+      CAMA_LAUNCH(*state.backend, scale_vectors, given_.size(), 1 - alpha_, given_);
+      CAMA_LAUNCH(*state.backend, add_impulses, given_.size(), alpha_, solved_, given_);
+    }
+    if (!found) {
       if (state.options.forces || (state.time.multistep && state.contact.contacts))
         evaluate(state);  // the terms are those of an iterate that was refused
       break;
@@ -270,6 +309,7 @@ template <class Real> void NewtonIterations<Real>::run_on(const Rooms &state)
     idle = fell_ || norms.residual < 0.25 * best.residual ? 0 : idle + 1;
     if (norms.residual < best.residual) best = norms;
   }
+  if (received) find_remainders(state);
   state.report.iterations = linear;
   state.report.newton_iterations = taken;
   state.report.newton_residual = relative(norms);

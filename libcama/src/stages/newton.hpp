@@ -13,8 +13,8 @@ namespace cama {
 /// linearised step, of the iterate in further solves, wind, pressure, gas and damping constant at their values of
 /// the iterate). Hessians are positive semidefinite.
 template <class Real>
-class NewtonIterations final : public StageOn<const Options, StepReport, const Clock, MeshState, const ElementState,
-                                              const ContactState, SystemState> {
+class NewtonIterations final
+    : public StageOn<const Options, StepReport, const Clock, MeshState, const ElementState, ContactState, SystemState> {
 public:
   NewtonIterations(Backend &backend, EvaluateElements<Real> &elements, AssembleMatrix<Real> &assembly,
                    LinearSolve<Real> &solve, const std::vector<double> &masses);  // masses: [cloth vertices], kg
@@ -50,6 +50,11 @@ private:
   /// Friction by these normal forces and the speeds at the iterate.
   void iterate_friction(const Rooms &state);
 
+  // The impulses of contacts that the solved equations have given the cloth, with rigid bodies, which receive them.
+  /// Of the solve that `solution` is of, from velocity_next or, if it is done, to it.
+  void find_solved_impulses(const Rooms &state, bool done, Stream<dvec3> &impulses);
+  void find_remainders(const Rooms &state);
+
   EvaluateElements<Real> &elements_;
   AssembleMatrix<Real> &assembly_;
   LinearSolve<Real> &solve_;
@@ -57,7 +62,8 @@ private:
   bool searching_ = false,
        fell_ = false;  // fell_: the last search lowered the potential beyond rounding
   Stream<vec3> outer_, outer_triangle_, outer_hinge_;  // outer: wind, pressure, gas and damping
-  Stream<dvec3> start_, zero_gravity_;
+  double alpha_ = 0;  // the part of the solution that the last search took
+  Stream<dvec3> start_, zero_gravity_, given_, solved_, moved_;
   Stream<double> vertex_[2], triangle_[2], hinge_, term_, slope_, total_, part_, push_, load_, pull_, share_;
 };
 

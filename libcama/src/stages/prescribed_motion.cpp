@@ -59,7 +59,7 @@ PrescribedMotion::PrescribedMotion(const Scene &scene, Backend &backend)
     start_.insert(start_.end(), placed.begin(), placed.end());
   }
   for (std::size_t o = 0; o < scene.obstacles.size(); ++o)
-    if (!scene.obstacles[o].motion.is_static())
+    if (!scene.obstacles[o].rigid && !scene.obstacles[o].is_static())
       obstacles_.push_back({static_cast<int>(o), scene.obstacles[o].motion, obstacle_first_[o],
                             static_cast<int>(scene.obstacles[o].mesh.position.size()), false, -1, -1,
                             Stream<dvec3>(backend), Stream<dvec3>(backend)});
@@ -239,6 +239,16 @@ void PrescribedMotion::release_due(const Rooms &state, double time)
   attached_.erase(std::remove_if(attached_.begin(), attached_.end(), due), attached_.end());
 }
 
+std::vector<int> PrescribedMotion::attached(int obstacle) const
+{
+  const auto o = static_cast<std::size_t>(obstacle);
+  const int first = obstacle_first_[o], last = first + static_cast<int>(scene_obstacles_[o].mesh.position.size());
+  std::vector<int> vertices;
+  for (const Attached &a : attached_)
+    if (a.row.node[0] >= first && a.row.node[0] < last) vertices.push_back(a.row.vertex);
+  return vertices;
+}
+
 std::vector<char> PrescribedMotion::pinned() const
 {
   std::vector<char> result(static_cast<std::size_t>(cloth_vertices_), 0);
@@ -359,6 +369,11 @@ void PrescribedMotion::place(const Rooms &state, double time)
     CAMA_LAUNCH(*state.backend, move_sampled, o.count, o.a, o.b, t, o.first, state.mesh.position_next);
     // Sampled frames first, then the rigid part, as in Motion::evaluate.
     CAMA_LAUNCH(*state.backend, move_rigid, o.count, state.mesh.position_next, transform_, o.first,
+                state.mesh.position_next);
+  }
+  for (const RigidBody &body : state.rigid.body) {
+    transform_.assign(transform_rows(body.pose_next()));
+    CAMA_LAUNCH(*state.backend, move_rigid, body.last - body.first, state.mesh.rest_position, transform_, body.first,
                 state.mesh.position_next);
   }
   std::vector<int> vertex;

@@ -9,10 +9,11 @@
 
 namespace cama {
 
-/// Moves obstacles, pins and attachments to their positions at the end of the step: as the scene prescribes, and as a
-/// driver sets them between steps. What a driver sets is reached after a duration, linearly in time (rotations along
-/// the shortest arc), and held. Vertices are numbered through all cloths.
-class PrescribedMotion final : public StageOn<const Clock, MeshState, const SystemState> {
+/// Moves obstacles, pins and attachments to their positions at the end of the step: as the scene prescribes, as a
+/// driver sets them between steps, and rigid bodies by their pose at the end of the step. What a driver sets is reached
+/// after a duration, linearly in time (rotations along the shortest arc), and held. Vertices are numbered through all
+/// cloths.
+class PrescribedMotion final : public StageOn<const Clock, MeshState, const SystemState, const RigidState> {
 public:
   PrescribedMotion(const Scene &scene, Backend &backend);
   std::string_view name() const override { return "prescribed motion"; }
@@ -30,6 +31,8 @@ public:
   void pin(const Rooms &state, const std::vector<int> &vertices, const std::vector<dvec3> &targets, double duration);
   void release(const Rooms &state, const std::vector<int> &vertices);
   void attach(const Rooms &state, const std::vector<int> &vertices, int obstacle);
+  /// Cloth vertices that are attached to an obstacle.
+  std::vector<int> attached(int obstacle) const;
   std::vector<char> pinned() const;   ///< [cloth vertices] 1: by `pin`
   /// target: of the obstacle's vertices as the scene has them before any motion; its scale stays.
   void move_obstacle(const Rooms &state, int obstacle, const RigidTransform &target, double duration);

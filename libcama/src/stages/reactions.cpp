@@ -6,11 +6,10 @@
 
 namespace cama {
 
-template <class Real> void SolveReactions<Real>::run_on(const Rooms &state)
+template <class Real> void SolveReactions<Real>::measure(const Rooms &state, Impulses &impulses)
 {
   Backend &b = *state.backend;
   System<Real> &s = state.system.template of<Real>();
-  ReactionState &r = state.reactions;
   const int vertices = state.mesh.vertices, rows = state.mesh.cloth_vertices, terms = state.system.terms,
             form = static_cast<int>(state.options.paper.contact_form),
             newton = state.options.newton_iterations > 1 ? 1 : 0,
@@ -24,7 +23,22 @@ template <class Real> void SolveReactions<Real>::run_on(const Rooms &state)
                    static_cast<Real>(state.time.implicit_step), terms_.row, terms_.entry, s.term, s.hold, s.matrix.row,
                    s.matrix.column, s.matrix.block, s.mass, s.force, state.mesh.fixed,
                    state.mesh.base_velocity(state.time), state.mesh.velocity_next, s.solution, state.mesh.position,
-                   state.contact.vertex_contact, r.piece.linear, r.piece.angular);
+                   state.contact.vertex_contact, impulses.linear, impulses.angular);
+  if (state.contact.contacts && state.contact.remainder.size())
+    CAMA_LAUNCH_REAL(Real, b, add_abrupt_reactions, vertices, rows, state.contact.contacts, 1.0, terms_.row,
+                     terms_.entry, s.term, state.contact.remainder, state.mesh.fixed, state.mesh.position,
+                     state.contact.vertex_contact, impulses.linear, impulses.angular);
+}
+
+template <class Real> void SolveReactions<Real>::run_on(const Rooms &state)
+{
+  Backend &b = *state.backend;
+  const System<Real> &s = state.system.template of<Real>();
+  ReactionState &r = state.reactions;
+  const int vertices = state.mesh.vertices, rows = state.mesh.cloth_vertices,
+            form = static_cast<int>(state.options.paper.contact_form),
+            newton = state.options.newton_iterations > 1 ? 1 : 0;
+  measure(state, r.piece);
   r.contact.resize(state.contact.contacts);
   r.contact_time = state.time.implicit_step;
   // The contact's impulses are those of a force over the implicit step, in which the time step is longer.

@@ -14,6 +14,9 @@ public:
   std::string_view name() const override { return "forces of the solve"; }
   std::string reason() const override { return "option forces"; }
   void run_on(const Rooms &state) override;
+  /// The impulses of the solve on what is prescribed, as its terms are now.
+  void measure(const Rooms &state, Impulses &impulses);
+  const Incidence &terms() const { return terms_; }  ///< at all vertices, since measure
 
 private:
   Incidence terms_;  // at all vertices

@@ -304,10 +304,27 @@ Mesh SceneReader::obstacle_shape(const Field &f, Motion &motion, std::string &so
   return m;
 }
 
+Rigid SceneReader::read_rigid(const Field &f) const
+{
+  f.only({"mass", "density", "center", "inertia", "velocity", "angular_velocity"});
+  Rigid r;
+  r.mass = f.finite("mass", r.mass);
+  r.density = f.finite("density", r.density);
+  if (f.has("center")) r.center = f.at("center").vector();
+  if (f.has("inertia")) {
+    const std::vector<double> values = f.at("inertia").numbers(6);
+    r.inertia.emplace();
+    std::copy(values.begin(), values.end(), r.inertia->begin());
+  }
+  r.velocity = f.vector("velocity", r.velocity);
+  r.angular_velocity = f.vector("angular_velocity", r.angular_velocity);
+  return r;
+}
+
 void SceneReader::read_obstacle(const Field &f, std::size_t index)
 {
   f.only({"name", "source", "shape", "sphere", "box", "capsule", "plane", "funnel", "walker", "file", "character",
-          "mesh", "transform", "motion", "friction", "static_friction", "thickness", "contact_stiffness"});
+          "mesh", "transform", "motion", "friction", "static_friction", "thickness", "contact_stiffness", "rigid"});
   Obstacle o;
   o.name = f.text("name", "obstacle " + std::to_string(index));
   o.friction = f.finite("friction", o.friction);
@@ -326,6 +343,7 @@ void SceneReader::read_obstacle(const Field &f, std::size_t index)
   o.mesh = std::move(mesh);
   o.source = f.text("source", o.source);
   if (f.has("motion")) o.motion = read_motion(f.at("motion"));
+  if (f.has("rigid")) o.rigid = read_rigid(f.at("rigid"));
   if (shape_motion.sampled) {
     if (o.motion.sampled) f.at("motion").fail("has \"sampled\", but the shape brings its own animation");
     o.motion.sampled = shape_motion.sampled;

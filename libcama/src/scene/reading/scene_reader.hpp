@@ -25,6 +25,7 @@ private:
   std::filesystem::path file_path(const Field &f) const;
 
   void read_obstacle(const Field &f, std::size_t index);
+  Rigid read_rigid(const Field &f) const;
   Mesh obstacle_shape(const Field &f, Motion &motion, std::string &source) const;
   Character read_character(const Field &f) const;
 

@@ -192,6 +192,26 @@ void write_cloth(Writer &w, const Cloth &c)
   w.text += '}';
 }
 
+void write_rigid(Writer &w, const Rigid &r)
+{
+  w.text += '{';
+  w.key(r.mass > 0 ? "mass" : "density");
+  w.number(r.mass > 0 ? r.mass : r.density);
+  if (r.center) {
+    w.key("center");
+    w.vector(*r.center);
+  }
+  if (r.inertia) {
+    w.key("inertia");
+    w.list(*r.inertia, [&](double x) { w.number(x); });
+  }
+  w.key("velocity");
+  w.vector(r.velocity);
+  w.key("angular_velocity");
+  w.vector(r.angular_velocity);
+  w.text += '}';
+}
+
 void write_obstacle(Writer &w, const Obstacle &o)
 {
   w.text += "\n{";
@@ -212,6 +232,10 @@ void write_obstacle(Writer &w, const Obstacle &o)
   w.number(o.thickness);
   w.key("motion");
   write_motion(w, o.motion);
+  if (o.rigid) {
+    w.key("rigid");
+    write_rigid(w, *o.rigid);
+  }
   if (o.shape == ObstacleShape::mesh) {
     w.key("mesh");
     write_mesh(w, o.mesh);

@@ -8,6 +8,7 @@
 
 #include "cama/error.hpp"
 #include "cama/scene.hpp"
+#include "scene/rigid.hpp"
 #include "scene/shapes/exact_obstacle.hpp"
 
 namespace cama {
@@ -342,6 +343,7 @@ void Scene::validate() const
             object + ": contact_stiffness", o.contact_stiffness,
             "give N/m^3, greater than 0, or leave it out for the scene's");
     check_motion(object + ": motion", o.motion, o.mesh.position.size());
+    if (o.rigid) mass_properties(o);
   }
   for (std::size_t i = 0; i < pins.size(); ++i) check_pin(*this, i);
   check_pins_disjoint(*this);

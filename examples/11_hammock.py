@@ -1,0 +1,44 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A ball falls into a hammock and comes to rest; the cloth carries its weight: `python examples/11_hammock.py`."""
+
+import sys
+
+import numpy as np
+
+import cama
+
+SIDE = 0.8  # m
+CELLS = 32
+RADIUS = 0.11  # m
+MASS = 0.8  # kg
+SETTLE = 4.0  # s
+
+scene = cama.Scene(thickness=2e-3, name="hammock")
+last = CELLS * (CELLS + 1)
+scene.add_cloth(shape={"grid": {"size": [SIDE, SIDE], "cells": [CELLS, CELLS]}}, material="cotton", name="hammock")
+scene.pin("hammock", [0, CELLS, last, last + CELLS])
+ball = scene.add_obstacle(
+    shape={"sphere": {"radius": RADIUS, "triangles": 720}},
+    translate=(0.03, 0.01, RADIUS + 0.15),
+    rigid=cama.Rigid(mass=MASS, angular_velocity=(0, 3, 0)),
+    name="ball",
+)
+if len(sys.argv) > 1:  # for `cama render`
+    scene.save(sys.argv[1])
+    sys.exit()
+
+simulation = cama.Simulation(scene, time_step=1 / 120)
+solves = []
+while simulation.time < SETTLE:
+    simulation.step()
+    solves.append(simulation.report()["rigid_solves"])
+steps = 60
+simulation.step(steps)
+pose = simulation.rigid_pose(ball)
+load = simulation.force_on(ball).impulse / (steps * simulation.time_step)
+
+print(f"time: {simulation.time:.3f} s")
+print(f"the ball rests {-pose.center[2]:.3f} m below the pins, at {np.linalg.norm(pose.velocity):.1e} m/s")
+print(f"load: {load[2]:.4f} N, weight: {MASS * 9.81:.4f} N")
+print(f"solves of the cloth a step: {np.mean(solves):.2f}")
+print(f"intersections: {simulation.count_intersections()}")
