@@ -296,18 +296,23 @@ public:
 
   void run(const std::vector<OperationQueue *> &queues, Crew &crew) override
   {
+    begin_run(queues, crew, 0);
+    end_run(0);
+  }
+  void begin_run(const std::vector<OperationQueue *> &queues, Crew &crew, int lane) override
+  {
     if (!interpreter_->suits(queues)) return Backend::run(queues, crew);
-    launches_ += interpreter_->run(queues, crew, [&](int operation) {
+    launches_ += interpreter_->begin(queues, crew, lane, [&](int operation) {
       const Slot *slots = queues.front()->slots(operation);
       sort(from_slot<Buffer>(slots[1]), from_slot<Buffer>(slots[2]), from_slot<int>(slots[0]),
            queues.front()->operation(operation).extra);
     });
-    bool waited = false;
-    for (const OperationQueue *queue : queues) {
-      waited = waited || queue->downloaded_bytes() > 0;
+    for (const OperationQueue *queue : queues)
       for (const int i : queue->releases()) release(from_slot<Buffer>(*queue->slots(i)));
-    }
-    if (!waited) return;
+  }
+  void end_run(int lane) override
+  {
+    if (!interpreter_->end(lane)) return;
     ++waits_;
     report_overflow();
   }

@@ -343,7 +343,9 @@ unsigned char *GrowingMemory::get(std::size_t bytes)
 
 Interpreter::Interpreter(int device, cudaStream_t queue, int *overflow) : queue_(queue), overflow_(overflow)
 {
-  check(cudaEventCreateWithFlags(&copied_, cudaEventDisableTiming), "cudaEventCreate");
+  for (Lane &lane : lane_)
+    for (cudaEvent_t *event : {&lane.copied, &lane.done})
+      check(cudaEventCreateWithFlags(event, cudaEventDisableTiming), "cudaEventCreate");
   int processors = 0, cooperative = 0, memory = 0, per_processor = 0;
   check(cudaDeviceGetAttribute(&processors, cudaDevAttrMultiProcessorCount, device), "cudaDeviceGetAttribute");
   check(cudaDeviceGetAttribute(&cooperative, cudaDevAttrCooperativeLaunch, device), "cudaDeviceGetAttribute");
@@ -357,7 +359,11 @@ Interpreter::Interpreter(int device, cudaStream_t queue, int *overflow) : queue_
   together_ = processors * per_processor;
 }
 
-Interpreter::~Interpreter() { cudaEventDestroy(copied_); }
+Interpreter::~Interpreter()
+{
+  for (const Lane &lane : lane_)
+    for (cudaEvent_t event : {lane.copied, lane.done}) cudaEventDestroy(event);
+}
 
 int Interpreter::blocks_for(const std::vector<OperationQueue *> &queues) const
 {
@@ -376,15 +382,18 @@ bool Interpreter::suits(const std::vector<OperationQueue *> &queues) const
                      [&](const OperationQueue *queue) { return queue->largest() <= most * threads; });
 }
 
-int Interpreter::run(const std::vector<OperationQueue *> &queues, Crew &crew, const std::function<void(int)> &sort)
+int Interpreter::begin(const std::vector<OperationQueue *> &queues, Crew &crew, int number,
+                       const std::function<void(int)> &sort)
 {
-  const Programs programs(queues, function_of);
-  check(cudaEventSynchronize(copied_), "cudaEventSynchronize");
-  unsigned char *block = block_.get(programs.bytes()), *device = device_.get(programs.bytes());
-  programs.write(crew, block, device, downloads_.get(programs.downloaded_bytes()),
+  Lane &lane = lane_[number];
+  lane.programs = std::make_unique<Programs>(queues, function_of);
+  const Programs &programs = *lane.programs;
+  check(cudaEventSynchronize(lane.copied), "cudaEventSynchronize");
+  unsigned char *block = lane.block.get(programs.bytes()), *device = device_.get(programs.bytes());
+  programs.write(crew, block, device, lane.downloads.get(programs.downloaded_bytes()),
                  scratch_.get(programs.scratch_bytes()));
   check(cudaMemcpyAsync(device, block, programs.bytes(), cudaMemcpyHostToDevice, queue_), "cudaMemcpy to the device");
-  check(cudaEventRecord(copied_, queue_), "cudaEventRecord");
+  check(cudaEventRecord(lane.copied, queue_), "cudaEventRecord");
   const int worlds = static_cast<int>(queues.size()), blocks = blocks_for(queues);
   int begin = 0, launches = 0;
   if (worlds == 1) {
@@ -404,11 +413,18 @@ int Interpreter::run(const std::vector<OperationQueue *> &queues, Crew &crew, co
     launch(worlds, blocks, begin, 0x7fffffff);
     ++launches;
   }
-  if (programs.waits()) {
-    check(cudaStreamSynchronize(queue_), "synchronize");
-    programs.answer(downloads_.get(0));
-  }
+  check(cudaEventRecord(lane.done, queue_), "cudaEventRecord");
   return launches;
+}
+
+bool Interpreter::end(int number)
+{
+  Lane &lane = lane_[number];
+  const std::unique_ptr<Programs> programs = std::move(lane.programs);
+  if (!programs || !programs->waits()) return false;
+  check(cudaEventSynchronize(lane.done), "synchronize");
+  programs->answer(lane.downloads.get(0));
+  return true;
 }
 
 void Interpreter::launch(int worlds, int blocks, int begin, int end)

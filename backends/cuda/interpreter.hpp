@@ -4,6 +4,7 @@
 
 #include <cstddef>
 #include <functional>
+#include <memory>
 
 #include "program.hpp"
 
@@ -39,19 +40,26 @@ public:
 
   /// Whether these queues run faster so than launch by launch.
   bool suits(const std::vector<OperationQueue *> &queues) const;
-  /// Runs all but the releases, and for one world the sorts: sort(operation) is called in their place. Returns the
+  /// Launches all but the releases, and for one world the sorts: sort(operation) is called in their place. Returns the
   /// number of launches.
-  int run(const std::vector<OperationQueue *> &queues, Crew &crew, const std::function<void(int)> &sort);
+  int begin(const std::vector<OperationQueue *> &queues, Crew &crew, int lane, const std::function<void(int)> &sort);
+  /// Waits for what has begun in the lane, if it downloads; returns whether it does.
+  bool end(int lane);
 
 private:
+  struct Lane {
+    GrowingMemory block{true}, downloads{true};
+    cudaEvent_t copied = nullptr, done = nullptr;  // copied: the block may be written again
+    std::unique_ptr<Programs> programs;  // that have begun
+  };
   int blocks_for(const std::vector<OperationQueue *> &queues) const;
   void launch(int worlds, int blocks, int begin, int end);
 
   cudaStream_t queue_;
   int *overflow_;
   int together_ = 0;  // blocks that run at once; 0: the device has too little shared memory
-  cudaEvent_t copied_ = nullptr;  // the block on the host may be written again
-  GrowingMemory block_{true}, downloads_{true}, device_{false}, scratch_{false}, meetings_{false}, partials_{false};
+  Lane lane_[2];
+  GrowingMemory device_{false}, scratch_{false}, meetings_{false}, partials_{false};
 };
 
 }  // namespace cama

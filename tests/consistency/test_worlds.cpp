@@ -85,6 +85,32 @@ TEST_CASE("every world ends in the bits of its scene alone", "[worlds]")
     }
 }
 
+TEST_CASE("hundreds of worlds, half of which compute on the host while the device works for the others", "[worlds]")
+{
+  constexpr int count = 300, steps = 3;
+  std::vector<Scene> scenes;
+  for (int w = 0; w < count; ++w) {
+    Scene scene;
+    scene.cloths.push_back(meshes::cloth(meshes::grid(2, 2, 0.1, 0.1, 0, 0, 0.1e-3 * (1 + w)),
+                                         Material::isotropic(500, 0.3, 1e-5, 0.15), "sheet"));
+    scene.contact.thickness = 1e-3;
+    Obstacle ground = exact_plane({0, 0, 0}, {0, 0, 1});
+    ground.name = "ground";
+    scene.obstacles.push_back(ground);
+    scenes.push_back(scene);
+  }
+  for (const std::string &backend : backends_here()) {
+    INFO(backend);
+    const OptionOverrides options = options_on(backend, "mixed");
+    Worlds worlds(scenes, {options});
+    for (int i = 0; i < steps; ++i) worlds.step();
+    for (int w = 0; w < count; w += 23) {
+      INFO("world " << w);
+      CHECK(worlds[w].state_hash() == hash_alone(scenes[static_cast<std::size_t>(w)], options, steps));
+    }
+  }
+}
+
 TEST_CASE("worlds of many kernels at once: all features, the steps chosen by an error", "[worlds]")
 {
   const Scene scene = everything_scene::everything(8);

@@ -253,6 +253,21 @@ TEST_CASE("BDF2 brings the state before, and kernels that extrapolate from it", 
   CHECK(outside_the_solve(found) == elastic_kernels + bdf2_kernels);
 }
 
+TEST_CASE("damping of bending with BDF2 brings its moments, which are found together with those of the angles",
+          "[required]")
+{
+  Options bdf2 = one_solve();
+  bdf2.integrator = Integrator::bdf2;
+  Scene scene = bare();
+  scene.cloths[0].material = Material::isotropic(100, 0.3, 1e-5, 0.1);
+  const Inventory without = take(scene, bdf2);
+  scene.cloths[0].material.damping = 0.01;
+  const Inventory with = take(scene, bdf2);
+  CHECK(with.streams == without.streams + Names{"scaled_rate", "rate_moment", "rate_moment_before"});
+  CHECK(outside_the_solve(with) ==
+        outside_the_solve(without) + Kernels{{"measure_rates", 1}, {"damp_triangles", 1}, {"bend_hinges", 1}});
+}
+
 TEST_CASE("bending of one cloth gives the other no hinges", "[required]")
 {
   Scene scene = bare();

@@ -97,6 +97,14 @@ public:
   /// Does what was recorded, each queue in its order; waits if there is a download among it.
   /// crew: threads that may help.
   virtual void run(const std::vector<OperationQueue *> &queues, Crew &crew);
+  /// The same in two parts, so that the host works meanwhile: what was downloaded is there after `end_run`. In each of
+  /// the lanes 0 and 1 one call may have begun; `queues` is read until it has ended.
+  virtual void begin_run(const std::vector<OperationQueue *> &queues, Crew &crew, int lane)
+  {
+    static_cast<void>(lane);
+    run(queues, crew);
+  }
+  virtual void end_run(int lane) { static_cast<void>(lane); }
   /// The simulation begins a stage of its step, numbered in their order. Worlds wait here for each other.
   virtual void begin_stage(int number) { static_cast<void>(number); }
 

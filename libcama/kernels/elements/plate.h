@@ -66,30 +66,41 @@ KERNEL measure_angles(int n, GLOBAL const hinge_rest *rest, GLOBAL const hinge_c
 /* Scaled rates of the angles times the damping, and first moments [n]; material_scale = h (h + damping). */
 KERNEL measure_rates(int n, GLOBAL const hinge_rest *rest, GLOBAL const hinge_factor *factor,
                      GLOBAL const real *material_scale, real step, GLOBAL const moment_step *start,
-                     GLOBAL const dvec3 *velocity, GLOBAL const real *scales, GLOBAL real *angle, GLOBAL real *moment)
+                     GLOBAL const dvec3 *velocity, GLOBAL const real *scales, GLOBAL real *rate, GLOBAL real *moment)
 {
   FOR_EACH(i, n) {
     hinge_rest r = rest[i];
-    real rate = (real)0;
+    real own = (real)0;
     int a;
-    for (a = 1; a < 4; ++a) rate += dot(factor[i].gradient[a], to_vec3(dsub(velocity[r.node[a]], velocity[r.node[0]])));
-    angle[i] = scales[i] * (material_scale[r.material] / step - step) * rate;
-    moment[i] = start[r.material].share * angle[i];
+    for (a = 1; a < 4; ++a) own += dot(factor[i].gradient[a], to_vec3(dsub(velocity[r.node[a]], velocity[r.node[0]])));
+    rate[i] = scales[i] * (material_scale[r.material] / step - step) * own;
+    moment[i] = start[r.material].share * rate[i];
   }
 }
 
+/* Moment of hinge i after a step of Chebyshev's iteration. */
+DEVICE real improved_moment(int i, hinge_coupling c, moment_step s, int first, GLOBAL const real *angle,
+                            GLOBAL const real *moment, GLOBAL const real *previous)
+{
+  real m = moment[i], left = angle[i] - m;
+  int k;
+  for (k = 0; k < 4; ++k) left -= c.coupling[k] * moment[c.neighbour[k]];
+  return m + s.momentum * (first ? m : m - previous[i]) + s.share * left;
+}
+
 /* A step of Chebyshev's iteration for the moments, that of each cloth in `step` from `row` on: previous = moment +
-   momentum (moment - previous) + share (angle - compliance moment); where `first`, previous is read as zero. */
+   momentum (moment - previous) + share (angle - compliance moment); where `first`, previous is read as zero. rate,
+   rate_moment, rate_previous: the same for the rates of the angles, or null. */
 KERNEL improve_moments(int n, GLOBAL const hinge_coupling *coupling, GLOBAL const real *angle,
                        GLOBAL const moment_step *step, int row, int first, GLOBAL const real *moment,
-                       GLOBAL real *previous)
+                       GLOBAL real *previous, GLOBAL const real *rate, GLOBAL const real *rate_moment,
+                       GLOBAL real *rate_previous)
 {
   FOR_EACH(i, n) {
-    real m = moment[i], left = angle[i] - m;
-    moment_step s = step[row + coupling[i].cloth];
-    int k;
-    for (k = 0; k < 4; ++k) left -= coupling[i].coupling[k] * moment[coupling[i].neighbour[k]];
-    previous[i] = m + s.momentum * (first ? m : m - previous[i]) + s.share * left;
+    hinge_coupling c = coupling[i];
+    moment_step s = step[row + c.cloth];
+    previous[i] = improved_moment(i, c, s, first, angle, moment, previous);
+    if (rate) rate_previous[i] = improved_moment(i, c, s, first, rate, rate_moment, rate_previous);
   }
 }
 

@@ -175,7 +175,7 @@ void RecordingBackend::wait()
   run_alone();
 }
 
-void RecordingBackend::end_run()
+void RecordingBackend::take_answers()
 {
   queue.deliver();
   queue.clear();

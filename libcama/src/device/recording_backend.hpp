@@ -53,7 +53,7 @@ public:
   // For who runs worlds together.
 
   /// Hands the world what its queue has downloaded, and empties the queue.
-  void end_run();
+  void take_answers();
 
   OperationQueue queue;
   Fiber *fiber = nullptr;      ///< in which the world runs; null: alone

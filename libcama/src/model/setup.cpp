@@ -193,6 +193,10 @@ template <class Real> void set_up_plate(State &state, System<Real> &s, const Sce
   s.hinge_coupling = Stream<coupling>(b, couplings);
   for (Stream<Real> *values : {&s.angle_scale, &s.scaled_angle, &s.moment, &s.moment_before})
     *values = Stream<Real>(b, state.mesh.hinges);
+  const bool of_rates = state.options.integrator == Integrator::bdf2 || state.options.newton_iterations > 1;
+  if (of_rates && has_damping(scene))
+    for (Stream<Real> *values : {&s.scaled_rate, &s.rate_moment, &s.rate_moment_before})
+      *values = Stream<Real>(b, state.mesh.hinges);
   if (has_yield(scene)) set_up_plasticity(state, s, scene, t, plate);
 }
 
@@ -349,6 +353,11 @@ std::vector<kernels::stitch> stitches_of(const Scene &scene, const Topology &t)
 }  // namespace
 
 bool has_wind(const Scene &scene) { return scene.wind && (scene.wind->density != 0 || scene.wind->drag != 0); }
+
+bool has_damping(const Scene &scene)
+{
+  return std::any_of(scene.cloths.begin(), scene.cloths.end(), [](const Cloth &c) { return c.material.damping != 0; });
+}
 
 bool has_mass_damping(const Scene &scene)
 {

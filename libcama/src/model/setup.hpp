@@ -7,6 +7,8 @@ namespace cama {
 
 /// Whether air moves the cloth.
 bool has_wind(const Scene &scene);
+/// Whether any cloth has stiffness damping.
+bool has_damping(const Scene &scene);
 /// Whether any cloth has mass damping.
 bool has_mass_damping(const Scene &scene);
 /// Whether any cloth encloses gas.

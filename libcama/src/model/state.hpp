@@ -356,6 +356,7 @@ template <class Real> struct System {
   Stream<typename T::moment_step> moment_step;  // [moment_iterations + 1][cloths]
   int moment_iterations = 0;
   Stream<Real> angle_scale, scaled_angle, moment, moment_before;  // [hinges], sqrt(J)
+  Stream<Real> scaled_rate, rate_moment, rate_moment_before;  // [hinges], sqrt(J), with damping: of the rates
   // [triangles], [hinges], [cloths] with a yield curvature; else empty
   Stream<typename T::plastic_triangle> plastic_triangle;
   Stream<typename T::plastic_hinge> plastic_hinge;
@@ -391,6 +392,9 @@ template <class Real> struct System {
     f("scaled_angle", Life::step, scaled_angle);
     f("moment", Life::step, moment);
     f("moment_before", Life::step, moment_before);
+    f("scaled_rate", Life::step, scaled_rate);
+    f("rate_moment", Life::step, rate_moment);
+    f("rate_moment_before", Life::step, rate_moment_before);
     f("plastic_triangle", Life::scene, plastic_triangle);
     f("plastic_hinge", Life::scene, plastic_hinge);
     f("plastic_material", Life::scene, plastic_material);

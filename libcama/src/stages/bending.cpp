@@ -6,51 +6,56 @@
 namespace cama {
 namespace {
 
-/// Moments for the scaled angles; they begin with the first share of them in s.moment, and end there.
-template <class Real> void find_moments(Backend &b, System<Real> &s, int hinges)
+/// Moments for the scaled angles; they begin with the first share of them in s.moment, and end there. rates: those for
+/// the rates as well.
+template <class Real> void find_moments(Backend &b, System<Real> &s, int hinges, bool rates)
 {
   const int cloths = s.moment_step.size() / (s.moment_iterations + 1);
+  Stream<Real> none, *rate = rates ? &s.scaled_rate : &none, *moment = rates ? &s.rate_moment : &none,
+                     *before = rates ? &s.rate_moment_before : &none;
   for (int k = 0; k < s.moment_iterations; ++k) {
     CAMA_LAUNCH_REAL(Real, b, improve_moments, hinges, s.hinge_coupling, s.scaled_angle, s.moment_step,
-                     (k + 1) * cloths, k == 0 ? 1 : 0, s.moment, s.moment_before);
+                     (k + 1) * cloths, k == 0 ? 1 : 0, s.moment, s.moment_before, *rate, *moment, *before);
     s.moment.swap(s.moment_before);
+    moment->swap(*before);
   }
+}
+
+template <class Real> void scale_angles(Backend &b, System<Real> &s, int hinges, const Stream<dvec3> &position)
+{
+  CAMA_LAUNCH_REAL(Real, b, scale_angles, hinges, s.hinge_rest, s.hinge_coupling, s.bending_table, s.material_scale,
+                   s.moment_step, position, s.hinge_factor, s.angle_scale, s.scaled_angle, s.moment);
 }
 
 }  // namespace
 
 template <class Real> void find_plate_moments(Backend &b, System<Real> &s, int hinges, const Stream<dvec3> &position)
 {
-  CAMA_LAUNCH_REAL(Real, b, scale_angles, hinges, s.hinge_rest, s.hinge_coupling, s.bending_table, s.material_scale,
-                   s.moment_step, position, s.hinge_factor, s.angle_scale, s.scaled_angle, s.moment);
-  find_moments(b, s, hinges);
+  scale_angles(b, s, hinges, position);
+  find_moments(b, s, hinges, false);
 }
 
 template <class Real>
-void evaluate_bending(Backend &b, const Options &options, System<Real> &s, int hinges, const Stream<dvec3> &position)
+void evaluate_bending(Backend &b, const Options &options, System<Real> &s, int hinges, const Stream<dvec3> &position,
+                      const Damping<Real> *damping)
 {
   if (s.hinge_coupling.size() == 0) {
     CAMA_LAUNCH_REAL(Real, b, evaluate_hinges, hinges, s.hinge_rest, s.bending_table, s.material_scale,
                      options.arcsim_conventions ? 1 : 0, position, s.hinge_factor, s.hinge_force);
+    if (damping)
+      CAMA_LAUNCH_REAL(Real, b, damp_hinges, hinges, s.hinge_rest, s.hinge_factor, s.material_scale, damping->step,
+                       damping->velocity, damping->onto ? 1 : 0, damping->hinge_force);
     return;
   }
-  find_plate_moments(b, s, hinges, position);
+  scale_angles(b, s, hinges, position);
+  if (damping)
+    CAMA_LAUNCH_REAL(Real, b, measure_rates, hinges, s.hinge_rest, s.hinge_factor, s.material_scale, damping->step,
+                     s.moment_step, damping->velocity, s.angle_scale, s.scaled_rate, s.rate_moment);
+  find_moments(b, s, hinges, damping != nullptr);
   CAMA_LAUNCH_REAL(Real, b, bend_hinges, hinges, s.hinge_factor, s.angle_scale, s.moment, 0, s.hinge_force);
-}
-
-template <class Real>
-void damp_bending(Backend &b, System<Real> &s, int hinges, Real step, const Stream<dvec3> &velocity, bool onto,
-                  Stream<typename Types<Real>::vec3> &force)
-{
-  if (s.hinge_coupling.size() == 0) {
-    CAMA_LAUNCH_REAL(Real, b, damp_hinges, hinges, s.hinge_rest, s.hinge_factor, s.material_scale, step, velocity,
-                     onto ? 1 : 0, force);
-    return;
-  }
-  CAMA_LAUNCH_REAL(Real, b, measure_rates, hinges, s.hinge_rest, s.hinge_factor, s.material_scale, step, s.moment_step,
-                   velocity, s.angle_scale, s.scaled_angle, s.moment);
-  find_moments(b, s, hinges);
-  CAMA_LAUNCH_REAL(Real, b, bend_hinges, hinges, s.hinge_factor, s.angle_scale, s.moment, onto ? 1 : 0, force);
+  if (damping)
+    CAMA_LAUNCH_REAL(Real, b, bend_hinges, hinges, s.hinge_factor, s.angle_scale, s.rate_moment, damping->onto ? 1 : 0,
+                     damping->hinge_force);
 }
 
 template <class Real>
@@ -64,16 +69,15 @@ void measure_bending(Backend &b, const Options &options, System<Real> &s, int hi
   }
   CAMA_LAUNCH_REAL(Real, b, measure_angles, hinges, s.hinge_rest, s.hinge_coupling, s.bending_table, s.moment_step,
                    position, s.scaled_angle, s.moment);
-  find_moments(b, s, hinges);
+  find_moments(b, s, hinges, false);
   CAMA_LAUNCH_REAL(Real, b, measure_bending, hinges, s.scaled_angle, s.moment, energy);
 }
 
-#define CAMA_BENDING(Real)                                                                                \
-  template void find_plate_moments(Backend &, System<Real> &, int, const Stream<dvec3> &);                \
-  template void evaluate_bending(Backend &, const Options &, System<Real> &, int, const Stream<dvec3> &); \
-  template void damp_bending(Backend &, System<Real> &, int, Real, const Stream<dvec3> &, bool,           \
-                             Stream<Types<Real>::vec3> &);                                                \
-  template void measure_bending(Backend &, const Options &, System<Real> &, int, const Stream<dvec3> &,   \
+#define CAMA_BENDING(Real)                                                                               \
+  template void find_plate_moments(Backend &, System<Real> &, int, const Stream<dvec3> &);               \
+  template void evaluate_bending(Backend &, const Options &, System<Real> &, int, const Stream<dvec3> &, \
+                                 const Damping<Real> *);                                                 \
+  template void measure_bending(Backend &, const Options &, System<Real> &, int, const Stream<dvec3> &,  \
                                 Stream<double> &);
 CAMA_BENDING(double)
 CAMA_BENDING(float)

@@ -5,18 +5,22 @@
 
 namespace cama {
 
-/// Forces and matrix factors of the hinges at these positions.
+/// Stiffness damping of triangles [3 triangles] and hinges [4 hinges] at these velocities. onto: added to what the
+/// forces are.
+template <class Real> struct Damping {
+  Real step;
+  const Stream<dvec3> &velocity;
+  bool onto;
+  Stream<typename Types<Real>::vec3> &triangle_force, &hinge_force;
+};
+
+/// Forces and matrix factors of the hinges at these positions, and their damping, if any.
 template <class Real>
-void evaluate_bending(Backend &b, const Options &options, System<Real> &s, int hinges, const Stream<dvec3> &position);
+void evaluate_bending(Backend &b, const Options &options, System<Real> &s, int hinges, const Stream<dvec3> &position,
+                      const Damping<Real> *damping);
 
 /// Scaled angles, their scales and the moments of the plate at these positions; overwrites the matrix factors.
 template <class Real> void find_plate_moments(Backend &b, System<Real> &s, int hinges, const Stream<dvec3> &position);
-
-/// The stiffness damping [4 hinges] at these velocities, with the factors of the last evaluation. onto: added to what
-/// `force` is.
-template <class Real>
-void damp_bending(Backend &b, System<Real> &s, int hinges, Real step, const Stream<dvec3> &velocity, bool onto,
-                  Stream<typename Types<Real>::vec3> &force);
 
 /// Energy [hinges] at these positions, J.
 template <class Real>

@@ -1,8 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "stages/element_forces.hpp"
 
-#include <algorithm>
-
 #include "device/launch.hpp"
 #include "model/setup.hpp"
 #include "stages/bending.hpp"
@@ -19,20 +17,18 @@ void find_gas(Backend &b, EnclosedGas &gas, const Stream<kernels::element_nodes>
 
 template <class Real>
 EvaluateElements<Real>::EvaluateElements(const Scene &scene)
-    : windy_(has_wind(scene)), damped_(std::any_of(scene.cloths.begin(), scene.cloths.end(),
-                                                   [](const Cloth &c) { return c.material.damping != 0; })),
-      mass_damped_(has_mass_damping(scene)), air_density_(scene.wind ? scene.wind->density : 0),
-      drag_(scene.wind ? scene.wind->drag : 0)
+    : windy_(has_wind(scene)), damped_(has_damping(scene)), mass_damped_(has_mass_damping(scene)),
+      air_density_(scene.wind ? scene.wind->density : 0), drag_(scene.wind ? scene.wind->drag : 0)
 {}
 
 template <class Real> void EvaluateElements<Real>::run_on(const Rooms &state)
 {
   if (state.contact.contacts && state.time.predicted) {
     System<Real> &s = state.system.template of<Real>();
-    evaluate(state, state.mesh.position, true);
+    evaluate_linearised(state, state.mesh.position);
     s.start_force.copy_from(s.force);
   }
-  evaluate(state, state.mesh.linearised_position(state.time), true);
+  evaluate_linearised(state, state.mesh.linearised_position(state.time));
 }
 
 template <class Real>
@@ -88,45 +84,59 @@ void EvaluateElements<Real>::find_drag(const Rooms &state, const Stream<dvec3> &
 }
 
 template <class Real>
-void EvaluateElements<Real>::add_damping(const Rooms &state, const Stream<dvec3> &velocity, Onto onto,
-                                         Stream<vec3> &triangle_force, Stream<vec3> &hinge_force)
+void EvaluateElements<Real>::evaluate_elements(const Rooms &state, const Stream<dvec3> &position,
+                                               const Damping<Real> *damping)
 {
   Backend &b = *state.backend;
   System<Real> &s = state.system.template of<Real>();
   const Real h = static_cast<Real>(state.time.implicit_step);
-  CAMA_LAUNCH_REAL(Real, b, damp_triangles, state.mesh.triangles, s.triangle_rest, s.triangle_factor, s.material_scale,
-                   h, velocity, onto.triangles ? 1 : 0, triangle_force);
-  if (state.mesh.hinges) damp_bending(b, s, state.mesh.hinges, h, velocity, onto.hinges, hinge_force);
+  CAMA_LAUNCH_REAL(Real, b, evaluate_triangles, state.mesh.triangles, s.triangle_rest, s.stretching_table,
+                   s.stretching_start, s.material_scale, h, position, s.triangle_factor, s.triangle_force);
+  if (s.strain_limit.size())
+    CAMA_LAUNCH_REAL(Real, b, limit_strain, state.mesh.triangles, s.triangle_rest, s.stretching_table,
+                     s.stretching_start, s.strain_limit, s.material_scale, h, position, s.triangle_factor,
+                     s.triangle_force);
+  if (state.mesh.hinges) evaluate_bending(b, state.options, s, state.mesh.hinges, position, damping);
+  if (damping)
+    CAMA_LAUNCH_REAL(Real, b, damp_triangles, state.mesh.triangles, s.triangle_rest, s.triangle_factor,
+                     s.material_scale, damping->step, damping->velocity, damping->onto ? 1 : 0,
+                     damping->triangle_force);
+}
+
+template <class Real> void EvaluateElements<Real>::gather(const Rooms &state)
+{
+  System<Real> &s = state.system.template of<Real>();
+  CAMA_LAUNCH_REAL(Real, *state.backend, gather_forces, state.mesh.cloth_vertices,
+                   state.elements.triangle_incidence.row, state.elements.triangle_incidence.entry, s.triangle_force,
+                   state.elements.hinge_incidence.row, state.elements.hinge_incidence.entry, s.hinge_force,
+                   state.mesh.hinges, s.mass, state.elements.gravity, s.force);
+  if (state.elements.driven_force.size())
+    CAMA_LAUNCH_REAL(Real, *state.backend, add_driven_forces, state.mesh.cloth_vertices, state.elements.driven_force,
+                     s.force);
 }
 
 template <class Real>
-void EvaluateElements<Real>::evaluate(const Rooms &state, const Stream<dvec3> &position, bool linearised)
+void EvaluateElements<Real>::evaluate(const Rooms &state, const Stream<dvec3> &position, const Damping<Real> &damping)
 {
-  Backend &b = *state.backend;
+  evaluate_elements(state, position, damped_ ? &damping : nullptr);
+  gather(state);
+}
+
+template <class Real>
+void EvaluateElements<Real>::evaluate_linearised(const Rooms &state, const Stream<dvec3> &position)
+{
   System<Real> &s = state.system.template of<Real>();
-  CAMA_LAUNCH_REAL(Real, b, evaluate_triangles, state.mesh.triangles, s.triangle_rest, s.stretching_table,
-                   s.stretching_start, s.material_scale, static_cast<Real>(state.time.implicit_step), position,
-                   s.triangle_factor, s.triangle_force);
-  if (s.strain_limit.size())
-    CAMA_LAUNCH_REAL(Real, b, limit_strain, state.mesh.triangles, s.triangle_rest, s.stretching_table,
-                     s.stretching_start, s.strain_limit, s.material_scale, static_cast<Real>(state.time.implicit_step),
-                     position, s.triangle_factor, s.triangle_force);
-  const Stream<dvec3> &velocity =
-      state.time.predicted ? state.mesh.velocity_next : state.mesh.base_velocity(state.time);
-  if (windy_ && linearised) add_wind(state, position, velocity, !state.time.predicted, s.triangle_force);
-  if (pressed(state) && linearised) add_pressure(state, position, s.triangle_force);
-  if ((windy_ || mass_damped_) && linearised) find_drag(state, position, velocity, windy_ && state.time.predicted);
-  if (state.mesh.hinges) evaluate_bending(b, state.options, s, state.mesh.hinges, position);
-  if (damped_ && linearised && state.time.predicted)
-    add_damping(state, velocity, {true, true}, s.triangle_force, s.hinge_force);
-  CAMA_LAUNCH_REAL(Real, b, gather_forces, state.mesh.cloth_vertices, state.elements.triangle_incidence.row,
-                   state.elements.triangle_incidence.entry, s.triangle_force, state.elements.hinge_incidence.row,
-                   state.elements.hinge_incidence.entry, s.hinge_force, state.mesh.hinges, s.mass,
-                   state.elements.gravity, s.force);
-  if (inflated(state) && linearised) add_gas(state, position, s.force);
-  if (mass_damped_ && linearised) add_mass_damping(state, velocity, !state.time.predicted, s.force);
-  if (state.elements.driven_force.size())
-    CAMA_LAUNCH_REAL(Real, b, add_driven_forces, state.mesh.cloth_vertices, state.elements.driven_force, s.force);
+  const bool predicted = state.time.predicted;
+  const Stream<dvec3> &velocity = predicted ? state.mesh.velocity_next : state.mesh.base_velocity(state.time);
+  const Damping<Real> damping{static_cast<Real>(state.time.implicit_step), velocity, true, s.triangle_force,
+                              s.hinge_force};
+  evaluate_elements(state, position, damped_ && predicted ? &damping : nullptr);
+  if (windy_) add_wind(state, position, velocity, !predicted, s.triangle_force);
+  if (pressed(state)) add_pressure(state, position, s.triangle_force);
+  if (windy_ || mass_damped_) find_drag(state, position, velocity, windy_ && predicted);
+  gather(state);
+  if (inflated(state)) add_gas(state, position, s.force);
+  if (mass_damped_) add_mass_damping(state, velocity, !predicted, s.force);
 }
 
 template class EvaluateElements<double>;

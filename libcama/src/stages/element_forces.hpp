@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 #include "run/pipeline.hpp"
+#include "stages/bending.hpp"
 
 namespace cama {
 
@@ -18,8 +19,8 @@ public:
   void run_on(const Rooms &state) override;
 
   using vec3 = typename Types<Real>::vec3;
-  /// Forces and factors at these positions, with the wind and damping of the linearised step or without.
-  void evaluate(const Rooms &state, const Stream<dvec3> &position, bool linearised);
+  /// Forces and factors at these positions, and damping in the forces that it names, if there is any.
+  void evaluate(const Rooms &state, const Stream<dvec3> &position, const Damping<Real> &damping);
   bool windy() const { return windy_; }
   bool damped() const { return damped_; }
   bool mass_damped() const { return mass_damped_; }
@@ -43,15 +44,14 @@ public:
   void add_mass_damping(const Rooms &state, const Stream<dvec3> &velocity, bool solved, Stream<vec3> &force);
   /// What wind at these positions and velocities, or none, and mass damping add to the matrix.
   void find_drag(const Rooms &state, const Stream<dvec3> &position, const Stream<dvec3> &velocity, bool wind);
-  /// Which forces damping is added to; the others it replaces.
-  struct Onto {
-    bool triangles, hinges;
-  };
-  /// The damping of the elements at these velocities, with the factors of the last evaluation.
-  void add_damping(const Rooms &state, const Stream<dvec3> &velocity, Onto onto, Stream<vec3> &triangle_force,
-                   Stream<vec3> &hinge_force);
 
 private:
+  /// The same with wind, drag, pressure and gas of the linearised step.
+  void evaluate_linearised(const Rooms &state, const Stream<dvec3> &position);
+  void evaluate_elements(const Rooms &state, const Stream<dvec3> &position, const Damping<Real> *damping);
+  /// Forces of vertices from those of elements, gravity and those that are driven.
+  void gather(const Rooms &state);
+
   bool windy_, damped_, mass_damped_;
   double air_density_ = 0, drag_ = 0;
 };

@@ -99,19 +99,22 @@ typename NewtonIterations<Real>::Norms NewtonIterations<Real>::evaluate(const Ro
   const int rows = state.mesh.cloth_vertices;
   const Real h = static_cast<Real>(state.time.implicit_step);
   const Stream<dvec3> &x = state.mesh.position_next, &v = state.mesh.velocity_next;
-  elements_.evaluate(state, x, false);
-  if (elements_.pushed(state)) {
+  const bool pushed = elements_.pushed(state);
+  if (pushed) {
     outer_triangle_.resize(3 * state.mesh.triangles);
     outer_hinge_.resize(4 * state.mesh.hinges);
     outer_.resize(rows);
     if (zero_gravity_.size() == 0) zero_gravity_.assign({dvec3{0, 0, 0}});
-    const bool blown = elements_.windy() || elements_.pressed(state);
-    if (blown || !elements_.damped()) outer_triangle_.fill_zero();
-    if (!elements_.damped()) outer_hinge_.fill_zero();
+    if (!elements_.damped()) {
+      outer_triangle_.fill_zero();
+      outer_hinge_.fill_zero();
+    }
+  }
+  elements_.evaluate(state, x, {h, v, false, outer_triangle_, outer_hinge_});
+  if (pushed) {
     if (elements_.windy()) elements_.add_wind(state, x, v, false, outer_triangle_);
     if (elements_.pressed(state)) elements_.add_pressure(state, x, outer_triangle_);
     if (elements_.windy() || elements_.mass_damped()) elements_.find_drag(state, x, v, elements_.windy());
-    if (elements_.damped()) elements_.add_damping(state, v, {blown, false}, outer_triangle_, outer_hinge_);
     CAMA_LAUNCH_REAL(Real, b, gather_forces, rows, state.elements.triangle_incidence.row,
                      state.elements.triangle_incidence.entry, outer_triangle_, state.elements.hinge_incidence.row,
                      state.elements.hinge_incidence.entry, outer_hinge_, state.mesh.hinges, s.mass, zero_gravity_,

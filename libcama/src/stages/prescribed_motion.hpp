@@ -33,7 +33,7 @@ public:
   void attach(const Rooms &state, const std::vector<int> &vertices, int obstacle);
   /// Cloth vertices that are attached to an obstacle.
   std::vector<int> attached(int obstacle) const;
-  std::vector<char> pinned() const;   ///< [cloth vertices] 1: by `pin`
+  std::vector<char> pinned() const;  ///< [cloth vertices] 1: by `pin`
   /// target: of the obstacle's vertices as the scene has them before any motion; its scale stays.
   void move_obstacle(const Rooms &state, int obstacle, const RigidTransform &target, double duration);
   void move_obstacle(const Rooms &state, int obstacle, const std::vector<dvec3> &target, double duration);

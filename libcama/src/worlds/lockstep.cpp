@@ -3,8 +3,12 @@
 
 #include <algorithm>
 #include <climits>
+#include <exception>
 
 namespace cama {
+namespace {
+constexpr int fewest_in_lane = 128;   // worlds; fewer leave the device idle
+}
 
 void Lockstep::run(Crew &crew, std::vector<Task> &tasks)
 {
@@ -21,46 +25,72 @@ void Lockstep::run(Crew &crew, std::vector<Task> &tasks)
     task.world->stage = task.world->step = 0;
     task.world->last_stage = 0;
   }
-  const auto each = [&](int member, auto &&work) {  // a world always runs in the same thread
-    const auto end = static_cast<int>(static_cast<long>(count) * (member + 1) / members);
-    for (auto t = static_cast<int>(static_cast<long>(count) * member / members); t < end; ++t)
-      work(*tasks[static_cast<std::size_t>(t)].world);
+  // The host works for the worlds of one lane while the device works for those of the other.
+  struct Lane {
+    int begin, end;
+    bool running = false, finished = false;
+    std::vector<OperationQueue *> queues;
   };
-  std::vector<OperationQueue *> queues;
-  for (bool all = false; !all;) {
-    crew.run([&](int member) {
-      each(member, [](RecordingBackend &w) {
+  std::vector<Lane> lanes;
+  const int number = count < 2 * fewest_in_lane ? 1 : 2;
+  for (int k = 0; k < number; ++k) lanes.push_back({count * k / number, count * (k + 1) / number, false, false, {}});
+  const auto on_device = [&](auto &&work) {
+    if (failure) return false;
+    try {
+      work(*device_->backend);
+    } catch (...) {
+      failure = std::current_exception();
+    }
+    return !failure;
+  };
+  // Takes the worlds of a lane as far as they get without answers of the device, and begins what they ask.
+  const auto advance = [&](Lane &lane, int k) {
+    crew.run([&](int member) {  // a world always runs in the same thread
+      const auto place = [&](int m) {
+        return lane.begin + static_cast<int>(static_cast<long>(lane.end - lane.begin) * m / members);
+      };
+      for (int t = place(member); t < place(member + 1); ++t) {
+        RecordingBackend &w = *tasks[static_cast<std::size_t>(t)].world;
         const bool ready = w.waiting ? w.ran || w.queue.empty() : w.stage <= w.last_stage;
-        if (w.ran) w.end_run();
+        if (w.ran) w.take_answers();
         if (ready && !w.fiber->finished()) w.fiber->resume();
-      });
+      }
     });
     int stage = INT_MAX;   // the first that a world is at
-    all = true;
-    for (const Task &task : tasks) {
-      if (task.world->fiber->finished()) continue;
-      all = false;
-      stage = std::min(stage, task.world->stage);
+    lane.finished = true;
+    for (int t = lane.begin; t < lane.end; ++t) {
+      const RecordingBackend &w = *tasks[static_cast<std::size_t>(t)].world;
+      if (w.fiber->finished()) continue;
+      lane.finished = false;
+      stage = std::min(stage, w.stage);
     }
-    queues.clear();
-    for (const Task &task : tasks) {
-      RecordingBackend &w = *task.world;
+    lane.queues.clear();
+    for (int t = lane.begin; t < lane.end; ++t) {
+      RecordingBackend &w = *tasks[static_cast<std::size_t>(t)].world;
       w.last_stage = stage;
-      if ((!w.waiting && !all) || w.queue.empty()) continue;
-      queues.push_back(&w.queue);
+      if ((!w.waiting && !lane.finished) || w.queue.empty()) continue;
+      lane.queues.push_back(&w.queue);
       w.ran = true;
     }
-    if (queues.empty()) continue;
-    if (!failure) {
-      try {
-        device_->backend->run(queues, crew);
-      } catch (...) {
-        failure = std::current_exception();
-      }
+    if (lane.queues.empty()) return;
+    lane.running = on_device([&](Backend &device) { device.begin_run(lane.queues, crew, k); });
+  };
+  const auto finish = [&](Lane &lane, int k) {
+    if (lane.running) on_device([&](Backend &device) { device.end_run(k); });
+    lane.running = false;
+  };
+  for (bool left = true; left;) {
+    left = false;
+    for (int k = 0; k < number; ++k) {
+      Lane &lane = lanes[static_cast<std::size_t>(k)];
+      finish(lane, k);
+      if (lane.finished) continue;
+      advance(lane, k);
+      left = true;
     }
   }
   for (Task &task : tasks) {
-    if (task.world->ran) task.world->end_run();
+    if (task.world->ran) task.world->take_answers();
     task.world->fiber = nullptr;
     task.world->failure = nullptr;
   }

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A ball falls into a hammock and comes to rest; the cloth carries its weight: `python examples/11_hammock.py`."""
+"""A ball falls into a hammock and comes to rest; the cloth carries its weight: `python examples/12_hammock.py`."""
 
 import sys
 
