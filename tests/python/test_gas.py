@@ -157,18 +157,73 @@ def test_a_cushion_is_squeezed_between_plates():
         )
     simulation = cama.Simulation(scene, error="", time_step=1 / 60, backend="cpu", forces=True)
     faces, before = scene.cloths[0].faces, simulation.gas["cushion"]
+    forces = []
     for step in range(90):
         simulation.set_obstacle_pose("press", (0, 0, -0.1 * min(step + 1, 60) / 60))
         simulation.step()
+        forces.append([-simulation.force_on(name).force[2] for name in ("floor", "press")])
     gas = simulation.gas["cushion"]
     assert (gas.pressure + AMBIENT) * gas.volume == pytest.approx((2e3 + AMBIENT) * before.volume, rel=1e-9)
     assert gas.volume == pytest.approx(volume(simulation.positions[: scene.vertex_count], faces), rel=1e-12)
     assert gas.pressure > 1.5 * 2e3
     assert simulation.count_intersections() == 0
-    forces = [-simulation.force_on(name).force[2] for name in ("floor", "press")]
-    assert forces[0] == pytest.approx(-forces[1], rel=0.02)
+    floor, press = np.mean(forces[-20:], axis=0)  # its wrinkles strike each other all the time
+    assert floor == pytest.approx(-press, rel=0.02)
     radius = np.linalg.norm(simulation.positions[: scene.vertex_count, :2], axis=1).max()
-    assert 0.5 < forces[0] / (gas.pressure * np.pi * radius**2) < 1
+    assert 0.5 < abs(floor) / (gas.pressure * np.pi * radius**2) < 1
+
+
+def two_discs(rings, radius):
+    """Two flat discs [n, 3] that share their rim, and their faces, which point outwards."""
+    points, start = [(0.0, 0.0)], [0, 1]
+    for k in range(1, rings + 1):
+        turn = 2 * np.pi * (np.arange(6 * k) + 0.5 * (k % 2)) / (6 * k)
+        points += [(radius * k / rings * np.cos(a), radius * k / rings * np.sin(a)) for a in turn]
+        start.append(len(points))
+    points = np.array(points)
+    faces = []
+    for k in range(rings):  # between ring k and the next, always along the shorter diagonal
+        inner, outer = (np.arange(start[r], start[r + 1]) for r in (k, k + 1))
+        i = j = 0
+        while i < (len(inner) if k else 0) or j < len(outer):
+            a, b = inner[i % len(inner)], outer[j % len(outer)]
+            c, d = inner[(i + 1) % len(inner)], outer[(j + 1) % len(outer)]
+            along = j < len(outer) and (
+                k == 0
+                or i == len(inner)
+                or np.linalg.norm(points[a] - points[d]) <= np.linalg.norm(points[c] - points[b])
+            )
+            faces.append((a, b, d) if along else (a, b, c))
+            i, j = (i, j + 1) if along else (i + 1, j)
+    faces, rim = np.array(faces), start[rings]
+    lower = np.arange(len(points)) + len(points)
+    lower[rim:] = np.arange(rim, len(points))
+    vertices = np.vstack([points, points[:rim]])
+    return np.column_stack([vertices, 0 * vertices[:, 0]]), np.vstack([faces, lower[faces][:, ::-1]])
+
+
+def test_two_flat_discs_become_a_mylar_balloon():
+    """A bag of two discs of radius r that do not stretch has the volume 2 pi / 3 (sqrt 2 / K)^2 r^3 with the complete
+    elliptic integral K(1/2), 1.2185 r^3 (Paulsen, What is the shape of a mylar balloon?, 1994), if it wrinkles freely;
+    cells of r / 16 are within 2 %. It is pumped up from no volume in a second, in steps of 1/60 s."""
+    radius = 0.2
+    vertices, faces = two_discs(16, radius)
+    expected = 2 * np.pi / 3 * (np.sqrt(2) / 1.8540746773) ** 2 * radius**3
+    scene = cama.Scene(gravity=(0, 0, 0), contact=False)
+    fabric_of_bag = fabric(2e4, 1e-6)
+    gas = {"pressure": -0.9995 * AMBIENT, "volume": expected}
+    scene.add_cloth(vertices, faces, material=fabric_of_bag, gas=gas, name="bag")
+    simulation = cama.Simulation(scene, error="", time_step=1 / 60, backend="cpu")
+    assert simulation.gas["bag"].volume == 0
+    assert simulation.gas["bag"].pressure == pytest.approx(0, abs=1e-6 * AMBIENT)
+    first, last, retries = simulation.gas["bag"].amount, (AMBIENT + 2e3) * expected, 0
+    for k in range(120):
+        simulation.set_gas("bag", amount=first + (last - first) * min(1, (k + 1) / 60))
+        simulation.step()
+        retries += simulation.report["retries"]
+        assert np.linalg.norm(simulation.velocities, axis=1).max() < 20
+    assert retries == 0
+    assert simulation.gas["bag"].volume == pytest.approx(expected, rel=0.02)
 
 
 def test_each_cloth_has_its_own_gas():

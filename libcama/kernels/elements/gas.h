@@ -16,7 +16,7 @@ typedef struct {
   int vertex_part, vertex_parts;
   double amount;                     /* absolute pressure times volume, J */
   double ambient;                    /* pressure outside, Pa */
-  double least_volume;               /* below it the pressure rises no further, m^3 */
+  double least_volume;               /* below it the pressure is linear in the volume, m^3 */
 } gas;
 
 /* Triangles or vertices of a gas that a team sums over. */
@@ -30,14 +30,15 @@ typedef struct {
   double stiffness; /* -dp/dV times the square of the time step, kg/m^4 */
 } gas_state;
 
-/* The gas in this volume; an ideal gas at constant temperature has dp/dV = -p / V. */
+/* The gas in this volume; an ideal gas at constant temperature has dp/dV = -p / V. Below the least volume, also below
+   none, the pressure is on the tangent there. */
 DEVICE gas_state gas_in_volume(gas g, double volume, double time_step)
 {
-  double filled = max_double(volume, g.least_volume), absolute = g.amount / filled;
+  double filled = max_double(volume, g.least_volume), absolute = g.amount / filled, slope = absolute / filled;
   gas_state s;
   s.volume = volume;
-  s.pressure = absolute - g.ambient;
-  s.stiffness = volume > g.least_volume ? time_step * time_step * absolute / filled : 0.0;
+  s.pressure = absolute + slope * (filled - volume) - g.ambient;
+  s.stiffness = time_step * time_step * slope;
   return s;
 }
 
