@@ -12,10 +12,13 @@ CELLS = 32
 RADIUS = 0.11  # m
 MASS = 0.8  # kg
 SETTLE = 4.0  # s
+DAMPING = 0.1  # s, of the hammock: a ball would bounce on plain cotton for long
 
 scene = cama.Scene(thickness=2e-3, name="hammock")
 last = CELLS * (CELLS + 1)
-scene.add_cloth(shape={"grid": {"size": [SIDE, SIDE], "cells": [CELLS, CELLS]}}, material="cotton", name="hammock")
+material = cama.Material.fabric("cotton")
+material.damping = DAMPING
+scene.add_cloth(shape={"grid": {"size": [SIDE, SIDE], "cells": [CELLS, CELLS]}}, material=material, name="hammock")
 scene.pin("hammock", [0, CELLS, last, last + CELLS])
 scene.add_obstacle(
     shape={"sphere": {"radius": RADIUS, "triangles": 720}},
