@@ -12,12 +12,15 @@ CELLS = 32
 RADIUS = 0.11  # m
 MASS = 0.8  # kg
 SETTLE = 4.0  # s
+DAMPING = 0.1  # s, of the hammock: a ball would bounce on plain cotton for long
 
 scene = cama.Scene(thickness=2e-3, name="hammock")
 last = CELLS * (CELLS + 1)
-scene.add_cloth(shape={"grid": {"size": [SIDE, SIDE], "cells": [CELLS, CELLS]}}, material="cotton", name="hammock")
+material = cama.Material.fabric("cotton")
+material.damping = DAMPING
+scene.add_cloth(shape={"grid": {"size": [SIDE, SIDE], "cells": [CELLS, CELLS]}}, material=material, name="hammock")
 scene.pin("hammock", [0, CELLS, last, last + CELLS])
-ball = scene.add_obstacle(
+scene.add_obstacle(
     shape={"sphere": {"radius": RADIUS, "triangles": 720}},
     translate=(0.03, 0.01, RADIUS + 0.15),
     rigid=cama.Rigid(mass=MASS, angular_velocity=(0, 3, 0)),
@@ -31,11 +34,11 @@ simulation = cama.Simulation(scene, time_step=1 / 120)
 solves = []
 while simulation.time < SETTLE:
     simulation.step()
-    solves.append(simulation.report()["rigid_solves"])
+    solves.append(simulation.report["rigid_solves"])
 steps = 60
 simulation.step(steps)
-pose = simulation.rigid_pose(ball)
-load = simulation.force_on(ball).impulse / (steps * simulation.time_step)
+pose = simulation.rigid_pose("ball")
+load = simulation.force_on("ball").impulse / (steps * simulation.time_step)
 
 print(f"time: {simulation.time:.3f} s")
 print(f"the ball rests {-pose.center[2]:.3f} m below the pins, at {np.linalg.norm(pose.velocity):.1e} m/s")

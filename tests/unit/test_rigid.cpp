@@ -179,7 +179,7 @@ TEST_CASE("a free body keeps its angular momentum, and its axis precesses about 
     Simulation sim(scene, o);
     while (sim.time() < duration - 1e-9) sim.step();
     const RigidPose p = sim.rigid_pose(0);
-    CHECK(largest(dsub(p.angular_momentum, momentum)) == 0);
+    CHECK(largest(dsub(p.angular_momentum, momentum)) < 1e-15);  // rounding of the first product alone
     const auto [w, x, y, zz] = p.rotation;
     const dvec3 axis{2 * (x * zz + w * y), 2 * (y * zz - w * x), 1 - 2 * (x * x + y * y)};
     error[fine] = dnorm(dsub(axis, expected));

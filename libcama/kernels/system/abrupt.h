@@ -70,8 +70,11 @@ DEVICE dvec3 tangential(term t, GLOBAL const dvec3 *velocity)
    as stops the approach that the sides of the contact had at the start of the step, of the friction the same share, if
    `rough`, but no more than ROUGH_MOST times what the coefficient allows: the tangential speed that sticking friction
    leaves is an error of the solve and tells nothing of the force. The term loses it. share: h / dt. start, velocity:
-   before and after the solve, m/s. hold: of friction_impulse, or none. n: contacts. */
-KERNEL abrupt_impulses(int n, double share, int cloth_vertices, int rough, GLOBAL const contact *contacts,
+   before and after the solve, m/s. hold: of friction_impulse, or none. rigid: 1 for vertices of rigid bodies, or none:
+   on these a contact is abrupt if all of its push stops cloth, since a body that rests is borne by the others and would
+   vibrate on what the split makes of them. n: contacts. */
+KERNEL abrupt_impulses(int n, double share, int cloth_vertices, int rough, GLOBAL const int *rigid,
+                       GLOBAL const contact *contacts,
                        GLOBAL const double *inverse_mass, GLOBAL const double *push, GLOBAL const double *load,
                        GLOBAL const dvec3 *start, GLOBAL const dvec3 *velocity, GLOBAL term *terms, GLOBAL vec3 *hold,
                        GLOBAL dvec3 *abrupt)
@@ -80,9 +83,13 @@ KERNEL abrupt_impulses(int n, double share, int cloth_vertices, int rough, GLOBA
     term t = terms[i];
     dvec3 normal = to_dvec3(t.normal);
     double separation = 0.0, mobility = pushed_mobility(t, push[i], cloth_vertices, inverse_mass, load), part = 0.0;
-    int a;
-    for (a = 0; a < 4; ++a) separation += (double)t.weight[a] * ddot(normal, start[t.node[a]]);
+    int a, bears = 0;
+    for (a = 0; a < 4; ++a) {
+      separation += (double)t.weight[a] * ddot(normal, start[t.node[a]]);
+      if (rigid && rigid[t.node[a]]) bears = 1;
+    }
     if (separation < 0.0 && mobility > 0.0) part = min_double(push[i], -separation / (share * mobility));
+    if (bears && part < push[i]) part = 0.0;
     terms[i].push = t.push - (real)part;
     abrupt[i] = dscale(part, normal);
     if (rough && part > 0.0) {

@@ -6,6 +6,7 @@
 #include <vector>
 
 #include "cama/scene.hpp"
+#include "cama/stream.hpp"
 #include "model/life.hpp"
 
 namespace cama {
@@ -71,10 +72,12 @@ private:
 /// The rigid bodies of a scene.
 struct RigidState {
   std::vector<RigidBody> body;
+  Stream<int> vertex;  // [vertices] 1: of a body; without bodies empty
   dvec3 gravity{0, 0, 0};  // m/s^2, in the step
 
   template <class F> void visit(F &&f)
   {
+    f("rigid.vertex", Life::scene, vertex);
     if (body.empty()) return;
     f("rigid.gravity.x", Life::step, gravity.x);
     f("rigid.gravity.y", Life::step, gravity.y);

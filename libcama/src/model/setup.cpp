@@ -423,6 +423,11 @@ template <class Real> void set_up(State &state, const Scene &scene, const Topolo
       state.rigid.body.emplace_back(static_cast<int>(state.rigid.body.size()), static_cast<int>(o),
                                     t.obstacle_range[o].first, scene.obstacles[o]);
   }
+  if (!state.rigid.body.empty()) {
+    std::vector<int> rigid(t.position.size(), 0);
+    for (const RigidBody &body : state.rigid.body) std::fill(rigid.begin() + body.first, rigid.begin() + body.last, 1);
+    state.rigid.vertex = Stream<int>(b, rigid);
+  }
   std::vector<int> fixed(t.position.size(), 0);
   std::fill(fixed.begin() + t.cloth_vertices, fixed.end(), 1);
   for (const Pin &pin : scene.pins)

@@ -129,7 +129,7 @@ void check_checkpoint(const Checkpoint &c, State &s, const Topology &t)
     if (at == c.numbers.end()) refuse(std::string("has no ") + name);
     return at->second;
   };
-  s.rigid.visit([&](const char *name, Life life, double &) {
+  s.rigid.visit([&](const char *name, Life life, auto &) {
     if (life == Life::run && !c.numbers.count(name))
       refuse(std::string("has no ") + name + ": an obstacle that is rigid here was not in its run");
   });

@@ -91,8 +91,7 @@ template <class Real> std::unique_ptr<Pipeline> make_pipeline(const Scene &scene
   solving.add<AdvancePositions>();
   if (options.newton_iterations > 1)
     solving.add<NewtonIterations<Real>>(b, elements, matrix, solve, state.system.masses());
-  // With rigid bodies all of contact is smooth: their mass would vibrate on what the split makes of resting contacts.
-  if (contact && options.integrator == Integrator::bdf2 && !rigid) step.add<SplitContact<Real>>(b);
+  if (contact && options.integrator == Integrator::bdf2) step.add<SplitContact<Real>>(b);
   if (state.contact.kept.key.backend()) step.add<KeepFriction<Real>>();
   if (options.forces) step.add<SolveReactions<Real>>(b);
   if (contact) step.add<PenetrationHandling>(b, *proximity->search, proximity->flagged);

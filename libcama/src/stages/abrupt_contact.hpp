@@ -6,7 +6,8 @@ namespace cama {
 
 /// Finds what contact stopped abruptly in a step of BDF2 (abrupt.h), which would rebound otherwise.
 template <class Real>
-class SplitContact final : public StageOn<const Options, const Clock, MeshState, ContactState, SystemState> {
+class SplitContact final
+    : public StageOn<const Options, const Clock, MeshState, ContactState, SystemState, const RigidState> {
 public:
   explicit SplitContact(Backend &backend) : push_(backend), load_(backend) {}
   std::string_view name() const override { return "abrupt contact"; }
