@@ -202,6 +202,7 @@ def two_discs(rings, radius):
     return np.column_stack([vertices, 0 * vertices[:, 0]]), np.vstack([faces, lower[faces][:, ::-1]])
 
 
+@pytest.mark.filterwarnings("ignore::cama.PlausibilityWarning")
 def test_two_flat_discs_become_a_mylar_balloon():
     """A bag of two discs of radius r that do not stretch has the volume 2 pi / 3 (sqrt 2 / K)^2 r^3 with the complete
     elliptic integral K(1/2), 1.2185 r^3 (Paulsen, What is the shape of a mylar balloon?, 1994), if it wrinkles freely;
