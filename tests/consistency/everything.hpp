@@ -44,6 +44,14 @@ inline cama::Scene everything(int cells)
   return s;
 }
 
+/// The same without plastic bending, which needs the plate: for the level paper.
+inline cama::Scene everything_of_paper(int cells)
+{
+  cama::Scene s = everything(cells);
+  s.cloths[0].material.yield_curvature = 0;
+  return s;
+}
+
 struct Outcome {
   std::uint64_t hash;
   int contacts, impacts;

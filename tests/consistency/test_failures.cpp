@@ -254,13 +254,6 @@ Scene released()
   return s;
 }
 
-/// Without plastic bending, which needs the plate.
-Scene elastic(Scene s)
-{
-  s.cloths[0].material.yield_curvature = 0;
-  return s;
-}
-
 /// Cases that keep different data between steps.
 std::vector<Case> cases(const std::string &backend)
 {
@@ -277,7 +270,7 @@ std::vector<Case> cases(const std::string &backend)
   exempt.audit = true;
   release.pinch = Pinch::release;
   add("production", everything(4), production);
-  add("paper", elastic(everything(4)), paper);
+  add("paper", everything_of_paper(4), paper);
   add("sorted, single", everything(4), sorted);
   add("released pins", released(), production);
   add("tangled start", tangle(), exempt);
