@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Rigid obstacles that cloth and gravity move: mass properties, free motion, and momentum that cloth and bodies exchange.
+// Rigid obstacles that cloth and gravity move: mass properties, free motion, and momentum that cloth and bodies
+// exchange.
 #include <algorithm>
 #include <cmath>
 #include <functional>
@@ -115,8 +116,12 @@ TEST_CASE("the mass properties of a box, off the origin and turned inside out, a
     const double m = 700 * size.x * size.y * size.z;
     CHECK(p.mass == Approx(m).epsilon(1e-12));
     CHECK(largest(dsub(p.center, center)) < 1e-12);
-    const double expected[6] = {m / 12 * (size.y * size.y + size.z * size.z), m / 12 * (size.z * size.z + size.x * size.x),
-                                m / 12 * (size.x * size.x + size.y * size.y), 0, 0, 0};
+    const double expected[6] = {m / 12 * (size.y * size.y + size.z * size.z),
+                                m / 12 * (size.z * size.z + size.x * size.x),
+                                m / 12 * (size.x * size.x + size.y * size.y),
+                                0,
+                                0,
+                                0};
     for (std::size_t k = 0; k < 6; ++k) CHECK(std::abs(p.inertia[k] - expected[k]) < 1e-10 * m);
     for (Triangle &f : mesh.face) std::swap(f[1], f[2]);
   }
@@ -296,7 +301,7 @@ TEST_CASE("bodies move in the same bits on every backend, with two threads, and 
 {
   const auto poses = [](const Simulation &s) {
     const RigidPose p = s.rigid_pose(0);
-    std::vector<double> numbers{p.center.x,   p.center.y,   p.center.z,   p.velocity.x,         p.velocity.y,
+    std::vector<double> numbers{p.center.x,   p.center.y,    p.center.z,    p.velocity.x,         p.velocity.y,
                                 p.velocity.z, p.rotation[0], p.rotation[1], p.angular_momentum.x, p.angular_momentum.y};
     return numbers;
   };
@@ -372,7 +377,8 @@ TEST_CASE("what cannot be a rigid body is named, and so is a call that does not 
   still.obstacles[0].rigid.reset();
   Simulation other(still, options());
   CHECK(contains(thrown<SceneError>([&] { other.rigid_pose(0); }), "is not rigid"));
-  CHECK(contains(thrown<SceneError>([&] { s.restore(other.checkpoint()); }), "an obstacle that is rigid here was not in its run"));
+  CHECK(contains(thrown<SceneError>([&] { s.restore(other.checkpoint()); }),
+                 "an obstacle that is rigid here was not in its run"));
 }
 
 TEST_CASE("a scene file keeps what makes an obstacle rigid", "[rigid]")

@@ -28,8 +28,8 @@ struct MassProperties {
   SymmetricMatrix inertia{};  ///< about the centre, kg m^2
 };
 
-/// Of a solid of constant density, kg/m^3, that a closed mesh bounds. Throws MeshError, which names `object`, if the mesh
-/// is not closed or has no volume.
+/// Of a solid of constant density, kg/m^3, that a closed mesh bounds. Throws MeshError, which names `object`, if the
+/// mesh is not closed or has no volume.
 MassProperties solid_properties(const std::string &object, const Mesh &mesh, double density);
 
 /// Where a rigid obstacle is, and how it moves.

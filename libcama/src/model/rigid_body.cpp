@@ -23,12 +23,8 @@ SymmetricMatrix inverse_of(const SymmetricMatrix &m)
 {
   const double a = m[1] * m[2] - m[4] * m[4], b = m[4] * m[5] - m[3] * m[2], c = m[3] * m[4] - m[1] * m[5],
                determinant = m[0] * a + m[3] * b + m[5] * c;
-  return {a / determinant,
-          (m[0] * m[2] - m[5] * m[5]) / determinant,
-          (m[0] * m[1] - m[3] * m[3]) / determinant,
-          b / determinant,
-          (m[3] * m[5] - m[0] * m[4]) / determinant,
-          c / determinant};
+  return {a / determinant, (m[0] * m[2] - m[5] * m[5]) / determinant, (m[0] * m[1] - m[3] * m[3]) / determinant,
+          b / determinant, (m[3] * m[5] - m[0] * m[4]) / determinant, c / determinant};
 }
 
 Quaternion conjugate(const Quaternion &q) { return {q[0], -q[1], -q[2], -q[3]}; }
@@ -73,8 +69,7 @@ dvec3 RigidBody::angular_velocity(const std::array<double, 4> &at, const dvec3 &
 
 bool RigidBody::move(double time_step, double implicit_step, double memory, const dvec3 &gravity)
 {
-  const dvec3 v =
-      kernels::daxpy(kernels::daxpy(velocity, time_step, gravity), 1 / mass, impulse.force);
+  const dvec3 v = kernels::daxpy(kernels::daxpy(velocity, time_step, gravity), 1 / mass, impulse.force);
   center_next = kernels::daxpy(kernels::daxpy(center, memory, shift), implicit_step, v);
   // The angular velocity belongs to the rotation at the end of the step.
   const dvec3 momentum = kernels::dadd(angular_momentum, impulse.torque);

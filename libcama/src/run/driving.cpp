@@ -71,7 +71,8 @@ void Engine::check_driven(const char *what, int obstacle) const
 {
   for (const RigidBody &body : state.rigid.body)
     if (body.obstacle == obstacle)
-      refuse(std::string(what) + ": " + state.mesh.object_name[static_cast<std::size_t>(state.mesh.object_of(body.first))] +
+      refuse(std::string(what) + ": " +
+             state.mesh.object_name[static_cast<std::size_t>(state.mesh.object_of(body.first))] +
              " is rigid: forces move it; leave rigid out to drive it");
 }
 

@@ -59,8 +59,8 @@ public:
 
 bool needs_motion(const Scene &scene)
 {
-  return !scene.pins.empty() || std::any_of(scene.obstacles.begin(), scene.obstacles.end(),
-                                            [](const Obstacle &o) { return !o.is_static(); });
+  return !scene.pins.empty() ||
+         std::any_of(scene.obstacles.begin(), scene.obstacles.end(), [](const Obstacle &o) { return !o.is_static(); });
 }
 
 template <class Real> std::unique_ptr<Pipeline> make_pipeline(const Scene &scene, State &state)

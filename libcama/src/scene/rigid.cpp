@@ -43,9 +43,9 @@ void check_inertia(const std::string &object, const SymmetricMatrix &m)
     if (!std::isfinite(x)) refuse(object, ".inertia", "has a value that is not finite");
   Eigen::Matrix3d full;
   full << m[0], m[3], m[5], m[3], m[1], m[4], m[5], m[4], m[2];
-  const Eigen::Vector3d moment = Eigen::SelfAdjointEigenSolver<Eigen::Matrix3d>(full, Eigen::EigenvaluesOnly).eigenvalues();
-  if (!(moment[0] > 0))
-    refuse(object, ".inertia", "is not positive definite; give xx, yy, zz, xy, yz, zx in kg m^2");
+  const Eigen::Vector3d moment =
+      Eigen::SelfAdjointEigenSolver<Eigen::Matrix3d>(full, Eigen::EigenvaluesOnly).eigenvalues();
+  if (!(moment[0] > 0)) refuse(object, ".inertia", "is not positive definite; give xx, yy, zz, xy, yz, zx in kg m^2");
   if (moment[2] > (moment[0] + moment[1]) * (1 + rounding))
     refuse(object, ".inertia", "is of no body: a principal moment is larger than the sum of the other two");
 }
@@ -68,16 +68,15 @@ MassProperties solid_properties(const std::string &object, const Mesh &mesh, dou
     }
     const auto &[a, b, c] = x;
     // The tetrahedron of the face and the origin has this volume; the integrals over it are sums over its corners.
-    const double part = (a[0] * (b[1] * c[2] - b[2] * c[1]) + a[1] * (b[2] * c[0] - b[0] * c[2]) +
-                         a[2] * (b[0] * c[1] - b[1] * c[0])) /
-                        6;
+    const double part =
+        (a[0] * (b[1] * c[2] - b[2] * c[1]) + a[1] * (b[2] * c[0] - b[0] * c[2]) + a[2] * (b[0] * c[1] - b[1] * c[0])) /
+        6;
     volume += part;
     for (std::size_t k = 0; k < 3; ++k) first[k] += part * (a[k] + b[k] + c[k]) / 4;
     constexpr std::array<std::array<std::size_t, 2>, 6> axes{{{0, 0}, {1, 1}, {2, 2}, {0, 1}, {1, 2}, {2, 0}}};
     for (std::size_t k = 0; k < 6; ++k) {
       const auto [i, j] = axes[k];
-      second[k] += part *
-                   ((a[i] + b[i] + c[i]) * (a[j] + b[j] + c[j]) + a[i] * a[j] + b[i] * b[j] + c[i] * c[j]) / 20;
+      second[k] += part * ((a[i] + b[i] + c[i]) * (a[j] + b[j] + c[j]) + a[i] * a[j] + b[i] * b[j] + c[i] * c[j]) / 20;
     }
   }
   if (!(std::abs(volume) > flat * size * size * size))
@@ -108,8 +107,9 @@ MassProperties mass_properties(const Obstacle &o)
     refuse(object, "", "has a motion; a rigid body moves by forces, so give one of rigid and motion");
   if (!(std::isfinite(r.mass) && r.mass >= 0) || !(std::isfinite(r.density) && r.density >= 0) ||
       (r.mass > 0) == (r.density > 0))
-    refuse(object, "", "has mass " + std::to_string(r.mass) + " kg and density " + std::to_string(r.density) +
-                           " kg/m^3; give one of them, greater than 0");
+    refuse(object, "",
+           "has mass " + std::to_string(r.mass) + " kg and density " + std::to_string(r.density) +
+               " kg/m^3; give one of them, greater than 0");
   if (r.center && !finite(*r.center)) refuse(object, ".center", "is not finite");
   if (!finite(r.velocity)) refuse(object, ".velocity", "is not finite");
   if (!finite(r.angular_velocity)) refuse(object, ".angular_velocity", "is not finite");

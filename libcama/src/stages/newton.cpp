@@ -23,9 +23,9 @@ template <class Real>
 NewtonIterations<Real>::NewtonIterations(Backend &b, EvaluateElements<Real> &elements, AssembleMatrix<Real> &assembly,
                                          LinearSolve<Real> &solve, const std::vector<double> &masses)
     : elements_(elements), assembly_(assembly), solve_(solve), product_(b), outer_(b), outer_triangle_(b),
-      outer_hinge_(b), start_(b), zero_gravity_(b), given_(b), solved_(b), moved_(b), vertex_{Stream<double>(b), Stream<double>(b)},
-      triangle_{Stream<double>(b), Stream<double>(b)}, hinge_(b), term_(b), total_(b), part_(b), push_(b), load_(b),
-      pull_(b), share_(b)
+      outer_hinge_(b), start_(b), zero_gravity_(b), given_(b), solved_(b), moved_(b),
+      vertex_{Stream<double>(b), Stream<double>(b)}, triangle_{Stream<double>(b), Stream<double>(b)}, hinge_(b),
+      term_(b), total_(b), part_(b), push_(b), load_(b), pull_(b), share_(b)
 {
   for (double m : masses) fastest_ += m * FASTEST * FASTEST;
 }

@@ -9,9 +9,10 @@
 
 namespace cama {
 
-/// Moves obstacles, pins and attachments to their positions at the end of the step: as the scene prescribes, as a driver
-/// sets them between steps, and rigid bodies by their pose at the end of the step. What a driver sets is reached after a duration, linearly in time (rotations along
-/// the shortest arc), and held. Vertices are numbered through all cloths.
+/// Moves obstacles, pins and attachments to their positions at the end of the step: as the scene prescribes, as a
+/// driver sets them between steps, and rigid bodies by their pose at the end of the step. What a driver sets is reached
+/// after a duration, linearly in time (rotations along the shortest arc), and held. Vertices are numbered through all
+/// cloths.
 class PrescribedMotion final : public StageOn<const Clock, MeshState, const SystemState, const RigidState> {
 public:
   PrescribedMotion(const Scene &scene, Backend &backend);

@@ -15,7 +15,8 @@ constexpr int long_run = 256;  // likewise, of all vertices
 constexpr int max_solves = 12;  // of cloth in a step
 constexpr double tolerance = 3e-4;  // of the impulse, in the norm of the kinetic energy that it gives
 constexpr double least_share = 1e-6;  // of the momentum: smaller impulses do not matter
-constexpr double solve_tolerance = 3e-5;  // of the cloth's linear solves: what they leave looks like a force on the body
+constexpr double solve_tolerance =
+    3e-5;  // of the cloth's linear solves: what they leave looks like a force on the body
 constexpr double too_far = 0.2;  // residual of a step that is divided
 
 using kernels::dadd;
@@ -85,10 +86,7 @@ Vector6 backward(const Matrix6 &lower, Vector6 b)
   return b;
 }
 
-Vector6 vector_of(const BodyWrench &w)
-{
-  return {w.force.x, w.force.y, w.force.z, w.torque.x, w.torque.y, w.torque.z};
-}
+Vector6 vector_of(const BodyWrench &w) { return {w.force.x, w.force.y, w.force.z, w.torque.x, w.torque.y, w.torque.z}; }
 
 /// Lets the linear solves be more accurate while it lives.
 class TighterSolves {
@@ -354,9 +352,9 @@ template <class Real> void CoupleBodies<Real>::run(State &state)
     place(state);
   }
   if (size > too_far * whole + least && state.time.division < state.options.max_divisions)
-    throw SolverError("step " + std::to_string(state.report.step) + ": the motions of rigid bodies and cloth differ by " +
-                      std::to_string(state.report.rigid_residual) + " of the impulses after " + std::to_string(solves) +
-                      " solves");
+    throw SolverError(
+        "step " + std::to_string(state.report.step) + ": the motions of rigid bodies and cloth differ by " +
+        std::to_string(state.report.rigid_residual) + " of the impulses after " + std::to_string(solves) + " solves");
   state.report.rigid_solves = solves;
   state.report.iterations = iterations;
   state.report.newton_iterations = newton;

@@ -11,7 +11,8 @@
 namespace cama {
 
 /// Expects of every rigid body the motion of the step under the load of the last one.
-class PredictBodies final : public StageOn<const StepReport, const Clock, const MeshState, const ElementState, RigidState> {
+class PredictBodies final
+    : public StageOn<const StepReport, const Clock, const MeshState, const ElementState, RigidState> {
 public:
   std::string_view name() const override { return "rigid prediction"; }
   std::string reason() const override { return "rigid bodies"; }
