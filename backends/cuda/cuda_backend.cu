@@ -220,9 +220,11 @@ public:
       check(cudaGetLastError(), "scan_by_block");
       return;
     }
-    with_scratch([&](void *scratch,
-                     std::size_t &bytes) { return cub::DeviceScan::ExclusiveSum(scratch, bytes, in, out, n, queue_); },
-                 "scan");
+    with_scratch(
+        [&](void *scratch, std::size_t &bytes) {
+          return cub::DeviceScan::ExclusiveSum(scratch, bytes, in, out, n, queue_);
+        },
+        "scan");
     with_scratch(
         [&](void *scratch, std::size_t &bytes) {
           return cub::DeviceReduce::Reduce(scratch, bytes, in, total, n, AddLong{}, 0ll, queue_);

@@ -182,7 +182,7 @@ def test_the_stub_is_of_the_compiled_module(tmp_path):
     raise, and names of types that annotations alone use.
     """
     classes = (
-        "Character|Cloth|Contact|LentArray|Material|Mesh|Motion|Obstacle|OptionOverrides|Received|Scene|Simulation|"
+        "Character|Cloth|Contact|LentArray|Material|Mesh|Motion|Obstacle|OptionOverrides|Received|Rigid|Scene|"
         "Wind|Worlds"
     )
     allowed = tmp_path / "allowed"
