@@ -183,7 +183,7 @@ def test_the_stub_is_of_the_compiled_module(tmp_path):
     """
     classes = (
         "Character|Cloth|Contact|LentArray|Material|Mesh|Motion|Obstacle|OptionOverrides|Received|Rigid|Scene|"
-        "Wind|Worlds"
+        "Simulation|Wind|Worlds"
     )
     allowed = tmp_path / "allowed"
     allowed.write_text(
