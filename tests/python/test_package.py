@@ -182,8 +182,8 @@ def test_the_stub_is_of_the_compiled_module(tmp_path):
     raise, and names of types that annotations alone use.
     """
     classes = (
-        "Character|Cloth|Contact|Gas|LentArray|Material|Mesh|Motion|Obstacle|OptionOverrides|Received|Scene|Simulation|"
-        "Wind|Worlds"
+        "Character|Cloth|Contact|Gas|LentArray|Material|Mesh|Motion|Obstacle|OptionOverrides|Received|Rigid|Scene|"
+        "Simulation|Wind|Worlds"
     )
     allowed = tmp_path / "allowed"
     allowed.write_text(
