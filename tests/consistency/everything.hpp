@@ -44,6 +44,13 @@ inline cama::Scene everything(int cells)
   return s;
 }
 
+/// Without plastic bending, which the paper's mode does not have.
+inline cama::Scene elastic(cama::Scene s)
+{
+  s.cloths[0].material.yield_curvature = 0;
+  return s;
+}
+
 struct Outcome {
   std::uint64_t hash;
   int contacts, impacts;

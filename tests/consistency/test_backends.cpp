@@ -49,7 +49,7 @@ TEST_CASE("lock step: every backend agrees with cpu in the paper's mode, fronts 
     serial_cpu.threads = 1;
     serial_cpu.forces = other.forces = true;
     other.backend = backend;
-    StagedEngine reference(everything(8), serial_cpu), candidate(everything(8), other);
+    StagedEngine reference(elastic(everything(8)), serial_cpu), candidate(elastic(everything(8)), other);
     CHECK(lockstep::run(reference, candidate, 10) == "");
   }
 }
@@ -77,7 +77,7 @@ TEST_CASE("the state hash in the paper's mode is the same on every backend", "[d
   if (!lockstep::strict_build()) return;
   for (const std::string &backend : device_backends()) {
     INFO(backend);
-    const Scene scene = everything(8);
+    const Scene scene = elastic(everything(8));
     for (const char *precision : {"double", "single"})
       for (Assembly assembly : {Assembly::algorithm1, Assembly::sorted}) {
         INFO(precision << ", assembly " << static_cast<int>(assembly));

@@ -36,7 +36,7 @@ TEST_CASE("the state hash is the same for 1, 2 and 7 threads and for every run",
 
 TEST_CASE("the state hash does not depend on threads in the paper's mode either", "[determinism]")
 {
-  const Scene scene = everything(8);
+  const Scene scene = elastic(everything(8));
   for (Assembly assembly : {Assembly::algorithm1, Assembly::sorted}) {
     Options o = Options::at(Accuracy::paper);
     o.paper.assembly = assembly;
@@ -72,7 +72,7 @@ TEST_CASE("lock step: one thread and seven agree in the paper's mode, fronts inc
   one.backend = seven.backend = "cpu";
   one.threads = 1;
   seven.threads = 7;
-  StagedEngine reference(everything(8), one), candidate(everything(8), seven);
+  StagedEngine reference(elastic(everything(8)), one), candidate(elastic(everything(8)), seven);
   REQUIRE(reference.has_stream("self_front"));
   CHECK(lockstep::run(reference, candidate, 10) == "");
 }

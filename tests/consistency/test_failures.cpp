@@ -254,13 +254,6 @@ Scene released()
   return s;
 }
 
-/// Without plastic bending, which needs the plate.
-Scene elastic(Scene s)
-{
-  s.cloths[0].material.yield_curvature = 0;
-  return s;
-}
-
 /// Cases that keep different data between steps.
 std::vector<Case> cases(const std::string &backend)
 {
