@@ -1,6 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* The kernels that exist once, all in double: geometry, collision, motion. Each header includes what it uses. */
-#include "collision/border.h"
 #include "collision/bounds.h"
 #include "collision/ccd.h"
 #include "collision/commit.h"

@@ -105,7 +105,6 @@ template <class F> void each(const cama::kernels::gas &g, F &&f)
 }
 template <class F> void each(const cama::kernels::face_nodes &e, F &&f) { each(e.node, f); }
 template <class F> void each(const cama::kernels::edge_nodes &e, F &&f) { each(e.node, f); }
-template <class F> void each(const cama::kernels::face_border &e, F &&f) { each_of(f, e.across, e.owned); }
 template <class F> void each(const cama::kernels::fvec3 &v, F &&f) { each_of(f, v.x, v.y, v.z); }
 template <class F> void each(const cama::kernels::face_features &e, F &&f) { each_of(f, e.edge, e.owned); }
 template <class F> void each(const cama::kernels::stitch &s, F &&f) { each_of(f, s.node, s.ratio, s.stiffness); }

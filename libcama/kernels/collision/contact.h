@@ -22,7 +22,6 @@ DEVICE pair listed_pair(int i, int first_size, GLOBAL const pair *vertex_face, G
    the thickness. Both come from cull_separated_pairs; pairs without a bound are tested here. */
 KERNEL find_contacts(int n, int first_size, GLOBAL const pair *vertex_face, GLOBAL const pair *edge_edge,
                      GLOBAL const face_nodes *face, GLOBAL const edge_nodes *edge, GLOBAL const edge_nodes *wing,
-                     GLOBAL const face_border *border, GLOBAL const int *neighbour_row, GLOBAL const int *neighbour,
                      GLOBAL const dvec3 *position, GLOBAL const dvec3 *predicted,
                      GLOBAL const swept_vertex *swept_vertices, GLOBAL const float *rounding_margin,
                      GLOBAL const vertex_contact *v, double anticipate, GLOBAL int *flag,
@@ -36,7 +35,7 @@ KERNEL find_contacts(int n, int first_size, GLOBAL const pair *vertex_face, GLOB
       pair q = listed_pair(i, first_size, vertex_face, edge_edge);
       element_nodes e = pair_nodes(kind, q, face, edge);
       proximity p = surface_proximity(kind, e, position, v);
-      hit = make_contact(kind, q, e, wing, border, neighbour_row, neighbour, position, predicted, v, anticipate, p, &c);
+      hit = make_contact(kind, q, e, wing, position, predicted, v, anticipate, p, &c);
       if (kind == 0)
         vertex_face_direction[at] = to_direction(p.normal);
       else
@@ -148,8 +147,7 @@ KERNEL flagged_pairs(int n, int first_size, GLOBAL const pair *vertex_face, GLOB
 /* Contacts of the pairs index[0 .. n). */
 KERNEL fill_contacts(int n, int first_size, GLOBAL const int *index, GLOBAL const pair *vertex_face,
                      GLOBAL const pair *edge_edge, GLOBAL const face_nodes *face, GLOBAL const edge_nodes *edge,
-                     GLOBAL const edge_nodes *wing, GLOBAL const face_border *border, GLOBAL const int *neighbour_row,
-                     GLOBAL const int *neighbour, GLOBAL const dvec3 *position, GLOBAL const dvec3 *predicted,
+                     GLOBAL const edge_nodes *wing, GLOBAL const dvec3 *position, GLOBAL const dvec3 *predicted,
                      GLOBAL const vertex_contact *v, double anticipate, GLOBAL contact *contacts)
 {
   FOR_EACH(i, n) {
@@ -165,8 +163,7 @@ KERNEL fill_contacts(int n, int first_size, GLOBAL const int *index, GLOBAL cons
       c.node[k] = e.node[k];
       c.weight[k] = 0.0;
     }
-    make_contact(kind, q, e, wing, border, neighbour_row, neighbour, position, predicted, v, anticipate,
-                 surface_proximity(kind, e, position, v), &c);
+    make_contact(kind, q, e, wing, position, predicted, v, anticipate, surface_proximity(kind, e, position, v), &c);
     contacts[i] = c;
   }
 }

@@ -5,7 +5,6 @@
 #include "../dialect/dvec3.h"
 #include "../dialect/lang.h"
 #include "../system/incidence.h"
-#include "border.h"
 #include "bounds.h"
 #include "distance.h"
 #include "query.h"
@@ -156,49 +155,53 @@ DEVICE double pair_stiffness(vertex_contact a, vertex_contact b)
   return a.stiffness == b.stiffness ? a.stiffness : 2.0 * a.stiffness * b.stiffness / (a.stiffness + b.stiffness);
 }
 
+/* Sine of the angle at which the face of edge (a, b) and vertex w rises along n, which is perpendicular to the edge; 0
+   without a face (w < 0). */
+DEVICE double rise_along(int a, int b, int w, dvec3 n, GLOBAL const dvec3 *position)
+{
+  dvec3 u, r;
+  double rr;
+  if (w < 0) return 0.0;
+  u = dsub(position[b], position[a]);
+  if (!(ddot(u, u) > 0.0)) return 0.0;
+  r = segment_rejection(dsub(position[w], position[a]), u);
+  rr = ddot(r, r);
+  return rr > 0.0 ? ddot(r, n) / sqrt(rr) : 0.0;
+}
+
 /* Share of its stiffness that a contact of two edges has. Where points of a face beside one of them are nearer to the
    other side, the pair is no closest one of the surfaces: its normal leans over the face, and an edge in the middle of
-   a flat surface would be a ledge that stops what slides across. Such contacts fade out as the sine of the angle grows,
-   LEDGE times as fast for every thickness that the sides slide past each other in the step; they are not anticipated.
-   wing: the vertices beside each edge, -1 where there is none; slide: in thicknesses. */
+   a flat surface would be a ledge that stops what slides across. Such contacts fade out as the sine of the angle grows;
+   they are not anticipated. wing: the vertices beside each edge, -1 where there is none. */
 #define LEANS_LEAST 0.05
 #define LEANS_MOST 0.3
-#define LEDGE 100.0
-DEVICE double edge_contact_share(element_nodes e, edge_nodes wing_a, edge_nodes wing_b, dvec3 normal, double slide,
+DEVICE double edge_contact_share(element_nodes e, edge_nodes wing_a, edge_nodes wing_b, dvec3 normal,
                                  GLOBAL const dvec3 *position)
 {
-  double lean = 0.0;
+  double lean = LEANS_LEAST;
   int k;
   for (k = 0; k < 2; ++k) {
     lean = max_double(lean, -rise_along(e.node[0], e.node[1], wing_a.node[k], normal, position));
     lean = max_double(lean, rise_along(e.node[2], e.node[3], wing_b.node[k], normal, position));
   }
-  lean = max_double(lean * (1.0 + LEDGE * slide), LEANS_LEAST);
   return max_double((LEANS_MOST - lean) / (LEANS_MOST - LEANS_LEAST), 0.0);
 }
 
-/* Makes the contact of a candidate pair, if it is one: nearer than the thickness now or (anticipate > 0) after the
-   predicted displacement, with closest points that are interior or, of a vertex and a face, on a border that this face
-   owns. By distance alone (anticipate 0), as in the paper, contacts are interior, and those of edges have their whole
-   stiffness. wing: [edges] the vertices beside each; border: [faces]; neighbour_row, neighbour: of each vertex. */
-DEVICE int make_contact(int kind, pair q, element_nodes e, GLOBAL const edge_nodes *wing,
-                        GLOBAL const face_border *border, GLOBAL const int *neighbour_row, GLOBAL const int *neighbour,
-                        GLOBAL const dvec3 *position, GLOBAL const dvec3 *predicted, GLOBAL const vertex_contact *v,
-                        double anticipate, proximity p, contact *c)
+/* Makes the contact of a candidate pair, if it is one: the closest points are interior, and nearer than the thickness
+   now or (anticipate > 0) after the predicted displacement. By distance alone (anticipate 0), as in the paper, contacts
+   of edges have their whole stiffness. wing: [edges] the vertices beside each. */
+DEVICE int make_contact(int kind, pair q, element_nodes e, GLOBAL const edge_nodes *wing, GLOBAL const dvec3 *position,
+                        GLOBAL const dvec3 *predicted, GLOBAL const vertex_contact *v, double anticipate, proximity p,
+                        contact *c)
 {
-  double thickness = pair_thickness(kind, e, v), approach, share = 1.0, area_a, area_b;
-  dvec3 motion = dvec3_make(0.0, 0.0, 0.0);
-  int k, bordered = kind == 0 && anticipate > 0.0 && v[e.node[1]].shape == SHAPE_MESH;
-  if (!p.interior && !(bordered && v[e.node[0]].shape == SHAPE_MESH)) return 0;
-  if (!(p.distance + pair_radius(kind, e, v) > 0.0)) return 0;
-  for (k = 0; k < 4; ++k) motion = daxpy(motion, p.weight[k], dsub(predicted[e.node[k]], position[e.node[k]]));
-  approach = ddot(p.normal, motion);
+  double thickness = pair_thickness(kind, e, v), approach = 0.0, share = 1.0, area_a, area_b;
+  int k;
+  if (!p.interior || !(p.distance + pair_radius(kind, e, v) > 0.0)) return 0;
+  for (k = 0; k < 4; ++k) approach += p.weight[k] * ddot(p.normal, dsub(predicted[e.node[k]], position[e.node[k]]));
   if (!(p.distance < thickness || (anticipate > 0.0 && p.distance + approach < thickness))) return 0;
   if (p.distance >= thickness + anticipate) return 0;
-  if (bordered && !makes_contact(e, p, border[q.b], neighbour_row, neighbour, position)) return 0;
   if (kind == 1 && anticipate > 0.0) {
-    share = edge_contact_share(e, wing[q.a], wing[q.b], p.normal, dnorm(daxpy(motion, -approach, p.normal)) / thickness,
-                               position);
+    share = edge_contact_share(e, wing[q.a], wing[q.b], p.normal, position);
     if (!(share > 0.0) || (share < 1.0 && !(p.distance < thickness))) return 0;
   }
   if (kind == 0) {

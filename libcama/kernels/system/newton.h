@@ -15,12 +15,6 @@
 #include "incidence.h"
 #include "term.h"
 
-/* 1 if the closest point of a contact of a vertex lies on the border of the face. */
-DEVICE int on_border(contact c)
-{
-  return c.kind == 0 && (c.weight[1] == 0.0 || c.weight[2] == 0.0 || c.weight[3] == 0.0);
-}
-
 /* Distance between the sides of a contact at x, negative once they have passed through each other, with its normal and
    weights. refresh: those of the closest points at x; otherwise those that the contact was found with at `start`. */
 DEVICE double contact_gap(contact c, int refresh, GLOBAL const dvec3 *start, GLOBAL const dvec3 *x,
@@ -37,7 +31,7 @@ DEVICE double contact_gap(contact c, int refresh, GLOBAL const dvec3 *start, GLO
     for (a = 0; a < 4; ++a) e.node[a] = c.node[a];
     radius = pair_radius(c.kind, e, v);
     p = surface_proximity(c.kind, e, x, v);
-    sign = (p.interior || on_border(c)) && ddot(p.normal, c.normal) < 0.0 && !pair_has_plane(c.kind, e, v) ? -1.0 : 1.0;
+    sign = p.interior && ddot(p.normal, c.normal) < 0.0 && !pair_has_plane(c.kind, e, v) ? -1.0 : 1.0;
     *normal = dscale(sign, p.normal);
     for (a = 0; a < 4; ++a) weight[a] = p.weight[a];
     return sign * (p.distance + radius) - radius;

@@ -4,7 +4,6 @@
 #include <algorithm>
 #include <cstdio>
 
-#include "model/borders.hpp"
 #include "model/plate.hpp"
 
 namespace cama {
@@ -247,6 +246,33 @@ template <class Real> void set_up_elements(State &state, System<Real> &s, const 
   incidence(state.elements.hinge_incidence, state.elements.hinge_nodes, state.mesh.hinges);
 }
 
+/// The vertices beside each edge in the first two of its faces; -1 where there is none.
+std::vector<kernels::edge_nodes> wings_of(const std::vector<kernels::edge_nodes> &edges,
+                                          const std::vector<kernels::face_nodes> &faces)
+{
+  struct Side {
+    std::array<int, 2> edge;
+    int beside;
+  };
+  std::vector<Side> sides;
+  for (const kernels::face_nodes &f : faces)
+    for (int k = 0; k < 3; ++k) {
+      const int a = f.node[k], b = f.node[(k + 1) % 3], beside = f.node[(k + 2) % 3];
+      if (a != b && b != beside && a != beside) sides.push_back({{std::min(a, b), std::max(a, b)}, beside});
+    }
+  std::stable_sort(sides.begin(), sides.end(), [](const Side &a, const Side &b) { return a.edge < b.edge; });
+  std::vector<kernels::edge_nodes> wings;
+  for (const kernels::edge_nodes &e : edges) {
+    const std::array<int, 2> key = {std::min(e.node[0], e.node[1]), std::max(e.node[0], e.node[1])};
+    auto side =
+        std::lower_bound(sides.begin(), sides.end(), key, [](const Side &a, const auto &k) { return a.edge < k; });
+    kernels::edge_nodes w{{-1, -1}};
+    for (int k = 0; k < 2 && side != sides.end() && side->edge == key; ++k, ++side) w.node[k] = side->beside;
+    wings.push_back(w);
+  }
+  return wings;
+}
+
 void set_up_contact(State &state, const Scene &scene, const Topology &t, const std::vector<double> &inverse_mass)
 {
   Backend &b = *state.backend;
@@ -297,11 +323,7 @@ void set_up_contact(State &state, const Scene &scene, const Topology &t, const s
   }
   state.mesh.face = Stream<kernels::face_nodes>(b, faces);
   state.mesh.edge = Stream<kernels::edge_nodes>(b, edges);
-  const Borders borders(faces, static_cast<int>(t.position.size()));
-  state.mesh.edge_wing = Stream<kernels::edge_nodes>(b, borders.wings_of(edges));
-  state.mesh.face_border = Stream<kernels::face_border>(b, borders.face);
-  state.mesh.neighbour_row = Stream<int>(b, borders.neighbours.start);
-  state.mesh.neighbour = Stream<int>(b, borders.neighbours.value);
+  state.mesh.edge_wing = Stream<kernels::edge_nodes>(b, wings_of(edges, faces));
   state.contact.vertex_contact = Stream<kernels::vertex_contact>(b, properties);
   state.bounds.margin = Stream<double>(b, margin);
   state.bounds.query_vertices = Stream<int>(b, query_vertices);

@@ -96,8 +96,6 @@ struct MeshState {
   Stream<kernels::face_nodes> face;  // cloth, then obstacles; with contact
   Stream<kernels::edge_nodes> edge;
   Stream<kernels::edge_nodes> edge_wing;  // [edges] the vertices beside the edge in its faces, -1 where it has none
-  Stream<kernels::face_border> face_border;  // [faces] what a contact on the border of a face asks for
-  Stream<int> neighbour_row, neighbour;  // [vertices + 1], [sum] vertices along the edges of its faces
   std::vector<std::string> object_name;  // "cloth 'shirt'": cloths, then obstacles
   std::vector<int> object_first;  // their first vertices
   std::vector<char> object_static;  // 1: an obstacle that never moves
@@ -132,9 +130,6 @@ struct MeshState {
     f("face", Life::scene, face);
     f("edge", Life::scene, edge);
     f("edge_wing", Life::scene, edge_wing);
-    f("face_border", Life::scene, face_border);
-    f("neighbour_row", Life::scene, neighbour_row);
-    f("neighbour", Life::scene, neighbour);
   }
 };
 

@@ -22,8 +22,7 @@ void FindContacts::run_on(const Rooms &state)
   CAMA_LAUNCH(b, cull_separated_pairs, n - first, 1, edge_edge.pairs, state.mesh.face, state.mesh.edge, swept_vertices_,
               rounding_margin_, edge_edge.direction, edge_edge.gap_bound);
   CAMA_LAUNCH(b, find_contacts, n, first, vertex_face.pairs, edge_edge.pairs, state.mesh.face, state.mesh.edge,
-              state.mesh.edge_wing, state.mesh.face_border, state.mesh.neighbour_row, state.mesh.neighbour,
-              state.mesh.position, state.bounds.predicted, swept_vertices_, rounding_margin_,
+              state.mesh.edge_wing, state.mesh.position, state.bounds.predicted, swept_vertices_, rounding_margin_,
               state.contact.vertex_contact, anticipate, flagged_.flag, vertex_face.direction, vertex_face.gap_bound,
               edge_edge.direction, edge_edge.gap_bound);
   if (anticipate > 0) {
@@ -37,9 +36,8 @@ void FindContacts::run_on(const Rooms &state)
   state.contact.contacts = flagged_.compact(state);
   state.contact.contact.resize(state.contact.contacts);
   CAMA_LAUNCH(b, fill_contacts, state.contact.contacts, first, flagged_.index, vertex_face.pairs, edge_edge.pairs,
-              state.mesh.face, state.mesh.edge, state.mesh.edge_wing, state.mesh.face_border, state.mesh.neighbour_row,
-              state.mesh.neighbour, state.mesh.position, state.bounds.predicted, state.contact.vertex_contact,
-              anticipate, state.contact.contact);
+              state.mesh.face, state.mesh.edge, state.mesh.edge_wing, state.mesh.position, state.bounds.predicted,
+              state.contact.vertex_contact, anticipate, state.contact.contact);
   if (state.contact.kept.key.backend()) state.contact.kept_next.key.copy_from(flagged_.key());
   state.report.contacts = state.contact.contacts;
 }
