@@ -53,6 +53,8 @@ BodyWrench sum_of(const BodyWrench &a, const BodyWrench &b)
 using Matrix6 = std::array<std::array<double, 6>, 6>;
 using Vector6 = std::array<double, 6>;
 
+// Without Eigen, which fuses products and sums where the CPU can, so that the bits would depend on it.
+
 /// Lower triangular factor of a positive definite matrix; reads the lower triangle.
 Matrix6 cholesky(Matrix6 a)
 {
