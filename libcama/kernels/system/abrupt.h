@@ -74,10 +74,9 @@ DEVICE dvec3 tangential(term t, GLOBAL const dvec3 *velocity)
    on these a contact is abrupt if all of its push stops cloth, since a body that rests is borne by the others and would
    vibrate on what the split makes of them. n: contacts. */
 KERNEL abrupt_impulses(int n, double share, int cloth_vertices, int rough, GLOBAL const int *rigid,
-                       GLOBAL const contact *contacts,
-                       GLOBAL const double *inverse_mass, GLOBAL const double *push, GLOBAL const double *load,
-                       GLOBAL const dvec3 *start, GLOBAL const dvec3 *velocity, GLOBAL term *terms, GLOBAL vec3 *hold,
-                       GLOBAL dvec3 *abrupt)
+                       GLOBAL const contact *contacts, GLOBAL const double *inverse_mass, GLOBAL const double *push,
+                       GLOBAL const double *load, GLOBAL const dvec3 *start, GLOBAL const dvec3 *velocity,
+                       GLOBAL term *terms, GLOBAL vec3 *hold, GLOBAL dvec3 *abrupt)
 {
   FOR_EACH(i, n) {
     term t = terms[i];

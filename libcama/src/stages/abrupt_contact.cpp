@@ -25,8 +25,8 @@ template <class Real> void SplitContact<Real>::run_on(const Rooms &state)
                    push_);
   CAMA_LAUNCH_REAL(Real, b, push_loads, rows, contacts, incidence.row, incidence.entry, s.term, push_, load_);
   CAMA_LAUNCH_REAL(Real, b, abrupt_impulses, contacts, state.time.implicit_step / state.time.step, rows, rough ? 1 : 0,
-                   state.rigid.vertex, state.contact.contact, mesh.inverse_mass, push_, load_, mesh.velocity, mesh.velocity_next, s.term,
-                   s.hold, abrupt);
+                   state.rigid.vertex, state.contact.contact, mesh.inverse_mass, push_, load_, mesh.velocity,
+                   mesh.velocity_next, s.term, s.hold, abrupt);
   CAMA_LAUNCH_REAL(Real, b, abrupt_changes, rows, contacts, incidence.row, incidence.entry, s.term, mesh.inverse_mass,
                    abrupt, mesh.abrupt_change);
 }
