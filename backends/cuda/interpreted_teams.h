@@ -6,24 +6,20 @@
 
 constexpr int interpreter_threads = 128;
 
-/* Of the kernel that is called; set by the interpreter before each call. Sizes of teams are powers of two. Where the
-   memory is not enough for all teams of a block, the members of the others wait. */
-__shared__ int current_team_shift, current_teams;
+/* Of the kernel that is called; set by the interpreter before each call. Sizes of teams are powers of two. */
+__shared__ int current_team_shift;
 __shared__ unsigned int used_memory[interpreter_threads / 32]; /* [warps] bytes that its team has taken */
 extern __shared__ __align__(16) unsigned char all_team_memory[];
 
-/* Bytes of all_team_memory: so few that eight blocks share a multiprocessor. The largest kernel takes nearly half of it
-   in single precision, and nearly all in double. */
-constexpr unsigned int team_memory_bytes = 22 * 1024;
+/* Bytes of all_team_memory; what the largest kernel takes in double precision, with as many teams as fit. */
+constexpr unsigned int team_memory_bytes = 42 * 1024;
 
 static __device__ inline int team_size() { return 1 << current_team_shift; }
 static __device__ inline int team_member() { return (int)threadIdx.x & (team_size() - 1); }
 static __device__ inline int team_of_block() { return (int)threadIdx.x >> current_team_shift; }
-static __device__ inline int first_team()
-{
-  return team_of_block() < current_teams ? (int)blockIdx.x * current_teams + team_of_block() : 0x7fffffff;
-}
-static __device__ inline int teams_at_once() { return (int)gridDim.x * current_teams; }
+static __device__ inline int teams_of_block() { return interpreter_threads >> current_team_shift; }
+static __device__ inline int first_team() { return (int)blockIdx.x * teams_of_block() + team_of_block(); }
+static __device__ inline int teams_at_once() { return (int)gridDim.x * teams_of_block(); }
 
 static __device__ inline void team_barrier()
 {
@@ -40,8 +36,7 @@ template <class T> static __device__ inline T *team_memory(int count)
   if (threadIdx.x % 32 == 0)
     *(volatile unsigned int *)&used_memory[warp] = at + ((unsigned int)(count * sizeof(T)) + 15) / 16 * 16;
   __syncwarp();
-  const unsigned int share = team_memory_bytes / current_teams / 16 * 16;
-  if (team_of_block() >= current_teams) return nullptr;
+  const unsigned int share = team_memory_bytes / teams_of_block() / 16 * 16;
   if (at + count * sizeof(T) > share) __trap();
   return (T *)(all_team_memory + team_of_block() * share + at);
 }

@@ -16,8 +16,8 @@
 namespace cama {
 namespace {
 
-constexpr int most_slots = max_kernel_arguments + 8, blocks_per_processor = 8;
-constexpr int rank_sort_room = 1792, digit_bits = 4, digits = 1 << digit_bits;
+constexpr int most_slots = max_kernel_arguments + 8, blocks_per_processor = 4;
+constexpr int rank_sort_room = 2048, digit_bits = 4, digits = 1 << digit_bits;
 /// Elements that a thread may handle in one operation, beyond which launches with more threads are faster.
 constexpr int most_per_thread = 8, most_per_thread_of_worlds = 64;
 
@@ -255,18 +255,9 @@ struct Walk {
   }
 };
 
-/// Whether the memory of a block is enough for one team of the function.
-__device__ bool needs_all_memory(int function)
-{
-  return function == factor_fine_blocks_f64 || function == factor_coarse_blocks_f64;
-}
-
 __device__ void set_team(const Instruction &instruction)
 {
-  if (threadIdx.x == 0) {
-    current_team_shift = instruction.team_shift;
-    current_teams = needs_all_memory(instruction.function) ? 1 : interpreter_threads >> instruction.team_shift;
-  }
+  if (threadIdx.x == 0) current_team_shift = instruction.team_shift;
   if (threadIdx.x % 32 == 0) used_memory[threadIdx.x / 32] = 0;
 }
 
