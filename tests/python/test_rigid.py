@@ -11,7 +11,7 @@ import pytest
 
 import cama
 
-EXAMPLE = Path(__file__).resolve().parents[2] / "examples" / "11_hammock.py"
+EXAMPLE = Path(__file__).resolve().parents[2] / "examples" / "12_hammock.py"
 
 
 def ball_over_sheet(speed=-1.0, **rigid):
