@@ -25,6 +25,9 @@ typedef struct {
    then decide by the same numbers. A sine below RISES is zero. */
 #define NEAR_BORDER 1e-6
 #define RISES 1e-10
+/* A normal that leans by a larger sine off all faces at a border is one around a sharp ridge or tip; held through a
+   step it would throw what slides around it, and impacts act there. */
+#define LEANS_OFF 0.05
 
 /* Sine of the angle at which the face of edge (a, b) and vertex w rises along n, which is perpendicular to the edge; 0
    without a face (w < 0). */
@@ -57,17 +60,18 @@ DEVICE double corner_cosine(int v, int w, int k, GLOBAL const dvec3 *position)
   return size > 0.0 ? ddot(p, u) / sqrt(size) : 0.0;
 }
 
-/* 1 if corner w is the closest point of the surface around it to vertex v, which a neighbour of w is not. On a rim v
-   stands straight above it (flat). */
+/* 1 if corner w is the closest point of the surface around it to vertex v, which a neighbour of w is not, with two
+   edges across which the normal does not lean. On a rim v stands straight above it (flat). */
 DEVICE int closest_corner(int v, int w, int flat, GLOBAL const int *neighbour_row, GLOBAL const int *neighbour,
                           GLOBAL const dvec3 *position)
 {
-  int i;
+  int i, across = 0;
   for (i = neighbour_row[w]; i < neighbour_row[w + 1]; ++i) {
     double along = corner_cosine(v, w, neighbour[i], position);
     if (along > RISES || (flat && along < -RISES)) return 0;
+    across += along > -LEANS_OFF;
   }
-  return 1;
+  return across > 1;
 }
 
 /* 1 if the face of e makes the contact of vertex e.node[0] whose closest point has the weights of p. Inside the face it
@@ -78,7 +82,7 @@ DEVICE int makes_contact(element_nodes e, proximity p, face_border border, GLOBA
                          GLOBAL const int *neighbour, GLOBAL const dvec3 *position)
 {
   const int v = e.node[0];
-  double own = 2.0;
+  double own = 2.0, other;
   int k, w, near = 0, corner = 0, side = 0;
   for (k = 0; k < 3; ++k) {
     if (-p.weight[k + 1] < NEAR_BORDER)
@@ -104,8 +108,9 @@ DEVICE int makes_contact(element_nodes e, proximity p, face_border border, GLOBA
     }
   if (own > RISES) return 1;
   if (border.across[side] < 0) return own > -RISES;
-  return OWNS_EDGE(border, side) && !(rise_towards(v, e.node[1 + (side + 1) % 3], e.node[1 + (side + 2) % 3],
-                                                   border.across[side], position) > RISES);
+  if (!OWNS_EDGE(border, side)) return 0;
+  other = rise_towards(v, e.node[1 + (side + 1) % 3], e.node[1 + (side + 2) % 3], border.across[side], position);
+  return !(other > RISES) && max_double(own, other) > -LEANS_OFF;
 }
 
 #endif

@@ -188,8 +188,9 @@ DEVICE int make_contact(int kind, pair q, element_nodes e, GLOBAL const edge_nod
 {
   double thickness = pair_thickness(kind, e, v), approach, share = 1.0, area_a, area_b;
   dvec3 motion = dvec3_make(0.0, 0.0, 0.0);
-  int k, bordered = kind == 0 && anticipate > 0.0 && v[e.node[1]].shape == SHAPE_MESH;
-  if (!p.interior && !(bordered && v[e.node[0]].shape == SHAPE_MESH)) return 0;
+  int k,
+      bordered = kind == 0 && anticipate > 0.0 && v[e.node[0]].shape == SHAPE_MESH && v[e.node[1]].shape == SHAPE_MESH;
+  if (!p.interior && !bordered) return 0;
   if (!(p.distance + pair_radius(kind, e, v) > 0.0)) return 0;
   for (k = 0; k < 4; ++k) motion = daxpy(motion, p.weight[k], dsub(predicted[e.node[k]], position[e.node[k]]));
   approach = ddot(p.normal, motion);
