@@ -210,7 +210,7 @@ inline std::optional<Difference> first_difference(cama::State &a, cama::State &b
     if constexpr (cama::IsStream<std::decay_t<decltype(x)>>::value) {
       const cama::Incidence &terms = a.system.term_incidence;
       const bool room = name == "term_incidence.entry" && x.backend();
-      first = compare(name, x, y, room ? terms.row.at(terms.vertices) : -1);
+      first = compare(name, x, y, !room ? -1 : a.system.terms > 0 ? terms.row.at(terms.vertices) : 0);
     } else {
       first = compare(name, x, y);
     }
