@@ -78,7 +78,7 @@ def _symmetric(inertia: ArrayLike) -> list[float]:
         return reals("rigid: inertia", inertia, (6,)).tolist()
     m = reals("rigid: inertia", inertia, (3, 3))
     if not np.allclose(m, m.T, rtol=0, atol=1e-9 * np.abs(m).max()):
-        raise SceneError("rigid: inertia: is not symmetric")
+        raise SceneError("rigid: inertia: is not symmetric; give a symmetric matrix, or xx, yy, zz, xy, yz, zx")
     return [m[0, 0], m[1, 1], m[2, 2], m[0, 1], m[1, 2], m[2, 0]]
 
 

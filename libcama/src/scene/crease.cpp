@@ -13,7 +13,8 @@ std::vector<int> Scene::vertices_along(int cloth, const dvec3 &from, const dvec3
   using namespace kernels;
   constexpr double near = 1e-3;  // of the length
   if (cloth < 0 || cloth >= static_cast<int>(cloths.size()))
-    throw SceneError("line: there is no cloth " + std::to_string(cloth));
+    throw SceneError("line: there is no cloth " + std::to_string(cloth) + "; the scene has " +
+                     std::to_string(cloths.size()) + ", counted from 0");
   const Cloth &c = cloths[static_cast<std::size_t>(cloth)];
   const dvec3 way = dsub(to, from);
   const double length = dnorm(way);
