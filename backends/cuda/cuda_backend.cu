@@ -19,7 +19,7 @@
 namespace cama {
 namespace {
 
-constexpr int threads_per_block = 256, blocks_per_processor = 16;
+constexpr int fewest_threads = 32, most_threads = 256, blocks_per_processor = 16;
 
 struct Entry {
   const void *once, *f32, *f64;
@@ -114,7 +114,8 @@ public:
     cudaDeviceProp properties;
     check(cudaGetDeviceProperties(&properties, device), "cudaGetDeviceProperties");
     device_ = properties.name;
-    blocks_ = properties.multiProcessorCount * blocks_per_processor;
+    processors_ = properties.multiProcessorCount;
+    blocks_ = processors_ * blocks_per_processor;
     check(cudaStreamCreateWithFlags(&queue_, cudaStreamNonBlocking), "cudaStreamCreate");
     cudaMemPool_t pool = nullptr;
     check(cudaDeviceGetDefaultMemPool(&pool, device), "cudaDeviceGetDefaultMemPool");
@@ -196,8 +197,8 @@ public:
     for (int i = 0; i < count; ++i)
       parameters[i + 1] =
           arguments[i].is_buffer ? const_cast<Buffer *>(&arguments[i].buffer) : const_cast<void *>(arguments[i].scalar);
-    const int blocks = kernel.team > 0 ? n : std::min((n - 1) / threads_per_block + 1, blocks_);
-    const int threads = kernel.team > 0 ? kernel.team : n < threads_per_block ? (n + 31) / 32 * 32 : threads_per_block;
+    const int threads = kernel.team > 0 ? kernel.team : threads_for(n);
+    const int blocks = kernel.team > 0 ? n : std::min((n - 1) / threads + 1, blocks_);
     check(cudaLaunchKernel(function, dim3(blocks), dim3(threads), parameters, 0, queue_), kernel.name);
   }
 
@@ -318,6 +319,14 @@ public:
   }
 
 private:
+  /// Threads of a block: so few that a short launch has a block or two for every processor.
+  int threads_for(int n) const
+  {
+    int threads = fewest_threads;
+    while (threads < most_threads && n > 2 * threads * processors_) threads *= 2;
+    return threads;
+  }
+
   /// Records the launches of `work` as the graph to replay.
   void record(const std::function<void()> &work)
   {
@@ -370,7 +379,7 @@ private:
 
   int index_, before_ = -1;  // of the device, and of the one before it
   std::string device_;
-  int blocks_ = 1;
+  int processors_ = 1, blocks_ = 1;
   cudaStream_t queue_ = nullptr;
   std::unique_ptr<Interpreter> interpreter_;
   cudaGraphExec_t replay_ = nullptr;  // of the last `repeat`

@@ -197,13 +197,15 @@ TEST_CASE("bcsr_multiply equals Eigen's product", "[solver]")
   Stream<int> rows(*backend, row), columns(*backend, column), fixed_stream(*backend, fixed);
   Stream<kernels::f64::mat3> blocks(*backend, block);
   Stream<kernels::f64::vec3> in(*backend, x), out(*backend, n);
-  CAMA_LAUNCH_REAL(double, *backend, bcsr_multiply, n, rows, columns, blocks, fixed_stream, nothing<double>(),
-                   nothing<kernels::f64::mat3>(), 0, nothing<int>(), nothing<int>(), nothing<kernels::f64::term>(), in,
-                   out);
   const VectorXd expected = dense * v;
-  const auto y = out.download();
-  for (int i = 0; i < n; ++i)
-    REQUIRE((eigen(y[static_cast<std::size_t>(i)]) - expected.segment<3>(3 * i)).norm() < 1e-13 * expected.norm());
+  for (const int parts : {1, 3}) {
+    CAMA_LAUNCH_REAL(double, *backend, bcsr_multiply, parts *n, parts, rows, columns, blocks, fixed_stream,
+                     nothing<double>(), nothing<kernels::f64::mat3>(), 0, nothing<int>(), nothing<int>(),
+                     nothing<kernels::f64::term>(), in, out);
+    const auto y = out.download();
+    for (int i = 0; i < n; ++i)
+      REQUIRE((eigen(y[static_cast<std::size_t>(i)]) - expected.segment<3>(3 * i)).norm() < 1e-13 * expected.norm());
+  }
 }
 
 TEST_CASE("bcsr_multiply by differences: masses and springs, and what all share costs no rounding", "[solver]")
@@ -228,19 +230,22 @@ TEST_CASE("bcsr_multiply by differences: masses and springs, and what all share 
   Stream<kernels::f32::mat3> blocks(*backend, block);
   Stream<float> masses(*backend, std::vector<float>(n, mass));
   Stream<kernels::f32::vec3> in(*backend, uniform), out(*backend, n);
-  const auto multiply = [&] {
-    CAMA_LAUNCH_REAL(float, *backend, bcsr_multiply, n, rows, columns, blocks, fixed, masses,
+  const auto multiply = [&](int parts) {
+    CAMA_LAUNCH_REAL(float, *backend, bcsr_multiply, parts *n, parts, rows, columns, blocks, fixed, masses,
                      nothing<kernels::f32::mat3>(), 0, nothing<int>(), nothing<int>(), nothing<kernels::f32::term>(),
                      in, out);
   };
-  multiply();
-  for (const auto &y : out.download()) REQUIRE((y.x == mass * 6.1f && y.y == mass * -0.7f && y.z == mass * 1.3f));
-  in.assign(apart);
-  multiply();
-  const auto y = out.download();
-  // (i - 1)^2 - 2 i^2 + (i + 1)^2 = 2.
-  for (int i = 1; i < n - 1; ++i)
-    REQUIRE(y[static_cast<std::size_t>(i)].x == Approx(mass * i * i - 2.0 * spring).epsilon(1e-6));
+  for (const int parts : {1, 3}) {
+    in.assign(uniform);
+    multiply(parts);
+    for (const auto &y : out.download()) REQUIRE((y.x == mass * 6.1f && y.y == mass * -0.7f && y.z == mass * 1.3f));
+    in.assign(apart);
+    multiply(parts);
+    const auto y = out.download();
+    // (i - 1)^2 - 2 i^2 + (i + 1)^2 = 2.
+    for (int i = 1; i < n - 1; ++i)
+      REQUIRE(y[static_cast<std::size_t>(i)].x == Approx(mass * i * i - 2.0 * spring).epsilon(1e-6));
+  }
 }
 
 namespace {

@@ -21,6 +21,7 @@ DEVICE vec3 vec3_make(real x, real y, real z)
   r.z = z;
   return r;
 }
+DEVICE real component(vec3 a, int c) { return c == 0 ? a.x : c == 1 ? a.y : a.z; }
 DEVICE vec3 to_vec3(dvec3 a) { return vec3_make((real)a.x, (real)a.y, (real)a.z); }
 DEVICE dvec3 to_dvec3(vec3 a) { return dvec3_make((double)a.x, (double)a.y, (double)a.z); }
 DEVICE vec3 add(vec3 a, vec3 b) { return vec3_make(a.x + b.x, a.y + b.y, a.z + b.z); }

@@ -104,15 +104,23 @@ KERNEL improve_moments(int n, GLOBAL const hinge_coupling *coupling, GLOBAL cons
   }
 }
 
-/* force [4 n] = -moment gradient; `onto`: added to what is there. */
+/* force [n], four a hinge: -moment gradient. rate_moment: that of damping, or null; its forces are in rate_force, or
+   where that is null added to force. */
 KERNEL bend_hinges(int n, GLOBAL const hinge_factor *factor, GLOBAL const real *scales, GLOBAL const real *moment,
-                   int onto, GLOBAL vec3 *force)
+                   GLOBAL const real *rate_moment, GLOBAL vec3 *force, GLOBAL vec3 *rate_force)
 {
   FOR_EACH(i, n) {
-    real m = -scales[i] * moment[i];
-    int a;
-    for (a = 0; a < 4; ++a)
-      force[4 * i + a] = onto ? axpy(force[4 * i + a], m, factor[i].gradient[a]) : scale(m, factor[i].gradient[a]);
+    const int h = i >> 2;
+    const vec3 gradient = factor[h].gradient[i & 3];
+    vec3 sum = scale(-scales[h] * moment[h], gradient);
+    if (rate_moment) {
+      const real m = -scales[h] * rate_moment[h];
+      if (rate_force)
+        rate_force[i] = scale(m, gradient);
+      else
+        sum = axpy(sum, m, gradient);
+    }
+    force[i] = sum;
   }
 }
 

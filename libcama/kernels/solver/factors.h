@@ -16,9 +16,11 @@
 
 #define BLOCK_ROWS 16
 #define BLOCK_SIZE 48
-#define BLOCK_TEAM 64   /* members of a team that factors a block */
+#define BLOCK_TEAM 192  /* members of a team that factors a block: ROW_TURNS of BLOCK_SIZE */
 #define APPLY_TEAM 32   /* members of a team that applies it */
-#define ROW_MEMBERS (LANES == 1 ? 3 : 1)   /* members that gather the entries of a row of vertices */
+#define ROW_TURNS (LANES == 1 ? 4 : 1)     /* rows that are eliminated at once */
+#define ROW_MEMBERS (LANES == 1 ? 9 : 1)   /* members that gather the entries of a vertex */
+#define NODE_MEMBERS (LANES == 1 ? 3 : 1)  /* members that gather those of one row of a coarse node */
 /* Words of G: for 16 rows at a time, the columns up to the diagonal, 16 numbers each. Word k holds entries k and k +
    FACTOR_WORDS. */
 #define FACTOR_WORDS 768
@@ -82,32 +84,36 @@ KERNEL term_entries(int n, int first, int vertices, GLOBAL const term *terms, GL
 /* a: a symmetric positive definite matrix of m rows in BLOCK_SIZE columns, scaled to a unit diagonal by the outer
    product of `scaling`; zero elsewhere. Writes G to `factor`, and its columns' units times the scaling to `weight`.
    L^-1 builds up below the diagonal of a as rows are eliminated; pivots are kept above rounding. */
-DEVICE_TEAM void factor_block(int m, LOCAL real *a, LOCAL real *pivot_row, LOCAL real *root, LOCAL double *scaling,
+DEVICE_TEAM void factor_block(int m, LOCAL real *a, LOCAL real *unit, LOCAL real *root, LOCAL double *scaling,
                               GLOBAL int *factor, GLOBAL real *weight)
 {
   const real least = sizeof(real) == 8 ? (real)1e-14 : (real)1e-6;
   int k;
   for (k = 0; k < m; ++k) {
-    real p;
-    TEAM_FOR(l, BLOCK_SIZE) pivot_row[l] = a[k * BLOCK_SIZE + l];
-    TEAM_BARRIER;
-    p = (real)1 / max_real(pivot_row[k], least);
-    TEAM_FOR_LANES(j, m) {
-      lanes own = LANES_LOAD(LOCAL lanes, pivot_row + j);
+    /* Rows behind k change, row k does not. Its part behind the diagonal is also column k: the remaining matrix is
+       symmetric. */
+    LOCAL const real *pivot_row = a + k * BLOCK_SIZE;
+    const real p = (real)1 / max_real(pivot_row[k], least);
+    TEAM_FOR_LANES(item, LANES == 1 ? ROW_TURNS * BLOCK_SIZE : m) {
+      const int turn = item / BLOCK_SIZE, j = item - turn * BLOCK_SIZE;
+      const lanes own = LANES_LOAD(LOCAL lanes, pivot_row + j);
       int i;
-      /* the part of row k behind its diagonal is also column k: the remaining matrix is symmetric */
-      for (i = k + 1; i < m; ++i) {
+      for (i = k + 1 + turn; i < m; i += ROW_TURNS) {
         LOCAL real *at = a + i * BLOCK_SIZE + j;
-        LANES_STORE(LOCAL lanes, at, LANES_LOAD(LOCAL lanes, at) - own * pivot_row[i] * p);
+        const lanes changed = LANES_LOAD(LOCAL lanes, at) - own * pivot_row[i] * p;
+        if (LANES == 1 && j == k)
+          *at = -pivot_row[i] * p;
+        else
+          LANES_STORE(LOCAL lanes, at, changed);
       }
     }
-    TEAM_BARRIER;
-    TEAM_FOR(l, m) {
-      if (l > k) a[l * BLOCK_SIZE + k] = -pivot_row[l] * p;
-      if (l == k) root[k] = (real)sqrt(p);
-    }
+    if (LANES > 1)
+      TEAM_FOR(i, m)
+        if (i > k) a[i * BLOCK_SIZE + k] = -pivot_row[i] * p;
     TEAM_BARRIER;
   }
+  TEAM_FOR(l, m) root[l] = (real)sqrt((real)1 / max_real(a[l * BLOCK_SIZE + l], least));
+  TEAM_BARRIER;
   TEAM_FOR(c, BLOCK_SIZE) {
     real largest = (real)0;
     int l;
@@ -116,7 +122,7 @@ DEVICE_TEAM void factor_block(int m, LOCAL real *a, LOCAL real *pivot_row, LOCAL
       a[l * BLOCK_SIZE + c] = v;
       largest = max_real(largest, v < (real)0 ? -v : v);
     }
-    pivot_row[c] = largest;
+    unit[c] = largest;
     weight[c] = c < m ? (real)((double)largest * (1.0 / 32767.0) * scaling[c]) : (real)0;
   }
   TEAM_BARRIER;
@@ -125,8 +131,8 @@ DEVICE_TEAM void factor_block(int m, LOCAL real *a, LOCAL real *pivot_row, LOCAL
     for (part = 1; part >= 0; --part) {
       int at = word + part * FACTOR_WORDS, column = at / 16, group = column < 16 ? 0 : column < 48 ? 1 : 2;
       int c = column - FACTOR_COLUMN(group, 0), l = 16 * group + at % 16, q = 0;
-      if (c <= l && l < m && pivot_row[c] > (real)0 && pivot_row[c] < (real)1e30) {
-        real v = a[l * BLOCK_SIZE + c] * ((real)32767 / pivot_row[c]);
+      if (c <= l && l < m && unit[c] > (real)0 && unit[c] < (real)1e30) {
+        real v = a[l * BLOCK_SIZE + c] * ((real)32767 / unit[c]);
         q = (int)(v < (real)0 ? v - (real)0.5 : v + (real)0.5);
       }
       both = (int)(((unsigned int)both << 16) | ((unsigned int)q & 0xffffu));
@@ -143,7 +149,7 @@ KERNEL factor_fine_blocks(int n, GLOBAL const int *block_start, GLOBAL const int
                           GLOBAL real *weight)
 {
   TEAM_LOCAL(real, a, BLOCK_SIZE * BLOCK_SIZE);
-  TEAM_LOCAL(real, pivot_row, BLOCK_SIZE);
+  TEAM_LOCAL(real, unit, BLOCK_SIZE);
   TEAM_LOCAL(real, root, BLOCK_SIZE);
   TEAM_LOCAL(double, scaling, BLOCK_SIZE);
   FOR_EACH_TEAM(t, n) {
@@ -153,13 +159,12 @@ KERNEL factor_fine_blocks(int n, GLOBAL const int *block_start, GLOBAL const int
     TEAM_BARRIER;
     TEAM_FOR(item, (last - first) * ROW_MEMBERS) {
       int l = item / ROW_MEMBERS, i = first + l, place = slice_place[i], s = place / SLICE_ROWS,
-          lane = place - s * SLICE_ROWS, e, k, b, c, d;
+          lane = place - s * SLICE_ROWS, e, k, b, c;
       for (e = slice_start[s]; e < slice_start[s + 1]; ++e) {
         int j = column[SLICE_ROWS * e + lane];
         if (j < first || j > i) continue;
-        for (c = item % ROW_MEMBERS; c < 3; c += ROW_MEMBERS)
-          for (d = 0; d < 3; ++d)
-            a[(3 * l + c) * BLOCK_SIZE + 3 * (j - first) + d] += value[SLICE_ROWS * (9 * e + 3 * c + d) + lane];
+        for (c = item % ROW_MEMBERS; c < 9; c += ROW_MEMBERS)
+          a[(3 * l + c / 3) * BLOCK_SIZE + 3 * (j - first) + c % 3] += value[SLICE_ROWS * (9 * e + c) + lane];
       }
       if (terms)
         for (k = term_row[order[i]]; k < term_row[order[i] + 1]; ++k) {
@@ -169,10 +174,9 @@ KERNEL factor_fine_blocks(int n, GLOBAL const int *block_start, GLOBAL const int
             int j = nodes[term_index].node[b];
             real w = x[term_entry[k] & 3] * x[b];
             if (j < first || j > i) continue;
-            for (c = item % ROW_MEMBERS; c < 3; c += ROW_MEMBERS)
-              for (d = 0; d < 3; ++d)
-                a[(3 * l + c) * BLOCK_SIZE + 3 * (j - first) + d] +=
-                    w * (x[7] * (x[4 + c] * x[4 + d]) + (c == d ? x[8] : (real)0));
+            for (c = item % ROW_MEMBERS; c < 9; c += ROW_MEMBERS)
+              a[(3 * l + c / 3) * BLOCK_SIZE + 3 * (j - first) + c % 3] +=
+                  w * (x[7] * (x[4 + c / 3] * x[4 + c % 3]) + (c % 4 == 0 ? x[8] : (real)0));
           }
         }
     }
@@ -182,16 +186,17 @@ KERNEL factor_fine_blocks(int n, GLOBAL const int *block_start, GLOBAL const int
       scaling[l] = 1.0 / sqrt((double)a[l * BLOCK_SIZE + l]);
     }
     TEAM_BARRIER;
-    TEAM_FOR(l, m) {
+    TEAM_FOR(item, ROW_TURNS * BLOCK_SIZE) {
+      const int turn = item / BLOCK_SIZE, l = item - turn * BLOCK_SIZE;
       int c;
-      for (c = 0; c <= l; ++c) {
+      for (c = turn; c <= l && l < m; c += ROW_TURNS) {
         real v = (real)((double)a[l * BLOCK_SIZE + c] * (scaling[l] * scaling[c]));
         a[l * BLOCK_SIZE + c] = v;
         a[c * BLOCK_SIZE + l] = v;
       }
     }
     TEAM_BARRIER;
-    factor_block(m, a, pivot_row, root, scaling, factor + (size_t)t * FACTOR_WORDS, weight + (size_t)t * BLOCK_SIZE);
+    factor_block(m, a, unit, root, scaling, factor + (size_t)t * FACTOR_WORDS, weight + (size_t)t * BLOCK_SIZE);
   }
 }
 
@@ -202,7 +207,7 @@ KERNEL factor_coarse_blocks(int n, int at, GLOBAL const int *block_start, GLOBAL
                             GLOBAL const double *diagonal, GLOBAL int *factor, GLOBAL real *weight)
 {
   TEAM_LOCAL(real, a, BLOCK_SIZE * BLOCK_SIZE);
-  TEAM_LOCAL(real, pivot_row, BLOCK_SIZE);
+  TEAM_LOCAL(real, unit, BLOCK_SIZE);
   TEAM_LOCAL(real, root, BLOCK_SIZE);
   TEAM_LOCAL(double, scaling, BLOCK_SIZE);
   FOR_EACH_TEAM(t, n) {
@@ -221,12 +226,12 @@ KERNEL factor_coarse_blocks(int n, int at, GLOBAL const int *block_start, GLOBAL
           }
     }
     TEAM_BARRIER;
-    TEAM_FOR(l, m) {
-      int i = first + l / 3, r = l - l / 3 * 3, k, d;
+    TEAM_FOR(item, NODE_MEMBERS * m) {
+      int l = item / NODE_MEMBERS, i = first + l / 3, r = l - l / 3 * 3, k, d;
       for (k = row[i]; k < row[i + 1]; ++k) {
         int j = column[k];
         if (j < first || j > i) continue;
-        for (d = 0; d < 3; ++d) {
+        for (d = item % NODE_MEMBERS; d < 3; d += NODE_MEMBERS) {
           int c = 3 * (j - first) + d, low = min_int(r, d), high = max_int(r, d);
           double v = value[9 * k + 3 * r + d];
           if (c > l) continue;
@@ -238,7 +243,7 @@ KERNEL factor_coarse_blocks(int n, int at, GLOBAL const int *block_start, GLOBAL
       }
     }
     TEAM_BARRIER;
-    factor_block(m, a, pivot_row, root, scaling, factor + (size_t)(at + t) * FACTOR_WORDS,
+    factor_block(m, a, unit, root, scaling, factor + (size_t)(at + t) * FACTOR_WORDS,
                  weight + (size_t)(at + t) * BLOCK_SIZE);
   }
 }

@@ -15,20 +15,35 @@
 /* y = A x for a matrix of 3x3 blocks in BCSR form and what is kept beside it; rows of fixed vertices give zero. mass:
    [n] or none. With it, y = M x + sum A_ij (x_j - x_i), so that rounding is relative to differences; this needs rows
    that add up to zero apart from the masses, as those of elements do. drag: [n] diagonal blocks that do not, or none.
-   with_terms: whether the terms are not in the matrix. */
-KERNEL bcsr_multiply(int n, GLOBAL const int *row, GLOBAL const int *column, GLOBAL const mat3 *block,
+   with_terms: whether the terms are not in the matrix. n: rows, or with parts = 3 their components, which neighbours
+   find side by side. */
+KERNEL bcsr_multiply(int n, int parts, GLOBAL const int *row, GLOBAL const int *column, GLOBAL const mat3 *block,
                      GLOBAL const int *fixed, GLOBAL const real *mass, GLOBAL const mat3 *drag, int with_terms,
                      GLOBAL const int *term_row, GLOBAL const int *term_incidence, GLOBAL const term *terms,
                      GLOBAL const vec3 *x, GLOBAL vec3 *y)
 {
-  FOR_EACH(i, n) {
+  FOR_EACH(item, n) {
+    const int i = item / parts;
     const vec3 none = vec3_make((real)0, (real)0, (real)0), own = mass ? x[i] : none;
-    vec3 sum = mass && !fixed[i] ? scale(mass[i], own) : none;
     int k, end = fixed[i] ? row[i] : row[i + 1];
-    for (k = row[i]; k < end; ++k) sum = add(sum, mat3_multiply(block[k], sub(x[column[k]], own)));
-    if (drag && !fixed[i]) sum = add(sum, mat3_multiply(drag[i], x[i]));
-    if (with_terms && !fixed[i]) sum = add_term_products(i, term_row, term_incidence, terms, x, sum);
-    y[i] = sum;
+    if (parts == 1) {
+      vec3 sum = mass && !fixed[i] ? scale(mass[i], own) : none;
+      for (k = row[i]; k < end; ++k) sum = add(sum, mat3_multiply(block[k], sub(x[column[k]], own)));
+      if (drag && !fixed[i]) sum = add(sum, mat3_multiply(drag[i], x[i]));
+      if (with_terms && !fixed[i]) sum = add_term_products(i, term_row, term_incidence, terms, x, sum);
+      y[i] = sum;
+    } else {
+      const int c = item - 3 * i;
+      real sum = mass && !fixed[i] ? mass[i] * component(own, c) : (real)0;
+      for (k = row[i]; k < end; ++k) sum += dot(block[k].row[c], sub(x[column[k]], own));
+      if (drag && !fixed[i]) sum += dot(drag[i].row[c], x[i]);
+      if (with_terms && !fixed[i])
+        for (k = term_row[i]; k < term_row[i + 1]; ++k) {
+          const term t = terms[term_incidence[k] >> 2];
+          sum += t.weight[term_incidence[k] & 3] * component(term_product(t, x), c);
+        }
+      ((GLOBAL real *)y)[item] = sum;
+    }
   }
 }
 

@@ -52,10 +52,11 @@ void evaluate_bending(Backend &b, const Options &options, System<Real> &s, int h
     CAMA_LAUNCH_REAL(Real, b, measure_rates, hinges, s.hinge_rest, s.hinge_factor, s.material_scale, damping->step,
                      s.moment_step, damping->velocity, s.angle_scale, s.scaled_rate, s.rate_moment);
   find_moments(b, s, hinges, damping != nullptr);
-  CAMA_LAUNCH_REAL(Real, b, bend_hinges, hinges, s.hinge_factor, s.angle_scale, s.moment, 0, s.hinge_force);
-  if (damping)
-    CAMA_LAUNCH_REAL(Real, b, bend_hinges, hinges, s.hinge_factor, s.angle_scale, s.rate_moment, damping->onto ? 1 : 0,
-                     damping->hinge_force);
+  Stream<Real> none;
+  Stream<typename Types<Real>::vec3> nowhere;
+  CAMA_LAUNCH_REAL(Real, b, bend_hinges, 4 * hinges, s.hinge_factor, s.angle_scale, s.moment,
+                   damping ? s.rate_moment : none, s.hinge_force,
+                   damping && !damping->onto ? damping->hinge_force : nowhere);
 }
 
 template <class Real>

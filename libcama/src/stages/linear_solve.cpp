@@ -77,8 +77,9 @@ template <class Real> void LinearSolve<Real>::multiply(const Rooms &state, const
   System<Real> &s = state.system.template of<Real>();
   // In single precision the rounding of stiffness times a common motion would act as a force.
   const bool differences = sizeof(Real) == 4 && state.options.paper.assembly == Assembly::gather;
-  CAMA_LAUNCH_REAL(Real, *state.backend, bcsr_multiply, state.mesh.cloth_vertices, s.matrix.row, s.matrix.column,
-                   s.matrix.block, state.mesh.fixed, differences ? s.mass : no_mass_,
+  const int parts = state.backend->wide_workers() ? 1 : 3;
+  CAMA_LAUNCH_REAL(Real, *state.backend, bcsr_multiply, parts * state.mesh.cloth_vertices, parts, s.matrix.row,
+                   s.matrix.column, s.matrix.block, state.mesh.fixed, differences ? s.mass : no_mass_,
                    differences && s.drag.size() ? s.drag : no_drag_, terms_as_operator(state) ? 1 : 0,
                    state.system.term_incidence.row, state.system.term_incidence.entry, s.term, x, q);
   multiply_gas<Real>(*state.backend, state.system, x, 1, state.mesh.fixed, q);
