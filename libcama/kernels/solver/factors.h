@@ -81,24 +81,25 @@ KERNEL term_entries(int n, int first, int vertices, GLOBAL const term *terms, GL
   }
 }
 
-/* a: a symmetric positive definite matrix of m rows in BLOCK_SIZE columns, scaled to a unit diagonal by the outer
-   product of `scaling`; zero elsewhere. Writes G to `factor`, and its columns' units times the scaling to `weight`.
-   L^-1 builds up below the diagonal of a as rows are eliminated; pivots are kept above rounding. */
+/* a: the upper part of a symmetric positive definite matrix of m rows in BLOCK_SIZE columns, scaled to a unit diagonal
+   by the outer product of `scaling`; zero elsewhere. Writes G to `factor`, and its columns' units times the scaling to
+   `weight`. L^-1 builds up below the diagonal of a as rows are eliminated; pivots are kept above rounding. */
 DEVICE_TEAM void factor_block(int m, LOCAL real *a, LOCAL real *unit, LOCAL real *root, LOCAL double *scaling,
                               GLOBAL int *factor, GLOBAL real *weight)
 {
   const real least = sizeof(real) == 8 ? (real)1e-14 : (real)1e-6;
   int k;
   for (k = 0; k < m; ++k) {
-    /* Rows behind k change, row k does not. Its part behind the diagonal is also column k: the remaining matrix is
-       symmetric. */
+    /* Rows behind k change, row k does not. Its part behind the diagonal is also column k, since the remaining matrix
+       is symmetric: of that only the upper part is needed. */
     LOCAL const real *pivot_row = a + k * BLOCK_SIZE;
     const real p = (real)1 / max_real(pivot_row[k], least);
     TEAM_FOR_LANES(item, LANES == 1 ? ROW_TURNS * BLOCK_SIZE : m) {
       const int turn = item / BLOCK_SIZE, j = item - turn * BLOCK_SIZE;
       const lanes own = LANES_LOAD(LOCAL lanes, pivot_row + j);
+      const int end = LANES == 1 && j > k ? min_int(j + 1, m) : m;
       int i;
-      for (i = k + 1 + turn; i < m; i += ROW_TURNS) {
+      for (i = k + 1 + turn; i < end; i += ROW_TURNS) {
         LOCAL real *at = a + i * BLOCK_SIZE + j;
         const lanes changed = LANES_LOAD(LOCAL lanes, at) - own * pivot_row[i] * p;
         if (LANES == 1 && j == k)
@@ -164,7 +165,7 @@ KERNEL factor_fine_blocks(int n, GLOBAL const int *block_start, GLOBAL const int
         int j = column[SLICE_ROWS * e + lane];
         if (j < first || j > i) continue;
         for (c = item % ROW_MEMBERS; c < 9; c += ROW_MEMBERS)
-          a[(3 * l + c / 3) * BLOCK_SIZE + 3 * (j - first) + c % 3] += value[SLICE_ROWS * (9 * e + c) + lane];
+          a[(3 * (j - first) + c % 3) * BLOCK_SIZE + 3 * l + c / 3] += value[SLICE_ROWS * (9 * e + c) + lane];
       }
       if (terms)
         for (k = term_row[order[i]]; k < term_row[order[i] + 1]; ++k) {
@@ -175,7 +176,7 @@ KERNEL factor_fine_blocks(int n, GLOBAL const int *block_start, GLOBAL const int
             real w = x[term_entry[k] & 3] * x[b];
             if (j < first || j > i) continue;
             for (c = item % ROW_MEMBERS; c < 9; c += ROW_MEMBERS)
-              a[(3 * l + c / 3) * BLOCK_SIZE + 3 * (j - first) + c % 3] +=
+              a[(3 * (j - first) + c % 3) * BLOCK_SIZE + 3 * l + c / 3] +=
                   w * (x[7] * (x[4 + c / 3] * x[4 + c % 3]) + (c % 4 == 0 ? x[8] : (real)0));
           }
         }
@@ -189,11 +190,8 @@ KERNEL factor_fine_blocks(int n, GLOBAL const int *block_start, GLOBAL const int
     TEAM_FOR(item, ROW_TURNS * BLOCK_SIZE) {
       const int turn = item / BLOCK_SIZE, l = item - turn * BLOCK_SIZE;
       int c;
-      for (c = turn; c <= l && l < m; c += ROW_TURNS) {
-        real v = (real)((double)a[l * BLOCK_SIZE + c] * (scaling[l] * scaling[c]));
-        a[l * BLOCK_SIZE + c] = v;
-        a[c * BLOCK_SIZE + l] = v;
-      }
+      for (c = turn; c <= l && l < m; c += ROW_TURNS)
+        a[c * BLOCK_SIZE + l] = (real)((double)a[c * BLOCK_SIZE + l] * (scaling[l] * scaling[c]));
     }
     TEAM_BARRIER;
     factor_block(m, a, unit, root, scaling, factor + (size_t)t * FACTOR_WORDS, weight + (size_t)t * BLOCK_SIZE);
@@ -237,7 +235,6 @@ KERNEL factor_coarse_blocks(int n, int at, GLOBAL const int *block_start, GLOBAL
           if (c > l) continue;
           if (terms && j == i) v += diagonal[6 * i + (low == 0 ? high : low + high + 1)];
           v *= scaling[l] * scaling[c];
-          a[l * BLOCK_SIZE + c] = (real)v;
           a[c * BLOCK_SIZE + l] = (real)v;
         }
       }
