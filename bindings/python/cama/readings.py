@@ -15,7 +15,8 @@ from .device_arrays import DeviceArray
 from .parts import Obstacle
 from .results import GasState, Wrench, contact_rows, stage_paths
 from .rigid import RigidPose
-from .scene import Scene, SimulatedScene
+from .scene import Scene
+from .simulated_scene import SimulatedScene
 from .types import ArrayLike, Integers, Reals, VectorLike
 
 if TYPE_CHECKING:

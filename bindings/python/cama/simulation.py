@@ -17,7 +17,8 @@ from .errors import CollisionError, MeshError, SceneError
 from .io import checkpoint
 from .options import overrides_of, signature
 from .results import Frame, GasState, Wrench
-from .scene import Scene, SimulatedScene
+from .scene import Scene
+from .simulated_scene import SimulatedScene
 from .types import PathLike
 
 if TYPE_CHECKING:

@@ -12,7 +12,8 @@ from .arrays import count, indices, integers, reals
 from .device_arrays import brought
 from .errors import ArrayError, Error, SceneError
 from .parts import Obstacle
-from .scene import Scene, SimulatedScene
+from .scene import Scene
+from .simulated_scene import SimulatedScene
 from .types import ArrayLike, Integers, PathLike, Reals
 
 if TYPE_CHECKING:
