@@ -38,9 +38,9 @@ def errors():
 
 
 def kinds():
-    """Kinds of the findings that plausibility.py makes."""
-    source = ast.parse((ROOT / "bindings/python/cama/plausibility.py").read_text("utf-8"))
-    for call in ast.walk(source):
+    """Kinds of the findings that cama.plausibility makes."""
+    sources = [ast.parse(path.read_text("utf-8")) for path in (ROOT / "bindings/python/cama/plausibility").glob("*.py")]
+    for call in (node for source in sources for node in ast.walk(source)):
         if not (isinstance(call, ast.Call) and getattr(call.func, "id", "") == "Finding"):
             continue
         kind = call.args[0]

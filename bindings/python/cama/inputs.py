@@ -17,7 +17,7 @@ from .arrays import integers, number, quaternion, reals, vector
 from .errors import ArrayError, MeshError, SceneError
 from .io import reading, usd_scene
 from .io.usd_reader import is_usd, read_usd
-from .types import ArrayLike, Integers, Reals, VectorLike
+from .types import ArrayLike, Description, Integers, Reals, VectorLike
 from .units import METRES, unknown
 
 
@@ -192,3 +192,20 @@ def shape_scene(kind: str, name: str, shape: object) -> _core.Scene:
     reading.check(reading.of_scene(text, Path(".")))
     with hints.reading():
         return usd_scene.parse(text, Path("."), 0)
+
+
+def compiled_part(
+    kind: str, name: str, mesh: Any, faces: ArrayLike | None, shape: Description | None, *material: Any
+) -> tuple[Any, str]:
+    """Returns a compiled Cloth or Obstacle with its mesh, and a text that says where the mesh comes from."""
+    if (mesh is None) == (shape is None):
+        raise SceneError(f"{name}: exactly one of mesh and shape is needed")
+    if shape is not None:
+        if any(given is not None for given in material[:2]):
+            raise SceneError(f"{name}: material_vertices: a generated shape has a rest shape of its own; leave out")
+        made = shape_scene(kind, name, shape)
+        part = _core.Cloth(made.cloth(0)) if kind == "cloth" else _core.Obstacle(made.obstacle(0))
+        return part, part.source
+    part = _core.Cloth() if kind == "cloth" else _core.Obstacle()
+    part.mesh, source = compiled_mesh(name, mesh, faces, *(material or (None, None)))
+    return part, source

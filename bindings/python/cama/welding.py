@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Vertices of a mesh that coincide: how many there are, and the distance at which they are welded."""
+"""Vertices of a mesh that coincide: how many there are, the distance at which they are welded, and welding."""
 
 from __future__ import annotations
 
@@ -9,8 +9,8 @@ import numpy as np
 
 from . import _core
 from .arrays import number
-from .errors import ArrayError
-from .types import Reals
+from .errors import ArrayError, SceneError
+from .types import Description, Integers, Reals
 
 Weld = Union[bool, float]
 
@@ -62,3 +62,16 @@ def distance_of(name: str, weld: Any, mesh: _core.Mesh) -> float | None:
             "give True, or a distance in m"
         )
     return distance
+
+
+def weld_mesh(name: str, part: Any, weld: Weld, shape: Description | None) -> Integers | None:
+    """Welds the mesh of a compiled Cloth or Obstacle; returns the new vertex [n] of each old one, None: the old."""
+    distance = distance_of(name, weld, part.mesh)
+    if distance is None:
+        return None
+    if shape is not None:
+        raise SceneError(f"{name}: weld: a generated shape has no vertices that coincide; leave it out")
+    if isinstance(part, _core.Obstacle) and not part.motion.is_rigid:
+        raise SceneError(f"{name}: weld: its motion gives positions of every vertex; weld the mesh and them before")
+    part.mesh, renumbered = _core.weld(part.mesh, distance)
+    return renumbered

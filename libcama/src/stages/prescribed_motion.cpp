@@ -2,19 +2,13 @@
 #include "stages/prescribed_motion.hpp"
 
 #include <algorithm>
-#include <cmath>
 #include <limits>
 #include <memory>
-#include <string>
 
-#include "cama/error.hpp"
 #include "device/launch.hpp"
 
 namespace cama {
 namespace {
-
-// numbers in a row of the tables of a checkpoint
-constexpr std::size_t pin_row = 9, attachment_row = 16, earlier_attachment_row = 10, pose_row = 10;
 
 std::vector<dvec3> transform_rows(const RigidTransform &t)
 {
@@ -37,15 +31,12 @@ RigidTransform about_origin(const RigidTransform &t)
   return r;
 }
 
-void put(std::vector<double> &row, const dvec3 &v) { row.insert(row.end(), {v.x, v.y, v.z}); }
-dvec3 get(const double *row) { return {row[0], row[1], row[2]}; }
-
 }  // namespace
 
 PrescribedMotion::PrescribedMotion(const Scene &scene, Backend &backend)
-    : backend_(backend), scene_obstacles_(scene.obstacles), pins_(scene.pins), transform_(backend),
-      handle_position_(backend), handle_vertex_(backend), faces_row_stream_(backend), faces_of_stream_(backend),
-      attachments_(backend)
+    : backend_(backend), scene_obstacles_(scene.obstacles), pins_(scene.pins),
+      attached_(backend, scene_obstacles_, obstacle_first_), transform_(backend), handle_position_(backend),
+      handle_vertex_(backend)
 {
   for (const Cloth &cloth : scene.cloths) {
     cloth_first_.push_back(static_cast<int>(start_.size()));
@@ -70,87 +61,21 @@ PrescribedMotion::PrescribedMotion(const Scene &scene, Backend &backend)
 void PrescribedMotion::set_up()
 {
   handles_.clear();
-  attached_.clear();
+  attached_.list.clear();
   driven_.clear();
   freed_.clear();
   for (const Pin &pin : pins_) {
     std::vector<int> vertices;
     for (int v : pin.vertices) vertices.push_back(cloth_first_[pin.cloth] + v);
     if (pin.obstacle) {
-      for (int v : vertices)
-        attached_.push_back(attached_to(v, static_cast<int>(*pin.obstacle), start_, pin.release, false));
+      for (int v : vertices) attached_.add(v, static_cast<int>(*pin.obstacle), start_, pin.release, false);
     } else {
       std::vector<dvec3> rest;
       for (int v : vertices) rest.push_back(start_[v]);
       handles_.push_back({pin.motion, std::move(vertices), std::move(rest), pin.release});
     }
   }
-  upload_attachments();
-}
-
-void PrescribedMotion::find_faces()
-{
-  if (!faces_row_.empty()) return;
-  std::vector<std::vector<int>> around(start_.size() - static_cast<std::size_t>(cloth_vertices_));
-  for (std::size_t o = 0; o < scene_obstacles_.size(); ++o)
-    for (const Triangle &f : scene_obstacles_[o].mesh.face)
-      for (int k = 0; k < 3; ++k)
-        for (int next : {f[(k + 1) % 3], f[(k + 2) % 3]})
-          around[static_cast<std::size_t>(obstacle_first_[o] - cloth_vertices_ + f[k])].push_back(obstacle_first_[o] +
-                                                                                                  next);
-  std::vector<int> row{0}, of;
-  for (const std::vector<int> &faces : around) {
-    of.insert(of.end(), faces.begin(), faces.end());
-    row.push_back(static_cast<int>(of.size() / 2));
-  }
-  faces_row_.swap(row);
-  faces_of_.swap(of);
-}
-
-PrescribedMotion::Attached PrescribedMotion::attached_at(kernels::attachment foot, const std::vector<dvec3> &position,
-                                                         double release, bool driven)
-{
-  using namespace kernels;
-  find_faces();
-  dvec3 off = position[foot.vertex];
-  for (int j = 0; j < 3; ++j) off = daxpy(off, -foot.weight[j], position[foot.node[j]]);
-  for (int j = 0; j < 3; ++j) {
-    dvec3 axis[3];
-    surface_frame(foot.node[j], cloth_vertices_, faces_row_.data(), faces_of_.data(), position.data(), axis);
-    for (int k = 0; k < 3; ++k) foot.offset[3 * j + k] = ddot(off, axis[k]);
-  }
-  return {foot, release, driven};
-}
-
-PrescribedMotion::Attached PrescribedMotion::attached_to(int vertex, int obstacle, const std::vector<dvec3> &position,
-                                                         double release, bool driven)
-{
-  kernels::attachment best{};
-  best.vertex = vertex;
-  double smallest = std::numeric_limits<double>::infinity();
-  const int first = obstacle_first_[obstacle];
-  for (const Triangle &f : scene_obstacles_[static_cast<std::size_t>(obstacle)].mesh.face) {
-    const kernels::proximity p = kernels::vertex_face_proximity(position[vertex], position[first + f[0]],
-                                                                position[first + f[1]], position[first + f[2]]);
-    if (p.distance >= smallest) continue;
-    smallest = p.distance;
-    for (int k = 0; k < 3; ++k) {
-      best.node[k] = first + f[k];
-      best.weight[k] = -p.weight[k + 1];
-    }
-  }
-  return attached_at(best, position, release, driven);
-}
-
-void PrescribedMotion::upload_attachments()
-{
-  std::vector<kernels::attachment> rows;
-  for (const Attached &a : attached_) rows.push_back(a.row);
-  if (!rows.empty() && faces_row_stream_.size() == 0) {
-    faces_of_stream_.assign(faces_of_);
-    faces_row_stream_.assign(faces_row_);   // last: it says that both are there
-  }
-  if (!rows.empty() || attachments_.size()) attachments_.assign(rows);
+  attached_.upload();
 }
 
 dvec3 PrescribedMotion::Driven::at(double time) const
@@ -204,15 +129,16 @@ template <class Of> void PrescribedMotion::forget(Of &&of)
     h.vertices.resize(kept);
     h.rest.resize(kept);
   }
-  const std::size_t before = attached_.size();
-  attached_.erase(std::remove_if(attached_.begin(), attached_.end(),
-                                 [&](const Attached &a) {
-                                   const bool gone = of(a.row.vertex);
-                                   if (gone && !a.driven) freed_.insert(a.row.vertex);
-                                   return gone;
-                                 }),
-                  attached_.end());
-  if (attached_.size() != before) upload_attachments();
+  std::vector<Attachments::Attached> &list = attached_.list;
+  const std::size_t before = list.size();
+  list.erase(std::remove_if(list.begin(), list.end(),
+                            [&](const Attachments::Attached &a) {
+                              const bool gone = of(a.row.vertex);
+                              if (gone && !a.driven) freed_.insert(a.row.vertex);
+                              return gone;
+                            }),
+             list.end());
+  if (list.size() != before) attached_.upload();
   driven_.erase(std::remove_if(driven_.begin(), driven_.end(), [&](const Driven &d) { return of(d.vertex); }),
                 driven_.end());
 }
@@ -220,33 +146,23 @@ template <class Of> void PrescribedMotion::forget(Of &&of)
 void PrescribedMotion::release_due(const Rooms &state, double time)
 {
   const auto due = [time](const auto &p) { return p.release <= time; };
-  if (std::none_of(handles_.begin(), handles_.end(), due) && std::none_of(attached_.begin(), attached_.end(), due))
-    return;
+  std::vector<Attachments::Attached> &list = attached_.list;
+  if (std::none_of(handles_.begin(), handles_.end(), due) && std::none_of(list.begin(), list.end(), due)) return;
   std::vector<int> vertices;
   for (const Handle &h : handles_)
     if (due(h)) vertices.insert(vertices.end(), h.vertices.begin(), h.vertices.end());
   std::vector<kernels::attachment> kept;
-  for (const Attached &a : attached_)
+  for (const Attachments::Attached &a : list)
     if (due(a))
       vertices.push_back(a.row.vertex);
     else
       kept.push_back(a.row);
   hold(state, {}, vertices);
   // Nothing below allocates: either everything is done or, if memory ran out above, nothing.
-  if (attachments_.size()) attachments_.assign(kept);
+  if (attached_.rows.size()) attached_.rows.assign(kept);
   released_ = time;
   handles_.erase(std::remove_if(handles_.begin(), handles_.end(), due), handles_.end());
-  attached_.erase(std::remove_if(attached_.begin(), attached_.end(), due), attached_.end());
-}
-
-std::vector<int> PrescribedMotion::attached(int obstacle) const
-{
-  const auto o = static_cast<std::size_t>(obstacle);
-  const int first = obstacle_first_[o], last = first + static_cast<int>(scene_obstacles_[o].mesh.position.size());
-  std::vector<int> vertices;
-  for (const Attached &a : attached_)
-    if (a.row.node[0] >= first && a.row.node[0] < last) vertices.push_back(a.row.vertex);
-  return vertices;
+  list.erase(std::remove_if(list.begin(), list.end(), due), list.end());
 }
 
 std::vector<char> PrescribedMotion::pinned() const
@@ -292,9 +208,8 @@ void PrescribedMotion::attach(const Rooms &state, const std::vector<int> &vertic
   for (int v : vertices) listed[v] = 1;
   forget([&](int v) { return listed[v] != 0; });
   const std::vector<dvec3> x = state.mesh.position.download();
-  for (int v : vertices)
-    attached_.push_back(attached_to(v, obstacle, x, std::numeric_limits<double>::infinity(), true));
-  upload_attachments();
+  for (int v : vertices) attached_.add(v, obstacle, x, std::numeric_limits<double>::infinity(), true);
+  attached_.upload();
   hold(state, vertices, {});
 }
 
@@ -395,178 +310,7 @@ void PrescribedMotion::place(const Rooms &state, double time)
     CAMA_LAUNCH(*state.backend, scatter_positions, handle_vertex_.size(), handle_vertex_, handle_position_,
                 state.mesh.position_next);
   }
-  if (attachments_.size())
-    CAMA_LAUNCH(*state.backend, move_attached, attachments_.size(), cloth_vertices_, attachments_, faces_row_stream_,
-                faces_of_stream_, state.mesh.position_next);
-}
-
-void PrescribedMotion::save(State &, Checkpoint &checkpoint)
-{
-  checkpoint.released = released_;
-  const auto table = [&](const char *name, std::vector<double> values) {
-    if (!values.empty()) checkpoint.driving[name] = std::move(values);
-  };
-  std::vector<double> pins, attached, poses;
-  for (const Driven &d : driven_) {
-    pins.push_back(d.vertex);
-    put(pins, d.from);
-    put(pins, d.to);
-    pins.insert(pins.end(), {d.start, d.end});
-  }
-  for (const Attached &a : attached_) {
-    if (!a.driven) continue;
-    attached.push_back(a.row.vertex);
-    for (int k = 0; k < 3; ++k) attached.push_back(a.row.node[k]);
-    for (int k = 0; k < 3; ++k) attached.push_back(a.row.weight[k]);
-    for (double offset : a.row.offset) attached.push_back(offset);
-  }
-  for (const MovingObstacle &o : obstacles_) {
-    if (!o.driven) continue;
-    for (const Motion::Key &key : o.motion.keys) {
-      poses.insert(poses.end(), {static_cast<double>(o.index), key.time});
-      put(poses, key.transform.translation);
-      poses.insert(poses.end(), key.transform.rotation.begin(), key.transform.rotation.end());
-      poses.push_back(key.transform.scale);
-    }
-    if (!o.motion.sampled || o.motion.sampled == scene_obstacles_[o.index].motion.sampled) continue;
-    std::vector<double> frames(o.motion.sampled->time);
-    for (const auto &frame : o.motion.sampled->position)
-      for (const dvec3 &x : frame) put(frames, x);
-    table(("vertices." + std::to_string(o.index)).c_str(), std::move(frames));
-  }
-  table("freed", std::vector<double>(freed_.begin(), freed_.end()));
-  table("pins", std::move(pins));
-  table("attachments", std::move(attached));
-  table("poses", std::move(poses));
-}
-
-void PrescribedMotion::restore(State &s, const Checkpoint &checkpoint)
-{
-  const Rooms state(s);
-  const auto table = [&](const std::string &name) {
-    const auto at = checkpoint.driving.find(name);
-    return at == checkpoint.driving.end() ? std::vector<double>() : at->second;
-  };
-  std::vector<int> fixed_now, driven;
-  for (const Driven &d : driven_) driven.push_back(d.vertex);
-  for (const Attached &a : attached_)
-    if (a.driven) driven.push_back(a.row.vertex);
-  release(state, driven);
-  set_up();
-  released_ = -std::numeric_limits<double>::infinity();
-  for (const Handle &h : handles_) fixed_now.insert(fixed_now.end(), h.vertices.begin(), h.vertices.end());
-  for (const Attached &a : attached_) fixed_now.push_back(a.row.vertex);
-  hold(state, fixed_now, {});
-  release_due(state, checkpoint.released);
-  std::vector<int> freed;
-  for (double v : table("freed")) freed.push_back(static_cast<int>(v));
-  release(state, freed);
-  freed_.insert(freed.begin(), freed.end());
-  fixed_now.clear();
-  const std::vector<double> pins = table("pins"), poses = table("poses");
-  for (std::size_t i = 0; i + pin_row <= pins.size(); i += pin_row) {
-    const double *row = pins.data() + i;
-    driven_.push_back({static_cast<int>(row[0]), get(row + 1), get(row + 4), row[7], row[8]});
-    fixed_now.push_back(driven_.back().vertex);
-  }
-  const auto attach_again = [&](const std::string &name, std::size_t width) {
-    const std::vector<double> rows = table(name);
-    for (const double *row = rows.data(), *end = row + rows.size(); row != end; row += width) {
-      kernels::attachment a{};
-      a.vertex = static_cast<int>(row[0]);
-      for (int k = 0; k < 3; ++k) {
-        a.node[k] = static_cast<int>(row[1 + k]);
-        a.weight[k] = row[4 + k];
-      }
-      attached_.push_back(
-          attached_at(a, checkpoint.vectors.at("position"), std::numeric_limits<double>::infinity(), true));
-      if (width == attachment_row) std::copy(row + 7, row + width, attached_.back().row.offset);
-      fixed_now.push_back(a.vertex);
-    }
-  };
-  attach_again("attachments", attachment_row);
-  attach_again("attached", earlier_attachment_row);  // whose offsets are in the frame of the triangle
-  upload_attachments();
-  hold(state, fixed_now, {});
-  for (MovingObstacle &o : obstacles_) {
-    o.motion = scene_obstacles_[o.index].motion;
-    o.driven = false;
-    o.frame_a = o.frame_b = -1;
-  }
-  for (std::size_t i = 0; i + pose_row <= poses.size(); i += pose_row) {
-    const double *row = poses.data() + i;
-    MovingObstacle &o = moving(state, static_cast<int>(row[0]));
-    if (!o.driven) {
-      Motion motion;
-      motion.sampled = o.motion.sampled;
-      o.motion = motion;
-      o.driven = true;
-    }
-    RigidTransform t;
-    t.translation = get(row + 2);
-    t.rotation = {row[5], row[6], row[7], row[8]};
-    t.scale = row[9];
-    o.motion.keys.push_back({row[1], t});
-  }
-  for (std::size_t i = 0; i < scene_obstacles_.size(); ++i) {
-    const std::vector<double> frames = table("vertices." + std::to_string(i));
-    if (frames.empty()) continue;
-    MovingObstacle &o = moving(state, static_cast<int>(i));
-    auto sampled = std::make_shared<Motion::Sampled>();
-    sampled->time = {frames[0], frames[1]};
-    for (int frame = 0; frame < 2; ++frame) {
-      std::vector<dvec3> x;
-      for (int v = 0; v < o.count; ++v)
-        x.push_back(get(frames.data() + 2 + 3 * (static_cast<std::size_t>(frame) * o.count + v)));
-      sampled->position.push_back(std::move(x));
-    }
-    if (!o.driven) o.motion = Motion{};
-    o.motion.sampled = sampled;
-    o.driven = true;
-  }
-}
-
-void PrescribedMotion::check(const Checkpoint &checkpoint) const
-{
-  const auto refuse = [](const std::string &name, const char *what) {
-    throw SceneError("checkpoint: driving: " + name + ": " + what);
-  };
-  const auto index = [](double value, std::size_t count) {
-    return value >= 0 && value < static_cast<double>(count) && value == std::floor(value);
-  };
-  const std::size_t cloth = static_cast<std::size_t>(cloth_vertices_);
-  for (const auto &[name, values] : checkpoint.driving) {
-    for (double value : values)
-      if (!std::isfinite(value)) refuse(name, "has a value that is not finite");
-    const std::size_t width = name == "pins"          ? pin_row
-                              : name == "attachments" ? attachment_row
-                              : name == "attached"    ? earlier_attachment_row
-                              : name == "poses"       ? pose_row
-                                                      : 1;
-    if (values.size() % width) refuse(name, "ends within a row");
-    for (std::size_t i = 0; i < values.size(); i += width) {
-      const bool attachment = name == "attachments" || name == "attached";
-      if ((name == "pins" || attachment || name == "freed") && !index(values[i], cloth))
-        refuse(name, "has a vertex that is not there");
-      if (attachment)
-        for (int k = 1; k < 4; ++k)
-          if (!index(values[i + k], start_.size()) || values[i + k] < cloth_vertices_)
-            refuse(name, "has a vertex that is not of an obstacle");
-      if (name == "poses" && !index(values[i], scene_obstacles_.size()))
-        refuse(name, "has an obstacle that is not there");
-    }
-    if (name.rfind("vertices.", 0) == 0) {
-      const std::string number = name.substr(9);
-      std::size_t o = scene_obstacles_.size();
-      for (std::size_t k = 0; k < scene_obstacles_.size(); ++k)
-        if (std::to_string(k) == number) o = k;
-      if (o == scene_obstacles_.size() || values.size() != 2 + 6 * scene_obstacles_[o].mesh.position.size())
-        refuse(name, "does not fit an obstacle");
-    } else if (width == 1 && name != "freed" && name != "force" && name != "gravity" && name != "wind" &&
-               name != "pressure" && name != "gas") {
-      refuse(name, "is not known");
-    }
-  }
+  attached_.move(*state.backend, state.mesh.position_next);
 }
 
 void PrescribedMotion::run_on(const Rooms &state)

@@ -6,6 +6,7 @@
 #include <vector>
 
 #include "run/pipeline.hpp"
+#include "stages/attachments.hpp"
 
 namespace cama {
 
@@ -32,7 +33,7 @@ public:
   void release(const Rooms &state, const std::vector<int> &vertices);
   void attach(const Rooms &state, const std::vector<int> &vertices, int obstacle);
   /// Cloth vertices that are attached to an obstacle.
-  std::vector<int> attached(int obstacle) const;
+  std::vector<int> attached(int obstacle) const { return attached_.of(obstacle); }
   std::vector<char> pinned() const;  ///< [cloth vertices] 1: by `pin`
   /// target: of the obstacle's vertices as the scene has them before any motion; its scale stays.
   void move_obstacle(const Rooms &state, int obstacle, const RigidTransform &target, double duration);
@@ -53,11 +54,6 @@ private:
     std::vector<dvec3> rest;
     double release;
   };
-  struct Attached {
-    kernels::attachment row;
-    double release;
-    bool driven;
-  };
   struct Driven {
     int vertex;
     dvec3 from, to;
@@ -70,13 +66,6 @@ private:
   void hold(const Rooms &state, const std::vector<int> &fixed_now, const std::vector<int> &free_now);
   void release_due(const Rooms &state, double time);
   MovingObstacle &moving(const Rooms &state, int obstacle);
-  /// The faces around the vertices of obstacles, as surface_frame takes them.
-  void find_faces();
-  /// Attaches a cloth vertex to where it is beside an obstacle, or beside a triangle that is given with its foot point.
-  /// position: of all vertices.
-  Attached attached_to(int vertex, int obstacle, const std::vector<dvec3> &position, double release, bool driven);
-  Attached attached_at(kernels::attachment foot, const std::vector<dvec3> &position, double release, bool driven);
-  void upload_attachments();
 
   Backend &backend_;
   std::vector<Obstacle> scene_obstacles_;
@@ -87,15 +76,13 @@ private:
 
   std::vector<MovingObstacle> obstacles_;
   std::vector<Handle> handles_;
-  std::vector<Attached> attached_;
-  std::vector<int> faces_row_, faces_of_;  // empty until something is attached
+  Attachments attached_;
   std::vector<Driven> driven_;
   std::set<int> freed_;  // vertices that the scene pins and a driver has taken or released
   std::map<int, double> free_inverse_mass_;  // of vertices that are prescribed now, 1/kg
   double released_ = -std::numeric_limits<double>::infinity();  // pins that end by this time have been released, s
   Stream<dvec3> transform_, handle_position_;
-  Stream<int> handle_vertex_, faces_row_stream_, faces_of_stream_;
-  Stream<kernels::attachment> attachments_;
+  Stream<int> handle_vertex_;
 };
 
 }  // namespace cama
