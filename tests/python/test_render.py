@@ -19,8 +19,11 @@ pytest.importorskip("pyvista")
 imageio = pytest.importorskip("imageio.v3")
 
 from PIL import Image  # noqa: E402
+from typer.testing import CliRunner  # noqa: E402
 
 import cama  # noqa: E402
+from cama.cli.main import app  # noqa: E402
+from cama.drum import Drum  # noqa: E402
 from cama.io import render  # noqa: E402
 from cama.io.recording import Part, Recording  # noqa: E402
 from cama.io.rendering import camera, moments, surfaces  # noqa: E402
@@ -108,6 +111,93 @@ def test_other_programs_read_what_is_written(recording):
         assert picture.size == (320, 180)
 
 
+def durations(path):
+    """How long the images of a film are shown, s."""
+    with Image.open(path) as film:
+        result = []
+        for number in range(film.n_frames):
+            film.seek(number)
+            film.load()
+            result.append(film.info["duration"] / 1000)
+    return result
+
+
+def test_a_film_for_a_web_page(recording):
+    """400 x 300, 15 images a second, at half speed as half a second is short; it holds its end for a second."""
+    said = CliRunner().invoke(app, ["render", str(recording), "--film", "--quality", "draft", "--speed", "0.5"])
+    assert said.exit_code == 0, said.output
+    with Image.open(recording / "video.webp") as film:
+        assert film.size == (400, 300) and film.info["loop"] == 0
+    shown = durations(recording / "video.webp")
+    assert np.allclose(shown[:-1], 1 / 15, atol=0.002) and 1 <= shown[-1] < 1.1
+    assert sum(shown) == pytest.approx(16 / 15 + 1, abs=0.02)
+    assert [file.name for file in recording.iterdir() if file.name != "frames.h5"] == ["video.webp"]
+
+
+def test_options_of_a_film_are_those_given(recording):
+    words = ["--film", "--width", 160, "--height", 120, "--fps", 10, "--speed", 1, "--to", "webp", "--to", "mp4"]
+    said = CliRunner().invoke(app, ["render", str(recording), "--quality", "draft", *map(str, words)])
+    assert said.exit_code == 0 and "real time" in said.output
+    assert imageio.imread(recording / "video.mp4").shape == (16, 120, 160, 3)  # the last one for a second
+    assert np.allclose(durations(recording / "video.webp")[:-1], 0.1)
+
+
+def test_a_film_of_a_single_frame_needs_a_turntable(recording):
+    said = CliRunner().invoke(app, ["render", str(recording), "--film", "--frame", "3"])
+    assert said.exit_code == 2 and "--turntable 45" in said.output
+
+
+def test_a_file_has_the_size_that_is_asked_for(recording):
+    """The quality goes down, then the size of the picture; each limit is kept and most of it used."""
+    look = render.Look(size=(320, 240), quality="draft")
+    how = dict(look=look, fps=10, speed=0.5, formats=["webp", "mp4"])
+    render.render(recording, **how)
+    free = {kind: (recording / f"video.{kind}").stat().st_size / 1000 for kind in ("webp", "mp4")}
+    widths = {}
+    for share in (0.9, 0.5, 0.25):
+        limit = share * min(free.values())
+        result = render.render(recording, limit=limit, **how)
+        assert all(0.3 * limit < file.stat().st_size / 1000 <= limit for file in result.files)
+        with Image.open(recording / "video.webp") as film:
+            assert film.n_frames == result.images == 11
+            widths[share] = film.width
+        assert all(f"{widths[share]} x " in note for file, note in result.notes.items() if file.suffix == ".webp")
+    assert widths[0.9] == 320 and widths[0.25] < 320
+    assert not list(recording.rglob("*.partial*"))
+
+
+def test_a_size_that_cannot_be_had_is_said_and_the_film_of_before_stays(recording):
+    before = render.render(recording, render.Look(**SMALL), fps=10, speed=1, formats=["webp"]).files[0].read_bytes()
+    with pytest.raises(cama.SceneError, match="limit 1 KB: the webp has [1-9][0-9]* KB at the lowest quality"):
+        render.render(recording, render.Look(**SMALL), fps=10, speed=1, formats=["webp"], limit=1)
+    assert (recording / "video.webp").read_bytes() == before and not list(recording.rglob("*.partial*"))
+    with pytest.raises(cama.SceneError, match="limit: is for films"):
+        render.render(recording, limit=100, formats=["png"])
+    with pytest.raises(cama.SceneError, match="limit: is for films"):
+        render.render(recording, limit=100, frame=3)
+    with pytest.raises(cama.SceneError, match="limit -2: is not"):
+        render.render(recording, limit=-2)
+
+
+def test_pictures_of_a_film_leave_no_traces(recording):
+    """Each is stored whole: lossy differences to the one before would leave traces of what moved on."""
+    render.render(recording, render.Look(**SMALL), fps=10, speed=1, formats=["webp"], limit=1000)
+    data, at, sides = (recording / "video.webp").read_bytes(), 12, []
+    while at < len(data):
+        kind, length = data[at : at + 4], int.from_bytes(data[at + 4 : at + 8], "little")
+        if kind == b"ANMF":  # x, y, width - 1, height - 1 of three bytes each
+            sides.append([int.from_bytes(data[at + 8 + k : at + 11 + k], "little") for k in (0, 3, 6, 9)])
+        at += 8 + length + length % 2
+    assert sides == [[0, 0, 319, 179]] * 6
+
+
+def test_webp_that_pillow_does_not_write_is_said_before_anything_is_drawn(recording, monkeypatch):
+    monkeypatch.setattr("PIL.features.check", lambda name: False)
+    with pytest.raises(cama.BackendError, match="Pillow with WebP"):
+        render.render(recording, fps=10, speed=1, formats=["webp"], limit=100)
+    assert [file.name for file in recording.iterdir()] == ["frames.h5"]
+
+
 def test_processes_draw_the_same_film(recording, monkeypatch):
     monkeypatch.setattr(render, "MANY", 2)
     films = []
@@ -191,12 +281,65 @@ def test_bodies_stand_whole_in_the_picture(tmp_path):
     folder = still(tmp_path, skirt, faces, body=(body, np.array([[0, 1, 2], [1, 3, 2], [4, 6, 5], [5, 6, 7]])))
     with Recording(folder) as recording:
         stage = Stage(recording, [0.0], render.Look(size=(320, 180), quality="draft"))
-        eye, focus, up = stage._orbit.at(0)
+        eye, focus, up = stage._orbit.at(0, 0.0)
         stage.close()
     forward = (focus - eye) / np.linalg.norm(focus - eye)
     for point in np.concatenate([skirt, body]) - eye:
         half = np.tan(np.radians(15)) * (point @ forward)
         assert half > 0 and abs(point @ up) < half and abs(point @ np.cross(forward, up)) < half * 320 / 180
+
+
+def test_the_camera_follows_the_cloth(tmp_path):
+    """A sheet that goes 5 m along x past a ball that stays: it stays in the middle of the picture, and is large."""
+    vertices, faces = grid(10)
+    times = np.arange(21) / 20
+    way = np.stack([vertices + [5 * t, 0, 0] for t in times])
+    ball = np.repeat([[[6, 2, 0], [6.2, 2, 0], [6, 2, 0.2]]], len(times), axis=0)
+    folder = record(tmp_path, times, [("sheet", way, faces)], [("ball", ball, np.array([[0, 1, 2]]))])
+    middles, areas = {}, {}
+    for follow in (False, True):
+        drawn = [blue(draw(folder, moment=m, follow=follow, **{**ABOVE, "elevation": 60.0})) for m in (0.0, 0.5, 1.0)]
+        middles[follow] = [np.nonzero(picture)[1].mean() for picture in drawn]
+        areas[follow] = np.mean([picture.mean() for picture in drawn])
+    assert np.ptp(middles[False]) > 150 and np.ptp(middles[True]) < 3
+    assert areas[True] > 3 * areas[False]
+
+
+def test_a_camera_that_follows_does_not_shake():
+    """The way goes through both ends and without what is quick; a straight one is kept."""
+    moments = np.linspace(2, 4, 101)
+    straight = np.stack([moments, 3 * moments, 0 * moments], axis=1)
+    way = camera.Way(moments, straight)
+    np.testing.assert_allclose([way.at(m) for m in moments], straight - straight[0], atol=1e-12)
+    shaken = straight + np.outer((-1.0) ** np.arange(101), [0.1, 0, 0])
+    shaken[[0, -1]] = straight[[0, -1]]
+    shifts = np.array([camera.Way(moments, shaken).at(m) for m in moments])
+    assert np.abs(np.diff(shifts[:, 0], 2)).max() < 0.002
+    for few in (1, 2, 3):
+        ends = camera.Way(moments[:few], straight[:few])
+        np.testing.assert_allclose(ends.at(moments[few - 1]), straight[few - 1] - straight[0], atol=1e-12)
+
+
+def test_one_looks_into_what_is_closed_around_the_cloth(tmp_path):
+    """A drum's faces point inwards: its near wall is not drawn and its far wall is solid, so that there is no haze."""
+    vertices, faces = grid(10)
+    drum = Drum(radius=1.0, depth=2.0, paddles=0, triangles=2000).mesh()
+    sheet = 0.8 * (vertices - [0.5, 0.5, 0])
+    part = Part("drum", slice(0, len(drum[0])), drum[1])
+    assert surfaces.is_hollow(part, drum[0])
+    for other in (drum[1][:, ::-1], drum[1][1:]):  # from outside, and open
+        assert not surfaces.is_hollow(Part("drum", slice(0, len(drum[0])), other), drum[0])
+    inside, outside, alone = (
+        draw(
+            still(tmp_path / name, sheet, faces, **walls), azimuth=-80.0, elevation=30.0, distance=9.0, target=(0, 0, 0)
+        )
+        for name, walls in (("in", {"drum": drum}), ("out", {"drum": (drum[0], drum[1][:, ::-1])}), ("alone", {}))
+    )
+    assert blue(inside).sum() > 0.9 * blue(alone).sum() > 0
+    middle = slice(60, 120), slice(130, 190)
+    seen = inside[middle][blue(inside[middle])].mean(axis=0) - alone[middle][blue(alone[middle])].mean(axis=0)
+    hazy = outside[middle].mean(axis=0).mean(axis=0) - inside[middle].mean(axis=0).mean(axis=0)
+    assert np.abs(seen).max() < 40 and np.abs(hazy).max() > 15
 
 
 def test_back_faces_are_paler_than_front_faces(tmp_path):
@@ -225,6 +368,19 @@ def test_colors_and_opacity_are_the_users(tmp_path):
     assert 0 <= solid < 0.5 * unseen and red(obstacle_opacity=0.0) == 0
     assert red(colors=("red",)) > 0.9 * unseen  # what hides more than half of the cloth is drawn clear by itself
     assert (draw(folder, **front)[2, 2] >= 254).all()
+
+
+def test_obstacles_that_are_left_out_change_no_light(tmp_path):
+    """A low sheet on the ground within four unseen walls: the ground around it has the colour of the background."""
+    vertices, faces = grid(8)
+    wall = np.array([[-1, 0, 0], [1, 0, 0], [1, 0, 1], [-1, 0, 1]]) * 3
+    quad = np.array([[0, 1, 2], [0, 2, 3]])
+    floor = np.array([[-9, -9, 0], [11, -9, 0], [11, 11, 0], [-9, 11, 0]], float)
+    walls = {f"wall {k}": (wall[:, [k % 2, 1 - k % 2, 2]] + shift, quad) for k, shift in enumerate((1.2, -0.2))}
+    folder = still(tmp_path, vertices + [0, 0, 0.02], faces, floor=(floor, quad), **walls)
+    picture = draw(folder, obstacle_opacity=0.0, elevation=40.0, distance=3.5, target=(0.5, 0.5, 0))
+    lit = picture.sum(axis=2) > picture[0, 0].sum() - 6
+    assert lit[~blue(picture)].mean() > 0.95 and blue(picture).mean() > 0.05
 
 
 def test_finer_shading_leaves_the_surface_where_it_is():

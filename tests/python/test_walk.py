@@ -104,6 +104,7 @@ SMALLER = {
     "cama run drape --frames 50": SMALL,
     "cama render out/drape --frame -1 --quality draft": PICTURES,
     "cama render out/drape --frame -1 --color steelblue --color upper=#b06a72 --background white": PICTURES,
+    "cama render out/drape --film --limit 250": f"{PICTURES} --quality draft",
     "cama run drape --frames 100 --resume": SMALL.replace("2", "4"),
     "cama render out/drape --fps 60 --speed 1 --azimuth 30 --elevation 10 --width 1920 --height 1080": PICTURES,
     "cama run drape --backend cuda": SMALL,

@@ -2,7 +2,7 @@
 """Pictures and video of a recording, drawn by VTK without a display."""
 
 import contextlib
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -12,7 +12,7 @@ from ..errors import FileError, SceneError
 from ..hints import similar
 from .progress import Bar
 from .recording import Recording
-from .rendering.film import VIDEO, Film, needs, needs_ffmpeg, write_png
+from .rendering.film import VIDEO, Film, needs, needs_ffmpeg, needs_webp, write_png
 from .rendering.look import FORMATS, Look, check
 from .rendering.moments import choose_speed, moments_of, speed_text
 from .rendering.stage import Stage, pictures
@@ -28,10 +28,21 @@ class Rendered:
     seconds: float
     speed: float
     files: list  #: a file of each video, the folder of the images, or the one picture
+    notes: dict = field(default_factory=dict)  #: size and quality of videos with a hold or limit, by their file
 
 
 def render(
-    folder, look=None, fps=30, speed=None, formats=("png", "mp4"), frame=None, caption=False, progress=None, processes=1
+    folder,
+    look=None,
+    fps=30,
+    speed=None,
+    formats=("png", "mp4"),
+    frame=None,
+    caption=False,
+    progress=None,
+    processes=1,
+    hold=0.0,
+    limit=None,
 ):
     """Draws a recording: OUT/images/frame_0000.png ..., OUT/video.mp4, OUT/video.webp. Returns a Rendered.
 
@@ -49,6 +60,9 @@ def render(
         progress: A rich Console for the progress; None: say nothing.
         processes: How many draw at once. A program that asks for more than one must start from below
             `if __name__ == "__main__":`.
+        hold: How long videos stay at their last picture, s.
+        limit: KB (1000 bytes) that each video may have: its quality is lowered until it fits, and where that is not
+            enough its size, down to half; None: any.
 
     Raises:
         FileError, BackendError, SceneError
@@ -57,9 +71,13 @@ def render(
     for kind in formats:
         if kind not in FORMATS:
             raise SceneError(f"format {kind!r}: is not one of {', '.join(FORMATS)}{similar(kind, FORMATS)}")
+    if limit is not None:
+        _check_limit(limit, formats, frame is not None and not look.turntable)
     needs()
     if any(kind in VIDEO for kind in formats) and (frame is None or look.turntable):
         needs_ffmpeg()
+        if "webp" in formats and (hold or limit is not None):
+            needs_webp()
         look = replace(look, size=tuple(s - s % 2 for s in look.size))  # what the video codec takes
     with Recording(folder) as recording:
         check(look, recording)
@@ -82,7 +100,7 @@ def render(
         )
         texts = [f"{moment:.2f} s   {speed_text(speed)}" if caption else None for moment in moments]
         shots = [(moment, text, number / fps) for number, (moment, text) in enumerate(zip(moments, texts))]
-        with Film(out, formats, look.size, fps) as film, bar:
+        with Film(out, formats, look.size, fps, hold, limit and 1000 * limit) as film, bar:
             task = bar.add_task("", total=len(shots))
             with contextlib.closing(
                 pictures(folder, recording, look, shots, processes if len(shots) > MANY else 1)
@@ -91,7 +109,14 @@ def render(
                     film.add(picture)
                     bar.update(task, advance=1)
     files = film.files + ([out / "images"] if "png" in formats else [])
-    return Rendered(len(moments), len(moments) / fps, speed, files)
+    return Rendered(len(moments), len(moments) / fps, speed, files, film.notes)
+
+
+def _check_limit(limit, formats, single):
+    if not limit > 0:
+        raise SceneError(f"limit {limit:g}: is not a number of KB above 0")
+    if single or not any(kind in VIDEO for kind in formats):
+        raise SceneError("limit: is for films; give a format mp4 or webp, and for a single frame a turntable")
 
 
 def _frame(recording, number):

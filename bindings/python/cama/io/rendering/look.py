@@ -29,6 +29,8 @@ class Look:
         target: The point that the camera looks at, [3] m; None: the middle of what is seen.
         distance: Of the camera from the target, m; None: such that everything is in the picture.
         turntable: Rate at which the camera turns about the target, degrees per second of film.
+        follow: The camera moves with the middle of the cloth; it then stands where all cloth, and what is near it, is
+            in the picture. The target is that of the first image.
         colors: Colours of the cloths: names or #rrggbb in the order of the cloths, taken again from the first where
             there are fewer, or `NAME=COLOR` for a cloth of this name.
         background: Colour of the ground and of what is behind it.
@@ -47,6 +49,7 @@ class Look:
     target: Optional[tuple] = None
     distance: Optional[float] = None
     turntable: float = 0.0
+    follow: bool = False
     colors: tuple = ()
     background: str = BACKGROUND
     obstacle_opacity: Optional[float] = None

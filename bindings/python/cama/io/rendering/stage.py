@@ -13,7 +13,7 @@ from ...processes import follow_parent, interrupts_held, terminate
 from ..recording import Recording
 from . import look as looks
 from . import passes, surfaces
-from .camera import VIEW_ANGLE, Orbit, directions
+from .camera import VIEW_ANGLE, Orbit, Way, directions
 from .moments import positions_at, sample
 
 AMBIENT, DIFFUSE = 0.42, 0.70  # of cloths and obstacles
@@ -21,7 +21,14 @@ GROUND_DIFFUSE = 0.45
 KEY, FILL = 0.84, 0.30  # intensities of the lights
 CLEAR = 0.3  # opacity of obstacles that would hide the cloth
 AHEAD = 4  # pictures of a process that may wait to be written
+NEAR = 0.4  # of the size of the cloth, up to which something is near it
 HIDDEN = 0.5  # share of the visible cloth that obstacles hide at some moment, from which on they are drawn clear
+
+
+def near(points, low, high):
+    """Whether points [n, 3] are near a box, given by its least and greatest coordinates, m."""
+    reach = NEAR * np.linalg.norm(high - low)
+    return ((points > low - reach) & (points < high + reach)).all(axis=1)
 
 
 class Stage:
@@ -69,14 +76,15 @@ class Stage:
         """Finds the ground, what must be in the picture, and where the camera and the key light stand."""
         first, last = (positions_at(self._recording, m) for m in (moments[0], moments[-1]))
         floors = [p for p in self._recording.obstacles if surfaces.is_floor(p, first, last)]
-        seen = self._seen(moments, [p for p in self._recording.obstacles if p not in floors])
+        others = [p for p in self._recording.obstacles if p not in floors]
+        seen = self._seen(moments, others)
         low, high = seen.min(axis=0), seen.max(axis=0)
         self._middle, self._reach = (low + high) / 2, max(float(np.linalg.norm(high - low)), 1e-6)
         levels = {id(p): first[p.vertices][:, 2].max() for p in floors}
         floors = [p for p in floors if levels[id(p)] <= low[2] + 0.02 * self._reach]
         self._solid = [p for p in self._recording.obstacles if p not in floors]
         self._level = max((levels[id(p)] for p in floors), default=low[2] - 0.002 * self._reach)
-        self._orbit = Orbit(seen, self._look)
+        self._orbit = self._follow(moments, others) if self._look.follow else Orbit(seen, self._look)
         self._key = directions(self._look.azimuth - 62, 50)[0]
         shadow = seen - np.outer((seen[:, 2] - self._level) / self._key[2], self._key)
         both = np.concatenate([seen, shadow])[:, :2]
@@ -99,10 +107,28 @@ class Stage:
         for points in map(np.concatenate, others):
             least, most = points.min(axis=0), points.max(axis=0)
             if np.linalg.norm(most - least) > 2.5 * size:
-                shown.append(points[((points > low - 0.4 * size) & (points < high + 0.4 * size)).all(axis=1)])
-            elif (most > low - 0.4 * size).all() and (least < high + 0.4 * size).all():
+                shown.append(points[near(points, low, high)])
+            elif (most > low - NEAR * size).all() and (least < high + NEAR * size).all():
                 shown.append(points)
         return np.concatenate(shown)
+
+    def _follow(self, moments, obstacles):
+        """An Orbit that follows the cloth and has it in the picture, with what is near it, at all moments."""
+        parts = self._recording.cloths or obstacles
+        middles = []
+        for moment in moments:
+            positions = positions_at(self._recording, moment)
+            middles.append(np.mean([positions[p.vertices].mean(axis=0) for p in parts], axis=0))
+        way, seen = Way(moments, np.array(middles)), []
+        for moment in sample(moments):
+            positions, shift = positions_at(self._recording, moment), way.at(moment)
+            cloth = np.concatenate([positions[p.vertices] for p in parts])
+            low, high = cloth.min(axis=0), cloth.max(axis=0)
+            seen.append(cloth - shift)
+            for part in obstacles:
+                points = surfaces.outline(part, positions)
+                seen.append(points[near(points, low, high)] - shift)
+        return Orbit(np.concatenate(seen), self._look, way)
 
     def _add_lights(self):
         far = 1000 * self._reach
@@ -149,7 +175,8 @@ class Stage:
 
     def _add_obstacle(self, part, positions):
         obstacle = surfaces.Obstacle(part, positions, (self._middle, 2.5 * self._reach))
-        return part, obstacle, self._add(obstacle.surface, color=tuple(looks.color(looks.OBSTACLE)))
+        how = dict(culling="back") if surfaces.is_hollow(part, positions) else {}  # one looks in from outside
+        return part, obstacle, self._add(obstacle.surface, color=tuple(looks.color(looks.OBSTACLE)), **how)
 
     def _add_ground(self):
         """A disc that all shadows fall within. In the light it has the colour of the background, so its rim is unseen.
@@ -170,10 +197,12 @@ class Stage:
         opacity = self._look.obstacle_opacity
         if opacity is None and self._obstacles and self._cloths:
             opacity = CLEAR if self._hidden(moments) > HIDDEN else 1.0
+        if opacity == 0:  # not only hidden: the shadow map is laid over all that is there
+            for _, _, actor in self._obstacles:
+                self._plotter.remove_actor(actor)
+            self._obstacles = []
         for _, _, actor in self._obstacles:
-            if opacity is not None and opacity < 1:
-                actor.prop.opacity = opacity
-                actor.visibility = opacity > 0
+            actor.prop.opacity = 1.0 if opacity is None else opacity
 
     def _hidden(self, moments):
         """The largest share of the pixels of cloth that obstacles hide, of a few moments."""
@@ -181,11 +210,14 @@ class Stage:
         plotter.set_background("black")
         for _, cloth, _ in self._cloths:
             plotter.add_mesh(cloth.surface, color="white", lighting=False, show_scalar_bar=False)
-        hiding = [plotter.add_mesh(o.surface, color="black", lighting=False) for _, o, _ in self._obstacles]
+        hiding = [
+            plotter.add_mesh(o.surface, color="black", lighting=False, culling=actor.prop.culling)
+            for _, o, actor in self._obstacles
+        ]
         share = 0.0
         for moment in sample(moments, 8):
             self._move(moment)
-            self._aim(plotter, 0)
+            self._aim(plotter, 0, moment)
             counts = []
             for visible in (False, True):
                 for actor in hiding:
@@ -235,9 +267,9 @@ class Stage:
         for _, _, actor in self._cloths:
             actor.Modified()  # else VTK keeps the shadow maps
 
-    def _aim(self, plotter, seconds):
+    def _aim(self, plotter, seconds, moment):
         camera = plotter.camera
-        camera.position, camera.focal_point, camera.up = self._orbit.at(seconds)
+        camera.position, camera.focal_point, camera.up = self._orbit.at(seconds, moment)
         camera.view_angle = VIEW_ANGLE
         plotter.renderer.reset_camera_clipping_range()
 
@@ -246,7 +278,7 @@ class Stage:
         from PIL import Image
 
         self._move(moment)
-        self._aim(self._plotter, seconds)
+        self._aim(self._plotter, seconds, moment)
         if caption:
             size = max(6, round(10 * self._scale * self._look.size[1] / 720))
             self._plotter.add_text(caption, position=(16, 12), font_size=size, color="#6d7076", name="caption")

@@ -164,6 +164,21 @@ def is_floor(part, first, last):
     return width[2] <= 1e-4 * np.linalg.norm(width)
 
 
+def is_hollow(part, positions):
+    """Whether an obstacle is a closed mesh whose faces point inwards, as a drum that cloth is in."""
+    if part.shape != "mesh":
+        return False
+    faces = part.faces.astype(np.int64)
+    edges = np.concatenate([faces[:, [k, (k + 1) % 3]] for k in range(3)])
+    most = faces.max(initial=0) + 1
+    there, back = (np.sort(edges[:, a] * most + edges[:, 1 - a]) for a in (0, 1))
+    if not len(faces) or not np.array_equal(there, back):  # some edge has one face only
+        return False
+    points = positions[part.vertices]
+    a, b, c = (points[faces[:, k]] - points.mean(axis=0) for k in range(3))
+    return bool(np.sum(np.cross(a, b) * c) < 0)
+
+
 def strain(rest, positions, faces):
     """Largest principal strain at each vertex, [n]: the mean of the triangles there, by area.
 
