@@ -99,6 +99,7 @@ SMALLER = {
     "cama run drape": SMALL,
     "cama run drape --accuracy interactive --frames 50 -o out/quick": SMALL,
     "cama run drape --resolution 20000 --backend opencl": SMALL,
+    'cama run drape --error "0.5 %" --frames 50 -o out/error': SMALL,
     "cama run drape --set tolerance=1e-4 --set paper.search=fronts": SMALL,
     "cama run my-scene/scene.json --threads 2": SMALL,
     "cama run drape --frames 50": SMALL,
