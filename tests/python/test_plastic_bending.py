@@ -173,7 +173,7 @@ def test_a_creased_sheet_comes_to_rest_at_its_angle(kind, cells, angle):
     simulation = cama.Simulation(scene, error="", time_step=1 / 200, backend="cpu")
     simulation.step(300)
     x = simulation.positions
-    assert np.cross(rest[faces[0, 1]] - rest[faces[0, 0]], rest[faces[0, 2]] - rest[faces[0, 0]]) != 0
+    assert np.linalg.det([rest[faces[0, 1]] - rest[faces[0, 0]], rest[faces[0, 2]] - rest[faces[0, 0]]]) != 0
     corners = x[faces]
     normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     left = rest[faces].mean(axis=1)[:, 0] < LENGTH / 2

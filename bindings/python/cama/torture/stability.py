@@ -206,7 +206,10 @@ def write(outcomes, folder, page=None, checks=None):
 
 
 def read(path):
-    """The Outcomes of a stability.json, as `write` left it, here or on another machine. Raises FileError."""
+    """The Outcomes of a stability.json, as `write` left it, here or on another machine. Raises FileError.
+
+    Whether a fault is known is asked of the table of now.
+    """
     try:
         rows = json.loads(Path(path).read_text(encoding="utf-8"))["checks"]
         outcomes = [Outcome(**row) for row in rows]
@@ -220,6 +223,10 @@ def read(path):
             f"{path}: not the results of cama stability ({type(problem).__name__}: {problem}); "
             "give a stability.json that it wrote"
         ) from problem
+    checks = {check.name: check for check in table.CHECKS}
+    for o in outcomes:
+        if o.check in checks and not o.good and not o.cut_off:
+            o.known = checks[o.check].known(o.outcome, o.precision)
     return outcomes
 
 

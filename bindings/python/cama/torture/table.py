@@ -89,14 +89,15 @@ class Check:
         return self.fault if self.fault and self.seen_as in outcome and precision in self.fault_in else ""
 
 
-def _scene(number, name, resolution, expected, long=False, fault="", seen_as="", **build):
+def _scene(number, name, resolution, expected, long=False, fault="", seen_as="", fault_in=PRECISIONS, **build):
     case = CASES[name]
     label = f"ends with {case.error} ({case.words}); no intersection before" if case.error else expected
 
     def body(p):
         p.scene_case(case, resolution, **build)
 
-    return Check(number, name, label, body, error=case.error, words=case.words, long=long, fault=fault, seen_as=seen_as)
+    faults = dict(fault=fault, seen_as=seen_as, fault_in=fault_in)
+    return Check(number, name, label, body, error=case.error, words=case.words, long=long, **faults)
 
 
 def _of(module, number, name, expected, **more):
@@ -142,7 +143,16 @@ CHECKS = (
     _scene(14, "chain", 200, "no intersection, still linked (Gauss)"),
     _scene(15, "funnel", 200, "no intersection, goes down", long=True),
     _scene(15, "hole", 200, "no intersection, all through the hole"),
-    _scene(16, "press", 100, "no intersection, between the plates"),
+    _scene(
+        16,
+        "press",
+        100,
+        "no intersection, between the plates, comes to rest",
+        seen_as="kinetic energy at the end",
+        fault_in=("single",),
+        fault="folds that two plates hold keep shaking with some thousandths of the energy that the cloth had in its "
+        "fall, where contacts and impacts alternate; which start shows it is a matter of rounding",
+    ),
     _scene(16, "press_tight", 100, "no intersection, between the plates"),
     _scene(16, "press_shut", 100, ""),
     _scene(16, "clamp", 100, "no intersection, comes to rest"),
