@@ -38,7 +38,7 @@ def test_arrays_have_stated_shapes(falling):
     assert simulation.cloth_ranges == [(0, cloth)] and simulation.obstacle_ranges == [(cloth, every)]
     assert simulation.step_count == 3 and simulation.time == pytest.approx(0.015)
     assert len(simulation.state_hash) == 16 and int(simulation.state_hash, 16) >= 0
-    assert set(simulation.energy()) == {"kinetic", "stretching", "bending", "gravity"}
+    assert set(simulation.energy()) == {"kinetic", "stretching", "bending", "gravity", "gas"}
     assert (
         simulation.report["step"] == 3 and simulation.report["milliseconds"] > 0 and simulation.report["launches"] > 0
     )

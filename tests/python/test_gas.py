@@ -62,6 +62,40 @@ def test_a_sphere_balances_gas_and_tension(pressure, ambient):
     np.testing.assert_allclose(simulation.positions.mean(0), 0, atol=1e-6)
 
 
+@pytest.mark.parametrize("ambient", [0.0, AMBIENT])
+def test_the_energy_is_what_the_pressure_does_as_work(ambient):
+    """Simpson's rule over the reported pressures, from a balloon of 1e-4 to one of 27 times its volume."""
+    scene = balloon({"pressure": 2e4, "ambient": ambient})
+    simulation = cama.Simulation(scene, error="", time_step=1 / 200, backend="cpu")
+    vertices, at_rest = scene.cloths[0].vertices, volume(scene.cloths[0].vertices, scene.cloths[0].faces)
+
+    def look(part):
+        scale = np.cbrt(part)
+        simulation.set_state(vertices * scale, np.zeros_like(vertices))
+        return simulation.gas["balloon"].pressure, simulation.energy()["gas"]
+
+    # The pressure is on its tangent below a thousandth of the volume.
+    for low, high in [(1e-4, 9e-4), (9e-4, 1.1e-3), (0.1, 0.4), (0.4, 1.0), (1.0, 4.0), (4.0, 27.0)]:
+        pressure, energy = np.array([look(part) for part in np.linspace(low, high, 201)]).T
+        weights = np.concatenate([[1], np.tile([4, 2], 99), [4, 1]]) * (high - low) * at_rest / 600
+        assert energy[0] - energy[-1] == pytest.approx(weights @ pressure, rel=1e-5)
+
+
+def test_breathing_keeps_the_energy():
+    """The sum of kinetic energy, stretching and gas, in steps of a hundredth of the period; each alone changes."""
+    scene = balloon({"pressure": 2e3, "ambient": AMBIENT}, subdivisions=2, material=fabric(mass_damping=0.0))
+    simulation = cama.Simulation(scene, error="", time_step=1e-5, backend="cpu")
+    simulation.set_state(1.01 * scene.cloths[0].vertices, np.zeros_like(scene.cloths[0].vertices))
+    seen = []
+    for _ in range(60):
+        seen.append(simulation.energy())
+        simulation.step(4)
+    sums = [e["kinetic"] + e["stretching"] + e["gas"] for e in seen]
+    exchanged = max(e["kinetic"] for e in seen)
+    assert np.ptp([e["gas"] for e in seen]) > 0.5 * exchanged > 0
+    assert np.ptp(sums) < 0.02 * exchanged
+
+
 def test_a_balloon_grows_as_the_pressure_outside_falls():
     simulation = cama.Simulation(balloon(500.0), error="", time_step=1 / 200, backend="cpu")
     at_rest = simulation.gas["balloon"].volume

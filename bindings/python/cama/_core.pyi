@@ -76,6 +76,7 @@ class Energy(TypedDict):
     stretching: float
     bending: float
     gravity: float
+    gas: float
 
 @type_check_only
 class UntangleFields(TypedDict):

@@ -214,7 +214,11 @@ class Readings:
         return self._core.plastic_curvature()
 
     def energy(self) -> Energy:
-        """Returns the kinetic, stretching, bending and gravity energy, J."""
+        """Returns the kinetic, stretching, bending and gravity energy, and that of enclosed gas, J.
+
+        The last is the work that gas can still do at constant temperature, until its pressure is that outside, or up
+        to 1 m^3 where there is none outside.
+        """
         return self._core.energy()
 
     @property

@@ -369,6 +369,7 @@ void bind_simulation(py::module_ &m)
              d["stretching"] = e.stretching;
              d["bending"] = e.bending;
              d["gravity"] = e.gravity;
+             d["gas"] = e.gas;
              return d;
            })
       .def("untangled", [](Guarded &g) { return to_dict(g.with([](Simulation &s) { return s.untangled(); })); })

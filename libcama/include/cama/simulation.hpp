@@ -31,22 +31,25 @@ struct StreamInfo {
 /// J
 struct Energy {
   double kinetic = 0, stretching = 0, bending = 0, gravity = 0;
+  /// What enclosed gas can still do as work at constant temperature: until its pressure is that outside, or up to 1 m^3
+  /// where there is none outside.
+  double gas = 0;
 };
 
 /// Gas in a closed cloth.
 struct GasState {
   int cloth;
-  double volume;    ///< m^3
+  double volume;  ///< m^3
   double pressure;  ///< above that outside, Pa
-  double amount;    ///< absolute pressure times volume, J
-  double ambient;   ///< absolute pressure outside, Pa
+  double amount;  ///< absolute pressure times volume, J
+  double ambient;  ///< absolute pressure outside, Pa
 };
 
 /// What cloth exerts on an obstacle, or on what holds vertices.
 struct Wrench {
-  dvec3 force{0, 0, 0};            ///< N, mean over the last step
-  dvec3 torque{0, 0, 0};           ///< N m, about the origin of the scene
-  dvec3 impulse{0, 0, 0};          ///< N s, over the interval
+  dvec3 force{0, 0, 0};  ///< N, mean over the last step
+  dvec3 torque{0, 0, 0};  ///< N m, about the origin of the scene
+  dvec3 impulse{0, 0, 0};  ///< N s, over the interval
   dvec3 angular_impulse{0, 0, 0};  ///< N m s, about the origin of the scene
 };
 

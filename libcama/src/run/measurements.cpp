@@ -2,6 +2,7 @@
 #include "run/measurements.hpp"
 
 #include <algorithm>
+#include <cmath>
 #include <limits>
 
 #include "device/launch.hpp"
@@ -46,6 +47,29 @@ template <class Real> double measure_hinges(State &s)
   return sum(energy.download());
 }
 
+/// The work that gas does while it expands at constant temperature from this volume to `end`, against the pressure
+/// outside.
+double expansion_work(const kernels::gas &g, double volume, double end)
+{
+  const double filled = std::max(volume, g.least_volume), lacking = filled - volume;  // on the tangent below
+  const double absolute = g.amount / filled;
+  return g.amount * std::log(end / filled) - g.ambient * (end - volume) +
+         lacking * (absolute + 0.5 * lacking * absolute / filled);
+}
+
+double gas_energy(State &s)
+{
+  EnclosedGas &gas = s.system.gas;
+  if (gas.gas.size() == 0) return 0;
+  find_gas(*s.backend, gas, s.elements.triangle_nodes, s.mesh.position, s.time.step);
+  const auto gases = gas.gas.download();
+  const auto state = gas.state.download();
+  double total = 0;
+  for (std::size_t i = 0; i < gases.size(); ++i)
+    total += expansion_work(gases[i], state[i].volume, gases[i].ambient > 0 ? gases[i].amount / gases[i].ambient : 1);
+  return total;
+}
+
 template <class Real> Energy measure(State &s)
 {
   Stream<double> mass(*s.backend, s.system.masses()), kinetic(*s.backend, s.mesh.cloth_vertices),
@@ -57,6 +81,7 @@ template <class Real> Energy measure(State &s)
   e.gravity = sum(potential.download());
   e.stretching = measure_triangles<Real>(s).energy;
   e.bending = measure_hinges<Real>(s);
+  e.gas = gas_energy(s);
   return e;
 }
 
