@@ -383,6 +383,13 @@ def test_obstacles_that_are_left_out_change_no_light(tmp_path):
     assert lit[~blue(picture)].mean() > 0.95 and blue(picture).mean() > 0.05
 
 
+def test_obstacles_without_triangles_are_not_drawn(tmp_path):
+    vertices, faces = grid(8)
+    points = (np.eye(3) / 2, np.zeros((0, 3), int))
+    with_points = draw(still(tmp_path / "points", vertices, faces, points=points))
+    assert blue(with_points).mean() > 0.05
+
+
 def test_finer_shading_leaves_the_surface_where_it_is():
     """Points between the vertices lie on the triangles unless a smooth surface is asked for."""
     vertices, faces = grid(6)

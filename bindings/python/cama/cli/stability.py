@@ -127,8 +127,8 @@ def stability(
 
         outcomes = runner.run(checks, backends, precisions, accuracy, limit, jobs or runner.default_jobs(), long, each)
     ran = {(o.check, o.backend, o.precision) for o in outcomes}
-    others = [o for o in others if (o.check, o.backend, o.precision) not in ran]
-    runner.write(outcomes + others, output, page, checks)
+    joined = {(o.check, o.backend, o.precision): o for o in others}  # of runs of the same, the last
+    runner.write(outcomes + [o for key, o in joined.items() if key not in ran], output, page, checks)
     out.print(outcome_table(outcomes, out.width))
     good, known = sum(o.good for o in outcomes), sum(bool(o.known) for o in outcomes)
     out.print(

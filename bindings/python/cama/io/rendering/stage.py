@@ -82,7 +82,7 @@ class Stage:
         self._middle, self._reach = (low + high) / 2, max(float(np.linalg.norm(high - low)), 1e-6)
         levels = {id(p): first[p.vertices][:, 2].max() for p in floors}
         floors = [p for p in floors if levels[id(p)] <= low[2] + 0.02 * self._reach]
-        self._solid = [p for p in self._recording.obstacles if p not in floors]
+        self._solid = [p for p in self._recording.obstacles if p not in floors and surfaces.has_surface(p)]
         self._level = max((levels[id(p)] for p in floors), default=low[2] - 0.002 * self._reach)
         self._orbit = self._follow(moments, others) if self._look.follow else Orbit(seen, self._look)
         self._key = directions(self._look.azimuth - 62, 50)[0]

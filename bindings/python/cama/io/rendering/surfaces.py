@@ -112,6 +112,11 @@ class Cloth:
             self.surface.copy_from(shape, deep=False)
 
 
+def has_surface(part):
+    """Whether an obstacle can be drawn: a mesh without triangles cannot."""
+    return part.shape not in ("mesh", "box") or len(part.faces) > 0
+
+
 class Obstacle:
     """The surface of an obstacle; sharp edges of a mesh stay sharp."""
 
