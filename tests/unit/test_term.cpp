@@ -263,17 +263,34 @@ TEST_CASE("friction around an iterate is Coulomb's: at the cone where it slides,
   }
 }
 
-TEST_CASE("contacts find the friction that they had by their features", "[term]")
+TEST_CASE("contacts find the friction that they had by their features, or of the face that their vertex comes from",
+          "[term]")
 {
-  const std::vector<key64> before = {3, 8, 9, 40, key64(1) << 62}, now = {1, 3, 9, 10, 40, 41, key64(1) << 62};
-  std::vector<dvec3> force, kept(now.size());
-  for (std::size_t i = 0; i < before.size(); ++i) force.push_back({1.0 + static_cast<double>(i), 2, 3});
-  f64::recall_friction(static_cast<int>(now.size()), static_cast<int>(before.size()), now.data(), before.data(),
-                       force.data(), kept.data());
-  const std::vector<double> expected = {0, 1, 3, 0, 4, 0, 5};
-  for (std::size_t i = 0; i < now.size(); ++i) CHECK(kept[i].x == expected[i]);
-  f64::recall_friction(1, 0, now.data(), nullptr, nullptr, kept.data());
-  CHECK(kept[0].x == 0.0);
+  // A strip of faces 0 to 3 and one apart, 4; vertices 7 and 8.
+  const std::vector<face_nodes> face = {{{0, 1, 2}}, {{2, 1, 3}}, {{2, 3, 4}}, {{4, 3, 5}}, {{10, 11, 12}}};
+  const auto pair = [](int vertex, int on) { return key64(vertex) << 31 | key64(on); };
+  const key64 edges = key64(1) << 62;
+  const auto recall = [&](const std::vector<key64> &before, const std::vector<key64> &now) {
+    std::vector<dvec3> force, kept(now.size());
+    for (std::size_t i = 0; i < before.size(); ++i) force.push_back({1.0 + static_cast<double>(i), 2, 3});
+    f64::recall_friction(static_cast<int>(now.size()), static_cast<int>(before.size()), face.data(), now.data(),
+                         before.data(), force.data(), kept.data());
+    std::vector<double> x;
+    for (const dvec3 &k : kept) x.push_back(k.x);
+    return x;
+  };
+  using List = std::vector<double>;
+  CHECK(recall({pair(7, 0), pair(8, 1), edges}, {pair(6, 0), pair(7, 0), pair(8, 1), edges, edges + 1}) ==
+        List{0, 1, 2, 3, 0});
+  CHECK(recall({pair(7, 0)}, {pair(7, 1)}) == List{1});  // over an edge
+  CHECK(recall({pair(7, 0)}, {pair(7, 2)}) == List{1});  // over a corner
+  CHECK(recall({pair(7, 0)}, {pair(7, 3)}) == List{0});  // no neighbour
+  CHECK(recall({pair(7, 0)}, {pair(7, 4)}) == List{0});
+  CHECK(recall({pair(7, 0)}, {pair(8, 1)}) == List{0});  // another vertex
+  CHECK(recall({pair(7, 0)}, {pair(7, 0), pair(7, 1)}) == List{1, 0});  // it is still there
+  CHECK(recall({pair(7, 0), pair(7, 1)}, {pair(7, 2)}) == List{2});  // the nearest of both
+  CHECK(recall({edges + pair(7, 0)}, {edges + pair(7, 1)}) == List{0});  // edges
+  CHECK(recall({}, {pair(7, 1)}) == List{0});
 }
 
 TEST_CASE("a stitch pulls with the gradient of its energy and its matrix is the exact Hessian", "[term]")

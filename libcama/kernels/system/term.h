@@ -226,21 +226,58 @@ KERNEL expect_friction(int n, GLOBAL const contact *contacts, GLOBAL const doubl
   }
 }
 
-/* kept[i]: the friction that contact i had at the end of the last step, N on side A; zero if it was none. key: features
-   of the contacts, before_key: of those of the last step, ascending, and their friction. */
-KERNEL recall_friction(int n, int before, GLOBAL const key64 *key, GLOBAL const key64 *before_key,
-                       GLOBAL const dvec3 *before_force, GLOBAL dvec3 *kept)
+/* Place of the first of n ascending keys that is at least `value`. */
+DEVICE int first_key(int n, GLOBAL const key64 *key, key64 value)
+{
+  int lo = 0, hi = n;
+  while (lo < hi) {
+    int middle = (lo + hi) / 2;
+    if (key[middle] < value)
+      lo = middle + 1;
+    else
+      hi = middle;
+  }
+  return lo;
+}
+DEVICE int has_key(int n, GLOBAL const key64 *key, key64 value)
+{
+  int at = first_key(n, key, value);
+  return at < n && key[at] == value;
+}
+
+/* Number of vertices that two faces share. */
+DEVICE int shared_nodes(face_nodes f, face_nodes g)
+{
+  int i, k, sum = 0;
+  for (i = 0; i < 3; ++i)
+    for (k = 0; k < 3; ++k) sum += f.node[i] == g.node[k];
+  return sum;
+}
+
+/* kept[i]: the friction that contact i had at the end of the last step, N on side A; zero if it was none. Where its
+   vertex has come to this face from a neighbouring one, with which it has no contact any more, it is that contact. key:
+   features of the contacts, before_key: of those of the last step, ascending, and their friction. */
+KERNEL recall_friction(int n, int before, GLOBAL const face_nodes *face, GLOBAL const key64 *key,
+                       GLOBAL const key64 *before_key, GLOBAL const dvec3 *before_force, GLOBAL dvec3 *kept)
 {
   FOR_EACH(i, n) {
-    int lo = 0, hi = before;
-    while (lo < hi) {
-      int middle = (lo + hi) / 2;
-      if (before_key[middle] < key[i])
-        lo = middle + 1;
-      else
-        hi = middle;
+    const key64 second = (key64)0x7fffffff;
+    int at = first_key(before, before_key, key[i]), most = 0;
+    dvec3 force = dvec3_make(0.0, 0.0, 0.0);
+    if (at < before && before_key[at] == key[i]) {
+      force = before_force[at];
+    } else if (!(key[i] >> 62)) {
+      face_nodes here = face[(int)(key[i] & second)];
+      for (at = first_key(before, before_key, key[i] & ~second); at < before && before_key[at] >> 31 == key[i] >> 31;
+           ++at) {
+        int shared = shared_nodes(here, face[(int)(before_key[at] & second)]);
+        if (shared > most && !has_key(n, key, before_key[at])) {
+          most = shared;
+          force = before_force[at];
+        }
+      }
     }
-    kept[i] = lo < before && before_key[lo] == key[i] ? before_force[lo] : dvec3_make(0.0, 0.0, 0.0);
+    kept[i] = force;
   }
 }
 

@@ -16,7 +16,8 @@ template <class Real> void EvaluateTerms<Real>::expect_friction(const Rooms &sta
   CAMA_LAUNCH(b, vertex_pushes, state.mesh.cloth_vertices, contacts, state.system.term_incidence.row,
               state.system.term_incidence.entry, state.contact.contact, push_);
   if (state.elements.stitches) s.hold.fill_zero();
-  CAMA_LAUNCH_REAL(Real, b, recall_friction, contacts, kept.key.size(), next.key, kept.key, kept.force, next.force);
+  CAMA_LAUNCH_REAL(Real, b, recall_friction, contacts, kept.key.size(), state.mesh.face, next.key, kept.key, kept.force,
+                   next.force);
   CAMA_LAUNCH_REAL(Real, b, expect_friction, contacts, state.contact.contact, state.mesh.inverse_mass,
                    state.mesh.velocity, state.mesh.base_velocity(state.time), carry, free_velocity_, load_, push_,
                    next.force, static_cast<Real>(state.time.implicit_step), s.term, s.hold);
