@@ -50,9 +50,9 @@ def view(
 
         viewer = Live(how.simulation(how.load(what)), host, port)
     with viewer:
-        say_where(viewer)
         before = signal.signal(signal.SIGTERM, signal.default_int_handler)
         try:
+            say_where(viewer)  # Ctrl-C ends from the moment that it says so
             viewer.wait()
         except KeyboardInterrupt:
             pass

@@ -68,7 +68,7 @@ def needs_webp():
     from PIL import features
 
     if not features.check("webp"):
-        raise BackendError("a film in webp needs a Pillow with WebP: those of PyPI have it; or give --to mp4")
+        raise BackendError("a film in webp needs a Pillow that was built with WebP; install one, or give --to mp4")
 
 
 def compress(source, file, size, fps, hold, limit):
