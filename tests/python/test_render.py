@@ -193,7 +193,7 @@ def test_pictures_of_a_film_leave_no_traces(recording):
 
 def test_webp_that_pillow_does_not_write_is_said_before_anything_is_drawn(recording, monkeypatch):
     monkeypatch.setattr("PIL.features.check", lambda name: False)
-    with pytest.raises(cama.BackendError, match="Pillow with WebP"):
+    with pytest.raises(cama.BackendError, match="Pillow that was built with WebP"):
         render.render(recording, fps=10, speed=1, formats=["webp"], limit=100)
     assert [file.name for file in recording.iterdir()] == ["frames.h5"]
 
