@@ -347,6 +347,24 @@ def test_command_shows_results_of_another_machine(tmp_path):
     )  # what was run here counts
 
 
+def test_joined_results_count_once_and_have_the_faults_of_the_table(tmp_path):
+    """Of two runs of the same the last counts; a fault that the table of then knew of, or did not, is that of now."""
+    fault = table.select(["at_rest_any_mesh"])[0]
+    first = [
+        stability.Outcome(1, "single_triangle", "cuda", "double", "production", "did not end within 9 s"),
+        stability.Outcome(29, "at_rest_any_mesh", "cuda", "double", "production", fault.seen_as),
+        stability.Outcome(29, "at_rest_any_mesh", "cuda", "single", "production", fault.seen_as, known="old"),
+    ]
+    last = [stability.Outcome(1, "single_triangle", "cuda", "double", "production", "ok", True, steps=100)]
+    for name, outcomes in (("first", first), ("last", last)):
+        stability.write(outcomes, tmp_path / name)
+    assert [o.known for o in stability.read(tmp_path / "first" / "stability.json")] == ["", fault.fault, ""]
+    joins = [word for name in ("first", "last") for word in ("--join", tmp_path / name / "stability.json")]
+    call("single_triangle", "at_rest_any_mesh", "--backend", "cpu", "--precision", "single", "-o", tmp_path, *joins)
+    page = (tmp_path / "stability.md").read_text()
+    assert "3 of 5 as expected, 1 known to fail, 0 cut off, 1 failed otherwise" in page
+
+
 @pytest.mark.parametrize(
     "text",
     [
