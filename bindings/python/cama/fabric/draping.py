@@ -74,13 +74,26 @@ def drape(material: Material | str, seed: int = 0, sectors: int = SECTORS, secon
         ArrayError: An argument is out of its range.
         SolverError, CollisionError: A step cannot be computed.
     """
-    fabric = Material(Material.of(material))
-    fabric.mass_damping = MASS_DAMPING
+    fabric = Material.of(material)
     if count("drape: sectors", sectors) < 24:
         raise ArrayError(f"drape: sectors is {sectors}; give at least 24")
     rings = max(3, round(sectors * (SPECIMEN - DISC) / (np.pi * (SPECIMEN + DISC))))
-    vertices, faces = annulus_mesh(DISC, SPECIMEN, sectors, rings)
-    start = np.column_stack([vertices, disturbance(vertices, count("drape: seed", seed))])
+    mesh = annulus_mesh(DISC, SPECIMEN, sectors, rings)
+    return drape_mesh(fabric, mesh, sectors, count("drape: seed", seed), number("drape: seconds", seconds))
+
+
+def drape_mesh(
+    material: Material, mesh: tuple[Reals, Integers], sectors: int, seed: int = 0, seconds: float = 30.0
+) -> Drape:
+    """Drapes a ring of cloth of any mesh; see `drape`.
+
+    Args:
+        mesh: Vertices [n, 2], m, and faces. The first two rings of `sectors` vertices are held, the last is the rim.
+    """
+    fabric = Material(material)
+    fabric.mass_damping = MASS_DAMPING
+    vertices, faces = mesh
+    start = np.column_stack([vertices, disturbance(vertices, seed)])
     held = np.arange(2 * sectors)
     scene = specimen(fabric, vertices, faces, held, start=start, contact=True)
     step = 1 / 60
@@ -94,7 +107,7 @@ def drape(material: Material | str, seed: int = 0, sectors: int = SECTORS, secon
         time_step=step,
     )
     at_rest = False
-    for _ in range(round(number("drape: seconds", seconds) / step)):
+    for _ in range(round(seconds / step)):
         simulation.step()
         speed = float(np.sqrt(np.mean(np.sum(simulation.velocities**2, axis=1))))
         if speed < STILL and simulation.time > 0.5:

@@ -28,6 +28,7 @@ NEAR = 1e-2  # m: pairs that are joined when a seam closes no further, so that t
 PATIENCE = 4  # phases without progress after which a seam closes no further
 TRIES = 5  # of joining pairs, each without those at which the one before made cloth intersect
 LEVEL: Literal["interactive"] = "interactive"  # accuracy; at "preview" small triangles of a cuff burst
+PARTING, PARTINGS = 0.01, 12  # m by which a panel moves outward that crosses other cloth; how often at most
 STEP = 0.01  # s, time step
 STEPS = 10  # in a phase, after which stitches become stiffer and a frame is recorded
 WEAKEST, STIFFEST = 0.005, 2e4  # N/m, of the stitch of a pair of vertices
@@ -186,10 +187,61 @@ class Dressing:
 
     def _clear_start(self) -> None:
         """Moves the placed panels until nothing intersects. Raises CollisionError."""
+        self._part_panels()
         scene = self._sewing_scene(np.full(len(self.pairs), WEAKEST))
         self._untangle(scene, "the placed panels", "move the panels out, away from the body")
         if self.writer is not None:
             self.writer.start(Simulation(scene, accuracy=LEVEL, time_step=STEP, **self.how))
+
+    def _part_panels(self) -> None:
+        """Moves panels that cross other cloth outward, as a whole.
+
+        A pattern's file may place panels in one plane that overlap there, such as a sleeve and a wide skirt. Moving
+        their vertices one by one would crumple them. Of two panels the one that hangs lower moves.
+        """
+        panel_of = self.mesh.panel_of_vertex
+        top = [self.positions[panel_of == p, 2].max() for p in range(len(self.mesh.pattern.panels))]
+        fewest, best = np.inf, self.positions
+        for _ in range(PARTINGS + 1):
+            count, crossing = self._crossing_panels()
+            if count < fewest:
+                fewest, best = count, self.positions
+            if not crossing:
+                break
+            lower = {a if b < 0 or (top[a], -a) < (top[b], -b) else b for a, b in crossing}
+            self.positions = self.positions.copy()
+            for panel in sorted(lower):
+                self.positions[panel_of == panel] += PARTING * self._outward(panel)
+        self.positions = best
+
+    def _crossing_panels(self) -> tuple[int, set[tuple[int, int]]]:
+        """Returns how many intersections cloth has with cloth, and the panels: (panel, panel or -1: other garments)."""
+        scene = self._sewing_scene(np.full(len(self.pairs), WEAKEST))
+        panel_of, faces = self.mesh.panel_of_vertex, self.mesh.faces
+        count, found = 0, set()
+        for pair in scene.intersections():
+            cloth = np.maximum(pair.edge_object, pair.face_object) <= self.own
+            own = cloth & ((pair.edge_object == self.own) | (pair.face_object == self.own))
+            count += int(own.sum())
+            for edge, edge_object, face, face_object in zip(
+                pair.edge[own, 0], pair.edge_object[own], pair.face[own], pair.face_object[own]
+            ):
+                a = int(panel_of[edge]) if edge_object == self.own else -1
+                b = int(panel_of[faces[face, 0]]) if face_object == self.own else -1
+                if a != b:
+                    found.add((max(a, b), min(a, b)))
+        return count, found
+
+    def _outward(self, panel: int) -> Reals:
+        """Returns the horizontal part of a placed panel's normal [3] that leads away from the body, of length 1."""
+        own = self.positions[self.mesh.panel_of_vertex == panel]
+        beside = np.abs(self.wearer.vertices[:, 2] - own[:, 2].mean()) < max(0.05, np.ptp(own[:, 2]) / 2)
+        axis = self.wearer.vertices[beside if beside.any() else slice(None)].mean(axis=0)
+        away = (own.mean(axis=0) - axis) * (1, 1, 0)
+        normal = np.linalg.svd(own - own.mean(axis=0), full_matrices=False)[2][2] * (1, 1, 0)
+        normal *= np.sign(normal @ away)
+        direction = normal if np.linalg.norm(normal) > 0.5 else away
+        return direction / max(np.linalg.norm(direction), 1e-12)
 
     def _untangle(self, scene: Scene, what: str, remedy: str) -> None:
         """Removes the intersections at the start of a scene and takes over its positions. Raises CollisionError."""
