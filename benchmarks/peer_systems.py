@@ -30,15 +30,26 @@ def timed_frames(count, advance, positions):
         advance()
         x = np.array(positions(), float)
         seconds += (time.perf_counter() - before) if number else 0.0
+        print(f"frame {number + 1}", flush=True)
         frames.append(x)
     return np.stack(frames), seconds
+
+
+def turned(case, seconds):
+    """Positions [held, 3] of the held vertices, which turn about the x axis at rates of their own."""
+    x, angle = case["vertices"][case["held"]], case["rate"] * seconds
+    y, z = x[:, 1] * np.cos(angle) - x[:, 2] * np.sin(angle), x[:, 1] * np.sin(angle) + x[:, 2] * np.cos(angle)
+    return np.stack([x[:, 0], y, z], axis=1)
 
 
 def cama(case, settings, device):
     import cama as c
 
     scene = c.Scene(
-        frames=int(case["frames"]), frame_time=float(case["frame_time"]), thickness=float(case["thickness"])
+        frames=int(case["frames"]),
+        frame_time=float(case["frame_time"]),
+        thickness=float(case["thickness"]),
+        gravity=(0, 0, -float(case["gravity"])),
     )
     material = {
         "density": float(case["density"]),
@@ -53,8 +64,11 @@ def cama(case, settings, device):
     for layer, (x, faces) in enumerate(zip(np.split(case["vertices"], layers), np.split(case["faces"], layers))):
         own = faces - layer * len(x)
         scene.add_cloth(x, own, material=material, material_vertices=rest, material_faces=own, name=f"sheet {layer}")
-    sphere = {"shape": {"sphere": {"radius": float(case["radius"])}}}
-    scene.add_obstacle(shape=sphere, friction=float(case["friction"]), name="sphere")
+    shapes = {"sphere": {"sphere": {"radius": float(case["radius"])}}, "plane": {"plane": {}}}
+    if str(case["obstacle"]):
+        scene.add_obstacle(shape={"shape": shapes[str(case["obstacle"])]}, friction=float(case["friction"]))
+    for rate in np.unique(case["rate"]):
+        scene.pin(0, case["held"][case["rate"] == rate], motion=c.Motion(rotation_rate=(rate, 0, 0)))
     levels = {"default": {}, "interactive": {"accuracy": "interactive"}, "accurate": {"accuracy": "accurate"}}
     simulation = c.Simulation(scene, backend=device, **levels[settings])
     count = simulation.cloth_vertex_count
@@ -85,7 +99,7 @@ def newton(case, settings, device):
     substeps, iterations = {"default": (10, 10), "5 substeps x 5": (5, 5), "20 substeps x 20": (20, 20)}[settings]
     young, poisson = float(case["young"]), float(case["poisson"])
     edge = float(np.linalg.norm(case["rest"][1] - case["rest"][0]))
-    builder = n.ModelBuilder(gravity=(0.0, 0.0, -9.81))
+    builder = n.ModelBuilder(gravity=(0.0, 0.0, -float(case["gravity"])))
     layers = int(case["layers"])
     for layer, (x, faces) in enumerate(zip(np.split(case["vertices"], layers), np.split(case["faces"], layers))):
         builder.add_cloth_mesh(
@@ -96,7 +110,12 @@ def newton(case, settings, device):
             edge_ke=3.0 * float(case["bending"]) / edge,  # of two right triangles: 3 B L^2 / A, over L
             particle_radius=float(case["thickness"]),
         )  # fmt: skip
-    builder.add_shape_sphere(body=-1, radius=float(case["radius"]))
+    if str(case["obstacle"]) == "sphere":
+        builder.add_shape_sphere(body=-1, radius=float(case["radius"]))
+    elif str(case["obstacle"]) == "plane":
+        builder.add_ground_plane()
+    for vertex in case["held"].tolist():
+        builder.particle_flags[vertex] = builder.particle_flags[vertex] & ~n.ParticleFlags.ACTIVE
     builder.color(include_bending=True)
     model = builder.finalize()
     model.soft_contact_ke, model.soft_contact_kd, model.soft_contact_mu = 1e3, 1e-2, float(case["friction"])
@@ -106,6 +125,29 @@ def newton(case, settings, device):
         particle_vertex_contact_buffer_size=64, particle_edge_contact_buffer_size=128,
     )  # fmt: skip
     states, control = [model.state(), model.state()], model.control()
+    held, rate = wp.array(case["held"], dtype=wp.int32), wp.array(case["rate"], dtype=wp.float32)
+    start, clock = wp.clone(states[0].particle_q), wp.zeros(1, dtype=wp.float32)
+
+    @wp.kernel
+    def turn(
+        held: wp.array(dtype=wp.int32),
+        rate: wp.array(dtype=wp.float32),
+        start: wp.array(dtype=wp.vec3),
+        clock: wp.array(dtype=wp.float32),
+        now: wp.array(dtype=wp.vec3),
+        next: wp.array(dtype=wp.vec3),
+    ):
+        k = wp.tid()
+        p, angle = start[held[k]], rate[k] * clock[0]
+        s, c = wp.sin(angle), wp.cos(angle)
+        x = wp.vec3(p[0], c * p[1] - s * p[2], s * p[1] + c * p[2])
+        now[held[k]] = x
+        next[held[k]] = x
+
+    @wp.kernel
+    def tick(clock: wp.array(dtype=wp.float32), step: float):
+        clock[0] = clock[0] + step
+
     pipeline = n.CollisionPipeline(model)
     contacts = pipeline.contacts()
     step = float(case["frame_time"]) / substeps
@@ -114,6 +156,9 @@ def newton(case, settings, device):
         solver.rebuild_bvh(states[0])
         for _ in range(substeps):
             states[0].clear_forces()
+            if held.size:
+                wp.launch(tick, 1, [clock, step])
+                wp.launch(turn, held.size, [held, rate, start, clock, states[0].particle_q, states[1].particle_q])
             pipeline.collide(states[0], contacts)
             solver.step(states[0], states[1], control, contacts, step)
             states[0].assign(states[1])
@@ -123,6 +168,7 @@ def newton(case, settings, device):
         simulate()
         for state in states:
             state.assign(model.state())
+        clock.zero_()
         with wp.ScopedCapture() as capture:
             simulate()
 
@@ -149,10 +195,16 @@ def libuipc(case, settings, device):
         raise SystemExit("libuipc computes on CUDA only")
     import tempfile
 
-    from uipc import Logger, view
-    from uipc.constitution import AffineBodyConstitution, DiscreteShellBending, ElasticModuli2D, NeoHookeanShell
+    from uipc import Logger, builtin, view
+    from uipc.constitution import (
+        AffineBodyConstitution,
+        DiscreteShellBending,
+        ElasticModuli2D,
+        NeoHookeanShell,
+        SoftPositionConstraint,
+    )
     from uipc.core import Engine, Scene, World
-    from uipc.geometry import label_surface, trimesh
+    from uipc.geometry import ground, label_surface, trimesh
     from uipc.unit import MPa
 
     Logger.set_level(Logger.Level.Warn)
@@ -162,7 +214,7 @@ def libuipc(case, settings, device):
     frame = float(case["frame_time"])
     substeps = max(1, round(frame * rate)) if rate else max(1, round(frame / config["dt"]))
     config["dt"] = frame / substeps
-    config["gravity"] = [[0.0], [0.0], [-9.81]]
+    config["gravity"] = [[0.0], [0.0], [-float(case["gravity"])]]
     config["contact"]["d_hat"] = near
     scene = Scene(config)
     scene.contact_tabular().default_model(float(case["friction"]), 1e9)
@@ -173,14 +225,28 @@ def libuipc(case, settings, device):
     moduli = ElasticModuli2D.youngs_poisson(float(case["young"]) / (2 * half), float(case["poisson"]))
     shell.apply_to(sheets, moduli, float(case["density"]) / (2 * half), half)
     bending.apply_to(sheets, float(case["bending"]))
+    if len(case["held"]):
+        SoftPositionConstraint().apply_to(sheets, 100.0)
     cloth = scene.objects().create("cloth")
     slot, _ = cloth.geometries().create(sheets)
-    x, faces = sphere_mesh(float(case["radius"]))
-    ball = trimesh(x, faces)
-    label_surface(ball)
-    AffineBodyConstitution().apply_to(ball, 100 * MPa)
-    view(ball.instances().find("is_fixed"))[:] = 1
-    scene.objects().create("sphere").geometries().create(ball)
+    step = config["dt"]
+
+    def turn(info):
+        vertices = info.geo_slots()[0].geometry().vertices()
+        view(vertices.find(builtin.is_constrained))[case["held"]] = 1
+        view(vertices.find(builtin.aim_position))[case["held"]] = turned(case, info.frame() * step)[:, :, None]
+
+    if len(case["held"]):
+        scene.animator().insert(cloth, turn)
+    if str(case["obstacle"]) == "plane":
+        scene.objects().create("ground").geometries().create(ground(0.0, np.array([0.0, 0.0, 1.0])))
+    elif str(case["obstacle"]) == "sphere":
+        x, faces = sphere_mesh(float(case["radius"]))
+        ball = trimesh(x, faces)
+        label_surface(ball)
+        AffineBodyConstitution().apply_to(ball, 100 * MPa)
+        view(ball.instances().find("is_fixed"))[:] = 1
+        scene.objects().create("sphere").geometries().create(ball)
     with tempfile.TemporaryDirectory() as folder:
         engine = Engine("cuda", folder)  # has to outlive the world
         world = World(engine)

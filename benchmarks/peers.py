@@ -4,14 +4,19 @@
     python benchmarks/peers.py OUT --triangles 2000 --python newton=PEERS/bin/python
     python benchmarks/peers.py OUT --triangles 20000 --device cuda --systems cama newton libuipc --python ...
 
-The case is three square sheets of 1 m, 6 mm apart and turned against each other, that fall on a fixed sphere of radius
-0.25 m: isotropic cloth of 0.15 kg/m^2, 1000 N/m, Poisson's ratio 0.2, bending 1e-5 N m, friction 0.3. Every system runs
+Cases (--case), of isotropic cloth of 0.15 kg/m^2, 1000 N/m, Poisson's ratio 0.2, bending 1e-5 N m, friction 0.3:
+
+drape   one square sheet of 1 m that falls on a fixed sphere of radius 0.25 m
+sheets  three of them, 6 mm apart and turned against each other, the default
+pile    fifty of them that fall on a plane
+twist   a strip of 1 m x 0.4 m whose ends turn against each other, by 180 degrees a second each, without gravity
+
+Every system runs
 at its defaults and at two other settings (peer_systems.py says which), each in a process of the interpreter that
 --python names for it, by default this one. A system that is not installed or has no such device is a row that says so.
 
 OUT/peers.csv and OUT/peers.md: wall seconds a simulated second (steps alone, after one frame that compiles and warms
-up), ipctk's count of edges through faces over all frames, depth below the sphere, strain of edges, and the error
-against the system's own refined run: root mean square distance of vertices, at 0.1 s, before the sheets buckle, and
+up), ipctk's count of edges through faces over all frames, depth in the obstacle, strain of edges, and the error against the system's own refined run: root mean square distance of vertices, at 0.1 s, before the sheets buckle, and
 at the end.
 """
 
@@ -37,28 +42,39 @@ COLUMNS = [
 RADIUS = 0.25  # m
 
 
-def write_case(path, triangles, seconds, rate):
-    """Sheets as one mesh: layer by layer, with the layer of each vertex."""
-    cells = max(2, round((triangles / 6) ** 0.5))
-    line = np.linspace(-0.5, 0.5, cells + 1)
-    x, y = (a.ravel() for a in np.meshgrid(line, line, indexing="ij"))
-    index = np.arange((cells + 1) ** 2).reshape(cells + 1, cells + 1)
+def grid(length, width, cells, rows):
+    """Vertices [n, 2], m, and triangles of a rectangle about the origin whose diagonals alternate."""
+    along, across = length * np.linspace(-0.5, 0.5, cells + 1), width * np.linspace(-0.5, 0.5, rows + 1)
+    x, y = np.meshgrid(along, across, indexing="ij")
+    index = np.arange(x.size).reshape(x.shape)
     a, b, c, d = (i.ravel() for i in (index[:-1, :-1], index[1:, :-1], index[1:, 1:], index[:-1, 1:]))
-    even = (np.add.outer(np.arange(cells), np.arange(cells)) % 2 == 0).ravel()[:, None]  # diagonals alternate
-    one = np.where(even, np.stack([a, b, c, a, c, d], 1), np.stack([a, b, d, b, c, d], 1)).reshape(-1, 3)
+    even = (np.add.outer(np.arange(cells), np.arange(rows)) % 2 == 0).ravel()[:, None]
+    faces = np.where(even, np.stack([a, b, c, a, c, d], 1), np.stack([a, b, d, b, c, d], 1)).reshape(-1, 3)
+    return np.stack([x.ravel(), y.ravel()], axis=1), faces
+
+
+def write_case(path, name, triangles, seconds, rate):
+    """The cloth of a case as one mesh, layer by layer."""
+    layers = {"drape": 1, "sheets": 3, "pile": 50, "twist": 1}[name]
+    width = 0.4 if name == "twist" else 1.0
+    cells = max(2, round((triangles / (2 * layers * width)) ** 0.5))
+    rest, one = grid(1.0, width, cells, max(2, round(cells * width)))
+    first = {"drape": RADIUS, "sheets": RADIUS, "pile": 0.0, "twist": -6e-3}[name]
     vertices, faces = [], []
-    for layer, degrees in enumerate((0.0, 11.0, 23.0)):
-        turn = np.radians(degrees)
-        height = np.full(x.size, RADIUS + 6e-3 * (layer + 1))
-        vertices.append(
-            np.stack([np.cos(turn) * x - np.sin(turn) * y, np.sin(turn) * x + np.cos(turn) * y, height], axis=1)
-        )
-        faces.append(one + layer * x.size)
-    rest = np.stack([x, y], axis=1)
+    for layer in range(layers):
+        turn = np.radians(11.5 * layer)
+        x = np.cos(turn) * rest[:, 0] - np.sin(turn) * rest[:, 1]
+        y = np.sin(turn) * rest[:, 0] + np.cos(turn) * rest[:, 1]
+        vertices.append(np.stack([x, y, np.full(len(rest), first + 6e-3 * (layer + 1))], axis=1))
+        faces.append(one + layer * len(rest))
+    x = np.concatenate(vertices)
+    ends = [np.flatnonzero(np.abs(x[:, 0] - end) < 1e-9) for end in (-0.5, 0.5)] if name == "twist" else [[], []]
     np.savez(
-        path, vertices=np.concatenate(vertices), faces=np.concatenate(faces).astype(np.int32), rest=rest, layers=3,
-        frames=round(seconds * rate), frame_time=1 / rate, radius=RADIUS, density=0.15, young=1000.0, poisson=0.2,
-        bending=1e-5, friction=0.3, thickness=1.5e-3,
+        path, vertices=x, faces=np.concatenate(faces).astype(np.int32), rest=rest, layers=layers,
+        frames=round(seconds * rate), frame_time=1 / rate, density=0.15, young=1000.0, poisson=0.2, bending=1e-5,
+        friction=0.3, thickness=1.5e-3, gravity=0.0 if name == "twist" else 9.81,
+        obstacle={"pile": "plane", "twist": ""}.get(name, "sphere"), radius=RADIUS,
+        held=np.concatenate(ends).astype(np.int32), rate=np.repeat([-np.pi, np.pi], [len(ends[0]), len(ends[1])]),
     )  # fmt: skip
 
 
@@ -98,13 +114,18 @@ def judged(case, positions):
         return np.linalg.norm(x[edges[:, 0]] - x[edges[:, 1]], axis=1)
 
     rest = length(case["vertices"])
+    depth = {
+        "sphere": lambda: RADIUS - float(np.linalg.norm(positions, axis=2).min()),
+        "plane": lambda: -float(positions[:, :, 2].min()),
+        "": lambda: 0.0,
+    }[str(case["obstacle"])]()
     counts = [judge.count(x) for x in positions]
     strain = [np.abs(length(x) / rest - 1) for x in positions]
     return {
         "intersections": sum(counts),
         "frames_with_any": sum(n > 0 for n in counts),
         "frames": len(counts),
-        "depth_mm": round(1e3 * max(0.0, RADIUS - float(np.linalg.norm(positions, axis=2).min())), 3),
+        "depth_mm": round(1e3 * max(0.0, depth), 3),
         "strain_mean_percent": round(100 * max(float(s.mean()) for s in strain), 2),
         "strain_max_percent": round(100 * max(float(s.max()) for s in strain), 1),
     }
@@ -119,8 +140,9 @@ def run_one(python, system, settings, case, out, device, seconds):
     words = [python, str(Path(__file__).with_name("peer_systems.py")), system, settings, str(case), str(out), device]
     try:
         done = subprocess.run(words, capture_output=True, text=True, timeout=seconds, check=False)
-    except subprocess.TimeoutExpired:
-        return {"note": f"not ended after {seconds:.0f} s"}, None
+    except subprocess.TimeoutExpired as over:
+        frames = len((over.stdout or b"").decode(errors="replace").split("frame ")) - 1
+        return {"note": f"not ended after {seconds:.0f} s, in which it computed {frames} frames"}, None
     if done.returncode:
         lines = [line for line in (done.stderr or done.stdout).strip().splitlines() if line.strip()]
         return {"note": "not run: " + (lines[-1][:200] if lines else f"exit status {done.returncode}")}, None
@@ -131,6 +153,7 @@ def run_one(python, system, settings, case, out, device, seconds):
 def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("out")
+    parser.add_argument("--case", default="sheets", choices=["drape", "sheets", "pile", "twist"])
     parser.add_argument("--triangles", type=int, default=2000)
     parser.add_argument("--seconds", type=float, default=0.8, help="simulated")
     parser.add_argument("--rate", type=int, default=40, help="frames a second that are judged")
@@ -142,7 +165,7 @@ def main():
     out = Path(given.out)
     out.mkdir(parents=True, exist_ok=True)
     programs = dict(word.split("=", 1) for word in given.python)
-    write_case(out / "case.npz", given.triangles, given.seconds, given.rate)
+    write_case(out / "case.npz", given.case, given.triangles, given.seconds, given.rate)
     with np.load(out / "case.npz") as file:
         case = {name: file[name] for name in file.files}
     rows, early = [], min(round(0.1 * given.rate), int(case["frames"])) - 1
