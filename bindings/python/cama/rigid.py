@@ -91,3 +91,4 @@ class RigidPose:
     velocity: Reals  #: [3] of the centre of mass, m/s
     angular_velocity: Reals  #: [3] rad/s
     angular_momentum: Reals  #: [3] about the centre of mass, kg m^2/s
+    contact_force: Reals  #: [3] of other bodies and obstacles on it, without cloth, mean over the last step, N
