@@ -149,11 +149,51 @@ ContactShape::ContactShape(const Obstacle &obstacle)
     wing.push_back({mesh ? beside(0) : -1, joint ? beside(1) : -1});
     for (int v : ends) corner[static_cast<std::size_t>(v)] = 1;
   }
+  if (obstacle.motion.is_rigid()) join_edges();
   ring_row = {0};
   for (const auto &own : neighbours) {
     ring.insert(ring.end(), own.begin(), own.end());
     ring_row.push_back(static_cast<int>(ring.size()));
   }
+}
+
+/// Joins edges that continue each other in a straight line: their common vertex is none that others touch first.
+void ContactShape::join_edges()
+{
+  std::vector<std::vector<int>> around(rest.size());
+  for (std::size_t e = 0; e < edge.size(); ++e)
+    for (int v : edge[e]) around[static_cast<std::size_t>(v)].push_back(static_cast<int>(e));
+  const auto direction = [&](int e) {
+    const auto &ends = edge[static_cast<std::size_t>(e)];
+    return dnormalize(dsub(rest[static_cast<std::size_t>(ends[1])], rest[static_cast<std::size_t>(ends[0])]));
+  };
+  for (std::size_t v = 0; v < rest.size(); ++v)
+    if (around[v].size() == 2 && dnorm(dcross(direction(around[v][0]), direction(around[v][1]))) <= flat &&
+        wing[static_cast<std::size_t>(around[v][0])][1] >= 0 && wing[static_cast<std::size_t>(around[v][1])][1] >= 0)
+      corner[v] = 0;
+  std::vector<int> joined(edge.size(), -1);
+  std::vector<std::array<int, 2>> whole, beside;
+  for (std::size_t first = 0; first < edge.size(); ++first) {
+    if (joined[first] >= 0) continue;
+    std::array<int, 2> ends = edge[first];
+    joined[first] = static_cast<int>(whole.size());
+    for (int &end : ends)
+      for (int e = static_cast<int>(first); !corner[static_cast<std::size_t>(end)];) {
+        const auto &two = around[static_cast<std::size_t>(end)];
+        e = two[0] == e ? two[1] : two[0];
+        if (joined[static_cast<std::size_t>(e)] >= 0) break;  // a ring without a corner
+        joined[static_cast<std::size_t>(e)] = static_cast<int>(whole.size());
+        const auto &next = edge[static_cast<std::size_t>(e)];
+        end = next[0] == end ? next[1] : next[0];
+      }
+    whole.push_back(ends);
+    beside.push_back(wing[first]);
+  }
+  for (Triangle &edges : face_edge)
+    for (int &e : edges)
+      if (e >= 0) e = joined[static_cast<std::size_t>(e)];
+  edge = std::move(whole);
+  wing = std::move(beside);
 }
 
 ContactTree::ContactTree(const ContactShape &shape)

@@ -23,6 +23,9 @@ struct ContactShape {
   std::vector<Triangle> face_edge;  // [faces] number of each edge k, k + 1; -1: flat, so that others touch first
   std::vector<std::array<int, 2>> edge, wing;  // [edges] that can touch: ends, and the vertices beside; -1: none
   std::vector<int> ring_row, ring;  // the neighbours of each vertex
+
+private:
+  void join_edges();
 };
 
 /// Boxes of the faces of a shape that moves, as a binary tree.
