@@ -26,6 +26,8 @@ constexpr int max_rounds = 20;
 constexpr double tolerance = 1e-5;  // of the gap
 constexpr double parted = 0.2;  // share of what sides are too near that a step parts them
 constexpr double parted_from = 1e-3;  // of the gap
+constexpr double same_place = 0.05;  // of the gap: contacts that say the same
+constexpr double same_direction = 1e-3;  // rad
 constexpr int max_cuts = 8;
 constexpr double kept = 0.9;  // of the way to a crossing
 
@@ -140,6 +142,10 @@ void BodyContacts::add(int pair, const Meeting &meeting, const RigidState &rigid
   };
   c.lever_a = lever(a);
   c.lever_b = lever(b);
+  for (const Contact &known : contacts_)  // of the same corner, say, with another face
+    if (known.pair == pair && dnorm(dsub(known.lever_a, c.lever_a)) <= same_place * p.gap &&
+        dnorm(dsub(known.meeting.normal, c.meeting.normal)) <= same_direction)
+      return;
   const double room =
       ddot(meeting.normal, dsub(meeting.a.at(a.placed->start), meeting.b.at(b.placed->start))) -
       a.shape->radius - b.shape->radius - p.gap;
