@@ -11,7 +11,7 @@ namespace {
 
 using namespace kernels;
 
-constexpr int max_sweeps = 2000;
+constexpr int max_sweeps = 500;  // in either direction
 constexpr double tolerance = 1e-7;  // of the speed that does not matter
 constexpr int max_changes = 4;  // of which contacts slide, where friction differs between sticking and sliding
 constexpr double at_rest = 1e-3;  // of that speed: what sticks is not faster

@@ -28,6 +28,7 @@ constexpr double parted = 0.2;  // share of what sides are too near that a step 
 constexpr double parted_from = 1e-3;  // of the gap
 constexpr double same_place = 0.05;  // of the gap: contacts that say the same
 constexpr double same_direction = 1e-3;  // rad
+constexpr int max_crossings = 6;
 constexpr int max_cuts = 8;
 constexpr double kept = 0.9;  // of the way to a crossing
 
@@ -296,7 +297,7 @@ void BodyContacts::stop_before_crossing(const Rooms &state)
     for (int pair : near_) {
       const Pair &p = pairs_[number(pair)];
       const Object &a = objects_[number(p.a)], &b = objects_[number(p.b)];
-      const double first = MeetingSearch(*a.placed, *b.placed, p.gap).first_crossing();
+      const double first = MeetingSearch(*a.placed, *b.placed, p.gap).first_crossing().time;
       if (first > 1) continue;
       crosses = true;
       bool stands = true;
@@ -320,16 +321,13 @@ void BodyContacts::stop_before_crossing(const Rooms &state)
   }
 }
 
-void BodyContacts::move(const Rooms &state)
+/// Finds contacts and their impulses until the motion is that which they leave.
+void BodyContacts::settle(const Rooms &state)
 {
   std::vector<RigidBody> &bodies = state.rigid.body;
-  for (RigidBody &body : bodies) move_alone(state, body);
-  find_near(state);
-  if (near_.empty()) return;
   std::vector<MovableBody> none;
   for (const RigidBody &body : bodies) none.push_back(still(body));
-  const bool pressed = std::any_of(contacts_.begin(), contacts_.end(), [](const Contact &c) { return c.press > 0; });
-  bool solved = false;
+  bool solved = std::none_of(contacts_.begin(), contacts_.end(), [](const Contact &c) { return c.press > 0; });
   for (int round = 0; round < max_rounds; ++round) {
     place_bodies(state.rigid);
     look(state.rigid);
@@ -344,10 +342,37 @@ void BodyContacts::move(const Rooms &state)
       const double off = c.room - c.allowed;
       return (c.press > 0 ? std::abs(off) : -off) <= tolerance * pairs_[number(c.pair)].gap;
     });
-    if (done && (solved || !pressed)) break;
+    if (done && solved) return;
     solve(state, none);
     solved = true;
     for (RigidBody &body : bodies) move_alone(state, body);
+  }
+}
+
+/// Adds the pairs that would still pass through each other: features that were not the closest at the start.
+bool BodyContacts::add_crossings(const RigidState &rigid)
+{
+  bool any = false;
+  place_bodies(rigid);
+  for (int pair : near_) {
+    const Pair &p = pairs_[number(pair)];
+    const Meeting m = MeetingSearch(*objects_[number(p.a)].placed, *objects_[number(p.b)].placed, p.gap).first_crossing();
+    if (m.time > 1) continue;
+    const std::size_t before = contacts_.size();
+    add(pair, m, rigid);
+    any |= contacts_.size() > before;
+  }
+  return any;
+}
+
+void BodyContacts::move(const Rooms &state)
+{
+  for (RigidBody &body : state.rigid.body) move_alone(state, body);
+  find_near(state);
+  if (near_.empty()) return;
+  for (int more = 0; more <= max_crossings; ++more) {
+    settle(state);
+    if (more == max_crossings || !add_crossings(state.rigid)) break;
   }
   part(state.rigid);
   stop_before_crossing(state);

@@ -79,6 +79,8 @@ private:
   std::vector<ContactPoint> points(const Rooms &state, const std::vector<MovableBody> &pushed,
                                    const std::vector<MovableBody> &change) const;
   void solve(const Rooms &state, const std::vector<MovableBody> &change);
+  void settle(const Rooms &state);
+  bool add_crossings(const RigidState &rigid);
   void part(RigidState &rigid);
   void stop_before_crossing(const Rooms &state);
 

@@ -228,10 +228,14 @@ double MeetingSearch::meet(const Candidate &c, double from, double target, doubl
 std::vector<Meeting> MeetingSearch::meetings() const
 {
   std::vector<Meeting> found;
+  const auto keep = [&](const Meeting &m) {  // once, whichever of the faces around the feature it comes from
+    if (std::none_of(found.begin(), found.end(), [&](const Meeting &other) { return other.key == m.key; }))
+      found.push_back(m);
+  };
   for (const Candidate &c : candidates_) {
     const Closest start = closest(c, 0);
     if (start.distance <= (1 + near_share) * gap_) {
-      if (start.least) found.push_back(start.meeting);
+      if (start.least) keep(start.meeting);
       continue;
     }
     const double travelled = travel(c), target = target_share * gap_;
@@ -239,14 +243,16 @@ std::vector<Meeting> MeetingSearch::meetings() const
     const double time = meet(c, start.distance, target, accepted_share * gap_, travelled);
     if (time > 1) continue;
     const Closest met = closest(c, time);
-    if (met.least) found.push_back(met.meeting);
+    if (met.least) keep(met.meeting);
   }
   return found;
 }
 
-double MeetingSearch::first_crossing() const
+Meeting MeetingSearch::first_crossing() const
 {
   double first = never;
+  Meeting found{};
+  found.time = never;
   for (const Candidate &c : candidates_) {
     if (c.kind == Kind::plane) continue;  // it has a side from which it pushes
     const double start = closest(c, 0).distance, core = start + radius_, travelled = travel(c);
@@ -254,9 +260,12 @@ double MeetingSearch::first_crossing() const
     if (radius_ > 0) least = std::min(least, start - 1e-3 * gap_);
     if (!(core > touching_share * gap_) || start - least > travelled) continue;
     const double target = radius_ > 0 ? least - 0.01 * gap_ : 0.5 * least;
-    first = std::min(first, meet(c, start, target, least, travelled));
+    const double time = meet(c, start, target, least, travelled);
+    if (!(time < first)) continue;
+    first = time;
+    found = closest(c, time).meeting;
   }
-  return first;
+  return found;
 }
 
 double MeetingSearch::depth() const

@@ -48,8 +48,8 @@ public:
 
   /// Feature pairs that are near at the start, and those that would come nearer than the gap.
   std::vector<Meeting> meetings() const;
-  /// Share of the step after which the surfaces would pass through each other; above 1: they do not.
-  double first_crossing() const;
+  /// Where the surfaces would first pass through each other; time above 1: they do not.
+  Meeting first_crossing() const;
   /// How deep the surfaces reach into each other at the start, m; 0: they do not.
   double depth() const;
 
