@@ -70,14 +70,17 @@ TEST_CASE("a corner that comes from afar meets a face at the time of the closed 
   const ContactShape box(meshes::obstacle(make_box({0.1, 0.1, 0.1}), {}, "box")),
       plate(meshes::obstacle(make_box({1, 1, 0.02}, 400), {}, "plate"));
   const double gap = 1e-3, height = 0.3, drop = 0.5;
-  const PlacedShape a = placed(box, {0.03, 0.02, height}, {0.03, 0.02, height - drop}), b = placed(plate, {}, {});
+  const PlacedShape a = placed(box, {0.0317, 0.0223, height}, {0.0317, 0.0223, height - drop}), b = placed(plate, {}, {});
   const MeetingSearch search(a, b, gap);
-  const auto found = search.meetings();
-  REQUIRE(found.size() == 4);
-  for (const Meeting &m : found) {
+  // On its way the box would go through the plate: its lower corners through the upper face are the first of 16 meetings.
+  const double time = (height - 0.06 - gap) / drop;
+  int first = 0;
+  for (const Meeting &m : search.meetings()) {
     CHECK(dnorm(dsub(m.normal, {0, 0, 1})) < 1e-12);
-    CHECK(m.time == Approx((height - 0.06 - gap) / drop).margin(0.1 * gap / drop));
+    CHECK(m.time > time - 0.1 * gap / drop);
+    first += m.time < time + 0.2 * gap / drop;
   }
+  CHECK(first == 4);
   CHECK(search.first_crossing().time == Approx((height - 0.06) / drop).margin(0.1 * gap / drop));
   CHECK(search.depth() == 0);
   // It passes beside the plate: no meeting, although it goes through its plane.
