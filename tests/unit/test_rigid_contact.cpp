@@ -70,9 +70,11 @@ TEST_CASE("a corner that comes from afar meets a face at the time of the closed 
   const ContactShape box(meshes::obstacle(make_box({0.1, 0.1, 0.1}), {}, "box")),
       plate(meshes::obstacle(make_box({1, 1, 0.02}, 400), {}, "plate"));
   const double gap = 1e-3, height = 0.3, drop = 0.5;
-  const PlacedShape a = placed(box, {0.0317, 0.0223, height}, {0.0317, 0.0223, height - drop}), b = placed(plate, {}, {});
+  const PlacedShape a = placed(box, {0.0317, 0.0223, height}, {0.0317, 0.0223, height - drop}),
+                    b = placed(plate, {}, {});
   const MeetingSearch search(a, b, gap);
-  // On its way the box would go through the plate: its lower corners through the upper face are the first of 16 meetings.
+  // On its way the box would go through the plate: its lower corners through the upper face are the first of 16
+  // meetings.
   const double time = (height - 0.06 - gap) / drop;
   int first = 0;
   for (const Meeting &m : search.meetings()) {

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Rigid bodies: obstacles that cloth and gravity move."""
+"""Rigid bodies: obstacles that gravity, cloth and other obstacles move."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ ARGUMENTS = ("mass", "density", "center", "inertia", "velocity", "angular_veloci
 
 
 class Rigid(_core.Rigid):
-    """What makes an obstacle a rigid body, which cloth and gravity move.
+    """What makes an obstacle a rigid body, which gravity, cloth and other obstacles move.
 
     Args:
         mass: Mass, kg; or give `density`.

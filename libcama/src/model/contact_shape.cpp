@@ -96,8 +96,8 @@ int outward_of(const std::vector<dvec3> &position, const std::vector<Triangle> &
 
 bool keeps_size(const Motion &motion)
 {
-  return motion.is_rigid() &&
-         std::all_of(motion.keys.begin(), motion.keys.end(), [](const Motion::Key &k) { return k.transform.scale == 1; });
+  return motion.is_rigid() && std::all_of(motion.keys.begin(), motion.keys.end(),
+                                          [](const Motion::Key &k) { return k.transform.scale == 1; });
 }
 
 }  // namespace
@@ -109,7 +109,7 @@ ContactShape::ContactShape(const Obstacle &obstacle)
   Edges edges = edges_of(face);
   if (!mesh) {
     radius = plane ? 0 : obstacle.radius;
-    face = {plane                                             ? Triangle{0, 1, 2}
+    face = {plane                                     ? Triangle{0, 1, 2}
             : obstacle.shape == ObstacleShape::sphere ? Triangle{0, 0, 0}
                                                       : Triangle{0, 1, 1}};
     edges.clear();
@@ -128,7 +128,8 @@ ContactShape::ContactShape(const Obstacle &obstacle)
   const auto normal = [&](int f) {
     const Triangle &t = face[static_cast<std::size_t>(f)];
     const dvec3 a = rest[static_cast<std::size_t>(t[0])];
-    return dnormalize(dcross(dsub(rest[static_cast<std::size_t>(t[1])], a), dsub(rest[static_cast<std::size_t>(t[2])], a)));
+    return dnormalize(
+        dcross(dsub(rest[static_cast<std::size_t>(t[1])], a), dsub(rest[static_cast<std::size_t>(t[2])], a)));
   };
   for (const auto &[ends, sides] : edges) {
     neighbours[static_cast<std::size_t>(ends[0])].push_back(ends[1]);
@@ -140,8 +141,7 @@ ContactShape::ContactShape(const Obstacle &obstacle)
     if (joint)
       for (std::size_t side = 0; side < 2; ++side)
         across[static_cast<std::size_t>(sides[side][0])][static_cast<std::size_t>(sides[side][1])] = beside(1 - side);
-    if (joint && dnorm(dcross(normal(sides[0][0]), normal(sides[1][0]))) <= flat &&
-        obstacle.motion.is_rigid())
+    if (joint && dnorm(dcross(normal(sides[0][0]), normal(sides[1][0]))) <= flat && obstacle.motion.is_rigid())
       continue;
     for (const auto &side : sides)
       face_edge[static_cast<std::size_t>(side[0])][static_cast<std::size_t>(side[1])] = static_cast<int>(edge.size());

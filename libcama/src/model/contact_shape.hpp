@@ -14,7 +14,8 @@ struct ContactShape {
   explicit ContactShape(const Obstacle &obstacle);
 
   double radius = 0;  // m
-  int outward = 0;  // 1: the normals of the faces of a closed mesh point outwards; -1: inwards; 0: it is open, or no mesh
+  int outward =
+      0;  // 1: the normals of the faces of a closed mesh point outwards; -1: inwards; 0: it is open, or no mesh
   bool plane = false;  // vertices: three points, whose normal (b - a) x (c - a) points out of the solid
   std::vector<dvec3> rest;  // [vertices] before any motion, m
   std::vector<Triangle> face;  // a point (c, c, c), a segment (a, b, b), or a triangle

@@ -45,8 +45,8 @@ public:
 
   SymmetricMatrix inertia(const std::array<double, 4> &at) const;  ///< along the axes of the scene, kg m^2
   dvec3 angular_velocity(const std::array<double, 4> &at, const dvec3 &momentum) const;  ///< rad/s
-  /// The motion of the step under `impulse`, `contact` and gravity: over the time step and the implicit step, s, with the share
-  /// `memory` of that in the last step. Returns false if the body turns too fast for such a step.
+  /// The motion of the step under `impulse`, `contact` and gravity: over the time step and the implicit step, s, with
+  /// the share `memory` of that in the last step. Returns false if the body turns too fast for such a step.
   bool move(double time_step, double implicit_step, double memory, const dvec3 &gravity);
   dvec3 velocity_next(double time_step, const dvec3 &gravity) const;  ///< m/s, under `impulse`, `contact` and gravity
   dvec3 spin_next() const;  ///< angular velocity in `rotation_next`, rad/s, under `impulse` and `contact`

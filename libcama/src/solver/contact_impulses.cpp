@@ -27,8 +27,8 @@ class Row {
 public:
   Row(std::vector<MovableBody> &bodies, ContactPoint &point)
       : point_(point), a_(point.a < 0 ? nullptr : &bodies[static_cast<std::size_t>(point.a)]),
-        b_(point.b < 0 ? nullptr : &bodies[static_cast<std::size_t>(point.b)]),
-        along_(any_perpendicular(point.normal)), across_(dcross(point.normal, along_))
+        b_(point.b < 0 ? nullptr : &bodies[static_cast<std::size_t>(point.b)]), along_(any_perpendicular(point.normal)),
+        across_(dcross(point.normal, along_))
   {
     press_ = 1 / mobility(point.normal, point.normal);
     const double x = mobility(along_, along_), y = mobility(across_, across_), xy = mobility(along_, across_);
@@ -79,7 +79,8 @@ private:
     double sum = 0;
     const auto add = [&](const MovableBody *body, const dvec3 &lever) {
       if (body)
-        sum += body->inverse_mass * ddot(u, v) + ddot(dcross(lever, u), product(body->inverse_inertia, dcross(lever, v)));
+        sum +=
+            body->inverse_mass * ddot(u, v) + ddot(dcross(lever, u), product(body->inverse_inertia, dcross(lever, v)));
     };
     add(a_, point_.lever_a);
     add(b_, point_.lever_b);

@@ -147,9 +147,8 @@ void BodyContacts::add(int pair, const Meeting &meeting, const RigidState &rigid
     if (known.pair == pair && dnorm(dsub(known.lever_a, c.lever_a)) <= same_place * p.gap &&
         dnorm(dsub(known.meeting.normal, c.meeting.normal)) <= same_direction)
       return;
-  const double room =
-      ddot(meeting.normal, dsub(meeting.a.at(a.placed->start), meeting.b.at(b.placed->start))) -
-      a.shape->radius - b.shape->radius - p.gap;
+  const double room = ddot(meeting.normal, dsub(meeting.a.at(a.placed->start), meeting.b.at(b.placed->start))) -
+                      a.shape->radius - b.shape->radius - p.gap;
   c.allowed = meeting.time == 0 ? std::min(room, 0.0) : 0;
   contacts_.push_back(c);
 }
@@ -216,8 +215,7 @@ std::vector<ContactPoint> BodyContacts::points(const Rooms &state, const std::ve
       return b.body < 0 ? own : dsub(own, at(bodies[number(b.body)], c.lever_b));
     };
     dvec3 slip = dsub(relative(now), relative(pushed));
-    if (b.body < 0)
-      slip = daxpy(slip, -1 / h, dsub(c.meeting.b.at(b.placed->end), c.meeting.b.at(b.placed->start)));
+    if (b.body < 0) slip = daxpy(slip, -1 / h, dsub(c.meeting.b.at(b.placed->end), c.meeting.b.at(b.placed->start)));
     point.slip = slip;
     point.approach = (c.room - c.allowed) / h + ddot(c.meeting.normal, dsub(relative(change), relative(pushed)));
     point.press = c.press;
@@ -279,8 +277,7 @@ void BodyContacts::part(RigidState &rigid)
     if (dnorm(bodies[b].velocity) == 0 && dnorm(bodies[b].spin) == 0) continue;
     RigidBody &body = rigid.body[b];
     body.center_next = dadd(body.center_next, bodies[b].velocity);
-    body.rotation_next =
-        normalized(multiply(axis_angle(bodies[b].spin, dnorm(bodies[b].spin)), body.rotation_next));
+    body.rotation_next = normalized(multiply(axis_angle(bodies[b].spin, dnorm(bodies[b].spin)), body.rotation_next));
   }
 }
 
@@ -308,8 +305,8 @@ void BodyContacts::stop_before_crossing(const Rooms &state)
         s = cut + 1 < max_cuts ? kept * first * s : 0;
       }
       if (stands)
-        throw SolverError("step of " + std::to_string(state.time.step) + " s: " + a.name +
-                          " is squeezed: " + b.name + " moves into it, and it has nowhere to go");
+        throw SolverError("step of " + std::to_string(state.time.step) + " s: " + a.name + " is squeezed: " + b.name +
+                          " moves into it, and it has nowhere to go");
     }
     if (!crosses) return;
     for (std::size_t b = 0; b < bodies.size(); ++b) {
@@ -356,7 +353,8 @@ bool BodyContacts::add_crossings(const RigidState &rigid)
   place_bodies(rigid);
   for (int pair : near_) {
     const Pair &p = pairs_[number(pair)];
-    const Meeting m = MeetingSearch(*objects_[number(p.a)].placed, *objects_[number(p.b)].placed, p.gap).first_crossing();
+    const Meeting m =
+        MeetingSearch(*objects_[number(p.a)].placed, *objects_[number(p.b)].placed, p.gap).first_crossing();
     if (m.time > 1) continue;
     const std::size_t before = contacts_.size();
     add(pair, m, rigid);

@@ -78,7 +78,8 @@ BodyContacts::BodyContacts(const Scene &scene, const MeshState &mesh, bool exemp
       if (depth > 0 && exempt) continue;
       if (depth > 0)
         throw CollisionError("the scene starts with " + a.name + ", which is rigid, " + std::to_string(depth) +
-                             " m deep in " + b.name + "; move them apart, or set the option intersections to "
+                             " m deep in " + b.name +
+                             "; move them apart, or set the option intersections to "
                              "\"exempt\": then they pass through each other");
       pairs_.push_back(pair);
     }

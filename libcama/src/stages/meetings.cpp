@@ -39,7 +39,8 @@ bool leads_away(const dvec3 &direction, const dvec3 &to)
   return ddot(direction, to) <= angle * dnorm(direction) * dnorm(to);
 }
 
-/// How far the nearer end of an edge is beyond a face that it passes through, m; 0: it just touches it; -1: it does not.
+/// How far the nearer end of an edge is beyond a face that it passes through, m; 0: it just touches it; -1: it does
+/// not.
 double depth_of_edge(const PlacedShape &p, int edge, const PlacedShape &q, int face)
 {
   constexpr double rounding = 1e-9;

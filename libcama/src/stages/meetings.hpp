@@ -58,10 +58,7 @@ private:
   struct Candidate {
     Kind kind;
     int a, b;  // vertex, face or edge of either
-    bool operator<(const Candidate &o) const
-    {
-      return kind != o.kind ? kind < o.kind : (a != o.a ? a < o.a : b < o.b);
-    }
+    bool operator<(const Candidate &o) const { return kind != o.kind ? kind < o.kind : (a != o.a ? a < o.a : b < o.b); }
     bool operator==(const Candidate &o) const { return kind == o.kind && a == o.a && b == o.b; }
   };
   struct Closest {
