@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Rigid bodies: obstacles that cloth and gravity move."""
+"""Rigid bodies: obstacles that gravity, cloth and other obstacles move."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ ARGUMENTS = ("mass", "density", "center", "inertia", "velocity", "angular_veloci
 
 
 class Rigid(_core.Rigid):
-    """What makes an obstacle a rigid body, which cloth and gravity move.
+    """What makes an obstacle a rigid body, which gravity, cloth and other obstacles move.
 
     Args:
         mass: Mass, kg; or give `density`.
@@ -91,3 +91,4 @@ class RigidPose:
     velocity: Reals  #: [3] of the centre of mass, m/s
     angular_velocity: Reals  #: [3] rad/s
     angular_momentum: Reals  #: [3] about the centre of mass, kg m^2/s
+    contact_force: Reals  #: [3] of other bodies and obstacles on it, without cloth, mean over the last step, N

@@ -320,9 +320,9 @@ class Scene(SceneParts):
                 {"box": {"size": [1, 1, 0.1]}} or {"walker": {}}. {"shape": {"sphere": {"radius": 0.25}}} is an exact
                 sphere instead of a mesh; capsule, box and plane can be exact too.
             motion: A `cama.Motion` or a dict of its arguments, in place of a file's own animation.
-            rigid: A `cama.Rigid` or a dict of its arguments, which makes a mesh or a box a body that cloth and gravity
-                move.
-            friction: Coulomb coefficient against cloth.
+            rigid: A `cama.Rigid` or a dict of its arguments, which makes a mesh or a box a body that gravity, cloth and
+                other obstacles move.
+            friction: Coulomb coefficient against cloth; of a rigid body and another obstacle the mean of both counts.
             static_friction: The coefficient while cloth sticks; None: equal to `friction`.
             thickness: Contact thickness, m; None: the scene's.
             contact_stiffness: Stiffness of the contact penalty, N/m^3; None: the scene's.

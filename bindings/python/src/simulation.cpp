@@ -286,7 +286,7 @@ void bind_simulation(py::module_ &m)
              const RigidPose p = g.with([&](Simulation &s) { return s.rigid_pose(obstacle); });
              const auto row = [](const dvec3 &v) { return std::array<double, 3>{v.x, v.y, v.z}; };
              return std::make_tuple(row(p.center), p.rotation, row(p.velocity), row(p.angular_velocity),
-                                    row(p.angular_momentum));
+                                    row(p.angular_momentum), row(p.contact_force));
            })
       .def("set_force",
            [](Guarded &g, const Ints &vertices, const Doubles &forces) {

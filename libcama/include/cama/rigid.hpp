@@ -39,6 +39,7 @@ struct RigidPose {
   dvec3 velocity{0, 0, 0};  ///< of the centre, m/s
   dvec3 angular_velocity{0, 0, 0};  ///< rad/s
   dvec3 angular_momentum{0, 0, 0};  ///< about the centre, kg m^2/s
+  dvec3 contact_force{0, 0, 0};  ///< of other bodies and obstacles on it, without cloth, mean over the last step, N
 };
 
 }  // namespace cama

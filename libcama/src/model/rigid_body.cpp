@@ -50,7 +50,9 @@ RigidBody::RigidBody(int number, int obstacle_index, int first_vertex, const Obs
                                "smooth_torque", "smooth_moment", "load_force", "load_torque"})
     add(quantity, "xyz");
   add("rotation", "wxyz");
-  for (const char *quantity : {"impulse_force", "impulse_torque", "center_next", "turn_next"}) add(quantity, "xyz");
+  for (const char *quantity :
+       {"impulse_force", "impulse_torque", "center_next", "turn_next", "contact_force", "contact_torque"})
+    add(quantity, "xyz");
   add("rotation_next", "wxyz");
 }
 
@@ -67,17 +69,31 @@ dvec3 RigidBody::angular_velocity(const std::array<double, 4> &at, const dvec3 &
   return rotate(at, product(inverse_, rotate(conjugate(at), momentum)));
 }
 
-bool RigidBody::move(double time_step, double implicit_step, double memory, const dvec3 &gravity)
+dvec3 RigidBody::velocity_next(double time_step, const dvec3 &gravity) const
 {
   const dvec3 v = kernels::daxpy(kernels::daxpy(velocity, time_step, gravity), 1 / mass, impulse.force);
-  center_next = kernels::daxpy(kernels::daxpy(center, memory, shift), implicit_step, v);
-  // The angular velocity belongs to the rotation at the end of the step.
+  return touching ? kernels::daxpy(v, 1 / mass, contact.force) : v;
+}
+
+dvec3 RigidBody::spin_next() const
+{
   const dvec3 momentum = kernels::dadd(angular_momentum, impulse.torque);
+  return angular_velocity(rotation_next, touching ? kernels::dadd(momentum, contact.torque) : momentum);
+}
+
+bool RigidBody::move(double time_step, double implicit_step, double memory, const dvec3 &gravity)
+{
+  if (touching) {
+    implicit_step = time_step;
+    memory = 0;
+  }
+  center_next = kernels::daxpy(kernels::daxpy(center, memory, shift), implicit_step, velocity_next(time_step, gravity));
+  // The angular velocity belongs to the rotation at the end of the step.
   rotation_next = rotation;
   turn_next = {0, 0, 0};
   for (int pass = 0; pass < max_turns; ++pass) {
     const dvec3 before = turn_next;
-    turn_next = kernels::daxpy(kernels::dscale(memory, turn), implicit_step, angular_velocity(rotation_next, momentum));
+    turn_next = kernels::daxpy(kernels::dscale(memory, turn), implicit_step, spin_next());
     const double angle = kernels::dnorm(turn_next);
     rotation_next = normalized(multiply(axis_angle(turn_next, angle), rotation));
     if (kernels::dnorm(kernels::dsub(turn_next, before)) <= turn_tolerance * std::max(angle, 1.0)) return true;
@@ -85,11 +101,11 @@ bool RigidBody::move(double time_step, double implicit_step, double memory, cons
   return false;
 }
 
-RigidTransform RigidBody::pose_next() const
+RigidTransform RigidBody::pose(const dvec3 &center_there, const std::array<double, 4> &rotation_there) const
 {
   RigidTransform t;
-  t.translation = kernels::dsub(center_next, rest_center);
-  t.rotation = rotation_next;
+  t.translation = kernels::dsub(center_there, rest_center);
+  t.rotation = rotation_there;
   t.center = rest_center;
   return t;
 }

@@ -39,14 +39,20 @@ public:
   BodyWrench impulse;  // N s, N m s
   dvec3 center_next{0, 0, 0}, turn_next{0, 0, 0};
   std::array<double, 4> rotation_next{1, 0, 0, 0};
+  BodyWrench contact;  // N s, N m s: what other bodies and obstacles give it
+  bool touching = false;  // it touches them: the step is one of backward Euler
+  dvec3 contact_force{0, 0, 0};  // N: mean of `contact` over the step
 
   SymmetricMatrix inertia(const std::array<double, 4> &at) const;  ///< along the axes of the scene, kg m^2
   dvec3 angular_velocity(const std::array<double, 4> &at, const dvec3 &momentum) const;  ///< rad/s
-  /// The motion of the step under `impulse` and gravity: over the time step and the implicit step, s, with the share
-  /// `memory` of that in the last step. Returns false if the body turns too fast for such a step.
+  /// The motion of the step under `impulse`, `contact` and gravity: over the time step and the implicit step, s, with
+  /// the share `memory` of that in the last step. Returns false if the body turns too fast for such a step.
   bool move(double time_step, double implicit_step, double memory, const dvec3 &gravity);
-  /// The pose of the scene's vertices at the end of the step.
-  RigidTransform pose_next() const;
+  dvec3 velocity_next(double time_step, const dvec3 &gravity) const;  ///< m/s, under `impulse`, `contact` and gravity
+  dvec3 spin_next() const;  ///< angular velocity in `rotation_next`, rad/s, under `impulse` and `contact`
+  /// The pose of the scene's vertices with the centre of mass and the rotation there.
+  RigidTransform pose(const dvec3 &center_there, const std::array<double, 4> &rotation_there) const;
+  RigidTransform pose_next() const { return pose(center_next, rotation_next); }  ///< at the end of the step
 
   /// Calls f(name, life, value) for every number.
   template <class F> void visit(F &&f)
@@ -60,7 +66,8 @@ public:
                      &smooth_moment, &load.force, &load.torque})
       vector(Life::run, *v);
     for (double &x : rotation) number(Life::run, x);
-    for (dvec3 *v : {&impulse.force, &impulse.torque, &center_next, &turn_next}) vector(Life::step, *v);
+    for (dvec3 *v : {&impulse.force, &impulse.torque, &center_next, &turn_next, &contact.force, &contact.torque})
+      vector(Life::step, *v);
     for (double &x : rotation_next) number(Life::step, x);
   }
 

@@ -5,6 +5,7 @@
 
 #include "stages/abrupt_contact.hpp"
 #include "stages/advance_positions.hpp"
+#include "stages/body_contacts.hpp"
 #include "stages/contact_terms.hpp"
 #include "stages/element_forces.hpp"
 #include "stages/estimate_error.hpp"
@@ -75,10 +76,14 @@ template <class Real> std::unique_ptr<Pipeline> make_pipeline(const Scene &scene
   ProximityChecking *proximity = nullptr;
   if (options.integrator == Integrator::bdf2) step.add<Extrapolate>();
   const bool rigid = !state.rigid.body.empty();
-  if (rigid) step.add<PredictBodies>();
+  std::shared_ptr<BodyContacts> touching;
+  if (BodyContacts::needed(scene))
+    touching = std::make_shared<BodyContacts>(scene, state.mesh, options.intersections == StartPolicy::exempt);
+  if (rigid) step.add<PredictBodies>(touching);
   PrescribedMotion *motion = needs_motion(scene) ? &step.add<PrescribedMotion>(scene, b) : nullptr;
+  if (touching) touching->follow(*motion);
   if (contact) proximity = &step.add<ProximityChecking>(scene, state);
-  CoupleBodies<Real> *coupling = rigid ? &step.add<CoupleBodies<Real>>(b, *motion) : nullptr;
+  CoupleBodies<Real> *coupling = rigid ? &step.add<CoupleBodies<Real>>(b, *motion, touching) : nullptr;
   Pipeline &solving = coupling ? *coupling : step;
   if (options.integrator == Integrator::bdf2) solving.add<PredictState>();
   const bool plastic = state.elements.plastic_curvature.size() > 0;
@@ -99,7 +104,7 @@ template <class Real> std::unique_ptr<Pipeline> make_pipeline(const Scene &scene
   step.add<FinishStep>(b);
   if (state.time.error > 0) step.add<EstimateError>(b, state.system.masses());
   if (options.forces) step.add<ImpactReactions>(b);
-  if (coupling) step.add<FinishBodies>(b, coupling->sums);
+  if (coupling) step.add<FinishBodies>(b, coupling->sums, touching);
   if (contact && (options.intersections == StartPolicy::exempt || options.pinch == Pinch::release))
     step.add<ForgetSeparated>();
   return result;

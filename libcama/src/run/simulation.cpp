@@ -188,8 +188,9 @@ void Simulation::set_obstacle_vertices(int obstacle, const std::vector<dvec3> &p
 RigidPose Simulation::rigid_pose(int obstacle) const
 {
   const RigidBody &body = implementation_->rigid_body("rigid_pose", obstacle);
-  return {body.center, body.rotation, body.velocity, body.angular_velocity(body.rotation, body.angular_momentum),
-          body.angular_momentum};
+  return {body.center,           body.rotation,
+          body.velocity,         body.angular_velocity(body.rotation, body.angular_momentum),
+          body.angular_momentum, body.contact_force};
 }
 void Simulation::set_force(const std::vector<int> &vertices, const std::vector<dvec3> &forces)
 {

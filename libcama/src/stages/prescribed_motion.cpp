@@ -231,6 +231,13 @@ PrescribedMotion::MovingObstacle &PrescribedMotion::moving(const Rooms &state, i
   return obstacles_.back();
 }
 
+const Motion *PrescribedMotion::motion_of(int obstacle) const
+{
+  for (const MovingObstacle &o : obstacles_)
+    if (o.index == obstacle) return &o.motion;
+  return nullptr;
+}
+
 void PrescribedMotion::move_obstacle(const Rooms &state, int obstacle, const RigidTransform &target, double duration)
 {
   MovingObstacle &o = moving(state, obstacle);

@@ -34,6 +34,8 @@ public:
   void attach(const Rooms &state, const std::vector<int> &vertices, int obstacle);
   /// Cloth vertices that are attached to an obstacle.
   std::vector<int> attached(int obstacle) const { return attached_.of(obstacle); }
+  /// The motion of an obstacle; null: it has never moved.
+  const Motion *motion_of(int obstacle) const;
   std::vector<char> pinned() const;  ///< [cloth vertices] 1: by `pin`
   /// target: of the obstacle's vertices as the scene has them before any motion; its scale stays.
   void move_obstacle(const Rooms &state, int obstacle, const RigidTransform &target, double duration);

@@ -25,13 +25,15 @@ using kernels::dcross;
 using kernels::dscale;
 using kernels::dsub;
 
-template <class State> void move_body(const State &state, RigidBody &body)
+/// Moves all bodies by their impulses; contacts: null without. step: its number.
+void move_bodies(const BodyContacts::Rooms &state, BodyContacts *contacts, int step)
 {
-  const Clock &time = state.time;
-  if (body.move(time.step, time.implicit_step, time.memory, state.rigid.gravity)) return;
-  throw SolverError("step " + std::to_string(state.report.step) + ": " +
-                    state.mesh.object_name[static_cast<std::size_t>(state.mesh.object_of(body.first))] +
-                    " turns too fast for the time step; take a smaller one");
+  try {
+    if (contacts) return contacts->move(state);
+    for (RigidBody &body : state.rigid.body) BodyContacts::move_alone(state, body);
+  } catch (const SolverError &e) {
+    throw SolverError("step " + std::to_string(step) + ": " + e.what());
+  }
 }
 
 /// About the centre of mass at the start of the step.
@@ -111,15 +113,46 @@ double norm(const std::vector<double> &x)
   return std::sqrt(sum);
 }
 
+/// The state at the end of the step, after the cloth's impulse `whole`, of which BDF2 carries `smooth` on. stopped:
+/// abruptly.
+void advance(double step, const dvec3 &gravity, RigidBody &body, const BodyWrench &whole, const BodyWrench &smooth,
+             bool stopped)
+{
+  const dvec3 fall = dscale(step, gravity);
+  body.velocity = daxpy(dadd(body.velocity, fall), 1 / body.mass, whole.force);
+  body.angular_momentum = dadd(body.angular_momentum, whole.torque);
+  if (body.touching) {
+    body.velocity = daxpy(body.velocity, 1 / body.mass, body.contact.force);
+    body.angular_momentum = dadd(body.angular_momentum, body.contact.torque);
+  }
+  const dvec3 spin = body.angular_velocity(body.rotation_next, body.angular_momentum);
+  body.shift = dsub(body.center_next, body.center);
+  body.turn = body.turn_next;
+  if (body.touching) {  // without what parted the sides
+    body.shift = dscale(step, body.velocity);
+    body.turn = dscale(step, spin);
+  } else if (stopped) {
+    // The motion that would have led here smoothly (keep_history).
+    const dvec3 change = daxpy(fall, 1 / body.mass, smooth.force);
+    body.shift = dscale(step, daxpy(body.velocity, -0.5, change));
+    body.turn = dscale(step, daxpy(spin, -0.5, body.angular_velocity(body.rotation_next, smooth.torque)));
+  }
+  body.contact_force = dscale(1 / step, body.contact.force);
+  body.smooth = smooth;
+  body.load = {dscale(1 / step, whole.force), dscale(1 / step, whole.torque)};
+  body.center = body.center_next;
+  body.rotation = body.rotation_next;
+}
+
 }  // namespace
 
 void PredictBodies::run_on(const Rooms &state)
 {
   state.rigid.gravity = state.elements.gravity.at(0);
-  for (RigidBody &body : state.rigid.body) {
+  if (contacts_) contacts_->begin_step(state.rigid);
+  for (RigidBody &body : state.rigid.body)
     body.impulse = {dscale(state.time.step, body.load.force), dscale(state.time.step, body.load.torque)};
-    move_body(state, body);
-  }
+  move_bodies(state, contacts_.get(), state.report.step);
 }
 
 WholeSums::Sums WholeSums::sum(const State &state, const Impulses &impulses)
@@ -226,7 +259,7 @@ std::vector<std::array<double, RESISTANCE>> BodySums::resistance(const State &st
 
 template <class Real> void CoupleBodies<Real>::place(State &state)
 {
-  for (RigidBody &body : state.rigid.body) move_body(state, body);
+  move_bodies(BodyContacts::Rooms(state), contacts_.get(), state.report.step);
   motion_.run(state);
 }
 
@@ -378,39 +411,31 @@ void FinishBodies::run(State &state)
     received += kernels::dnorm(own.force);
   }
   received += kernels::dnorm(others);
+  std::vector<BodyWrench> whole, smooth;
+  std::vector<char> stopped;
   for (std::size_t b = 0; b < state.rigid.body.size(); ++b) {
     RigidBody &body = state.rigid.body[b];
     // What the step carried on acted about the centre of mass as it was in the step before.
     const BodyWrench before = about_center(body, {body.smooth.force, body.smooth_moment});
     const BodyWrench moved{{0, 0, 0}, dscale(time.memory, dsub(body.smooth.torque, before.torque))};
-    BodyWrench whole = sum_of(about_center(body, found[0][b]), moved), smooth = whole;
+    whole.push_back(sum_of(about_center(body, found[0][b]), moved));
+    smooth.push_back(whole[b]);
     if (r.carries) {
-      smooth = sum_of(about_center(body, found[1][b]), moved);
+      smooth[b] = sum_of(about_center(body, found[1][b]), moved);
       body.smooth_moment = found[1][b].torque;
     }
-    const bool stopped = vector_of(whole) != vector_of(smooth);
+    stopped.push_back(vector_of(whole[b]) != vector_of(smooth[b]));
     if (received > 0) {
       const double share = kernels::dnorm(found[0][b].force) / received;
       const BodyWrench lost = about_center(body, sums.free);
-      whole = sum_of(whole, {dscale(share, lost.force), dscale(share, lost.torque)});
+      whole[b] = sum_of(whole[b], {dscale(share, lost.force), dscale(share, lost.torque)});
     }
-    const dvec3 fall = dscale(time.step, state.rigid.gravity);
-    body.velocity = daxpy(dadd(body.velocity, fall), 1 / body.mass, whole.force);
-    body.angular_momentum = dadd(body.angular_momentum, whole.torque);
-    const dvec3 spin = body.angular_velocity(body.rotation_next, body.angular_momentum);
-    body.shift = dsub(body.center_next, body.center);
-    body.turn = body.turn_next;
-    if (stopped) {
-      // Stopped abruptly: the motion that would have led here smoothly (keep_history).
-      const dvec3 change = daxpy(fall, 1 / body.mass, smooth.force);
-      body.shift = dscale(time.step, daxpy(body.velocity, -0.5, change));
-      body.turn = dscale(time.step, daxpy(spin, -0.5, body.angular_velocity(body.rotation_next, smooth.torque)));
-    }
-    body.smooth = smooth;
-    body.load = {dscale(1 / time.step, whole.force), dscale(1 / time.step, whole.torque)};
-    body.center = body.center_next;
-    body.rotation = body.rotation_next;
-    motion_.assign({body.center, body.velocity, spin});
+  }
+  if (contacts_) contacts_->finish(state, whole);
+  for (std::size_t b = 0; b < whole.size(); ++b) {
+    advance(time.step, state.rigid.gravity, state.rigid.body[b], whole[b], smooth[b], stopped[b]);
+    const RigidBody &body = state.rigid.body[b];
+    motion_.assign({body.center, body.velocity, body.angular_velocity(body.rotation, body.angular_momentum)});
     CAMA_LAUNCH(*state.backend, rigid_velocities, body.last - body.first, state.mesh.position, motion_, body.first,
                 state.mesh.velocity);
   }

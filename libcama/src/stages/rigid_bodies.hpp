@@ -1,10 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 #include <initializer_list>
+#include <memory>
 #include <vector>
 
 #include "run/pipeline.hpp"
 #include "solver/anderson.hpp"
+#include "stages/body_contacts.hpp"
 #include "stages/prescribed_motion.hpp"
 #include "stages/reactions.hpp"
 
@@ -14,9 +16,14 @@ namespace cama {
 class PredictBodies final
     : public StageOn<const StepReport, const Clock, const MeshState, const ElementState, RigidState> {
 public:
+  /// contacts: null if bodies can touch nothing but cloth.
+  explicit PredictBodies(std::shared_ptr<BodyContacts> contacts) : contacts_(std::move(contacts)) {}
   std::string_view name() const override { return "rigid prediction"; }
   std::string reason() const override { return "rigid bodies"; }
   void run_on(const Rooms &state) override;
+
+private:
+  std::shared_ptr<BodyContacts> contacts_;
 };
 
 /// Sums of impulses over all cloth that is free, and over everything that is prescribed.
@@ -63,8 +70,9 @@ private:
 /// told; this repeats them with the motion that follows from the impulse of the cloth, until both agree.
 template <class Real> class CoupleBodies final : public Pipeline {
 public:
-  CoupleBodies(Backend &backend, PrescribedMotion &motion)
-      : Pipeline("rigid coupling", "rigid bodies"), motion_(motion), sums(backend, motion), reactions_(backend)
+  CoupleBodies(Backend &backend, PrescribedMotion &motion, std::shared_ptr<BodyContacts> contacts)
+      : Pipeline("rigid coupling", "rigid bodies"), motion_(motion), sums(backend, motion),
+        contacts_(std::move(contacts)), reactions_(backend)
   {}
   void run(State &state) override;
 
@@ -83,6 +91,7 @@ private:
   void relax(std::vector<double> &residual) const;
 
   using Matrix6 = std::array<std::array<double, 6>, 6>;
+  std::shared_ptr<BodyContacts> contacts_;
   SolveReactions<Real> reactions_;
   AndersonMixing mixing_;
   std::vector<Matrix6> scale_;   // [bodies] lower triangular L, L L' the mass matrix
@@ -94,13 +103,16 @@ private:
 /// impulses of the step.
 class FinishBodies final : public Stage {
 public:
-  FinishBodies(Backend &backend, BodySums &sums) : sums_(sums), whole_(backend), motion_(backend) {}
+  FinishBodies(Backend &backend, BodySums &sums, std::shared_ptr<BodyContacts> contacts)
+      : sums_(sums), contacts_(std::move(contacts)), whole_(backend), motion_(backend)
+  {}
   std::string_view name() const override { return "rigid bodies"; }
   std::string reason() const override { return "rigid bodies"; }
   void run(State &state) override;
 
 private:
   BodySums &sums_;
+  std::shared_ptr<BodyContacts> contacts_;
   WholeSums whole_;
   Stream<dvec3> motion_;
 };
