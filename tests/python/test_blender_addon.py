@@ -146,7 +146,7 @@ def test_the_process_writes_frames_in_the_space_of_the_object(tmp_path, capsys):
     write_job(tmp_path)
     run(tmp_path, capsys)
     fallen = cache_of(tmp_path)[:, :, 2].mean(axis=1) - vertices[0, 2]
-    assert fallen[-1] == pytest.approx(-G / 2 * times[-1] ** 2, rel=0.1)  # of the level's large steps
+    assert fallen[-1] == pytest.approx(-G / 2 * times[-1] ** 2, rel=0.15)  # of the level's large steps
 
 
 def test_the_process_says_what_is_wrong(tmp_path, capsys):

@@ -49,10 +49,26 @@ def test_what_neither_scene_nor_user_says_the_level_does():
     assert simulation.time_step == pytest.approx(1 / 240) and simulation.steps_per_frame == 4
     chosen = {s["name"]: s["origin"] for s in simulation.chosen_options}
     assert chosen["time_step"] == "level" and "error" not in chosen
-    for level in ("preview", "interactive", "accurate", "reference", "paper"):
-        assert cama.Simulation(scene, accuracy=level).error == 0
+    for level, error in (("preview", 2e-3), ("interactive", 8e-4), ("accurate", 0), ("reference", 0), ("paper", 0)):
+        assert cama.Simulation(scene, accuracy=level).error == pytest.approx(error)
     assert cama.Simulation(scene, accuracy="paper").time_step == pytest.approx(1 / 240)  # 1/200 s is 3.3 in a frame
     assert "time_step" not in json.loads(scene.to_json()) and cama.Scene.parse(scene.to_json()).time_step == 0
+
+
+def test_interactive_solves_twice_in_steps_by_an_error_and_once_in_those_of_a_control_loop():
+    def of(scene, **options):
+        simulation = cama.Simulation(scene, accuracy="interactive", **options)
+        chosen = {s["name"]: (s["value"], s["origin"]) for s in simulation.chosen_options}
+        return simulation.options["newton_iterations"], chosen["newton_iterations"], simulation.error > 0
+
+    assert of(falling(0)) == (2, ("2", "level"), True)
+    for scene, options in ((falling(0), {"time_step": 0.005}), (falling(0.005), {}), (falling(0), {"error": ""})):
+        assert of(scene, **options) == (1, ("1", "level"), False)
+    assert of(falling(0), time_step=0.005, newton_iterations=2) == (2, ("2", "user"), False)
+    assert of(falling(0.005), error="1 mm") == (2, ("2", "level"), True)
+    scene = falling(0)
+    scene.options = {"accuracy": "interactive", "newton_iterations": 3}
+    assert cama.Simulation(scene, time_step=0.005).options["newton_iterations"] == 3
 
 
 def test_free_fall_follows_the_closed_form_of_each_integrator():
@@ -139,8 +155,11 @@ def test_command_line(tmp_path):
 
 @pytest.mark.parametrize("name, bound", [("drape", 1e-3), ("shapes", 1e-3), ("flag", 2e-3)])
 def test_a_frame_of_production_has_the_error_it_asks_for(name, bound):
-    """Of the converged motion: of the level `reference`, its own error added. One of `interactive` has more."""
-    levels = {level: {"accuracy": level} for level in ("interactive", "production")}
+    """Of the converged motion: of the level `reference`, its own error added. One of `preview` has more than one of
+    `interactive`, that more than one of `production`, and no more than the level asks for.
+    """
+    asked = {"preview": 1e-2, "interactive": 4e-3, "production": bound}
+    levels = {level: {"accuracy": level} for level in asked}
     triangles, size, errors, uncertainty = frame_error.measure(name, 200, levels, times=(0.25, 0.55))
-    assert errors["production"] + uncertainty < bound, (triangles, size, errors)
-    assert errors["interactive"] - uncertainty > 1e-3, (triangles, size, errors)
+    assert all(errors[level] + uncertainty < asked[level] for level in asked), (triangles, size, errors)
+    assert errors["preview"] > errors["interactive"] > errors["production"], (triangles, size, errors)

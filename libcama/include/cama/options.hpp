@@ -81,8 +81,8 @@ void check_scene_options(const OptionOverrides &options);
 
 /// The time step that a simulation takes, s: Options::time_step; if that is 0, the scene's at the levels production and
 /// paper; if that is 0 too, the level's, shortened so that whole steps fill a frame. accurate and reference never take
-/// a longer one than the scene's. The levels have: preview 1/120, interactive and production 1/240 (where its error
-/// does not choose), accurate 1/1200, reference 1/4800, paper 1/200. A finer mesh does not ask for shorter steps.
+/// a longer one than the scene's. The levels have: preview 1/120, interactive and production 1/240 (these three where
+/// no error chooses), accurate 1/1200, reference 1/4800, paper 1/200. A finer mesh does not ask for shorter steps.
 double chosen_time_step(const Options &options, const Scene &scene);
 
 /// Names of the accuracy levels, from coarse to fine, then paper.

@@ -362,6 +362,9 @@ ResolvedOptions resolve(const OptionOverrides &user, const Scene &scene)
     r.options.time_step = 0;
   } else {
     r.options.error.clear();
+    // A second solve is for the long steps that an error chooses; in short ones of a control loop one is enough.
+    if (level == Accuracy::interactive && !of_scene.newton_iterations && !user.newton_iterations)
+      r.options.newton_iterations = 1;
   }
   const char *origin_of_default_step = origin_of_step(r.options, scene);
   r.options.time_step = chosen_time_step(r.options, scene);

@@ -285,9 +285,10 @@ template <class Real> void NewtonIterations<Real>::run_on(const Rooms &state)
   if (received) find_solved_impulses(state, true, given_);
   Norms norms = evaluate(state, Friction::of_first_solve), best = norms;
   const auto relative = [](const Norms &n) { return n.size > 0 ? std::sqrt(n.residual / n.size) : 0; };
+  const bool may_go_on = state.time.error > 0 && state.options.integrator == Integrator::bdf2;
   const auto max_solves = [&] {
-    const bool further = state.time.error > 0 && norms.residual > further_residual * further_residual * norms.size &&
-                         norms.residual < fastest_;
+    const bool further =
+        may_go_on && norms.residual > further_residual * further_residual * norms.size && norms.residual < fastest_;
     return state.options.newton_iterations + (further ? further_solves : 0);
   };
   while (norms.residual > goal * norms.size && taken < max_solves() && idle < patience) {
