@@ -16,8 +16,8 @@ at its defaults and at two other settings (peer_systems.py says which), each in 
 --python names for it, by default this one. A system that is not installed or has no such device is a row that says so.
 
 OUT/peers.csv and OUT/peers.md: wall seconds a simulated second (steps alone, after one frame that compiles and warms
-up), ipctk's count of edges through faces over all frames, depth in the obstacle, strain of edges, and the error against the system's own refined run: root mean square distance of vertices, at 0.1 s, before the sheets buckle, and
-at the end.
+up), ipctk's count of edges through faces over all frames, depth in the obstacle, strain of edges, and the error against
+the system's own refined run: root mean square distance of vertices, at 0.1 s, before the sheets buckle, and at the end.
 """
 
 import argparse
