@@ -40,6 +40,6 @@ for frame in simulation.frames(48):
 contacts = simulation.contacts
 
 print(f"triangles: {simulation.cloth_triangle_count}")
-print(f"time: {simulation.time:.3f} s in {simulation.step_count} steps of {simulation.time_step:.6f} s")
+print(f"time: {simulation.time:.3f} s in {simulation.step_count} steps")
 print(f"contacts: {len(contacts)}, closest: {contacts['distance'].min() * 1e3:.3f} mm")
 print(f"intersections: {intersections}")

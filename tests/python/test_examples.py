@@ -71,8 +71,8 @@ def test_drop_cloth(tmp_path):
     claims, end, _ = run("01_drop_cloth.py", tmp_path)
     assert claims["triangles"] == "512"  # 16 x 16 cells: the squares nearest to 500 / 2
     assert claims["intersections"] == "0" and seen_by_ipctk(end) == 0
-    time, steps, step = numbers(claims["time"])
-    assert time == pytest.approx(48 / 60, abs=1e-9) and steps * step == pytest.approx(time, abs=1e-3)
+    time, steps = numbers(claims["time"])
+    assert time == pytest.approx(48 / 60, abs=1e-9) and steps >= 48  # at least one in each frame
     # The sheet lies on the ball: by trimesh's closest point to the centre, above it by less than the contact thickness.
     gap = distances([np.zeros(3)], end["positions"][end["cloth_faces"]])[0] - 0.25
     assert 0 < gap < 1.5e-3
