@@ -32,6 +32,26 @@ def test_an_error_is_a_length_or_a_share_of_the_size(text, metres):
         assert hanging(cells, error=text).error == pytest.approx(metres)
 
 
+def test_the_size_does_not_depend_on_where_triangles_lie_in_material_space():
+    """A tube of 0.2 m in radius, 0.6 m high, 0.75 m^2, of which each triangle has a frame of its own."""
+    turn, height = np.meshgrid(np.linspace(0, 2 * np.pi, 25)[:-1], np.linspace(0, 0.6, 8))
+    x = np.stack([0.2 * np.cos(turn), 0.2 * np.sin(turn), height], axis=2).reshape(-1, 3)
+    index = np.arange(len(x)).reshape(turn.shape)
+    a, b = index[:-1].ravel(), np.roll(index[:-1], -1, axis=1).ravel()
+    c, d = np.roll(index[1:], -1, axis=1).ravel(), index[1:].ravel()
+    faces = np.concatenate([np.stack([a, b, c], 1), np.stack([a, c, d], 1)])
+    p, q, r = (x[faces[:, k]] for k in range(3))
+    along = (q - p) / np.linalg.norm(q - p, axis=1, keepdims=True)
+    first = np.sum(along * (r - p), axis=1)
+    across = np.linalg.norm(r - p - first[:, None] * along, axis=1)
+    corners = np.stack([np.zeros((len(p), 2)), np.stack([np.linalg.norm(q - p, axis=1), 0 * first], 1),
+                        np.stack([first, across], 1)], axis=1).reshape(-1, 2)  # fmt: skip
+    for material in ({}, {"material_vertices": corners, "material_faces": np.arange(3 * len(faces)).reshape(-1, 3)}):
+        scene = cama.Scene(frame_time=FRAME)
+        scene.add_cloth(x, faces, material="cotton", **material)
+        assert cama.Simulation(scene, backend="cpu", error="1 %").error == pytest.approx(0.01 * 0.6)
+
+
 @pytest.mark.parametrize(
     "text", ["1", "mm", "-1 mm", "0 %", "nan mm", "inf m", "1 inch", "1 mm 2", "1e999 m", " ", "1e-9 mm"]
 )

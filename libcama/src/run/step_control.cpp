@@ -45,6 +45,20 @@ template <int Dimensions, class Points, class F> double largest_side(const Point
   return side;
 }
 
+/// Of the cloth at rest, m^2.
+double area_at_rest(const Mesh &mesh)
+{
+  double sum = 0;
+  for (const Triangle &f : mesh.material_face) {
+    const auto at = [&](int k) {
+      return mesh.material_position[static_cast<std::size_t>(f[static_cast<std::size_t>(k)])];
+    };
+    const MaterialPoint a = at(0), b = at(1), c = at(2);
+    sum += 0.5 * std::abs((b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0]));
+  }
+  return sum;
+}
+
 /// x^(1/8), by operations that round alike everywhere.
 double eighth_root(double x) { return std::sqrt(std::sqrt(std::sqrt(x))); }
 
@@ -76,12 +90,16 @@ double allowed_error(const std::string &text, double size)
                    "' is not a length above 0 or a share of the cloth's size; give \"1 mm\" or \"0.1 %\"");
 }
 
+// Cloth may start crumpled, so that it is larger at rest, or with its panels apart, so that it is smaller. In material
+// space panels, or even triangles, may lie on top of each other: cloth is no smaller than a square of its area.
 double cloth_size(const Scene &scene)
 {
   double size = 0;
   for (const Cloth &cloth : scene.cloths) {
     const double start = largest_side<3>(cloth.mesh.position, [](const dvec3 &x) { return std::array{x.x, x.y, x.z}; });
-    const double flat = largest_side<2>(cloth.mesh.material_position, [](const MaterialPoint &u) { return u; });
+    const double flat =
+        std::max(largest_side<2>(cloth.mesh.material_position, [](const MaterialPoint &u) { return u; }),
+                 std::sqrt(area_at_rest(cloth.mesh)));
     size = std::max(size, cloth.mesh.material_position.empty() ? start : std::min(start, flat));
   }
   return size;

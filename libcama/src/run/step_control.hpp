@@ -10,7 +10,8 @@ namespace cama {
 /// size: m. Throws SceneError.
 double allowed_error(const std::string &text, double size);
 
-/// The largest side of any cloth, m: of its bounding box at the start or in material space, whichever is smaller.
+/// The largest side of any cloth, m: of its bounding box at the start or in material space, whichever is smaller, but
+/// in material space at least that of a square of its area.
 double cloth_size(const Scene &scene);
 
 /// The shortest step that error control takes for the error, s; error in metres, and the size of the cloth. An error of
