@@ -11,9 +11,9 @@ sheets  three of them, 6 mm apart and turned against each other, the default
 pile    fifty of them that fall on a plane
 twist   a strip of 1 m x 0.4 m whose ends turn against each other, by 180 degrees a second each, without gravity
 
-Every system runs
-at its defaults and at two other settings (peer_systems.py says which), each in a process of the interpreter that
---python names for it, by default this one. A system that is not installed or has no such device is a row that says so.
+Every system runs at its defaults and at two other settings (peer_systems.py says which), each in a process of the
+interpreter that --python names for it, by default this one. A system that is not installed or has no such device is a
+row that says so.
 
 OUT/peers.csv and OUT/peers.md: wall seconds a simulated second (steps alone, after one frame that compiles and warms
 up), ipctk's count of edges through faces over all frames, depth in the obstacle, strain of edges, and the error against
