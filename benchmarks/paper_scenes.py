@@ -75,12 +75,13 @@ class Kept:
         positions = np.stack([frame[2] for frame in self.frames])
         low = positions.min(axis=(0, 1))
         narrow = (positions.max(axis=(0, 1)) - low < 2**16).all()
+        positions = (positions - low).astype(np.uint16 if narrow else np.uint32)
         np.savez_compressed(
             path,
             number=np.array([frame[0] for frame in self.frames]),
             time=np.array([frame[1] for frame in self.frames]),
             low=low,
-            positions=(positions - low).astype(np.uint16 if narrow else np.int32),
+            differences=np.diff(positions, axis=1, prepend=positions.dtype.type(0)),  # of vertices in turn, modulo 2^n
         )
 
 
@@ -209,7 +210,8 @@ def film(given):
     simulation = cama.Simulation(scene, backend="cpu")
     Path(given.out).mkdir(parents=True, exist_ok=True)
     with np.load(Path(given.folder) / "frames.npz") as file:
-        numbers, times, low, positions = (file[name] for name in ("number", "time", "low", "positions"))
+        numbers, times, low, differences = (file[name] for name in ("number", "time", "low", "differences"))
+    positions = np.cumsum(differences, axis=1, dtype=differences.dtype)
     with open(Path(given.folder) / "frames.csv", newline="", encoding="utf-8") as file:
         rows = {int(row["frame"]): row for row in csv.DictReader(file)}
     with Recorder(Path(given.out) / "frames.h5", simulation, attributes(simulation), np.float32) as recorder:

@@ -160,6 +160,7 @@ def main():
     parser.add_argument("--device", default="cpu", choices=["cpu", "cuda"])
     parser.add_argument("--systems", nargs="+", default=list(SETTINGS), choices=SETTINGS)
     parser.add_argument("--python", nargs="+", default=[], metavar="SYSTEM=PROGRAM")
+    parser.add_argument("--settings", type=int, nargs="+", default=[], help="some of them, 0: the defaults")
     parser.add_argument("--limit", type=float, default=600, help="wall seconds of one run")
     given = parser.parse_args()
     out = Path(given.out)
@@ -171,10 +172,12 @@ def main():
     rows, early = [], min(round(0.1 * given.rate), int(case["frames"])) - 1
     for system in given.systems:
         program = programs.get(system, sys.executable)
-        refined = None
-        for settings in reversed(SETTINGS[system]):  # the refined one is the last
+        refined, own = None, []
+        for number, settings in reversed(list(enumerate(SETTINGS[system]))):  # the refined one is the last
+            if given.settings and number not in given.settings:
+                continue
             said, positions = run_one(
-                program, system, settings, out / "case.npz", out / f"{system}-{settings}.npz", given.device, given.limit
+                program, system, settings, out / "case.npz", out / f"{system}-{number}.npz", given.device, given.limit
             )
             row = {"system": system, "settings": settings, "triangles": len(case["faces"]), **said}
             if positions is not None:
@@ -184,7 +187,8 @@ def main():
                     row["error_at_0.1_s_mm"] = distance(positions[early], refined[early])
                     row["error_at_end_mm"] = distance(positions[-1], refined[-1])
             print(row, flush=True)
-            rows.insert(len(rows) - list(reversed(SETTINGS[system])).index(settings), row)
+            own.insert(0, row)
+        rows += own
     with open(out / "peers.csv", "w", newline="", encoding="utf-8") as file:
         writer = csv.DictWriter(file, COLUMNS, restval="")
         writer.writeheader()
