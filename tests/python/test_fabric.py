@@ -154,18 +154,18 @@ def droop(stiffness, load, poisson, inner=0.09, outer=0.15):
 
 
 def test_a_board_has_a_drape_coefficient_of_one():
-    """And its rim sinks as that of a plate: on two meshes with an error of first order, which they share."""
-    sunk = []
-    for sectors in (36, 72):
+    """And its rim sinks as that of a plate that is clamped at the disc."""
+    for sectors, tolerance in (36, 0.08), (72, 0.02):
         found = fabric.drape(isotropic(1e-2, density=0.1, youngs=1e5), sectors=sectors)
         assert found.coefficient == pytest.approx(1, abs=1e-3) and found.nodes == 0 and found.at_rest
-        sunk.append(-found.vertices[-sectors - 1 : -1, 2].mean())
-    assert 2 * sunk[1] - sunk[0] == pytest.approx(droop(1e-2, 0.1 * G, 0.0), rel=0.02)
+        sunk = -found.vertices[-sectors - 1 : -1, 2].mean()
+        assert sunk == pytest.approx(droop(1e-2, 0.1 * G, 0.0), rel=tolerance)
 
 
 def test_limp_cloth_drapes_more():
     found = [
-        fabric.drape(isotropic(b, density=0.15, youngs=500.0, poisson=0.2), sectors=60) for b in (1e-4, 2e-5, 1e-7)
+        fabric.drape(isotropic(b, density=0.15, youngs=500.0, poisson=0.2), sectors=sectors)
+        for b, sectors in ((1e-4, 60), (2e-5, 60), (1e-7, 120))  # folds of the last are narrower than cells of 60
     ]
     stiff, medium, limp = (d.coefficient for d in found)
     assert 1 > stiff > medium + 0.1 and medium > limp + 0.2

@@ -56,12 +56,12 @@ def strip_mesh(length: float, width: float, cells: int) -> tuple[Reals, Integers
 def annulus_mesh(inner: float, outer: float, sectors: int, rings: int) -> tuple[Reals, Integers]:
     """Returns vertices [n, 2], m, and faces of a ring of cloth that is clamped at the radius `inner`.
 
-    The two innermost rings of vertices, at `inner` and an eighth of a cell inside it, are those to hold: the hinges at
-    `inner` stand for little more than the half cell beyond it, as a clamp's do. The vertices lie ring by ring; the last
-    `sectors` are the rim.
+    The two innermost rings of vertices, half a cell inside `inner` and half a cell outside it, are those to hold. A
+    plate of triangles is clamped in the middle between them: moments at the outer one bend the held triangles too, as
+    far as half of their height goes. The vertices lie ring by ring; the last `sectors` are the rim.
     """
-    cell = (outer - inner) / rings
-    radius = np.concatenate([[inner - cell / 8], inner + cell * np.arange(rings + 1)])
+    cell = (outer - inner) / (rings - 0.5)
+    radius = inner + cell * (np.arange(rings + 1) - 0.5)
     angle = 2 * np.pi / sectors * np.arange(sectors)
     r, a = np.meshgrid(radius, angle, indexing="ij")
     index = np.arange(r.size).reshape(r.shape)
