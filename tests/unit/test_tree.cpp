@@ -194,6 +194,23 @@ Found brute_force(const Scene &s, int self, double slack)
   return found;
 }
 
+/// The triangles of a sheet of (n+1)^2 vertices, of which `base` is the first.
+void add_cells(std::vector<Triangle> &triangles, int base, int n)
+{
+  for (int i = 0; i < n; ++i)
+    for (int j = 0; j < n; ++j) {
+      const int a = base + i * (n + 1) + j, b = a + 1, c = a + n + 1, d = c + 1;
+      triangles.push_back({a, b, c});
+      triangles.push_back({b, d, c});
+    }
+}
+
+void set_features(Scene &s, const std::vector<Triangle> &triangles)
+{
+  for (const Triangle &t : triangles) s.face.push_back({{t[0], t[1], t[2]}});
+  for (const auto &e : unique_edges(triangles)) s.edge.push_back({{e[0], e[1]}});
+}
+
 /// A crumpled sheet of (n+1)^2 vertices and an obstacle likewise.
 Scene make_scene(unsigned seed, int n, double size, double offset)
 {
@@ -210,16 +227,10 @@ Scene make_scene(unsigned seed, int n, double size, double offset)
         s.target.push_back(dadd(x, dvec3_make(random(size * 0.05), random(size * 0.05), random(size * 0.05))));
         s.margin.push_back(size * 0.01 * std::fabs(random(1)));
       }
-    for (int i = 0; i < n; ++i)
-      for (int j = 0; j < n; ++j) {
-        const int a = base + i * (n + 1) + j, b = a + 1, c = a + n + 1, d = c + 1;
-        triangles.push_back({a, b, c});
-        triangles.push_back({b, d, c});
-      }
+    add_cells(triangles, base, n);
     if (sheet == 0) s.cloth_vertices = int(s.position.size());
   }
-  for (const Triangle &t : triangles) s.face.push_back({{t[0], t[1], t[2]}});
-  for (const auto &e : unique_edges(triangles)) s.edge.push_back({{e[0], e[1]}});
+  set_features(s, triangles);
   return s;
 }
 
@@ -420,13 +431,6 @@ TEST_CASE("the trees' candidates are those of brute force", "[tree]")
 
 namespace {
 
-/// With a motion in common added.
-Scene carried(Scene s, double shift)
-{
-  for (dvec3 &y : s.target) y = dadd(y, dvec3_make(shift, 0.7 * shift, -shift));
-  return s;
-}
-
 /// Pairs that the additive method does not certify to keep the smallest margins of both sides together.
 Found that_come_close(const Scene &s)
 {
@@ -439,11 +443,12 @@ Found that_come_close(const Scene &s)
                 s.target[v[2]], s.target[v[3]], 0.999 * (margin[0] + margin[1]))
         .hit;
   };
-  for (const auto &[v, f] : brute_force(s, 1, 0).vertex_face) {
+  const Found all = brute_force(s, 1, 0);
+  for (const auto &[v, f] : all.vertex_face) {
     const int *t = s.face[f].node;
     if (near(1, {v, t[0], t[1], t[2]})) found.vertex_face.push_back({v, f});
   }
-  for (const auto &[a, b] : brute_force(s, 1, 0).edge_edge) {
+  for (const auto &[a, b] : all.edge_edge) {
     const int *p = s.edge[a].node, *q = s.edge[b].node;
     if (near(2, {p[0], p[1], q[0], q[1]})) found.edge_edge.push_back({a, b});
   }
@@ -459,7 +464,8 @@ TEST_CASE("by boxes at both ends, no pair is missed that comes close, and common
     const Found at_rest = query(still, 1, 8, 8, true, 1);
     const std::size_t few = at_rest.vertex_face.size() + at_rest.edge_edge.size();
     for (const double shift : {0.0, 0.3, 10.0}) {
-      const Scene s = carried(still, shift);
+      Scene s = still;
+      for (dvec3 &y : s.target) y = dadd(y, dvec3_make(shift, 0.7 * shift, -shift));
       Found reference;
       for (const int slots : {0, 8})
         for (const int batch : {1, 8}) {
@@ -490,15 +496,8 @@ TEST_CASE("two sheets that fall side by side by 20 edges have the pairs that the
   for (int sheet = 0; sheet < 2; ++sheet)
     for (int i = 0; i <= n; ++i)
       for (int j = 0; j <= n; ++j) s.position.push_back(dvec3_make(0.015 * sheet, 0.01 * i, 0.01 * j));
-  for (int sheet = 0; sheet < 2; ++sheet)
-    for (int i = 0; i < n; ++i)
-      for (int j = 0; j < n; ++j) {
-        const int a = sheet * (n + 1) * (n + 1) + i * (n + 1) + j, b = a + 1, c = a + n + 1, d = c + 1;
-        triangles.push_back({a, b, c});
-        triangles.push_back({b, d, c});
-      }
-  for (const Triangle &t : triangles) s.face.push_back({{t[0], t[1], t[2]}});
-  for (const auto &e : unique_edges(triangles)) s.edge.push_back({{e[0], e[1]}});
+  for (int sheet = 0; sheet < 2; ++sheet) add_cells(triangles, sheet * (n + 1) * (n + 1), n);
+  set_features(s, triangles);
   s.cloth_vertices = int(s.position.size());
   s.margin.assign(s.position.size(), 1e-3);
   s.target = s.position;
