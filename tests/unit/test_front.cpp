@@ -258,7 +258,7 @@ TEST_CASE("fronts give every pair of features whose boxes overlap, once, and tho
           REQUIRE(sorted(ee) == sorted(expected.edge_edge));
           trees.state.mesh.position.assign(x);
           trees.state.mesh.position_next.assign(y);
-          tree.run_whole(trees.state, trees.state.mesh.position, trees.state.mesh.position_next);
+          tree.run(trees.state, trees.state.mesh.position, trees.state.mesh.position_next);
           REQUIRE(sorted(vf) == sorted(listed(trees.state.contact.vertex_face)));
           REQUIRE(sorted(ee) == sorted(listed(trees.state.contact.edge_edge)));
           REQUIRE(s.contact.vertex_face.gap_bound.size() == static_cast<int>(vf.size()));

@@ -78,60 +78,45 @@ struct Found {
   Pairs vertex_face, edge_edge;
 };
 
-/// The leaves of the first tree, over other boxes.
-template <class Nodes> std::vector<bvh8_node> same_leaves(const Tree<Nodes> &tree, const std::vector<box> &vertex_box)
-{
-  std::vector<bvh8_node> group(tree.group.size());
-  make_groups(int(tree.leaf.size()), tree.leaf.data(), vertex_box, group.data());
-  make_levels(int(tree.leaf.size()), true, group.data());
-  return group;
-}
-
-/// ends: by boxes at both ends of the motion.
-Found query(const Scene &s, int self, int slots, int batch, bool both, int ends = 0)
+Found query(const Scene &s, int self, int slots, int batch, bool both)
 {
   const int vertices = int(s.position.size()), faces = int(s.face.size()), edges = int(s.edge.size());
   const int chunks = std::min(vertices, 7);
   std::vector<dvec3> corners(2 * chunks), bounds(2);
   position_bounds(chunks, vertices, s.position.data(), s.target.data(), corners.data());
   reduce_bounds(1, chunks, corners.data(), bounds.data());
-  std::vector<box> vertex_box(vertices), end_box(vertices), face_box(faces), edge_box(edges);
-  vertex_boxes(vertices, s.position.data(), (ends ? s.position : s.target).data(), s.margin.data(), bounds.data(),
-               vertex_box.data());
-  vertex_boxes(vertices, s.target.data(), s.target.data(), s.margin.data(), bounds.data(), end_box.data());
+  std::vector<box> vertex_box(vertices), face_box(faces), edge_box(edges);
+  vertex_boxes(vertices, s.position.data(), s.target.data(), s.margin.data(), bounds.data(), vertex_box.data());
   face_boxes(faces, s.face.data(), vertex_box.data(), face_box.data());
   edge_boxes(edges, s.edge.data(), vertex_box.data(), edge_box.data());
   const auto face_tree = build_tree(s.face, face_box, vertex_box, bounds, both);
   const auto edge_tree = build_tree(s.edge, edge_box, vertex_box, bounds, both);
-  const std::vector<bvh8_node> face_ends = same_leaves(face_tree, end_box), edge_ends = same_leaves(edge_tree, end_box);
 
   std::vector<int> order(vertices);
   std::iota(order.rbegin(), order.rend(), 0);
   // Vertices, then edges, in one list of items.
   const int items = vertices + edges;
   std::vector<int> slot(std::size_t(items) * slots + 1), count(items, -1), offset(items + 1, 0);
-  query_vertex_face_count((vertices + batch - 1) / batch, vertices, batch, order.data(), ends, vertex_box.data(),
-                          end_box.data(), faces, face_tree.order.data(), face_tree.leaf.data(), face_tree.group.data(),
-                          face_ends.data(), s.cloth_vertices, self, QUERY_ALL, nullptr, nullptr, nullptr, slots, 0,
-                          slot.data(), count.data());
-  query_edge_edge_count((edges + batch - 1) / batch, edges, batch, edge_tree.order.data(), edge_tree.leaf.data(), ends,
-                        vertex_box.data(), end_box.data(), edges, edge_tree.order.data(), edge_tree.leaf.data(),
-                        edge_tree.group.data(), edge_ends.data(), s.cloth_vertices, self, QUERY_ALL, nullptr, nullptr,
-                        nullptr, slots, vertices, slot.data(), count.data());
+  query_vertex_face_count((vertices + batch - 1) / batch, vertices, batch, order.data(), vertex_box.data(), faces,
+                          face_tree.order.data(), face_tree.leaf.data(), face_tree.group.data(), s.cloth_vertices, self,
+                          QUERY_ALL, nullptr, nullptr, slots, 0, slot.data(), count.data());
+  query_edge_edge_count((edges + batch - 1) / batch, edges, batch, edge_tree.order.data(), edge_tree.leaf.data(),
+                        vertex_box.data(), edges, edge_tree.order.data(), edge_tree.leaf.data(), edge_tree.group.data(),
+                        s.cloth_vertices, self, QUERY_ALL, nullptr, nullptr, slots, vertices, slot.data(),
+                        count.data());
   std::partial_sum(count.begin(), count.end(), offset.begin() + 1);
   pair totals;
   scan_totals(1, vertices, items, offset.data(), &totals);
   const int first = 3;   // behind the earlier entries of a list
   std::vector<pair> vf(totals.a + first), ee(totals.b + first);
   std::vector<float> vf_gap_bound(vf.size(), 7), ee_gap_bound(ee.size(), 7);
-  query_vertex_face_fill(vertices, order.data(), ends, vertex_box.data(), end_box.data(), faces, face_tree.order.data(),
-                         face_tree.leaf.data(), face_tree.group.data(), face_ends.data(), s.cloth_vertices, self,
-                         QUERY_ALL, nullptr, nullptr, slots, 0, slot.data(), count.data(), offset.data(), first,
-                         vf.data(), vf_gap_bound.data());
-  query_edge_edge_fill(edges, edge_tree.order.data(), edge_tree.leaf.data(), ends, vertex_box.data(), end_box.data(),
-                       edges, edge_tree.order.data(), edge_tree.leaf.data(), edge_tree.group.data(), edge_ends.data(),
-                       s.cloth_vertices, self, QUERY_ALL, nullptr, nullptr, nullptr, slots, vertices, slot.data(),
-                       count.data(), offset.data(), first - totals.a, ee.data(), ee_gap_bound.data());
+  query_vertex_face_fill(vertices, order.data(), vertex_box.data(), faces, face_tree.order.data(),
+                         face_tree.leaf.data(), face_tree.group.data(), s.cloth_vertices, self, QUERY_ALL, nullptr,
+                         slots, 0, slot.data(), count.data(), offset.data(), first, vf.data(), vf_gap_bound.data());
+  query_edge_edge_fill(edges, edge_tree.order.data(), edge_tree.leaf.data(), vertex_box.data(), edges,
+                       edge_tree.order.data(), edge_tree.leaf.data(), edge_tree.group.data(), s.cloth_vertices, self,
+                       QUERY_ALL, nullptr, nullptr, slots, vertices, slot.data(), count.data(), offset.data(),
+                       first - totals.a, ee.data(), ee_gap_bound.data());
   Found found;
   for (int i = 0; i < first; ++i) REQUIRE((vf_gap_bound[i] == 7 && ee_gap_bound[i] == 7));
   for (std::size_t i = first; i < vf.size(); ++i) {
@@ -194,23 +179,6 @@ Found brute_force(const Scene &s, int self, double slack)
   return found;
 }
 
-/// The triangles of a sheet of (n+1)^2 vertices, of which `base` is the first.
-void add_cells(std::vector<Triangle> &triangles, int base, int n)
-{
-  for (int i = 0; i < n; ++i)
-    for (int j = 0; j < n; ++j) {
-      const int a = base + i * (n + 1) + j, b = a + 1, c = a + n + 1, d = c + 1;
-      triangles.push_back({a, b, c});
-      triangles.push_back({b, d, c});
-    }
-}
-
-void set_features(Scene &s, const std::vector<Triangle> &triangles)
-{
-  for (const Triangle &t : triangles) s.face.push_back({{t[0], t[1], t[2]}});
-  for (const auto &e : unique_edges(triangles)) s.edge.push_back({{e[0], e[1]}});
-}
-
 /// A crumpled sheet of (n+1)^2 vertices and an obstacle likewise.
 Scene make_scene(unsigned seed, int n, double size, double offset)
 {
@@ -227,10 +195,16 @@ Scene make_scene(unsigned seed, int n, double size, double offset)
         s.target.push_back(dadd(x, dvec3_make(random(size * 0.05), random(size * 0.05), random(size * 0.05))));
         s.margin.push_back(size * 0.01 * std::fabs(random(1)));
       }
-    add_cells(triangles, base, n);
+    for (int i = 0; i < n; ++i)
+      for (int j = 0; j < n; ++j) {
+        const int a = base + i * (n + 1) + j, b = a + 1, c = a + n + 1, d = c + 1;
+        triangles.push_back({a, b, c});
+        triangles.push_back({b, d, c});
+      }
     if (sheet == 0) s.cloth_vertices = int(s.position.size());
   }
-  set_features(s, triangles);
+  for (const Triangle &t : triangles) s.face.push_back({{t[0], t[1], t[2]}});
+  for (const auto &e : unique_edges(triangles)) s.edge.push_back({{e[0], e[1]}});
   return s;
 }
 
@@ -370,18 +344,19 @@ TEST_CASE("a walk meets every group, and every leaf, that overlaps once and in o
       std::vector<int> expected, met;
       for (int g = first; g < groups; ++g)
         if (box_overlap(b, group_union(&tree[g]))) expected.push_back(g);
-      const motion_tree still = motion_tree_of(leaves, 0, tree.data(), nullptr);
-      const motion_boxes wanted{b, b};
-      group_walk w = trial % 2 ? groups_overlapping_from(first, still, wanted) : groups_overlapping(still, wanted);
-      for (int g = next_group(&w, still, wanted); g >= 0; g = next_group(&w, still, wanted)) met.push_back(g);
+      group_walk w = trial % 2 ? groups_overlapping_from(first, leaves, tree.data(), b)
+                               : groups_overlapping(leaves, tree.data(), b);
+      for (int g = next_group(&w, leaves, tree.data(), b); g >= 0; g = next_group(&w, leaves, tree.data(), b))
+        met.push_back(g);
       REQUIRE(met == expected);
       if (trial == 0) REQUIRE(int(met.size()) == groups);
       expected.clear();
       met.clear();
       for (int i = GROUP * first; i < leaves; ++i)
         if (box_overlap(b, group_box(&tree[i / GROUP], i % GROUP))) expected.push_back(i);
-      w = trial % 2 ? groups_overlapping_from(first, still, wanted) : groups_overlapping(still, wanted);
-      for (int i = walk_leaves(&w, still, wanted); i != WALK_END; i = walk_leaves(&w, still, wanted))
+      w = trial % 2 ? groups_overlapping_from(first, leaves, tree.data(), b)
+                    : groups_overlapping(leaves, tree.data(), b);
+      for (int i = walk_leaves(&w, leaves, tree.data(), b); i != WALK_END; i = walk_leaves(&w, leaves, tree.data(), b))
         if (i != WALK_ON) met.push_back(i);
       REQUIRE(met == expected);
     }
@@ -427,86 +402,6 @@ TEST_CASE("the trees' candidates are those of brute force", "[tree]")
           }
         if (n == 14) CHECK(exact.edge_edge.size() > 1000);
       }
-}
-
-namespace {
-
-/// Pairs that the additive method does not certify to keep the smallest margins of both sides together.
-Found that_come_close(const Scene &s)
-{
-  Found found;
-  const auto near = [&](int split, const int(&v)[4]) {
-    double margin[2] = {1e300, 1e300};
-    for (int k = 0; k < 4; ++k) margin[k >= split] = std::min(margin[k >= split], s.margin[v[k]]);
-    const auto time = split == 1 ? vertex_face_impact_time : edge_edge_impact_time;
-    return time(s.position[v[0]], s.position[v[1]], s.position[v[2]], s.position[v[3]], s.target[v[0]], s.target[v[1]],
-                s.target[v[2]], s.target[v[3]], 0.999 * (margin[0] + margin[1]))
-        .hit;
-  };
-  const Found all = brute_force(s, 1, 0);
-  for (const auto &[v, f] : all.vertex_face) {
-    const int *t = s.face[f].node;
-    if (near(1, {v, t[0], t[1], t[2]})) found.vertex_face.push_back({v, f});
-  }
-  for (const auto &[a, b] : all.edge_edge) {
-    const int *p = s.edge[a].node, *q = s.edge[b].node;
-    if (near(2, {p[0], p[1], q[0], q[1]})) found.edge_edge.push_back({a, b});
-  }
-  return found;
-}
-
-}  // namespace
-
-TEST_CASE("by boxes at both ends, no pair is missed that comes close, and common motion adds none", "[tree]")
-{
-  for (const int n : {2, 5, 14}) {
-    const Scene still = make_scene(unsigned(n), n, 0.5, 0);
-    const Found at_rest = query(still, 1, 8, 8, true, 1);
-    const std::size_t few = at_rest.vertex_face.size() + at_rest.edge_edge.size();
-    for (const double shift : {0.0, 0.3, 10.0}) {
-      Scene s = still;
-      for (dvec3 &y : s.target) y = dadd(y, dvec3_make(shift, 0.7 * shift, -shift));
-      Found reference;
-      for (const int slots : {0, 8})
-        for (const int batch : {1, 8}) {
-          const Found found = query(s, 1, slots, batch, true, 1);
-          if (slots == 0 && batch == 1) reference = found;
-          REQUIRE(found.vertex_face == reference.vertex_face);
-          REQUIRE(found.edge_edge == reference.edge_edge);
-        }
-      const Pairs vf = sorted(reference.vertex_face), ee = sorted(reference.edge_edge);
-      const Found whole = query(s, 1, 8, 8, true), close = that_come_close(s);
-      CAPTURE(n, shift, vf.size(), ee.size(), close.vertex_face.size(), close.edge_edge.size());
-      CHECK(contains(vf, close.vertex_face));
-      CHECK(contains(ee, close.edge_edge));
-      CHECK(contains(sorted(whole.vertex_face), vf));  // boxes over the motions hold both ends
-      CHECK(contains(sorted(whole.edge_edge), ee));
-      CHECK(std::fabs(double(vf.size() + ee.size()) - double(few)) <= 1e-3 * double(few));
-      if (n == 14) CHECK(close.edge_edge.size() > 100);
-      if (n == 14 && shift == 0.3) CHECK(whole.edge_edge.size() > 3 * ee.size());
-    }
-  }
-}
-
-TEST_CASE("two sheets that fall side by side by 20 edges have the pairs that they have at rest", "[tree]")
-{
-  Scene s;
-  const int n = 12;
-  std::vector<Triangle> triangles;
-  for (int sheet = 0; sheet < 2; ++sheet)
-    for (int i = 0; i <= n; ++i)
-      for (int j = 0; j <= n; ++j) s.position.push_back(dvec3_make(0.015 * sheet, 0.01 * i, 0.01 * j));
-  for (int sheet = 0; sheet < 2; ++sheet) add_cells(triangles, sheet * (n + 1) * (n + 1), n);
-  set_features(s, triangles);
-  s.cloth_vertices = int(s.position.size());
-  s.margin.assign(s.position.size(), 1e-3);
-  s.target = s.position;
-  const Found rest = query(s, 1, 8, 8, true);
-  for (dvec3 &y : s.target) y.z -= 0.2;
-  const Found falling = query(s, 1, 8, 8, true, 1), swept = query(s, 1, 8, 8, true);
-  CHECK(sorted(falling.vertex_face) == sorted(rest.vertex_face));
-  CHECK(sorted(falling.edge_edge) == sorted(rest.edge_edge));
-  CHECK(swept.edge_edge.size() > 5 * rest.edge_edge.size());
 }
 
 TEST_CASE("everything in one point: every pair, and no hang", "[tree]")

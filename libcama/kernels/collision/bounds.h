@@ -36,26 +36,6 @@ DEVICE int box_overlap(box a, box b)
   return a.lo[0] <= b.hi[0] && b.lo[0] <= a.hi[0] && a.lo[1] <= b.hi[1] && b.lo[1] <= a.hi[1] && a.lo[2] <= b.hi[2] &&
          b.lo[2] <= a.hi[2];
 }
-/* Boxes of a feature at the start and at the end of its motion; twice the same where one box holds the whole motion. */
-typedef struct {
-  box start, end;
-} motion_boxes;
-/* 0 if two features stay apart: along an axis one is below the other at the start and at the end, hence throughout,
-   since their vertices move on straight lines. How far both move together does not matter. */
-DEVICE int motions_overlap(motion_boxes a, motion_boxes b)
-{
-  int met = 1;
-  for (int k = 0; k < 3; ++k)
-    met &= ((a.start.lo[k] <= b.start.hi[k]) | (a.end.lo[k] <= b.end.hi[k])) &
-           ((b.start.lo[k] <= a.start.hi[k]) | (b.end.lo[k] <= a.end.hi[k]));
-  return met;
-}
-DEVICE motion_boxes motion_union(motion_boxes a, motion_boxes b)
-{
-  a.start = box_union(a.start, b.start);
-  a.end = box_union(a.end, b.end);
-  return a;
-}
 /* 1 if a holds all of b. */
 DEVICE int box_holds(box a, box b)
 {
@@ -117,8 +97,7 @@ DEVICE box swept_box(dvec3 x, dvec3 y, double margin, dvec3 origin)
   return b;
 }
 
-/* margin: per vertex, m; two features become candidates when their distance may be below the sum of their margins.
-   position and target are the same where the boxes are those of one end of the motion. */
+/* margin: per vertex, m; two features become candidates when their distance may be below the sum of their margins. */
 KERNEL vertex_boxes(int n, GLOBAL const dvec3 *position, GLOBAL const dvec3 *target, GLOBAL const double *margin,
                     GLOBAL const dvec3 *scene_bounds, GLOBAL box *vertex_box)
 {
@@ -173,31 +152,7 @@ DEVICE box box_of_edge(edge_nodes e, GLOBAL const box *vertex_box)
   return box_union(vertex_box[e.node[0]], vertex_box[e.node[1]]);
 }
 
-/* The same of motions. ends: 1 if vertex_box holds the start of a motion and end_box its end; 0 if vertex_box holds the
-   whole motion, and end_box is not read. */
-DEVICE motion_boxes motion_of_vertex(int v, int ends, GLOBAL const box *vertex_box, GLOBAL const box *end_box)
-{
-  motion_boxes m;
-  m.start = vertex_box[v];
-  m.end = ends ? end_box[v] : m.start;
-  return m;
-}
-DEVICE motion_boxes motion_of_face(face_nodes f, int ends, GLOBAL const box *vertex_box, GLOBAL const box *end_box)
-{
-  motion_boxes m;
-  m.start = box_of_face(f, vertex_box);
-  m.end = ends ? box_of_face(f, end_box) : m.start;
-  return m;
-}
-DEVICE motion_boxes motion_of_edge(edge_nodes e, int ends, GLOBAL const box *vertex_box, GLOBAL const box *end_box)
-{
-  motion_boxes m;
-  m.start = box_of_edge(e, vertex_box);
-  m.end = ends ? box_of_edge(e, end_box) : m.start;
-  return m;
-}
-
-/* Codes of the vertices, faces or edges item[i], with their numbers; origin: [1], the point that boxes are relative
+/* The same for the vertices, faces or edges item[i], with their numbers; origin: [1], the point that boxes are relative
    to. */
 KERNEL codes_of_vertices(int n, GLOBAL const int *item, GLOBAL const box *vertex_box, GLOBAL const dvec3 *scene_bounds,
                          GLOBAL const dvec3 *origin, GLOBAL key64 *key, GLOBAL int *index)

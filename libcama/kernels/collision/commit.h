@@ -298,13 +298,6 @@ KERNEL commit_begin(int n, GLOBAL int *fraction, GLOBAL int *sigma, GLOBAL int *
   }
 }
 
-/* Where truncated vertices start and all others end: with their targets, the ends of every way that they may go. */
-KERNEL commit_stops(int n, GLOBAL const dvec3 *position, GLOBAL const dvec3 *target, GLOBAL const int *fraction,
-                    GLOBAL dvec3 *stops)
-{
-  FOR_EACH(i, n) stops[i] = fraction[i] == COMMIT_WHOLE ? target[i] : position[i];
-}
-
 /* Moves each vertex by its fraction; a vertex that was not truncated reaches its target. */
 KERNEL commit_apply(int n, GLOBAL const dvec3 *position, GLOBAL const dvec3 *target, GLOBAL const int *fraction,
                     GLOBAL const int *sigma, GLOBAL dvec3 *committed)

@@ -91,18 +91,15 @@ DEVICE impact_time surface_impact_time(int kind, int cubic, element_nodes e, GLO
 }
 
 /* prediction_error[i]: upper bound of the distance between the end of vertex i and its prediction, m. found[0]:
-   incremented for each vertex whose motion x to y comes nearer to the border of its boxes than `least`, m. The start
-   lies in vertex_box and the end in end_box, the same where it holds whole motions. */
+   incremented for each vertex whose motion x to y comes nearer to the border of its box than `least`, m. */
 KERNEL find_prediction_errors(int n, GLOBAL const dvec3 *x, GLOBAL const dvec3 *y, GLOBAL const dvec3 *predicted,
-                              GLOBAL const box *vertex_box, GLOBAL const box *end_box, GLOBAL const dvec3 *scene_bounds,
-                              double least, GLOBAL float *prediction_error, GLOBAL int *found)
+                              GLOBAL const box *vertex_box, GLOBAL const dvec3 *scene_bounds, double least,
+                              GLOBAL float *prediction_error, GLOBAL int *found)
 {
   FOR_EACH(i, n) {
     prediction_error[i] = float_above(dnorm(dsub(y[i], predicted[i])) +
                                       1e-15 * (largest_component(y[i]) + largest_component(predicted[i])));
-    if (!box_holds(vertex_box[i], swept_box(x[i], x[i], least, scene_bounds[0])) ||
-        !box_holds(end_box[i], swept_box(y[i], y[i], least, scene_bounds[0])))
-      atomic_add_int(found, 1);
+    if (!box_holds(vertex_box[i], swept_box(x[i], y[i], least, scene_bounds[0]))) atomic_add_int(found, 1);
   }
 }
 

@@ -23,18 +23,17 @@ DEVICE int wanted_pair(int a, int b, int cloth_vertex_count, int self)
 }
 
 /* A search that follows another one after the motion has changed: the boxes of changed vertices have grown, and
-   box_before, end_before have the earlier ones. A pair is fresh if it overlaps now and did not before; the pairs of the
-   earlier search are kept. */
-DEVICE int fresh_vertex_face(int v, face_nodes f, int ends, GLOBAL const box *box_before, GLOBAL const box *end_before)
+   box_before has the earlier ones. A pair is fresh if it overlaps now and did not before; the pairs of the earlier
+   search are kept. */
+DEVICE int fresh_vertex_face(int v, face_nodes f, GLOBAL const box *box_before)
 {
-  return !motions_overlap(motion_of_vertex(v, ends, box_before, end_before),
-                          motion_of_face(f, ends, box_before, end_before));
+  box b = box_union(box_union(box_before[f.node[0]], box_before[f.node[1]]), box_before[f.node[2]]);
+  return !box_overlap(box_before[v], b);
 }
-DEVICE int fresh_edge_edge(edge_nodes e, edge_nodes f, int ends, GLOBAL const box *box_before,
-                           GLOBAL const box *end_before)
+DEVICE int fresh_edge_edge(edge_nodes e, edge_nodes f, GLOBAL const box *box_before)
 {
-  return !motions_overlap(motion_of_edge(e, ends, box_before, end_before),
-                          motion_of_edge(f, ends, box_before, end_before));
+  return !box_overlap(box_union(box_before[e.node[0]], box_before[e.node[1]]),
+                      box_union(box_before[f.node[0]], box_before[f.node[1]]));
 }
 
 #define QUERY_ALL 0       /* every pair */
@@ -42,45 +41,40 @@ DEVICE int fresh_edge_edge(edge_nodes e, edge_nodes f, int ends, GLOBAL const bo
 /* Fresh pairs; items are all vertices, of which changed ones are skipped; the tree holds the changed faces. */
 #define QUERY_UNCHANGED 2
 
-/* 1 if face f is to be tested against vertex v; changed, box_before and end_before, per vertex, are read unless mode is
+/* 1 if face f is to be tested against vertex v; changed and box_before, per vertex, are read unless mode is
    QUERY_ALL. */
-DEVICE int wanted_vertex_face(int v, face_nodes f, int cloth_vertex_count, int self, int mode, int ends,
-                              GLOBAL const box *box_before, GLOBAL const box *end_before)
+DEVICE int wanted_vertex_face(int v, face_nodes f, int cloth_vertex_count, int self, int mode,
+                              GLOBAL const box *box_before)
 {
   return (f.node[0] != v) & (f.node[1] != v) & (f.node[2] != v) &&
          wanted_pair(v, f.node[0], cloth_vertex_count, self) &&
-         (mode == QUERY_ALL || fresh_vertex_face(v, f, ends, box_before, end_before));
+         (mode == QUERY_ALL || fresh_vertex_face(v, f, box_before));
 }
 
 /* A work-item queries for `batch` items, batch i .. batch i + batch. With batch > 1 it walks the tree once, for the box
    of all its items, and each item tests the leaves for itself, which is less work for one thread. What an item finds,
-   and in which order, does not depend on the batch. ends, vertex_box, end_box: motion_of_vertex; tree, end_tree:
-   motion_tree. */
+   and in which order, does not depend on the batch. */
 
 /* Item k is vertex vertex_order[k]; count[first_slot + k]: its candidate faces. n = items / batch, rounded up. mode:
    QUERY_*. */
-KERNEL query_vertex_face_count(int n, int items, int batch, GLOBAL const int *vertex_order, int ends,
-                               GLOBAL const box *vertex_box, GLOBAL const box *end_box, int leaf_count,
-                               GLOBAL const int *face_order, GLOBAL const face_nodes *leaf_face,
-                               GLOBAL const bvh8_node *tree, GLOBAL const bvh8_node *end_tree, int cloth_vertex_count,
-                               int self, int mode, GLOBAL const int *changed, GLOBAL const box *box_before,
-                               GLOBAL const box *end_before, int slots, int first_slot, GLOBAL int *slot,
-                               GLOBAL int *count)
+KERNEL query_vertex_face_count(int n, int items, int batch, GLOBAL const int *vertex_order,
+                               GLOBAL const box *vertex_box, int leaf_count, GLOBAL const int *face_order,
+                               GLOBAL const face_nodes *leaf_face, GLOBAL const bvh8_node *tree, int cloth_vertex_count,
+                               int self, int mode, GLOBAL const int *changed, GLOBAL const box *box_before, int slots,
+                               int first_slot, GLOBAL int *slot, GLOBAL int *count)
 {
   FOR_EACH_UNEVEN(i, n) {
     int first = batch * i, end = min_int(first + batch, items), g;
-    motion_tree t = motion_tree_of(leaf_count, ends, tree, end_tree);
-    motion_boxes all = empty_motion();
+    box all = empty_box();
     group_walk walk;
     if (batch == 1) {
       int v = vertex_order[i], found = 0, leaf = mode == QUERY_UNCHANGED && changed[v] ? WALK_END : WALK_ON;
-      all = motion_of_vertex(v, ends, vertex_box, end_box);
-      walk = groups_overlapping(t, all);
+      all = vertex_box[v];
+      walk = groups_overlapping(leaf_count, tree, all);
       WHILE_ANY(leaf != WALK_END)
       {
-        if (leaf != WALK_END) leaf = walk_leaves(&walk, t, all);
-        if (leaf >= 0 &&
-            wanted_vertex_face(v, leaf_face[leaf], cloth_vertex_count, self, mode, ends, box_before, end_before)) {
+        if (leaf != WALK_END) leaf = walk_leaves(&walk, leaf_count, tree, all);
+        if (leaf >= 0 && wanted_vertex_face(v, leaf_face[leaf], cloth_vertex_count, self, mode, box_before)) {
           if (found < slots) slot[slots * (first_slot + i) + found] = face_order[leaf];
           ++found;
         }
@@ -91,19 +85,16 @@ KERNEL query_vertex_face_count(int n, int items, int batch, GLOBAL const int *ve
     for (int k = first; k < end; ++k) {
       int v = vertex_order[k];
       count[first_slot + k] = 0;
-      if (mode != QUERY_UNCHANGED || !changed[v])
-        all = motion_union(all, motion_of_vertex(v, ends, vertex_box, end_box));
+      if (mode != QUERY_UNCHANGED || !changed[v]) all = box_union(all, vertex_box[v]);
     }
-    walk = groups_overlapping(t, all);
-    while ((g = next_group(&walk, t, all)) >= 0) {
+    walk = groups_overlapping(leaf_count, tree, all);
+    while ((g = next_group(&walk, leaf_count, tree, all)) >= 0) {
       for (int k = first; k < end; ++k) {
-        int v = vertex_order[k], mask = mode == QUERY_UNCHANGED && changed[v]
-                                            ? 0
-                                            : group_overlap(t, g, motion_of_vertex(v, ends, vertex_box, end_box));
+        int v = vertex_order[k],
+            mask = mode == QUERY_UNCHANGED && changed[v] ? 0 : group_overlap(tree + g, vertex_box[v]);
         for (; mask; mask &= mask - 1) {
           int leaf = GROUP * g + lowest_bit((key64)mask), found = count[first_slot + k];
-          if (!wanted_vertex_face(v, leaf_face[leaf], cloth_vertex_count, self, mode, ends, box_before, end_before))
-            continue;
+          if (!wanted_vertex_face(v, leaf_face[leaf], cloth_vertex_count, self, mode, box_before)) continue;
           if (found < slots) slot[slots * (first_slot + k) + found] = face_order[leaf];
           count[first_slot + k] = found + 1;
         }
@@ -114,13 +105,12 @@ KERNEL query_vertex_face_count(int n, int items, int batch, GLOBAL const int *ve
 
 /* candidate[first + offset[first_slot + k] ..]: (vertex, face), with gap_bound 0; offset is the exclusive sum of
    count. */
-KERNEL query_vertex_face_fill(int n, GLOBAL const int *vertex_order, int ends, GLOBAL const box *vertex_box,
-                              GLOBAL const box *end_box, int leaf_count, GLOBAL const int *face_order,
-                              GLOBAL const face_nodes *leaf_face, GLOBAL const bvh8_node *tree,
-                              GLOBAL const bvh8_node *end_tree, int cloth_vertex_count, int self, int mode,
-                              GLOBAL const box *box_before, GLOBAL const box *end_before, int slots, int first_slot,
-                              GLOBAL const int *slot, GLOBAL const int *count, GLOBAL const int *offset, int first,
-                              GLOBAL pair *candidate, GLOBAL float *gap_bound)
+KERNEL query_vertex_face_fill(int n, GLOBAL const int *vertex_order, GLOBAL const box *vertex_box, int leaf_count,
+                              GLOBAL const int *face_order, GLOBAL const face_nodes *leaf_face,
+                              GLOBAL const bvh8_node *tree, int cloth_vertex_count, int self, int mode,
+                              GLOBAL const box *box_before, int slots, int first_slot, GLOBAL const int *slot,
+                              GLOBAL const int *count, GLOBAL const int *offset, int first, GLOBAL pair *candidate,
+                              GLOBAL float *gap_bound)
 {
   FOR_EACH_UNEVEN(k, n) {
     int v = vertex_order[k], at = first + offset[first_slot + k], found = count[first_slot + k], leaf = WALK_ON;
@@ -133,14 +123,12 @@ KERNEL query_vertex_face_fill(int n, GLOBAL const int *vertex_order, int ends, G
         candidate[at + j] = p;
       }
     } else {
-      motion_tree t = motion_tree_of(leaf_count, ends, tree, end_tree);
-      motion_boxes b = motion_of_vertex(v, ends, vertex_box, end_box);
-      group_walk walk = groups_overlapping(t, b);
+      box b = vertex_box[v];
+      group_walk walk = groups_overlapping(leaf_count, tree, b);
       WHILE_ANY(leaf != WALK_END)
       {
-        if (leaf != WALK_END) leaf = walk_leaves(&walk, t, b);
-        if (leaf >= 0 &&
-            wanted_vertex_face(v, leaf_face[leaf], cloth_vertex_count, self, mode, ends, box_before, end_before)) {
+        if (leaf != WALK_END) leaf = walk_leaves(&walk, leaf_count, tree, b);
+        if (leaf >= 0 && wanted_vertex_face(v, leaf_face[leaf], cloth_vertex_count, self, mode, box_before)) {
           p.b = face_order[leaf];
           candidate[at++] = p;
         }
@@ -156,54 +144,50 @@ DEVICE int edge_changed(edge_nodes e, GLOBAL const int *changed) { return change
 /* 1 if edge j with nodes f is to be tested against edge i with nodes e. Every pair once: QUERY_ALL tests only leaves
    behind that of the item; with QUERY_CHANGED unchanged edges do not query, and of two changed edges the first does. */
 DEVICE int wanted_edge_edge(int i, edge_nodes e, int j, edge_nodes f, int cloth_vertex_count, int self, int mode,
-                            GLOBAL const int *changed, int ends, GLOBAL const box *box_before,
-                            GLOBAL const box *end_before)
+                            GLOBAL const int *changed, GLOBAL const box *box_before)
 {
   return (e.node[0] != f.node[0]) & (e.node[0] != f.node[1]) & (e.node[1] != f.node[0]) & (e.node[1] != f.node[1]) &&
          wanted_pair(e.node[0], f.node[0], cloth_vertex_count, self) &&
-         (mode != QUERY_CHANGED ||
-          ((j > i || !edge_changed(f, changed)) && fresh_edge_edge(e, f, ends, box_before, end_before)));
+         (mode != QUERY_CHANGED || ((j > i || !edge_changed(f, changed)) && fresh_edge_edge(e, f, box_before)));
 }
 
-/* The leaves of group g that overlap item k with motion b; with QUERY_ALL, where the item is leaf k, only those behind
+/* The leaves of group g that overlap item k with box b; with QUERY_ALL, where the item is leaf k, only those behind
    it. */
-DEVICE int edge_leaves(int g, int k, motion_boxes b, motion_tree t, int mode)
+DEVICE int edge_leaves(int g, int k, box b, GLOBAL const bvh8_node *tree, int mode)
 {
-  int mask = group_overlap(t, g, b);
+  int mask = group_overlap(tree + g, b);
   return mode == QUERY_ALL && g == k >> 3 ? mask & (0xfe << (k & 7)) : mask;
 }
-DEVICE motion_boxes edge_item_motion(int k, GLOBAL const edge_nodes *item_edge, GLOBAL const box *vertex_box,
-                                     GLOBAL const box *end_box, motion_tree t, int mode)
+DEVICE box edge_item_box(int k, GLOBAL const edge_nodes *item_edge, GLOBAL const box *vertex_box,
+                         GLOBAL const bvh8_node *tree, int mode)
 {
-  return mode == QUERY_ALL ? group_motion(t, k >> 3, k & 7) : motion_of_edge(item_edge[k], t.ends, vertex_box, end_box);
+  return mode == QUERY_ALL ? group_box(tree + (k >> 3), k & 7) : box_of_edge(item_edge[k], vertex_box);
 }
 
 /* Item k is edge item[k], nodes item_edge[k]; with QUERY_ALL they are the leaves. mode: QUERY_ALL, QUERY_OTHER or
    QUERY_CHANGED. */
 KERNEL query_edge_edge_count(int n, int items, int batch, GLOBAL const int *item, GLOBAL const edge_nodes *item_edge,
-                             int ends, GLOBAL const box *vertex_box, GLOBAL const box *end_box, int leaf_count,
-                             GLOBAL const int *edge_order, GLOBAL const edge_nodes *leaf_edge,
-                             GLOBAL const bvh8_node *tree, GLOBAL const bvh8_node *end_tree, int cloth_vertex_count,
-                             int self, int mode, GLOBAL const int *changed, GLOBAL const box *box_before,
-                             GLOBAL const box *end_before, int slots, int first_slot, GLOBAL int *slot,
-                             GLOBAL int *count)
+                             GLOBAL const box *vertex_box, int leaf_count, GLOBAL const int *edge_order,
+                             GLOBAL const edge_nodes *leaf_edge, GLOBAL const bvh8_node *tree, int cloth_vertex_count,
+                             int self, int mode, GLOBAL const int *changed, GLOBAL const box *box_before, int slots,
+                             int first_slot, GLOBAL int *slot, GLOBAL int *count)
 {
   FOR_EACH_UNEVEN(b, n) {
     int first = batch * b, end = min_int(first + batch, items), g;
-    motion_tree t = motion_tree_of(leaf_count, ends, tree, end_tree);
-    motion_boxes all = empty_motion();
+    box all = empty_box();
     group_walk walk;
     if (batch == 1) {
       int own = item[b], found = 0, j = WALK_ON;
       edge_nodes e = item_edge[b];
-      all = edge_item_motion(b, item_edge, vertex_box, end_box, t, mode);
-      walk = mode == QUERY_ALL ? groups_overlapping_from(b >> 3, t, all) : groups_overlapping(t, all);
+      all = edge_item_box(b, item_edge, vertex_box, tree, mode);
+      walk = mode == QUERY_ALL ? groups_overlapping_from(b >> 3, leaf_count, tree, all)
+                               : groups_overlapping(leaf_count, tree, all);
       WHILE_ANY(j != WALK_END)
       {
-        if (j != WALK_END) j = walk_leaves(&walk, t, all);
+        if (j != WALK_END) j = walk_leaves(&walk, leaf_count, tree, all);
         if (j >= 0 && (mode != QUERY_ALL || j > b) &&
-            wanted_edge_edge(own, e, edge_order[j], leaf_edge[j], cloth_vertex_count, self, mode, changed, ends,
-                             box_before, end_before)) {
+            wanted_edge_edge(own, e, edge_order[j], leaf_edge[j], cloth_vertex_count, self, mode, changed,
+                             box_before)) {
           if (found < slots) slot[slots * (first_slot + b) + found] = edge_order[j];
           ++found;
         }
@@ -213,17 +197,18 @@ KERNEL query_edge_edge_count(int n, int items, int batch, GLOBAL const int *item
     }
     for (int k = first; k < end; ++k) {
       count[first_slot + k] = 0;
-      all = motion_union(all, edge_item_motion(k, item_edge, vertex_box, end_box, t, mode));
+      all = box_union(all, edge_item_box(k, item_edge, vertex_box, tree, mode));
     }
-    walk = mode == QUERY_ALL ? groups_overlapping_from(first >> 3, t, all) : groups_overlapping(t, all);
-    while ((g = next_group(&walk, t, all)) >= 0) {
+    walk = mode == QUERY_ALL ? groups_overlapping_from(first >> 3, leaf_count, tree, all)
+                             : groups_overlapping(leaf_count, tree, all);
+    while ((g = next_group(&walk, leaf_count, tree, all)) >= 0) {
       for (int k = first; k < end; ++k) {
         edge_nodes e = item_edge[k];
-        for (int mask = edge_leaves(g, k, edge_item_motion(k, item_edge, vertex_box, end_box, t, mode), t, mode); mask;
+        for (int mask = edge_leaves(g, k, edge_item_box(k, item_edge, vertex_box, tree, mode), tree, mode); mask;
              mask &= mask - 1) {
           int j = GROUP * g + lowest_bit((key64)mask), found = count[first_slot + k];
-          if (!wanted_edge_edge(item[k], e, edge_order[j], leaf_edge[j], cloth_vertex_count, self, mode, changed, ends,
-                                box_before, end_before))
+          if (!wanted_edge_edge(item[k], e, edge_order[j], leaf_edge[j], cloth_vertex_count, self, mode, changed,
+                                box_before))
             continue;
           if (found < slots) slot[slots * (first_slot + k) + found] = edge_order[j];
           count[first_slot + k] = found + 1;
@@ -243,14 +228,12 @@ DEVICE pair ordered_pair(int a, int b)
 }
 
 /* candidate[first + offset[first_slot + k] ..]: (edge, edge), with gap_bound 0. */
-KERNEL query_edge_edge_fill(int n, GLOBAL const int *item, GLOBAL const edge_nodes *item_edge, int ends,
-                            GLOBAL const box *vertex_box, GLOBAL const box *end_box, int leaf_count,
-                            GLOBAL const int *edge_order, GLOBAL const edge_nodes *leaf_edge,
-                            GLOBAL const bvh8_node *tree, GLOBAL const bvh8_node *end_tree, int cloth_vertex_count,
-                            int self, int mode, GLOBAL const int *changed, GLOBAL const box *box_before,
-                            GLOBAL const box *end_before, int slots, int first_slot, GLOBAL const int *slot,
-                            GLOBAL const int *count, GLOBAL const int *offset, int first, GLOBAL pair *candidate,
-                            GLOBAL float *gap_bound)
+KERNEL query_edge_edge_fill(int n, GLOBAL const int *item, GLOBAL const edge_nodes *item_edge,
+                            GLOBAL const box *vertex_box, int leaf_count, GLOBAL const int *edge_order,
+                            GLOBAL const edge_nodes *leaf_edge, GLOBAL const bvh8_node *tree, int cloth_vertex_count,
+                            int self, int mode, GLOBAL const int *changed, GLOBAL const box *box_before, int slots,
+                            int first_slot, GLOBAL const int *slot, GLOBAL const int *count, GLOBAL const int *offset,
+                            int first, GLOBAL pair *candidate, GLOBAL float *gap_bound)
 {
   FOR_EACH_UNEVEN(k, n) {
     int own = item[k], at = first + offset[first_slot + k], found = count[first_slot + k], other = WALK_ON;
@@ -259,15 +242,15 @@ KERNEL query_edge_edge_fill(int n, GLOBAL const int *item, GLOBAL const edge_nod
       for (int j = 0; j < found; ++j) candidate[at + j] = ordered_pair(own, slot[slots * (first_slot + k) + j]);
     } else {
       edge_nodes e = item_edge[k];
-      motion_tree t = motion_tree_of(leaf_count, ends, tree, end_tree);
-      motion_boxes b = edge_item_motion(k, item_edge, vertex_box, end_box, t, mode);
-      group_walk walk = mode == QUERY_ALL ? groups_overlapping_from(k >> 3, t, b) : groups_overlapping(t, b);
+      box b = edge_item_box(k, item_edge, vertex_box, tree, mode);
+      group_walk walk = mode == QUERY_ALL ? groups_overlapping_from(k >> 3, leaf_count, tree, b)
+                                          : groups_overlapping(leaf_count, tree, b);
       WHILE_ANY(other != WALK_END)
       {
-        if (other != WALK_END) other = walk_leaves(&walk, t, b);
+        if (other != WALK_END) other = walk_leaves(&walk, leaf_count, tree, b);
         if (other >= 0 && (mode != QUERY_ALL || other > k) &&
-            wanted_edge_edge(own, e, edge_order[other], leaf_edge[other], cloth_vertex_count, self, mode, changed, ends,
-                             box_before, end_before))
+            wanted_edge_edge(own, e, edge_order[other], leaf_edge[other], cloth_vertex_count, self, mode, changed,
+                             box_before))
           candidate[at++] = ordered_pair(own, edge_order[other]);
       }
     }
@@ -283,37 +266,19 @@ KERNEL scan_totals(int n, int n_first, int n_all, GLOBAL const int *offset, GLOB
   }
 }
 
-/* changed[i] = 1 where the motion x to y of vertex i leaves its boxes, which then grow to hold it with its own margin.
-   before, end_before: copies of the earlier boxes. `least`: the distance to be left between motion and box, m. ends =
-   0: vertex_box holds whole motions, and end_box and end_before are not accessed. */
+/* changed[i] = 1 where the motion x to y of vertex i leaves its box, which then grows to hold it with its own margin.
+   before: a copy of the earlier boxes. `least`: the distance to be left between motion and box, m. */
 KERNEL grow_boxes(int n, GLOBAL const dvec3 *x, GLOBAL const dvec3 *y, GLOBAL const double *margin,
-                  GLOBAL const dvec3 *scene_bounds, double least, int ends, GLOBAL box *before, GLOBAL box *vertex_box,
-                  GLOBAL box *end_before, GLOBAL box *end_box, GLOBAL int *changed)
+                  GLOBAL const dvec3 *scene_bounds, double least, GLOBAL box *before, GLOBAL box *vertex_box,
+                  GLOBAL int *changed)
 {
   FOR_EACH(i, n) {
-    motion_boxes b = motion_of_vertex(i, ends, vertex_box, end_box);
-    dvec3 first = x[i], last = y[i], origin = scene_bounds[0], start_to = ends ? first : last;
-    int outside = !box_holds(b.start, swept_box(first, start_to, least, origin)) ||
-                  (ends && !box_holds(b.end, swept_box(last, last, least, origin)));
-    before[i] = b.start;
-    if (ends) end_before[i] = b.end;
+    box b = vertex_box[i], needed = swept_box(x[i], y[i], least, scene_bounds[0]), all = box_union(b, needed);
+    int outside = 0;
+    for (int k = 0; k < 3; ++k) outside |= all.lo[k] != b.lo[k] || all.hi[k] != b.hi[k];
+    before[i] = b;
     changed[i] = outside;
-    if (outside) {
-      vertex_box[i] = box_union(b.start, swept_box(first, start_to, margin[i], origin));
-      if (ends) end_box[i] = box_union(b.end, swept_box(last, last, margin[i], origin));
-    }
-  }
-}
-
-/* found[1].a is incremented for each of n edges, `stride` apart in `item`, that move by more than twice their length in
-   their own direction: boxes over such motions hold the neighbours' as well. */
-KERNEL count_fast_edges(int n, int stride, GLOBAL const int *item, GLOBAL const edge_nodes *edge, GLOBAL const dvec3 *x,
-                        GLOBAL const dvec3 *y, GLOBAL pair *found)
-{
-  FOR_EACH(i, n) {
-    edge_nodes e = edge[item[stride * i]];
-    dvec3 along = dsub(x[e.node[1]], x[e.node[0]]), moved = dsub(y[e.node[0]], x[e.node[0]]);
-    if (fabs(ddot(along, moved)) > 2.0 * ddot(along, along)) atomic_add_int(&found[1].a, 1);
+    if (outside) vertex_box[i] = box_union(b, swept_box(x[i], y[i], margin[i], scene_bounds[0]));
   }
 }
 

@@ -145,43 +145,14 @@ DEVICE int group_level_offset(int leaf_count, int level)
 /* Number of groups to allocate. */
 DEVICE int group_tree_size(int leaf_count) { return group_level_offset(leaf_count, group_root_level(leaf_count) + 1); }
 
-/* Two trees over the same leaves, with boxes at the start and at the end of the motion. ends = 0: boxes of `start` hold
-   whole motions, and `end` is not read. */
-typedef struct {
-  GLOBAL const bvh8_node *start, *end;
-  int leaf_count, ends;
-} motion_tree;
-
-DEVICE motion_tree motion_tree_of(int leaf_count, int ends, GLOBAL const bvh8_node *start, GLOBAL const bvh8_node *end)
+/* Bit k is 1 where box k of the group overlaps b. */
+DEVICE int group_overlap(GLOBAL const bvh8_node *g, box b)
 {
-  motion_tree t;
-  t.start = start;
-  t.end = end;
-  t.leaf_count = leaf_count;
-  t.ends = ends;
-  return t;
-}
-
-/* Bit k is 1 where motion k of the group overlaps b (motions_overlap). */
-DEVICE int group_overlap(motion_tree t, int group, motion_boxes b)
-{
-  GLOBAL const bvh8_node *g = t.start + group, *e = t.end + group;
   int hit[GROUP], mask = 0;
-  if (t.ends) {
-    SIMD
-    for (int k = 0; k < GROUP; ++k)
-      hit[k] = ((b.start.lo[0] <= g->hi[0][k]) | (b.end.lo[0] <= e->hi[0][k])) &
-               ((g->lo[0][k] <= b.start.hi[0]) | (e->lo[0][k] <= b.end.hi[0])) &
-               ((b.start.lo[1] <= g->hi[1][k]) | (b.end.lo[1] <= e->hi[1][k])) &
-               ((g->lo[1][k] <= b.start.hi[1]) | (e->lo[1][k] <= b.end.hi[1])) &
-               ((b.start.lo[2] <= g->hi[2][k]) | (b.end.lo[2] <= e->hi[2][k])) &
-               ((g->lo[2][k] <= b.start.hi[2]) | (e->lo[2][k] <= b.end.hi[2]));
-  } else {
-    SIMD
-    for (int k = 0; k < GROUP; ++k)
-      hit[k] = (b.start.lo[0] <= g->hi[0][k]) & (g->lo[0][k] <= b.start.hi[0]) & (b.start.lo[1] <= g->hi[1][k]) &
-               (g->lo[1][k] <= b.start.hi[1]) & (b.start.lo[2] <= g->hi[2][k]) & (g->lo[2][k] <= b.start.hi[2]);
-  }
+  SIMD
+  for (int k = 0; k < GROUP; ++k)
+    hit[k] = (b.lo[0] <= g->hi[0][k]) & (g->lo[0][k] <= b.hi[0]) & (b.lo[1] <= g->hi[1][k]) & (g->lo[1][k] <= b.hi[1]) &
+             (b.lo[2] <= g->hi[2][k]) & (g->lo[2][k] <= b.hi[2]);
   for (int k = 0; k < GROUP; ++k) mask |= hit[k] << k;
   return mask;
 }
@@ -194,13 +165,6 @@ DEVICE box group_box(GLOBAL const bvh8_node *g, int k)
     b.hi[c] = g->hi[c][k];
   }
   return b;
-}
-DEVICE motion_boxes group_motion(motion_tree t, int group, int k)
-{
-  motion_boxes m;
-  m.start = group_box(t.start + group, k);
-  m.end = t.ends ? group_box(t.end + group, k) : m.start;
-  return m;
 }
 DEVICE void set_group_box(GLOBAL bvh8_node *g, int k, box b)
 {
@@ -219,12 +183,6 @@ DEVICE box empty_box(void)
   }
   return b;
 }
-DEVICE motion_boxes empty_motion(void)
-{
-  motion_boxes m;
-  m.start = m.end = empty_box();
-  return m;
-}
 DEVICE box group_union(GLOBAL const bvh8_node *g)
 {
   box b = group_box(g, 0);
@@ -232,43 +190,43 @@ DEVICE box group_union(GLOBAL const bvh8_node *g)
   return b;
 }
 
-/* A walk, in order, over the groups of level 0 whose motion overlaps a given one. Byte l of `open`: the children at
-   level l still to be visited. */
+/* A walk, in order, over the groups of level 0 whose box overlaps a given one. Byte l of `open`: the children at level
+   l still to be visited. */
 typedef struct {
   key64 open;
   int level, root, group, offset;
 } group_walk;
 
-DEVICE group_walk groups_overlapping(motion_tree t, motion_boxes b)
+DEVICE group_walk groups_overlapping(int leaf_count, GLOBAL const bvh8_node *tree, box b)
 {
   group_walk w;
-  w.level = w.root = group_root_level(t.leaf_count);
+  w.level = w.root = group_root_level(leaf_count);
   w.group = 0;
-  w.offset = group_level_offset(t.leaf_count, w.level);
-  w.open = (key64)group_overlap(t, w.offset, b) << (8 * w.level);
+  w.offset = group_level_offset(leaf_count, w.level);
+  w.open = (key64)group_overlap(tree + w.offset, b) << (8 * w.level);
   return w;
 }
 
 /* The same from group `first` of level 0 on. */
-DEVICE group_walk groups_overlapping_from(int first, motion_tree t, motion_boxes b)
+DEVICE group_walk groups_overlapping_from(int first, int leaf_count, GLOBAL const bvh8_node *tree, box b)
 {
   group_walk w;
-  int offset = group_level_size(t.leaf_count, 0);
+  int offset = group_level_size(leaf_count, 0);
   w.level = 1;
-  w.root = group_root_level(t.leaf_count);
+  w.root = group_root_level(leaf_count);
   w.group = first >> 3;
   w.offset = offset;
   w.open = 0;
   for (int l = 1; l <= w.root; ++l) {
     int later = (l == 1 ? 0xff : 0xfe) << ((first >> (3 * l - 3)) & 7);
-    w.open |= (key64)(group_overlap(t, offset + (first >> (3 * l)), b) & later & 0xff) << (8 * l);
-    offset += group_level_size(t.leaf_count, l);
+    w.open |= (key64)(group_overlap(tree + offset + (first >> (3 * l)), b) & later & 0xff) << (8 * l);
+    offset += group_level_size(leaf_count, l);
   }
   return w;
 }
 
-/* The next group, -1 after the last. b: what the walk was started with. */
-DEVICE int next_group(group_walk *w, motion_tree t, motion_boxes b)
+/* The next group, -1 after the last. b: the box that the walk was started with. */
+DEVICE int next_group(group_walk *w, int leaf_count, GLOBAL const bvh8_node *tree, box b)
 {
   for (;;) {
     int mask = (int)(w->open >> (8 * w->level)) & 0xff;
@@ -278,16 +236,16 @@ DEVICE int next_group(group_walk *w, motion_tree t, motion_boxes b)
       if (w->level == 1) return GROUP * w->group + k;
       w->group = GROUP * w->group + k;
       --w->level;
-      w->offset -= group_level_size(t.leaf_count, w->level);
+      w->offset -= group_level_size(leaf_count, w->level);
     } else if (w->level < w->root) {
-      w->offset += group_level_size(t.leaf_count, w->level);
+      w->offset += group_level_size(leaf_count, w->level);
       ++w->level;
       w->group >>= 3;
       continue;
-    } else if (++w->group >= group_level_size(t.leaf_count, w->root)) {
+    } else if (++w->group >= group_level_size(leaf_count, w->root)) {
       return -1;
     }
-    w->open |= (key64)group_overlap(t, w->offset + w->group, b) << (8 * w->level);
+    w->open |= (key64)group_overlap(tree + w->offset + w->group, b) << (8 * w->level);
   }
 }
 
@@ -296,11 +254,11 @@ DEVICE int next_group(group_walk *w, motion_tree t, motion_boxes b)
    overlaps, in order, WALK_ON if this iteration found none, or WALK_END after the last. */
 #define WALK_ON -1
 #define WALK_END -2
-DEVICE int walk_leaves(group_walk *w, motion_tree t, motion_boxes b)
+DEVICE int walk_leaves(group_walk *w, int leaf_count, GLOBAL const bvh8_node *tree, box b)
 {
   int bit = w->open ? lowest_bit(w->open) : 8 * w->root, leaf = WALK_ON;
   for (; w->level < bit >> 3; ++w->level) {
-    w->offset += group_level_size(t.leaf_count, w->level);
+    w->offset += group_level_size(leaf_count, w->level);
     w->group >>= 3;
   }
   if (w->open) {
@@ -311,12 +269,12 @@ DEVICE int walk_leaves(group_walk *w, motion_tree t, motion_boxes b)
     } else {
       w->group = child;
       --w->level;
-      w->offset -= group_level_size(t.leaf_count, w->level);
+      w->offset -= group_level_size(leaf_count, w->level);
     }
-  } else if (++w->group >= group_level_size(t.leaf_count, w->root)) {
+  } else if (++w->group >= group_level_size(leaf_count, w->root)) {
     leaf = WALK_END;
   }
-  if (leaf == WALK_ON) w->open |= (key64)group_overlap(t, w->offset + w->group, b) << (8 * w->level);
+  if (leaf == WALK_ON) w->open |= (key64)group_overlap(tree + w->offset + w->group, b) << (8 * w->level);
   return leaf;
 }
 

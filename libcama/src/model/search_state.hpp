@@ -15,9 +15,7 @@ struct BoundsState {
   Stream<dvec3> bounds;  // [2] of the scene
   // [2] if obstacles are at rest, the bounds when their boxes were made, which boxes are relative to
   Stream<dvec3> origin;
-  Stream<kernels::box> vertex_box;  // [vertices] over the motion, or at its start where there is end_box
-  Stream<kernels::box> end_box;     // [vertices] at the end of the motion; empty unless cloth is fast
-  const Stream<kernels::box> &ends() const { return end_box.size() ? end_box : vertex_box; }
+  Stream<kernels::box> vertex_box;
   const Stream<dvec3> &box_origin() const { return origin.size() ? origin : bounds; }
 
   template <class F> void visit(F &&f)
@@ -28,7 +26,6 @@ struct BoundsState {
     f("bounds", Life::step, bounds);
     f("origin", Life::step, origin);
     f("vertex_box", Life::step, vertex_box);
-    f("end_box", Life::step, end_box);
   }
 };
 
@@ -36,18 +33,13 @@ struct BoundsState {
 struct FeatureTrees {
   Stream<int> face_order, edge_order;  // leaf to primitive
   Stream<kernels::bvh8_node> face_bvh, edge_bvh;
-  Stream<kernels::bvh8_node> face_end_bvh, edge_end_bvh;  // of BoundsState::end_box; none for what never moves
-  const Stream<kernels::bvh8_node> &face_ends() const { return face_end_bvh.size() ? face_end_bvh : face_bvh; }
-  const Stream<kernels::bvh8_node> &edge_ends() const { return edge_end_bvh.size() ? edge_end_bvh : edge_bvh; }
 
-  template <class F> void visit(const char *const (&name)[6], F &&f)
+  template <class F> void visit(const char *const (&name)[4], F &&f)
   {
     f(name[0], Life::step, face_order);
     f(name[1], Life::step, edge_order);
     f(name[2], Life::step, face_bvh);
     f(name[3], Life::step, edge_bvh);
-    f(name[4], Life::step, face_end_bvh);
-    f(name[5], Life::step, edge_end_bvh);
   }
 };
 
@@ -57,15 +49,13 @@ struct TreeState {
 
   template <class F> void visit(F &&f)
   {
-    cloth.visit({"trees.cloth.face_order", "trees.cloth.edge_order", "trees.cloth.face_bvh", "trees.cloth.edge_bvh",
-                 "trees.cloth.face_end_bvh", "trees.cloth.edge_end_bvh"},
+    cloth.visit({"trees.cloth.face_order", "trees.cloth.edge_order", "trees.cloth.face_bvh", "trees.cloth.edge_bvh"},
                 f);
-    moving.visit({"trees.moving.face_order", "trees.moving.edge_order", "trees.moving.face_bvh",
-                  "trees.moving.edge_bvh", "trees.moving.face_end_bvh", "trees.moving.edge_end_bvh"},
-                 f);
-    resting.visit({"trees.resting.face_order", "trees.resting.edge_order", "trees.resting.face_bvh",
-                   "trees.resting.edge_bvh", "trees.resting.face_end_bvh", "trees.resting.edge_end_bvh"},
-                  f);
+    moving.visit(
+        {"trees.moving.face_order", "trees.moving.edge_order", "trees.moving.face_bvh", "trees.moving.edge_bvh"}, f);
+    resting.visit(
+        {"trees.resting.face_order", "trees.resting.edge_order", "trees.resting.face_bvh", "trees.resting.edge_bvh"},
+        f);
   }
 };
 

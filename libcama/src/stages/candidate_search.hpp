@@ -7,22 +7,17 @@ namespace cama {
 /// The rooms of the state that a search accesses.
 using SearchRooms = Access<const Options, StepReport, const MeshState, ContactState, const Exemptions, BoundsState>;
 
-/// Candidate pairs of the step: features that may come close on the motion from `position` to a target, by their boxes.
-/// One search feeds proximity checking, continuous detection and the commit; it grows as vertices leave their boxes.
+/// Candidate pairs of the step: features whose boxes over the motion from `position` to a target overlap. One search
+/// feeds proximity checking, continuous detection and the commit; it grows as vertices leave their boxes.
 class CandidateSearch {
 public:
-  enum class Change { none, grown, renewed };  ///< what happened to the lists
+  enum class Change { none, grown, renewed };   ///< what happened to the lists
   explicit CandidateSearch(Backend &backend)
       : wanted_(backend), place_(backend), kept_(backend), corners_(backend), reduced_(backend)
   {}
   virtual ~CandidateSearch() = default;
   /// Fills state.contact.vertex_face and state.contact.edge_edge for motion from -> to.
   virtual void run(const SearchRooms &state, const Stream<dvec3> &from, const Stream<dvec3> &to) = 0;
-  /// The same whatever share of its way each vertex goes, not only where all move together.
-  virtual void run_whole(const SearchRooms &state, const Stream<dvec3> &from, const Stream<dvec3> &to)
-  {
-    run(state, from, to);
-  }
   /// Makes the lists hold every pair of the motion from -> to, with at least `margin` around it. Earlier pairs stay,
   /// with `direction` and `gap_bound`, and further ones are appended; after large changes, all pairs are searched for
   /// again.

@@ -20,7 +20,7 @@ float as_fraction(int bits)
 }  // namespace
 
 CertifiedCommit::CertifiedCommit(Backend &b, FlaggedPairs &flagged)
-    : flagged_(flagged), committed_(b), stops_(b), fraction_(b), fraction_before_(b), sigma_(b, 1), counter_(b, 2)
+    : flagged_(flagged), committed_(b), fraction_(b), fraction_before_(b), sigma_(b, 1), counter_(b, 2)
 {}
 
 double CertifiedCommit::run(const Rooms &state, const Stream<dvec3> &from, bool certified)
@@ -54,27 +54,14 @@ double CertifiedCommit::run(const Rooms &state, const Stream<dvec3> &from, bool 
   committed_.resize(state.mesh.vertices);
   CAMA_LAUNCH(b, commit_apply, state.mesh.vertices, from, state.mesh.position_next, fraction_, sigma_, committed_);
   const std::vector<int> fraction = fraction_.download();
-  truncated_ = 0;
-  lost_ = 0;
+  double lost = 0;
   for (int i = 0; i < state.mesh.cloth_vertices; ++i)
     if (fraction[i] != COMMIT_WHOLE) {
-      ++truncated_;
-      lost_ += 1 - as_fraction(fraction[i]);
+      ++state.report.truncated;
+      lost += 1 - as_fraction(fraction[i]);
     }
+  state.report.lost_motion += lost / state.mesh.cloth_vertices;
   return sigma;
-}
-
-void CertifiedCommit::report(const Rooms &state) const
-{
-  state.report.truncated += truncated_;
-  state.report.lost_motion += lost_ / state.mesh.cloth_vertices;
-}
-
-const Stream<dvec3> &CertifiedCommit::stops(const Rooms &state, const Stream<dvec3> &from)
-{
-  stops_.resize(state.mesh.vertices);
-  CAMA_LAUNCH(*state.backend, commit_stops, state.mesh.vertices, from, state.mesh.position_next, fraction_, stops_);
-  return stops_;
 }
 
 std::vector<std::pair<int, kernels::pair>> CertifiedCommit::pausing_pairs(const Rooms &state)

@@ -21,19 +21,12 @@ public:
   /// except known impacts has been certified for this motion.
   double run(const Rooms &state, const Stream<dvec3> &from, bool certified);
   Stream<dvec3> &committed() { return committed_; }  ///< [vertices] m
-  int truncated() const { return truncated_; }  ///< Cloth vertices that the last run cut short.
-  /// Where vertices that the last run cut short start and all others end, m.
-  const Stream<dvec3> &stops(const Rooms &state, const Stream<dvec3> &from);
-  /// Adds what the last run cut to the report.
-  void report(const Rooms &state) const;
   /// The pairs that made obstacles pause in the last run, with their kind, ordered.
   std::vector<std::pair<int, kernels::pair>> pausing_pairs(const Rooms &state);
 
 private:
   FlaggedPairs &flagged_;  // its flags hold the state of each pair
-  Stream<dvec3> committed_, stops_;
-  int truncated_ = 0;
-  double lost_ = 0;
+  Stream<dvec3> committed_;
   Stream<int> fraction_, fraction_before_, sigma_, counter_;
 };
 

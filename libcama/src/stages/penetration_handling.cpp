@@ -37,8 +37,8 @@ PenetrationHandling::Detection PenetrationHandling::detect(const Rooms &state, b
   prediction_error_.resize(state.mesh.vertices);
   detection_.fill_zero();
   CAMA_LAUNCH(b, find_prediction_errors, state.mesh.vertices, from_, state.mesh.position_next, state.bounds.predicted,
-              state.bounds.vertex_box, state.bounds.ends(), state.bounds.box_origin(),
-              certified_distance * state.contact.largest_thickness, prediction_error_, detection_);
+              state.bounds.vertex_box, state.bounds.box_origin(), certified_distance * state.contact.largest_thickness,
+              prediction_error_, detection_);
   CAMA_LAUNCH(b, select_ccd_pairs, flagged_.flag.size(), first, localized ? 1 : 0,
               state.options.paper.impact_zones ? 1 : 0, vertex_face.pairs, edge_edge.pairs, state.mesh.face,
               state.mesh.edge, state.mesh.inverse_mass, certified_distance, state.contact.largest_thickness,
@@ -129,24 +129,6 @@ void PenetrationHandling::check_stretch(const Rooms &state)
                       " edges by half of their length");
 }
 
-double PenetrationHandling::commit(const Rooms &state, bool certified, double margin)
-{
-  double sigma = commit_.run(state, from_, certified);
-  // A vertex that is cut short no longer moves with others, so that those in its way have to be in the lists.
-  while (state.bounds.end_box.size() && commit_.truncated()) {
-    const auto change = search_.update(state, from_, commit_.stops(state, from_), margin);
-    if (change == CandidateSearch::Change::none) break;
-    if (change == CandidateSearch::Change::renewed) {
-      search_.run_whole(state, from_, state.mesh.position_next);
-      CandidateSearch::find_directions(state, from_, 0, 0);
-      certified = false;
-    }
-    sigma = commit_.run(state, from_, certified);
-  }
-  commit_.report(state);
-  return sigma;
-}
-
 void PenetrationHandling::run_on(const Rooms &state)
 {
   Backend &b = *state.backend;
@@ -205,7 +187,7 @@ void PenetrationHandling::run_on(const Rooms &state)
       search_.update(state, from_, state.mesh.position_next, margin);
       CandidateSearch::find_directions(state, from_, 0x7fffffff, 0x7fffffff);
     }
-    const double sigma = commit(state, certified, margin);
+    const double sigma = commit_.run(state, from_, certified);
     if (sigma >= 1) {
       state.mesh.position_next.swap(commit_.committed());
       break;

@@ -35,8 +35,6 @@ private:
   std::string place(const Rooms &state, const std::vector<std::pair<int, kernels::pair>> &pausing);
   /// Throws SolverError where the motion makes edges of the cloth much longer.
   void check_stretch(const Rooms &state);
-  /// The certified commit; `certified` as in CertifiedCommit::run.
-  double commit(const Rooms &state, bool certified, double margin);
   bool release(const Rooms &state, const std::vector<std::pair<int, kernels::pair>> &pausing);
 
   CandidateSearch &search_;

@@ -15,16 +15,13 @@ constexpr int sorts_per_placing = 64; // the origin of boxes is kept between pla
 constexpr int morton_bits = 63;
 constexpr int few_leaves = 65536;    // two levels in a launch: it has few work items, but a launch costs more
 constexpr double max_changed = 0.3;  // of the vertices: beyond it, a full search is cheaper
-constexpr int edges_sampled = 1024;
-constexpr double fast_share =
-    1.0 / 32;  // of the edges: where more are fast, boxes are those of both ends of the motion
 }  // namespace
 
 TreeSearch::TreeSearch(Backend &b, FlaggedPairs &flagged)
     : CandidateSearch(b), batch_(b.wide_workers() ? GROUP : 1), cloth_(b), moving_(b), static_(b), key_(b),
       slot_(flagged.flag), count_(b), offset_(b), identity_(b), changed_leaf_face_(b), changed_leaf_edge_(b),
-      totals_(b, 2), changed_(b), flag_(b), offsets_(b), changed_vertex_(b), changed_face_(b), changed_edge_(b),
-      before_(b), end_before_(b), changed_groups_(b), changed_end_groups_(b)
+      totals_(b, 1), changed_(b), flag_(b), offsets_(b), changed_vertex_(b), changed_face_(b), changed_edge_(b),
+      before_(b), changed_groups_(b)
 {}
 
 void TreeSearch::build_levels(Backend &b, int leaves, Stream<kernels::bvh8_node> &tree)
@@ -38,19 +35,11 @@ void TreeSearch::build_levels(Backend &b, int leaves, Stream<kernels::bvh8_node>
 }
 
 void TreeSearch::build_faces(const SearchRooms &state, int leaves, const Stream<kernels::face_nodes> &leaf_face,
-                             const Stream<kernels::box> &boxes, Stream<kernels::bvh8_node> &tree)
-{
-  tree.resize(kernels::group_tree_size(leaves));
-  CAMA_LAUNCH(*state.backend, face_groups, kernels::group_level_size(leaves, 0), leaves, leaf_face, boxes, tree);
-  build_levels(*state.backend, leaves, tree);
-}
-
-void TreeSearch::build_edges(const SearchRooms &state, Group &g, const Stream<kernels::box> &boxes,
                              Stream<kernels::bvh8_node> &tree)
 {
-  const int leaves = g.edge.size();
   tree.resize(kernels::group_tree_size(leaves));
-  CAMA_LAUNCH(*state.backend, edge_groups, kernels::group_level_size(leaves, 0), leaves, g.leaf_edge, boxes, tree);
+  CAMA_LAUNCH(*state.backend, face_groups, kernels::group_level_size(leaves, 0), leaves, leaf_face,
+              state.bounds.vertex_box, tree);
   build_levels(*state.backend, leaves, tree);
 }
 
@@ -106,19 +95,14 @@ void TreeSearch::find_groups(const SearchRooms &state)
 
 void TreeSearch::build_trees(const SearchRooms &state, Group &g, bool faces, bool edges)
 {
-  FeatureTrees &t = *g.trees;
-  const auto build = [&](const Stream<kernels::box> &boxes, Stream<kernels::bvh8_node> &face_tree,
-                         Stream<kernels::bvh8_node> &edge_tree) {
-    if (faces && g.face.size()) build_faces(state, g.face.size(), g.leaf_face, boxes, face_tree);
-    if (edges && g.edge.size()) build_edges(state, g, boxes, edge_tree);
-  };
-  build(state.bounds.vertex_box, t.face_bvh, t.edge_bvh);
-  if (&g == &static_) return;
-  for (Stream<kernels::bvh8_node> *tree : {&t.face_end_bvh, &t.edge_end_bvh}) {
-    if (state.bounds.end_box.size() && !tree->backend()) *tree = Stream<kernels::bvh8_node>(*state.backend);
-    tree->resize(0);
-  }
-  if (state.bounds.end_box.size()) build(state.bounds.end_box, t.face_end_bvh, t.edge_end_bvh);
+  Backend &b = *state.backend;
+  if (faces && g.face.size()) build_faces(state, g.face.size(), g.leaf_face, g.trees->face_bvh);
+  const int leaves = g.edge.size();
+  if (!edges || leaves == 0) return;
+  g.trees->edge_bvh.resize(kernels::group_tree_size(leaves));
+  CAMA_LAUNCH(b, edge_groups, kernels::group_level_size(leaves, 0), leaves, g.leaf_edge, state.bounds.vertex_box,
+              g.trees->edge_bvh);
+  build_levels(b, leaves, g.trees->edge_bvh);
 }
 
 /// Faces, edges and vertices along the Morton curve.
@@ -158,7 +142,7 @@ void TreeSearch::sort_features(const SearchRooms &state, Group &g)
 /// Boxes and trees of static obstacles.
 void TreeSearch::place_static(const SearchRooms &state, const Stream<dvec3> &from, const Stream<dvec3> &to)
 {
-  sorts_since_placed_ = 0;  // remains so if anything below throws
+  sorts_since_placed_ = 0;   // remains so if anything below throws
   state.bounds.origin.copy_from(state.bounds.bounds);
   CAMA_LAUNCH(*state.backend, vertex_boxes, state.mesh.vertices, from, to, state.bounds.margin, state.bounds.origin,
               state.bounds.vertex_box);
@@ -166,49 +150,42 @@ void TreeSearch::place_static(const SearchRooms &state, const Stream<dvec3> &fro
   build_trees(state, static_, true, true);
 }
 
-/// Counts the candidates of the query vertices and edges, and the fast edges of a sample.
-void TreeSearch::count(const SearchRooms &state, const std::vector<FaceQuery> &faces,
+/// Counts the candidates of the query vertices and edges and appends them to the lists, with one wait for all.
+void TreeSearch::query(const SearchRooms &state, const std::vector<FaceQuery> &faces,
                        const std::vector<EdgeQuery> &edges)
 {
   Backend &b = *state.backend;
-  const int self = self_ ? 1 : 0, ends = state.bounds.end_box.size() ? 1 : 0;
-  vertex_items_ = edge_items_ = 0;
-  for (const FaceQuery &q : faces) vertex_items_ += q.items->size();
-  for (const EdgeQuery &q : edges) edge_items_ += q.items->size();
-  const int items = vertex_items_ + edge_items_;
-  if (items == 0) return totals_.fill_zero();
-  slots_ = items ? std::min(max_slots, 0x7fffffff / items) : 0;
-  slot_.resize(slots_ * items);
+  const int self = self_ ? 1 : 0;
+  int vertex_items = 0, edge_items = 0;
+  for (const FaceQuery &q : faces) vertex_items += q.items->size();
+  for (const EdgeQuery &q : edges) edge_items += q.items->size();
+  const int items = vertex_items + edge_items;
+  ++state.report.searches;
+  if (items == 0) return;
+  const int slots = std::min(max_slots, 0x7fffffff / items);
+  slot_.resize(slots * items);
   count_.resize(items);
   offset_.resize(items + 1);
   const auto batch_of = [&](int mode) { return mode == QUERY_CHANGED ? 1 : batch_; };
   int at = 0;
   for (const FaceQuery &q : faces) {
     const int n = q.items->size(), batch = batch_of(q.mode);
-    CAMA_LAUNCH(b, query_vertex_face_count, (n + batch - 1) / batch, n, batch, *q.items, ends, state.bounds.vertex_box,
-                state.bounds.ends(), q.leaves, *q.order, *q.leaf_face, *q.tree, *q.end_tree, state.mesh.cloth_vertices,
-                self, q.mode, changed_, before_, end_before(), slots_, at, slot_, count_);
+    CAMA_LAUNCH(b, query_vertex_face_count, (n + batch - 1) / batch, n, batch, *q.items, state.bounds.vertex_box,
+                q.leaves, *q.order, *q.leaf_face, *q.tree, state.mesh.cloth_vertices, self, q.mode, changed_, before_,
+                slots, at, slot_, count_);
     at += n;
   }
   for (const EdgeQuery &q : edges) {
     const int n = q.items->size(), batch = batch_of(q.mode);
-    const FeatureTrees &t = *q.group->trees;
-    CAMA_LAUNCH(b, query_edge_edge_count, (n + batch - 1) / batch, n, batch, *q.items, *q.item_edge, ends,
-                state.bounds.vertex_box, state.bounds.ends(), q.group->edge.size(), t.edge_order, q.group->leaf_edge,
-                t.edge_bvh, t.edge_ends(), state.mesh.cloth_vertices, self, q.mode, changed_, before_, end_before(),
-                slots_, at, slot_, count_);
+    CAMA_LAUNCH(b, query_edge_edge_count, (n + batch - 1) / batch, n, batch, *q.items, *q.item_edge,
+                state.bounds.vertex_box, q.group->edge.size(), q.group->trees->edge_order, q.group->leaf_edge,
+                q.group->trees->edge_bvh, state.mesh.cloth_vertices, self, q.mode, changed_, before_, slots, at, slot_,
+                count_);
     at += n;
   }
   b.scan(count_.buffer(), offset_.buffer(), items);
-  CAMA_LAUNCH(b, scan_totals, 1, vertex_items_, items, offset_, totals_);
-}
-
-/// Appends what was counted to the lists.
-void TreeSearch::fill(const SearchRooms &state, kernels::pair found, const std::vector<FaceQuery> &faces,
-                      const std::vector<EdgeQuery> &edges)
-{
-  Backend &b = *state.backend;
-  const int self = self_ ? 1 : 0, ends = state.bounds.end_box.size() ? 1 : 0;
+  CAMA_LAUNCH(b, scan_totals, 1, vertex_items, items, offset_, totals_);
+  const kernels::pair found = totals_.at(0);
   const int first_face = state.contact.vertex_face.pairs.size(), first_edge = state.contact.edge_edge.pairs.size();
   const auto grow = [](PairList &list, int more) {
     list.pairs.grow(static_cast<long long>(list.pairs.size()) + more);
@@ -216,22 +193,20 @@ void TreeSearch::fill(const SearchRooms &state, kernels::pair found, const std::
   };
   grow(state.contact.vertex_face, found.a);
   grow(state.contact.edge_edge, found.b);
-  int at = 0;
+  at = 0;
   for (const FaceQuery &q : faces) {
     const int n = q.items->size();
-    CAMA_LAUNCH(b, query_vertex_face_fill, n, *q.items, ends, state.bounds.vertex_box, state.bounds.ends(), q.leaves,
-                *q.order, *q.leaf_face, *q.tree, *q.end_tree, state.mesh.cloth_vertices, self, q.mode, before_,
-                end_before(), slots_, at, slot_, count_, offset_, first_face, state.contact.vertex_face.pairs,
-                state.contact.vertex_face.gap_bound);
+    CAMA_LAUNCH(b, query_vertex_face_fill, n, *q.items, state.bounds.vertex_box, q.leaves, *q.order, *q.leaf_face,
+                *q.tree, state.mesh.cloth_vertices, self, q.mode, before_, slots, at, slot_, count_, offset_,
+                first_face, state.contact.vertex_face.pairs, state.contact.vertex_face.gap_bound);
     at += n;
   }
   for (const EdgeQuery &q : edges) {
     const int n = q.items->size();
-    const FeatureTrees &t = *q.group->trees;
-    CAMA_LAUNCH(b, query_edge_edge_fill, n, *q.items, *q.item_edge, ends, state.bounds.vertex_box, state.bounds.ends(),
-                q.group->edge.size(), t.edge_order, q.group->leaf_edge, t.edge_bvh, t.edge_ends(),
-                state.mesh.cloth_vertices, self, q.mode, changed_, before_, end_before(), slots_, at, slot_, count_,
-                offset_, first_edge - found.a, state.contact.edge_edge.pairs, state.contact.edge_edge.gap_bound);
+    CAMA_LAUNCH(b, query_edge_edge_fill, n, *q.items, *q.item_edge, state.bounds.vertex_box, q.group->edge.size(),
+                q.group->trees->edge_order, q.group->leaf_edge, q.group->trees->edge_bvh, state.mesh.cloth_vertices,
+                self, q.mode, changed_, before_, slots, at, slot_, count_, offset_, first_edge - found.a,
+                state.contact.edge_edge.pairs, state.contact.edge_edge.gap_bound);
     at += n;
   }
   drop_exempt(state, 0, first_face);
@@ -239,31 +214,40 @@ void TreeSearch::fill(const SearchRooms &state, kernels::pair found, const std::
   state.report.candidates = state.contact.vertex_face.pairs.size() + state.contact.edge_edge.pairs.size();
 }
 
-/// Boxes of the vertices: over the motion, or, with `ends`, at its start and at its end. place: static obstacles too.
-void TreeSearch::make_boxes(const SearchRooms &state, const Stream<dvec3> &from, const Stream<dvec3> &to, bool ends,
-                            bool place)
+void TreeSearch::run(const SearchRooms &state, const Stream<dvec3> &from, const Stream<dvec3> &to)
 {
   Backend &b = *state.backend;
-  const Stream<dvec3> &end_of_first = ends ? from : to;
-  if (place)
-    place_static(state, from, end_of_first);
+  if (motion_changes_ != state.mesh.motion_changes) {
+    found_ = false;
+    searches_since_sort_ = sorts_since_placed_ = 0;
+  }
+  const bool sort = searches_since_sort_ == 0 || searches_since_sort_ >= searches_per_sort;
+  if (sort) searches_since_sort_ = 0;   // remains so if anything below throws
+  if (!found_) find_groups(state);
+  find_bounds(state, from, to);
+  const bool has_static = static_.face.size() > 0;
+  if (has_static && (sorts_since_placed_ == 0 || (sort && sorts_since_placed_ >= sorts_per_placing)))
+    place_static(state, from, to);
   else
-    CAMA_LAUNCH(b, vertex_boxes, boxed_, from, end_of_first, state.bounds.margin, state.bounds.box_origin(),
+    CAMA_LAUNCH(b, vertex_boxes, boxed_, from, to, state.bounds.margin, state.bounds.box_origin(),
                 state.bounds.vertex_box);
-  Stream<kernels::box> &end_box = state.bounds.end_box;
-  if (ends && !end_box.backend()) end_box = Stream<kernels::box>(b);
-  end_box.resize(ends ? state.mesh.vertices : 0);
-  if (ends)
-    CAMA_LAUNCH(b, vertex_boxes, state.mesh.vertices, to, to, state.bounds.margin, state.bounds.box_origin(), end_box);
-}
-
-/// The queries of a whole search.
-void TreeSearch::ask_all(std::vector<FaceQuery> &faces, std::vector<EdgeQuery> &edges) const
-{
+  for (Group *g : {&cloth_, &moving_}) {
+    if (sort) sort_features(state, *g);
+    build_trees(state, *g, true, g == &moving_ || self_);
+  }
+  ++searches_since_sort_;
+  if (sort) ++sorts_since_placed_;
+  for (PairList *list : {&state.contact.vertex_face, &state.contact.edge_edge}) {
+    list->pairs.resize(0);
+    list->direction.resize(0);
+    list->gap_bound.resize(0);
+  }
+  std::vector<FaceQuery> faces;
+  std::vector<EdgeQuery> edges;
   const auto ask = [&](const Group &items, const Group &tree) {
     if (tree.face.size() && items.query_vertices.size())
       faces.push_back({QUERY_ALL, &items.query_order, tree.face.size(), &tree.trees->face_order, &tree.leaf_face,
-                       &tree.trees->face_bvh, &tree.trees->face_ends()});
+                       &tree.trees->face_bvh});
   };
   if (self_) {
     ask(cloth_, cloth_);
@@ -274,61 +258,7 @@ void TreeSearch::ask_all(std::vector<FaceQuery> &faces, std::vector<EdgeQuery> &
     ask(cloth_, *g);
     if (g->edge.size()) edges.push_back({QUERY_OTHER, &cloth_.trees->edge_order, &cloth_.leaf_edge, g});
   }
-}
-
-void TreeSearch::run(const SearchRooms &state, const Stream<dvec3> &from, const Stream<dvec3> &to)
-{
-  search(state, from, to, false);
-}
-
-void TreeSearch::run_whole(const SearchRooms &state, const Stream<dvec3> &from, const Stream<dvec3> &to)
-{
-  search(state, from, to, true);
-}
-
-/// whole: the boxes are those of whole motions, however fast they are.
-void TreeSearch::search(const SearchRooms &state, const Stream<dvec3> &from, const Stream<dvec3> &to, bool whole)
-{
-  Backend &b = *state.backend;
-  if (motion_changes_ != state.mesh.motion_changes) {
-    found_ = false;
-    searches_since_sort_ = sorts_since_placed_ = 0;
-  }
-  const bool sort = searches_since_sort_ == 0 || searches_since_sort_ >= searches_per_sort;
-  if (sort) searches_since_sort_ = 0;  // remains so if anything below throws
-  if (!found_) find_groups(state);
-  find_bounds(state, from, to);
-  for (PairList *list : {&state.contact.vertex_face, &state.contact.edge_edge}) {
-    list->pairs.resize(0);
-    list->direction.resize(0);
-    list->gap_bound.resize(0);
-  }
-  bool place =
-      static_.face.size() > 0 && (sorts_since_placed_ == 0 || (sort && sorts_since_placed_ >= sorts_per_placing));
-  const int cloth_edges = self_ && !whole ? cloth_.edge.size() : 0, sampled = std::min(cloth_edges, edges_sampled);
-  // What the cloth does decides about `ends`, so that lists do not depend on searches before; those are a good guess.
-  for (bool ends = !whole && state.bounds.end_box.size() > 0;; ends = !ends, place = false) {
-    make_boxes(state, from, to, ends, place);
-    for (Group *g : {&cloth_, &moving_}) {
-      if (sort) sort_features(state, *g);
-      build_trees(state, *g, true, g == &moving_ || self_);
-    }
-    if (sampled) {
-      totals_.fill_zero();
-      CAMA_LAUNCH(b, count_fast_edges, sampled, cloth_edges / sampled, cloth_.edge, state.mesh.edge, from, to, totals_);
-    }
-    std::vector<FaceQuery> faces;
-    std::vector<EdgeQuery> edges;
-    ask_all(faces, edges);
-    count(state, faces, edges);
-    const std::vector<kernels::pair> totals = totals_.download();
-    if ((sampled && totals[1].a > fast_share * sampled) != ends) continue;
-    fill(state, totals[0], faces, edges);
-    break;
-  }
-  ++searches_since_sort_;
-  if (sort) ++sorts_since_placed_;
-  ++state.report.searches;
+  query(state, faces, edges);
 }
 
 CandidateSearch::Change TreeSearch::update(const SearchRooms &state, const Stream<dvec3> &from, const Stream<dvec3> &to,
@@ -340,11 +270,8 @@ CandidateSearch::Change TreeSearch::update(const SearchRooms &state, const Strea
     find_directions(state, from, 0, 0);
     return Change::renewed;
   }
-  const bool ends = state.bounds.end_box.size() > 0;
-  Stream<kernels::box> &end_box = ends ? state.bounds.end_box : state.bounds.vertex_box;
-  if (ends) end_before_.resize(state.mesh.vertices);
   CAMA_LAUNCH(b, grow_boxes, state.mesh.vertices, from, to, state.bounds.margin, state.bounds.box_origin(), margin,
-              ends ? 1 : 0, before_, state.bounds.vertex_box, ends ? end_before_ : before_, end_box, changed_);
+              before_, state.bounds.vertex_box, changed_);
   offsets_.resize(state.mesh.vertices + 1);
   b.scan(changed_.buffer(), offsets_.buffer(), state.mesh.vertices);
   const int changed = offsets_.at(state.mesh.vertices);
@@ -389,12 +316,11 @@ CandidateSearch::Change TreeSearch::update(const SearchRooms &state, const Strea
   if (of.a) {
     changed_leaf_face_.resize(of.a);
     CAMA_LAUNCH(b, order_faces, of.a, changed_face_, state.mesh.face, changed_leaf_face_);
-    build_faces(state, of.a, changed_leaf_face_, state.bounds.vertex_box, changed_groups_);
-    if (ends) build_faces(state, of.a, changed_leaf_face_, state.bounds.end_box, changed_end_groups_);
+    build_faces(state, of.a, changed_leaf_face_, changed_groups_);
     for (const Group *g : groups)
       if (g->query_vertices.size())
-        faces.push_back({QUERY_UNCHANGED, &g->query_order, of.a, &changed_face_, &changed_leaf_face_, &changed_groups_,
-                         ends ? &changed_end_groups_ : &changed_groups_});
+        faces.push_back(
+            {QUERY_UNCHANGED, &g->query_order, of.a, &changed_face_, &changed_leaf_face_, &changed_groups_});
   }
   if (of.b) {
     changed_leaf_edge_.resize(of.b);
@@ -403,14 +329,12 @@ CandidateSearch::Change TreeSearch::update(const SearchRooms &state, const Strea
   for (const Group *g : groups) {
     const bool edge_tree = g->edge.size() && (g != &cloth_ || cloth_edges_asked);
     if (g->face.size())
-      faces.push_back({QUERY_CHANGED, &changed_vertex_, g->face.size(), &g->trees->face_order, &g->leaf_face,
-                       &g->trees->face_bvh, &g->trees->face_ends()});
+      faces.push_back(
+          {QUERY_CHANGED, &changed_vertex_, g->face.size(), &g->trees->face_order, &g->leaf_face, &g->trees->face_bvh});
     if (of.b && edge_tree) edges.push_back({QUERY_CHANGED, &changed_edge_, &changed_leaf_edge_, g});
   }
   const int first_face = state.contact.vertex_face.pairs.size(), first_edge = state.contact.edge_edge.pairs.size();
-  count(state, faces, edges);
-  fill(state, totals_.at(0), faces, edges);
-  ++state.report.searches;
+  query(state, faces, edges);
   find_directions(state, from, first_face, first_edge);
   return Change::grown;
 }

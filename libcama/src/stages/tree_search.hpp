@@ -17,7 +17,6 @@ public:
   /// flagged: every search overwrites its flags.
   TreeSearch(Backend &backend, FlaggedPairs &flagged);
   void run(const SearchRooms &state, const Stream<dvec3> &from, const Stream<dvec3> &to) override;
-  void run_whole(const SearchRooms &state, const Stream<dvec3> &from, const Stream<dvec3> &to) override;
   Change update(const SearchRooms &state, const Stream<dvec3> &from, const Stream<dvec3> &to, double margin) override;
 
   TreeState &streams() { return trees_; }  ///< for State::visit
@@ -39,7 +38,7 @@ private:
     int leaves;
     const Stream<int> *order;
     const Stream<kernels::face_nodes> *leaf_face;
-    const Stream<kernels::bvh8_node> *tree, *end_tree;
+    const Stream<kernels::bvh8_node> *tree;
   };
   /// Edges that query the tree of some edges.
   struct EdgeQuery {
@@ -48,22 +47,14 @@ private:
     const Stream<kernels::edge_nodes> *item_edge;
     const Group *group;
   };
-  void search(const SearchRooms &state, const Stream<dvec3> &from, const Stream<dvec3> &to, bool whole);
   void find_groups(const SearchRooms &state);
   void sort_features(const SearchRooms &state, Group &group);
   void build_trees(const SearchRooms &state, Group &group, bool faces, bool edges);
   void build_faces(const SearchRooms &state, int leaves, const Stream<kernels::face_nodes> &leaf_face,
-                   const Stream<kernels::box> &boxes, Stream<kernels::bvh8_node> &tree);
-  void build_edges(const SearchRooms &state, Group &group, const Stream<kernels::box> &boxes,
                    Stream<kernels::bvh8_node> &tree);
   void place_static(const SearchRooms &state, const Stream<dvec3> &from, const Stream<dvec3> &to);
-  void make_boxes(const SearchRooms &state, const Stream<dvec3> &from, const Stream<dvec3> &to, bool ends, bool place);
-  void ask_all(std::vector<FaceQuery> &faces, std::vector<EdgeQuery> &edges) const;
   static void build_levels(Backend &backend, int leaves, Stream<kernels::bvh8_node> &tree);
-  void count(const SearchRooms &state, const std::vector<FaceQuery> &faces, const std::vector<EdgeQuery> &edges);
-  void fill(const SearchRooms &state, kernels::pair found, const std::vector<FaceQuery> &faces,
-            const std::vector<EdgeQuery> &edges);
-  const Stream<kernels::box> &end_before() const { return end_before_.size() ? end_before_ : before_; }
+  void query(const SearchRooms &state, const std::vector<FaceQuery> &faces, const std::vector<EdgeQuery> &edges);
 
   const int batch_;  // items that walk a tree together: 8 on CPUs; on GPUs each item has its own thread
   TreeState trees_;
@@ -78,9 +69,8 @@ private:
   Stream<kernels::edge_nodes> changed_leaf_edge_;
   Stream<kernels::pair> totals_;
   Stream<int> changed_, flag_, offsets_, changed_vertex_, changed_face_, changed_edge_;
-  Stream<kernels::box> before_, end_before_;  // boxes before they grew
-  Stream<kernels::bvh8_node> changed_groups_, changed_end_groups_;
-  int vertex_items_ = 0, edge_items_ = 0, slots_ = 0;  // of the last count
+  Stream<kernels::box> before_;
+  Stream<kernels::bvh8_node> changed_groups_;
   int searches_since_sort_ = 0, sorts_since_placed_ = 0;
   int motion_changes_ = 0;  // mesh.motion_changes when the groups were found
 };
