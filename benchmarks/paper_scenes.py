@@ -85,6 +85,12 @@ class Kept:
         )
 
 
+def kept_positions(file):
+    """Positions [frames, vertices, 3], m, of frames.npz."""
+    differences = file["differences"]
+    return STEP * (np.cumsum(differences, axis=1, dtype=differences.dtype).astype(np.int64) + file["low"])
+
+
 COLUMNS = [
     "frame",
     "time_s",
@@ -210,14 +216,13 @@ def film(given):
     simulation = cama.Simulation(scene, backend="cpu")
     Path(given.out).mkdir(parents=True, exist_ok=True)
     with np.load(Path(given.folder) / "frames.npz") as file:
-        numbers, times, low, differences = (file[name] for name in ("number", "time", "low", "differences"))
-    positions = np.cumsum(differences, axis=1, dtype=differences.dtype)
+        numbers, times, positions = file["number"], file["time"], kept_positions(file)
     with open(Path(given.folder) / "frames.csv", newline="", encoding="utf-8") as file:
         rows = {int(row["frame"]): row for row in csv.DictReader(file)}
     with Recorder(Path(given.out) / "frames.h5", simulation, attributes(simulation), np.float32) as recorder:
-        for number, at, whole in zip(numbers, times, positions):
+        for number, at, places in zip(numbers, times, positions):
             row = rows.get(int(number), {"contacts": 0, "intersections": 0})
-            recorder.add(at, STEP * (whole.astype(np.int64) + low), int(row["contacts"]), int(row["intersections"]))
+            recorder.add(at, places, int(row["contacts"]), int(row["intersections"]))
     return 0
 
 
