@@ -182,6 +182,13 @@ def test_a_drape_depends_on_its_seed_alone():
         fabric.drape("wool", sectors=10)
 
 
+def test_a_drape_is_the_same_on_every_backend():
+    one, other = (fabric.drape("wool", sectors=24, seconds=0.1, backend=backend) for backend in ("cpu", "opencl"))
+    assert (one.vertices == other.vertices).all() and one.vertices[:, 2].min() < -5e-3  # it has fallen
+    with pytest.raises(cama.BackendError, match="'gpu' is not in this build; available"):
+        fabric.drape("wool", sectors=24, backend="gpu")
+
+
 @pytest.mark.parametrize("nodes", [0, 1, 2, 5, 12])
 def test_nodes_are_counted(nodes):
     angle = 2 * np.pi * np.arange(144) / 144
