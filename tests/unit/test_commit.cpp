@@ -65,16 +65,21 @@ Result commit(const Trial &trial, double dmin, bool settle = false)
   const edge_nodes edge[2] = {{{0, 1}}, {{2, 3}}};
   vertex_contact properties[4] = {};
   for (vertex_contact &p : properties) p.thickness = dmin;  // the commit keeps all of it
-  int fraction[4], sigma[1], counter[2], accepted[1];
-  commit_begin(4, fraction, sigma, counter);
-  for (const int pass : {0, settle ? -1 : 1})
-    commit_pairs(1, trial.edges, 0, pass, &candidate, &face, edge, trial.x.data(), trial.y.data(),
-                 trial.inverse_mass.data(), properties, 1.0, 1, accepted, fraction, fraction, sigma, counter);
+  int fraction[4], before[4], vertex_changed[4], face_changed[1], edge_changed[2], outcome[COMMIT_OUTCOMES],
+      accepted[1] = {COMMIT_OPEN};
+  commit_begin(4, fraction, before, outcome);
+  for (const int pass : {0, settle ? -1 : 1}) {
+    commit_pairs(1, trial.edges ? 0 : 1, pass, &candidate, &candidate, &face, edge, trial.x.data(), trial.y.data(),
+                 trial.inverse_mass.data(), properties, 1.0, 1, vertex_changed, face_changed, edge_changed, accepted,
+                 before, fraction, outcome);
+    commit_changes(4, fraction, before, vertex_changed, outcome);
+    commit_disturb(3, 1, &face, edge, vertex_changed, face_changed, edge_changed);
+  }
   Result r;
-  commit_apply(4, trial.x.data(), trial.y.data(), fraction, sigma, r.committed.data());
-  for (int k = 0; k < 4; ++k) r.fraction[k] = double(bits_float(fraction[k])) * bits_float(sigma[0]);
-  r.sigma = bits_float(sigma[0]);
-  r.intersecting = counter[1];
+  commit_apply(4, trial.x.data(), trial.y.data(), fraction, outcome, r.committed.data());
+  r.sigma = bits_float(outcome[COMMIT_SIGMA]);
+  for (int k = 0; k < 4; ++k) r.fraction[k] = double(bits_float(fraction[k])) * r.sigma;
+  r.intersecting = outcome[COMMIT_CROSSED];
   r.state = accepted[0];
   return r;
 }
@@ -293,29 +298,30 @@ struct Soup {
   /// Runs the commit and returns the mean of the fractions. cap < 0: until nothing changes.
   double commit(const std::vector<dvec3> &target, int cap)
   {
-    const int n = int(position.size());
-    std::vector<int> fraction(n), before,
-        accepted[2] = {std::vector<int>(vertex_face.size()), std::vector<int>(edge_edge.size())};
+    const int n = int(position.size()), pairs = int(vertex_face.size() + edge_edge.size());
+    std::vector<int> fraction(n), before(n), vertex_changed(n), face_changed(faces.size()), edge_changed(edges.size()),
+        accepted(pairs, COMMIT_OPEN);
     std::vector<vertex_contact> properties(position.size());
     for (vertex_contact &p : properties) p.thickness = 1e-6;
-    int sigma, counter[2];
-    commit_begin(n, fraction.data(), &sigma, counter);
+    int outcome[COMMIT_OUTCOMES];
+    commit_begin(n, fraction.data(), before.data(), outcome);
     const auto pass = [&](int number) {
-      const int seen = counter[0];
-      before = fraction;
-      for (const int kind : {0, 1})
-        commit_pairs(int((kind ? edge_edge : vertex_face).size()), kind, 0, number,
-                     (kind ? edge_edge : vertex_face).data(), faces.data(), edges.data(), position.data(),
-                     target.data(), inverse_mass.data(), properties.data(), 1.0, 0, accepted[kind].data(),
-                     before.data(), fraction.data(), &sigma, counter);
-      return counter[0] != seen;
+      const int changes = outcome[COMMIT_CHANGES];
+      commit_pairs(pairs, int(vertex_face.size()), number, vertex_face.data(), edge_edge.data(), faces.data(),
+                   edges.data(), position.data(), target.data(), inverse_mass.data(), properties.data(), 1.0, 0,
+                   vertex_changed.data(), face_changed.data(), edge_changed.data(), accepted.data(), before.data(),
+                   fraction.data(), outcome);
+      commit_changes(n, fraction.data(), before.data(), vertex_changed.data(), outcome);
+      commit_disturb(int(faces.size() + edges.size()), int(faces.size()), faces.data(), edges.data(),
+                     vertex_changed.data(), face_changed.data(), edge_changed.data());
+      return outcome[COMMIT_CHANGES] != changes;
     };
     pass(0);
     for (int k = 1; k != cap && pass(k); ++k) {
     }
     if (cap >= 0) pass(-1);
     std::vector<dvec3> committed(position.size());
-    commit_apply(n, position.data(), target.data(), fraction.data(), &sigma, committed.data());
+    commit_apply(n, position.data(), target.data(), fraction.data(), outcome, committed.data());
     position = committed;
     double sum = 0;
     for (int t : fraction) sum += bits_float(t);

@@ -78,7 +78,8 @@ struct Found {
   Pairs vertex_face, edge_edge;
 };
 
-Found query(const Scene &s, int self, int slots, int batch, bool both)
+/// part: groups of level 0 in the parts in which each vertex queries the tree.
+Found query(const Scene &s, int self, int slots, int batch, bool both, int part = 1 << 20)
 {
   const int vertices = int(s.position.size()), faces = int(s.face.size()), edges = int(s.edge.size());
   const int chunks = std::min(vertices, 7);
@@ -95,27 +96,28 @@ Found query(const Scene &s, int self, int slots, int batch, bool both)
   std::vector<int> order(vertices);
   std::iota(order.rbegin(), order.rend(), 0);
   // Vertices, then edges, in one list of items.
-  const int items = vertices + edges;
+  const int vertex_items = vertices * tree_parts(faces, part), items = vertex_items + edges;
   std::vector<int> slot(std::size_t(items) * slots + 1), count(items, -1), offset(items + 1, 0);
-  query_vertex_face_count((vertices + batch - 1) / batch, vertices, batch, order.data(), vertex_box.data(), faces,
-                          face_tree.order.data(), face_tree.leaf.data(), face_tree.group.data(), s.cloth_vertices, self,
-                          QUERY_ALL, nullptr, nullptr, slots, 0, slot.data(), count.data());
+  query_vertex_face_count((vertex_items + batch - 1) / batch, vertex_items, batch, part, order.data(),
+                          vertex_box.data(), faces, face_tree.order.data(), face_tree.leaf.data(),
+                          face_tree.group.data(), s.cloth_vertices, self, QUERY_ALL, nullptr, nullptr, slots, 0,
+                          slot.data(), count.data());
   query_edge_edge_count((edges + batch - 1) / batch, edges, batch, edge_tree.order.data(), edge_tree.leaf.data(),
                         vertex_box.data(), edges, edge_tree.order.data(), edge_tree.leaf.data(), edge_tree.group.data(),
-                        s.cloth_vertices, self, QUERY_ALL, nullptr, nullptr, slots, vertices, slot.data(),
+                        s.cloth_vertices, self, QUERY_ALL, nullptr, nullptr, slots, vertex_items, slot.data(),
                         count.data());
   std::partial_sum(count.begin(), count.end(), offset.begin() + 1);
   pair totals;
-  scan_totals(1, vertices, items, offset.data(), &totals);
+  scan_totals(1, vertex_items, items, offset.data(), &totals);
   const int first = 3;   // behind the earlier entries of a list
   std::vector<pair> vf(totals.a + first), ee(totals.b + first);
   std::vector<float> vf_gap_bound(vf.size(), 7), ee_gap_bound(ee.size(), 7);
-  query_vertex_face_fill(vertices, order.data(), vertex_box.data(), faces, face_tree.order.data(),
+  query_vertex_face_fill(vertex_items, part, order.data(), vertex_box.data(), faces, face_tree.order.data(),
                          face_tree.leaf.data(), face_tree.group.data(), s.cloth_vertices, self, QUERY_ALL, nullptr,
                          slots, 0, slot.data(), count.data(), offset.data(), first, vf.data(), vf_gap_bound.data());
   query_edge_edge_fill(edges, edge_tree.order.data(), edge_tree.leaf.data(), vertex_box.data(), edges,
                        edge_tree.order.data(), edge_tree.leaf.data(), edge_tree.group.data(), s.cloth_vertices, self,
-                       QUERY_ALL, nullptr, nullptr, slots, vertices, slot.data(), count.data(), offset.data(),
+                       QUERY_ALL, nullptr, nullptr, slots, vertex_items, slot.data(), count.data(), offset.data(),
                        first - totals.a, ee.data(), ee_gap_bound.data());
   Found found;
   for (int i = 0; i < first; ++i) REQUIRE((vf_gap_bound[i] == 7 && ee_gap_bound[i] == 7));
@@ -400,6 +402,8 @@ TEST_CASE("the trees' candidates are those of brute force", "[tree]")
             REQUIRE(found.vertex_face == reference.vertex_face);
             REQUIRE(found.edge_edge == reference.edge_edge);
           }
+        for (const int part : {1, 3, 8})
+          REQUIRE(query(s, self, 8, 1, false, part).vertex_face == reference.vertex_face);
         if (n == 14) CHECK(exact.edge_edge.size() > 1000);
       }
 }

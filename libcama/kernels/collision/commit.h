@@ -13,11 +13,11 @@
 
    CONDITIONAL: for the fractions t as they are, the pair's actual motion is certified: for one n, min over cross pairs
    of n.(x_i - x_j), concave in s, is at least dmin at both ends, or the additive CCD certifies the distance. Only
-   relative motion enters: common translation loses nothing. When one of its vertices has been truncated, the pair is
-   tested again, and settled with a plane if the new motion is not certified.
+   relative motion enters: common translation loses nothing. When a pass has truncated one of its vertices, the next
+   tests the pair again, and settles it with a plane if the new motion is not certified.
 
-   Each pair settles at most once and only settling lowers a t, so the passes end; after one in which nothing settled,
-   every pair is safe for the same t. Passes read a copy of t, so the result is the same everywhere. A pair closer than
+   Each pair settles at most once and only settling lowers a t, so the passes end; after one in which no t fell, every
+   pair is safe for the same t. Passes read a copy of t, so the result is the same everywhere. A pair closer than
    dmin (from such a start, or left by a pinch) may halve its gap, so that its sides stay separated whatever an obstacle
    does; intersecting pairs cannot be certified: they are counted, and frozen or let go. */
 #ifndef CAMA_KERNELS_COLLISION_COMMIT_H
@@ -35,9 +35,14 @@
 #define COMMIT_SETTLED 0
 #define COMMIT_CONDITIONAL 1
 #define COMMIT_INTERSECTING 2
-#define COMMIT_SCREENED 3         /* before pass 0: certified by commit_screen, conditional from then on */
+#define COMMIT_OPEN 3             /* to be decided in pass 0 */
 #define COMMIT_PAUSING 4          /* settled with sigma cut: the step's obstacles pause for it */
-#define COMMIT_WHOLE 0x3f800000   /* bits of 1.0f, the initial value of fraction[] and sigma[0] */
+#define COMMIT_WHOLE 0x3f800000   /* bits of 1.0f, the initial value of fraction[] and sigma */
+/* Of outcome[], which all passes of a commit share: */
+#define COMMIT_CHANGES 0          /* vertices truncated or truncated further, counted once after each pass */
+#define COMMIT_CROSSED 1          /* intersecting pairs */
+#define COMMIT_SIGMA 2            /* bits of sigma */
+#define COMMIT_OUTCOMES 3
 
 typedef struct {
   int state;            /* one of the above */
@@ -188,32 +193,9 @@ DEVICE commit_bound commit_half_space(dvec3 *x, const dvec3 *y, const int *fixed
   return commit_plane(x, d, fixed, 1, n, dmin, radius, 1e-15 * largest + CCD_ROUNDING * extent);
 }
 
-/* The four vertices of a candidate: kind 0 is (vertex, face), kind 1 (edge, edge). */
-DEVICE void commit_vertices(int kind, pair p, GLOBAL const face_nodes *face, GLOBAL const edge_nodes *edge, int *v)
-{
-  if (kind == 0) {
-    v[0] = p.a;
-    v[1] = face[p.b].node[0];
-    v[2] = face[p.b].node[1];
-    v[3] = face[p.b].node[2];
-  } else {
-    v[0] = edge[p.a].node[0];
-    v[1] = edge[p.a].node[1];
-    v[2] = edge[p.b].node[0];
-    v[3] = edge[p.b].node[1];
-  }
-}
-
-/* 1 if the pair, not yet settled, is to be decided in this pass; see commit_pairs. */
-DEVICE int commit_due(int pass, const double *t, const int *fixed)
-{
-  if (pass == 0) return !(fixed[0] && fixed[1] && fixed[2] && fixed[3]);
-  return pass < 0 || t[0] < 1.0 || t[1] < 1.0 || t[2] < 1.0 || t[3] < 1.0;
-}
-
-/* Marks pairs that keep their clearance along the direction known from their search; for most pairs this decides pass 0
-   at a fifth of its cost. certified 1: find_impacts has certified, for this very motion, every pair that is no impact,
-   so these are marked without a test; gap_bound: below 0 for an impact. accepted: states from `first` on. */
+/* Finds the pairs that keep their clearance along the direction known from their search; for most pairs this decides
+   pass 0 at a fifth of its cost. certified 1: find_impacts has certified, for this very motion, every pair that is no
+   impact, so these pass without a test; gap_bound: below 0 for an impact. accepted: states from `first` on. */
 KERNEL commit_screen(int n, int kind, int first, int certified, GLOBAL const pair *candidate,
                      GLOBAL const face_nodes *face, GLOBAL const edge_nodes *edge, GLOBAL const dvec3 *position,
                      GLOBAL const dvec3 *target, GLOBAL const fvec3 *direction, GLOBAL const vertex_contact *properties,
@@ -226,84 +208,112 @@ KERNEL commit_screen(int n, int kind, int first, int certified, GLOBAL const pai
       screened = separated_along(kind, e, position, target, from_direction(direction[i]),
                                  pair_clearance(kind, e, properties, 1.001 * share));
     }
-    accepted[first + i] = screened ? COMMIT_SCREENED : COMMIT_SETTLED;
+    accepted[first + i] = screened ? COMMIT_CONDITIONAL : COMMIT_OPEN;
   }
 }
 
-/* Pass 0 decides every pair that is not screened. Pass k > 0 tests conditional pairs with truncated vertices again; it
-   is repeated until counter[0] no longer changes. Pass -1 settles every conditional pair and is final whatever came
-   before: it allows a limit on the number of passes. Both kinds go through each pass. `fraction_before` is a copy of
-   `fraction` made before the pass (not read in pass 0). accepted: [n] states from `first` on; fraction: [vertices] bits
-   of floats; sigma: [1], likewise; counter: [2] pairs settled after having been conditional, intersecting pairs;
-   commit_begin sets them. share: dmin is a pair's clearance at this share. let_go 1: intersecting pairs are free, 0:
-   their vertices stay. */
-KERNEL commit_pairs(int n, int kind, int first, int pass, GLOBAL const pair *candidate, GLOBAL const face_nodes *face,
-                    GLOBAL const edge_nodes *edge, GLOBAL const dvec3 *position, GLOBAL const dvec3 *target,
-                    GLOBAL const double *inverse_mass, GLOBAL const vertex_contact *properties, double share,
-                    int let_go, GLOBAL int *accepted, GLOBAL const int *fraction_before, GLOBAL int *fraction,
-                    GLOBAL int *sigma, GLOBAL int *counter)
+/* 1 if pass k > 0 has to test the pair again: a vertex has been truncated since. */
+DEVICE int commit_disturbed(int kind, pair p, GLOBAL const int *vertex_changed, GLOBAL const int *face_changed,
+                            GLOBAL const int *edge_changed)
+{
+  return kind == 0 ? vertex_changed[p.a] || face_changed[p.b] : edge_changed[p.a] || edge_changed[p.b];
+}
+
+/* Pass 0 decides every open pair. Pass k > 0 tests conditional pairs again whose vertices have been truncated since,
+   which commit_changes and commit_disturb tell; it is repeated until nothing changes. Pass -1 settles every conditional
+   pair and is final whatever came before: it allows a limit on the number of passes. `fraction_before` is `fraction`
+   before the pass. accepted: [n] states, of vertex_face and then of edge_edge; fraction: [vertices] bits of floats;
+   outcome: COMMIT_*, set by commit_begin. share: dmin is a pair's clearance at this share. let_go 1: intersecting pairs
+   are free, 0: their vertices stay. */
+KERNEL commit_pairs(int n, int first_size, int pass, GLOBAL const pair *vertex_face, GLOBAL const pair *edge_edge,
+                    GLOBAL const face_nodes *face, GLOBAL const edge_nodes *edge, GLOBAL const dvec3 *position,
+                    GLOBAL const dvec3 *target, GLOBAL const double *inverse_mass,
+                    GLOBAL const vertex_contact *properties, double share, int let_go, GLOBAL const int *vertex_changed,
+                    GLOBAL const int *face_changed, GLOBAL const int *edge_changed, GLOBAL int *accepted,
+                    GLOBAL const int *fraction_before, GLOBAL int *fraction, GLOBAL int *outcome)
 {
   FOR_EACH_UNEVEN(i, n) {
-    int v[4], fixed[4], k;
-    double t[4];
-    commit_bound r = commit_free(COMMIT_SETTLED);
-    if (pass != 0 && accepted[first + i] != COMMIT_CONDITIONAL) continue;
-    if (pass == 0 && accepted[first + i] == COMMIT_SCREENED) {
-      accepted[first + i] = COMMIT_CONDITIONAL;
-      continue;
-    }
-    commit_vertices(kind, candidate[i], face, edge, v);
-    for (k = 0; k < 4; ++k) {
-      fixed[k] = inverse_mass[v[k]] == 0.0;
-      t[k] = pass == 0 ? 1.0 : (double)bits_float(fraction_before[v[k]]);
-    }
-    if (commit_due(pass, t, fixed)) {
-      dvec3 x[4], y[4];
-      element_nodes e = pair_nodes(kind, candidate[i], face, edge);
-      double dmin = pair_clearance(kind, e, properties, share), radius = pair_radius(kind, e, properties);
+    const int kind = i >= first_size;
+    const pair p = listed_pair(i, first_size, vertex_face, edge_edge);
+    if (pass > 0 && !commit_disturbed(kind, p, vertex_changed, face_changed, edge_changed)) continue;
+    if (accepted[i] == (pass == 0 ? COMMIT_OPEN : COMMIT_CONDITIONAL)) {
+      element_nodes e = pair_nodes(kind, p, face, edge);
+      commit_bound r = commit_free(COMMIT_SETTLED);
+      int fixed[4], k;
+      double t[4];
       for (k = 0; k < 4; ++k) {
-        x[k] = position[v[k]];
-        y[k] = target[v[k]];
+        fixed[k] = inverse_mass[e.node[k]] == 0.0;
+        t[k] = (double)bits_float(fraction_before[e.node[k]]);
       }
-      if (pair_has_plane(kind, e, properties))
-        r = commit_half_space(x, y, fixed, dmin, radius);
-      else
-        r = commit_decide(x, y, t, fixed, kind + 1, dmin, radius, pass >= 0, pass != 0);
-      if (pass != 0 && r.state != COMMIT_CONDITIONAL) atomic_add_int(counter, 1);
-    } else if (pass != 0)
-      continue;
-    accepted[first + i] =
-        r.sigma < 1.0 ? COMMIT_PAUSING : (r.state == COMMIT_CONDITIONAL ? COMMIT_CONDITIONAL : COMMIT_SETTLED);
-    if (r.state == COMMIT_INTERSECTING) {
-      atomic_add_int(counter + 1, 1);
+      if (pass != 0 || !(fixed[0] && fixed[1] && fixed[2] && fixed[3])) {
+        dvec3 x[4], y[4];
+        double dmin = pair_clearance(kind, e, properties, share), radius = pair_radius(kind, e, properties);
+        for (k = 0; k < 4; ++k) {
+          x[k] = position[e.node[k]];
+          y[k] = target[e.node[k]];
+        }
+        if (pair_has_plane(kind, e, properties))
+          r = commit_half_space(x, y, fixed, dmin, radius);
+        else
+          r = commit_decide(x, y, t, fixed, kind + 1, dmin, radius, pass >= 0, pass != 0);
+      }
+      accepted[i] =
+          r.sigma < 1.0 ? COMMIT_PAUSING : (r.state == COMMIT_CONDITIONAL ? COMMIT_CONDITIONAL : COMMIT_SETTLED);
+      if (r.state == COMMIT_INTERSECTING) {
+        atomic_add_int(outcome + COMMIT_CROSSED, 1);
+        for (k = 0; k < 4; ++k)
+          if (!let_go && !fixed[k]) atomic_min_int(fraction + e.node[k], 0);
+      }
       for (k = 0; k < 4; ++k)
-        if (!let_go && !fixed[k]) atomic_min_int(fraction + v[k], 0);
+        if (r.fraction[k] < 1.0) atomic_min_int(fraction + e.node[k], float_bits(fraction_below(r.fraction[k])));
+      if (r.sigma < 1.0) atomic_min_int(outcome + COMMIT_SIGMA, float_bits(fraction_below(r.sigma)));
     }
-    for (k = 0; k < 4; ++k)
-      if (r.fraction[k] < 1.0) atomic_min_int(fraction + v[k], float_bits(fraction_below(r.fraction[k])));
-    if (r.sigma < 1.0) atomic_min_int(sigma, float_bits(fraction_below(r.sigma)));
   }
 }
 
-/* Sets every fraction to 1 and the counters to 0. */
-KERNEL commit_begin(int n, GLOBAL int *fraction, GLOBAL int *sigma, GLOBAL int *counter)
+/* Sets every fraction to 1 and the outcome to that of a motion without pairs. */
+KERNEL commit_begin(int n, GLOBAL int *fraction, GLOBAL int *fraction_before, GLOBAL int *outcome)
 {
   FOR_EACH(i, n) {
-    fraction[i] = COMMIT_WHOLE;
+    fraction[i] = fraction_before[i] = COMMIT_WHOLE;
     if (i == 0) {
-      sigma[0] = COMMIT_WHOLE;
-      counter[0] = 0;
-      counter[1] = 0;
+      outcome[COMMIT_CHANGES] = outcome[COMMIT_CROSSED] = 0;
+      outcome[COMMIT_SIGMA] = COMMIT_WHOLE;
     }
+  }
+}
+
+/* After a pass: the vertices that it has truncated, and `fraction_before` of the next. */
+KERNEL commit_changes(int n, GLOBAL const int *fraction, GLOBAL int *fraction_before, GLOBAL int *vertex_changed,
+                      GLOBAL int *outcome)
+{
+  FOR_EACH(i, n) {
+    const int changed = fraction[i] != fraction_before[i];
+    vertex_changed[i] = changed;
+    fraction_before[i] = fraction[i];
+    if (changed) atomic_add_int(outcome + COMMIT_CHANGES, 1);
+  }
+}
+
+/* Faces and edges that have such a vertex. n: faces and edges. */
+KERNEL commit_disturb(int n, int faces, GLOBAL const face_nodes *face, GLOBAL const edge_nodes *edge,
+                      GLOBAL const int *vertex_changed, GLOBAL int *face_changed, GLOBAL int *edge_changed)
+{
+  FOR_EACH(i, n) {
+    if (i < faces)
+      face_changed[i] =
+          vertex_changed[face[i].node[0]] || vertex_changed[face[i].node[1]] || vertex_changed[face[i].node[2]];
+    else
+      edge_changed[i - faces] = vertex_changed[edge[i - faces].node[0]] || vertex_changed[edge[i - faces].node[1]];
   }
 }
 
 /* Moves each vertex by its fraction; a vertex that was not truncated reaches its target. */
 KERNEL commit_apply(int n, GLOBAL const dvec3 *position, GLOBAL const dvec3 *target, GLOBAL const int *fraction,
-                    GLOBAL const int *sigma, GLOBAL dvec3 *committed)
+                    GLOBAL const int *outcome, GLOBAL dvec3 *committed)
 {
   FOR_EACH(i, n) {
-    double t = (double)bits_float(fraction[i]) * (double)bits_float(sigma[0]);
+    double t = (double)bits_float(fraction[i]) * (double)bits_float(outcome[COMMIT_SIGMA]);
     committed[i] = t == 1.0 ? target[i] : daxpy(position[i], t, dsub(target[i], position[i]));
   }
 }

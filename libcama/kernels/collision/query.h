@@ -55,9 +55,20 @@ DEVICE int wanted_vertex_face(int v, face_nodes f, int cloth_vertex_count, int s
    of all its items, and each item tests the leaves for itself, which is less work for one thread. What an item finds,
    and in which order, does not depend on the batch. */
 
-/* Item k is vertex vertex_order[k]; count[first_slot + k]: its candidate faces. n = items / batch, rounded up. mode:
-   QUERY_*. */
-KERNEL query_vertex_face_count(int n, int items, int batch, GLOBAL const int *vertex_order,
+/* A tree in parts of `part` groups of level 0: their number, the walk of part k of them, and where it has to end. The
+   walks of all parts in turn meet the leaves in the order of a walk of the whole. */
+DEVICE int tree_parts(int leaf_count, int part) { return (group_level_size(leaf_count, 0) - 1) / part + 1; }
+DEVICE group_walk walk_part(int k, int part, int leaf_count, GLOBAL const bvh8_node *tree, box b)
+{
+  return k ? groups_overlapping_from(part * k, leaf_count, tree, b) : groups_overlapping(leaf_count, tree, b);
+}
+DEVICE int part_end(int k, int part, int leaf_count) { return min_int(GROUP * part * (k + 1), leaf_count); }
+
+/* Item k is vertex vertex_order[k / p] against part k % p of the tree, of its p parts of `part` groups;
+   count[first_slot
+   + k]: its candidate faces. More than one part is for few vertices, each of which may meet much of the tree; batch is
+   1 then. n = items / batch, rounded up. mode: QUERY_*. */
+KERNEL query_vertex_face_count(int n, int items, int batch, int part, GLOBAL const int *vertex_order,
                                GLOBAL const box *vertex_box, int leaf_count, GLOBAL const int *face_order,
                                GLOBAL const face_nodes *leaf_face, GLOBAL const bvh8_node *tree, int cloth_vertex_count,
                                int self, int mode, GLOBAL const int *changed, GLOBAL const box *box_before, int slots,
@@ -68,12 +79,15 @@ KERNEL query_vertex_face_count(int n, int items, int batch, GLOBAL const int *ve
     box all = empty_box();
     group_walk walk;
     if (batch == 1) {
-      int v = vertex_order[i], found = 0, leaf = mode == QUERY_UNCHANGED && changed[v] ? WALK_END : WALK_ON;
+      int parts = tree_parts(leaf_count, part), v = vertex_order[i / parts], found = 0,
+          last = part_end(i % parts, part, leaf_count),
+          leaf = mode == QUERY_UNCHANGED && changed[v] ? WALK_END : WALK_ON;
       all = vertex_box[v];
-      walk = groups_overlapping(leaf_count, tree, all);
+      walk = walk_part(i % parts, part, leaf_count, tree, all);
       WHILE_ANY(leaf != WALK_END)
       {
         if (leaf != WALK_END) leaf = walk_leaves(&walk, leaf_count, tree, all);
+        if (leaf >= last) leaf = WALK_END;
         if (leaf >= 0 && wanted_vertex_face(v, leaf_face[leaf], cloth_vertex_count, self, mode, box_before)) {
           if (found < slots) slot[slots * (first_slot + i) + found] = face_order[leaf];
           ++found;
@@ -104,16 +118,17 @@ KERNEL query_vertex_face_count(int n, int items, int batch, GLOBAL const int *ve
 }
 
 /* candidate[first + offset[first_slot + k] ..]: (vertex, face), with gap_bound 0; offset is the exclusive sum of
-   count. */
-KERNEL query_vertex_face_fill(int n, GLOBAL const int *vertex_order, GLOBAL const box *vertex_box, int leaf_count,
-                              GLOBAL const int *face_order, GLOBAL const face_nodes *leaf_face,
+   count. n: items. */
+KERNEL query_vertex_face_fill(int n, int part, GLOBAL const int *vertex_order, GLOBAL const box *vertex_box,
+                              int leaf_count, GLOBAL const int *face_order, GLOBAL const face_nodes *leaf_face,
                               GLOBAL const bvh8_node *tree, int cloth_vertex_count, int self, int mode,
                               GLOBAL const box *box_before, int slots, int first_slot, GLOBAL const int *slot,
                               GLOBAL const int *count, GLOBAL const int *offset, int first, GLOBAL pair *candidate,
                               GLOBAL float *gap_bound)
 {
   FOR_EACH_UNEVEN(k, n) {
-    int v = vertex_order[k], at = first + offset[first_slot + k], found = count[first_slot + k], leaf = WALK_ON;
+    int parts = tree_parts(leaf_count, part), v = vertex_order[k / parts], at = first + offset[first_slot + k],
+        found = count[first_slot + k], leaf = WALK_ON;
     pair p;
     p.a = v;
     for (int j = 0; j < found; ++j) gap_bound[at + j] = 0.0f;
@@ -123,11 +138,13 @@ KERNEL query_vertex_face_fill(int n, GLOBAL const int *vertex_order, GLOBAL cons
         candidate[at + j] = p;
       }
     } else {
+      int last = part_end(k % parts, part, leaf_count);
       box b = vertex_box[v];
-      group_walk walk = groups_overlapping(leaf_count, tree, b);
+      group_walk walk = walk_part(k % parts, part, leaf_count, tree, b);
       WHILE_ANY(leaf != WALK_END)
       {
         if (leaf != WALK_END) leaf = walk_leaves(&walk, leaf_count, tree, b);
+        if (leaf >= last) leaf = WALK_END;
         if (leaf >= 0 && wanted_vertex_face(v, leaf_face[leaf], cloth_vertex_count, self, mode, box_before)) {
           p.b = face_order[leaf];
           candidate[at++] = p;

@@ -20,48 +20,53 @@ float as_fraction(int bits)
 }  // namespace
 
 CertifiedCommit::CertifiedCommit(Backend &b, FlaggedPairs &flagged)
-    : flagged_(flagged), committed_(b), fraction_(b), fraction_before_(b), sigma_(b, 1), counter_(b, 2)
+    : flagged_(flagged), committed_(b), fraction_(b), fraction_before_(b), vertex_changed_(b), face_changed_(b),
+      edge_changed_(b), outcome_(b, COMMIT_OUTCOMES)
 {}
 
 double CertifiedCommit::run(const Rooms &state, const Stream<dvec3> &from, bool certified)
 {
   Backend &b = *state.backend;
-  fraction_.resize(state.mesh.vertices);
-  fraction_before_.resize(state.mesh.vertices);
-  CAMA_LAUNCH(b, commit_begin, state.mesh.vertices, fraction_, sigma_, counter_);
+  const MeshState &mesh = state.mesh;
+  for (Stream<int> *stream : {&fraction_, &fraction_before_, &vertex_changed_}) stream->resize(mesh.vertices);
+  face_changed_.resize(mesh.faces);
+  edge_changed_.resize(mesh.edges);
+  CAMA_LAUNCH(b, commit_begin, mesh.vertices, fraction_, fraction_before_, outcome_);
   const PairList *lists[2] = {&state.contact.vertex_face, &state.contact.edge_edge};
   const int first[2] = {0, lists[0]->pairs.size()};
   Stream<int> &accepted = flagged_.flag;
   flagged_.resize(state);
-  int settled = -1;
   for (int kind = 0; kind < 2; ++kind) {
     CAMA_LAUNCH(b, commit_screen, lists[kind]->pairs.size(), kind, first[kind], certified ? 1 : 0, lists[kind]->pairs,
-                state.mesh.face, state.mesh.edge, from, state.mesh.position_next, lists[kind]->direction,
-                state.contact.vertex_contact, lists[kind]->gap_bound, certified_distance, accepted);
+                mesh.face, mesh.edge, from, mesh.position_next, lists[kind]->direction, state.contact.vertex_contact,
+                lists[kind]->gap_bound, certified_distance, accepted);
   }
+  std::vector<int> outcome(COMMIT_OUTCOMES, 0);
   for (int pass = 0;; ++pass) {
-    if (pass > 0) fraction_before_.copy_from(fraction_);
-    for (int kind = 0; kind < 2; ++kind)
-      CAMA_LAUNCH(b, commit_pairs, lists[kind]->pairs.size(), kind, first[kind], pass, lists[kind]->pairs,
-                  state.mesh.face, state.mesh.edge, from, state.mesh.position_next, state.mesh.inverse_mass,
-                  state.contact.vertex_contact, certified_distance, 0, accepted, fraction_before_, fraction_, sigma_,
-                  counter_);
-    const int now = counter_.at(0);
-    if (now == settled) break;
-    settled = now;
+    CAMA_LAUNCH(b, commit_pairs, accepted.size(), first[1], pass, lists[0]->pairs, lists[1]->pairs, mesh.face,
+                mesh.edge, from, mesh.position_next, mesh.inverse_mass, state.contact.vertex_contact,
+                certified_distance, 0, vertex_changed_, face_changed_, edge_changed_, accepted, fraction_before_,
+                fraction_, outcome_);
+    CAMA_LAUNCH(b, commit_changes, mesh.vertices, fraction_, fraction_before_, vertex_changed_, outcome_);
+    const int changes = outcome[COMMIT_CHANGES];
+    outcome = outcome_.download();
+    if (outcome[COMMIT_CHANGES] == changes) break;
+    CAMA_LAUNCH(b, commit_disturb, mesh.faces + mesh.edges, mesh.faces, mesh.face, mesh.edge, vertex_changed_,
+                face_changed_, edge_changed_);
   }
-  const double sigma = as_fraction(sigma_.at(0));
-  committed_.resize(state.mesh.vertices);
-  CAMA_LAUNCH(b, commit_apply, state.mesh.vertices, from, state.mesh.position_next, fraction_, sigma_, committed_);
-  const std::vector<int> fraction = fraction_.download();
-  double lost = 0;
-  for (int i = 0; i < state.mesh.cloth_vertices; ++i)
-    if (fraction[i] != COMMIT_WHOLE) {
-      ++state.report.truncated;
-      lost += 1 - as_fraction(fraction[i]);
-    }
-  state.report.lost_motion += lost / state.mesh.cloth_vertices;
-  return sigma;
+  committed_.resize(mesh.vertices);
+  CAMA_LAUNCH(b, commit_apply, mesh.vertices, from, mesh.position_next, fraction_, outcome_, committed_);
+  if (outcome[COMMIT_CHANGES] > 0) {
+    const std::vector<int> fraction = fraction_.download();
+    double lost = 0;
+    for (int i = 0; i < mesh.cloth_vertices; ++i)
+      if (fraction[i] != COMMIT_WHOLE) {
+        ++state.report.truncated;
+        lost += 1 - as_fraction(fraction[i]);
+      }
+    state.report.lost_motion += lost / mesh.cloth_vertices;
+  }
+  return as_fraction(outcome[COMMIT_SIGMA]);
 }
 
 std::vector<std::pair<int, kernels::pair>> CertifiedCommit::pausing_pairs(const Rooms &state)

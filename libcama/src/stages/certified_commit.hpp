@@ -27,7 +27,7 @@ public:
 private:
   FlaggedPairs &flagged_;  // its flags hold the state of each pair
   Stream<dvec3> committed_;
-  Stream<int> fraction_, fraction_before_, sigma_, counter_;
+  Stream<int> fraction_, fraction_before_, vertex_changed_, face_changed_, edge_changed_, outcome_;
 };
 
 }  // namespace cama

@@ -14,6 +14,9 @@ constexpr int searches_per_sort = 16; // the order of leaves is kept between sor
 constexpr int sorts_per_placing = 64; // the origin of boxes is kept between placings of static obstacles
 constexpr int morton_bits = 63;
 constexpr int few_leaves = 65536;    // two levels in a launch: it has few work items, but a launch costs more
+// A few vertices query a tree in parts of so many groups of level 0: the sphere around the centre of an exact obstacle
+// may hold most of the cloth, which is too much for one thread.
+constexpr int few_vertices = 64, part_groups = 8;
 constexpr double max_changed = 0.3;  // of the vertices: beyond it, a full search is cheaper
 }  // namespace
 
@@ -150,6 +153,14 @@ void TreeSearch::place_static(const SearchRooms &state, const Stream<dvec3> &fro
   build_trees(state, static_, true, true);
 }
 
+/// Groups of level 0 in a part of the tree.
+int TreeSearch::part_of(const FaceQuery &q)
+{
+  return q.items->size() > few_vertices ? kernels::group_level_size(q.leaves, 0) : part_groups;
+}
+
+int TreeSearch::items_of(const FaceQuery &q) { return q.items->size() * kernels::tree_parts(q.leaves, part_of(q)); }
+
 /// Counts the candidates of the query vertices and edges and appends them to the lists, with one wait for all.
 void TreeSearch::query(const SearchRooms &state, const std::vector<FaceQuery> &faces,
                        const std::vector<EdgeQuery> &edges)
@@ -157,7 +168,7 @@ void TreeSearch::query(const SearchRooms &state, const std::vector<FaceQuery> &f
   Backend &b = *state.backend;
   const int self = self_ ? 1 : 0;
   int vertex_items = 0, edge_items = 0;
-  for (const FaceQuery &q : faces) vertex_items += q.items->size();
+  for (const FaceQuery &q : faces) vertex_items += items_of(q);
   for (const EdgeQuery &q : edges) edge_items += q.items->size();
   const int items = vertex_items + edge_items;
   ++state.report.searches;
@@ -169,10 +180,10 @@ void TreeSearch::query(const SearchRooms &state, const std::vector<FaceQuery> &f
   const auto batch_of = [&](int mode) { return mode == QUERY_CHANGED ? 1 : batch_; };
   int at = 0;
   for (const FaceQuery &q : faces) {
-    const int n = q.items->size(), batch = batch_of(q.mode);
-    CAMA_LAUNCH(b, query_vertex_face_count, (n + batch - 1) / batch, n, batch, *q.items, state.bounds.vertex_box,
-                q.leaves, *q.order, *q.leaf_face, *q.tree, state.mesh.cloth_vertices, self, q.mode, changed_, before_,
-                slots, at, slot_, count_);
+    const int n = items_of(q), batch = n > q.items->size() ? 1 : batch_of(q.mode);
+    CAMA_LAUNCH(b, query_vertex_face_count, (n + batch - 1) / batch, n, batch, part_of(q), *q.items,
+                state.bounds.vertex_box, q.leaves, *q.order, *q.leaf_face, *q.tree, state.mesh.cloth_vertices, self,
+                q.mode, changed_, before_, slots, at, slot_, count_);
     at += n;
   }
   for (const EdgeQuery &q : edges) {
@@ -195,10 +206,10 @@ void TreeSearch::query(const SearchRooms &state, const std::vector<FaceQuery> &f
   grow(state.contact.edge_edge, found.b);
   at = 0;
   for (const FaceQuery &q : faces) {
-    const int n = q.items->size();
-    CAMA_LAUNCH(b, query_vertex_face_fill, n, *q.items, state.bounds.vertex_box, q.leaves, *q.order, *q.leaf_face,
-                *q.tree, state.mesh.cloth_vertices, self, q.mode, before_, slots, at, slot_, count_, offset_,
-                first_face, state.contact.vertex_face.pairs, state.contact.vertex_face.gap_bound);
+    const int n = items_of(q);
+    CAMA_LAUNCH(b, query_vertex_face_fill, n, part_of(q), *q.items, state.bounds.vertex_box, q.leaves, *q.order,
+                *q.leaf_face, *q.tree, state.mesh.cloth_vertices, self, q.mode, before_, slots, at, slot_, count_,
+                offset_, first_face, state.contact.vertex_face.pairs, state.contact.vertex_face.gap_bound);
     at += n;
   }
   for (const EdgeQuery &q : edges) {

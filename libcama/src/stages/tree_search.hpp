@@ -54,6 +54,8 @@ private:
                    Stream<kernels::bvh8_node> &tree);
   void place_static(const SearchRooms &state, const Stream<dvec3> &from, const Stream<dvec3> &to);
   static void build_levels(Backend &backend, int leaves, Stream<kernels::bvh8_node> &tree);
+  static int part_of(const FaceQuery &query);
+  static int items_of(const FaceQuery &query);  ///< each vertex once for each part
   void query(const SearchRooms &state, const std::vector<FaceQuery> &faces, const std::vector<EdgeQuery> &edges);
 
   const int batch_;  // items that walk a tree together: 8 on CPUs; on GPUs each item has its own thread
