@@ -65,10 +65,34 @@ DEVICE double impulse_response(impact m, int rows, GLOBAL const dvec3 *y)
   return sum;
 }
 
-/* Accelerated projected gradient on min lambda' S lambda / 2 - constraint' lambda, lambda >= 0: one step from the
-   extrapolated point p, lambda = max(0, p + (constraint - S p) / majorant); y: M^-1 C' p. change: lambda_new -
-   lambda_old. partial[3 t ...], over the PUSH_IMPACTS impacts of team t: gradient mapping times change, |change|^2,
-   |lambda|^2, the latter two in the majorant's norm. */
+/* Of impacts begin .. end, one step from the extrapolated point p: lambda = max(0, p + (constraint - S p) / majorant);
+   y: M^-1 C' p; change: lambda_new - lambda_old. sums[PUSH_TEAM c], c = 0, 1, 2: gradient mapping times change,
+   |change|^2, |lambda|^2, the latter two in the majorant's norm. */
+DEVICE_TEAM void push_some(int begin, int end, int rows, GLOBAL const impact *impacts, GLOBAL const dvec3 *y,
+                           GLOBAL const double *constraint, GLOBAL const double *majorant, GLOBAL const double *p,
+                           GLOBAL double *lambda, GLOBAL double *change, LOCAL double *sums)
+{
+  TEAM_FOR(l, PUSH_TEAM) {
+    double along = 0.0, moved = 0.0, size = 0.0;
+    int i;
+    for (i = begin + l; i < end; i += PUSH_TEAM) {
+      double weight = majorant[i], gradient = constraint[i] - impulse_response(impacts[i], rows, y);
+      double next = weight > 0.0 ? max_double(0.0, p[i] + gradient / weight) : 0.0, by = next - lambda[i];
+      along += (next - p[i]) * weight * by;
+      moved += weight * by * by;
+      size += next * weight * next;
+      change[i] = by;
+      lambda[i] = next;
+    }
+    sums[l] = along;
+    sums[PUSH_TEAM + l] = moved;
+    sums[2 * PUSH_TEAM + l] = size;
+  }
+  tree_sums(PUSH_TEAM, 3, sums);
+}
+
+/* Accelerated projected gradient on min lambda' S lambda / 2 - constraint' lambda, lambda >= 0: one step. partial[3 t
+   ...]: the sums over the PUSH_IMPACTS impacts of team t. */
 KERNEL push_impulses(int n, int count, int rows, GLOBAL const impact *impacts, GLOBAL const dvec3 *y,
                      GLOBAL const double *constraint, GLOBAL const double *majorant, GLOBAL const double *p,
                      GLOBAL double *lambda, GLOBAL double *change, GLOBAL double *partial)
@@ -76,42 +100,35 @@ KERNEL push_impulses(int n, int count, int rows, GLOBAL const impact *impacts, G
   TEAM_LOCAL(double, sums, 3 * PUSH_TEAM);
   FOR_EACH_TEAM(t, n) {
     TEAM_BARRIER;
-    TEAM_FOR(l, PUSH_TEAM) {
-      double along = 0.0, moved = 0.0, size = 0.0;
-      int i, end = min_int((t + 1) * PUSH_IMPACTS, count);
-      for (i = t * PUSH_IMPACTS + l; i < end; i += PUSH_TEAM) {
-        double weight = majorant[i], gradient = constraint[i] - impulse_response(impacts[i], rows, y);
-        double next = weight > 0.0 ? max_double(0.0, p[i] + gradient / weight) : 0.0, by = next - lambda[i];
-        along += (next - p[i]) * weight * by;
-        moved += weight * by * by;
-        size += next * weight * next;
-        change[i] = by;
-        lambda[i] = next;
-      }
-      sums[l] = along;
-      sums[PUSH_TEAM + l] = moved;
-      sums[2 * PUSH_TEAM + l] = size;
-    }
-    tree_sums(PUSH_TEAM, 3, sums);
+    push_some(t * PUSH_IMPACTS, min_int((t + 1) * PUSH_IMPACTS, count), rows, impacts, y, constraint, majorant, p,
+              lambda, change, sums);
     TEAM_FOR(c, 3) partial[3 * t + c] = sums[c * PUSH_TEAM];
   }
 }
 
-/* p = lambda + momentum change; Nesterov's sequence restarts when the step went against the momentum. The scalars at
-   `from` are updated to those at `to`. */
+/* t of Nesterov's sequence after `before`, and how far to go on; the sequence restarts when the step went against the
+   momentum: along < 0. */
+DEVICE double next_momentum(double before, double along, double *momentum)
+{
+  double next;
+  if (along < 0.0) before = 1.0;
+  next = 0.5 * (1.0 + sqrt(1.0 + 4.0 * before * before));
+  *momentum = along < 0.0 ? 0.0 : (before - 1.0) / next;
+  return next;
+}
+
+/* p = lambda + momentum change. The scalars at `from` are updated to those at `to`. */
 KERNEL extrapolate_impulses(int n, int count, int teams, GLOBAL const double *partial, int from, int to,
                             GLOBAL double *scalar, GLOBAL const double *lambda, GLOBAL const double *change,
                             GLOBAL double *p)
 {
   TEAM_LOCAL(double, sums, 3 * PUSH_TEAM);
   FOR_EACH_TEAM(t, n) {
-    double before = scalar[from + PUSH_T], next, momentum;
+    double momentum, next;
     const int first = t * PUSH_IMPACTS;
     TEAM_BARRIER;
     sum_of_teams(PUSH_TEAM, 3, teams, partial, sums);
-    if (sums[0] < 0.0) before = 1.0;
-    next = 0.5 * (1.0 + sqrt(1.0 + 4.0 * before * before));
-    momentum = sums[0] < 0.0 ? 0.0 : (before - 1.0) / next;
+    next = next_momentum(scalar[from + PUSH_T], sums[0], &momentum);
     if (t == 0)
       TEAM_FOR(l, 1) {
         scalar[to + PUSH_T] = next;
@@ -135,18 +152,56 @@ KERNEL set_double(int n, double value, GLOBAL double *out)
   }
 }
 
-/* y_v = m_v^-1 sum over impacts at v of w n lambda, for cloth vertices. incidence: 4 * impact + local index. */
+/* y_v = m_v^-1 sum over impacts at cloth vertex v of w n lambda. incidence: 4 * impact + local index. */
+DEVICE dvec3 impulse_at(int v, GLOBAL const int *row, GLOBAL const int *incidence, GLOBAL const impact *impacts,
+                        GLOBAL const double *inverse_mass, GLOBAL const double *lambda)
+{
+  dvec3 sum = dvec3_make(0.0, 0.0, 0.0);
+  int k;
+  for (k = row[v]; k < row[v + 1]; ++k) {
+    int e = incidence[k] >> 2;
+    sum = daxpy(sum, impacts[e].weight[incidence[k] & 3] * lambda[e], impacts[e].normal);
+  }
+  return dscale(inverse_mass[v], sum);
+}
 KERNEL spread_impulses(int n, GLOBAL const int *row, GLOBAL const int *incidence, GLOBAL const impact *impacts,
                        GLOBAL const double *inverse_mass, GLOBAL const double *lambda, GLOBAL dvec3 *y)
 {
-  FOR_EACH(i, n) {
-    dvec3 sum = dvec3_make(0.0, 0.0, 0.0);
-    int k;
-    for (k = row[i]; k < row[i + 1]; ++k) {
-      int e = incidence[k] >> 2;
-      sum = daxpy(sum, impacts[e].weight[incidence[k] & 3] * lambda[e], impacts[e].normal);
+  FOR_EACH(i, n) y[i] = impulse_at(i, row, incidence, impacts, inverse_mass, lambda);
+}
+
+/* All steps for at most PUSH_IMPACTS impacts, by one team (n = 1), which visits the cloth vertices with impacts alone;
+   with the results of spread, push and extrapolate_impulses in turn. They end after `most`, or where after a multiple
+   of `check` |change| is at most `tolerance` |lambda|. */
+KERNEL solve_few_impacts(int n, int count, int rows, int most, int check, double tolerance, GLOBAL const int *row,
+                         GLOBAL const int *incidence, GLOBAL const impact *impacts, GLOBAL const double *inverse_mass,
+                         GLOBAL const double *constraint, GLOBAL const double *majorant, GLOBAL dvec3 *y,
+                         GLOBAL double *lambda, GLOBAL double *change, GLOBAL double *p)
+{
+  TEAM_LOCAL(double, sums, 3 * PUSH_TEAM);
+  TEAM_LOCAL(int, pushed, 4 * PUSH_IMPACTS);
+  TEAM_LOCAL(int, pushed_count, 1);
+  FOR_EACH_TEAM(t, n) {
+    double sequence = 1.0;
+    int step, ended = 0;
+    TEAM_FOR(l, 1) pushed_count[l] = 0;
+    TEAM_FOR(i, count) lambda[i] = p[i] = 0.0;
+    TEAM_BARRIER;
+    TEAM_FOR(l, 4 * count) {
+      int v = impacts[l >> 2].node[l & 3];
+      if (v < rows && incidence[row[v]] == l) pushed[local_add_int(pushed_count, 1)] = v;
     }
-    y[i] = dscale(inverse_mass[i], sum);
+    TEAM_BARRIER;
+    for (step = 1; step <= most && !ended; ++step) {
+      double momentum;
+      TEAM_FOR(l, pushed_count[0]) y[pushed[l]] = impulse_at(pushed[l], row, incidence, impacts, inverse_mass, p);
+      TEAM_BARRIER;
+      push_some(0, count, rows, impacts, y, constraint, majorant, p, lambda, change, sums);
+      sequence = next_momentum(sequence, sums[0], &momentum);
+      ended = step % check == 0 && sums[PUSH_TEAM] <= tolerance * tolerance * sums[2 * PUSH_TEAM];
+      TEAM_FOR(i, count) p[i] = lambda[i] + momentum * change[i];
+      TEAM_BARRIER;
+    }
   }
 }
 

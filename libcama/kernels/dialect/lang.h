@@ -43,7 +43,7 @@ static inline int local_add_int(volatile LOCAL int *p, int v) { return atomic_ad
 #define FOR_EACH_TEAM(t, n) for (int t = (int)get_group_id(0); t < (n); t += (int)get_num_groups(0))
 #define TEAM_FOR(l, m) for (int l = (int)get_local_id(0); l < (m); l += (int)get_local_size(0))
 #define SIMD
-#define TEAM_BARRIER barrier(CLK_LOCAL_MEM_FENCE)
+#define TEAM_BARRIER barrier(CLK_LOCAL_MEM_FENCE | CLK_GLOBAL_MEM_FENCE)
 #endif
 typedef ulong key64;
 DEVICE int atomic_add_int(volatile GLOBAL int *p, int v) { return atomic_add(p, v); }

@@ -29,6 +29,12 @@ void ImpactProjection::solve(const Rooms &state)
   Backend &b = *state.backend;
   const int most = state.options.paper.impact_zones ? max_zone_iterations : max_iterations;
   const int n = state.contact.impact.size(), teams = ceil_divide(n, PUSH_IMPACTS);
+  if (teams == 1) {  // the usual case
+    CAMA_LAUNCH_TEAMS(void, b, solve_few_impacts, PUSH_TEAM, 1, n, state.mesh.cloth_vertices, most,
+                      iterations_per_check, pushing_tolerance, incidence_.row, incidence_.entry, state.contact.impact,
+                      state.mesh.inverse_mass, constraint_, majorant_, y_, lambda_, change_, p_);
+    return;
+  }
   partial_.resize(3 * teams);
   CAMA_LAUNCH(b, set_double, n, 0.0, lambda_);
   CAMA_LAUNCH(b, set_double, n, 0.0, p_);
@@ -70,7 +76,7 @@ void ImpactProjection::add_pushes(const Rooms &state, const Stream<dvec3> &posit
   const int n = state.contact.impact.size();
   count_.resize(state.mesh.vertices);
   all_incidence_.reset(b, state.mesh.vertices);
-  all_incidence_.build(b, nodes_, n, count_);
+  all_incidence_.rebuild(b, nodes_, n, count_);
   const double keep = state.options.paper.impact_zones ? 0 : 1;  // impact zones project anew about the solve
   CAMA_LAUNCH(b, impact_reactions, state.mesh.vertices, keep, all_incidence_.row, all_incidence_.entry,
               state.contact.impact, lambda_, positions, state.contact.vertex_contact, state.reactions.push.linear,
@@ -87,7 +93,7 @@ void ImpactProjection::run(const Rooms &state, Stream<dvec3> &positions)
   count_.resize(state.mesh.cloth_vertices);
   CAMA_LAUNCH(b, impact_nodes, n, state.contact.impact, nodes_);
   incidence_.reset(b, state.mesh.cloth_vertices);
-  incidence_.build(b, nodes_, n, count_);
+  incidence_.rebuild(b, nodes_, n, count_);
   const bool zones = state.options.paper.impact_zones;
   CAMA_LAUNCH(b, start_impacts, n, state.mesh.cloth_vertices, zones ? 1 : 0, state.contact.impact, from_,
               zones ? wanted_ : positions, state.mesh.inverse_mass, incidence_.row, constraint_, majorant_);
