@@ -62,8 +62,10 @@ class Clock:
         return self.end - time.monotonic()
 
 
-def measured(scene, triangles, skip, steps, clock, level="paper", backend="cpu", threads=0, **changed):
-    """Medians over steps as a row, or None where the time does not suffice; a shorter measurement says its steps."""
+def measured(scene, triangles, skip, steps, clock, level="paper", backend="cpu", threads=0, start=None, **changed):
+    """Medians over steps as a row, or None where the time does not suffice; a shorter measurement says its steps.
+
+    start: a checkpoint after `skip` steps, which is read, or written where there is none."""
     if clock.left() < 10:
         return None
     loaded = cama.Scene.load(scene, triangles)
@@ -72,9 +74,14 @@ def measured(scene, triangles, skip, steps, clock, level="paper", backend="cpu",
     )
     limit = time.monotonic() + 0.4 * clock.left()
     done = 0
+    if start and start.exists():
+        simulation.load_checkpoint(start)
+        done = skip
     while done < skip and time.monotonic() < limit:
         simulation.step()
         done += 1
+    if start and done == skip and not start.exists():
+        simulation.save_checkpoint(start)
     taken, reports, stages = [], [], []
     while len(taken) < steps and clock.left() > 2:
         before = time.perf_counter()
@@ -141,13 +148,15 @@ def part_threads(given, clock, out):
     triangles, _, skip, steps = SIZES[given.size]
     rows = []
     here = [row["name"] for row in cama.backends() if row["available"]]
-    counts = [n for n in (1, 2, 4, 8, 16, 32, 64, 128) if n <= (os.cpu_count() or 1)]
-    tried = [("cpu", n) for n in counts] if given.backend == "cpu" else []
-    tried += [(name, 0) for name in here if name != "cpu"]
+    counts = [n for n in (1, 2, 4, 8, 16, 32, 64, 128) if n <= len(os.sched_getaffinity(0))]
+    tried = [(name, 0) for name in ("cuda", "opencl") if name in here] + [("cpu", n) for n in reversed(counts)]
+    start = out / "threads.h5"  # the same steps on every device, after those of the first
     for backend, threads in tried:
-        found = measured("sphere", triangles, skip, steps, clock, backend=backend, threads=threads)
+        few = steps if backend == "cuda" or given.size == "small" else 3
+        found = measured("sphere", triangles, skip, few, clock, backend=backend, threads=threads, start=start)
         if found:
             rows.append({"threads": threads or "", **found[0]})
+    start.unlink(missing_ok=True)
     write_csv(out / "threads.csv", rows)
     columns = ["backend", "device", "threads", "triangles", "ms per step", "iterations"]
     keys = ["backend", "device", "threads", "triangles", "median_ms", "iterations"]

@@ -9,7 +9,8 @@
 `run` writes OUT/NAME/row.json, frames.csv (steps, times, contacts, impacts, intersections, strain of each frame; the
 paper's Figure 17 is made of these) and frames.npz (positions of up to --keep frames, in steps of 2^-13 m, below 16 MB),
 and adds a row to OUT/scenes.csv. It stops after --seconds of wall time and says so; what ended a run is in the row.
-Intersections are counted in every frame by the exact audit, and in the frames that are kept by ipctk where it is there.
+Intersections are counted in every frame by the exact audit, and in the frames that are kept, or with `--judge all` in
+every frame too, by ipctk where it is there.
 """
 
 import argparse
@@ -105,7 +106,7 @@ COLUMNS = [
 ]
 
 
-def run_frames(simulation, frames, seconds, kept, file):
+def run_frames(simulation, frames, seconds, kept, judge_all, file):
     """Returns the rows of frames.csv and what ended the run."""
     rows, count, begin, reports = [], referee(simulation), time.perf_counter(), []
     simulation.before_step = lambda s: reports.append(s.report)  # of the step before
@@ -123,7 +124,8 @@ def run_frames(simulation, frames, seconds, kept, file):
             return rows, f"{type(problem).__name__}: {problem}"
         ms = 1e3 * (time.perf_counter() - before)
         own, positions = [*reports[1:], simulation.report], simulation.positions
-        judged = count(positions) if kept.add(number, simulation.time, positions) and count else -1
+        keeps = kept.add(number, simulation.time, positions)
+        judged = count(positions) if count and (keeps or judge_all) else -1
         contacts, impacts = max(r["contacts"] for r in own), sum(r["impacts"] for r in own)
         row = [number, round(simulation.time, 6), steps, round(ms, 2), contacts, impacts]
         row += [simulation.count_intersections(), judged, 100 * simulation.max_strain, 1e3 * simulation.min_gap]
@@ -177,7 +179,7 @@ def run(given):
     print(f"{scene.name}: {simulation.cloth_triangle_count:,} triangles on {simulation.device}", flush=True)
     kept, begin = Kept(given.keep), time.perf_counter()
     with open(out / "frames.csv", "w", newline="", encoding="utf-8") as file:
-        rows, ended = run_frames(simulation, frames, given.seconds, kept, file)
+        rows, ended = run_frames(simulation, frames, given.seconds, kept, given.judge == "all", file)
     row = summary(simulation, scene.name, given.level, rows, ended, time.perf_counter() - begin)
     kept.write(out / "frames.npz")
     (out / "row.json").write_text(json.dumps(row, indent=1) + "\n", encoding="utf-8")
@@ -238,6 +240,7 @@ def main():
     one.add_argument("--frames", type=int, default=0, help="0: all of the scene")
     one.add_argument("--seconds", type=float, default=1e9, help="wall time after which no frame begins")
     one.add_argument("--keep", type=int, default=16, help="frames to keep at most")
+    one.add_argument("--judge", choices=["kept", "all"], default="kept", help="frames that ipctk judges")
     one.add_argument("--out", required=True)
     several = commands.add_parser("pack", help="write scenes that need no VTK to be read")
     several.add_argument("scenes", nargs="*", help=f"default: {' '.join(PACKED)}")
