@@ -156,8 +156,8 @@ def part_threads(given, clock, out):
         found = measured("sphere", triangles, skip, few, clock, backend=backend, threads=threads, start=start)
         if found:
             rows.append({"threads": threads or "", **found[0]})
+            write_csv(out / "threads.csv", rows)
     start.unlink(missing_ok=True)
-    write_csv(out / "threads.csv", rows)
     columns = ["backend", "device", "threads", "triangles", "ms per step", "iterations"]
     keys = ["backend", "device", "threads", "triangles", "median_ms", "iterations"]
     table = [[show(row[key]) for key in keys] for row in rows]
