@@ -150,9 +150,9 @@ def part_threads(given, clock, out):
     here = [row["name"] for row in cama.backends() if row["available"]]
     counts = [n for n in (1, 2, 4, 8, 16, 32, 64, 128) if n <= len(os.sched_getaffinity(0))]
     tried = [(name, 0) for name in ("cuda", "opencl") if name in here] + [("cpu", n) for n in reversed(counts)]
+    few = steps if given.size == "small" else 3  # one thread takes a minute for a step of the paper's size
     start = out / "threads.h5"  # the same steps on every device, after those of the first
     for backend, threads in tried:
-        few = steps if backend == "cuda" or given.size == "small" else 3
         found = measured("sphere", triangles, skip, few, clock, backend=backend, threads=threads, start=start)
         if found:
             rows.append({"threads": threads or "", **found[0]})

@@ -10,12 +10,16 @@ namespace cama {
 namespace {
 constexpr int max_iterations = 200, max_zone_iterations = 1000;
 constexpr int iterations_per_check = 8;      // even, since two sets of scalars alternate
-constexpr double pushing_tolerance = 1e-3;  // relative change of impulses; the result is tested or certified afterwards
+// Relative change of impulses. Without zones the result is certified afterwards, and a smaller one errs no less.
+constexpr double zone_tolerance = 1e-3, pushing_tolerance = 1e-2;
 }  // namespace
 
-ImpactProjection::ImpactProjection(Backend &b)
-    : nodes_(b), count_(b), moved_(b), constraint_(b), majorant_(b), lambda_(b), change_(b), p_(b), partial_(b),
-      scalar_(b, 2 * PUSH_COUNT), y_(b), from_(b), wanted_(b), length_(b), longest_(b), longer_(b), largest_(b)
+ImpactProjection::ImpactProjection(Backend &b) : ImpactProjection(b, pushing_tolerance) {}
+
+ImpactProjection::ImpactProjection(Backend &b, double tolerance)
+    : tolerance_(tolerance), nodes_(b), count_(b), moved_(b), constraint_(b), majorant_(b), lambda_(b), change_(b),
+      p_(b), partial_(b), scalar_(b, 2 * PUSH_COUNT), y_(b), from_(b), wanted_(b), length_(b), longest_(b), longer_(b),
+      largest_(b)
 {}
 
 void ImpactProjection::spread(const Rooms &state, const Stream<double> &lambda)
@@ -27,11 +31,13 @@ void ImpactProjection::spread(const Rooms &state, const Stream<double> &lambda)
 void ImpactProjection::solve(const Rooms &state)
 {
   Backend &b = *state.backend;
-  const int most = state.options.paper.impact_zones ? max_zone_iterations : max_iterations;
+  const bool zones = state.options.paper.impact_zones;
+  const int most = zones ? max_zone_iterations : max_iterations;
+  const double tolerance = zones ? zone_tolerance : tolerance_;
   const int n = state.contact.impact.size(), teams = ceil_divide(n, PUSH_IMPACTS);
   if (teams == 1) {  // the usual case
     CAMA_LAUNCH_TEAMS(void, b, solve_few_impacts, PUSH_TEAM, 1, n, state.mesh.cloth_vertices, most,
-                      iterations_per_check, pushing_tolerance, incidence_.row, incidence_.entry, state.contact.impact,
+                      iterations_per_check, tolerance, incidence_.row, incidence_.entry, state.contact.impact,
                       state.mesh.inverse_mass, constraint_, majorant_, y_, lambda_, change_, p_);
     return;
   }
@@ -52,7 +58,7 @@ void ImpactProjection::solve(const Rooms &state)
   for (int i = 0; i < most; i += iterations_per_check) {
     b.repeat(1, iterate, i > 0);
     const std::vector<double> scalar = scalar_.download();
-    if (scalar[PUSH_MOVED] <= pushing_tolerance * pushing_tolerance * scalar[PUSH_SIZE]) break;
+    if (scalar[PUSH_MOVED] <= tolerance * tolerance * scalar[PUSH_SIZE]) break;
   }
 }
 

@@ -10,6 +10,8 @@ class ImpactProjection {
 public:
   using Rooms = Access<const Options, const MeshState, const ContactState, ReactionState>;
   explicit ImpactProjection(Backend &backend);
+  /// tolerance: relative change of the impulses at which they suffice; impact zones have their own.
+  ImpactProjection(Backend &backend, double tolerance);
   /// Called before the first run of a step. from: start of the motion; wanted: positions that the solve proposes.
   void start(const Rooms &state, const Stream<dvec3> &from, const Stream<dvec3> &wanted);
   /// Moves `positions` so that every impact of the state ends separated by at least its target, with impact zones so
@@ -27,6 +29,7 @@ private:
   /// Adds the pushes of the impacts to those of the step.
   void add_pushes(const Rooms &state, const Stream<dvec3> &positions);
 
+  const double tolerance_;
   Stream<kernels::element_nodes> nodes_;
   Incidence incidence_, all_incidence_;  // of cloth vertices; of all, where forces are measured
   Stream<int> count_, moved_;
