@@ -148,10 +148,12 @@ def part_threads(given, clock, out):
     triangles, _, skip, steps = SIZES[given.size]
     rows = []
     here = [row["name"] for row in cama.backends() if row["available"]]
-    counts = [n for n in (1, 2, 4, 8, 16, 32, 64, 128) if n <= len(os.sched_getaffinity(0))]
+    cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    counts = [n for n in (1, 2, 4, 8, 16, 32, 64, 128) if n <= cores]
     tried = [(name, 0) for name in ("cuda", "opencl") if name in here] + [("cpu", n) for n in reversed(counts)]
     few = steps if given.size == "small" else 3  # one thread takes a minute for a step of the paper's size
     start = out / "threads.h5"  # the same steps on every device, after those of the first
+    start.unlink(missing_ok=True)  # of a run that was stopped
     for backend, threads in tried:
         found = measured("sphere", triangles, skip, few, clock, backend=backend, threads=threads, start=start)
         if found:

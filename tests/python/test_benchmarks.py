@@ -200,6 +200,19 @@ def test_frames_are_kept_evenly_and_in_small_steps(tmp_path):
         np.testing.assert_allclose(found, positions + 0.001 * file["number"][2], atol=2.0**-14 + 1e-12)
 
 
+def test_a_checkpoint_lets_every_device_of_a_figure_measure_the_same_steps(tmp_path):
+    start = tmp_path / "start.h5"
+
+    def counts(**options):
+        row, _ = paper_figures.measured("sphere", 200, 40, 3, paper_figures.Clock(60), **options)
+        return [row[key] for key in ("triangles", "skipped", "steps", "iterations", "contacts")]
+
+    expected = counts()
+    assert not start.exists() and expected[1:3] == [40, 3] and expected[4] > 0
+    assert counts(threads=2, start=start) == expected and start.exists()
+    assert counts(threads=1, start=start) == expected
+
+
 def test_options_of_the_figures_are_those_of_a_simulation():
     changed = {"paper.assembly": "sorted", "paper.localized_search": "false", "tolerance": "1e-11"}
     options = paper_figures.options_of(changed)
