@@ -10,7 +10,7 @@ namespace cama {
 namespace {
 constexpr int max_iterations = 200, max_zone_iterations = 1000;
 constexpr int iterations_per_check = 8;      // even, since two sets of scalars alternate
-// Relative change of impulses. Without zones the result is certified afterwards, and smaller ones cost iterations alone.
+// Relative change of impulses. Without zones the result is certified afterwards; smaller ones only cost iterations.
 constexpr double zone_tolerance = 1e-3, pushing_tolerance = 1e-2;
 }  // namespace
 
