@@ -6,7 +6,8 @@
     python benchmarks/paper_figures.py OUT --parts ladder memory          # some of them
 
 worth    Figures 6 and 18, assembly and "simple GPU", error threshold: what each part of the method is worth
-threads  Figure 14: a step of sphere on every backend that is here, and on 1, 2, 4, ... threads
+threads  Figure 14: a step of sphere on every backend that is here, and on 1, 2, 4, ... threads; with --threads on as
+         many alone, beside CUDA where it is here
 ladder   Figures 15 and 16: a step of sphere with 16K, 64K, 256K and 1M triangles, at the levels paper and production
 frames   Figure 17: contacts and impacts in every step of sphere, at the level paper, and with anticipated contacts
 memory   section 5.3: bytes on the device, and those of the fronts
@@ -151,6 +152,8 @@ def part_threads(given, clock, out):
     cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
     counts = [n for n in (1, 2, 4, 8, 16, 32, 64, 128) if n <= cores]
     tried = [(name, 0) for name in ("cuda", "opencl") if name in here] + [("cpu", n) for n in reversed(counts)]
+    if given.threads:  # the GPU alone makes the state that they begin at
+        tried = [(name, 0) for name in ("cuda",) if name in here] + [("cpu", given.threads)]
     few = steps if given.size == "small" else 3  # one thread takes a minute for a step of the paper's size
     start = out / "threads.h5"  # the same steps on every device, after those of the first
     start.unlink(missing_ok=True)  # of a run that was stopped

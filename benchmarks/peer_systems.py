@@ -218,7 +218,10 @@ def libuipc(case, settings, device):
     config["contact"]["d_hat"] = near
     scene = Scene(config)
     scene.contact_tabular().default_model(float(case["friction"]), 1e9)
-    half = 0.5 * float(case["thickness"])
+    # it refuses cloth that is thicker than the distance of its own triangles
+    ends = case["vertices"][case["faces"]]
+    shortest = float(np.linalg.norm(ends - np.roll(ends, 1, axis=1), axis=2).min())
+    half = min(0.5 * float(case["thickness"]), 0.25 * shortest)
     shell, bending = NeoHookeanShell(), DiscreteShellBending()
     sheets = trimesh(np.ascontiguousarray(case["vertices"]), np.ascontiguousarray(case["faces"]))
     label_surface(sheets)
@@ -251,6 +254,8 @@ def libuipc(case, settings, device):
         engine = Engine("cuda", folder)  # has to outlive the world
         world = World(engine)
         world.init(scene)
+        if not world.is_valid():
+            raise SystemExit("libuipc's check of the scene refuses it")
 
         def advance():
             for _ in range(substeps):
