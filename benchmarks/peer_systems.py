@@ -215,13 +215,13 @@ def libuipc(case, settings, device):
     substeps = max(1, round(frame * rate)) if rate else max(1, round(frame / config["dt"]))
     config["dt"] = frame / substeps
     config["gravity"] = [[0.0], [0.0], [-float(case["gravity"])]]
-    config["contact"]["d_hat"] = near
-    scene = Scene(config)
-    scene.contact_tabular().default_model(float(case["friction"]), 1e9)
-    # it refuses cloth that is thicker than the distance of its own triangles
+    # cloth that lies flat must not be in contact with itself: libuipc refuses, stretches it, or ends with an error
     ends = case["vertices"][case["faces"]]
     shortest = float(np.linalg.norm(ends - np.roll(ends, 1, axis=1), axis=2).min())
-    half = min(0.5 * float(case["thickness"]), 0.25 * shortest)
+    config["contact"]["d_hat"] = near = min(near, 0.35 * shortest)
+    scene = Scene(config)
+    scene.contact_tabular().default_model(float(case["friction"]), 1e9)
+    half = min(0.5 * float(case["thickness"]), 0.15 * shortest)
     shell, bending = NeoHookeanShell(), DiscreteShellBending()
     sheets = trimesh(np.ascontiguousarray(case["vertices"]), np.ascontiguousarray(case["faces"]))
     label_surface(sheets)
