@@ -219,54 +219,86 @@ DEVICE int commit_disturbed(int kind, pair p, GLOBAL const int *vertex_changed, 
   return kind == 0 ? vertex_changed[p.a] || face_changed[p.b] : edge_changed[p.a] || edge_changed[p.b];
 }
 
+/* Decides one pair and lowers the fractions of its vertices; returns its state. */
+DEVICE_ATOMIC int commit_one(int kind, pair p, int pass, GLOBAL const face_nodes *face, GLOBAL const edge_nodes *edge,
+                             GLOBAL const dvec3 *position, GLOBAL const dvec3 *target,
+                             GLOBAL const double *inverse_mass, GLOBAL const vertex_contact *properties, double share,
+                             int let_go, GLOBAL const int *fraction_before, GLOBAL int *fraction, GLOBAL int *outcome)
+{
+  element_nodes e = pair_nodes(kind, p, face, edge);
+  commit_bound r = commit_free(COMMIT_SETTLED);
+  int fixed[4], k;
+  double t[4];
+  for (k = 0; k < 4; ++k) {
+    fixed[k] = inverse_mass[e.node[k]] == 0.0;
+    t[k] = (double)bits_float(fraction_before[e.node[k]]);
+  }
+  if (pass != 0 || !(fixed[0] && fixed[1] && fixed[2] && fixed[3])) {
+    dvec3 x[4], y[4];
+    double dmin = pair_clearance(kind, e, properties, share), radius = pair_radius(kind, e, properties);
+    for (k = 0; k < 4; ++k) {
+      x[k] = position[e.node[k]];
+      y[k] = target[e.node[k]];
+    }
+    if (pair_has_plane(kind, e, properties))
+      r = commit_half_space(x, y, fixed, dmin, radius);
+    else
+      r = commit_decide(x, y, t, fixed, kind + 1, dmin, radius, pass >= 0, pass != 0);
+  }
+  if (r.state == COMMIT_INTERSECTING) {
+    atomic_add_int(outcome + COMMIT_CROSSED, 1);
+    for (k = 0; k < 4; ++k)
+      if (!let_go && !fixed[k]) atomic_min_int(fraction + e.node[k], 0);
+  }
+  for (k = 0; k < 4; ++k)
+    if (r.fraction[k] < 1.0) atomic_min_int(fraction + e.node[k], float_bits(fraction_below(r.fraction[k])));
+  if (r.sigma < 1.0) atomic_min_int(outcome + COMMIT_SIGMA, float_bits(fraction_below(r.sigma)));
+  return r.sigma < 1.0 ? COMMIT_PAUSING : (r.state == COMMIT_CONDITIONAL ? COMMIT_CONDITIONAL : COMMIT_SETTLED);
+}
+
 /* Pass 0 decides every open pair. Pass k > 0 tests conditional pairs again whose vertices have been truncated since,
    which commit_changes and commit_disturb tell; it is repeated until nothing changes. Pass -1 settles every conditional
    pair and is final whatever came before: it allows a limit on the number of passes. `fraction_before` is `fraction`
-   before the pass. accepted: [n] states, of vertex_face and then of edge_edge; fraction: [vertices] bits of floats;
+   before the pass. accepted: [pairs] states, of vertex_face and then of edge_edge; fraction: [vertices] bits of floats;
    outcome: COMMIT_*, set by commit_begin. share: dmin is a pair's clearance at this share. let_go 1: intersecting pairs
-   are free, 0: their vertices stay. */
-KERNEL commit_pairs(int n, int first_size, int pass, GLOBAL const pair *vertex_face, GLOBAL const pair *edge_edge,
-                    GLOBAL const face_nodes *face, GLOBAL const edge_nodes *edge, GLOBAL const dvec3 *position,
-                    GLOBAL const dvec3 *target, GLOBAL const double *inverse_mass,
+   are free, 0: their vertices stay. n: teams; runs: of each team (pair.h). */
+KERNEL commit_pairs(int n, int runs, int pairs, int first_size, int pass, GLOBAL const pair *vertex_face,
+                    GLOBAL const pair *edge_edge, GLOBAL const face_nodes *face, GLOBAL const edge_nodes *edge,
+                    GLOBAL const dvec3 *position, GLOBAL const dvec3 *target, GLOBAL const double *inverse_mass,
                     GLOBAL const vertex_contact *properties, double share, int let_go, GLOBAL const int *vertex_changed,
                     GLOBAL const int *face_changed, GLOBAL const int *edge_changed, GLOBAL int *accepted,
                     GLOBAL const int *fraction_before, GLOBAL int *fraction, GLOBAL int *outcome)
 {
-  FOR_EACH_UNEVEN(i, n) {
-    const int kind = i >= first_size;
-    const pair p = listed_pair(i, first_size, vertex_face, edge_edge);
-    if (pass > 0 && !commit_disturbed(kind, p, vertex_changed, face_changed, edge_changed)) continue;
-    if (accepted[i] == (pass == 0 ? COMMIT_OPEN : COMMIT_CONDITIONAL)) {
-      element_nodes e = pair_nodes(kind, p, face, edge);
-      commit_bound r = commit_free(COMMIT_SETTLED);
-      int fixed[4], k;
-      double t[4];
-      for (k = 0; k < 4; ++k) {
-        fixed[k] = inverse_mass[e.node[k]] == 0.0;
-        t[k] = (double)bits_float(fraction_before[e.node[k]]);
+  TEAM_LOCAL(int, chosen, LISTED_PAIRS);
+  TEAM_LOCAL(int, listed, 1);
+  FOR_EACH_UNEVEN_TEAM(t, n) {
+    TEAM_BARRIER;
+    TEAM_FOR(l, 1) listed[l] = 0;
+    for (int run = 0; run < runs; ++run) {
+      const int first = (t * runs + run) * RUN_PAIRS;
+      int waiting;
+      TEAM_BARRIER;
+      TEAM_FOR(l, min_int(pairs - first, RUN_PAIRS)) {
+        const int i = first + l;
+        if (pass > 0 && !commit_disturbed(i >= first_size, listed_pair(i, first_size, vertex_face, edge_edge),
+                                          vertex_changed, face_changed, edge_changed))
+          continue;
+        if (accepted[i] == (pass == 0 ? COMMIT_OPEN : COMMIT_CONDITIONAL)) chosen[local_add_int(listed, 1)] = i;
       }
-      if (pass != 0 || !(fixed[0] && fixed[1] && fixed[2] && fixed[3])) {
-        dvec3 x[4], y[4];
-        double dmin = pair_clearance(kind, e, properties, share), radius = pair_radius(kind, e, properties);
-        for (k = 0; k < 4; ++k) {
-          x[k] = position[e.node[k]];
-          y[k] = target[e.node[k]];
+      TEAM_BARRIER;
+      waiting = listed[0];
+      while (waiting >= PAIR_TEAM || (run == runs - 1 && waiting > 0)) {
+        const int now = min_int(waiting, PAIR_TEAM);
+        waiting -= now;
+        TEAM_FOR(l, now) {
+          const int i = chosen[waiting + l];
+          accepted[i] = commit_one(i >= first_size, listed_pair(i, first_size, vertex_face, edge_edge), pass, face,
+                                   edge, position, target, inverse_mass, properties, share, let_go, fraction_before,
+                                   fraction, outcome);
         }
-        if (pair_has_plane(kind, e, properties))
-          r = commit_half_space(x, y, fixed, dmin, radius);
-        else
-          r = commit_decide(x, y, t, fixed, kind + 1, dmin, radius, pass >= 0, pass != 0);
       }
-      accepted[i] =
-          r.sigma < 1.0 ? COMMIT_PAUSING : (r.state == COMMIT_CONDITIONAL ? COMMIT_CONDITIONAL : COMMIT_SETTLED);
-      if (r.state == COMMIT_INTERSECTING) {
-        atomic_add_int(outcome + COMMIT_CROSSED, 1);
-        for (k = 0; k < 4; ++k)
-          if (!let_go && !fixed[k]) atomic_min_int(fraction + e.node[k], 0);
-      }
-      for (k = 0; k < 4; ++k)
-        if (r.fraction[k] < 1.0) atomic_min_int(fraction + e.node[k], float_bits(fraction_below(r.fraction[k])));
-      if (r.sigma < 1.0) atomic_min_int(outcome + COMMIT_SIGMA, float_bits(fraction_below(r.sigma)));
+      TEAM_BARRIER;
+      TEAM_FOR(l, 1) listed[l] = waiting;
     }
   }
 }

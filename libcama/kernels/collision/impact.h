@@ -103,22 +103,29 @@ KERNEL find_prediction_errors(int n, GLOBAL const dvec3 *x, GLOBAL const dvec3 *
   }
 }
 
-/* flag[i] = 1 where continuous detection has to decide candidate i of both lists. The first *_done pairs of each list
-   have been decided for this very motion and are no impacts. localized: only pairs with a vertex that the last
-   projection moved are selected; the others were certified before it. The gap_bound of a pair and the prediction errors
-   of its vertices decide most pairs. *_bounds: number of pairs whose gap_bound holds from the start of this motion;
-   below 0 it marks a known impact, which is tested `again` unless it was found twice. share: the share of the thickness
-   that pairs keep; largest: the largest contact thickness, m. */
+/* Values of flag[] between both kernels below. */
+#define PAIR_OPEN 1   /* continuous detection has to decide */
+#define PAIR_HIT 2    /* decided before for this very motion: an impact */
+
+/* flag[i] = PAIR_OPEN where continuous detection has to decide candidate i of both lists. The first *_done pairs of each
+   list have been decided for this very motion; before[]: the flags that find_impacts left of them, list after list.
+   localized: only pairs with a vertex that the last projection moved are selected; the others were certified before it.
+   The gap_bound of a pair and the prediction errors of its vertices decide most pairs. *_bounds: number of pairs whose
+   gap_bound holds from the start of this motion; below 0 it marks a known impact, which is tested `again` unless it was
+   found twice. share: the share of the thickness that pairs keep; largest: the largest contact thickness, m. */
 KERNEL select_ccd_pairs(int n, int first_size, int localized, int again, GLOBAL const pair *vertex_face,
                         GLOBAL const pair *edge_edge, GLOBAL const face_nodes *face, GLOBAL const edge_nodes *edge,
                         GLOBAL const double *inverse_mass, double share, double largest,
                         GLOBAL const float *prediction_error, int vertex_face_done, int edge_edge_done,
-                        int vertex_face_bounds, GLOBAL const float *vertex_face_gap_bound, int edge_edge_bounds,
-                        GLOBAL const float *edge_edge_gap_bound, GLOBAL const int *moved, GLOBAL int *flag)
+                        GLOBAL const int *before, int vertex_face_bounds, GLOBAL const float *vertex_face_gap_bound,
+                        int edge_edge_bounds, GLOBAL const float *edge_edge_gap_bound, GLOBAL const int *moved,
+                        GLOBAL int *flag)
 {
   FOR_EACH(i, n) {
     int kind = i >= first_size, at = kind == 0 ? i : i - first_size, undecided = 0;
-    if (at >= (kind == 0 ? vertex_face_done : edge_edge_done)) {
+    if (at < (kind == 0 ? vertex_face_done : edge_edge_done)) {
+      flag[i] = before[kind == 0 ? at : vertex_face_done + at] ? PAIR_HIT : 0;
+    } else {
       const float gap_bound = kind == 0 ? vertex_face_gap_bound[at] : edge_edge_gap_bound[at];
       element_nodes e = pair_nodes(kind, listed_pair(i, first_size, vertex_face, edge_edge), face, edge);
       undecided =
@@ -132,45 +139,61 @@ KERNEL select_ccd_pairs(int n, int first_size, int localized, int again, GLOBAL 
         if (prediction_error[e.node[2]] > b) b = prediction_error[e.node[2]];
         undecided = !((double)gap_bound - 1.00001 * ((double)a + (double)b) > 1.01 * share * largest);
       }
+      flag[i] = undecided ? PAIR_OPEN : 0;
     }
-    flag[i] = undecided;
   }
 }
 
-/* Candidates that a team takes at once. Few of them are selected: the team lists these first, so that each member has
-   one to work on. */
-#define PAIR_TEAM 256
-#define TEAM_PAIRS 1024
-
-/* flag[i] stays 1 where candidate i of both lists comes closer than its clearance at `share`, or touches (cubic), on
-   its way from x to y; found[1]: incremented for each. n: teams; pairs: number of candidates. */
-KERNEL find_impacts(int n, int pairs, int first_size, int cubic, GLOBAL const pair *vertex_face,
+/* flag[i] = 1 where candidate i of both lists comes closer than its clearance at `share`, or touches (cubic), on its way
+   from x to y, of those that are PAIR_OPEN, and where it was PAIR_HIT; else 0. found[1]: incremented for each of the
+   former. n: teams; runs: of each team (pair.h); pairs: number of candidates. Most open pairs stay separated along a
+   known direction; a team lists the others until each member has one. */
+KERNEL find_impacts(int n, int runs, int pairs, int first_size, int cubic, GLOBAL const pair *vertex_face,
                     GLOBAL const pair *edge_edge, GLOBAL const face_nodes *face, GLOBAL const edge_nodes *edge,
                     GLOBAL const dvec3 *x, GLOBAL const dvec3 *y, GLOBAL const vertex_contact *v, double share,
                     GLOBAL const fvec3 *vertex_face_direction, GLOBAL const fvec3 *edge_edge_direction,
                     GLOBAL int *flag, GLOBAL int *found)
 {
-  TEAM_LOCAL(int, undecided, TEAM_PAIRS);
-  TEAM_LOCAL(int, undecided_count, 1);
+  TEAM_LOCAL(int, open, RUN_PAIRS);
+  TEAM_LOCAL(int, unclear, LISTED_PAIRS);
+  TEAM_LOCAL(int, listed, 2);   /* in both */
   FOR_EACH_UNEVEN_TEAM(t, n) {
     TEAM_BARRIER;
-    TEAM_FOR(l, 1) undecided_count[l] = 0;
-    TEAM_BARRIER;
-    TEAM_FOR(l, min_int(pairs - t * TEAM_PAIRS, TEAM_PAIRS))
-      if (flag[t * TEAM_PAIRS + l]) undecided[local_add_int(undecided_count, 1)] = t * TEAM_PAIRS + l;
-    TEAM_BARRIER;
-    TEAM_FOR(l, undecided_count[0]) {
-      const int i = undecided[l], kind = i >= first_size, at = kind == 0 ? i : i - first_size;
-      element_nodes e = pair_nodes(kind, listed_pair(i, first_size, vertex_face, edge_edge), face, edge);
-      double minimum = pair_clearance(kind, e, v, share);
-      const int hit = !separated_along(kind, e, x, y,
-                                       from_direction(kind == 0 ? vertex_face_direction[at] : edge_edge_direction[at]),
-                                       minimum + 0.001 * share * pair_min_thickness(e, v)) &&
-                      surface_impact_time(kind, cubic, e, x, y, v, minimum).hit;
-      if (hit)
-        atomic_add_int(found + 1, 1);
-      else
-        flag[i] = 0;
+    TEAM_FOR(l, 2) listed[l] = 0;
+    for (int run = 0; run < runs; ++run) {
+      const int first = (t * runs + run) * RUN_PAIRS;
+      int waiting;
+      TEAM_BARRIER;
+      TEAM_FOR(l, min_int(pairs - first, RUN_PAIRS)) {
+        const int state = flag[first + l];
+        if (state == PAIR_OPEN) open[local_add_int(listed, 1)] = first + l;
+        if (state == PAIR_HIT) flag[first + l] = 1;
+      }
+      TEAM_BARRIER;
+      TEAM_FOR(l, listed[0]) {
+        const int i = open[l], kind = i >= first_size, at = kind == 0 ? i : i - first_size;
+        element_nodes e = pair_nodes(kind, listed_pair(i, first_size, vertex_face, edge_edge), face, edge);
+        if (separated_along(kind, e, x, y,
+                            from_direction(kind == 0 ? vertex_face_direction[at] : edge_edge_direction[at]),
+                            pair_clearance(kind, e, v, share) + 0.001 * share * pair_min_thickness(e, v)))
+          flag[i] = 0;
+        else
+          unclear[local_add_int(listed + 1, 1)] = i;
+      }
+      TEAM_BARRIER;
+      waiting = listed[1];
+      while (waiting >= PAIR_TEAM || (run == runs - 1 && waiting > 0)) {
+        const int now = min_int(waiting, PAIR_TEAM);
+        waiting -= now;
+        TEAM_FOR(l, now) {
+          const int i = unclear[waiting + l], kind = i >= first_size;
+          element_nodes e = pair_nodes(kind, listed_pair(i, first_size, vertex_face, edge_edge), face, edge);
+          flag[i] = surface_impact_time(kind, cubic, e, x, y, v, pair_clearance(kind, e, v, share)).hit;
+          if (flag[i]) atomic_add_int(found + 1, 1);
+        }
+      }
+      TEAM_BARRIER;
+      TEAM_FOR(l, 2) listed[l] = l ? waiting : 0;
     }
   }
 }

@@ -50,9 +50,11 @@ KERNEL start_impacts(int n, int rows, int zones, GLOBAL const impact *impacts, G
 
 #define PUSH_TEAM 256
 #define PUSH_IMPACTS 1024   /* of a team */
+/* Places in the scalars of an iteration: */
 #define PUSH_T 0            /* t of Nesterov's sequence */
-#define PUSH_MOVED 1        /* |change|^2 in the majorant's norm */
-#define PUSH_SIZE 2         /* |lambda|^2 in the majorant's norm */
+#define PUSH_MOMENTUM 1     /* p = lambda + momentum change is extrapolated */
+#define PUSH_MOVED 2        /* |change|^2 in the majorant's norm */
+#define PUSH_SIZE 3         /* |lambda|^2 in the majorant's norm */
 #define PUSH_COUNT 4
 
 /* Row i of S p, S = C M^-1 C'; y: M^-1 C' p of cloth vertices. */
@@ -65,11 +67,12 @@ DEVICE double impulse_response(impact m, int rows, GLOBAL const dvec3 *y)
   return sum;
 }
 
-/* Of impacts begin .. end, one step from the extrapolated point p: lambda = max(0, p + (constraint - S p) / majorant);
-   y: M^-1 C' p; change: lambda_new - lambda_old. sums[PUSH_TEAM c], c = 0, 1, 2: gradient mapping times change,
-   |change|^2, |lambda|^2, the latter two in the majorant's norm. */
+/* Accelerated projected gradient on min lambda' S lambda / 2 - constraint' lambda, lambda >= 0. Of impacts begin .. end
+   one step from the extrapolated point p = lambda + momentum change: lambda = max(0, p + (constraint - S p) /
+   majorant); y: M^-1 C' p; change: lambda_new - lambda_old. sums[PUSH_TEAM c], c = 0, 1, 2: gradient mapping times
+   change, |change|^2, |lambda|^2, the latter two in the majorant's norm. */
 DEVICE_TEAM void push_some(int begin, int end, int rows, GLOBAL const impact *impacts, GLOBAL const dvec3 *y,
-                           GLOBAL const double *constraint, GLOBAL const double *majorant, GLOBAL const double *p,
+                           GLOBAL const double *constraint, GLOBAL const double *majorant, double momentum,
                            GLOBAL double *lambda, GLOBAL double *change, LOCAL double *sums)
 {
   TEAM_FOR(l, PUSH_TEAM) {
@@ -77,8 +80,9 @@ DEVICE_TEAM void push_some(int begin, int end, int rows, GLOBAL const impact *im
     int i;
     for (i = begin + l; i < end; i += PUSH_TEAM) {
       double weight = majorant[i], gradient = constraint[i] - impulse_response(impacts[i], rows, y);
-      double next = weight > 0.0 ? max_double(0.0, p[i] + gradient / weight) : 0.0, by = next - lambda[i];
-      along += (next - p[i]) * weight * by;
+      double p = lambda[i] + momentum * change[i];
+      double next = weight > 0.0 ? max_double(0.0, p + gradient / weight) : 0.0, by = next - lambda[i];
+      along += (next - p) * weight * by;
       moved += weight * by * by;
       size += next * weight * next;
       change[i] = by;
@@ -91,23 +95,24 @@ DEVICE_TEAM void push_some(int begin, int end, int rows, GLOBAL const impact *im
   tree_sums(PUSH_TEAM, 3, sums);
 }
 
-/* Accelerated projected gradient on min lambda' S lambda / 2 - constraint' lambda, lambda >= 0: one step. partial[3 t
-   ...]: the sums over the PUSH_IMPACTS impacts of team t. */
+/* One step of all impacts, from the scalars at `at`. partial[3 t ...]: the sums over the PUSH_IMPACTS impacts of
+   team t. */
 KERNEL push_impulses(int n, int count, int rows, GLOBAL const impact *impacts, GLOBAL const dvec3 *y,
-                     GLOBAL const double *constraint, GLOBAL const double *majorant, GLOBAL const double *p,
-                     GLOBAL double *lambda, GLOBAL double *change, GLOBAL double *partial)
+                     GLOBAL const double *constraint, GLOBAL const double *majorant, int at,
+                     GLOBAL const double *scalar, GLOBAL double *lambda, GLOBAL double *change,
+                     GLOBAL double *partial)
 {
   TEAM_LOCAL(double, sums, 3 * PUSH_TEAM);
   FOR_EACH_TEAM(t, n) {
     TEAM_BARRIER;
-    push_some(t * PUSH_IMPACTS, min_int((t + 1) * PUSH_IMPACTS, count), rows, impacts, y, constraint, majorant, p,
-              lambda, change, sums);
+    push_some(t * PUSH_IMPACTS, min_int((t + 1) * PUSH_IMPACTS, count), rows, impacts, y, constraint, majorant,
+              scalar[at + PUSH_MOMENTUM], lambda, change, sums);
     TEAM_FOR(c, 3) partial[3 * t + c] = sums[c * PUSH_TEAM];
   }
 }
 
 /* t of Nesterov's sequence after `before`, and how far to go on; the sequence restarts when the step went against the
-   momentum: along < 0. */
+   momentum: along < 0. From 0 it goes to 1. */
 DEVICE double next_momentum(double before, double along, double *momentum)
 {
   double next;
@@ -117,89 +122,113 @@ DEVICE double next_momentum(double before, double along, double *momentum)
   return next;
 }
 
-/* p = lambda + momentum change. The scalars at `from` are updated to those at `to`. */
-KERNEL extrapolate_impulses(int n, int count, int teams, GLOBAL const double *partial, int from, int to,
-                            GLOBAL double *scalar, GLOBAL const double *lambda, GLOBAL const double *change,
-                            GLOBAL double *p)
+/* y_v = m_v^-1 sum over impacts at cloth vertex v of w n p, p = lambda + momentum change. incidence: 4 * impact + local
+   index. */
+DEVICE dvec3 impulse_at(int v, GLOBAL const int *row, GLOBAL const int *incidence, GLOBAL const impact *impacts,
+                        GLOBAL const double *inverse_mass, double momentum, GLOBAL const double *lambda,
+                        GLOBAL const double *change)
+{
+  dvec3 sum = dvec3_make(0.0, 0.0, 0.0);
+  int k;
+  for (k = row[v]; k < row[v + 1]; ++k) {
+    int e = incidence[k] >> 2;
+    sum = daxpy(sum, impacts[e].weight[incidence[k] & 3] * (lambda[e] + momentum * change[e]), impacts[e].normal);
+  }
+  return dscale(inverse_mass[v], sum);
+}
+KERNEL spread_impulses(int n, GLOBAL const int *row, GLOBAL const int *incidence, GLOBAL const impact *impacts,
+                       GLOBAL const double *inverse_mass, GLOBAL const double *lambda, GLOBAL const double *change,
+                       GLOBAL dvec3 *y)
+{
+  FOR_EACH(i, n) y[i] = impulse_at(i, row, incidence, impacts, inverse_mass, 0.0, lambda, change);
+}
+
+/* The cloth vertex of entry l if that is the first of its row, else -1. */
+DEVICE int first_of_row(int l, int rows, GLOBAL const impact *impacts, GLOBAL const int *row,
+                        GLOBAL const int *incidence)
+{
+  int v = impacts[l >> 2].node[l & 3];
+  return v < rows && incidence[row[v]] == l ? v : -1;
+}
+/* pushed[0 .. pushed_count[0]): the cloth vertices with impacts, in any order. n: 4 impacts. */
+KERNEL list_pushed(int n, int rows, GLOBAL const impact *impacts, GLOBAL const int *row, GLOBAL const int *incidence,
+                   GLOBAL int *pushed, GLOBAL int *pushed_count)
+{
+  FOR_EACH(l, n) {
+    int v = first_of_row(l, rows, impacts, row, incidence);
+    if (v >= 0) pushed[atomic_add_int(pushed_count, 1)] = v;
+  }
+}
+
+/* Updates the scalars at `from` to those at `to` by the sums of `teams` teams, and spreads the extrapolated impulses to
+   the vertices that are pushed. Every team finds the scalars for itself. */
+KERNEL spread_extrapolated(int n, int teams, GLOBAL const double *partial, int from, int to, GLOBAL double *scalar,
+                           GLOBAL const int *pushed, GLOBAL const int *pushed_count, GLOBAL const int *row,
+                           GLOBAL const int *incidence, GLOBAL const impact *impacts,
+                           GLOBAL const double *inverse_mass, GLOBAL const double *lambda,
+                           GLOBAL const double *change, GLOBAL dvec3 *y)
 {
   TEAM_LOCAL(double, sums, 3 * PUSH_TEAM);
   FOR_EACH_TEAM(t, n) {
     double momentum, next;
-    const int first = t * PUSH_IMPACTS;
+    const int first = t * PUSH_TEAM;
     TEAM_BARRIER;
     sum_of_teams(PUSH_TEAM, 3, teams, partial, sums);
     next = next_momentum(scalar[from + PUSH_T], sums[0], &momentum);
     if (t == 0)
       TEAM_FOR(l, 1) {
         scalar[to + PUSH_T] = next;
-        scalar[to + PUSH_MOVED] = sums[PUSH_TEAM];
-        scalar[to + PUSH_SIZE] = sums[2 * PUSH_TEAM];
+        scalar[to + PUSH_MOMENTUM] = momentum;
       }
-    TEAM_FOR(l, min_int(count - first, PUSH_IMPACTS)) p[first + l] = lambda[first + l] + momentum * change[first + l];
+    TEAM_FOR(l, min_int(pushed_count[0] - first, PUSH_TEAM)) {
+      const int v = pushed[first + l];
+      y[v] = impulse_at(v, row, incidence, impacts, inverse_mass, momentum, lambda, change);
+    }
   }
 }
 
-KERNEL start_momentum(int n, GLOBAL double *scalar)
+/* How far the last step went, at `at`: n = 1. */
+KERNEL measure_step(int n, int teams, GLOBAL const double *partial, int at, GLOBAL double *scalar)
 {
-  FOR_EACH(i, n) {
-    scalar[i] = i == PUSH_T ? 1.0 : 0.0;
-  }
-}
-KERNEL set_double(int n, double value, GLOBAL double *out)
-{
-  FOR_EACH(i, n) {
-    out[i] = value;
+  TEAM_LOCAL(double, sums, 3 * PUSH_TEAM);
+  FOR_EACH_TEAM(t, n) {
+    sum_of_teams(PUSH_TEAM, 3, teams, partial, sums);
+    TEAM_FOR(l, 1) {
+      scalar[at + PUSH_MOVED] = sums[PUSH_TEAM];
+      scalar[at + PUSH_SIZE] = sums[2 * PUSH_TEAM];
+    }
   }
 }
 
-/* y_v = m_v^-1 sum over impacts at cloth vertex v of w n lambda. incidence: 4 * impact + local index. */
-DEVICE dvec3 impulse_at(int v, GLOBAL const int *row, GLOBAL const int *incidence, GLOBAL const impact *impacts,
-                        GLOBAL const double *inverse_mass, GLOBAL const double *lambda)
-{
-  dvec3 sum = dvec3_make(0.0, 0.0, 0.0);
-  int k;
-  for (k = row[v]; k < row[v + 1]; ++k) {
-    int e = incidence[k] >> 2;
-    sum = daxpy(sum, impacts[e].weight[incidence[k] & 3] * lambda[e], impacts[e].normal);
-  }
-  return dscale(inverse_mass[v], sum);
-}
-KERNEL spread_impulses(int n, GLOBAL const int *row, GLOBAL const int *incidence, GLOBAL const impact *impacts,
-                       GLOBAL const double *inverse_mass, GLOBAL const double *lambda, GLOBAL dvec3 *y)
-{
-  FOR_EACH(i, n) y[i] = impulse_at(i, row, incidence, impacts, inverse_mass, lambda);
-}
-
-/* All steps for at most PUSH_IMPACTS impacts, by one team (n = 1), which visits the cloth vertices with impacts alone;
-   with the results of spread, push and extrapolate_impulses in turn. They end after `most`, or where after a multiple
-   of `check` |change| is at most `tolerance` |lambda|. */
+/* All steps for at most PUSH_IMPACTS impacts, by one team (n = 1), with the results of spread_extrapolated and
+   push_impulses in turn. They end after `most`, or where after a multiple of `check` |change| is at most `tolerance`
+   |lambda|. */
 KERNEL solve_few_impacts(int n, int count, int rows, int most, int check, double tolerance, GLOBAL const int *row,
                          GLOBAL const int *incidence, GLOBAL const impact *impacts, GLOBAL const double *inverse_mass,
                          GLOBAL const double *constraint, GLOBAL const double *majorant, GLOBAL dvec3 *y,
-                         GLOBAL double *lambda, GLOBAL double *change, GLOBAL double *p)
+                         GLOBAL double *lambda, GLOBAL double *change)
 {
   TEAM_LOCAL(double, sums, 3 * PUSH_TEAM);
   TEAM_LOCAL(int, pushed, 4 * PUSH_IMPACTS);
   TEAM_LOCAL(int, pushed_count, 1);
   FOR_EACH_TEAM(t, n) {
-    double sequence = 1.0;
+    double sequence = 1.0, momentum = 0.0;
     int step, ended = 0;
     TEAM_FOR(l, 1) pushed_count[l] = 0;
-    TEAM_FOR(i, count) lambda[i] = p[i] = 0.0;
+    TEAM_FOR(i, count) lambda[i] = change[i] = 0.0;
     TEAM_BARRIER;
     TEAM_FOR(l, 4 * count) {
-      int v = impacts[l >> 2].node[l & 3];
-      if (v < rows && incidence[row[v]] == l) pushed[local_add_int(pushed_count, 1)] = v;
+      int v = first_of_row(l, rows, impacts, row, incidence);
+      if (v >= 0) pushed[local_add_int(pushed_count, 1)] = v;
     }
     TEAM_BARRIER;
     for (step = 1; step <= most && !ended; ++step) {
-      double momentum;
-      TEAM_FOR(l, pushed_count[0]) y[pushed[l]] = impulse_at(pushed[l], row, incidence, impacts, inverse_mass, p);
+      TEAM_FOR(l, pushed_count[0])
+        y[pushed[l]] = impulse_at(pushed[l], row, incidence, impacts, inverse_mass, momentum, lambda, change);
       TEAM_BARRIER;
-      push_some(0, count, rows, impacts, y, constraint, majorant, p, lambda, change, sums);
+      push_some(0, count, rows, impacts, y, constraint, majorant, momentum, lambda, change, sums);
       sequence = next_momentum(sequence, sums[0], &momentum);
       ended = step % check == 0 && sums[PUSH_TEAM] <= tolerance * tolerance * sums[2 * PUSH_TEAM];
-      TEAM_FOR(i, count) p[i] = lambda[i] + momentum * change[i];
       TEAM_BARRIER;
     }
   }

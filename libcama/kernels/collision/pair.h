@@ -28,6 +28,13 @@ typedef struct {
   double length;           /* at rest, m; above 0 it only pulls */
 } stitch;
 
+/* Kernels that have work for few candidates: a team takes `runs` runs of RUN_PAIRS candidates, lists those with work in
+   TEAM_LOCAL memory, and does it when each member has a pair, or the runs end. Members that wait for others would take
+   as long as those with work. */
+#define PAIR_TEAM 256
+#define RUN_PAIRS 1024
+#define LISTED_PAIRS (RUN_PAIRS + PAIR_TEAM)
+
 /* By how much a stitch is longer than at rest, m, where its ends are `distance` apart. */
 DEVICE double stitch_stretch(stitch s, double distance)
 {

@@ -43,10 +43,10 @@ double CertifiedCommit::run(const Rooms &state, const Stream<dvec3> &from, bool 
   }
   std::vector<int> outcome(COMMIT_OUTCOMES, 0);
   for (int pass = 0;; ++pass) {
-    CAMA_LAUNCH(b, commit_pairs, accepted.size(), first[1], pass, lists[0]->pairs, lists[1]->pairs, mesh.face,
-                mesh.edge, from, mesh.position_next, mesh.inverse_mass, state.contact.vertex_contact,
-                certified_distance, 0, vertex_changed_, face_changed_, edge_changed_, accepted, fraction_before_,
-                fraction_, outcome_);
+    CAMA_LAUNCH_TEAMS(void, b, commit_pairs, PAIR_TEAM, flagged_.teams(), flagged_.runs(), accepted.size(), first[1],
+                      pass, lists[0]->pairs, lists[1]->pairs, mesh.face, mesh.edge, from, mesh.position_next,
+                      mesh.inverse_mass, state.contact.vertex_contact, certified_distance, 0, vertex_changed_,
+                      face_changed_, edge_changed_, accepted, fraction_before_, fraction_, outcome_);
     CAMA_LAUNCH(b, commit_changes, mesh.vertices, fraction_, fraction_before_, vertex_changed_, outcome_);
     const int changes = outcome[COMMIT_CHANGES];
     outcome = outcome_.download();

@@ -1,5 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
+#include <algorithm>
+
+#include "device/ceil_divide.hpp"
 #include "model/access.hpp"
 
 namespace cama {
@@ -14,8 +17,13 @@ public:
   {
     flag.resize(static_cast<long long>(state.contact.vertex_face.pairs.size()) + state.contact.edge_edge.pairs.size());
   }
-  /// Number of teams in kernels whose teams take TEAM_PAIRS candidates each.
-  int pair_teams() const { return (flag.size() + TEAM_PAIRS - 1) / TEAM_PAIRS; }
+  /// Of kernels whose teams take several runs of RUN_PAIRS candidates each: few where there are few candidates, so that
+  /// teams are many.
+  int runs() const { return std::clamp(flag.size() / (many_teams * RUN_PAIRS), 1, 16); }
+  int teams() const { return ceil_divide(flag.size(), runs() * RUN_PAIRS); }
+  /// Keeps the flags as `before()` until the next `compact`; `resize` allocates others.
+  void keep() { flag.swap(place_); }
+  const Stream<int> &before() const { return place_; }
   /// Called after the flags are written: fills `index` and returns the number of flagged pairs. `flagged`: that number,
   /// if known; otherwise it waits for the device.
   int compact(const Access<const ContactState> &state, int flagged = -1);
@@ -26,6 +34,7 @@ public:
   Stream<int> index;  // [flagged] places in `flag`, by (kind, a, b)
 
 private:
+  static constexpr int many_teams = 1024;
   Stream<int> place_;
   Stream<key64> key_;
 };

@@ -18,15 +18,9 @@ ImpactProjection::ImpactProjection(Backend &b) : ImpactProjection(b, pushing_tol
 
 ImpactProjection::ImpactProjection(Backend &b, double tolerance)
     : tolerance_(tolerance), nodes_(b), count_(b), moved_(b), constraint_(b), majorant_(b), lambda_(b), change_(b),
-      p_(b), partial_(b), scalar_(b, 2 * PUSH_COUNT), y_(b), from_(b), wanted_(b), length_(b), longest_(b), longer_(b),
-      largest_(b)
+      partial_(b), scalar_(b, 3 * PUSH_COUNT), y_(b), from_(b), wanted_(b), pushed_(b), pushed_count_(b, 1), length_(b),
+      longest_(b), longer_(b), largest_(b)
 {}
-
-void ImpactProjection::spread(const Rooms &state, const Stream<double> &lambda)
-{
-  CAMA_LAUNCH(*state.backend, spread_impulses, state.mesh.cloth_vertices, incidence_.row, incidence_.entry,
-              state.contact.impact, state.mesh.inverse_mass, lambda, y_);
-}
 
 void ImpactProjection::solve(const Rooms &state)
 {
@@ -34,31 +28,36 @@ void ImpactProjection::solve(const Rooms &state)
   const bool zones = state.options.paper.impact_zones;
   const int most = zones ? max_zone_iterations : max_iterations;
   const double tolerance = zones ? zone_tolerance : tolerance_;
-  const int n = state.contact.impact.size(), teams = ceil_divide(n, PUSH_IMPACTS);
-  if (teams == 1) {  // the usual case
-    CAMA_LAUNCH_TEAMS(void, b, solve_few_impacts, PUSH_TEAM, 1, n, state.mesh.cloth_vertices, most,
-                      iterations_per_check, tolerance, incidence_.row, incidence_.entry, state.contact.impact,
-                      state.mesh.inverse_mass, constraint_, majorant_, y_, lambda_, change_, p_);
+  const int n = state.contact.impact.size(), rows = state.mesh.cloth_vertices;
+  if (n <= PUSH_IMPACTS) {  // the usual case
+    CAMA_LAUNCH_TEAMS(void, b, solve_few_impacts, PUSH_TEAM, 1, n, rows, most, iterations_per_check, tolerance,
+                      incidence_.row, incidence_.entry, state.contact.impact, state.mesh.inverse_mass, constraint_,
+                      majorant_, y_, lambda_, change_);
     return;
   }
+  const int teams = ceil_divide(n, PUSH_IMPACTS), most_pushed = static_cast<int>(std::min<long long>(4LL * n, rows));
   partial_.resize(3 * teams);
-  CAMA_LAUNCH(b, set_double, n, 0.0, lambda_);
-  CAMA_LAUNCH(b, set_double, n, 0.0, p_);
-  CAMA_LAUNCH(b, start_momentum, PUSH_COUNT, scalar_);
+  for (Stream<double> *s : {&partial_, &lambda_, &change_, &scalar_}) s->fill_zero();
+  pushed_.resize(most_pushed);
+  pushed_count_.fill_zero();
+  CAMA_LAUNCH(b, list_pushed, 4 * n, rows, state.contact.impact, incidence_.row, incidence_.entry, pushed_,
+              pushed_count_);
+  constexpr int measured = 2 * PUSH_COUNT;
   const auto iterate = [&] {
     for (int i = 0; i < iterations_per_check; ++i) {
       const int from = i % 2 * PUSH_COUNT, to = PUSH_COUNT - from;
-      spread(state, p_);
-      CAMA_LAUNCH_TEAMS(void, b, push_impulses, PUSH_TEAM, teams, n, state.mesh.cloth_vertices, state.contact.impact,
-                        y_, constraint_, majorant_, p_, lambda_, change_, partial_);
-      CAMA_LAUNCH_TEAMS(void, b, extrapolate_impulses, PUSH_TEAM, teams, n, teams, partial_, from, to, scalar_, lambda_,
-                        change_, p_);
+      CAMA_LAUNCH_TEAMS(void, b, spread_extrapolated, PUSH_TEAM, ceil_divide(most_pushed, PUSH_TEAM), teams, partial_,
+                        from, to, scalar_, pushed_, pushed_count_, incidence_.row, incidence_.entry,
+                        state.contact.impact, state.mesh.inverse_mass, lambda_, change_, y_);
+      CAMA_LAUNCH_TEAMS(void, b, push_impulses, PUSH_TEAM, teams, n, rows, state.contact.impact, y_, constraint_,
+                        majorant_, to, scalar_, lambda_, change_, partial_);
     }
+    CAMA_LAUNCH_TEAMS(void, b, measure_step, PUSH_TEAM, 1, teams, partial_, measured, scalar_);
   };
   for (int i = 0; i < most; i += iterations_per_check) {
     b.repeat(1, iterate, i > 0);
     const std::vector<double> scalar = scalar_.download();
-    if (scalar[PUSH_MOVED] <= tolerance * tolerance * scalar[PUSH_SIZE]) break;
+    if (scalar[measured + PUSH_MOVED] <= tolerance * tolerance * scalar[measured + PUSH_SIZE]) break;
   }
 }
 
@@ -94,7 +93,7 @@ void ImpactProjection::run(const Rooms &state, Stream<dvec3> &positions)
   Backend &b = *state.backend;
   const int n = state.contact.impact.size();
   nodes_.resize(n);
-  for (Stream<double> *s : {&constraint_, &majorant_, &lambda_, &change_, &p_}) s->resize(n);
+  for (Stream<double> *s : {&constraint_, &majorant_, &lambda_, &change_}) s->resize(n);
   y_.resize(state.mesh.cloth_vertices);
   count_.resize(state.mesh.cloth_vertices);
   CAMA_LAUNCH(b, impact_nodes, n, state.contact.impact, nodes_);
@@ -105,7 +104,8 @@ void ImpactProjection::run(const Rooms &state, Stream<dvec3> &positions)
               zones ? wanted_ : positions, state.mesh.inverse_mass, incidence_.row, constraint_, majorant_);
   solve(state);
   if (state.reactions.measured) add_pushes(state, positions);
-  spread(state, lambda_);
+  CAMA_LAUNCH(b, spread_impulses, state.mesh.cloth_vertices, incidence_.row, incidence_.entry, state.contact.impact,
+              state.mesh.inverse_mass, lambda_, change_, y_);
   const int first = std::clamp(n, 1, 4096), second = std::min(first, 64);
   longest_.resize(first);
   longer_.resize(second);

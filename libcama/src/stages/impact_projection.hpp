@@ -25,7 +25,6 @@ public:
 
 private:
   void solve(const Rooms &state);
-  void spread(const Rooms &state, const Stream<double> &lambda);
   /// Adds the pushes of the impacts to those of the step.
   void add_pushes(const Rooms &state, const Stream<dvec3> &positions);
 
@@ -33,8 +32,9 @@ private:
   Stream<kernels::element_nodes> nodes_;
   Incidence incidence_, all_incidence_;  // of cloth vertices; of all, where forces are measured
   Stream<int> count_, moved_;
-  Stream<double> constraint_, majorant_, lambda_, change_, p_, partial_, scalar_;
+  Stream<double> constraint_, majorant_, lambda_, change_, partial_, scalar_;
   Stream<dvec3> y_, from_, wanted_;
+  Stream<int> pushed_, pushed_count_;  // the cloth vertices with impacts
   // lengths of motions: of each vertex, and the longest of impacts
   Stream<double> length_, longest_, longer_, largest_;
 };

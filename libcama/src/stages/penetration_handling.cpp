@@ -42,10 +42,10 @@ PenetrationHandling::Detection PenetrationHandling::detect(const Rooms &state, b
   CAMA_LAUNCH(b, select_ccd_pairs, flagged_.flag.size(), first, localized ? 1 : 0,
               state.options.paper.impact_zones ? 1 : 0, vertex_face.pairs, edge_edge.pairs, state.mesh.face,
               state.mesh.edge, state.mesh.inverse_mass, certified_distance, state.contact.largest_thickness,
-              prediction_error_, vertex_face_done, edge_edge_done, first_piece ? vertex_face.gap_bound.size() : 0,
-              vertex_face.gap_bound, first_piece ? edge_edge.gap_bound.size() : 0, edge_edge.gap_bound,
-              projection_.moved(), flagged_.flag);
-  CAMA_LAUNCH_TEAMS(void, b, find_impacts, PAIR_TEAM, flagged_.pair_teams(), flagged_.flag.size(), first,
+              prediction_error_, vertex_face_done, edge_edge_done, flagged_.before(),
+              first_piece ? vertex_face.gap_bound.size() : 0, vertex_face.gap_bound,
+              first_piece ? edge_edge.gap_bound.size() : 0, edge_edge.gap_bound, projection_.moved(), flagged_.flag);
+  CAMA_LAUNCH_TEAMS(void, b, find_impacts, PAIR_TEAM, flagged_.teams(), flagged_.runs(), flagged_.flag.size(), first,
                     state.options.paper.cubic_impacts ? 1 : 0, vertex_face.pairs, edge_edge.pairs, state.mesh.face,
                     state.mesh.edge, from_, state.mesh.position_next, state.contact.vertex_contact, certified_distance,
                     vertex_face.direction, edge_edge.direction, flagged_.flag, detection_);
@@ -156,12 +156,14 @@ void PenetrationHandling::run_on(const Rooms &state)
     for (int pass = 0; pass < state.options.max_impact_passes; ++pass) {
       Detection now = detect(state, first_piece, localized, 0, 0);
       if (now.escaped) {
-        const int faces = now.found ? 0 : state.contact.vertex_face.pairs.size(),
-                  edges = now.found ? 0 : state.contact.edge_edge.pairs.size();
+        const int faces = state.contact.vertex_face.pairs.size(), edges = state.contact.edge_edge.pairs.size();
+        flagged_.keep();
         const bool renewed =
             search_.update(state, from_, state.mesh.position_next, margin) == CandidateSearch::Change::renewed;
         localized &= !renewed;
+        const int before = renewed ? 0 : now.found;
         now = detect(state, first_piece, localized, renewed ? 0 : faces, renewed ? 0 : edges);
+        now.found += before;
       }
       if (pass == 0 && state.report.substeps == 1) state.report.impacts = now.found;
       certified = now.found == 0 && !state.options.paper.cubic_impacts;  // the cubic certifies no distances
