@@ -693,8 +693,8 @@ TEST_CASE("an impact of the cubic, at distance 0, has the normal of the features
       int found = 0, index = 0;
       kernels::impact impact;
       int detection[2] = {0, 0};
-      kernels::select_ccd_pairs(1, edges ? 0 : 1, 0, 0, &pair, &pair, &face, edge, mass, 1.0, 1e-9, nullptr, 0, 0, nullptr,
-                                0, &gap_bound, 0, &gap_bound, nullptr, &found);
+      kernels::select_ccd_pairs(1, edges ? 0 : 1, 0, 0, &pair, &pair, &face, edge, mass, 1.0, 1e-9, nullptr, 0, 0,
+                                nullptr, 0, &gap_bound, 0, &gap_bound, nullptr, &found);
       REQUIRE(found == 1);
       kernels::find_impacts(1, 1, 1, edges ? 0 : 1, 1, &pair, &pair, &face, edge, x.data(), y.data(), properties, 1.0,
                             &direction, &direction, &found, detection);

@@ -69,9 +69,9 @@ Result commit(const Trial &trial, double dmin, bool settle = false)
       accepted[1] = {COMMIT_OPEN};
   commit_begin(4, fraction, before, outcome);
   for (const int pass : {0, settle ? -1 : 1}) {
-    commit_pairs(1, 1, 1, trial.edges ? 0 : 1, pass, &candidate, &candidate, &face, edge, trial.x.data(), trial.y.data(),
-                 trial.inverse_mass.data(), properties, 1.0, 1, vertex_changed, face_changed, edge_changed, accepted,
-                 before, fraction, outcome);
+    commit_pairs(1, 1, 1, trial.edges ? 0 : 1, pass, &candidate, &candidate, &face, edge, trial.x.data(),
+                 trial.y.data(), trial.inverse_mass.data(), properties, 1.0, 1, vertex_changed, face_changed,
+                 edge_changed, accepted, before, fraction, outcome);
     commit_changes(4, fraction, before, vertex_changed, outcome);
     commit_disturb(3, 1, &face, edge, vertex_changed, face_changed, edge_changed);
   }
@@ -307,10 +307,10 @@ struct Soup {
     commit_begin(n, fraction.data(), before.data(), outcome);
     const auto pass = [&](int number) {
       const int changes = outcome[COMMIT_CHANGES];
-      commit_pairs((pairs - 1) / (2 * RUN_PAIRS) + 1, 2, pairs, int(vertex_face.size()), number, vertex_face.data(), edge_edge.data(), faces.data(),
-                   edges.data(), position.data(), target.data(), inverse_mass.data(), properties.data(), 1.0, 0,
-                   vertex_changed.data(), face_changed.data(), edge_changed.data(), accepted.data(), before.data(),
-                   fraction.data(), outcome);
+      commit_pairs((pairs - 1) / (2 * RUN_PAIRS) + 1, 2, pairs, int(vertex_face.size()), number, vertex_face.data(),
+                   edge_edge.data(), faces.data(), edges.data(), position.data(), target.data(), inverse_mass.data(),
+                   properties.data(), 1.0, 0, vertex_changed.data(), face_changed.data(), edge_changed.data(),
+                   accepted.data(), before.data(), fraction.data(), outcome);
       commit_changes(n, fraction.data(), before.data(), vertex_changed.data(), outcome);
       commit_disturb(int(faces.size() + edges.size()), int(faces.size()), faces.data(), edges.data(),
                      vertex_changed.data(), face_changed.data(), edge_changed.data());

@@ -6,6 +6,7 @@
 #include <algorithm>
 #include <cmath>
 #include <memory>
+#include <numeric>
 #include <random>
 
 #include <Eigen/Dense>
@@ -254,6 +255,54 @@ TEST_CASE("one impact more than a team takes, which does not push, changes no bi
   for (int i = 0; i < PUSH_IMPACTS; ++i) q.impacts.push_back(q.impacts[static_cast<std::size_t>(i) % own]);
   const VectorXd got = project(q, 0.05, false);
   CHECK(cost(q, got - expected) < 0.01 * cost(q, expected));
+}
+
+TEST_CASE("impacts do not depend on how pairs are shared out, and decided pairs keep theirs", "[impact]")
+{
+  // Vertex 0 falls through the face, vertex 1 ends above it and vertex 2 beside it; the direction upwards decides the
+  // second alone.
+  const std::vector<dvec3> x = {{0.2, 0.2, 1}, {0.2, 0.2, 1}, {5, 5, 1}, {0, 0, 0}, {1, 0, 0}, {0, 1, 0}};
+  std::vector<dvec3> y = x;
+  y[0].z = y[2].z = -1;
+  y[1].z = 0.5;
+  const kernels::face_nodes face{{3, 4, 5}};
+  const kernels::edge_nodes edges[2] = {{{0, 3}}, {{4, 5}}};
+  const std::vector<double> inverse_mass(6, 1.0);
+  std::vector<kernels::vertex_contact> properties(6);
+  for (auto &v : properties) v = {1e-3, 0, 0, 0, 0, 0, 0, SHAPE_MESH};
+  const int faces = 5000, all = faces + 1;
+  std::vector<kernels::pair> vertex_face(faces);
+  for (int i = 0; i < faces; ++i) vertex_face[std::size_t(i)] = {i % 3, 0};
+  const kernels::pair edge_edge{0, 1};
+  const std::vector<kernels::fvec3> up(faces, kernels::fvec3_make(0, 0, 1)), none(1, kernels::fvec3_make(0, 0, 0));
+  std::vector<float> bounds(all, 0.0f);
+  const auto detect = [&](int runs, int faces_done, int edges_done, std::vector<int> &flag, const int *before) {
+    int found[2] = {0, 0};
+    select_ccd_pairs(all, faces, 0, 0, vertex_face.data(), &edge_edge, &face, edges, inverse_mass.data(), 1.0, 1e-3,
+                     nullptr, faces_done, edges_done, before, 0, bounds.data(), 0, bounds.data(), nullptr, flag.data());
+    find_impacts((all - 1) / (runs * RUN_PAIRS) + 1, runs, all, faces, 0, vertex_face.data(), &edge_edge, &face, edges,
+                 x.data(), y.data(), properties.data(), 1.0, up.data(), none.data(), flag.data(), found);
+    return found[1];
+  };
+  std::vector<int> expected(all, 0);
+  for (int i = 0; i < faces; i += 3) expected[std::size_t(i)] = 1;
+  std::vector<int> flag(all);
+  detect(1, 0, 0, flag, nullptr);
+  expected.back() = flag.back();   // of the edges, which is not at issue here
+  const int hits = std::accumulate(expected.begin(), expected.end(), 0);
+  for (const int runs : {1, 2, 5, 16}) {
+    INFO(runs << " runs");
+    std::fill(flag.begin(), flag.end(), -1);
+    CHECK(detect(runs, 0, 0, flag, nullptr) == hits);
+    CHECK(flag == expected);
+  }
+  // 4,000 faces and the edges are decided: what is said of them is kept, right or wrong, and only the rest counts.
+  std::vector<int> before(4001, 0);
+  before[1] = before[4000] = 1;
+  CHECK(detect(2, 4000, 1, flag, before.data()) == 333);   // 4,002 to 4,998 in threes
+  for (int i = 0; i < 4000; ++i) REQUIRE(flag[std::size_t(i)] == (i == 1));
+  for (int i = 4000; i < faces; ++i) REQUIRE(flag[std::size_t(i)] == expected[std::size_t(i)]);
+  CHECK(flag.back() == 1);
 }
 
 TEST_CASE("what pushes leaves no impact violated by more than the tolerance", "[impact]")

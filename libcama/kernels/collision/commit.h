@@ -292,9 +292,9 @@ KERNEL commit_pairs(int n, int runs, int pairs, int first_size, int pass, GLOBAL
         waiting -= now;
         TEAM_FOR(l, now) {
           const int i = chosen[waiting + l];
-          accepted[i] = commit_one(i >= first_size, listed_pair(i, first_size, vertex_face, edge_edge), pass, face,
-                                   edge, position, target, inverse_mass, properties, share, let_go, fraction_before,
-                                   fraction, outcome);
+          accepted[i] =
+              commit_one(i >= first_size, listed_pair(i, first_size, vertex_face, edge_edge), pass, face, edge,
+                         position, target, inverse_mass, properties, share, let_go, fraction_before, fraction, outcome);
         }
       }
       TEAM_BARRIER;

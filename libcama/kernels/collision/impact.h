@@ -104,15 +104,16 @@ KERNEL find_prediction_errors(int n, GLOBAL const dvec3 *x, GLOBAL const dvec3 *
 }
 
 /* Values of flag[] between both kernels below. */
-#define PAIR_OPEN 1   /* continuous detection has to decide */
-#define PAIR_HIT 2    /* decided before for this very motion: an impact */
+#define PAIR_OPEN 1 /* continuous detection has to decide */
+#define PAIR_HIT 2 /* decided before for this very motion: an impact */
 
-/* flag[i] = PAIR_OPEN where continuous detection has to decide candidate i of both lists. The first *_done pairs of each
-   list have been decided for this very motion; before[]: the flags that find_impacts left of them, list after list.
-   localized: only pairs with a vertex that the last projection moved are selected; the others were certified before it.
-   The gap_bound of a pair and the prediction errors of its vertices decide most pairs. *_bounds: number of pairs whose
-   gap_bound holds from the start of this motion; below 0 it marks a known impact, which is tested `again` unless it was
-   found twice. share: the share of the thickness that pairs keep; largest: the largest contact thickness, m. */
+/* flag[i] = PAIR_OPEN where continuous detection has to decide candidate i of both lists. The first *_done pairs of
+   each list have been decided for this very motion; before[]: the flags that find_impacts left of them, list after
+   list. localized: only pairs with a vertex that the last projection moved are selected; the others were certified
+   before it. The gap_bound of a pair and the prediction errors of its vertices decide most pairs. *_bounds: number of
+   pairs whose gap_bound holds from the start of this motion; below 0 it marks a known impact, which is tested `again`
+   unless it was found twice. share: the share of the thickness that pairs keep; largest: the largest contact thickness,
+   m. */
 KERNEL select_ccd_pairs(int n, int first_size, int localized, int again, GLOBAL const pair *vertex_face,
                         GLOBAL const pair *edge_edge, GLOBAL const face_nodes *face, GLOBAL const edge_nodes *edge,
                         GLOBAL const double *inverse_mass, double share, double largest,
@@ -144,10 +145,10 @@ KERNEL select_ccd_pairs(int n, int first_size, int localized, int again, GLOBAL 
   }
 }
 
-/* flag[i] = 1 where candidate i of both lists comes closer than its clearance at `share`, or touches (cubic), on its way
-   from x to y, of those that are PAIR_OPEN, and where it was PAIR_HIT; else 0. found[1]: incremented for each of the
-   former. n: teams; runs: of each team (pair.h); pairs: number of candidates. Most open pairs stay separated along a
-   known direction; a team lists the others until each member has one. */
+/* flag[i] = 1 where candidate i of both lists comes closer than its clearance at `share`, or touches (cubic), on its
+   way from x to y, of those that are PAIR_OPEN, and where it was PAIR_HIT; else 0. found[1]: incremented for each of
+   the former. n: teams; runs: of each team (pair.h); pairs: number of candidates. Most open pairs stay separated along
+   a known direction; a team lists the others until each member has one. */
 KERNEL find_impacts(int n, int runs, int pairs, int first_size, int cubic, GLOBAL const pair *vertex_face,
                     GLOBAL const pair *edge_edge, GLOBAL const face_nodes *face, GLOBAL const edge_nodes *edge,
                     GLOBAL const dvec3 *x, GLOBAL const dvec3 *y, GLOBAL const vertex_contact *v, double share,
@@ -156,7 +157,7 @@ KERNEL find_impacts(int n, int runs, int pairs, int first_size, int cubic, GLOBA
 {
   TEAM_LOCAL(int, open, RUN_PAIRS);
   TEAM_LOCAL(int, unclear, LISTED_PAIRS);
-  TEAM_LOCAL(int, listed, 2);   /* in both */
+  TEAM_LOCAL(int, listed, 2); /* in both */
   FOR_EACH_UNEVEN_TEAM(t, n) {
     TEAM_BARRIER;
     TEAM_FOR(l, 2) listed[l] = 0;

@@ -99,8 +99,7 @@ DEVICE_TEAM void push_some(int begin, int end, int rows, GLOBAL const impact *im
    team t. */
 KERNEL push_impulses(int n, int count, int rows, GLOBAL const impact *impacts, GLOBAL const dvec3 *y,
                      GLOBAL const double *constraint, GLOBAL const double *majorant, int at,
-                     GLOBAL const double *scalar, GLOBAL double *lambda, GLOBAL double *change,
-                     GLOBAL double *partial)
+                     GLOBAL const double *scalar, GLOBAL double *lambda, GLOBAL double *change, GLOBAL double *partial)
 {
   TEAM_LOCAL(double, sums, 3 * PUSH_TEAM);
   FOR_EACH_TEAM(t, n) {
@@ -164,9 +163,8 @@ KERNEL list_pushed(int n, int rows, GLOBAL const impact *impacts, GLOBAL const i
    the vertices that are pushed. Every team finds the scalars for itself. */
 KERNEL spread_extrapolated(int n, int teams, GLOBAL const double *partial, int from, int to, GLOBAL double *scalar,
                            GLOBAL const int *pushed, GLOBAL const int *pushed_count, GLOBAL const int *row,
-                           GLOBAL const int *incidence, GLOBAL const impact *impacts,
-                           GLOBAL const double *inverse_mass, GLOBAL const double *lambda,
-                           GLOBAL const double *change, GLOBAL dvec3 *y)
+                           GLOBAL const int *incidence, GLOBAL const impact *impacts, GLOBAL const double *inverse_mass,
+                           GLOBAL const double *lambda, GLOBAL const double *change, GLOBAL dvec3 *y)
 {
   TEAM_LOCAL(double, sums, 3 * PUSH_TEAM);
   FOR_EACH_TEAM(t, n) {

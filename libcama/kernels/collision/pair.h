@@ -43,8 +43,8 @@ DEVICE double stitch_stretch(stitch s, double distance)
 
 /* Contact properties of a vertex. */
 typedef struct {
-  double thickness, area;            /* m, m^2 */
-  double stiffness;                  /* penalty per area against the same material, N/m^3 */
+  double thickness, area; /* m, m^2 */
+  double stiffness; /* penalty per area against the same material, N/m^3 */
   double friction, static_friction;
   double radius; /* of the sphere around the vertex of an exact obstacle; 0 elsewhere, m */
   int obstacle, shape; /* shape: SHAPE_* */

@@ -9,7 +9,7 @@
 
 namespace cama {
 namespace {
-constexpr int max_slots = 16;        // hits of an item that the count pass keeps
+constexpr int least_slots = 16, most_slots = 64;  // hits of an item that the count pass keeps
 constexpr int searches_per_sort = 16; // the order of leaves is kept between sorts; boxes are updated in every search
 constexpr int sorts_per_placing = 64; // the origin of boxes is kept between placings of static obstacles
 constexpr int morton_bits = 63;
@@ -21,8 +21,8 @@ constexpr double max_changed = 0.3;  // of the vertices: beyond it, a full searc
 }  // namespace
 
 TreeSearch::TreeSearch(Backend &b, FlaggedPairs &flagged)
-    : CandidateSearch(b), batch_(b.wide_workers() ? GROUP : 1), cloth_(b), moving_(b), static_(b), key_(b),
-      slot_(flagged.flag), count_(b), offset_(b), identity_(b), changed_leaf_face_(b), changed_leaf_edge_(b),
+    : CandidateSearch(b), batch_(b.wide_workers() ? GROUP : 1), slots_(least_slots), cloth_(b), moving_(b), static_(b),
+      key_(b), slot_(flagged.flag), count_(b), offset_(b), identity_(b), changed_leaf_face_(b), changed_leaf_edge_(b),
       totals_(b, 1), changed_(b), flag_(b), offsets_(b), changed_vertex_(b), changed_face_(b), changed_edge_(b),
       before_(b), changed_groups_(b)
 {}
@@ -173,7 +173,7 @@ void TreeSearch::query(const SearchRooms &state, const std::vector<FaceQuery> &f
   const int items = vertex_items + edge_items;
   ++state.report.searches;
   if (items == 0) return;
-  const int slots = std::min(max_slots, 0x7fffffff / items);
+  const int slots = std::min(slots_, 0x7fffffff / items);
   slot_.resize(slots * items);
   count_.resize(items);
   offset_.resize(items + 1);
@@ -223,6 +223,10 @@ void TreeSearch::query(const SearchRooms &state, const std::vector<FaceQuery> &f
   drop_exempt(state, 0, first_face);
   drop_exempt(state, 1, first_edge);
   state.report.candidates = state.contact.vertex_face.pairs.size() + state.contact.edge_edge.pairs.size();
+  if (first_face + first_edge > 0) return;  // not a search of everything
+  // Where candidates are many, twice their mean, so that few items walk their tree again next time.
+  const long long mean = (static_cast<long long>(found.a) + found.b) / items;
+  slots_ = mean <= least_slots ? least_slots : static_cast<int>(std::min<long long>(2 * mean, most_slots));
 }
 
 void TreeSearch::run(const SearchRooms &state, const Stream<dvec3> &from, const Stream<dvec3> &to)

@@ -59,6 +59,7 @@ private:
   void query(const SearchRooms &state, const std::vector<FaceQuery> &faces, const std::vector<EdgeQuery> &edges);
 
   const int batch_;  // items that walk a tree together: 8 on CPUs; on GPUs each item has its own thread
+  int slots_;  // hits of an item that the next search keeps in its count pass
   TreeState trees_;
   Group cloth_, moving_, static_;  // static_: obstacles that never move
   int boxed_ = 0;  // number of vertices, the first ones, whose boxes are made in every search
