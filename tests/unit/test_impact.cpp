@@ -288,7 +288,7 @@ TEST_CASE("impacts do not depend on how pairs are shared out, and decided pairs 
   for (int i = 0; i < faces; i += 3) expected[std::size_t(i)] = 1;
   std::vector<int> flag(all);
   detect(1, 0, 0, flag, nullptr);
-  expected.back() = flag.back();   // of the edges, which is not at issue here
+  expected.back() = flag.back();  // of the edges, which is not at issue here
   const int hits = std::accumulate(expected.begin(), expected.end(), 0);
   for (const int runs : {1, 2, 5, 16}) {
     INFO(runs << " runs");
@@ -299,7 +299,7 @@ TEST_CASE("impacts do not depend on how pairs are shared out, and decided pairs 
   // 4,000 faces and the edges are decided: what is said of them is kept, right or wrong, and only the rest counts.
   std::vector<int> before(4001, 0);
   before[1] = before[4000] = 1;
-  CHECK(detect(2, 4000, 1, flag, before.data()) == 333);   // 4,002 to 4,998 in threes
+  CHECK(detect(2, 4000, 1, flag, before.data()) == 333);  // 4,002 to 4,998 in threes
   for (int i = 0; i < 4000; ++i) REQUIRE(flag[std::size_t(i)] == (i == 1));
   for (int i = 4000; i < faces; ++i) REQUIRE(flag[std::size_t(i)] == expected[std::size_t(i)]);
   CHECK(flag.back() == 1);
@@ -334,13 +334,13 @@ TEST_CASE("an impact of two masses ends with the common velocity of the centre o
       const Vector3d v1(0.3, 0, -2), v2(-0.1, 0.2, 1);
       p.position = {
           {v1.x() * dt, v1.y() * dt, v1.z() * dt}, {v2.x() * dt, v2.y() * dt, v2.z() * dt}, {1, 0, 0}, {0, 1, 0}};
-      p.inverse_mass = {1.0, ratio, 1.0, 1.0};   // m1 = 1, m2 = 1 / ratio
+      p.inverse_mass = {1.0, ratio, 1.0, 1.0};  // m1 = 1, m2 = 1 / ratio
       p.impacts = {between(0, 1, n)};
       const VectorXd dx = project(p, 0, zones);
       const double common = (v1.z() + v2.z() / ratio) / (1 + 1 / ratio), tolerance = 3e-3;
       CHECK(std::abs(v1.z() + dx[2] / dt - common) < tolerance);
       CHECK(std::abs(v2.z() + dx[5] / dt - common) < tolerance);
-      CHECK(dx[0] == 0);   // along the normal only
+      CHECK(dx[0] == 0);  // along the normal only
       CHECK(dx[4] == 0);
       CHECK(dx.tail(6).norm() == 0);
       if (ratio == 1) CHECK(std::abs(v1.z() + dx[2] / dt - 0.5 * (v1.z() + v2.z())) < tolerance);
@@ -441,7 +441,7 @@ TEST_CASE("a rigid zone moves as its obstacle does, or by the mean of its masses
   Maker maker(11);
   Problem p = maker.vertices(8);
   for (std::size_t i = 0; i < p.position.size(); ++i) p.inverse_mass[i] = i < 8 ? std::exp(maker.normal()) : 0;
-  p.position.push_back(maker.vector());   // an obstacle of three vertices behind the cloth
+  p.position.push_back(maker.vector());  // an obstacle of three vertices behind the cloth
   p.inverse_mass.push_back(0);
   impact of_cloth = between(0, 1, {0, 0, 1}), of_both = between(4, 5, {0, 0, 1}), once = between(6, 7, {0, 0, 1});
   of_cloth.repeated = of_both.repeated = 1;
@@ -468,7 +468,7 @@ TEST_CASE("a rigid zone moves as its obstacle does, or by the mean of its masses
   move_rigid_zones(state, from, end, positions, moved);
   const std::vector<dvec3> x = positions.download();
   const std::vector<int> flag = moved.download();
-  for (std::size_t v : {4, 5}) {   // with the obstacle
+  for (std::size_t v : {4, 5}) {  // with the obstacle
     const double error = (eigen(x[v]) - (turn * eigen(p.position[v]) + shift)).norm();
     INFO(error * 1e12 << "e-12");
     CHECK(error < 1e-12);
