@@ -16,8 +16,9 @@ interpreter that --python names for it, by default this one. A system that is no
 row that says so.
 
 OUT/peers.csv and OUT/peers.md: wall seconds a simulated second (steps alone, after one frame that compiles and warms
-up), ipctk's count of edges through faces over all frames, depth in the obstacle, strain of edges, and the error against
-the system's own refined run: root mean square distance of vertices, at 0.1 s, before the sheets buckle, and at the end.
+up), ipctk's count of edges through faces over all frames, depth in the obstacle, strain of edges, energy at the end
+(kinetic, by the mean velocity over the last frame, and of height, from the start), and the error against the system's
+own refined run: root mean square distance of vertices, at 0.1 s, before the sheets buckle, and at the end.
 """
 
 import argparse
@@ -37,7 +38,7 @@ from peer_systems import SETTINGS
 COLUMNS = [
     "system", "version", "settings", "device", "precision", "dt_s", "tolerance", "guarantee", "triangles", "s_per_s",
     "intersections", "frames_with_any", "frames", "depth_mm", "strain_mean_percent", "strain_max_percent",
-    "error_at_0.1_s_mm", "error_at_end_mm", "note",
+    "kinetic_mj", "height_mj", "error_at_0.1_s_mm", "error_at_end_mm", "note",
 ]  # fmt: skip
 RADIUS = 0.25  # m
 
@@ -131,6 +132,20 @@ def judged(case, positions):
     }
 
 
+def energy(case, positions):
+    """Kinetic energy over the last frame and gain of energy of height since the start, mJ."""
+    start, faces = case["vertices"], case["faces"]
+    a, b, c = (start[faces[:, k]] for k in range(3))
+    area = 0.5 * np.linalg.norm(np.cross(b - a, c - a), axis=1)
+    mass = np.bincount(faces.ravel(), np.repeat(float(case["density"]) * area / 3, 3), len(start))
+    before = positions[-2] if len(positions) > 1 else start
+    velocity = (positions[-1] - before) / float(case["frame_time"])
+    return {
+        "kinetic_mj": round(500 * float(mass @ (velocity**2).sum(axis=1)), 3),
+        "height_mj": round(1e3 * float(case["gravity"]) * float(mass @ (positions[-1] - start)[:, 2]), 3),
+    }
+
+
 def distance(first, second):
     return round(1e3 * float(np.sqrt(((first - second) ** 2).sum(axis=1).mean())), 2)
 
@@ -183,6 +198,7 @@ def main():
             if positions is not None:
                 refined = positions if settings == SETTINGS[system][-1] else refined
                 row.update(judged(case, positions))
+                row.update(energy(case, positions))
                 if refined is not None and refined is not positions:
                     row["error_at_0.1_s_mm"] = distance(positions[early], refined[early])
                     row["error_at_end_mm"] = distance(positions[-1], refined[-1])

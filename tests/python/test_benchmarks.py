@@ -16,6 +16,7 @@ sys.path.insert(0, str(ROOT / "benchmarks"))
 import paper_figures  # noqa: E402
 import paper_scenes  # noqa: E402
 import paper_tables  # noqa: E402
+import peers  # noqa: E402
 import performance_page  # noqa: E402
 import scene_pack  # noqa: E402
 import times  # noqa: E402
@@ -211,6 +212,16 @@ def test_a_checkpoint_lets_every_device_of_a_figure_measure_the_same_steps(tmp_p
     assert not start.exists() and expected[1:3] == [40, 3] and expected[4] > 0
     assert counts(threads=2, start=start) == expected and start.exists()
     assert counts(threads=1, start=start) == expected
+
+
+def test_energy_of_a_sheet_in_free_fall(tmp_path):
+    peers.write_case(tmp_path / "case.npz", "drape", 200, 0.1, 40)
+    with np.load(tmp_path / "case.npz") as case:
+        fallen = [case["vertices"] - [0, 0, 0.5 * 9.81 * (k / 40) ** 2] for k in range(1, 5)]
+        found = peers.energy(case, np.stack(fallen))
+    mass, speed = 0.15, 9.81 * 3.5 / 40  # of 1 m^2; the mean speed of the last frame
+    assert found["kinetic_mj"] == pytest.approx(500 * mass * speed**2, abs=1e-3)
+    assert found["height_mj"] == pytest.approx(-1e3 * mass * 9.81 * 0.5 * 9.81 * 0.1**2, abs=1e-3)
 
 
 def test_options_of_the_figures_are_those_of_a_simulation():
