@@ -218,7 +218,8 @@ def libuipc(case, settings, device):
     # cloth that lies flat must not be in contact with itself: libuipc refuses, stretches it, or ends with an error
     ends = case["vertices"][case["faces"]]
     shortest = float(np.linalg.norm(ends - np.roll(ends, 1, axis=1), axis=2).min())
-    config["contact"]["d_hat"] = near = min(near, 0.35 * shortest)
+    asked, near = near, min(near, 0.35 * shortest)
+    config["contact"]["d_hat"] = near
     scene = Scene(config)
     scene.contact_tabular().default_model(float(case["friction"]), 1e9)
     half = min(0.5 * float(case["thickness"]), 0.15 * shortest)
@@ -275,6 +276,7 @@ def libuipc(case, settings, device):
             "dt_s": f"{config['dt']:.6g}",
             "tolerance": f"velocity {config['newton']['velocity_tol']} m/s",
             "guarantee": "no intersections",
+            "note": f"for its mesh, d_hat {1e3 * near:.2g} mm and cloth of {2e3 * half:.2g} mm" if near < asked else "",
         },
     )
 
