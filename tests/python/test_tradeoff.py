@@ -7,6 +7,7 @@ import importlib.util
 import io
 import json
 import math
+import multiprocessing
 import os
 import re
 import secrets
@@ -14,6 +15,8 @@ import signal
 import subprocess
 import sys
 import time
+from concurrent.futures import ProcessPoolExecutor
+from concurrent.futures.process import BrokenProcessPool
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -27,6 +30,7 @@ from cama.cli import app
 from cama.cli.tradeoff import front_table
 from cama.measuring import executor, report, tradeoff
 from cama.measuring import grid as plans
+from cama.processes import submit, terminate
 from conftest import EULER, FALL
 
 G, ROOT = 9.81, Path(__file__).parents[2]
@@ -184,6 +188,55 @@ def test_a_task_that_dies_takes_no_other_with_it(jobs):
     found = dict(executor.Local(jobs).run(square, [1, "die", 2, "raise", 3], 0))
     assert {k: v for k, v in found.items() if k in (0, 2, 4)} == {0: 1, 2: 4, 4: 9}
     assert "ProcessDied" in found[1].text and found[3].text == "ValueError: as asked"
+
+
+def broken(pool, seconds=20):
+    """Kills the processes of a pool and waits until it has closed its pipes."""
+    for process in pool._processes.values():
+        process.kill()
+    end = time.monotonic() + seconds
+    while not pool._call_queue._reader.closed and time.monotonic() < end:
+        time.sleep(0.01)
+
+
+def test_a_process_that_ends_while_another_starts_breaks_the_pool(monkeypatch):
+    pool = ProcessPoolExecutor(2, multiprocessing.get_context("spawn"))
+    submit(pool, math.sqrt, 4.0).result()
+    spawn = pool._spawn_process
+
+    def late():
+        broken(pool, 3)  # later versions than 3.11 wait for this start before they close
+        spawn()
+
+    monkeypatch.setattr(pool, "_spawn_process", late)
+    with pytest.raises(BrokenProcessPool):
+        for _ in range(100):  # the first goes to the process that has nothing to do
+            submit(pool, time.sleep, 60.0)
+            time.sleep(0.1)
+    terminate(pool)
+    pool.shutdown(wait=True, cancel_futures=True)
+
+
+def test_another_error_of_a_start_is_not_hidden(monkeypatch):
+    with ProcessPoolExecutor(1, multiprocessing.get_context("spawn")) as pool:
+        monkeypatch.setattr(pool, "_spawn_process", lambda: os.open("/no such folder/file", os.O_RDONLY))
+        with pytest.raises(FileNotFoundError):
+            submit(pool, math.sqrt, 4.0)
+
+
+def test_a_process_that_ends_between_tasks_costs_no_result(monkeypatch):
+    results = executor.Local(1).run(square, [1, 2, 3], 0)
+    pools, started = [], ProcessPoolExecutor.submit
+
+    def seen(pool, *task):
+        pools.append(pool)
+        return started(pool, *task)
+
+    monkeypatch.setattr(ProcessPoolExecutor, "submit", seen)
+    found = dict([next(results)])
+    broken(pools[0])
+    found.update(results)
+    assert found == {0: 1, 1: 4, 2: 9} and len(set(pools)) == 2
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="no process groups")

@@ -7,6 +7,7 @@ import multiprocessing.connection
 import os
 import signal
 import threading
+from concurrent.futures.process import BrokenProcessPool
 
 
 @contextlib.contextmanager
@@ -38,6 +39,23 @@ def follow_parent():
         os._exit(1)
 
     threading.Thread(target=follow, daemon=True).start()
+
+
+def submit(pool, function, *arguments):
+    """Submits a call to a ProcessPoolExecutor and returns its future; processes may start here, and hold Ctrl-C back.
+
+    Raises BrokenProcessPool where a process of the pool has ended. Python 3.11 closes the pool's pipes without a lock
+    when it sees that: if another process starts meanwhile, the error is one about pipes.
+    """
+    with interrupts_held():
+        try:
+            return pool.submit(function, *arguments)
+        except BrokenProcessPool:
+            raise
+        except Exception:
+            if getattr(pool, "_broken", False):
+                raise BrokenProcessPool("a process of the pool ended while another one started") from None
+            raise
 
 
 def terminate(pool):

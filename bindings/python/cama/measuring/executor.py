@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 from ..errors import ArrayError, BackendError
 from ..hints import require
-from ..processes import follow_parent, interrupts_held, terminate
+from ..processes import follow_parent, submit, terminate
 
 _shared = None
 
@@ -79,10 +79,13 @@ class Local:
         try:
             while left or running:
                 while left and len(running) < jobs and not dead:
-                    index, task = left.pop(0)
-                    with interrupts_held():  # processes start here
-                        future = pool.submit(_call, function, task)
-                    running[future] = (index, task)
+                    try:
+                        future = submit(pool, _call, function, left[0][1])
+                    except BrokenProcessPool:
+                        if not running:  # a process ended between tasks: another pool takes what is left
+                            return []
+                        break
+                    running[future] = left.pop(0)
                 done, _ = wait(running, return_when=FIRST_COMPLETED)
                 for future in done:
                     index, task = running.pop(future)

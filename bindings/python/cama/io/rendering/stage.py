@@ -9,7 +9,7 @@ from concurrent.futures.process import BrokenProcessPool
 import numpy as np
 
 from ...errors import BackendError
-from ...processes import follow_parent, interrupts_held, terminate
+from ...processes import follow_parent, submit, terminate
 from ..recording import Recording
 from . import look as looks
 from . import passes, surfaces
@@ -315,13 +315,13 @@ def _drawn_by(processes, job, shots):
     ahead = deque()
     try:
         for shot in shots:
-            with interrupts_held():  # processes start here
-                ahead.append(pool.submit(_draw, job, shot))
+            ahead.append(submit(pool, _draw, job, shot))
             if len(ahead) > AHEAD * processes:
                 yield ahead.popleft().result()
         while ahead:
             yield ahead.popleft().result()
     except BrokenProcessPool:
+        terminate(pool)
         raise BackendError(
             "render: a process that draws images was stopped, most often by the system for lack of memory; draw "
             "smaller images (--width, --height, --quality draft), or end other programs"
