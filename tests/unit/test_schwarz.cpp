@@ -64,6 +64,22 @@ struct Block {
     CAMA_LAUNCH_TEAMS(float, b, factor_fine_blocks, BLOCK_TEAM, 1, block_start, slices, places, columns, values, 0,
                       places, none, none, no_nodes, no_terms, factor, weight);
   }
+  /// The same matrix as that of the nodes of a coarse level.
+  void be_coarse(const MatrixXd &a)
+  {
+    std::vector<int> row, column;
+    std::vector<double> value;
+    for (int i = 0; i <= rows; ++i) row.push_back(rows * i);
+    for (int i = 0; i < rows; ++i)
+      for (int j = 0; j < rows; ++j) {
+        column.push_back(j);
+        for (int c = 0; c < 9; ++c) value.push_back(a(3 * i + c / 3, 3 * j + c % 3));
+      }
+    const Stream<int> rows_of(backend, row), columns(backend, column);
+    const Stream<double> values(backend, value);
+    CAMA_LAUNCH_TEAMS(float, backend, factor_coarse_blocks, BLOCK_TEAM, 1, 0, block_start, rows_of, columns, values, 0,
+                      nothing<double>(), factor, weight);
+  }
   VectorXd apply(const VectorXd &r)
   {
     // Vertices are numbered backwards; the last entry is the block's node.
@@ -213,6 +229,26 @@ TEST_CASE("a block's factors in 16 bits give its inverse to their accuracy, symm
           CHECK(std::abs(block.coarse[static_cast<std::size_t>(c)] - sum) < 1e-5 * rows);
         }
       }
+  }
+}
+
+TEST_CASE("corrections of coarse levels are added by half", "[schwarz]")
+{
+  for (const std::string &name : backends_here()) {
+    INFO(name);
+    const auto backend = make_backend(name);
+    std::mt19937 random(5);
+    std::normal_distribution<double> normal;
+    for (int rows : {1, 6, 16}) {
+      INFO(rows << " nodes");
+      const MatrixXd a = random_matrix(3 * rows, 1e2, random);
+      Block block(*backend, a);
+      block.be_coarse(a);
+      VectorXd r(3 * rows);
+      for (double &v : r) v = normal(random);
+      const VectorXd expected = 0.5 * a.llt().solve(r), z = block.apply(r);
+      CHECK(std::sqrt((z - expected).dot(a * (z - expected)) / expected.dot(r)) < 5e-3);
+    }
   }
 }
 

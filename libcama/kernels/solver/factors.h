@@ -21,6 +21,8 @@
 #define ROW_TURNS (LANES == 1 ? 4 : 1)     /* rows that are eliminated at once */
 #define ROW_MEMBERS (LANES == 1 ? 9 : 1)   /* members that gather the entries of a vertex */
 #define NODE_MEMBERS (LANES == 1 ? 3 : 1)  /* members that gather those of one row of a coarse node */
+/* Added whole, the corrections of the coarse levels overshoot: they are added by half. */
+#define COARSE_SHARE 0.5
 /* Words of G: for 16 rows at a time, the columns up to the diagonal, 16 numbers each. Word k holds entries k and k +
    FACTOR_WORDS. */
 #define FACTOR_WORDS 768
@@ -115,30 +117,50 @@ DEVICE_TEAM void factor_block(int m, LOCAL real *a, LOCAL real *unit, LOCAL real
   }
   TEAM_FOR(l, m) root[l] = (real)sqrt((real)1 / max_real(a[l * BLOCK_SIZE + l], least));
   TEAM_BARRIER;
-  TEAM_FOR(c, BLOCK_SIZE) {
-    real largest = (real)0;
-    int l;
-    for (l = c; l < m; ++l) {
-      real v = (l == c ? (real)1 : a[l * BLOCK_SIZE + c]) * root[l];
-      a[l * BLOCK_SIZE + c] = v;
-      largest = max_real(largest, v < (real)0 ? -v : v);
-    }
-    unit[c] = largest;
-    weight[c] = c < m ? (real)((double)largest * (1.0 / 32767.0) * scaling[c]) : (real)0;
+  /* G has root on its diagonal and zeros above it. */
+  TEAM_FOR(item, ROW_TURNS * BLOCK_SIZE) {
+    const int turn = item / BLOCK_SIZE, l = item - turn * BLOCK_SIZE;
+    int c;
+    if (l >= m) continue;
+    if (turn == 0) a[l * BLOCK_SIZE + l] = (real)1;
+    for (c = l + 1 + turn; c < m; c += ROW_TURNS) a[l * BLOCK_SIZE + c] = (real)0;
   }
   TEAM_BARRIER;
-  TEAM_FOR(word, FACTOR_WORDS) {
-    int part, both = 0;
-    for (part = 1; part >= 0; --part) {
-      int at = word + part * FACTOR_WORDS, column = at / 16, group = column < 16 ? 0 : column < 48 ? 1 : 2;
-      int c = column - FACTOR_COLUMN(group, 0), l = 16 * group + at % 16, q = 0;
-      if (c <= l && l < m && unit[c] > (real)0 && unit[c] < (real)1e30) {
-        real v = a[l * BLOCK_SIZE + c] * ((real)32767 / unit[c]);
-        q = (int)(v < (real)0 ? v - (real)0.5 : v + (real)0.5);
-      }
-      both = (int)(((unsigned int)both << 16) | ((unsigned int)q & 0xffffu));
+  TEAM_FOR_LANES(c, BLOCK_SIZE) {
+    const lanes zero = LANES_ALL(lanes, (real)0);
+    lanes largest = zero;
+    int l;
+    for (l = LANES == 1 ? c : 0; l < m; ++l) {
+      LOCAL real *at = a + l * BLOCK_SIZE + c;
+      const lanes v = LANES_LOAD(LOCAL lanes, at) * root[l], size = LANES_SELECT(lanes, v < zero, -v, v);
+      LANES_STORE(LOCAL lanes, at, v);
+      largest = LANES_SELECT(lanes, largest > size, largest, size);
     }
-    factor[word] = both;
+    LANES_STORE(LOCAL lanes, unit + c, largest);
+  }
+  TEAM_BARRIER;
+  TEAM_FOR(c, BLOCK_SIZE) {
+    weight[c] = c < m ? (real)((double)unit[c] * (1.0 / 32767.0) * scaling[c]) : (real)0;
+    unit[c] = unit[c] > (real)0 && unit[c] < (real)1e30 ? (real)32767 / unit[c] : (real)0;
+  }
+  TEAM_BARRIER;
+  TEAM_FOR_LANES(word, FACTOR_WORDS) {
+    int_lanes both = LANES_ALL(int_lanes, 0);
+    int part;
+    for (part = 1; part >= 0; --part) {
+      const int at = word + part * FACTOR_WORDS, column = at / 16, group = column < 16 ? 0 : column < 48 ? 1 : 2;
+      const int c = column - FACTOR_COLUMN(group, 0), l = 16 * group + at % 16;
+      real row[LANES];
+      int_lanes q = LANES_ALL(int_lanes, 0);
+      if (unit[c] > (real)0) {
+        lanes v;
+        FOR_LANES(k) row[k] = a[(l + k) * BLOCK_SIZE + c] * unit[c];
+        v = LANES_LOAD(lanes, row);
+        q = LANES_TO(int, int_lanes, LANES_SELECT(lanes, v < LANES_ALL(lanes, (real)0), v - (real)0.5, v + (real)0.5));
+      }
+      both = both << 16 | (q & 0xffff);
+    }
+    LANES_STORE(GLOBAL int_lanes, factor + word, both);
   }
 }
 
@@ -182,16 +204,20 @@ KERNEL factor_fine_blocks(int n, GLOBAL const int *block_start, GLOBAL const int
         }
     }
     TEAM_BARRIER;
-    TEAM_FOR(l, m) {
+    TEAM_FOR(l, BLOCK_SIZE) {
       /* not a number where the matrix is not positive; the solve reports that */
-      scaling[l] = 1.0 / sqrt((double)a[l * BLOCK_SIZE + l]);
+      scaling[l] = l < m ? 1.0 / sqrt((double)a[l * BLOCK_SIZE + l]) : 0.0;
     }
     TEAM_BARRIER;
-    TEAM_FOR(item, ROW_TURNS * BLOCK_SIZE) {
-      const int turn = item / BLOCK_SIZE, l = item - turn * BLOCK_SIZE;
+    TEAM_FOR_LANES(item, ROW_TURNS * BLOCK_SIZE) {
+      const int turn = item / BLOCK_SIZE, l = item - turn * BLOCK_SIZE, end = LANES == 1 ? min_int(l + 1, m) : m;
+      const double_lanes own = LANES_LOAD(LOCAL double_lanes, scaling + l);
       int c;
-      for (c = turn; c <= l && l < m; c += ROW_TURNS)
-        a[c * BLOCK_SIZE + l] = (real)((double)a[c * BLOCK_SIZE + l] * (scaling[l] * scaling[c]));
+      for (c = turn; c < end; c += ROW_TURNS) {
+        LOCAL real *at = a + c * BLOCK_SIZE + l;
+        const double_lanes v = LANES_TO(double, double_lanes, LANES_LOAD(LOCAL lanes, at));
+        LANES_STORE(LOCAL lanes, at, LANES_TO(real, lanes, v * (own * scaling[c])));
+      }
     }
     TEAM_BARRIER;
     factor_block(m, a, unit, root, scaling, factor + (size_t)t * FACTOR_WORDS, weight + (size_t)t * BLOCK_SIZE);
@@ -239,6 +265,8 @@ KERNEL factor_coarse_blocks(int n, int at, GLOBAL const int *block_start, GLOBAL
         }
       }
     }
+    TEAM_BARRIER;
+    TEAM_FOR(l, m) scaling[l] *= sqrt(COARSE_SHARE);
     TEAM_BARRIER;
     factor_block(m, a, unit, root, scaling, factor + (size_t)(at + t) * FACTOR_WORDS,
                  weight + (size_t)(at + t) * BLOCK_SIZE);
