@@ -107,8 +107,8 @@
 #define LANE(v, q) (v)[q]
 #if defined(__cplusplus)
 #define LANES_SELECT(lanes, c, a, b) ((c) ? (a) : (b))
-#else   /* for float lanes only: C cannot select by vectors */
-#define LANES_SELECT(lanes, c, a, b) ((lanes)(((int_lanes)(a) & (c)) | ((int_lanes)(b) & ~(c))))
+#else   /* C cannot select by vectors; a comparison has lanes of integers of the size of what it compares */
+#define LANES_SELECT(lanes, c, a, b) ((lanes)(((__typeof__(c))(a) & (c)) | ((__typeof__(c))(b) & ~(c))))
 #endif
 #define LANES_TO(type, lanes, v) __builtin_convertvector(v, lanes)
 #define FLOAT_LANES_BITS(v) ((int_lanes)(v))
