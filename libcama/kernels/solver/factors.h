@@ -115,7 +115,7 @@ DEVICE_TEAM void factor_block(int m, LOCAL real *a, LOCAL real *unit, LOCAL real
   }
   TEAM_FOR(l, m) root[l] = (real)sqrt((real)1 / max_real(a[l * BLOCK_SIZE + l], least));
   TEAM_BARRIER;
-  /* G has root on its diagonal and zeros above it. */
+  /* L^-1, whose rows are multiplied by root next: ones on the diagonal, zeros above it. */
   TEAM_FOR(item, ROW_TURNS * BLOCK_SIZE) {
     const int turn = item / BLOCK_SIZE, l = item - turn * BLOCK_SIZE;
     int c;
