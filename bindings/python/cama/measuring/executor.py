@@ -83,6 +83,7 @@ class Local:
                         future = submit(pool, _call, function, left[0][1])
                     except BrokenProcessPool:
                         if not running:  # a process ended between tasks: another pool takes what is left
+                            terminate(pool)
                             return []
                         break
                     running[future] = left.pop(0)
@@ -96,6 +97,7 @@ class Local:
                         continue
                     yield index, result
                 if dead:
+                    terminate(pool)
                     dead += running.values()
                     running.clear()
                     break
