@@ -30,7 +30,7 @@ def crumple(yield_curvature, folder=None):
     scene = cama.Scene(thickness=1.5e-3, frame_time=1 / 30)
     grid = {"grid": {"size": [SIDE, SIDE]}, "triangles": arguments.triangles}
     sheet = scene.add_cloth(shape=grid, material=linen, translate=(0, 0, 0.004), name="sheet")
-    scene.add_obstacle(shape={"shape": {"plane": {}}}, friction=0.2, name="floor")
+    scene.add_obstacle(shape={"shape": {"plane": {}}}, friction=0.05, name="floor")
     away = SIDE / 2 + 0.02
     for name, normal in WALLS.items():
         scene.add_obstacle(

@@ -282,9 +282,11 @@ def rolling_off():
     return scene
 
 
-def test_a_ball_rolls_off_a_sheet_onto_the_floor():
-    simulation = simulation_of(rolling_off(), time_step=1 / 120, accuracy="production")
-    simulation.step(150)
+@pytest.mark.parametrize("steps", (90, 120, 150))  # a second
+def test_a_ball_rolls_off_a_sheet_onto_the_floor(steps):
+    """On the sheet's pinned border the ball's contacts open, stick and slide within a step."""
+    simulation = simulation_of(rolling_off(), time_step=1 / steps, accuracy="production")
+    simulation.step(round(1.25 * steps))
     pose = simulation.rigid_pose("ball")
     assert pose.center[0] > 0.35, "it has left the sheet"
     assert pose.center[2] == pytest.approx(0.05 + 1.5e-3, abs=0.6e-3)

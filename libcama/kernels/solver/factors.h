@@ -21,6 +21,8 @@
 #define ROW_TURNS (LANES == 1 ? 4 : 1)     /* rows that are eliminated at once */
 #define ROW_MEMBERS (LANES == 1 ? 9 : 1)   /* members that gather the entries of a vertex */
 #define NODE_MEMBERS (LANES == 1 ? 3 : 1)  /* members that gather those of one row of a coarse node */
+/* Added whole, the corrections of the coarse levels overshoot: they are added by half. */
+#define COARSE_SHARE 0.5
 /* Words of G: for 16 rows at a time, the columns up to the diagonal, 16 numbers each. Word k holds entries k and k +
    FACTOR_WORDS. */
 #define FACTOR_WORDS 768
@@ -263,6 +265,8 @@ KERNEL factor_coarse_blocks(int n, int at, GLOBAL const int *block_start, GLOBAL
         }
       }
     }
+    TEAM_BARRIER;
+    TEAM_FOR(l, m) scaling[l] *= sqrt(COARSE_SHARE);
     TEAM_BARRIER;
     factor_block(m, a, unit, root, scaling, factor + (size_t)(at + t) * FACTOR_WORDS,
                  weight + (size_t)(at + t) * BLOCK_SIZE);

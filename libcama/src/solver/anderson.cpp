@@ -34,27 +34,29 @@ std::vector<double> AndersonMixing::next(const std::vector<double> &x, const std
     Change change{x, g};
     add(change.x, -1, x_before_);
     add(change.g, -1, g_before_);
-    const double length = std::sqrt(dot(change.g, change.g));
-    for (int twice = 0; twice < 2; ++twice)  // for orthogonality beyond rounding
-      for (const Change &known : changes_) {
-        const double part = dot(known.g, change.g);
-        add(change.g, -part, known.g);
-        add(change.x, -part, known.x);
-      }
-    const double left = std::sqrt(dot(change.g, change.g));
-    if (left > dependent * length) {
-      for (double &value : change.x) value /= left;
-      for (double &value : change.g) value /= left;
-      changes_.push_back(std::move(change));
-    }
+    changes_.push_back(std::move(change));
   }
   x_before_ = x;
   g_before_ = g;
+  std::vector<Change> basis;  // with orthonormal g
   std::vector<double> result = x, rest = g;
-  for (const Change &known : changes_) {
-    const double part = dot(known.g, g);
-    add(result, -part, known.x);
-    add(rest, -part, known.g);
+  for (std::size_t i = changes_.size(); i-- > 0;) {
+    Change own = changes_[i];
+    const double length = std::sqrt(dot(own.g, own.g));
+    for (int twice = 0; twice < 2; ++twice)  // for orthogonality beyond rounding
+      for (const Change &known : basis) {
+        const double part = dot(known.g, own.g);
+        add(own.g, -part, known.g);
+        add(own.x, -part, known.x);
+      }
+    const double left = std::sqrt(dot(own.g, own.g));
+    if (!(left > dependent * length)) continue;
+    for (double &value : own.x) value /= left;
+    for (double &value : own.g) value /= left;
+    const double part = dot(own.g, g);
+    add(result, -part, own.x);
+    add(rest, -part, own.g);
+    basis.push_back(std::move(own));
   }
   add(result, 1, rest);
   return result;

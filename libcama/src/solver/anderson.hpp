@@ -5,7 +5,8 @@
 namespace cama {
 
 /// Anderson mixing for g(x) = 0: steps along g, corrected by what the steps before have told of how g changes with x.
-/// Where g is affine, it converges as GMRES does (Walker and Ni 2011).
+/// Where g is affine, it converges as GMRES does (Walker and Ni 2011). Elsewhere newer steps tell more than older ones:
+/// these correct only what the newer ones leave.
 class AndersonMixing {
 public:
   void begin();
@@ -14,9 +15,9 @@ public:
 
 private:
   struct Change {
-    std::vector<double> x, g;  // g orthonormal to those of the other changes
+    std::vector<double> x, g;
   };
-  std::vector<Change> changes_;
+  std::vector<Change> changes_;  // the oldest first
   std::vector<double> x_before_, g_before_;
 };
 

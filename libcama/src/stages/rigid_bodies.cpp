@@ -3,6 +3,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
 
 #include "cama/error.hpp"
 #include "device/launch.hpp"
@@ -12,7 +13,7 @@ namespace {
 
 constexpr int run_length = 32;  // vertices that one sum is over
 constexpr int long_run = 256;  // likewise, of all vertices
-constexpr int max_solves = 12;  // of cloth in a step
+constexpr int max_solves = 12;  // of cloth in a step; one more where the last is not the best of them
 constexpr double tolerance = 3e-4;  // of the impulse, in the norm of the kinetic energy that it gives
 constexpr double least_share = 1e-6;  // of the momentum: smaller impulses do not matter
 constexpr double solve_tolerance =
@@ -359,10 +360,10 @@ template <class Real> void CoupleBodies<Real>::run(State &state)
     fall.push_back({dscale(body.mass * state.time.step, state.rigid.gravity), {0, 0, 0}});
     momentum.push_back({dscale(body.mass, body.velocity), body.angular_momentum});
   }
-  std::vector<double> x = scaled(impulses);
+  std::vector<double> x = scaled(impulses), best = x;
   const double weight = norm(scaled(fall)), least = least_share * norm(scaled(momentum));
   mixing_.begin();
-  double size = 0, whole = 0;
+  double size = 0, whole = 0, best_size = std::numeric_limits<double>::infinity();
   int solves = 1, iterations = 0, newton = 0;
   for (;; ++solves) {
     state.report.newton_iterations = 1;
@@ -379,10 +380,19 @@ template <class Real> void CoupleBodies<Real>::run(State &state)
     size = norm(residual);
     whole = norm(found) + weight;
     state.report.rigid_residual = size > 0 ? size / (whole + least / tolerance) : 0;
-    if (!(size > tolerance * whole + least) || solves == max_solves) break;
-    if (solves == 1) find_factors(state);
-    relax(residual);
-    x = mixing_.next(x, residual);
+    if (size < best_size) {
+      best = x;
+      best_size = size;
+    }
+    if (!(size > tolerance * whole + least)) break;
+    if (solves >= max_solves) {
+      if (size == best_size || solves > max_solves) break;
+      x = best;
+    } else {
+      find_factors(state);  // of the contacts that are closed now
+      relax(residual);
+      x = mixing_.next(x, residual);
+    }
     set_impulses(state, x);
     place(state);
   }
