@@ -692,12 +692,14 @@ TEST_CASE("an impact of the cubic, at distance 0, has the normal of the features
       float gap_bound = 0;
       int found = 0, index = 0;
       kernels::impact impact;
-      int detection[2] = {0, 0};
-      kernels::select_ccd_pairs(1, edges ? 0 : 1, 0, 0, &pair, &pair, &face, edge, mass, 1.0, 1e-9, nullptr, 0, 0,
-                                nullptr, 0, &gap_bound, 0, &gap_bound, nullptr, &found);
-      REQUIRE(found == 1);
-      kernels::find_impacts(1, 1, 1, edges ? 0 : 1, 1, &pair, &pair, &face, edge, x.data(), y.data(), properties, 1.0,
-                            &direction, &direction, &found, detection);
+      int detection[3] = {0, 0, 0}, list = -1;
+      kernels::select_ccd_pairs(1, 1, edges ? 0 : 1, 0, 0, &pair, &pair, &face, edge, mass, 1.0, 1e-9, nullptr, 0, 0,
+                                nullptr, 0, &gap_bound, 0, &gap_bound, nullptr, x.data(), y.data(), properties,
+                                &direction, &direction, &found, &list, detection);
+      REQUIRE(detection[2] == 1);
+      REQUIRE(list == 0);
+      kernels::find_impacts(1, edges ? 0 : 1, 1, &list, &pair, &pair, &face, edge, x.data(), y.data(), properties, 1.0,
+                            &found, detection);
       REQUIRE(found == 1);
       REQUIRE(detection[1] == 1);
       int repeated = 0;

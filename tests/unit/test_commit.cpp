@@ -66,14 +66,19 @@ Result commit(const Trial &trial, double dmin, bool settle = false)
   vertex_contact properties[4] = {};
   for (vertex_contact &p : properties) p.thickness = dmin;  // the commit keeps all of it
   int fraction[4], before[4], vertex_changed[4], face_changed[1], edge_changed[2], outcome[COMMIT_OUTCOMES],
-      accepted[1] = {COMMIT_OPEN};
+      accepted[1] = {COMMIT_CONDITIONAL}, list[1] = {0};
   commit_begin(4, fraction, before, outcome);
+  const int first = trial.edges ? 0 : 1;
+  outcome[COMMIT_LISTED] = 1;
   for (const int pass : {0, settle ? -1 : 1}) {
-    commit_pairs(1, 1, 1, trial.edges ? 0 : 1, pass, &candidate, &candidate, &face, edge, trial.x.data(),
-                 trial.y.data(), trial.inverse_mass.data(), properties, 1.0, 1, vertex_changed, face_changed,
-                 edge_changed, accepted, before, fraction, outcome);
+    commit_pairs(1, first, pass, list, &candidate, &candidate, &face, edge, trial.x.data(), trial.y.data(),
+                 trial.inverse_mass.data(), properties, 1.0, 1, accepted, before, fraction, outcome);
     commit_changes(4, fraction, before, vertex_changed, outcome);
     commit_disturb(3, 1, &face, edge, vertex_changed, face_changed, edge_changed);
+    if (settle) std::fill(std::begin(vertex_changed), std::end(vertex_changed), 1);
+    if (settle) face_changed[0] = edge_changed[0] = edge_changed[1] = 1;
+    commit_recheck(1, 1, first, &candidate, &candidate, vertex_changed, face_changed, edge_changed, accepted, list,
+                   outcome);
   }
   Result r;
   commit_apply(4, trial.x.data(), trial.y.data(), fraction, outcome, r.committed.data());
@@ -300,26 +305,39 @@ struct Soup {
   {
     const int n = int(position.size()), pairs = int(vertex_face.size() + edge_edge.size());
     std::vector<int> fraction(n), before(n), vertex_changed(n), face_changed(faces.size()), edge_changed(edges.size()),
-        accepted(pairs, COMMIT_OPEN);
+        accepted(pairs, COMMIT_CONDITIONAL), list(pairs);
     std::vector<vertex_contact> properties(position.size());
     for (vertex_contact &p : properties) p.thickness = 1e-6;
     int outcome[COMMIT_OUTCOMES];
     commit_begin(n, fraction.data(), before.data(), outcome);
+    std::iota(list.begin(), list.end(), 0);
+    outcome[COMMIT_LISTED] = pairs;
+    const auto recheck = [&] {
+      commit_recheck((pairs - 1) / RUN_PAIRS + 1, pairs, int(vertex_face.size()), vertex_face.data(), edge_edge.data(),
+                     vertex_changed.data(), face_changed.data(), edge_changed.data(), accepted.data(), list.data(),
+                     outcome);
+    };
     const auto pass = [&](int number) {
       const int changes = outcome[COMMIT_CHANGES];
-      commit_pairs((pairs - 1) / (2 * RUN_PAIRS) + 1, 2, pairs, int(vertex_face.size()), number, vertex_face.data(),
-                   edge_edge.data(), faces.data(), edges.data(), position.data(), target.data(), inverse_mass.data(),
-                   properties.data(), 1.0, 0, vertex_changed.data(), face_changed.data(), edge_changed.data(),
+      commit_pairs(3, int(vertex_face.size()), number, list.data(), vertex_face.data(), edge_edge.data(), faces.data(),
+                   edges.data(), position.data(), target.data(), inverse_mass.data(), properties.data(), 1.0, 0,
                    accepted.data(), before.data(), fraction.data(), outcome);
       commit_changes(n, fraction.data(), before.data(), vertex_changed.data(), outcome);
       commit_disturb(int(faces.size() + edges.size()), int(faces.size()), faces.data(), edges.data(),
                      vertex_changed.data(), face_changed.data(), edge_changed.data());
       return outcome[COMMIT_CHANGES] != changes;
     };
-    pass(0);
-    for (int k = 1; k != cap && pass(k); ++k) {
+    bool changed = pass(0);
+    for (int k = 1; k != cap && changed; ++k) {
+      recheck();
+      changed = pass(k);
     }
-    if (cap >= 0) pass(-1);
+    if (cap >= 0) {
+      for (auto *marks : {&vertex_changed, &face_changed, &edge_changed}) std::fill(marks->begin(), marks->end(), 1);
+      outcome[COMMIT_LISTED] = 0;
+      recheck();
+      pass(-1);
+    }
     std::vector<dvec3> committed(position.size());
     commit_apply(n, position.data(), target.data(), fraction.data(), outcome, committed.data());
     position = committed;

@@ -276,12 +276,15 @@ TEST_CASE("impacts do not depend on how pairs are shared out, and decided pairs 
   const kernels::pair edge_edge{0, 1};
   const std::vector<kernels::fvec3> up(faces, kernels::fvec3_make(0, 0, 1)), none(1, kernels::fvec3_make(0, 0, 0));
   std::vector<float> bounds(all, 0.0f);
-  const auto detect = [&](int runs, int faces_done, int edges_done, std::vector<int> &flag, const int *before) {
-    int found[2] = {0, 0};
-    select_ccd_pairs(all, faces, 0, 0, vertex_face.data(), &edge_edge, &face, edges, inverse_mass.data(), 1.0, 1e-3,
-                     nullptr, faces_done, edges_done, before, 0, bounds.data(), 0, bounds.data(), nullptr, flag.data());
-    find_impacts((all - 1) / (runs * RUN_PAIRS) + 1, runs, all, faces, 0, vertex_face.data(), &edge_edge, &face, edges,
-                 x.data(), y.data(), properties.data(), 1.0, up.data(), none.data(), flag.data(), found);
+  const auto detect = [&](int list_teams, int faces_done, int edges_done, std::vector<int> &flag, const int *before) {
+    int found[3] = {0, 0, 0};
+    std::vector<int> list(all);
+    select_ccd_pairs((all - 1) / RUN_PAIRS + 1, all, faces, 0, 0, vertex_face.data(), &edge_edge, &face, edges,
+                     inverse_mass.data(), 1.0, 1e-3, nullptr, faces_done, edges_done, before, 0, bounds.data(), 0,
+                     bounds.data(), nullptr, x.data(), y.data(), properties.data(), up.data(), none.data(), flag.data(),
+                     list.data(), found);
+    find_impacts(list_teams, faces, 0, list.data(), vertex_face.data(), &edge_edge, &face, edges, x.data(), y.data(),
+                 properties.data(), 1.0, flag.data(), found);
     return found[1];
   };
   std::vector<int> expected(all, 0);
@@ -290,10 +293,10 @@ TEST_CASE("impacts do not depend on how pairs are shared out, and decided pairs 
   detect(1, 0, 0, flag, nullptr);
   expected.back() = flag.back();  // of the edges, which is not at issue here
   const int hits = std::accumulate(expected.begin(), expected.end(), 0);
-  for (const int runs : {1, 2, 5, 16}) {
-    INFO(runs << " runs");
+  for (const int teams : {1, 2, 5, 16}) {
+    INFO(teams << " teams");
     std::fill(flag.begin(), flag.end(), -1);
-    CHECK(detect(runs, 0, 0, flag, nullptr) == hits);
+    CHECK(detect(teams, 0, 0, flag, nullptr) == hits);
     CHECK(flag == expected);
   }
   // 4,000 faces and the edges are decided: what is said of them is kept, right or wrong, and only the rest counts.

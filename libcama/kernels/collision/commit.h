@@ -35,14 +35,14 @@
 #define COMMIT_SETTLED 0
 #define COMMIT_CONDITIONAL 1
 #define COMMIT_INTERSECTING 2
-#define COMMIT_OPEN 3             /* to be decided in pass 0 */
-#define COMMIT_PAUSING 4          /* settled with sigma cut: the step's obstacles pause for it */
+#define COMMIT_PAUSING 3          /* settled with sigma cut: the step's obstacles pause for it */
 #define COMMIT_WHOLE 0x3f800000   /* bits of 1.0f, the initial value of fraction[] and sigma */
 /* Of outcome[], which all passes of a commit share: */
 #define COMMIT_CHANGES 0          /* vertices truncated or truncated further, counted once after each pass */
 #define COMMIT_CROSSED 1          /* intersecting pairs */
 #define COMMIT_SIGMA 2            /* bits of sigma */
-#define COMMIT_OUTCOMES 3
+#define COMMIT_LISTED 3           /* pairs that the next pass decides */
+#define COMMIT_OUTCOMES 4
 
 typedef struct {
   int state;            /* one of the above */
@@ -193,30 +193,63 @@ DEVICE commit_bound commit_half_space(dvec3 *x, const dvec3 *y, const int *fixed
   return commit_plane(x, d, fixed, 1, n, dmin, radius, 1e-15 * largest + CCD_ROUNDING * extent);
 }
 
-/* Finds the pairs that keep their clearance along the direction known from their search; for most pairs this decides
-   pass 0 at a fifth of its cost. certified 1: find_impacts has certified, for this very motion, every pair that is no
-   impact, so these pass without a test; gap_bound: below 0 for an impact. accepted: states from `first` on. */
-KERNEL commit_screen(int n, int kind, int first, int certified, GLOBAL const pair *candidate,
-                     GLOBAL const face_nodes *face, GLOBAL const edge_nodes *edge, GLOBAL const dvec3 *position,
-                     GLOBAL const dvec3 *target, GLOBAL const fvec3 *direction, GLOBAL const vertex_contact *properties,
-                     GLOBAL const float *gap_bound, double share, GLOBAL int *accepted)
+/* Lists the pairs that pass 0 has to decide: not those that keep their clearance along the direction known from their
+   search, which for most pairs decides it at a fifth of its cost. certified 1: find_impacts has certified, for this
+   very motion, every pair that is no impact, so these pass without a test; *_gap_bound: below 0 for an impact.
+   accepted: [pairs] states, of vertex_face and then of edge_edge. n: teams. */
+KERNEL commit_screen(int n, int pairs, int first_size, int certified, GLOBAL const pair *vertex_face,
+                     GLOBAL const pair *edge_edge, GLOBAL const face_nodes *face, GLOBAL const edge_nodes *edge,
+                     GLOBAL const dvec3 *position, GLOBAL const dvec3 *target,
+                     GLOBAL const fvec3 *vertex_face_direction, GLOBAL const fvec3 *edge_edge_direction,
+                     GLOBAL const vertex_contact *properties, GLOBAL const float *vertex_face_gap_bound,
+                     GLOBAL const float *edge_edge_gap_bound, double share, GLOBAL int *accepted, GLOBAL int *list,
+                     GLOBAL int *outcome)
 {
-  FOR_EACH(i, n) {
-    int screened = certified && !(gap_bound[i] < 0.0f);
-    if (!screened) {
-      element_nodes e = pair_nodes(kind, candidate[i], face, edge);
-      screened = separated_along(kind, e, position, target, from_direction(direction[i]),
-                                 pair_clearance(kind, e, properties, 1.001 * share));
+  TEAM_LOCAL(int, chosen, RUN_PAIRS);
+  TEAM_LOCAL(int, listed, 2);
+  FOR_EACH_TEAM(t, n) {
+    const int first = t * RUN_PAIRS;
+    TEAM_BARRIER;
+    TEAM_FOR(l, 1) listed[0] = 0;
+    TEAM_BARRIER;
+    TEAM_FOR(l, min_int(pairs - first, RUN_PAIRS)) {
+      const int i = first + l, kind = i >= first_size, at = kind == 0 ? i : i - first_size;
+      int screened = certified && !((kind == 0 ? vertex_face_gap_bound[at] : edge_edge_gap_bound[at]) < 0.0f);
+      if (!screened) {
+        element_nodes e = pair_nodes(kind, listed_pair(i, first_size, vertex_face, edge_edge), face, edge);
+        screened = separated_along(kind, e, position, target,
+                                   from_direction(kind == 0 ? vertex_face_direction[at] : edge_edge_direction[at]),
+                                   pair_clearance(kind, e, properties, 1.001 * share));
+      }
+      accepted[i] = COMMIT_CONDITIONAL;
+      if (!screened) chosen[local_add_int(listed, 1)] = i;
     }
-    accepted[first + i] = screened ? COMMIT_CONDITIONAL : COMMIT_OPEN;
+    append_chosen(chosen, listed, list, outcome + COMMIT_LISTED);
   }
 }
 
-/* 1 if pass k > 0 has to test the pair again: a vertex has been truncated since. */
-DEVICE int commit_disturbed(int kind, pair p, GLOBAL const int *vertex_changed, GLOBAL const int *face_changed,
-                            GLOBAL const int *edge_changed)
+/* Lists the conditional pairs of which a vertex has been truncated since, as commit_changes and commit_disturb tell.
+   n: teams. */
+KERNEL commit_recheck(int n, int pairs, int first_size, GLOBAL const pair *vertex_face, GLOBAL const pair *edge_edge,
+                      GLOBAL const int *vertex_changed, GLOBAL const int *face_changed, GLOBAL const int *edge_changed,
+                      GLOBAL const int *accepted, GLOBAL int *list, GLOBAL int *outcome)
 {
-  return kind == 0 ? vertex_changed[p.a] || face_changed[p.b] : edge_changed[p.a] || edge_changed[p.b];
+  TEAM_LOCAL(int, chosen, RUN_PAIRS);
+  TEAM_LOCAL(int, listed, 2);
+  FOR_EACH_TEAM(t, n) {
+    const int first = t * RUN_PAIRS;
+    TEAM_BARRIER;
+    TEAM_FOR(l, 1) listed[0] = 0;
+    TEAM_BARRIER;
+    TEAM_FOR(l, min_int(pairs - first, RUN_PAIRS)) {
+      const int i = first + l;
+      const pair p = listed_pair(i, first_size, vertex_face, edge_edge);
+      if ((i < first_size ? vertex_changed[p.a] || face_changed[p.b] : edge_changed[p.a] || edge_changed[p.b]) &&
+          accepted[i] == COMMIT_CONDITIONAL)
+        chosen[local_add_int(listed, 1)] = i;
+    }
+    append_chosen(chosen, listed, list, outcome + COMMIT_LISTED);
+  }
 }
 
 /* Decides one pair and lowers the fractions of its vertices; returns its state. */
@@ -256,50 +289,23 @@ DEVICE_ATOMIC int commit_one(int kind, pair p, int pass, GLOBAL const face_nodes
   return r.sigma < 1.0 ? COMMIT_PAUSING : (r.state == COMMIT_CONDITIONAL ? COMMIT_CONDITIONAL : COMMIT_SETTLED);
 }
 
-/* Pass 0 decides every open pair. Pass k > 0 tests conditional pairs again whose vertices have been truncated since,
-   which commit_changes and commit_disturb tell; it is repeated until nothing changes. Pass -1 settles every conditional
-   pair and is final whatever came before: it allows a limit on the number of passes. `fraction_before` is `fraction`
-   before the pass. accepted: [pairs] states, of vertex_face and then of edge_edge; fraction: [vertices] bits of floats;
-   outcome: COMMIT_*, set by commit_begin. share: dmin is a pair's clearance at this share. let_go 1: intersecting pairs
-   are free, 0: their vertices stay. n: teams; runs: of each team (pair.h). */
-KERNEL commit_pairs(int n, int runs, int pairs, int first_size, int pass, GLOBAL const pair *vertex_face,
+/* Decides the listed pairs. Pass 0 is for those of commit_screen, pass k > 0 for those of commit_recheck; it is
+   repeated until nothing changes. Pass -1 settles what is listed and is final whatever came before: it allows a limit
+   on the number of passes. `fraction_before` is `fraction` before the pass. accepted: [pairs] states; fraction:
+   [vertices] bits of floats; outcome: COMMIT_*, set by commit_begin. share: dmin is a pair's clearance at this share.
+   let_go 1: intersecting pairs are free, 0: their vertices stay. n: teams. */
+KERNEL commit_pairs(int n, int first_size, int pass, GLOBAL const int *list, GLOBAL const pair *vertex_face,
                     GLOBAL const pair *edge_edge, GLOBAL const face_nodes *face, GLOBAL const edge_nodes *edge,
                     GLOBAL const dvec3 *position, GLOBAL const dvec3 *target, GLOBAL const double *inverse_mass,
-                    GLOBAL const vertex_contact *properties, double share, int let_go, GLOBAL const int *vertex_changed,
-                    GLOBAL const int *face_changed, GLOBAL const int *edge_changed, GLOBAL int *accepted,
+                    GLOBAL const vertex_contact *properties, double share, int let_go, GLOBAL int *accepted,
                     GLOBAL const int *fraction_before, GLOBAL int *fraction, GLOBAL int *outcome)
 {
-  TEAM_LOCAL(int, chosen, LISTED_PAIRS);
-  TEAM_LOCAL(int, listed, 1);
-  FOR_EACH_UNEVEN_TEAM(t, n) {
-    TEAM_BARRIER;
-    TEAM_FOR(l, 1) listed[l] = 0;
-    for (int run = 0; run < runs; ++run) {
-      const int first = (t * runs + run) * RUN_PAIRS;
-      int waiting;
-      TEAM_BARRIER;
-      TEAM_FOR(l, min_int(pairs - first, RUN_PAIRS)) {
-        const int i = first + l;
-        if (pass > 0 && !commit_disturbed(i >= first_size, listed_pair(i, first_size, vertex_face, edge_edge),
-                                          vertex_changed, face_changed, edge_changed))
-          continue;
-        if (accepted[i] == (pass == 0 ? COMMIT_OPEN : COMMIT_CONDITIONAL)) chosen[local_add_int(listed, 1)] = i;
-      }
-      TEAM_BARRIER;
-      waiting = listed[0];
-      while (waiting >= PAIR_TEAM || (run == runs - 1 && waiting > 0)) {
-        const int now = min_int(waiting, PAIR_TEAM);
-        waiting -= now;
-        TEAM_FOR(l, now) {
-          const int i = chosen[waiting + l];
-          accepted[i] =
-              commit_one(i >= first_size, listed_pair(i, first_size, vertex_face, edge_edge), pass, face, edge,
-                         position, target, inverse_mass, properties, share, let_go, fraction_before, fraction, outcome);
-        }
-      }
-      TEAM_BARRIER;
-      TEAM_FOR(l, 1) listed[l] = waiting;
-    }
+  FOR_EACH_LISTED(t, k, n, outcome + COMMIT_LISTED)
+  {
+    const int i = list[k_run + k];
+    accepted[i] =
+        commit_one(i >= first_size, listed_pair(i, first_size, vertex_face, edge_edge), pass, face, edge, position,
+                   target, inverse_mass, properties, share, let_go, fraction_before, fraction, outcome);
   }
 }
 
@@ -309,13 +315,13 @@ KERNEL commit_begin(int n, GLOBAL int *fraction, GLOBAL int *fraction_before, GL
   FOR_EACH(i, n) {
     fraction[i] = fraction_before[i] = COMMIT_WHOLE;
     if (i == 0) {
-      outcome[COMMIT_CHANGES] = outcome[COMMIT_CROSSED] = 0;
+      outcome[COMMIT_CHANGES] = outcome[COMMIT_CROSSED] = outcome[COMMIT_LISTED] = 0;
       outcome[COMMIT_SIGMA] = COMMIT_WHOLE;
     }
   }
 }
 
-/* After a pass: the vertices that it has truncated, and `fraction_before` of the next. */
+/* After a pass: the vertices that it has truncated, and `fraction_before` and an empty list for the next. */
 KERNEL commit_changes(int n, GLOBAL const int *fraction, GLOBAL int *fraction_before, GLOBAL int *vertex_changed,
                       GLOBAL int *outcome)
 {
@@ -323,6 +329,7 @@ KERNEL commit_changes(int n, GLOBAL const int *fraction, GLOBAL int *fraction_be
     const int changed = fraction[i] != fraction_before[i];
     vertex_changed[i] = changed;
     fraction_before[i] = fraction[i];
+    if (i == 0) outcome[COMMIT_LISTED] = 0;
     if (changed) atomic_add_int(outcome + COMMIT_CHANGES, 1);
   }
 }

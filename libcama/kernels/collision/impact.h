@@ -103,99 +103,81 @@ KERNEL find_prediction_errors(int n, GLOBAL const dvec3 *x, GLOBAL const dvec3 *
   }
 }
 
-/* Values of flag[] between both kernels below. */
-#define PAIR_OPEN 1 /* continuous detection has to decide */
-#define PAIR_HIT 2 /* decided before for this very motion: an impact */
-
-/* flag[i] = PAIR_OPEN where continuous detection has to decide candidate i of both lists. The first *_done pairs of
-   each list have been decided for this very motion; before[]: the flags that find_impacts left of them, list after
-   list. localized: only pairs with a vertex that the last projection moved are selected; the others were certified
-   before it. The gap_bound of a pair and the prediction errors of its vertices decide most pairs. *_bounds: number of
-   pairs whose gap_bound holds from the start of this motion; below 0 it marks a known impact, which is tested `again`
-   unless it was found twice. share: the share of the thickness that pairs keep; largest: the largest contact thickness,
-   m. */
-KERNEL select_ccd_pairs(int n, int first_size, int localized, int again, GLOBAL const pair *vertex_face,
+/* The candidates of both lists that continuous detection has to decide: they go to the list, and the flags of the
+   others say whether they are impacts. The first *_done pairs of each list have been decided for this very motion;
+   before[]: their flags, list after list. localized: only pairs with a vertex that the last projection moved are
+   tested; the others were certified before it. The gap_bound of a pair and the prediction errors of its vertices decide
+   most pairs, the direction known from their search most of the others. *_bounds: number of pairs whose gap_bound holds
+   from the start of this motion; below 0 it marks a known impact, which is tested `again` unless it was found twice.
+   share: the share of the thickness that pairs keep; largest: the largest contact thickness, m. found[2]: the length of
+   the list. n: teams. */
+KERNEL select_ccd_pairs(int n, int pairs, int first_size, int localized, int again, GLOBAL const pair *vertex_face,
                         GLOBAL const pair *edge_edge, GLOBAL const face_nodes *face, GLOBAL const edge_nodes *edge,
                         GLOBAL const double *inverse_mass, double share, double largest,
                         GLOBAL const float *prediction_error, int vertex_face_done, int edge_edge_done,
                         GLOBAL const int *before, int vertex_face_bounds, GLOBAL const float *vertex_face_gap_bound,
                         int edge_edge_bounds, GLOBAL const float *edge_edge_gap_bound, GLOBAL const int *moved,
-                        GLOBAL int *flag)
+                        GLOBAL const dvec3 *x, GLOBAL const dvec3 *y, GLOBAL const vertex_contact *v,
+                        GLOBAL const fvec3 *vertex_face_direction, GLOBAL const fvec3 *edge_edge_direction,
+                        GLOBAL int *flag, GLOBAL int *list, GLOBAL int *found)
 {
-  FOR_EACH(i, n) {
-    int kind = i >= first_size, at = kind == 0 ? i : i - first_size, undecided = 0;
-    if (at < (kind == 0 ? vertex_face_done : edge_edge_done)) {
-      flag[i] = before[kind == 0 ? at : vertex_face_done + at] ? PAIR_HIT : 0;
-    } else {
-      const float gap_bound = kind == 0 ? vertex_face_gap_bound[at] : edge_edge_gap_bound[at];
-      element_nodes e = pair_nodes(kind, listed_pair(i, first_size, vertex_face, edge_edge), face, edge);
-      undecided =
-          !(gap_bound < (again ? -1.0f : 0.0f)) &&
-          (!localized || moved[e.node[0]] || moved[e.node[1]] || moved[e.node[2]] || moved[e.node[3]]) &&
-          inverse_mass[e.node[0]] + inverse_mass[e.node[1]] + inverse_mass[e.node[2]] + inverse_mass[e.node[3]] > 0.0;
-      if (undecided && gap_bound > 0.0f && at < (kind == 0 ? vertex_face_bounds : edge_edge_bounds)) {
-        float a = prediction_error[e.node[0]], b = prediction_error[e.node[3]];
-        if (kind == 1 && prediction_error[e.node[1]] > a) a = prediction_error[e.node[1]];
-        if (kind == 0 && prediction_error[e.node[1]] > b) b = prediction_error[e.node[1]];
-        if (prediction_error[e.node[2]] > b) b = prediction_error[e.node[2]];
-        undecided = !((double)gap_bound - 1.00001 * ((double)a + (double)b) > 1.01 * share * largest);
+  TEAM_LOCAL(int, open, RUN_PAIRS);
+  TEAM_LOCAL(int, unclear, RUN_PAIRS);
+  TEAM_LOCAL(int, opened, 1);
+  TEAM_LOCAL(int, listed, 2);
+  FOR_EACH_UNEVEN_TEAM(t, n) {
+    const int first = t * RUN_PAIRS;
+    TEAM_BARRIER;
+    TEAM_FOR(l, 1) opened[0] = listed[0] = 0;
+    TEAM_BARRIER;
+    TEAM_FOR(l, min_int(pairs - first, RUN_PAIRS)) {
+      const int i = first + l, kind = i >= first_size, at = kind == 0 ? i : i - first_size;
+      if (at < (kind == 0 ? vertex_face_done : edge_edge_done)) {
+        flag[i] = before[kind == 0 ? at : vertex_face_done + at];
+      } else {
+        const float gap_bound = kind == 0 ? vertex_face_gap_bound[at] : edge_edge_gap_bound[at];
+        element_nodes e = pair_nodes(kind, listed_pair(i, first_size, vertex_face, edge_edge), face, edge);
+        int undecided =
+            !(gap_bound < (again ? -1.0f : 0.0f)) &&
+            (!localized || moved[e.node[0]] || moved[e.node[1]] || moved[e.node[2]] || moved[e.node[3]]) &&
+            inverse_mass[e.node[0]] + inverse_mass[e.node[1]] + inverse_mass[e.node[2]] + inverse_mass[e.node[3]] > 0.0;
+        if (undecided && gap_bound > 0.0f && at < (kind == 0 ? vertex_face_bounds : edge_edge_bounds)) {
+          float a = prediction_error[e.node[0]], b = prediction_error[e.node[3]];
+          if (kind == 1 && prediction_error[e.node[1]] > a) a = prediction_error[e.node[1]];
+          if (kind == 0 && prediction_error[e.node[1]] > b) b = prediction_error[e.node[1]];
+          if (prediction_error[e.node[2]] > b) b = prediction_error[e.node[2]];
+          undecided = !((double)gap_bound - 1.00001 * ((double)a + (double)b) > 1.01 * share * largest);
+        }
+        flag[i] = 0;
+        if (undecided) open[local_add_int(opened, 1)] = i;
       }
-      flag[i] = undecided ? PAIR_OPEN : 0;
     }
+    TEAM_BARRIER;
+    TEAM_FOR(l, opened[0]) {
+      const int i = open[l], kind = i >= first_size, at = kind == 0 ? i : i - first_size;
+      element_nodes e = pair_nodes(kind, listed_pair(i, first_size, vertex_face, edge_edge), face, edge);
+      if (!separated_along(kind, e, x, y,
+                           from_direction(kind == 0 ? vertex_face_direction[at] : edge_edge_direction[at]),
+                           pair_clearance(kind, e, v, share) + 0.001 * share * pair_min_thickness(e, v)))
+        unclear[local_add_int(listed, 1)] = i;
+    }
+    append_chosen(unclear, listed, list, found + 2);
   }
 }
 
-/* flag[i] = 1 where candidate i of both lists comes closer than its clearance at `share`, or touches (cubic), on its
-   way from x to y, of those that are PAIR_OPEN, and where it was PAIR_HIT; else 0. found[1]: incremented for each of
-   the former. n: teams; runs: of each team (pair.h); pairs: number of candidates. Most open pairs stay separated along
-   a known direction; a team lists the others until each member has one. */
-KERNEL find_impacts(int n, int runs, int pairs, int first_size, int cubic, GLOBAL const pair *vertex_face,
+/* Continuous detection over the listed candidates: sets their flags; found[1]: the number of impacts among them.
+   n: teams. */
+KERNEL find_impacts(int n, int first_size, int cubic, GLOBAL const int *list, GLOBAL const pair *vertex_face,
                     GLOBAL const pair *edge_edge, GLOBAL const face_nodes *face, GLOBAL const edge_nodes *edge,
                     GLOBAL const dvec3 *x, GLOBAL const dvec3 *y, GLOBAL const vertex_contact *v, double share,
-                    GLOBAL const fvec3 *vertex_face_direction, GLOBAL const fvec3 *edge_edge_direction,
                     GLOBAL int *flag, GLOBAL int *found)
 {
-  TEAM_LOCAL(int, open, RUN_PAIRS);
-  TEAM_LOCAL(int, unclear, LISTED_PAIRS);
-  TEAM_LOCAL(int, listed, 2); /* in both */
-  FOR_EACH_UNEVEN_TEAM(t, n) {
-    TEAM_BARRIER;
-    TEAM_FOR(l, 2) listed[l] = 0;
-    for (int run = 0; run < runs; ++run) {
-      const int first = (t * runs + run) * RUN_PAIRS;
-      int waiting;
-      TEAM_BARRIER;
-      TEAM_FOR(l, min_int(pairs - first, RUN_PAIRS)) {
-        const int state = flag[first + l];
-        if (state == PAIR_OPEN) open[local_add_int(listed, 1)] = first + l;
-        if (state == PAIR_HIT) flag[first + l] = 1;
-      }
-      TEAM_BARRIER;
-      TEAM_FOR(l, listed[0]) {
-        const int i = open[l], kind = i >= first_size, at = kind == 0 ? i : i - first_size;
-        element_nodes e = pair_nodes(kind, listed_pair(i, first_size, vertex_face, edge_edge), face, edge);
-        if (separated_along(kind, e, x, y,
-                            from_direction(kind == 0 ? vertex_face_direction[at] : edge_edge_direction[at]),
-                            pair_clearance(kind, e, v, share) + 0.001 * share * pair_min_thickness(e, v)))
-          flag[i] = 0;
-        else
-          unclear[local_add_int(listed + 1, 1)] = i;
-      }
-      TEAM_BARRIER;
-      waiting = listed[1];
-      while (waiting >= PAIR_TEAM || (run == runs - 1 && waiting > 0)) {
-        const int now = min_int(waiting, PAIR_TEAM);
-        waiting -= now;
-        TEAM_FOR(l, now) {
-          const int i = unclear[waiting + l], kind = i >= first_size;
-          element_nodes e = pair_nodes(kind, listed_pair(i, first_size, vertex_face, edge_edge), face, edge);
-          flag[i] = surface_impact_time(kind, cubic, e, x, y, v, pair_clearance(kind, e, v, share)).hit;
-          if (flag[i]) atomic_add_int(found + 1, 1);
-        }
-      }
-      TEAM_BARRIER;
-      TEAM_FOR(l, 2) listed[l] = l ? waiting : 0;
-    }
+  FOR_EACH_LISTED(t, k, n, found + 2)
+  {
+    const int i = list[k_run + k], kind = i >= first_size;
+    element_nodes e = pair_nodes(kind, listed_pair(i, first_size, vertex_face, edge_edge), face, edge);
+    flag[i] = surface_impact_time(kind, cubic, e, x, y, v, pair_clearance(kind, e, v, share)).hit;
+    if (flag[i]) atomic_add_int(found + 1, 1);
   }
 }
 

@@ -28,12 +28,28 @@ typedef struct {
   double length;           /* at rest, m; above 0 it only pulls */
 } stitch;
 
-/* Kernels that have work for few candidates: a team takes `runs` runs of RUN_PAIRS candidates, lists those with work in
-   TEAM_LOCAL memory, and does it when each member has a pair, or the runs end. Members that wait for others would take
-   as long as those with work. */
+/* Few candidates need much work. A first kernel finds them: a team takes RUN_PAIRS candidates, chooses in TEAM_LOCAL
+   memory and appends to the list of the launch. A second kernel works on the list (FOR_EACH_LISTED), so that all
+   threads of a warp have work, and the first has the few registers that let many threads wait for memory at once. */
 #define PAIR_TEAM 256
-#define RUN_PAIRS 1024
-#define LISTED_PAIRS (RUN_PAIRS + PAIR_TEAM)
+#define RUN_PAIRS 512
+#define LIST_TEAMS 1024
+
+/* Appends what a team has chosen to a list of *length items. chosen: [RUN_PAIRS]; listed: [2], listed[0] their number.
+   Items come in any order. */
+DEVICE_TEAM void append_chosen(LOCAL const int *chosen, LOCAL int *listed, GLOBAL int *list, GLOBAL int *length)
+{
+  TEAM_BARRIER;
+  TEAM_FOR(l, 1) listed[1] = listed[0] > 0 ? atomic_add_int(length, listed[0]) : 0;
+  TEAM_BARRIER;
+  TEAM_FOR(l, listed[0]) list[listed[1] + l] = chosen[l];
+}
+
+/* Places k in a list of *length items, by at most LIST_TEAMS teams of PAIR_TEAM members (n). */
+#define FOR_EACH_LISTED(t, k, n, length)                                               \
+  FOR_EACH_UNEVEN_TEAM(t, n)                                                           \
+    for (int k##_run = t * PAIR_TEAM; k##_run < *(length); k##_run += (n) * PAIR_TEAM) \
+      TEAM_FOR(k, min_int(*(length) - k##_run, PAIR_TEAM))
 
 /* By how much a stitch is longer than at rest, m, where its ends are `distance` apart. */
 DEVICE double stitch_stretch(stitch s, double distance)

@@ -32,27 +32,31 @@ double CertifiedCommit::run(const Rooms &state, const Stream<dvec3> &from, bool 
   face_changed_.resize(mesh.faces);
   edge_changed_.resize(mesh.edges);
   CAMA_LAUNCH(b, commit_begin, mesh.vertices, fraction_, fraction_before_, outcome_);
-  const PairList *lists[2] = {&state.contact.vertex_face, &state.contact.edge_edge};
-  const int first[2] = {0, lists[0]->pairs.size()};
-  Stream<int> &accepted = flagged_.flag;
+  const PairList &vertex_face = state.contact.vertex_face, &edge_edge = state.contact.edge_edge;
+  const int first = vertex_face.pairs.size();
+  Stream<int> &accepted = flagged_.flag, &list = flagged_.list;
   flagged_.resize(state);
-  for (int kind = 0; kind < 2; ++kind) {
-    CAMA_LAUNCH(b, commit_screen, lists[kind]->pairs.size(), kind, first[kind], certified ? 1 : 0, lists[kind]->pairs,
-                mesh.face, mesh.edge, from, mesh.position_next, lists[kind]->direction, state.contact.vertex_contact,
-                lists[kind]->gap_bound, certified_distance, accepted);
-  }
+  const int teams = flagged_.teams(), list_teams = flagged_.list_teams();
+  CAMA_LAUNCH_TEAMS(void, b, commit_screen, PAIR_TEAM, teams, accepted.size(), first, certified ? 1 : 0,
+                    vertex_face.pairs, edge_edge.pairs, mesh.face, mesh.edge, from, mesh.position_next,
+                    vertex_face.direction, edge_edge.direction, state.contact.vertex_contact, vertex_face.gap_bound,
+                    edge_edge.gap_bound, certified_distance, accepted, list, outcome_);
   std::vector<int> outcome(COMMIT_OUTCOMES, 0);
   for (int pass = 0;; ++pass) {
-    CAMA_LAUNCH_TEAMS(void, b, commit_pairs, PAIR_TEAM, flagged_.teams(), flagged_.runs(), accepted.size(), first[1],
-                      pass, lists[0]->pairs, lists[1]->pairs, mesh.face, mesh.edge, from, mesh.position_next,
-                      mesh.inverse_mass, state.contact.vertex_contact, certified_distance, 0, vertex_changed_,
-                      face_changed_, edge_changed_, accepted, fraction_before_, fraction_, outcome_);
+    if (pass > 0) {
+      CAMA_LAUNCH(b, commit_disturb, mesh.faces + mesh.edges, mesh.faces, mesh.face, mesh.edge, vertex_changed_,
+                  face_changed_, edge_changed_);
+      CAMA_LAUNCH_TEAMS(void, b, commit_recheck, PAIR_TEAM, teams, accepted.size(), first, vertex_face.pairs,
+                        edge_edge.pairs, vertex_changed_, face_changed_, edge_changed_, accepted, list, outcome_);
+    }
+    CAMA_LAUNCH_TEAMS(void, b, commit_pairs, PAIR_TEAM, list_teams, first, pass, list, vertex_face.pairs,
+                      edge_edge.pairs, mesh.face, mesh.edge, from, mesh.position_next, mesh.inverse_mass,
+                      state.contact.vertex_contact, certified_distance, 0, accepted, fraction_before_, fraction_,
+                      outcome_);
     CAMA_LAUNCH(b, commit_changes, mesh.vertices, fraction_, fraction_before_, vertex_changed_, outcome_);
     const int changes = outcome[COMMIT_CHANGES];
     outcome = outcome_.download();
     if (outcome[COMMIT_CHANGES] == changes) break;
-    CAMA_LAUNCH(b, commit_disturb, mesh.faces + mesh.edges, mesh.faces, mesh.face, mesh.edge, vertex_changed_,
-                face_changed_, edge_changed_);
   }
   committed_.resize(mesh.vertices);
   CAMA_LAUNCH(b, commit_apply, mesh.vertices, from, mesh.position_next, fraction_, outcome_, committed_);

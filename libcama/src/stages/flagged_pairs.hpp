@@ -11,16 +11,17 @@ namespace cama {
 /// of a step share one, since lists of candidates are the largest streams.
 class FlaggedPairs {
 public:
-  explicit FlaggedPairs(Backend &backend) : flag(backend), index(backend), place_(backend), key_(backend) {}
-  /// Allocates a flag for every candidate.
+  explicit FlaggedPairs(Backend &backend) : flag(backend), list(backend), index(backend), place_(backend), key_(backend)
+  {}
+  /// Allocates a flag for every candidate, and room in `list`.
   void resize(const Access<const ContactState> &state)
   {
     flag.resize(static_cast<long long>(state.contact.vertex_face.pairs.size()) + state.contact.edge_edge.pairs.size());
+    list.resize(flag.size());
   }
-  /// Of kernels whose teams take several runs of RUN_PAIRS candidates each: few where there are few candidates, so that
-  /// teams are many.
-  int runs() const { return std::clamp(flag.size() / (many_teams * RUN_PAIRS), 1, 16); }
-  int teams() const { return ceil_divide(flag.size(), runs() * RUN_PAIRS); }
+  /// Teams of kernels that take all candidates, and of those that take what these have listed.
+  int teams() const { return ceil_divide(flag.size(), RUN_PAIRS); }
+  int list_teams() const { return std::min(ceil_divide(flag.size(), PAIR_TEAM), LIST_TEAMS); }
   /// Keeps the flags as `before()` until the next `compact`; `resize` allocates others.
   void keep() { flag.swap(place_); }
   const Stream<int> &before() const { return place_; }
@@ -31,10 +32,10 @@ public:
   const Stream<key64> &key() const { return key_; }
 
   Stream<int> flag;  // [candidates] of vertex_face, then of edge_edge; free for other uses in between
+  Stream<int> list;  // [candidates] places in `flag` of the few with work, in any order
   Stream<int> index;  // [flagged] places in `flag`, by (kind, a, b)
 
 private:
-  static constexpr int many_teams = 1024;
   Stream<int> place_;
   Stream<key64> key_;
 };
