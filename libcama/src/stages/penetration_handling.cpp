@@ -99,21 +99,6 @@ std::string PenetrationHandling::place(const Rooms &state, const std::vector<std
          (pausing.size() > 1 ? ", and at " + std::to_string(pausing.size() - 1) + " more pairs" : "");
 }
 
-void PenetrationHandling::check_bodies(const Rooms &state, const std::vector<std::pair<int, kernels::pair>> &pausing)
-{
-  if (state.time.division == state.options.max_divisions) return;
-  const auto of_body = [&](int v) {
-    return std::any_of(state.rigid.body.begin(), state.rigid.body.end(),
-                       [v](const RigidBody &body) { return v >= body.first && v < body.last; });
-  };
-  for (const auto &[kind, pair] : pausing) {
-    const std::array<int, 4> v = vertices_of(kind, pair, state.mesh);
-    if (std::any_of(v.begin(), v.end(), of_body))
-      throw SolverError("step " + std::to_string(state.report.step) + ": a rigid body pinches cloth" +
-                        place(state, pausing));
-  }
-}
-
 bool PenetrationHandling::release(const Rooms &state, const std::vector<std::pair<int, kernels::pair>> &pausing)
 {
   const int before = state.exemptions.temporary();
@@ -213,7 +198,6 @@ void PenetrationHandling::run_on(const Rooms &state)
     }
     if (++pauses >= max_pauses) {
       const auto pausing = commit_.pausing_pairs(state);
-      check_bodies(state, pausing);
       if (state.options.pinch == Pinch::stop || !release(state, pausing))
         throw CollisionError(
             "step " + std::to_string(state.report.step) + ": a moving obstacle or pin pinches cloth without a way out" +

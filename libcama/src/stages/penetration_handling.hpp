@@ -15,7 +15,7 @@ namespace cama {
 /// Repeats continuous detection and projection of impacts; then the certified commit. Moving obstacles that would pass
 /// through cloth within the step divide the step.
 class PenetrationHandling final : public StageOn<const Options, StepReport, const Clock, MeshState, ContactState,
-                                                 Exemptions, BoundsState, ReactionState, const RigidState> {
+                                                 Exemptions, BoundsState, ReactionState> {
 public:
   PenetrationHandling(Backend &backend, CandidateSearch &search, FlaggedPairs &flagged);
   std::string_view name() const override { return "penetration handling"; }
@@ -35,9 +35,6 @@ private:
   std::string place(const Rooms &state, const std::vector<std::pair<int, kernels::pair>> &pausing);
   /// Throws SolverError where the motion makes edges of the cloth much longer.
   void check_stretch(const Rooms &state);
-  /// Throws SolverError where a rigid body pinches cloth and the step can be divided: its motion did not reckon with
-  /// what the cloth does in a shorter one.
-  void check_bodies(const Rooms &state, const std::vector<std::pair<int, kernels::pair>> &pausing);
   bool release(const Rooms &state, const std::vector<std::pair<int, kernels::pair>> &pausing);
 
   CandidateSearch &search_;
