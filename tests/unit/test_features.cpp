@@ -444,7 +444,7 @@ TEST_CASE("a plane: the cloth's vertices query one face; no edges, no trees of t
                                                         {"vertex_boxes", 1},
                                                         {"query_vertex_face_count", 1},
                                                         {"scan", 1},
-                                                        {"scan_totals", 1},
+                                                        {"query_totals", 1},
                                                         {"query_vertex_face_fill", 1}});
 }
 

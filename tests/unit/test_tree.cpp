@@ -78,8 +78,8 @@ struct Found {
   Pairs vertex_face, edge_edge;
 };
 
-/// part: groups of level 0 in the parts in which each vertex queries the tree.
-Found query(const Scene &s, int self, int slots, int batch, bool both, int part = 1 << 20)
+/// pools, pool_blocks: of blocks of hits; part: groups of level 0 in the parts in which each vertex queries the tree.
+Found query(const Scene &s, int self, int pools, int pool_blocks, int batch, bool both, int part = 1 << 20)
 {
   const int vertices = int(s.position.size()), faces = int(s.face.size()), edges = int(s.edge.size());
   const int chunks = std::min(vertices, 7);
@@ -97,28 +97,34 @@ Found query(const Scene &s, int self, int slots, int batch, bool both, int part 
   std::iota(order.rbegin(), order.rend(), 0);
   // Vertices, then edges, in one list of items.
   const int vertex_items = vertices * tree_parts(faces, part), items = vertex_items + edges;
-  std::vector<int> slot(std::size_t(items) * slots + 1), count(items, -1), offset(items + 1, 0);
+  const int blocks_at = HIT_ROW * items, blocks = pools * pool_blocks;
+  std::vector<int> hit(std::size_t(blocks_at) + HIT_BLOCK * blocks, -7), taken(POOL_STRIDE * pools, 0);
+  std::vector<int> count(items, -1), offset(items + 1, 0);
   query_vertex_face_count((vertex_items + batch - 1) / batch, vertex_items, batch, part, order.data(),
                           vertex_box.data(), faces, face_tree.order.data(), face_tree.leaf.data(),
-                          face_tree.group.data(), s.cloth_vertices, self, QUERY_ALL, nullptr, nullptr, slots, 0,
-                          slot.data(), count.data());
+                          face_tree.group.data(), s.cloth_vertices, self, QUERY_ALL, nullptr, nullptr, 0, blocks_at,
+                          pools, pool_blocks, hit.data(), taken.data(), count.data());
   query_edge_edge_count((edges + batch - 1) / batch, edges, batch, edge_tree.order.data(), edge_tree.leaf.data(),
                         vertex_box.data(), edges, edge_tree.order.data(), edge_tree.leaf.data(), edge_tree.group.data(),
-                        s.cloth_vertices, self, QUERY_ALL, nullptr, nullptr, slots, vertex_items, slot.data(),
-                        count.data());
+                        s.cloth_vertices, self, QUERY_ALL, nullptr, nullptr, vertex_items, blocks_at, pools,
+                        pool_blocks, hit.data(), taken.data(), count.data());
   std::partial_sum(count.begin(), count.end(), offset.begin() + 1);
-  pair totals;
-  scan_totals(1, vertex_items, items, offset.data(), &totals);
+  std::vector<int> totals(2 + pools);
+  query_totals(pools, vertex_items, items, offset.data(), taken.data(), totals.data());
+  for (int n : taken) REQUIRE(n == 0);
+  int wanted = 0;
+  for (int c : count) wanted += std::max(0, c - ROW_HITS + BLOCK_HITS - 1) / BLOCK_HITS;
+  REQUIRE(std::accumulate(totals.begin() + 2, totals.end(), 0) == wanted);
   const int first = 3;   // behind the earlier entries of a list
-  std::vector<pair> vf(totals.a + first), ee(totals.b + first);
+  std::vector<pair> vf(totals[0] + first), ee(totals[1] + first);
   std::vector<float> vf_gap_bound(vf.size(), 7), ee_gap_bound(ee.size(), 7);
   query_vertex_face_fill(vertex_items, part, order.data(), vertex_box.data(), faces, face_tree.order.data(),
-                         face_tree.leaf.data(), face_tree.group.data(), s.cloth_vertices, self, QUERY_ALL, nullptr,
-                         slots, 0, slot.data(), count.data(), offset.data(), first, vf.data(), vf_gap_bound.data());
+                         face_tree.leaf.data(), face_tree.group.data(), s.cloth_vertices, self, QUERY_ALL, nullptr, 0,
+                         blocks_at, hit.data(), count.data(), offset.data(), first, vf.data(), vf_gap_bound.data());
   query_edge_edge_fill(edges, edge_tree.order.data(), edge_tree.leaf.data(), vertex_box.data(), edges,
                        edge_tree.order.data(), edge_tree.leaf.data(), edge_tree.group.data(), s.cloth_vertices, self,
-                       QUERY_ALL, nullptr, nullptr, slots, vertex_items, slot.data(), count.data(), offset.data(),
-                       first - totals.a, ee.data(), ee_gap_bound.data());
+                       QUERY_ALL, nullptr, nullptr, vertex_items, blocks_at, hit.data(), count.data(), offset.data(),
+                       first - totals[0], ee.data(), ee_gap_bound.data());
   Found found;
   for (int i = 0; i < first; ++i) REQUIRE((vf_gap_bound[i] == 7 && ee_gap_bound[i] == 7));
   for (std::size_t i = first; i < vf.size(); ++i) {
@@ -386,10 +392,10 @@ TEST_CASE("the trees' candidates are those of brute force", "[tree]")
         const Found exact = brute_force(s, self, 0), wide = brute_force(s, self, 1e-6);
         CAPTURE(offset, n, self, exact.vertex_face.size(), exact.edge_edge.size());
         Found reference;
-        for (const int slots : {0, 1, 8, 64})
+        for (const auto &[pools, pool_blocks] : {std::array{1, 0}, {1, 9}, {3, 7}, {64, 400}})
           for (const int batch : {1, 2, 8}) {
-            const Found found = query(s, self, slots, batch, batch == 2);
-            if (slots == 0 && batch == 1) {
+            const Found found = query(s, self, pools, pool_blocks, batch, batch == 2);
+            if (pool_blocks == 0 && batch == 1) {
               reference = found;
               const Pairs vf = sorted(found.vertex_face), ee = sorted(found.edge_edge);
               CHECK(std::adjacent_find(vf.begin(), vf.end()) == vf.end());   // each once
@@ -403,7 +409,7 @@ TEST_CASE("the trees' candidates are those of brute force", "[tree]")
             REQUIRE(found.edge_edge == reference.edge_edge);
           }
         for (const int part : {1, 3, 8})
-          REQUIRE(query(s, self, 8, 1, false, part).vertex_face == reference.vertex_face);
+          REQUIRE(query(s, self, 3, 7, 1, false, part).vertex_face == reference.vertex_face);
         if (n == 14) CHECK(exact.edge_edge.size() > 1000);
       }
 }
@@ -413,7 +419,7 @@ TEST_CASE("everything in one point: every pair, and no hang", "[tree]")
   Scene s = make_scene(1, 4, 0.5, 0);
   for (auto &x : s.position) x = dvec3_make(3, 3, 3);
   s.target = s.position;
-  const Found exact = brute_force(s, 1, 0), found = query(s, 1, 4, 8, true);
+  const Found exact = brute_force(s, 1, 0), found = query(s, 1, 3, 7, 8, true);
   CHECK(sorted(found.vertex_face) == exact.vertex_face);
   CHECK(sorted(found.edge_edge) == exact.edge_edge);
 }

@@ -1,9 +1,9 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* Candidate pairs from the trees by count, scan, fill: vertices against the tree of faces, edges against the tree of
    edges, so every pair of features arises exactly once and no representative triangles or orphan sets are needed. The
-   count pass keeps each item's first `slots` hits in slot[slots (first_slot + i) ..]; the fill pass walks the tree
-   again only for items with more. Vertices are numbered cloth first: those from cloth_vertex_count on are obstacles,
-   whose pairs among themselves are left out. self = 0 leaves out cloth against cloth. */
+   count pass keeps what it finds (keep_hit), and the fill pass walks the tree again only for items whose hits did not
+   find room. Vertices are numbered cloth first: those from cloth_vertex_count on are obstacles, whose pairs among
+   themselves are left out. self = 0 leaves out cloth against cloth. */
 #ifndef CAMA_KERNELS_COLLISION_QUERY_H
 #define CAMA_KERNELS_COLLISION_QUERY_H
 #include "../dialect/dvec3.h"
@@ -14,6 +14,49 @@
 typedef struct {
   int a, b;
 } pair;
+
+/* Hits of a search. Every item has a row, hit[HIT_ROW item ..], for its first hits and the number of its last block.
+   Further hits are in blocks, from hit[blocks_at] on, each of which ends with the number of the item's block before it.
+   Blocks are taken from pools of pool_blocks each, by items in turn, so that few wait for the same counter, which is
+   taken[POOL_STRIDE pool] and counts those for which there was no room too. */
+#define HIT_ROW 16
+#define HIT_BLOCK 32
+#define MOST_POOLS 64
+#define POOL_STRIDE 32
+#define ROW_HITS (HIT_ROW - 1)
+#define BLOCK_HITS (HIT_BLOCK - 1)
+#define NO_BLOCK (-1)
+
+/* Keeps hit number `found` of an item, whose last block is `block`; returns its last block afterwards, NO_BLOCK if it
+   has none or there was no room. */
+DEVICE_ATOMIC int keep_hit(int item, int found, int value, int block, int blocks_at, int pools, int pool_blocks,
+                           GLOBAL int *hit, GLOBAL int *taken)
+{
+  int place = found - ROW_HITS;
+  if (place < 0) {
+    hit[HIT_ROW * item + found] = value;
+    return NO_BLOCK;
+  }
+  if (place % BLOCK_HITS == 0) {
+    int pool = (item >> 5) % pools, number = atomic_add_int(taken + POOL_STRIDE * pool, 1);
+    if (number >= pool_blocks || (place > 0 && block == NO_BLOCK)) return NO_BLOCK;
+    number += pool * pool_blocks;
+    hit[blocks_at + HIT_BLOCK * number + BLOCK_HITS] = block;
+    block = number;
+  }
+  if (block != NO_BLOCK) hit[blocks_at + HIT_BLOCK * block + place % BLOCK_HITS] = value;
+  return block;
+}
+
+/* Hit number j of an item, where hits are asked for from the last one on; *block is its last block at first. */
+DEVICE int kept_hit(int item, int j, int *block, int blocks_at, GLOBAL const int *hit)
+{
+  int place = j - ROW_HITS, value;
+  if (place < 0) return hit[HIT_ROW * item + j];
+  value = hit[blocks_at + HIT_BLOCK * *block + place % BLOCK_HITS];
+  if (place % BLOCK_HITS == 0) *block = hit[blocks_at + HIT_BLOCK * *block + BLOCK_HITS];
+  return value;
+}
 
 /* 1 if features whose first vertices are a and b are to be tested against each other. */
 DEVICE int wanted_pair(int a, int b, int cloth_vertex_count, int self)
@@ -65,14 +108,14 @@ DEVICE group_walk walk_part(int k, int part, int leaf_count, GLOBAL const bvh8_n
 DEVICE int part_end(int k, int part, int leaf_count) { return min_int(GROUP * part * (k + 1), leaf_count); }
 
 /* Item k is vertex vertex_order[k / p] against part k % p of the tree, of its p parts of `part` groups;
-   count[first_slot
-   + k]: its candidate faces. More than one part is for few vertices, each of which may meet much of the tree; batch is
-   1 then. n = items / batch, rounded up. mode: QUERY_*. */
+   count[first_item + k]: its candidate faces. More than one part is for few vertices, each of which may meet much of
+   the tree; batch is 1 then. n = items / batch, rounded up. mode: QUERY_*. */
 KERNEL query_vertex_face_count(int n, int items, int batch, int part, GLOBAL const int *vertex_order,
                                GLOBAL const box *vertex_box, int leaf_count, GLOBAL const int *face_order,
                                GLOBAL const face_nodes *leaf_face, GLOBAL const bvh8_node *tree, int cloth_vertex_count,
-                               int self, int mode, GLOBAL const int *changed, GLOBAL const box *box_before, int slots,
-                               int first_slot, GLOBAL int *slot, GLOBAL int *count)
+                               int self, int mode, GLOBAL const int *changed, GLOBAL const box *box_before,
+                               int first_item, int blocks_at, int pools, int pool_blocks, GLOBAL int *hit,
+                               GLOBAL int *taken, GLOBAL int *count)
 {
   FOR_EACH_UNEVEN(i, n) {
     int first = batch * i, end = min_int(first + batch, items), g;
@@ -81,7 +124,7 @@ KERNEL query_vertex_face_count(int n, int items, int batch, int part, GLOBAL con
     if (batch == 1) {
       int parts = tree_parts(leaf_count, part), v = vertex_order[i / parts], found = 0,
           last = part_end(i % parts, part, leaf_count),
-          leaf = mode == QUERY_UNCHANGED && changed[v] ? WALK_END : WALK_ON;
+          leaf = mode == QUERY_UNCHANGED && changed[v] ? WALK_END : WALK_ON, block = NO_BLOCK;
       all = vertex_box[v];
       walk = walk_part(i % parts, part, leaf_count, tree, all);
       WHILE_ANY(leaf != WALK_END)
@@ -89,16 +132,18 @@ KERNEL query_vertex_face_count(int n, int items, int batch, int part, GLOBAL con
         if (leaf != WALK_END) leaf = walk_leaves(&walk, leaf_count, tree, all);
         if (leaf >= last) leaf = WALK_END;
         if (leaf >= 0 && wanted_vertex_face(v, leaf_face[leaf], cloth_vertex_count, self, mode, box_before)) {
-          if (found < slots) slot[slots * (first_slot + i) + found] = face_order[leaf];
+          block = keep_hit(first_item + i, found, face_order[leaf], block, blocks_at, pools, pool_blocks, hit, taken);
           ++found;
         }
       }
-      count[first_slot + i] = found;
+      hit[HIT_ROW * (first_item + i) + ROW_HITS] = block;
+      count[first_item + i] = found;
       continue;
     }
     for (int k = first; k < end; ++k) {
       int v = vertex_order[k];
-      count[first_slot + k] = 0;
+      count[first_item + k] = 0;
+      hit[HIT_ROW * (first_item + k) + ROW_HITS] = NO_BLOCK;
       if (mode != QUERY_UNCHANGED || !changed[v]) all = box_union(all, vertex_box[v]);
     }
     walk = groups_overlapping(leaf_count, tree, all);
@@ -107,34 +152,35 @@ KERNEL query_vertex_face_count(int n, int items, int batch, int part, GLOBAL con
         int v = vertex_order[k],
             mask = mode == QUERY_UNCHANGED && changed[v] ? 0 : group_overlap(tree + g, vertex_box[v]);
         for (; mask; mask &= mask - 1) {
-          int leaf = GROUP * g + lowest_bit((key64)mask), found = count[first_slot + k];
+          int leaf = GROUP * g + lowest_bit((key64)mask), item = first_item + k;
+          GLOBAL int *block = hit + HIT_ROW * item + ROW_HITS;
           if (!wanted_vertex_face(v, leaf_face[leaf], cloth_vertex_count, self, mode, box_before)) continue;
-          if (found < slots) slot[slots * (first_slot + k) + found] = face_order[leaf];
-          count[first_slot + k] = found + 1;
+          *block = keep_hit(item, count[item], face_order[leaf], *block, blocks_at, pools, pool_blocks, hit, taken);
+          ++count[item];
         }
       }
     }
   }
 }
 
-/* candidate[first + offset[first_slot + k] ..]: (vertex, face), with gap_bound 0; offset is the exclusive sum of
+/* candidate[first + offset[first_item + k] ..]: (vertex, face), with gap_bound 0; offset is the exclusive sum of
    count. n: items. */
 KERNEL query_vertex_face_fill(int n, int part, GLOBAL const int *vertex_order, GLOBAL const box *vertex_box,
                               int leaf_count, GLOBAL const int *face_order, GLOBAL const face_nodes *leaf_face,
                               GLOBAL const bvh8_node *tree, int cloth_vertex_count, int self, int mode,
-                              GLOBAL const box *box_before, int slots, int first_slot, GLOBAL const int *slot,
+                              GLOBAL const box *box_before, int first_item, int blocks_at, GLOBAL const int *hit,
                               GLOBAL const int *count, GLOBAL const int *offset, int first, GLOBAL pair *candidate,
                               GLOBAL float *gap_bound)
 {
   FOR_EACH_UNEVEN(k, n) {
-    int parts = tree_parts(leaf_count, part), v = vertex_order[k / parts], at = first + offset[first_slot + k],
-        found = count[first_slot + k], leaf = WALK_ON;
+    int parts = tree_parts(leaf_count, part), v = vertex_order[k / parts], item = first_item + k,
+        at = first + offset[item], found = count[item], block = hit[HIT_ROW * item + ROW_HITS], leaf = WALK_ON;
     pair p;
     p.a = v;
     for (int j = 0; j < found; ++j) gap_bound[at + j] = 0.0f;
-    if (found <= slots) {
-      for (int j = 0; j < found; ++j) {
-        p.b = slot[slots * (first_slot + k) + j];
+    if (found <= ROW_HITS || block != NO_BLOCK) {
+      for (int j = found - 1; j >= 0; --j) {
+        p.b = kept_hit(item, j, &block, blocks_at, hit);
         candidate[at + j] = p;
       }
     } else {
@@ -186,15 +232,16 @@ DEVICE box edge_item_box(int k, GLOBAL const edge_nodes *item_edge, GLOBAL const
 KERNEL query_edge_edge_count(int n, int items, int batch, GLOBAL const int *item, GLOBAL const edge_nodes *item_edge,
                              GLOBAL const box *vertex_box, int leaf_count, GLOBAL const int *edge_order,
                              GLOBAL const edge_nodes *leaf_edge, GLOBAL const bvh8_node *tree, int cloth_vertex_count,
-                             int self, int mode, GLOBAL const int *changed, GLOBAL const box *box_before, int slots,
-                             int first_slot, GLOBAL int *slot, GLOBAL int *count)
+                             int self, int mode, GLOBAL const int *changed, GLOBAL const box *box_before,
+                             int first_item, int blocks_at, int pools, int pool_blocks, GLOBAL int *hit,
+                             GLOBAL int *taken, GLOBAL int *count)
 {
   FOR_EACH_UNEVEN(b, n) {
     int first = batch * b, end = min_int(first + batch, items), g;
     box all = empty_box();
     group_walk walk;
     if (batch == 1) {
-      int own = item[b], found = 0, j = WALK_ON;
+      int own = item[b], found = 0, j = WALK_ON, block = NO_BLOCK;
       edge_nodes e = item_edge[b];
       all = edge_item_box(b, item_edge, vertex_box, tree, mode);
       walk = mode == QUERY_ALL ? groups_overlapping_from(b >> 3, leaf_count, tree, all)
@@ -205,15 +252,17 @@ KERNEL query_edge_edge_count(int n, int items, int batch, GLOBAL const int *item
         if (j >= 0 && (mode != QUERY_ALL || j > b) &&
             wanted_edge_edge(own, e, edge_order[j], leaf_edge[j], cloth_vertex_count, self, mode, changed,
                              box_before)) {
-          if (found < slots) slot[slots * (first_slot + b) + found] = edge_order[j];
+          block = keep_hit(first_item + b, found, edge_order[j], block, blocks_at, pools, pool_blocks, hit, taken);
           ++found;
         }
       }
-      count[first_slot + b] = found;
+      hit[HIT_ROW * (first_item + b) + ROW_HITS] = block;
+      count[first_item + b] = found;
       continue;
     }
     for (int k = first; k < end; ++k) {
-      count[first_slot + k] = 0;
+      count[first_item + k] = 0;
+      hit[HIT_ROW * (first_item + k) + ROW_HITS] = NO_BLOCK;
       all = box_union(all, edge_item_box(k, item_edge, vertex_box, tree, mode));
     }
     walk = mode == QUERY_ALL ? groups_overlapping_from(first >> 3, leaf_count, tree, all)
@@ -223,12 +272,13 @@ KERNEL query_edge_edge_count(int n, int items, int batch, GLOBAL const int *item
         edge_nodes e = item_edge[k];
         for (int mask = edge_leaves(g, k, edge_item_box(k, item_edge, vertex_box, tree, mode), tree, mode); mask;
              mask &= mask - 1) {
-          int j = GROUP * g + lowest_bit((key64)mask), found = count[first_slot + k];
+          int j = GROUP * g + lowest_bit((key64)mask), at = first_item + k;
+          GLOBAL int *block = hit + HIT_ROW * at + ROW_HITS;
           if (!wanted_edge_edge(item[k], e, edge_order[j], leaf_edge[j], cloth_vertex_count, self, mode, changed,
                                 box_before))
             continue;
-          if (found < slots) slot[slots * (first_slot + k) + found] = edge_order[j];
-          count[first_slot + k] = found + 1;
+          *block = keep_hit(at, count[at], edge_order[j], *block, blocks_at, pools, pool_blocks, hit, taken);
+          ++count[at];
         }
       }
     }
@@ -244,19 +294,21 @@ DEVICE pair ordered_pair(int a, int b)
   return p;
 }
 
-/* candidate[first + offset[first_slot + k] ..]: (edge, edge), with gap_bound 0. */
+/* candidate[first + offset[first_item + k] ..]: (edge, edge), with gap_bound 0. */
 KERNEL query_edge_edge_fill(int n, GLOBAL const int *item, GLOBAL const edge_nodes *item_edge,
                             GLOBAL const box *vertex_box, int leaf_count, GLOBAL const int *edge_order,
                             GLOBAL const edge_nodes *leaf_edge, GLOBAL const bvh8_node *tree, int cloth_vertex_count,
-                            int self, int mode, GLOBAL const int *changed, GLOBAL const box *box_before, int slots,
-                            int first_slot, GLOBAL const int *slot, GLOBAL const int *count, GLOBAL const int *offset,
+                            int self, int mode, GLOBAL const int *changed, GLOBAL const box *box_before, int first_item,
+                            int blocks_at, GLOBAL const int *hit, GLOBAL const int *count, GLOBAL const int *offset,
                             int first, GLOBAL pair *candidate, GLOBAL float *gap_bound)
 {
   FOR_EACH_UNEVEN(k, n) {
-    int own = item[k], at = first + offset[first_slot + k], found = count[first_slot + k], other = WALK_ON;
+    int own = item[k], place = first_item + k, at = first + offset[place], found = count[place],
+        block = hit[HIT_ROW * place + ROW_HITS], other = WALK_ON;
     for (int j = 0; j < found; ++j) gap_bound[at + j] = 0.0f;
-    if (found <= slots) {
-      for (int j = 0; j < found; ++j) candidate[at + j] = ordered_pair(own, slot[slots * (first_slot + k) + j]);
+    if (found <= ROW_HITS || block != NO_BLOCK) {
+      for (int j = found - 1; j >= 0; --j)
+        candidate[at + j] = ordered_pair(own, kept_hit(place, j, &block, blocks_at, hit));
     } else {
       edge_nodes e = item_edge[k];
       box b = edge_item_box(k, item_edge, vertex_box, tree, mode);
@@ -280,6 +332,20 @@ KERNEL scan_totals(int n, int n_first, int n_all, GLOBAL const int *offset, GLOB
   FOR_EACH(i, n) {
     totals[i].a = offset[n_first];
     totals[i].b = offset[n_all] - offset[n_first];
+  }
+}
+
+/* totals[0], totals[1]: those of both lists; totals[2 + i]: blocks of hits that were taken from pool i, none of which
+   is taken afterwards. n: pools. */
+KERNEL query_totals(int n, int n_first, int n_all, GLOBAL const int *offset, GLOBAL int *taken, GLOBAL int *totals)
+{
+  FOR_EACH(i, n) {
+    if (i == 0) {
+      totals[0] = offset[n_first];
+      totals[1] = offset[n_all] - offset[n_first];
+    }
+    totals[2 + i] = taken[POOL_STRIDE * i];
+    taken[POOL_STRIDE * i] = 0;
   }
 }
 

@@ -9,7 +9,7 @@
 
 namespace cama {
 namespace {
-constexpr int least_slots = 16, most_slots = 64;  // hits of an item that the count pass keeps
+constexpr int items_per_pool = 4096; // of blocks of hits
 constexpr int searches_per_sort = 16; // the order of leaves is kept between sorts; boxes are updated in every search
 constexpr int sorts_per_placing = 64; // the origin of boxes is kept between placings of static obstacles
 constexpr int morton_bits = 63;
@@ -21,11 +21,13 @@ constexpr double max_changed = 0.3;  // of the vertices: beyond it, a full searc
 }  // namespace
 
 TreeSearch::TreeSearch(Backend &b, FlaggedPairs &flagged)
-    : CandidateSearch(b), batch_(b.wide_workers() ? GROUP : 1), slots_(least_slots), cloth_(b), moving_(b), static_(b),
-      key_(b), slot_(flagged.flag), count_(b), offset_(b), identity_(b), changed_leaf_face_(b), changed_leaf_edge_(b),
-      totals_(b, 1), changed_(b), flag_(b), offsets_(b), changed_vertex_(b), changed_face_(b), changed_edge_(b),
-      before_(b), changed_groups_(b)
-{}
+    : CandidateSearch(b), batch_(b.wide_workers() ? GROUP : 1), cloth_(b), moving_(b), static_(b), key_(b),
+      hit_(flagged.flag), taken_(b, MOST_POOLS * POOL_STRIDE), count_(b), offset_(b), identity_(b),
+      changed_leaf_face_(b), changed_leaf_edge_(b), totals_(b, 1), found_totals_(b, 2 + MOST_POOLS), changed_(b),
+      flag_(b), offsets_(b), changed_vertex_(b), changed_face_(b), changed_edge_(b), before_(b), changed_groups_(b)
+{
+  taken_.fill_zero();
+}
 
 void TreeSearch::build_levels(Backend &b, int leaves, Stream<kernels::bvh8_node> &tree)
 {
@@ -173,8 +175,10 @@ void TreeSearch::query(const SearchRooms &state, const std::vector<FaceQuery> &f
   const int items = vertex_items + edge_items;
   ++state.report.searches;
   if (items == 0) return;
-  const int slots = std::min(slots_, 0x7fffffff / items);
-  slot_.resize(slots * items);
+  const int pools = std::clamp(items / items_per_pool, 1, MOST_POOLS), pool_blocks = static_cast<int>(blocks_ / pools);
+  const long long blocks_at = static_cast<long long>(HIT_ROW) * items;
+  hit_.resize(blocks_at + static_cast<long long>(HIT_BLOCK) * pool_blocks * pools);
+  const int first_block = static_cast<int>(blocks_at);
   count_.resize(items);
   offset_.resize(items + 1);
   const auto batch_of = [&](int mode) { return mode == QUERY_CHANGED ? 1 : batch_; };
@@ -183,32 +187,33 @@ void TreeSearch::query(const SearchRooms &state, const std::vector<FaceQuery> &f
     const int n = items_of(q), batch = n > q.items->size() ? 1 : batch_of(q.mode);
     CAMA_LAUNCH(b, query_vertex_face_count, (n + batch - 1) / batch, n, batch, part_of(q), *q.items,
                 state.bounds.vertex_box, q.leaves, *q.order, *q.leaf_face, *q.tree, state.mesh.cloth_vertices, self,
-                q.mode, changed_, before_, slots, at, slot_, count_);
+                q.mode, changed_, before_, at, first_block, pools, pool_blocks, hit_, taken_, count_);
     at += n;
   }
   for (const EdgeQuery &q : edges) {
     const int n = q.items->size(), batch = batch_of(q.mode);
     CAMA_LAUNCH(b, query_edge_edge_count, (n + batch - 1) / batch, n, batch, *q.items, *q.item_edge,
                 state.bounds.vertex_box, q.group->edge.size(), q.group->trees->edge_order, q.group->leaf_edge,
-                q.group->trees->edge_bvh, state.mesh.cloth_vertices, self, q.mode, changed_, before_, slots, at, slot_,
-                count_);
+                q.group->trees->edge_bvh, state.mesh.cloth_vertices, self, q.mode, changed_, before_, at, first_block,
+                pools, pool_blocks, hit_, taken_, count_);
     at += n;
   }
   b.scan(count_.buffer(), offset_.buffer(), items);
-  CAMA_LAUNCH(b, scan_totals, 1, vertex_items, items, offset_, totals_);
-  const kernels::pair found = totals_.at(0);
+  CAMA_LAUNCH(b, query_totals, pools, vertex_items, items, offset_, taken_, found_totals_);
+  const std::vector<int> totals = found_totals_.download();
+  const int found_faces = totals[0], found_edges = totals[1];
   const int first_face = state.contact.vertex_face.pairs.size(), first_edge = state.contact.edge_edge.pairs.size();
   const auto grow = [](PairList &list, int more) {
     list.pairs.grow(static_cast<long long>(list.pairs.size()) + more);
     list.gap_bound.grow(list.pairs.size());
   };
-  grow(state.contact.vertex_face, found.a);
-  grow(state.contact.edge_edge, found.b);
+  grow(state.contact.vertex_face, found_faces);
+  grow(state.contact.edge_edge, found_edges);
   at = 0;
   for (const FaceQuery &q : faces) {
     const int n = items_of(q);
     CAMA_LAUNCH(b, query_vertex_face_fill, n, part_of(q), *q.items, state.bounds.vertex_box, q.leaves, *q.order,
-                *q.leaf_face, *q.tree, state.mesh.cloth_vertices, self, q.mode, before_, slots, at, slot_, count_,
+                *q.leaf_face, *q.tree, state.mesh.cloth_vertices, self, q.mode, before_, at, first_block, hit_, count_,
                 offset_, first_face, state.contact.vertex_face.pairs, state.contact.vertex_face.gap_bound);
     at += n;
   }
@@ -216,7 +221,7 @@ void TreeSearch::query(const SearchRooms &state, const std::vector<FaceQuery> &f
     const int n = q.items->size();
     CAMA_LAUNCH(b, query_edge_edge_fill, n, *q.items, *q.item_edge, state.bounds.vertex_box, q.group->edge.size(),
                 q.group->trees->edge_order, q.group->leaf_edge, q.group->trees->edge_bvh, state.mesh.cloth_vertices,
-                self, q.mode, changed_, before_, slots, at, slot_, count_, offset_, first_edge - found.a,
+                self, q.mode, changed_, before_, at, first_block, hit_, count_, offset_, first_edge - found_faces,
                 state.contact.edge_edge.pairs, state.contact.edge_edge.gap_bound);
     at += n;
   }
@@ -224,9 +229,8 @@ void TreeSearch::query(const SearchRooms &state, const std::vector<FaceQuery> &f
   drop_exempt(state, 1, first_edge);
   state.report.candidates = state.contact.vertex_face.pairs.size() + state.contact.edge_edge.pairs.size();
   if (first_face + first_edge > 0) return;  // not a search of everything
-  // Where candidates are many, twice their mean, so that few items walk their tree again next time.
-  const long long mean = (static_cast<long long>(found.a) + found.b) / items;
-  slots_ = mean <= least_slots ? least_slots : static_cast<int>(std::min<long long>(2 * mean, most_slots));
+  const long long most = *std::max_element(totals.begin() + 2, totals.begin() + 2 + pools);
+  blocks_ = std::min(pools * (most + most / 4 + 1), (0x7fffffff - blocks_at) / (2 * HIT_BLOCK));
 }
 
 void TreeSearch::run(const SearchRooms &state, const Stream<dvec3> &from, const Stream<dvec3> &to)

@@ -59,18 +59,20 @@ private:
   void query(const SearchRooms &state, const std::vector<FaceQuery> &faces, const std::vector<EdgeQuery> &edges);
 
   const int batch_;  // items that walk a tree together: 8 on CPUs; on GPUs each item has its own thread
-  int slots_;  // hits of an item that the next search keeps in its count pass
+  long long blocks_ = 0;  // of hits, for those of the next search that do not find room in their item's row
   TreeState trees_;
   Group cloth_, moving_, static_;  // static_: obstacles that never move
   int boxed_ = 0;  // number of vertices, the first ones, whose boxes are made in every search
   bool self_ = false, found_ = false;
   Stream<key64> key_;
-  Stream<int> &slot_;  // hits of items, in the memory of flags, which a search does not need
+  Stream<int> &hit_;  // of items, in the memory of flags, which a search does not need
+  Stream<int> taken_;  // blocks of hits, by pool; 0 between searches
   Stream<int> count_, offset_;
   Stream<int> identity_;
   Stream<kernels::face_nodes> changed_leaf_face_;
   Stream<kernels::edge_nodes> changed_leaf_edge_;
   Stream<kernels::pair> totals_;
+  Stream<int> found_totals_;
   Stream<int> changed_, flag_, offsets_, changed_vertex_, changed_face_, changed_edge_;
   Stream<kernels::box> before_;
   Stream<kernels::bvh8_node> changed_groups_;
