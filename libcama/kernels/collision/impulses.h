@@ -48,8 +48,8 @@ KERNEL start_impacts(int n, int rows, int zones, GLOBAL const impact *impacts, G
   }
 }
 
-#define PUSH_TEAM 256
-#define PUSH_IMPACTS 1024   /* of a team */
+#define PUSH_TEAM 256       /* members of a team, and impacts where there are many */
+#define PUSH_IMPACTS 1024   /* most impacts of a team that solves alone */
 /* Places in the scalars of an iteration: */
 #define PUSH_T 0            /* t of Nesterov's sequence */
 #define PUSH_MOMENTUM 1     /* p = lambda + momentum change is extrapolated */
@@ -95,8 +95,8 @@ DEVICE_TEAM void push_some(int begin, int end, int rows, GLOBAL const impact *im
   tree_sums(PUSH_TEAM, 3, sums);
 }
 
-/* One step of all impacts, from the scalars at `at`. partial[3 t ...]: the sums over the PUSH_IMPACTS impacts of
-   team t. */
+/* One step of all impacts, from the scalars at `at`. partial[3 t ...]: the sums over the PUSH_TEAM impacts of team
+   t. */
 KERNEL push_impulses(int n, int count, int rows, GLOBAL const impact *impacts, GLOBAL const dvec3 *y,
                      GLOBAL const double *constraint, GLOBAL const double *majorant, int at,
                      GLOBAL const double *scalar, GLOBAL double *lambda, GLOBAL double *change, GLOBAL double *partial)
@@ -104,7 +104,7 @@ KERNEL push_impulses(int n, int count, int rows, GLOBAL const impact *impacts, G
   TEAM_LOCAL(double, sums, 3 * PUSH_TEAM);
   FOR_EACH_TEAM(t, n) {
     TEAM_BARRIER;
-    push_some(t * PUSH_IMPACTS, min_int((t + 1) * PUSH_IMPACTS, count), rows, impacts, y, constraint, majorant,
+    push_some(t * PUSH_TEAM, min_int((t + 1) * PUSH_TEAM, count), rows, impacts, y, constraint, majorant,
               scalar[at + PUSH_MOMENTUM], lambda, change, sums);
     TEAM_FOR(c, 3) partial[3 * t + c] = sums[c * PUSH_TEAM];
   }
@@ -121,25 +121,51 @@ DEVICE double next_momentum(double before, double along, double *momentum)
   return next;
 }
 
-/* y_v = m_v^-1 sum over impacts at cloth vertex v of w n p, p = lambda + momentum change. incidence: 4 * impact + local
-   index. */
-DEVICE dvec3 impulse_at(int v, GLOBAL const int *row, GLOBAL const int *incidence, GLOBAL const impact *impacts,
-                        GLOBAL const double *inverse_mass, double momentum, GLOBAL const double *lambda,
-                        GLOBAL const double *change)
+/* An impact at a vertex. */
+typedef struct {
+  dvec3 normal;
+  double weight;
+  int impact;
+} push;
+
+/* Those of the rows of cloth vertices. incidence: 4 * impact + local index. n: 4 impacts. */
+KERNEL order_pushes(int n, int rows, GLOBAL const int *row, GLOBAL const int *incidence, GLOBAL const impact *impacts,
+                    GLOBAL push *pushes)
+{
+  FOR_EACH(k, n)
+    if (k < row[rows]) {
+      int e = incidence[k] >> 2;
+      pushes[k].normal = impacts[e].normal;
+      pushes[k].weight = impacts[e].weight[incidence[k] & 3];
+      pushes[k].impact = e;
+    }
+}
+
+/* y_v = m_v^-1 sum over impacts at cloth vertex v of w n p, p = lambda + momentum change. PUSHES_AHEAD of them are
+   loaded at a time, since rows are long where layers meet. */
+#define PUSHES_AHEAD 4
+DEVICE dvec3 impulse_at(int v, GLOBAL const int *row, GLOBAL const push *pushes, GLOBAL const double *inverse_mass,
+                        double momentum, GLOBAL const double *lambda, GLOBAL const double *change)
 {
   dvec3 sum = dvec3_make(0.0, 0.0, 0.0);
-  int k;
-  for (k = row[v]; k < row[v + 1]; ++k) {
-    int e = incidence[k] >> 2;
-    sum = daxpy(sum, impacts[e].weight[incidence[k] & 3] * (lambda[e] + momentum * change[e]), impacts[e].normal);
+  int k, j, end = row[v + 1];
+  for (k = row[v]; k < end; k += PUSHES_AHEAD) {
+    dvec3 normal[PUSHES_AHEAD];
+    double by[PUSHES_AHEAD];
+    for (j = 0; j < PUSHES_AHEAD; ++j) {
+      int at = min_int(k + j, end - 1), e = pushes[at].impact;
+      normal[j] = pushes[at].normal;
+      by[j] = pushes[at].weight * (lambda[e] + momentum * change[e]);
+    }
+    for (j = 0; j < PUSHES_AHEAD; ++j)
+      if (k + j < end) sum = daxpy(sum, by[j], normal[j]);
   }
   return dscale(inverse_mass[v], sum);
 }
-KERNEL spread_impulses(int n, GLOBAL const int *row, GLOBAL const int *incidence, GLOBAL const impact *impacts,
-                       GLOBAL const double *inverse_mass, GLOBAL const double *lambda, GLOBAL const double *change,
-                       GLOBAL dvec3 *y)
+KERNEL spread_impulses(int n, GLOBAL const int *row, GLOBAL const push *pushes, GLOBAL const double *inverse_mass,
+                       GLOBAL const double *lambda, GLOBAL const double *change, GLOBAL dvec3 *y)
 {
-  FOR_EACH(i, n) y[i] = impulse_at(i, row, incidence, impacts, inverse_mass, 0.0, lambda, change);
+  FOR_EACH(i, n) y[i] = impulse_at(i, row, pushes, inverse_mass, 0.0, lambda, change);
 }
 
 /* The cloth vertex of entry l if that is the first of its row, else -1. */
@@ -163,8 +189,8 @@ KERNEL list_pushed(int n, int rows, GLOBAL const impact *impacts, GLOBAL const i
    the vertices that are pushed. Every team finds the scalars for itself. */
 KERNEL spread_extrapolated(int n, int teams, GLOBAL const double *partial, int from, int to, GLOBAL double *scalar,
                            GLOBAL const int *pushed, GLOBAL const int *pushed_count, GLOBAL const int *row,
-                           GLOBAL const int *incidence, GLOBAL const impact *impacts, GLOBAL const double *inverse_mass,
-                           GLOBAL const double *lambda, GLOBAL const double *change, GLOBAL dvec3 *y)
+                           GLOBAL const push *pushes, GLOBAL const double *inverse_mass, GLOBAL const double *lambda,
+                           GLOBAL const double *change, GLOBAL dvec3 *y)
 {
   TEAM_LOCAL(double, sums, 3 * PUSH_TEAM);
   FOR_EACH_TEAM(t, n) {
@@ -180,7 +206,7 @@ KERNEL spread_extrapolated(int n, int teams, GLOBAL const double *partial, int f
       }
     TEAM_FOR(l, min_int(pushed_count[0] - first, PUSH_TEAM)) {
       const int v = pushed[first + l];
-      y[v] = impulse_at(v, row, incidence, impacts, inverse_mass, momentum, lambda, change);
+      y[v] = impulse_at(v, row, pushes, inverse_mass, momentum, lambda, change);
     }
   }
 }
@@ -202,9 +228,9 @@ KERNEL measure_step(int n, int teams, GLOBAL const double *partial, int at, GLOB
    push_impulses in turn. They end after `most`, or where after a multiple of `check` |change| is at most `tolerance`
    |lambda|. */
 KERNEL solve_few_impacts(int n, int count, int rows, int most, int check, double tolerance, GLOBAL const int *row,
-                         GLOBAL const int *incidence, GLOBAL const impact *impacts, GLOBAL const double *inverse_mass,
-                         GLOBAL const double *constraint, GLOBAL const double *majorant, GLOBAL dvec3 *y,
-                         GLOBAL double *lambda, GLOBAL double *change)
+                         GLOBAL const int *incidence, GLOBAL const push *pushes, GLOBAL const impact *impacts,
+                         GLOBAL const double *inverse_mass, GLOBAL const double *constraint,
+                         GLOBAL const double *majorant, GLOBAL dvec3 *y, GLOBAL double *lambda, GLOBAL double *change)
 {
   TEAM_LOCAL(double, sums, 3 * PUSH_TEAM);
   TEAM_LOCAL(int, pushed, 4 * PUSH_IMPACTS);
@@ -222,7 +248,7 @@ KERNEL solve_few_impacts(int n, int count, int rows, int most, int check, double
     TEAM_BARRIER;
     for (step = 1; step <= most && !ended; ++step) {
       TEAM_FOR(l, pushed_count[0])
-        y[pushed[l]] = impulse_at(pushed[l], row, incidence, impacts, inverse_mass, momentum, lambda, change);
+        y[pushed[l]] = impulse_at(pushed[l], row, pushes, inverse_mass, momentum, lambda, change);
       TEAM_BARRIER;
       push_some(0, count, rows, impacts, y, constraint, majorant, momentum, lambda, change, sums);
       sequence = next_momentum(sequence, sums[0], &momentum);
