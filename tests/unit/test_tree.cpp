@@ -78,8 +78,10 @@ struct Found {
   Pairs vertex_face, edge_edge;
 };
 
-/// pools, pool_blocks: of blocks of hits; part: groups of level 0 in the parts in which each vertex queries the tree.
-Found query(const Scene &s, int self, int pools, int pool_blocks, int batch, bool both, int part = 1 << 20)
+/// pools, pool_blocks: of blocks of hits; part: groups of level 0 in the parts in which each vertex queries the tree;
+/// shares: of each vertex and edge.
+Found query(const Scene &s, int self, int pools, int pool_blocks, int batch, bool both, int part = 1 << 20,
+            int shares = 1)
 {
   const int vertices = int(s.position.size()), faces = int(s.face.size()), edges = int(s.edge.size());
   const int chunks = std::min(vertices, 7);
@@ -96,18 +98,19 @@ Found query(const Scene &s, int self, int pools, int pool_blocks, int batch, boo
   std::vector<int> order(vertices);
   std::iota(order.rbegin(), order.rend(), 0);
   // Vertices, then edges, in one list of items.
-  const int vertex_items = vertices * tree_parts(faces, part), items = vertex_items + edges;
+  const int vertex_items = vertices * tree_parts(faces, part) * shares, edge_items = edges * shares,
+            items = vertex_items + edge_items;
   const int blocks_at = HIT_ROW * items, blocks = pools * pool_blocks;
   std::vector<int> hit(std::size_t(blocks_at) + HIT_BLOCK * blocks, -7), taken(POOL_STRIDE * pools, 0);
   std::vector<int> count(items, -1), offset(items + 1, 0);
-  query_vertex_face_count((vertex_items + batch - 1) / batch, vertex_items, batch, part, order.data(),
+  query_vertex_face_count((vertex_items + batch - 1) / batch, vertex_items, batch, part, shares, order.data(),
                           vertex_box.data(), faces, face_tree.order.data(), face_tree.leaf.data(),
                           face_tree.group.data(), s.cloth_vertices, self, QUERY_ALL, nullptr, nullptr, 0, blocks_at,
                           pools, pool_blocks, hit.data(), taken.data(), count.data());
-  query_edge_edge_count((edges + batch - 1) / batch, edges, batch, edge_tree.order.data(), edge_tree.leaf.data(),
-                        vertex_box.data(), edges, edge_tree.order.data(), edge_tree.leaf.data(), edge_tree.group.data(),
-                        s.cloth_vertices, self, QUERY_ALL, nullptr, nullptr, vertex_items, blocks_at, pools,
-                        pool_blocks, hit.data(), taken.data(), count.data());
+  query_edge_edge_count((edge_items + batch - 1) / batch, edge_items, batch, shares, edge_tree.order.data(),
+                        edge_tree.leaf.data(), vertex_box.data(), edges, edge_tree.order.data(), edge_tree.leaf.data(),
+                        edge_tree.group.data(), s.cloth_vertices, self, QUERY_ALL, nullptr, nullptr, vertex_items,
+                        blocks_at, pools, pool_blocks, hit.data(), taken.data(), count.data());
   std::partial_sum(count.begin(), count.end(), offset.begin() + 1);
   std::vector<int> totals(2 + pools);
   query_totals(pools, vertex_items, items, offset.data(), taken.data(), totals.data());
@@ -118,10 +121,10 @@ Found query(const Scene &s, int self, int pools, int pool_blocks, int batch, boo
   const int first = 3;   // behind the earlier entries of a list
   std::vector<pair> vf(totals[0] + first), ee(totals[1] + first);
   std::vector<float> vf_gap_bound(vf.size(), 7), ee_gap_bound(ee.size(), 7);
-  query_vertex_face_fill(vertex_items, part, order.data(), vertex_box.data(), faces, face_tree.order.data(),
+  query_vertex_face_fill(vertex_items, part, shares, order.data(), vertex_box.data(), faces, face_tree.order.data(),
                          face_tree.leaf.data(), face_tree.group.data(), s.cloth_vertices, self, QUERY_ALL, nullptr, 0,
                          blocks_at, hit.data(), count.data(), offset.data(), first, vf.data(), vf_gap_bound.data());
-  query_edge_edge_fill(edges, edge_tree.order.data(), edge_tree.leaf.data(), vertex_box.data(), edges,
+  query_edge_edge_fill(edge_items, shares, edge_tree.order.data(), edge_tree.leaf.data(), vertex_box.data(), edges,
                        edge_tree.order.data(), edge_tree.leaf.data(), edge_tree.group.data(), s.cloth_vertices, self,
                        QUERY_ALL, nullptr, nullptr, vertex_items, blocks_at, hit.data(), count.data(), offset.data(),
                        first - totals[0], ee.data(), ee_gap_bound.data());
@@ -410,6 +413,11 @@ TEST_CASE("the trees' candidates are those of brute force", "[tree]")
           }
         for (const int part : {1, 3, 8})
           REQUIRE(query(s, self, 3, 7, 1, false, part).vertex_face == reference.vertex_face);
+        for (const auto &[part, pool_blocks] : {std::array{1 << 20, 0}, {1 << 20, 400}, {3, 7}}) {
+          const Found shared = query(s, self, 3, pool_blocks, 1, false, part, GROUP);
+          REQUIRE(sorted(shared.vertex_face) == sorted(reference.vertex_face));
+          REQUIRE(sorted(shared.edge_edge) == sorted(reference.edge_edge));
+        }
         if (n == 14) CHECK(exact.edge_edge.size() > 1000);
       }
 }

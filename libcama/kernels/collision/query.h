@@ -107,10 +107,11 @@ DEVICE group_walk walk_part(int k, int part, int leaf_count, GLOBAL const bvh8_n
 }
 DEVICE int part_end(int k, int part, int leaf_count) { return min_int(GROUP * part * (k + 1), leaf_count); }
 
-/* Item k is vertex vertex_order[k / p] against part k % p of the tree, of its p parts of `part` groups;
-   count[first_item + k]: its candidate faces. More than one part is for few vertices, each of which may meet much of
-   the tree; batch is 1 then. n = items / batch, rounded up. mode: QUERY_*. */
-KERNEL query_vertex_face_count(int n, int items, int batch, int part, GLOBAL const int *vertex_order,
+/* Item k is share k % s of vertex vertex_order[k / s / p] against part k / s % p of the tree, of its p parts of `part`
+   groups; count[first_item + k]: its candidate faces. More than one part is for few vertices, each of which may meet
+   much of the tree, more than one share for somewhat more; batch is 1 then. n = items / batch, rounded up. mode:
+   QUERY_*. */
+KERNEL query_vertex_face_count(int n, int items, int batch, int part, int shares, GLOBAL const int *vertex_order,
                                GLOBAL const box *vertex_box, int leaf_count, GLOBAL const int *face_order,
                                GLOBAL const face_nodes *leaf_face, GLOBAL const bvh8_node *tree, int cloth_vertex_count,
                                int self, int mode, GLOBAL const int *changed, GLOBAL const box *box_before,
@@ -122,11 +123,12 @@ KERNEL query_vertex_face_count(int n, int items, int batch, int part, GLOBAL con
     box all = empty_box();
     group_walk walk;
     if (batch == 1) {
-      int parts = tree_parts(leaf_count, part), v = vertex_order[i / parts], found = 0,
-          last = part_end(i % parts, part, leaf_count),
+      int parts = tree_parts(leaf_count, part), at = i / shares, v = vertex_order[at / parts], found = 0,
+          last = part_end(at % parts, part, leaf_count),
           leaf = mode == QUERY_UNCHANGED && changed[v] ? WALK_END : WALK_ON, block = NO_BLOCK;
       all = vertex_box[v];
-      walk = walk_part(i % parts, part, leaf_count, tree, all);
+      walk = walk_part(at % parts, part, leaf_count, tree, all);
+      take_share(&walk, i % shares, shares);
       WHILE_ANY(leaf != WALK_END)
       {
         if (leaf != WALK_END) leaf = walk_leaves(&walk, leaf_count, tree, all);
@@ -165,7 +167,7 @@ KERNEL query_vertex_face_count(int n, int items, int batch, int part, GLOBAL con
 
 /* candidate[first + offset[first_item + k] ..]: (vertex, face), with gap_bound 0; offset is the exclusive sum of
    count. n: items. */
-KERNEL query_vertex_face_fill(int n, int part, GLOBAL const int *vertex_order, GLOBAL const box *vertex_box,
+KERNEL query_vertex_face_fill(int n, int part, int shares, GLOBAL const int *vertex_order, GLOBAL const box *vertex_box,
                               int leaf_count, GLOBAL const int *face_order, GLOBAL const face_nodes *leaf_face,
                               GLOBAL const bvh8_node *tree, int cloth_vertex_count, int self, int mode,
                               GLOBAL const box *box_before, int first_item, int blocks_at, GLOBAL const int *hit,
@@ -173,7 +175,7 @@ KERNEL query_vertex_face_fill(int n, int part, GLOBAL const int *vertex_order, G
                               GLOBAL float *gap_bound)
 {
   FOR_EACH_UNEVEN(k, n) {
-    int parts = tree_parts(leaf_count, part), v = vertex_order[k / parts], item = first_item + k,
+    int parts = tree_parts(leaf_count, part), v = vertex_order[k / shares / parts], item = first_item + k,
         at = first + offset[item], found = count[item], block = hit[HIT_ROW * item + ROW_HITS], leaf = WALK_ON;
     pair p;
     p.a = v;
@@ -184,9 +186,10 @@ KERNEL query_vertex_face_fill(int n, int part, GLOBAL const int *vertex_order, G
         candidate[at + j] = p;
       }
     } else {
-      int last = part_end(k % parts, part, leaf_count);
+      int last = part_end(k / shares % parts, part, leaf_count);
       box b = vertex_box[v];
-      group_walk walk = walk_part(k % parts, part, leaf_count, tree, b);
+      group_walk walk = walk_part(k / shares % parts, part, leaf_count, tree, b);
+      take_share(&walk, k % shares, shares);
       WHILE_ANY(leaf != WALK_END)
       {
         if (leaf != WALK_END) leaf = walk_leaves(&walk, leaf_count, tree, b);
@@ -227,29 +230,30 @@ DEVICE box edge_item_box(int k, GLOBAL const edge_nodes *item_edge, GLOBAL const
   return mode == QUERY_ALL ? group_box(tree + (k >> 3), k & 7) : box_of_edge(item_edge[k], vertex_box);
 }
 
-/* Item k is edge item[k], nodes item_edge[k]; with QUERY_ALL they are the leaves. mode: QUERY_ALL, QUERY_OTHER or
-   QUERY_CHANGED. */
-KERNEL query_edge_edge_count(int n, int items, int batch, GLOBAL const int *item, GLOBAL const edge_nodes *item_edge,
-                             GLOBAL const box *vertex_box, int leaf_count, GLOBAL const int *edge_order,
-                             GLOBAL const edge_nodes *leaf_edge, GLOBAL const bvh8_node *tree, int cloth_vertex_count,
-                             int self, int mode, GLOBAL const int *changed, GLOBAL const box *box_before,
-                             int first_item, int blocks_at, int pools, int pool_blocks, GLOBAL int *hit,
-                             GLOBAL int *taken, GLOBAL int *count)
+/* Item k is share k % shares of edge item[k / shares], nodes item_edge[k / shares]; with QUERY_ALL they are the leaves.
+   Shares are for few items; batch is 1 then. mode: QUERY_ALL, QUERY_OTHER or QUERY_CHANGED. */
+KERNEL query_edge_edge_count(int n, int items, int batch, int shares, GLOBAL const int *item,
+                             GLOBAL const edge_nodes *item_edge, GLOBAL const box *vertex_box, int leaf_count,
+                             GLOBAL const int *edge_order, GLOBAL const edge_nodes *leaf_edge,
+                             GLOBAL const bvh8_node *tree, int cloth_vertex_count, int self, int mode,
+                             GLOBAL const int *changed, GLOBAL const box *box_before, int first_item, int blocks_at,
+                             int pools, int pool_blocks, GLOBAL int *hit, GLOBAL int *taken, GLOBAL int *count)
 {
   FOR_EACH_UNEVEN(b, n) {
     int first = batch * b, end = min_int(first + batch, items), g;
     box all = empty_box();
     group_walk walk;
     if (batch == 1) {
-      int own = item[b], found = 0, j = WALK_ON, block = NO_BLOCK;
-      edge_nodes e = item_edge[b];
-      all = edge_item_box(b, item_edge, vertex_box, tree, mode);
-      walk = mode == QUERY_ALL ? groups_overlapping_from(b >> 3, leaf_count, tree, all)
+      int k = b / shares, own = item[k], found = 0, j = WALK_ON, block = NO_BLOCK;
+      edge_nodes e = item_edge[k];
+      all = edge_item_box(k, item_edge, vertex_box, tree, mode);
+      walk = mode == QUERY_ALL ? groups_overlapping_from(k >> 3, leaf_count, tree, all)
                                : groups_overlapping(leaf_count, tree, all);
+      take_share(&walk, b % shares, shares);
       WHILE_ANY(j != WALK_END)
       {
         if (j != WALK_END) j = walk_leaves(&walk, leaf_count, tree, all);
-        if (j >= 0 && (mode != QUERY_ALL || j > b) &&
+        if (j >= 0 && (mode != QUERY_ALL || j > k) &&
             wanted_edge_edge(own, e, edge_order[j], leaf_edge[j], cloth_vertex_count, self, mode, changed,
                              box_before)) {
           block = keep_hit(first_item + b, found, edge_order[j], block, blocks_at, pools, pool_blocks, hit, taken);
@@ -295,15 +299,15 @@ DEVICE pair ordered_pair(int a, int b)
 }
 
 /* candidate[first + offset[first_item + k] ..]: (edge, edge), with gap_bound 0. */
-KERNEL query_edge_edge_fill(int n, GLOBAL const int *item, GLOBAL const edge_nodes *item_edge,
+KERNEL query_edge_edge_fill(int n, int shares, GLOBAL const int *item, GLOBAL const edge_nodes *item_edge,
                             GLOBAL const box *vertex_box, int leaf_count, GLOBAL const int *edge_order,
                             GLOBAL const edge_nodes *leaf_edge, GLOBAL const bvh8_node *tree, int cloth_vertex_count,
                             int self, int mode, GLOBAL const int *changed, GLOBAL const box *box_before, int first_item,
                             int blocks_at, GLOBAL const int *hit, GLOBAL const int *count, GLOBAL const int *offset,
                             int first, GLOBAL pair *candidate, GLOBAL float *gap_bound)
 {
-  FOR_EACH_UNEVEN(k, n) {
-    int own = item[k], place = first_item + k, at = first + offset[place], found = count[place],
+  FOR_EACH_UNEVEN(i, n) {
+    int k = i / shares, own = item[k], place = first_item + i, at = first + offset[place], found = count[place],
         block = hit[HIT_ROW * place + ROW_HITS], other = WALK_ON;
     for (int j = 0; j < found; ++j) gap_bound[at + j] = 0.0f;
     if (found <= ROW_HITS || block != NO_BLOCK) {
@@ -314,6 +318,7 @@ KERNEL query_edge_edge_fill(int n, GLOBAL const int *item, GLOBAL const edge_nod
       box b = edge_item_box(k, item_edge, vertex_box, tree, mode);
       group_walk walk = mode == QUERY_ALL ? groups_overlapping_from(k >> 3, leaf_count, tree, b)
                                           : groups_overlapping(leaf_count, tree, b);
+      take_share(&walk, i % shares, shares);
       WHILE_ANY(other != WALK_END)
       {
         if (other != WALK_END) other = walk_leaves(&walk, leaf_count, tree, b);

@@ -195,6 +195,7 @@ DEVICE box group_union(GLOBAL const bvh8_node *g)
 typedef struct {
   key64 open;
   int level, root, group, offset;
+  int kept; /* children of groups of level 1 that walk_leaves goes to */
 } group_walk;
 
 DEVICE group_walk groups_overlapping(int leaf_count, GLOBAL const bvh8_node *tree, box b)
@@ -202,6 +203,7 @@ DEVICE group_walk groups_overlapping(int leaf_count, GLOBAL const bvh8_node *tre
   group_walk w;
   w.level = w.root = group_root_level(leaf_count);
   w.group = 0;
+  w.kept = 0xff;
   w.offset = group_level_offset(leaf_count, w.level);
   w.open = (key64)group_overlap(tree + w.offset, b) << (8 * w.level);
   return w;
@@ -215,6 +217,7 @@ DEVICE group_walk groups_overlapping_from(int first, int leaf_count, GLOBAL cons
   w.level = 1;
   w.root = group_root_level(leaf_count);
   w.group = first >> 3;
+  w.kept = 0xff;
   w.offset = offset;
   w.open = 0;
   for (int l = 1; l <= w.root; ++l) {
@@ -249,6 +252,15 @@ DEVICE int next_group(group_walk *w, int leaf_count, GLOBAL const bvh8_node *tre
   }
 }
 
+/* Makes a walk that starts with the first group share k of `shares`, 1 or 8, which together meet every leaf once: it
+   goes to child k alone of every group of level 1. For a few boxes, each of which then has eight work-items. */
+DEVICE void take_share(group_walk *w, int k, int shares)
+{
+  if (shares == 1) return;
+  w->kept = 1 << k;
+  w->open &= ~((key64)(0xff & ~w->kept) << 8);
+}
+
 /* The same walk one iteration at a time, down to the leaves: byte 0 of `open` is that of leaves. Every iteration
    executes the same operations, so that work-items that walk in lockstep stay together. Returns the next leaf that
    overlaps, in order, WALK_ON if this iteration found none, or WALK_END after the last. */
@@ -274,7 +286,9 @@ DEVICE int walk_leaves(group_walk *w, int leaf_count, GLOBAL const bvh8_node *tr
   } else if (++w->group >= group_level_size(leaf_count, w->root)) {
     leaf = WALK_END;
   }
-  if (leaf == WALK_ON) w->open |= (key64)group_overlap(tree + w->offset + w->group, b) << (8 * w->level);
+  if (leaf == WALK_ON)
+    w->open |= (key64)(group_overlap(tree + w->offset + w->group, b) & (w->level == 1 ? w->kept : 0xff))
+               << (8 * w->level);
   return leaf;
 }
 

@@ -17,6 +17,7 @@ constexpr int few_leaves = 65536;    // two levels in a launch: it has few work 
 // A few vertices query a tree in parts of so many groups of level 0: the sphere around the centre of an exact obstacle
 // may hold most of the cloth, which is too much for one thread.
 constexpr int few_vertices = 64, part_groups = 8;
+constexpr int most_shared = 32768;   // changed features that have a work-item for each of eight shares of their tree
 constexpr double max_changed = 0.3;  // of the vertices: beyond it, a full search is cheaper
 }  // namespace
 
@@ -161,7 +162,14 @@ int TreeSearch::part_of(const FaceQuery &q)
   return q.items->size() > few_vertices ? kernels::group_level_size(q.leaves, 0) : part_groups;
 }
 
-int TreeSearch::items_of(const FaceQuery &q) { return q.items->size() * kernels::tree_parts(q.leaves, part_of(q)); }
+int TreeSearch::items_of(const FaceQuery &q)
+{
+  return q.items->size() * kernels::tree_parts(q.leaves, part_of(q)) * q.shares;
+}
+
+int TreeSearch::items_of(const EdgeQuery &q) { return q.items->size() * q.shares; }
+
+int TreeSearch::shares_of(int changed) const { return changed <= most_shared && batch_ == 1 ? GROUP : 1; }
 
 /// Counts the candidates of the query vertices and edges and appends them to the lists, with one wait for all.
 void TreeSearch::query(const SearchRooms &state, const std::vector<FaceQuery> &faces,
@@ -171,7 +179,7 @@ void TreeSearch::query(const SearchRooms &state, const std::vector<FaceQuery> &f
   const int self = self_ ? 1 : 0;
   int vertex_items = 0, edge_items = 0;
   for (const FaceQuery &q : faces) vertex_items += items_of(q);
-  for (const EdgeQuery &q : edges) edge_items += q.items->size();
+  for (const EdgeQuery &q : edges) edge_items += items_of(q);
   const int items = vertex_items + edge_items;
   ++state.report.searches;
   if (items == 0) return;
@@ -185,14 +193,14 @@ void TreeSearch::query(const SearchRooms &state, const std::vector<FaceQuery> &f
   int at = 0;
   for (const FaceQuery &q : faces) {
     const int n = items_of(q), batch = n > q.items->size() ? 1 : batch_of(q.mode);
-    CAMA_LAUNCH(b, query_vertex_face_count, (n + batch - 1) / batch, n, batch, part_of(q), *q.items,
+    CAMA_LAUNCH(b, query_vertex_face_count, (n + batch - 1) / batch, n, batch, part_of(q), q.shares, *q.items,
                 state.bounds.vertex_box, q.leaves, *q.order, *q.leaf_face, *q.tree, state.mesh.cloth_vertices, self,
                 q.mode, changed_, before_, at, first_block, pools, pool_blocks, hit_, taken_, count_);
     at += n;
   }
   for (const EdgeQuery &q : edges) {
-    const int n = q.items->size(), batch = batch_of(q.mode);
-    CAMA_LAUNCH(b, query_edge_edge_count, (n + batch - 1) / batch, n, batch, *q.items, *q.item_edge,
+    const int n = items_of(q), batch = batch_of(q.mode);
+    CAMA_LAUNCH(b, query_edge_edge_count, (n + batch - 1) / batch, n, batch, q.shares, *q.items, *q.item_edge,
                 state.bounds.vertex_box, q.group->edge.size(), q.group->trees->edge_order, q.group->leaf_edge,
                 q.group->trees->edge_bvh, state.mesh.cloth_vertices, self, q.mode, changed_, before_, at, first_block,
                 pools, pool_blocks, hit_, taken_, count_);
@@ -212,17 +220,18 @@ void TreeSearch::query(const SearchRooms &state, const std::vector<FaceQuery> &f
   at = 0;
   for (const FaceQuery &q : faces) {
     const int n = items_of(q);
-    CAMA_LAUNCH(b, query_vertex_face_fill, n, part_of(q), *q.items, state.bounds.vertex_box, q.leaves, *q.order,
-                *q.leaf_face, *q.tree, state.mesh.cloth_vertices, self, q.mode, before_, at, first_block, hit_, count_,
-                offset_, first_face, state.contact.vertex_face.pairs, state.contact.vertex_face.gap_bound);
+    CAMA_LAUNCH(b, query_vertex_face_fill, n, part_of(q), q.shares, *q.items, state.bounds.vertex_box, q.leaves,
+                *q.order, *q.leaf_face, *q.tree, state.mesh.cloth_vertices, self, q.mode, before_, at, first_block,
+                hit_, count_, offset_, first_face, state.contact.vertex_face.pairs,
+                state.contact.vertex_face.gap_bound);
     at += n;
   }
   for (const EdgeQuery &q : edges) {
-    const int n = q.items->size();
-    CAMA_LAUNCH(b, query_edge_edge_fill, n, *q.items, *q.item_edge, state.bounds.vertex_box, q.group->edge.size(),
-                q.group->trees->edge_order, q.group->leaf_edge, q.group->trees->edge_bvh, state.mesh.cloth_vertices,
-                self, q.mode, changed_, before_, at, first_block, hit_, count_, offset_, first_edge - found_faces,
-                state.contact.edge_edge.pairs, state.contact.edge_edge.gap_bound);
+    const int n = items_of(q);
+    CAMA_LAUNCH(b, query_edge_edge_fill, n, q.shares, *q.items, *q.item_edge, state.bounds.vertex_box,
+                q.group->edge.size(), q.group->trees->edge_order, q.group->leaf_edge, q.group->trees->edge_bvh,
+                state.mesh.cloth_vertices, self, q.mode, changed_, before_, at, first_block, hit_, count_, offset_,
+                first_edge - found_faces, state.contact.edge_edge.pairs, state.contact.edge_edge.gap_bound);
     at += n;
   }
   drop_exempt(state, 0, first_face);
@@ -345,12 +354,13 @@ CandidateSearch::Change TreeSearch::update(const SearchRooms &state, const Strea
     changed_leaf_edge_.resize(of.b);
     CAMA_LAUNCH(b, order_edges, of.b, changed_edge_, state.mesh.edge, changed_leaf_edge_);
   }
+  const int vertex_shares = changed > few_vertices ? shares_of(changed) : 1;
   for (const Group *g : groups) {
     const bool edge_tree = g->edge.size() && (g != &cloth_ || cloth_edges_asked);
     if (g->face.size())
-      faces.push_back(
-          {QUERY_CHANGED, &changed_vertex_, g->face.size(), &g->trees->face_order, &g->leaf_face, &g->trees->face_bvh});
-    if (of.b && edge_tree) edges.push_back({QUERY_CHANGED, &changed_edge_, &changed_leaf_edge_, g});
+      faces.push_back({QUERY_CHANGED, &changed_vertex_, g->face.size(), &g->trees->face_order, &g->leaf_face,
+                       &g->trees->face_bvh, vertex_shares});
+    if (of.b && edge_tree) edges.push_back({QUERY_CHANGED, &changed_edge_, &changed_leaf_edge_, g, shares_of(of.b)});
   }
   const int first_face = state.contact.vertex_face.pairs.size(), first_edge = state.contact.edge_edge.pairs.size();
   query(state, faces, edges);

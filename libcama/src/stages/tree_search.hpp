@@ -39,6 +39,7 @@ private:
     const Stream<int> *order;
     const Stream<kernels::face_nodes> *leaf_face;
     const Stream<kernels::bvh8_node> *tree;
+    int shares = 1;
   };
   /// Edges that query the tree of some edges.
   struct EdgeQuery {
@@ -46,6 +47,7 @@ private:
     const Stream<int> *items;
     const Stream<kernels::edge_nodes> *item_edge;
     const Group *group;
+    int shares = 1;
   };
   void find_groups(const SearchRooms &state);
   void sort_features(const SearchRooms &state, Group &group);
@@ -55,7 +57,9 @@ private:
   void place_static(const SearchRooms &state, const Stream<dvec3> &from, const Stream<dvec3> &to);
   static void build_levels(Backend &backend, int leaves, Stream<kernels::bvh8_node> &tree);
   static int part_of(const FaceQuery &query);
-  static int items_of(const FaceQuery &query);  ///< each vertex once for each part
+  static int items_of(const FaceQuery &query);  ///< each vertex once for each part and share
+  static int items_of(const EdgeQuery &query);
+  int shares_of(int changed) const;  ///< of a tree that so many changed features query
   void query(const SearchRooms &state, const std::vector<FaceQuery> &faces, const std::vector<EdgeQuery> &edges);
 
   const int batch_;  // items that walk a tree together: 8 on CPUs; on GPUs each item has its own thread
