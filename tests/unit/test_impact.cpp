@@ -267,7 +267,7 @@ TEST_CASE("impacts do not depend on how pairs are shared out, and decided pairs 
   y[1].z = 0.5;
   const kernels::face_nodes face{{3, 4, 5}};
   const kernels::edge_nodes edges[2] = {{{0, 3}}, {{4, 5}}};
-  const std::vector<double> inverse_mass(6, 1.0);
+  const std::vector<kernels::feature_motion> motion(9, {0, MOTION_OPEN});  // of vertices, the face and the edges
   std::vector<kernels::vertex_contact> properties(6);
   for (auto &v : properties) v = {1e-3, 0, 0, 0, 0, 0, 0, SHAPE_MESH};
   const int faces = 5000, all = faces + 1;
@@ -279,10 +279,9 @@ TEST_CASE("impacts do not depend on how pairs are shared out, and decided pairs 
   const auto detect = [&](int list_teams, int faces_done, int edges_done, std::vector<int> &flag, const int *before) {
     int found[3] = {0, 0, 0};
     std::vector<int> list(all);
-    select_ccd_pairs((all - 1) / RUN_PAIRS + 1, all, faces, 0, 0, vertex_face.data(), &edge_edge, &face, edges,
-                     inverse_mass.data(), 1.0, 1e-3, nullptr, faces_done, edges_done, before, 0, bounds.data(), 0,
-                     bounds.data(), nullptr, x.data(), y.data(), properties.data(), up.data(), none.data(), flag.data(),
-                     list.data(), found);
+    select_ccd_pairs((all - 1) / RUN_PAIRS + 1, all, faces, 6, 1, 0, vertex_face.data(), &edge_edge, &face, edges, 1.0,
+                     1e-3, motion.data(), faces_done, edges_done, before, 0, bounds.data(), 0, bounds.data(), x.data(),
+                     y.data(), properties.data(), up.data(), none.data(), flag.data(), list.data(), found);
     find_impacts(list_teams, faces, 0, list.data(), vertex_face.data(), &edge_edge, &face, edges, x.data(), y.data(),
                  properties.data(), 1.0, flag.data(), found);
     return found[1];

@@ -209,9 +209,7 @@ KERNEL commit_screen(int n, int pairs, int first_size, int certified, GLOBAL con
   TEAM_LOCAL(int, listed, 2);
   FOR_EACH_TEAM(t, n) {
     const int first = t * RUN_PAIRS;
-    TEAM_BARRIER;
-    TEAM_FOR(l, 1) listed[0] = 0;
-    TEAM_BARRIER;
+    begin_chosen(listed);
     TEAM_FOR(l, min_int(pairs - first, RUN_PAIRS)) {
       const int i = first + l, kind = i >= first_size, at = kind == 0 ? i : i - first_size;
       int screened = certified && !((kind == 0 ? vertex_face_gap_bound[at] : edge_edge_gap_bound[at]) < 0.0f);
@@ -238,9 +236,7 @@ KERNEL commit_recheck(int n, int pairs, int first_size, GLOBAL const pair *verte
   TEAM_LOCAL(int, listed, 2);
   FOR_EACH_TEAM(t, n) {
     const int first = t * RUN_PAIRS;
-    TEAM_BARRIER;
-    TEAM_FOR(l, 1) listed[0] = 0;
-    TEAM_BARRIER;
+    begin_chosen(listed);
     TEAM_FOR(l, min_int(pairs - first, RUN_PAIRS)) {
       const int i = first + l;
       const pair p = listed_pair(i, first_size, vertex_face, edge_edge);

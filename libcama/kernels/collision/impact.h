@@ -90,34 +90,66 @@ DEVICE impact_time surface_impact_time(int kind, int cubic, element_nodes e, GLO
   return r;
 }
 
-/* prediction_error[i]: upper bound of the distance between the end of vertex i and its prediction, m. found[0]:
-   incremented for each vertex whose motion x to y comes nearer to the border of its box than `least`, m. */
+/* What detection knows of the motion of a vertex, or of the vertices of a face or edge. */
+typedef struct {
+  float error; /* upper bound of the largest distance between the end of a vertex and its prediction, m */
+  int state;
+} feature_motion;
+#define MOTION_FREE 1 /* a vertex is not fixed */
+#define MOTION_CHANGED 2 /* a vertex has another motion than at the last detection */
+#define MOTION_OPEN 3 /* both: pairs with such features have to be tested */
+
+/* motion: [vertices]. changed: the vertices whose motion has changed; null: all. found[0]: incremented for each vertex
+   whose motion x to y comes nearer to the border of its box than `least`, m. */
 KERNEL find_prediction_errors(int n, GLOBAL const dvec3 *x, GLOBAL const dvec3 *y, GLOBAL const dvec3 *predicted,
+                              GLOBAL const double *inverse_mass, int localized, GLOBAL const int *changed,
                               GLOBAL const box *vertex_box, GLOBAL const dvec3 *scene_bounds, double least,
-                              GLOBAL float *prediction_error, GLOBAL int *found)
+                              GLOBAL feature_motion *motion, GLOBAL int *found)
 {
   FOR_EACH(i, n) {
-    prediction_error[i] = float_above(dnorm(dsub(y[i], predicted[i])) +
-                                      1e-15 * (largest_component(y[i]) + largest_component(predicted[i])));
+    feature_motion m;
+    m.error = float_above(dnorm(dsub(y[i], predicted[i])) +
+                          1e-15 * (largest_component(y[i]) + largest_component(predicted[i])));
+    m.state = (inverse_mass[i] > 0.0 ? MOTION_FREE : 0) | (!localized || changed[i] ? MOTION_CHANGED : 0);
+    motion[i] = m;
     if (!box_holds(vertex_box[i], swept_box(x[i], y[i], least, scene_bounds[0]))) atomic_add_int(found, 1);
+  }
+}
+
+DEVICE feature_motion joint_motion(feature_motion a, feature_motion b)
+{
+  if (b.error > a.error) a.error = b.error;
+  a.state |= b.state;
+  return a;
+}
+/* motion: [vertices], then those of faces and of edges. n: faces and edges. */
+KERNEL find_feature_motions(int n, int vertices, int faces, GLOBAL const face_nodes *face,
+                            GLOBAL const edge_nodes *edge, GLOBAL feature_motion *motion)
+{
+  FOR_EACH(i, n) {
+    if (i < faces)
+      motion[vertices + i] =
+          joint_motion(joint_motion(motion[face[i].node[0]], motion[face[i].node[1]]), motion[face[i].node[2]]);
+    else
+      motion[vertices + i] = joint_motion(motion[edge[i - faces].node[0]], motion[edge[i - faces].node[1]]);
   }
 }
 
 /* The candidates of both lists that continuous detection has to decide: they go to the list, and the flags of the
    others say whether they are impacts. The first *_done pairs of each list have been decided for this very motion;
-   before[]: their flags, list after list. localized: only pairs with a vertex that the last projection moved are
-   tested; the others were certified before it. The gap_bound of a pair and the prediction errors of its vertices decide
-   most pairs, the direction known from their search most of the others. *_bounds: number of pairs whose gap_bound holds
+   before[]: their flags, list after list. motion: of vertices, faces and edges; pairs whose motion did not change were
+   certified before. The gap_bound of a pair and the prediction errors of its features decide most pairs, the direction
+   known from their search most of the others. *_bounds: number of pairs whose gap_bound holds
    from the start of this motion; below 0 it marks a known impact, which is tested `again` unless it was found twice.
    share: the share of the thickness that pairs keep; largest: the largest contact thickness, m. found[2]: the length of
    the list. n: teams. */
-KERNEL select_ccd_pairs(int n, int pairs, int first_size, int localized, int again, GLOBAL const pair *vertex_face,
-                        GLOBAL const pair *edge_edge, GLOBAL const face_nodes *face, GLOBAL const edge_nodes *edge,
-                        GLOBAL const double *inverse_mass, double share, double largest,
-                        GLOBAL const float *prediction_error, int vertex_face_done, int edge_edge_done,
+KERNEL select_ccd_pairs(int n, int pairs, int first_size, int vertices, int faces, int again,
+                        GLOBAL const pair *vertex_face, GLOBAL const pair *edge_edge, GLOBAL const face_nodes *face,
+                        GLOBAL const edge_nodes *edge, double share, double largest,
+                        GLOBAL const feature_motion *motion, int vertex_face_done, int edge_edge_done,
                         GLOBAL const int *before, int vertex_face_bounds, GLOBAL const float *vertex_face_gap_bound,
-                        int edge_edge_bounds, GLOBAL const float *edge_edge_gap_bound, GLOBAL const int *moved,
-                        GLOBAL const dvec3 *x, GLOBAL const dvec3 *y, GLOBAL const vertex_contact *v,
+                        int edge_edge_bounds, GLOBAL const float *edge_edge_gap_bound, GLOBAL const dvec3 *x,
+                        GLOBAL const dvec3 *y, GLOBAL const vertex_contact *v,
                         GLOBAL const fvec3 *vertex_face_direction, GLOBAL const fvec3 *edge_edge_direction,
                         GLOBAL int *flag, GLOBAL int *list, GLOBAL int *found)
 {
@@ -136,18 +168,12 @@ KERNEL select_ccd_pairs(int n, int pairs, int first_size, int localized, int aga
         flag[i] = before[kind == 0 ? at : vertex_face_done + at];
       } else {
         const float gap_bound = kind == 0 ? vertex_face_gap_bound[at] : edge_edge_gap_bound[at];
-        element_nodes e = pair_nodes(kind, listed_pair(i, first_size, vertex_face, edge_edge), face, edge);
-        int undecided =
-            !(gap_bound < (again ? -1.0f : 0.0f)) &&
-            (!localized || moved[e.node[0]] || moved[e.node[1]] || moved[e.node[2]] || moved[e.node[3]]) &&
-            inverse_mass[e.node[0]] + inverse_mass[e.node[1]] + inverse_mass[e.node[2]] + inverse_mass[e.node[3]] > 0.0;
-        if (undecided && gap_bound > 0.0f && at < (kind == 0 ? vertex_face_bounds : edge_edge_bounds)) {
-          float a = prediction_error[e.node[0]], b = prediction_error[e.node[3]];
-          if (kind == 1 && prediction_error[e.node[1]] > a) a = prediction_error[e.node[1]];
-          if (kind == 0 && prediction_error[e.node[1]] > b) b = prediction_error[e.node[1]];
-          if (prediction_error[e.node[2]] > b) b = prediction_error[e.node[2]];
-          undecided = !((double)gap_bound - 1.00001 * ((double)a + (double)b) > 1.01 * share * largest);
-        }
+        const pair p = listed_pair(i, first_size, vertex_face, edge_edge);
+        const feature_motion a = motion[kind == 0 ? p.a : vertices + faces + p.a],
+                             b = motion[kind == 0 ? vertices + p.b : vertices + faces + p.b];
+        int undecided = !(gap_bound < (again ? -1.0f : 0.0f)) && (a.state | b.state) == MOTION_OPEN;
+        if (undecided && gap_bound > 0.0f && at < (kind == 0 ? vertex_face_bounds : edge_edge_bounds))
+          undecided = !((double)gap_bound - 1.00001 * ((double)a.error + (double)b.error) > 1.01 * share * largest);
         flag[i] = 0;
         if (undecided) open[local_add_int(opened, 1)] = i;
       }

@@ -35,8 +35,15 @@ typedef struct {
 #define RUN_PAIRS 512
 #define LIST_TEAMS 1024
 
-/* Appends what a team has chosen to a list of *length items. chosen: [RUN_PAIRS]; listed: [2], listed[0] their number.
-   Items come in any order. */
+/* Begins a choice: listed[0], the number of what a team has chosen, is 0. */
+DEVICE_TEAM void begin_chosen(LOCAL int *listed)
+{
+  TEAM_BARRIER;
+  TEAM_FOR(l, 1) listed[0] = 0;
+  TEAM_BARRIER;
+}
+
+/* Appends what a team has chosen to a list of *length items, in any order. chosen: [RUN_PAIRS]; listed: [2]. */
 DEVICE_TEAM void append_chosen(LOCAL const int *chosen, LOCAL int *listed, GLOBAL int *list, GLOBAL int *length)
 {
   TEAM_BARRIER;

@@ -22,8 +22,8 @@ constexpr int passes_until_rigid = 20;
 }  // namespace
 
 PenetrationHandling::PenetrationHandling(Backend &b, CandidateSearch &search, FlaggedPairs &flagged)
-    : search_(search), projection_(b), commit_(b, flagged), from_(b), flagged_(flagged), prediction_error_(b),
-      detection_(b, 3), repeated_(b, 1)
+    : search_(search), projection_(b), commit_(b, flagged), from_(b), flagged_(flagged), motion_(b), detection_(b, 3),
+      repeated_(b, 1)
 {}
 
 PenetrationHandling::Detection PenetrationHandling::detect(const Rooms &state, bool first_piece, bool localized,
@@ -34,19 +34,21 @@ PenetrationHandling::Detection PenetrationHandling::detect(const Rooms &state, b
   const int all = 0x7fffffff, first = vertex_face.pairs.size();
   CandidateSearch::find_directions(state, from_, all, all);
   flagged_.resize(state);
-  prediction_error_.resize(state.mesh.vertices);
+  motion_.resize(static_cast<long long>(state.mesh.vertices) + state.mesh.faces + state.mesh.edges);
   detection_.fill_zero();
   CAMA_LAUNCH(b, find_prediction_errors, state.mesh.vertices, from_, state.mesh.position_next, state.bounds.predicted,
-              state.bounds.vertex_box, state.bounds.box_origin(), certified_distance * state.contact.largest_thickness,
-              prediction_error_, detection_);
+              state.mesh.inverse_mass, localized ? 1 : 0, projection_.moved(), state.bounds.vertex_box,
+              state.bounds.box_origin(), certified_distance * state.contact.largest_thickness, motion_, detection_);
+  CAMA_LAUNCH(b, find_feature_motions, state.mesh.faces + state.mesh.edges, state.mesh.vertices, state.mesh.faces,
+              state.mesh.face, state.mesh.edge, motion_);
   CAMA_LAUNCH_TEAMS(void, b, select_ccd_pairs, PAIR_TEAM, flagged_.teams(), flagged_.flag.size(), first,
-                    localized ? 1 : 0, state.options.paper.impact_zones ? 1 : 0, vertex_face.pairs, edge_edge.pairs,
-                    state.mesh.face, state.mesh.edge, state.mesh.inverse_mass, certified_distance,
-                    state.contact.largest_thickness, prediction_error_, vertex_face_done, edge_edge_done,
-                    flagged_.before(), first_piece ? vertex_face.gap_bound.size() : 0, vertex_face.gap_bound,
-                    first_piece ? edge_edge.gap_bound.size() : 0, edge_edge.gap_bound, projection_.moved(), from_,
-                    state.mesh.position_next, state.contact.vertex_contact, vertex_face.direction, edge_edge.direction,
-                    flagged_.flag, flagged_.list, detection_);
+                    state.mesh.vertices, state.mesh.faces, state.options.paper.impact_zones ? 1 : 0, vertex_face.pairs,
+                    edge_edge.pairs, state.mesh.face, state.mesh.edge, certified_distance,
+                    state.contact.largest_thickness, motion_, vertex_face_done, edge_edge_done, flagged_.before(),
+                    first_piece ? vertex_face.gap_bound.size() : 0, vertex_face.gap_bound,
+                    first_piece ? edge_edge.gap_bound.size() : 0, edge_edge.gap_bound, from_, state.mesh.position_next,
+                    state.contact.vertex_contact, vertex_face.direction, edge_edge.direction, flagged_.flag,
+                    flagged_.list, detection_);
   CAMA_LAUNCH_TEAMS(void, b, find_impacts, PAIR_TEAM, flagged_.list_teams(), first,
                     state.options.paper.cubic_impacts ? 1 : 0, flagged_.list, vertex_face.pairs, edge_edge.pairs,
                     state.mesh.face, state.mesh.edge, from_, state.mesh.position_next, state.contact.vertex_contact,

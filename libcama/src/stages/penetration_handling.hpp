@@ -42,7 +42,7 @@ private:
   CertifiedCommit commit_;
   Stream<dvec3> from_;
   FlaggedPairs &flagged_;
-  Stream<float> prediction_error_;
+  Stream<kernels::feature_motion> motion_;  // of vertices, then of faces and edges
   Stream<int> detection_;
   Stream<int> repeated_;  // [1] number of impacts that were found before in this step; then of stretched edges
 };
