@@ -17,41 +17,59 @@ DEVICE pair listed_pair(int i, int first_size, GLOBAL const pair *vertex_face, G
   return i < first_size ? vertex_face[i] : edge_edge[i - first_size];
 }
 
-/* flag[i] = 1 where candidate i of both lists is a contact. direction: one that separates its sides, from side B to
-   side A; gap_bound: lower bound of their distance along it until the prediction, m, 0 where it is not known to exceed
-   the thickness. Both come from cull_separated_pairs; pairs without a bound are tested here. */
-KERNEL find_contacts(int n, int first_size, GLOBAL const pair *vertex_face, GLOBAL const pair *edge_edge,
-                     GLOBAL const face_nodes *face, GLOBAL const edge_nodes *edge, GLOBAL const edge_nodes *wing,
-                     GLOBAL const dvec3 *position, GLOBAL const dvec3 *predicted,
-                     GLOBAL const swept_vertex *swept_vertices, GLOBAL const float *rounding_margin,
-                     GLOBAL const vertex_contact *v, double anticipate, GLOBAL int *flag,
-                     GLOBAL fvec3 *vertex_face_direction, GLOBAL float *vertex_face_gap_bound,
+/* Lists the pairs that no bound decides: those whose gap_bound is 0. The flags of all are 0. n: teams. */
+KERNEL list_near_pairs(int n, int pairs, int first_size, GLOBAL const float *vertex_face_gap_bound,
+                       GLOBAL const float *edge_edge_gap_bound, GLOBAL int *flag, GLOBAL int *list, GLOBAL int *length)
+{
+  TEAM_LOCAL(int, chosen, RUN_PAIRS);
+  TEAM_LOCAL(int, listed, 2);
+  FOR_EACH_TEAM(t, n) {
+    const int first = t * RUN_PAIRS;
+    begin_chosen(listed);
+    TEAM_FOR(l, min_int(pairs - first, RUN_PAIRS)) {
+      const int i = first + l;
+      flag[i] = 0;
+      if (!((i < first_size ? vertex_face_gap_bound[i] : edge_edge_gap_bound[i - first_size]) > 0.0f))
+        chosen[local_add_int(listed, 1)] = i;
+    }
+    append_chosen(chosen, listed, list, length);
+  }
+}
+
+/* flag[i] = 1 where listed candidate i is a contact. direction: one that separates its sides, from side B to side A;
+   gap_bound: lower bound of their distance along it until the prediction, m, 0 where it is not known to exceed the
+   thickness. cull_separated_pairs has both for the pairs that are not listed. n: teams. */
+KERNEL find_contacts(int n, int first_size, GLOBAL const int *list, GLOBAL const int *length,
+                     GLOBAL const pair *vertex_face, GLOBAL const pair *edge_edge, GLOBAL const face_nodes *face,
+                     GLOBAL const edge_nodes *edge, GLOBAL const edge_nodes *wing, GLOBAL const dvec3 *position,
+                     GLOBAL const dvec3 *predicted, GLOBAL const swept_vertex *swept_vertices,
+                     GLOBAL const float *rounding_margin, GLOBAL const vertex_contact *v, double anticipate,
+                     GLOBAL int *flag, GLOBAL fvec3 *vertex_face_direction, GLOBAL float *vertex_face_gap_bound,
                      GLOBAL fvec3 *edge_edge_direction, GLOBAL float *edge_edge_gap_bound)
 {
-  FOR_EACH_UNEVEN(i, n) {
+  FOR_EACH_LISTED(t, k, n, length)
+  {
     contact c;
-    int kind = i >= first_size, at = kind == 0 ? i : i - first_size, hit = 0;
-    if (!((kind == 0 ? vertex_face_gap_bound[at] : edge_edge_gap_bound[at]) > 0.0f)) {
-      pair q = listed_pair(i, first_size, vertex_face, edge_edge);
-      element_nodes e = pair_nodes(kind, q, face, edge);
-      proximity p = surface_proximity(kind, e, position, v);
-      hit = make_contact(kind, q, e, wing, position, predicted, v, anticipate, p, &c);
-      if (kind == 0)
-        vertex_face_direction[at] = to_direction(p.normal);
-      else
-        edge_edge_direction[at] = to_direction(p.normal);
-      if (!hit) {   /* the direction of the closest points may give a bound */
-        fvec3 normal =
-            fvec3_make(0.999999f * (float)p.normal.x, 0.999999f * (float)p.normal.y, 0.999999f * (float)p.normal.z);
-        float gap_bound =
-            gap_bound_along(kind, swept_vertices[e.node[0]], swept_vertices[e.node[1]], swept_vertices[e.node[2]],
-                            swept_vertices[e.node[3]], normal, rounding_margin[0]);
-        if (gap_bound > 0.0f) {
-          if (kind == 0)
-            vertex_face_gap_bound[at] = gap_bound;
-          else
-            edge_edge_gap_bound[at] = gap_bound;
-        }
+    const int i = list[k_run + k], kind = i >= first_size, at = kind == 0 ? i : i - first_size;
+    pair q = listed_pair(i, first_size, vertex_face, edge_edge);
+    element_nodes e = pair_nodes(kind, q, face, edge);
+    proximity p = surface_proximity(kind, e, position, v);
+    int hit = make_contact(kind, q, e, wing, position, predicted, v, anticipate, p, &c);
+    if (kind == 0)
+      vertex_face_direction[at] = to_direction(p.normal);
+    else
+      edge_edge_direction[at] = to_direction(p.normal);
+    if (!hit) { /* the direction of the closest points may give a bound */
+      fvec3 normal =
+          fvec3_make(0.999999f * (float)p.normal.x, 0.999999f * (float)p.normal.y, 0.999999f * (float)p.normal.z);
+      float gap_bound =
+          gap_bound_along(kind, swept_vertices[e.node[0]], swept_vertices[e.node[1]], swept_vertices[e.node[2]],
+                          swept_vertices[e.node[3]], normal, rounding_margin[0]);
+      if (gap_bound > 0.0f) {
+        if (kind == 0)
+          vertex_face_gap_bound[at] = gap_bound;
+        else
+          edge_edge_gap_bound[at] = gap_bound;
       }
     }
     flag[i] = hit;
@@ -67,17 +85,18 @@ DEVICE double side_component(dvec3 n, int side)
   return (side & 1) ? -dcomponent(n, side >> 1) : dcomponent(n, side >> 1);
 }
 
-/* nearest[SIDES v + side]: bits of the smallest distance (float, m) at which cloth vertex v has a contact on that
-   side. */
-KERNEL nearest_contacts(int n, int first_size, GLOBAL const pair *vertex_face, GLOBAL const pair *edge_edge,
-                        GLOBAL const face_nodes *face, GLOBAL const edge_nodes *edge, GLOBAL const dvec3 *position,
-                        GLOBAL const vertex_contact *v, int cloth_vertex_count, GLOBAL const int *flag,
-                        GLOBAL int *nearest)
+/* nearest[SIDES v + side]: bits of the smallest distance (float, m) at which cloth vertex v has a contact on that side.
+   n: teams. */
+KERNEL nearest_contacts(int n, int first_size, GLOBAL const int *list, GLOBAL const int *length,
+                        GLOBAL const pair *vertex_face, GLOBAL const pair *edge_edge, GLOBAL const face_nodes *face,
+                        GLOBAL const edge_nodes *edge, GLOBAL const dvec3 *position, GLOBAL const vertex_contact *v,
+                        int cloth_vertex_count, GLOBAL const int *flag, GLOBAL int *nearest)
 {
-  FOR_EACH(i, n) {
+  FOR_EACH_LISTED(t, place, n, length)
+  {
     element_nodes e;
     proximity p;
-    int k, side, kind = i >= first_size;
+    int k, side, i = list[place_run + place], kind = i >= first_size;
     if (!flag[i]) continue;
     e = pair_nodes(kind, listed_pair(i, first_size, vertex_face, edge_edge), face, edge);
     p = surface_proximity(kind, e, position, v);
@@ -92,17 +111,19 @@ KERNEL nearest_contacts(int n, int first_size, GLOBAL const pair *vertex_face, G
 }
 
 /* Drops anticipated contacts through other cloth: one of their vertices has a contact on the same side that is nearer
-   by more than the thickness. The term of such a pair would pull its sides together through the cloth between them. */
-KERNEL drop_hidden_contacts(int n, int first_size, GLOBAL const pair *vertex_face, GLOBAL const pair *edge_edge,
-                            GLOBAL const face_nodes *face, GLOBAL const edge_nodes *edge, GLOBAL const dvec3 *position,
-                            GLOBAL const vertex_contact *v, int cloth_vertex_count, GLOBAL const int *nearest,
-                            GLOBAL int *flag)
+   by more than the thickness. The term of such a pair would pull its sides together through the cloth between them. n:
+   teams. */
+KERNEL drop_hidden_contacts(int n, int first_size, GLOBAL const int *list, GLOBAL const int *length,
+                            GLOBAL const pair *vertex_face, GLOBAL const pair *edge_edge, GLOBAL const face_nodes *face,
+                            GLOBAL const edge_nodes *edge, GLOBAL const dvec3 *position, GLOBAL const vertex_contact *v,
+                            int cloth_vertex_count, GLOBAL const int *nearest, GLOBAL int *flag)
 {
-  FOR_EACH(i, n) {
+  FOR_EACH_LISTED(t, place, n, length)
+  {
     element_nodes e;
     proximity p;
     double thickness;
-    int k, side, hidden = 0, kind = i >= first_size;
+    int k, side, hidden = 0, i = list[place_run + place], kind = i >= first_size;
     if (!flag[i]) continue;
     e = pair_nodes(kind, listed_pair(i, first_size, vertex_face, edge_edge), face, edge);
     p = surface_proximity(kind, e, position, v);

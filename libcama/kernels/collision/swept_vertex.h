@@ -40,10 +40,10 @@ typedef struct {
 #define SWEPT_ROUNDING 6e-6
 
 /* A plane has a huge radius, so that swept vertices decide nothing about it. rounding_margin: [1], the most that
-   rounding may take from a gap, m. */
+   rounding may take from a gap, m. listed: [1], 0 afterwards. */
 KERNEL make_swept_vertices(int n, GLOBAL const dvec3 *position, GLOBAL const dvec3 *predicted,
                            GLOBAL const dvec3 *scene_bounds, GLOBAL const vertex_contact *v,
-                           GLOBAL swept_vertex *swept_vertices, GLOBAL float *rounding_margin)
+                           GLOBAL swept_vertex *swept_vertices, GLOBAL float *rounding_margin, GLOBAL int *listed)
 {
   FOR_EACH(i, n) {
     dvec3 x = dsub(position[i], scene_bounds[0]), d = dsub(predicted[i], position[i]);
@@ -57,10 +57,12 @@ KERNEL make_swept_vertices(int n, GLOBAL const dvec3 *position, GLOBAL const dve
     m.thickness = float_above(v[i].thickness);
     m.radius = v[i].shape == SHAPE_PLANE ? 1e30f : float_above(v[i].radius);
     swept_vertices[i] = m;
-    if (i == 0)
+    if (i == 0) {
       rounding_margin[0] =
           float_above(SWEPT_ROUNDING * largest_component(dsub(scene_bounds[1], scene_bounds[0])) +
                       1e-15 * max_double(largest_component(scene_bounds[0]), largest_component(scene_bounds[1])));
+      listed[0] = 0;
+    }
   }
 }
 

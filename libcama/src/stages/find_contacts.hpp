@@ -9,7 +9,8 @@ namespace cama {
 class FindContacts final : public StageOn<const Options, StepReport, const MeshState, const BoundsState, ContactState> {
 public:
   FindContacts(Backend &backend, FlaggedPairs &flagged)
-      : flagged_(flagged), nearest_(backend), swept_vertices_(backend), rounding_margin_(backend, 1)
+      : flagged_(flagged), nearest_(backend), swept_vertices_(backend), rounding_margin_(backend, 1),
+        listed_(backend, 1)
   {}
   std::string_view name() const override { return "contacts"; }
   std::string reason() const override { return "contact"; }
@@ -20,6 +21,7 @@ private:
   Stream<int> nearest_;
   Stream<kernels::swept_vertex> swept_vertices_;
   Stream<float> rounding_margin_;
+  Stream<int> listed_;  // the length of flagged_.list
 };
 
 }  // namespace cama
