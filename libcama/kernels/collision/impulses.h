@@ -121,51 +121,25 @@ DEVICE double next_momentum(double before, double along, double *momentum)
   return next;
 }
 
-/* An impact at a vertex. */
-typedef struct {
-  dvec3 normal;
-  double weight;
-  int impact;
-} push;
-
-/* Those of the rows of cloth vertices. incidence: 4 * impact + local index. n: 4 impacts. */
-KERNEL order_pushes(int n, int rows, GLOBAL const int *row, GLOBAL const int *incidence, GLOBAL const impact *impacts,
-                    GLOBAL push *pushes)
-{
-  FOR_EACH(k, n)
-    if (k < row[rows]) {
-      int e = incidence[k] >> 2;
-      pushes[k].normal = impacts[e].normal;
-      pushes[k].weight = impacts[e].weight[incidence[k] & 3];
-      pushes[k].impact = e;
-    }
-}
-
-/* y_v = m_v^-1 sum over impacts at cloth vertex v of w n p, p = lambda + momentum change. PUSHES_AHEAD of them are
-   loaded at a time, since rows are long where layers meet. */
-#define PUSHES_AHEAD 4
-DEVICE dvec3 impulse_at(int v, GLOBAL const int *row, GLOBAL const push *pushes, GLOBAL const double *inverse_mass,
-                        double momentum, GLOBAL const double *lambda, GLOBAL const double *change)
+/* y_v = m_v^-1 sum over impacts at cloth vertex v of w n p, p = lambda + momentum change. incidence: 4 * impact + local
+   index. */
+DEVICE dvec3 impulse_at(int v, GLOBAL const int *row, GLOBAL const int *incidence, GLOBAL const impact *impacts,
+                        GLOBAL const double *inverse_mass, double momentum, GLOBAL const double *lambda,
+                        GLOBAL const double *change)
 {
   dvec3 sum = dvec3_make(0.0, 0.0, 0.0);
-  int k, j, end = row[v + 1];
-  for (k = row[v]; k < end; k += PUSHES_AHEAD) {
-    dvec3 normal[PUSHES_AHEAD];
-    double by[PUSHES_AHEAD];
-    for (j = 0; j < PUSHES_AHEAD; ++j) {
-      int at = min_int(k + j, end - 1), e = pushes[at].impact;
-      normal[j] = pushes[at].normal;
-      by[j] = pushes[at].weight * (lambda[e] + momentum * change[e]);
-    }
-    for (j = 0; j < PUSHES_AHEAD; ++j)
-      if (k + j < end) sum = daxpy(sum, by[j], normal[j]);
+  int k;
+  for (k = row[v]; k < row[v + 1]; ++k) {
+    int e = incidence[k] >> 2;
+    sum = daxpy(sum, impacts[e].weight[incidence[k] & 3] * (lambda[e] + momentum * change[e]), impacts[e].normal);
   }
   return dscale(inverse_mass[v], sum);
 }
-KERNEL spread_impulses(int n, GLOBAL const int *row, GLOBAL const push *pushes, GLOBAL const double *inverse_mass,
-                       GLOBAL const double *lambda, GLOBAL const double *change, GLOBAL dvec3 *y)
+KERNEL spread_impulses(int n, GLOBAL const int *row, GLOBAL const int *incidence, GLOBAL const impact *impacts,
+                       GLOBAL const double *inverse_mass, GLOBAL const double *lambda, GLOBAL const double *change,
+                       GLOBAL dvec3 *y)
 {
-  FOR_EACH(i, n) y[i] = impulse_at(i, row, pushes, inverse_mass, 0.0, lambda, change);
+  FOR_EACH(i, n) y[i] = impulse_at(i, row, incidence, impacts, inverse_mass, 0.0, lambda, change);
 }
 
 /* The cloth vertex of entry l if that is the first of its row, else -1. */
@@ -189,8 +163,8 @@ KERNEL list_pushed(int n, int rows, GLOBAL const impact *impacts, GLOBAL const i
    the vertices that are pushed. Every team finds the scalars for itself. */
 KERNEL spread_extrapolated(int n, int teams, GLOBAL const double *partial, int from, int to, GLOBAL double *scalar,
                            GLOBAL const int *pushed, GLOBAL const int *pushed_count, GLOBAL const int *row,
-                           GLOBAL const push *pushes, GLOBAL const double *inverse_mass, GLOBAL const double *lambda,
-                           GLOBAL const double *change, GLOBAL dvec3 *y)
+                           GLOBAL const int *incidence, GLOBAL const impact *impacts, GLOBAL const double *inverse_mass,
+                           GLOBAL const double *lambda, GLOBAL const double *change, GLOBAL dvec3 *y)
 {
   TEAM_LOCAL(double, sums, 3 * PUSH_TEAM);
   FOR_EACH_TEAM(t, n) {
@@ -206,7 +180,7 @@ KERNEL spread_extrapolated(int n, int teams, GLOBAL const double *partial, int f
       }
     TEAM_FOR(l, min_int(pushed_count[0] - first, PUSH_TEAM)) {
       const int v = pushed[first + l];
-      y[v] = impulse_at(v, row, pushes, inverse_mass, momentum, lambda, change);
+      y[v] = impulse_at(v, row, incidence, impacts, inverse_mass, momentum, lambda, change);
     }
   }
 }
@@ -228,9 +202,9 @@ KERNEL measure_step(int n, int teams, GLOBAL const double *partial, int at, GLOB
    push_impulses in turn. They end after `most`, or where after a multiple of `check` |change| is at most `tolerance`
    |lambda|. */
 KERNEL solve_few_impacts(int n, int count, int rows, int most, int check, double tolerance, GLOBAL const int *row,
-                         GLOBAL const int *incidence, GLOBAL const push *pushes, GLOBAL const impact *impacts,
-                         GLOBAL const double *inverse_mass, GLOBAL const double *constraint,
-                         GLOBAL const double *majorant, GLOBAL dvec3 *y, GLOBAL double *lambda, GLOBAL double *change)
+                         GLOBAL const int *incidence, GLOBAL const impact *impacts, GLOBAL const double *inverse_mass,
+                         GLOBAL const double *constraint, GLOBAL const double *majorant, GLOBAL dvec3 *y,
+                         GLOBAL double *lambda, GLOBAL double *change)
 {
   TEAM_LOCAL(double, sums, 3 * PUSH_TEAM);
   TEAM_LOCAL(int, pushed, 4 * PUSH_IMPACTS);
@@ -248,7 +222,7 @@ KERNEL solve_few_impacts(int n, int count, int rows, int most, int check, double
     TEAM_BARRIER;
     for (step = 1; step <= most && !ended; ++step) {
       TEAM_FOR(l, pushed_count[0])
-        y[pushed[l]] = impulse_at(pushed[l], row, pushes, inverse_mass, momentum, lambda, change);
+        y[pushed[l]] = impulse_at(pushed[l], row, incidence, impacts, inverse_mass, momentum, lambda, change);
       TEAM_BARRIER;
       push_some(0, count, rows, impacts, y, constraint, majorant, momentum, lambda, change, sums);
       sequence = next_momentum(sequence, sums[0], &momentum);

@@ -109,7 +109,7 @@ DEVICE int part_end(int k, int part, int leaf_count) { return min_int(GROUP * pa
 
 /* Item k is share k % s of vertex vertex_order[k / s / p] against part k / s % p of the tree, of its p parts of `part`
    groups; count[first_item + k]: its candidate faces. More than one part is for few vertices, each of which may meet
-   much of the tree, more than one share for somewhat more; batch is 1 then. n = items / batch, rounded up. mode:
+   much of the tree, and batch is 1 then; more than one share for somewhat more. n = items / batch, rounded up. mode:
    QUERY_*. */
 KERNEL query_vertex_face_count(int n, int items, int batch, int part, int shares, GLOBAL const int *vertex_order,
                                GLOBAL const box *vertex_box, int leaf_count, GLOBAL const int *face_order,
@@ -143,7 +143,7 @@ KERNEL query_vertex_face_count(int n, int items, int batch, int part, int shares
       continue;
     }
     for (int k = first; k < end; ++k) {
-      int v = vertex_order[k];
+      int v = vertex_order[k / shares];
       count[first_item + k] = 0;
       hit[HIT_ROW * (first_item + k) + ROW_HITS] = NO_BLOCK;
       if (mode != QUERY_UNCHANGED || !changed[v]) all = box_union(all, vertex_box[v]);
@@ -151,8 +151,10 @@ KERNEL query_vertex_face_count(int n, int items, int batch, int part, int shares
     walk = groups_overlapping(leaf_count, tree, all);
     while ((g = next_group(&walk, leaf_count, tree, all)) >= 0) {
       for (int k = first; k < end; ++k) {
-        int v = vertex_order[k],
-            mask = mode == QUERY_UNCHANGED && changed[v] ? 0 : group_overlap(tree + g, vertex_box[v]);
+        int v = vertex_order[k / shares],
+            mask = (mode == QUERY_UNCHANGED && changed[v]) || !in_share(g, k % shares, shares)
+                       ? 0
+                       : group_overlap(tree + g, vertex_box[v]);
         for (; mask; mask &= mask - 1) {
           int leaf = GROUP * g + lowest_bit((key64)mask), item = first_item + k;
           GLOBAL int *block = hit + HIT_ROW * item + ROW_HITS;
@@ -231,7 +233,7 @@ DEVICE box edge_item_box(int k, GLOBAL const edge_nodes *item_edge, GLOBAL const
 }
 
 /* Item k is share k % shares of edge item[k / shares], nodes item_edge[k / shares]; with QUERY_ALL they are the leaves.
-   Shares are for few items; batch is 1 then. mode: QUERY_ALL, QUERY_OTHER or QUERY_CHANGED. */
+   Shares are for few items. mode: QUERY_ALL, QUERY_OTHER or QUERY_CHANGED. */
 KERNEL query_edge_edge_count(int n, int items, int batch, int shares, GLOBAL const int *item,
                              GLOBAL const edge_nodes *item_edge, GLOBAL const box *vertex_box, int leaf_count,
                              GLOBAL const int *edge_order, GLOBAL const edge_nodes *leaf_edge,
@@ -267,16 +269,18 @@ KERNEL query_edge_edge_count(int n, int items, int batch, int shares, GLOBAL con
     for (int k = first; k < end; ++k) {
       count[first_item + k] = 0;
       hit[HIT_ROW * (first_item + k) + ROW_HITS] = NO_BLOCK;
-      all = box_union(all, edge_item_box(k, item_edge, vertex_box, tree, mode));
+      all = box_union(all, edge_item_box(k / shares, item_edge, vertex_box, tree, mode));
     }
-    walk = mode == QUERY_ALL ? groups_overlapping_from(first >> 3, leaf_count, tree, all)
+    walk = mode == QUERY_ALL ? groups_overlapping_from(first / shares >> 3, leaf_count, tree, all)
                              : groups_overlapping(leaf_count, tree, all);
     while ((g = next_group(&walk, leaf_count, tree, all)) >= 0) {
-      for (int k = first; k < end; ++k) {
+      for (int i = first; i < end; ++i) {
+        int k = i / shares;
         edge_nodes e = item_edge[k];
+        if (!in_share(g, i % shares, shares)) continue;
         for (int mask = edge_leaves(g, k, edge_item_box(k, item_edge, vertex_box, tree, mode), tree, mode); mask;
              mask &= mask - 1) {
-          int j = GROUP * g + lowest_bit((key64)mask), at = first_item + k;
+          int j = GROUP * g + lowest_bit((key64)mask), at = first_item + i;
           GLOBAL int *block = hit + HIT_ROW * at + ROW_HITS;
           if (!wanted_edge_edge(item[k], e, edge_order[j], leaf_edge[j], cloth_vertex_count, self, mode, changed,
                                 box_before))

@@ -17,9 +17,9 @@ constexpr double zone_tolerance = 1e-3, pushing_tolerance = 1e-2;
 ImpactProjection::ImpactProjection(Backend &b) : ImpactProjection(b, pushing_tolerance) {}
 
 ImpactProjection::ImpactProjection(Backend &b, double tolerance)
-    : tolerance_(tolerance), nodes_(b), pushes_(b), count_(b), moved_(b), constraint_(b), majorant_(b), lambda_(b),
-      change_(b), partial_(b), scalar_(b, 3 * PUSH_COUNT), y_(b), from_(b), wanted_(b), pushed_(b), pushed_count_(b, 1),
-      length_(b), longest_(b), longer_(b), largest_(b)
+    : tolerance_(tolerance), nodes_(b), count_(b), moved_(b), constraint_(b), majorant_(b), lambda_(b), change_(b),
+      partial_(b), scalar_(b, 3 * PUSH_COUNT), y_(b), from_(b), wanted_(b), pushed_(b), pushed_count_(b, 1), length_(b),
+      longest_(b), longer_(b), largest_(b)
 {}
 
 void ImpactProjection::solve(const Rooms &state)
@@ -31,8 +31,8 @@ void ImpactProjection::solve(const Rooms &state)
   const int n = state.contact.impact.size(), rows = state.mesh.cloth_vertices;
   if (n <= PUSH_IMPACTS) {  // the usual case
     CAMA_LAUNCH_TEAMS(void, b, solve_few_impacts, PUSH_TEAM, 1, n, rows, most, iterations_per_check, tolerance,
-                      incidence_.row, incidence_.entry, pushes_, state.contact.impact, state.mesh.inverse_mass,
-                      constraint_, majorant_, y_, lambda_, change_);
+                      incidence_.row, incidence_.entry, state.contact.impact, state.mesh.inverse_mass, constraint_,
+                      majorant_, y_, lambda_, change_);
     return;
   }
   const int teams = ceil_divide(n, PUSH_TEAM), most_pushed = static_cast<int>(std::min<long long>(4LL * n, rows));
@@ -47,8 +47,8 @@ void ImpactProjection::solve(const Rooms &state)
     for (int i = 0; i < iterations_per_check; ++i) {
       const int from = i % 2 * PUSH_COUNT, to = PUSH_COUNT - from;
       CAMA_LAUNCH_TEAMS(void, b, spread_extrapolated, PUSH_TEAM, ceil_divide(most_pushed, PUSH_TEAM), teams, partial_,
-                        from, to, scalar_, pushed_, pushed_count_, incidence_.row, pushes_, state.mesh.inverse_mass,
-                        lambda_, change_, y_);
+                        from, to, scalar_, pushed_, pushed_count_, incidence_.row, incidence_.entry,
+                        state.contact.impact, state.mesh.inverse_mass, lambda_, change_, y_);
       CAMA_LAUNCH_TEAMS(void, b, push_impulses, PUSH_TEAM, teams, n, rows, state.contact.impact, y_, constraint_,
                         majorant_, to, scalar_, lambda_, change_, partial_);
     }
@@ -102,13 +102,10 @@ void ImpactProjection::run(const Rooms &state, Stream<dvec3> &positions)
   const bool zones = state.options.paper.impact_zones;
   CAMA_LAUNCH(b, start_impacts, n, state.mesh.cloth_vertices, zones ? 1 : 0, state.contact.impact, from_,
               zones ? wanted_ : positions, state.mesh.inverse_mass, incidence_.row, constraint_, majorant_);
-  pushes_.resize(4LL * n);
-  CAMA_LAUNCH(b, order_pushes, 4 * n, state.mesh.cloth_vertices, incidence_.row, incidence_.entry, state.contact.impact,
-              pushes_);
   solve(state);
   if (state.reactions.measured) add_pushes(state, positions);
-  CAMA_LAUNCH(b, spread_impulses, state.mesh.cloth_vertices, incidence_.row, pushes_, state.mesh.inverse_mass, lambda_,
-              change_, y_);
+  CAMA_LAUNCH(b, spread_impulses, state.mesh.cloth_vertices, incidence_.row, incidence_.entry, state.contact.impact,
+              state.mesh.inverse_mass, lambda_, change_, y_);
   const int first = std::clamp(n, 1, 4096), second = std::min(first, 64);
   longest_.resize(first);
   longer_.resize(second);

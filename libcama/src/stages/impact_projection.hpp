@@ -31,7 +31,6 @@ private:
   const double tolerance_;
   Stream<kernels::element_nodes> nodes_;
   Incidence incidence_, all_incidence_;  // of cloth vertices; of all, where forces are measured
-  Stream<kernels::push> pushes_;  // by the rows of incidence_
   Stream<int> count_, moved_;
   Stream<double> constraint_, majorant_, lambda_, change_, partial_, scalar_;
   Stream<dvec3> y_, from_, wanted_;

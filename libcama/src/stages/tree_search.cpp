@@ -17,7 +17,7 @@ constexpr int few_leaves = 65536;    // two levels in a launch: it has few work 
 // A few vertices query a tree in parts of so many groups of level 0: the sphere around the centre of an exact obstacle
 // may hold most of the cloth, which is too much for one thread.
 constexpr int few_vertices = 64, part_groups = 8;
-constexpr int most_shared = 32768;   // changed features that have a work-item for each of eight shares of their tree
+constexpr int most_shared = 32768;   // changed features that have an item for each of eight shares of their tree
 constexpr double max_changed = 0.3;  // of the vertices: beyond it, a full search is cheaper
 }  // namespace
 
@@ -169,7 +169,7 @@ int TreeSearch::items_of(const FaceQuery &q)
 
 int TreeSearch::items_of(const EdgeQuery &q) { return q.items->size() * q.shares; }
 
-int TreeSearch::shares_of(int changed) const { return changed <= most_shared && batch_ == 1 ? GROUP : 1; }
+int TreeSearch::shares_of(int changed) { return changed <= most_shared ? GROUP : 1; }
 
 /// Counts the candidates of the query vertices and edges and appends them to the lists, with one wait for all.
 void TreeSearch::query(const SearchRooms &state, const std::vector<FaceQuery> &faces,
@@ -189,17 +189,17 @@ void TreeSearch::query(const SearchRooms &state, const std::vector<FaceQuery> &f
   const int first_block = static_cast<int>(blocks_at);
   count_.resize(items);
   offset_.resize(items + 1);
-  const auto batch_of = [&](int mode) { return mode == QUERY_CHANGED ? 1 : batch_; };
+  const auto batch_of = [&](const auto &q) { return q.mode == QUERY_CHANGED && q.shares == 1 ? 1 : batch_; };
   int at = 0;
   for (const FaceQuery &q : faces) {
-    const int n = items_of(q), batch = n > q.items->size() ? 1 : batch_of(q.mode);
+    const int n = items_of(q), batch = n > q.items->size() * q.shares ? 1 : batch_of(q);
     CAMA_LAUNCH(b, query_vertex_face_count, (n + batch - 1) / batch, n, batch, part_of(q), q.shares, *q.items,
                 state.bounds.vertex_box, q.leaves, *q.order, *q.leaf_face, *q.tree, state.mesh.cloth_vertices, self,
                 q.mode, changed_, before_, at, first_block, pools, pool_blocks, hit_, taken_, count_);
     at += n;
   }
   for (const EdgeQuery &q : edges) {
-    const int n = items_of(q), batch = batch_of(q.mode);
+    const int n = items_of(q), batch = batch_of(q);
     CAMA_LAUNCH(b, query_edge_edge_count, (n + batch - 1) / batch, n, batch, q.shares, *q.items, *q.item_edge,
                 state.bounds.vertex_box, q.group->edge.size(), q.group->trees->edge_order, q.group->leaf_edge,
                 q.group->trees->edge_bvh, state.mesh.cloth_vertices, self, q.mode, changed_, before_, at, first_block,

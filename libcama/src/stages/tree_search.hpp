@@ -59,7 +59,7 @@ private:
   static int part_of(const FaceQuery &query);
   static int items_of(const FaceQuery &query);  ///< each vertex once for each part and share
   static int items_of(const EdgeQuery &query);
-  int shares_of(int changed) const;  ///< of a tree that so many changed features query
+  static int shares_of(int changed);  ///< of a tree that so many changed features query
   void query(const SearchRooms &state, const std::vector<FaceQuery> &faces, const std::vector<EdgeQuery> &edges);
 
   const int batch_;  // items that walk a tree together: 8 on CPUs; on GPUs each item has its own thread
