@@ -1,6 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
 // Time steps that an error chooses, without a simulation.
 #include "../catch.hpp"
+
+#include <cmath>
+
+#include "device/kernels.hpp"
+#include "model/topology.hpp"
 #include "run/step_control.hpp"
 
 using namespace cama;
@@ -59,4 +64,46 @@ TEST_CASE("a step that stretches edges is halved, and the next ones grow slowly"
   CHECK(step_that(0) >= 0.00099);   // what no step mends is accepted at a quarter of the shortest
   CHECK(step_that(0) <= 0.0011);
   CHECK(tries == 1);   // and is not tried longer while it stretches edges
+}
+
+TEST_CASE("an edge that springs back to its length at rest is not stretched; a longer one is", "[step_control]")
+{
+  // Edges along x from 0: before, after and at rest, of which the last two end half as long again as the longer of
+  // both.
+  struct Case {
+    double before, after;
+    float rest;
+    int counted;
+  };
+  for (const Case &c : {Case{0.2, 0.9, 1, 0}, Case{0.2, 1.4, 1, 0}, Case{1.2, 1.7, 1, 0}, Case{0.2, 0.4, 0, 1},
+                        Case{0.2, 1.6, 1, 1}, Case{1.2, 1.9, 1, 1}}) {
+    CAPTURE(c.before, c.after, c.rest);
+    const dvec3 x[2] = {{0, 0, 0}, {c.before, 0, 0}}, y[2] = {{0, 0, 0}, {c.after, 0, 0}};
+    const kernels::edge_nodes edge{{0, 1}};
+    int count = 0, without = 0;
+    kernels::count_stretched(1, 2, &edge, &c.rest, x, y, &count);
+    CHECK(count == c.counted);
+    kernels::count_stretched(1, 2, &edge, nullptr, x, y, &without);
+    CHECK(without == (c.after > 1.5 * c.before));
+    int obstacle = 0;
+    kernels::count_stretched(1, 0, &edge, nullptr, x, y, &obstacle);
+    CHECK(obstacle == 0);
+  }
+}
+
+TEST_CASE("lengths of edges at rest are those of the material, the longer side's at a seam", "[step_control]")
+{
+  // Two triangles that are half as large at the start as in the material, where their common side has two lengths.
+  Scene scene;
+  Cloth cloth;
+  cloth.mesh.position = {{0, 0, 0}, {0.5, 0, 0}, {0, 0.5, 0}, {0.5, 0.5, 0}};
+  cloth.mesh.face = {{0, 1, 2}, {2, 1, 3}};
+  cloth.mesh.material_position = {{0, 0}, {1, 0}, {0, 1}, {0, 2}, {2, 0}, {2, 2}};
+  cloth.mesh.material_face = {{0, 1, 2}, {3, 4, 5}};
+  scene.cloths = {cloth, cloth};
+  const std::vector<kernels::edge_nodes> edges = {{{0, 1}}, {{1, 2}}, {{6, 5}}, {{6, 7}}, {{0, 3}}, {{3, 4}}};
+  const std::vector<float> rest = lengths_at_rest(scene, edges);
+  const double expected[] = {1, std::sqrt(8), std::sqrt(8), 2, 0, 0};  // the last two are no edges
+  REQUIRE(rest.size() == 6);
+  for (std::size_t i = 0; i < 6; ++i) CHECK(rest[i] == Approx(expected[i]));
 }

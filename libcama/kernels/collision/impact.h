@@ -99,8 +99,8 @@ typedef struct {
 #define MOTION_CHANGED 2 /* a vertex has another motion than at the last detection */
 #define MOTION_OPEN 3 /* both: pairs with such features have to be tested */
 
-/* motion: [vertices]. changed: the vertices whose motion has changed; null: all. found[0]: incremented for each vertex
-   whose motion x to y comes nearer to the border of its box than `least`, m. */
+/* motion: [vertices]. changed: the vertices whose motion has changed; without `localized` all have. found[0]:
+   incremented for each vertex whose motion x to y comes nearer to the border of its box than `least`, m. */
 KERNEL find_prediction_errors(int n, GLOBAL const dvec3 *x, GLOBAL const dvec3 *y, GLOBAL const dvec3 *predicted,
                               GLOBAL const double *inverse_mass, int localized, GLOBAL const int *changed,
                               GLOBAL const box *vertex_box, GLOBAL const dvec3 *scene_bounds, double least,

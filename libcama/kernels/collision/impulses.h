@@ -279,15 +279,17 @@ KERNEL apply_impulses(int n, int zones, GLOBAL const double *farthest, GLOBAL co
 
 #define LARGEST_STRETCH 1.5 /* of an edge in one step, beyond which the step is too long */
 
-/* count[0]: incremented for each edge of cloth that the motion x to y makes over LARGEST_STRETCH times as long. */
-KERNEL count_stretched(int n, int cloth_vertices, GLOBAL const edge_nodes *edge, GLOBAL const dvec3 *x,
-                       GLOBAL const dvec3 *y, GLOBAL int *count)
+/* count[0]: incremented for each edge of cloth that the motion x to y makes over LARGEST_STRETCH times as long. rest:
+   [edges] lengths at rest, m, or null; an edge that was shorter, which springs back, counts from its length at rest. */
+KERNEL count_stretched(int n, int cloth_vertices, GLOBAL const edge_nodes *edge, GLOBAL const float *rest,
+                       GLOBAL const dvec3 *x, GLOBAL const dvec3 *y, GLOBAL int *count)
 {
   FOR_EACH(i, n) {
     const edge_nodes e = edge[i];
-    if (e.node[0] < cloth_vertices &&
-        dnorm(dsub(y[e.node[1]], y[e.node[0]])) > LARGEST_STRETCH * dnorm(dsub(x[e.node[1]], x[e.node[0]])))
-      atomic_add_int(count, 1);
+    if (e.node[0] < cloth_vertices) {
+      const double before = max_double(dnorm(dsub(x[e.node[1]], x[e.node[0]])), rest ? (double)rest[i] : 0.0);
+      if (dnorm(dsub(y[e.node[1]], y[e.node[0]])) > LARGEST_STRETCH * before) atomic_add_int(count, 1);
+    }
   }
 }
 

@@ -3,6 +3,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
 #include <map>
 
 #include "device/kernels.hpp"
@@ -237,6 +238,34 @@ std::vector<std::array<double, 4>> stretching_table(const Material &material)
         }
       }
   return table;
+}
+
+std::vector<float> lengths_at_rest(const Scene &scene, const std::vector<kernels::edge_nodes> &edges)
+{
+  using Side = std::pair<std::array<int, 2>, float>;  // vertices in ascending order, length
+  std::vector<Side> sides;
+  int first = 0;
+  for (const Cloth &cloth : scene.cloths) {
+    for (std::size_t f = 0; f < cloth.mesh.face.size(); ++f) {
+      const std::array<MaterialPoint, 3> at = corners(cloth.mesh, f);
+      for (std::size_t c = 0; c < 3; ++c) {
+        const std::size_t d = (c + 1) % 3;
+        const int a = first + cloth.mesh.face[f][c], b = first + cloth.mesh.face[f][d];
+        sides.push_back({{std::min(a, b), std::max(a, b)},
+                         static_cast<float>(std::hypot(at[d][0] - at[c][0], at[d][1] - at[c][1]))});
+      }
+    }
+    first += static_cast<int>(cloth.mesh.position.size());
+  }
+  std::sort(sides.begin(), sides.end());
+  std::vector<float> lengths;
+  lengths.reserve(edges.size());
+  for (const kernels::edge_nodes &e : edges) {
+    const std::array<int, 2> ends{std::min(e.node[0], e.node[1]), std::max(e.node[0], e.node[1])};
+    const auto behind = std::upper_bound(sides.begin(), sides.end(), Side{ends, std::numeric_limits<float>::max()});
+    lengths.push_back(behind != sides.begin() && (behind - 1)->first == ends ? (behind - 1)->second : 0);
+  }
+  return lengths;
 }
 
 }  // namespace cama

@@ -9,6 +9,7 @@
 #include <vector>
 
 #include "cama/scene.hpp"
+#include "device/kernels.hpp"
 
 namespace cama {
 
@@ -58,6 +59,10 @@ struct Topology {
 };
 
 Topology build_topology(const Scene &scene);
+
+/// [edges] Lengths at rest of edges between vertices of that numbering, m: the longer one where the two sides of an
+/// edge differ, 0 for edges that no cloth has.
+std::vector<float> lengths_at_rest(const Scene &scene, const std::vector<kernels::edge_nodes> &edges);
 
 /// The stiffness table of a material, [30][30][30][4] over E11, E22, |E12| (Wang et al. 2011; sampling as in
 /// docs/theory/elasticity.md), N/m.

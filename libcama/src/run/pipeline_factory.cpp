@@ -102,7 +102,7 @@ template <class Real> std::unique_ptr<Pipeline> make_pipeline(const Scene &scene
   if (contact) step.add<PenetrationHandling>(b, *proximity->search, proximity->flagged);
   if (plastic) step.add<YieldCurvature<Real>>();
   step.add<FinishStep>(b);
-  if (state.time.error > 0) step.add<EstimateError>(b, state.system.masses());
+  if (state.time.error > 0) step.add<EstimateError>(b, scene, state.mesh, state.system.masses());
   if (options.forces) step.add<ImpactReactions>(b);
   if (coupling) step.add<FinishBodies>(b, coupling->sums, touching);
   if (contact && (options.intersections == StartPolicy::exempt || options.pinch == Pinch::release))

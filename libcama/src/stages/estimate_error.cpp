@@ -6,11 +6,14 @@
 
 #include "device/ceil_divide.hpp"
 #include "device/launch.hpp"
+#include "model/topology.hpp"
 
 namespace cama {
 
-EstimateError::EstimateError(Backend &backend, const std::vector<double> &masses)
-    : mass_(backend, masses), square_(backend), part_(backend), stretched_(backend, 1)
+EstimateError::EstimateError(Backend &backend, const Scene &scene, const MeshState &mesh,
+                             const std::vector<double> &masses)
+    : mass_(backend, masses), square_(backend), part_(backend),
+      rest_(backend, lengths_at_rest(scene, mesh.edge.download())), stretched_(backend, 1)
 {
   for (double m : masses) total_ += m;
 }
@@ -38,7 +41,7 @@ void EstimateError::run_on(const Rooms &state)
   time.stretched = 0;
   if (const int edges = mesh.edge.size()) {   // which contact knows
     stretched_.fill_zero();
-    CAMA_LAUNCH(b, count_stretched, edges, mesh.cloth_vertices, mesh.edge, mesh.position_next, mesh.position,
+    CAMA_LAUNCH(b, count_stretched, edges, mesh.cloth_vertices, mesh.edge, rest_, mesh.position_next, mesh.position,
                 stretched_);
     time.stretched = stretched_.at(0);
   }

@@ -16,7 +16,7 @@ constexpr double ERROR_FRAMES = 60;  // 1/s, rate of the frames that an error is
 class EstimateError final : public StageOn<const MeshState, Clock> {
 public:
   /// masses: [cloth vertices], kg
-  EstimateError(Backend &backend, const std::vector<double> &masses);
+  EstimateError(Backend &backend, const Scene &scene, const MeshState &mesh, const std::vector<double> &masses);
   std::string_view name() const override { return "error estimate"; }
   std::string reason() const override { return "error"; }
   void run_on(const Rooms &state) override;
@@ -24,6 +24,7 @@ public:
 private:
   double total_ = 0;  // kg
   Stream<double> mass_, square_, part_;
+  Stream<float> rest_;  // [edges] lengths at rest, m
   Stream<int> stretched_;  // [1] number of edges
 };
 

@@ -126,8 +126,8 @@ bool PenetrationHandling::release(const Rooms &state, const std::vector<std::pai
 void PenetrationHandling::check_stretch(const Rooms &state)
 {
   repeated_.fill_zero();
-  CAMA_LAUNCH(*state.backend, count_stretched, state.mesh.edges, state.mesh.cloth_vertices, state.mesh.edge, from_,
-              state.mesh.position_next, repeated_);
+  CAMA_LAUNCH(*state.backend, count_stretched, state.mesh.edges, state.mesh.cloth_vertices, state.mesh.edge, no_rest_,
+              from_, state.mesh.position_next, repeated_);
   if (const int edges = repeated_.at(0))
     throw SolverError("step " + std::to_string(state.report.step) + ": impacts stretch " + std::to_string(edges) +
                       " edges by half of their length");

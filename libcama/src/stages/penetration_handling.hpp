@@ -44,6 +44,7 @@ private:
   FlaggedPairs &flagged_;
   Stream<kernels::feature_motion> motion_;  // of vertices, then of faces and edges
   Stream<int> detection_;
+  const Stream<float> no_rest_;
   Stream<int> repeated_;  // [1] number of impacts that were found before in this step; then of stretched edges
 };
 
