@@ -307,6 +307,40 @@ TEST_CASE("impacts do not depend on how pairs are shared out, and decided pairs 
   CHECK(flag.back() == 1);
 }
 
+TEST_CASE("detection knows of a feature the largest error of its vertices, and whether one moves", "[impact]")
+{
+  // Vertices end 0, 1, 3 and 2 m from their predictions; 0 is fixed, and 3 alone has another motion than before.
+  const std::vector<dvec3> x(4, dvec3{0, 0, 0}), y = {{0, 0, 0}, {1, 0, 0}, {0, 3, 0}, {0, 0, 2}};
+  const std::vector<double> inverse_mass = {0, 1, 1, 1};
+  const int changed[4] = {0, 0, 0, 1};
+  const dvec3 bounds[2] = {{-10, -10, -10}, {10, 10, 10}};
+  std::vector<kernels::box> boxes(4);
+  for (auto &b : boxes)
+    for (int k = 0; k < 3; ++k) {
+      b.lo[k] = 0;
+      b.hi[k] = 20;
+    }
+  boxes[2].hi[1] = 11;  // relative to the lower bound: vertex 2 leaves it
+  const kernels::face_nodes faces[2] = {{{0, 1, 2}}, {{1, 2, 3}}};
+  const kernels::edge_nodes edges[2] = {{{0, 1}}, {{0, 3}}};
+  std::vector<kernels::feature_motion> motion(8);
+  for (const int localized : {0, 1}) {
+    int escaped = 0;
+    find_prediction_errors(4, x.data(), y.data(), x.data(), inverse_mass.data(), localized, changed, boxes.data(),
+                           bounds, 0, motion.data(), &escaped);
+    find_feature_motions(4, 4, 2, faces, edges, motion.data());
+    CHECK(escaped == 1);
+    const double error[8] = {0, 1, 3, 2, 3, 3, 1, 2};  // of vertices, faces, edges
+    const int free[8] = {0, 1, 1, 1, 1, 1, 1, 1}, other[8] = {0, 0, 0, 1, 0, 1, 0, 1};
+    for (std::size_t i = 0; i < 8; ++i) {
+      CAPTURE(localized, i);
+      CHECK(motion[i].error == Approx(error[i]).margin(1e-6));
+      CHECK(motion[i].error >= error[i]);
+      CHECK(motion[i].state == (free[i] * MOTION_FREE | (localized ? other[i] : 1) * MOTION_CHANGED));
+    }
+  }
+}
+
 TEST_CASE("what pushes leaves no impact violated by more than the tolerance", "[impact]")
 {
   for (unsigned seed = 100; seed < 120; ++seed) {
