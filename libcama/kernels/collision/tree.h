@@ -252,8 +252,8 @@ DEVICE int next_group(group_walk *w, int leaf_count, GLOBAL const bvh8_node *tre
   }
 }
 
-/* Makes a walk that starts with the first group share k of `shares`, 1 or 8, which together meet every leaf once: it
-   goes to child k alone of every group of level 1. For a few boxes, each of which then has eight work-items. */
+/* Makes a walk that has just begun share k of `shares`, 1 or GROUP, which together meet what the walk would: it goes to
+   child k alone of every group of level 1. For boxes so few that each may have GROUP items. */
 DEVICE void take_share(group_walk *w, int k, int shares)
 {
   if (shares == 1) return;
