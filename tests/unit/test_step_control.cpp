@@ -19,7 +19,7 @@ TEST_CASE("steps that always err too much fill the frame with the shortest ones"
         time.error = share * size;
         time.frame = frame;
         time.longest = frame;
-        time.shortest = shortest_step(time.error, size);
+        time.shortest = shortest_step(time.error, size, frame);
         time.step = frame;
         int tries = 0, steps = 0;
         while (time.now < 2 * frame * (1 - 1e-9)) {
@@ -31,9 +31,18 @@ TEST_CASE("steps that always err too much fill the frame with the shortest ones"
           time.now = time.end;
           ++steps;
         }
-        CHECK(steps >= 2 * frame / time.shortest * (1 - 1e-6));
-        CHECK(steps <= 2 * (frame / time.shortest + 1));
+        CHECK(steps == 2 * std::lround(frame / time.shortest));
       }
+}
+
+TEST_CASE("the nearest whole number of shortest steps fills a frame", "[step_control]")
+{
+  const double error = 2e-3;   // of a cloth of 1 m: 12.5 steps in 1/60 s
+  CHECK(shortest_step(error, 1, 1.0 / 300) == Approx(1.0 / 600).epsilon(1e-12));   // 2.5
+  CHECK(shortest_step(error, 1, 1.0 / 60) == Approx(1.0 / 720).epsilon(1e-12));
+  CHECK(shortest_step(error, 1, 0.02) == Approx(0.02 / 15).epsilon(1e-12));
+  CHECK(shortest_step(error, 1, 1.0 / 40) == Approx(1.0 / 760).epsilon(1e-12));   // 18.75
+  CHECK(shortest_step(error, 1, 1e-4) == Approx(1e-4).epsilon(1e-12));   // no longer than a frame
 }
 
 TEST_CASE("a step that stretches edges is halved, and the next ones grow slowly", "[step_control]")

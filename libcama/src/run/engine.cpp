@@ -75,7 +75,7 @@ Engine::Engine(const Scene &scene, const ResolvedOptions &resolved, std::unique_
     state.time.error = resolved.error;
     state.time.frame = scene.seconds_per_frame();
     state.time.longest = std::min(state.time.frame, longest_step);
-    state.time.shortest = shortest_step(resolved.error, cloth_size(scene));
+    state.time.shortest = shortest_step(resolved.error, cloth_size(scene), state.time.frame);
   }
   const bool exempt = options.intersections == StartPolicy::exempt;
   guarded = !exempt && scene.has_contact();

@@ -105,10 +105,11 @@ double cloth_size(const Scene &scene)
   return size;
 }
 
-double shortest_step(double error, double size)
+double shortest_step(double error, double size, double frame)
 {
   const double ratio = std::max(size / error, 1.0);
-  return 1 / (ERROR_FRAMES * std::max({std::sqrt(ratio) / root_steps, ratio / linear_steps, 1.0}));
+  const double steps = ERROR_FRAMES * frame * std::max({std::sqrt(ratio) / root_steps, ratio / linear_steps, 1.0});
+  return frame / std::max(std::ceil(steps - 0.5 - rounding), 1.0);
 }
 
 void choose_step(Clock &time)

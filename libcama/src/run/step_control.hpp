@@ -16,8 +16,9 @@ double cloth_size(const Scene &scene);
 
 /// The shortest step that error control takes for the error, s; error in metres, and the size of the cloth. An error of
 /// second order asks for steps in proportion to its root, one of first order, as in contact, in proportion to it; where
-/// it does not fall with them, this ends the search. 1 %: 5 steps in 1/60 s, 0.2 %: 12.5, 0.01 %: 250.
-double shortest_step(double error, double size);
+/// it does not fall with them, this ends the search. 1 %: 5 steps in 1/60 s, 0.2 %: 12.5, 0.01 %: 250, and the nearest
+/// whole number of them in a frame, s.
+double shortest_step(double error, double size, double frame);
 
 // Error control: time steps from an estimate of each step's error. Nothing of it where Clock::error is 0.
 
