@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// A backend that counts the launches on another one.
+// A backend that counts the launches on another one, and may claim more work items than it has.
 #pragma once
+#include <algorithm>
 #include <map>
 #include <memory>
 #include <string>
@@ -15,6 +16,7 @@ public:
   std::string_view name() const override { return inner_->name(); }
   std::string device() const override { return inner_->device(); }
   bool wide_workers() const override { return inner_->wide_workers(); }
+  int workers() const override { return claimed_workers ? claimed_workers : inner_->workers(); }
   Buffer allocate(std::size_t bytes) override { return inner_->allocate(bytes); }
   void release(Buffer buffer) noexcept override { inner_->release(buffer); }
   void upload(Buffer to, const void *from, std::size_t bytes) override { inner_->upload(to, from, bytes); }
@@ -27,6 +29,7 @@ public:
   void launch(const cama::KernelKey &kernel, int n, const cama::Argument *arguments, int count) override
   {
     ++launches[kernel.name];
+    most_items[kernel.name] = std::max(most_items[kernel.name], n);
     inner_->launch(kernel, n, arguments, count);
   }
   void scan(Buffer from, Buffer to, int n) override
@@ -43,6 +46,8 @@ public:
   const cama::Backend &inner() const { return *inner_; }
 
   std::map<std::string, int> launches;   ///< by kernel, "scan" and "sort"
+  std::map<std::string, int> most_items;   ///< of a launch, by kernel
+  int claimed_workers = 0;
 
 private:
   std::unique_ptr<cama::Backend> inner_;

@@ -82,6 +82,7 @@ public:
   }
 
   bool wide_workers() const override { return true; }
+  int workers() const override { return governor_.most(); }
 
   Buffer allocate(std::size_t bytes) override
   {

@@ -115,6 +115,7 @@ public:
     check(cudaGetDeviceProperties(&properties, device), "cudaGetDeviceProperties");
     device_ = properties.name;
     processors_ = properties.multiProcessorCount;
+    workers_ = processors_ * properties.maxThreadsPerMultiProcessor;
     blocks_ = processors_ * blocks_per_processor;
     check(cudaStreamCreateWithFlags(&queue_, cudaStreamNonBlocking), "cudaStreamCreate");
     cudaMemPool_t pool = nullptr;
@@ -142,6 +143,7 @@ public:
   std::string device() const override { return device_; }
 
   bool wide_workers() const override { return false; }
+  int workers() const override { return workers_; }
 
   Buffer allocate(std::size_t bytes) override
   {
@@ -379,7 +381,7 @@ private:
 
   int index_, before_ = -1;  // of the device, and of the one before it
   std::string device_;
-  int processors_ = 1, blocks_ = 1;
+  int processors_ = 1, workers_ = 1, blocks_ = 1;
   cudaStream_t queue_ = nullptr;
   std::unique_ptr<Interpreter> interpreter_;
   cudaGraphExec_t replay_ = nullptr;  // of the last `repeat`

@@ -28,6 +28,8 @@ struct OwnKernel {
 
 cl_mem as_memory(Buffer buffer) { return static_cast<cl_mem>(buffer); }
 
+constexpr int items_of_unit = 2048;  // that a compute unit of a GPU runs at the same time, about: OpenCL does not say
+
 /// Device memory that only grows.
 class Scratch {
 public:
@@ -78,6 +80,7 @@ public:
   std::string device() const override { return library_.device.name + " (" + library_.device.driver + ")"; }
 
   bool wide_workers() const override { return library_.is_cpu; }
+  int workers() const override { return library_.is_cpu ? units_ : items_of_unit * units_; }
 
   Buffer allocate(std::size_t bytes) override
   {
@@ -95,7 +98,7 @@ public:
     peak_ = std::max(peak_, allocated_);
 #ifndef NDEBUG
     try {
-      fill(buffer, 0xff, bytes);   // every double and float of a new stream is NaN
+      fill(buffer, 0xff, bytes);  // every double and float of a new stream is NaN
     } catch (...) {
       release(buffer);
       throw;
@@ -128,7 +131,7 @@ public:
     const cl_int code =
         api().clEnqueueReadBuffer(queue_, as_memory(from), CL_TRUE, offset, bytes, to, 0, nullptr, nullptr);
     if (code != CL_SUCCESS) {
-      api().clFinish(queue_);   // `overflow` is still being read
+      api().clFinish(queue_);  // `overflow` is still being read
       fail(code, "clEnqueueReadBuffer", size_of(bytes));
     }
     report_overflow(overflow);

@@ -11,6 +11,7 @@
 
 #include "../engine.hpp"
 #include "../meshes.hpp"
+#include "../recorder.hpp"
 #include "cama/geometry.hpp"
 #include "stages/tree_search.hpp"
 
@@ -236,6 +237,45 @@ TEST_CASE("an updated list holds the pairs of the grown boxes, each once", "[can
       CHECK(found.vertex_face == expected.vertex_face);
       CHECK(found.edge_edge == expected.edge_edge);
     }
+}
+
+TEST_CASE("shares of trees find the same pairs in the same order", "[candidates]")
+{
+  const Scene scene = pile_of({"all", true, true, true, true});
+  std::vector<std::vector<Pair>> found[2];
+  for (const int claimed : {0, 1 << 20}) {
+    auto recorder = std::make_unique<Recorder>(make_backend("cpu", 0, 1));
+    recorder->claimed_workers = claimed;
+    Recorder &counts = *recorder;
+    StagedEngine engine(scene, serial(), std::move(recorder));
+    State &s = engine.state;
+    FlaggedPairs flagged(*s.backend);
+    TreeSearch search(*s.backend, flagged);
+    std::mt19937 random(11);
+    std::uniform_real_distribution<double> move(-1, 1);
+    std::vector<dvec3> target = s.mesh.position.download();
+    Stream<dvec3> from(*s.backend, target), to(*s.backend, target);
+    std::vector<std::vector<Pair>> &lists = found[claimed ? 1 : 0];
+    const auto keep = [&] {
+      lists.push_back(plain(s.contact.vertex_face));
+      lists.push_back(plain(s.contact.edge_edge));
+    };
+    for (int again = 0; again < 2; ++again) {   // the first one has no room for more hits than fit into rows
+      search.run(s, from, to);
+      keep();
+    }
+    CHECK(counts.most_items["query_edge_edge_count"] >= (claimed ? GROUP : 0) * s.mesh.cloth_vertices);
+    for (int round = 0; round < 4; ++round) {
+      for (int v = 0; v < s.mesh.cloth_vertices; v += 37)
+        target[static_cast<std::size_t>(v)] = kernels::dadd(
+            target[static_cast<std::size_t>(v)], {0.05 * move(random), 0.05 * move(random), 0.05 * move(random)});
+      to.assign(target);
+      REQUIRE(search.update(s, from, to, 1e-4) == CandidateSearch::Change::grown);
+      keep();
+    }
+  }
+  REQUIRE(found[0].back().size() > 1000);
+  CHECK(found[0] == found[1]);
 }
 
 TEST_CASE("gap_bound is no more than the distance until the prediction; pairs with one are no contacts, all others are "

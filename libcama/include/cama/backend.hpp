@@ -58,6 +58,7 @@ public:
   virtual std::string device() const = 0;        ///< name of the hardware, for users
 
   virtual bool wide_workers() const = 0;  ///< work items are CPU cores with vector registers, not thousands of threads
+  virtual int workers() const = 0;  ///< work items that run at the same time
 
   virtual Buffer allocate(std::size_t bytes) = 0;  ///< throws MemoryError
   virtual void release(Buffer buffer) noexcept = 0;

@@ -58,6 +58,41 @@ DEVICE int kept_hit(int item, int j, int *block, int blocks_at, GLOBAL const int
   return value;
 }
 
+/* Where `shares` items, from item `first` on, share a tree, the hits of each are leaves, in order. The leaves of all in
+   order are what one item would have found. */
+typedef struct {
+  int left[GROUP], block[GROUP]; /* hits that come before, and the block of the last of them */
+} shared_hits;
+
+/* All hits of the shares; *kept = 0 if there was no room for some. */
+DEVICE shared_hits hits_of_shares(int first, GLOBAL const int *hit, GLOBAL const int *count, int *kept)
+{
+  shared_hits h;
+  *kept = 1;
+  for (int k = 0; k < GROUP; ++k) {
+    h.left[k] = count[first + k];
+    h.block[k] = hit[HIT_ROW * (first + k) + ROW_HITS];
+    *kept &= h.left[k] <= ROW_HITS || h.block[k] != NO_BLOCK;
+  }
+  return h;
+}
+
+/* The hits of all shares before `leaf`. Leaves are asked for from the last one on. */
+DEVICE int hits_before(shared_hits *h, int first, int leaf, int blocks_at, GLOBAL const int *hit)
+{
+  int before = 0;
+  for (int k = 0; k < GROUP; ++k) {
+    while (h->left[k]) {
+      int block = h->block[k];
+      if (kept_hit(first + k, h->left[k] - 1, &block, blocks_at, hit) < leaf) break;
+      h->block[k] = block;
+      --h->left[k];
+    }
+    before += h->left[k];
+  }
+  return before;
+}
+
 /* 1 if features whose first vertices are a and b are to be tested against each other. */
 DEVICE int wanted_pair(int a, int b, int cloth_vertex_count, int self)
 {
@@ -79,8 +114,8 @@ DEVICE int fresh_edge_edge(edge_nodes e, edge_nodes f, GLOBAL const box *box_bef
                       box_union(box_before[f.node[0]], box_before[f.node[1]]));
 }
 
-#define QUERY_ALL 0       /* every pair */
-#define QUERY_CHANGED 1   /* fresh pairs; items are the changed vertices, or edges */
+#define QUERY_ALL 0 /* every pair */
+#define QUERY_CHANGED 1 /* fresh pairs; items are the changed vertices, or edges */
 /* Fresh pairs; items are all vertices, of which changed ones are skipped; the tree holds the changed faces. */
 #define QUERY_UNCHANGED 2
 
@@ -109,8 +144,8 @@ DEVICE int part_end(int k, int part, int leaf_count) { return min_int(GROUP * pa
 
 /* Item k is share k % s of vertex vertex_order[k / s / p] against part k / s % p of the tree, of its p parts of `part`
    groups; count[first_item + k]: its candidate faces. More than one part is for few vertices, each of which may meet
-   much of the tree, and batch is 1 then; more than one share for somewhat more. n = items / batch, rounded up. mode:
-   QUERY_*. */
+   much of the tree, more than one share for somewhat more, where a device has more work-items than there are; batch is
+   1 then. n = items / batch, rounded up. mode: QUERY_*. */
 KERNEL query_vertex_face_count(int n, int items, int batch, int part, int shares, GLOBAL const int *vertex_order,
                                GLOBAL const box *vertex_box, int leaf_count, GLOBAL const int *face_order,
                                GLOBAL const face_nodes *leaf_face, GLOBAL const bvh8_node *tree, int cloth_vertex_count,
@@ -134,7 +169,8 @@ KERNEL query_vertex_face_count(int n, int items, int batch, int part, int shares
         if (leaf != WALK_END) leaf = walk_leaves(&walk, leaf_count, tree, all);
         if (leaf >= last) leaf = WALK_END;
         if (leaf >= 0 && wanted_vertex_face(v, leaf_face[leaf], cloth_vertex_count, self, mode, box_before)) {
-          block = keep_hit(first_item + i, found, face_order[leaf], block, blocks_at, pools, pool_blocks, hit, taken);
+          block = keep_hit(first_item + i, found, shares > 1 ? leaf : face_order[leaf], block, blocks_at, pools,
+                           pool_blocks, hit, taken);
           ++found;
         }
       }
@@ -143,7 +179,7 @@ KERNEL query_vertex_face_count(int n, int items, int batch, int part, int shares
       continue;
     }
     for (int k = first; k < end; ++k) {
-      int v = vertex_order[k / shares];
+      int v = vertex_order[k];
       count[first_item + k] = 0;
       hit[HIT_ROW * (first_item + k) + ROW_HITS] = NO_BLOCK;
       if (mode != QUERY_UNCHANGED || !changed[v]) all = box_union(all, vertex_box[v]);
@@ -151,10 +187,8 @@ KERNEL query_vertex_face_count(int n, int items, int batch, int part, int shares
     walk = groups_overlapping(leaf_count, tree, all);
     while ((g = next_group(&walk, leaf_count, tree, all)) >= 0) {
       for (int k = first; k < end; ++k) {
-        int v = vertex_order[k / shares],
-            mask = (mode == QUERY_UNCHANGED && changed[v]) || !in_share(g, k % shares, shares)
-                       ? 0
-                       : group_overlap(tree + g, vertex_box[v]);
+        int v = vertex_order[k],
+            mask = mode == QUERY_UNCHANGED && changed[v] ? 0 : group_overlap(tree + g, vertex_box[v]);
         for (; mask; mask &= mask - 1) {
           int leaf = GROUP * g + lowest_bit((key64)mask), item = first_item + k;
           GLOBAL int *block = hit + HIT_ROW * item + ROW_HITS;
@@ -168,7 +202,7 @@ KERNEL query_vertex_face_count(int n, int items, int batch, int part, int shares
 }
 
 /* candidate[first + offset[first_item + k] ..]: (vertex, face), with gap_bound 0; offset is the exclusive sum of
-   count. n: items. */
+   count. Shares of a vertex put theirs in the order in which one item would have found them. n: items. */
 KERNEL query_vertex_face_fill(int n, int part, int shares, GLOBAL const int *vertex_order, GLOBAL const box *vertex_box,
                               int leaf_count, GLOBAL const int *face_order, GLOBAL const face_nodes *leaf_face,
                               GLOBAL const bvh8_node *tree, int cloth_vertex_count, int self, int mode,
@@ -178,11 +212,22 @@ KERNEL query_vertex_face_fill(int n, int part, int shares, GLOBAL const int *ver
 {
   FOR_EACH_UNEVEN(k, n) {
     int parts = tree_parts(leaf_count, part), v = vertex_order[k / shares / parts], item = first_item + k,
-        at = first + offset[item], found = count[item], block = hit[HIT_ROW * item + ROW_HITS], leaf = WALK_ON;
+        at = first + offset[item], found = count[item], block = hit[HIT_ROW * item + ROW_HITS], leaf = WALK_ON,
+        alone = first_item + k / shares * shares, kept = 0;
     pair p;
     p.a = v;
     for (int j = 0; j < found; ++j) gap_bound[at + j] = 0.0f;
-    if (found <= ROW_HITS || block != NO_BLOCK) {
+    if (shares > 1) {
+      shared_hits all = hits_of_shares(alone, hit, count, &kept);
+      for (int j = kept ? found - 1 : -1; j >= 0; --j) {
+        leaf = kept_hit(item, j, &block, blocks_at, hit);
+        p.b = face_order[leaf];
+        candidate[first + offset[alone] + hits_before(&all, alone, leaf, blocks_at, hit)] = p;
+      }
+      if (kept || item != alone) continue;
+      leaf = WALK_ON;
+    }
+    if (shares == 1 && (found <= ROW_HITS || block != NO_BLOCK)) {
       for (int j = found - 1; j >= 0; --j) {
         p.b = kept_hit(item, j, &block, blocks_at, hit);
         candidate[at + j] = p;
@@ -191,7 +236,6 @@ KERNEL query_vertex_face_fill(int n, int part, int shares, GLOBAL const int *ver
       int last = part_end(k / shares % parts, part, leaf_count);
       box b = vertex_box[v];
       group_walk walk = walk_part(k / shares % parts, part, leaf_count, tree, b);
-      take_share(&walk, k % shares, shares);
       WHILE_ANY(leaf != WALK_END)
       {
         if (leaf != WALK_END) leaf = walk_leaves(&walk, leaf_count, tree, b);
@@ -233,7 +277,7 @@ DEVICE box edge_item_box(int k, GLOBAL const edge_nodes *item_edge, GLOBAL const
 }
 
 /* Item k is share k % shares of edge item[k / shares], nodes item_edge[k / shares]; with QUERY_ALL they are the leaves.
-   Shares are for few items. mode: QUERY_ALL, QUERY_OTHER or QUERY_CHANGED. */
+   With more than one share batch is 1. mode: QUERY_ALL, QUERY_OTHER or QUERY_CHANGED. */
 KERNEL query_edge_edge_count(int n, int items, int batch, int shares, GLOBAL const int *item,
                              GLOBAL const edge_nodes *item_edge, GLOBAL const box *vertex_box, int leaf_count,
                              GLOBAL const int *edge_order, GLOBAL const edge_nodes *leaf_edge,
@@ -258,7 +302,8 @@ KERNEL query_edge_edge_count(int n, int items, int batch, int shares, GLOBAL con
         if (j >= 0 && (mode != QUERY_ALL || j > k) &&
             wanted_edge_edge(own, e, edge_order[j], leaf_edge[j], cloth_vertex_count, self, mode, changed,
                              box_before)) {
-          block = keep_hit(first_item + b, found, edge_order[j], block, blocks_at, pools, pool_blocks, hit, taken);
+          block = keep_hit(first_item + b, found, shares > 1 ? j : edge_order[j], block, blocks_at, pools, pool_blocks,
+                           hit, taken);
           ++found;
         }
       }
@@ -269,18 +314,16 @@ KERNEL query_edge_edge_count(int n, int items, int batch, int shares, GLOBAL con
     for (int k = first; k < end; ++k) {
       count[first_item + k] = 0;
       hit[HIT_ROW * (first_item + k) + ROW_HITS] = NO_BLOCK;
-      all = box_union(all, edge_item_box(k / shares, item_edge, vertex_box, tree, mode));
+      all = box_union(all, edge_item_box(k, item_edge, vertex_box, tree, mode));
     }
-    walk = mode == QUERY_ALL ? groups_overlapping_from(first / shares >> 3, leaf_count, tree, all)
+    walk = mode == QUERY_ALL ? groups_overlapping_from(first >> 3, leaf_count, tree, all)
                              : groups_overlapping(leaf_count, tree, all);
     while ((g = next_group(&walk, leaf_count, tree, all)) >= 0) {
-      for (int i = first; i < end; ++i) {
-        int k = i / shares;
+      for (int k = first; k < end; ++k) {
         edge_nodes e = item_edge[k];
-        if (!in_share(g, i % shares, shares)) continue;
         for (int mask = edge_leaves(g, k, edge_item_box(k, item_edge, vertex_box, tree, mode), tree, mode); mask;
              mask &= mask - 1) {
-          int j = GROUP * g + lowest_bit((key64)mask), at = first_item + i;
+          int j = GROUP * g + lowest_bit((key64)mask), at = first_item + k;
           GLOBAL int *block = hit + HIT_ROW * at + ROW_HITS;
           if (!wanted_edge_edge(item[k], e, edge_order[j], leaf_edge[j], cloth_vertex_count, self, mode, changed,
                                 box_before))
@@ -302,7 +345,8 @@ DEVICE pair ordered_pair(int a, int b)
   return p;
 }
 
-/* candidate[first + offset[first_item + k] ..]: (edge, edge), with gap_bound 0. */
+/* candidate[first + offset[first_item + k] ..]: (edge, edge), with gap_bound 0, in the order of one item for all
+   shares. */
 KERNEL query_edge_edge_fill(int n, int shares, GLOBAL const int *item, GLOBAL const edge_nodes *item_edge,
                             GLOBAL const box *vertex_box, int leaf_count, GLOBAL const int *edge_order,
                             GLOBAL const edge_nodes *leaf_edge, GLOBAL const bvh8_node *tree, int cloth_vertex_count,
@@ -312,9 +356,19 @@ KERNEL query_edge_edge_fill(int n, int shares, GLOBAL const int *item, GLOBAL co
 {
   FOR_EACH_UNEVEN(i, n) {
     int k = i / shares, own = item[k], place = first_item + i, at = first + offset[place], found = count[place],
-        block = hit[HIT_ROW * place + ROW_HITS], other = WALK_ON;
+        block = hit[HIT_ROW * place + ROW_HITS], other = WALK_ON, alone = first_item + k * shares, kept = 0;
     for (int j = 0; j < found; ++j) gap_bound[at + j] = 0.0f;
-    if (found <= ROW_HITS || block != NO_BLOCK) {
+    if (shares > 1) {
+      shared_hits all = hits_of_shares(alone, hit, count, &kept);
+      for (int j = kept ? found - 1 : -1; j >= 0; --j) {
+        other = kept_hit(place, j, &block, blocks_at, hit);
+        candidate[first + offset[alone] + hits_before(&all, alone, other, blocks_at, hit)] =
+            ordered_pair(own, edge_order[other]);
+      }
+      if (kept || place != alone) continue;
+      other = WALK_ON;
+    }
+    if (shares == 1 && (found <= ROW_HITS || block != NO_BLOCK)) {
       for (int j = found - 1; j >= 0; --j)
         candidate[at + j] = ordered_pair(own, kept_hit(place, j, &block, blocks_at, hit));
     } else {
@@ -322,7 +376,6 @@ KERNEL query_edge_edge_fill(int n, int shares, GLOBAL const int *item, GLOBAL co
       box b = edge_item_box(k, item_edge, vertex_box, tree, mode);
       group_walk walk = mode == QUERY_ALL ? groups_overlapping_from(k >> 3, leaf_count, tree, b)
                                           : groups_overlapping(leaf_count, tree, b);
-      take_share(&walk, i % shares, shares);
       WHILE_ANY(other != WALK_END)
       {
         if (other != WALK_END) other = walk_leaves(&walk, leaf_count, tree, b);

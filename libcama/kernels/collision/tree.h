@@ -261,9 +261,6 @@ DEVICE void take_share(group_walk *w, int k, int shares)
   w->open &= ~((key64)(0xff & ~w->kept) << 8);
 }
 
-/* 1 if group g of level 0 is in share k of `shares`. */
-DEVICE int in_share(int g, int k, int shares) { return shares == 1 || g % shares == k; }
-
 /* The same walk one iteration at a time, down to the leaves: byte 0 of `open` is that of leaves. Every iteration
    executes the same operations, so that work-items that walk in lockstep stay together. Returns the next leaf that
    overlaps, in order, WALK_ON if this iteration found none, or WALK_END after the last. */

@@ -30,6 +30,7 @@ public:
   std::string_view name() const override { return device_->backend->name(); }
   std::string device() const override { return device_->backend->device(); }
   bool wide_workers() const override { return device_->backend->wide_workers(); }
+  int workers() const override { return 1; }  // for this world: others run beside it
 
   Buffer allocate(std::size_t bytes) override;
   void release(Buffer buffer) noexcept override;

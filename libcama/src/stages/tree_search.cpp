@@ -17,13 +17,12 @@ constexpr int few_leaves = 65536;    // two levels in a launch: it has few work 
 // A few vertices query a tree in parts of so many groups of level 0: the sphere around the centre of an exact obstacle
 // may hold most of the cloth, which is too much for one thread.
 constexpr int few_vertices = 64, part_groups = 8;
-constexpr int most_shared = 32768;   // changed features that have an item for each of eight shares of their tree
 constexpr double max_changed = 0.3;  // of the vertices: beyond it, a full search is cheaper
 }  // namespace
 
 TreeSearch::TreeSearch(Backend &b, FlaggedPairs &flagged)
-    : CandidateSearch(b), batch_(b.wide_workers() ? GROUP : 1), cloth_(b), moving_(b), static_(b), key_(b),
-      hit_(flagged.flag), taken_(b, MOST_POOLS * POOL_STRIDE), count_(b), offset_(b), identity_(b),
+    : CandidateSearch(b), batch_(b.wide_workers() ? GROUP : 1), workers_(b.workers()), cloth_(b), moving_(b),
+      static_(b), key_(b), hit_(flagged.flag), taken_(b, MOST_POOLS * POOL_STRIDE), count_(b), offset_(b), identity_(b),
       changed_leaf_face_(b), changed_leaf_edge_(b), totals_(b, 1), found_totals_(b, 2 + MOST_POOLS), changed_(b),
       flag_(b), offsets_(b), changed_vertex_(b), changed_face_(b), changed_edge_(b), before_(b), changed_groups_(b)
 {
@@ -169,7 +168,16 @@ int TreeSearch::items_of(const FaceQuery &q)
 
 int TreeSearch::items_of(const EdgeQuery &q) { return q.items->size() * q.shares; }
 
-int TreeSearch::shares_of(int changed) { return changed <= most_shared ? GROUP : 1; }
+// All features share only where they would leave most of the device idle: shares take memory for their hits.
+int TreeSearch::shares_of(int mode, int edges) const
+{
+  return edges <= workers_ / (mode == QUERY_CHANGED ? GROUP : GROUP * GROUP) ? GROUP : 1;
+}
+
+int TreeSearch::vertex_shares_of(int mode, int vertices) const
+{
+  return vertices > few_vertices ? shares_of(mode, vertices) : 1;
+}
 
 /// Counts the candidates of the query vertices and edges and appends them to the lists, with one wait for all.
 void TreeSearch::query(const SearchRooms &state, const std::vector<FaceQuery> &faces,
@@ -189,10 +197,10 @@ void TreeSearch::query(const SearchRooms &state, const std::vector<FaceQuery> &f
   const int first_block = static_cast<int>(blocks_at);
   count_.resize(items);
   offset_.resize(items + 1);
-  const auto batch_of = [&](const auto &q) { return q.mode == QUERY_CHANGED && q.shares == 1 ? 1 : batch_; };
+  const auto batch_of = [&](const auto &q) { return q.mode == QUERY_CHANGED || q.shares > 1 ? 1 : batch_; };
   int at = 0;
   for (const FaceQuery &q : faces) {
-    const int n = items_of(q), batch = n > q.items->size() * q.shares ? 1 : batch_of(q);
+    const int n = items_of(q), batch = n > q.items->size() ? 1 : batch_of(q);
     CAMA_LAUNCH(b, query_vertex_face_count, (n + batch - 1) / batch, n, batch, part_of(q), q.shares, *q.items,
                 state.bounds.vertex_box, q.leaves, *q.order, *q.leaf_face, *q.tree, state.mesh.cloth_vertices, self,
                 q.mode, changed_, before_, at, first_block, pools, pool_blocks, hit_, taken_, count_);
@@ -275,16 +283,19 @@ void TreeSearch::run(const SearchRooms &state, const Stream<dvec3> &from, const 
   const auto ask = [&](const Group &items, const Group &tree) {
     if (tree.face.size() && items.query_vertices.size())
       faces.push_back({QUERY_ALL, &items.query_order, tree.face.size(), &tree.trees->face_order, &tree.leaf_face,
-                       &tree.trees->face_bvh});
+                       &tree.trees->face_bvh, vertex_shares_of(QUERY_ALL, items.query_vertices.size())});
   };
   if (self_) {
     ask(cloth_, cloth_);
-    edges.push_back({QUERY_ALL, &cloth_.trees->edge_order, &cloth_.leaf_edge, &cloth_});
+    edges.push_back(
+        {QUERY_ALL, &cloth_.trees->edge_order, &cloth_.leaf_edge, &cloth_, shares_of(QUERY_ALL, cloth_.edge.size())});
   }
   for (const Group *g : {&moving_, &static_}) {
     ask(*g, cloth_);
     ask(cloth_, *g);
-    if (g->edge.size()) edges.push_back({QUERY_OTHER, &cloth_.trees->edge_order, &cloth_.leaf_edge, g});
+    if (g->edge.size())
+      edges.push_back(
+          {QUERY_OTHER, &cloth_.trees->edge_order, &cloth_.leaf_edge, g, shares_of(QUERY_OTHER, cloth_.edge.size())});
   }
   query(state, faces, edges);
 }
@@ -347,20 +358,21 @@ CandidateSearch::Change TreeSearch::update(const SearchRooms &state, const Strea
     build_faces(state, of.a, changed_leaf_face_, changed_groups_);
     for (const Group *g : groups)
       if (g->query_vertices.size())
-        faces.push_back(
-            {QUERY_UNCHANGED, &g->query_order, of.a, &changed_face_, &changed_leaf_face_, &changed_groups_});
+        faces.push_back({QUERY_UNCHANGED, &g->query_order, of.a, &changed_face_, &changed_leaf_face_, &changed_groups_,
+                         vertex_shares_of(QUERY_UNCHANGED, g->query_vertices.size())});
   }
   if (of.b) {
     changed_leaf_edge_.resize(of.b);
     CAMA_LAUNCH(b, order_edges, of.b, changed_edge_, state.mesh.edge, changed_leaf_edge_);
   }
-  const int vertex_shares = changed > few_vertices ? shares_of(changed) : 1;
+  const int vertex_shares = vertex_shares_of(QUERY_CHANGED, changed);
   for (const Group *g : groups) {
     const bool edge_tree = g->edge.size() && (g != &cloth_ || cloth_edges_asked);
     if (g->face.size())
       faces.push_back({QUERY_CHANGED, &changed_vertex_, g->face.size(), &g->trees->face_order, &g->leaf_face,
                        &g->trees->face_bvh, vertex_shares});
-    if (of.b && edge_tree) edges.push_back({QUERY_CHANGED, &changed_edge_, &changed_leaf_edge_, g, shares_of(of.b)});
+    if (of.b && edge_tree)
+      edges.push_back({QUERY_CHANGED, &changed_edge_, &changed_leaf_edge_, g, shares_of(QUERY_CHANGED, of.b)});
   }
   const int first_face = state.contact.vertex_face.pairs.size(), first_edge = state.contact.edge_edge.pairs.size();
   query(state, faces, edges);

@@ -59,10 +59,12 @@ private:
   static int part_of(const FaceQuery &query);
   static int items_of(const FaceQuery &query);  ///< each vertex once for each part and share
   static int items_of(const EdgeQuery &query);
-  static int shares_of(int changed);  ///< of a tree that so many changed features query
+  int shares_of(int mode, int edges) const;  ///< of a tree that they query: several if the device has enough work items
+  int vertex_shares_of(int mode, int vertices) const;
   void query(const SearchRooms &state, const std::vector<FaceQuery> &faces, const std::vector<EdgeQuery> &edges);
 
   const int batch_;  // items that walk a tree together: 8 on CPUs; on GPUs each item has its own thread
+  const int workers_;
   long long blocks_ = 0;  // of hits, for those of the next search that do not find room in their item's row
   TreeState trees_;
   Group cloth_, moving_, static_;  // static_: obstacles that never move
