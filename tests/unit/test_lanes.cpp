@@ -57,6 +57,33 @@ TEMPLATE_TEST_CASE("sums of columns come in the order of halves, bit by bit", "[
   }
 }
 
+TEMPLATE_TEST_CASE("vectors from anywhere give their numbers to the lanes", "[lanes]", float, double)
+{
+  std::mt19937 engine(4);
+  const auto gather = [&](auto like, auto columns) {   // the functions of the namespace of its precision
+    using Vector = decltype(like);
+    const auto numbers = random<TestType>(4 * 100, engine);
+    std::vector<Vector> v(100);
+    for (std::size_t i = 0; i < v.size(); ++i) v[i] = {numbers[4 * i], numbers[4 * i + 1], numbers[4 * i + 2], 0};
+    for (int round = 0; round < 20; ++round) {
+      std::vector<int> at(LANES);
+      for (int &place : at) place = std::uniform_int_distribution<int>(0, 99)(engine);
+      auto x = columns.at[0], y = x, z = x;
+      gather_lanes(v.data(), at.data(), &x, &y, &z);
+      for (int q = 0; q < LANES; ++q) {
+        const auto from = 4 * static_cast<std::size_t>(at[static_cast<std::size_t>(q)]);
+        CHECK(same_bits(LANE(x, q), numbers[from]));
+        CHECK(same_bits(LANE(y, q), numbers[from + 1]));
+        CHECK(same_bits(LANE(z, q), numbers[from + 2]));
+      }
+    }
+  };
+  if constexpr (sizeof(TestType) == 4)
+    gather(kernels::f32::vec4{}, kernels::f32::lanes_columns{});
+  else
+    gather(kernels::f64::vec4{}, kernels::f64::lanes_columns{});
+}
+
 TEST_CASE("lanes choose, invert and take roots as one number does", "[lanes]")
 {
   std::mt19937 engine(5);

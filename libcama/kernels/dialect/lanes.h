@@ -61,7 +61,14 @@
   }
 
 #else
+/* As many floats as a register holds: where numbers of longer vectors change places, compilers move them one by one. */
+#if defined(__OPENCL_C_VERSION__) || defined(__AVX512F__)
 #define LANES 16
+#elif defined(__AVX__)
+#define LANES 8
+#else
+#define LANES 4
+#endif
 #define LANES_LOAD_ONCE LANES_LOAD
 
 #if defined(__OPENCL_C_VERSION__)
@@ -91,11 +98,22 @@
     *(y) = (gathered)(a.s159d, b.s159d, c.s159d, d.s159d);                                         \
     *(z) = (gathered)(a.s26ae, b.s26ae, c.s26ae, d.s26ae);                                         \
   } while (0)
+/* FOLD_n: in each run of 2 n numbers of a, then of b, the first n plus the last n. Four folds of sixteen vectors give
+   their sums. */
 #define FOLD_8(lanes, a, b) ((lanes)((a).lo, (b).lo) + (lanes)((a).hi, (b).hi))
 #define FOLD_4(lanes, a, b) \
   ((lanes)((a).s0123, (a).s89ab, (b).s0123, (b).s89ab) + (lanes)((a).s4567, (a).scdef, (b).s4567, (b).scdef))
 #define FOLD_2(lanes, a, b) ((lanes)((a).s014589cd, (b).s014589cd) + (lanes)((a).s2367abef, (b).s2367abef))
 #define FOLD_1(lanes, a, b) ((lanes)((a).even, (b).even) + (lanes)((a).odd, (b).odd))
+#define LANES_SUM_COLUMNS(real, lanes)                                                \
+  DEVICE INLINED void sum_columns(lanes_columns *c, lanes *sums)                      \
+  {                                                                                   \
+    int k;                                                                            \
+    for (k = 0; k < 8; ++k) c->at[k] = FOLD_8(lanes, c->at[2 * k], c->at[2 * k + 1]); \
+    for (k = 0; k < 4; ++k) c->at[k] = FOLD_4(lanes, c->at[2 * k], c->at[2 * k + 1]); \
+    for (k = 0; k < 2; ++k) c->at[k] = FOLD_2(lanes, c->at[2 * k], c->at[2 * k + 1]); \
+    *sums = FOLD_1(lanes, c->at[0], c->at[1]);                                        \
+  }
 
 #else
 #define PREFETCH(p) __builtin_prefetch(p)
@@ -118,102 +136,127 @@
 #endif
 #if defined(__has_builtin)
 #if __has_builtin(__builtin_shufflevector)
-#define LANES_SHUFFLES
+#define LANES_SHUFFLE(a, b, ...) __builtin_shufflevector(a, b, __VA_ARGS__)
 #endif
 #endif
-#if defined(LANES_SHUFFLES)   /* four numbers at a time, transposed in registers */
-#define LANES_GATHER(real, lanes, vec4)                                                                           \
-  typedef real lanes_quad __attribute__((vector_size(4 * sizeof(real)), aligned(16), may_alias));                 \
-  typedef real lanes_octet __attribute__((vector_size(8 * sizeof(real)), aligned(16), may_alias));                \
-  DEVICE INLINED void load_four(const vec4 *v, const int *at, lanes *out)                                         \
-  {                                                                                                               \
-    const lanes_quad p = *(const lanes_quad *)(v + at[0]), q = *(const lanes_quad *)(v + at[1]);                  \
-    const lanes_quad r = *(const lanes_quad *)(v + at[2]), s = *(const lanes_quad *)(v + at[3]);                  \
-    const lanes_octet pq = __builtin_shufflevector(p, q, 0, 1, 2, 3, 4, 5, 6, 7);                                 \
-    const lanes_octet rs = __builtin_shufflevector(r, s, 0, 1, 2, 3, 4, 5, 6, 7);                                 \
-    *out = __builtin_shufflevector(pq, rs, 0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15);                 \
-  }                                                                                                               \
-  DEVICE INLINED void gather_lanes(const vec4 *v, const int *at, lanes *x, lanes *y, lanes *z)                    \
-  {                                                                                                               \
-    lanes a, b, c, d;                                                                                             \
-    load_four(v, at, &a);                                                                                         \
-    load_four(v, at + 4, &b);                                                                                     \
-    load_four(v, at + 8, &c);                                                                                     \
-    load_four(v, at + 12, &d);                                                                                    \
-    const lanes ab = __builtin_shufflevector(a, b, 0, 4, 8, 12, 16, 20, 24, 28, 1, 5, 9, 13, 17, 21, 25, 29);     \
-    const lanes cd = __builtin_shufflevector(c, d, 0, 4, 8, 12, 16, 20, 24, 28, 1, 5, 9, 13, 17, 21, 25, 29);     \
-    const lanes ab_z = __builtin_shufflevector(a, b, 2, 6, 10, 14, 18, 22, 26, 30, 2, 6, 10, 14, 18, 22, 26, 30); \
-    const lanes cd_z = __builtin_shufflevector(c, d, 2, 6, 10, 14, 18, 22, 26, 30, 2, 6, 10, 14, 18, 22, 26, 30); \
-    *x = __builtin_shufflevector(ab, cd, 0, 1, 2, 3, 4, 5, 6, 7, 16, 17, 18, 19, 20, 21, 22, 23);                 \
-    *y = __builtin_shufflevector(ab, cd, 8, 9, 10, 11, 12, 13, 14, 15, 24, 25, 26, 27, 28, 29, 30, 31);           \
-    *z = __builtin_shufflevector(ab_z, cd_z, 0, 1, 2, 3, 4, 5, 6, 7, 16, 17, 18, 19, 20, 21, 22, 23);             \
-  }
-#define FOLD_8(lanes, a, b)                                                                \
-  (__builtin_shufflevector(a, b, 0, 1, 2, 3, 4, 5, 6, 7, 16, 17, 18, 19, 20, 21, 22, 23) + \
-   __builtin_shufflevector(a, b, 8, 9, 10, 11, 12, 13, 14, 15, 24, 25, 26, 27, 28, 29, 30, 31))
-#define FOLD_4(lanes, a, b)                                                                  \
-  (__builtin_shufflevector(a, b, 0, 1, 2, 3, 8, 9, 10, 11, 16, 17, 18, 19, 24, 25, 26, 27) + \
-   __builtin_shufflevector(a, b, 4, 5, 6, 7, 12, 13, 14, 15, 20, 21, 22, 23, 28, 29, 30, 31))
-#define FOLD_2(lanes, a, b)                                                                  \
-  (__builtin_shufflevector(a, b, 0, 1, 4, 5, 8, 9, 12, 13, 16, 17, 20, 21, 24, 25, 28, 29) + \
-   __builtin_shufflevector(a, b, 2, 3, 6, 7, 10, 11, 14, 15, 18, 19, 22, 23, 26, 27, 30, 31))
-#define FOLD_1(lanes, a, b)                                                                   \
-  (__builtin_shufflevector(a, b, 0, 2, 4, 6, 8, 10, 12, 14, 16, 18, 20, 22, 24, 26, 28, 30) + \
-   __builtin_shufflevector(a, b, 1, 3, 5, 7, 9, 11, 13, 15, 17, 19, 21, 23, 25, 27, 29, 31))
-#else
-#define LANES_GATHER(real, lanes, vec4)                                                        \
-  DEVICE INLINED void gather_lanes(const vec4 *v, const int *at, lanes *x, lanes *y, lanes *z) \
-  {                                                                                            \
-    int q;                                                                                     \
-    for (q = 0; q < LANES; ++q) {                                                              \
-      (*x)[q] = v[at[q]].x;                                                                    \
-      (*y)[q] = v[at[q]].y;                                                                    \
-      (*z)[q] = v[at[q]].z;                                                                    \
-    }                                                                                          \
-  }
-#define FOLD_EACH(lanes, a, b, width)                                             \
-  ({                                                                              \
-    lanes fold_a = (a), fold_b = (b), fold_sum;                                   \
-    int fold_q;                                                                   \
-    for (fold_q = 0; fold_q < LANES / 2; ++fold_q) {                              \
-      const int fold_at = fold_q % (width) + 2 * (width) * (fold_q / (width));    \
-      fold_sum[fold_q] = fold_a[fold_at] + fold_a[fold_at + (width)];             \
-      fold_sum[LANES / 2 + fold_q] = fold_b[fold_at] + fold_b[fold_at + (width)]; \
-    }                                                                             \
-    fold_sum;                                                                     \
-  })
-#define FOLD_8(lanes, a, b) FOLD_EACH(lanes, a, b, 8)
-#define FOLD_4(lanes, a, b) FOLD_EACH(lanes, a, b, 4)
-#define FOLD_2(lanes, a, b) FOLD_EACH(lanes, a, b, 2)
-#define FOLD_1(lanes, a, b) FOLD_EACH(lanes, a, b, 1)
-#endif
+#if !defined(LANES_SHUFFLE)   /* GCC before 12, which cannot join quads in registers either */
+#define LANES_SHUFFLE(a, b, ...) __builtin_shuffle(a, b, (__typeof__((a) < (b))){__VA_ARGS__})
+#define LANES_JOIN_IN_MEMORY
 #endif
 
-/* FOLD_n: in each run of 2 n numbers of a, then of b, the first n plus the last n. Four folds of sixteen vectors give
-   their sums. */
-#define LANES_COLUMNS(real, lanes)                                                                             \
-  typedef struct {                                                                                             \
-    lanes at[16];                                                                                              \
-  } lanes_columns;   /* columns */                                                                               \
-  DEVICE INLINED void clear_columns(lanes_columns *c)                                                          \
-  {                                                                                                            \
-    int k;                                                                                                     \
-    for (k = 0; k < 16; ++k) c->at[k] = LANES_ALL(lanes, (real)0);                                             \
-  }                                                                                                            \
-  DEVICE INLINED void add_columns(lanes_columns *c, LOCAL const real *column, int stride, LOCAL const real *v) \
-  {                                                                                                            \
-    const lanes own = LANES_LOAD(LOCAL lanes, v);                                                              \
-    int k;                                                                                                     \
-    for (k = 0; k < 16; ++k) c->at[k] += LANES_LOAD(LOCAL lanes, column + k * stride) * own;                   \
-  }                                                                                                            \
-  DEVICE INLINED void sum_columns(lanes_columns *c, lanes *sums)                                               \
-  {                                                                                                            \
-    int k;                                                                                                     \
-    for (k = 0; k < 8; ++k) c->at[k] = FOLD_8(lanes, c->at[2 * k], c->at[2 * k + 1]);                          \
-    for (k = 0; k < 4; ++k) c->at[k] = FOLD_4(lanes, c->at[2 * k], c->at[2 * k + 1]);                          \
-    for (k = 0; k < 2; ++k) c->at[k] = FOLD_2(lanes, c->at[2 * k], c->at[2 * k + 1]);                          \
-    *sums = FOLD_1(lanes, c->at[0], c->at[1]);                                                                 \
+/* A quad is four numbers side by side, which change places within a register: from each quad of a its numbers i, j, k
+   and l, or, from 4 on, those of the quad of b. */
+#define QUAD_PLACE(g, i) ((i) < 4 ? 4 * (g) + (i) : LANES - 4 + 4 * (g) + (i))
+#define QUAD_PLACES(g, i, j, k, l) QUAD_PLACE(g, i), QUAD_PLACE(g, j), QUAD_PLACE(g, k), QUAD_PLACE(g, l)
+#if LANES == 4
+#define QUAD_SHUFFLE(a, b, i, j, k, l) LANES_SHUFFLE(a, b, QUAD_PLACES(0, i, j, k, l))
+#elif LANES == 8
+#define QUAD_SHUFFLE(a, b, i, j, k, l) LANES_SHUFFLE(a, b, QUAD_PLACES(0, i, j, k, l), QUAD_PLACES(1, i, j, k, l))
+#else
+#define QUAD_SHUFFLE(a, b, i, j, k, l)                                                                    \
+  LANES_SHUFFLE(a, b, QUAD_PLACES(0, i, j, k, l), QUAD_PLACES(1, i, j, k, l), QUAD_PLACES(2, i, j, k, l), \
+                QUAD_PLACES(3, i, j, k, l))
+#endif
+
+/* Vectors at[0], at[4], ..., one in each quad. */
+#if defined(LANES_JOIN_IN_MEMORY)
+#define LOAD_QUADS(real, lanes, vec4)                                                              \
+  DEVICE INLINED void load_quads(const vec4 *v, const int *at, lanes *out)                         \
+  {                                                                                                \
+    int g;                                                                                         \
+    for (g = 0; g < LANES / 4; ++g) ((lanes_quad *)out)[g] = *(const lanes_quad *)(v + at[4 * g]); \
   }
+#elif LANES == 4
+#define LOAD_QUADS(real, lanes, vec4) \
+  DEVICE INLINED void load_quads(const vec4 *v, const int *at, lanes *out) { *out = *(const lanes *)(v + at[0]); }
+#elif LANES == 8
+#define LOAD_QUADS(real, lanes, vec4)                                                            \
+  DEVICE INLINED void load_quads(const vec4 *v, const int *at, lanes *out)                       \
+  {                                                                                              \
+    const lanes_quad p = *(const lanes_quad *)(v + at[0]), q = *(const lanes_quad *)(v + at[4]); \
+    *out = __builtin_shufflevector(p, q, 0, 1, 2, 3, 4, 5, 6, 7);                                \
+  }
+#else
+#define LOAD_QUADS(real, lanes, vec4)                                                                        \
+  typedef real lanes_octet __attribute__((vector_size(8 * sizeof(real)), aligned(sizeof(real)), may_alias)); \
+  DEVICE INLINED void load_quads(const vec4 *v, const int *at, lanes *out)                                   \
+  {                                                                                                          \
+    const lanes_quad p = *(const lanes_quad *)(v + at[0]), q = *(const lanes_quad *)(v + at[4]);             \
+    const lanes_quad r = *(const lanes_quad *)(v + at[8]), s = *(const lanes_quad *)(v + at[12]);            \
+    const lanes_octet pq = __builtin_shufflevector(p, q, 0, 1, 2, 3, 4, 5, 6, 7);                            \
+    const lanes_octet rs = __builtin_shufflevector(r, s, 0, 1, 2, 3, 4, 5, 6, 7);                            \
+    *out = __builtin_shufflevector(pq, rs, 0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15);            \
+  }
+#endif
+#define LANES_GATHER(real, lanes, vec4)                                                                     \
+  typedef real lanes_quad __attribute__((vector_size(4 * sizeof(real)), aligned(sizeof(real)), may_alias)); \
+  LOAD_QUADS(real, lanes, vec4)                                                                             \
+  DEVICE INLINED void gather_lanes(const vec4 *v, const int *at, lanes *x, lanes *y, lanes *z)              \
+  {                                                                                                         \
+    lanes a, b, c, d;                                                                                       \
+    load_quads(v, at, &a);                                                                                  \
+    load_quads(v, at + 1, &b);                                                                              \
+    load_quads(v, at + 2, &c);                                                                              \
+    load_quads(v, at + 3, &d);                                                                              \
+    const lanes ab = QUAD_SHUFFLE(a, b, 0, 4, 1, 5), cd = QUAD_SHUFFLE(c, d, 0, 4, 1, 5);                   \
+    const lanes ab_z = QUAD_SHUFFLE(a, b, 2, 6, 3, 7), cd_z = QUAD_SHUFFLE(c, d, 2, 6, 3, 7);               \
+    *x = QUAD_SHUFFLE(ab, cd, 0, 1, 4, 5);                                                                  \
+    *y = QUAD_SHUFFLE(ab, cd, 2, 3, 6, 7);                                                                  \
+    *z = QUAD_SHUFFLE(ab_z, cd_z, 0, 1, 4, 5);                                                              \
+  }
+
+/* sum = the first eight rows plus the last, of these the first four plus the last, of columns k, k + 4, ..., one in
+   each quad. at: those of lanes_columns. */
+#if LANES == 4
+#define SUM_QUADS(lanes, at, k, sum) (sum) = (at)[4 * (k)] + (at)[4 * (k) + 2] + ((at)[4 * (k) + 1] + (at)[4 * (k) + 3])
+#elif LANES == 8
+#define SUM_QUADS(lanes, at, k, sum)                                                                         \
+  do {                                                                                                       \
+    const lanes a = (at)[2 * (k)] + (at)[2 * (k) + 1], b = (at)[2 * (k) + 8] + (at)[2 * (k) + 9];            \
+    (sum) = LANES_SHUFFLE(a, b, 0, 1, 2, 3, 8, 9, 10, 11) + LANES_SHUFFLE(a, b, 4, 5, 6, 7, 12, 13, 14, 15); \
+  } while (0)
+#else
+#define FOLD_8(a, b)                                                             \
+  (LANES_SHUFFLE(a, b, 0, 1, 2, 3, 4, 5, 6, 7, 16, 17, 18, 19, 20, 21, 22, 23) + \
+   LANES_SHUFFLE(a, b, 8, 9, 10, 11, 12, 13, 14, 15, 24, 25, 26, 27, 28, 29, 30, 31))
+#define SUM_QUADS(lanes, at, k, sum)                                                           \
+  do {                                                                                         \
+    const lanes a = FOLD_8((at)[k], (at)[(k) + 4]), b = FOLD_8((at)[(k) + 8], (at)[(k) + 12]); \
+    (sum) = LANES_SHUFFLE(a, b, 0, 1, 2, 3, 8, 9, 10, 11, 16, 17, 18, 19, 24, 25, 26, 27) +    \
+            LANES_SHUFFLE(a, b, 4, 5, 6, 7, 12, 13, 14, 15, 20, 21, 22, 23, 28, 29, 30, 31);   \
+  } while (0)
+#endif
+#define LANES_SUM_COLUMNS(real, lanes)                                                                   \
+  DEVICE INLINED void sum_columns(lanes_columns *c, lanes *sums)                                         \
+  {                                                                                                      \
+    lanes quads[4], first, last;                                                                         \
+    int k;                                                                                               \
+    for (k = 0; k < 4; ++k) SUM_QUADS(lanes, c->at, k, quads[k]);                                        \
+    first = QUAD_SHUFFLE(quads[0], quads[1], 0, 1, 4, 5) + QUAD_SHUFFLE(quads[0], quads[1], 2, 3, 6, 7); \
+    last = QUAD_SHUFFLE(quads[2], quads[3], 0, 1, 4, 5) + QUAD_SHUFFLE(quads[2], quads[3], 2, 3, 6, 7);  \
+    *sums = QUAD_SHUFFLE(first, last, 0, 2, 4, 6) + QUAD_SHUFFLE(first, last, 1, 3, 5, 7);               \
+  }
+#endif
+
+#define LANES_COLUMNS(real, lanes)                                                                               \
+  typedef struct {                                                                                               \
+    lanes at[16];                                                                                                \
+  } lanes_columns;   /* the rows of one column after the other */                                                  \
+  DEVICE INLINED void clear_columns(lanes_columns *c)                                                            \
+  {                                                                                                              \
+    int k;                                                                                                       \
+    for (k = 0; k < 16; ++k) c->at[k] = LANES_ALL(lanes, (real)0);                                               \
+  }                                                                                                              \
+  DEVICE INLINED void add_columns(lanes_columns *c, LOCAL const real *column, int stride, LOCAL const real *v)   \
+  {                                                                                                              \
+    lanes own[16 / LANES];                                                                                       \
+    int k, part;                                                                                                 \
+    for (part = 0; part < 16 / LANES; ++part) own[part] = LANES_LOAD(LOCAL lanes, v + LANES * part);             \
+    for (k = 0; k < LANES; ++k)                                                                                  \
+      for (part = 0; part < 16 / LANES; ++part)                                                                  \
+        c->at[16 / LANES * k + part] += LANES_LOAD(LOCAL lanes, column + k * stride + LANES * part) * own[part]; \
+  }                                                                                                              \
+  LANES_SUM_COLUMNS(real, lanes)
 #endif
 
 LANES_TYPE(int, int_lanes);

@@ -99,7 +99,7 @@ DEVICE_TEAM void factor_block(int m, LOCAL real *a, LOCAL real *unit, LOCAL real
     TEAM_FOR_LANES(item, LANES == 1 ? ROW_TURNS * BLOCK_SIZE : m) {
       const int turn = item / BLOCK_SIZE, j = item - turn * BLOCK_SIZE;
       const lanes own = LANES_LOAD(LOCAL lanes, pivot_row + j);
-      const int end = LANES == 1 && j > k ? min_int(j + 1, m) : m;
+      const int end = j > k ? min_int(j + LANES, m) : m;
       int i;
       for (i = k + 1 + turn; i < end; i += ROW_TURNS) {
         LOCAL real *at = a + i * BLOCK_SIZE + j;
@@ -210,7 +210,7 @@ KERNEL factor_fine_blocks(int n, GLOBAL const int *block_start, GLOBAL const int
     }
     TEAM_BARRIER;
     TEAM_FOR_LANES(item, ROW_TURNS * BLOCK_SIZE) {
-      const int turn = item / BLOCK_SIZE, l = item - turn * BLOCK_SIZE, end = LANES == 1 ? min_int(l + 1, m) : m;
+      const int turn = item / BLOCK_SIZE, l = item - turn * BLOCK_SIZE, end = min_int(l + LANES, m);
       const double_lanes own = LANES_LOAD(LOCAL double_lanes, scaling + l);
       int c;
       for (c = turn; c < end; c += ROW_TURNS) {
