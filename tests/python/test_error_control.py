@@ -203,6 +203,33 @@ def test_steps_are_never_shorter_than_the_error_can_use(asked, most):
     assert most / 4 < max(counts) <= most, counts
 
 
+def flying(cells, speed):
+    """Returns a sheet of 1 m that flies along its diagonal without a force, with frames of 1/40 s."""
+    scene = cama.Scene(frame_time=1 / 40, gravity=(0, 0, 0))
+    grid = {"grid": {"size": [1, 1], "cells": [cells, cells]}}
+    scene.add_cloth(shape=grid, material="cotton", name="sheet", velocity=(speed, speed, 0))
+    return cama.Simulation(scene, backend="cpu")
+
+
+def steps_of(simulation, frames):
+    """Returns lengths and candidates a vertex of the steps."""
+    found = []
+    while simulation.time < frames / 40 - 1e-9:
+        simulation.step()
+        report = simulation.report
+        found.append((report["time_step"], report["candidates"] / simulation.cloth_vertex_count))
+    return np.array(found)
+
+
+def test_cloth_that_flies_past_itself_takes_steps_with_fewer_candidates():
+    """A free flight has no error, so that only candidates ask for shorter steps; those of slow cloth do not."""
+    fast = steps_of(flying(40, 40), 3)
+    assert fast[0, 1] > 800  # before the first step nothing is known
+    assert fast[1:, 1].max() < 450 and fast[1:, 0].max() < fast[0, 0]
+    slow = steps_of(flying(40, 1), 6)
+    assert slow[:, 1].max() < 100 and slow[-1, 0] == pytest.approx(1 / 40)
+
+
 def test_a_scene_without_contact_has_no_edges_to_look_at():
     """Whether a step stretches edges was asked of edges that only scenes with contact have: a crash."""
     scene = cama.Scene(contact=False)

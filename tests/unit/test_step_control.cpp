@@ -75,6 +75,37 @@ TEST_CASE("a step that stretches edges is halved, and the next ones grow slowly"
   CHECK(tries == 1);   // and is not tried longer while it stretches edges
 }
 
+TEST_CASE("after a step with too many candidates of fast cloth the next one is shorter", "[step_control]")
+{
+  // Candidates grow with the square of the length: four times too many ask for half of it.
+  for (const auto &[crowding, factor] :
+       {std::pair{4.0, 0.5}, {1.0, 1.0}, {0.5, std::sqrt(2.0)}, {0.1, 2.0}, {0.0, 2.0}}) {
+    Clock time;
+    time.error = 2e-3;
+    time.frame = time.longest = 0.1;
+    time.shortest = 1e-4;
+    time.wanted = 0.01;
+    time.multistep = true;
+    time.crowding = crowding;
+    choose_step(time);
+    REQUIRE(time.step == Approx(0.01));
+    REQUIRE(judge_step(time));
+    CHECK(time.wanted == Approx(0.01 * factor));
+  }
+}
+
+TEST_CASE("edges that move by more than their length are counted", "[step_control]")
+{
+  const dvec3 x[3] = {{0, 0, 0}, {1, 0, 0}, {1, 0.5, 0}};
+  const dvec3 y[3] = {{0, 0.9, 0}, {1.9, 0.9, 0}, {1, 1.4, 0}};   // 0.9, 1.27 and 0.9
+  const kernels::edge_nodes edge[3] = {{{0, 1}}, {{1, 2}}, {{2, 0}}};   // 1, 0.5 and 1.12 long
+  int count = 0, none = 0;
+  kernels::count_far_moved(3, 3, edge, x, y, &count);
+  CHECK(count == 1);
+  kernels::count_far_moved(3, 1, edge, x, y, &none);   // the others are of obstacles
+  CHECK(none == 0);
+}
+
 TEST_CASE("an edge that springs back to its length at rest is not stretched; a longer one is", "[step_control]")
 {
   // Edges along x from 0: before, after and at rest, of which the last two end half as long again as the longer of

@@ -293,4 +293,15 @@ KERNEL count_stretched(int n, int cloth_vertices, GLOBAL const edge_nodes *edge,
   }
 }
 
+/* count[0]: incremented for each edge of cloth that the motion x to y moves by more than its length. */
+KERNEL count_far_moved(int n, int cloth_vertices, GLOBAL const edge_nodes *edge, GLOBAL const dvec3 *x,
+                       GLOBAL const dvec3 *y, GLOBAL int *count)
+{
+  FOR_EACH(i, n) {
+    const edge_nodes e = edge[i];
+    if (e.node[0] < cloth_vertices && dnorm(dsub(y[e.node[0]], x[e.node[0]])) > dnorm(dsub(x[e.node[1]], x[e.node[0]])))
+      atomic_add_int(count, 1);
+  }
+}
+
 #endif

@@ -28,6 +28,7 @@ struct Clock {
   double wanted = 0;  // s, longest next step
   double last_share = 0;  // of the error that was allowed in the last step
   int stretched = 0;  // edges of cloth that the step makes much longer
+  double crowding = 0;  // candidates of the step over those from which it is too long, where cloth moves far
   double max_by_stretch = 0;  // s, longest next step after one was too long for edges; 0: none was
 
   template <class F> void visit(F &&f)
@@ -53,6 +54,7 @@ struct Clock {
     f("wanted_step", Life::run, wanted);
     f("last_share", Life::run, last_share);
     f("stretched", Life::step, stretched);
+    f("crowding", Life::step, crowding);
     f("max_step_by_stretch", Life::run, max_by_stretch);
   }
 };

@@ -153,6 +153,7 @@ bool judge_step(Clock &time)
   const double now = std::max(share, smallest_share), before = time.last_share > 0 ? time.last_share : now;
   const double root = eighth_root(now), steps = 1 / (root * root * root) * eighth_root(before);
   time.wanted = time.step * std::clamp(0.9 * (time.multistep ? steps : steps * steps), 0.2, longest_ratio);
+  if (time.crowding > 0) time.wanted = std::min(time.wanted, time.step / std::sqrt(time.crowding));
   time.last_share = now;
   return true;
 }

@@ -9,11 +9,15 @@
 #include "model/topology.hpp"
 
 namespace cama {
+namespace {
+// Candidates for each vertex of cloth beyond which longer steps do not pay.
+constexpr double many_candidates = 400;
+}  // namespace
 
 EstimateError::EstimateError(Backend &backend, const Scene &scene, const MeshState &mesh,
                              const std::vector<double> &masses)
     : mass_(backend, masses), square_(backend), part_(backend),
-      rest_(backend, lengths_at_rest(scene, mesh.edge.download())), stretched_(backend, 1)
+      rest_(backend, lengths_at_rest(scene, mesh.edge.download())), edges_(backend, 1)
 {
   for (double m : masses) total_ += m;
 }
@@ -39,11 +43,18 @@ void EstimateError::run_on(const Rooms &state)
     n = parts;
   }
   time.stretched = 0;
+  time.crowding = 0;
   if (const int edges = mesh.edge.size()) {   // which contact knows
-    stretched_.fill_zero();
+    edges_.fill_zero();
     CAMA_LAUNCH(b, count_stretched, edges, mesh.cloth_vertices, mesh.edge, rest_, mesh.position_next, mesh.position,
-                stretched_);
-    time.stretched = stretched_.at(0);
+                edges_);
+    time.stretched = edges_.at(0);
+    const double crowding = state.report.candidates / (many_candidates * mesh.cloth_vertices);
+    if (crowding > 0.25) {   // a step of twice the length may have four times as many
+      edges_.fill_zero();
+      CAMA_LAUNCH(b, count_far_moved, edges, mesh.cloth_vertices, mesh.edge, mesh.position_next, mesh.position, edges_);
+      if (edges_.at(0) > mesh.cloth_vertices) time.crowding = crowding;   // a third of the edges
+    }
   }
   time.step_error = mesh.cloth_vertices ? std::sqrt(square_.at(0) / total_) : 0;
 }
