@@ -152,6 +152,41 @@ def test_a_draped_cloth_weighs_on_the_ball(exact):
     assert np.abs(load.angular_impulse).max() < 0.05 * 0.1 * -weight[2], "the cloth hangs evenly"
 
 
+@pytest.mark.parametrize(
+    "options",
+    [
+        {"accuracy": "interactive"},
+        {"accuracy": "production"},
+        {"accuracy": "production", "integrator": "backward_euler"},
+        {"accuracy": "production", "time_step": 1 / 60},
+    ],
+)
+def test_the_ball_bears_the_weight_at_every_level_and_with_long_steps(options):
+    """Where Newton's method ends early, forces of contacts at its state exceeded the weight up to ten times."""
+    scene = cama.Scene(thickness=1.5e-3)
+    sheet(scene, 0.26, size=0.8, cells=14)
+    scene.add_obstacle(shape={"sphere": {"radius": 0.25}}, friction=0.3, name="ball")
+    plain, measured = (cama.Simulation(scene, backend="cpu", forces=forces, **options) for forces in (False, True))
+    while measured.time < 1.2 - 1e-9:
+        plain.step_frame()
+        measured.step_frame()
+    assert plain.state_hash == measured.state_hash
+    begin, before, normal = measured.time, momentum(measured), 0
+    impulse = 0
+    while measured.time < begin + 0.5:
+        measured.step()
+        impulse = impulse + measured.force_on("ball").impulse
+        rows = measured.contacts
+        first, last = (rows["vertices"][:, k] >= measured.cloth_vertex_count for k in (0, 3))  # of the ball
+        push = rows["normal_force"][:, None] * rows["normal"] + rows["tangential_force"]
+        push = np.where(first, -1, 1)[:, None] * push
+        normal = normal + measured.report["time_step"] * push[first != last].sum(axis=0)
+    weight = (measured.time - begin) * measured.masses.sum() * GRAVITY
+    lost = weight - (momentum(measured) - before)
+    assert np.abs(impulse - lost).max() < 0.03 * -weight[2]
+    assert np.abs(normal + lost).max() < 0.05 * -weight[2]
+
+
 def test_contacts_on_a_slope_have_the_forces_of_a_block():
     angle = np.radians(10)
     scene = cama.Scene(self_contact=False, gravity=9.81 * np.array([np.sin(angle), 0, -np.cos(angle)]))

@@ -67,8 +67,8 @@ struct ContactState {
   int contacts = 0;
   Stream<kernels::contact> contact;
   Stream<dvec3> abrupt;  // [contacts] N s on side A, with BDF2: the part of the impulse that stopped motion abruptly
-  // [contacts] N s on side A, with rigid bodies and several solves: by which the equation that the last solve has
-  // solved differs from the forces of contacts at its solution; else empty
+  // [contacts] N s on side A, with forces and several solves: by which the equation that the last solve has solved
+  // differs from the forces of contacts at its solution; else empty
   Stream<dvec3> remainder;
   Stream<kernels::impact> impact;
   KeptFriction kept, kept_next;  // of the last step, of this one

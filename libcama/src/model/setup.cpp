@@ -157,7 +157,7 @@ template <class Real> void set_up(State &state, const Scene &scene, const Topolo
       state.mesh.abrupt_change = Stream<dvec3>(b);
       state.contact.abrupt = Stream<dvec3>(b);
     }
-    if (!state.rigid.body.empty() && state.options.newton_iterations > 1) state.contact.remainder = Stream<dvec3>(b);
+    if (state.options.forces && state.options.newton_iterations > 1) state.contact.remainder = Stream<dvec3>(b);
     if (state.contact.friction && state.options.newton_iterations > 1) {
       s->hold = Stream<typename Types<Real>::vec3>(b);
       state.contact.kept.set_up(b);

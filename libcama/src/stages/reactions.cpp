@@ -46,6 +46,8 @@ template <class Real> void SolveReactions<Real>::run_on(const Rooms &state)
   const double share = state.time.implicit_step / state.time.step;
   CAMA_LAUNCH_REAL(Real, b, contact_impulses, state.contact.contacts, newton, form, stopped, share * share, s.term,
                    s.hold, state.contact.abrupt, state.mesh.velocity_next, s.solution, r.contact);
+  if (state.contact.contacts && state.contact.remainder.size())
+    CAMA_LAUNCH(b, add_impulses, state.contact.contacts, 1.0, state.contact.remainder, r.contact);
   r.carry_on(state.time.memory);
   b.copy(r.solved_velocity.buffer(), state.mesh.velocity_next.buffer(), r.solved_velocity.bytes());
   if (!stopped) return;

@@ -165,7 +165,7 @@ def say_kept(frames, folder):
     """Says where the results of an earlier run are now."""
     console().print(
         f"the results of an earlier run, {frames:,} {'frame' if frames == 1 else 'frames'}, are now in "
-        f"{escape(str(folder))}, in place of what was there; --overwrite deletes them instead"
+        f"{escape(str(folder))}, which keeps one run; --overwrite deletes them instead"
     )
 
 
