@@ -122,9 +122,9 @@ void check_checkpoint(const Checkpoint &c, State &s, const Topology &t)
   const std::size_t found = c.vectors.at("position").size();
   if (found != vertices || c.scene != scene_key(t))
     refuse("is of another scene or resolution: " +
-           (found == vertices ? "triangles, or masses of vertices, differ"
-                              : "it has " + std::to_string(found) + " vertices, this simulation has " +
-                                    std::to_string(vertices)) +
+           (found == vertices
+                ? "triangles, or masses of vertices, differ"
+                : "it has " + std::to_string(found) + " vertices, this simulation has " + std::to_string(vertices)) +
            "; load the scene that it was taken from");
   const auto number = [&](const char *name) {
     const auto at = c.numbers.find(name);
