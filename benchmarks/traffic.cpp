@@ -194,17 +194,17 @@ std::map<std::string, double> step_bytes(const Simulation &simulation)
   const double solves = std::max(simulation.report().newton_iterations, 1);  // with as many iterations each
   SolveShape shape = shape_of(s, simulation);
   shape.iterations /= solves;
-  const double assembly = element_forces(s) + contact_terms(s) + matrix(s, o, rows);
+  const double elements = element_forces(s), terms = contact_terms(s), blocks = matrix(s, o, rows);
   const double solve = o.solver == LinearSolver::direct ? 0 : solve_bytes(shape);
   const std::map<std::string, double> leaves = {
       {"prescribed motion", motion(s, rows)},
       {"proximity checking/candidate search", candidate_search(s)},
       {"proximity checking/contacts", contacts(s)},
-      {"matrix assembly/element forces", element_forces(s)},
-      {"matrix assembly/contact terms", contact_terms(s)},
-      {"matrix assembly/matrix assembly", matrix(s, o, rows)},
+      {"matrix assembly/element forces", elements},
+      {"matrix assembly/contact terms", terms},
+      {"matrix assembly/matrix assembly", blocks},
       {"linear solve", solve},
-      {"newton iterations", (solves - 1) * (assembly + solve)},
+      {"newton iterations", (solves - 1) * (elements + terms + blocks + solve)},
       {"advance positions", 3 * vector_bytes * rows},
       {"penetration handling", penetration(s, simulation.report(), o)},
       {"finish step", finish(s)},
