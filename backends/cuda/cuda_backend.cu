@@ -19,6 +19,7 @@
 namespace cama {
 namespace {
 
+constexpr std::size_t most_bytes = std::size_t(1) << 20;  // of a copy that is a kernel
 constexpr int fewest_threads = 32, most_threads = 256, blocks_per_processor = 16;
 
 struct Entry {
@@ -83,6 +84,7 @@ __global__ void __launch_bounds__(block_scan_threads) scan_by_block(int n, const
 {
   using Scan = cub::BlockScan<long long, block_scan_threads>;
   __shared__ typename Scan::TempStorage storage;
+  AWAIT_LAUNCHES;
   long long before = 0;
   for (int begin = 0; begin < n; begin += block_scan_threads * block_scan_items) {
     long long value[block_scan_items], total;
@@ -97,6 +99,18 @@ __global__ void __launch_bounds__(block_scan_threads) scan_by_block(int n, const
   if (threadIdx.x > 0) return;
   to[n] = static_cast<int>(before);
   if (before > 0x7fffffffll) *overflow = 1;
+}
+
+// Short copies are kernels: they begin early, as other launches do.
+
+__global__ void copy_words(int n, const int *from, int *to)
+{
+  FOR_EACH(i, n) to[i] = from[i];
+}
+
+__global__ void fill_words(int n, int word, int *to)
+{
+  FOR_EACH(i, n) to[i] = word;
 }
 
 /// to[n] = total; a total beyond 2^31 raises the flag, which the next download reports.
@@ -117,6 +131,9 @@ public:
     processors_ = properties.multiProcessorCount;
     workers_ = processors_ * properties.maxThreadsPerMultiProcessor;
     blocks_ = processors_ * blocks_per_processor;
+    cudaFuncAttributes compiled;
+    check(cudaFuncGetAttributes(&compiled, copy_words), "cudaFuncGetAttributes");
+    begins_early_ = compiled.ptxVersion >= 90 && properties.major >= 9;
     check(cudaStreamCreateWithFlags(&queue_, cudaStreamNonBlocking), "cudaStreamCreate");
     cudaMemPool_t pool = nullptr;
     check(cudaDeviceGetDefaultMemPool(&pool, device), "cudaDeviceGetDefaultMemPool");
@@ -180,11 +197,17 @@ public:
   }
   void copy(Buffer to, Buffer from, std::size_t bytes) override
   {
-    check(cudaMemcpyAsync(to, from, bytes, cudaMemcpyDeviceToDevice, queue_), "cudaMemcpy on the device");
+    if (bytes > most_bytes || bytes % sizeof(int) != 0)
+      check(cudaMemcpyAsync(to, from, bytes, cudaMemcpyDeviceToDevice, queue_), "cudaMemcpy on the device");
+    else if (bytes > 0)
+      launch_words(copy_words, bytes, static_cast<const int *>(from), static_cast<int *>(to));
   }
   void fill(Buffer buffer, unsigned char byte, std::size_t bytes) override
   {
-    check(cudaMemsetAsync(buffer, byte, bytes, queue_), "cudaMemset");
+    if (bytes > most_bytes || bytes % sizeof(int) != 0)
+      check(cudaMemsetAsync(buffer, byte, bytes, queue_), "cudaMemset");
+    else if (bytes > 0)
+      launch_words(fill_words, bytes, 0x01010101 * byte, static_cast<int *>(buffer));
   }
 
   void launch(const KernelKey &kernel, int n, const Argument *arguments, int count) override
@@ -201,7 +224,9 @@ public:
           arguments[i].is_buffer ? const_cast<Buffer *>(&arguments[i].buffer) : const_cast<void *>(arguments[i].scalar);
     const int threads = kernel.team > 0 ? kernel.team : threads_for(n);
     const int blocks = kernel.team > 0 ? n : std::min((n - 1) / threads + 1, blocks_);
-    check(cudaLaunchKernel(function, dim3(blocks), dim3(threads), parameters, 0, queue_), kernel.name);
+    cudaLaunchAttribute attribute;
+    const cudaLaunchConfig_t config = launch_of(blocks, threads, attribute);
+    check(cudaLaunchKernelExC(&config, function, parameters), kernel.name);
   }
 
   /// Records the work once as a graph, whose nodes cost an eighth of a launch.
@@ -219,8 +244,9 @@ public:
     int *out = static_cast<int *>(to);
     auto *total = static_cast<long long *>(total_);
     if (n <= longest_block_scan) {
-      scan_by_block<<<1, block_scan_threads, 0, queue_>>>(n, in, out, flag());
-      check(cudaGetLastError(), "scan_by_block");
+      cudaLaunchAttribute attribute;
+      const cudaLaunchConfig_t config = launch_of(1, block_scan_threads, attribute);
+      check(cudaLaunchKernelEx(&config, scan_by_block, n, in, out, flag()), "scan_by_block");
       return;
     }
     with_scratch([&](void *scratch,
@@ -329,6 +355,28 @@ private:
     return threads;
   }
 
+  /// attribute: lets the launch begin while the one before it ends (AWAIT_LAUNCHES in lang.h).
+  cudaLaunchConfig_t launch_of(int blocks, int threads, cudaLaunchAttribute &attribute) const
+  {
+    attribute.id = cudaLaunchAttributeProgrammaticStreamSerialization;
+    attribute.val.programmaticStreamSerializationAllowed = 1;
+    cudaLaunchConfig_t config{};
+    config.gridDim = dim3(static_cast<unsigned int>(blocks));
+    config.blockDim = dim3(static_cast<unsigned int>(threads));
+    config.stream = queue_;
+    config.attrs = &attribute;
+    config.numAttrs = begins_early_ ? 1 : 0;
+    return config;
+  }
+
+  template <class From> void launch_words(void (*kernel)(int, From, int *), std::size_t bytes, From from, int *to)
+  {
+    const int n = static_cast<int>(bytes / sizeof(int)), threads = threads_for(n);
+    cudaLaunchAttribute attribute;
+    const cudaLaunchConfig_t config = launch_of(std::min((n - 1) / threads + 1, blocks_), threads, attribute);
+    check(cudaLaunchKernelEx(&config, kernel, n, from, to), "copy or fill");
+  }
+
   /// Records the launches of `work` as the graph to replay.
   void record(const std::function<void()> &work)
   {
@@ -382,6 +430,7 @@ private:
   int index_, before_ = -1;  // of the device, and of the one before it
   std::string device_;
   int processors_ = 1, workers_ = 1, blocks_ = 1;
+  bool begins_early_ = false;  // see AWAIT_LAUNCHES; devices before 9.0 cannot
   cudaStream_t queue_ = nullptr;
   std::unique_ptr<Interpreter> interpreter_;
   cudaGraphExec_t replay_ = nullptr;  // of the last `repeat`

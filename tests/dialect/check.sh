@@ -1,7 +1,7 @@
 #!/bin/sh
 # SPDX-License-Identifier: Apache-2.0
 # check.sh c99 | cxx17 | opencl | cuda: all kernel headers in one language. check.sh alone: each header by itself.
-# check.sh table: kernels.def against the headers. Exit code 77: skipped, with the reason.
+# check.sh table: kernels.def against the headers. check.sh waits: kernels wait before they read. Exit code 77: skipped, with the reason.
 set -eu
 cd "$(dirname "$0")"
 kernels=${CAMA_KERNELS:-../../libcama/kernels}
@@ -68,5 +68,8 @@ table)
     grep -qE 'bcsr_multiply|no_such_kernel|add_wind' "$work/said"
   done
   echo "a missing, an extra and a misplaced kernel were each noticed" ;;
-*) echo "usage: $0 c99|cxx17|opencl|cuda|alone|table"; exit 2 ;;
+waits)
+  command -v python3 > /dev/null || skip "no python3"
+  python3 waits.py "$kernels" ;;
+*) echo "usage: $0 c99|cxx17|opencl|cuda|alone|table|waits"; exit 2 ;;
 esac

@@ -8,6 +8,8 @@ import os
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from . import _core
 from .arrays import number
 from .errors import MaterialError
@@ -118,6 +120,19 @@ class Material(_core.Material):
         if isinstance(value, os.PathLike):
             return cls.load(value)
         raise MaterialError(f"material: {value!r} is neither a name, a file, a dict nor a cama.Material")
+
+    def __repr__(self) -> str:
+        return (
+            f"<cama.Material {self.name!r}: {self.density:g} kg/m², stretching {self._span(self.stretching)} N/m, "
+            f"bending {self._span(self.bending)} N m>"
+        )
+
+    @staticmethod
+    def _span(table: object) -> str:
+        """The smallest and largest positive number of a table of stiffnesses, as text."""
+        numbers = np.ravel(table)
+        least, most = numbers[numbers > 0].min(initial=np.inf), numbers.max(initial=0)
+        return f"{most:.3g}" if not least < most else f"{least:.3g} to {most:.3g}"
 
     def with_thickness(self, thickness: float) -> Material:
         """Returns a copy with this contact thickness, m."""

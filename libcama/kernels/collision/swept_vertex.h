@@ -281,7 +281,9 @@ KERNEL cull_separated_pairs(int n, int kind, GLOBAL const pair *pairs, GLOBAL co
                             GLOBAL const float *rounding_margin, GLOBAL fvec3 *direction, GLOBAL float *gap_bound)
 {
   int batches = (n - 1) / LANES + 1;
-  float rounding = rounding_margin[0];
+  float rounding;
+  AWAIT_LAUNCHES;
+  rounding = rounding_margin[0];
   FOR_EACH(b, batches) {
     element_nodes e[LANES];
     swept_vertex_lanes m0, m1, m2, m3;

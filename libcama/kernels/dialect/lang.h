@@ -91,19 +91,26 @@ typedef unsigned long long key64;
 #define DEVICE_ATOMIC static __device__ inline
 #define DEVICE_TEAM static __device__ inline
 #define RESTRICT __restrict__
-#define FOR_EACH(i, n) \
+#if !defined(CAMA_INTERPRETED) && defined(__CUDA_ARCH__) && __CUDA_ARCH__ >= 900
+#define BEGINS_EARLY 1
+static __device__ __forceinline__ void await_launches(void)
+{
+  asm volatile("griddepcontrol.wait;\n\tgriddepcontrol.launch_dependents;" ::: "memory");
+}
+#define AWAIT_LAUNCHES await_launches()
+#endif
+#define FOR_EACH_EARLY(i, n) \
   for (int i = (int)(blockIdx.x * blockDim.x + threadIdx.x); i < (n); i += (int)(gridDim.x * blockDim.x))
-#define FOR_EACH_UNEVEN(i, n) FOR_EACH(i, n)
 #define ALIGNED(n) __align__(n)
 #define SIMD
 #if defined(CAMA_INTERPRETED)
 #define TEAM_LOCAL(type, name, count) type *const name = team_memory<type>(count)
-#define FOR_EACH_TEAM(t, n) for (int t = first_team(); t < (n); t += teams_at_once())
+#define FOR_EACH_TEAM_EARLY(t, n) for (int t = first_team(); t < (n); t += teams_at_once())
 #define TEAM_FOR(l, m) for (int l = team_member(); l < (m); l += team_size())
 #define TEAM_BARRIER team_barrier()
 #else
 #define TEAM_LOCAL(type, name, count) __shared__ ALIGNED(16) type name[count]
-#define FOR_EACH_TEAM(t, n) for (int t = (int)blockIdx.x; t < (n); t += (int)gridDim.x)
+#define FOR_EACH_TEAM_EARLY(t, n) for (int t = (int)blockIdx.x; t < (n); t += (int)gridDim.x)
 #define TEAM_FOR(l, m) for (int l = (int)threadIdx.x; l < (m); l += (int)blockDim.x)
 #define TEAM_BARRIER __syncthreads()
 #endif
@@ -227,6 +234,27 @@ DEVICE void atomic_add_float(float *p, float v)
   } while (!__atomic_compare_exchange_n((int32_t *)p, &seen, next, 0, __ATOMIC_RELAXED, __ATOMIC_RELAXED));
 }
 #endif
+#endif
+
+/* Where BEGINS_EARLY is 1, a launch begins while the one before it ends; AWAIT_LAUNCHES waits for that one. FOR_EACH and
+   FOR_EACH_TEAM wait before their first element; a kernel that reads memory before these waits first. After
+   FOR_EACH_EARLY and FOR_EACH_TEAM_EARLY each work-item waits by itself: before, it reads only what was written two
+   launches ago or earlier, and writes nothing. */
+#if !defined(BEGINS_EARLY)
+#define BEGINS_EARLY 0
+#define AWAIT_LAUNCHES (void)0
+#endif
+#if defined(FOR_EACH_EARLY)
+#define FOR_EACH(i, n) \
+  AWAIT_LAUNCHES;      \
+  FOR_EACH_EARLY(i, n)
+#define FOR_EACH_UNEVEN(i, n) FOR_EACH(i, n)
+#define FOR_EACH_TEAM(t, n) \
+  AWAIT_LAUNCHES;           \
+  FOR_EACH_TEAM_EARLY(t, n)
+#else
+#define FOR_EACH_EARLY(i, n) FOR_EACH(i, n)
+#define FOR_EACH_TEAM_EARLY(t, n) FOR_EACH_TEAM(t, n)
 #endif
 
 /* WHILE_ANY(c) { if (c) ... }: a loop that work-items leave at different times. Where work-items run in lockstep, they

@@ -100,9 +100,9 @@ DEVICE_TEAM cg_step next_step(int t, int partials, GLOBAL const double *partial,
   cg_step step;
   step.beta = 0.0;
   TEAM_BARRIER;
+  sum_of_teams(CG_TEAM, 2, partials, partial, sums); /* at once, so that it does not wait for `done` */
   if (done == 0.0) {
     double gamma, denominator;
-    sum_of_teams(CG_TEAM, 2, partials, partial, sums);
     gamma = sums[0];
     denominator = sums[CG_TEAM];
     step.beta = before > 0.0 ? gamma / before : 0.0;
@@ -311,8 +311,8 @@ cg_multiply(int n, int rows, GLOBAL const int *slice_start, GLOBAL const int *sl
 {
   TEAM_LOCAL(real, sum, ROW_PARTS * 3 * TEAM_ROWS);
   TEAM_LOCAL(double, products, 2 * TEAM_ROWS);
-  if (scalar[at + CG_DONE] != 0.0) return;
-  FOR_EACH_TEAM(t, n) {
+  if (!BEGINS_EARLY && scalar[at + CG_DONE] != 0.0) return;
+  FOR_EACH_TEAM_EARLY(t, n) {
     TEAM_BARRIER;
     TEAM_FOR_LANES(item, ROW_PARTS * TEAM_ROWS) {
       lanes x = LANES_ALL(lanes, (real)0), y = x, u = x;
@@ -331,6 +331,8 @@ cg_multiply(int n, int rows, GLOBAL const int *slice_start, GLOBAL const int *sl
             early1 = LOAD_ONCE(column + (size_t)SLICE_ROWS * (e + ROW_PARTS < end ? e + ROW_PARTS : e) + lane);
           }
         }
+        AWAIT_LAUNCHES;
+        if (BEGINS_EARLY && scalar[at + CG_DONE] != 0.0) continue;
         for (; e < end; e += 2 * ROW_PARTS) {
           const int next = e + ROW_PARTS < end ? ROW_PARTS : 0;
           GLOBAL const real *RESTRICT v = value + (size_t)SLICE_ROWS * 9 * e + lane, *RESTRICT v1 =
@@ -385,6 +387,8 @@ cg_multiply(int n, int rows, GLOBAL const int *slice_start, GLOBAL const int *sl
           own[2 * TEAM_ROWS] = all.z;
         }
     }
+    AWAIT_LAUNCHES;
+    if (BEGINS_EARLY && scalar[at + CG_DONE] != 0.0) continue;
     TEAM_BARRIER;
     TEAM_FOR(l, TEAM_ROWS) {
       int i = t * TEAM_ROWS + l;

@@ -22,6 +22,7 @@ KERNEL gas_products(int n, GLOBAL const gas_part *part, GLOBAL const int *place,
                     int row_stride, GLOBAL const real *x, int at, GLOBAL const double *scalar, GLOBAL double *product)
 {
   TEAM_LOCAL(double, sum, GAS_TEAM);
+  AWAIT_LAUNCHES;
   if (scalar && scalar[at + CG_DONE] != 0.0) return;
   FOR_EACH_TEAM(t, n) {
     const gas_part p = part[t];
@@ -53,6 +54,7 @@ KERNEL add_gas_products(int n, GLOBAL const gas_part *part, GLOBAL const gas *ga
                         GLOBAL const double *scalar, GLOBAL real *q, int first, GLOBAL double *partial)
 {
   TEAM_LOCAL(double, sum, GAS_TEAM);
+  AWAIT_LAUNCHES;
   if (scalar && scalar[at + CG_DONE] != 0.0) return;
   FOR_EACH_TEAM(t, n) {
     const gas_part p = part[t];

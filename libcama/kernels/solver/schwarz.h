@@ -68,12 +68,14 @@ KERNEL apply_blocks(int n, GLOBAL const int *block_start, int at, GLOBAL const d
   TEAM_LOCAL(staged_factor, g, STAGED_SIZE);
   TEAM_LOCAL(real, u, BLOCK_SIZE);
   TEAM_LOCAL(real, y, BLOCK_SIZE);
-  if (scalar[at + CG_DONE] != 0.0) return;
-  FOR_EACH_TEAM(t, n) {
+  if (!BEGINS_EARLY && scalar[at + CG_DONE] != 0.0) return;
+  FOR_EACH_TEAM_EARLY(t, n) {
     const int node = block_start[t], rows = block_start[t + 1] - node, groups = (3 * rows + 15) / 16;
     GLOBAL const real *RESTRICT w = weight + t * BLOCK_SIZE;
     TEAM_BARRIER;
     stage_factor(factor + (size_t)t * FACTOR_WORDS, g);
+    AWAIT_LAUNCHES;
+    if (BEGINS_EARLY && scalar[at + CG_DONE] != 0.0) continue;
     TEAM_FOR(l, BLOCK_ROWS) {
       const vec4 r = l < rows ? residual[node + l] : vec4_make((real)0, (real)0, (real)0);
       u[3 * l] = w[3 * l] * r.x;
@@ -165,8 +167,9 @@ KERNEL gather_block_residuals(int n, int levels, int rows, int blocks, GLOBAL co
 {
   TEAM_LOCAL(vec4, own, BLOCK_ROWS * BLOCK_ROWS);
   TEAM_LOCAL(vec4, sums, BLOCK_ROWS);
-  FOR_EACH_TEAM(t, n) {
+  FOR_EACH_TEAM_EARLY(t, n) {
     const int first_block = group_start[t], last_block = group_start[t + 1], first = block_start[first_block];
+    AWAIT_LAUNCHES;
     TEAM_BARRIER;
     TEAM_FOR(l, block_start[last_block] - first) {
       own[l] = residual_of(order[first + l], plain, is_double, b64, q64, b32, q32);
@@ -213,9 +216,11 @@ KERNEL cg_advance_blocks(int n, int levels, int rows, int blocks, GLOBAL const i
   TEAM_LOCAL(double, products, 2 * CG_TEAM);
   TEAM_LOCAL(vec4, own, BLOCK_ROWS * BLOCK_ROWS);
   TEAM_LOCAL(vec4, sums, BLOCK_ROWS);
-  FOR_EACH_TEAM(t, n) {
+  FOR_EACH_TEAM_EARLY(t, n) {
     const int first_block = group_start[t], last_block = group_start[t + 1], first = block_start[first_block];
-    cg_step step = next_step(t, partials, partial, most, from, to, scalar, products);
+    cg_step step;
+    AWAIT_LAUNCHES;
+    step = next_step(t, partials, partial, most, from, to, scalar, products);
     if (!step.done) {
       TEAM_FOR(l, block_start[last_block] - first) own[l] = advance_row(first + l, step, z, w, p, s, x, r);
       TEAM_BARRIER;
@@ -224,16 +229,33 @@ KERNEL cg_advance_blocks(int n, int levels, int rows, int blocks, GLOBAL const i
   }
 }
 
-/* z of a row with the corrections of the coarse levels. block: block of each row; parent: parent of each block. */
-DEVICE vec4 corrected(int row, int levels, int rows, int blocks, GLOBAL const int *block, GLOBAL const int *parent,
-                      GLOBAL const vec4 *z)
+/* Places in z: of a row, and of its corrections by the coarse levels. A row that is not free has those of row 0. */
+typedef struct {
+  int row, block, group;
+} row_places;
+
+/* block: block of each row; parent: parent of each block. */
+DEVICE row_places places_of(int row, int levels, int rows, int blocks, GLOBAL const int *block,
+                            GLOBAL const int *parent)
 {
-  vec4 sum = z[row];
+  row_places p;
+  p.row = p.block = p.group = max_int(row, 0);
   if (levels > 1) {
-    int own = block[row];
-    sum = vec4_axpy(sum, (real)1, z[rows + own]);
-    if (levels > 2) sum = vec4_axpy(sum, (real)1, z[rows + blocks + parent[own]]);
+    const int own = block[p.row];
+    p.block = rows + own;
+    if (levels > 2) p.group = rows + blocks + parent[own];
   }
+  return p;
+}
+
+/* z of a row with its corrections; all are read before the first sum. */
+DEVICE vec4 corrected(row_places p, int levels, GLOBAL const vec4 *z)
+{
+  vec4 sum = z[p.row], of_block = sum, of_group = sum;
+  if (levels > 1) of_block = z[p.block];
+  if (levels > 2) of_group = z[p.group];
+  if (levels > 1) sum = vec4_axpy(sum, (real)1, of_block);
+  if (levels > 2) sum = vec4_axpy(sum, (real)1, of_group);
   return sum;
 }
 
@@ -245,18 +267,27 @@ KERNEL combine_levels(int n, int rows_here, int levels, int rows, int blocks, GL
                       GLOBAL const real *RESTRICT coefficient, GLOBAL vec4 *RESTRICT total,
                       GLOBAL vec4 *RESTRICT product)
 {
-  if (scalar[at + CG_DONE] != 0.0) return;
-  FOR_EACH(i, n) {
+  if (!BEGINS_EARLY && scalar[at + CG_DONE] != 0.0) return;
+  FOR_EACH_EARLY(i, n) {
     if (i < rows_here) {
-      total[i] = corrected(i, levels, rows, blocks, block, parent, z);
+      const row_places own = places_of(i, levels, rows, blocks, block, parent);
+      AWAIT_LAUNCHES;
+      if (BEGINS_EARLY && scalar[at + CG_DONE] != 0.0) continue;
+      total[i] = corrected(own, levels, z);
     } else {
       GLOBAL const real *RESTRICT x = coefficient + 9 * (i - rows_here);
       element_nodes own = nodes[i - rows_here];
       vec4 normal = vec4_make(x[4], x[5], x[6]), s = vec4_make((real)0, (real)0, (real)0);
-      if (own.node[0] >= 0) s = vec4_axpy(s, x[0], corrected(own.node[0], levels, rows, blocks, block, parent, z));
-      if (own.node[1] >= 0) s = vec4_axpy(s, x[1], corrected(own.node[1], levels, rows, blocks, block, parent, z));
-      if (own.node[2] >= 0) s = vec4_axpy(s, x[2], corrected(own.node[2], levels, rows, blocks, block, parent, z));
-      if (own.node[3] >= 0) s = vec4_axpy(s, x[3], corrected(own.node[3], levels, rows, blocks, block, parent, z));
+      row_places place[4];
+      vec4 value[4];
+      int c;
+      for (c = 0; c < 4; ++c) place[c] = places_of(own.node[c], levels, rows, blocks, block, parent);
+      AWAIT_LAUNCHES;
+      if (BEGINS_EARLY && scalar[at + CG_DONE] != 0.0) continue;
+      if (LANES == 1) /* loads do not wait for each other */
+        for (c = 0; c < 4; ++c) value[c] = corrected(place[c], levels, z);
+      for (c = 0; c < 4; ++c)
+        if (own.node[c] >= 0) s = vec4_axpy(s, x[c], LANES == 1 ? value[c] : corrected(place[c], levels, z));
       product[i - rows_here] =
           vec4_axpy(vec4_make(x[8] * s.x, x[8] * s.y, x[8] * s.z), x[7] * vec4_dot(normal, s), normal);
     }

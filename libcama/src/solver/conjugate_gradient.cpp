@@ -12,6 +12,7 @@ namespace {
 constexpr double forces_slack = 10;         // times the tolerance, relative to the forces without penalties
 constexpr double accepted = 1.2;            // times the goal, for the residual computed afresh
 constexpr int max_refinements = 6;
+constexpr int block = 4;                    // iterations that are enqueued at once
 constexpr int few_rows = 65536;             // for which a launch costs more than terms that sum up their rows
 /// r' P r, relative to its start, below which the recurrence in this precision departs from the true residual.
 template <class S> constexpr double reachable = sizeof(S) == 8 ? 1e-28 : 4e-8;
@@ -188,8 +189,7 @@ ConjugateGradient<S>::solve(const SolverRooms &state, const Stream<typename Type
   product_.resize(terms_beside(state));
   partial_.resize(2 * partials(state));
   const double tolerance = state.options.tolerance * slack, dt = state.time.step;
-  // block: iterations enqueued at once.
-  const int most = state.options.max_iterations, partials = this->partials(state), block = b.wide_workers() ? 4 : 8;
+  const int most = state.options.max_iterations, partials = this->partials(state);
   const auto start_from = [&](int mode, int plain, const Stream<typename Types<Real>::vec3> &b1,
                               const Stream<typename Types<Real>::vec3> &q1) {
     gather<Real>(state, plain, b1, q1);
@@ -205,6 +205,10 @@ ConjugateGradient<S>::solve(const SolverRooms &state, const Stream<typename Type
       multiply(state, to);
     }
   };
+  // Iterations are enqueued in blocks. Some too many, which do nothing, cost a GPU less than to wait once more.
+  int &expected = expected_[step_ == state.report.step ? 1 : 0];
+  const int blocks = b.wide_workers() ? expected * 7 / 8 / block : ceil_divide(expected, block);
+  step_ = state.report.step;
   start_from(CG_MEASURE_FORCES, 1, s.force, q);
   std::vector<double> scalar;
   double before = 0;
@@ -215,7 +219,7 @@ ConjugateGradient<S>::solve(const SolverRooms &state, const Stream<typename Type
       product(s.solution, q);
       start_from(refinement == 0 ? CG_MEASURE_START : CG_MEASURE_CHECK, 0, s.right_side, q);
     }
-    if (refinement == 0) b.repeat(std::max(1, expected_ * 7 / 8 / block), iterate);
+    if (refinement == 0) b.repeat(std::max(1, blocks), iterate);
     bool recorded = refinement == 0;
     scalar = scalar_.download();
     const double start = refinement == 0 ? scalar[CG_START] : scalar[CG_INNER] / reachable<S>;
@@ -228,7 +232,7 @@ ConjugateGradient<S>::solve(const SolverRooms &state, const Stream<typename Type
         (refinement > 0 && (start > before / 4 || scalar[CG_ITERATIONS] >= most)))
       break;
     while (scalar[CG_DONE] == 0) {
-      b.repeat(std::max(1, expected_ / (16 * block)), iterate, recorded);
+      b.repeat(std::max(1, expected / (16 * block)), iterate, recorded);
       recorded = true;
       scalar = scalar_.download();
     }
@@ -241,7 +245,7 @@ ConjugateGradient<S>::solve(const SolverRooms &state, const Stream<typename Type
     CAMA_LAUNCH_REAL(S, b, add_solution, n, rows().order, component_stride(), components<S>(x_),
                      static_cast<int>(sizeof(Real) == 8), as<double, Real>(s.solution), as<float, Real>(s.solution));
   }
-  result.iterations = expected_ = static_cast<int>(scalar[CG_ITERATIONS]);
+  result.iterations = expected = static_cast<int>(scalar[CG_ITERATIONS]);
   if (schwarz_) schwarz_->note(state.report.step, result.iterations);
   return result;
 }

@@ -45,10 +45,11 @@ def check(
     unlikely = plausibility.findings(loaded)
     named = {finding.object for finding in unlikely if finding.kind == "rest shape"}
     doubts = plausibility.texts(unlikely)
-    far = [name for name in stretched if f"cloth '{name}'" not in named]
-    if far:
+    far = {name: strain for name, strain in stretched.items() if f"cloth '{name}'" not in named}
+    for name, strain in far.items():
         doubts.append(
-            f"{', '.join(far)}: starts far from its rest shape, which its texture coordinates or material vertices say"
+            f"{name}: starts far from its rest shape, with strains of {strain} %, and will spring to it. Its texture "
+            'coordinates or material vertices say the rest shape; give its file "rest": "start" if the start is it'
         )
     found = loaded.intersections()
     count = sum(pair.count for pair in found)
@@ -68,14 +69,14 @@ def check(
 
 
 def show_parts(out, scene):
-    """Prints all parts of a scene and the sizes of its cloth; returns the names of cloth that starts stretched."""
+    """Prints all parts of a scene and the sizes of its cloth; returns {name: strain} of cloth that starts stretched."""
     table = Table("part", "name", "from", box=None, padding=(0, 2))
     sizes = Table("cloth", box=None, padding=(0, 1))
     for title in ("triangles", "vertices"):
         table.add_column(title, justify="right")
     for title in ("extent, m", "rest area, m²", "mass, kg", "start strain, %"):
         sizes.add_column(title, justify="right", no_wrap=True)
-    stretched = []
+    stretched = {}
     for kind, parts in (("cloth", scene.cloths), ("obstacle", scene.obstacles)):
         for part in parts:
             table.add_row(
@@ -87,13 +88,13 @@ def show_parts(out, scene):
             strain = f"{100 * least:.3g} to {100 * most:.3g}" if max(most, -least) > 5e-5 else "0"
             sizes.add_row(
                 escape(part.name),
-                " x ".join(f"{x:.3g}" for x in np.ptp(part.vertices, axis=0)),
+                extent(part.vertices),
                 f"{part.rest_area:.3g}",
                 f"{part.mass:.3g}",
                 strain,
             )
             if most > STRETCHED or least < 1 / (1 + STRETCHED) - 1:
-                stretched.append(part.name)
+                stretched[part.name] = strain
     out.print(table)
     out.print(sizes)
     for line in rest_lines(scene):
@@ -104,6 +105,12 @@ def show_parts(out, scene):
         f"{scene.frames} frames of {scene.seconds_per_frame * 1e3:g} ms"
     )
     return stretched
+
+
+def extent(vertices):
+    """Returns the sides of the box around vertices, m, as text; what is only rounding is 0."""
+    sides = np.ptp(vertices, axis=0)
+    return " x ".join(f"{x:.3g}" for x in np.where(sides < 1e-9 * sides.max(), 0, sides))
 
 
 def verdict(scene, intersections, unlikely, stretched):

@@ -5,6 +5,8 @@ import contextlib
 import functools
 import inspect
 import math
+import os
+import sys
 import warnings
 from dataclasses import dataclass, fields
 from enum import Enum
@@ -261,4 +263,6 @@ def rest_lines(scene):
 
 
 def console():
-    return Console(soft_wrap=True, highlight=False)
+    """Returns the console of a command's answer. In a pipe or a file, whose width nobody knows, tables are not cut."""
+    wide = not sys.stdout.isatty() and "COLUMNS" not in os.environ
+    return Console(soft_wrap=True, highlight=False, width=160 if wide else None)

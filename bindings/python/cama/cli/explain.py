@@ -27,15 +27,22 @@ def explain(
     chosen_by = {"level": f"level {level}", "scene": "scene", "user": "[bold]user[/]"}
     for line in rest_lines(simulation.scene):
         out.print(escape(line))
-    options = Table("option", "value", "set by", "trades time for", box=None, padding=(0, 2))
+    options = Table(box=None, padding=(0, 2))
+    options.add_column("option", no_wrap=True)
+    for title in ("value", "set by", "trades time for"):
+        options.add_column(title)
     for s in simulation.chosen_options:
         options.add_row(s["name"], escape(s["value"]), chosen_by[s["origin"]], s["trades"])
     out.print(options)
-    stages = Table("stage", "why", box=None, padding=(0, 2))
+    stages = Table(box=None, padding=(0, 2))
+    stages.add_column("stage", no_wrap=True)
+    stages.add_column("why")
     for name, why in simulation.explain():
         stages.add_row(escape(name), escape(why))
     out.print(stages)
-    streams = Table("stream", "element", box=None, padding=(0, 2))
+    streams = Table(box=None, padding=(0, 2))
+    streams.add_column("stream", no_wrap=True)
+    streams.add_column("element")
     streams.add_column("elements", justify="right")
     streams.add_column("KiB", justify="right")
     rows = sorted(simulation.streams, key=lambda s: -s["bytes"])

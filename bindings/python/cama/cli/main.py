@@ -1,9 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
 """The command `cama`; each of its commands has a module here."""
 
+import sys
 from typing import Annotated
 
 import typer
+from rich.console import Console
+from rich.markup import escape
 
 from .. import _core
 from .blender import blender
@@ -21,6 +24,9 @@ from .stability import stability
 from .tradeoff import tradeoff
 from .tune import tune
 from .view import view
+
+# What the command line got wrong. Older versions of Typer take it from Click, newer ones have their own.
+UsageProblem = next(kind for kind in typer.BadParameter.__mro__ if kind.__name__ == "ClickException")
 
 app = typer.Typer(
     help="Cloth simulation on CPUs and GPUs.",
@@ -54,5 +60,23 @@ app.add_typer(fabric, name="fabric")
 
 
 def main():
-    """Entry point of the console script."""
-    app()
+    """Entry point of the console script. What the command line should not have said is one red line, as other errors."""
+    try:
+        code = app(standalone_mode=False)
+    except typer.Abort:
+        sys.exit(1)
+    except UsageProblem as problem:
+        if not problem.format_message():  # a command without its words shows its help
+            problem.show()
+        else:
+            fail_usage(problem)
+        sys.exit(problem.exit_code)
+    sys.exit(code)
+
+
+def fail_usage(problem):
+    """Prints what is wrong with the command line, and where its help is."""
+    context = getattr(problem, "ctx", None)
+    text = problem.format_message().replace("Value error, ", "").rstrip(".")
+    hint = f"; see {context.command_path} --help" if context else ""
+    Console(stderr=True, soft_wrap=True).print(f"[bold red]Error:[/] [red]{escape(text + hint)}[/]", highlight=False)

@@ -205,7 +205,7 @@ def steps_text(s):
         f"{s['steps']} of {number(lengths['min'] and lengths['min'] * 1e3)} to "
         f"{number(lengths['max'] and lengths['max'] * 1e3)} ms, for an error of {s['error'] * 1e3:.3g} mm a frame of "
         f"1/60 s; {s['rejected']:,} taken again"
-        + (f"; {s['over_error']:,} of the shortest err by more" if s["over_error"] else "")
+        + (f"; {s['over_error']:,} as short as steps become err by more than that" if s["over_error"] else "")
     )
 
 

@@ -1,0 +1,60 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Every kernel waits for the launch before it ends (AWAIT_LAUNCHES in dialect/lang.h) before it reads or writes what that
+launch may have written. FOR_EACH and FOR_EACH_TEAM wait. waits.py KERNELS: the folder of the kernels."""
+
+import re
+import sys
+from pathlib import Path
+
+HEAD = re.compile(r"^KERNEL(?:_OF\([^)]*\))?\s+(\w+)\(([^{]*)\)\s*\n\{(.*?)^\}", re.M | re.S)
+LOOP = re.compile(r"\bFOR_EACH(_UNEVEN|_LISTED)?(_TEAM)?(_EARLY)?\(")
+
+
+def faults(text):
+    """What is wrong, a sentence for each kernel of a header, and the number of kernels."""
+    wrong, count = [], 0
+    for name, parameters, body in HEAD.findall(re.sub(r"/\*.*?\*/", "", text, flags=re.S)):
+        count += 1
+        body = re.sub(r"TEAM_LOCAL\w*\([^;]*;", "", body)
+        written = re.findall(r"GLOBAL (?!const)\w+ \*\s*(?:RESTRICT )?(\w+)", parameters)
+        pointers = re.findall(r"\*\s*(?:RESTRICT )?(\w+)", parameters)
+        loop = LOOP.search(body)
+        if not loop:
+            wrong.append(f"{name} has no FOR_EACH")
+            continue
+        before = body[: loop.start()].split("AWAIT_LAUNCHES")[0]
+        before = re.sub(r"if \(!BEGINS_EARLY &&[^;]*;", "", before)
+        if any(re.search(rf"\b{p}\b\s*\[", before) for p in pointers):
+            wrong.append(f"{name} reads memory before it waits")
+        if not loop.group(3):
+            continue
+        early, wait, _ = body[loop.end() :].partition("AWAIT_LAUNCHES")
+        if not wait:
+            wrong.append(f"{name} does not wait")
+        if any(re.search(rf"\b{p}\b\s*(\[[^=;]*\]|\+ \w+,)\s*[-+]?=(?!=)", early) for p in written):
+            wrong.append(f"{name} writes before it waits")
+    return wrong, count
+
+
+def main():
+    kernels, seen, early = 0, [], ""
+    for header in sorted(Path(sys.argv[1]).glob("*/*.h")):
+        text = header.read_text()
+        wrong, count = faults(text)
+        kernels += count
+        seen += [f"{header}: {fault}" for fault in wrong]
+        if header.name == "schwarz.h":
+            early = text
+    if seen:
+        sys.exit("\n".join(seen))
+    # The check itself is seen to fail.
+    for edit, fault in (
+        (lambda t: t.replace("  if (!BEGINS_EARLY && scalar", "  if (scalar"), "reads memory before"),
+        (lambda t: t.replace("AWAIT_LAUNCHES;", ""), "does not wait"),
+        (lambda t: t.replace("      AWAIT_LAUNCHES;\n", "      total[i] = z[i];\n      AWAIT_LAUNCHES;\n"), "writes before"),
+    ):
+        assert any(fault in f for f in faults(edit(early))[0]), fault
+    print(f"{kernels} kernels wait before they read; three edits that do not were noticed")
+
+
+main()
