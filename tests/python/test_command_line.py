@@ -71,6 +71,30 @@ def test_info_without_a_gpu_is_no_alarm(note, expected):
     assert note in note_of({"name": "cuda", "note": note})
 
 
+@pytest.mark.parametrize(
+    ("words", "expected"),
+    [
+        (["run", "drape", "--accuracy", "fast"], "'fast' is not one of 'preview'"),
+        (["run", "drape", "--to", "abc"], "No such option: --to"),
+        (["run"], "Missing argument 'SCENE'"),
+        (["dance"], "No such command 'dance'; see "),
+    ],
+)
+def test_a_mistake_on_the_command_line_is_one_line(words, expected):
+    done = subprocess.run([sys.executable, "-m", "cama", *words], capture_output=True, text=True)
+    assert done.returncode == 2 and not done.stdout
+    assert done.stderr.startswith("Error: ") and done.stderr.count("\n") == 1 and expected in done.stderr
+
+
+def test_tables_in_a_pipe_are_not_cut():
+    words = [sys.executable, "-m", "cama", "explain", "drape", "--resolution", "300"]
+    environment = {name: value for name, value in os.environ.items() if name != "COLUMNS"}
+    done = subprocess.run(words, capture_output=True, text=True, env=environment, check=True)
+    simulation = cama.Simulation(cama.Scene.load("drape", 300), backend="cpu")
+    names = [option["name"] for option in simulation.chosen_options] + [name for name, _ in simulation.explain()]
+    assert [name for name in names if f"{name}  " not in done.stdout] == [] and "…" not in done.stdout
+
+
 # --- Scenes -----------------------------------------------------------------------------------------------------------
 
 

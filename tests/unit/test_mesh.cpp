@@ -91,6 +91,8 @@ TEST_CASE("bad meshes are named, element by element", "[mesh]")
                  }),
                  "face 2 (2 0 1) repeats face 0"));
   CHECK(contains(broken([](Mesh &m) { m.position.push_back({5, 5, 5}); }), "vertex 4 is isolated"));
+  CHECK(contains(broken([](Mesh &m) { m.position[2].y = std::nan(""); }),
+                 "vertex 2 has a coordinate that is not finite (NaN or infinity); give it a place"));
   CHECK(contains(broken([](Mesh &m) { m.material_face.pop_back(); }), "1 faces in material space"));
 }
 

@@ -236,8 +236,8 @@ DEVICE void atomic_add_float(float *p, float v)
 #endif
 #endif
 
-/* Where BEGINS_EARLY is 1, a launch begins while the one before it ends; AWAIT_LAUNCHES waits for that one. FOR_EACH and
-   FOR_EACH_TEAM wait before their first element; a kernel that reads memory before these waits first. After
+/* Where BEGINS_EARLY is 1, a launch begins while the one before it ends; AWAIT_LAUNCHES waits for that one. FOR_EACH
+   and FOR_EACH_TEAM wait before their first element; a kernel that reads memory before these waits first. After
    FOR_EACH_EARLY and FOR_EACH_TEAM_EARLY each work-item waits by itself: before, it reads only what was written two
    launches ago or earlier, and writes nothing. */
 #if !defined(BEGINS_EARLY)

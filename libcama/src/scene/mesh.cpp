@@ -19,6 +19,10 @@ namespace {
   throw MeshError("mesh of " + object + ": " + what);
 }
 
+const char *const not_finite = " has a coordinate that is not finite (NaN or infinity); give it a place, or remove it "
+                               "with its faces (vertices count "
+                               "from 0)";
+
 std::string describe(int f, const Triangle &t)
 {
   return "face " + std::to_string(f) + " (" + std::to_string(t[0]) + " " + std::to_string(t[1]) + " " +
@@ -88,10 +92,10 @@ void Mesh::validate(const std::string &object) const
                      " faces); give at least one triangle");
   for (std::size_t v = 0; v < position.size(); ++v)
     if (!std::isfinite(position[v].x) || !std::isfinite(position[v].y) || !std::isfinite(position[v].z))
-      fail(object, "vertex " + std::to_string(v) + " has a coordinate that is not finite (NaN or infinity)");
+      fail(object, "vertex " + std::to_string(v) + not_finite);
   for (std::size_t v = 0; v < material_position.size(); ++v)
     if (!std::isfinite(material_position[v][0]) || !std::isfinite(material_position[v][1]))
-      fail(object, "material vertex " + std::to_string(v) + " has a coordinate that is not finite (NaN or infinity)");
+      fail(object, "material vertex " + std::to_string(v) + not_finite);
   check_indices(object, face, position.size(), "vertex");
   if (!material_face.empty()) {
     if (material_face.size() != face.size())

@@ -72,7 +72,7 @@ private:
   Stream<vec4> inverse_;  // P of other preconditioners
   int pin_changes_ = -1;  // mesh.pin_changes when the pattern was made; -1: there is none
   int expected_[2] = {0, 0};  // iterations of the first solve of a step, and of the others
-  int step_ = -1;             // of the last solve
+  int step_ = -1;  // of the last solve
   Stream<vec4> r_, z_, total_, w_, p_, s_, x_, product_;  // r_, z_: followed by the nodes of coarse levels
   Stream<vec3> gradient_;  // of volumes, where the forces have another precision
   Stream<double> partial_, scalar_;  // scalars twice: of the last iteration and of this one

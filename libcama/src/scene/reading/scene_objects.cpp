@@ -482,7 +482,11 @@ void SceneReader::read_cloth(const Field &f, std::size_t index)
     const auto known = m.json().is_string() ? materials_.find(m.text()) : materials_.end();
     c.material = known != materials_.end() ? known->second : read_material(m, c.name);
   }
-  if (f.has("thickness")) c.material.thickness = f.at("thickness").finite();
+  if (f.has("thickness")) {
+    c.material.thickness = f.at("thickness").finite();
+    if (c.material.thickness < 0)
+      f.at("thickness").fail("must be 0 or more, m (0: the scene's), got " + f.at("thickness").brief());
+  }
   const int here = static_cast<int>(scene_.cloths.size());
   for (const MeshStitch &s : stitches)
     scene_.stitches.push_back({here, s.a, here, s.b, s.c, s.ratio, f.positive("stitch_stiffness", 1e3)});

@@ -304,6 +304,12 @@ void check_material_scale(const std::string &object, const Cloth &cloth)
   throw MeshError("mesh of " + object + ": its material space is " + what);
 }
 
+/// Where a mesh is from, if that is a file.
+std::string from_file(const std::string &source)
+{
+  return source.find('.') == std::string::npos ? "" : " from " + source;
+}
+
 }  // namespace
 
 void Scene::validate() const
@@ -315,7 +321,7 @@ void Scene::validate() const
     const std::string object = "cloth \"" + c.name + "\"";
     if (!names.insert(c.name).second)
       throw SceneError("cloth: two cloths are named \"" + c.name + "\"; give each its own name");
-    c.mesh.validate(object);
+    c.mesh.validate(object + from_file(c.source));
     check_material_scale(object, c);
     c.material.validate(object);
     if (c.material.static_friction != -1 && c.material.friction == -1)
@@ -331,7 +337,7 @@ void Scene::validate() const
     if (!names.insert(o.name).second)
       throw SceneError("obstacles: two obstacles are named \"" + o.name + "\"; give each its own name");
     if (o.shape == ObstacleShape::mesh)
-      o.mesh.validate(object);
+      o.mesh.validate(object + from_file(o.source));
     else
       validate_exact(object, o);
     require(std::isfinite(o.friction) && o.friction >= 0, object + ": friction", o.friction,
