@@ -96,8 +96,7 @@ KERNEL improve_moments(int n, GLOBAL const hinge_coupling *coupling, GLOBAL cons
                        GLOBAL real *previous, GLOBAL const real *rate, GLOBAL const real *rate_moment,
                        GLOBAL real *rate_previous)
 {
-  FOR_EACH_EARLY(i, n)
-  {
+  FOR_EACH_EARLY(i, n) {
     hinge_coupling c = coupling[i];
     moment_step s = step[row + c.cloth];
     AWAIT_LAUNCHES;

@@ -312,8 +312,7 @@ cg_multiply(int n, int rows, GLOBAL const int *slice_start, GLOBAL const int *sl
   TEAM_LOCAL(real, sum, ROW_PARTS * 3 * TEAM_ROWS);
   TEAM_LOCAL(double, products, 2 * TEAM_ROWS);
   if (!BEGINS_EARLY && scalar[at + CG_DONE] != 0.0) return;
-  FOR_EACH_TEAM_EARLY(t, n)
-  {
+  FOR_EACH_TEAM_EARLY(t, n) {
     TEAM_BARRIER;
     TEAM_FOR_LANES(item, ROW_PARTS * TEAM_ROWS) {
       lanes x = LANES_ALL(lanes, (real)0), y = x, u = x;

@@ -69,8 +69,7 @@ KERNEL apply_blocks(int n, GLOBAL const int *block_start, int at, GLOBAL const d
   TEAM_LOCAL(real, u, BLOCK_SIZE);
   TEAM_LOCAL(real, y, BLOCK_SIZE);
   if (!BEGINS_EARLY && scalar[at + CG_DONE] != 0.0) return;
-  FOR_EACH_TEAM_EARLY(t, n)
-  {
+  FOR_EACH_TEAM_EARLY(t, n) {
     const int node = block_start[t], rows = block_start[t + 1] - node, groups = (3 * rows + 15) / 16;
     GLOBAL const real *RESTRICT w = weight + t * BLOCK_SIZE;
     TEAM_BARRIER;
@@ -168,8 +167,7 @@ KERNEL gather_block_residuals(int n, int levels, int rows, int blocks, GLOBAL co
 {
   TEAM_LOCAL(vec4, own, BLOCK_ROWS * BLOCK_ROWS);
   TEAM_LOCAL(vec4, sums, BLOCK_ROWS);
-  FOR_EACH_TEAM_EARLY(t, n)
-  {
+  FOR_EACH_TEAM_EARLY(t, n) {
     const int first_block = group_start[t], last_block = group_start[t + 1], first = block_start[first_block];
     AWAIT_LAUNCHES;
     TEAM_BARRIER;
@@ -218,8 +216,7 @@ KERNEL cg_advance_blocks(int n, int levels, int rows, int blocks, GLOBAL const i
   TEAM_LOCAL(double, products, 2 * CG_TEAM);
   TEAM_LOCAL(vec4, own, BLOCK_ROWS * BLOCK_ROWS);
   TEAM_LOCAL(vec4, sums, BLOCK_ROWS);
-  FOR_EACH_TEAM_EARLY(t, n)
-  {
+  FOR_EACH_TEAM_EARLY(t, n) {
     const int first_block = group_start[t], last_block = group_start[t + 1], first = block_start[first_block];
     cg_step step;
     AWAIT_LAUNCHES;
@@ -271,8 +268,7 @@ KERNEL combine_levels(int n, int rows_here, int levels, int rows, int blocks, GL
                       GLOBAL vec4 *RESTRICT product)
 {
   if (!BEGINS_EARLY && scalar[at + CG_DONE] != 0.0) return;
-  FOR_EACH_EARLY(i, n)
-  {
+  FOR_EACH_EARLY(i, n) {
     if (i < rows_here) {
       const row_places own = places_of(i, levels, rows, blocks, block, parent);
       AWAIT_LAUNCHES;

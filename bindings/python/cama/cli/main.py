@@ -60,7 +60,7 @@ app.add_typer(fabric, name="fabric")
 
 
 def main():
-    """Entry point of the console script. What the command line should not have said is one red line, as other errors."""
+    """Entry point of the console script. A mistake on the command line becomes one red line, as other errors do."""
     try:
         code = app(standalone_mode=False)
     except typer.Abort:
