@@ -66,12 +66,12 @@ def main():
     except typer.Abort:
         sys.exit(1)
     except UsageProblem as problem:
-        if not problem.format_message():  # a command without its words shows its help
+        if type(problem).__name__ == "NoArgsIsHelpError":
             problem.show()
         else:
             fail_usage(problem)
         sys.exit(problem.exit_code)
-    sys.exit(code)
+    sys.exit(code if isinstance(code, int) else 0)  # a code from typer.Exit; what else a command returns is no code
 
 
 def fail_usage(problem):
