@@ -133,7 +133,9 @@ public:
     blocks_ = processors_ * blocks_per_processor;
     cudaFuncAttributes compiled;
     check(cudaFuncGetAttributes(&compiled, copy_words), "cudaFuncGetAttributes");
-    begins_early_ = compiled.ptxVersion >= 90 && properties.major >= 9;
+    int driver = 0;
+    check(cudaDriverGetVersion(&driver), "cudaDriverGetVersion");
+    begins_early_ = compiled.ptxVersion >= 90 && properties.major >= 9 && std::min(driver, CUDART_VERSION) >= 12030;
     check(cudaStreamCreateWithFlags(&queue_, cudaStreamNonBlocking), "cudaStreamCreate");
     cudaMemPool_t pool = nullptr;
     check(cudaDeviceGetDefaultMemPool(&pool, device), "cudaDeviceGetDefaultMemPool");
@@ -430,7 +432,7 @@ private:
   int index_, before_ = -1;  // of the device, and of the one before it
   std::string device_;
   int processors_ = 1, workers_ = 1, blocks_ = 1;
-  bool begins_early_ = false;  // see AWAIT_LAUNCHES; devices before 9.0 cannot
+  bool begins_early_ = false;  // see AWAIT_LAUNCHES; devices before 9.0 cannot, and graphs before CUDA 12.3
   cudaStream_t queue_ = nullptr;
   std::unique_ptr<Interpreter> interpreter_;
   cudaGraphExec_t replay_ = nullptr;  // of the last `repeat`
