@@ -1,7 +1,8 @@
 #!/bin/sh
 # SPDX-License-Identifier: Apache-2.0
 # check.sh c99 | cxx17 | opencl | cuda: all kernel headers in one language. check.sh alone: each header by itself.
-# check.sh table: kernels.def against the headers. check.sh waits: kernels wait before they read. Exit code 77: skipped, with the reason.
+# check.sh table: kernels.def against the headers. check.sh waits: kernels wait before they read. Exit code 77: skipped,
+# with the reason.
 set -eu
 cd "$(dirname "$0")"
 kernels=${CAMA_KERNELS:-../../libcama/kernels}

@@ -150,7 +150,7 @@ def test_check_shows_sizes_and_a_rest_shape_that_is_no_rest_shape(tmp_path):
     )
     said = " ".join(call("check", tmp_path).output.split())
     assert "2 x 0.6 x 0 1 0.12 -40 to 100" in said and "sheet: starts far from its rest shape" in said
-    assert "with strains of -40 to 100 %" in said and '"rest": "start" if the start is it' in said
+    assert "with strains of -40 to 100 %" in said and '"rest": "start", or leave them out, if the start is it' in said
     cloth = cama.Scene.load(tmp_path).cloths[0]
     assert cloth.rest_area == pytest.approx(1, rel=1e-12) and cloth.mass == pytest.approx(
         cloth.material.density, rel=1e-12

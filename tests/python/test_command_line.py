@@ -122,6 +122,24 @@ def test_a_missing_file_names_the_scene_file_and_the_part(here):
     assert "evening.json: obstacles[0]: walk.glb" in said(call("check", "evening.json"))
 
 
+def test_a_bad_vertex_names_its_file_and_a_bad_thickness_its_field(here):
+    (here / "torn.obj").write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nv nan 1 0\nf 1 2 3\nf 2 4 3\n")
+    cloth = {"name": "sheet", "file": "torn.obj", "material": "cotton"}
+    (here / "scene.json").write_text(json.dumps({"cloth": [cloth]}))
+    result = call("check", here)
+    assert result.exit_code == 2 and 'cloth "sheet" from torn.obj: vertex 3 has a coordinate' in said(result)
+    (here / "scene.json").write_text(json.dumps({"cloth": [{**cloth, "file": "skirt.obj", "thickness": -1}]}))
+    assert "cloth[0].thickness: must be 0 or more" in said(call("check", here))
+
+
+def test_a_material_says_what_it_is():
+    material = cama.Material.orthotropic(100, 60, 0, 30, 2e-5, 1e-5, 0.2)  # what was given, without contraction
+    assert repr(material) == (
+        "<cama.Material 'orthotropic': 0.2 kg/m², stretching 100 (warp) and 60 (weft) N/m, plate bending 1e-05 to "
+        "2e-05 N m>"
+    )
+
+
 def test_names_that_are_nearly_right(here):
     (here / "scene.json").write_text(json.dumps({"cloth": [{"file": "skirt.obj", "material": "Cotton"}]}))
     assert "did you mean 'cotton'?" in said(call("check", here))

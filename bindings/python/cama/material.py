@@ -21,6 +21,8 @@ if TYPE_CHECKING:
 
 __all__ = ["Material", "fabrics"]
 
+HINGE_PER_PLATE = 5  # tables of bending hold so many times the stiffness of a plate
+
 
 def fabrics() -> list[str]:
     """Returns the names of the fabrics that ship with cama."""
@@ -122,17 +124,13 @@ class Material(_core.Material):
         raise MaterialError(f"material: {value!r} is neither a name, a file, a dict nor a cama.Material")
 
     def __repr__(self) -> str:
+        warp, _, weft, _ = self.stretching[0]
+        plate = np.ravel(self.bending) / HINGE_PER_PLATE
+        bending = f"{plate.min():.3g}" if plate.min() == plate.max() else f"{plate.min():.3g} to {plate.max():.3g}"
         return (
-            f"<cama.Material {self.name!r}: {self.density:g} kg/m², stretching {self._span(self.stretching)} N/m, "
-            f"bending {self._span(self.bending)} N m>"
+            f"<cama.Material {self.name!r}: {self.density:g} kg/m², stretching {warp:.4g} (warp) and {weft:.4g} (weft) "
+            f"N/m, plate bending {bending} N m>"
         )
-
-    @staticmethod
-    def _span(table: object) -> str:
-        """The smallest and largest positive number of a table of stiffnesses, as text."""
-        numbers = np.ravel(table)
-        least, most = numbers[numbers > 0].min(initial=np.inf), numbers.max(initial=0)
-        return f"{most:.3g}" if not least < most else f"{least:.3g} to {most:.3g}"
 
     def with_thickness(self, thickness: float) -> Material:
         """Returns a copy with this contact thickness, m."""

@@ -49,7 +49,8 @@ def check(
     for name, strain in far.items():
         doubts.append(
             f"{name}: starts far from its rest shape, with strains of {strain} %, and will spring to it. Its texture "
-            'coordinates or material vertices say the rest shape; give its file "rest": "start" if the start is it'
+            'coordinates or material vertices say the rest shape; give its file "rest": "start", or leave them out, if '
+            "the start is it"
         )
     found = loaded.intersections()
     count = sum(pair.count for pair in found)
