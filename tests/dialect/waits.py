@@ -7,7 +7,7 @@ import sys
 from pathlib import Path
 
 HEAD = re.compile(r"^KERNEL(?:_OF\([^)]*\))?\s+(\w+)\(([^{]*)\)\s*\n\{(.*?)^\}", re.M | re.S)
-LOOP = re.compile(r"\bFOR_EACH(_UNEVEN|_LISTED)?(_TEAM)?(_EARLY)?\(")
+LOOP = re.compile(r"\bFOR_EACH(_UNEVEN|_LISTED|_LANES)?(_TEAM)?(_EARLY)?\(")
 
 
 def faults(text):

@@ -35,17 +35,19 @@ TEMPLATE_TEST_CASE("sums of columns come in the order of halves, bit by bit", "[
   for (int round = 0; round < 20; ++round) {
     const auto column = random<TestType>(3 * 256, engine), v = random<TestType>(3 * 16, engine);
     TestType sum[LANES];
-    const auto add_up = [&](auto c) {   // the functions of the namespace of its precision
-      clear_columns(&c);
-      for (int k = 0; k < 3; ++k) add_columns(&c, column.data() + 256 * k, 16, v.data() + 16 * k);
-      auto sums = c.at[0];
-      sum_columns(&c, &sums);
+    const TestType *runs[3] = {column.data(), column.data() + 256, column.data() + 512};
+    const auto keep = [&](auto sums) {
       for (int q = 0; q < LANES; ++q) sum[q] = LANE(sums, q);
     };
-    if constexpr (sizeof(TestType) == 4)
-      add_up(kernels::f32::lanes_columns{});
-    else
-      add_up(kernels::f64::lanes_columns{});
+    if constexpr (sizeof(TestType) == 4) {
+      kernels::f32::lanes sums;
+      kernels::f32::dot_columns(runs, 3, v.data(), &sums);
+      keep(sums);
+    } else {
+      kernels::f64::lanes sums;
+      kernels::f64::dot_columns(runs, 3, v.data(), &sums);
+      keep(sums);
+    }
     for (int q = 0; q < LANES; ++q) {
       TestType t[16] = {};
       for (int k = 0; k < 3; ++k)
@@ -57,10 +59,10 @@ TEMPLATE_TEST_CASE("sums of columns come in the order of halves, bit by bit", "[
   }
 }
 
-TEMPLATE_TEST_CASE("vectors from anywhere give their numbers to the lanes", "[lanes]", float, double)
+TEMPLATE_TEST_CASE("vectors go from anywhere to the lanes and back", "[lanes]", float, double)
 {
   std::mt19937 engine(4);
-  const auto gather = [&](auto like, auto columns) {   // the functions of the namespace of its precision
+  const auto gather = [&](auto like, auto x) {   // the functions of the namespace of its precision
     using Vector = decltype(like);
     const auto numbers = random<TestType>(4 * 100, engine);
     std::vector<Vector> v(100);
@@ -68,7 +70,7 @@ TEMPLATE_TEST_CASE("vectors from anywhere give their numbers to the lanes", "[la
     for (int round = 0; round < 20; ++round) {
       std::vector<int> at(LANES);
       for (int &place : at) place = std::uniform_int_distribution<int>(0, 99)(engine);
-      auto x = columns.at[0], y = x, z = x;
+      auto y = x, z = x;
       gather_lanes(v.data(), at.data(), &x, &y, &z);
       for (int q = 0; q < LANES; ++q) {
         const auto from = 4 * static_cast<std::size_t>(at[static_cast<std::size_t>(q)]);
@@ -76,12 +78,26 @@ TEMPLATE_TEST_CASE("vectors from anywhere give their numbers to the lanes", "[la
         CHECK(same_bits(LANE(y, q), numbers[from + 1]));
         CHECK(same_bits(LANE(z, q), numbers[from + 2]));
       }
+      std::vector<int> to(LANES);
+      for (std::size_t q = 0; q < LANES; ++q) to[q] = static_cast<int>((7 * q + static_cast<std::size_t>(round)) % 100);
+      const int count = round % (LANES + 1);
+      std::vector<Vector> written(100, Vector{2, 2, 2, 2});
+      scatter_lanes(written.data(), to.data(), count, x, y, z);
+      for (int q = 0; q < count; ++q) {
+        Vector &there = written[static_cast<std::size_t>(to[static_cast<std::size_t>(q)])];
+        CHECK(same_bits(there.x, LANE(x, q)));
+        CHECK(same_bits(there.y, LANE(y, q)));
+        CHECK(same_bits(there.z, LANE(z, q)));
+        CHECK(same_bits(there.w, TestType(0)));
+        there = {2, 2, 2, 2};
+      }
+      for (const Vector &there : written) CHECK(there.x == 2);
     }
   };
   if constexpr (sizeof(TestType) == 4)
-    gather(kernels::f32::vec4{}, kernels::f32::lanes_columns{});
+    gather(kernels::f32::vec4{}, kernels::f32::lanes{});
   else
-    gather(kernels::f64::vec4{}, kernels::f64::lanes_columns{});
+    gather(kernels::f64::vec4{}, kernels::f64::lanes{});
 }
 
 TEST_CASE("lanes choose, invert and take roots as one number does", "[lanes]")

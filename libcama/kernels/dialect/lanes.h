@@ -11,12 +11,15 @@
      LANES_SELECT(lanes, c, a, b)      a where the comparison c holds, b elsewhere
      LANES_TO(type, lanes, v)          v converted to lanes, whose numbers are of that type
      FLOAT_LANES_BITS(v), BITS_FLOAT_LANES(v)
+     FOR_EACH_LANES(i, n)              FOR_EACH for every LANES-th element, the first of the LANES that are worked on
+                                       together; those beyond n are left out by the loop's body
      PREFETCH(p)                       prefetches what is read at p soon, where the language can
-     LANES_GATHER(real, lanes, vec4)   defines gather_lanes(v, at, &x, &y, &z): x, y and z of v[at[0]], v[at[1]], ...
-     LANES_COLUMNS(real, lanes)        defines lanes_columns, sums over 16 rows of LANES columns times a vector:
-                                       clear_columns(&c), add_columns(&c, column, stride, v), sum_columns(&c, &sums);
-                                       `column` is the first, the next is `stride` further. With one lane c.at holds
-                                       the sums of the 16 rows, and there is no add_columns */
+     LANES_GATHER(real, lanes, vec4)   defines gather_lanes(v, at, &x, &y, &z): x, y and z of v[at[0]], v[at[1]], ...;
+                                       scatter_lanes(v, at, count, x, y, z) writes the first `count` of them there,
+                                       with zeros behind
+     LANES_COLUMNS(real, lanes)        defines dot_columns(column, runs, v, &sums), products of LANES columns with v
+   over `runs` runs of 16 rows: column[k] is the first column of run k, the next is 16 numbers further, and v + 16 k its
+   part of v. Products with a row are summed over the runs, then the sums of rows by halves. Not with one lane */
 #ifndef CAMA_KERNELS_DIALECT_LANES_H
 #define CAMA_KERNELS_DIALECT_LANES_H
 #include "caching.h"
@@ -24,6 +27,7 @@
 
 #if defined(__CUDACC__) || (defined(__OPENCL_C_VERSION__) && !defined(CAMA_CHUNKED))   /* one */
 #define LANES 1
+#define FOR_EACH_LANES(i, n) FOR_EACH(i, n)
 #define PREFETCH(p) ((void)(p))
 #define LANES_TYPE(type, lanes) typedef type lanes
 #define LANES_LOAD(lanes, p) (*(p))
@@ -35,29 +39,22 @@
 #define LANES_TO(type, lanes, v) ((type)(v))
 #define FLOAT_LANES_BITS(v) float_bits(v)
 #define BITS_FLOAT_LANES(v) bits_float(v)
-#define LANES_GATHER(real, lanes, vec4)                                                                      \
-  DEVICE INLINED void gather_lanes(GLOBAL const vec4 *v, GLOBAL const int *at, lanes *x, lanes *y, lanes *z) \
-  {                                                                                                          \
-    const vec4 a = v[*at];                                                                                   \
-    *x = a.x;                                                                                                \
-    *y = a.y;                                                                                                \
-    *z = a.z;                                                                                                \
-  }
-#define LANES_COLUMNS(real, lanes)                               \
-  typedef struct {                                               \
-    real at[16];                                                 \
-  } lanes_columns;   /* rows */                                    \
-  DEVICE INLINED void clear_columns(lanes_columns *c)            \
-  {                                                              \
-    int q;                                                       \
-    for (q = 0; q < 16; ++q) c->at[q] = (real)0;                 \
-  }                                                              \
-  DEVICE INLINED void sum_columns(lanes_columns *c, lanes *sums) \
-  {                                                              \
-    int q;                                                       \
-    for (q = 0; q < 8; ++q) c->at[q] += c->at[q + 8];            \
-    for (q = 0; q < 4; ++q) c->at[q] += c->at[q + 4];            \
-    *sums = c->at[0] + c->at[2] + (c->at[1] + c->at[3]);         \
+#define LANES_GATHER(real, lanes, vec4)                                                                         \
+  DEVICE INLINED void gather_lanes(GLOBAL const vec4 *v, GLOBAL const int *at, lanes *x, lanes *y, lanes *z)    \
+  {                                                                                                             \
+    const vec4 a = v[*at];                                                                                      \
+    *x = a.x;                                                                                                   \
+    *y = a.y;                                                                                                   \
+    *z = a.z;                                                                                                   \
+  }                                                                                                             \
+  DEVICE INLINED void scatter_lanes(GLOBAL vec4 *v, GLOBAL const int *at, int count, lanes x, lanes y, lanes z) \
+  {                                                                                                             \
+    vec4 a;                                                                                                     \
+    a.x = x;                                                                                                    \
+    a.y = y;                                                                                                    \
+    a.z = z;                                                                                                    \
+    a.w = (real)0;                                                                                              \
+    if (count > 0) v[*at] = a;                                                                                  \
   }
 
 #else
@@ -72,6 +69,9 @@
 #define LANES_LOAD_ONCE LANES_LOAD
 
 #if defined(__OPENCL_C_VERSION__)
+#define FOR_EACH_LANES(i, n)                     \
+  FOR_EACH(i##_group, ((n) + LANES - 1) / LANES) \
+    for (int i = i##_group * LANES, i##_once = 1; i##_once; i##_once = 0)
 #define PREFETCH(p) ((void)(p))
 #define LANES_TYPE(type, lanes) typedef type lanes __attribute__((ext_vector_type(LANES), aligned(sizeof(type))))
 #define LANES_LOAD(lanes, p) (*(const lanes *)(p))
@@ -98,6 +98,13 @@
     *(y) = (gathered)(a.s159d, b.s159d, c.s159d, d.s159d);                                         \
     *(z) = (gathered)(a.s26ae, b.s26ae, c.s26ae, d.s26ae);                                         \
   } while (0)
+#define scatter_lanes(v, at, count, x, y, z)                                                           \
+  do {                                                                                                 \
+    GLOBAL lanes_quad *scatter_to = (GLOBAL lanes_quad *)(v);                                          \
+    GLOBAL const int *scatter_at = (at);                                                               \
+    int q;                                                                                             \
+    for (q = 0; q < (count); ++q) scatter_to[scatter_at[q]] = (lanes_quad)((x)[q], (y)[q], (z)[q], 0); \
+  } while (0)
 /* FOLD_n: in each run of 2 n numbers of a, then of b, the first n plus the last n. Four folds of sixteen vectors give
    their sums. */
 #define FOLD_8(lanes, a, b) ((lanes)((a).lo, (b).lo) + (lanes)((a).hi, (b).hi))
@@ -105,17 +112,28 @@
   ((lanes)((a).s0123, (a).s89ab, (b).s0123, (b).s89ab) + (lanes)((a).s4567, (a).scdef, (b).s4567, (b).scdef))
 #define FOLD_2(lanes, a, b) ((lanes)((a).s014589cd, (b).s014589cd) + (lanes)((a).s2367abef, (b).s2367abef))
 #define FOLD_1(lanes, a, b) ((lanes)((a).even, (b).even) + (lanes)((a).odd, (b).odd))
-#define LANES_SUM_COLUMNS(real, lanes)                                                \
-  DEVICE INLINED void sum_columns(lanes_columns *c, lanes *sums)                      \
-  {                                                                                   \
-    int k;                                                                            \
-    for (k = 0; k < 8; ++k) c->at[k] = FOLD_8(lanes, c->at[2 * k], c->at[2 * k + 1]); \
-    for (k = 0; k < 4; ++k) c->at[k] = FOLD_4(lanes, c->at[2 * k], c->at[2 * k + 1]); \
-    for (k = 0; k < 2; ++k) c->at[k] = FOLD_2(lanes, c->at[2 * k], c->at[2 * k + 1]); \
-    *sums = FOLD_1(lanes, c->at[0], c->at[1]);                                        \
+#define LANES_COLUMNS(real, lanes)                                                                             \
+  DEVICE INLINED void dot_columns(LOCAL const real *const *column, int runs, LOCAL const real *v, lanes *sums) \
+  {                                                                                                            \
+    lanes at[16]; /* the rows of one column */                                                                 \
+    int k, run;                                                                                                \
+    for (k = 0; k < 16; ++k) at[k] = (lanes)(0);                                                               \
+    for (run = 0; run < runs; ++run)                                                                           \
+      for (k = 0; k < 16; ++k)                                                                                 \
+        at[k] += LANES_LOAD(LOCAL lanes, column[run] + 16 * k) * LANES_LOAD(LOCAL lanes, v + 16 * run);        \
+    for (k = 0; k < 8; ++k) at[k] = FOLD_8(lanes, at[2 * k], at[2 * k + 1]);                                   \
+    for (k = 0; k < 4; ++k) at[k] = FOLD_4(lanes, at[2 * k], at[2 * k + 1]);                                   \
+    for (k = 0; k < 2; ++k) at[k] = FOLD_2(lanes, at[2 * k], at[2 * k + 1]);                                   \
+    *sums = FOLD_1(lanes, at[0], at[1]);                                                                       \
   }
 
 #else
+#if defined(_OPENMP)
+#define FOR_EACH_LANES(i, n) \
+  CAMA_PRAGMA(omp parallel for schedule(static) if ((n) > 512)) for (int i = 0; i < (n); i += LANES)
+#else
+#define FOR_EACH_LANES(i, n) for (int i = 0; i < (n); i += LANES)
+#endif
 #define PREFETCH(p) __builtin_prefetch(p)
 #define LANES_TYPE(type, lanes) \
   typedef type lanes __attribute__((vector_size(LANES * sizeof(type)), aligned(sizeof(type)), may_alias))
@@ -203,62 +221,66 @@
     *x = QUAD_SHUFFLE(ab, cd, 0, 1, 4, 5);                                                                  \
     *y = QUAD_SHUFFLE(ab, cd, 2, 3, 6, 7);                                                                  \
     *z = QUAD_SHUFFLE(ab_z, cd_z, 0, 1, 4, 5);                                                              \
+  }                                                                                                         \
+  DEVICE INLINED void scatter_lanes(vec4 *v, const int *at, int count, lanes x, lanes y, lanes z)           \
+  {                                                                                                         \
+    const lanes zero = LANES_ALL(lanes, (real)0);                                                           \
+    const lanes xy = QUAD_SHUFFLE(x, y, 0, 4, 1, 5), z0 = QUAD_SHUFFLE(z, zero, 0, 4, 1, 5);                \
+    const lanes xy_last = QUAD_SHUFFLE(x, y, 2, 6, 3, 7), z0_last = QUAD_SHUFFLE(z, zero, 2, 6, 3, 7);      \
+    lanes rows[4]; /* rows k, k + 4, ..., one in each quad */                                               \
+    int q;                                                                                                  \
+    rows[0] = QUAD_SHUFFLE(xy, z0, 0, 1, 4, 5);                                                             \
+    rows[1] = QUAD_SHUFFLE(xy, z0, 2, 3, 6, 7);                                                             \
+    rows[2] = QUAD_SHUFFLE(xy_last, z0_last, 0, 1, 4, 5);                                                   \
+    rows[3] = QUAD_SHUFFLE(xy_last, z0_last, 2, 3, 6, 7);                                                   \
+    for (q = 0; q < count; ++q) *(lanes_quad *)(v + at[q]) = *((const lanes_quad *)&rows[q % 4] + q / 4);   \
   }
 
 /* sum = the first eight rows plus the last, of these the first four plus the last, of columns k, k + 4, ..., one in
-   each quad. at: those of lanes_columns. */
+   each quad. at: the rows of the first of these columns, in as many vectors as they fill, then those of the next. */
 #if LANES == 4
-#define SUM_QUADS(lanes, at, k, sum) (sum) = (at)[4 * (k)] + (at)[4 * (k) + 2] + ((at)[4 * (k) + 1] + (at)[4 * (k) + 3])
+#define SUM_QUADS(lanes, at, sum) (sum) = (at)[0] + (at)[2] + ((at)[1] + (at)[3])
 #elif LANES == 8
-#define SUM_QUADS(lanes, at, k, sum)                                                                         \
+#define SUM_QUADS(lanes, at, sum)                                                                            \
   do {                                                                                                       \
-    const lanes a = (at)[2 * (k)] + (at)[2 * (k) + 1], b = (at)[2 * (k) + 8] + (at)[2 * (k) + 9];            \
+    const lanes a = (at)[0] + (at)[1], b = (at)[2] + (at)[3];                                                \
     (sum) = LANES_SHUFFLE(a, b, 0, 1, 2, 3, 8, 9, 10, 11) + LANES_SHUFFLE(a, b, 4, 5, 6, 7, 12, 13, 14, 15); \
   } while (0)
 #else
 #define FOLD_8(a, b)                                                             \
   (LANES_SHUFFLE(a, b, 0, 1, 2, 3, 4, 5, 6, 7, 16, 17, 18, 19, 20, 21, 22, 23) + \
    LANES_SHUFFLE(a, b, 8, 9, 10, 11, 12, 13, 14, 15, 24, 25, 26, 27, 28, 29, 30, 31))
-#define SUM_QUADS(lanes, at, k, sum)                                                           \
-  do {                                                                                         \
-    const lanes a = FOLD_8((at)[k], (at)[(k) + 4]), b = FOLD_8((at)[(k) + 8], (at)[(k) + 12]); \
-    (sum) = LANES_SHUFFLE(a, b, 0, 1, 2, 3, 8, 9, 10, 11, 16, 17, 18, 19, 24, 25, 26, 27) +    \
-            LANES_SHUFFLE(a, b, 4, 5, 6, 7, 12, 13, 14, 15, 20, 21, 22, 23, 28, 29, 30, 31);   \
+#define SUM_QUADS(lanes, at, sum)                                                            \
+  do {                                                                                       \
+    const lanes a = FOLD_8((at)[0], (at)[1]), b = FOLD_8((at)[2], (at)[3]);                  \
+    (sum) = LANES_SHUFFLE(a, b, 0, 1, 2, 3, 8, 9, 10, 11, 16, 17, 18, 19, 24, 25, 26, 27) +  \
+            LANES_SHUFFLE(a, b, 4, 5, 6, 7, 12, 13, 14, 15, 20, 21, 22, 23, 28, 29, 30, 31); \
   } while (0)
 #endif
-#define LANES_SUM_COLUMNS(real, lanes)                                                                   \
-  DEVICE INLINED void sum_columns(lanes_columns *c, lanes *sums)                                         \
+#define LANES_COLUMNS(real, lanes)                                                                       \
+  DEVICE INLINED void dot_columns(const real *const *column, int runs, const real *v, lanes *sums)       \
   {                                                                                                      \
     lanes quads[4], first, last;                                                                         \
-    int k;                                                                                               \
-    for (k = 0; k < 4; ++k) SUM_QUADS(lanes, c->at, k, quads[k]);                                        \
+    int k, run, j;                                                                                       \
+    for (k = 0; k < 4; ++k) {                                                                            \
+      lanes at[4]; /* so few that they stay in registers */                                              \
+      for (j = 0; j < 4; ++j) at[j] = LANES_ALL(lanes, (real)0);                                         \
+      for (run = 0; run < runs; ++run)                                                                   \
+        for (j = 0; j < 4; ++j) {                                                                        \
+          const int place = j % (16 / LANES) * LANES;                                                    \
+          at[j] += LANES_LOAD(lanes, column[run] + 16 * (k + j / (16 / LANES) * 4) + place) *            \
+                   LANES_LOAD(lanes, v + 16 * run + place);                                              \
+        }                                                                                                \
+      SUM_QUADS(lanes, at, quads[k]);                                                                    \
+    }                                                                                                    \
     first = QUAD_SHUFFLE(quads[0], quads[1], 0, 1, 4, 5) + QUAD_SHUFFLE(quads[0], quads[1], 2, 3, 6, 7); \
     last = QUAD_SHUFFLE(quads[2], quads[3], 0, 1, 4, 5) + QUAD_SHUFFLE(quads[2], quads[3], 2, 3, 6, 7);  \
     *sums = QUAD_SHUFFLE(first, last, 0, 2, 4, 6) + QUAD_SHUFFLE(first, last, 1, 3, 5, 7);               \
   }
 #endif
-
-#define LANES_COLUMNS(real, lanes)                                                                               \
-  typedef struct {                                                                                               \
-    lanes at[16];                                                                                                \
-  } lanes_columns;   /* the rows of one column after the other */                                                  \
-  DEVICE INLINED void clear_columns(lanes_columns *c)                                                            \
-  {                                                                                                              \
-    int k;                                                                                                       \
-    for (k = 0; k < 16; ++k) c->at[k] = LANES_ALL(lanes, (real)0);                                               \
-  }                                                                                                              \
-  DEVICE INLINED void add_columns(lanes_columns *c, LOCAL const real *column, int stride, LOCAL const real *v)   \
-  {                                                                                                              \
-    lanes own[16 / LANES];                                                                                       \
-    int k, part;                                                                                                 \
-    for (part = 0; part < 16 / LANES; ++part) own[part] = LANES_LOAD(LOCAL lanes, v + LANES * part);             \
-    for (k = 0; k < LANES; ++k)                                                                                  \
-      for (part = 0; part < 16 / LANES; ++part)                                                                  \
-        c->at[16 / LANES * k + part] += LANES_LOAD(LOCAL lanes, column + k * stride + LANES * part) * own[part]; \
-  }                                                                                                              \
-  LANES_SUM_COLUMNS(real, lanes)
 #endif
 
+LANES_TYPE(short, short_lanes);
 LANES_TYPE(int, int_lanes);
 LANES_TYPE(float, float_lanes);
 LANES_TYPE(double, double_lanes);

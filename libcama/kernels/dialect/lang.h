@@ -171,6 +171,14 @@ static __device__ inline void atomic_add_float(float *p, float v) { atomicAdd(p,
 #define FOR_EACH_TEAM(t, n) for (int t = 0; t < (n); ++t)
 #endif
 #define TEAM_FOR(l, m) for (int l = 0; l < (m); ++l)
+DEVICE void *team_pointer(void *p)
+{
+#if defined(__GNUC__)
+  __asm__("" : "+r"(p));
+#endif
+  return p;
+}
+#define TEAM_POINTER(type, p) ((type *)team_pointer(p))
 #if defined(_OPENMP)
 #define SIMD CAMA_PRAGMA(omp simd)   /* before a loop whose iterations are independent */
 #else
@@ -278,12 +286,17 @@ DEVICE void atomic_add_float(float *p, float v)
 
    KERNEL_OF(members, teams) k(int n, ...) has teams of that many members, and so few registers that that many teams fit
    on a multiprocessor. Kernels that wait for memory have few teams, each with more loads in flight.
+   TEAM_POINTER(type, a) points to TEAM_LOCAL memory: on a CPU the address of a thread's own memory takes a call, which
+   compilers otherwise repeat in inner loops.
    On a CPU a team is one thread: its loops run over all members, LANES of them together as one vector where the kernel
    is written for that (lanes.h):
 
      TEAM_FOR_LANES(j, m) { lanes sum = LANES_ALL(lanes, 0); sum += LANES_LOAD(lanes, p + j) * x; } */
 #if !defined(FOR_EACH_UNEVEN_TEAM)
 #define FOR_EACH_UNEVEN_TEAM(t, n) FOR_EACH_TEAM(t, n)
+#endif
+#if !defined(TEAM_POINTER)
+#define TEAM_POINTER(type, p) (p)
 #endif
 #define TEAM_FOR_LANES(j, m)                     \
   TEAM_FOR(j##_group, ((m) + LANES - 1) / LANES) \

@@ -21,7 +21,9 @@ typedef struct ALIGNED(16) {
 
 LANES_TYPE(real, lanes);
 LANES_GATHER(real, lanes, vec4)
+#if LANES > 1
 LANES_COLUMNS(real, lanes)
+#endif
 
 DEVICE vec4 vec4_make(real x, real y, real z)
 {
@@ -34,6 +36,10 @@ DEVICE vec4 vec4_make(real x, real y, real z)
 }
 DEVICE vec4 vec4_axpy(vec4 v, real a, vec4 w) { return vec4_make(v.x + a * w.x, v.y + a * w.y, v.z + a * w.z); }
 DEVICE real vec4_dot(vec4 v, vec4 w) { return v.x * w.x + v.y * w.y + v.z * w.z; }
+DEVICE double vec4_double_dot(vec4 v, vec4 w)
+{
+  return (double)v.x * (double)w.x + (double)v.y * (double)w.y + (double)v.z * (double)w.z;
+}
 
 /* Scalars of the conjugate gradient method with one reduction. */
 #define CG_GAMMA 0       /* r' z */
@@ -309,10 +315,12 @@ cg_multiply(int n, int rows, GLOBAL const int *slice_start, GLOBAL const int *sl
             GLOBAL const vec4 *RESTRICT product, int at, GLOBAL const double *scalar, GLOBAL const vec4 *RESTRICT z,
             int component_stride, GLOBAL const real *RESTRICT r, GLOBAL real *RESTRICT w, GLOBAL double *partial)
 {
-  TEAM_LOCAL(real, sum, ROW_PARTS * 3 * TEAM_ROWS);
-  TEAM_LOCAL(double, products, 2 * TEAM_ROWS);
+  TEAM_LOCAL(real, own_sum, ROW_PARTS * 3 * TEAM_ROWS);
+  TEAM_LOCAL(double, own_products, 2 * TEAM_ROWS);
   if (!BEGINS_EARLY && scalar[at + CG_DONE] != 0.0) return;
   FOR_EACH_TEAM_EARLY(t, n) {
+    LOCAL real *RESTRICT sum = TEAM_POINTER(real, own_sum);
+    LOCAL double *RESTRICT products = TEAM_POINTER(double, own_products);
     TEAM_BARRIER;
     TEAM_FOR_LANES(item, ROW_PARTS * TEAM_ROWS) {
       lanes x = LANES_ALL(lanes, (real)0), y = x, u = x;
@@ -369,38 +377,87 @@ cg_multiply(int n, int rows, GLOBAL const int *slice_start, GLOBAL const int *sl
           }
         }
       }
-      FOR_LANES(q)
-        if (first + q < rows) {
-          vec4 all = vec4_make(LANE(x, q), LANE(y, q), LANE(u, q));
-          const int i = LANES == 1 ? place : slice_row[first + q];
-          LOCAL real *own = sum + part * 3 * TEAM_ROWS + i - t * TEAM_ROWS;
-          if (terms) {
-            int v = order[i], k = term_row[v] + part;
-            end = term_row[v + 1];
-            for (; k + ROW_PARTS < end; k += 2 * ROW_PARTS)
-              all = vec4_axpy(vec4_axpy(all, entry_weight[k], product[term_entry[k] >> 2]), entry_weight[k + ROW_PARTS],
-                              product[term_entry[k + ROW_PARTS] >> 2]);
-            if (k < end) all = vec4_axpy(all, entry_weight[k], product[term_entry[k] >> 2]);
+      if (LANES > 1 && first < rows) {
+        LOCAL real *own = sum + 3 * part * TEAM_ROWS + first - t * TEAM_ROWS;
+        LANES_STORE(LOCAL lanes, own, x);
+        LANES_STORE(LOCAL lanes, own + TEAM_ROWS, y);
+        LANES_STORE(LOCAL lanes, own + 2 * TEAM_ROWS, u);
+      }
+      if (LANES == 1 || terms)
+        FOR_LANES(q)
+          if (first + q < rows) {
+            const int i = LANES == 1 ? place : slice_row[first + q];
+            LOCAL real *own = sum + 3 * part * TEAM_ROWS + (LANES == 1 ? i : first + q) - t * TEAM_ROWS;
+            vec4 all = vec4_make(LANE(x, q), LANE(y, q), LANE(u, q));
+            if (terms) {
+              int v = order[i], k = term_row[v] + part;
+              end = term_row[v + 1];
+              if (LANES > 1 && k >= end) continue;
+              for (; k + ROW_PARTS < end; k += 2 * ROW_PARTS)
+                all = vec4_axpy(vec4_axpy(all, entry_weight[k], product[term_entry[k] >> 2]),
+                                entry_weight[k + ROW_PARTS], product[term_entry[k + ROW_PARTS] >> 2]);
+              if (k < end) all = vec4_axpy(all, entry_weight[k], product[term_entry[k] >> 2]);
+            }
+            own[0] = all.x;
+            own[TEAM_ROWS] = all.y;
+            own[2 * TEAM_ROWS] = all.z;
           }
-          own[0] = all.x;
-          own[TEAM_ROWS] = all.y;
-          own[2 * TEAM_ROWS] = all.z;
-        }
     }
     AWAIT_LAUNCHES;
     if (BEGINS_EARLY && scalar[at + CG_DONE] != 0.0) continue;
     TEAM_BARRIER;
-    TEAM_FOR(l, TEAM_ROWS) {
-      int i = t * TEAM_ROWS + l;
-      products[l] = products[TEAM_ROWS + l] = 0.0;
-      if (i < rows) {
-        const vec4 zi = LOAD_KEPT(z + i), ri = load_row(r, component_stride, i);
-        const vec4 all = vec4_make(sum[l] + sum[3 * TEAM_ROWS + l], sum[TEAM_ROWS + l] + sum[4 * TEAM_ROWS + l],
-                                   sum[2 * TEAM_ROWS + l] + sum[5 * TEAM_ROWS + l]);
-        store_row(w, component_stride, i, all);
-        products[l] = (double)ri.x * (double)zi.x + (double)ri.y * (double)zi.y + (double)ri.z * (double)zi.z;
-        products[TEAM_ROWS + l] =
-            (double)all.x * (double)zi.x + (double)all.y * (double)zi.y + (double)all.z * (double)zi.z;
+    TEAM_FOR_LANES(l, TEAM_ROWS) {
+      const int first = t * TEAM_ROWS + l; /* the first of LANES places, or with one lane the row */
+      LOCAL const real *own = sum + l;
+      if (LANES == 1) {
+        products[l] = products[TEAM_ROWS + l] = 0.0;
+        if (first < rows) {
+          const vec4 zi = LOAD_KEPT(z + first), ri = load_row(r, component_stride, first);
+          const vec4 all = vec4_make(own[0] + own[3 * TEAM_ROWS], own[TEAM_ROWS] + own[4 * TEAM_ROWS],
+                                     own[2 * TEAM_ROWS] + own[5 * TEAM_ROWS]);
+          store_row(w, component_stride, first, all);
+          products[l] = vec4_double_dot(ri, zi);
+          products[TEAM_ROWS + l] = vec4_double_dot(all, zi);
+        }
+      } else if (first < rows) {
+        const int count = min_int(rows - first, LANES);
+        const lanes x = LANES_LOAD(LOCAL lanes, own) + LANES_LOAD(LOCAL lanes, own + 3 * TEAM_ROWS),
+                    y = LANES_LOAD(LOCAL lanes, own + TEAM_ROWS) + LANES_LOAD(LOCAL lanes, own + 4 * TEAM_ROWS),
+                    u = LANES_LOAD(LOCAL lanes, own + 2 * TEAM_ROWS) + LANES_LOAD(LOCAL lanes, own + 5 * TEAM_ROWS);
+        lanes zx, zy, zz, rx, ry, rz;
+        double_lanes dx, dy, dz, rz_products, wz_products;
+        gather_lanes(z, slice_row + first, &zx, &zy, &zz);
+        dx = LANES_TO(double, double_lanes, zx);
+        dy = LANES_TO(double, double_lanes, zy);
+        dz = LANES_TO(double, double_lanes, zz);
+        if (component_stride == 0) {
+          gather_lanes((GLOBAL const vec4 *)r, slice_row + first, &rx, &ry, &rz);
+          scatter_lanes((GLOBAL vec4 *)w, slice_row + first, count, x, y, u);
+        } else {
+          real row[3][LANES];
+          FOR_LANES(q) {
+            const vec4 ri = load_row(r, component_stride, slice_row[first + q]);
+            row[0][q] = ri.x;
+            row[1][q] = ri.y;
+            row[2][q] = ri.z;
+            if (q < count)
+              store_row(w, component_stride, slice_row[first + q], vec4_make(LANE(x, q), LANE(y, q), LANE(u, q)));
+          }
+          rx = LANES_LOAD(lanes, row[0]);
+          ry = LANES_LOAD(lanes, row[1]);
+          rz = LANES_LOAD(lanes, row[2]);
+        }
+        rz_products = LANES_TO(double, double_lanes, rx) * dx + LANES_TO(double, double_lanes, ry) * dy +
+                      LANES_TO(double, double_lanes, rz) * dz;
+        wz_products = LANES_TO(double, double_lanes, x) * dx + LANES_TO(double, double_lanes, y) * dy +
+                      LANES_TO(double, double_lanes, u) * dz;
+        FOR_LANES(q) {
+          const int i = q < count ? slice_row[first + q] - t * TEAM_ROWS : l + q;
+          products[i] = q < count ? LANE(rz_products, q) : 0.0;
+          products[TEAM_ROWS + i] = q < count ? LANE(wz_products, q) : 0.0;
+        }
+      } else {
+        FOR_LANES(q) products[l + q] = products[TEAM_ROWS + l + q] = 0.0;
       }
     }
     tree_sums(TEAM_ROWS, 2, products);

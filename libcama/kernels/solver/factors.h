@@ -23,10 +23,16 @@
 #define NODE_MEMBERS (LANES == 1 ? 3 : 1)  /* members that gather those of one row of a coarse node */
 /* Added whole, the corrections of the coarse levels overshoot: they are added by half. */
 #define COARSE_SHARE 0.5
-/* Words of G: for 16 rows at a time, the columns up to the diagonal, 16 numbers each. Word k holds entries k and k +
-   FACTOR_WORDS. */
+/* Words of G: for 16 rows at a time, the columns up to the diagonal, 16 numbers each. With one lane word k holds
+   entries k and k + FACTOR_WORDS; otherwise entries are side by side. */
 #define FACTOR_WORDS 768
 #define FACTOR_COLUMN(group, c) (8 * (group) * ((group) + 1) + (c))
+#if LANES == 1
+#define STORE_FACTOR(factor, at, v) ((factor)[at] = (v))
+#else
+#define STORE_FACTOR(factor, at, v) \
+  LANES_STORE(GLOBAL short_lanes, (GLOBAL short *)(factor) + (at), LANES_TO(short, short_lanes, v))
+#endif
 
 /* Strength of a vertex: 1 / sqrt(trace of its diagonal block). */
 KERNEL vertex_strengths(int n, GLOBAL const mat3 *diagonal, GLOBAL float *strength)
@@ -85,34 +91,51 @@ KERNEL term_entries(int n, int first, int vertices, GLOBAL const term *terms, GL
 
 /* a: the upper part of a symmetric positive definite matrix of m rows in BLOCK_SIZE columns, scaled to a unit diagonal
    by the outer product of `scaling`; zero elsewhere. Writes G to `factor`, and its columns' units times the scaling to
-   `weight`. L^-1 builds up below the diagonal of a as rows are eliminated; pivots are kept above rounding. */
-DEVICE_TEAM void factor_block(int m, LOCAL real *a, LOCAL real *unit, LOCAL real *root, LOCAL double *scaling,
-                              GLOBAL int *factor, GLOBAL real *weight)
+   `weight`. L^-1 builds up below the diagonal of a as rows are eliminated, two at once; pivots are kept above rounding.
+   unit, root and second: [BLOCK_SIZE]. */
+DEVICE_TEAM void factor_block(int m, LOCAL real *a, LOCAL real *unit, LOCAL real *root, LOCAL real *second,
+                              LOCAL double *scaling, GLOBAL int *factor, GLOBAL real *weight)
 {
   const real least = sizeof(real) == 8 ? (real)1e-14 : (real)1e-6;
   int k;
-  for (k = 0; k < m; ++k) {
-    /* Rows behind k change, row k does not. Its part behind the diagonal is also column k, since the remaining matrix
-       is symmetric: of that only the upper part is needed. */
-    LOCAL const real *pivot_row = a + k * BLOCK_SIZE;
-    const real p = (real)1 / max_real(pivot_row[k], least);
+  for (k = 0; k < m; k += 2) {
+    /* The part of a row behind the diagonal is also its column, since the remaining matrix is symmetric: of that only
+       the upper part is needed. `second` is row k + 1 without its share of row k; root and unit are the shares of both
+       rows in each row. Behind an odd m there is a row of zeros. */
+    LOCAL const real *first = a + k * BLOCK_SIZE;
+    const real p = (real)1 / max_real(first[k], least), share = first[k + 1] * p,
+               p1 = (real)1 / max_real(first[BLOCK_SIZE + k + 1] - first[k + 1] * share, least);
+    TEAM_FOR_LANES(j, LANES == 1 ? BLOCK_SIZE : m) {
+      const lanes own = LANES_LOAD(LOCAL lanes, first + j),
+                  behind = LANES_LOAD(LOCAL lanes, first + BLOCK_SIZE + j) - own * share;
+      LANES_STORE(LOCAL lanes, root + j, own * p);
+      LANES_STORE(LOCAL lanes, second + j, behind);
+      LANES_STORE(LOCAL lanes, unit + j, behind * p1);
+    }
+    TEAM_BARRIER;
     TEAM_FOR_LANES(item, LANES == 1 ? ROW_TURNS * BLOCK_SIZE : m) {
       const int turn = item / BLOCK_SIZE, j = item - turn * BLOCK_SIZE;
-      const lanes own = LANES_LOAD(LOCAL lanes, pivot_row + j);
-      const int end = j > k ? min_int(j + LANES, m) : m;
+      const lanes own = LANES_LOAD(LOCAL lanes, first + j), behind = LANES_LOAD(LOCAL lanes, second + j);
+      const int end = j > k + 1 ? min_int(j + LANES, m) : m;
       int i;
-      for (i = k + 1 + turn; i < end; i += ROW_TURNS) {
+      if (turn == 0) LANES_STORE(LOCAL lanes, a + (k + 1) * BLOCK_SIZE + j, behind);
+      if (LANES == 1 && turn == 0 && j == k) a[(k + 1) * BLOCK_SIZE + k] = -share;
+      for (i = k + 2 + turn; i < end; i += ROW_TURNS) {
         LOCAL real *at = a + i * BLOCK_SIZE + j;
-        const lanes changed = LANES_LOAD(LOCAL lanes, at) - own * pivot_row[i] * p;
-        if (LANES == 1 && j == k)
-          *at = -pivot_row[i] * p;
+        if (LANES == 1 && (j == k || j == k + 1))
+          *at = j == k ? share * unit[i] - root[i] : -unit[i];
         else
-          LANES_STORE(LOCAL lanes, at, changed);
+          LANES_STORE(LOCAL lanes, at, LANES_LOAD(LOCAL lanes, at) - own * root[i] - behind * unit[i]);
       }
     }
-    if (LANES > 1)
-      TEAM_FOR(i, m)
-        if (i > k) a[i * BLOCK_SIZE + k] = -pivot_row[i] * p;
+    if (LANES > 1) {
+      int i;
+      a[(k + 1) * BLOCK_SIZE + k] = -share;
+      for (i = k + 2; i < m; ++i) {
+        a[i * BLOCK_SIZE + k] = share * unit[i] - root[i];
+        a[i * BLOCK_SIZE + k + 1] = -unit[i];
+      }
+    }
     TEAM_BARRIER;
   }
   TEAM_FOR(l, m) root[l] = (real)sqrt((real)1 / max_real(a[l * BLOCK_SIZE + l], least));
@@ -144,11 +167,11 @@ DEVICE_TEAM void factor_block(int m, LOCAL real *a, LOCAL real *unit, LOCAL real
     unit[c] = unit[c] > (real)0 && unit[c] < (real)1e30 ? (real)32767 / unit[c] : (real)0;
   }
   TEAM_BARRIER;
-  TEAM_FOR_LANES(word, FACTOR_WORDS) {
+  TEAM_FOR_LANES(item, LANES == 1 ? FACTOR_WORDS : 2 * FACTOR_WORDS) {
     int_lanes both = LANES_ALL(int_lanes, 0);
     int part;
-    for (part = 1; part >= 0; --part) {
-      const int at = word + part * FACTOR_WORDS, column = at / 16, group = column < 16 ? 0 : column < 48 ? 1 : 2;
+    for (part = LANES == 1 ? 1 : 0; part >= 0; --part) {
+      const int at = item + part * FACTOR_WORDS, column = at / 16, group = column < 16 ? 0 : column < 48 ? 1 : 2;
       const int c = column - FACTOR_COLUMN(group, 0), l = 16 * group + at % 16;
       real row[LANES];
       int_lanes q = LANES_ALL(int_lanes, 0);
@@ -158,9 +181,9 @@ DEVICE_TEAM void factor_block(int m, LOCAL real *a, LOCAL real *unit, LOCAL real
         v = LANES_LOAD(lanes, row);
         q = LANES_TO(int, int_lanes, LANES_SELECT(lanes, v < LANES_ALL(lanes, (real)0), v - (real)0.5, v + (real)0.5));
       }
-      both = both << 16 | (q & 0xffff);
+      both = both << 16 | (q & (LANES == 1 ? 0xffff : -1));
     }
-    LANES_STORE(GLOBAL int_lanes, factor + word, both);
+    STORE_FACTOR(factor, item, both);
   }
 }
 
@@ -174,6 +197,7 @@ KERNEL factor_fine_blocks(int n, GLOBAL const int *block_start, GLOBAL const int
   TEAM_LOCAL(real, a, BLOCK_SIZE * BLOCK_SIZE);
   TEAM_LOCAL(real, unit, BLOCK_SIZE);
   TEAM_LOCAL(real, root, BLOCK_SIZE);
+  TEAM_LOCAL(real, second, BLOCK_SIZE);
   TEAM_LOCAL(double, scaling, BLOCK_SIZE);
   FOR_EACH_TEAM(t, n) {
     int first = block_start[t], last = block_start[t + 1], m = 3 * (last - first);
@@ -220,7 +244,7 @@ KERNEL factor_fine_blocks(int n, GLOBAL const int *block_start, GLOBAL const int
       }
     }
     TEAM_BARRIER;
-    factor_block(m, a, unit, root, scaling, factor + (size_t)t * FACTOR_WORDS, weight + (size_t)t * BLOCK_SIZE);
+    factor_block(m, a, unit, root, second, scaling, factor + (size_t)t * FACTOR_WORDS, weight + (size_t)t * BLOCK_SIZE);
   }
 }
 
@@ -233,6 +257,7 @@ KERNEL factor_coarse_blocks(int n, int at, GLOBAL const int *block_start, GLOBAL
   TEAM_LOCAL(real, a, BLOCK_SIZE * BLOCK_SIZE);
   TEAM_LOCAL(real, unit, BLOCK_SIZE);
   TEAM_LOCAL(real, root, BLOCK_SIZE);
+  TEAM_LOCAL(real, second, BLOCK_SIZE);
   TEAM_LOCAL(double, scaling, BLOCK_SIZE);
   FOR_EACH_TEAM(t, n) {
     int first = block_start[t], last = block_start[t + 1], m = 3 * (last - first);
@@ -268,7 +293,7 @@ KERNEL factor_coarse_blocks(int n, int at, GLOBAL const int *block_start, GLOBAL
     TEAM_BARRIER;
     TEAM_FOR(l, m) scaling[l] *= sqrt(COARSE_SHARE);
     TEAM_BARRIER;
-    factor_block(m, a, unit, root, scaling, factor + (size_t)(at + t) * FACTOR_WORDS,
+    factor_block(m, a, unit, root, second, scaling, factor + (size_t)(at + t) * FACTOR_WORDS,
                  weight + (size_t)(at + t) * BLOCK_SIZE);
   }
 }

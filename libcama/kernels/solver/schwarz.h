@@ -19,12 +19,7 @@ typedef int staged_factor;
 #define STAGED_SIZE (48 * 17 + 16)
 #define STAGED_COLUMN(column) ((column) % 48 * 17 + (column) % 48 / 32 * 16)
 /* A number of a column: from the upper half of the word if the column is in the last group. */
-#define STAGED_LANES(p, upper) ((real)(short)(*(p) >> ((upper) ? 16 : 0)))
-#define ADD_STAGED_COLUMNS(columns, p, upper, v)                                                    \
-  do {                                                                                              \
-    int row;                                                                                        \
-    for (row = 0; row < 16; ++row) (columns)->at[row] += STAGED_LANES((p) + row, upper) * (v)[row]; \
-  } while (0)
+#define STAGED_NUMBER(p, upper) ((real)(short)(*(p) >> ((upper) ? 16 : 0)))
 typedef struct ALIGNED(16) {
   int word[4];
 } factor_words;
@@ -41,20 +36,105 @@ DEVICE_TEAM void stage_factor(GLOBAL const int *factor, LOCAL staged_factor *g)
         g[STAGED_COLUMN((l + k * APPLY_TEAM) / 4) + (l + k * APPLY_TEAM) % 4 * 4 + part] = own[k].word[part];
   }
 }
+
+/* y = G u. Rows in three groups of 16 have 16, 32 and 48 columns; a member has a row of the last group, or one row of
+   each of the others: 48 columns in three turns. */
+DEVICE_TEAM void multiply_factor(GLOBAL const int *factor, int groups, LOCAL const real *u, LOCAL staged_factor *g,
+                                 LOCAL real *y)
+{
+  (void)factor;
+  TEAM_FOR(j, APPLY_TEAM) {
+    const int last = j < 16, turns = groups == 1 ? 1 : 3;
+    real even = (real)0, odd = even;
+    int turn, c;
+    if (!last || groups == 3)
+      for (turn = 0; turn < turns; ++turn) {
+        const int group = last ? 2 : turn > 0, first = last ? 16 * turn : turn == 2 ? 16 : 0, lane = last ? j : j - 16;
+        LOCAL const staged_factor *column = g + STAGED_COLUMN(FACTOR_COLUMN(group, first)) + lane;
+        LOCAL const real *v = u + first;
+        for (c = 0; c < 16; c += 4) {
+          even += STAGED_NUMBER(column + c * FACTOR_STRIDE, last) * v[c];
+          odd += STAGED_NUMBER(column + (c + 1) * FACTOR_STRIDE, last) * v[c + 1];
+          even += STAGED_NUMBER(column + (c + 2) * FACTOR_STRIDE, last) * v[c + 2];
+          odd += STAGED_NUMBER(column + (c + 3) * FACTOR_STRIDE, last) * v[c + 3];
+        }
+        if (turn == 2 || (turn == 0 && !last)) {
+          y[16 * group + lane] = even + odd;
+          even = odd = (real)0;
+        }
+      }
+  }
+}
+
+/* u = S G' y. Columns in three groups have 48, 32 and 16 rows; a member has those of 48 columns. */
+DEVICE_TEAM void multiply_transposed(int groups, LOCAL const staged_factor *g, LOCAL const real *y,
+                                     GLOBAL const real *w, LOCAL real *u)
+{
+  TEAM_FOR(l, APPLY_TEAM) {
+    real at[16]; /* rows */
+    int turn, row;
+    for (row = 0; row < 16; ++row) at[row] = (real)0;
+    for (turn = 0; turn < 3; ++turn) {
+      const int c = l >= 16 && turn == 2 ? l + 16 : l, group = l < 16 ? turn : turn == 0 ? 1 : 2;
+      if (group < groups) {
+        LOCAL const staged_factor *column = g + STAGED_COLUMN(FACTOR_COLUMN(group, c));
+        for (row = 0; row < 16; ++row) at[row] += STAGED_NUMBER(column + row, group == 2) * y[16 * group + row];
+      }
+      if (turn == 2 || (turn == 1 && l >= 16)) {
+        for (row = 0; row < 8; ++row) at[row] += at[row + 8];
+        for (row = 0; row < 4; ++row) at[row] += at[row + 4];
+        u[c] = w[c] * (at[0] + at[2] + (at[1] + at[3]));
+        for (row = 0; row < 16; ++row) at[row] = (real)0;
+      }
+    }
+  }
+}
 #else
 typedef real staged_factor;
-#define FACTOR_STRIDE 16
 #define STAGED_SIZE (2 * FACTOR_WORDS)
 #define STAGED_COLUMN(column) ((column) * 16)
-#define STAGED_LANES(p, upper) LANES_LOAD(LOCAL lanes, p)
-#define ADD_STAGED_COLUMNS(columns, p, upper, v) add_columns(columns, p, FACTOR_STRIDE, v)
+#define stage_factor(factor, g) ((void)(g)) /* multiply_factor does it */
 
-DEVICE_TEAM void stage_factor(GLOBAL const int *factor, LOCAL staged_factor *g)
+/* y = G u, and G as numbers to g. */
+DEVICE_TEAM void multiply_factor(GLOBAL const int *factor, int groups, LOCAL const real *u, LOCAL staged_factor *g,
+                                 LOCAL real *y)
 {
-  TEAM_FOR_LANES(k, FACTOR_WORDS) {
-    const int_lanes word = LANES_LOAD(GLOBAL int_lanes, factor + k);
-    LANES_STORE(LOCAL lanes, g + k, LANES_TO(real, lanes, ((word & 0xffff) ^ 0x8000) - 0x8000));
-    LANES_STORE(LOCAL lanes, g + FACTOR_WORDS + k, LANES_TO(real, lanes, word >> 16));
+  int group, c, odd, part;
+  for (group = 0; group < groups; ++group) {
+    lanes sum[2][16 / LANES]; /* of even and odd columns */
+    for (odd = 0; odd < 2; ++odd)
+      for (part = 0; part < 16 / LANES; ++part) sum[odd][part] = LANES_ALL(lanes, (real)0);
+    for (c = 0; c < 16 * (group + 1); c += 2)
+      for (odd = 0; odd < 2; ++odd)
+        for (part = 0; part < 16 / LANES; ++part) {
+          const int at = STAGED_COLUMN(FACTOR_COLUMN(group, c + odd)) + LANES * part;
+          const short_lanes packed = LANES_LOAD(GLOBAL short_lanes, (GLOBAL const short *)factor + at);
+          const lanes own = LANES_TO(real, lanes, LANES_TO(int, int_lanes, packed));
+          LANES_STORE(LOCAL lanes, g + at, own);
+          sum[odd][part] += own * u[c + odd];
+        }
+    for (part = 0; part < 16 / LANES; ++part)
+      LANES_STORE(LOCAL lanes, y + 16 * group + LANES * part, sum[0][part] + sum[1][part]);
+  }
+}
+
+/* u = S G' y. */
+DEVICE_TEAM void multiply_transposed(int groups, LOCAL const staged_factor *g, LOCAL const real *y,
+                                     GLOBAL const real *w, LOCAL real *u)
+{
+  TEAM_FOR_LANES(c, 16 * groups) {
+    LOCAL const real *column[3];
+    const int first = c / 16;
+    int group;
+    lanes sums;
+    for (group = first; group < groups; ++group) column[group - first] = g + STAGED_COLUMN(FACTOR_COLUMN(group, c));
+    if (groups - first == 3) /* so that the number of runs is known to the compiler */
+      dot_columns(column, 3, y + 16 * first, &sums);
+    else if (groups - first == 2)
+      dot_columns(column, 2, y + 16 * first, &sums);
+    else
+      dot_columns(column, 1, y + 16 * first, &sums);
+    LANES_STORE(LOCAL lanes, u + c, LANES_LOAD(GLOBAL lanes, w + c) * sums);
   }
 }
 #endif
@@ -65,13 +145,15 @@ KERNEL apply_blocks(int n, GLOBAL const int *block_start, int at, GLOBAL const d
                     GLOBAL const int *RESTRICT factor, GLOBAL const real *RESTRICT weight,
                     GLOBAL const vec4 *RESTRICT residual, GLOBAL vec4 *RESTRICT result)
 {
-  TEAM_LOCAL(staged_factor, g, STAGED_SIZE);
-  TEAM_LOCAL(real, u, BLOCK_SIZE);
-  TEAM_LOCAL(real, y, BLOCK_SIZE);
+  TEAM_LOCAL(staged_factor, own_factor, STAGED_SIZE);
+  TEAM_LOCAL(real, own_residual, BLOCK_SIZE);
+  TEAM_LOCAL(real, own_product, BLOCK_SIZE);
   if (!BEGINS_EARLY && scalar[at + CG_DONE] != 0.0) return;
   FOR_EACH_TEAM_EARLY(t, n) {
     const int node = block_start[t], rows = block_start[t + 1] - node, groups = (3 * rows + 15) / 16;
     GLOBAL const real *RESTRICT w = weight + t * BLOCK_SIZE;
+    LOCAL staged_factor *RESTRICT g = TEAM_POINTER(staged_factor, own_factor);
+    LOCAL real *RESTRICT u = TEAM_POINTER(real, own_residual), *RESTRICT y = TEAM_POINTER(real, own_product);
     TEAM_BARRIER;
     stage_factor(factor + (size_t)t * FACTOR_WORDS, g);
     AWAIT_LAUNCHES;
@@ -83,51 +165,9 @@ KERNEL apply_blocks(int n, GLOBAL const int *block_start, int at, GLOBAL const d
       u[3 * l + 2] = w[3 * l + 2] * r.z;
     }
     TEAM_BARRIER;
-    /* y = G u. Rows in three groups of 16 have 16, 32 and 48 columns; a member has a row of the last group, or one row
-       of each of the others: 48 columns in three turns. */
-    TEAM_FOR_LANES(j, APPLY_TEAM) {
-      const int last = j < 16, turns = groups == 1 ? 1 : 3;
-      lanes even = LANES_ALL(lanes, (real)0), odd = even;
-      int turn, c;
-      if (!last || groups == 3)
-        for (turn = 0; turn < turns; ++turn) {
-          const int group = last ? 2 : turn > 0,
-                    first = last        ? 16 * turn
-                            : turn == 2 ? 16
-                                        : 0,
-                    lane = last ? j : j - 16;
-          LOCAL const staged_factor *column = g + STAGED_COLUMN(FACTOR_COLUMN(group, first)) + lane;
-          LOCAL const real *v = u + first;
-          for (c = 0; c < 16; c += 4) {
-            even += STAGED_LANES(column + c * FACTOR_STRIDE, last) * v[c];
-            odd += STAGED_LANES(column + (c + 1) * FACTOR_STRIDE, last) * v[c + 1];
-            even += STAGED_LANES(column + (c + 2) * FACTOR_STRIDE, last) * v[c + 2];
-            odd += STAGED_LANES(column + (c + 3) * FACTOR_STRIDE, last) * v[c + 3];
-          }
-          if (turn == 2 || (turn == 0 && !last)) {
-            LANES_STORE(LOCAL lanes, y + 16 * group + lane, even + odd);
-            even = odd = LANES_ALL(lanes, (real)0);
-          }
-        }
-    }
+    multiply_factor(factor + (size_t)t * FACTOR_WORDS, groups, u, g, y);
     TEAM_BARRIER;
-    /* z = S G' y. Columns in three groups have 48, 32 and 16 rows: divided in the same way. */
-    TEAM_FOR_LANES(l, APPLY_TEAM) {
-      lanes_columns columns;
-      int turn;
-      clear_columns(&columns);
-      for (turn = 0; turn < 3; ++turn) {
-        const int c = l >= 16 && turn == 2 ? l + 16 : l, group = l < 16 ? turn : turn == 0 ? 1 : 2;
-        if (group < groups)
-          ADD_STAGED_COLUMNS(&columns, g + STAGED_COLUMN(FACTOR_COLUMN(group, c)), group == 2, y + 16 * group);
-        if (turn == 2 || (turn == 1 && l >= 16)) {
-          lanes sums;
-          sum_columns(&columns, &sums);
-          LANES_STORE(LOCAL lanes, u + c, LANES_LOAD(GLOBAL lanes, w + c) * sums);
-          clear_columns(&columns);
-        }
-      }
-    }
+    multiply_transposed(groups, g, y, w, u);
     TEAM_BARRIER;
     TEAM_FOR(l, rows) result[node + l] = vec4_make(u[3 * l], u[3 * l + 1], u[3 * l + 2]);
   }
@@ -205,6 +245,36 @@ DEVICE vec4 advance_row(int i, cg_step step, GLOBAL const vec4 *RESTRICT z, GLOB
   return ri;
 }
 
+/* The same for `count` rows from `first` on; their r is also written to `own`. */
+DEVICE_TEAM void advance_rows(int first, int count, cg_step step, GLOBAL const vec4 *RESTRICT z,
+                              GLOBAL const vec4 *RESTRICT w, GLOBAL vec4 *RESTRICT p, GLOBAL vec4 *RESTRICT s,
+                              GLOBAL vec4 *RESTRICT x, GLOBAL vec4 *RESTRICT r, LOCAL vec4 *own)
+{
+  int done = 0; /* rows */
+#if LANES > 1
+  const int begins = step.beta == 0.0;
+  const real a = (real)step.alpha, b = (real)step.beta;
+  for (; done + LANES / 4 <= count; done += LANES / 4) { /* zeros behind the three numbers of a row remain zeros */
+    const int i = first + done;
+    lanes pi = LANES_LOAD(GLOBAL lanes, (GLOBAL const real *)(z + i)), xi = LANES_ALL(lanes, (real)0),
+          si = LANES_LOAD(GLOBAL lanes, (GLOBAL const real *)(w + i)),
+          ri = LANES_LOAD(GLOBAL lanes, (GLOBAL const real *)(r + i));
+    if (!begins) {
+      pi = pi + b * LANES_LOAD(GLOBAL lanes, (GLOBAL const real *)(p + i));
+      si = si + b * LANES_LOAD(GLOBAL lanes, (GLOBAL const real *)(s + i));
+      xi = LANES_LOAD(GLOBAL lanes, (GLOBAL const real *)(x + i));
+    }
+    ri = ri + -a * si;
+    LANES_STORE(GLOBAL lanes, (GLOBAL real *)(p + i), pi);
+    LANES_STORE(GLOBAL lanes, (GLOBAL real *)(s + i), si);
+    LANES_STORE(GLOBAL lanes, (GLOBAL real *)(x + i), xi + a * pi);
+    LANES_STORE(GLOBAL lanes, (GLOBAL real *)(r + i), ri);
+    LANES_STORE(LOCAL lanes, (LOCAL real *)(own + done), ri);
+  }
+#endif
+  TEAM_FOR(l, count - done) own[done + l] = advance_row(first + done + l, step, z, w, p, s, x, r);
+}
+
 /* One iteration's scalars and vectors, and the residuals of coarse nodes. Teams as in
    gather_block_residuals. */
 KERNEL cg_advance_blocks(int n, int levels, int rows, int blocks, GLOBAL const int *group_start,
@@ -214,15 +284,16 @@ KERNEL cg_advance_blocks(int n, int levels, int rows, int blocks, GLOBAL const i
                          GLOBAL vec4 *RESTRICT r)
 {
   TEAM_LOCAL(double, products, 2 * CG_TEAM);
-  TEAM_LOCAL(vec4, own, BLOCK_ROWS * BLOCK_ROWS);
+  TEAM_LOCAL(vec4, own_residuals, BLOCK_ROWS * BLOCK_ROWS);
   TEAM_LOCAL(vec4, sums, BLOCK_ROWS);
   FOR_EACH_TEAM_EARLY(t, n) {
     const int first_block = group_start[t], last_block = group_start[t + 1], first = block_start[first_block];
+    LOCAL vec4 *RESTRICT own = TEAM_POINTER(vec4, own_residuals);
     cg_step step;
     AWAIT_LAUNCHES;
     step = next_step(t, partials, partial, most, from, to, scalar, products);
     if (!step.done) {
-      TEAM_FOR(l, block_start[last_block] - first) own[l] = advance_row(first + l, step, z, w, p, s, x, r);
+      advance_rows(first, block_start[last_block] - first, step, z, w, p, s, x, r, own);
       TEAM_BARRIER;
       sum_blocks(t, levels, rows, blocks, first_block, last_block, block_start, own, sums, r);
     }

@@ -304,17 +304,20 @@ KERNEL damp_triangles(int n, GLOBAL const triangle_rest *rest, GLOBAL const tria
 {
   FOR_EACH(i, n) {
     triangle_rest r = rest[i];
-    triangle_factor strained = factor[i];
+    triangle_factor t = factor[i];
     real whole = material_scale[r.material], ratio = (whole / step - step) / whole;
-    int a, b;
-    strained.e0 = strained.e1 = (real)0;
-    for (a = 0; a < 3; ++a) {
-      vec3 sum = vec3_make((real)0, (real)0, (real)0);
-      for (b = 1; b < 3; ++b)
-        sum = add(sum, mat3_multiply(triangle_block(strained, a, b),
-                                     to_vec3(dsub(velocity[r.node[b]], velocity[r.node[0]]))));
-      force[3 * i + a] = onto ? axpy(force[3 * i + a], -ratio, sum) : scale(-ratio, sum);
-    }
+    vec3 v1 = to_vec3(dsub(velocity[r.node[1]], velocity[r.node[0]])),
+         v2 = to_vec3(dsub(velocity[r.node[2]], velocity[r.node[0]]));
+    vec3 du = axpy(scale(t.d[0], v1), t.d[2], v2), dw = axpy(scale(t.d[1], v1), t.d[3], v2); /* rates of u and w */
+    real s0 = t.k[0] * dot(t.u, du) + t.k[1] * dot(t.w, dw), s1 = t.k[2] * dot(t.w, dw) + t.k[1] * dot(t.u, du);
+    real s2 = (real)0.5 * t.k[3] * (dot(t.u, dw) + dot(t.w, du));
+    vec3 pu = axpy(scale(s0, t.u), s2, t.w), pw = axpy(scale(s1, t.w), s2, t.u);
+    vec3 f[3];
+    int a;
+    f[1] = axpy(scale(t.d[0], pu), t.d[1], pw);
+    f[2] = axpy(scale(t.d[2], pu), t.d[3], pw);
+    f[0] = scale((real)-1, add(f[1], f[2]));
+    for (a = 0; a < 3; ++a) force[3 * i + a] = onto ? axpy(force[3 * i + a], -ratio, f[a]) : scale(-ratio, f[a]);
   }
 }
 KERNEL damp_hinges(int n, GLOBAL const hinge_rest *rest, GLOBAL const hinge_factor *factor,

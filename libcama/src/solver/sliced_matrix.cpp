@@ -38,7 +38,8 @@ void SlicedMatrix<S>::make_pattern(const SolverRooms &state, const RowOrder &row
   Backend &b = *state.backend;
   const int slices = ceil_divide(rows.size, SLICE_ROWS);
   Stream<key64> key(b, rows.size);
-  row.resize(rows.size);
+  row.resize(SLICE_ROWS * slices);
+  row.fill_zero();
   place.resize(rows.size);
   CAMA_LAUNCH(b, place_keys, rows.size, rows.order, matrix.row, key, row);
   b.sort(key.buffer(), row.buffer(), rows.size, 12 + key_bits(rows.size / TEAM_ROWS) - 31);

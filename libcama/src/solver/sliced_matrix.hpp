@@ -59,7 +59,7 @@ public:
   template <class Real> void fill(const SolverRooms &state, const RowOrder &rows, const BlockMatrix<Real> &matrix);
 
   Stream<int> start;  // [slices + 1] first entry of a lane
-  Stream<int> row, place;  // [rows] row of each place in the slices, place of each row
+  Stream<int> row, place;  // row of each place in the slices [SLICE_ROWS slices], place of each row [rows]
   Stream<int> column;
   Stream<S> value;
   Stream<kernels::element_nodes> term_nodes;  // [terms] rows

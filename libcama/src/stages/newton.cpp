@@ -114,7 +114,6 @@ typename NewtonIterations<Real>::Norms NewtonIterations<Real>::evaluate(const Ro
   if (pushed) {
     if (elements_.windy()) elements_.add_wind(state, x, v, false, outer_triangle_);
     if (elements_.pressed(state)) elements_.add_pressure(state, x, outer_triangle_);
-    if (elements_.windy() || elements_.mass_damped()) elements_.find_drag(state, x, v, elements_.windy());
     CAMA_LAUNCH_REAL(Real, b, gather_forces, rows, state.elements.triangle_incidence.row,
                      state.elements.triangle_incidence.entry, outer_triangle_, state.elements.hinge_incidence.row,
                      state.elements.hinge_incidence.entry, outer_hinge_, state.mesh.hinges, s.mass, zero_gravity_,
@@ -293,6 +292,8 @@ template <class Real> void NewtonIterations<Real>::run_on(const Rooms &state)
   };
   while (norms.residual > goal * norms.size && taken < max_solves() && idle < patience) {
     if (taken >= state.options.newton_iterations && rough) best = norms = evaluate(state, Friction::of_iterate);
+    if (elements_.windy() || elements_.mass_damped())
+      elements_.find_drag(state, state.mesh.position_next, state.mesh.velocity_next, elements_.windy());
     assembly_.run_on(state);
     solve_.solve_from_zero(state, further_slack);
     linear += state.report.iterations;
