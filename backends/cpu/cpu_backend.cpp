@@ -14,42 +14,16 @@
 #include <thread>
 
 #include "cama/error.hpp"
+#include "cpu_kernels.hpp"
 #include "device/for_backends.hpp"
 #include "thread_governor.hpp"
 
 namespace cama {
 namespace {
 
-using Trampoline = void (*)(int, const Argument *);
-
-template <class P> P unpack(const Argument &argument)
-{
-  if constexpr (std::is_pointer_v<P>)
-    return static_cast<P>(argument.buffer);
-  else
-    return *static_cast<const P *>(argument.scalar);
-}
-
-template <auto function, class... P, std::size_t... I>
-void call(int n, const Argument *arguments, void (*)(int, P...), std::index_sequence<I...>)
-{
-  function(n, unpack<P>(arguments[I])...);
-}
-
-template <auto function, class... P> constexpr std::size_t parameter_count(void (*)(int, P...)) { return sizeof...(P); }
-
-template <auto function> void trampoline(int n, const Argument *arguments)
-{
-  call<function>(n, arguments, function, std::make_index_sequence<parameter_count<function>(function)>{});
-}
-
-struct Entry {
-  Trampoline once, f32, f64;
-};
-
-const Entry entries[] = {
-#define CAMA_DOUBLE_KERNEL(name) {&trampoline<&kernels::name>, nullptr, nullptr},
-#define CAMA_REAL_KERNEL(name) {nullptr, &trampoline<&kernels::f32::name>, &trampoline<&kernels::f64::name>},
+const cpu::Functions parallel_kernels[] = {
+#define CAMA_DOUBLE_KERNEL(name) {&cpu::trampoline<&kernels::name>, nullptr, nullptr},
+#define CAMA_REAL_KERNEL(name) {nullptr, &cpu::trampoline<&kernels::f32::name>, &cpu::trampoline<&kernels::f64::name>},
 #include "kernels/kernels.def"
 };
 
@@ -121,10 +95,10 @@ public:
     ++launches_;
     if (governor_.most() > 1 && launches_ % launches_per_look == 0) look_at_threads();
     const HostThreads host(governor_.threads());
-    const Entry &entry = entries[kernel.index];
-    const Trampoline function = kernel.precision == KernelPrecision::none  ? entry.once
-                                : kernel.precision == KernelPrecision::f32 ? entry.f32
-                                                                           : entry.f64;
+    const cpu::Functions &own = (governor_.threads() == 1 ? cpu::serial_kernels : parallel_kernels)[kernel.index];
+    const cpu::Trampoline function = kernel.precision == KernelPrecision::none  ? own.once
+                                     : kernel.precision == KernelPrecision::f32 ? own.f32
+                                                                                : own.f64;
     function(n, arguments);
   }
 

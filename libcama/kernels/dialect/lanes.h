@@ -128,7 +128,7 @@
   }
 
 #else
-#if defined(_OPENMP)
+#if defined(CAMA_PARALLEL)
 #define FOR_EACH_LANES(i, n) \
   CAMA_PRAGMA(omp parallel for schedule(static) if ((n) > 512)) for (int i = 0; i < (n); i += LANES)
 #else

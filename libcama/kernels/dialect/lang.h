@@ -153,7 +153,10 @@ static __device__ inline void atomic_add_float(float *p, float v) { atomicAdd(p,
 #define DEVICE_ATOMIC DEVICE
 #define DEVICE_TEAM DEVICE
 #define CAMA_PRAGMA(text) _Pragma(#text)
-#if defined(_OPENMP)
+#if defined(_OPENMP) && !defined(CAMA_SERIAL) /* a caller with one thread has kernels without parallel loops */
+#define CAMA_PARALLEL
+#endif
+#if defined(CAMA_PARALLEL)
 #define FOR_EACH(i, n) CAMA_PRAGMA(omp parallel for schedule(static) if ((n) > 512)) for (int i = 0; i < (n); ++i)
 #define FOR_EACH_UNEVEN(i, n) \
   CAMA_PRAGMA(omp parallel for schedule(dynamic, 64) if ((n) > 64)) for (int i = 0; i < (n); ++i)
@@ -163,7 +166,7 @@ static __device__ inline void atomic_add_float(float *p, float v) { atomicAdd(p,
 #endif
 #define ALIGNED(n) __attribute__((aligned(n)))
 #define TEAM_LOCAL(type, name, count) static __thread type name[count] ALIGNED(64)
-#if defined(_OPENMP)
+#if defined(CAMA_PARALLEL)
 #define FOR_EACH_TEAM(t, n) CAMA_PRAGMA(omp parallel for schedule(static) if ((n) > 8)) for (int t = 0; t < (n); ++t)
 #define FOR_EACH_UNEVEN_TEAM(t, n) \
   CAMA_PRAGMA(omp parallel for schedule(dynamic) if ((n) > 1)) for (int t = 0; t < (n); ++t)

@@ -7,20 +7,7 @@
 #include "kernels/dialect/lanes.h"
 
 namespace cama::kernels {
-#include "kernels/double.h"
-
-#define ATOMIC_ADD_REAL atomic_add_double
-namespace f64 {
-using real = double;
-#include "kernels/real.h"
-}  // namespace f64
-#undef ATOMIC_ADD_REAL
-#define ATOMIC_ADD_REAL atomic_add_float
-namespace f32 {
-using real = float;
-#include "kernels/real.h"
-}  // namespace f32
-#undef ATOMIC_ADD_REAL
+#include "device/kernel_functions.inc"
 }  // namespace cama::kernels
 
 namespace cama {
