@@ -483,7 +483,7 @@ def test_command(tmp_path, monkeypatch):
     result = CliRunner().invoke(app, ["dress", pattern, "--body", "walker", "--fabric", "coton"])
     assert result.exit_code == 2 and "did you mean 'cotton'" in result.output
     assert not Path("out").exists()
-    arguments = ["dress", pattern, "--body", "walker", "--resolution", "100", "--seconds", "0.5", "-o", "skirt"]
+    arguments = ["dress", pattern, "--body", "walker", "--resolution", "200", "--seconds", "0.5", "-o", "skirt"]
     result = CliRunner().invoke(app, arguments)
     summary = json.loads(Path("skirt/summary.json").read_text())
     assert result.exit_code == (0 if summary["good"] else 1), result.output
