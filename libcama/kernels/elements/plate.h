@@ -41,11 +41,10 @@ DEVICE INLINED hinge_angles load_hinges(int first, int count, GLOBAL const hinge
 {
   hinge_angles h;
   real edge[9][LANES];
-  int k;
   for (int q = 0; q < LANES; ++q) {
     GLOBAL const hinge_rest *r = rest + first + min_int(q, count - 1);
     const dvec3 x0 = position[r->node[0]];
-    for (k = 0; k < 3; ++k) {
+    for (int k = 0; k < 3; ++k) {
       const vec3 e = to_vec3(dsub(position[r->node[k + 1]], x0));
       edge[3 * k][q] = e.x;
       edge[3 * k + 1][q] = e.y;
@@ -58,18 +57,11 @@ DEVICE INLINED hinge_angles load_hinges(int first, int count, GLOBAL const hinge
         measure_hinge(vec3_make(edge[0][q], edge[1][q], edge[2][q]), vec3_make(edge[3][q], edge[4][q], edge[5][q]),
                       vec3_make(edge[6][q], edge[7][q], edge[8][q]));
     h.angle[q] = own.angle;
-    h.gradient[0][q] = own.gradient[0].x;
-    h.gradient[1][q] = own.gradient[0].y;
-    h.gradient[2][q] = own.gradient[0].z;
-    h.gradient[3][q] = own.gradient[1].x;
-    h.gradient[4][q] = own.gradient[1].y;
-    h.gradient[5][q] = own.gradient[1].z;
-    h.gradient[6][q] = own.gradient[2].x;
-    h.gradient[7][q] = own.gradient[2].y;
-    h.gradient[8][q] = own.gradient[2].z;
-    h.gradient[9][q] = own.gradient[3].x;
-    h.gradient[10][q] = own.gradient[3].y;
-    h.gradient[11][q] = own.gradient[3].z;
+    for (int k = 0; k < 4; ++k) {
+      h.gradient[3 * k][q] = own.gradient[k].x;
+      h.gradient[3 * k + 1][q] = own.gradient[k].y;
+      h.gradient[3 * k + 2][q] = own.gradient[k].z;
+    }
   }
   return h;
 }
