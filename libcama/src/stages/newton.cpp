@@ -13,8 +13,10 @@ namespace cama {
 namespace {
 // patience: iterations in a row that lower neither the potential beyond rounding nor the residual.
 constexpr int max_halvings = 10, patience = 3;
-constexpr double further_residual = 1;  // residual, relative to all forces, above which a step has further solves
-constexpr int further_solves = 3;
+// A step by an error has further solves where contacts that opened or closed leave a residual, relative to all forces:
+// one, or more where it is as large as all forces.
+constexpr double open_residual = 0.3, lost_residual = 1;
+constexpr int solves_of_open = 1, solves_of_lost = 3;
 constexpr double further_slack = 3;  // of the tolerance: a further solve begins with a small residual
 constexpr double sufficient = 1e-4;  // of the decrease that the slope predicts
 constexpr double rounding_units = 16;  // of the sum of the potential's parts
@@ -286,12 +288,18 @@ template <class Real> void NewtonIterations<Real>::run_on(const Rooms &state)
   const auto relative = [](const Norms &n) { return n.size > 0 ? std::sqrt(n.residual / n.size) : 0; };
   const bool may_go_on = state.time.error > 0 && state.options.integrator == Integrator::bdf2;
   const auto max_solves = [&] {
-    const bool further =
-        may_go_on && norms.residual > further_residual * further_residual * norms.size && norms.residual < fastest_;
-    return state.options.newton_iterations + (further ? further_solves : 0);
+    const auto above = [&](double share) { return norms.residual > share * share * norms.size; };
+    const int further = !may_go_on || norms.residual >= fastest_ ? 0
+                        : above(lost_residual)                   ? solves_of_lost
+                        : above(open_residual)                   ? solves_of_open
+                                                                 : 0;
+    return state.options.newton_iterations + further;
   };
   while (norms.residual > goal * norms.size && taken < max_solves() && idle < patience) {
-    if (taken >= state.options.newton_iterations && rough) best = norms = evaluate(state, Friction::of_iterate);
+    if (rough && taken == 2)
+      best = norms = evaluate(state, Friction::of_first_pushes);
+    else if (rough && taken > state.options.newton_iterations)
+      best = norms = evaluate(state, Friction::of_iterate);
     if (elements_.windy() || elements_.mass_damped())
       elements_.find_drag(state, state.mesh.position_next, state.mesh.velocity_next, elements_.windy());
     assembly_.run_on(state);

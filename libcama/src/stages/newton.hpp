@@ -10,8 +10,8 @@ namespace cama {
 /// Newton's method on the nonlinear equation of the step, starting from the linearised step that the stages before have
 /// computed: elements and terms at the iterate, assembly, solve for the change of velocity, line search on the
 /// incremental potential (inertia, elasticity, gravity, penalty; friction by the normal forces and speeds of the
-/// linearised step, of the iterate in further solves, wind, pressure, gas and damping constant at their values of
-/// the iterate). Hessians are positive semidefinite.
+/// linearised step, in further solves the speeds of the iterate, wind, pressure, gas and damping constant at their
+/// values of the iterate). Hessians are positive semidefinite.
 template <class Real>
 class NewtonIterations final
     : public StageOn<const Options, StepReport, const Clock, MeshState, const ElementState, ContactState, SystemState> {
@@ -28,8 +28,9 @@ private:
   struct Norms {
     double residual = 0, size = 0;
   };
-  /// Which normal forces friction follows from: those of the first solve, or those at the iterate.
-  enum class Friction { as_it_is, of_first_solve, of_iterate };
+  /// What friction follows from: normal forces and speeds of the first solve, its normal forces and the speeds at the
+  /// iterate, or both at the iterate.
+  enum class Friction { as_it_is, of_first_solve, of_first_pushes, of_iterate };
   /// Elements, terms and right-hand side, which is the negative residual, at the iterate. slope: set to the sum of
   /// slope_, if asked for.
   Norms evaluate(const Rooms &state, Friction friction = Friction::as_it_is, double *slope = nullptr);
