@@ -62,7 +62,8 @@ def main():
         share = np.array(spins) / [e[0] for e in exact]
         distance = 1e3 * np.sqrt(np.mean([np.square(x - e[1]).sum(1).mean() for x, e in zip(ends, exact)]))
         cells = [json.dumps(options), f"{share.mean():.2f}", f"{share.min():.2f} to {share.max():.2f}"]
-        print("| " + " | ".join([*cells, f"{distance:.0f}", f"{sum(steps)}", f"{sum(solves)}", f"{sum(seconds):.2f}"]) + " |")
+        cells += [f"{distance:.0f}", sum(steps), sum(solves), f"{sum(seconds):.2f}"]
+        print("| " + " | ".join(map(str, cells)) + " |")
 
 
 if __name__ == "__main__":
