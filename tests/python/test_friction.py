@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Friction of BDF2 with two solves at 1/240 s: a patch on a slope moves as a block does, at rest and in motion."""
+"""Friction of BDF2: a patch on a slope moves as a block does; where cloth lands, friction stays within the cone."""
 
 import math
 
@@ -104,3 +104,31 @@ def test_the_blow_of_a_landing_has_its_friction(cells, turn):
     while simulation.time < 0.5:
         simulation.step()
     assert mean_speed(simulation, down) == pytest.approx(0.300, abs=0.06)
+
+
+@pytest.mark.parametrize("angle", [0.0, 25.0, 73.0])
+def test_friction_of_cloth_that_lands_on_what_turns_stays_within_the_cone(angle):
+    coefficient, height = 0.8, 0.3
+    scene = cama.Scene(thickness=1.5e-3, friction=0.5)
+    turning = {"rotation_rate": [0, 0, 2 * math.pi], "center": [0, 0, height]}
+    ball = {"sphere": {"radius": 0.25}}
+    scene.add_obstacle(shape=ball, name="ball", translate=(0, 0, height), motion=turning, friction=coefficient)
+    for i in range(3):
+        turn = math.radians(angle + 13 * i) / 2
+        scene.add_cloth(
+            shape={"grid": {"size": [1.5, 1.5], "cells": [8, 8]}},
+            material="cotton",
+            translate=(0.02, -0.01, height + 0.255 + 0.005 * i),
+            rotate=(math.cos(turn), 0, 0, math.sin(turn)),
+            name=f"sheet {i}",
+        )
+    simulation = cama.Simulation(scene, backend="cpu", threads=1, forces=True)
+    friction = pressing = 0.0  # N s
+    while simulation.time < 0.25 - 1e-9:
+        simulation.step()
+        contacts, step = simulation.contacts, simulation.report["time_step"]
+        on_ball = (contacts["vertices"] >= simulation.cloth_vertex_count).any(1)
+        pressing += step * contacts["normal_force"][on_ball].sum()
+        friction += step * np.linalg.norm(contacts["tangential_force"][on_ball], axis=1).sum()
+    assert pressing > 0.5
+    assert 0.5 * coefficient < friction / pressing < 1.1 * coefficient  # two solves: 1.5 to 2.2

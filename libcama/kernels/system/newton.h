@@ -204,10 +204,12 @@ KERNEL remaining_loads(int n, GLOBAL const int *row, GLOBAL const int *column, G
 
 /* Friction by the normal forces, velocities and friction after the first solve. push, load, share: as above; contacts
    that pull let go in the next solve, and what they took from the others goes with them. No contact presses more than
-   its term does at the iterate. n: contacts. */
-KERNEL iterate_friction(int n, int cloth_vertices, GLOBAL const contact *contacts, GLOBAL const double *inverse_mass,
-                        GLOBAL const double *push, GLOBAL const double *load, GLOBAL const double *share,
-                        GLOBAL const dvec3 *velocity, real step, GLOBAL term *terms, GLOBAL vec3 *hold)
+   its term does at the iterate. pressing[i]: the normal force that follows, N; again: it is taken as it was found.
+   n: contacts. */
+KERNEL iterate_friction(int n, int again, int cloth_vertices, GLOBAL const contact *contacts,
+                        GLOBAL const double *inverse_mass, GLOBAL const double *push, GLOBAL const double *load,
+                        GLOBAL const double *share, GLOBAL const dvec3 *velocity, real step, GLOBAL double *pressing,
+                        GLOBAL term *terms, GLOBAL vec3 *hold)
 {
   FOR_EACH(i, n) {
     term t = terms[i];
@@ -216,10 +218,11 @@ KERNEL iterate_friction(int n, int cloth_vertices, GLOBAL const contact *contact
     friction_law law;
     law.force = dvec3_make(0.0, 0.0, 0.0);
     law.damping = 0.0;
+    if (!again) pressing[i] = 0.0;
     if (mobility > 0.0) {
       dvec3 speed = tangential(t, velocity), normal = to_dvec3(t.normal),
             force = dscale(1.0 / h, daxpy(to_dvec3(hold[i]), -(double)t.around, speed));
-      double left = 0.0, whole = 0.0, normal_force;
+      double left = 0.0, whole = 0.0;
       int a;
       for (a = 0; a < 4; ++a)
         if (t.node[a] < cloth_vertices) {
@@ -227,8 +230,8 @@ KERNEL iterate_friction(int n, int cloth_vertices, GLOBAL const contact *contact
           whole += fabs((double)t.weight[a]);
         }
       force = daxpy(force, -ddot(force, normal), normal);
-      normal_force = min_double(press * left / whole, max_double((double)t.push, 0.0)) / h;
-      law = friction_around(contacts[i].static_friction, contacts[i].friction, normal_force, force, speed, speed,
+      if (!again) pressing[i] = min_double(press * left / whole, max_double((double)t.push, 0.0)) / h;
+      law = friction_around(contacts[i].static_friction, contacts[i].friction, pressing[i], force, speed, speed,
                             1.0 / mobility, h);
     }
     terms[i].around = step * (real)law.damping;

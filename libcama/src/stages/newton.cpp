@@ -28,7 +28,7 @@ NewtonIterations<Real>::NewtonIterations(Backend &b, EvaluateElements<Real> &ele
     : elements_(elements), assembly_(assembly), solve_(solve), outer_(b), outer_triangle_(b), outer_hinge_(b),
       start_(b), zero_gravity_(b), given_(b), solved_(b), moved_(b), vertex_{Stream<double>(b), Stream<double>(b)},
       triangle_{Stream<double>(b), Stream<double>(b)}, hinge_(b), term_(b), slope_(b), total_(b), part_(b), push_(b),
-      load_(b), pull_(b), share_(b)
+      load_(b), pull_(b), share_(b), pressing_(b)
 {
   for (double m : masses) fastest_ += m * FASTEST * FASTEST;
 }
@@ -83,13 +83,14 @@ template <class Real> void NewtonIterations<Real>::find_pushes(const Rooms &stat
   CAMA_LAUNCH_REAL(Real, b, remaining_loads, rows, s.matrix.row, s.matrix.column, load_, pull_, share_);
 }
 
-template <class Real> void NewtonIterations<Real>::iterate_friction(const Rooms &state)
+template <class Real> void NewtonIterations<Real>::iterate_friction(const Rooms &state, bool again)
 {
   Backend &b = *state.backend;
   System<Real> &s = state.system.template of<Real>();
-  CAMA_LAUNCH_REAL(Real, b, iterate_friction, state.contact.contacts, state.mesh.cloth_vertices, state.contact.contact,
-                   state.mesh.inverse_mass, push_, load_, share_, state.mesh.velocity_next,
-                   static_cast<Real>(state.time.implicit_step), s.term, s.hold);
+  pressing_.resize(state.contact.contacts);
+  CAMA_LAUNCH_REAL(Real, b, iterate_friction, state.contact.contacts, again ? 1 : 0, state.mesh.cloth_vertices,
+                   state.contact.contact, state.mesh.inverse_mass, push_, load_, share_, state.mesh.velocity_next,
+                   static_cast<Real>(state.time.implicit_step), pressing_, s.term, s.hold);
 }
 
 template <class Real>
@@ -132,7 +133,7 @@ typename NewtonIterations<Real>::Norms NewtonIterations<Real>::evaluate(const Ro
                      state.contact.contact, state.mesh.position, x, v, state.mesh.inverse_mass,
                      state.contact.vertex_contact, h, s.term);
     if (rough && friction == Friction::of_iterate) find_pushes(state, friction);
-    if (rough && friction != Friction::as_it_is) iterate_friction(state);
+    if (rough && friction != Friction::as_it_is) iterate_friction(state, friction == Friction::of_first_pushes);
     CAMA_LAUNCH_REAL(Real, b, make_stitch_terms, state.elements.stitches, state.elements.stitch, x, h,
                      state.contact.contacts, s.term);
   }

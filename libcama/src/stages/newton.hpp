@@ -28,8 +28,8 @@ private:
   struct Norms {
     double residual = 0, size = 0;
   };
-  /// What friction follows from: normal forces and speeds of the first solve, its normal forces and the speeds at the
-  /// iterate, or both at the iterate.
+  /// What friction follows from: normal forces and speeds of the first solve, the same normal forces and the speeds at
+  /// the iterate, or both at the iterate.
   enum class Friction { as_it_is, of_first_solve, of_first_pushes, of_iterate };
   /// Elements, terms and right-hand side, which is the negative residual, at the iterate. slope: set to the sum of
   /// slope_, if asked for.
@@ -48,8 +48,8 @@ private:
 
   /// What contacts push with.
   void find_pushes(const Rooms &state, Friction friction);
-  /// Friction by these normal forces and the speeds at the iterate.
-  void iterate_friction(const Rooms &state);
+  /// Friction by these normal forces and the speeds at the iterate. again: by those that it had before.
+  void iterate_friction(const Rooms &state, bool again);
 
   // The impulses of contacts that the solved equations have given the cloth, with rigid bodies, which receive them.
   /// Of the solve that `solution` is of, from velocity_next or, if it is done, to it.
@@ -65,7 +65,7 @@ private:
   Stream<vec3> outer_, outer_triangle_, outer_hinge_;  // outer: wind, pressure, gas and damping
   double alpha_ = 0;  // the part of the solution that the last search took
   Stream<dvec3> start_, zero_gravity_, given_, solved_, moved_;
-  Stream<double> vertex_[2], triangle_[2], hinge_, term_, slope_, total_, part_, push_, load_, pull_, share_;
+  Stream<double> vertex_[2], triangle_[2], hinge_, term_, slope_, total_, part_, push_, load_, pull_, share_, pressing_;
 };
 
 extern template class NewtonIterations<double>;
