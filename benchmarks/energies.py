@@ -26,13 +26,14 @@ FRAME, SECONDS = 1 / 60, 2.0
 def energies(run):
     found = run.energy()
     kinetic = found.pop("kinetic")
-    height = found.pop("gravity", 0.0) + found.pop("potential", 0.0)
+    height = found.pop("gravity")
     return kinetic, sum(found.values()), height
 
 
 def run(given):
+    version, *scenes = given.names
     given.output.mkdir(parents=True, exist_ok=True)
-    for name in given.scenes:
+    for name in scenes:
         scene = cama.Scene.load(name, given.resolution)
         scene.frame_time = FRAME
         step = {"time_step": 1 / given.rate} if given.rate else {}
@@ -43,18 +44,17 @@ def run(given):
                 simulation.step()
                 steps += 1
             rows.append(energies(simulation))
-        np.save(given.output / f"{Path(name).stem}_{given.resolution}_{given.version}.npy", rows, False)
+        np.save(given.output / f"{Path(name).stem}_{given.resolution}_{version}.npy", rows, False)
         print(f"{name}, {given.resolution}: {steps} steps", flush=True)
 
 
 def compare(given):
-    versions = (given.version, *given.scenes)
-    *tried, truth = versions
+    *tried, truth = given.names
     heads = [f"{v}: {h}" for h in ("kinetic", "distance, kinetic", "distance, total") for v in tried]
     print("| scene, triangles | " + " | ".join(heads) + " |\n|---" + "|---" * len(heads) + "|")
     for path in sorted(given.output.glob(f"*_{truth}.npy")):
         label = path.name.removesuffix(f"_{truth}.npy")
-        runs = [np.load(given.output / f"{label}_{v}.npy") for v in versions]
+        runs = [np.load(given.output / f"{label}_{v}.npy") for v in given.names]
         exact = runs.pop()
         scale = exact[:, 0].mean()
         cells = [f"{r[:, 0].mean() / scale:.3f}" for r in runs]
@@ -66,8 +66,7 @@ def compare(given):
 def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("what", choices=("run", "compare"))
-    parser.add_argument("version", help="a name for what is measured")
-    parser.add_argument("scenes", nargs="+", help="of compare: further versions, the reference last")
+    parser.add_argument("names", nargs="+", help="run: of the version, then scenes; compare: of versions, reference last")
     parser.add_argument("--resolution", type=int, default=400, help="cloth triangles")
     parser.add_argument("--accuracy", default="production")
     parser.add_argument("--rate", type=float, default=0, help="steps a second, 0: those of the level")
