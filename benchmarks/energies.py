@@ -66,7 +66,7 @@ def compare(given):
 def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("what", choices=("run", "compare"))
-    parser.add_argument("names", nargs="+", help="run: of the version, then scenes; compare: of versions, reference last")
+    parser.add_argument("names", nargs="+", help="run: the version, then scenes; compare: versions, reference last")
     parser.add_argument("--resolution", type=int, default=400, help="cloth triangles")
     parser.add_argument("--accuracy", default="production")
     parser.add_argument("--rate", type=float, default=0, help="steps a second, 0: those of the level")
