@@ -543,6 +543,15 @@ TEST_CASE("levels: names, time steps that fill frames, and who chose what", "[le
   CHECK(origin(o, "tolerance") == "user 0.01");
   CHECK(origin(o, "time_step") == "user 0.003 s");
   CHECK(origin(o, "precision") == "level single");
+  Options longer;
+  longer.time_step = 0.1;
+  CHECK(origin(longer, "integrator") == "level bdf2");
+  longer.time_step = 0.11;  // which resolves no motion
+  CHECK(origin(longer, "integrator") == "level backward_euler");
+  OptionOverrides asked;
+  asked.time_step = 1;
+  asked.integrator = Integrator::bdf2;
+  CHECK(resolve(asked, s).options.integrator == Integrator::bdf2);
   CHECK(origin(Options::at(Accuracy::accurate), "time_step") == "level 0.0001 s");
   CHECK(origin(Options::at(Accuracy::paper), "time_step") == "scene 0.0001 s");
   o.time_step = -1;

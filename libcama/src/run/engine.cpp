@@ -15,8 +15,6 @@
 namespace cama {
 namespace {
 
-constexpr double longest_step = 0.1;  // s, that error control takes
-
 int chosen_threads(const Scene &scene, const Options &options)
 {
   return options.threads ? options.threads : useful_threads(scene.cloth_triangle_count());

@@ -6,6 +6,8 @@
 
 namespace cama {
 
+constexpr double longest_step = 0.1;  // s, that error control takes; a fixed one above it resolves no motion
+
 /// The error that a text allows in a frame of 1/60 s, m: "1 mm", "0.002 m", or a share of the cloth's size, "0.1 %".
 /// size: m. Throws SceneError.
 double allowed_error(const std::string &text, double size);
