@@ -240,7 +240,7 @@ class Stage:
         for _, _, actor in self._cloths:
             actor.mapper.scalar_range = 0, 100 * most
         letters = self._look.size[1] * self._scale / 720
-        self._plotter.add_scalar_bar(
+        bar = self._plotter.add_scalar_bar(
             title="largest strain, %",
             mapper=self._cloths[0][2].mapper,
             n_labels=5,
@@ -249,10 +249,11 @@ class Stage:
             title_font_size=round(16 * letters),
             label_font_size=round(14 * letters),
             width=0.3,
-            height=0.1,
+            height=0.11,
             position_x=0.03,
             position_y=0.03,
         )
+        bar.SetBarRatio(0.3)  # else the title touches the labels
 
     def _strain(self, part, positions):
         return surfaces.strain(self._rest[part.vertices], positions[part.vertices], part.faces)
