@@ -1,26 +1,41 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Energy over two seconds of two built versions, against a run of the level `reference`.
+"""Energy over two seconds of two built versions, against a run of the level `reference`, from several starts.
 
-Run it with the Python path of one version, then of the other, into one folder; `compare` prints a table of it:
+`move` writes copies of a scene whose cloth starts up to 20 mm aside; run them with the Python path of one version,
+then of the other, into one folder; `compare` prints a table:
 
-PYTHONPATH=OLD python benchmarks/energies.py run old drape --resolution 400 -o out
-PYTHONPATH=NEW python benchmarks/energies.py run new drape --resolution 400 -o out
-PYTHONPATH=NEW python benchmarks/energies.py run reference drape --accuracy reference --rate 4800 -o out
+python benchmarks/energies.py move scenes/funnel/scene.json --starts 8 -o starts
+PYTHONPATH=OLD python benchmarks/energies.py run old starts/funnel-*.json --resolution 400 -o out
+PYTHONPATH=NEW python benchmarks/energies.py run new starts/funnel-*.json --resolution 400 -o out
+PYTHONPATH=NEW python benchmarks/energies.py run reference starts/funnel-*.json --accuracy reference --rate 4800 -o out
 python benchmarks/energies.py compare old new reference -o out
 
 A file holds, for every frame of 1/60 s, the kinetic, elastic and potential energy of the cloth, J. The table has, for
-each version, kinetic energy over that of the reference, mean over the run, and the root mean square of the distance to
-the reference's kinetic and total energy, each over the reference's mean kinetic energy.
+each version, kinetic energy over that of the reference, the mean over the run and all starts and the least and largest
+of the starts; and the root mean square over the frames of the distance to the reference's kinetic energy and to its sum
+of all, over its mean kinetic energy: of single runs, mean over the starts, and of the means over the starts.
 """
 
 import argparse
+import json
 from pathlib import Path
 
 import numpy as np
 
-import cama
+FRAME, SECONDS, ASIDE = 1 / 60, 2.0, 0.02
 
-FRAME, SECONDS = 1 / 60, 2.0
+
+def move(given):
+    given.output.mkdir(parents=True, exist_ok=True)
+    for name in given.names:
+        for k in range(given.starts):
+            scene = json.loads(Path(name).read_text())
+            scene.pop("$schema", None)
+            aside = np.random.default_rng(100 + k).uniform(-ASIDE, ASIDE, 2)
+            for cloth in scene["cloth"]:
+                place = cloth.setdefault("transform", {}).setdefault("translate", [0, 0, 0])
+                place[:2] = [place[0] + aside[0], place[1] + aside[1]]
+            (given.output / f"{scene['name']}-{k}.json").write_text(json.dumps(scene))
 
 
 def energies(run):
@@ -31,13 +46,19 @@ def energies(run):
 
 
 def run(given):
+    import cama
+
     version, *scenes = given.names
     given.output.mkdir(parents=True, exist_ok=True)
+    options = {"accuracy": given.accuracy}
+    if given.rate:
+        options["time_step"] = 1 / given.rate
+    if given.error:
+        options["error"] = given.error
     for name in scenes:
         scene = cama.Scene.load(name, given.resolution)
         scene.frame_time = FRAME
-        step = {"time_step": 1 / given.rate} if given.rate else {}
-        simulation = cama.Simulation(scene, backend="cpu", threads=1, accuracy=given.accuracy, **step)
+        simulation = cama.Simulation(scene, backend="cpu", threads=1, **options)
         rows, steps = [energies(simulation)], 0
         for frame in range(1, round(SECONDS / FRAME) + 1):
             while simulation.time < frame * FRAME - 1e-6:
@@ -48,31 +69,46 @@ def run(given):
         print(f"{name}, {given.resolution}: {steps} steps", flush=True)
 
 
+def root_mean_square(values):
+    return np.sqrt(np.square(values).mean(-1))
+
+
 def compare(given):
     *tried, truth = given.names
-    heads = [f"{v}: {h}" for h in ("kinetic", "distance, kinetic", "distance, total") for v in tried]
-    print("| scene, triangles | " + " | ".join(heads) + " |\n|---" + "|---" * len(heads) + "|")
+    groups = {}
     for path in sorted(given.output.glob(f"*_{truth}.npy")):
         label = path.name.removesuffix(f"_{truth}.npy")
-        runs = [np.load(given.output / f"{label}_{v}.npy") for v in given.names]
-        exact = runs.pop()
-        scale = exact[:, 0].mean()
-        cells = [f"{r[:, 0].mean() / scale:.3f}" for r in runs]
-        cells += [f"{np.sqrt(np.square(r[:, 0] - exact[:, 0]).mean()) / scale:.3f}" for r in runs]
-        cells += [f"{np.sqrt(np.square((r - exact).sum(1)).mean()) / scale:.3f}" for r in runs]
-        print(f"| {', '.join(label.split('_'))} | " + " | ".join(cells) + " |")
+        stem, resolution = label.rsplit("_", 1)
+        groups.setdefault((stem.split("-")[0], resolution), []).append(label)
+    heads = ("kinetic", "least to largest", "distance, kinetic", "of means", "distance, sum", "of means")
+    print("| scene, triangles, starts | version | " + " | ".join(heads) + " |\n|---|---" + "|---" * len(heads) + "|")
+    for (scene, resolution), labels in groups.items():
+        exact = np.array([np.load(given.output / f"{label}_{truth}.npy") for label in labels])
+        scale = exact[:, :, 0].mean()
+        for version in tried:
+            found = np.array([np.load(given.output / f"{label}_{version}.npy") for label in labels])
+            shares = found[:, :, 0].mean(1) / exact[:, :, 0].mean(1)
+            kinetic, total = (found - exact)[:, :, 0] / scale, (found - exact).sum(2) / scale
+            cells = [f"{found[:, :, 0].mean() / scale:.3f}", f"{shares.min():.2f} to {shares.max():.2f}"]
+            for distance in (kinetic, total):
+                cells += [f"{root_mean_square(distance).mean():.3f}", f"{root_mean_square(distance.mean(0)):.3f}"]
+            print(f"| {scene}, {resolution}, {len(labels)} | {version} | " + " | ".join(cells) + " |")
 
 
 def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("what", choices=("run", "compare"))
-    parser.add_argument("names", nargs="+", help="run: the version, then scenes; compare: versions, reference last")
+    parser.add_argument("what", choices=("move", "run", "compare"))
+    parser.add_argument(
+        "names", nargs="+", help="scenes; run: a version before them; compare: versions, reference last"
+    )
+    parser.add_argument("--starts", type=int, default=8, help="copies that move writes")
     parser.add_argument("--resolution", type=int, default=400, help="cloth triangles")
     parser.add_argument("--accuracy", default="production")
     parser.add_argument("--rate", type=float, default=0, help="steps a second, 0: those of the level")
+    parser.add_argument("--error", default="", help="as of cama run")
     parser.add_argument("-o", "--output", type=Path, required=True)
     given = parser.parse_args()
-    {"run": run, "compare": compare}[given.what](given)
+    {"move": move, "run": run, "compare": compare}[given.what](given)
 
 
 if __name__ == "__main__":
