@@ -111,8 +111,7 @@ public:
       out[i] = static_cast<int>(sum);
       sum += in[i];
     }
-    if (sum > 0x7fffffff)
-      throw MemoryError("a list of this scene exceeds 2^31 entries; lower the resolution or the contact thickness");
+    if (sum > 0x7fffffff) throw ListOverflow();
     out[n] = static_cast<int>(sum);
   }
 

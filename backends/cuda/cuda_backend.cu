@@ -410,7 +410,7 @@ private:
   {
     if (!*overflow_) return;
     *overflow_ = 0;
-    throw MemoryError("a list of this scene exceeds 2^31 entries; lower the resolution or the contact thickness");
+    throw ListOverflow();
   }
   int *flag() const { return const_cast<int *>(overflow_); }
 

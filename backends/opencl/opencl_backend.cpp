@@ -257,8 +257,7 @@ private:
   void report_overflow(cl_int overflow)
   {
     scans_ = false;
-    if (overflow)
-      throw MemoryError("a list of this scene exceeds 2^31 entries; lower the resolution or the contact thickness");
+    if (overflow) throw ListOverflow();
   }
 
   int workers_for(int n, int least) const

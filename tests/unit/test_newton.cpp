@@ -372,7 +372,7 @@ TEST_CASE("BDF2 does not make cloth rebound from what stops it", "[newton]")
 
 namespace {
 
-enum class Plant { error, not_a_number };
+enum class Plant { error, not_a_number, overflow };
 
 /// Spoils the result of the linear solve before it, `failures` times.
 class PlantedFailure final : public StageOn<const StepReport, MeshState> {
@@ -383,6 +383,7 @@ public:
     if (failures == 0) return;
     --failures;
     if (how == Plant::error) throw SolverError("step " + std::to_string(state.report.step) + ": planted");
+    if (how == Plant::overflow) throw ListOverflow();
     std::vector<dvec3> v = state.mesh.velocity_next.download();
     v[v.size() / 2].y = std::numeric_limits<double>::quiet_NaN();
     state.mesh.velocity_next.assign(v);
@@ -428,7 +429,7 @@ std::vector<dvec3> cloth_of(const Simulation &simulation, std::vector<dvec3> val
 TEST_CASE("a step that the solver cannot do is done in halves", "[newton][failures]")
 {
   for (Integrator integrator : {Integrator::backward_euler, Integrator::bdf2})
-    for (Plant how : {Plant::error, Plant::not_a_number}) {
+    for (Plant how : {Plant::error, Plant::not_a_number, Plant::overflow}) {
       Options o = serial(), half = serial();
       o.integrator = half.integrator = integrator;
       Scene scene = meshes::pile(4);
@@ -477,6 +478,19 @@ TEST_CASE("a step that fails in all pieces is reported, and leaves the previous 
   CHECK(s.report().retries == 3);
   CHECK(s.report().newton_iterations >= 4);
   CHECK(s.state.time.now == Approx(5 * s.state.time.step));
+}
+
+TEST_CASE("a list that is too long in all pieces of a step is an error of memory", "[newton][failures]")
+{
+  Options o = serial();
+  o.max_divisions = 2;
+  Failing s(meshes::pile(4), o);
+  s.plant(Plant::overflow, 1000);
+  const std::string text = thrown<MemoryError>([&] { s.step(); });
+  CHECK(contains(text, "a list of this scene exceeds 2^31 entries"));
+  CHECK(contains(text, "pieces of this step, down to 1/2^2 of it"));
+  CHECK(s.planted->failures == 1000 - 3);   // the whole, 1/2, 1/4
+  CHECK(s.report().step == 0);
 }
 
 TEST_CASE("how often a failing step is halved is an option", "[newton][failures]")

@@ -77,7 +77,7 @@ public:
     for (int i = 0; i < times; ++i) work();
   }
   /// to[i] = sum of from[0..i), to[n] = total. `to` holds n + 1 ints and may not alias `from`. A total beyond 2^31 - 1
-  /// throws MemoryError, here or, on backends that do not wait, at the next `download` or `synchronize`.
+  /// throws ListOverflow, here or, on backends that do not wait, at the next `download` or `synchronize`.
   virtual void scan(Buffer from, Buffer to, int n) = 0;
   /// Stable radix sort of n 64-bit keys, with their values, by the low `bits` bits.
   virtual void sort(Buffer keys, Buffer values, int n, int bits) = 0;

@@ -35,6 +35,15 @@ class BackendError : public Error {
 class MemoryError : public BackendError {
   using BackendError::BackendError;
 };
+/// A list with more entries than an index can count. A step that needs one is taken in pieces, as after a SolverError.
+class ListOverflow : public MemoryError {
+public:
+  /// size: what is known of it.
+  explicit ListOverflow(const std::string &size = {})
+      : MemoryError("a list of this scene exceeds 2^31 entries" + size +
+                    "; lower the resolution or the contact thickness")
+  {}
+};
 /// A step that could not be computed: the solver broke down or a value is not finite.
 class SolverError : public Error {
   using Error::Error;

@@ -109,9 +109,7 @@ private:
   /// A size that overflowed while it was summed as an int is negative.
   static int checked(long long size)
   {
-    if (size < 0 || size > most)
-      throw MemoryError("a list of this scene exceeds 2^31 entries (" + std::to_string(size) +
-                        "); lower the resolution or the contact thickness");
+    if (size < 0 || size > most) throw ListOverflow(" (" + std::to_string(size) + ")");
     return static_cast<int>(size);
   }
   static int with_reserve(int size)

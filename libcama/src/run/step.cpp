@@ -2,6 +2,7 @@
 #include "run/step.hpp"
 
 #include <cmath>
+#include <exception>
 #include <optional>
 
 #include "cama/error.hpp"
@@ -72,6 +73,33 @@ void run_pipeline(State &s, Pipeline &step, int number)
   step.timed_run(s);
 }
 
+/// What a step threw, if a shorter one may do better; nothing if it was done.
+std::exception_ptr failure_of(State &s, Pipeline &step, int number)
+{
+  try {
+    run_pipeline(s, step, number);
+  } catch (const SolverError &) {
+    return std::current_exception();
+  } catch (const ListOverflow &) {
+    return std::current_exception();
+  }
+  return nullptr;
+}
+
+[[noreturn]] void give_up(const std::exception_ptr &failure, int divisions)
+{
+  if (divisions == 0) std::rethrow_exception(failure);
+  const std::string pieces =
+      "; pieces of this step, down to 1/2^" + std::to_string(divisions) + " of it, failed as well";
+  try {
+    std::rethrow_exception(failure);
+  } catch (const ListOverflow &e) {
+    throw MemoryError(e.what() + pieces);
+  } catch (const SolverError &e) {
+    throw SolverError(e.what() + pieces);
+  }
+}
+
 /// A step that failed as a whole, taken in pieces. Each begins without a history.
 class DividedStep {
 public:
@@ -91,12 +119,13 @@ public:
   }
   double whole() const { return whole_; }
 
-  void run(int number, const std::string &problem)
+  /// failure: of the whole step.
+  void run(int number, const std::exception_ptr &failure)
   {
     sum_.substeps = sum_.newton_iterations = 0;
     sum_.retries = 1;
-    advance(1, 0, number, problem);
-    advance(1, 1, number, problem);
+    advance(1, 0, number, failure);
+    advance(1, 1, number, failure);
     state_.time.history = false;
     state_.report = sum_;
   }
@@ -115,7 +144,7 @@ public:
 
 private:
   /// Piece `index` of 2^division.
-  void advance(int division, int index, int number, const std::string &problem)
+  void advance(int division, int index, int number, const std::exception_ptr &failure)
   {
     const double step = std::ldexp(whole_, -division);
     state_.time.now = start_ + index * step;
@@ -123,18 +152,12 @@ private:
     state_.time.division = division;
     state_.time.history = false;
     const Start start(state_);
-    try {
-      run_pipeline(state_, step_, number);
-      return sum_.add(state_.report);
-    } catch (const SolverError &) {
-      undo_step(state_, start);
-    }
+    if (!failure_of(state_, step_, number)) return sum_.add(state_.report);
+    undo_step(state_, start);
     ++sum_.retries;
-    if (division == state_.options.max_divisions)
-      throw SolverError(problem + "; pieces of this step, down to 1/2^" + std::to_string(division) +
-                        " of it, failed as well");
-    advance(division + 1, 2 * index, number, problem);
-    advance(division + 1, 2 * index + 1, number, problem);
+    if (division == state_.options.max_divisions) give_up(failure, division);
+    advance(division + 1, 2 * index, number, failure);
+    advance(division + 1, 2 * index + 1, number, failure);
   }
 
   State &state_;
@@ -155,18 +178,16 @@ void take_step(State &s, Pipeline &step, const std::function<void()> &finish)
   std::optional<DividedStep> divided;
   int rejected = 0;
   try {
-    std::string problem;
+    std::exception_ptr failure;
     for (bool again = true; again;) {
       again = false;
       s.reactions.begin_step();
       choose_step(s.time);
-      try {
-        run_pipeline(s, step, number);
-        again = !judge_step(s.time);
-      } catch (const SolverError &e) {
-        problem = e.what();
+      failure = failure_of(s, step, number);
+      if (failure)
         undo_step(s, start);
-      }
+      else
+        again = !judge_step(s.time);
       if (!again) continue;
       const double wanted = s.time.wanted, max_by_stretch = s.time.max_by_stretch;
       undo_step(s, start);
@@ -174,10 +195,10 @@ void take_step(State &s, Pipeline &step, const std::function<void()> &finish)
       s.time.max_by_stretch = max_by_stretch;
       ++rejected;
     }
-    if (!problem.empty()) {
-      if (s.options.max_divisions == 0) throw SolverError(problem);
+    if (failure) {
+      if (s.options.max_divisions == 0) give_up(failure, 0);
       divided.emplace(s, step);
-      divided->run(number, problem);
+      divided->run(number, failure);
       s.time.step = divided->whole();
       s.time.wanted = s.time.step / 2;
     }
@@ -190,7 +211,7 @@ void take_step(State &s, Pipeline &step, const std::function<void()> &finish)
     s.report.time = s.time.now;
     s.report.time_step = s.time.step;
     s.report.rejected = rejected;
-    s.report.over_error = problem.empty() && over_error(s.time);
+    s.report.over_error = !failure && over_error(s.time);
     s.reactions.accept_step(s.time.step);
     finish();
   } catch (...) {
