@@ -53,8 +53,8 @@ DEVICE int wanted_vertex_face(int v, face_nodes f, int cloth_vertex_count, int s
 }
 
 /* A work-item queries for `batch` items, batch i .. batch i + batch. With batch > 1 it walks the tree once, for the box
-   of all its items, and each item tests the leaves for itself, which is less work for one thread. What an item finds,
-   and in which order, does not depend on the batch. */
+   of all its items, which is less work for one thread; items test the leaves of a group for themselves, edges if they
+   meet it. What an item finds, and in which order, does not depend on the batch. */
 
 /* A tree in parts of `part` groups of level 0: their number, the walk of part k of them, and where it has to end. The
    walks of all parts in turn meet the leaves in the order of a walk of the whole. */
@@ -242,8 +242,12 @@ KERNEL query_edge_edge_count(int n, int items, int batch, int shares, GLOBAL con
     walk = mode == QUERY_ALL ? groups_overlapping_from(first >> 3, leaf_count, tree, all)
                              : groups_overlapping(leaf_count, tree, all);
     while ((g = next_group(&walk, leaf_count, tree, all)) >= 0) {
-      for (int k = first; k < end; ++k) {
-        edge_nodes e = item_edge[k];
+      int meeting = mode == QUERY_ALL ? group_overlap(tree + (first >> 3), box_of_group(walk, g, tree)) : 0xff;
+      for (; meeting; meeting &= meeting - 1) {
+        int k = first + lowest_bit((key64)meeting);
+        edge_nodes e;
+        if (k >= end) break;
+        e = item_edge[k];
         for (int mask = edge_leaves(g, k, edge_item_box(k, item_edge, vertex_box, tree, mode), tree, mode); mask;
              mask &= mask - 1) {
           int j = GROUP * g + lowest_bit((key64)mask), at = first_item + k;

@@ -148,13 +148,12 @@ DEVICE int group_tree_size(int leaf_count) { return group_level_offset(leaf_coun
 /* Bit k is 1 where box k of the group overlaps b. */
 DEVICE int group_overlap(GLOBAL const bvh8_node *g, box b)
 {
-  int hit[GROUP], mask = 0;
+  int hit[GROUP];
   SIMD
   for (int k = 0; k < GROUP; ++k)
     hit[k] = (b.lo[0] <= g->hi[0][k]) & (g->lo[0][k] <= b.hi[0]) & (b.lo[1] <= g->hi[1][k]) & (g->lo[1][k] <= b.hi[1]) &
              (b.lo[2] <= g->hi[2][k]) & (g->lo[2][k] <= b.hi[2]);
-  for (int k = 0; k < GROUP; ++k) mask |= hit[k] << k;
-  return mask;
+  return eight_bits(hit);
 }
 
 DEVICE box group_box(GLOBAL const bvh8_node *g, int k)
@@ -250,6 +249,12 @@ DEVICE int next_group(group_walk *w, int leaf_count, GLOBAL const bvh8_node *tre
     }
     w->open |= (key64)group_overlap(tree + w->offset + w->group, b) << (8 * w->level);
   }
+}
+
+/* The box of group g, which next_group has just returned. */
+DEVICE box box_of_group(group_walk w, int g, GLOBAL const bvh8_node *tree)
+{
+  return group_box(tree + w.offset + (g >> 3), g & 7);
 }
 
 /* Makes a walk that has just begun share k of `shares`, 1 or GROUP, which together meet what the walk would: it goes to

@@ -189,6 +189,17 @@ DEVICE void *team_pointer(void *p)
 #endif
 #define TEAM_BARRIER
 DEVICE int lowest_bit(key64 v) { return __builtin_ctzll(v); }
+#if defined(__AVX2__) && defined(__GNUC__)
+#define EIGHT_BITS
+DEVICE int eight_bits(const int *flag)
+{
+  typedef int ints __attribute__((vector_size(32)));
+  typedef float floats __attribute__((vector_size(32)));
+  ints flags;
+  memcpy(&flags, flag, sizeof flags);
+  return __builtin_ia32_movmskps256((floats)(flags << 31));
+}
+#endif
 /* A team is one thread. */
 DEVICE int local_add_int(int *p, int v)
 {
@@ -270,9 +281,17 @@ DEVICE void atomic_add_float(float *p, float v)
 
 /* WHILE_ANY(c) { if (c) ... }: a loop that work-items leave at different times. Where work-items run in lockstep, they
    stay together until the last has left, and execute the common part of each iteration at the same time. lowest_bit(v):
-   number of the lowest bit of v that is 1; v != 0. */
+   number of the lowest bit of v that is 1; v != 0. eight_bits(flag): bit k is flag[k], which is 0 or 1. */
 #if !defined(WHILE_ANY)
 #define WHILE_ANY(c) while (c)
+#endif
+#if !defined(EIGHT_BITS)
+DEVICE int eight_bits(const int *flag)
+{
+  int bits = 0;
+  for (int k = 0; k < 8; ++k) bits |= flag[k] << k;
+  return bits;
+}
 #endif
 
 /* Teams: the work-items of one group share TEAM_LOCAL memory. Between two TEAM_BARRIERs a member writes only what no
