@@ -103,19 +103,19 @@ KERNEL sort_indices_by_teams(int n, GLOBAL const int *space, GLOBAL key64 *index
 {
   TEAM_LOCAL(key64, unsorted, SORT_ROOM);
   FOR_EACH_TEAM(t, n) {
-    int begin = space[t], count = space[t + 1] - begin;
-    if (count > SORT_ROOM) {
-      TEAM_FOR(l, 1) sort_keys(index + begin, count);
-    } else {
+    int begin = space[t], count = space[t + 1] - begin, fits = count <= SORT_ROOM;
+    if (fits)
       TEAM_FOR(l, count) unsorted[l] = index[begin + l];
-      TEAM_BARRIER;
+    else
+      TEAM_FOR(l, 1) sort_keys(index + begin, count);
+    TEAM_BARRIER;
+    if (fits)
       TEAM_FOR(l, count) {
         key64 own = unsorted[l];
         int place = 0, k;
         for (k = 0; k < count; ++k) place += unsorted[k] < own;
         index[begin + place] = own;
       }
-    }
     TEAM_BARRIER;
   }
 }
