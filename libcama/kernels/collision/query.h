@@ -52,9 +52,9 @@ DEVICE int wanted_vertex_face(int v, face_nodes f, int cloth_vertex_count, int s
          (mode == QUERY_ALL || fresh_vertex_face(v, f, box_before));
 }
 
-/* A work-item queries for `batch` items, batch i .. batch i + batch. With batch > 1 it walks the tree once, for the box
-   of all its items, which is less work for one thread; items test the leaves of a group for themselves, edges if they
-   meet it. What an item finds, and in which order, does not depend on the batch. */
+/* A work-item queries for `batch` items, at most GROUP, batch i .. batch i + batch. With batch > 1 it walks the tree
+   once, for the box of all its items, which is less work for one thread; items test the leaves of a group for
+   themselves, edges if they meet it. What an item finds, and in which order, does not depend on the batch. */
 
 /* A tree in parts of `part` groups of level 0: their number, the walk of part k of them, and where it has to end. The
    walks of all parts in turn meet the leaves in the order of a walk of the whole. */
@@ -209,7 +209,7 @@ KERNEL query_edge_edge_count(int n, int items, int batch, int shares, GLOBAL con
                              int pools, int pool_blocks, GLOBAL int *hit, GLOBAL int *taken, GLOBAL int *count)
 {
   FOR_EACH_UNEVEN(b, n) {
-    int first = batch * b, end = min_int(first + batch, items), g;
+    int first = batch * b, end = min_int(first + batch, items), in_group = mode == QUERY_ALL && batch == GROUP, g;
     box all = empty_box();
     group_walk walk;
     if (batch == 1) {
@@ -242,7 +242,7 @@ KERNEL query_edge_edge_count(int n, int items, int batch, int shares, GLOBAL con
     walk = mode == QUERY_ALL ? groups_overlapping_from(first >> 3, leaf_count, tree, all)
                              : groups_overlapping(leaf_count, tree, all);
     while ((g = next_group(&walk, leaf_count, tree, all)) >= 0) {
-      int meeting = mode == QUERY_ALL ? group_overlap(tree + (first >> 3), box_of_group(walk, g, tree)) : 0xff;
+      int meeting = in_group ? group_overlap(tree + (first >> 3), box_of_group(walk, g, tree)) : (1 << batch) - 1;
       for (; meeting; meeting &= meeting - 1) {
         int k = first + lowest_bit((key64)meeting);
         edge_nodes e;
