@@ -9,6 +9,7 @@
 #include "solver/conjugate_gradient.h"
 #include "solver/factors.h"
 #include "solver/gas_operator.h"
+#include "solver/packing.h"
 #include "solver/schwarz.h"
 #include "system/abrupt.h"
 #include "system/assembly.h"
@@ -31,6 +32,7 @@
 #undef CAMA_KERNELS_SOLVER_CONJUGATE_GRADIENT_H
 #undef CAMA_KERNELS_SOLVER_FACTORS_H
 #undef CAMA_KERNELS_SOLVER_GAS_OPERATOR_H
+#undef CAMA_KERNELS_SOLVER_PACKING_H
 #undef CAMA_KERNELS_SOLVER_SCHWARZ_H
 #undef CAMA_KERNELS_SYSTEM_NEWTON_H
 #undef CAMA_KERNELS_SYSTEM_REACTIONS_H

@@ -561,7 +561,7 @@ TEST_CASE("levels: names, time steps that fill frames, and who chose what", "[le
   longer.time_step = 0.1;
   CHECK(origin(longer, "integrator") == "level bdf2");
   longer.time_step = 0.11;  // which resolves no motion
-  CHECK(origin(longer, "integrator") == "level backward_euler");
+  CHECK(origin(longer, "integrator") == "time_step backward_euler");
   OptionOverrides asked;
   asked.time_step = 1;
   asked.integrator = Integrator::bdf2;

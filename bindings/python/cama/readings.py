@@ -292,7 +292,8 @@ class Readings:
     def chosen_options(self) -> list[dict[str, str]]:
         """The options that trade accuracy for time, and who chose them.
 
-        A list of dicts with name, value (text), origin ("level", "scene" or "user") and trades.
+        A list of dicts with name, value (text), origin and trades. The origin is "level", "scene", "user", or
+        "time_step" for an integrator that is not the level's because the time step is too long for it.
         """
         return [dict(zip(("name", "value", "origin", "trades"), row)) for row in self._core.chosen_options()]
 

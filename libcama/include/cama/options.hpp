@@ -58,7 +58,7 @@ struct OptionOverrides {
 /// An option that trades accuracy for time, with its chosen value.
 struct ChosenOption {
   std::string name, value;
-  std::string origin;  ///< "level", "scene" or "user"
+  std::string origin;  ///< "level", "scene", "user", or "time_step", which is too long for the level's
   std::string trades;  ///< what it trades
 };
 

@@ -227,68 +227,6 @@ KERNEL apply_diagonal(int n, int component_stride, int block_rows, GLOBAL const 
                          load_row(r, component_stride, i));
 }
 
-/* The inverses of diagonal blocks as P of the rows: their diagonals (block_rows = 1), or whole; stored in columns. */
-KERNEL pack_diagonal(int n, GLOBAL const int *order, int component_stride, int block_rows, int is_double,
-                     GLOBAL const double *from64, GLOBAL const float *from32, GLOBAL real *inverse)
-{
-  FOR_EACH(i, n) {
-    int k, at = 9 * order[i];
-    for (k = 0; k < 3 * block_rows; ++k) {
-      int number = at + (block_rows == 1 ? 4 * k : k);
-      inverse[k * (size_t)component_stride + i] = is_double ? (real)from64[number] : (real)from32[number];
-    }
-  }
-}
-
-/* Terms on rows: nodes as rows (-1: not free), and 4 weights, normal, along and around, in double or single. */
-KERNEL pack_terms(int n, GLOBAL const term *terms, int vertices, GLOBAL const int *place, int is_double,
-                  GLOBAL element_nodes *nodes, GLOBAL double *to64, GLOBAL float *to32)
-{
-  FOR_EACH(i, n) {
-    real x[9];
-    int c;
-    for (c = 0; c < 4; ++c) {
-      int v = terms[i].node[c];
-      nodes[i].node[c] = v >= 0 && v < vertices ? place[v] : -1;
-      x[c] = terms[i].weight[c];
-    }
-    x[4] = terms[i].normal.x;
-    x[5] = terms[i].normal.y;
-    x[6] = terms[i].normal.z;
-    x[7] = terms[i].along;
-    x[8] = terms[i].around;
-    for (c = 0; c < 9; ++c)
-      if (is_double)
-        to64[9 * i + c] = (double)x[c];
-      else
-        to32[9 * i + c] = (float)x[c];
-  }
-}
-
-/* The weight of each entry of the terms' incidence lists. n: vertices. */
-KERNEL pack_weights(int n, GLOBAL const int *row, GLOBAL const int *entry, GLOBAL const real *coefficient,
-                    GLOBAL real *weight)
-{
-  FOR_EACH(i, n) {
-    int k;
-    for (k = row[i]; k < row[i + 1]; ++k) weight[k] = coefficient[9 * (entry[k] >> 2) + (entry[k] & 3)];
-  }
-}
-
-/* Blocks into slices: number c of entry e of lane l is at SLICE_ROWS (9 e + c) + l. n: entries of all lanes. */
-KERNEL fill_slice_values(int n, GLOBAL const int *source, int is_double, GLOBAL const double *from64,
-                         GLOBAL const float *from32, GLOBAL real *value)
-{
-  FOR_EACH(i, n) {
-    int e = i / SLICE_ROWS, l = i - e * SLICE_ROWS, c;
-    for (c = 0; c < 9; ++c) {
-      real v = (real)0;
-      if (source[i] >= 0) v = is_double ? (real)from64[9 * source[i] + c] : (real)from32[9 * source[i] + c];
-      value[SLICE_ROWS * (9 * e + c) + l] = v;
-    }
-  }
-}
-
 #define CG_MULTIPLY_TEAM (ROW_PARTS * TEAM_ROWS)
 
 /* A team's blocks are read part by part, at strides that no hardware prefetcher predicts: those of the next team are

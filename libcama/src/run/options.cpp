@@ -369,11 +369,13 @@ ResolvedOptions resolve(const OptionOverrides &user, const Scene &scene)
   const char *origin_of_default_step = origin_of_step(r.options, scene);
   r.options.time_step = chosen_time_step(r.options, scene);
   // BDF2 goes on from a motion that such a step does not resolve, and tears cloth.
-  if (r.options.time_step > longest_step && !of_scene.integrator && !user.integrator)
-    r.options.integrator = Integrator::backward_euler;
+  const bool too_long = r.options.time_step > longest_step && !of_scene.integrator && !user.integrator &&
+                        r.options.integrator == Integrator::bdf2;
+  if (too_long) r.options.integrator = Integrator::backward_euler;
   r.chosen = chosen_options(r.options, [&](const auto &row, auto member) -> std::string {
     if (chooses(row, member, user)) return "user";
     if (chooses(row, member, of_scene)) return "scene";
+    if (too_long && std::string("integrator") == row.name) return "time_step";
     return std::string("time_step") == row.name ? origin_of_default_step : "level";
   });
   for (ChosenOption &c : r.chosen)

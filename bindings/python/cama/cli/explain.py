@@ -24,7 +24,7 @@ def explain(
         f"[bold]{escape(repr(simulation.scene))}[/] on {simulation.backend} ({escape(simulation.device)}), "
         f"accuracy {level}"
     )
-    chosen_by = {"level": f"level {level}", "scene": "scene", "user": "[bold]user[/]"}
+    chosen_by = {"level": f"level {level}", "scene": "scene", "user": "[bold]user[/]", "time_step": "long time_step"}
     for line in rest_lines(simulation.scene):
         out.print(escape(line))
     options = Table(box=None, padding=(0, 2))
