@@ -56,6 +56,13 @@ KERNEL start_impacts(int n, int rows, int zones, GLOBAL const impact *impacts, G
 #define PUSH_MOVED 2        /* |change|^2 in the majorant's norm */
 #define PUSH_SIZE 3         /* |lambda|^2 in the majorant's norm */
 #define PUSH_COUNT 4
+#define SPREAD_TEAMS 64     /* beyond so many teams, their sums are found in a launch of their own */
+
+/* Of an impact at one of its vertices: the weight and the normal, in the order of the incidence. */
+typedef struct {
+  double weight;
+  dvec3 normal;
+} impact_share;
 
 /* Row i of S p, S = C M^-1 C'; y: M^-1 C' p of cloth vertices. */
 DEVICE double impulse_response(impact m, int rows, GLOBAL const dvec3 *y)
@@ -149,38 +156,91 @@ DEVICE int first_of_row(int l, int rows, GLOBAL const impact *impacts, GLOBAL co
   int v = impacts[l >> 2].node[l & 3];
   return v < rows && incidence[row[v]] == l ? v : -1;
 }
-/* pushed[0 .. pushed_count[0]): the cloth vertices with impacts, in any order. n: 4 impacts. */
+/* pushed[0 .. pushed_count[0]): the cloth vertices with impacts, in any order. share: [entries of the incidence]. n: 4
+   impacts. */
 KERNEL list_pushed(int n, int rows, GLOBAL const impact *impacts, GLOBAL const int *row, GLOBAL const int *incidence,
-                   GLOBAL int *pushed, GLOBAL int *pushed_count)
+                   GLOBAL int *pushed, GLOBAL int *pushed_count, GLOBAL impact_share *share)
 {
   FOR_EACH(l, n) {
     int v = first_of_row(l, rows, impacts, row, incidence);
     if (v >= 0) pushed[atomic_add_int(pushed_count, 1)] = v;
+    if (l < row[rows]) {
+      const int e = incidence[l] >> 2;
+      impact_share s;
+      s.weight = impacts[e].weight[incidence[l] & 3];
+      s.normal = impacts[e].normal;
+      share[l] = s;
+    }
   }
 }
 
-/* Updates the scalars at `from` to those at `to` by the sums of `teams` teams, and spreads the extrapolated impulses to
-   the vertices that are pushed. Every team finds the scalars for itself. */
-KERNEL spread_extrapolated(int n, int teams, GLOBAL const double *partial, int from, int to, GLOBAL double *scalar,
-                           GLOBAL const int *pushed, GLOBAL const int *pushed_count, GLOBAL const int *row,
-                           GLOBAL const int *incidence, GLOBAL const impact *impacts, GLOBAL const double *inverse_mass,
-                           GLOBAL const double *lambda, GLOBAL const double *change, GLOBAL dvec3 *y)
+/* impulse_at from the shares of the impacts; loads do not wait for each other. */
+#define SHARES_AT_ONCE 4
+DEVICE dvec3 impulse_of_shares(int v, GLOBAL const int *row, GLOBAL const int *incidence,
+                               GLOBAL const impact_share *share, GLOBAL const double *inverse_mass, double momentum,
+                               GLOBAL const double *lambda, GLOBAL const double *change)
+{
+  const int end = row[v + 1];
+  dvec3 sum = dvec3_make(0.0, 0.0, 0.0);
+  int k, j;
+  for (k = row[v]; k < end; k += SHARES_AT_ONCE) {
+    impact_share s[SHARES_AT_ONCE];
+    double p[SHARES_AT_ONCE], by[SHARES_AT_ONCE];
+    for (j = 0; j < SHARES_AT_ONCE; ++j) {
+      const int at = min_int(k + j, end - 1), e = incidence[at] >> 2;
+      s[j] = share[at];
+      p[j] = lambda[e];
+      by[j] = change[e];
+    }
+    for (j = 0; j < SHARES_AT_ONCE; ++j)
+      if (k + j < end) sum = daxpy(sum, s[j].weight * (p[j] + momentum * by[j]), s[j].normal);
+  }
+  return dscale(inverse_mass[v], sum);
+}
+
+/* Updates the scalars at `from` to those at `to` by the sums of `teams` teams, for spread_extrapolated where they are
+   many. n = 1. */
+KERNEL find_momentum(int n, int teams, GLOBAL const double *partial, int from, int to, GLOBAL double *scalar)
 {
   TEAM_LOCAL(double, sums, 3 * PUSH_TEAM);
   FOR_EACH_TEAM(t, n) {
-    double momentum, next;
+    sum_of_teams(PUSH_TEAM, 3, teams, partial, sums);
+    TEAM_FOR(l, 1) {
+      double momentum;
+      scalar[to + PUSH_T] = next_momentum(scalar[from + PUSH_T], sums[0], &momentum);
+      scalar[to + PUSH_MOMENTUM] = momentum;
+    }
+  }
+}
+
+/* Spreads the extrapolated impulses to the vertices that are pushed. Where teams > 0, every team first updates the
+   scalars at `from` to those at `to` for itself, as find_momentum does. */
+KERNEL spread_extrapolated(int n, int teams, GLOBAL const double *partial, int from, int to, GLOBAL double *scalar,
+                           GLOBAL const int *pushed, GLOBAL const int *pushed_count, GLOBAL const int *row,
+                           GLOBAL const int *incidence, GLOBAL const impact_share *share,
+                           GLOBAL const double *inverse_mass, GLOBAL const double *lambda, GLOBAL const double *change,
+                           GLOBAL dvec3 *y)
+{
+  TEAM_LOCAL(double, sums, 3 * PUSH_TEAM);
+  FOR_EACH_TEAM(t, n) {
+    double momentum = 0.0;
     const int first = t * PUSH_TEAM;
     TEAM_BARRIER;
-    sum_of_teams(PUSH_TEAM, 3, teams, partial, sums);
-    next = next_momentum(scalar[from + PUSH_T], sums[0], &momentum);
-    if (t == 0)
-      TEAM_FOR(l, 1) {
-        scalar[to + PUSH_T] = next;
-        scalar[to + PUSH_MOMENTUM] = momentum;
-      }
+    if (teams > 0) {
+      double next;
+      sum_of_teams(PUSH_TEAM, 3, teams, partial, sums);
+      next = next_momentum(scalar[from + PUSH_T], sums[0], &momentum);
+      if (t == 0)
+        TEAM_FOR(l, 1) {
+          scalar[to + PUSH_T] = next;
+          scalar[to + PUSH_MOMENTUM] = momentum;
+        }
+    } else {
+      momentum = scalar[to + PUSH_MOMENTUM];
+    }
     TEAM_FOR(l, min_int(pushed_count[0] - first, PUSH_TEAM)) {
       const int v = pushed[first + l];
-      y[v] = impulse_at(v, row, incidence, impacts, inverse_mass, momentum, lambda, change);
+      y[v] = impulse_of_shares(v, row, incidence, share, inverse_mass, momentum, lambda, change);
     }
   }
 }

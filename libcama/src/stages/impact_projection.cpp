@@ -18,8 +18,8 @@ ImpactProjection::ImpactProjection(Backend &b) : ImpactProjection(b, pushing_tol
 
 ImpactProjection::ImpactProjection(Backend &b, double tolerance)
     : tolerance_(tolerance), nodes_(b), count_(b), moved_(b), constraint_(b), majorant_(b), lambda_(b), change_(b),
-      partial_(b), scalar_(b, 3 * PUSH_COUNT), y_(b), from_(b), wanted_(b), pushed_(b), pushed_count_(b, 1), length_(b),
-      longest_(b), longer_(b), largest_(b)
+      partial_(b), scalar_(b, 3 * PUSH_COUNT), y_(b), from_(b), wanted_(b), pushed_(b), pushed_count_(b, 1), share_(b),
+      length_(b), longest_(b), longer_(b), largest_(b)
 {}
 
 void ImpactProjection::solve(const Rooms &state)
@@ -40,15 +40,18 @@ void ImpactProjection::solve(const Rooms &state)
   for (Stream<double> *s : {&partial_, &lambda_, &change_, &scalar_}) s->fill_zero();
   pushed_.resize(most_pushed);
   pushed_count_.fill_zero();
+  share_.resize(4ll * n);
   CAMA_LAUNCH(b, list_pushed, 4 * n, rows, state.contact.impact, incidence_.row, incidence_.entry, pushed_,
-              pushed_count_);
+              pushed_count_, share_);
   constexpr int measured = 2 * PUSH_COUNT;
+  const bool many = teams > SPREAD_TEAMS;
   const auto iterate = [&] {
     for (int i = 0; i < iterations_per_check; ++i) {
       const int from = i % 2 * PUSH_COUNT, to = PUSH_COUNT - from;
-      CAMA_LAUNCH_TEAMS(void, b, spread_extrapolated, PUSH_TEAM, ceil_divide(most_pushed, PUSH_TEAM), teams, partial_,
-                        from, to, scalar_, pushed_, pushed_count_, incidence_.row, incidence_.entry,
-                        state.contact.impact, state.mesh.inverse_mass, lambda_, change_, y_);
+      if (many) CAMA_LAUNCH_TEAMS(void, b, find_momentum, PUSH_TEAM, 1, teams, partial_, from, to, scalar_);
+      CAMA_LAUNCH_TEAMS(void, b, spread_extrapolated, PUSH_TEAM, ceil_divide(most_pushed, PUSH_TEAM), many ? 0 : teams,
+                        partial_, from, to, scalar_, pushed_, pushed_count_, incidence_.row, incidence_.entry, share_,
+                        state.mesh.inverse_mass, lambda_, change_, y_);
       CAMA_LAUNCH_TEAMS(void, b, push_impulses, PUSH_TEAM, teams, n, rows, state.contact.impact, y_, constraint_,
                         majorant_, to, scalar_, lambda_, change_, partial_);
     }

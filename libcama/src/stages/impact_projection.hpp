@@ -35,6 +35,7 @@ private:
   Stream<double> constraint_, majorant_, lambda_, change_, partial_, scalar_;
   Stream<dvec3> y_, from_, wanted_;
   Stream<int> pushed_, pushed_count_;  // the cloth vertices with impacts
+  Stream<kernels::impact_share> share_;  // [entries of incidence_]
   // lengths of motions: of each vertex, and the longest of impacts
   Stream<double> length_, longest_, longer_, largest_;
 };
