@@ -79,9 +79,9 @@ struct Found {
 };
 
 /// pools, pool_blocks: of blocks of hits; part: groups of level 0 in the parts in which each vertex queries the tree;
-/// shares: of each vertex and edge.
+/// shares: of each vertex and edge; parting: without the pairs that part.
 Found query(const Scene &s, int self, int pools, int pool_blocks, int batch, bool both, int part = 1 << 20,
-            int shares = 1)
+            int shares = 1, bool parting = false)
 {
   const int vertices = int(s.position.size()), faces = int(s.face.size()), edges = int(s.edge.size());
   const int chunks = std::min(vertices, 7);
@@ -92,6 +92,12 @@ Found query(const Scene &s, int self, int pools, int pool_blocks, int batch, boo
   vertex_boxes(vertices, s.position.data(), s.target.data(), s.margin.data(), bounds.data(), vertex_box.data());
   face_boxes(faces, s.face.data(), vertex_box.data(), face_box.data());
   edge_boxes(edges, s.edge.data(), vertex_box.data(), edge_box.data());
+  const std::vector<double> stride(vertices, 0);
+  const double uncertain = 0;
+  std::vector<way_ends> ways(vertices);
+  vertex_ways(vertices, s.position.data(), s.target.data(), s.margin.data(), stride.data(), bounds.data(), &uncertain,
+              vertex_box.data(), ways.data());
+  const way_ends *way = parting ? ways.data() : nullptr;
   const auto face_tree = build_tree(s.face, face_box, vertex_box, bounds, both);
   const auto edge_tree = build_tree(s.edge, edge_box, vertex_box, bounds, both);
 
@@ -105,12 +111,12 @@ Found query(const Scene &s, int self, int pools, int pool_blocks, int batch, boo
   std::vector<int> count(items, -1), offset(items + 1, 0);
   query_vertex_face_count((vertex_items + batch - 1) / batch, vertex_items, batch, part, shares, order.data(),
                           vertex_box.data(), faces, face_tree.order.data(), face_tree.leaf.data(),
-                          face_tree.group.data(), s.cloth_vertices, self, QUERY_ALL, nullptr, nullptr, 0, blocks_at,
-                          pools, pool_blocks, hit.data(), taken.data(), count.data());
+                          face_tree.group.data(), s.cloth_vertices, self, QUERY_ALL, nullptr, nullptr, way, nullptr, 0,
+                          blocks_at, pools, pool_blocks, hit.data(), taken.data(), count.data());
   query_edge_edge_count((edge_items + batch - 1) / batch, edge_items, batch, shares, edge_tree.order.data(),
                         edge_tree.leaf.data(), vertex_box.data(), edges, edge_tree.order.data(), edge_tree.leaf.data(),
-                        edge_tree.group.data(), s.cloth_vertices, self, QUERY_ALL, nullptr, nullptr, vertex_items,
-                        blocks_at, pools, pool_blocks, hit.data(), taken.data(), count.data());
+                        edge_tree.group.data(), s.cloth_vertices, self, QUERY_ALL, nullptr, nullptr, way, nullptr,
+                        vertex_items, blocks_at, pools, pool_blocks, hit.data(), taken.data(), count.data());
   std::partial_sum(count.begin(), count.end(), offset.begin() + 1);
   std::vector<int> totals(2 + pools);
   query_totals(pools, vertex_items, items, offset.data(), taken.data(), totals.data());
@@ -122,12 +128,13 @@ Found query(const Scene &s, int self, int pools, int pool_blocks, int batch, boo
   std::vector<pair> vf(totals[0] + first), ee(totals[1] + first);
   std::vector<float> vf_gap_bound(vf.size(), 7), ee_gap_bound(ee.size(), 7);
   query_vertex_face_fill(vertex_items, part, shares, order.data(), vertex_box.data(), faces, face_tree.order.data(),
-                         face_tree.leaf.data(), face_tree.group.data(), s.cloth_vertices, self, QUERY_ALL, nullptr, 0,
-                         blocks_at, hit.data(), count.data(), offset.data(), first, vf.data(), vf_gap_bound.data());
+                         face_tree.leaf.data(), face_tree.group.data(), s.cloth_vertices, self, QUERY_ALL, nullptr, way,
+                         nullptr, 0, blocks_at, hit.data(), count.data(), offset.data(), first, vf.data(),
+                         vf_gap_bound.data());
   query_edge_edge_fill(edge_items, shares, edge_tree.order.data(), edge_tree.leaf.data(), vertex_box.data(), edges,
                        edge_tree.order.data(), edge_tree.leaf.data(), edge_tree.group.data(), s.cloth_vertices, self,
-                       QUERY_ALL, nullptr, nullptr, vertex_items, blocks_at, hit.data(), count.data(), offset.data(),
-                       first - totals[0], ee.data(), ee_gap_bound.data());
+                       QUERY_ALL, nullptr, nullptr, way, nullptr, vertex_items, blocks_at, hit.data(), count.data(),
+                       offset.data(), first - totals[0], ee.data(), ee_gap_bound.data());
   Found found;
   for (int i = 0; i < first; ++i) REQUIRE((vf_gap_bound[i] == 7 && ee_gap_bound[i] == 7));
   for (std::size_t i = first; i < vf.size(); ++i) {
@@ -230,6 +237,57 @@ bool contains(const Pairs &all, const Pairs &some)
 }
 
 }  // namespace
+
+TEST_CASE("pairs that part are left out, and a coordinate separates them at every moment", "[tree]")
+{
+  for (unsigned seed : {3u, 4u, 5u}) {
+    Scene s = make_scene(seed, 9, 1, seed == 5 ? 1e4 : 0);
+    const dvec3 all[] = {{0.3, 0, -0.6}, {0, 0.7, 0.1}};   // with which each sheet goes on, several times an edge
+    for (std::size_t v = 0; v < s.position.size(); ++v)
+      s.target[v] = dadd(s.target[v], all[int(v) >= s.cloth_vertices]);
+    const Found overlapping = query(s, 1, 1, 1000, 1, false);
+    Found near;
+    for (int batch : {1, 8})
+      for (int shares : {1, 8}) {
+        if (batch > 1 && shares > 1) continue;
+        near = query(s, 1, 1, 1000, batch, false, 1 << 20, shares, true);
+        near = {sorted(near.vertex_face), sorted(near.edge_edge)};
+        REQUIRE(contains(sorted(overlapping.vertex_face), near.vertex_face));
+        REQUIRE(contains(sorted(overlapping.edge_edge), near.edge_edge));
+      }
+    const auto separated = [&](const std::vector<int> &a, const std::vector<int> &b, double t) {
+      for (int k = 0; k < 3; ++k) {
+        double lo[2] = {1e300, 1e300}, hi[2] = {-1e300, -1e300};
+        for (int side = 0; side < 2; ++side)
+          for (int v : side ? b : a) {
+            const double x = (1 - t) * dcomponent(s.position[v], k) + t * dcomponent(s.target[v], k);
+            lo[side] = std::min(lo[side], x);
+            hi[side] = std::max(hi[side], x);
+          }
+        if (lo[0] > hi[1] || lo[1] > hi[0]) return true;
+      }
+      return false;
+    };
+    const auto check = [&](const Pairs &overlap, const Pairs &kept, bool faces) {
+      int left_out = 0;
+      for (const auto &p : overlap) {
+        if (std::binary_search(kept.begin(), kept.end(), p)) continue;
+        ++left_out;
+        std::vector<int> a = {p[0]}, b;
+        if (faces) {
+          b.assign(s.face[p[1]].node, s.face[p[1]].node + 3);
+        } else {
+          a.assign(s.edge[p[0]].node, s.edge[p[0]].node + 2);
+          b.assign(s.edge[p[1]].node, s.edge[p[1]].node + 2);
+        }
+        for (int i = 0; i <= 16; ++i) REQUIRE(separated(a, b, i / 16.0));
+      }
+      CHECK(left_out > 200);
+    };
+    check(overlapping.vertex_face, near.vertex_face, true);
+    check(overlapping.edge_edge, near.edge_edge, false);
+  }
+}
 
 TEST_CASE("level sizes and offsets of the implicit tree add up", "[tree]")
 {

@@ -343,6 +343,33 @@ KERNEL commit_disturb(int n, int faces, GLOBAL const face_nodes *face, GLOBAL co
   }
 }
 
+/* Where each vertex ends if obstacles do not pause. */
+KERNEL commit_ends(int n, GLOBAL const dvec3 *position, GLOBAL const dvec3 *target, GLOBAL const int *fraction,
+                   GLOBAL dvec3 *end)
+{
+  FOR_EACH(i, n) {
+    const double t = (double)bits_float(fraction[i]);
+    end[i] = t == 1.0 ? target[i] : daxpy(position[i], t, dsub(target[i], position[i]));
+  }
+}
+
+/* After both lists have grown: the states of the earlier pairs, from `before`, and a list of the new ones, which the
+   next pass decides as conditional pairs of which a vertex has been truncated. first_size: of vertex_face, now and
+   *_before. n: pairs. */
+KERNEL commit_extend(int n, int first_size, int vertex_face_before, int edge_edge_before, GLOBAL const int *before,
+                     GLOBAL int *accepted, GLOBAL int *list, GLOBAL int *outcome)
+{
+  FOR_EACH(i, n) {
+    const int kind = i >= first_size, at = kind == 0 ? i : i - first_size;
+    if (at < (kind == 0 ? vertex_face_before : edge_edge_before)) {
+      accepted[i] = before[kind == 0 ? at : vertex_face_before + at];
+    } else {
+      accepted[i] = COMMIT_CONDITIONAL;
+      list[atomic_add_int(outcome + COMMIT_LISTED, 1)] = i;
+    }
+  }
+}
+
 /* Moves each vertex by its fraction; a vertex that was not truncated reaches its target. */
 KERNEL commit_apply(int n, GLOBAL const dvec3 *position, GLOBAL const dvec3 *target, GLOBAL const int *fraction,
                     GLOBAL const int *outcome, GLOBAL dvec3 *committed)

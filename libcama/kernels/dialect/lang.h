@@ -152,6 +152,7 @@ static __device__ inline void atomic_add_float(float *p, float v) { atomicAdd(p,
 #define KERNEL_OF(members, teams) KERNEL
 #define DEVICE_ATOMIC DEVICE
 #define DEVICE_TEAM DEVICE
+#define DEVICE_SELDOM DEVICE __attribute__((noinline))
 #define CAMA_PRAGMA(text) _Pragma(#text)
 #if defined(_OPENMP) && !defined(CAMA_SERIAL) /* a caller with one thread has kernels without parallel loops */
 #define CAMA_PARALLEL
@@ -277,6 +278,11 @@ DEVICE void atomic_add_float(float *p, float v)
 #else
 #define FOR_EACH_EARLY(i, n) FOR_EACH(i, n)
 #define FOR_EACH_TEAM_EARLY(t, n) FOR_EACH_TEAM(t, n)
+#endif
+
+/* A function that few iterations of a loop call: CPUs do not compile it into the loop. */
+#if !defined(DEVICE_SELDOM)
+#define DEVICE_SELDOM DEVICE
 #endif
 
 /* WHILE_ANY(c) { if (c) ... }: a loop that work-items leave at different times. Where work-items run in lockstep, they

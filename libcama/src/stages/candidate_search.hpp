@@ -8,12 +8,13 @@ namespace cama {
 using SearchRooms = Access<const Options, StepReport, const MeshState, ContactState, const Exemptions, BoundsState>;
 
 /// Candidate pairs of the step: features whose boxes over the motion from `position` to a target overlap. One search
-/// feeds proximity checking, continuous detection and the commit; it grows as vertices leave their boxes.
+/// feeds proximity checking, continuous detection and the commit; it grows as vertices leave their boxes. A search may
+/// leave out pairs that one coordinate separates throughout, if all vertices go all of their way at the same rate.
 class CandidateSearch {
 public:
   enum class Change { none, grown, renewed };   ///< what happened to the lists
   explicit CandidateSearch(Backend &backend)
-      : wanted_(backend), place_(backend), kept_(backend), corners_(backend), reduced_(backend)
+      : way_(backend), wanted_(backend), place_(backend), kept_(backend), corners_(backend), reduced_(backend)
   {}
   virtual ~CandidateSearch() = default;
   /// Fills state.contact.vertex_face and state.contact.edge_edge for motion from -> to.
@@ -23,12 +24,23 @@ public:
   /// again.
   virtual Change update(const SearchRooms &state, const Stream<dvec3> &from, const Stream<dvec3> &to,
                         double margin) = 0;
+  /// The same, and never all pairs anew, for a motion of which some vertices go a part only. Returns whether pairs were
+  /// appended; only searches that leave out such pairs need it.
+  virtual bool complete(const SearchRooms &state, const Stream<dvec3> &from, const Stream<dvec3> &to, double margin)
+  {
+    static_cast<void>(state), static_cast<void>(from), static_cast<void>(to), static_cast<void>(margin);
+    return false;
+  }
+  /// [vertices] the ways by which parted pairs are left out; empty: none are.
+  const Stream<kernels::way_ends> &ways() const { return way_; }
 
   /// Finds directions between the closest points at `from`, for the pairs from `first_*` on and for those without one.
   static void find_directions(const SearchRooms &state, const Stream<dvec3> &from, int first_vertex_face,
                               int first_edge_edge);
 
 protected:
+  Stream<kernels::way_ends> way_;
+
   /// Removes the exempt pairs among those from `first` on.
   void drop_exempt(const SearchRooms &state, int kind, int first);
 

@@ -24,7 +24,22 @@ CertifiedCommit::CertifiedCommit(Backend &b, FlaggedPairs &flagged)
       edge_changed_(b), outcome_(b, COMMIT_OUTCOMES)
 {}
 
-double CertifiedCommit::run(const Rooms &state, const Stream<dvec3> &from, bool certified)
+bool CertifiedCommit::complete(const Rooms &state, CandidateSearch &search, const Stream<dvec3> &from)
+{
+  Backend &b = *state.backend;
+  const PairList &vertex_face = state.contact.vertex_face, &edge_edge = state.contact.edge_edge;
+  const int faces = vertex_face.pairs.size(), edges = edge_edge.pairs.size();
+  committed_.resize(state.mesh.vertices);
+  CAMA_LAUNCH(b, commit_ends, state.mesh.vertices, from, state.mesh.position_next, fraction_, committed_);
+  flagged_.keep();   // a search overwrites the flags
+  const bool more = search.complete(state, from, committed_, certified_distance * state.contact.largest_thickness);
+  flagged_.resize(state);
+  CAMA_LAUNCH(b, commit_extend, flagged_.flag.size(), vertex_face.pairs.size(), faces, edges, flagged_.before(),
+              flagged_.flag, flagged_.list, outcome_);
+  return more;
+}
+
+double CertifiedCommit::run(const Rooms &state, CandidateSearch &search, const Stream<dvec3> &from, bool certified)
 {
   Backend &b = *state.backend;
   const MeshState &mesh = state.mesh;
@@ -33,30 +48,35 @@ double CertifiedCommit::run(const Rooms &state, const Stream<dvec3> &from, bool 
   edge_changed_.resize(mesh.edges);
   CAMA_LAUNCH(b, commit_begin, mesh.vertices, fraction_, fraction_before_, outcome_);
   const PairList &vertex_face = state.contact.vertex_face, &edge_edge = state.contact.edge_edge;
-  const int first = vertex_face.pairs.size();
   Stream<int> &accepted = flagged_.flag, &list = flagged_.list;
   flagged_.resize(state);
-  const int teams = flagged_.teams(), list_teams = flagged_.list_teams();
-  CAMA_LAUNCH_TEAMS(void, b, commit_screen, PAIR_TEAM, teams, accepted.size(), first, certified ? 1 : 0,
-                    vertex_face.pairs, edge_edge.pairs, mesh.face, mesh.edge, from, mesh.position_next,
-                    vertex_face.direction, edge_edge.direction, state.contact.vertex_contact, vertex_face.gap_bound,
-                    edge_edge.gap_bound, certified_distance, accepted, list, outcome_);
+  CAMA_LAUNCH_TEAMS(void, b, commit_screen, PAIR_TEAM, flagged_.teams(), accepted.size(), vertex_face.pairs.size(),
+                    certified ? 1 : 0, vertex_face.pairs, edge_edge.pairs, mesh.face, mesh.edge, from,
+                    mesh.position_next, vertex_face.direction, edge_edge.direction, state.contact.vertex_contact,
+                    vertex_face.gap_bound, edge_edge.gap_bound, certified_distance, accepted, list, outcome_);
   std::vector<int> outcome(COMMIT_OUTCOMES, 0);
+  bool completed = false;  // the list has the pairs that were appended
+  int completed_at = 0;    // changes when they were
   for (int pass = 0;; ++pass) {
-    if (pass > 0) {
+    const int first = vertex_face.pairs.size(), changes = outcome[COMMIT_CHANGES];
+    if (pass > 0 && !completed) {
       CAMA_LAUNCH(b, commit_disturb, mesh.faces + mesh.edges, mesh.faces, mesh.face, mesh.edge, vertex_changed_,
                   face_changed_, edge_changed_);
-      CAMA_LAUNCH_TEAMS(void, b, commit_recheck, PAIR_TEAM, teams, accepted.size(), first, vertex_face.pairs,
+      CAMA_LAUNCH_TEAMS(void, b, commit_recheck, PAIR_TEAM, flagged_.teams(), accepted.size(), first, vertex_face.pairs,
                         edge_edge.pairs, vertex_changed_, face_changed_, edge_changed_, accepted, list, outcome_);
     }
-    CAMA_LAUNCH_TEAMS(void, b, commit_pairs, PAIR_TEAM, list_teams, first, pass, list, vertex_face.pairs,
+    CAMA_LAUNCH_TEAMS(void, b, commit_pairs, PAIR_TEAM, flagged_.list_teams(), first, pass, list, vertex_face.pairs,
                       edge_edge.pairs, mesh.face, mesh.edge, from, mesh.position_next, mesh.inverse_mass,
                       state.contact.vertex_contact, certified_distance, 0, accepted, fraction_before_, fraction_,
                       outcome_);
     CAMA_LAUNCH(b, commit_changes, mesh.vertices, fraction_, fraction_before_, vertex_changed_, outcome_);
-    const int changes = outcome[COMMIT_CHANGES];
     outcome = outcome_.download();
-    if (outcome[COMMIT_CHANGES] == changes) break;
+    completed = false;
+    if (outcome[COMMIT_CHANGES] > changes) continue;
+    if (changes == completed_at || search.ways().size() == 0) break;
+    completed = complete(state, search, from);
+    if (!completed) break;
+    completed_at = changes;
   }
   committed_.resize(mesh.vertices);
   CAMA_LAUNCH(b, commit_apply, mesh.vertices, from, mesh.position_next, fraction_, outcome_, committed_);

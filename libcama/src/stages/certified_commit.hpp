@@ -4,6 +4,7 @@
 #include <vector>
 
 #include "run/pipeline.hpp"
+#include "stages/candidate_search.hpp"
 #include "stages/flagged_pairs.hpp"
 
 namespace cama {
@@ -15,16 +16,21 @@ inline constexpr double certified_distance = 1e-2, impact_distance = 0.1;
 /// pair. Each vertex goes a share of its way; moving obstacles pause where cloth has nowhere to go.
 class CertifiedCommit {
 public:
-  using Rooms = Access<StepReport, const MeshState, const ContactState>;
+  using Rooms = SearchRooms;
   CertifiedCommit(Backend &backend, FlaggedPairs &flagged);
   /// Fills committed(). Returns the share of their motion that obstacles completed; 1: all of it. certified: every pair
   /// except known impacts has been certified for this motion.
-  double run(const Rooms &state, const Stream<dvec3> &from, bool certified);
+  /// search: has the candidates, and finds those that it left out where vertices go a part of their way only.
+  double run(const Rooms &state, CandidateSearch &search, const Stream<dvec3> &from, bool certified);
   Stream<dvec3> &committed() { return committed_; }  ///< [vertices] m
   /// The pairs that made obstacles pause in the last run, with their kind, ordered.
   std::vector<std::pair<int, kernels::pair>> pausing_pairs(const Rooms &state);
 
 private:
+  /// Appends the pairs that the search left out and that meet where vertices are truncated, and lists them; returns
+  /// whether there are any.
+  bool complete(const Rooms &state, CandidateSearch &search, const Stream<dvec3> &from);
+
   FlaggedPairs &flagged_;  // its flags hold the state of each pair
   Stream<dvec3> committed_;
   Stream<int> fraction_, fraction_before_, vertex_changed_, face_changed_, edge_changed_, outcome_;

@@ -37,7 +37,7 @@ PenetrationHandling::Detection PenetrationHandling::detect(const Rooms &state, b
   motion_.resize(static_cast<long long>(state.mesh.vertices) + state.mesh.faces + state.mesh.edges);
   detection_.fill_zero();
   CAMA_LAUNCH(b, find_prediction_errors, state.mesh.vertices, from_, state.mesh.position_next, state.bounds.predicted,
-              state.mesh.inverse_mass, localized ? 1 : 0, projection_.moved(), state.bounds.vertex_box,
+              state.mesh.inverse_mass, localized ? 1 : 0, projection_.moved(), state.bounds.vertex_box, search_.ways(),
               state.bounds.box_origin(), certified_distance * state.contact.largest_thickness, motion_, detection_);
   CAMA_LAUNCH(b, find_feature_motions, state.mesh.faces + state.mesh.edges, state.mesh.vertices, state.mesh.faces,
               state.mesh.face, state.mesh.edge, motion_);
@@ -193,7 +193,7 @@ void PenetrationHandling::run_on(const Rooms &state)
       search_.update(state, from_, state.mesh.position_next, margin);
       CandidateSearch::find_directions(state, from_, 0x7fffffff, 0x7fffffff);
     }
-    const double sigma = commit_.run(state, from_, certified);
+    const double sigma = commit_.run(state, search_, from_, certified);
     if (sigma >= 1) {
       state.mesh.position_next.swap(commit_.committed());
       break;

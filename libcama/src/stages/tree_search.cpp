@@ -24,7 +24,8 @@ TreeSearch::TreeSearch(Backend &b, FlaggedPairs &flagged)
     : CandidateSearch(b), batch_(b.wide_workers() ? GROUP : 1), workers_(b.workers()), cloth_(b), moving_(b),
       static_(b), key_(b), hit_(flagged.flag), taken_(b, MOST_POOLS * POOL_STRIDE), count_(b), offset_(b), identity_(b),
       changed_leaf_face_(b), changed_leaf_edge_(b), totals_(b, 1), found_totals_(b, 2 + MOST_POOLS), changed_(b),
-      flag_(b), offsets_(b), changed_vertex_(b), changed_face_(b), changed_edge_(b), before_(b), changed_groups_(b)
+      flag_(b), offsets_(b), changed_vertex_(b), changed_face_(b), changed_edge_(b), before_(b), way_before_(b),
+      grown_(b, 1), changed_groups_(b)
 {
   taken_.fill_zero();
 }
@@ -94,6 +95,8 @@ void TreeSearch::find_groups(const SearchRooms &state)
   identity_.assign(identity);
   changed_.resize(state.mesh.vertices);
   before_.resize(state.mesh.vertices);
+  way_.resize(state.mesh.vertices);
+  way_before_.resize(state.mesh.vertices);
   motion_changes_ = state.mesh.motion_changes;
   found_ = true;
 }
@@ -144,13 +147,21 @@ void TreeSearch::sort_features(const SearchRooms &state, Group &g)
   });
 }
 
+/// Boxes and ways of the first n vertices.
+void TreeSearch::make_boxes(const SearchRooms &state, int n, const Stream<dvec3> &from, const Stream<dvec3> &to)
+{
+  const BoundsState &bounds = state.bounds;
+  CAMA_LAUNCH(*state.backend, vertex_boxes, n, from, to, bounds.margin, bounds.box_origin(), state.bounds.vertex_box);
+  CAMA_LAUNCH(*state.backend, vertex_ways, n, from, to, bounds.margin, bounds.stride, bounds.box_origin(),
+              bounds.uncertain, bounds.vertex_box, way_);
+}
+
 /// Boxes and trees of static obstacles.
 void TreeSearch::place_static(const SearchRooms &state, const Stream<dvec3> &from, const Stream<dvec3> &to)
 {
   sorts_since_placed_ = 0;   // remains so if anything below throws
   state.bounds.origin.copy_from(state.bounds.bounds);
-  CAMA_LAUNCH(*state.backend, vertex_boxes, state.mesh.vertices, from, to, state.bounds.margin, state.bounds.origin,
-              state.bounds.vertex_box);
+  make_boxes(state, state.mesh.vertices, from, to);
   sort_features(state, static_);
   build_trees(state, static_, true, true);
 }
@@ -203,15 +214,16 @@ void TreeSearch::query(const SearchRooms &state, const std::vector<FaceQuery> &f
     const int n = items_of(q), batch = n > q.items->size() ? 1 : batch_of(q);
     CAMA_LAUNCH(b, query_vertex_face_count, (n + batch - 1) / batch, n, batch, part_of(q), q.shares, *q.items,
                 state.bounds.vertex_box, q.leaves, *q.order, *q.leaf_face, *q.tree, state.mesh.cloth_vertices, self,
-                q.mode, changed_, before_, at, first_block, pools, pool_blocks, hit_, taken_, count_);
+                q.mode, changed_, before_, ways(), way_before_, at, first_block, pools, pool_blocks, hit_, taken_,
+                count_);
     at += n;
   }
   for (const EdgeQuery &q : edges) {
     const int n = items_of(q), batch = batch_of(q);
     CAMA_LAUNCH(b, query_edge_edge_count, (n + batch - 1) / batch, n, batch, q.shares, *q.items, *q.item_edge,
                 state.bounds.vertex_box, q.group->edge.size(), q.group->trees->edge_order, q.group->leaf_edge,
-                q.group->trees->edge_bvh, state.mesh.cloth_vertices, self, q.mode, changed_, before_, at, first_block,
-                pools, pool_blocks, hit_, taken_, count_);
+                q.group->trees->edge_bvh, state.mesh.cloth_vertices, self, q.mode, changed_, before_, ways(),
+                way_before_, at, first_block, pools, pool_blocks, hit_, taken_, count_);
     at += n;
   }
   b.scan(count_.buffer(), offset_.buffer(), items);
@@ -229,8 +241,8 @@ void TreeSearch::query(const SearchRooms &state, const std::vector<FaceQuery> &f
   for (const FaceQuery &q : faces) {
     const int n = items_of(q);
     CAMA_LAUNCH(b, query_vertex_face_fill, n, part_of(q), q.shares, *q.items, state.bounds.vertex_box, q.leaves,
-                *q.order, *q.leaf_face, *q.tree, state.mesh.cloth_vertices, self, q.mode, before_, at, first_block,
-                hit_, count_, offset_, first_face, state.contact.vertex_face.pairs,
+                *q.order, *q.leaf_face, *q.tree, state.mesh.cloth_vertices, self, q.mode, before_, ways(), way_before_,
+                at, first_block, hit_, count_, offset_, first_face, state.contact.vertex_face.pairs,
                 state.contact.vertex_face.gap_bound);
     at += n;
   }
@@ -238,8 +250,9 @@ void TreeSearch::query(const SearchRooms &state, const std::vector<FaceQuery> &f
     const int n = items_of(q);
     CAMA_LAUNCH(b, query_edge_edge_fill, n, q.shares, *q.items, *q.item_edge, state.bounds.vertex_box,
                 q.group->edge.size(), q.group->trees->edge_order, q.group->leaf_edge, q.group->trees->edge_bvh,
-                state.mesh.cloth_vertices, self, q.mode, changed_, before_, at, first_block, hit_, count_, offset_,
-                first_edge - found_faces, state.contact.edge_edge.pairs, state.contact.edge_edge.gap_bound);
+                state.mesh.cloth_vertices, self, q.mode, changed_, before_, ways(), way_before_, at, first_block, hit_,
+                count_, offset_, first_edge - found_faces, state.contact.edge_edge.pairs,
+                state.contact.edge_edge.gap_bound);
     at += n;
   }
   drop_exempt(state, 0, first_face);
@@ -265,8 +278,7 @@ void TreeSearch::run(const SearchRooms &state, const Stream<dvec3> &from, const 
   if (has_static && (sorts_since_placed_ == 0 || (sort && sorts_since_placed_ >= sorts_per_placing)))
     place_static(state, from, to);
   else
-    CAMA_LAUNCH(b, vertex_boxes, boxed_, from, to, state.bounds.margin, state.bounds.box_origin(),
-                state.bounds.vertex_box);
+    make_boxes(state, boxed_, from, to);
   for (Group *g : {&cloth_, &moving_}) {
     if (sort) sort_features(state, *g);
     build_trees(state, *g, true, g == &moving_ || self_);
@@ -300,26 +312,48 @@ void TreeSearch::run(const SearchRooms &state, const Stream<dvec3> &from, const 
   query(state, faces, edges);
 }
 
+int TreeSearch::find_changed(const SearchRooms &state, const Stream<dvec3> &from, const Stream<dvec3> &to,
+                             double margin)
+{
+  Backend &b = *state.backend;
+  const int n = state.mesh.vertices;
+  grown_.fill_zero();
+  CAMA_LAUNCH(b, grow_boxes, n, from, to, state.bounds.margin, state.bounds.box_origin(), margin, before_,
+              state.bounds.vertex_box, way_before_, way_, changed_, grown_);
+  offsets_.resize(n + 1);
+  b.scan(changed_.buffer(), offsets_.buffer(), n);
+  CAMA_LAUNCH(b, changed_totals, 1, n, offsets_, grown_, totals_);
+  const kernels::pair found = totals_.at(0);
+  boxes_grown_ = found.b > 0;
+  return found.a;
+}
+
 CandidateSearch::Change TreeSearch::update(const SearchRooms &state, const Stream<dvec3> &from, const Stream<dvec3> &to,
                                            double margin)
 {
-  Backend &b = *state.backend;
-  if (searches_since_sort_ == 0) {
+  const auto renew = [&] {
     run(state, from, to);
     find_directions(state, from, 0, 0);
     return Change::renewed;
-  }
-  CAMA_LAUNCH(b, grow_boxes, state.mesh.vertices, from, to, state.bounds.margin, state.bounds.box_origin(), margin,
-              before_, state.bounds.vertex_box, changed_);
-  offsets_.resize(state.mesh.vertices + 1);
-  b.scan(changed_.buffer(), offsets_.buffer(), state.mesh.vertices);
-  const int changed = offsets_.at(state.mesh.vertices);
+  };
+  if (searches_since_sort_ == 0) return renew();
+  const int changed = find_changed(state, from, to, margin);
   if (changed == 0) return Change::none;
-  if (changed > max_changed * state.mesh.vertices) {
-    run(state, from, to);
-    find_directions(state, from, 0, 0);
-    return Change::renewed;
-  }
+  if (changed > max_changed * state.mesh.vertices) return renew();
+  query_changed(state, from, changed);
+  return Change::grown;
+}
+
+bool TreeSearch::complete(const SearchRooms &state, const Stream<dvec3> &from, const Stream<dvec3> &to, double margin)
+{
+  const int changed = find_changed(state, from, to, margin), before = state.report.candidates;
+  if (changed > 0) query_changed(state, from, changed);
+  return changed > 0 && state.report.candidates > before;
+}
+
+void TreeSearch::query_changed(const SearchRooms &state, const Stream<dvec3> &from, int changed)
+{
+  Backend &b = *state.backend;
   changed_vertex_.resize(changed);
   CAMA_LAUNCH(b, keep_flagged, state.mesh.vertices, 0, 0, offsets_, identity_, changed_vertex_);
 
@@ -329,8 +363,10 @@ CandidateSearch::Change TreeSearch::update(const SearchRooms &state, const Strea
             edges_of[2] = {cloth_.edge.size(), moving_.edge.size()};
   const int all_faces = faces_of[0] + faces_of[1], features = all_faces + edges_of[0] + edges_of[1];
   const bool cloth_edges_asked = self_ || moving_.edge.size() > 0;
-  build_trees(state, cloth_, true, cloth_edges_asked);
-  build_trees(state, moving_, true, true);
+  if (boxes_grown_) {
+    build_trees(state, cloth_, true, cloth_edges_asked);
+    build_trees(state, moving_, true, true);
+  }
   flag_.resize(features);
   offsets_.resize(features + 1);
   for (int k = 0; k < 2; ++k) {
@@ -377,7 +413,6 @@ CandidateSearch::Change TreeSearch::update(const SearchRooms &state, const Strea
   const int first_face = state.contact.vertex_face.pairs.size(), first_edge = state.contact.edge_edge.pairs.size();
   query(state, faces, edges);
   find_directions(state, from, first_face, first_edge);
-  return Change::grown;
 }
 
 }  // namespace cama

@@ -10,6 +10,8 @@ namespace cama {
 /// The default: vertices query trees of faces, edges query trees of edges, by count, scan and fill. The cloth, moving
 /// obstacles and static ones have separate trees, so that obstacles are never tested against obstacles, cloth is tested
 /// against cloth only if contact.self is on, and static obstacles are boxed and sorted once in a thousand searches.
+/// Pairs that one coordinate separates at both ends of the step are left out: cloth that moves far in a step passes the
+/// places of much other cloth at other times.
 /// Localised updates (section 4.1 of the paper): only features with vertices that left their boxes query, and only for
 /// pairs that did not overlap before.
 class TreeSearch final : public CandidateSearch {
@@ -18,6 +20,7 @@ public:
   TreeSearch(Backend &backend, FlaggedPairs &flagged);
   void run(const SearchRooms &state, const Stream<dvec3> &from, const Stream<dvec3> &to) override;
   Change update(const SearchRooms &state, const Stream<dvec3> &from, const Stream<dvec3> &to, double margin) override;
+  bool complete(const SearchRooms &state, const Stream<dvec3> &from, const Stream<dvec3> &to, double margin) override;
 
   TreeState &streams() { return trees_; }  ///< for State::visit
 
@@ -54,6 +57,7 @@ private:
   void build_trees(const SearchRooms &state, Group &group, bool faces, bool edges);
   void build_faces(const SearchRooms &state, int leaves, const Stream<kernels::face_nodes> &leaf_face,
                    Stream<kernels::bvh8_node> &tree);
+  void make_boxes(const SearchRooms &state, int n, const Stream<dvec3> &from, const Stream<dvec3> &to);
   void place_static(const SearchRooms &state, const Stream<dvec3> &from, const Stream<dvec3> &to);
   static void build_levels(Backend &backend, int leaves, Stream<kernels::bvh8_node> &tree);
   static int part_of(const FaceQuery &query);
@@ -62,6 +66,10 @@ private:
   int shares_of(int mode, int edges) const;  ///< of a tree that they query: several if the device has enough work items
   int vertex_shares_of(int mode, int vertices) const;
   void query(const SearchRooms &state, const std::vector<FaceQuery> &faces, const std::vector<EdgeQuery> &edges);
+  /// Lets boxes and ways grow where the motion leaves them; returns the number of such vertices. Waits.
+  int find_changed(const SearchRooms &state, const Stream<dvec3> &from, const Stream<dvec3> &to, double margin);
+  /// Appends the fresh pairs of the changed vertices.
+  void query_changed(const SearchRooms &state, const Stream<dvec3> &from, int changed);
 
   const int batch_;  // items that walk a tree together: 8 on CPUs; on GPUs each item has its own thread
   const int workers_;
@@ -81,7 +89,10 @@ private:
   Stream<int> found_totals_;
   Stream<int> changed_, flag_, offsets_, changed_vertex_, changed_face_, changed_edge_;
   Stream<kernels::box> before_;
+  Stream<kernels::way_ends> way_before_;
+  Stream<int> grown_;  // [1] number of vertices whose boxes have grown
   Stream<kernels::bvh8_node> changed_groups_;
+  bool boxes_grown_ = false;
   int searches_since_sort_ = 0, sorts_since_placed_ = 0;
   int motion_changes_ = 0;  // mesh.motion_changes when the groups were found
 };
