@@ -315,8 +315,8 @@ TEST_CASE("a free sheet keeps its momentum on every backend", "[scenes][invarian
 
 TEST_CASE("sheets that are thrown by many edges a step do not pass what the commit holds back", "[scenes][invariants]")
 {
-  // Pairs that part are no candidates as long as all vertices go their way. One round of impacts leaves much to the
-  // commit, which holds single vertices back.
+  // Pairs that a coordinate separates throughout are no candidates, as long as all vertices go their whole way. One
+  // round of impacts leaves much to the commit, which holds single vertices back.
   for (const std::string &backend : backends_here()) {
     INFO(backend);
     Scene scene;

@@ -151,7 +151,7 @@ const Names hinge_streams = {"hinge_nodes",  "hinge_incidence.row", "hinge_incid
 const Names plate_streams = {"hinge_coupling", "moment_step", "angle_scale", "scaled_angle", "moment", "moment_before"};
 const Names term_streams = {"term", "term_nodes", "term_incidence.row", "term_incidence.entry"};
 const Names contact_streams = {"predicted", "inverse_mass", "face",      "query_vertices", "vertex_contact",
-                               "margin",    "stride",       "uncertain", "bounds",         "vertex_box"};
+                               "margin",    "short_motion", "uncertain", "bounds",         "vertex_box"};
 const Names face_pair_streams = {"vertex_face.pairs", "vertex_face.direction", "vertex_face.gap_bound"};
 const Names edge_pair_streams = {"edge_edge.pairs", "edge_edge.direction", "edge_edge.gap_bound"};
 
@@ -442,7 +442,7 @@ TEST_CASE("a plane: the cloth's vertices query one face; no edges, no trees of t
                                                         {"position_bounds", 1},
                                                         {"reduce_bounds", 2},
                                                         {"vertex_boxes", 1},
-                                                        {"vertex_ways", 1},
+                                                        {"vertex_end_boxes", 1},
                                                         {"query_vertex_face_count", 1},
                                                         {"scan", 1},
                                                         {"query_totals", 1},

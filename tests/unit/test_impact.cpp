@@ -324,15 +324,15 @@ TEST_CASE("detection knows of a feature the largest error of its vertices, and w
   const kernels::face_nodes faces[2] = {{{0, 1, 2}}, {{1, 2, 3}}};
   const kernels::edge_nodes edges[2] = {{{0, 1}}, {{0, 3}}};
   std::vector<kernels::feature_motion> motion(8);
-  std::vector<kernels::way_ends> ways;  // half a metre around the start, 1.5 m around the prediction: 3 leaves it too
+  std::vector<kernels::end_boxes> ends;  // half a metre around the start, 1.5 m around the prediction: 3 leaves it too
   for (const dvec3 &p : x) {
     const auto around = [&](double r) { return kernels::swept_box(p, p, r, bounds[0]); };
-    ways.push_back(kernels::make_way(around(0.5), around(1.5)));
+    ends.push_back(kernels::make_end_boxes(around(0.5), around(1.5)));
   }
   for (const int localized : {0, 1}) {
     int escaped = 0, astray = 0;
     find_prediction_errors(4, x.data(), y.data(), x.data(), inverse_mass.data(), localized, changed, boxes.data(),
-                           ways.data(), bounds, 0, motion.data(), &astray);
+                           ends.data(), bounds, 0, motion.data(), &astray);
     CHECK(astray == 2);
     find_prediction_errors(4, x.data(), y.data(), x.data(), inverse_mass.data(), localized, changed, boxes.data(),
                            nullptr, bounds, 0, motion.data(), &escaped);

@@ -79,9 +79,9 @@ struct Found {
 };
 
 /// pools, pool_blocks: of blocks of hits; part: groups of level 0 in the parts in which each vertex queries the tree;
-/// shares: of each vertex and edge; parting: without the pairs that part.
+/// shares: of each vertex and edge; separate: without pairs that a coordinate separates throughout.
 Found query(const Scene &s, int self, int pools, int pool_blocks, int batch, bool both, int part = 1 << 20,
-            int shares = 1, bool parting = false)
+            int shares = 1, bool separate = false)
 {
   const int vertices = int(s.position.size()), faces = int(s.face.size()), edges = int(s.edge.size());
   const int chunks = std::min(vertices, 7);
@@ -92,12 +92,12 @@ Found query(const Scene &s, int self, int pools, int pool_blocks, int batch, boo
   vertex_boxes(vertices, s.position.data(), s.target.data(), s.margin.data(), bounds.data(), vertex_box.data());
   face_boxes(faces, s.face.data(), vertex_box.data(), face_box.data());
   edge_boxes(edges, s.edge.data(), vertex_box.data(), edge_box.data());
-  const std::vector<double> stride(vertices, 0);
+  const std::vector<double> short_motion(vertices, 0);
   const double uncertain = 0;
-  std::vector<way_ends> ways(vertices);
-  vertex_ways(vertices, s.position.data(), s.target.data(), s.margin.data(), stride.data(), bounds.data(), &uncertain,
-              vertex_box.data(), ways.data());
-  const way_ends *way = parting ? ways.data() : nullptr;
+  std::vector<end_boxes> own_ends(vertices);
+  vertex_end_boxes(vertices, s.position.data(), s.target.data(), s.margin.data(), short_motion.data(), bounds.data(),
+                   &uncertain, vertex_box.data(), own_ends.data());
+  const end_boxes *ends = separate ? own_ends.data() : nullptr;
   const auto face_tree = build_tree(s.face, face_box, vertex_box, bounds, both);
   const auto edge_tree = build_tree(s.edge, edge_box, vertex_box, bounds, both);
 
@@ -111,11 +111,11 @@ Found query(const Scene &s, int self, int pools, int pool_blocks, int batch, boo
   std::vector<int> count(items, -1), offset(items + 1, 0);
   query_vertex_face_count((vertex_items + batch - 1) / batch, vertex_items, batch, part, shares, order.data(),
                           vertex_box.data(), faces, face_tree.order.data(), face_tree.leaf.data(),
-                          face_tree.group.data(), s.cloth_vertices, self, QUERY_ALL, nullptr, nullptr, way, nullptr, 0,
+                          face_tree.group.data(), s.cloth_vertices, self, QUERY_ALL, nullptr, nullptr, ends, nullptr, 0,
                           blocks_at, pools, pool_blocks, hit.data(), taken.data(), count.data());
   query_edge_edge_count((edge_items + batch - 1) / batch, edge_items, batch, shares, edge_tree.order.data(),
                         edge_tree.leaf.data(), vertex_box.data(), edges, edge_tree.order.data(), edge_tree.leaf.data(),
-                        edge_tree.group.data(), s.cloth_vertices, self, QUERY_ALL, nullptr, nullptr, way, nullptr,
+                        edge_tree.group.data(), s.cloth_vertices, self, QUERY_ALL, nullptr, nullptr, ends, nullptr,
                         vertex_items, blocks_at, pools, pool_blocks, hit.data(), taken.data(), count.data());
   std::partial_sum(count.begin(), count.end(), offset.begin() + 1);
   std::vector<int> totals(2 + pools);
@@ -128,12 +128,12 @@ Found query(const Scene &s, int self, int pools, int pool_blocks, int batch, boo
   std::vector<pair> vf(totals[0] + first), ee(totals[1] + first);
   std::vector<float> vf_gap_bound(vf.size(), 7), ee_gap_bound(ee.size(), 7);
   query_vertex_face_fill(vertex_items, part, shares, order.data(), vertex_box.data(), faces, face_tree.order.data(),
-                         face_tree.leaf.data(), face_tree.group.data(), s.cloth_vertices, self, QUERY_ALL, nullptr, way,
-                         nullptr, 0, blocks_at, hit.data(), count.data(), offset.data(), first, vf.data(),
+                         face_tree.leaf.data(), face_tree.group.data(), s.cloth_vertices, self, QUERY_ALL, nullptr,
+                         ends, nullptr, 0, blocks_at, hit.data(), count.data(), offset.data(), first, vf.data(),
                          vf_gap_bound.data());
   query_edge_edge_fill(edge_items, shares, edge_tree.order.data(), edge_tree.leaf.data(), vertex_box.data(), edges,
                        edge_tree.order.data(), edge_tree.leaf.data(), edge_tree.group.data(), s.cloth_vertices, self,
-                       QUERY_ALL, nullptr, nullptr, way, nullptr, vertex_items, blocks_at, hit.data(), count.data(),
+                       QUERY_ALL, nullptr, nullptr, ends, nullptr, vertex_items, blocks_at, hit.data(), count.data(),
                        offset.data(), first - totals[0], ee.data(), ee_gap_bound.data());
   Found found;
   for (int i = 0; i < first; ++i) REQUIRE((vf_gap_bound[i] == 7 && ee_gap_bound[i] == 7));
@@ -238,7 +238,7 @@ bool contains(const Pairs &all, const Pairs &some)
 
 }  // namespace
 
-TEST_CASE("pairs that part are left out, and a coordinate separates them at every moment", "[tree]")
+TEST_CASE("pairs that are left out by the boxes at both ends are separated at every moment", "[tree]")
 {
   for (unsigned seed : {3u, 4u, 5u}) {
     Scene s = make_scene(seed, 9, 1, seed == 5 ? 1e4 : 0);

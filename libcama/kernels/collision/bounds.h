@@ -108,11 +108,11 @@ KERNEL vertex_boxes(int n, GLOBAL const dvec3 *position, GLOBAL const dvec3 *tar
    corners are negated and the fourth numbers 0, so that CPUs handle them as vectors. */
 typedef struct ALIGNED(32) {
   float lo[8], minus_hi[8];
-} way_ends;
+} end_boxes;
 
-DEVICE way_ends make_way(box start, box end)
+DEVICE end_boxes make_end_boxes(box start, box end)
 {
-  way_ends w;
+  end_boxes w;
   for (int k = 0; k < 4; ++k) {
     w.lo[k] = k < 3 ? start.lo[k] : 0.0f;
     w.lo[4 + k] = k < 3 ? end.lo[k] : 0.0f;
@@ -122,7 +122,7 @@ DEVICE way_ends make_way(box start, box end)
   return w;
 }
 
-DEVICE way_ends ways_union(way_ends a, way_ends b)
+DEVICE end_boxes union_of_ends(end_boxes a, end_boxes b)
 {
   SIMD
   for (int k = 0; k < 8; ++k) {
@@ -135,7 +135,7 @@ DEVICE way_ends ways_union(way_ends a, way_ends b)
 /* 1 if one coordinate separates a and b at both ends, with the same one below. All vertices go straight and at the same
    rate, so the least coordinate of one less the largest of the other is a concave function of time: it separates them
    throughout. */
-DEVICE int parted(way_ends a, way_ends b)
+DEVICE int ends_separated(end_boxes a, end_boxes b)
 {
   int a_above[8], b_above[8], above_a, above_b;
   SIMD
@@ -148,42 +148,42 @@ DEVICE int parted(way_ends a, way_ends b)
   return ((above_b & (above_b >> 4)) | (above_a & (above_a >> 4))) != 0;
 }
 
-/* 1 unless the start x and the end y of a vertex are in the boxes of its way, `least` from their border, m. */
-DEVICE int leaves_way(dvec3 x, dvec3 y, double least, dvec3 origin, GLOBAL const way_ends *way)
+/* 1 unless the start x and the end y of a vertex are in its boxes, `least` from their border, m. */
+DEVICE int leaves_end_boxes(dvec3 x, dvec3 y, double least, dvec3 origin, GLOBAL const end_boxes *ends)
 {
   const dvec3 s = dsub(x, origin), e = dsub(y, origin);
   int leaves = 0;
   for (int k = 0; k < 3; ++k) {
     const double a = dcomponent(s, k), b = dcomponent(e, k), near_a = least + 4e-16 * (fabs(a) + least),
                  near_b = least + 4e-16 * (fabs(b) + least);
-    leaves |= (a - near_a < (double)way->lo[k]) | (-a - near_a < (double)way->minus_hi[k]) |
-              (b - near_b < (double)way->lo[4 + k]) | (-b - near_b < (double)way->minus_hi[4 + k]);
+    leaves |= (a - near_a < (double)ends->lo[k]) | (-a - near_a < (double)ends->minus_hi[k]) |
+              (b - near_b < (double)ends->lo[4 + k]) | (-b - near_b < (double)ends->minus_hi[4 + k]);
   }
   return leaves;
 }
 
-/* 0 if both boxes of a way are the same. */
-DEVICE int moves(GLOBAL const way_ends *way)
+/* 0 if both boxes are the same. */
+DEVICE int ends_differ(GLOBAL const end_boxes *ends)
 {
-  return (way->lo[0] != way->lo[4]) | (way->lo[1] != way->lo[5]) | (way->lo[2] != way->lo[6]);
+  return (ends->lo[0] != ends->lo[4]) | (ends->lo[1] != ends->lo[5]) | (ends->lo[2] != ends->lo[6]);
 }
 
-/* The way of the motion `position` to `target`, with the margin of vertex_boxes. Where it ends is uncertain by
-   uncertain[0], m, and by a share of the motion. A vertex that goes less far than its stride, m, or hardly farther than
-   its margin may be anywhere in its box: its ways would not part much. */
+/* Boxes at both ends of the motion `position` to `target`, with the margin of vertex_boxes. Where it ends is uncertain
+   by uncertain[0], m, and by a share of the motion. A vertex that moves by no more than short_motion, m, or hardly more
+   than its margin, may be anywhere in vertex_box at both ends: this would separate few pairs. */
 #define UNCERTAIN_SHARE 0.125
-KERNEL vertex_ways(int n, GLOBAL const dvec3 *position, GLOBAL const dvec3 *target, GLOBAL const double *margin,
-                   GLOBAL const double *stride, GLOBAL const dvec3 *scene_bounds, GLOBAL const double *uncertain,
-                   GLOBAL const box *vertex_box, GLOBAL way_ends *way)
+KERNEL vertex_end_boxes(int n, GLOBAL const dvec3 *position, GLOBAL const dvec3 *target, GLOBAL const double *margin,
+                        GLOBAL const double *short_motion, GLOBAL const dvec3 *scene_bounds,
+                        GLOBAL const double *uncertain, GLOBAL const box *vertex_box, GLOBAL end_boxes *ends)
 {
   FOR_EACH(i, n) {
     dvec3 x = position[i], y = target[i], d = dsub(y, x);
-    double least = max_double(stride[i], 2.0 * (margin[i] + uncertain[0]));
+    double least = max_double(short_motion[i], 2.0 * (margin[i] + uncertain[0]));
     if (ddot(d, d) > least * least)
-      way[i] = make_way(swept_box(x, x, margin[i], scene_bounds[0]),
-                        swept_box(y, y, margin[i] + uncertain[0] + UNCERTAIN_SHARE * dnorm(d), scene_bounds[0]));
+      ends[i] = make_end_boxes(swept_box(x, x, margin[i], scene_bounds[0]),
+                               swept_box(y, y, margin[i] + uncertain[0] + UNCERTAIN_SHARE * dnorm(d), scene_bounds[0]));
     else
-      way[i] = make_way(vertex_box[i], vertex_box[i]);
+      ends[i] = make_end_boxes(vertex_box[i], vertex_box[i]);
   }
 }
 

@@ -100,11 +100,11 @@ typedef struct {
 #define MOTION_OPEN 3 /* both: pairs with such features have to be tested */
 
 /* motion: [vertices]. changed: the vertices whose motion has changed; without `localized` all have. found[0]:
-   incremented for each vertex whose motion x to y comes nearer to the border of its box, or of its way, than `least`,
-   m. */
+   incremented for each vertex whose motion x to y comes nearer to the border of its box, or of those at its ends, than
+   `least`, m. */
 KERNEL find_prediction_errors(int n, GLOBAL const dvec3 *x, GLOBAL const dvec3 *y, GLOBAL const dvec3 *predicted,
                               GLOBAL const double *inverse_mass, int localized, GLOBAL const int *changed,
-                              GLOBAL const box *vertex_box, GLOBAL const way_ends *way,
+                              GLOBAL const box *vertex_box, GLOBAL const end_boxes *ends,
                               GLOBAL const dvec3 *scene_bounds, double least, GLOBAL feature_motion *motion,
                               GLOBAL int *found)
 {
@@ -115,7 +115,7 @@ KERNEL find_prediction_errors(int n, GLOBAL const dvec3 *x, GLOBAL const dvec3 *
     m.state = (inverse_mass[i] > 0.0 ? MOTION_FREE : 0) | (!localized || changed[i] ? MOTION_CHANGED : 0);
     motion[i] = m;
     if (!box_holds(vertex_box[i], swept_box(x[i], y[i], least, scene_bounds[0])) ||
-        (way && moves(way + i) && leaves_way(x[i], y[i], least, scene_bounds[0], way + i)))
+        (ends && ends_differ(ends + i) && leaves_end_boxes(x[i], y[i], least, scene_bounds[0], ends + i)))
       atomic_add_int(found, 1);
   }
 }

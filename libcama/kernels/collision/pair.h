@@ -6,6 +6,7 @@
 #include "../dialect/lang.h"
 #include "../system/incidence.h"
 #include "bounds.h"
+#include "ccd.h"
 #include "distance.h"
 #include "query.h"
 
@@ -217,32 +218,21 @@ DEVICE double edge_contact_share(element_nodes e, edge_nodes wing_a, edge_nodes 
   return max_double((LEANS_MOST - lean) / (LEANS_MOST - LEANS_LEAST), 0.0);
 }
 
-/* 1 if a coordinate separates the vertices of a pair by more than `distance` at both ends of the motion x to y, hence
-   throughout (bounds.h). */
-DEVICE int stays_apart(int kind, element_nodes e, GLOBAL const dvec3 *x, GLOBAL const dvec3 *y, double distance)
+/* 1 if a coordinate separates a pair by more than `distance` throughout the motion x to y. */
+DEVICE int pair_separated(int kind, element_nodes e, GLOBAL const dvec3 *x, GLOBAL const dvec3 *y, double distance)
 {
-  const dvec3 o = x[e.node[0]], p = y[e.node[0]];
-  int apart = 0, axis, k;
-  for (axis = 0; axis < 3; ++axis) {
-    double lo[2][2], hi[2][2]; /* at both ends, of side A and side B */
-    lo[0][0] = lo[1][0] = hi[0][0] = hi[1][0] = 0.0;
-    for (k = 1; k < 4; ++k) {
-      const int side = k > kind, first = k == kind + 1;
-      const double s = dcomponent(dsub(x[e.node[k]], o), axis), t = dcomponent(dsub(y[e.node[k]], p), axis);
-      lo[0][side] = first ? s : min_double(lo[0][side], s);
-      hi[0][side] = first ? s : max_double(hi[0][side], s);
-      lo[1][side] = first ? t : min_double(lo[1][side], t);
-      hi[1][side] = first ? t : max_double(hi[1][side], t);
-    }
-    apart |= (lo[0][0] - hi[0][1] > distance && lo[1][0] - hi[1][1] > distance) ||
-             (lo[0][1] - hi[0][0] > distance && lo[1][1] - hi[1][0] > distance);
+  dvec3 start[4], motion[4];
+  for (int k = 0; k < 4; ++k) {
+    start[k] = dsub(x[e.node[k]], x[e.node[0]]);
+    motion[k] = dsub(dsub(y[e.node[k]], y[e.node[0]]), start[k]);
   }
-  return apart;
+  return axis_separated(start, motion, kind + 1, distance);
 }
 
 /* Makes the contact of a candidate pair, if it is one: the closest points are interior, and nearer than the thickness
-   now or (anticipate > 0) after the predicted displacement, unless the pair stays apart. By distance alone (anticipate
-   0), as in the paper, contacts of edges have their whole stiffness. wing: [edges] the vertices beside each. */
+   now or (anticipate > 0) after the predicted displacement, unless a coordinate separates the pair throughout. By
+   distance alone (anticipate 0), as in the paper, contacts of edges have their whole stiffness. wing: [edges] the
+   vertices beside each. */
 DEVICE int make_contact(int kind, pair q, element_nodes e, GLOBAL const edge_nodes *wing, GLOBAL const dvec3 *position,
                         GLOBAL const dvec3 *predicted, GLOBAL const vertex_contact *v, double anticipate, proximity p,
                         contact *c)
@@ -254,7 +244,7 @@ DEVICE int make_contact(int kind, pair q, element_nodes e, GLOBAL const edge_nod
   if (!(p.distance < thickness || (anticipate > 0.0 && p.distance + approach < thickness))) return 0;
   if (p.distance >= thickness + anticipate) return 0;
   if (p.distance >= thickness && !pair_has_plane(kind, e, v) &&
-      stays_apart(kind, e, position, predicted, pair_clearance(kind, e, v, 1.0)))
+      pair_separated(kind, e, position, predicted, pair_clearance(kind, e, v, 1.0)))
     return 0;
   if (kind == 1 && anticipate > 0.0) {
     share = edge_contact_share(e, wing[q.a], wing[q.b], p.normal, position);

@@ -23,47 +23,49 @@ DEVICE int wanted_pair(int a, int b, int cloth_vertex_count, int self)
   return !(obstacle_a && obstacle_b) && (self || obstacle_a || obstacle_b);
 }
 
-/* Pairs that are parted are no candidates, where the vertex, or both edges, move. way: [vertices], null where all pairs
-   that overlap are; the ways for an item are null where it does not move. */
-DEVICE GLOBAL const way_ends *ways_for_vertex(int v, GLOBAL const way_ends *way)
+/* Pairs that a coordinate separates throughout are no candidates, where the ends of the vertex, or of both edges,
+   differ. ends: [vertices], null where all pairs that overlap are; those for an item are null where its ends do not
+   differ. */
+DEVICE GLOBAL const end_boxes *ends_for_vertex(int v, GLOBAL const end_boxes *ends)
 {
-  return way && moves(way + v) ? way : 0;
+  return ends && ends_differ(ends + v) ? ends : 0;
 }
-DEVICE_SELDOM int vertex_and_face_part(int v, face_nodes f, GLOBAL const way_ends *way)
+DEVICE_SELDOM int ends_of_vertex_face_separated(int v, face_nodes f, GLOBAL const end_boxes *ends)
 {
-  return parted(way[v], ways_union(ways_union(way[f.node[0]], way[f.node[1]]), way[f.node[2]]));
+  return ends_separated(ends[v], union_of_ends(union_of_ends(ends[f.node[0]], ends[f.node[1]]), ends[f.node[2]]));
 }
-DEVICE int parted_vertex_face(int v, face_nodes f, GLOBAL const way_ends *way)
+DEVICE int separated_vertex_face(int v, face_nodes f, GLOBAL const end_boxes *ends)
 {
-  return way && vertex_and_face_part(v, f, way);
+  return ends && ends_of_vertex_face_separated(v, f, ends);
 }
-DEVICE GLOBAL const way_ends *ways_for_edge(edge_nodes e, GLOBAL const way_ends *way)
+DEVICE GLOBAL const end_boxes *ends_for_edge(edge_nodes e, GLOBAL const end_boxes *ends)
 {
-  return way && (moves(way + e.node[0]) || moves(way + e.node[1])) ? way : 0;
+  return ends && (ends_differ(ends + e.node[0]) || ends_differ(ends + e.node[1])) ? ends : 0;
 }
-DEVICE_SELDOM int edges_part(edge_nodes e, edge_nodes f, GLOBAL const way_ends *way)
+DEVICE_SELDOM int ends_of_edges_separated(edge_nodes e, edge_nodes f, GLOBAL const end_boxes *ends)
 {
-  return ways_for_edge(f, way) &&
-         parted(ways_union(way[e.node[0]], way[e.node[1]]), ways_union(way[f.node[0]], way[f.node[1]]));
+  return ends_for_edge(f, ends) && ends_separated(union_of_ends(ends[e.node[0]], ends[e.node[1]]),
+                                                  union_of_ends(ends[f.node[0]], ends[f.node[1]]));
 }
-DEVICE int parted_edge_edge(edge_nodes e, edge_nodes f, GLOBAL const way_ends *way)
+DEVICE int separated_edge_edge(edge_nodes e, edge_nodes f, GLOBAL const end_boxes *ends)
 {
-  return way && edges_part(e, f, way);
+  return ends && ends_of_edges_separated(e, f, ends);
 }
 
-/* A search that follows another one after the motion has changed: the boxes and ways of changed vertices have grown,
-   and box_before and way_before have the earlier ones. A pair is fresh if it is a candidate now and was none before;
+/* A search that follows another one after the motion has changed: the boxes of changed vertices have grown,
+   and box_before and ends_before have the earlier ones. A pair is fresh if it is a candidate now and was none before;
    the pairs of the earlier search are kept. */
-DEVICE int fresh_vertex_face(int v, face_nodes f, GLOBAL const box *box_before, GLOBAL const way_ends *way_before)
+DEVICE int fresh_vertex_face(int v, face_nodes f, GLOBAL const box *box_before, GLOBAL const end_boxes *ends_before)
 {
   box b = box_union(box_union(box_before[f.node[0]], box_before[f.node[1]]), box_before[f.node[2]]);
-  return !box_overlap(box_before[v], b) || parted_vertex_face(v, f, ways_for_vertex(v, way_before));
+  return !box_overlap(box_before[v], b) || separated_vertex_face(v, f, ends_for_vertex(v, ends_before));
 }
-DEVICE int fresh_edge_edge(edge_nodes e, edge_nodes f, GLOBAL const box *box_before, GLOBAL const way_ends *way_before)
+DEVICE int fresh_edge_edge(edge_nodes e, edge_nodes f, GLOBAL const box *box_before,
+                           GLOBAL const end_boxes *ends_before)
 {
   return !box_overlap(box_union(box_before[e.node[0]], box_before[e.node[1]]),
                       box_union(box_before[f.node[0]], box_before[f.node[1]])) ||
-         parted_edge_edge(e, f, ways_for_edge(e, way_before));
+         separated_edge_edge(e, f, ends_for_edge(e, ends_before));
 }
 
 #define QUERY_ALL 0 /* every pair */
@@ -71,15 +73,15 @@ DEVICE int fresh_edge_edge(edge_nodes e, edge_nodes f, GLOBAL const box *box_bef
 /* Fresh pairs; items are all vertices, of which changed ones are skipped; the tree holds the changed faces. */
 #define QUERY_UNCHANGED 2
 
-/* 1 if face f is to be tested against vertex v; changed, box_before and way_before, per vertex, are read unless mode is
-   QUERY_ALL. */
+/* 1 if face f is to be tested against vertex v; changed, box_before and ends_before, per vertex, are read unless mode
+   is QUERY_ALL. */
 DEVICE int wanted_vertex_face(int v, face_nodes f, int cloth_vertex_count, int self, int mode,
-                              GLOBAL const box *box_before, GLOBAL const way_ends *way,
-                              GLOBAL const way_ends *way_before)
+                              GLOBAL const box *box_before, GLOBAL const end_boxes *ends,
+                              GLOBAL const end_boxes *ends_before)
 {
   return (f.node[0] != v) & (f.node[1] != v) & (f.node[2] != v) &&
-         wanted_pair(v, f.node[0], cloth_vertex_count, self) && !parted_vertex_face(v, f, way) &&
-         (mode == QUERY_ALL || fresh_vertex_face(v, f, box_before, way_before));
+         wanted_pair(v, f.node[0], cloth_vertex_count, self) && !separated_vertex_face(v, f, ends) &&
+         (mode == QUERY_ALL || fresh_vertex_face(v, f, box_before, ends_before));
 }
 
 /* A work-item queries for `batch` items, at most GROUP, batch i .. batch i + batch. With batch > 1 it walks the tree
@@ -103,7 +105,7 @@ KERNEL query_vertex_face_count(int n, int items, int batch, int part, int shares
                                GLOBAL const box *vertex_box, int leaf_count, GLOBAL const int *face_order,
                                GLOBAL const face_nodes *leaf_face, GLOBAL const bvh8_node *tree, int cloth_vertex_count,
                                int self, int mode, GLOBAL const int *changed, GLOBAL const box *box_before,
-                               GLOBAL const way_ends *way, GLOBAL const way_ends *way_before, int first_item,
+                               GLOBAL const end_boxes *ends, GLOBAL const end_boxes *ends_before, int first_item,
                                int blocks_at, int pools, int pool_blocks, GLOBAL int *hit, GLOBAL int *taken,
                                GLOBAL int *count)
 {
@@ -115,7 +117,7 @@ KERNEL query_vertex_face_count(int n, int items, int batch, int part, int shares
       int parts = tree_parts(leaf_count, part), at = i / shares, v = vertex_order[at / parts], found = 0,
           last = part_end(at % parts, part, leaf_count),
           leaf = mode == QUERY_UNCHANGED && changed[v] ? WALK_END : WALK_ON, block = NO_BLOCK;
-      GLOBAL const way_ends *ways = ways_for_vertex(v, way);
+      GLOBAL const end_boxes *own_ends = ends_for_vertex(v, ends);
       all = vertex_box[v];
       walk = walk_part(at % parts, part, leaf_count, tree, all);
       take_share(&walk, i % shares, shares);
@@ -124,7 +126,7 @@ KERNEL query_vertex_face_count(int n, int items, int batch, int part, int shares
         if (leaf != WALK_END) leaf = walk_leaves(&walk, leaf_count, tree, all);
         if (leaf >= last) leaf = WALK_END;
         if (leaf >= 0 &&
-            wanted_vertex_face(v, leaf_face[leaf], cloth_vertex_count, self, mode, box_before, ways, way_before)) {
+            wanted_vertex_face(v, leaf_face[leaf], cloth_vertex_count, self, mode, box_before, own_ends, ends_before)) {
           block = keep_hit(first_item + i, found, shares > 1 ? leaf : face_order[leaf], block, blocks_at, pools,
                            pool_blocks, hit, taken);
           ++found;
@@ -139,18 +141,19 @@ KERNEL query_vertex_face_count(int n, int items, int batch, int part, int shares
       count[first_item + k] = 0;
       hit[HIT_ROW * (first_item + k) + ROW_HITS] = NO_BLOCK;
       if (mode != QUERY_UNCHANGED || !changed[v]) all = box_union(all, vertex_box[v]);
-      if (ways_for_vertex(v, way)) moving |= 1 << (k - first);
+      if (ends_for_vertex(v, ends)) moving |= 1 << (k - first);
     }
     walk = groups_overlapping(leaf_count, tree, all);
     while ((g = next_group(&walk, leaf_count, tree, all)) >= 0) {
       for (int k = first; k < end; ++k) {
         int v = vertex_order[k],
             mask = mode == QUERY_UNCHANGED && changed[v] ? 0 : group_overlap(tree + g, vertex_box[v]);
-        GLOBAL const way_ends *ways = (moving >> (k - first)) & 1 ? way : 0;
+        GLOBAL const end_boxes *own_ends = (moving >> (k - first)) & 1 ? ends : 0;
         for (; mask; mask &= mask - 1) {
           int leaf = GROUP * g + lowest_bit((key64)mask), item = first_item + k;
           GLOBAL int *block = hit + HIT_ROW * item + ROW_HITS;
-          if (!wanted_vertex_face(v, leaf_face[leaf], cloth_vertex_count, self, mode, box_before, ways, way_before))
+          if (!wanted_vertex_face(v, leaf_face[leaf], cloth_vertex_count, self, mode, box_before, own_ends,
+                                  ends_before))
             continue;
           *block = keep_hit(item, count[item], face_order[leaf], *block, blocks_at, pools, pool_blocks, hit, taken);
           ++count[item];
@@ -165,8 +168,8 @@ KERNEL query_vertex_face_count(int n, int items, int batch, int part, int shares
 KERNEL query_vertex_face_fill(int n, int part, int shares, GLOBAL const int *vertex_order, GLOBAL const box *vertex_box,
                               int leaf_count, GLOBAL const int *face_order, GLOBAL const face_nodes *leaf_face,
                               GLOBAL const bvh8_node *tree, int cloth_vertex_count, int self, int mode,
-                              GLOBAL const box *box_before, GLOBAL const way_ends *way,
-                              GLOBAL const way_ends *way_before, int first_item, int blocks_at, GLOBAL const int *hit,
+                              GLOBAL const box *box_before, GLOBAL const end_boxes *ends,
+                              GLOBAL const end_boxes *ends_before, int first_item, int blocks_at, GLOBAL const int *hit,
                               GLOBAL const int *count, GLOBAL const int *offset, int first, GLOBAL pair *candidate,
                               GLOBAL float *gap_bound)
 {
@@ -195,14 +198,14 @@ KERNEL query_vertex_face_fill(int n, int part, int shares, GLOBAL const int *ver
     } else {
       int last = part_end(k / shares % parts, part, leaf_count);
       box b = vertex_box[v];
-      GLOBAL const way_ends *ways = ways_for_vertex(v, way);
+      GLOBAL const end_boxes *own_ends = ends_for_vertex(v, ends);
       group_walk walk = walk_part(k / shares % parts, part, leaf_count, tree, b);
       WHILE_ANY(leaf != WALK_END)
       {
         if (leaf != WALK_END) leaf = walk_leaves(&walk, leaf_count, tree, b);
         if (leaf >= last) leaf = WALK_END;
         if (leaf >= 0 &&
-            wanted_vertex_face(v, leaf_face[leaf], cloth_vertex_count, self, mode, box_before, ways, way_before)) {
+            wanted_vertex_face(v, leaf_face[leaf], cloth_vertex_count, self, mode, box_before, own_ends, ends_before)) {
           p.b = face_order[leaf];
           candidate[at++] = p;
         }
@@ -218,13 +221,13 @@ DEVICE int edge_changed(edge_nodes e, GLOBAL const int *changed) { return change
 /* The same for edge j with nodes f and edge i with nodes e. Every pair once: QUERY_ALL tests only leaves behind that of
    the item; with QUERY_CHANGED unchanged edges do not query, and of two changed edges the first does. */
 DEVICE int wanted_edge_edge(int i, edge_nodes e, int j, edge_nodes f, int cloth_vertex_count, int self, int mode,
-                            GLOBAL const int *changed, GLOBAL const box *box_before, GLOBAL const way_ends *way,
-                            GLOBAL const way_ends *way_before)
+                            GLOBAL const int *changed, GLOBAL const box *box_before, GLOBAL const end_boxes *ends,
+                            GLOBAL const end_boxes *ends_before)
 {
   return (e.node[0] != f.node[0]) & (e.node[0] != f.node[1]) & (e.node[1] != f.node[0]) & (e.node[1] != f.node[1]) &&
          wanted_pair(e.node[0], f.node[0], cloth_vertex_count, self) &&
-         (mode != QUERY_CHANGED || j > i || !edge_changed(f, changed)) && !parted_edge_edge(e, f, way) &&
-         (mode != QUERY_CHANGED || fresh_edge_edge(e, f, box_before, way_before));
+         (mode != QUERY_CHANGED || j > i || !edge_changed(f, changed)) && !separated_edge_edge(e, f, ends) &&
+         (mode != QUERY_CHANGED || fresh_edge_edge(e, f, box_before, ends_before));
 }
 
 /* The leaves of group g that overlap item k with box b; with QUERY_ALL, where the item is leaf k, only those behind
@@ -246,8 +249,8 @@ KERNEL query_edge_edge_count(int n, int items, int batch, int shares, GLOBAL con
                              GLOBAL const edge_nodes *item_edge, GLOBAL const box *vertex_box, int leaf_count,
                              GLOBAL const int *edge_order, GLOBAL const edge_nodes *leaf_edge,
                              GLOBAL const bvh8_node *tree, int cloth_vertex_count, int self, int mode,
-                             GLOBAL const int *changed, GLOBAL const box *box_before, GLOBAL const way_ends *way,
-                             GLOBAL const way_ends *way_before, int first_item, int blocks_at, int pools,
+                             GLOBAL const int *changed, GLOBAL const box *box_before, GLOBAL const end_boxes *ends,
+                             GLOBAL const end_boxes *ends_before, int first_item, int blocks_at, int pools,
                              int pool_blocks, GLOBAL int *hit, GLOBAL int *taken, GLOBAL int *count)
 {
   FOR_EACH_UNEVEN(b, n) {
@@ -258,7 +261,7 @@ KERNEL query_edge_edge_count(int n, int items, int batch, int shares, GLOBAL con
     if (batch == 1) {
       int k = b / shares, own = item[k], found = 0, j = WALK_ON, block = NO_BLOCK;
       edge_nodes e = item_edge[k];
-      GLOBAL const way_ends *ways = ways_for_edge(e, way);
+      GLOBAL const end_boxes *own_ends = ends_for_edge(e, ends);
       all = edge_item_box(k, item_edge, vertex_box, tree, mode);
       walk = mode == QUERY_ALL ? groups_overlapping_from(k >> 3, leaf_count, tree, all)
                                : groups_overlapping(leaf_count, tree, all);
@@ -268,7 +271,7 @@ KERNEL query_edge_edge_count(int n, int items, int batch, int shares, GLOBAL con
         if (j != WALK_END) j = walk_leaves(&walk, leaf_count, tree, all);
         if (j >= 0 && (mode != QUERY_ALL || j > k) &&
             wanted_edge_edge(own, e, edge_order[j], leaf_edge[j], cloth_vertex_count, self, mode, changed, box_before,
-                             ways, way_before)) {
+                             own_ends, ends_before)) {
           block = keep_hit(first_item + b, found, shares > 1 ? j : edge_order[j], block, blocks_at, pools, pool_blocks,
                            hit, taken);
           ++found;
@@ -282,7 +285,7 @@ KERNEL query_edge_edge_count(int n, int items, int batch, int shares, GLOBAL con
       count[first_item + k] = 0;
       hit[HIT_ROW * (first_item + k) + ROW_HITS] = NO_BLOCK;
       all = box_union(all, edge_item_box(k, item_edge, vertex_box, tree, mode));
-      if (ways_for_edge(item_edge[k], way)) moving |= 1 << (k - first);
+      if (ends_for_edge(item_edge[k], ends)) moving |= 1 << (k - first);
     }
     walk = mode == QUERY_ALL ? groups_overlapping_from(first >> 3, leaf_count, tree, all)
                              : groups_overlapping(leaf_count, tree, all);
@@ -291,16 +294,16 @@ KERNEL query_edge_edge_count(int n, int items, int batch, int shares, GLOBAL con
       for (; meeting; meeting &= meeting - 1) {
         int k = first + lowest_bit((key64)meeting);
         edge_nodes e;
-        GLOBAL const way_ends *ways;
+        GLOBAL const end_boxes *own_ends;
         if (k >= end) break;
         e = item_edge[k];
-        ways = (moving >> (k - first)) & 1 ? way : 0;
+        own_ends = (moving >> (k - first)) & 1 ? ends : 0;
         for (int mask = edge_leaves(g, k, edge_item_box(k, item_edge, vertex_box, tree, mode), tree, mode); mask;
              mask &= mask - 1) {
           int j = GROUP * g + lowest_bit((key64)mask), at = first_item + k;
           GLOBAL int *block = hit + HIT_ROW * at + ROW_HITS;
           if (!wanted_edge_edge(item[k], e, edge_order[j], leaf_edge[j], cloth_vertex_count, self, mode, changed,
-                                box_before, ways, way_before))
+                                box_before, own_ends, ends_before))
             continue;
           *block = keep_hit(at, count[at], edge_order[j], *block, blocks_at, pools, pool_blocks, hit, taken);
           ++count[at];
@@ -325,7 +328,7 @@ KERNEL query_edge_edge_fill(int n, int shares, GLOBAL const int *item, GLOBAL co
                             GLOBAL const box *vertex_box, int leaf_count, GLOBAL const int *edge_order,
                             GLOBAL const edge_nodes *leaf_edge, GLOBAL const bvh8_node *tree, int cloth_vertex_count,
                             int self, int mode, GLOBAL const int *changed, GLOBAL const box *box_before,
-                            GLOBAL const way_ends *way, GLOBAL const way_ends *way_before, int first_item,
+                            GLOBAL const end_boxes *ends, GLOBAL const end_boxes *ends_before, int first_item,
                             int blocks_at, GLOBAL const int *hit, GLOBAL const int *count, GLOBAL const int *offset,
                             int first, GLOBAL pair *candidate, GLOBAL float *gap_bound)
 {
@@ -348,7 +351,7 @@ KERNEL query_edge_edge_fill(int n, int shares, GLOBAL const int *item, GLOBAL co
         candidate[at + j] = ordered_pair(own, kept_hit(place, j, &block, blocks_at, hit));
     } else {
       edge_nodes e = item_edge[k];
-      GLOBAL const way_ends *ways = ways_for_edge(e, way);
+      GLOBAL const end_boxes *own_ends = ends_for_edge(e, ends);
       box b = edge_item_box(k, item_edge, vertex_box, tree, mode);
       group_walk walk = mode == QUERY_ALL ? groups_overlapping_from(k >> 3, leaf_count, tree, b)
                                           : groups_overlapping(leaf_count, tree, b);
@@ -357,7 +360,7 @@ KERNEL query_edge_edge_fill(int n, int shares, GLOBAL const int *item, GLOBAL co
         if (other != WALK_END) other = walk_leaves(&walk, leaf_count, tree, b);
         if (other >= 0 && (mode != QUERY_ALL || other > k) &&
             wanted_edge_edge(own, e, edge_order[other], leaf_edge[other], cloth_vertex_count, self, mode, changed,
-                             box_before, ways, way_before))
+                             box_before, own_ends, ends_before))
           candidate[at++] = ordered_pair(own, edge_order[other]);
       }
     }
@@ -387,27 +390,27 @@ KERNEL query_totals(int n, int n_first, int n_all, GLOBAL const int *offset, GLO
   }
 }
 
-/* changed[i] = 1 where the motion x to y of vertex i leaves its box or its way, which then grow to hold it with its own
-   margin. before, way_before: copies of the earlier ones. `least`: the distance to be left between motion and box, m.
-   grown[0]: incremented for each box that grows. */
+/* changed[i] = 1 where the motion x to y of vertex i leaves its box or those at its ends, which then grow to hold it
+   with its own margin. before, ends_before: copies of the earlier ones. `least`: the distance to be left between motion
+   and box, m. grown[0]: incremented for each box that grows. */
 KERNEL grow_boxes(int n, GLOBAL const dvec3 *x, GLOBAL const dvec3 *y, GLOBAL const double *margin,
                   GLOBAL const dvec3 *scene_bounds, double least, GLOBAL box *before, GLOBAL box *vertex_box,
-                  GLOBAL way_ends *way_before, GLOBAL way_ends *way, GLOBAL int *changed, GLOBAL int *grown)
+                  GLOBAL end_boxes *ends_before, GLOBAL end_boxes *ends, GLOBAL int *changed, GLOBAL int *grown)
 {
   FOR_EACH(i, n) {
     box b = vertex_box[i], needed = swept_box(x[i], y[i], least, scene_bounds[0]), all = box_union(b, needed);
-    int outside = 0, strays = leaves_way(x[i], y[i], least, scene_bounds[0], way + i);
+    int outside = 0, strays = leaves_end_boxes(x[i], y[i], least, scene_bounds[0], ends + i);
     for (int k = 0; k < 3; ++k) outside |= all.lo[k] != b.lo[k] || all.hi[k] != b.hi[k];
     before[i] = b;
-    way_before[i] = way[i];
+    ends_before[i] = ends[i];
     changed[i] = outside | strays;
     if (outside) {
       vertex_box[i] = box_union(b, swept_box(x[i], y[i], margin[i], scene_bounds[0]));
       atomic_add_int(grown, 1);
     }
     if (strays)
-      way[i] = ways_union(way[i], make_way(swept_box(x[i], x[i], margin[i], scene_bounds[0]),
-                                           swept_box(y[i], y[i], margin[i], scene_bounds[0])));
+      ends[i] = union_of_ends(ends[i], make_end_boxes(swept_box(x[i], x[i], margin[i], scene_bounds[0]),
+                                                      swept_box(y[i], y[i], margin[i], scene_bounds[0])));
   }
 }
 

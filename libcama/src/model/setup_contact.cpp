@@ -14,7 +14,7 @@ constexpr double without_end = 1e30;         // m; boxes of planes
 // Of the thickness: half for the contact distance, the rest for what the solve adds to the prediction.
 constexpr double contact_margin = 0.6;
 // Of an edge. Shorter motions pass few other features: to find which these part from would cost more than it saves.
-constexpr double stride_share = 2;
+constexpr double short_share = 2;
 
 /// The vertices beside each edge in the first two of its faces; -1 where there is none.
 std::vector<kernels::edge_nodes> wings_of(const std::vector<kernels::edge_nodes> &edges,
@@ -54,7 +54,7 @@ void set_up_contact(State &state, const Scene &scene, const Topology &t, const s
   std::vector<kernels::face_nodes> faces;
   std::vector<kernels::edge_nodes> edges;
   std::vector<kernels::vertex_contact> properties(t.position.size());
-  std::vector<double> margin(t.position.size()), stride(t.position.size());
+  std::vector<double> margin(t.position.size()), short_motion(t.position.size());
   std::vector<int> query_vertices;
   state.contact.largest_thickness = 0;
   for (const auto *list : {&t.face, &t.exact_face})
@@ -81,7 +81,7 @@ void set_up_contact(State &state, const Scene &scene, const Topology &t, const s
     if (!obstacle) p.thickness = std::min(p.thickness, max_thickness_per_edge * t.shortest_edge[v]);
     state.contact.largest_thickness = std::max(state.contact.largest_thickness, p.thickness);
     p.area = t.area[v];
-    stride[v] = stride_share * std::sqrt(p.area);
+    short_motion[v] = short_share * std::sqrt(p.area);
     p.stiffness = own.stiffness;
     p.friction = own.friction;
     p.static_friction = own.static_friction;
@@ -99,7 +99,7 @@ void set_up_contact(State &state, const Scene &scene, const Topology &t, const s
   state.mesh.edge_wing = Stream<kernels::edge_nodes>(b, wings_of(edges, faces));
   state.contact.vertex_contact = Stream<kernels::vertex_contact>(b, properties);
   state.bounds.margin = Stream<double>(b, margin);
-  state.bounds.stride = Stream<double>(b, stride);
+  state.bounds.short_motion = Stream<double>(b, short_motion);
   state.bounds.query_vertices = Stream<int>(b, query_vertices);
   state.bounds.uncertain = Stream<double>(b, 1);
   state.bounds.bounds = Stream<dvec3>(b, 2);

@@ -14,7 +14,7 @@ class CandidateSearch {
 public:
   enum class Change { none, grown, renewed };   ///< what happened to the lists
   explicit CandidateSearch(Backend &backend)
-      : way_(backend), wanted_(backend), place_(backend), kept_(backend), corners_(backend), reduced_(backend)
+      : end_boxes_(backend), wanted_(backend), place_(backend), kept_(backend), corners_(backend), reduced_(backend)
   {}
   virtual ~CandidateSearch() = default;
   /// Fills state.contact.vertex_face and state.contact.edge_edge for motion from -> to.
@@ -31,15 +31,15 @@ public:
     static_cast<void>(state), static_cast<void>(from), static_cast<void>(to), static_cast<void>(margin);
     return false;
   }
-  /// [vertices] the ways by which parted pairs are left out; empty: none are.
-  const Stream<kernels::way_ends> &ways() const { return way_; }
+  /// [vertices] by which pairs that a coordinate separates are left out; empty: none are.
+  const Stream<kernels::end_boxes> &end_boxes() const { return end_boxes_; }
 
   /// Finds directions between the closest points at `from`, for the pairs from `first_*` on and for those without one.
   static void find_directions(const SearchRooms &state, const Stream<dvec3> &from, int first_vertex_face,
                               int first_edge_edge);
 
 protected:
-  Stream<kernels::way_ends> way_;
+  Stream<kernels::end_boxes> end_boxes_;
 
   /// Removes the exempt pairs among those from `first` on.
   void drop_exempt(const SearchRooms &state, int kind, int first);

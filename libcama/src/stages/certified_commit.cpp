@@ -73,7 +73,7 @@ double CertifiedCommit::run(const Rooms &state, CandidateSearch &search, const S
     outcome = outcome_.download();
     completed = false;
     if (outcome[COMMIT_CHANGES] > changes) continue;
-    if (changes == completed_at || search.ways().size() == 0) break;
+    if (changes == completed_at || search.end_boxes().size() == 0) break;
     completed = complete(state, search, from);
     if (!completed) break;
     completed_at = changes;

@@ -37,8 +37,9 @@ PenetrationHandling::Detection PenetrationHandling::detect(const Rooms &state, b
   motion_.resize(static_cast<long long>(state.mesh.vertices) + state.mesh.faces + state.mesh.edges);
   detection_.fill_zero();
   CAMA_LAUNCH(b, find_prediction_errors, state.mesh.vertices, from_, state.mesh.position_next, state.bounds.predicted,
-              state.mesh.inverse_mass, localized ? 1 : 0, projection_.moved(), state.bounds.vertex_box, search_.ways(),
-              state.bounds.box_origin(), certified_distance * state.contact.largest_thickness, motion_, detection_);
+              state.mesh.inverse_mass, localized ? 1 : 0, projection_.moved(), state.bounds.vertex_box,
+              search_.end_boxes(), state.bounds.box_origin(), certified_distance * state.contact.largest_thickness,
+              motion_, detection_);
   CAMA_LAUNCH(b, find_feature_motions, state.mesh.faces + state.mesh.edges, state.mesh.vertices, state.mesh.faces,
               state.mesh.face, state.mesh.edge, motion_);
   CAMA_LAUNCH_TEAMS(void, b, select_ccd_pairs, PAIR_TEAM, flagged_.teams(), flagged_.flag.size(), first,

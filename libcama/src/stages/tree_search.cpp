@@ -24,7 +24,7 @@ TreeSearch::TreeSearch(Backend &b, FlaggedPairs &flagged)
     : CandidateSearch(b), batch_(b.wide_workers() ? GROUP : 1), workers_(b.workers()), cloth_(b), moving_(b),
       static_(b), key_(b), hit_(flagged.flag), taken_(b, MOST_POOLS * POOL_STRIDE), count_(b), offset_(b), identity_(b),
       changed_leaf_face_(b), changed_leaf_edge_(b), totals_(b, 1), found_totals_(b, 2 + MOST_POOLS), changed_(b),
-      flag_(b), offsets_(b), changed_vertex_(b), changed_face_(b), changed_edge_(b), before_(b), way_before_(b),
+      flag_(b), offsets_(b), changed_vertex_(b), changed_face_(b), changed_edge_(b), before_(b), end_boxes_before_(b),
       grown_(b, 1), changed_groups_(b)
 {
   taken_.fill_zero();
@@ -95,8 +95,8 @@ void TreeSearch::find_groups(const SearchRooms &state)
   identity_.assign(identity);
   changed_.resize(state.mesh.vertices);
   before_.resize(state.mesh.vertices);
-  way_.resize(state.mesh.vertices);
-  way_before_.resize(state.mesh.vertices);
+  end_boxes_.resize(state.mesh.vertices);
+  end_boxes_before_.resize(state.mesh.vertices);
   motion_changes_ = state.mesh.motion_changes;
   found_ = true;
 }
@@ -147,13 +147,13 @@ void TreeSearch::sort_features(const SearchRooms &state, Group &g)
   });
 }
 
-/// Boxes and ways of the first n vertices.
+/// Boxes of the first n vertices, over their motion and at its ends.
 void TreeSearch::make_boxes(const SearchRooms &state, int n, const Stream<dvec3> &from, const Stream<dvec3> &to)
 {
   const BoundsState &bounds = state.bounds;
   CAMA_LAUNCH(*state.backend, vertex_boxes, n, from, to, bounds.margin, bounds.box_origin(), state.bounds.vertex_box);
-  CAMA_LAUNCH(*state.backend, vertex_ways, n, from, to, bounds.margin, bounds.stride, bounds.box_origin(),
-              bounds.uncertain, bounds.vertex_box, way_);
+  CAMA_LAUNCH(*state.backend, vertex_end_boxes, n, from, to, bounds.margin, bounds.short_motion, bounds.box_origin(),
+              bounds.uncertain, bounds.vertex_box, end_boxes_);
 }
 
 /// Boxes and trees of static obstacles.
@@ -214,16 +214,16 @@ void TreeSearch::query(const SearchRooms &state, const std::vector<FaceQuery> &f
     const int n = items_of(q), batch = n > q.items->size() ? 1 : batch_of(q);
     CAMA_LAUNCH(b, query_vertex_face_count, (n + batch - 1) / batch, n, batch, part_of(q), q.shares, *q.items,
                 state.bounds.vertex_box, q.leaves, *q.order, *q.leaf_face, *q.tree, state.mesh.cloth_vertices, self,
-                q.mode, changed_, before_, ways(), way_before_, at, first_block, pools, pool_blocks, hit_, taken_,
-                count_);
+                q.mode, changed_, before_, end_boxes(), end_boxes_before_, at, first_block, pools, pool_blocks, hit_,
+                taken_, count_);
     at += n;
   }
   for (const EdgeQuery &q : edges) {
     const int n = items_of(q), batch = batch_of(q);
     CAMA_LAUNCH(b, query_edge_edge_count, (n + batch - 1) / batch, n, batch, q.shares, *q.items, *q.item_edge,
                 state.bounds.vertex_box, q.group->edge.size(), q.group->trees->edge_order, q.group->leaf_edge,
-                q.group->trees->edge_bvh, state.mesh.cloth_vertices, self, q.mode, changed_, before_, ways(),
-                way_before_, at, first_block, pools, pool_blocks, hit_, taken_, count_);
+                q.group->trees->edge_bvh, state.mesh.cloth_vertices, self, q.mode, changed_, before_, end_boxes(),
+                end_boxes_before_, at, first_block, pools, pool_blocks, hit_, taken_, count_);
     at += n;
   }
   b.scan(count_.buffer(), offset_.buffer(), items);
@@ -241,8 +241,8 @@ void TreeSearch::query(const SearchRooms &state, const std::vector<FaceQuery> &f
   for (const FaceQuery &q : faces) {
     const int n = items_of(q);
     CAMA_LAUNCH(b, query_vertex_face_fill, n, part_of(q), q.shares, *q.items, state.bounds.vertex_box, q.leaves,
-                *q.order, *q.leaf_face, *q.tree, state.mesh.cloth_vertices, self, q.mode, before_, ways(), way_before_,
-                at, first_block, hit_, count_, offset_, first_face, state.contact.vertex_face.pairs,
+                *q.order, *q.leaf_face, *q.tree, state.mesh.cloth_vertices, self, q.mode, before_, end_boxes(),
+                end_boxes_before_, at, first_block, hit_, count_, offset_, first_face, state.contact.vertex_face.pairs,
                 state.contact.vertex_face.gap_bound);
     at += n;
   }
@@ -250,8 +250,8 @@ void TreeSearch::query(const SearchRooms &state, const std::vector<FaceQuery> &f
     const int n = items_of(q);
     CAMA_LAUNCH(b, query_edge_edge_fill, n, q.shares, *q.items, *q.item_edge, state.bounds.vertex_box,
                 q.group->edge.size(), q.group->trees->edge_order, q.group->leaf_edge, q.group->trees->edge_bvh,
-                state.mesh.cloth_vertices, self, q.mode, changed_, before_, ways(), way_before_, at, first_block, hit_,
-                count_, offset_, first_edge - found_faces, state.contact.edge_edge.pairs,
+                state.mesh.cloth_vertices, self, q.mode, changed_, before_, end_boxes(), end_boxes_before_, at,
+                first_block, hit_, count_, offset_, first_edge - found_faces, state.contact.edge_edge.pairs,
                 state.contact.edge_edge.gap_bound);
     at += n;
   }
@@ -319,7 +319,7 @@ int TreeSearch::find_changed(const SearchRooms &state, const Stream<dvec3> &from
   const int n = state.mesh.vertices;
   grown_.fill_zero();
   CAMA_LAUNCH(b, grow_boxes, n, from, to, state.bounds.margin, state.bounds.box_origin(), margin, before_,
-              state.bounds.vertex_box, way_before_, way_, changed_, grown_);
+              state.bounds.vertex_box, end_boxes_before_, end_boxes_, changed_, grown_);
   offsets_.resize(n + 1);
   b.scan(changed_.buffer(), offsets_.buffer(), n);
   CAMA_LAUNCH(b, changed_totals, 1, n, offsets_, grown_, totals_);

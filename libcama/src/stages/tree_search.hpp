@@ -66,7 +66,7 @@ private:
   int shares_of(int mode, int edges) const;  ///< of a tree that they query: several if the device has enough work items
   int vertex_shares_of(int mode, int vertices) const;
   void query(const SearchRooms &state, const std::vector<FaceQuery> &faces, const std::vector<EdgeQuery> &edges);
-  /// Lets boxes and ways grow where the motion leaves them; returns the number of such vertices. Waits.
+  /// Lets boxes grow where the motion leaves them; returns the number of such vertices. Waits.
   int find_changed(const SearchRooms &state, const Stream<dvec3> &from, const Stream<dvec3> &to, double margin);
   /// Appends the fresh pairs of the changed vertices.
   void query_changed(const SearchRooms &state, const Stream<dvec3> &from, int changed);
@@ -89,7 +89,7 @@ private:
   Stream<int> found_totals_;
   Stream<int> changed_, flag_, offsets_, changed_vertex_, changed_face_, changed_edge_;
   Stream<kernels::box> before_;
-  Stream<kernels::way_ends> way_before_;
+  Stream<kernels::end_boxes> end_boxes_before_;
   Stream<int> grown_;  // [1] number of vertices whose boxes have grown
   Stream<kernels::bvh8_node> changed_groups_;
   bool boxes_grown_ = false;
