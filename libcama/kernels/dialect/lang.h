@@ -143,16 +143,17 @@ static __device__ inline void atomic_add_float(float *p, float v) { atomicAdd(p,
 #if defined(__cplusplus)
 #define KERNEL inline void
 #define DEVICE inline
+#define DEVICE_SELDOM inline __attribute__((noinline))
 #define RESTRICT __restrict__
 #else
 #define KERNEL static inline void
 #define DEVICE static inline
+#define DEVICE_SELDOM static __attribute__((noinline, unused))
 #define RESTRICT restrict
 #endif
 #define KERNEL_OF(members, teams) KERNEL
 #define DEVICE_ATOMIC DEVICE
 #define DEVICE_TEAM DEVICE
-#define DEVICE_SELDOM DEVICE __attribute__((noinline))
 #define CAMA_PRAGMA(text) _Pragma(#text)
 #if defined(_OPENMP) && !defined(CAMA_SERIAL) /* a caller with one thread has kernels without parallel loops */
 #define CAMA_PARALLEL

@@ -13,7 +13,7 @@ namespace {
 constexpr double without_end = 1e30;         // m; boxes of planes
 // Of the thickness: half for the contact distance, the rest for what the solve adds to the prediction.
 constexpr double contact_margin = 0.6;
-// Of an edge. Shorter motions pass few other features: to find which these part from would cost more than it saves.
+// Of an edge. Shorter motions pass few other features, and tests for these would cost more than they save.
 constexpr double short_share = 2;
 
 /// The vertices beside each edge in the first two of its faces; -1 where there is none.
@@ -101,7 +101,7 @@ void set_up_contact(State &state, const Scene &scene, const Topology &t, const s
   state.bounds.margin = Stream<double>(b, margin);
   state.bounds.short_motion = Stream<double>(b, short_motion);
   state.bounds.query_vertices = Stream<int>(b, query_vertices);
-  state.bounds.uncertain = Stream<double>(b, 1);
+  state.bounds.uncertain = Stream<double>(b, std::vector<double>{0});
   state.bounds.bounds = Stream<dvec3>(b, 2);
   state.bounds.vertex_box = Stream<kernels::box>(b, state.mesh.vertices);
   for (PairList *list : {&state.contact.vertex_face, &state.contact.edge_edge}) {
