@@ -165,7 +165,9 @@ DEVICE int leaves_end_boxes(dvec3 x, dvec3 y, double least, dvec3 origin, GLOBAL
 /* 0 if both boxes are the same. */
 DEVICE int ends_differ(GLOBAL const end_boxes *ends)
 {
-  return (ends->lo[0] != ends->lo[4]) | (ends->lo[1] != ends->lo[5]) | (ends->lo[2] != ends->lo[6]);
+  int differ = 0;
+  for (int k = 0; k < 3; ++k) differ |= (ends->lo[k] != ends->lo[4 + k]) | (ends->minus_hi[k] != ends->minus_hi[4 + k]);
+  return differ;
 }
 
 /* Boxes at both ends of the motion `position` to `target`, with the margin of vertex_boxes. Where it ends is uncertain
