@@ -201,7 +201,7 @@ TEST_CASE("bcsr_multiply equals Eigen's product", "[solver]")
   for (const int parts : {1, 3}) {
     CAMA_LAUNCH_REAL(double, *backend, bcsr_multiply, parts *n, parts, rows, columns, blocks, fixed_stream,
                      nothing<double>(), nothing<kernels::f64::mat3>(), 0, nothing<int>(), nothing<int>(),
-                     nothing<kernels::f64::term>(), in, out);
+                     nothing<kernels::f64::term>(), nothing<kernels::f64::vec3>(), in, out);
     const auto y = out.download();
     for (int i = 0; i < n; ++i)
       REQUIRE((eigen(y[static_cast<std::size_t>(i)]) - expected.segment<3>(3 * i)).norm() < 1e-13 * expected.norm());
@@ -233,7 +233,7 @@ TEST_CASE("bcsr_multiply by differences: masses and springs, and what all share 
   const auto multiply = [&](int parts) {
     CAMA_LAUNCH_REAL(float, *backend, bcsr_multiply, parts *n, parts, rows, columns, blocks, fixed, masses,
                      nothing<kernels::f32::mat3>(), 0, nothing<int>(), nothing<int>(), nothing<kernels::f32::term>(),
-                     in, out);
+                     nothing<kernels::f32::vec3>(), in, out);
   };
   for (const int parts : {1, 3}) {
     in.assign(uniform);

@@ -50,7 +50,7 @@ void make_levels(int n, bool both, bvh8_node *tree)
   for (int level = 0; level < root;) {
     const int two = both && level + 2 <= root;
     level += 1 + two;
-    group_levels(GROUP * group_level_size(n, level), n, level, two, tree);
+    group_levels(group_level_size(n, level), n, level, two, tree);
   }
 }
 

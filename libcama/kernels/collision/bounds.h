@@ -68,18 +68,42 @@ KERNEL position_bounds(int n, int count, GLOBAL const dvec3 *position, GLOBAL co
   }
 }
 
-/* Further stages: `count` pairs of corners to n pairs, until n = 1 writes scene_bounds. Needs n <= count; streams must
-   differ. */
-KERNEL reduce_bounds(int n, int count, GLOBAL const dvec3 *corners, GLOBAL dvec3 *reduced)
+/* Second stage, by one team: `count` pairs of corners, at least one, to those of the scene. */
+#define BOUNDS_TEAM 128
+KERNEL reduce_bounds(int n, int count, GLOBAL const dvec3 *corners, GLOBAL dvec3 *scene_bounds)
 {
-  FOR_EACH(i, n) {
-    dvec3 lo = corners[2 * i], hi = corners[2 * i + 1];
-    for (int k = i + n; k < count; k += n) {
-      lo = dvec3_min(lo, corners[2 * k]);
-      hi = dvec3_max(hi, corners[2 * k + 1]);
+  TEAM_LOCAL(dvec3, lo, BOUNDS_TEAM);
+  TEAM_LOCAL(dvec3, hi, BOUNDS_TEAM);
+  FOR_EACH_TEAM(t, n) {
+    TEAM_FOR(l, BOUNDS_TEAM) {
+      dvec3 least = corners[0], most = corners[1];
+      for (int k = l; k < count; k += AT_ONCE(8) * BOUNDS_TEAM) {
+        dvec3 own[2 * AT_ONCE(8)];
+        for (int q = 0; q < AT_ONCE(8); ++q) { /* behind the last, the last again */
+          const int at = min_int(k + q * BOUNDS_TEAM, count - 1);
+          own[2 * q] = corners[2 * at];
+          own[2 * q + 1] = corners[2 * at + 1];
+        }
+        for (int q = 0; q < AT_ONCE(8); ++q) {
+          least = dvec3_min(least, own[2 * q]);
+          most = dvec3_max(most, own[2 * q + 1]);
+        }
+      }
+      lo[l] = least;
+      hi[l] = most;
     }
-    reduced[2 * i] = lo;
-    reduced[2 * i + 1] = hi;
+    TEAM_BARRIER;
+    for (int span = BOUNDS_TEAM / 2; span > 0; span /= 2) {
+      TEAM_FOR(l, span) {
+        lo[l] = dvec3_min(lo[l], lo[l + span]);
+        hi[l] = dvec3_max(hi[l], hi[l + span]);
+      }
+      TEAM_BARRIER;
+    }
+    TEAM_FOR(l, 1) {
+      scene_bounds[2 * t] = lo[0];
+      scene_bounds[2 * t + 1] = hi[0];
+    }
   }
 }
 

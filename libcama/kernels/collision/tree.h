@@ -184,8 +184,16 @@ DEVICE box empty_box(void)
 }
 DEVICE box group_union(GLOBAL const bvh8_node *g)
 {
-  box b = group_box(g, 0);
-  for (int k = 1; k < GROUP; ++k) b = box_union(b, group_box(g, k));
+  const bvh8_node own = *g; /* by few wide loads */
+  box b;
+  for (int c = 0; c < 3; ++c) {
+    b.lo[c] = own.lo[c][0];
+    b.hi[c] = own.hi[c][0];
+    for (int k = 1; k < GROUP; ++k) {
+      if (own.lo[c][k] < b.lo[c]) b.lo[c] = own.lo[c][k];
+      if (own.hi[c][k] > b.hi[c]) b.hi[c] = own.hi[c][k];
+    }
+  }
   return b;
 }
 
@@ -302,13 +310,16 @@ KERNEL face_groups(int n, int leaf_count, GLOBAL const face_nodes *leaf_face, GL
                    GLOBAL bvh8_node *tree)
 {
   FOR_EACH(i, n) {
-    for (int k = 0; k < GROUP; ++k) {
-      box b = empty_box();
-      if (GROUP * i + k < leaf_count) {
-        face_nodes f = leaf_face[GROUP * i + k];
-        b = box_union(box_union(vertex_box[f.node[0]], vertex_box[f.node[1]]), vertex_box[f.node[2]]);
+    for (int k = 0; k < GROUP; k += AT_ONCE(4)) {
+      box own[AT_ONCE(4)];
+      for (int q = 0; q < AT_ONCE(4); ++q) {
+        own[q] = empty_box();
+        if (GROUP * i + k + q < leaf_count) {
+          face_nodes f = leaf_face[GROUP * i + k + q];
+          own[q] = box_union(box_union(vertex_box[f.node[0]], vertex_box[f.node[1]]), vertex_box[f.node[2]]);
+        }
       }
-      set_group_box(tree + i, k, b);
+      for (int q = 0; q < AT_ONCE(4); ++q) set_group_box(tree + i, k + q, own[q]);
     }
   }
 }
@@ -316,34 +327,47 @@ KERNEL edge_groups(int n, int leaf_count, GLOBAL const edge_nodes *leaf_edge, GL
                    GLOBAL bvh8_node *tree)
 {
   FOR_EACH(i, n) {
-    for (int k = 0; k < GROUP; ++k) {
-      box b = empty_box();
-      if (GROUP * i + k < leaf_count)
-        b = box_union(vertex_box[leaf_edge[GROUP * i + k].node[0]], vertex_box[leaf_edge[GROUP * i + k].node[1]]);
-      set_group_box(tree + i, k, b);
+    for (int k = 0; k < GROUP; k += AT_ONCE(4)) {
+      box own[AT_ONCE(4)];
+      for (int q = 0; q < AT_ONCE(4); ++q) {
+        own[q] = empty_box();
+        if (GROUP * i + k + q < leaf_count) {
+          edge_nodes e = leaf_edge[GROUP * i + k + q];
+          own[q] = box_union(vertex_box[e.node[0]], vertex_box[e.node[1]]);
+        }
+      }
+      for (int q = 0; q < AT_ONCE(4); ++q) set_group_box(tree + i, k + q, own[q]);
     }
   }
 }
 
-/* Boxes of level `level`, and with both = 1 of the level below it, which is at least 1, from the groups beneath. Item i
-   makes box i of the level, n = 8 group_level_size(leaf_count, level). */
+/* Boxes of level `level`, and with both = 1 of the level below it, which is at least 1, from the groups beneath. Team t
+   makes group t of the level, n = group_level_size(leaf_count, level). */
+#define GROUP_TEAM (GROUP * GROUP)
 KERNEL group_levels(int n, int leaf_count, int level, int both, GLOBAL bvh8_node *tree)
 {
+  TEAM_LOCAL(box, own, GROUP_TEAM);
   int here = group_level_offset(leaf_count, level), below = group_level_offset(leaf_count, level - 1),
       below_size = group_level_size(leaf_count, level - 1);
-  FOR_EACH(i, n) {
-    box b = empty_box();
-    if (i < below_size) {
-      if (both) {
-        int beneath_size = group_level_size(leaf_count, level - 2), beneath = below - beneath_size;
-        for (int k = 0; k < GROUP; ++k) {
-          int child = GROUP * i + k;
-          set_group_box(tree + below + i, k, child < beneath_size ? group_union(tree + beneath + child) : empty_box());
-        }
+  FOR_EACH_TEAM(t, n) {
+    if (both) {
+      int beneath_size = group_level_size(leaf_count, level - 2), beneath = below - beneath_size;
+      TEAM_BARRIER;
+      TEAM_FOR(l, GROUP_TEAM) {
+        int child = GROUP_TEAM * t + l;
+        own[l] = child < beneath_size ? group_union(tree + beneath + child) : empty_box();
+        if (child / GROUP < below_size) set_group_box(tree + below + child / GROUP, l % GROUP, own[l]);
       }
-      b = group_union(tree + below + i);
+      TEAM_BARRIER;
     }
-    set_group_box(tree + here + (i >> 3), i & 7, b);
+    TEAM_FOR(k, GROUP) {
+      int child = GROUP * t + k;
+      box b = empty_box();
+      if (child < below_size) b = both ? own[GROUP * k] : group_union(tree + below + child);
+      if (both && child < below_size)
+        for (int l = 1; l < GROUP; ++l) b = box_union(b, own[GROUP * k + l]);
+      set_group_box(tree + here + t, k, b);
+    }
   }
 }
 

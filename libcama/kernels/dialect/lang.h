@@ -29,6 +29,7 @@
 #define TEAM_LOCAL_MEMORY(type, name, count) __local type name[count] ALIGNED(64)
 #define TEAM_LOCAL TEAM_LOCAL_MEMORY
 #if defined(CAMA_CHUNKED) /* a team is one work-item */
+#define AT_ONCE(most) 1
 #define FOR_EACH_TEAM(t, n) FOR_EACH(t, n)
 #define TEAM_FOR(l, m) for (int l = 0; l < (m); ++l)
 #define SIMD
@@ -88,6 +89,7 @@ typedef unsigned long long key64;
 #define KERNEL_OF(members, teams) static __global__ void __launch_bounds__(members, teams)
 #endif
 #define DEVICE static __host__ __device__ inline
+#define AT_ONCE(most) (most)
 #define DEVICE_ATOMIC static __device__ inline
 #define DEVICE_TEAM static __device__ inline
 #define RESTRICT __restrict__
@@ -152,6 +154,7 @@ static __device__ inline void atomic_add_float(float *p, float v) { atomicAdd(p,
 #define RESTRICT restrict
 #endif
 #define KERNEL_OF(members, teams) KERNEL
+#define AT_ONCE(most) 1
 #define DEVICE_ATOMIC DEVICE
 #define DEVICE_TEAM DEVICE
 #define CAMA_PRAGMA(text) _Pragma(#text)
@@ -280,6 +283,21 @@ DEVICE void atomic_add_float(float *p, float v)
 #define FOR_EACH_EARLY(i, n) FOR_EACH(i, n)
 #define FOR_EACH_TEAM_EARLY(t, n) FOR_EACH_TEAM(t, n)
 #endif
+
+/* A sum over a list whose loads do not wait for each other: a work-item of a GPU reads up to `most` elements before it
+   adds the first, one of a CPU a single element.
+
+     for (k = begin; k < end; k += AT_ONCE(8)) {
+       real own[AT_ONCE(8)];
+       FOR_AT_ONCE(q, 8, end - k) own[q] = value[list[k + q]];
+       FOR_AT_ONCE(q, 8, end - k) sum += own[q];
+     } */
+#if !defined(AT_ONCE)
+#define AT_ONCE(most) (most)
+#endif
+#define FOR_AT_ONCE(q, most, left)        \
+  for (int q = 0; q < AT_ONCE(most); ++q) \
+    if (q < (left))
 
 /* A function that few iterations of a loop call: CPUs do not compile it into the loop. */
 #if !defined(DEVICE_SELDOM)

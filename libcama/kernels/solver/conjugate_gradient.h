@@ -263,7 +263,7 @@ cg_multiply(int n, int rows, GLOBAL const int *slice_start, GLOBAL const int *sl
     TEAM_FOR_LANES(item, ROW_PARTS * TEAM_ROWS) {
       lanes x = LANES_ALL(lanes, (real)0), y = x, u = x;
       int part = item / TEAM_ROWS, first = t * TEAM_ROWS + item - part * TEAM_ROWS, s = first / SLICE_ROWS;
-      int lane = first - s * SLICE_ROWS, e, end, early = 0, early1 = 0, place = 0;
+      int lane = first - s * SLICE_ROWS, e, end, early = 0, early1 = 0, place = 0, term_begin = 0, term_end = 0;
       if (first < rows) {
         const size_t ahead = first + TEAM_ROWS < rows
                                  ? (size_t)SLICE_ROWS * 9 * (slice_start[s + TEAM_ROWS / SLICE_ROWS] - slice_start[s])
@@ -272,6 +272,10 @@ cg_multiply(int n, int rows, GLOBAL const int *slice_start, GLOBAL const int *sl
         e = slice_start[s] + part;
         if (LANES == 1) {
           place = slice_row[first];
+          if (terms) {
+            term_begin = term_row[order[place]] + part;
+            term_end = term_row[order[place] + 1];
+          }
           if (e < end) {
             early = LOAD_ONCE(column + (size_t)SLICE_ROWS * e + lane);
             early1 = LOAD_ONCE(column + (size_t)SLICE_ROWS * (e + ROW_PARTS < end ? e + ROW_PARTS : e) + lane);
@@ -328,13 +332,24 @@ cg_multiply(int n, int rows, GLOBAL const int *slice_start, GLOBAL const int *sl
             LOCAL real *own = sum + 3 * part * TEAM_ROWS + (LANES == 1 ? i : first + q) - t * TEAM_ROWS;
             vec4 all = vec4_make(LANE(x, q), LANE(y, q), LANE(u, q));
             if (terms) {
-              int v = order[i], k = term_row[v] + part;
-              end = term_row[v + 1];
-              if (LANES > 1 && k >= end) continue;
-              for (; k + ROW_PARTS < end; k += 2 * ROW_PARTS)
-                all = vec4_axpy(vec4_axpy(all, entry_weight[k], product[term_entry[k] >> 2]),
-                                entry_weight[k + ROW_PARTS], product[term_entry[k + ROW_PARTS] >> 2]);
-              if (k < end) all = vec4_axpy(all, entry_weight[k], product[term_entry[k] >> 2]);
+              int k = term_begin;
+              if (LANES > 1) {
+                k = term_row[order[i]] + part;
+                term_end = term_row[order[i] + 1];
+                if (k >= term_end) continue;
+              }
+              for (; k < term_end; k += AT_ONCE(4) * ROW_PARTS) {
+                int term_at[AT_ONCE(4)];
+                real weight[AT_ONCE(4)];
+                vec4 own_product[AT_ONCE(4)];
+                FOR_AT_ONCE(b, 4, (term_end - k + ROW_PARTS - 1) / ROW_PARTS) {
+                  term_at[b] = term_entry[k + ROW_PARTS * b];
+                  weight[b] = entry_weight[k + ROW_PARTS * b];
+                }
+                FOR_AT_ONCE(b, 4, (term_end - k + ROW_PARTS - 1) / ROW_PARTS) own_product[b] = product[term_at[b] >> 2];
+                FOR_AT_ONCE(b, 4, (term_end - k + ROW_PARTS - 1) / ROW_PARTS)
+                  all = vec4_axpy(all, weight[b], own_product[b]);
+              }
             }
             own[0] = all.x;
             own[TEAM_ROWS] = all.y;

@@ -187,72 +187,132 @@ DEVICE_TEAM void factor_block(int m, LOCAL real *a, LOCAL real *unit, LOCAL real
   }
 }
 
-/* Factors of the finest blocks, from the entries of matrix and terms within a block. */
-KERNEL factor_fine_blocks(int n, GLOBAL const int *block_start, GLOBAL const int *slice_start,
-                          GLOBAL const int *slice_place, GLOBAL const int *column, GLOBAL const real *value, int terms,
-                          GLOBAL const int *order, GLOBAL const int *term_row, GLOBAL const int *term_entry,
-                          GLOBAL const element_nodes *nodes, GLOBAL const real *coefficient, GLOBAL int *factor,
-                          GLOBAL real *weight)
+/* For factor_block, from the entries of matrix and terms within the block of rows [first, last). */
+DEVICE_TEAM void gather_fine_block(int first, int last, GLOBAL const int *slice_start, GLOBAL const int *slice_place,
+                                   GLOBAL const int *column, GLOBAL const real *value, int terms,
+                                   GLOBAL const int *order, GLOBAL const int *term_row, GLOBAL const int *term_entry,
+                                   GLOBAL const element_nodes *nodes, GLOBAL const real *coefficient, LOCAL real *a,
+                                   LOCAL double *scaling)
 {
-  TEAM_LOCAL(real, a, BLOCK_SIZE * BLOCK_SIZE);
-  TEAM_LOCAL(real, unit, BLOCK_SIZE);
-  TEAM_LOCAL(real, root, BLOCK_SIZE);
-  TEAM_LOCAL(real, second, BLOCK_SIZE);
-  TEAM_LOCAL(double, scaling, BLOCK_SIZE);
-  FOR_EACH_TEAM(t, n) {
-    int first = block_start[t], last = block_start[t + 1], m = 3 * (last - first);
-    TEAM_BARRIER;
-    TEAM_FOR(l, BLOCK_SIZE * BLOCK_SIZE) a[l] = (real)0;
-    TEAM_BARRIER;
-    TEAM_FOR(item, (last - first) * ROW_MEMBERS) {
-      int l = item / ROW_MEMBERS, i = first + l, place = slice_place[i], s = place / SLICE_ROWS,
-          lane = place - s * SLICE_ROWS, e, k, b, c;
-      for (e = slice_start[s]; e < slice_start[s + 1]; ++e) {
-        int j = column[SLICE_ROWS * e + lane];
-        if (j < first || j > i) continue;
-        for (c = item % ROW_MEMBERS; c < 9; c += ROW_MEMBERS)
-          a[(3 * (j - first) + c % 3) * BLOCK_SIZE + 3 * l + c / 3] += value[SLICE_ROWS * (9 * e + c) + lane];
+  const int m = 3 * (last - first);
+  TEAM_FOR(item, (last - first) * ROW_MEMBERS) {
+    const int l = item / ROW_MEMBERS, i = first + l, place = slice_place[i], s = place / SLICE_ROWS,
+              lane = place - s * SLICE_ROWS;
+    int e, k, b, c, end = slice_start[s + 1];
+    for (e = slice_start[s]; e < end; e += AT_ONCE(4)) {
+      int j[AT_ONCE(4)];
+      FOR_AT_ONCE(q, 4, end - e) j[q] = column[SLICE_ROWS * (e + q) + lane];
+      for (c = item % ROW_MEMBERS; c < 9; c += ROW_MEMBERS) {
+        real v[AT_ONCE(4)];
+        FOR_AT_ONCE(q, 4, end - e)
+          if (j[q] >= first && j[q] <= i) v[q] = value[SLICE_ROWS * (9 * (e + q) + c) + lane];
+        FOR_AT_ONCE(q, 4, end - e)
+          if (j[q] >= first && j[q] <= i) a[(3 * (j[q] - first) + c % 3) * BLOCK_SIZE + 3 * l + c / 3] += v[q];
       }
-      if (terms)
-        for (k = term_row[order[i]]; k < term_row[order[i] + 1]; ++k) {
-          int term_index = term_entry[k] >> 2;
-          GLOBAL const real *x = coefficient + 9 * term_index;
-          for (b = 0; b < 4; ++b) {
-            int j = nodes[term_index].node[b];
-            real w = x[term_entry[k] & 3] * x[b];
-            if (j < first || j > i) continue;
-            for (c = item % ROW_MEMBERS; c < 9; c += ROW_MEMBERS)
-              a[(3 * (j - first) + c % 3) * BLOCK_SIZE + 3 * l + c / 3] +=
-                  w * (x[7] * (x[4 + c / 3] * x[4 + c % 3]) + (c % 4 == 0 ? x[8] : (real)0));
+    }
+    end = terms ? term_row[order[i] + 1] : 0;
+    for (k = terms ? term_row[order[i]] : 0; k < end; k += AT_ONCE(2)) {
+      int at[AT_ONCE(2)];
+      element_nodes rows[AT_ONCE(2)];
+      real x[AT_ONCE(2)][10]; /* as in `coefficient`, and the weight of row i */
+      FOR_AT_ONCE(q, 2, end - k) at[q] = term_entry[k + q];
+      FOR_AT_ONCE(q, 2, end - k) {
+        rows[q] = nodes[at[q] >> 2];
+        for (c = 0; c < 9; ++c) x[q][c] = coefficient[9 * (at[q] >> 2) + c];
+        x[q][9] = coefficient[9 * (at[q] >> 2) + (at[q] & 3)];
+      }
+      FOR_AT_ONCE(q, 2, end - k)
+        for (b = 0; b < 4; ++b) {
+          const int j = rows[q].node[b];
+          const real w = x[q][9] * x[q][b];
+          if (j < first || j > i) continue;
+          for (c = item % ROW_MEMBERS; c < 9; c += ROW_MEMBERS) {
+            const real left = c < 3   ? x[q][4]
+                              : c < 6 ? x[q][5]
+                                      : x[q][6],
+                       right = c % 3 == 0   ? x[q][4]
+                               : c % 3 == 1 ? x[q][5]
+                                            : x[q][6];
+            a[(3 * (j - first) + c % 3) * BLOCK_SIZE + 3 * l + c / 3] +=
+                w * (x[q][7] * (left * right) + (c % 4 == 0 ? x[q][8] : (real)0));
           }
         }
     }
-    TEAM_BARRIER;
-    TEAM_FOR(l, BLOCK_SIZE) {
-      /* not a number where the matrix is not positive; the solve reports that */
-      scaling[l] = l < m ? 1.0 / sqrt((double)a[l * BLOCK_SIZE + l]) : 0.0;
+  }
+  TEAM_BARRIER;
+  TEAM_FOR(l, BLOCK_SIZE) {
+    /* not a number where the matrix is not positive; the solve reports that */
+    scaling[l] = l < m ? 1.0 / sqrt((double)a[l * BLOCK_SIZE + l]) : 0.0;
+  }
+  TEAM_BARRIER;
+  TEAM_FOR_LANES(item, ROW_TURNS * BLOCK_SIZE) {
+    const int turn = item / BLOCK_SIZE, l = item - turn * BLOCK_SIZE, end = min_int(l + LANES, m);
+    const double_lanes own = LANES_LOAD(LOCAL double_lanes, scaling + l);
+    int c;
+    for (c = turn; c < end; c += ROW_TURNS) {
+      LOCAL real *at = a + c * BLOCK_SIZE + l;
+      const double_lanes v = LANES_TO(double, double_lanes, LANES_LOAD(LOCAL lanes, at));
+      LANES_STORE(LOCAL lanes, at, LANES_TO(real, lanes, v * (own * scaling[c])));
     }
-    TEAM_BARRIER;
-    TEAM_FOR_LANES(item, ROW_TURNS * BLOCK_SIZE) {
-      const int turn = item / BLOCK_SIZE, l = item - turn * BLOCK_SIZE, end = min_int(l + LANES, m);
-      const double_lanes own = LANES_LOAD(LOCAL double_lanes, scaling + l);
-      int c;
-      for (c = turn; c < end; c += ROW_TURNS) {
-        LOCAL real *at = a + c * BLOCK_SIZE + l;
-        const double_lanes v = LANES_TO(double, double_lanes, LANES_LOAD(LOCAL lanes, at));
-        LANES_STORE(LOCAL lanes, at, LANES_TO(real, lanes, v * (own * scaling[c])));
-      }
-    }
-    TEAM_BARRIER;
-    factor_block(m, a, unit, root, second, scaling, factor + (size_t)t * FACTOR_WORDS, weight + (size_t)t * BLOCK_SIZE);
   }
 }
 
-/* Factors of the blocks of one coarse level, whose nodes are coupled by row, column and value; terms = 1: the diagonals
-   of the terms are added. Block t is factor `at` + t. */
-KERNEL factor_coarse_blocks(int n, int at, GLOBAL const int *block_start, GLOBAL const int *row,
-                            GLOBAL const int *column, GLOBAL const double *value, int terms,
-                            GLOBAL const double *diagonal, GLOBAL int *factor, GLOBAL real *weight)
+/* The same for the block of nodes [first, last) of a coarse level, which are coupled by row, column and value; terms =
+   1: the diagonals of the terms are added. */
+DEVICE_TEAM void gather_coarse_block(int first, int last, GLOBAL const int *row, GLOBAL const int *column,
+                                     GLOBAL const double *value, int terms, GLOBAL const double *diagonal,
+                                     LOCAL real *a, LOCAL double *scaling)
+{
+  const int m = 3 * (last - first);
+  TEAM_FOR(l, BLOCK_SIZE) {
+    const int i = first + l / 3, d = l - l / 3 * 3, end = l < m ? row[i + 1] : 0;
+    int k, place = -1;
+    for (k = l < m ? row[i] : 0; k < end; k += AT_ONCE(8)) {
+      int j[AT_ONCE(8)];
+      FOR_AT_ONCE(q, 8, end - k) j[q] = column[k + q];
+      FOR_AT_ONCE(q, 8, end - k)
+        if (j[q] == i) place = k + q;
+    }
+    scaling[l] = 0.0;
+    if (place >= 0) {
+      const int packed = d == 0 ? 0 : d == 1 ? 3 : 5;
+      scaling[l] = 1.0 / sqrt(value[9 * place + 4 * d] + (terms ? diagonal[6 * i + packed] : 0.0));
+    }
+  }
+  TEAM_BARRIER;
+  TEAM_FOR(item, NODE_MEMBERS * m) {
+    const int l = item / NODE_MEMBERS, i = first + l / 3, r = l - l / 3 * 3, end = row[i + 1];
+    int k, d;
+    for (k = row[i]; k < end; k += AT_ONCE(4)) {
+      int j[AT_ONCE(4)];
+      FOR_AT_ONCE(q, 4, end - k) j[q] = column[k + q];
+      for (d = item % NODE_MEMBERS; d < 3; d += NODE_MEMBERS) {
+        double v[AT_ONCE(4)];
+        FOR_AT_ONCE(q, 4, end - k)
+          if (j[q] >= first && 3 * (j[q] - first) + d <= l) v[q] = value[9 * (k + q) + 3 * r + d];
+        FOR_AT_ONCE(q, 4, end - k)
+          if (j[q] >= first && 3 * (j[q] - first) + d <= l) {
+            const int c = 3 * (j[q] - first) + d, low = min_int(r, d), high = max_int(r, d);
+            if (terms && j[q] == i) v[q] += diagonal[6 * i + (low == 0 ? high : low + high + 1)];
+            a[c * BLOCK_SIZE + l] = (real)(v[q] * (scaling[l] * scaling[c]));
+          }
+      }
+    }
+  }
+  TEAM_BARRIER;
+  TEAM_FOR(l, m) scaling[l] *= sqrt(COARSE_SHARE);
+}
+
+/* Factors of the blocks of all levels. Blocks before `fine` have rows, those before `middle` the nodes of level 1, and
+   the others those of level 2; block_start: [n + 1] their first rows and nodes, numbered on from level to level. */
+KERNEL_OF(BLOCK_TEAM, 6)
+factor_blocks(int n, int fine, int middle, GLOBAL const int *block_start, GLOBAL const int *slice_start,
+              GLOBAL const int *slice_place, GLOBAL const int *column, GLOBAL const real *value, int terms,
+              GLOBAL const int *order, GLOBAL const int *term_row, GLOBAL const int *term_entry,
+              GLOBAL const element_nodes *nodes, GLOBAL const real *coefficient, GLOBAL const int *row1,
+              GLOBAL const int *column1, GLOBAL const double *value1, GLOBAL const double *diagonal1,
+              GLOBAL const int *row2, GLOBAL const int *column2, GLOBAL const double *value2,
+              GLOBAL const double *diagonal2, GLOBAL int *factor, GLOBAL real *weight)
 {
   TEAM_LOCAL(real, a, BLOCK_SIZE * BLOCK_SIZE);
   TEAM_LOCAL(real, unit, BLOCK_SIZE);
@@ -260,41 +320,20 @@ KERNEL factor_coarse_blocks(int n, int at, GLOBAL const int *block_start, GLOBAL
   TEAM_LOCAL(real, second, BLOCK_SIZE);
   TEAM_LOCAL(double, scaling, BLOCK_SIZE);
   FOR_EACH_TEAM(t, n) {
-    int first = block_start[t], last = block_start[t + 1], m = 3 * (last - first);
+    const int before = t < fine ? 0 : block_start[t < middle ? fine : middle], first = block_start[t] - before,
+              last = block_start[t + 1] - before;
     TEAM_BARRIER;
     TEAM_FOR(l, BLOCK_SIZE * BLOCK_SIZE) a[l] = (real)0;
-    TEAM_FOR(l, BLOCK_SIZE) {
-      int k, i = first + l / 3, d = l - l / 3 * 3;
-      scaling[l] = 0.0;
-      if (l < m)
-        for (k = row[i]; k < row[i + 1]; ++k)
-          if (column[k] == i) {
-            const int packed[3] = {0, 3, 5};
-            double v = value[9 * k + 4 * d] + (terms ? diagonal[6 * i + packed[d]] : 0.0);
-            scaling[l] = 1.0 / sqrt(v);
-          }
-    }
     TEAM_BARRIER;
-    TEAM_FOR(item, NODE_MEMBERS * m) {
-      int l = item / NODE_MEMBERS, i = first + l / 3, r = l - l / 3 * 3, k, d;
-      for (k = row[i]; k < row[i + 1]; ++k) {
-        int j = column[k];
-        if (j < first || j > i) continue;
-        for (d = item % NODE_MEMBERS; d < 3; d += NODE_MEMBERS) {
-          int c = 3 * (j - first) + d, low = min_int(r, d), high = max_int(r, d);
-          double v = value[9 * k + 3 * r + d];
-          if (c > l) continue;
-          if (terms && j == i) v += diagonal[6 * i + (low == 0 ? high : low + high + 1)];
-          v *= scaling[l] * scaling[c];
-          a[c * BLOCK_SIZE + l] = (real)v;
-        }
-      }
-    }
+    if (t < fine)
+      gather_fine_block(first, last, slice_start, slice_place, column, value, terms, order, term_row, term_entry, nodes,
+                        coefficient, a, scaling);
+    else
+      gather_coarse_block(first, last, t < middle ? row1 : row2, t < middle ? column1 : column2,
+                          t < middle ? value1 : value2, terms, t < middle ? diagonal1 : diagonal2, a, scaling);
     TEAM_BARRIER;
-    TEAM_FOR(l, m) scaling[l] *= sqrt(COARSE_SHARE);
-    TEAM_BARRIER;
-    factor_block(m, a, unit, root, second, scaling, factor + (size_t)(at + t) * FACTOR_WORDS,
-                 weight + (size_t)(at + t) * BLOCK_SIZE);
+    factor_block(3 * (last - first), a, unit, root, second, scaling, factor + (size_t)t * FACTOR_WORDS,
+                 weight + (size_t)t * BLOCK_SIZE);
   }
 }
 

@@ -223,52 +223,71 @@ KERNEL coarse_values(int n, GLOBAL const int *source_start, GLOBAL const int *so
                      GLOBAL const double *from64, GLOBAL const float *from32, GLOBAL double *value)
 {
   FOR_EACH(i, n) {
-    int e = i / 9, c = i - 9 * e, k;
+    const int e = i / 9, c = i - 9 * e, end = source_start[e + 1];
     double sum = 0.0;
-    for (k = source_start[e]; k < source_start[e + 1]; ++k) {
-      double entry = is_double ? from64[9 * source[k] + c] : (double)from32[9 * source[k] + c];
-      sum += entry;
+    int k;
+    for (k = source_start[e]; k < end; k += AT_ONCE(8)) {
+      double entry[AT_ONCE(8)];
+      FOR_AT_ONCE(q, 8, end - k)
+        entry[q] = is_double ? from64[9 * source[k + q] + c] : (double)from32[9 * source[k + q] + c];
+      FOR_AT_ONCE(q, 8, end - k) sum += entry[q];
     }
     value[i] = sum;
   }
 }
 
 /* What the terms at each row add to the diagonal block of the row's ancestor: w_a (sum of w over nodes of one ancestor)
-   (along n n' + around I), as xx xy xz yy yz zz. order: vertices of rows. */
-KERNEL term_diagonals(int n, GLOBAL const int *order, GLOBAL const int *term_row, GLOBAL const int *term_entry,
-                      GLOBAL const element_nodes *nodes, GLOBAL const int *ancestor, int is_double,
-                      GLOBAL const double *value64, GLOBAL const float *value32, GLOBAL double *diagonal)
+   (along n n' + around I), as xx xy xz yy yz zz. order: vertices of the rows. n: the rows, then the rows once more for
+   ancestors two levels up. */
+KERNEL term_diagonals(int n, int rows, GLOBAL const int *order, GLOBAL const int *term_row,
+                      GLOBAL const int *term_entry, GLOBAL const element_nodes *nodes, GLOBAL const int *ancestor1,
+                      GLOBAL const int *ancestor2, int is_double, GLOBAL const double *value64,
+                      GLOBAL const float *value32, GLOBAL double *diagonal)
 {
   FOR_EACH(i, n) {
     double sum[6] = {0.0, 0.0, 0.0, 0.0, 0.0, 0.0};
-    int k, b, c, v = order[i];
-    for (k = term_row[v]; k < term_row[v + 1]; ++k) {
-      int t = term_entry[k] >> 2, a = term_entry[k] & 3;
-      double x[9], w = 0.0, along, around;
-      for (c = 0; c < 9; ++c) x[c] = is_double ? value64[9 * t + c] : (double)value32[9 * t + c];
-      for (b = 0; b < 4; ++b)
-        if (nodes[t].node[b] >= 0 && ancestor[nodes[t].node[b]] == ancestor[i]) w += x[b];
-      w *= x[a];
-      along = w * x[7];
-      around = w * x[8];
-      sum[0] += along * x[4] * x[4] + around;
-      sum[1] += along * x[4] * x[5];
-      sum[2] += along * x[4] * x[6];
-      sum[3] += along * x[5] * x[5] + around;
-      sum[4] += along * x[5] * x[6];
-      sum[5] += along * x[6] * x[6] + around;
+    GLOBAL const int *ancestor = i < rows ? ancestor1 : ancestor2;
+    const int row = i < rows ? i : i - rows, v = order[row], own = ancestor[row], end = term_row[v + 1];
+    int k, c;
+    for (k = term_row[v]; k < end; k += AT_ONCE(2)) {
+      int at[AT_ONCE(2)], beside[AT_ONCE(2)][4];
+      element_nodes places[AT_ONCE(2)];
+      double values[AT_ONCE(2)][9];
+      FOR_AT_ONCE(q, 2, end - k) at[q] = term_entry[k + q];
+      FOR_AT_ONCE(q, 2, end - k) {
+        const int t = at[q] >> 2;
+        places[q] = nodes[t];
+        for (c = 0; c < 9; ++c) values[q][c] = is_double ? value64[9 * t + c] : (double)value32[9 * t + c];
+      }
+      FOR_AT_ONCE(q, 2, end - k)
+        for (c = 0; c < 4; ++c) beside[q][c] = places[q].node[c] >= 0 && ancestor[places[q].node[c]] == own;
+      FOR_AT_ONCE(q, 2, end - k) {
+        const double *x = values[q];
+        double w = 0.0, along, around;
+        for (c = 0; c < 4; ++c)
+          if (beside[q][c]) w += x[c];
+        w *= (at[q] & 3) == 0 ? x[0] : (at[q] & 3) == 1 ? x[1] : (at[q] & 3) == 2 ? x[2] : x[3];
+        along = w * x[7];
+        around = w * x[8];
+        sum[0] += along * x[4] * x[4] + around;
+        sum[1] += along * x[4] * x[5];
+        sum[2] += along * x[4] * x[6];
+        sum[3] += along * x[5] * x[5] + around;
+        sum[4] += along * x[5] * x[6];
+        sum[5] += along * x[6] * x[6] + around;
+      }
     }
     for (c = 0; c < 6; ++c) diagonal[6 * i + c] = sum[c];
   }
 }
 
-/* to[6 b + c] = sum over the children of b. n: 6 parents. */
-KERNEL sum_children(int n, GLOBAL const int *start, GLOBAL const double *from, GLOBAL double *to)
+/* to[6 b + c] = sum over the children of b, which begin with child `first` of `from`. n: 6 parents. */
+KERNEL sum_children(int n, int first, GLOBAL const int *start, GLOBAL const double *from, GLOBAL double *to)
 {
   FOR_EACH(i, n) {
     int b = i / 6, c = i - 6 * b, k;
     double sum = 0.0;
-    for (k = start[b]; k < start[b + 1]; ++k) sum += from[6 * k + c];
+    for (k = start[b]; k < start[b + 1]; ++k) sum += from[6 * (first + k) + c];
     to[i] = sum;
   }
 }

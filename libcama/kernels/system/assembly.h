@@ -181,11 +181,19 @@ KERNEL gather_forces(int n, GLOBAL const int *triangle_row, GLOBAL const int *tr
 {
   FOR_EACH(i, n) {
     vec3 sum = scale(mass[i], to_vec3(gravity[0]));
-    int k;
-    for (k = triangle_row[i]; k < triangle_row[i + 1]; ++k)
-      sum = add(sum, triangle_force[3 * (triangle_incidence[k] >> 2) + (triangle_incidence[k] & 3)]);
-    if (hinges)
-      for (k = hinge_row[i]; k < hinge_row[i + 1]; ++k) sum = add(sum, hinge_force[hinge_incidence[k]]);
+    int k, end = triangle_row[i + 1];
+    for (k = triangle_row[i]; k < end; k += AT_ONCE(4)) {
+      vec3 own[AT_ONCE(4)];
+      FOR_AT_ONCE(q, 4, end - k)
+        own[q] = triangle_force[3 * (triangle_incidence[k + q] >> 2) + (triangle_incidence[k + q] & 3)];
+      FOR_AT_ONCE(q, 4, end - k) sum = add(sum, own[q]);
+    }
+    end = hinges ? hinge_row[i + 1] : 0;
+    for (k = hinges ? hinge_row[i] : 0; k < end; k += AT_ONCE(4)) {
+      vec3 own[AT_ONCE(4)];
+      FOR_AT_ONCE(q, 4, end - k) own[q] = hinge_force[hinge_incidence[k + q]];
+      FOR_AT_ONCE(q, 4, end - k) sum = add(sum, own[q]);
+    }
     force[i] = sum;
   }
 }

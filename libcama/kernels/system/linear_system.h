@@ -15,12 +15,12 @@
 /* y = A x for a matrix of 3x3 blocks in BCSR form and what is kept beside it; rows of fixed vertices give zero. mass:
    [n] or none. With it, y = M x + sum A_ij (x_j - x_i), so that rounding is relative to differences; this needs rows
    that add up to zero apart from the masses, as those of elements do. drag: [n] diagonal blocks that do not, or none.
-   with_terms: whether the terms are not in the matrix. n: rows, or with parts = 3 their components, which neighbours
-   find side by side. */
+   term_count: number of terms that are not in the matrix; product: of each of them with x (term_products). n: rows, or
+   with parts = 3 their components, which neighbours find side by side. */
 KERNEL bcsr_multiply(int n, int parts, GLOBAL const int *row, GLOBAL const int *column, GLOBAL const mat3 *block,
-                     GLOBAL const int *fixed, GLOBAL const real *mass, GLOBAL const mat3 *drag, int with_terms,
+                     GLOBAL const int *fixed, GLOBAL const real *mass, GLOBAL const mat3 *drag, int term_count,
                      GLOBAL const int *term_row, GLOBAL const int *term_incidence, GLOBAL const term *terms,
-                     GLOBAL const vec3 *x, GLOBAL vec3 *y)
+                     GLOBAL const vec3 *product, GLOBAL const vec3 *x, GLOBAL vec3 *y)
 {
   FOR_EACH(item, n) {
     const int i = item / parts;
@@ -30,18 +30,30 @@ KERNEL bcsr_multiply(int n, int parts, GLOBAL const int *row, GLOBAL const int *
       vec3 sum = mass && !fixed[i] ? scale(mass[i], own) : none;
       for (k = row[i]; k < end; ++k) sum = add(sum, mat3_multiply(block[k], sub(x[column[k]], own)));
       if (drag && !fixed[i]) sum = add(sum, mat3_multiply(drag[i], x[i]));
-      if (with_terms && !fixed[i]) sum = add_term_products(i, term_row, term_incidence, terms, x, sum);
+      if (term_count && !fixed[i])
+        sum = add_term_products(i, term_count, term_row, term_incidence, terms, product, sum);
       y[i] = sum;
     } else {
       const int c = item - 3 * i;
       real sum = mass && !fixed[i] ? mass[i] * component(own, c) : (real)0;
-      for (k = row[i]; k < end; ++k) sum += dot(block[k].row[c], sub(x[column[k]], own));
-      if (drag && !fixed[i]) sum += dot(drag[i].row[c], x[i]);
-      if (with_terms && !fixed[i])
-        for (k = term_row[i]; k < term_row[i + 1]; ++k) {
-          const term t = terms[term_incidence[k] >> 2];
-          sum += t.weight[term_incidence[k] & 3] * component(term_product(t, x), c);
+      for (k = row[i]; k < end; k += AT_ONCE(2)) {
+        vec3 line[AT_ONCE(2)], there[AT_ONCE(2)];
+        FOR_AT_ONCE(q, 2, end - k) {
+          line[q] = block[k + q].row[c];
+          there[q] = x[column[k + q]];
         }
+        FOR_AT_ONCE(q, 2, end - k) sum += dot(line[q], sub(there[q], own));
+      }
+      if (drag && !fixed[i]) sum += dot(drag[i].row[c], x[i]);
+      end = term_count && !fixed[i] ? term_row[i + 1] : 0;
+      for (k = end > 0 ? term_row[i] : 0; k < end; k += AT_ONCE(4)) {
+        int at[AT_ONCE(4)];
+        real part[AT_ONCE(4)];
+        FOR_AT_ONCE(q, 4, end - k) at[q] = term_incidence[k + q];
+        FOR_AT_ONCE(q, 4, end - k)
+          part[q] = terms[at[q] >> 2].weight[at[q] & 3] * ((GLOBAL const real *)product)[3 * (at[q] >> 2) + c];
+        FOR_AT_ONCE(q, 4, end - k) sum += part[q];
+      }
       ((GLOBAL real *)y)[item] = sum;
     }
   }

@@ -134,6 +134,12 @@ DEVICE vec3 friction_impulse(int i, GLOBAL const term *terms, GLOBAL const vec3 
   return hold ? add(hold[i], f) : f;
 }
 
+KERNEL friction_impulses(int n, GLOBAL const term *terms, GLOBAL const vec3 *hold, GLOBAL const dvec3 *velocity,
+                         GLOBAL vec3 *impulse)
+{
+  FOR_EACH(i, n) impulse[i] = friction_impulse(i, terms, hold, velocity);
+}
+
 /* force[i]: friction of contact i at the end of the step, N on side A; twice as much where it slides, so that it is
    beyond the cone in the next step as well, whatever the load is then. It slides if it has this part of the cone and
    its damping more than that. */
@@ -169,15 +175,20 @@ KERNEL solved_loads(int n, int contacts, GLOBAL const int *row, GLOBAL const int
                     GLOBAL const double *push, GLOBAL double *load, GLOBAL double *pull)
 {
   FOR_EACH(i, n) {
+    const int end = row[i + 1];
     double pressing = 0.0, pulling = 0.0;
     int k;
-    for (k = row[i]; k < row[i + 1]; ++k) {
-      int e = incidence[k] >> 2;
-      if (e < contacts) {
-        double own = fabs((double)terms[e].weight[incidence[k] & 3]) * push[e];
-        pressing += max_double(own, 0.0);
-        pulling -= min_double(own, 0.0);
-      }
+    for (k = row[i]; k < end; k += AT_ONCE(8)) {
+      int at[AT_ONCE(8)];
+      double own[AT_ONCE(8)];
+      FOR_AT_ONCE(q, 8, end - k) at[q] = incidence[k + q];
+      FOR_AT_ONCE(q, 8, end - k)
+        if ((at[q] >> 2) < contacts) own[q] = fabs((double)terms[at[q] >> 2].weight[at[q] & 3]) * push[at[q] >> 2];
+      FOR_AT_ONCE(q, 8, end - k)
+        if ((at[q] >> 2) < contacts) {
+          pressing += max_double(own[q], 0.0);
+          pulling -= min_double(own[q], 0.0);
+        }
     }
     load[i] = pressing;
     pull[i] = pulling;
@@ -241,24 +252,19 @@ KERNEL iterate_friction(int n, int again, int cloth_vertices, GLOBAL const conta
 }
 
 /* b = h f - M (v - v*) of free vertices with what terms, if any, push, and with the friction of the first `contacts` of
-   them: the negative residual. */
+   them (friction_impulses): the negative residual. */
 KERNEL newton_right_side(int n, real step, GLOBAL const real *mass, GLOBAL const int *fixed,
                          GLOBAL const dvec3 *base_velocity, GLOBAL const dvec3 *velocity, GLOBAL const vec3 *force,
                          int with_terms, int contacts, GLOBAL const int *term_row, GLOBAL const int *term_incidence,
-                         GLOBAL const term *terms, GLOBAL const vec3 *hold, GLOBAL vec3 *b)
+                         GLOBAL const term *terms, GLOBAL const vec3 *friction, GLOBAL vec3 *b)
 {
   FOR_EACH(i, n) {
     vec3 sum = vec3_make((real)0, (real)0, (real)0);
-    int k;
     if (!fixed[i]) {
       sum = axpy(scale(step, force[i]), -mass[i], to_vec3(dsub(velocity[i], base_velocity[i])));
       if (with_terms) {
         sum = add_term_pushes(i, term_row, term_incidence, terms, sum);
-        for (k = term_row[i]; k < term_row[i + 1]; ++k) {
-          int e = term_incidence[k] >> 2;
-          if (e < contacts)
-            sum = axpy(sum, terms[e].weight[term_incidence[k] & 3], friction_impulse(e, terms, hold, velocity));
-        }
+        sum = add_term_products(i, contacts, term_row, term_incidence, terms, friction, sum);
       }
     }
     b[i] = sum;
@@ -277,22 +283,29 @@ KERNEL newton_norms(int n, real step, GLOBAL const real *mass, GLOBAL const int 
   FOR_EACH(i, n) {
     double sum = 0.0, pushes = 0.0, inverse = 1.0 / (double)mass[i];
     vec3 weight = scale(mass[i], to_vec3(gravity[0]));
-    int k;
     if (!fixed[i]) {
+      int k, end = triangle_row[i + 1];
       sum = (double)dot(weight, weight);
-      for (k = triangle_row[i]; k < triangle_row[i + 1]; ++k) {
-        vec3 f = triangle_force[3 * (triangle_incidence[k] >> 2) + (triangle_incidence[k] & 3)];
-        sum += (double)dot(f, f);
+      for (k = triangle_row[i]; k < end; k += AT_ONCE(4)) {
+        vec3 f[AT_ONCE(4)];
+        FOR_AT_ONCE(q, 4, end - k)
+          f[q] = triangle_force[3 * (triangle_incidence[k + q] >> 2) + (triangle_incidence[k + q] & 3)];
+        FOR_AT_ONCE(q, 4, end - k) sum += (double)dot(f[q], f[q]);
       }
-      if (hinges)
-        for (k = hinge_row[i]; k < hinge_row[i + 1]; ++k)
-          sum += (double)dot(hinge_force[hinge_incidence[k]], hinge_force[hinge_incidence[k]]);
-      if (pushing)
-        for (k = term_row[i]; k < term_row[i + 1]; ++k) {
-          term t = terms[term_incidence[k] >> 2];
-          double push = (double)(t.weight[term_incidence[k] & 3] * t.push);
-          pushes += push * push;
-        }
+      end = hinges ? hinge_row[i + 1] : 0;
+      for (k = hinges ? hinge_row[i] : 0; k < end; k += AT_ONCE(4)) {
+        vec3 f[AT_ONCE(4)];
+        FOR_AT_ONCE(q, 4, end - k) f[q] = hinge_force[hinge_incidence[k + q]];
+        FOR_AT_ONCE(q, 4, end - k) sum += (double)dot(f[q], f[q]);
+      }
+      end = pushing ? term_row[i + 1] : 0;
+      for (k = pushing ? term_row[i] : 0; k < end; k += AT_ONCE(4)) {
+        int at[AT_ONCE(4)];
+        double push[AT_ONCE(4)];
+        FOR_AT_ONCE(q, 4, end - k) at[q] = term_incidence[k + q];
+        FOR_AT_ONCE(q, 4, end - k) push[q] = (double)(terms[at[q] >> 2].weight[at[q] & 3] * terms[at[q] >> 2].push);
+        FOR_AT_ONCE(q, 4, end - k) pushes += push[q] * push[q];
+      }
     }
     residual[i] = fixed[i] ? 0.0 : inverse * (double)dot(b[i], b[i]);
     size[i] = inverse * ((double)(step * step) * sum + pushes);

@@ -344,15 +344,30 @@ DEVICE vec3 term_product(term t, GLOBAL const vec3 *x)
   return axpy(scale(t.around, s), t.along * dot(t.normal, s), t.normal);
 }
 
-/* y + the sum over the terms at vertex i of w times their products with x. row, incidence: 4 * term + local index,
-   sorted within a row. */
-DEVICE vec3 add_term_products(int i, GLOBAL const int *row, GLOBAL const int *incidence, GLOBAL const term *terms,
-                              GLOBAL const vec3 *x, vec3 y)
+KERNEL term_products(int n, GLOBAL const term *terms, GLOBAL const vec3 *x, GLOBAL vec3 *product)
 {
+  FOR_EACH(i, n) product[i] = term_product(terms[i], x);
+}
+
+/* y + the sum over the first `count` terms at vertex i of w times what they have in `product`. row, incidence:
+   4 * term + local index, sorted within a row. */
+DEVICE vec3 add_term_products(int i, int count, GLOBAL const int *row, GLOBAL const int *incidence,
+                              GLOBAL const term *terms, GLOBAL const vec3 *product, vec3 y)
+{
+  const int end = row[i + 1];
   int k;
-  for (k = row[i]; k < row[i + 1]; ++k) {
-    term t = terms[incidence[k] >> 2];
-    y = axpy(y, t.weight[incidence[k] & 3], term_product(t, x));
+  for (k = row[i]; k < end; k += AT_ONCE(4)) {
+    int at[AT_ONCE(4)];
+    real weight[AT_ONCE(4)];
+    vec3 own[AT_ONCE(4)];
+    FOR_AT_ONCE(q, 4, end - k) at[q] = incidence[k + q];
+    FOR_AT_ONCE(q, 4, end - k)
+      if ((at[q] >> 2) < count) {
+        weight[q] = terms[at[q] >> 2].weight[at[q] & 3];
+        own[q] = product[at[q] >> 2];
+      }
+    FOR_AT_ONCE(q, 4, end - k)
+      if ((at[q] >> 2) < count) y = axpy(y, weight[q], own[q]);
   }
   return y;
 }
@@ -360,10 +375,18 @@ DEVICE vec3 add_term_products(int i, GLOBAL const int *row, GLOBAL const int *in
 /* b + the sum over the terms at vertex i of w push n. */
 DEVICE vec3 add_term_pushes(int i, GLOBAL const int *row, GLOBAL const int *incidence, GLOBAL const term *terms, vec3 b)
 {
+  const int end = row[i + 1];
   int k;
-  for (k = row[i]; k < row[i + 1]; ++k) {
-    int e = incidence[k] >> 2, a = incidence[k] & 3;
-    b = axpy(b, terms[e].weight[a] * terms[e].push, terms[e].normal);
+  for (k = row[i]; k < end; k += AT_ONCE(4)) {
+    int at[AT_ONCE(4)];
+    real push[AT_ONCE(4)];
+    vec3 normal[AT_ONCE(4)];
+    FOR_AT_ONCE(q, 4, end - k) at[q] = incidence[k + q];
+    FOR_AT_ONCE(q, 4, end - k) {
+      push[q] = terms[at[q] >> 2].weight[at[q] & 3] * terms[at[q] >> 2].push;
+      normal[q] = terms[at[q] >> 2].normal;
+    }
+    FOR_AT_ONCE(q, 4, end - k) b = axpy(b, push[q], normal[q]);
   }
   return b;
 }

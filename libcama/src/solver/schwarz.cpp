@@ -155,20 +155,21 @@ template <class S> bool Schwarz<S>::outdated(const SolverRooms &state) const
 template <class S> void Schwarz<S>::weigh_terms(const SolverRooms &state, const SlicedMatrix<S> &matrix)
 {
   Backend &b = *state.backend;
-  const bool is_double = sizeof(S) == 8;
-  for (int l = 1; l < aggregates_.levels(); ++l) {
-    Level &level = level_[static_cast<std::size_t>(l)];
-    sum_.resize(6 * rows().size);
-    CAMA_LAUNCH(b, term_diagonals, rows().size, rows().order, state.system.term_incidence.row,
-                state.system.term_incidence.entry, matrix.term_nodes, level.ancestor, is_double ? 1 : 0,
-                as<double, S>(matrix.term_value), as<float, S>(matrix.term_value), sum_);
-    for (int k = 0; k < l; ++k) {
-      Stream<double> &to = k == l - 1 ? level.diagonal : other_sum_;
-      to.resize(6 * aggregates_.level(k).blocks);
-      CAMA_LAUNCH(b, sum_children, to.size(), aggregates_.level(k).start, sum_, to);
-      if (k < l - 1) sum_.swap(other_sum_);
-    }
-  }
+  const int n = rows().size, coarse = levels() - 1;
+  if (coarse == 0) return;
+  const auto level = [&](int l) -> Level & { return level_[static_cast<std::size_t>(l)]; };
+  sum_.resize(6 * n * coarse);
+  CAMA_LAUNCH(b, term_diagonals, n * coarse, n, rows().order, state.system.term_incidence.row,
+              state.system.term_incidence.entry, matrix.term_nodes, level(1).ancestor, level(coarse).ancestor,
+              sizeof(S) == 8 ? 1 : 0, as<double, S>(matrix.term_value), as<float, S>(matrix.term_value), sum_);
+  const auto sum_up = [&](int l, int first, const Stream<double> &from, Stream<double> &to) {
+    to.resize(6 * aggregates_.level(l).blocks);
+    CAMA_LAUNCH(b, sum_children, to.size(), first, aggregates_.level(l).start, from, to);
+  };
+  sum_up(0, 0, sum_, level(1).diagonal);
+  if (coarse < 2) return;
+  sum_up(0, n, sum_, other_sum_);
+  sum_up(1, 0, other_sum_, level(2).diagonal);
 }
 
 template <class S>
@@ -182,22 +183,23 @@ void Schwarz<S>::factor(const SolverRooms &state, const SlicedMatrix<S> &matrix)
   if (terms) weigh_terms(state, matrix);
   factor_.resize(FACTOR_WORDS * blocks_);
   weight_.resize(BLOCK_SIZE * blocks_);
-  CAMA_LAUNCH_TEAMS(S, b, factor_fine_blocks, BLOCK_TEAM, fine.blocks, fine.start, matrix.start, matrix.place,
-                    matrix.column, matrix.value, terms, rows().order, state.system.term_incidence.row,
-                    state.system.term_incidence.entry, matrix.term_nodes, matrix.term_value, factor_, weight_);
-  for (int l = 1, at = fine.blocks; l < aggregates_.levels(); ++l) {
+  for (int l = 1; l < levels(); ++l) {
     Level &level = level_[static_cast<std::size_t>(l)];
-    const int blocks = aggregates_.level(l).blocks;
     if (l == 1)
       CAMA_LAUNCH(b, coarse_values, level.value.size(), level.source_start, level.source, is_double,
                   as<double, Real>(s.matrix.block), as<float, Real>(s.matrix.block), level.value);
     else
       CAMA_LAUNCH(b, coarse_values, level.value.size(), level.source_start, level.source, 1,
                   level_[static_cast<std::size_t>(l - 1)].value, nothing<float>(), level.value);
-    CAMA_LAUNCH_TEAMS(S, b, factor_coarse_blocks, BLOCK_TEAM, blocks, at, aggregates_.level(l).start, level.row,
-                      level.column, level.value, terms, level.diagonal, factor_, weight_);
-    at += blocks;
   }
+  // Level 0 stands for a level that does not exist: it is empty, and no block is on it.
+  const auto level = [&](int l) -> const Level & { return level_[static_cast<std::size_t>(l < levels() ? l : 0)]; };
+  CAMA_LAUNCH_TEAMS(S, b, factor_blocks, BLOCK_TEAM, blocks_, fine.blocks,
+                    fine.blocks + (levels() > 1 ? aggregates_.level(1).blocks : 0), block_start_, matrix.start,
+                    matrix.place, matrix.column, matrix.value, terms, rows().order, state.system.term_incidence.row,
+                    state.system.term_incidence.entry, matrix.term_nodes, matrix.term_value, level(1).row,
+                    level(1).column, level(1).value, level(1).diagonal, level(2).row, level(2).column, level(2).value,
+                    level(2).diagonal, factor_, weight_);
 }
 
 template class Schwarz<double>;

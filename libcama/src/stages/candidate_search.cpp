@@ -42,12 +42,10 @@ void CandidateSearch::find_directions(const SearchRooms &state, const Stream<dve
 void CandidateSearch::find_bounds(const SearchRooms &state, const Stream<dvec3> &from, const Stream<dvec3> &to)
 {
   Backend &b = *state.backend;
-  const int first = std::min(state.mesh.vertices, 4096), second = std::min(first, 64);
+  const int first = std::min(state.mesh.vertices, 4096);
   corners_.resize(2 * first);
-  reduced_.resize(2 * second);
   CAMA_LAUNCH(b, position_bounds, first, state.mesh.vertices, from, to, corners_);
-  CAMA_LAUNCH(b, reduce_bounds, second, first, corners_, reduced_);
-  CAMA_LAUNCH(b, reduce_bounds, 1, second, reduced_, state.bounds.bounds);
+  CAMA_LAUNCH_TEAMS(void, b, reduce_bounds, BOUNDS_TEAM, 1, first, corners_, state.bounds.bounds);
 }
 
 }  // namespace cama

@@ -14,7 +14,7 @@ class CandidateSearch {
 public:
   enum class Change { none, grown, renewed };   ///< what happened to the lists
   explicit CandidateSearch(Backend &backend)
-      : end_boxes_(backend), wanted_(backend), place_(backend), kept_(backend), corners_(backend), reduced_(backend)
+      : end_boxes_(backend), wanted_(backend), place_(backend), kept_(backend), corners_(backend)
   {}
   virtual ~CandidateSearch() = default;
   /// Fills state.contact.vertex_face and state.contact.edge_edge for motion from -> to.
@@ -50,7 +50,7 @@ protected:
 private:
   Stream<int> wanted_, place_;
   Stream<kernels::pair> kept_;
-  Stream<dvec3> corners_, reduced_;
+  Stream<dvec3> corners_;
 };
 
 }  // namespace cama

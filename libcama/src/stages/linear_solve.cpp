@@ -12,7 +12,7 @@
 
 namespace cama {
 template <class Real>
-LinearSolve<Real>::LinearSolve(Backend &b) : diagonal_(b), r_(b), p_(b), q_(b), partial_(b), sum_(b)
+LinearSolve<Real>::LinearSolve(Backend &b) : diagonal_(b), r_(b), p_(b), q_(b), product_(b), partial_(b), sum_(b)
 {}
 
 template <class Real>
@@ -77,11 +77,13 @@ template <class Real> void LinearSolve<Real>::multiply(const Rooms &state, const
   System<Real> &s = state.system.template of<Real>();
   // In single precision the rounding of stiffness times a common motion would act as a force.
   const bool differences = sizeof(Real) == 4 && state.options.paper.assembly == Assembly::gather;
-  const int parts = state.backend->wide_workers() ? 1 : 3;
+  const int parts = state.backend->wide_workers() ? 1 : 3, terms = terms_as_operator(state) ? state.system.terms : 0;
+  product_.resize(terms);
+  CAMA_LAUNCH_REAL(Real, *state.backend, term_products, terms, s.term, x, product_);
   CAMA_LAUNCH_REAL(Real, *state.backend, bcsr_multiply, parts * state.mesh.cloth_vertices, parts, s.matrix.row,
                    s.matrix.column, s.matrix.block, state.mesh.fixed, differences ? s.mass : no_mass_,
-                   differences && s.drag.size() ? s.drag : no_drag_, terms_as_operator(state) ? 1 : 0,
-                   state.system.term_incidence.row, state.system.term_incidence.entry, s.term, x, q);
+                   differences && s.drag.size() ? s.drag : no_drag_, terms, state.system.term_incidence.row,
+                   state.system.term_incidence.entry, s.term, product_, x, q);
   multiply_gas<Real>(*state.backend, state.system, x, 1, state.mesh.fixed, q);
 }
 
@@ -263,17 +265,26 @@ template <class Real> void LinearSolve<Real>::run_on(const Rooms &state)
                    state.mesh.velocity_next);
 }
 
-template <class Real> void LinearSolve<Real>::solve_change(const Rooms &state)
+template <class Real> void LinearSolve<Real>::find_residual(const Rooms &state)
 {
   Backend &b = *state.backend;
   System<Real> &s = state.system.template of<Real>();
-  const int rows = state.mesh.cloth_vertices;
-  CAMA_LAUNCH_REAL(Real, b, newton_right_side, rows, static_cast<Real>(state.time.implicit_step), s.mass,
-                   state.mesh.fixed, state.mesh.base_velocity(state.time), state.mesh.velocity_next, s.force,
-                   state.system.terms ? 1 : 0, state.system.terms - state.elements.stitches,
-                   state.system.term_incidence.row, state.system.term_incidence.entry, s.term, s.hold, s.right_side);
+  const Stream<dvec3> &v = state.mesh.velocity_next;
+  const int contacts = state.system.terms - state.elements.stitches;
+  product_.resize(contacts);
+  CAMA_LAUNCH_REAL(Real, b, friction_impulses, contacts, s.term, s.hold, v, product_);
+  CAMA_LAUNCH_REAL(Real, b, newton_right_side, state.mesh.cloth_vertices, static_cast<Real>(state.time.implicit_step),
+                   s.mass, state.mesh.fixed, state.mesh.base_velocity(state.time), v, s.force,
+                   state.system.terms ? 1 : 0, contacts, state.system.term_incidence.row,
+                   state.system.term_incidence.entry, s.term, product_, s.right_side);
+}
+
+template <class Real> void LinearSolve<Real>::solve_change(const Rooms &state)
+{
+  find_residual(state);
   solve_from_zero(state);
-  CAMA_LAUNCH_REAL(Real, b, add_velocity, rows, state.mesh.fixed, s.solution, state.mesh.velocity_next);
+  CAMA_LAUNCH_REAL(Real, *state.backend, add_velocity, state.mesh.cloth_vertices, state.mesh.fixed,
+                   state.system.template of<Real>().solution, state.mesh.velocity_next);
 }
 
 template <class Real> void LinearSolve<Real>::solve(const Rooms &state)

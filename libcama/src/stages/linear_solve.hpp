@@ -29,6 +29,9 @@ public:
   /// report.iterations and residual to those of this solve.
   void solve_from_zero(const Rooms &state, double slack = 1);
 
+  /// Sets System::right_side to the negative residual of Newton's method at velocity_next.
+  void find_residual(const Rooms &state);
+
   /// q = A x on the free rows, terms included.
   void multiply(const Rooms &state, const Stream<typename Types<Real>::vec3> &x, Stream<typename Types<Real>::vec3> &q);
 
@@ -59,7 +62,7 @@ private:
   }
 
   Stream<typename Types<Real>::mat3> diagonal_;
-  Stream<vec3> r_, p_, q_;
+  Stream<vec3> r_, p_, q_, product_;
   Stream<double> partial_, sum_;
   const Stream<Real> no_mass_;
   const Stream<typename Types<Real>::mat3> no_drag_;

@@ -137,9 +137,7 @@ typename NewtonIterations<Real>::Norms NewtonIterations<Real>::evaluate(const Ro
     CAMA_LAUNCH_REAL(Real, b, make_stitch_terms, state.elements.stitches, state.elements.stitch, x, h,
                      state.contact.contacts, s.term);
   }
-  CAMA_LAUNCH_REAL(Real, b, newton_right_side, rows, h, s.mass, state.mesh.fixed, state.mesh.base_velocity(state.time),
-                   v, s.force, state.system.terms ? 1 : 0, state.contact.contacts, state.system.term_incidence.row,
-                   state.system.term_incidence.entry, s.term, s.hold, s.right_side);
+  solve_.find_residual(state);
   for (Stream<double> &values : vertex_) values.resize(rows);
   CAMA_LAUNCH_REAL(Real, b, newton_norms, rows, h, s.mass, state.mesh.fixed, state.elements.gravity, s.right_side,
                    state.elements.triangle_incidence.row, state.elements.triangle_incidence.entry, s.triangle_force,

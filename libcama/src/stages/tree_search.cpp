@@ -13,7 +13,6 @@ constexpr int items_per_pool = 4096; // of blocks of hits
 constexpr int searches_per_sort = 16; // the order of leaves is kept between sorts; boxes are updated in every search
 constexpr int sorts_per_placing = 64; // the origin of boxes is kept between placings of static obstacles
 constexpr int morton_bits = 63;
-constexpr int few_leaves = 65536;    // two levels in a launch: it has few work items, but a launch costs more
 // A few vertices query a tree in parts of so many groups of level 0: the sphere around the centre of an exact obstacle
 // may hold most of the cloth, which is too much for one thread.
 constexpr int few_vertices = 64, part_groups = 8;
@@ -34,9 +33,10 @@ void TreeSearch::build_levels(Backend &b, int leaves, Stream<kernels::bvh8_node>
 {
   const int root = kernels::group_root_level(leaves);
   for (int level = 0; level < root;) {
-    const int both = (b.wide_workers() || leaves < few_leaves) && level + 2 <= root ? 1 : 0;
+    const int both = level + 2 <= root ? 1 : 0;
     level += 1 + both;
-    CAMA_LAUNCH(b, group_levels, GROUP * kernels::group_level_size(leaves, level), leaves, level, both, tree);
+    CAMA_LAUNCH_TEAMS(void, b, group_levels, GROUP_TEAM, kernels::group_level_size(leaves, level), leaves, level, both,
+                      tree);
   }
 }
 
@@ -265,7 +265,6 @@ void TreeSearch::query(const SearchRooms &state, const std::vector<FaceQuery> &f
 
 void TreeSearch::run(const SearchRooms &state, const Stream<dvec3> &from, const Stream<dvec3> &to)
 {
-  Backend &b = *state.backend;
   if (motion_changes_ != state.mesh.motion_changes) {
     found_ = false;
     searches_since_sort_ = sorts_since_placed_ = 0;
