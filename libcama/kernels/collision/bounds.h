@@ -52,58 +52,67 @@ DEVICE dvec3 dvec3_max(dvec3 a, dvec3 b)
   return dvec3_make(max_double(a.x, b.x), max_double(a.y, b.y), max_double(a.z, b.z));
 }
 
-/* First stage: item i reduces positions and targets i, i + n, i + 2n, .. < count to corners[2i], corners[2i + 1]. Needs
-   n <= count. */
-KERNEL position_bounds(int n, int count, GLOBAL const dvec3 *position, GLOBAL const dvec3 *target,
-                       GLOBAL dvec3 *corners)
+/* The bounds of the scene in two stages, each by teams. Corners are pairs: lower, upper. */
+#define BOUNDS_TEAM 128
+
+/* lo, hi: [BOUNDS_TEAM]. Their bounds become pair t of `corners`. */
+DEVICE_TEAM void bounds_of_team(int t, LOCAL dvec3 *lo, LOCAL dvec3 *hi, GLOBAL dvec3 *corners)
 {
-  FOR_EACH(i, n) {
-    dvec3 lo = dvec3_min(position[i], target[i]), hi = dvec3_max(position[i], target[i]);
-    for (int k = i + n; k < count; k += n) {
-      lo = dvec3_min(lo, dvec3_min(position[k], target[k]));
-      hi = dvec3_max(hi, dvec3_max(position[k], target[k]));
+  int span;
+  TEAM_BARRIER;
+  for (span = BOUNDS_TEAM / 2; span > 0; span /= 2) {
+    TEAM_FOR(l, span) {
+      lo[l] = dvec3_min(lo[l], lo[l + span]);
+      hi[l] = dvec3_max(hi[l], hi[l + span]);
     }
-    corners[2 * i] = lo;
-    corners[2 * i + 1] = hi;
+    TEAM_BARRIER;
+  }
+  TEAM_FOR(l, 1) {
+    corners[2 * t] = lo[0];
+    corners[2 * t + 1] = hi[0];
   }
 }
 
-/* Second stage, by one team: `count` pairs of corners, at least one, to those of the scene. */
-#define BOUNDS_TEAM 128
+/* First stage: pair t for every n-th of BOUNDS_TEAM positions with their targets. count: at least 1. */
+KERNEL position_bounds(int n, int count, GLOBAL const dvec3 *position, GLOBAL const dvec3 *target,
+                       GLOBAL dvec3 *corners)
+{
+  TEAM_LOCAL(dvec3, lo, BOUNDS_TEAM);
+  TEAM_LOCAL(dvec3, hi, BOUNDS_TEAM);
+  FOR_EACH_TEAM(t, n) {
+    TEAM_BARRIER;
+    TEAM_FOR(l, BOUNDS_TEAM) {
+      int k = min_int(t * BOUNDS_TEAM + l, count - 1);
+      dvec3 least = dvec3_min(position[k], target[k]), most = dvec3_max(position[k], target[k]);
+      for (k += n * BOUNDS_TEAM; k < count; k += n * BOUNDS_TEAM) {
+        least = dvec3_min(least, dvec3_min(position[k], target[k]));
+        most = dvec3_max(most, dvec3_max(position[k], target[k]));
+      }
+      lo[l] = least;
+      hi[l] = most;
+    }
+    bounds_of_team(t, lo, hi, corners);
+  }
+}
+
+/* Second stage, by one team: the pairs of `count` teams to that of the scene. */
 KERNEL reduce_bounds(int n, int count, GLOBAL const dvec3 *corners, GLOBAL dvec3 *scene_bounds)
 {
   TEAM_LOCAL(dvec3, lo, BOUNDS_TEAM);
   TEAM_LOCAL(dvec3, hi, BOUNDS_TEAM);
   FOR_EACH_TEAM(t, n) {
+    TEAM_BARRIER;
     TEAM_FOR(l, BOUNDS_TEAM) {
-      dvec3 least = corners[0], most = corners[1];
-      for (int k = l; k < count; k += AT_ONCE(8) * BOUNDS_TEAM) {
-        dvec3 own[2 * AT_ONCE(8)];
-        for (int q = 0; q < AT_ONCE(8); ++q) { /* behind the last, the last again */
-          const int at = min_int(k + q * BOUNDS_TEAM, count - 1);
-          own[2 * q] = corners[2 * at];
-          own[2 * q + 1] = corners[2 * at + 1];
-        }
-        for (int q = 0; q < AT_ONCE(8); ++q) {
-          least = dvec3_min(least, own[2 * q]);
-          most = dvec3_max(most, own[2 * q + 1]);
-        }
+      int k = min_int(l, count - 1);
+      dvec3 least = corners[2 * k], most = corners[2 * k + 1];
+      for (k += BOUNDS_TEAM; k < count; k += BOUNDS_TEAM) {
+        least = dvec3_min(least, corners[2 * k]);
+        most = dvec3_max(most, corners[2 * k + 1]);
       }
       lo[l] = least;
       hi[l] = most;
     }
-    TEAM_BARRIER;
-    for (int span = BOUNDS_TEAM / 2; span > 0; span /= 2) {
-      TEAM_FOR(l, span) {
-        lo[l] = dvec3_min(lo[l], lo[l + span]);
-        hi[l] = dvec3_max(hi[l], hi[l + span]);
-      }
-      TEAM_BARRIER;
-    }
-    TEAM_FOR(l, 1) {
-      scene_bounds[2 * t] = lo[0];
-      scene_bounds[2 * t + 1] = hi[0];
-    }
+    bounds_of_team(t, lo, hi, scene_bounds);
   }
 }
 

@@ -89,55 +89,86 @@ KERNEL term_entries(int n, int first, int vertices, GLOBAL const term *terms, GL
   }
 }
 
-/* a: the upper part of a symmetric positive definite matrix of m rows in BLOCK_SIZE columns, scaled to a unit diagonal
-   by the outer product of `scaling`; zero elsewhere. Writes G to `factor`, and its columns' units times the scaling to
-   `weight`. L^-1 builds up below the diagonal of a as rows are eliminated, two at once; pivots are kept above rounding.
-   unit, root and second: [BLOCK_SIZE]. */
-DEVICE_TEAM void factor_block(int m, LOCAL real *a, LOCAL real *unit, LOCAL real *root, LOCAL real *second,
-                              LOCAL double *scaling, GLOBAL int *factor, GLOBAL real *weight)
+/* Eliminates the rows of `a`, two at once: the part of a row behind the diagonal is also its column, since the
+   remaining matrix is symmetric. `second` is row k + 1 without its share of row k; `root` and `unit` are the shares of
+   rows k and k + 1 in each row. Behind an odd m there is a row of zeros. Pivots are kept above rounding. */
+#if LANES == 1
+/* Each member finds the shares for itself, and row k + 1 is stored a turn later, so that a turn has one barrier. */
+DEVICE_TEAM void eliminate_rows(int m, LOCAL real *a, LOCAL real *unit, LOCAL real *root, LOCAL real *second)
 {
   const real least = sizeof(real) == 8 ? (real)1e-14 : (real)1e-6;
   int k;
+  (void)unit;
+  (void)root;
   for (k = 0; k < m; k += 2) {
-    /* The part of a row behind the diagonal is also its column, since the remaining matrix is symmetric: of that only
-       the upper part is needed. `second` is row k + 1 without its share of row k; root and unit are the shares of both
-       rows in each row. Behind an odd m there is a row of zeros. */
+    LOCAL const real *first = a + k * BLOCK_SIZE, *next = first + BLOCK_SIZE;
+    const real p = (real)1 / max_real(first[k], least), share = first[k + 1] * p,
+               p1 = (real)1 / max_real(next[k + 1] - first[k + 1] * share, least);
+    TEAM_FOR(item, ROW_TURNS * BLOCK_SIZE) {
+      const int turn = item / BLOCK_SIZE, j = item - turn * BLOCK_SIZE, end = j > k + 1 ? min_int(j + 1, m) : m,
+                begins = j == k || j == k + 1; /* columns of L^-1 that begin in these rows */
+      const real row = j == k ? -share : next[j] - first[j] * share, behind = j == k + 1 ? (real)1 : row,
+                 own = j == k       ? (real)1
+                       : j == k + 1 ? (real)0
+                                    : first[j];
+      int i;
+      if (turn == 0) {
+        if (k > 0) a[(k - 1) * BLOCK_SIZE + j] = second[j];
+        second[j] = row;
+      }
+      for (i = k + 2 + turn; i < end; i += ROW_TURNS) {
+        const real from = first[i], of_first = from * p, of_next = (next[i] - from * share) * p1;
+        LOCAL real *at = a + i * BLOCK_SIZE + j;
+        *at = (begins ? (real)0 : *at) - own * of_first - behind * of_next;
+      }
+    }
+    TEAM_BARRIER;
+  }
+  TEAM_FOR(j, BLOCK_SIZE) a[(k - 1) * BLOCK_SIZE + j] = second[j];
+  TEAM_BARRIER;
+}
+#else
+DEVICE_TEAM void eliminate_rows(int m, LOCAL real *a, LOCAL real *unit, LOCAL real *root, LOCAL real *second)
+{
+  const real least = sizeof(real) == 8 ? (real)1e-14 : (real)1e-6;
+  int k, i;
+  for (k = 0; k < m; k += 2) {
     LOCAL const real *first = a + k * BLOCK_SIZE;
     const real p = (real)1 / max_real(first[k], least), share = first[k + 1] * p,
                p1 = (real)1 / max_real(first[BLOCK_SIZE + k + 1] - first[k + 1] * share, least);
-    TEAM_FOR_LANES(j, LANES == 1 ? BLOCK_SIZE : m) {
+    TEAM_FOR_LANES(j, m) {
       const lanes own = LANES_LOAD(LOCAL lanes, first + j),
                   behind = LANES_LOAD(LOCAL lanes, first + BLOCK_SIZE + j) - own * share;
       LANES_STORE(LOCAL lanes, root + j, own * p);
       LANES_STORE(LOCAL lanes, second + j, behind);
       LANES_STORE(LOCAL lanes, unit + j, behind * p1);
     }
-    TEAM_BARRIER;
-    TEAM_FOR_LANES(item, LANES == 1 ? ROW_TURNS * BLOCK_SIZE : m) {
-      const int turn = item / BLOCK_SIZE, j = item - turn * BLOCK_SIZE;
+    TEAM_FOR_LANES(j, m) {
       const lanes own = LANES_LOAD(LOCAL lanes, first + j), behind = LANES_LOAD(LOCAL lanes, second + j);
       const int end = j > k + 1 ? min_int(j + LANES, m) : m;
-      int i;
-      if (turn == 0) LANES_STORE(LOCAL lanes, a + (k + 1) * BLOCK_SIZE + j, behind);
-      if (LANES == 1 && turn == 0 && j == k) a[(k + 1) * BLOCK_SIZE + k] = -share;
-      for (i = k + 2 + turn; i < end; i += ROW_TURNS) {
+      LANES_STORE(LOCAL lanes, a + (k + 1) * BLOCK_SIZE + j, behind);
+      for (i = k + 2; i < end; ++i) {
         LOCAL real *at = a + i * BLOCK_SIZE + j;
-        if (LANES == 1 && (j == k || j == k + 1))
-          *at = j == k ? share * unit[i] - root[i] : -unit[i];
-        else
-          LANES_STORE(LOCAL lanes, at, LANES_LOAD(LOCAL lanes, at) - own * root[i] - behind * unit[i]);
+        LANES_STORE(LOCAL lanes, at, LANES_LOAD(LOCAL lanes, at) - own * root[i] - behind * unit[i]);
       }
     }
-    if (LANES > 1) {
-      int i;
-      a[(k + 1) * BLOCK_SIZE + k] = -share;
-      for (i = k + 2; i < m; ++i) {
-        a[i * BLOCK_SIZE + k] = share * unit[i] - root[i];
-        a[i * BLOCK_SIZE + k + 1] = -unit[i];
-      }
+    a[(k + 1) * BLOCK_SIZE + k] = -share;
+    for (i = k + 2; i < m; ++i) {
+      a[i * BLOCK_SIZE + k] = share * unit[i] - root[i];
+      a[i * BLOCK_SIZE + k + 1] = -unit[i];
     }
-    TEAM_BARRIER;
   }
+}
+#endif
+
+/* a: the upper part of a symmetric positive definite matrix of m rows in BLOCK_SIZE columns, scaled to a unit diagonal
+   by the outer product of `scaling`; zero elsewhere. Writes G to `factor`, and its columns' units times the scaling to
+   `weight`. L^-1 builds up below the diagonal of a as rows are eliminated. unit, root and second: [BLOCK_SIZE]. */
+DEVICE_TEAM void factor_block(int m, LOCAL real *a, LOCAL real *unit, LOCAL real *root, LOCAL real *second,
+                              LOCAL double *scaling, GLOBAL int *factor, GLOBAL real *weight)
+{
+  const real least = sizeof(real) == 8 ? (real)1e-14 : (real)1e-6;
+  eliminate_rows(m, a, unit, root, second);
   TEAM_FOR(l, m) root[l] = (real)sqrt((real)1 / max_real(a[l * BLOCK_SIZE + l], least));
   TEAM_BARRIER;
   /* L^-1, whose rows are multiplied by root next: ones on the diagonal, zeros above it. */

@@ -226,11 +226,11 @@ KERNEL coarse_values(int n, GLOBAL const int *source_start, GLOBAL const int *so
     const int e = i / 9, c = i - 9 * e, end = source_start[e + 1];
     double sum = 0.0;
     int k;
-    for (k = source_start[e]; k < end; k += AT_ONCE(8)) {
-      double entry[AT_ONCE(8)];
-      FOR_AT_ONCE(q, 8, end - k)
+    for (k = source_start[e]; k < end; k += AT_ONCE(16)) {
+      double entry[AT_ONCE(16)];
+      FOR_AT_ONCE(q, 16, end - k)
         entry[q] = is_double ? from64[9 * source[k + q] + c] : (double)from32[9 * source[k + q] + c];
-      FOR_AT_ONCE(q, 8, end - k) sum += entry[q];
+      FOR_AT_ONCE(q, 16, end - k) sum += entry[q];
     }
     value[i] = sum;
   }

@@ -54,10 +54,14 @@ KERNEL gather_blocks(int n, GLOBAL const int *start, GLOBAL const int *source, G
                      GLOBAL const triangle_factor *triangle, GLOBAL const hinge_factor *hinge, GLOBAL mat3 *block)
 {
   FOR_EACH(i, n) {
+    const int end = start[i + 1];
     mat3 sum = mat3_zero();
-    int k;
-    for (k = start[i]; k < start[i + 1]; ++k)
-      sum = add_source(sum, source[k], mass, triangles, triangle, 0, hinge, 0, 0);
+    int k = start[i], next = k < end ? source[k] : 0;
+    for (; k < end; ++k) { /* the next source is read before what this one points to */
+      const int own = next;
+      if (k + 1 < end) next = source[k + 1];
+      sum = add_source(sum, own, mass, triangles, triangle, 0, hinge, 0, 0);
+    }
     block[i] = sum;
   }
 }

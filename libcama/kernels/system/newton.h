@@ -299,12 +299,12 @@ KERNEL newton_norms(int n, real step, GLOBAL const real *mass, GLOBAL const int 
         FOR_AT_ONCE(q, 4, end - k) sum += (double)dot(f[q], f[q]);
       }
       end = pushing ? term_row[i + 1] : 0;
-      for (k = pushing ? term_row[i] : 0; k < end; k += AT_ONCE(4)) {
-        int at[AT_ONCE(4)];
-        double push[AT_ONCE(4)];
-        FOR_AT_ONCE(q, 4, end - k) at[q] = term_incidence[k + q];
-        FOR_AT_ONCE(q, 4, end - k) push[q] = (double)(terms[at[q] >> 2].weight[at[q] & 3] * terms[at[q] >> 2].push);
-        FOR_AT_ONCE(q, 4, end - k) pushes += push[q] * push[q];
+      for (k = pushing ? term_row[i] : 0; k < end; k += AT_ONCE(8)) {
+        int at[AT_ONCE(8)];
+        double push[AT_ONCE(8)];
+        FOR_AT_ONCE(q, 8, end - k) at[q] = term_incidence[k + q];
+        FOR_AT_ONCE(q, 8, end - k) push[q] = (double)(terms[at[q] >> 2].weight[at[q] & 3] * terms[at[q] >> 2].push);
+        FOR_AT_ONCE(q, 8, end - k) pushes += push[q] * push[q];
       }
     }
     residual[i] = fixed[i] ? 0.0 : inverse * (double)dot(b[i], b[i]);

@@ -3,9 +3,13 @@
 
 #include <algorithm>
 
+#include "device/ceil_divide.hpp"
 #include "device/launch.hpp"
 
 namespace cama {
+namespace {
+constexpr int most_teams = 256;  // that find the bounds of the scene
+}
 void CandidateSearch::drop_exempt(const SearchRooms &state, int kind, int first)
 {
   if (!state.exemptions.any()) return;
@@ -42,10 +46,10 @@ void CandidateSearch::find_directions(const SearchRooms &state, const Stream<dve
 void CandidateSearch::find_bounds(const SearchRooms &state, const Stream<dvec3> &from, const Stream<dvec3> &to)
 {
   Backend &b = *state.backend;
-  const int first = std::min(state.mesh.vertices, 4096);
-  corners_.resize(2 * first);
-  CAMA_LAUNCH(b, position_bounds, first, state.mesh.vertices, from, to, corners_);
-  CAMA_LAUNCH_TEAMS(void, b, reduce_bounds, BOUNDS_TEAM, 1, first, corners_, state.bounds.bounds);
+  const int teams = std::min(ceil_divide(state.mesh.vertices, BOUNDS_TEAM), most_teams);
+  corners_.resize(2 * teams);
+  CAMA_LAUNCH_TEAMS(void, b, position_bounds, BOUNDS_TEAM, teams, state.mesh.vertices, from, to, corners_);
+  CAMA_LAUNCH_TEAMS(void, b, reduce_bounds, BOUNDS_TEAM, 1, teams, corners_, state.bounds.bounds);
 }
 
 }  // namespace cama
