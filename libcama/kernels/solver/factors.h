@@ -345,12 +345,16 @@ factor_blocks(int n, int fine, int middle, GLOBAL const int *block_start, GLOBAL
               GLOBAL const int *row2, GLOBAL const int *column2, GLOBAL const double *value2,
               GLOBAL const double *diagonal2, GLOBAL int *factor, GLOBAL real *weight)
 {
-  TEAM_LOCAL(real, a, BLOCK_SIZE * BLOCK_SIZE);
-  TEAM_LOCAL(real, unit, BLOCK_SIZE);
-  TEAM_LOCAL(real, root, BLOCK_SIZE);
-  TEAM_LOCAL(real, second, BLOCK_SIZE);
-  TEAM_LOCAL(double, scaling, BLOCK_SIZE);
+  TEAM_LOCAL(real, own_block, BLOCK_SIZE * BLOCK_SIZE);
+  TEAM_LOCAL(real, own_unit, BLOCK_SIZE);
+  TEAM_LOCAL(real, own_root, BLOCK_SIZE);
+  TEAM_LOCAL(real, own_second, BLOCK_SIZE);
+  TEAM_LOCAL(double, own_scaling, BLOCK_SIZE);
   FOR_EACH_TEAM(t, n) {
+    LOCAL real *RESTRICT a = TEAM_POINTER(real, own_block), *RESTRICT unit = TEAM_POINTER(real, own_unit),
+                         *RESTRICT root = TEAM_POINTER(real, own_root),
+                         *RESTRICT second = TEAM_POINTER(real, own_second);
+    LOCAL double *RESTRICT scaling = TEAM_POINTER(double, own_scaling);
     const int before = t < fine ? 0 : block_start[t < middle ? fine : middle], first = block_start[t] - before,
               last = block_start[t + 1] - before;
     TEAM_BARRIER;

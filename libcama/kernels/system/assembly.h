@@ -57,9 +57,9 @@ KERNEL gather_blocks(int n, GLOBAL const int *start, GLOBAL const int *source, G
     const int end = start[i + 1];
     mat3 sum = mat3_zero();
     int k = start[i], next = k < end ? source[k] : 0;
-    for (; k < end; ++k) { /* the next source is read before what this one points to */
-      const int own = next;
-      if (k + 1 < end) next = source[k + 1];
+    for (; k < end; ++k) {
+      const int own = AT_ONCE(2) > 1 ? next : source[k];
+      if (AT_ONCE(2) > 1 && k + 1 < end) next = source[k + 1]; /* before what `own` points to */
       sum = add_source(sum, own, mass, triangles, triangle, 0, hinge, 0, 0);
     }
     block[i] = sum;
