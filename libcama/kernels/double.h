@@ -15,6 +15,7 @@
 #include "collision/swept_vertex.h"
 #include "collision/touch.h"
 #include "collision/tree.h"
+#include "collision/updates.h"
 #include "dialect/double_double.h"
 #include "elements/gas.h"
 #include "elements/measure.h"

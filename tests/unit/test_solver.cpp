@@ -208,6 +208,66 @@ TEST_CASE("bcsr_multiply equals Eigen's product", "[solver]")
   }
 }
 
+TEST_CASE("bcsr_multiply adds terms, however many a row has", "[solver]")
+{
+  const auto backend = make_backend("auto", 0, 2);
+  std::mt19937 random(3);
+  std::normal_distribution<double> normal;
+  const int n = 12, terms = 90;
+  std::vector<int> row(n + 1), column, fixed(n, 0), term_row{0}, entries;
+  std::vector<kernels::f64::mat3> block;
+  std::vector<kernels::f64::term> list;
+  std::vector<kernels::f64::vec3> x;
+  std::vector<std::vector<int>> at(n);
+  Eigen::MatrixXd dense = Eigen::MatrixXd::Zero(3 * n, 3 * n);
+  VectorXd v(3 * n);
+  for (int i = 0; i < n; ++i) {
+    x.push_back({normal(random), normal(random), normal(random)});
+    v.segment<3>(3 * i) = eigen(x.back());
+  }
+  for (int t = 0; t < terms; ++t) {
+    // Vertex 0 is in all of them, vertex 1 in none.
+    kernels::f64::term term{{0, 2 + t % 5, 7 + t % 3, t % 4 ? 10 + t % 2 : -1}, {}, {}, 0, 0, 0};
+    const Eigen::Vector3d direction = Eigen::Vector3d(normal(random), normal(random), normal(random)).normalized();
+    for (double &w : term.weight) w = normal(random);
+    if (term.node[3] < 0) term.weight[3] = 0;
+    term.normal = {direction.x(), direction.y(), direction.z()};
+    term.along = std::abs(normal(random));
+    term.around = std::abs(normal(random));
+    const Eigen::Matrix3d whole =
+        term.along * direction * direction.transpose() + term.around * Eigen::Matrix3d::Identity();
+    for (int a = 0; a < 4; ++a) {
+      if (term.node[a] < 0) continue;
+      at[static_cast<std::size_t>(term.node[a])].push_back(4 * t + a);
+      for (int b = 0; b < 4; ++b)
+        if (term.node[b] >= 0)
+          dense.block<3, 3>(3 * term.node[a], 3 * term.node[b]) += term.weight[a] * term.weight[b] * whole;
+    }
+    list.push_back(term);
+  }
+  for (const std::vector<int> &own : at) {
+    entries.insert(entries.end(), own.begin(), own.end());
+    term_row.push_back(static_cast<int>(entries.size()));
+  }
+  column.push_back(0);
+  block.push_back({});
+  Stream<int> rows(*backend, row), columns(*backend, column), fixed_stream(*backend, fixed),
+      term_rows(*backend, term_row), incidence(*backend, entries);
+  Stream<kernels::f64::mat3> blocks(*backend, block);
+  Stream<kernels::f64::term> term_stream(*backend, list);
+  Stream<kernels::f64::vec3> in(*backend, x), out(*backend, n), product(*backend, terms);
+  const VectorXd expected = dense * v;
+  CAMA_LAUNCH_REAL(double, *backend, term_products, terms, term_stream, in, product);
+  for (const int parts : {1, 3}) {
+    CAMA_LAUNCH_REAL(double, *backend, bcsr_multiply, parts *n, parts, rows, columns, blocks, fixed_stream,
+                     nothing<double>(), nothing<kernels::f64::mat3>(), terms, term_rows, incidence, term_stream,
+                     product, in, out);
+    const auto y = out.download();
+    for (int i = 0; i < n; ++i)
+      REQUIRE((eigen(y[static_cast<std::size_t>(i)]) - expected.segment<3>(3 * i)).norm() < 1e-13 * expected.norm());
+  }
+}
+
 TEST_CASE("bcsr_multiply by differences: masses and springs, and what all share costs no rounding", "[solver]")
 {
   // A chain of springs of 1e6 between masses of 1e-3: rows of the matrix add up to the masses.

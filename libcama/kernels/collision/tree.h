@@ -310,16 +310,13 @@ KERNEL face_groups(int n, int leaf_count, GLOBAL const face_nodes *leaf_face, GL
                    GLOBAL bvh8_node *tree)
 {
   FOR_EACH(i, n) {
-    for (int k = 0; k < GROUP; k += AT_ONCE(4)) {
-      box own[AT_ONCE(4)];
-      for (int q = 0; q < AT_ONCE(4); ++q) {
-        own[q] = empty_box();
-        if (GROUP * i + k + q < leaf_count) {
-          face_nodes f = leaf_face[GROUP * i + k + q];
-          own[q] = box_union(box_union(vertex_box[f.node[0]], vertex_box[f.node[1]]), vertex_box[f.node[2]]);
-        }
+    for (int k = 0; k < GROUP; ++k) {
+      box b = empty_box();
+      if (GROUP * i + k < leaf_count) {
+        face_nodes f = leaf_face[GROUP * i + k];
+        b = box_union(box_union(vertex_box[f.node[0]], vertex_box[f.node[1]]), vertex_box[f.node[2]]);
       }
-      for (int q = 0; q < AT_ONCE(4); ++q) set_group_box(tree + i, k + q, own[q]);
+      set_group_box(tree + i, k, b);
     }
   }
 }
@@ -327,16 +324,11 @@ KERNEL edge_groups(int n, int leaf_count, GLOBAL const edge_nodes *leaf_edge, GL
                    GLOBAL bvh8_node *tree)
 {
   FOR_EACH(i, n) {
-    for (int k = 0; k < GROUP; k += AT_ONCE(4)) {
-      box own[AT_ONCE(4)];
-      for (int q = 0; q < AT_ONCE(4); ++q) {
-        own[q] = empty_box();
-        if (GROUP * i + k + q < leaf_count) {
-          edge_nodes e = leaf_edge[GROUP * i + k + q];
-          own[q] = box_union(vertex_box[e.node[0]], vertex_box[e.node[1]]);
-        }
-      }
-      for (int q = 0; q < AT_ONCE(4); ++q) set_group_box(tree + i, k + q, own[q]);
+    for (int k = 0; k < GROUP; ++k) {
+      box b = empty_box();
+      if (GROUP * i + k < leaf_count)
+        b = box_union(vertex_box[leaf_edge[GROUP * i + k].node[0]], vertex_box[leaf_edge[GROUP * i + k].node[1]]);
+      set_group_box(tree + i, k, b);
     }
   }
 }

@@ -363,7 +363,7 @@ factor_blocks(int n, int fine, int middle, GLOBAL const int *block_start, GLOBAL
     if (t < fine)
       gather_fine_block(first, last, slice_start, slice_place, column, value, terms, order, term_row, term_entry, nodes,
                         coefficient, a, scaling);
-    else
+    else /* one call for both levels: pocl 3.1 ran neither of two in branches */
       gather_coarse_block(first, last, t < middle ? row1 : row2, t < middle ? column1 : column2,
                           t < middle ? value1 : value2, terms, t < middle ? diagonal1 : diagonal2, a, scaling);
     TEAM_BARRIER;

@@ -223,14 +223,11 @@ KERNEL coarse_values(int n, GLOBAL const int *source_start, GLOBAL const int *so
                      GLOBAL const double *from64, GLOBAL const float *from32, GLOBAL double *value)
 {
   FOR_EACH(i, n) {
-    const int e = i / 9, c = i - 9 * e, end = source_start[e + 1];
+    int e = i / 9, c = i - 9 * e, k;
     double sum = 0.0;
-    int k;
-    for (k = source_start[e]; k < end; k += AT_ONCE(16)) {
-      double entry[AT_ONCE(16)];
-      FOR_AT_ONCE(q, 16, end - k)
-        entry[q] = is_double ? from64[9 * source[k + q] + c] : (double)from32[9 * source[k + q] + c];
-      FOR_AT_ONCE(q, 16, end - k) sum += entry[q];
+    for (k = source_start[e]; k < source_start[e + 1]; ++k) {
+      double entry = is_double ? from64[9 * source[k] + c] : (double)from32[9 * source[k] + c];
+      sum += entry;
     }
     value[i] = sum;
   }
@@ -245,37 +242,24 @@ KERNEL term_diagonals(int n, int rows, GLOBAL const int *order, GLOBAL const int
                       GLOBAL const float *value32, GLOBAL double *diagonal)
 {
   FOR_EACH(i, n) {
-    double sum[6] = {0.0, 0.0, 0.0, 0.0, 0.0, 0.0};
     GLOBAL const int *ancestor = i < rows ? ancestor1 : ancestor2;
-    const int row = i < rows ? i : i - rows, v = order[row], own = ancestor[row], end = term_row[v + 1];
-    int k, c;
-    for (k = term_row[v]; k < end; k += AT_ONCE(2)) {
-      int at[AT_ONCE(2)], beside[AT_ONCE(2)][4];
-      element_nodes places[AT_ONCE(2)];
-      double values[AT_ONCE(2)][9];
-      FOR_AT_ONCE(q, 2, end - k) at[q] = term_entry[k + q];
-      FOR_AT_ONCE(q, 2, end - k) {
-        const int t = at[q] >> 2;
-        places[q] = nodes[t];
-        for (c = 0; c < 9; ++c) values[q][c] = is_double ? value64[9 * t + c] : (double)value32[9 * t + c];
-      }
-      FOR_AT_ONCE(q, 2, end - k)
-        for (c = 0; c < 4; ++c) beside[q][c] = places[q].node[c] >= 0 && ancestor[places[q].node[c]] == own;
-      FOR_AT_ONCE(q, 2, end - k) {
-        const double *x = values[q];
-        double w = 0.0, along, around;
-        for (c = 0; c < 4; ++c)
-          if (beside[q][c]) w += x[c];
-        w *= (at[q] & 3) == 0 ? x[0] : (at[q] & 3) == 1 ? x[1] : (at[q] & 3) == 2 ? x[2] : x[3];
-        along = w * x[7];
-        around = w * x[8];
-        sum[0] += along * x[4] * x[4] + around;
-        sum[1] += along * x[4] * x[5];
-        sum[2] += along * x[4] * x[6];
-        sum[3] += along * x[5] * x[5] + around;
-        sum[4] += along * x[5] * x[6];
-        sum[5] += along * x[6] * x[6] + around;
-      }
+    double sum[6] = {0.0, 0.0, 0.0, 0.0, 0.0, 0.0};
+    int k, b, c, row = i < rows ? i : i - rows, v = order[row];
+    for (k = term_row[v]; k < term_row[v + 1]; ++k) {
+      int t = term_entry[k] >> 2, a = term_entry[k] & 3;
+      double x[9], w = 0.0, along, around;
+      for (c = 0; c < 9; ++c) x[c] = is_double ? value64[9 * t + c] : (double)value32[9 * t + c];
+      for (b = 0; b < 4; ++b)
+        if (nodes[t].node[b] >= 0 && ancestor[nodes[t].node[b]] == ancestor[row]) w += x[b];
+      w *= x[a];
+      along = w * x[7];
+      around = w * x[8];
+      sum[0] += along * x[4] * x[4] + around;
+      sum[1] += along * x[4] * x[5];
+      sum[2] += along * x[4] * x[6];
+      sum[3] += along * x[5] * x[5] + around;
+      sum[4] += along * x[5] * x[6];
+      sum[5] += along * x[6] * x[6] + around;
     }
     for (c = 0; c < 6; ++c) diagonal[6 * i + c] = sum[c];
   }
