@@ -142,6 +142,17 @@ double penetration(const Streams &s, const StepReport &r, const Options &o)
          again + r.impact_passes * 2 * s.bytes({"impact"});
 }
 
+double extrapolation(const Streams &s)
+{
+  return s.bytes({"position", "position_before", "position_base", "velocity", "velocity_before", "velocity_base"});
+}
+
+double abrupt_contact(const Streams &s)
+{
+  return s.bytes({"term", "contact", "abrupt", "abrupt_change", "term_incidence.row"}) +
+         2 * s.bytes({"term_incidence.entry"});
+}
+
 double finish(const Streams &s) { return s.bytes({"position_next", "velocity_next"}); }
 
 SolveShape shape_of(const Streams &s, const Simulation &simulation)
@@ -198,14 +209,18 @@ std::map<std::string, double> step_bytes(const Simulation &simulation)
   const double solve = o.solver == LinearSolver::direct ? 0 : solve_bytes(shape);
   const std::map<std::string, double> leaves = {
       {"prescribed motion", motion(s, rows)},
+      {"extrapolation", extrapolation(s)},
       {"proximity checking/candidate search", candidate_search(s)},
       {"proximity checking/contacts", contacts(s)},
+      {"prediction", 4 * vector_bytes * rows},
       {"matrix assembly/element forces", elements},
       {"matrix assembly/contact terms", terms},
       {"matrix assembly/matrix assembly", blocks},
       {"linear solve", solve},
       {"newton iterations", (solves - 1) * (elements + terms + blocks + solve)},
       {"advance positions", 3 * vector_bytes * rows},
+      {"abrupt contact", abrupt_contact(s)},
+      {"keep friction", s.bytes({"contact", "term", "hold", "kept_next.force"})},
       {"penetration handling", penetration(s, simulation.report(), o)},
       {"finish step", finish(s)},
   };

@@ -123,7 +123,7 @@ DEVICE_TEAM void multiply_transposed(int groups, LOCAL const staged_factor *g, L
                                      GLOBAL const real *w, LOCAL real *u)
 {
   TEAM_FOR_LANES(c, 16 * groups) {
-    LOCAL const real *column[3];
+    LOCAL const real *column[3] = {g, g, g};
     const int first = c / 16;
     int group;
     lanes sums;
