@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // The linear solve against Eigen: products, preconditioners, elimination of prescribed vertices, broken systems.
-#include "../catch.hpp"
+#include "../backends.hpp"
 
 #include <cmath>
 #include <cstring>
@@ -210,7 +210,6 @@ TEST_CASE("bcsr_multiply equals Eigen's product", "[solver]")
 
 TEST_CASE("bcsr_multiply adds terms, however many a row has", "[solver]")
 {
-  const auto backend = make_backend("auto", 0, 2);
   std::mt19937 random(3);
   std::normal_distribution<double> normal;
   const int n = 12, terms = 90;
@@ -251,20 +250,24 @@ TEST_CASE("bcsr_multiply adds terms, however many a row has", "[solver]")
   }
   column.push_back(0);
   block.push_back({});
-  Stream<int> rows(*backend, row), columns(*backend, column), fixed_stream(*backend, fixed),
-      term_rows(*backend, term_row), incidence(*backend, entries);
-  Stream<kernels::f64::mat3> blocks(*backend, block);
-  Stream<kernels::f64::term> term_stream(*backend, list);
-  Stream<kernels::f64::vec3> in(*backend, x), out(*backend, n), product(*backend, terms);
   const VectorXd expected = dense * v;
-  CAMA_LAUNCH_REAL(double, *backend, term_products, terms, term_stream, in, product);
-  for (const int parts : {1, 3}) {
-    CAMA_LAUNCH_REAL(double, *backend, bcsr_multiply, parts *n, parts, rows, columns, blocks, fixed_stream,
-                     nothing<double>(), nothing<kernels::f64::mat3>(), terms, term_rows, incidence, term_stream,
-                     product, in, out);
-    const auto y = out.download();
-    for (int i = 0; i < n; ++i)
-      REQUIRE((eigen(y[static_cast<std::size_t>(i)]) - expected.segment<3>(3 * i)).norm() < 1e-13 * expected.norm());
+  for (const std::string &name : backends_here()) {
+    INFO(name);
+    const auto backend = make_backend(name, 0, 2);
+    Stream<int> rows(*backend, row), columns(*backend, column), fixed_stream(*backend, fixed),
+        term_rows(*backend, term_row), incidence(*backend, entries);
+    Stream<kernels::f64::mat3> blocks(*backend, block);
+    Stream<kernels::f64::term> term_stream(*backend, list);
+    Stream<kernels::f64::vec3> in(*backend, x), out(*backend, n), product(*backend, terms);
+    CAMA_LAUNCH_REAL(double, *backend, term_products, terms, term_stream, in, product);
+    for (const int parts : {1, 3}) {
+      CAMA_LAUNCH_REAL(double, *backend, bcsr_multiply, parts *n, parts, rows, columns, blocks, fixed_stream,
+                       nothing<double>(), nothing<kernels::f64::mat3>(), terms, term_rows, incidence, term_stream,
+                       product, in, out);
+      const auto y = out.download();
+      for (int i = 0; i < n; ++i)
+        REQUIRE((eigen(y[static_cast<std::size_t>(i)]) - expected.segment<3>(3 * i)).norm() < 1e-13 * expected.norm());
+    }
   }
 }
 
