@@ -146,12 +146,10 @@ public:
     check(cudaHostAlloc(&overflow, sizeof(int), cudaHostAllocMapped), "cudaHostAlloc");
     overflow_ = static_cast<volatile int *>(overflow);
     *overflow_ = 0;
-    interpreter_ = std::make_unique<Interpreter>(device, queue_, flag());
   }
   ~CudaBackend() override
   {
     cudaStreamSynchronize(queue_);
-    interpreter_.reset();
     if (replay_) cudaGraphExecDestroy(replay_);
     for (void *scratch : {scratch_, other_keys_, other_values_, total_}) cudaFree(scratch);
     cudaFreeHost(flag());
@@ -325,28 +323,7 @@ public:
   }
   int device_before() const override { return before_; }
 
-  void run(const std::vector<OperationQueue *> &queues, Crew &crew) override
-  {
-    begin_run(queues, crew, 0);
-    end_run(0);
-  }
-  void begin_run(const std::vector<OperationQueue *> &queues, Crew &crew, int lane) override
-  {
-    if (!interpreter_->suits(queues)) return Backend::run(queues, crew);
-    launches_ += interpreter_->begin(queues, crew, lane, [&](int operation) {
-      const Slot *slots = queues.front()->slots(operation);
-      sort(from_slot<Buffer>(slots[1]), from_slot<Buffer>(slots[2]), from_slot<int>(slots[0]),
-           queues.front()->operation(operation).extra);
-    });
-    for (const OperationQueue *queue : queues)
-      for (const int i : queue->releases()) release(from_slot<Buffer>(*queue->slots(i)));
-  }
-  void end_run(int lane) override
-  {
-    if (!interpreter_->end(lane)) return;
-    ++waits_;
-    report_overflow();
-  }
+  std::unique_ptr<WorldRunner> make_runner() override { return make_interpreter(index_, queue_); }
 
 private:
   /// Threads of a block: so few that a short launch has a block or two for every processor.
@@ -434,7 +411,6 @@ private:
   int processors_ = 1, workers_ = 1, blocks_ = 1;
   bool begins_early_ = false;  // see AWAIT_LAUNCHES; devices before 9.0 cannot, and graphs before CUDA 12.3
   cudaStream_t queue_ = nullptr;
-  std::unique_ptr<Interpreter> interpreter_;
   cudaGraphExec_t replay_ = nullptr;  // of the last `repeat`
   long recorded_ = 0;  // launches in it
   std::unordered_map<Buffer, std::size_t> sizes_;

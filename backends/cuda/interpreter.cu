@@ -7,11 +7,14 @@
 #include <cub/cub.cuh>
 
 #include <algorithm>
+#include <iterator>
 #include <utility>
+#include <vector>
 
 #include "cama/error.hpp"
 #include "check.hpp"
 #include "device/for_backends.hpp"
+#include "program.hpp"
 
 namespace cama {
 namespace {
@@ -19,7 +22,9 @@ namespace {
 constexpr int most_slots = max_kernel_arguments + 8, blocks_per_processor = 4;
 constexpr int rank_sort_room = 2048, digit_bits = 4, digits = 1 << digit_bits;
 /// Elements that a thread may handle in one operation, beyond which launches with more threads are faster.
-constexpr int most_per_thread = 8, most_per_thread_of_worlds = 64;
+constexpr int most_per_thread = 64;
+constexpr int most_worlds = 32;  // in one launch
+constexpr int most_lanes = 8;    // of one runner
 
 // Functions.
 
@@ -112,6 +117,16 @@ struct Meeting {
       __threadfence();
     }
     __syncthreads();
+  }
+  /// Whether this thread is the last of the first threads of all blocks to call it, after all have waited. The next
+  /// program begins with zeros again.
+  __device__ bool end()
+  {
+    if (threadIdx.x > 0) return false;
+    if (gridDim.x == 1) return true;
+    if (atomicAdd(arrived + 1, 1) < gridDim.x - 1) return false;
+    arrived[0] = arrived[1] = 0;
+    return true;
   }
 };
 
@@ -278,22 +293,31 @@ __device__ void execute(const Instruction &instruction, const Slot *slots, Meeti
   }
 }
 
-/// Instructions [begin, end) of each world, in blocks (x, world). While one runs, the slots of the next and the
-/// instruction after it are on their way.
+struct Batch {
+  WorldProgram world[most_worlds];
+};
+
+/// The programs of worlds, in blocks (x, world). While one instruction runs, the slots of the next and the instruction
+/// after it are on their way.
 __global__ void __launch_bounds__(interpreter_threads, blocks_per_processor)
-    interpret(const WorldProgram *programs, int begin, int end, unsigned int *arrived, long long *partials,
-              int *overflow)
+    interpret(const __grid_constant__ Batch batch)
 {
   __shared__ Slot slots[2][most_slots];
-  const WorldProgram program = programs[blockIdx.y];
+  const WorldProgram &program = batch.world[blockIdx.y];
   const int thread = static_cast<int>(threadIdx.x);
-  Walk walk{program.instructions, min(end, program.count)};
-  Meeting meeting{arrived + blockIdx.y, 0};
-  long long *partial = partials + static_cast<std::size_t>(blockIdx.y) * gridDim.x;
-  if (begin >= walk.end) return;
-  int place = begin, buffer = 0;
+  Meeting meeting{program.arrived, 0};
+  {
+    const uint4 *__restrict__ from = program.from;
+    uint4 *__restrict__ to = program.to;
+    for (int i = static_cast<int>(first_item()); i < program.words; i += static_cast<int>(items_at_once()))
+      to[i] = from[i];
+  }
+  meeting.wait();
+  const Slot *all_slots = reinterpret_cast<const Slot *>(program.to + program.slots);
+  Walk walk{reinterpret_cast<const Instruction *>(program.to), program.count};
+  int place = 0, buffer = 0;
   Instruction now = walk.at(place);
-  if (thread < now.slots) slots[0][thread] = program.slots[now.first + thread];
+  if (thread < now.slots) slots[0][thread] = all_slots[now.first + thread];
   set_team(now);
   __syncthreads();
   int next_place = walk.after(place, now);
@@ -301,10 +325,10 @@ __global__ void __launch_bounds__(interpreter_threads, blocks_per_processor)
   while (true) {
     const bool more = next_place < walk.end;
     Slot arriving = 0;
-    if (more && thread < next.slots) arriving = program.slots[next.first + thread];
+    if (more && thread < next.slots) arriving = all_slots[next.first + thread];
     const int later_place = more ? walk.after(next_place, next) : walk.end;
     const Instruction later = walk.at(later_place);
-    execute(now, slots[buffer], meeting, partial, overflow);
+    execute(now, slots[buffer], meeting, program.partials, program.overflow);
     if (!more) break;
     buffer = 1 - buffer;
     if (thread < next.slots) slots[buffer][thread] = arriving;
@@ -320,137 +344,129 @@ __global__ void __launch_bounds__(interpreter_threads, blocks_per_processor)
     next = later;
     next_place = later_place;
   }
+  __threadfence_system();
+  meeting.wait();
+  if (!meeting.end()) return;
+  __threadfence_system();
+  *static_cast<volatile unsigned int *>(program.done) = program.number;
 }
+
+/// Each lane is a stream in which one launch runs at a time.
+class Runner final : public WorldRunner {
+public:
+  Runner(cudaStream_t queue, int together) : queue_(queue), together_(together)
+  {
+    for (Lane &lane : lane_) cama::check(cudaStreamCreateWithFlags(&lane.stream, cudaStreamNonBlocking), "cudaStreamCreate");
+    cama::check(cudaEventCreateWithFlags(&before_, cudaEventDisableTiming), "cudaEventCreate");
+  }
+  ~Runner() override
+  {
+    for (const Lane &lane : lane_) cudaStreamDestroy(lane.stream);
+    cudaEventDestroy(before_);
+  }
+
+  void follow(int worlds) override
+  {
+    worlds_ = worlds;
+    cama::check(cudaEventRecord(before_, queue_), "cudaEventRecord");
+    for (Lane &lane : lane_) lane.follows = false;
+  }
+
+  bool suits(const OperationQueue &queue) const override
+  {
+    return queue.largest() <= most_per_thread * blocks_for(queue) * interpreter_threads;
+  }
+
+  void begin(const std::vector<OperationQueue *> &queues) override
+  {
+    for (std::size_t first = 0; first < queues.size(); first += most_worlds) {
+      const std::size_t count = std::min<std::size_t>(queues.size() - first, most_worlds);
+      int blocks = 1;
+      for (std::size_t i = 0; i < count; ++i) blocks = std::max(blocks, blocks_for(*queues[first + i]));
+      Lane &lane = *std::min_element(std::begin(lane_), std::end(lane_),
+                                     [](const Lane &a, const Lane &b) { return a.running < b.running; });
+      Batch batch;
+      for (std::size_t i = 0; i < count; ++i) {
+        OperationQueue &queue = *queues[first + i];
+        if (!queue.room) queue.room = std::make_shared<ProgramRoom>(queue_);
+        ProgramRoom &room = room_of(queue);
+        batch.world[i] = room.write(queue, blocks, function_of);
+        if (room.take_grown()) follow(worlds_);
+        room.lane = static_cast<int>(&lane - lane_);
+        ++lane.running;
+      }
+      if (!std::exchange(lane.follows, true)) cama::check(cudaStreamWaitEvent(lane.stream, before_), "cudaStreamWaitEvent");
+      const dim3 grid(static_cast<unsigned int>(blocks), static_cast<unsigned int>(count));
+      void *arguments[] = {&batch};
+      cama::check(cudaLaunchKernel(reinterpret_cast<const void *>(&interpret), grid, dim3(interpreter_threads),
+                                   arguments, team_memory_bytes, lane.stream),
+                  "recorded operations");
+      ++launches_;
+    }
+  }
+
+  bool ended(OperationQueue &queue) override
+  {
+    ProgramRoom &room = room_of(queue);
+    if (!room.ended()) return false;
+    --lane_[room.lane].running;
+    queue.downloaded = room.downloads();
+    if (room.take_overflow()) throw ListOverflow();
+    return true;
+  }
+
+  void check() override
+  {
+    for (const Lane &lane : lane_) {
+      if (lane.running == 0) continue;
+      const cudaError_t status = cudaStreamQuery(lane.stream);
+      if (status == cudaErrorNotReady)
+        cudaGetLastError();   // not an error
+      else
+        cama::check(status, "recorded operations");
+    }
+  }
+  void wait() noexcept override
+  {
+    for (const Lane &lane : lane_) cudaStreamSynchronize(lane.stream);
+  }
+  long launches() const override { return launches_; }
+
+private:
+  struct Lane {
+    cudaStream_t stream = nullptr;
+    int running = 0;       // worlds
+    bool follows = false;  // what the queue did last
+  };
+
+  static ProgramRoom &room_of(const OperationQueue &queue) { return *static_cast<ProgramRoom *>(queue.room.get()); }
+  int blocks_for(const OperationQueue &queue) const
+  {
+    return std::clamp((queue.largest() - 1) / interpreter_threads + 1, 1, std::max(1, together_ / worlds_));
+  }
+
+  cudaStream_t queue_;
+  const int together_;   // blocks that run at once
+  int worlds_ = 1;       // that run at once
+  long launches_ = 0;
+  cudaEvent_t before_ = nullptr;
+  Lane lane_[most_lanes];
+};
 
 }  // namespace
 
-GrowingMemory::~GrowingMemory() { on_host_ ? cudaFreeHost(memory_) : cudaFree(memory_); }
-
-unsigned char *GrowingMemory::get(std::size_t bytes)
+std::unique_ptr<WorldRunner> make_interpreter(int device, cudaStream_t queue)
 {
-  if (bytes <= bytes_) return memory_;
-  on_host_ ? cudaFreeHost(memory_) : cudaFree(memory_);   // both wait for the device
-  memory_ = nullptr;
-  bytes_ = 0;
-  void *memory = nullptr;
-  const std::size_t room = std::max<std::size_t>(bytes + bytes / 2, 4096);
-  check(on_host_ ? cudaHostAlloc(&memory, room, cudaHostAllocMapped) : cudaMalloc(&memory, room),
-        "memory for recorded operations");
-  memory_ = static_cast<unsigned char *>(memory);
-  bytes_ = room;
-  return memory_;
-}
-
-Interpreter::Interpreter(int device, cudaStream_t queue, int *overflow) : queue_(queue), overflow_(overflow)
-{
-  for (Lane &lane : lane_)
-    for (cudaEvent_t *event : {&lane.copied, &lane.done})
-      check(cudaEventCreateWithFlags(event, cudaEventDisableTiming), "cudaEventCreate");
-  int processors = 0, cooperative = 0, memory = 0, per_processor = 0;
-  check(cudaDeviceGetAttribute(&processors, cudaDevAttrMultiProcessorCount, device), "cudaDeviceGetAttribute");
-  check(cudaDeviceGetAttribute(&cooperative, cudaDevAttrCooperativeLaunch, device), "cudaDeviceGetAttribute");
-  check(cudaDeviceGetAttribute(&memory, cudaDevAttrMaxSharedMemoryPerBlockOptin, device), "cudaDeviceGetAttribute");
-  if (!cooperative || memory < static_cast<int>(team_memory_bytes) + 4096) return;
-  check(cudaFuncSetAttribute(interpret, cudaFuncAttributeMaxDynamicSharedMemorySize, team_memory_bytes),
+  int processors = 0, memory = 0, per_processor = 0;
+  cama::check(cudaDeviceGetAttribute(&processors, cudaDevAttrMultiProcessorCount, device), "cudaDeviceGetAttribute");
+  cama::check(cudaDeviceGetAttribute(&memory, cudaDevAttrMaxSharedMemoryPerBlockOptin, device), "cudaDeviceGetAttribute");
+  if (memory < static_cast<int>(team_memory_bytes) + 4096) return nullptr;
+  cama::check(cudaFuncSetAttribute(interpret, cudaFuncAttributeMaxDynamicSharedMemorySize, team_memory_bytes),
         "cudaFuncSetAttribute");
   check(
       cudaOccupancyMaxActiveBlocksPerMultiprocessor(&per_processor, interpret, interpreter_threads, team_memory_bytes),
       "cudaOccupancy");
-  together_ = processors * per_processor;
-}
-
-Interpreter::~Interpreter()
-{
-  for (const Lane &lane : lane_)
-    for (cudaEvent_t event : {lane.copied, lane.done}) cudaEventDestroy(event);
-}
-
-int Interpreter::blocks_for(const std::vector<OperationQueue *> &queues) const
-{
-  int largest = 1;
-  for (const OperationQueue *queue : queues) largest = std::max(largest, queue->largest());
-  const int most = std::max(1, together_ / static_cast<int>(queues.size()));
-  return std::clamp((largest - 1) / interpreter_threads + 1, 1, most);
-}
-
-bool Interpreter::suits(const std::vector<OperationQueue *> &queues) const
-{
-  if (together_ == 0) return false;
-  const long long threads = static_cast<long long>(blocks_for(queues)) * interpreter_threads;
-  const int most = queues.size() == 1 ? most_per_thread : most_per_thread_of_worlds;
-  return std::all_of(queues.begin(), queues.end(),
-                     [&](const OperationQueue *queue) { return queue->largest() <= most * threads; });
-}
-
-int Interpreter::begin(const std::vector<OperationQueue *> &queues, Crew &crew, int number,
-                       const std::function<void(int)> &sort)
-{
-  Lane &lane = lane_[number];
-  lane.programs = std::make_unique<Programs>(queues, function_of);
-  const Programs &programs = *lane.programs;
-  check(cudaEventSynchronize(lane.copied), "cudaEventSynchronize");
-  unsigned char *block = lane.block.get(programs.bytes()), *device = device_.get(programs.bytes());
-  programs.write(crew, block, device, lane.downloads.get(programs.downloaded_bytes()),
-                 scratch_.get(programs.scratch_bytes()));
-  check(cudaMemcpyAsync(device, block, programs.bytes(), cudaMemcpyHostToDevice, queue_), "cudaMemcpy to the device");
-  check(cudaEventRecord(lane.copied, queue_), "cudaEventRecord");
-  const int worlds = static_cast<int>(queues.size()), blocks = blocks_for(queues);
-  int begin = 0, launches = 0;
-  if (worlds == 1) {
-    const OperationQueue &queue = *queues.front();
-    for (int i = 0; i < queue.size(); ++i) {
-      if (queue.operation(i).kind != OperationKind::sort) continue;
-      if (i > begin) {
-        launch(1, blocks, begin, i);
-        ++launches;
-      }
-      sort(i);
-      begin = i + 1;
-    }
-    if (begin == queue.size()) begin = -1;
-  }
-  if (begin >= 0) {
-    launch(worlds, blocks, begin, 0x7fffffff);
-    ++launches;
-  }
-  check(cudaEventRecord(lane.done, queue_), "cudaEventRecord");
-  return launches;
-}
-
-bool Interpreter::end(int number)
-{
-  Lane &lane = lane_[number];
-  const std::unique_ptr<Programs> programs = std::move(lane.programs);
-  if (!programs || !programs->waits()) return false;
-  check(cudaEventSynchronize(lane.done), "synchronize");
-  programs->answer(lane.downloads.get(0));
-  return true;
-}
-
-void Interpreter::launch(int worlds, int blocks, int begin, int end)
-{
-  const auto *programs = reinterpret_cast<const WorldProgram *>(device_.get(0));
-  const std::size_t counters = sizeof(unsigned int) * static_cast<std::size_t>(worlds);
-  auto *arrived = reinterpret_cast<unsigned int *>(meetings_.get(counters));
-  auto *partials = reinterpret_cast<long long *>(
-      partials_.get(sizeof(long long) * static_cast<std::size_t>(worlds) * static_cast<std::size_t>(blocks)));
-  constexpr int most_rows = 65535;
-  for (int first = 0; first < worlds; first += most_rows) {
-    const dim3 grid(static_cast<unsigned int>(blocks), static_cast<unsigned int>(std::min(worlds - first, most_rows)));
-    const WorldProgram *own = programs + first;
-    unsigned int *own_arrived = arrived + first;
-    void *arguments[] = {&own, &begin, &end, &own_arrived, &partials, &overflow_};
-    if (blocks > 1) {
-      check(cudaMemsetAsync(arrived, 0, counters, queue_), "cudaMemset");
-      check(cudaLaunchCooperativeKernel(reinterpret_cast<const void *>(&interpret), grid, dim3(interpreter_threads),
-                                        arguments, team_memory_bytes, queue_),
-            "recorded operations");
-    } else {
-      check(cudaLaunchKernel(reinterpret_cast<const void *>(&interpret), grid, dim3(interpreter_threads), arguments,
-                             team_memory_bytes, queue_),
-            "recorded operations");
-    }
-  }
+  return std::make_unique<Runner>(queue, processors * per_processor);
 }
 
 }  // namespace cama

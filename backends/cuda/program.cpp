@@ -4,11 +4,15 @@
 #include <algorithm>
 #include <cstring>
 
+#include "check.hpp"
+
 namespace cama {
 namespace {
 
 constexpr int largest_team_shift = 7;   // members of a team that the interpreter has at most: 128
 constexpr std::size_t alignment = 16, scratch_per_key = 12;
+constexpr std::size_t host_header = 64;  // bytes: number of the last program that has ended, overflow
+constexpr std::size_t overflow_at = 4, arrived_bytes = 16;
 
 std::size_t aligned(std::size_t bytes) { return (bytes + alignment - 1) / alignment * alignment; }
 
@@ -21,67 +25,72 @@ std::uint8_t shift_of(int team)
 
 }  // namespace
 
-Programs::Programs(const std::vector<OperationQueue *> &queues, int (*function_of)(const KernelKey &))
-    : queues_(queues), function_of_(function_of), places_(queues.size())
+ProgramRoom::~ProgramRoom()
 {
-  bytes_ = aligned(sizeof(WorldProgram) * queues.size());
-  for (std::size_t w = 0; w < queues.size(); ++w) {
-    const OperationQueue &queue = *queues[w];
-    Place &place = places_[w];
-    place.instructions = bytes_;
-    bytes_ += aligned(sizeof(Instruction) * static_cast<std::size_t>(queue.size())) +
-              aligned(sizeof(Slot) * static_cast<std::size_t>(queue.slot_count()));
-    place.data = bytes_;
-    place.downloads = downloaded_;
-    place.scratch = scratch_;
-    bytes_ += queue.kept_bytes();
-    scratch_ += aligned(scratch_per_key * static_cast<std::size_t>(queue.largest_sort()));
-    if (const std::size_t downloaded = queue.downloaded_bytes(); downloaded > 0) {
-      waits_ = true;
-      downloaded_ += aligned(downloaded);
-    }
+  if (device_) cudaFreeAsync(device_, queue_);
+  if (host_) cudaFreeHost(host_);
+}
+
+void ProgramRoom::grow(std::size_t host_bytes, std::size_t device_bytes)
+{
+  void *memory = nullptr;
+  if (host_bytes > host_bytes_) {
+    const std::size_t room = std::max<std::size_t>(host_bytes + host_bytes / 2, 1 << 14);
+    check(cudaHostAlloc(&memory, room, cudaHostAllocMapped), "cudaHostAlloc for a world");
+    if (host_) cudaFreeHost(host_);
+    host_ = static_cast<unsigned char *>(memory);
+    host_bytes_ = room;
+    std::memset(host_, 0, host_header);
+    std::memcpy(host_, &number_, sizeof number_);
+  }
+  if (device_bytes > device_bytes_) {
+    const std::size_t room = std::max<std::size_t>(device_bytes + device_bytes / 2, 1 << 14);
+    check(cudaMallocAsync(&memory, room, queue_), "cudaMallocAsync for a world");
+    if (device_) cudaFreeAsync(device_, queue_);
+    device_ = static_cast<unsigned char *>(memory);
+    device_bytes_ = room;
+    check(cudaMemsetAsync(device_, 0, arrived_bytes, queue_), "cudaMemset");
+    grown_ = true;
   }
 }
 
-void Programs::write(Crew &crew, unsigned char *block, unsigned char *device, unsigned char *downloads,
-                     unsigned char *scratch) const
+bool ProgramRoom::ended() const
 {
-  crew.run([&](int member) {
-    const std::size_t worlds = queues_.size(), members = static_cast<std::size_t>(crew.size());
-    const auto m = static_cast<std::size_t>(member);
-    for (std::size_t w = worlds * m / members; w < worlds * (m + 1) / members; ++w)
-      write(w, block, device, downloads, scratch);
-  });
+  const unsigned int done = __atomic_load_n(reinterpret_cast<const unsigned int *>(host_), __ATOMIC_ACQUIRE);
+  return done == number_;
 }
 
-void Programs::answer(const unsigned char *downloads) const
+bool ProgramRoom::take_overflow()
 {
-  for (std::size_t w = 0; w < queues_.size(); ++w) queues_[w]->downloaded = downloads + places_[w].downloads;
+  int overflow = 0;
+  std::memcpy(&overflow, host_ + overflow_at, sizeof overflow);
+  if (overflow) std::memset(host_ + overflow_at, 0, sizeof overflow);
+  return overflow != 0;
 }
 
-void Programs::write(std::size_t world, unsigned char *block, unsigned char *device, unsigned char *downloads,
-                     unsigned char *scratch) const
+WorldProgram ProgramRoom::write(const OperationQueue &queue, int blocks, int (*function_of)(const KernelKey &))
 {
-  const OperationQueue &queue = *queues_[world];
-  const Place &place = places_[world];
   const int count = queue.size();
-  const std::size_t slots_at = place.instructions + aligned(sizeof(Instruction) * static_cast<std::size_t>(count));
-  WorldProgram &program = reinterpret_cast<WorldProgram *>(block)[world];
-  program.instructions = reinterpret_cast<const Instruction *>(device + place.instructions);
-  program.slots = reinterpret_cast<const Slot *>(device + slots_at);
-  program.count = count;
-  auto *instruction = reinterpret_cast<Instruction *>(block + place.instructions);
-  auto *slots = reinterpret_cast<Slot *>(block + slots_at);
+  const std::size_t slots_at = aligned(sizeof(Instruction) * static_cast<std::size_t>(count)),
+                    data_at = slots_at + aligned(sizeof(Slot) * queue.slot_count()),
+                    bytes = data_at + queue.kept_bytes(),
+                    scratch_at = arrived_bytes + aligned(sizeof(long long) * static_cast<std::size_t>(blocks)),
+                    program_at =
+                        scratch_at + aligned(scratch_per_key * static_cast<std::size_t>(queue.largest_sort()));
+  grow(host_header + bytes + queue.downloaded_bytes(), program_at + bytes);
+  downloads_ = host_header + bytes;
+  unsigned char *host = host_ + host_header, *device = device_ + program_at;
+  auto *instruction = reinterpret_cast<Instruction *>(host);
+  auto *slots = reinterpret_cast<Slot *>(host + slots_at);
   std::copy_n(queue.slots(0), queue.slot_count(), slots);
-  std::size_t data = place.data;
-  std::size_t down = place.downloads;
+  std::size_t data = data_at, down = downloads_;
   for (int i = 0; i < count; ++i, ++instruction) {
     const Operation &o = queue.operation(i);
     const auto first = static_cast<int>(queue.slots(i) - queue.slots(0));
     const bool launch = o.kind == OperationKind::launch;
     *instruction = {static_cast<std::uint8_t>(o.kind),
                     shift_of(o.kernel.team),
-                    static_cast<std::uint16_t>(launch ? function_of_(o.kernel) : 0),
+                    static_cast<std::uint16_t>(launch ? function_of(o.kernel) : 0),
                     first,
                     o.slots,
                     o.extra};
@@ -92,19 +101,30 @@ void Programs::write(std::size_t world, unsigned char *block, unsigned char *dev
       instruction->slots = 0;
       break;
     case OperationKind::upload:
-      std::memcpy(block + data, from_slot<const void *>(own[2]), own[0]);
+      std::memcpy(host + data, from_slot<const void *>(own[2]), own[0]);
       own[2] = to_slot(device + data);
       data += aligned(own[0]);
       break;
     case OperationKind::download:
-      own[1] = to_slot(downloads + down);
+      own[1] = to_slot(host_ + down);
       own[2] += own[3];   // the address of what is read
       down += aligned(own[0]);
       break;
-    case OperationKind::sort: own[3] = to_slot(scratch + place.scratch); break;
+    case OperationKind::sort: own[3] = to_slot(device_ + scratch_at); break;
     default: break;
     }
   }
+  ++number_;
+  return {reinterpret_cast<const uint4 *>(host),
+          reinterpret_cast<uint4 *>(device),
+          static_cast<int>(bytes / sizeof(uint4)),
+          count,
+          static_cast<int>(slots_at / sizeof(uint4)),
+          number_,
+          reinterpret_cast<unsigned int *>(host_),
+          reinterpret_cast<int *>(host_ + overflow_at),
+          reinterpret_cast<unsigned int *>(device_),
+          reinterpret_cast<long long *>(device_ + arrived_bytes)};
 }
 
 }  // namespace cama

@@ -1,8 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
+#include <cuda_runtime.h>
+
 #include <cstddef>
 #include <cstdint>
-#include <vector>
+#include <utility>
 
 #include "device/for_backends.hpp"
 
@@ -18,43 +20,46 @@ struct Instruction {
   int extra;                // Operation::extra
 };
 
-/// What one world does in one call of the interpreter. Addresses are of the device.
+/// What one world does in one call of the interpreter. Its blocks copy `words` times 16 bytes to the device first:
+/// instructions, then slots, then the data of uploads.
 struct WorldProgram {
-  const Instruction *instructions;
-  const Slot *slots;
-  int count;
+  const uint4 *from;        // on the host
+  uint4 *to;
+  int words, count, slots;  // count: of instructions; slots: where they begin, words
+  unsigned int number;      // becomes *done when all is done
+  unsigned int *done;       // on the host
+  int *overflow;            // on the host; set by a scan whose total is beyond 2^31 - 1
+  unsigned int *arrived;    // [2] zeros, for meetings of blocks
+  long long *partials;      // [blocks]
 };
 
-/// The programs of several worlds in one block of memory that is copied to the device at once: WorldPrograms,
-/// instructions, slots and the data of uploads. Slots that refer to memory of the host refer to the block instead, and
-/// those of downloads to memory that both can reach.
-class Programs {
+/// What the programs of one world need, on the host and on the device. It only grows.
+class ProgramRoom {
 public:
-  /// function_of: place of a kernel among all functions.
-  Programs(const std::vector<OperationQueue *> &queues, int (*function_of)(const KernelKey &));
+  /// queue: in whose order memory of the device is allocated.
+  explicit ProgramRoom(cudaStream_t queue) : queue_(queue) {}
+  ~ProgramRoom();
+  ProgramRoom(const ProgramRoom &) = delete;
+  ProgramRoom &operator=(const ProgramRoom &) = delete;
 
-  std::size_t bytes() const { return bytes_; }
-  std::size_t downloaded_bytes() const { return downloaded_; }
-  std::size_t scratch_bytes() const { return scratch_; }  ///< of sorts
-  bool waits() const { return waits_; }                   ///< whether there is a download
-  /// Writes the block. device: where it will be; downloads, scratch: of the device.
-  void write(Crew &crew, unsigned char *block, unsigned char *device, unsigned char *downloads,
-             unsigned char *scratch) const;
-  /// Tells the worlds where what they have downloaded is.
-  void answer(const unsigned char *downloads) const;
+  /// Writes the program of a queue; the one before has ended. Slots that refer to memory of the host refer to the
+  /// device's copy instead, those of downloads to the room. function_of: place of a kernel among all functions.
+  WorldProgram write(const OperationQueue &queue, int blocks, int (*function_of)(const KernelKey &));
+  bool ended() const;      ///< the last program
+  bool take_overflow();    ///< whether a scan has overflowed since the last call
+  /// Whether memory of the device was allocated since the last call.
+  bool take_grown() { return std::exchange(grown_, false); }
+  const unsigned char *downloads() const { return host_ + downloads_; }
+  int lane = 0;            ///< in which it runs
 
 private:
-  struct Place {
-    std::size_t instructions = 0, data = 0, downloads = 0, scratch = 0;
-  };
-  void write(std::size_t world, unsigned char *block, unsigned char *device, unsigned char *downloads,
-             unsigned char *scratch) const;
+  void grow(std::size_t host_bytes, std::size_t device_bytes);
 
-  const std::vector<OperationQueue *> &queues_;
-  int (*function_of_)(const KernelKey &);
-  std::vector<Place> places_;
-  std::size_t bytes_ = 0, downloaded_ = 0, scratch_ = 0;
-  bool waits_ = false;
+  cudaStream_t queue_;
+  unsigned char *host_ = nullptr, *device_ = nullptr;
+  std::size_t host_bytes_ = 0, device_bytes_ = 0, downloads_ = 0;
+  unsigned int number_ = 0;
+  bool grown_ = false;
 };
 
 }  // namespace cama

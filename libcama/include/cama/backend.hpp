@@ -39,7 +39,23 @@ struct DeviceMemory {
 };
 
 class OperationQueue;
-class Crew;
+
+/// Runs what worlds have recorded while the host goes on. A thread that serves worlds has one of its own.
+class WorldRunner {
+public:
+  virtual ~WorldRunner() = default;
+  /// worlds: that run at once, of all threads. What begins from now on begins after what the backend was asked before.
+  virtual void follow(int worlds) = 0;
+  /// Whether a queue runs faster so than launch by launch.
+  virtual bool suits(const OperationQueue &queue) const = 0;
+  /// Each queue in its order, the queues side by side. They stay as they are until they have ended.
+  virtual void begin(const std::vector<OperationQueue *> &queues) = 0;
+  /// Whether all of a queue is done; what was downloaded is then there. Throws ListOverflow as `scan` does.
+  virtual bool ended(OperationQueue &queue) = 0;
+  virtual void check() = 0;   ///< throws BackendError if the device does not go on
+  virtual void wait() noexcept = 0;   ///< until nothing runs
+  virtual long launches() const = 0;
+};
 
 /// One kernel argument: a scalar's address, or a buffer.
 struct Argument {
@@ -95,19 +111,8 @@ public:
   virtual void leave_to(int device) const { static_cast<void>(device); }  ///< with what one of these has returned
   virtual int device_before() const { return -1; }  ///< that of the thread which made this backend, before that
 
-  /// Does what was recorded, each queue in its order; waits if there is a download among it.
-  /// crew: threads that may help.
-  virtual void run(const std::vector<OperationQueue *> &queues, Crew &crew);
-  /// The same in two parts, so that the host works meanwhile: what was downloaded is there after `end_run`. In each of
-  /// the lanes 0 and 1 one call may have begun; `queues` is read until it has ended.
-  virtual void begin_run(const std::vector<OperationQueue *> &queues, Crew &crew, int lane)
-  {
-    static_cast<void>(lane);
-    run(queues, crew);
-  }
-  virtual void end_run(int lane) { static_cast<void>(lane); }
-  /// The simulation begins a stage of its step, numbered in their order. Worlds wait here for each other.
-  virtual void begin_stage(int number) { static_cast<void>(number); }
+  /// Null where worlds are served one after the other. Several runners may be called at the same time.
+  virtual std::unique_ptr<WorldRunner> make_runner() { return nullptr; }
 
   std::size_t allocated_bytes() const { return allocated_; }
   std::size_t peak_bytes() const { return peak_; }

@@ -98,6 +98,9 @@ void OperationQueue::clear()
   largest_sort_ = largest_ = 0;
 }
 
+namespace {
+
+/// Operations [begin, end).
 void run_in_order(Backend &backend, const OperationQueue &queue, int begin, int end)
 {
   for (int i = begin; i < end; ++i) {
@@ -112,9 +115,8 @@ void run_in_order(Backend &backend, const OperationQueue &queue, int begin, int 
   }
 }
 
-void Backend::run(const std::vector<OperationQueue *> &queues, Crew &)
-{
-  for (const OperationQueue *queue : queues) run_in_order(*this, *queue, 0, queue->size());
-}
+}  // namespace
+
+void run_in_order(Backend &backend, const OperationQueue &queue) { run_in_order(backend, queue, 0, queue.size()); }
 
 }  // namespace cama

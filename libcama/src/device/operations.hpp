@@ -4,6 +4,7 @@
 #include <cstdint>
 #include <cstring>
 #include <initializer_list>
+#include <memory>
 #include <vector>
 
 #include "cama/backend.hpp"
@@ -77,6 +78,8 @@ public:
   /// Copies it to where it was asked for.
   void deliver();
 
+  std::shared_ptr<void> room;  ///< what a WorldRunner keeps for this queue
+
 private:
   std::vector<Operation> operations_;
   std::vector<std::size_t> first_;  // [operations] slot
@@ -87,7 +90,7 @@ private:
   int largest_sort_ = 0, largest_ = 0;
 };
 
-/// Does operations [begin, end) of a queue, one after the other.
-void run_in_order(Backend &backend, const OperationQueue &queue, int begin, int end);
+/// Does the operations of a queue, one after the other.
+void run_in_order(Backend &backend, const OperationQueue &queue);
 
 }  // namespace cama

@@ -3,13 +3,12 @@
 
 #include <algorithm>
 #include <cstring>
+#include <utility>
 
-#include "device/crew.hpp"
 
 namespace cama {
 namespace {
 
-constexpr int stages_of_a_step = 64;  // no step has more
 // Buffers that a world keeps for its next allocations, since the device serves all worlds one after the other: their
 // number, and which part of its memory they may take.
 constexpr std::size_t most_spare = 64, spare_part = 8;
@@ -31,6 +30,7 @@ bool before(const std::pair<Buffer, std::size_t> &entry, Buffer buffer)
 
 RecordingBackend::~RecordingBackend()
 {
+  queue.room.reset();
   try {
     for (const auto &spare : spare_) record(OperationKind::release, {to_slot(spare.second)});
     run_alone();
@@ -53,6 +53,7 @@ Buffer RecordingBackend::allocate(std::size_t bytes)
     buffer = device_->backend->allocate(room);
     allocated_ += room;
     peak_ = std::max(peak_, allocated_);
+    allocated = true;
   }
   sizes_.insert(std::lower_bound(sizes_.begin(), sizes_.end(), buffer, before), {buffer, room});
   return buffer;
@@ -156,20 +157,11 @@ void RecordingBackend::synchronize()
   if (!fiber) device_->backend->synchronize();
 }
 
-void RecordingBackend::begin_stage(int number)
-{
-  if (number == 0) step += stages_of_a_step;
-  stage = step + number;
-  if (fiber && stage > last_stage) fiber->pause();
-}
-
 void RecordingBackend::wait()
 {
   if (fiber) {
-    waiting = true;
     fiber->pause();
-    waiting = false;
-    if (failure && *failure) std::rethrow_exception(*failure);
+    if (failure) std::rethrow_exception(std::exchange(failure, nullptr));
     return;
   }
   run_alone();
@@ -178,8 +170,11 @@ void RecordingBackend::wait()
 void RecordingBackend::take_answers()
 {
   queue.deliver();
+  if (!queue.releases().empty()) {
+    const std::lock_guard<std::mutex> lock(device_->mutex);
+    for (const int i : queue.releases()) device_->backend->release(from_slot<Buffer>(*queue.slots(i)));
+  }
   queue.clear();
-  ran = false;
 }
 
 void RecordingBackend::run_alone()
@@ -188,8 +183,7 @@ void RecordingBackend::run_alone()
   const std::lock_guard<std::mutex> lock(device_->mutex);
   const long before = device_->backend->launches();
   try {
-    Crew alone(1);
-    device_->backend->run({&queue}, alone);
+    run_in_order(*device_->backend, queue);
   } catch (...) {
     queue.clear();
     throw;

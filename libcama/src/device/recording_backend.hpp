@@ -49,21 +49,16 @@ public:
   int make_current() const override { return device_->backend->make_current(); }
   void leave_to(int device) const override { device_->backend->leave_to(device); }
   int device_before() const override { return device_->backend->device_before(); }
-  void begin_stage(int number) override;
 
   // For who runs worlds together.
 
-  /// Hands the world what its queue has downloaded, and empties the queue.
+  /// Hands the world what a WorldRunner has downloaded for its queue, releases what the queue releases, and empties it.
   void take_answers();
 
   OperationQueue queue;
   Fiber *fiber = nullptr;      ///< in which the world runs; null: alone
-  bool waiting = false;        ///< the world needs its queue to have run
-  bool ran = false;            ///< it has, and the world has not got what it downloaded
-  int stage = 0;               ///< that the world is at, or before, numbered through its steps
-  int step = 0;                ///< number of its step's first stage
-  int last_stage = 0;          ///< that worlds may begin now
-  const std::exception_ptr *failure = nullptr;  ///< of the device, when it is not null
+  bool allocated = false;      ///< memory of the device, since this was last set to false
+  std::exception_ptr failure;  ///< what the world meets when it goes on
 
 private:
   void record(OperationKind kind, std::initializer_list<Slot> slots, int extra = 0);

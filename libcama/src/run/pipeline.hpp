@@ -85,14 +85,8 @@ public:
   }
   void run(State &state) override
   {
-    int number = 0;
-    for (auto &stage : stages_) {
-      if (whole_step) state.backend->begin_stage(number++);
-      stage->timed_run(state);
-    }
+    for (auto &stage : stages_) stage->timed_run(state);
   }
-
-  bool whole_step = false;  ///< worlds that share a device begin each of these stages together
 
 private:
   std::string name_, reason_;

@@ -71,7 +71,6 @@ template <class Real> std::unique_ptr<Pipeline> make_pipeline(const Scene &scene
   const Options &options = state.options;
   auto result = std::make_unique<Pipeline>("step");
   Pipeline &step = *result;
-  step.whole_step = true;
   const bool contact = scene.has_contact();
   ProximityChecking *proximity = nullptr;
   if (options.integrator == Integrator::bdf2) step.add<Extrapolate>();

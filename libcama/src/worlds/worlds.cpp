@@ -13,7 +13,7 @@
 
 #include "cama/error.hpp"
 #include "device/host_threads.hpp"
-#include "worlds/lockstep.hpp"
+#include "worlds/world_server.hpp"
 
 namespace cama {
 namespace {
@@ -98,7 +98,7 @@ struct Worlds::Implementation {
   /// Throws SceneError for a world that is not there or is named twice.
   void check_chosen(const std::vector<int> &chosen) const;
 
-  std::unique_ptr<Lockstep> lockstep;  // of a device with one queue for all
+  std::unique_ptr<WorldServer> server;  // of a device with one queue for all
   std::unique_ptr<Crew> crew;
   std::vector<World> worlds;
   int vertices = 0;
@@ -122,7 +122,7 @@ Worlds::Implementation::Implementation(const std::vector<Scene> &scenes, const s
       make_backend(first.options.backend, first.options.device, first.options.backend == "cpu" ? 1 : 0);
   const int threads = first.options.threads > 0 ? first.options.threads : cpu_count();
   const std::string name(device->name());
-  if (name != "cpu" && Fiber::supported()) lockstep = std::make_unique<Lockstep>(std::move(device));
+  if (name != "cpu" && Fiber::supported()) server = std::make_unique<WorldServer>(std::move(device));
   crew = std::make_unique<Crew>(std::min(threads, static_cast<int>(scenes.size())));
   worlds.resize(scenes.size());
 
@@ -140,8 +140,8 @@ Worlds::Implementation::Implementation(const std::vector<Scene> &scenes, const s
                            ", is not that of world 0; all worlds need the same");
         resolved.options.threads = 1;
         std::unique_ptr<Backend> own;
-        if (lockstep) {
-          std::unique_ptr<RecordingBackend> recorder = lockstep->make_world();
+        if (server) {
+          std::unique_ptr<RecordingBackend> recorder = server->make_world();
           world.backend = recorder.get();
           own = std::move(recorder);
         } else {
@@ -177,11 +177,11 @@ void Worlds::Implementation::run(const std::vector<int> &chosen, const std::func
 {
   const HostThreads host(1);
   const auto at = [&](std::size_t i) -> World & { return worlds[static_cast<std::size_t>(chosen[i])]; };
-  if (lockstep) {
-    std::vector<Lockstep::Task> tasks;
+  if (server) {
+    std::vector<WorldServer::Task> tasks;
     for (std::size_t i = 0; i < chosen.size(); ++i)
       tasks.push_back({at(i).backend, [&work, &world = at(i), i] { work(world, i); }});
-    return lockstep->run(*crew, tasks);
+    return server->run(*crew, tasks);
   }
   std::atomic<std::size_t> next{0};
   crew->run([&](int) {
@@ -270,7 +270,7 @@ DeviceArray Worlds::Implementation::gather_on_device(const std::function<void(Si
   DeviceArray values = worlds.front().simulation->device_memory(vertices);
   auto *first = static_cast<dvec3 *>(values.data());
   attempt(all(), [&](World &w, std::size_t) { copy(*w.simulation, first + w.first_vertex); });
-  if (lockstep) lockstep->device().synchronize();  // a world's own backend records, and does not wait
+  if (server) server->device().synchronize();  // a world's own backend records, and does not wait
   return values;
 }
 
@@ -457,6 +457,6 @@ DeviceArray Worlds::device_forces()
   return implementation_->gather_on_device([](Simulation &s, void *to) { s.copy_to(to, Simulation::Field::forces); });
 }
 
-long Worlds::launches() const { return implementation_->lockstep ? implementation_->lockstep->device().launches() : 0; }
+long Worlds::launches() const { return implementation_->server ? implementation_->server->launches() : 0; }
 
 }  // namespace cama
