@@ -43,10 +43,15 @@ def measure(count, warm, steps, compare, options):
         worlds.step()
         times.append(time.perf_counter() - begin)
     median = float(np.median(times))
+    launches = (worlds.launches - before) / steps
+    begin = time.perf_counter()
+    worlds.step(steps)
+    together = (time.perf_counter() - begin) / steps
     reports = worlds.reports
     print(
         f"{worlds[0].backend}, {count} worlds: made in {made:.2f} s, {median * 1e3:.2f} ms a step, "
-        f"{count / median:,.0f} world-steps a second, {(worlds.launches - before) / steps:.0f} launches a step, "
+        f"{count / median:,.0f} world-steps a second; {steps} steps in one call: {together * 1e3:.2f} ms a step, "
+        f"{count / together:,.0f} world-steps a second; {launches:.0f} launches a step, "
         f"{np.mean([r['iterations'] for r in reports]):.0f} iterations and "
         f"{np.mean([r['contacts'] for r in reports]):.0f} contacts a world, {len(worlds.frozen)} frozen, "
         f"{worlds[0].peak_memory_bytes / 1e6:.2f} MB a world",
@@ -58,7 +63,7 @@ def measure(count, warm, steps, compare, options):
     differ = intersections = 0
     for number in chosen:
         alone = cama.Simulation(scene(number), **options)
-        alone.step(warm + steps)
+        alone.step(warm + 2 * steps)
         differ += alone.state_hash != worlds[number].state_hash
         intersections += worlds[number].count_intersections()
     print(f"  {len(chosen)} worlds compared with themselves alone: {differ} differ; {intersections} intersections")
@@ -70,7 +75,7 @@ def main():
     parser.add_argument("--precision", default=None)
     parser.add_argument("--worlds", default="1,16,128,1024", help="numbers of worlds")
     parser.add_argument("--warm", type=int, default=40, help="steps before those that are measured")
-    parser.add_argument("--steps", type=int, default=20)
+    parser.add_argument("--steps", type=int, default=20, help="steps one by one, and then in one call")
     parser.add_argument("--compare", type=int, default=0, help="worlds to compare with themselves alone")
     given = parser.parse_args()
     options = {"backend": given.backend, "precision": given.precision, "time_step": TIME_STEP}

@@ -6,6 +6,7 @@
 #include <cub/cub.cuh>
 
 #include <algorithm>
+#include <atomic>
 #include <cstdint>
 #include <memory>
 #include <unordered_map>
@@ -32,6 +33,14 @@ const Entry entries[] = {
   {nullptr, reinterpret_cast<const void *>(&kernels::f32::name), reinterpret_cast<const void *>(&kernels::f64::name)},
 #include "kernels/kernels.def"
 };
+
+const void *function_of(const KernelKey &kernel)
+{
+  const Entry &entry = entries[kernel.index];
+  return kernel.precision == KernelPrecision::none  ? entry.once
+         : kernel.precision == KernelPrecision::f32 ? entry.f32
+                                                    : entry.f64;
+}
 
 /// What a user can do about a CUDA error.
 const char *advice(cudaError_t status)
@@ -118,6 +127,20 @@ __global__ void finish_scan(int n, const int *from, int *to, const long long *to
 {
   to[n] = to[n - 1] + from[n - 1];
   if (*total > 0x7fffffffll) *overflow = 1;
+}
+
+/// Of a kernel's TEAM_LOCAL memory.
+int team_bytes(const KernelKey &kernel)
+{
+  static std::atomic<int> known[3 * sizeof entries / sizeof *entries];   // one more than the bytes
+  std::atomic<int> &own =
+      known[3 * static_cast<std::size_t>(kernel.index) + static_cast<std::size_t>(kernel.precision)];
+  if (own == 0) {
+    cudaFuncAttributes attributes;
+    check(cudaFuncGetAttributes(&attributes, function_of(kernel)), "cudaFuncGetAttributes");
+    own = static_cast<int>(attributes.sharedSizeBytes) + 1;
+  }
+  return own - 1;
 }
 
 class CudaBackend final : public Backend {
@@ -213,10 +236,7 @@ public:
   void launch(const KernelKey &kernel, int n, const Argument *arguments, int count) override
   {
     ++launches_;
-    const Entry &entry = entries[kernel.index];
-    const void *function = kernel.precision == KernelPrecision::none  ? entry.once
-                           : kernel.precision == KernelPrecision::f32 ? entry.f32
-                                                                      : entry.f64;
+    const void *function = function_of(kernel);
     void *parameters[max_kernel_arguments + 1];
     parameters[0] = &n;
     for (int i = 0; i < count; ++i)
@@ -323,7 +343,7 @@ public:
   }
   int device_before() const override { return before_; }
 
-  std::unique_ptr<WorldRunner> make_runner() override { return make_interpreter(index_, queue_); }
+  std::unique_ptr<WorldRunner> make_runner() override { return make_interpreter(index_, queue_, &team_bytes); }
 
 private:
   /// Threads of a block: so few that a short launch has a block or two for every processor.

@@ -4,15 +4,12 @@
 #ifndef CAMA_CUDA_INTERPRETED_TEAMS_H
 #define CAMA_CUDA_INTERPRETED_TEAMS_H
 
-constexpr int interpreter_threads = 128;
+constexpr int interpreter_threads = 256;
 
 /* Of the kernel that is called; set by the interpreter before each call. Sizes of teams are powers of two. */
 __shared__ int current_team_shift;
 __shared__ unsigned int used_memory[interpreter_threads / 32]; /* [warps] bytes that its team has taken */
 extern __shared__ __align__(16) unsigned char all_team_memory[];
-
-/* Bytes of all_team_memory; what the largest kernel takes in double precision, with as many teams as fit. */
-constexpr unsigned int team_memory_bytes = 42 * 1024;
 
 static __device__ inline int team_size() { return 1 << current_team_shift; }
 static __device__ inline int team_member() { return (int)threadIdx.x & (team_size() - 1); }
@@ -36,7 +33,9 @@ template <class T> static __device__ inline T *team_memory(int count)
   if (threadIdx.x % 32 == 0)
     *(volatile unsigned int *)&used_memory[warp] = at + ((unsigned int)(count * sizeof(T)) + 15) / 16 * 16;
   __syncwarp();
-  const unsigned int share = team_memory_bytes / teams_of_block() / 16 * 16;
+  unsigned int bytes;
+  asm("mov.u32 %0, %%dynamic_smem_size;" : "=r"(bytes));
+  const unsigned int share = bytes / teams_of_block() / 16 * 16;
   if (at + count * sizeof(T) > share) __trap();
   return (T *)(all_team_memory + team_of_block() * share + at);
 }

@@ -19,7 +19,9 @@
 namespace cama {
 namespace {
 
-constexpr int most_slots = max_kernel_arguments + 8, blocks_per_processor = 4;
+constexpr int most_slots = max_kernel_arguments + 8, blocks_per_processor = 2;
+// Bytes that the teams of a block share: most that helps, and least, which a sort of rank_sort_room keys needs.
+constexpr int most_team_memory = 84 * 1024, least_team_memory = 24 * 1024;
 constexpr int rank_sort_room = 2048, digit_bits = 4, digits = 1 << digit_bits;
 /// Elements that a thread may handle in one operation, beyond which launches with more threads are faster.
 constexpr int most_per_thread = 64;
@@ -52,7 +54,7 @@ enum Function : int {   // two for each kernel: that of floats, or the only one,
 #include "kernels/kernels.def"
 };
 
-int function_of(const KernelKey &kernel) { return 2 * kernel.index + (kernel.precision == KernelPrecision::f64); }
+int place_of(const KernelKey &kernel) { return 2 * kernel.index + (kernel.precision == KernelPrecision::f64); }
 
 __device__ void call_function(int function, const Slot *slots)
 {
@@ -351,12 +353,33 @@ __global__ void __launch_bounds__(interpreter_threads, blocks_per_processor)
   *static_cast<volatile unsigned int *>(program.done) = program.number;
 }
 
+// The same for all runners: memory of a team as the backend says, and of all teams of a block.
+int (*team_bytes)(const KernelKey &) = nullptr;
+int shared_bytes = 0;
+
+/// Teams are as small as it takes for all of a block to work at once, if their memory suffices: barriers of few members
+/// cost less, and teams that wait do so side by side.
+int team_shift_of(const KernelKey &kernel, int teams)
+{
+  constexpr int smallest = 5, largest = 8;  // a warp, a block
+  static_assert(1 << largest == interpreter_threads);
+  int shift = smallest;
+  while (shift < largest && 1 << shift < kernel.team) ++shift;
+  constexpr int padding = 64;  // bytes
+  const int most = shared_bytes / (team_bytes(kernel) + padding);  // at once
+  const auto at_once = [&] { return interpreter_threads >> shift; };
+  while (shift < largest && at_once() > most) ++shift;
+  while (shift > smallest && at_once() < teams && 2 * at_once() <= most) --shift;
+  return shift;
+}
+
 /// Each lane is a stream in which one launch runs at a time.
 class Runner final : public WorldRunner {
 public:
   Runner(cudaStream_t queue, int together) : queue_(queue), together_(together)
   {
-    for (Lane &lane : lane_) cama::check(cudaStreamCreateWithFlags(&lane.stream, cudaStreamNonBlocking), "cudaStreamCreate");
+    for (Lane &lane : lane_)
+      cama::check(cudaStreamCreateWithFlags(&lane.stream, cudaStreamNonBlocking), "cudaStreamCreate");
     cama::check(cudaEventCreateWithFlags(&before_, cudaEventDisableTiming), "cudaEventCreate");
   }
   ~Runner() override
@@ -390,16 +413,17 @@ public:
         OperationQueue &queue = *queues[first + i];
         if (!queue.room) queue.room = std::make_shared<ProgramRoom>(queue_);
         ProgramRoom &room = room_of(queue);
-        batch.world[i] = room.write(queue, blocks, function_of);
+        batch.world[i] = room.write(queue, blocks, {place_of, team_shift_of});
         if (room.take_grown()) follow(worlds_);
         room.lane = static_cast<int>(&lane - lane_);
         ++lane.running;
       }
-      if (!std::exchange(lane.follows, true)) cama::check(cudaStreamWaitEvent(lane.stream, before_), "cudaStreamWaitEvent");
+      if (!std::exchange(lane.follows, true))
+        cama::check(cudaStreamWaitEvent(lane.stream, before_), "cudaStreamWaitEvent");
       const dim3 grid(static_cast<unsigned int>(blocks), static_cast<unsigned int>(count));
       void *arguments[] = {&batch};
       cama::check(cudaLaunchKernel(reinterpret_cast<const void *>(&interpret), grid, dim3(interpreter_threads),
-                                   arguments, team_memory_bytes, lane.stream),
+                                   arguments, static_cast<std::size_t>(shared_bytes), lane.stream),
                   "recorded operations");
       ++launches_;
     }
@@ -421,21 +445,24 @@ public:
       if (lane.running == 0) continue;
       const cudaError_t status = cudaStreamQuery(lane.stream);
       if (status == cudaErrorNotReady)
-        cudaGetLastError();   // not an error
+        cudaGetLastError();  // not an error
       else
         cama::check(status, "recorded operations");
     }
   }
   void wait() noexcept override
   {
-    for (const Lane &lane : lane_) cudaStreamSynchronize(lane.stream);
+    for (Lane &lane : lane_) {
+      cudaStreamSynchronize(lane.stream);
+      lane.running = 0;
+    }
   }
   long launches() const override { return launches_; }
 
 private:
   struct Lane {
     cudaStream_t stream = nullptr;
-    int running = 0;       // worlds
+    int running = 0;  // worlds
     bool follows = false;  // what the queue did last
   };
 
@@ -446,8 +473,8 @@ private:
   }
 
   cudaStream_t queue_;
-  const int together_;   // blocks that run at once
-  int worlds_ = 1;       // that run at once
+  const int together_;  // blocks that run at once
+  int worlds_ = 1;  // that run at once
   long launches_ = 0;
   cudaEvent_t before_ = nullptr;
   Lane lane_[most_lanes];
@@ -455,18 +482,28 @@ private:
 
 }  // namespace
 
-std::unique_ptr<WorldRunner> make_interpreter(int device, cudaStream_t queue)
+std::unique_ptr<WorldRunner> make_interpreter(int device, cudaStream_t queue, int (*bytes)(const KernelKey &))
 {
-  int processors = 0, memory = 0, per_processor = 0;
-  cama::check(cudaDeviceGetAttribute(&processors, cudaDevAttrMultiProcessorCount, device), "cudaDeviceGetAttribute");
-  cama::check(cudaDeviceGetAttribute(&memory, cudaDevAttrMaxSharedMemoryPerBlockOptin, device), "cudaDeviceGetAttribute");
-  if (memory < static_cast<int>(team_memory_bytes) + 4096) return nullptr;
-  cama::check(cudaFuncSetAttribute(interpret, cudaFuncAttributeMaxDynamicSharedMemorySize, team_memory_bytes),
+  const auto attribute = [device](cudaDeviceAttr which) {
+    int value = 0;
+    check(cudaDeviceGetAttribute(&value, which, device), "cudaDeviceGetAttribute");
+    return value;
+  };
+  cudaFuncAttributes own;
+  check(cudaFuncGetAttributes(&own, interpret), "cudaFuncGetAttributes");
+  const int reserved = static_cast<int>(own.sharedSizeBytes) + attribute(cudaDevAttrReservedSharedMemoryPerBlock);
+  const int room = std::min(attribute(cudaDevAttrMaxSharedMemoryPerMultiprocessor) / blocks_per_processor,
+                            attribute(cudaDevAttrMaxSharedMemoryPerBlockOptin));
+  team_bytes = bytes;
+  shared_bytes = std::min(most_team_memory, (room - reserved) / 1024 * 1024);
+  if (shared_bytes < least_team_memory) return nullptr;
+  check(cudaFuncSetAttribute(interpret, cudaFuncAttributeMaxDynamicSharedMemorySize, shared_bytes),
         "cudaFuncSetAttribute");
-  check(
-      cudaOccupancyMaxActiveBlocksPerMultiprocessor(&per_processor, interpret, interpreter_threads, team_memory_bytes),
-      "cudaOccupancy");
-  return std::make_unique<Runner>(queue, processors * per_processor);
+  int per_processor = 0;
+  check(cudaOccupancyMaxActiveBlocksPerMultiprocessor(&per_processor, interpret, interpreter_threads,
+                                                      static_cast<std::size_t>(shared_bytes)),
+        "cudaOccupancy");
+  return std::make_unique<Runner>(queue, attribute(cudaDevAttrMultiProcessorCount) * per_processor);
 }
 
 }  // namespace cama

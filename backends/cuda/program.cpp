@@ -9,19 +9,11 @@
 namespace cama {
 namespace {
 
-constexpr int largest_team_shift = 7;   // members of a team that the interpreter has at most: 128
 constexpr std::size_t alignment = 16, scratch_per_key = 12;
 constexpr std::size_t host_header = 64;  // bytes: number of the last program that has ended, overflow
 constexpr std::size_t overflow_at = 4, arrived_bytes = 16;
 
 std::size_t aligned(std::size_t bytes) { return (bytes + alignment - 1) / alignment * alignment; }
-
-std::uint8_t shift_of(int team)
-{
-  std::uint8_t shift = 0;
-  while (1 << shift < team && shift < largest_team_shift) ++shift;
-  return shift;
-}
 
 }  // namespace
 
@@ -68,15 +60,14 @@ bool ProgramRoom::take_overflow()
   return overflow != 0;
 }
 
-WorldProgram ProgramRoom::write(const OperationQueue &queue, int blocks, int (*function_of)(const KernelKey &))
+WorldProgram ProgramRoom::write(const OperationQueue &queue, int blocks, const Functions &functions)
 {
   const int count = queue.size();
   const std::size_t slots_at = aligned(sizeof(Instruction) * static_cast<std::size_t>(count)),
                     data_at = slots_at + aligned(sizeof(Slot) * queue.slot_count()),
                     bytes = data_at + queue.kept_bytes(),
                     scratch_at = arrived_bytes + aligned(sizeof(long long) * static_cast<std::size_t>(blocks)),
-                    program_at =
-                        scratch_at + aligned(scratch_per_key * static_cast<std::size_t>(queue.largest_sort()));
+                    program_at = scratch_at + aligned(scratch_per_key * static_cast<std::size_t>(queue.largest_sort()));
   grow(host_header + bytes + queue.downloaded_bytes(), program_at + bytes);
   downloads_ = host_header + bytes;
   unsigned char *host = host_ + host_header, *device = device_ + program_at;
@@ -87,14 +78,14 @@ WorldProgram ProgramRoom::write(const OperationQueue &queue, int blocks, int (*f
   for (int i = 0; i < count; ++i, ++instruction) {
     const Operation &o = queue.operation(i);
     const auto first = static_cast<int>(queue.slots(i) - queue.slots(0));
-    const bool launch = o.kind == OperationKind::launch;
-    *instruction = {static_cast<std::uint8_t>(o.kind),
-                    shift_of(o.kernel.team),
-                    static_cast<std::uint16_t>(launch ? function_of(o.kernel) : 0),
-                    first,
-                    o.slots,
-                    o.extra};
     Slot *own = slots + first;
+    *instruction = {static_cast<std::uint8_t>(o.kind), 0, 0, first, o.slots, o.extra};
+    if (o.kind == OperationKind::launch) {
+      instruction->function = static_cast<std::uint16_t>(functions.place(o.kernel));
+      if (o.kernel.team > 0)
+        instruction->team_shift =
+            static_cast<std::uint8_t>(functions.team_shift(o.kernel, (from_slot<int>(own[0]) - 1) / blocks + 1));
+    }
     switch (o.kind) {
     case OperationKind::repeat:
       instruction->first = from_slot<int>(own[0]);
@@ -115,16 +106,11 @@ WorldProgram ProgramRoom::write(const OperationQueue &queue, int blocks, int (*f
     }
   }
   ++number_;
-  return {reinterpret_cast<const uint4 *>(host),
-          reinterpret_cast<uint4 *>(device),
-          static_cast<int>(bytes / sizeof(uint4)),
-          count,
-          static_cast<int>(slots_at / sizeof(uint4)),
-          number_,
-          reinterpret_cast<unsigned int *>(host_),
-          reinterpret_cast<int *>(host_ + overflow_at),
-          reinterpret_cast<unsigned int *>(device_),
-          reinterpret_cast<long long *>(device_ + arrived_bytes)};
+  return {reinterpret_cast<const uint4 *>(host),      reinterpret_cast<uint4 *>(device),
+          static_cast<int>(bytes / sizeof(uint4)),    count,
+          static_cast<int>(slots_at / sizeof(uint4)), number_,
+          reinterpret_cast<unsigned int *>(host_),    reinterpret_cast<int *>(host_ + overflow_at),
+          reinterpret_cast<unsigned int *>(device_),  reinterpret_cast<long long *>(device_ + arrived_bytes)};
 }
 
 }  // namespace cama

@@ -33,6 +33,12 @@ struct WorldProgram {
   long long *partials;      // [blocks]
 };
 
+/// What a program says of kernels.
+struct Functions {
+  int (*place)(const KernelKey &kernel);               // among all functions
+  int (*team_shift)(const KernelKey &kernel, int teams);  // logarithm of the members of a team; teams: of a block
+};
+
 /// What the programs of one world need, on the host and on the device. It only grows.
 class ProgramRoom {
 public:
@@ -43,8 +49,8 @@ public:
   ProgramRoom &operator=(const ProgramRoom &) = delete;
 
   /// Writes the program of a queue; the one before has ended. Slots that refer to memory of the host refer to the
-  /// device's copy instead, those of downloads to the room. function_of: place of a kernel among all functions.
-  WorldProgram write(const OperationQueue &queue, int blocks, int (*function_of)(const KernelKey &));
+  /// device's copy instead, those of downloads to the room.
+  WorldProgram write(const OperationQueue &queue, int blocks, const Functions &functions);
   bool ended() const;      ///< the last program
   bool take_overflow();    ///< whether a scan has overflowed since the last call
   /// Whether memory of the device was allocated since the last call.

@@ -69,7 +69,8 @@ TEST_CASE("every world ends in the bits of its scene alone", "[worlds]")
       const OptionOverrides options = options_on(backend, precision);
       Worlds worlds(scenes, {options});
       REQUIRE(worlds.size() == count);
-      for (int i = 0; i < steps; ++i) worlds.step();
+      worlds.step();
+      worlds.step(steps - 1);   // worlds do not wait for each other between these
       int contacts = 0;
       for (int w = 0; w < count; ++w) {
         INFO("world " << w);

@@ -107,6 +107,7 @@ class Worlds(DrivingWorlds):
     def step(self, n: int = 1) -> None:
         """Computes n time steps in every world that is not frozen, with the GIL released.
 
+        Between these steps no world waits for another: on a GPU several in one call take less time than one by one.
         With `error` each world chooses the lengths of its own steps. `before_step` of the worlds is not called.
 
         Raises:

@@ -52,15 +52,15 @@ public:
   virtual void begin(const std::vector<OperationQueue *> &queues) = 0;
   /// Whether all of a queue is done; what was downloaded is then there. Throws ListOverflow as `scan` does.
   virtual bool ended(OperationQueue &queue) = 0;
-  virtual void check() = 0;   ///< throws BackendError if the device does not go on
-  virtual void wait() noexcept = 0;   ///< until nothing runs
+  virtual void check() = 0;  ///< throws BackendError if the device does not go on
+  virtual void wait() noexcept = 0;  ///< until nothing runs
   virtual long launches() const = 0;
 };
 
 /// One kernel argument: a scalar's address, or a buffer.
 struct Argument {
   const void *scalar = nullptr;
-  std::size_t size = 0;   ///< of the scalar, bytes
+  std::size_t size = 0;  ///< of the scalar, bytes
   Buffer buffer = nullptr;
   bool is_buffer = false;
 };
@@ -70,8 +70,8 @@ struct Argument {
 class Backend {
 public:
   virtual ~Backend() = default;
-  virtual std::string_view name() const = 0;     ///< "cpu", "opencl", "cuda"
-  virtual std::string device() const = 0;        ///< name of the hardware, for users
+  virtual std::string_view name() const = 0;  ///< "cpu", "opencl", "cuda"
+  virtual std::string device() const = 0;  ///< name of the hardware, for users
 
   virtual bool wide_workers() const = 0;  ///< work items are CPU cores with vector registers, not thousands of threads
   virtual int workers() const = 0;  ///< work items that run at the same time

@@ -29,9 +29,10 @@ public:
   Simulation &operator[](int world);
   const Simulation &operator[](int world) const;
 
-  /// Takes one time step in every world that is not frozen, each of its own length. A world whose step throws is frozen
-  /// in the state before that step; the others go on. Throws BackendError only when the device is lost.
-  void step();
+  /// Takes time steps in every world that is not frozen, each of its own length; worlds do not wait for each other
+  /// between them. A world whose step throws is frozen in the state before that step; the others go on. Throws
+  /// BackendError only when the device is lost.
+  void step(int steps = 1);
   /// As `step`, up to the end of a frame in every world.
   void step_frame();
 

@@ -36,7 +36,7 @@ enum class OperationKind : std::uint8_t {
   fill,      ///< bytes, buffer, byte
   upload,    ///< bytes, to, address on the host
   download,  ///< bytes, address on the host, from, offset; the last operation of a world before it waits
-  release,   ///< buffer
+  release,   ///< buffer, its bytes
   repeat     ///< times; the next `extra` operations are what is repeated
 };
 

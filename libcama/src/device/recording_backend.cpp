@@ -5,6 +5,7 @@
 #include <cstring>
 #include <utility>
 
+#include "cama/error.hpp"
 
 namespace cama {
 namespace {
@@ -13,13 +14,7 @@ namespace {
 // number, and which part of its memory they may take.
 constexpr std::size_t most_spare = 64, spare_part = 8;
 
-/// Few sizes, so that buffers fit again: a multiple of an eighth of the largest power of two below.
-std::size_t room_for(std::size_t bytes)
-{
-  std::size_t unit = 64;
-  while (16 * unit <= bytes) unit *= 2;
-  return std::max<std::size_t>((bytes + unit - 1) / unit, 1) * unit;
-}
+constexpr std::size_t smallest_unit = 64, shelved_part = 8;  // of a room; of all memory, at most one of so many parts
 
 bool before(const std::pair<Buffer, std::size_t> &entry, Buffer buffer)
 {
@@ -28,11 +23,87 @@ bool before(const std::pair<Buffer, std::size_t> &entry, Buffer buffer)
 
 }  // namespace
 
+std::size_t SharedDevice::room_for(std::size_t bytes)
+{
+  std::size_t unit = smallest_unit;
+  while (rooms_of_a_unit * unit <= bytes) unit *= 2;
+  return std::max<std::size_t>((bytes + unit - 1) / unit, 1) * unit;
+}
+
+SharedDevice::~SharedDevice()
+{
+  const OnDevice on(*backend);
+  clear();
+}
+
+SharedDevice::Shelf &SharedDevice::shelf_of(std::size_t room)
+{
+  std::size_t unit = smallest_unit, number = 0;
+  for (; rooms_of_a_unit * unit < room; unit *= 2) ++number;
+  return shelves_[rooms_of_a_unit * number + room / unit - 1];
+}
+
+SharedDevice::Allocation SharedDevice::allocate(std::size_t room)
+{
+  {
+    Shelf &shelf = shelf_of(room);
+    const std::lock_guard<std::mutex> lock(shelf.mutex);
+    if (!shelf.buffers.empty()) {
+      const Buffer buffer = shelf.buffers.back();
+      shelf.buffers.pop_back();
+      shelved_ -= room;
+      return {buffer, false};
+    }
+  }
+  Buffer buffer = nullptr;
+  try {
+    const std::lock_guard<std::mutex> lock(mutex);
+    buffer = backend->allocate(room);
+  } catch (const MemoryError &) {
+    clear();
+    const std::lock_guard<std::mutex> lock(mutex);
+    buffer = backend->allocate(room);
+  }
+  allocated_ += room;
+  return {buffer, true};
+}
+
+void SharedDevice::release(Buffer buffer, std::size_t room) noexcept
+{
+  if (shelved_ + room <= allocated_ / shelved_part) {
+    Shelf &shelf = shelf_of(room);
+    const std::lock_guard<std::mutex> lock(shelf.mutex);
+    shelf.buffers.push_back(buffer);
+    shelved_ += room;
+    return;
+  }
+  const std::lock_guard<std::mutex> lock(mutex);
+  backend->release(buffer);
+  allocated_ -= room;
+}
+
+void SharedDevice::clear() noexcept
+{
+  for (std::size_t number = 0; number < units; ++number)
+    for (std::size_t k = 0; k < rooms_of_a_unit; ++k) {
+      const std::size_t room = (k + 1) * (smallest_unit << number);
+      Shelf &shelf = shelves_[rooms_of_a_unit * number + k];
+      const std::lock_guard<std::mutex> lock(shelf.mutex);
+      for (const Buffer buffer : shelf.buffers) {
+        const std::lock_guard<std::mutex> one(mutex);
+        backend->release(buffer);
+        allocated_ -= room;
+        shelved_ -= room;
+      }
+      shelf.buffers.clear();
+    }
+}
+
 RecordingBackend::~RecordingBackend()
 {
   queue.room.reset();
   try {
-    for (const auto &spare : spare_) record(OperationKind::release, {to_slot(spare.second)});
+    for (const auto &spare : spare_) record(OperationKind::release, {to_slot(spare.second), spare.first});
     run_alone();
   } catch (...) {  // the device is lost
   }
@@ -40,7 +111,7 @@ RecordingBackend::~RecordingBackend()
 
 Buffer RecordingBackend::allocate(std::size_t bytes)
 {
-  const std::size_t room = room_for(bytes);
+  const std::size_t room = SharedDevice::room_for(bytes);
   Buffer buffer = nullptr;
   const auto spare = std::find_if(spare_.rbegin(), spare_.rend(), [&](const auto &s) { return s.first == room; });
   if (spare != spare_.rend()) {
@@ -49,11 +120,11 @@ Buffer RecordingBackend::allocate(std::size_t bytes)
     spare_.pop_back();
     spare_bytes_ -= room;
   } else {
-    const std::lock_guard<std::mutex> lock(device_->mutex);
-    buffer = device_->backend->allocate(room);
+    const SharedDevice::Allocation found = device_->allocate(room);
+    buffer = found.buffer;
+    allocated |= found.fresh;
     allocated_ += room;
     peak_ = std::max(peak_, allocated_);
-    allocated = true;
   }
   sizes_.insert(std::lower_bound(sizes_.begin(), sizes_.end(), buffer, before), {buffer, room});
   return buffer;
@@ -71,7 +142,7 @@ void RecordingBackend::release(Buffer buffer) noexcept
     return;
   }
   allocated_ -= room;
-  record(OperationKind::release, {to_slot(buffer)});  // after the work that uses it
+  record(OperationKind::release, {to_slot(buffer), room});  // after the work that uses it
 }
 
 void RecordingBackend::record(OperationKind kind, std::initializer_list<Slot> slots, int extra)
@@ -110,7 +181,7 @@ void RecordingBackend::fill(Buffer buffer, unsigned char byte, std::size_t bytes
 
 void RecordingBackend::launch(const KernelKey &kernel, int n, const Argument *arguments, int count)
 {
-  if (fiber) ++launches_;   // else those of the device count
+  if (fiber) ++launches_;  // else those of the device count
   Operation operation;
   operation.kernel = kernel;
   operation.slots = 1 + count;
@@ -170,27 +241,32 @@ void RecordingBackend::wait()
 void RecordingBackend::take_answers()
 {
   queue.deliver();
-  if (!queue.releases().empty()) {
-    const std::lock_guard<std::mutex> lock(device_->mutex);
-    for (const int i : queue.releases()) device_->backend->release(from_slot<Buffer>(*queue.slots(i)));
-  }
+  for (const int i : queue.releases()) device_->release(from_slot<Buffer>(queue.slots(i)[0]), queue.slots(i)[1]);
   queue.clear();
+}
+
+long RecordingBackend::run_now()
+{
+  const std::lock_guard<std::mutex> lock(device_->mutex);
+  const long before = device_->backend->launches();
+  const auto end = [&] {
+    for (const int i : queue.releases()) device_->forget(queue.slots(i)[1]);
+    queue.clear();
+  };
+  try {
+    run_in_order(*device_->backend, queue);
+  } catch (...) {
+    end();
+    throw;
+  }
+  end();
+  return device_->backend->launches() - before;
 }
 
 void RecordingBackend::run_alone()
 {
   if (queue.empty()) return;
-  const std::lock_guard<std::mutex> lock(device_->mutex);
-  const long before = device_->backend->launches();
-  try {
-    run_in_order(*device_->backend, queue);
-  } catch (...) {
-    queue.clear();
-    throw;
-  }
-  queue.deliver();
-  queue.clear();
-  launches_ += device_->backend->launches() - before;
+  launches_ += run_now();
 }
 
 }  // namespace cama

@@ -1,5 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
+#include <array>
+#include <atomic>
+#include <cstddef>
 #include <exception>
 #include <functional>
 #include <initializer_list>
@@ -12,11 +15,44 @@
 
 namespace cama {
 
-/// A device that several recordings share. They allocate from several threads.
-struct SharedDevice {
+/// A device that several recordings share. They allocate from several threads; what one of them has released serves the
+/// others, since to allocate takes microseconds in which all would wait.
+class SharedDevice {
+public:
   explicit SharedDevice(std::unique_ptr<Backend> device) : backend(std::move(device)) {}
+  ~SharedDevice();
+  SharedDevice(const SharedDevice &) = delete;
+  SharedDevice &operator=(const SharedDevice &) = delete;
+
+  struct Allocation {
+    Buffer buffer;
+    bool fresh;  ///< from the backend: work that does not follow its queue may not use it
+  };
+  /// room: bytes, as of room_for.
+  Allocation allocate(std::size_t room);
+  /// Nothing on the device uses the buffer any more.
+  void release(Buffer buffer, std::size_t room) noexcept;
+  /// The backend has released a buffer.
+  void forget(std::size_t room) { allocated_ -= room; }
+
+  /// The smallest room that holds so many bytes. There are few sizes, so that buffers fit again: multiples of an
+  /// eighth of the largest power of two below.
+  static std::size_t room_for(std::size_t bytes);
+
   std::unique_ptr<Backend> backend;
-  std::mutex mutex;
+  std::mutex mutex;  ///< of the backend
+
+private:
+  struct Shelf {
+    std::mutex mutex;
+    std::vector<Buffer> buffers;
+  };
+  static constexpr std::size_t rooms_of_a_unit = 16, units = 48;
+  Shelf &shelf_of(std::size_t room);
+  void clear() noexcept;
+
+  std::array<Shelf, rooms_of_a_unit * units> shelves_;  // of released buffers, by room
+  std::atomic<std::size_t> allocated_{0}, shelved_{0};  // bytes; allocated: shelved ones too
 };
 
 /// The backend of a simulation that records what it asks of a device. Where the simulation needs an answer, the device
@@ -54,10 +90,12 @@ public:
 
   /// Hands the world what a WorldRunner has downloaded for its queue, releases what the queue releases, and empties it.
   void take_answers();
+  /// Does what the queue holds, launch by launch, and empties it. Returns the number of launches.
+  long run_now();
 
   OperationQueue queue;
-  Fiber *fiber = nullptr;      ///< in which the world runs; null: alone
-  bool allocated = false;      ///< memory of the device, since this was last set to false
+  Fiber *fiber = nullptr;  ///< in which the world runs; null: alone
+  bool allocated = false;  ///< memory of the device, since this was last set to false
   std::exception_ptr failure;  ///< what the world meets when it goes on
 
 private:

@@ -52,8 +52,8 @@ private:
 /// What one thread does for its worlds: it takes each as far as it gets and begins what it asks for.
 class Service {
 public:
-  Service(SharedDevice &device, WorldRunner *runner, int all_worlds, Failure &failure)
-      : device_(device), runner_(runner), all_worlds_(all_worlds), of_all_(failure)
+  Service(WorldRunner *runner, int all_worlds, Failure &failure)
+      : runner_(runner), all_worlds_(all_worlds), of_all_(failure)
   {}
 
   void add(RecordingBackend &world) { worlds_.push_back({&world, At::host}); }
@@ -136,9 +136,9 @@ private:
   void advance(World &world)
   {
     RecordingBackend &w = *world.backend;
-    if (failure_) w.queue.clear();
+    if (failure_) w.take_answers();   // there are none, only what is released
     if (!w.fiber->finished()) w.fiber->resume();
-    if (failure_) w.queue.clear();
+    if (failure_) w.take_answers();
     world.at = At::host;
     if (w.queue.empty()) {
       if (!w.fiber->finished()) return;
@@ -154,15 +154,13 @@ private:
 
   void run_now(RecordingBackend &world)
   {
-    const std::lock_guard<std::mutex> lock(device_.mutex);
     attempt([&] {
       try {
-        run_in_order(*device_.backend, world.queue);
+        world.run_now();
       } catch (const ListOverflow &) {
         world.failure = std::current_exception();
       }
     });
-    world.queue.clear();
     if (runner_) attempt([&] { runner_->follow(all_worlds_); });
   }
 
@@ -185,7 +183,6 @@ private:
     });
   }
 
-  SharedDevice &device_;
   WorldRunner *runner_;
   const int all_worlds_;
   Failure &of_all_;
@@ -219,7 +216,7 @@ void WorldServer::run(Crew &crew, std::vector<Task> &tasks)
   Failure failure;
   crew.run([&](int member) {
     const OnDevice on(*device_->backend);
-    Service service(*device_, runners_[static_cast<std::size_t>(member)].get(), count, failure);
+    Service service(runners_[static_cast<std::size_t>(member)].get(), count, failure);
     const auto place = [&](int of) { return static_cast<int>(static_cast<long>(count) * of / members); };
     for (int t = place(member); t < place(member + 1); ++t) service.add(*tasks[static_cast<std::size_t>(t)].world);
     service.run();

@@ -298,9 +298,11 @@ int Worlds::size() const { return static_cast<int>(implementation_->worlds.size(
 Simulation &Worlds::operator[](int world) { return *implementation_->world(world).simulation; }
 const Simulation &Worlds::operator[](int world) const { return *implementation_->world(world).simulation; }
 
-void Worlds::step()
+void Worlds::step(int steps)
 {
-  implementation_->advance([](const Implementation::World &w) { w.simulation->step(); });
+  implementation_->advance([steps](const Implementation::World &w) {
+    for (int i = 0; i < steps; ++i) w.simulation->step();
+  });
 }
 
 void Worlds::step_frame()
