@@ -204,6 +204,7 @@ long WorldServer::launches() const
 
 void WorldServer::run(Crew &crew, std::vector<Task> &tasks)
 {
+  const OnDevice here(*device_->backend);
   const int count = static_cast<int>(tasks.size()), members = crew.size();
   while (static_cast<int>(fibers_.size()) < count) fibers_.push_back(std::make_unique<Fiber>());
   while (static_cast<int>(runners_.size()) < members) runners_.push_back(device_->backend->make_runner());
