@@ -15,7 +15,7 @@
 #include "cama/error.hpp"
 #include "check.hpp"
 #include "device/for_backends.hpp"
-#include "interpreter.hpp"
+#include "world_runner.hpp"
 
 namespace cama {
 namespace {
@@ -343,7 +343,7 @@ public:
   }
   int device_before() const override { return before_; }
 
-  std::unique_ptr<WorldRunner> make_runner() override { return make_interpreter(index_, queue_, &team_bytes); }
+  std::unique_ptr<WorldRunner> make_runner() override { return make_world_runner(index_, queue_, &team_bytes); }
 
 private:
   /// Threads of a block: so few that a short launch has a block or two for every processor.

@@ -7,14 +7,9 @@
 #include <cub/cub.cuh>
 
 #include <algorithm>
-#include <iterator>
 #include <utility>
-#include <vector>
 
-#include "cama/error.hpp"
 #include "check.hpp"
-#include "device/for_backends.hpp"
-#include "program.hpp"
 
 namespace cama {
 namespace {
@@ -25,8 +20,6 @@ constexpr int most_team_memory = 84 * 1024, least_team_memory = 24 * 1024;
 constexpr int rank_sort_room = 2048, digit_bits = 4, digits = 1 << digit_bits;
 /// Elements that a thread may handle in one operation, beyond which launches with more threads are faster.
 constexpr int most_per_thread = 64;
-constexpr int most_worlds = 32;  // in one launch
-constexpr int most_lanes = 8;    // of one runner
 
 // Functions.
 
@@ -53,8 +46,6 @@ enum Function : int {   // two for each kernel: that of floats, or the only one,
 #define CAMA_REAL_KERNEL(name) name##_f32, name##_f64,
 #include "kernels/kernels.def"
 };
-
-int place_of(const KernelKey &kernel) { return 2 * kernel.index + (kernel.precision == KernelPrecision::f64); }
 
 __device__ void call_function(int function, const Slot *slots)
 {
@@ -295,10 +286,6 @@ __device__ void execute(const Instruction &instruction, const Slot *slots, Meeti
   }
 }
 
-struct Batch {
-  WorldProgram world[most_worlds];
-};
-
 /// The programs of worlds, in blocks (x, world). While one instruction runs, the slots of the next and the instruction
 /// after it are on their way.
 __global__ void __launch_bounds__(interpreter_threads, blocks_per_processor)
@@ -353,136 +340,9 @@ __global__ void __launch_bounds__(interpreter_threads, blocks_per_processor)
   *static_cast<volatile unsigned int *>(program.done) = program.number;
 }
 
-// The same for all runners: memory of a team as the backend says, and of all teams of a block.
-int (*team_bytes)(const KernelKey &) = nullptr;
-int shared_bytes = 0;
-
-/// Teams are as small as it takes for all of a block to work at once, if their memory suffices: barriers of few members
-/// cost less, and teams that wait do so side by side.
-int team_shift_of(const KernelKey &kernel, int teams)
-{
-  constexpr int smallest = 5, largest = 8;  // a warp, a block
-  static_assert(1 << largest == interpreter_threads);
-  int shift = smallest;
-  while (shift < largest && 1 << shift < kernel.team) ++shift;
-  constexpr int padding = 64;  // bytes
-  const int most = shared_bytes / (team_bytes(kernel) + padding);  // at once
-  const auto at_once = [&] { return interpreter_threads >> shift; };
-  while (shift < largest && at_once() > most) ++shift;
-  while (shift > smallest && at_once() < teams && 2 * at_once() <= most) --shift;
-  return shift;
-}
-
-/// Each lane is a stream in which one launch runs at a time.
-class Runner final : public WorldRunner {
-public:
-  Runner(cudaStream_t queue, int together) : queue_(queue), together_(together)
-  {
-    for (Lane &lane : lane_)
-      cama::check(cudaStreamCreateWithFlags(&lane.stream, cudaStreamNonBlocking), "cudaStreamCreate");
-    cama::check(cudaEventCreateWithFlags(&before_, cudaEventDisableTiming), "cudaEventCreate");
-  }
-  ~Runner() override
-  {
-    for (const Lane &lane : lane_) cudaStreamDestroy(lane.stream);
-    cudaEventDestroy(before_);
-  }
-
-  void follow(int worlds) override
-  {
-    worlds_ = worlds;
-    cama::check(cudaEventRecord(before_, queue_), "cudaEventRecord");
-    for (Lane &lane : lane_) lane.follows = false;
-  }
-
-  bool suits(const OperationQueue &queue) const override
-  {
-    return queue.largest() <= most_per_thread * blocks_for(queue) * interpreter_threads;
-  }
-
-  void begin(const std::vector<OperationQueue *> &queues) override
-  {
-    for (std::size_t first = 0; first < queues.size(); first += most_worlds) {
-      const std::size_t count = std::min<std::size_t>(queues.size() - first, most_worlds);
-      int blocks = 1;
-      for (std::size_t i = 0; i < count; ++i) blocks = std::max(blocks, blocks_for(*queues[first + i]));
-      Lane &lane = *std::min_element(std::begin(lane_), std::end(lane_),
-                                     [](const Lane &a, const Lane &b) { return a.running < b.running; });
-      Batch batch;
-      for (std::size_t i = 0; i < count; ++i) {
-        OperationQueue &queue = *queues[first + i];
-        if (!queue.room) queue.room = std::make_shared<ProgramRoom>(queue_);
-        ProgramRoom &room = room_of(queue);
-        batch.world[i] = room.write(queue, blocks, {place_of, team_shift_of});
-        if (room.take_grown()) follow(worlds_);
-        room.lane = static_cast<int>(&lane - lane_);
-        ++lane.running;
-      }
-      if (!std::exchange(lane.follows, true))
-        cama::check(cudaStreamWaitEvent(lane.stream, before_), "cudaStreamWaitEvent");
-      const dim3 grid(static_cast<unsigned int>(blocks), static_cast<unsigned int>(count));
-      void *arguments[] = {&batch};
-      cama::check(cudaLaunchKernel(reinterpret_cast<const void *>(&interpret), grid, dim3(interpreter_threads),
-                                   arguments, static_cast<std::size_t>(shared_bytes), lane.stream),
-                  "recorded operations");
-      ++launches_;
-    }
-  }
-
-  bool ended(OperationQueue &queue) override
-  {
-    ProgramRoom &room = room_of(queue);
-    if (!room.ended()) return false;
-    --lane_[room.lane].running;
-    queue.downloaded = room.downloads();
-    if (room.take_overflow()) throw ListOverflow();
-    return true;
-  }
-
-  void check() override
-  {
-    for (const Lane &lane : lane_) {
-      if (lane.running == 0) continue;
-      const cudaError_t status = cudaStreamQuery(lane.stream);
-      if (status == cudaErrorNotReady)
-        cudaGetLastError();  // not an error
-      else
-        cama::check(status, "recorded operations");
-    }
-  }
-  void wait() noexcept override
-  {
-    for (Lane &lane : lane_) {
-      cudaStreamSynchronize(lane.stream);
-      lane.running = 0;
-    }
-  }
-  long launches() const override { return launches_; }
-
-private:
-  struct Lane {
-    cudaStream_t stream = nullptr;
-    int running = 0;  // worlds
-    bool follows = false;  // what the queue did last
-  };
-
-  static ProgramRoom &room_of(const OperationQueue &queue) { return *static_cast<ProgramRoom *>(queue.room.get()); }
-  int blocks_for(const OperationQueue &queue) const
-  {
-    return std::clamp((queue.largest() - 1) / interpreter_threads + 1, 1, std::max(1, together_ / worlds_));
-  }
-
-  cudaStream_t queue_;
-  const int together_;  // blocks that run at once
-  int worlds_ = 1;  // that run at once
-  long launches_ = 0;
-  cudaEvent_t before_ = nullptr;
-  Lane lane_[most_lanes];
-};
-
 }  // namespace
 
-std::unique_ptr<WorldRunner> make_interpreter(int device, cudaStream_t queue, int (*bytes)(const KernelKey &))
+Interpreter::Interpreter(int device, int (*team_bytes)(const KernelKey &)) : team_bytes_(team_bytes)
 {
   const auto attribute = [device](cudaDeviceAttr which) {
     int value = 0;
@@ -494,16 +354,55 @@ std::unique_ptr<WorldRunner> make_interpreter(int device, cudaStream_t queue, in
   const int reserved = static_cast<int>(own.sharedSizeBytes) + attribute(cudaDevAttrReservedSharedMemoryPerBlock);
   const int room = std::min(attribute(cudaDevAttrMaxSharedMemoryPerMultiprocessor) / blocks_per_processor,
                             attribute(cudaDevAttrMaxSharedMemoryPerBlockOptin));
-  team_bytes = bytes;
-  shared_bytes = std::min(most_team_memory, (room - reserved) / 1024 * 1024);
-  if (shared_bytes < least_team_memory) return nullptr;
-  check(cudaFuncSetAttribute(interpret, cudaFuncAttributeMaxDynamicSharedMemorySize, shared_bytes),
-        "cudaFuncSetAttribute");
+  memory_ = std::min(most_team_memory, (room - reserved) / 1024 * 1024);
+  if (memory_ < least_team_memory || !attribute(cudaDevAttrCooperativeLaunch)) return;
+  check(cudaFuncSetAttribute(interpret, cudaFuncAttributeMaxDynamicSharedMemorySize, memory_), "cudaFuncSetAttribute");
   int per_processor = 0;
   check(cudaOccupancyMaxActiveBlocksPerMultiprocessor(&per_processor, interpret, interpreter_threads,
-                                                      static_cast<std::size_t>(shared_bytes)),
+                                                      static_cast<std::size_t>(memory_)),
         "cudaOccupancy");
-  return std::make_unique<Runner>(queue, attribute(cudaDevAttrMultiProcessorCount) * per_processor);
+  together_ = attribute(cudaDevAttrMultiProcessorCount) * per_processor;
+}
+
+int Interpreter::place(const KernelKey &kernel) const
+{
+  return 2 * kernel.index + (kernel.precision == KernelPrecision::f64);
+}
+
+int Interpreter::team_shift(const KernelKey &kernel, int teams) const
+{
+  constexpr int smallest = 5, largest = 8;  // a warp, a block
+  static_assert(1 << largest == interpreter_threads);
+  int shift = smallest;
+  while (shift < largest && 1 << shift < kernel.team) ++shift;
+  constexpr int padding = 64;  // bytes
+  const int most = memory_ / (team_bytes_(kernel) + padding);  // at once
+  const auto at_once = [&] { return interpreter_threads >> shift; };
+  while (shift < largest && at_once() > most) ++shift;
+  while (shift > smallest && at_once() < teams && 2 * at_once() <= most) --shift;
+  return shift;
+}
+
+int Interpreter::blocks_for(const OperationQueue &queue, int worlds) const
+{
+  return std::clamp((queue.largest() - 1) / interpreter_threads + 1, 1, std::max(1, together_ / worlds));
+}
+
+bool Interpreter::suits(const OperationQueue &queue, int worlds) const
+{
+  return queue.largest() <= most_per_thread * blocks_for(queue, worlds) * interpreter_threads;
+}
+
+void Interpreter::launch(const Batch &batch, int worlds, int blocks, cudaStream_t stream) const
+{
+  const dim3 grid(static_cast<unsigned int>(blocks), static_cast<unsigned int>(worlds));
+  void *arguments[] = {const_cast<Batch *>(&batch)};
+  const auto *kernel = reinterpret_cast<const void *>(&interpret);
+  const auto bytes = static_cast<std::size_t>(memory_);
+  // Blocks that wait for each other run at once, whatever else is on the device.
+  check(blocks > 1 ? cudaLaunchCooperativeKernel(kernel, grid, dim3(interpreter_threads), arguments, bytes, stream)
+                   : cudaLaunchKernel(kernel, grid, dim3(interpreter_threads), arguments, bytes, stream),
+        "recorded operations");
 }
 
 }  // namespace cama

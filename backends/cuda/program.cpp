@@ -5,6 +5,7 @@
 #include <cstring>
 
 #include "check.hpp"
+#include "interpreter.hpp"
 
 namespace cama {
 namespace {
@@ -60,7 +61,7 @@ bool ProgramRoom::take_overflow()
   return overflow != 0;
 }
 
-WorldProgram ProgramRoom::write(const OperationQueue &queue, int blocks, const Functions &functions)
+WorldProgram ProgramRoom::write(const OperationQueue &queue, int blocks, const Interpreter &interpreter)
 {
   const int count = queue.size();
   const std::size_t slots_at = aligned(sizeof(Instruction) * static_cast<std::size_t>(count)),
@@ -81,10 +82,10 @@ WorldProgram ProgramRoom::write(const OperationQueue &queue, int blocks, const F
     Slot *own = slots + first;
     *instruction = {static_cast<std::uint8_t>(o.kind), 0, 0, first, o.slots, o.extra};
     if (o.kind == OperationKind::launch) {
-      instruction->function = static_cast<std::uint16_t>(functions.place(o.kernel));
+      instruction->function = static_cast<std::uint16_t>(interpreter.place(o.kernel));
       if (o.kernel.team > 0)
         instruction->team_shift =
-            static_cast<std::uint8_t>(functions.team_shift(o.kernel, (from_slot<int>(own[0]) - 1) / blocks + 1));
+            static_cast<std::uint8_t>(interpreter.team_shift(o.kernel, (from_slot<int>(own[0]) - 1) / blocks + 1));
     }
     switch (o.kind) {
     case OperationKind::repeat:

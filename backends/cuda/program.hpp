@@ -10,6 +10,8 @@
 
 namespace cama {
 
+class Interpreter;
+
 /// An operation as the interpreter reads it.
 struct Instruction {
   std::uint8_t kind;        // OperationKind
@@ -33,12 +35,6 @@ struct WorldProgram {
   long long *partials;      // [blocks]
 };
 
-/// What a program says of kernels.
-struct Functions {
-  int (*place)(const KernelKey &kernel);               // among all functions
-  int (*team_shift)(const KernelKey &kernel, int teams);  // logarithm of the members of a team; teams: of a block
-};
-
 /// What the programs of one world need, on the host and on the device. It only grows.
 class ProgramRoom {
 public:
@@ -50,7 +46,7 @@ public:
 
   /// Writes the program of a queue; the one before has ended. Slots that refer to memory of the host refer to the
   /// device's copy instead, those of downloads to the room.
-  WorldProgram write(const OperationQueue &queue, int blocks, const Functions &functions);
+  WorldProgram write(const OperationQueue &queue, int blocks, const Interpreter &interpreter);
   bool ended() const;      ///< the last program
   bool take_overflow();    ///< whether a scan has overflowed since the last call
   /// Whether memory of the device was allocated since the last call.

@@ -163,11 +163,17 @@ struct Served {
 
 constexpr int count = 40;
 
+bool fibers_here()
+{
+  if (!Fiber::supported()) WARN("SKIPPED: this system has no fibers");
+  return Fiber::supported();
+}
+
 }  // namespace
 
 TEST_CASE("worlds get their own answers, in whatever order the device answers", "[world_server]")
 {
-  if (!Fiber::supported()) return;
+  if (!fibers_here()) return;
   for (const bool with_runners : {true, false})
     for (const int threads : {1, 3}) {
       INFO(threads << " threads" << (with_runners ? "" : ", one world after the other"));
@@ -188,7 +194,7 @@ TEST_CASE("worlds get their own answers, in whatever order the device answers", 
 
 TEST_CASE("worlds begin again after they have ended", "[world_server]")
 {
-  if (!Fiber::supported()) return;
+  if (!fibers_here()) return;
   Served served(count);
   for (int turn = 0; turn < 3; ++turn) {
     std::atomic<int> right{0};
@@ -199,7 +205,7 @@ TEST_CASE("worlds begin again after they have ended", "[world_server]")
 
 TEST_CASE("a list that is too long is the failure of its world alone", "[world_server]")
 {
-  if (!Fiber::supported()) return;
+  if (!fibers_here()) return;
   for (const bool with_runners : {true, false}) {
     Served served(count, with_runners);
     std::atomic<int> right{0}, overflows{0};
@@ -218,7 +224,7 @@ TEST_CASE("a list that is too long is the failure of its world alone", "[world_s
 
 TEST_CASE("a lost device ends the work of all worlds, and the call", "[world_server]")
 {
-  if (!Fiber::supported()) return;
+  if (!fibers_here()) return;
   for (const int threads : {1, 3}) {
     Served served(count);
     served.device->fails_at = 4;

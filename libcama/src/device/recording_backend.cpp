@@ -10,8 +10,8 @@
 namespace cama {
 namespace {
 
-// Buffers that a world keeps for its next allocations, since the device serves all worlds one after the other: their
-// number, and which part of its memory they may take.
+// Buffers that a world keeps for its next allocations, which then wait for no other world and no program: their number,
+// and which part of its memory they may take.
 constexpr std::size_t most_spare = 64, spare_part = 8;
 
 constexpr std::size_t smallest_unit = 64, shelved_part = 8;  // of a room; of all memory, at most one of so many parts
