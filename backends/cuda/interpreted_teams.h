@@ -6,21 +6,22 @@
 
 constexpr int interpreter_threads = 256;
 
-/* Of the kernel that is called; set by the interpreter before each call. Sizes of teams are powers of two. */
-__shared__ int current_team_shift;
-__shared__ unsigned int used_memory[interpreter_threads / 32]; /* [warps] bytes that its team has taken */
+/* Of the kernel that is called; each warp sets its own before each call. Sizes of teams are powers of two. */
+__shared__ int team_shifts[interpreter_threads / 32];          /* logarithm of the members of a team */
+__shared__ unsigned int used_memory[interpreter_threads / 32]; /* bytes that the team has taken */
 extern __shared__ __align__(16) unsigned char all_team_memory[];
 
-static __device__ inline int team_size() { return 1 << current_team_shift; }
+static __device__ inline int team_shift() { return team_shifts[threadIdx.x / 32]; }
+static __device__ inline int team_size() { return 1 << team_shift(); }
 static __device__ inline int team_member() { return (int)threadIdx.x & (team_size() - 1); }
-static __device__ inline int team_of_block() { return (int)threadIdx.x >> current_team_shift; }
-static __device__ inline int teams_of_block() { return interpreter_threads >> current_team_shift; }
+static __device__ inline int team_of_block() { return (int)threadIdx.x >> team_shift(); }
+static __device__ inline int teams_of_block() { return interpreter_threads >> team_shift(); }
 static __device__ inline int first_team() { return (int)blockIdx.x * teams_of_block() + team_of_block(); }
 static __device__ inline int teams_at_once() { return (int)gridDim.x * teams_of_block(); }
 
 static __device__ inline void team_barrier()
 {
-  if (current_team_shift == 5)
+  if (team_shift() == 5)
     __syncwarp();
   else /* barrier 0 is that of the block */
     asm volatile("bar.sync %0, %1;" ::"r"(1 + team_of_block()), "r"(team_size()) : "memory");

@@ -15,8 +15,9 @@ namespace cama {
 namespace {
 
 constexpr int most_slots = max_kernel_arguments + 8, blocks_per_processor = 2;
-// Bytes that the teams of a block share: most that helps, and least, which a sort of rank_sort_room keys needs.
-constexpr int most_team_memory = 84 * 1024, least_team_memory = 24 * 1024;
+// Bytes that the teams of a block share: most that helps, since the rest is a cache, and least, which a sort of
+// rank_sort_room keys needs.
+constexpr int most_team_memory = 60 * 1024, least_team_memory = 24 * 1024;
 constexpr int rank_sort_room = 2048, digit_bits = 4, digits = 1 << digit_bits;
 /// Elements that a thread may handle in one operation, beyond which launches with more threads are faster.
 constexpr int most_per_thread = 64;
@@ -265,8 +266,11 @@ struct Walk {
 
 __device__ void set_team(const Instruction &instruction)
 {
-  if (threadIdx.x == 0) current_team_shift = instruction.team_shift;
-  if (threadIdx.x % 32 == 0) used_memory[threadIdx.x / 32] = 0;
+  if (threadIdx.x % 32 == 0) {
+    team_shifts[threadIdx.x / 32] = instruction.team_shift;
+    used_memory[threadIdx.x / 32] = 0;
+  }
+  __syncwarp();
 }
 
 __device__ void execute(const Instruction &instruction, const Slot *slots, Meeting &meeting, long long *partial,
@@ -325,10 +329,7 @@ __global__ void __launch_bounds__(interpreter_threads, blocks_per_processor)
       __syncthreads();
     else
       meeting.wait();
-    if (next.team_shift > 0) {
-      set_team(next);
-      __syncthreads();
-    }
+    if (next.team_shift > 0) set_team(next);
     now = next;
     next = later;
     next_place = later_place;

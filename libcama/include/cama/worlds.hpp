@@ -10,9 +10,9 @@
 
 namespace cama {
 
-/// Simulations of many scenes that advance together: on a GPU their kernels run as one, on the CPU each thread takes
-/// worlds in turn. Worlds do not touch or influence each other, and each ends in the same bits as alone. The scenes may
-/// differ in everything; those that do the same work at the same time share launches.
+/// Simulations of many scenes that advance together: on a GPU side by side, many in one launch, on the CPU each thread
+/// takes worlds in turn. Worlds do not touch or influence each other, and each ends in the same bits as alone. The
+/// scenes may differ in everything.
 class Worlds {
 public:
   /// One world for each scene. options: of all worlds, or one for each. Their backend and device must be the same;

@@ -1,6 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* Hints for the cache: which data a loop only streams through, and which are read again. Part of the dialect.
      LOAD_ONCE(p)                      *p, which is read once and may be evicted first
+     LOAD_ONCE_NEAR(p)                 *p, which is read again only when a small cache has lost it
      LOAD_KEPT(p), STORE_KEPT(p, v)    *p, which the next kernels read again
    They change no value and no bit, and are plain accesses where the language has no such hints. */
 #ifndef CAMA_KERNELS_DIALECT_CACHING_H
@@ -84,9 +85,35 @@ template <class T> static __device__ __forceinline__ void STORE_KEPT(T *to, cons
   }
 }
 #else
+#if defined(__CUDA_ARCH__) && defined(CAMA_INTERPRETED) /* worlds share the cache of a multiprocessor */
+template <class T> static __device__ __forceinline__ T LOAD_ONCE(const T *from)
+{
+  static_assert(sizeof(T) == 4 || sizeof(T) == 8 || sizeof(T) == 16, "a number or four words");
+  T v;
+  if constexpr (sizeof(T) == 4) {
+    unsigned int bits;
+    asm volatile("ld.global.L1::no_allocate.b32 %0, [%1];" : "=r"(bits) : "l"(from));
+    memcpy(&v, &bits, sizeof v);
+  } else if constexpr (sizeof(T) == 8) {
+    unsigned long long bits;
+    asm volatile("ld.global.L1::no_allocate.b64 %0, [%1];" : "=l"(bits) : "l"(from));
+    memcpy(&v, &bits, sizeof v);
+  } else {
+    unsigned long long bits[2];
+    asm volatile("ld.global.L1::no_allocate.v2.b64 {%0, %1}, [%2];" : "=l"(bits[0]), "=l"(bits[1]) : "l"(from));
+    memcpy(&v, bits, sizeof v);
+  }
+  return v;
+}
+#define LOAD_ONCE_NEAR LOAD_ONCE
+#else
 #define LOAD_ONCE(p) (*(p))
+#endif
 #define LOAD_KEPT(p) (*(p))
 #define STORE_KEPT(p, v) (*(p) = (v))
+#endif
+#if !defined(LOAD_ONCE_NEAR)
+#define LOAD_ONCE_NEAR(p) (*(p))
 #endif
 
 #endif

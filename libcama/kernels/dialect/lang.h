@@ -89,7 +89,6 @@ typedef unsigned long long key64;
 #define KERNEL_OF(members, teams) static __global__ void __launch_bounds__(members, teams)
 #endif
 #define DEVICE static __host__ __device__ inline
-#define AT_ONCE(most) (most)
 #define DEVICE_ATOMIC static __device__ inline
 #define DEVICE_TEAM static __device__ inline
 #define RESTRICT __restrict__

@@ -30,7 +30,7 @@ DEVICE_TEAM void stage_factor(GLOBAL const int *factor, LOCAL staged_factor *g)
     GLOBAL const factor_words *from = (GLOBAL const factor_words *)factor;
     factor_words own[FACTOR_WORDS / APPLY_TEAM / 4]; /* all are read before the first is stored */
     int k, part;
-    for (k = 0; k < FACTOR_WORDS / APPLY_TEAM / 4; ++k) own[k] = from[l + k * APPLY_TEAM];
+    for (k = 0; k < FACTOR_WORDS / APPLY_TEAM / 4; ++k) own[k] = LOAD_ONCE_NEAR(from + l + k * APPLY_TEAM);
     for (k = 0; k < FACTOR_WORDS / APPLY_TEAM / 4; ++k)
       for (part = 0; part < 4; ++part)
         g[STAGED_COLUMN((l + k * APPLY_TEAM) / 4) + (l + k * APPLY_TEAM) % 4 * 4 + part] = own[k].word[part];
