@@ -1,6 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Worlds from Python: copies and variants of a scene, arrays over worlds, failures and resets."""
 
+import signal
+import threading
+
 import numpy as np
 import pytest
 
@@ -25,6 +28,19 @@ def backends():
     wanted = ("cpu", "opencl")
     here = {row["name"] for row in cama.backends() if row["available"]}
     return [pytest.param(b, marks=() if b in here else pytest.mark.skip(reason=f"no {b} here")) for b in wanted]
+
+
+def test_ctrl_c_ends_many_steps_and_keeps_every_world():
+    worlds, wanted = cama.Worlds(scene(2), 2, backend="cpu"), 400_000
+    timer = threading.Timer(0.2, lambda: signal.raise_signal(signal.SIGINT))
+    timer.start()
+    with pytest.raises(KeyboardInterrupt):
+        worlds.step(wanted)
+    timer.join()
+    done = worlds[0].step_count
+    assert 0 < done < wanted and worlds[1].step_count == done
+    worlds.step(3)
+    assert [world.step_count for world in worlds] == [done + 3] * 2
 
 
 @pytest.mark.parametrize("backend", backends())

@@ -108,6 +108,8 @@ class Worlds(DrivingWorlds):
         """Computes n time steps in every world that is not frozen, with the GIL released.
 
         Between these steps no world waits for another: on a GPU several in one call take less time than one by one.
+        Ctrl-C ends the call within about half a second, or after a step that lasts longer; worlds that are not frozen
+        have taken the same number of steps then.
         With `error` each world chooses the lengths of its own steps. `before_step` of the worlds is not called.
 
         Raises:

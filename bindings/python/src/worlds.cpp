@@ -2,6 +2,7 @@
 #include "cama/worlds.hpp"
 
 #include <algorithm>
+#include <chrono>
 
 #include "arrays.hpp"
 #include "guarded.hpp"
@@ -37,6 +38,8 @@ public:
   Turns &turns() { return *turns_; }
   const std::shared_ptr<Turns> &shared_turns() const { return turns_; }
 
+  int steps_at_once = 1;  ///< in which no world waits for another, and no signal is raised
+
 private:
   std::shared_ptr<Worlds> worlds_;
   std::shared_ptr<Turns> turns_;
@@ -49,15 +52,20 @@ void begin_interval(GuardedWorlds &g)
   });
 }
 
-/// Now and then takes the GIL and raises pending signals (Ctrl-C).
+/// Takes the GIL twice a second, or after each step that lasts longer, and raises pending signals (Ctrl-C).
 void step(GuardedWorlds &g, int n)
 {
-  constexpr int steps_at_once = 16;   // in which no world waits for another
+  using Clock = std::chrono::steady_clock;
+  constexpr double between = 0.5, most = 1e6;  // s, steps
   begin_interval(g);
-  for (int left = n; left > 0; left -= steps_at_once) {
-    const int steps = std::min(left, steps_at_once);
+  while (n > 0) {
+    const int steps = std::min(n, g.steps_at_once);
+    const auto begin = Clock::now();
     g.with([steps](Worlds &worlds) { worlds.step(steps); });
+    const double seconds = std::chrono::duration<double>(Clock::now() - begin).count();
+    g.steps_at_once = static_cast<int>(std::clamp(between * steps / std::max(seconds, between / most), 1.0, most));
     if (PyErr_CheckSignals() != 0) throw py::error_already_set();
+    n -= steps;
   }
 }
 
