@@ -94,16 +94,17 @@ __device__ __noinline__ void fill_bytes(const Slot *slots)
     reinterpret_cast<unsigned char *>(slots[1])[i] = static_cast<unsigned char>(byte);
 }
 
+__shared__ unsigned int expected;  // arrivals that end a wait of the first thread
+
 /// Where the blocks of a world wait for each other.
 struct Meeting {
   unsigned int *arrived;
-  unsigned int expected;
-  __device__ void wait()
+  __device__ void wait() const
   {
     __syncthreads();
     if (gridDim.x == 1) return;
-    expected += gridDim.x;
     if (threadIdx.x == 0) {
+      expected += gridDim.x;
       __threadfence();
       atomicAdd(arrived, 1);
       while (*reinterpret_cast<volatile unsigned int *>(arrived) < expected) {
@@ -114,7 +115,7 @@ struct Meeting {
   }
   /// Whether this thread is the last of the first threads of all blocks to call it, after all have waited. The next
   /// program begins with zeros again.
-  __device__ bool end()
+  __device__ bool end() const
   {
     if (threadIdx.x > 0) return false;
     if (gridDim.x == 1) return true;
@@ -125,7 +126,7 @@ struct Meeting {
 };
 
 /// n, from, to. partial: [blocks of the world]
-__device__ __noinline__ void scan_ints(const Slot *slots, Meeting &meeting, long long *partial, int *overflow)
+__device__ __noinline__ void scan_ints(const Slot *slots, Meeting meeting, long long *partial, int *overflow)
 {
   using Reduce = cub::BlockReduce<long long, interpreter_threads>;
   using Scan = cub::BlockScan<long long, interpreter_threads>;
@@ -245,11 +246,14 @@ __device__ __noinline__ void sort_pairs(const Slot *slots, int bits)
 
 /// Walks through the instructions of a world, and through those of a repetition as often as it says.
 struct Walk {
-  const Instruction *instructions;
-  int end;
-  int left = 0, body = 0, body_end = -1;
-  __device__ Instruction at(int place) const { return instructions[place < end ? place : end - 1]; }
-  __device__ int after(int place, const Instruction &instruction)
+  int place, left, body, body_end;
+  __device__ void begin()
+  {
+    place = left = body = 0;
+    body_end = -1;
+  }
+  /// Behind the instruction, which is the one at `place`.
+  __device__ void leave(const Instruction &instruction)
   {
     ++place;
     if (instruction.kind == static_cast<int>(OperationKind::repeat)) {
@@ -257,15 +261,38 @@ struct Walk {
       body = place;
       body_end = place + instruction.extra;
     } else if (place == body_end) {
-      if (--left > 0) return body;
-      body_end = -1;
+      if (--left > 0)
+        place = body;
+      else
+        body_end = -1;
     }
-    return place;
   }
 };
 
+/// Copies to the memory of the block meanwhile; the thread sees it after await_copies, others after a barrier.
+template <class T> __device__ void start_copy(T *to, const T *from)
+{
+  static_assert(sizeof(T) == 8 || sizeof(T) == 16, "what the instruction copies");
+#if __CUDA_ARCH__ >= 800
+  asm volatile(
+      "cp.async.ca.shared.global [%0], [%1], %2;" ::"r"(static_cast<unsigned int>(__cvta_generic_to_shared(to))),
+      "l"(from), "n"(sizeof(T))
+      : "memory");
+#else
+  *to = *from;
+#endif
+}
+__device__ void await_copies()
+{
+#if __CUDA_ARCH__ >= 800
+  asm volatile("cp.async.wait_all;" ::: "memory");
+#endif
+}
+
+/// Of the warp, whose threads have left the kernel before.
 __device__ void set_team(const Instruction &instruction)
 {
+  __syncwarp();
   if (threadIdx.x % 32 == 0) {
     team_shifts[threadIdx.x / 32] = instruction.team_shift;
     used_memory[threadIdx.x / 32] = 0;
@@ -273,7 +300,7 @@ __device__ void set_team(const Instruction &instruction)
   __syncwarp();
 }
 
-__device__ void execute(const Instruction &instruction, const Slot *slots, Meeting &meeting, long long *partial,
+__device__ void execute(const Instruction &instruction, const Slot *slots, Meeting meeting, long long *partial,
                         int *overflow)
 {
   switch (static_cast<OperationKind>(instruction.kind)) {
@@ -291,53 +318,74 @@ __device__ void execute(const Instruction &instruction, const Slot *slots, Meeti
 }
 
 /// The programs of worlds, in blocks (x, world). While one instruction runs, the slots of the next and the instruction
-/// after it are on their way.
+/// after it are on their way. What a thread remembers meanwhile is in the memory of its block: the kernels leave no
+/// registers.
 __global__ void __launch_bounds__(interpreter_threads, blocks_per_processor)
     interpret(const __grid_constant__ Batch batch)
 {
+  constexpr unsigned int kept = 4;
   __shared__ Slot slots[2][most_slots];
+  __shared__ Instruction instructions[kept];
+  __shared__ Walk walk;  // of the last thread, to the instruction after the next
+  __shared__ unsigned int is_last[kept];
+  __shared__ unsigned int turns[interpreter_threads / 32];  // of each warp: instructions before the one that runs
   const WorldProgram &program = batch.world[blockIdx.y];
-  const int thread = static_cast<int>(threadIdx.x);
-  Meeting meeting{program.arrived, 0};
+  const auto thread = [] { return static_cast<int>(threadIdx.x); };
+  const auto own_turn = [] -> volatile unsigned int & { return turns[threadIdx.x / 32]; };
+  const auto all_instructions = [&] { return reinterpret_cast<const Instruction *>(program.to); };
+  const auto fetch_slots = [&](unsigned int turn) {
+    const Instruction &of = instructions[turn % kept];
+    const Slot *from = reinterpret_cast<const Slot *>(program.to + program.slots) + of.first;
+    if (thread() < of.slots) start_copy(slots[turn % 2] + thread(), from + thread());
+  };
+  const Meeting meeting{program.arrived};
   {
     const uint4 *__restrict__ from = program.from;
     uint4 *__restrict__ to = program.to;
     for (int i = static_cast<int>(first_item()); i < program.words; i += static_cast<int>(items_at_once()))
       to[i] = from[i];
   }
+  if (thread() == 0) expected = 0;
+  if (thread() % 32 == 0) own_turn() = 0;
   meeting.wait();
-  const Slot *all_slots = reinterpret_cast<const Slot *>(program.to + program.slots);
-  Walk walk{reinterpret_cast<const Instruction *>(program.to), program.count};
-  int place = 0, buffer = 0;
-  Instruction now = walk.at(place);
-  if (thread < now.slots) slots[0][thread] = all_slots[now.first + thread];
-  set_team(now);
+  if (thread() < 2) instructions[thread()] = all_instructions()[min(thread(), program.count - 1)];
   __syncthreads();
-  int next_place = walk.after(place, now);
-  Instruction next = walk.at(next_place);
+  fetch_slots(0);
+  set_team(instructions[0]);
+  if (thread() == interpreter_threads - 1) {
+    walk.begin();
+    walk.leave(instructions[0]);
+    is_last[0] = walk.place >= program.count;
+  }
+  await_copies();
+  __syncthreads();
   while (true) {
-    const bool more = next_place < walk.end;
-    Slot arriving = 0;
-    if (more && thread < next.slots) arriving = all_slots[next.first + thread];
-    const int later_place = more ? walk.after(next_place, next) : walk.end;
-    const Instruction later = walk.at(later_place);
-    execute(now, slots[buffer], meeting, program.partials, program.overflow);
-    if (!more) break;
-    buffer = 1 - buffer;
-    if (thread < next.slots) slots[buffer][thread] = arriving;
-    if (now.kind == static_cast<int>(OperationKind::repeat))
+    {
+      const unsigned int turn = own_turn();
+      if (!is_last[turn % kept]) {
+        fetch_slots(turn + 1);
+        if (thread() == interpreter_threads - 1) {
+          walk.leave(instructions[(turn + 1) % kept]);
+          is_last[(turn + 1) % kept] = walk.place >= program.count;
+          if (walk.place < program.count) start_copy(instructions + (turn + 2) % kept, all_instructions() + walk.place);
+        }
+      }
+      execute(instructions[turn % kept], slots[turn % 2], meeting, program.partials, program.overflow);
+    }
+    const unsigned int turn = own_turn();
+    if (is_last[turn % kept]) break;
+    await_copies();
+    if (instructions[(turn + 1) % kept].team_shift > 0) set_team(instructions[(turn + 1) % kept]);
+    __syncwarp();
+    if (thread() % 32 == 0) own_turn() = turn + 1;
+    if (instructions[turn % kept].kind == static_cast<int>(OperationKind::repeat))
       __syncthreads();
     else
       meeting.wait();
-    if (next.team_shift > 0) set_team(next);
-    now = next;
-    next = later;
-    next_place = later_place;
   }
-  __threadfence_system();
   meeting.wait();
   if (!meeting.end()) return;
-  __threadfence_system();
+  __threadfence_system();  // for what all threads have written: this one has waited for them
   *static_cast<volatile unsigned int *>(program.done) = program.number;
 }
 

@@ -223,11 +223,19 @@ KERNEL coarse_values(int n, GLOBAL const int *source_start, GLOBAL const int *so
                      GLOBAL const double *from64, GLOBAL const float *from32, GLOBAL double *value)
 {
   FOR_EACH(i, n) {
-    int e = i / 9, c = i - 9 * e, k;
+    const int e = i / 9, c = i - 9 * e, end = source_start[e + 1];
+    int k;
     double sum = 0.0;
-    for (k = source_start[e]; k < source_start[e + 1]; ++k) {
-      double entry = is_double ? from64[9 * source[k] + c] : (double)from32[9 * source[k] + c];
-      sum += entry;
+    for (k = source_start[e]; k < end; k += AT_ONCE(8)) {
+      int own[AT_ONCE(8)];
+      double entry[AT_ONCE(8)];
+      FOR_AT_ONCE(q, 8, end - k) own[q] = source[k + q];
+      if (is_double) {
+        FOR_AT_ONCE(q, 8, end - k) entry[q] = from64[9 * own[q] + c];
+      } else {
+        FOR_AT_ONCE(q, 8, end - k) entry[q] = (double)from32[9 * own[q] + c];
+      }
+      FOR_AT_ONCE(q, 8, end - k) sum += entry[q];
     }
     value[i] = sum;
   }

@@ -62,12 +62,14 @@ KERNEL fill_slice_values(int n, GLOBAL const int *source, int is_double, GLOBAL 
                          GLOBAL const float *from32, GLOBAL real *value)
 {
   FOR_EACH(i, n) {
-    int e = i / SLICE_ROWS, l = i - e * SLICE_ROWS, c;
+    const int e = i / SLICE_ROWS, l = i - e * SLICE_ROWS, own = source[i];
+    real v[9];
+    int c;
     for (c = 0; c < 9; ++c) {
-      real v = (real)0;
-      if (source[i] >= 0) v = is_double ? (real)from64[9 * source[i] + c] : (real)from32[9 * source[i] + c];
-      value[SLICE_ROWS * (9 * e + c) + l] = v;
+      v[c] = (real)0;
+      if (own >= 0) v[c] = is_double ? (real)from64[9 * own + c] : (real)from32[9 * own + c];
     }
+    for (c = 0; c < 9; ++c) value[SLICE_ROWS * (9 * e + c) + l] = v[c];
   }
 }
 

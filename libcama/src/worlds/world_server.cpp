@@ -164,10 +164,10 @@ private:
     if (runner_) attempt([&] { runner_->follow(all_worlds_); });
   }
 
-  /// In few launches: not before as many worlds are gathered as are on the device.
+  /// In few launches: not before half as many worlds are gathered as are on the device.
   void begin_gathered()
   {
-    if (gathered_.empty() || static_cast<int>(gathered_.size()) < std::min(most_at_once, running_)) return;
+    if (gathered_.empty() || static_cast<int>(gathered_.size()) < std::min(most_at_once, running_ / 2)) return;
     bool allocated = false;
     std::vector<OperationQueue *> queues;
     for (World *world : gathered_) {
