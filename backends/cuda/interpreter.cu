@@ -272,7 +272,7 @@ struct Walk {
 /// Copies to the memory of the block meanwhile; the thread sees it after await_copies, others after a barrier.
 template <class T> __device__ void start_copy(T *to, const T *from)
 {
-  static_assert(sizeof(T) == 8 || sizeof(T) == 16, "what the instruction copies");
+  static_assert((sizeof(T) == 8 || sizeof(T) == 16) && alignof(T) == sizeof(T), "what cp.async copies");
 #if __CUDA_ARCH__ >= 800
   asm volatile(
       "cp.async.ca.shared.global [%0], [%1], %2;" ::"r"(static_cast<unsigned int>(__cvta_generic_to_shared(to))),
@@ -331,7 +331,7 @@ __global__ void __launch_bounds__(interpreter_threads, blocks_per_processor)
   __shared__ unsigned int turns[interpreter_threads / 32];  // of each warp: instructions before the one that runs
   const WorldProgram &program = batch.world[blockIdx.y];
   const auto thread = [] { return static_cast<int>(threadIdx.x); };
-  const auto own_turn = [] -> volatile unsigned int & { return turns[threadIdx.x / 32]; };
+  const auto own_turn = []() -> volatile unsigned int & { return turns[threadIdx.x / 32]; };
   const auto all_instructions = [&] { return reinterpret_cast<const Instruction *>(program.to); };
   const auto fetch_slots = [&](unsigned int turn) {
     const Instruction &of = instructions[turn % kept];

@@ -13,7 +13,7 @@ namespace cama {
 class Interpreter;
 
 /// An operation as the interpreter reads it.
-struct Instruction {
+struct alignas(16) Instruction {
   std::uint8_t kind;        // OperationKind
   std::uint8_t team_shift;  // of a launch: logarithm of the members of a team
   std::uint16_t function;   // of a launch: its place among all functions
