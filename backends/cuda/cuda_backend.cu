@@ -159,7 +159,8 @@ public:
     int driver = 0;
     check(cudaDriverGetVersion(&driver), "cudaDriverGetVersion");
     begins_early_ = compiled.ptxVersion >= 90 && properties.major >= 9 && std::min(driver, CUDART_VERSION) >= 12030;
-    check(cudaStreamCreateWithFlags(&queue_, cudaStreamNonBlocking), "cudaStreamCreate");
+    for (cudaStream_t *stream : {&queue_, &recorder_})
+      check(cudaStreamCreateWithFlags(stream, cudaStreamNonBlocking), "cudaStreamCreate");
     cudaMemPool_t pool = nullptr;
     check(cudaDeviceGetDefaultMemPool(&pool, device), "cudaDeviceGetDefaultMemPool");
     std::uint64_t kept = std::uint64_t(1) << 30;   // bytes that are not returned to the driver at a wait
@@ -176,7 +177,7 @@ public:
     if (replay_) cudaGraphExecDestroy(replay_);
     for (void *scratch : {scratch_, other_keys_, other_values_, total_}) cudaFree(scratch);
     cudaFreeHost(flag());
-    cudaStreamDestroy(queue_);
+    for (const cudaStream_t stream : {queue_, recorder_}) cudaStreamDestroy(stream);
   }
 
   std::string_view name() const override { return "cuda"; }
@@ -376,20 +377,24 @@ private:
     check(cudaLaunchKernelEx(&config, kernel, n, from, to), "copy or fill");
   }
 
-  /// Records the launches of `work` as the graph to replay.
+  /// Records the launches of `work` as the graph to replay. Not in the queue: what runners of worlds ask of it in other
+  /// threads meanwhile would be recorded too.
   void record(const std::function<void()> &work)
   {
     const long before = launches_;
     cudaGraph_t graph = nullptr;
-    check(cudaStreamBeginCapture(queue_, cudaStreamCaptureModeThreadLocal), "cudaStreamBeginCapture");
+    check(cudaStreamBeginCapture(recorder_, cudaStreamCaptureModeThreadLocal), "cudaStreamBeginCapture");
+    std::swap(queue_, recorder_);
     try {
       work();
     } catch (...) {
-      cudaStreamEndCapture(queue_, &graph);
+      std::swap(queue_, recorder_);
+      cudaStreamEndCapture(recorder_, &graph);
       if (graph) cudaGraphDestroy(graph);
       throw;
     }
-    check(cudaStreamEndCapture(queue_, &graph), "cudaStreamEndCapture");
+    std::swap(queue_, recorder_);
+    check(cudaStreamEndCapture(recorder_, &graph), "cudaStreamEndCapture");
     recorded_ = launches_ - before;
     launches_ = before;
     cudaGraphExecUpdateResultInfo result{};
@@ -430,7 +435,7 @@ private:
   std::string device_;
   int processors_ = 1, workers_ = 1, blocks_ = 1;
   bool begins_early_ = false;  // see AWAIT_LAUNCHES; devices before 9.0 cannot, and graphs before CUDA 12.3
-  cudaStream_t queue_ = nullptr;
+  cudaStream_t queue_ = nullptr, recorder_ = nullptr;
   cudaGraphExec_t replay_ = nullptr;  // of the last `repeat`
   long recorded_ = 0;  // launches in it
   std::unordered_map<Buffer, std::size_t> sizes_;

@@ -19,8 +19,9 @@ constexpr int most_slots = max_kernel_arguments + 8, blocks_per_processor = 2;
 // rank_sort_room keys needs.
 constexpr int most_team_memory = 60 * 1024, least_team_memory = 24 * 1024;
 constexpr int rank_sort_room = 2048, digit_bits = 4, digits = 1 << digit_bits;
-/// Elements that a thread may handle in one operation, beyond which launches with more threads are faster.
-constexpr int most_per_thread = 64;
+/// Items of one operation, for each of the worlds that run at once, beyond which launches are faster: one launch after
+/// the other, but each with all threads of the device.
+constexpr long long most_items = 1 << 14;
 
 // Functions.
 
@@ -439,7 +440,7 @@ int Interpreter::blocks_for(const OperationQueue &queue, int worlds) const
 
 bool Interpreter::suits(const OperationQueue &queue, int worlds) const
 {
-  return queue.largest() <= most_per_thread * blocks_for(queue, worlds) * interpreter_threads;
+  return queue.largest() <= most_items * worlds;
 }
 
 void Interpreter::launch(const Batch &batch, int worlds, int blocks, cudaStream_t stream) const

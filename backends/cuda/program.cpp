@@ -12,7 +12,7 @@ namespace {
 
 constexpr std::size_t alignment = 16, scratch_per_key = 12;
 constexpr std::size_t host_header = 64;  // bytes: number of the last program that has ended, overflow
-constexpr std::size_t overflow_at = 4, arrived_bytes = 16;
+constexpr std::size_t overflow_at = 4, arrived_bytes = 16, least_room = std::size_t(1) << 16;
 
 std::size_t aligned(std::size_t bytes) { return (bytes + alignment - 1) / alignment * alignment; }
 
@@ -28,7 +28,7 @@ void ProgramRoom::grow(std::size_t host_bytes, std::size_t device_bytes)
 {
   void *memory = nullptr;
   if (host_bytes > host_bytes_) {
-    const std::size_t room = std::max<std::size_t>(host_bytes + host_bytes / 2, 1 << 14);
+    const std::size_t room = std::max(host_bytes + host_bytes / 2, least_room);
     check(cudaHostAlloc(&memory, room, cudaHostAllocMapped), "cudaHostAlloc for a world");
     if (host_) cudaFreeHost(host_);
     host_ = static_cast<unsigned char *>(memory);
@@ -37,7 +37,7 @@ void ProgramRoom::grow(std::size_t host_bytes, std::size_t device_bytes)
     std::memcpy(host_, &number_, sizeof number_);
   }
   if (device_bytes > device_bytes_) {
-    const std::size_t room = std::max<std::size_t>(device_bytes + device_bytes / 2, 1 << 14);
+    const std::size_t room = std::max(device_bytes + device_bytes / 2, least_room);
     check(cudaMallocAsync(&memory, room, queue_), "cudaMallocAsync for a world");
     if (device_) cudaFreeAsync(device_, queue_);
     device_ = static_cast<unsigned char *>(memory);

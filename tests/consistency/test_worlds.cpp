@@ -2,14 +2,18 @@
 // Worlds: each ends in the bits of a simulation of its scene alone, and what happens to one changes no bit of another.
 #include "../catch.hpp"
 
+#include <memory>
 #include <string>
+#include <thread>
 #include <vector>
 
 #include "../backends.hpp"
 #include "../meshes.hpp"
 #include "cama/error.hpp"
 #include "cama/simulation.hpp"
+#include "cama/stream.hpp"
 #include "cama/worlds.hpp"
+#include "device/recording_backend.hpp"
 #include "everything.hpp"
 
 using namespace cama;
@@ -84,6 +88,66 @@ TEST_CASE("every world ends in the bits of its scene alone", "[worlds]")
       CHECK(all.back().z == last.back().z);
       CHECK(all[static_cast<std::size_t>(worlds.first_vertex(count - 1))].x == last.front().x);
     }
+}
+
+TEST_CASE("worlds so large that some of their work is launched and some is not end in the bits of their scenes alone",
+          "[worlds]")
+{
+  constexpr int count = 4, steps = 5;
+  std::vector<Scene> scenes = scenes_of(count);
+  for (int w = 0; w < count; ++w) {
+    auto &cloths = scenes[static_cast<std::size_t>(w)].cloths;
+    cloths.resize(1);
+    cloths[0].mesh = meshes::grid(72, 72, 0.3, 0.3, -0.15 + 0.01 * w, -0.15, 0.1005);
+  }
+  for (const std::string &backend : backends_here()) {
+    INFO(backend);
+    OptionOverrides options = options_on(backend, "mixed");
+    options.set("threads", 4);
+    Worlds worlds(scenes, {options});
+    worlds.step(steps);
+    for (int w = 0; w < count; ++w) {
+      INFO("world " << w);
+      CHECK_FALSE(worlds.frozen(w));
+      CHECK(worlds[w].report().contacts > 0);
+      CHECK(worlds[w].state_hash() == hash_alone(scenes[static_cast<std::size_t>(w)], options, steps));
+    }
+  }
+}
+
+TEST_CASE("what a world begins while a repetition is recorded in another thread is no part of the repetition",
+          "[worlds]")
+{
+  bool tested = false;
+  for (const std::string &backend : backends_here()) {
+    INFO(backend);
+    const auto device = std::make_shared<SharedDevice>(make_backend(backend));
+    const auto runner = device->backend->make_runner();
+    if (!runner) continue;
+    tested = true;
+    RecordingBackend world(device);
+    constexpr int n = 1000;
+    Stream<int> repeated(*device->backend, n), own(world, n);
+    device->backend->synchronize();
+    world.synchronize();
+    world.fill(own.buffer(), 0x11, n * sizeof(int));
+    device->backend->repeat(
+        2,
+        [&] {
+          device->backend->fill(repeated.buffer(), 0x22, n * sizeof(int));
+          std::thread([&] {
+            const OnDevice here(*device->backend);
+            runner->follow(1);
+            runner->begin({&world.queue});
+          }).join();
+        },
+        false);
+    while (!runner->ended(world.queue)) runner->check();
+    world.take_answers();
+    CHECK(own.download() == std::vector<int>(n, 0x11111111));
+    CHECK(repeated.download() == std::vector<int>(n, 0x22222222));
+  }
+  if (!tested) WARN("SKIPPED: no backend here runs recorded worlds");
 }
 
 TEST_CASE("hundreds of worlds, half of which compute on the host while the device works for the others", "[worlds]")

@@ -27,7 +27,9 @@ thread_local bool in_runner = false;  // which leaves releases to the server
 /// Memory of the host; scans, and no kernels.
 class LateDevice final : public Backend {
 public:
-  explicit LateDevice(bool with_runners = true) : with_runners_(with_runners) {}
+  explicit LateDevice(bool with_runners = true, bool with_addresses = false)
+      : with_runners_(with_runners), with_addresses_(with_addresses)
+  {}
 
   std::string_view name() const override { return "late"; }
   std::string device() const override { return "host"; }
@@ -39,7 +41,7 @@ public:
     if (allocated_ + bytes > limit) throw MemoryError("full");
     ++allocations;
     allocated_ += bytes;
-    Buffer buffer = std::malloc(bytes);
+    Buffer buffer = std::aligned_alloc(256, (bytes + 255) / 256 * 256);
     live.emplace(buffer, bytes);
     return buffer;
   }
@@ -76,6 +78,10 @@ public:
   void sort(Buffer, Buffer, int, int) override { throw BackendError("no sort"); }
   void synchronize() override {}
   std::unique_ptr<WorldRunner> make_runner() override;
+  DeviceMemory memory() const override
+  {
+    return {with_addresses_ ? DeviceMemory::Kind::host : DeviceMemory::Kind::opaque, 0, 0};
+  }
 
   std::size_t limit = std::size_t(1) << 40;
   int fails_at = INT_MAX;  // number of the beginning that fails, of all runners
@@ -85,7 +91,7 @@ public:
   std::map<Buffer, std::size_t> live;
 
 private:
-  const bool with_runners_;
+  const bool with_runners_, with_addresses_;
 };
 
 /// Does a queue when it has been looked at for the first, second, ... or fifth time.
@@ -271,6 +277,40 @@ TEST_CASE("a shared device keeps what is released, as long as there is room", "[
     CHECK(device.live.size() == 2);
     shared.release(kept, big);
     CHECK(device.live.size() == 1);
+  }
+}
+
+TEST_CASE("small buffers of a world are pieces of few where a buffer is an address", "[world_server]")
+{
+  constexpr int buffers = 300, turns = 20;
+  for (const bool with_addresses : {true, false}) {
+    INFO((with_addresses ? "addresses" : "handles"));
+    auto owned = std::make_unique<LateDevice>(true, with_addresses);
+    LateDevice &device = *owned;
+    {
+      const auto shared = std::make_shared<SharedDevice>(std::move(owned));
+      RecordingBackend world(shared);
+      std::vector<Stream<int>> own;
+      for (int i = 0; i < buffers; ++i) {
+        own.emplace_back(world, 1 + 37 * i % 4000);
+        own.back().assign(std::vector<int>(static_cast<std::size_t>(1 + 37 * i % 4000), i));
+      }
+      const std::size_t peak = world.peak_bytes();
+      for (int turn = 0; turn < turns; ++turn) {  // what is released serves again
+        own[7] = Stream<int>(world);
+        own[7].assign(std::vector<int>(1 + 37 * 7, 7));
+      }
+      CHECK(world.peak_bytes() == peak);
+      for (int i = 0; i < buffers; ++i) {
+        const std::vector<int> expected(static_cast<std::size_t>(1 + 37 * i % 4000), i);
+        REQUIRE(own[static_cast<std::size_t>(i)].download() == expected);
+        if (with_addresses) CHECK(reinterpret_cast<std::uintptr_t>(own[static_cast<std::size_t>(i)].buffer()) % 256 == 0);
+      }
+      if (with_addresses)
+        CHECK(device.allocations < 15);
+      else
+        CHECK(device.allocations >= buffers);
+    }
   }
 }
 

@@ -201,6 +201,8 @@ private:
 
   // For Worlds: what driving checks first, and arrays of all worlds.
 
+  /// As `restore`, from a checkpoint that this simulation has taken: it is not checked.
+  void restore_own(const Checkpoint &checkpoint);
   void check_pin(const std::vector<int> &vertices, const std::vector<dvec3> &targets, double duration) const;
   void check_targets(const std::vector<int> &vertices, const std::vector<dvec3> &positions, double duration) const;
   void check_release(const std::vector<int> &vertices) const;

@@ -104,6 +104,7 @@ RecordingBackend::~RecordingBackend()
   queue.room.reset();
   try {
     for (const auto &spare : spare_) record(OperationKind::release, {to_slot(spare.second), spare.first});
+    for (const Buffer of_pieces : chunks_) record(OperationKind::release, {to_slot(of_pieces), chunk});
     run_alone();
   } catch (...) {  // the device is lost
   }
@@ -111,23 +112,46 @@ RecordingBackend::~RecordingBackend()
 
 Buffer RecordingBackend::allocate(std::size_t bytes)
 {
-  const std::size_t room = SharedDevice::room_for(bytes);
-  Buffer buffer = nullptr;
+  const bool piece = is_piece(bytes);
+  const std::size_t room = piece ? std::max<std::size_t>((bytes + piece_unit - 1) / piece_unit, 1) * piece_unit
+                                 : SharedDevice::room_for(bytes);
+  const Buffer buffer = piece ? take_piece(room) : take(room);
+  sizes_.insert(std::lower_bound(sizes_.begin(), sizes_.end(), buffer, before), {buffer, room});
+  return buffer;
+}
+
+Buffer RecordingBackend::take(std::size_t room)
+{
   const auto spare = std::find_if(spare_.rbegin(), spare_.rend(), [&](const auto &s) { return s.first == room; });
   if (spare != spare_.rend()) {
-    buffer = spare->second;
+    const Buffer buffer = spare->second;
     *spare = spare_.back();
     spare_.pop_back();
     spare_bytes_ -= room;
-  } else {
-    const SharedDevice::Allocation found = device_->allocate(room);
-    buffer = found.buffer;
-    allocated |= found.fresh;
-    allocated_ += room;
-    peak_ = std::max(peak_, allocated_);
+    return buffer;
   }
-  sizes_.insert(std::lower_bound(sizes_.begin(), sizes_.end(), buffer, before), {buffer, room});
-  return buffer;
+  const SharedDevice::Allocation found = device_->allocate(room);
+  allocated |= found.fresh;
+  allocated_ += room;
+  peak_ = std::max(peak_, allocated_);
+  return found.buffer;
+}
+
+Buffer RecordingBackend::take_piece(std::size_t room)
+{
+  std::vector<Buffer> &released = pieces_[room / piece_unit - 1];
+  if (!released.empty()) {
+    const Buffer buffer = released.back();
+    released.pop_back();
+    return buffer;
+  }
+  if (chunk_left_ < room) {
+    chunks_.push_back(take(chunk));
+    chunk_left_ = chunk;
+  }
+  const std::size_t at = chunk - chunk_left_;
+  chunk_left_ -= room;
+  return static_cast<unsigned char *>(chunks_.back()) + at;
 }
 
 void RecordingBackend::release(Buffer buffer) noexcept
@@ -136,6 +160,7 @@ void RecordingBackend::release(Buffer buffer) noexcept
   if (found == sizes_.end() || found->first != buffer) return;
   const std::size_t room = found->second;
   sizes_.erase(found);
+  if (is_piece(room)) return pieces_[room / piece_unit - 1].push_back(buffer);
   if (spare_.size() < most_spare && spare_bytes_ + room <= allocated_ / spare_part) {
     spare_.emplace_back(room, buffer);
     spare_bytes_ += room;

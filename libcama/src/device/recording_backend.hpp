@@ -60,7 +60,9 @@ private:
 /// worlds run together.
 class RecordingBackend final : public Backend {
 public:
-  explicit RecordingBackend(std::shared_ptr<SharedDevice> device) : device_(std::move(device)) {}
+  explicit RecordingBackend(std::shared_ptr<SharedDevice> device)
+      : device_(std::move(device)), addresses_(device_->backend->memory().kind != DeviceMemory::Kind::opaque)
+  {}
   ~RecordingBackend() override;
 
   std::string_view name() const override { return device_->backend->name(); }
@@ -99,14 +101,25 @@ public:
   std::exception_ptr failure;  ///< what the world meets when it goes on
 
 private:
+  /// Small buffers are pieces of larger ones, where a buffer is an address: a world has hundreds of them, and each that
+  /// comes from the device takes microseconds in which others wait.
+  static constexpr std::size_t piece_unit = 256, largest_piece = std::size_t(1) << 14, chunk = std::size_t(1) << 18;
+
   void record(OperationKind kind, std::initializer_list<Slot> slots, int extra = 0);
   void wait();
   void run_alone();
+  bool is_piece(std::size_t bytes) const { return addresses_ && bytes <= largest_piece; }
+  Buffer take(std::size_t room);
+  Buffer take_piece(std::size_t room);
 
   std::shared_ptr<SharedDevice> device_;
+  const bool addresses_;  // whether a buffer is an address
   std::vector<std::pair<Buffer, std::size_t>> sizes_;  // sorted by buffer
   std::vector<std::pair<std::size_t, Buffer>> spare_;  // released, for the next of this size
   std::size_t spare_bytes_ = 0;
+  std::vector<Buffer> chunks_;  // of pieces
+  std::size_t chunk_left_ = 0;  // bytes of the last chunk
+  std::array<std::vector<Buffer>, largest_piece / piece_unit> pieces_;  // released, by room
 };
 
 }  // namespace cama

@@ -63,6 +63,7 @@ inline int orientation(dvec3 a, dvec3 b, dvec3 c, dvec3 d)
   const double size = std::fabs(az) * (std::fabs(bx * cy) + std::fabs(cx * by)) +
                       std::fabs(bz) * (std::fabs(cx * ay) + std::fabs(ax * cy)) +
                       std::fabs(cz) * (std::fabs(ax * by) + std::fabs(bx * ay));
+  if (size == 0) return 0;  // in a plane across an axis, as sheets often start
   const double bound = 7.8e-16 * size;  // Shewchuk's (7 + 56 u) u
   if (value > bound) return 1;
   if (-value > bound) return -1;
@@ -81,6 +82,7 @@ inline int orientation(dvec3 a, dvec3 b, dvec3 c, int axis)
   const double ai = dcomponent(a, i), aj = dcomponent(a, j), bi = dcomponent(b, i), bj = dcomponent(b, j);
   const double ci = dcomponent(c, i), cj = dcomponent(c, j);
   const double left = (ai - ci) * (bj - cj), right = (aj - cj) * (bi - ci), value = left - right;
+  if (left == 0 && right == 0) return 0;
   const double bound = 3.4e-16 * (std::fabs(left) + std::fabs(right));  // (3 + 16 u) u
   if (value > bound) return 1;
   if (-value > bound) return -1;

@@ -260,6 +260,12 @@ void Simulation::restore(const Checkpoint &checkpoint)
   i.check_driving(checkpoint);
   if (i.guarded && i.state.options.commit)
     check_positions(checkpoint.vectors.at("position"), i.topology, i.state.contact.settings.self);
+  restore_own(checkpoint);
+}
+
+void Simulation::restore_own(const Checkpoint &checkpoint)
+{
+  Implementation &i = *implementation_;
   i.before_writing();
   i.restore_driving(checkpoint);
   restore_checkpoint(checkpoint, i.state, *i.pipeline);

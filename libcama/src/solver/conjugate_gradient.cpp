@@ -32,6 +32,13 @@ ConjugateGradient<S>::ConjugateGradient(Backend &b, Preconditioner kind)
   if (kind == Preconditioner::schwarz) schwarz_ = std::make_unique<Schwarz<S>>(b);
 }
 
+template <class S> void ConjugateGradient<S>::forget()
+{
+  if (schwarz_) schwarz_->forget();
+  pin_changes_ = step_ = -1;
+  expected_[0] = expected_[1] = 0;
+}
+
 template <class S>
 template <class Real>
 void ConjugateGradient<S>::start_from(const SolverRooms &state, const Matching &matching)

@@ -20,7 +20,9 @@ public:
 
   /// With Schwarz: the blocks of the last solve, or nothing if they are outdated.
   Matching matching(const SolverRooms &state) const { return schwarz_ ? schwarz_->matching(state) : Matching{}; }
-  /// Takes over blocks before the first solve. matching: empty, or checked.
+  /// Makes it as new: nothing of earlier solves is known. It keeps its memory.
+  void forget();
+  /// Takes over blocks before the first solve. matching: checked.
   template <class Real> void start_from(const SolverRooms &state, const Matching &matching);
 
   /// Whether the next `prepare` reads the diagonal.

@@ -113,6 +113,13 @@ template <class S> void Schwarz<S>::note(int step, int iterations)
   if (step == matched_) first_ = last_.iterations;
 }
 
+template <class S> void Schwarz<S>::forget()
+{
+  terms_ = -1;
+  last_ = before_ = {};
+  first_ = matched_ = pin_changes_ = 0;
+}
+
 template <class S> Matching Schwarz<S>::matching(const SolverRooms &state) const
 {
   Matching m;

@@ -17,6 +17,8 @@ public:
   template <class Real> void match(const SolverRooms &state, const Stream<typename Types<Real>::mat3> &diagonal);
   /// The blocks, or nothing if they are outdated.
   Matching matching(const SolverRooms &state) const;
+  /// Forgets blocks and solves, but keeps its memory.
+  void forget();
   /// Takes over the blocks of a checkpoint; none if they are not those of the present rows.
   template <class Real> void adopt(const SolverRooms &state, const Matching &matching);
   /// Factors the blocks from new values. matrix: on the same rows.

@@ -139,10 +139,9 @@ template <class S>
 bool LinearSolve<Real>::conjugate_gradient(const Rooms &state, std::unique_ptr<ConjugateGradient<S>> &solver,
                                            Preconditioner preconditioner, bool uniform, bool from_zero, double slack)
 {
-  if (!solver) {
-    solver = std::make_unique<ConjugateGradient<S>>(*state.backend, preconditioner);
-    if (uniform) solver->template start_from<Real>(state, std::exchange(matching_, {}));
-  }
+  if (!solver) solver = std::make_unique<ConjugateGradient<S>>(*state.backend, preconditioner);
+  const Matching matching = std::exchange(matching_, {});
+  if (uniform && !matching.order.empty()) solver->template start_from<Real>(state, matching);
   q_.resize(state.mesh.cloth_vertices);
   if (uniform) move_by_gravity(state, from_zero);
   if (solver->needs_diagonal(state)) extract_diagonal(state);
@@ -159,15 +158,18 @@ bool LinearSolve<Real>::conjugate_gradient(const Rooms &state, std::unique_ptr<C
 
 template <class Real> void LinearSolve<Real>::save(State &state, Checkpoint &checkpoint)
 {
-  checkpoint.matching = single_ ? single_->matching(state) : own_ ? own_->matching(state) : matching_;
+  if (!matching_.order.empty())
+    checkpoint.matching = matching_;
+  else if (single_ || own_)
+    checkpoint.matching = single_ ? single_->matching(state) : own_->matching(state);
 }
 
 template <class Real> void LinearSolve<Real>::restore(State &, const Checkpoint &checkpoint)
 {
   matching_ = checkpoint.matching;
-  single_.reset();
-  own_.reset();
-  fallback_.reset();
+  if (single_) single_->forget();
+  if (own_) own_->forget();
+  if (fallback_) fallback_->forget();
 }
 
 template <class Real> void LinearSolve<Real>::iterative(const Rooms &state, bool from_zero, double slack)

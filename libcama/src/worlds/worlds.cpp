@@ -329,7 +329,7 @@ void Worlds::reset(const std::vector<int> &worlds)
 {
   implementation_->check_chosen(worlds);
   implementation_->attempt(worlds, [](Implementation::World &w, std::size_t) {
-    w.simulation->restore(w.start);
+    w.simulation->restore_own(w.start);
     w.failure = nullptr;
   });
 }
