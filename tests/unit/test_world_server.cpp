@@ -304,7 +304,8 @@ TEST_CASE("small buffers of a world are pieces of few where a buffer is an addre
       for (int i = 0; i < buffers; ++i) {
         const std::vector<int> expected(static_cast<std::size_t>(1 + 37 * i % 4000), i);
         REQUIRE(own[static_cast<std::size_t>(i)].download() == expected);
-        if (with_addresses) CHECK(reinterpret_cast<std::uintptr_t>(own[static_cast<std::size_t>(i)].buffer()) % 256 == 0);
+        if (with_addresses)
+          CHECK(reinterpret_cast<std::uintptr_t>(own[static_cast<std::size_t>(i)].buffer()) % 256 == 0);
       }
       if (with_addresses)
         CHECK(device.allocations < 15);
