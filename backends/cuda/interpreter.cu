@@ -20,8 +20,8 @@ constexpr int most_slots = max_kernel_arguments + 8, blocks_per_processor = 2;
 constexpr int most_team_memory = 60 * 1024, least_team_memory = 24 * 1024;
 constexpr int rank_sort_room = 2048, digit_bits = 4, digits = 1 << digit_bits;
 /// Items of one operation, for each of the worlds that run at once, beyond which launches are faster: one launch after
-/// the other, but each with all threads of the device.
-constexpr long long most_items = 1 << 14;
+/// the other, but each with all threads of the device. A part of the threads that the interpreter has.
+constexpr long long most_items_part = 4;
 
 // Functions.
 
@@ -440,7 +440,7 @@ int Interpreter::blocks_for(const OperationQueue &queue, int worlds) const
 
 bool Interpreter::suits(const OperationQueue &queue, int worlds) const
 {
-  return queue.largest() <= most_items * worlds;
+  return most_items_part * queue.largest() <= static_cast<long long>(together_) * interpreter_threads * worlds;
 }
 
 void Interpreter::launch(const Batch &batch, int worlds, int blocks, cudaStream_t stream) const

@@ -20,6 +20,7 @@ import peers  # noqa: E402
 import performance_page  # noqa: E402
 import scene_pack  # noqa: E402
 import times  # noqa: E402
+import worlds  # noqa: E402
 
 HEADER = (
     "scene,triangles,accuracy,backend,device,precision,options,time_step,skipped,steps,stage,mean_ms,median_ms,stddev_ms,p95_ms,bytes,"
@@ -231,3 +232,17 @@ def test_options_of_the_figures_are_those_of_a_simulation():
     simulation = cama.Simulation(cama.Scene.load("sphere", 100), accuracy="paper", **options)
     assert simulation.options["paper.assembly"] == "sorted" and simulation.options["tolerance"] == 1e-11
     assert simulation.options["paper.localized_search"] is False
+
+
+def test_worlds_are_measured_by_steps_and_by_episodes(capsys, monkeypatch):
+    common = ["worlds.py", "--backend", "cpu", "--worlds", "2", "--layers", "2", "--set", "tolerance=2e-2"]
+    monkeypatch.setattr(sys, "argv", [*common, "--warm", "1", "--steps", "2", "--compare", "2"])
+    worlds.main()
+    assert "2 worlds compared with themselves alone: 0 differ; 0 intersections" in capsys.readouterr().out
+    monkeypatch.setattr(sys, "argv", [*common, "--episodes", "2", "--length", "3", "--set", "accuracy=interactive"])
+    worlds.main()
+    first, second = capsys.readouterr().out.splitlines()
+    assert "episode 0" in first and "episode 1" in second
+    assert first.endswith(" 0 frozen") and second.endswith(" 0 frozen")
+    sheets = worlds.scene(3, layers=2).cloths
+    assert [len(sheet.faces) for sheet in sheets] == [256, 256]
