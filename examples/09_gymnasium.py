@@ -9,7 +9,7 @@ import argparse
 
 import gymnasium
 import numpy as np
-from gripper import CENTRE, OPEN, PRESS, SIDE, THICKNESS, Hand, towel_scene
+from gripper import CENTRE, OPEN, PADS, PRESS, SIDE, THICKNESS, normal, pad_pose, towel_scene
 from gymnasium.utils.seeding import np_random
 from gymnasium.vector.utils import batch_space
 
@@ -26,50 +26,66 @@ OPTIONS = {"accuracy": "production", "time_step": 1 / RATE, "forces": True, "bac
 
 
 class Task:
-    """What hand and towel of one world do and how they are seen and judged."""
+    """What the hands and towels of all worlds do, and how they are seen and judged: one call for all worlds."""
 
-    def __init__(self, simulation: cama.Simulation) -> None:
-        self.simulation = simulation
-        self.reset(np.random.default_rng(0))
+    def __init__(self, number: int) -> None:
+        self.worlds = cama.Worlds(towel_scene(cells=15), number, **OPTIONS)
+        first = self.worlds[0]
+        self.flat = first.scene.cloths[0].vertices
+        self.share = first.masses / first.masses.sum()  # of a vertex in the mass
+        self.position, self.angle, self.gap = np.tile(CENTRE, (number, 1)), np.zeros(number), np.full(number, OPEN)
+        self.actions, self.height = np.zeros(number, int), np.zeros(number)
 
-    def reset(self, random: np.random.Generator) -> None:
-        """Begins an episode: the towel hangs over the edge by 3 to 4 cm, and the hand is up to 5 mm from its place."""
-        n = self.simulation.cloth_vertex_count
-        towel = self.simulation.scene.cloths[0].vertices
-        self.simulation.set_state(towel - [random.uniform(0, 0.01), 0, 0], np.zeros((n, 3)))
-        self.hand = Hand(self.simulation)
-        self.hand.position = CENTRE + [random.uniform(-0.005, 0), 0, random.uniform(-0.003, 0.003)]
-        self.actions, self.height = 0, self.mean_height()
+    def begin(self, worlds, randoms) -> None:
+        """Begins episodes: a towel hangs over the edge by 3 to 4 cm, and a hand is up to 5 mm from its place.
 
-    def mean_height(self) -> float:
-        """m, of the towel above the table."""
-        return float(self.simulation.masses @ self.towel()[:, 2] / self.simulation.masses.sum())
+        Args:
+            worlds: Their numbers [k].
+            randoms: A generator for each of them.
+        """
+        self.worlds.reset(worlds)
+        drawn = [(own.uniform(0, 0.01), own.uniform(-0.005, 0), own.uniform(-0.003, 0.003)) for own in randoms]
+        back, x, z = np.array(drawn).T
+        zero = np.zeros_like(back)
+        towels = self.flat - np.stack([back, zero, zero], -1)[:, None]
+        self.worlds.set_state(towels, np.zeros_like(towels), worlds=worlds)
+        self.position[worlds] = CENTRE + np.stack([x, zero, z], -1)
+        self.angle[worlds], self.gap[worlds], self.actions[worlds] = 0, OPEN, 0
+        self.height[worlds] = self.heights(self.towels())[worlds]
 
-    def towel(self):
-        """Positions [vertices, 3], m."""
-        return self.simulation.positions[: self.simulation.cloth_vertex_count]
+    def towels(self):
+        """Positions [worlds, vertices, 3], m."""
+        return self.worlds.positions[:, : len(self.flat)]
 
-    def act(self, action) -> None:
-        """Gives the pads their targets: x, z, angle and gap."""
-        action = np.clip(np.asarray(action, np.float64), -1, 1)
-        x, z, turn = action[:3] * REACH
-        hand = self.hand
-        hand.position = np.clip(hand.position + [x, 0, z], CENTRE - [0.1, 0, 0.005], CENTRE + [0.05, 0, 0.5])
-        hand.angle = float(np.clip(hand.angle + turn, 0, np.pi / 2))
-        hand.gap = float(np.clip(hand.gap + 0.006 * action[3], 1.7 * THICKNESS, OPEN))
-        hand.move(STEPS / RATE)
+    def heights(self, towels):
+        """Mean heights above the table [worlds], m."""
+        return (towels[..., 2] * self.share).sum(-1)
 
-    def judge(self) -> tuple[float, bool]:
-        """Reward of the last action, and whether the episode is over."""
-        self.actions += 1
-        before, self.height = self.height, self.mean_height()
-        return (self.height - before) / SIDE, self.actions == LENGTH
+    def act(self, actions, worlds) -> None:
+        """Gives pads their targets: x, z, angle and gap. actions: [all worlds, 4]; worlds: those that act."""
+        actions = np.clip(np.asarray(actions, np.float64), -1, 1)[worlds]
+        x, z, turn = (actions[:, :3] * REACH).T
+        moved = self.position[worlds] + np.stack([x, np.zeros_like(x), z], -1)
+        self.position[worlds] = np.clip(moved, CENTRE - [0.1, 0, 0.005], CENTRE + [0.05, 0, 0.5])
+        self.angle[worlds] = np.clip(self.angle[worlds] + turn, 0, np.pi / 2)
+        self.gap[worlds] = np.clip(self.gap[worlds] + 0.006 * actions[:, 3], 1.7 * THICKNESS, OPEN)
+        for name, side in PADS:
+            pose = pad_pose(side, self.position[worlds], self.angle[worlds], self.gap[worlds])
+            self.worlds.set_obstacle_pose(name, *pose, duration=STEPS / RATE, worlds=worlds)
 
-    def observe(self):
-        """Points of the towel, the hand's x, z, angle and gap, and the force of its pads, about 1 in size."""
-        hand = self.hand
-        own = [(hand.position - CENTRE)[0] / SIDE, (hand.position - CENTRE)[2] / SIDE, hand.angle, hand.gap / OPEN]
-        return np.concatenate([self.towel()[OBSERVED].ravel() / SIDE, own, [hand.pressing() / PRESS]])
+    def judge(self, towels, worlds):
+        """Rewards of the last actions of worlds, and whether their episodes are over."""
+        self.actions[worlds] += 1
+        before = self.height[worlds]
+        self.height[worlds] = self.heights(towels)[worlds]
+        return (self.height[worlds] - before) / SIDE, self.actions[worlds] == LENGTH
+
+    def observe(self, towels):
+        """Points of towels, hands' x, z, angle and gap, and the forces of their pads, about 1 in size; [worlds, 32]."""
+        lower, upper = ((self.worlds.force_on(name).force * normal(self.angle)).sum(-1) for name, _ in PADS)
+        x, _, z = (self.position - CENTRE).T / SIDE
+        own = np.stack([x, z, self.angle, self.gap / OPEN, np.minimum(-lower, upper) / PRESS], -1)
+        return np.concatenate([towels[:, OBSERVED].reshape(len(towels), -1) / SIDE, own], -1)
 
 
 class LiftTowel(gymnasium.Env):
@@ -79,22 +95,23 @@ class LiftTowel(gymnasium.Env):
     observation_space, action_space = OBSERVATION, ACTION
 
     def __init__(self) -> None:
-        self.simulation = cama.Worlds(towel_scene(cells=15), 1, **OPTIONS)
-        self.task = Task(self.simulation[0])
+        self.task = Task(1)
+
+    def observe(self):
+        return self.task.observe(self.task.towels())[0]
 
     def reset(self, *, seed=None, options=None):
         super().reset(seed=seed)
-        self.simulation.reset()
-        self.task.reset(self.np_random)
-        return self.task.observe(), {}
+        self.task.begin([0], [self.np_random])
+        return self.observe(), {}
 
     def step(self, action):
-        self.task.act(action)
-        self.simulation.step(STEPS)
-        if self.simulation.frozen:  # what is asked of the cloth cannot be computed
-            return self.task.observe(), -1.0, True, False, {"error": str(self.simulation.error(0))}
-        reward, over = self.task.judge()
-        return self.task.observe(), reward, False, over, {}
+        self.task.act([action], [0])
+        self.task.worlds.step(STEPS)
+        if self.task.worlds.frozen:  # what is asked of the cloth cannot be computed
+            return self.observe(), -1.0, True, False, {"error": str(self.task.worlds.error(0))}
+        (reward,), (over,) = self.task.judge(self.task.towels(), [0])
+        return self.observe(), float(reward), False, bool(over), {}
 
 
 class LiftTowels(gymnasium.vector.VectorEnv):
@@ -107,47 +124,40 @@ class LiftTowels(gymnasium.vector.VectorEnv):
     metadata = {"render_modes": [], "autoreset_mode": gymnasium.vector.AutoresetMode.NEXT_STEP}
 
     def __init__(self, number: int) -> None:
-        self.num_envs, self.numbers = number, range(number)
+        self.num_envs = number
         self.single_observation_space, self.single_action_space = OBSERVATION, ACTION
         self.observation_space = batch_space(OBSERVATION, number)
         self.action_space = batch_space(ACTION, number)
-        self.worlds = cama.Worlds(towel_scene(cells=15), number, **OPTIONS)
-        self.tasks = [Task(world) for world in self.worlds]
+        self.task = Task(number)
+        self.worlds = self.task.worlds
         self.over = np.zeros(number, bool)
         self.randoms = [None] * number
 
     def reset(self, *, seed=None, options=None):
         """Begins all episodes. World k has the seed of a LiftTowel with seed + k; or give a list of seeds."""
-        seeds = seed if isinstance(seed, (list, tuple)) else [None if seed is None else seed + k for k in self.numbers]
+        numbers = range(self.num_envs)
+        seeds = seed if isinstance(seed, (list, tuple)) else [None if seed is None else seed + k for k in numbers]
         self.randoms = [np_random(own)[0] if own is not None or not r else r for own, r in zip(seeds, self.randoms)]
-        self.begin(self.numbers)
-        return self.observe(), {}
+        self.begin(np.array(numbers))
+        return self.task.observe(self.task.towels()), {}
 
     def begin(self, worlds):
-        """Begins episodes of worlds."""
-        self.worlds.reset(list(worlds))
-        for world in worlds:
-            self.tasks[world].reset(self.randoms[world])
-        self.over[list(worlds)] = False
-
-    def observe(self):
-        return np.stack([task.observe() for task in self.tasks])
+        self.task.begin(worlds, [self.randoms[world] for world in worlds])
+        self.over[worlds] = False
 
     def step(self, actions):
         fresh = np.flatnonzero(self.over)
         going = np.flatnonzero(~self.over)
-        for world in going:
-            self.tasks[world].act(actions[world])
+        self.task.act(actions, going)
         self.worlds.step(STEPS)
         rewards, ended, truncated = np.zeros(self.num_envs), *np.zeros((2, self.num_envs), bool)
-        for world in going:
-            rewards[world], truncated[world] = self.tasks[world].judge()
+        rewards[going], truncated[going] = self.task.judge(self.task.towels(), going)
         frozen = np.intersect1d(np.array(self.worlds.frozen, int), going)
         rewards[frozen], ended[frozen], truncated[frozen] = -1.0, True, False
         if len(fresh):
             self.begin(fresh)
         self.over = ended | truncated
-        return self.observe(), rewards, ended, truncated, {}
+        return self.task.observe(self.task.towels()), rewards, ended, truncated, {}
 
 
 def scripted(action: int):

@@ -12,6 +12,7 @@ SIDE = 0.24  # m, of the towel
 OVERHANG = 0.04  # m, of it beyond the table
 THICKNESS = 1e-3  # m: contact acts below this distance, so pads that are closer than twice of it press
 PAD = (0.024, 0.06, 0.008)  # m
+PADS = (("lower", -1), ("upper", 1))
 OPEN = 0.03  # m, between the pads of the open hand
 PRESS = 0.3  # N, with which each pad presses; the towel weighs 0.07 N
 CENTRE = np.array([OVERHANG - PAD[0] / 2 - 0.002, 0.0, 0.0])  # m, between the pads at the start
@@ -29,7 +30,7 @@ def towel_scene(pad_friction: float = 0.6, cells: int = 30) -> cama.Scene:
     scene.add_obstacle(
         shape={"shape": {"box": {"size": [0.4, 0.4, 0.02]}}}, translate=(-0.2, 0, -0.01), friction=0.3, name="table"
     )
-    for name, side in (("lower", -1), ("upper", 1)):
+    for name, side in PADS:
         scene.add_obstacle(
             shape={"shape": {"box": {"size": list(PAD)}}},
             translate=tuple(CENTRE + [0, 0, side * (OPEN + PAD[2]) / 2]),
@@ -37,6 +38,26 @@ def towel_scene(pad_friction: float = 0.6, cells: int = 30) -> cama.Scene:
             name=name,
         )
     return scene
+
+
+def pad_pose(side: int, position, angle, gap):
+    """Translation [..., 3], m, and rotation [..., 4] of the lower (-1) or upper (1) pad of one hand or of many.
+
+    Args:
+        position: [..., 3], m, of the middle between the pads.
+        angle: [...], radians, by which a hand is turned from flat towards fingers that point down.
+        gap: [...], m, between its pads.
+    """
+    zero = np.zeros_like(angle)
+    along = np.stack([np.cos(angle), zero, np.sin(angle)], -1)  # where the turn takes x
+    half = np.asarray(angle) / 2
+    translation = position + np.asarray(side * (gap - OPEN) / 2)[..., None] * normal(angle) - CENTRE[0] * along
+    return translation, np.stack([np.cos(half), zero, -np.sin(half), zero], -1)
+
+
+def normal(angle):
+    """[..., 3], from the lower pad to the upper one."""
+    return np.stack([-np.sin(angle), np.zeros_like(angle), np.cos(angle)], -1)
 
 
 class Hand:
@@ -50,18 +71,11 @@ class Hand:
 
     def move(self, duration: float) -> None:
         """Lets the pads reach position, angle and gap within this time, s."""
-        c, s = np.cos(self.angle), np.sin(self.angle)
-        turn = np.array([[c, 0, -s], [0, 1, 0], [s, 0, c]])  # x to z
-        for name, side in (("lower", -1), ("upper", 1)):
-            self.simulation.set_obstacle_pose(
-                name,
-                self.position + turn @ [0, 0, side * (self.gap - OPEN) / 2] - turn @ CENTRE,
-                (np.cos(self.angle / 2), 0, -np.sin(self.angle / 2), 0),
-                duration=duration,
-            )
+        for name, side in PADS:
+            pose = pad_pose(side, self.position, self.angle, self.gap)
+            self.simulation.set_obstacle_pose(name, *pose, duration=duration)
 
     def pressing(self) -> float:
         """N, with which the pads press the towel between them, in the last step."""
-        normal = np.array([-np.sin(self.angle), 0, np.cos(self.angle)])
-        lower, upper = (self.simulation.force_on(name).force @ normal for name in ("lower", "upper"))
+        lower, upper = (self.simulation.force_on(name).force @ normal(self.angle) for name, _ in PADS)
         return min(-lower, upper)
