@@ -3,16 +3,16 @@
 one above the other, which touch each other and the ball.
 
 python benchmarks/worlds.py [--backend cuda] [--worlds 1,16,128,1024] [--steps 20] [--compare 8]
-python benchmarks/worlds.py --worlds 1024 --episodes 2 --length 200 --layers 2 --set accuracy=interactive
+python benchmarks/worlds.py --worlds 1024 --episodes 2 --length 200 --layers 2 --accuracy interactive
 """
 
 import argparse
-import ast
 import time
 
 import numpy as np
 
 import cama
+from cama.cli.common import chosen
 
 CELLS = 16
 TIME_STEP = 1 / 200  # s
@@ -95,18 +95,10 @@ def measure(count, warm, steps, compare, layers, options):
     print(f"  {len(chosen)} worlds compared with themselves alone: {differ} differ; {intersections} intersections")
 
 
-def option(text):
-    """Name and value of NAME=VALUE."""
-    name, _, value = text.partition("=")
-    try:
-        return name, ast.literal_eval(value)
-    except (ValueError, SyntaxError):
-        return name, value
-
-
 def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--backend", default="auto")
+    parser.add_argument("--accuracy", default=None)
     parser.add_argument("--precision", default=None)
     parser.add_argument("--worlds", default="1,16,128,1024", help="numbers of worlds")
     parser.add_argument("--warm", type=int, default=40, help="steps before those that are measured")
@@ -117,8 +109,8 @@ def main():
     parser.add_argument("--length", type=int, default=200, help="steps of an episode")
     parser.add_argument("--set", action="append", default=[], metavar="NAME=VALUE", help="another option")
     given = parser.parse_args()
-    options = {"backend": given.backend, "precision": given.precision, "time_step": TIME_STEP}
-    options.update(option(text) for text in given.set)
+    options = {"backend": given.backend, "accuracy": given.accuracy, "precision": given.precision}
+    options.update(chosen(TIME_STEP, given.set))
     for count in given.worlds.split(","):
         if given.episodes:
             measure_episodes(int(count), given.length, given.episodes, given.layers, options)

@@ -19,9 +19,9 @@ constexpr int most_slots = max_kernel_arguments + 8, blocks_per_processor = 2;
 // rank_sort_room keys needs.
 constexpr int most_team_memory = 60 * 1024, least_team_memory = 24 * 1024;
 constexpr int rank_sort_room = 2048, digit_bits = 4, digits = 1 << digit_bits;
-/// Items of one operation, for each of the worlds that run at once, beyond which launches are faster: one launch after
-/// the other, but each with all threads of the device. A part of the threads that the interpreter has.
-constexpr long long most_items_part = 4;
+/// An operation of more items than a quarter of the interpreter's threads, for each of the worlds that run at once, is
+/// faster launched: one world after the other, but with all threads of the device.
+constexpr long long interpreted_part = 4;
 
 // Functions.
 
@@ -440,7 +440,7 @@ int Interpreter::blocks_for(const OperationQueue &queue, int worlds) const
 
 bool Interpreter::suits(const OperationQueue &queue, int worlds) const
 {
-  return most_items_part * queue.largest() <= static_cast<long long>(together_) * interpreter_threads * worlds;
+  return interpreted_part * queue.largest() <= static_cast<long long>(together_) * interpreter_threads * worlds;
 }
 
 void Interpreter::launch(const Batch &batch, int worlds, int blocks, cudaStream_t stream) const

@@ -98,6 +98,8 @@ TEST_CASE("a simulation goes back to a checkpoint of its own", "[checkpoint]")
   const std::uint64_t first = s.state_hash();
   s.restore(kept);
   CHECK(s.contacts().vertices.empty());
+  REQUIRE_FALSE(kept.matching.order.empty());
+  CHECK(s.checkpoint().matching.order == kept.matching.order);
   for (int i = 0; i < 12; ++i) s.step();
   CHECK(s.state_hash() == first);
 

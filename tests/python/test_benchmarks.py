@@ -239,7 +239,7 @@ def test_worlds_are_measured_by_steps_and_by_episodes(capsys, monkeypatch):
     monkeypatch.setattr(sys, "argv", [*common, "--warm", "1", "--steps", "2", "--compare", "2"])
     worlds.main()
     assert "2 worlds compared with themselves alone: 0 differ; 0 intersections" in capsys.readouterr().out
-    monkeypatch.setattr(sys, "argv", [*common, "--episodes", "2", "--length", "3", "--set", "accuracy=interactive"])
+    monkeypatch.setattr(sys, "argv", [*common, "--episodes", "2", "--length", "3", "--accuracy", "interactive"])
     worlds.main()
     first, second = capsys.readouterr().out.splitlines()
     assert "episode 0" in first and "episode 1" in second

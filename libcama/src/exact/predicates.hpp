@@ -59,11 +59,13 @@ inline int orientation(dvec3 a, dvec3 b, dvec3 c, dvec3 d)
 {
   const double ax = a.x - d.x, ay = a.y - d.y, az = a.z - d.z, bx = b.x - d.x, by = b.y - d.y, bz = b.z - d.z;
   const double cx = c.x - d.x, cy = c.y - d.y, cz = c.z - d.z;
+  // In a plane across an axis, as sheets often start.
+  const auto zero = [](double u, double v, double w) { return u == 0 && v == 0 && w == 0; };
+  if (zero(az, bz, cz) || zero(ax, bx, cx) || zero(ay, by, cy)) return 0;
   const double value = az * (bx * cy - cx * by) + bz * (cx * ay - ax * cy) + cz * (ax * by - bx * ay);
   const double size = std::fabs(az) * (std::fabs(bx * cy) + std::fabs(cx * by)) +
                       std::fabs(bz) * (std::fabs(cx * ay) + std::fabs(ax * cy)) +
                       std::fabs(cz) * (std::fabs(ax * by) + std::fabs(bx * ay));
-  if (size == 0) return 0;  // in a plane across an axis, as sheets often start
   const double bound = 7.8e-16 * size;  // Shewchuk's (7 + 56 u) u
   if (value > bound) return 1;
   if (-value > bound) return -1;
@@ -81,8 +83,8 @@ inline int orientation(dvec3 a, dvec3 b, dvec3 c, int axis)
   const int i = (axis + 1) % 3, j = (axis + 2) % 3;
   const double ai = dcomponent(a, i), aj = dcomponent(a, j), bi = dcomponent(b, i), bj = dcomponent(b, j);
   const double ci = dcomponent(c, i), cj = dcomponent(c, j);
+  if ((ai == ci && bi == ci) || (aj == cj && bj == cj)) return 0;  // on a line along an axis
   const double left = (ai - ci) * (bj - cj), right = (aj - cj) * (bi - ci), value = left - right;
-  if (left == 0 && right == 0) return 0;
   const double bound = 3.4e-16 * (std::fabs(left) + std::fabs(right));  // (3 + 16 u) u
   if (value > bound) return 1;
   if (-value > bound) return -1;
