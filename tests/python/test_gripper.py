@@ -21,7 +21,7 @@ SIDE = 0.04  # m, of the patch between them
 BOUND = 0.02  # of the closed form
 
 
-def clamped(friction, *, hanging=0.0, time_step=STEP):
+def clamped(friction, *, hanging=0.0, time_step=STEP, accuracy="production"):
     """A strip whose upper SIDE is between two closed pads, without gravity; `hanging` m of it are below them.
 
     Without any, the pads are larger than the strip.
@@ -47,7 +47,7 @@ def clamped(friction, *, hanging=0.0, time_step=STEP):
             name=name,
         )
     options = {"backend": "cpu", "threads": 1, "forces": True}
-    simulation = cama.Simulation(scene, accuracy="production", time_step=time_step, **options)
+    simulation = cama.Simulation(scene, accuracy=accuracy, time_step=time_step, **options)
     for name, side in (("left", -1), ("right", 1)):
         simulation.set_obstacle_pose(name, (0, side * (GAP / 2 - 1.05 * THICKNESS), 0), duration=0.1)
     simulation.step(round(0.3 / time_step))
@@ -100,6 +100,20 @@ def test_pads_hold_twice_the_friction_of_their_normal_force(friction, where, han
     assert holds.count_intersections() == 0
     slips = clamped(friction, hanging=hanging, time_step=step)
     assert slipped(slips, where, (1 + BOUND) * limit) > SIDE / 4
+
+
+@pytest.mark.parametrize("where, hanging, step", [("weight", 0, STEP), ("hem", 0, STEP), ("hem", 0.02, STEP / 4)])
+def test_one_solve_a_step_holds_without_creep(where, hanging, step):
+    """The pull moves the strip while it grows, by what one solve brakes of it in a step; then nothing moves."""
+    options = {"hanging": hanging, "time_step": step, "accuracy": "interactive"}
+    limit = 2 * 0.6 * normal_force(clamped(0.6, **options))
+    holds = clamped(0.6, **options)
+    assert slipped(holds, where, (1 - BOUND) * limit) < 0.01 * SIDE
+    before = holds.positions[: holds.cloth_vertex_count]
+    holds.step(round(1 / step))
+    assert np.abs(holds.positions[: holds.cloth_vertex_count] - before).max() < 1e-3 * 0.01 * SIDE
+    assert holds.count_intersections() == 0
+    assert slipped(clamped(0.6, **options), where, (1 + BOUND) * limit) > SIDE / 4
 
 
 @pytest.mark.parametrize("rate", [60, 120, 960])

@@ -162,7 +162,8 @@ const Kernels bdf2_kernels = {{"extrapolate_states", 2}, {"predict_states", 1}, 
 /// A list of elements, vertex by vertex: count, scan, fill, sort.
 const Kernels incidence_kernels = {
     {"set_int", 1}, {"count_incidence", 1}, {"scan", 1}, {"fill_incidence", 1}, {"sort_rows", 1}};
-const Names friction_kernels = {"vertex_loads", "free_velocities", "make_contact_terms"};
+const Names friction_kernels = {"vertex_loads",    "free_velocities", "vertex_pushes",
+                                "recall_friction", "expect_friction", "keep_friction"};
 const Names solve_kernels_of_terms = {"pack_terms", "add_term_diagonal", "term_diagonals"};
 
 const std::vector<std::string> elastic_stages = {"element forces", "matrix assembly", "linear solve",
@@ -529,12 +530,16 @@ TEST_CASE("contact without friction sums no loads and predicts no velocities", "
   CHECK(take(scene, one_solve()).kernels.at("contact terms") == smooth.kernels.at("contact terms"));
   scene.obstacles[0].friction = 0.5;
   const Inventory rough = take(scene, one_solve());
-  CHECK(rough.streams == smooth.streams);
+  CHECK(rough.streams == smooth.streams + Names{"hold", "kept.force", "kept.key", "kept_next.force", "kept_next.key"});
   CHECK(rough.kernels.at("contact terms") == incidence_kernels + Kernels{{"contact_nodes", 1},
                                                                          {"stiffen_contacts", 1},
+                                                                         {"make_frictionless_terms", 1},
                                                                          {"vertex_loads", 1},
                                                                          {"free_velocities", 1},
-                                                                         {"make_contact_terms", 1}});
+                                                                         {"vertex_pushes", 1},
+                                                                         {"recall_friction", 1},
+                                                                         {"expect_friction", 1}});
+  CHECK(rough.kernels.at("keep friction") == Kernels{{"keep_friction", 1}});
 }
 
 TEST_CASE("forces are measured where they are asked for", "[required]")

@@ -14,7 +14,7 @@
 #include "query.h"
 #include "swept_vertex.h"
 
-typedef struct {
+typedef struct ALIGNED(32) {
   int node[4];
   int kind;
   int candidate;
@@ -23,6 +23,12 @@ typedef struct {
   dvec3 normal; /* from side B to side A at the time of impact */
   double target; /* distance to which the projection separates the pair, m */
 } impact;
+
+/* What the projection finds for an impact. */
+typedef struct ALIGNED(16) {
+  double lambda; /* multiplier of its constraint, kg m */
+  double change; /* of lambda in the last step */
+} impulse;
 
 /* cubic: the paper's test, at distance 0; else the additive method, at `minimum`. */
 DEVICE impact_time candidate_impact_time(int kind, int cubic, element_nodes e, GLOBAL const dvec3 *x,

@@ -10,9 +10,9 @@
 #include "pair.h"
 
 /* linear[i] = keep linear[i] + the push of all impacts at vertex i, kg m, and its moment about the origin, angular[i].
-   n: all vertices; x: their positions. row, incidence: of impacts at all vertices; lambda: their multipliers. */
+   n: all vertices; x: their positions. row, incidence: of impacts at all vertices. */
 KERNEL impact_reactions(int n, double keep, GLOBAL const int *row, GLOBAL const int *incidence,
-                        GLOBAL const impact *impacts, GLOBAL const double *lambda, GLOBAL const dvec3 *x,
+                        GLOBAL const impact *impacts, GLOBAL const impulse *impulses, GLOBAL const dvec3 *x,
                         GLOBAL const vertex_contact *properties, GLOBAL dvec3 *linear, GLOBAL dvec3 *angular)
 {
   FOR_EACH(i, n) {
@@ -21,7 +21,7 @@ KERNEL impact_reactions(int n, double keep, GLOBAL const int *row, GLOBAL const 
     for (k = row[i]; k < row[i + 1]; ++k) {
       int e = incidence[k] >> 2;
       double weight = impacts[e].weight[incidence[k] & 3];
-      dvec3 own = dscale(weight * lambda[e], impacts[e].normal),
+      dvec3 own = dscale(weight * impulses[e].lambda, impacts[e].normal),
             surface = daxpy(x[i], (weight < 0.0 ? 1.0 : -1.0) * properties[i].radius, impacts[e].normal);
       sum = dadd(sum, own);
       moment = dadd(moment, dcross(surface, own));

@@ -52,19 +52,21 @@ KERNEL start_impacts(int n, int rows, int zones, GLOBAL const impact *impacts, G
 #define PUSH_IMPACTS 1024   /* most impacts of a team that solves alone */
 /* Places in the scalars of an iteration: */
 #define PUSH_T 0            /* t of Nesterov's sequence */
-#define PUSH_MOMENTUM 1     /* p = lambda + momentum change is extrapolated */
+#define PUSH_MOMENTUM 1     /* of extrapolated points */
 #define PUSH_MOVED 2        /* |change|^2 in the majorant's norm */
 #define PUSH_SIZE 3         /* |lambda|^2 in the majorant's norm */
 #define PUSH_COUNT 4
-#define SPREAD_TEAMS 64     /* beyond so many teams, their sums are found in a launch of their own */
+#define SPREAD_TEAMS 512    /* beyond so many teams, their sums are found in a launch of their own */
+
+#define SPREAD_ROWS 64      /* vertices of a team, which takes less time the more teams there are */
 
 /* Of an impact at one of its vertices: the weight and the normal, in the order of the incidence. */
-typedef struct {
+typedef struct ALIGNED(32) {
   double weight;
   dvec3 normal;
 } impact_share;
 
-/* Row i of S p, S = C M^-1 C'; y: M^-1 C' p of cloth vertices. */
+/* Row i of S p, S = J M^-1 J'; y: M^-1 J' p of cloth vertices. */
 DEVICE double impulse_response(impact m, int rows, GLOBAL const dvec3 *y)
 {
   double sum = 0.0;
@@ -74,46 +76,46 @@ DEVICE double impulse_response(impact m, int rows, GLOBAL const dvec3 *y)
   return sum;
 }
 
-/* Accelerated projected gradient on min lambda' S lambda / 2 - constraint' lambda, lambda >= 0. Of impacts begin .. end
-   one step from the extrapolated point p = lambda + momentum change: lambda = max(0, p + (constraint - S p) /
-   majorant); y: M^-1 C' p; change: lambda_new - lambda_old. sums[PUSH_TEAM c], c = 0, 1, 2: gradient mapping times
-   change, |change|^2, |lambda|^2, the latter two in the majorant's norm. */
-DEVICE_TEAM void push_some(int begin, int end, int rows, GLOBAL const impact *impacts, GLOBAL const dvec3 *y,
-                           GLOBAL const double *constraint, GLOBAL const double *majorant, double momentum,
-                           GLOBAL double *lambda, GLOBAL double *change, LOCAL double *sums)
+/* lambda at the point from which Nesterov's method takes a step. */
+DEVICE double extrapolated(impulse p, double momentum) { return p.lambda + momentum * p.change; }
+
+/* Accelerated projected gradient on min lambda' S lambda / 2 - constraint' lambda, lambda >= 0. Of impact i, which is
+   m, one step from the extrapolated point p: lambda = max(0, p + (constraint - S p) / majorant); y: M^-1 J' p. Adds to
+   sums[PUSH_TEAM c], c = 0, 1, 2: gradient mapping times change, |change|^2, |lambda|^2, the latter two in the
+   majorant's norm. */
+DEVICE void push_one(impact m, double constraint, double majorant, int rows, GLOBAL const dvec3 *y, double momentum,
+                     GLOBAL impulse *own, LOCAL double *sums)
 {
-  TEAM_FOR(l, PUSH_TEAM) {
-    double along = 0.0, moved = 0.0, size = 0.0;
-    int i;
-    for (i = begin + l; i < end; i += PUSH_TEAM) {
-      double weight = majorant[i], gradient = constraint[i] - impulse_response(impacts[i], rows, y);
-      double p = lambda[i] + momentum * change[i];
-      double next = weight > 0.0 ? max_double(0.0, p + gradient / weight) : 0.0, by = next - lambda[i];
-      along += (next - p) * weight * by;
-      moved += weight * by * by;
-      size += next * weight * next;
-      change[i] = by;
-      lambda[i] = next;
-    }
-    sums[l] = along;
-    sums[PUSH_TEAM + l] = moved;
-    sums[2 * PUSH_TEAM + l] = size;
-  }
-  tree_sums(PUSH_TEAM, 3, sums);
+  const double gradient = constraint - impulse_response(m, rows, y), p = extrapolated(*own, momentum);
+  impulse next;
+  next.lambda = majorant > 0.0 ? max_double(0.0, p + gradient / majorant) : 0.0;
+  next.change = next.lambda - own->lambda;
+  sums[0] += (next.lambda - p) * majorant * next.change;
+  sums[PUSH_TEAM] += majorant * next.change * next.change;
+  sums[2 * PUSH_TEAM] += next.lambda * majorant * next.lambda;
+  *own = next;
 }
 
-/* One step of all impacts, from the scalars at `at`. partial[3 t ...]: the sums over the PUSH_TEAM impacts of team
-   t. */
+/* One step of all impacts, from the scalars at `at`. Sums over the PUSH_TEAM impacts of team t, of n: partial[t] along,
+   partial[n + 2 t ...] the other two. */
 KERNEL push_impulses(int n, int count, int rows, GLOBAL const impact *impacts, GLOBAL const dvec3 *y,
                      GLOBAL const double *constraint, GLOBAL const double *majorant, int at,
-                     GLOBAL const double *scalar, GLOBAL double *lambda, GLOBAL double *change, GLOBAL double *partial)
+                     GLOBAL const double *scalar, GLOBAL impulse *impulses, GLOBAL double *partial)
 {
   TEAM_LOCAL(double, sums, 3 * PUSH_TEAM);
-  FOR_EACH_TEAM(t, n) {
+  FOR_EACH_TEAM_EARLY(t, n) {
     TEAM_BARRIER;
-    push_some(t * PUSH_TEAM, min_int((t + 1) * PUSH_TEAM, count), rows, impacts, y, constraint, majorant,
-              scalar[at + PUSH_MOMENTUM], lambda, change, sums);
-    TEAM_FOR(c, 3) partial[3 * t + c] = sums[c * PUSH_TEAM];
+    TEAM_FOR(l, PUSH_TEAM) {
+      const int i = t * PUSH_TEAM + l, some = min_int(i, count - 1);
+      const impact m = impacts[some];
+      const double own_constraint = constraint[some], own_majorant = majorant[some];
+      AWAIT_LAUNCHES;
+      sums[l] = sums[PUSH_TEAM + l] = sums[2 * PUSH_TEAM + l] = 0.0;
+      if (i < count)
+        push_one(m, own_constraint, own_majorant, rows, y, scalar[at + PUSH_MOMENTUM], impulses + i, sums + l);
+    }
+    tree_sums(PUSH_TEAM, 3, sums);
+    TEAM_FOR(c, 3) partial[c ? n + 2 * t + c - 1 : t] = sums[c * PUSH_TEAM];
   }
 }
 
@@ -128,25 +130,23 @@ DEVICE double next_momentum(double before, double along, double *momentum)
   return next;
 }
 
-/* y_v = m_v^-1 sum over impacts at cloth vertex v of w n p, p = lambda + momentum change. incidence: 4 * impact + local
-   index. */
+/* y_v = m_v^-1 sum over impacts at cloth vertex v of w n p, with p extrapolated. incidence: 4 * impact + local index.
+ */
 DEVICE dvec3 impulse_at(int v, GLOBAL const int *row, GLOBAL const int *incidence, GLOBAL const impact *impacts,
-                        GLOBAL const double *inverse_mass, double momentum, GLOBAL const double *lambda,
-                        GLOBAL const double *change)
+                        GLOBAL const double *inverse_mass, double momentum, GLOBAL const impulse *impulses)
 {
   dvec3 sum = dvec3_make(0.0, 0.0, 0.0);
   int k;
   for (k = row[v]; k < row[v + 1]; ++k) {
     int e = incidence[k] >> 2;
-    sum = daxpy(sum, impacts[e].weight[incidence[k] & 3] * (lambda[e] + momentum * change[e]), impacts[e].normal);
+    sum = daxpy(sum, impacts[e].weight[incidence[k] & 3] * extrapolated(impulses[e], momentum), impacts[e].normal);
   }
   return dscale(inverse_mass[v], sum);
 }
 KERNEL spread_impulses(int n, GLOBAL const int *row, GLOBAL const int *incidence, GLOBAL const impact *impacts,
-                       GLOBAL const double *inverse_mass, GLOBAL const double *lambda, GLOBAL const double *change,
-                       GLOBAL dvec3 *y)
+                       GLOBAL const double *inverse_mass, GLOBAL const impulse *impulses, GLOBAL dvec3 *y)
 {
-  FOR_EACH(i, n) y[i] = impulse_at(i, row, incidence, impacts, inverse_mass, 0.0, lambda, change);
+  FOR_EACH(i, n) y[i] = impulse_at(i, row, incidence, impacts, inverse_mass, 0.0, impulses);
 }
 
 /* The cloth vertex of entry l if that is the first of its row, else -1. */
@@ -175,25 +175,21 @@ KERNEL list_pushed(int n, int rows, GLOBAL const impact *impacts, GLOBAL const i
 }
 
 /* impulse_at from the shares of the impacts; loads do not wait for each other. */
-#define SHARES_AT_ONCE 4
 DEVICE dvec3 impulse_of_shares(int v, GLOBAL const int *row, GLOBAL const int *incidence,
                                GLOBAL const impact_share *share, GLOBAL const double *inverse_mass, double momentum,
-                               GLOBAL const double *lambda, GLOBAL const double *change)
+                               GLOBAL const impulse *impulses)
 {
   const int end = row[v + 1];
   dvec3 sum = dvec3_make(0.0, 0.0, 0.0);
-  int k, j;
-  for (k = row[v]; k < end; k += SHARES_AT_ONCE) {
-    impact_share s[SHARES_AT_ONCE];
-    double p[SHARES_AT_ONCE], by[SHARES_AT_ONCE];
-    for (j = 0; j < SHARES_AT_ONCE; ++j) {
-      const int at = min_int(k + j, end - 1), e = incidence[at] >> 2;
-      s[j] = share[at];
-      p[j] = lambda[e];
-      by[j] = change[e];
+  int k;
+  for (k = row[v]; k < end; k += AT_ONCE(8)) {
+    impact_share s[AT_ONCE(8)];
+    impulse p[AT_ONCE(8)];
+    FOR_AT_ONCE(q, 8, end - k) {
+      s[q] = share[k + q];
+      p[q] = impulses[incidence[k + q] >> 2];
     }
-    for (j = 0; j < SHARES_AT_ONCE; ++j)
-      if (k + j < end) sum = daxpy(sum, s[j].weight * (p[j] + momentum * by[j]), s[j].normal);
+    FOR_AT_ONCE(q, 8, end - k) sum = daxpy(sum, s[q].weight * extrapolated(p[q], momentum), s[q].normal);
   }
   return dscale(inverse_mass[v], sum);
 }
@@ -202,9 +198,9 @@ DEVICE dvec3 impulse_of_shares(int v, GLOBAL const int *row, GLOBAL const int *i
    many. n = 1. */
 KERNEL find_momentum(int n, int teams, GLOBAL const double *partial, int from, int to, GLOBAL double *scalar)
 {
-  TEAM_LOCAL(double, sums, 3 * PUSH_TEAM);
+  TEAM_LOCAL(double, sums, PUSH_TEAM);
   FOR_EACH_TEAM(t, n) {
-    sum_of_teams(PUSH_TEAM, 3, teams, partial, sums);
+    sum_of_teams(PUSH_TEAM, 1, teams, partial, sums);
     TEAM_FOR(l, 1) {
       double momentum;
       scalar[to + PUSH_T] = next_momentum(scalar[from + PUSH_T], sums[0], &momentum);
@@ -218,17 +214,17 @@ KERNEL find_momentum(int n, int teams, GLOBAL const double *partial, int from, i
 KERNEL spread_extrapolated(int n, int teams, GLOBAL const double *partial, int from, int to, GLOBAL double *scalar,
                            GLOBAL const int *pushed, GLOBAL const int *pushed_count, GLOBAL const int *row,
                            GLOBAL const int *incidence, GLOBAL const impact_share *share,
-                           GLOBAL const double *inverse_mass, GLOBAL const double *lambda, GLOBAL const double *change,
-                           GLOBAL dvec3 *y)
+                           GLOBAL const double *inverse_mass, GLOBAL const impulse *impulses, GLOBAL dvec3 *y)
 {
-  TEAM_LOCAL(double, sums, 3 * PUSH_TEAM);
+  TEAM_LOCAL(double, sums, PUSH_TEAM);
   FOR_EACH_TEAM(t, n) {
+    const int first = t * SPREAD_ROWS, left = pushed_count[0] - first;
     double momentum = 0.0;
-    const int first = t * PUSH_TEAM;
+    if (left <= 0) continue;
     TEAM_BARRIER;
     if (teams > 0) {
       double next;
-      sum_of_teams(PUSH_TEAM, 3, teams, partial, sums);
+      sum_of_teams(PUSH_TEAM, 1, teams, partial, sums);
       next = next_momentum(scalar[from + PUSH_T], sums[0], &momentum);
       if (t == 0)
         TEAM_FOR(l, 1) {
@@ -238,9 +234,9 @@ KERNEL spread_extrapolated(int n, int teams, GLOBAL const double *partial, int f
     } else {
       momentum = scalar[to + PUSH_MOMENTUM];
     }
-    TEAM_FOR(l, min_int(pushed_count[0] - first, PUSH_TEAM)) {
+    TEAM_FOR(l, min_int(left, SPREAD_ROWS)) {
       const int v = pushed[first + l];
-      y[v] = impulse_of_shares(v, row, incidence, share, inverse_mass, momentum, lambda, change);
+      y[v] = impulse_of_shares(v, row, incidence, share, inverse_mass, momentum, impulses);
     }
   }
 }
@@ -248,12 +244,12 @@ KERNEL spread_extrapolated(int n, int teams, GLOBAL const double *partial, int f
 /* How far the last step went, at `at`: n = 1. */
 KERNEL measure_step(int n, int teams, GLOBAL const double *partial, int at, GLOBAL double *scalar)
 {
-  TEAM_LOCAL(double, sums, 3 * PUSH_TEAM);
+  TEAM_LOCAL(double, sums, 2 * PUSH_TEAM);
   FOR_EACH_TEAM(t, n) {
-    sum_of_teams(PUSH_TEAM, 3, teams, partial, sums);
+    sum_of_teams(PUSH_TEAM, 2, teams, partial + teams, sums);
     TEAM_FOR(l, 1) {
-      scalar[at + PUSH_MOVED] = sums[PUSH_TEAM];
-      scalar[at + PUSH_SIZE] = sums[2 * PUSH_TEAM];
+      scalar[at + PUSH_MOVED] = sums[0];
+      scalar[at + PUSH_SIZE] = sums[PUSH_TEAM];
     }
   }
 }
@@ -264,7 +260,7 @@ KERNEL measure_step(int n, int teams, GLOBAL const double *partial, int at, GLOB
 KERNEL solve_few_impacts(int n, int count, int rows, int most, int check, double tolerance, GLOBAL const int *row,
                          GLOBAL const int *incidence, GLOBAL const impact *impacts, GLOBAL const double *inverse_mass,
                          GLOBAL const double *constraint, GLOBAL const double *majorant, GLOBAL dvec3 *y,
-                         GLOBAL double *lambda, GLOBAL double *change)
+                         GLOBAL impulse *impulses)
 {
   TEAM_LOCAL(double, sums, 3 * PUSH_TEAM);
   TEAM_LOCAL(int, pushed, 4 * PUSH_IMPACTS);
@@ -273,7 +269,7 @@ KERNEL solve_few_impacts(int n, int count, int rows, int most, int check, double
     double sequence = 1.0, momentum = 0.0;
     int step, ended = 0;
     TEAM_FOR(l, 1) pushed_count[l] = 0;
-    TEAM_FOR(i, count) lambda[i] = change[i] = 0.0;
+    TEAM_FOR(i, count) impulses[i].lambda = impulses[i].change = 0.0;
     TEAM_BARRIER;
     TEAM_FOR(l, 4 * count) {
       int v = first_of_row(l, rows, impacts, row, incidence);
@@ -282,9 +278,15 @@ KERNEL solve_few_impacts(int n, int count, int rows, int most, int check, double
     TEAM_BARRIER;
     for (step = 1; step <= most && !ended; ++step) {
       TEAM_FOR(l, pushed_count[0])
-        y[pushed[l]] = impulse_at(pushed[l], row, incidence, impacts, inverse_mass, momentum, lambda, change);
+        y[pushed[l]] = impulse_at(pushed[l], row, incidence, impacts, inverse_mass, momentum, impulses);
       TEAM_BARRIER;
-      push_some(0, count, rows, impacts, y, constraint, majorant, momentum, lambda, change, sums);
+      TEAM_FOR(l, PUSH_TEAM) {
+        int i;
+        sums[l] = sums[PUSH_TEAM + l] = sums[2 * PUSH_TEAM + l] = 0.0;
+        for (i = l; i < count; i += PUSH_TEAM)
+          push_one(impacts[i], constraint[i], majorant[i], rows, y, momentum, impulses + i, sums + l);
+      }
+      tree_sums(PUSH_TEAM, 3, sums);
       sequence = next_momentum(sequence, sums[0], &momentum);
       ended = step % check == 0 && sums[PUSH_TEAM] <= tolerance * tolerance * sums[2 * PUSH_TEAM];
       TEAM_BARRIER;

@@ -172,16 +172,21 @@ DEVICE double pinching_load(contact c, GLOBAL const double *inverse_mass, GLOBAL
   return mobility > 0.0 ? contact_load(c) - pull / mobility : 0.0;
 }
 
-/* The load of a contact before the first of several solves is at most this times what presses it alone, or what other
+/* The load of a contact before the first solve is at most this times what presses it alone, or what other
    contacts press it with, as the pads of a gripper do: an impact can leave a contact deeper than any force has pressed
    it. */
 #define LAYERS 30.0
 
-/* Adds friction to terms without it before the first of several solves. velocity, free_velocity: at the start, and
-   after this step without contact, m/s. push: of vertex_pushes, N. kept: friction of each contact at the end of the
-   last step, N on side A; zero if it is new: then it slides if it is not slow. hold: impulse that friction would have
-   at rest, N s on side A. */
-KERNEL expect_friction(int n, GLOBAL const contact *contacts, GLOBAL const double *inverse_mass,
+/* Without a further solve, which would know the velocities after the first, a contact that is faster than FAST of what
+   its friction can change in the step is expected to end as it would with this friction and the forces of the start; a
+   slower one has too much of these from its neighbours. */
+#define FAST 0.5
+
+/* Adds friction to terms without it before the only solve, or the first of several. velocity, free_velocity: at the
+   start, and after this step without contact, m/s. push: of vertex_pushes, N. kept: friction of each contact at the end
+   of the last step, N on side A; zero if it is new: then it slides if it is not slow. hold: impulse that friction would
+   have at rest, N s on side A. */
+KERNEL expect_friction(int n, int several, GLOBAL const contact *contacts, GLOBAL const double *inverse_mass,
                        GLOBAL const dvec3 *velocity, GLOBAL const dvec3 *base_velocity, double carry,
                        GLOBAL const dvec3 *free_velocity, GLOBAL const double *load, GLOBAL const dvec3 *push,
                        GLOBAL const dvec3 *kept, real time_step, GLOBAL term *terms, GLOBAL vec3 *hold)
@@ -211,12 +216,12 @@ KERNEL expect_friction(int n, GLOBAL const contact *contacts, GLOBAL const doubl
       speed = dnorm(start);
       before = dnorm(force);
       if (speed > SLOW * c.static_friction * press * h * mobility) {
-        if (before > 0.0) {
-          press = min_double(press, before / c.friction);
-        } else {
-          press = min_double(press, alone);
-          force = dscale(-c.friction * press / speed, start);
-        }
+        if (several) press = min_double(press, before > 0.0 ? before / c.friction : alone);
+        if (!(before > 0.0)) force = dscale(-c.friction * press / speed, start);
+      }
+      if (!several && speed > FAST * c.friction * press * h * mobility) {
+        const double left = ddot(end, start) / speed - c.friction * press * h * mobility;
+        change = dscale(max_double(left, 0.0) / speed - 1.0, start);
       }
       law = friction_around(c.static_friction, c.friction, press, force, start, dadd(start, change), 1.0 / mobility, h);
     }

@@ -158,7 +158,9 @@ template <class Real> void set_up(State &state, const Scene &scene, const Topolo
       state.contact.abrupt = Stream<dvec3>(b);
     }
     if (state.options.forces && state.options.newton_iterations > 1) state.contact.remainder = Stream<dvec3>(b);
-    if (state.contact.friction && state.options.newton_iterations > 1) {
+    const bool remembers =
+        state.options.newton_iterations > 1 || state.options.paper.contact_form == ContactForm::rank_one;
+    if (state.contact.friction && remembers) {
       s->hold = Stream<typename Types<Real>::vec3>(b);
       state.contact.kept.set_up(b);
       state.contact.kept_next.set_up(b);

@@ -18,9 +18,10 @@ template <class Real> void EvaluateTerms<Real>::expect_friction(const Rooms &sta
   if (state.elements.stitches) s.hold.fill_zero();
   CAMA_LAUNCH_REAL(Real, b, recall_friction, contacts, kept.key.size(), state.mesh.face, next.key, kept.key, kept.force,
                    next.force);
-  CAMA_LAUNCH_REAL(Real, b, expect_friction, contacts, state.contact.contact, state.mesh.inverse_mass,
-                   state.mesh.velocity, state.mesh.base_velocity(state.time), carry, free_velocity_, load_, push_,
-                   next.force, static_cast<Real>(state.time.implicit_step), s.term, s.hold);
+  CAMA_LAUNCH_REAL(Real, b, expect_friction, contacts, state.options.newton_iterations > 1 ? 1 : 0,
+                   state.contact.contact, state.mesh.inverse_mass, state.mesh.velocity,
+                   state.mesh.base_velocity(state.time), carry, free_velocity_, load_, push_, next.force,
+                   static_cast<Real>(state.time.implicit_step), s.term, s.hold);
 }
 
 template <class Real> void EvaluateTerms<Real>::run_on(const Rooms &state)
@@ -43,8 +44,8 @@ template <class Real> void EvaluateTerms<Real>::run_on(const Rooms &state)
   if (state.options.paper.contact_form == ContactForm::rank_one)
     CAMA_LAUNCH_REAL(Real, b, stiffen_contacts, state.contact.contacts, state.mesh.cloth_vertices,
                      state.mesh.inverse_mass, force, state.contact.contact);
-  const bool iterated = state.options.newton_iterations > 1;
-  if (!state.contact.friction || iterated)
+  const bool remembers = state.contact.kept.key.backend();
+  if (!state.contact.friction || remembers)
     CAMA_LAUNCH_REAL(Real, b, make_frictionless_terms, state.contact.contacts, state.contact.contact, dt, s.term);
   if (state.contact.friction && state.contact.contacts) {
     load_.resize(state.mesh.cloth_vertices);
@@ -54,7 +55,7 @@ template <class Real> void EvaluateTerms<Real>::run_on(const Rooms &state)
     CAMA_LAUNCH_REAL(Real, b, free_velocities, state.mesh.vertices, state.mesh.cloth_vertices, dt, s.mass,
                      state.mesh.fixed, state.mesh.base_velocity(state.time), state.mesh.velocity_next, force,
                      free_velocity_);
-    if (iterated)
+    if (remembers)
       expect_friction(state);
     else
       CAMA_LAUNCH_REAL(Real, b, make_contact_terms, state.contact.contacts, state.contact.contact,

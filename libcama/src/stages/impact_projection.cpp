@@ -17,8 +17,8 @@ constexpr double zone_tolerance = 1e-3, pushing_tolerance = 1e-2;
 ImpactProjection::ImpactProjection(Backend &b) : ImpactProjection(b, pushing_tolerance) {}
 
 ImpactProjection::ImpactProjection(Backend &b, double tolerance)
-    : tolerance_(tolerance), nodes_(b), count_(b), moved_(b), constraint_(b), majorant_(b), lambda_(b), change_(b),
-      partial_(b), scalar_(b, 3 * PUSH_COUNT), y_(b), from_(b), wanted_(b), pushed_(b), pushed_count_(b, 1), share_(b),
+    : tolerance_(tolerance), nodes_(b), count_(b), moved_(b), constraint_(b), majorant_(b), partial_(b),
+      scalar_(b, 3 * PUSH_COUNT), impulse_(b), y_(b), from_(b), wanted_(b), pushed_(b), pushed_count_(b, 1), share_(b),
       length_(b), longest_(b), longer_(b), largest_(b)
 {}
 
@@ -32,12 +32,13 @@ void ImpactProjection::solve(const Rooms &state)
   if (n <= PUSH_IMPACTS) {  // the usual case
     CAMA_LAUNCH_TEAMS(void, b, solve_few_impacts, PUSH_TEAM, 1, n, rows, most, iterations_per_check, tolerance,
                       incidence_.row, incidence_.entry, state.contact.impact, state.mesh.inverse_mass, constraint_,
-                      majorant_, y_, lambda_, change_);
+                      majorant_, y_, impulse_);
     return;
   }
   const int teams = ceil_divide(n, PUSH_TEAM), most_pushed = static_cast<int>(std::min<long long>(4LL * n, rows));
   partial_.resize(3 * teams);
-  for (Stream<double> *s : {&partial_, &lambda_, &change_, &scalar_}) s->fill_zero();
+  for (Stream<double> *s : {&partial_, &scalar_}) s->fill_zero();
+  impulse_.fill_zero();
   pushed_.resize(most_pushed);
   pushed_count_.fill_zero();
   share_.resize(4ll * n);
@@ -49,11 +50,11 @@ void ImpactProjection::solve(const Rooms &state)
     for (int i = 0; i < iterations_per_check; ++i) {
       const int from = i % 2 * PUSH_COUNT, to = PUSH_COUNT - from;
       if (many) CAMA_LAUNCH_TEAMS(void, b, find_momentum, PUSH_TEAM, 1, teams, partial_, from, to, scalar_);
-      CAMA_LAUNCH_TEAMS(void, b, spread_extrapolated, PUSH_TEAM, ceil_divide(most_pushed, PUSH_TEAM), many ? 0 : teams,
-                        partial_, from, to, scalar_, pushed_, pushed_count_, incidence_.row, incidence_.entry, share_,
-                        state.mesh.inverse_mass, lambda_, change_, y_);
+      CAMA_LAUNCH_TEAMS(void, b, spread_extrapolated, PUSH_TEAM, ceil_divide(most_pushed, SPREAD_ROWS),
+                        many ? 0 : teams, partial_, from, to, scalar_, pushed_, pushed_count_, incidence_.row,
+                        incidence_.entry, share_, state.mesh.inverse_mass, impulse_, y_);
       CAMA_LAUNCH_TEAMS(void, b, push_impulses, PUSH_TEAM, teams, n, rows, state.contact.impact, y_, constraint_,
-                        majorant_, to, scalar_, lambda_, change_, partial_);
+                        majorant_, to, scalar_, impulse_, partial_);
     }
     CAMA_LAUNCH_TEAMS(void, b, measure_step, PUSH_TEAM, 1, teams, partial_, measured, scalar_);
   };
@@ -87,7 +88,7 @@ void ImpactProjection::add_pushes(const Rooms &state, const Stream<dvec3> &posit
   all_incidence_.rebuild(b, nodes_, n, count_);
   const double keep = state.options.paper.impact_zones ? 0 : 1;  // impact zones project anew about the solve
   CAMA_LAUNCH(b, impact_reactions, state.mesh.vertices, keep, all_incidence_.row, all_incidence_.entry,
-              state.contact.impact, lambda_, positions, state.contact.vertex_contact, state.reactions.push.linear,
+              state.contact.impact, impulse_, positions, state.contact.vertex_contact, state.reactions.push.linear,
               state.reactions.push.angular);
 }
 
@@ -96,7 +97,8 @@ void ImpactProjection::run(const Rooms &state, Stream<dvec3> &positions)
   Backend &b = *state.backend;
   const int n = state.contact.impact.size();
   nodes_.resize(n);
-  for (Stream<double> *s : {&constraint_, &majorant_, &lambda_, &change_}) s->resize(n);
+  for (Stream<double> *s : {&constraint_, &majorant_}) s->resize(n);
+  impulse_.resize(n);
   y_.resize(state.mesh.cloth_vertices);
   count_.resize(state.mesh.cloth_vertices);
   CAMA_LAUNCH(b, impact_nodes, n, state.contact.impact, nodes_);
@@ -108,7 +110,7 @@ void ImpactProjection::run(const Rooms &state, Stream<dvec3> &positions)
   solve(state);
   if (state.reactions.measured) add_pushes(state, positions);
   CAMA_LAUNCH(b, spread_impulses, state.mesh.cloth_vertices, incidence_.row, incidence_.entry, state.contact.impact,
-              state.mesh.inverse_mass, lambda_, change_, y_);
+              state.mesh.inverse_mass, impulse_, y_);
   const int first = std::clamp(n, 1, 4096), second = std::min(first, 64);
   longest_.resize(first);
   longer_.resize(second);

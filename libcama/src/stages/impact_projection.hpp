@@ -32,7 +32,8 @@ private:
   Stream<kernels::element_nodes> nodes_;
   Incidence incidence_, all_incidence_;  // of cloth vertices; of all, where forces are measured
   Stream<int> count_, moved_;
-  Stream<double> constraint_, majorant_, lambda_, change_, partial_, scalar_;
+  Stream<double> constraint_, majorant_, partial_, scalar_;
+  Stream<kernels::impulse> impulse_;
   Stream<dvec3> y_, from_, wanted_;
   Stream<int> pushed_, pushed_count_;  // the cloth vertices with impacts
   Stream<kernels::impact_share> share_;  // [entries of incidence_]
