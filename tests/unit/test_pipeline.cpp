@@ -55,7 +55,8 @@ bool has_any(const std::set<std::string> &names, const std::vector<std::string> 
 
 const std::set<std::string> always = {"element forces", "matrix assembly", "linear solve", "advance positions",
                                       "finish step"};
-const std::set<std::string> contact_stages = {"candidate search", "contacts", "contact terms", "penetration handling"};
+const std::set<std::string> contact_stages = {"candidate search", "contacts", "contact terms", "keep friction",
+                                              "penetration handling"};
 const std::vector<std::string> contact_streams = {"tree",      "bvh",       "box",     "order",  "pairs",
                                                   "direction", "gap_bound", "contact", "impact", "margin",
                                                   "bounds",    "predicted", "face",    "edge"};

@@ -76,6 +76,13 @@ System64 download(StagedEngine &engine)
     for (const auto &t : y.term.download())
       for (int a = 0; a < 4; ++a)
         if (t.node[a] >= 0) r.right.segment<3>(3 * t.node[a]) += t.weight[a] * t.push * eigen(t.normal);
+  if (s.system.terms) {   // friction that holds without a velocity
+    const auto term = y.term.download();
+    const auto hold = y.hold.download();
+    for (std::size_t i = 0; i < hold.size(); ++i)
+      for (int a = 0; a < 4; ++a)
+        if (term[i].node[a] >= 0) r.right.segment<3>(3 * term[i].node[a]) += term[i].weight[a] * eigen(hold[i]);
+  }
   for (int i = 0; i < n; ++i) {
     r.free.push_back(!fixed[static_cast<std::size_t>(i)]);
     r.prescribed.segment<3>(3 * i) = eigen(target[static_cast<std::size_t>(i)]);
