@@ -57,8 +57,7 @@ KERNEL start_impacts(int n, int rows, int zones, GLOBAL const impact *impacts, G
 #define PUSH_SIZE 3         /* |lambda|^2 in the majorant's norm */
 #define PUSH_COUNT 4
 #define SPREAD_TEAMS 512    /* beyond so many teams, their sums are found in a launch of their own */
-
-#define SPREAD_ROWS 64      /* vertices of a team, which takes less time the more teams there are */
+#define SPREAD_ROWS 64      /* vertices of a team that spreads: few, so that there are many teams */
 
 /* Of an impact at one of its vertices: the weight and the normal, in the order of the incidence. */
 typedef struct ALIGNED(32) {
@@ -79,8 +78,8 @@ DEVICE double impulse_response(impact m, int rows, GLOBAL const dvec3 *y)
 /* lambda at the point from which Nesterov's method takes a step. */
 DEVICE double extrapolated(impulse p, double momentum) { return p.lambda + momentum * p.change; }
 
-/* Accelerated projected gradient on min lambda' S lambda / 2 - constraint' lambda, lambda >= 0. Of impact i, which is
-   m, one step from the extrapolated point p: lambda = max(0, p + (constraint - S p) / majorant); y: M^-1 J' p. Adds to
+/* Accelerated projected gradient on min lambda' S lambda / 2 - constraint' lambda, lambda >= 0. Of impact m one
+   step from the extrapolated point p: lambda = max(0, p + (constraint - S p) / majorant); y: M^-1 J' p. Adds to
    sums[PUSH_TEAM c], c = 0, 1, 2: gradient mapping times change, |change|^2, |lambda|^2, the latter two in the
    majorant's norm. */
 DEVICE void push_one(impact m, double constraint, double majorant, int rows, GLOBAL const dvec3 *y, double momentum,
@@ -130,8 +129,7 @@ DEVICE double next_momentum(double before, double along, double *momentum)
   return next;
 }
 
-/* y_v = m_v^-1 sum over impacts at cloth vertex v of w n p, with p extrapolated. incidence: 4 * impact + local index.
- */
+/* y_v = m_v^-1 sum over impacts at cloth vertex v of w n p, p extrapolated. incidence: 4 * impact + local index. */
 DEVICE dvec3 impulse_at(int v, GLOBAL const int *row, GLOBAL const int *incidence, GLOBAL const impact *impacts,
                         GLOBAL const double *inverse_mass, double momentum, GLOBAL const impulse *impulses)
 {
