@@ -23,7 +23,7 @@ CLOSE, LIFT, HOLD = 90, 120, 60  # intervals
 HEIGHT = 0.3  # m
 
 scene = towel_scene(given.friction)
-# The friction of pads that press needs several solves a step, as at the level "production".
+# The level "interactive", which solves once a step, holds as well.
 simulation = cama.Simulation(scene, accuracy="production", time_step=INTERVAL / 4, forces=True)
 steps = round(INTERVAL / simulation.time_step)
 hand = Hand(simulation)
