@@ -172,9 +172,8 @@ DEVICE double pinching_load(contact c, GLOBAL const double *inverse_mass, GLOBAL
   return mobility > 0.0 ? contact_load(c) - pull / mobility : 0.0;
 }
 
-/* The load of a contact before the first solve is at most this times what presses it alone, or what other
-   contacts press it with, as the pads of a gripper do: an impact can leave a contact deeper than any force has pressed
-   it. */
+/* The load of a contact before the first solve is at most this times what presses it alone, or what other contacts
+   press it with, as the pads of a gripper do: an impact can leave a contact deeper than any force has pressed it. */
 #define LAYERS 30.0
 
 /* Without a further solve, which would know the velocities after the first, a contact that is faster than FAST of what
