@@ -685,27 +685,27 @@ TEST_CASE("an impact of the cubic, at distance 0, has the normal of the features
       const kernels::face_nodes face{{1, 2, 3}};
       const kernels::edge_nodes edge[2] = {{{0, 1}}, {{2, 3}}};
       const kernels::pair pair{0, edges ? 1 : 0};
-      kernels::feature_motion motion[7];  // of four vertices, a face and two edges
-      for (auto &m : motion) m = {0, MOTION_OPEN};
+      const float error[7] = {};  // of four vertices, a face and two edges
+      unsigned char motion[7];
+      std::fill(std::begin(motion), std::end(motion), MOTION_OPEN);
       const kernels::fvec3 direction = kernels::fvec3_make(0, 0, 0);
       kernels::vertex_contact properties[4] = {};
       for (auto &p : properties) p.thickness = 1e-9;
       float gap_bound = 0;
-      int found = 0, index = 0;
       kernels::impact impact;
-      int detection[3] = {0, 0, 0}, list = -1;
-      kernels::select_ccd_pairs(1, 1, edges ? 0 : 1, 4, 1, 0, &pair, &pair, &face, edge, 1.0, 1e-9, motion, 0, 0,
-                                nullptr, 0, &gap_bound, 0, &gap_bound, x.data(), y.data(), properties, &direction,
-                                &direction, &found, &list, detection);
+      int detection[4] = {0, 0, 0, 0}, list = 7;
+      kernels::select_ccd_pairs(1, 1, edges ? 0 : 1, 4, 1, 0, &pair, &pair, &face, edge, 1.0, 1e-9, error, motion, 0, 0,
+                                0, &gap_bound, 0, &gap_bound, x.data(), y.data(), properties, &direction, &direction,
+                                &list, detection);
       REQUIRE(detection[2] == 1);
-      REQUIRE(list == 0);
-      kernels::find_impacts(1, edges ? 0 : 1, 1, &list, &pair, &pair, &face, edge, x.data(), y.data(), properties, 1.0,
-                            &found, detection);
-      REQUIRE(found == 1);
+      const int code = list;
+      REQUIRE(code == kernels::pair_code(edges, 0));
+      kernels::find_impacts(1, 1, &pair, &pair, &face, edge, x.data(), y.data(), properties, 1.0, &list, detection);
+      REQUIRE(list == code);
       REQUIRE(detection[1] == 1);
       int repeated = 0;
-      kernels::fill_impacts(1, edges ? 0 : 1, 1, 0, &index, &pair, &pair, &face, edge, x.data(), y.data(), properties,
-                            1.0, 1.0, 0, &gap_bound, &gap_bound, &impact, &repeated);
+      kernels::fill_impacts(1, 1, 0, &code, &pair, &pair, &face, edge, x.data(), y.data(), properties, 1.0, 1.0, 0,
+                            &gap_bound, &gap_bound, &impact, &repeated);
       REQUIRE(repeated == 0);
       REQUIRE(gap_bound < 0);  // known from now on
       REQUIRE(kernels::ddot(impact.normal, n) * side > 1 - 1e-9);

@@ -66,19 +66,19 @@ Result commit(const Trial &trial, double dmin, bool settle = false)
   vertex_contact properties[4] = {};
   for (vertex_contact &p : properties) p.thickness = dmin;  // the commit keeps all of it
   int fraction[4], before[4], vertex_changed[4], face_changed[1], edge_changed[2], outcome[COMMIT_OUTCOMES],
-      accepted[1] = {COMMIT_CONDITIONAL}, list[1] = {0};
+      accepted[1] = {COMMIT_CONDITIONAL}, list[1] = {0}, neighbourhood[4] = {};
   commit_begin(4, fraction, before, outcome);
   const int first = trial.edges ? 0 : 1;
   outcome[COMMIT_LISTED] = 1;
   for (const int pass : {0, settle ? -1 : 1}) {
     commit_pairs(1, first, pass, list, &candidate, &candidate, &face, edge, trial.x.data(), trial.y.data(),
                  trial.inverse_mass.data(), properties, 1.0, 1, accepted, before, fraction, outcome);
-    commit_changes(4, fraction, before, vertex_changed, outcome);
+    commit_changes(4, fraction, neighbourhood, before, vertex_changed, outcome);
     commit_disturb(3, 1, &face, edge, vertex_changed, face_changed, edge_changed);
     if (settle) std::fill(std::begin(vertex_changed), std::end(vertex_changed), 1);
     if (settle) face_changed[0] = edge_changed[0] = edge_changed[1] = 1;
-    commit_recheck(1, 1, first, &candidate, &candidate, vertex_changed, face_changed, edge_changed, accepted, list,
-                   outcome);
+    commit_recheck(1, 1, -1, first, &candidate, &candidate, vertex_changed, face_changed, edge_changed, accepted, 0, 1,
+                   list, COMMIT_LISTED, outcome);
   }
   Result r;
   commit_apply(4, trial.x.data(), trial.y.data(), fraction, outcome, r.committed.data());
@@ -300,52 +300,75 @@ struct Soup {
         if (a / 3 != b / 3) edge_edge.push_back({a, b});
   }
 
-  /// Runs the commit and returns the mean of the fractions. cap < 0: until nothing changes.
-  double commit(const std::vector<dvec3> &target, int cap)
+  /// Runs the commit and returns the fractions. cap < 0: until nothing changes. nearby: passes look at the pairs with a
+  /// vertex in the neighbourhood of what was truncated, as long as nothing else is.
+  std::vector<int> commit(const std::vector<dvec3> &target, int cap, bool nearby = false)
   {
-    const int n = int(position.size()), pairs = int(vertex_face.size() + edge_edge.size());
-    std::vector<int> fraction(n), before(n), vertex_changed(n), face_changed(faces.size()), edge_changed(edges.size()),
-        accepted(pairs, COMMIT_CONDITIONAL), list(pairs);
+    const int n = int(position.size()), pairs = int(vertex_face.size() + edge_edge.size()),
+              first = int(vertex_face.size()), half = pairs - pairs / 2;
+    std::vector<int> fraction(n), before(n), vertex_marked(n), face_marked(faces.size()), edge_marked(edges.size()),
+        accepted(pairs, COMMIT_CONDITIONAL), list(pairs), neighbourhood(n);
     std::vector<vertex_contact> properties(position.size());
     for (vertex_contact &p : properties) p.thickness = 1e-6;
     int outcome[COMMIT_OUTCOMES];
     commit_begin(n, fraction.data(), before.data(), outcome);
     std::iota(list.begin(), list.end(), 0);
     outcome[COMMIT_LISTED] = pairs;
-    const auto recheck = [&] {
-      commit_recheck((pairs - 1) / RUN_PAIRS + 1, pairs, int(vertex_face.size()), vertex_face.data(), edge_edge.data(),
-                     vertex_changed.data(), face_changed.data(), edge_changed.data(), accepted.data(), list.data(),
-                     outcome);
+    const auto recheck = [&](int of, int count, const std::vector<int> &marked, int to, int counter) {
+      commit_disturb(int(faces.size() + edges.size()), int(faces.size()), faces.data(), edges.data(), marked.data(),
+                     face_marked.data(), edge_marked.data());
+      commit_recheck((count + RUN_PAIRS - 1) / RUN_PAIRS, count, of, first, vertex_face.data(), edge_edge.data(),
+                     marked.data(), face_marked.data(), edge_marked.data(), accepted.data(), to, pairs - to,
+                     list.data(), counter, outcome);
     };
+    int near = -1;
     const auto pass = [&](int number) {
-      const int changes = outcome[COMMIT_CHANGES];
-      commit_pairs(3, int(vertex_face.size()), number, list.data(), vertex_face.data(), edge_edge.data(), faces.data(),
-                   edges.data(), position.data(), target.data(), inverse_mass.data(), properties.data(), 1.0, 0,
-                   accepted.data(), before.data(), fraction.data(), outcome);
-      commit_changes(n, fraction.data(), before.data(), vertex_changed.data(), outcome);
-      commit_disturb(int(faces.size() + edges.size()), int(faces.size()), faces.data(), edges.data(),
-                     vertex_changed.data(), face_changed.data(), edge_changed.data());
+      const int changes = outcome[COMMIT_CHANGES], outside = outcome[COMMIT_OUTSIDE];
+      commit_pairs(3, first, number, list.data(), vertex_face.data(), edge_edge.data(), faces.data(), edges.data(),
+                   position.data(), target.data(), inverse_mass.data(), properties.data(), 1.0, 0, accepted.data(),
+                   before.data(), fraction.data(), outcome);
+      const bool gather = nearby && near < 0 && number > 0;
+      if (gather) {
+        std::fill(neighbourhood.begin(), neighbourhood.end(), 0);
+        commit_neighbourhood(3, first, list.data(), vertex_face.data(), edge_edge.data(), faces.data(), edges.data(),
+                             outcome, neighbourhood.data());
+      }
+      commit_changes(n, fraction.data(), neighbourhood.data(), before.data(), vertex_marked.data(), outcome);
+      if (gather) {
+        REQUIRE(outcome[COMMIT_OUTSIDE] == outside);
+        recheck(-1, pairs, neighbourhood, half, COMMIT_NEARBY);
+        if (outcome[COMMIT_NEARBY] <= pairs - half) near = outcome[COMMIT_NEARBY];
+      } else if (outcome[COMMIT_OUTSIDE] > outside) {
+        near = -1;
+      }
       return outcome[COMMIT_CHANGES] != changes;
     };
     bool changed = pass(0);
     for (int k = 1; k != cap && changed; ++k) {
-      recheck();
+      recheck(near < 0 ? -1 : half, near < 0 ? pairs : near, vertex_marked, 0, COMMIT_LISTED);
+      near_passes += near >= 0;
       changed = pass(k);
     }
     if (cap >= 0) {
-      for (auto *marks : {&vertex_changed, &face_changed, &edge_changed}) std::fill(marks->begin(), marks->end(), 1);
       outcome[COMMIT_LISTED] = 0;
-      recheck();
+      recheck(-1, pairs, std::vector<int>(n, 1), 0, COMMIT_LISTED);
       pass(-1);
     }
     std::vector<dvec3> committed(position.size());
     commit_apply(n, position.data(), target.data(), fraction.data(), outcome, committed.data());
     position = committed;
-    double sum = 0;
-    for (int t : fraction) sum += bits_float(t);
-    return sum / n;
+    return fraction;
   }
+
+  int near_passes = 0;  // that looked at pairs nearby
 };
+
+double mean(const std::vector<int> &fraction)
+{
+  double sum = 0;
+  for (int t : fraction) sum += bits_float(t);
+  return sum / double(fraction.size());
+}
 
 Soup make_soup(Random &random)
 {
@@ -365,7 +388,41 @@ Soup make_soup(Random &random)
   return soup;
 }
 
+/// Several of them, which never meet.
+Soup make_soups(Random &random, int count)
+{
+  Soup all;
+  for (int k = 0; k < count; ++k) {
+    const Soup one = make_soup(random);
+    const int v = int(all.position.size()), f = int(all.faces.size()), e = int(all.edges.size());
+    for (const dvec3 &p : one.position) all.position.push_back(dadd(p, {double(k), 0, 0}));
+    for (const face_nodes &t : one.faces) all.faces.push_back({{v + t.node[0], v + t.node[1], v + t.node[2]}});
+    for (const edge_nodes &t : one.edges) all.edges.push_back({{v + t.node[0], v + t.node[1]}});
+    for (const pair &p : one.vertex_face) all.vertex_face.push_back({v + p.a, f + p.b});
+    for (const pair &p : one.edge_edge) all.edge_edge.push_back({e + p.a, e + p.b});
+  }
+  all.inverse_mass.assign(all.position.size(), 1);
+  return all;
+}
+
 }  // namespace
+
+TEST_CASE("passes of the commit that look at pairs nearby alone truncate what passes over all do", "[commit]")
+{
+  Random random(17);
+  Soup all = make_soups(random, 6), near = all;
+  int longest = 0;
+  for (int step = 0; step < 30; ++step) {
+    std::vector<dvec3> target = all.position;
+    for (dvec3 &x : target) x = dadd(x, random.vector(step % 2 ? 0.004 : 0.0004));
+    const std::vector<int> fraction = all.commit(target, -1);
+    const int before = near.near_passes;
+    REQUIRE(near.commit(target, -1, true) == fraction);
+    longest = std::max(longest, near.near_passes - before);
+  }
+  CHECK(near.near_passes > 10);
+  CHECK(longest > 1);
+}
 
 TEST_CASE("a soup of triangles in wild motion never intersects", "[commit]")
 {
@@ -379,7 +436,7 @@ TEST_CASE("a soup of triangles in wild motion never intersects", "[commit]")
       const dvec3 common = random.vector(0.05);
       for (std::size_t v = 0; v < target.size(); ++v)
         target[v] = dadd(target[v], dadd(common, random.vector(step % 2 ? 0.004 : 0.0004)));
-      kept += soup.commit(target, cap) / 40;
+      kept += mean(soup.commit(target, cap)) / 40;
       REQUIRE(intersections(soup.position, soup.face).empty());
     }
     CAPTURE(cap, kept);

@@ -257,7 +257,7 @@ TEST_CASE("one impact more than a team takes, which does not push, changes no bi
   CHECK(cost(q, got - expected) < 0.01 * cost(q, expected));
 }
 
-TEST_CASE("impacts do not depend on how pairs are shared out, and decided pairs keep theirs", "[impact]")
+TEST_CASE("impacts do not depend on how pairs are shared out, and decided pairs are left out", "[impact]")
 {
   // Vertex 0 falls through the face, vertex 1 ends above it and vertex 2 beside it; the direction upwards decides the
   // second alone.
@@ -267,7 +267,8 @@ TEST_CASE("impacts do not depend on how pairs are shared out, and decided pairs 
   y[1].z = 0.5;
   const kernels::face_nodes face{{3, 4, 5}};
   const kernels::edge_nodes edges[2] = {{{0, 3}}, {{4, 5}}};
-  const std::vector<kernels::feature_motion> motion(9, {0, MOTION_OPEN});  // of vertices, the face and the edges
+  const std::vector<float> error(9, 0);  // of vertices, the face and the edges
+  const std::vector<unsigned char> motion(9, MOTION_OPEN);
   std::vector<kernels::vertex_contact> properties(6);
   for (auto &v : properties) v = {1e-3, 0, 0, 0, 0, 0, 0, SHAPE_MESH};
   const int faces = 5000, all = faces + 1;
@@ -276,35 +277,49 @@ TEST_CASE("impacts do not depend on how pairs are shared out, and decided pairs 
   const kernels::pair edge_edge{0, 1};
   const std::vector<kernels::fvec3> up(faces, kernels::fvec3_make(0, 0, 1)), none(1, kernels::fvec3_make(0, 0, 0));
   std::vector<float> bounds(all, 0.0f);
-  const auto detect = [&](int list_teams, int faces_done, int edges_done, std::vector<int> &flag, const int *before) {
-    int found[3] = {0, 0, 0};
+  // The codes of what is found, in order.
+  const auto detect = [&](int list_teams, int faces_from, int edges_from) {
+    const int first = faces - faces_from, pairs = first + 1 - edges_from;
+    int found[4] = {0, 0, 0, 0};
     std::vector<int> list(all);
-    select_ccd_pairs((all - 1) / RUN_PAIRS + 1, all, faces, 6, 1, 0, vertex_face.data(), &edge_edge, &face, edges, 1.0,
-                     1e-3, motion.data(), faces_done, edges_done, before, 0, bounds.data(), 0, bounds.data(), x.data(),
-                     y.data(), properties.data(), up.data(), none.data(), flag.data(), list.data(), found);
-    find_impacts(list_teams, faces, 0, list.data(), vertex_face.data(), &edge_edge, &face, edges, x.data(), y.data(),
-                 properties.data(), 1.0, flag.data(), found);
-    return found[1];
+    select_ccd_pairs((pairs - 1) / RUN_PAIRS + 1, pairs, first, 6, 1, 0, vertex_face.data(), &edge_edge, &face, edges,
+                     1.0, 1e-3, error.data(), motion.data(), faces_from, edges_from, 0, bounds.data(), 0, bounds.data(),
+                     x.data(), y.data(), properties.data(), up.data(), none.data(), list.data(), found);
+    find_impacts(list_teams, 0, vertex_face.data(), &edge_edge, &face, edges, x.data(), y.data(), properties.data(),
+                 1.0, list.data(), found);
+    std::vector<int> code(std::size_t(found[1]) + 2, -7);
+    kernels::collect_impacts(list_teams, 1, list.data(), code.data(), found);
+    CHECK(found[3] == found[1]);
+    CHECK(code.front() == -7);
+    CHECK(code.back() == -7);
+    std::vector<int> codes(code.begin() + 1, code.end() - 1);
+    std::sort(codes.begin(), codes.end());
+    return codes;
   };
-  std::vector<int> expected(all, 0);
-  for (int i = 0; i < faces; i += 3) expected[std::size_t(i)] = 1;
-  std::vector<int> flag(all);
-  detect(1, 0, 0, flag, nullptr);
-  expected.back() = flag.back();  // of the edges, which is not at issue here
-  const int hits = std::accumulate(expected.begin(), expected.end(), 0);
+  std::vector<int> expected;
+  const std::vector<int> one = detect(1, 0, 0);
+  if (one.front() < 0) expected.push_back(kernels::pair_code(1, 0));  // of the edges, which is not at issue here
+  for (int i = 0; i < faces; i += 3) expected.push_back(i);
   for (const int teams : {1, 2, 5, 16}) {
     INFO(teams << " teams");
-    std::fill(flag.begin(), flag.end(), -1);
-    CHECK(detect(teams, 0, 0, flag, nullptr) == hits);
-    CHECK(flag == expected);
+    CHECK(detect(teams, 0, 0) == expected);
   }
-  // 4,000 faces and the edges are decided: what is said of them is kept, right or wrong, and only the rest counts.
-  std::vector<int> before(4001, 0);
-  before[1] = before[4000] = 1;
-  CHECK(detect(2, 4000, 1, flag, before.data()) == 333);  // 4,002 to 4,998 in threes
-  for (int i = 0; i < 4000; ++i) REQUIRE(flag[std::size_t(i)] == (i == 1));
-  for (int i = 4000; i < faces; ++i) REQUIRE(flag[std::size_t(i)] == expected[std::size_t(i)]);
-  CHECK(flag.back() == 1);
+  // 4,000 faces and the edges are decided: only the rest counts.
+  const std::vector<int> rest = detect(2, 4000, 1);
+  CHECK(rest.size() == 333);  // 4,002 to 4,998 in threes
+  CHECK(std::equal(rest.begin(), rest.end(), expected.end() - 333));
+}
+
+TEST_CASE("the code of a pair tells its list and its place", "[impact]")
+{
+  for (const int at : {0, 1, 7, 0x7ffffffe}) {
+    CHECK(kernels::code_kind(kernels::pair_code(0, at)) == 0);
+    CHECK(kernels::code_kind(kernels::pair_code(1, at)) == 1);
+    for (const int kind : {0, 1}) {
+      CHECK(kernels::code_place(kernels::pair_code(kind, at)) == at);
+      CHECK(kernels::pair_code(kind, at) != NO_PAIR);
+    }
+  }
 }
 
 TEST_CASE("detection knows of a feature the largest error of its vertices, and whether one moves", "[impact]")
@@ -323,7 +338,8 @@ TEST_CASE("detection knows of a feature the largest error of its vertices, and w
   boxes[2].hi[1] = 11;  // relative to the lower bound: vertex 2 leaves it
   const kernels::face_nodes faces[2] = {{{0, 1, 2}}, {{1, 2, 3}}};
   const kernels::edge_nodes edges[2] = {{{0, 1}}, {{0, 3}}};
-  std::vector<kernels::feature_motion> motion(8);
+  std::vector<float> found_error(8);
+  std::vector<unsigned char> state(8);
   std::vector<kernels::end_boxes> ends;  // half a metre around the start, 1.5 m around the prediction: 3 leaves it too
   for (const dvec3 &p : x) {
     const auto around = [&](double r) { return kernels::swept_box(p, p, r, bounds[0]); };
@@ -332,19 +348,19 @@ TEST_CASE("detection knows of a feature the largest error of its vertices, and w
   for (const int localized : {0, 1}) {
     int escaped = 0, astray = 0;
     find_prediction_errors(4, x.data(), y.data(), x.data(), inverse_mass.data(), localized, changed, boxes.data(),
-                           ends.data(), bounds, 0, motion.data(), &astray);
+                           ends.data(), bounds, 0, found_error.data(), state.data(), &astray);
     CHECK(astray == 2);
     find_prediction_errors(4, x.data(), y.data(), x.data(), inverse_mass.data(), localized, changed, boxes.data(),
-                           nullptr, bounds, 0, motion.data(), &escaped);
-    find_feature_motions(4, 4, 2, faces, edges, motion.data());
+                           nullptr, bounds, 0, found_error.data(), state.data(), &escaped);
+    find_feature_motions(4, 4, 2, faces, edges, found_error.data(), state.data());
     CHECK(escaped == 1);
     const double error[8] = {0, 1, 3, 2, 3, 3, 1, 2};  // of vertices, faces, edges
     const int free[8] = {0, 1, 1, 1, 1, 1, 1, 1}, other[8] = {0, 0, 0, 1, 0, 1, 0, 1};
     for (std::size_t i = 0; i < 8; ++i) {
       CAPTURE(localized, i);
-      CHECK(motion[i].error == Approx(error[i]).margin(1e-6));
-      CHECK(motion[i].error >= error[i]);
-      CHECK(motion[i].state == (free[i] * MOTION_FREE | (localized ? other[i] : 1) * MOTION_CHANGED));
+      CHECK(found_error[i] == Approx(error[i]).margin(1e-6));
+      CHECK(found_error[i] >= error[i]);
+      CHECK(int(state[i]) == (free[i] * MOTION_FREE | (localized ? other[i] : 1) * MOTION_CHANGED));
     }
   }
 }

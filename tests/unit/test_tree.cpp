@@ -89,14 +89,16 @@ Found query(const Scene &s, int self, int pools, int pool_blocks, int batch, boo
   position_bounds(chunks, vertices, s.position.data(), s.target.data(), corners.data());
   reduce_bounds(1, chunks, corners.data(), bounds.data());
   std::vector<box> vertex_box(vertices), face_box(faces), edge_box(edges);
-  vertex_boxes(vertices, s.position.data(), s.target.data(), s.margin.data(), bounds.data(), vertex_box.data());
+  const dvec3 fall{0, 0, 0};
+  const std::vector<double> inverse_mass(vertices, 1);
+  vertex_boxes(vertices, s.position.data(), s.target.data(), s.margin.data(), inverse_mass.data(), &fall, bounds.data(),
+               vertex_box.data());
   face_boxes(faces, s.face.data(), vertex_box.data(), face_box.data());
   edge_boxes(edges, s.edge.data(), vertex_box.data(), edge_box.data());
   const std::vector<double> short_motion(vertices, 0);
-  const double uncertain = 0;
   std::vector<end_boxes> own_ends(vertices);
   vertex_end_boxes(vertices, s.position.data(), s.target.data(), s.margin.data(), short_motion.data(), bounds.data(),
-                   &uncertain, vertex_box.data(), own_ends.data());
+                   &fall, vertex_box.data(), own_ends.data());
   const end_boxes *ends = separate ? own_ends.data() : nullptr;
   const auto face_tree = build_tree(s.face, face_box, vertex_box, bounds, both);
   const auto edge_tree = build_tree(s.edge, edge_box, vertex_box, bounds, both);
@@ -238,11 +240,27 @@ bool contains(const Pairs &all, const Pairs &some)
 
 }  // namespace
 
+TEST_CASE("the box of a free vertex holds its motion with and without the fall", "[tree]")
+{
+  // Both go from 0 to (2, 3, 1) m, of which (0, 0, -4) is the fall: without it they end at z = 5 m. The second is held.
+  const dvec3 from[2] = {{0, 0, 0}, {0, 0, 0}}, to[2] = {{2, 3, 1}, {2, 3, 1}}, fall{0, 0, -4}, origin{-10, -10, -10};
+  const double margin[2] = {0.5, 0.5}, inverse_mass[2] = {1, 0}, top[2] = {5.5, 1.5};
+  box found[2];
+  vertex_boxes(2, from, to, margin, inverse_mass, &fall, &origin, found);
+  for (int v = 0; v < 2; ++v) {
+    const double lo[3] = {-0.5, -0.5, -0.5}, hi[3] = {2.5, 3.5, top[v]};
+    for (int k = 0; k < 3; ++k) {
+      CHECK(found[v].lo[k] - 10 == Approx(lo[k]).margin(1e-5));
+      CHECK(found[v].hi[k] - 10 == Approx(hi[k]).margin(1e-5));
+    }
+  }
+}
+
 TEST_CASE("pairs that are left out by the boxes at both ends are separated at every moment", "[tree]")
 {
   for (unsigned seed : {3u, 4u, 5u}) {
     Scene s = make_scene(seed, 9, 1, seed == 5 ? 1e4 : 0);
-    const dvec3 all[] = {{0.3, 0, -0.6}, {0, 0.7, 0.1}};   // with which each sheet goes on, several times an edge
+    const dvec3 all[] = {{0.3, 0, -0.6}, {0, 0.7, 0.1}};  // with which each sheet goes on, several times an edge
     for (std::size_t v = 0; v < s.position.size(); ++v)
       s.target[v] = dadd(s.target[v], all[int(v) >= s.cloth_vertices]);
     const Found overlapping = query(s, 1, 1, 1000, 1, false);
@@ -361,7 +379,7 @@ TEST_CASE("groups: sizes and offsets add up; every level is the union of the one
     make_levels(leaves, false, one.data());
     make_levels(leaves, true, two.data());
     REQUIRE(std::memcmp(one.data(), two.data(), one.size() * sizeof(bvh8_node)) == 0);
-    std::vector<box> below(leaves);   // by hand
+    std::vector<box> below(leaves);  // by hand
     for (int i = 0; i < leaves; ++i) below[i] = box_union(vertex_box[2 * i], vertex_box[2 * i + 1]);
     for (int l = 0; l <= level; ++l) {
       std::vector<box> here;
@@ -459,11 +477,11 @@ TEST_CASE("the trees' candidates are those of brute force", "[tree]")
             if (pool_blocks == 0 && batch == 1) {
               reference = found;
               const Pairs vf = sorted(found.vertex_face), ee = sorted(found.edge_edge);
-              CHECK(std::adjacent_find(vf.begin(), vf.end()) == vf.end());   // each once
+              CHECK(std::adjacent_find(vf.begin(), vf.end()) == vf.end());  // each once
               CHECK(std::adjacent_find(ee.begin(), ee.end()) == ee.end());
-              CHECK(contains(vf, exact.vertex_face));                        // none missed
+              CHECK(contains(vf, exact.vertex_face));  // none missed
               CHECK(contains(ee, exact.edge_edge));
-              CHECK(contains(wide.vertex_face, vf));                         // none except by rounding
+              CHECK(contains(wide.vertex_face, vf));  // none except by rounding
               CHECK(contains(wide.edge_edge, ee));
             }
             REQUIRE(found.vertex_face == reference.vertex_face);

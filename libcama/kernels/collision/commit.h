@@ -42,7 +42,9 @@
 #define COMMIT_CROSSED 1          /* intersecting pairs */
 #define COMMIT_SIGMA 2            /* bits of sigma */
 #define COMMIT_LISTED 3           /* pairs that the next pass decides */
-#define COMMIT_OUTCOMES 4
+#define COMMIT_NEARBY 4           /* pairs with a vertex in the neighbourhood, when they were last listed */
+#define COMMIT_OUTSIDE 5          /* changes of vertices that were not in the neighbourhood */
+#define COMMIT_OUTCOMES 6
 
 typedef struct {
   int state;            /* one of the above */
@@ -226,11 +228,14 @@ KERNEL commit_screen(int n, int pairs, int first_size, int certified, GLOBAL con
   }
 }
 
-/* Lists the conditional pairs of which a vertex has been truncated since, as commit_changes and commit_disturb tell.
-   n: teams. */
-KERNEL commit_recheck(int n, int pairs, int first_size, GLOBAL const pair *vertex_face, GLOBAL const pair *edge_edge,
-                      GLOBAL const int *vertex_changed, GLOBAL const int *face_changed, GLOBAL const int *edge_changed,
-                      GLOBAL const int *accepted, GLOBAL int *list, GLOBAL int *outcome)
+/* Lists the conditional pairs of which a vertex is marked: for the next pass those that have been truncated, as
+   commit_changes and commit_disturb tell. of: -1 for all pairs, else the place in the list from which on it has the
+   `pairs` to be looked at. They go to the list from place `to` on, as far as there is room; outcome[counter]: their
+   number, room or not. n: teams. */
+KERNEL commit_recheck(int n, int pairs, int of, int first_size, GLOBAL const pair *vertex_face,
+                      GLOBAL const pair *edge_edge, GLOBAL const int *vertex_marked, GLOBAL const int *face_marked,
+                      GLOBAL const int *edge_marked, GLOBAL const int *accepted, int to, int room, GLOBAL int *list,
+                      int counter, GLOBAL int *outcome)
 {
   TEAM_LOCAL(int, chosen, RUN_PAIRS);
   TEAM_LOCAL(int, listed, 2);
@@ -238,13 +243,29 @@ KERNEL commit_recheck(int n, int pairs, int first_size, GLOBAL const pair *verte
     const int first = t * RUN_PAIRS;
     begin_chosen(listed);
     TEAM_FOR(l, min_int(pairs - first, RUN_PAIRS)) {
-      const int i = first + l;
+      const int i = of < 0 ? first + l : list[of + first + l];
       const pair p = listed_pair(i, first_size, vertex_face, edge_edge);
-      if ((i < first_size ? vertex_changed[p.a] || face_changed[p.b] : edge_changed[p.a] || edge_changed[p.b]) &&
+      if ((i < first_size ? vertex_marked[p.a] || face_marked[p.b] : edge_marked[p.a] || edge_marked[p.b]) &&
           accepted[i] == COMMIT_CONDITIONAL)
         chosen[local_add_int(listed, 1)] = i;
     }
-    append_chosen(chosen, listed, list, outcome + COMMIT_LISTED);
+    TEAM_BARRIER;
+    TEAM_FOR(l, 1) listed[1] = listed[0] > 0 ? atomic_add_int(outcome + counter, listed[0]) : 0;
+    TEAM_BARRIER;
+    TEAM_FOR(l, min_int(listed[0], room - listed[1])) list[to + listed[1] + l] = chosen[l];
+  }
+}
+
+/* neighbourhood[v] = 1 for the vertices of the listed pairs: a pass truncates no others. n: teams. */
+KERNEL commit_neighbourhood(int n, int first_size, GLOBAL const int *list, GLOBAL const pair *vertex_face,
+                            GLOBAL const pair *edge_edge, GLOBAL const face_nodes *face, GLOBAL const edge_nodes *edge,
+                            GLOBAL const int *outcome, GLOBAL int *neighbourhood)
+{
+  FOR_EACH_LISTED(t, k, n, outcome + COMMIT_LISTED)
+  {
+    const int i = list[k_run + k];
+    const element_nodes e = pair_nodes(i >= first_size, listed_pair(i, first_size, vertex_face, edge_edge), face, edge);
+    for (int j = 0; j < 4; ++j) atomic_max_int(neighbourhood + e.node[j], 1);
   }
 }
 
@@ -311,22 +332,23 @@ KERNEL commit_begin(int n, GLOBAL int *fraction, GLOBAL int *fraction_before, GL
   FOR_EACH(i, n) {
     fraction[i] = fraction_before[i] = COMMIT_WHOLE;
     if (i == 0) {
-      outcome[COMMIT_CHANGES] = outcome[COMMIT_CROSSED] = outcome[COMMIT_LISTED] = 0;
+      outcome[COMMIT_CHANGES] = outcome[COMMIT_CROSSED] = outcome[COMMIT_LISTED] = outcome[COMMIT_OUTSIDE] = 0;
       outcome[COMMIT_SIGMA] = COMMIT_WHOLE;
     }
   }
 }
 
-/* After a pass: the vertices that it has truncated, and `fraction_before` and an empty list for the next. */
-KERNEL commit_changes(int n, GLOBAL const int *fraction, GLOBAL int *fraction_before, GLOBAL int *vertex_changed,
-                      GLOBAL int *outcome)
+/* After a pass: the vertices that it has truncated, and `fraction_before` and empty lists for the next. */
+KERNEL commit_changes(int n, GLOBAL const int *fraction, GLOBAL const int *neighbourhood, GLOBAL int *fraction_before,
+                      GLOBAL int *vertex_changed, GLOBAL int *outcome)
 {
   FOR_EACH(i, n) {
     const int changed = fraction[i] != fraction_before[i];
     vertex_changed[i] = changed;
     fraction_before[i] = fraction[i];
-    if (i == 0) outcome[COMMIT_LISTED] = 0;
+    if (i == 0) outcome[COMMIT_LISTED] = outcome[COMMIT_NEARBY] = 0;
     if (changed) atomic_add_int(outcome + COMMIT_CHANGES, 1);
+    if (changed && !neighbourhood[i]) atomic_add_int(outcome + COMMIT_OUTSIDE, 1);
   }
 }
 

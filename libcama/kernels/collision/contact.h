@@ -151,8 +151,11 @@ KERNEL find_directions(int n, int kind, int first, GLOBAL const pair *pairs, GLO
   }
 }
 
-/* The flagged pairs of both lists with a key made of their features, so that lists made from them have one order,
-   vertex-face pairs first, whatever the order of the search. */
+/* A key made of the features of a pair, so that lists made from pairs have one order, vertex-face pairs first, whatever
+   the order of the search. */
+DEVICE key64 pair_key(int kind, pair p) { return ((key64)kind << 62) | ((key64)p.a << 31) | (key64)p.b; }
+
+/* The flagged pairs of both lists with their keys. */
 KERNEL flagged_pairs(int n, int first_size, GLOBAL const pair *vertex_face, GLOBAL const pair *edge_edge,
                      GLOBAL const int *place, GLOBAL key64 *key, GLOBAL int *index)
 {
@@ -160,8 +163,19 @@ KERNEL flagged_pairs(int n, int first_size, GLOBAL const pair *vertex_face, GLOB
     pair p;
     if (place[i + 1] == place[i]) continue;
     p = listed_pair(i, first_size, vertex_face, edge_edge);
-    key[place[i]] = ((key64)(i >= first_size) << 62) | ((key64)p.a << 31) | (key64)p.b;
+    key[place[i]] = pair_key(i >= first_size, p);
     index[place[i]] = i;
+  }
+}
+
+/* The pairs with codes code[i], with their keys. */
+KERNEL coded_pairs(int n, GLOBAL const pair *vertex_face, GLOBAL const pair *edge_edge, GLOBAL const int *code,
+                   GLOBAL key64 *key, GLOBAL int *index)
+{
+  FOR_EACH(i, n) {
+    const int kind = code_kind(code[i]), at = code_place(code[i]);
+    key[i] = pair_key(kind, kind == 0 ? vertex_face[at] : edge_edge[at]);
+    index[i] = code[i];
   }
 }
 

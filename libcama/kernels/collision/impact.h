@@ -96,72 +96,65 @@ DEVICE impact_time surface_impact_time(int kind, int cubic, element_nodes e, GLO
   return r;
 }
 
-/* What detection knows of the motion of a vertex, or of the vertices of a face or edge. */
-typedef struct {
-  float error; /* upper bound of the largest distance between the end of a vertex and its prediction, m */
-  int state;
-} feature_motion;
+/* What detection knows of the motion of vertices, and of the vertices of faces and of edges, in this order: error, an
+   upper bound of the largest distance between the end of a vertex and its prediction, m; state, in bytes, which remain
+   in a cache. */
 #define MOTION_FREE 1 /* a vertex is not fixed */
 #define MOTION_CHANGED 2 /* a vertex has another motion than at the last detection */
 #define MOTION_OPEN 3 /* both: pairs with such features have to be tested */
 
-/* motion: [vertices]. changed: the vertices whose motion has changed; without `localized` all have. found[0]:
-   incremented for each vertex whose motion x to y comes nearer to the border of its box, or of those at its ends, than
-   `least`, m. */
+/* changed: the vertices whose motion has changed; without `localized` all have. found[0]: incremented for each vertex
+   whose motion x to y comes nearer to the border of its box, or of those at its ends, than `least`, m. */
 KERNEL find_prediction_errors(int n, GLOBAL const dvec3 *x, GLOBAL const dvec3 *y, GLOBAL const dvec3 *predicted,
                               GLOBAL const double *inverse_mass, int localized, GLOBAL const int *changed,
                               GLOBAL const box *vertex_box, GLOBAL const end_boxes *ends,
-                              GLOBAL const dvec3 *scene_bounds, double least, GLOBAL feature_motion *motion,
-                              GLOBAL int *found)
+                              GLOBAL const dvec3 *scene_bounds, double least, GLOBAL float *error,
+                              GLOBAL unsigned char *state, GLOBAL int *found)
 {
   FOR_EACH(i, n) {
-    feature_motion m;
-    m.error = float_above(dnorm(dsub(y[i], predicted[i])) +
-                          1e-15 * (largest_component(y[i]) + largest_component(predicted[i])));
-    m.state = (inverse_mass[i] > 0.0 ? MOTION_FREE : 0) | (!localized || changed[i] ? MOTION_CHANGED : 0);
-    motion[i] = m;
+    error[i] = float_above(dnorm(dsub(y[i], predicted[i])) +
+                           1e-15 * (largest_component(y[i]) + largest_component(predicted[i])));
+    state[i] =
+        (unsigned char)((inverse_mass[i] > 0.0 ? MOTION_FREE : 0) | (!localized || changed[i] ? MOTION_CHANGED : 0));
     if (!box_holds(vertex_box[i], swept_box(x[i], y[i], least, scene_bounds[0])) ||
         (ends && ends_differ(ends + i) && leaves_end_boxes(x[i], y[i], least, scene_bounds[0], ends + i)))
       atomic_add_int(found, 1);
   }
 }
 
-DEVICE feature_motion joint_motion(feature_motion a, feature_motion b)
-{
-  if (b.error > a.error) a.error = b.error;
-  a.state |= b.state;
-  return a;
-}
-/* motion: [vertices], then those of faces and of edges. n: faces and edges. */
+DEVICE float larger_error(float a, float b) { return b > a ? b : a; }
+/* n: faces and edges. */
 KERNEL find_feature_motions(int n, int vertices, int faces, GLOBAL const face_nodes *face,
-                            GLOBAL const edge_nodes *edge, GLOBAL feature_motion *motion)
+                            GLOBAL const edge_nodes *edge, GLOBAL float *error, GLOBAL unsigned char *state)
 {
   FOR_EACH(i, n) {
-    if (i < faces)
-      motion[vertices + i] =
-          joint_motion(joint_motion(motion[face[i].node[0]], motion[face[i].node[1]]), motion[face[i].node[2]]);
-    else
-      motion[vertices + i] = joint_motion(motion[edge[i - faces].node[0]], motion[edge[i - faces].node[1]]);
+    if (i < faces) {
+      const face_nodes f = face[i];
+      error[vertices + i] = larger_error(larger_error(error[f.node[0]], error[f.node[1]]), error[f.node[2]]);
+      state[vertices + i] = (unsigned char)(state[f.node[0]] | state[f.node[1]] | state[f.node[2]]);
+    } else {
+      const edge_nodes e = edge[i - faces];
+      error[vertices + i] = larger_error(error[e.node[0]], error[e.node[1]]);
+      state[vertices + i] = (unsigned char)(state[e.node[0]] | state[e.node[1]]);
+    }
   }
 }
 
-/* The candidates of both lists that continuous detection has to decide: they go to the list, and the flags of the
-   others say whether they are impacts. The first *_done pairs of each list have been decided for this very motion;
-   before[]: their flags, list after list. motion: of vertices, faces and edges; pairs whose motion did not change were
-   certified before. The gap_bound of a pair and the prediction errors of its features decide most pairs, the direction
-   known from their search most of the others. *_bounds: number of pairs whose gap_bound holds
-   from the start of this motion; below 0 it marks a known impact, which is tested `again` unless it was found twice.
-   share: the share of the thickness that pairs keep; largest: the largest contact thickness, m. found[2]: the length of
-   the list. n: teams. */
+/* Lists the codes of candidates that continuous detection has to decide, from *_from on in each list. `pairs` are
+   looked at, `first_size` of them of vertices and faces. motion: of vertices, faces and edges; pairs whose motion did
+   not change were certified before. The gap_bound of a pair and the prediction errors of its features decide most
+   pairs, the direction known from their search most of the others. *_bounds: number of pairs whose gap_bound holds from
+   the start of this motion; below 0 it marks a known impact, which is tested `again` unless it was found twice. share:
+   the share of the thickness that pairs keep; largest: the largest contact thickness, m. found[2]: the length of the
+   list. n: teams. */
 KERNEL select_ccd_pairs(int n, int pairs, int first_size, int vertices, int faces, int again,
                         GLOBAL const pair *vertex_face, GLOBAL const pair *edge_edge, GLOBAL const face_nodes *face,
-                        GLOBAL const edge_nodes *edge, double share, double largest,
-                        GLOBAL const feature_motion *motion, int vertex_face_done, int edge_edge_done,
-                        GLOBAL const int *before, int vertex_face_bounds, GLOBAL const float *vertex_face_gap_bound,
-                        int edge_edge_bounds, GLOBAL const float *edge_edge_gap_bound, GLOBAL const dvec3 *x,
-                        GLOBAL const dvec3 *y, GLOBAL const vertex_contact *v,
-                        GLOBAL const fvec3 *vertex_face_direction, GLOBAL const fvec3 *edge_edge_direction,
-                        GLOBAL int *flag, GLOBAL int *list, GLOBAL int *found)
+                        GLOBAL const edge_nodes *edge, double share, double largest, GLOBAL const float *error,
+                        GLOBAL const unsigned char *state, int vertex_face_from, int edge_edge_from,
+                        int vertex_face_bounds, GLOBAL const float *vertex_face_gap_bound, int edge_edge_bounds,
+                        GLOBAL const float *edge_edge_gap_bound, GLOBAL const dvec3 *x, GLOBAL const dvec3 *y,
+                        GLOBAL const vertex_contact *v, GLOBAL const fvec3 *vertex_face_direction,
+                        GLOBAL const fvec3 *edge_edge_direction, GLOBAL int *list, GLOBAL int *found)
 {
   TEAM_LOCAL(int, open, RUN_PAIRS);
   TEAM_LOCAL(int, unclear, RUN_PAIRS);
@@ -173,62 +166,66 @@ KERNEL select_ccd_pairs(int n, int pairs, int first_size, int vertices, int face
     TEAM_FOR(l, 1) opened[0] = listed[0] = 0;
     TEAM_BARRIER;
     TEAM_FOR(l, min_int(pairs - first, RUN_PAIRS)) {
-      const int i = first + l, kind = i >= first_size, at = kind == 0 ? i : i - first_size;
-      if (at < (kind == 0 ? vertex_face_done : edge_edge_done)) {
-        flag[i] = before[kind == 0 ? at : vertex_face_done + at];
-      } else {
-        const float gap_bound = kind == 0 ? vertex_face_gap_bound[at] : edge_edge_gap_bound[at];
-        const pair p = listed_pair(i, first_size, vertex_face, edge_edge);
-        const feature_motion a = motion[kind == 0 ? p.a : vertices + faces + p.a],
-                             b = motion[kind == 0 ? vertices + p.b : vertices + faces + p.b];
-        int undecided = !(gap_bound < (again ? -1.0f : 0.0f)) && (a.state | b.state) == MOTION_OPEN;
-        if (undecided && gap_bound > 0.0f && at < (kind == 0 ? vertex_face_bounds : edge_edge_bounds))
-          undecided = !((double)gap_bound - 1.00001 * ((double)a.error + (double)b.error) > 1.01 * share * largest);
-        flag[i] = 0;
-        if (undecided) open[local_add_int(opened, 1)] = i;
-      }
+      const int i = first + l, kind = i >= first_size,
+                at = kind == 0 ? vertex_face_from + i : edge_edge_from + i - first_size;
+      const float gap_bound = kind == 0 ? vertex_face_gap_bound[at] : edge_edge_gap_bound[at];
+      const pair p = kind == 0 ? vertex_face[at] : edge_edge[at];
+      const int a = kind == 0 ? p.a : vertices + faces + p.a, b = kind == 0 ? vertices + p.b : vertices + faces + p.b;
+      int undecided = !(gap_bound < (again ? -1.0f : 0.0f)) && (state[a] | state[b]) == MOTION_OPEN;
+      if (undecided && gap_bound > 0.0f && at < (kind == 0 ? vertex_face_bounds : edge_edge_bounds))
+        undecided = !((double)gap_bound - 1.00001 * ((double)error[a] + (double)error[b]) > 1.01 * share * largest);
+      if (undecided) open[local_add_int(opened, 1)] = pair_code(kind, at);
     }
     TEAM_BARRIER;
     TEAM_FOR(l, opened[0]) {
-      const int i = open[l], kind = i >= first_size, at = kind == 0 ? i : i - first_size;
-      element_nodes e = pair_nodes(kind, listed_pair(i, first_size, vertex_face, edge_edge), face, edge);
+      const int kind = code_kind(open[l]), at = code_place(open[l]);
+      element_nodes e = pair_nodes(kind, kind == 0 ? vertex_face[at] : edge_edge[at], face, edge);
       if (!separated_along(kind, e, x, y,
                            from_direction(kind == 0 ? vertex_face_direction[at] : edge_edge_direction[at]),
                            pair_clearance(kind, e, v, share) + 0.001 * share * pair_min_thickness(e, v)))
-        unclear[local_add_int(listed, 1)] = i;
+        unclear[local_add_int(listed, 1)] = open[l];
     }
     append_chosen(unclear, listed, list, found + 2);
   }
 }
 
-/* Continuous detection over the listed candidates: sets their flags; found[1]: the number of impacts among them.
-   n: teams. */
-KERNEL find_impacts(int n, int first_size, int cubic, GLOBAL const int *list, GLOBAL const pair *vertex_face,
-                    GLOBAL const pair *edge_edge, GLOBAL const face_nodes *face, GLOBAL const edge_nodes *edge,
-                    GLOBAL const dvec3 *x, GLOBAL const dvec3 *y, GLOBAL const vertex_contact *v, double share,
-                    GLOBAL int *flag, GLOBAL int *found)
+/* Continuous detection over the listed candidates: those that are no impacts become NO_PAIR; found[1]: the number of
+   impacts. n: teams. */
+KERNEL find_impacts(int n, int cubic, GLOBAL const pair *vertex_face, GLOBAL const pair *edge_edge,
+                    GLOBAL const face_nodes *face, GLOBAL const edge_nodes *edge, GLOBAL const dvec3 *x,
+                    GLOBAL const dvec3 *y, GLOBAL const vertex_contact *v, double share, GLOBAL int *list,
+                    GLOBAL int *found)
 {
   FOR_EACH_LISTED(t, k, n, found + 2)
   {
-    const int i = list[k_run + k], kind = i >= first_size;
-    element_nodes e = pair_nodes(kind, listed_pair(i, first_size, vertex_face, edge_edge), face, edge);
-    flag[i] = surface_impact_time(kind, cubic, e, x, y, v, pair_clearance(kind, e, v, share)).hit;
-    if (flag[i]) atomic_add_int(found + 1, 1);
+    const int code = list[k_run + k], kind = code_kind(code), at = code_place(code);
+    element_nodes e = pair_nodes(kind, kind == 0 ? vertex_face[at] : edge_edge[at], face, edge);
+    if (surface_impact_time(kind, cubic, e, x, y, v, pair_clearance(kind, e, v, share)).hit)
+      atomic_add_int(found + 1, 1);
+    else
+      list[k_run + k] = NO_PAIR;
   }
 }
 
-/* Impacts of the pairs index[0 .. n), from `first` on; their gap_bound becomes -1, a known impact, or -2, one
+/* The codes of the impacts in the list, in any order, from code[first] on; found[3]: their number, 0 before. n: teams.
+ */
+KERNEL collect_impacts(int n, int first, GLOBAL const int *list, GLOBAL int *code, GLOBAL int *found)
+{
+  FOR_EACH_LISTED(t, k, n, found + 2)
+  if (list[k_run + k] != NO_PAIR) code[first + atomic_add_int(found + 3, 1)] = list[k_run + k];
+}
+
+/* Impacts of the pairs with codes code[0 .. n), from `first` on; their gap_bound becomes -1, a known impact, or -2, one
    that was found before. repeat: counts all as found before. repeated[0]: incremented for each of those. */
-KERNEL fill_impacts(int n, int first_size, int cubic, int repeat, GLOBAL const int *index,
-                    GLOBAL const pair *vertex_face, GLOBAL const pair *edge_edge, GLOBAL const face_nodes *face,
-                    GLOBAL const edge_nodes *edge, GLOBAL const dvec3 *x, GLOBAL const dvec3 *y,
-                    GLOBAL const vertex_contact *v, double share, double target_share, int first,
-                    GLOBAL float *vertex_face_gap_bound, GLOBAL float *edge_edge_gap_bound, GLOBAL impact *impacts,
-                    GLOBAL int *repeated)
+KERNEL fill_impacts(int n, int cubic, int repeat, GLOBAL const int *code, GLOBAL const pair *vertex_face,
+                    GLOBAL const pair *edge_edge, GLOBAL const face_nodes *face, GLOBAL const edge_nodes *edge,
+                    GLOBAL const dvec3 *x, GLOBAL const dvec3 *y, GLOBAL const vertex_contact *v, double share,
+                    double target_share, int first, GLOBAL float *vertex_face_gap_bound,
+                    GLOBAL float *edge_edge_gap_bound, GLOBAL impact *impacts, GLOBAL int *repeated)
 {
   FOR_EACH(i, n) {
-    int k, kind = index[i] >= first_size, candidate = kind == 0 ? index[i] : index[i] - first_size;
-    element_nodes e = pair_nodes(kind, listed_pair(index[i], first_size, vertex_face, edge_edge), face, edge);
+    int k, kind = code_kind(code[i]), candidate = code_place(code[i]);
+    element_nodes e = pair_nodes(kind, kind == 0 ? vertex_face[candidate] : edge_edge[candidate], face, edge);
     double t = surface_impact_time(kind, cubic, e, x, y, v, pair_clearance(kind, e, v, share)).time;
     dvec3 o = dlerp(x[e.node[0]], y[e.node[0]], t), at[4], motion[4];
     impact m;

@@ -57,13 +57,17 @@ KERNEL start_impacts(int n, int rows, int zones, GLOBAL const impact *impacts, G
 #define PUSH_SIZE 3         /* |lambda|^2 in the majorant's norm */
 #define PUSH_COUNT 4
 #define SPREAD_TEAMS 512    /* beyond so many teams, their sums are found in a launch of their own */
-#define SPREAD_ROWS 64      /* vertices of a team that spreads: few, so that there are many teams */
 
 /* Of an impact at one of its vertices: the weight and the normal, in the order of the incidence. */
 typedef struct ALIGNED(32) {
   double weight;
   dvec3 normal;
 } impact_share;
+
+/* Of an entry of the incidence: its cloth vertex if it is the first of the vertex's row, else -1; the row's end. */
+typedef struct ALIGNED(8) {
+  int vertex, end;
+} row_head;
 
 /* Row i of S p, S = J M^-1 J'; y: M^-1 J' p of cloth vertices. */
 DEVICE double impulse_response(impact m, int rows, GLOBAL const dvec3 *y)
@@ -154,42 +158,23 @@ DEVICE int first_of_row(int l, int rows, GLOBAL const impact *impacts, GLOBAL co
   int v = impacts[l >> 2].node[l & 3];
   return v < rows && incidence[row[v]] == l ? v : -1;
 }
-/* pushed[0 .. pushed_count[0]): the cloth vertices with impacts, in any order. share: [entries of the incidence]. n: 4
-   impacts. */
-KERNEL list_pushed(int n, int rows, GLOBAL const impact *impacts, GLOBAL const int *row, GLOBAL const int *incidence,
-                   GLOBAL int *pushed, GLOBAL int *pushed_count, GLOBAL impact_share *share)
+/* head, share: [entries of the incidence]. n: 4 impacts, at least as many. */
+KERNEL list_shares(int n, int rows, GLOBAL const impact *impacts, GLOBAL const int *row, GLOBAL const int *incidence,
+                   GLOBAL row_head *head, GLOBAL impact_share *share)
 {
-  FOR_EACH(l, n) {
-    int v = first_of_row(l, rows, impacts, row, incidence);
-    if (v >= 0) pushed[atomic_add_int(pushed_count, 1)] = v;
-    if (l < row[rows]) {
-      const int e = incidence[l] >> 2;
+  FOR_EACH(k, n) {
+    if (k < row[rows]) {
+      const int e = incidence[k] >> 2, local = incidence[k] & 3, v = impacts[e].node[local];
       impact_share s;
-      s.weight = impacts[e].weight[incidence[l] & 3];
+      row_head h;
+      h.vertex = row[v] == k ? v : -1;
+      h.end = row[v + 1];
+      s.weight = impacts[e].weight[local];
       s.normal = impacts[e].normal;
-      share[l] = s;
+      head[k] = h;
+      share[k] = s;
     }
   }
-}
-
-/* impulse_at from the shares of the impacts; loads do not wait for each other. */
-DEVICE dvec3 impulse_of_shares(int v, GLOBAL const int *row, GLOBAL const int *incidence,
-                               GLOBAL const impact_share *share, GLOBAL const double *inverse_mass, double momentum,
-                               GLOBAL const impulse *impulses)
-{
-  const int end = row[v + 1];
-  dvec3 sum = dvec3_make(0.0, 0.0, 0.0);
-  int k;
-  for (k = row[v]; k < end; k += AT_ONCE(8)) {
-    impact_share s[AT_ONCE(8)];
-    impulse p[AT_ONCE(8)];
-    FOR_AT_ONCE(q, 8, end - k) {
-      s[q] = share[k + q];
-      p[q] = impulses[incidence[k + q] >> 2];
-    }
-    FOR_AT_ONCE(q, 8, end - k) sum = daxpy(sum, s[q].weight * extrapolated(p[q], momentum), s[q].normal);
-  }
-  return dscale(inverse_mass[v], sum);
 }
 
 /* Updates the scalars at `from` to those at `to` by the sums of `teams` teams, for spread_extrapolated where they are
@@ -207,18 +192,43 @@ KERNEL find_momentum(int n, int teams, GLOBAL const double *partial, int from, i
   }
 }
 
-/* Spreads the extrapolated impulses to the vertices that are pushed. Where teams > 0, every team first updates the
-   scalars at `from` to those at `to` for itself, as find_momentum does. */
+/* What an impact gives to one of its vertices: w n p, p extrapolated. */
+DEVICE dvec3 given_by(impact_share s, impulse p, double momentum)
+{
+  return dscale(s.weight * extrapolated(p, momentum), s.normal);
+}
+
+/* Spreads the extrapolated impulses to the vertices with impacts, as impulse_at does. Team t has the PUSH_TEAM entries
+   of the incidence from PUSH_TEAM t on and the rows that begin there: its members find what each entry gives, and the
+   one that is the first of a row adds the row in order. Where teams > 0, every team first updates the scalars at `from`
+   to those at `to` for itself, as find_momentum does. */
 KERNEL spread_extrapolated(int n, int teams, GLOBAL const double *partial, int from, int to, GLOBAL double *scalar,
-                           GLOBAL const int *pushed, GLOBAL const int *pushed_count, GLOBAL const int *row,
-                           GLOBAL const int *incidence, GLOBAL const impact_share *share,
-                           GLOBAL const double *inverse_mass, GLOBAL const impulse *impulses, GLOBAL dvec3 *y)
+                           int rows, GLOBAL const int *row, GLOBAL const int *incidence, GLOBAL const row_head *head,
+                           GLOBAL const impact_share *share, GLOBAL const double *inverse_mass,
+                           GLOBAL const impulse *impulses, GLOBAL dvec3 *y)
 {
   TEAM_LOCAL(double, sums, PUSH_TEAM);
-  FOR_EACH_TEAM(t, n) {
-    const int first = t * SPREAD_ROWS, left = pushed_count[0] - first;
+  TEAM_LOCAL(impact_share, own_shares, PUSH_TEAM); /* their normals become what they give */
+  TEAM_LOCAL(row_head, own_heads, PUSH_TEAM);
+  TEAM_LOCAL(int, own_impacts, PUSH_TEAM);
+  TEAM_LOCAL(row_head, open_row, 1); /* the row that goes on behind the entries */
+  TEAM_LOCAL(dvec3, open_sum, 1);
+  FOR_EACH_TEAM_EARLY(t, n) {
+    const int first = t * PUSH_TEAM, count = min_int(row[rows] - first, PUSH_TEAM);
+    LOCAL impact_share *const shares = TEAM_POINTER(LOCAL impact_share, own_shares);
+    LOCAL row_head *const heads = TEAM_POINTER(LOCAL row_head, own_heads);
+    LOCAL int *const of = TEAM_POINTER(LOCAL int, own_impacts);
     double momentum = 0.0;
-    if (left <= 0) continue;
+    int at;
+    TEAM_BARRIER;
+    TEAM_FOR(l, 1) open_row[0].vertex = -1;
+    TEAM_FOR(l, count) {
+      shares[l] = share[first + l];
+      heads[l] = head[first + l];
+      of[l] = incidence[first + l] >> 2;
+    }
+    AWAIT_LAUNCHES;
+    if (count <= 0) continue;
     TEAM_BARRIER;
     if (teams > 0) {
       double next;
@@ -232,10 +242,35 @@ KERNEL spread_extrapolated(int n, int teams, GLOBAL const double *partial, int f
     } else {
       momentum = scalar[to + PUSH_MOMENTUM];
     }
-    TEAM_FOR(l, min_int(left, SPREAD_ROWS)) {
-      const int v = pushed[first + l];
-      y[v] = impulse_of_shares(v, row, incidence, share, inverse_mass, momentum, impulses);
+    TEAM_FOR(l, count) shares[l].normal = given_by(shares[l], impulses[of[l]], momentum);
+    TEAM_BARRIER;
+    TEAM_FOR(l, count) {
+      const row_head own = heads[l];
+      if (own.vertex >= 0) {
+        const double mobility = inverse_mass[own.vertex];
+        const int end = min_int(own.end - first, count);
+        dvec3 sum = dvec3_make(0.0, 0.0, 0.0);
+        int k;
+        for (k = l; k < end; ++k) sum = dadd(sum, shares[k].normal);
+        if (own.end > first + count) {
+          open_row[0] = own;
+          open_sum[0] = sum;
+        } else {
+          y[own.vertex] = dscale(mobility, sum);
+        }
+      }
     }
+    TEAM_BARRIER;
+    if (open_row[0].vertex < 0) continue;
+    for (at = first + count; at < open_row[0].end; at += PUSH_TEAM) {
+      const int more = min_int(open_row[0].end - at, PUSH_TEAM);
+      TEAM_FOR(l, more) shares[l].normal = given_by(share[at + l], impulses[incidence[at + l] >> 2], momentum);
+      TEAM_BARRIER;
+      TEAM_FOR(l, 1)
+        for (int k = 0; k < more; ++k) open_sum[0] = dadd(open_sum[0], shares[k].normal);
+      TEAM_BARRIER;
+    }
+    TEAM_FOR(l, 1) y[open_row[0].vertex] = dscale(inverse_mass[open_row[0].vertex], open_sum[0]);
   }
 }
 

@@ -53,6 +53,13 @@ DEVICE_TEAM void append_chosen(LOCAL const int *chosen, LOCAL int *listed, GLOBA
   TEAM_FOR(l, listed[0]) list[listed[1] + l] = chosen[l];
 }
 
+/* The place of a candidate by one number, which stays when both lists grow: `at` in the list of vertices and faces, ~at
+   in that of edges. */
+DEVICE int pair_code(int kind, int at) { return kind == 0 ? at : ~at; }
+DEVICE int code_kind(int code) { return code < 0; }
+DEVICE int code_place(int code) { return code < 0 ? ~code : code; }
+#define NO_PAIR 0x7fffffff
+
 /* Places k in a list of *length items, by at most LIST_TEAMS teams of PAIR_TEAM members (n). */
 #define FOR_EACH_LISTED(t, k, n, length)                                               \
   FOR_EACH_UNEVEN_TEAM(t, n)                                                           \

@@ -5,10 +5,16 @@
 #include <cstring>
 #include <tuple>
 
+#include "device/ceil_divide.hpp"
 #include "device/launch.hpp"
 
 namespace cama {
 namespace {
+
+// From this pass on, where the one before has truncated no more than this share of the vertices, the pairs nearby are
+// gathered, which costs as much as a pass over all.
+constexpr int first_gathering = 2;
+constexpr double few_truncated = 1. / 256;
 
 float as_fraction(int bits)
 {
@@ -21,7 +27,7 @@ float as_fraction(int bits)
 
 CertifiedCommit::CertifiedCommit(Backend &b, FlaggedPairs &flagged)
     : flagged_(flagged), committed_(b), fraction_(b), fraction_before_(b), vertex_changed_(b), face_changed_(b),
-      edge_changed_(b), outcome_(b, COMMIT_OUTCOMES)
+      edge_changed_(b), neighbourhood_(b), outcome_(b, COMMIT_OUTCOMES)
 {}
 
 bool CertifiedCommit::complete(const Rooms &state, CandidateSearch &search, const Stream<dvec3> &from)
@@ -39,13 +45,28 @@ bool CertifiedCommit::complete(const Rooms &state, CandidateSearch &search, cons
   return more;
 }
 
+void CertifiedCommit::recheck(const Rooms &state, int pairs, int of, int to, int counter)
+{
+  const MeshState &mesh = state.mesh;
+  const PairList &vertex_face = state.contact.vertex_face, &edge_edge = state.contact.edge_edge;
+  Stream<int> &list = flagged_.list;
+  CAMA_LAUNCH(*state.backend, commit_disturb, mesh.faces + mesh.edges, mesh.faces, mesh.face, mesh.edge,
+              counter == COMMIT_LISTED ? vertex_changed_ : neighbourhood_, face_changed_, edge_changed_);
+  CAMA_LAUNCH_TEAMS(void, *state.backend, commit_recheck, PAIR_TEAM, ceil_divide(pairs, RUN_PAIRS), pairs, of,
+                    vertex_face.pairs.size(), vertex_face.pairs, edge_edge.pairs,
+                    counter == COMMIT_LISTED ? vertex_changed_ : neighbourhood_, face_changed_, edge_changed_,
+                    flagged_.flag, to, list.size() - to, list, counter, outcome_);
+}
+
 double CertifiedCommit::run(const Rooms &state, CandidateSearch &search, const Stream<dvec3> &from, bool certified)
 {
   Backend &b = *state.backend;
   const MeshState &mesh = state.mesh;
-  for (Stream<int> *stream : {&fraction_, &fraction_before_, &vertex_changed_}) stream->resize(mesh.vertices);
+  for (Stream<int> *stream : {&fraction_, &fraction_before_, &vertex_changed_, &neighbourhood_})
+    stream->resize(mesh.vertices);
   face_changed_.resize(mesh.faces);
   edge_changed_.resize(mesh.edges);
+  neighbourhood_.fill_zero();
   CAMA_LAUNCH(b, commit_begin, mesh.vertices, fraction_, fraction_before_, outcome_);
   const PairList &vertex_face = state.contact.vertex_face, &edge_edge = state.contact.edge_edge;
   Stream<int> &accepted = flagged_.flag, &list = flagged_.list;
@@ -57,26 +78,38 @@ double CertifiedCommit::run(const Rooms &state, CandidateSearch &search, const S
   std::vector<int> outcome(COMMIT_OUTCOMES, 0);
   bool completed = false;  // the list has the pairs that were appended
   int completed_at = 0;    // changes when they were
+  int truncated = mesh.vertices, nearby = -1;  // of the last pass; pairs of the neighbourhood, -1: all
   for (int pass = 0;; ++pass) {
-    const int first = vertex_face.pairs.size(), changes = outcome[COMMIT_CHANGES];
-    if (pass > 0 && !completed) {
-      CAMA_LAUNCH(b, commit_disturb, mesh.faces + mesh.edges, mesh.faces, mesh.face, mesh.edge, vertex_changed_,
-                  face_changed_, edge_changed_);
-      CAMA_LAUNCH_TEAMS(void, b, commit_recheck, PAIR_TEAM, flagged_.teams(), accepted.size(), first, vertex_face.pairs,
-                        edge_edge.pairs, vertex_changed_, face_changed_, edge_changed_, accepted, list, outcome_);
-    }
+    const int first = vertex_face.pairs.size(), changes = outcome[COMMIT_CHANGES], outside = outcome[COMMIT_OUTSIDE];
+    // The second half of the list has the pairs nearby.
+    const int pairs = accepted.size(), half = pairs - pairs / 2;
+    if (pass > 0 && !completed) recheck(state, nearby < 0 ? pairs : nearby, nearby < 0 ? -1 : half, 0, COMMIT_LISTED);
     CAMA_LAUNCH_TEAMS(void, b, commit_pairs, PAIR_TEAM, flagged_.list_teams(), first, pass, list, vertex_face.pairs,
                       edge_edge.pairs, mesh.face, mesh.edge, from, mesh.position_next, mesh.inverse_mass,
                       state.contact.vertex_contact, certified_distance, 0, accepted, fraction_before_, fraction_,
                       outcome_);
-    CAMA_LAUNCH(b, commit_changes, mesh.vertices, fraction_, fraction_before_, vertex_changed_, outcome_);
+    const bool gather = nearby < 0 && pass >= first_gathering && truncated <= few_truncated * mesh.vertices;
+    if (gather) {
+      neighbourhood_.fill_zero();
+      CAMA_LAUNCH_TEAMS(void, b, commit_neighbourhood, PAIR_TEAM, flagged_.list_teams(), first, list, vertex_face.pairs,
+                        edge_edge.pairs, mesh.face, mesh.edge, outcome_, neighbourhood_);
+    }
+    CAMA_LAUNCH(b, commit_changes, mesh.vertices, fraction_, neighbourhood_, fraction_before_, vertex_changed_,
+                outcome_);
+    if (gather) recheck(state, pairs, -1, half, COMMIT_NEARBY);
     outcome = outcome_.download();
+    truncated = outcome[COMMIT_CHANGES] - changes;
     completed = false;
-    if (outcome[COMMIT_CHANGES] > changes) continue;
+    if (gather && outcome[COMMIT_NEARBY] <= pairs - half)
+      nearby = outcome[COMMIT_NEARBY];
+    else if (outcome[COMMIT_OUTSIDE] > outside)
+      nearby = -1;
+    if (truncated > 0) continue;
     if (changes == completed_at || search.end_boxes().size() == 0) break;
     completed = complete(state, search, from);
     if (!completed) break;
     completed_at = changes;
+    nearby = -1;  // the places of pairs have changed
   }
   committed_.resize(mesh.vertices);
   CAMA_LAUNCH(b, commit_apply, mesh.vertices, from, mesh.position_next, fraction_, outcome_, committed_);

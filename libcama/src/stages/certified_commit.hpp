@@ -27,13 +27,18 @@ public:
   std::vector<std::pair<int, kernels::pair>> pausing_pairs(const Rooms &state);
 
 private:
+  /// Lists the conditional pairs of which a vertex was truncated in the last pass (counter COMMIT_LISTED), or is in the
+  /// neighbourhood (COMMIT_NEARBY), from place `to` of the list on. pairs, of: the pairs to be looked at.
+  void recheck(const Rooms &state, int pairs, int of, int to, int counter);
   /// Appends the pairs that the search left out and that meet where vertices are truncated, and lists them; returns
   /// whether there are any.
   bool complete(const Rooms &state, CandidateSearch &search, const Stream<dvec3> &from);
 
   FlaggedPairs &flagged_;  // its flags hold the state of each pair
   Stream<dvec3> committed_;
-  Stream<int> fraction_, fraction_before_, vertex_changed_, face_changed_, edge_changed_, outcome_;
+  Stream<int> fraction_, fraction_before_, vertex_changed_, face_changed_, edge_changed_;
+  Stream<int> neighbourhood_;  // [vertices] 1 around those that a pass has truncated: later ones truncate few others
+  Stream<int> outcome_;
 };
 
 }  // namespace cama

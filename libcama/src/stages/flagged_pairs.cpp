@@ -23,4 +23,14 @@ int FlaggedPairs::compact(const Access<const ContactState> &state, int flagged)
   return flagged;
 }
 
+void FlaggedPairs::order(const Access<const ContactState> &state, const Stream<int> &code)
+{
+  const int n = code.size();
+  index.resize(n);
+  key_.resize(n);
+  CAMA_LAUNCH(*state.backend, coded_pairs, n, state.contact.vertex_face.pairs, state.contact.edge_edge.pairs, code,
+              key_, index);
+  state.backend->sort(key_.buffer(), index.buffer(), n, 63);
+}
+
 }  // namespace cama

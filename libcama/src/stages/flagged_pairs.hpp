@@ -28,11 +28,13 @@ public:
   /// Called after the flags are written: fills `index` and returns the number of flagged pairs. `flagged`: that number,
   /// if known; otherwise it waits for the device.
   int compact(const Access<const ContactState> &state, int flagged = -1);
+  /// Fills `index` with the codes of pairs (pair.h) in the order of `compact`.
+  void order(const Access<const ContactState> &state, const Stream<int> &code);
   /// [flagged] of the last `compact`: kind and features of the pairs, ascending.
   const Stream<key64> &key() const { return key_; }
 
   Stream<int> flag;  // [candidates] of vertex_face, then of edge_edge; free for other uses in between
-  Stream<int> list;  // [candidates] places in `flag` of the few with work, in any order
+  Stream<int> list;  // [candidates] places in `flag`, or codes, of the few with work, in any order
   Stream<int> index;  // [flagged] places in `flag`, by (kind, a, b)
 
 private:

@@ -18,8 +18,8 @@ ImpactProjection::ImpactProjection(Backend &b) : ImpactProjection(b, pushing_tol
 
 ImpactProjection::ImpactProjection(Backend &b, double tolerance)
     : tolerance_(tolerance), nodes_(b), count_(b), moved_(b), constraint_(b), majorant_(b), partial_(b),
-      scalar_(b, 3 * PUSH_COUNT), impulse_(b), y_(b), from_(b), wanted_(b), pushed_(b), pushed_count_(b, 1), share_(b),
-      length_(b), longest_(b), longer_(b), largest_(b)
+      scalar_(b, 3 * PUSH_COUNT), impulse_(b), y_(b), from_(b), wanted_(b), head_(b), share_(b), length_(b),
+      longest_(b), longer_(b), largest_(b)
 {}
 
 void ImpactProjection::solve(const Rooms &state)
@@ -35,24 +35,22 @@ void ImpactProjection::solve(const Rooms &state)
                       majorant_, y_, impulse_);
     return;
   }
-  const int teams = ceil_divide(n, PUSH_TEAM), most_pushed = static_cast<int>(std::min<long long>(4LL * n, rows));
+  const int teams = ceil_divide(n, PUSH_TEAM), entries = 4 * n;
+  head_.resize(entries);
+  share_.resize(entries);
+  CAMA_LAUNCH(b, list_shares, entries, rows, state.contact.impact, incidence_.row, incidence_.entry, head_, share_);
   partial_.resize(3 * teams);
   for (Stream<double> *s : {&partial_, &scalar_}) s->fill_zero();
   impulse_.fill_zero();
-  pushed_.resize(most_pushed);
-  pushed_count_.fill_zero();
-  share_.resize(4ll * n);
-  CAMA_LAUNCH(b, list_pushed, 4 * n, rows, state.contact.impact, incidence_.row, incidence_.entry, pushed_,
-              pushed_count_, share_);
   constexpr int measured = 2 * PUSH_COUNT;
   const bool many = teams > SPREAD_TEAMS;
   const auto iterate = [&] {
     for (int i = 0; i < iterations_per_check; ++i) {
       const int from = i % 2 * PUSH_COUNT, to = PUSH_COUNT - from;
       if (many) CAMA_LAUNCH_TEAMS(void, b, find_momentum, PUSH_TEAM, 1, teams, partial_, from, to, scalar_);
-      CAMA_LAUNCH_TEAMS(void, b, spread_extrapolated, PUSH_TEAM, ceil_divide(most_pushed, SPREAD_ROWS),
-                        many ? 0 : teams, partial_, from, to, scalar_, pushed_, pushed_count_, incidence_.row,
-                        incidence_.entry, share_, state.mesh.inverse_mass, impulse_, y_);
+      CAMA_LAUNCH_TEAMS(void, b, spread_extrapolated, PUSH_TEAM, ceil_divide(entries, PUSH_TEAM), many ? 0 : teams,
+                        partial_, from, to, scalar_, rows, incidence_.row, incidence_.entry, head_, share_,
+                        state.mesh.inverse_mass, impulse_, y_);
       CAMA_LAUNCH_TEAMS(void, b, push_impulses, PUSH_TEAM, teams, n, rows, state.contact.impact, y_, constraint_,
                         majorant_, to, scalar_, impulse_, partial_);
     }

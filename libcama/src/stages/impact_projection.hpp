@@ -35,8 +35,8 @@ private:
   Stream<double> constraint_, majorant_, partial_, scalar_;
   Stream<kernels::impulse> impulse_;
   Stream<dvec3> y_, from_, wanted_;
-  Stream<int> pushed_, pushed_count_;  // the cloth vertices with impacts
-  Stream<kernels::impact_share> share_;  // [entries of incidence_]
+  Stream<kernels::row_head> head_;  // [entries of incidence_]
+  Stream<kernels::impact_share> share_;  // likewise
   // lengths of motions: of each vertex, and the longest of impacts
   Stream<double> length_, longest_, longer_, largest_;
 };

@@ -5,6 +5,7 @@
 #include <array>
 #include <cstdio>
 
+#include "device/ceil_divide.hpp"
 #include "device/launch.hpp"
 #include "stages/rigid_zones.hpp"
 
@@ -22,53 +23,63 @@ constexpr int passes_until_rigid = 20;
 }  // namespace
 
 PenetrationHandling::PenetrationHandling(Backend &b, CandidateSearch &search, FlaggedPairs &flagged)
-    : search_(search), projection_(b), commit_(b, flagged), from_(b), flagged_(flagged), motion_(b), detection_(b, 3),
-      repeated_(b, 1)
+    : search_(search), projection_(b), commit_(b, flagged), from_(b), flagged_(flagged), error_(b), motion_(b),
+      detection_(b, 4), found_(b), repeated_(b, 1)
 {}
 
 PenetrationHandling::Detection PenetrationHandling::detect(const Rooms &state, bool first_piece, bool localized,
-                                                           int vertex_face_done, int edge_edge_done)
+                                                           int vertex_face_from, int edge_edge_from)
 {
   Backend &b = *state.backend;
   const PairList &vertex_face = state.contact.vertex_face, &edge_edge = state.contact.edge_edge;
-  const int all = 0x7fffffff, first = vertex_face.pairs.size();
+  const int all = 0x7fffffff, first = vertex_face.pairs.size() - vertex_face_from,
+            pairs = first + edge_edge.pairs.size() - edge_edge_from;
   CandidateSearch::find_directions(state, from_, all, all);
   flagged_.resize(state);
-  motion_.resize(static_cast<long long>(state.mesh.vertices) + state.mesh.faces + state.mesh.edges);
+  const long long features = static_cast<long long>(state.mesh.vertices) + state.mesh.faces + state.mesh.edges;
+  error_.resize(features);
+  motion_.resize(features);
   detection_.fill_zero();
   CAMA_LAUNCH(b, find_prediction_errors, state.mesh.vertices, from_, state.mesh.position_next, state.bounds.predicted,
               state.mesh.inverse_mass, localized ? 1 : 0, projection_.moved(), state.bounds.vertex_box,
               search_.end_boxes(), state.bounds.box_origin(), certified_distance * state.contact.largest_thickness,
-              motion_, detection_);
+              error_, motion_, detection_);
   CAMA_LAUNCH(b, find_feature_motions, state.mesh.faces + state.mesh.edges, state.mesh.vertices, state.mesh.faces,
-              state.mesh.face, state.mesh.edge, motion_);
-  CAMA_LAUNCH_TEAMS(void, b, select_ccd_pairs, PAIR_TEAM, flagged_.teams(), flagged_.flag.size(), first,
-                    state.mesh.vertices, state.mesh.faces, state.options.paper.impact_zones ? 1 : 0, vertex_face.pairs,
-                    edge_edge.pairs, state.mesh.face, state.mesh.edge, certified_distance,
-                    state.contact.largest_thickness, motion_, vertex_face_done, edge_edge_done, flagged_.before(),
-                    first_piece ? vertex_face.gap_bound.size() : 0, vertex_face.gap_bound,
-                    first_piece ? edge_edge.gap_bound.size() : 0, edge_edge.gap_bound, from_, state.mesh.position_next,
-                    state.contact.vertex_contact, vertex_face.direction, edge_edge.direction, flagged_.flag,
-                    flagged_.list, detection_);
-  CAMA_LAUNCH_TEAMS(void, b, find_impacts, PAIR_TEAM, flagged_.list_teams(), first,
-                    state.options.paper.cubic_impacts ? 1 : 0, flagged_.list, vertex_face.pairs, edge_edge.pairs,
-                    state.mesh.face, state.mesh.edge, from_, state.mesh.position_next, state.contact.vertex_contact,
-                    certified_distance, flagged_.flag, detection_);
+              state.mesh.face, state.mesh.edge, error_, motion_);
+  CAMA_LAUNCH_TEAMS(
+      void, b, select_ccd_pairs, PAIR_TEAM, ceil_divide(pairs, RUN_PAIRS), pairs, first, state.mesh.vertices,
+      state.mesh.faces, state.options.paper.impact_zones ? 1 : 0, vertex_face.pairs, edge_edge.pairs, state.mesh.face,
+      state.mesh.edge, certified_distance, state.contact.largest_thickness, error_, motion_, vertex_face_from,
+      edge_edge_from, first_piece ? vertex_face.gap_bound.size() : 0, vertex_face.gap_bound,
+      first_piece ? edge_edge.gap_bound.size() : 0, edge_edge.gap_bound, from_, state.mesh.position_next,
+      state.contact.vertex_contact, vertex_face.direction, edge_edge.direction, flagged_.list, detection_);
+  CAMA_LAUNCH_TEAMS(void, b, find_impacts, PAIR_TEAM, flagged_.list_teams(), state.options.paper.cubic_impacts ? 1 : 0,
+                    vertex_face.pairs, edge_edge.pairs, state.mesh.face, state.mesh.edge, from_,
+                    state.mesh.position_next, state.contact.vertex_contact, certified_distance, flagged_.list,
+                    detection_);
   const std::vector<int> counts = detection_.download();
   return {counts[0], counts[1]};
 }
 
-void PenetrationHandling::add_impacts(const Rooms &state, int found, bool repeat)
+void PenetrationHandling::collect(const Rooms &state, int found)
+{
+  if (found == 0) return;
+  const int first = found_.size();
+  found_.grow(static_cast<long long>(first) + found);
+  CAMA_LAUNCH_TEAMS(void, *state.backend, collect_impacts, PAIR_TEAM, flagged_.list_teams(), first, flagged_.list,
+                    found_, detection_);
+}
+
+void PenetrationHandling::add_impacts(const Rooms &state, bool repeat)
 {
   Backend &b = *state.backend;
-  const int first = state.contact.impact.size();
-  flagged_.compact(state, found);
+  const int first = state.contact.impact.size(), found = found_.size();
+  flagged_.order(state, found_);
   state.contact.impact.grow(static_cast<long long>(first) + found);
-  CAMA_LAUNCH(b, fill_impacts, found, state.contact.vertex_face.pairs.size(), state.options.paper.cubic_impacts ? 1 : 0,
-              repeat ? 1 : 0, flagged_.index, state.contact.vertex_face.pairs, state.contact.edge_edge.pairs,
-              state.mesh.face, state.mesh.edge, from_, state.mesh.position_next, state.contact.vertex_contact,
-              certified_distance, impact_distance, first, state.contact.vertex_face.gap_bound,
-              state.contact.edge_edge.gap_bound, state.contact.impact, repeated_);
+  CAMA_LAUNCH(b, fill_impacts, found, state.options.paper.cubic_impacts ? 1 : 0, repeat ? 1 : 0, flagged_.index,
+              state.contact.vertex_face.pairs, state.contact.edge_edge.pairs, state.mesh.face, state.mesh.edge, from_,
+              state.mesh.position_next, state.contact.vertex_contact, certified_distance, impact_distance, first,
+              state.contact.vertex_face.gap_bound, state.contact.edge_edge.gap_bound, state.contact.impact, repeated_);
 }
 
 namespace {
@@ -159,27 +170,29 @@ void PenetrationHandling::run_on(const Rooms &state)
     }
     int fewest = 0x7fffffff, idle_passes = 0;
     for (int pass = 0; pass < state.options.max_impact_passes; ++pass) {
+      found_.resize(0);
       Detection now = detect(state, first_piece, localized, 0, 0);
       if (now.escaped) {
         const int faces = state.contact.vertex_face.pairs.size(), edges = state.contact.edge_edge.pairs.size();
-        flagged_.keep();
+        collect(state, now.found);
         const bool renewed =
             search_.update(state, from_, state.mesh.position_next, margin) == CandidateSearch::Change::renewed;
         localized &= !renewed;
-        const int before = renewed ? 0 : now.found;
+        if (renewed) found_.resize(0);
         now = detect(state, first_piece, localized, renewed ? 0 : faces, renewed ? 0 : edges);
-        now.found += before;
       }
-      if (pass == 0 && state.report.substeps == 1) state.report.impacts = now.found;
-      certified = now.found == 0 && !state.options.paper.cubic_impacts;  // the cubic certifies no distances
-      if (now.found == 0) break;
-      idle_passes = now.found < fewest ? 0 : idle_passes + 1;
-      fewest = std::min(fewest, now.found);
+      collect(state, now.found);
+      const int found = found_.size();
+      if (pass == 0 && state.report.substeps == 1) state.report.impacts = found;
+      certified = found == 0 && !state.options.paper.cubic_impacts;  // the cubic certifies no distances
+      if (found == 0) break;
+      idle_passes = found < fewest ? 0 : idle_passes + 1;
+      fewest = std::min(fewest, found);
       if (divisible && pass == passes_until_divided)
-        throw SolverError("step " + std::to_string(state.report.step) + ": " + std::to_string(now.found) +
+        throw SolverError("step " + std::to_string(state.report.step) + ": " + std::to_string(found) +
                           " impacts are found after " + std::to_string(pass) + " projections");
       if (idle_passes == max_idle_passes && !state.options.commit && !zones) break;
-      add_impacts(state, now.found, zones && pass >= passes_until_rigid);
+      add_impacts(state, zones && pass >= passes_until_rigid);
       ++state.report.impact_passes;
       if (!projected) projection_.start(state, from_, state.mesh.position_next);
       projected = localized = true;

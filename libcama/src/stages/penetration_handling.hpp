@@ -25,13 +25,15 @@ public:
 private:
   struct Detection {
     int escaped;   // vertices that leave their boxes
-    int found;     // new impacts among the pairs in the lists
+    int found;     // new impacts, which are in the list of pairs with work
   };
   /// Continuous detection over the motion; waits for the device once. first_piece: the motion starts at the positions
-  /// of proximity checking. *_done: pairs that an earlier detection over the same motion has found to be no impacts.
-  Detection detect(const Rooms &state, bool first_piece, bool localized, int vertex_face_done, int edge_edge_done);
-  /// repeat: they count as found before in this step.
-  void add_impacts(const Rooms &state, int found, bool repeat);
+  /// of proximity checking. *_from: pairs that an earlier detection over the same motion has decided.
+  Detection detect(const Rooms &state, bool first_piece, bool localized, int vertex_face_from, int edge_edge_from);
+  /// Appends what the last detection has found to the impacts of a pass.
+  void collect(const Rooms &state, int found);
+  /// Makes the impacts of a pass. repeat: they count as found before in this step.
+  void add_impacts(const Rooms &state, bool repeat);
   std::string place(const Rooms &state, const std::vector<std::pair<int, kernels::pair>> &pausing);
   /// Throws SolverError where the motion makes edges of the cloth much longer.
   void check_stretch(const Rooms &state);
@@ -42,8 +44,10 @@ private:
   CertifiedCommit commit_;
   Stream<dvec3> from_;
   FlaggedPairs &flagged_;
-  Stream<kernels::feature_motion> motion_;  // of vertices, then of faces and edges
+  Stream<float> error_;  // of vertices, then of faces and edges, as in impact.h
+  Stream<unsigned char> motion_;  // likewise
   Stream<int> detection_;
+  Stream<int> found_;  // impacts of a pass, by the codes of their pairs, in any order
   const Stream<float> no_rest_;
   Stream<int> repeated_;  // [1] number of impacts that were found before in this step; then of stretched edges
 };

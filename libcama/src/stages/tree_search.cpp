@@ -151,9 +151,10 @@ void TreeSearch::sort_features(const SearchRooms &state, Group &g)
 void TreeSearch::make_boxes(const SearchRooms &state, int n, const Stream<dvec3> &from, const Stream<dvec3> &to)
 {
   const BoundsState &bounds = state.bounds;
-  CAMA_LAUNCH(*state.backend, vertex_boxes, n, from, to, bounds.margin, bounds.box_origin(), state.bounds.vertex_box);
+  CAMA_LAUNCH(*state.backend, vertex_boxes, n, from, to, bounds.margin, state.mesh.inverse_mass, bounds.fall,
+              bounds.box_origin(), state.bounds.vertex_box);
   CAMA_LAUNCH(*state.backend, vertex_end_boxes, n, from, to, bounds.margin, bounds.short_motion, bounds.box_origin(),
-              bounds.uncertain, bounds.vertex_box, end_boxes_);
+              bounds.fall, bounds.vertex_box, end_boxes_);
 }
 
 /// Boxes and trees of static obstacles.
