@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// A backend that counts the launches on another one, and may claim more work items than it has.
+// A backend that counts the launches on another one, and may claim other work items than it has.
 #pragma once
 #include <algorithm>
 #include <map>
@@ -15,7 +15,7 @@ public:
   explicit Recorder(std::unique_ptr<cama::Backend> inner) : inner_(std::move(inner)) {}
   std::string_view name() const override { return inner_->name(); }
   std::string device() const override { return inner_->device(); }
-  bool wide_workers() const override { return inner_->wide_workers(); }
+  bool wide_workers() const override { return !claimed_narrow && inner_->wide_workers(); }
   int workers() const override { return claimed_workers ? claimed_workers : inner_->workers(); }
   Buffer allocate(std::size_t bytes) override { return inner_->allocate(bytes); }
   void release(Buffer buffer) noexcept override { inner_->release(buffer); }
@@ -48,6 +48,7 @@ public:
   std::map<std::string, int> launches;   ///< by kernel, "scan" and "sort"
   std::map<std::string, int> most_items;   ///< of a launch, by kernel
   int claimed_workers = 0;
+  bool claimed_narrow = false;   ///< as of a GPU
 
 private:
   std::unique_ptr<cama::Backend> inner_;

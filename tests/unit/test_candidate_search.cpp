@@ -235,6 +235,35 @@ TEST_CASE("an updated list holds the pairs of the grown boxes, each once, but fo
     }
 }
 
+TEST_CASE("many items whose hits are copied by teams find the same pairs in the same order", "[candidates]")
+{
+  const Scene scene = Scene::load(std::string(CAMA_SOURCE_DIR) + "/scenes/drape", 24000);
+  std::vector<std::vector<Pair>> found[2];
+  for (const bool narrow : {false, true}) {
+    auto recorder = std::make_unique<Recorder>(make_backend("cpu", 0, 1));
+    recorder->claimed_narrow = narrow;
+    Recorder &counts = *recorder;
+    StagedEngine engine(scene, serial(), std::move(recorder));
+    State &s = engine.state;
+    FlaggedPairs flagged(*s.backend);
+    TreeSearch search(*s.backend, flagged);
+    std::mt19937 random(5);
+    std::uniform_real_distribution<double> move(-0.01, 0.01);
+    std::vector<dvec3> target = s.mesh.position.download();
+    const Stream<dvec3> from(*s.backend, target);
+    for (dvec3 &x : target) x.z += move(random);
+    const Stream<dvec3> to(*s.backend, target);
+    for (int again = 0; again < 2; ++again) {   // the first one has no room for more hits than fit into rows
+      search.run(s, from, to);
+      found[narrow].push_back(plain(s.contact.vertex_face));
+      found[narrow].push_back(plain(s.contact.edge_edge));
+    }
+    CHECK((counts.launches["copy_hits"] > 0) == narrow);
+  }
+  REQUIRE(found[0][1].size() > 100000);
+  CHECK(found[0] == found[1]);
+}
+
 TEST_CASE("shares of trees find the same pairs in the same order", "[candidates]")
 {
   const Scene scene = pile_of({"all", true, true, true, true});

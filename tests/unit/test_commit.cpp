@@ -301,11 +301,12 @@ struct Soup {
   }
 
   /// Runs the commit and returns the fractions. cap < 0: until nothing changes. nearby: passes look at the pairs with a
-  /// vertex in the neighbourhood of what was truncated, as long as nothing else is.
-  std::vector<int> commit(const std::vector<dvec3> &target, int cap, bool nearby = false)
+  /// vertex in the neighbourhood of what was truncated, as long as nothing else is, and as they have room: share of
+  /// all.
+  std::vector<int> commit(const std::vector<dvec3> &target, int cap, bool nearby = false, int share = 2)
   {
     const int n = int(position.size()), pairs = int(vertex_face.size() + edge_edge.size()),
-              first = int(vertex_face.size()), half = pairs - pairs / 2;
+              first = int(vertex_face.size()), half = pairs - pairs / share;
     std::vector<int> fraction(n), before(n), vertex_marked(n), face_marked(faces.size()), edge_marked(edges.size()),
         accepted(pairs, COMMIT_CONDITIONAL), list(pairs), neighbourhood(n);
     std::vector<vertex_contact> properties(position.size());
@@ -337,8 +338,12 @@ struct Soup {
       if (gather) {
         REQUIRE(outcome[COMMIT_OUTSIDE] == outside);
         recheck(-1, pairs, neighbourhood, half, COMMIT_NEARBY);
-        if (outcome[COMMIT_NEARBY] <= pairs - half) near = outcome[COMMIT_NEARBY];
+        if (outcome[COMMIT_NEARBY] <= pairs - half)
+          near = outcome[COMMIT_NEARBY];
+        else
+          ++crowded;
       } else if (outcome[COMMIT_OUTSIDE] > outside) {
+        strayed += near >= 0;
         near = -1;
       }
       return outcome[COMMIT_CHANGES] != changes;
@@ -360,7 +365,8 @@ struct Soup {
     return fraction;
   }
 
-  int near_passes = 0;  // that looked at pairs nearby
+  // Passes that looked at pairs nearby, lists of those that had no room, and changes elsewhere.
+  int near_passes = 0, crowded = 0, strayed = 0;
 };
 
 double mean(const std::vector<int> &fraction)
@@ -409,19 +415,57 @@ Soup make_soups(Random &random, int count)
 
 TEST_CASE("passes of the commit that look at pairs nearby alone truncate what passes over all do", "[commit]")
 {
-  Random random(17);
-  Soup all = make_soups(random, 6), near = all;
-  int longest = 0;
-  for (int step = 0; step < 30; ++step) {
-    std::vector<dvec3> target = all.position;
-    for (dvec3 &x : target) x = dadd(x, random.vector(step % 2 ? 0.004 : 0.0004));
-    const std::vector<int> fraction = all.commit(target, -1);
-    const int before = near.near_passes;
-    REQUIRE(near.commit(target, -1, true) == fraction);
-    longest = std::max(longest, near.near_passes - before);
+  // Six soups, and one with room for few pairs.
+  int near = 0, crowded = 0;
+  for (const int soups : {1, 6}) {
+    Random random(unsigned(17 + soups));
+    Soup all = make_soups(random, soups), other = all;
+    for (int step = 0; step < 30; ++step) {
+      std::vector<dvec3> target = all.position;
+      for (dvec3 &x : target) x = dadd(x, random.vector(step % 2 ? 0.004 : 0.0004));
+      const std::vector<int> fraction = all.commit(target, -1);
+      REQUIRE(other.commit(target, -1, true, soups == 1 ? 100 : 2) == fraction);
+    }
+    near += other.near_passes;
+    crowded += other.crowded;
   }
+  CAPTURE(near, crowded);
+  CHECK(near > 20);
+  CHECK(crowded > 5);
+}
+
+TEST_CASE("a stack that lands is truncated layer by layer, whatever the neighbourhood was", "[commit]")
+{
+  // 40 triangles over a fixed one, 10 mm apart, go down by 25 mm. Each pass stops one more.
+  Soup stack;
+  constexpr int layers = 41;
+  for (int k = 0; k < layers; ++k) {
+    const int v = 3 * k;
+    for (const dvec3 &x : {dvec3{0, 0, 0}, dvec3{1, 0, 0}, dvec3{0, 1, 0}})
+      stack.position.push_back(dadd(x, {0.003 * k, 0.002 * k, 0.01 * k}));
+    stack.faces.push_back({{v, v + 1, v + 2}});
+    for (int j = 0; j < 3; ++j) stack.edges.push_back({{v + j, v + (j + 1) % 3}});
+  }
+  for (int k = 0; k + 1 < layers; ++k)
+    for (int j = 0; j < 3; ++j) {
+      stack.vertex_face.push_back({3 * k + j, k + 1});
+      stack.vertex_face.push_back({3 * k + 3 + j, k});
+      for (int i = 0; i < 3; ++i) stack.edge_edge.push_back({3 * k + j, 3 * k + 3 + i});
+    }
+  stack.inverse_mass.assign(3 * layers, 1);
+  std::fill_n(stack.inverse_mass.begin(), 3, 0.0);
+  std::vector<dvec3> target = stack.position;
+  for (int v = 3; v < 3 * layers; ++v) target[std::size_t(v)].z -= 0.025;
+  Soup near = stack;
+  const std::vector<int> fraction = stack.commit(target, -1);
+  CHECK(near.commit(target, -1, true) == fraction);
   CHECK(near.near_passes > 10);
-  CHECK(longest > 1);
+  CHECK(near.strayed > 10);
+  for (int v = 3; v < 3 * layers; ++v) {
+    CAPTURE(v);
+    REQUIRE(bits_float(fraction[std::size_t(v)]) < 1);
+    REQUIRE(near.position[std::size_t(v)].z > near.position[std::size_t(v - 3)].z);
+  }
 }
 
 TEST_CASE("a soup of triangles in wild motion never intersects", "[commit]")

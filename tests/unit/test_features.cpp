@@ -150,8 +150,8 @@ const Names hinge_streams = {"hinge_nodes",  "hinge_incidence.row", "hinge_incid
                              "hinge_factor", "hinge_force",         "bending_table"};
 const Names plate_streams = {"hinge_coupling", "moment_step", "angle_scale", "scaled_angle", "moment", "moment_before"};
 const Names term_streams = {"term", "term_nodes", "term_incidence.row", "term_incidence.entry"};
-const Names contact_streams = {"predicted", "inverse_mass", "face", "query_vertices", "vertex_contact",
-                               "margin",    "short_motion", "fall", "bounds",         "vertex_box"};
+const Names contact_streams = {"predicted", "inverse_mass", "face",      "query_vertices", "vertex_contact",
+                               "margin",    "short_motion", "uncertain", "bounds",         "vertex_box"};
 const Names face_pair_streams = {"vertex_face.pairs", "vertex_face.direction", "vertex_face.gap_bound"};
 const Names edge_pair_streams = {"edge_edge.pairs", "edge_edge.direction", "edge_edge.gap_bound"};
 

@@ -257,6 +257,77 @@ TEST_CASE("one impact more than a team takes, which does not push, changes no bi
   CHECK(cost(q, got - expected) < 0.01 * cost(q, expected));
 }
 
+TEST_CASE("teams that spread impulses add every row in order, however long", "[impact]")
+{
+  // 700 impacts at vertex 0, whose row takes more than two teams, and in all at 40 vertices of cloth; 40 and 41 are
+  // none.
+  constexpr int rows = 40, n = 700;
+  std::mt19937 random(3);
+  std::uniform_real_distribution<double> number(-1, 1);
+  std::uniform_int_distribution<int> other(1, 41);
+  std::vector<impact> impacts;
+  std::vector<kernels::impulse> impulses;
+  for (int i = 0; i < n; ++i) {
+    impact m{};
+    m.node[i % 4] = 0;
+    for (int k = 0; k < 4; ++k)
+      while (k != i % 4 && m.node[k] == 0) m.node[k] = other(random);
+    for (double &w : m.weight) w = number(random);
+    m.normal = {number(random), number(random), number(random)};
+    impacts.push_back(m);
+    impulses.push_back({number(random), number(random)});
+  }
+  std::vector<std::vector<int>> entries(rows);
+  for (int i = 0; i < n; ++i)
+    for (int k = 0; k < 4; ++k)
+      if (impacts[std::size_t(i)].node[k] < rows)
+        entries[std::size_t(impacts[std::size_t(i)].node[k])].push_back(4 * i + k);
+  std::vector<int> row = {0}, incidence;
+  std::vector<double> inverse_mass;
+  for (const auto &list : entries) {
+    incidence.insert(incidence.end(), list.begin(), list.end());
+    row.push_back(int(incidence.size()));
+    inverse_mass.push_back(2 + number(random));
+  }
+  std::vector<kernels::row_head> head(4 * n);
+  std::vector<kernels::impact_share> share(4 * n);
+  list_shares(4 * n, rows, impacts.data(), row.data(), incidence.data(), head.data(), share.data());
+  double scalar[2 * PUSH_COUNT] = {};
+  const double momentum = scalar[PUSH_COUNT + PUSH_MOMENTUM] = 0.3;
+  std::vector<dvec3> y(rows, dvec3{7, 7, 7});
+  spread_extrapolated((4 * n - 1) / PUSH_TEAM + 1, 0, nullptr, 0, PUSH_COUNT, scalar, rows, row.data(),
+                      incidence.data(), head.data(), share.data(), inverse_mass.data(), impulses.data(), y.data());
+  for (std::size_t v = 0; v < rows; ++v) {
+    dvec3 sum{0, 0, 0};
+    for (const int e : entries[v]) {
+      const impact &m = impacts[std::size_t(e / 4)];
+      const kernels::impulse &p = impulses[std::size_t(e / 4)];
+      const double given = m.weight[e % 4] * (p.lambda + momentum * p.change);
+      sum = {sum.x + given * m.normal.x, sum.y + given * m.normal.y, sum.z + given * m.normal.z};
+    }
+    CAPTURE(v, entries[v].size());
+    CHECK(y[v].x == inverse_mass[v] * sum.x);
+    CHECK(y[v].y == inverse_mass[v] * sum.y);
+    CHECK(y[v].z == inverse_mass[v] * sum.z);
+  }
+}
+
+TEST_CASE("pairs have the same keys by their codes as by their flags", "[impact]")
+{
+  const std::vector<kernels::pair> faces = {{3, 1}, {0, 7}, {5, 5}}, edges = {{1, 2}, {0, 9}};
+  const std::vector<int> code = {1, kernels::pair_code(1, 0), 2, kernels::pair_code(1, 1)}, place = {0, 0, 1, 2, 3, 4};
+  std::vector<key64> by_code(4), by_flag(4);
+  std::vector<int> index(4), flagged(4);
+  coded_pairs(4, faces.data(), edges.data(), code.data(), by_code.data(), index.data());
+  flagged_pairs(5, 3, faces.data(), edges.data(), place.data(), by_flag.data(), flagged.data());
+  CHECK(index == code);
+  std::sort(by_code.begin(), by_code.end());
+  std::sort(by_flag.begin(), by_flag.end());
+  CHECK(by_code == by_flag);
+  CHECK(by_code[0] == key64(7));   // vertex 0 and face 7 come first, edges 1 and 2 last
+  CHECK(by_code[3] == ((key64(1) << 62) | (key64(1) << 31) | key64(2)));
+}
+
 TEST_CASE("impacts do not depend on how pairs are shared out, and decided pairs are left out", "[impact]")
 {
   // Vertex 0 falls through the face, vertex 1 ends above it and vertex 2 beside it; the direction upwards decides the

@@ -79,9 +79,10 @@ struct Found {
 };
 
 /// pools, pool_blocks: of blocks of hits; part: groups of level 0 in the parts in which each vertex queries the tree;
-/// shares: of each vertex and edge; separate: without pairs that a coordinate separates throughout.
+/// shares: of each vertex and edge; separate: without pairs that a coordinate separates throughout; copied:
+/// by teams.
 Found query(const Scene &s, int self, int pools, int pool_blocks, int batch, bool both, int part = 1 << 20,
-            int shares = 1, bool separate = false)
+            int shares = 1, bool separate = false, bool copied = false)
 {
   const int vertices = int(s.position.size()), faces = int(s.face.size()), edges = int(s.edge.size());
   const int chunks = std::min(vertices, 7);
@@ -89,16 +90,14 @@ Found query(const Scene &s, int self, int pools, int pool_blocks, int batch, boo
   position_bounds(chunks, vertices, s.position.data(), s.target.data(), corners.data());
   reduce_bounds(1, chunks, corners.data(), bounds.data());
   std::vector<box> vertex_box(vertices), face_box(faces), edge_box(edges);
-  const dvec3 fall{0, 0, 0};
-  const std::vector<double> inverse_mass(vertices, 1);
-  vertex_boxes(vertices, s.position.data(), s.target.data(), s.margin.data(), inverse_mass.data(), &fall, bounds.data(),
-               vertex_box.data());
+  vertex_boxes(vertices, s.position.data(), s.target.data(), s.margin.data(), bounds.data(), vertex_box.data());
   face_boxes(faces, s.face.data(), vertex_box.data(), face_box.data());
   edge_boxes(edges, s.edge.data(), vertex_box.data(), edge_box.data());
   const std::vector<double> short_motion(vertices, 0);
+  const double uncertain = 0;
   std::vector<end_boxes> own_ends(vertices);
   vertex_end_boxes(vertices, s.position.data(), s.target.data(), s.margin.data(), short_motion.data(), bounds.data(),
-                   &fall, vertex_box.data(), own_ends.data());
+                   &uncertain, vertex_box.data(), own_ends.data());
   const end_boxes *ends = separate ? own_ends.data() : nullptr;
   const auto face_tree = build_tree(s.face, face_box, vertex_box, bounds, both);
   const auto edge_tree = build_tree(s.edge, edge_box, vertex_box, bounds, both);
@@ -129,14 +128,21 @@ Found query(const Scene &s, int self, int pools, int pool_blocks, int batch, boo
   const int first = 3;   // behind the earlier entries of a list
   std::vector<pair> vf(totals[0] + first), ee(totals[1] + first);
   std::vector<float> vf_gap_bound(vf.size(), 7), ee_gap_bound(ee.size(), 7);
-  query_vertex_face_fill(vertex_items, part, shares, order.data(), vertex_box.data(), faces, face_tree.order.data(),
-                         face_tree.leaf.data(), face_tree.group.data(), s.cloth_vertices, self, QUERY_ALL, nullptr,
-                         ends, nullptr, 0, blocks_at, hit.data(), count.data(), offset.data(), first, vf.data(),
-                         vf_gap_bound.data());
-  query_edge_edge_fill(edge_items, shares, edge_tree.order.data(), edge_tree.leaf.data(), vertex_box.data(), edges,
-                       edge_tree.order.data(), edge_tree.leaf.data(), edge_tree.group.data(), s.cloth_vertices, self,
-                       QUERY_ALL, nullptr, nullptr, ends, nullptr, vertex_items, blocks_at, hit.data(), count.data(),
-                       offset.data(), first - totals[0], ee.data(), ee_gap_bound.data());
+  const int edges_first = first - totals[0];
+  if (copied) {   // teams of the hits of many items
+    copy_hits((vertex_items - 1) / HIT_TEAM + 1, vertex_items, tree_parts(faces, part), 0, order.data(), 0, blocks_at,
+              hit.data(), count.data(), offset.data(), first, vf.data(), vf_gap_bound.data());
+    copy_hits((edge_items - 1) / HIT_TEAM + 1, edge_items, 1, 1, edge_tree.order.data(), vertex_items, blocks_at,
+              hit.data(), count.data(), offset.data(), edges_first, ee.data(), ee_gap_bound.data());
+  }
+  query_vertex_face_fill(vertex_items, copied ? 1 : 0, part, shares, order.data(), vertex_box.data(), faces,
+                         face_tree.order.data(), face_tree.leaf.data(), face_tree.group.data(), s.cloth_vertices, self,
+                         QUERY_ALL, nullptr, ends, nullptr, 0, blocks_at, hit.data(), count.data(), offset.data(),
+                         first, vf.data(), vf_gap_bound.data());
+  query_edge_edge_fill(edge_items, copied ? 1 : 0, shares, edge_tree.order.data(), edge_tree.leaf.data(),
+                       vertex_box.data(), edges, edge_tree.order.data(), edge_tree.leaf.data(), edge_tree.group.data(),
+                       s.cloth_vertices, self, QUERY_ALL, nullptr, nullptr, ends, nullptr, vertex_items, blocks_at,
+                       hit.data(), count.data(), offset.data(), first - totals[0], ee.data(), ee_gap_bound.data());
   Found found;
   for (int i = 0; i < first; ++i) REQUIRE((vf_gap_bound[i] == 7 && ee_gap_bound[i] == 7));
   for (std::size_t i = first; i < vf.size(); ++i) {
@@ -239,22 +245,6 @@ bool contains(const Pairs &all, const Pairs &some)
 }
 
 }  // namespace
-
-TEST_CASE("the box of a free vertex holds its motion with and without the fall", "[tree]")
-{
-  // Both go from 0 to (2, 3, 1) m, of which (0, 0, -4) is the fall: without it they end at z = 5 m. The second is held.
-  const dvec3 from[2] = {{0, 0, 0}, {0, 0, 0}}, to[2] = {{2, 3, 1}, {2, 3, 1}}, fall{0, 0, -4}, origin{-10, -10, -10};
-  const double margin[2] = {0.5, 0.5}, inverse_mass[2] = {1, 0}, top[2] = {5.5, 1.5};
-  box found[2];
-  vertex_boxes(2, from, to, margin, inverse_mass, &fall, &origin, found);
-  for (int v = 0; v < 2; ++v) {
-    const double lo[3] = {-0.5, -0.5, -0.5}, hi[3] = {2.5, 3.5, top[v]};
-    for (int k = 0; k < 3; ++k) {
-      CHECK(found[v].lo[k] - 10 == Approx(lo[k]).margin(1e-5));
-      CHECK(found[v].hi[k] - 10 == Approx(hi[k]).margin(1e-5));
-    }
-  }
-}
 
 TEST_CASE("pairs that are left out by the boxes at both ends are separated at every moment", "[tree]")
 {
@@ -490,12 +480,26 @@ TEST_CASE("the trees' candidates are those of brute force", "[tree]")
         for (const int part : {1, 3, 8})
           REQUIRE(query(s, self, 3, 7, 1, false, part).vertex_face == reference.vertex_face);
         for (const auto &[part, pool_blocks] : {std::array{1 << 20, 0}, {1 << 20, 400}, {3, 7}}) {
+          const Found copied = query(s, self, 3, pool_blocks, 1, false, part, 1, false, true);
+          REQUIRE(copied.vertex_face == reference.vertex_face);
+          REQUIRE(copied.edge_edge == reference.edge_edge);
           const Found shared = query(s, self, 3, pool_blocks, 1, false, part, GROUP);
           REQUIRE(shared.vertex_face == reference.vertex_face);
           REQUIRE(shared.edge_edge == reference.edge_edge);
         }
         if (n == 14) CHECK(exact.edge_edge.size() > 1000);
       }
+}
+
+TEST_CASE("shares of a walk in a tree of several levels find what one walk does", "[tree]")
+{
+  const Scene s = make_scene(7, 50, 0.5, 0);
+  REQUIRE(group_root_level(int(s.face.size())) > 3);
+  const Found one = query(s, 1, 3, 4000, 1, false);
+  REQUIRE(one.edge_edge.size() > 10000);
+  const Found shared = query(s, 1, 3, 4000, 1, false, 1 << 20, GROUP);
+  CHECK(shared.vertex_face == one.vertex_face);
+  CHECK(shared.edge_edge == one.edge_edge);
 }
 
 TEST_CASE("everything in one point: every pair, and no hang", "[tree]")
@@ -506,4 +510,16 @@ TEST_CASE("everything in one point: every pair, and no hang", "[tree]")
   const Found exact = brute_force(s, 1, 0), found = query(s, 1, 3, 7, 8, true);
   CHECK(sorted(found.vertex_face) == exact.vertex_face);
   CHECK(sorted(found.edge_edge) == exact.edge_edge);
+}
+
+TEST_CASE("teams copy long chains of hits, and leave longer ones to a single work-item", "[tree]")
+{
+  Scene s = make_scene(1, 18, 0.5, 0);
+  for (auto &x : s.position) x = dvec3_make(3, 3, 3);
+  s.target = s.position;
+  const Found one = query(s, 1, 3, 60000, 1, false), copied = query(s, 1, 3, 60000, 1, false, 1 << 20, 1, false, true);
+  REQUIRE(one.vertex_face.size() / s.position.size() > COPIED_HITS / 2);  // of a vertex: chains of many blocks
+  REQUIRE(one.edge_edge.size() / s.edge.size() > COPIED_HITS / 2);
+  CHECK(copied.vertex_face == one.vertex_face);
+  CHECK(copied.edge_edge == one.edge_edge);
 }

@@ -130,21 +130,11 @@ DEVICE box swept_box(dvec3 x, dvec3 y, double margin, dvec3 origin)
   return b;
 }
 
-/* margin: per vertex, m; two features become candidates when their distance may be below the sum of their margins.
-   fall: [1] how gravity moves a free vertex in the step, m, with which it was predicted to end at target. Something may
-   bear it, so the box holds the end without the fall too. */
+/* margin: per vertex, m; two features become candidates when their distance may be below the sum of their margins. */
 KERNEL vertex_boxes(int n, GLOBAL const dvec3 *position, GLOBAL const dvec3 *target, GLOBAL const double *margin,
-                    GLOBAL const double *inverse_mass, GLOBAL const dvec3 *fall, GLOBAL const dvec3 *scene_bounds,
-                    GLOBAL box *vertex_box)
+                    GLOBAL const dvec3 *scene_bounds, GLOBAL box *vertex_box)
 {
-  FOR_EACH(i, n) {
-    box b = swept_box(position[i], target[i], margin[i], scene_bounds[0]);
-    if (inverse_mass[i] > 0.0) {
-      const dvec3 borne = dsub(target[i], fall[0]);
-      b = box_union(b, swept_box(borne, borne, margin[i], scene_bounds[0]));
-    }
-    vertex_box[i] = b;
-  }
+  FOR_EACH(i, n) vertex_box[i] = swept_box(position[i], target[i], margin[i], scene_bounds[0]);
 }
 
 /* Boxes of a vertex, or of the vertices of a feature, at the start [0 .. 3] and the end [4 .. 7] of the step. The upper
@@ -214,20 +204,19 @@ DEVICE int ends_differ(GLOBAL const end_boxes *ends)
 }
 
 /* Boxes at both ends of the motion `position` to `target`, with the margin of vertex_boxes. Where it ends is uncertain
-   by the length of fall[0], m, and by a share of the motion. A vertex that moves by no more than short_motion, m, or
-   hardly more than its margin, may be anywhere in vertex_box at both ends: this would separate few pairs. */
+   by uncertain[0], m, and by a share of the motion. A vertex that moves by no more than short_motion, m, or hardly more
+   than its margin, may be anywhere in vertex_box at both ends: this would separate few pairs. */
 #define UNCERTAIN_SHARE 0.125
 KERNEL vertex_end_boxes(int n, GLOBAL const dvec3 *position, GLOBAL const dvec3 *target, GLOBAL const double *margin,
-                        GLOBAL const double *short_motion, GLOBAL const dvec3 *scene_bounds, GLOBAL const dvec3 *fall,
-                        GLOBAL const box *vertex_box, GLOBAL end_boxes *ends)
+                        GLOBAL const double *short_motion, GLOBAL const dvec3 *scene_bounds,
+                        GLOBAL const double *uncertain, GLOBAL const box *vertex_box, GLOBAL end_boxes *ends)
 {
   FOR_EACH(i, n) {
-    const double uncertain = dnorm(fall[0]);
     dvec3 x = position[i], y = target[i], d = dsub(y, x);
-    double least = max_double(short_motion[i], 2.0 * (margin[i] + uncertain));
+    double least = max_double(short_motion[i], 2.0 * (margin[i] + uncertain[0]));
     if (ddot(d, d) > least * least)
       ends[i] = make_end_boxes(swept_box(x, x, margin[i], scene_bounds[0]),
-                               swept_box(y, y, margin[i] + uncertain + UNCERTAIN_SHARE * dnorm(d), scene_bounds[0]));
+                               swept_box(y, y, margin[i] + uncertain[0] + UNCERTAIN_SHARE * dnorm(d), scene_bounds[0]));
     else
       ends[i] = make_end_boxes(vertex_box[i], vertex_box[i]);
   }

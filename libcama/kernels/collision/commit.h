@@ -42,14 +42,14 @@
 #define COMMIT_CROSSED 1          /* intersecting pairs */
 #define COMMIT_SIGMA 2            /* bits of sigma */
 #define COMMIT_LISTED 3           /* pairs that the next pass decides */
-#define COMMIT_NEARBY 4           /* pairs with a vertex in the neighbourhood, when they were last listed */
-#define COMMIT_OUTSIDE 5          /* changes of vertices that were not in the neighbourhood */
+#define COMMIT_NEARBY 4 /* conditional pairs with a vertex in the neighbourhood, if this pass listed them, else 0 */
+#define COMMIT_OUTSIDE 5 /* changes of vertices that were not in the neighbourhood */
 #define COMMIT_OUTCOMES 6
 
 typedef struct {
-  int state;            /* one of the above */
-  double fraction[4];   /* upper bounds for t of the four vertices */
-  double sigma;         /* upper bound for the step's fraction */
+  int state; /* one of the above */
+  double fraction[4]; /* upper bounds for t of the four vertices */
+  double sigma; /* upper bound for the step's fraction */
 } commit_bound;
 
 /* A float <= t, t in [0, 1]; 1 stays 1. The bits of such floats order like the numbers, so minima of integers serve. */

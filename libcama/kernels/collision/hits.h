@@ -48,6 +48,25 @@ DEVICE int kept_hit(int item, int j, int *block, int blocks_at, GLOBAL const int
   return value;
 }
 
+/* Hits that a team copies: of an item with more, whose chain of blocks is long, one work-item does. */
+#define HIT_TEAM 256
+#define COPIED_HITS 1024
+DEVICE int hits_copied(int found, int block)
+{
+  return found <= ROW_HITS || (found <= COPIED_HITS && block != NO_BLOCK);
+}
+
+/* Hit number j of the `found` hits of an item, whose last block is `block`. */
+DEVICE int hit_number(int item, int j, int found, int block, int blocks_at, GLOBAL const int *hit)
+{
+  const int place = j - ROW_HITS;
+  int k;
+  if (place < 0) return hit[HIT_ROW * item + j];
+  for (k = (found - ROW_HITS - 1) / BLOCK_HITS; k > place / BLOCK_HITS; --k)
+    block = hit[blocks_at + HIT_BLOCK * block + BLOCK_HITS];
+  return hit[blocks_at + HIT_BLOCK * block + place % BLOCK_HITS];
+}
+
 /* Where GROUP items, from item `first` on, share a tree (take_share), the hits of each are leaves, in order. The leaves
    of all in order are what one item would have found. */
 typedef struct {

@@ -158,18 +158,19 @@ DEVICE int first_of_row(int l, int rows, GLOBAL const impact *impacts, GLOBAL co
   int v = impacts[l >> 2].node[l & 3];
   return v < rows && incidence[row[v]] == l ? v : -1;
 }
-/* head, share: [entries of the incidence]. n: 4 impacts, at least as many. */
+/* head, share: [entries of the incidence]. At least one launch follows before spread_extrapolated, which reads them
+   early. n: 4 impacts, at least as many. */
 KERNEL list_shares(int n, int rows, GLOBAL const impact *impacts, GLOBAL const int *row, GLOBAL const int *incidence,
                    GLOBAL row_head *head, GLOBAL impact_share *share)
 {
   FOR_EACH(k, n) {
     if (k < row[rows]) {
-      const int e = incidence[k] >> 2, local = incidence[k] & 3, v = impacts[e].node[local];
+      const int e = incidence[k] >> 2, at = incidence[k] & 3, v = impacts[e].node[at];
       impact_share s;
       row_head h;
       h.vertex = row[v] == k ? v : -1;
       h.end = row[v + 1];
-      s.weight = impacts[e].weight[local];
+      s.weight = impacts[e].weight[at];
       s.normal = impacts[e].normal;
       head[k] = h;
       share[k] = s;

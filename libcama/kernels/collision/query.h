@@ -163,12 +163,65 @@ KERNEL query_vertex_face_count(int n, int items, int batch, int part, int shares
   }
 }
 
+/* Both edges of a pair, the lower index first. */
+DEVICE pair ordered_pair(int a, int b)
+{
+  pair p;
+  p.a = min_int(a, b);
+  p.b = max_int(a, b);
+  return p;
+}
+
+/* The pairs of what the items have found and kept, for many items without shares: a team writes those of HIT_TEAM items
+   side by side. gap_bound: 0, for all that was found. owner: of every `parts` items their vertex, or with edges 1 their
+   edge. n: teams. */
+KERNEL copy_hits(int n, int items, int parts, int edges, GLOBAL const int *owner, int first_item, int blocks_at,
+                 GLOBAL const int *hit, GLOBAL const int *count, GLOBAL const int *offset, int first,
+                 GLOBAL pair *candidate, GLOBAL float *gap_bound)
+{
+  TEAM_LOCAL(int, start, HIT_TEAM + 1);
+  TEAM_LOCAL(int, own, HIT_TEAM);
+  TEAM_LOCAL(int, last_block, HIT_TEAM);
+  FOR_EACH_UNEVEN_TEAM(t, n) {
+    const int begin = t * HIT_TEAM, many = min_int(items - begin, HIT_TEAM), begun = offset[first_item + begin];
+    TEAM_BARRIER;
+    TEAM_FOR(l, many) {
+      const int item = first_item + begin + l;
+      start[l] = offset[item] - begun;
+      own[l] = owner[(begin + l) / parts];
+      last_block[l] = hit[HIT_ROW * item + ROW_HITS];
+      if (l == many - 1) start[many] = offset[item] + count[item] - begun;
+    }
+    TEAM_BARRIER;
+    TEAM_FOR(k, start[many]) {
+      int lo = 0, hi = many, found; /* start[lo] <= k < start[hi] */
+      while (hi - lo > 1) {
+        const int middle = (lo + hi) / 2;
+        if (start[middle] <= k)
+          lo = middle;
+        else
+          hi = middle;
+      }
+      found = start[lo + 1] - start[lo];
+      gap_bound[first + begun + k] = 0.0f;
+      if (hits_copied(found, last_block[lo])) {
+        const int value = hit_number(first_item + begin + lo, k - start[lo], found, last_block[lo], blocks_at, hit);
+        pair p;
+        p.a = own[lo];
+        p.b = value;
+        candidate[first + begun + k] = edges ? ordered_pair(own[lo], value) : p;
+      }
+    }
+  }
+}
+
 /* candidate[first + offset[first_item + k] ..]: (vertex, face), with gap_bound 0; offset is the exclusive sum of
-   count. Shares of a vertex put theirs in the order in which one item would have found them. n: items. */
-KERNEL query_vertex_face_fill(int n, int part, int shares, GLOBAL const int *vertex_order, GLOBAL const box *vertex_box,
-                              int leaf_count, GLOBAL const int *face_order, GLOBAL const face_nodes *leaf_face,
-                              GLOBAL const bvh8_node *tree, int cloth_vertex_count, int self, int mode,
-                              GLOBAL const box *box_before, GLOBAL const end_boxes *ends,
+   count. Shares of a vertex put theirs in the order in which one item would have found them. copied: what copy_hits has
+   done is not done again. n: items. */
+KERNEL query_vertex_face_fill(int n, int copied, int part, int shares, GLOBAL const int *vertex_order,
+                              GLOBAL const box *vertex_box, int leaf_count, GLOBAL const int *face_order,
+                              GLOBAL const face_nodes *leaf_face, GLOBAL const bvh8_node *tree, int cloth_vertex_count,
+                              int self, int mode, GLOBAL const box *box_before, GLOBAL const end_boxes *ends,
                               GLOBAL const end_boxes *ends_before, int first_item, int blocks_at, GLOBAL const int *hit,
                               GLOBAL const int *count, GLOBAL const int *offset, int first, GLOBAL pair *candidate,
                               GLOBAL float *gap_bound)
@@ -178,10 +231,13 @@ KERNEL query_vertex_face_fill(int n, int part, int shares, GLOBAL const int *ver
         at = first + offset[item], found = count[item], block = hit[HIT_ROW * item + ROW_HITS], leaf = WALK_ON,
         alone = first_item + k / shares * shares, kept = 0;
     pair p;
+    if (copied && hits_copied(found, block)) continue;
     p.a = v;
     for (int j = 0; j < found; ++j) gap_bound[at + j] = 0.0f;
     if (shares > 1) {
-      shared_hits all = hits_of_shares(alone, hit, count, &kept);
+      shared_hits all;
+      if (found == 0 && item != alone) continue;
+      all = hits_of_shares(alone, hit, count, &kept);
       for (int j = kept ? found - 1 : -1; j >= 0; --j) {
         leaf = kept_hit(item, j, &block, blocks_at, hit);
         p.b = face_order[leaf];
@@ -313,18 +369,9 @@ KERNEL query_edge_edge_count(int n, int items, int batch, int shares, GLOBAL con
   }
 }
 
-/* Both edges of a pair, the lower index first. */
-DEVICE pair ordered_pair(int a, int b)
-{
-  pair p;
-  p.a = min_int(a, b);
-  p.b = max_int(a, b);
-  return p;
-}
-
 /* candidate[first + offset[first_item + k] ..]: (edge, edge), with gap_bound 0, in the order of one item for all
    shares. */
-KERNEL query_edge_edge_fill(int n, int shares, GLOBAL const int *item, GLOBAL const edge_nodes *item_edge,
+KERNEL query_edge_edge_fill(int n, int copied, int shares, GLOBAL const int *item, GLOBAL const edge_nodes *item_edge,
                             GLOBAL const box *vertex_box, int leaf_count, GLOBAL const int *edge_order,
                             GLOBAL const edge_nodes *leaf_edge, GLOBAL const bvh8_node *tree, int cloth_vertex_count,
                             int self, int mode, GLOBAL const int *changed, GLOBAL const box *box_before,
@@ -335,9 +382,12 @@ KERNEL query_edge_edge_fill(int n, int shares, GLOBAL const int *item, GLOBAL co
   FOR_EACH_UNEVEN(i, n) {
     int k = i / shares, own = item[k], place = first_item + i, at = first + offset[place], found = count[place],
         block = hit[HIT_ROW * place + ROW_HITS], other = WALK_ON, alone = first_item + k * shares, kept = 0;
+    if (copied && hits_copied(found, block)) continue;
     for (int j = 0; j < found; ++j) gap_bound[at + j] = 0.0f;
     if (shares > 1) {
-      shared_hits all = hits_of_shares(alone, hit, count, &kept);
+      shared_hits all;
+      if (found == 0 && place != alone) continue;
+      all = hits_of_shares(alone, hit, count, &kept);
       for (int j = kept ? found - 1 : -1; j >= 0; --j) {
         other = kept_hit(place, j, &block, blocks_at, hit);
         candidate[first + offset[alone] + hits_before(&all, alone, other, blocks_at, hit)] =

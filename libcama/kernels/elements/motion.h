@@ -119,14 +119,13 @@ KERNEL prescribe_velocities(int n, GLOBAL const int *fixed, GLOBAL const dvec3 *
   }
 }
 
-/* Ballistic prediction of the end of the step; prescribed vertices go to their target. fall: [1] how gravity moves a
-   free vertex. */
+/* Ballistic prediction of the end of the step; prescribed vertices go to their target. */
 KERNEL predict_positions(int n, GLOBAL const int *fixed, GLOBAL const dvec3 *position, GLOBAL const dvec3 *velocity,
                          GLOBAL const dvec3 *gravity, GLOBAL const dvec3 *target, double time_step,
-                         GLOBAL dvec3 *predicted, GLOBAL dvec3 *fall)
+                         GLOBAL dvec3 *predicted, GLOBAL double *uncertain)
 {
   FOR_EACH(i, n) {
-    if (i == 0) fall[0] = dscale(time_step * time_step, gravity[0]);
+    if (i == 0) uncertain[0] = time_step * time_step * dnorm(gravity[0]);
     predicted[i] =
         fixed[i] ? target[i] : daxpy(daxpy(position[i], time_step, velocity[i]), time_step * time_step, gravity[0]);
   }

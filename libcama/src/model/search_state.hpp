@@ -13,7 +13,7 @@ struct BoundsState {
   Stream<int> query_vertices;  // vertices that are tested against faces: all but those that define planes
   Stream<double> margin;  // [vertices] by which boxes are inflated, m
   Stream<double> short_motion;  // [vertices] length of a motion that hardly passes other features, m
-  Stream<dvec3> fall;  // [1] how gravity moves a free vertex in the step, m
+  Stream<double> uncertain;  // [1] how far gravity moves a free vertex in the step, m
   Stream<dvec3> bounds;  // [2] of the scene
   // [2] if obstacles are at rest, the bounds when their boxes were made, which boxes are relative to
   Stream<dvec3> origin;
@@ -29,7 +29,7 @@ struct BoundsState {
     f("origin", Life::step, origin);
     f("vertex_box", Life::step, vertex_box);
     f("short_motion", Life::scene, short_motion);
-    f("fall", Life::step, fall);
+    f("uncertain", Life::step, uncertain);
   }
 };
 

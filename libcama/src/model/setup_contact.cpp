@@ -101,7 +101,7 @@ void set_up_contact(State &state, const Scene &scene, const Topology &t, const s
   state.bounds.margin = Stream<double>(b, margin);
   state.bounds.short_motion = Stream<double>(b, short_motion);
   state.bounds.query_vertices = Stream<int>(b, query_vertices);
-  state.bounds.fall = Stream<dvec3>(b, std::vector<dvec3>{{0, 0, 0}});
+  state.bounds.uncertain = Stream<double>(b, std::vector<double>{0});
   state.bounds.bounds = Stream<dvec3>(b, 2);
   state.bounds.vertex_box = Stream<kernels::box>(b, state.mesh.vertices);
   for (PairList *list : {&state.contact.vertex_face, &state.contact.edge_edge}) {

@@ -30,12 +30,12 @@ public:
   int compact(const Access<const ContactState> &state, int flagged = -1);
   /// Fills `index` with the codes of pairs (pair.h) in the order of `compact`.
   void order(const Access<const ContactState> &state, const Stream<int> &code);
-  /// [flagged] of the last `compact`: kind and features of the pairs, ascending.
+  /// [flagged] of the last `compact` or `order`: kind and features of the pairs, ascending.
   const Stream<key64> &key() const { return key_; }
 
   Stream<int> flag;  // [candidates] of vertex_face, then of edge_edge; free for other uses in between
   Stream<int> list;  // [candidates] places in `flag`, or codes, of the few with work, in any order
-  Stream<int> index;  // [flagged] places in `flag`, by (kind, a, b)
+  Stream<int> index;  // [flagged] places in `flag`, or codes, by (kind, a, b)
 
 private:
   Stream<int> place_;

@@ -293,8 +293,7 @@ void FrontSearch::run(const SearchRooms &s, const Stream<dvec3> &from, const Str
   // built_ remains false if anything below throws.
   const bool was_built = std::exchange(built_, false), obstacles = obstacles_.leaves > 0;
   find_bounds(s, from, to);
-  CAMA_LAUNCH(b, vertex_boxes, s.mesh.vertices, from, to, s.bounds.margin, s.mesh.inverse_mass, s.bounds.fall,
-              s.bounds.bounds, s.bounds.vertex_box);
+  CAMA_LAUNCH(b, vertex_boxes, s.mesh.vertices, from, to, s.bounds.margin, s.bounds.bounds, s.bounds.vertex_box);
   CAMA_LAUNCH(b, face_boxes, s.mesh.faces, s.mesh.face, s.bounds.vertex_box, fronts_.face_box);
   CAMA_LAUNCH(b, edge_boxes, s.mesh.edges, s.mesh.edge, s.bounds.vertex_box, fronts_.edge_box);
   bool restart = !was_built;

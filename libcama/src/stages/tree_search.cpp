@@ -16,6 +16,7 @@ constexpr int morton_bits = 63;
 // A few vertices query a tree in parts of so many groups of level 0: the sphere around the centre of an exact obstacle
 // may hold most of the cloth, which is too much for one thread.
 constexpr int few_vertices = 64, part_groups = 8;
+constexpr int many_items = 32768;  // of which devices without wide workers copy the hits side by side
 constexpr double max_changed = 0.3;  // of the vertices: beyond it, a full search is cheaper
 }  // namespace
 
@@ -151,10 +152,9 @@ void TreeSearch::sort_features(const SearchRooms &state, Group &g)
 void TreeSearch::make_boxes(const SearchRooms &state, int n, const Stream<dvec3> &from, const Stream<dvec3> &to)
 {
   const BoundsState &bounds = state.bounds;
-  CAMA_LAUNCH(*state.backend, vertex_boxes, n, from, to, bounds.margin, state.mesh.inverse_mass, bounds.fall,
-              bounds.box_origin(), state.bounds.vertex_box);
+  CAMA_LAUNCH(*state.backend, vertex_boxes, n, from, to, bounds.margin, bounds.box_origin(), state.bounds.vertex_box);
   CAMA_LAUNCH(*state.backend, vertex_end_boxes, n, from, to, bounds.margin, bounds.short_motion, bounds.box_origin(),
-              bounds.fall, bounds.vertex_box, end_boxes_);
+              bounds.uncertain, bounds.vertex_box, end_boxes_);
 }
 
 /// Boxes and trees of static obstacles.
@@ -239,17 +239,26 @@ void TreeSearch::query(const SearchRooms &state, const std::vector<FaceQuery> &f
   grow(state.contact.vertex_face, found_faces);
   grow(state.contact.edge_edge, found_edges);
   at = 0;
+  const auto copy = [&](int n, int shares, int parts, bool of_edges, const Stream<int> &owner, int first,
+                        PairList &list) {
+    if (batch_ > 1 || shares > 1 || n <= many_items) return 0;
+    CAMA_LAUNCH_TEAMS(void, b, copy_hits, HIT_TEAM, ceil_divide(n, HIT_TEAM), n, parts, of_edges ? 1 : 0, owner, at,
+                      first_block, hit_, count_, offset_, first, list.pairs, list.gap_bound);
+    return 1;
+  };
   for (const FaceQuery &q : faces) {
-    const int n = items_of(q);
-    CAMA_LAUNCH(b, query_vertex_face_fill, n, part_of(q), q.shares, *q.items, state.bounds.vertex_box, q.leaves,
+    const int n = items_of(q), copied = copy(n, q.shares, kernels::tree_parts(q.leaves, part_of(q)), false, *q.items,
+                                             first_face, state.contact.vertex_face);
+    CAMA_LAUNCH(b, query_vertex_face_fill, n, copied, part_of(q), q.shares, *q.items, state.bounds.vertex_box, q.leaves,
                 *q.order, *q.leaf_face, *q.tree, state.mesh.cloth_vertices, self, q.mode, before_, end_boxes(),
                 end_boxes_before_, at, first_block, hit_, count_, offset_, first_face, state.contact.vertex_face.pairs,
                 state.contact.vertex_face.gap_bound);
     at += n;
   }
   for (const EdgeQuery &q : edges) {
-    const int n = items_of(q);
-    CAMA_LAUNCH(b, query_edge_edge_fill, n, q.shares, *q.items, *q.item_edge, state.bounds.vertex_box,
+    const int n = items_of(q),
+              copied = copy(n, q.shares, 1, true, *q.items, first_edge - found_faces, state.contact.edge_edge);
+    CAMA_LAUNCH(b, query_edge_edge_fill, n, copied, q.shares, *q.items, *q.item_edge, state.bounds.vertex_box,
                 q.group->edge.size(), q.group->trees->edge_order, q.group->leaf_edge, q.group->trees->edge_bvh,
                 state.mesh.cloth_vertices, self, q.mode, changed_, before_, end_boxes(), end_boxes_before_, at,
                 first_block, hit_, count_, offset_, first_edge - found_faces, state.contact.edge_edge.pairs,
