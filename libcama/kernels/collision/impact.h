@@ -141,12 +141,11 @@ KERNEL find_feature_motions(int n, int vertices, int faces, GLOBAL const face_no
 }
 
 /* Lists the codes of candidates that continuous detection has to decide, from *_from on in each list. `pairs` are
-   looked at, `first_size` of them of vertices and faces. motion: of vertices, faces and edges; pairs whose motion did
-   not change were certified before. The gap_bound of a pair and the prediction errors of its features decide most
-   pairs, the direction known from their search most of the others. *_bounds: number of pairs whose gap_bound holds from
-   the start of this motion; below 0 it marks a known impact, which is tested `again` unless it was found twice. share:
-   the share of the thickness that pairs keep; largest: the largest contact thickness, m. found[2]: the length of the
-   list. n: teams. */
+   looked at, `first_size` of them of vertices and faces. error, state: as above; pairs whose motion did not change were
+   certified before. The gap_bound of a pair and the prediction errors of its features decide most pairs, the direction
+   known from their search most of the others. *_bounds: number of pairs whose gap_bound holds from the start of this
+   motion; below 0 it marks a known impact, which is tested `again` unless it was found twice. share: the share of the
+   thickness that pairs keep; largest: the largest contact thickness, m. found[2]: the length of the list. n: teams. */
 KERNEL select_ccd_pairs(int n, int pairs, int first_size, int vertices, int faces, int again,
                         GLOBAL const pair *vertex_face, GLOBAL const pair *edge_edge, GLOBAL const face_nodes *face,
                         GLOBAL const edge_nodes *edge, double share, double largest, GLOBAL const float *error,
@@ -207,8 +206,8 @@ KERNEL find_impacts(int n, int cubic, GLOBAL const pair *vertex_face, GLOBAL con
   }
 }
 
-/* The codes of the impacts in the list, in any order, from code[first] on; found[3]: their number, 0 before. n: teams.
- */
+/* The codes of the impacts in the list, in any order, from code[first] on; found[3]: their number, 0 before.
+   n: teams. */
 KERNEL collect_impacts(int n, int first, GLOBAL const int *list, GLOBAL int *code, GLOBAL int *found)
 {
   FOR_EACH_LISTED(t, k, n, found + 2)
