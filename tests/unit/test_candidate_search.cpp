@@ -235,18 +235,47 @@ TEST_CASE("an updated list holds the pairs of the grown boxes, each once, but fo
     }
 }
 
+namespace {
+
+/// A search on a CPU that may claim to have more work items, or narrow ones, as a GPU has.
+struct RecordedSearch {
+  RecordedSearch(const Scene &scene, int workers, bool narrow)
+      : RecordedSearch(scene, std::make_unique<Recorder>(make_backend("cpu", 0, 1)), workers, narrow)
+  {}
+  /// Appends the lists of candidates.
+  void keep(std::vector<std::vector<Pair>> &lists) const
+  {
+    lists.push_back(plain(engine.state.contact.vertex_face));
+    lists.push_back(plain(engine.state.contact.edge_edge));
+  }
+
+  Recorder &counts;
+  StagedEngine engine;
+  FlaggedPairs flagged;
+  TreeSearch search;
+
+private:
+  static std::unique_ptr<Recorder> claiming(std::unique_ptr<Recorder> recorder, int workers, bool narrow)
+  {
+    recorder->claimed_workers = workers;
+    recorder->claimed_narrow = narrow;
+    return recorder;
+  }
+  RecordedSearch(const Scene &scene, std::unique_ptr<Recorder> recorder, int workers, bool narrow)
+      : counts(*recorder), engine(scene, serial(), claiming(std::move(recorder), workers, narrow)),
+        flagged(*engine.state.backend), search(*engine.state.backend, flagged)
+  {}
+};
+
+}  // namespace
+
 TEST_CASE("many items whose hits are copied by teams find the same pairs in the same order", "[candidates]")
 {
   const Scene scene = Scene::load(std::string(CAMA_SOURCE_DIR) + "/scenes/drape", 24000);
   std::vector<std::vector<Pair>> found[2];
   for (const bool narrow : {false, true}) {
-    auto recorder = std::make_unique<Recorder>(make_backend("cpu", 0, 1));
-    recorder->claimed_narrow = narrow;
-    Recorder &counts = *recorder;
-    StagedEngine engine(scene, serial(), std::move(recorder));
-    State &s = engine.state;
-    FlaggedPairs flagged(*s.backend);
-    TreeSearch search(*s.backend, flagged);
+    RecordedSearch r(scene, 0, narrow);
+    State &s = r.engine.state;
     std::mt19937 random(5);
     std::uniform_real_distribution<double> move(-0.01, 0.01);
     std::vector<dvec3> target = s.mesh.position.download();
@@ -254,11 +283,10 @@ TEST_CASE("many items whose hits are copied by teams find the same pairs in the 
     for (dvec3 &x : target) x.z += move(random);
     const Stream<dvec3> to(*s.backend, target);
     for (int again = 0; again < 2; ++again) {   // the first one has no room for more hits than fit into rows
-      search.run(s, from, to);
-      found[narrow].push_back(plain(s.contact.vertex_face));
-      found[narrow].push_back(plain(s.contact.edge_edge));
+      r.search.run(s, from, to);
+      r.keep(found[narrow]);
     }
-    CHECK((counts.launches["copy_hits"] > 0) == narrow);
+    CHECK((r.counts.launches["copy_hits"] > 0) == narrow);
   }
   REQUIRE(found[0][1].size() > 100000);
   CHECK(found[0] == found[1]);
@@ -269,35 +297,26 @@ TEST_CASE("shares of trees find the same pairs in the same order", "[candidates]
   const Scene scene = pile_of({"all", true, true, true, true});
   std::vector<std::vector<Pair>> found[2];
   for (const int claimed : {0, 1 << 20}) {
-    auto recorder = std::make_unique<Recorder>(make_backend("cpu", 0, 1));
-    recorder->claimed_workers = claimed;
-    Recorder &counts = *recorder;
-    StagedEngine engine(scene, serial(), std::move(recorder));
-    State &s = engine.state;
-    FlaggedPairs flagged(*s.backend);
-    TreeSearch search(*s.backend, flagged);
+    RecordedSearch r(scene, claimed, false);
+    State &s = r.engine.state;
     std::mt19937 random(11);
     std::uniform_real_distribution<double> move(-1, 1);
     std::vector<dvec3> target = s.mesh.position.download();
     Stream<dvec3> from(*s.backend, target), to(*s.backend, target);
     std::vector<std::vector<Pair>> &lists = found[claimed ? 1 : 0];
-    const auto keep = [&] {
-      lists.push_back(plain(s.contact.vertex_face));
-      lists.push_back(plain(s.contact.edge_edge));
-    };
     for (int again = 0; again < 2; ++again) {   // the first one has no room for more hits than fit into rows
-      search.run(s, from, to);
-      keep();
+      r.search.run(s, from, to);
+      r.keep(lists);
     }
-    const bool shared = counts.most_items["query_edge_edge_count"] >= GROUP * s.mesh.cloth_vertices;
+    const bool shared = r.counts.most_items["query_edge_edge_count"] >= GROUP * s.mesh.cloth_vertices;
     CHECK(shared == (claimed > 0));
     for (int round = 0; round < 4; ++round) {
       for (int v = 0; v < s.mesh.cloth_vertices; v += 37)
         target[static_cast<std::size_t>(v)] = kernels::dadd(
             target[static_cast<std::size_t>(v)], {0.05 * move(random), 0.05 * move(random), 0.05 * move(random)});
       to.assign(target);
-      REQUIRE(search.update(s, from, to, 1e-4) == CandidateSearch::Change::grown);
-      keep();
+      REQUIRE(r.search.update(s, from, to, 1e-4) == CandidateSearch::Change::grown);
+      r.keep(lists);
     }
   }
   REQUIRE(found[0].back().size() > 1000);

@@ -10,7 +10,9 @@
 #include <cstring>
 #include <random>
 
+#include "../backends.hpp"
 #include "../engine.hpp"
+#include "../recorder.hpp"
 #include "cama/geometry.hpp"
 #include "device/kernels.hpp"
 
@@ -498,7 +500,9 @@ void check_mesh(const char *scene_name, int triangles, int settle, int rounds)
   Scene scene = Scene::load(std::string(CAMA_SOURCE_DIR) + "/scenes/" + scene_name, triangles);
   scene.time_step = chosen_time_step(Options::at(Accuracy::paper), scene);
   Options options = serial();
-  StagedEngine engine(scene, options);
+  auto recorder = std::make_unique<Recorder>(make_backend("cpu", 0, 1));
+  Recorder &counts = *recorder;
+  StagedEngine engine(scene, options, std::move(recorder));
   for (int step = 0; step < settle; ++step) engine.step();
   State &state = engine.state;
   state.options.max_impact_passes = 0;
@@ -524,6 +528,7 @@ void check_mesh(const char *scene_name, int triangles, int settle, int rounds)
     state.mesh.velocity.fill_zero();
   }
   CHECK(truncated > rounds * state.mesh.cloth_vertices / 20);
+  CHECK(counts.launches["commit_neighbourhood"] > 0);
 }
 
 }  // namespace

@@ -352,16 +352,17 @@ KERNEL commit_changes(int n, GLOBAL const int *fraction, GLOBAL const int *neigh
   }
 }
 
-/* Faces and edges that have such a vertex. n: faces and edges. */
+/* Marks the faces and edges that have a marked vertex: one that has been truncated, or one in the neighbourhood. n:
+   faces and edges. */
 KERNEL commit_disturb(int n, int faces, GLOBAL const face_nodes *face, GLOBAL const edge_nodes *edge,
-                      GLOBAL const int *vertex_changed, GLOBAL int *face_changed, GLOBAL int *edge_changed)
+                      GLOBAL const int *vertex_marked, GLOBAL int *face_marked, GLOBAL int *edge_marked)
 {
   FOR_EACH(i, n) {
     if (i < faces)
-      face_changed[i] =
-          vertex_changed[face[i].node[0]] || vertex_changed[face[i].node[1]] || vertex_changed[face[i].node[2]];
+      face_marked[i] =
+          vertex_marked[face[i].node[0]] || vertex_marked[face[i].node[1]] || vertex_marked[face[i].node[2]];
     else
-      edge_changed[i - faces] = vertex_changed[edge[i - faces].node[0]] || vertex_changed[edge[i - faces].node[1]];
+      edge_marked[i - faces] = vertex_marked[edge[i - faces].node[0]] || vertex_marked[edge[i - faces].node[1]];
   }
 }
 

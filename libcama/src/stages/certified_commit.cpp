@@ -26,8 +26,8 @@ float as_fraction(int bits)
 }  // namespace
 
 CertifiedCommit::CertifiedCommit(Backend &b, FlaggedPairs &flagged)
-    : flagged_(flagged), committed_(b), fraction_(b), fraction_before_(b), vertex_changed_(b), face_changed_(b),
-      edge_changed_(b), neighbourhood_(b), outcome_(b, COMMIT_OUTCOMES)
+    : flagged_(flagged), committed_(b), fraction_(b), fraction_before_(b), vertex_changed_(b), face_marked_(b),
+      edge_marked_(b), neighbourhood_(b), outcome_(b, COMMIT_OUTCOMES)
 {}
 
 bool CertifiedCommit::complete(const Rooms &state, CandidateSearch &search, const Stream<dvec3> &from)
@@ -49,13 +49,13 @@ void CertifiedCommit::recheck(const Rooms &state, int pairs, int of, int to, int
 {
   const MeshState &mesh = state.mesh;
   const PairList &vertex_face = state.contact.vertex_face, &edge_edge = state.contact.edge_edge;
+  const Stream<int> &vertex_marked = counter == COMMIT_LISTED ? vertex_changed_ : neighbourhood_;
   Stream<int> &list = flagged_.list;
-  CAMA_LAUNCH(*state.backend, commit_disturb, mesh.faces + mesh.edges, mesh.faces, mesh.face, mesh.edge,
-              counter == COMMIT_LISTED ? vertex_changed_ : neighbourhood_, face_changed_, edge_changed_);
+  CAMA_LAUNCH(*state.backend, commit_disturb, mesh.faces + mesh.edges, mesh.faces, mesh.face, mesh.edge, vertex_marked,
+              face_marked_, edge_marked_);
   CAMA_LAUNCH_TEAMS(void, *state.backend, commit_recheck, PAIR_TEAM, ceil_divide(pairs, RUN_PAIRS), pairs, of,
-                    vertex_face.pairs.size(), vertex_face.pairs, edge_edge.pairs,
-                    counter == COMMIT_LISTED ? vertex_changed_ : neighbourhood_, face_changed_, edge_changed_,
-                    flagged_.flag, to, list.size() - to, list, counter, outcome_);
+                    vertex_face.pairs.size(), vertex_face.pairs, edge_edge.pairs, vertex_marked, face_marked_,
+                    edge_marked_, flagged_.flag, to, list.size() - to, list, counter, outcome_);
 }
 
 double CertifiedCommit::run(const Rooms &state, CandidateSearch &search, const Stream<dvec3> &from, bool certified)
@@ -64,8 +64,8 @@ double CertifiedCommit::run(const Rooms &state, CandidateSearch &search, const S
   const MeshState &mesh = state.mesh;
   for (Stream<int> *stream : {&fraction_, &fraction_before_, &vertex_changed_, &neighbourhood_})
     stream->resize(mesh.vertices);
-  face_changed_.resize(mesh.faces);
-  edge_changed_.resize(mesh.edges);
+  face_marked_.resize(mesh.faces);
+  edge_marked_.resize(mesh.edges);
   neighbourhood_.fill_zero();
   CAMA_LAUNCH(b, commit_begin, mesh.vertices, fraction_, fraction_before_, outcome_);
   const PairList &vertex_face = state.contact.vertex_face, &edge_edge = state.contact.edge_edge;

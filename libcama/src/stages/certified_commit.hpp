@@ -36,7 +36,7 @@ private:
 
   FlaggedPairs &flagged_;  // its flags hold the state of each pair
   Stream<dvec3> committed_;
-  Stream<int> fraction_, fraction_before_, vertex_changed_, face_changed_, edge_changed_;
+  Stream<int> fraction_, fraction_before_, vertex_changed_, face_marked_, edge_marked_;
   Stream<int> neighbourhood_;  // [vertices] 1 around those that a pass has truncated: later ones truncate few others
   Stream<int> outcome_;
 };

@@ -5,15 +5,13 @@
 
 namespace cama {
 
-int FlaggedPairs::compact(const Access<const ContactState> &state, int flagged)
+int FlaggedPairs::compact(const Access<const ContactState> &state)
 {
   Backend &b = *state.backend;
   const int n = flag.size();
-  if (flagged != 0) {
-    place_.resize(n + 1);
-    b.scan(flag.buffer(), place_.buffer(), n);
-    if (flagged < 0) flagged = place_.at(n);
-  }
+  place_.resize(n + 1);
+  b.scan(flag.buffer(), place_.buffer(), n);
+  const int flagged = place_.at(n);
   index.resize(flagged);
   key_.resize(flagged);
   if (flagged == 0) return 0;

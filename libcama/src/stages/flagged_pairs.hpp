@@ -25,9 +25,8 @@ public:
   /// Keeps the flags as `before()` until the next `compact`; `resize` allocates others.
   void keep() { flag.swap(place_); }
   const Stream<int> &before() const { return place_; }
-  /// Called after the flags are written: fills `index` and returns the number of flagged pairs. `flagged`: that number,
-  /// if known; otherwise it waits for the device.
-  int compact(const Access<const ContactState> &state, int flagged = -1);
+  /// Called after the flags are written: fills `index` and returns the number of flagged pairs. Waits.
+  int compact(const Access<const ContactState> &state);
   /// Fills `index` with the codes of pairs (pair.h) in the order of `compact`.
   void order(const Access<const ContactState> &state, const Stream<int> &code);
   /// [flagged] of the last `compact` or `order`: kind and features of the pairs, ascending.
