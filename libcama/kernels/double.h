@@ -13,6 +13,7 @@
 #include "collision/pair.h"
 #include "collision/query.h"
 #include "collision/swept_vertex.h"
+#include "collision/team_query.h"
 #include "collision/touch.h"
 #include "collision/tree.h"
 #include "collision/updates.h"

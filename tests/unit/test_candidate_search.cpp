@@ -292,6 +292,58 @@ TEST_CASE("many items whose hits are copied by teams find the same pairs in the 
   CHECK(found[0] == found[1]);
 }
 
+TEST_CASE("many items that walk trees together find the same pairs in the same order", "[candidates]")
+{
+  const Scene scene = Scene::load(std::string(CAMA_SOURCE_DIR) + "/scenes/drape", 136000);
+  std::vector<std::vector<Pair>> found[2];
+  for (const bool narrow : {false, true}) {
+    RecordedSearch r(scene, 0, narrow);
+    State &s = r.engine.state;
+    std::mt19937 random(3);
+    std::uniform_real_distribution<double> move(-1, 1);
+    std::vector<dvec3> target = s.mesh.position.download();
+    const Stream<dvec3> from(*s.backend, target);
+    for (dvec3 &x : target) x = kernels::dadd(x, {x.x < 0 ? 0.004 : -0.004, 0, 0.01 + 0.001 * move(random)});
+    Stream<dvec3> to(*s.backend, target);
+    r.search.run(s, from, to);
+    r.keep(found[narrow]);
+    for (std::size_t v = 0; v < target.size(); v += 6)  // so many that those who look for fresh pairs walk together too
+      target[v] = kernels::dadd(target[v], {0.004 * move(random), 0.004 * move(random), 0.004 * move(random)});
+    to.assign(target);
+    REQUIRE(r.search.update(s, from, to, 1e-4) == CandidateSearch::Change::grown);
+    r.keep(found[narrow]);
+    // All vertices against the cloth and against the ball, then those that have not changed; changed ones are few.
+    CHECK(r.counts.launches["team_query_vertex_face"] == (narrow ? 3 : 0));
+    CHECK(r.counts.launches["team_query_edge_edge"] == (narrow ? 2 : 0));
+  }
+  REQUIRE(found[0][1].size() > 100000);
+  REQUIRE(found[0][3].size() > found[0][1].size());
+  CHECK(found[0] == found[1]);
+}
+
+TEST_CASE("obstacles that turn back inside their boxes are searched for again, also where cloth does not meet cloth",
+          "[candidates]")
+{
+  StagedEngine engine(pile_of({"a moving ball", false, true, false, false}), serial());
+  State &s = engine.state;
+  FlaggedPairs flagged(*s.backend);
+  TreeSearch search(*s.backend, flagged);
+  const std::vector<dvec3> start = s.mesh.position.download();
+  std::vector<dvec3> target = start;
+  for (std::size_t v = static_cast<std::size_t>(s.mesh.cloth_vertices); v < target.size(); ++v) target[v].z += 0.2;
+  const Stream<dvec3> from(*s.backend, start);
+  Stream<dvec3> to(*s.backend, target);
+  search.run(s, from, to);
+  for (std::size_t v = static_cast<std::size_t>(s.mesh.cloth_vertices); v < target.size(); v += 5) target[v].z -= 0.1;
+  to.assign(target);
+  REQUIRE(search.update(s, from, to, 1e-5) == CandidateSearch::Change::grown);
+  const Lists overlapping = brute_force(s);
+  const auto faces = s.mesh.face.download();
+  const auto edges = s.mesh.edge.download();
+  CHECK(separated::wrong(overlapping.vertex_face, plain(s.contact.vertex_face), start, target, faces).empty());
+  CHECK(separated::wrong(overlapping.edge_edge, plain(s.contact.edge_edge), start, target, faces, &edges).empty());
+}
+
 TEST_CASE("shares of trees find the same pairs in the same order", "[candidates]")
 {
   const Scene scene = pile_of({"all", true, true, true, true});
@@ -304,7 +356,7 @@ TEST_CASE("shares of trees find the same pairs in the same order", "[candidates]
     std::vector<dvec3> target = s.mesh.position.download();
     Stream<dvec3> from(*s.backend, target), to(*s.backend, target);
     std::vector<std::vector<Pair>> &lists = found[claimed ? 1 : 0];
-    for (int again = 0; again < 2; ++again) {   // the first one has no room for more hits than fit into rows
+    for (int again = 0; again < 2; ++again) {  // the first one has no room for more hits than fit into rows
       r.search.run(s, from, to);
       r.keep(lists);
     }
@@ -375,7 +427,7 @@ TEST_CASE("gap_bound is no more than the distance until the prediction; pairs wi
                                                   anticipate ? 20 * scene.contact.thickness : 0.0,
                                                   kernels::surface_proximity(kind, e, x.data(), v.data()), &c);
           if (anticipate)
-            REQUIRE((full || !contact));   // hidden ones are dropped
+            REQUIRE((full || !contact));  // hidden ones are dropped
           else
             REQUIRE(full == contact);
         }

@@ -693,16 +693,18 @@ TEST_CASE("an impact of the cubic, at distance 0, has the normal of the features
       for (auto &p : properties) p.thickness = 1e-9;
       float gap_bound = 0;
       kernels::impact impact;
-      int detection[4] = {0, 0, 0, 0}, list = 7;
-      kernels::select_ccd_pairs(1, 1, edges ? 0 : 1, 4, 1, 0, &pair, &pair, &face, edge, 1.0, 1e-9, error, motion, 0, 0,
-                                0, &gap_bound, 0, &gap_bound, x.data(), y.data(), properties, &direction, &direction,
-                                &list, detection);
-      REQUIRE(detection[2] == 1);
+      int detection[DETECTION_COUNTS] = {}, open = 7, list = 7;
+      kernels::select_open_pairs(1, 1, edges ? 0 : 1, 4, 1, 0, &pair, &pair, 1.0, 1e-9, error, motion, 0, 0, 0,
+                                 &gap_bound, 0, &gap_bound, &open, detection);
+      kernels::select_ccd_pairs(1, &pair, &pair, &face, edge, 1.0, x.data(), y.data(), properties, &direction,
+                                &direction, &open, &list, detection);
+      REQUIRE(detection[DETECTION_OPEN] == 1);
+      REQUIRE(detection[DETECTION_UNCLEAR] == 1);
       const int code = list;
       REQUIRE(code == kernels::pair_code(edges, 0));
       kernels::find_impacts(1, 1, &pair, &pair, &face, edge, x.data(), y.data(), properties, 1.0, &list, detection);
       REQUIRE(list == code);
-      REQUIRE(detection[1] == 1);
+      REQUIRE(detection[DETECTION_IMPACTS] == 1);
       int repeated = 0;
       kernels::fill_impacts(1, 1, 0, &code, &pair, &pair, &face, edge, x.data(), y.data(), properties, 1.0, 1.0, 0,
                             &gap_bound, &gap_bound, &impact, &repeated);

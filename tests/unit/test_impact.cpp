@@ -351,16 +351,20 @@ TEST_CASE("impacts do not depend on how pairs are shared out, and decided pairs 
   // The codes of what is found, in order.
   const auto detect = [&](int list_teams, int faces_from, int edges_from) {
     const int first = faces - faces_from, pairs = first + 1 - edges_from;
-    int found[4] = {0, 0, 0, 0};
-    std::vector<int> list(all);
-    select_ccd_pairs((pairs - 1) / RUN_PAIRS + 1, pairs, first, 6, 1, 0, vertex_face.data(), &edge_edge, &face, edges,
-                     1.0, 1e-3, error.data(), motion.data(), faces_from, edges_from, 0, bounds.data(), 0, bounds.data(),
-                     x.data(), y.data(), properties.data(), up.data(), none.data(), list.data(), found);
+    int found[DETECTION_COUNTS] = {};
+    std::vector<int> open(all), list(all);
+    select_open_pairs((pairs - 1) / RUN_PAIRS + 1, pairs, first, 6, 1, 0, vertex_face.data(), &edge_edge, 1.0, 1e-3,
+                      error.data(), motion.data(), faces_from, edges_from, 0, bounds.data(), 0, bounds.data(),
+                      open.data(), found);
+    CHECK(found[DETECTION_OPEN] == pairs);
+    select_ccd_pairs(list_teams, vertex_face.data(), &edge_edge, &face, edges, 1.0, x.data(), y.data(),
+                     properties.data(), up.data(), none.data(), open.data(), list.data(), found);
+    CHECK(found[DETECTION_UNCLEAR] < pairs);
     find_impacts(list_teams, 0, vertex_face.data(), &edge_edge, &face, edges, x.data(), y.data(), properties.data(),
                  1.0, list.data(), found);
-    std::vector<int> code(std::size_t(found[1]) + 2, -7);
+    std::vector<int> code(std::size_t(found[DETECTION_IMPACTS]) + 2, -7);
     kernels::collect_impacts(list_teams, 1, list.data(), code.data(), found);
-    CHECK(found[3] == found[1]);
+    CHECK(found[DETECTION_COLLECTED] == found[DETECTION_IMPACTS]);
     CHECK(code.front() == -7);
     CHECK(code.back() == -7);
     std::vector<int> codes(code.begin() + 1, code.end() - 1);

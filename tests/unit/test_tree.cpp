@@ -34,13 +34,16 @@ template <class Nodes> struct Tree {
   std::vector<bvh8_node> group;
 };
 
-void make_groups(int n, const face_nodes *leaf, const std::vector<box> &boxes, bvh8_node *tree)
+/// changed: null for all groups.
+void make_groups(int n, const face_nodes *leaf, const std::vector<box> &boxes, bvh8_node *tree,
+                 const int *changed = nullptr)
 {
-  face_groups(group_level_size(n, 0), n, leaf, boxes.data(), tree);
+  face_groups(group_level_size(n, 0), n, leaf, boxes.data(), changed, tree);
 }
-void make_groups(int n, const edge_nodes *leaf, const std::vector<box> &boxes, bvh8_node *tree)
+void make_groups(int n, const edge_nodes *leaf, const std::vector<box> &boxes, bvh8_node *tree,
+                 const int *changed = nullptr)
 {
-  edge_groups(group_level_size(n, 0), n, leaf, boxes.data(), tree);
+  edge_groups(group_level_size(n, 0), n, leaf, boxes.data(), changed, tree);
 }
 
 /// both: two levels at a time.
@@ -79,8 +82,8 @@ struct Found {
 };
 
 /// pools, pool_blocks: of blocks of hits; part: groups of level 0 in the parts in which each vertex queries the tree;
-/// shares: of each vertex and edge; separate: without pairs that a coordinate separates throughout; copied:
-/// by teams.
+/// shares: of each vertex and edge; separate: without pairs that a coordinate separates throughout; copied: by teams.
+/// batch: items that one work-item walks for; QUERY_TEAM: those that a team does.
 Found query(const Scene &s, int self, int pools, int pool_blocks, int batch, bool both, int part = 1 << 20,
             int shares = 1, bool separate = false, bool copied = false)
 {
@@ -110,14 +113,26 @@ Found query(const Scene &s, int self, int pools, int pool_blocks, int batch, boo
   const int blocks_at = HIT_ROW * items, blocks = pools * pool_blocks;
   std::vector<int> hit(std::size_t(blocks_at) + HIT_BLOCK * blocks, -7), taken(POOL_STRIDE * pools, 0);
   std::vector<int> count(items, -1), offset(items + 1, 0);
-  query_vertex_face_count((vertex_items + batch - 1) / batch, vertex_items, batch, part, shares, order.data(),
-                          vertex_box.data(), faces, face_tree.order.data(), face_tree.leaf.data(),
-                          face_tree.group.data(), s.cloth_vertices, self, QUERY_ALL, nullptr, nullptr, ends, nullptr, 0,
-                          blocks_at, pools, pool_blocks, hit.data(), taken.data(), count.data());
-  query_edge_edge_count((edge_items + batch - 1) / batch, edge_items, batch, shares, edge_tree.order.data(),
-                        edge_tree.leaf.data(), vertex_box.data(), edges, edge_tree.order.data(), edge_tree.leaf.data(),
-                        edge_tree.group.data(), s.cloth_vertices, self, QUERY_ALL, nullptr, nullptr, ends, nullptr,
-                        vertex_items, blocks_at, pools, pool_blocks, hit.data(), taken.data(), count.data());
+  if (batch == QUERY_TEAM) {
+    team_query_vertex_face((vertex_items - 1) / batch + 1, vertex_items, order.data(), vertex_box.data(), faces,
+                           face_tree.order.data(), face_tree.leaf.data(), face_tree.group.data(), s.cloth_vertices,
+                           self, QUERY_ALL, nullptr, nullptr, ends, nullptr, 0, blocks_at, pools, pool_blocks,
+                           hit.data(), taken.data(), count.data());
+    team_query_edge_edge((edge_items - 1) / batch + 1, edge_items, edge_tree.order.data(), edge_tree.leaf.data(),
+                         vertex_box.data(), edges, edge_tree.order.data(), edge_tree.leaf.data(),
+                         edge_tree.group.data(), s.cloth_vertices, self, QUERY_ALL, nullptr, nullptr, ends, nullptr,
+                         vertex_items, blocks_at, pools, pool_blocks, hit.data(), taken.data(), count.data());
+  } else {
+    query_vertex_face_count((vertex_items + batch - 1) / batch, vertex_items, batch, part, shares, order.data(),
+                            vertex_box.data(), faces, face_tree.order.data(), face_tree.leaf.data(),
+                            face_tree.group.data(), s.cloth_vertices, self, QUERY_ALL, nullptr, nullptr, ends, nullptr,
+                            0, blocks_at, pools, pool_blocks, hit.data(), taken.data(), count.data());
+    query_edge_edge_count((edge_items + batch - 1) / batch, edge_items, batch, shares, edge_tree.order.data(),
+                          edge_tree.leaf.data(), vertex_box.data(), edges, edge_tree.order.data(),
+                          edge_tree.leaf.data(), edge_tree.group.data(), s.cloth_vertices, self, QUERY_ALL, nullptr,
+                          nullptr, ends, nullptr, vertex_items, blocks_at, pools, pool_blocks, hit.data(), taken.data(),
+                          count.data());
+  }
   std::partial_sum(count.begin(), count.end(), offset.begin() + 1);
   std::vector<int> totals(2 + pools);
   query_totals(pools, vertex_items, items, offset.data(), taken.data(), totals.data());
@@ -295,6 +310,55 @@ TEST_CASE("pairs that are left out by the boxes at both ends are separated at ev
     check(overlapping.vertex_face, near.vertex_face, true);
     check(overlapping.edge_edge, near.edge_edge, false);
   }
+}
+
+TEST_CASE("teams that walk a tree together find what each item does, in its order", "[tree]")
+{
+  for (const int n : {1, 3, 9, 21}) {  // from one team, not all of whose members have an item, to a tree of four levels
+    const Scene s = make_scene(unsigned(n), n, 1, 0);
+    for (const bool separate : {false, true})
+      for (const int pool_blocks : {1000, 3})  // also where the second pass walks again
+        for (const int self : {0, 1}) {
+          const Found alone = query(s, self, 2, pool_blocks, 1, true, 1 << 20, 1, separate),
+                      together = query(s, self, 2, pool_blocks, QUERY_TEAM, true, 1 << 20, 1, separate);
+          CAPTURE(n, separate, pool_blocks, self);
+          REQUIRE(together.vertex_face == alone.vertex_face);
+          REQUIRE(together.edge_edge == alone.edge_edge);
+          if (n > 1) REQUIRE(alone.edge_edge.size() > 20);
+        }
+  }
+}
+
+TEST_CASE("groups with a changed vertex are made anew, the others stay", "[tree]")
+{
+  const int leaves = 21;
+  std::vector<box> before(2 * leaves), after;
+  std::vector<edge_nodes> edge(leaves);
+  std::vector<face_nodes> face(leaves);
+  for (int i = 0; i < leaves; ++i) {
+    edge[i] = {{2 * i, 2 * i + 1}};
+    face[i] = {{2 * i, 2 * i + 1, 2 * i}};
+  }
+  for (int v = 0; v < 2 * leaves; ++v)
+    for (int k = 0; k < 3; ++k) {
+      before[v].lo[k] = float(v);
+      before[v].hi[k] = float(v + 1);
+    }
+  after = before;
+  std::vector<int> changed(2 * leaves, 0);
+  changed[2 * 9 + 1] = 1;  // of leaf 9, in the second group
+  for (box &b : after) b.hi[2] += 5;
+  const auto check = [&](const auto *leaf) {
+    std::vector<bvh8_node> tree(group_tree_size(leaves)), whole(group_tree_size(leaves));
+    make_groups(leaves, leaf, before, tree.data());
+    make_groups(leaves, leaf, after, whole.data());
+    const std::vector<bvh8_node> old = tree;
+    make_groups(leaves, leaf, after, tree.data(), changed.data());
+    for (int g = 0; g < 3; ++g)
+      for (int k = 0; k < GROUP; ++k) CHECK(tree[g].hi[2][k] == (g == 1 ? whole : old)[g].hi[2][k]);
+  };
+  check(edge.data());
+  check(face.data());
 }
 
 TEST_CASE("level sizes and offsets of the implicit tree add up", "[tree]")

@@ -232,10 +232,9 @@ KERNEL commit_screen(int n, int pairs, int first_size, int certified, GLOBAL con
    commit_changes and commit_disturb tell. of: -1 for all pairs, else the place in the list from which on it has the
    `pairs` to be looked at. They go to the list from place `to` on, as far as there is room; outcome[counter]: their
    number, room or not. n: teams. */
-KERNEL commit_recheck(int n, int pairs, int of, int first_size, GLOBAL const pair *vertex_face,
-                      GLOBAL const pair *edge_edge, GLOBAL const int *vertex_marked, GLOBAL const int *face_marked,
-                      GLOBAL const int *edge_marked, GLOBAL const int *accepted, int to, int room, GLOBAL int *list,
-                      int counter, GLOBAL int *outcome)
+KERNEL commit_recheck(int n, int pairs, int of, int first_size, int vertices, int faces, GLOBAL const pair *vertex_face,
+                      GLOBAL const pair *edge_edge, GLOBAL const unsigned char *marked, GLOBAL const int *accepted,
+                      int to, int room, GLOBAL int *list, int counter, GLOBAL int *outcome)
 {
   TEAM_LOCAL(int, chosen, RUN_PAIRS);
   TEAM_LOCAL(int, listed, 2);
@@ -243,9 +242,9 @@ KERNEL commit_recheck(int n, int pairs, int of, int first_size, GLOBAL const pai
     const int first = t * RUN_PAIRS;
     begin_chosen(listed);
     TEAM_FOR(l, min_int(pairs - first, RUN_PAIRS)) {
-      const int i = of < 0 ? first + l : list[of + first + l];
+      const int i = of < 0 ? first + l : list[of + first + l], before = i < first_size ? 0 : vertices + faces;
       const pair p = listed_pair(i, first_size, vertex_face, edge_edge);
-      if ((i < first_size ? vertex_marked[p.a] || face_marked[p.b] : edge_marked[p.a] || edge_marked[p.b]) &&
+      if ((marked[before + p.a] | marked[(i < first_size ? vertices : before) + p.b]) &&
           accepted[i] == COMMIT_CONDITIONAL)
         chosen[local_add_int(listed, 1)] = i;
     }
@@ -256,17 +255,34 @@ KERNEL commit_recheck(int n, int pairs, int of, int first_size, GLOBAL const pai
   }
 }
 
-/* neighbourhood[v] = 1 for the vertices of the listed pairs: a pass truncates no others. n: teams. */
-KERNEL commit_neighbourhood(int n, int first_size, GLOBAL const int *list, GLOBAL const pair *vertex_face,
-                            GLOBAL const pair *edge_edge, GLOBAL const face_nodes *face, GLOBAL const edge_nodes *edge,
-                            GLOBAL const int *outcome, GLOBAL int *neighbourhood)
+/* The neighbourhood of the vertices that a pass has truncated: all vertices in the cells of a grid where these are, and
+   in the cells beside them on the nearer sides. Cells share marks, 2^k of them, by a hash of their place: those that
+   meet make the neighbourhood larger, which harms nothing. size: of a cell, m; mask: 2^k - 1. */
+DEVICE int commit_cell(dvec3 x, double size, double shift_x, double shift_y, double shift_z, int mask)
 {
-  FOR_EACH_LISTED(t, k, n, outcome + COMMIT_LISTED)
-  {
-    const int i = list[k_run + k];
-    const element_nodes e = pair_nodes(i >= first_size, listed_pair(i, first_size, vertex_face, edge_edge), face, edge);
-    for (int j = 0; j < 4; ++j) atomic_max_int(neighbourhood + e.node[j], 1);
+  const unsigned int i = (unsigned int)(int)floor(clamp_double(x.x / size + shift_x, -1e9, 1e9)),
+                     j = (unsigned int)(int)floor(clamp_double(x.y / size + shift_y, -1e9, 1e9)),
+                     k = (unsigned int)(int)floor(clamp_double(x.z / size + shift_z, -1e9, 1e9));
+  return (int)(i * 73856093u ^ j * 19349663u ^ k * 83492791u) & mask;
+}
+
+/* Marks the cells of the vertices that the last pass has truncated. */
+KERNEL commit_mark_cells(int n, GLOBAL const dvec3 *position, GLOBAL const int *vertex_changed, double size, int mask,
+                         GLOBAL int *cell_marked)
+{
+  FOR_EACH(i, n) {
+    if (!vertex_changed[i]) continue;
+    for (int k = 0; k < 8; ++k)
+      atomic_max_int(cell_marked + commit_cell(position[i], size, k & 1 ? 0.5 : -0.5, k & 2 ? 0.5 : -0.5,
+                                               k & 4 ? 0.5 : -0.5, mask),
+                     1);
   }
+}
+
+KERNEL commit_neighbourhood(int n, GLOBAL const dvec3 *position, double size, int mask, GLOBAL const int *cell_marked,
+                            GLOBAL int *neighbourhood)
+{
+  FOR_EACH(i, n) neighbourhood[i] = cell_marked[commit_cell(position[i], size, 0.0, 0.0, 0.0, mask)];
 }
 
 /* Decides one pair and lowers the fractions of its vertices; returns its state. */
@@ -352,17 +368,46 @@ KERNEL commit_changes(int n, GLOBAL const int *fraction, GLOBAL const int *neigh
   }
 }
 
-/* Marks the faces and edges that have a marked vertex: one that has been truncated, or one in the neighbourhood. n:
-   faces and edges. */
-KERNEL commit_disturb(int n, int faces, GLOBAL const face_nodes *face, GLOBAL const edge_nodes *edge,
-                      GLOBAL const int *vertex_marked, GLOBAL int *face_marked, GLOBAL int *edge_marked)
+/* Marks the vertices that have been truncated, or are in the neighbourhood, and the faces and edges that have such a
+   vertex; marked: [vertices, then faces, then edges] bytes, which remain in a cache. n: all of these. */
+KERNEL commit_disturb(int n, int vertices, int faces, GLOBAL const face_nodes *face, GLOBAL const edge_nodes *edge,
+                      GLOBAL const int *vertex_marked, GLOBAL unsigned char *marked)
 {
   FOR_EACH(i, n) {
-    if (i < faces)
-      face_marked[i] =
-          vertex_marked[face[i].node[0]] || vertex_marked[face[i].node[1]] || vertex_marked[face[i].node[2]];
-    else
-      edge_marked[i - faces] = vertex_marked[edge[i - faces].node[0]] || vertex_marked[edge[i - faces].node[1]];
+    int any;
+    if (i < vertices) {
+      any = vertex_marked[i];
+    } else if (i < vertices + faces) {
+      const face_nodes f = face[i - vertices];
+      any = vertex_marked[f.node[0]] | vertex_marked[f.node[1]] | vertex_marked[f.node[2]];
+    } else {
+      const edge_nodes e = edge[i - vertices - faces];
+      any = vertex_marked[e.node[0]] | vertex_marked[e.node[1]];
+    }
+    marked[i] = (unsigned char)any;
+  }
+}
+
+/* What truncation takes from LOST_VERTICES vertices of the cloth: the sum of the shares of their motion, and how many
+   have lost some. */
+#define LOST_VERTICES 256
+typedef struct {
+  double motion;
+  int vertices;
+} commit_loss;
+KERNEL commit_losses(int n, int cloth_vertices, GLOBAL const int *fraction, GLOBAL commit_loss *loss)
+{
+  FOR_EACH(i, n) {
+    const int end = min_int(LOST_VERTICES * (i + 1), cloth_vertices);
+    commit_loss sum;
+    sum.motion = 0.0;
+    sum.vertices = 0;
+    for (int v = LOST_VERTICES * i; v < end; ++v)
+      if (fraction[v] != COMMIT_WHOLE) {
+        sum.motion += 1.0 - (double)bits_float(fraction[v]);
+        ++sum.vertices;
+      }
+    loss[i] = sum;
   }
 }
 

@@ -103,8 +103,17 @@ DEVICE impact_time surface_impact_time(int kind, int cubic, element_nodes e, GLO
 #define MOTION_CHANGED 2 /* a vertex has another motion than at the last detection */
 #define MOTION_OPEN 3 /* both: pairs with such features have to be tested */
 
-/* changed: the vertices whose motion has changed; without `localized` all have. found[0]: incremented for each vertex
-   whose motion x to y comes nearer to the border of its box, or of those at its ends, than `least`, m. */
+/* Of found[], which the kernels of a detection share: */
+#define DETECTION_ESCAPED 0 /* vertices that leave their boxes */
+#define DETECTION_IMPACTS 1
+#define DETECTION_OPEN 2 /* pairs that neither their bound nor an unchanged motion decides */
+#define DETECTION_UNCLEAR 3 /* of these the pairs that no direction is known to separate */
+#define DETECTION_COLLECTED 4
+#define DETECTION_COUNTS 5
+
+/* changed: the vertices whose motion has changed; without `localized` all have. found[DETECTION_ESCAPED]: incremented
+   for each vertex whose motion x to y comes nearer to the border of its box, or of those at its ends, than `least`, m.
+   */
 KERNEL find_prediction_errors(int n, GLOBAL const dvec3 *x, GLOBAL const dvec3 *y, GLOBAL const dvec3 *predicted,
                               GLOBAL const double *inverse_mass, int localized, GLOBAL const int *changed,
                               GLOBAL const box *vertex_box, GLOBAL const end_boxes *ends,
@@ -118,7 +127,7 @@ KERNEL find_prediction_errors(int n, GLOBAL const dvec3 *x, GLOBAL const dvec3 *
         (unsigned char)((inverse_mass[i] > 0.0 ? MOTION_FREE : 0) | (!localized || changed[i] ? MOTION_CHANGED : 0));
     if (!box_holds(vertex_box[i], swept_box(x[i], y[i], least, scene_bounds[0])) ||
         (ends && ends_differ(ends + i) && leaves_end_boxes(x[i], y[i], least, scene_bounds[0], ends + i)))
-      atomic_add_int(found, 1);
+      atomic_add_int(found + DETECTION_ESCAPED, 1);
   }
 }
 
@@ -140,78 +149,90 @@ KERNEL find_feature_motions(int n, int vertices, int faces, GLOBAL const face_no
   }
 }
 
-/* Lists the codes of candidates that continuous detection has to decide, from *_from on in each list. `pairs` are
+/* Lists the codes of candidates that continuous detection may have to decide, from *_from on in each list. `pairs` are
    looked at, `first_size` of them of vertices and faces. error, state: as above; pairs whose motion did not change were
-   certified before. The gap_bound of a pair and the prediction errors of its features decide most pairs, the direction
-   known from their search most of the others. *_bounds: number of pairs whose gap_bound holds from the start of this
-   motion; below 0 it marks a known impact, which is tested `again` unless it was found twice. share: the share of the
-   thickness that pairs keep; largest: the largest contact thickness, m. found[2]: the length of the list. n: teams. */
-KERNEL select_ccd_pairs(int n, int pairs, int first_size, int vertices, int faces, int again,
-                        GLOBAL const pair *vertex_face, GLOBAL const pair *edge_edge, GLOBAL const face_nodes *face,
-                        GLOBAL const edge_nodes *edge, double share, double largest, GLOBAL const float *error,
-                        GLOBAL const unsigned char *state, int vertex_face_from, int edge_edge_from,
-                        int vertex_face_bounds, GLOBAL const float *vertex_face_gap_bound, int edge_edge_bounds,
-                        GLOBAL const float *edge_edge_gap_bound, GLOBAL const dvec3 *x, GLOBAL const dvec3 *y,
-                        GLOBAL const vertex_contact *v, GLOBAL const fvec3 *vertex_face_direction,
-                        GLOBAL const fvec3 *edge_edge_direction, GLOBAL int *list, GLOBAL int *found)
+   certified before. The gap_bound of a pair and the prediction errors of its features decide most pairs. *_bounds:
+   number of pairs whose gap_bound holds from the start of this motion; below 0 it marks a known impact, which is tested
+   `again` unless it was found twice. share: the share of the thickness that pairs keep; largest: the largest contact
+   thickness, m. found[DETECTION_OPEN]: the length of the list. n: teams. */
+KERNEL select_open_pairs(int n, int pairs, int first_size, int vertices, int faces, int again,
+                         GLOBAL const pair *vertex_face, GLOBAL const pair *edge_edge, double share, double largest,
+                         GLOBAL const float *error, GLOBAL const unsigned char *state, int vertex_face_from,
+                         int edge_edge_from, int vertex_face_bounds, GLOBAL const float *vertex_face_gap_bound,
+                         int edge_edge_bounds, GLOBAL const float *edge_edge_gap_bound, GLOBAL int *list,
+                         GLOBAL int *found)
 {
-  TEAM_LOCAL(int, open, RUN_PAIRS);
-  TEAM_LOCAL(int, unclear, RUN_PAIRS);
-  TEAM_LOCAL(int, opened, 1);
+  TEAM_LOCAL(int, chosen, RUN_PAIRS);
   TEAM_LOCAL(int, listed, 2);
-  FOR_EACH_UNEVEN_TEAM(t, n) {
+  FOR_EACH_TEAM(t, n) {
     const int first = t * RUN_PAIRS;
-    TEAM_BARRIER;
-    TEAM_FOR(l, 1) opened[0] = listed[0] = 0;
-    TEAM_BARRIER;
+    begin_chosen(listed);
     TEAM_FOR(l, min_int(pairs - first, RUN_PAIRS)) {
       const int i = first + l, kind = i >= first_size,
                 at = kind == 0 ? vertex_face_from + i : edge_edge_from + i - first_size;
       const float gap_bound = kind == 0 ? vertex_face_gap_bound[at] : edge_edge_gap_bound[at];
       const pair p = kind == 0 ? vertex_face[at] : edge_edge[at];
       const int a = kind == 0 ? p.a : vertices + faces + p.a, b = kind == 0 ? vertices + p.b : vertices + faces + p.b;
-      int undecided = !(gap_bound < (again ? -1.0f : 0.0f)) && (state[a] | state[b]) == MOTION_OPEN;
-      if (undecided && gap_bound > 0.0f && at < (kind == 0 ? vertex_face_bounds : edge_edge_bounds))
-        undecided = !((double)gap_bound - 1.00001 * ((double)error[a] + (double)error[b]) > 1.01 * share * largest);
-      if (undecided) open[local_add_int(opened, 1)] = pair_code(kind, at);
+      int open = !(gap_bound < (again ? -1.0f : 0.0f)) && (state[a] | state[b]) == MOTION_OPEN;
+      if (open && gap_bound > 0.0f && at < (kind == 0 ? vertex_face_bounds : edge_edge_bounds))
+        open = !((double)gap_bound - 1.00001 * ((double)error[a] + (double)error[b]) > 1.01 * share * largest);
+      if (open) chosen[local_add_int(listed, 1)] = pair_code(kind, at);
     }
-    TEAM_BARRIER;
-    TEAM_FOR(l, opened[0]) {
-      const int kind = code_kind(open[l]), at = code_place(open[l]);
-      element_nodes e = pair_nodes(kind, kind == 0 ? vertex_face[at] : edge_edge[at], face, edge);
-      if (!separated_along(kind, e, x, y,
-                           from_direction(kind == 0 ? vertex_face_direction[at] : edge_edge_direction[at]),
-                           pair_clearance(kind, e, v, share) + 0.001 * share * pair_min_thickness(e, v)))
-        unclear[local_add_int(listed, 1)] = open[l];
-    }
-    append_chosen(unclear, listed, list, found + 2);
+    append_chosen(chosen, listed, list, found + DETECTION_OPEN);
   }
 }
 
-/* Continuous detection over the listed candidates: those that are no impacts become NO_PAIR; found[1]: the number of
+/* Of these the codes of pairs that continuous detection has to decide: the direction known from their search does not
+   separate them. found[DETECTION_UNCLEAR]: the length of the list. n: teams. */
+KERNEL select_ccd_pairs(int n, GLOBAL const pair *vertex_face, GLOBAL const pair *edge_edge,
+                        GLOBAL const face_nodes *face, GLOBAL const edge_nodes *edge, double share,
+                        GLOBAL const dvec3 *x, GLOBAL const dvec3 *y, GLOBAL const vertex_contact *v,
+                        GLOBAL const fvec3 *vertex_face_direction, GLOBAL const fvec3 *edge_edge_direction,
+                        GLOBAL const int *open, GLOBAL int *list, GLOBAL int *found)
+{
+  TEAM_LOCAL(int, chosen, PAIR_TEAM);
+  TEAM_LOCAL(int, listed, 2);
+  FOR_EACH_UNEVEN_TEAM(t, n) {
+    const int many = found[DETECTION_OPEN];
+    for (int first = t * PAIR_TEAM; first < many; first += n * PAIR_TEAM) {
+      begin_chosen(listed);
+      TEAM_FOR(l, min_int(many - first, PAIR_TEAM)) {
+        const int code = open[first + l], kind = code_kind(code), at = code_place(code);
+        const element_nodes e = pair_nodes(kind, kind == 0 ? vertex_face[at] : edge_edge[at], face, edge);
+        if (!separated_along(kind, e, x, y,
+                             from_direction(kind == 0 ? vertex_face_direction[at] : edge_edge_direction[at]),
+                             pair_clearance(kind, e, v, share) + 0.001 * share * pair_min_thickness(e, v)))
+          chosen[local_add_int(listed, 1)] = code;
+      }
+      append_chosen(chosen, listed, list, found + DETECTION_UNCLEAR);
+    }
+  }
+}
+
+/* Continuous detection over these: those that are no impacts become NO_PAIR; found[DETECTION_IMPACTS]: the number of
    impacts. n: teams. */
 KERNEL find_impacts(int n, int cubic, GLOBAL const pair *vertex_face, GLOBAL const pair *edge_edge,
                     GLOBAL const face_nodes *face, GLOBAL const edge_nodes *edge, GLOBAL const dvec3 *x,
                     GLOBAL const dvec3 *y, GLOBAL const vertex_contact *v, double share, GLOBAL int *list,
                     GLOBAL int *found)
 {
-  FOR_EACH_LISTED(t, k, n, found + 2)
+  FOR_EACH_LISTED(t, k, n, found + DETECTION_UNCLEAR)
   {
     const int code = list[k_run + k], kind = code_kind(code), at = code_place(code);
     element_nodes e = pair_nodes(kind, kind == 0 ? vertex_face[at] : edge_edge[at], face, edge);
     if (surface_impact_time(kind, cubic, e, x, y, v, pair_clearance(kind, e, v, share)).hit)
-      atomic_add_int(found + 1, 1);
+      atomic_add_int(found + DETECTION_IMPACTS, 1);
     else
       list[k_run + k] = NO_PAIR;
   }
 }
 
-/* The codes of the impacts in the list, in any order, from code[first] on; found[3]: their number, 0 before.
-   n: teams. */
+/* The codes of the impacts in the list, in any order, from code[first] on; found[DETECTION_COLLECTED]: their number, 0
+   before. n: teams. */
 KERNEL collect_impacts(int n, int first, GLOBAL const int *list, GLOBAL int *code, GLOBAL int *found)
 {
-  FOR_EACH_LISTED(t, k, n, found + 2)
-  if (list[k_run + k] != NO_PAIR) code[first + atomic_add_int(found + 3, 1)] = list[k_run + k];
+  FOR_EACH_LISTED(t, k, n, found + DETECTION_UNCLEAR)
+  if (list[k_run + k] != NO_PAIR) code[first + atomic_add_int(found + DETECTION_COLLECTED, 1)] = list[k_run + k];
 }
 
 /* Impacts of the pairs with codes code[0 .. n), from `first` on; their gap_bound becomes -1, a known impact, or -2, one

@@ -265,6 +265,43 @@ DEVICE box box_of_group(group_walk w, int g, GLOBAL const bvh8_node *tree)
   return group_box(tree + w.offset + (g >> 3), g & 7);
 }
 
+/* A walk by nodes, for those who find out for themselves which children are met. next_node returns 1 if node `group` of
+   `level`, whose boxes begin at tree[offset + group], is next, 0 after the last; but for nodes of level 0 its caller
+   adds to `open` the children to be visited. From group `first` of level 0 on `open` is empty at first, and the caller
+   fills it for all levels up to the root. */
+DEVICE group_walk nodes_from_root(int leaf_count)
+{
+  group_walk w;
+  w.level = w.root = group_root_level(leaf_count);
+  w.group = -1;
+  w.kept = 0xff;
+  w.offset = group_level_offset(leaf_count, w.level);
+  w.open = 0;
+  return w;
+}
+DEVICE group_walk nodes_from(int first, int leaf_count)
+{
+  group_walk w = nodes_from_root(leaf_count);
+  w.level = 1;
+  w.group = first >> 3;
+  w.offset = group_level_size(leaf_count, 0);
+  return w;
+}
+DEVICE int next_node(group_walk *w, int leaf_count)
+{
+  int bit = w->open ? lowest_bit(w->open) : 8 * w->root;
+  for (; w->level < bit >> 3; ++w->level) {
+    w->offset += group_level_size(leaf_count, w->level);
+    w->group >>= 3;
+  }
+  if (!w->open) return ++w->group < group_level_size(leaf_count, w->root);
+  w->open &= w->open - 1;
+  w->group = GROUP * w->group + (bit & 7);
+  --w->level;
+  w->offset -= group_level_size(leaf_count, w->level);
+  return 1;
+}
+
 /* Makes a walk that has just begun share k of `shares`, 1 or GROUP, which together meet what the walk would: it goes to
    child k alone of every group of level 1. For boxes so few that each may have GROUP items. */
 DEVICE void take_share(group_walk *w, int k, int shares)
@@ -305,31 +342,34 @@ DEVICE int walk_leaves(group_walk *w, int leaf_count, GLOBAL const bvh8_node *tr
   return leaf;
 }
 
-/* Groups of level 0. leaf_face, leaf_edge: nodes of the sorted leaves. n = group_level_size(leaf_count, 0). */
+/* Groups of level 0. leaf_face, leaf_edge: nodes of the sorted leaves. changed: [vertices] flags, null for all; groups
+   without a changed vertex stay as they are. n = group_level_size(leaf_count, 0). */
 KERNEL face_groups(int n, int leaf_count, GLOBAL const face_nodes *leaf_face, GLOBAL const box *vertex_box,
-                   GLOBAL bvh8_node *tree)
+                   GLOBAL const int *changed, GLOBAL bvh8_node *tree)
 {
   FOR_EACH(i, n) {
-    for (int k = 0; k < GROUP; ++k) {
-      box b = empty_box();
-      if (GROUP * i + k < leaf_count) {
-        face_nodes f = leaf_face[GROUP * i + k];
-        b = box_union(box_union(vertex_box[f.node[0]], vertex_box[f.node[1]]), vertex_box[f.node[2]]);
-      }
-      set_group_box(tree + i, k, b);
+    const int leaves = min_int(leaf_count - GROUP * i, GROUP);
+    int any = !changed;
+    for (int k = 0; !any && k < leaves; ++k) {
+      const face_nodes f = leaf_face[GROUP * i + k];
+      any = changed[f.node[0]] | changed[f.node[1]] | changed[f.node[2]];
     }
+    for (int k = 0; any && k < GROUP; ++k)
+      set_group_box(tree + i, k, k < leaves ? box_of_face(leaf_face[GROUP * i + k], vertex_box) : empty_box());
   }
 }
 KERNEL edge_groups(int n, int leaf_count, GLOBAL const edge_nodes *leaf_edge, GLOBAL const box *vertex_box,
-                   GLOBAL bvh8_node *tree)
+                   GLOBAL const int *changed, GLOBAL bvh8_node *tree)
 {
   FOR_EACH(i, n) {
-    for (int k = 0; k < GROUP; ++k) {
-      box b = empty_box();
-      if (GROUP * i + k < leaf_count)
-        b = box_union(vertex_box[leaf_edge[GROUP * i + k].node[0]], vertex_box[leaf_edge[GROUP * i + k].node[1]]);
-      set_group_box(tree + i, k, b);
+    const int leaves = min_int(leaf_count - GROUP * i, GROUP);
+    int any = !changed;
+    for (int k = 0; !any && k < leaves; ++k) {
+      const edge_nodes e = leaf_edge[GROUP * i + k];
+      any = changed[e.node[0]] | changed[e.node[1]];
     }
+    for (int k = 0; any && k < GROUP; ++k)
+      set_group_box(tree + i, k, k < leaves ? box_of_edge(leaf_edge[GROUP * i + k], vertex_box) : empty_box());
   }
 }
 

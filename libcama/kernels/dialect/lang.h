@@ -39,8 +39,10 @@ static inline int local_add_int(LOCAL int *p, int v)
   *p += v;
   return *p - v;
 }
+static inline void local_or_int(LOCAL int *p, int v) { *p |= v; }
 #else
 static inline int local_add_int(volatile LOCAL int *p, int v) { return atomic_add(p, v); }
+static inline void local_or_int(volatile LOCAL int *p, int v) { atomic_or(p, v); }
 #define FOR_EACH_TEAM(t, n) for (int t = (int)get_group_id(0); t < (n); t += (int)get_num_groups(0))
 #define TEAM_FOR(l, m) for (int l = (int)get_local_id(0); l < (m); l += (int)get_local_size(0))
 #define SIMD
@@ -123,6 +125,7 @@ DEVICE int lowest_bit(key64 v) { return __builtin_ctzll(v); }
 #endif
 static __device__ inline int atomic_add_int(int *p, int v) { return atomicAdd(p, v); }
 static __device__ inline int local_add_int(int *p, int v) { return atomicAdd(p, v); }
+static __device__ inline void local_or_int(int *p, int v) { atomicOr(p, v); }
 static __device__ inline int atomic_min_int(int *p, int v) { return atomicMin(p, v); }
 static __device__ inline int atomic_max_int(int *p, int v) { return atomicMax(p, v); }
 DEVICE int float_bits(float x)
@@ -210,6 +213,7 @@ DEVICE int local_add_int(int *p, int v)
   *p += v;
   return *p - v;
 }
+DEVICE void local_or_int(int *p, int v) { *p |= v; }
 DEVICE int atomic_add_int(int *p, int v) { return __atomic_fetch_add(p, v, __ATOMIC_RELAXED); }
 DEVICE int atomic_min_int(int *p, int v)
 {

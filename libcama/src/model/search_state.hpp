@@ -13,6 +13,7 @@ struct BoundsState {
   Stream<int> query_vertices;  // vertices that are tested against faces: all but those that define planes
   Stream<double> margin;  // [vertices] by which boxes are inflated, m
   Stream<double> short_motion;  // [vertices] length of a motion that hardly passes other features, m
+  double spacing = 0;  // mean distance of the cloth's vertices (root of their areas), m
   Stream<double> uncertain;  // [1] how far gravity moves a free vertex in the step, m
   Stream<dvec3> bounds;  // [2] of the scene
   // [2] if obstacles are at rest, the bounds when their boxes were made, which boxes are relative to

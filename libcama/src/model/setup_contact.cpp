@@ -56,7 +56,7 @@ void set_up_contact(State &state, const Scene &scene, const Topology &t, const s
   std::vector<kernels::vertex_contact> properties(t.position.size());
   std::vector<double> margin(t.position.size()), short_motion(t.position.size());
   std::vector<int> query_vertices;
-  state.contact.largest_thickness = 0;
+  state.contact.largest_thickness = state.bounds.spacing = 0;
   for (const auto *list : {&t.face, &t.exact_face})
     for (const Triangle &f : *list) faces.push_back({{f[0], f[1], f[2]}});
   for (const auto &e : t.edge) {
@@ -82,6 +82,7 @@ void set_up_contact(State &state, const Scene &scene, const Topology &t, const s
     state.contact.largest_thickness = std::max(state.contact.largest_thickness, p.thickness);
     p.area = t.area[v];
     short_motion[v] = short_share * std::sqrt(p.area);
+    if (!obstacle) state.bounds.spacing += std::sqrt(p.area) / t.cloth_vertices;
     p.stiffness = own.stiffness;
     p.friction = own.friction;
     p.static_friction = own.static_friction;

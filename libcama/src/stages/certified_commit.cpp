@@ -2,6 +2,7 @@
 #include "stages/certified_commit.hpp"
 
 #include <algorithm>
+#include <cmath>
 #include <cstring>
 #include <tuple>
 
@@ -11,10 +12,13 @@
 namespace cama {
 namespace {
 
-// From this pass on, where the one before has truncated no more than this share of the vertices, the pairs nearby are
-// gathered, which costs as much as a pass over all.
-constexpr int first_gathering = 2;
-constexpr double few_truncated = 1. / 256;
+// From this pass on, where the one before has truncated no more than this share of the vertices, passes look at the
+// pairs nearby, which are gathered at the cost of a pass over all.
+constexpr int first_gathering = 3;
+constexpr double few_truncated = 1. / 128;
+// A neighbourhood is to hold this share of the vertices, in cells of so many distances of vertices.
+constexpr double share_nearby = 1. / 2, least_cell = 2, largest_cell = 64;
+constexpr int cells_beside = 8;  // that each truncated vertex marks
 
 float as_fraction(int bits)
 {
@@ -26,9 +30,23 @@ float as_fraction(int bits)
 }  // namespace
 
 CertifiedCommit::CertifiedCommit(Backend &b, FlaggedPairs &flagged)
-    : flagged_(flagged), committed_(b), fraction_(b), fraction_before_(b), vertex_changed_(b), face_marked_(b),
-      edge_marked_(b), neighbourhood_(b), outcome_(b, COMMIT_OUTCOMES)
+    : flagged_(flagged), committed_(b), fraction_(b), fraction_before_(b), vertex_changed_(b), cell_marked_(b),
+      neighbourhood_(b), marked_(b), loss_(b), outcome_(b, COMMIT_OUTCOMES)
 {}
+
+void CertifiedCommit::find_neighbourhood(const Rooms &state, const Stream<dvec3> &from, int truncated)
+{
+  Backend &b = *state.backend;
+  const int vertices = state.mesh.vertices;
+  int cells = 64;
+  while (cells < vertices / 4) cells *= 2;
+  const double in_cell = share_nearby * vertices / (cells_beside * static_cast<double>(std::max(truncated, 1))),
+               size = state.bounds.spacing * std::clamp(std::sqrt(in_cell), least_cell, largest_cell);
+  cell_marked_.resize(cells);
+  cell_marked_.fill_zero();
+  CAMA_LAUNCH(b, commit_mark_cells, vertices, from, vertex_changed_, size, cells - 1, cell_marked_);
+  CAMA_LAUNCH(b, commit_neighbourhood, vertices, from, size, cells - 1, cell_marked_, neighbourhood_);
+}
 
 bool CertifiedCommit::complete(const Rooms &state, CandidateSearch &search, const Stream<dvec3> &from)
 {
@@ -49,13 +67,12 @@ void CertifiedCommit::recheck(const Rooms &state, int pairs, int of, int to, int
 {
   const MeshState &mesh = state.mesh;
   const PairList &vertex_face = state.contact.vertex_face, &edge_edge = state.contact.edge_edge;
-  const Stream<int> &vertex_marked = counter == COMMIT_LISTED ? vertex_changed_ : neighbourhood_;
   Stream<int> &list = flagged_.list;
-  CAMA_LAUNCH(*state.backend, commit_disturb, mesh.faces + mesh.edges, mesh.faces, mesh.face, mesh.edge, vertex_marked,
-              face_marked_, edge_marked_);
+  CAMA_LAUNCH(*state.backend, commit_disturb, marked_.size(), mesh.vertices, mesh.faces, mesh.face, mesh.edge,
+              counter == COMMIT_LISTED ? vertex_changed_ : neighbourhood_, marked_);
   CAMA_LAUNCH_TEAMS(void, *state.backend, commit_recheck, PAIR_TEAM, ceil_divide(pairs, RUN_PAIRS), pairs, of,
-                    vertex_face.pairs.size(), vertex_face.pairs, edge_edge.pairs, vertex_marked, face_marked_,
-                    edge_marked_, flagged_.flag, to, list.size() - to, list, counter, outcome_);
+                    vertex_face.pairs.size(), mesh.vertices, mesh.faces, vertex_face.pairs, edge_edge.pairs, marked_,
+                    flagged_.flag, to, list.size() - to, list, counter, outcome_);
 }
 
 double CertifiedCommit::run(const Rooms &state, CandidateSearch &search, const Stream<dvec3> &from, bool certified)
@@ -64,8 +81,7 @@ double CertifiedCommit::run(const Rooms &state, CandidateSearch &search, const S
   const MeshState &mesh = state.mesh;
   for (Stream<int> *stream : {&fraction_, &fraction_before_, &vertex_changed_, &neighbourhood_})
     stream->resize(mesh.vertices);
-  face_marked_.resize(mesh.faces);
-  edge_marked_.resize(mesh.edges);
+  marked_.resize(static_cast<long long>(mesh.vertices) + mesh.faces + mesh.edges);
   neighbourhood_.fill_zero();
   CAMA_LAUNCH(b, commit_begin, mesh.vertices, fraction_, fraction_before_, outcome_);
   const PairList &vertex_face = state.contact.vertex_face, &edge_edge = state.contact.edge_edge;
@@ -83,27 +99,25 @@ double CertifiedCommit::run(const Rooms &state, CandidateSearch &search, const S
     const int first = vertex_face.pairs.size(), changes = outcome[COMMIT_CHANGES], outside = outcome[COMMIT_OUTSIDE];
     // The second half of the list has the pairs nearby.
     const int pairs = accepted.size(), half = pairs - pairs / 2;
-    if (pass > 0 && !completed) recheck(state, nearby < 0 ? pairs : nearby, nearby < 0 ? -1 : half, 0, COMMIT_LISTED);
+    if (pass > 0 && !completed) {
+      if (nearby < 0 && pass >= first_gathering && truncated <= few_truncated * mesh.vertices) {
+        find_neighbourhood(state, from, truncated);
+        recheck(state, pairs, -1, half, COMMIT_NEARBY);
+        nearby = outcome_.at(COMMIT_NEARBY);
+        if (nearby > pairs - half) nearby = -1;
+      }
+      recheck(state, nearby < 0 ? pairs : nearby, nearby < 0 ? -1 : half, 0, COMMIT_LISTED);
+    }
     CAMA_LAUNCH_TEAMS(void, b, commit_pairs, PAIR_TEAM, flagged_.list_teams(), first, pass, list, vertex_face.pairs,
                       edge_edge.pairs, mesh.face, mesh.edge, from, mesh.position_next, mesh.inverse_mass,
                       state.contact.vertex_contact, certified_distance, 0, accepted, fraction_before_, fraction_,
                       outcome_);
-    const bool gather = nearby < 0 && pass >= first_gathering && truncated <= few_truncated * mesh.vertices;
-    if (gather) {
-      neighbourhood_.fill_zero();
-      CAMA_LAUNCH_TEAMS(void, b, commit_neighbourhood, PAIR_TEAM, flagged_.list_teams(), first, list, vertex_face.pairs,
-                        edge_edge.pairs, mesh.face, mesh.edge, outcome_, neighbourhood_);
-    }
     CAMA_LAUNCH(b, commit_changes, mesh.vertices, fraction_, neighbourhood_, fraction_before_, vertex_changed_,
                 outcome_);
-    if (gather) recheck(state, pairs, -1, half, COMMIT_NEARBY);
     outcome = outcome_.download();
     truncated = outcome[COMMIT_CHANGES] - changes;
     completed = false;
-    if (gather && outcome[COMMIT_NEARBY] <= pairs - half)
-      nearby = outcome[COMMIT_NEARBY];
-    else if (outcome[COMMIT_OUTSIDE] > outside)
-      nearby = -1;
+    if (outcome[COMMIT_OUTSIDE] > outside) nearby = -1;
     if (truncated > 0) continue;
     if (changes == completed_at || search.end_boxes().size() == 0) break;
     completed = complete(state, search, from);
@@ -114,13 +128,13 @@ double CertifiedCommit::run(const Rooms &state, CandidateSearch &search, const S
   committed_.resize(mesh.vertices);
   CAMA_LAUNCH(b, commit_apply, mesh.vertices, from, mesh.position_next, fraction_, outcome_, committed_);
   if (outcome[COMMIT_CHANGES] > 0) {
-    const std::vector<int> fraction = fraction_.download();
+    loss_.resize(ceil_divide(mesh.cloth_vertices, LOST_VERTICES));
+    CAMA_LAUNCH(b, commit_losses, loss_.size(), mesh.cloth_vertices, fraction_, loss_);
     double lost = 0;
-    for (int i = 0; i < mesh.cloth_vertices; ++i)
-      if (fraction[i] != COMMIT_WHOLE) {
-        ++state.report.truncated;
-        lost += 1 - as_fraction(fraction[i]);
-      }
+    for (const kernels::commit_loss &loss : loss_.download()) {
+      state.report.truncated += loss.vertices;
+      lost += loss.motion;
+    }
     state.report.lost_motion += lost / mesh.cloth_vertices;
   }
   return as_fraction(outcome[COMMIT_SIGMA]);

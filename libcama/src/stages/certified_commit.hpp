@@ -30,14 +30,18 @@ private:
   /// Lists the conditional pairs of which a vertex was truncated in the last pass (counter COMMIT_LISTED), or is in the
   /// neighbourhood (COMMIT_NEARBY), from place `to` of the list on. pairs, of: the pairs to be looked at.
   void recheck(const Rooms &state, int pairs, int of, int to, int counter);
+  /// Marks the vertices around those that the last pass has truncated, `truncated` of them.
+  void find_neighbourhood(const Rooms &state, const Stream<dvec3> &from, int truncated);
   /// Appends the pairs that the search left out and that meet where vertices are truncated, and lists them; returns
   /// whether there are any.
   bool complete(const Rooms &state, CandidateSearch &search, const Stream<dvec3> &from);
 
   FlaggedPairs &flagged_;  // its flags hold the state of each pair
   Stream<dvec3> committed_;
-  Stream<int> fraction_, fraction_before_, vertex_changed_, face_marked_, edge_marked_;
+  Stream<int> fraction_, fraction_before_, vertex_changed_, cell_marked_;
   Stream<int> neighbourhood_;  // [vertices] 1 around those that a pass has truncated: later ones truncate few others
+  Stream<unsigned char> marked_;  // vertices, then faces and edges, as in commit.h
+  Stream<kernels::commit_loss> loss_;
   Stream<int> outcome_;
 };
 

@@ -24,8 +24,20 @@ constexpr int passes_until_rigid = 20;
 
 PenetrationHandling::PenetrationHandling(Backend &b, CandidateSearch &search, FlaggedPairs &flagged)
     : search_(search), projection_(b), commit_(b, flagged), from_(b), flagged_(flagged), error_(b), motion_(b),
-      detection_(b, 4), found_(b), repeated_(b, 1)
+      detection_(b, DETECTION_COUNTS), found_(b), repeated_(b, 1)
 {}
+
+void PenetrationHandling::find_errors(const Rooms &state, bool localized)
+{
+  const long long features = static_cast<long long>(state.mesh.vertices) + state.mesh.faces + state.mesh.edges;
+  error_.resize(features);
+  motion_.resize(features);
+  detection_.fill_zero();
+  CAMA_LAUNCH(*state.backend, find_prediction_errors, state.mesh.vertices, from_, state.mesh.position_next,
+              state.bounds.predicted, state.mesh.inverse_mass, localized ? 1 : 0, projection_.moved(),
+              state.bounds.vertex_box, search_.end_boxes(), state.bounds.box_origin(),
+              certified_distance * state.contact.largest_thickness, error_, motion_, detection_);
+}
 
 PenetrationHandling::Detection PenetrationHandling::detect(const Rooms &state, bool first_piece, bool localized,
                                                            int vertex_face_from, int edge_edge_from)
@@ -36,29 +48,25 @@ PenetrationHandling::Detection PenetrationHandling::detect(const Rooms &state, b
             pairs = first + edge_edge.pairs.size() - edge_edge_from;
   CandidateSearch::find_directions(state, from_, all, all);
   flagged_.resize(state);
-  const long long features = static_cast<long long>(state.mesh.vertices) + state.mesh.faces + state.mesh.edges;
-  error_.resize(features);
-  motion_.resize(features);
-  detection_.fill_zero();
-  CAMA_LAUNCH(b, find_prediction_errors, state.mesh.vertices, from_, state.mesh.position_next, state.bounds.predicted,
-              state.mesh.inverse_mass, localized ? 1 : 0, projection_.moved(), state.bounds.vertex_box,
-              search_.end_boxes(), state.bounds.box_origin(), certified_distance * state.contact.largest_thickness,
-              error_, motion_, detection_);
+  find_errors(state, localized);
   CAMA_LAUNCH(b, find_feature_motions, state.mesh.faces + state.mesh.edges, state.mesh.vertices, state.mesh.faces,
               state.mesh.face, state.mesh.edge, error_, motion_);
-  CAMA_LAUNCH_TEAMS(
-      void, b, select_ccd_pairs, PAIR_TEAM, ceil_divide(pairs, RUN_PAIRS), pairs, first, state.mesh.vertices,
-      state.mesh.faces, state.options.paper.impact_zones ? 1 : 0, vertex_face.pairs, edge_edge.pairs, state.mesh.face,
-      state.mesh.edge, certified_distance, state.contact.largest_thickness, error_, motion_, vertex_face_from,
-      edge_edge_from, first_piece ? vertex_face.gap_bound.size() : 0, vertex_face.gap_bound,
-      first_piece ? edge_edge.gap_bound.size() : 0, edge_edge.gap_bound, from_, state.mesh.position_next,
-      state.contact.vertex_contact, vertex_face.direction, edge_edge.direction, flagged_.list, detection_);
+  CAMA_LAUNCH_TEAMS(void, b, select_open_pairs, PAIR_TEAM, ceil_divide(pairs, RUN_PAIRS), pairs, first,
+                    state.mesh.vertices, state.mesh.faces, state.options.paper.impact_zones ? 1 : 0, vertex_face.pairs,
+                    edge_edge.pairs, certified_distance, state.contact.largest_thickness, error_, motion_,
+                    vertex_face_from, edge_edge_from, first_piece ? vertex_face.gap_bound.size() : 0,
+                    vertex_face.gap_bound, first_piece ? edge_edge.gap_bound.size() : 0, edge_edge.gap_bound,
+                    flagged_.flag, detection_);
+  CAMA_LAUNCH_TEAMS(void, b, select_ccd_pairs, PAIR_TEAM, flagged_.list_teams(), vertex_face.pairs, edge_edge.pairs,
+                    state.mesh.face, state.mesh.edge, certified_distance, from_, state.mesh.position_next,
+                    state.contact.vertex_contact, vertex_face.direction, edge_edge.direction, flagged_.flag,
+                    flagged_.list, detection_);
   CAMA_LAUNCH_TEAMS(void, b, find_impacts, PAIR_TEAM, flagged_.list_teams(), state.options.paper.cubic_impacts ? 1 : 0,
                     vertex_face.pairs, edge_edge.pairs, state.mesh.face, state.mesh.edge, from_,
                     state.mesh.position_next, state.contact.vertex_contact, certified_distance, flagged_.list,
                     detection_);
   const std::vector<int> counts = detection_.download();
-  return {counts[0], counts[1]};
+  return {counts[DETECTION_ESCAPED], counts[DETECTION_IMPACTS]};
 }
 
 void PenetrationHandling::collect(const Rooms &state, int found)
@@ -171,16 +179,29 @@ void PenetrationHandling::run_on(const Rooms &state)
     int fewest = 0x7fffffff, idle_passes = 0;
     for (int pass = 0; pass < state.options.max_impact_passes; ++pass) {
       found_.resize(0);
-      Detection now = detect(state, first_piece, localized, 0, 0);
-      if (now.escaped) {
-        const int faces = state.contact.vertex_face.pairs.size(), edges = state.contact.edge_edge.pairs.size();
-        collect(state, now.found);
-        const bool renewed =
-            search_.update(state, from_, state.mesh.position_next, margin) == CandidateSearch::Change::renewed;
-        localized &= !renewed;
-        if (renewed) found_.resize(0);
-        now = detect(state, first_piece, localized, renewed ? 0 : faces, renewed ? 0 : edges);
+      // Where vertices left their boxes in the pass of the step before, pairs are looked for before all are tested.
+      bool &expected = escapes_[pass > 0];
+      Detection now = {0, 0};
+      int faces = 0, edges = 0;
+      if (expected) {
+        find_errors(state, localized);
+        now.escaped = detection_.at(DETECTION_ESCAPED);
+      } else {
+        now = detect(state, first_piece, localized, 0, 0);
+        if (now.escaped) {
+          faces = state.contact.vertex_face.pairs.size();
+          edges = state.contact.edge_edge.pairs.size();
+          collect(state, now.found);
+        }
       }
+      if (now.escaped &&
+          search_.update(state, from_, state.mesh.position_next, margin) == CandidateSearch::Change::renewed) {
+        localized = false;
+        faces = edges = 0;
+        found_.resize(0);
+      }
+      if (now.escaped || expected) now.found = detect(state, first_piece, localized, faces, edges).found;
+      expected = now.escaped > 0;
       collect(state, now.found);
       const int found = found_.size();
       if (pass == 0 && state.report.substeps == 1) state.report.impacts = found;

@@ -27,6 +27,8 @@ private:
     int escaped;   // vertices that leave their boxes
     int found;     // new impacts, which are in the list of pairs with work
   };
+  /// Finds how far vertices end from where they were predicted, and how many leave their boxes.
+  void find_errors(const Rooms &state, bool localized);
   /// Continuous detection over the motion; waits for the device once. first_piece: the motion starts at the positions
   /// of proximity checking. *_from: pairs that an earlier detection over the same motion has decided.
   Detection detect(const Rooms &state, bool first_piece, bool localized, int vertex_face_from, int edge_edge_from);
@@ -46,6 +48,7 @@ private:
   FlaggedPairs &flagged_;
   Stream<float> error_;  // of vertices, then of faces and edges, as in impact.h
   Stream<unsigned char> motion_;  // likewise
+  bool escapes_[2] = {false, false};  // vertices left their boxes in the first pass, in a later one, last time
   Stream<int> detection_;
   Stream<int> found_;  // impacts of a pass, by the codes of their pairs, in any order
   const Stream<float> no_rest_;

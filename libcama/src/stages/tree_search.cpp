@@ -17,6 +17,7 @@ constexpr int morton_bits = 63;
 // may hold most of the cloth, which is too much for one thread.
 constexpr int few_vertices = 64, part_groups = 8;
 constexpr int many_items = 32768;  // of which devices without wide workers copy the hits side by side
+constexpr int many_walks = 65536;  // from which on such devices let neighbouring items walk a tree together
 constexpr double max_changed = 0.3;  // of the vertices: beyond it, a full search is cheaper
 }  // namespace
 
@@ -25,7 +26,7 @@ TreeSearch::TreeSearch(Backend &b, FlaggedPairs &flagged)
       static_(b), key_(b), hit_(flagged.flag), taken_(b, MOST_POOLS * POOL_STRIDE), count_(b), offset_(b), identity_(b),
       changed_leaf_face_(b), changed_leaf_edge_(b), totals_(b, 1), found_totals_(b, 2 + MOST_POOLS), changed_(b),
       flag_(b), offsets_(b), changed_vertex_(b), changed_face_(b), changed_edge_(b), before_(b), end_boxes_before_(b),
-      grown_(b, 1), changed_groups_(b)
+      grown_(b, 1), changed_groups_(b), all_(b)
 {
   taken_.fill_zero();
 }
@@ -42,11 +43,11 @@ void TreeSearch::build_levels(Backend &b, int leaves, Stream<kernels::bvh8_node>
 }
 
 void TreeSearch::build_faces(const SearchRooms &state, int leaves, const Stream<kernels::face_nodes> &leaf_face,
-                             Stream<kernels::bvh8_node> &tree)
+                             const Stream<int> &changed, Stream<kernels::bvh8_node> &tree)
 {
   tree.resize(kernels::group_tree_size(leaves));
   CAMA_LAUNCH(*state.backend, face_groups, kernels::group_level_size(leaves, 0), leaves, leaf_face,
-              state.bounds.vertex_box, tree);
+              state.bounds.vertex_box, changed, tree);
   build_levels(*state.backend, leaves, tree);
 }
 
@@ -102,15 +103,15 @@ void TreeSearch::find_groups(const SearchRooms &state)
   found_ = true;
 }
 
-void TreeSearch::build_trees(const SearchRooms &state, Group &g, bool faces, bool edges)
+void TreeSearch::build_trees(const SearchRooms &state, Group &g, bool faces, bool edges, const Stream<int> &changed)
 {
   Backend &b = *state.backend;
-  if (faces && g.face.size()) build_faces(state, g.face.size(), g.leaf_face, g.trees->face_bvh);
+  if (faces && g.face.size()) build_faces(state, g.face.size(), g.leaf_face, changed, g.trees->face_bvh);
   const int leaves = g.edge.size();
   if (!edges || leaves == 0) return;
   g.trees->edge_bvh.resize(kernels::group_tree_size(leaves));
   CAMA_LAUNCH(b, edge_groups, kernels::group_level_size(leaves, 0), leaves, g.leaf_edge, state.bounds.vertex_box,
-              g.trees->edge_bvh);
+              changed, g.trees->edge_bvh);
   build_levels(b, leaves, g.trees->edge_bvh);
 }
 
@@ -164,7 +165,7 @@ void TreeSearch::place_static(const SearchRooms &state, const Stream<dvec3> &fro
   state.bounds.origin.copy_from(state.bounds.bounds);
   make_boxes(state, state.mesh.vertices, from, to);
   sort_features(state, static_);
-  build_trees(state, static_, true, true);
+  build_trees(state, static_, true, true, all_);
 }
 
 /// Groups of level 0 in a part of the tree.
@@ -203,28 +204,44 @@ void TreeSearch::query(const SearchRooms &state, const std::vector<FaceQuery> &f
   const int items = vertex_items + edge_items;
   ++state.report.searches;
   if (items == 0) return;
-  const int pools = std::clamp(items / items_per_pool, 1, MOST_POOLS), pool_blocks = static_cast<int>(blocks_ / pools);
   const long long blocks_at = static_cast<long long>(HIT_ROW) * items;
+  const int pools = std::clamp(items / items_per_pool, 1, MOST_POOLS),
+            pool_blocks = static_cast<int>(std::min(blocks_, (0x7fffffff - blocks_at) / HIT_BLOCK) / pools);
   hit_.resize(blocks_at + static_cast<long long>(HIT_BLOCK) * pool_blocks * pools);
   const int first_block = static_cast<int>(blocks_at);
   count_.resize(items);
   offset_.resize(items + 1);
   const auto batch_of = [&](const auto &q) { return q.mode == QUERY_CHANGED || q.shares > 1 ? 1 : batch_; };
   int at = 0;
+  // Whether neighbouring items walk a tree together, in launches that give each of them the whole of it.
+  const auto together = [&](int n, const Stream<int> &own) { return batch_ == 1 && n == own.size() && n > many_walks; };
   for (const FaceQuery &q : faces) {
     const int n = items_of(q), batch = n > q.items->size() ? 1 : batch_of(q);
-    CAMA_LAUNCH(b, query_vertex_face_count, (n + batch - 1) / batch, n, batch, part_of(q), q.shares, *q.items,
-                state.bounds.vertex_box, q.leaves, *q.order, *q.leaf_face, *q.tree, state.mesh.cloth_vertices, self,
-                q.mode, changed_, before_, end_boxes(), end_boxes_before_, at, first_block, pools, pool_blocks, hit_,
-                taken_, count_);
+    if (together(n, *q.items))
+      CAMA_LAUNCH_TEAMS(void, b, team_query_vertex_face, QUERY_TEAM, ceil_divide(n, QUERY_TEAM), n, *q.items,
+                        state.bounds.vertex_box, q.leaves, *q.order, *q.leaf_face, *q.tree, state.mesh.cloth_vertices,
+                        self, q.mode, changed_, before_, end_boxes(), end_boxes_before_, at, first_block, pools,
+                        pool_blocks, hit_, taken_, count_);
+    else
+      CAMA_LAUNCH(b, query_vertex_face_count, (n + batch - 1) / batch, n, batch, part_of(q), q.shares, *q.items,
+                  state.bounds.vertex_box, q.leaves, *q.order, *q.leaf_face, *q.tree, state.mesh.cloth_vertices, self,
+                  q.mode, changed_, before_, end_boxes(), end_boxes_before_, at, first_block, pools, pool_blocks, hit_,
+                  taken_, count_);
     at += n;
   }
   for (const EdgeQuery &q : edges) {
     const int n = items_of(q), batch = batch_of(q);
-    CAMA_LAUNCH(b, query_edge_edge_count, (n + batch - 1) / batch, n, batch, q.shares, *q.items, *q.item_edge,
-                state.bounds.vertex_box, q.group->edge.size(), q.group->trees->edge_order, q.group->leaf_edge,
-                q.group->trees->edge_bvh, state.mesh.cloth_vertices, self, q.mode, changed_, before_, end_boxes(),
-                end_boxes_before_, at, first_block, pools, pool_blocks, hit_, taken_, count_);
+    if (together(n, *q.items))
+      CAMA_LAUNCH_TEAMS(void, b, team_query_edge_edge, QUERY_TEAM, ceil_divide(n, QUERY_TEAM), n, *q.items,
+                        *q.item_edge, state.bounds.vertex_box, q.group->edge.size(), q.group->trees->edge_order,
+                        q.group->leaf_edge, q.group->trees->edge_bvh, state.mesh.cloth_vertices, self, q.mode, changed_,
+                        before_, end_boxes(), end_boxes_before_, at, first_block, pools, pool_blocks, hit_, taken_,
+                        count_);
+    else
+      CAMA_LAUNCH(b, query_edge_edge_count, (n + batch - 1) / batch, n, batch, q.shares, *q.items, *q.item_edge,
+                  state.bounds.vertex_box, q.group->edge.size(), q.group->trees->edge_order, q.group->leaf_edge,
+                  q.group->trees->edge_bvh, state.mesh.cloth_vertices, self, q.mode, changed_, before_, end_boxes(),
+                  end_boxes_before_, at, first_block, pools, pool_blocks, hit_, taken_, count_);
     at += n;
   }
   b.scan(count_.buffer(), offset_.buffer(), items);
@@ -270,7 +287,7 @@ void TreeSearch::query(const SearchRooms &state, const std::vector<FaceQuery> &f
   state.report.candidates = state.contact.vertex_face.pairs.size() + state.contact.edge_edge.pairs.size();
   if (first_face + first_edge > 0) return;  // not a search of everything
   const long long most = *std::max_element(totals.begin() + 2, totals.begin() + 2 + pools);
-  blocks_ = std::min(pools * (most + most / 4 + 1), (0x7fffffff - blocks_at) / (2 * HIT_BLOCK));
+  blocks_ = pools * (most + most / 4 + 1);
 }
 
 void TreeSearch::run(const SearchRooms &state, const Stream<dvec3> &from, const Stream<dvec3> &to)
@@ -290,7 +307,7 @@ void TreeSearch::run(const SearchRooms &state, const Stream<dvec3> &from, const 
     make_boxes(state, boxed_, from, to);
   for (Group *g : {&cloth_, &moving_}) {
     if (sort) sort_features(state, *g);
-    build_trees(state, *g, true, g == &moving_ || self_);
+    build_trees(state, *g, true, g == &moving_ || self_, all_);
   }
   ++searches_since_sort_;
   if (sort) ++sorts_since_placed_;
@@ -373,9 +390,10 @@ void TreeSearch::query_changed(const SearchRooms &state, const Stream<dvec3> &fr
   const int all_faces = faces_of[0] + faces_of[1], features = all_faces + edges_of[0] + edges_of[1];
   const bool cloth_edges_asked = self_ || moving_.edge.size() > 0;
   if (boxes_grown_) {
-    build_trees(state, cloth_, true, cloth_edges_asked);
-    build_trees(state, moving_, true, true);
+    build_trees(state, cloth_, true, self_, changed_);
+    build_trees(state, moving_, true, true, changed_);
   }
+  if (!self_) build_trees(state, cloth_, false, cloth_edges_asked, all_);  // a search has not made this one
   flag_.resize(features);
   offsets_.resize(features + 1);
   for (int k = 0; k < 2; ++k) {
@@ -400,7 +418,7 @@ void TreeSearch::query_changed(const SearchRooms &state, const Stream<dvec3> &fr
   if (of.a) {
     changed_leaf_face_.resize(of.a);
     CAMA_LAUNCH(b, order_faces, of.a, changed_face_, state.mesh.face, changed_leaf_face_);
-    build_faces(state, of.a, changed_leaf_face_, changed_groups_);
+    build_faces(state, of.a, changed_leaf_face_, all_, changed_groups_);
     for (const Group *g : groups)
       if (g->query_vertices.size())
         faces.push_back({QUERY_UNCHANGED, &g->query_order, of.a, &changed_face_, &changed_leaf_face_, &changed_groups_,

@@ -54,9 +54,10 @@ private:
   };
   void find_groups(const SearchRooms &state);
   void sort_features(const SearchRooms &state, Group &group);
-  void build_trees(const SearchRooms &state, Group &group, bool faces, bool edges);
+  /// changed: [vertices] flags; groups of leaves without such a vertex stay as they are. Empty: all are made.
+  void build_trees(const SearchRooms &state, Group &group, bool faces, bool edges, const Stream<int> &changed);
   void build_faces(const SearchRooms &state, int leaves, const Stream<kernels::face_nodes> &leaf_face,
-                   Stream<kernels::bvh8_node> &tree);
+                   const Stream<int> &changed, Stream<kernels::bvh8_node> &tree);
   void make_boxes(const SearchRooms &state, int n, const Stream<dvec3> &from, const Stream<dvec3> &to);
   void place_static(const SearchRooms &state, const Stream<dvec3> &from, const Stream<dvec3> &to);
   static void build_levels(Backend &backend, int leaves, Stream<kernels::bvh8_node> &tree);
@@ -92,6 +93,7 @@ private:
   Stream<kernels::end_boxes> end_boxes_before_;
   Stream<int> grown_;  // [1] number of vertices whose boxes have grown
   Stream<kernels::bvh8_node> changed_groups_;
+  const Stream<int> all_;  // without memory: everything has changed
   bool boxes_grown_ = false;
   int searches_since_sort_ = 0, sorts_since_placed_ = 0;
   int motion_changes_ = 0;  // mesh.motion_changes when the groups were found
