@@ -292,6 +292,17 @@ TEST_CASE("many items whose hits are copied by teams find the same pairs in the 
   CHECK(found[0] == found[1]);
 }
 
+TEST_CASE("the hits of a search fill a list, and no more", "[candidates]")
+{
+  for (const long long items : {1LL, 20000000LL, 60000000LL, 133000000LL}) {
+    const long long hits = HIT_ROW * items + HIT_BLOCK * TreeSearch::most_hit_blocks(static_cast<int>(items));
+    CAPTURE(items);
+    CHECK(hits <= 2143289343);  // 2^31 - 1 - 2^22
+    CHECK(hits > 2143289343 - HIT_BLOCK);
+  }
+  CHECK(TreeSearch::most_hit_blocks(134000000) == 0);
+}
+
 TEST_CASE("many items that walk trees together find the same pairs in the same order", "[candidates]")
 {
   const Scene scene = Scene::load(std::string(CAMA_SOURCE_DIR) + "/scenes/drape", 136000);

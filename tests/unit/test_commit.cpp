@@ -330,7 +330,8 @@ struct Soup {
       const double size = 0.1;
       const int mask = int(cell_marked.size()) - 1;
       commit_mark_cells(n, position.data(), vertex_marked.data(), size, mask, cell_marked.data());
-      commit_neighbourhood(n, position.data(), size, mask, cell_marked.data(), neighbourhood.data());
+      commit_neighbourhood(n, position.data(), vertex_marked.data(), size, mask, cell_marked.data(),
+                           neighbourhood.data());
       for (int v = 0; v < n; ++v) REQUIRE(neighbourhood[std::size_t(v)] >= vertex_marked[std::size_t(v)]);
       recheck(-1, pairs, neighbourhood, half, COMMIT_NEARBY);
       if (outcome[COMMIT_NEARBY] <= pairs - half)

@@ -103,9 +103,10 @@ public:
     std::swap(capacity_, other.capacity_);
   }
 
-private:
-  // The loops of kernels count beyond the last element by up to the number of work items.
+  /// Elements that a stream may have: the loops of kernels count beyond the last one by up to the number of work items.
   static constexpr int most = 0x7fffffff - (1 << 22);
+
+private:
   /// A size that overflowed while it was summed as an int is negative.
   static int checked(long long size)
   {

@@ -42,7 +42,7 @@
 #define COMMIT_CROSSED 1          /* intersecting pairs */
 #define COMMIT_SIGMA 2            /* bits of sigma */
 #define COMMIT_LISTED 3           /* pairs that the next pass decides */
-#define COMMIT_NEARBY 4 /* conditional pairs with a vertex in the neighbourhood, if this pass listed them, else 0 */
+#define COMMIT_NEARBY 4           /* conditional pairs with a vertex in the neighbourhood, until the next pass */
 #define COMMIT_OUTSIDE 5 /* changes of vertices that were not in the neighbourhood */
 #define COMMIT_OUTCOMES 6
 
@@ -279,10 +279,12 @@ KERNEL commit_mark_cells(int n, GLOBAL const dvec3 *position, GLOBAL const int *
   }
 }
 
-KERNEL commit_neighbourhood(int n, GLOBAL const dvec3 *position, double size, int mask, GLOBAL const int *cell_marked,
-                            GLOBAL int *neighbourhood)
+/* Those vertices themselves are in it whatever cells they are in. */
+KERNEL commit_neighbourhood(int n, GLOBAL const dvec3 *position, GLOBAL const int *vertex_changed, double size,
+                            int mask, GLOBAL const int *cell_marked, GLOBAL int *neighbourhood)
 {
-  FOR_EACH(i, n) neighbourhood[i] = cell_marked[commit_cell(position[i], size, 0.0, 0.0, 0.0, mask)];
+  FOR_EACH(i, n)
+    neighbourhood[i] = vertex_changed[i] | cell_marked[commit_cell(position[i], size, 0.0, 0.0, 0.0, mask)];
 }
 
 /* Decides one pair and lowers the fractions of its vertices; returns its state. */

@@ -45,7 +45,7 @@ void CertifiedCommit::find_neighbourhood(const Rooms &state, const Stream<dvec3>
   cell_marked_.resize(cells);
   cell_marked_.fill_zero();
   CAMA_LAUNCH(b, commit_mark_cells, vertices, from, vertex_changed_, size, cells - 1, cell_marked_);
-  CAMA_LAUNCH(b, commit_neighbourhood, vertices, from, size, cells - 1, cell_marked_, neighbourhood_);
+  CAMA_LAUNCH(b, commit_neighbourhood, vertices, from, vertex_changed_, size, cells - 1, cell_marked_, neighbourhood_);
 }
 
 bool CertifiedCommit::complete(const Rooms &state, CandidateSearch &search, const Stream<dvec3> &from)

@@ -179,7 +179,7 @@ void PenetrationHandling::run_on(const Rooms &state)
     int fewest = 0x7fffffff, idle_passes = 0;
     for (int pass = 0; pass < state.options.max_impact_passes; ++pass) {
       found_.resize(0);
-      // Where vertices left their boxes in the pass of the step before, pairs are looked for before all are tested.
+      // Where vertices left their boxes in the last such pass, pairs are looked for before all are tested.
       bool &expected = escapes_[pass > 0];
       Detection now = {0, 0};
       int faces = 0, edges = 0;

@@ -31,6 +31,11 @@ TreeSearch::TreeSearch(Backend &b, FlaggedPairs &flagged)
   taken_.fill_zero();
 }
 
+long long TreeSearch::most_hit_blocks(int items)
+{
+  return std::max(0LL, (Stream<int>::most - static_cast<long long>(HIT_ROW) * items) / HIT_BLOCK);
+}
+
 void TreeSearch::build_levels(Backend &b, int leaves, Stream<kernels::bvh8_node> &tree)
 {
   const int root = kernels::group_root_level(leaves);
@@ -206,7 +211,7 @@ void TreeSearch::query(const SearchRooms &state, const std::vector<FaceQuery> &f
   if (items == 0) return;
   const long long blocks_at = static_cast<long long>(HIT_ROW) * items;
   const int pools = std::clamp(items / items_per_pool, 1, MOST_POOLS),
-            pool_blocks = static_cast<int>(std::min(blocks_, (0x7fffffff - blocks_at) / HIT_BLOCK) / pools);
+            pool_blocks = static_cast<int>(std::clamp(blocks_, 0LL, most_hit_blocks(items)) / pools);
   hit_.resize(blocks_at + static_cast<long long>(HIT_BLOCK) * pool_blocks * pools);
   const int first_block = static_cast<int>(blocks_at);
   count_.resize(items);
@@ -214,10 +219,10 @@ void TreeSearch::query(const SearchRooms &state, const std::vector<FaceQuery> &f
   const auto batch_of = [&](const auto &q) { return q.mode == QUERY_CHANGED || q.shares > 1 ? 1 : batch_; };
   int at = 0;
   // Whether neighbouring items walk a tree together, in launches that give each of them the whole of it.
-  const auto together = [&](int n, const Stream<int> &own) { return batch_ == 1 && n == own.size() && n > many_walks; };
+  const auto together = [&](int n, const auto &q) { return batch_ == 1 && n == q.items->size() && n > many_walks; };
   for (const FaceQuery &q : faces) {
     const int n = items_of(q), batch = n > q.items->size() ? 1 : batch_of(q);
-    if (together(n, *q.items))
+    if (together(n, q) && q.mode != QUERY_CHANGED)  // changed vertices are in no order
       CAMA_LAUNCH_TEAMS(void, b, team_query_vertex_face, QUERY_TEAM, ceil_divide(n, QUERY_TEAM), n, *q.items,
                         state.bounds.vertex_box, q.leaves, *q.order, *q.leaf_face, *q.tree, state.mesh.cloth_vertices,
                         self, q.mode, changed_, before_, end_boxes(), end_boxes_before_, at, first_block, pools,
@@ -231,7 +236,7 @@ void TreeSearch::query(const SearchRooms &state, const std::vector<FaceQuery> &f
   }
   for (const EdgeQuery &q : edges) {
     const int n = items_of(q), batch = batch_of(q);
-    if (together(n, *q.items))
+    if (together(n, q))
       CAMA_LAUNCH_TEAMS(void, b, team_query_edge_edge, QUERY_TEAM, ceil_divide(n, QUERY_TEAM), n, *q.items,
                         *q.item_edge, state.bounds.vertex_box, q.group->edge.size(), q.group->trees->edge_order,
                         q.group->leaf_edge, q.group->trees->edge_bvh, state.mesh.cloth_vertices, self, q.mode, changed_,

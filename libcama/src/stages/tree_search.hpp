@@ -22,6 +22,9 @@ public:
   Change update(const SearchRooms &state, const Stream<dvec3> &from, const Stream<dvec3> &to, double margin) override;
   bool complete(const SearchRooms &state, const Stream<dvec3> &from, const Stream<dvec3> &to, double margin) override;
 
+  /// Blocks of hits that there may be beside the rows of so many items.
+  static long long most_hit_blocks(int items);
+
   TreeState &streams() { return trees_; }  ///< for State::visit
 
 private:
@@ -72,7 +75,7 @@ private:
   /// Appends the fresh pairs of the changed vertices.
   void query_changed(const SearchRooms &state, const Stream<dvec3> &from, int changed);
 
-  const int batch_;  // items that walk a tree together: 8 on CPUs; on GPUs each item has its own thread
+  const int batch_;  // items that a thread walks a tree for: 8 on CPUs, 1 on GPUs
   const int workers_;
   long long blocks_ = 0;  // of hits, for those of the next search that do not find room in their item's row
   TreeState trees_;
