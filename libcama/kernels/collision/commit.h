@@ -43,7 +43,7 @@
 #define COMMIT_SIGMA 2            /* bits of sigma */
 #define COMMIT_LISTED 3           /* pairs that the next pass decides */
 #define COMMIT_NEARBY 4           /* conditional pairs with a vertex in the neighbourhood, until the next pass */
-#define COMMIT_OUTSIDE 5 /* changes of vertices that were not in the neighbourhood */
+#define COMMIT_OUTSIDE 5          /* changes of vertices that were not in the neighbourhood */
 #define COMMIT_OUTCOMES 6
 
 typedef struct {
@@ -279,7 +279,7 @@ KERNEL commit_mark_cells(int n, GLOBAL const dvec3 *position, GLOBAL const int *
   }
 }
 
-/* Those vertices themselves are in it whatever cells they are in. */
+/* neighbourhood[v] = 1 for the vertices in marked cells, and for the truncated ones wherever they are. */
 KERNEL commit_neighbourhood(int n, GLOBAL const dvec3 *position, GLOBAL const int *vertex_changed, double size,
                             int mask, GLOBAL const int *cell_marked, GLOBAL int *neighbourhood)
 {

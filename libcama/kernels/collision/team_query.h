@@ -11,7 +11,7 @@
 #include "tree.h"
 
 #define QUERY_TEAM 32
-#define BOX_FLOATS 6
+#define TEAM_FLOATS (6 * QUERY_TEAM) /* of the boxes of its items */
 #define TEAM_TURNS 3 /* masks in memory: of this turn, of the next, and of the last, which a member may still read */
 
 /* The boxes of a team, that of item l in every QUERY_TEAM-th number from l on. An empty box meets nothing. */
@@ -65,7 +65,7 @@ KERNEL team_query_vertex_face(int n, int items, GLOBAL const int *vertex_order, 
                               GLOBAL const end_boxes *ends_before, int first_item, int blocks_at, int pools,
                               int pool_blocks, GLOBAL int *hit, GLOBAL int *taken, GLOBAL int *count)
 {
-  TEAM_LOCAL(float, boxes, BOX_FLOATS *QUERY_TEAM);
+  TEAM_LOCAL(float, boxes, TEAM_FLOATS);
   TEAM_LOCAL(int, found, QUERY_TEAM);
   TEAM_LOCAL(int, block, QUERY_TEAM);
   TEAM_LOCAL(int, mask, TEAM_TURNS);
@@ -113,7 +113,7 @@ KERNEL team_query_edge_edge(int n, int items, GLOBAL const int *item, GLOBAL con
                             int blocks_at, int pools, int pool_blocks, GLOBAL int *hit, GLOBAL int *taken,
                             GLOBAL int *count)
 {
-  TEAM_LOCAL(float, boxes, BOX_FLOATS *QUERY_TEAM);
+  TEAM_LOCAL(float, boxes, TEAM_FLOATS);
   TEAM_LOCAL(int, found, QUERY_TEAM);
   TEAM_LOCAL(int, block, QUERY_TEAM);
   TEAM_LOCAL(int, mask, TEAM_TURNS);
