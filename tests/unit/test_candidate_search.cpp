@@ -14,6 +14,7 @@
 #include "../recorder.hpp"
 #include "../separated.hpp"
 #include "cama/geometry.hpp"
+#include "stages/gap_bounds.hpp"
 #include "stages/tree_search.hpp"
 
 using namespace cama;
@@ -148,6 +149,47 @@ Scene pile_of(const Variant &v)
   return scene;
 }
 
+/// Every bound is at most the distance of the pair's surfaces at any time of the motion, and every direction is a unit
+/// vector or, as a bound along it needs, hardly shorter. Returns the share of the pairs that have a bound.
+double check_bounds(State &s, const std::vector<dvec3> &x, const std::vector<dvec3> &y)
+{
+  const auto faces = s.mesh.face.download();
+  const auto edges = s.mesh.edge.download();
+  const auto properties = s.contact.vertex_contact.download();
+  int bounded = 0, all = 0;
+  for (int kind = 0; kind < 2; ++kind) {
+    const PairList &list = kind == 0 ? s.contact.vertex_face : s.contact.edge_edge;
+    const auto pairs = list.pairs.download();
+    const auto bound = list.gap_bound.download();
+    const auto direction = list.direction.download();
+    REQUIRE(bound.size() == pairs.size());
+    REQUIRE(direction.size() == pairs.size());
+    for (std::size_t i = 0; i < pairs.size(); ++i) {
+      const auto &[a, b] = pairs[i];
+      std::array<std::size_t, 4> v{};
+      for (int k = 0; k < 4; ++k)
+        v[static_cast<std::size_t>(k)] =
+            static_cast<std::size_t>(kind == 0 ? (k == 0 ? a : faces[static_cast<std::size_t>(b)].node[k - 1])
+                                               : edges[static_cast<std::size_t>(k < 2 ? a : b)].node[k % 2]);
+      const auto &n = direction[i];
+      const double length = std::sqrt(double(n.x) * n.x + double(n.y) * n.y + double(n.z) * n.z);
+      CHECK(length <= 1);
+      CHECK(length > 0.999);
+      ++all;
+      if (!(bound[i] > 0)) continue;
+      ++bounded;
+      const double radii = properties[v[0]].radius + properties[v[kind == 0 ? 1 : 2]].radius;
+      for (double t : {0.0, 0.3, 0.6, 1.0}) {
+        const auto at = [&](std::size_t k) { return kernels::dlerp(x[v[k]], y[v[k]], t); };
+        const double distance = kind == 0 ? kernels::vertex_face_proximity(at(0), at(1), at(2), at(3)).distance
+                                          : kernels::edge_edge_proximity(at(0), at(1), at(2), at(3)).distance;
+        CHECK(bound[i] <= distance - radii);
+      }
+    }
+  }
+  return all > 0 ? bounded / double(all) : 0;
+}
+
 }  // namespace
 
 TEST_CASE("an updated list holds the pairs of the grown boxes, each once, but for separated ones", "[candidates]")
@@ -232,6 +274,13 @@ TEST_CASE("an updated list holds the pairs of the grown boxes, each once, but fo
       to.assign(target);
       REQUIRE(search.update(s, from, to, 0) == CandidateSearch::Change::renewed);
       check(start, target);
+      GapBounds bounds(*s.backend, flagged);
+      bounds.find_all(s, from, to);
+      const double share = check_bounds(s, start, target);
+      if (variant.self) CHECK(share > 0.25);
+      const int known = s.report.candidates;
+      search.run(s, from, to);  // the same motion, predicted
+      if (variant.self) CHECK(known < s.report.candidates);
     }
 }
 
@@ -330,12 +379,24 @@ TEST_CASE("many items that walk trees together find the same pairs in the same o
     REQUIRE(r.search.update(s, from, to, 1e-4) == CandidateSearch::Change::grown);
     r.keep(found);
     // All vertices against the cloth and against the ball, then those that have not changed; changed ones are few.
+    CHECK(r.counts.launches["count_far_ends"] == 1);
     CHECK(r.counts.launches["team_query_vertex_face"] == (narrow ? 3 : 0));
     CHECK(r.counts.launches["team_query_edge_edge"] == (narrow ? 2 : 0));
     REQUIRE(found[1].size() > 100000);
     REQUIRE(found[3].size() > found[1].size());
     if (alone.empty()) alone = found;
     CHECK(found == alone);
+    if (narrow) continue;
+    // A vertex that moves by 0.2 m, alone or with all others: room at its end.
+    for (const bool all : {true, false, true}) {
+      target = from.download();
+      for (std::size_t v = 0; v < (all ? static_cast<std::size_t>(s.mesh.cloth_vertices) : 1); ++v) target[v].z += 0.2;
+      to.assign(target);
+      r.search.run(s, from, to);
+      const kernels::end_boxes ends = r.search.end_boxes().at(0);
+      const double room = -ends.minus_hi[6] + ends.minus_hi[2] - 0.2;
+      CHECK(std::abs(room - 0.2 / (all ? 32 : 8)) < 1e-6);
+    }
   }
 }
 

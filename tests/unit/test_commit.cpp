@@ -200,6 +200,39 @@ void check_pairs(unsigned seed, int count)
 
 }  // namespace
 
+TEST_CASE("pairs that keep their distance by their bounds are not looked at again", "[commit]")
+{
+  // A vertex and a face at rest 1 m above each other, and two edges; directions of no length tell nothing.
+  const std::vector<dvec3> x = {{0, 0, 1}, {-1, -1, 0}, {1, -1, 0}, {0, 1, 0}, {1, 0, 1}};
+  const face_nodes face = {{1, 2, 3}};
+  const edge_nodes edge[2] = {{{0, 4}}, {{1, 2}}};
+  const pair vertex_face = {0, 0}, edge_edge = {0, 1};
+  const fvec3 none = {0, 0, 0};
+  vertex_contact own{};
+  own.thickness = 0.2;
+  own.shape = SHAPE_MESH;
+  const std::vector<vertex_contact> properties(x.size(), own);
+  const double share = 0.5;  // 0.101 m are to be kept
+  const auto listed = [&](std::vector<float> error, float face_bound, float edge_bound, bool bounds, bool certified) {
+    int accepted[2] = {-1, -1}, list[2] = {-1, -1}, outcome[COMMIT_OUTCOMES] = {};
+    commit_screen(1, 2, 1, int(x.size()), 1, certified, &vertex_face, &edge_edge, &face, edge, x.data(), x.data(),
+                  &none, &none, properties.data(), bounds, &face_bound, bounds, &edge_bound,
+                  error.empty() ? nullptr : error.data(), share, own.thickness, accepted, list, outcome);
+    CHECK((accepted[0] == COMMIT_CONDITIONAL && accepted[1] == COMMIT_CONDITIONAL));
+    std::vector<int> found(list, list + outcome[COMMIT_LISTED]);
+    std::sort(found.begin(), found.end());
+    return found;
+  };
+  using Places = std::vector<int>;
+  const float much = 9;  // of features that no pair has
+  CHECK(listed({0.1f, much, much, much, much, 0.09f, 0.05f, 0.14f}, 0.3f, 0.3f, true, false) == Places{});
+  CHECK(listed({0.1f, much, much, much, much, 0.11f, 0.05f, 0.14f}, 0.3f, 0.3f, true, false) == Places{0});
+  CHECK(listed({0.1f, much, much, much, much, 0.09f, 0.06f, 0.15f}, 0.3f, 0.3f, true, false) == Places{1});
+  CHECK(listed({0, 0, 0, 0, 0, 0, 0, 0}, 0, 0, true, false) == Places{0, 1});  // no pair has a bound
+  CHECK(listed({}, 0.3f, 0.3f, false, false) == Places{0, 1});  // bounds of another motion
+  CHECK(listed({}, -1, 0, false, true) == Places{0});  // all are certified but for an impact
+}
+
 TEST_CASE("no proposed motion makes a pair cross or come nearer than the minimum", "[commit]")
 {
   check_pairs(11, 20000);

@@ -100,7 +100,7 @@ Found query(const Scene &s, int self, int pools, int pool_blocks, int batch, boo
   const double uncertain = 0;
   std::vector<end_boxes> own_ends(vertices);
   vertex_end_boxes(vertices, s.position.data(), s.target.data(), s.margin.data(), short_motion.data(), bounds.data(),
-                   &uncertain, vertex_box.data(), own_ends.data());
+                   &uncertain, 0, nullptr, vertex_box.data(), own_ends.data());
   const end_boxes *ends = separate ? own_ends.data() : nullptr;
   const auto face_tree = build_tree(s.face, face_box, vertex_box, bounds, both);
   const auto edge_tree = build_tree(s.edge, edge_box, vertex_box, bounds, both);
@@ -260,6 +260,41 @@ bool contains(const Pairs &all, const Pairs &some)
 }
 
 }  // namespace
+
+TEST_CASE("the box at the end of a motion has room for what is uncertain, unless most ends are too uncertain", "[tree]")
+{
+  // Two of the three vertices that are asked move by 2 m, the other by 1 m.
+  const int n = 2 * ASKED_VERTICES + 1;
+  const std::vector<double> margin(n, 0.01), short_motion(n, 0.15);
+  const double uncertain = 0.02;
+  std::vector<dvec3> x(n, dvec3_make(0, 0, 0)), y(n, dvec3_make(0, 0, 1)), bounds{{0, 0, 0}, {0, 0, 2}};
+  y[ASKED_VERTICES] = y[2 * ASKED_VERTICES] = dvec3_make(0, 0, 2);
+  std::vector<box> whole(n);
+  vertex_boxes(n, x.data(), y.data(), margin.data(), bounds.data(), whole.data());
+  int far_ends = 0;
+  count_far_ends(3, x.data(), y.data(), margin.data(), short_motion.data(), &uncertain, &far_ends);
+  CHECK(far_ends == 2);  // 0.02 + 2 / 8 is more than 0.15, 0.02 + 1 / 8 is not
+  const double fall = 0.2;  // what hangs has this motion, and is as uncertain
+  const std::vector<dvec3> fallen(n, dvec3_make(0, 0, -fall));
+  count_far_ends(3, x.data(), fallen.data(), margin.data(), short_motion.data(), &fall, &far_ends);
+  CHECK(far_ends == 2);
+  const auto end_of_first = [&](int all, int far) {
+    std::vector<end_boxes> ends(n);
+    vertex_end_boxes(n, x.data(), y.data(), margin.data(), short_motion.data(), bounds.data(), &uncertain, all, &far,
+                     whole.data(), ends.data());
+    CHECK(std::fabs(double(-ends[0].minus_hi[2]) - 0.01) < 1e-6);  // of the start
+    CHECK(std::fabs(double(ends[0].lo[6] - ends[0].minus_hi[6]) - 2) < 1e-6);
+    return double(-ends[0].minus_hi[6]) - 1;
+  };
+  CHECK(std::fabs(end_of_first(0, 0) - (0.01 + 0.02 + 1. / 8)) < 1e-6);  // nobody was asked
+  CHECK(std::fabs(end_of_first(4, 1) - (0.01 + 0.02 + 1. / 8)) < 1e-6);
+  CHECK(std::fabs(end_of_first(4, 2) - (0.01 + 1. / 32)) < 1e-6);
+  CHECK(std::fabs(end_of_first(-1, 0) - (0.01 + 1. / 32)) < 1e-6);  // of a known motion
+  std::vector<end_boxes> ends(n);
+  vertex_end_boxes(n, x.data(), fallen.data(), margin.data(), short_motion.data(), bounds.data(), &fall, 4, &n,
+                   whole.data(), ends.data());
+  CHECK_FALSE(ends_differ(&ends[0]));  // whatever others do
+}
 
 TEST_CASE("pairs that are left out by the boxes at both ends are separated at every moment", "[tree]")
 {

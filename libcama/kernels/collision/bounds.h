@@ -203,20 +203,51 @@ DEVICE int ends_differ(GLOBAL const end_boxes *ends)
   return differ;
 }
 
-/* Boxes at both ends of the motion `position` to `target`, with the margin of vertex_boxes. Where it ends is uncertain
-   by uncertain[0], m, and by a share of the motion. A vertex that moves by no more than short_motion, m, or hardly more
-   than its margin, may be anywhere in vertex_box at both ends: this would separate few pairs. */
+/* Where a predicted motion ends is uncertain by uncertain[0], m, and by a share of the motion; a known one changes
+   little afterwards. */
 #define UNCERTAIN_SHARE 0.125
+#define KNOWN_SHARE 0.03125
+
+/* A vertex that moves by no more than this, m, or hardly more than its margin and what is uncertain, may be anywhere in
+   its box at both ends: boxes at the ends would separate few pairs. */
+DEVICE double shortest_motion(double short_motion, double margin, double uncertain)
+{
+  return max_double(short_motion, 2.0 * (margin + uncertain));
+}
+
+/* far_ends[0]: incremented for each vertex, of those that are asked, that moves further than that and whose end is
+   uncertain by more than short_motion: its box there would overlap with those of many neighbours. n: vertices that are
+   asked, every ASKED_VERTICES-th. */
+#define ASKED_VERTICES 64
+KERNEL count_far_ends(int n, GLOBAL const dvec3 *position, GLOBAL const dvec3 *target, GLOBAL const double *margin,
+                      GLOBAL const double *short_motion, GLOBAL const double *uncertain, GLOBAL int *far_ends)
+{
+  FOR_EACH(k, n) {
+    const int i = ASKED_VERTICES * k;
+    const double moved = dnorm(dsub(target[i], position[i]));
+    if (moved > shortest_motion(short_motion[i], margin[i], uncertain[0]) &&
+        uncertain[0] + UNCERTAIN_SHARE * moved > short_motion[i])
+      atomic_add_int(far_ends, 1);
+  }
+}
+
+/* Boxes at both ends of the motion `position` to `target`, with the margin of vertex_boxes and what is uncertain about
+   its end. A motion is taken for known where more than a quarter of `all`, if any, have far ends: there would be too
+   many candidates, and where cloth moves so far they are searched for again anyway. all: below 0 if the motion is
+   known. */
 KERNEL vertex_end_boxes(int n, GLOBAL const dvec3 *position, GLOBAL const dvec3 *target, GLOBAL const double *margin,
                         GLOBAL const double *short_motion, GLOBAL const dvec3 *scene_bounds,
-                        GLOBAL const double *uncertain, GLOBAL const box *vertex_box, GLOBAL end_boxes *ends)
+                        GLOBAL const double *uncertain, int all, GLOBAL const int *far_ends,
+                        GLOBAL const box *vertex_box, GLOBAL end_boxes *ends)
 {
   FOR_EACH(i, n) {
-    dvec3 x = position[i], y = target[i], d = dsub(y, x);
-    double least = max_double(short_motion[i], 2.0 * (margin[i] + uncertain[0]));
+    const dvec3 x = position[i], y = target[i], d = dsub(y, x);
+    const int known = all < 0 || (all > 0 && 4 * far_ends[0] > all);
+    const double least = shortest_motion(short_motion[i], margin[i], all < 0 ? 0.0 : uncertain[0]),
+                 room = known ? KNOWN_SHARE * dnorm(d) : uncertain[0] + UNCERTAIN_SHARE * dnorm(d);
     if (ddot(d, d) > least * least)
       ends[i] = make_end_boxes(swept_box(x, x, margin[i], scene_bounds[0]),
-                               swept_box(y, y, margin[i] + uncertain[0] + UNCERTAIN_SHARE * dnorm(d), scene_bounds[0]));
+                               swept_box(y, y, margin[i] + room, scene_bounds[0]));
     else
       ends[i] = make_end_boxes(vertex_box[i], vertex_box[i]);
   }

@@ -195,17 +195,19 @@ DEVICE commit_bound commit_half_space(dvec3 *x, const dvec3 *y, const int *fixed
   return commit_plane(x, d, fixed, 1, n, dmin, radius, 1e-15 * largest + CCD_ROUNDING * extent);
 }
 
-/* Lists the pairs that pass 0 has to decide: not those that keep their clearance along the direction known from their
-   search, which for most pairs decides it at a fifth of its cost. certified 1: find_impacts has certified, for this
-   very motion, every pair that is no impact, so these pass without a test; *_gap_bound: below 0 for an impact.
-   accepted: [pairs] states, of vertex_face and then of edge_edge. n: teams. */
-KERNEL commit_screen(int n, int pairs, int first_size, int certified, GLOBAL const pair *vertex_face,
-                     GLOBAL const pair *edge_edge, GLOBAL const face_nodes *face, GLOBAL const edge_nodes *edge,
-                     GLOBAL const dvec3 *position, GLOBAL const dvec3 *target,
+/* Lists the pairs that pass 0 has to decide: not those that keep their clearance by their bound, or along the direction
+   known from their search, which for most pairs decides it at a fifth of its cost. certified 1: find_impacts has
+   certified, for this very motion, every pair that is no impact, so these pass without a test; *_gap_bound: below 0 for
+   an impact. *_bounds, error, largest: as for select_open_pairs; *_bounds is 0 without errors. accepted: [pairs]
+   states, of vertex_face and then of edge_edge. n: teams. */
+KERNEL commit_screen(int n, int pairs, int first_size, int vertices, int faces, int certified,
+                     GLOBAL const pair *vertex_face, GLOBAL const pair *edge_edge, GLOBAL const face_nodes *face,
+                     GLOBAL const edge_nodes *edge, GLOBAL const dvec3 *position, GLOBAL const dvec3 *target,
                      GLOBAL const fvec3 *vertex_face_direction, GLOBAL const fvec3 *edge_edge_direction,
-                     GLOBAL const vertex_contact *properties, GLOBAL const float *vertex_face_gap_bound,
-                     GLOBAL const float *edge_edge_gap_bound, double share, GLOBAL int *accepted, GLOBAL int *list,
-                     GLOBAL int *outcome)
+                     GLOBAL const vertex_contact *properties, int vertex_face_bounds,
+                     GLOBAL const float *vertex_face_gap_bound, int edge_edge_bounds,
+                     GLOBAL const float *edge_edge_gap_bound, GLOBAL const float *error, double share, double largest,
+                     GLOBAL int *accepted, GLOBAL int *list, GLOBAL int *outcome)
 {
   TEAM_LOCAL(int, chosen, RUN_PAIRS);
   TEAM_LOCAL(int, listed, 2);
@@ -214,7 +216,14 @@ KERNEL commit_screen(int n, int pairs, int first_size, int certified, GLOBAL con
     begin_chosen(listed);
     TEAM_FOR(l, min_int(pairs - first, RUN_PAIRS)) {
       const int i = first + l, kind = i >= first_size, at = kind == 0 ? i : i - first_size;
-      int screened = certified && !((kind == 0 ? vertex_face_gap_bound[at] : edge_edge_gap_bound[at]) < 0.0f);
+      const float gap_bound = kind == 0 ? vertex_face_gap_bound[at] : edge_edge_gap_bound[at];
+      int screened = certified && !(gap_bound < 0.0f);
+      if (!screened && at < (kind == 0 ? vertex_face_bounds : edge_edge_bounds)) {
+        const pair p = listed_pair(i, first_size, vertex_face, edge_edge);
+        const int before = kind == 0 ? 0 : vertices + faces;
+        screened = bound_keeps(gap_bound, error[before + p.a], error[(kind == 0 ? vertices : before) + p.b],
+                               1.01 * share * largest);
+      }
       if (!screened) {
         element_nodes e = pair_nodes(kind, listed_pair(i, first_size, vertex_face, edge_edge), face, edge);
         screened = separated_along(kind, e, position, target,

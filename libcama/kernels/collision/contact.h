@@ -36,6 +36,42 @@ KERNEL list_near_pairs(int n, int pairs, int first_size, GLOBAL const float *ver
   }
 }
 
+/* The bound along the direction between the closest points, m; 0: none. */
+DEVICE float gap_bound_of(int kind, element_nodes e, proximity p, GLOBAL const swept_vertex *swept_vertices,
+                          GLOBAL const float *rounding_margin)
+{
+  const fvec3 normal =
+      fvec3_make(0.999999f * (float)p.normal.x, 0.999999f * (float)p.normal.y, 0.999999f * (float)p.normal.z);
+  return gap_bound_along(kind, swept_vertices[e.node[0]], swept_vertices[e.node[1]], swept_vertices[e.node[2]],
+                         swept_vertices[e.node[3]], normal, rounding_margin[0]);
+}
+
+/* The listed pairs, which have no bound yet: the direction between their closest points, and the bound along it. n:
+   teams. */
+KERNEL bound_near_pairs(int n, int first_size, GLOBAL const int *list, GLOBAL const int *length,
+                        GLOBAL const pair *vertex_face, GLOBAL const pair *edge_edge, GLOBAL const face_nodes *face,
+                        GLOBAL const edge_nodes *edge, GLOBAL const dvec3 *position,
+                        GLOBAL const swept_vertex *swept_vertices, GLOBAL const float *rounding_margin,
+                        GLOBAL const vertex_contact *v, GLOBAL fvec3 *vertex_face_direction,
+                        GLOBAL float *vertex_face_gap_bound, GLOBAL fvec3 *edge_edge_direction,
+                        GLOBAL float *edge_edge_gap_bound)
+{
+  FOR_EACH_LISTED(t, k, n, length)
+  {
+    const int i = list[k_run + k], kind = i >= first_size, at = kind == 0 ? i : i - first_size;
+    const element_nodes e = pair_nodes(kind, listed_pair(i, first_size, vertex_face, edge_edge), face, edge);
+    const proximity p = surface_proximity(kind, e, position, v);
+    const float gap_bound = gap_bound_of(kind, e, p, swept_vertices, rounding_margin);
+    if (kind == 0) {
+      vertex_face_direction[at] = to_direction(p.normal);
+      vertex_face_gap_bound[at] = gap_bound;
+    } else {
+      edge_edge_direction[at] = to_direction(p.normal);
+      edge_edge_gap_bound[at] = gap_bound;
+    }
+  }
+}
+
 /* flag[i] = 1 where listed candidate i is a contact. direction: one that separates its sides, from side B to side A;
    gap_bound: lower bound of their distance along it until the prediction, m, 0 where it is not known to exceed the
    thickness. cull_separated_pairs has both for the pairs that are not listed. n: teams. */
@@ -59,12 +95,8 @@ KERNEL find_contacts(int n, int first_size, GLOBAL const int *list, GLOBAL const
       vertex_face_direction[at] = to_direction(p.normal);
     else
       edge_edge_direction[at] = to_direction(p.normal);
-    if (!hit) { /* the direction of the closest points may give a bound */
-      fvec3 normal =
-          fvec3_make(0.999999f * (float)p.normal.x, 0.999999f * (float)p.normal.y, 0.999999f * (float)p.normal.z);
-      float gap_bound =
-          gap_bound_along(kind, swept_vertices[e.node[0]], swept_vertices[e.node[1]], swept_vertices[e.node[2]],
-                          swept_vertices[e.node[3]], normal, rounding_margin[0]);
+    if (!hit) {
+      float gap_bound = gap_bound_of(kind, e, p, swept_vertices, rounding_margin);
       if (gap_bound > 0.0f) {
         if (kind == 0)
           vertex_face_gap_bound[at] = gap_bound;
@@ -140,7 +172,7 @@ KERNEL drop_hidden_contacts(int n, int first_size, GLOBAL const int *list, GLOBA
   }
 }
 
-/* The directions alone, from pair `first` on, for a search whose contacts are not needed. */
+/* The directions alone, from pair `first` on, for pairs whose contacts and bounds are not needed. */
 KERNEL find_directions(int n, int kind, int first, GLOBAL const pair *pairs, GLOBAL const face_nodes *face,
                        GLOBAL const edge_nodes *edge, GLOBAL const dvec3 *position, GLOBAL const vertex_contact *v,
                        GLOBAL fvec3 *direction)

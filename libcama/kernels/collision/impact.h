@@ -149,6 +149,13 @@ KERNEL find_feature_motions(int n, int vertices, int faces, GLOBAL const face_no
   }
 }
 
+/* 1 if a pair keeps `least` over the motion, by its bound for the predicted motion and by how far its features end from
+   there. */
+DEVICE int bound_keeps(float gap_bound, float error_a, float error_b, double least)
+{
+  return gap_bound > 0.0f && (double)gap_bound - 1.00001 * ((double)error_a + (double)error_b) > least;
+}
+
 /* Lists the codes of candidates that continuous detection may have to decide, from *_from on in each list. `pairs` are
    looked at, `first_size` of them of vertices and faces. error, state: as above; pairs whose motion did not change were
    certified before. The gap_bound of a pair and the prediction errors of its features decide most pairs. *_bounds:
@@ -170,12 +177,15 @@ KERNEL select_open_pairs(int n, int pairs, int first_size, int vertices, int fac
     TEAM_FOR(l, min_int(pairs - first, RUN_PAIRS)) {
       const int i = first + l, kind = i >= first_size,
                 at = kind == 0 ? vertex_face_from + i : edge_edge_from + i - first_size;
-      const float gap_bound = kind == 0 ? vertex_face_gap_bound[at] : edge_edge_gap_bound[at];
       const pair p = kind == 0 ? vertex_face[at] : edge_edge[at];
       const int a = kind == 0 ? p.a : vertices + faces + p.a, b = kind == 0 ? vertices + p.b : vertices + faces + p.b;
-      int open = !(gap_bound < (again ? -1.0f : 0.0f)) && (state[a] | state[b]) == MOTION_OPEN;
-      if (open && gap_bound > 0.0f && at < (kind == 0 ? vertex_face_bounds : edge_edge_bounds))
-        open = !((double)gap_bound - 1.00001 * ((double)error[a] + (double)error[b]) > 1.01 * share * largest);
+      int open = (state[a] | state[b]) == MOTION_OPEN;
+      if (open) {
+        const float gap_bound = kind == 0 ? vertex_face_gap_bound[at] : edge_edge_gap_bound[at];
+        open = !(gap_bound < (again ? -1.0f : 0.0f));
+        if (open && at < (kind == 0 ? vertex_face_bounds : edge_edge_bounds))
+          open = !bound_keeps(gap_bound, error[a], error[b], 1.01 * share * largest);
+      }
       if (open) chosen[local_add_int(listed, 1)] = pair_code(kind, at);
     }
     append_chosen(chosen, listed, list, found + DETECTION_OPEN);

@@ -9,7 +9,8 @@ namespace cama {
 
 /// Where vertices may be during the step, by which candidate pairs are searched for.
 struct BoundsState {
-  Stream<dvec3> predicted;  // [vertices] ballistic end of the step
+  // [vertices] the end of the motion that bounds are for: the ballistic one, or what the solve has led to
+  Stream<dvec3> predicted;
   Stream<int> query_vertices;  // vertices that are tested against faces: all but those that define planes
   Stream<double> margin;  // [vertices] by which boxes are inflated, m
   Stream<double> short_motion;  // [vertices] length of a motion that hardly passes other features, m

@@ -44,16 +44,18 @@ std::unique_ptr<CandidateSearch> make_search(const Scene &scene, State &state, F
   return search;
 }
 
-/// Proximity checking owns the search and the flags, which penetration handling uses as well.
+/// Proximity checking owns the search, the flags and the bounds, which penetration handling uses as well.
 class ProximityChecking final : public Pipeline {
 public:
   ProximityChecking(const Scene &scene, State &state)
-      : Pipeline("proximity checking", "contact"), flagged(*state.backend), search(make_search(scene, state, flagged))
+      : Pipeline("proximity checking", "contact"), flagged(*state.backend), bounds(*state.backend, flagged),
+        search(make_search(scene, state, flagged))
   {
     add<ProximitySearch>(*search);
-    add<FindContacts>(*state.backend, flagged);
+    add<FindContacts>(*state.backend, flagged, bounds);
   }
   FlaggedPairs flagged;
+  GapBounds bounds;
   std::unique_ptr<CandidateSearch> search;
 };
 
@@ -98,7 +100,7 @@ template <class Real> std::unique_ptr<Pipeline> make_pipeline(const Scene &scene
   if (contact && options.integrator == Integrator::bdf2) step.add<SplitContact<Real>>(b);
   if (state.contact.kept.key.backend()) step.add<KeepFriction<Real>>();
   if (options.forces) step.add<SolveReactions<Real>>(b);
-  if (contact) step.add<PenetrationHandling>(b, *proximity->search, proximity->flagged);
+  if (contact) step.add<PenetrationHandling>(b, *proximity->search, proximity->flagged, proximity->bounds);
   if (plastic) step.add<YieldCurvature<Real>>();
   step.add<FinishStep>(b);
   if (state.time.error > 0) step.add<EstimateError>(b, scene, state.mesh, state.system.masses());

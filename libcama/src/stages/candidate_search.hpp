@@ -12,7 +12,8 @@ using SearchRooms = Access<const Options, StepReport, const MeshState, ContactSt
 /// leave out pairs that one coordinate separates throughout, if all vertices go all of their way at the same rate.
 class CandidateSearch {
 public:
-  enum class Change { none, grown, renewed };   ///< what happened to the lists
+  /// What happened to the lists. renewed: all pairs are new, without bounds and directions.
+  enum class Change { none, grown, renewed };
   explicit CandidateSearch(Backend &backend)
       : end_boxes_(backend), wanted_(backend), place_(backend), kept_(backend), corners_(backend)
   {}

@@ -75,7 +75,8 @@ void CertifiedCommit::recheck(const Rooms &state, int pairs, int of, int to, int
                     flagged_.flag, to, list.size() - to, list, counter, outcome_);
 }
 
-double CertifiedCommit::run(const Rooms &state, CandidateSearch &search, const Stream<dvec3> &from, bool certified)
+double CertifiedCommit::run(const Rooms &state, CandidateSearch &search, const Stream<dvec3> &from, bool certified,
+                            const Stream<float> *errors)
 {
   Backend &b = *state.backend;
   const MeshState &mesh = state.mesh;
@@ -88,9 +89,11 @@ double CertifiedCommit::run(const Rooms &state, CandidateSearch &search, const S
   Stream<int> &accepted = flagged_.flag, &list = flagged_.list;
   flagged_.resize(state);
   CAMA_LAUNCH_TEAMS(void, b, commit_screen, PAIR_TEAM, flagged_.teams(), accepted.size(), vertex_face.pairs.size(),
-                    certified ? 1 : 0, vertex_face.pairs, edge_edge.pairs, mesh.face, mesh.edge, from,
-                    mesh.position_next, vertex_face.direction, edge_edge.direction, state.contact.vertex_contact,
-                    vertex_face.gap_bound, edge_edge.gap_bound, certified_distance, accepted, list, outcome_);
+                    mesh.vertices, mesh.faces, certified ? 1 : 0, vertex_face.pairs, edge_edge.pairs, mesh.face,
+                    mesh.edge, from, mesh.position_next, vertex_face.direction, edge_edge.direction,
+                    state.contact.vertex_contact, errors ? vertex_face.gap_bound.size() : 0, vertex_face.gap_bound,
+                    errors ? edge_edge.gap_bound.size() : 0, edge_edge.gap_bound, errors ? *errors : no_errors_,
+                    certified_distance, state.contact.largest_thickness, accepted, list, outcome_);
   std::vector<int> outcome(COMMIT_OUTCOMES, 0);
   bool completed = false;  // the list has the pairs that were appended
   int completed_at = 0;    // changes when they were

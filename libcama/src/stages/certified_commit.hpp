@@ -21,7 +21,9 @@ public:
   /// Fills committed(). Returns the share of their motion that obstacles completed; 1: all of it. certified: every pair
   /// except known impacts has been certified for this motion.
   /// search: has the candidates, and finds those that it left out where vertices go a part of their way only.
-  double run(const Rooms &state, CandidateSearch &search, const Stream<dvec3> &from, bool certified);
+  /// errors: how far this motion is from that for which the bounds of pairs hold (impact.h); null: they do not hold.
+  double run(const Rooms &state, CandidateSearch &search, const Stream<dvec3> &from, bool certified,
+             const Stream<float> *errors);
   Stream<dvec3> &committed() { return committed_; }  ///< [vertices] m
   /// The pairs that made obstacles pause in the last run, with their kind, ordered.
   std::vector<std::pair<int, kernels::pair>> pausing_pairs(const Rooms &state);
@@ -43,6 +45,7 @@ private:
   Stream<unsigned char> marked_;  // vertices, then faces and edges, as in commit.h
   Stream<kernels::commit_loss> loss_;
   Stream<int> outcome_;
+  const Stream<float> no_errors_;
 };
 
 }  // namespace cama

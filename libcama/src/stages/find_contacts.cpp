@@ -11,30 +11,21 @@ void FindContacts::run_on(const Rooms &state)
   // The paper's proximity is a distance alone; by default contacts also act on pairs that would close within the step.
   const double anticipate = state.options.paper.anticipate_contacts ? 20 * state.contact.settings.thickness : 0.0;
   PairList &vertex_face = state.contact.vertex_face, &edge_edge = state.contact.edge_edge;
-  const int first = vertex_face.pairs.size(), n = first + edge_edge.pairs.size();
-  swept_vertices_.resize(state.mesh.vertices);
-  flagged_.resize(state);
-  for (PairList *list : {&vertex_face, &edge_edge}) list->direction.resize(list->pairs.size());
-  CAMA_LAUNCH(b, make_swept_vertices, state.mesh.vertices, state.mesh.position, state.bounds.predicted,
-              state.bounds.bounds, state.contact.vertex_contact, swept_vertices_, rounding_margin_, listed_);
-  CAMA_LAUNCH(b, cull_separated_pairs, first, 0, vertex_face.pairs, state.mesh.face, state.mesh.edge, swept_vertices_,
-              rounding_margin_, vertex_face.direction, vertex_face.gap_bound);
-  CAMA_LAUNCH(b, cull_separated_pairs, n - first, 1, edge_edge.pairs, state.mesh.face, state.mesh.edge, swept_vertices_,
-              rounding_margin_, edge_edge.direction, edge_edge.gap_bound);
-  CAMA_LAUNCH_TEAMS(void, b, list_near_pairs, PAIR_TEAM, flagged_.teams(), n, first, vertex_face.gap_bound,
-                    edge_edge.gap_bound, flagged_.flag, flagged_.list, listed_);
-  CAMA_LAUNCH_TEAMS(void, b, find_contacts, PAIR_TEAM, flagged_.list_teams(), first, flagged_.list, listed_,
+  const int first = vertex_face.pairs.size();
+  const Stream<int> &listed = bounds_.near_pairs;
+  bounds_.find(state, state.mesh.position, state.bounds.predicted);
+  CAMA_LAUNCH_TEAMS(void, b, find_contacts, PAIR_TEAM, flagged_.list_teams(), first, flagged_.list, listed,
                     vertex_face.pairs, edge_edge.pairs, state.mesh.face, state.mesh.edge, state.mesh.edge_wing,
-                    state.mesh.position, state.bounds.predicted, swept_vertices_, rounding_margin_,
+                    state.mesh.position, state.bounds.predicted, bounds_.swept_vertices, bounds_.rounding_margin,
                     state.contact.vertex_contact, anticipate, flagged_.flag, vertex_face.direction,
                     vertex_face.gap_bound, edge_edge.direction, edge_edge.gap_bound);
   if (anticipate > 0) {
     nearest_.resize(SIDES * state.mesh.cloth_vertices);
     b.fill(nearest_.buffer(), 0x7f, nearest_.bytes());  // each a float of 3e38
-    CAMA_LAUNCH_TEAMS(void, b, nearest_contacts, PAIR_TEAM, flagged_.list_teams(), first, flagged_.list, listed_,
+    CAMA_LAUNCH_TEAMS(void, b, nearest_contacts, PAIR_TEAM, flagged_.list_teams(), first, flagged_.list, listed,
                       vertex_face.pairs, edge_edge.pairs, state.mesh.face, state.mesh.edge, state.mesh.position,
                       state.contact.vertex_contact, state.mesh.cloth_vertices, flagged_.flag, nearest_);
-    CAMA_LAUNCH_TEAMS(void, b, drop_hidden_contacts, PAIR_TEAM, flagged_.list_teams(), first, flagged_.list, listed_,
+    CAMA_LAUNCH_TEAMS(void, b, drop_hidden_contacts, PAIR_TEAM, flagged_.list_teams(), first, flagged_.list, listed,
                       vertex_face.pairs, edge_edge.pairs, state.mesh.face, state.mesh.edge, state.mesh.position,
                       state.contact.vertex_contact, state.mesh.cloth_vertices, nearest_, flagged_.flag);
   }

@@ -2,15 +2,15 @@
 #pragma once
 #include "run/pipeline.hpp"
 #include "stages/flagged_pairs.hpp"
+#include "stages/gap_bounds.hpp"
 
 namespace cama {
 
 /// Makes contacts of candidate pairs that are closer than their thickness, or will be (discrete detection, Figure 7).
 class FindContacts final : public StageOn<const Options, StepReport, const MeshState, const BoundsState, ContactState> {
 public:
-  FindContacts(Backend &backend, FlaggedPairs &flagged)
-      : flagged_(flagged), nearest_(backend), swept_vertices_(backend), rounding_margin_(backend, 1),
-        listed_(backend, 1)
+  FindContacts(Backend &backend, FlaggedPairs &flagged, GapBounds &bounds)
+      : flagged_(flagged), bounds_(bounds), nearest_(backend)
   {}
   std::string_view name() const override { return "contacts"; }
   std::string reason() const override { return "contact"; }
@@ -18,10 +18,8 @@ public:
 
 private:
   FlaggedPairs &flagged_;
+  GapBounds &bounds_;
   Stream<int> nearest_;
-  Stream<kernels::swept_vertex> swept_vertices_;
-  Stream<float> rounding_margin_;
-  Stream<int> listed_;  // the length of flagged_.list
 };
 
 }  // namespace cama

@@ -341,7 +341,6 @@ CandidateSearch::Change FrontSearch::update(const SearchRooms &s, const Stream<d
   if (escaped == 0) return Change::none;
   if (!built_ || !s.options.paper.localized_search || escaped > max_escaped * s.mesh.vertices) {
     run(s, from, to);
-    find_directions(s, from, 0, 0);
     return Change::renewed;
   }
   CAMA_LAUNCH(b, grow_vertex_boxes, s.mesh.vertices, from, to, s.bounds.margin, s.bounds.bounds, vertex_dirty_,

@@ -22,9 +22,9 @@ constexpr int max_divisions_of_impacts = 2, passes_until_divided = 10;
 constexpr int passes_until_rigid = 20;
 }  // namespace
 
-PenetrationHandling::PenetrationHandling(Backend &b, CandidateSearch &search, FlaggedPairs &flagged)
-    : search_(search), projection_(b), commit_(b, flagged), from_(b), flagged_(flagged), error_(b), motion_(b),
-      detection_(b, DETECTION_COUNTS), found_(b), repeated_(b, 1)
+PenetrationHandling::PenetrationHandling(Backend &b, CandidateSearch &search, FlaggedPairs &flagged, GapBounds &bounds)
+    : search_(search), projection_(b), commit_(b, flagged), from_(b), flagged_(flagged), bounds_(bounds), error_(b),
+      motion_(b), detection_(b, DETECTION_COUNTS), found_(b), repeated_(b, 1)
 {}
 
 void PenetrationHandling::find_errors(const Rooms &state, bool localized)
@@ -39,7 +39,24 @@ void PenetrationHandling::find_errors(const Rooms &state, bool localized)
               certified_distance * state.contact.largest_thickness, error_, motion_, detection_);
 }
 
-PenetrationHandling::Detection PenetrationHandling::detect(const Rooms &state, bool first_piece, bool localized,
+void PenetrationHandling::find_feature_errors(const Rooms &state)
+{
+  CAMA_LAUNCH(*state.backend, find_feature_motions, state.mesh.faces + state.mesh.edges, state.mesh.vertices,
+              state.mesh.faces, state.mesh.face, state.mesh.edge, error_, motion_);
+}
+
+CandidateSearch::Change PenetrationHandling::update(const Rooms &state)
+{
+  const CandidateSearch::Change change =
+      search_.update(state, from_, state.mesh.position_next, certified_distance * state.contact.largest_thickness);
+  if (change == CandidateSearch::Change::renewed) {
+    state.bounds.predicted.copy_from(state.mesh.position_next);
+    bounds_.find_all(state, from_, state.bounds.predicted);
+  }
+  return change;
+}
+
+PenetrationHandling::Detection PenetrationHandling::detect(const Rooms &state, bool bounded, bool localized,
                                                            int vertex_face_from, int edge_edge_from)
 {
   Backend &b = *state.backend;
@@ -49,14 +66,12 @@ PenetrationHandling::Detection PenetrationHandling::detect(const Rooms &state, b
   CandidateSearch::find_directions(state, from_, all, all);
   flagged_.resize(state);
   find_errors(state, localized);
-  CAMA_LAUNCH(b, find_feature_motions, state.mesh.faces + state.mesh.edges, state.mesh.vertices, state.mesh.faces,
-              state.mesh.face, state.mesh.edge, error_, motion_);
+  find_feature_errors(state);
   CAMA_LAUNCH_TEAMS(void, b, select_open_pairs, PAIR_TEAM, ceil_divide(pairs, RUN_PAIRS), pairs, first,
                     state.mesh.vertices, state.mesh.faces, state.options.paper.impact_zones ? 1 : 0, vertex_face.pairs,
                     edge_edge.pairs, certified_distance, state.contact.largest_thickness, error_, motion_,
-                    vertex_face_from, edge_edge_from, first_piece ? vertex_face.gap_bound.size() : 0,
-                    vertex_face.gap_bound, first_piece ? edge_edge.gap_bound.size() : 0, edge_edge.gap_bound,
-                    flagged_.flag, detection_);
+                    vertex_face_from, edge_edge_from, bounded ? vertex_face.gap_bound.size() : 0, vertex_face.gap_bound,
+                    bounded ? edge_edge.gap_bound.size() : 0, edge_edge.gap_bound, flagged_.flag, detection_);
   CAMA_LAUNCH_TEAMS(void, b, select_ccd_pairs, PAIR_TEAM, flagged_.list_teams(), vertex_face.pairs, edge_edge.pairs,
                     state.mesh.face, state.mesh.edge, certified_distance, from_, state.mesh.position_next,
                     state.contact.vertex_contact, vertex_face.direction, edge_edge.direction, flagged_.flag,
@@ -157,13 +172,12 @@ void PenetrationHandling::run_on(const Rooms &state)
 {
   Backend &b = *state.backend;
   from_.copy_from(state.mesh.position);
-  const double margin = certified_distance * state.contact.largest_thickness;
   const bool zones = state.options.paper.impact_zones,
              divisible = zones && state.time.division < std::min(state.options.max_divisions, max_divisions_of_impacts);
-  bool projected = false, first_piece = true;
+  bool projected = false, bounded = true;  // bounded: the bounds of pairs are for a motion that starts here
   state.contact.impact.resize(0);
   if (state.reactions.measured) state.reactions.push.fill_zero();
-  for (int pauses = 0;; ++state.report.substeps, first_piece = false) {
+  for (int pauses = 0;; ++state.report.substeps, bounded = false) {
     if (state.contact.impact.size()) {
       state.contact.impact.resize(0);
       for (PairList *list : {&state.contact.vertex_face, &state.contact.edge_edge})
@@ -187,20 +201,20 @@ void PenetrationHandling::run_on(const Rooms &state)
         find_errors(state, localized);
         now.escaped = detection_.at(DETECTION_ESCAPED);
       } else {
-        now = detect(state, first_piece, localized, 0, 0);
+        now = detect(state, bounded, localized, 0, 0);
         if (now.escaped) {
           faces = state.contact.vertex_face.pairs.size();
           edges = state.contact.edge_edge.pairs.size();
           collect(state, now.found);
         }
       }
-      if (now.escaped &&
-          search_.update(state, from_, state.mesh.position_next, margin) == CandidateSearch::Change::renewed) {
+      if (now.escaped && update(state) == CandidateSearch::Change::renewed) {
         localized = false;
+        bounded = true;
         faces = edges = 0;
         found_.resize(0);
       }
-      if (now.escaped || expected) now.found = detect(state, first_piece, localized, faces, edges).found;
+      if (now.escaped || expected) now.found = detect(state, bounded, localized, faces, edges).found;
       expected = now.escaped > 0;
       collect(state, now.found);
       const int found = found_.size();
@@ -225,10 +239,12 @@ void PenetrationHandling::run_on(const Rooms &state)
     if (!state.options.commit) break;
     if (certified && state.contact.impact.size() == 0) break;  // every pair keeps its distance throughout
     if (!certified) {
-      search_.update(state, from_, state.mesh.position_next, margin);
+      bounded |= update(state) == CandidateSearch::Change::renewed;
       CandidateSearch::find_directions(state, from_, 0x7fffffff, 0x7fffffff);
+      find_errors(state, false);
+      find_feature_errors(state);
     }
-    const double sigma = commit_.run(state, search_, from_, certified);
+    const double sigma = commit_.run(state, search_, from_, certified, bounded ? &error_ : nullptr);
     if (sigma >= 1) {
       state.mesh.position_next.swap(commit_.committed());
       break;

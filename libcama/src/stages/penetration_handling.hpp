@@ -8,6 +8,7 @@
 #include "stages/candidate_search.hpp"
 #include "stages/certified_commit.hpp"
 #include "stages/flagged_pairs.hpp"
+#include "stages/gap_bounds.hpp"
 #include "stages/impact_projection.hpp"
 
 namespace cama {
@@ -17,7 +18,7 @@ namespace cama {
 class PenetrationHandling final : public StageOn<const Options, StepReport, const Clock, MeshState, ContactState,
                                                  Exemptions, BoundsState, ReactionState> {
 public:
-  PenetrationHandling(Backend &backend, CandidateSearch &search, FlaggedPairs &flagged);
+  PenetrationHandling(Backend &backend, CandidateSearch &search, FlaggedPairs &flagged, GapBounds &bounds);
   std::string_view name() const override { return "penetration handling"; }
   std::string reason() const override { return "contact"; }
   void run_on(const Rooms &state) override;
@@ -29,9 +30,13 @@ private:
   };
   /// Finds how far vertices end from where they were predicted, and how many leave their boxes.
   void find_errors(const Rooms &state, bool localized);
-  /// Continuous detection over the motion; waits for the device once. first_piece: the motion starts at the positions
-  /// of proximity checking. *_from: pairs that an earlier detection over the same motion has decided.
-  Detection detect(const Rooms &state, bool first_piece, bool localized, int vertex_face_from, int edge_edge_from);
+  /// The same for faces and edges.
+  void find_feature_errors(const Rooms &state);
+  /// Updates the search for the motion; bounds after a new one are those of this motion.
+  CandidateSearch::Change update(const Rooms &state);
+  /// Continuous detection over the motion; waits for the device once. bounded: the motion starts where that starts for
+  /// which pairs have bounds. *_from: pairs that an earlier detection over the same motion has decided.
+  Detection detect(const Rooms &state, bool bounded, bool localized, int vertex_face_from, int edge_edge_from);
   /// Appends what the last detection has found to the impacts of a pass.
   void collect(const Rooms &state, int found);
   /// Makes the impacts of a pass. repeat: they count as found before in this step.
@@ -46,6 +51,7 @@ private:
   CertifiedCommit commit_;
   Stream<dvec3> from_;
   FlaggedPairs &flagged_;
+  GapBounds &bounds_;
   Stream<float> error_;  // of vertices, then of faces and edges, as in impact.h
   Stream<unsigned char> motion_;  // likewise
   bool escapes_[2] = {false, false};  // vertices left their boxes in the first pass, in a later one, last time

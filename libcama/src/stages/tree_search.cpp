@@ -2,6 +2,7 @@
 #include "stages/tree_search.hpp"
 
 #include <algorithm>
+#include <iterator>
 #include <numeric>
 
 #include "device/ceil_divide.hpp"
@@ -19,6 +20,7 @@ constexpr int few_vertices = 64, part_groups = 8;
 constexpr int many_items = 32768;  // of which devices without wide workers copy the hits side by side
 constexpr int many_walks = 65536;  // from which on such devices let neighbouring items walk a tree together
 constexpr double max_changed = 0.3;  // of the vertices: beyond it, a full search is cheaper
+constexpr int many_vertices = 65536;  // of cloth, which is asked whether it moves far
 }  // namespace
 
 TreeSearch::TreeSearch(Backend &b, FlaggedPairs &flagged)
@@ -26,7 +28,7 @@ TreeSearch::TreeSearch(Backend &b, FlaggedPairs &flagged)
       static_(b), key_(b), hit_(flagged.flag), taken_(b, MOST_POOLS * POOL_STRIDE), count_(b), offset_(b), identity_(b),
       changed_leaf_face_(b), changed_leaf_edge_(b), totals_(b, 1), found_totals_(b, 2 + MOST_POOLS), changed_(b),
       flag_(b), offsets_(b), changed_vertex_(b), changed_face_(b), changed_edge_(b), before_(b), end_boxes_before_(b),
-      grown_(b, 1), changed_groups_(b), all_(b)
+      grown_(b, 1), far_ends_(b, 1), changed_groups_(b), all_(b)
 {
   taken_.fill_zero();
 }
@@ -155,20 +157,29 @@ void TreeSearch::sort_features(const SearchRooms &state, Group &g)
 }
 
 /// Boxes of the first n vertices, over their motion and at its ends.
-void TreeSearch::make_boxes(const SearchRooms &state, int n, const Stream<dvec3> &from, const Stream<dvec3> &to)
+void TreeSearch::make_boxes(const SearchRooms &state, int n, const Stream<dvec3> &from, const Stream<dvec3> &to,
+                            Motion motion)
 {
   const BoundsState &bounds = state.bounds;
+  int all = motion == Motion::known ? -1 : 0;
+  if (all == 0 && state.mesh.cloth_vertices > many_vertices) {
+    all = state.mesh.vertices / ASKED_VERTICES;
+    far_ends_.fill_zero();
+    CAMA_LAUNCH(*state.backend, count_far_ends, state.mesh.cloth_vertices / ASKED_VERTICES, from, to, bounds.margin,
+                bounds.short_motion, bounds.uncertain, far_ends_);
+  }
   CAMA_LAUNCH(*state.backend, vertex_boxes, n, from, to, bounds.margin, bounds.box_origin(), state.bounds.vertex_box);
   CAMA_LAUNCH(*state.backend, vertex_end_boxes, n, from, to, bounds.margin, bounds.short_motion, bounds.box_origin(),
-              bounds.uncertain, bounds.vertex_box, end_boxes_);
+              bounds.uncertain, all, far_ends_, bounds.vertex_box, end_boxes_);
 }
 
 /// Boxes and trees of static obstacles.
-void TreeSearch::place_static(const SearchRooms &state, const Stream<dvec3> &from, const Stream<dvec3> &to)
+void TreeSearch::place_static(const SearchRooms &state, const Stream<dvec3> &from, const Stream<dvec3> &to,
+                              Motion motion)
 {
   sorts_since_placed_ = 0;   // remains so if anything below throws
   state.bounds.origin.copy_from(state.bounds.bounds);
-  make_boxes(state, state.mesh.vertices, from, to);
+  make_boxes(state, state.mesh.vertices, from, to, motion);
   sort_features(state, static_);
   build_trees(state, static_, true, true, all_);
 }
@@ -211,7 +222,7 @@ void TreeSearch::query(const SearchRooms &state, const std::vector<FaceQuery> &f
   if (items == 0) return;
   const long long blocks_at = static_cast<long long>(HIT_ROW) * items;
   const int pools = std::clamp(items / items_per_pool, 1, MOST_POOLS),
-            pool_blocks = static_cast<int>(std::clamp(blocks_, 0LL, most_hit_blocks(items)) / pools);
+            pool_blocks = static_cast<int>(std::clamp(blocks_wanted(), 0LL, most_hit_blocks(items)) / pools);
   hit_.resize(blocks_at + static_cast<long long>(HIT_BLOCK) * pool_blocks * pools);
   const int first_block = static_cast<int>(blocks_at);
   count_.resize(items);
@@ -292,11 +303,23 @@ void TreeSearch::query(const SearchRooms &state, const std::vector<FaceQuery> &f
   state.report.candidates = state.contact.vertex_face.pairs.size() + state.contact.edge_edge.pairs.size();
   if (first_face + first_edge > 0) return;  // not a search of everything
   const long long most = *std::max_element(totals.begin() + 2, totals.begin() + 2 + pools);
-  blocks_ = pools * (most + most / 4 + 1);
+  blocks_[static_cast<int>(motion_)] = pools * (most + most / 4 + 1);
 }
 
 void TreeSearch::run(const SearchRooms &state, const Stream<dvec3> &from, const Stream<dvec3> &to)
 {
+  search(state, from, to, Motion::predicted);
+}
+
+long long TreeSearch::blocks_wanted() const
+{
+  const long long own = blocks_[static_cast<int>(motion_)];
+  return own > 0 ? own : *std::max_element(std::begin(blocks_), std::end(blocks_));
+}
+
+void TreeSearch::search(const SearchRooms &state, const Stream<dvec3> &from, const Stream<dvec3> &to, Motion motion)
+{
+  motion_ = motion;
   if (motion_changes_ != state.mesh.motion_changes) {
     found_ = false;
     searches_since_sort_ = sorts_since_placed_ = 0;
@@ -307,9 +330,9 @@ void TreeSearch::run(const SearchRooms &state, const Stream<dvec3> &from, const 
   find_bounds(state, from, to);
   const bool has_static = static_.face.size() > 0;
   if (has_static && (sorts_since_placed_ == 0 || (sort && sorts_since_placed_ >= sorts_per_placing)))
-    place_static(state, from, to);
+    place_static(state, from, to, motion);
   else
-    make_boxes(state, boxed_, from, to);
+    make_boxes(state, boxed_, from, to, motion);
   for (Group *g : {&cloth_, &moving_}) {
     if (sort) sort_features(state, *g);
     build_trees(state, *g, true, g == &moving_ || self_, all_);
@@ -363,8 +386,7 @@ CandidateSearch::Change TreeSearch::update(const SearchRooms &state, const Strea
                                            double margin)
 {
   const auto renew = [&] {
-    run(state, from, to);
-    find_directions(state, from, 0, 0);
+    search(state, from, to, Motion::known);
     return Change::renewed;
   };
   if (searches_since_sort_ == 0) return renew();

@@ -61,8 +61,11 @@ private:
   void build_trees(const SearchRooms &state, Group &group, bool faces, bool edges, const Stream<int> &changed);
   void build_faces(const SearchRooms &state, int leaves, const Stream<kernels::face_nodes> &leaf_face,
                    const Stream<int> &changed, Stream<kernels::bvh8_node> &tree);
-  void make_boxes(const SearchRooms &state, int n, const Stream<dvec3> &from, const Stream<dvec3> &to);
-  void place_static(const SearchRooms &state, const Stream<dvec3> &from, const Stream<dvec3> &to);
+  enum class Motion { predicted, known };  ///< where a predicted motion ends is uncertain
+  void search(const SearchRooms &state, const Stream<dvec3> &from, const Stream<dvec3> &to, Motion motion);
+  void make_boxes(const SearchRooms &state, int n, const Stream<dvec3> &from, const Stream<dvec3> &to, Motion motion);
+  void place_static(const SearchRooms &state, const Stream<dvec3> &from, const Stream<dvec3> &to, Motion motion);
+  long long blocks_wanted() const;
   static void build_levels(Backend &backend, int leaves, Stream<kernels::bvh8_node> &tree);
   static int part_of(const FaceQuery &query);
   static int items_of(const FaceQuery &query);  ///< each vertex once for each part and share
@@ -77,7 +80,9 @@ private:
 
   const int batch_;  // items that a thread walks a tree for: 8 on CPUs, 1 on GPUs
   const int workers_;
-  long long blocks_ = 0;  // of hits, for those of the next search that do not find room in their item's row
+  Motion motion_ = Motion::predicted;  // of the last search for all pairs
+  // Of hits, for those of the next search that do not find room in their item's row; by motion, 0: not known.
+  long long blocks_[2] = {0, 0};
   TreeState trees_;
   Group cloth_, moving_, static_;  // static_: obstacles that never move
   int boxed_ = 0;  // number of vertices, the first ones, whose boxes are made in every search
@@ -95,6 +100,7 @@ private:
   Stream<kernels::box> before_;
   Stream<kernels::end_boxes> end_boxes_before_;
   Stream<int> grown_;  // [1] number of vertices whose boxes have grown
+  Stream<int> far_ends_;  // [1] number of vertices whose predicted end is too uncertain
   Stream<kernels::bvh8_node> changed_groups_;
   const Stream<int> all_;  // without memory: everything has changed
   bool boxes_grown_ = false;

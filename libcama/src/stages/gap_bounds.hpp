@@ -1,0 +1,30 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+#include "model/access.hpp"
+#include "stages/flagged_pairs.hpp"
+
+namespace cama {
+
+/// What single precision tells of candidate pairs: for most of them a direction that separates both sides over a
+/// motion, and a lower bound of the gap along it, by which detection passes them.
+class GapBounds {
+public:
+  using Rooms = Access<const MeshState, const BoundsState, ContactState>;
+  GapBounds(Backend &backend, FlaggedPairs &flagged)
+      : swept_vertices(backend), rounding_margin(backend, 1), near_pairs(backend, 1), flagged_(flagged)
+  {}
+  /// Fills `direction` and `gap_bound` of all pairs for the motion from -> to of their search, and lists those without
+  /// a bound in the list of flagged pairs. Their flags are 0.
+  void find(const Rooms &state, const Stream<dvec3> &from, const Stream<dvec3> &to);
+  /// Besides, for those without a bound: the direction between the closest points, and the bound along it.
+  void find_all(const Rooms &state, const Stream<dvec3> &from, const Stream<dvec3> &to);
+
+  Stream<kernels::swept_vertex> swept_vertices;
+  Stream<float> rounding_margin;
+  Stream<int> near_pairs;  ///< [1] number of pairs without a bound, which are listed
+
+private:
+  FlaggedPairs &flagged_;
+};
+
+}  // namespace cama
