@@ -155,6 +155,7 @@ KERNEL follow_positions(int n, double time_step, double step, GLOBAL const int *
 /* A change of velocity that is larger than both was a blow that contact passed on. */
 #define BLOW_GROWTH 2.0 /* times the change in the last step */
 #define BLOW 10.0 /* times what gravity adds */
+#define HINDERED_BLOW 3.0 /* likewise, of a vertex that was moved away */
 #define STANDARD_GRAVITY 9.81 /* m/s^2, where there is none */
 
 /* What BDF2 keeps of a step, of all vertices: the state at its start, or, where the motion was not smooth, the state
@@ -162,9 +163,10 @@ KERNEL follow_positions(int n, double time_step, double step, GLOBAL const int *
    `abrupt`, the part of contact that stopped it; the velocity loses the share by which the formula overrates that
    (abrupt.h). touching: whether there are contacts. With them, of a blow no more is kept than would not have been one.
    Where penetration handling moved a vertex away from base + step v, its velocity becomes the mean one over the time
-   step plus `share` of dv, except for what pressed it against the obstacle. memory: of base = now + memory (now -
-   before). cloth: number of cloth vertices, of which others have none. gravity: of the scene. history_*: may be
-   base_*. */
+   step plus `share` of dv, except for what pressed it against the obstacle and for what a blow has beyond
+   HINDERED_BLOW: the solve knows nothing of impacts, and such a change would fling the vertex on. memory: of base = now
+   + memory (now - before). cloth: number of cloth vertices, of which others have none. gravity: of the scene.
+   history_*: may be base_*. */
 KERNEL keep_history(int n, int cloth, double time_step, double step, double share, double memory,
                     GLOBAL const int *fixed, GLOBAL const dvec3 *gravity, GLOBAL const dvec3 *position,
                     GLOBAL const dvec3 *velocity, GLOBAL const dvec3 *base_position, GLOBAL const dvec3 *base_velocity,
@@ -177,18 +179,22 @@ KERNEL keep_history(int n, int cloth, double time_step, double step, double shar
       dvec3 off = dsub(position_next[i], daxpy(base_position[i], step, velocity_next[i]));
       dvec3 stopped = touching ? abrupt[i] : dvec3_make(0.0, 0.0, 0.0), dv = dsub(dsub(velocity_next[i], v), stopped);
       dvec3 fall = dscale(time_step, gravity[0]), blow = dsub(dv, fall);
+      const double g = dnorm(gravity[0]), added = time_step * (g > 0.0 ? g : STANDARD_GRAVITY);
       double size = dnorm(blow), most = size;
       int struck = off.x != 0.0 || off.y != 0.0 || off.z != 0.0;
       if (touching) {
-        double g = dnorm(gravity[0]);
-        most = max_double(BLOW * time_step * (g > 0.0 ? g : STANDARD_GRAVITY),
-                          BLOW_GROWTH / memory * dnorm(daxpy(dsub(base_velocity[i], v), -memory, fall)));
+        most = max_double(BLOW * added, BLOW_GROWTH / memory * dnorm(daxpy(dsub(base_velocity[i], v), -memory, fall)));
       }
       if (struck || size > most || stopped.x != 0.0 || stopped.y != 0.0 || stopped.z != 0.0) {
         dvec3 end = daxpy(velocity_next[i], step / time_step - 1.0, stopped);
         if (struck) {
-          dvec3 mean = dscale(1.0 / time_step, dsub(position_next[i], x)), away = dnormalize(off);
-          end = daxpy(mean, share, daxpy(dv, -min_double(ddot(blow, away), 0.0), away));
+          dvec3 mean = dscale(1.0 / time_step, dsub(position_next[i], x)), away = dnormalize(off), kept = dv;
+          double kept_share = 1.0;
+          if (size > HINDERED_BLOW * added) {
+            kept_share = HINDERED_BLOW * added / size;
+            kept = daxpy(fall, kept_share, blow);
+          }
+          end = daxpy(mean, share, daxpy(kept, -kept_share * min_double(ddot(blow, away), 0.0), away));
         }
         if (size > most) dv = daxpy(fall, most / size, blow);
         velocity_next[i] = end;
