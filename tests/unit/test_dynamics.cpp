@@ -685,7 +685,7 @@ TEST_CASE("a vertex that was moved away keeps of a blow three times what gravity
   CHECK(std::abs(velocity.x - (0.1 * h / dt + 0.1 / 2)) < 1e-6);
 }
 
-TEST_CASE("thin sheets that fall onto each other gain no energy", "[dynamics]")
+TEST_CASE("thin sheets that fall onto each other gain no energy from their impacts", "[dynamics]")
 {
   Scene scene = Scene::load(std::string(CAMA_SOURCE_DIR) + "/scenes/drape", 6000);
   scene.contact.thickness = 2e-4;
