@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// The CUDA backend: the shared kernels compiled by nvcc, CUB for scan and sort. One stream; `download` and
-// `synchronize` wait.
+// The CUDA backend: the shared kernels compiled by nvcc, CUB for scan and sort. One stream, and another one for work
+// aside; `download` and `synchronize` wait. A short download is a kernel that writes to memory of the host, which looks
+// for it there: it takes half as long as a copy and a wait for the stream.
 #include "cuda_backend.hpp"
 
 #include <cub/cub.cuh>
@@ -8,6 +9,7 @@
 #include <algorithm>
 #include <atomic>
 #include <cstdint>
+#include <cstring>
 #include <memory>
 #include <unordered_map>
 #include <utility>
@@ -21,6 +23,10 @@ namespace cama {
 namespace {
 
 constexpr std::size_t most_bytes = std::size_t(1) << 20;  // of a copy that is a kernel
+constexpr std::size_t most_answer_bytes = 8192;  // of a download that a kernel writes to the host
+constexpr int threads_of_answer = 256, looks_until_query = 4096;
+constexpr std::size_t freed_until_wait = std::size_t(1) << 26;  // bytes, which the pool may return at a wait alone
+constexpr std::size_t mark_of_beside = 16;  // bytes of dynamic memory: see launched_beside in lang.h
 constexpr int fewest_threads = 32, most_threads = 256, blocks_per_processor = 16;
 
 struct Entry {
@@ -72,7 +78,7 @@ const char *advice(cudaError_t status)
 void check(cudaError_t status, const char *call)
 {
   if (status == cudaSuccess) return;
-  cudaGetLastError();   // clears the error, so that a later call does not report it again
+  cudaGetLastError();  // clears the error, so that a later call does not report it again
   const std::string text = std::string(call) + ": " + cudaGetErrorName(status) + " " + std::to_string(status) + " (" +
                            cudaGetErrorString(status) + "); " + advice(status);
   if (status == cudaErrorMemoryAllocation) throw MemoryError(text);
@@ -86,7 +92,8 @@ struct AddLong {
 };
 
 constexpr int block_scan_threads = 1024, block_scan_items = 4;
-constexpr int longest_block_scan = 4 * block_scan_threads * block_scan_items;
+constexpr int scan_chunk = block_scan_threads * block_scan_items, longest_block_scan = 4 * scan_chunk;
+constexpr int most_chunks = block_scan_threads;  // of a list whose chunks are scanned by a block each
 
 /// Exclusive sums of a short list by one block, in one launch instead of five; a total beyond 2^31 raises the flag.
 __global__ void __launch_bounds__(block_scan_threads) scan_by_block(int n, const int *from, int *to, int *overflow)
@@ -110,6 +117,47 @@ __global__ void __launch_bounds__(block_scan_threads) scan_by_block(int n, const
   if (before > 0x7fffffffll) *overflow = 1;
 }
 
+/// sum[c] of chunk c, a block's.
+__global__ void __launch_bounds__(block_scan_threads) sum_chunks(int n, const int *from, long long *sum)
+{
+  using Reduce = cub::BlockReduce<long long, block_scan_threads>;
+  __shared__ typename Reduce::TempStorage storage;
+  AWAIT_LAUNCHES;
+  long long own = 0;
+  for (int k = 0; k < block_scan_items; ++k) {
+    const int i = static_cast<int>(blockIdx.x) * scan_chunk + k * block_scan_threads + static_cast<int>(threadIdx.x);
+    if (i < n) own += from[i];
+  }
+  own = Reduce(storage).Sum(own);
+  if (threadIdx.x == 0) sum[blockIdx.x] = own;
+}
+
+/// Exclusive sums of a list of at most most_chunks chunks, after sum_chunks: two launches instead of five.
+__global__ void __launch_bounds__(block_scan_threads)
+    scan_chunks(int n, const int *from, const long long *sum, int *to, int *overflow)
+{
+  using Reduce = cub::BlockReduce<long long, block_scan_threads>;
+  using Scan = cub::BlockScan<long long, block_scan_threads>;
+  __shared__ union {
+    typename Reduce::TempStorage reduce;
+    typename Scan::TempStorage scan;
+  } storage;
+  __shared__ long long before;
+  AWAIT_LAUNCHES;
+  const long long all_before = Reduce(storage.reduce).Sum(threadIdx.x < blockIdx.x ? sum[threadIdx.x] : 0ll);
+  if (threadIdx.x == 0) before = all_before;
+  __syncthreads();
+  long long value[block_scan_items], total;
+  const int first = static_cast<int>(blockIdx.x) * scan_chunk + static_cast<int>(threadIdx.x) * block_scan_items;
+  for (int k = 0; k < block_scan_items; ++k) value[k] = first + k < n ? from[first + k] : 0;
+  Scan(storage.scan).ExclusiveSum(value, value, total);
+  for (int k = 0; k < block_scan_items; ++k)
+    if (first + k < n) to[first + k] = static_cast<int>(before + value[k]);
+  if (threadIdx.x > 0 || blockIdx.x + 1 < gridDim.x) return;
+  to[n] = static_cast<int>(before + total);
+  if (before + total > 0x7fffffffll) *overflow = 1;
+}
+
 // Short copies are kernels: they begin early, as other launches do.
 
 __global__ void copy_words(int n, const int *from, int *to)
@@ -122,6 +170,16 @@ __global__ void fill_words(int n, int word, int *to)
   FOR_EACH(i, n) to[i] = word;
 }
 
+/// One block. `number` behind the words says that they are there.
+__global__ void answer_words(int n, const int *from, volatile int *to, volatile int *last_number, int number)
+{
+  AWAIT_LAUNCHES;
+  for (int i = static_cast<int>(threadIdx.x); i < n; i += static_cast<int>(blockDim.x)) to[i] = from[i];
+  __threadfence_system();
+  __syncthreads();
+  if (threadIdx.x == 0) *last_number = number;
+}
+
 /// to[n] = total; a total beyond 2^31 raises the flag, which the next download reports.
 __global__ void finish_scan(int n, const int *from, int *to, const long long *total, int *overflow)
 {
@@ -132,7 +190,7 @@ __global__ void finish_scan(int n, const int *from, int *to, const long long *to
 /// Of a kernel's TEAM_LOCAL memory.
 int team_bytes(const KernelKey &kernel)
 {
-  static std::atomic<int> known[3 * sizeof entries / sizeof *entries];   // one more than the bytes
+  static std::atomic<int> known[3 * sizeof entries / sizeof *entries];  // one more than the bytes
   std::atomic<int> &own =
       known[3 * static_cast<std::size_t>(kernel.index) + static_cast<std::size_t>(kernel.precision)];
   if (own == 0) {
@@ -159,25 +217,28 @@ public:
     int driver = 0;
     check(cudaDriverGetVersion(&driver), "cudaDriverGetVersion");
     begins_early_ = compiled.ptxVersion >= 90 && properties.major >= 9 && std::min(driver, CUDART_VERSION) >= 12030;
-    for (cudaStream_t *stream : {&queue_, &recorder_})
+    for (cudaStream_t *stream : {&queue_, &side_, &recorder_})
       check(cudaStreamCreateWithFlags(stream, cudaStreamNonBlocking), "cudaStreamCreate");
+    for (cudaEvent_t *event : {&forked_, &met_})
+      check(cudaEventCreateWithFlags(event, cudaEventDisableTiming), "cudaEventCreate");
     cudaMemPool_t pool = nullptr;
     check(cudaDeviceGetDefaultMemPool(&pool, device), "cudaDeviceGetDefaultMemPool");
-    std::uint64_t kept = std::uint64_t(1) << 30;   // bytes that are not returned to the driver at a wait
+    std::uint64_t kept = std::uint64_t(1) << 30;  // bytes that are not returned to the driver at a wait
     check(cudaMemPoolSetAttribute(pool, cudaMemPoolAttrReleaseThreshold, &kept), "cudaMemPoolSetAttribute");
-    check(cudaMalloc(&total_, sizeof(long long)), "cudaMalloc");
-    void *overflow = nullptr;
-    check(cudaHostAlloc(&overflow, sizeof(int), cudaHostAllocMapped), "cudaHostAlloc");
-    overflow_ = static_cast<volatile int *>(overflow);
-    *overflow_ = 0;
+    check(cudaMalloc(&total_, most_chunks * sizeof(long long)), "cudaMalloc");
+    void *shared = nullptr;
+    check(cudaHostAlloc(&shared, sizeof(Shared), cudaHostAllocMapped), "cudaHostAlloc");
+    shared_ = static_cast<Shared *>(shared);
+    shared_->overflow = shared_->answers = 0;
   }
   ~CudaBackend() override
   {
-    cudaStreamSynchronize(queue_);
+    for (const cudaStream_t stream : {side_, queue_}) cudaStreamSynchronize(stream);
     if (replay_) cudaGraphExecDestroy(replay_);
     for (void *scratch : {scratch_, other_keys_, other_values_, total_}) cudaFree(scratch);
-    cudaFreeHost(flag());
-    for (const cudaStream_t stream : {queue_, recorder_}) cudaStreamDestroy(stream);
+    cudaFreeHost(shared_);
+    for (const cudaEvent_t event : {forked_, met_}) cudaEventDestroy(event);
+    for (const cudaStream_t stream : {queue_, side_, recorder_}) cudaStreamDestroy(stream);
   }
 
   std::string_view name() const override { return "cuda"; }
@@ -204,6 +265,7 @@ public:
     const auto found = sizes_.find(buffer);
     if (found != sizes_.end()) {
       allocated_ -= found->second;
+      freed_ += found->second;
       sizes_.erase(found);
     }
     cudaFreeAsync(buffer, queue_);  // ordered after the work that uses it; the pool keeps the memory
@@ -215,6 +277,9 @@ public:
   }
   void download(void *to, Buffer from, std::size_t bytes, std::size_t offset) override
   {
+    const bool in_words = bytes % sizeof(int) == 0 && offset % sizeof(int) == 0;
+    if (in_words && bytes <= most_answer_bytes && freed_ < freed_until_wait)
+      return receive(to, static_cast<const char *>(from) + offset, bytes);
     check(cudaMemcpyAsync(to, static_cast<const char *>(from) + offset, bytes, cudaMemcpyDeviceToHost, queue_),
           "cudaMemcpy to the host");
     synchronize();
@@ -250,6 +315,33 @@ public:
     check(cudaLaunchKernelExC(&config, function, parameters), kernel.name);
   }
 
+  void begin_side_by_side() override { side_by_side_ = begins_early_; }
+  void end_side_by_side() override
+  {
+    side_by_side_ = false;
+    after_several_ |= beside_ > 1;
+    beside_ = 0;
+  }
+  void fork() override { check(cudaEventRecord(forked_, queue_), "cudaEventRecord"); }
+  void begin_aside() override
+  {
+    check(cudaStreamWaitEvent(side_, forked_), "cudaStreamWaitEvent");
+    std::swap(queue_, side_);
+    after_several_ = true;
+  }
+  void end_aside() override
+  {
+    std::swap(queue_, side_);
+    after_several_ = apart_ = true;
+  }
+  void meet() override
+  {
+    if (!std::exchange(apart_, false)) return;
+    check(cudaEventRecord(met_, side_), "cudaEventRecord");
+    check(cudaStreamWaitEvent(queue_, met_), "cudaStreamWaitEvent");
+    after_several_ = true;
+  }
+
   /// Records the work once as a graph, whose nodes cost an eighth of a launch.
   void repeat(int times, const std::function<void()> &work, bool again) override
   {
@@ -268,6 +360,18 @@ public:
       cudaLaunchAttribute attribute;
       const cudaLaunchConfig_t config = launch_of(1, block_scan_threads, attribute);
       check(cudaLaunchKernelEx(&config, scan_by_block, n, in, out, flag()), "scan_by_block");
+      return;
+    }
+    const int chunks = (n - 1) / scan_chunk + 1;
+    if (chunks <= most_chunks) {
+      for (const bool sums : {true, false}) {
+        cudaLaunchAttribute attribute;
+        const cudaLaunchConfig_t config = launch_of(chunks, block_scan_threads, attribute);
+        check(sums
+                  ? cudaLaunchKernelEx(&config, sum_chunks, n, in, total)
+                  : cudaLaunchKernelEx(&config, scan_chunks, n, in, static_cast<const long long *>(total), out, flag()),
+              "scan of chunks");
+      }
       return;
     }
     with_scratch([&](void *scratch,
@@ -309,6 +413,7 @@ public:
   {
     ++waits_;
     check(cudaStreamSynchronize(queue_), "synchronize");
+    freed_ = 0;
     report_overflow();
   }
 
@@ -347,6 +452,36 @@ public:
   std::unique_ptr<WorldRunner> make_runner() override { return make_world_runner(index_, queue_, &team_bytes); }
 
 private:
+  /// On the host, where the device reaches it.
+  struct Shared {
+    volatile int overflow;  // of a scan
+    volatile int answers;  // that have arrived
+    volatile int words[most_answer_bytes / sizeof(int)];
+  };
+
+  /// A short download.
+  void receive(void *to, const void *from, std::size_t bytes)
+  {
+    if (bytes == 0) return synchronize();
+    ++waits_;
+    ++asked_;
+    cudaLaunchAttribute attribute;
+    const cudaLaunchConfig_t config = launch_of(1, threads_of_answer, attribute);
+    check(cudaLaunchKernelEx(&config, answer_words, static_cast<int>(bytes / sizeof(int)),
+                             static_cast<const int *>(from), shared_->words, &shared_->answers, asked_),
+          "download");
+    for (int looks = 1; shared_->answers != asked_; ++looks) {
+      if (looks % looks_until_query == 0) {
+        const cudaError_t status = cudaStreamQuery(queue_);
+        if (status != cudaErrorNotReady) check(status, "download");
+      }
+      rest();
+    }
+    std::atomic_thread_fence(std::memory_order_acquire);
+    std::memcpy(to, const_cast<const int *>(shared_->words), bytes);
+    report_overflow();
+  }
+
   /// Threads of a block: so few that a short launch has a block or two for every processor.
   int threads_for(int n) const
   {
@@ -355,8 +490,9 @@ private:
     return threads;
   }
 
-  /// attribute: lets the launch begin while the one before it ends (AWAIT_LAUNCHES in lang.h).
-  cudaLaunchConfig_t launch_of(int blocks, int threads, cudaLaunchAttribute &attribute) const
+  /// attribute: lets the launch begin while the one before it ends (AWAIT_LAUNCHES in lang.h). Behind several at once
+  /// it does not: which of them have ended by then is not known.
+  cudaLaunchConfig_t launch_of(int blocks, int threads, cudaLaunchAttribute &attribute)
   {
     attribute.id = cudaLaunchAttributeProgrammaticStreamSerialization;
     attribute.val.programmaticStreamSerializationAllowed = 1;
@@ -365,7 +501,8 @@ private:
     config.blockDim = dim3(static_cast<unsigned int>(threads));
     config.stream = queue_;
     config.attrs = &attribute;
-    config.numAttrs = begins_early_ ? 1 : 0;
+    config.numAttrs = begins_early_ && !std::exchange(after_several_, false) ? 1 : 0;
+    if (side_by_side_ && beside_++ > 0) config.dynamicSmemBytes = mark_of_beside;
     return config;
   }
 
@@ -410,11 +547,11 @@ private:
   /// After a wait.
   void report_overflow()
   {
-    if (!*overflow_) return;
-    *overflow_ = 0;
+    if (!shared_->overflow) return;
+    shared_->overflow = 0;
     throw ListOverflow();
   }
-  int *flag() const { return const_cast<int *>(overflow_); }
+  int *flag() const { return const_cast<int *>(&shared_->overflow); }
 
   /// Calls CUB twice: for the size of its scratch memory, then for the work.
   template <class F> void with_scratch(F &&call, const char *what)
@@ -435,13 +572,19 @@ private:
   std::string device_;
   int processors_ = 1, workers_ = 1, blocks_ = 1;
   bool begins_early_ = false;  // see AWAIT_LAUNCHES; devices before 9.0 cannot, and graphs before CUDA 12.3
-  cudaStream_t queue_ = nullptr, recorder_ = nullptr;
+  bool side_by_side_ = false, after_several_ = false;  // launches now; the next one is behind several
+  int beside_ = 0;  // launches of these so far
+  cudaStream_t queue_ = nullptr, side_ = nullptr, recorder_ = nullptr;
+  cudaEvent_t forked_ = nullptr, met_ = nullptr;
+  bool apart_ = false;  // there is work aside
   cudaGraphExec_t replay_ = nullptr;  // of the last `repeat`
   long recorded_ = 0;  // launches in it
   std::unordered_map<Buffer, std::size_t> sizes_;
   void *scratch_ = nullptr, *other_keys_ = nullptr, *other_values_ = nullptr;
-  void *total_ = nullptr;  // of a scan, 64 bits
-  volatile int *overflow_ = nullptr;  // of a scan; on the host, where the device reaches it
+  void *total_ = nullptr;  // of a scan, or of its chunks, 64 bits each
+  Shared *shared_ = nullptr;
+  int asked_ = 0;  // answers
+  std::size_t freed_ = 0;  // bytes since the last wait for the stream
   std::size_t scratch_size_ = 0;
   long long other_size_ = 0;
 };

@@ -172,7 +172,8 @@ template <class Real> struct Elements {
     for (double m : topology.mass) mass.push_back(Real(m));
     std::vector<V> force(x.size());
     gather_forces(n, triangle_row.data(), triangle_entry.data(), triangle_force.data(), hinge_row.data(),
-                  hinge_entry.data(), hinge_force.data(), int(hinge.size()), mass.data(), &gravity, force.data());
+                  hinge_entry.data(), hinge_force.data(), int(hinge.size()), mass.data(), &gravity, force.data(), 0,
+                  nullptr, nullptr, nullptr);
     return widen(force);
   }
   static Rows widen(const std::vector<V> &a)

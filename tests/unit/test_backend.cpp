@@ -81,7 +81,7 @@ TEST_CASE("scan equals the running sum", "[backend]")
   std::mt19937 random(3);
   for (const auto &backend : every_backend()) {
     INFO(backend->name());
-    for (int n : {0, 1, 2, 255, 256, 257, 4096, 4097, 16384, 16385, 32768, 32769, 100000}) {
+    for (int n : {0, 1, 2, 255, 256, 257, 4096, 4097, 16384, 16385, 32768, 32769, 100000, 1 << 22, (1 << 22) + 1}) {
       std::vector<int> values(static_cast<std::size_t>(n));
       for (int &v : values) v = static_cast<int>(random() % 7);
       Stream<int> from(*backend, values), to(*backend, n + 1);
@@ -284,6 +284,62 @@ TEST_CASE("downloads start where they are told, copies and fills end there", "[b
       const auto *byte = reinterpret_cast<const unsigned char *>(values.data());
       for (int i = 0; i < 28; ++i) CHECK(byte[i] == (i < bytes ? 0 : 255));
     }
+  }
+}
+
+TEST_CASE("downloads of every size, short and long, give what was uploaded", "[backend]")
+{
+  for (const auto &backend : every_backend()) {
+    INFO(backend->name());
+    for (int n : {1, 2, 3, 4, 5, 255, 8188, 8191, 8192, 8193, 8196, 100000})
+      for (int first : {0, 1, 4}) {
+        std::vector<unsigned char> values(static_cast<std::size_t>(n + first)), got(static_cast<std::size_t>(n));
+        for (std::size_t i = 0; i < values.size(); ++i) values[i] = static_cast<unsigned char>(31 * i + 7);
+        const Stream<unsigned char> s(*backend, values);
+        const long before = backend->waits();
+        backend->download(got.data(), s.buffer(), got.size(), static_cast<std::size_t>(first));
+        REQUIRE(std::equal(got.begin(), got.end(), values.begin() + first));
+        CHECK(backend->waits() == before + 1);
+      }
+  }
+}
+
+TEST_CASE("what follows launches side by side, and work aside, waits for all of it", "[backend]")
+{
+  for (const auto &backend : every_backend()) {
+    INFO(backend->name());
+    const int n = 1 << 20;   // long enough for a launch behind a short one to begin too early
+    Stream<dvec3> x(*backend, std::vector<dvec3>(n, {1, 1, 1})), y(*backend, n);
+    Stream<int> mark(*backend, 1);
+    y.fill_zero();
+    const auto same = [&](double ofx, double ofy) {
+      const auto all = [](const std::vector<dvec3> &v, double expected) {
+        return std::all_of(v.begin(), v.end(), [&](dvec3 a) { return a.x == expected && a.z == expected; });
+      };
+      return all(x.download(), ofx) && all(y.download(), ofy);
+    };
+    for (int turn = 0; turn < 5; ++turn) {
+      {
+        const SideBySide side_by_side(*backend);
+        CAMA_LAUNCH(*backend, scale_vectors, n, 2.0, x);
+        CAMA_LAUNCH(*backend, set_int, 1, 0, turn, mark);
+      }
+      CAMA_LAUNCH(*backend, add_impulses, n, 1.0, x, y);
+      CHECK(same(2, 2));
+      CAMA_LAUNCH(*backend, scale_vectors, n, 2.0, x);
+      {
+        Fork fork(*backend);
+        CAMA_LAUNCH(*backend, scale_vectors, n, 0.5, y);
+        fork.aside([&] { CAMA_LAUNCH(*backend, scale_vectors, n, 0.25, x); });
+        CAMA_LAUNCH(*backend, set_int, 1, 0, -turn, mark);
+      }
+      CAMA_LAUNCH(*backend, add_impulses, n, -1.0, x, y);
+      CHECK(same(1, 0));
+      CHECK(mark.at(0) == -turn);
+    }
+    CHECK_THROWS_AS(Fork(*backend).aside([] { throw MemoryError("aside"); }), MemoryError);
+    CAMA_LAUNCH(*backend, scale_vectors, n, 3.0, x);   // and the backend still works
+    CHECK(same(3, 0));
   }
 }
 

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // Bending of hinges: the angle against std::atan2, forces against finite differences, the matrix factor, and the energy
 // of bent sheets.
+#include "../backends.hpp"
 #include "../catch.hpp"
 
 #include <algorithm>
@@ -12,7 +13,7 @@
 
 #include "cama/generators.hpp"
 #include "cama/scene.hpp"
-#include "device/kernels.hpp"
+#include "device/launch.hpp"
 #include "model/topology.hpp"
 
 using namespace cama;
@@ -366,6 +367,60 @@ TEST_CASE("what the hinge model gives across the grid", "[bending]")
   CHECK(cylinder_ratio(Diagonals::rising, 128, 0) == Approx(1).epsilon(0.03));
   CHECK(cylinder_ratio(Diagonals::rising, 128, pi / 4) == Approx(3).epsilon(0.03));
   CHECK(cylinder_ratio(Diagonals::rising, 128, -pi / 4) == Approx(1).epsilon(0.03));
+}
+
+TEMPLATE_TEST_CASE("two steps for the moments at once are two steps, to the bit", "[bending]", double, float)
+{
+  // 50 hinges in two cloths, some with fewer than four neighbours.
+  const int n = 50, cloths = 2;
+  std::mt19937 random(5);
+  std::uniform_real_distribution<double> uniform(-0.2, 0.2);
+  using Coupling = typename Types<TestType>::hinge_coupling;
+  using Step = typename Types<TestType>::moment_step;
+  std::vector<Coupling> couplings;
+  for (int i = 0; i < n; ++i) {
+    Coupling c{};
+    c.cloth = i < 20 ? 0 : 1;
+    for (int k = 0; k < 4; ++k) {
+      const bool there = (i + k) % 5 != 0;
+      c.neighbour[k] = there ? (c.cloth == 0 ? (7 * i + 3 * k + 1) % 20 : 20 + (7 * i + 3 * k + 1) % 30) : i;
+      c.coupling[k] = there ? TestType(uniform(random)) : TestType(0);
+    }
+    couplings.push_back(c);
+  }
+  const std::vector<Step> steps = {{TestType(0.1), TestType(0.9)},
+                                   {TestType(0.3), TestType(0.8)},
+                                   {TestType(0.2), TestType(0.7)},
+                                   {TestType(0.4), TestType(0.6)}};
+  std::vector<std::vector<TestType>> start(6);  // angles, moments and those before, then of the rates
+  for (auto &values : start)
+    for (int i = 0; i < n; ++i) values.push_back(TestType(uniform(random)));
+  for (const std::string &name : backends_here())
+    for (int first : {0, 1}) {
+      INFO(name << ", first " << first);
+      const auto b = make_backend(name);
+      const Stream<Coupling> coupling(*b, couplings);
+      const Stream<Step> step(*b, steps);
+      std::vector<Stream<TestType>> one, two;
+      for (const auto &values : start) {
+        one.emplace_back(*b, values);
+        two.emplace_back(*b, values);
+      }
+      for (int k = 0; k < 2; ++k) {
+        CAMA_LAUNCH_REAL(TestType, *b, improve_moments, n, coupling, one[0], step, k * cloths, k == 0 ? first : 0,
+                         one[1], one[2], one[3], one[4], one[5]);
+        one[1].swap(one[2]);
+        one[4].swap(one[5]);
+      }
+      std::vector<Stream<TestType>> next;
+      for (int k = 0; k < 4; ++k) next.emplace_back(*b, n);
+      CAMA_LAUNCH_REAL(TestType, *b, improve_moments_twice, n, coupling, two[0], step, 0, cloths, first, two[1], two[2],
+                       next[0], next[1], two[3], two[4], two[5], next[2], next[3]);
+      CHECK(next[0].download() == one[1].download());
+      CHECK(next[1].download() == one[2].download());
+      CHECK(next[2].download() == one[4].download());
+      CHECK(next[3].download() == one[5].download());
+    }
 }
 
 TEST_CASE("on an irregular mesh the cylinder's energy settles at a level of its own", "[bending]")

@@ -62,7 +62,7 @@ struct Block {
     const Stream<float> values(b, value), no_terms(b, std::vector<float>{0.0f});
     const Stream<kernels::element_nodes> no_nodes(b, 1);
     const Stream<double> no_values(b, std::vector<double>{0.0});
-    CAMA_LAUNCH_TEAMS(float, b, factor_blocks, BLOCK_TEAM, 1, 1, 1, block_start, slices, places, columns, values, 0,
+    CAMA_LAUNCH_TEAMS(float, b, factor_blocks, BLOCK_TEAM, 1, 0, 1, 1, block_start, slices, places, columns, values, 0,
                       places, none, none, no_nodes, no_terms, none, none, no_values, no_values, none, none, no_values,
                       no_values, factor, weight);
   }
@@ -79,10 +79,11 @@ struct Block {
       }
     const Stream<int> rows_of(backend, row), columns(backend, column);
     const Stream<double> values(backend, value);
-    CAMA_LAUNCH_TEAMS(float, backend, factor_blocks, BLOCK_TEAM, 1, 0, 1, block_start, nothing<int>(), nothing<int>(),
-                      nothing<int>(), nothing<float>(), 0, nothing<int>(), nothing<int>(), nothing<int>(),
-                      nothing<kernels::element_nodes>(), nothing<float>(), rows_of, columns, values, nothing<double>(),
-                      nothing<int>(), nothing<int>(), nothing<double>(), nothing<double>(), factor, weight);
+    CAMA_LAUNCH_TEAMS(float, backend, factor_blocks, BLOCK_TEAM, 1, 0, 0, 1, block_start, nothing<int>(),
+                      nothing<int>(), nothing<int>(), nothing<float>(), 0, nothing<int>(), nothing<int>(),
+                      nothing<int>(), nothing<kernels::element_nodes>(), nothing<float>(), rows_of, columns, values,
+                      nothing<double>(), nothing<int>(), nothing<int>(), nothing<double>(), nothing<double>(), factor,
+                      weight);
   }
   VectorXd apply(const VectorXd &r)
   {

@@ -85,6 +85,16 @@ public:
 
   /// Launches n work items, or n teams if the kernel has teams.
   virtual void launch(const KernelKey &kernel, int n, const Argument *arguments, int count) = 0;
+  /// Launches between these two do not depend on each other, and may run at the same time: none accesses what another
+  /// one writes, but for atomic operations whose order has no effect.
+  virtual void begin_side_by_side() {}
+  virtual void end_side_by_side() {}
+  /// What is asked between begin_aside and end_aside, without waits, scans and sorts, begins after what was asked
+  /// before `fork`, and may run at the same time as what else is asked until `meet`.
+  virtual void fork() {}
+  virtual void begin_aside() {}
+  virtual void end_aside() {}
+  virtual void meet() {}
   /// Runs `work`, which only launches kernels, `times` times; a backend may record it once and replay it. again: `work`
   /// is that of the last call.
   virtual void repeat(int times, const std::function<void()> &work, bool again = false)
@@ -122,6 +132,41 @@ public:
 protected:
   std::size_t allocated_ = 0, peak_ = 0;
   long launches_ = 0, waits_ = 0;
+};
+
+/// Launches as long as this lives are side by side.
+class SideBySide {
+public:
+  explicit SideBySide(Backend &backend) : backend_(backend) { backend_.begin_side_by_side(); }
+  ~SideBySide() { backend_.end_side_by_side(); }
+  SideBySide(const SideBySide &) = delete;
+  SideBySide &operator=(const SideBySide &) = delete;
+
+private:
+  Backend &backend_;
+};
+
+/// Work aside may run at the same time as other work that is asked as long as this lives. There is one at a time.
+class Fork {
+public:
+  explicit Fork(Backend &backend) : backend_(backend) { backend_.fork(); }
+  ~Fork() { backend_.meet(); }
+  Fork(const Fork &) = delete;
+  Fork &operator=(const Fork &) = delete;
+  template <class Work> void aside(Work &&work)
+  {
+    backend_.begin_aside();
+    try {
+      work();
+    } catch (...) {
+      backend_.end_aside();
+      throw;
+    }
+    backend_.end_aside();
+  }
+
+private:
+  Backend &backend_;
 };
 
 /// The device of a backend is that of the calling thread as long as this lives; then the one before is again.

@@ -101,6 +101,30 @@ static __device__ __forceinline__ void await_launches(void)
   asm volatile("griddepcontrol.wait;\n\tgriddepcontrol.launch_dependents;" ::: "memory");
 }
 #define AWAIT_LAUNCHES await_launches()
+/* A launch beside the one before it (Backend::begin_side_by_side) has dynamic memory, which kernels use for nothing
+   else. It waits when it ends, so that the one behind it waits for both. */
+static __device__ __forceinline__ bool launched_beside(void)
+{
+  unsigned int bytes;
+  asm volatile("mov.u32 %0, %%dynamic_smem_size;" : "=r"(bytes));
+  return bytes != 0;
+}
+struct launch_order {
+  __device__ __forceinline__ launch_order()
+  {
+    if (launched_beside())
+      asm volatile("griddepcontrol.launch_dependents;" ::: "memory");
+    else
+      await_launches();
+  }
+  __device__ __forceinline__ ~launch_order()
+  {
+    if (launched_beside()) asm volatile("griddepcontrol.wait;" ::: "memory");
+  }
+};
+#define ORDER_NAME(line) ORDER_NAMED(line)
+#define ORDER_NAMED(line) order_##line
+#define AWAIT_IN_ORDER const launch_order ORDER_NAME(__LINE__)
 #endif
 #define FOR_EACH_EARLY(i, n) \
   for (int i = (int)(blockIdx.x * blockDim.x + threadIdx.x); i < (n); i += (int)(gridDim.x * blockDim.x))
@@ -274,13 +298,16 @@ DEVICE void atomic_add_float(float *p, float v)
 #define BEGINS_EARLY 0
 #define AWAIT_LAUNCHES (void)0
 #endif
+#if !defined(AWAIT_IN_ORDER)
+#define AWAIT_IN_ORDER AWAIT_LAUNCHES
+#endif
 #if defined(FOR_EACH_EARLY)
 #define FOR_EACH(i, n) \
-  AWAIT_LAUNCHES;      \
+  AWAIT_IN_ORDER;      \
   FOR_EACH_EARLY(i, n)
 #define FOR_EACH_UNEVEN(i, n) FOR_EACH(i, n)
 #define FOR_EACH_TEAM(t, n) \
-  AWAIT_LAUNCHES;           \
+  AWAIT_IN_ORDER;           \
   FOR_EACH_TEAM_EARLY(t, n)
 #else
 #define FOR_EACH_EARLY(i, n) FOR_EACH(i, n)

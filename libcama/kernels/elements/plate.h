@@ -125,30 +125,75 @@ KERNEL measure_rates(int n, GLOBAL const hinge_rest *rest, GLOBAL const hinge_fa
   }
 }
 
-/* Moment of hinge i after a step of Chebyshev's iteration. */
-DEVICE real improved_moment(int i, hinge_coupling c, moment_step s, int first, GLOBAL const real *angle,
-                            GLOBAL const real *moment, GLOBAL const real *previous)
+/* Moment of a hinge after a step s of Chebyshev's iteration from m. change: m less the one before; near: moments of its
+   neighbours. */
+DEVICE real next_moment(hinge_coupling c, moment_step s, real angle, real m, real change, const real *near)
 {
-  real m = moment[i], left = angle[i] - m;
+  real left = angle - m;
   int k;
-  for (k = 0; k < 4; ++k) left -= c.coupling[k] * moment[c.neighbour[k]];
-  return m + s.momentum * (first ? m : m - previous[i]) + s.share * left;
+  for (k = 0; k < 4; ++k) left -= c.coupling[k] * near[k];
+  return m + s.momentum * change + s.share * left;
 }
 
-/* A step of Chebyshev's iteration for the moments, that of each cloth in `step` from `row` on: previous = moment +
-   momentum (moment - previous) + share (angle - compliance moment); where `first`, previous is read as zero. rate,
-   rate_moment, rate_previous: the same for the rates of the angles, or null. */
+/* That of hinge i; where `first`, the moments before are read as zero. */
+DEVICE real improved_moment(int i, hinge_coupling c, moment_step s, int first, GLOBAL const real *angle,
+                            GLOBAL const real *moment, GLOBAL const real *before)
+{
+  const real m = moment[i];
+  real near[4];
+  int k;
+  for (k = 0; k < 4; ++k) near[k] = moment[c.neighbour[k]];
+  return next_moment(c, s, angle[i], m, first ? m : m - before[i], near);
+}
+
+/* A step of Chebyshev's iteration for the moments, that of each cloth in `step` from `row` on: before = moment +
+   momentum (moment - before) + share (angle - compliance moment). rate, rate_moment, rate_before: the same for the
+   rates of the angles, or null. */
 KERNEL improve_moments(int n, GLOBAL const hinge_coupling *coupling, GLOBAL const real *angle,
                        GLOBAL const moment_step *step, int row, int first, GLOBAL const real *moment,
-                       GLOBAL real *previous, GLOBAL const real *rate, GLOBAL const real *rate_moment,
-                       GLOBAL real *rate_previous)
+                       GLOBAL real *before, GLOBAL const real *rate, GLOBAL const real *rate_moment,
+                       GLOBAL real *rate_before)
 {
   FOR_EACH_EARLY(i, n) {
     hinge_coupling c = coupling[i];
     moment_step s = step[row + c.cloth];
     AWAIT_LAUNCHES;
-    previous[i] = improved_moment(i, c, s, first, angle, moment, previous);
-    if (rate) rate_previous[i] = improved_moment(i, c, s, first, rate, rate_moment, rate_previous);
+    before[i] = improved_moment(i, c, s, first, angle, moment, before);
+    if (rate) rate_before[i] = improved_moment(i, c, s, first, rate, rate_moment, rate_before);
+  }
+}
+
+/* Steps s and t of hinge i, whose neighbours have the couplings `near`: `next` and next_before are moment and before
+   after both. */
+DEVICE void improve_twice(int i, hinge_coupling c, const hinge_coupling *near, moment_step s, moment_step t, int first,
+                          GLOBAL const real *angle, GLOBAL const real *moment, GLOBAL const real *before,
+                          GLOBAL real *next, GLOBAL real *next_before)
+{
+  const real own = improved_moment(i, c, s, first, angle, moment, before);
+  real after[4];
+  int k;
+  for (k = 0; k < 4; ++k) after[k] = improved_moment(c.neighbour[k], near[k], s, first, angle, moment, before);
+  next_before[i] = own;
+  next[i] = next_moment(c, t, angle[i], own, own - moment[i], after);
+}
+
+/* Two steps, from `row` and from row + cloths on, for scenes that wait for launches: each hinge also finds what its
+   neighbours have after the first. */
+KERNEL improve_moments_twice(int n, GLOBAL const hinge_coupling *coupling, GLOBAL const real *angle,
+                             GLOBAL const moment_step *step, int row, int cloths, int first, GLOBAL const real *moment,
+                             GLOBAL const real *before, GLOBAL real *next, GLOBAL real *next_before,
+                             GLOBAL const real *rate, GLOBAL const real *rate_moment, GLOBAL const real *rate_before,
+                             GLOBAL real *rate_next, GLOBAL real *rate_next_before)
+{
+  FOR_EACH_EARLY(i, n) {
+    const hinge_coupling c = coupling[i];
+    const moment_step s = step[row + c.cloth], t = step[row + cloths + c.cloth];
+    hinge_coupling near[4];
+    int k;
+    for (k = 0; k < 4; ++k) near[k] = coupling[c.neighbour[k]];
+    AWAIT_LAUNCHES;
+    improve_twice(i, c, near, s, t, first, angle, moment, before, next, next_before);
+    if (rate) improve_twice(i, c, near, s, t, first, rate, rate_moment, rate_before, rate_next, rate_next_before);
   }
 }
 

@@ -334,10 +334,10 @@ DEVICE_TEAM void gather_coarse_block(int first, int last, GLOBAL const int *row,
   TEAM_FOR(l, m) scaling[l] *= sqrt(COARSE_SHARE);
 }
 
-/* Factors of the blocks of all levels. Blocks before `fine` have rows, those before `middle` the nodes of level 1, and
+/* Factors of n blocks from `begin` on. Blocks before `fine` have rows, those before `middle` the nodes of level 1, and
    the others those of level 2; block_start: [n + 1] their first rows and nodes, numbered on from level to level. */
 KERNEL_OF(BLOCK_TEAM, 6)
-factor_blocks(int n, int fine, int middle, GLOBAL const int *block_start, GLOBAL const int *slice_start,
+factor_blocks(int n, int begin, int fine, int middle, GLOBAL const int *block_start, GLOBAL const int *slice_start,
               GLOBAL const int *slice_place, GLOBAL const int *column, GLOBAL const real *value, int terms,
               GLOBAL const int *order, GLOBAL const int *term_row, GLOBAL const int *term_entry,
               GLOBAL const element_nodes *nodes, GLOBAL const real *coefficient, GLOBAL const int *row1,
@@ -350,13 +350,13 @@ factor_blocks(int n, int fine, int middle, GLOBAL const int *block_start, GLOBAL
   TEAM_LOCAL(real, own_root, BLOCK_SIZE);
   TEAM_LOCAL(real, own_second, BLOCK_SIZE);
   TEAM_LOCAL(double, own_scaling, BLOCK_SIZE);
-  FOR_EACH_TEAM(t, n) {
+  FOR_EACH_TEAM(own, n) {
     LOCAL real *RESTRICT a = TEAM_POINTER(real, own_block), *RESTRICT unit = TEAM_POINTER(real, own_unit),
                          *RESTRICT root = TEAM_POINTER(real, own_root),
                          *RESTRICT second = TEAM_POINTER(real, own_second);
     LOCAL double *RESTRICT scaling = TEAM_POINTER(double, own_scaling);
-    const int before = t < fine ? 0 : block_start[t < middle ? fine : middle], first = block_start[t] - before,
-              last = block_start[t + 1] - before;
+    const int t = begin + own, before = t < fine ? 0 : block_start[t < middle ? fine : middle],
+              first = block_start[t] - before, last = block_start[t + 1] - before;
     TEAM_BARRIER;
     TEAM_FOR(l, BLOCK_SIZE * BLOCK_SIZE) a[l] = (real)0;
     TEAM_BARRIER;

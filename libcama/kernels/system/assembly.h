@@ -177,26 +177,44 @@ KERNEL reduce_sorted(int n, GLOBAL const key64 *key, GLOBAL const int *entry, GL
   }
 }
 
-/* f_i = sum over its elements' forces + m g. */
+/* start + sum of the forces [3 triangles], [4 hinges] of the elements at vertex i */
+DEVICE vec3 gathered_force(int i, vec3 start, GLOBAL const int *triangle_row, GLOBAL const int *triangle_incidence,
+                           GLOBAL const vec3 *triangle_force, GLOBAL const int *hinge_row,
+                           GLOBAL const int *hinge_incidence, GLOBAL const vec3 *hinge_force, int hinges)
+{
+  vec3 sum = start;
+  int k, end = triangle_row[i + 1];
+  for (k = triangle_row[i]; k < end; k += AT_ONCE(4)) {
+    vec3 own[AT_ONCE(4)];
+    FOR_AT_ONCE(q, 4, end - k)
+      own[q] = triangle_force[3 * (triangle_incidence[k + q] >> 2) + (triangle_incidence[k + q] & 3)];
+    FOR_AT_ONCE(q, 4, end - k) sum = add(sum, own[q]);
+  }
+  end = hinges ? hinge_row[i + 1] : 0;
+  for (k = hinges ? hinge_row[i] : 0; k < end; k += AT_ONCE(4)) {
+    vec3 own[AT_ONCE(4)];
+    FOR_AT_ONCE(q, 4, end - k) own[q] = hinge_force[hinge_incidence[k + q]];
+    FOR_AT_ONCE(q, 4, end - k) sum = add(sum, own[q]);
+  }
+  return sum;
+}
+
+/* f_i = sum over its elements' forces + m g. outer: sum of outer_triangle and outer_hinge alone, or null; with
+   `together` f_i has it too. */
 KERNEL gather_forces(int n, GLOBAL const int *triangle_row, GLOBAL const int *triangle_incidence,
                      GLOBAL const vec3 *triangle_force, GLOBAL const int *hinge_row, GLOBAL const int *hinge_incidence,
                      GLOBAL const vec3 *hinge_force, int hinges, GLOBAL const real *mass, GLOBAL const dvec3 *gravity,
-                     GLOBAL vec3 *force)
+                     GLOBAL vec3 *force, int together, GLOBAL const vec3 *outer_triangle,
+                     GLOBAL const vec3 *outer_hinge, GLOBAL vec3 *outer)
 {
   FOR_EACH(i, n) {
-    vec3 sum = scale(mass[i], to_vec3(gravity[0]));
-    int k, end = triangle_row[i + 1];
-    for (k = triangle_row[i]; k < end; k += AT_ONCE(4)) {
-      vec3 own[AT_ONCE(4)];
-      FOR_AT_ONCE(q, 4, end - k)
-        own[q] = triangle_force[3 * (triangle_incidence[k + q] >> 2) + (triangle_incidence[k + q] & 3)];
-      FOR_AT_ONCE(q, 4, end - k) sum = add(sum, own[q]);
-    }
-    end = hinges ? hinge_row[i + 1] : 0;
-    for (k = hinges ? hinge_row[i] : 0; k < end; k += AT_ONCE(4)) {
-      vec3 own[AT_ONCE(4)];
-      FOR_AT_ONCE(q, 4, end - k) own[q] = hinge_force[hinge_incidence[k + q]];
-      FOR_AT_ONCE(q, 4, end - k) sum = add(sum, own[q]);
+    vec3 sum = gathered_force(i, scale(mass[i], to_vec3(gravity[0])), triangle_row, triangle_incidence, triangle_force,
+                              hinge_row, hinge_incidence, hinge_force, hinges);
+    if (outer) {
+      const vec3 own = gathered_force(i, vec3_make((real)0, (real)0, (real)0), triangle_row, triangle_incidence,
+                                      outer_triangle, hinge_row, hinge_incidence, outer_hinge, hinges);
+      outer[i] = own;
+      if (together) sum = add(sum, own);
     }
     force[i] = sum;
   }

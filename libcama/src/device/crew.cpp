@@ -3,9 +3,8 @@
 
 #include <algorithm>
 #include <chrono>
-#if defined(__x86_64__)
-#include <immintrin.h>
-#endif
+
+#include "device/rest.hpp"
 
 namespace cama {
 namespace {
@@ -13,14 +12,6 @@ namespace {
 /// Calls follow each other as soon as the device has done its part, within a millisecond: a thread that sleeps comes
 /// too late.
 constexpr std::chrono::microseconds patience{2000};
-
-/// Lets the other thread of the core work, without a call of the system.
-void rest()
-{
-#if defined(__x86_64__)
-  _mm_pause();
-#endif
-}
 
 template <class Condition> bool soon(Condition &&condition)
 {

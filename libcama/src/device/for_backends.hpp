@@ -7,3 +7,4 @@
 #include "device/host_threads.hpp"
 #include "device/kernels.hpp"
 #include "device/operations.hpp"
+#include "device/rest.hpp"

@@ -75,6 +75,7 @@ template <class Real> void set_up_plate(State &state, System<Real> &s, const Sce
   s.hinge_coupling = Stream<coupling>(b, couplings);
   for (Stream<Real> *values : {&s.angle_scale, &s.scaled_angle, &s.moment, &s.moment_before})
     *values = Stream<Real>(b, state.mesh.hinges);
+  for (Stream<Real> &values : s.moment_next) values = Stream<Real>(b);
   const bool of_rates = state.options.integrator == Integrator::bdf2 || state.options.newton_iterations > 1;
   if (of_rates && has_damping(scene))
     for (Stream<Real> *values : {&s.scaled_rate, &s.rate_moment, &s.rate_moment_before})

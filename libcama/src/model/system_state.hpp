@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // Room of the state: elements in the working precision, and the linear system.
 #pragma once
+#include <array>
 #include <memory>
 #include <vector>
 
@@ -39,6 +40,8 @@ template <class Real> struct System {
   int moment_iterations = 0;
   Stream<Real> angle_scale, scaled_angle, moment, moment_before;  // [hinges], sqrt(J)
   Stream<Real> scaled_rate, rate_moment, rate_moment_before;  // [hinges], sqrt(J), with damping: of the rates
+  // [hinges] scratch memory, where several steps are found at once: moment, moment_before and those of the rates
+  std::array<Stream<Real>, 4> moment_next;
   // [triangles], [hinges], [cloths] with a yield curvature; else empty
   Stream<typename T::plastic_triangle> plastic_triangle;
   Stream<typename T::plastic_hinge> plastic_hinge;

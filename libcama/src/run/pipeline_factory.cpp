@@ -2,6 +2,8 @@
 #include "run/pipeline_factory.hpp"
 
 #include <algorithm>
+#include <functional>
+#include <utility>
 
 #include "stages/abrupt_contact.hpp"
 #include "stages/advance_positions.hpp"
@@ -54,9 +56,62 @@ public:
     add<ProximitySearch>(*search);
     add<FindContacts>(*state.backend, flagged, bounds);
   }
+  void run(State &state) override
+  {
+    if (meanwhile) search->meanwhile = [&](Fork &fork) { meanwhile(state, fork); };
+    Pipeline::run(state);
+    search->meanwhile = nullptr;
+  }
+  std::function<void(State &, Fork &)> meanwhile;  ///< work that needs no contacts
   FlaggedPairs flagged;
   GapBounds bounds;
   std::unique_ptr<CandidateSearch> search;
+};
+
+/// Elements, terms and the matrix. Elements and matrix need no contacts where terms need only the forces at the start
+/// of the step: the device may then work on them aside.
+template <class Real> class MatrixAssembly final : public Pipeline {
+public:
+  MatrixAssembly(const Scene &scene, Backend &b, bool has_terms)
+      : Pipeline("matrix assembly"), elements(add<EvaluateElements<Real>>(scene)),
+        terms(has_terms ? &add<EvaluateTerms<Real>>(b) : nullptr), matrix(add<AssembleMatrix<Real>>(b))
+  {}
+  /// While the contacts are searched for. The forces at the start are found as well if the step before had contacts.
+  void begin(State &state, Fork &fork)
+  {
+    began_ = separable(state);
+    began_with_start_ = began_ && state.contact.contacts > 0;
+    if (!began_) return;
+    fork.aside([&] {
+      prediction_.run(state);
+      elements.run(state);
+      matrix.run(state);
+    });
+  }
+  void run(State &state) override
+  {
+    const bool done = std::exchange(began_, false) && (began_with_start_ || state.contact.contacts == 0);
+    if (!terms || !(done || separable(state))) return Pipeline::run(state);
+    if (done) return terms->run(state);
+    elements.begin(state);
+    Fork fork(*state.backend);
+    fork.aside([&] {
+      elements.finish(state);
+      matrix.run(state);
+    });
+    terms->run(state);
+  }
+  EvaluateElements<Real> &elements;
+  EvaluateTerms<Real> *terms;
+  AssembleMatrix<Real> &matrix;
+
+private:
+  bool separable(const State &state) const
+  {
+    return state.time.predicted && !state.wait_for_stages && matrix.independent(state.options);
+  }
+  PredictState prediction_;
+  bool began_ = false, began_with_start_ = false;
 };
 
 }  // namespace
@@ -89,14 +144,13 @@ template <class Real> std::unique_ptr<Pipeline> make_pipeline(const Scene &scene
   if (options.integrator == Integrator::bdf2) solving.add<PredictState>();
   const bool plastic = state.elements.plastic_curvature.size() > 0;
   if (plastic) solving.add<FollowCurvature<Real>>();
-  Pipeline &assembly = solving.add<Pipeline>("matrix assembly");
-  EvaluateElements<Real> &elements = assembly.add<EvaluateElements<Real>>(scene);
-  if (contact || state.elements.stitches) assembly.add<EvaluateTerms<Real>>(b);
-  AssembleMatrix<Real> &matrix = assembly.add<AssembleMatrix<Real>>(b);
+  auto &assembly = solving.add<MatrixAssembly<Real>>(scene, b, contact || state.elements.stitches);
   LinearSolve<Real> &solve = solving.add<LinearSolve<Real>>(b);
   solving.add<AdvancePositions>();
+  if (proximity && !coupling && !plastic)
+    proximity->meanwhile = [&assembly](State &at, Fork &fork) { assembly.begin(at, fork); };
   if (options.newton_iterations > 1)
-    solving.add<NewtonIterations<Real>>(b, elements, matrix, solve, state.system.masses());
+    solving.add<NewtonIterations<Real>>(b, assembly.elements, assembly.matrix, solve, state.system.masses());
   if (contact && options.integrator == Integrator::bdf2) step.add<SplitContact<Real>>(b);
   if (state.contact.kept.key.backend()) step.add<KeepFriction<Real>>();
   if (options.forces) step.add<SolveReactions<Real>>(b);

@@ -54,7 +54,8 @@ template <class S> bool ConjugateGradient<S>::outdated(const SolverRooms &state)
 
 template <class S>
 template <class Real>
-void ConjugateGradient<S>::prepare(const SolverRooms &state, Stream<typename Types<Real>::mat3> &diagonal)
+void ConjugateGradient<S>::prepare(const SolverRooms &state, Stream<typename Types<Real>::mat3> &diagonal,
+                                   const std::function<void()> &beside)
 {
   Backend &b = *state.backend;
   const BlockMatrix<Real> &matrix = state.system.template of<Real>().matrix;
@@ -71,7 +72,7 @@ void ConjugateGradient<S>::prepare(const SolverRooms &state, Stream<typename Typ
     if (rows().size) matrix_.template make_pattern<Real>(state, rows(), matrix);
     pin_changes_ = state.mesh.pin_changes;
   }
-  if (rows().size == 0) return;
+  if (rows().size == 0) return beside();
   if constexpr (sizeof(S) != sizeof(Real))
     if (gas_parts(state) > 0) {
       const auto &gradient = state.system.template of<Real>().gas_gradient;
@@ -80,7 +81,8 @@ void ConjugateGradient<S>::prepare(const SolverRooms &state, Stream<typename Typ
                        components<S>(gradient_));
     }
   matrix_.template fill<Real>(state, rows(), matrix);
-  if (schwarz_) return schwarz_->template factor<Real>(state, matrix_);
+  if (schwarz_) return schwarz_->template factor<Real>(state, matrix_, beside);
+  beside();
   inverse_.resize(block_rows() * in_columns(rows_.size));
   CAMA_LAUNCH_REAL(Real, b, invert_diagonal, state.mesh.cloth_vertices, static_cast<int>(kind_), diagonal);
   CAMA_LAUNCH_REAL(S, b, pack_diagonal, rows_.size, rows_.order, component_stride(), block_rows(),
@@ -259,11 +261,12 @@ ConjugateGradient<S>::solve(const SolverRooms &state, const Stream<typename Type
 
 template class ConjugateGradient<double>;
 template class ConjugateGradient<float>;
-#define CAMA_SOLVER(S, Real)                                                                                    \
-  template void ConjugateGradient<S>::start_from<Real>(const SolverRooms &, const Matching &);                  \
-  template void ConjugateGradient<S>::prepare<Real>(const SolverRooms &, Stream<typename Types<Real>::mat3> &); \
-  template ConjugateGradient<S>::Result ConjugateGradient<S>::solve<Real>(                                      \
-      const SolverRooms &, const Stream<typename Types<Real>::vec3> *, Stream<typename Types<Real>::vec3> &,    \
+#define CAMA_SOLVER(S, Real)                                                                                   \
+  template void ConjugateGradient<S>::start_from<Real>(const SolverRooms &, const Matching &);                 \
+  template void ConjugateGradient<S>::prepare<Real>(const SolverRooms &, Stream<typename Types<Real>::mat3> &, \
+                                                    const std::function<void()> &);                            \
+  template ConjugateGradient<S>::Result ConjugateGradient<S>::solve<Real>(                                     \
+      const SolverRooms &, const Stream<typename Types<Real>::vec3> *, Stream<typename Types<Real>::vec3> &,   \
       const Product<Real> &, double);
 CAMA_SOLVER(double, double)
 CAMA_SOLVER(float, double)

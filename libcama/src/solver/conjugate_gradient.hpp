@@ -27,8 +27,11 @@ public:
 
   /// Whether the next `prepare` reads the diagonal.
   bool needs_diagonal(const SolverRooms &state) const { return !schwarz_ || outdated(state); }
-  /// Sets new values of the matrix. diagonal: of the matrix, terms included; it is overwritten.
-  template <class Real> void prepare(const SolverRooms &state, Stream<typename Types<Real>::mat3> &diagonal);
+  /// Sets new values of the matrix. diagonal: of the matrix, terms included; it is overwritten. beside: work that reads
+  /// the state's matrix, and may run at the same time.
+  template <class Real>
+  void prepare(const SolverRooms &state, Stream<typename Types<Real>::mat3> &diagonal,
+               const std::function<void()> &beside);
 
   /// start: r' P r at the start. broken: not positive definite, or not finite.
   struct Result {

@@ -159,54 +159,67 @@ template <class S> bool Schwarz<S>::outdated(const SolverRooms &state) const
 }
 
 /// The terms' part of the coarse diagonals: each level sums the parts of the rows, child by child.
-template <class S> void Schwarz<S>::weigh_terms(const SolverRooms &state, const SlicedMatrix<S> &matrix)
+template <class S>
+template <class Real>
+void Schwarz<S>::find_coarse(const SolverRooms &state, const SlicedMatrix<S> &matrix)
 {
   Backend &b = *state.backend;
-  const int n = rows().size, coarse = levels() - 1;
+  System<Real> &s = state.system.template of<Real>();
+  const int n = rows().size, coarse = levels() - 1, is_double = sizeof(Real) == 8;
   if (coarse == 0) return;
+  const bool terms = terms_beside(state) > 0;
   const auto level = [&](int l) -> Level & { return level_[static_cast<std::size_t>(l)]; };
-  sum_.resize(6 * n * coarse);
-  CAMA_LAUNCH(b, term_diagonals, n * coarse, n, rows().order, state.system.term_incidence.row,
-              state.system.term_incidence.entry, matrix.term_nodes, level(1).ancestor, level(coarse).ancestor,
-              sizeof(S) == 8 ? 1 : 0, as<double, S>(matrix.term_value), as<float, S>(matrix.term_value), sum_);
+  {
+    const SideBySide side_by_side(b);
+    CAMA_LAUNCH(b, coarse_values, level(1).value.size(), level(1).source_start, level(1).source, is_double,
+                as<double, Real>(s.matrix.block), as<float, Real>(s.matrix.block), level(1).value);
+    if (terms) {
+      sum_.resize(6 * n * coarse);
+      CAMA_LAUNCH(b, term_diagonals, n * coarse, n, rows().order, state.system.term_incidence.row,
+                  state.system.term_incidence.entry, matrix.term_nodes, level(1).ancestor, level(coarse).ancestor,
+                  sizeof(S) == 8 ? 1 : 0, as<double, S>(matrix.term_value), as<float, S>(matrix.term_value), sum_);
+    }
+  }
   const auto sum_up = [&](int l, int first, const Stream<double> &from, Stream<double> &to) {
     to.resize(6 * aggregates_.level(l).blocks);
     CAMA_LAUNCH(b, sum_children, to.size(), first, aggregates_.level(l).start, from, to);
   };
-  sum_up(0, 0, sum_, level(1).diagonal);
-  if (coarse < 2) return;
-  sum_up(0, n, sum_, other_sum_);
-  sum_up(1, 0, other_sum_, level(2).diagonal);
+  {
+    const SideBySide side_by_side(b);
+    if (coarse > 1)
+      CAMA_LAUNCH(b, coarse_values, level(2).value.size(), level(2).source_start, level(2).source, 1, level(1).value,
+                  nothing<float>(), level(2).value);
+    if (terms) sum_up(0, 0, sum_, level(1).diagonal);
+    if (terms && coarse > 1) sum_up(0, n, sum_, other_sum_);
+  }
+  if (terms && coarse > 1) sum_up(1, 0, other_sum_, level(2).diagonal);
 }
 
 template <class S>
 template <class Real>
-void Schwarz<S>::factor(const SolverRooms &state, const SlicedMatrix<S> &matrix)
+void Schwarz<S>::factor(const SolverRooms &state, const SlicedMatrix<S> &matrix, const std::function<void()> &beside)
 {
   Backend &b = *state.backend;
-  System<Real> &s = state.system.template of<Real>();
-  const int is_double = sizeof(Real) == 8, terms = terms_beside(state) > 0;
-  const auto &fine = aggregates_.level(0);
-  if (terms) weigh_terms(state, matrix);
+  const int terms = terms_beside(state) > 0, fine = aggregates_.level(0).blocks;
   factor_.resize(FACTOR_WORDS * blocks_);
   weight_.resize(BLOCK_SIZE * blocks_);
-  for (int l = 1; l < levels(); ++l) {
-    Level &level = level_[static_cast<std::size_t>(l)];
-    if (l == 1)
-      CAMA_LAUNCH(b, coarse_values, level.value.size(), level.source_start, level.source, is_double,
-                  as<double, Real>(s.matrix.block), as<float, Real>(s.matrix.block), level.value);
-    else
-      CAMA_LAUNCH(b, coarse_values, level.value.size(), level.source_start, level.source, 1,
-                  level_[static_cast<std::size_t>(l - 1)].value, nothing<float>(), level.value);
-  }
   // Level 0 stands for a level that does not exist: it is empty, and no block is on it.
   const auto level = [&](int l) -> const Level & { return level_[static_cast<std::size_t>(l < levels() ? l : 0)]; };
-  CAMA_LAUNCH_TEAMS(S, b, factor_blocks, BLOCK_TEAM, blocks_, fine.blocks,
-                    fine.blocks + (levels() > 1 ? aggregates_.level(1).blocks : 0), block_start_, matrix.start,
-                    matrix.place, matrix.column, matrix.value, terms, rows().order, state.system.term_incidence.row,
-                    state.system.term_incidence.entry, matrix.term_nodes, matrix.term_value, level(1).row,
-                    level(1).column, level(1).value, level(1).diagonal, level(2).row, level(2).column, level(2).value,
-                    level(2).diagonal, factor_, weight_);
+  const auto factor_from = [&](int begin, int n) {
+    CAMA_LAUNCH_TEAMS(S, b, factor_blocks, BLOCK_TEAM, n, begin, fine,
+                      fine + (levels() > 1 ? aggregates_.level(1).blocks : 0), block_start_, matrix.start, matrix.place,
+                      matrix.column, matrix.value, terms, rows().order, state.system.term_incidence.row,
+                      state.system.term_incidence.entry, matrix.term_nodes, matrix.term_value, level(1).row,
+                      level(1).column, level(1).value, level(1).diagonal, level(2).row, level(2).column, level(2).value,
+                      level(2).diagonal, factor_, weight_);
+  };
+  Fork fork(b);
+  fork.aside([&] {
+    beside();
+    factor_from(0, fine);
+  });
+  find_coarse<Real>(state, matrix);
+  factor_from(fine, blocks_ - fine);
 }
 
 template class Schwarz<double>;
@@ -214,7 +227,7 @@ template class Schwarz<float>;
 #define CAMA_SCHWARZ(S, Real)                                                                             \
   template void Schwarz<S>::match<Real>(const SolverRooms &, const Stream<typename Types<Real>::mat3> &); \
   template void Schwarz<S>::adopt<Real>(const SolverRooms &, const Matching &);                           \
-  template void Schwarz<S>::factor<Real>(const SolverRooms &, const SlicedMatrix<S> &);
+  template void Schwarz<S>::factor<Real>(const SolverRooms &, const SlicedMatrix<S> &, const std::function<void()> &);
 CAMA_SCHWARZ(double, double)
 CAMA_SCHWARZ(double, float)
 CAMA_SCHWARZ(float, double)

@@ -62,15 +62,21 @@ template <class Real>
 void SlicedMatrix<S>::fill(const SolverRooms &state, const RowOrder &rows, const BlockMatrix<Real> &matrix)
 {
   Backend &b = *state.backend;
-  CAMA_LAUNCH_REAL(S, b, fill_slice_values, source_.size(), source_, sizeof(Real) == 8 ? 1 : 0,
-                   as<double, Real>(matrix.block), as<float, Real>(matrix.block), value);
   const int terms = terms_beside(state);
+  {
+    const SideBySide side_by_side(b);
+    CAMA_LAUNCH_REAL(S, b, fill_slice_values, source_.size(), source_, sizeof(Real) == 8 ? 1 : 0,
+                     as<double, Real>(matrix.block), as<float, Real>(matrix.block), value);
+    if (terms) {
+      term_nodes.resize(terms);
+      term_value.resize(9ll * terms);
+      CAMA_LAUNCH_REAL(Real, b, pack_terms, terms, state.system.template of<Real>().term, state.mesh.cloth_vertices,
+                       rows.place, sizeof(S) == 8 ? 1 : 0, term_nodes, as<double, S>(term_value),
+                       as<float, S>(term_value));
+    }
+  }
   if (terms == 0) return;
-  term_nodes.resize(terms);
-  term_value.resize(9ll * terms);
   entry_weight.resize(state.system.term_incidence.entry.size());
-  CAMA_LAUNCH_REAL(Real, b, pack_terms, terms, state.system.template of<Real>().term, state.mesh.cloth_vertices,
-                   rows.place, sizeof(S) == 8 ? 1 : 0, term_nodes, as<double, S>(term_value), as<float, S>(term_value));
   CAMA_LAUNCH_REAL(S, b, pack_weights, state.mesh.cloth_vertices, state.system.term_incidence.row,
                    state.system.term_incidence.entry, term_value, entry_weight);
 }

@@ -6,18 +6,39 @@
 namespace cama {
 namespace {
 
+constexpr int few_hinges = 65536;  // for which a launch costs more than the moments of neighbours that it finds again
+
 /// Moments for the scaled angles; they begin with the first share of them in s.moment, and end there. rates: those for
 /// the rates as well.
 template <class Real> void find_moments(Backend &b, System<Real> &s, int hinges, bool rates)
 {
   const int cloths = s.moment_step.size() / (s.moment_iterations + 1);
+  const bool in_pairs = !b.wide_workers() && hinges < few_hinges;
   Stream<Real> none, *rate = rates ? &s.scaled_rate : &none, *moment = rates ? &s.rate_moment : &none,
                      *before = rates ? &s.rate_moment_before : &none;
-  for (int k = 0; k < s.moment_iterations; ++k) {
-    CAMA_LAUNCH_REAL(Real, b, improve_moments, hinges, s.hinge_coupling, s.scaled_angle, s.moment_step,
-                     (k + 1) * cloths, k == 0 ? 1 : 0, s.moment, s.moment_before, *rate, *moment, *before);
-    s.moment.swap(s.moment_before);
-    moment->swap(*before);
+  if (in_pairs)
+    for (int k = 0; k < (rates ? 4 : 2); ++k) s.moment_next[k].resize(hinges);
+  for (int k = 0; k < s.moment_iterations;) {
+    const int row = (k + 1) * cloths, first = k == 0 ? 1 : 0;
+    if (in_pairs && k + 1 < s.moment_iterations) {
+      auto &[next, next_before, rate_next, rate_next_before] = s.moment_next;
+      CAMA_LAUNCH_REAL(Real, b, improve_moments_twice, hinges, s.hinge_coupling, s.scaled_angle, s.moment_step, row,
+                       cloths, first, s.moment, s.moment_before, next, next_before, *rate, *moment, *before,
+                       rates ? rate_next : none, rates ? rate_next_before : none);
+      s.moment.swap(next);
+      s.moment_before.swap(next_before);
+      if (rates) {
+        moment->swap(rate_next);
+        before->swap(rate_next_before);
+      }
+      k += 2;
+    } else {
+      CAMA_LAUNCH_REAL(Real, b, improve_moments, hinges, s.hinge_coupling, s.scaled_angle, s.moment_step, row, first,
+                       s.moment, s.moment_before, *rate, *moment, *before);
+      s.moment.swap(s.moment_before);
+      moment->swap(*before);
+      ++k;
+    }
   }
 }
 
@@ -36,21 +57,28 @@ template <class Real> void find_plate_moments(Backend &b, System<Real> &s, int h
 }
 
 template <class Real>
-void evaluate_bending(Backend &b, const Options &options, System<Real> &s, int hinges, const Stream<dvec3> &position,
-                      const Damping<Real> *damping)
+void find_angles(Backend &b, const Options &options, System<Real> &s, int hinges, const Stream<dvec3> &position)
 {
-  if (s.hinge_coupling.size() == 0) {
+  if (s.hinge_coupling.size() > 0)
+    scale_angles(b, s, hinges, position);
+  else
     CAMA_LAUNCH_REAL(Real, b, evaluate_hinges, hinges, s.hinge_rest, s.bending_table, s.material_scale,
                      options.arcsim_conventions ? 1 : 0, position, s.hinge_factor, s.hinge_force);
-    if (damping)
-      CAMA_LAUNCH_REAL(Real, b, damp_hinges, hinges, s.hinge_rest, s.hinge_factor, s.material_scale, damping->step,
-                       damping->velocity, damping->onto ? 1 : 0, damping->hinge_force);
-    return;
-  }
-  scale_angles(b, s, hinges, position);
-  if (damping)
-    CAMA_LAUNCH_REAL(Real, b, measure_rates, hinges, s.hinge_rest, s.hinge_factor, s.material_scale, damping->step,
-                     s.moment_step, damping->velocity, s.angle_scale, s.scaled_rate, s.rate_moment);
+}
+
+template <class Real> void find_rates(Backend &b, System<Real> &s, int hinges, const Damping<Real> &damping)
+{
+  if (s.hinge_coupling.size() > 0)
+    CAMA_LAUNCH_REAL(Real, b, measure_rates, hinges, s.hinge_rest, s.hinge_factor, s.material_scale, damping.step,
+                     s.moment_step, damping.velocity, s.angle_scale, s.scaled_rate, s.rate_moment);
+  else
+    CAMA_LAUNCH_REAL(Real, b, damp_hinges, hinges, s.hinge_rest, s.hinge_factor, s.material_scale, damping.step,
+                     damping.velocity, damping.onto ? 1 : 0, damping.hinge_force);
+}
+
+template <class Real> void bend(Backend &b, System<Real> &s, int hinges, const Damping<Real> *damping)
+{
+  if (s.hinge_coupling.size() == 0) return;
   find_moments(b, s, hinges, damping != nullptr);
   Stream<Real> none;
   Stream<typename Types<Real>::vec3> nowhere;
@@ -74,11 +102,12 @@ void measure_bending(Backend &b, const Options &options, System<Real> &s, int hi
   CAMA_LAUNCH_REAL(Real, b, measure_bending, hinges, s.scaled_angle, s.moment, energy);
 }
 
-#define CAMA_BENDING(Real)                                                                               \
-  template void find_plate_moments(Backend &, System<Real> &, int, const Stream<dvec3> &);               \
-  template void evaluate_bending(Backend &, const Options &, System<Real> &, int, const Stream<dvec3> &, \
-                                 const Damping<Real> *);                                                 \
-  template void measure_bending(Backend &, const Options &, System<Real> &, int, const Stream<dvec3> &,  \
+#define CAMA_BENDING(Real)                                                                              \
+  template void find_plate_moments(Backend &, System<Real> &, int, const Stream<dvec3> &);              \
+  template void find_angles(Backend &, const Options &, System<Real> &, int, const Stream<dvec3> &);    \
+  template void find_rates(Backend &, System<Real> &, int, const Damping<Real> &);                      \
+  template void bend(Backend &, System<Real> &, int, const Damping<Real> *);                            \
+  template void measure_bending(Backend &, const Options &, System<Real> &, int, const Stream<dvec3> &, \
                                 Stream<double> &);
 CAMA_BENDING(double)
 CAMA_BENDING(float)

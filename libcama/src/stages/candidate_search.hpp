@@ -1,5 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
+#include <functional>
+
 #include "run/pipeline.hpp"
 
 namespace cama {
@@ -18,6 +20,8 @@ public:
       : end_boxes_(backend), wanted_(backend), place_(backend), kept_(backend), corners_(backend)
   {}
   virtual ~CandidateSearch() = default;
+  /// What `run` may let the device do aside while it searches, or nothing: work that needs no pairs.
+  std::function<void(Fork &)> meanwhile;
   /// Fills state.contact.vertex_face and state.contact.edge_edge for motion from -> to.
   virtual void run(const SearchRooms &state, const Stream<dvec3> &from, const Stream<dvec3> &to) = 0;
   /// Makes the lists hold every pair of the motion from -> to, with at least `margin` around it. Earlier pairs stay,

@@ -23,11 +23,20 @@ EvaluateElements<Real>::EvaluateElements(const Scene &scene)
 
 template <class Real> void EvaluateElements<Real>::run_on(const Rooms &state)
 {
-  if (state.contact.contacts && state.time.predicted) {
-    System<Real> &s = state.system.template of<Real>();
-    evaluate_linearised(state, state.mesh.position);
-    s.start_force.copy_from(s.force);
-  }
+  begin(state);
+  finish(state);
+}
+
+template <class Real> void EvaluateElements<Real>::begin(const Rooms &state)
+{
+  if (state.contact.contacts == 0 || !state.time.predicted) return;
+  System<Real> &s = state.system.template of<Real>();
+  evaluate_linearised(state, state.mesh.position);
+  s.start_force.copy_from(s.force);
+}
+
+template <class Real> void EvaluateElements<Real>::finish(const Rooms &state)
+{
   evaluate_linearised(state, state.mesh.linearised_position(state.time));
 }
 
@@ -90,36 +99,69 @@ void EvaluateElements<Real>::evaluate_elements(const Rooms &state, const Stream<
   Backend &b = *state.backend;
   System<Real> &s = state.system.template of<Real>();
   const Real h = static_cast<Real>(state.time.implicit_step);
-  CAMA_LAUNCH_REAL(Real, b, evaluate_triangles, state.mesh.triangles, s.triangle_rest, s.stretching_table,
-                   s.stretching_start, s.material_scale, h, position, s.triangle_factor, s.triangle_force);
+  const int hinges = state.mesh.hinges;
+  {
+    const SideBySide side_by_side(b);
+    CAMA_LAUNCH_REAL(Real, b, evaluate_triangles, state.mesh.triangles, s.triangle_rest, s.stretching_table,
+                     s.stretching_start, s.material_scale, h, position, s.triangle_factor, s.triangle_force);
+    if (hinges) find_angles(b, state.options, s, hinges, position);
+  }
   if (s.strain_limit.size())
     CAMA_LAUNCH_REAL(Real, b, limit_strain, state.mesh.triangles, s.triangle_rest, s.stretching_table,
                      s.stretching_start, s.strain_limit, s.material_scale, h, position, s.triangle_factor,
                      s.triangle_force);
-  if (state.mesh.hinges) evaluate_bending(b, state.options, s, state.mesh.hinges, position, damping);
-  if (damping)
+  if (damping) {
+    const SideBySide side_by_side(b);
     CAMA_LAUNCH_REAL(Real, b, damp_triangles, state.mesh.triangles, s.triangle_rest, s.triangle_factor,
                      s.material_scale, damping->step, damping->velocity, damping->onto ? 1 : 0,
                      damping->triangle_force);
+    if (hinges) find_rates(b, s, hinges, *damping);
+  }
+  if (hinges) bend(b, s, hinges, damping);
 }
 
-template <class Real> void EvaluateElements<Real>::gather(const Rooms &state)
+template <class Real> void EvaluateElements<Real>::gather(const Rooms &state, Outer *outer)
 {
   System<Real> &s = state.system.template of<Real>();
+  const bool driven = state.elements.driven_force.size() > 0,
+             together = outer && !driven && !inflated(state) && !mass_damped_;
+  Stream<vec3> none;
   CAMA_LAUNCH_REAL(Real, *state.backend, gather_forces, state.mesh.cloth_vertices,
                    state.elements.triangle_incidence.row, state.elements.triangle_incidence.entry, s.triangle_force,
                    state.elements.hinge_incidence.row, state.elements.hinge_incidence.entry, s.hinge_force,
-                   state.mesh.hinges, s.mass, state.elements.gravity, s.force);
-  if (state.elements.driven_force.size())
+                   state.mesh.hinges, s.mass, state.elements.gravity, s.force, together ? 1 : 0,
+                   outer ? outer->triangle : none, outer ? outer->hinge : none, outer ? outer->force : none);
+  if (driven)
     CAMA_LAUNCH_REAL(Real, *state.backend, add_driven_forces, state.mesh.cloth_vertices, state.elements.driven_force,
                      s.force);
 }
 
 template <class Real>
-void EvaluateElements<Real>::evaluate(const Rooms &state, const Stream<dvec3> &position, const Damping<Real> &damping)
+void EvaluateElements<Real>::evaluate(const Rooms &state, const Stream<dvec3> &position, const Stream<dvec3> &velocity,
+                                      Outer &outer)
 {
+  System<Real> &s = state.system.template of<Real>();
+  const bool pushed = this->pushed(state);
+  if (pushed) {
+    outer.triangle.resize(3 * state.mesh.triangles);
+    outer.hinge.resize(4 * state.mesh.hinges);
+    outer.force.resize(state.mesh.cloth_vertices);
+    if (!damped_) {
+      outer.triangle.fill_zero();
+      outer.hinge.fill_zero();
+    }
+  }
+  const Damping<Real> damping{static_cast<Real>(state.time.implicit_step), velocity, false, outer.triangle,
+                              outer.hinge};
   evaluate_elements(state, position, damped_ ? &damping : nullptr);
-  gather(state);
+  if (windy_) add_wind(state, position, velocity, false, outer.triangle);
+  if (pressed(state)) add_pressure(state, position, outer.triangle);
+  gather(state, pushed ? &outer : nullptr);
+  if (!pushed) return;
+  if (inflated(state)) add_gas(state, position, outer.force);
+  if (mass_damped_) add_mass_damping(state, velocity, false, outer.force);
+  if (inflated(state) || mass_damped_ || state.elements.driven_force.size() > 0)
+    CAMA_LAUNCH_REAL(Real, *state.backend, add_forces, state.mesh.cloth_vertices, outer.force, s.force);
 }
 
 template <class Real>
@@ -134,7 +176,7 @@ void EvaluateElements<Real>::evaluate_linearised(const Rooms &state, const Strea
   if (windy_) add_wind(state, position, velocity, !predicted, s.triangle_force);
   if (pressed(state)) add_pressure(state, position, s.triangle_force);
   if (windy_ || mass_damped_) find_drag(state, position, velocity, windy_ && predicted);
-  gather(state);
+  gather(state, nullptr);
   if (inflated(state)) add_gas(state, position, s.force);
   if (mass_damped_) add_mass_damping(state, velocity, !predicted, s.force);
 }

@@ -17,10 +17,21 @@ public:
   explicit EvaluateElements(const Scene &scene);
   std::string_view name() const override { return "element forces"; }
   void run_on(const Rooms &state) override;
+  // Its two parts:
+  /// Forces at the start of a step that is linearised at its prediction, which contacts ask for.
+  void begin(const Rooms &state);
+  /// Forces and factors where the step is linearised.
+  void finish(const Rooms &state);
 
   using vec3 = typename Types<Real>::vec3;
-  /// Forces and factors at these positions, and damping in the forces that it names, if there is any.
-  void evaluate(const Rooms &state, const Stream<dvec3> &position, const Damping<Real> &damping);
+  /// Forces that no potential has here: of velocities, of pressure, or of gas, N.
+  struct Outer {
+    explicit Outer(Backend &b) : triangle(b), hinge(b), force(b) {}
+    Stream<vec3> triangle, hinge, force;  // [3 triangles], [4 hinges], [cloth vertices]
+  };
+  /// Forces and factors at these positions and velocities; the forces have those of `outer`, which are found if there
+  /// are any.
+  void evaluate(const Rooms &state, const Stream<dvec3> &position, const Stream<dvec3> &velocity, Outer &outer);
   bool windy() const { return windy_; }
   bool damped() const { return damped_; }
   bool mass_damped() const { return mass_damped_; }
@@ -49,8 +60,9 @@ private:
   /// The same with wind, drag, pressure and gas of the linearised step.
   void evaluate_linearised(const Rooms &state, const Stream<dvec3> &position);
   void evaluate_elements(const Rooms &state, const Stream<dvec3> &position, const Damping<Real> *damping);
-  /// Forces of vertices from those of elements, gravity and those that are driven.
-  void gather(const Rooms &state);
+  /// Forces of vertices from those of elements, gravity and those that are driven. outer: whose forces of elements are
+  /// gathered as well, or null.
+  void gather(const Rooms &state, Outer *outer);
 
   bool windy_, damped_, mass_damped_;
   double air_density_ = 0, drag_ = 0;

@@ -15,10 +15,13 @@ void GapBounds::find(const Rooms &state, const Stream<dvec3> &from, const Stream
   for (PairList *list : {&vertex_face, &edge_edge}) list->direction.resize(list->pairs.size());
   CAMA_LAUNCH(b, make_swept_vertices, state.mesh.vertices, from, to, state.bounds.bounds, state.contact.vertex_contact,
               swept_vertices, rounding_margin, near_pairs);
-  CAMA_LAUNCH(b, cull_separated_pairs, first, 0, vertex_face.pairs, state.mesh.face, state.mesh.edge, swept_vertices,
-              rounding_margin, vertex_face.direction, vertex_face.gap_bound);
-  CAMA_LAUNCH(b, cull_separated_pairs, n - first, 1, edge_edge.pairs, state.mesh.face, state.mesh.edge, swept_vertices,
-              rounding_margin, edge_edge.direction, edge_edge.gap_bound);
+  {
+    const SideBySide side_by_side(b);
+    CAMA_LAUNCH(b, cull_separated_pairs, first, 0, vertex_face.pairs, state.mesh.face, state.mesh.edge, swept_vertices,
+                rounding_margin, vertex_face.direction, vertex_face.gap_bound);
+    CAMA_LAUNCH(b, cull_separated_pairs, n - first, 1, edge_edge.pairs, state.mesh.face, state.mesh.edge,
+                swept_vertices, rounding_margin, edge_edge.direction, edge_edge.gap_bound);
+  }
   CAMA_LAUNCH_TEAMS(void, b, list_near_pairs, PAIR_TEAM, flagged_.teams(), n, first, vertex_face.gap_bound,
                     edge_edge.gap_bound, flagged_.flag, flagged_.list, near_pairs);
 }

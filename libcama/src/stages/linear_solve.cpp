@@ -143,9 +143,10 @@ bool LinearSolve<Real>::conjugate_gradient(const Rooms &state, std::unique_ptr<C
   const Matching matching = std::exchange(matching_, {});
   if (uniform && !matching.order.empty()) solver->template start_from<Real>(state, matching);
   q_.resize(state.mesh.cloth_vertices);
-  if (uniform) move_by_gravity(state, from_zero);
   if (solver->needs_diagonal(state)) extract_diagonal(state);
-  solver->template prepare<Real>(state, diagonal_);
+  solver->template prepare<Real>(state, diagonal_, [&] {
+    if (uniform) move_by_gravity(state, from_zero);
+  });
   const auto result = solver->template solve<Real>(
       state, uniform ? &r_ : nullptr, q_, [&](const Stream<vec3> &x, Stream<vec3> &q) { multiply(state, x, q); },
       slack);

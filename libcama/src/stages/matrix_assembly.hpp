@@ -13,6 +13,12 @@ public:
   explicit AssembleMatrix(Backend &backend);
   std::string_view name() const override { return "matrix assembly"; }
   void run_on(const Rooms &state) override;
+  /// Whether it neither reads contacts and stitches nor waits for the device.
+  bool independent(const Options &options) const
+  {
+    return pattern_ready_ && options.paper.assembly == Assembly::gather &&
+           options.paper.contact_form != ContactForm::star;
+  }
 
 private:
   void fill(const Rooms &state);

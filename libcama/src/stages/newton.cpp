@@ -4,6 +4,8 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
+#include <optional>
+#include <utility>
 
 #include "device/ceil_divide.hpp"
 #include "device/launch.hpp"
@@ -20,15 +22,28 @@ constexpr int solves_of_open = 1, solves_of_lost = 3;
 constexpr double further_slack = 3;  // of the tolerance: a further solve begins with a small residual
 constexpr double sufficient = 1e-4;  // of the decrease that the slope predicts
 constexpr double rounding_units = 16;  // of the sum of the potential's parts
+constexpr int parts_of_host = 512;  // most sums of chunks that the host adds up
+
+/// With the chunks of reduce_lists, so that its sums do not depend on who adds.
+double sum_of(const double *value, int count)
+{
+  if (count == 1) return *value;
+  std::vector<double> chunk;
+  for (int i = 0; i < count; i += PARTIAL_CHUNK) {
+    double sum = 0;
+    for (int j = i; j < std::min(i + PARTIAL_CHUNK, count); ++j) sum += value[j];
+    chunk.push_back(sum);
+  }
+  return sum_of(chunk.data(), static_cast<int>(chunk.size()));
+}
 }  // namespace
 
 template <class Real>
 NewtonIterations<Real>::NewtonIterations(Backend &b, EvaluateElements<Real> &elements, AssembleMatrix<Real> &assembly,
                                          LinearSolve<Real> &solve, const std::vector<double> &masses)
-    : elements_(elements), assembly_(assembly), solve_(solve), outer_(b), outer_triangle_(b), outer_hinge_(b),
-      start_(b), zero_gravity_(b), given_(b), solved_(b), moved_(b), vertex_{Stream<double>(b), Stream<double>(b)},
-      triangle_{Stream<double>(b), Stream<double>(b)}, hinge_(b), term_(b), slope_(b), total_(b), part_(b), push_(b),
-      load_(b), pull_(b), share_(b), pressing_(b)
+    : elements_(elements), assembly_(assembly), solve_(solve), outer_(b), start_(b), given_(b), solved_(b), moved_(b),
+      vertex_{Stream<double>(b), Stream<double>(b)}, triangle_{Stream<double>(b), Stream<double>(b)}, hinge_(b),
+      term_(b), slope_(b), total_(b), part_(b), push_(b), load_(b), pull_(b), share_(b), pressing_(b)
 {
   for (double m : masses) fastest_ += m * FASTEST * FASTEST;
 }
@@ -42,8 +57,10 @@ std::vector<double> NewtonIterations<Real>::sum(const Rooms &state, const std::v
     list[k] = streams[k];
     count[k] = streams[k]->size();
   }
+  int parts = 0;
   do {
-    int parts = 0, part[4];
+    int part[4];
+    parts = 0;
     for (int k = 0; k < 4; ++k) {
       part[k] = parts;
       parts += ceil_divide(count[k], PARTIAL_CHUNK);
@@ -57,11 +74,11 @@ std::vector<double> NewtonIterations<Real>::sum(const Rooms &state, const std::v
       count[k] = ceil_divide(count[k], PARTIAL_CHUNK);
       first[k] = part[k];
     }
-  } while (*std::max_element(count, count + 4) > 1);
+  } while (parts > parts_of_host && *std::max_element(count, count + 4) > 1);
   const std::vector<double> totals = total_.download();
   std::vector<double> sums(streams.size(), 0);
   for (std::size_t k = 0; k < streams.size(); ++k)
-    if (count[k] > 0) sums[k] = totals[static_cast<std::size_t>(first[k])];
+    if (count[k] > 0) sums[k] = sum_of(totals.data() + first[k], count[k]);
   return sums;
 }
 
@@ -95,35 +112,18 @@ template <class Real> void NewtonIterations<Real>::iterate_friction(const Rooms 
 
 template <class Real>
 typename NewtonIterations<Real>::Norms NewtonIterations<Real>::evaluate(const Rooms &state, Friction friction,
-                                                                        double *slope)
+                                                                        double *slope, bool ahead)
 {
   Backend &b = *state.backend;
   System<Real> &s = state.system.template of<Real>();
   const int rows = state.mesh.cloth_vertices;
   const Real h = static_cast<Real>(state.time.implicit_step);
   const Stream<dvec3> &x = state.mesh.position_next, &v = state.mesh.velocity_next;
-  const bool pushed = elements_.pushed(state);
-  if (pushed) {
-    outer_triangle_.resize(3 * state.mesh.triangles);
-    outer_hinge_.resize(4 * state.mesh.hinges);
-    outer_.resize(rows);
-    if (zero_gravity_.size() == 0) zero_gravity_.assign({dvec3{0, 0, 0}});
-    if (!elements_.damped()) {
-      outer_triangle_.fill_zero();
-      outer_hinge_.fill_zero();
-    }
-  }
-  elements_.evaluate(state, x, {h, v, false, outer_triangle_, outer_hinge_});
-  if (pushed) {
-    if (elements_.windy()) elements_.add_wind(state, x, v, false, outer_triangle_);
-    if (elements_.pressed(state)) elements_.add_pressure(state, x, outer_triangle_);
-    CAMA_LAUNCH_REAL(Real, b, gather_forces, rows, state.elements.triangle_incidence.row,
-                     state.elements.triangle_incidence.entry, outer_triangle_, state.elements.hinge_incidence.row,
-                     state.elements.hinge_incidence.entry, outer_hinge_, state.mesh.hinges, s.mass, zero_gravity_,
-                     outer_);
-    if (elements_.inflated(state)) elements_.add_gas(state, x, outer_);
-    if (elements_.mass_damped()) elements_.add_mass_damping(state, v, false, outer_);
-    CAMA_LAUNCH_REAL(Real, b, add_forces, rows, outer_, s.force);
+  elements_.evaluate(state, x, v, outer_);
+  std::optional<Fork> fork;
+  if (ahead) {
+    fork.emplace(b);
+    fork->aside([&] { assemble(state); });
   }
   if (state.system.terms) {
     const int refresh = state.options.contact_refresh == ContactRefresh::iteration;
@@ -155,6 +155,13 @@ typename NewtonIterations<Real>::Norms NewtonIterations<Real>::evaluate(const Ro
   return {totals[0], totals[1]};
 }
 
+template <class Real> void NewtonIterations<Real>::assemble(const Rooms &state)
+{
+  if (elements_.windy() || elements_.mass_damped())
+    elements_.find_drag(state, state.mesh.position_next, state.mesh.velocity_next, elements_.windy());
+  assembly_.run_on(state);
+}
+
 template <class Real> typename NewtonIterations<Real>::Potential NewtonIterations<Real>::measure(const Rooms &state)
 {
   Backend &b = *state.backend;
@@ -164,7 +171,7 @@ template <class Real> typename NewtonIterations<Real>::Potential NewtonIteration
   vertex_[0].resize(state.mesh.cloth_vertices);
   CAMA_LAUNCH_REAL(Real, b, measure_inertia, state.mesh.cloth_vertices, state.time.implicit_step, s.mass,
                    state.mesh.fixed, state.mesh.base_velocity(state.time), v, state.mesh.position, x,
-                   state.elements.gravity, held ? 1 : 0, held ? outer_ : s.force, vertex_[0]);
+                   state.elements.gravity, held ? 1 : 0, held ? outer_.force : s.force, vertex_[0]);
   for (Stream<double> &values : triangle_) values.resize(state.mesh.triangles);
   CAMA_LAUNCH_REAL(Real, b, measure_triangles, state.mesh.triangles, s.triangle_rest, s.stretching_table,
                    s.stretching_start, x, triangle_[0], triangle_[1]);
@@ -283,7 +290,11 @@ template <class Real> void NewtonIterations<Real>::run_on(const Rooms &state)
   const bool rough = state.contact.friction && state.contact.contacts;
   const bool received = state.contact.remainder.backend();
   if (received) find_solved_impulses(state, true, given_);
-  Norms norms = evaluate(state, Friction::of_first_solve), best = norms;
+  // The matrix of the next solve is made while the norms are on their way, which seldom say that there is none; then
+  // forces and bodies would need the one of this solve.
+  bool ahead =
+      state.options.newton_iterations > 1 && assembly_.independent(state.options) && !state.options.forces && !received;
+  Norms norms = evaluate(state, Friction::of_first_solve, nullptr, ahead), best = norms;
   const auto relative = [](const Norms &n) { return n.size > 0 ? std::sqrt(n.residual / n.size) : 0; };
   const bool may_go_on = state.time.error > 0 && state.options.integrator == Integrator::bdf2;
   const auto max_solves = [&] {
@@ -299,9 +310,7 @@ template <class Real> void NewtonIterations<Real>::run_on(const Rooms &state)
       best = norms = evaluate(state, Friction::of_first_pushes);
     else if (rough && taken > state.options.newton_iterations)
       best = norms = evaluate(state, Friction::of_iterate);
-    if (elements_.windy() || elements_.mass_damped())
-      elements_.find_drag(state, state.mesh.position_next, state.mesh.velocity_next, elements_.windy());
-    assembly_.run_on(state);
+    if (!std::exchange(ahead, false)) assemble(state);
     solve_.solve_from_zero(state, further_slack);
     linear += state.report.iterations;
     ++taken;

@@ -32,8 +32,10 @@ private:
   /// the iterate, or both at the iterate.
   enum class Friction { as_it_is, of_first_solve, of_first_pushes, of_iterate };
   /// Elements, terms and right-hand side, which is the negative residual, at the iterate. slope: set to the sum of
-  /// slope_, if asked for.
-  Norms evaluate(const Rooms &state, Friction friction = Friction::as_it_is, double *slope = nullptr);
+  /// slope_, if asked for. ahead: assembles as well.
+  Norms evaluate(const Rooms &state, Friction friction = Friction::as_it_is, double *slope = nullptr,
+                 bool ahead = false);
+  void assemble(const Rooms &state);  ///< the matrix at the iterate
   /// Incremental potential at the iterate, J; size: of its parts together.
   struct Potential {
     double value, size;
@@ -62,9 +64,9 @@ private:
   double fastest_ = 0;  // J: all cloth at the highest speed; solves do not mend a larger residual
   bool searching_ = false,
        fell_ = false;  // fell_: the last search lowered the potential beyond rounding
-  Stream<vec3> outer_, outer_triangle_, outer_hinge_;  // outer: wind, pressure, gas and damping
+  typename EvaluateElements<Real>::Outer outer_;
   double alpha_ = 0;  // the part of the solution that the last search took
-  Stream<dvec3> start_, zero_gravity_, given_, solved_, moved_;
+  Stream<dvec3> start_, given_, solved_, moved_;
   Stream<double> vertex_[2], triangle_[2], hinge_, term_, slope_, total_, part_, push_, load_, pull_, share_, pressing_;
 };
 

@@ -4,6 +4,8 @@
 #include <algorithm>
 #include <iterator>
 #include <numeric>
+#include <optional>
+#include <utility>
 
 #include "device/ceil_divide.hpp"
 #include "device/launch.hpp"
@@ -38,24 +40,30 @@ long long TreeSearch::most_hit_blocks(int items)
   return std::max(0LL, (Stream<int>::most - static_cast<long long>(HIT_ROW) * items) / HIT_BLOCK);
 }
 
-void TreeSearch::build_levels(Backend &b, int leaves, Stream<kernels::bvh8_node> &tree)
+/// The levels above the first, of all trees side by side.
+void TreeSearch::build_levels(Backend &b, const std::vector<NewTree> &trees)
 {
-  const int root = kernels::group_root_level(leaves);
-  for (int level = 0; level < root;) {
-    const int both = level + 2 <= root ? 1 : 0;
-    level += 1 + both;
-    CAMA_LAUNCH_TEAMS(void, b, group_levels, GROUP_TEAM, kernels::group_level_size(leaves, level), leaves, level, both,
-                      tree);
+  int root = 0;
+  for (const NewTree &t : trees) root = std::max(root, kernels::group_root_level(t.leaves));
+  for (int below = 0; below < root; below += 2) {
+    const SideBySide side_by_side(b);
+    for (const NewTree &t : trees) {
+      const int both = below + 2 <= kernels::group_root_level(t.leaves) ? 1 : 0, level = below + 1 + both;
+      if (level <= kernels::group_root_level(t.leaves))
+        CAMA_LAUNCH_TEAMS(void, b, group_levels, GROUP_TEAM, kernels::group_level_size(t.leaves, level), t.leaves,
+                          level, both, *t.nodes);
+    }
   }
 }
 
-void TreeSearch::build_faces(const SearchRooms &state, int leaves, const Stream<kernels::face_nodes> &leaf_face,
-                             const Stream<int> &changed, Stream<kernels::bvh8_node> &tree)
+TreeSearch::NewTree TreeSearch::group_faces(const SearchRooms &state, int leaves,
+                                            const Stream<kernels::face_nodes> &leaf_face, const Stream<int> &changed,
+                                            Stream<kernels::bvh8_node> &tree)
 {
   tree.resize(kernels::group_tree_size(leaves));
   CAMA_LAUNCH(*state.backend, face_groups, kernels::group_level_size(leaves, 0), leaves, leaf_face,
               state.bounds.vertex_box, changed, tree);
-  build_levels(*state.backend, leaves, tree);
+  return {leaves, &tree};
 }
 
 /// Assigns features to groups. Without contact.self it leaves out what only cloth against cloth needs.
@@ -110,16 +118,25 @@ void TreeSearch::find_groups(const SearchRooms &state)
   found_ = true;
 }
 
-void TreeSearch::build_trees(const SearchRooms &state, Group &g, bool faces, bool edges, const Stream<int> &changed)
+void TreeSearch::build_trees(const SearchRooms &state, const std::vector<Features> &features,
+                             const Stream<int> &changed)
 {
   Backend &b = *state.backend;
-  if (faces && g.face.size()) build_faces(state, g.face.size(), g.leaf_face, changed, g.trees->face_bvh);
-  const int leaves = g.edge.size();
-  if (!edges || leaves == 0) return;
-  g.trees->edge_bvh.resize(kernels::group_tree_size(leaves));
-  CAMA_LAUNCH(b, edge_groups, kernels::group_level_size(leaves, 0), leaves, g.leaf_edge, state.bounds.vertex_box,
-              changed, g.trees->edge_bvh);
-  build_levels(b, leaves, g.trees->edge_bvh);
+  std::vector<NewTree> trees;
+  {
+    const SideBySide side_by_side(b);
+    for (const auto &[g, faces, edges] : features) {
+      if (faces && g->face.size())
+        trees.push_back(group_faces(state, g->face.size(), g->leaf_face, changed, g->trees->face_bvh));
+      const int leaves = g->edge.size();
+      if (!edges || leaves == 0) continue;
+      g->trees->edge_bvh.resize(kernels::group_tree_size(leaves));
+      CAMA_LAUNCH(b, edge_groups, kernels::group_level_size(leaves, 0), leaves, g->leaf_edge, state.bounds.vertex_box,
+                  changed, g->trees->edge_bvh);
+      trees.push_back({leaves, &g->trees->edge_bvh});
+    }
+  }
+  build_levels(b, trees);
 }
 
 /// Faces, edges and vertices along the Morton curve.
@@ -181,7 +198,7 @@ void TreeSearch::place_static(const SearchRooms &state, const Stream<dvec3> &fro
   state.bounds.origin.copy_from(state.bounds.bounds);
   make_boxes(state, state.mesh.vertices, from, to, motion);
   sort_features(state, static_);
-  build_trees(state, static_, true, true, all_);
+  build_trees(state, {{&static_, true, true}}, all_);
 }
 
 /// Groups of level 0 in a part of the tree.
@@ -231,6 +248,9 @@ void TreeSearch::query(const SearchRooms &state, const std::vector<FaceQuery> &f
   int at = 0;
   // Whether neighbouring items walk a tree together, in launches that give each of them the whole of it.
   const auto together = [&](int n, const auto &q) { return batch_ == 1 && n == q.items->size() && n > many_walks; };
+  std::optional<Fork> fork;
+  if (meanwhile) fork.emplace(b);
+  std::optional<SideBySide> side_by_side(b);
   for (const FaceQuery &q : faces) {
     const int n = items_of(q), batch = n > q.items->size() ? 1 : batch_of(q);
     if (together(n, q) && q.mode != QUERY_CHANGED)  // changed vertices are in no order
@@ -260,8 +280,10 @@ void TreeSearch::query(const SearchRooms &state, const std::vector<FaceQuery> &f
                   end_boxes_before_, at, first_block, pools, pool_blocks, hit_, taken_, count_);
     at += n;
   }
+  side_by_side.reset();
   b.scan(count_.buffer(), offset_.buffer(), items);
   CAMA_LAUNCH(b, query_totals, pools, vertex_items, items, offset_, taken_, found_totals_);
+  if (fork) std::exchange(meanwhile, nullptr)(*fork);
   const std::vector<int> totals = found_totals_.download();
   const int found_faces = totals[0], found_edges = totals[1];
   const int first_face = state.contact.vertex_face.pairs.size(), first_edge = state.contact.edge_edge.pairs.size();
@@ -279,6 +301,7 @@ void TreeSearch::query(const SearchRooms &state, const std::vector<FaceQuery> &f
                       first_block, hit_, count_, offset_, first, list.pairs, list.gap_bound);
     return 1;
   };
+  side_by_side.emplace(b);
   for (const FaceQuery &q : faces) {
     const int n = items_of(q), copied = copy(n, q.shares, kernels::tree_parts(q.leaves, part_of(q)), false, *q.items,
                                              first_face, state.contact.vertex_face);
@@ -298,6 +321,7 @@ void TreeSearch::query(const SearchRooms &state, const std::vector<FaceQuery> &f
                 state.contact.edge_edge.gap_bound);
     at += n;
   }
+  side_by_side.reset();
   drop_exempt(state, 0, first_face);
   drop_exempt(state, 1, first_edge);
   state.report.candidates = state.contact.vertex_face.pairs.size() + state.contact.edge_edge.pairs.size();
@@ -333,10 +357,9 @@ void TreeSearch::search(const SearchRooms &state, const Stream<dvec3> &from, con
     place_static(state, from, to, motion);
   else
     make_boxes(state, boxed_, from, to, motion);
-  for (Group *g : {&cloth_, &moving_}) {
-    if (sort) sort_features(state, *g);
-    build_trees(state, *g, true, g == &moving_ || self_, all_);
-  }
+  if (sort)
+    for (Group *g : {&cloth_, &moving_}) sort_features(state, *g);
+  build_trees(state, {{&cloth_, true, self_}, {&moving_, true, true}}, all_);
   ++searches_since_sort_;
   if (sort) ++sorts_since_placed_;
   for (PairList *list : {&state.contact.vertex_face, &state.contact.edge_edge}) {
@@ -416,11 +439,8 @@ void TreeSearch::query_changed(const SearchRooms &state, const Stream<dvec3> &fr
             edges_of[2] = {cloth_.edge.size(), moving_.edge.size()};
   const int all_faces = faces_of[0] + faces_of[1], features = all_faces + edges_of[0] + edges_of[1];
   const bool cloth_edges_asked = self_ || moving_.edge.size() > 0;
-  if (boxes_grown_) {
-    build_trees(state, cloth_, true, self_, changed_);
-    build_trees(state, moving_, true, true, changed_);
-  }
-  if (!self_) build_trees(state, cloth_, false, cloth_edges_asked, all_);  // a search has not made this one
+  if (boxes_grown_) build_trees(state, {{&cloth_, true, self_}, {&moving_, true, true}}, changed_);
+  if (!self_) build_trees(state, {{&cloth_, false, cloth_edges_asked}}, all_);  // a search has not made this one
   flag_.resize(features);
   offsets_.resize(features + 1);
   for (int k = 0; k < 2; ++k) {
@@ -445,7 +465,7 @@ void TreeSearch::query_changed(const SearchRooms &state, const Stream<dvec3> &fr
   if (of.a) {
     changed_leaf_face_.resize(of.a);
     CAMA_LAUNCH(b, order_faces, of.a, changed_face_, state.mesh.face, changed_leaf_face_);
-    build_faces(state, of.a, changed_leaf_face_, all_, changed_groups_);
+    build_levels(b, {group_faces(state, of.a, changed_leaf_face_, all_, changed_groups_)});
     for (const Group *g : groups)
       if (g->query_vertices.size())
         faces.push_back({QUERY_UNCHANGED, &g->query_order, of.a, &changed_face_, &changed_leaf_face_, &changed_groups_,

@@ -57,16 +57,26 @@ private:
   };
   void find_groups(const SearchRooms &state);
   void sort_features(const SearchRooms &state, Group &group);
+  /// Features of a group, for trees of these.
+  struct Features {
+    Group *group;
+    bool faces, edges;
+  };
+  /// A tree that has its first level.
+  struct NewTree {
+    int leaves;
+    Stream<kernels::bvh8_node> *nodes;
+  };
   /// changed: [vertices] flags; groups of leaves without such a vertex stay as they are. Empty: all are made.
-  void build_trees(const SearchRooms &state, Group &group, bool faces, bool edges, const Stream<int> &changed);
-  void build_faces(const SearchRooms &state, int leaves, const Stream<kernels::face_nodes> &leaf_face,
-                   const Stream<int> &changed, Stream<kernels::bvh8_node> &tree);
+  void build_trees(const SearchRooms &state, const std::vector<Features> &features, const Stream<int> &changed);
+  static NewTree group_faces(const SearchRooms &state, int leaves, const Stream<kernels::face_nodes> &leaf_face,
+                             const Stream<int> &changed, Stream<kernels::bvh8_node> &tree);
   enum class Motion { predicted, known };  ///< where a predicted motion ends is uncertain
   void search(const SearchRooms &state, const Stream<dvec3> &from, const Stream<dvec3> &to, Motion motion);
   void make_boxes(const SearchRooms &state, int n, const Stream<dvec3> &from, const Stream<dvec3> &to, Motion motion);
   void place_static(const SearchRooms &state, const Stream<dvec3> &from, const Stream<dvec3> &to, Motion motion);
   long long blocks_wanted() const;
-  static void build_levels(Backend &backend, int leaves, Stream<kernels::bvh8_node> &tree);
+  static void build_levels(Backend &backend, const std::vector<NewTree> &trees);
   static int part_of(const FaceQuery &query);
   static int items_of(const FaceQuery &query);  ///< each vertex once for each part and share
   static int items_of(const EdgeQuery &query);

@@ -6,25 +6,15 @@
 #include <exception>
 #include <mutex>
 #include <utility>
-#if defined(__x86_64__)
-#include <immintrin.h>
-#endif
 
 #include "cama/error.hpp"
+#include "device/rest.hpp"
 
 namespace cama {
 namespace {
 
 constexpr int most_at_once = 16;   // worlds that begin in one launch
 constexpr int looks_between_checks = 1024;  // of the device, when no world is answered
-
-/// Lets the other thread of the core work, without a call of the system.
-void rest()
-{
-#if defined(__x86_64__)
-  _mm_pause();
-#endif
-}
 
 /// Of the device: what all worlds meet.
 class Failure {
