@@ -11,6 +11,7 @@
 #include <cstdint>
 #include <cstring>
 #include <memory>
+#include <thread>
 #include <unordered_map>
 #include <utility>
 
@@ -24,7 +25,8 @@ namespace {
 
 constexpr std::size_t most_bytes = std::size_t(1) << 20;  // of a copy that is a kernel
 constexpr std::size_t most_answer_bytes = 8192;  // of a download that a kernel writes to the host
-constexpr int threads_of_answer = 256, looks_until_query = 4096;
+constexpr int threads_of_answer = 256;
+constexpr unsigned int looks_until_query = 4096;
 constexpr std::size_t freed_until_wait = std::size_t(1) << 26;  // bytes, which the pool may return at a wait alone
 constexpr std::size_t mark_of_beside = 16;  // bytes of dynamic memory: see launched_beside in lang.h
 constexpr int fewest_threads = 32, most_threads = 256, blocks_per_processor = 16;
@@ -171,13 +173,16 @@ __global__ void fill_words(int n, int word, int *to)
 }
 
 /// One block. `number` behind the words says that they are there.
-__global__ void answer_words(int n, const int *from, volatile int *to, volatile int *last_number, int number)
+__global__ void answer_words(int n, const int *from, volatile int *to, volatile unsigned int *last_number,
+                             unsigned int number)
 {
   AWAIT_LAUNCHES;
   for (int i = static_cast<int>(threadIdx.x); i < n; i += static_cast<int>(blockDim.x)) to[i] = from[i];
   __threadfence_system();
   __syncthreads();
-  if (threadIdx.x == 0) *last_number = number;
+  if (threadIdx.x > 0) return;
+  __threadfence_system();
+  *last_number = number;
 }
 
 /// to[n] = total; a total beyond 2^31 raises the flag, which the next download reports.
@@ -322,6 +327,7 @@ public:
     after_several_ |= beside_ > 1;
     beside_ = 0;
   }
+  bool forks() const override { return true; }
   void fork() override { check(cudaEventRecord(forked_, queue_), "cudaEventRecord"); }
   void begin_aside() override
   {
@@ -334,11 +340,11 @@ public:
     std::swap(queue_, side_);
     after_several_ = apart_ = true;
   }
-  void meet() override
+  void meet() noexcept override
   {
     if (!std::exchange(apart_, false)) return;
-    check(cudaEventRecord(met_, side_), "cudaEventRecord");
-    check(cudaStreamWaitEvent(queue_, met_), "cudaStreamWaitEvent");
+    if (cudaEventRecord(met_, side_) != cudaSuccess || cudaStreamWaitEvent(queue_, met_) != cudaSuccess)
+      cudaStreamSynchronize(side_);  // the device is lost, or at least the order is kept
     after_several_ = true;
   }
 
@@ -455,7 +461,7 @@ private:
   /// On the host, where the device reaches it.
   struct Shared {
     volatile int overflow;  // of a scan
-    volatile int answers;  // that have arrived
+    volatile unsigned int answers;  // that have arrived
     volatile int words[most_answer_bytes / sizeof(int)];
   };
 
@@ -470,12 +476,15 @@ private:
     check(cudaLaunchKernelEx(&config, answer_words, static_cast<int>(bytes / sizeof(int)),
                              static_cast<const int *>(from), shared_->words, &shared_->answers, asked_),
           "download");
-    for (int looks = 1; shared_->answers != asked_; ++looks) {
-      if (looks % looks_until_query == 0) {
-        const cudaError_t status = cudaStreamQuery(queue_);
-        if (status != cudaErrorNotReady) check(status, "download");
-      }
+    bool ended = false;
+    for (unsigned int looks = 1; shared_->answers != asked_; ++looks) {
       rest();
+      if (looks % looks_until_query != 0) continue;
+      if (ended) throw BackendError("download: the device has ended its work without an answer; start a new process");
+      const cudaError_t status = cudaStreamQuery(queue_);
+      if (status != cudaErrorNotReady) check(status, "download");
+      ended = status == cudaSuccess;
+      std::this_thread::yield();
     }
     std::atomic_thread_fence(std::memory_order_acquire);
     std::memcpy(to, const_cast<const int *>(shared_->words), bytes);
@@ -583,7 +592,7 @@ private:
   void *scratch_ = nullptr, *other_keys_ = nullptr, *other_values_ = nullptr;
   void *total_ = nullptr;  // of a scan, or of its chunks, 64 bits each
   Shared *shared_ = nullptr;
-  int asked_ = 0;  // answers
+  unsigned int asked_ = 0;  // answers
   std::size_t freed_ = 0;  // bytes since the last wait for the stream
   std::size_t scratch_size_ = 0;
   long long other_size_ = 0;

@@ -328,6 +328,15 @@ TEST_CASE("what follows launches side by side, and work aside, waits for all of 
       CHECK(same(2, 2));
       CAMA_LAUNCH(*backend, scale_vectors, n, 2.0, x);
       {
+        const SideBySide side_by_side(*backend);   // each after what came before the first
+        CAMA_LAUNCH(*backend, set_int, 1, 0, turn, mark);
+        CAMA_LAUNCH(*backend, add_impulses, n, -0.5, x, y);
+      }
+      CHECK(same(4, 0));
+      CAMA_LAUNCH(*backend, scale_vectors, n, 0.5, x);
+      CAMA_LAUNCH(*backend, add_impulses, n, 1.0, x, y);
+      CAMA_LAUNCH(*backend, scale_vectors, n, 2.0, x);
+      {
         Fork fork(*backend);
         CAMA_LAUNCH(*backend, scale_vectors, n, 0.5, y);
         fork.aside([&] { CAMA_LAUNCH(*backend, scale_vectors, n, 0.25, x); });

@@ -86,15 +86,17 @@ public:
   /// Launches n work items, or n teams if the kernel has teams.
   virtual void launch(const KernelKey &kernel, int n, const Argument *arguments, int count) = 0;
   /// Launches between these two do not depend on each other, and may run at the same time: none accesses what another
-  /// one writes, but for atomic operations whose order has no effect.
+  /// one writes, but for atomic operations whose order has no effect. Scopes do not nest.
   virtual void begin_side_by_side() {}
   virtual void end_side_by_side() {}
+  virtual bool forks() const { return false; }  ///< whether work aside runs at another time than in its place
   /// What is asked between begin_aside and end_aside, without waits, scans and sorts, begins after what was asked
-  /// before `fork`, and may run at the same time as what else is asked until `meet`.
+  /// before `fork`, and may run at the same time as what else is asked until `meet`. Forks do not nest.
   virtual void fork() {}
   virtual void begin_aside() {}
   virtual void end_aside() {}
-  virtual void meet() {}
+  /// Errors of the device are reported by a later call.
+  virtual void meet() noexcept {}
   /// Runs `work`, which only launches kernels, `times` times; a backend may record it once and replay it. again: `work`
   /// is that of the last call.
   virtual void repeat(int times, const std::function<void()> &work, bool again = false)

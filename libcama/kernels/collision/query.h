@@ -173,7 +173,7 @@ DEVICE pair ordered_pair(int a, int b)
 }
 
 /* The pairs of what the items have found and kept, for many items without shares: a team writes those of HIT_TEAM items
-   side by side. gap_bound: 0, for all that was found. owner: of every `parts` items their vertex, or with edges 1 their
+   side by side, with gap_bound 0. owner: of every `parts` items their vertex, or with edges 1 their
    edge. n: teams. */
 KERNEL copy_hits(int n, int items, int parts, int edges, GLOBAL const int *owner, int first_item, int blocks_at,
                  GLOBAL const int *hit, GLOBAL const int *count, GLOBAL const int *offset, int first,
@@ -203,8 +203,8 @@ KERNEL copy_hits(int n, int items, int parts, int edges, GLOBAL const int *owner
           hi = middle;
       }
       found = start[lo + 1] - start[lo];
-      gap_bound[first + begun + k] = 0.0f;
       if (hits_copied(found, last_block[lo])) {
+        gap_bound[first + begun + k] = 0.0f;
         const int value = hit_number(first_item + begin + lo, k - start[lo], found, last_block[lo], blocks_at, hit);
         pair p;
         p.a = own[lo];

@@ -102,7 +102,8 @@ static __device__ __forceinline__ void await_launches(void)
 }
 #define AWAIT_LAUNCHES await_launches()
 /* A launch beside the one before it (Backend::begin_side_by_side) has dynamic memory, which kernels use for nothing
-   else. It waits when it ends, so that the one behind it waits for both. */
+   else. It waits when it ends, so that the one behind it waits for both. What was written before the first of these
+   launches has arrived when that one let the others begin; the fence leaves nothing older in the cache. */
 static __device__ __forceinline__ bool launched_beside(void)
 {
   unsigned int bytes;
@@ -113,7 +114,7 @@ struct launch_order {
   __device__ __forceinline__ launch_order()
   {
     if (launched_beside())
-      asm volatile("griddepcontrol.launch_dependents;" ::: "memory");
+      asm volatile("griddepcontrol.launch_dependents;\n\tfence.acq_rel.gpu;" ::: "memory");
     else
       await_launches();
   }
@@ -291,9 +292,9 @@ DEVICE void atomic_add_float(float *p, float v)
 #endif
 
 /* Where BEGINS_EARLY is 1, a launch begins while the one before it ends; AWAIT_LAUNCHES waits for that one. FOR_EACH
-   and FOR_EACH_TEAM wait before their first element; a kernel that reads memory before these waits first. After
-   FOR_EACH_EARLY and FOR_EACH_TEAM_EARLY each work-item waits by itself: before, it reads only what was written two
-   launches ago or earlier, and writes nothing. */
+   and FOR_EACH_TEAM wait before their first element, or, in a launch beside that one, when they end; a kernel that
+   reads memory before these waits first. After FOR_EACH_EARLY and FOR_EACH_TEAM_EARLY each work-item waits by itself:
+   before, it reads only what was written two launches ago or earlier, and writes nothing. */
 #if !defined(BEGINS_EARLY)
 #define BEGINS_EARLY 0
 #define AWAIT_LAUNCHES (void)0

@@ -34,11 +34,16 @@ public:
   }
   double milliseconds() const { return milliseconds_; }     ///< time of the last run
 
-  /// With state.wait_for_stages it waits for the device, so that times measure work and not its enqueueing.
   void timed_run(State &state)
   {
+    timed(state, [&] { run(state); });
+  }
+  /// Takes the time of work in place of `run`. With state.wait_for_stages it waits for the device, so that times
+  /// measure work and not its enqueueing.
+  template <class Work> void timed(State &state, Work &&work)
+  {
     const auto start = std::chrono::steady_clock::now();
-    run(state);
+    work();
     if (state.wait_for_stages) state.backend->synchronize();
     milliseconds_ = std::chrono::duration<double, std::milli>(std::chrono::steady_clock::now() - start).count();
   }

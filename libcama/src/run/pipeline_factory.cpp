@@ -2,7 +2,7 @@
 #include "run/pipeline_factory.hpp"
 
 #include <algorithm>
-#include <functional>
+#include <optional>
 #include <utility>
 
 #include "stages/abrupt_contact.hpp"
@@ -46,6 +46,14 @@ std::unique_ptr<CandidateSearch> make_search(const Scene &scene, State &state, F
   return search;
 }
 
+/// Work that needs no contacts, for the device while it searches for pairs.
+class EarlyWork {
+public:
+  virtual ~EarlyWork() = default;
+  virtual void begin(State &state, Fork &fork) = 0;
+  virtual void forget() = 0;  ///< what was begun for an attempt at a step that failed
+};
+
 /// Proximity checking owns the search, the flags and the bounds, which penetration handling uses as well.
 class ProximityChecking final : public Pipeline {
 public:
@@ -58,48 +66,57 @@ public:
   }
   void run(State &state) override
   {
-    if (meanwhile) search->meanwhile = [&](Fork &fork) { meanwhile(state, fork); };
+    search->meanwhile = nullptr;
+    if (early) {
+      early->forget();
+      search->meanwhile = [&](Fork &fork) { early->begin(state, fork); };
+    }
     Pipeline::run(state);
     search->meanwhile = nullptr;
   }
-  std::function<void(State &, Fork &)> meanwhile;  ///< work that needs no contacts
   FlaggedPairs flagged;
   GapBounds bounds;
   std::unique_ptr<CandidateSearch> search;
+  EarlyWork *early = nullptr;
 };
 
-/// Elements, terms and the matrix. Elements and matrix need no contacts where terms need only the forces at the start
-/// of the step: the device may then work on them aside.
-template <class Real> class MatrixAssembly final : public Pipeline {
+/// Elements, terms and the matrix. Where terms need only the forces at the start of the step, the device may work on
+/// elements and matrix aside: while it searches for pairs, or else while it makes the terms.
+template <class Real> class MatrixAssembly final : public Pipeline, public EarlyWork {
 public:
   MatrixAssembly(const Scene &scene, Backend &b, bool has_terms)
       : Pipeline("matrix assembly"), elements(add<EvaluateElements<Real>>(scene)),
         terms(has_terms ? &add<EvaluateTerms<Real>>(b) : nullptr), matrix(add<AssembleMatrix<Real>>(b))
   {}
-  /// While the contacts are searched for. The forces at the start are found as well if the step before had contacts.
-  void begin(State &state, Fork &fork)
+  void begin(State &state, Fork &fork) override
   {
     began_ = separable(state);
-    began_with_start_ = began_ && state.contact.contacts > 0;
+    began_with_start_ = had_contacts_;
     if (!began_) return;
     fork.aside([&] {
       prediction_.run(state);
-      elements.run(state);
-      matrix.run(state);
+      elements.timed(state, [&] {
+        if (began_with_start_) elements.begin(state);
+        elements.finish(state);
+      });
+      matrix.timed_run(state);
     });
   }
+  void forget() override { began_ = false; }
   void run(State &state) override
   {
-    const bool done = std::exchange(began_, false) && (began_with_start_ || state.contact.contacts == 0);
+    had_contacts_ = state.contact.contacts > 0;
+    const bool done = std::exchange(began_, false) && (began_with_start_ || !had_contacts_);
     if (!terms || !(done || separable(state))) return Pipeline::run(state);
-    if (done) return terms->run(state);
-    elements.begin(state);
-    Fork fork(*state.backend);
-    fork.aside([&] {
-      elements.finish(state);
-      matrix.run(state);
+    if (done) return terms->timed_run(state);
+    std::optional<Fork> fork;
+    elements.timed(state, [&] {
+      if (had_contacts_) elements.begin(state);
+      fork.emplace(*state.backend);
+      fork->aside([&] { elements.finish(state); });
     });
-    terms->run(state);
+    fork->aside([&] { matrix.timed_run(state); });
+    terms->timed_run(state);
   }
   EvaluateElements<Real> &elements;
   EvaluateTerms<Real> *terms;
@@ -108,9 +125,11 @@ public:
 private:
   bool separable(const State &state) const
   {
-    return state.time.predicted && !state.wait_for_stages && matrix.independent(state.options);
+    return state.backend->forks() && state.time.predicted && !state.wait_for_stages &&
+           matrix.independent(state.options);
   }
   PredictState prediction_;
+  bool had_contacts_ = false;  // in the step before: most likely there will be some
   bool began_ = false, began_with_start_ = false;
 };
 
@@ -147,8 +166,7 @@ template <class Real> std::unique_ptr<Pipeline> make_pipeline(const Scene &scene
   auto &assembly = solving.add<MatrixAssembly<Real>>(scene, b, contact || state.elements.stitches);
   LinearSolve<Real> &solve = solving.add<LinearSolve<Real>>(b);
   solving.add<AdvancePositions>();
-  if (proximity && !coupling && !plastic)
-    proximity->meanwhile = [&assembly](State &at, Fork &fork) { assembly.begin(at, fork); };
+  if (proximity && !coupling && !plastic) proximity->early = &assembly;
   if (options.newton_iterations > 1)
     solving.add<NewtonIterations<Real>>(b, assembly.elements, assembly.matrix, solve, state.system.masses());
   if (contact && options.integrator == Integrator::bdf2) step.add<SplitContact<Real>>(b);

@@ -23,13 +23,12 @@ EvaluateElements<Real>::EvaluateElements(const Scene &scene)
 
 template <class Real> void EvaluateElements<Real>::run_on(const Rooms &state)
 {
-  begin(state);
+  if (state.contact.contacts > 0 && state.time.predicted) begin(state);
   finish(state);
 }
 
 template <class Real> void EvaluateElements<Real>::begin(const Rooms &state)
 {
-  if (state.contact.contacts == 0 || !state.time.predicted) return;
   System<Real> &s = state.system.template of<Real>();
   evaluate_linearised(state, state.mesh.position);
   s.start_force.copy_from(s.force);

@@ -33,15 +33,18 @@ public:
   /// are any.
   void evaluate(const Rooms &state, const Stream<dvec3> &position, const Stream<dvec3> &velocity, Outer &outer);
   bool windy() const { return windy_; }
-  bool damped() const { return damped_; }
   bool mass_damped() const { return mass_damped_; }
-  static bool pressed(const Rooms &state) { return state.elements.pressure.size() > 0; }
-  static bool inflated(const Rooms &state) { return state.system.gas.gas.size() > 0; }
-  /// Whether there are forces that no potential has here: of velocities, of pressure, or of gas.
+  /// Whether there are such forces.
   bool pushed(const Rooms &state) const
   {
     return windy_ || damped_ || mass_damped_ || pressed(state) || inflated(state);
   }
+  /// What wind at these positions and velocities, or none, and mass damping add to the matrix.
+  void find_drag(const Rooms &state, const Stream<dvec3> &position, const Stream<dvec3> &velocity, bool wind);
+
+private:
+  static bool pressed(const Rooms &state) { return state.elements.pressure.size() > 0; }
+  static bool inflated(const Rooms &state) { return state.system.gas.gas.size() > 0; }
   /// Adds the wind to `force` [3 triangles], limited or not as in kernels/elements/external.h.
   void add_wind(const Rooms &state, const Stream<dvec3> &position, const Stream<dvec3> &velocity, bool limited,
                 Stream<vec3> &force);
@@ -53,11 +56,7 @@ public:
   /// Adds the mass damping at these velocities to `force` [cloth vertices], or, if they are those that are solved for,
   /// what the matrix does not have of it.
   void add_mass_damping(const Rooms &state, const Stream<dvec3> &velocity, bool solved, Stream<vec3> &force);
-  /// What wind at these positions and velocities, or none, and mass damping add to the matrix.
-  void find_drag(const Rooms &state, const Stream<dvec3> &position, const Stream<dvec3> &velocity, bool wind);
-
-private:
-  /// The same with wind, drag, pressure and gas of the linearised step.
+  /// Forces and factors at these positions, with wind, drag, pressure and gas of the linearised step.
   void evaluate_linearised(const Rooms &state, const Stream<dvec3> &position);
   void evaluate_elements(const Rooms &state, const Stream<dvec3> &position, const Damping<Real> *damping);
   /// Forces of vertices from those of elements, gravity and those that are driven. outer: whose forces of elements are

@@ -291,9 +291,8 @@ template <class Real> void NewtonIterations<Real>::run_on(const Rooms &state)
   const bool received = state.contact.remainder.backend();
   if (received) find_solved_impulses(state, true, given_);
   // The matrix of the next solve is made while the norms are on their way, which seldom say that there is none; then
-  // forces and bodies would need the one of this solve.
-  bool ahead =
-      state.options.newton_iterations > 1 && assembly_.independent(state.options) && !state.options.forces && !received;
+  // the option forces would need the one of this solve, and bodies, which set it.
+  bool ahead = state.backend->forks() && assembly_.independent(state.options) && !state.options.forces;
   Norms norms = evaluate(state, Friction::of_first_solve, nullptr, ahead), best = norms;
   const auto relative = [](const Norms &n) { return n.size > 0 ? std::sqrt(n.residual / n.size) : 0; };
   const bool may_go_on = state.time.error > 0 && state.options.integrator == Integrator::bdf2;
