@@ -482,7 +482,10 @@ private:
       if (looks % looks_until_query != 0) continue;
       if (ended) throw BackendError("download: the device has ended its work without an answer; start a new process");
       const cudaError_t status = cudaStreamQuery(queue_);
-      if (status != cudaErrorNotReady) check(status, "download");
+      if (status == cudaErrorNotReady)
+        cudaGetLastError();  // not an error
+      else
+        check(status, "download");
       ended = status == cudaSuccess;
       std::this_thread::yield();
     }
