@@ -4,8 +4,6 @@
 // for it there: it takes half as long as a copy and a wait for the stream.
 #include "cuda_backend.hpp"
 
-#include <cub/cub.cuh>
-
 #include <algorithm>
 #include <atomic>
 #include <cstdint>
@@ -18,6 +16,7 @@
 #include "cama/error.hpp"
 #include "check.hpp"
 #include "device/for_backends.hpp"
+#include "primitives.cuh"
 #include "world_runner.hpp"
 
 namespace cama {
@@ -48,148 +47,6 @@ const void *function_of(const KernelKey &kernel)
   return kernel.precision == KernelPrecision::none  ? entry.once
          : kernel.precision == KernelPrecision::f32 ? entry.f32
                                                     : entry.f64;
-}
-
-/// What a user can do about a CUDA error.
-const char *advice(cudaError_t status)
-{
-  switch (status) {
-  case cudaErrorMemoryAllocation: return "lower the resolution or use a larger device";
-  case cudaErrorNoDevice: return "use backend cpu or opencl, or check with nvidia-smi that the device is visible";
-  case cudaErrorInsufficientDriver:
-  case cudaErrorSystemDriverMismatch: return "update NVIDIA's driver, or use backend cpu or opencl";
-  case cudaErrorNoKernelImageForDevice:
-  case cudaErrorUnsupportedPtxVersion:
-    return "the driver cannot compile for this device; update it, or build with the device's CMAKE_CUDA_ARCHITECTURES";
-  case cudaErrorDevicesUnavailable:
-    return "another process uses the device exclusively, or it is being reset; choose another device, or try again";
-  case cudaErrorECCUncorrectable:
-    return "the device's memory is faulty; choose another device, and read the system log";
-  case cudaErrorIllegalAddress:
-  case cudaErrorMisalignedAddress:
-  case cudaErrorIllegalInstruction:
-  case cudaErrorInvalidValue:
-  case cudaErrorInvalidConfiguration:
-    return "this is a bug of cama; report it with the scene. A new process can use the device again";
-  default: return "the device may be lost; start a new process, and read the system log if it happens again";
-  }
-}
-
-}  // namespace
-
-void check(cudaError_t status, const char *call)
-{
-  if (status == cudaSuccess) return;
-  cudaGetLastError();  // clears the error, so that a later call does not report it again
-  const std::string text = std::string(call) + ": " + cudaGetErrorName(status) + " " + std::to_string(status) + " (" +
-                           cudaGetErrorString(status) + "); " + advice(status);
-  if (status == cudaErrorMemoryAllocation) throw MemoryError(text);
-  throw BackendError(text);
-}
-
-namespace {
-
-struct AddLong {
-  __host__ __device__ long long operator()(long long a, long long b) const { return a + b; }
-};
-
-constexpr int block_scan_threads = 1024, block_scan_items = 4;
-constexpr int scan_chunk = block_scan_threads * block_scan_items, longest_block_scan = 4 * scan_chunk;
-constexpr int most_chunks = block_scan_threads;  // of a list whose chunks are scanned by a block each
-
-/// Exclusive sums of a short list by one block, in one launch instead of five; a total beyond 2^31 raises the flag.
-__global__ void __launch_bounds__(block_scan_threads) scan_by_block(int n, const int *from, int *to, int *overflow)
-{
-  using Scan = cub::BlockScan<long long, block_scan_threads>;
-  __shared__ typename Scan::TempStorage storage;
-  AWAIT_LAUNCHES;
-  long long before = 0;
-  for (int begin = 0; begin < n; begin += block_scan_threads * block_scan_items) {
-    long long value[block_scan_items], total;
-    const int first = begin + static_cast<int>(threadIdx.x) * block_scan_items;
-    for (int k = 0; k < block_scan_items; ++k) value[k] = first + k < n ? from[first + k] : 0;
-    Scan(storage).ExclusiveSum(value, value, total);
-    for (int k = 0; k < block_scan_items; ++k)
-      if (first + k < n) to[first + k] = static_cast<int>(before + value[k]);
-    before += total;
-    __syncthreads();
-  }
-  if (threadIdx.x > 0) return;
-  to[n] = static_cast<int>(before);
-  if (before > 0x7fffffffll) *overflow = 1;
-}
-
-/// sum[c] of chunk c, a block's.
-__global__ void __launch_bounds__(block_scan_threads) sum_chunks(int n, const int *from, long long *sum)
-{
-  using Reduce = cub::BlockReduce<long long, block_scan_threads>;
-  __shared__ typename Reduce::TempStorage storage;
-  AWAIT_LAUNCHES;
-  long long own = 0;
-  for (int k = 0; k < block_scan_items; ++k) {
-    const int i = static_cast<int>(blockIdx.x) * scan_chunk + k * block_scan_threads + static_cast<int>(threadIdx.x);
-    if (i < n) own += from[i];
-  }
-  own = Reduce(storage).Sum(own);
-  if (threadIdx.x == 0) sum[blockIdx.x] = own;
-}
-
-/// Exclusive sums of a list of at most most_chunks chunks, after sum_chunks: two launches instead of five.
-__global__ void __launch_bounds__(block_scan_threads)
-    scan_chunks(int n, const int *from, const long long *sum, int *to, int *overflow)
-{
-  using Reduce = cub::BlockReduce<long long, block_scan_threads>;
-  using Scan = cub::BlockScan<long long, block_scan_threads>;
-  __shared__ union {
-    typename Reduce::TempStorage reduce;
-    typename Scan::TempStorage scan;
-  } storage;
-  __shared__ long long before;
-  AWAIT_LAUNCHES;
-  const long long all_before = Reduce(storage.reduce).Sum(threadIdx.x < blockIdx.x ? sum[threadIdx.x] : 0ll);
-  if (threadIdx.x == 0) before = all_before;
-  __syncthreads();
-  long long value[block_scan_items], total;
-  const int first = static_cast<int>(blockIdx.x) * scan_chunk + static_cast<int>(threadIdx.x) * block_scan_items;
-  for (int k = 0; k < block_scan_items; ++k) value[k] = first + k < n ? from[first + k] : 0;
-  Scan(storage.scan).ExclusiveSum(value, value, total);
-  for (int k = 0; k < block_scan_items; ++k)
-    if (first + k < n) to[first + k] = static_cast<int>(before + value[k]);
-  if (threadIdx.x > 0 || blockIdx.x + 1 < gridDim.x) return;
-  to[n] = static_cast<int>(before + total);
-  if (before + total > 0x7fffffffll) *overflow = 1;
-}
-
-// Short copies are kernels: they begin early, as other launches do.
-
-__global__ void copy_words(int n, const int *from, int *to)
-{
-  FOR_EACH(i, n) to[i] = from[i];
-}
-
-__global__ void fill_words(int n, int word, int *to)
-{
-  FOR_EACH(i, n) to[i] = word;
-}
-
-/// One block. `number` behind the words says that they are there.
-__global__ void answer_words(int n, const int *from, volatile int *to, volatile unsigned int *last_number,
-                             unsigned int number)
-{
-  AWAIT_LAUNCHES;
-  for (int i = static_cast<int>(threadIdx.x); i < n; i += static_cast<int>(blockDim.x)) to[i] = from[i];
-  __threadfence_system();
-  __syncthreads();
-  if (threadIdx.x > 0) return;
-  __threadfence_system();
-  *last_number = number;
-}
-
-/// to[n] = total; a total beyond 2^31 raises the flag, which the next download reports.
-__global__ void finish_scan(int n, const int *from, int *to, const long long *total, int *overflow)
-{
-  to[n] = to[n - 1] + from[n - 1];
-  if (*total > 0x7fffffffll) *overflow = 1;
 }
 
 /// Of a kernel's TEAM_LOCAL memory.
