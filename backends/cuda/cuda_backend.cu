@@ -1,21 +1,25 @@
 // SPDX-License-Identifier: Apache-2.0
 // The CUDA backend: the shared kernels compiled by nvcc, CUB for scan and sort. One stream, and another one for work
 // aside; `download` and `synchronize` wait. A short download is a kernel that writes to memory of the host, which looks
-// for it there: it takes half as long as a copy and a wait for the stream.
+// for it there: it takes half as long as a copy and a wait for the stream. Launches pass through a list, which goes to
+// the device after each of them, or in batches after some, as a graph if the same ones have been there before.
 #include "cuda_backend.hpp"
 
 #include <algorithm>
 #include <atomic>
 #include <cstdint>
 #include <cstring>
+#include <exception>
 #include <memory>
 #include <thread>
 #include <unordered_map>
 #include <utility>
+#include <vector>
 
 #include "cama/error.hpp"
 #include "check.hpp"
 #include "device/for_backends.hpp"
+#include "launch_graphs.hpp"
 #include "primitives.cuh"
 #include "world_runner.hpp"
 
@@ -27,7 +31,9 @@ constexpr std::size_t most_answer_bytes = 8192;  // of a download that a kernel 
 constexpr int threads_of_answer = 256;
 constexpr unsigned int looks_until_query = 4096;
 constexpr std::size_t freed_until_wait = std::size_t(1) << 26;  // bytes, which the pool may return at a wait alone
-constexpr std::size_t mark_of_beside = 16;  // bytes of dynamic memory: see launched_beside in lang.h
+constexpr unsigned int mark_of_beside = 16;  // bytes of dynamic memory: see launched_beside in lang.h
+constexpr int most_held = 12;  // launches of a batch: the device works on it while the host holds the next
+constexpr unsigned int most_held_threads = 65536;  // of a launch that does not end a batch
 constexpr int fewest_threads = 32, most_threads = 256, blocks_per_processor = 16;
 
 struct Entry {
@@ -65,9 +71,8 @@ int team_bytes(const KernelKey &kernel)
 
 class CudaBackend final : public Backend {
 public:
-  explicit CudaBackend(int device) : index_(device)
+  explicit CudaBackend(int device) : index_(device), before_(make_current())
   {
-    before_ = make_current();
     cudaDeviceProp properties;
     check(cudaGetDeviceProperties(&properties, device), "cudaGetDeviceProperties");
     device_ = properties.name;
@@ -79,7 +84,7 @@ public:
     int driver = 0;
     check(cudaDriverGetVersion(&driver), "cudaDriverGetVersion");
     begins_early_ = compiled.ptxVersion >= 90 && properties.major >= 9 && std::min(driver, CUDART_VERSION) >= 12030;
-    for (cudaStream_t *stream : {&queue_, &side_, &recorder_})
+    for (cudaStream_t *stream : {&queue_, &side_})
       check(cudaStreamCreateWithFlags(stream, cudaStreamNonBlocking), "cudaStreamCreate");
     for (cudaEvent_t *event : {&forked_, &met_})
       check(cudaEventCreateWithFlags(event, cudaEventDisableTiming), "cudaEventCreate");
@@ -96,11 +101,10 @@ public:
   ~CudaBackend() override
   {
     for (const cudaStream_t stream : {side_, queue_}) cudaStreamSynchronize(stream);
-    if (replay_) cudaGraphExecDestroy(replay_);
     for (void *scratch : {scratch_, other_keys_, other_values_, total_}) cudaFree(scratch);
     cudaFreeHost(shared_);
     for (const cudaEvent_t event : {forked_, met_}) cudaEventDestroy(event);
-    for (const cudaStream_t stream : {queue_, side_, recorder_}) cudaStreamDestroy(stream);
+    for (const cudaStream_t stream : {queue_, side_}) cudaStreamDestroy(stream);
   }
 
   std::string_view name() const override { return "cuda"; }
@@ -130,10 +134,14 @@ public:
       freed_ += found->second;
       sizes_.erase(found);
     }
-    cudaFreeAsync(buffer, queue_);  // ordered after the work that uses it; the pool keeps the memory
+    if (held_.size() > 0)
+      freed_later_.push_back(buffer);
+    else
+      cudaFreeAsync(buffer, queue_);  // ordered after the work that uses it; the pool keeps the memory
   }
   void upload(Buffer to, const void *from, std::size_t bytes) override
   {
+    hand_over();
     check(cudaMemcpyAsync(to, from, bytes, cudaMemcpyHostToDevice, queue_), "cudaMemcpy to the device");
     check(cudaStreamSynchronize(queue_), "upload");  // the caller may free its memory
   }
@@ -142,41 +150,54 @@ public:
     const bool in_words = bytes % sizeof(int) == 0 && offset % sizeof(int) == 0;
     if (in_words && bytes <= most_answer_bytes && freed_ < freed_until_wait)
       return receive(to, static_cast<const char *>(from) + offset, bytes);
+    hand_over();
     check(cudaMemcpyAsync(to, static_cast<const char *>(from) + offset, bytes, cudaMemcpyDeviceToHost, queue_),
           "cudaMemcpy to the host");
     synchronize();
   }
   void copy(Buffer to, Buffer from, std::size_t bytes) override
   {
-    if (bytes > most_bytes || bytes % sizeof(int) != 0)
+    if (bytes > most_bytes || bytes % sizeof(int) != 0) {
+      hand_over();
       check(cudaMemcpyAsync(to, from, bytes, cudaMemcpyDeviceToDevice, queue_), "cudaMemcpy on the device");
-    else if (bytes > 0)
-      launch_words(copy_words, bytes, static_cast<const int *>(from), static_cast<int *>(to));
+    } else if (bytes > 0) {
+      launch_words("copy", copy_words, bytes, static_cast<const int *>(from), static_cast<int *>(to));
+    }
   }
   void fill(Buffer buffer, unsigned char byte, std::size_t bytes) override
   {
-    if (bytes > most_bytes || bytes % sizeof(int) != 0)
+    if (bytes > most_bytes || bytes % sizeof(int) != 0) {
+      hand_over();
       check(cudaMemsetAsync(buffer, byte, bytes, queue_), "cudaMemset");
-    else if (bytes > 0)
-      launch_words(fill_words, bytes, 0x01010101 * byte, static_cast<int *>(buffer));
+    } else if (bytes > 0) {
+      launch_words("fill", fill_words, bytes, 0x01010101 * byte, static_cast<int *>(buffer));
+    }
   }
 
   void launch(const KernelKey &kernel, int n, const Argument *arguments, int count) override
   {
     ++launches_;
-    const void *function = function_of(kernel);
-    void *parameters[max_kernel_arguments + 1];
-    parameters[0] = &n;
-    for (int i = 0; i < count; ++i)
-      parameters[i + 1] =
-          arguments[i].is_buffer ? const_cast<Buffer *>(&arguments[i].buffer) : const_cast<void *>(arguments[i].scalar);
     const int threads = kernel.team > 0 ? kernel.team : threads_for(n);
     const int blocks = kernel.team > 0 ? n : std::min((n - 1) / threads + 1, blocks_);
-    cudaLaunchAttribute attribute;
-    const cudaLaunchConfig_t config = launch_of(blocks, threads, attribute);
-    check(cudaLaunchKernelExC(&config, function, parameters), kernel.name);
+    hold(function_of(kernel), kernel.name, blocks, threads, 1 + count);
+    held_.slots.push_back(to_slot(n));
+    for (int i = 0; i < count; ++i) {
+      Slot slot = 0;
+      if (arguments[i].is_buffer)
+        slot = to_slot(arguments[i].buffer);
+      else
+        std::memcpy(&slot, arguments[i].scalar, arguments[i].size);
+      held_.slots.push_back(slot);
+    }
+    hand_over_if_due();
   }
 
+  void begin_batches() override { batches_ = true; }
+  void end_batches() noexcept override
+  {
+    batches_ = false;
+    hand_over_or_note();
+  }
   void begin_side_by_side() override { side_by_side_ = begins_early_; }
   void end_side_by_side() override
   {
@@ -185,33 +206,50 @@ public:
     beside_ = 0;
   }
   bool forks() const override { return true; }
-  void fork() override { check(cudaEventRecord(forked_, queue_), "cudaEventRecord"); }
+  void fork() override
+  {
+    hand_over();
+    check(cudaEventRecord(forked_, queue_), "cudaEventRecord");
+  }
   void begin_aside() override
   {
+    hand_over();
     check(cudaStreamWaitEvent(side_, forked_), "cudaStreamWaitEvent");
     std::swap(queue_, side_);
     after_several_ = true;
   }
   void end_aside() override
   {
+    hand_over_or_note();
     std::swap(queue_, side_);
     after_several_ = apart_ = true;
   }
   void meet() noexcept override
   {
+    hand_over_or_note();
     if (!std::exchange(apart_, false)) return;
     if (cudaEventRecord(met_, side_) != cudaSuccess || cudaStreamWaitEvent(queue_, met_) != cudaSuccess)
       cudaStreamSynchronize(side_);  // the device is lost, or at least the order is kept
     after_several_ = true;
   }
 
-  /// Records the work once as a graph, whose nodes cost an eighth of a launch.
-  void repeat(int times, const std::function<void()> &work, bool again) override
+  /// As a graph.
+  void repeat(int times, const std::function<void()> &work, bool) override
   {
     if (times < 1) return;
-    if (!again || !replay_) record(work);
-    launches_ += recorded_ * times;
-    for (int i = 0; i < times; ++i) check(cudaGraphLaunch(replay_, queue_), "cudaGraphLaunch");
+    hand_over();
+    const long before = launches_;
+    repeats_ = true;
+    try {
+      work();
+    } catch (...) {
+      repeats_ = false;
+      held_.clear();
+      throw;
+    }
+    repeats_ = false;
+    launches_ += (launches_ - before) * (times - 1);
+    hand_over(times);
   }
 
   void scan(Buffer from, Buffer to, int n) override
@@ -219,24 +257,14 @@ public:
     const int *in = static_cast<const int *>(from);
     int *out = static_cast<int *>(to);
     auto *total = static_cast<long long *>(total_);
-    if (n <= longest_block_scan) {
-      cudaLaunchAttribute attribute;
-      const cudaLaunchConfig_t config = launch_of(1, block_scan_threads, attribute);
-      check(cudaLaunchKernelEx(&config, scan_by_block, n, in, out, flag()), "scan_by_block");
-      return;
-    }
+    if (n <= longest_block_scan)
+      return launch_own("scan_by_block", scan_by_block, 1, block_scan_threads, n, in, out, flag());
     const int chunks = (n - 1) / scan_chunk + 1;
     if (chunks <= most_chunks) {
-      for (const bool sums : {true, false}) {
-        cudaLaunchAttribute attribute;
-        const cudaLaunchConfig_t config = launch_of(chunks, block_scan_threads, attribute);
-        check(sums
-                  ? cudaLaunchKernelEx(&config, sum_chunks, n, in, total)
-                  : cudaLaunchKernelEx(&config, scan_chunks, n, in, static_cast<const long long *>(total), out, flag()),
-              "scan of chunks");
-      }
-      return;
+      launch_own("sum_chunks", sum_chunks, chunks, block_scan_threads, n, in, total);
+      return launch_own("scan_chunks", scan_chunks, chunks, block_scan_threads, n, in, total, out, flag());
     }
+    hand_over();
     with_scratch([&](void *scratch,
                      std::size_t &bytes) { return cub::DeviceScan::ExclusiveSum(scratch, bytes, in, out, n, queue_); },
                  "scan");
@@ -252,6 +280,7 @@ public:
   void sort(Buffer keys, Buffer values, int n, int bits) override
   {
     if (n <= 1) return;
+    hand_over();
     if (n > other_size_) {
       cudaFree(std::exchange(other_keys_, nullptr));
       cudaFree(std::exchange(other_values_, nullptr));
@@ -275,6 +304,7 @@ public:
   void synchronize() override
   {
     ++waits_;
+    hand_over();
     check(cudaStreamSynchronize(queue_), "synchronize");
     freed_ = 0;
     report_overflow();
@@ -297,6 +327,7 @@ public:
   void synchronize_device() override
   {
     const OnDevice device(*this);
+    hand_over();
     check(cudaDeviceSynchronize(), "cudaDeviceSynchronize");
   }
   int make_current() const override
@@ -328,11 +359,9 @@ private:
     if (bytes == 0) return synchronize();
     ++waits_;
     ++asked_;
-    cudaLaunchAttribute attribute;
-    const cudaLaunchConfig_t config = launch_of(1, threads_of_answer, attribute);
-    check(cudaLaunchKernelEx(&config, answer_words, static_cast<int>(bytes / sizeof(int)),
-                             static_cast<const int *>(from), shared_->words, &shared_->answers, asked_),
-          "download");
+    launch_own("download", answer_words, 1, threads_of_answer, static_cast<int>(bytes / sizeof(int)),
+               static_cast<const int *>(from), shared_->words, &shared_->answers, asked_);
+    hand_over();
     bool ended = false;
     for (unsigned int looks = 1; shared_->answers != asked_; ++looks) {
       rest();
@@ -359,58 +388,63 @@ private:
     return threads;
   }
 
-  /// attribute: lets the launch begin while the one before it ends (AWAIT_LAUNCHES in lang.h). Behind several at once
-  /// it does not: which of them have ended by then is not known.
-  cudaLaunchConfig_t launch_of(int blocks, int threads, cudaLaunchAttribute &attribute)
+  /// Adds a launch, whose arguments follow. It may begin while the one before it ends (AWAIT_LAUNCHES in lang.h), but
+  /// not behind several at once: which of them have ended by then is not known.
+  void hold(const void *function, const char *name, int blocks, int threads, int count)
   {
-    attribute.id = cudaLaunchAttributeProgrammaticStreamSerialization;
-    attribute.val.programmaticStreamSerializationAllowed = 1;
-    cudaLaunchConfig_t config{};
-    config.gridDim = dim3(static_cast<unsigned int>(blocks));
-    config.blockDim = dim3(static_cast<unsigned int>(threads));
-    config.stream = queue_;
-    config.attrs = &attribute;
-    config.numAttrs = begins_early_ && !std::exchange(after_several_, false) ? 1 : 0;
-    if (side_by_side_ && beside_++ > 0) config.dynamicSmemBytes = mark_of_beside;
-    return config;
+    const bool early = begins_early_ && !std::exchange(after_several_, false);
+    const unsigned int shared = side_by_side_ && beside_++ > 0 ? mark_of_beside : 0;
+    held_.launches.push_back({function, name, static_cast<unsigned int>(blocks), static_cast<unsigned int>(threads),
+                              shared, early, static_cast<int>(held_.slots.size()), count});
   }
-
-  template <class From> void launch_words(void (*kernel)(int, From, int *), std::size_t bytes, From from, int *to)
+  template <class... P, class... A>
+  void launch_own(const char *name, void (*kernel)(P...), int blocks, int threads, A... arguments)
+  {
+    hold(reinterpret_cast<const void *>(kernel), name, blocks, threads, sizeof...(P));
+    (held_.slots.push_back(to_slot(static_cast<P>(arguments))), ...);
+    hand_over_if_due();
+  }
+  template <class From>
+  void launch_words(const char *name, void (*kernel)(int, From, int *), std::size_t bytes, From from, int *to)
   {
     const int n = static_cast<int>(bytes / sizeof(int)), threads = threads_for(n);
-    cudaLaunchAttribute attribute;
-    const cudaLaunchConfig_t config = launch_of(std::min((n - 1) / threads + 1, blocks_), threads, attribute);
-    check(cudaLaunchKernelEx(&config, kernel, n, from, to), "copy or fill");
+    launch_own(name, kernel, std::min((n - 1) / threads + 1, blocks_), threads, n, from, to);
   }
 
-  /// Records the launches of `work` as the graph to replay. Not in the queue: what runners of worlds ask of it in other
-  /// threads meanwhile would be recorded too.
-  void record(const std::function<void()> &work)
+  /// After a launch: a long one leaves the host time for the next.
+  void hand_over_if_due()
   {
-    const long before = launches_;
-    cudaGraph_t graph = nullptr;
-    check(cudaStreamBeginCapture(recorder_, cudaStreamCaptureModeThreadLocal), "cudaStreamBeginCapture");
-    std::swap(queue_, recorder_);
+    const LaunchList::Launch &last = held_.launches.back();
+    if (repeats_) return;
+    if (!batches_ || last.blocks * last.threads > most_held_threads || (held_.size() >= most_held && !side_by_side_))
+      hand_over();
+  }
+  /// Hands what is held to the device, and what is released behind it.
+  void hand_over(int times = 1)
+  {
+    if (failure_) std::rethrow_exception(std::exchange(failure_, nullptr));
+    if (held_.size() == 0) return;
     try {
-      work();
+      graphs_.run(held_, times, queue_);
     } catch (...) {
-      std::swap(queue_, recorder_);
-      cudaStreamEndCapture(recorder_, &graph);
-      if (graph) cudaGraphDestroy(graph);
+      give_up_held();
       throw;
     }
-    std::swap(queue_, recorder_);
-    check(cudaStreamEndCapture(recorder_, &graph), "cudaStreamEndCapture");
-    recorded_ = launches_ - before;
-    launches_ = before;
-    cudaGraphExecUpdateResultInfo result{};
-    if (replay_ && cudaGraphExecUpdate(replay_, graph, &result) != cudaSuccess) {
-      cudaGetLastError();
-      cudaGraphExecDestroy(std::exchange(replay_, nullptr));
+    give_up_held();
+  }
+  void hand_over_or_note() noexcept
+  {
+    try {
+      hand_over();
+    } catch (...) {
+      failure_ = std::current_exception();
     }
-    const cudaError_t status = replay_ ? cudaSuccess : cudaGraphInstantiate(&replay_, graph, 0);
-    cudaGraphDestroy(graph);
-    check(status, "cudaGraphInstantiate");
+  }
+  void give_up_held()
+  {
+    held_.clear();
+    for (Buffer buffer : freed_later_) cudaFreeAsync(buffer, queue_);
+    freed_later_.clear();
   }
 
   /// After a wait.
@@ -437,17 +471,20 @@ private:
     check(call(scratch_, bytes), what);
   }
 
-  int index_, before_ = -1;  // of the device, and of the one before it
+  const int index_, before_;  // of the device, and of the one before it
   std::string device_;
   int processors_ = 1, workers_ = 1, blocks_ = 1;
   bool begins_early_ = false;  // see AWAIT_LAUNCHES; devices before 9.0 cannot, and graphs before CUDA 12.3
   bool side_by_side_ = false, after_several_ = false;  // launches now; the next one is behind several
   int beside_ = 0;  // launches of these so far
-  cudaStream_t queue_ = nullptr, side_ = nullptr, recorder_ = nullptr;
+  cudaStream_t queue_ = nullptr, side_ = nullptr;
   cudaEvent_t forked_ = nullptr, met_ = nullptr;
   bool apart_ = false;  // there is work aside
-  cudaGraphExec_t replay_ = nullptr;  // of the last `repeat`
-  long recorded_ = 0;  // launches in it
+  bool batches_ = false, repeats_ = false;  // launches are held
+  LaunchList held_;
+  LaunchGraphs graphs_;
+  std::vector<Buffer> freed_later_;  // after what is held
+  std::exception_ptr failure_;  // to be reported
   std::unordered_map<Buffer, std::size_t> sizes_;
   void *scratch_ = nullptr, *other_keys_ = nullptr, *other_values_ = nullptr;
   void *total_ = nullptr;  // of a scan, or of its chunks, 64 bits each

@@ -9,6 +9,7 @@
 #include <cstring>
 #include <limits>
 #include <numeric>
+#include <optional>
 #include <random>
 
 #include "../engine.hpp"
@@ -306,49 +307,113 @@ TEST_CASE("downloads of every size, short and long, give what was uploaded", "[b
 
 TEST_CASE("what follows launches side by side, and work aside, waits for all of it", "[backend]")
 {
+  for (const auto &backend : every_backend())
+    for (const bool in_batches : {false, true})
+      for (const int n : {1000, 1 << 20}) {   // long enough for a launch behind a short one to begin too early
+        INFO(backend->name() << ", " << n << (in_batches ? ", in batches" : ""));
+        std::optional<Batches> batches;
+        if (in_batches) batches.emplace(*backend);
+        Stream<dvec3> x(*backend, std::vector<dvec3>(n, {1, 1, 1})), y(*backend, n);
+        Stream<int> mark(*backend, 1);
+        y.fill_zero();
+        const auto same = [&](double ofx, double ofy) {
+          const auto all = [](const std::vector<dvec3> &v, double expected) {
+            return std::all_of(v.begin(), v.end(), [&](dvec3 a) { return a.x == expected && a.z == expected; });
+          };
+          return all(x.download(), ofx) && all(y.download(), ofy);
+        };
+        for (int turn = 0; turn < 5; ++turn) {
+          {
+            const SideBySide side_by_side(*backend);
+            CAMA_LAUNCH(*backend, scale_vectors, n, 2.0, x);
+            CAMA_LAUNCH(*backend, set_int, 1, 0, turn, mark);
+          }
+          CAMA_LAUNCH(*backend, add_impulses, n, 1.0, x, y);
+          CHECK(same(2, 2));
+          CAMA_LAUNCH(*backend, scale_vectors, n, 2.0, x);
+          {
+            const SideBySide side_by_side(*backend);   // each after what came before the first
+            CAMA_LAUNCH(*backend, set_int, 1, 0, turn, mark);
+            CAMA_LAUNCH(*backend, add_impulses, n, -0.5, x, y);
+          }
+          CHECK(same(4, 0));
+          CAMA_LAUNCH(*backend, scale_vectors, n, 0.5, x);
+          CAMA_LAUNCH(*backend, add_impulses, n, 1.0, x, y);
+          CAMA_LAUNCH(*backend, scale_vectors, n, 2.0, x);
+          {
+            Fork fork(*backend);
+            CAMA_LAUNCH(*backend, scale_vectors, n, 0.5, y);
+            fork.aside([&] { CAMA_LAUNCH(*backend, scale_vectors, n, 0.25, x); });
+            CAMA_LAUNCH(*backend, set_int, 1, 0, -turn, mark);
+          }
+          CAMA_LAUNCH(*backend, add_impulses, n, -1.0, x, y);
+          CHECK(same(1, 0));
+          CHECK(mark.at(0) == -turn);
+        }
+        CHECK_THROWS_AS(Fork(*backend).aside([] { throw MemoryError("aside"); }), MemoryError);
+        CAMA_LAUNCH(*backend, scale_vectors, n, 3.0, x);   // and the backend still works
+        CHECK(same(3, 0));
+      }
+}
+
+TEST_CASE("launches in batches give what they give one by one", "[backend]")
+{
   for (const auto &backend : every_backend()) {
     INFO(backend->name());
-    const int n = 1 << 20;   // long enough for a launch behind a short one to begin too early
-    Stream<dvec3> x(*backend, std::vector<dvec3>(n, {1, 1, 1})), y(*backend, n);
-    Stream<int> mark(*backend, 1);
-    y.fill_zero();
-    const auto same = [&](double ofx, double ofy) {
-      const auto all = [](const std::vector<dvec3> &v, double expected) {
-        return std::all_of(v.begin(), v.end(), [&](dvec3 a) { return a.x == expected && a.z == expected; });
-      };
-      return all(x.download(), ofx) && all(y.download(), ofy);
-    };
-    for (int turn = 0; turn < 5; ++turn) {
+    std::mt19937 random(5);
+    for (int turn = 0; turn < 12; ++turn) {   // the same launches again and again, of other sizes and buffers
+      const Batches batches(*backend);
+      const int n = 100 + 700 * (turn % 3);
+      std::vector<int> order(static_cast<std::size_t>(n));
+      std::iota(order.begin(), order.end(), 0);
+      std::shuffle(order.begin(), order.end(), random);
+      const Stream<int> next(*backend, order);
+      Stream<int> sums(*backend, n + 1), all(*backend, n);
       {
-        const SideBySide side_by_side(*backend);
-        CAMA_LAUNCH(*backend, scale_vectors, n, 2.0, x);
-        CAMA_LAUNCH(*backend, set_int, 1, 0, turn, mark);
+        Stream<int> twice(*backend, n);   // released before it is used
+        CAMA_LAUNCH(*backend, take_items, n, next, next, twice);
+        Stream<int> thrice(*backend, n);
+        CAMA_LAUNCH(*backend, take_items, n, twice, next, thrice);
+        twice.fill_zero();
+        all.copy_from(thrice);
       }
-      CAMA_LAUNCH(*backend, add_impulses, n, 1.0, x, y);
-      CHECK(same(2, 2));
-      CAMA_LAUNCH(*backend, scale_vectors, n, 2.0, x);
-      {
-        const SideBySide side_by_side(*backend);   // each after what came before the first
-        CAMA_LAUNCH(*backend, set_int, 1, 0, turn, mark);
-        CAMA_LAUNCH(*backend, add_impulses, n, -0.5, x, y);
-      }
-      CHECK(same(4, 0));
-      CAMA_LAUNCH(*backend, scale_vectors, n, 0.5, x);
-      CAMA_LAUNCH(*backend, add_impulses, n, 1.0, x, y);
-      CAMA_LAUNCH(*backend, scale_vectors, n, 2.0, x);
-      {
-        Fork fork(*backend);
-        CAMA_LAUNCH(*backend, scale_vectors, n, 0.5, y);
-        fork.aside([&] { CAMA_LAUNCH(*backend, scale_vectors, n, 0.25, x); });
-        CAMA_LAUNCH(*backend, set_int, 1, 0, -turn, mark);
-      }
-      CAMA_LAUNCH(*backend, add_impulses, n, -1.0, x, y);
-      CHECK(same(1, 0));
-      CHECK(mark.at(0) == -turn);
+      Stream<int> other(*backend, n);   // perhaps in the memory of one of these
+      other.fill_zero();
+      backend->scan(all.buffer(), sums.buffer(), n);
+      std::vector<int> expected(order.size()), running(order.size() + 1, 0);
+      for (std::size_t i = 0; i < order.size(); ++i)
+        expected[i] = order[static_cast<std::size_t>(order[static_cast<std::size_t>(order[i])])];
+      std::partial_sum(expected.begin(), expected.end(), running.begin() + 1);
+      CHECK(all.download() == expected);
+      CHECK(sums.download() == running);
     }
-    CHECK_THROWS_AS(Fork(*backend).aside([] { throw MemoryError("aside"); }), MemoryError);
-    CAMA_LAUNCH(*backend, scale_vectors, n, 3.0, x);   // and the backend still works
-    CHECK(same(3, 0));
+    // More lists than a backend keeps: 3^6 orders of three launches that do not commute.
+    Stream<dvec3> x(*backend, 3), y(*backend, 3);
+    int wrong = 0;
+    for (int round = 0; round < 4; ++round)
+      for (int list = 0; list < 729; ++list) {
+        x.assign({{1, 2, 3}, {4, 5, 6}, {7, 8, 9}});
+        y.assign({{1, 1, 1}, {2, 2, 2}, {3, 3, 3}});
+        double expected_x = 7, expected_y = 3;
+        {
+          const Batches batches(*backend);
+          for (int k = 0, left = list; k < 6; ++k, left /= 3) {
+            const double factor = 1 + (k + round) % 2;
+            if (left % 3 == 0) {
+              CAMA_LAUNCH(*backend, scale_vectors, 3, factor, x);
+              expected_x *= factor;
+            } else if (left % 3 == 1) {
+              CAMA_LAUNCH(*backend, add_impulses, 3, factor, x, y);
+              expected_y += factor * expected_x;
+            } else {
+              CAMA_LAUNCH(*backend, add_impulses, 3, -factor, y, x);
+              expected_x -= factor * expected_y;
+            }
+          }
+        }
+        wrong += x.at(2).x != expected_x || y.at(2).x != expected_y;
+      }
+    CHECK(wrong == 0);
   }
 }
 

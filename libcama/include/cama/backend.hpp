@@ -85,6 +85,9 @@ public:
 
   /// Launches n work items, or n teams if the kernel has teams.
   virtual void launch(const KernelKey &kernel, int n, const Argument *arguments, int count) = 0;
+  /// What is launched between these two may be handed to the device later, at the latest when the host waits.
+  virtual void begin_batches() {}
+  virtual void end_batches() noexcept {}  ///< errors are reported by a later call
   /// Launches between these two do not depend on each other, and may run at the same time: none accesses what another
   /// one writes, but for atomic operations whose order has no effect. Scopes do not nest.
   virtual void begin_side_by_side() {}
@@ -134,6 +137,18 @@ public:
 protected:
   std::size_t allocated_ = 0, peak_ = 0;
   long launches_ = 0, waits_ = 0;
+};
+
+/// Launches as long as this lives may be handed to the device several at a time, which small scenes gain from.
+class Batches {
+public:
+  explicit Batches(Backend &backend) : backend_(backend) { backend_.begin_batches(); }
+  ~Batches() { backend_.end_batches(); }
+  Batches(const Batches &) = delete;
+  Batches &operator=(const Batches &) = delete;
+
+private:
+  Backend &backend_;
 };
 
 /// Launches as long as this lives are side by side.

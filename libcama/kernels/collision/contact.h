@@ -263,6 +263,10 @@ KERNEL stitch_nodes(int n, GLOBAL const stitch *stitches, int first, GLOBAL elem
 
 /* Penalty force, N; pairs that are only anticipated do not push yet. */
 DEVICE double contact_load(contact c) { return c.stiffness * max_double(c.thickness - c.distance, 0.0); }
+DEVICE double listed_load(GLOBAL const contact *c)
+{
+  return c->stiffness * max_double(c->thickness - c->distance, 0.0);
+}
 
 /* Normal load of each cloth vertex from its contacts, N. incidence: 4 * term + local index; terms from `contact_count`
    on are stitches. */
@@ -270,11 +274,19 @@ KERNEL vertex_loads(int n, int contact_count, GLOBAL const int *row, GLOBAL cons
                     GLOBAL const contact *contacts, GLOBAL double *load)
 {
   FOR_EACH(i, n) {
+    const int end = row[i + 1];
     double sum = 0.0;
     int k;
-    for (k = row[i]; k < row[i + 1]; ++k)
-      if ((incidence[k] >> 2) < contact_count)
-        sum += fabs(contacts[incidence[k] >> 2].weight[incidence[k] & 3]) * contact_load(contacts[incidence[k] >> 2]);
+    for (k = row[i]; k < end; k += AT_ONCE(8)) {
+      int at[AT_ONCE(8)];
+      double own[AT_ONCE(8)];
+      FOR_AT_ONCE(q, 8, end - k) at[q] = incidence[k + q];
+      FOR_AT_ONCE(q, 8, end - k)
+        if ((at[q] >> 2) < contact_count)
+          own[q] = fabs(contacts[at[q] >> 2].weight[at[q] & 3]) * listed_load(contacts + (at[q] >> 2));
+      FOR_AT_ONCE(q, 8, end - k)
+        if ((at[q] >> 2) < contact_count) sum += own[q];
+    }
     load[i] = sum;
   }
 }
@@ -284,13 +296,22 @@ KERNEL vertex_pushes(int n, int contact_count, GLOBAL const int *row, GLOBAL con
                      GLOBAL const contact *contacts, GLOBAL dvec3 *push)
 {
   FOR_EACH(i, n) {
+    const int end = row[i + 1];
     dvec3 sum = dvec3_make(0.0, 0.0, 0.0);
     int k;
-    for (k = row[i]; k < row[i + 1]; ++k)
-      if ((incidence[k] >> 2) < contact_count) {
-        contact c = contacts[incidence[k] >> 2];
-        sum = daxpy(sum, c.weight[incidence[k] & 3] * contact_load(c), c.normal);
-      }
+    for (k = row[i]; k < end; k += AT_ONCE(8)) {
+      int at[AT_ONCE(8)];
+      double own[AT_ONCE(8)];
+      dvec3 normal[AT_ONCE(8)];
+      FOR_AT_ONCE(q, 8, end - k) at[q] = incidence[k + q];
+      FOR_AT_ONCE(q, 8, end - k)
+        if ((at[q] >> 2) < contact_count) {
+          own[q] = contacts[at[q] >> 2].weight[at[q] & 3] * listed_load(contacts + (at[q] >> 2));
+          normal[q] = contacts[at[q] >> 2].normal;
+        }
+      FOR_AT_ONCE(q, 8, end - k)
+        if ((at[q] >> 2) < contact_count) sum = daxpy(sum, own[q], normal[q]);
+    }
     push[i] = sum;
   }
 }

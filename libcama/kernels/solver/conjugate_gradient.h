@@ -236,16 +236,18 @@ KERNEL apply_diagonal(int n, int component_stride, int block_rows, GLOBAL const 
     int number;                                                                 \
     for (number = 0; number < 9; ++number) PREFETCH((v) + number * SLICE_ROWS); \
   } while (0)
+#define FIRST_OF_ENTRY(value, e, lane) ((value) + (size_t)SLICE_ROWS * 9 * (e) + (lane))
 #define BLOCK_NUMBER(v, c) LANES_LOAD_ONCE(GLOBAL lanes, (v) + (c) * SLICE_ROWS)
-#define LOAD_BLOCK(q, v)                                                                       \
-  const lanes q##0 = BLOCK_NUMBER(v, 0), q##1 = BLOCK_NUMBER(v, 1), q##2 = BLOCK_NUMBER(v, 2), \
-              q##3 = BLOCK_NUMBER(v, 3), q##4 = BLOCK_NUMBER(v, 4), q##5 = BLOCK_NUMBER(v, 5), \
-              q##6 = BLOCK_NUMBER(v, 6), q##7 = BLOCK_NUMBER(v, 7), q##8 = BLOCK_NUMBER(v, 8)
+#define LOAD_BLOCK(q, v)                                                          \
+  do {                                                                            \
+    int number;                                                                   \
+    for (number = 0; number < 9; ++number) (q)[number] = BLOCK_NUMBER(v, number); \
+  } while (0)
 
 /* w = A z with the terms; partial[2 t], partial[2 t + 1] = r'z and z'w over the TEAM_ROWS rows of team t. entry_weight:
    weights of the terms' entries. Loads do not wait for each other: two entries are read at once, all their numbers
-   before the first product; where a row is a thread, columns are read two entries early, since the vectors at these
-   columns are loaded after them. */
+   before the first product, those of the first two before the launches that this one waits for; where a row is a
+   thread, columns are read two entries early, since the vectors at these columns are loaded after them. */
 KERNEL_OF(CG_MULTIPLY_TEAM, 3)
 cg_multiply(int n, int rows, GLOBAL const int *slice_start, GLOBAL const int *slice_row,
             GLOBAL const int *RESTRICT column, GLOBAL const real *RESTRICT value, int terms, GLOBAL const int *order,
@@ -268,6 +270,8 @@ cg_multiply(int n, int rows, GLOBAL const int *slice_start, GLOBAL const int *sl
         const size_t ahead = first + TEAM_ROWS < rows
                                  ? (size_t)SLICE_ROWS * 9 * (slice_start[s + TEAM_ROWS / SLICE_ROWS] - slice_start[s])
                                  : 0;
+        lanes p[9], q[9];
+        vec4 a = vec4_make((real)0, (real)0, (real)0), b = a;
         end = slice_start[s + 1];
         e = slice_start[s] + part;
         if (LANES == 1) {
@@ -281,16 +285,20 @@ cg_multiply(int n, int rows, GLOBAL const int *slice_start, GLOBAL const int *sl
             early1 = LOAD_ONCE(column + (size_t)SLICE_ROWS * (e + ROW_PARTS < end ? e + ROW_PARTS : e) + lane);
           }
         }
+        if (e < end) {
+          LOAD_BLOCK(p, FIRST_OF_ENTRY(value, e, lane));
+          LOAD_BLOCK(q, FIRST_OF_ENTRY(value, e + ROW_PARTS < end ? e + ROW_PARTS : e, lane));
+        }
         AWAIT_LAUNCHES;
+        if (LANES == 1 && e < end) {
+          a = LOAD_KEPT(z + early);
+          b = LOAD_KEPT(z + early1);
+        }
         if (BEGINS_EARLY && scalar[at + CG_DONE] != 0.0) continue;
-        for (; e < end; e += 2 * ROW_PARTS) {
-          const int next = e + ROW_PARTS < end ? ROW_PARTS : 0;
-          GLOBAL const real *RESTRICT v = value + (size_t)SLICE_ROWS * 9 * e + lane, *RESTRICT v1 =
-                                                                                         v + SLICE_ROWS * 9 * next;
+        while (e < end) {
+          const int next = e + ROW_PARTS < end ? ROW_PARTS : 0, then = e + 2 * ROW_PARTS;
           lanes ax, ay, az, bx, by, bz;
           if (LANES == 1) {
-            const vec4 a = LOAD_KEPT(z + early), b = LOAD_KEPT(z + early1);
-            const int then = e + 2 * ROW_PARTS;
             if (then < end) {
               early = LOAD_ONCE(column + (size_t)SLICE_ROWS * then + lane);
               early1 =
@@ -308,14 +316,19 @@ cg_multiply(int n, int rows, GLOBAL const int *slice_start, GLOBAL const int *sl
             gather_lanes(z, c + SLICE_ROWS * next, &bx, &by, &bz);
           }
           if (!next) bx = by = bz = LANES_ALL(lanes, (real)0);
-          BLOCK_PREFETCH(v + ahead);
-          BLOCK_PREFETCH(v1 + ahead);
-          {
-            LOAD_BLOCK(p, v);
-            LOAD_BLOCK(q, v1);
-            x += p0 * ax + p1 * ay + p2 * az + (q0 * bx + q1 * by + q2 * bz);
-            y += p3 * ax + p4 * ay + p5 * az + (q3 * bx + q4 * by + q5 * bz);
-            u += p6 * ax + p7 * ay + p8 * az + (q6 * bx + q7 * by + q8 * bz);
+          BLOCK_PREFETCH(FIRST_OF_ENTRY(value, e, lane) + ahead);
+          BLOCK_PREFETCH(FIRST_OF_ENTRY(value, e + next, lane) + ahead);
+          x += p[0] * ax + p[1] * ay + p[2] * az + (q[0] * bx + q[1] * by + q[2] * bz);
+          y += p[3] * ax + p[4] * ay + p[5] * az + (q[3] * bx + q[4] * by + q[5] * bz);
+          u += p[6] * ax + p[7] * ay + p[8] * az + (q[6] * bx + q[7] * by + q[8] * bz);
+          e = then;
+          if (e < end) {
+            if (LANES == 1) {
+              a = LOAD_KEPT(z + early);
+              b = LOAD_KEPT(z + early1);
+            }
+            LOAD_BLOCK(p, FIRST_OF_ENTRY(value, e, lane));
+            LOAD_BLOCK(q, FIRST_OF_ENTRY(value, e + ROW_PARTS < end ? e + ROW_PARTS : e, lane));
           }
         }
       }

@@ -52,8 +52,15 @@ KERNEL pack_weights(int n, GLOBAL const int *row, GLOBAL const int *entry, GLOBA
                     GLOBAL real *weight)
 {
   FOR_EACH(i, n) {
+    const int end = row[i + 1];
     int k;
-    for (k = row[i]; k < row[i + 1]; ++k) weight[k] = coefficient[9 * (entry[k] >> 2) + (entry[k] & 3)];
+    for (k = row[i]; k < end; k += AT_ONCE(8)) {
+      int at[AT_ONCE(8)];
+      real own[AT_ONCE(8)];
+      FOR_AT_ONCE(q, 8, end - k) at[q] = entry[k + q];
+      FOR_AT_ONCE(q, 8, end - k) own[q] = coefficient[9 * (at[q] >> 2) + (at[q] & 3)];
+      FOR_AT_ONCE(q, 8, end - k) weight[k + q] = own[q];
+    }
   }
 }
 

@@ -41,14 +41,25 @@ KERNEL reduce_lists(int n, int count0, int count1, int count2, int count3, int f
 }
 
 /* a[c size] = the sum of the `size` numbers from a[c size] on, for each of `columns` columns, by halving, in the same
-   order on every backend. size: a power of two. */
+   order on every backend. size: a power of two. Two halvings have one barrier. */
 DEVICE_TEAM void tree_sums(int size, int columns, LOCAL double *a)
 {
-  int span, c;
+  int span = size / 2, c, levels = 0;
+  while (size >> levels > 1) ++levels;
   TEAM_BARRIER;
-  for (span = size / 2; span > 0; span /= 2) {
+  if (levels % 2 == 1) {
     TEAM_FOR(l, span)
       for (c = 0; c < columns; ++c) a[c * size + l] += a[c * size + l + span];
+    TEAM_BARRIER;
+    span /= 2;
+  }
+  for (; span > 0; span /= 4) {
+    const int quarter = span / 2;
+    TEAM_FOR(l, quarter)
+      for (c = 0; c < columns; ++c) {
+        LOCAL double *own = a + c * size + l;
+        *own = *own + own[span] + (own[quarter] + own[quarter + span]);
+      }
     TEAM_BARRIER;
   }
 }

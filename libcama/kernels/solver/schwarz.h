@@ -139,6 +139,10 @@ DEVICE_TEAM void multiply_transposed(int groups, LOCAL const staged_factor *g, L
 }
 #endif
 
+/* Up to so many, kernels of the solve read what they need together with CG_DONE; those of more end without reading it.
+ */
+#define FEW_ROWS 65536
+
 /* z = S G' G S r for each block of all levels; the nodes of a coarse level are numbered behind those of the finer one.
    at: place of the scalars. */
 KERNEL apply_blocks(int n, GLOBAL const int *block_start, int at, GLOBAL const double *scalar,
@@ -151,19 +155,22 @@ KERNEL apply_blocks(int n, GLOBAL const int *block_start, int at, GLOBAL const d
   if (!BEGINS_EARLY && scalar[at + CG_DONE] != 0.0) return;
   FOR_EACH_TEAM_EARLY(t, n) {
     const int node = block_start[t], rows = block_start[t + 1] - node, groups = (3 * rows + 15) / 16;
+    int done;
     GLOBAL const real *RESTRICT w = weight + t * BLOCK_SIZE;
     LOCAL staged_factor *RESTRICT g = TEAM_POINTER(staged_factor, own_factor);
     LOCAL real *RESTRICT u = TEAM_POINTER(real, own_residual), *RESTRICT y = TEAM_POINTER(real, own_product);
     TEAM_BARRIER;
     stage_factor(factor + (size_t)t * FACTOR_WORDS, g);
     AWAIT_LAUNCHES;
-    if (BEGINS_EARLY && scalar[at + CG_DONE] != 0.0) continue;
+    done = BEGINS_EARLY && scalar[at + CG_DONE] != 0.0;
+    if (n > FEW_ROWS / BLOCK_ROWS && done) continue;
     TEAM_FOR(l, BLOCK_ROWS) {
       const vec4 r = l < rows ? residual[node + l] : vec4_make((real)0, (real)0, (real)0);
       u[3 * l] = w[3 * l] * r.x;
       u[3 * l + 1] = w[3 * l + 1] * r.y;
       u[3 * l + 2] = w[3 * l + 2] * r.z;
     }
+    if (done) continue;
     TEAM_BARRIER;
     multiply_factor(factor + (size_t)t * FACTOR_WORDS, groups, u, g, y);
     TEAM_BARRIER;
@@ -340,11 +347,15 @@ KERNEL combine_levels(int n, int rows_here, int levels, int rows, int blocks, GL
 {
   if (!BEGINS_EARLY && scalar[at + CG_DONE] != 0.0) return;
   FOR_EACH_EARLY(i, n) {
+    int done;
     if (i < rows_here) {
       const row_places own = places_of(i, levels, rows, blocks, block, parent);
+      vec4 sum;
       AWAIT_LAUNCHES;
-      if (BEGINS_EARLY && scalar[at + CG_DONE] != 0.0) continue;
-      total[i] = corrected(own, levels, z);
+      done = BEGINS_EARLY && scalar[at + CG_DONE] != 0.0;
+      if (rows > FEW_ROWS && done) continue;
+      sum = corrected(own, levels, z);
+      if (!done) total[i] = sum;
     } else {
       GLOBAL const real *RESTRICT x = coefficient + 9 * (i - rows_here);
       element_nodes own = nodes[i - rows_here];
@@ -354,9 +365,11 @@ KERNEL combine_levels(int n, int rows_here, int levels, int rows, int blocks, GL
       int c;
       for (c = 0; c < 4; ++c) place[c] = places_of(own.node[c], levels, rows, blocks, block, parent);
       AWAIT_LAUNCHES;
-      if (BEGINS_EARLY && scalar[at + CG_DONE] != 0.0) continue;
+      done = BEGINS_EARLY && scalar[at + CG_DONE] != 0.0;
+      if (rows > FEW_ROWS && done) continue;
       if (LANES == 1) /* loads do not wait for each other */
         for (c = 0; c < 4; ++c) value[c] = corrected(place[c], levels, z);
+      if (done) continue;
       for (c = 0; c < 4; ++c)
         if (own.node[c] >= 0) s = vec4_axpy(s, x[c], LANES == 1 ? value[c] : corrected(place[c], levels, z));
       product[i - rows_here] =

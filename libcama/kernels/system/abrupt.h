@@ -32,11 +32,17 @@ KERNEL push_loads(int n, int contacts, GLOBAL const int *row, GLOBAL const int *
                   GLOBAL const double *push, GLOBAL double *load)
 {
   FOR_EACH(i, n) {
+    const int end = row[i + 1];
     double sum = 0.0;
     int k;
-    for (k = row[i]; k < row[i + 1]; ++k) {
-      int e = incidence[k] >> 2;
-      if (e < contacts) sum += fabs((double)terms[e].weight[incidence[k] & 3]) * push[e];
+    for (k = row[i]; k < end; k += AT_ONCE(8)) {
+      int at[AT_ONCE(8)];
+      double own[AT_ONCE(8)];
+      FOR_AT_ONCE(q, 8, end - k) at[q] = incidence[k + q];
+      FOR_AT_ONCE(q, 8, end - k)
+        if ((at[q] >> 2) < contacts) own[q] = fabs((double)terms[at[q] >> 2].weight[at[q] & 3]) * push[at[q] >> 2];
+      FOR_AT_ONCE(q, 8, end - k)
+        if ((at[q] >> 2) < contacts) sum += own[q];
     }
     load[i] = sum;
   }
@@ -112,11 +118,21 @@ KERNEL abrupt_changes(int n, int contacts, GLOBAL const int *row, GLOBAL const i
                       GLOBAL const double *inverse_mass, GLOBAL const dvec3 *abrupt, GLOBAL dvec3 *change)
 {
   FOR_EACH(i, n) {
+    const int end = row[i + 1];
     dvec3 sum = dvec3_make(0.0, 0.0, 0.0);
     int k;
-    for (k = row[i]; k < row[i + 1]; ++k) {
-      int e = incidence[k] >> 2;
-      if (e < contacts) sum = daxpy(sum, (double)terms[e].weight[incidence[k] & 3], abrupt[e]);
+    for (k = row[i]; k < end; k += AT_ONCE(8)) {
+      int at[AT_ONCE(8)];
+      double weight[AT_ONCE(8)];
+      dvec3 own[AT_ONCE(8)];
+      FOR_AT_ONCE(q, 8, end - k) at[q] = incidence[k + q];
+      FOR_AT_ONCE(q, 8, end - k)
+        if ((at[q] >> 2) < contacts) {
+          weight[q] = (double)terms[at[q] >> 2].weight[at[q] & 3];
+          own[q] = abrupt[at[q] >> 2];
+        }
+      FOR_AT_ONCE(q, 8, end - k)
+        if ((at[q] >> 2) < contacts) sum = daxpy(sum, weight[q], own[q]);
     }
     change[i] = dscale(inverse_mass[i], sum);
   }

@@ -175,15 +175,20 @@ KERNEL solved_loads(int n, int contacts, GLOBAL const int *row, GLOBAL const int
                     GLOBAL const double *push, GLOBAL double *load, GLOBAL double *pull)
 {
   FOR_EACH(i, n) {
+    const int end = row[i + 1];
     double pressing = 0.0, pulling = 0.0;
     int k;
-    for (k = row[i]; k < row[i + 1]; ++k) {
-      int e = incidence[k] >> 2;
-      if (e < contacts) {
-        double own = fabs((double)terms[e].weight[incidence[k] & 3]) * push[e];
-        pressing += max_double(own, 0.0);
-        pulling -= min_double(own, 0.0);
-      }
+    for (k = row[i]; k < end; k += AT_ONCE(8)) {
+      int at[AT_ONCE(8)];
+      double own[AT_ONCE(8)];
+      FOR_AT_ONCE(q, 8, end - k) at[q] = incidence[k + q];
+      FOR_AT_ONCE(q, 8, end - k)
+        if ((at[q] >> 2) < contacts) own[q] = fabs((double)terms[at[q] >> 2].weight[at[q] & 3]) * push[at[q] >> 2];
+      FOR_AT_ONCE(q, 8, end - k)
+        if ((at[q] >> 2) < contacts) {
+          pressing += max_double(own[q], 0.0);
+          pulling -= min_double(own[q], 0.0);
+        }
     }
     load[i] = pressing;
     pull[i] = pulling;
@@ -196,14 +201,24 @@ KERNEL remaining_loads(int n, GLOBAL const int *row, GLOBAL const int *column, G
                        GLOBAL const double *pull, GLOBAL double *share)
 {
   FOR_EACH(i, n) {
+    const int end = load[i] > 0.0 ? row[i + 1] : row[i];
     double pressing = 0.0, pulling = 0.0;
     int k;
-    if (load[i] > 0.0)
-      for (k = row[i]; k < row[i + 1]; ++k)
-        if (column[k] < n) {
-          pressing += load[column[k]];
-          pulling += pull[column[k]];
+    for (k = row[i]; k < end; k += AT_ONCE(8)) {
+      int at[AT_ONCE(8)];
+      double own_load[AT_ONCE(8)], own_pull[AT_ONCE(8)];
+      FOR_AT_ONCE(q, 8, end - k) at[q] = column[k + q];
+      FOR_AT_ONCE(q, 8, end - k)
+        if (at[q] < n) {
+          own_load[q] = load[at[q]];
+          own_pull[q] = pull[at[q]];
         }
+      FOR_AT_ONCE(q, 8, end - k)
+        if (at[q] < n) {
+          pressing += own_load[q];
+          pulling += own_pull[q];
+        }
+    }
     share[i] = pressing > pulling ? (pressing - pulling) / pressing : 0.0;
   }
 }

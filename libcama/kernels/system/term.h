@@ -359,12 +359,14 @@ DEVICE vec3 add_term_products(int i, int count, GLOBAL const int *row, GLOBAL co
                               GLOBAL const term *terms, GLOBAL const vec3 *product, vec3 y)
 {
   const int end = row[i + 1];
-  int k;
-  for (k = row[i]; k < end; k += AT_ONCE(4)) {
+  int k = row[i], next[AT_ONCE(4)];
+  FOR_AT_ONCE(q, 4, end - k) next[q] = incidence[k + q];
+  for (; k < end; k += AT_ONCE(4)) {
     int at[AT_ONCE(4)];
     real weight[AT_ONCE(4)];
     vec3 own[AT_ONCE(4)];
-    FOR_AT_ONCE(q, 4, end - k) at[q] = incidence[k + q];
+    FOR_AT_ONCE(q, 4, end - k) at[q] = next[q];
+    FOR_AT_ONCE(q, 4, end - k - AT_ONCE(4)) next[q] = incidence[k + AT_ONCE(4) + q];
     FOR_AT_ONCE(q, 4, end - k)
       if ((at[q] >> 2) < count) {
         weight[q] = terms[at[q] >> 2].weight[at[q] & 3];
@@ -380,12 +382,14 @@ DEVICE vec3 add_term_products(int i, int count, GLOBAL const int *row, GLOBAL co
 DEVICE vec3 add_term_pushes(int i, GLOBAL const int *row, GLOBAL const int *incidence, GLOBAL const term *terms, vec3 b)
 {
   const int end = row[i + 1];
-  int k;
-  for (k = row[i]; k < end; k += AT_ONCE(4)) {
+  int k = row[i], next[AT_ONCE(4)];
+  FOR_AT_ONCE(q, 4, end - k) next[q] = incidence[k + q];
+  for (; k < end; k += AT_ONCE(4)) {
     int at[AT_ONCE(4)];
     real push[AT_ONCE(4)];
     vec3 normal[AT_ONCE(4)];
-    FOR_AT_ONCE(q, 4, end - k) at[q] = incidence[k + q];
+    FOR_AT_ONCE(q, 4, end - k) at[q] = next[q];
+    FOR_AT_ONCE(q, 4, end - k - AT_ONCE(4)) next[q] = incidence[k + AT_ONCE(4) + q];
     FOR_AT_ONCE(q, 4, end - k) {
       push[q] = terms[at[q] >> 2].weight[at[q] & 3] * terms[at[q] >> 2].push;
       normal[q] = terms[at[q] >> 2].normal;

@@ -2,6 +2,7 @@
 #include "run/engine.hpp"
 
 #include <algorithm>
+#include <optional>
 
 #include "cama/error.hpp"
 #include "device/host_threads.hpp"
@@ -14,6 +15,8 @@
 
 namespace cama {
 namespace {
+
+constexpr int few_vertices = 65536;  // of cloth, whose launches last less than it takes the host to make them
 
 int chosen_threads(const Scene &scene, const Options &options)
 {
@@ -107,6 +110,8 @@ void Engine::take(const std::function<void()> &finished)
 {
   const HostThreads host(threads);
   before_writing();
+  std::optional<Batches> batches;
+  if (state.mesh.cloth_vertices <= few_vertices) batches.emplace(*backend);
   take_step(state, *pipeline, finished);
 }
 
