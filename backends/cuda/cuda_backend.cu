@@ -11,6 +11,7 @@
 #include <cstring>
 #include <exception>
 #include <memory>
+#include <stdexcept>
 #include <thread>
 #include <unordered_map>
 #include <utility>
@@ -32,8 +33,10 @@ constexpr int threads_of_answer = 256;
 constexpr unsigned int looks_until_query = 4096;
 constexpr std::size_t freed_until_wait = std::size_t(1) << 26;  // bytes, which the pool may return at a wait alone
 constexpr unsigned int mark_of_beside = 16;  // bytes of dynamic memory: see launched_beside in lang.h
-constexpr int most_held = 12;  // launches of a batch: the device works on it while the host holds the next
-constexpr unsigned int most_held_threads = 65536;  // of a launch that does not end a batch
+constexpr int max_held = 12;  // launches of a batch: the device works on it while the host holds the next
+constexpr std::size_t usual_launches = 256;  // of a list at most
+constexpr std::size_t max_freed_later = std::size_t(1) << 20;  // bytes of a buffer that waits for a batch
+constexpr int max_held_threads = 65536;  // of a launch that does not end a batch
 constexpr int fewest_threads = 32, most_threads = 256, blocks_per_processor = 16;
 
 struct Entry {
@@ -97,9 +100,14 @@ public:
     check(cudaHostAlloc(&shared, sizeof(Shared), cudaHostAllocMapped), "cudaHostAlloc");
     shared_ = static_cast<Shared *>(shared);
     shared_->overflow = shared_->answers = 0;
+    // So that no list grows in a step: there is no launch, or release, without its place.
+    held_.launches.reserve(usual_launches);
+    held_.slots.reserve(usual_launches * (max_kernel_arguments + 1));
+    freed_later_.reserve(usual_launches * max_kernel_arguments);
   }
   ~CudaBackend() override
   {
+    give_up_held();
     for (const cudaStream_t stream : {side_, queue_}) cudaStreamSynchronize(stream);
     for (void *scratch : {scratch_, other_keys_, other_values_, total_}) cudaFree(scratch);
     cudaFreeHost(shared_);
@@ -129,15 +137,17 @@ public:
   void release(Buffer buffer) noexcept override
   {
     const auto found = sizes_.find(buffer);
+    std::size_t bytes = 0;
     if (found != sizes_.end()) {
-      allocated_ -= found->second;
-      freed_ += found->second;
+      bytes = found->second;
+      allocated_ -= bytes;
+      freed_ += bytes;
       sizes_.erase(found);
     }
-    if (held_.size() > 0)
-      freed_later_.push_back(buffer);
-    else
-      cudaFreeAsync(buffer, queue_);  // ordered after the work that uses it; the pool keeps the memory
+    if (held_.size() > 0 && bytes <= max_freed_later && freed_later_.size() < freed_later_.capacity())
+      return freed_later_.push_back(buffer);
+    hand_over_or_note();
+    cudaFreeAsync(buffer, queue_);  // ordered after the work that uses it; the pool keeps the memory
   }
   void upload(Buffer to, const void *from, std::size_t bytes) override
   {
@@ -179,7 +189,7 @@ public:
     ++launches_;
     const int threads = kernel.team > 0 ? kernel.team : threads_for(n);
     const int blocks = kernel.team > 0 ? n : std::min((n - 1) / threads + 1, blocks_);
-    hold(function_of(kernel), kernel.name, blocks, threads, 1 + count);
+    const std::size_t first = held_.slots.size();
     held_.slots.push_back(to_slot(n));
     for (int i = 0; i < count; ++i) {
       Slot slot = 0;
@@ -189,10 +199,15 @@ public:
         std::memcpy(&slot, arguments[i].scalar, arguments[i].size);
       held_.slots.push_back(slot);
     }
-    hand_over_if_due();
+    hold(function_of(kernel), kernel.name, blocks, threads, first);
   }
 
   void begin_batches() override { batches_ = true; }
+  void hand_over() override
+  {
+    if (repeats_) throw std::logic_error("work that is repeated only launches kernels");
+    run_held(1, false);
+  }
   void end_batches() noexcept override
   {
     batches_ = false;
@@ -234,7 +249,7 @@ public:
   }
 
   /// As a graph.
-  void repeat(int times, const std::function<void()> &work, bool) override
+  void repeat(int times, const std::function<void()> &work) override
   {
     if (times < 1) return;
     hand_over();
@@ -244,12 +259,12 @@ public:
       work();
     } catch (...) {
       repeats_ = false;
-      held_.clear();
+      give_up_held();
       throw;
     }
     repeats_ = false;
     launches_ += (launches_ - before) * (times - 1);
-    hand_over(times);
+    run_held(times, true);
   }
 
   void scan(Buffer from, Buffer to, int n) override
@@ -388,21 +403,26 @@ private:
     return threads;
   }
 
-  /// Adds a launch, whose arguments follow. It may begin while the one before it ends (AWAIT_LAUNCHES in lang.h), but
-  /// not behind several at once: which of them have ended by then is not known.
-  void hold(const void *function, const char *name, int blocks, int threads, int count)
+  /// Adds a launch, whose arguments are the slots from `first` on. It may begin while the one before it ends
+  /// (AWAIT_LAUNCHES in lang.h), but not behind several at once: which of them have ended by then is not known. Hands
+  /// over what is held if that is enough; a long launch leaves the host time for the next.
+  void hold(const void *function, const char *name, int blocks, int threads, std::size_t first)
   {
     const bool early = begins_early_ && !std::exchange(after_several_, false);
     const unsigned int shared = side_by_side_ && beside_++ > 0 ? mark_of_beside : 0;
     held_.launches.push_back({function, name, static_cast<unsigned int>(blocks), static_cast<unsigned int>(threads),
-                              shared, early, static_cast<int>(held_.slots.size()), count});
+                              shared, early, static_cast<int>(first), static_cast<int>(held_.slots.size() - first)});
+    if (repeats_) return;
+    if (!batches_ || static_cast<long long>(blocks) * threads > max_held_threads ||
+        (held_.size() >= max_held && !side_by_side_))
+      hand_over();
   }
   template <class... P, class... A>
   void launch_own(const char *name, void (*kernel)(P...), int blocks, int threads, A... arguments)
   {
-    hold(reinterpret_cast<const void *>(kernel), name, blocks, threads, sizeof...(P));
+    const std::size_t first = held_.slots.size();
     (held_.slots.push_back(to_slot(static_cast<P>(arguments))), ...);
-    hand_over_if_due();
+    hold(reinterpret_cast<const void *>(kernel), name, blocks, threads, first);
   }
   template <class From>
   void launch_words(const char *name, void (*kernel)(int, From, int *), std::size_t bytes, From from, int *to)
@@ -411,40 +431,40 @@ private:
     launch_own(name, kernel, std::min((n - 1) / threads + 1, blocks_), threads, n, from, to);
   }
 
-  /// After a launch: a long one leaves the host time for the next.
-  void hand_over_if_due()
+  /// Launches what is held, and frees what was released behind it.
+  void run_held(int times, bool returns)
   {
-    const LaunchList::Launch &last = held_.launches.back();
-    if (repeats_) return;
-    if (!batches_ || last.blocks * last.threads > most_held_threads || (held_.size() >= most_held && !side_by_side_))
-      hand_over();
-  }
-  /// Hands what is held to the device, and what is released behind it.
-  void hand_over(int times = 1)
-  {
-    if (failure_) std::rethrow_exception(std::exchange(failure_, nullptr));
+    if (failure_) {
+      give_up_held();
+      std::rethrow_exception(std::exchange(failure_, nullptr));
+    }
     if (held_.size() == 0) return;
     try {
-      graphs_.run(held_, times, queue_);
+      graphs_.run(held_, times, returns, queue_);
     } catch (...) {
       give_up_held();
       throw;
     }
-    give_up_held();
+    clear_held();
   }
   void hand_over_or_note() noexcept
   {
     try {
-      hand_over();
+      run_held(1, false);
     } catch (...) {
       failure_ = std::current_exception();
     }
   }
-  void give_up_held()
+  void clear_held() noexcept
   {
     held_.clear();
     for (Buffer buffer : freed_later_) cudaFreeAsync(buffer, queue_);
     freed_later_.clear();
+  }
+  void give_up_held() noexcept
+  {
+    clear_held();
+    after_several_ = true;  // what the next launch is behind is not known
   }
 
   /// After a wait.

@@ -13,10 +13,10 @@
 namespace cama {
 namespace {
 
-constexpr int fewest_launches = 3;  // of a graph
+constexpr int min_launches = 3;  // of a graph
 constexpr int seen_before_graph = 3;  // how often a list returns before a graph is worth its making
-constexpr std::size_t most_families = 4096;
-constexpr int most_graphs = 512;
+constexpr std::size_t max_families = 4096;
+constexpr int max_graphs = 512;
 
 /// As a launch takes them: their addresses.
 struct Arguments {
@@ -77,7 +77,8 @@ void set_node(cudaGraphExec_t graph, cudaGraphNode_t node, const LaunchList &lis
   parameters.gridDimY = parameters.gridDimZ = parameters.blockDimY = parameters.blockDimZ = 1;
   parameters.sharedMemBytes = own.shared;
   parameters.kernelParams = arguments.address;
-  if (!set || set(graph, node, &parameters) != CUDA_SUCCESS) check(cudaErrorInvalidValue, own.name);
+  // The driver's numbers of errors are the runtime's.
+  check(set ? static_cast<cudaError_t>(set(graph, node, &parameters)) : cudaErrorNotSupported, own.name);
 #else
   cudaKernelNodeParams parameters{};
   parameters.func = const_cast<void *>(own.function);
@@ -107,7 +108,8 @@ cudaGraphNode_t last_node(cudaStream_t recorder)
 #else
   check(cudaStreamGetCaptureInfo_v2(recorder, &status, &id, &graph, &last, &count), "cudaStreamGetCaptureInfo");
 #endif
-  return count == 1 ? last[0] : nullptr;
+  check(count == 1 ? cudaSuccess : cudaErrorStreamCaptureInvalidated, "cudaStreamGetCaptureInfo");
+  return last[0];
 }
 
 }  // namespace
@@ -167,42 +169,52 @@ std::unique_ptr<LaunchGraphs::Graph> LaunchGraphs::record(const LaunchList &list
     throw;
   }
   check(cudaStreamEndCapture(recorder_, &made->graph), "cudaStreamEndCapture");
-  check(cudaGraphInstantiate(&made->executable, made->graph, 0), "cudaGraphInstantiate");
+  check(cudaGraphInstantiateWithFlags(&made->executable, made->graph, 0), "cudaGraphInstantiateWithFlags");
   made->list = list;
   return made;
 }
 
-LaunchGraphs::Graph *LaunchGraphs::graph_for(const LaunchList &list, int times)
+/// Sets what has changed.
+void LaunchGraphs::update(Graph &graph, const LaunchList &list)
 {
-  if (list.size() < fewest_launches && times == 1) return nullptr;
-  if (families_.size() >= most_families || graphs_ >= most_graphs) {
+  for (int i = 0; i < list.size(); ++i)
+    if (!list.same_launch(graph.list, i)) set_node(graph.executable, graph.nodes[static_cast<std::size_t>(i)], list, i);
+  graph.list = list;
+}
+
+LaunchGraphs::Graph *LaunchGraphs::graph_for(const LaunchList &list, bool returns)
+{
+  if (list.size() < min_launches && !returns) return nullptr;
+  if (families_.size() >= max_families || graphs_ >= max_graphs) {
     families_.clear();
     graphs_ = 0;
   }
   Family &family = families_[hash_of(list)];
-  if (!family.graph) {
-    if (++family.seen <= seen_before_graph && times == 1) return nullptr;
-    family.graph = record(list);
-    ++graphs_;
-  } else if (!family.graph->list.like(list)) {
-    return nullptr;  // another list of this hash
+  if (family.graph && !family.graph->list.like(list)) return nullptr;  // another list of this hash
+  try {
+    if (family.graph) {
+      update(*family.graph, list);
+    } else {
+      if (++family.seen <= seen_before_graph && !returns) return nullptr;
+      family.graph = record(list);
+      ++graphs_;
+    }
+  } catch (...) {  // such as memory that runs out; a lost device is reported by the launches
+    graphs_ -= family.graph ? 1 : 0;
+    family = {};
   }
   return family.graph.get();
 }
 
-void LaunchGraphs::run(const LaunchList &list, int times, cudaStream_t stream)
+void LaunchGraphs::run(const LaunchList &list, int times, bool returns, cudaStream_t stream)
 {
-  Graph *const graph = graph_for(list, times);
-  if (!graph) {
-    for (int t = 0; t < times; ++t)
+  Graph *const graph = graph_for(list, returns);
+  for (int t = 0; t < times; ++t) {
+    if (graph)
+      check(cudaGraphLaunch(graph->executable, stream), "cudaGraphLaunch");
+    else
       for (int i = 0; i < list.size(); ++i) launch(list, i, stream);
-    return;
   }
-  for (int i = 0; i < list.size(); ++i)
-    if (!list.same_launch(graph->list, i))
-      set_node(graph->executable, graph->nodes[static_cast<std::size_t>(i)], list, i);
-  graph->list = list;
-  for (int t = 0; t < times; ++t) check(cudaGraphLaunch(graph->executable, stream), "cudaGraphLaunch");
 }
 
 }  // namespace cama

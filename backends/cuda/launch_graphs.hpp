@@ -32,8 +32,8 @@ struct LaunchList {
   bool same_launch(const LaunchList &other, int i) const;
 };
 
-/// Hands lists of launches to the device. Lists that return do so as graphs, whose nodes cost the host nothing and the
-/// device a fraction of a launch. Of a graph that is there, only the arguments that have changed are set.
+/// Hands lists of launches to the device. Lists that return do so as graphs, whose nodes cost the host nothing, unless
+/// their arguments have changed, and the device a fraction of a launch.
 class LaunchGraphs {
 public:
   LaunchGraphs();
@@ -41,8 +41,8 @@ public:
   LaunchGraphs(const LaunchGraphs &) = delete;
   LaunchGraphs &operator=(const LaunchGraphs &) = delete;
 
-  /// Launches the list `times` times.
-  void run(const LaunchList &list, int times, cudaStream_t stream);
+  /// Launches the list `times` times. returns: it is known to return, and becomes a graph at once.
+  void run(const LaunchList &list, int times, bool returns, cudaStream_t stream);
 
 private:
   struct Graph {
@@ -58,8 +58,9 @@ private:
     int seen = 0;
   };
 
-  /// Null where the list is not worth a graph.
-  Graph *graph_for(const LaunchList &list, int times);
+  /// As the list is; null where it is not worth a graph, or where none can be made.
+  Graph *graph_for(const LaunchList &list, bool returns);
+  static void update(Graph &graph, const LaunchList &list);
   std::unique_ptr<Graph> record(const LaunchList &list);
 
   cudaStream_t recorder_ = nullptr;

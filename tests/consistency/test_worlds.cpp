@@ -115,8 +115,7 @@ TEST_CASE("worlds of ten thousand triangles, served by a thread each, end in the
   }
 }
 
-TEST_CASE("what a world begins while a repetition is recorded in another thread is no part of the repetition",
-          "[worlds]")
+TEST_CASE("what a world begins while a repetition is made in another thread is no part of the repetition", "[worlds]")
 {
   bool tested = false;
   for (const std::string &backend : backends_here()) {
@@ -131,17 +130,14 @@ TEST_CASE("what a world begins while a repetition is recorded in another thread 
     device->backend->synchronize();
     world.synchronize();
     world.fill(own.buffer(), 0x11, n * sizeof(int));
-    device->backend->repeat(
-        2,
-        [&] {
-          device->backend->fill(repeated.buffer(), 0x22, n * sizeof(int));
-          std::thread([&] {
-            const OnDevice here(*device->backend);
-            runner->follow(1);
-            runner->begin({&world.queue});
-          }).join();
-        },
-        false);
+    device->backend->repeat(2, [&] {
+      device->backend->fill(repeated.buffer(), 0x22, n * sizeof(int));
+      std::thread([&] {
+        const OnDevice here(*device->backend);
+        runner->follow(1);
+        runner->begin({&world.queue});
+      }).join();
+    });
     while (!runner->ended(world.queue)) runner->check();
     world.take_answers();
     CHECK(own.download() == std::vector<int>(n, 0x11111111));

@@ -387,10 +387,10 @@ TEST_CASE("launches in batches give what they give one by one", "[backend]")
       CHECK(all.download() == expected);
       CHECK(sums.download() == running);
     }
-    // More lists than a backend keeps: 3^6 orders of three launches that do not commute.
+    // More lists than a backend keeps: 3^6 orders of three kernels that do not commute, again and again.
     Stream<dvec3> x(*backend, 3), y(*backend, 3);
     int wrong = 0;
-    for (int round = 0; round < 4; ++round)
+    for (int round = 0; round < 6; ++round)
       for (int list = 0; list < 729; ++list) {
         x.assign({{1, 2, 3}, {4, 5, 6}, {7, 8, 9}});
         y.assign({{1, 1, 1}, {2, 2, 2}, {3, 3, 3}});
@@ -406,8 +406,8 @@ TEST_CASE("launches in batches give what they give one by one", "[backend]")
               CAMA_LAUNCH(*backend, add_impulses, 3, factor, x, y);
               expected_y += factor * expected_x;
             } else {
-              CAMA_LAUNCH(*backend, add_impulses, 3, -factor, y, x);
-              expected_x -= factor * expected_y;
+              x.copy_from(y);
+              expected_x = expected_y;
             }
           }
         }

@@ -85,9 +85,10 @@ public:
 
   /// Launches n work items, or n teams if the kernel has teams.
   virtual void launch(const KernelKey &kernel, int n, const Argument *arguments, int count) = 0;
-  /// What is launched between these two may be handed to the device later, at the latest when the host waits.
+  /// What is launched between begin_batches and end_batches may be held back, at the latest until the host waits.
   virtual void begin_batches() {}
-  virtual void end_batches() noexcept {}  ///< errors are reported by a later call
+  virtual void hand_over() {}  ///< hands what is held back to the device
+  virtual void end_batches() noexcept {}  ///< likewise; errors are reported by a later call
   /// Launches between these two do not depend on each other, and may run at the same time: none accesses what another
   /// one writes, but for atomic operations whose order has no effect. Scopes do not nest.
   virtual void begin_side_by_side() {}
@@ -100,11 +101,9 @@ public:
   virtual void end_aside() {}
   /// Errors of the device are reported by a later call.
   virtual void meet() noexcept {}
-  /// Runs `work`, which only launches kernels, `times` times; a backend may record it once and replay it. again: `work`
-  /// is that of the last call.
-  virtual void repeat(int times, const std::function<void()> &work, bool again = false)
+  /// Runs `work`, which only launches kernels, `times` times; a backend may record it once and replay it.
+  virtual void repeat(int times, const std::function<void()> &work)
   {
-    static_cast<void>(again);
     for (int i = 0; i < times; ++i) work();
   }
   /// to[i] = sum of from[0..i), to[n] = total. `to` holds n + 1 ints and may not alias `from`. A total beyond 2^31 - 1

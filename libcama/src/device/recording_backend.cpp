@@ -225,7 +225,7 @@ void RecordingBackend::launch(const KernelKey &kernel, int n, const Argument *ar
   }
 }
 
-void RecordingBackend::repeat(int times, const std::function<void()> &work, bool)
+void RecordingBackend::repeat(int times, const std::function<void()> &work)
 {
   if (times < 1) return;
   record(OperationKind::repeat, {to_slot(times)});

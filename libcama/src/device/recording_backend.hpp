@@ -77,7 +77,7 @@ public:
   void copy(Buffer to, Buffer from, std::size_t bytes) override;
   void fill(Buffer buffer, unsigned char byte, std::size_t bytes) override;
   void launch(const KernelKey &kernel, int n, const Argument *arguments, int count) override;
-  void repeat(int times, const std::function<void()> &work, bool again) override;
+  void repeat(int times, const std::function<void()> &work) override;
   void scan(Buffer from, Buffer to, int n) override;
   void sort(Buffer keys, Buffer values, int n, int bits) override;
   void synchronize() override;

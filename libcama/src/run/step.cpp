@@ -202,6 +202,7 @@ void take_step(State &s, Pipeline &step, const std::function<void()> &finish)
       s.time.step = divided->whole();
       s.time.wanted = s.time.step / 2;
     }
+    s.backend->hand_over();  // so that nothing of this step fails in the next
     if (s.time.error > 0) {
       s.time.now = s.time.start = s.time.end;
       s.time.start_step = number;

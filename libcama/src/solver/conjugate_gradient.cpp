@@ -229,7 +229,6 @@ ConjugateGradient<S>::solve(const SolverRooms &state, const Stream<typename Type
       start_from(refinement == 0 ? CG_MEASURE_START : CG_MEASURE_CHECK, 0, s.right_side, q);
     }
     if (refinement == 0) b.repeat(std::max(1, blocks), iterate);
-    bool recorded = refinement == 0;
     scalar = scalar_.download();
     const double start = refinement == 0 ? scalar[CG_START] : scalar[CG_INNER] / reachable<S>;
     if (refinement == 0)
@@ -241,8 +240,7 @@ ConjugateGradient<S>::solve(const SolverRooms &state, const Stream<typename Type
         (refinement > 0 && (start > before / 4 || scalar[CG_ITERATIONS] >= most)))
       break;
     while (scalar[CG_DONE] == 0) {
-      b.repeat(std::max(1, expected / (16 * block)), iterate, recorded);
-      recorded = true;
+      b.repeat(std::max(1, expected / (16 * block)), iterate);
       scalar = scalar_.download();
     }
     if (scalar[CG_BROKEN] != 0) {

@@ -57,7 +57,7 @@ void ImpactProjection::solve(const Rooms &state)
     CAMA_LAUNCH_TEAMS(void, b, measure_step, PUSH_TEAM, 1, teams, partial_, measured, scalar_);
   };
   for (int i = 0; i < most; i += iterations_per_check) {
-    b.repeat(1, iterate, i > 0);
+    b.repeat(1, iterate);
     const std::vector<double> scalar = scalar_.download();
     if (scalar[measured + PUSH_MOVED] <= tolerance * tolerance * scalar[measured + PUSH_SIZE]) break;
   }
