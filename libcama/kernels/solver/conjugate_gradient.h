@@ -246,8 +246,9 @@ KERNEL apply_diagonal(int n, int component_stride, int block_rows, GLOBAL const 
 
 /* w = A z with the terms; partial[2 t], partial[2 t + 1] = r'z and z'w over the TEAM_ROWS rows of team t. entry_weight:
    weights of the terms' entries. Loads do not wait for each other: two entries are read at once, all their numbers
-   before the first product, those of the first two before the launches that this one waits for; where a row is a
-   thread, columns are read two entries early, since the vectors at these columns are loaded after them. */
+   before the first product, on a GPU those of the first two before the launches that this one waits for; where a row is
+   a thread, columns are read two entries early, since the vectors at these columns are loaded after them. */
+#define READS_AHEAD (AT_ONCE(2) > 1)
 KERNEL_OF(CG_MULTIPLY_TEAM, 3)
 cg_multiply(int n, int rows, GLOBAL const int *slice_start, GLOBAL const int *slice_row,
             GLOBAL const int *RESTRICT column, GLOBAL const real *RESTRICT value, int terms, GLOBAL const int *order,
@@ -285,7 +286,7 @@ cg_multiply(int n, int rows, GLOBAL const int *slice_start, GLOBAL const int *sl
             early1 = LOAD_ONCE(column + (size_t)SLICE_ROWS * (e + ROW_PARTS < end ? e + ROW_PARTS : e) + lane);
           }
         }
-        if (e < end) {
+        if (READS_AHEAD && e < end) {
           LOAD_BLOCK(p, FIRST_OF_ENTRY(value, e, lane));
           LOAD_BLOCK(q, FIRST_OF_ENTRY(value, e + ROW_PARTS < end ? e + ROW_PARTS : e, lane));
         }
@@ -318,6 +319,10 @@ cg_multiply(int n, int rows, GLOBAL const int *slice_start, GLOBAL const int *sl
           if (!next) bx = by = bz = LANES_ALL(lanes, (real)0);
           BLOCK_PREFETCH(FIRST_OF_ENTRY(value, e, lane) + ahead);
           BLOCK_PREFETCH(FIRST_OF_ENTRY(value, e + next, lane) + ahead);
+          if (!READS_AHEAD) {
+            LOAD_BLOCK(p, FIRST_OF_ENTRY(value, e, lane));
+            LOAD_BLOCK(q, FIRST_OF_ENTRY(value, e + next, lane));
+          }
           x += p[0] * ax + p[1] * ay + p[2] * az + (q[0] * bx + q[1] * by + q[2] * bz);
           y += p[3] * ax + p[4] * ay + p[5] * az + (q[3] * bx + q[4] * by + q[5] * bz);
           u += p[6] * ax + p[7] * ay + p[8] * az + (q[6] * bx + q[7] * by + q[8] * bz);
@@ -327,8 +332,10 @@ cg_multiply(int n, int rows, GLOBAL const int *slice_start, GLOBAL const int *sl
               a = LOAD_KEPT(z + early);
               b = LOAD_KEPT(z + early1);
             }
-            LOAD_BLOCK(p, FIRST_OF_ENTRY(value, e, lane));
-            LOAD_BLOCK(q, FIRST_OF_ENTRY(value, e + ROW_PARTS < end ? e + ROW_PARTS : e, lane));
+            if (READS_AHEAD) {
+              LOAD_BLOCK(p, FIRST_OF_ENTRY(value, e, lane));
+              LOAD_BLOCK(q, FIRST_OF_ENTRY(value, e + ROW_PARTS < end ? e + ROW_PARTS : e, lane));
+            }
           }
         }
       }
