@@ -191,14 +191,7 @@ public:
     const int blocks = kernel.team > 0 ? n : std::min((n - 1) / threads + 1, blocks_);
     const std::size_t first = held_.slots.size();
     held_.slots.push_back(to_slot(n));
-    for (int i = 0; i < count; ++i) {
-      Slot slot = 0;
-      if (arguments[i].is_buffer)
-        slot = to_slot(arguments[i].buffer);
-      else
-        std::memcpy(&slot, arguments[i].scalar, arguments[i].size);
-      held_.slots.push_back(slot);
-    }
+    for (int i = 0; i < count; ++i) held_.slots.push_back(slot_of(arguments[i]));
     hold(function_of(kernel), kernel.name, blocks, threads, first);
   }
 

@@ -28,6 +28,14 @@ template <class T> T from_slot(Slot slot)
   return value;
 }
 
+inline Slot slot_of(const Argument &argument)
+{
+  if (argument.is_buffer) return to_slot(argument.buffer);
+  Slot slot = 0;
+  std::memcpy(&slot, argument.scalar, argument.size);
+  return slot;
+}
+
 enum class OperationKind : std::uint8_t {
   launch,    ///< n, then the arguments
   scan,      ///< n, from, to

@@ -2,7 +2,6 @@
 #include "device/recording_backend.hpp"
 
 #include <algorithm>
-#include <cstring>
 #include <utility>
 
 #include "cama/error.hpp"
@@ -215,14 +214,7 @@ void RecordingBackend::launch(const KernelKey &kernel, int n, const Argument *ar
     if (arguments[i].size == 8) operation.wide |= std::uint64_t(1) << i;
   }
   queue.add(operation, {to_slot(n)});
-  for (int i = 0; i < count; ++i) {
-    Slot slot = 0;
-    if (arguments[i].is_buffer)
-      slot = to_slot(arguments[i].buffer);
-    else
-      std::memcpy(&slot, arguments[i].scalar, arguments[i].size);
-    queue.add(slot);
-  }
+  for (int i = 0; i < count; ++i) queue.add(slot_of(arguments[i]));
 }
 
 void RecordingBackend::repeat(int times, const std::function<void()> &work)
