@@ -263,10 +263,6 @@ KERNEL stitch_nodes(int n, GLOBAL const stitch *stitches, int first, GLOBAL elem
 
 /* Penalty force, N; pairs that are only anticipated do not push yet. */
 DEVICE double contact_load(contact c) { return c.stiffness * max_double(c.thickness - c.distance, 0.0); }
-DEVICE double listed_load(GLOBAL const contact *c)
-{
-  return c->stiffness * max_double(c->thickness - c->distance, 0.0);
-}
 
 /* Normal load of each cloth vertex from its contacts, N. incidence: 4 * term + local index; terms from `contact_count`
    on are stitches. */
@@ -283,7 +279,7 @@ KERNEL vertex_loads(int n, int contact_count, GLOBAL const int *row, GLOBAL cons
       FOR_AT_ONCE(q, 8, end - k) at[q] = incidence[k + q];
       FOR_AT_ONCE(q, 8, end - k)
         if ((at[q] >> 2) < contact_count)
-          own[q] = fabs(contacts[at[q] >> 2].weight[at[q] & 3]) * listed_load(contacts + (at[q] >> 2));
+          own[q] = fabs(contacts[at[q] >> 2].weight[at[q] & 3]) * contact_load(contacts[at[q] >> 2]);
       FOR_AT_ONCE(q, 8, end - k)
         if ((at[q] >> 2) < contact_count) sum += own[q];
     }
@@ -306,7 +302,7 @@ KERNEL vertex_pushes(int n, int contact_count, GLOBAL const int *row, GLOBAL con
       FOR_AT_ONCE(q, 8, end - k) at[q] = incidence[k + q];
       FOR_AT_ONCE(q, 8, end - k)
         if ((at[q] >> 2) < contact_count) {
-          own[q] = contacts[at[q] >> 2].weight[at[q] & 3] * listed_load(contacts + (at[q] >> 2));
+          own[q] = contacts[at[q] >> 2].weight[at[q] & 3] * contact_load(contacts[at[q] >> 2]);
           normal[q] = contacts[at[q] >> 2].normal;
         }
       FOR_AT_ONCE(q, 8, end - k)

@@ -244,11 +244,12 @@ KERNEL apply_diagonal(int n, int component_stride, int block_rows, GLOBAL const 
     for (number = 0; number < 9; ++number) (q)[number] = BLOCK_NUMBER(v, number); \
   } while (0)
 
+#define READS_AHEAD (AT_ONCE(2) > 1) /* on GPUs */
+
 /* w = A z with the terms; partial[2 t], partial[2 t + 1] = r'z and z'w over the TEAM_ROWS rows of team t. entry_weight:
    weights of the terms' entries. Loads do not wait for each other: two entries are read at once, all their numbers
    before the first product, on a GPU those of the first two before the launches that this one waits for; where a row is
    a thread, columns are read two entries early, since the vectors at these columns are loaded after them. */
-#define READS_AHEAD (AT_ONCE(2) > 1)
 KERNEL_OF(CG_MULTIPLY_TEAM, 3)
 cg_multiply(int n, int rows, GLOBAL const int *slice_start, GLOBAL const int *slice_row,
             GLOBAL const int *RESTRICT column, GLOBAL const real *RESTRICT value, int terms, GLOBAL const int *order,
