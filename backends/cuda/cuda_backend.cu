@@ -1,8 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// The CUDA backend: the shared kernels compiled by nvcc, CUB for scan and sort. One stream, and another one for work
-// aside; `download` and `synchronize` wait. A short download is a kernel that writes to memory of the host, which looks
-// for it there: it takes half as long as a copy and a wait for the stream. Launches pass through a list, which goes to
-// the device after each of them, or in batches after some, as a graph if the same ones have been there before.
+// The CUDA backend: the shared kernels compiled by nvcc, CUB for scan and sort; launch_queue.hpp says when launches go
+// to the device. `download` and `synchronize` wait. A short download is a kernel that writes to memory of the host,
+// which looks for it there: it takes half as long as a copy and a wait for the stream.
 #include "cuda_backend.hpp"
 
 #include <algorithm>
@@ -20,7 +19,7 @@
 #include "cama/error.hpp"
 #include "check.hpp"
 #include "device/for_backends.hpp"
-#include "launch_graphs.hpp"
+#include "launch_queue.hpp"
 #include "primitives.cuh"
 #include "world_runner.hpp"
 
@@ -32,11 +31,6 @@ constexpr std::size_t most_answer_bytes = 8192;  // of a download that a kernel 
 constexpr int threads_of_answer = 256;
 constexpr unsigned int looks_until_query = 4096;
 constexpr std::size_t freed_until_wait = std::size_t(1) << 26;  // bytes, which the pool may return at a wait alone
-constexpr unsigned int mark_of_beside = 16;  // bytes of dynamic memory: see launched_beside in lang.h
-constexpr int max_held = 12;  // launches of a batch: the device works on it while the host holds the next
-constexpr std::size_t usual_launches = 256;  // of a list at most
-constexpr std::size_t max_freed_later = std::size_t(1) << 20;  // bytes of a buffer that waits for a batch
-constexpr int max_held_threads = 65536;  // of a launch that does not end a batch
 constexpr int fewest_threads = 32, most_threads = 256, blocks_per_processor = 16;
 
 struct Entry {
@@ -72,9 +66,21 @@ int team_bytes(const KernelKey &kernel)
   return own - 1;
 }
 
+/// Whether launches of the current device may begin while the one before ends (AWAIT_LAUNCHES in lang.h): devices
+/// before 9.0 cannot, and graphs before CUDA 12.3.
+bool begins_early(int device)
+{
+  int major = 0, driver = 0;
+  check(cudaDeviceGetAttribute(&major, cudaDevAttrComputeCapabilityMajor, device), "cudaDeviceGetAttribute");
+  cudaFuncAttributes compiled;
+  check(cudaFuncGetAttributes(&compiled, copy_words), "cudaFuncGetAttributes");
+  check(cudaDriverGetVersion(&driver), "cudaDriverGetVersion");
+  return compiled.ptxVersion >= 90 && major >= 9 && std::min(driver, CUDART_VERSION) >= 12030;
+}
+
 class CudaBackend final : public Backend {
 public:
-  explicit CudaBackend(int device) : index_(device), before_(make_current())
+  explicit CudaBackend(int device) : index_(device), before_(make_current()), queue_(begins_early(device))
   {
     cudaDeviceProp properties;
     check(cudaGetDeviceProperties(&properties, device), "cudaGetDeviceProperties");
@@ -82,15 +88,6 @@ public:
     processors_ = properties.multiProcessorCount;
     workers_ = processors_ * properties.maxThreadsPerMultiProcessor;
     blocks_ = processors_ * blocks_per_processor;
-    cudaFuncAttributes compiled;
-    check(cudaFuncGetAttributes(&compiled, copy_words), "cudaFuncGetAttributes");
-    int driver = 0;
-    check(cudaDriverGetVersion(&driver), "cudaDriverGetVersion");
-    begins_early_ = compiled.ptxVersion >= 90 && properties.major >= 9 && std::min(driver, CUDART_VERSION) >= 12030;
-    for (cudaStream_t *stream : {&queue_, &side_})
-      check(cudaStreamCreateWithFlags(stream, cudaStreamNonBlocking), "cudaStreamCreate");
-    for (cudaEvent_t *event : {&forked_, &met_})
-      check(cudaEventCreateWithFlags(event, cudaEventDisableTiming), "cudaEventCreate");
     cudaMemPool_t pool = nullptr;
     check(cudaDeviceGetDefaultMemPool(&pool, device), "cudaDeviceGetDefaultMemPool");
     std::uint64_t kept = std::uint64_t(1) << 30;  // bytes that are not returned to the driver at a wait
@@ -100,19 +97,12 @@ public:
     check(cudaHostAlloc(&shared, sizeof(Shared), cudaHostAllocMapped), "cudaHostAlloc");
     shared_ = static_cast<Shared *>(shared);
     shared_->overflow = shared_->answers = 0;
-    // So that no list grows in a step: there is no launch, or release, without its place.
-    held_.launches.reserve(usual_launches);
-    held_.slots.reserve(usual_launches * (max_kernel_arguments + 1));
-    freed_later_.reserve(usual_launches * max_kernel_arguments);
   }
   ~CudaBackend() override
   {
-    give_up_held();
-    for (const cudaStream_t stream : {side_, queue_}) cudaStreamSynchronize(stream);
+    queue_.stop();
     for (void *scratch : {scratch_, other_keys_, other_values_, total_}) cudaFree(scratch);
     cudaFreeHost(shared_);
-    for (const cudaEvent_t event : {forked_, met_}) cudaEventDestroy(event);
-    for (const cudaStream_t stream : {queue_, side_}) cudaStreamDestroy(stream);
   }
 
   std::string_view name() const override { return "cuda"; }
@@ -124,10 +114,11 @@ public:
   Buffer allocate(std::size_t bytes) override
   {
     void *memory = nullptr;
-    check(cudaMallocAsync(&memory, std::max<std::size_t>(bytes, 1), queue_),
+    check(cudaMallocAsync(&memory, std::max<std::size_t>(bytes, 1), queue_.stream()),
           ("cudaMallocAsync of " + std::to_string(bytes) + " bytes").c_str());
 #ifndef NDEBUG
-    check(cudaMemsetAsync(memory, 0xff, bytes, queue_), "cudaMemset");  // every double and float of a new stream is NaN
+    check(cudaMemsetAsync(memory, 0xff, bytes, queue_.stream()),
+          "cudaMemset");  // every double and float of a new stream is NaN
 #endif
     sizes_[memory] = bytes;
     allocated_ += bytes;
@@ -144,16 +135,13 @@ public:
       freed_ += bytes;
       sizes_.erase(found);
     }
-    if (held_.size() > 0 && bytes <= max_freed_later && freed_later_.size() < freed_later_.capacity())
-      return freed_later_.push_back(buffer);
-    hand_over_or_note();
-    cudaFreeAsync(buffer, queue_);  // ordered after the work that uses it; the pool keeps the memory
+    queue_.free(buffer, bytes);
   }
   void upload(Buffer to, const void *from, std::size_t bytes) override
   {
     hand_over();
-    check(cudaMemcpyAsync(to, from, bytes, cudaMemcpyHostToDevice, queue_), "cudaMemcpy to the device");
-    check(cudaStreamSynchronize(queue_), "upload");  // the caller may free its memory
+    check(cudaMemcpyAsync(to, from, bytes, cudaMemcpyHostToDevice, queue_.stream()), "cudaMemcpy to the device");
+    check(cudaStreamSynchronize(queue_.stream()), "upload");  // the caller may free its memory
   }
   void download(void *to, Buffer from, std::size_t bytes, std::size_t offset) override
   {
@@ -161,7 +149,7 @@ public:
     if (in_words && bytes <= most_answer_bytes && freed_ < freed_until_wait)
       return receive(to, static_cast<const char *>(from) + offset, bytes);
     hand_over();
-    check(cudaMemcpyAsync(to, static_cast<const char *>(from) + offset, bytes, cudaMemcpyDeviceToHost, queue_),
+    check(cudaMemcpyAsync(to, static_cast<const char *>(from) + offset, bytes, cudaMemcpyDeviceToHost, queue_.stream()),
           "cudaMemcpy to the host");
     synchronize();
   }
@@ -169,7 +157,7 @@ public:
   {
     if (bytes > most_bytes || bytes % sizeof(int) != 0) {
       hand_over();
-      check(cudaMemcpyAsync(to, from, bytes, cudaMemcpyDeviceToDevice, queue_), "cudaMemcpy on the device");
+      check(cudaMemcpyAsync(to, from, bytes, cudaMemcpyDeviceToDevice, queue_.stream()), "cudaMemcpy on the device");
     } else if (bytes > 0) {
       launch_words("copy", copy_words, bytes, static_cast<const int *>(from), static_cast<int *>(to));
     }
@@ -178,7 +166,7 @@ public:
   {
     if (bytes > most_bytes || bytes % sizeof(int) != 0) {
       hand_over();
-      check(cudaMemsetAsync(buffer, byte, bytes, queue_), "cudaMemset");
+      check(cudaMemsetAsync(buffer, byte, bytes, queue_.stream()), "cudaMemset");
     } else if (bytes > 0) {
       launch_words("fill", fill_words, bytes, 0x01010101 * byte, static_cast<int *>(buffer));
     }
@@ -189,75 +177,36 @@ public:
     ++launches_;
     const int threads = kernel.team > 0 ? kernel.team : threads_for(n);
     const int blocks = kernel.team > 0 ? n : std::min((n - 1) / threads + 1, blocks_);
-    const std::size_t first = held_.slots.size();
-    held_.slots.push_back(to_slot(n));
-    for (int i = 0; i < count; ++i) held_.slots.push_back(slot_of(arguments[i]));
-    hold(function_of(kernel), kernel.name, blocks, threads, first);
+    Slot slots[max_kernel_arguments + 1] = {to_slot(n)};
+    for (int i = 0; i < count; ++i) slots[i + 1] = slot_of(arguments[i]);
+    queue_.launch(function_of(kernel), kernel.name, blocks, threads, slots, count + 1);
   }
 
-  void begin_batches() override { batches_ = true; }
-  void hand_over() override
-  {
-    if (repeats_) throw std::logic_error("work that is repeated only launches kernels");
-    run_held(1, false);
-  }
-  void end_batches() noexcept override
-  {
-    batches_ = false;
-    hand_over_or_note();
-  }
-  void begin_side_by_side() override { side_by_side_ = begins_early_; }
-  void end_side_by_side() override
-  {
-    side_by_side_ = false;
-    after_several_ |= beside_ > 1;
-    beside_ = 0;
-  }
+  void begin_batches() override { queue_.begin_batches(); }
+  void hand_over() override { queue_.hand_over(); }
+  void end_batches() noexcept override { queue_.end_batches(); }
+  void begin_side_by_side() override { queue_.begin_side_by_side(); }
+  void end_side_by_side() override { queue_.end_side_by_side(); }
   bool forks() const override { return true; }
-  void fork() override
-  {
-    hand_over();
-    check(cudaEventRecord(forked_, queue_), "cudaEventRecord");
-  }
-  void begin_aside() override
-  {
-    hand_over();
-    check(cudaStreamWaitEvent(side_, forked_), "cudaStreamWaitEvent");
-    std::swap(queue_, side_);
-    after_several_ = true;
-  }
-  void end_aside() override
-  {
-    hand_over_or_note();
-    std::swap(queue_, side_);
-    after_several_ = apart_ = true;
-  }
-  void meet() noexcept override
-  {
-    hand_over_or_note();
-    if (!std::exchange(apart_, false)) return;
-    if (cudaEventRecord(met_, side_) != cudaSuccess || cudaStreamWaitEvent(queue_, met_) != cudaSuccess)
-      cudaStreamSynchronize(side_);  // the device is lost, or at least the order is kept
-    after_several_ = true;
-  }
+  void fork() override { queue_.fork(); }
+  void begin_aside() override { queue_.begin_aside(); }
+  void end_aside() override { queue_.end_aside(); }
+  void meet() noexcept override { queue_.meet(); }
 
   /// As a graph.
   void repeat(int times, const std::function<void()> &work) override
   {
     if (times < 1) return;
-    hand_over();
+    queue_.begin_repetition();
     const long before = launches_;
-    repeats_ = true;
     try {
       work();
     } catch (...) {
-      repeats_ = false;
-      give_up_held();
+      queue_.give_up_repetition();
       throw;
     }
-    repeats_ = false;
     launches_ += (launches_ - before) * (times - 1);
-    run_held(times, true);
+    queue_.run_repetition(times);
   }
 
   void scan(Buffer from, Buffer to, int n) override
@@ -273,15 +222,17 @@ public:
       return launch_own("scan_chunks", scan_chunks, chunks, block_scan_threads, n, in, total, out, flag());
     }
     hand_over();
-    with_scratch([&](void *scratch,
-                     std::size_t &bytes) { return cub::DeviceScan::ExclusiveSum(scratch, bytes, in, out, n, queue_); },
-                 "scan");
     with_scratch(
         [&](void *scratch, std::size_t &bytes) {
-          return cub::DeviceReduce::Reduce(scratch, bytes, in, total, n, AddLong{}, 0ll, queue_);
+          return cub::DeviceScan::ExclusiveSum(scratch, bytes, in, out, n, queue_.stream());
         },
         "scan");
-    finish_scan<<<1, 1, 0, queue_>>>(n, in, out, total, flag());
+    with_scratch(
+        [&](void *scratch, std::size_t &bytes) {
+          return cub::DeviceReduce::Reduce(scratch, bytes, in, total, n, AddLong{}, 0ll, queue_.stream());
+        },
+        "scan");
+    finish_scan<<<1, 1, 0, queue_.stream()>>>(n, in, out, total, flag());
     check(cudaGetLastError(), "finish_scan");
   }
 
@@ -302,7 +253,7 @@ public:
     cub::DoubleBuffer<int> value(static_cast<int *>(values), static_cast<int *>(other_values_));
     with_scratch(
         [&](void *scratch, std::size_t &bytes) {
-          return cub::DeviceRadixSort::SortPairs(scratch, bytes, key, value, n, 0, bits, queue_);
+          return cub::DeviceRadixSort::SortPairs(scratch, bytes, key, value, n, 0, bits, queue_.stream());
         },
         "sort");
     if (key.Current() != keys) copy(keys, key.Current(), sizeof(key64) * static_cast<std::size_t>(n));
@@ -313,14 +264,14 @@ public:
   {
     ++waits_;
     hand_over();
-    check(cudaStreamSynchronize(queue_), "synchronize");
+    check(cudaStreamSynchronize(queue_.stream()), "synchronize");
     freed_ = 0;
     report_overflow();
   }
 
   DeviceMemory memory() const override
   {
-    return {DeviceMemory::Kind::cuda, index_, reinterpret_cast<std::uintptr_t>(queue_)};
+    return {DeviceMemory::Kind::cuda, index_, reinterpret_cast<std::uintptr_t>(queue_.stream())};
   }
   bool reaches(const void *address) const override
   {
@@ -351,7 +302,10 @@ public:
   }
   int device_before() const override { return before_; }
 
-  std::unique_ptr<WorldRunner> make_runner() override { return make_world_runner(index_, queue_, &team_bytes); }
+  std::unique_ptr<WorldRunner> make_runner() override
+  {
+    return make_world_runner(index_, queue_.stream(), &team_bytes);
+  }
 
 private:
   /// On the host, where the device reaches it.
@@ -375,7 +329,7 @@ private:
       rest();
       if (looks % looks_until_query != 0) continue;
       if (ended) throw BackendError("download: the device has ended its work without an answer; start a new process");
-      const cudaError_t status = cudaStreamQuery(queue_);
+      const cudaError_t status = cudaStreamQuery(queue_.stream());
       if (status == cudaErrorNotReady)
         cudaGetLastError();  // not an error
       else
@@ -396,68 +350,17 @@ private:
     return threads;
   }
 
-  /// Adds a launch, whose arguments are the slots from `first` on. It may begin while the one before it ends
-  /// (AWAIT_LAUNCHES in lang.h), but not behind several at once: which of them have ended by then is not known. Hands
-  /// over what is held if that is enough; a long launch leaves the host time for the next.
-  void hold(const void *function, const char *name, int blocks, int threads, std::size_t first)
-  {
-    const bool early = begins_early_ && !std::exchange(after_several_, false);
-    const unsigned int shared = side_by_side_ && beside_++ > 0 ? mark_of_beside : 0;
-    held_.launches.push_back({function, name, static_cast<unsigned int>(blocks), static_cast<unsigned int>(threads),
-                              shared, early, static_cast<int>(first), static_cast<int>(held_.slots.size() - first)});
-    if (repeats_) return;
-    if (!batches_ || static_cast<long long>(blocks) * threads > max_held_threads ||
-        (held_.size() >= max_held && !side_by_side_))
-      hand_over();
-  }
   template <class... P, class... A>
   void launch_own(const char *name, void (*kernel)(P...), int blocks, int threads, A... arguments)
   {
-    const std::size_t first = held_.slots.size();
-    (held_.slots.push_back(to_slot(static_cast<P>(arguments))), ...);
-    hold(reinterpret_cast<const void *>(kernel), name, blocks, threads, first);
+    const Slot slots[] = {to_slot(static_cast<P>(arguments))...};
+    queue_.launch(reinterpret_cast<const void *>(kernel), name, blocks, threads, slots, sizeof...(P));
   }
   template <class From>
   void launch_words(const char *name, void (*kernel)(int, From, int *), std::size_t bytes, From from, int *to)
   {
     const int n = static_cast<int>(bytes / sizeof(int)), threads = threads_for(n);
     launch_own(name, kernel, std::min((n - 1) / threads + 1, blocks_), threads, n, from, to);
-  }
-
-  /// Launches what is held, and frees what was released behind it.
-  void run_held(int times, bool returns)
-  {
-    if (failure_) {
-      give_up_held();
-      std::rethrow_exception(std::exchange(failure_, nullptr));
-    }
-    if (held_.size() == 0) return;
-    try {
-      graphs_.run(held_, times, returns, queue_);
-    } catch (...) {
-      give_up_held();
-      throw;
-    }
-    clear_held();
-  }
-  void hand_over_or_note() noexcept
-  {
-    try {
-      run_held(1, false);
-    } catch (...) {
-      failure_ = std::current_exception();
-    }
-  }
-  void clear_held() noexcept
-  {
-    held_.clear();
-    for (Buffer buffer : freed_later_) cudaFreeAsync(buffer, queue_);
-    freed_later_.clear();
-  }
-  void give_up_held() noexcept
-  {
-    clear_held();
-    after_several_ = true;  // what the next launch is behind is not known
   }
 
   /// After a wait.
@@ -487,17 +390,7 @@ private:
   const int index_, before_;  // of the device, and of the one before it
   std::string device_;
   int processors_ = 1, workers_ = 1, blocks_ = 1;
-  bool begins_early_ = false;  // see AWAIT_LAUNCHES; devices before 9.0 cannot, and graphs before CUDA 12.3
-  bool side_by_side_ = false, after_several_ = false;  // launches now; the next one is behind several
-  int beside_ = 0;  // launches of these so far
-  cudaStream_t queue_ = nullptr, side_ = nullptr;
-  cudaEvent_t forked_ = nullptr, met_ = nullptr;
-  bool apart_ = false;  // there is work aside
-  bool batches_ = false, repeats_ = false;  // launches are held
-  LaunchList held_;
-  LaunchGraphs graphs_;
-  std::vector<Buffer> freed_later_;  // after what is held
-  std::exception_ptr failure_;  // to be reported
+  LaunchQueue queue_;
   std::unordered_map<Buffer, std::size_t> sizes_;
   void *scratch_ = nullptr, *other_keys_ = nullptr, *other_values_ = nullptr;
   void *total_ = nullptr;  // of a scan, or of its chunks, 64 bits each

@@ -10,6 +10,7 @@
 #include <vector>
 
 #include "cama/error.hpp"
+#include "device/ceil_divide.hpp"
 #include "program.hpp"
 
 namespace cama {
@@ -28,6 +29,9 @@ struct OwnKernel {
 
 cl_mem as_memory(Buffer buffer) { return static_cast<cl_mem>(buffer); }
 
+const int scan_chunk = 4096;  // elements that a work-group of a GPU scans
+constexpr int most_summed_chunks = 4096;  // of a list each of whose groups sums the chunks before its own
+constexpr int sort_bits = 6, sort_run = 16;  // SORT_BITS and SORT_RUN of primitives.cl
 constexpr int items_of_unit = 2048;  // that a compute unit of a GPU runs at the same time, about: OpenCL does not say
 
 /// Device memory that only grows.
@@ -177,17 +181,20 @@ public:
     Buffer overflow = overflow_.get(sizeof(cl_int));
     if (!scans_) fill(overflow, 0, sizeof(cl_int));
     scans_ = true;
-    const int group = library_.is_cpu ? 4 : 256;
-    if (n <= (library_.is_cpu ? 32768 : 64 * group)) {
-      const OwnKernel &small = find(Text::primitives, 3, "scan_small");
-      run_group(small, "scan_small", group, 5, {&n, from, to, overflow});
-      return;
+    if (n <= (library_.is_cpu ? 32768 : 2 * scan_chunk))
+      return run_group(Primitive::scan_small, {&n, from, to, overflow});
+    if (library_.is_cpu) {
+      Buffer sums = sums_.get(sizeof(cl_long) * static_cast<std::size_t>(units_));
+      run(Primitive::scan_sums, units_, {&units_, &n, from, sums});
+      run_group(Primitive::scan_offsets, {&units_, sums, overflow});
+      return run(Primitive::scan_write, units_, {&units_, &n, from, sums, to});
     }
-    const int workers = workers_for(n, 64);
-    Buffer sums = sums_.get(sizeof(cl_long) * static_cast<std::size_t>(workers));
-    run(find(Text::primitives, 0, "scan_sums"), "scan_sums", workers, {&workers, &n, from, sums});
-    run_group(find(Text::primitives, 1, "scan_offsets"), "scan_offsets", group, 4, {&workers, sums, overflow});
-    run(find(Text::primitives, 2, "scan_write"), "scan_write", workers, {&workers, &n, from, sums, to});
+    const int chunks = ceil_divide(n, scan_chunk), offsets = chunks > most_summed_chunks ? 1 : 0;
+    Buffer sums = sums_.get(sizeof(cl_long) * static_cast<std::size_t>(chunks));
+    const size_t items = items_of(Primitive::scan_chunks);
+    run_groups(Primitive::chunk_sums, chunks, items, {&n, &scan_chunk, from, sums});
+    if (offsets) run_group(Primitive::scan_offsets, {&chunks, sums, overflow});
+    run_groups(Primitive::scan_chunks, chunks, items, {&n, &scan_chunk, &offsets, from, sums, to, overflow});
   }
 
   void sort(Buffer keys, Buffer values, int n, int bits) override
@@ -196,22 +203,33 @@ public:
     const std::size_t count = static_cast<std::size_t>(n);
     Buffer key = keys, value = values, other_key = keys_.get(sizeof(std::uint64_t) * count),
            other_value = values_.get(sizeof(cl_int) * count);
-    if (n <= (library_.is_cpu ? 32768 : 64)) {
+    if (library_.is_cpu && n <= 32768) {
       const int width = n <= 512 ? 8 : 11;
-      run(find(Text::primitives, 6, "sort_small"), "sort_small", 1,
-          {&n, &bits, &width, key, value, other_key, other_value, counts_.get(sizeof(cl_int) * 2049)});
-      return;
+      return run(Primitive::sort_small, 1,
+                 {&n, &bits, &width, key, value, other_key, other_value, counts_.get(sizeof(cl_int) * 2049)});
     }
-    const int width = library_.is_cpu && units_ <= 16 ? 11 : library_.is_cpu ? 8 : 4;
-    const int workers = library_.is_cpu ? units_ : workers_for(n, 32);
+    // The groups of all kernels have the same chunks.
+    const size_t items = std::min({items_of(Primitive::sort_chunk), items_of(Primitive::sort_chunks_count),
+                                   items_of(Primitive::sort_chunks_move)});
+    const int chunk = sort_run * static_cast<int>(items);
+    if (!library_.is_cpu && n <= chunk)
+      return run_groups(Primitive::sort_chunk, 1, items, {&n, &bits, key, value, other_key, other_value});
+    const int width = !library_.is_cpu ? sort_bits : units_ <= 16 ? 11 : 8;
+    const int workers = library_.is_cpu ? units_ : ceil_divide(n, chunk);
     for (int shift = 0; shift < bits; shift += width) {
       const int digits = 1 << std::min(width, bits - shift), cells = digits * workers;
       Buffer counts = counts_.get(sizeof(cl_int) * static_cast<std::size_t>(cells));
       Buffer places = places_.get(sizeof(cl_int) * static_cast<std::size_t>(cells + 1));
-      run(find(Text::primitives, 4, "sort_count"), "sort_count", workers, {&workers, &n, &shift, &digits, key, counts});
+      if (library_.is_cpu)
+        run(Primitive::sort_count, workers, {&workers, &n, &shift, &digits, key, counts});
+      else
+        run_groups(Primitive::sort_chunks_count, workers, items, {&n, &shift, &digits, key, counts});
       scan(counts, places, cells);
-      run(find(Text::primitives, 5, "sort_move"), "sort_move", workers,
-          {&workers, &n, &shift, &digits, key, value, other_key, other_value, places});
+      if (library_.is_cpu)
+        run(Primitive::sort_move, workers, {&workers, &n, &shift, &digits, key, value, other_key, other_value, places});
+      else
+        run_groups(Primitive::sort_chunks_move, workers, items,
+                   {&n, &shift, &digits, key, value, other_key, other_value, places});
       std::swap(key, other_key);
       std::swap(value, other_value);
     }
@@ -260,9 +278,35 @@ private:
     if (overflow) throw ListOverflow();
   }
 
-  int workers_for(int n, int least) const
+  /// Kernels of primitives.cl.
+  enum class Primitive {
+    scan_small,
+    scan_sums,
+    scan_offsets,
+    scan_write,
+    chunk_sums,
+    scan_chunks,
+    sort_count,
+    sort_move,
+    sort_small,
+    sort_chunks_count,
+    sort_chunks_move,
+    sort_chunk
+  };
+  static const char *name_of(Primitive p)
   {
-    return std::clamp(n / least, 1, library_.is_cpu ? units_ : std::min(units_ * 64, 8192));
+    static const char *const names[] = {"scan_small", "scan_sums",         "scan_offsets",     "scan_write",
+                                        "chunk_sums", "scan_chunks",       "sort_count",       "sort_move",
+                                        "sort_small", "sort_chunks_count", "sort_chunks_move", "sort_chunk"};
+    return names[static_cast<int>(p)];
+  }
+  const OwnKernel &find(Primitive p) { return find(Text::primitives, static_cast<int>(p), name_of(p)); }
+
+  /// Work-items of a group that runs the primitive.
+  size_t items_of(Primitive primitive)
+  {
+    const OwnKernel &kernel = find(primitive);
+    return library_.is_cpu ? std::min<size_t>(4, kernel.most) : kernel.group;
   }
 
   const OwnKernel &find(Text text, int index, const char *kernel_name)
@@ -342,22 +386,20 @@ private:
         set_buffer(kernel, kernel_name, i, v.buffer);
     }
   }
-  void run(const OwnKernel &kernel, const char *kernel_name, int workers, const std::vector<Value> &values)
+  void run_groups(Primitive primitive, int groups, size_t items, const std::vector<Value> &values)
   {
-    set_values(kernel, kernel_name, values);
-    if (library_.is_cpu)
-      enqueue(kernel, kernel_name, static_cast<size_t>(workers), 1);
-    else
-      enqueue(kernel, kernel_name, workers);
+    const OwnKernel &kernel = find(primitive);
+    set_values(kernel, name_of(primitive), values);
+    enqueue(kernel, name_of(primitive), static_cast<size_t>(groups) * items, items);
   }
-  /// One work-group; the last of `parameters` is its local memory, a long per work-item.
-  void run_group(const OwnKernel &kernel, const char *kernel_name, int group, int parameters,
-                 const std::vector<Value> &values)
+  void run_group(Primitive primitive, const std::vector<Value> &values)
   {
-    set_values(kernel, kernel_name, values);
-    const size_t size = std::min(static_cast<size_t>(group), library_.is_cpu ? kernel.most : kernel.group);
-    set(kernel, kernel_name, parameters - 1, size * sizeof(cl_long), nullptr);
-    enqueue(kernel, kernel_name, size, size);
+    run_groups(primitive, 1, items_of(primitive), values);
+  }
+  /// On CPUs, where workers are work-items.
+  void run(Primitive primitive, int workers, const std::vector<Value> &values)
+  {
+    run_groups(primitive, workers, 1, values);
   }
 
   Library &library_;

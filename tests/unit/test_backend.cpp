@@ -82,7 +82,8 @@ TEST_CASE("scan equals the running sum", "[backend]")
   std::mt19937 random(3);
   for (const auto &backend : every_backend()) {
     INFO(backend->name());
-    for (int n : {0, 1, 2, 255, 256, 257, 4096, 4097, 16384, 16385, 32768, 32769, 100000, 1 << 22, (1 << 22) + 1}) {
+    for (int n : {0, 1, 2, 255, 256, 257, 4096, 4097, 8192, 8193, 16384, 16385, 32768, 32769, 100000, 1 << 22,
+                  (1 << 22) + 1, (1 << 24) + 1}) {
       std::vector<int> values(static_cast<std::size_t>(n));
       for (int &v : values) v = static_cast<int>(random() % 7);
       Stream<int> from(*backend, values), to(*backend, n + 1);
@@ -133,7 +134,7 @@ TEST_CASE("sort is std::stable_sort of keys with their values", "[backend]")
   for (const auto &backend : every_backend()) {
     INFO(backend->name());
     for (int bits : {11, 30, 62, 63, 64})
-      for (int n : {0, 1, 2, 255, 1000, 100000}) {
+      for (int n : {0, 1, 2, 255, 1000, 2048, 2049, 100000}) {
         if (n == 100000 && bits != 63) continue;
         for (const auto &keys : key_sets(n, bits)) {
           std::vector<int> order(keys.size());

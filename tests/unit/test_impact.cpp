@@ -318,14 +318,21 @@ TEST_CASE("pairs have the same keys by their codes as by their flags", "[impact]
   const std::vector<int> code = {1, kernels::pair_code(1, 0), 2, kernels::pair_code(1, 1)}, place = {0, 0, 1, 2, 3, 4};
   std::vector<key64> by_code(4), by_flag(4);
   std::vector<int> index(4), flagged(4);
-  coded_pairs(4, faces.data(), edges.data(), code.data(), by_code.data(), index.data());
-  flagged_pairs(5, 3, faces.data(), edges.data(), place.data(), by_flag.data(), flagged.data());
+  coded_pairs(4, 31, 31, faces.data(), edges.data(), code.data(), by_code.data(), index.data());
+  flagged_pairs(5, 3, 31, 31, faces.data(), edges.data(), place.data(), by_flag.data(), flagged.data());
   CHECK(index == code);
   std::sort(by_code.begin(), by_code.end());
   std::sort(by_flag.begin(), by_flag.end());
   CHECK(by_code == by_flag);
   CHECK(by_code[0] == key64(7));   // vertex 0 and face 7 come first, edges 1 and 2 last
   CHECK(by_code[3] == ((key64(1) << 62) | (key64(1) << 31) | key64(2)));
+  // With few bits the order is the same, and wide keys follow from these.
+  std::vector<key64> narrow(4), wide(4);
+  coded_pairs(4, 3, 4, faces.data(), edges.data(), code.data(), narrow.data(), index.data());
+  std::sort(narrow.begin(), narrow.end());
+  CHECK(narrow[3] == ((key64(1) << 7) | (key64(1) << 4) | key64(2)));
+  kernels::widen_keys(4, 3, 4, narrow.data(), wide.data());
+  CHECK(wide == by_code);
 }
 
 TEST_CASE("impacts do not depend on how pairs are shared out, and decided pairs are left out", "[impact]")

@@ -185,29 +185,43 @@ KERNEL find_directions(int n, int kind, int first, GLOBAL const pair *pairs, GLO
 
 /* A key made of the features of a pair, so that lists made from pairs have one order, vertex-face pairs first, whatever
    the order of the search. */
-DEVICE key64 pair_key(int kind, pair p) { return ((key64)kind << 62) | ((key64)p.a << 31) | (key64)p.b; }
+DEVICE key64 pair_key(int kind, pair p, int bits_a, int bits_b)
+{
+  return ((key64)kind << (bits_a + bits_b)) | ((key64)p.a << bits_b) | (key64)p.b;
+}
 
 /* The flagged pairs of both lists with their keys. */
-KERNEL flagged_pairs(int n, int first_size, GLOBAL const pair *vertex_face, GLOBAL const pair *edge_edge,
-                     GLOBAL const int *place, GLOBAL key64 *key, GLOBAL int *index)
+KERNEL flagged_pairs(int n, int first_size, int bits_a, int bits_b, GLOBAL const pair *vertex_face,
+                     GLOBAL const pair *edge_edge, GLOBAL const int *place, GLOBAL key64 *key, GLOBAL int *index)
 {
   FOR_EACH(i, n) {
     pair p;
     if (place[i + 1] == place[i]) continue;
     p = listed_pair(i, first_size, vertex_face, edge_edge);
-    key[place[i]] = pair_key(i >= first_size, p);
+    key[place[i]] = pair_key(i >= first_size, p, bits_a, bits_b);
     index[place[i]] = i;
   }
 }
 
 /* The pairs with codes code[i], with their keys. */
-KERNEL coded_pairs(int n, GLOBAL const pair *vertex_face, GLOBAL const pair *edge_edge, GLOBAL const int *code,
-                   GLOBAL key64 *key, GLOBAL int *index)
+KERNEL coded_pairs(int n, int bits_a, int bits_b, GLOBAL const pair *vertex_face, GLOBAL const pair *edge_edge,
+                   GLOBAL const int *code, GLOBAL key64 *key, GLOBAL int *index)
 {
   FOR_EACH(i, n) {
     const int kind = code_kind(code[i]), at = code_place(code[i]);
-    key[i] = pair_key(kind, kind == 0 ? vertex_face[at] : edge_edge[at]);
+    key[i] = pair_key(kind, kind == 0 ? vertex_face[at] : edge_edge[at], bits_a, bits_b);
     index[i] = code[i];
+  }
+}
+
+/* Keys with 31 bits for each feature, which steps keep, from others. */
+KERNEL widen_keys(int n, int bits_a, int bits_b, GLOBAL const key64 *key, GLOBAL key64 *wide)
+{
+  FOR_EACH(i, n) {
+    pair p;
+    p.a = (int)((key[i] >> bits_b) & (((key64)1 << bits_a) - 1));
+    p.b = (int)(key[i] & (((key64)1 << bits_b) - 1));
+    wide[i] = pair_key((int)(key[i] >> (bits_a + bits_b)), p, 31, 31);
   }
 }
 

@@ -20,11 +20,11 @@ KERNEL reduce_partials(int n, int count, GLOBAL const double *partial, GLOBAL do
   }
 }
 
-/* The same for up to four lists at once, the sums of one behind those of the other. List k: count_k numbers of a_k,
-   from first_k on. */
+/* The same for up to four lists at once, the sums of one behind those of the other, from reduced[at] on. List k:
+   count_k numbers of a_k, from first_k on. */
 KERNEL reduce_lists(int n, int count0, int count1, int count2, int count3, int first0, int first1, int first2,
                     int first3, GLOBAL const double *a0, GLOBAL const double *a1, GLOBAL const double *a2,
-                    GLOBAL const double *a3, GLOBAL double *reduced)
+                    GLOBAL const double *a3, int at, GLOBAL double *reduced)
 {
   const int count[4] = {count0, count1, count2, count3}, first[4] = {first0, first1, first2, first3};
   FOR_EACH(i, n) {
@@ -36,7 +36,7 @@ KERNEL reduce_lists(int n, int count0, int count1, int count2, int count3, int f
     a = k == 0 ? a0 : k == 1 ? a1 : k == 2 ? a2 : a3;
     end = first[k] + min_int((chunk + 1) * PARTIAL_CHUNK, count[k]);
     for (j = first[k] + chunk * PARTIAL_CHUNK; j < end; ++j) sum += a[j];
-    reduced[i] = sum;
+    reduced[at + i] = sum;
   }
 }
 

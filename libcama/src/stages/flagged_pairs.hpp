@@ -11,6 +11,7 @@ namespace cama {
 /// of a step share one, since lists of candidates are the largest streams.
 class FlaggedPairs {
 public:
+  using Rooms = Access<const MeshState, const ContactState>;
   explicit FlaggedPairs(Backend &backend) : flag(backend), list(backend), index(backend), place_(backend), key_(backend)
   {}
   /// Allocates a flag for every candidate, and room in `list`.
@@ -26,19 +27,22 @@ public:
   void keep() { flag.swap(place_); }
   const Stream<int> &before() const { return place_; }
   /// Called after the flags are written: fills `index` and returns the number of flagged pairs. Waits.
-  int compact(const Access<const ContactState> &state);
+  int compact(const Rooms &state);
   /// Fills `index` with the codes of pairs (pair.h) in the order of `compact`.
-  void order(const Access<const ContactState> &state, const Stream<int> &code);
-  /// [flagged] of the last `compact` or `order`: kind and features of the pairs, ascending.
-  const Stream<key64> &key() const { return key_; }
+  void order(const Rooms &state, const Stream<int> &code);
+  /// Fills key, [flagged] of the last `compact` or `order`: kind and features of the pairs, ascending.
+  void keys(Backend &backend, Stream<key64> &key) const;
 
   Stream<int> flag;  // [candidates] of vertex_face, then of edge_edge; free for other uses in between
   Stream<int> list;  // [candidates] places in `flag`, or codes, of the few with work, in any order
   Stream<int> index;  // [flagged] places in `flag`, or codes, by (kind, a, b)
 
 private:
+  void find_bits(const Rooms &state);
+
   Stream<int> place_;
-  Stream<key64> key_;
+  Stream<key64> key_;  // [flagged] that are sorted
+  int bits_a_ = 31, bits_b_ = 31;  // of their features: few, since a sort takes them bit by bit
 };
 
 }  // namespace cama

@@ -41,45 +41,55 @@ double sum_of(const double *value, int count)
 template <class Real>
 NewtonIterations<Real>::NewtonIterations(Backend &b, EvaluateElements<Real> &elements, AssembleMatrix<Real> &assembly,
                                          LinearSolve<Real> &solve, const std::vector<double> &masses)
-    : elements_(elements), assembly_(assembly), solve_(solve), outer_(b), start_(b), given_(b), solved_(b), moved_(b),
-      vertex_{Stream<double>(b), Stream<double>(b)}, triangle_{Stream<double>(b), Stream<double>(b)}, hinge_(b),
-      term_(b), slope_(b), total_(b), part_(b), push_(b), load_(b), pull_(b), share_(b), pressing_(b)
+    : elements_(elements), assembly_(assembly), solve_(solve), outer_(b), outer_before_(b), start_(b), given_(b),
+      solved_(b), moved_(b), vertex_{Stream<double>(b), Stream<double>(b)},
+      triangle_{Stream<double>(b), Stream<double>(b)}, hinge_(b), term_(b), slope_(b),
+      part_{Stream<double>(b), Stream<double>(b)}, sums_(b), push_(b), load_(b), pull_(b), share_(b), pressing_(b)
 {
   for (double m : masses) fastest_ += m * FASTEST * FASTEST;
 }
 
 template <class Real>
-std::vector<double> NewtonIterations<Real>::sum(const Rooms &state, const std::vector<const Stream<double> *> &streams)
+typename NewtonIterations<Real>::Sums NewtonIterations<Real>::sum(const Rooms &state,
+                                                                  const std::vector<const Stream<double> *> &streams)
 {
-  const Stream<double> *list[4] = {&part_, &part_, &part_, &part_};
-  int count[4] = {}, first[4] = {};
+  Sums sums;
+  sums.lists = static_cast<int>(streams.size());
+  const Stream<double> *list[4] = {&slope_, &slope_, &slope_, &slope_};
+  auto &count = sums.count, &first = sums.first;
   for (std::size_t k = 0; k < streams.size(); ++k) {
     list[k] = streams[k];
     count[k] = streams[k]->size();
   }
-  int parts = 0;
-  do {
-    int part[4];
-    parts = 0;
+  for (int round = 0;; ++round) {
+    int part[4], chunks[4], parts = 0, most = 0;
     for (int k = 0; k < 4; ++k) {
+      chunks[k] = ceil_divide(count[k], PARTIAL_CHUNK);
       part[k] = parts;
-      parts += ceil_divide(count[k], PARTIAL_CHUNK);
+      parts += chunks[k];
+      most = std::max(most, chunks[k]);
     }
-    part_.resize(parts);
+    const bool last = parts <= parts_of_host || most <= 1;
+    Stream<double> &to = last ? sums_ : part_[round % 2];
+    const int at = last ? sums_.size() : 0;
+    last ? to.grow(static_cast<long long>(at) + parts) : to.resize(parts);
     CAMA_LAUNCH(*state.backend, reduce_lists, parts, count[0], count[1], count[2], count[3], first[0], first[1],
-                first[2], first[3], *list[0], *list[1], *list[2], *list[3], part_);
-    part_.swap(total_);
+                first[2], first[3], *list[0], *list[1], *list[2], *list[3], at, to);
     for (int k = 0; k < 4; ++k) {
-      list[k] = &total_;
-      count[k] = ceil_divide(count[k], PARTIAL_CHUNK);
-      first[k] = part[k];
+      list[k] = &to;
+      count[k] = chunks[k];
+      first[k] = at + part[k];
     }
-  } while (parts > parts_of_host && *std::max_element(count, count + 4) > 1);
-  const std::vector<double> totals = total_.download();
-  std::vector<double> sums(streams.size(), 0);
-  for (std::size_t k = 0; k < streams.size(); ++k)
-    if (count[k] > 0) sums[k] = sum_of(totals.data() + first[k], count[k]);
-  return sums;
+    if (last) return sums;
+  }
+}
+
+template <class Real> std::vector<double> NewtonIterations<Real>::Sums::of(const std::vector<double> &chunks) const
+{
+  std::vector<double> totals(static_cast<std::size_t>(lists), 0);
+  for (int k = 0; k < lists; ++k)
+    if (count[k] > 0) totals[static_cast<std::size_t>(k)] = sum_of(chunks.data() + first[k], count[k]);
+  return totals;
 }
 
 template <class Real> void NewtonIterations<Real>::find_pushes(const Rooms &state, Friction friction)
@@ -111,8 +121,8 @@ template <class Real> void NewtonIterations<Real>::iterate_friction(const Rooms 
 }
 
 template <class Real>
-typename NewtonIterations<Real>::Norms NewtonIterations<Real>::evaluate(const Rooms &state, Friction friction,
-                                                                        double *slope, bool ahead)
+typename NewtonIterations<Real>::Sums NewtonIterations<Real>::find_norms(const Rooms &state, Friction friction,
+                                                                         bool with_slope, bool ahead)
 {
   Backend &b = *state.backend;
   System<Real> &s = state.system.template of<Real>();
@@ -145,10 +155,18 @@ typename NewtonIterations<Real>::Norms NewtonIterations<Real>::evaluate(const Ro
                    state.mesh.hinges, state.system.terms > 0 ? 1 : 0, state.system.term_incidence.row,
                    state.system.term_incidence.entry, s.term, vertex_[0], vertex_[1]);
   std::vector<const Stream<double> *> lists = {&vertex_[0], &vertex_[1]};
-  if (slope) lists.push_back(&slope_);
-  const std::vector<double> totals = sum(state, lists);
-  if (slope) *slope = totals[2];
-  if (!std::isfinite(totals[0]) && !searching_)
+  if (with_slope) lists.push_back(&slope_);
+  return sum(state, lists);
+}
+
+template <class Real>
+typename NewtonIterations<Real>::Norms NewtonIterations<Real>::evaluate(const Rooms &state, Friction friction,
+                                                                        bool ahead)
+{
+  sums_.resize(0);
+  const Sums sums = find_norms(state, friction, false, ahead);
+  const std::vector<double> totals = sums.of(sums_.download());
+  if (!std::isfinite(totals[0]))
     throw SolverError("step " + std::to_string(state.report.step) +
                       ": Newton's method met forces that are not finite; check the material's stiffness and density "
                       "and the time step");
@@ -162,7 +180,8 @@ template <class Real> void NewtonIterations<Real>::assemble(const Rooms &state)
   assembly_.run_on(state);
 }
 
-template <class Real> typename NewtonIterations<Real>::Potential NewtonIterations<Real>::measure(const Rooms &state)
+template <class Real>
+typename NewtonIterations<Real>::Sums NewtonIterations<Real>::measure(const Rooms &state, const Stream<vec3> &outer)
 {
   Backend &b = *state.backend;
   System<Real> &s = state.system.template of<Real>();
@@ -171,7 +190,7 @@ template <class Real> typename NewtonIterations<Real>::Potential NewtonIteration
   vertex_[0].resize(state.mesh.cloth_vertices);
   CAMA_LAUNCH_REAL(Real, b, measure_inertia, state.mesh.cloth_vertices, state.time.implicit_step, s.mass,
                    state.mesh.fixed, state.mesh.base_velocity(state.time), v, state.mesh.position, x,
-                   state.elements.gravity, held ? 1 : 0, held ? outer_.force : s.force, vertex_[0]);
+                   state.elements.gravity, held ? 1 : 0, held ? outer : s.force, vertex_[0]);
   for (Stream<double> &values : triangle_) values.resize(state.mesh.triangles);
   CAMA_LAUNCH_REAL(Real, b, measure_triangles, state.mesh.triangles, s.triangle_rest, s.stretching_table,
                    s.stretching_start, x, triangle_[0], triangle_[1]);
@@ -185,13 +204,27 @@ template <class Real> typename NewtonIterations<Real>::Potential NewtonIteration
                    state.options.contact_refresh == ContactRefresh::iteration ? 1 : 0, state.time.implicit_step,
                    state.contact.contact, state.elements.stitch, state.mesh.position, x, v, state.mesh.inverse_mass,
                    state.contact.vertex_contact, s.term, s.hold, term_);
-  const std::vector<double> parts = sum(state, {&vertex_[0], &triangle_[0], &hinge_, &term_});
-  Potential result{0, 0};
+  return sum(state, {&vertex_[0], &triangle_[0], &hinge_, &term_});
+}
+
+template <class Real>
+typename NewtonIterations<Real>::Potential NewtonIterations<Real>::potential(const std::vector<double> &parts)
+{
+  Potential result;
   for (double part : parts) {
     result.value += part;
     result.size += std::abs(part);
   }
   return result;
+}
+
+template <class Real>
+bool NewtonIterations<Real>::falls(const Potential &before, const Potential &now, double alpha, double slope)
+{
+  const double slack = rounding_units * std::numeric_limits<Real>::epsilon() * (before.size + now.size);
+  if (!(now.value <= before.value + sufficient * alpha * slope + slack)) return false;
+  fell_ = now.value < before.value - slack;
+  return true;
 }
 
 template <class Real> void NewtonIterations<Real>::move(const Rooms &state, double alpha)
@@ -203,56 +236,107 @@ template <class Real> void NewtonIterations<Real>::move(const Rooms &state, doub
               state.mesh.velocity_next, state.mesh.base_position(state.time), state.mesh.position_next);
 }
 
-template <class Real>
-bool NewtonIterations<Real>::search_line(const Rooms &state, bool last, Norms &norms, bool &evaluated)
+// Forces from sampled stiffness are not exactly the gradient of an energy: close to the solution the residual decides.
+
+template <class Real> bool NewtonIterations<Real>::search_line(const Rooms &state, Norms &norms, bool &evaluated)
 {
-  Backend &b = *state.backend;
   System<Real> &s = state.system.template of<Real>();
   evaluated = fell_ = false;
   alpha_ = 0;
   slope_.resize(state.mesh.cloth_vertices);
-  CAMA_LAUNCH_REAL(Real, b, descent, state.mesh.cloth_vertices, state.mesh.fixed, s.right_side, s.solution, slope_);
+  CAMA_LAUNCH_REAL(Real, *state.backend, descent, state.mesh.cloth_vertices, state.mesh.fixed, s.right_side, s.solution,
+                   slope_);
   start_.copy_from(state.mesh.velocity_next);
-  // Forces from sampled stiffness are not exactly the gradient of an energy: close to the solution the residual
-  // decides. After the last solve it is asked first, since it is reported anyway and spares both potentials.
-  bool asked = false;
-  double slope = 0;
-  const auto residual_falls = [&](double *with_slope) {
-    asked = searching_ = true;
-    const Norms there = evaluate(state, Friction::as_it_is, with_slope);
-    searching_ = false;
-    if ((with_slope && !(slope < 0)) || !(there.residual < norms.residual)) return false;
-    norms = there;
-    return evaluated = true;
-  };
-  if (last) {   // the slope is read together with the residual
-    move(state, 1);
-    alpha_ = 1;
-    if (residual_falls(&slope)) return true;
-    alpha_ = 0;
-    move(state, 0);
-    if (!(slope < 0)) return false;
-    evaluate(state);
-  } else {
-    slope = sum(state, {&slope_})[0];
-    if (!(slope < 0)) return false;
-  }
-  const Potential before = measure(state);
-  const double rounding = rounding_units * std::numeric_limits<Real>::epsilon();
+  sums_.resize(0);
+  const Sums slopes = sum(state, {&slope_}), parts = measure(state, outer_.force);
+  const std::vector<double> chunks = sums_.download();
+  const double slope = slopes.of(chunks)[0];
+  if (!(slope < 0)) return false;
+  const Potential before = potential(parts.of(chunks));
   double alpha = 1;
   for (int halving = 0; halving <= max_halvings; ++halving, alpha /= 2) {
     move(state, alpha);
     alpha_ = alpha;
-    const Potential now = measure(state);
-    const double slack = rounding * (before.size + now.size);
-    if (now.value <= before.value + sufficient * alpha * slope + slack) {
-      fell_ = now.value < before.value - slack;
-      return true;
-    }
-    if (!asked && residual_falls(nullptr)) return true;
+    sums_.resize(0);
+    const Sums now = measure(state, outer_.force);
+    if (falls(before, potential(now.of(sums_.download())), alpha, slope)) return true;
+    if (halving > 0) continue;
+    sums_.resize(0);
+    const Sums sums = find_norms(state, Friction::as_it_is, false, false);
+    const std::vector<double> totals = sums.of(sums_.download());
+    if (!(totals[0] < norms.residual)) continue;
+    norms = {totals[0], totals[1]};
+    return evaluated = true;
   }
   move(state, 0);
   alpha_ = 0;
+  return false;
+}
+
+/// The residual is asked first, since it is reported anyway and spares both potentials, unless the last such search
+/// needed them: then they are found at the same time.
+template <class Real> bool NewtonIterations<Real>::search_last(const Rooms &state, Norms &norms, bool &evaluated)
+{
+  System<Real> &s = state.system.template of<Real>();
+  // Whether the potential is the same wherever terms were evaluated last.
+  const bool fixed_terms = state.options.contact_refresh != ContactRefresh::iteration,
+             at_once = by_potential_ && fixed_terms && !state.backend->wide_workers();
+  evaluated = fell_ = false;
+  slope_.resize(state.mesh.cloth_vertices);
+  CAMA_LAUNCH_REAL(Real, *state.backend, descent, state.mesh.cloth_vertices, state.mesh.fixed, s.right_side, s.solution,
+                   slope_);
+  start_.copy_from(state.mesh.velocity_next);
+  sums_.resize(0);
+  Sums parts_before, parts;
+  if (at_once) parts_before = measure(state, outer_.force);
+  move(state, 1);
+  alpha_ = 1;
+  outer_before_.swap(outer_.force);
+  const Sums sums = find_norms(state, Friction::as_it_is, true, false);
+  if (at_once) parts = measure(state, outer_before_);
+  std::vector<double> chunks = sums_.download();
+  const std::vector<double> totals = sums.of(chunks);
+  const Norms there{totals[0], totals[1]};
+  const double slope = totals[2];
+  by_potential_ = slope < 0 && !(there.residual < norms.residual);
+  if (slope < 0 && !by_potential_) {
+    norms = there;
+    return evaluated = true;
+  }
+  alpha_ = 0;
+  if (!by_potential_) {
+    move(state, 0);
+    return false;
+  }
+  if (!at_once) {
+    move(state, 0);
+    if (!fixed_terms) evaluate(state);
+    sums_.resize(0);
+    parts_before = measure(state, outer_before_);
+    move(state, 1);
+    parts = measure(state, outer_before_);
+    chunks = sums_.download();
+  }
+  const Potential before = potential(parts_before.of(chunks));
+  Potential now = potential(parts.of(chunks));
+  double alpha = 1;
+  for (int halving = 0; halving <= max_halvings; ++halving, alpha /= 2) {
+    if (halving > 0) {
+      move(state, alpha);
+      sums_.resize(0);
+      const Sums halved = measure(state, outer_before_);
+      now = potential(halved.of(sums_.download()));
+    }
+    alpha_ = alpha;
+    if (!falls(before, now, alpha, slope)) continue;
+    // Nothing has been evaluated since the residual was asked for, at alpha 1.
+    evaluated = halving == 0 && fixed_terms && std::isfinite(there.residual);
+    if (evaluated) norms = there;
+    return true;
+  }
+  move(state, 0);
+  alpha_ = 0;
+  if (fixed_terms) evaluate(state);
   return false;
 }
 
@@ -286,14 +370,13 @@ template <class Real> void NewtonIterations<Real>::run_on(const Rooms &state)
 {
   const double goal = state.options.newton_tolerance * state.options.newton_tolerance;
   int linear = state.report.iterations, taken = 1, idle = 0;
-  searching_ = false;
   const bool rough = state.contact.friction && state.contact.contacts;
   const bool received = state.contact.remainder.backend();
   if (received) find_solved_impulses(state, true, given_);
   // The matrix of the next solve is made while the norms are on their way, which seldom say that there is none; then
   // the option forces would need the one of this solve, and bodies, which set it.
   bool ahead = state.backend->forks() && assembly_.independent(state.options) && !state.options.forces;
-  Norms norms = evaluate(state, Friction::of_first_solve, nullptr, ahead), best = norms;
+  Norms norms = evaluate(state, Friction::of_first_solve, ahead), best = norms;
   const auto relative = [](const Norms &n) { return n.size > 0 ? std::sqrt(n.residual / n.size) : 0; };
   const bool may_go_on = state.time.error > 0 && state.options.integrator == Integrator::bdf2;
   const auto max_solves = [&] {
@@ -315,7 +398,8 @@ template <class Real> void NewtonIterations<Real>::run_on(const Rooms &state)
     ++taken;
     bool evaluated = false;
     if (received) find_solved_impulses(state, false, solved_);
-    const bool found = search_line(state, taken >= state.options.newton_iterations, norms, evaluated);
+    const bool last = taken >= state.options.newton_iterations,
+               found = last ? search_last(state, norms, evaluated) : search_line(state, norms, evaluated);
     if (received) {
       CAMA_LAUNCH(*state.backend, scale_vectors, given_.size(), 1 - alpha_, given_);
       CAMA_LAUNCH(*state.backend, add_impulses, given_.size(), alpha_, solved_, given_);

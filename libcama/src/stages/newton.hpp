@@ -31,22 +31,33 @@ private:
   /// What friction follows from: normal forces and speeds of the first solve, the same normal forces and the speeds at
   /// the iterate, or both at the iterate.
   enum class Friction { as_it_is, of_first_solve, of_first_pushes, of_iterate };
-  /// Elements, terms and right-hand side, which is the negative residual, at the iterate. slope: set to the sum of
-  /// slope_, if asked for. ahead: assembles as well.
-  Norms evaluate(const Rooms &state, Friction friction = Friction::as_it_is, double *slope = nullptr,
-                 bool ahead = false);
+  /// Elements, terms and right-hand side, which is the negative residual, at the iterate. ahead: assembles as well.
+  Norms evaluate(const Rooms &state, Friction friction = Friction::as_it_is, bool ahead = false);
   void assemble(const Rooms &state);  ///< the matrix at the iterate
+  /// Sums of at most four streams: the places of their chunks in sums_, of which several wait to be read at once.
+  struct Sums {
+    int lists = 0, count[4] = {}, first[4] = {};
+    std::vector<double> of(const std::vector<double> &chunks) const;
+  };
+  /// Sums for the norms of `evaluate`; with_slope: and of slope_, in the third place.
+  Sums find_norms(const Rooms &state, Friction friction, bool with_slope, bool ahead);
   /// Incremental potential at the iterate, J; size: of its parts together.
   struct Potential {
-    double value, size;
+    double value = 0, size = 0;
   };
-  Potential measure(const Rooms &state);
+  /// outer: the forces that are constant in it, those of `outer_` at some iterate.
+  Sums measure(const Rooms &state, const Stream<vec3> &outer);
+  static Potential potential(const std::vector<double> &parts);
   void move(const Rooms &state, double alpha);
-  /// Moves along the solution to a lower potential or residual; returns false if it finds none. last: no solve follows.
-  /// norms: those of the previous iterate, then those of the new one if `evaluated`.
-  bool search_line(const Rooms &state, bool last, Norms &norms, bool &evaluated);
-  /// Sums each of at most four streams, all at the same time. Empty streams give 0.
-  std::vector<double> sum(const Rooms &state, const std::vector<const Stream<double> *> &streams);
+  /// Moves along the solution to a lower potential or residual; returns false if it finds none. norms: those of the
+  /// previous iterate, then those of the new one if `evaluated`.
+  bool search_line(const Rooms &state, Norms &norms, bool &evaluated);
+  /// The same after the last solve.
+  bool search_last(const Rooms &state, Norms &norms, bool &evaluated);
+  /// Whether the potential falls enough at alpha; sets fell_ if it does.
+  bool falls(const Potential &before, const Potential &now, double alpha, double slope);
+  /// Sums each of at most four streams, all at the same time, behind what is in sums_. Empty streams give 0.
+  Sums sum(const Rooms &state, const std::vector<const Stream<double> *> &streams);
 
   /// What contacts push with.
   void find_pushes(const Rooms &state, Friction friction);
@@ -62,12 +73,14 @@ private:
   AssembleMatrix<Real> &assembly_;
   LinearSolve<Real> &solve_;
   double fastest_ = 0;  // J: all cloth at the highest speed; solves do not mend a larger residual
-  bool searching_ = false,
-       fell_ = false;  // fell_: the last search lowered the potential beyond rounding
+  bool fell_ = false;  // the last search lowered the potential beyond rounding
+  bool by_potential_ = false;  // the search after a last solve asked for it
   typename EvaluateElements<Real>::Outer outer_;
+  Stream<vec3> outer_before_;  // its forces where the search begins
   double alpha_ = 0;  // the part of the solution that the last search took
   Stream<dvec3> start_, given_, solved_, moved_;
-  Stream<double> vertex_[2], triangle_[2], hinge_, term_, slope_, total_, part_, push_, load_, pull_, share_, pressing_;
+  Stream<double> vertex_[2], triangle_[2], hinge_, term_, slope_, part_[2], sums_, push_, load_, pull_, share_,
+      pressing_;
 };
 
 extern template class NewtonIterations<double>;
