@@ -142,6 +142,7 @@ public:
     hand_over();
     check(cudaMemcpyAsync(to, from, bytes, cudaMemcpyHostToDevice, queue_.stream()), "cudaMemcpy to the device");
     check(cudaStreamSynchronize(queue_.stream()), "upload");  // the caller may free its memory
+    queue_.note_wait();
   }
   void download(void *to, Buffer from, std::size_t bytes, std::size_t offset) override
   {
@@ -265,6 +266,7 @@ public:
     ++waits_;
     hand_over();
     check(cudaStreamSynchronize(queue_.stream()), "synchronize");
+    queue_.note_wait();
     freed_ = 0;
     report_overflow();
   }
@@ -288,6 +290,7 @@ public:
     const OnDevice device(*this);
     hand_over();
     check(cudaDeviceSynchronize(), "cudaDeviceSynchronize");
+    queue_.note_wait();
   }
   int make_current() const override
   {
@@ -338,6 +341,7 @@ private:
       std::this_thread::yield();
     }
     std::atomic_thread_fence(std::memory_order_acquire);
+    queue_.note_wait();
     std::memcpy(to, const_cast<const int *>(shared_->words), bytes);
     report_overflow();
   }

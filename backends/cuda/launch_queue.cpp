@@ -11,6 +11,7 @@ namespace {
 
 constexpr unsigned int mark_of_beside = 16;  // bytes of dynamic memory: see launched_beside in lang.h
 constexpr int max_held = 12;  // launches of a batch: the device works on it while the host holds the next
+constexpr int first_held = 4;  // of the first batch after the host has waited
 constexpr int max_held_threads = 65536;  // of a launch that does not end a batch
 constexpr std::size_t usual_launches = 256;  // of a list at most
 constexpr std::size_t max_freed_later = std::size_t(1) << 20;  // bytes of a buffer that waits for a batch
@@ -47,15 +48,17 @@ void LaunchQueue::stop() noexcept
 void LaunchQueue::launch(const void *function, const char *name, int blocks, int threads, const Slot *arguments,
                          int count)
 {
-  const bool early = begins_early_ && !std::exchange(after_several_, false);
-  const unsigned int shared = side_by_side_ && beside_++ > 0 ? mark_of_beside : 0;
+  const bool early = begins_early_ && !after_several_;
+  const unsigned int shared = side_by_side_ && beside_ > 0 ? mark_of_beside : 0;
   const int first = static_cast<int>(held_.slots.size());
   held_.slots.insert(held_.slots.end(), arguments, arguments + count);
   held_.launches.push_back({function, name, static_cast<unsigned int>(blocks), static_cast<unsigned int>(threads),
                             shared, early, first, count});
+  after_several_ = false;
+  if (side_by_side_) ++beside_;
   if (repeats_) return;
   if (!batches_ || static_cast<long long>(blocks) * threads > max_held_threads ||
-      (held_.size() >= max_held && !side_by_side_))
+      (held_.size() >= (idle_ ? first_held : max_held) && !side_by_side_))
     hand_over();
 }
 
@@ -142,6 +145,7 @@ void LaunchQueue::run_held(int times, bool returns)
     std::rethrow_exception(std::exchange(failure_, nullptr));
   }
   if (held_.size() == 0) return;
+  idle_ = false;
   try {
     graphs_.run(held_, times, returns, stream_);
   } catch (...) {

@@ -31,8 +31,10 @@ public:
 
   void begin_batches() { batches_ = true; }
   void end_batches() noexcept;
-  /// Hands what is held to the device. Throws what went wrong when this could not be reported, too.
+  /// Hands what is held to the device. Also throws an earlier error that could not be thrown where it happened.
   void hand_over();
+  /// The host has waited, so the stream has nothing to do: the next batch is a short one.
+  void note_wait() { idle_ = true; }
 
   void begin_side_by_side() { side_by_side_ = begins_early_; }
   void end_side_by_side();
@@ -62,6 +64,7 @@ private:
   bool side_by_side_ = false, after_several_ = false;  // launches now; the next one is behind several
   int beside_ = 0;  // launches of these so far
   bool batches_ = false, repeats_ = false;  // launches are held
+  bool idle_ = true;  // nothing was handed over since the host waited
   LaunchList held_;
   LaunchGraphs graphs_;
   std::vector<void *> freed_later_;  // behind what is held

@@ -29,9 +29,11 @@ struct OwnKernel {
 
 cl_mem as_memory(Buffer buffer) { return static_cast<cl_mem>(buffer); }
 
-const int scan_chunk = 4096;  // elements that a work-group of a GPU scans
-constexpr int most_summed_chunks = 4096;  // of a list each of whose groups sums the chunks before its own
-constexpr int sort_bits = 6, sort_run = 16;  // SORT_BITS and SORT_RUN of primitives.cl
+constexpr int scan_chunk = 4096;  // elements that a work-group of a GPU scans
+constexpr int max_summed_chunks = 4096;  // of a list each of whose groups sums the chunks before its own
+// MAX_ITEMS, SORT_BITS and SORT_RUN of primitives.cl.
+constexpr size_t max_group_items = 128;
+constexpr int sort_bits = 6, sort_run = 16;
 constexpr int items_of_unit = 2048;  // that a compute unit of a GPU runs at the same time, about: OpenCL does not say
 
 /// Device memory that only grows.
@@ -181,62 +183,27 @@ public:
     Buffer overflow = overflow_.get(sizeof(cl_int));
     if (!scans_) fill(overflow, 0, sizeof(cl_int));
     scans_ = true;
-    if (n <= (library_.is_cpu ? 32768 : 2 * scan_chunk))
-      return run_group(Primitive::scan_small, {&n, from, to, overflow});
+    if (n <= (library_.is_cpu ? 32768 : 2 * scan_chunk)) return run_group(scan_small, {&n, from, to, overflow});
     if (library_.is_cpu) {
       Buffer sums = sums_.get(sizeof(cl_long) * static_cast<std::size_t>(units_));
-      run(Primitive::scan_sums, units_, {&units_, &n, from, sums});
-      run_group(Primitive::scan_offsets, {&units_, sums, overflow});
-      return run(Primitive::scan_write, units_, {&units_, &n, from, sums, to});
+      run(scan_sums, units_, {&units_, &n, from, sums});
+      run_group(scan_offsets, {&units_, sums, overflow});
+      return run(scan_write, units_, {&units_, &n, from, sums, to});
     }
-    const int chunks = ceil_divide(n, scan_chunk), offsets = chunks > most_summed_chunks ? 1 : 0;
+    const int chunks = ceil_divide(n, scan_chunk), offsets = chunks > max_summed_chunks ? 1 : 0;
     Buffer sums = sums_.get(sizeof(cl_long) * static_cast<std::size_t>(chunks));
-    const size_t items = items_of(Primitive::scan_chunks);
-    run_groups(Primitive::chunk_sums, chunks, items, {&n, &scan_chunk, from, sums});
-    if (offsets) run_group(Primitive::scan_offsets, {&chunks, sums, overflow});
-    run_groups(Primitive::scan_chunks, chunks, items, {&n, &scan_chunk, &offsets, from, sums, to, overflow});
+    run_groups(chunk_sums, chunks, items_of(chunk_sums), {&n, &scan_chunk, from, sums});
+    if (offsets) run_group(scan_offsets, {&chunks, sums, overflow});
+    run_groups(scan_chunks, chunks, items_of(scan_chunks), {&n, &scan_chunk, &offsets, from, sums, to, overflow});
   }
 
   void sort(Buffer keys, Buffer values, int n, int bits) override
   {
     if (n <= 1) return;
-    const std::size_t count = static_cast<std::size_t>(n);
-    Buffer key = keys, value = values, other_key = keys_.get(sizeof(std::uint64_t) * count),
-           other_value = values_.get(sizeof(cl_int) * count);
-    if (library_.is_cpu && n <= 32768) {
-      const int width = n <= 512 ? 8 : 11;
-      return run(Primitive::sort_small, 1,
-                 {&n, &bits, &width, key, value, other_key, other_value, counts_.get(sizeof(cl_int) * 2049)});
-    }
-    // The groups of all kernels have the same chunks.
-    const size_t items = std::min({items_of(Primitive::sort_chunk), items_of(Primitive::sort_chunks_count),
-                                   items_of(Primitive::sort_chunks_move)});
-    const int chunk = sort_run * static_cast<int>(items);
-    if (!library_.is_cpu && n <= chunk)
-      return run_groups(Primitive::sort_chunk, 1, items, {&n, &bits, key, value, other_key, other_value});
-    const int width = !library_.is_cpu ? sort_bits : units_ <= 16 ? 11 : 8;
-    const int workers = library_.is_cpu ? units_ : ceil_divide(n, chunk);
-    for (int shift = 0; shift < bits; shift += width) {
-      const int digits = 1 << std::min(width, bits - shift), cells = digits * workers;
-      Buffer counts = counts_.get(sizeof(cl_int) * static_cast<std::size_t>(cells));
-      Buffer places = places_.get(sizeof(cl_int) * static_cast<std::size_t>(cells + 1));
-      if (library_.is_cpu)
-        run(Primitive::sort_count, workers, {&workers, &n, &shift, &digits, key, counts});
-      else
-        run_groups(Primitive::sort_chunks_count, workers, items, {&n, &shift, &digits, key, counts});
-      scan(counts, places, cells);
-      if (library_.is_cpu)
-        run(Primitive::sort_move, workers, {&workers, &n, &shift, &digits, key, value, other_key, other_value, places});
-      else
-        run_groups(Primitive::sort_chunks_move, workers, items,
-                   {&n, &shift, &digits, key, value, other_key, other_value, places});
-      std::swap(key, other_key);
-      std::swap(value, other_value);
-    }
-    if (key != keys) {
-      copy(keys, key, sizeof(std::uint64_t) * count);
-      copy(values, value, sizeof(cl_int) * count);
-    }
+    if (library_.is_cpu)
+      sort_on_cpu(keys, values, n, bits);
+    else
+      sort_on_gpu(keys, values, n, bits);
   }
 
   void synchronize() override
@@ -279,31 +246,26 @@ private:
   }
 
   /// Kernels of primitives.cl.
-  enum class Primitive {
-    scan_small,
-    scan_sums,
-    scan_offsets,
-    scan_write,
-    chunk_sums,
-    scan_chunks,
-    sort_count,
-    sort_move,
-    sort_small,
-    sort_chunks_count,
-    sort_chunks_move,
-    sort_chunk
+  struct Primitive {
+    int index;
+    const char *name;
   };
-  static const char *name_of(Primitive p)
-  {
-    static const char *const names[] = {"scan_small", "scan_sums",         "scan_offsets",     "scan_write",
-                                        "chunk_sums", "scan_chunks",       "sort_count",       "sort_move",
-                                        "sort_small", "sort_chunks_count", "sort_chunks_move", "sort_chunk"};
-    return names[static_cast<int>(p)];
-  }
-  const OwnKernel &find(Primitive p) { return find(Text::primitives, static_cast<int>(p), name_of(p)); }
+  static constexpr Primitive scan_small{0, "scan_small"};
+  static constexpr Primitive scan_sums{1, "scan_sums"};
+  static constexpr Primitive scan_offsets{2, "scan_offsets"};
+  static constexpr Primitive scan_write{3, "scan_write"};
+  static constexpr Primitive chunk_sums{4, "chunk_sums"};
+  static constexpr Primitive scan_chunks{5, "scan_chunks"};
+  static constexpr Primitive sort_count{6, "sort_count"};
+  static constexpr Primitive sort_move{7, "sort_move"};
+  static constexpr Primitive sort_small{8, "sort_small"};
+  static constexpr Primitive sort_chunks_count{9, "sort_chunks_count"};
+  static constexpr Primitive sort_chunks_move{10, "sort_chunks_move"};
+  static constexpr Primitive sort_chunk{11, "sort_chunk"};
+  const OwnKernel &find(const Primitive &p) { return find(Text::primitives, p.index, p.name); }
 
   /// Work-items of a group that runs the primitive.
-  size_t items_of(Primitive primitive)
+  size_t items_of(const Primitive &primitive)
   {
     const OwnKernel &kernel = find(primitive);
     return library_.is_cpu ? std::min<size_t>(4, kernel.most) : kernel.group;
@@ -326,7 +288,7 @@ private:
     api().clGetKernelWorkGroupInfo(own.kernel, id, CL_KERNEL_PREFERRED_WORK_GROUP_SIZE_MULTIPLE, sizeof multiple,
                                    &multiple, nullptr);
     multiple = std::max<size_t>(multiple, 1);
-    own.group = std::min<size_t>(own.most, 128);
+    own.group = std::min(own.most, max_group_items);
     if (own.group > multiple) own.group -= own.group % multiple;
     return own;
   }
@@ -376,6 +338,65 @@ private:
            "kernel " + std::string(kernel_name) + " on device '" + library_.device.name + "'");
   }
 
+  /// By `width` bits at a time: count(shift, digits, key, counts) for each worker, then
+  /// move(shift, digits, key, value, other key, other value, places).
+  template <class Count, class Move>
+  void sort_by_digits(Buffer keys, Buffer values, int n, int bits, int width, int workers, Count &&count, Move &&move)
+  {
+    const std::size_t size = static_cast<std::size_t>(n);
+    Buffer key = keys, value = values, other_key = keys_.get(sizeof(std::uint64_t) * size),
+           other_value = values_.get(sizeof(cl_int) * size);
+    for (int shift = 0; shift < bits; shift += width) {
+      const int digits = 1 << std::min(width, bits - shift), cells = digits * workers;
+      Buffer counts = counts_.get(sizeof(cl_int) * static_cast<std::size_t>(cells));
+      Buffer places = places_.get(sizeof(cl_int) * static_cast<std::size_t>(cells + 1));
+      count(shift, digits, key, counts);
+      scan(counts, places, cells);
+      move(shift, digits, key, value, other_key, other_value, places);
+      std::swap(key, other_key);
+      std::swap(value, other_value);
+    }
+    if (key == keys) return;
+    copy(keys, key, sizeof(std::uint64_t) * size);
+    copy(values, value, sizeof(cl_int) * size);
+  }
+  void sort_on_cpu(Buffer keys, Buffer values, int n, int bits)
+  {
+    if (n <= 32768) {
+      const int width = n <= 512 ? 8 : 11;
+      return run(sort_small, 1,
+                 {&n, &bits, &width, keys, values, keys_.get(sizeof(std::uint64_t) * static_cast<std::size_t>(n)),
+                  values_.get(sizeof(cl_int) * static_cast<std::size_t>(n)), counts_.get(sizeof(cl_int) * 2049)});
+    }
+    sort_by_digits(
+        keys, values, n, bits, units_ <= 16 ? 11 : 8, units_,
+        [&](int shift, int digits, Buffer key, Buffer counts) {
+          run(sort_count, units_, {&units_, &n, &shift, &digits, key, counts});
+        },
+        [&](int shift, int digits, Buffer key, Buffer value, Buffer other_key, Buffer other_value, Buffer places) {
+          run(sort_move, units_, {&units_, &n, &shift, &digits, key, value, other_key, other_value, places});
+        });
+  }
+  void sort_on_gpu(Buffer keys, Buffer values, int n, int bits)
+  {
+    // The groups of all kernels have the same chunks.
+    const size_t items = std::min({items_of(sort_chunk), items_of(sort_chunks_count), items_of(sort_chunks_move)});
+    const int chunk = sort_run * static_cast<int>(items), groups = ceil_divide(n, chunk);
+    if (groups == 1)
+      return run_groups(sort_chunk, 1, items,
+                        {&n, &bits, keys, values, keys_.get(sizeof(std::uint64_t) * static_cast<std::size_t>(n)),
+                         values_.get(sizeof(cl_int) * static_cast<std::size_t>(n))});
+    sort_by_digits(
+        keys, values, n, bits, sort_bits, groups,
+        [&](int shift, int digits, Buffer key, Buffer counts) {
+          run_groups(sort_chunks_count, groups, items, {&n, &shift, &digits, key, counts});
+        },
+        [&](int shift, int digits, Buffer key, Buffer value, Buffer other_key, Buffer other_value, Buffer places) {
+          run_groups(sort_chunks_move, groups, items,
+                     {&n, &shift, &digits, key, value, other_key, other_value, places});
+        });
+  }
+
   void set_values(const OwnKernel &kernel, const char *kernel_name, const std::vector<Value> &values)
   {
     for (int i = 0; i < static_cast<int>(values.size()); ++i) {
@@ -386,18 +407,18 @@ private:
         set_buffer(kernel, kernel_name, i, v.buffer);
     }
   }
-  void run_groups(Primitive primitive, int groups, size_t items, const std::vector<Value> &values)
+  void run_groups(const Primitive &primitive, int groups, size_t items, const std::vector<Value> &values)
   {
     const OwnKernel &kernel = find(primitive);
-    set_values(kernel, name_of(primitive), values);
-    enqueue(kernel, name_of(primitive), static_cast<size_t>(groups) * items, items);
+    set_values(kernel, primitive.name, values);
+    enqueue(kernel, primitive.name, static_cast<size_t>(groups) * items, items);
   }
-  void run_group(Primitive primitive, const std::vector<Value> &values)
+  void run_group(const Primitive &primitive, const std::vector<Value> &values)
   {
     run_groups(primitive, 1, items_of(primitive), values);
   }
   /// On CPUs, where workers are work-items.
-  void run(Primitive primitive, int workers, const std::vector<Value> &values)
+  void run(const Primitive &primitive, int workers, const std::vector<Value> &values)
   {
     run_groups(primitive, workers, 1, values);
   }

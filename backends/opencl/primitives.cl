@@ -3,7 +3,7 @@
    On GPUs a work-group has a chunk. Everything is integer arithmetic in the order of the elements, so the result does
    not depend on the number of workers. lang.h is included before. */
 
-#define MAX_ITEMS 128 /* of a work-group */
+#define MAX_ITEMS 128 /* of a work-group; opencl_backend.cpp knows it, SORT_BITS and SORT_RUN */
 
 DEVICE int run_begin(int n, int workers, int r) { return (int)((long)n * r / workers); }
 
@@ -179,8 +179,7 @@ KERNEL sort_small(int n, int bits, int width, GLOBAL key64 *key, GLOBAL int *val
     }
 }
 
-/* A GPU sorts SORT_BITS bits at a time. Item l of a work-group has the SORT_RUN keys of its chunk from SORT_RUN l on.
- */
+/* A GPU sorts SORT_BITS bits at a time. Item l of a group has the SORT_RUN keys of its chunk from SORT_RUN l on. */
 #define SORT_BITS 6
 #define SORT_DIGITS (1 << SORT_BITS)
 #define SORT_RUN 16

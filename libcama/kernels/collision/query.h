@@ -417,17 +417,8 @@ KERNEL query_edge_edge_fill(int n, int copied, int shares, GLOBAL const int *ite
   }
 }
 
-/* Totals of a scan over the items of two lists, the first with n_first of them. */
-KERNEL scan_totals(int n, int n_first, int n_all, GLOBAL const int *offset, GLOBAL pair *totals)
-{
-  FOR_EACH(i, n) {
-    totals[i].a = offset[n_first];
-    totals[i].b = offset[n_all] - offset[n_first];
-  }
-}
-
-/* totals[0], totals[1]: those of both lists; totals[2 + i]: blocks of hits that were taken from pool i, none of which
-   is taken afterwards. n: pools. */
+/* totals[0], totals[1]: of a scan over the items of two lists, the first with n_first of them; totals[2 + i]: blocks of
+   hits that were taken from pool i, none of which is taken afterwards. n: pools. */
 KERNEL query_totals(int n, int n_first, int n_all, GLOBAL const int *offset, GLOBAL int *taken, GLOBAL int *totals)
 {
   FOR_EACH(i, n) {

@@ -32,12 +32,18 @@ KERNEL grow_boxes(int n, GLOBAL const dvec3 *x, GLOBAL const dvec3 *y, GLOBAL co
   }
 }
 
-/* Number of changed vertices, from the sums of their flags, and of those whose boxes have grown. */
-KERNEL changed_totals(int n, int vertices, GLOBAL const int *offset, GLOBAL const int *grown, GLOBAL pair *totals)
+/* How much has changed; of vertices, faces and edges from the sums of their flags, edges behind the faces. */
+typedef struct {
+  int vertices, faces, edges, grown;
+} change_counts;
+KERNEL count_changes(int n, int vertices, int faces, int features, GLOBAL const int *vertex_offset,
+                     GLOBAL const int *feature_offset, GLOBAL const int *grown, GLOBAL change_counts *counts)
 {
   FOR_EACH(i, n) {
-    totals[i].a = offset[vertices];
-    totals[i].b = grown[0];
+    counts[i].vertices = vertex_offset[vertices];
+    counts[i].faces = feature_offset[faces];
+    counts[i].edges = feature_offset[features] - feature_offset[faces];
+    counts[i].grown = grown[0];
   }
 }
 

@@ -34,7 +34,7 @@ void FindContacts::run_on(const Rooms &state)
   CAMA_LAUNCH(b, fill_contacts, state.contact.contacts, first, flagged_.index, vertex_face.pairs, edge_edge.pairs,
               state.mesh.face, state.mesh.edge, state.mesh.edge_wing, state.mesh.position, state.bounds.predicted,
               state.contact.vertex_contact, anticipate, state.contact.contact);
-  if (state.contact.kept.key.backend()) flagged_.keys(*state.backend, state.contact.kept_next.key);
+  if (state.contact.kept.key.backend()) flagged_.copy_keys(*state.backend, state.contact.kept_next.key);
   state.report.contacts = state.contact.contacts;
 }
 

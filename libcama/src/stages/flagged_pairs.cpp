@@ -46,7 +46,7 @@ void FlaggedPairs::order(const Rooms &state, const Stream<int> &code)
   state.backend->sort(key_.buffer(), index.buffer(), n, bits_a_ + bits_b_ + 1);
 }
 
-void FlaggedPairs::keys(Backend &b, Stream<key64> &key) const
+void FlaggedPairs::copy_keys(Backend &b, Stream<key64> &key) const
 {
   key.resize(key_.size());
   CAMA_LAUNCH(b, widen_keys, key_.size(), bits_a_, bits_b_, key_, key);

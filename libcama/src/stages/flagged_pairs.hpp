@@ -31,7 +31,7 @@ public:
   /// Fills `index` with the codes of pairs (pair.h) in the order of `compact`.
   void order(const Rooms &state, const Stream<int> &code);
   /// Fills key, [flagged] of the last `compact` or `order`: kind and features of the pairs, ascending.
-  void keys(Backend &backend, Stream<key64> &key) const;
+  void copy_keys(Backend &backend, Stream<key64> &key) const;
 
   Stream<int> flag;  // [candidates] of vertex_face, then of edge_edge; free for other uses in between
   Stream<int> list;  // [candidates] places in `flag`, or codes, of the few with work, in any order
@@ -41,8 +41,8 @@ private:
   void find_bits(const Rooms &state);
 
   Stream<int> place_;
-  Stream<key64> key_;  // [flagged] that are sorted
-  int bits_a_ = 31, bits_b_ = 31;  // of their features: few, since a sort takes them bit by bit
+  Stream<key64> key_;  // [flagged] as they were sorted, with so many bits for their features: few take fewer passes
+  int bits_a_ = 31, bits_b_ = 31;
 };
 
 }  // namespace cama

@@ -62,17 +62,20 @@ typename NewtonIterations<Real>::Sums NewtonIterations<Real>::sum(const Rooms &s
     count[k] = streams[k]->size();
   }
   for (int round = 0;; ++round) {
-    int part[4], chunks[4], parts = 0, most = 0;
+    int part[4], chunks[4], parts = 0, max_chunks = 0;
     for (int k = 0; k < 4; ++k) {
       chunks[k] = ceil_divide(count[k], PARTIAL_CHUNK);
       part[k] = parts;
       parts += chunks[k];
-      most = std::max(most, chunks[k]);
+      max_chunks = std::max(max_chunks, chunks[k]);
     }
-    const bool last = parts <= parts_of_host || most <= 1;
+    const bool last = parts <= parts_of_host || max_chunks <= 1;
     Stream<double> &to = last ? sums_ : part_[round % 2];
     const int at = last ? sums_.size() : 0;
-    last ? to.grow(static_cast<long long>(at) + parts) : to.resize(parts);
+    if (last)
+      to.grow(static_cast<long long>(at) + parts);
+    else
+      to.resize(parts);
     CAMA_LAUNCH(*state.backend, reduce_lists, parts, count[0], count[1], count[2], count[3], first[0], first[1],
                 first[2], first[3], *list[0], *list[1], *list[2], *list[3], at, to);
     for (int k = 0; k < 4; ++k) {
@@ -122,7 +125,7 @@ template <class Real> void NewtonIterations<Real>::iterate_friction(const Rooms 
 
 template <class Real>
 typename NewtonIterations<Real>::Sums NewtonIterations<Real>::find_norms(const Rooms &state, Friction friction,
-                                                                         bool with_slope, bool ahead)
+                                                                         bool with_slope, std::optional<Fork> *ahead)
 {
   Backend &b = *state.backend;
   System<Real> &s = state.system.template of<Real>();
@@ -130,11 +133,7 @@ typename NewtonIterations<Real>::Sums NewtonIterations<Real>::find_norms(const R
   const Real h = static_cast<Real>(state.time.implicit_step);
   const Stream<dvec3> &x = state.mesh.position_next, &v = state.mesh.velocity_next;
   elements_.evaluate(state, x, v, outer_);
-  std::optional<Fork> fork;
-  if (ahead) {
-    fork.emplace(b);
-    fork->aside([&] { assemble(state); });
-  }
+  if (ahead) ahead->emplace(b).aside([&] { assemble(state); });
   if (state.system.terms) {
     const int refresh = state.options.contact_refresh == ContactRefresh::iteration;
     const bool rough = state.contact.friction && state.contact.contacts;
@@ -163,8 +162,9 @@ template <class Real>
 typename NewtonIterations<Real>::Norms NewtonIterations<Real>::evaluate(const Rooms &state, Friction friction,
                                                                         bool ahead)
 {
+  std::optional<Fork> fork;   // until the norms are read
   sums_.resize(0);
-  const Sums sums = find_norms(state, friction, false, ahead);
+  const Sums sums = find_norms(state, friction, false, ahead ? &fork : nullptr);
   const std::vector<double> totals = sums.of(sums_.download());
   if (!std::isfinite(totals[0]))
     throw SolverError("step " + std::to_string(state.report.step) +
@@ -236,8 +236,7 @@ template <class Real> void NewtonIterations<Real>::move(const Rooms &state, doub
               state.mesh.velocity_next, state.mesh.base_position(state.time), state.mesh.position_next);
 }
 
-// Forces from sampled stiffness are not exactly the gradient of an energy: close to the solution the residual decides.
-
+/// Forces from sampled stiffness are not exactly the gradient of an energy: close to the solution the residual decides.
 template <class Real> bool NewtonIterations<Real>::search_line(const Rooms &state, Norms &norms, bool &evaluated)
 {
   System<Real> &s = state.system.template of<Real>();
@@ -262,7 +261,7 @@ template <class Real> bool NewtonIterations<Real>::search_line(const Rooms &stat
     if (falls(before, potential(now.of(sums_.download())), alpha, slope)) return true;
     if (halving > 0) continue;
     sums_.resize(0);
-    const Sums sums = find_norms(state, Friction::as_it_is, false, false);
+    const Sums sums = find_norms(state, Friction::as_it_is, false);
     const std::vector<double> totals = sums.of(sums_.download());
     if (!(totals[0] < norms.residual)) continue;
     norms = {totals[0], totals[1]};
@@ -273,8 +272,8 @@ template <class Real> bool NewtonIterations<Real>::search_line(const Rooms &stat
   return false;
 }
 
-/// The residual is asked first, since it is reported anyway and spares both potentials, unless the last such search
-/// needed them: then they are found at the same time.
+/// The residual is asked first, since it is reported anyway and spares both potentials. Where the last such search
+/// needed them and a device would wait for the question, they are found at the same time.
 template <class Real> bool NewtonIterations<Real>::search_last(const Rooms &state, Norms &norms, bool &evaluated)
 {
   System<Real> &s = state.system.template of<Real>();
@@ -292,7 +291,7 @@ template <class Real> bool NewtonIterations<Real>::search_last(const Rooms &stat
   move(state, 1);
   alpha_ = 1;
   outer_before_.swap(outer_.force);
-  const Sums sums = find_norms(state, Friction::as_it_is, true, false);
+  const Sums sums = find_norms(state, Friction::as_it_is, true);
   if (at_once) parts = measure(state, outer_before_);
   std::vector<double> chunks = sums_.download();
   const std::vector<double> totals = sums.of(chunks);
@@ -337,6 +336,7 @@ template <class Real> bool NewtonIterations<Real>::search_last(const Rooms &stat
   move(state, 0);
   alpha_ = 0;
   if (fixed_terms) evaluate(state);
+  evaluated = fixed_terms;
   return false;
 }
 
@@ -405,7 +405,7 @@ template <class Real> void NewtonIterations<Real>::run_on(const Rooms &state)
       CAMA_LAUNCH(*state.backend, add_impulses, given_.size(), alpha_, solved_, given_);
     }
     if (!found) {
-      if (state.options.forces || (state.time.multistep && state.contact.contacts))
+      if (!evaluated && (state.options.forces || (state.time.multistep && state.contact.contacts)))
         evaluate(state);  // the terms are those of an iterate that was refused
       break;
     }

@@ -1,5 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
+#include <optional>
+
 #include "stages/contact_terms.hpp"
 #include "stages/element_forces.hpp"
 #include "stages/linear_solve.hpp"
@@ -39,8 +41,8 @@ private:
     int lists = 0, count[4] = {}, first[4] = {};
     std::vector<double> of(const std::vector<double> &chunks) const;
   };
-  /// Sums for the norms of `evaluate`; with_slope: and of slope_, in the third place.
-  Sums find_norms(const Rooms &state, Friction friction, bool with_slope, bool ahead);
+  /// Sums for the norms of `evaluate`; with_slope: and of slope_, in the third place. ahead: assembles aside.
+  Sums find_norms(const Rooms &state, Friction friction, bool with_slope, std::optional<Fork> *ahead = nullptr);
   /// Incremental potential at the iterate, J; size: of its parts together.
   struct Potential {
     double value = 0, size = 0;
@@ -50,7 +52,8 @@ private:
   static Potential potential(const std::vector<double> &parts);
   void move(const Rooms &state, double alpha);
   /// Moves along the solution to a lower potential or residual; returns false if it finds none. norms: those of the
-  /// previous iterate, then those of the new one if `evaluated`.
+  /// previous iterate, then those of the new one if `evaluated`. Without a new one `evaluated` says whether elements
+  /// and terms are those of the previous one.
   bool search_line(const Rooms &state, Norms &norms, bool &evaluated);
   /// The same after the last solve.
   bool search_last(const Rooms &state, Norms &norms, bool &evaluated);

@@ -28,9 +28,9 @@ constexpr int many_vertices = 65536;  // of cloth, which is asked whether it mov
 TreeSearch::TreeSearch(Backend &b, FlaggedPairs &flagged)
     : CandidateSearch(b), batch_(b.wide_workers() ? GROUP : 1), workers_(b.workers()), cloth_(b), moving_(b),
       static_(b), key_(b), hit_(flagged.flag), taken_(b, MOST_POOLS * POOL_STRIDE), count_(b), offset_(b), identity_(b),
-      changed_leaf_face_(b), changed_leaf_edge_(b), totals_(b, 1), found_totals_(b, 2 + MOST_POOLS), changed_(b),
-      flag_(b), offsets_(b), changed_vertex_(b), changed_face_(b), changed_edge_(b), before_(b), end_boxes_before_(b),
-      grown_(b, 1), far_ends_(b, 1), changed_groups_(b), all_(b)
+      changed_leaf_face_(b), changed_leaf_edge_(b), found_totals_(b, 2 + MOST_POOLS), changed_(b), vertex_offsets_(b),
+      flag_(b), offsets_(b), changed_vertex_(b), changed_face_(b), changed_edge_(b), changes_(b, 1), before_(b),
+      end_boxes_before_(b), grown_(b, 1), far_ends_(b, 1), changed_groups_(b), all_(b)
 {
   taken_.fill_zero();
 }
@@ -389,20 +389,32 @@ void TreeSearch::search(const SearchRooms &state, const Stream<dvec3> &from, con
   query(state, faces, edges);
 }
 
-int TreeSearch::find_changed(const SearchRooms &state, const Stream<dvec3> &from, const Stream<dvec3> &to,
-                             double margin)
+/// Flags the vertices whose motion leaves their boxes, which grow, and the faces and edges that have such vertices;
+/// static obstacles have none.
+kernels::change_counts TreeSearch::find_changed(const SearchRooms &state, const Stream<dvec3> &from,
+                                                const Stream<dvec3> &to, double margin)
 {
   Backend &b = *state.backend;
   const int n = state.mesh.vertices;
   grown_.fill_zero();
   CAMA_LAUNCH(b, grow_boxes, n, from, to, state.bounds.margin, state.bounds.box_origin(), margin, before_,
               state.bounds.vertex_box, end_boxes_before_, end_boxes_, changed_, grown_);
-  offsets_.resize(n + 1);
-  b.scan(changed_.buffer(), offsets_.buffer(), n);
-  CAMA_LAUNCH(b, changed_totals, 1, n, offsets_, grown_, totals_);
-  const kernels::pair found = totals_.at(0);
-  boxes_grown_ = found.b > 0;
-  return found.a;
+  vertex_offsets_.resize(n + 1);
+  b.scan(changed_.buffer(), vertex_offsets_.buffer(), n);
+  const int faces = cloth_.face.size() + moving_.face.size(),
+            features = faces + cloth_.edge.size() + moving_.edge.size();
+  flag_.resize(features);
+  offsets_.resize(features + 1);
+  int first_face = 0, first_edge = faces;
+  for (const Group *g : {&cloth_, &moving_}) {
+    CAMA_LAUNCH(b, changed_faces, g->face.size(), first_face, g->trees->face_order, state.mesh.face, changed_, flag_);
+    CAMA_LAUNCH(b, changed_edges, g->edge.size(), first_edge, g->trees->edge_order, state.mesh.edge, changed_, flag_);
+    first_face += g->face.size();
+    first_edge += g->edge.size();
+  }
+  b.scan(flag_.buffer(), offsets_.buffer(), features);
+  CAMA_LAUNCH(b, count_changes, 1, n, faces, features, vertex_offsets_, offsets_, grown_, changes_);
+  return changes_.at(0);
 }
 
 CandidateSearch::Change TreeSearch::update(const SearchRooms &state, const Stream<dvec3> &from, const Stream<dvec3> &to,
@@ -413,76 +425,65 @@ CandidateSearch::Change TreeSearch::update(const SearchRooms &state, const Strea
     return Change::renewed;
   };
   if (searches_since_sort_ == 0) return renew();
-  const int changed = find_changed(state, from, to, margin);
-  if (changed == 0) return Change::none;
-  if (changed > max_changed * state.mesh.vertices) return renew();
+  const kernels::change_counts changed = find_changed(state, from, to, margin);
+  if (changed.vertices == 0) return Change::none;
+  if (changed.vertices > max_changed * state.mesh.vertices) return renew();
   query_changed(state, from, changed);
   return Change::grown;
 }
 
 bool TreeSearch::complete(const SearchRooms &state, const Stream<dvec3> &from, const Stream<dvec3> &to, double margin)
 {
-  const int changed = find_changed(state, from, to, margin), before = state.report.candidates;
-  if (changed > 0) query_changed(state, from, changed);
-  return changed > 0 && state.report.candidates > before;
+  const kernels::change_counts changed = find_changed(state, from, to, margin);
+  const int before = state.report.candidates;
+  if (changed.vertices > 0) query_changed(state, from, changed);
+  return changed.vertices > 0 && state.report.candidates > before;
 }
 
-void TreeSearch::query_changed(const SearchRooms &state, const Stream<dvec3> &from, int changed)
+void TreeSearch::query_changed(const SearchRooms &state, const Stream<dvec3> &from, const kernels::change_counts &of)
 {
   Backend &b = *state.backend;
-  changed_vertex_.resize(changed);
-  CAMA_LAUNCH(b, keep_flagged, state.mesh.vertices, 0, 0, offsets_, identity_, changed_vertex_);
+  changed_vertex_.resize(of.vertices);
+  CAMA_LAUNCH(b, keep_flagged, state.mesh.vertices, 0, 0, vertex_offsets_, identity_, changed_vertex_);
 
-  // Faces and edges with such vertices; static obstacles have none.
   const Group *const groups[3] = {&cloth_, &moving_, &static_};
   const int faces_of[2] = {cloth_.face.size(), moving_.face.size()},
             edges_of[2] = {cloth_.edge.size(), moving_.edge.size()};
-  const int all_faces = faces_of[0] + faces_of[1], features = all_faces + edges_of[0] + edges_of[1];
+  const int all_faces = faces_of[0] + faces_of[1];
   const bool cloth_edges_asked = self_ || moving_.edge.size() > 0;
-  if (boxes_grown_) build_trees(state, {{&cloth_, true, self_}, {&moving_, true, true}}, changed_);
+  if (of.grown > 0) build_trees(state, {{&cloth_, true, self_}, {&moving_, true, true}}, changed_);
   if (!self_) build_trees(state, {{&cloth_, false, cloth_edges_asked}}, all_);  // a search has not made this one
-  flag_.resize(features);
-  offsets_.resize(features + 1);
+  changed_face_.resize(of.faces);
+  changed_edge_.resize(of.edges);
   for (int k = 0; k < 2; ++k) {
     const FeatureTrees &t = *groups[k]->trees;
-    CAMA_LAUNCH(b, changed_faces, faces_of[k], k * faces_of[0], t.face_order, state.mesh.face, changed_, flag_);
-    CAMA_LAUNCH(b, changed_edges, edges_of[k], all_faces + k * edges_of[0], t.edge_order, state.mesh.edge, changed_,
-                flag_);
-  }
-  b.scan(flag_.buffer(), offsets_.buffer(), features);
-  CAMA_LAUNCH(b, scan_totals, 1, all_faces, features, offsets_, totals_);
-  const kernels::pair of = totals_.at(0);
-  changed_face_.resize(of.a);
-  changed_edge_.resize(of.b);
-  for (int k = 0; k < 2; ++k) {
-    const FeatureTrees &t = *groups[k]->trees;
-    CAMA_LAUNCH(b, keep_flagged, of.a ? faces_of[k] : 0, 0, k * faces_of[0], offsets_, t.face_order, changed_face_);
-    CAMA_LAUNCH(b, keep_flagged, of.b ? edges_of[k] : 0, all_faces, all_faces + k * edges_of[0], offsets_, t.edge_order,
-                changed_edge_);
+    CAMA_LAUNCH(b, keep_flagged, of.faces ? faces_of[k] : 0, 0, k * faces_of[0], offsets_, t.face_order, changed_face_);
+    CAMA_LAUNCH(b, keep_flagged, of.edges ? edges_of[k] : 0, all_faces, all_faces + k * edges_of[0], offsets_,
+                t.edge_order, changed_edge_);
   }
   std::vector<FaceQuery> faces;
   std::vector<EdgeQuery> edges;
-  if (of.a) {
-    changed_leaf_face_.resize(of.a);
-    CAMA_LAUNCH(b, order_faces, of.a, changed_face_, state.mesh.face, changed_leaf_face_);
-    build_levels(b, {group_faces(state, of.a, changed_leaf_face_, all_, changed_groups_)});
+  if (of.faces) {
+    changed_leaf_face_.resize(of.faces);
+    CAMA_LAUNCH(b, order_faces, of.faces, changed_face_, state.mesh.face, changed_leaf_face_);
+    build_levels(b, {group_faces(state, of.faces, changed_leaf_face_, all_, changed_groups_)});
     for (const Group *g : groups)
       if (g->query_vertices.size())
-        faces.push_back({QUERY_UNCHANGED, &g->query_order, of.a, &changed_face_, &changed_leaf_face_, &changed_groups_,
-                         vertex_shares_of(QUERY_UNCHANGED, g->query_vertices.size())});
+        faces.push_back({QUERY_UNCHANGED, &g->query_order, of.faces, &changed_face_, &changed_leaf_face_,
+                         &changed_groups_, vertex_shares_of(QUERY_UNCHANGED, g->query_vertices.size())});
   }
-  if (of.b) {
-    changed_leaf_edge_.resize(of.b);
-    CAMA_LAUNCH(b, order_edges, of.b, changed_edge_, state.mesh.edge, changed_leaf_edge_);
+  if (of.edges) {
+    changed_leaf_edge_.resize(of.edges);
+    CAMA_LAUNCH(b, order_edges, of.edges, changed_edge_, state.mesh.edge, changed_leaf_edge_);
   }
-  const int vertex_shares = vertex_shares_of(QUERY_CHANGED, changed);
+  const int vertex_shares = vertex_shares_of(QUERY_CHANGED, of.vertices);
   for (const Group *g : groups) {
     const bool edge_tree = g->edge.size() && (g != &cloth_ || cloth_edges_asked);
     if (g->face.size())
       faces.push_back({QUERY_CHANGED, &changed_vertex_, g->face.size(), &g->trees->face_order, &g->leaf_face,
                        &g->trees->face_bvh, vertex_shares});
-    if (of.b && edge_tree)
-      edges.push_back({QUERY_CHANGED, &changed_edge_, &changed_leaf_edge_, g, shares_of(QUERY_CHANGED, of.b)});
+    if (of.edges && edge_tree)
+      edges.push_back({QUERY_CHANGED, &changed_edge_, &changed_leaf_edge_, g, shares_of(QUERY_CHANGED, of.edges)});
   }
   const int first_face = state.contact.vertex_face.pairs.size(), first_edge = state.contact.edge_edge.pairs.size();
   query(state, faces, edges);

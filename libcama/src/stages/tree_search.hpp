@@ -83,10 +83,11 @@ private:
   int shares_of(int mode, int edges) const;  ///< of a tree that they query: several if the device has enough work items
   int vertex_shares_of(int mode, int vertices) const;
   void query(const SearchRooms &state, const std::vector<FaceQuery> &faces, const std::vector<EdgeQuery> &edges);
-  /// Lets boxes grow where the motion leaves them; returns the number of such vertices. Waits.
-  int find_changed(const SearchRooms &state, const Stream<dvec3> &from, const Stream<dvec3> &to, double margin);
+  /// Lets boxes grow where the motion leaves them; returns how much that changes. Waits.
+  kernels::change_counts find_changed(const SearchRooms &state, const Stream<dvec3> &from, const Stream<dvec3> &to,
+                                      double margin);
   /// Appends the fresh pairs of the changed vertices.
-  void query_changed(const SearchRooms &state, const Stream<dvec3> &from, int changed);
+  void query_changed(const SearchRooms &state, const Stream<dvec3> &from, const kernels::change_counts &of);
 
   const int batch_;  // items that a thread walks a tree for: 8 on CPUs, 1 on GPUs
   const int workers_;
@@ -104,16 +105,15 @@ private:
   Stream<int> identity_;
   Stream<kernels::face_nodes> changed_leaf_face_;
   Stream<kernels::edge_nodes> changed_leaf_edge_;
-  Stream<kernels::pair> totals_;
   Stream<int> found_totals_;
-  Stream<int> changed_, flag_, offsets_, changed_vertex_, changed_face_, changed_edge_;
+  Stream<int> changed_, vertex_offsets_, flag_, offsets_, changed_vertex_, changed_face_, changed_edge_;
+  Stream<kernels::change_counts> changes_;
   Stream<kernels::box> before_;
   Stream<kernels::end_boxes> end_boxes_before_;
   Stream<int> grown_;  // [1] number of vertices whose boxes have grown
   Stream<int> far_ends_;  // [1] number of vertices whose predicted end is too uncertain
   Stream<kernels::bvh8_node> changed_groups_;
   const Stream<int> all_;  // without memory: everything has changed
-  bool boxes_grown_ = false;
   int searches_since_sort_ = 0, sorts_since_placed_ = 0;
   int motion_changes_ = 0;  // mesh.motion_changes when the groups were found
 };
