@@ -10,7 +10,6 @@
 #include <vector>
 
 #include "cama/error.hpp"
-#include "device/ceil_divide.hpp"
 #include "program.hpp"
 
 namespace cama {
@@ -190,7 +189,7 @@ public:
       run_group(scan_offsets, {&units_, sums, overflow});
       return run(scan_write, units_, {&units_, &n, from, sums, to});
     }
-    const int chunks = ceil_divide(n, scan_chunk), offsets = chunks > max_summed_chunks ? 1 : 0;
+    const int chunks = (n - 1) / scan_chunk + 1, offsets = chunks > max_summed_chunks ? 1 : 0;
     Buffer sums = sums_.get(sizeof(cl_long) * static_cast<std::size_t>(chunks));
     run_groups(chunk_sums, chunks, items_of(chunk_sums), {&n, &scan_chunk, from, sums});
     if (offsets) run_group(scan_offsets, {&chunks, sums, overflow});
@@ -381,7 +380,7 @@ private:
   {
     // The groups of all kernels have the same chunks.
     const size_t items = std::min({items_of(sort_chunk), items_of(sort_chunks_count), items_of(sort_chunks_move)});
-    const int chunk = sort_run * static_cast<int>(items), groups = ceil_divide(n, chunk);
+    const int chunk = sort_run * static_cast<int>(items), groups = (n - 1) / chunk + 1;
     if (groups == 1)
       return run_groups(sort_chunk, 1, items,
                         {&n, &bits, keys, values, keys_.get(sizeof(std::uint64_t) * static_cast<std::size_t>(n)),
