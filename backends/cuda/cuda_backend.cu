@@ -66,8 +66,8 @@ int team_bytes(const KernelKey &kernel)
   return own - 1;
 }
 
-/// Whether launches of the current device may begin while the one before ends (AWAIT_LAUNCHES in lang.h): devices
-/// before 9.0 cannot, and graphs before CUDA 12.3.
+/// Whether launches of the device, which is the current one, may begin while the one before ends (AWAIT_LAUNCHES in
+/// lang.h): devices before 9.0 cannot, and graphs before CUDA 12.3.
 bool begins_early(int device)
 {
   int major = 0, driver = 0;
