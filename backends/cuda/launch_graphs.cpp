@@ -182,28 +182,32 @@ void LaunchGraphs::update(Graph &graph, const LaunchList &list)
   graph.list = list;
 }
 
-LaunchGraphs::Graph *LaunchGraphs::graph_for(const LaunchList &list, bool returns)
+/// Throws nothing, so that memory of the host that runs out costs a graph, not the launches: whoever asked for them has
+/// gone on, and may count on them in the next step.
+LaunchGraphs::Graph *LaunchGraphs::graph_for(const LaunchList &list, bool returns) noexcept
 {
   if (list.size() < min_launches && !returns) return nullptr;
   if (families_.size() >= max_families || graphs_ >= max_graphs) {
     families_.clear();
     graphs_ = 0;
   }
-  Family &family = families_[hash_of(list)];
-  if (family.graph && !family.graph->list.like(list)) return nullptr;  // another list of this hash
+  Family *family = nullptr;
   try {
-    if (family.graph) {
-      update(*family.graph, list);
+    family = &families_[hash_of(list)];
+    if (family->graph && !family->graph->list.like(list)) return nullptr;  // another list of this hash
+    if (family->graph) {
+      update(*family->graph, list);
     } else {
-      if (++family.seen <= seen_before_graph && !returns) return nullptr;
-      family.graph = record(list);
+      if (++family->seen <= seen_before_graph && !returns) return nullptr;
+      family->graph = record(list);
       ++graphs_;
     }
-  } catch (...) {  // such as memory that runs out; a lost device is reported by the launches
-    graphs_ -= family.graph ? 1 : 0;
-    family = {};
+  } catch (...) {  // a lost device is reported by the launches
+    if (!family) return nullptr;
+    graphs_ -= family->graph ? 1 : 0;
+    *family = {};
   }
-  return family.graph.get();
+  return family->graph.get();
 }
 
 void LaunchGraphs::run(const LaunchList &list, int times, bool returns, cudaStream_t stream)

@@ -59,7 +59,7 @@ private:
   };
 
   /// As the list is; null where it is not worth a graph, or where none can be made.
-  Graph *graph_for(const LaunchList &list, bool returns);
+  Graph *graph_for(const LaunchList &list, bool returns) noexcept;
   static void update(Graph &graph, const LaunchList &list);
   std::unique_ptr<Graph> record(const LaunchList &list);
 
