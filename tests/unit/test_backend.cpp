@@ -135,8 +135,9 @@ TEST_CASE("sort is std::stable_sort of keys with their values", "[backend]")
   for (const auto &backend : every_backend()) {
     INFO(backend->name());
     for (int bits : {11, 30, 62, 63, 64})
-      for (int n : {0, 1, 2, 255, 512, 513, 2048, 2049, 4096, 4097, 100000}) {
+      for (int n : {0, 1, 2, 255, 512, 513, 1000, 2048, 2049, 4096, 4097, 100000}) {
         if (n == 100000 && bits != 63) continue;
+        CAPTURE(n, bits);
         for (const auto &keys : key_sets(n, bits)) REQUIRE(sorts_stably(*backend, keys, bits));
       }
   }
