@@ -240,6 +240,7 @@ public:
   void sort(Buffer keys, Buffer values, int n, int bits) override
   {
     if (n <= 1) return;
+    if (n <= longest_block_sort) return sort_short(static_cast<key64 *>(keys), static_cast<int *>(values), n, bits);
     hand_over();
     if (n > other_size_) {
       cudaFree(std::exchange(other_keys_, nullptr));
@@ -344,6 +345,19 @@ private:
     queue_.note_wait();
     std::memcpy(to, const_cast<const int *>(shared_->words), bytes);
     report_overflow();
+  }
+
+  void sort_short(key64 *keys, int *values, int n, int bits)
+  {
+    const auto launch = [&](auto kernel, int threads) {
+      launch_own("sort_by_block", kernel, 1, threads, n, bits, keys, values);
+    };
+    if (n <= 64 * block_sort_items)
+      launch(&sort_by_block<64>, 64);
+    else if (n <= 256 * block_sort_items)
+      launch(&sort_by_block<256>, 256);
+    else
+      launch(&sort_by_block<512>, 512);
   }
 
   /// Threads of a block: so few that a short launch has a block or two for every processor.

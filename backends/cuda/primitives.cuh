@@ -79,6 +79,33 @@ __global__ void __launch_bounds__(block_scan_threads)
   if (before + total > 0x7fffffffll) *overflow = 1;
 }
 
+constexpr int block_sort_items = 8, longest_block_sort = 512 * block_sort_items;
+
+/// Sorts at most threads * block_sort_items pairs by the lowest `bits` bits of their keys, equal keys in their order,
+/// in one launch instead of several and two copies.
+template <int threads>
+__global__ void __launch_bounds__(threads) sort_by_block(int n, int bits, key64 *keys, int *values)
+{
+  using Load = cub::BlockLoad<key64, threads, block_sort_items, cub::BLOCK_LOAD_TRANSPOSE>;
+  using LoadValues = cub::BlockLoad<int, threads, block_sort_items, cub::BLOCK_LOAD_TRANSPOSE>;
+  using Sort = cub::BlockRadixSort<key64, threads, block_sort_items, int, threads < 512 ? 6 : 5>;
+  __shared__ union {
+    typename Load::TempStorage load;
+    typename LoadValues::TempStorage load_values;
+    typename Sort::TempStorage sort;
+  } storage;
+  key64 key[block_sort_items];
+  int value[block_sort_items];
+  AWAIT_LAUNCHES;
+  Load(storage.load).Load(keys, key, n, ~key64(0));  // what is not there is last, and behind its equals
+  __syncthreads();
+  LoadValues(storage.load_values).Load(values, value, n, 0);
+  __syncthreads();
+  Sort(storage.sort).SortBlockedToStriped(key, value, 0, bits);
+  cub::StoreDirectStriped<threads>(static_cast<int>(threadIdx.x), keys, key, n);
+  cub::StoreDirectStriped<threads>(static_cast<int>(threadIdx.x), values, value, n);
+}
+
 // Short copies are kernels: they begin early, as other launches do.
 
 __global__ void copy_words(int n, const int *from, int *to)

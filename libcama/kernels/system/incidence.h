@@ -97,6 +97,24 @@ KERNEL incidence_rows(int n, int count, GLOBAL const key64 *key, GLOBAL int *row
   }
 }
 
+/* sorted: the entries of every row, ascending, from those of fill_incidence, each of which counts the smaller ones of
+   its row. Faster than sort_rows where a work-item is slow and there are many of them. n: 4 times the elements. */
+KERNEL rank_incidence(int n, GLOBAL const element_nodes *nodes, int vertex_count, GLOBAL const int *row,
+                      GLOBAL const int *incidence, GLOBAL int *sorted)
+{
+  FOR_EACH(i, n) {
+    const int v = nodes[i >> 2].node[i & 3], present = v >= 0 && v < vertex_count, begin = present ? row[v] : 0,
+              end = present ? row[v + 1] : 0;
+    int k, rank = 0;
+    for (k = begin; k < end; k += AT_ONCE(8)) {
+      int other[AT_ONCE(8)];
+      FOR_AT_ONCE(q, 8, end - k) other[q] = incidence[k + q];
+      FOR_AT_ONCE(q, 8, end - k) rank += other[q] < i;
+    }
+    if (present) sorted[begin + rank] = i;
+  }
+}
+
 KERNEL sort_rows(int n, GLOBAL const int *row, GLOBAL int *value)
 {
   FOR_EACH_UNEVEN(i, n) {

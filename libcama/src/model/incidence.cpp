@@ -14,7 +14,7 @@ void Incidence::rebuild(Backend &b, const Stream<kernels::element_nodes> &nodes,
   entry.resize(4ll * elements);
   if (b.wide_workers() || elements < many_elements) {
     find_rows(b, nodes, elements, count);
-    return fill(b, nodes, elements, count);
+    return fill(b, nodes, elements, count, unsorted_);
   }
   int bits = 0;
   for (int v = vertices; v > 0; v >>= 1) ++bits;
@@ -29,6 +29,7 @@ void Incidence::reset(Backend &backend, int vertex_count)
   if (row.backend()) return;
   row = Stream<int>(backend, vertex_count + 1);
   entry = Stream<int>(backend);
+  unsorted_ = Stream<int>(backend);
   key_ = Stream<key64>(backend);
   vertices = vertex_count;
 }
@@ -37,7 +38,8 @@ void Incidence::build(Backend &b, const Stream<kernels::element_nodes> &nodes, i
 {
   find_rows(b, nodes, elements, count);
   entry.resize(row.at(vertices));
-  fill(b, nodes, elements, count);
+  Stream<int> unsorted(b);
+  fill(b, nodes, elements, count, unsorted);
 }
 
 void Incidence::find_rows(Backend &b, const Stream<kernels::element_nodes> &nodes, int elements, Stream<int> &count)
@@ -47,10 +49,17 @@ void Incidence::find_rows(Backend &b, const Stream<kernels::element_nodes> &node
   b.scan(count.buffer(), row.buffer(), vertices);
 }
 
-void Incidence::fill(Backend &b, const Stream<kernels::element_nodes> &nodes, int elements, Stream<int> &count)
+void Incidence::fill(Backend &b, const Stream<kernels::element_nodes> &nodes, int elements, Stream<int> &count,
+                     Stream<int> &unsorted)
 {
-  CAMA_LAUNCH(b, fill_incidence, elements, nodes, vertices, row, count, entry);
-  CAMA_LAUNCH(b, sort_rows, vertices, row, entry);
+  if (b.wide_workers()) {
+    CAMA_LAUNCH(b, fill_incidence, elements, nodes, vertices, row, count, entry);
+    CAMA_LAUNCH(b, sort_rows, vertices, row, entry);
+    return;
+  }
+  unsorted.resize(entry.size());
+  CAMA_LAUNCH(b, fill_incidence, elements, nodes, vertices, row, count, unsorted);
+  CAMA_LAUNCH(b, rank_incidence, 4 * elements, nodes, vertices, row, unsorted, entry);
 }
 
 }  // namespace cama

@@ -18,9 +18,11 @@ struct Incidence {
 
 private:
   void find_rows(Backend &backend, const Stream<kernels::element_nodes> &nodes, int elements, Stream<int> &count);
-  void fill(Backend &backend, const Stream<kernels::element_nodes> &nodes, int elements, Stream<int> &count);
+  void fill(Backend &backend, const Stream<kernels::element_nodes> &nodes, int elements, Stream<int> &count,
+            Stream<int> &unsorted);
 
-  Stream<key64> key_;  // of rebuild
+  Stream<int> unsorted_;  // of rebuild, as the keys are
+  Stream<key64> key_;
 };
 
 }  // namespace cama

@@ -170,7 +170,7 @@ typename NewtonIterations<Real>::Norms NewtonIterations<Real>::evaluate(const Ro
     throw SolverError("step " + std::to_string(state.report.step) +
                       ": Newton's method met forces that are not finite; check the material's stiffness and density "
                       "and the time step");
-  return {totals[0], totals[1]};
+  return norms_of(totals);
 }
 
 template <class Real> void NewtonIterations<Real>::assemble(const Rooms &state)
@@ -264,7 +264,7 @@ template <class Real> bool NewtonIterations<Real>::search_line(const Rooms &stat
     const Sums sums = find_norms(state, Friction::as_it_is, false);
     const std::vector<double> totals = sums.of(sums_.download());
     if (!(totals[0] < norms.residual)) continue;
-    norms = {totals[0], totals[1]};
+    norms = norms_of(totals);
     return evaluated = true;
   }
   move(state, 0);
@@ -295,7 +295,7 @@ template <class Real> bool NewtonIterations<Real>::search_last(const Rooms &stat
   if (at_once) parts = measure(state, outer_before_);
   std::vector<double> chunks = sums_.download();
   const std::vector<double> totals = sums.of(chunks);
-  const Norms there{totals[0], totals[1]};
+  const Norms there = norms_of(totals);
   const double slope = totals[2];
   by_potential_ = slope < 0 && !(there.residual < norms.residual);
   if (slope < 0 && !by_potential_) {
@@ -318,19 +318,23 @@ template <class Real> bool NewtonIterations<Real>::search_last(const Rooms &stat
   }
   const Potential before = potential(parts_before.of(chunks));
   Potential now = potential(parts.of(chunks));
+  Norms norms_here = there;  // at the last iterate that was evaluated
   double alpha = 1;
   for (int halving = 0; halving <= max_halvings; ++halving, alpha /= 2) {
     if (halving > 0) {
       move(state, alpha);
       sums_.resize(0);
+      Sums sums_here;
+      if (fixed_terms) sums_here = find_norms(state, Friction::as_it_is, false);
       const Sums halved = measure(state, outer_before_);
-      now = potential(halved.of(sums_.download()));
+      chunks = sums_.download();
+      now = potential(halved.of(chunks));
+      if (fixed_terms) norms_here = norms_of(sums_here.of(chunks));
     }
     alpha_ = alpha;
     if (!falls(before, now, alpha, slope)) continue;
-    // Nothing has been evaluated since the residual was asked for, at alpha 1.
-    evaluated = halving == 0 && fixed_terms && std::isfinite(there.residual);
-    if (evaluated) norms = there;
+    evaluated = fixed_terms && std::isfinite(norms_here.residual);
+    if (evaluated) norms = norms_here;
     return true;
   }
   move(state, 0);

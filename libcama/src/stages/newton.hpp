@@ -30,6 +30,7 @@ private:
   struct Norms {
     double residual = 0, size = 0;
   };
+  static Norms norms_of(const std::vector<double> &totals) { return {totals[0], totals[1]}; }
   /// What friction follows from: normal forces and speeds of the first solve, the same normal forces and the speeds at
   /// the iterate, or both at the iterate.
   enum class Friction { as_it_is, of_first_solve, of_first_pushes, of_iterate };
