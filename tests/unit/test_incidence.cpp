@@ -121,6 +121,38 @@ TEST_CASE("incidence lists are rebuilt for other elements on the same streams", 
   }
 }
 
+TEST_CASE("entries that count the smaller ones of their row are in order, on CPUs too", "[incidence]")
+{
+  std::mt19937 random(4);
+  for (const int vertices : {1, 3, 400}) {
+    // Some elements have a vertex several times, others one that is not there.
+    const std::vector<element_nodes> elements = random_elements(900, vertices, random);
+    std::vector<std::vector<int>> expected(static_cast<std::size_t>(vertices));
+    for (std::size_t e = 0; e < elements.size(); ++e)
+      for (int k = 0; k < 4; ++k) {
+        const int v = elements[e].node[k];
+        if (v >= 0 && v < vertices) expected[static_cast<std::size_t>(v)].push_back(4 * static_cast<int>(e) + k);
+      }
+    std::vector<int> row{0}, sorted, unsorted;
+    for (std::vector<int> entries : expected) {
+      sorted.insert(sorted.end(), entries.begin(), entries.end());
+      std::shuffle(entries.begin(), entries.end(), random);
+      unsorted.insert(unsorted.end(), entries.begin(), entries.end());
+      row.push_back(static_cast<int>(sorted.size()));
+    }
+    for (const std::string &name : backends_here()) {
+      INFO(name << ", " << vertices << " vertices");
+      const auto backend = make_backend(name, 0, 2);
+      const Stream<element_nodes> nodes(*backend, elements);
+      const Stream<int> rows(*backend, row), entries(*backend, unsorted);
+      Stream<int> found(*backend, static_cast<int>(sorted.size()));
+      CAMA_LAUNCH(*backend, rank_incidence, 4 * static_cast<int>(elements.size()), nodes, vertices, rows, entries,
+                  found);
+      CHECK(found.download() == sorted);
+    }
+  }
+}
+
 TEST_CASE("sort_ints and sort_rows equal std::sort", "[incidence]")
 {
   const std::vector<std::vector<int>> rows = adversarial_rows();
