@@ -5,14 +5,17 @@
 
 namespace cama {
 namespace {
-// From this number on, a radix sort is faster than filling rows by atomics and sorting each row.
+// From this number on, a radix sort is faster than filling rows by atomics and ordering each row; ranks take the square
+// of a row's length, which may be all elements.
 constexpr int many_elements = 1 << 16;
+
+bool sorted_by_keys(const Backend &b, int elements) { return !b.wide_workers() && elements >= many_elements; }
 }  // namespace
 
 void Incidence::rebuild(Backend &b, const Stream<kernels::element_nodes> &nodes, int elements, Stream<int> &count)
 {
   entry.resize(4ll * elements);
-  if (b.wide_workers() || elements < many_elements) {
+  if (!sorted_by_keys(b, elements)) {
     find_rows(b, nodes, elements, count);
     return fill(b, nodes, elements, count, unsorted_);
   }
@@ -36,6 +39,12 @@ void Incidence::reset(Backend &backend, int vertex_count)
 
 void Incidence::build(Backend &b, const Stream<kernels::element_nodes> &nodes, int elements, Stream<int> &count)
 {
+  if (sorted_by_keys(b, elements)) {
+    rebuild(b, nodes, elements, count);
+    entry.resize(row.at(vertices));
+    key_ = Stream<key64>(b);
+    return;
+  }
   find_rows(b, nodes, elements, count);
   entry.resize(row.at(vertices));
   Stream<int> unsorted(b);
