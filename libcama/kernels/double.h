@@ -12,6 +12,7 @@
 #include "collision/impulses.h"
 #include "collision/pair.h"
 #include "collision/query.h"
+#include "collision/runs.h"
 #include "collision/swept_vertex.h"
 #include "collision/team_query.h"
 #include "collision/touch.h"

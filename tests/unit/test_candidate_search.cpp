@@ -213,8 +213,8 @@ TEST_CASE("an updated list holds the pairs of the grown boxes, each once, but fo
       const auto moves = [&](std::size_t v) {
         return !s.mesh.object_static[static_cast<std::size_t>(s.mesh.object_of(static_cast<int>(v)))];
       };
-      FlaggedPairs flagged(*s.backend);
-      TreeSearch search(*s.backend, flagged);
+      ListedPairs listed(*s.backend);
+      TreeSearch search(*s.backend, listed);
       std::mt19937 random(7);
       std::uniform_real_distribution<double> move(-1, 1);
       const std::vector<dvec3> start = s.mesh.position.download();
@@ -274,7 +274,7 @@ TEST_CASE("an updated list holds the pairs of the grown boxes, each once, but fo
       to.assign(target);
       REQUIRE(search.update(s, from, to, 0) == CandidateSearch::Change::renewed);
       check(start, target);
-      GapBounds bounds(*s.backend, flagged);
+      GapBounds bounds(*s.backend, listed);
       bounds.find_all(s, from, to);
       const double share = check_bounds(s, start, target);
       if (variant.self) CHECK(share > 0.25);
@@ -300,7 +300,7 @@ struct RecordedSearch {
 
   Recorder &counts;
   StagedEngine engine;
-  FlaggedPairs flagged;
+  ListedPairs listed;
   TreeSearch search;
 
 private:
@@ -312,7 +312,7 @@ private:
   }
   RecordedSearch(const Scene &scene, std::unique_ptr<Recorder> recorder, int workers, bool narrow)
       : counts(*recorder), engine(scene, serial(), claiming(std::move(recorder), workers, narrow)),
-        flagged(*engine.state.backend), search(*engine.state.backend, flagged)
+        listed(*engine.state.backend), search(*engine.state.backend, listed)
   {}
 };
 
@@ -405,8 +405,8 @@ TEST_CASE("obstacles that turn back inside their boxes are searched for again, a
 {
   StagedEngine engine(pile_of({"a moving ball", false, true, false, false}), serial());
   State &s = engine.state;
-  FlaggedPairs flagged(*s.backend);
-  TreeSearch search(*s.backend, flagged);
+  ListedPairs listed(*s.backend);
+  TreeSearch search(*s.backend, listed);
   const std::vector<dvec3> start = s.mesh.position.download();
   std::vector<dvec3> target = start;
   for (std::size_t v = static_cast<std::size_t>(s.mesh.cloth_vertices); v < target.size(); ++v) target[v].z += 0.2;

@@ -468,8 +468,8 @@ FoundImpacts find_in(const Mesh &start, const Mesh &end, const std::string &prec
   StagedEngine engine(scene, options);
   State &state = engine.state;
   state.mesh.position_next.assign(end.position);
-  FlaggedPairs flagged(*engine.backend);
-  TreeSearch search(*engine.backend, flagged);
+  ListedPairs listed(*engine.backend);
+  TreeSearch search(*engine.backend, listed);
   search.run(state, state.mesh.position, state.mesh.position_next);
   FoundImpacts found;
   found.candidates[0] = as_set(state.contact.vertex_face.pairs);

@@ -8,13 +8,16 @@
 #include <cmath>
 #include <cstdlib>
 #include <cstring>
+#include <numeric>
 #include <random>
+#include <set>
 
 #include "../backends.hpp"
 #include "../engine.hpp"
 #include "../recorder.hpp"
 #include "cama/geometry.hpp"
 #include "device/kernels.hpp"
+#include "device/launch.hpp"
 
 using namespace cama;
 using namespace cama::kernels;
@@ -47,6 +50,8 @@ bool stays_separated(const Four &a, const Four &b, bool edges, Real least, int d
   return stays_separated(a, middle, edges, least, depth + 1) && stays_separated(middle, b, edges, least, depth + 1);
 }
 
+constexpr double edge_length = 0.01, dmin = 1e-6;  // m; dmin a thousandth of a 1 mm thickness
+
 struct Trial {
   Quad x, y;
   std::array<double, 4> inverse_mass{1, 1, 1, 1};
@@ -67,19 +72,20 @@ Result commit(const Trial &trial, double dmin, bool settle = false)
   const edge_nodes edge[2] = {{{0, 1}}, {{2, 3}}};
   vertex_contact properties[4] = {};
   for (vertex_contact &p : properties) p.thickness = dmin;  // the commit keeps all of it
-  int fraction[4], before[4], vertex_changed[4], outcome[COMMIT_OUTCOMES], accepted[1] = {COMMIT_CONDITIONAL},
-                                                                           list[1] = {0}, neighbourhood[4] = {};
+  int fraction[4], before[4], vertex_changed[4], outcome[COMMIT_OUTCOMES], cell_marked[4],
+      accepted[1] = {COMMIT_CONDITIONAL}, list[1] = {0};
   unsigned char marked[7];  // of the vertices, the face and the edges
-  commit_begin(4, fraction, before, outcome);
+  commit_begin(4, 4, 4, fraction, before, cell_marked, outcome);
   const int first = trial.edges ? 0 : 1;
   outcome[COMMIT_LISTED] = 1;
   for (const int pass : {0, settle ? -1 : 1}) {
     commit_pairs(1, first, pass, list, &candidate, &candidate, &face, edge, trial.x.data(), trial.y.data(),
                  trial.inverse_mass.data(), properties, 1.0, 1, accepted, before, fraction, outcome);
-    commit_changes(4, fraction, neighbourhood, before, vertex_changed, outcome);
+    commit_changes(4, fraction, trial.x.data(), trial.x.data(), edge_length, 3, pass, before, vertex_changed,
+                   cell_marked, outcome);
     if (settle) std::fill(std::begin(vertex_changed), std::end(vertex_changed), 1);
     commit_disturb(7, 4, 1, &face, edge, vertex_changed, marked);
-    commit_recheck(1, 1, -1, first, 4, 1, &candidate, &candidate, marked, accepted, 0, 1, list, COMMIT_LISTED, outcome);
+    commit_recheck(1, 1, first, 4, 1, &candidate, &candidate, marked, accepted, list, outcome);
   }
   Result r;
   commit_apply(4, trial.x.data(), trial.y.data(), fraction, outcome, r.committed.data());
@@ -116,8 +122,6 @@ private:
   std::mt19937_64 engine_;
   std::normal_distribution<double> normal_;
 };
-
-constexpr double edge_length = 0.01, dmin = 1e-6;  // m; dmin a thousandth of a 1 mm thickness
 
 /// A pair near touching, its features at random angles; `thin` the sine of the angle between edges, or of the face's
 /// corner.
@@ -334,66 +338,64 @@ struct Soup {
         if (a / 3 != b / 3) edge_edge.push_back({a, b});
   }
 
-  /// Runs the commit and returns the fractions. cap < 0: until nothing changes. nearby: passes look at the pairs with a
-  /// vertex in the neighbourhood of what was truncated, as long as nothing else is, and as they have room: share of
-  /// all.
-  std::vector<int> commit(const std::vector<dvec3> &target, int cap, bool nearby = false, int share = 2)
+  /// Runs the commit and returns the fractions. cap < 0: until nothing changes. runs: passes look at the runs of pairs
+  /// near what was truncated; many: with the kernel for lists of many pairs.
+  std::vector<int> commit(const std::vector<dvec3> &target, int cap, bool runs = false, bool many = false)
   {
-    const int n = int(position.size()), pairs = int(vertex_face.size() + edge_edge.size()),
-              first = int(vertex_face.size()), half = pairs - pairs / share;
-    std::vector<int> fraction(n), before(n), vertex_marked(n), accepted(pairs, COMMIT_CONDITIONAL), list(pairs),
-        neighbourhood(n);
+    const int n = int(position.size()), first = int(vertex_face.size()), edge_pairs = int(edge_edge.size()),
+              pairs = first + edge_pairs, cells = 1 << 14;
+    const dvec3 origin{-1, -2, -3};
+    std::vector<int> fraction(n), before(n), vertex_changed(n), accepted(pairs, COMMIT_CONDITIONAL), list(pairs),
+        cell_marked(cells), run(runs_of(first) + runs_of(edge_pairs));
     std::vector<unsigned char> feature_marked(position.size() + faces.size() + edges.size());
     std::vector<vertex_contact> properties(position.size());
     for (vertex_contact &p : properties) p.thickness = 1e-6;
     int outcome[COMMIT_OUTCOMES];
-    commit_begin(n, fraction.data(), before.data(), outcome);
+    commit_begin(std::max(n, cells), n, cells, fraction.data(), before.data(), cell_marked.data(), outcome);
     std::iota(list.begin(), list.end(), 0);
     outcome[COMMIT_LISTED] = pairs;
-    const auto recheck = [&](int of, int count, const std::vector<int> &marked, int to, int counter) {
-      commit_disturb(int(feature_marked.size()), n, int(faces.size()), faces.data(), edges.data(), marked.data(),
-                     feature_marked.data());
-      commit_recheck((count + RUN_PAIRS - 1) / RUN_PAIRS, count, of, first, n, int(faces.size()), vertex_face.data(),
-                     edge_edge.data(), feature_marked.data(), accepted.data(), to, pairs - to, list.data(), counter,
-                     outcome);
+    const auto recheck = [&] {
+      commit_disturb(int(feature_marked.size()), n, int(faces.size()), faces.data(), edges.data(),
+                     vertex_changed.data(), feature_marked.data());
+      commit_recheck(runs_of(pairs), pairs, first, n, int(faces.size()), vertex_face.data(), edge_edge.data(),
+                     feature_marked.data(), accepted.data(), list.data(), outcome);
     };
-    int near = -1;
-    const auto gather = [&] {
-      std::vector<int> cell_marked(1 << 16);
-      const double size = 0.1;
-      const int mask = int(cell_marked.size()) - 1;
-      commit_mark_cells(n, position.data(), vertex_marked.data(), size, mask, cell_marked.data());
-      commit_neighbourhood(n, position.data(), vertex_marked.data(), size, mask, cell_marked.data(),
-                           neighbourhood.data());
-      for (int v = 0; v < n; ++v) REQUIRE(neighbourhood[std::size_t(v)] >= vertex_marked[std::size_t(v)]);
-      recheck(-1, pairs, neighbourhood, half, COMMIT_NEARBY);
-      if (outcome[COMMIT_NEARBY] <= pairs - half)
-        near = outcome[COMMIT_NEARBY];
-      else
-        ++crowded;
+    std::vector<box> boxes[2] = {std::vector<box>(runs_of(first)), std::vector<box>(runs_of(edge_pairs))};
+    if (runs)
+      for (int kind = 0; kind < 2; ++kind)
+        bound_runs(int(boxes[kind].size()), kind, 0, kind == 0 ? first : edge_pairs,
+                   kind == 0 ? vertex_face.data() : edge_edge.data(), faces.data(), edges.data(), position.data(),
+                   &origin, boxes[kind].data());
+    const auto recheck_runs = [&](int mark) {
+      list_marked_runs(int(run.size() - 1) / PAIR_TEAM + 1, int(run.size()), int(boxes[0].size()), boxes[0].data(),
+                       boxes[1].data(), cell_size, cells - 1, cell_marked.data(), mark, run.data(), COMMIT_RUNS,
+                       outcome);
+      looked_at += outcome[COMMIT_RUNS];
+      all_runs += int(run.size());
+      commit_recheck_runs(3, first, edge_pairs, run.data(), vertex_face.data(), edge_edge.data(), faces.data(),
+                          edges.data(), vertex_changed.data(), accepted.data(), list.data(), outcome);
     };
     const auto pass = [&](int number) {
-      const int changes = outcome[COMMIT_CHANGES], outside = outcome[COMMIT_OUTSIDE];
-      commit_pairs(3, first, number, list.data(), vertex_face.data(), edge_edge.data(), faces.data(), edges.data(),
-                   position.data(), target.data(), inverse_mass.data(), properties.data(), 1.0, 0, accepted.data(),
-                   before.data(), fraction.data(), outcome);
-      commit_changes(n, fraction.data(), neighbourhood.data(), before.data(), vertex_marked.data(), outcome);
-      if (outcome[COMMIT_OUTSIDE] > outside) {
-        strayed += near >= 0;
-        near = -1;
-      }
+      const int changes = outcome[COMMIT_CHANGES];
+      const auto decide = [&](auto kernel) {  // by so few teams that lists are long for them
+        kernel(3, first, number, list.data(), vertex_face.data(), edge_edge.data(), faces.data(), edges.data(),
+               position.data(), target.data(), inverse_mass.data(), properties.data(), 1.0, 0, accepted.data(),
+               before.data(), fraction.data(), outcome);
+      };
+      many ? decide(commit_many_pairs) : decide(commit_pairs);
+      commit_changes(n, fraction.data(), position.data(), &origin, cell_size, cells - 1, number + 1, before.data(),
+                     vertex_changed.data(), cell_marked.data(), outcome);
       return outcome[COMMIT_CHANGES] != changes;
     };
     bool changed = pass(0);
     for (int k = 1; k != cap && changed; ++k) {
-      if (nearby && near < 0) gather();
-      recheck(near < 0 ? -1 : half, near < 0 ? pairs : near, vertex_marked, 0, COMMIT_LISTED);
-      near_passes += near >= 0;
+      runs ? recheck_runs(k) : recheck();
       changed = pass(k);
     }
     if (cap >= 0) {
       outcome[COMMIT_LISTED] = 0;
-      recheck(-1, pairs, std::vector<int>(n, 1), 0, COMMIT_LISTED);
+      vertex_changed.assign(std::size_t(n), 1);
+      recheck();
       pass(-1);
     }
     std::vector<dvec3> committed(position.size());
@@ -402,8 +404,10 @@ struct Soup {
     return fraction;
   }
 
-  // Passes that looked at pairs nearby, lists of those that had no room, and changes elsewhere.
-  int near_passes = 0, crowded = 0, strayed = 0;
+  static int runs_of(int pairs) { return (pairs + RUN_PAIRS - 1) / RUN_PAIRS; }
+
+  double cell_size = 0.02;
+  int looked_at = 0, all_runs = 0;  // by all passes that look at runs
 };
 
 double mean(const std::vector<int> &fraction)
@@ -450,36 +454,101 @@ Soup make_soups(Random &random, int count)
 
 }  // namespace
 
-TEST_CASE("passes of the commit that look at pairs nearby alone truncate what passes over all do", "[commit]")
+TEST_CASE("passes of the commit that look at runs nearby, or put work off, truncate what others do", "[commit]")
 {
-  // Six soups, and one with room for few pairs.
-  int near = 0, crowded = 0;
+  int looked_at = 0, all_runs = 0;
   for (const int soups : {1, 6}) {
     Random random(unsigned(17 + soups));
-    Soup all = make_soups(random, soups), other = all;
+    Soup all = make_soups(random, soups), other = all, late = all;
     for (int step = 0; step < 30; ++step) {
       std::vector<dvec3> target = all.position;
       for (dvec3 &x : target) x = dadd(x, random.vector(step % 2 ? 0.004 : 0.0004));
       const std::vector<int> fraction = all.commit(target, -1);
-      REQUIRE(other.commit(target, -1, true, soups == 1 ? 100 : 2) == fraction);
+      REQUIRE(other.commit(target, -1, true) == fraction);
+      REQUIRE(late.commit(target, -1, false, true) == fraction);
     }
-    near += other.near_passes;
-    crowded += other.crowded;
+    looked_at += other.looked_at;
+    all_runs += other.all_runs;
   }
-  CAPTURE(near, crowded);
-  CHECK(near > 20);
-  CHECK(crowded > 5);
+  CAPTURE(looked_at, all_runs);
+  CHECK(looked_at < 0.8 * all_runs);
+  CHECK(looked_at > 0);
 }
 
-TEST_CASE("a stack that lands is truncated layer by layer, whatever the neighbourhood was", "[commit]")
+TEST_CASE("what is put off in long lists ends as what is decided at once, on every backend", "[commit]")
 {
-  // 40 triangles over a fixed one, 10 mm apart, go down by 25 mm. Each pass stops one more.
+  Random random(29);
+  const Soup soup = make_soups(random, 6);
+  const int n = int(soup.position.size()), first = int(soup.vertex_face.size()),
+            pairs = first + int(soup.edge_edge.size()), teams = 3;  // so few that the lists are long for them
+  std::vector<dvec3> target = soup.position;
+  for (dvec3 &x : target) x = dadd(x, random.vector(0.004));
+  vertex_contact thin = {};
+  thin.thickness = 1e-6;
+  std::vector<int> all(std::size_t(pairs), 0), code(std::size_t(pairs), 0);
+  std::iota(all.begin(), all.end(), 0);
+  for (int i = 0; i < pairs; ++i) code[std::size_t(i)] = i < first ? pair_code(0, i) : pair_code(1, i - first);
+  std::vector<int> outcome(COMMIT_OUTCOMES, 0), detection(DETECTION_COUNTS, 0);
+  outcome[COMMIT_LISTED] = detection[DETECTION_UNCLEAR] = pairs;
+  outcome[COMMIT_SIGMA] = COMMIT_WHOLE;
+  std::vector<int> expected_fraction, expected_states, expected_impacts;
+  for (const std::string &name : backends_here()) {
+    INFO(name);
+    const auto backend = make_backend(name, 0, 2);
+    Backend &b = *backend;
+    const Stream<pair> faces_near(b, soup.vertex_face), edges_near(b, soup.edge_edge);
+    const Stream<face_nodes> faces(b, soup.faces);
+    const Stream<edge_nodes> edges(b, soup.edges);
+    const Stream<dvec3> from(b, soup.position), to(b, target);
+    const Stream<double> inverse_mass(b, soup.inverse_mass);
+    const Stream<vertex_contact> properties(b, std::vector<vertex_contact>(std::size_t(n), thin));
+    const Stream<int> list(b, all), before(b, std::vector<int>(std::size_t(n), COMMIT_WHOLE));
+    for (const bool many : {false, true}) {
+      INFO((many ? "put off" : "at once"));
+      Stream<int> states(b, std::vector<int>(std::size_t(pairs), COMMIT_CONDITIONAL)),
+          fraction(b, std::vector<int>(std::size_t(n), COMMIT_WHOLE)), counts(b, outcome), codes(b, code),
+          found(b, detection);
+      const auto decide = [&](auto &&...arguments) {
+        if (many)
+          CAMA_LAUNCH_TEAMS(void, b, commit_many_pairs, PAIR_TEAM, teams, arguments...);
+        else
+          CAMA_LAUNCH_TEAMS(void, b, commit_pairs, PAIR_TEAM, teams, arguments...);
+      };
+      decide(first, 1, list, faces_near, edges_near, faces, edges, from, to, inverse_mass, properties, 1.0, 0, states,
+             before, fraction, counts);
+      const auto find = [&](auto &&...arguments) {
+        if (many)
+          CAMA_LAUNCH_TEAMS(void, b, find_many_impacts, PAIR_TEAM, teams, arguments...);
+        else
+          CAMA_LAUNCH_TEAMS(void, b, find_impacts, PAIR_TEAM, teams, arguments...);
+      };
+      find(0, faces_near, edges_near, faces, edges, from, to, properties, 1.0, codes, found);
+      if (expected_fraction.empty()) {
+        expected_fraction = fraction.download();
+        expected_states = states.download();
+        expected_impacts = codes.download();
+        CHECK(mean(expected_fraction) < 0.9);
+      }
+      CHECK(fraction.download() == expected_fraction);
+      CHECK(states.download() == expected_states);
+      CHECK(codes.download() == expected_impacts);
+      const auto impacts =
+          std::count_if(expected_impacts.begin(), expected_impacts.end(), [](int at) { return at != NO_PAIR; });
+      CHECK(impacts > 100);
+      CHECK(found.at(DETECTION_IMPACTS) == impacts);
+    }
+  }
+}
+
+TEST_CASE("a stack that lands is truncated layer by layer, whatever runs a pass looks at", "[commit]")
+{
+  // 400 triangles over a fixed one, 10 mm apart, go down by 25 mm. Each pass stops one more.
   Soup stack;
-  constexpr int layers = 41;
+  constexpr int layers = 401;
   for (int k = 0; k < layers; ++k) {
     const int v = 3 * k;
     for (const dvec3 &x : {dvec3{0, 0, 0}, dvec3{1, 0, 0}, dvec3{0, 1, 0}})
-      stack.position.push_back(dadd(x, {0.003 * k, 0.002 * k, 0.01 * k}));
+      stack.position.push_back(dadd(x, {0.0003 * k, 0.0002 * k, 0.01 * k}));
     stack.faces.push_back({{v, v + 1, v + 2}});
     for (int j = 0; j < 3; ++j) stack.edges.push_back({{v + j, v + (j + 1) % 3}});
   }
@@ -494,15 +563,102 @@ TEST_CASE("a stack that lands is truncated layer by layer, whatever the neighbou
   std::vector<dvec3> target = stack.position;
   for (int v = 3; v < 3 * layers; ++v) target[std::size_t(v)].z -= 0.025;
   Soup near = stack;
+  near.cell_size = 0.5;  // a run has the pairs of some 85 or 57 layers
   const std::vector<int> fraction = stack.commit(target, -1);
   CHECK(near.commit(target, -1, true) == fraction);
-  CHECK(near.near_passes > 20);  // a cell holds some ten layers
-  CHECK(near.strayed > 1);
-  CHECK(near.strayed < 12);
+  CAPTURE(near.looked_at, near.all_runs);
+  CHECK(near.all_runs > 12 * 100);
+  CHECK(near.looked_at < 0.6 * near.all_runs);
   for (int v = 3; v < 3 * layers; ++v) {
     CAPTURE(v);
     REQUIRE(bits_float(fraction[std::size_t(v)]) < 1);
     REQUIRE(near.position[std::size_t(v)].z > near.position[std::size_t(v - 3)].z);
+  }
+}
+
+TEST_CASE("boxes of runs hold their pairs, and marked cells find every run with a marked vertex", "[commit]")
+{
+  // A strip along x: its features follow each other, and so do the pairs.
+  constexpr int vertices = 3000, cells = 1 << 16, mark = 7;
+  const dvec3 origin{-0.5, -0.1, 100};
+  const double size = 0.5;
+  Random random(31);
+  std::vector<dvec3> x;
+  for (int v = 0; v < vertices; ++v) x.push_back(dadd(origin, dadd({0.01 * v, 0.02, 0.02}, random.vector(0.02))));
+  std::vector<face_nodes> face;
+  std::vector<edge_nodes> edge;
+  for (int v = 0; v + 2 < vertices; ++v) {
+    face.push_back({{v, v + 1, v + 2}});
+    edge.push_back({{v, v + 1}});
+  }
+  std::vector<pair> list[2];
+  for (int v = 0; v + 8 < vertices; ++v) {
+    list[0].push_back({v, v + 4});
+    list[1].push_back({v, v + 3});
+    list[1].push_back({v, v + 5});
+  }
+  const int first = 3;  // runs that have their boxes already
+  for (const std::string &name : backends_here()) {
+    INFO(name);
+    const auto backend = make_backend(name, 0, 2);
+    const Stream<dvec3> position(*backend, x), bounds(*backend, {origin, origin});
+    const Stream<face_nodes> faces(*backend, face);
+    const Stream<edge_nodes> edges(*backend, edge);
+    Stream<box> boxes[2] = {Stream<box>(*backend), Stream<box>(*backend)};
+    for (int kind = 0; kind < 2; ++kind) {
+      const int pairs = int(list[kind].size()), runs = Soup::runs_of(pairs);
+      const Stream<pair> all(*backend, list[kind]);
+      boxes[kind].resize(runs);
+      for (const auto &[from, to] : {std::pair(0, first), std::pair(first, runs)})
+        CAMA_LAUNCH_TEAMS(void, *backend, bound_runs, PAIR_TEAM, to - from, kind, from, pairs, all, faces, edges,
+                          position, bounds, boxes[kind]);
+      const std::vector<box> found = boxes[kind].download();
+      for (int r = 0; r < runs; ++r) {
+        double lo[3] = {1e9, 1e9, 1e9}, hi[3] = {-1e9, -1e9, -1e9};
+        for (int i = RUN_PAIRS * r; i < std::min(RUN_PAIRS * (r + 1), pairs); ++i)
+          for (const int v : pair_nodes(kind, list[kind][std::size_t(i)], face.data(), edge.data()).node)
+            for (int k = 0; k < 3; ++k) {
+              const double c = dcomponent(x[std::size_t(v)], k) - dcomponent(origin, k);
+              lo[k] = std::min(lo[k], c);
+              hi[k] = std::max(hi[k], c);
+            }
+        for (int k = 0; k < 3; ++k) {
+          CAPTURE(kind, r, k);
+          CHECK(double(found[std::size_t(r)].lo[k]) <= lo[k]);
+          CHECK(double(found[std::size_t(r)].lo[k]) == Approx(lo[k]).epsilon(1e-6).margin(1e-12));
+          CHECK(double(found[std::size_t(r)].hi[k]) >= hi[k]);
+          CHECK(double(found[std::size_t(r)].hi[k]) == Approx(hi[k]).epsilon(1e-6).margin(1e-12));
+        }
+      }
+    }
+    // Vertices 400 and 2500 are marked, all others with an earlier mark.
+    std::vector<int> marked(cells, mark - 1);
+    std::set<int> expected;
+    for (const int v : {400, 2500}) {
+      marked[std::size_t(cell_of_position(x[std::size_t(v)], origin, size, cells - 1))] = mark;
+      for (int kind = 0; kind < 2; ++kind)
+        for (int i = 0; i < int(list[kind].size()); ++i)
+          for (const int node : pair_nodes(kind, list[kind][std::size_t(i)], face.data(), edge.data()).node)
+            if (node == v) expected.insert(pair_code(kind, i / RUN_PAIRS));
+    }
+    REQUIRE(expected.size() >= 4);
+    const int faces_runs = boxes[0].size(), runs = faces_runs + boxes[1].size();
+    const Stream<int> cell_marked(*backend, marked);
+    Stream<int> run(*backend, runs), found(*backend, std::vector<int>{-1, 0});
+    CAMA_LAUNCH_TEAMS(void, *backend, list_marked_runs, PAIR_TEAM, 1, runs, faces_runs, boxes[0], boxes[1], size,
+                      cells - 1, cell_marked, mark, run, 1, found);
+    CHECK(found.at(0) == -1);
+    std::vector<int> listed = run.download();
+    listed.resize(std::size_t(found.at(1)));
+    const std::set<int> told(listed.begin(), listed.end());
+    CHECK(told.size() == listed.size());
+    CHECK(std::includes(told.begin(), told.end(), expected.begin(), expected.end()));
+    CHECK(told.size() <= expected.size() + 2);  // beside those, at most one at each cell
+    // What meets too many cells counts as marked.
+    found.assign({-1, 0});
+    CAMA_LAUNCH_TEAMS(void, *backend, list_marked_runs, PAIR_TEAM, 1, runs, faces_runs, boxes[0], boxes[1], 1e-4,
+                      cells - 1, cell_marked, mark + 1, run, 1, found);
+    CHECK(found.at(1) == runs);
   }
 }
 
@@ -587,7 +743,7 @@ TEST_CASE("the motion that truncation takes is summed over the cloth", "[commit]
   CHECK(loss[2].motion == 0.25);
 }
 
-TEST_CASE("where cloth is squeezed, late passes look at the pairs nearby", "[commit]")
+TEST_CASE("where cloth is squeezed, late passes look at the runs nearby", "[commit]")
 {
   Scene scene = Scene::load(std::string(CAMA_SOURCE_DIR) + "/scenes/funnel", 6000);
   scene.time_step = 0.005;
@@ -595,8 +751,8 @@ TEST_CASE("where cloth is squeezed, late passes look at the pairs nearby", "[com
   Recorder &counts = *recorder;
   StagedEngine engine(scene, serial(), std::move(recorder));
   const State &state = engine.state;
-  for (int step = 0; step < 160 && counts.launches["commit_neighbourhood"] < 5; ++step) engine.step();
-  REQUIRE(counts.launches["commit_neighbourhood"] >= 5);
+  for (int step = 0; step < 160 && counts.launches["commit_recheck_runs"] < 5; ++step) engine.step();
+  REQUIRE(counts.launches["commit_recheck_runs"] >= 5);
   REQUIRE(intersections(state.mesh.position.download(), engine.topology.face, state.mesh.cloth_vertices).empty());
 }
 

@@ -243,8 +243,8 @@ TEST_CASE("fronts give every pair of features whose boxes overlap, once, trees t
         INFO(backend << ", seed " << seed << ", " << c.name);
         Fronts fronts(c.scene, backend, 1);
         StagedEngine trees(c.scene);
-        FlaggedPairs flagged(*trees.backend);
-        TreeSearch tree(*trees.backend, flagged);
+        ListedPairs own(*trees.backend);
+        TreeSearch tree(*trees.backend, own);
         const Topology &t = fronts.engine.topology;
         State &s = fronts.engine.state;
         const auto faces = s.mesh.face.download();

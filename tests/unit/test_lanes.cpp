@@ -118,6 +118,33 @@ TEST_CASE("lanes choose, invert and take roots as one number does", "[lanes]")
   }
 }
 
+TEST_CASE("what moves past each other keeps the separation along the direction between", "[lanes]")
+{
+  // A vertex 10 mm above a face goes 1 m sideways, then down to 4 mm beside it: it keeps 4 mm along z. It would be a
+  // contact if its motion could have any direction.
+  const kernels::swept_vertex face[3] = {
+      {0, 0, 0, 0, 0, 0, 1e-3f, 0}, {1, 0, 0, 0, 0, 0, 1e-3f, 0}, {0, 1, 0, 0, 0, 0, 1e-3f, 0}};
+  for (const float height : {0.01f, 0.004f, 0.0005f}) {
+    const kernels::swept_vertex vertex{1 / 3.0f, 1 / 3.0f, 0.01f, 1, 0, height - 0.01f, 1e-3f, 0};
+    CAPTURE(height);
+    const float along = kernels::gap_bound_along(0, vertex, face[0], face[1], face[2], kernels::fvec3_make(0, 0, 1), 0);
+    CHECK(along == Approx(height > 1e-3f ? height : 0).margin(1e-7));
+    const std::vector<kernels::swept_vertex> swept{vertex, face[0], face[1], face[2]};
+    const kernels::pair candidate{0, 0};
+    const kernels::face_nodes nodes{{1, 2, 3}};
+    const kernels::edge_nodes none{{0, 0}};
+    const float rounding = 0;
+    for (const int contacts : {0, 1}) {
+      kernels::fvec3 direction;
+      float gap_bound = -1;
+      kernels::cull_separated_pairs(1, 0, contacts, &candidate, &nodes, &none, swept.data(), &rounding, &direction,
+                                    &gap_bound);
+      CAPTURE(contacts, direction.x, direction.y, direction.z);
+      CHECK(gap_bound == Approx(contacts || height < 1e-3f ? 0 : height).epsilon(1e-3));
+    }
+  }
+}
+
 TEST_CASE("a single pair of swept vertices has the gap_bound of its lane", "[lanes]")
 {
   // A face in the plane z = 0 and a vertex above it: the result is the height minus motion and radius, if that exceeds

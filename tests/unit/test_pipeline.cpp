@@ -263,7 +263,7 @@ TEST_CASE("a distant obstacle moves the cloth by no more than rounding", "[pipel
 }
 
 // Candidate pairs come in the order of the trees, whose Morton codes are relative to the bounds of the whole scene;
-// contacts and impacts are sorted by their features (FlaggedPairs), so that sums over them do not depend on it.
+// contacts and impacts are sorted by their features (ListedPairs), so that sums over them do not depend on it.
 TEST_CASE("a distant obstacle does not move the cloth by one bit", "[pipeline]")
 {
   for (const Motion &motion : resting_and_moving()) {

@@ -21,7 +21,7 @@ typedef struct {
   double time;
 } impact_time;
 
-#define CCD_ITERATIONS 64       /* beyond these the pair counts as hit at the time reached, the safe answer */
+#define CCD_ITERATIONS 64       /* beyond these the pair counts as hit, the safe answer */
 #define CCD_ROUNDING 4e-14      /* bound on the rounding error of g, relative to the pair's extent */
 /* Bound on the rounding error of a triple product, docs/theory/continuous-collision.md. */
 #define CCD_DETERMINANT 7e-15
@@ -159,9 +159,10 @@ DEVICE int axis_separated(const dvec3 *x, const dvec3 *d, int split, double dist
 
 /* The iteration from time `start` on, up to which the pair is known to keep minimum_distance. x and d are relative to
    one vertex of the pair, `extent` is the sum of the largest coordinates at both ends, tolerance a fraction of it.
-   There are no false negatives; the time is never after the first moment at which the distance is minimum_distance. */
+   There are no false negatives; the time is never after the first moment at which the distance is minimum_distance.
+   most: iterations, beyond which the pair counts as hit at the time reached. */
 DEVICE impact_time hull_impact_after(const dvec3 *x, const dvec3 *d, int split, double minimum_distance, double extent,
-                                     double tolerance, double start)
+                                     double tolerance, double start, int most)
 {
   double span = 0.0, turned, sure = minimum_distance + CCD_ROUNDING * extent,
          near = minimum_distance + tolerance * extent;
@@ -171,7 +172,7 @@ DEVICE impact_time hull_impact_after(const dvec3 *x, const dvec3 *d, int split, 
   if (axis_separated(x, d, split, sure)) return result;
   result.hit = 1;
   result.time = start;
-  for (int iteration = 0; iteration < CCD_ITERATIONS; ++iteration) {
+  for (int iteration = 0; iteration < most; ++iteration) {
     dvec3 y[4], n;
     double separation, step;
     for (int k = 0; k < 4; ++k) y[k] = daxpy(x[k], result.time, d[k]);
@@ -206,7 +207,7 @@ DEVICE impact_time hull_impact_after(const dvec3 *x, const dvec3 *d, int split, 
 DEVICE impact_time hull_impact_time(const dvec3 *x, const dvec3 *d, int split, double minimum_distance, double extent,
                                     double tolerance)
 {
-  return hull_impact_after(x, d, split, minimum_distance, extent, tolerance, 0.0);
+  return hull_impact_after(x, d, split, minimum_distance, extent, tolerance, 0.0, CCD_ITERATIONS);
 }
 
 /* x and d relative to the first vertex; returns `extent`. */
@@ -233,28 +234,28 @@ DEVICE void four_points(dvec3 *x, dvec3 a, dvec3 b, dvec3 c, dvec3 d)
 }
 
 DEVICE impact_time linear_impact_time(int split, dvec3 a0, dvec3 b0, dvec3 c0, dvec3 d0, dvec3 a1, dvec3 b1, dvec3 c1,
-                                      dvec3 d1, double minimum_distance)
+                                      dvec3 d1, double minimum_distance, int most)
 {
   dvec3 from[4], to[4], x[4], d[4];
   double extent;
   four_points(from, a0, b0, c0, d0);
   four_points(to, a1, b1, c1, d1);
   extent = relative_motion(from, to, x, d);
-  return hull_impact_time(x, d, split, minimum_distance, extent, CCD_TOLERANCE);
+  return hull_impact_after(x, d, split, minimum_distance, extent, CCD_TOLERANCE, 0.0, most);
 }
 
 /* Vertex v against face (a, b, c) moving from positions 0 to positions 1. minimum_distance: m. */
 DEVICE impact_time vertex_face_impact_time(dvec3 v0, dvec3 a0, dvec3 b0, dvec3 c0, dvec3 v1, dvec3 a1, dvec3 b1,
                                            dvec3 c1, double minimum_distance)
 {
-  return linear_impact_time(1, v0, a0, b0, c0, v1, a1, b1, c1, minimum_distance);
+  return linear_impact_time(1, v0, a0, b0, c0, v1, a1, b1, c1, minimum_distance, CCD_ITERATIONS);
 }
 
 /* Edge (a, b) against edge (c, d). */
 DEVICE impact_time edge_edge_impact_time(dvec3 a0, dvec3 b0, dvec3 c0, dvec3 d0, dvec3 a1, dvec3 b1, dvec3 c1, dvec3 d1,
                                          double minimum_distance)
 {
-  return linear_impact_time(2, a0, b0, c0, d0, a1, b1, c1, d1, minimum_distance);
+  return linear_impact_time(2, a0, b0, c0, d0, a1, b1, c1, d1, minimum_distance, CCD_ITERATIONS);
 }
 
 #endif

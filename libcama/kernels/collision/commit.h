@@ -30,21 +30,22 @@
 #include "impact.h"
 #include "pair.h"
 #include "query.h"
+#include "runs.h"
 #include "swept_vertex.h"
 
 #define COMMIT_SETTLED 0
 #define COMMIT_CONDITIONAL 1
 #define COMMIT_INTERSECTING 2
 #define COMMIT_PAUSING 3          /* settled with sigma cut: the step's obstacles pause for it */
+#define COMMIT_UNDECIDED 4        /* as long as continuous detection has not decided */
 #define COMMIT_WHOLE 0x3f800000   /* bits of 1.0f, the initial value of fraction[] and sigma */
 /* Of outcome[], which all passes of a commit share: */
 #define COMMIT_CHANGES 0          /* vertices truncated or truncated further, counted once after each pass */
 #define COMMIT_CROSSED 1          /* intersecting pairs */
 #define COMMIT_SIGMA 2            /* bits of sigma */
 #define COMMIT_LISTED 3           /* pairs that the next pass decides */
-#define COMMIT_NEARBY 4           /* conditional pairs with a vertex in the neighbourhood, until the next pass */
-#define COMMIT_OUTSIDE 5          /* changes of vertices that were not in the neighbourhood */
-#define COMMIT_OUTCOMES 6
+#define COMMIT_RUNS 4             /* runs of pairs near what the last pass has truncated */
+#define COMMIT_OUTCOMES 5
 
 typedef struct {
   int state; /* one of the above */
@@ -145,9 +146,10 @@ DEVICE int commit_certified(const dvec3 *x, const dvec3 *z, int split, dvec3 n, 
 }
 
 /* Decides one pair. x: positions of its vertices; y: positions that the step proposes; t: fractions so far; fixed:
-   vertices that cannot be truncated. recheck: the pair is known not to be settled already. */
+   vertices that cannot be truncated. recheck: the pair is known not to be settled already. quick: what takes continuous
+   detection stays undecided. */
 DEVICE commit_bound commit_decide(dvec3 *x, dvec3 *y, const double *t, const int *fixed, int split, double dmin,
-                                  double radius, int conditional, int recheck)
+                                  double radius, int conditional, int recheck, int quick)
 {
   dvec3 d[4], z[4], motion[4], n, x0 = x[0], y0 = y[0];
   double largest = 0.0, extent = 0.0, rounding, gap, least;
@@ -176,6 +178,7 @@ DEVICE commit_bound commit_decide(dvec3 *x, dvec3 *y, const double *t, const int
   }
   if (commit_certified(x, z, split, n, least)) return commit_free(COMMIT_CONDITIONAL);
   if (commit_certified(x, z, split, hull_proximity(z, split).normal, least)) return commit_free(COMMIT_CONDITIONAL);
+  if (quick) return commit_free(COMMIT_UNDECIDED);
   if (!hull_impact_time(x, motion, split, least, extent, CCD_TOLERANCE).hit) return commit_free(COMMIT_CONDITIONAL);
   return r;
 }
@@ -238,12 +241,10 @@ KERNEL commit_screen(int n, int pairs, int first_size, int vertices, int faces, 
 }
 
 /* Lists the conditional pairs of which a vertex is marked: for the next pass those that have been truncated, as
-   commit_changes and commit_disturb tell. of: -1 for all pairs, else the place in the list from which on it has the
-   `pairs` to be looked at. They go to the list from place `to` on, as far as there is room; outcome[counter]: their
-   number, room or not. n: teams. */
-KERNEL commit_recheck(int n, int pairs, int of, int first_size, int vertices, int faces, GLOBAL const pair *vertex_face,
+   commit_changes and commit_disturb tell. outcome[COMMIT_LISTED]: the length of the list. n: teams. */
+KERNEL commit_recheck(int n, int pairs, int first_size, int vertices, int faces, GLOBAL const pair *vertex_face,
                       GLOBAL const pair *edge_edge, GLOBAL const unsigned char *marked, GLOBAL const int *accepted,
-                      int to, int room, GLOBAL int *list, int counter, GLOBAL int *outcome)
+                      GLOBAL int *list, GLOBAL int *outcome)
 {
   TEAM_LOCAL(int, chosen, RUN_PAIRS);
   TEAM_LOCAL(int, listed, 2);
@@ -251,56 +252,51 @@ KERNEL commit_recheck(int n, int pairs, int of, int first_size, int vertices, in
     const int first = t * RUN_PAIRS;
     begin_chosen(listed);
     TEAM_FOR(l, min_int(pairs - first, RUN_PAIRS)) {
-      const int i = of < 0 ? first + l : list[of + first + l], before = i < first_size ? 0 : vertices + faces;
+      const int i = first + l, before = i < first_size ? 0 : vertices + faces;
       const pair p = listed_pair(i, first_size, vertex_face, edge_edge);
       if ((marked[before + p.a] | marked[(i < first_size ? vertices : before) + p.b]) &&
           accepted[i] == COMMIT_CONDITIONAL)
         chosen[local_add_int(listed, 1)] = i;
     }
-    TEAM_BARRIER;
-    TEAM_FOR(l, 1) listed[1] = listed[0] > 0 ? atomic_add_int(outcome + counter, listed[0]) : 0;
-    TEAM_BARRIER;
-    TEAM_FOR(l, min_int(listed[0], room - listed[1])) list[to + listed[1] + l] = chosen[l];
+    append_chosen(chosen, listed, list, outcome + COMMIT_LISTED);
   }
 }
 
-/* The neighbourhood of the vertices that a pass has truncated: all vertices in the cells of a grid where these are, and
-   in the cells beside them on the nearer sides. Cells share marks, 2^k of them, by a hash of their place: those that
-   meet make the neighbourhood larger, which harms nothing. size: of a cell, m; mask: 2^k - 1. */
-DEVICE int commit_cell(dvec3 x, double size, double shift_x, double shift_y, double shift_z, int mask)
+/* The same for few truncated vertices: of the runs listed by list_marked_runs (outcome[COMMIT_RUNS]) alone, which hold
+   all pairs that have such a vertex. n: teams. */
+KERNEL commit_recheck_runs(int n, int vertex_face_size, int edge_edge_size, GLOBAL const int *run,
+                           GLOBAL const pair *vertex_face, GLOBAL const pair *edge_edge, GLOBAL const face_nodes *face,
+                           GLOBAL const edge_nodes *edge, GLOBAL const int *vertex_changed, GLOBAL const int *accepted,
+                           GLOBAL int *list, GLOBAL int *outcome)
 {
-  const unsigned int i = (unsigned int)(int)floor(clamp_double(x.x / size + shift_x, -1e9, 1e9)),
-                     j = (unsigned int)(int)floor(clamp_double(x.y / size + shift_y, -1e9, 1e9)),
-                     k = (unsigned int)(int)floor(clamp_double(x.z / size + shift_z, -1e9, 1e9));
-  return (int)(i * 73856093u ^ j * 19349663u ^ k * 83492791u) & mask;
-}
-
-/* Marks the cells of the vertices that the last pass has truncated. */
-KERNEL commit_mark_cells(int n, GLOBAL const dvec3 *position, GLOBAL const int *vertex_changed, double size, int mask,
-                         GLOBAL int *cell_marked)
-{
-  FOR_EACH(i, n) {
-    if (!vertex_changed[i]) continue;
-    for (int k = 0; k < 8; ++k)
-      atomic_max_int(cell_marked + commit_cell(position[i], size, k & 1 ? 0.5 : -0.5, k & 2 ? 0.5 : -0.5,
-                                               k & 4 ? 0.5 : -0.5, mask),
-                     1);
+  TEAM_LOCAL(int, chosen, RUN_PAIRS);
+  TEAM_LOCAL(int, listed, 2);
+  FOR_EACH_UNEVEN_TEAM(t, n) {
+    const int runs = outcome[COMMIT_RUNS];
+    for (int r = t; r < runs; r += n) {
+      const int kind = code_kind(run[r]), first = RUN_PAIRS * code_place(run[r]),
+                place = kind == 0 ? 0 : vertex_face_size;
+      begin_chosen(listed);
+      TEAM_FOR(l, min_int((kind == 0 ? vertex_face_size : edge_edge_size) - first, RUN_PAIRS)) {
+        const int at = first + l;
+        const element_nodes e = pair_nodes(kind, kind == 0 ? vertex_face[at] : edge_edge[at], face, edge);
+        if ((vertex_changed[e.node[0]] | vertex_changed[e.node[1]] | vertex_changed[e.node[2]] |
+             vertex_changed[e.node[3]]) &&
+            accepted[place + at] == COMMIT_CONDITIONAL)
+          chosen[local_add_int(listed, 1)] = place + at;
+      }
+      append_chosen(chosen, listed, list, outcome + COMMIT_LISTED);
+    }
   }
 }
 
-/* neighbourhood[v] = 1 for the vertices in marked cells, and for the truncated ones wherever they are. */
-KERNEL commit_neighbourhood(int n, GLOBAL const dvec3 *position, GLOBAL const int *vertex_changed, double size,
-                            int mask, GLOBAL const int *cell_marked, GLOBAL int *neighbourhood)
-{
-  FOR_EACH(i, n)
-    neighbourhood[i] = vertex_changed[i] | cell_marked[commit_cell(position[i], size, 0.0, 0.0, 0.0, mask)];
-}
-
-/* Decides one pair and lowers the fractions of its vertices; returns its state. */
+/* Decides one pair, unless it is not to be decided quickly, and lowers the fractions of its vertices; returns its
+   state. */
 DEVICE_ATOMIC int commit_one(int kind, pair p, int pass, GLOBAL const face_nodes *face, GLOBAL const edge_nodes *edge,
                              GLOBAL const dvec3 *position, GLOBAL const dvec3 *target,
                              GLOBAL const double *inverse_mass, GLOBAL const vertex_contact *properties, double share,
-                             int let_go, GLOBAL const int *fraction_before, GLOBAL int *fraction, GLOBAL int *outcome)
+                             int let_go, int quick, GLOBAL const int *fraction_before, GLOBAL int *fraction,
+                             GLOBAL int *outcome)
 {
   element_nodes e = pair_nodes(kind, p, face, edge);
   commit_bound r = commit_free(COMMIT_SETTLED);
@@ -320,8 +316,9 @@ DEVICE_ATOMIC int commit_one(int kind, pair p, int pass, GLOBAL const face_nodes
     if (pair_has_plane(kind, e, properties))
       r = commit_half_space(x, y, fixed, dmin, radius);
     else
-      r = commit_decide(x, y, t, fixed, kind + 1, dmin, radius, pass >= 0, pass != 0);
+      r = commit_decide(x, y, t, fixed, kind + 1, dmin, radius, pass >= 0, pass != 0, quick);
   }
+  if (r.state == COMMIT_UNDECIDED) return r.state;
   if (r.state == COMMIT_INTERSECTING) {
     atomic_add_int(outcome + COMMIT_CROSSED, 1);
     for (k = 0; k < 4; ++k)
@@ -349,51 +346,91 @@ KERNEL commit_pairs(int n, int first_size, int pass, GLOBAL const int *list, GLO
     const int i = list[k_run + k];
     accepted[i] =
         commit_one(i >= first_size, listed_pair(i, first_size, vertex_face, edge_edge), pass, face, edge, position,
-                   target, inverse_mass, properties, share, let_go, fraction_before, fraction, outcome);
+                   target, inverse_mass, properties, share, let_go, 0, fraction_before, fraction, outcome);
   }
 }
 
-/* Sets every fraction to 1 and the outcome to that of a motion without pairs. */
-KERNEL commit_begin(int n, GLOBAL int *fraction, GLOBAL int *fraction_before, GLOBAL int *outcome)
+/* The same for lists of many pairs: a team collects those that take continuous detection, one in twenty, and decides
+   them at last, so that its members have this work at the same time. */
+KERNEL commit_many_pairs(int n, int first_size, int pass, GLOBAL const int *list, GLOBAL const pair *vertex_face,
+                         GLOBAL const pair *edge_edge, GLOBAL const face_nodes *face, GLOBAL const edge_nodes *edge,
+                         GLOBAL const dvec3 *position, GLOBAL const dvec3 *target, GLOBAL const double *inverse_mass,
+                         GLOBAL const vertex_contact *properties, double share, int let_go, GLOBAL int *accepted,
+                         GLOBAL const int *fraction_before, GLOBAL int *fraction, GLOBAL int *outcome)
+{
+  TEAM_LOCAL(int, undecided, 2 * PAIR_TEAM);
+  TEAM_LOCAL(int, collected, 2);
+  FOR_EACH_UNEVEN_TEAM(t, n) {
+    const int listed = outcome[COMMIT_LISTED], stride = n * PAIR_TEAM, late_work = has_late_work(listed, stride);
+    int run, late;
+    begin_chosen(collected);
+    for (run = t * PAIR_TEAM; run < listed; run += stride)
+      for (late = 0; late <= late_work; ++late) {
+        const int some = late ? chosen_so_far(collected) : min_int(listed - run, PAIR_TEAM);
+        if (late && some < PAIR_TEAM && listed - run > stride) break;
+        TEAM_FOR(k, some) {
+          const int i = late ? undecided[k] : list[run + k],
+                    state = commit_one(i >= first_size, listed_pair(i, first_size, vertex_face, edge_edge), pass, face,
+                                       edge, position, target, inverse_mass, properties, share, let_go,
+                                       late_work && !late, fraction_before, fraction, outcome);
+          if (state == COMMIT_UNDECIDED)
+            undecided[local_add_int(collected, 1)] = i;
+          else
+            accepted[i] = state;
+        }
+        if (late) begin_chosen(collected);
+      }
+  }
+}
+
+/* Sets every fraction to 1, no cell to be marked, and the outcome to that of a motion without pairs. n: the larger
+   number of vertices and cells. */
+KERNEL commit_begin(int n, int vertices, int cells, GLOBAL int *fraction, GLOBAL int *fraction_before,
+                    GLOBAL int *cell_marked, GLOBAL int *outcome)
 {
   FOR_EACH(i, n) {
-    fraction[i] = fraction_before[i] = COMMIT_WHOLE;
+    if (i < vertices) fraction[i] = fraction_before[i] = COMMIT_WHOLE;
+    if (i < cells) cell_marked[i] = 0;
     if (i == 0) {
-      outcome[COMMIT_CHANGES] = outcome[COMMIT_CROSSED] = outcome[COMMIT_LISTED] = outcome[COMMIT_OUTSIDE] = 0;
+      outcome[COMMIT_CHANGES] = outcome[COMMIT_CROSSED] = outcome[COMMIT_LISTED] = outcome[COMMIT_RUNS] = 0;
       outcome[COMMIT_SIGMA] = COMMIT_WHOLE;
     }
   }
 }
 
-/* After a pass: the vertices that it has truncated, and `fraction_before` and empty lists for the next. */
-KERNEL commit_changes(int n, GLOBAL const int *fraction, GLOBAL const int *neighbourhood, GLOBAL int *fraction_before,
-                      GLOBAL int *vertex_changed, GLOBAL int *outcome)
+/* After a pass: the vertices that it has truncated, whose cells get the mark `mark` (runs.h), `fraction_before`, and
+   empty lists for the next. */
+KERNEL commit_changes(int n, GLOBAL const int *fraction, GLOBAL const dvec3 *position, GLOBAL const dvec3 *scene_bounds,
+                      double cell_size, int mask, int mark, GLOBAL int *fraction_before, GLOBAL int *vertex_changed,
+                      GLOBAL int *cell_marked, GLOBAL int *outcome)
 {
   FOR_EACH(i, n) {
     const int changed = fraction[i] != fraction_before[i];
     vertex_changed[i] = changed;
     fraction_before[i] = fraction[i];
-    if (i == 0) outcome[COMMIT_LISTED] = outcome[COMMIT_NEARBY] = 0;
-    if (changed) atomic_add_int(outcome + COMMIT_CHANGES, 1);
-    if (changed && !neighbourhood[i]) atomic_add_int(outcome + COMMIT_OUTSIDE, 1);
+    if (i == 0) outcome[COMMIT_LISTED] = outcome[COMMIT_RUNS] = 0;
+    if (changed) {
+      atomic_add_int(outcome + COMMIT_CHANGES, 1);
+      atomic_max_int(cell_marked + cell_of_position(position[i], scene_bounds[0], cell_size, mask), mark);
+    }
   }
 }
 
-/* Marks the vertices that have been truncated, or are in the neighbourhood, and the faces and edges that have such a
-   vertex; marked: [vertices, then faces, then edges] bytes, which remain in a cache. n: all of these. */
+/* Marks the vertices that have been truncated, and the faces and edges that have such a vertex;
+   marked: [vertices, then faces, then edges] bytes, which remain in a cache. n: all of these. */
 KERNEL commit_disturb(int n, int vertices, int faces, GLOBAL const face_nodes *face, GLOBAL const edge_nodes *edge,
-                      GLOBAL const int *vertex_marked, GLOBAL unsigned char *marked)
+                      GLOBAL const int *vertex_changed, GLOBAL unsigned char *marked)
 {
   FOR_EACH(i, n) {
     int any;
     if (i < vertices) {
-      any = vertex_marked[i];
+      any = vertex_changed[i];
     } else if (i < vertices + faces) {
       const face_nodes f = face[i - vertices];
-      any = vertex_marked[f.node[0]] | vertex_marked[f.node[1]] | vertex_marked[f.node[2]];
+      any = vertex_changed[f.node[0]] | vertex_changed[f.node[1]] | vertex_changed[f.node[2]];
     } else {
       const edge_nodes e = edge[i - vertices - faces];
-      any = vertex_marked[e.node[0]] | vertex_marked[e.node[1]];
+      any = vertex_changed[e.node[0]] | vertex_changed[e.node[1]];
     }
     marked[i] = (unsigned char)any;
   }

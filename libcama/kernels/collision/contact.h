@@ -17,9 +17,9 @@ DEVICE pair listed_pair(int i, int first_size, GLOBAL const pair *vertex_face, G
   return i < first_size ? vertex_face[i] : edge_edge[i - first_size];
 }
 
-/* Lists the pairs that no bound decides: those whose gap_bound is 0. The flags of all are 0. n: teams. */
+/* Lists the pairs that no bound decides: those whose gap_bound is 0. n: teams. */
 KERNEL list_near_pairs(int n, int pairs, int first_size, GLOBAL const float *vertex_face_gap_bound,
-                       GLOBAL const float *edge_edge_gap_bound, GLOBAL int *flag, GLOBAL int *list, GLOBAL int *length)
+                       GLOBAL const float *edge_edge_gap_bound, GLOBAL int *list, GLOBAL int *found)
 {
   TEAM_LOCAL(int, chosen, RUN_PAIRS);
   TEAM_LOCAL(int, listed, 2);
@@ -28,11 +28,10 @@ KERNEL list_near_pairs(int n, int pairs, int first_size, GLOBAL const float *ver
     begin_chosen(listed);
     TEAM_FOR(l, min_int(pairs - first, RUN_PAIRS)) {
       const int i = first + l;
-      flag[i] = 0;
       if (!((i < first_size ? vertex_face_gap_bound[i] : edge_edge_gap_bound[i - first_size]) > 0.0f))
         chosen[local_add_int(listed, 1)] = i;
     }
-    append_chosen(chosen, listed, list, length);
+    append_chosen(chosen, listed, list, found + NEAR_PAIRS);
   }
 }
 
@@ -48,7 +47,7 @@ DEVICE float gap_bound_of(int kind, element_nodes e, proximity p, GLOBAL const s
 
 /* The listed pairs, which have no bound yet: the direction between their closest points, and the bound along it. n:
    teams. */
-KERNEL bound_near_pairs(int n, int first_size, GLOBAL const int *list, GLOBAL const int *length,
+KERNEL bound_near_pairs(int n, int first_size, GLOBAL const int *list, GLOBAL const int *found,
                         GLOBAL const pair *vertex_face, GLOBAL const pair *edge_edge, GLOBAL const face_nodes *face,
                         GLOBAL const edge_nodes *edge, GLOBAL const dvec3 *position,
                         GLOBAL const swept_vertex *swept_vertices, GLOBAL const float *rounding_margin,
@@ -56,7 +55,7 @@ KERNEL bound_near_pairs(int n, int first_size, GLOBAL const int *list, GLOBAL co
                         GLOBAL float *vertex_face_gap_bound, GLOBAL fvec3 *edge_edge_direction,
                         GLOBAL float *edge_edge_gap_bound)
 {
-  FOR_EACH_LISTED(t, k, n, length)
+  FOR_EACH_LISTED(t, k, n, found + NEAR_PAIRS)
   {
     const int i = list[k_run + k], kind = i >= first_size, at = kind == 0 ? i : i - first_size;
     const element_nodes e = pair_nodes(kind, listed_pair(i, first_size, vertex_face, edge_edge), face, edge);
@@ -72,29 +71,31 @@ KERNEL bound_near_pairs(int n, int first_size, GLOBAL const int *list, GLOBAL co
   }
 }
 
-/* flag[i] = 1 where listed candidate i is a contact. direction: one that separates its sides, from side B to side A;
-   gap_bound: lower bound of their distance along it until the prediction, m, 0 where it is not known to exceed the
-   thickness. cull_separated_pairs has both for the pairs that are not listed. n: teams. */
-KERNEL find_contacts(int n, int first_size, GLOBAL const int *list, GLOBAL const int *length,
-                     GLOBAL const pair *vertex_face, GLOBAL const pair *edge_edge, GLOBAL const face_nodes *face,
-                     GLOBAL const edge_nodes *edge, GLOBAL const edge_nodes *wing, GLOBAL const dvec3 *position,
-                     GLOBAL const dvec3 *predicted, GLOBAL const swept_vertex *swept_vertices,
-                     GLOBAL const float *rounding_margin, GLOBAL const vertex_contact *v, double anticipate,
-                     GLOBAL int *flag, GLOBAL fvec3 *vertex_face_direction, GLOBAL float *vertex_face_gap_bound,
-                     GLOBAL fvec3 *edge_edge_direction, GLOBAL float *edge_edge_gap_bound)
+/* In the list of candidates those that are contacts become their codes, the others NO_PAIR. direction: one that
+   separates its sides, from side B to side A; gap_bound: lower bound of their distance along it until the prediction,
+   m, 0 where it is not known to exceed the thickness. cull_separated_pairs has both for the pairs that are not listed.
+   n: teams. */
+KERNEL find_contacts(int n, int first_size, GLOBAL const int *found, GLOBAL const pair *vertex_face,
+                     GLOBAL const pair *edge_edge, GLOBAL const face_nodes *face, GLOBAL const edge_nodes *edge,
+                     GLOBAL const edge_nodes *wing, GLOBAL const dvec3 *position, GLOBAL const dvec3 *predicted,
+                     GLOBAL const swept_vertex *swept_vertices, GLOBAL const float *rounding_margin,
+                     GLOBAL const vertex_contact *v, double anticipate, GLOBAL fvec3 *vertex_face_direction,
+                     GLOBAL float *vertex_face_gap_bound, GLOBAL fvec3 *edge_edge_direction,
+                     GLOBAL float *edge_edge_gap_bound, GLOBAL int *list)
 {
-  FOR_EACH_LISTED(t, k, n, length)
+  FOR_EACH_LISTED(t, k, n, found + NEAR_PAIRS)
   {
     contact c;
     const int i = list[k_run + k], kind = i >= first_size, at = kind == 0 ? i : i - first_size;
     pair q = listed_pair(i, first_size, vertex_face, edge_edge);
     element_nodes e = pair_nodes(kind, q, face, edge);
     proximity p = surface_proximity(kind, e, position, v);
-    int hit = make_contact(kind, q, e, wing, position, predicted, v, anticipate, p, &c);
+    const int hit = make_contact(kind, q, e, wing, position, predicted, v, anticipate, p, &c);
     if (kind == 0)
       vertex_face_direction[at] = to_direction(p.normal);
     else
       edge_edge_direction[at] = to_direction(p.normal);
+    list[k_run + k] = hit ? pair_code(kind, at) : NO_PAIR;
     if (!hit) {
       float gap_bound = gap_bound_of(kind, e, p, swept_vertices, rounding_margin);
       if (gap_bound > 0.0f) {
@@ -104,7 +105,22 @@ KERNEL find_contacts(int n, int first_size, GLOBAL const int *list, GLOBAL const
           edge_edge_gap_bound[at] = gap_bound;
       }
     }
-    flag[i] = hit;
+  }
+}
+
+/* The codes of the contacts in the list, in any order. n: teams. */
+KERNEL collect_contacts(int n, GLOBAL const int *list, GLOBAL int *code, GLOBAL int *found)
+{
+  TEAM_LOCAL(int, chosen, PAIR_TEAM);
+  TEAM_LOCAL(int, listed, 2);
+  FOR_EACH_UNEVEN_TEAM(t, n) {
+    const int many = found[NEAR_PAIRS];
+    for (int first = t * PAIR_TEAM; first < many; first += n * PAIR_TEAM) {
+      begin_chosen(listed);
+      TEAM_FOR(l, min_int(many - first, PAIR_TEAM))
+        if (list[first + l] != NO_PAIR) chosen[local_add_int(listed, 1)] = list[first + l];
+      append_chosen(chosen, listed, code, found + NEAR_CONTACTS);
+    }
   }
 }
 
@@ -117,58 +133,51 @@ DEVICE double side_component(dvec3 n, int side)
   return (side & 1) ? -dcomponent(n, side >> 1) : dcomponent(n, side >> 1);
 }
 
-/* nearest[SIDES v + side]: bits of the smallest distance (float, m) at which cloth vertex v has a contact on that side.
-   n: teams. */
-KERNEL nearest_contacts(int n, int first_size, GLOBAL const int *list, GLOBAL const int *length,
-                        GLOBAL const pair *vertex_face, GLOBAL const pair *edge_edge, GLOBAL const face_nodes *face,
-                        GLOBAL const edge_nodes *edge, GLOBAL const dvec3 *position, GLOBAL const vertex_contact *v,
-                        int cloth_vertex_count, GLOBAL const int *flag, GLOBAL int *nearest)
+/* nearest[SIDES v + side]: bits of the smallest distance (float, m) at which cloth vertex v has a contact on that side;
+   code: of the contacts. n: teams. */
+KERNEL nearest_contacts(int n, GLOBAL const int *code, GLOBAL const int *found, GLOBAL const pair *vertex_face,
+                        GLOBAL const pair *edge_edge, GLOBAL const face_nodes *face, GLOBAL const edge_nodes *edge,
+                        GLOBAL const dvec3 *position, GLOBAL const vertex_contact *v, int cloth_vertex_count,
+                        GLOBAL int *nearest)
 {
-  FOR_EACH_LISTED(t, place, n, length)
+  FOR_EACH_LISTED(t, place, n, found + NEAR_CONTACTS)
   {
-    element_nodes e;
-    proximity p;
-    int k, side, i = list[place_run + place], kind = i >= first_size;
-    if (!flag[i]) continue;
-    e = pair_nodes(kind, listed_pair(i, first_size, vertex_face, edge_edge), face, edge);
-    p = surface_proximity(kind, e, position, v);
-    for (k = 0; k < 4; ++k) {
-      dvec3 towards = k <= kind ? dscale(-1.0, p.normal) : p.normal;
+    const int i = code[place_run + place], kind = code_kind(i), at = code_place(i);
+    const element_nodes e = pair_nodes(kind, kind == 0 ? vertex_face[at] : edge_edge[at], face, edge);
+    const proximity p = surface_proximity(kind, e, position, v);
+    for (int k = 0; k < 4; ++k) {
+      const dvec3 towards = k <= kind ? dscale(-1.0, p.normal) : p.normal;
       if (e.node[k] >= cloth_vertex_count) continue;
-      for (side = 0; side < SIDES; ++side)
+      for (int side = 0; side < SIDES; ++side)
         if (side_component(towards, side) > SIDE_COMPONENT)
           atomic_min_int(nearest + SIDES * e.node[k] + side, float_bits((float)p.distance));
     }
   }
 }
 
-/* Drops anticipated contacts through other cloth: one of their vertices has a contact on the same side that is nearer
-   by more than the thickness. The term of such a pair would pull its sides together through the cloth between them. n:
-   teams. */
-KERNEL drop_hidden_contacts(int n, int first_size, GLOBAL const int *list, GLOBAL const int *length,
-                            GLOBAL const pair *vertex_face, GLOBAL const pair *edge_edge, GLOBAL const face_nodes *face,
-                            GLOBAL const edge_nodes *edge, GLOBAL const dvec3 *position, GLOBAL const vertex_contact *v,
-                            int cloth_vertex_count, GLOBAL const int *nearest, GLOBAL int *flag)
+/* Lists the contacts without the anticipated ones through other cloth: one of their vertices has a contact on the same
+   side that is nearer by more than the thickness. The term of such a pair would pull its sides together through the
+   cloth between them. n: teams. */
+KERNEL drop_hidden_contacts(int n, GLOBAL const int *code, GLOBAL const pair *vertex_face, GLOBAL const pair *edge_edge,
+                            GLOBAL const face_nodes *face, GLOBAL const edge_nodes *edge, GLOBAL const dvec3 *position,
+                            GLOBAL const vertex_contact *v, int cloth_vertex_count, GLOBAL const int *nearest,
+                            GLOBAL int *kept, GLOBAL int *found)
 {
-  FOR_EACH_LISTED(t, place, n, length)
+  FOR_EACH_LISTED(t, place, n, found + NEAR_CONTACTS)
   {
-    element_nodes e;
-    proximity p;
-    double thickness;
-    int k, side, hidden = 0, i = list[place_run + place], kind = i >= first_size;
-    if (!flag[i]) continue;
-    e = pair_nodes(kind, listed_pair(i, first_size, vertex_face, edge_edge), face, edge);
-    p = surface_proximity(kind, e, position, v);
-    thickness = pair_thickness(kind, e, v);
-    if (!(p.distance > thickness)) continue;
-    for (k = 0; k < 4; ++k) {
-      dvec3 towards = k <= kind ? dscale(-1.0, p.normal) : p.normal;
+    const int i = code[place_run + place], kind = code_kind(i), at = code_place(i);
+    const element_nodes e = pair_nodes(kind, kind == 0 ? vertex_face[at] : edge_edge[at], face, edge);
+    const proximity p = surface_proximity(kind, e, position, v);
+    const double thickness = pair_thickness(kind, e, v);
+    int hidden = 0;
+    for (int k = 0; k < 4 && p.distance > thickness; ++k) {
+      const dvec3 towards = k <= kind ? dscale(-1.0, p.normal) : p.normal;
       if (e.node[k] >= cloth_vertex_count) continue;
-      for (side = 0; side < SIDES; ++side)
+      for (int side = 0; side < SIDES; ++side)
         if (side_component(towards, side) > SIDE_COMPONENT)
           hidden |= p.distance > (double)bits_float(nearest[SIDES * e.node[k] + side]) + thickness;
     }
-    if (hidden) flag[i] = 0;
+    if (!hidden) kept[atomic_add_int(found + NEAR_KEPT, 1)] = i;
   }
 }
 
@@ -188,19 +197,6 @@ KERNEL find_directions(int n, int kind, int first, GLOBAL const pair *pairs, GLO
 DEVICE key64 pair_key(int kind, pair p, int bits_a, int bits_b)
 {
   return ((key64)kind << (bits_a + bits_b)) | ((key64)p.a << bits_b) | (key64)p.b;
-}
-
-/* The flagged pairs of both lists with their keys. */
-KERNEL flagged_pairs(int n, int first_size, int bits_a, int bits_b, GLOBAL const pair *vertex_face,
-                     GLOBAL const pair *edge_edge, GLOBAL const int *place, GLOBAL key64 *key, GLOBAL int *index)
-{
-  FOR_EACH(i, n) {
-    pair p;
-    if (place[i + 1] == place[i]) continue;
-    p = listed_pair(i, first_size, vertex_face, edge_edge);
-    key[place[i]] = pair_key(i >= first_size, p, bits_a, bits_b);
-    index[place[i]] = i;
-  }
 }
 
 /* The pairs with codes code[i], with their keys. */
@@ -225,19 +221,19 @@ KERNEL widen_keys(int n, int bits_a, int bits_b, GLOBAL const key64 *key, GLOBAL
   }
 }
 
-/* Contacts of the pairs index[0 .. n). */
-KERNEL fill_contacts(int n, int first_size, GLOBAL const int *index, GLOBAL const pair *vertex_face,
-                     GLOBAL const pair *edge_edge, GLOBAL const face_nodes *face, GLOBAL const edge_nodes *edge,
-                     GLOBAL const edge_nodes *wing, GLOBAL const dvec3 *position, GLOBAL const dvec3 *predicted,
-                     GLOBAL const vertex_contact *v, double anticipate, GLOBAL contact *contacts)
+/* Contacts of the pairs with codes code[0 .. n). */
+KERNEL fill_contacts(int n, GLOBAL const int *code, GLOBAL const pair *vertex_face, GLOBAL const pair *edge_edge,
+                     GLOBAL const face_nodes *face, GLOBAL const edge_nodes *edge, GLOBAL const edge_nodes *wing,
+                     GLOBAL const dvec3 *position, GLOBAL const dvec3 *predicted, GLOBAL const vertex_contact *v,
+                     double anticipate, GLOBAL contact *contacts)
 {
   FOR_EACH(i, n) {
     contact c;
-    int k, kind = index[i] >= first_size;
-    pair q = listed_pair(index[i], first_size, vertex_face, edge_edge);
+    int k, kind = code_kind(code[i]);
+    pair q = kind == 0 ? vertex_face[code_place(code[i])] : edge_edge[code_place(code[i])];
     element_nodes e = pair_nodes(kind, q, face, edge);
     c.kind = kind;
-    c.candidate = kind == 0 ? index[i] : index[i] - first_size;
+    c.candidate = code_place(code[i]);
     c.normal = dvec3_make(0.0, 0.0, 1.0);
     c.distance = c.thickness = c.stiffness = c.friction = c.static_friction = 0.0;
     for (k = 0; k < 4; ++k) {

@@ -32,14 +32,13 @@ typedef struct ALIGNED(16) {
 
 /* cubic: the paper's test, at distance 0; else the additive method, at `minimum`. */
 DEVICE impact_time candidate_impact_time(int kind, int cubic, element_nodes e, GLOBAL const dvec3 *x,
-                                         GLOBAL const dvec3 *y, double minimum)
+                                         GLOBAL const dvec3 *y, double minimum, int most)
 {
   dvec3 o = x[e.node[0]], z = dvec3_make(0.0, 0.0, 0.0);
   dvec3 a0 = dsub(x[e.node[1]], o), b0 = dsub(x[e.node[2]], o), c0 = dsub(x[e.node[3]], o);
   dvec3 o1 = dsub(y[e.node[0]], o), a1 = dsub(y[e.node[1]], o), b1 = dsub(y[e.node[2]], o), c1 = dsub(y[e.node[3]], o);
   if (cubic) return linear_impact_cubic(kind == 0 ? 1 : 2, z, a0, b0, c0, o1, a1, b1, c1);
-  return kind == 0 ? vertex_face_impact_time(z, a0, b0, c0, o1, a1, b1, c1, minimum)
-                   : edge_edge_impact_time(z, a0, b0, c0, o1, a1, b1, c1, minimum);
+  return linear_impact_time(kind == 0 ? 1 : 2, z, a0, b0, c0, o1, a1, b1, c1, minimum, most);
 }
 
 /* Normal of touching features, opposite to their weighted relative motion: that of the face, or common to the edges,
@@ -84,11 +83,12 @@ DEVICE int takes_cubic(int kind, int cubic, element_nodes e, GLOBAL const vertex
   return cubic && !pair_has_plane(kind, e, v) && pair_radius(kind, e, v) == 0.0;
 }
 DEVICE impact_time surface_impact_time(int kind, int cubic, element_nodes e, GLOBAL const dvec3 *x,
-                                       GLOBAL const dvec3 *y, GLOBAL const vertex_contact *v, double minimum)
+                                       GLOBAL const dvec3 *y, GLOBAL const vertex_contact *v, double minimum, int most)
 {
   impact_time r;
   double start, end;
-  if (!pair_has_plane(kind, e, v)) return candidate_impact_time(kind, takes_cubic(kind, cubic, e, v), e, x, y, minimum);
+  if (!pair_has_plane(kind, e, v))
+    return candidate_impact_time(kind, takes_cubic(kind, cubic, e, v), e, x, y, minimum, most);
   start = vertex_plane_proximity(x[e.node[0]], x[e.node[1]], x[e.node[2]], x[e.node[3]]).distance;
   end = vertex_plane_proximity(y[e.node[0]], y[e.node[1]], y[e.node[2]], y[e.node[3]]).distance;
   r.hit = start < minimum || end < minimum;
@@ -230,10 +230,43 @@ KERNEL find_impacts(int n, int cubic, GLOBAL const pair *vertex_face, GLOBAL con
   {
     const int code = list[k_run + k], kind = code_kind(code), at = code_place(code);
     element_nodes e = pair_nodes(kind, kind == 0 ? vertex_face[at] : edge_edge[at], face, edge);
-    if (surface_impact_time(kind, cubic, e, x, y, v, pair_clearance(kind, e, v, share)).hit)
+    if (surface_impact_time(kind, cubic, e, x, y, v, pair_clearance(kind, e, v, share), CCD_ITERATIONS).hit)
       atomic_add_int(found + DETECTION_IMPACTS, 1);
     else
       list[k_run + k] = NO_PAIR;
+  }
+}
+
+/* The same for lists of many pairs. One iteration clears most of them; a team collects the others and decides these at
+   last, as commit_many_pairs does. */
+KERNEL find_many_impacts(int n, int cubic, GLOBAL const pair *vertex_face, GLOBAL const pair *edge_edge,
+                         GLOBAL const face_nodes *face, GLOBAL const edge_nodes *edge, GLOBAL const dvec3 *x,
+                         GLOBAL const dvec3 *y, GLOBAL const vertex_contact *v, double share, GLOBAL int *list,
+                         GLOBAL int *found)
+{
+  TEAM_LOCAL(int, unclear, 2 * PAIR_TEAM);
+  TEAM_LOCAL(int, collected, 2);
+  FOR_EACH_UNEVEN_TEAM(t, n) {
+    const int listed = found[DETECTION_UNCLEAR], stride = n * PAIR_TEAM, late_work = has_late_work(listed, stride);
+    int run, late;
+    begin_chosen(collected);
+    for (run = t * PAIR_TEAM; run < listed; run += stride)
+      for (late = 0; late <= late_work; ++late) {
+        const int some = late ? chosen_so_far(collected) : min_int(listed - run, PAIR_TEAM);
+        if (late && some < PAIR_TEAM && listed - run > stride) break;
+        TEAM_FOR(k, some) {
+          const int place = late ? unclear[k] : run + k, code = list[place], kind = code_kind(code),
+                    at = code_place(code), most = late_work && !late ? 1 : CCD_ITERATIONS;
+          const element_nodes e = pair_nodes(kind, kind == 0 ? vertex_face[at] : edge_edge[at], face, edge);
+          if (!surface_impact_time(kind, cubic, e, x, y, v, pair_clearance(kind, e, v, share), most).hit)
+            list[place] = NO_PAIR;
+          else if (most == 1)
+            unclear[local_add_int(collected, 1)] = place;
+          else
+            atomic_add_int(found + DETECTION_IMPACTS, 1);
+        }
+        if (late) begin_chosen(collected);
+      }
   }
 }
 
@@ -256,7 +289,7 @@ KERNEL fill_impacts(int n, int cubic, int repeat, GLOBAL const int *code, GLOBAL
   FOR_EACH(i, n) {
     int k, kind = code_kind(code[i]), candidate = code_place(code[i]);
     element_nodes e = pair_nodes(kind, kind == 0 ? vertex_face[candidate] : edge_edge[candidate], face, edge);
-    double t = surface_impact_time(kind, cubic, e, x, y, v, pair_clearance(kind, e, v, share)).time;
+    double t = surface_impact_time(kind, cubic, e, x, y, v, pair_clearance(kind, e, v, share), CCD_ITERATIONS).time;
     dvec3 o = dlerp(x[e.node[0]], y[e.node[0]], t), at[4], motion[4];
     impact m;
     proximity p;

@@ -53,6 +53,21 @@ DEVICE_TEAM void append_chosen(LOCAL const int *chosen, LOCAL int *listed, GLOBA
   TEAM_FOR(l, listed[0]) list[listed[1] + l] = chosen[l];
 }
 
+/* How many a team has chosen; the next may be chosen at once. */
+DEVICE_TEAM int chosen_so_far(LOCAL const int *listed)
+{
+  int count;
+  TEAM_BARRIER;
+  count = listed[0];
+  TEAM_BARRIER;
+  return count;
+}
+
+/* 1 if teams with `members` members in all put off what takes longest in a list: it is long, and they have more than a
+   turn each. */
+#define LATE_WORK 65536
+DEVICE int has_late_work(int listed, int members) { return listed > min_int(members, LATE_WORK); }
+
 /* The place of a candidate by one number, which stays when both lists grow: `at` in the list of vertices and faces, ~at
    in that of edges. */
 DEVICE int pair_code(int kind, int at) { return kind == 0 ? at : ~at; }
@@ -244,9 +259,10 @@ DEVICE int make_contact(int kind, pair q, element_nodes e, GLOBAL const edge_nod
                         GLOBAL const dvec3 *predicted, GLOBAL const vertex_contact *v, double anticipate, proximity p,
                         contact *c)
 {
-  double thickness = pair_thickness(kind, e, v), approach = 0.0, share = 1.0, area_a, area_b;
+  double thickness, approach = 0.0, share = 1.0, area_a, area_b;
   int k;
   if (!p.interior || !(p.distance + pair_radius(kind, e, v) > 0.0)) return 0;
+  thickness = pair_thickness(kind, e, v);
   for (k = 0; k < 4; ++k) approach += p.weight[k] * ddot(p.normal, dsub(predicted[e.node[k]], position[e.node[k]]));
   if (!(p.distance < thickness || (anticipate > 0.0 && p.distance + approach < thickness))) return 0;
   if (p.distance >= thickness + anticipate) return 0;

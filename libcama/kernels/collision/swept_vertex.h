@@ -39,11 +39,17 @@ typedef struct {
 } swept_vertex;
 #define SWEPT_ROUNDING 6e-6
 
+/* Of found[], which the kernels that find contacts share: */
+#define NEAR_PAIRS 0    /* pairs that no bound decides */
+#define NEAR_CONTACTS 1 /* of these the contacts */
+#define NEAR_KEPT 2     /* of these the ones that no other cloth hides */
+#define NEAR_COUNTS 3
+
 /* A plane has a huge radius, so that swept vertices decide nothing about it. rounding_margin: [1], the most that
-   rounding may take from a gap, m. listed: [1], 0 afterwards. */
+   rounding may take from a gap, m. found: 0 afterwards. */
 KERNEL make_swept_vertices(int n, GLOBAL const dvec3 *position, GLOBAL const dvec3 *predicted,
                            GLOBAL const dvec3 *scene_bounds, GLOBAL const vertex_contact *v,
-                           GLOBAL swept_vertex *swept_vertices, GLOBAL float *rounding_margin, GLOBAL int *listed)
+                           GLOBAL swept_vertex *swept_vertices, GLOBAL float *rounding_margin, GLOBAL int *found)
 {
   FOR_EACH(i, n) {
     dvec3 x = dsub(position[i], scene_bounds[0]), d = dsub(predicted[i], position[i]);
@@ -61,7 +67,7 @@ KERNEL make_swept_vertices(int n, GLOBAL const dvec3 *position, GLOBAL const dve
       rounding_margin[0] =
           float_above(SWEPT_ROUNDING * largest_component(dsub(scene_bounds[1], scene_bounds[0])) +
                       1e-15 * max_double(largest_component(scene_bounds[0]), largest_component(scene_bounds[1])));
-      listed[0] = 0;
+      found[NEAR_PAIRS] = found[NEAR_CONTACTS] = found[NEAR_KEPT] = 0;
     }
   }
 }
@@ -166,6 +172,28 @@ DEVICE INLINED float_lanes swept_hull_separation(int kind, fvec3_lanes x1, fvec3
   return lanes_max(none, lanes_min(none, a) - high);
 }
 
+/* x, the offset of vertex a from b, at the prediction. */
+DEVICE INLINED fvec3_lanes swept_end(fvec3_lanes x, swept_vertex_lanes a, swept_vertex_lanes b)
+{
+  x.x = x.x + (a.dx - b.dx);
+  x.y = x.y + (a.dy - b.dy);
+  x.z = x.z + (a.dz - b.dz);
+  return x;
+}
+
+/* The least separation of a pair's surfaces along n, which is not longer than 1, until the prediction, at least 0, m.
+   All vertices go straight and at the same rate, so that of the hulls is a concave function of time: its least value is
+   at an end. */
+DEVICE INLINED float_lanes swept_gap(int kind, swept_vertex_lanes m0, swept_vertex_lanes m1, swept_vertex_lanes m2,
+                                     swept_vertex_lanes m3, fvec3_lanes n, float rounding)
+{
+  const fvec3_lanes x1 = swept_offset(m1, m0), x2 = swept_offset(m2, m0), x3 = swept_offset(m3, m0);
+  const float_lanes none = LANES_ALL(float_lanes, 0.0f), start = swept_hull_separation(kind, x1, x2, x3, n),
+                    end = swept_hull_separation(kind, swept_end(x1, m1, m0), swept_end(x2, m2, m0),
+                                                swept_end(x3, m3, m0), n);
+  return lanes_max(none, lanes_min(start, end) - (m0.radius + (kind == 0 ? m1.radius : m2.radius) + rounding));
+}
+
 /* `a` minus its part along b. */
 DEVICE INLINED fvec3_lanes across(fvec3_lanes a, fvec3_lanes b)
 {
@@ -198,14 +226,15 @@ DEVICE INLINED separation_bound wider_separation(int kind, fvec3_lanes x1, fvec3
 
 /* The direction with the widest gap of three: that between the centres of both sides, and its parts perpendicular to
    two of the pair's edges; its length is about 1. `gap` becomes the bound along it: the smallest distance of the
-   surfaces until the prediction, 0 if it does not exceed the thickness. No branches: they would be mispredicted, and
-   pairs could not be decided in lanes. */
-DEVICE INLINED separation_bound separation_along(int kind, swept_vertex_lanes m0, swept_vertex_lanes m1,
+   surfaces until the prediction, 0 if it does not exceed the thickness; of pairs that may be `contacts` also if it
+   would not for a motion in any direction. No branches: they would be mispredicted, and pairs could not be decided in
+   lanes. */
+DEVICE INLINED separation_bound separation_along(int kind, int contacts, swept_vertex_lanes m0, swept_vertex_lanes m1,
                                                  swept_vertex_lanes m2, swept_vertex_lanes m3, float rounding)
 {
   const float_lanes none = LANES_ALL(float_lanes, 0.0f);
   fvec3_lanes x1 = swept_offset(m1, m0), x2 = swept_offset(m2, m0), x3 = swept_offset(m3, m0), middle;
-  float_lanes scale;
+  float_lanes scale, bound, certain;
   separation_bound r;
   if (kind == 0) {
     middle.x = -0.33333334f * (x1.x + x2.x + x3.x);
@@ -225,8 +254,9 @@ DEVICE INLINED separation_bound separation_along(int kind, swept_vertex_lanes m0
   r.direction.x = scale * r.direction.x;
   r.direction.y = scale * r.direction.y;
   r.direction.z = scale * r.direction.z;
-  r.gap = r.gap * scale - swept_motion_spent(kind, m0, m1, m2, m3, rounding);
-  r.gap = LANES_SELECT(float_lanes, r.gap > swept_thickness(kind, m0, m1, m2, m3), r.gap, none);
+  bound = certain = swept_gap(kind, m0, m1, m2, m3, r.direction, rounding);
+  if (contacts) certain = r.gap * scale - swept_motion_spent(kind, m0, m1, m2, m3, rounding);
+  r.gap = LANES_SELECT(float_lanes, certain > swept_thickness(kind, m0, m1, m2, m3), bound, none);
   return r;
 }
 
@@ -241,8 +271,7 @@ DEVICE float gap_bound_along(int kind, swept_vertex v0, swept_vertex v1, swept_v
   n.x = LANES_ALL(float_lanes, direction.x);
   n.y = LANES_ALL(float_lanes, direction.y);
   n.z = LANES_ALL(float_lanes, direction.z);
-  gap_bound = swept_hull_separation(kind, swept_offset(m1, m0), swept_offset(m2, m0), swept_offset(m3, m0), n) -
-              swept_motion_spent(kind, m0, m1, m2, m3, rounding);
+  gap_bound = swept_gap(kind, m0, m1, m2, m3, n, rounding);
   return LANE(gap_bound, 0) > LANE(swept_thickness(kind, m0, m1, m2, m3), 0) ? LANE(gap_bound, 0) : 0.0f;
 }
 
@@ -274,9 +303,9 @@ DEVICE INLINED swept_vertex_lanes swept_vertices_of(GLOBAL const swept_vertex *s
   return m;
 }
 
-/* Pairs that swept vertices show to be no contact get gap_bound, the smallest separation until the prediction along
-   `direction`, from side B to side A, m; the others get 0. */
-KERNEL cull_separated_pairs(int n, int kind, GLOBAL const pair *pairs, GLOBAL const face_nodes *face,
+/* Pairs that swept vertices show to keep more than the thickness get gap_bound, the smallest separation until the
+   prediction along `direction`, from side B to side A, m; the others get 0, and with `contacts` all that may be one. */
+KERNEL cull_separated_pairs(int n, int kind, int contacts, GLOBAL const pair *pairs, GLOBAL const face_nodes *face,
                             GLOBAL const edge_nodes *edge, GLOBAL const swept_vertex *swept_vertices,
                             GLOBAL const float *rounding_margin, GLOBAL fvec3 *direction, GLOBAL float *gap_bound)
 {
@@ -295,9 +324,9 @@ KERNEL cull_separated_pairs(int n, int kind, GLOBAL const pair *pairs, GLOBAL co
     m2 = swept_vertices_of(swept_vertices, e, 2);
     m3 = swept_vertices_of(swept_vertices, e, 3);
     if (kind == 0)
-      r = separation_along(0, m0, m1, m2, m3, rounding);
+      r = separation_along(0, contacts, m0, m1, m2, m3, rounding);
     else
-      r = separation_along(1, m0, m1, m2, m3, rounding);
+      r = separation_along(1, contacts, m0, m1, m2, m3, rounding);
     FOR_LANES(q) {
       if (first + q < n) {
         direction[first + q] = fvec3_make(LANE(r.direction.x, q), LANE(r.direction.y, q), LANE(r.direction.z, q));

@@ -130,7 +130,7 @@ DEVICE impact_time linear_touch_time(int split, dvec3 a0, dvec3 b0, dvec3 c0, dv
       result.time = 1.0;
       return result;
     }
-    result = hull_impact_after(x, d, split, 0.0, extent, CCD_TOLERANCE, time);
+    result = hull_impact_after(x, d, split, 0.0, extent, CCD_TOLERANCE, time, CCD_ITERATIONS);
   }
   return result;
 }

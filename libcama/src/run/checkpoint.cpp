@@ -29,7 +29,7 @@ constexpr int most_features = 0x7fffffff;
 key64 key_of(const std::array<int, 3> &pair)
 {
   const auto wide = [&](std::size_t k) { return static_cast<key64>(pair[k]); };
-  return wide(0) << 62 | wide(1) << 31 | wide(2);  // as flagged_pairs
+  return wide(0) << 62 | wide(1) << 31 | wide(2);  // as coded_pairs
 }
 
 void check_friction(const Checkpoint &c)

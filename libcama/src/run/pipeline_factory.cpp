@@ -32,7 +32,7 @@ namespace cama {
 namespace {
 
 /// Fronts hold triangles only: exact obstacles need trees. A search owns its room of the state.
-std::unique_ptr<CandidateSearch> make_search(const Scene &scene, State &state, FlaggedPairs &flagged)
+std::unique_ptr<CandidateSearch> make_search(const Scene &scene, State &state, ListedPairs &listed)
 {
   const bool exact = std::any_of(scene.obstacles.begin(), scene.obstacles.end(),
                                  [](const Obstacle &o) { return o.shape != ObstacleShape::mesh; });
@@ -41,7 +41,7 @@ std::unique_ptr<CandidateSearch> make_search(const Scene &scene, State &state, F
     state.fronts = &search->streams();
     return search;
   }
-  auto search = std::make_unique<TreeSearch>(*state.backend, flagged);
+  auto search = std::make_unique<TreeSearch>(*state.backend, listed);
   state.trees = &search->streams();
   return search;
 }
@@ -58,11 +58,11 @@ public:
 class ProximityChecking final : public Pipeline {
 public:
   ProximityChecking(const Scene &scene, State &state)
-      : Pipeline("proximity checking", "contact"), flagged(*state.backend), bounds(*state.backend, flagged),
-        search(make_search(scene, state, flagged))
+      : Pipeline("proximity checking", "contact"), listed(*state.backend), bounds(*state.backend, listed),
+        search(make_search(scene, state, listed))
   {
     add<ProximitySearch>(*search);
-    add<FindContacts>(*state.backend, flagged, bounds);
+    add<FindContacts>(*state.backend, listed, bounds);
   }
   void run(State &state) override
   {
@@ -74,7 +74,7 @@ public:
     Pipeline::run(state);
     search->meanwhile = nullptr;
   }
-  FlaggedPairs flagged;
+  ListedPairs listed;
   GapBounds bounds;
   std::unique_ptr<CandidateSearch> search;
   EarlyWork *early = nullptr;
@@ -172,7 +172,7 @@ template <class Real> std::unique_ptr<Pipeline> make_pipeline(const Scene &scene
   if (contact && options.integrator == Integrator::bdf2) step.add<SplitContact<Real>>(b);
   if (state.contact.kept.key.backend()) step.add<KeepFriction<Real>>();
   if (options.forces) step.add<SolveReactions<Real>>(b);
-  if (contact) step.add<PenetrationHandling>(b, *proximity->search, proximity->flagged, proximity->bounds);
+  if (contact) step.add<PenetrationHandling>(b, *proximity->search, proximity->listed, proximity->bounds);
   if (plastic) step.add<YieldCurvature<Real>>();
   step.add<FinishStep>(b);
   if (state.time.error > 0) step.add<EstimateError>(b, scene, state.mesh, state.system.masses());

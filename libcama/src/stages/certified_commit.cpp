@@ -13,12 +13,11 @@ namespace cama {
 namespace {
 
 // From this pass on, where the one before has truncated no more than this share of the vertices, passes look at the
-// pairs nearby, which are gathered at the cost of a pass over all.
-constexpr int first_gathering = 3;
+// runs of pairs nearby, whose boxes cost more than one pass over all pairs.
+constexpr int first_pass_of_runs = 3;
 constexpr double few_truncated = 1. / 128;
-// A neighbourhood is to hold this share of the vertices, in cells of so many distances of vertices.
-constexpr double share_nearby = 1. / 2, least_cell = 2, largest_cell = 64;
-constexpr int cells_beside = 8;  // that each truncated vertex marks
+constexpr double cell = 8;  // size of the cells that truncated vertices mark, in distances of vertices
+constexpr int least_cells = 64;
 
 float as_fraction(int bits)
 {
@@ -29,24 +28,10 @@ float as_fraction(int bits)
 
 }  // namespace
 
-CertifiedCommit::CertifiedCommit(Backend &b, FlaggedPairs &flagged)
-    : flagged_(flagged), committed_(b), fraction_(b), fraction_before_(b), vertex_changed_(b), cell_marked_(b),
-      neighbourhood_(b), marked_(b), loss_(b), outcome_(b, COMMIT_OUTCOMES)
+CertifiedCommit::CertifiedCommit(Backend &b, ListedPairs &listed)
+    : listed_(listed), committed_(b), fraction_(b), fraction_before_(b), vertex_changed_(b), cell_marked_(b), runs_(b),
+      marked_(b), loss_(b), outcome_(b, COMMIT_OUTCOMES)
 {}
-
-void CertifiedCommit::find_neighbourhood(const Rooms &state, const Stream<dvec3> &from, int truncated)
-{
-  Backend &b = *state.backend;
-  const int vertices = state.mesh.vertices;
-  int cells = 64;
-  while (cells < vertices / 4) cells *= 2;
-  const double in_cell = share_nearby * vertices / (cells_beside * static_cast<double>(std::max(truncated, 1))),
-               size = state.bounds.spacing * std::clamp(std::sqrt(in_cell), least_cell, largest_cell);
-  cell_marked_.resize(cells);
-  cell_marked_.fill_zero();
-  CAMA_LAUNCH(b, commit_mark_cells, vertices, from, vertex_changed_, size, cells - 1, cell_marked_);
-  CAMA_LAUNCH(b, commit_neighbourhood, vertices, from, vertex_changed_, size, cells - 1, cell_marked_, neighbourhood_);
-}
 
 bool CertifiedCommit::complete(const Rooms &state, CandidateSearch &search, const Stream<dvec3> &from)
 {
@@ -55,24 +40,32 @@ bool CertifiedCommit::complete(const Rooms &state, CandidateSearch &search, cons
   const int faces = vertex_face.pairs.size(), edges = edge_edge.pairs.size();
   committed_.resize(state.mesh.vertices);
   CAMA_LAUNCH(b, commit_ends, state.mesh.vertices, from, state.mesh.position_next, fraction_, committed_);
-  flagged_.keep();   // a search overwrites the flags
+  listed_.keep();   // a search overwrites the flags
   const bool more = search.complete(state, from, committed_, certified_distance * state.contact.largest_thickness);
-  flagged_.resize(state);
-  CAMA_LAUNCH(b, commit_extend, flagged_.flag.size(), vertex_face.pairs.size(), faces, edges, flagged_.before(),
-              flagged_.flag, flagged_.list, outcome_);
+  listed_.resize(state);
+  CAMA_LAUNCH(b, commit_extend, listed_.flag.size(), vertex_face.pairs.size(), faces, edges, listed_.spare,
+              listed_.flag, listed_.list, outcome_);
   return more;
 }
 
-void CertifiedCommit::recheck(const Rooms &state, int pairs, int of, int to, int counter)
+void CertifiedCommit::recheck(const Rooms &state, const Stream<dvec3> &from, int pass, int truncated)
 {
+  Backend &b = *state.backend;
   const MeshState &mesh = state.mesh;
-  const PairList &vertex_face = state.contact.vertex_face, &edge_edge = state.contact.edge_edge;
-  Stream<int> &list = flagged_.list;
-  CAMA_LAUNCH(*state.backend, commit_disturb, marked_.size(), mesh.vertices, mesh.faces, mesh.face, mesh.edge,
-              counter == COMMIT_LISTED ? vertex_changed_ : neighbourhood_, marked_);
-  CAMA_LAUNCH_TEAMS(void, *state.backend, commit_recheck, PAIR_TEAM, ceil_divide(pairs, RUN_PAIRS), pairs, of,
-                    vertex_face.pairs.size(), mesh.vertices, mesh.faces, vertex_face.pairs, edge_edge.pairs, marked_,
-                    flagged_.flag, to, list.size() - to, list, counter, outcome_);
+  const Stream<kernels::pair> &vertex_face = state.contact.vertex_face.pairs,
+                              &edge_edge = state.contact.edge_edge.pairs;
+  if (pass >= first_pass_of_runs && truncated <= few_truncated * mesh.vertices) {
+    runs_.list_marked(state, from, cell * state.bounds.spacing, cell_marked_, pass, COMMIT_RUNS, outcome_);
+    CAMA_LAUNCH_TEAMS(void, b, commit_recheck_runs, PAIR_TEAM, std::min(runs_.list.size(), LIST_TEAMS),
+                      vertex_face.size(), edge_edge.size(), runs_.list, vertex_face, edge_edge, mesh.face, mesh.edge,
+                      vertex_changed_, listed_.flag, listed_.list, outcome_);
+    return;
+  }
+  marked_.resize(static_cast<long long>(mesh.vertices) + mesh.faces + mesh.edges);
+  CAMA_LAUNCH(b, commit_disturb, marked_.size(), mesh.vertices, mesh.faces, mesh.face, mesh.edge, vertex_changed_,
+              marked_);
+  CAMA_LAUNCH_TEAMS(void, b, commit_recheck, PAIR_TEAM, listed_.teams(), listed_.flag.size(), vertex_face.size(),
+                    mesh.vertices, mesh.faces, vertex_face, edge_edge, marked_, listed_.flag, listed_.list, outcome_);
 }
 
 double CertifiedCommit::run(const Rooms &state, CandidateSearch &search, const Stream<dvec3> &from, bool certified,
@@ -80,15 +73,17 @@ double CertifiedCommit::run(const Rooms &state, CandidateSearch &search, const S
 {
   Backend &b = *state.backend;
   const MeshState &mesh = state.mesh;
-  for (Stream<int> *stream : {&fraction_, &fraction_before_, &vertex_changed_, &neighbourhood_})
-    stream->resize(mesh.vertices);
-  marked_.resize(static_cast<long long>(mesh.vertices) + mesh.faces + mesh.edges);
-  neighbourhood_.fill_zero();
-  CAMA_LAUNCH(b, commit_begin, mesh.vertices, fraction_, fraction_before_, outcome_);
+  for (Stream<int> *stream : {&fraction_, &fraction_before_, &vertex_changed_}) stream->resize(mesh.vertices);
+  int cells = least_cells;
+  while (cells < mesh.vertices / 4) cells *= 2;
+  cell_marked_.resize(cells);
+  runs_.forget();
+  CAMA_LAUNCH(b, commit_begin, std::max(mesh.vertices, cells), mesh.vertices, cells, fraction_, fraction_before_,
+              cell_marked_, outcome_);
   const PairList &vertex_face = state.contact.vertex_face, &edge_edge = state.contact.edge_edge;
-  Stream<int> &accepted = flagged_.flag, &list = flagged_.list;
-  flagged_.resize(state);
-  CAMA_LAUNCH_TEAMS(void, b, commit_screen, PAIR_TEAM, flagged_.teams(), accepted.size(), vertex_face.pairs.size(),
+  Stream<int> &accepted = listed_.flag, &list = listed_.list;
+  listed_.resize(state);
+  CAMA_LAUNCH_TEAMS(void, b, commit_screen, PAIR_TEAM, listed_.teams(), accepted.size(), vertex_face.pairs.size(),
                     mesh.vertices, mesh.faces, certified ? 1 : 0, vertex_face.pairs, edge_edge.pairs, mesh.face,
                     mesh.edge, from, mesh.position_next, vertex_face.direction, edge_edge.direction,
                     state.contact.vertex_contact, errors ? vertex_face.gap_bound.size() : 0, vertex_face.gap_bound,
@@ -97,36 +92,30 @@ double CertifiedCommit::run(const Rooms &state, CandidateSearch &search, const S
   std::vector<int> outcome(COMMIT_OUTCOMES, 0);
   bool completed = false;  // the list has the pairs that were appended
   int completed_at = 0;    // changes when they were
-  int truncated = mesh.vertices, nearby = -1;  // of the last pass; pairs of the neighbourhood, -1: all
+  int truncated = 0;  // by the last pass
   for (int pass = 0;; ++pass) {
-    const int first = vertex_face.pairs.size(), changes = outcome[COMMIT_CHANGES], outside = outcome[COMMIT_OUTSIDE];
-    // The second half of the list has the pairs nearby.
-    const int pairs = accepted.size(), half = pairs - pairs / 2;
-    if (pass > 0 && !completed) {
-      if (nearby < 0 && pass >= first_gathering && truncated <= few_truncated * mesh.vertices) {
-        find_neighbourhood(state, from, truncated);
-        recheck(state, pairs, -1, half, COMMIT_NEARBY);
-        nearby = outcome_.at(COMMIT_NEARBY);
-        if (nearby > pairs - half) nearby = -1;
-      }
-      recheck(state, nearby < 0 ? pairs : nearby, nearby < 0 ? -1 : half, 0, COMMIT_LISTED);
-    }
-    CAMA_LAUNCH_TEAMS(void, b, commit_pairs, PAIR_TEAM, flagged_.list_teams(), first, pass, list, vertex_face.pairs,
-                      edge_edge.pairs, mesh.face, mesh.edge, from, mesh.position_next, mesh.inverse_mass,
-                      state.contact.vertex_contact, certified_distance, 0, accepted, fraction_before_, fraction_,
-                      outcome_);
-    CAMA_LAUNCH(b, commit_changes, mesh.vertices, fraction_, neighbourhood_, fraction_before_, vertex_changed_,
+    const int first = vertex_face.pairs.size(), changes = outcome[COMMIT_CHANGES];
+    if (pass > 0 && !completed) recheck(state, from, pass, truncated);
+    const auto decide = [&](auto &&...arguments) {
+      if (listed_.many())
+        CAMA_LAUNCH_TEAMS(void, b, commit_many_pairs, PAIR_TEAM, listed_.list_teams(), arguments...);
+      else
+        CAMA_LAUNCH_TEAMS(void, b, commit_pairs, PAIR_TEAM, listed_.list_teams(), arguments...);
+    };
+    decide(first, pass, list, vertex_face.pairs, edge_edge.pairs, mesh.face, mesh.edge, from, mesh.position_next,
+           mesh.inverse_mass, state.contact.vertex_contact, certified_distance, 0, accepted, fraction_before_,
+           fraction_, outcome_);
+    CAMA_LAUNCH(b, commit_changes, mesh.vertices, fraction_, from, state.bounds.box_origin(),
+                cell * state.bounds.spacing, cells - 1, pass + 1, fraction_before_, vertex_changed_, cell_marked_,
                 outcome_);
     outcome = outcome_.download();
     truncated = outcome[COMMIT_CHANGES] - changes;
     completed = false;
-    if (outcome[COMMIT_OUTSIDE] > outside) nearby = -1;
     if (truncated > 0) continue;
     if (changes == completed_at || search.end_boxes().size() == 0) break;
     completed = complete(state, search, from);
     if (!completed) break;
     completed_at = changes;
-    nearby = -1;  // the places of pairs have changed
   }
   committed_.resize(mesh.vertices);
   CAMA_LAUNCH(b, commit_apply, mesh.vertices, from, mesh.position_next, fraction_, outcome_, committed_);
@@ -146,7 +135,7 @@ double CertifiedCommit::run(const Rooms &state, CandidateSearch &search, const S
 std::vector<std::pair<int, kernels::pair>> CertifiedCommit::pausing_pairs(const Rooms &state)
 {
   std::vector<std::pair<int, kernels::pair>> pausing;
-  const std::vector<int> accepted = flagged_.flag.download();
+  const std::vector<int> accepted = listed_.flag.download();
   std::size_t at = 0;
   for (int kind = 0; kind < 2; ++kind)
     for (const kernels::pair &p : (kind == 0 ? state.contact.vertex_face : state.contact.edge_edge).pairs.download())

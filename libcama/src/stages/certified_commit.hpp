@@ -5,7 +5,8 @@
 
 #include "run/pipeline.hpp"
 #include "stages/candidate_search.hpp"
-#include "stages/flagged_pairs.hpp"
+#include "stages/listed_pairs.hpp"
+#include "stages/pair_runs.hpp"
 
 namespace cama {
 
@@ -17,7 +18,7 @@ inline constexpr double certified_distance = 1e-2, impact_distance = 0.1;
 class CertifiedCommit {
 public:
   using Rooms = SearchRooms;
-  CertifiedCommit(Backend &backend, FlaggedPairs &flagged);
+  CertifiedCommit(Backend &backend, ListedPairs &listed);
   /// Fills committed(). Returns the share of their motion that obstacles completed; 1: all of it. certified: every pair
   /// except known impacts has been certified for this motion.
   /// search: has the candidates, and finds those that it left out where vertices go a part of their way only.
@@ -29,19 +30,16 @@ public:
   std::vector<std::pair<int, kernels::pair>> pausing_pairs(const Rooms &state);
 
 private:
-  /// Lists the conditional pairs of which a vertex was truncated in the last pass (counter COMMIT_LISTED), or is in the
-  /// neighbourhood (COMMIT_NEARBY), from place `to` of the list on. pairs, of: the pairs to be looked at.
-  void recheck(const Rooms &state, int pairs, int of, int to, int counter);
-  /// Marks the vertices around those that the last pass has truncated, `truncated` of them.
-  void find_neighbourhood(const Rooms &state, const Stream<dvec3> &from, int truncated);
+  /// Lists for a pass the conditional pairs of which the one before has truncated a vertex; truncated: how many it has.
+  void recheck(const Rooms &state, const Stream<dvec3> &from, int pass, int truncated);
   /// Appends the pairs that the search left out and that meet where vertices are truncated, and lists them; returns
   /// whether there are any.
   bool complete(const Rooms &state, CandidateSearch &search, const Stream<dvec3> &from);
 
-  FlaggedPairs &flagged_;  // its flags hold the state of each pair
+  ListedPairs &listed_;  // its flags hold the state of each pair
   Stream<dvec3> committed_;
   Stream<int> fraction_, fraction_before_, vertex_changed_, cell_marked_;
-  Stream<int> neighbourhood_;  // [vertices] 1 around those that a pass has truncated: later ones truncate few others
+  PairRuns runs_;
   Stream<unsigned char> marked_;  // vertices, then faces and edges, as in commit.h
   Stream<kernels::commit_loss> loss_;
   Stream<int> outcome_;

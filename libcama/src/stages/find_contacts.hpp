@@ -1,23 +1,23 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 #include "run/pipeline.hpp"
-#include "stages/flagged_pairs.hpp"
 #include "stages/gap_bounds.hpp"
+#include "stages/listed_pairs.hpp"
 
 namespace cama {
 
 /// Makes contacts of candidate pairs that are closer than their thickness, or will be (discrete detection, Figure 7).
 class FindContacts final : public StageOn<const Options, StepReport, const MeshState, const BoundsState, ContactState> {
 public:
-  FindContacts(Backend &backend, FlaggedPairs &flagged, GapBounds &bounds)
-      : flagged_(flagged), bounds_(bounds), nearest_(backend)
+  FindContacts(Backend &backend, ListedPairs &listed, GapBounds &bounds)
+      : listed_(listed), bounds_(bounds), nearest_(backend)
   {}
   std::string_view name() const override { return "contacts"; }
   std::string reason() const override { return "contact"; }
   void run_on(const Rooms &state) override;
 
 private:
-  FlaggedPairs &flagged_;
+  ListedPairs &listed_;
   GapBounds &bounds_;
   Stream<int> nearest_;
 };

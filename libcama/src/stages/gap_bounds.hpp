@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 #include "model/access.hpp"
-#include "stages/flagged_pairs.hpp"
+#include "stages/listed_pairs.hpp"
 
 namespace cama {
 
@@ -10,21 +10,21 @@ namespace cama {
 class GapBounds {
 public:
   using Rooms = Access<const MeshState, const BoundsState, ContactState>;
-  GapBounds(Backend &backend, FlaggedPairs &flagged)
-      : swept_vertices(backend), rounding_margin(backend, 1), near_pairs(backend, 1), flagged_(flagged)
+  GapBounds(Backend &backend, ListedPairs &listed)
+      : swept_vertices(backend), rounding_margin(backend, 1), found(backend, NEAR_COUNTS), listed_(listed)
   {}
   /// Fills `direction` and `gap_bound` of all pairs for the motion from -> to of their search, and lists those without
-  /// a bound in the list of flagged pairs. Their flags are 0.
-  void find(const Rooms &state, const Stream<dvec3> &from, const Stream<dvec3> &to);
+  /// a bound, with `contacts` all that may be one, in their list.
+  void find(const Rooms &state, const Stream<dvec3> &from, const Stream<dvec3> &to, bool contacts);
   /// Besides, for those without a bound: the direction between the closest points, and the bound along it.
   void find_all(const Rooms &state, const Stream<dvec3> &from, const Stream<dvec3> &to);
 
   Stream<kernels::swept_vertex> swept_vertices;
   Stream<float> rounding_margin;
-  Stream<int> near_pairs;  ///< [1] number of pairs without a bound, which are listed
+  Stream<int> found;  ///< [NEAR_COUNTS] of swept_vertex.h; found[NEAR_PAIRS]: number of pairs that are listed
 
 private:
-  FlaggedPairs &flagged_;
+  ListedPairs &listed_;
 };
 
 }  // namespace cama

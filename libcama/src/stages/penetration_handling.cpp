@@ -22,8 +22,8 @@ constexpr int max_divisions_of_impacts = 2, passes_until_divided = 10;
 constexpr int passes_until_rigid = 20;
 }  // namespace
 
-PenetrationHandling::PenetrationHandling(Backend &b, CandidateSearch &search, FlaggedPairs &flagged, GapBounds &bounds)
-    : search_(search), projection_(b), commit_(b, flagged), from_(b), flagged_(flagged), bounds_(bounds), error_(b),
+PenetrationHandling::PenetrationHandling(Backend &b, CandidateSearch &search, ListedPairs &listed, GapBounds &bounds)
+    : search_(search), projection_(b), commit_(b, listed), from_(b), listed_(listed), bounds_(bounds), error_(b),
       motion_(b), detection_(b, DETECTION_COUNTS), found_(b), repeated_(b, 1)
 {}
 
@@ -64,22 +64,27 @@ PenetrationHandling::Detection PenetrationHandling::detect(const Rooms &state, b
   const int all = 0x7fffffff, first = vertex_face.pairs.size() - vertex_face_from,
             pairs = first + edge_edge.pairs.size() - edge_edge_from;
   CandidateSearch::find_directions(state, from_, all, all);
-  flagged_.resize(state);
+  listed_.resize(state);
   find_errors(state, localized);
   find_feature_errors(state);
   CAMA_LAUNCH_TEAMS(void, b, select_open_pairs, PAIR_TEAM, ceil_divide(pairs, RUN_PAIRS), pairs, first,
                     state.mesh.vertices, state.mesh.faces, state.options.paper.impact_zones ? 1 : 0, vertex_face.pairs,
                     edge_edge.pairs, certified_distance, state.contact.largest_thickness, error_, motion_,
                     vertex_face_from, edge_edge_from, bounded ? vertex_face.gap_bound.size() : 0, vertex_face.gap_bound,
-                    bounded ? edge_edge.gap_bound.size() : 0, edge_edge.gap_bound, flagged_.flag, detection_);
-  CAMA_LAUNCH_TEAMS(void, b, select_ccd_pairs, PAIR_TEAM, flagged_.list_teams(), vertex_face.pairs, edge_edge.pairs,
+                    bounded ? edge_edge.gap_bound.size() : 0, edge_edge.gap_bound, listed_.flag, detection_);
+  CAMA_LAUNCH_TEAMS(void, b, select_ccd_pairs, PAIR_TEAM, listed_.list_teams(), vertex_face.pairs, edge_edge.pairs,
                     state.mesh.face, state.mesh.edge, certified_distance, from_, state.mesh.position_next,
-                    state.contact.vertex_contact, vertex_face.direction, edge_edge.direction, flagged_.flag,
-                    flagged_.list, detection_);
-  CAMA_LAUNCH_TEAMS(void, b, find_impacts, PAIR_TEAM, flagged_.list_teams(), state.options.paper.cubic_impacts ? 1 : 0,
-                    vertex_face.pairs, edge_edge.pairs, state.mesh.face, state.mesh.edge, from_,
-                    state.mesh.position_next, state.contact.vertex_contact, certified_distance, flagged_.list,
-                    detection_);
+                    state.contact.vertex_contact, vertex_face.direction, edge_edge.direction, listed_.flag,
+                    listed_.list, detection_);
+  const auto find_impacts = [&](auto &&...arguments) {
+    if (listed_.many())
+      CAMA_LAUNCH_TEAMS(void, b, find_many_impacts, PAIR_TEAM, listed_.list_teams(), arguments...);
+    else
+      CAMA_LAUNCH_TEAMS(void, b, find_impacts, PAIR_TEAM, listed_.list_teams(), arguments...);
+  };
+  find_impacts(state.options.paper.cubic_impacts ? 1 : 0, vertex_face.pairs, edge_edge.pairs, state.mesh.face,
+               state.mesh.edge, from_, state.mesh.position_next, state.contact.vertex_contact, certified_distance,
+               listed_.list, detection_);
   const std::vector<int> counts = detection_.download();
   return {counts[DETECTION_ESCAPED], counts[DETECTION_IMPACTS]};
 }
@@ -89,17 +94,17 @@ void PenetrationHandling::collect(const Rooms &state, int found)
   if (found == 0) return;
   const int first = found_.size();
   found_.grow(static_cast<long long>(first) + found);
-  CAMA_LAUNCH_TEAMS(void, *state.backend, collect_impacts, PAIR_TEAM, flagged_.list_teams(), first, flagged_.list,
-                    found_, detection_);
+  CAMA_LAUNCH_TEAMS(void, *state.backend, collect_impacts, PAIR_TEAM, listed_.list_teams(), first, listed_.list, found_,
+                    detection_);
 }
 
 void PenetrationHandling::add_impacts(const Rooms &state, bool repeat)
 {
   Backend &b = *state.backend;
   const int first = state.contact.impact.size(), found = found_.size();
-  flagged_.order(state, found_);
+  listed_.order(state, found_, found);
   state.contact.impact.grow(static_cast<long long>(first) + found);
-  CAMA_LAUNCH(b, fill_impacts, found, state.options.paper.cubic_impacts ? 1 : 0, repeat ? 1 : 0, flagged_.index,
+  CAMA_LAUNCH(b, fill_impacts, found, state.options.paper.cubic_impacts ? 1 : 0, repeat ? 1 : 0, listed_.index,
               state.contact.vertex_face.pairs, state.contact.edge_edge.pairs, state.mesh.face, state.mesh.edge, from_,
               state.mesh.position_next, state.contact.vertex_contact, certified_distance, impact_distance, first,
               state.contact.vertex_face.gap_bound, state.contact.edge_edge.gap_bound, state.contact.impact, repeated_);

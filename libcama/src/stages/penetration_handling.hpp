@@ -7,9 +7,9 @@
 #include "run/pipeline.hpp"
 #include "stages/candidate_search.hpp"
 #include "stages/certified_commit.hpp"
-#include "stages/flagged_pairs.hpp"
 #include "stages/gap_bounds.hpp"
 #include "stages/impact_projection.hpp"
+#include "stages/listed_pairs.hpp"
 
 namespace cama {
 
@@ -18,7 +18,7 @@ namespace cama {
 class PenetrationHandling final : public StageOn<const Options, StepReport, const Clock, MeshState, ContactState,
                                                  Exemptions, BoundsState, ReactionState> {
 public:
-  PenetrationHandling(Backend &backend, CandidateSearch &search, FlaggedPairs &flagged, GapBounds &bounds);
+  PenetrationHandling(Backend &backend, CandidateSearch &search, ListedPairs &listed, GapBounds &bounds);
   std::string_view name() const override { return "penetration handling"; }
   std::string reason() const override { return "contact"; }
   void run_on(const Rooms &state) override;
@@ -50,7 +50,7 @@ private:
   ImpactProjection projection_;
   CertifiedCommit commit_;
   Stream<dvec3> from_;
-  FlaggedPairs &flagged_;
+  ListedPairs &listed_;
   GapBounds &bounds_;
   Stream<float> error_;  // of vertices, then of faces and edges, as in impact.h
   Stream<unsigned char> motion_;  // likewise

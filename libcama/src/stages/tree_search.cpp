@@ -25,9 +25,9 @@ constexpr double max_changed = 0.3;  // of the vertices: beyond it, a full searc
 constexpr int many_vertices = 65536;  // of cloth, which is asked whether it moves far
 }  // namespace
 
-TreeSearch::TreeSearch(Backend &b, FlaggedPairs &flagged)
+TreeSearch::TreeSearch(Backend &b, ListedPairs &listed)
     : CandidateSearch(b), batch_(b.wide_workers() ? GROUP : 1), workers_(b.workers()), cloth_(b), moving_(b),
-      static_(b), key_(b), hit_(flagged.flag), taken_(b, MOST_POOLS * POOL_STRIDE), count_(b), offset_(b), identity_(b),
+      static_(b), key_(b), hit_(listed.flag), taken_(b, MOST_POOLS * POOL_STRIDE), count_(b), offset_(b), identity_(b),
       changed_leaf_face_(b), changed_leaf_edge_(b), found_totals_(b, 2 + MOST_POOLS), changed_(b), vertex_offsets_(b),
       flag_(b), offsets_(b), changed_vertex_(b), changed_face_(b), changed_edge_(b), changes_(b, 1), before_(b),
       end_boxes_before_(b), grown_(b, 1), far_ends_(b, 1), changed_groups_(b), all_(b)

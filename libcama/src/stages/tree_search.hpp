@@ -3,7 +3,7 @@
 #include <vector>
 
 #include "stages/candidate_search.hpp"
-#include "stages/flagged_pairs.hpp"
+#include "stages/listed_pairs.hpp"
 
 namespace cama {
 
@@ -16,8 +16,8 @@ namespace cama {
 /// pairs that did not overlap before.
 class TreeSearch final : public CandidateSearch {
 public:
-  /// flagged: every search overwrites its flags.
-  TreeSearch(Backend &backend, FlaggedPairs &flagged);
+  /// listed: every search overwrites its flags.
+  TreeSearch(Backend &backend, ListedPairs &listed);
   void run(const SearchRooms &state, const Stream<dvec3> &from, const Stream<dvec3> &to) override;
   Change update(const SearchRooms &state, const Stream<dvec3> &from, const Stream<dvec3> &to, double margin) override;
   bool complete(const SearchRooms &state, const Stream<dvec3> &from, const Stream<dvec3> &to, double margin) override;
