@@ -1,9 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* Runs: RUN_PAIRS candidates that follow each other in their list. The pairs of a run are near each other, since
    searches write the pairs of neighbouring features side by side. So boxes of runs tell which runs may have one of a
-   few vertices, at the cost of reading a box instead of the pairs: the vertices mark the cells of a grid that they are
-   in.
-   */
+   few vertices, at the cost of reading a box instead of the pairs: vertices mark the cells of a grid. */
 #ifndef CAMA_KERNELS_COLLISION_RUNS_H
 #define CAMA_KERNELS_COLLISION_RUNS_H
 #include "../dialect/dvec3.h"

@@ -226,9 +226,9 @@ DEVICE INLINED separation_bound wider_separation(int kind, fvec3_lanes x1, fvec3
 
 /* The direction with the widest gap of three: that between the centres of both sides, and its parts perpendicular to
    two of the pair's edges; its length is about 1. `gap` becomes the bound along it: the smallest distance of the
-   surfaces until the prediction, 0 if it does not exceed the thickness; of pairs that may be `contacts` also if it
-   would not for a motion in any direction. No branches: they would be mispredicted, and pairs could not be decided in
-   lanes. */
+   surfaces until the prediction, 0 if it does not exceed the thickness. With `contacts` it is also 0 where a relative
+   motion as long in another direction could end below the thickness. No branches: they would be mispredicted, and pairs
+   could not be decided in lanes. */
 DEVICE INLINED separation_bound separation_along(int kind, int contacts, swept_vertex_lanes m0, swept_vertex_lanes m1,
                                                  swept_vertex_lanes m2, swept_vertex_lanes m3, float rounding)
 {
@@ -304,7 +304,7 @@ DEVICE INLINED swept_vertex_lanes swept_vertices_of(GLOBAL const swept_vertex *s
 }
 
 /* Pairs that swept vertices show to keep more than the thickness get gap_bound, the smallest separation until the
-   prediction along `direction`, from side B to side A, m; the others get 0, and with `contacts` all that may be one. */
+   prediction along `direction`, from side B to side A, m; the others get 0, with `contacts` all that may be one. */
 KERNEL cull_separated_pairs(int n, int kind, int contacts, GLOBAL const pair *pairs, GLOBAL const face_nodes *face,
                             GLOBAL const edge_nodes *edge, GLOBAL const swept_vertex *swept_vertices,
                             GLOBAL const float *rounding_margin, GLOBAL fvec3 *direction, GLOBAL float *gap_bound)

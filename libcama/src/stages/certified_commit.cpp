@@ -16,7 +16,7 @@ namespace {
 // runs of pairs nearby, whose boxes cost more than one pass over all pairs.
 constexpr int first_pass_of_runs = 3;
 constexpr double few_truncated = 1. / 128;
-constexpr double cell = 8;  // size of the cells that truncated vertices mark, in distances of vertices
+constexpr double cell_size = 8;  // of the cells that truncated vertices mark, in distances of vertices
 constexpr int least_cells = 64;
 
 float as_fraction(int bits)
@@ -55,7 +55,7 @@ void CertifiedCommit::recheck(const Rooms &state, const Stream<dvec3> &from, int
   const Stream<kernels::pair> &vertex_face = state.contact.vertex_face.pairs,
                               &edge_edge = state.contact.edge_edge.pairs;
   if (pass >= first_pass_of_runs && truncated <= few_truncated * mesh.vertices) {
-    runs_.list_marked(state, from, cell * state.bounds.spacing, cell_marked_, pass, COMMIT_RUNS, outcome_);
+    runs_.list_marked(state, from, cell_size * state.bounds.spacing, cell_marked_, pass, COMMIT_RUNS, outcome_);
     CAMA_LAUNCH_TEAMS(void, b, commit_recheck_runs, PAIR_TEAM, std::min(runs_.list.size(), LIST_TEAMS),
                       vertex_face.size(), edge_edge.size(), runs_.list, vertex_face, edge_edge, mesh.face, mesh.edge,
                       vertex_changed_, listed_.flag, listed_.list, outcome_);
@@ -106,7 +106,7 @@ double CertifiedCommit::run(const Rooms &state, CandidateSearch &search, const S
            mesh.inverse_mass, state.contact.vertex_contact, certified_distance, 0, accepted, fraction_before_,
            fraction_, outcome_);
     CAMA_LAUNCH(b, commit_changes, mesh.vertices, fraction_, from, state.bounds.box_origin(),
-                cell * state.bounds.spacing, cells - 1, pass + 1, fraction_before_, vertex_changed_, cell_marked_,
+                cell_size * state.bounds.spacing, cells - 1, pass + 1, fraction_before_, vertex_changed_, cell_marked_,
                 outcome_);
     outcome = outcome_.download();
     truncated = outcome[COMMIT_CHANGES] - changes;

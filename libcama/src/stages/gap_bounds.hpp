@@ -14,7 +14,7 @@ public:
       : swept_vertices(backend), rounding_margin(backend, 1), found(backend, NEAR_COUNTS), listed_(listed)
   {}
   /// Fills `direction` and `gap_bound` of all pairs for the motion from -> to of their search, and lists those without
-  /// a bound, with `contacts` all that may be one, in their list.
+  /// a bound, with `contacts` all that may be one, in ListedPairs::list.
   void find(const Rooms &state, const Stream<dvec3> &from, const Stream<dvec3> &to, bool contacts);
   /// Besides, for those without a bound: the direction between the closest points, and the bound along it.
   void find_all(const Rooms &state, const Stream<dvec3> &from, const Stream<dvec3> &to);
