@@ -10,6 +10,7 @@
 #include "collision/impact.h"
 #include "collision/impact_reactions.h"
 #include "collision/impulses.h"
+#include "collision/item_query.h"
 #include "collision/pair.h"
 #include "collision/query.h"
 #include "collision/runs.h"

@@ -83,7 +83,8 @@ struct Found {
 
 /// pools, pool_blocks: of blocks of hits; part: groups of level 0 in the parts in which each vertex queries the tree;
 /// shares: of each vertex and edge; separate: without pairs that a coordinate separates throughout; copied: by teams.
-/// batch: items that one work-item walks for; QUERY_TEAM: those that a team does.
+/// batch: items that one work-item walks for; QUERY_TEAM: those that a team does; BY_ITEM: a team walks for each.
+constexpr int BY_ITEM = 0;
 Found query(const Scene &s, int self, int pools, int pool_blocks, int batch, bool both, int part = 1 << 20,
             int shares = 1, bool separate = false, bool copied = false)
 {
@@ -113,7 +114,16 @@ Found query(const Scene &s, int self, int pools, int pool_blocks, int batch, boo
   const int blocks_at = HIT_ROW * items, blocks = pools * pool_blocks;
   std::vector<int> hit(std::size_t(blocks_at) + HIT_BLOCK * blocks, -7), taken(POOL_STRIDE * pools, 0);
   std::vector<int> count(items, -1), offset(items + 1, 0);
-  if (batch == QUERY_TEAM) {
+  if (batch == BY_ITEM) {
+    item_query_vertex_face(vertices, order.data(), vertex_box.data(), faces, face_tree.order.data(),
+                           face_tree.leaf.data(), face_tree.group.data(), s.cloth_vertices, self, QUERY_ALL, nullptr,
+                           nullptr, ends, nullptr, 0, blocks_at, pools, pool_blocks, hit.data(), taken.data(),
+                           count.data());
+    item_query_edge_edge(edges, edge_tree.order.data(), edge_tree.leaf.data(), vertex_box.data(), edges,
+                         edge_tree.order.data(), edge_tree.leaf.data(), edge_tree.group.data(), s.cloth_vertices, self,
+                         QUERY_ALL, nullptr, nullptr, ends, nullptr, vertex_items, blocks_at, pools, pool_blocks,
+                         hit.data(), taken.data(), count.data());
+  } else if (batch == QUERY_TEAM) {
     team_query_vertex_face((vertex_items - 1) / batch + 1, vertex_items, order.data(), vertex_box.data(), faces,
                            face_tree.order.data(), face_tree.leaf.data(), face_tree.group.data(), s.cloth_vertices,
                            self, QUERY_ALL, nullptr, nullptr, ends, nullptr, 0, blocks_at, pools, pool_blocks,
@@ -355,10 +365,13 @@ TEST_CASE("teams that walk a tree together find what each item does, in its orde
       for (const int pool_blocks : {1000, 3})  // also where the second pass walks again
         for (const int self : {0, 1}) {
           const Found alone = query(s, self, 2, pool_blocks, 1, true, 1 << 20, 1, separate),
-                      together = query(s, self, 2, pool_blocks, QUERY_TEAM, true, 1 << 20, 1, separate);
+                      together = query(s, self, 2, pool_blocks, QUERY_TEAM, true, 1 << 20, 1, separate),
+                      by_item = query(s, self, 2, pool_blocks, BY_ITEM, true, 1 << 20, 1, separate);
           CAPTURE(n, separate, pool_blocks, self);
           REQUIRE(together.vertex_face == alone.vertex_face);
           REQUIRE(together.edge_edge == alone.edge_edge);
+          REQUIRE(by_item.vertex_face == alone.vertex_face);
+          REQUIRE(by_item.edge_edge == alone.edge_edge);
           if (n > 1) REQUIRE(alone.edge_edge.size() > 20);
         }
   }
@@ -590,7 +603,7 @@ TEST_CASE("the trees' candidates are those of brute force", "[tree]")
       }
 }
 
-TEST_CASE("shares of a walk in a tree of several levels find what one walk does", "[tree]")
+TEST_CASE("shares of a walk, and a team for each, find in a tree of several levels what one walk does", "[tree]")
 {
   const Scene s = make_scene(7, 50, 0.5, 0);
   REQUIRE(group_root_level(int(s.face.size())) > 3);
@@ -599,6 +612,9 @@ TEST_CASE("shares of a walk in a tree of several levels find what one walk does"
   const Found shared = query(s, 1, 3, 4000, 1, false, 1 << 20, GROUP);
   CHECK(shared.vertex_face == one.vertex_face);
   CHECK(shared.edge_edge == one.edge_edge);
+  const Found by_item = query(s, 1, 3, 4000, BY_ITEM, false);
+  CHECK(by_item.vertex_face == one.vertex_face);
+  CHECK(by_item.edge_edge == one.edge_edge);
 }
 
 TEST_CASE("everything in one point: every pair, and no hang", "[tree]")
@@ -606,9 +622,12 @@ TEST_CASE("everything in one point: every pair, and no hang", "[tree]")
   Scene s = make_scene(1, 4, 0.5, 0);
   for (auto &x : s.position) x = dvec3_make(3, 3, 3);
   s.target = s.position;
-  const Found exact = brute_force(s, 1, 0), found = query(s, 1, 3, 7, 8, true);
-  CHECK(sorted(found.vertex_face) == exact.vertex_face);
-  CHECK(sorted(found.edge_edge) == exact.edge_edge);
+  const Found exact = brute_force(s, 1, 0);
+  for (const int batch : {8, BY_ITEM, QUERY_TEAM}) {
+    const Found found = query(s, 1, 3, 7, batch, true);
+    CHECK(sorted(found.vertex_face) == exact.vertex_face);
+    CHECK(sorted(found.edge_edge) == exact.edge_edge);
+  }
 }
 
 TEST_CASE("teams copy long chains of hits, and leave longer ones to a single work-item", "[tree]")

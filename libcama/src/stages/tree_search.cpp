@@ -21,6 +21,7 @@ constexpr int morton_bits = 63;
 constexpr int few_vertices = 64, part_groups = 8;
 constexpr int many_items = 32768;  // of which devices without wide workers copy the hits side by side
 constexpr int many_walks = 65536;  // from which on such devices let neighbouring items walk a tree together
+constexpr int many_changed = 16384;  // the same for edges that have changed
 constexpr double max_changed = 0.3;  // of the vertices: beyond it, a full search is cheaper
 constexpr int many_vertices = 65536;  // of cloth, which is asked whether it moves far
 }  // namespace
@@ -201,29 +202,34 @@ void TreeSearch::place_static(const SearchRooms &state, const Stream<dvec3> &fro
   build_trees(state, {{&static_, true, true}}, all_);
 }
 
-/// Groups of level 0 in a part of the tree.
-int TreeSearch::part_of(const FaceQuery &q)
+/// How items walk a tree. In updates of GPUs a team walks for each of them: there are few, which meet many leaves.
+TreeSearch::Walk TreeSearch::walk_of(int mode, int items, bool in_order) const
 {
-  return q.items->size() > few_vertices ? kernels::group_level_size(q.leaves, 0) : part_groups;
+  if (batch_ > 1) return mode == QUERY_CHANGED ? Walk::alone : Walk::batch;
+  if (in_order && items > (mode == QUERY_CHANGED ? many_changed : many_walks)) return Walk::together;
+  return mode == QUERY_CHANGED || mode == QUERY_UNCHANGED ? Walk::team : Walk::alone;
 }
 
-int TreeSearch::items_of(const FaceQuery &q)
+// Items share only where they would leave most of the device idle: shares take memory for their hits.
+int TreeSearch::shares_of(int items) const { return items <= workers_ / (GROUP * GROUP) ? GROUP : 1; }
+
+bool TreeSearch::in_parts(const FaceQuery &q) const
+{
+  return q.items->size() <= few_vertices && (batch_ > 1 || q.mode != QUERY_CHANGED);
+}
+
+/// Groups of level 0 in a part of the tree.
+int TreeSearch::part_of(const FaceQuery &q) const
+{
+  return in_parts(q) ? part_groups : kernels::group_level_size(q.leaves, 0);
+}
+
+int TreeSearch::items_of(const FaceQuery &q) const
 {
   return q.items->size() * kernels::tree_parts(q.leaves, part_of(q)) * q.shares;
 }
 
 int TreeSearch::items_of(const EdgeQuery &q) { return q.items->size() * q.shares; }
-
-// All features share only where they would leave most of the device idle: shares take memory for their hits.
-int TreeSearch::shares_of(int mode, int edges) const
-{
-  return edges <= workers_ / (mode == QUERY_CHANGED ? GROUP : GROUP * GROUP) ? GROUP : 1;
-}
-
-int TreeSearch::vertex_shares_of(int mode, int vertices) const
-{
-  return vertices > few_vertices ? shares_of(mode, vertices) : 1;
-}
 
 /// Counts the candidates of the query vertices and edges and appends them to the lists, with one wait for all.
 void TreeSearch::query(const SearchRooms &state, const std::vector<FaceQuery> &faces,
@@ -244,40 +250,52 @@ void TreeSearch::query(const SearchRooms &state, const std::vector<FaceQuery> &f
   const int first_block = static_cast<int>(blocks_at);
   count_.resize(items);
   offset_.resize(items + 1);
-  const auto batch_of = [&](const auto &q) { return q.mode == QUERY_CHANGED || q.shares > 1 ? 1 : batch_; };
   int at = 0;
-  // Whether neighbouring items walk a tree together, in launches that give each of them the whole of it.
-  const auto together = [&](int n, const auto &q) { return batch_ == 1 && n == q.items->size() && n > many_walks; };
   std::optional<Fork> fork;
   if (meanwhile) fork.emplace(b);
   std::optional<SideBySide> side_by_side(b);
   for (const FaceQuery &q : faces) {
-    const int n = items_of(q), batch = n > q.items->size() ? 1 : batch_of(q);
-    if (together(n, q) && q.mode != QUERY_CHANGED)  // changed vertices are in no order
-      CAMA_LAUNCH_TEAMS(void, b, team_query_vertex_face, QUERY_TEAM, ceil_divide(n, QUERY_TEAM), n, *q.items,
-                        state.bounds.vertex_box, q.leaves, *q.order, *q.leaf_face, *q.tree, state.mesh.cloth_vertices,
-                        self, q.mode, changed_, before_, end_boxes(), end_boxes_before_, at, first_block, pools,
-                        pool_blocks, hit_, taken_, count_);
-    else
-      CAMA_LAUNCH(b, query_vertex_face_count, (n + batch - 1) / batch, n, batch, part_of(q), q.shares, *q.items,
+    const int n = items_of(q);
+    const Walk walk = in_parts(q) || q.shares > 1 ? Walk::alone : walk_of(q.mode, n, q.mode != QUERY_CHANGED);
+    const auto teams_walk = [&](auto &&...arguments) {
+      if (walk == Walk::team)
+        CAMA_LAUNCH_TEAMS(void, b, item_query_vertex_face, ITEM_TEAM, n, arguments...);
+      else
+        CAMA_LAUNCH_TEAMS(void, b, team_query_vertex_face, QUERY_TEAM, ceil_divide(n, QUERY_TEAM), n, arguments...);
+    };
+    if (walk == Walk::team || walk == Walk::together) {
+      teams_walk(*q.items, state.bounds.vertex_box, q.leaves, *q.order, *q.leaf_face, *q.tree,
+                 state.mesh.cloth_vertices, self, q.mode, changed_, before_, end_boxes(), end_boxes_before_, at,
+                 first_block, pools, pool_blocks, hit_, taken_, count_);
+    } else {
+      const int batch = walk == Walk::batch ? batch_ : 1;
+      CAMA_LAUNCH(b, query_vertex_face_count, ceil_divide(n, batch), n, batch, part_of(q), q.shares, *q.items,
                   state.bounds.vertex_box, q.leaves, *q.order, *q.leaf_face, *q.tree, state.mesh.cloth_vertices, self,
                   q.mode, changed_, before_, end_boxes(), end_boxes_before_, at, first_block, pools, pool_blocks, hit_,
                   taken_, count_);
+    }
     at += n;
   }
   for (const EdgeQuery &q : edges) {
-    const int n = items_of(q), batch = batch_of(q);
-    if (together(n, q))
-      CAMA_LAUNCH_TEAMS(void, b, team_query_edge_edge, QUERY_TEAM, ceil_divide(n, QUERY_TEAM), n, *q.items,
-                        *q.item_edge, state.bounds.vertex_box, q.group->edge.size(), q.group->trees->edge_order,
-                        q.group->leaf_edge, q.group->trees->edge_bvh, state.mesh.cloth_vertices, self, q.mode, changed_,
-                        before_, end_boxes(), end_boxes_before_, at, first_block, pools, pool_blocks, hit_, taken_,
-                        count_);
-    else
-      CAMA_LAUNCH(b, query_edge_edge_count, (n + batch - 1) / batch, n, batch, q.shares, *q.items, *q.item_edge,
+    const int n = items_of(q);
+    const Walk walk = q.shares > 1 ? Walk::alone : walk_of(q.mode, n, true);
+    const auto teams_walk = [&](auto &&...arguments) {
+      if (walk == Walk::team)
+        CAMA_LAUNCH_TEAMS(void, b, item_query_edge_edge, ITEM_TEAM, n, arguments...);
+      else
+        CAMA_LAUNCH_TEAMS(void, b, team_query_edge_edge, QUERY_TEAM, ceil_divide(n, QUERY_TEAM), n, arguments...);
+    };
+    if (walk == Walk::team || walk == Walk::together) {
+      teams_walk(*q.items, *q.item_edge, state.bounds.vertex_box, q.group->edge.size(), q.group->trees->edge_order,
+                 q.group->leaf_edge, q.group->trees->edge_bvh, state.mesh.cloth_vertices, self, q.mode, changed_,
+                 before_, end_boxes(), end_boxes_before_, at, first_block, pools, pool_blocks, hit_, taken_, count_);
+    } else {
+      const int batch = walk == Walk::batch ? batch_ : 1;
+      CAMA_LAUNCH(b, query_edge_edge_count, ceil_divide(n, batch), n, batch, q.shares, *q.items, *q.item_edge,
                   state.bounds.vertex_box, q.group->edge.size(), q.group->trees->edge_order, q.group->leaf_edge,
                   q.group->trees->edge_bvh, state.mesh.cloth_vertices, self, q.mode, changed_, before_, end_boxes(),
                   end_boxes_before_, at, first_block, pools, pool_blocks, hit_, taken_, count_);
+    }
     at += n;
   }
   side_by_side.reset();
@@ -370,21 +388,20 @@ void TreeSearch::search(const SearchRooms &state, const Stream<dvec3> &from, con
   std::vector<FaceQuery> faces;
   std::vector<EdgeQuery> edges;
   const auto ask = [&](const Group &items, const Group &tree) {
-    if (tree.face.size() && items.query_vertices.size())
+    const int vertices = items.query_vertices.size();
+    if (tree.face.size() && vertices)
       faces.push_back({QUERY_ALL, &items.query_order, tree.face.size(), &tree.trees->face_order, &tree.leaf_face,
-                       &tree.trees->face_bvh, vertex_shares_of(QUERY_ALL, items.query_vertices.size())});
+                       &tree.trees->face_bvh, vertices > few_vertices ? shares_of(vertices) : 1});
   };
   if (self_) {
     ask(cloth_, cloth_);
-    edges.push_back(
-        {QUERY_ALL, &cloth_.trees->edge_order, &cloth_.leaf_edge, &cloth_, shares_of(QUERY_ALL, cloth_.edge.size())});
+    edges.push_back({QUERY_ALL, &cloth_.trees->edge_order, &cloth_.leaf_edge, &cloth_, shares_of(cloth_.edge.size())});
   }
   for (const Group *g : {&moving_, &static_}) {
     ask(*g, cloth_);
     ask(cloth_, *g);
     if (g->edge.size())
-      edges.push_back(
-          {QUERY_OTHER, &cloth_.trees->edge_order, &cloth_.leaf_edge, g, shares_of(QUERY_OTHER, cloth_.edge.size())});
+      edges.push_back({QUERY_OTHER, &cloth_.trees->edge_order, &cloth_.leaf_edge, g, shares_of(cloth_.edge.size())});
   }
   query(state, faces, edges);
 }
@@ -469,21 +486,19 @@ void TreeSearch::query_changed(const SearchRooms &state, const Stream<dvec3> &fr
     build_levels(b, {group_faces(state, of.faces, changed_leaf_face_, all_, changed_groups_)});
     for (const Group *g : groups)
       if (g->query_vertices.size())
-        faces.push_back({QUERY_UNCHANGED, &g->query_order, of.faces, &changed_face_, &changed_leaf_face_,
-                         &changed_groups_, vertex_shares_of(QUERY_UNCHANGED, g->query_vertices.size())});
+        faces.push_back(
+            {QUERY_UNCHANGED, &g->query_order, of.faces, &changed_face_, &changed_leaf_face_, &changed_groups_});
   }
   if (of.edges) {
     changed_leaf_edge_.resize(of.edges);
     CAMA_LAUNCH(b, order_edges, of.edges, changed_edge_, state.mesh.edge, changed_leaf_edge_);
   }
-  const int vertex_shares = vertex_shares_of(QUERY_CHANGED, of.vertices);
   for (const Group *g : groups) {
     const bool edge_tree = g->edge.size() && (g != &cloth_ || cloth_edges_asked);
     if (g->face.size())
-      faces.push_back({QUERY_CHANGED, &changed_vertex_, g->face.size(), &g->trees->face_order, &g->leaf_face,
-                       &g->trees->face_bvh, vertex_shares});
-    if (of.edges && edge_tree)
-      edges.push_back({QUERY_CHANGED, &changed_edge_, &changed_leaf_edge_, g, shares_of(QUERY_CHANGED, of.edges)});
+      faces.push_back(
+          {QUERY_CHANGED, &changed_vertex_, g->face.size(), &g->trees->face_order, &g->leaf_face, &g->trees->face_bvh});
+    if (of.edges && edge_tree) edges.push_back({QUERY_CHANGED, &changed_edge_, &changed_leaf_edge_, g});
   }
   const int first_face = state.contact.vertex_face.pairs.size(), first_edge = state.contact.edge_edge.pairs.size();
   query(state, faces, edges);

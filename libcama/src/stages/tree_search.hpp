@@ -77,11 +77,13 @@ private:
   void place_static(const SearchRooms &state, const Stream<dvec3> &from, const Stream<dvec3> &to, Motion motion);
   long long blocks_wanted() const;
   static void build_levels(Backend &backend, const std::vector<NewTree> &trees);
-  static int part_of(const FaceQuery &query);
-  static int items_of(const FaceQuery &query);  ///< each vertex once for each part and share
+  bool in_parts(const FaceQuery &query) const;
+  int part_of(const FaceQuery &query) const;
+  int items_of(const FaceQuery &query) const;  ///< each vertex once for each part and share
   static int items_of(const EdgeQuery &query);
-  int shares_of(int mode, int edges) const;  ///< of a tree that they query: several if the device has enough work items
-  int vertex_shares_of(int mode, int vertices) const;
+  int shares_of(int items) const;  ///< of a tree, in a full search: several if the device has enough work-items
+  enum class Walk { alone, batch, together, team };  ///< team: of a whole team for each item
+  Walk walk_of(int mode, int items, bool in_order) const;  ///< in_order: along the curve
   void query(const SearchRooms &state, const std::vector<FaceQuery> &faces, const std::vector<EdgeQuery> &edges);
   /// Lets boxes grow where the motion leaves them; returns how much that changes. Waits.
   kernels::change_counts find_changed(const SearchRooms &state, const Stream<dvec3> &from, const Stream<dvec3> &to,
