@@ -202,12 +202,14 @@ void TreeSearch::place_static(const SearchRooms &state, const Stream<dvec3> &fro
   build_trees(state, {{&static_, true, true}}, all_);
 }
 
-/// How items walk a tree. In updates of GPUs a team walks for each of them: there are few, which meet many leaves.
+/// How items walk a tree. In an update a team walks for each, if the device has as many work-items: there are few
+/// items, which meet many leaves.
 TreeSearch::Walk TreeSearch::walk_of(int mode, int items, bool in_order) const
 {
   if (batch_ > 1) return mode == QUERY_CHANGED ? Walk::alone : Walk::batch;
   if (in_order && items > (mode == QUERY_CHANGED ? many_changed : many_walks)) return Walk::together;
-  return mode == QUERY_CHANGED || mode == QUERY_UNCHANGED ? Walk::team : Walk::alone;
+  const bool update = mode == QUERY_CHANGED || mode == QUERY_UNCHANGED;
+  return update && items <= workers_ ? Walk::team : Walk::alone;
 }
 
 // Items share only where they would leave most of the device idle: shares take memory for their hits.
