@@ -77,12 +77,16 @@ private:
   void place_static(const SearchRooms &state, const Stream<dvec3> &from, const Stream<dvec3> &to, Motion motion);
   long long blocks_wanted() const;
   static void build_levels(Backend &backend, const std::vector<NewTree> &trees);
-  bool in_parts(const FaceQuery &query) const;
+  bool in_parts(const FaceQuery &query) const;  ///< of the tree, with a work-item for each
   int part_of(const FaceQuery &query) const;
   int items_of(const FaceQuery &query) const;  ///< each vertex once for each part and share
   static int items_of(const EdgeQuery &query);
   int shares_of(int items) const;  ///< of a tree, in a full search: several if the device has enough work-items
-  enum class Walk { alone, batch, together, team };  ///< team: of a whole team for each item
+  int vertex_shares_of(int vertices) const;
+  /// How items walk a tree: a work-item for each, or for a batch; a team for neighbours together, or for each.
+  enum class Walk { alone, batch, together, team };
+  Walk walk_of(const FaceQuery &query) const;
+  Walk walk_of(const EdgeQuery &query) const;
   Walk walk_of(int mode, int items, bool in_order) const;  ///< in_order: along the curve
   void query(const SearchRooms &state, const std::vector<FaceQuery> &faces, const std::vector<EdgeQuery> &edges);
   /// Lets boxes grow where the motion leaves them; returns how much that changes. Waits.
