@@ -110,6 +110,17 @@ KERNEL predict_states(int n, double time_step, GLOBAL const int *fixed, GLOBAL c
   }
 }
 
+/* energy[i]: of vertex i at its velocity, and at the one that gravity gives it in the step, J; 0 of fixed ones. n:
+   cloth vertices. */
+KERNEL kinetic_energies(int n, double time_step, GLOBAL const dvec3 *gravity, GLOBAL const double *inverse_mass,
+                        GLOBAL const dvec3 *velocity, GLOBAL double *energy)
+{
+  FOR_EACH(i, n) {
+    const dvec3 v = velocity[i], fall = dscale(time_step, gravity[0]);
+    energy[i] = inverse_mass[i] > 0.0 ? 0.5 * (ddot(v, v) + ddot(fall, fall)) / inverse_mass[i] : 0.0;
+  }
+}
+
 /* Velocity of prescribed vertices over the step; zero elsewhere. */
 KERNEL prescribe_velocities(int n, GLOBAL const int *fixed, GLOBAL const dvec3 *position, GLOBAL const dvec3 *target,
                             double time_step, GLOBAL dvec3 *velocity_next)

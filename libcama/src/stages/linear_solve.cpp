@@ -153,6 +153,7 @@ bool LinearSolve<Real>::conjugate_gradient(const Rooms &state, std::unique_ptr<C
   state.report.iterations = result.iterations;
   state.report.residual = result.residual;
   finite_ = std::isfinite(result.start);
+  start_ = result.start;
   if (uniform && !result.broken && result.iterations > 0) move_by_net_force(state);
   return !result.broken;
 }
@@ -246,6 +247,7 @@ template <class Real> void LinearSolve<Real>::direct(const Rooms &state)
     if (!fixed[i])
       x[i] = {static_cast<Real>(v[3 * i]), static_cast<Real>(v[3 * i + 1]), static_cast<Real>(v[3 * i + 2])};
   s.solution.assign(x);
+  start_ = 0;
   state.report.iterations = 0;
   state.report.residual = (matrix * v - rhs).norm() / std::max(rhs.norm(), 1e-300);
 }

@@ -28,6 +28,8 @@ public:
   /// Sets System::solution, beginning with zero, for System::right_side, to the tolerance times `slack`; sets
   /// report.iterations and residual to those of this solve.
   void solve_from_zero(const Rooms &state, double slack = 1);
+  /// r' P r before the last solve, about twice the energy of the change that it has found, J; 0 of a direct one.
+  double start() const { return start_; }
 
   /// Sets System::right_side to the negative residual of Newton's method at velocity_next.
   void find_residual(const Rooms &state);
@@ -68,6 +70,7 @@ private:
   const Stream<typename Types<Real>::mat3> no_drag_;
   const Stream<vec3> no_product_;
   bool finite_ = true;  // whether the last system was finite
+  double start_ = 0;
   std::unique_ptr<ConjugateGradient<float>> single_;  // made when first used
   std::unique_ptr<ConjugateGradient<Real>> own_, fallback_;
   Matching matching_;  // of a checkpoint, for the next solver

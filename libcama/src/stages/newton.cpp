@@ -19,6 +19,11 @@ constexpr int max_halvings = 10, patience = 3;
 // one, or more where it is as large as all forces.
 constexpr double open_residual = 0.3, lost_residual = 1;
 constexpr int solves_of_open = 1, solves_of_lost = 3;
+// A step of BDF2 of fixed length has further solves where Newton's method contracts slowly, that is where the second
+// change has more than a share of the energy of the first and several times what the cloth moves with, until a change
+// has less than a part of that: cloth of fine meshes that is struck would gain energy.
+constexpr double slow_contraction = 0.02, much_energy = 5, little_energy = 0.5;
+constexpr int solves_of_slow = 8;
 constexpr double further_slack = 3;  // of the tolerance: a further solve begins with a small residual
 constexpr double sufficient = 1e-4;  // of the decrease that the slope predicts
 constexpr double rounding_units = 16;  // of the sum of the potential's parts
@@ -236,6 +241,18 @@ template <class Real> void NewtonIterations<Real>::move(const Rooms &state, doub
               state.mesh.velocity_next, state.mesh.base_position(state.time), state.mesh.position_next);
 }
 
+template <class Real> bool NewtonIterations<Real>::contracts_slowly(const Rooms &state, double first_energy)
+{
+  if (state.contact.contacts == 0 || !(solve_.start() > slow_contraction * first_energy)) return false;
+  vertex_[0].resize(state.mesh.cloth_vertices);
+  CAMA_LAUNCH(*state.backend, kinetic_energies, state.mesh.cloth_vertices, state.time.step, state.elements.gravity,
+              state.mesh.inverse_mass, state.mesh.velocity, vertex_[0]);
+  sums_.resize(0);
+  const Sums energies = sum(state, {&vertex_[0]});
+  kinetic_ = energies.of(sums_.download())[0];
+  return solve_.start() > much_energy * kinetic_;
+}
+
 /// Forces from sampled stiffness are not exactly the gradient of an energy: close to the solution the residual decides.
 template <class Real> bool NewtonIterations<Real>::search_line(const Rooms &state, Norms &norms, bool &evaluated)
 {
@@ -374,6 +391,8 @@ template <class Real> void NewtonIterations<Real>::run_on(const Rooms &state)
 {
   const double goal = state.options.newton_tolerance * state.options.newton_tolerance;
   int linear = state.report.iterations, taken = 1, idle = 0;
+  const double first_energy = solve_.start();
+  bool slow = false;
   const bool rough = state.contact.friction && state.contact.contacts;
   const bool received = state.contact.remainder.backend();
   if (received) find_solved_impulses(state, true, given_);
@@ -382,10 +401,11 @@ template <class Real> void NewtonIterations<Real>::run_on(const Rooms &state)
   bool ahead = state.backend->forks() && assembly_.independent(state.options) && !state.options.forces;
   Norms norms = evaluate(state, Friction::of_first_solve, ahead), best = norms;
   const auto relative = [](const Norms &n) { return n.size > 0 ? std::sqrt(n.residual / n.size) : 0; };
-  const bool may_go_on = state.time.error > 0 && state.options.integrator == Integrator::bdf2;
+  const bool may_go_on = state.options.integrator == Integrator::bdf2, fixed_step = !(state.time.error > 0);
   const auto max_solves = [&] {
     const auto above = [&](double share) { return norms.residual > share * share * norms.size; };
     const int further = !may_go_on || norms.residual >= fastest_ ? 0
+                        : fixed_step                             ? (slow ? solves_of_slow : 0)
                         : above(lost_residual)                   ? solves_of_lost
                         : above(open_residual)                   ? solves_of_open
                                                                  : 0;
@@ -400,6 +420,8 @@ template <class Real> void NewtonIterations<Real>::run_on(const Rooms &state)
     solve_.solve_from_zero(state, further_slack);
     linear += state.report.iterations;
     ++taken;
+    if (fixed_step && taken == 2) slow = contracts_slowly(state, first_energy);
+    slow = slow && solve_.start() > little_energy * kinetic_;
     bool evaluated = false;
     if (received) find_solved_impulses(state, false, solved_);
     const bool last = taken >= state.options.newton_iterations,

@@ -52,6 +52,9 @@ private:
   Sums measure(const Rooms &state, const Stream<vec3> &outer);
   static Potential potential(const std::vector<double> &parts);
   void move(const Rooms &state, double alpha);
+  /// Whether a step of fixed length needs further solves: the second change has much of the energy of the first, and
+  /// several times that of the cloth. Finds kinetic_.
+  bool contracts_slowly(const Rooms &state, double first_energy);
   /// Moves along the solution to a lower potential or residual; returns false if it finds none. norms: those of the
   /// previous iterate, then those of the new one if `evaluated`. Without a new one `evaluated` says whether elements
   /// and terms are those of the previous one.
@@ -77,6 +80,7 @@ private:
   AssembleMatrix<Real> &assembly_;
   LinearSolve<Real> &solve_;
   double fastest_ = 0;  // J: all cloth at the highest speed; solves do not mend a larger residual
+  double kinetic_ = 0;  // J, of the cloth
   bool fell_ = false;  // the last search lowered the potential beyond rounding
   bool by_potential_ = false;  // the search after a last solve asked for it
   typename EvaluateElements<Real>::Outer outer_;
