@@ -21,7 +21,8 @@ constexpr double open_residual = 0.3, lost_residual = 1;
 constexpr int solves_of_open = 1, solves_of_lost = 3;
 // A step of BDF2 of fixed length has further solves where Newton's method contracts slowly, that is where the second
 // change has more than a share of the energy of the first and several times what the cloth moves with, until a change
-// has less than a part of that: cloth of fine meshes that is struck would gain energy.
+// has less than a part of that: cloth of fine meshes that is struck would gain energy. Not with enclosed gas, of which
+// a fold changes the pressure.
 constexpr double slow_contraction = 0.02, much_energy = 5, little_energy = 0.5;
 constexpr int solves_of_slow = 8;
 constexpr double further_slack = 3;  // of the tolerance: a further solve begins with a small residual
@@ -243,7 +244,8 @@ template <class Real> void NewtonIterations<Real>::move(const Rooms &state, doub
 
 template <class Real> bool NewtonIterations<Real>::contracts_slowly(const Rooms &state, double first_energy)
 {
-  if (state.contact.contacts == 0 || !(solve_.start() > slow_contraction * first_energy)) return false;
+  const bool stopped = state.contact.contacts > 0, gas = state.system.gas.vertex_part.size() > 0;
+  if (!stopped || gas || !(solve_.start() > slow_contraction * first_energy)) return false;
   vertex_[0].resize(state.mesh.cloth_vertices);
   CAMA_LAUNCH(*state.backend, kinetic_energies, state.mesh.cloth_vertices, state.time.step, state.elements.gravity,
               state.mesh.inverse_mass, state.mesh.velocity, vertex_[0]);
