@@ -156,6 +156,8 @@ TEST_CASE("checkpoints of other scenes and damaged ones are rejected with the fi
       {"step -1", [](Checkpoint &c) { c.step = -1; }},
       {"time", [&](Checkpoint &c) { c.numbers["time"] = nan; }},
       {"time", [](Checkpoint &c) { c.time_step = 0; }},
+      {"smoothed_steps -1", [](Checkpoint &c) { c.numbers["smoothed_steps"] = -1; }},
+      {"smoothed_steps 10000", [](Checkpoint &c) { c.numbers["smoothed_steps"] = 1e300; }},
       {"tangled", [](Checkpoint &c) { c.tangled.push_back({0, 1 << 30}); }},
       {"let_go", [](Checkpoint &c) { c.let_go.push_back({0, 99}); }},
       {"friction_pair has 1 rows, friction_force 0",

@@ -110,6 +110,53 @@ KERNEL predict_states(int n, double time_step, GLOBAL const int *fixed, GLOBAL c
   }
 }
 
+/* motion[i]: from the position to the next one, m. n: cloth vertices. */
+KERNEL predicted_motions(int n, GLOBAL const dvec3 *position, GLOBAL const dvec3 *position_next, GLOBAL dvec3 *motion)
+{
+  FOR_EACH(i, n) {
+    motion[i] = dsub(position_next[i], position[i]);
+  }
+}
+
+/* Where the motion of a free vertex differs from that of a vertex of its triangles by more than `most` of their
+   distance, half of it and half of the mean of theirs; elsewhere its own. row, entry: triangles of a vertex. n: cloth
+   vertices. */
+KERNEL smooth_motions(int n, double most, GLOBAL const int *fixed, GLOBAL const element_nodes *nodes,
+                      GLOBAL const int *row, GLOBAL const int *entry, GLOBAL const dvec3 *position,
+                      GLOBAL const dvec3 *motion, GLOBAL dvec3 *smooth)
+{
+  FOR_EACH(i, n) {
+    const dvec3 x = position[i], own = motion[i];
+    dvec3 sum = dvec3_make(0.0, 0.0, 0.0);
+    const int first = row[i], end = row[i + 1];
+    int rough = 0;
+    for (int k = first; k < end; ++k) {
+      const int corner = entry[k] & 3;
+      for (int side = 1; side < 3; ++side) {
+        const int j = nodes[entry[k] >> 2].node[(corner + side) % 3];
+        const dvec3 way = dsub(position[j], x), apart = dsub(motion[j], own);
+        if (ddot(apart, apart) > most * most * ddot(way, way)) rough = 1;
+        sum = dadd(sum, motion[j]);
+      }
+    }
+    smooth[i] = rough && !fixed[i] ? daxpy(dscale(0.5, own), 0.25 / (end - first), sum) : own;
+  }
+}
+
+/* Free vertices whose motion is another than the predicted one go by it, with the velocity that leads there from
+   `base`. n: cloth vertices. */
+KERNEL follow_motions(int n, double time_step, GLOBAL const int *fixed, GLOBAL const dvec3 *position,
+                      GLOBAL const dvec3 *base, GLOBAL const dvec3 *motion, GLOBAL dvec3 *velocity_next,
+                      GLOBAL dvec3 *position_next)
+{
+  FOR_EACH(i, n) {
+    const dvec3 change = dsub(motion[i], dsub(position_next[i], position[i]));
+    if (fixed[i] || (change.x == 0.0 && change.y == 0.0 && change.z == 0.0)) continue;
+    velocity_next[i] = daxpy(velocity_next[i], 1.0 / time_step, change);
+    position_next[i] = daxpy(base[i], time_step, velocity_next[i]);
+  }
+}
+
 /* energy[i]: of vertex i at its velocity, and at the one that gravity gives it in the step, J; 0 of fixed ones. n:
    cloth vertices. */
 KERNEL kinetic_energies(int n, double time_step, GLOBAL const dvec3 *gravity, GLOBAL const double *inverse_mass,

@@ -5,6 +5,8 @@
 
 namespace cama {
 
+constexpr int most_smoothed_steps = 31;  // the step itself and thirty after it
+
 /// The times of a step, s.
 struct Clock {
   double now = 0;  // at the start of the step; at its end from FinishStep on
@@ -19,6 +21,7 @@ struct Clock {
   double step_before = 0;  // BDF2: time step of the last step
   double memory = 0;  // BDF2: share of the last change of the state that the base of this step carries on
   double ratio = 0;  // BDF2: of the step to the last one
+  int smoothed_steps = 0;  // BDF2: coming steps whose prediction is smoothed
   // Error control; 0 without it.
   double error = 0;  // m in a frame of 1/60 s
   double frame = 0;  // s, which whole steps fill
@@ -45,6 +48,7 @@ struct Clock {
     f("step_before", Life::run, step_before);
     f("memory", Life::step, memory);
     f("ratio", Life::step, ratio);
+    f("smoothed_steps", Life::run, smoothed_steps);
     f("error", Life::scene, error);
     f("frame", Life::scene, frame);
     f("shortest_step", Life::scene, shortest);

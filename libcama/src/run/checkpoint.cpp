@@ -138,6 +138,10 @@ void check_checkpoint(const Checkpoint &c, State &s, const Topology &t)
   const double start_step = number("start_step");
   if (c.step < 0 || !(start_step >= 0) || start_step > c.step)
     refuse("step " + std::to_string(c.step) + " and start_step " + std::to_string(start_step) + " are not counts");
+  const auto smoothed = c.numbers.find("smoothed_steps");   // an earlier version did not know it
+  if (smoothed != c.numbers.end() && !(smoothed->second >= 0 && smoothed->second <= most_smoothed_steps))
+    refuse("smoothed_steps " + std::to_string(smoothed->second) + " is not a count up to " +
+           std::to_string(most_smoothed_steps));
   if (!std::isfinite(number("time")) || number("time") < 0 || !std::isfinite(number("start_time")) ||
       !std::isfinite(c.time_step) || c.time_step <= 0 || std::isnan(c.released))
     refuse("time, start_time, time_step or released is not a time in seconds");

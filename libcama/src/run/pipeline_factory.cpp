@@ -86,7 +86,7 @@ template <class Real> class MatrixAssembly final : public Pipeline, public Early
 public:
   MatrixAssembly(const Scene &scene, Backend &b, bool has_terms)
       : Pipeline("matrix assembly"), elements(add<EvaluateElements<Real>>(scene)),
-        terms(has_terms ? &add<EvaluateTerms<Real>>(b) : nullptr), matrix(add<AssembleMatrix<Real>>(b))
+        terms(has_terms ? &add<EvaluateTerms<Real>>(b) : nullptr), matrix(add<AssembleMatrix<Real>>(b)), prediction_(b)
   {}
   void begin(State &state, Fork &fork) override
   {
@@ -160,7 +160,7 @@ template <class Real> std::unique_ptr<Pipeline> make_pipeline(const Scene &scene
   if (contact) proximity = &step.add<ProximityChecking>(scene, state);
   CoupleBodies<Real> *coupling = rigid ? &step.add<CoupleBodies<Real>>(b, *motion, touching) : nullptr;
   Pipeline &solving = coupling ? *coupling : step;
-  if (options.integrator == Integrator::bdf2) solving.add<PredictState>();
+  if (options.integrator == Integrator::bdf2) solving.add<PredictState>(b);
   const bool plastic = state.elements.plastic_curvature.size() > 0;
   if (plastic) solving.add<FollowCurvature<Real>>();
   auto &assembly = solving.add<MatrixAssembly<Real>>(scene, b, contact || state.elements.stitches);

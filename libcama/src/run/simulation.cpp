@@ -127,6 +127,7 @@ void put_state(Engine &engine, const Stream<dvec3> &positions, const Stream<dvec
   put(mesh.position_next, positions);
   put(mesh.velocity, velocities);
   engine.state.time.history = false;
+  engine.state.time.smoothed_steps = 0;
   engine.state.contact.kept.forget();
 }
 

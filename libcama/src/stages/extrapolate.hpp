@@ -17,11 +17,18 @@ public:
 
 /// State at which a step of BDF2 is linearised: the velocity at the start of the step, and the position that it leads
 /// to. An extrapolated velocity would carry on what stiff modes do from step to step: fine meshes became unstable.
-class PredictState final : public StageOn<const Clock, MeshState> {
+/// After a step in which Newton's method contracted slowly (Clock::smoothed_steps) the motion to that position is
+/// smoothed where neighbours would move apart by much of their distance: there linearisation says nothing.
+class PredictState final : public StageOn<const Clock, MeshState, const ElementState> {
 public:
+  explicit PredictState(Backend &backend) : motion_{Stream<dvec3>(backend), Stream<dvec3>(backend)} {}
   std::string_view name() const override { return "prediction"; }
   std::string reason() const override { return "integrator bdf2"; }
   void run_on(const Rooms &state) override;
+
+private:
+  void smooth(const Rooms &state);
+  Stream<dvec3> motion_[2];
 };
 
 }  // namespace cama

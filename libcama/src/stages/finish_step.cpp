@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "stages/finish_step.hpp"
 
+#include <algorithm>
 #include <cmath>
 #include <cstdio>
 #include <string>
@@ -43,6 +44,7 @@ void FinishStep::run_on(const Rooms &state)
   mesh.position_before.swap(mesh.position_base);
   mesh.velocity_before.swap(mesh.velocity_base);
   state.time.step_before = time.step;
+  state.time.smoothed_steps = std::max(0, time.smoothed_steps - 1);
   state.time.history = true;
 }
 

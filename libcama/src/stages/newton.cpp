@@ -22,7 +22,7 @@ constexpr int solves_of_open = 1, solves_of_lost = 3;
 // A step of BDF2 of fixed length has further solves where Newton's method contracts slowly, that is where the second
 // change has more than a share of the energy of the first and several times what the cloth moves with, until a change
 // has less than a part of that: cloth of fine meshes that is struck would gain energy. Cloth that encloses gas has
-// none: they do not make a squeezed cushion better.
+// none: they do not make a squeezed cushion better. For a while the prediction is smoothed.
 constexpr double slow_contraction = 0.02, much_energy = 5, little_energy = 0.5;
 constexpr int solves_of_slow = 8;
 constexpr double further_slack = 3;  // of the tolerance: a further solve begins with a small residual
@@ -422,7 +422,8 @@ template <class Real> void NewtonIterations<Real>::run_on(const Rooms &state)
     solve_.solve_from_zero(state, further_slack);
     linear += state.report.iterations;
     ++taken;
-    if (fixed_step && taken == 2) slow = contracts_slowly(state, first_energy);
+    if (fixed_step && taken == 2 && (slow = contracts_slowly(state, first_energy)))
+      state.time.smoothed_steps = most_smoothed_steps;
     slow = slow && solve_.start() > little_energy * kinetic_;
     bool evaluated = false;
     if (received) find_solved_impulses(state, false, solved_);

@@ -16,7 +16,7 @@ namespace cama {
 /// values of the iterate). Hessians are positive semidefinite.
 template <class Real>
 class NewtonIterations final
-    : public StageOn<const Options, StepReport, const Clock, MeshState, const ElementState, ContactState, SystemState> {
+    : public StageOn<const Options, StepReport, Clock, MeshState, const ElementState, ContactState, SystemState> {
 public:
   NewtonIterations(Backend &backend, EvaluateElements<Real> &elements, AssembleMatrix<Real> &assembly,
                    LinearSolve<Real> &solve, const std::vector<double> &masses);  // masses: [cloth vertices], kg
