@@ -749,7 +749,9 @@ TEST_CASE("where cloth is squeezed, late passes look at the runs nearby", "[comm
   scene.time_step = 0.005;
   auto recorder = std::make_unique<Recorder>(make_backend("cpu", 0, 1));
   Recorder &counts = *recorder;
-  StagedEngine engine(scene, serial(), std::move(recorder));
+  Options options = serial();
+  options.newton_iterations = 1;  // what one solve leaves stretched strikes itself
+  StagedEngine engine(scene, options, std::move(recorder));
   const State &state = engine.state;
   for (int step = 0; step < 160 && counts.launches["commit_recheck_runs"] < 5; ++step) engine.step();
   REQUIRE(counts.launches["commit_recheck_runs"] >= 5);

@@ -4,6 +4,7 @@
 #define CAMA_KERNELS_ELEMENTS_MOTION_H
 #include "../dialect/dvec3.h"
 #include "../dialect/lang.h"
+#include "../system/incidence.h"
 
 /* x = rotation (rest - center) scale + center + translation, row-major rotation; transform: 6 vectors, the rows of the
    rotation, then translation, center and (scale, 0, 0). Writes vertices first .. first + n. */
