@@ -21,8 +21,8 @@ constexpr double open_residual = 0.3, lost_residual = 1;
 constexpr int solves_of_open = 1, solves_of_lost = 3;
 // A step of BDF2 of fixed length has further solves where Newton's method contracts slowly, that is where the second
 // change has more than a share of the energy of the first and several times what the cloth moves with, until a change
-// has less than a part of that: cloth of fine meshes that is struck would gain energy. Cloth that encloses gas has
-// none: they do not make a squeezed cushion better. For a while the prediction is smoothed.
+// has less than a part of that: cloth of fine meshes that is struck would gain energy. The predictions of the steps
+// after it are smoothed. Cloth that encloses gas has none of this: it does not make a squeezed cushion better.
 constexpr double slow_contraction = 0.02, much_energy = 5, little_energy = 0.5;
 constexpr int solves_of_slow = 8;
 constexpr double further_slack = 3;  // of the tolerance: a further solve begins with a small residual
