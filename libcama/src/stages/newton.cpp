@@ -403,7 +403,8 @@ template <class Real> void NewtonIterations<Real>::run_on(const Rooms &state)
   bool ahead = state.backend->forks() && assembly_.independent(state.options) && !state.options.forces;
   Norms norms = evaluate(state, Friction::of_first_solve, ahead), best = norms;
   const auto relative = [](const Norms &n) { return n.size > 0 ? std::sqrt(n.residual / n.size) : 0; };
-  const bool may_go_on = state.options.integrator == Integrator::bdf2, fixed_step = !(state.time.error > 0);
+  const bool may_go_on = state.options.integrator == Integrator::bdf2,
+             fixed_step = may_go_on && !(state.time.error > 0);
   const auto max_solves = [&] {
     const auto above = [&](double share) { return norms.residual > share * share * norms.size; };
     const int further = !may_go_on || norms.residual >= fastest_ ? 0
